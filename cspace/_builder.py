@@ -289,7 +289,7 @@ def build_contents(
     workers: int | None,
     progress: Progress | None = None,
 ) -> tuple[Contents, list[RasterPair]]:
-    """Compute the contents of a map, and return them with the robot's rasters.
+    """Compute the contents of a map and the robot's rasters.
 
     Arguments are those of :func:`build`, which has checked them. Raises InputError if the map does
     not fit into memory.
@@ -348,7 +348,7 @@ def _check_options(
     outside: Outside,
     workers: int | None,
 ) -> None:
-    """Raise InputError if an option is invalid, or if dimensions do not agree."""
+    """Raise InputError for invalid options or dimensions that disagree."""
     if workspace.grid.dim != robot.dim:
         problem = f"has {robot.dim} dimensions but the workspace has {workspace.grid.dim}"
         hint = "use a robot in space, or a workspace in the plane"
@@ -374,7 +374,7 @@ def _warn_of_units(
     margin: float,
     outside: Outside,
 ) -> bool:
-    """Warn if a robot's size or position suggests a wrong unit or origin.
+    """Warn if a robot's size or position suggests a wrong unit.
 
     Returns True if the robot fits nowhere, so that the warning explains why no cell is FREE.
     """
@@ -410,7 +410,7 @@ def _warn_of_units(
 
 
 def _warn_of_nothing_free(space: CSpace | TiledCSpace, margin: float) -> None:
-    """Warn that a map has no FREE cell, with the reason if known."""
+    """Warn that a map has no FREE cell, and why."""
     _, mixed, blocked = space.count()
     reason = "the robot, with its margin, fits nowhere between the obstacles"
     hint = "use a smaller robot or margin, and check the units (metres)"
@@ -451,7 +451,7 @@ def _find_obstruction(space: CSpace, margin: float) -> tuple[str, str] | None:
 
 
 def _may_fit(sides: Floats, workspace_sides: Floats, rotations: Rotations) -> bool:
-    """Return True unless a box fits nowhere in a workspace, however it rotates.
+    """Return True unless a box fits nowhere in a workspace, however rotated.
 
     Compares the longest side with the diagonal of the workspace, along the axes that rotations
     mix: x and y for a yaw, all axes in space. Other axes are compared one by one.
@@ -583,7 +583,7 @@ def suggest(
 
 
 def _measure_robot(shape: Shape, rotations: str) -> tuple[float, float]:
-    """Return the width of a robot in a passage, and its reach, metres.
+    """Return the robot's width in a passage and its reach, metres.
 
     A robot that rotates passes in its narrowest direction, of those that are tried; any other one
     may have to pass in its widest. The reach is the largest distance of its points from the axis of

@@ -72,12 +72,12 @@ class ConfigurationMap(ConfigurationSpace):
 
     @property
     def grid(self) -> Grid:
-        """Grid of the positions of the reference point, which is the workspace's grid."""
+        """Grid of positions of the reference point."""
         return self._map_contents.grid
 
     @property
     def frame_id(self) -> str:
-        """Frame of the map in ROS, that of its grid; "map" if it is not known."""
+        """Frame of the map in ROS; "map" if unknown."""
         return self.grid.frame_id or "map"
 
     @property
@@ -132,7 +132,7 @@ class ConfigurationMap(ConfigurationSpace):
 
     @cached_property
     def axes(self) -> tuple[str, ...]:
-        """Names of the coordinates: x, y, in space z, then yaw or qx, qy, qz, qw."""
+        """Names of the coordinates: x, y(, z), then yaw or qx, qy, qz, qw."""
         return (*self.grid.axes, *self.rotations.names)
 
     @property
@@ -155,7 +155,7 @@ class ConfigurationMap(ConfigurationSpace):
 
     @property
     def dof(self) -> int:
-        """Degrees of freedom: 2 or 3 for positions, plus 1 for a yaw or 3 for a rotation."""
+        """Degrees of freedom: 2 or 3, plus 1 for yaw, 3 for rotation."""
         return self.size - ("qw" in self.rotations.names)  # a quaternion has norm 1
 
     @abstractmethod
@@ -330,7 +330,7 @@ class ConfigurationMap(ConfigurationSpace):
         max_velocity: ArrayLike | None = None,
         turning_radius: float | None = None,
     ) -> Chunk:
-        """Prove the arcs of a chunk of twists, and all motions near them.
+        """Prove the arcs of twists, and all motions near them.
 
         Each twist drives the robot along an arc. The arcs are proven as such: a tube around chords
         that is wide enough to contain them, with the tracking error in addition.
@@ -374,7 +374,7 @@ class ConfigurationMap(ConfigurationSpace):
         return certify_twists(self, q, twists, dt, tracking, max_velocity, turning_radius)
 
     def free_yaws(self, position: ArrayLike) -> Floats:
-        """Return the intervals of yaw at which the robot is proven free at a position.
+        """Return the intervals of yaw proven free at a position.
 
         Parameters
         ----------
@@ -416,7 +416,7 @@ class ConfigurationMap(ConfigurationSpace):
     @overload
     def clearance(self, q: ArrayLike) -> Floats: ...
     def clearance(self, q: ArrayLike) -> float | Floats:
-        """Return a lower bound of the distance to configurations that are not FREE.
+        """Return a lower bound of the distance to configurations not FREE.
 
         The distance is in the translation, to the nearest one. The bound is proven. At the center
         of a cell, it is the distance but for rounding. Elsewhere in the grid, it is less than 1.42
@@ -467,7 +467,7 @@ class ConfigurationMap(ConfigurationSpace):
 
     @property
     def tries_exact(self) -> bool:
-        """Whether messages try the geometry before they advise it, for about a second."""
+        """Whether messages try the geometry, for a second, before they advise it."""
         return self.in_memory and self.grid.size <= MAX_TRIED_CELLS
 
     def check_endpoint(self, q: ArrayLike, name: str, exact: bool = False) -> Endpoint:
@@ -545,7 +545,7 @@ class ConfigurationMap(ConfigurationSpace):
 
     @abstractmethod
     def nearest_free(self, q: ArrayLike) -> Floats:
-        """Return the center of the nearest FREE cell; raise ConfigurationError if none is."""
+        """Return the center of the nearest FREE cell, or raise ConfigurationError."""
 
     @property
     @abstractmethod
@@ -589,7 +589,7 @@ class ConfigurationMap(ConfigurationSpace):
         return bad
 
     def _explain_tube(self, rows: Floats, radii: Floats) -> tuple[tuple[str, ...], str]:
-        """Name the obstacles near a tube with instants ``rows``, shape (n, size), and say where."""
+        """Name the obstacles near a tube's instants (n, size), and where."""
         is_free = np.empty(len(rows), dtype=np.bool_)
         turn = float(radii[self.dim :].sum())
         self._write_free_around(float(radii[: self.dim].max()), turn, rows, is_free)
@@ -601,7 +601,7 @@ class ConfigurationMap(ConfigurationSpace):
         return names, f"the motion is not proven free at ({where}){near}"
 
     def _name_obstacles(self, q: Floats, distances: Floats, turn: float) -> tuple[str, ...]:
-        """Return the names of what keeps configurations near one from being proven free."""
+        """Return names of obstacles that keep configurations from being proven free."""
         return ()
 
     @property

@@ -140,7 +140,7 @@ class Grid:
 
     @property
     def measure_unit(self) -> str:
-        """Unit of a cell's area or volume, such as "m2", "rad3" or "rad m"."""
+        """Unit of a cell's measure, such as "m2" or "rad m"."""
         powers = list[str]()
         for unit in sorted(set(self.units), reverse=True):
             power = self.units.count(unit)

@@ -109,7 +109,7 @@ class SearchOptions(NamedTuple):
 def join_goal_errors(
     name: str, errors: Sequence[ConfigurationError], count: int
 ) -> ConfigurationError:
-    """Return the error for ``count`` alternatives of a goal, of which none is proven free."""
+    """Return the error for a goal whose alternatives are all unproven."""
     if count == 1:
         return errors[0]
     return ConfigurationError(
@@ -247,7 +247,7 @@ class Space(ABC):
         return (False,) * self.size
 
     def check_bounds(self) -> tuple[Floats, Floats]:
-        """Return :attr:`bounds` as arrays; raise InputError if they do not fit the axes."""
+        """Return :attr:`bounds` as arrays, or raise InputError."""
         lower, upper = (check_finite(bound, "bounds") for bound in self.bounds)
         if not lower.shape == upper.shape == (self.dim,) or (lower > upper).any():
             raise InputError(
@@ -267,7 +267,7 @@ class Space(ABC):
         return wrap_steps(steps, self.periodic_axes) if any(self.periodic_axes) else steps
 
     def distance(self, q0: Floats, q1: Floats) -> Floats:
-        """Return the lengths of motions; a radian of rotation counts as half a metre."""
+        """Return lengths of motions; a radian counts half a metre."""
         steps = self.steps_between(q0, q1)
         dim = self.dim
         lengths = np.linalg.norm(steps[..., :dim], axis=-1)
@@ -420,7 +420,7 @@ class Space(ABC):
 
     @property
     def resolution(self) -> float:
-        """Distance between the states that OMPL checks when it steps along a motion itself."""
+        """Distance between states that OMPL checks along a motion itself."""
         lower, upper = self.check_bounds()
         return 0.01 * float(np.linalg.norm(upper - lower))
 
@@ -430,7 +430,7 @@ class Space(ABC):
         return {}
 
     def clearance(self, q: ArrayLike) -> float | Floats:
-        """Return a lower bound of the distance from collision; NaN if unknown, the default."""
+        """Return a lower bound of the distance from collision, or NaN."""
         return math.nan
 
     def point_checker(self, *, exact: bool = False) -> Checker:
@@ -460,14 +460,14 @@ class Space(ABC):
         return clearance
 
     def path_obstacle_distance(self, path: ArrayLike) -> float:
-        """Return a lower bound of a path's distance from obstacles; NaN if unknown, the default.
+        """Return a lower bound of a path's distance from obstacles, or NaN.
 
         The motions between its rows are straight.
         """
         return math.nan
 
     def min_path_length(self, q0: ArrayLike, q1: ArrayLike) -> float:
-        """Return a lower bound of the lengths of free paths; rotations count nothing.
+        """Return a lower bound of free paths' lengths, without rotations.
 
         By default, it is the straight distance.
         """
@@ -481,7 +481,7 @@ class Space(ABC):
         return None
 
     def _keep(self, uprights: Sequence[Upright]) -> Space:
-        """Return a space whose FREE also keeps axes of links upright, all along a motion.
+        """Return a space whose FREE motions also keep axes upright.
 
         Raises InputError if the space has no links, or none of that name.
         """
@@ -502,7 +502,7 @@ class Space(ABC):
         return np.empty((0, self.size))
 
     def check_endpoint(self, q: ArrayLike, name: str, exact: bool = False) -> Endpoint:
-        """Return a start or goal in canonical form; continuous joints keep their whole turns.
+        """Return a canonical start or goal, with whole turns of joints.
 
         Raises InputError if it is no configuration, and ConfigurationError if no motion from it can
         be proven free.
@@ -553,7 +553,7 @@ class Space(ABC):
         return self.sort_goals(goals, start)
 
     def sort_goals(self, goals: Sequence[Endpoint], start: Endpoint) -> list[Endpoint]:
-        """Return goals, the nearest first; continuous joints within half a turn of the start."""
+        """Return goals, nearest first, within half a turn of the start."""
         rows = np.array(goals)
         if len(rows) > 1:
             lengths = self.distance(np.array(start), rows)
@@ -606,7 +606,7 @@ class ConfigurationSpace(Space):
 
     @property
     def dof(self) -> int:
-        """Degrees of freedom: 3 in SE(2), 6 in SE(3), the number of joints for an arm."""
+        """Degrees of freedom, such as 3 in SE(2) and 6 in SE(3)."""
         return self.size
 
     @cached_property
@@ -798,7 +798,7 @@ class ConfigurationSpace(Space):
         dt: float | None = None,
         max_velocity: ArrayLike | None = None,
     ) -> Chunk:
-        """Prove the motions through a chunk of targets, and all motions near them.
+        """Prove motions through a chunk of targets, and all near them.
 
         The robot moves straight from where it is to the first row, and from each row to the next,
         as for :meth:`certify_path`. A controller does not follow that exactly, so each row is
@@ -919,7 +919,7 @@ class ConfigurationSpace(Space):
         return None
 
     def _is_one_free(self, q: tuple[Any, ...]) -> bool | None:
-        """Return whether one configuration is proven free, or None as for its state."""
+        """Return whether one configuration is proven free, or None."""
         state = self._state_of_one(q)
         return None if state is None else state == FREE
 
@@ -958,7 +958,7 @@ class ConfigurationSpace(Space):
 
     @abstractmethod
     def _count_free_tubes(self, starts: Floats, ends: Floats, radii: Floats, counts: Ints) -> None:
-        """Lower counts to the number of tubes that are free, from the first on.
+        """Lower counts to the number of first tubes that are free.
 
         Tubes lead from ``starts``, shape (b, size), to each of ``ends``, shape (b, n, size), in
         turn. ``radii`` has the error of each coordinate; a quaternion has one. ``counts``, shape
@@ -967,13 +967,13 @@ class ConfigurationSpace(Space):
 
     @abstractmethod
     def _explain_tube(self, rows: Floats, radii: Floats) -> tuple[tuple[str, ...], str]:
-        """Return the names of what is near a tube that is not proven, and a text about it.
+        """Return the names near an unproven tube, and a text.
 
         ``rows``, shape (n, size), are instants of its motion.
         """
 
     def _find_unusable(self, rows: Floats) -> int:
-        """Return the index of the first row, of shape (n, size), that is no configuration, or -1.
+        """Return the index of the first unusable row, or -1.
 
         Limits of joints do not count.
         """
@@ -1024,7 +1024,7 @@ class ConfigurationSpace(Space):
             )
 
     def _check_targets(self, before: Floats, targets: Floats) -> list[RowCheck]:
-        """Return checks of targets, shape (b, n, size), and of the steps from those before."""
+        """Return checks of targets (b, n, size) and of steps between them."""
         from cspace._queries.chunks import RowCheck
 
         spans = self._spans

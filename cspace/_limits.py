@@ -184,7 +184,7 @@ def check_file_memory(path: StrPath, declared: str, needed: float) -> None:
 
 
 def check_samples(n: int | None, size: int) -> int:
-    """Return the number of configurations to draw, of ``size`` numbers each; 1 for None.
+    """Return the number of configurations to draw, 1 for None.
 
     Raises InputError if it is negative, or so many do not fit into memory.
     """

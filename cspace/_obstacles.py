@@ -38,7 +38,7 @@ class Source(Protocol):
     """
 
     def read(self, box: Box) -> tuple[Bools, Bools]:
-        """Return the outer and inner cells of a box; one array if they are equal."""
+        """Return outer and inner cells of a box, one array if equal."""
 
     @property
     def stamp(self) -> str:
@@ -76,7 +76,7 @@ class LazyCells:
     """
 
     def __init__(self, array: Any, digest: str = "") -> None:
-        """Keep the array, after checking its type and shape, but not its values."""
+        """Keep the array after checking its type and shape."""
         check_dims(array, "occupied")  # of xarray
         self.array = array = _unwrap(array)
         self.shape = tuple(int(n) for n in array.shape)
@@ -86,7 +86,7 @@ class LazyCells:
             check_cells(np.zeros(self.shape, dtype=np.bool_), "occupied")
 
     def read(self, box: Box) -> tuple[Bools, Bools]:
-        """Return the cells of a box, which are both the outer and the inner ones."""
+        """Return the cells of a box, both outer and inner."""
         hint = "restore the array and build the map again"
         with decoding(self.name, "array of cells", "a part is missing or damaged", hint):
             values = self.array[box]
@@ -352,7 +352,7 @@ class ObstacleLayers:
         return [item.box for item in changed if item is not None and item.outer.size]
 
     def find_names(self, cells: Ints) -> set[str]:
-        """Return the names of obstacles that touch any of the cells, shape (n, d)."""
+        """Return names of obstacles that touch any cell, shape (n, d)."""
         names = set[str]()
         for name, obstacle in self.named.items():
             first, stop = obstacle.box

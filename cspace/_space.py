@@ -440,7 +440,7 @@ class CSpace(ConfigurationMap):
         return None if math.isnan(metres) or self._is_suspect(q) else metres
 
     def _is_suspect(self, q: tuple[Any, ...]) -> bool:
-        """Return True if an angle seems to be in degrees, or a coordinate is a text."""
+        """Return True for likely degrees, or a text."""
         try:
             sum(q)  # compiled look-ups would parse texts
         except TypeError:
@@ -543,7 +543,7 @@ class CSpace(ConfigurationMap):
     # ---- paths through FREE cells ----------------------------------------------------------------
 
     def reachable_bounds(self, q: ArrayLike) -> tuple[Floats, Floats]:
-        """Return the bounding box of the FREE cells that a configuration can reach.
+        """Return the bounding box of FREE cells that can be reached.
 
         No path through FREE cells of the grid leaves the box, so that a planner need not sample
         outside of it.
@@ -794,7 +794,7 @@ class CSpace(ConfigurationMap):
     def _find_taut_path(
         self, endpoints: Floats, until: float, may_exist: Callable[[], bool]
     ) -> Floats:
-        """Find the shortest path in the plane that keeps a margin, shape (n, 2).
+        """Find the shortest path in the plane with a margin, (n, 2).
 
         It is the shortest among those that pass obstacles as the shortest path without a margin.
         The length n is 0 if there is none.
@@ -1064,7 +1064,7 @@ class CSpace(ConfigurationMap):
         *,
         inner: ArrayLike | None = None,
     ) -> Update:
-        """Move named obstacles, or replace a box of workspace cells or all cells.
+        """Move named obstacles, or replace some or all workspace cells.
 
         The map becomes equal to a new build. The cost grows with the cells that differ, in boxes
         around them, and with the robot, not with the map. Existing checkers (:meth:`point_checker`,
@@ -1802,7 +1802,7 @@ class CSpace(ConfigurationMap):
         write_in_threads(count, starts, ends, counts, min_items=min_chunks)
 
     def _name_obstacles(self, q: Floats, distances: Floats, turn: float) -> tuple[str, ...]:
-        """Return the names of obstacles that reach the nearest cells that are not FREE."""
+        """Return obstacles that reach the nearest cells not FREE."""
         layers = self._layers
         if layers is None or not layers.named:
             return ()

@@ -697,7 +697,7 @@ class Workspace:
         drop_missing: bool = False,
         offset: ArrayLike | None = None,
     ) -> Workspace:
-        """Rasterize a point cloud: each point is an obstacle, or a ball around it.
+        """Rasterize a point cloud, with a ball around each point.
 
         Parameters
         ----------
@@ -909,7 +909,7 @@ class LazyWorkspace(Workspace):
     def __init__(
         self, grid: Grid, cells: Source, source: str, shapes: tuple[Shape, ...] | None = None
     ) -> None:
-        """Keep the source of the cells; the class is frozen like its base."""
+        """Keep the source of the cells, as frozen as its base."""
         object.__setattr__(self, "grid", grid)
         object.__setattr__(self, "source", source)
         object.__setattr__(self, "shapes", shapes)
@@ -968,7 +968,7 @@ def load_workspace(workspace: Workspace) -> Workspace:
 
 @contextmanager
 def _naming_file(path: StrPath) -> Iterator[None]:
-    """Convert InputErrors of the block, about its grid, into FileErrors that name the file."""
+    """Turn InputErrors of the block into FileErrors with the file's name."""
     try:
         yield
     except InputError as error:
@@ -977,7 +977,7 @@ def _naming_file(path: StrPath) -> Iterator[None]:
 
 
 def copy_workspace(workspace: Workspace, live: bool = False) -> Workspace:
-    """Copy a workspace and its arrays; ``live`` if updates of a map write to them."""
+    """Copy a workspace and its arrays, ``live`` for a map's updates."""
     outer = frozen(workspace.outer.copy())
     inner = outer if workspace.inner is workspace.outer else frozen(workspace.inner.copy())
     unknown = None if workspace.unknown is None else frozen(workspace.unknown.copy())
@@ -987,7 +987,7 @@ def copy_workspace(workspace: Workspace, live: bool = False) -> Workspace:
 
 
 def reader_of(path: StrPath, options: Iterable[str] = ()) -> Callable[..., Workspace]:
-    """Return the classmethod that reads a file, and check that it takes the options.
+    """Return the classmethod that reads a file with these options.
 
     Raises InputError if the suffix is unknown or an option does not apply, and FileError if the
     format depends on the content and the file is missing.
@@ -1010,14 +1010,14 @@ def _options_of(reader: Callable[..., Workspace]) -> dict[str, inspect.Parameter
 
 
 def check_extent(spacing: float, bounds: ArrayLike | None, dim: int) -> None:
-    """Check the spacing and the bounds of a map before a file is read."""
+    """Check a map's spacing and bounds before reading a file."""
     check_positive(spacing, "spacing")
     if bounds is not None:
         check_bounds(bounds, dim)
 
 
 def covering_shape(corners: Floats, spacing: float) -> list[int]:
-    """Return the number of cells along each axis of the grid between two corners."""
+    """Return the cells along each axis of the grid between corners."""
     lower, upper = corners
     with np.errstate(over="ignore"):
         counts = np.maximum(1.0, np.ceil((upper - lower) / spacing - _SLIVER))
@@ -1026,7 +1026,7 @@ def covering_shape(corners: Floats, spacing: float) -> list[int]:
 
 
 def covering_grid(corners: Floats, spacing: float, bytes_a_cell: int) -> Grid:
-    """Return the grid from the lower of two corners, shape (2, dim), over the upper one.
+    """Return the grid between two corners, shape (2, dim).
 
     Raises InputError if its cells do not fit into memory.
     """
@@ -1038,7 +1038,7 @@ def covering_grid(corners: Floats, spacing: float, bytes_a_cell: int) -> Grid:
 
 
 def warn_of_units(corners: Floats, spacing: float, what: str, bounded: bool) -> None:
-    """Warn if obstacles are smaller than a cell, because their unit is then hardly the metre.
+    """Warn if obstacles are smaller than a cell, as another unit.
 
     If the map has bounds, which are in metres, small obstacles may be intended; the limit is then a
     quarter of a cell. ``corners``, shape (2, d), is the box of the obstacles; a single point raises
@@ -1057,7 +1057,7 @@ def warn_of_units(corners: Floats, spacing: float, what: str, bounded: bool) -> 
 
 
 def warn_of_rounding(source: object, points: Floats, spacing: float) -> None:
-    """Warn of 16-bit and 32-bit coordinates that round by more than a tenth of a cell.
+    """Warn of narrow coordinates that round by over a tenth cell.
 
     ``source`` is the array or file of the points, shape (n, d).
     """

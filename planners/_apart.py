@@ -133,7 +133,7 @@ class Separation:
 def apart(
     first: Mover, second: Mover, *, distance: float = 0.0, until: float | None = None
 ) -> Separation:
-    """Prove two timed motions apart at every instant, or find when they touch.
+    """Prove two timed motions apart, or find when they touch.
 
     Time begins with the earlier motion. A robot stands at its start before its trajectory begins,
     and at its end ever after. Both robots move in the plane, or both in space, with or without a
@@ -227,7 +227,7 @@ class Timed(NamedTuple):
         return np.asarray(self.error + self.growth * np.maximum(t - self.at, 0.0))
 
     def bound_speeds(self, t: Floats) -> Floats:
-        """Return bounds of the speed of any point around times, m/s, shape (n,)."""
+        """Bound the speed of any point around times, m/s, (n,)."""
         return np.asarray(self.speeds[np.searchsorted(self.at + self.times, t)])
 
 
@@ -269,7 +269,7 @@ def _read_mover(mover: object, name: str) -> Timed:
 
 
 def _check_axes(axes: tuple[str, ...], robot: Robot, name: str) -> None:
-    """Raise InputError unless a trajectory is that of a rigid robot, with a yaw or none."""
+    """Raise InputError unless a trajectory is a rigid robot's."""
     known = AXES[: robot.dim]
     if axes not in (known, (*known, "yaw")):
         rule = f"that of {robot.name} has {', '.join(known)}, and perhaps yaw"
@@ -278,7 +278,7 @@ def _check_axes(axes: tuple[str, ...], robot: Robot, name: str) -> None:
 
 
 def _bound_trajectory(trajectory: Trajectory, robot: Robot) -> tuple[Floats, Floats]:
-    """Return the times at which phases begin, and bounds of the speed of any point between.
+    """Return the begins of phases, and bounds of speeds between.
 
     The robot rests before the first and after the last.
     """
@@ -301,7 +301,7 @@ def _bound_trajectory(trajectory: Trajectory, robot: Robot) -> tuple[Floats, Flo
 
 
 def lever_of(shape: Shape) -> float:
-    """Return a distance, metres, that no point of a shape exceeds from the z axis."""
+    """Return a bound, metres, of points' distance from the z axis."""
     corner = np.abs(shape.outer.bounds).max(axis=0)[:2]
     return float(np.hypot(*corner)) * (1.0 + SPEED_ROUNDING)
 
@@ -342,7 +342,7 @@ class Measure(Protocol):
         """Return lower bounds, within rounding, of the distances, metres, shape (n,)."""
 
     def bound_above(self, poses: Floats, others: Floats) -> tuple[Floats, Floats]:
-        """Return upper bounds of the distances, shape (n,), and steps between near points."""
+        """Return upper bounds of distances (n,), and steps between points."""
 
 
 class PlaneMeasure:
@@ -374,7 +374,7 @@ class SolidMeasure:
         self._samples = _sample_solid(first.inner), _sample_solid(second.inner)
 
     def bound_below(self, poses: Floats, others: Floats) -> Floats:
-        """Return lower bounds by the boundaries; 0 if one may lie in the other."""
+        """Return lower bounds by boundaries, 0 for possible nesting."""
         proofs = self._space._boundary_proofs()
         none = np.zeros(1)
         bounds = np.zeros(len(poses))
@@ -384,7 +384,7 @@ class SolidMeasure:
         return bounds
 
     def bound_above(self, poses: Floats, others: Floats) -> tuple[Floats, Floats]:
-        """Return the distances of points of both solids; 0 if one is inside the other."""
+        """Return distances of both solids' points, 0 for nesting."""
         from scipy.spatial.distance import cdist
 
         bounds, steps = np.zeros(len(poses)), np.zeros((len(poses), 3))
@@ -403,7 +403,7 @@ class SolidMeasure:
 
 
 def _build_around(first: Shape, second: Shape) -> CSpace:
-    """Build a small map with a yaw, of one solid as the robot and another as the obstacle."""
+    """Build a small map of two solids, with a yaw."""
     from cspace._builder import build
     from cspace._workspace import Workspace
 
@@ -418,7 +418,7 @@ def _build_around(first: Shape, second: Shape) -> CSpace:
 
 
 def _sample_solid(shape: Shape) -> tuple[Floats, Floats]:
-    """Return points of a solid with balls around them that lie in it, and their radii."""
+    """Return a solid's points, and radii of balls inside it."""
     simplices, radii = shape.outer.boundary()
     middles = simplices.mean(axis=1)
     points = np.concatenate([middles, *np.moveaxis(simplices, 1, 0)])
@@ -462,7 +462,7 @@ class Search:
         self._duration = duration
 
     def run(self) -> Separation:
-        """Halve intervals until each is proven, or the first instant of contact is found."""
+        """Halve intervals until all are proven, or contact is found."""
         lows, highs = self._cut_first()
         most = MAX_INTERVALS + len(lows)
         touch: Touch | None = None
@@ -509,7 +509,7 @@ class Search:
         return (borders[:-1], borders[1:]) if len(borders) > 1 else (borders, borders)
 
     def _bound(self, middles: Floats, lows: Floats, highs: Floats) -> tuple[Floats, Floats]:
-        """Return lower bounds of the distance in the middle of intervals, and all along them."""
+        """Bound distances from below, midway and all along intervals."""
         one, other = self._movers
         poses, others = one.place(middles), other.place(middles)
         far = np.maximum(np.abs(poses).max(axis=1), np.abs(others).max(axis=1))
@@ -522,7 +522,7 @@ class Search:
         return gaps - near, gaps - moved - errors
 
     def find_touch(self, t: Floats) -> Touch | None:
-        """Return the first of some instants at which the robots touch, within their errors."""
+        """Return the first instant at which the robots touch."""
         if not len(t):
             return None
         one, other = self._movers

@@ -135,7 +135,7 @@ def prove_length(
     y1: float,
     yaw1: float,
 ) -> float:
-    """Prove the shortest curve between two poses free; return its metres, or -1 if unproven.
+    """Prove a shortest curve free; return its metres, or -1.
 
     A curve is proven if it lies in FREE cells of the grid. With a geometry, the boundaries of robot
     and obstacles may also stay apart; then the curve is free if its start is. If the lengths of
@@ -223,7 +223,7 @@ def piece_is_free(
     turn: float,
     spare: float,
 ) -> bool:
-    """Return True if a piece of a segment is proven free, with all within ``spare`` of it.
+    """Return True if a segment's piece and ``spare`` are free.
 
     From its center, the piece extends by ``half`` to both sides, in turning radii, and turns by
     ``turn``. Either a box of FREE cells contains it, or the boundaries of robot and obstacles stay
@@ -268,7 +268,7 @@ def segment_is_free(
     length: float,
     spare: float,
 ) -> bool:
-    """Return True if a segment is proven free, with all within ``spare`` except its ends.
+    """Return True if a segment and ``spare`` are free.
 
     It starts at ``begin``, in turning radii from the position of ``origin``. A piece of length l
     lies within l / 2 of its center and turns by at most l / (2 radius) from there. If that is not
@@ -363,7 +363,7 @@ def find_shortest_words(kind: int, radius: float, q0: Pose, q1: Pose, tie: float
 
 @internal
 def measure_gap(goal: Pose, steering: Ints, lengths: Floats, row: int) -> float:
-    """Drive a word, a row of two arrays, from the origin; return its gap at the goal.
+    """Drive a word of two rows from the origin; return its gap.
 
     The gap is the larger of the distance, in turning radii, and the angle, in radians.
     """
@@ -379,7 +379,7 @@ def measure_gap(goal: Pose, steering: Ints, lengths: Floats, row: int) -> float:
 
 @kernel
 def advance(pose: Pose, steer: int, length: float) -> Pose:
-    """Return the pose, in turning radii, after driving a segment from a pose."""
+    """Return the pose, in turning radii, after driving a segment."""
     x, y, yaw = pose
     if steer == 0:
         return x + length * math.cos(yaw), y + length * math.sin(yaw), yaw
@@ -480,7 +480,7 @@ def write_word(
 
 @internal
 def solve_form(form: int, x: float, y: float, phi: float) -> Lengths:
-    """Return the lengths of a form's word to (x, y, phi); zeros if unreachable.
+    """Return lengths of a form's word to (x, y, phi), or zeros.
 
     Arcs are not wrapped. Source of the forms 3 to 8: Reeds and Shepp (1990), section 8, whose names
     t, u and v stand for the lengths of the first, second and third segment.

@@ -53,7 +53,7 @@ class CarCurves(LocalPlanner):
         return CURVE_SPACES[self.drive](self.radius)
 
     def point_checker(self) -> Callable[..., bool]:
-        """Make ``check(*q)``, which proves a configuration free, exactly as a curve without length.
+        """Make ``check(*q)``, which proves points like curves without length.
 
         So proofs of straight edges need not be compiled.
         """
@@ -126,7 +126,7 @@ class CarCurves(LocalPlanner):
         return prove_in_window
 
     def _window_around(self, edge: Floats) -> CarCurves:
-        """Return the curves in a part of the map around an edge, in memory."""
+        """Return curves in the map's part around an edge."""
         spacing = self.tiles.grid.spacing
         centers = self.split_path(edge, spacing, MAX_RADIANS).points
         positions = np.concatenate([edge, centers])[:, :2]

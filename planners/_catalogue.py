@@ -202,7 +202,7 @@ def find_space_kind(space: Space) -> str:
 
 
 def check_support(option: str, argument: str, value: object, space: Space) -> None:
-    """Raise InputError if a goal or an option is not for the space, by :data:`SUPPORTED`."""
+    """Raise InputError for a goal or option outside :data:`SUPPORTED`."""
     kinds = SUPPORTED[option]
     if find_space_kind(space) not in kinds:
         hint = "leave it out" if option == argument else "pass a configuration"
@@ -253,7 +253,7 @@ def default_planner(drive: Drive) -> PlannerName:
 
 
 def planner_named(name: str, searches: Sequence[str] = ()) -> PlannerName:
-    """Return the name of a planner of OMPL, or of a search of a space, as it is spelled.
+    """Return a planner's or search's name as it is spelled.
 
     The given name may be in any case. Raises InputError if it is unknown.
     """
@@ -310,7 +310,7 @@ def check_options(values: Mapping[str, object], is_named: bool, n_goals: int = 1
 
 
 def make_planner(name: str, si: ob.SpaceInformation) -> ob.Planner:
-    """Create an OMPL planner by name, with settings that keep its steps short."""
+    """Create an OMPL planner by name, with short steps."""
     planner = getattr(og, name)(si)
     if name == "BITstar":
         # Pruning rebuilds the search tree at every 500th sample. Along curves, one such step takes

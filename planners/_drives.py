@@ -54,7 +54,7 @@ def local_planner(
 
 
 def check_axes(space: Space, axes: tuple[str, ...], owner: str) -> None:
-    """Raise InputError if a map has other axes than a plan or a trajectory."""
+    """Raise InputError if a map has other axes than a plan."""
     if space.axes != axes:
         raise InputError(
             "space",
@@ -65,12 +65,12 @@ def check_axes(space: Space, axes: tuple[str, ...], owner: str) -> None:
 
 
 def has_drives(space: Space) -> bool:
-    """Return True if drives other than the holonomic one are for the space."""
+    """Return True if a space has other drives than holonomic."""
     return space.has_cells and space.axes == CAR_AXES
 
 
 def _check_drive(space: Space, drive: Drive, turning_radius: float | None) -> float | None:
-    """Check a drive and its turning radius; return the radius, metres, or None without curves.
+    """Check a drive; return its turning radius, metres, or None.
 
     Raises InputError if the drive is not for the space, or the radius does not fit the drive.
     """

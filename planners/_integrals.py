@@ -58,7 +58,7 @@ class CostDensity(NamedTuple):
 def cost_at(
     map_: Map, values: Values, density: CostDensity, position: Row, rotation: Numbers
 ) -> float:
-    """Return the cost of a metre at a configuration, from the value of the field there."""
+    """Return a metre's cost at a configuration, from the field."""
     value = 0.0
     if values.kind == CLEARANCES:
         value = clearance_at(map_, values.distances, position, rotation)

@@ -23,7 +23,7 @@ def audit(
     exact: bool = True,
     max_room: float = 1.0,
 ) -> Audit:
-    """Prove the lanes of a route graph free or blocked for the robot of a map.
+    """Prove the lanes of a graph free or blocked for a robot.
 
     Every lane is proven along its whole length, at every yaw that its rule allows. See
     :class:`cspace.lanes.Audit`.
@@ -72,7 +72,7 @@ def audit(
     lanes = _open_graph(space, graph, "graph")
 
     def find_path(space: ConfigurationMap, start: Floats, goal: Floats) -> Floats:
-        """Return the waypoints of a plan, which the geometry proves if the map is in memory."""
+        """Return a plan's waypoints, proven by geometry in memory."""
         return plan(space, start, goal, exact=space.in_memory).waypoints
 
     return audit_graph(space, lanes, exact, max_room, find_path)
@@ -142,7 +142,7 @@ def conflicts(
 
 
 def _check_robots(others: Any, known: str) -> dict[str, tuple[Any, Any]]:
-    """Return other robots by name; raise InputError unless each has a map and a graph."""
+    """Return other robots by name, or raise InputError."""
     rule = "it must give a map and a graph by a name of each robot"
     hint = "pass others={'tug': (space, graph)}"
     if not isinstance(others, Mapping):
@@ -156,7 +156,7 @@ def _check_robots(others: Any, known: str) -> dict[str, tuple[Any, Any]]:
 
 
 def _open_graph(space: Any, graph: Any, name: str) -> RouteGraph:
-    """Return a graph, of a file or of networkx; raise InputError if it is none, or no map."""
+    """Return a graph from a file or networkx, or raise InputError."""
     from cspace.lanes import RouteGraph
 
     lanes = graph

@@ -217,7 +217,7 @@ def _search_levels(
     is_backwards: bool,
     limit: _Limit,
 ) -> tuple[Floats, str]:
-    """Search on lattices, coarse to fine, and again around blocks where even a fine one stalled.
+    """Search coarse to fine lattices, and around stalled blocks.
 
     Returns and raises as :func:`_search` does, without blocks.
     """
@@ -244,7 +244,7 @@ def _search_levels(
 
 
 def _starts_at_goal(edges: LocalPlanner, endpoints: Endpoints) -> bool:
-    """Return True if the search should start at the goal, and its path be driven backwards.
+    """Return True to search from the goal, and drive backwards.
 
     A search out of a tight place is shorter than one into it, because few motions are free there. A
     car that reverses can drive its paths both ways.
@@ -256,7 +256,7 @@ def _starts_at_goal(edges: LocalPlanner, endpoints: Endpoints) -> bool:
 
 
 def _measure_room(edges: LocalPlanner, q: Endpoint) -> int:
-    """Count the cells within a quarter of the radius that the robot may pass at yaws near its own.
+    """Count passable cells within a quarter of the radius.
 
     These are its own and those half a radian to either side.
     """
@@ -272,7 +272,7 @@ def _measure_room(edges: LocalPlanner, q: Endpoint) -> int:
 
 
 def _list_headings(endpoints: Endpoints, count: int) -> tuple[Floats, Floats]:
-    """List the headings of a lattice by ascending yaw, and the length of a drive along each.
+    """List headings by ascending yaw, and lengths of drives along.
 
     These are the directions from a cell to others near it, and the yaws of start and goal. From
     each to the next there are ``count`` steps; at headings between, the robot comes close to a
@@ -294,7 +294,7 @@ def _list_headings(endpoints: Endpoints, count: int) -> tuple[Floats, Floats]:
 
 
 def _list_moves_by_yaw() -> tuple[Floats, Ints, Floats]:
-    """List the moves of the guide by ascending yaw: yaws (n,), steps (n, 3), lengths (n,)."""
+    """List the guide's moves by yaw: (n,), (n, 3), (n,)."""
     moves = list_moves(2)
     yaws = np.arctan2(moves.steps[:, 2], moves.steps[:, 1])
     order = np.argsort(yaws)
@@ -359,7 +359,7 @@ def _list_directions(edges: LocalPlanner, is_backwards: bool) -> Directions:
 
 
 def _list_slices_near(edges: LocalPlanner, yaws: Floats) -> Ints:
-    """List the slices of the rotation cells near each yaw, shape (yaws, n), the nearest first."""
+    """List slices near each yaw, nearest first, shape (yaws, n)."""
     rotations = edges.space.rotations
     slice_of: Ints = edges.cells._kernel_map.rotations.slice_of
     count = math.ceil(MAX_DEVIATION * len(rotations) / TWO_PI)
@@ -370,7 +370,7 @@ def _list_slices_near(edges: LocalPlanner, yaws: Floats) -> Ints:
 
 
 def _find_worst_state(edges: LocalPlanner) -> int:
-    """Return the largest state of cells that the robot may pass: MIXED if geometry decides."""
+    """Return the largest passable state: MIXED if geometry decides."""
     return MIXED if edges.exact else FREE
 
 
@@ -481,7 +481,7 @@ def _search(
     min_stalled: int,
     limit: _Limit,
 ) -> tuple[Floats, str, Bools | None]:
-    """Search from the start for a path to the goal, shape (n, 3).
+    """Search for a path from start to goal, shape (n, 3).
 
     If n is 0, the note says what ended the search; if it stalled, blocks to avoid follow. With
     fewer than ``min_stalled`` nodes, it does not count as stalled. Raises TimeoutError at
@@ -553,7 +553,7 @@ def _enlarge(nodes: LatticeNodes) -> LatticeNodes:
 
 
 def _find_vain_blocks(map_: Map, motions: Motions, target: Target, nodes: LatticeNodes) -> Bools:
-    """Find blocks that a stalled search has not entered, shape (1, x, y).
+    """Find blocks that a stalled search never entered, (1, x, y).
 
     These are near the node that the guide takes for the nearest to the goal. There are none if that
     node is among the last three quarters, because the search advances then.
@@ -577,7 +577,7 @@ def _find_vain_blocks(map_: Map, motions: Motions, target: Target, nodes: Lattic
 
 
 def _trace_path(nodes: LatticeNodes, node: int, endpoints: Endpoints, merges: bool) -> Floats:
-    """Trace the path from the start by a node to the goal, shape (n, 3).
+    """Trace the path by a node to the goal, (n, 3).
 
     If ``merges``, successive drives along one heading become one.
     """
@@ -598,7 +598,7 @@ def _trace_path(nodes: LatticeNodes, node: int, endpoints: Endpoints, merges: bo
 
 
 def shorten_path(edges: LocalPlanner, path: Floats, until: float) -> Floats:
-    """Shorten a path, shape (n, 3), by proven edges, until a reading of the clock."""
+    """Shorten a path (n, 3) until a reading of the clock."""
     # Without cut corners, a second round of skipping gains little.
     for _ in range(1 if edges.turning_radius is not None else 3):
         if not is_over(until):
@@ -607,7 +607,7 @@ def shorten_path(edges: LocalPlanner, path: Floats, until: float) -> Floats:
 
 
 def _shorten_once(edges: LocalPlanner, path: Floats, until: float) -> Floats:
-    """Shorten a path by skipping waypoints and, unless it has curves, by cutting corners."""
+    """Skip waypoints of a path, and cut corners between straights."""
     is_free = edges.edge_checker()
 
     def measure(*q: float) -> float:
@@ -740,7 +740,7 @@ def add_node(
 
 @kernel
 def fill_table(nodes: LatticeNodes) -> None:
-    """Enter the last node of each cell and heading in the empty hash table."""
+    """Enter each cell and heading's last node in the table."""
     for node in range(nodes.counts[0]):
         nodes.table[find_slot(nodes, nodes.keys[node])] = node + 1
 
@@ -756,7 +756,7 @@ def make_key(map_: Map, motions: Motions, q: Pose, heading: int) -> int:
 
 @internal
 def find_slot(nodes: LatticeNodes, key: int) -> int:
-    """Return the slot of the hash table that holds a key, or the free slot for it."""
+    """Return a key's slot in the hash table, or a free one."""
     mask = len(nodes.table) - 1
     slot = (key * HASH_FACTOR >> 20) & mask  # the lowest bits are spread the least
     while nodes.table[slot] > 0 and nodes.keys[nodes.table[slot] - 1] != key:
@@ -774,7 +774,7 @@ def motion_is_free(
     move: int,
     q: Pose,
 ) -> bool:
-    """Return True if a motion from a node to `q` is proven free."""
+    """Return True if a node's motion to `q` is proven free."""
     x, y, yaw = nodes.poses[parent, 0], nodes.poses[parent, 1], nodes.poses[parent, 2]
     # Numba leaves the branch of cars out if there is no radius.
     if radius is None:

@@ -123,16 +123,16 @@ class LocalPlanner:
 
     @property
     def cells(self) -> CSpace:
-        """The space as a map in memory, which the caller knows it is."""
+        """The space as a map in memory, as known."""
         return cast(CSpace, self.space)
 
     @property
     def tiles(self) -> TiledCSpace:
-        """The space as a map in tiles, which the caller knows it is."""
+        """The space as a map in tiles, as known."""
         return cast("TiledCSpace", self.space)
 
     def bounded_map(self) -> Map:
-        """Return the map for kernels, with a MIXED exterior, so that no motion leaves the grid."""
+        """Return the map for kernels, MIXED outside."""
         map_ = self.cells._kernel_map
         return map_._replace(exterior=np.full_like(map_.exterior, MIXED))
 
@@ -172,7 +172,7 @@ class LocalPlanner:
         return np.fromiter(self._check_edges(path), dtype=np.bool_)
 
     def are_free(self, path: Floats) -> bool:
-        """Return True if every edge is proven free; no edge after an unproven one is tested."""
+        """Return True if every edge is proven free, else stop early."""
         return all(self._check_edges(path))
 
     def _check_edges(self, path: Floats) -> Iterator[bool]:
@@ -196,11 +196,11 @@ class LocalPlanner:
         return np.array([self.edge_length(*row) for row in rows])
 
     def edge_length(self, *ends: float) -> float:
-        """Return the length of an edge, given by the numbers of both ends."""
+        """Return an edge's length, from numbers of both ends."""
         return float(self.space.distance(*np.reshape(ends, (2, -1))))
 
     def insert_breakpoints(self, path: Floats) -> Floats:
-        """Insert the configurations at which the motion changes, and split wide turns of joints.
+        """Insert configurations where motions change, or joints turn widely.
 
         From row to row, a joint turns by less than half a turn, so that a controller that takes the
         shorter way makes the same motion.
@@ -251,7 +251,7 @@ class LocalPlanner:
         return Pieces(centers, np.abs(lengths), np.abs(rotations))
 
     def resample(self, path: Floats, step: float | None = None) -> Floats:
-        """Add rows to curves and edges that turn, at most a cell and 5 degrees apart.
+        """Add rows to curves, at most a cell and 5 degrees apart.
 
         With a ``step`` in metres, add rows to all edges, at most that far apart.
         """
@@ -268,7 +268,7 @@ class LocalPlanner:
         return np.concatenate(rows)
 
     def find_directions(self, rows: Floats) -> NDArray[np.int8] | None:
-        """Return whether resampled rows, shape (n, 3), are reached ahead (1), back (-1) or neither.
+        """Return whether rows (n, 3) go ahead (1), back (-1) or neither.
 
         None for a holonomic robot; see :attr:`planners.Plan.direction`.
         """
@@ -383,7 +383,7 @@ class TurnDriveTurn(LocalPlanner):
     def find_motions(
         self, x0: float, y0: float, yaw0: float, x1: float, y1: float, yaw1: float
     ) -> tuple[Endpoint, Endpoint, Endpoint]:
-        """Return the drive, the turn before and the turn after, each by its two ends.
+        """Return the drive and both turns, by their ends.
 
         The drive comes first: it is the longest motion and the likeliest to meet an obstacle.
         """
@@ -404,7 +404,7 @@ class TurnDriveTurn(LocalPlanner):
     def choose_yaw(
         self, x0: float, y0: float, yaw0: float, x1: float, y1: float, yaw1: float
     ) -> float:
-        """Choose the yaw for driving an edge, ahead or backwards; ``yaw0`` for a pure turn."""
+        """Choose the yaw of a drive; ``yaw0`` for a pure turn."""
         if x0 == x1 and y0 == y1:
             return yaw0
         ahead = _wrap_yaw(math.atan2(y1 - y0, x1 - x0))

@@ -160,7 +160,7 @@ class ClearanceObjective(WeightedLength):
         drive: Drive = HOLONOMIC,
         turning_radius: float | None = None,
     ) -> None:
-        """Choose the threshold; the penalty falls from one at clearance zero to zero there."""
+        """Choose the threshold, where the penalty becomes zero."""
         check_information(si, space)
         if clearance_threshold is None:
             clearance_threshold = default_clearance_threshold(space)
@@ -178,7 +178,7 @@ class ClearanceObjective(WeightedLength):
 
 
 def _check_costs(field: Floats, space: CSpace) -> Floats:
-    """Return a value for each cell of a map as kernels index it, shape (slices, ...)."""
+    """Return a value for each cell, shape (slices, ...)."""
     costs = check_finite(field, "field")
     shape = len(space.slice_rotations), *space.grid.shape
     if costs.shape != shape and (1, *costs.shape) != shape:
@@ -192,7 +192,7 @@ def _check_costs(field: Floats, space: CSpace) -> Floats:
 
 
 def default_clearance_threshold(space: CSpace) -> float:
-    """Return the default clearance from which a metre costs a metre: the robot's longest side.
+    """Return the default clearance threshold, the robot's longest side.
 
     It is in metres, and at least one cell.
     """

@@ -67,7 +67,7 @@ class StateValidityChecker(ob.StateValidityChecker):
 
     @cached_property
     def _clearance(self) -> Callable[[ob.State], float]:
-        """Clearance of a state; distances cost a pass over the map, and few planners need them."""
+        """Clearance of a state, by a pass over the map."""
         return self._kind.of_states(self._space.clearance_checker())
 
 
@@ -169,7 +169,7 @@ class FreeStateSampler(ob.ValidStateSampler):
     def __init__(
         self, si: ob.SpaceInformation, space: CSpace, rng: np.random.Generator | None = None
     ) -> None:
-        """Seed the draws; raise InputError unless the space is a map in memory."""
+        """Seed the draws; raise InputError without a map in memory."""
         check_information(si, space)
         if not (space.has_cells and space.in_memory):
             raise InputError(

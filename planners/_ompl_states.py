@@ -54,12 +54,12 @@ class StateKind(NamedTuple):
             states.setBounds(bounds)
 
     def of_states(self, query: Callable[..., Value]) -> Callable[..., Value]:
-        """Make a function of states from one of the numbers of as many configurations."""
+        """Make a function of states from one of numbers."""
         read = self.read
         return lambda *states: query(*itertools.chain.from_iterable(map(read, states)))
 
     def unwind(self, path: Floats, start: Configuration | None = None) -> Floats:
-        """Unwrap the continuous joints of a path, shape (n, size), to move the shorter way.
+        """Unwrap continuous joints of a path (n, size).
 
         A path from ``start``, or whole turns from it, then begins there.
         """
@@ -141,7 +141,7 @@ def check_information(si: object, space: Space) -> None:
 
 
 def _list_parts(states: ob.StateSpace) -> list[str]:
-    """List the parts of a state in memory: the type and dimension of each simple space."""
+    """List a state's parts: type and dimension of simple spaces."""
     if states.isCompound():
         parts = map(states.getSubspace, range(states.getSubspaceCount()))
         return [text for part in parts for text in _list_parts(part)]
@@ -196,7 +196,7 @@ def _make_vector_kind(size: int) -> StateKind:
 
 
 def _make_compound_kind(periodic_axes: tuple[bool, ...], weight: float) -> StateKind:
-    """Create the conversions for a vector of weight 1, and a circle for each periodic axis."""
+    """Create conversions for a vector and a circle per periodic axis."""
     size = len(periodic_axes)
     circles = np.flatnonzero(periodic_axes).tolist()
     limited = np.flatnonzero(~np.array(periodic_axes)).tolist()

@@ -294,7 +294,7 @@ class Plan:
         return self.space
 
     def _picture(self, hint: str) -> Any:
-        """Return the space to draw; raise InputError with `hint` if there is none."""
+        """Return the space to draw, or raise InputError with `hint`."""
         space = self._map(hint)
         if not space.in_memory:
             space = cast("TiledCSpace", space).overview()
@@ -411,7 +411,7 @@ class Plan:
 
     @property
     def _reasons(self) -> list[str]:
-        """First sentence of the explanation, if the map knows why there is no path."""
+        """First sentence of the explanation without a path, if known."""
         if find_spec("cspace.reasons") is None:  # the package works without it
             return []
         try:

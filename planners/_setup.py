@@ -35,7 +35,7 @@ extent."""
 def state_space(
     space: Space, *, drive: Drive = HOLONOMIC, turning_radius: float | None = None
 ) -> ob.StateSpace:
-    """Make OMPL's bounded state space of a map, an arm or another space.
+    """Make OMPL's bounded state space of a space.
 
     Parameters
     ----------
@@ -89,14 +89,14 @@ def make_bounded_states(edges: LocalPlanner) -> ob.StateSpace:
 
 
 def _choose_checking_share(space: Space, states: ob.StateSpace) -> float:
-    """Choose the step at which OMPL checks motions, as a share of the space's extent."""
+    """Choose OMPL's checking step, as a share of the extent."""
     extent = max(states.getMaximumExtent(), sys.float_info.epsilon)
     share: float = space.resolution / extent
     return min(max(share, MIN_CHECKING_SHARE), MAX_CHECKING_SHARE)
 
 
 def _check_extent(space: Space, states: ob.StateSpace) -> None:
-    """Raise InputError if OMPL takes the checking step in a part of the state space for zero."""
+    """Raise InputError if OMPL takes a checking step for zero."""
     subspaces = [states]
     if states.isCompound():
         subspaces = [states.getSubspace(k) for k in range(states.getSubspaceCount())]
@@ -214,7 +214,7 @@ class _Setup(og.SimpleSetup):
     """A SimpleSetup that survives Python's garbage collector."""
 
     def __init__(self, states: ob.StateSpace) -> None:
-        """Hold the two objects that OMPL shows the collector, and frees unless Python has them."""
+        """Hold two objects that OMPL frees unless Python has them."""
         super().__init__(states)
         self._held = self.getSpaceInformation(), self.getProblemDefinition()
 
@@ -225,7 +225,7 @@ def _choose_sampler(
     rng: np.random.Generator | None,
     sampler: MakeSampler | None,
 ) -> MakeSampler:
-    """Choose the function that makes valid state samplers, and check that it can.
+    """Choose and check the maker of valid state samplers.
 
     It must not hold ``si``, because ``si`` holds it.
     """
@@ -260,7 +260,7 @@ def _choose_sampler(
 def _make_checked(
     make: Callable[[ob.SpaceInformation], object], si: ob.SpaceInformation, kind: type, name: str
 ) -> object:
-    """Call a user's function with the space information, and check the type of its result.
+    """Call a user's function, and check its result's type.
 
     Raises InputError, which blames the argument ``name``, if it is not of OMPL's ``kind``.
     """

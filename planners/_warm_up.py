@@ -20,7 +20,7 @@ _SAMPLED_PAIRS = 10
 
 
 def warm_up(space: Space, drive: Drive = HOLONOMIC) -> None:
-    """Compile what plans on a space need, so that the first one does not wait.
+    """Compile what plans on a space need beforehand.
 
     For a map, it plans, updates and plans again on a small map with the same axes, and explains why
     no path is left; for an arm, it plans between some of its configurations. It takes up to half a
@@ -69,7 +69,7 @@ def warm_up(space: Space, drive: Drive = HOLONOMIC) -> None:
 
 
 def _build_small_map(space: Space) -> CSpace:
-    """Build a map of 6 m by 6 m, with a wall in the middle, that has the axes of another map."""
+    """Build a map of 6 m by 6 m with other axes."""
     cells = np.zeros((60, 60, 20)[: space.dim], dtype=bool)
     cells[:40, 29:31] = True
     robot = Robot.rectangle(0.4, 0.2) if space.dim == 2 else Robot.box((0.4, 0.2, 0.2))

@@ -44,7 +44,7 @@ class Cores:
 def measure_distances(
     first: Cores, poses: Floats, second: Cores, others: Floats
 ) -> tuple[Floats, Floats]:
-    """Return the distances of two shapes at poses, and nearest points of their cores.
+    """Return distances of two shapes at poses, and their cores' nearest points.
 
     Distances, shape (n,), are within rounding; points have shape (n, 2, 2). A negative distance is
     a depth: shapes that overlap only by rounding are less deep than that. The depth of polygons is
@@ -67,7 +67,7 @@ def measure_distances(
 
 
 def place_points(offsets: Floats, points: Floats) -> Floats:
-    """Return points of the robot, shape (k, 2), at n configurations, shape (n, k, 2)."""
+    """Return the robot's points (k, 2) at configurations, shape (n, k, 2)."""
     yaws = points[:, 2] if points.shape[1] > 2 else np.zeros(len(points))
     cos, sin = np.cos(yaws), np.sin(yaws)
     turns = np.stack([np.stack([cos, -sin], axis=-1), np.stack([sin, cos], axis=-1)], axis=1)

@@ -242,7 +242,7 @@ def half_axes(boxes: Floats) -> Floats:
 
 
 def bound_rows(rows: Floats) -> tuple[Floats, Floats]:
-    """Return the corners of the bounding box of each row, shapes (n, 3).
+    """Return the corners of each row's bounding box, shapes (n, 3).
 
     ``rows``, shape (n, 10), are those of :attr:`Trees.triangles`.
     """
@@ -565,7 +565,7 @@ def read_box(q: Floats) -> OrientedBox:
 
 @internal
 def piece_depth(row: Floats, point: Row) -> float:
-    """Return the depth of a point in a box or ball, negative outside.
+    """Return a point's depth in a box or ball, negative outside.
 
     ``row``, shape (10,), is one of :attr:`Trees.triangles`; the depth in a triangle is -inf.
     """
@@ -591,7 +591,7 @@ def piece_depth(row: Floats, point: Row) -> float:
 
 @internal
 def lies_beside_box(row: Floats, point: Row, reach: float) -> bool:
-    """Return True if a row is a box farther from a point than ``reach``.
+    """Return True if a row is a box farther away than ``reach``.
 
     ``row``, shape (10,), is one of :attr:`Trees.triangles`.
     """
@@ -649,7 +649,7 @@ def crosses(a: Corners, b: Corners, tolerance: float, displacement: float) -> bo
 
 @internal
 def _passes_through(p: Row, q: Row, b: Corners, tolerance: float) -> bool:
-    """Return True if a segment from p to q provably passes through triangle b.
+    """Return True if a segment provably passes through triangle b.
 
     The ends of the segment lie on opposite sides of the plane of b, and its line passes all edges
     of b on the same side.
@@ -667,7 +667,7 @@ def _passes_through(p: Row, q: Row, b: Corners, tolerance: float) -> bool:
 
 @internal
 def _keeps_passing_through(p: Row, q: Row, b: Corners, displacement: float) -> bool:
-    """Return True if a segment keeps passing through a triangle during a motion.
+    """Return True if a segment keeps passing through a moving triangle.
 
     The segment from p to q passes through b. All points of the one or the other move by at most
     ``displacement``. While the ends of the segment do not meet the triangle, and the segment does
@@ -696,7 +696,7 @@ def _keeps_passing_through(p: Row, q: Row, b: Corners, displacement: float) -> b
 
 @internal
 def _side_of_plane(p: Row, corners: Corners, tolerance: float) -> int:
-    """Return the side of a plane on which p lies, 1 or -1.
+    """Return 1 or -1 for the side of a plane that has p.
 
     The plane passes through three corners. The result is 0 if rounding could change it. The
     determinant changes by less than ``(s + 2 e)^3 - s^3`` if each point moves by at most e and none

@@ -48,10 +48,10 @@ class _Commands(TyperGroup):
             raise _end_for_reader() from None
 
     def invoke(self, ctx: Any) -> Any:
-        """Run a command; print errors and exit with code 2, 130 or 141."""
+        """Run a command; exit with code 2, 130 or 141 on errors."""
 
         def list_options() -> Options:
-            """Return the options of the command; its context exists only once it runs."""
+            """Return the options of the running command."""
             return list_option_names(self.commands.get(ctx.invoked_subcommand or ""), ctx.meta)
 
         def print_warning(message: Warning | str, *_: Any, **__: Any) -> None:
@@ -86,7 +86,7 @@ class _Commands(TyperGroup):
 
 
 def _end_for_reader() -> typer.Exit:
-    """Make the exit of a command whose output nobody reads any more, such as ``| head``."""
+    """End a command whose output nobody reads any more, as before ``| head``."""
     sys.stdout = Path(os.devnull).open("w")  # noqa: SIM115 - Python flushes it at its end
     return typer.Exit(_BROKEN_PIPE)
 

@@ -26,7 +26,7 @@ SPACING_METRES: Final = 0.02
 
 
 def demo_robot() -> Robot:
-    """Return a rectangular robot, 0.7 m by 0.5 m, centered at its reference point."""
+    """Return a rectangular robot of 0.7 m by 0.5 m."""
     from cspace._robot import Robot
 
     return Robot.rectangle(0.7, 0.5)

@@ -12,7 +12,7 @@ from cspace.errors import FileError, InputError
 
 
 def check_outputs(paths: Iterable[Path | None], suffixes: Collection[str], overwrite: bool) -> None:
-    """Check that outputs can be written, and images beside them; None is skipped.
+    """Check that outputs, and images beside them, can be written.
 
     Raises InputError if a suffix, in lower case, is not in ``suffixes``, or if two outputs are the
     same file; FileError if a folder is missing or not writable, or if an output exists and
@@ -37,7 +37,7 @@ def check_outputs(paths: Iterable[Path | None], suffixes: Collection[str], overw
 
 
 def check_folder(folder: Path) -> None:
-    """Check that a folder is writable, or can be created; raise FileError otherwise."""
+    """Raise FileError unless a folder is writable or can be created."""
     from cspace._files.access import check_output
 
     nearest_existing = folder
@@ -109,7 +109,7 @@ def prepare_store(output: Path, overwrite: bool) -> None:
 
 
 def lazy_option(workspace: Path, options: dict[str, Any]) -> dict[str, Any]:
-    """Return ``{"lazy": True}`` if a workspace can be read cell by cell, or {}.
+    """Return ``{"lazy": True}`` for a workspace readable by cells, or {}.
 
     ``options`` are those of :meth:`cspace.Workspace.open`.
     """

@@ -210,7 +210,7 @@ def describe_workspace(path: Path, options: dict[str, Any]) -> dict[str, Any]:
 def _measure_shapes(
     kind: str, path: Path, solid: Solid = "auto", drop_missing: bool = False
 ) -> tuple[Any, dict[str, Any]]:
-    """Return the bounding box of the shapes in a file, and facts about them.
+    """Return the bounding box and facts of the shapes in a file.
 
     ``kind`` is the constructor of a workspace that reads it.
     """
@@ -233,7 +233,7 @@ def _measure_shapes(
 
 
 def _describe_cells(workspace: Workspace) -> dict[str, Any]:
-    """Describe a workspace of cells; unknown cells of sensor maps are counted separately."""
+    """Describe a workspace of cells, and count unknown ones separately."""
     import numpy as np
 
     grid = workspace.grid

@@ -50,7 +50,7 @@ def map_house(folder: Path) -> CSpace:
 
 
 def plan_in_plane(folder: Path) -> planners.Plan:
-    """Plan a path in the plane for a robot with a fixed yaw."""
+    """Plan a path in the plane with a fixed yaw."""
     return planners.plan(map_flat(folder), (1.4, 8.6), (14.6, 1.2))
 
 
@@ -65,7 +65,7 @@ def plan_in_space(folder: Path) -> planners.Plan:
 
 
 def plan_for_arm(folder: Path) -> planners.Plan:
-    """Plan a path for a planar arm with two joints beside a post."""
+    """Plan a path for a planar arm beside a post."""
     from cspace.arms import Arm, PosedShape, build_arm_space
 
     urdf = folder / "two.urdf"
@@ -78,7 +78,7 @@ def plan_for_arm(folder: Path) -> planners.Plan:
 
 
 def query_maps(folder: Path) -> None:
-    """Query and update maps in the plane, with a yaw and in space."""
+    """Query and update maps in the plane, with yaw and in space."""
     square = shapely.box(6, 4, 6.5, 4.5)
     cube = Robot.box((0.5, 0.5, 0.5)).shape
     file = folder / "map.zarr"
@@ -90,7 +90,7 @@ def query_maps(folder: Path) -> None:
 def _query_map(
     space: CSpace, first: tuple[float, ...], last: tuple[float, ...], crate: Any, file: Path
 ) -> None:
-    """Query a map at and between two configurations, save it, and add an obstacle."""
+    """Query a map, save it, and add an obstacle."""
     # Functions for one configuration and for a batch are compiled separately.
     for q in (first, [first, last]):
         space.is_free(q)

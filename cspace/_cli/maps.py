@@ -261,7 +261,7 @@ def view(
     ),
     port: int | None = option("NUMBER", "0 takes any  [default: the first free one from 8080 on]."),
 ) -> None:
-    """Show a map or an arm on a page in the browser, and plan there.
+    """Show a map or an arm in the browser, and plan there.
 
     Ctrl-C closes it.
     """

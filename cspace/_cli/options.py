@@ -22,7 +22,7 @@ Up = Literal["x", "y", "z"]
 
 
 def option(metavar: str | None, text: str = "", *names: str, default: Any = None) -> Any:
-    """Declare an option of a command; the result is the default of its parameter.
+    """Declare an option of a command, as the default of its parameter.
 
     ``text`` is for the help. By default, the option has the name of the parameter. With an ellipsis
     as ``default``, the option is required.
@@ -38,7 +38,7 @@ def flag(name: str, text: str) -> Any:
 
 
 def argument(metavar: str, text: str) -> Any:
-    """Declare a positional argument of a command, as the default of its parameter."""
+    """Declare a positional argument, as the default of its parameter."""
     return typer.Argument(metavar=metavar, help=text, readable=False)
 
 
@@ -186,7 +186,7 @@ def _parse_numbers(
 
 
 def _split_fields(text: str) -> list[str]:
-    """Split a text at its commas, without the brackets in which messages print it."""
+    """Split a text at the commas outside brackets."""
     return text.strip("()[] ").split(",")
 
 
@@ -198,7 +198,7 @@ def parse_offset(text: str) -> tuple[float, ...]:
 
 
 def parse_box(text: str, argument: str) -> tuple[float, ...]:
-    """Parse the corners of a box, metres, in an argument such as ``bounds``.
+    """Parse the corners of a box, metres, such as ``bounds``.
 
     Raises InputError if the text is not four numbers, or six in space, or if the box is empty.
     """
@@ -239,7 +239,7 @@ def parse_angle(text: str, argument: str, name: str) -> float:
 
 
 def drop_unset(**options: Any) -> dict[str, Any]:
-    """Return the options that users set: not None, False or an empty list."""
+    """Drop options that are None, False or an empty list."""
     return {
         name: value
         for name, value in options.items()

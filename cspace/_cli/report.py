@@ -46,7 +46,7 @@ class Stopwatch:
 
 @contextmanager
 def progress_line(label: str) -> Iterator[Callable[[int, int], None] | None]:
-    """Show a progress bar during the block; yield a callback that moves it.
+    """Show a progress bar during the block; yield its callback.
 
     The callback takes the numbers of finished and of all steps. Without a terminal, yield None.
     """
@@ -193,7 +193,7 @@ def format_error(error: CspaceError, options: Options) -> str:
 
 
 def format_warning(message: str, options: Options) -> str:
-    """Format a warning as one line whose advice names options instead of arguments."""
+    """Format a warning as one line that names options, not arguments."""
     problem, semicolon, advice = message.partition(";")
     return join_lines(f"{problem}{semicolon}{name_options(advice, options)}")
 

@@ -113,7 +113,7 @@ def audit(
 
 
 def _check_conflicts(conflicts: bool, distance: float, robots: Collection[str]) -> None:
-    """Raise InputError for a distance without conflicts, or a robot with the name of these."""
+    """Raise InputError for a distance without conflicts, or a clashing name."""
     if distance and not conflicts:
         rule = "robots keep it where they are in conflict"
         raise InputError("distance", f"is {distance:g}", rule, "pass conflicts=True, too")
@@ -171,7 +171,7 @@ def _parse_heading(text: str | None) -> Any:
 
 
 def _list_outputs(paths: list[Path], robots: Collection[str]) -> dict[str, list[Path]]:
-    """Return the outputs of each robot, with its name if it has one."""
+    """Return the outputs of each robot, named after it."""
     return {
         name: [path.with_stem(f"{path.stem}-{name}") if name else path for path in paths]
         for name in robots
@@ -205,7 +205,7 @@ def _list_maps(
     workspace = Workspace.open(file, **options)
 
     def make(name: str) -> Any:
-        """Build the map of a robot; one that is round needs no yaw."""
+        """Build the map of a robot, with yaw unless it is round."""
         shape = shapes[name]
         cells = None if shape.shape.is_round else rotations
         return build(workspace, shape, rotations=cells, margin=margin)

@@ -162,7 +162,7 @@ class Tiling(NamedTuple):
 
     @property
     def bytes(self) -> int:
-        """Memory of a tile, or of the spectrum of a tile or raster."""
+        """Memory of a tile or of a spectrum."""
         return int(self.size.prod()) * np.dtype(self.precision).itemsize
 
     def transform_raster(self, raster: Raster) -> NDArray[Any]:

@@ -186,7 +186,7 @@ def _clip_to_half_space(
 
 
 def _make_caps(shape: ExactShape, workspace: Workspace) -> Iterator[Floats]:
-    """Yield the caps of a shape on the crossed sides of the grid.
+    """Yield a shape's caps on the crossed sides of the grid.
 
     They are triangles of outer cells in space, shape (n, 3, 3), and segments in the plane, shape
     (n, 2, 2).
@@ -253,5 +253,5 @@ def _cap_region(region: Floats, grid: Grid, side: _Side) -> Floats:
 
 
 def _make_boundary(simplices: Floats) -> RoundedSimplices:
-    """Make a boundary of simplices, shape (n, corners, d), with radii of zero."""
+    """Make a boundary of simplices (n, corners, d) without radii."""
     return RoundedSimplices(simplices, np.zeros(len(simplices)))

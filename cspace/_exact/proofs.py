@@ -84,7 +84,7 @@ class ExactQueries:
     def __init__(
         self, make_problem: Callable[[], Problem], prove: Callable[[Problem], Proofs] | None = None
     ) -> None:
-        """Remember how to make the proofs; they are made at the first query."""
+        """Remember how to make the proofs at the first query."""
         self._make_problem = make_problem
         self._prove = prove or BoundaryProofs
         self._proofs: Proofs | None = None
@@ -140,7 +140,7 @@ class ExactQueries:
         return lambda *q: quick(*q) or self._current_proofs().edge(*q, *q)
 
     def edge_checker(self, quick: Callable[..., bool]) -> Callable[..., bool]:
-        """Make ``check(*q0, *q1)``, which returns True only if an edge is proven free.
+        """Make ``check(*q0, *q1)``, True only for edges proven free.
 
         ``quick(*q0, *q1)`` must return True only if the edge lies in FREE cells.
         """
@@ -148,7 +148,7 @@ class ExactQueries:
         return lambda *ends: quick(*ends) or self._current_proofs().edge(*ends)
 
     def boundary_proofs(self) -> BoundaryProofs:
-        """Return the proofs for the current obstacles of a rigid robot, which no arm has."""
+        """Return the proofs for a rigid robot's current obstacles."""
         return cast(BoundaryProofs, self._current_proofs())
 
     def drop(self) -> None:
@@ -351,7 +351,7 @@ class BoundaryProofs:
         return is_free
 
     def is_outside(self, *q: float) -> bool:
-        """Return True if neither robot nor obstacles contain the other at a configuration.
+        """Return True if neither robot nor obstacles contain the other.
 
         No boundaries may meet there.
         """
@@ -363,7 +363,7 @@ class BoundaryProofs:
         return state != BLOCKED and not self._are_nested(row)[0]
 
     def slack(self, points: Floats, lengths: Floats, angles: Floats) -> float:
-        """Return a lower bound of (distance - required distance) along a free path, metres.
+        """Return a path's lower bound of (distance - required distance), metres.
 
         The path is given in pieces: their midpoints, shape (n, size), their lengths and their
         rotation angles, shape (n,).
@@ -378,7 +378,7 @@ class BoundaryProofs:
         return float(slack) / scale
 
     def _place_robot(self, points: Floats) -> tuple[Floats, Floats]:
-        """Return reference points, shape (n, 3), and rotation matrices, shape (n, 3, 3).
+        """Return reference points (n, 3) and rotation matrices (n, 3, 3).
 
         ``points`` are configurations, shape (n, size). The plane lies at z = 0.
         """
@@ -390,7 +390,7 @@ class BoundaryProofs:
         return positions, matrices
 
     def _are_nested(self, q: Floats) -> Bools:
-        """Return whether robot and obstacles contain a part of each other, shape (n,).
+        """Return whether robot or obstacles contain a part of each other (n,).
 
         ``q``, shape (n, size), are configurations at which no boundaries meet, so that one point of
         each part, its anchor, decides.

@@ -314,7 +314,7 @@ def _strip_comment(line: str) -> str:
 
 
 def _make_line_error(text: str, first: int, separator: str | None, columns: int) -> ContentError:
-    """Return the error for the first line that is no row of numbers."""
+    """Return the error for the first line that is no numbers."""
     hint = "correct the line, or fetch a truncated file again"
     for number, line in enumerate(text.split("\n"), start=first):
         content = _strip_comment(line)
@@ -469,7 +469,7 @@ def _make_temporary_name(target: Path) -> Path:
 
 
 def _move(temporary: Path, target: Path, check: Callable[[], None]) -> None:
-    """Rename `temporary` to `target`, which `check` refuses if another process has made it.
+    """Rename `temporary` to `target`, unless `check` refuses it.
 
     An old folder is set aside until the new one is in place.
     """
@@ -499,7 +499,7 @@ def _move(temporary: Path, target: Path, check: Callable[[], None]) -> None:
 
 
 def discard_folder(folder: Path) -> None:
-    """Remove a folder of ours at once, even if another process writes into it.
+    """Remove our folder at once, even while another process writes.
 
     It is renamed first, so the writer fails, and never puts the rest in place.
     """
@@ -510,7 +510,7 @@ def discard_folder(folder: Path) -> None:
 
 
 def discard_leftovers(folder: Path) -> None:
-    """Remove what processes that were killed, or are late, have left in a folder of ours."""
+    """Remove files of killed or late processes from our folder."""
     for leftover in folder.glob(f"{_TEMPORARY_PREFIX}*"):
         discard_folder(leftover)
 

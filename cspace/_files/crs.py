@@ -27,7 +27,7 @@ _UTM_ZONES: Final = (
 
 
 def check_crs(crs: Any, name: str) -> None:
-    """Refuse a coordinate reference system that is not in metres; warn of an unknown one.
+    """Refuse a reference system not in metres; warn of unknown ones.
 
     `crs` is its name, code or WKT, or an object that has one of them as its text.
 

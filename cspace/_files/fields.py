@@ -68,7 +68,7 @@ def _list_names(text: str) -> frozenset[str]:
 
 
 def list_fields(value: Any, known: Collection[str] = ()) -> Mapping[str, Any] | None:
-    """Return the fields of a mapping or a message by name; None if it has none.
+    """Return a mapping's or message's fields by name, or None.
 
     Messages have the fields that they list, and those that are ``known``.
     """
@@ -173,7 +173,7 @@ class Ledger:
         return value
 
     def angle(self, key: str) -> float:
-        """Take an angle, radians; the document warns if it is beyond a whole turn."""
+        """Take an angle, radians; warn beyond a whole turn."""
         return self.note_angle(key, self.number(key))
 
     def note_angle(self, name: str, angle: float) -> float:
@@ -216,7 +216,7 @@ class Ledger:
         return self.inner(value, f"{self.where}.{key}", kind or key)
 
     def children(self, key: str, kind: str = "", name: str = "") -> Iterator[Ledger]:
-        """Take the mappings in a list, by their names if they have any."""
+        """Take the mappings in a list, by name if they have any."""
         for number, fields in enumerate(self.entries(key)):
             child = self.inner(fields, f"{self.where}.{key}[{number}]", kind or key)
             if name:
@@ -240,7 +240,7 @@ class Ledger:
         self.taken.update(self.fields)
 
     def close(self, source: str) -> None:
-        """Warn once of all fields of a document that nobody took, and once of large angles.
+        """Warn once of fields that nobody took, and of large angles.
 
         Raises ContentError for such fields if the format refuses them.
         """
@@ -265,7 +265,7 @@ class Ledger:
 
 
 def open_elements(root: Element, formats: Fields, parts: Mapping[str, str]) -> Ledger:
-    """Return the ledger of an XML document, from which known parts are taken.
+    """Return the ledger of an XML document's elements.
 
     ``parts`` has the attributes and children, separated by blanks, of each known element.
     """
@@ -288,7 +288,7 @@ def check_number(
     lowest: float = -MAX_NUMBER,
     highest: float = MAX_NUMBER,
 ) -> float:
-    """Return a value of a place if it is a number between two bounds."""
+    """Return a value if it is a number between two bounds."""
     is_number = isinstance(value, int | float | Real) and not isinstance(value, bool)
     if is_number and lowest <= value <= highest:
         return float(value)
@@ -307,7 +307,7 @@ def check_number(
 
 @contextmanager
 def reading(source: object, kind: str, name: str, formats: Fields) -> Iterator[tuple[str, Ledger]]:
-    """Yield the source and the ledger of a YAML file, a mapping or a message, and close it.
+    """Yield the source and ledger of a document, then close it.
 
     ``name`` is that of the outermost mapping in errors. A ContentError in the block becomes a
     FileError, or an InputError for what a caller passes.

@@ -38,7 +38,7 @@ def split_parts(shape: BaseGeometry, name: str) -> list[BaseGeometry]:
 
 
 def _drop_zero_heights(shape: BaseGeometry) -> BaseGeometry:
-    """Return a geometry without z if all are zero, as programs write that have no heights."""
+    """Return a geometry without z if all its heights are zero."""
     import shapely
 
     if not shapely.has_z(shape) or shapely.get_coordinates(shape, include_z=True)[:, 2].any():

@@ -128,7 +128,7 @@ class Shades(NamedTuple):
 def read_image(
     path: StrPath, threshold: float = 0.5, dark: str = "occupied"
 ) -> tuple[Bools, Bools | None]:
-    """Read the occupied and the unknown cells of an image, shape (nx, ny) each.
+    """Read an image's occupied and unknown cells, shape (nx, ny) each.
 
     Each pixel is one cell. The content decides whether it is a PNG, PGM, PPM, PBM, BMP, JPEG or
     TIFF. The first row is the top of the map. The shade of a pixel is the mean of its colour
@@ -165,7 +165,7 @@ def read_image(
 
 
 def _find_ros_threshold(image: Shades) -> float:
-    """Return a threshold above the unknown cells of a ROS map's image; 0 for other images.
+    """Return a ROS image's threshold above unknown cells, otherwise 0.
 
     Such an image has unknown cells and no other shades than ROS's map savers write, or few that are
     not near them if it was compressed or scaled.
@@ -185,7 +185,7 @@ def _find_ros_threshold(image: Shades) -> float:
 
 
 def _find_world_file(path: Path) -> str:
-    """Return the name of the file beside an image that gives its pixels a place, or ""."""
+    """Return the name of an image's world file, or ""."""
     # It is named after the image, such as map.pgw, map.pngw or map.wld beside map.png.
     suffix = path.suffix
     for ending in (f"{suffix[:2]}{suffix[-1:]}w", f"{suffix}w", ".wld"):
@@ -262,7 +262,7 @@ def _open_image(data: bytes) -> ImageFile:
 
 
 def _check_length(image: ImageFile, data: bytes) -> None:
-    """Raise ContentError unless a PBM, PGM or PPM ends with its last pixel.
+    """Raise ContentError unless an image ends with its last pixel.
 
     Converted line ends move all pixels, and show only by the length of the file. Also refuse pixels
     brighter than white, which Pillow darkens to white.
@@ -338,7 +338,7 @@ def _convert_image(image: Image, tags: dict[int, Any]) -> Shades:
 
 
 def _choose_channels(image: Image, tags: dict[int, Any]) -> tuple[str, int]:
-    """Return Pillow's mode in which to read an image, and its level of white."""
+    """Return the Pillow mode to read an image, and its white level."""
     has_alpha = image.has_transparency_data
     if not set(tags.get(_SAMPLE_FORMAT, ())) <= _UNSIGNED_FORMATS:
         raise _make_mode_error(image)
@@ -403,7 +403,7 @@ def read_movingai_map(path: StrPath) -> Bools:
 
 
 def _parse_map_header(lines: list[str]) -> tuple[int, int]:
-    """Return the width and the height of a map, from its first four lines."""
+    """Return the width and height from a map's first four lines."""
     # The two sizes may come in either order.
     sizes: dict[str, str] = {}
     for line in lines[1:3]:

@@ -190,7 +190,7 @@ def _make_gltf_surface(points: Floats, corners: Ints | range) -> Surface:
 
 
 def _read_gltf_part(part: Json, header: Json) -> tuple[Floats, Ints | range]:
-    """Return the points, shape (V, 3), and the corners of a glTF primitive, shape (3 F,).
+    """Return points (V, 3) and corners (3 F,) of a glTF primitive.
 
     Raises GeometryError if it holds anything but triangles.
     """
@@ -208,7 +208,7 @@ def _read_gltf_part(part: Json, header: Json) -> tuple[Floats, Ints | range]:
 
 
 def _read_accessor(number: int, kind: str, header: Json) -> NDArray[Any]:
-    """Return the rows of a glTF accessor, as a view of its buffer.
+    """Return the rows of a glTF accessor, as a view.
 
     ``kind`` is "VEC3" for positions or "SCALAR" for indices. Raises GeometryError if the accessor
     is sparse, compressed or quantised, and ContentError if it is malformed or exceeds its buffer.
@@ -270,7 +270,7 @@ def _read_buffer(buffer: Json, embedded: bytes, file: Path) -> bytes:
 
 
 def _place_gltf_meshes(header: Json) -> Iterator[tuple[int, Floats]]:
-    """Yield the index and the transform, shape (4, 4), of each mesh in the scene.
+    """Yield the index and transform (4, 4) of each mesh.
 
     Raises ContentError if the nodes are not trees. Raises GeometryError if a mesh is in no scene,
     or moved by a skin or a morph.
@@ -302,7 +302,7 @@ def _place_gltf_meshes(header: Json) -> Iterator[tuple[int, Floats]]:
 
 
 def _parse_gltf_transform(node: Json) -> Floats:
-    """Return the transform from a glTF node to its parent, shape (4, 4)."""
+    """Return a glTF node's transform to its parent, shape (4, 4)."""
     from scipy.spatial.transform import Rotation
 
     if "matrix" in node:  # its numbers go column by column
@@ -444,7 +444,7 @@ class _Collada(NamedTuple):
 
 
 def _read_collada(file: Path) -> tuple[Surface, Up]:
-    """Read the triangles of a COLLADA scene, in metres, and the axis that points up.
+    """Read a COLLADA scene's triangles, metres, and the axis up.
 
     Axes stay as they are; lines are skipped.
 
@@ -494,7 +494,7 @@ class _PendingElement(NamedTuple):
 
 
 def _place_geometries(collada: _Collada) -> Iterator[tuple[Element, Floats]]:
-    """Yield each geometry in a COLLADA scene with its transform, shape (4, 4), to metres.
+    """Yield each COLLADA geometry and its transform (4, 4) to metres.
 
     Raises ContentError if nodes are nested without end, and GeometryError if the scene has an
     unsupported element.
@@ -538,7 +538,7 @@ def _read_unit(root: Element) -> float:
 
 
 def _read_asset(root: Element, tag: str, read_value: Callable[[Element], str | None]) -> str | None:
-    """Return the value of an element of a COLLADA file's assets; None if there is none.
+    """Return the value of an asset element, or None.
 
     Raises ContentError if parts of the file have another value.
     """
@@ -561,7 +561,7 @@ def _find_scene(collada: _Collada) -> Element:
 
 
 def _parse_collada_transform(node: Element) -> Floats:
-    """Return the transform from a COLLADA node to its parent, shape (4, 4)."""
+    """Return a COLLADA node's transform to its parent, shape (4, 4)."""
     transform = np.eye(4)
     for child in node:
         if child.tag not in _TRANSFORMS:
@@ -658,7 +658,7 @@ def _count_corners(part: Element, list_sizes: list[int]) -> Ints:
 
 
 def _read_positions(vertices: Element, collada: _Collada) -> Floats:
-    """Return the positions of COLLADA vertices, shape (n, 3), in units of the file."""
+    """Return COLLADA vertices (n, 3), in the file's units."""
     inputs = vertices.findall("input[@semantic='POSITION']")
     if len(inputs) != 1:
         raise ContentError(f"has vertices with {len(inputs)} sources of positions instead of one")

@@ -109,7 +109,7 @@ def refuse(hint: str) -> Parser:
 
 
 def _holds_entries(value: Any, levels: int = MAX_LEVELS) -> bool:
-    """Return True if a message holds more than neutral fields and zeros, or too many levels."""
+    """Return True if a message holds entries, or too many levels."""
     fields = list_fields(value)
     if fields is not None:
         names = fields.keys() - _NEUTRAL_FIELDS
@@ -120,7 +120,7 @@ def _holds_entries(value: Any, levels: int = MAX_LEVELS) -> bool:
 
 
 def accept_only(*accepted: Any, hint: str = "correct it") -> Parser:
-    """Make a parser that accepts some values; a missing value is the first of them."""
+    """Make a parser that accepts some values; the first is the default."""
     rule = f"it must be {' or '.join(map(repr, accepted))}"
 
     def check(value: Any, place: str) -> Any:
@@ -169,13 +169,13 @@ def parse(schema: Schema, value: Any, place: str) -> Any:
 
 @cache
 def _make_format(names: tuple[str, ...]) -> Fields:
-    """Return the format of a table, which refuses other fields than those of these names."""
+    """Return a table's format, which refuses other fields than these."""
     honoured = " ".join(f"`{name}`" for name in names)
     return Fields("MoveIt's messages", honoured, UNKNOWN_FIELDS, harmless=FIELDS[0].harmless)
 
 
 def _make_plain(value: Any) -> Any:
-    """Return an array or a tuple as a list, and a byte of ROS 2 as text of one character."""
+    """Return arrays and tuples as lists, and ROS bytes as text."""
     if hasattr(value, "tolist"):  # of numpy or of Python
         return value.tolist()
     if isinstance(value, bytes):
@@ -184,7 +184,7 @@ def _make_plain(value: Any) -> Any:
 
 
 def parse_name(value: Any, place: str) -> str:
-    """Parse a name, which is not empty; robowflex omits the quotes of numbers."""
+    """Parse a name that is not empty, also one without quotes."""
     name = str(value) if type(value) is int else value
     if not isinstance(name, str) or not name:
         raise wrong_value(value, place, "it must be a name")
@@ -211,7 +211,7 @@ def check_distinct(
 
 
 def parse_frame(value: Any, place: str) -> str:
-    """Parse the name of a frame without the slash of old versions of ROS; it may be empty."""
+    """Parse a frame's name, or "", without an old version's slash."""
     return "" if value in (None, "") else parse_name(value, place).lstrip("/")
 
 
@@ -221,7 +221,7 @@ def parse_number(value: Any, place: str) -> float:
 
 
 def make_vector_parser(count: int) -> Parser:
-    """Make a parser of a list of numbers, or of a table with x, y, z and w."""
+    """Make a parser of numbers, or of x, y, z and w."""
 
     def parse_vector(value: Any, place: str) -> Floats:
         names = "xyzw"[:count]
@@ -252,7 +252,7 @@ def _parse_position(value: Any, place: str) -> Floats:
 
 
 def parse_rotation(value: Any, place: str) -> Floats:
-    """Parse a quaternion, x to w, as a rotation matrix, shape (3, 3).
+    """Parse a quaternion (x, y, z, w) as a rotation matrix (3, 3).
 
     A missing one is the identity. Like MoveIt, normalise it.
     """
@@ -276,7 +276,7 @@ def parse_rotation(value: Any, place: str) -> Floats:
 def parse_pose(
     value: Any, place: str, position: str = "position", rotation: str = "orientation"
 ) -> Floats:
-    """Parse a pose as a matrix, shape (4, 4); a missing pose is the identity."""
+    """Parse a pose as a matrix (4, 4), by default the identity."""
     fields = parse({position: _parse_position, rotation: parse_rotation}, value, place)
     pose = np.eye(4)
     pose[:3, 3] = getattr(fields, position)
@@ -322,7 +322,7 @@ def parse_primitive(value: Any, place: str) -> tuple[str, list[float]]:
 
 
 def pair_poses(fields: Any, items: str, poses: str, place: str) -> Pairs:
-    """Return a list of shapes with their poses; a single shape needs none."""
+    """Pair shapes with poses; a single shape needs none."""
     lists = {name: getattr(fields, name) for name in (items, poses)}
     if len(lists[items]) == 1 and not lists[poses]:
         lists[poses] = [np.eye(4)]
@@ -330,7 +330,7 @@ def pair_poses(fields: Any, items: str, poses: str, place: str) -> Pairs:
 
 
 def pair_items(lists: Mapping[str, list[Any]], place: str, rule: str) -> Pairs:
-    """Return the pairs of the items of two lists, which have names for messages."""
+    """Pair the items of two lists, named in messages."""
     items, partners = lists.values()
     if len(items) != len(partners):
         counts = " but ".join(f"{len(entries)} {name}" for name, entries in lists.items())

@@ -104,7 +104,7 @@ def read_octomap(
 
 
 def _parse_octomap_header(content: bytes) -> tuple[Ledger, bool, int]:
-    """Return the header, whether the tree is binary, and the position of the first node."""
+    """Return the header, whether it is binary, and its length."""
     entries: dict[str, str | float] = {}
     binary: bool | None = None
     for line, after in iterate_header_lines(content):
@@ -126,7 +126,7 @@ def _parse_octomap_header(content: bytes) -> tuple[Ledger, bool, int]:
 
 
 def _check_octomap_header(header: Ledger, binary: bool, has_nodes: bool) -> _OctomapHeader:
-    """Check the entries of a header, which ``has_nodes`` after it, and convert them."""
+    """Check and convert the entries of a header."""
     header.need("id")
     rule = f"only {' and '.join(_COLOUR_BYTES)} are read"
     header.refuse("id", *_COLOUR_BYTES, rule=rule, hint="write it again as an OcTree")
@@ -222,7 +222,7 @@ def _decode_full(data: bytes, colour_bytes: int) -> tuple[_Leaves, int]:
 
 
 def _place_nodes(masks: Bytes, smallest: int) -> tuple[Ints, Ints]:
-    """Return the flat index of the first cell, and the side, of each node with a record.
+    """Return the first cell and the side of each recorded node.
 
     Records are in depth-first order; `masks` has a bit for each child with a record. A node of
     `smallest` cells across has no such child.
@@ -258,7 +258,7 @@ def _unravel(firsts: Ints) -> Ints:
 
 
 def _fill_leaves(states: Bytes, leaves: _Leaves) -> None:
-    """Set the state of the cells in leaves: 1 if occupied, else 0.
+    """Set the cells in leaves to 1 if occupied, otherwise 0.
 
     Parts of leaves outside the array are skipped.
     """

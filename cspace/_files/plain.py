@@ -68,7 +68,7 @@ class _Level:
     key: str | None = None
 
     def add(self, value: Any, event: Any) -> None:
-        """Append a value to the list, or take it as the table's next key or value.
+        """Append a value to the list, or as a key or value.
 
         Raises ContentError if a key is not text or is repeated.
         """
@@ -122,7 +122,7 @@ def _load_yaml(text: str) -> Any:
 
 
 def _parse_word(word: str) -> Any:
-    """Convert an unquoted YAML word to None, a bool, a number or text."""
+    """Convert an unquoted YAML word to a plain value."""
     # The pattern has a group for each kind of word; the last group that matched is the kind.
     match = _PLAIN_WORD.fullmatch(word)
     kind = match.lastgroup if match else None
@@ -235,7 +235,7 @@ def check_nesting(text: str, opening: str, closing: str) -> None:
 
 
 def _make_yaml_error(event: Any, what: str) -> ContentError:
-    """Return the error for a part of YAML that is not a plain value."""
+    """Return the error for YAML that is not a plain value."""
     problem = f"has {what} in line {event.start_mark.line + 1}"
     rule = "only text, numbers, lists and tables are read"
     return ContentError(problem, rule, "correct that line")

@@ -142,7 +142,7 @@ _WORD: Final = re.compile(r"[^\s,;\"']+")
 
 
 def _find_rows(text: str) -> tuple[list[str], int]:
-    """Return the names of a text's columns, and the number of lines before its first row.
+    """Return a text's column names and the lines before its rows.
 
     A heading is a line of words alone, or a comment with words that begin with x, y and z. Without
     a heading, there are no names.
@@ -250,7 +250,7 @@ def read_pcd(path: StrPath) -> Floats:
 
 
 def _parse_pcd_header(content: bytes) -> tuple[dict[str, list[str]], int, int]:
-    """Return the entries of a PCD header, its number of lines, and its size."""
+    """Return a PCD header's entries, lines and size."""
     entries: dict[str, list[str]] = {}
     end = 0
     for number, (line, after) in enumerate(iterate_header_lines(content), start=1):

@@ -137,7 +137,7 @@ def _check_repeats(polygons: Ints) -> None:
 
 
 def _cut_fans(vertices: Floats, polygons: Ints) -> Ints:
-    """Cut polygons, shape (P, n) with n > 3, into fans of triangles."""
+    """Cut polygons (P, n), n > 3, into fans of triangles."""
     # Judge the shape of each polygon in the scale of its coordinates, up to their rounding.
     points = _scale_polygons(vertices[polygons])
     sizes = np.asarray(np.linalg.norm(points, axis=2).max(axis=1))
@@ -163,7 +163,7 @@ def _cut_fans(vertices: Floats, polygons: Ints) -> Ints:
 
 
 def _scale_polygons(points: Floats) -> Floats:
-    """Scale each polygon, shape (P, n, 3), by its largest coordinate, and center it.
+    """Scale polygons (P, n, 3) by their largest coordinates, and center them.
 
     A polygon that is not finite becomes zeros; a later check refuses it by name.
     """
@@ -175,7 +175,7 @@ def _scale_polygons(points: Floats) -> Floats:
 
 
 def _find_apexes(points: Floats, normals: Floats, area_slacks: Floats) -> Ints:
-    """Return the corner of each polygon whose fan covers it, or -1 if none does.
+    """Return the corner of each polygon whose fan covers it, or -1.
 
     `points` has shape (P, n, 3), `normals` (P, 3) and `area_slacks` (P,).
     """
@@ -196,7 +196,7 @@ def _find_apexes(points: Floats, normals: Floats, area_slacks: Floats) -> Ints:
 
 
 def _fit_planes(points: Floats, sizes: Floats, slacks: Floats) -> tuple[Floats, Bools]:
-    """Return the unit normals of polygons, and a mask of the flat polygons.
+    """Return unit normals of polygons, and a mask of flat ones.
 
     `points` has shape (P, n, 3). A polygon without area counts as flat if it lies on a line; its
     normal is zero.
@@ -295,7 +295,7 @@ def read_obj(file: Path) -> Surface:
 
 
 def _read_lines(file: Path) -> list[bytes]:
-    """Return the lines without comments; refuse a line that the next one continues."""
+    """Return lines without comments; refuse continued ones."""
     data = read_bytes(file, "mesh", memory=20.0).removeprefix(b"\xef\xbb\xbf")
     if b"\0" in data:
         raise ContentError("is not text")
@@ -529,7 +529,7 @@ def _make_ply_header_error() -> ContentError:
 
 
 def _read_corners(data: Any, name: str, lists: list[str]) -> tuple[Ints, Ints]:
-    """Return the corners and the sizes of the faces of a binary PLY file.
+    """Return corners and sizes of a binary PLY's faces.
 
     Refuses faces of different sizes, because trimesh applies the size of the first face to all.
     """

@@ -54,7 +54,7 @@ FIELDS: Final = (
 
 
 def place_raster(array: Any, spacing: float, name: str = "occupied") -> tuple[Any, Floats | None]:
-    """Return an array indexed as its coordinates ascend, without them, and its lower corner.
+    """Return an array in ascending coordinates, and its lower corner.
 
     The corner is in metres, and None for an array without coordinates. Coordinates are those of
     xarray, the centers of cells; arrays of other packages have none.
@@ -101,7 +101,7 @@ def place_raster(array: Any, spacing: float, name: str = "occupied") -> tuple[An
 
 
 def _drop_other_dimensions(array: Any) -> Any:
-    """Drop dimensions of one entry beside x, y and z, such as the band of a file of one."""
+    """Drop dimensions of one entry beside x, y and z."""
     for dimension in set(getattr(array, "dims", ())) - set("xyz"):
         if hasattr(array, "isel") and array.sizes[dimension] == 1:
             array = array.isel({dimension: 0}, drop=True)
@@ -109,7 +109,7 @@ def _drop_other_dimensions(array: Any) -> Any:
 
 
 def _open_attributes(array: Any, name: str) -> Ledger:
-    """Open the attributes of an array or coordinate, by their names in small letters."""
+    """Open the attributes of an array, by their lower-case names."""
     attributes = getattr(array, "attrs", {})
     lowered: dict[str, Any] = {}
     if isinstance(attributes, Mapping):
@@ -118,7 +118,7 @@ def _open_attributes(array: Any, name: str) -> Ledger:
 
 
 def _refuse_another_place(array: Any, coordinates: Any, attributes: list[str], name: str) -> None:
-    """Raise InputError if an xarray has a place, but no coordinate for each dimension.
+    """Raise InputError for a place without a coordinate for each dimension.
 
     ``attributes`` are those of its attributes that give a place.
     """
@@ -186,7 +186,7 @@ def _check_axis(coordinate: Any, axis: str, label: str) -> None:
 
 
 def _is_decoded(attributes: Ledger) -> bool:
-    """Return True if the attributes of an xarray leave its numbers their meaning."""
+    """Return True if an xarray's attributes keep its numbers' meaning."""
     scale, offset = attributes.get("scale_factor", 1), attributes.get("add_offset", 0)
     missing = attributes.get("_fillvalue")
     return bool(scale == 1 and offset == 0 and missing not in (0, 1))

@@ -218,7 +218,7 @@ def _read_header(path: StrPath) -> _MapHeader:
 
 
 def _find_image(header: Ledger, path: pathlib.Path) -> pathlib.Path:
-    """Return the path of the image; warn if it lies outside the map's folder."""
+    """Return the image's path; warn if it lies outside the folder."""
     name = header.need("image")
     if not isinstance(name, str) or not name or "\0" in name:
         hint = "write e.g. 'image: map.pgm'"
@@ -230,7 +230,7 @@ def _find_image(header: Ledger, path: pathlib.Path) -> pathlib.Path:
 
 
 def _classify_pixels(header: _MapHeader, image: Shades, warn: bool) -> tuple[Bools, Bools]:
-    """Return masks of the free and the occupied pixels of a ROS map.
+    """Return masks of a ROS map's free and occupied pixels.
 
     The modes are documented at :func:`read_ros_map`. All pixels of a level are alike, so levels are
     classified first. With `warn`, warn of unknown pixels below ``free_thresh``.
@@ -256,7 +256,7 @@ def _classify_pixels(header: _MapHeader, image: Shades, warn: bool) -> tuple[Boo
 def _find_doubtful_levels(
     header: _MapHeader, image: Shades, free_levels: Bools, warn: bool
 ) -> Bools:
-    """Return the free levels of an image that may be those of unknown cells.
+    """Find free levels of an image that may mean unknown.
 
     In an image that was compressed or scaled, they are all that are darker than halfway from 205 to
     254, the level of free cells. With `warn`, warn of their cells.
@@ -495,7 +495,7 @@ def read_occupancy_grid(
 
 
 def update_occupancy_grid(msg: object, update: object) -> None:
-    """Write the new values of a box of cells into an occupancy grid message.
+    """Write a box of new values into an occupancy grid message.
 
     Parameters
     ----------
@@ -549,7 +549,7 @@ def update_occupancy_grid(msg: object, update: object) -> None:
 
 
 def _read_rows(grid: Ledger, size: Ledger) -> NDArray[Any]:
-    """Return the data of a message as rows of its cells, shape (height, width).
+    """Return a message's data as rows, shape (height, width).
 
     ``size`` has the fields ``width`` and ``height``.
     """
@@ -571,7 +571,7 @@ def _read_rows(grid: Ledger, size: Ledger) -> NDArray[Any]:
 
 
 def read_frame(message: Ledger) -> str:
-    """Return the frame in the header of a message, without the slash of old versions of ROS.
+    """Return the frame of a message, without an old version's slash.
 
     It is empty if the header names none.
     """
@@ -592,7 +592,7 @@ def check_frame(message: Ledger, frame_id: str) -> None:
 
 
 def read_pose(msg: object, frame_id: str) -> tuple[list[float], list[float]]:
-    """Return the position, metres, and the quaternion, x to w, of a stamped pose.
+    """Return a stamped pose's position, metres, and quaternion, x to w.
 
     Raises InputError if the pose is in another frame, a field is missing or not a finite number, or
     the quaternion is not of norm 1.

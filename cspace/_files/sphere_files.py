@@ -94,7 +94,7 @@ def read_spheres(path: str | os.PathLike[str]) -> dict[str, list[Sphere]]:
 
 
 def _open_links(table: Ledger, key: str) -> Ledger:
-    """Take the table in a field; say how to write or pass other forms of it."""
+    """Take the table in a field; refuse other forms with advice."""
     value = table.get(key)
     rule = "it must be a table of links"
     if isinstance(value, str):
@@ -106,7 +106,7 @@ def _open_links(table: Ledger, key: str) -> Ledger:
 
 
 def _list_srdf_links(root: Element) -> dict[str, list[dict[str, Any]]]:
-    """Return the attributes of the spheres of each link of an SRDF, with numbers parsed."""
+    """Return attributes of each SRDF link's spheres, with parsed numbers."""
     links: dict[str, list[dict[str, Any]]] = {}
     for approximation in root.findall("link_sphere_approximation"):
         spheres = links.setdefault(approximation.get("link", ""), [])
@@ -122,7 +122,7 @@ def _list_srdf_links(root: Element) -> dict[str, list[dict[str, Any]]]:
 
 
 def _read_link(table: Ledger, name: str, lowest: float) -> list[Sphere]:
-    """Return the spheres of a link: a list, or foam's table with one.
+    """Return the spheres of a link, of a list or foam's table.
 
     ``lowest`` is the lowest radius, metres.
     """
@@ -135,7 +135,7 @@ def _read_link(table: Ledger, name: str, lowest: float) -> list[Sphere]:
 
 
 def _read_sphere(sphere: Ledger, lowest: float) -> Sphere:
-    """Return the center and radius of a sphere; a disabled one has a radius below zero."""
+    """Return a sphere's center and radius, negative if disabled."""
     key = "origin" if "origin" in sphere.fields else "center"
     sphere.need(key)
     center = [sphere.check_number(key, number) for number in sphere.entries(key)]

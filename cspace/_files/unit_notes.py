@@ -37,7 +37,7 @@ _MAX_EXPECTED_SIDE: Final = 20.0
 
 
 def warn_of_unit(path: StrPath) -> None:
-    """Warn if a comment of a mesh or a point cloud speaks of another unit than the metre."""
+    """Warn if a comment names another unit than the metre."""
     file = Path(path)
     suffix = file.suffix.lower()
     if suffix not in (".stl", ".obj", ".ply", ".pcd", ".xyz", ".txt", ".csv"):
@@ -53,7 +53,7 @@ def warn_of_unit(path: StrPath) -> None:
 
 
 def warn_of_size(place: str, points: Floats, advice: str) -> None:
-    """Warn of a part of a robot that is too large to be in metres.
+    """Warn of a robot's part too large for metres.
 
     ``points``, shape (n, 3), are its corners; ``advice`` is for one in millimetres.
     """

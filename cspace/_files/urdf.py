@@ -226,7 +226,7 @@ def _shorten_mimic_chains(urdf: URDF) -> None:
 
 
 def warn_of_visuals(urdf: URDF, links: Iterable[str], path: str | os.PathLike[str]) -> None:
-    """Warn of links with visual but no collision geometry, which is left out."""
+    """Warn of links with visual but without collision geometry."""
     shown = [link for link in map(urdf.link_map.get, links) if link is not None]
     names = [str(link.name) for link in shown if link.visuals and not link.collisions]
     if names:
@@ -289,7 +289,7 @@ def locate_meshes(
 
 
 def _parse_robot(data: bytes, kind: str) -> Element:
-    """Parse the XML of a URDF or an SRDF; raise ContentError if it has no robot."""
+    """Parse a URDF or SRDF; raise ContentError without a robot."""
     root = parse_xml(data)
     if root.tag != "robot":
         problem = f"holds <{root.tag:.60}>, not <robot>"
@@ -300,7 +300,7 @@ def _parse_robot(data: bytes, kind: str) -> Element:
 
 
 def _check_robot(root: Element) -> list[tuple[str, float]]:
-    """Refuse a URDF that yourdfpy would misread; return its angles, each with its place.
+    """Refuse a URDF that yourdfpy would misread; return its angles.
 
     Raises ContentError.
     """
@@ -398,7 +398,7 @@ def _check_tree(names: list[str], parents: dict[str, str]) -> None:
 
 
 def _check_numbers(element: Element, place: str) -> list[tuple[str, float]]:
-    """Refuse attributes with a wrong count of numbers; return the angles, each with its place.
+    """Refuse attributes of wrong counts; return angles with their places.
 
     Raises ContentError. ``place`` names the element in messages.
     """
@@ -497,7 +497,7 @@ def zero_poses(urdf: URDF) -> dict[str, Floats]:
 
 
 def make_motion(displacement: Floats, *, slides: bool) -> Floats:
-    """Return the motion, shape (4, 4), of a joint that slides or turns.
+    """Return the motion (4, 4) of a sliding or turning joint.
 
     ``displacement`` is its axis, shape (3,), times metres or radians.
     """
@@ -701,7 +701,7 @@ class _Reader:
         self.bare: dict[str, None] = {}
 
     def _check_known(self, names: Iterable[str], known: Container[str]) -> bool:
-        """Return True if all names are in `known`; collect the others in ``unknown``."""
+        """Return True if all names are known; collect the others."""
         missing = [name for name in names if name not in known]
         self.unknown |= dict.fromkeys(missing)
         return not missing
@@ -728,7 +728,7 @@ class _Reader:
         return allowed
 
     def _iterate_links(self, tag: str, *keys: str) -> Iterator[tuple[tuple[str, ...], str]]:
-        """Yield the link names, and the reason, of each element whose links are known."""
+        """Yield links and reason of each element with known links."""
         for element in self._root.iter(tag):
             names = tuple(_get_attribute(element, key) for key in keys)
             if self._check_known(names, self._links):

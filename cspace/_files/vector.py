@@ -108,7 +108,7 @@ def is_wkt(text: str) -> bool:
 
 
 def _iterate_geometries(source: Any, name: str) -> Iterator[tuple[str, BaseGeometry]]:
-    """Yield a name, for messages, and the shape of every geometry in `source`."""
+    """Yield name and shape of every geometry in `source`."""
     import shapely
 
     if isinstance(source, shapely.Geometry):
@@ -131,7 +131,7 @@ def _iterate_geometries(source: Any, name: str) -> Iterator[tuple[str, BaseGeome
 
 
 def _read_text_geometries(source: StrPath, name: str) -> Iterator[tuple[str, BaseGeometry]]:
-    """Yield the geometries of a WKT string or a file, each with its name."""
+    """Yield the named geometries of a WKT string or a file."""
     # WKT has no suffix of a file, because it ends with a parenthesis or EMPTY.
     suffix = Path(source).suffix.lower()
     file = os.fspath(source)
@@ -151,7 +151,7 @@ def _read_text_geometries(source: StrPath, name: str) -> Iterator[tuple[str, Bas
 
 
 def _read_wkt_file(file: str) -> Iterator[tuple[str, BaseGeometry]]:
-    """Yield the geometries of a WKT file: one, or one for each line."""
+    """Yield the geometries of a WKT file, one or a line each."""
     text = read_text(file, _POLYGONS_KIND, 10.0, "max_text_bytes")
     points = 1 + text.count(",")
     check_file_memory(file, f"holds {points:,} points", _BYTES_PER_POINT * points)
@@ -194,7 +194,7 @@ def _parse_wkt(text: str, name: str) -> BaseGeometry:
 
 
 def _read_geojson(document: Mapping[str, Any], name: str) -> Iterator[tuple[str, BaseGeometry]]:
-    """Yield the geometries of GeoJSON; warn if they look like degrees and it does not say."""
+    """Yield the geometries of GeoJSON; warn of likely degrees."""
     import shapely
 
     ledger = _open_part(document, name)
@@ -261,7 +261,7 @@ def _parse_geojson(part: Ledger) -> Iterator[tuple[str, BaseGeometry]]:
 
 
 def _check_frame(part: Ledger) -> None:
-    """Refuse coordinates that are not in metres, or not those of the geometry."""
+    """Refuse coordinates not in metres, or not those of the geometry."""
     name = part.where
     if isinstance(part.get("place"), Mapping):
         raise GeometryError(
@@ -280,7 +280,7 @@ def _check_frame(part: Ledger) -> None:
 
 
 def _open_part(document: Any, name: str, whole: Ledger | None = None) -> Ledger:
-    """Return the ledger of a document, of a feature or of its geometry."""
+    """Return the ledger of a document, feature or geometry."""
     if not isinstance(document, Mapping):
         hint = "remove or correct the feature"
         problem = f"has geometry {document!r:.60}"

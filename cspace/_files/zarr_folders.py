@@ -147,7 +147,7 @@ class Layout:
         return json.dumps(document, indent=2).encode()
 
     def iterate_chunks(self, box: Box | None = None) -> Iterator[tuple[str, Box]]:
-        """Yield the file name and the cells of each chunk that meets a box.
+        """Yield file name and cells of each chunk in a box.
 
         The box defaults to the whole array, and cells are clipped to the array.
         """
@@ -167,7 +167,7 @@ class Layout:
             yield f"c/{'/'.join(map(str, index))}", cells
 
     def encode(self, block: NDArray[Any], fill: Any) -> bytes:
-        """Encode a chunk; one at the end of the array is padded with ``fill``."""
+        """Encode a chunk, padded with ``fill`` at the array's end."""
         if block.shape != self.chunks:
             padded = np.full(self.chunks, fill, dtype=self.dtype)
             padded[tuple(slice(0, count) for count in block.shape)] = block
@@ -192,7 +192,7 @@ class Layout:
 
 
 def _zstd_size(content: bytes) -> int | None:
-    """Return the size, in bytes, that the header of the first zstd frame declares.
+    """Return the size, bytes, that the first zstd frame declares.
 
     Returns None if it declares none; numcodecs then checks that the content fills its buffer.
     """

@@ -149,7 +149,7 @@ NO_WAY: Final = ShortestWay(math.inf, np.empty(0, dtype=np.int64))
 
 
 def list_rectangles(states: States, highest: int = FREE) -> Rectangles:
-    """List the runs of cells whose state is at most ``highest``; states have shape (nx, ny)."""
+    """List the runs of cells with states up to ``highest``."""
     runs = list_runs(states[np.newaxis], highest)
     columns, width = states.shape
     column = runs.starts // width
@@ -211,7 +211,7 @@ def find_shortest_way(
 
 
 def find_run(rectangles: Rectangles, point: Floats) -> tuple[int, Point]:
-    """Return the run that contains a point, or NONE, and the point moved off the lines."""
+    """Return a point's run or NONE, and the point off the lines."""
     x, y = point.tolist()
     column = min(math.floor(x), len(rectangles.first) - 2)
     first, stop = rectangles.first[column : column + 2].tolist()
@@ -234,7 +234,7 @@ def make_front(runs: int, capacity: int) -> Front:
 
 
 def trace_way(front: Front, first: int) -> ShortestWay:
-    """Return the path through the first interval of the queue, or none if the queue is empty."""
+    """Return the path through the queue's first interval, or none."""
     intervals = front.intervals
     if front.queue.length[0] == 0:
         return NO_WAY
@@ -248,7 +248,7 @@ def trace_way(front: Front, first: int) -> ShortestWay:
 
 @internal
 def find_first_above(rectangles: Rectangles, column: int, y: float) -> int:
-    """Return the first run of a column that ends above y, or the first run of the next column."""
+    """Return the first run that ends above y, or the next column's."""
     low: int = rectangles.first[column]
     high: int = rectangles.first[column + 1]
     while low < high:
@@ -264,7 +264,7 @@ def find_first_above(rectangles: Rectangles, column: int, y: float) -> int:
 def expand_intervals(
     rectangles: Rectangles, front: Front, goal: Point, goal_run: int, room: int
 ) -> int:
-    """Expand intervals until the first of the queue is the goal, or none is left.
+    """Expand intervals until the queue's first is the goal.
 
     Return :data:`GOES_ON` after many intervals, or if less than ``room`` is left for others.
     """
@@ -288,7 +288,7 @@ def expand_intervals(
 def expand_interval(
     rectangles: Rectangles, front: Front, goal: Point, goal_run: int, interval: int
 ) -> None:
-    """Add what paths through an interval reach next: gates of its run, or the goal."""
+    """Add the gates, or the goal, that an interval reaches next."""
     intervals = front.intervals
     run = intervals.run[interval]
     step = intervals.step[interval]
@@ -348,7 +348,7 @@ def add_gates(
     low: float,
     high: float,
 ) -> None:
-    """Add the gates on one side of a run, as far as they are between two points along y.
+    """Add gates of one side of a run between two points.
 
     The side is that of ``step``. The path to ``root``, at a corner, has a length.
     """
@@ -400,7 +400,7 @@ def add_gates(
 def find_corners(
     rectangles: Rectangles, run: int, other: int, step: int, low: float, high: float
 ) -> tuple[int, int]:
-    """Return the numbers of the corners of a gate at the ends of a range; :data:`NONE` if none is.
+    """Return the corners of a gate at a range's ends, or :data:`NONE`.
 
     Where both runs end, there is no corner between them.
     """
@@ -419,13 +419,13 @@ def find_corners(
 
 @inlined
 def snap(y: float) -> float:
-    """Round y to an integer within :data:`GRAZING`, so that rays that graze a corner meet there."""
+    """Round y to an integer within :data:`GRAZING`, so that grazing rays meet."""
     return round(y) if abs(y - round(y)) < GRAZING else y
 
 
 @inlined
 def number_corner(is_own: bool, run: int, other: int, step: int) -> int:
-    """Return the number of the lower corner of a gate; the upper one has the next number.
+    """Return the number of a gate's lower corner; the upper follows.
 
     The corner is at the end of ``run``, if it ``is_own``, and otherwise at that of the run beyond.
     """
@@ -446,7 +446,7 @@ def add_goal(front: Front, length: float, before: int) -> None:
 
 @inlined
 def bound_length(root: Point, goal: Point, line: float, low: float, high: float) -> float:
-    """Return the length of the shortest path from root to goal that touches an interval."""
+    """Return the length of the shortest path that touches an interval."""
     # A goal on the side of the root is mirrored at the line.
     if (goal[0] - line) * (root[0] - line) > 0.0:
         goal = 2.0 * line - goal[0], goal[1]
@@ -456,7 +456,7 @@ def bound_length(root: Point, goal: Point, line: float, low: float, high: float)
 
 @inlined
 def cross_line(root: Point, goal: Point, line: float) -> float:
-    """Return where the segment from root to goal, on both sides of a line, crosses it."""
+    """Return where the segment from root to goal crosses a line."""
     return root[1] + (goal[1] - root[1]) * (line - root[0]) / (goal[0] - root[0])
 
 

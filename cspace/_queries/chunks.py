@@ -131,7 +131,7 @@ class RowCheck(NamedTuple):
 
     @property
     def exceeds(self) -> Bools:
-        """Whether each value exceeds its limit, or is NaN; shape (B, n, k)."""
+        """Whether values exceed limits or are NaN, shape (B, n, k)."""
         return np.asarray(~(self.values <= self.limits * (1.0 + LIMIT_ROUNDING)))
 
     def refuse(self, row: int) -> RowRefusal | None:
@@ -170,7 +170,7 @@ class ChunkMotions(NamedTuple):
     sag: float = 0.0
 
     def count_proven(self, tracking: Floats) -> Ints:
-        """Count the rows of each chunk that are proven, from the first on; shape (B,).
+        """Count each chunk's proven rows, shape (B,).
 
         ``tracking`` is the error of all coordinates, or of each, metres and radians.
         """
@@ -246,7 +246,7 @@ class Chunk:
 
     @cached_property
     def refusal(self) -> RowRefusal | None:
-        """The first row that is not proven, and why; None if all are.
+        """First row that is not proven, with the reason, or None.
 
         It is found when it is first asked for, among the obstacles of that moment. InputError for
         a batch.
@@ -400,7 +400,7 @@ def _roll_out(starts: Floats, arcs: Floats) -> Floats:
 
 
 def _prove(tubes: ChunkMotions, rows: Floats, is_batch: bool, tracking: Floats) -> Chunk:
-    """Prove the rows of chunks, shape (B, n, size), and return them with their proof."""
+    """Prove the rows of chunks (B, n, size); return rows and proof."""
     counts = tubes.count_proven(tracking)
     if is_batch:
         return Chunk(frozen(rows.copy()), counts, tubes, tracking)
@@ -410,7 +410,7 @@ def _prove(tubes: ChunkMotions, rows: Floats, is_batch: bool, tracking: Floats) 
 def _check_chunk(
     space: ConfigurationSpace, q: ArrayLike, rows: ArrayLike, name: str, columns: Sequence[str]
 ) -> tuple[Floats, Floats, bool]:
-    """Return where the robot is, shape (B, size), and its rows, shape (B, n, len(columns)).
+    """Return robots (B, size) and their rows (B, n, len(columns)).
 
     The third value is True for a batch. ``name`` is that of the rows. Raises InputError for other
     shapes, or if ``q`` is not finite; rows may hold any numbers.
@@ -448,7 +448,7 @@ def _check_chunk(
 
 
 def _list_steps(space: ConfigurationSpace) -> tuple[str, ...]:
-    """Return the names of the coordinates that stray: a quaternion counts as one rotation."""
+    """Return names of coordinates that stray, one for a quaternion."""
     names = space.rotations.names if space.has_poses else ()
     return (*space.axes[: space.dim], *(("rotation",) if len(names) == 4 else names))
 
@@ -479,7 +479,7 @@ def _make_missing_dt() -> InputError:
 
 
 def _check_velocities(space: ConfigurationSpace, max_velocity: ArrayLike | None) -> Floats:
-    """Return the largest speed of each coordinate; by default those that the space knows."""
+    """Return the largest speeds, by default those of the space."""
     if max_velocity is not None:
         return check_each(max_velocity, "max_velocity", _list_steps(space), space.max_velocity)
     if not space.max_velocity:
@@ -633,7 +633,7 @@ class Gate:
     def slow_down(
         self, q: ArrayLike, twist: ArrayLike, *, twist_now: ArrayLike = (0.0, 0.0)
     ) -> SlowedCommand:
-        """Let through the fastest share of a twist after which the robot can still stop.
+        """Let through the fastest share of a twist with a proven stop.
 
         The twist is driven for ``dt``, then the robot brakes along the same arc, as quickly as
         ``max_deceleration`` allows. All of that is proven. If no share is, the robot brakes at
@@ -688,7 +688,7 @@ class Gate:
         return SlowedCommand(float(shares[best]), commands, chunk)
 
     def stop_distance(self, twist: ArrayLike) -> float:
-        """Return the way, metres, that the robot needs to stop: one ``dt`` of a twist, and braking.
+        """Return the way, metres, to stop after one ``dt`` of a twist.
 
         ``tracking`` must cover it where :meth:`check_rows` or :meth:`check_twists` is asked.
 
@@ -702,14 +702,14 @@ class Gate:
         return float(np.abs(ramp[:, 0]).sum() * (self.dt or 0.0))
 
     def _brake(self, twist: Floats) -> Floats:
-        """Return the twists that bring the robot to rest along an arc, the first one included."""
+        """Return the twists that brake along an arc, the first included."""
         # Rounded down, so that what is left of a ramp never gets longer.
         ratio = float((np.abs(twist) / self._find_steps()).max())
         steps = math.ceil(ratio * (1.0 - LIMIT_ROUNDING))
         return twist * (1.0 - np.arange(steps) / max(steps, 1))[:, np.newaxis]
 
     def _find_steps(self) -> Floats:
-        """Return the largest change of a braking twist in ``dt``; InputError if it is unknown."""
+        """Return a braking twist's largest change in ``dt``."""
         if self.max_deceleration is None:
             raise InputError(
                 "max_deceleration",

@@ -337,7 +337,7 @@ def number_components(parents: Ints) -> Ints:
 
 
 def find_corners(runs: Runs, shape: tuple[int, ...]) -> tuple[Ints, Ints]:
-    """Return the first and the last cell of each run, shapes (n, d)."""
+    """Return first and last cells of runs, shapes (n, d)."""
     size = math.prod(shape)
     low = np.stack(np.unravel_index(runs.starts % size, shape), axis=1)
     high = low.copy()

@@ -122,7 +122,7 @@ class DistanceMap:
         return self.compute_all().cells.reshape(self._states.shape)
 
     def array_of(self, number: int) -> Distances:
-        """Return the distances of one slice, shape (x, y) or (x, y, z)."""
+        """Return a slice's distances, shape (x, y) or (x, y, z)."""
         table = self.compute_slices([number])
         distances: Distances = table.cells.reshape(self._states.shape)[number]
         return distances
@@ -159,7 +159,7 @@ class DistanceMap:
 
 
 def find_bounding_box(states: States, exterior: Ints) -> Floats:
-    """Return the bounding box of the cells that are not FREE, shape (2, d).
+    """Return the bounding box of cells not FREE, shape (2, d).
 
     ``exterior`` is a row of :attr:`cspace._record.exterior.Exterior.table`.
     """

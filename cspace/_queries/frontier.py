@@ -115,7 +115,7 @@ def check_deadline(until: float) -> None:
 
 
 def estimate_without_obstacles(shape: Cell, goal: Cell, weight: float) -> Estimate:
-    """Estimate the cost to the node ``goal`` as if there were no obstacles."""
+    """Estimate the cost to ``goal`` without obstacles."""
     return Estimate(
         weight=weight,
         shape=shape,
@@ -142,7 +142,7 @@ def make_progress(count: int, queue_length: int) -> Progress:
 
 
 def begin_at(start: int, count: int) -> Progress:
-    """Make a search over ``count`` nodes in which the start waits to be expanded."""
+    """Make a search over ``count`` nodes that begins at the start."""
     progress = make_progress(count, INITIAL_QUEUE_LENGTH)
     # The start is its own predecessor.
     progress.previous[start] = start + 1
@@ -196,7 +196,7 @@ def sparse_zeros(count: int, kind: type[np.generic]) -> NDArray[Any]:
 
 
 def double(array: NDArray[Any]) -> NDArray[Any]:
-    """Append as many zeros to an array as it has entries, along its first axis."""
+    """Append zeros to double an array along its first axis."""
     return np.concatenate([array, np.zeros_like(array)])
 
 
@@ -211,7 +211,7 @@ def reach_cell(
     w: int,
     cost: float,
 ) -> None:
-    """Record that the cheapest chain so far to (u, v, w) at a rotation comes from a cell.
+    """Record the cell before (u, v, w) on its cheapest chain.
 
     ``cost`` is that of the chain, in cells.
     """
@@ -224,7 +224,7 @@ def reach_cell(
 
 @inlined
 def is_cheaper(progress: Progress, node: int, cost: float) -> bool:
-    """Return True if a chain is the cheapest so far to a node that was not expanded.
+    """Return True if a chain is the cheapest to an open node.
 
     ``cost`` is that of the chain; an infinite cost is none.
     """
@@ -238,7 +238,7 @@ def is_cheaper(progress: Progress, node: int, cost: float) -> bool:
 def expected_cost(
     estimate: Estimate, progress: Progress, node: int, rotation: int, u: int, v: int, w: int
 ) -> float:
-    """Return the expected cost of chains through a node at (u, v, w) and a rotation."""
+    """Return the expected cost of chains through a node."""
     cost: float = progress.cost[node]
     remaining: float = remaining_cost(estimate, cost, 0, u, v, w) + estimate.rotations[rotation]
     return cost + estimate.weight * remaining
@@ -246,7 +246,7 @@ def expected_cost(
 
 @internal
 def pop_best(estimate: Estimate, progress: Progress) -> int:
-    """Remove the node of the lowest expected cost from the queue, and return it.
+    """Remove and return the node of the lowest expected cost.
 
     Return :data:`NO_NODE` if none is left, and :data:`UNKNOWN` if the guide has not reached the
     block of the first node.
@@ -277,7 +277,7 @@ def pop_best(estimate: Estimate, progress: Progress) -> int:
 
 @internal
 def is_known(estimate: Estimate, direction: int, i: int, j: int, k: int) -> bool:
-    """Return True if the guide knows a position's block or a neighbouring block.
+    """Return True if the guide knows a position's block or neighbour.
 
     Also return True if the guide has no more blocks to reach.
     """
@@ -291,7 +291,7 @@ def is_known(estimate: Estimate, direction: int, i: int, j: int, k: int) -> bool
 def remaining_cost(
     estimate: Estimate, cost: float, direction: int, i: int, j: int, k: int
 ) -> float:
-    """Estimate the cost from a position and direction to the goal's, in cells.
+    """Estimate the cost from a position to the goal, in cells.
 
     ``cost`` is that of the chain from the start to it.
     """
@@ -310,7 +310,7 @@ def remaining_cost(
 
 @internal
 def cost_by_block(estimate: Estimate, direction: int, u: int, v: int, w: int) -> float:
-    """Return the cost from a block, in blocks; infinity if it is not known.
+    """Return the cost from a block, in blocks, or infinity.
 
     If the guide has not reached the block, the cost is that of the best neighbouring block or turn,
     plus one for each step. Searches beside the guide's chain need no better cost.
@@ -339,7 +339,7 @@ def cost_by_block(estimate: Estimate, direction: int, u: int, v: int, w: int) ->
 
 @internal
 def unhindered_cost(estimate: Estimate, i: int, j: int, k: int) -> float:
-    """Return the cost from a position to the goal's without obstacles, in cells."""
+    """Return the cost to the goal without obstacles, in cells."""
     short = abs(i - estimate.goal[0])
     middle = abs(j - estimate.goal[1])
     long = abs(k - estimate.goal[2])
@@ -360,7 +360,7 @@ def unhindered_cost(estimate: Estimate, i: int, j: int, k: int) -> float:
 
 @kernel
 def push(progress: Progress, key: float, cell: int) -> None:
-    """Add a cell to the binary heap, in which a smaller key is nearer to the root."""
+    """Add a cell to the binary heap, with smaller keys first."""
     keys = progress.keys
     queue = progress.queue
     position = progress.length[0]

@@ -116,7 +116,7 @@ class Blocks(NamedTuple):
 
 
 def any_direction(states: States) -> Directions:
-    """Make the single direction of a robot that makes every move at every rotation."""
+    """Make the single direction of a robot that moves any way."""
     moves = list_moves(2 if states.shape[1] == 1 else 3)
     return Directions(
         slices=np.arange(len(states))[np.newaxis],
@@ -226,7 +226,7 @@ class Guide:
             )
 
     def avoid(self, blocks: Bools) -> None:
-        """Make passable blocks, shape (x, y, z), very dear, and measure all chains anew."""
+        """Make passable blocks (x, y, z) dear; measure all chains anew."""
         costs = self._blocks.costs[:, blocks]
         self._blocks.costs[:, blocks] = np.where(costs > 0.0, costs + AVOIDED_COST, 0.0)
         if self._guide is not None:
@@ -234,11 +234,11 @@ class Guide:
         self._begin()
 
     def is_reached(self, cell: Cell) -> bool:
-        """Return True if a chain from the block of a cell is known, for one direction."""
+        """Return True if a chain from a cell's block is known."""
         return bool(self.estimate.reached[0, *self._find_block(cell)] != 0)
 
     def measure(self, cells: Ints) -> Floats:
-        """Return costs of chains from the blocks of cells, shape (n, 3), for one direction.
+        """Return costs of chains from cells' blocks, for one direction.
 
         They are in cells, and infinite where no chain is known.
         """
@@ -253,7 +253,7 @@ class Guide:
         until: float,
         may_exist: Callable[[], bool] | None = None,
     ) -> None:
-        """Search on until a short chain from the block of a cell is known, if any.
+        """Search until a short chain from a cell's block is known.
 
         A long search asks once whether a chain ``may_exist``, and ends if none does. Raises
         TimeoutError after ``until``, a reading of :data:`cspace._support.compiling.clock`.
@@ -286,7 +286,7 @@ class Guide:
         self.estimate.bound[0] = lowest_key / self._to_start.weight
 
     def _is_dead_end(self, state: int) -> bool:
-        """Return True if a short search ahead reaches all that it can, but not the goal."""
+        """Return True if a short search ahead ends without the goal."""
         progress = begin_at(state, len(self._progress.cost))
         ahead = self._directions._replace(moves=-self._directions.moves)
         # With weight 0, the nearest states come first.
@@ -297,7 +297,7 @@ class Guide:
         return bool(progress.length[0] == 0 and not progress.closed[self._goal])
 
     def _reach_positions(self, state: int, until: float) -> None:
-        """Let the guide over positions search on until it knows the block of a state."""
+        """Search over positions until a state's block is known."""
         if self._guide is not None:
             _, *block = np.unravel_index(state, self._shape)
             i, j, k = (self._side * int(index) for index in block)
@@ -310,7 +310,7 @@ class Guide:
 
 
 def measure_turns(neighbors: Ints, turns: Floats, goal: int) -> Floats:
-    """Measure the lowest cost of turning from each rotation to ``goal``, shape (rotations,).
+    """Return the lowest cost of turning from each rotation to ``goal``.
 
     ``neighbors``, shape (rotations, n), are rotations, padded with -1, and ``turns`` the costs of
     turning to them.
@@ -335,7 +335,7 @@ def expand_blocks(
     last: int,
     max_states: int,
 ) -> int:
-    """Expand queued states from the goal on until ``last`` was expanded, or no state is left.
+    """Expand queued states until ``last`` was expanded, or all.
 
     Return :data:`GOES_ON` after ``max_states``, or if the queue is nearly full.
     """
@@ -390,7 +390,7 @@ def expand_blocks(
 def find_cost_factor(
     blocks: Blocks, slices: Ints, direction: int, u: int, v: int, w: int
 ) -> np.float32:
-    """Compute and keep the factor of the cost in block (u, v, w); infinity if it is not passable.
+    """Compute and keep a block's cost factor, or infinity.
 
     ``slices`` are those of :class:`Directions`. The factor is that of a cell that the robot may
     pass, and grows with the share of rotations at which it may not pass the middle of the block.
@@ -418,7 +418,7 @@ def find_cost_factor(
 
 @internal
 def are_joined(blocks: Blocks, number: int, first: Cell, last: Cell) -> bool:
-    """Return True if one of two chains of blocks joins two near blocks in a slice.
+    """Return True if chains join two near blocks in a slice.
 
     Each block of a chain shares a face with the next, and passable cells meet at the face. Of two
     axes on which a chain is as far behind, one chain prefers the first, and the other one the last.
@@ -437,7 +437,7 @@ def are_joined(blocks: Blocks, number: int, first: Cell, last: Cell) -> bool:
 
 @internal
 def step_towards(block: Cell, last: Cell, prefers_last: bool) -> Cell:
-    """Return the next block on the way to another, along the axis that is farthest behind."""
+    """Return the next block on the way, along the farthest axis."""
     i, j, k = block
     x = abs(last[0] - i)
     y = abs(last[1] - j)
@@ -451,7 +451,7 @@ def step_towards(block: Cell, last: Cell, prefers_last: bool) -> Cell:
 
 @internal
 def meet_at_face(blocks: Blocks, number: int, first: Cell, second: Cell) -> bool:
-    """Return True if passable cells of two blocks meet at the face that both share."""
+    """Return True if passable cells meet at two blocks' common face."""
     _, nx, ny, nz = blocks.states.shape
     side = blocks.side
     du = second[0] - first[0]
@@ -476,7 +476,7 @@ def meet_at_face(blocks: Blocks, number: int, first: Cell, second: Cell) -> bool
 
 @internal
 def factor_of_any(blocks: Blocks, slices: Ints, u: int, v: int, w: int) -> np.float32:
-    """Return the factor of any passable cell of a block; infinity if there is none."""
+    """Return the factor of a block's passable cell, or infinity."""
     _, nx, ny, nz = blocks.states.shape
     side = blocks.side
     for number in slices:
@@ -490,7 +490,7 @@ def factor_of_any(blocks: Blocks, slices: Ints, u: int, v: int, w: int) -> np.fl
 
 @inlined
 def factor_at(factors: Costs, number: int, i: int, j: int, k: int) -> np.float32:
-    """Return the factor of the cost of moves in cell (i, j, k) of slice ``number``."""
+    """Return the cost factor of moves in a cell of a slice."""
     if factors.shape[0] == 0:
         return np.float32(1.0)
     factor: np.float32 = factors[number, i, j, k]

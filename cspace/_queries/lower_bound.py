@@ -56,7 +56,7 @@ def min_length(passable: Bools, is_open: bool, start: Floats, goal: Floats) -> f
 
 
 def _min_length_in_plane(passable: Bools, is_open: bool, start: Floats, goal: Floats) -> float:
-    """Bound the length of paths in the plane from below, in cells; infinite if there is none.
+    """Bound lengths of paths in the plane from below, in cells.
 
     ``passable``, shape (nx, ny), are the cells through which paths may lead; ``is_open`` says if
     they may leave the grid. ``start`` and ``goal``, shape (2,), are positions in cells.

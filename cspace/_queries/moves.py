@@ -39,7 +39,7 @@ class Moves(NamedTuple):
 
 @cache
 def list_moves(dim: int) -> Moves:
-    """List the moves between centers of cells in the plane or in space, shortest first.
+    """List moves between centers of cells, shortest first.
 
     The offsets of a move have no common divisor.
     """
@@ -69,7 +69,7 @@ def _touches(move: tuple[int, ...], cell: tuple[int, ...]) -> bool:
 
 
 def times_in_box(step: Sequence[int], lower: Sequence[float]) -> tuple[float, float]:
-    """Return the fractions between which the segment from zero to ``step`` is in a closed box.
+    """Return the fractions of a segment from zero inside a box.
 
     The box is a cell with the corner ``lower``. The first fraction is above the second one if the
     segment misses the box.

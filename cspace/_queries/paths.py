@@ -35,7 +35,7 @@ MAX_SHORTENING_SECONDS: Final = 0.1
 
 
 def waypoints(grid: Grid, rotations: Rotations, endpoints: Floats, cells: Ints) -> Floats:
-    """Return the path through the centers of cells, shape (n + 2, size).
+    """Return the path through centers of cells, shape (n + 2, size).
 
     ``endpoints`` has shape (2, size), ``cells``, each ``(rotation, x, ...)``, shape (n, 1 + d).
     """
@@ -46,7 +46,7 @@ def waypoints(grid: Grid, rotations: Rotations, endpoints: Floats, cells: Ints) 
 
 
 def keep_rotation(path: Floats, rotation_cells: Ints, dim: int, check: Check) -> Floats:
-    """Keep the rotation of both ends if they have the same one, in a path that does not turn.
+    """Keep the common rotation of both ends along the path.
 
     ``path`` has shape (n + 2, size), with the centers of ``rotation_cells``, shape (n,), between
     its ends. If an edge fails ``check``, because the rotation is on the border of a rotation cell
@@ -97,7 +97,7 @@ def are_free(path: Floats, check: Check) -> bool:
 
 
 def edge_costs(path: Floats, cost: Cost) -> Floats:
-    """Return the cost of each edge of a path, shape (n - 1,)."""
+    """Return each edge's cost, shape (n - 1,)."""
     return np.array([cost(*first, *last) for first, last in itertools.pairwise(path.tolist())])
 
 
@@ -109,7 +109,7 @@ def _measure(path: Floats, rotations: Rotations, cost: Cost | None) -> float:
 
 
 def path_length(path: Floats, rotations: Rotations) -> float:
-    """Return the length of a path in metres; a radian counts as :data:`METRES_PER_RADIAN`."""
+    """Return a path's length, metres, by :data:`METRES_PER_RADIAN`."""
     steps = rotations._steps_between(path[:-1], path[1:])
     dim = path.shape[1] - len(rotations.names)
     lengths = np.linalg.norm(steps[:, :dim], axis=1)
@@ -144,7 +144,7 @@ def _cut_corner(
     check: Check,
     cost: Cost | None,
 ) -> list[Floats]:
-    """Return the points that replace a corner: none, two, or the corner itself.
+    """Return the points that replace a corner, or itself.
 
     The corner is between ``before`` and ``after``, shapes (size,). The edge that cuts it is the
     longest that passes, found by bisection.
@@ -181,7 +181,7 @@ def find_cheapest_subpath(
     strides: Sequence[int] = STRIDES,
     until: float = math.inf,
 ) -> Floats:
-    """Skip waypoints so that the cost of the path is least, by dynamic programming.
+    """Skip waypoints for the least cost, by dynamic programming.
 
     An edge replaces as many edges as one of the ``strides``, which begin with 1. It costs at least
     the distance of its ends in their first ``dim`` coordinates. Waypoints that are not reached
@@ -217,7 +217,7 @@ def find_cheapest_subpath(
 def _saves(
     cost: Cost | None, before: Sequence[float], corner: Sequence[float], beyond: Sequence[float]
 ) -> bool:
-    """Return True if the edge past a corner costs at most as much as the edges to and from it.
+    """Return True if the edge past a corner costs no more.
 
     Without a cost, lengths count, and the straight edge is never longer.
     """
@@ -228,11 +228,11 @@ def _saves(
 
 
 def _skip_points_both_ways(path: Floats, check: Check, until: float) -> Floats:
-    """Skip waypoints from the start on, then from the end on, until a reading of the clock."""
+    """Skip waypoints from both ends until a reading of the clock."""
     size = path.shape[1]
 
     def check_reversed(*endpoints: float) -> bool:
-        """Check an edge, given by the numbers of both ends, in the direction of the path."""
+        """Check an edge, given by numbers, in the path's direction."""
         return check(*endpoints[size:], *endpoints[:size])
 
     from_start = _skip_points(path, check, until)
@@ -241,7 +241,7 @@ def _skip_points_both_ways(path: Floats, check: Check, until: float) -> Floats:
 
 
 def _skip_points(points: Floats, check: Check, until: float) -> Floats:
-    """Skip waypoints, as many as possible at each edge, until a reading of the clock."""
+    """Skip most waypoints at each edge, until a reading of the clock."""
     indices = [0]
     while indices[-1] < len(points) - 1:
         if is_over(until):
@@ -252,7 +252,7 @@ def _skip_points(points: Floats, check: Check, until: float) -> Floats:
 
 
 def _find_farthest(points: Floats, here: int, check: Check) -> int:
-    """Find a waypoint far ahead of waypoint ``here`` to which an edge passes.
+    """Find a far waypoint that an edge from ``here`` reaches.
 
     Strides double while edges pass. Between the last two, the farthest is found by bisection.
     """

@@ -78,7 +78,7 @@ def sample(
 def find_nearest(
     states: States, slice_of: Ints, rotations: Rotations, grid: Grid, q: Floats
 ) -> Floats | None:
-    """Return the center of the FREE cell nearest to a configuration, or None.
+    """Return the nearest FREE cell's center, or None.
 
     A radian counts as half a metre.
     """

@@ -233,7 +233,7 @@ def search(
     excluded: Bools | None = None,
     reach_block: Callable[[int], None] | None = None,
 ) -> Progress:
-    """Expand nodes from ``start`` on until ``goal`` is reached or no node is left.
+    """Expand nodes from ``start`` on until ``goal`` is reached.
 
     A long search asks once whether a chain ``may_exist``. ``excluded``, shape (nodes,), are nodes
     that no chain may pass. Where the estimate is not known yet, ``reach_block`` is called with a
@@ -254,7 +254,7 @@ def search(
 
 @kernel
 def expand_cells(graph: Graph, estimate: Estimate, progress: Progress, goal: int) -> int:
-    """Expand queued nodes until the goal was expanded or no node is left.
+    """Expand queued nodes until the goal was expanded, or all.
 
     Return :data:`GOES_ON` after many cells, or if the queue is nearly full.
     """
@@ -310,7 +310,7 @@ def expand_cells(graph: Graph, estimate: Estimate, progress: Progress, goal: int
 
 @internal
 def passable_near(graph: Graph, number: int, i: int, j: int, k: int) -> int:
-    """Return a bit mask of the near cells of node (i, j, k) that a chain may pass.
+    """Return a bit mask of a node's passable neighbours.
 
     ``number`` is that of the slice; bit b stands for row b of ``graph.moves.near_cells``.
     """

@@ -23,7 +23,7 @@ proofs: a path rounded to 32 bits is still proven on maps of thousands of cells.
 
 
 def pull_taut(rectangles: Rectangles, runs: Ints, start: Floats, goal: Floats) -> Floats:
-    """Return the shortest path through runs that keeps the margin, shape (m, 2).
+    """Return the shortest path through runs with a margin, shape (m, 2).
 
     ``runs``, shape (n,), are crossed in turn; ``start`` and ``goal``, shape (2,), are in cells, in
     the first and in the last run.
@@ -34,7 +34,7 @@ def pull_taut(rectangles: Rectangles, runs: Ints, start: Floats, goal: Floats) -
 
 
 def list_gates(rectangles: Rectangles, runs: Ints) -> Floats:
-    """List the gates between runs: x, and y of the left and the right end, shape (m, 3)."""
+    """List gates between runs: x, left y, right y, shape (m, 3)."""
     crossed = np.stack([runs[:-1], runs[1:]])
     columns = rectangles.column[crossed]
     bottom = rectangles.low[crossed]
@@ -54,7 +54,7 @@ def list_gates(rectangles: Rectangles, runs: Ints) -> Floats:
 
 
 def begin_before_gates(gates: Floats, start: float) -> None:
-    """Move the first gate to the start if the start lies between the gate and its border.
+    """Move the first gate to a start before its border.
 
     ``start`` is along x; ``gates``, shape (m, 3), come in pairs around a border.
     """
@@ -119,7 +119,7 @@ def move_funnel(points: Floats, funnel: Ints, path: Ints) -> int:
 
 @inlined
 def turn(points: Floats, a: int, b: int, c: int) -> float:
-    """Return twice the area of a triangle, above zero if it turns left at point b."""
+    """Return twice a triangle's area, positive for a left turn."""
     first_x = points[b, 0] - points[a, 0]
     first_y = points[b, 1] - points[a, 1]
     whole_x = points[c, 0] - points[a, 0]

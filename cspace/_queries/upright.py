@@ -70,7 +70,7 @@ class Upright:
 
 
 def check_keep(keep: Upright | Sequence[Upright] | None) -> tuple[Upright, ...]:
-    """Return the constraints of a plan; raise InputError if one is something else."""
+    """Return a plan's constraints; raise InputError for anything else."""
     if keep is None:
         return ()
     given = [keep] if isinstance(keep, Upright) else keep

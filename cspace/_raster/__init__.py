@@ -39,7 +39,7 @@ class Raster:
 
     @classmethod
     def from_bitmap(cls, cells: Bools, lower: tuple[int, ...]) -> Raster:
-        """Make a raster from a bitmap whose first entry is the offset ``lower``."""
+        """Make a raster from a bitmap whose first offset is ``lower``."""
         window = []
         for axis in range(cells.ndim):
             # Indices along the axis at which a cell is set.
@@ -110,7 +110,7 @@ def extract_runs(rasters: Sequence[Raster]) -> tuple[Ints, Ints]:
 
 
 def find_index_ranges(lows: Floats, highs: Floats, shape: Sequence[int]) -> tuple[Ints, Ints]:
-    """Return the first and last index of an array's entries inside each box.
+    """Return first and last array indices inside each box.
 
     ``lows`` and ``highs`` are the corners of the boxes, ``shape`` is that of the array. The corners
     and both results have the shape (n, d).

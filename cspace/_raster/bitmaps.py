@@ -87,7 +87,7 @@ class _EdgeRuns(NamedTuple):
 
 
 def _find_edge_runs(cells: NDArray[np.int8]) -> _EdgeRuns:
-    """Find runs of equal edges on the lattice lines across the first axis."""
+    """Find runs of equal edges on lines across the first axis."""
     lines = len(cells) + 1
     length = cells.shape[1]
     # A step is the difference of the cells after and before a line, 1 or -1 at an edge. One column

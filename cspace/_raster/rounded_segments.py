@@ -123,7 +123,7 @@ def outline_cells(parts: Sequence[tuple[Floats, bool]], grid: Grid) -> tuple[Boo
 
 
 def _find_window(segments: Floats, grid: Grid) -> tuple[Floats | None, tuple[slice, slice]]:
-    """Find the window of a grid that segments, shape (E, 4), can touch.
+    """Find the window of a grid that segments (E, 4) touch.
 
     Returns the segments in cells from the window's corner, or None if they miss the grid. Also
     returns the window, which reaches one cell past their bounding box.

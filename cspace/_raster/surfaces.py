@@ -172,7 +172,7 @@ def _sum_crossings(
     first: Ints,
     stop: Ints,
 ) -> None:
-    """Sum the signed crossings of an upward ray from each point, times ``windings``.
+    """Sum signed crossings of upward rays, times ``windings``.
 
     ``points`` have the shape (n, 3), ``triangles`` (m, 3, 3), ``sums`` (n,), and the rest (m,).
     Points ``first[t]`` to ``stop[t]`` have an x-coordinate within that of triangle ``t``.
@@ -340,7 +340,7 @@ def surface_rasters(
 
 
 def _unite_with_previous_cells(cells: Bools) -> None:
-    """Replace each cell by the union with its previous neighbours along all axes."""
+    """Unite each cell with its previous neighbours along all axes."""
     for axis in range(3):
         layers = np.moveaxis(cells, axis, 0)
         # From the last layer down, so that a layer is read before it changes.
@@ -401,7 +401,7 @@ def _find_enclosed(touched: Bools, spacing: float, on_empty: Callable[[float], N
 
 
 def _dilate(cells: Bools, radius: float) -> Bools:
-    """Return a mask of the lattice points whose cubes are near set cells.
+    """Return a mask of lattice points with cubes near set cells.
 
     These are the points m whose ``m + [-1, 1]^3`` is within the radius of ``n + [-1/2, 1/2]^3`` for
     a cell n. Along each axis, the gap is half a cell less than the distance from the cells grown by

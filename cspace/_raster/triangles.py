@@ -208,7 +208,7 @@ def _measure_axis_distances(points: Floats, about_z: bool) -> Floats:
 
 
 def mark_within(out: Bools, swept: SweptTriangles, half: float, radius: float) -> None:
-    """Set ``out[i]`` if cube ``i`` is within a radius of a swept triangle.
+    """Set ``out[i]`` for cubes within a radius of a swept triangle.
 
     Cube ``i`` is ``i + [-half, half]^3``. The cubes that meet a triangle must be set already,
     unless ``half`` is zero. Lengths are in cells, in the index frame of ``out``.
@@ -268,7 +268,7 @@ def _clip_to_slab(triangle: Floats, low: float, high: float, clipped: Floats) ->
 
 @internal
 def _heights_between(polygon: Floats, n: int, low: float, high: float) -> tuple[float, float]:
-    """Return the z-interval of a polygon's part with ``low <= y <= high``.
+    """Return the z-interval of a polygon's part between two y.
 
     The polygon is convex; its ``n`` corners (y, z) are the first rows of ``polygon``, shape (9, 2).
     Returns (inf, -inf) if there is no such part.
@@ -372,7 +372,7 @@ def _cube_edges_distance(p: Floats, q: Floats, center: Row, half: float) -> floa
 
 @internal
 def _cube_triangle_distance(triangle: Floats, center: Row, half: float) -> float:
-    """Return the distance between a triangle, shape (3, 3), and a disjoint cube.
+    """Return the distance of a triangle (3, 3) from a cube.
 
     It is attained between a corner of either and the other one, or between two edges.
     """

@@ -83,7 +83,7 @@ class Contents:
         return (*self.grid.axes, *self.rotations.names)
 
     def stack_shape(self, n: int) -> tuple[int, ...]:
-        """Return the shape of n slices of cells; without rotations, of one slice."""
+        """Return the shape of n slices, or of one without rotations."""
         return (*self.rotations._leading_axes(n), *self.grid.shape)
 
     def copy(self) -> Contents:
@@ -104,7 +104,7 @@ class Contents:
 def _check_array(
     name: str, array: NDArray[Any], shape: tuple[int, ...], dtype: type[np.generic]
 ) -> NDArray[Any]:
-    """Return an array as contiguous and writeable; raise InputError for another shape or type."""
+    """Return an array as contiguous and writeable, or raise InputError."""
     if array.shape != shape or array.dtype != dtype:
         problem = f"has shape {array.shape} and type {array.dtype}"
         rule = f"it must have the map's shape {shape} and type {np.dtype(dtype)}"

@@ -125,7 +125,7 @@ DERIVED: Final = ("distances", "distance_boxes")
 
 
 def describe_arrays() -> dict[str, StoredArray]:
-    """Return the descriptions of all arrays that a map may hold, by name.
+    """Return descriptions of all arrays of a map, by name.
 
     They are :data:`ARRAYS`, and the arrays that describe rotation cells of every kind.
     """

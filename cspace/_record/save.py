@@ -123,7 +123,7 @@ def reporting_damage(path: StrPath) -> Iterator[None]:
 def write_folder(
     folder: Path, attributes: Mapping[str, Any], files: Iterable[tuple[str, bytes]] = ()
 ) -> None:
-    """Write a Zarr group whose attributes include a digest of all its files.
+    """Write a Zarr group with a digest of all its files.
 
     ``files`` are names, relative to the folder, and contents. The attributes are written last, so a
     folder that has them is complete.
@@ -148,7 +148,7 @@ def write_folder(
 
 
 def read_root(path: StrPath, form: str) -> tuple[dict[str, Any], Any]:
-    """Read the attributes of a saved map, and begin to compute its digest.
+    """Read a saved map's attributes, and begin its digest.
 
     ``form`` is the expected format. Returns the attributes, unchecked, and a ``hashlib`` object to
     which the caller adds the other files.
@@ -212,7 +212,7 @@ def save(
     compress: bool = True,
     derived: Mapping[str, NDArray[Any]] | None = None,
 ) -> None:
-    """Save a map as a Zarr folder, complete or not at all; see :meth:`cspace.CSpace.save`.
+    """Save a map as a whole Zarr folder; see :meth:`cspace.CSpace.save`.
 
     ``derived`` are additional arrays, with names in ``DERIVED``.
     """
@@ -423,7 +423,7 @@ def _check_rotations(
 
 
 def check_exterior(table: Ints, outside: str) -> Exterior:
-    """Return a table as an exterior; raise ValueError if it contradicts the space outside."""
+    """Return an exterior; raise ValueError if it contradicts the space outside."""
     # A row is the first cell of a box, its last cell, and the state beyond.
     boxes = table[:, :-1]
     states = table[:, -1]

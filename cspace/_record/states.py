@@ -11,7 +11,7 @@ from cspace._support.arrays import BLOCKED, Ints, States, frozen
 
 
 def count_states(states: States) -> Ints:
-    """Count the FREE, MIXED and BLOCKED cells of each slice, shape (slices, 3)."""
+    """Count each slice's FREE, MIXED and BLOCKED cells, shape (slices, 3)."""
     return np.array([np.bincount(cells.ravel(), minlength=BLOCKED + 1) for cells in states])
 
 

@@ -138,7 +138,7 @@ def _copy_cells(values: ArrayLike, name: str) -> Bools:
 
 
 def _check_first_cell(lower: Sequence[int], dim: int) -> tuple[int, ...]:
-    """Return the index of a box's first cell as integers; raise InputError otherwise."""
+    """Return a box's first cell as integers, or raise InputError."""
     try:
         first = tuple(map(operator.index, np.asarray(lower, dtype=object).tolist()))
     except TypeError:
@@ -201,7 +201,7 @@ class Updater:
         self._workspace = copy_workspace(contents.workspace, live=True)
 
     def update(self, patch: Patch) -> Update:
-        """Write a box of known cells into the base, and update the map.
+        """Write a box of known cells, and update the map.
 
         The *base* is the workspace without named obstacles.
         """
@@ -223,7 +223,7 @@ class Updater:
         return self._copy_layers(self._layers, [(first, first + patch.outer.shape)])
 
     def replace(self, workspace: Workspace) -> Update:
-        """Write all cells of another workspace of this grid into the base, and update the map."""
+        """Write another workspace of this grid, and update the map."""
         base = self._workspace if self._layers is None else self._layers
         if base.unknown is None or workspace.unknown is None:
             same_unknown = base.unknown is workspace.unknown
@@ -284,7 +284,7 @@ class Updater:
         return bool((gaps >= self._raster_size).any())
 
     def _copy_layers(self, layers: ObstacleLayers, boxes: Sequence[CellBox]) -> Update:
-        """Copy boxes of cells from the layers to the workspace; update the map.
+        """Copy boxes of cells from layers to workspace; update the map.
 
         The workspace also gets the shapes of the layers.
         """
@@ -344,7 +344,7 @@ class Updater:
         return Update.combine(updates, self._grid.dim)
 
     def _find_dependent(self, changed_first: Ints, changed_stop: Ints) -> CellBox:
-        """Return the box of map cells that depend on a box of changed workspace cells."""
+        """Return the map's box that depends on changed workspace cells."""
         lowest_offset, highest_offset = self._offset_range
         # Cell k depends on the cells k + m, where m is an offset of the robot.
         first = np.maximum(changed_first - highest_offset, 0)
@@ -387,7 +387,7 @@ class Updater:
     def _cells_after(
         self, patches: Sequence[Patch], first: Ints, stop: Ints
     ) -> tuple[Bools, Bools]:
-        """Return outer and inner cells of a box of the workspace after patches."""
+        """Return a workspace box's outer and inner cells after patches."""
         if self._layers is not None:
             outer, inner, _ = self._layers.cells(first, stop)
             return outer, inner
@@ -408,7 +408,7 @@ class Updater:
         return patch.inner is patch.outer or np.array_equal(patch.inner, patch.outer)
 
     def _write_cells(self, patch: Patch) -> int:
-        """Write a patch into the workspace, and return the number of cells that differed.
+        """Write a patch; return the number of cells that differed.
 
         Its inner and outer cells may be one array, as long as they are equal.
         """
@@ -462,14 +462,14 @@ def split_changes(changed: Bools, raster_size: Ints) -> list[CellBox]:
 
 
 def _cut_in_two(blocks: Ints, margin: Floats, cost_per_box: float) -> list[Ints]:
-    """Cut blocks, shape (n, d), in two sets where it lowers the cost most; [] if nowhere.
+    """Cut blocks (n, d) in two where it pays most, or [].
 
     The cost of a set is that of the box around it with a ``margin``, plus ``cost_per_box``; in
     blocks.
     """
 
     def measure(low: Ints, high: Ints) -> Floats:
-        """Return the cost of boxes between their first and last blocks, shape (m, d)."""
+        """Return costs of boxes between first and last blocks, shape (m, d)."""
         return np.asarray(np.prod(high - low + 1 + margin, axis=1) + cost_per_box)
 
     cheapest = float(measure(blocks.min(axis=0)[None], blocks.max(axis=0)[None])[0])
@@ -488,14 +488,14 @@ def _cut_in_two(blocks: Ints, margin: Floats, cost_per_box: float) -> list[Ints]
 
 
 def _overwrite(array: Bools, window: tuple[slice, ...], values: Bools | bool) -> None:
-    """Write values into a window of an array that is read-only for users."""
+    """Write values into a window of a read-only array."""
     array.setflags(write=True)
     array[window] = values
     array.setflags(write=False)
 
 
 def _make_layers(workspace: Workspace) -> ObstacleLayers:
-    """Return layers with a copy of the workspace as base and no named obstacles."""
+    """Return layers with a copied workspace and no named obstacles."""
     unknown = None if workspace.unknown is None else workspace.unknown.copy()
     return ObstacleLayers(
         workspace.grid, workspace.outer.copy(), workspace.inner.copy(), unknown, workspace.shapes

@@ -58,7 +58,7 @@ def wrap_angles(angles: Floats, periodic_axes: ArrayLike = True) -> Floats:
 
 
 def unwrap_near(angle: Floats, other: Floats) -> Floats:
-    """Shift angles by whole turns to within pi of other angles, like :func:`numpy.unwrap`."""
+    """Shift angles by whole turns to within pi of others."""
     whole_turns = np.rint((other - angle) / TWO_PI)
     return angle + TWO_PI * whole_turns
 
@@ -174,7 +174,7 @@ class HasSymmetries(Protocol):
 
     @property
     def is_round(self) -> bool:
-        """True if every rotation about the reference point maps the shape to itself."""
+        """True if every rotation maps the shape to itself."""
 
 
 class Rotations(ABC):
@@ -449,7 +449,7 @@ class Rotations(ABC):
         return (n,)
 
     def _preserves(self, shape: HasSymmetries) -> bool:
-        """Return True if every rotation of every cell maps a shape to itself."""
+        """Return True if every cell's rotations map a shape to itself."""
         return True
 
     def _check_dimension(self, dim: int) -> None:  # noqa: B027
@@ -508,7 +508,7 @@ class Rotations(ABC):
         return rng.choice(len(self), size=n, p=sizes / sizes.sum())
 
     def _sample(self, cells: Ints, margin: float, rng: np.random.Generator) -> Floats:
-        """Draw a uniform rotation from each of the given cells, shape (n, size).
+        """Draw a uniform rotation from each given cell, shape (n, size).
 
         ``margin`` is the fraction of a cell that is left out at each boundary.
         """
@@ -549,7 +549,7 @@ class Rotations(ABC):
         return np.zeros((1, 0), dtype=np.int64)  # one cell without neighbours
 
     def _find_images(self, shape: HasSymmetries) -> list[tuple[Floats, Ints]]:
-        """List the rotations and mirrors of the map that permute its rotation cells.
+        """List rotations and mirrors that permute the rotation cells.
 
         Let S and M be signed permutation matrices, and M map the robot A to itself. Then S R A
         equals S R M A for every rotation R, so S maps the raster for R to that for S R M. Returns

@@ -42,7 +42,7 @@ MIN_ARC_ANGLE: Final = 1e-9
 
 @inlined
 def rotation_in(borders: Floats, row: Floats) -> Numbers:
-    """Return the rotation in a row, which has the coordinates of a configuration.
+    """Return the rotation in a row of a configuration's coordinates.
 
     ``borders``, of :class:`cspace._rotations.base.RotationTable`, have two axes for quaternions,
     and none for a robot that does not turn.
@@ -359,7 +359,7 @@ def find_arc(q0: Numbers, q1: Numbers, arc: int) -> Arc:
 
 @internal
 def find_cell_exit(borders: Floats, arc: Arc, done: float) -> tuple[int, float, float, bool]:
-    """Find the point at which the chord of an arc leaves its current cell.
+    """Find where the chord of an arc leaves its cell.
 
     ``done`` is the fraction of the chord before the point. Returns the cell, the fraction before
     the next cell, the time from 0 to 1 at which SLERP passes it, and whether there is a next cell.

@@ -429,7 +429,7 @@ _CORNERS: Final = np.indices((2, 2, 2)).reshape(3, -1).T
 
 
 def _find_smallest_caps(boxes: Floats) -> tuple[Floats, Floats]:
-    """Find the smallest spherical cap around each box: its center and covering angle.
+    """Find each box's smallest spherical cap: center and covering angle.
 
     The boxes of quotients are given by their corners, shape (m, 8, 3). The center is the rotation
     nearest to all corners. It has the direction of the point nearest to zero in the convex hull of

@@ -234,7 +234,7 @@ class YawRotations(Rotations):
         return (cells[:, None] + steps) % len(self)
 
     def _find_images(self, shape: HasSymmetries) -> list[tuple[Floats, Ints]]:
-        """Return the quarter turns and mirrors that map yaw cells to yaw cells.
+        """Return quarter turns and mirrors that permute yaw cells.
 
         Turns are about z; mirror planes contain z.
         """

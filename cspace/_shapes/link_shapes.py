@@ -143,7 +143,7 @@ def _iterate_collisions(urdf: URDF, link: str, file: str) -> Iterator[tuple[str,
 
 
 def _read_origin(collision: Any, place: str) -> Floats:
-    """Return the pose of a collision geometry in its link, shape (4, 4)."""
+    """Return a collision geometry's pose in its link, shape (4, 4)."""
     if collision.origin is None:
         return np.eye(4)
     return check_finite(collision.origin, f"{place}: origin")

@@ -183,7 +183,7 @@ class Polygons(ExactShape):
         return shapely.union_all(list(self.geometries))
 
     def transform_features(self, matrix: Floats) -> Floats:
-        """Return the transformed segments in both directions, with the number of their part."""
+        """Return transformed segments, both ways, with their part's number."""
         segments_of_parts = [segments for segments, _ in self.parts]
         part_numbers = np.repeat(np.arange(len(self.parts)), list(map(len, segments_of_parts)))
         # A segment (x0, y0, x1, y1) has a start and an end.

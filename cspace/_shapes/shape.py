@@ -333,7 +333,7 @@ class ExactShape(Shape):
 
     @abstractmethod
     def boundary(self) -> RoundedSimplices:
-        """Return the boundary for exact tests, which may include pieces inside the shape."""
+        """Return the boundary for exact tests, perhaps with inner pieces."""
 
     @property
     def boxes(self) -> Boxes:

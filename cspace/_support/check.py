@@ -90,7 +90,7 @@ def check_real(values: ArrayLike, name: str, axes: Sequence[str] = ()) -> NDArra
 
 
 def _check_unit(values: Any, name: str) -> None:
-    """Raise InputError for values that have another unit than ours, as of pint or xarray."""
+    """Raise InputError for values in another unit, as of pint."""
     if hasattr(values, "columns"):  # a column may be called so
         return
     attributes = getattr(values, "attrs", None)
@@ -128,7 +128,7 @@ def order_labels(values: Any, name: str, axes: Sequence[str]) -> Any:
 
 
 def _order_rows(values: list[Any] | tuple[Any, ...], name: str, axes: Sequence[str]) -> Any:
-    """Return a list of rows, or a row, in the order of axes."""
+    """Return a list of rows, or a row, in axes' order."""
     # Long lists hold few types, and numpy would drop the labels, units and masks of rows.
     kinds = set(map(type, values))
     if any(hasattr(kind, each) for kind in kinds for each in _ROW_ATTRIBUTES):
@@ -271,7 +271,7 @@ def check_count(
 def check_word(
     value: Any, name: str, choices: Sequence[Any], hint: str = "pass one of them"
 ) -> None:
-    """Raise InputError unless a value is one of a few words or whole numbers."""
+    """Raise InputError unless a value is one of a few."""
     if isinstance(value, bool) or not isinstance(value, str | int) or value not in choices:
         *others, last = map(repr, choices)
         rule = f"it must be {', '.join(others)} or {last}"
@@ -292,14 +292,14 @@ def check_known(value: object, name: str, known: Collection[str], verb: str = "i
 
 
 def suggest_name(value: object, known: Collection[str]) -> str:
-    """Return "did you mean ...?" with the most similar name; empty if none is similar."""
+    """Return "did you mean ...?" with a similar name, or ""."""
     lower_names = {name.lower(): name for name in known}
     similar = difflib.get_close_matches(str(value).lower(), lower_names, n=1)
     return f"did you mean {lower_names[similar[0]]!r}?" if similar else ""
 
 
 def names_options(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
-    """Make a function name the most similar option if one is unknown, as Python 3.13 does.
+    """Make a function suggest a similar option for an unknown one.
 
     It is not for queries of single configurations, because it takes a fraction of a microsecond.
     """
@@ -318,7 +318,7 @@ def names_options(function: Callable[Arguments, Result]) -> Callable[Arguments, 
 
 
 def check_mapping(values: Any, name: str, known: Collection[str]) -> dict[str, Any]:
-    """Return a mapping of known names, or a Series of them, as a dictionary.
+    """Return a mapping, or a Series, of known names as dictionary.
 
     Raises InputError, with the most similar name, if a name is unknown.
     """
@@ -334,7 +334,7 @@ def check_each(
     names: Sequence[str],
     defaults: Mapping[str, float] = MappingProxyType({}),
 ) -> Floats:
-    """Return one number for all of ``names``, shape (), or one for each, shape (k,).
+    """Return one number for all ``names``, or one each, shape (k,).
 
     A mapping gives numbers by name, and may leave out those with a default. Raises InputError if a
     number is missing, negative or not finite, a name is unknown, or the shape differs.
@@ -356,7 +356,7 @@ def check_each(
 
 
 def check_angle(value: ArrayLike, name: str) -> float:
-    """Return an angle, radians, as a float; warn if it is beyond a whole turn.
+    """Return an angle, radians; warn beyond a whole turn.
 
     Raises InputError if it is not one finite number.
     """
@@ -366,7 +366,7 @@ def check_angle(value: ArrayLike, name: str) -> float:
 
 
 def warn_of_degrees(q: ArrayLike, angles: Mapping[int, str], name: str) -> None:
-    """Warn if an angle of configurations, shape (..., size), is beyond a whole turn.
+    """Warn if an angle of configurations is beyond a whole turn.
 
     ``angles`` are the names of angles, by index. The text leaves out the value, so that Python
     prints it once for each line of the user's program.
@@ -396,7 +396,7 @@ def check_names(values: Iterable[str], name: str) -> list[str]:
 
 
 def check_text(value: object, name: str, example: str) -> str:
-    """Return a string that is not empty; raise InputError, with an example, otherwise."""
+    """Return a string, or raise InputError if it is empty."""
     if not isinstance(value, str) or not value:
         rule = "it must be a non-empty string"
         raise InputError(name, f"is {value!r}", rule, f"pass e.g. {example!r}")
@@ -453,7 +453,7 @@ def find_sizes(names: Iterable[str]) -> dict[str, str]:
 
 
 def select_positions(values: Any, name: str) -> NDArray[Any]:
-    """Return positions in the plane or in space as an array of real numbers.
+    """Return positions as an array of real numbers.
 
     Of a table, the columns x, y (and z) are taken. Raises InputError as :func:`check_real`.
     """
@@ -481,7 +481,7 @@ def check_point(value: ArrayLike, name: str = "center", dim: int = 2) -> Floats:
 
 
 def check_bounds(bounds: ArrayLike, dim: int = 2) -> Floats:
-    """Return the lower and the upper corner of a map, shape (2, dim).
+    """Return a map's lower and upper corner, shape (2, dim).
 
     ``bounds`` has that shape, or is ``xmin, ymin, (zmin,) xmax, ymax(, zmax)``. Raises InputError
     if it has another shape, or an upper value is not above the lower value.
@@ -528,7 +528,7 @@ def check_pairs(edges: ArrayLike, vertices: Floats) -> Ints:
 
 
 def check_dims(array: Any, name: str) -> None:
-    """Raise InputError unless named dimensions of an array are x, y (and z).
+    """Raise InputError unless named dimensions are x, y (and z).
 
     Dimensions are named as in xarray or zarr. They must be in this order, and have no coordinates,
     which :func:`cspace._files.rasters.place_raster` evaluates and removes.
@@ -583,7 +583,7 @@ def check_cells(values: ArrayLike, name: str) -> Bools:
 
 
 def _advise_points(array: NDArray[Any]) -> str:
-    """Return a hint for an array whose rows may be points; empty for any other."""
+    """Return a hint for arrays whose rows may be points, or ""."""
     if array.ndim != 2 or not 2 <= array.shape[1] <= _MAX_POINT_COLUMNS:
         return ""
     axes = min(array.shape[1], 3)

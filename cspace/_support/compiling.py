@@ -114,7 +114,7 @@ def allocating(function: F) -> F:
 
 
 def _compile(function: F, **options: Any) -> F:
-    """Compile a function with numba at its first call, and cache its code in our folder.
+    """Compile a function at its first call; cache its code.
 
     Raises InputError if numba's compiler is disabled.
     """
@@ -143,7 +143,7 @@ def _compile(function: F, **options: Any) -> F:
 
 
 def _compile_once(compile_: Callable[[Any], Any], function: Callable[..., Any]) -> Any:
-    """Let one process at a time compile a function, or load its code from the cache.
+    """Let one process at a time compile or load a function.
 
     Others wait for it and load its code. They would otherwise compile it again, and might mix the
     files of an index and of code, which numba saves one after the other.
@@ -186,7 +186,7 @@ def _turn(function: Callable[..., Any]) -> Iterator[None]:
 
 @cache
 def _open_lock_file() -> int | None:
-    """Open the file that processes lock; return its descriptor, or None without a cache."""
+    """Open the lock file; return its descriptor, or None without cache."""
     folder = cache_folder()
     return None if folder is None else os.open(folder / "lock", os.O_RDWR)
 
@@ -320,7 +320,7 @@ register_model(AddressType)(models.IntegerModel)
 
 @cache
 def cache_folder() -> Path | None:
-    """Return the folder of compiled code, or None if no folder is safe.
+    """Return the folder of compiled code, or None if unsafe.
 
     Each version of cspace, numba and Python has its own folder.
     """
@@ -357,7 +357,7 @@ def _digest_sources() -> str:
 
 
 def is_private(folder: Path) -> bool:
-    """Return True if no other user can replace the files in a folder.
+    """Return True if no other user can replace a folder's files.
 
     Compiled code in it is executed, so others must not write it.
     """
@@ -376,7 +376,7 @@ def is_private(folder: Path) -> bool:
 
 
 def _remove_unused(parent: Path) -> None:
-    """Remove the compiled code of versions that no process has used for a week."""
+    """Remove compiled code of versions unused for a week."""
     for lock in parent.glob("*/lock"):
         with suppress(OSError):
             if time.time() - lock.stat().st_mtime > KEPT_SECONDS:
@@ -402,7 +402,7 @@ class _Clock(event.Listener):
         return (since if depth else self.read()) - seconds
 
     def stop(self, module: str) -> None:
-        """Stop the clock while a function of a module is compiled, and log a long wait once."""
+        """Stop the clock while a function compiles; log a long wait."""
         depth, since, seconds = self._stops
         self._stops = depth + 1, since if depth else self.read(), seconds
         has_waited = self.read() - self() > LONG_WAIT_SECONDS

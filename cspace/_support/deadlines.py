@@ -36,7 +36,7 @@ _stop: ContextVar[_Stop | None] = ContextVar("stop", default=None)
 
 @contextmanager
 def stopping(function: Callable[[], bool] | None) -> Iterator[None]:
-    """End all searches of this thread once a function returns True; None never does."""
+    """End this thread's searches once a function returns True."""
     token = _stop.set(None if function is None else _Stop(function))
     try:
         yield
@@ -51,5 +51,5 @@ def is_stopped() -> bool:
 
 
 def is_over(until: float) -> bool:
-    """Return True from a reading of the clock on, or if the caller has ended the search."""
+    """Return True after a reading of the clock or the caller's stop."""
     return clock() >= until or is_stopped()

@@ -52,7 +52,7 @@ class derived(lazy[Part]):  # noqa: N801 - used as a decorator
 
     @staticmethod
     def drop(owner: Locked) -> None:
-        """Discard all derived attributes of an object, so that the next access computes them."""
+        """Discard all derived attributes, so that they are computed anew."""
         with owner.lock:
             for name, member in vars(type(owner)).items():
                 if isinstance(member, derived):

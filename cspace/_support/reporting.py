@@ -34,7 +34,7 @@ def import_optional(package: str, use: str, extra: str) -> Any:
 
 
 def warn_user(message: str, category: type[Warning] = UserWarning) -> None:
-    """Issue a warning at the line of the user's code that called this library."""
+    """Issue a warning at the user's line that called us."""
     # Go up the stack to the first frame outside this library; ``warnings`` counts frames from 1.
     frame = inspect.currentframe()
     level = 1
@@ -48,5 +48,5 @@ def warn_user(message: str, category: type[Warning] = UserWarning) -> None:
 
 
 def format_sides(sides: Floats) -> str:
-    """Format the sides of a box, metres, e.g. "2 m x 3 m"."""
+    """Format the sides of a box, such as "2 m x 3 m"."""
     return " x ".join(f"{side:.6g} m" for side in sides)

@@ -75,7 +75,7 @@ def _mark_worker() -> None:
 
 
 def _gather(results: Iterable[Result], progress: Callable[[int], None] | None) -> list[Result]:
-    """Return results as a list, calling ``progress`` with their number as they arrive."""
+    """Return results as a list, and report their number to ``progress``."""
     gathered = []
     for count, result in enumerate(results, start=1):
         gathered.append(result)

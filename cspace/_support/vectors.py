@@ -31,7 +31,7 @@ THIN: Final = 2.0**-12
 
 @internal
 def row_at(array: Floats, start: int) -> Row:
-    """Return three entries of a flat array, from ``start`` on, as a vector."""
+    """Return three entries of an array from ``start`` on."""
     return array[start], array[start + 1], array[start + 2]
 
 
@@ -74,7 +74,7 @@ def rotate(matrix: Matrix, p: Row) -> Row:
 
 @internal
 def rotate_back(matrix: Matrix, p: Row) -> Row:
-    """Multiply the transpose of a matrix, given by its rows, by a vector."""
+    """Multiply a matrix's transpose, given by rows, by a vector."""
     x, y, z = matrix
     return (
         x[0] * p[0] + y[0] * p[1] + z[0] * p[2],
@@ -85,7 +85,7 @@ def rotate_back(matrix: Matrix, p: Row) -> Row:
 
 @internal
 def apply_pose(matrix: Matrix, position: Row, p: Row) -> Row:
-    """Rotate a point by a matrix, given by its rows, then translate it."""
+    """Rotate a point by a matrix's rows, then translate it."""
     return add_scaled(rotate(matrix, p), position, 1.0)
 
 
@@ -108,7 +108,7 @@ def box_extent(matrix: Matrix, half: Row) -> Row:
 
 @internal
 def nearest_of_segment(p: Row, u: Row) -> tuple[float, float]:
-    """Find the point of the segment from p to p + u nearest to the origin.
+    """Find the point from p to p + u nearest the origin.
 
     Returns t in [0, 1], where the point is ``p + t u``, and its squared distance.
     """
@@ -120,7 +120,7 @@ def nearest_of_segment(p: Row, u: Row) -> tuple[float, float]:
 
 @internal
 def triangle_weights(a: Row, b: Row, c: Row) -> tuple[float, float]:
-    """Return the weights (s, t) of a triangle's point nearest to the origin.
+    """Return weights (s, t) of a triangle's point nearest the origin.
 
     The point is ``a + s (b - a) + t (c - a)``. Both weights lie in [0, 1]. On a side or corner, s,
     t or ``1 - s - t`` is exactly zero. Corners may coincide. C. Ericson, "Real-Time Collision
@@ -182,7 +182,7 @@ def gap_between(p: Row, u: Row, q: Row, v: Row) -> Row:
 
 @internal
 def segment_distance_square(p: Row, a: Row, b: Row) -> float:
-    """Return the squared distance of a point p from the segment from a to b."""
+    """Return the squared distance of p from the segment a to b."""
     ab = minus(b, a)
     ap = minus(p, a)
     square = dot(ab, ab)
@@ -194,7 +194,7 @@ def segment_distance_square(p: Row, a: Row, b: Row) -> float:
 
 @internal
 def triangle_distance(p: Row, triangle: Floats) -> float:
-    """Return the distance of a point p from a triangle, shape (3, 3).
+    """Return a point's distance from a triangle, shape (3, 3).
 
     For a triangle thinner than :data:`THIN`, it is too small by at most THIN times the longest
     side.
@@ -231,7 +231,7 @@ def triangle_distance(p: Row, triangle: Floats) -> float:
 
 @internal
 def box_distance(box: Floats, p: Row) -> float:
-    """Return the distance of a point from a box, shape (6,): its center, then its half sides."""
+    """Return a point's distance from a box: center, half sides."""
     center = row_at(box, 0)
     half_x, half_y, half_z = row_at(box, 3)
     x, y, z = minus(p, center)
@@ -243,7 +243,7 @@ def box_distance(box: Floats, p: Row) -> float:
 
 @internal
 def normal_of(triangle: Floats) -> Row:
-    """Return the normal of a triangle, shape (3, 3), whose length is twice its area."""
+    """Return a triangle's normal, as long as twice its area."""
     a = row_at(triangle[0], 0)
     ab = minus(row_at(triangle[1], 0), a)
     ac = minus(row_at(triangle[2], 0), a)

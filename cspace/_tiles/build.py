@@ -48,7 +48,7 @@ def build_tiles(
     progress: Callable[[int, int], None] | None,
     **options: Any,
 ) -> TiledCSpace:
-    """Build a map into a folder, tile by tile, or resume an interrupted build.
+    """Build a map into a folder of tiles, or resume a build.
 
     The caller, :func:`cspace.build`, has checked the other arguments; ``options`` are
     ``rotations``, ``outside`` and ``margin``. Raises InputError if ``tile`` is invalid or a task

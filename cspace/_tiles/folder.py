@@ -94,7 +94,7 @@ class TileFolder:
         return self.sub_grid(np.array([[0] * len(self.tile), self.layout["shape"]]))
 
     def sub_grid(self, corners: Ints) -> Grid:
-        """Return the grid of a box of cells, inside the whole grid or not."""
+        """Return the grid of a box of cells, inside or not."""
         cell = self.frame.grid
         first, stop = corners
         lower = np.array(cell.lower) + cell.spacing * first
@@ -169,14 +169,14 @@ class TileFolder:
         return np.clip(corners, 0, self.layout["shape"])
 
     def list_tiles(self, corners: Ints) -> list[int]:
-        """Return the indices of the tiles whose interiors meet a box of cells."""
+        """Return indices of tiles whose interiors meet a box of cells."""
         first, stop = self.clip(corners)
         # The box of tiles; the division of ``stop`` rounds up.
         tiles = np.stack([first // self.tile, -(-stop // self.tile)])
         return [int(tile) for tile in self.numbers[to_slices(tiles)].flat]
 
     def group_by_tile(self, cells: Ints, rows: Ints) -> Iterator[tuple[int, Ints]]:
-        """Group cells by tile; yield each tile with the row indices of its cells.
+        """Group cells by tile; yield tiles with rows of their cells.
 
         ``cells`` have shape (n, d), and ``rows`` selects the cells to group. A cell outside the
         grid belongs to the nearest tile.
@@ -187,7 +187,7 @@ class TileFolder:
             yield tile, rows[tiles == tile]
 
     def tile_path(self, tile: int) -> Path:
-        """Return the folder of a tile, which exists if the tile is complete."""
+        """Return a tile's folder, which exists once it is complete."""
         index = np.unravel_index(tile, self.counts)
         return self.path / ".".join(map(str, index))
 
@@ -215,7 +215,7 @@ class TileFolder:
         return contents
 
     def _make_stamp(self, tile: int) -> str:
-        """Return the stamp of a tile: that of the map, and the tile's name."""
+        """Return a tile's stamp: the map's, and the tile's name."""
         return f"{self.layout['stamp']} {self.tile_path(tile).name}"
 
     def _check_stamp(self, tile: int, attributes: Mapping[str, Any]) -> None:
@@ -242,7 +242,7 @@ class TileFolder:
 
     @classmethod
     def open(cls, path: StrPath) -> TileFolder:
-        """Open the folder of a tiled map, complete or not, without reading tiles.
+        """Open a tiled map's folder, complete or not, without tiles.
 
         Raises FileError if it is missing or was changed, of another version, or describes no map.
         """
@@ -270,7 +270,7 @@ class TileFolder:
             _check_counts(layout["counts"], self.grid.size * len(self.frame.slice_of))
 
     def complete(self) -> TileFolder:
-        """Write the frame of a complete map, and return the folder opened again.
+        """Write the frame of a complete map, and open it again.
 
         The frame has the counts of states and the states outside the grid. Raises FileError if a
         tile is of another map.
@@ -313,7 +313,7 @@ def to_slices(corners: Ints) -> Box:
 def make_frame(
     workspace: Workspace, robot: Robot, rotations: Rotations, **options: Any
 ) -> Contents:
-    """Make the frame of a tiled map: a map of its first cell.
+    """Make a tiled map's frame, a map of its first cell.
 
     It has the robot, the rotation cells and the obstacles as shapes.
     """
@@ -334,7 +334,7 @@ def _describe(contents: Contents) -> dict[str, Any]:
 
 
 def _check_counts(counts: Any, total: int) -> Ints:
-    """Return the numbers of FREE, MIXED and BLOCKED cells as an array, shape (3,).
+    """Return counts of FREE, MIXED and BLOCKED cells, shape (3,).
 
     Raises ValueError unless their sum is ``total``.
     """

@@ -152,7 +152,7 @@ class TiledComponents:
         ]
 
     def find(self, cells: Ints, mixed: bool = False) -> Ints:
-        """Return the component of each cell, inside the grid or not; -1 for none.
+        """Return each cell's component, or -1.
 
         Cells have shape (n, 1 + d). Components consist of FREE cells, or with ``mixed`` of cells
         that are not BLOCKED.
@@ -201,7 +201,7 @@ class TiledComponents:
         return tiles.tolist(), crossings[1:]
 
     def _find_crossing(self, tiles: Ints, labels: Ints, start: Ints, goal: Ints) -> Ints:
-        """Choose the cell at which a path crosses from one tile to another.
+        """Choose the cell where a path crosses between tiles.
 
         ``tiles``, shape (2,), are adjacent, and the cell has the given label in each. Among cells
         far from the boundary of that area, the one with the shortest way from ``start`` to ``goal``

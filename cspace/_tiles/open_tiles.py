@@ -48,7 +48,7 @@ class OpenTile(NamedTuple):
     components: Components
 
     def find_labels(self, cells: Ints, mixed: bool = False) -> Ints:
-        """Return the component, in this tile, of cells of the whole map, or -1.
+        """Return components in this tile of the map's cells, or -1.
 
         Cells have shape (..., 1 + d).
         """
@@ -122,7 +122,7 @@ class OpenTiles:
     def _make_part(
         self, workspace: Workspace, states: States, exterior: Exterior | None = None
     ) -> CSpace:
-        """Return a map of this robot; without an ``exterior``, cells outside are MIXED."""
+        """Return a map of this robot, MIXED outside without ``exterior``."""
         frame = self.folder.frame
         outside = frame.outside if exterior else UNKNOWN
         return CSpace(
@@ -140,7 +140,7 @@ class OpenTiles:
         return shapes if folder.grid.contains(corners_of_shapes).all() else None
 
     def overview(self, max_cells: int) -> CSpace:
-        """Return the whole map in coarse cells, at most ``max_cells`` along an axis."""
+        """Return the whole map with at most ``max_cells`` along an axis."""
         folder = self.folder
         grid = folder.grid
         factor = max(1, -(-max(grid.shape) // max_cells))

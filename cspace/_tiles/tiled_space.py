@@ -112,7 +112,7 @@ class TiledCSpace(ConfigurationMap):
 
     @property
     def progress(self) -> float:
-        """Fraction of tiles built; queries need 1, so open a map again once its build is done."""
+        """Fraction of tiles built; queries need an opened complete map."""
         return self._folder.progress
 
     @property
@@ -125,7 +125,7 @@ class TiledCSpace(ConfigurationMap):
         return self._folder.frame
 
     def count(self) -> tuple[int, int, int]:
-        """Return the number of FREE, MIXED and BLOCKED cells over all rotation cells."""
+        """Return the number of FREE, MIXED and BLOCKED cells."""
         with self._map_lock():
             free, mixed, blocked = self._folder.layout["counts"]
         return free, mixed, blocked

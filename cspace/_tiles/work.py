@@ -30,7 +30,7 @@ def run_tasks(
     workers: int | None = None,
     progress: Progress | None = None,
 ) -> list[Any]:
-    """Return ``[task(tile) for tile in tiles]``, computed in threads or on a cluster.
+    """Return ``[task(tile) for tile in tiles]`` from threads or a cluster.
 
     ``needed`` is the memory of one task, in bytes; as many threads run as fit into memory. Raises
     InputError if one does not fit, or if the cluster fails, and any error of a task.
@@ -55,7 +55,7 @@ def run_tasks(
 def _run_on_cluster(
     task: Task, tiles: Sequence[int], client: Any, advance: Callable[[int], None]
 ) -> list[Any]:
-    """Return the results of tasks that run on the workers of a cluster."""
+    """Return results of tasks on the workers of a cluster."""
     _check_workers(client)
     # Every worker gets one copy of the task for all tiles. Tasks of a lost worker run again.
     copies = client.scatter(task, hash=False, broadcast=True)

@@ -218,7 +218,7 @@ def prove_block(
     row: int,
     scratch: SceneScratch,
 ) -> tuple[int, int]:
-    """Prove a pending block FREE or BLOCKED as a whole; return its state, MIXED if unproven.
+    """Prove a pending block; return FREE, BLOCKED, or MIXED if unproven.
 
     Also returns a pair that proves BLOCKED, or that is open, or -1. Pairs whose boundaries are
     farther apart at the center than they move in the block are dropped from its list.
@@ -252,7 +252,7 @@ def prove_block(
 
 @internal
 def set_box(cells: JointCells, pending: PendingBlocks, row: int) -> bool:
-    """Write the center and half sides, shapes (dof,), of a pending block's configurations.
+    """Write center and half sides (dof,) of a pending block.
 
     Returns True if the block is the smallest part of a cell that is divided.
     """
@@ -282,7 +282,7 @@ def refine_cell(
     base: int,
     scratch: SceneScratch,
 ) -> tuple[int, int]:
-    """Prove a cell by its parts; return its state, and a pair that keeps it MIXED or -1.
+    """Prove a cell by its parts; return state and MIXED pair.
 
     The cell is the pending block ``base``, and nothing is proven of it as a whole. It is FREE or
     BLOCKED if all parts are.
@@ -324,7 +324,7 @@ def copy_block(pending: PendingBlocks, row: int, target: int) -> None:
 
 @internal
 def halve_block(cells: JointCells, pending: PendingBlocks, row: int, parts: int) -> bool:
-    """Replace a pending block by its halves, in this row and the next, and return True.
+    """Replace a pending block by its halves, and return True.
 
     The cut is across the axis along which the block moves the arm farthest. Whole multiples of
     ``parts`` stay together; returns False if no axis has more.
@@ -354,7 +354,7 @@ def halve_block(cells: JointCells, pending: PendingBlocks, row: int, parts: int)
 def write_axes(
     chain: Chain, a: int, b: int, halves: Floats, required: float, scratch: SceneScratch
 ) -> int:
-    """Write the axes of the joints that move body a relative to body b in a box.
+    """Write axes of joints between bodies a and b in a box.
 
     ``halves``, shape (dof,), are the half sides of the box of configurations. Returns the number of
     rows written to ``scratch.axes``. They are those of
@@ -399,7 +399,7 @@ def find_blocked_pair(
     with_crossings: bool,
     scratch: SceneScratch,
 ) -> int:
-    """Return an open pair of a pending block that provably collides in the whole block, or -1.
+    """Return an open pair that collides in the whole block, or -1.
 
     The poses of ``scratch`` must be those of the block's center, and its half sides those of
     ``pending``. Triangles that cross are sought only ``with_crossings``.
@@ -457,7 +457,7 @@ def ball_collides(
 
 @internal
 def reaches_piece(solids: Solids, j: int, point: Row, rest: float, scratch: SceneScratch) -> bool:
-    """Return True if a point is within ``rest`` of a box or ball of solid j, metres.
+    """Return True if a point is within ``rest`` of solid j's piece.
 
     A negative ``rest`` requires that the point lies deeper than that in the box or ball.
     """

@@ -199,7 +199,7 @@ def build_joint_map(
 
 
 def _count_cells(intervals: Floats, joint_limits: Floats, side: float) -> tuple[int, ...]:
-    """Return the number of cells along each mapped part of a joint's range.
+    """Return the number of cells along each joint's mapped part.
 
     ``intervals``, shape (d, 2), are the mapped parts of the ranges ``joint_limits``.
     """
@@ -213,7 +213,7 @@ def _count_cells(intervals: Floats, joint_limits: Floats, side: float) -> tuple[
 
 
 def _check_joints(arm: Arm, joints: Sequence[str] | None) -> tuple[str, ...]:
-    """Return the names of the two or three joints of a map; raise InputError if they are not."""
+    """Return the names of two or three joints, or raise InputError."""
     names = arm.joints if joints is None else tuple(joints)
     for name in names:
         check_known(name, "joints", arm.joints, "name")
@@ -244,7 +244,7 @@ def _classify_cells(
     workers: int,
     progress: Progress | None,
 ) -> tuple[States, NDArray[np.int16]]:
-    """Compute the states of all cells, and a pair that keeps each MIXED cell so.
+    """Compute all cells' states, and a pair for each MIXED cell.
 
     Both results have the grid's shape; the pair is -1 in other cells. ``moving``, shape (pairs,
     joints), says which joints move which pairs. Pairs that the same joints move are one layer of
@@ -304,7 +304,7 @@ class JointMap(CSpace):
         geometry: JointGeometry | None,
         layers: ObstacleLayers | None = None,
     ) -> None:
-        """Make a map of states that an arm's geometry refines; without it, only states count."""
+        """Make a map of states, which an arm's geometry may refine."""
         super().__init__(contents, None, layers)
         self._geometry = geometry
 
@@ -315,7 +315,7 @@ class JointMap(CSpace):
             return type(self), (contents, self._geometry, layers)
 
     def _undecided_pairs(self, q: ArrayLike | None) -> dict[tuple[str, str], int] | None:
-        """Count MIXED cells by the pair of links and obstacles that keeps them so.
+        """Count MIXED cells by the undecided pair.
 
         ``q``, shape (..., d), limits the count to the cells of configurations. Returns None once
         the cells changed; see :func:`undecided_pairs`.
@@ -469,7 +469,7 @@ def _check_held_joints(arm: Arm, joint_indices: Ints, held_joints: ArrayLike | N
 def _find_range(
     space: ArmSpace, name: str, limits: Mapping[str, tuple[float, float]]
 ) -> tuple[float, float]:
-    """Return the lowest and highest mapped value of a joint, radians or metres.
+    """Return a joint's lowest and highest mapped value.
 
     They are those of ``limits``, the limits of the joint, or -pi and pi if it is continuous. Raises
     InputError if a part is not within the limits, or the joint has no range.
@@ -510,7 +510,7 @@ def _find_range(
 
 
 def _make_exterior(grid: Grid, intervals: Floats, joint_limits: Floats) -> Exterior:
-    """Return the states outside the grid: MIXED where the arm can go, else BLOCKED.
+    """Return states outside: MIXED where the arm can go, else BLOCKED.
 
     ``intervals``, shape (d, 2), are the mapped parts of the joints' ranges ``joint_limits``.
     """
@@ -580,7 +580,7 @@ def _make_cells(snapshot: Snapshot, grid: Grid, joint_indices: Ints, held: Float
 
 
 def _find_inner_balls(solids: Solids) -> InnerBalls:
-    """Find balls inside solids; a point inside, or probe, is a ball of radius zero."""
+    """Find balls inside solids, and points, as balls without radius."""
     # Rows of a center and a radius.
     rows = [np.empty((0, 4))]
     counts = [0]
@@ -638,7 +638,7 @@ def _find_surface_balls(surfaces: SurfaceTree, root: int) -> Floats:
 
 
 def _find_solid_balls(pieces: Floats) -> Floats:
-    """Find the largest balls inside boxes and balls; return centers and radii, shape (n, 4).
+    """Find the largest balls in boxes and balls, shape (n, 4).
 
     ``pieces``, shape (m, 10), are rows of a tree: a center, two half sides as vectors, and the
     radius of a ball, or the negative third half side of a box.

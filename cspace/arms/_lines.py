@@ -254,7 +254,7 @@ class LineMotion:
 
 
 def check_corners(poses: ArrayLike) -> Floats:
-    """Return the corners of a line as poses, shape (m, 4, 4), from one pose or several.
+    """Return a line's corners as poses, shape (m, 4, 4).
 
     Raises InputError if one is no rigid motion or beyond MAX_LINE_COORDINATE.
     """
@@ -376,7 +376,7 @@ def follow_lines(
 
 
 def _measure_fraction(lines: Sequence[PoseLine], parameter: float) -> float:
-    """Return the share, below 1, of the length of all lines that lies before a parameter.
+    """Return the share of all lines' length before a parameter.
 
     Line k has the parameters from k to k + 1.
     """
@@ -438,7 +438,7 @@ def _follow_line(
 def _explain_stop(
     snapshot: Snapshot, branch: Branch, outcome: int, last: Floats, failed: Floats
 ) -> tuple[str, str]:
-    """Return the name of a stop, as in :attr:`LineMotion.stopped_by`, and its reason in words.
+    """Return a stop's name for :attr:`LineMotion.stopped_by`, and its reason.
 
     ``outcome`` is OUT_OF_REACH, JUMP or COLLISION. ``last`` is the last waypoint, ``failed`` the
     configuration that could not be reached from it, shapes (dof,).
@@ -519,7 +519,7 @@ def bound_deviation(
 
 
 def try_step(problem: LineProblem, first: Floats, start: float, stop: float) -> LineStep:
-    """Try to move the frame along a line, from parameter ``start`` to ``stop``.
+    """Try to move the frame from parameter ``start`` to ``stop``.
 
     ``first``, shape (k,), is the branch's configuration at ``start``. Collisions are not tested.
     """

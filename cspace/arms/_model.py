@@ -455,7 +455,7 @@ class Arm:
         return solutions[nearest_first]
 
     def _branch_to(self, frame: str) -> tuple[Branch, Floats]:
-        """Return the chain of bodies from the base to a frame, and the frame's pose on the last.
+        """Return the bodies to a frame, and its pose on the last.
 
         Raises InputError if the frame is unknown or no joint moves it.
         """
@@ -550,7 +550,7 @@ class Arm:
         return moved
 
     def _select_moving_joints(self, values: JointValues, needs_all: bool) -> dict[str, float]:
-        """Select the values of the arm's joints from those of a whole robot.
+        """Select the arm's joint values from a whole robot's.
 
         Raise InputError if another joint is unknown or held elsewhere, or if ``needs_all`` and one
         of the arm's joints has no value.
@@ -587,7 +587,7 @@ class Arm:
         return np.array([values.get(joint, before[joint]) for joint in self.joints])
 
     def _find_group_state(self, name: str, argument: str) -> dict[str, float]:
-        """Find a group state of the SRDF; return the values that it gives to the arm's joints.
+        """Find an SRDF group state's values of the arm's joints.
 
         The name is ``"GROUP/STATE"``, or ``"STATE"`` if only one group of the arm has it. Raises
         InputError that blames ``argument`` if no state has the name, or several have.
@@ -620,7 +620,7 @@ class Arm:
         tolerance: float | None = None,
         kind: Kind = "outer",
     ) -> SphereModel:
-        """Find balls that cover the collision geometry of each link, or lie inside it.
+        """Find balls that cover each link, or lie inside it.
 
         What the balls cover is proven, not sampled; see :func:`cspace.spectral.decompose`.
 
@@ -758,7 +758,7 @@ class Arm:
         return reasons
 
     def _moving_pairs(self) -> dict[Names, ArmScene]:
-        """Return a scene of each two links that move against each other, by their names."""
+        """Return a scene of each two links that move mutually, by name."""
         links = self.links
         # Kernels expect that the second body of a pair comes first in the chain.
         pairs = [
@@ -777,7 +777,7 @@ class Arm:
         return np.random.default_rng(0).uniform(*self._ranges(), (CONTACT_SAMPLES, self.dof))
 
     def _ranges(self, around: ArrayLike = 0.0) -> tuple[Floats, Floats]:
-        """Return the lowest and highest values of the joints, both finite, shapes (dof,).
+        """Return lowest and highest finite joint values, shapes (dof,).
 
         They are the limits. A joint without limits gets half a turn to each side of the
         configurations ``around``, shape (n, dof) or a number for all joints.
@@ -866,7 +866,7 @@ def check_joint_values(values: object, argument: str, joints: Collection[str]) -
 def _choose_joints(
     joints: str | Iterable[str], groups: Mapping[str, Set[str]], all_joints: Mapping[str, Joint]
 ) -> Set[str]:
-    """Return the names of the joints that shall move: an SRDF group, or those named.
+    """Return the names of moving joints, of an SRDF group or given.
 
     Raise InputError if the group is unknown, or a named joint cannot move by itself.
     """
@@ -890,7 +890,7 @@ def is_independent(joint: Joint) -> bool:
 
 
 def _read_joint(joint: Any, file: str) -> Joint:
-    """Convert a joint of yourdfpy, checking its numbers; errors name the file and the joint."""
+    """Convert and check a joint of yourdfpy; errors name it."""
     where = f"{file}: joint {joint.name!r}"
     if joint.type not in _JOINT_KINDS:
         raise InputError(
@@ -940,7 +940,7 @@ def _read_joint(joint: Any, file: str) -> Joint:
 
 
 def _warn_of_unused_limits(joint: Any, where: str) -> None:
-    """Warn if a continuous joint has limits, which do not count by the format."""
+    """Warn of limits of a continuous joint, which do not count."""
     limit = joint.limit
     soft = joint.safety_controller
     ranges = [
@@ -957,7 +957,7 @@ def _warn_of_unused_limits(joint: Any, where: str) -> None:
 
 
 def _read_limits(joint: Any, where: str) -> tuple[float, float]:
-    """Return the lower and upper limit of a joint of yourdfpy, radians or metres.
+    """Return a joint's lower and upper limit, radians or metres.
 
     Raise InputError, which begins with ``where``, if there are none or they are reversed.
     """
@@ -1007,7 +1007,7 @@ class _ArmBuilder:
         tip: str | None,
         chosen: Set[str] | None,
     ) -> None:
-        """Choose the joints that move: those ``chosen``, or all, between ``base`` and ``tip``.
+        """Choose the joints between ``base`` and ``tip``, or those ``chosen``.
 
         ``joints`` are those below the base, by name and in order. Without a tip, all branches
         count. Raises InputError if no joint moves.
@@ -1039,7 +1039,7 @@ class _ArmBuilder:
             )
 
     def _check_leader(self, joint: Joint, leaders: Set[str]) -> None:
-        """Raise InputError if a joint mimics an unknown one, or would slide without end."""
+        """Raise InputError for an unknown leader, or endless sliding."""
         where = f"{self._file}: joint {joint.name!r}"
         leader = self._joints[check_known(joint.leader, where, leaders, "mimics")]
         if joint.kind == PRISMATIC and self._is_moved(joint) and math.isinf(leader.upper):
@@ -1055,7 +1055,7 @@ class _ArmBuilder:
         return joint.kind != FIXED and joint.leader in self._moving_names and joint.factor != 0.0
 
     def hold_joints(self, values: Mapping[str, float]) -> None:
-        """Hold the joints that do not move, at given values or at rest.
+        """Hold joints that do not move, at given values or rest.
 
         ``values`` are radians or metres by name. Raises InputError if one exceeds a limit.
         """
@@ -1084,7 +1084,7 @@ class _ArmBuilder:
                 warn_of_degrees([value], {0: name}, "held_joints")
 
     def build_arm(self, srdf: Srdf, package_dirs: Sequence[Path], inside: SolidMode) -> Arm:
-        """Build the arm from its joints and links, and from the groups of the SRDF.
+        """Build the arm from joints, links and SRDF groups.
 
         ``inside`` says which parts of the meshes are solid.
         """
@@ -1145,7 +1145,7 @@ class _ArmBuilder:
         )
 
     def find_allowed_pairs(self, arm: Arm) -> dict[Names, str]:
-        """Find the pairs of links that may touch without an SRDF, and the reasons.
+        """Find pairs that may touch without an SRDF, and reasons.
 
         These are links of one body, neighbours, and links that always touch.
         """
@@ -1170,12 +1170,12 @@ class _ArmBuilder:
         return allowed
 
     def _limit_velocity(self, leader: str) -> float:
-        """Return the largest speed of a joint at which neither it nor its mimics are too fast."""
+        """Return the largest speed that a joint and its mimics allow."""
         moved = [joint for joint in self._order if joint.leader == leader and self._is_moved(joint)]
         return min(joint.max_velocity / abs(joint.factor) for joint in moved)
 
     def _compute_fixed_pose(self, joint: Joint) -> Floats:
-        """Compute the pose, shape (4, 4), into which a still joint brings its child link."""
+        """Compute the pose (4, 4) of a still joint's child link."""
         from cspace._files.urdf import make_motion
 
         if joint.kind == FIXED:
@@ -1239,7 +1239,7 @@ class _ArmBuilder:
 
 
 def _sort_joints(joints: Iterable[Any], base: str) -> list[Any]:
-    """Return the joints of yourdfpy below a link, depth first, by name where the tree branches.
+    """Return the joints below a link, depth first, then by name.
 
     So every body comes after its parent, and the order is that of urdfdom for MoveIt.
     """
@@ -1257,7 +1257,7 @@ def _sort_joints(joints: Iterable[Any], base: str) -> list[Any]:
 
 
 def _list_links_to(tip: str, base: str, joint_above: Mapping[str, Joint]) -> set[str]:
-    """Return the links from a tip up to the base, without the base.
+    """Return the links from a tip to the base, exclusive.
 
     ``joint_above`` has the joint from which each link hangs. Raises InputError if the tip is not
     below the base.
@@ -1280,7 +1280,7 @@ def _find_rest_value(joint: Joint) -> float:
 
 
 def always_touch(scene: ArmScene, points: Floats) -> bool:
-    """Return True if a scene is proven free at none of several configurations, shape (n, dof)."""
+    """Return True if no configuration (n, dof) is proven free."""
     # Most pairs are apart in one of the first, which saves testing the others.
     first, others = np.split(points, [_FIRST_SAMPLES])
     return not (are_free(scene, first, first).any() or are_free(scene, others, others).any())

@@ -191,7 +191,7 @@ class PlanningScene:
 
 
 def find_base_pose(frame: str, arm: Arm, source: str) -> Floats:
-    """Return the pose of an arm's base in a frame, shape (4, 4).
+    """Return the pose of an arm's base in a frame (4, 4).
 
     Raises
     ------
@@ -362,7 +362,7 @@ class MotionPlanRequest:
         return kept
 
     def _find_base(self, arm: Arm, base_pose: ArrayLike | None) -> Floats:
-        """Return the pose of an arm's base in the frame of the request, as given or known."""
+        """Return the arm's base in the request's frame."""
         if base_pose is None:
             return find_base_pose(self.frame, arm, self.source)
         return check_rigid(base_pose, "base_pose")
@@ -471,14 +471,14 @@ def _parse_tolerance(value: Any, place: str) -> float:
 
 
 def _parse_angle(value: Any, place: str) -> float:
-    """Parse an angle, radians, with a warning beyond a whole turn; a missing one is zero."""
+    """Parse an angle, radians, by default zero; warn beyond a turn."""
     angle: float = _parse_optional(value, place)
     warn_of_large_angles("motion plan request", [(place, angle)])
     return angle
 
 
 def _parse_ball(value: Any, place: str) -> tuple[Floats, float]:
-    """Parse a region as the largest ball around its center: the center and the radius, metres.
+    """Parse a region's largest central ball: center and radius, metres.
 
     The region is one box, sphere or cylinder.
     """
@@ -533,7 +533,7 @@ def _parse_goal(value: Any, place: str) -> tuple[JointGoal | PoseGoal, set[str]]
 
 
 def _make_joint_goal(constraints: Sequence[Any], place: str) -> JointGoal:
-    """Make the goal of joint constraints; errors name its ``place`` in the file."""
+    """Make the goal of joint constraints; errors name ``place``."""
     check_distinct((constraint.joint_name for constraint in constraints), f" at {place}")
     goal = JointGoal({}, {}, {})
     for constraint in constraints:
@@ -546,7 +546,7 @@ def _make_joint_goal(constraints: Sequence[Any], place: str) -> JointGoal:
 
 
 def _find_angle(constraint: Any, place: str) -> float:
-    """Return the largest angle, radians, that an orientation constraint allows around any axis.
+    """Return an orientation constraint's largest angle about any axis, radians.
 
     It is infinite if the constraint allows any rotation. Errors name the ``place`` of the goal.
     """
@@ -562,7 +562,7 @@ def _find_angle(constraint: Any, place: str) -> float:
 
 
 def _parse_path(value: Any, place: str) -> tuple[list[Upright], set[str]]:
-    """Parse the constraints of a path, and return them with the frames of their orientations."""
+    """Parse a path's constraints, with the frames of their orientations."""
     kept = list[Upright]()
     frames = set[str]()
     for constraint in parse(_PATH, value, place).orientation_constraints:
@@ -572,7 +572,7 @@ def _parse_path(value: Any, place: str) -> tuple[list[Upright], set[str]]:
 
 
 def _make_uprights(constraint: Any, place: str) -> list[Upright]:
-    """Make the cones of a link's axes within the tolerances of an orientation.
+    """Make cones of a link's axes within an orientation's tolerances.
 
     Let the rotation from the wanted orientation to the link be ``Rx(a) Ry(b) Rz(c)``. It takes the
     z axis to ``(sin b, -sin a cos b, cos a cos b)``: if that turns by t, at most a right angle, a

@@ -51,7 +51,7 @@ class ArmPenetration:
         bump: Bump | None = None,
         tolerance: float = 0.01,
     ) -> None:
-        """Put the balls of all links into the frames of their bodies; check all arguments."""
+        """Put all balls into the frames of bodies; check arguments."""
         from cspace.spectral import BallPenetration
         from cspace.spectral._ball_sets import as_balls
 

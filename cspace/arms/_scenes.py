@@ -44,7 +44,7 @@ def make_scene(
 
 
 def make_inner_scene(scene: ArmScene, solids: Sequence[Solid]) -> ArmScene:
-    """Make the scene of inner shapes, which proves BLOCKED, from that of outer shapes.
+    """Make the inner scene, which proves BLOCKED, from the outer one.
 
     Distances must exceed ``2 DISTANCE_ROUNDING max_coordinate`` for the positions of points, and as
     much again for the rounding of :func:`cspace._support.vectors.triangle_distance`, which is below
@@ -76,7 +76,7 @@ def _pack(
     roots: Ints,
     part_roots: Ints,
 ) -> Solids:
-    """Pack solids for kernels, with the anchors ``points``, shape (n, 3), of each part.
+    """Pack solids for kernels, with anchors (n, 3) of each part.
 
     ``parts`` are the outer or the inner parts of all solids. ``hulls``, the root of each solid and
     the root of each part there are given; see :class:`Solids`.
@@ -115,7 +115,7 @@ def _has_surface(part: PosedShape) -> bool:
 def _pack_points(
     solids: Sequence[Solid], parts: Sequence[PosedShape], points: Sequence[Floats]
 ) -> tuple[Floats, Ints]:
-    """Pack the points of all parts, shape (m, 3), and say where those of each solid begin.
+    """Pack points (m, 3) of all parts, and where solids begin.
 
     The second result has the first surface, point and part of each solid, shape (s + 1, 3); the
     last row has their numbers.
@@ -130,7 +130,7 @@ def _pack_points(
 
 
 def _pack_hulls(solids: Sequence[Solid]) -> tuple[Hulls, Ints, Ints]:
-    """Join the hulls of the outer shapes of all parts in one record.
+    """Join the hulls of all parts' outer shapes in one record.
 
     Also returns the root of each solid, above its parts, and the root of each part; -1 for none.
     """

@@ -100,12 +100,12 @@ class PosedShape:
 
     @cached_property
     def is_filled(self) -> bool:
-        """Whether the tree consists of solid boxes or balls; here it consists of triangles."""
+        """Whether the tree consists of solid boxes or balls."""
         return False
 
     @property
     def _exact(self) -> ExactShape:
-        """The shape, which must be exact to have a boundary, trees and points inside."""
+        """The shape, if it has a boundary, trees and points inside."""
         if not isinstance(self.shape, ExactShape):
             raise TypeError(
                 "the shape has outer and inner bounds; use one of PosedShape.bounds_pair"
@@ -166,7 +166,7 @@ class PosedShape:
 
     @cached_property
     def anchors(self) -> Floats:
-        """One point of each connected part, shape (n, 3); none if the tree consists of solids."""
+        """One point of each connected part (n, 3), if hollow."""
         if self.is_filled:
             return np.empty((0, 3))
         points, _ = part_anchors(self.boundary)
@@ -362,7 +362,7 @@ def place_shape(shape: Shape, name: str, pose: Floats) -> PosedShape:
 
 
 def _place_workspace(obstacle: Workspace, name: str, base: Floats) -> PosedShape | None:
-    """Place the occupied cells of a workspace, or its one shape; None if it has none.
+    """Place a workspace's occupied cells or shape, or None.
 
     ``base``, shape (4, 4), leads from the frame of the workspace to that of the arm's base.
     """
@@ -402,7 +402,7 @@ def _place_workspace(obstacle: Workspace, name: str, base: Floats) -> PosedShape
 
 
 def _count_runs(cells: Bools) -> int:
-    """Count the runs of occupied cells along the last axis; each becomes one box at most."""
+    """Count runs of occupied cells along the last axis."""
     begins_later = cells[..., 1:] > cells[..., :-1]
     begins_first = cells[..., 0]
     return int(np.count_nonzero(begins_later) + np.count_nonzero(begins_first))

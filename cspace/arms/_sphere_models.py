@@ -105,7 +105,7 @@ class SphereModel:
 
 
 def check_target(path: PathLike, overwrite: bool) -> Callable[..., str]:
-    """Return the writer of a file's format; raise InputError or FileError if it cannot be written.
+    """Return a file's writer, or raise InputError or FileError.
 
     The writer takes a sphere model and the template.
     """
@@ -131,7 +131,7 @@ def _write_urdf(model: SphereModel, template: PathLike | None) -> str:
 
 
 def _write_srdf(model: SphereModel, template: PathLike | None) -> str:
-    """Return the template, or an empty SRDF, with the balls of each link."""
+    """Return an SRDF with each link's balls."""
     root = ElementTree.Element("robot", name=model.name)
     if template is not None:
         root = _read_template(template)
@@ -229,7 +229,7 @@ def find_spheres(
 
 
 def _find_number(numbers: Mapping[str, int], link: str) -> int:
-    """Return the number of balls of a link; raise InputError if it has none."""
+    """Return a link's number of balls, or raise InputError."""
     if link not in numbers:
         raise InputError(
             "number", f"lacks {link!r}", "each link with geometry needs one", "add that link"
@@ -238,7 +238,7 @@ def _find_number(numbers: Mapping[str, int], link: str) -> int:
 
 
 def _join_parts(arm: Arm, link: Solid) -> Shape:
-    """Join the parts of a link to one shape in the frame of the link."""
+    """Join a link's parts to one shape in its frame."""
     from_body = np.linalg.inv(arm.placements[link.name].pose)
     sides = []
     for side in ("outer", "inner"):

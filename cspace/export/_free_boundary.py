@@ -20,7 +20,7 @@ from cspace.errors import InputError
 
 
 def free_boundary(state: States, grid: Grid) -> Surface:
-    """Return the boundary mesh of the FREE cells of a slice in space.
+    """Return the boundary mesh of a slice's FREE cells.
 
     Vertices have shape (V, 3), metres, and faces (F, 3). Every cell face between a FREE cell and
     another cell, or the exterior of the grid, becomes two triangles with normals out of the free

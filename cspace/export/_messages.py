@@ -237,7 +237,7 @@ def _fill_grid(
     size: Mapping[str, object],
     frame_id: str,
 ) -> Message:
-    """Fill a grid message with the values of the cells of a plane map.
+    """Fill a grid message with values of a plane map.
 
     `cells` have shape (nx, ny). `info` is the name of the field with the origin and the resolution.
     `size` maps the dotted paths of the fields for the numbers of cells to their values.
@@ -292,7 +292,7 @@ def _set_fields(msg: Message, kind: str, fields: Mapping[str, object]) -> Messag
 
 
 def _get_field(target: Any, name: str) -> Any:
-    """Return a field of a message or a mapping; None if it is missing."""
+    """Return a field of a message or mapping, or None."""
     return target.get(name) if isinstance(target, Mapping) else getattr(target, name, None)
 
 

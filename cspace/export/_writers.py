@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 
 def _select_layers(contents: Contents, cells: Sequence[int]) -> dict[str, NDArray[Any]]:
-    """Return the arrays of a map by name, with one array per rotation cell.
+    """Return a map's arrays by name, one per rotation cell.
 
     ``cells`` are the indices of the rotation cells. The arrays of a single cell keep their names;
     otherwise the index of the cell is appended.
@@ -214,7 +214,7 @@ def export(
 
 
 def to_xarray(contents: Contents) -> xarray.Dataset:
-    """Return a map as an xarray Dataset from which it can be rebuilt.
+    """Return a map as an xarray Dataset that can rebuild it.
 
     Parameters
     ----------

@@ -168,7 +168,7 @@ class Audit:
         return f"Audit({self.space.robot.name}: {numbers})"
 
     def __str__(self) -> str:
-        """Return a table of the lanes, then what does not turn and what is cut off."""
+        """Return a table of lanes, failed turns, and what is cut off."""
         order = sorted(self.lanes, key=lambda row: row.verdict == "free")
         lines = [repr(self)]
         lines += format_table(COLUMNS, [list(row.cells.values()) for row in order], "lanes")
@@ -214,7 +214,7 @@ class Audit:
         return self._find_path(self.space, *points)
 
     def plot(self) -> Axes:
-        """Draw the map with the lanes in the color of their verdict, and the places on them.
+        """Draw the map with lanes in their verdicts' colors.
 
         Returns
         -------
@@ -249,7 +249,7 @@ class Audit:
         return axes
 
     def to_geojson(self) -> dict[str, Any]:
-        """Return lanes as lines and nodes as points, in metres of the map's frame."""
+        """Return lanes as lines and nodes as points, metres."""
         shapes: list[tuple[dict[str, Any], dict[str, Any]]] = []
         for k, row in enumerate(self.lanes):
             line = {"type": "LineString", "coordinates": line_of(self.graph, k).tolist()}
@@ -336,7 +336,7 @@ def audit_graph(
 def prove_lanes(
     space: ConfigurationMap, graph: RouteGraph, exact: bool, max_room: float
 ) -> LaneProofs:
-    """Prove the lanes of a graph free or blocked, and measure their rooms."""
+    """Prove lanes free or blocked, and measure their rooms."""
     count = len(graph.lanes)
     motions = list_motions(space, graph)
     is_straight = np.array([not lane.legs for lane in graph.lanes], dtype=np.bool_)

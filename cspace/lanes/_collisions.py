@@ -120,7 +120,7 @@ def sample_motions(space: CSpace, motions: LaneMotions) -> Samples:
 def find_hits(
     space: ConfigurationMap, part: CSpace, samples: Samples, exact: bool
 ) -> dict[int, Hit]:
-    """Return the hit of each lane that has samples, in a part of a map.
+    """Find each sampled lane's hit in a part of a map.
 
     Cells prove some; on the other lanes, the robot is laid over the obstacles if ``exact``.
     """
@@ -144,7 +144,7 @@ class Obstacles:
     """The proven insides of obstacles, over which the robot is laid."""
 
     def __init__(self, space: ConfigurationMap, part: CSpace) -> None:
-        """Collect the shapes of obstacles in a part of a map, those with a name first."""
+        """Collect obstacles in a part of a map, named ones first."""
         self.grid, self.inner = part.grid, part.workspace.inner
         self.outline = space.robot.shape.inner.outline
         self.robot = self.outline.buffer(-MIN_DEPTH, join_style="mitre")
@@ -158,7 +158,7 @@ class Obstacles:
         self.shapes = shapely.intersection(np.array(outlines, dtype=object), self.frame)
 
     def name_cells(self, points: Floats) -> list[str]:
-        """Name an inner cell with a point of the robot, for each configuration.
+        """Name a colliding inner cell for each configuration.
 
         A text is empty if some points of the robot find none, or if obstacles have names.
         """

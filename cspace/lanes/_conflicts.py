@@ -200,7 +200,7 @@ class Conflicts:
         return [name for name, members in self.groups.items() if len(members) > 1 > (name in used)]
 
     def zones(self) -> Zones:
-        """Return zones that keep robots on different elements apart, if one at a time is in each.
+        """Return zones that keep robots apart, one in each.
 
         A robot is in a zone as long as any point of it, or of its margin, is. If two robots on
         different elements are within the distance of each other, the line between their nearest
@@ -234,7 +234,7 @@ class Conflicts:
         return f"Conflicts({names}: {numbers})"
 
     def __str__(self) -> str:
-        """Return a table of the pairs that are not apart, then the audit of mutex groups."""
+        """Return tables of pairs that are not apart, and of mutexes."""
         order = sorted(self.pairs, key=lambda row: (bool(row.groups), row.shares_node))
         lines = [repr(self)]
         lines += format_table(COLUMNS, [list(row.cells.values()) for row in order], "pairs")
@@ -280,7 +280,7 @@ class Conflicts:
         return axes
 
     def to_geojson(self) -> dict[str, Any]:
-        """Return outlines as polygons and pairs as points, in metres of the map's frame."""
+        """Return outlines as polygons and pairs as points, metres."""
         shapes: list[tuple[Mapping[str, Any], Mapping[str, Any]]] = []
         for name, outline in self.outlines.items():
             element = self.elements[name]
@@ -300,7 +300,7 @@ class Conflicts:
         write_csv(path, overwrite, COLUMNS, (row.cells for row in self.pairs))
 
     def to_junit(self, path: StrPath, overwrite: bool = False, strict: bool = False) -> None:
-        """Write a JUnit report: one test for each pair that is not apart and shares no node.
+        """Write a JUnit report with one test for each conflict.
 
         If a file has mutex groups, a pair that touches and shares none fails. An undecided pair
         that shares none is skipped, or fails if ``strict``.
@@ -363,7 +363,7 @@ class Zones:
         write_json(path, overwrite, self.to_geojson())
 
     def to_csv(self, path: StrPath, overwrite: bool = False) -> None:
-        """Write one row for each corner of each zone, in order: zone, x, y."""
+        """Write one row for each zone's corner: zone, x, y."""
         rows = (
             {"zone": k, "x": x, "y": y}
             for k, polygon in enumerate(self.polygons)
@@ -372,7 +372,7 @@ class Zones:
         write_csv(path, overwrite, ("zone", "x", "y"), rows)
 
     def to_vda5050(self, map_id: str, zone_set_id: str) -> dict[str, Any]:
-        """Return the ``zoneSet`` of a message of VDA 5050, version 3, of release zones.
+        """Return the ``zoneSet`` of VDA 5050, version 3, with release zones.
 
         The fleet control adds the header, and releases each zone to one robot at a time.
         """
@@ -436,7 +436,7 @@ def _check_same_map(space: ConfigurationMap, other: ConfigurationMap, name: str)
 
 
 def _add_elements(elements: dict[str, Element], robot: str, graph: RouteGraph) -> None:
-    """Add the lanes of a graph, then its nodes, by names that differ."""
+    """Add lanes, then nodes, of a graph by different names."""
     prefix = f"{robot} " if robot else ""
     twins: Counter[str] = Counter()
     for number, lane in enumerate(graph.lanes):
@@ -460,7 +460,7 @@ def _judge_pairs(
     elements: dict[str, Element],
     distance: float,
 ) -> list[Conflict]:
-    """Return the verdicts about all pairs of different elements that are not apart."""
+    """Return verdicts about all pairs that are not apart."""
     begins = np.cumsum([0, *(len(sweeper.outlines) for sweeper in sweepers)])
     names, kinds = list(elements), list(elements.values())
     pairs: list[Conflict] = []
@@ -489,7 +489,7 @@ def _list_poses(space: ConfigurationMap, poses: Floats) -> list[Pose]:
 
 
 def _find_near(one: Sweeper, other: Sweeper, distance: float) -> tuple[Ints, Ints]:
-    """Return the pairs of elements of two robots that are not proven apart."""
+    """Return pairs of two robots' elements not proven apart."""
     tree = shapely.STRtree(other.outlines)
     if distance > 0.0:
         reach = distance + ROUNDING

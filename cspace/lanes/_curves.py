@@ -66,7 +66,7 @@ class Leg(NamedTuple):
 
 
 def reverse_legs(legs: tuple[Leg, ...]) -> tuple[Leg, ...]:
-    """Return the legs of a lane that is driven from its end to its start."""
+    """Return a lane's legs, driven from its end to its start."""
     return tuple(
         Leg(
             leg.end,
@@ -124,13 +124,13 @@ def cut_nurbs(degree: int, knots: Floats, points: Floats, weights: Floats) -> tu
 
 
 def clamp_knots(degree: int, points: int) -> Floats:
-    """Return uniform knots of a curve that begins and ends at its first and last point."""
+    """Return uniform knots that clamp both ends of a curve."""
     inner = np.linspace(0.0, 1.0, max(0, points - degree) + 1)
     return np.concatenate([np.zeros(degree), inner, np.ones(degree)])
 
 
 def _cut_piece(controls: Floats) -> Iterator[Leg]:
-    """Cut a rational Bezier piece into legs; ``controls`` are homogeneous, shape (n, 3)."""
+    """Cut a rational Bezier piece (n, 3) into legs."""
     pending = [(controls, 0)]
     while pending:
         controls, halvings = pending.pop()
@@ -148,7 +148,7 @@ def _cut_piece(controls: Floats) -> Iterator[Leg]:
 
 
 def _make_leg(controls: Floats) -> Leg | None:
-    """Return the chord of a Bezier piece with its bounds; None if all of it is one point."""
+    """Return a Bezier piece's chord with bounds, or None without length."""
     points = controls[:, :2] / controls[:, 2:]
     rounding = POINT_ROUNDING * (1.0 + float(np.abs(points).max()))
     sides = np.diff(points, axis=0)

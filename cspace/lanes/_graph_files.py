@@ -125,7 +125,7 @@ class GraphBuilder:
         deviation: float = 0.0,
         mutex: str = "",
     ) -> None:
-        """Add a node at a position, metres, that a robot may miss by ``deviation``."""
+        """Add a node, metres, that a robot may miss by ``deviation``."""
         if str(name) in self.indices:
             raise element.fail("is there twice", f"the name {name!r} of a node must differ")
         self.indices[str(name)] = len(self.points)
@@ -198,7 +198,7 @@ def read_graph(
 def _read_nav2(
     document: Ledger, heading: HeadingRule | None, level: str | None, vehicle: str | None
 ) -> GraphContents:
-    """Read a GeoJSON graph: points are nodes, and lines are edges in one direction.
+    """Read a GeoJSON graph of points and directed lines.
 
     The route server drives straight from node to node, whatever line is drawn.
     """
@@ -253,7 +253,7 @@ def _add_nav2_edge(builder: GraphBuilder, edge: Ledger, name: str, lines: list[A
 def _read_rmf(
     document: Ledger, heading: HeadingRule | None, level: str | None, vehicle: str | None
 ) -> GraphContents:
-    """Read the vertices and lanes of one level of an Open-RMF navigation graph."""
+    """Read one level of an Open-RMF navigation graph."""
     if document.get("crs_name") is not None:
         check_crs(document.get("crs_name"), "crs_name")
     levels = document.child("levels")
@@ -286,7 +286,7 @@ def _read_rmf(
 
 
 def _read_mutex(options: Ledger) -> str:
-    """Return the name of the mutex group of a vertex or lane; empty without one."""
+    """Return the mutex group of a vertex or lane, or ""."""
     value = options.get("mutex", "")
     if isinstance(value, str | int | float) and not isinstance(value, bool):
         return str(value)
@@ -294,7 +294,7 @@ def _read_mutex(options: Ledger) -> str:
 
 
 def _read_options(level: Ledger, entry: Any, kind: str, number: int) -> Ledger:
-    """Return the options at the end of a vertex or lane of Open-RMF."""
+    """Return the options of a vertex or lane of Open-RMF."""
     has_options = isinstance(entry, list) and len(entry) > 2 and entry[2] is not None
     if has_options and not isinstance(entry[2], Mapping):
         problem = f"has the {kind} {number} {entry!r:.60}"
@@ -305,7 +305,7 @@ def _read_options(level: Ledger, entry: Any, kind: str, number: int) -> Ledger:
 
 
 def _choose(element: Ledger, choices: Collection[str], wanted: str | None, kind: str) -> str:
-    """Return the level, layout or type that is wanted, or the only one."""
+    """Return the wanted level, layout or type, or the only one."""
     if wanted is None and len(choices) == 1:
         wanted = next(iter(choices))
     if wanted is None or wanted not in choices:
@@ -353,7 +353,7 @@ def _read_lif(
 
 
 def _choose_layout(document: Ledger, level: str | None) -> Ledger:
-    """Return the only layout of LIF, or the chosen one; the others concern nobody."""
+    """Return the chosen layout of LIF, or the only one."""
     layouts = {
         str(layout.get("layoutId", number)): layout
         for number, layout in enumerate(document.children("layouts", "layout"))
@@ -377,12 +377,12 @@ def _read_stations(builder: GraphBuilder, layout: Ledger) -> Stations:
 
 
 def _types_of(entry: Ledger) -> list[str | None]:
-    """Return the types of vehicle that properties are for; None if they do not say."""
+    """Return the vehicle types of properties, or None."""
     return [*entry.entries("vehicleTypeIds"), entry.get("vehicleTypeId")]
 
 
 def _own_entry(entries: list[Ledger], vehicle: str | None) -> Ledger | None:
-    """Return the first properties for a type of vehicle; the others concern other vehicles."""
+    """Return the first properties for a type of vehicle."""
     own = next((entry for entry in entries if vehicle in _types_of(entry)), None)
     for entry in entries:
         if entry is not own:
@@ -391,7 +391,7 @@ def _own_entry(entries: list[Ledger], vehicle: str | None) -> Ledger | None:
 
 
 def _check_map(element: Ledger, maps: set[str], level: str | None) -> None:
-    """Refuse nodes of several maps, or of another one than the chosen level."""
+    """Refuse nodes of several maps, or of an unwanted one."""
     if len(maps) > 1 or (level is not None and maps - {level}):
         rule = "an audit has one map"
         raise element.fail(f"has nodes on the maps {sorted(maps)}", rule, "split the file by mapId")
@@ -400,7 +400,7 @@ def _check_map(element: Ledger, maps: set[str], level: str | None) -> None:
 def _read_order(
     document: Ledger, heading: HeadingRule | None, level: str | None, vehicle: str | None
 ) -> GraphContents:
-    """Read the nodes and edges of a VDA 5050 order, one map of it."""
+    """Read one map of a VDA 5050 order."""
     builder = GraphBuilder(heading, "any")
     maps = set()
     places: dict[str, Any] = {}
@@ -424,7 +424,7 @@ def _read_order(
 
 
 def _add_place(builder: GraphBuilder, node: Ledger, entry: Ledger) -> None:
-    """Add a node of LIF or VDA 5050, with the yaw of an entry."""
+    """Add a node of LIF or VDA 5050, with its yaw."""
     place = entry if entry.kind == "nodePosition" else node.child("nodePosition")
     yaw = math.nan
     tolerance = place.get("allowedDeviationTheta")

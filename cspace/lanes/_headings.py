@@ -43,7 +43,7 @@ HEADINGS: Final = {
 
 
 def parse_heading(value: Any, name: str = "heading") -> HeadingRule:
-    """Return the rule of a word, or of a fixed yaw; raise InputError otherwise."""
+    """Return a word's or a yaw's rule, or raise InputError."""
     if isinstance(value, HeadingRule):
         yaws = np.array(value.yaws, dtype=np.float64)
         warn_of_degrees(yaws[:, np.newaxis], {0: "its yaw"}, name)

@@ -89,14 +89,14 @@ class LaneYaw(NamedTuple):
     half_width: float = 0.0
 
     def yaws(self, leg: Leg) -> tuple[float, float]:
-        """Return the yaws at the start and at the end of a leg."""
+        """Return the yaws at both ends of a leg."""
         if self.is_relative:
             return leg.first + self.yaw, leg.last + self.yaw
         return self.yaw, self.yaw
 
 
 def check_map(space: ConfigurationMap, graph: RouteGraph) -> None:
-    """Raise InputError unless a map has the axes of lanes, and turns as these do."""
+    """Raise InputError unless a map can have lanes."""
     if space.axes not in (("x", "y"), ("x", "y", "yaw")):
         rule = "lanes are for maps of x, y, or of x, y, yaw"
         hint = "use cspace.build(workspace, robot.footprint(), rotations=72)"
@@ -119,7 +119,7 @@ def check_map(space: ConfigurationMap, graph: RouteGraph) -> None:
 
 
 def list_legs(graph: RouteGraph, lane: Lane) -> tuple[Leg, ...]:
-    """Return the legs of a lane, of which a straight lane has one."""
+    """Return a lane's legs; a straight lane has one."""
     if lane.legs:
         return lane.legs
     start, end = graph.places[lane.start], graph.places[lane.end]
@@ -128,7 +128,7 @@ def list_legs(graph: RouteGraph, lane: Lane) -> tuple[Leg, ...]:
 
 
 def list_yaws(graph: RouteGraph, lane: Lane) -> list[LaneYaw]:
-    """Return the ways to drive a lane; the list is empty if all yaws are allowed."""
+    """Return ways to drive a lane, empty for any yaw."""
     frame, yaws = lane.heading
     # A straight lane without length has no direction.
     is_point = not lane.legs and graph.places[lane.start] == graph.places[lane.end]
@@ -138,13 +138,13 @@ def list_yaws(graph: RouteGraph, lane: Lane) -> list[LaneYaw]:
 
 
 def lever_of(space: ConfigurationMap) -> float:
-    """Return a distance, metres, that no point of the robot exceeds from the reference point."""
+    """Return a bound, metres, of points' distance from the reference point."""
     corner = np.abs(space.robot.shape.outer.bounds).max(axis=0)
     return float(np.hypot(*corner)) * (1.0 + LEVER_ROUNDING)
 
 
 def split_yaws(space: ConfigurationMap) -> Floats:
-    """Return parts of rotation cells, shape (n, 2): their lower and upper yaws, all around.
+    """Return rotation cells' parts by lower and upper yaws, (n, 2).
 
     Without a yaw, a round robot has all yaws, and another one only zero.
     """
@@ -183,7 +183,7 @@ def list_motions(space: ConfigurationMap, graph: RouteGraph) -> LaneMotions:
 
 
 def _cut(space: ConfigurationMap, leg: Leg, longest: float) -> Iterator[Leg]:
-    """Cut a straight leg where it enters and leaves a map, and into parts for windows between."""
+    """Cut a straight leg at a map's borders, and for windows."""
     if leg.drift > 0.0 or leg.start == leg.end:
         yield leg
         return
@@ -199,7 +199,7 @@ def _cut(space: ConfigurationMap, leg: Leg, longest: float) -> Iterator[Leg]:
 def find_shares_near_map(
     space: ConfigurationMap, starts: Floats, steps: Floats
 ) -> tuple[Floats, Floats]:
-    """Return the shares at which straight motions come near a map, and leave it.
+    """Find the shares where straight motions enter and leave a map.
 
     Two equal shares cut a motion that does not come near into parts beside the map. ``starts`` and
     ``steps`` have shape (n, 2) or (n, 3); the yaw does not count.
@@ -222,7 +222,7 @@ def _list_way(
     lever: float,
     number: int,
 ) -> list[tuple[float, ...]]:
-    """List the motions of one way to drive a lane, with the turns between its legs.
+    """List the motions and turns of one way along a lane.
 
     ``stops`` are the yaws at both nodes, or NaN. A point of the robot moves by at most ``lever``
     times an angle. The columns are those of :class:`LaneMotions`, with 3 for a configuration.
@@ -237,7 +237,7 @@ def _list_way(
         rows.append((*start, *end, growth, spare, number, len(rows), bend == 0.0))
 
     def turn(place: tuple[float, float], before: float, after: float) -> None:
-        """Add a turn on the spot, unless it is none, or the yaw before or after is NaN."""
+        """Add a turn on the spot, if there is one."""
         if abs(math.remainder(after - before, math.tau)) > SAME_YAW:
             add((*place, before), (*place, after))
 
@@ -259,7 +259,7 @@ def _list_way(
 def list_parts(
     space: ConfigurationMap, motions: LaneMotions, more: float
 ) -> Iterator[tuple[CSpace, Ints]]:
-    """Yield parts of a map in memory, each with the rows of motions that lie in it.
+    """Yield map parts in memory with the rows inside them.
 
     A part also has what the robot touches within ``more`` metres beside the motions.
     """

@@ -109,7 +109,7 @@ class Body:
         self.margin = space.margin
 
     def measure_gaps(self, poses: Floats, points: Floats) -> Floats:
-        """Return the distance of points from the robot at poses; negative inside, shape (n,)."""
+        """Return points' distances from posed robots; negative inside, shape (n,)."""
         offsets = points - poses[:, :2]
         cos, sin = np.cos(poses[:, 2]), np.sin(poses[:, 2])
         x, y = offsets.T
@@ -126,7 +126,7 @@ class Body:
 
 
 def _list_sides(geometry: BaseGeometry) -> tuple[Floats, Floats]:
-    """Return the starts and steps of the sides of a polygon; a point has one without length."""
+    """Return starts and steps of a polygon's sides, or a point's."""
     rings = [
         shapely.get_coordinates(ring)
         for part in shapely.get_parts(geometry)
@@ -148,7 +148,7 @@ def _measure_to_segment(x: Floats, y: Floats, start: Floats, step: Floats) -> Fl
 
 
 def _list_hulls(shape: ExactShape) -> Iterator[tuple[Floats, float]]:
-    """Yield the corners and the radius of convex parts that hold a shape."""
+    """Yield corners and radius of convex parts that hold a shape."""
     if isinstance(shape, Balls):
         yield from zip(shape.centers[:, np.newaxis], shape.radii.tolist(), strict=True)
         return
@@ -167,7 +167,7 @@ def _list_hulls(shape: ExactShape) -> Iterator[tuple[Floats, float]]:
 
 
 def list_pieces(space: ConfigurationMap, graph: RouteGraph) -> SweepPieces:
-    """List the pieces of all lanes, then of all nodes with their turns."""
+    """List all lanes' pieces, then the nodes' with their turns."""
     motions = list_motions(space, graph)
     lever = lever_of(space) if space.rotations.names else 0.0
     lanes = SweepPieces(
@@ -188,7 +188,7 @@ def _with_yaw(points: Floats) -> Floats:
 
 
 def _list_turns(space: ConfigurationMap, graph: RouteGraph) -> SweepPieces:
-    """List the turns on the spot at each node; a node where the robot only stands has a pose."""
+    """List each node's turns on the spot, or its pose."""
     rows = []
     deviations = deviations_of(graph)[len(graph.lanes) :].tolist()
     for node, intervals in enumerate(_list_node_yaws(space, graph)):
@@ -203,7 +203,7 @@ def _list_turns(space: ConfigurationMap, graph: RouteGraph) -> SweepPieces:
 
 
 def deviations_of(graph: RouteGraph) -> Floats:
-    """Return how far the robot may be off each element, metres; at a node as on its lanes."""
+    """Return the largest deviation from each element, metres."""
     lanes = np.array([lane.deviation for lane in graph.lanes], dtype=np.float64)
     nodes = np.zeros(len(graph.names))
     ends = np.array([(lane.start, lane.end) for lane in graph.lanes], dtype=np.int64)
@@ -212,7 +212,7 @@ def deviations_of(graph: RouteGraph) -> Floats:
 
 
 def _list_node_yaws(space: ConfigurationMap, graph: RouteGraph) -> list[list[tuple[float, float]]]:
-    """List the yaws through which the robot turns at each node, as intervals.
+    """List the yaws of each node's turns, as intervals.
 
     The robot turns the shorter way between any two yaws that its lanes and the node give it; all
     around if a lane allows any yaw, or if nothing gives one.
@@ -230,7 +230,7 @@ def _list_node_yaws(space: ConfigurationMap, graph: RouteGraph) -> list[list[tup
 
 
 def _join_yaws(yaws: Floats) -> list[tuple[float, float]]:
-    """Return the intervals between yaws that the shorter ways between any two cover."""
+    """Return the intervals that shorter ways between yaws cover."""
     if not len(yaws) or np.isnan(yaws).any():
         return [(-math.pi, math.pi)]
     # The shortest arc over a gap between neighbours joins these two.
@@ -280,7 +280,7 @@ def make_outlines(body: Body, pieces: SweepPieces, count: int) -> Any:
 def _place_pieces(
     body: Body, pieces: SweepPieces, corners: Floats, radius: float
 ) -> Iterator[tuple[Ints, Floats, Floats]]:
-    """Yield rows of pieces, with the corners of a convex part at their poses, and growths."""
+    """Yield rows of pieces, a convex part's placed corners, growths."""
     turns = np.abs(pieces.ends - pieces.starts)[:, 2]
     bulges = body.lever * (turns**2 + (2.0 * pieces.half_widths) ** 2) / 8.0
     growths = pieces.growths + bulges + (radius + body.margin)
@@ -301,7 +301,7 @@ def _place_pieces(
 
 
 def _make_hulls(points: Floats, growths: Floats) -> Any:
-    """Return the convex hulls of rows of points, shape (n, k, 2), grown by distances."""
+    """Return convex hulls of points (n, k, 2), grown by distances."""
     sides = next(sides for most, sides in RING_SIDES if growths.max() <= most)
     angles = (np.arange(sides) + 0.5) * (math.tau / sides)
     ring = np.stack([np.cos(angles), np.sin(angles)], axis=1) / math.cos(math.pi / sides)
@@ -311,7 +311,7 @@ def _make_hulls(points: Floats, growths: Floats) -> Any:
 
 
 def _unite(sweeps: list[BaseGeometry], cores: list[BaseGeometry]) -> BaseGeometry:
-    """Return the union of sweeps, which holds their cores; a hull if rounding harms the union."""
+    """Return the union of sweeps, or a hull if rounding harms it."""
     if len(sweeps) == 1:
         return sweeps[0]
     union = shapely.union_all(sweeps)
@@ -377,7 +377,7 @@ class Touches(NamedTuple):
 def find_touches(
     one: Sweeper, first: Ints, other: Sweeper, second: Ints, distance: float
 ) -> Touches:
-    """Search poses, for pairs of elements, at which two robots are at most a distance apart."""
+    """Search poses at which two robots are near, by pairs."""
     count = len(first)
     limits = np.full(count, distance + one.body.margin + other.body.margin)
     deviations = one.deviations[first] + other.deviations[second]
@@ -415,7 +415,7 @@ def find_touches(
 
 
 def _choose_points(outlines: Any, others: Any) -> tuple[Floats, Any]:
-    """Return a point of two outlines, or between them, shape (n, 2), and what they share."""
+    """Return a point of, or between, two outlines (n, 2)."""
     common = shapely.intersection(outlines, others)
     points = shapely.point_on_surface(common)
     is_apart = shapely.is_empty(points)
@@ -427,7 +427,7 @@ def _choose_points(outlines: Any, others: Any) -> tuple[Floats, Any]:
 def _approach(
     one: Sweeper, other: Sweeper, touches: Touches, limits: Floats, deviations: Floats
 ) -> Touches:
-    """Move poses by what the graphs allow until the robots touch, and check that they do."""
+    """Move poses within deviations until robots touch, and check it."""
     rows = np.flatnonzero(touches.found)
     first, second = touches.first[rows], touches.second[rows]
     distances, lines = measure_distances(one.body.cores, first, other.body.cores, second)
@@ -448,7 +448,7 @@ def _approach(
 def _find_poses(
     sweeper: Sweeper, elements: Ints, points: Floats, reach: Floats, rounds: int
 ) -> tuple[Floats, Floats]:
-    """Return the pose on each element whose robot is nearest to a point, with its gap.
+    """Return each element's pose nearest to a point, with its gap.
 
     Each round searches more finely. Gaps are those of :meth:`Body.measure_gaps`, infinite if no
     pose is near.
@@ -485,7 +485,7 @@ def _find_poses(
 def _find_windows(
     pieces: SweepPieces, rows: Ints, points: Floats, radii: Floats
 ) -> tuple[Floats, Floats]:
-    """Return the shares of pieces between which they are near points; low above high if never."""
+    """Return where pieces are near points; low above high if nowhere."""
     starts = pieces.starts[rows, :2]
     steps = pieces.ends[rows, :2] - starts
     squares = (steps**2).sum(axis=1)
@@ -503,7 +503,7 @@ def _find_windows(
 def _sample_windows(
     sweeper: Sweeper, rows: Ints, points: Floats, lows: Floats, highs: Floats
 ) -> tuple[Floats, Floats]:
-    """Return the share of each window whose pose is the deepest, with its gap."""
+    """Return each window's deepest pose, with its gap."""
     counts = np.where(highs > lows, SHARES, 1)
     begins = np.cumsum(counts) - counts
     owners = np.repeat(np.arange(len(rows)), counts)

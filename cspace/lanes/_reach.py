@@ -40,14 +40,14 @@ class NodeYaws(NamedTuple):
     cells: Ints
 
     def list_free(self) -> list[Floats]:
-        """Return the intervals of yaw at which the robot may stand at each node, radians."""
+        """List each node's intervals of free yaws, radians."""
         if not np.ptp(self.parts):  # a robot that never turns
             return [self.parts[free] for free in self.is_free]
         return [join_yaw_cells(free, self.parts) for free in self.is_free]
 
 
 def prove_nodes(space: ConfigurationMap, positions: Floats, exact: bool) -> NodeYaws:
-    """Prove at which yaws the robot may stand at nodes, shape (n, 2)."""
+    """Prove at which yaws the robot may stand, shape (n, 2)."""
     parts = split_yaws(space)
     shape = len(positions), len(parts)
     low, middle, high = (
@@ -101,7 +101,7 @@ class Reach:
         self._nodes = [node for node, *_ in self._numbers]
 
     def _find_port(self, node: int, yaw: float) -> int:
-        """Return the number of the port of a node in which a yaw lies."""
+        """Return the node's port in which a yaw lies."""
         key = node, round(math.remainder(yaw, math.tau), YAW_DIGITS), -1
         for k, (low, high) in enumerate(self._free_yaws[node]):
             if (yaw - low) % math.tau <= high - low:
@@ -120,7 +120,7 @@ class Reach:
         return [list(part) for part in sorted(unique, key=lambda part: (-len(part), part))]
 
     def list_lost(self, pairs: list[tuple[int, int]]) -> list[tuple[int, int]]:
-        """Return the pairs of nodes of which the second is not reached from the first."""
+        """Return pairs of nodes without a way between them."""
         known: dict[int, set[int]] = {first: {first} for first, _ in pairs}
         for port, node in enumerate(self._nodes):
             if node in known:
@@ -132,7 +132,7 @@ class Reach:
 def judge_ways(
     space: ConfigurationMap, nodes: NodeYaws, pairs: list[tuple[int, int]]
 ) -> list[bool | None]:
-    """Return whether the map has any way between two nodes, at any yaws.
+    """Return whether any way leads between two nodes.
 
     True if a way is proven, False if it is proven that there is none, otherwise None.
     """

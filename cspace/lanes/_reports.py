@@ -42,7 +42,7 @@ def format_value(value: Any) -> str:
 
 
 def format_table(columns: Sequence[str], rows: Sequence[Iterable[Any]], noun: str) -> list[str]:
-    """Return the lines of a table; rows beyond the printed ones are counted as ``noun``."""
+    """Return a table's lines, and count omitted rows as ``noun``."""
     table = [tuple(columns), *(tuple(map(format_value, row)) for row in rows[:MAX_PRINTED_ROWS])]
     widths = [max(map(len, column)) for column in zip(*table, strict=True)]
     lines = ["  ".join(map(str.ljust, row, widths)).rstrip() for row in table]
@@ -54,7 +54,7 @@ def format_table(columns: Sequence[str], rows: Sequence[Iterable[Any]], noun: st
 def write_csv(
     path: StrPath, overwrite: bool, columns: Sequence[str], rows: Iterable[Mapping[str, Any]]
 ) -> None:
-    """Write rows, by the names of their columns; numbers of a tuple are separated by spaces."""
+    """Write rows by column names; spaces separate numbers of tuples."""
     with replacing(path, overwrite) as file, file.open("w", newline="") as stream:
         writer = csv.DictWriter(stream, columns)
         writer.writeheader()

@@ -55,7 +55,7 @@ def prove(space: CSpace, motions: LaneMotions, by_geometry: bool) -> Bools:
 def measure_rooms(
     space: CSpace, motions: LaneMotions, by_cells: Bools, is_straight: Bools, max_room: float
 ) -> Floats:
-    """Return lower bounds of the rooms of proven motions, and of their margins, metres.
+    """Bound rooms and margins of proven motions from below, metres.
 
     The result has shape (n, 3): left and right in the direction of travel, and the margin.
     ``by_cells`` says of which motions cells alone prove rooms; ``is_straight`` which motions shift
@@ -99,7 +99,7 @@ def measure_rooms(
         return prove_outline(rows, [*around, around[0]], 0.5 * (high - low) + height)
 
     def prove_strip(side: float, rows: Ints, low: Floats, high: Floats) -> Bools:
-        """Return whether cells prove strips: those that meet a narrow one meet its outline."""
+        """Return whether cells prove strips by their outlines."""
         first, last, none = motions.starts, motions.ends, 0.0 * low
         corners = [(first, none, side * low), (first, none, side * high)]
         corners += [(last, none, side * high), (last, none, side * low)]
@@ -107,7 +107,7 @@ def measure_rooms(
         return is_narrow & prove_outline(rows, corners, 0.0)
 
     def prove_beyond(side: float, rows: Ints, low: Floats, high: Floats) -> Bools:
-        """Return whether rooms are ``high``, if they are ``low``; ``side`` is 0 for margins."""
+        """Return whether ``low`` rooms are ``high``; ``side`` 0 for margins."""
         aside = 0.5 * side * (low + high)
         growth = 0.5 * (high - low) if side else high
         strips = motions.take(rows)._replace(
@@ -137,7 +137,7 @@ def measure_rooms(
 def _widen(
     prove_more: Callable[[Ints, Floats, Floats], Bools], rows: Ints, limits: Floats, spacing: float
 ) -> Floats:
-    """Return the rooms, up to their limits, that steps prove one after another, for some rows.
+    """Return rooms of some rows, up to limits, proven stepwise.
 
     A step that is not proven is halved. Rooms are whole numbers of the least step, so that steps of
     many motions are equal, and are proven at once.

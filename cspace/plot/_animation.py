@@ -183,7 +183,7 @@ def _render_image(figure: Any, palette: Any = None) -> Any:
 def _draw_map(
     space: Any, points: Floats, title: str | None, camera: ArrayLike | None
 ) -> tuple[Any, Move, float]:
-    """Draw a map; return axes, a function that moves the robot, its reach.
+    """Draw a map; return axes, mover of the robot, and reach.
 
     The robot will move along ``points``, shape (n, size). In the plane, the slice of the map at the
     robot's rotation is drawn.
@@ -230,7 +230,7 @@ def _draw_map(
 def _draw_arm(
     space: Any, points: Floats, title: str | None, camera: ArrayLike | None
 ) -> tuple[Any, Move, float]:
-    """Draw an arm; return its axes, a function that moves it, and 0.
+    """Draw an arm; return axes, mover of the arm, and 0.
 
     The 0 is the reach, which lengths of paths of an arm ignore.
     """

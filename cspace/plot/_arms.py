@@ -152,7 +152,7 @@ def paint_scene(
     camera: Any = None,
     ax: Any = None,
 ) -> Painting:
-    """Paint the obstacles near an arm; leave space for the arm at configurations."""
+    """Paint obstacles near an arm, with space for configurations."""
     import trimesh
 
     box, clip = figure.measure(configurations)

@@ -147,7 +147,7 @@ def classify_ground(workspace: Workspace, layer: tuple[Any, ...] = ()) -> Classe
 def draw_cells(
     ax: Axes, grid: Grid, classes: Classes, window: Box, pair: Sequence[int] = (0, 1)
 ) -> AxesImage:
-    """Draw the cells of a window by class, on two axes of the grid."""
+    """Draw a window's cells by class, on two axes."""
     from matplotlib.colors import ListedColormap
 
     blocks, side = merge_cells(ax, classes)
@@ -214,7 +214,7 @@ def draw_path(
 def draw_robots(
     ax: Any, body: DrawnRobot, robots: Floats, pair: Sequence[int] = (0, 1), opacity: float = 0.55
 ) -> list[Any]:
-    """Draw the robot at configurations, projected on two axes; return the legend entry.
+    """Draw projected robots at configurations; return the legend entry.
 
     Seen from above, an arrow from its reference point shows its yaw, if it has one.
     """
@@ -263,7 +263,7 @@ def draw_endpoints(
 
 
 def set_up_axes(ax: Axes, box: Floats, pair: Sequence[int], labels: Sequence[str]) -> None:
-    """Set the limits, scale, labels and background for two axes of a box."""
+    """Set limits, scale, labels and background of two axes."""
     right, up = pair
     ax.set(xlim=box[:, right], ylim=box[:, up], xlabel=labels[right], ylabel=labels[up])
     lengths = np.ptp(box[:, [right, up]], axis=0)
@@ -273,7 +273,7 @@ def set_up_axes(ax: Axes, box: Floats, pair: Sequence[int], labels: Sequence[str
 
 
 def choose_axes_size(box: Floats) -> tuple[float, float]:
-    """Choose the width and height, inches, of axes that show a box from above."""
+    """Choose width and height, inches, to show a box from above."""
     lengths = (box[1] - box[0])[:2]
     width, height = 6.5 * np.maximum(lengths / lengths.max(), 1.0 / MAX_ASPECT_RATIO)
     return float(width), float(height)

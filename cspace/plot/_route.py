@@ -255,14 +255,14 @@ def make_scene(
 
 
 def extract_rings(geometry: Any) -> list[Floats]:
-    """Return the closed rings of a geometry, holes clockwise, each of shape (n, 2)."""
+    """Return a geometry's rings (n, 2), holes clockwise."""
     polygons = shapely.get_parts(shapely.orient_polygons(geometry))
     rings = [ring for polygon in polygons for ring in (polygon.exterior, *polygon.interiors)]
     return [shapely.get_coordinates(ring) for ring in rings]
 
 
 def check_path(space: HasAxes, path: Any) -> Floats:
-    """Return a path or a plan's path as an array, shape (n, size).
+    """Return a path or plan as an array, shape (n, size).
 
     Raises InputError if it is no path in the space.
     """
@@ -307,7 +307,7 @@ def is_path_lost(space: HasAxes, path: Any) -> bool:
 def collect_endpoints(
     space: HasAxes, path: Any, points: Floats, start: Any, goal: Any
 ) -> dict[str, Floats]:
-    """Return start and goal by name, by default those of the path or plan."""
+    """Return start and goal, by default the path's, by name."""
     endpoints = {}
     for name, q, row in (("start", start, 0), ("goal", goal, -1)):
         if q is None:
@@ -318,7 +318,7 @@ def collect_endpoints(
 
 
 def _choose_robots(body: DrawnRobot, points: Floats, zoom: float) -> Floats:
-    """Choose the configurations along a path, shape (m, size), at which to draw robots.
+    """Choose the configurations along a path to draw robots at.
 
     A picture shows about twelve, or fewer if robots would overlap. The endpoints are omitted, but a
     path of one configuration is returned unchanged.
@@ -335,7 +335,7 @@ def _choose_robots(body: DrawnRobot, points: Floats, zoom: float) -> Floats:
 def _choose_center(
     space: MapLike, center: Any, body: DrawnRobot, points: Floats, endpoints: dict[str, Floats]
 ) -> Floats:
-    """Choose the point of the grid, shape (d,), through which sections are cut.
+    """Choose the point (d,) through which sections are cut.
 
     Default: half the way along the path; without a path the start, the goal, or the center of the
     grid. Raises InputError if ``center`` is not a point of the grid.

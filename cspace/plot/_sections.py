@@ -88,7 +88,7 @@ def _draw_section(
 
 
 def _draw_route(ax: Axes, scene: PictureContent, pair: tuple[int, int], across: int) -> list[Any]:
-    """Draw path, robots, start and goal in a section; return their legend entries.
+    """Draw path, robots, start and goal; return legend entries.
 
     ``pair`` are the axes of the section, and ``across`` is the third axis. The path is faint, and
     the robot is not drawn, where the robot does not reach the section.

@@ -100,7 +100,7 @@ class Painting:
         self.handles.setdefault(label, artists.make_patch(label, color))
 
     def draw_path(self, curve: Floats, is_lost: bool) -> None:
-        """Draw a path, shape (n, 3), over everything; hide what is outside the box."""
+        """Draw a path (n, 3) over everything, within the box."""
         for line in artists.draw_path(self.axes, curve, is_lost, (0, 1, 2), axlim_clip=True):
             self.handles[line.get_label()] = line
 
@@ -205,7 +205,7 @@ def draw_surface(
 
 
 def find_border_faces(solids: Bytes, towards: Floats, is_cut: bool) -> tuple[Ints, Bytes]:
-    """Return the faces of solid cells that face a camera, and their classes.
+    """Find solid cells' faces towards a camera, with classes.
 
     Cells are solid if their class is above zero. They are merged into blocks, with the largest
     class in each, until there are at most :data:`MAX_FACES` faces. Walls in front of the map are
@@ -239,7 +239,7 @@ def find_border_faces(solids: Bytes, towards: Floats, is_cut: bool) -> tuple[Int
 
 
 def _find_inside(solid: Bools, towards: Floats, is_cut: bool) -> Box:
-    """Return the part of a map behind the walls that face the camera.
+    """Return the map behind the walls that face the camera.
 
     A wall consists of layers whose cells are at least 80 % solid, fewer than half of all layers.
     """
@@ -255,7 +255,7 @@ def _find_inside(solid: Bools, towards: Floats, is_cut: bool) -> Box:
 
 
 def make_faces(low: Ints, high: Ints, axis: int, up: int) -> Ints:
-    """Return the lower (0) or upper (1) faces of boxes on an axis.
+    """Return boxes' lower (0) or upper (1) faces on an axis.
 
     Faces have shape (n, 4, 3).
 
@@ -272,7 +272,7 @@ def make_faces(low: Ints, high: Ints, axis: int, up: int) -> Ints:
 
 
 def find_exposed_cells(solid: Bools, axis: int, up: int) -> Bools:
-    """Return a mask of solid cells without a solid neighbour in one direction.
+    """Return a mask of solid cells exposed in one direction.
 
     The direction is down (``up`` 0) or up (1) an axis.
     """
@@ -283,7 +283,7 @@ def find_exposed_cells(solid: Bools, axis: int, up: int) -> Bools:
 
 
 def make_polygons(surfaces: Iterable[Surface]) -> Floats:
-    """Return the triangles of surfaces as polygons of four corners, shape (n, 4, 3).
+    """Return surfaces' triangles as polygons of four corners (n, 4, 3).
 
     The last corner is repeated, so that triangles and faces of cells are in one array.
     """

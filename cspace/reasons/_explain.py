@@ -118,12 +118,12 @@ class Explanation:
 
     @property
     def spacing(self) -> float | None:
-        """Spacing that would decide, metres; None if the map decides or nothing is known."""
+        """Spacing that would decide, metres, or None."""
         return None if self.trial is None else self.trial.spacing
 
     @cached_property
     def sentences(self) -> list[str]:
-        """At most three sentences that a person would say; the first one is the reason."""
+        """At most three sentences for a person, the reason first."""
         further = [*self._describe_margin(), *self._describe_changes()]
         return [self._describe_reason(), *further][:3]
 
@@ -158,7 +158,7 @@ class Explanation:
 
     @property
     def _may_pass_outside(self) -> bool:
-        """Whether cells outside the map are undecided, although all there is an obstacle."""
+        """Whether cells outside are undecided, although obstacle."""
         is_blocked = self.space._exterior.is_all_blocked(self.space.grid.shape)
         return self.space.outside == "blocked" and not is_blocked.all()
 
@@ -203,7 +203,7 @@ class Explanation:
         return sentences
 
     def plot(self) -> Axes:
-        """Draw the map with start, goal, barrier, and the robot at the bottleneck.
+        """Draw the map with ends, barrier, and robot at the bottleneck.
 
         Returns
         -------
@@ -276,7 +276,7 @@ def explain(space: CSpace, start: ArrayLike, goal: ArrayLike, refine: bool) -> E
 
 
 def _decide(space: CSpace, points: Floats) -> Verdict:
-    """Return the verdict that a map proves about start and goal, shape (2, size)."""
+    """Return a map's verdict about start and goal, shape (2, size)."""
     for name, point in zip(("start", "goal"), points, strict=True):
         state = int(space.classify(point))
         if state != FREE:
@@ -330,7 +330,7 @@ def _list_obstacles(
 
 
 def find_touched_cells(space: CSpace, cells: Ints, proven: bool) -> Bools:
-    """Return a mask of workspace cells that the robot may touch in configuration cells.
+    """Return a mask of workspace cells that a robot may touch.
 
     With ``proven``, return only cells that it touches from everywhere in a configuration cell.
     ``cells`` has shape (n, 1 + d). The mask has one more layer on each side, for the space outside
@@ -348,7 +348,7 @@ def find_touched_cells(space: CSpace, cells: Ints, proven: bool) -> Bools:
 
 
 def _passes_if_turning(space: CSpace, cells: Ints) -> bool:
-    """Return True if cells that are FREE at any yaw connect two cells.
+    """Return True if cells FREE at any yaw join two cells.
 
     ``cells`` have shape (2, 1 + d).
     """

@@ -102,7 +102,7 @@ def states_of_slices(space: CSpace) -> States:
 
 
 def copy_with_ends(space: CSpace, start: ArrayLike, goal: ArrayLike) -> tuple[CSpace, Floats]:
-    """Return a copy of a map, and start and goal as rows, shape (2, size).
+    """Copy a map, with start and goal as rows (2, size).
 
     Updates of the map do not change the copy. Raises InputError for maps of other kinds,
     ConfigurationError for configurations outside.
@@ -116,7 +116,7 @@ def copy_with_ends(space: CSpace, start: ArrayLike, goal: ArrayLike) -> tuple[CS
 
 
 def find_cells(space: CSpace, points: Floats) -> Ints:
-    """Return the cells ``(rotation, x, ...)`` of configurations, shape (n, 1 + d)."""
+    """Return cells ``(rotation, x, ...)`` of configurations, (n, 1 + d)."""
     positions = space.grid.cell_of(points[:, : space.dim])
     return np.column_stack([space.rotations._find_cells(points), positions])
 
@@ -167,7 +167,7 @@ def find_way(space: CSpace, points: Floats) -> Way:
 
 
 def _find_barrier(space: CSpace, cells: Ints, is_free: Bools) -> tuple[Ints, tuple[int, int]]:
-    """Find the cells that are not FREE under the moves of a way.
+    """Find cells that are not FREE under a way's moves.
 
     ``is_free`` marks the cells of each slice that moves may pass. Returns the cells, and the
     indices of the first and last cell of the way beside them.
@@ -287,12 +287,12 @@ class ResizedRobot:
         return is_free
 
     def make_free_map(self, margin: float) -> CSpace:
-        """Return a map of the robot with a margin, with states FREE and MIXED."""
+        """Return the robot's map of FREE and MIXED with a margin."""
         states = (~self.find_free(margin)).view(np.uint8)  # False is FREE, and True is MIXED
         return self._make_map(states, Exterior(self.space._kernel_map.exterior))
 
     def make_blocked_map(self, margin: float) -> CSpace:
-        """Return a map of the robot with a margin, with states BLOCKED and MIXED."""
+        """Return the robot's map of BLOCKED and MIXED with a margin."""
         space = self.space
         own, rest = self._split_margin(margin)
         # Offsets to add on each side. Few sizes occur, because their tables are cached.
@@ -340,7 +340,7 @@ class ResizedRobot:
         return hits
 
     def _split_margin(self, margin: float) -> tuple[float, float]:
-        """Split a margin into metres for the robot, and cells for the obstacles."""
+        """Split a margin into metres of robot and cells of obstacles."""
         spacing = self.space.grid.spacing
         own = min(margin, MAX_GROWTH_CELLS * spacing)
         return own, (margin - own) / spacing
@@ -367,7 +367,7 @@ class ResizedRobot:
 
     @cached_property
     def outer_depths(self) -> list[Floats]:
-        """Upper bounds of the depth in the box of each outer offset, by slice."""
+        """Upper bounds of depth in each outer offset's box, by slice."""
         planes = Planes.around(self.space.robot.shape.outer)
         return [
             bound_depths(planes, outer, cell, self.space.grid.spacing)
@@ -463,7 +463,7 @@ def grow_cells(cells: Bools, distance: float, outside: bool, *, outwards: bool) 
 
 
 def measure_depths(shape: ExactShape, raster: Raster, cell: RotationCell, spacing: float) -> Floats:
-    """Return lower bounds of the depth of inner offsets below a surface, metres.
+    """Bound inner offsets' depths below a surface from below, metres.
 
     The bounds hold at all rotations of the cell. They have the shape of the raster's cells, and are
     -1 at offsets that the raster lacks.
@@ -486,7 +486,7 @@ def measure_depths(shape: ExactShape, raster: Raster, cell: RotationCell, spacin
 
 
 def distance_to_simplex(points: Floats, simplex: Floats) -> Floats:
-    """Return the distance of points, shape (n, d), to a point, segment or triangle.
+    """Return points' distances to a point, segment or triangle.
 
     ``simplex`` has one to three corners, shape (k, d).
     """

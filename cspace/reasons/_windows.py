@@ -78,7 +78,7 @@ def suggest_finer(space: CSpace, way: Way) -> Trial:
 
 
 def refine_way(space: CSpace, points: Floats, way: Way, is_decided: bool) -> tuple[Way, Trial]:
-    """Build finer maps to narrow the margins of a way, and to decide it.
+    """Build finer maps to narrow a way's margins and decide it.
 
     ``points``, shape (2, size), are start and goal. Maps of the whole workspace are built while
     they are small, then windows if the way is undecided. Returns the way and the finest map tried.
@@ -106,7 +106,7 @@ def refine_way(space: CSpace, points: Floats, way: Way, is_decided: bool) -> tup
 
 
 def _describe_trial(space: CSpace, factor: int, decided: Decision) -> Trial:
-    """Describe a map that is finer by a factor, and what it decided."""
+    """Describe a finer map, and what it decided."""
     return Trial(space.grid.spacing / factor, _count_rotations(space, factor), decided)
 
 
@@ -117,7 +117,7 @@ def _count_rotations(space: CSpace, factor: int) -> int:
 
 
 def _has_known_solids(space: CSpace) -> bool:
-    """Return True if a finer map's obstacles are really there, so BLOCKED is proven.
+    """Return True if a finer map's obstacles are solid.
 
     Without shapes, a finer map takes whole outer cells as obstacles, some of which may be free.
     """
@@ -126,7 +126,7 @@ def _has_known_solids(space: CSpace) -> bool:
 
 
 def _build_finer(space: CSpace, factor: int, first: Ints, stop: ArrayLike) -> CSpace:
-    """Build a map of finer cells in a box of cells of a map.
+    """Build a finer map in a box of cells.
 
     The box is from cell ``first`` to before cell ``stop``. The cells are those of a finer map of
     the whole grid, because the box begins at a corner of a cell.
@@ -143,7 +143,7 @@ def _build_finer(space: CSpace, factor: int, first: Ints, stop: ArrayLike) -> CS
 
 
 def _decide(space: CSpace, finer: CSpace, ends: ArrayLike) -> Decision:
-    """Return the decision of a finer map on start and goal, shape (2, size)."""
+    """Return a finer map's decision on start and goal."""
     start, goal = np.asarray(ends)
     if finer.is_connected(start, goal):
         return "open"
@@ -151,7 +151,7 @@ def _decide(space: CSpace, finer: CSpace, ends: ArrayLike) -> Decision:
 
 
 def _decide_window(space: CSpace, way: Way, factor: int) -> Decision:
-    """Build a finer window around the barrier of a way; return its decision.
+    """Decide a finer window around a way's barrier.
 
     Space outside the window counts as blocked, so that an open way leads through the window.
     """

@@ -52,7 +52,7 @@ class Arrangement:
     """
 
     def __init__(self, lattice: Lattice, measure_depths: Depths, *, inside: bool) -> None:
-        """Choose points that stand for the shape; with ``inside``, centers must lie in it.
+        """Choose points for a shape; ``inside`` keeps centers in it.
 
         ``measure_depths`` gives the radii of the largest balls in the shape around points (n, d).
         """
@@ -69,7 +69,7 @@ class Arrangement:
         self.points = rng.permutation(np.concatenate([self.cells, corners[:MAX_POINTS], boundary]))
 
     def place(self, number: int, *starts: Floats) -> Floats:
-        """Return at most ``number`` centers (n, d), metres, with a small largest growth.
+        """Return up to ``number`` centers (n, d), metres, with small growth.
 
         Known arrangements ``starts`` are improved, too.
         """
@@ -90,7 +90,7 @@ class Arrangement:
         return other if growth_of_other < growth else best
 
     def _improve(self, arrangements: list[Floats], max_failures: int) -> tuple[Floats, float]:
-        """Search from the best of some arrangements; return centers and their largest growth."""
+        """Search from the best arrangements; return centers and largest growth."""
         best = np.empty((0, self.region.dim))
         smallest = math.inf
         for start in arrangements:
@@ -107,7 +107,7 @@ class Arrangement:
         return best, smallest
 
     def _spread(self, number: int) -> Floats:
-        """Return centers far from each other: the deepest cell, then what needs most growth."""
+        """Return centers far apart: the deepest cell, then the neediest."""
         centers = self.cells[[self.measure_depths(self.cells).argmax()]]
         for _ in range(number - 1):
             growths = cdist(self.cells, centers) - self.measure_depths(centers)
@@ -115,7 +115,7 @@ class Arrangement:
         return centers
 
     def _alternate(self, centers: Floats) -> tuple[Floats, float]:
-        """Assign points and move balls in turns; return the best centers and largest growth."""
+        """Assign points and move balls in turns; return the best."""
         if self.is_inner:
             centers = centers[self.measure_depths(centers) > 0.0]
         best = centers
@@ -130,12 +130,12 @@ class Arrangement:
         return best, smallest
 
     def _grow(self, centers: Floats) -> tuple[Floats, Floats]:
-        """Return the growth that each point takes of each ball, and the depth of each ball."""
+        """Return points' growths of balls, and the balls' depths."""
         depths = self.measure_depths(centers)
         return cdist(self.points, centers) - depths, depths
 
     def _relocate(self, centers: Floats, rank: int) -> Floats:
-        """Move a ball that others replace well to the point that takes the largest growth.
+        """Move a replaceable ball to the point of the largest growth.
 
         ``rank`` balls are replaced better.
         """
@@ -153,7 +153,7 @@ class Arrangement:
         return moved
 
     def _move(self, centers: Floats, depths: Floats, points: Floats, owners: Ints) -> Floats:
-        """Move each ball to lower its growth, by steps that halve if none helps."""
+        """Move balls to lower their growth, by halving steps."""
         order = np.argsort(owners, kind="stable")
         owners = owners[order]
         points = points[order]

@@ -91,7 +91,7 @@ class Bump:
         object.__setattr__(self, "alpha", alpha)
 
     def profile(self, distance: ArrayLike) -> Floats:
-        """Evaluate the bump at distances from its center, in radii, of either sign."""
+        """Evaluate the bump at signed distances, in radii."""
         distances = np.abs(check_finite(distance, "distance"))
         if self.alpha == math.inf:
             return np.asarray((distances < 1.0).astype(np.float64))

@@ -91,7 +91,7 @@ class BallDecomposition:
 
     @property
     def volume_bounds(self) -> Bounds:
-        """Bounds of the area or volume of the balls divided by that of the shape."""
+        """Bounds of the balls' measure divided by the shape's."""
         shape_low, shape_high = self.shape_measure
         lower = upper = math.inf
         if shape_high > 0.0:
@@ -227,7 +227,7 @@ def decompose(
 
 
 def _fill_shape(lattice: Lattice, tolerance: float) -> ProvenBalls:
-    """Choose balls in a shape within a tolerance, metres; without an inside, none.
+    """Choose balls in a shape within a tolerance, metres.
 
     Raises InputError if the shape is too thin or the tolerance too small.
     """
@@ -273,7 +273,7 @@ def _cover_shape(lattice: Lattice, tolerance: float) -> ProvenBalls:
 
 
 def _prove(lattice: Lattice, kind: Kind, centers: Floats, depths: Floats) -> ProvenBalls:
-    """Prove balls around centers (n, d) by their depths (n,) in the shape; metres.
+    """Prove balls by centers (n, d) and depths (n,), metres.
 
     Inner balls are the largest ones in the shape. Outer balls are as large as their parts of the
     shape need; their depths only choose these parts. Balls outside, or without a part, are dropped.
@@ -296,7 +296,7 @@ def _prove(lattice: Lattice, kind: Kind, centers: Floats, depths: Floats) -> Pro
 
 
 def _arrange(lattice: Lattice, kind: Kind, number: int, *starts: Floats) -> ProvenBalls:
-    """Arrange at most ``number`` balls; return the best of these and the starts."""
+    """Arrange at most ``number`` balls; return the best and starts."""
     # Balls outside may also fill hollows, such as the inside of a mesh with small gaps.
     measures: list[Depths] = [lattice.region.depths]
     if kind == "outer" and lattice.hollows.any():
@@ -317,7 +317,7 @@ def _arrange(lattice: Lattice, kind: Kind, number: int, *starts: Floats) -> Prov
 def _arrange_fewer(
     lattice: Lattice, kind: Kind, tolerance: float, balls: ProvenBalls
 ) -> ProvenBalls:
-    """Replace balls within a tolerance, in metres, by as few that are arranged, if found."""
+    """Replace balls within a tolerance, metres, by fewer arranged ones."""
     too_few = 0
     number = len(balls[1]) + 1  # as many balls are mostly arranged better
     while number - too_few > 1:
@@ -355,7 +355,7 @@ def _list_inner_candidates(lattice: Lattice) -> LatticeBalls:
 
 
 def _fill_greedily(lattice: Lattice, number: int) -> LatticeBalls:
-    """Choose at most ``number`` balls in the shape that contain many cell centers."""
+    """Choose up to ``number`` balls that contain many cell centers."""
     candidates = _list_inner_candidates(lattice)
     cells = CellCounts.of(lattice, whole=False)
     boundary = lattice.region.inner
@@ -371,7 +371,7 @@ def _fill_greedily(lattice: Lattice, number: int) -> LatticeBalls:
 
 
 def _cover_with(lattice: Lattice, number: int, *, inside: bool) -> tuple[LatticeBalls, bool]:
-    """Choose at most ``number`` balls that cover all cells; return True if they do.
+    """Choose up to ``number`` balls; return True if they cover all.
 
     They grow, beyond their depth in the shape, by the smallest length, by bisection, for which such
     balls are found. With ``inside``, centers must lie in the shape.
@@ -403,7 +403,7 @@ def _choose_cover(
     inside: bool = True,
     max_balls: int = UNLIMITED_BALLS,
 ) -> tuple[LatticeBalls, bool]:
-    """Choose at most ``max_balls`` balls until every cell lies in one; return True if it does.
+    """Choose up to ``max_balls`` balls; return True if they cover cells.
 
     The reach of a ball is its depth in the shape plus ``reach``, in sides, or less. With
     ``inside``, centers must lie in the shape.
@@ -428,7 +428,7 @@ def _choose_cover(
 
 
 def _find_balls_around(lattice: Lattice, points: Floats) -> LatticeBalls:
-    """Find the largest ball in the shape around each point, shape (n, 3)."""
+    """Find the largest ball around each point (n, 3)."""
     depths = lattice.depths_at(points)
     return LatticeBalls(points, depths, depths)
 
@@ -468,7 +468,7 @@ def _list_medial_balls(lattice: Lattice) -> LatticeBalls:
 
 
 def _find_deepest_points(lattice: Lattice, cells: Floats) -> LatticeBalls:
-    """Find a ball in the shape near each cell, around the deepest of some points.
+    """Find a deep ball near each cell, around some points.
 
     ``cells`` are cell centers, shape (n, 3). The points are the center and points on either side of
     the nearest boundary. A cell without such a point in the shape gets no ball.
@@ -550,7 +550,7 @@ class CellCounts(NamedTuple):
         return np.argwhere(self.counts == 0) + np.float64(0.5)
 
     def trim(self, balls: LatticeBalls) -> LatticeBalls:
-        """Shrink the balls to the cells that only they contain; drop balls without such cells.
+        """Shrink balls to cells of their own; drop empty ones.
 
         Small balls are dropped first; then balls that stick out most are shrunk first.
         """
@@ -564,7 +564,7 @@ class CellCounts(NamedTuple):
 
 @internal
 def _find_cell_range(center: float, length: float, count: int) -> tuple[int, int]:
-    """Find the cells along an axis whose centers lie within ``length`` of ``center``.
+    """Find cells along an axis with centers within ``length``.
 
     Returns the first one and the end, both within ``count`` cells.
     """
@@ -575,7 +575,7 @@ def _find_cell_range(center: float, length: float, count: int) -> tuple[int, int
 
 @internal
 def _find_rows(cells: CellCounts, center: Floats, reach: float) -> tuple[int, int]:
-    """Find the rows of cells in a ball; count them and their open cells.
+    """Find a ball's rows of cells; count cells and open ones.
 
     They fill the first rows of ``cells.rows``. ``center`` has shape (3,).
     """
@@ -611,7 +611,7 @@ def _find_rows(cells: CellCounts, center: Floats, reach: float) -> tuple[int, in
 
 @internal
 def _count_ball(cells: CellCounts, center: Floats, reach: float, step: int) -> None:
-    """Add a ball to the counts of its cells (``step`` 1), or remove it (-1)."""
+    """Add (1) or remove (-1) a ball from its cells' counts."""
     counts = cells.counts
     open_before = cells.open_before
     row_count, _ = _find_rows(cells, center, reach)

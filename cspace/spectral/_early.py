@@ -112,11 +112,11 @@ class EarlyTest:
 
     @property
     def bound(self) -> float:
-        """Largest difference of the sum of all frequencies of the band from the ideal overlap."""
+        """Largest difference of the band's sum from the ideal overlap."""
         return float(self._bounds[-1])
 
     def compare(self, t: ArrayLike) -> Comparison:
-        """Compare the overlap with A moved by t, shape (..., d), metres, with the threshold."""
+        """Compare the overlap at t (..., d), metres, with the threshold."""
         overlap = self.overlap
         placements = check_points(t, "t", AXES[: overlap.dim])
         shares = overlap.relative(placements) / overlap.lattice.periods
@@ -151,7 +151,7 @@ class EarlyTest:
 
 
 def _keep_half(values: NDArray[Any]) -> NDArray[Any]:
-    """Return the values of frequency zero, and of one of each two opposite frequencies.
+    """Keep the values of one of each two opposite frequencies.
 
     Descriptors are real, so opposite frequencies have conjugate terms.
     """
@@ -161,7 +161,7 @@ def _keep_half(values: NDArray[Any]) -> NDArray[Any]:
 
 
 def _bound_norm_beyond(factors: RadialFactors, energy: float, volume: float) -> float:
-    """Bound the norm of what a set of balls has beyond the band.
+    """Bound the norm of balls beyond the band.
 
     It is at most the sum of the norms of its balls. By Parseval's theorem, the square of such a
     norm is the energy of a ball, ``energy`` times ``radius^dim``, minus its energy in the band.

@@ -128,7 +128,7 @@ class FourierOverlap:
 
     @property
     def _offset(self) -> Floats:
-        """Center of B relative to the center of A after the rotation, metres."""
+        """B's center relative to that of the turned A, metres."""
         return np.asarray(self._centers[1] - self._rotation @ self._centers[0])
 
     @property
@@ -212,23 +212,23 @@ class FourierOverlap:
         return moved
 
     def _transform_a(self) -> Complexes:
-        """Compute the spectrum of A about its center, in the order of numpy.fft."""
+        """Compute A's spectrum about its center, in numpy.fft's order."""
         placed = (self.a.centers - self._centers[0]) @ self._rotation.T
         return self.factors_a.spectrum(placed, MIN_SPECTRUM_TOLERANCE)
 
     def _transform_b(self, is_chosen: Bools | None = None) -> Complexes:
-        """Compute the spectrum of B, or of its chosen balls, about its center."""
+        """Compute the spectrum of B, or chosen balls, about its center."""
         relative = self.b.centers - self._centers[1]
         return self.factors_b.spectrum(relative, MIN_SPECTRUM_TOLERANCE, is_chosen)
 
     @property
     def products(self) -> Complexes:
-        """Terms ``F_B conj(F_A) / V`` of the overlap, in the order of numpy.fft."""
+        """Terms ``F_B conj(F_A) / V`` of the overlap, in numpy.fft's order."""
         return self.spectrum_b * self.spectrum_a.conj() / float(np.prod(self.lattice.periods))
 
     @cached_property
     def _terms(self) -> Complexes:
-        """Terms of the overlap, and of its derivative along each axis, shape (1 + d, counts)."""
+        """Terms of the overlap and its derivatives, shape (1 + d, counts)."""
         products = self.products
         slopes = [2j * math.pi * wave * products for wave in self.lattice.waves]
         return np.stack([products, *slopes])
@@ -248,11 +248,11 @@ class FourierOverlap:
         return sums[..., 0][()], sums[..., 1:]
 
     def relative(self, placements: Floats) -> Floats:
-        """Return placements (..., d) of A's center relative to B's center, shape (n, d)."""
+        """Return placements (..., d) relative to B's center, shape (n, d)."""
         return np.asarray(placements.reshape(-1, self.dim) - self._offset)
 
     def _sum(self, t: ArrayLike, terms: Complexes) -> Floats:
-        """Sum series, shape (m, counts), at placements (..., d); return shape (..., m)."""
+        """Sum series (m, counts) at placements (..., d); return (..., m)."""
         placements = check_points(t, "t", AXES[: self.dim])
         shares = self.relative(placements) / self.lattice.periods
         out = np.zeros((len(shares), len(terms)))

@@ -218,7 +218,7 @@ class _Fields:
             self.spectrum += weight * spectrum
 
     def correlate(self, centers: Floats) -> Floats:
-        """Return the summed overlap of moving balls at all steps of the lattice.
+        """Return moving balls' summed overlap at all lattice steps.
 
         ``centers``, shape (k, d), are relative to a point that lies at the fixed balls' center at
         the first step.
@@ -228,7 +228,7 @@ class _Fields:
         )
 
     def _invert(self, spectrum: Complexes) -> Floats:
-        """Return the values of a spectrum of a real function on the lattice, by an inverse FFT."""
+        """Return a real function on the lattice from its spectrum."""
         from scipy.fft import irfftn
 
         padded = np.zeros(self.shape, dtype=np.complex128)
@@ -240,7 +240,7 @@ class _Fields:
 
     @cached_property
     def _splines(self) -> list[NdBSpline]:
-        """Spline of the field of each radius, at places in cells, from 0 to the period."""
+        """Spline of each radius's field, at periodic places in cells."""
         from scipy.interpolate import NdBSpline
         from scipy.ndimage import spline_filter
 
@@ -254,7 +254,7 @@ class _Fields:
         return splines
 
     def evaluate(self, centers: Floats) -> Floats:
-        """Return the overlaps of moving balls and their derivatives, shape (n, k, 1 + d).
+        """Return moving balls' overlaps and derivatives, (n, k, 1 + d).
 
         ``centers``, shape (n, k, d), are the places of the balls, metres.
         """
@@ -374,7 +374,7 @@ class _Search:
         self.gyration = math.sqrt(float(squares.mean()))
 
     def find_peaks(self, matrix: Floats, floor: float, most: int) -> Placements:
-        """Find at most ``most`` of the highest local maxima on the lattice, above a score.
+        """Find up to ``most`` highest lattice maxima above a score.
 
         A is rotated by ``matrix``, shape (d, d).
         """
@@ -392,7 +392,7 @@ class _Search:
         return Placements(scores[is_peak][highest], steps + self.fields.center, rotations)
 
     def select_distinct(self, poses: Placements, min_displacement: float, most: int) -> Placements:
-        """Select at most ``most`` best poses, none within ``min_displacement`` of a better one.
+        """Select up to ``most`` best poses, ``min_displacement`` apart.
 
         The displacement is the root mean square over the balls of A.
         """
@@ -407,7 +407,7 @@ class _Search:
         return Placements(*(column[chosen] for column in poses))
 
     def climb(self, poses: Placements, turn: bool) -> Placements:
-        """Climb from poses to near maxima, all at a time; with ``turn``, A rotates too."""
+        """Climb to near maxima, also by rotations with ``turn``."""
         from scipy.optimize import minimize
 
         dim = self.body.dim
@@ -417,7 +417,7 @@ class _Search:
         spacing = float((1.0 / self.fields.cells_per_metre).min())
 
         def move(x: Floats) -> tuple[Rotation, Placements]:
-            """Return rotations, and the poses after steps x, in spacings of the lattice.
+            """Return rotations and poses after steps x, in lattice spacings.
 
             Of the entries of x for each pose, the last ones turn A: they are arcs at its radius of
             gyration.
@@ -430,7 +430,7 @@ class _Search:
             return turns, Placements(poses.scores, poses.translations + steps[:, :dim], rotations)
 
         def evaluate(x: Floats) -> tuple[Floats, Floats]:
-            """Return the scores after steps x, and their derivatives by x, shape (n, size)."""
+            """Return scores after steps x, and derivatives, (n, size)."""
             turns, moved = move(x)
             arms = self.body.centers @ np.swapaxes(moved.rotations, 1, 2)
             sums = self.fields.evaluate(moved.translations[:, None] + arms)
@@ -444,7 +444,7 @@ class _Search:
             return sums[..., 0].sum(axis=1), spacing * slopes
 
         def descend(x: Floats) -> tuple[float, Floats]:
-            """Return the negated sum of the scores, over their error, and its derivatives."""
+            """Return the negated, scaled sum of scores, and its derivatives."""
             scores, slopes = evaluate(x)
             return -scores.sum() / self.error, -slopes.ravel() / self.error
 

@@ -94,7 +94,7 @@ class ShapeBoundary:
     """
 
     def __init__(self, shape: ExactShape) -> None:
-        """Take the boundary of a shape; raise InputError if it consists of balls."""
+        """Take a shape's boundary; raise InputError for balls."""
         exact = shape
         if isinstance(shape, Polygons):
             # Unite overlapping polygons, so that only the boundary of the union remains.
@@ -128,12 +128,12 @@ class ShapeBoundary:
         return _bound_volume(self.shape)
 
     def depths(self, points: Floats, cap: float = math.inf) -> Floats:
-        """Compute lower bounds of the depths of points, negative outside, at most ``cap``."""
+        """Bound depths of points, negative outside, from below, to ``cap``."""
         near, far = self.distances(points, cap)
         return np.where(self.shape.contains(points), near, -far) - self.error
 
     def gaps(self, points: Floats, cap: float = math.inf) -> Floats:
-        """Compute lower bounds of the distances of points to the shape, at most ``cap``."""
+        """Bound distances of points to the shape from below, to ``cap``."""
         is_outside = ~self.shape.contains(points)
         near, _ = self.distances(points[is_outside], cap)
         gaps = np.zeros(len(points))
@@ -141,7 +141,7 @@ class ShapeBoundary:
         return gaps
 
     def distances(self, points: Floats, cap: float = math.inf) -> tuple[Floats, Floats]:
-        """Compute lower and upper bounds of distances to the boundary, at most ``cap``."""
+        """Bound distances to the boundary, both ways, to ``cap``."""
         spatial = np.ascontiguousarray(np.pad(points, ((0, 0), (3 - self.dim, 0))))
         near = np.empty(len(points))
         far = np.empty(len(points))
@@ -156,7 +156,7 @@ class ShapeBoundary:
         return near, far
 
     def sample(self, number: int, rng: np.random.Generator) -> tuple[Floats, Floats]:
-        """Draw points of the boundary, spread evenly, and the normals there, (number, d) each."""
+        """Draw evenly spread boundary points and normals, (number, d) each."""
         sides = np.diff(self.pieces, axis=1)
         normals = (
             sides[:, 0, ::-1] * (1.0, -1.0) if self.dim == 2 else np.cross(*sides.swapaxes(0, 1))
@@ -222,7 +222,7 @@ class Region:
         return float(np.prod(np.maximum(sides, 1e-3 * self.size)))
 
     def make_grid(self, spacing: float) -> Grid:
-        """Create a grid, of a spacing in metres, that just covers the region.
+        """Create a grid that just covers the region, metres.
 
         Raises InputError if it does not fit into memory.
         """
@@ -299,13 +299,13 @@ class Lattice:
 
     @cached_property
     def hollows(self) -> NDArray[np.bool_]:
-        """Mask of the cells that no way from outside reaches without meeting the shape."""
+        """Mask of cells that no way from outside reaches."""
         from scipy.ndimage import binary_fill_holes
 
         return np.asarray(binary_fill_holes(self.cells) & ~self.cells)
 
     def filled_depths(self, points: Floats) -> Floats:
-        """Estimate depths of points (n, d), metres, in the shape with its hollows filled."""
+        """Estimate depths of points (n, d), metres, with hollows filled."""
         depths = self.region.depths(points)
         cells = np.floor(self.from_metres(points)).astype(np.int64)
         cells = np.clip(cells, 0, np.array(self.cells.shape) - 1)  # the outermost are no hollows
@@ -322,12 +322,12 @@ class Lattice:
         return np.asarray((in_space - self.corner) / self.side)
 
     def depths_at(self, points: Floats) -> Floats:
-        """Return lower bounds of the depths of points (n, 3) in the region, in sides."""
+        """Bound depths of points (n, 3) from below, in sides."""
         return self.region.depths(self.to_metres(points)) / self.side
 
 
 def _find_cell_side(region: Region, box_cells: float) -> float:
-    """Return the side of a cell, metres, if the bounding box has ``box_cells`` cells."""
+    """Find the side, metres, for ``box_cells`` cells in the box."""
     return float((region.box_volume / box_cells) ** (1.0 / region.dim))
 
 
@@ -352,7 +352,7 @@ class PieceTree(NamedTuple):
 
 @allocating
 def bound_distance(tree: PieceTree, position: Row, cap: float) -> tuple[float, float]:
-    """Return lower and upper bounds of the distance to a boundary, at most ``cap``.
+    """Bound the distance to a boundary, up to ``cap``, both ways.
 
     ``position`` has three coordinates, metres.
     """
@@ -400,7 +400,7 @@ def bound_distance(tree: PieceTree, position: Row, cap: float) -> tuple[float, f
 
 @kernel
 def bound_distances(tree: PieceTree, points: Floats, cap: float, near: Floats, far: Floats) -> None:
-    """Bound distances of points, shape (n, 3), from the boundary, up to ``cap``.
+    """Bound distances of points (n, 3) from the boundary, up to ``cap``.
 
     ``near`` and ``far``, shape (n,), receive the lower and upper bounds.
     """
@@ -409,7 +409,7 @@ def bound_distances(tree: PieceTree, points: Floats, cap: float, near: Floats, f
 
 
 def bound_ball_measure(centers: Floats, radii: Floats) -> tuple[float, float]:
-    """Return lower and upper bounds of the area or volume of a union of balls."""
+    """Bound the area or volume of united balls, both ways."""
     if centers.shape[1] == 3:
         return _bound_volume(Balls(centers, radii))
     import shapely
@@ -429,7 +429,7 @@ def bound_ball_measure(centers: Floats, radii: Floats) -> tuple[float, float]:
 
 
 def _bound_volume(shape: ExactShape) -> tuple[float, float]:
-    """Return lower and upper bounds of a volume, from cells inside and cells that cover it."""
+    """Bound a volume, both ways, by inner and covering cells."""
     lower, upper = np.array(shape.bounds)
     sides = upper - lower
     # About two million cells; flat boxes count as thicker, to bound the number.

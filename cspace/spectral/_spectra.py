@@ -129,7 +129,7 @@ class FrequencyLattice(NamedTuple):
 
     @classmethod
     def of(cls, lengths: ArrayLike, counts: ArrayLike, dim: int) -> FrequencyLattice:
-        """Create a lattice from periods and counts along each axis, or along all of them.
+        """Create a lattice from periods and counts, one or per axis.
 
         Raises InputError if a value is not usable, or there are too many frequencies.
         """
@@ -161,7 +161,7 @@ class FrequencyLattice(NamedTuple):
 
     @property
     def waves(self) -> list[Floats]:
-        """Frequencies along each axis, cycles per metre, to be broadcast against each other."""
+        """Broadcastable frequencies along each axis, cycles per metre."""
         axes = [k / period for k, period in zip(self.indices, self.periods, strict=True)]
         return list(np.meshgrid(*axes, indexing="ij", sparse=True))
 
@@ -196,7 +196,7 @@ class RadialFactors:
     def spectrum(
         self, centers: Floats, tolerance: float, is_chosen: Bools | None = None
     ) -> Complexes:
-        """Compute the spectrum of balls around centers (n, d), or of those chosen (n,)."""
+        """Compute the spectrum of balls at centers (n, d), or chosen."""
         # Places as shares of a period, which repeat with it.
         shares = centers / self.lattice.periods
         shares -= np.round(shares)
@@ -227,7 +227,7 @@ def _transform(lattice: FrequencyLattice, shares: Floats, tolerance: float) -> C
 
 
 def _sum_products(lattice: FrequencyLattice, shares: Floats, tolerance: float) -> Complexes:
-    """Sum ``exp(-2 pi i k.share)`` over points, as products of one factor per axis.
+    """Sum ``exp(-2 pi i k.share)`` over points, by factors per axis.
 
     ``shares``, shape (n, d), are the places of the points in a period. The tolerance is met anyway.
     """

@@ -46,7 +46,7 @@ MIN_PLACEMENTS_PER_THREAD: Final = 2_000
 
 
 def build_tree(centers: Floats, radii: Floats) -> Floats:
-    """Build the tree of one or more balls, shapes (n, d) and (n,)."""
+    """Build the tree of balls, shapes (n, d) and (n,)."""
     from scipy.spatial import cKDTree
 
     order = cKDTree(centers, leafsize=1).indices
@@ -57,7 +57,7 @@ def build_tree(centers: Floats, radii: Floats) -> Floats:
 
 
 def _add_nodes(nodes: list[list[float]], points: Floats, radii: Floats) -> None:
-    """Append the tree of balls, with centers (n, 3) and radii (n,), to the nodes."""
+    """Append the tree of balls (n, 3) and (n,) to nodes."""
     size = len(points)
     # For one ball, the center and the reach are exactly those of the ball.
     center = 0.5 * (points.min(axis=0) + points.max(axis=0))
@@ -76,7 +76,7 @@ def _add_nodes(nodes: list[list[float]], points: Floats, radii: Floats) -> None:
 def compare_placed(
     a: Floats, b: Floats, x: float, y: float, z: float, slack: float, pending: Ints
 ) -> int:
-    """Compare tree a, moved by (x, y, z), with tree b; return MISS, HIT or UNDECIDED.
+    """Compare moved tree a with b: MISS, HIT or UNDECIDED.
 
     ``slack``, metres, bounds the rounding of the distance between two centers. ``pending`` is
     scratch of shape (MAX_PENDING_NODE_PAIRS, 2).
@@ -141,7 +141,7 @@ class ContactTest:
 
     *MISS* proves that the closed shapes have no common point: no two outer balls touch. *HIT*
     proves that they have one: an inner ball of A and one of B overlap. Other placements are
-    *UNDECIDED*. ``docs/explanation/certificate_frequency.md`` has the proofs. For bodies that are
+    *UNDECIDED*. ``docs/explanation/frequency.md`` has the proofs. For bodies that are
     balls, pass the same balls as outer and as inner ones.
 
     Parameters
@@ -235,7 +235,7 @@ class ContactTest:
 
 
 def _check_kind(source: BallsLike, name: str) -> None:
-    """Raise InputError for inner balls in place of outer ones, or the reverse.
+    """Raise InputError for inner balls as outer ones, or reverse.
 
     Decompositions know their kind.
     """

@@ -64,7 +64,7 @@ class ArmCanvas(Canvas):
         endpoints: dict[str, Floats],
         frame: str | None = None,
     ) -> None:
-        """Draw the arm at the start, and the pale arms at start and goal."""
+        """Draw the arm at the start, and pale at both ends."""
         arm = space.arm
         given = {name: arm._check_configuration(q, name) for name, q in endpoints.items()}
         if "start" in given:
@@ -182,7 +182,7 @@ class ArmCanvas(Canvas):
     def _add_links(
         self, arm: str, links: Sequence[str], color: str = ROBOT_FILL_COLOR, opacity: float = 1.0
     ) -> dict[str, Any]:
-        """Add the links of an arm to the scene; return viser's handles by link."""
+        """Add an arm's links to the scene; return their handles."""
         surfaces = self._figure.links
         add = self._add_mesh
         return {link: add(f"/{arm}/{link}", surfaces[link], color, opacity) for link in links}
@@ -312,5 +312,5 @@ class ArmCanvas(Canvas):
 
 
 def _are_same(q0: Floats, q1: Floats) -> bool:
-    """Return True if configurations differ by less than users see (1 mm, 1 mrad)."""
+    """Return True if configurations look alike: within 1 mm, 1 mrad."""
     return bool(np.allclose(q0, q1, atol=1e-3))

@@ -102,7 +102,7 @@ class Canvas:
     # ---- configurations --------------------------------------------------------------------------
 
     def interpolate(self, points: Floats, shares: Floats) -> Floats:
-        """Interpolate a path at shares, 0 to 1, of its length; shape (n, size)."""
+        """Interpolate a path at shares of its length; shape (n, size)."""
         return interpolate_path(self._space.rotations, points, shares, self.robot_reach)
 
     # ---- robot, endpoints and path ---------------------------------------------------------------
@@ -115,7 +115,7 @@ class Canvas:
         return ""
 
     def on_drag(self, name: str, moved: Callable[[Floats], None]) -> None:
-        """Register a callback for drags of an endpoint; arms have no endpoints to drag."""
+        """Register a callback for drags of an endpoint, if any."""
 
     def draw_path(self, points: Floats) -> None:
         """Draw a path; without points, remove it."""
@@ -127,7 +127,7 @@ class Canvas:
         self._draw_line("/path", curve, PATH_COLOR, thickness=6.0)
 
     def _draw_line(self, name: str, points: Floats, color: str, thickness: float) -> None:
-        """Draw a line through points, shape (n, 3); its thickness is in pixels."""
+        """Draw a line through points (n, 3), with thickness in pixels."""
         segments = np.stack([points[:-1], points[1:]], axis=1)
         self._server.scene.add_line_segments(
             name, segments, hex_to_rgb(color), thickness=thickness, thickness_units="screen"
@@ -136,7 +136,7 @@ class Canvas:
     # ---- changes of the view and of the space ----------------------------------------------------
 
     def add_choices(self, gui: GuiApi, changed: Callable[[], None]) -> dict[str, Any]:
-        """Add inputs that choose what is drawn and call ``changed``; return them by label."""
+        """Add inputs that choose what is drawn, by their labels."""
         return {}
 
     def draw(self) -> None:
@@ -183,7 +183,7 @@ class Canvas:
 
 
 def choose_endpoints(space: Any, fallback: Floats) -> dict[str, Floats]:
-    """Choose FREE configurations far apart as start and goal, the same at each call.
+    """Choose distant FREE configurations as start and goal, repeatably.
 
     Without a FREE configuration, both are ``fallback``.
     """

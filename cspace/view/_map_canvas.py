@@ -59,7 +59,7 @@ class MapCanvas(Canvas):
     def __init__(
         self, space: Any, server: ViserServer, points: Floats, endpoints: dict[str, Floats]
     ) -> None:
-        """Draw the robot, the start and the goal; cells are drawn by :meth:`draw`."""
+        """Draw the robot and both ends; :meth:`draw` draws cells."""
         grid = space.grid
         rotations = space.rotations
         self.body = DrawnRobot(space.robot, rotations)
@@ -189,7 +189,7 @@ class MapCanvas(Canvas):
         self._gizmos[name].on_update(drag)
 
     def _path_positions(self, q: Floats) -> Floats:
-        """Return the positions in space at which a path is drawn, shape (n, 3)."""
+        """Return a drawn path's positions in space, shape (n, 3)."""
         dim = self._space.grid.dim
         positions = np.full((len(q), 3), 0.6 * self._wall_height)  # the height in the plane
         positions[:, :dim] = q[:, :dim]
@@ -243,7 +243,7 @@ class MapCanvas(Canvas):
                     self._drawn[name] = wanted
 
     def _draw_cells(self, name: str, cell: Any, cut: float) -> None:
-        """Draw the cells of a kind, or the section, at a rotation cell."""
+        """Draw a kind of cells, or the section, at a rotation."""
         if name != SECTION:
             kind = KINDS[name]
             vertices, triangles = self.cells.make_solid(cell, kind, cut)
@@ -321,7 +321,7 @@ class PoseDials:
         return self._make_configuration(numbers, Rotation.from_euler("xyz", degrees, degrees=True))
 
     def pose(self, q: Floats) -> tuple[Floats, Floats]:
-        """Convert a configuration to a position and a quaternion w, x, y, z."""
+        """Convert a configuration to position and quaternion, w first."""
         return lift(q[: self.dim].tolist(), 0.0), to_quaternion(self._rotation_matrix(q))
 
     def nearest_configuration(self, position: Floats, wxyz: Floats) -> Floats:

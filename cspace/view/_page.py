@@ -157,7 +157,7 @@ class Panel:
         }
 
     def show_robot(self, numbers: tuple[float, ...]) -> None:
-        """Set the sliders of the robot to dial values, clipped to their limits."""
+        """Set the robot's sliders to dial values, within their limits."""
         for slider, number in zip(self.sliders, numbers, strict=True):
             slider.value = min(max(number, slider.min), slider.max)
 
@@ -263,7 +263,7 @@ class Page:
         self._place(q)
 
     def _place(self, q: Floats) -> None:
-        """Draw the robot at a configuration that a plan, slider or program gives."""
+        """Draw the robot at a configuration of any source."""
         self._was_dragged = False
         self._canvas.place(q)
         self._renderer.request()
@@ -281,7 +281,7 @@ class Page:
         self.move(q)
 
     def drag(self, pose: Floats) -> None:
-        """Drag the tool frame of an arm to a pose, shape (4, 4).
+        """Drag an arm's tool frame to a pose (4, 4).
 
         The arm follows as near as it can. Its configuration before the drag becomes the start.
         """
@@ -305,7 +305,7 @@ class Page:
         self._solver.request()
 
     def release(self) -> None:
-        """Plan from the start to the pose to which the tool frame was dragged."""
+        """Plan from the start to the tool's dragged pose."""
         tool = self._canvas.tool
         if tool is not None and tool.is_held:
             tool.is_held = False
@@ -481,7 +481,7 @@ class Page:
         return motion
 
     def _report_error(self, error: Exception) -> None:
-        """Show an error on the page; log it too if it is a defect."""
+        """Show an error on the page; log defects, too."""
         message = str(error)
         if not isinstance(error, CspaceError):
             LOGGER.error("error in a thread of the page", exc_info=error)
@@ -510,7 +510,7 @@ def _capitalize(text: str) -> str:
 
 
 def _make_legend_html(rows: list[tuple[str, str]]) -> str:
-    """Return a legend as HTML, from pairs of a meaning and its colour."""
+    """Return an HTML legend of meanings and colours."""
     square = (
         "display:inline-block;width:0.9em;height:0.9em;margin-right:0.5em;border:1px solid "
         "#777;background:"

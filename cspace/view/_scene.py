@@ -138,7 +138,7 @@ class Cells:
             self.drawn = self._space.overview(max(1, math.floor(share * max(grid.shape))))
 
     def _merge_cells(self, cell: int | None) -> Classes:
-        """Merge cells at a rotation cell, or of the workspace if None, into blocks."""
+        """Merge cells, at a rotation or of the workspace, into blocks."""
         space = self.drawn
         if cell is None:
             classes = classify_ground(space.workspace)
@@ -191,7 +191,7 @@ class Cells:
 
 
 def extract_border(solid: Bools, has_boundary: bool = True) -> Ints:
-    """Return the surface of solid cells as few rectangles, shape (n, 4, 3).
+    """Return solid cells' surface as few rectangles, shape (n, 4, 3).
 
     Corners are in cells, counterclockwise seen from outside. Squares in a row are merged into a
     rectangle, and rows of equal length into a larger one. The mesh is for display only, because
@@ -237,7 +237,7 @@ def lift(values: Sequence[float], third: float) -> Floats:
 
 
 def hex_to_rgb(color: str) -> tuple[int, int, int]:
-    """Convert a colour such as ``"#0072b2"`` to red, green and blue, 0 to 255."""
+    """Convert a colour such as ``"#0072b2"`` to bytes red, green, blue."""
     red, green, blue = bytes.fromhex(color[1:])
     return red, green, blue
 

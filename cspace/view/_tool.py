@@ -57,7 +57,7 @@ class ToolFrame:
     def __init__(
         self, space: Any, server: ViserServer, size: float, name: str | None = None
     ) -> None:
-        """Choose the frame, and add its axes to the scene of a server."""
+        """Choose the frame, and add its axes to the scene."""
         arm = space.arm
         self._space = space
         self.is_held = False
@@ -88,7 +88,7 @@ class ToolFrame:
         return goal
 
     def follow(self, q: Floats) -> None:
-        """Move the gizmo to the frame at a configuration, except during a drag."""
+        """Move the gizmo to the frame, except during a drag."""
         if not self.is_held:
             self.move(self._space.arm.pose(q, self.name))
 

@@ -238,7 +238,7 @@ def is_same_site(origin: str | None, host_header: str, host: str) -> bool:
 
 
 def is_local(host: str | None) -> bool:
-    """Return True if a host is a loopback address, which other machines cannot reach."""
+    """Return True for a loopback address, unreachable from other machines."""
     if host == "localhost":
         return True
     try:
@@ -248,7 +248,7 @@ def is_local(host: str | None) -> bool:
 
 
 def _find_free_port(host: str, port: int | None) -> int:
-    """Return the given port if it is free, or any free port for 0.
+    """Return the given port if it is free; any for 0.
 
     For None, return the default port, from which viser searches for a free one. Raises InputError
     if this machine lacks the address, or if the port is taken or invalid.

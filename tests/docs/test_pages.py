@@ -4,6 +4,7 @@ Pages run in separate folders. Blocks marked ``python`` and ``console`` run; blo
 and ``py`` need a network or other machines.
 """
 
+import contextlib
 import doctest
 import json
 import re
@@ -54,6 +55,7 @@ def write_files(folder):
         "\n".join([*lines, "occupied_thresh: 0.65", "free_thresh: 0.196", ""])
     )
     write_lanes(folder / "lanes.geojson")
+    write_arm(folder / "two.urdf")
     field = np.zeros((800, 600), dtype=bool)
     field[300:320, :400] = True
     zarr.create_array(folder / "occupied.zarr", data=field, config={"write_empty_chunks": True})
@@ -72,6 +74,14 @@ def write_lanes(file):
         for number, (kind, coordinates) in enumerate(shapes)
     ]
     file.write_text(json.dumps({"type": "FeatureCollection", "features": features}))
+
+
+def write_arm(file):
+    """Write the arm of two bars that the page on arms writes."""
+    block = next(text for _, text in PAGES["docs/howto/arms.md"] if file.name in text)
+    statements = block.partition("arm = ")[0]
+    with contextlib.chdir(file.parent):
+        exec(statements, {})
 
 
 @pytest.mark.parametrize("page", PAGES_WITH_CODE)
