@@ -20,6 +20,7 @@ from cspace._interface import (
     Space,
     format_configuration,
 )
+from cspace._queries.paths import skip_points
 from cspace._queries.upright import Upright as Upright
 from cspace._queries.upright import check_keep
 from cspace._rotations.base import TWO_PI
@@ -634,7 +635,7 @@ def _search_tiles(task: PlanTask, may_exist: Callable[[], bool]) -> SearchResult
     began = clock()
     path = np.concatenate(paths)
     if task.simplify and task.objective == LENGTH and is_holonomic:
-        path = _skip_waypoints(edges, path)
+        path = skip_points(path, edges.tiles.edge_checker())
     total = _sum_times(results[-1], results)
     seconds = total.simplification + clock() - began
     return SearchResult(path, f"through {len(parts)} tiles", total.planning, seconds, True)
@@ -644,23 +645,6 @@ def _sum_times(result: SearchResult, results: Sequence[SearchResult]) -> SearchR
     """Return a result with the times of several."""
     simplification = sum(each.simplification for each in results)
     return replace(result, planning=_sum_planning(results), simplification=simplification)
-
-
-def _skip_waypoints(edges: LocalPlanner, path: Floats) -> Floats:
-    """Skip waypoints, shape (n, size), by free edges.
-
-    From each waypoint, the path takes the free edge to the farthest of the next 32. Edges are
-    proven in one batch, because a single look-up in tiles takes as long.
-    """
-    kept = [0]
-    while kept[-1] < len(path) - 1:
-        current = kept[-1]
-        following = path[current + 1 : current + 33]
-        free = np.asarray(edges.tiles.motion_is_free(path[current], following))
-        free[0] = True  # the edge of the path itself
-        farthest = int(np.flatnonzero(free)[-1])
-        kept.append(current + 1 + farthest)
-    return path[kept]
 
 
 def _search(task: PlanTask, may_exist: Callable[[], bool]) -> SearchResult:
