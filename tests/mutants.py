@@ -227,6 +227,18 @@ MUTANTS = (
         "tests/queries/test_chunks.py",
     ),
     Mutant(
+        "cspace/_queries/chunks.py",
+        "np.concatenate([unknown, differences])",
+        "np.concatenate([differences, unknown])",
+        "tests/queries/test_chunks.py",
+    ),
+    Mutant(
+        "cspace/_queries/chunks.py",
+        "np.concatenate([_check_before(before, space.axes), starts])",
+        "np.concatenate([starts, _check_before(before, space.axes)])",
+        "tests/queries/test_chunks.py",
+    ),
+    Mutant(
         "cspace/arms/_snapshots.py",
         "padding=self.outer.padding + displacements, cones",
         "padding=self.outer.padding + 0.5 * displacements, cones",
