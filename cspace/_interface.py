@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
@@ -56,7 +57,7 @@ class Goals(Goal):
     Attributes
     ----------
     goals : tuple
-        Goals, each as :func:`planners.plan` takes one alone.
+        Goals, each as :func:`planners.plan` takes one alone; those of Goals among them count.
 
     Raises
     ------
@@ -78,9 +79,9 @@ class Goals(Goal):
     def __init__(self, goals: Sequence[GoalLike] | NDArray[np.float64]) -> None:
         """Keep the goals."""
         is_list = isinstance(goals, Sequence | np.ndarray) and not isinstance(goals, str)
-        self.goals: tuple[GoalLike, ...] = tuple(
-            cast("Sequence[GoalLike]", goals) if is_list else ()
-        )
+        given = cast("Sequence[GoalLike]", goals) if is_list else ()
+        parts = [each.goals if isinstance(each, Goals) else (each,) for each in given]
+        self.goals: tuple[GoalLike, ...] = tuple(itertools.chain(*parts))
         if not self.goals:
             raise InputError("goals", f"are {goals!r}", "there is at least one", "pass a list")
 
