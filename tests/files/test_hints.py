@@ -382,8 +382,6 @@ def test_a_file_that_is_edited_as_the_hint_says_is_read(name, wrong, right, hint
 def test_a_file_that_is_edited_as_the_warning_says_is_read_silently(
     name, wrong, right, hint, tmp_path
 ):
-    Image.fromarray(np.full((3, 4), 254, dtype=np.uint8)).save(tmp_path / "map.png")
-    Image.fromarray(np.full((3, 4), 205, dtype=np.uint8)).save(tmp_path / "grey.png")
     file = tmp_path / name
     file.write_text(wrong)
     with pytest.warns(UserWarning, match=re.escape(hint)):
