@@ -1022,7 +1022,7 @@ MUTANTS = (
         "cspace/_cli/files.py",
         "if names != list(axes):",
         "if len(names) != len(axes):",
-        "tests/cli/test_errors.py",
+        "tests/cli/test_hints.py",
     ),
 )
 

@@ -39,8 +39,7 @@ def turning():
 
 def catch_warnings(call):
     """Return the warnings of a call that Python prints by default."""
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("default")
+    with warnings.catch_warnings(record=True, action="default") as caught:
         call()
     return caught
 
@@ -56,7 +55,7 @@ def test_a_yaw_in_degrees_warns_once_and_names_its_argument(call):
     catch_warnings(repeat)  # compiling at the first call resets Python's registry of warnings
     (warning,) = catch_warnings(repeat)
     assert warning.category is AngleWarning and warning.filename == __file__
-    message = f"{name}: yaw is beyond a whole turn; angles are in radians, and whole turns are ignored; use numpy.radians"
+    message = f"{name}: yaw is beyond a whole turn; angles are in radians, and whole turns are ignored; use numpy.radians for degrees"
     assert str(warning.message).startswith(message)
 
 

@@ -174,8 +174,7 @@ def test_the_hints_of_a_map_without_a_free_cell_are_followed():
     for factor in (1, 4):  # "use a smaller spacing"
         cells = corridor.repeat(factor, axis=0).repeat(factor, axis=1)
         workspace = Workspace.from_array(cells, 0.05 / factor)
-        with warnings.catch_warnings(record=True) as caught:
-            warnings.simplefilter("always")
+        with warnings.catch_warnings(record=True, action="always") as caught:
             space = cspace.build(workspace, Robot.rectangle(0.36, 0.36))
         told = [str(warning.message) for warning in caught]
         if factor == 1:
@@ -187,8 +186,7 @@ def test_the_hints_of_a_map_without_a_free_cell_are_followed():
 
 def test_a_map_with_free_cells_or_one_that_was_explained_has_no_such_warning():
     open_field = Workspace.from_array(np.zeros((9, 8), dtype=bool), 0.1)
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
+    with warnings.catch_warnings(record=True, action="always") as caught:
         cspace.build(open_field, Robot.disc(0.1))
         cspace.build(open_field, Robot.disc(5.0))
     assert [warning.category for warning in caught] == [UnitWarning]

@@ -5,7 +5,7 @@ import pytest
 
 import cspace
 import planners
-from tests.helpers.urdfs import planar, post
+from tests.helpers.urdfs import planar_arm, post
 
 WALL = (2.0, 1.5)
 POST = (0.37, 0.0)
@@ -22,11 +22,11 @@ BATCHES = ("paths", "chunks")
 
 
 @pytest.fixture(scope="module")
-def spaces(tmp_path_factory):
+def spaces():
     """Build a map with a wall and an arm at a post, each with a configuration that touches."""
     occupied = np.zeros((40, 30), dtype=np.bool_)
     occupied[18:22] = True
-    arm = cspace.Arm.from_urdf(planar(tmp_path_factory.mktemp("arm")))
+    arm = planar_arm()
     return {
         "map": (cspace.build(cspace.Workspace.from_array(occupied, 0.1), "disc:0.2"), WALL),
         "arm": (cspace.build_arm_space({"post": post()}, arm), POST),

@@ -1,9 +1,9 @@
 """Maps as objects: copies, sizes and pictures."""
 
-import numpy as np
 import pytest
 
 import cspace
+from tests.helpers.handmade import build_empty
 
 
 @pytest.mark.parametrize(
@@ -17,7 +17,6 @@ import cspace
     ids=["R2", "SE2", "R3xSO2", "SE3"],
 )
 def test_dof_counts_degrees_of_freedom_and_size_coordinates(side, rotations, dof, size):
-    workspace = cspace.Workspace.from_array(np.zeros((4,) * len(side), dtype=bool), 0.5)
     robot = cspace.Robot.rectangle(*side) if len(side) == 2 else cspace.Robot.box(side)
-    space = cspace.build(workspace, robot, rotations=rotations)
+    space = build_empty((4,) * len(side), robot, 0.5, rotations=rotations)
     assert (space.dof, space.size, len(space.axes)) == (dof, size, size)

@@ -15,8 +15,7 @@ SHELF = Workspace.from_array(np.zeros((20, 20, 4), dtype=bool), 0.1)
 
 def find_warnings(call):
     """Return the unit warnings of a call."""
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
+    with warnings.catch_warnings(record=True, action="always") as caught:
         call()
     return [each for each in caught if each.category is UnitWarning]
 

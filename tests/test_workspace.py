@@ -126,8 +126,7 @@ def test_bounds_of_shapely_and_trimesh_are_accepted():
 )
 def test_obstacles_smaller_than_a_cell_or_outside_the_bounds_warn(extent, bounds, warns):
     square = shapely.box(0.0, 0.0, extent, extent)
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
+    with warnings.catch_warnings(record=True, action="always") as caught:
         Workspace.from_polygons(square, 0.1, bounds)
     texts = [str(warning.message) for warning in caught]
     assert len(texts) == warns
@@ -144,15 +143,6 @@ def test_polygons_whose_map_does_not_fit_are_refused_before_any_work(monkeypatch
     coarser = float(caught.value.hint.split()[6])
     monkeypatch.setattr("cspace._limits.free_bytes", lambda: 1_000_000)
     assert Workspace.from_polygons(wall, coarser).outer.all()
-
-
-@pytest.mark.parametrize("row", [(0.0, 0.7, 0.2), (0, 70, 20)], ids=str)
-def test_the_hint_about_arrays_of_numbers_is_followed(row):
-    array = np.tile(row, (2, 3))
-    with pytest.raises(InputError, match=r"compare with a threshold first, e\.g\. ") as caught:
-        Workspace.from_array(array, 0.1)
-    compared = eval(caught.value.hint.partition("e.g. ")[2], {"array": array})
-    assert Workspace.from_array(compared, 0.1).outer.tolist() == [[False, True, False] * 3] * 2
 
 
 def test_the_hint_about_unknown_cells_of_ros_is_followed():

@@ -150,14 +150,14 @@ def _find_rows(text: str) -> tuple[list[str], int]:
     names: list[str] = []
     start = text[:_HEADING_CHARACTERS]
     lines = (start if start == text else start.rpartition("\n")[0]).split("\n")
+    rows = filter(None, map(_WORD.findall, lines))
+    first_row = next((row for row in rows if _is_number(row[0])), [])
     for number, line in enumerate(lines):
         content = line.strip().lower()
         words = _WORD.findall(content.lstrip("#/"))
         is_comment = content.startswith(("#", "//"))
         if is_comment:
             # A sentence may have such words, too, but hardly as many as there are columns.
-            rows = filter(None, map(_WORD.findall, lines[number:]))
-            first_row = next((row for row in rows if _is_number(row[0])), [])
             has_axes = {"x", "y", "z"} <= {word[0] for word in words}
             is_heading = has_axes and len(words) == len(first_row)
         else:

@@ -8,11 +8,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import cspace
-from cspace.arms import Arm, build_arm_space, build_joint_map
+from cspace.arms import build_arm_space, build_joint_map
 from tests.arms.test_space import approach_contact, draw_scene
 from tests.helpers.arm_oracle import sample_configurations
 from tests.helpers.strategies import examples, seeds
-from tests.helpers.urdfs import planar, planar_arm_meets, posed_box
+from tests.helpers.urdfs import planar_arm, planar_arm_meets, posed_box
 
 INSTANTS = 2000
 """Instants within a tube at which shapely looks for contacts."""
@@ -21,11 +21,6 @@ INSTANTS = 2000
 @pytest.fixture(scope="module")
 def scenes(tmp_path_factory):
     return [draw_scene(tmp_path_factory.mktemp("scene"), seed)[:2] for seed in range(6)]
-
-
-@pytest.fixture(scope="module")
-def planar_arm(tmp_path_factory):
-    return Arm.from_urdf(planar(tmp_path_factory.mktemp("arm")))
 
 
 def make_post(arm, *center):
@@ -72,8 +67,8 @@ def test_no_tube_with_a_contact_is_proven_and_proven_tubes_have_none(scenes, num
 
 @given(seed=seeds, center=st.tuples(st.floats(0.3, 2.1), st.floats(-2.0, 2.0)))
 @examples(30)
-def test_the_arm_meets_nothing_at_any_instant_within_proven_tubes(planar_arm, seed, center):
-    space = make_post(planar_arm, *center)
+def test_the_arm_meets_nothing_at_any_instant_within_proven_tubes(seed, center):
+    space = make_post(planar_arm(), *center)
     rng = np.random.default_rng(seed)
     start = rng.uniform(-2.0, 2.0, 2)
     rows = start + np.cumsum(rng.normal(0.0, 0.05, (12, 2)), axis=0)
@@ -108,8 +103,8 @@ def test_without_tracking_as_many_rows_are_proven_as_edges(scenes):
         assert 0 < expected.sum() < expected.size * 8
 
 
-def test_a_refusal_names_the_pair_that_is_near(planar_arm):
-    space = make_post(planar_arm, 1.5, 0.5)
+def test_a_refusal_names_the_pair_that_is_near():
+    space = make_post(planar_arm(), 1.5, 0.5)
     chunk = space.certify_chunk((-0.3, 0.0), [(-0.1, 0.0), (0.1, 0.0), (0.3, 0.0)], 0.01)
     assert chunk.proven == 2
     assert chunk.refusal.row == 2
@@ -120,8 +115,8 @@ def test_a_refusal_names_the_pair_that_is_near(planar_arm):
     assert 0.1 < free.max_tracking < 0.3
 
 
-def test_rows_beyond_limits_or_too_fast_are_refused(planar_arm):
-    space = make_post(planar_arm, 0.0, 5.0)
+def test_rows_beyond_limits_or_too_fast_are_refused():
+    space = make_post(planar_arm(), 0.0, 5.0)
     past = space.certify_chunk((0.0, 0.0), [(0.0, 2.9), (0.0, 3.1)])
     assert past.proven == 1
     assert past.refusal[:3] == (1, "limit", ("elbow",))
@@ -142,28 +137,17 @@ def test_rows_beyond_limits_or_too_fast_are_refused(planar_arm):
     assert still.proven == 2
 
 
-def test_rows_that_are_no_numbers_are_refused(planar_arm):
-    space = make_post(planar_arm, 0.0, 5.0)
+def test_rows_that_are_no_numbers_are_refused():
+    space = make_post(planar_arm(), 0.0, 5.0)
     for bad in (math.nan, math.inf, -math.inf, 1e300):
         chunk = space.certify_chunk((0.0, 0.0), [(0.1, 0.0), (0.1, bad), (0.1, 0.0)], dt=1.0)
         assert chunk.proven == 1
         assert chunk.refusal.cause == ("limit" if bad == 1e300 else "number")
 
 
-def test_half_turns_of_continuous_joints_are_refused(tmp_path):
-    path = planar(tmp_path, kind="continuous", limits=None)
-    space = make_post(Arm.from_urdf(path), 0.0, 5.0)
-    chunk = space.certify_chunk((3.1, 0.0), [(3.2, 0.0), (3.3 - 2.0 * math.pi, 0.0)])
-    assert chunk.proven == 1
-    assert chunk.refusal[:3] == (1, "limit", ("shoulder",))
-    assert space.certify_chunk(
-        (3.1, 0.0), np.unwrap([3.2, 3.3 - 2.0 * math.pi])[:, np.newaxis] * (1, 0)
-    ).is_proven
-
-
 def test_maps_of_continuous_joints_refuse_turns_beyond_half(tmp_path):
     """The shorter way is another motion, even if the map has lost the arm."""
-    space = build_arm_space({}, Arm.from_urdf(planar(tmp_path, kind="continuous", limits=None)))
+    space = build_arm_space({}, planar_arm(kind="continuous", limits=None))
     joint_map = build_joint_map(space, 0.1)
     joint_map.save(tmp_path / "joints.zarr")
     for each in (space, joint_map, cspace.open(tmp_path / "joints.zarr")):
@@ -178,8 +162,8 @@ def test_maps_of_continuous_joints_refuse_turns_beyond_half(tmp_path):
         assert cspace.Gate(each).check_rows((1.0, -2.0), [(1.0, 2.0)]).state == "go"
 
 
-def test_joint_maps_prove_chunks_and_name_pairs(planar_arm):
-    space = make_post(planar_arm, 1.5, 0.5)
+def test_joint_maps_prove_chunks_and_name_pairs():
+    space = make_post(planar_arm(), 1.5, 0.5)
     joint_map = build_joint_map(space, 0.1)
     rng = np.random.default_rng(0)
     rows = np.cumsum(rng.normal(0.0, 0.1, (200, 6, 2)), axis=1)
@@ -192,8 +176,8 @@ def test_joint_maps_prove_chunks_and_name_pairs(planar_arm):
     assert set(chunk.refusal.names) == {"fore", "post"}
 
 
-def test_a_gate_follows_the_scene(planar_arm):
-    space = make_post(planar_arm, 0.0, 5.0)
+def test_a_gate_follows_the_scene():
+    space = make_post(planar_arm(), 0.0, 5.0)
     gate = cspace.Gate(space, tracking=0.01, dt=0.2)
     rows = [(-0.1, 0.0), (0.1, 0.0), (0.3, 0.0)]
     assert gate.check_rows((-0.2, 0.0), rows).state == "go"

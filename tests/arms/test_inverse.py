@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from cspace import Arm, ConfigurationError, InputError, PoseGoal
-from tests.helpers.refusals import refusals
 from tests.helpers.strategies import examples, seeds
 from tests.helpers.urdfs import (
     joint,
@@ -160,19 +159,3 @@ def test_a_pose_that_is_no_motion_is_refused_with_what_is_wrong(pose):
             [[eval(source, {"Rotation": Rotation}), np.ones((3, 1))], [np.zeros((1, 3)), 1.0]]
         ),
     )
-
-
-@refusals(
-    "options, message",
-    ({"frame": "tool9"}, "frame is 'tool9'; there are foot, upper, fore"),
-    ({"pose": 2 * np.eye(4)}, "pose has R = .*it must be .* a rotation matrix R"),
-    ({"tolerance": (0.01, math.nan)}, r"tolerance is \(0.01, nan\); it must be two numbers"),
-    ({"near": np.zeros((2, 2))}, r"near has shape \(2, 2\); it must be one configuration"),
-    ({"near": (0.0, 9.0)}, "near has elbow at 9; its limits are -3 and 3"),
-    ({"max_solutions": 0}, "max_solutions is 0; it must be a whole number above zero"),
-)
-def test_inverse_rejects_invalid_arguments(tmp_path, options, message):
-    arm = planar_with_tip(tmp_path)
-    given_options = {"frame": "tip", "pose": pose_at(1, 1), **options}
-    with pytest.raises((InputError, ConfigurationError), match=message):
-        arm.inverse(**given_options)

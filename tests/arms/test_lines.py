@@ -14,7 +14,6 @@ from cspace.arms import LineMotion, PosedShape
 from cspace.arms._inverse import make_pose_problem, make_pose_scratch
 from cspace.arms._lines import LineProblem, bound_deviation, make_lines
 from tests.helpers.arm_oracle import ArmOracle
-from tests.helpers.refusals import refusals
 from tests.helpers.solids import box
 from tests.helpers.strategies import examples, seeds
 from tests.helpers.urdfs import (
@@ -266,20 +265,3 @@ def test_extreme_lines_are_refused_or_followed_in_part(open_polar, steps, tolera
         return
     if max(tolerance) < 1e9:
         check_motion(motion, arm, lambda q: arm.pose(q, "hand"))
-
-
-@refusals(
-    "arguments, message",
-    (((0.0, 0.6), "hand", np.eye(4)), "is not proven free: hand is in collision with block"),
-    (((0.0, 0.1), "hnd", np.eye(4)), "did you mean 'hand'"),
-    (((0.0, 0.1), "hand", np.empty((0, 4, 4))), r"poses has shape \(0, 4, 4\)"),
-    (((0.0, 0.1), "hand", pose_at(1e101, 0)), r"poses has the coordinate 1e\+101 m"),
-    (
-        ((0.0, 0.1), "hand", pose_at(0.1, 0, 0, (math.pi, 0, 0))),
-        r"poses\[0\] is half a turn from the pose at q0; both ways round",
-    ),
-)
-def test_follow_line_refuses_invalid_arguments(tmp_path, arguments, message):
-    space = polar(tmp_path, block=posed_box((0.1, 0.1, 0.1), 0.6, 0.0))
-    with pytest.raises((InputError, ConfigurationError), match=message):
-        space.follow_line(*arguments)

@@ -11,7 +11,6 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-import pytest
 import trimesh
 from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
@@ -21,9 +20,8 @@ from cspace._shapes import Balls
 from cspace.arms import Arm, PosedShape, build_arm_space
 from cspace.errors import ConfigurationError, InputError
 from tests.helpers.arm_oracle import sample_configurations
-from tests.helpers.refusals import refusals
 from tests.helpers.strategies import examples
-from tests.helpers.urdfs import planar, pose_at, posed_box, random_arm
+from tests.helpers.urdfs import planar_arm, pose_at, random_arm
 
 NAMES = ("table", "cup", "cloud")
 LENGTH = st.floats(0.05, 0.4)
@@ -217,20 +215,20 @@ def test_changed_scenes_answer_as_new_ones(tmp_path, seed, steps):
     assert_equal_answers(pickle.loads(pickle.dumps(space)), cell.build())
 
 
-def test_an_attached_hull_encloses_cells_that_no_link_could(tmp_path):
+def test_an_attached_hull_encloses_cells_that_no_link_could():
     cells = Workspace.from_array(np.ones((15, 15, 15), dtype=bool), 0.1, (5.25, -0.75, -0.75))
-    space = build_arm_space({"cells": cells}, Arm.from_urdf(planar(tmp_path)))
+    space = build_arm_space({"cells": cells}, planar_arm())
     assert space.is_free((0.0, 0.0))
     space.attach("hull", Robot.box((4.0, 4.0, 4.0)), "fore", pose_at(5.0, 0.0))
     assert space.classify((0.0, 0.0)) == BLOCKED
     assert space.is_free((2.0, 0.0))
 
 
-def test_moves_are_seen_before_or_after_by_other_threads(tmp_path):
+def test_moves_are_seen_before_or_after_by_other_threads():
     """Move a post between two places that block one configuration each."""
     shape = Robot.box((0.2, 0.2, 1.0))
     places = [pose_at(1.5, 0.0), pose_at(0.0, 1.5)]
-    space = build_arm_space({}, Arm.from_urdf(planar(tmp_path)))
+    space = build_arm_space({}, planar_arm())
     space.add_obstacle("post", shape, places[0])
     q = np.tile([(0.0, 0.0), (np.pi / 2, 0.0)], (100, 1))
     check = space.edge_checker()
@@ -260,21 +258,8 @@ def test_moves_are_seen_before_or_after_by_other_threads(tmp_path):
     assert not wrong and len(seen) == 2
 
 
-def test_obstacles_follow_the_base_pose(tmp_path):
-    arm = Arm.from_urdf(planar(tmp_path))
-    base = pose_at(0.3, -0.2, 0.1, (0.0, 0.0, 0.7))
-    shape = Robot.box((0.2, 0.3, 1.0)).shape
-    pose = pose_at(1.2, 0.9, 0.0, (0.0, 0.0, 0.2))
-    new = build_arm_space({"post": PosedShape(shape, pose)}, arm, base_pose=base)
-    on_base = PosedShape(shape, np.linalg.inv(base) @ pose)
-    assert_equal_answers(build_arm_space({"post": on_base}, arm), new)
-    space = build_arm_space({}, arm, base_pose=base)
-    space.add_obstacle("post", shape, pose)
-    assert_equal_answers(space, new)
-
-
-def test_replaced_clouds_leave_no_memory(tmp_path):
-    space = build_arm_space({}, Arm.from_urdf(planar(tmp_path)))
+def test_replaced_clouds_leave_no_memory():
+    space = build_arm_space({}, planar_arm())
     rng = np.random.default_rng(1)
     tracemalloc.start()
     sizes = []
@@ -283,27 +268,3 @@ def test_replaced_clouds_leave_no_memory(tmp_path):
         sizes.append(tracemalloc.get_traced_memory()[0])
     tracemalloc.stop()
     assert max(sizes[12:]) < 1.5 * sizes[10]
-
-
-BALL = Robot.ball(0.1)
-
-
-@refusals(
-    "call, message",
-    (lambda s: s.add_obstacle("fore", BALL), "a link or an attached object has it"),
-    (lambda s: s.add_obstacle("a", BALL, touch_links=["fort"]), "touch_links names 'fort'"),
-    (lambda s: s.attach("post", BALL, "fore"), "name is 'post'; an obstacle has it"),
-    (lambda s: s.attach("post", link="fore"), r"q is missing; .*pass \(shoulder, elbow\)"),
-    (lambda s: s.detach("tool"), "name is 'tool'; it carries 'bit'; detach 'bit' first"),
-    (lambda s: s.detach("bit", touch_links=["fore"]), "touch_links are given without q"),
-    (lambda s: s.forbid_collisions([("fore", "post")]), "only allowed pairs are taken back"),
-    (lambda s: s.set_padding("post", 9.0), "foot touches obstacle 'post', or comes nearer"),
-)
-def test_refused_changes_change_nothing(tmp_path, call, message):
-    arm = Arm.from_urdf(planar(tmp_path)).attach("tool", BALL, "fore", pose_at(1.1, 0.0))
-    arm = arm.attach("bit", Robot.ball(0.05), "tool", pose_at(0.1, 0.0))
-    space = build_arm_space({"post": posed_box((0.2, 0.2, 1.0), 1.5, 1.5)}, arm)
-    before = describe(space)
-    with pytest.raises((InputError, ConfigurationError), match=message):
-        call(space)
-    assert describe(space) == before

@@ -18,7 +18,7 @@ from cspace.errors import AngleWarning, ConfigurationError, FileError, InputErro
 from planners import Upright
 from tests.helpers.refusals import refusals
 from tests.helpers.strategies import examples
-from tests.helpers.urdfs import joint, link, planar, pose_at, write_urdf
+from tests.helpers.urdfs import joint, link, planar_arm, pose_at, write_urdf
 
 BAR = ((1.0, 0.1, 0.1), (0.5, 0, 0))
 STATE = {"lift": 0.25, "shoulder": 0.5, "elbow": -0.5, "finger": 0.05, "follower": 0.05}
@@ -88,15 +88,8 @@ def test_joint_values_give_the_held_joints_and_the_configuration(tmp_path):
     assert arm.configuration(JointValues(STATE)).tolist() == [0.5, -0.5]
     assert arm.configuration(JointValues(elbow=0.1), (0.3, 0.4)).tolist() == [0.3, 0.1]
     assert read_arm(tmp_path, held_joints=None).held_joints == {"lift": 0.0, "finger": 0.03}
-
-
-@refusals(
-    "values, message",
-    (STATE | {"wheel": 0.0}, "values names 'wheel'; there are shoulder, elbow, lift, finger"),
-)
-def test_joint_values_of_another_robot_are_refused(tmp_path, values, message):
-    with pytest.raises(InputError, match=message):
-        read_arm(tmp_path).configuration(JointValues(values))
+    with pytest.raises(InputError, match="names 'wheel'; there are shoulder, elbow, lift, finger"):
+        arm.configuration(JointValues(wheel=0.0))
 
 
 def test_the_matrix_replaces_the_pairs_that_may_touch(tmp_path):
@@ -118,7 +111,6 @@ def test_the_matrix_replaces_the_pairs_that_may_touch(tmp_path):
 
 @refusals(
     "objects, state, message",
-    ([], carry("tool", make_object("left", frame="tool")), "has the object 'left'; the arm has a"),
     ([], carry("old", make_object("mug", frame="old")), "link_name of 'mug' is 'old'"),
     ([make_object("a", frame="tool")], {}, "in the frame 'tool'; a joint of the arm moves it"),
 )
@@ -145,14 +137,6 @@ def test_a_base_below_the_world_of_a_urdf_is_not_taken_for_it(tmp_path):
 
 @refusals(
     "more, message",
-    (
-        {"link_padding": [{"link_name": "fore", "padding": 0.1}]},
-        r"has 0.1 as scene.link_padding\[0\].padding; .*, and pass padding= to build_arm_space",
-    ),
-    (
-        {"fixed_frame_transforms": [{"transform": {"translation": [0, 0, 1]}}]},
-        r"has a motion as scene.fixed_frame_transforms\[0\].transform; frames are not transformed",
-    ),
     (
         {"robot_state": {"joint_state": {"name": ["a"], "position": []}}},
         "has 1 joints but 0 positions at scene.robot_state",
@@ -369,7 +353,6 @@ def test_joint_goals_keep_other_joints_and_move_onto_limits(tmp_path):
 
 @refusals(
     "goal, message",
-    (joint_goal(shoulder=3.1), r"has shoulder at 3\.1; its limits are -3 and 3"),
     (pose_goal(("sphere", (1,), (0, 2, 0)), link="hand"), "link_name is 'hand'"),
 )
 def test_goals_of_another_arm_are_refused(tmp_path, goal, message):
@@ -515,7 +498,7 @@ def test_a_request_keeps_a_link_upright_in_the_frame_of_the_base(tmp_path):
     (turned,) = request.make_keep(arm, base_pose=pose_at(0, 0, 1, (math.pi / 2, 0, 0)))
     assert turned.direction == pytest.approx((0, 1, 0))
     with pytest.raises(InputError, match="link_name is 'tool'"):
-        request.make_keep(Arm.from_urdf(planar(tmp_path)))
+        request.make_keep(planar_arm())
     assert read_moveit_request(write_request(tmp_path, joint_goal(elbow=1))).make_keep(arm) == []
 
 
@@ -525,12 +508,6 @@ ELBOW = joint_goal(elbow=1)
 
 @refusals(
     "goals, more, message",
-    ([], {}, "has no goal_constraints; a request has at least one"),
-    (
-        [ELBOW | pose_goal(SPHERE)],
-        {},
-        r"has 1 joint and 1 pose constraints at request.goal_constraints\[0\]",
-    ),
     (
         [{"joint_constraints": [{"joint_name": "a", "position": 1, "tolerance_below": -1}]}],
         {},
@@ -541,8 +518,6 @@ ELBOW = joint_goal(elbow=1)
         {},
         "has 2 constraints of fore, tool at request.goal",
     ),
-    ([pose_goal(None, ((0, 0, 0, 1), (0.1, 0, 1)))], {}, "has a tolerance of zero at request.goal"),
-    ([pose_goal(None, ((0, 0, 0, 1), (4, 4, 4)))], {}, "has tolerances beyond half a turn"),
     (
         [ELBOW],
         {"path_constraints": pose_goal(None, ((0, 0, 0, 1), (0.1, 0.0, 4)))},
@@ -553,7 +528,6 @@ ELBOW = joint_goal(elbow=1)
         {"path_constraints": pose_goal(None, ((0, 0, 0, 1), (1, 1, 4)), parameterization=1)},
         r"has 1 as request.path_constraints.orientation_constraints\[0\].parameterization",
     ),
-    ([ELBOW], {"path_constraints": pose_goal(SPHERE)}, "it is not read; remove it; plans would"),
 )
 def test_what_a_plan_would_not_obey_is_refused(tmp_path, goals, more, message):
     path = write_request(tmp_path, *goals, **more)

@@ -13,10 +13,17 @@ from cspace._shapes import Mesh, Voxels
 from cspace.arms import Arm, PosedShape, build_arm_space
 from cspace.errors import ConfigurationError, InputError, UnitWarning
 from tests.helpers.arm_oracle import ArmOracle, sample_configurations
-from tests.helpers.refusals import refusals
 from tests.helpers.solids import ball, box
 from tests.helpers.strategies import examples, seeds
-from tests.helpers.urdfs import joint, link, planar, pose_at, posed_box, random_arm, write_urdf
+from tests.helpers.urdfs import (
+    joint,
+    link,
+    planar_arm,
+    pose_at,
+    posed_box,
+    random_arm,
+    write_urdf,
+)
 
 H = 0.2
 LOWER = (-1.0, -1.0, -1.0)
@@ -117,9 +124,9 @@ def test_containment_is_never_free(tmp_path, size, obstacle, state):
 
 
 @pytest.fixture(scope="module")
-def arm(tmp_path_factory):
+def arm():
     """Read the planar arm of two links of 1 m."""
-    return Arm.from_urdf(planar(tmp_path_factory.mktemp("arm")))
+    return planar_arm()
 
 
 def test_obstacles_in_millimetres_are_warned_of(arm):
@@ -170,23 +177,6 @@ def test_scattered_cells_refuse_to_exceed_the_memory(arm, monkeypatch):
         build_arm_space(scattered, arm, base_pose=away)
 
 
-@refusals(
-    "call, message",
-    (
-        lambda arm: build_arm_space(Workspace.from_array(np.ones((2, 2), dtype=bool), 1.0), arm),
-        "hold 'workspace', a map of the plane",
-    ),
-    (
-        lambda arm: build_arm_space({"a": PosedShape(Robot.ball(1.0), 2.0 * np.eye(4))}, arm),
-        "pose of a has R = ",
-    ),
-    (lambda arm: arm.attach("tool", Robot.disc(0.1), "fore"), "shape is in the plane"),
-)
-def test_obstacles_and_tools_must_be_solids(arm, call, message):
-    with pytest.raises(InputError, match=message):
-        call(arm)
-
-
 @examples(25)
 @given(angles=st.tuples(*[st.floats(-3, 3)] * 3), at=st.tuples(*[st.floats(-5, 5)] * 3), seed=seeds)
 def test_surfaces_of_posed_soups_stay_closed_to_the_last_bit(angles, at, seed):
@@ -207,9 +197,9 @@ def test_surfaces_of_posed_soups_stay_closed_to_the_last_bit(angles, at, seed):
 
 
 @pytest.mark.parametrize("turn", [0.0, 1.1])
-def test_obstacles_and_what_else_a_space_hands_out_goes_in_again(tmp_path, turn):
+def test_obstacles_and_what_else_a_space_hands_out_goes_in_again(turn):
     base_pose = pose_at(5.0, 0.5, 0.2, (0.0, 0.3 * turn, turn))
-    arm = Arm.from_urdf(planar(tmp_path))
+    arm = planar_arm()
     cells = np.zeros((4, 4, 4), dtype=bool)
     cells[1, 2] = True
     corner = (base_pose @ (0.5, 1.0, -0.2, 1.0))[:3]

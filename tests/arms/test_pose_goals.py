@@ -88,15 +88,6 @@ def test_poses_out_of_reach_or_in_collision_are_refused(tmp_path):
         planners.plan(space, START, aim_at(1, 1))
 
 
-@refusals("planner, reason", ("PRM", "PRM .*second thread"), ("BFMT", "BFMT .*may end the process"))
-def test_some_planners_take_one_goal(tmp_path, planner, reason):
-    space = build_space(tmp_path)
-    message = f"goal has 2 configurations and planner is '{planner}'; {reason}"
-    with pytest.raises(InputError, match=message):
-        planners.plan(space, START, [(2.9, 2.9), GOAL], planner=planner)
-    assert planners.plan(space, START, [GOAL], planner=planner, time_limit=5.0).certified
-
-
 def build_slot(folder):
     """Build a bar that spins and slides up, below a ring with a slot of 14 degrees between walls.
 

@@ -8,9 +8,7 @@ import scipy.sparse.csgraph
 from scipy.spatial import cKDTree
 
 from cspace.arms import Arm, build_arm_space
-from cspace.errors import ConfigurationError, InputError
-from tests.helpers.refusals import refusals
-from tests.helpers.urdfs import planar, posed_box, random_arm
+from tests.helpers.urdfs import planar_arm, posed_box, random_arm
 
 START, GOAL = (-1.2, 0.4), (1.2, -0.4)
 IN_WALL = (0.0, 0.0)
@@ -18,9 +16,9 @@ OPTIONS = {"seed": 1, "time_limit": 60.0}
 
 
 @pytest.fixture(scope="module", params=[0.1, 0.001], ids=["wall", "sheet"])
-def space(request, tmp_path_factory):
+def space(request):
     """Build an arm that passes a wall only folded; sampling a motion misses the thin sheet."""
-    arm = Arm.from_urdf(planar(tmp_path_factory.mktemp("arm")))
+    arm = planar_arm()
     return build_arm_space({"wall": posed_box((0.9, request.param, 1.0), 1.55, 0.0, 0.0)}, arm)
 
 
@@ -81,17 +79,3 @@ def test_further_searches_find_the_shortest_way_around_a_wall(space):
     start, goal = (int(np.abs(points - q).sum(axis=1).argmin()) for q in (START, GOAL))
     chain = scipy.sparse.csgraph.dijkstra(graph, directed=False, indices=start)[goal]
     assert measure_path(path) <= 1.01 * chain
-
-
-@refusals(
-    "endpoints, options, error, message",
-    ((IN_WALL, GOAL), {}, ConfigurationError, "q0 .*is not proven free: fore is in collision"),
-    ((START, np.empty((0, 2))), {}, InputError, r"q1 has shape \(0, 2\)"),
-    ((START, GOAL), {"time_limit": 0.0}, InputError, "time_limit is 0"),
-    ((START, GOAL), {"iterations": 1.5}, InputError, "iterations is 1.5"),
-)
-def test_find_path_refuses_invalid_arguments(tmp_path, endpoints, options, error, message):
-    wall = {"wall": posed_box((0.9, 0.1, 1.0), 1.55, 0.0, 0.0)}
-    space = build_arm_space(wall, Arm.from_urdf(planar(tmp_path)))
-    with pytest.raises(error, match=message):
-        space.find_path(*endpoints, **options)

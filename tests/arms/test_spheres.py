@@ -164,19 +164,6 @@ def test_model_is_printed_and_written_in_each_format(tmp_path, source, model):
     } == expected
 
 
-def test_written_urdf_is_an_arm_of_spheres(tmp_path, source, model):
-    model.save(tmp_path / "spheres.urdf", source)
-    arm = Arm.from_urdf(tmp_path / "spheres.urdf")
-    assert arm.joints == Arm.from_urdf(source).joints
-    for part, ball in zip(arm.links[1].parts, rows(model.links["upper"]), strict=True):
-        assert part.pose[:3, 3].tolist() == ball[:3]
-    bar = Robot.from_urdf(tmp_path / "spheres.urdf", "upper").shape.outer
-    balls = model.links["upper"]
-    low, high = (np.array(corner) for corner in bar.bounds)
-    assert (low <= (balls.centers - balls.radii[:, None]).min(axis=0)).all()
-    assert (high >= (balls.centers + balls.radii[:, None]).max(axis=0)).all()
-
-
 def surfaces(shape):
     """Return the vertices of the outer and the inner surface of a shape."""
     return [side.surface[0].tolist() for side in (shape.outer, shape.inner)]
@@ -294,12 +281,9 @@ def test_spheres_of_unknown_links_are_skipped_with_a_warning(tmp_path):
     [
         ("a.yaml", "collision_spheres: 3", "not a int"),
         ("a.yaml", "collision_sphere_buffer: 0.05", "has collision_sphere_buffer 0.05"),
-        ("a.yaml", "collision_spheres: {}", "has no spheres"),
-        ("a.yaml", "collision_spheres: {foot: []}", "link 'foot' has no spheres"),
         ("a.yaml", "collision_spheres: {foot: spheres/foot.yml}", "link 'foot' is 'spheres/foot"),
         ("a.yaml", "foot: [{center: [0, 0], radius: 1}]", "a center is three numbers"),
         ("a.yaml", "foot: [{center: [0, 0, .nan], radius: 1}]", "center nan; .* finite number"),
-        ("a.yaml", "foot: [{center: [0, 0, 0], radius: 0}]", "one above zero"),
         ("a.yaml", "foot: [{center: [0, 0, 0], radius: .nan}]", "radius nan; .* finite number"),
         ("a.yaml", "foot: [{center: [0, 0, 0], radius: '1'}]", "write the number without quotes"),
         ("a.yaml", "foot: [{centre: [0, 0, 0], radius: 1}]", "has no center; .* besides centre"),
@@ -375,23 +359,6 @@ def write_mesh(folder, *vertices):
 @pytest.mark.filterwarnings("ignore::cspace._shapes.mesh.MeshWarning")
 @refusals(
     "call, error, message",
-    (lambda folder: Arm.from_urdf(planar(folder)).spheres(), InputError, "exactly one of them"),
-    (
-        lambda folder: Arm.from_urdf(planar(folder)).spheres(number=2, tolerance=0.1),
-        InputError,
-        "exactly one of them",
-    ),
-    (lambda folder: Arm.from_urdf(planar(folder)).spheres(number=0), InputError, "number is 0"),
-    (
-        lambda folder: Arm.from_urdf(planar(folder)).spheres(number=2, kind="both"),
-        InputError,
-        "kind is 'both'",
-    ),
-    (
-        lambda folder: Arm.from_urdf(planar(folder)).spheres(tolerance=1e-9),
-        InputError,
-        "pass at least about",
-    ),
     (
         lambda folder: Arm.from_urdf(
             write_mesh(folder, (0, 0, 0), (0, 0, "nan"), (0, 1, 0))
@@ -433,6 +400,3 @@ def test_arm_of_sheets_has_outer_spheres_only(tmp_path):
 def test_target_needs_a_known_suffix_and_a_urdf_its_template(tmp_path, model):
     with pytest.raises(InputError, match=r"\.yaml"):
         model.save(tmp_path / "spheres.txt")
-    with pytest.raises(InputError, match="pass the URDF that the arm was read from"):
-        model.save(tmp_path / "spheres.urdf")
-    assert not (tmp_path / "spheres.urdf").exists()

@@ -1,7 +1,8 @@
-"""Hints of the command line: each is followed, as typed."""
+"""Refusals and hints of the command line: each hint is followed, as typed."""
 
 import csv
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,82 +11,153 @@ import trimesh
 from PIL import Image
 
 from tests.helpers.commands import document, run
+from tests.helpers.refusals import refusals
 
 MAP = "map floor.npy --robot disc:0.05 --spacing 0.1 -o new.zarr"
+MAP_CUBE = "map cube.obj --robot ball:0.1 -o new.zarr"
 MAP_WALL = "map wall.wkt --robot disc:0.05 --spacing 0.1"
 PLAN = "plan plane.zarr --start 0.35,0.65 --goal 2.15,0.95"
 PLAN_TURNING = "plan turning.zarr --start 0.35,0.65,0 --goal 2.15,0.95,90deg"
+PLOT = "plot plane.zarr -o new.png"
 MOTION = "--trajectory t.csv --max-velocity 0.5 --max-acceleration 0.5"
 TURNS = "--max-angular-velocity 1 --max-angular-acceleration 1"
 
 
-@pytest.mark.parametrize(
-    "command, hint, followed",
-    [
-        (
-            f"{MAP} --rotations 0",
-            "write e.g. 72, yaw:8 or quaternions:8",
-            f"{MAP} --rotations yaw:8",
-        ),
-        (f"{MAP_WALL} --bounds here", "--bounds=-1,-1,4,3", f"{MAP_WALL} --bounds=-1,-1,4,3"),
-        (f"{MAP} --tile 0", "pass e.g. 4096", f"{MAP} --tile 4096"),
-        (f"{MAP} --overwrite -o new.xyz", "use one of .zarr", f"{MAP} --overwrite -o new.zarr"),
-        (f"{PLAN} --start 5", "write e.g. --start=0.5,0.5", f"{PLAN} --start=0.5,0.5"),
-        (
-            f"{PLAN_TURNING} --goal 2.15,0.95,-90",
-            "write -90deg for degrees, or -90rad for radians",
-            f"{PLAN_TURNING} --goal 2.15,0.95,-90deg",
-        ),
-        (f"{PLAN} -o a.csv -o ./a.csv", "choose another name", f"{PLAN} -o a.csv -o b.csv"),
-        (f"{PLAN} --planner gird", "did you mean", f"{PLAN} --planner Grid"),
-        (
-            f"{PLAN_TURNING} --drive dubins",
-            "pass it in metres, e.g. 0.5",
-            f"{PLAN_TURNING} --drive dubins --turning-radius 0.5 --time-limit 0.1",
-        ),
-        (
-            f"{PLAN} --objective clearance --planner RRT",
-            "use --planner='RRTstar'",
-            f"{PLAN} --objective clearance --planner='RRTstar' --time-limit 0.2",
-        ),
-        (f"{PLAN} --max-velocity 1", "no --trajectory is; omit it", PLAN),
-        (
-            f"{PLAN} --trajectory t.csv --max-velocity 1",
-            "pass --max-acceleration=1.0",
-            f"{PLAN} --trajectory t.csv --max-velocity 1 --max-acceleration=1.0",
-        ),
-        (
-            f"{PLAN_TURNING} {MOTION}",
-            "pass it in radians and seconds, e.g. 1.0",
-            f"{PLAN_TURNING} {MOTION} {TURNS}",
-        ),
-        (f"{PLAN} {MOTION} --max-angular-velocity 1", "leave it out", f"{PLAN} {MOTION}"),
-        (
-            "plot plane.zarr -o p.png --rotation 1",
-            "omit it, or build the map with --rotations 72",
-            "plot turning.zarr -o p.png --rotation 1",
-        ),
-        (
-            "plot plane.zarr -o p.png --center 1,1",
-            "add e.g. --zoom=8, or omit it",
-            "plot plane.zarr -o p.png --center 1,1 --zoom=8",
-        ),
-        ("export turning.zarr a.tif", "pass the one", "export turning.zarr a.tif --rotation 0"),
-        ("export plane.zarr a.stl", "e.g. .vti", "export plane.zarr a.vti"),
-        ("info plane.zarr --spacing 1", "omit it", "info plane.zarr"),
-        ("config", "pass --cmake-dir for CMake", "config --cmake-dir"),
-        (
-            "plot plane.zarr -o p.png --path wall.wkt",
-            "write a path on this map with cspace plan",
-            f"{PLAN} -o path.csv",
-        ),
-    ],
+FILES = {
+    "notes.txt": "nothing of use",
+    "notes.csv": "x,y\nhere,there\n",
+    "empty.csv": "x,y\n",
+    "list.json": "[1, 2]",
+    "swapped.csv": "y,x\n1,1\n",
+    "wide.json": '{"path": [[1, 1, 0, 0, 0]]}',
+    "old.png": "nothing of use",
+    "old.pgm": "nothing of use",
+    "precious/thesis.txt": "years of work",
+    "broken.zarr/zarr.json": "{ nothing of use",
+}
+"""Texts of files that are in the way, or are no paths."""
+
+
+@refusals(
+    "command, mended, message",
+    (f"{MAP} --rotations 0", f"{MAP} --rotations yaw:8", "write e.g. 72, yaw:8 or quaternions:8"),
+    (f"{MAP_WALL} --bounds here", f"{MAP_WALL} --bounds=-1,-1,4,3", "--bounds=-1,-1,4,3"),
+    (f"{MAP} --tile 0", f"{MAP} --tile 4096", "pass e.g. 4096"),
+    (f"{MAP} --overwrite -o new.xyz", f"{MAP} --overwrite -o new.zarr", "use one of .zarr"),
+    (f"{PLAN} --start 5", f"{PLAN} --start=0.5,0.5", "write e.g. --start=0.5,0.5"),
+    (
+        f"{PLAN_TURNING} --goal 2.15,0.95,-90",
+        f"{PLAN_TURNING} --goal 2.15,0.95,-90deg",
+        "write -90deg for degrees, or -90rad for radians",
+    ),
+    (f"{PLAN} -o a.csv -o ./a.csv", f"{PLAN} -o a.csv -o b.csv", "choose another name"),
+    (f"{PLAN} --planner gird", f"{PLAN} --planner Grid", "did you mean"),
+    (
+        f"{PLAN_TURNING} --drive dubins",
+        f"{PLAN_TURNING} --drive dubins --turning-radius 0.5 --time-limit 0.1",
+        "pass it in metres, e.g. 0.5",
+    ),
+    (
+        f"{PLAN} --objective clearance --planner RRT",
+        f"{PLAN} --objective clearance --planner='RRTstar' --time-limit 0.2",
+        "use --planner='RRTstar'",
+    ),
+    (f"{PLAN} --max-velocity 1", PLAN, "no --trajectory is; omit it"),
+    (
+        f"{PLAN} --trajectory t.csv --max-velocity 1",
+        f"{PLAN} --trajectory t.csv --max-velocity 1 --max-acceleration=1.0",
+        "pass --max-acceleration=1.0",
+    ),
+    (
+        f"{PLAN_TURNING} {MOTION}",
+        f"{PLAN_TURNING} {MOTION} {TURNS}",
+        "pass it in radians and seconds, e.g. 1.0",
+    ),
+    (f"{PLAN} {MOTION} --max-angular-velocity 1", f"{PLAN} {MOTION}", "leave it out"),
+    (
+        "plot plane.zarr -o p.png --rotation 1",
+        "plot turning.zarr -o p.png --rotation 1",
+        "omit it, or build the map with --rotations 72",
+    ),
+    (
+        "plot plane.zarr -o p.png --center 1,1",
+        "plot plane.zarr -o p.png --center 1,1 --zoom=8",
+        "add e.g. --zoom=8, or omit it",
+    ),
+    ("export turning.zarr a.tif", "export turning.zarr a.tif --rotation 0", "pass the one"),
+    ("export plane.zarr a.stl", "export plane.zarr a.vti", "e.g. .vti"),
+    ("info plane.zarr --spacing 1", "info plane.zarr", "omit it"),
+    ("config", "config --cmake-dir", "pass --cmake-dir for CMake"),
+    (
+        "plot plane.zarr -o p.png --path wall.wkt",
+        f"{PLAN} -o path.csv",
+        "write a path on this map with cspace plan",
+    ),
+    # Options of the library's arguments
+    (f"{MAP_CUBE}", "--spacing is missing for cube.obj"),
+    (f"{MAP} --spacing -0.1", "--spacing is -0.1"),
+    (f"{MAP} --robot disk:0.3", "disk:0.3"),
+    (f"{MAP} --robot ball:0.1", "--robot has 3 dimensions but the workspace has 2"),
+    (f"{MAP} --rotations quaternions:2", "--rotations=72"),
+    (f"{PLAN} --goal nan,1", "--goal[1][0] is nan"),
+    (
+        f"{PLAN} --any-yaw",
+        "--any-yaw is set, and the axes are x, y; the map has no rotations; omit it",
+    ),
+    (f"{PLAN} --goal-tolerance 0.1,190deg", "an angle is at most pi radians"),
+    (f"{PLAN} --goal-tolerance wide", "--goal-tolerance is 'wide'"),
+    (f"{PLAN} --start 1.25,0.05", "BLOCKED"),
+    ("plot space.zarr -o n.png --center 1,1,1 --view 3d", "--zoom=8"),
+    # Options of another kind of file
+    (f"{MAP} --robot-solid fill", "leave it out"),
+    (f"{MAP} --package-dir .", "--package-dir is [PosixPath('.')] for disc:0.05"),
+    ("view plane.zarr --frame tool", "--frame is given, but plane.zarr is not a URDF"),
+    (
+        "export plane.zarr new.npz --window 0,0,1,1",
+        "--window is given; export writes parts of tiled",
+    ),
+    # Texts of options
+    (f"{MAP} --rotations 7.5", "--rotations is '7.5'"),
+    (f"{MAP_CUBE} --bounds 0,0,0,1,-1,1", "must be above"),
+    # Outputs
+    (
+        f"{MAP} -o plane.zarr",
+        "plane.zarr: exists; existing outputs are kept by default; pass --overwrite",
+    ),
+    (f"{MAP} -o absent/new.zarr", "absent is not a folder"),
+    (f"{MAP} -o precious --overwrite", "precious"),
+    (f"{MAP} --tile 9 -o precious.zarr/m", "precious.zarr"),
+    ("export plane.zarr old.yaml", "old.pgm: exists"),
+    ("demo --output notes.txt", "folder"),
+    ("demo --output notes.txt/demo", "folder"),
+    # Inputs
+    ("map absent.yaml --robot disc:1 -o new.zarr", "absent.yaml"),
+    ("plan broken.zarr --start 0,0 --goal 1,1", "broken.zarr"),
+    (f"{PLOT} --path notes.csv", "notes.csv: has no path"),
+    (f"{PLOT} --path empty.csv", "empty.csv: has no configuration"),
+    (f"{PLOT} --path list.json", "list.json: has no path"),
+    (f"{PLOT} --path old.png", "old.png"),
+    (f"{PLOT} --path swapped.csv", "swapped.csv: has y, x; the map's axes are x, y"),
+    (f"{PLOT} --path wide.json", "wide.json: has an array (1, 5)"),
+    # Usage
+    ("fly", "No such command 'fly'; see "),
+    ("map", "Missing argument 'WORKSPACE'; see "),
+    (f"{MAP} --outside wet", "'wet'"),
 )
-def test_following_a_hint_as_typed_avoids_the_error(command, hint, followed, room):
+def test_invalid_input_is_refused_in_one_line_and_mended(command, mended, message, room):
+    for name, text in FILES.items():
+        Path(name).parent.mkdir(exist_ok=True)
+        Path(name).write_text(text)
+    before = sorted(room.rglob("*"))
     refused = run(command)
-    assert refused.exit_code == 2 and hint in refused.stderr, refused.stderr
-    result = run(followed)
-    assert result.exit_code != 2, result.stderr
+    assert refused.exit_code == 2, refused.exception or refused.output
+    assert refused.stdout == ""
+    assert refused.stderr.startswith("cspace: ") and refused.stderr.count("\n") == 1
+    assert message in refused.stderr
+    assert sorted(room.rglob("*")) == before
+    if mended is not None:
+        result = run(mended)
+        assert result.exit_code != 2, result.stderr
 
 
 URDF = (

@@ -18,7 +18,6 @@ from cspace.errors import InputError, MissingPackageError
 from cspace.export._free_boundary import WRITERS, free_boundary
 from tests.helpers.handmade import build_empty
 from tests.helpers.maps import MAP_BUILDERS
-from tests.helpers.refusals import refusals
 from tests.helpers.strategies import examples
 
 # ---- the border of the free space ----------------------------------------------------------------
@@ -105,22 +104,6 @@ def test_an_stl_whose_coordinates_coincide_is_refused(tmp_path):
             message = r"in which some coordinates coincide.*write .ply or .obj"
             with pytest.raises(InputError, match=message):
                 WRITERS[".stl"](file, vertices, faces)
-
-
-@refusals(
-    "make, suffix, rotation, message",
-    (MAP_BUILDERS["solid"], ".stl", 0.5, "rotation has shape .*the robot does not turn"),
-)
-def test_export_refuses_unsuitable_maps(
-    tmp_path,
-    make,
-    suffix,
-    rotation,
-    message,
-):
-    with pytest.raises(InputError, match=message):
-        make().export(tmp_path / f"map{suffix}", rotation=rotation)
-    assert not list(tmp_path.iterdir())
 
 
 # ---- VTK images ----------------------------------------------------------------------------------

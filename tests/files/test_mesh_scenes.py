@@ -251,7 +251,7 @@ def test_a_file_whose_y_or_x_is_up_is_warned_of_and_turned_on_demand(tmp_path, f
 
 
 @pytest.mark.parametrize("form, axis", [("glb", "y"), ("X_UP", "x")])
-def test_turning_follows_the_right_hand_rule_of_the_format(tmp_path, form, axis):
+def test_turning_follows_the_right_hand_rule_of_the_format(form, axis):
     """COLLADA: up, right and in are x, -y and z for X_UP, y, x and z for Y_UP, z, x and -y for Z_UP."""
     right, up, inward = {
         "y": ((1, 0, 0), (0, 1, 0), (0, 0, 1)),
@@ -324,8 +324,7 @@ def test_bytes_of_triangles_that_read_as_a_unit_are_no_comment(tmp_path):
     data[132:134] = b"mm"  # the attribute of the first triangle
     path = tmp_path / "box.stl"
     path.write_bytes(data)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
+    with warnings.catch_warnings(action="error"):
         assert measure(Mesh.of(path)) == [4.0] * 3
 
 

@@ -109,14 +109,6 @@ def test_objects_are_read_in_one_frame(tmp_path):
         cspace.arms.read_moveit_scene(path)
 
 
-def test_a_warning_names_parts_that_enlarge_the_robot(tmp_path):
-    mug = make_object("sphere", (0.1,), name="mug", header={"frame_id": "hand"})
-    attached = {"attached_collision_objects": [{"link_name": "hand", "object": mug}]}
-    path = write_scene(tmp_path, make_object("sphere", (1,)), robot_state=attached)
-    with pytest.warns(UserWarning, match=r"\(mug\) enlarge the robot and are not read"):
-        Workspace.from_moveit_scene(path, 0.1)
-
-
 def make_box(**changes):
     """Return a collision object of a box with other fields."""
     return make_object("box", [1, 1, 1]) | changes

@@ -22,7 +22,7 @@ READERS = {
 @pytest.mark.parametrize("name", READERS)
 def test_a_pointer_of_git_lfs_is_refused_with_the_command_that_fetches_the_file(tmp_path, name):
     (tmp_path / name).write_text(POINTER)
-    message = rf"{name}: is a git-lfs pointer; .* has not been fetched; run git lfs pull"
+    message = rf"{name}: is a git-lfs pointer; .* has not been fetched; run git lfs pull in its repository"
     with pytest.raises(FileError, match=message):
         READERS[name](tmp_path / name)
 
@@ -79,15 +79,6 @@ def test_folders_pipes_and_other_objects_are_refused(tmp_path):
     for name in (None, 7, "nul\0byte"):
         with pytest.raises(InputError, match="must be a file name"):
             Workspace.open(name, spacing=0.1)
-
-
-def test_a_pointer_of_git_lfs_is_replaced_by_its_file_as_advised(tmp_path):
-    file = tmp_path / "a.map"
-    file.write_text("version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 40\n")
-    with pytest.raises(FileError, match="run git lfs pull in its repository"):
-        Workspace.open(file)
-    file.write_text("type octile\nheight 1\nwidth 2\nmap\n..\n")  # as git lfs pull does
-    assert not Workspace.open(file).outer.any()
 
 
 def test_another_folder_is_written_to_as_advised(tmp_path, monkeypatch):

@@ -72,8 +72,7 @@ def test_a_padded_footprint_covers_the_footprint_grown_and_nav2s(radii, shift, p
     angles = 2 * np.pi * np.arange(len(radii)) / len(radii)
     corners = np.column_stack([np.cos(angles), np.sin(angles)]) * np.array(radii)[:, None] + shift
     footprint = shapely.Polygon(corners)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
+    with warnings.catch_warnings(action="ignore"):
         padded = Robot.from_footprint(corners, padding=padding).geometry
     rounded = padded.buffer(1e-9)
     assert rounded.covers(footprint.buffer(padding))

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cspace import Workspace
-from cspace.errors import FileError, InputError
+from cspace.errors import FileError
 from tests.helpers.refusals import refusals
 from tests.helpers.strategies import examples, seeds
 
@@ -129,12 +129,6 @@ def test_headers_are_corrected_as_their_hints_say(tmp_path):
         Workspace.from_octomap(path)
     path.write_bytes(make_binary(CHAIN, 17))
     assert Workspace.from_octomap(path).outer.any()
-
-
-def test_unknown_cells_are_occupied_or_free(tmp_path):
-    (tmp_path / "a.bt").write_bytes(make_binary(CHAIN, 17))
-    with pytest.raises(InputError, match="unknown is 'maybe'"):
-        Workspace.from_octomap(tmp_path / "a.bt", "maybe")
 
 
 @examples(15)

@@ -274,8 +274,7 @@ TURN = '<link name="l">{}</link><link name="m"/><joint name="j" type="{}"><paren
 )
 def test_angles_in_degrees_are_warned_of_once(tmp_path, kind, part, count):
     path = write_urdf(tmp_path, TURN.format(BOX, kind, part))
-    with warnings.catch_warnings(record=True) as heard:
-        warnings.simplefilter("always")
+    with warnings.catch_warnings(record=True, action="always") as heard:
         Robot.from_urdf(path)
     assert [each.category for each in heard] == [AngleWarning] * (count > 0)
     assert not count or f"{count} angles are beyond" in str(heard[0].message)
@@ -289,7 +288,8 @@ def test_a_robot_without_a_name_has_the_name_of_its_file(tmp_path):
 
 LINKS = '<link name="l"/><link name="m"/>'
 JOINT = '<joint name="j" type="fixed"><parent link="{}"/><child link="{}"/></joint>'
-FORTH = JOINT.format("l", "m")
+
+
 BACK = JOINT.format("m", "l").replace('"j"', '"k"')
 
 
@@ -302,7 +302,6 @@ def make_link(geometry):
     "body, error, message",
     (make_link("<cone/>"), FileError, "<cone> as the geometry .*; it must be one of box"),
     (make_link('<box size="1 1 nan"/>'), FileError, "it must be 3 finite numbers"),
-    (make_link('<box size="${w} 1 1"/>'), FileError, "xacro macros.*; run xacro"),
     (make_link('<mesh filename="$(find p)/x.stl"/>'), FileError, "xacro macros.*; run xacro"),
     ('<x:if xmlns:x="http://www.ros.org/wiki/xacro"/>' + LINKS, FileError, "xacro macros"),
 )
@@ -317,8 +316,6 @@ def test_unknown_links_and_other_files_are_refused(tmp_path):
     path = write_urdf(tmp_path)
     with pytest.raises(InputError, match=r"link is 'arm'; there are base, plate, head, wheel"):
         Robot.from_urdf(path, "arm")
-    with pytest.raises(InputError, match=r"link is plate; .*; name links that have: base"):
-        Robot.from_urdf(path, "plate")
     ball = make_link('<sphere radius="1"/>')
     xacro = 'xmlns:xacro="http://www.ros.org/wiki/xacro"'  # as xacro leaves it
     path.write_text(f'<robot name="r" {xacro}>{ball}<gazebo/></robot>')
@@ -340,8 +337,7 @@ def test_limits_of_a_continuous_joint_warn_and_the_hint_is_followed(tmp_path):
     with pytest.warns(UserWarning, match="make the joint revolute if it has them"):
         arm = cspace.Arm.from_urdf(write_urdf(tmp_path, body))
     assert (arm.lower[0], arm.upper[0]) == (-np.inf, np.inf)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
+    with warnings.catch_warnings(action="error"):
         arm = cspace.Arm.from_urdf(write_urdf(tmp_path, body.replace("continuous", "revolute")))
         cspace.Arm.from_urdf(write_urdf(tmp_path))
     assert (arm.lower[0], arm.upper[0]) == (-1.0, 2.0)

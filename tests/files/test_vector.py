@@ -13,7 +13,7 @@ from shapely.geometry import box, mapping
 import cspace
 from cspace import Grid, Robot, Workspace
 from cspace._files.vector import read_shapes
-from cspace.errors import FileError, GeometryError, InputError, UnitWarning
+from cspace.errors import GeometryError, InputError, UnitWarning
 from tests.helpers.commands import run
 from tests.helpers.refusals import refusals
 
@@ -362,21 +362,6 @@ def test_surfaces_are_refused_by_name(name):
         read_shapes(f"{name} (((0 0, 1 0, 1 1, 0 0)))")
 
 
-def test_the_hint_about_heights_is_followed():
-    solid = shapely.force_3d(L_SHAPE, 2.5)
-    with pytest.raises(GeometryError, match=r"drop them with shapely\.force_2d"):
-        read_shapes(mapping(solid))
-    flat = shapely.force_2d(shapely.from_geojson(json.dumps(mapping(solid))))
-    assert read_shapes(flat) == [L_SHAPE]
-
-
-def test_the_hint_about_crossing_boundaries_is_followed():
-    with pytest.raises(GeometryError, match=r"or try shapely\.make_valid"):
-        read_shapes(BOW_TIE)
-    wings = read_shapes(shapely.make_valid(shapely.from_wkt(BOW_TIE)))
-    assert sum(wing.area for wing in wings) == 0.5
-
-
 def test_an_offset_moves_a_far_frame(tmp_path):
     far = affinity.translate(L_SHAPE, 692_000, 5_334_000)
     (tmp_path / "utm.wkt").write_text(far.wkt)
@@ -386,32 +371,6 @@ def test_an_offset_moves_a_far_frame(tmp_path):
     for lazy in (False, True):
         workspace = Workspace.from_polygons(tmp_path / "utm.wkt", 0.1, offset=offset, lazy=lazy)
         check_cells(workspace, [affinity.translate(far, *offset)])
-    result = run(
-        "map", str(tmp_path / "utm.wkt"), "--robot", "disc:0.1", "--spacing", "0.1",
-        f"--offset={offset}", "-o", str(tmp_path / "a.zarr"),
-    )  # fmt: skip
-    assert result.exit_code == 0
-
-
-@refusals(
-    "name, text, error, message",
-    ("a.geojson", "{", FileError, r"a\.geojson: cannot be read as a JSON file"),
-    ("a.wkt", f"POINT (1 2)\n{BOW_TIE}", GeometryError, r"a\.wkt, geometry 2 is not valid"),
-)
-def test_unusable_files_are_refused(tmp_path, name, text, error, message):
-    (tmp_path / name).write_text(text)
-    with pytest.raises(error, match=message):
-        read_shapes(tmp_path / name)
-
-
-@refusals(
-    "options, message",
-    ({"spacing": 1e-9}, "the map has .* cells of 1e-09 m and needs"),
-    ({"bounds": (0, 2, 3, 2)}, "bounds is .* xmax, ymax must be above xmin, ymin"),
-)
-def test_unusable_options_are_refused(options, message):
-    with pytest.raises(InputError, match=message):
-        Workspace.from_polygons(L_SHAPE, **({"spacing": 0.5} | options))
 
 
 @pytest.mark.parametrize("read", [Robot.polygon, lambda shape: Workspace.from_shapes([shape], 0.1)])

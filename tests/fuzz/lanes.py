@@ -21,6 +21,7 @@ from cspace._support.arrays import Floats
 from cspace.lanes import HeadingRule, Lane, RouteGraph
 from cspace.lanes._curves import cut_nurbs
 from tests.fuzz.scenes import Rng
+from tests.helpers.regions import place_polygon
 
 MAX_AREA = 1e-9
 """Area, square metres, that robot and obstacles may have in common by rounding."""
@@ -177,5 +178,4 @@ def _list_rules(rng: Rng, graph: RouteGraph, lane: Lane) -> list[HeadingRule]:
 
 def _place(robot: Any, pose: Pose) -> Any:
     """Return the robot at a pose."""
-    turned = affinity.rotate(robot, pose[2], (0.0, 0.0), use_radians=True)
-    return affinity.translate(turned, pose[0], pose[1])
+    return place_polygon(robot, np.array([pose]))[0]

@@ -18,7 +18,7 @@ from cspace import BLOCKED, FREE, Robot, Rotations, Workspace, build
 from planners._car_curves import advance, find_shortest_words
 from planners._local_planner import CURVES
 from planners._ompl_states import find_state_kind
-from tests.helpers.handmade import fill_boxes, map_of
+from tests.helpers.handmade import build_empty, fill_boxes, map_of
 from tests.helpers.placements import sample_edges, turn_between
 
 SPACES = ("plane", "turning", "space", "yawing", "floating")
@@ -88,9 +88,9 @@ def build_room(name):
 def build_open_map(name):
     """Build a map without obstacles, with a free exterior."""
     dim = 2 if name in ("plane", "turning") else 3
-    workspace = Workspace.from_array(np.zeros((9, 8, 7)[:dim], dtype=bool), 1.0)
     robot = Robot.ball(0.1) if dim == 3 else Robot.disc(0.1)
-    return build(workspace, robot, outside="free", rotations=FEW_ROTATIONS.get(name))
+    options = {"outside": "free", "rotations": FEW_ROTATIONS.get(name)}
+    return build_empty((9, 8, 7)[:dim], robot, 1.0, **options)
 
 
 def build_from_states(state, turns=None, spacing=1.0):

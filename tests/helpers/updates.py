@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 import cspace
 from cspace import FREE, Robot, Rotations, Workspace
-from tests.helpers.handmade import MAP_KINDS
+from tests.helpers.handmade import MAP_KINDS, build_empty
 from tests.helpers.strategies import seeds
 
 SPACING = 0.5
@@ -18,8 +18,7 @@ OBSTACLE = np.ones((4, 4), dtype=bool)
 
 def build_empty_room(outside="blocked", robot=None, rotations=None):
     """Build the map of an empty room of 40 x 30 cells."""
-    workspace = Workspace.from_array(np.zeros((40, 30), dtype=bool), 0.1)
-    return cspace.build(workspace, robot or Robot.disc(0.3), outside=outside, rotations=rotations)
+    return build_empty((40, 30), robot or Robot.disc(0.3), outside=outside, rotations=rotations)
 
 
 @dataclass

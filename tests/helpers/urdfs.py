@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
+from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -90,6 +92,13 @@ def planar(folder: Path, *more: str, elbow: Any = None, **shoulder: Any) -> Path
         joint("elbow", "upper", "fore", at=(1, 0, 0), **(elbow or {})),
         *more,
     )
+
+
+@cache
+def planar_arm(**shoulder: Any) -> Arm:
+    """Return the arm of :func:`planar`."""
+    with TemporaryDirectory() as folder:
+        return cspace.Arm.from_urdf(planar(Path(folder), **shoulder))
 
 
 def planar_arm_meets(q: Any, posts: Any, bars: tuple[str, ...] = ("upper", "fore")) -> np.ndarray:

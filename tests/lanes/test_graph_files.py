@@ -341,8 +341,7 @@ def test_fields_of_other_vehicles_and_layouts_are_nobodys_concern(tmp_path):
     entries = layout["layouts"][0]["edges"][0]["vehicleTypeEdgeProperties"]
     entries.append({"vehicleTypeId": "tug", "loadRestriction": 1, "vehicleOrientation": 90.0})
     layout["layouts"].append({"layoutId": "yard", "layoutFrame": 3})
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
+    with warnings.catch_warnings(action="error"):
         RouteGraph.open(write(tmp_path, "a.json", layout), level="hall", vehicle="fork")
 
 
@@ -514,17 +513,20 @@ YAWS = pd.Series([0.0, 1.0], index=["a", "b"])
 
 
 @refusals(
-    "call, message",
+    "call, mended, message",
+    (lambda: RouteGraph.from_arrays([(0, 0, 0)], []), "last axis"),
+    (lambda: RouteGraph.from_arrays([(0, 0)], [(0, 1)]), "edge number 0"),
+    (lambda: RouteGraph.from_arrays(ENDS, [(0.5, 0)]), "two whole numbers"),
+    (lambda: RouteGraph.from_arrays(ENDS, [(0, 1)], "sideways"), "pass e.g. 'forward'"),
+    (lambda: RouteGraph.from_arrays(ENDS, [(0, 1)], [0.0, 0.0]), "must have 1"),
     (lambda: RouteGraph.from_arrays(ENDS, [(0, 1)], two_way="no"), "two_way is 'no'"),
     (lambda: RouteGraph.from_arrays(ENDS, [(0, 1)], names=[1, "1"]), "names has '1' twice"),
-)
-def test_arguments_of_another_type_are_named(call, message):
-    with pytest.raises(InputError, match=message):
-        call()
-
-
-@refusals(
-    "wrong, right, hint",
+    (lambda: RouteGraph.from_arrays([(0, 0)], [], yaws=[math.inf]), "yaws"),
+    (
+        lambda: RouteGraph.from_arrays(ENDS, [(0, 1)], yaws=[0.0]),
+        lambda: RouteGraph.from_arrays(ENDS, [(0, 1)], yaws=[0.0, math.nan]),
+        "use NaN for any yaw",
+    ),
     (
         lambda: RouteGraph.from_arrays(ENDS, [(0, 1)], yaws=YAWS),
         lambda: RouteGraph.from_arrays(ENDS, [(0, 1)], yaws=YAWS.to_numpy()),
@@ -541,5 +543,5 @@ def test_arguments_of_another_type_are_named(call, message):
         "set it: networkx.set_node_attributes(graph, positions, 'pos')",
     ),
 )
-def test_hints_of_arguments_are_followed(wrong, right, hint):
-    check_followed(wrong, right, hint)
+def test_wrong_arguments_are_refused_in_one_line(call, mended, message):
+    check_followed(call, mended, message)

@@ -16,6 +16,7 @@ import cspace
 import planners
 from cspace.lanes import RouteGraph
 from tests.helpers.commands import run
+from tests.helpers.handmade import build_empty
 from tests.helpers.strategies import few
 from tests.lanes.test_graph_files import ARC, NAV2, write
 
@@ -117,9 +118,7 @@ def test_a_way_beside_the_lanes_is_found_or_disproven(floor):
 def test_curves_agree_with_what_the_robot_sweeps(wall, exact, tmp_path):
     # A robot of 0.4 m by 0.2 m drives a quarter of a circle of 1 m: its outer corners reach
     # hypot(1.1, 0.2) = 1.118 m from the center, which is at (1, 1).
-    occupied = np.zeros((150, 150), dtype=np.bool_)
-    workspace = cspace.Workspace.from_array(occupied, 0.02)
-    space = cspace.build(workspace, "rect:0.4x0.2", rotations=72)
+    space = build_empty((150, 150), "rect:0.4x0.2", 0.02, rotations=72)
     outer = math.hypot(1.1, 0.2)
     if wall is not None:
         space.add_obstacle(
@@ -171,8 +170,7 @@ def test_curves_agree_with_what_the_robot_sweeps(wall, exact, tmp_path):
 
 
 def test_a_corridor_widens_what_is_proven(tmp_path):
-    occupied = np.zeros((60, 40), dtype=np.bool_)
-    space = cspace.build(cspace.Workspace.from_array(occupied, 0.1), "rect:0.6x0.4", rotations=36)
+    space = build_empty((60, 40), "rect:0.6x0.4", rotations=36)
     for width, verdict in ((0.0, "free"), (0.25, "free"), (0.35, "undecided")):
         order = {
             "nodes": [

@@ -8,22 +8,22 @@ import pytest
 import shapely
 from hypothesis import given
 from hypothesis import strategies as st
-from shapely import affinity
 
 import cspace
 import planners
 from cspace.errors import AngleWarning, InputError
 from planners import Mover, apart
+from tests.helpers.handmade import build_empty
 from tests.helpers.refusals import check_followed, refusals
+from tests.helpers.regions import place_polygon
 from tests.helpers.strategies import examples, few
 
 NOTCHED = [(-0.4, -0.3), (0.4, -0.3), (0.4, -0.1), (-0.1, 0.0), (0.4, 0.1), (0.4, 0.3), (-0.4, 0.3)]
 
 
-def build(robot, rotations=36, frame="map"):
+def build(robot, rotations=36):
     """Return an empty map of 10 m by 8 m."""
-    workspace = cspace.Workspace.from_array(np.zeros((100, 80), dtype=np.bool_), 0.1)
-    return cspace.build(workspace, robot, rotations=rotations)
+    return build_empty((100, 80), robot, rotations=rotations)
 
 
 @pytest.fixture(scope="module")
@@ -45,20 +45,10 @@ def driven():
     return robot, trajectories
 
 
-def lay(polygon, poses):
-    """Return a polygon at poses."""
-    return np.array(
-        [
-            affinity.translate(affinity.rotate(polygon, yaw, (0, 0), use_radians=True), x, y)
-            for x, y, yaw in poses
-        ]
-    )
-
-
 def oracle(polygon, trajectory, at, t):
     """Return the robot at times: at rest before and after its trajectory."""
     rows = trajectory.sample(np.clip(t - at, 0.0, trajectory.duration))[0]
-    return lay(polygon, rows)
+    return place_polygon(polygon, rows)
 
 
 @pytest.mark.parametrize("count", few([6, 36]))
@@ -88,7 +78,7 @@ def test_trajectories_agree_with_every_millisecond(driven, count):
             assert distance < found.distance <= gaps.min() + 1e-9
             assert found.distance >= distance + 0.7 * (gaps.min() - distance) - 1e-6
         else:
-            first, second = (lay(polygon, [pose])[0] for pose in found.poses)
+            first, second = (place_polygon(polygon, pose[np.newaxis])[0] for pose in found.poses)
             assert first.distance(second) <= distance + 1e-9
             assert found.poses[0] == pytest.approx(
                 trajectories[k].sample(found.time - at)[0], abs=1e-9
@@ -120,8 +110,7 @@ def test_the_ends_of_a_bar_that_turns_are_seen():
 
 
 def test_trajectories_in_space_agree_with_every_millisecond():
-    workspace = cspace.Workspace.from_array(np.zeros((30, 30, 20), dtype=np.bool_), 0.2)
-    space = cspace.build(workspace, cspace.Robot.ball(0.4))
+    space = build_empty((30, 30, 20), cspace.Robot.ball(0.4), 0.2)
     rng = np.random.default_rng(6)
     limits = {"max_velocity": 1.0, "max_acceleration": 0.5}
     trajectories = []
@@ -222,8 +211,8 @@ def test_boxes_in_space_agree_with_their_outlines(count):
         shapes = [shapely.box(*(-size[:2] / 2), *(size[:2] / 2)) for size in (first, second)]
         places = start + t[:, None] * velocity
         flat = shapely.distance(
-            lay(shapes[0], [(x, y, yaws[0]) for x, y, _ in places]),
-            lay(shapes[1], [(0.0, 0.0, yaws[1])])[0],
+            place_polygon(shapes[0], np.insert(places[:, :2], 2, yaws[0], axis=1)),
+            place_polygon(shapes[1], np.array([(0.0, 0.0, yaws[1])])),
         )
         gaps = np.hypot(flat, np.maximum(np.abs(places[:, 2]) - (first + second)[2] / 2, 0.0))
         found = apart(*movers, until=7.0)

@@ -6,9 +6,7 @@ positions and velocities are differenced.
 
 import dataclasses
 import math
-import tempfile
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -23,7 +21,7 @@ from planners._timing import find_stop
 from tests.helpers.handmade import build_empty
 from tests.helpers.planning import build_open_map
 from tests.helpers.strategies import few
-from tests.helpers.urdfs import planar, planar_arm_meets, post
+from tests.helpers.urdfs import planar_arm, planar_arm_meets, post
 from tests.planners.test_smoothing import (
     LIMITS,
     POST,
@@ -185,8 +183,8 @@ def test_stops_at_rest_and_beyond_the_ends_take_no_time():
         trajectory.stop_time(several)
 
 
-def test_an_arm_stops_and_goes_on_within_limits(tmp_path):
-    space = cspace.build_arm_space({"post": post()}, cspace.Arm.from_urdf(planar(tmp_path)))
+def test_an_arm_stops_and_goes_on_within_limits():
+    space = cspace.build_arm_space({"post": post()}, planar_arm())
     plan = planners.plan(space, (-0.6, 0.3), (1.4, -0.2), seed=1, time_limit=5.0)
     limits = {"max_velocity": 1.0, "max_acceleration": 2.0}
     trajectory = plan.trajectory(**limits)
@@ -383,8 +381,7 @@ def open_space(name):
     """Build a room, or the space of an arm, without obstacles."""
     if name != "arm":
         return build_open_map(name)
-    with tempfile.TemporaryDirectory() as folder:
-        return cspace.build_arm_space({}, cspace.Arm.from_urdf(planar(Path(folder))))
+    return cspace.build_arm_space({}, planar_arm())
 
 
 def draw_path(kind, rng, start=None):

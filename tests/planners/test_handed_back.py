@@ -5,7 +5,7 @@ import pytest
 
 import cspace
 import planners
-from tests.helpers.urdfs import planar, post
+from tests.helpers.urdfs import planar_arm, post
 
 
 def limits_of(plan):
@@ -16,9 +16,8 @@ def limits_of(plan):
 
 
 @pytest.fixture(scope="module", params=["plane", "yaw", "arm", "joint map"])
-def plan(request, tmp_path_factory):
+def plan(request):
     """Plan in a space of each kind."""
-    folder = tmp_path_factory.mktemp("arm")
     if request.param in ("plane", "yaw"):
         cells = np.zeros((60, 50), dtype=bool)
         cells[28:31, :35] = True
@@ -30,7 +29,7 @@ def plan(request, tmp_path_factory):
     pose = np.array([[0.0, -1.0, 0.0, 0.3], [1.0, 0.0, 0.0, 0.1], [0, 0, 1, 0], [0, 0, 0, 1]])
     placed = post()
     obstacles = {"post": type(placed)(placed.shape, pose @ placed.pose)}
-    space = cspace.build_arm_space(obstacles, cspace.Arm.from_urdf(planar(folder)), base_pose=pose)
+    space = cspace.build_arm_space(obstacles, planar_arm(), base_pose=pose)
     if request.param == "joint map":
         space = cspace.build_joint_map(space, 0.1)
     return planners.plan(space, (-0.5, 0.3), (1.5, -0.4))

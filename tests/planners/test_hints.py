@@ -17,7 +17,7 @@ from cspace import ConfigurationError, InputError, Robot, Workspace, build
 from tests.helpers.planning import ENDPOINTS, build_room
 from tests.helpers.refusals import check_followed, refusals
 from tests.helpers.strategies import few
-from tests.helpers.urdfs import planar, pose_at
+from tests.helpers.urdfs import planar_arm, pose_at
 from tests.planners.test_own_space import START, Disc
 
 
@@ -363,9 +363,9 @@ def test_advised_options_are_accepted(name, options, changes, hint):
         planners.plan(build_room(name), **given | changes)
 
 
-def test_advised_goals_of_an_arm_are_accepted(tmp_path):
+def test_advised_goals_of_an_arm_are_accepted():
     pytest.importorskip("yourdfpy")
-    space = cspace.build_arm_space({}, cspace.Arm.from_urdf(planar(tmp_path)))
+    space = cspace.build_arm_space({}, planar_arm())
     goals = [(0.5, 0.5), (0.4, 0.3)]
     with pytest.raises(InputError, match="pass one configuration or choose another planner"):
         planners.plan(space, (0.0, 0.0), goals, planner="PRM")
@@ -568,7 +568,7 @@ def plan_none():
 def read_arm_space(folder):
     """Build the space of an arm among nothing."""
     pytest.importorskip("yourdfpy")
-    return cspace.build_arm_space({}, cspace.Arm.from_urdf(planar(folder)))
+    return cspace.build_arm_space({}, planar_arm())
 
 
 ARM_LIMITS = {"max_velocity": 1.0, "max_acceleration": 1.0}

@@ -18,7 +18,7 @@ from tests.helpers.handmade import fill_boxes
 from tests.helpers.planning import ENDPOINTS, build_room, check, options_for
 from tests.helpers.refusals import check_followed
 from tests.helpers.strategies import examples, seeds
-from tests.helpers.urdfs import planar, planar_arm_meets, posed_box
+from tests.helpers.urdfs import planar_arm, planar_arm_meets, posed_box
 
 ROTATING = [
     ("turning", "holonomic", False),
@@ -169,8 +169,8 @@ def test_paths_far_from_obstacles_do_not_go_on_along_a_previous_plan(options):
     )
 
 
-def test_the_angles_of_an_arm_are_not_wrapped_along_a_previous_plan(tmp_path):
-    arm = cspace.Arm.from_urdf(planar(tmp_path, kind="continuous", limits=None))
+def test_the_angles_of_an_arm_are_not_wrapped_along_a_previous_plan():
+    arm = planar_arm(kind="continuous", limits=None)
     posts = np.array([(-1.7, 0.0, 0.3)])
     obstacles = {"post": posed_box((0.3, 0.3, 0.3), *posts[0, :2])}
     space = cspace.build_arm_space(obstacles, arm)

@@ -23,6 +23,7 @@ from tests.helpers.urdfs import (
     joint,
     link,
     planar,
+    planar_arm,
     planar_arm_meets,
     posed_box,
     post,
@@ -292,8 +293,8 @@ def test_obstacle_on_the_curve_is_found_by_recheck():
     assert not plan.trajectory(**LIMITS).certified
 
 
-def test_arm_blends_are_free_and_within_limits(tmp_path):
-    space = cspace.build_arm_space({"post": post()}, cspace.Arm.from_urdf(planar(tmp_path)))
+def test_arm_blends_are_free_and_within_limits():
+    space = cspace.build_arm_space({"post": post()}, planar_arm())
     plan = planners.plan(space, (-0.6, 0.3), (1.4, -0.2), seed=1, time_limit=5.0)
     trajectory = plan.trajectory(max_velocity=1.0, max_acceleration=2.0)
     t = np.linspace(0.0, trajectory.duration, 2001)
@@ -403,8 +404,8 @@ def test_proven_curves_that_gain_speed_pass_free_cells_only():
     check_proofs(space, Segments(starts, rates, bends, twists, none, signs, lengths, starts), 0.4)
 
 
-def test_curves_of_an_arm_are_proven_only_if_all_their_points_are_free(tmp_path):
-    space = cspace.build_arm_space({"post": post()}, cspace.Arm.from_urdf(planar(tmp_path)))
+def test_curves_of_an_arm_are_proven_only_if_all_their_points_are_free():
+    space = cspace.build_arm_space({"post": post()}, planar_arm())
     rng = np.random.default_rng(0)
     count = 300
     starts = space.sample_free(count, rng=rng)

@@ -10,7 +10,7 @@ import pytest
 import cspace
 import planners
 from cspace import InputError, Robot, Workspace
-from tests.helpers.urdfs import planar
+from tests.helpers.urdfs import planar_arm
 
 LONG = 600.0
 """Time limit in seconds, far above that of a test."""
@@ -108,8 +108,8 @@ def test_every_drive_ends(turning, drive):
     assert not plan.solved and "stopped" in plan.status and not plan.hint
 
 
-def test_an_arm_ends(tmp_path):
-    space = cspace.build_arm_space({}, cspace.Arm.from_urdf(planar(tmp_path)))
+def test_an_arm_ends():
+    space = cspace.build_arm_space({}, planar_arm())
     q = space.sample_free(2, np.random.default_rng(0))
     for name in ("BiRRT", "RRTstar"):
         end = time.monotonic() + 0.05

@@ -10,17 +10,17 @@ from cspace.errors import InputError
 from cspace.plot._arms import GHOST_COLOR
 from cspace.plot._artists import OBSTACLE, PATH_COLOR, ROBOT_FILL_COLOR
 from cspace.plot._surface import SOLIDS
-from tests.helpers.urdfs import planar, posed_box
+from tests.helpers.urdfs import planar_arm, posed_box
 
 pytest.importorskip("yourdfpy")
 _, OBSTACLE_COLOR = SOLIDS[OBSTACLE]
 
 
 @pytest.fixture(scope="module")
-def space(tmp_path_factory):
+def space():
     """Build an arm of two links of 1 m next to a block."""
     blocks = {"block": posed_box((0.4, 0.2, 1.0), -0.4, 1.0)}
-    arm = cspace.Arm.from_urdf(planar(tmp_path_factory.mktemp("arm")))
+    arm = planar_arm()
     return cspace.build_arm_space(blocks, arm)
 
 

@@ -21,6 +21,12 @@ def flat():
 
 
 @cache
+def turning():
+    """Build a map in the plane with a yaw."""
+    return build(flat().workspace, Robot.disc(0.05), rotations=2)
+
+
+@cache
 def spatial():
     """Build a map in space."""
     return build(Workspace.from_array(np.ones((4, 4, 4), dtype=bool), 0.1), Robot.ball(0.05))
@@ -86,19 +92,48 @@ PATH = [START, GOAL]
         lambda f: save_plot(flat(), f / "a.png", dpi=300),
         "pass e.g. 300",
     ),
+    (
+        lambda f: flat().plot(path=[(1.0, 2.0, 3.0)]),
+        "path has shape (1, 3); it must be (n, 2); pass (x, y)",
+    ),
+    (lambda f: flat().plot(rotation=0.5), "rotation has shape (1,); the robot does not turn"),
+    (lambda f: flat().plot(cut=1.0), "cut is given with view plane; it needs view 3d"),
+    (lambda f: save_plot(flat(), f / "a.xyz"), "use one of .png, .pdf, .svg, .jpg"),
+    (
+        lambda f: turning().plot(rotation=[0.0, 1.0]),
+        "rotation has shape (2,); a rotation is given by yaw",
+    ),
+    (
+        lambda f: spatial().plot(view="3d", camera=(30, 120, 3)),
+        "camera is (30, 120, 3); it must be (elevation",
+    ),
+    (
+        lambda f: animate(turning(), [(1, 1)], f / "a.gif"),
+        "path has shape (1, 2); it must be (n, 3)",
+    ),
+    (lambda f: animate(flat(), PATH, f / "a.gif", seconds=0), "seconds is 0"),
+    (
+        lambda f: animate(flat(), PATH, f / "a.gif", camera=(30, 30)),
+        "camera is given for a plane map",
+    ),
 )
 def test_a_picture_as_the_hint_says_is_drawn(call, advised, hint, tmp_path):
-    check_followed(lambda: call(tmp_path), lambda: advised(tmp_path), hint)
+    def draw():
+        try:
+            call(tmp_path)
+        finally:
+            assert not any(tmp_path.iterdir()), "a refused picture is written"
+
+    check_followed(draw, advised and (lambda: advised(tmp_path)), hint)
     plt.close("all")
 
 
 def test_another_view_of_a_map_that_turns_is_drawn_as_advised():
-    turning = build(flat().workspace, Robot.disc(0.05), rotations=2)
     with pytest.raises(InputError, match=r"or omit it; loop over plot\(rotation=\) for several"):
-        turning.plot(view="slices")
-    turning.plot()
+        turning().plot(view="slices")
+    turning().plot()
     for yaw in (0.1, 2.0):
-        turning.plot(rotation=yaw)
+        turning().plot(rotation=yaw)
     plt.close("all")
 
 

@@ -17,8 +17,8 @@ from PIL import Image
 
 import cspace
 import planners
-from cspace import FREE, Robot, Workspace, build
-from cspace.plot import plot
+from cspace import FREE, FileError, Robot, Workspace, build
+from cspace.plot import plot, save_plot
 from cspace.plot._artists import OBSTACLE
 from tests.helpers.handmade import build_empty
 from tests.helpers.pictures import (
@@ -181,3 +181,20 @@ def test_pictures_need_no_window_and_no_display(tmp_path):
         "XDG_CACHE_HOME": os.environ["XDG_CACHE_HOME"],
     }
     subprocess.run([sys.executable, "-c", code], cwd=tmp_path, env=environment, check=True)
+
+
+@pytest.mark.parametrize(
+    "suffix, begin",
+    [(".png", b"\x89PNG"), (".pdf", b"%PDF"), (".svg", b"<?xml"), (".jpg", b"\xff\xd8")],
+)
+def test_pictures_replace_no_file_unasked_and_make_no_folder(flat, tmp_path, suffix, begin):
+    file = tmp_path / f"map{suffix}"
+    file.write_text("precious")
+    with pytest.raises(FileError, match="exists"):
+        save_plot(flat, file)
+    assert file.read_text() == "precious"
+    save_plot(flat, file, overwrite=True)
+    assert file.read_bytes().startswith(begin)
+    assert [entry.name for entry in tmp_path.iterdir()] == [file.name]
+    with pytest.raises(FileError, match="folder"):
+        save_plot(flat, tmp_path / "absent" / file.name)

@@ -11,8 +11,10 @@ import cspace
 import planners
 from cspace import Robot, Workspace
 from cspace.errors import InputError
+from tests.helpers.handmade import build_empty
 from tests.helpers.planning import points_along
 from tests.helpers.refusals import check_followed
+from tests.planners.test_own_space import Disc
 from tests.regions.test_free_region import build_yard, check_proof
 
 ENDS = (0.6, 0.5, 0.3), (5.4, 5.3, 2.0)
@@ -87,7 +89,7 @@ def test_the_curves_of_cars_lie_in_the_regions(drive):
 
 
 def test_a_straight_way_has_one_region():
-    space = cspace.build(Workspace.from_array(np.zeros((400, 30), bool), 0.1), Robot.disc(0.3))
+    space = build_empty((400, 30), Robot.disc(0.3))
     plan = planners.plan(space, (1.0, 1.0), (39.0, 2.0))
     corridor = plan.corridor()
     assert len(corridor.regions) == 1 and corridor.junctions.shape == (0, 2)
@@ -215,21 +217,8 @@ def test_plans_without_proof_path_or_map_are_refused():
         plan.corridor(reach=0)
 
 
-class Plane(cspace.Space):
-    """A free plane of one's own."""
-
-    axes = ("x", "y")
-    bounds = ((0.0, 0.0), (9.0, 9.0))
-
-    def is_free(self, q):
-        return True
-
-    def motion_is_free(self, q0, q1):
-        return True
-
-
 def test_plans_in_other_spaces_are_refused():
-    plan = planners.plan(Plane(), (1.0, 1.0), (2.0, 3.0), time_limit=1)
+    plan = planners.plan(Disc("x", "y"), (-1.5, 0.0), (-1.5, 1.0), time_limit=1)
     with pytest.raises(InputError, match="regions consist of cells of a map in memory"):
         plan.corridor()
     assert math.isnan(plan.clearance)

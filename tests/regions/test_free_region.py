@@ -10,13 +10,14 @@ import pytest
 import shapely
 from hypothesis import given
 from hypothesis import strategies as st
-from shapely import affinity
 
 import cspace
 from cspace import FREE, Robot, Workspace
 from cspace.errors import ConfigurationError, InputError
 from cspace.regions import ConvexRegion
+from tests.helpers.handmade import build_empty
 from tests.helpers.refusals import check_followed, refusals
+from tests.helpers.regions import place_polygon
 from tests.helpers.strategies import examples, exteriors, seeds
 
 CLEAR = 1e-10
@@ -185,13 +186,8 @@ def build_yard(rotations, size=60, seed=3):
 def collides(q, cells):
     """Return whether the robot meets a cell at configurations, by shapely."""
     tree = shapely.STRtree(cells)
-    bodies = [
-        affinity.translate(affinity.rotate(ROBOT, yaw, (0, 0), use_radians=True), x, y)
-        for x, y, yaw in q.tolist()
-    ]
-    hits = np.zeros(len(q), dtype=bool)
-    hits[tree.query(bodies, "intersects")[0]] = True
-    return hits
+    hits = tree.query(place_polygon(ROBOT, q), "intersects")[0]
+    return np.isin(np.arange(len(q)), hits)
 
 
 @pytest.mark.parametrize(
@@ -234,7 +230,7 @@ def test_a_region_of_joints_is_free_and_stays_within_their_range(tmp_path):
 
 
 def test_a_region_fills_an_empty_room():
-    space = cspace.build(Workspace.from_array(np.zeros((40, 30), bool), 0.1), Robot.disc(0.15))
+    space = build_empty((40, 30), Robot.disc(0.15))
     region = space.free_region((1.0, 1.0))
     free = 0.1**2 * space.count()[0]
     assert region.volume == pytest.approx(free, rel=1e-6)
@@ -373,8 +369,7 @@ def test_regions_are_drawn_over_a_map():
     before = len(axes.collections)
     assert region.plot(axes, facecolor="red") is axes
     assert len(axes.collections) == before + 1
-    room = cspace.build(Workspace.from_array(np.zeros((9, 9, 9), bool), 0.1), Robot.ball(0.1))
-    solid = room.free_region((0.4, 0.4, 0.4))
+    solid = build_empty((9, 9, 9), Robot.ball(0.1)).free_region((0.4, 0.4, 0.4))
     drawn = solid.plot()
     assert drawn.name == "3d" and len(drawn.collections) == 1
     with pytest.raises(InputError, match=r"pass figure.add_subplot\(projection='3d'\)"):
@@ -432,17 +427,16 @@ def test_following_the_hints_helps():
 
 
 def test_other_spaces_are_refused(tmp_path):
-    workspace = Workspace.from_array(np.zeros((9, 9, 9), dtype=bool), 0.1)
-    rotations = cspace.Rotations.quaternions(1)
-    tilting = cspace.build(workspace, Robot.box((0.2, 0.1, 0.1)), rotations=rotations)
-    turning = cspace.build(workspace, Robot.box((0.2, 0.1, 0.1)), rotations=72)
+    tilting, turning = (
+        build_empty((9, 9, 9), Robot.box((0.2, 0.1, 0.1)), rotations=rotations)
+        for rotations in (cspace.Rotations.quaternions(1), 72)
+    )
     check_followed(
         lambda: tilting.free_region((0.4, 0.4, 0.4, 0, 0, 0, 1)),
         lambda: turning.free_region((0.4, 0.4, 0.4, 0)),
         "give it a yaw alone: cspace.build(..., rotations=72)",
     )
-    plane = Workspace.from_array(np.zeros((90, 90), dtype=bool), 0.1)
-    tiled = cspace.build(plane, Robot.disc(0.2), store=tmp_path / "tiles.zarr")
+    tiled = build_empty((90, 90), Robot.disc(0.2), store=tmp_path / "tiles.zarr")
     check_followed(
         lambda: tiled.free_region((2.0, 2.0)),
         lambda: tiled.window((1.0, 1.0), (3.0, 3.0)).free_region((2.0, 2.0)),

@@ -133,11 +133,8 @@ def test_wrapped_yaws_are_unchanged_and_others_are_wrapped():
 @refusals(
     "kind, rotation, message",
     (NONE, 0.0, "does not turn"),
-    (YAW, [1.0, 2.0], "given by yaw"),
-    (YAW, 1e9, "yaw of 1e.09 rad.*wrap"),
     (YAW, math.nan, "rotation"),
     (QUATERNION, 0.3, "given by qx, qy, qz, qw"),
-    (QUATERNION, [0.0, 0.0, 0.0, 1.00001], "norm 1.00001; it must be 1"),
 )
 def test_invalid_rotations_are_refused(kind, rotation, message):
     with pytest.raises(InputError, match=message):

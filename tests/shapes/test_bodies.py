@@ -50,8 +50,7 @@ def test_coincident_boxes_are_solid_in_their_union(seed, count, is_soup):
     if not is_soup:
         vertices, numbers = np.unique(boxes[0], axis=0, return_inverse=True)
         boxes = vertices, numbers[boxes[1]]
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
+    with warnings.catch_warnings(action="error"):
         mesh = Mesh.of(boxes)
     centers = np.moveaxis(np.indices(solid.shape), 0, -1) + 0.5 + np.array([0.013, 0.027, 0.041])
     assert (mesh.contains(centers) == solid).all()

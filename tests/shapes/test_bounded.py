@@ -11,10 +11,9 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import cspace
-from cspace import InputError, Robot, Workspace
+from cspace import Robot, Workspace
 from cspace._rotations import RotationCell
 from tests.helpers.handmade import half_turns
-from tests.helpers.refusals import refusals
 from tests.helpers.strategies import examples
 
 RADIUS = 0.31
@@ -161,14 +160,3 @@ def test_exact_queries_use_the_outer_shape(kind):
     assert space.classify((RADIUS, 0.0, 0.0)) == cspace.MIXED
     assert space.is_free((RADIUS, 0.0, 0.0), exact=True)
     assert not space.is_free((RADIUS - 0.004, 0.0, 0.0), exact=True)
-
-
-@refusals(
-    "make, message",
-    (lambda: Robot.cylinder(0, 1), "radius is 0; it must be one number above zero"),
-    (lambda: Robot.capsule(1, 0), "length is 0"),
-    (lambda: Robot.cylinder(1, 1, (0, 0)), "center has shape"),
-)
-def test_bounded_shapes_refuse_invalid_arguments(make, message):
-    with pytest.raises(InputError, match=message):
-        make()

@@ -73,8 +73,7 @@ def test_open_bodies_warn_once_and_only_with_auto():
         mesh = Mesh.of(shape)
     assert len(caught) == 1
     assert caught[0].filename == __file__
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
+    with warnings.catch_warnings(action="error"):
         assert mesh.contains([(0, 0, 0), (5.1, 5.1, 5.1)]).tolist() == [True, False]
         assert not Mesh.of(shape, "surface").contains((0, 0, 0))
         assert not Mesh.from_spec(mesh.spec).is_watertight

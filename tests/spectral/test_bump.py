@@ -8,10 +8,8 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from scipy.special import j0, j1
 
-from cspace import InputError
 from cspace.spectral import Bump
 from cspace.spectral._bump import radial_table
-from tests.helpers.refusals import refusals
 from tests.helpers.strategies import examples
 
 dims = st.sampled_from([2, 3])
@@ -94,13 +92,3 @@ def test_energy_is_the_integral_of_the_square(alpha, dim):
     square = np.array([evaluate_plainly(each, alpha) for each in s.tolist()]) ** 2
     sphere = 2.0 * math.pi * s if dim == 2 else 4.0 * math.pi * s**2
     assert Bump(alpha).energy(dim) == pytest.approx((square * sphere) @ weights, rel=1e-9)
-
-
-@refusals(
-    "make, arguments, message",
-    (Bump, (0.0,), "alpha is 0.0"),
-    (Bump().radial_spectrum, (2e5, 2), "units"),
-)
-def test_bump_refuses_invalid_arguments(make, arguments, message):
-    with pytest.raises(InputError, match=message):
-        make(*arguments)

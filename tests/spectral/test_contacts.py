@@ -3,14 +3,11 @@
 from fractions import Fraction
 
 import numpy as np
-import pytest
 import shapely
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cspace import InputError, Robot
 from cspace.spectral import ContactTest, Verdict, decompose
-from tests.helpers.refusals import refusals
 from tests.helpers.strategies import examples, seeds
 from tests.spectral.balls import draw_rotations
 
@@ -118,24 +115,3 @@ def test_verdicts_about_polygons_agree_with_shapely():
         assert collides[verdicts == Verdict.HIT].all()
         counts += np.bincount(verdicts, minlength=3)
     assert (counts > 10).all()
-
-
-def test_verdicts_are_neither_true_nor_false():
-    for verdict in Verdict:
-        with pytest.raises(InputError, match="neither true nor false; compare it"):
-            bool(verdict)
-
-
-ONE = ([[0.0, 0.0]], 0.2)
-INNER = decompose([(0, 0), (1, 0), (0, 1)], number=1)
-
-
-@refusals(
-    "call, message",
-    (lambda: ContactTest(ONE, ([[0.0, 0.0, 0.0]], 0.2)), "outer_b has 3 dimensions"),
-    (lambda: ContactTest(ONE, Robot.rectangle(1.0, 1.0)), "decompose"),
-    (lambda: ContactTest(ONE, ([[0.0, 0.0]], 0.0)), "above zero"),
-)
-def test_contact_test_refuses_invalid_arguments(call, message):
-    with pytest.raises(InputError, match=message):
-        call()

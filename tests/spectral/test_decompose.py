@@ -12,14 +12,11 @@ from scipy.spatial.distance import cdist
 
 from cspace import InputError
 from cspace._shapes import Mesh, Polygons, Voxels
-from cspace.errors import GeometryError
 from cspace.spectral import decompose
 from cspace.spectral._regions import Lattice, Region, bound_balls_to_shape, bound_shape_to_balls
 from tests.helpers.oracles import distance_to_triangles, winds_around
-from tests.helpers.refusals import refusals
 from tests.helpers.strategies import examples, few, seeds, stars
 
-RECTANGLE = shapely.box(0.0, 0.0, 3.0, 1.0)
 ELL = shapely.union(shapely.box(0.0, 0.0, 2.0, 0.7), shapely.box(0.0, 0.0, 0.7, 2.0))
 PLUS = shapely.union(shapely.box(-1.5, -0.5, 1.5, 0.5), shapely.box(-0.5, -1.5, 0.5, 1.5))
 DISC = shapely.Point(0, 0).buffer(1.0)
@@ -232,13 +229,3 @@ def test_distance_of_a_sheet_from_balls_has_near_bounds():
     a, b, c = np.linalg.norm(np.roll(corners, 1, axis=0) - corners, axis=1)
     exact = a * b * c / (4.0 * 0.4) - 0.1
     assert low <= exact <= high <= 1.03 * low
-
-
-@refusals(
-    "shape, options, error, message",
-    (RECTANGLE, {"tolerance": 1e-7}, InputError, "pass at least about"),
-    ([], {"number": 3}, GeometryError, "no geometry"),
-)
-def test_decompose_refuses_invalid_arguments(shape, options, error, message):
-    with pytest.raises(error, match=message):
-        decompose(shape, **options)

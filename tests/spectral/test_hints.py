@@ -2,10 +2,11 @@
 
 import math
 
+import numpy as np
 import pytest
 import shapely
 
-from cspace import Robot
+from cspace import Robot, Rotations
 from cspace.spectral import (
     BallPenetration,
     Bump,
@@ -25,6 +26,7 @@ SQUARE = Robot.rectangle(0.4, 0.4)
 SLIVER = Robot.polygon([(0, 0), (1, 1e-9), (2, 0)])
 LINE = shapely.LineString([(0, 0), (1, 0)])
 PAIR = ([(0.0, 0.0)], [0.1])
+SMALL = [[0.0, 0.0]], 1e-120
 IN_SPACE = ([(0.0, 0.0, 0.0)], [0.1])
 FAR = ([(1e9, 0.0)], [0.1])
 
@@ -147,6 +149,20 @@ def spectrum(lengths=1.0, counts=8, **options):
         lambda: EarlyTest(overlap(), -1.0),
         lambda: EarlyTest(overlap(), 0.001),
         "pass it in square or cubic metres",
+    ),
+    (lambda: Bump().radial_spectrum(2e5, 2), "units"),
+    (lambda: decompose(SQUARE, tolerance=1e-7), "pass at least about"),
+    (lambda: decompose([], number=3), "no geometry"),
+    (lambda: overlap(SMALL, SMALL), "check the units"),
+    (lambda: overlap().rotated(np.diag([1.0, -1.0])), "rotation matrix"),
+    (lambda: overlap(IN_SPACE, IN_SPACE).rotated(0.5), "Rotation"),
+    (lambda: overlap().moved([0], (0.0, 0.0, 0.0)), "step"),
+    (lambda: overlap().moved([0], (math.nan, 0.0)), "step"),
+    (lambda: best_placements(PAIR, PAIR, Rotations.quaternions(2)), "in the plane turns"),
+    (lambda: spectrum(counts=10**9), "frequencies in all"),
+    (
+        lambda: ball_spectrum([(0.0, 0.0), (0.0, 0.9)], 0.1, Bump(), lengths=1.0, counts=4),
+        "along y",
     ),
 )
 def test_the_frequency_domain_as_the_hint_says_is_accepted(call, advised, hint):

@@ -8,11 +8,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cspace import InputError, MissingPackageError
+from cspace import MissingPackageError
 from cspace.spectral import Bump, EarlyTest, FourierOverlap, Verdict
 from cspace.spectral._ball_sets import as_balls, round_radii
 from cspace.spectral._spectra import RadialFactors
-from tests.helpers.refusals import refusals
 from tests.helpers.strategies import examples, seeds
 from tests.spectral.balls import draw_rotations, sum_pairs
 
@@ -214,23 +213,6 @@ def test_radii_grow_to_few_sizes(seed, dim, number):
 
 
 ONE = ([[0.0, 0.0]], 0.2)
-SPACE = ([[0.0, 0.0, 0.0]], 0.2)
-SMALL = ([[0.0, 0.0]], 1e-120)
-
-
-@refusals(
-    "call, message",
-    (lambda: FourierOverlap(SMALL, SMALL), "check the units"),
-    (lambda: FourierOverlap(ONE, ONE).rotated(np.diag([1.0, -1.0])), "rotation matrix"),
-    (lambda: FourierOverlap(SPACE, SPACE).rotated(0.5), "Rotation"),
-    (lambda: FourierOverlap(ONE, ONE).moved([0.0], (0.0, 0.0)), "or a mask"),
-    (lambda: FourierOverlap(ONE, ONE).moved([0], (0.0, 0.0, 0.0)), "step"),
-    (lambda: FourierOverlap(ONE, ONE).moved([0], (math.nan, 0.0)), "step"),
-    (lambda: EarlyTest(FourierOverlap(ONE, ONE), 0.0), "threshold"),
-)
-def test_overlap_refuses_invalid_arguments(call, message):
-    with pytest.raises(InputError, match=message):
-        call()
 
 
 def test_missing_finufft_names_the_extra(monkeypatch):

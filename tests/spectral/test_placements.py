@@ -9,9 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from cspace import InputError, Rotations
+from cspace import Rotations
 from cspace.spectral import Bump, FourierOverlap, best_placements
-from tests.helpers.refusals import refusals
 from tests.helpers.strategies import examples, seeds
 from tests.spectral.balls import draw_rotations, move, sum_pairs
 
@@ -139,17 +138,3 @@ def test_nothing_is_returned_if_no_score_is_positive():
         best = best_placements(disc, disc, rotations, avoid=avoid)
         assert best.scores.shape == (0,)
         assert best.configurations.shape == (0, 3)
-
-
-DISC = ([[0.0, 0.0]], [0.3])
-BALL = ([[0.0, 0.0, 0.0]], [0.3])
-
-
-@refusals(
-    "arguments, options, message",
-    ((DISC, BALL, 8), {}, "b has 3 dimensions"),
-    ((DISC, DISC, Rotations.quaternions(2)), {}, "in the plane turns"),
-)
-def test_best_placements_refuses_invalid_arguments(arguments, options, message):
-    with pytest.raises(InputError, match=message):
-        best_placements(*arguments, **options)

@@ -8,9 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cspace import InputError
 from cspace.spectral import Bump, ball_spectrum
-from tests.helpers.refusals import refusals
 from tests.helpers.strategies import examples, seeds
 
 pytest.importorskip("finufft")
@@ -59,17 +57,3 @@ def test_ball_spectrum_agrees_with_the_direct_sum(number, radius_count, dim, see
     largest = bump.radial_spectrum(0.0, dim) * (radii**dim).sum()
     assert np.abs(spectrum[indices] - expected).max() <= tolerance * largest
     assert spectrum.flat[0] == pytest.approx(largest, rel=tolerance)
-
-
-POINTS = np.zeros((2, 2))
-
-
-@refusals(
-    "arguments, message",
-    ((POINTS, 0.1, Bump(), (1.0, 1.0, 1.0), 4), "lengths"),
-    ((POINTS, 0.1, Bump(), 1.0, 10**9), "frequencies in all"),
-    (([[0.0, 0.0], [0.0, 0.9]], 0.1, Bump(), 1.0, 4), "along y"),
-)
-def test_ball_spectrum_refuses_invalid_arguments(arguments, message):
-    with pytest.raises(InputError, match=message):
-        ball_spectrum(*arguments)

@@ -19,7 +19,7 @@ import planners
 from cspace import Grid, Mesh, MeshWarning, Robot, Rotations, Workspace, build
 from cspace._limits import raised_limits
 from cspace._support.reporting import import_optional
-from cspace.errors import FileError, InputError, MissingPackageError
+from cspace.errors import InputError, MissingPackageError
 from tests.helpers.refusals import check_followed, refusals
 
 FLOOR = Workspace.from_array(np.eye(30, 20, dtype=bool), 0.1)
@@ -422,38 +422,8 @@ def flat(axes=(0, 1, 2)):
     return corners[:, axes], [(0, 1, 2)]
 
 
-def test_a_limit_that_is_raised_as_the_hint_says_lets_the_file_in(tmp_path):
-    file = tmp_path / "a.map"
-    file.write_text("type octile\nheight 2\nwidth 2\nmap\n..\n..\n")
-    with raised_limits(max_bytes=10):
-        with pytest.raises(FileError) as caught:
-            Workspace.open(file)
-        (size,) = re.findall(
-            r"raise it with cspace.raised_limits\(max_bytes=(\d+)\)", caught.value.hint
-        )
-        assert "), if the file may be so large" in caught.value.hint
-        with cspace.raised_limits(max_bytes=int(size)):
-            Workspace.open(file)
-
-
 BEAM = trimesh.creation.box((2, 1, 1))
 WALL = shapely.box(0.0, 0.0, 1.0, 0.2)
-
-
-@refusals(
-    "make, hint",
-    (
-        lambda spacing: Workspace.from_polygons([WALL], spacing, bounds=(0, 0, 30, 30)),
-        "use a spacing of at least",
-    ),
-)
-def test_a_spacing_as_the_hint_of_memory_says_fits(make, hint, monkeypatch):
-    monkeypatch.setattr("cspace._limits.free_bytes", lambda: 2**20)
-    with pytest.raises(InputError) as caught:
-        make(0.01)
-    assert hint in caught.value.hint
-    (coarser,) = re.findall(r"at least ([\d.e-]+) m", caught.value.hint)
-    make(float(coarser))
 
 
 def test_what_does_not_fit_into_memory_is_built_in_tiles_and_smaller_windows(tmp_path, monkeypatch):
@@ -488,8 +458,7 @@ def test_an_open_mesh_that_fills_nothing_warns_and_each_advice_is_followed():
     hint = "close its gaps, use cells larger than the gaps, or choose the surface only"
     with pytest.warns(MeshWarning, match=hint):
         Workspace.from_mesh(open_box(1.0), 0.1, solid="fill")
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
+    with warnings.catch_warnings(action="error"):
         Workspace.from_mesh(trimesh.creation.box((1, 1, 1)), 0.1, solid="fill")
         Workspace.from_mesh(open_box(1.0), 0.1, solid="surface")
 
@@ -517,8 +486,7 @@ def test_a_map_of_unknown_cells_is_free_as_advised(tmp_path):
     ):
         with pytest.warns(UserWarning, match=hint):
             build(unknown, Robot.disc(0.1))
-        with warnings.catch_warnings():
-            warnings.simplefilter("error")
+        with warnings.catch_warnings(action="error"):
             assert build(known, Robot.disc(0.1)).count()[0]
 
 

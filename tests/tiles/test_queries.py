@@ -204,7 +204,7 @@ def walled(tmp_path_factory):
     return build_pair(workspace, cspace.Robot.disc(0.15), store, tile=15)
 
 
-def test_the_nearest_free_configuration_is_that_of_the_map_in_memory(walled, tmp_path):
+def test_the_nearest_free_configuration_is_that_of_the_map_in_memory(walled):
     for q in ((3.1, 2.0), (-0.4, 1.0)):
         nearest = walled.tiled.nearest_free(q)
         distance = np.linalg.norm(walled.space.nearest_free(q) - q)

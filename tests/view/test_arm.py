@@ -19,6 +19,7 @@ from tests.helpers.urdfs import (
     joint,
     link,
     planar,
+    planar_arm,
     pose_at,
     posed_box,
     random_chain,
@@ -145,8 +146,8 @@ def test_refresh_draws_the_scene_as_it_is_now(space, viewer, caplog):
     assert not caplog.records
 
 
-def test_sliders_stay_within_the_limits(tmp_path):
-    arm = cspace.Arm.from_urdf(planar(tmp_path, kind="prismatic", limits=(-0.2501, 0.4)))
+def test_sliders_stay_within_the_limits():
+    arm = planar_arm(kind="prismatic", limits=(-0.2501, 0.4))
     with cspace.build_arm_space({}, arm).view(block=False, port=0) as viewer:
         canvas = viewer.canvas
         slide, turn = canvas.dials
