@@ -47,21 +47,6 @@ COORDINATE_ROUNDING: Final = 1e-11
 SPEED_ROUNDING: Final = 1e-9
 """Share of a bound of a speed by which it grows, for rounding."""
 
-FIRST_PIECES: Final = 16
-"""Number of intervals into which the time is cut at first."""
-
-MIN_INTERVAL: Final = 1e-6
-"""Width of an interval, seconds, that is not halved."""
-
-TOUCH_INTERVAL: Final = 1e-3
-"""Width of an interval, seconds, in which no earlier instant of contact is searched."""
-
-MAX_INTERVALS: Final = 4096
-"""Number of intervals, besides the first, that are tried at once before motions stay undecided."""
-
-BOUND_SHARE: Final = 0.8
-"""Share of the least distance found that each interval is to prove."""
-
 CELLS_PER_SIDE: Final = 16
 """Number of cells along the longest side of the map around a solid."""
 
@@ -464,7 +449,9 @@ class Search:
     def run(self) -> Separation:
         """Halve intervals until each is proven, or the first instant of contact is found."""
         lows, highs = self._cut_first()
-        most = MAX_INTERVALS + len(lows)
+        # Number of intervals, besides the first, that are tried at once before motions stay
+        # undecided.
+        most = 4096 + len(lows)
         touch: Touch | None = None
         least, proven = math.inf, math.inf
         undecided = math.inf
@@ -475,13 +462,17 @@ class Search:
             if found is not None and (touch is None or found.time < touch.time):
                 touch = found
             least = min(least, float(gaps.min()))
-            enough = self._distance + BOUND_SHARE * max(least - self._distance, 0.0)
-            is_narrow = highs - lows <= MIN_INTERVAL
+            # Share of the least distance found that each interval is to prove.
+            enough = self._distance + 0.8 * max(least - self._distance, 0.0)
+            # Width of an interval, seconds, that is not halved.
+            is_narrow = highs - lows <= 1e-6
             settled = (bounds > enough) | (is_narrow & (bounds > self._distance))
             proven = min(proven, float(bounds[settled].min(initial=math.inf)))
             left = ~settled
             if touch is not None:
-                left &= (lows < touch.time) & (highs - lows > TOUCH_INTERVAL)
+                # Width of an interval, seconds, in which no earlier instant of contact is
+                # searched.
+                left &= (lows < touch.time) & (highs - lows > 1e-3)
             stuck = left & is_narrow
             if len(lows) > most:
                 # What proves enough for the distance settles, too.
@@ -501,8 +492,9 @@ class Search:
     def _cut_first(self) -> tuple[Floats, Floats]:
         """Return the first intervals, within which bounds of speeds do not change."""
         end = self._duration
+        # Number of intervals into which the time is cut at first.
         times = [
-            np.linspace(0.0, end, FIRST_PIECES + 1),
+            np.linspace(0.0, end, 16 + 1),
             *(each.at + each.times for each in self._movers),
         ]
         borders = np.unique(np.clip(np.concatenate(times), 0.0, end))

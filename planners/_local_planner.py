@@ -66,9 +66,6 @@ REVERSING: Final[dict[Drive, Drive]] = {
 }
 """The drive that also reverses, for each that does not."""
 
-LENGTH_ROUNDING_SHARE: Final = 1e-12
-"""Share by which rounding may change a length."""
-
 MAX_TURN: Final = 0.499 * TWO_PI
 """Largest turn of a joint along an edge, radians; below half a turn, so that rounding does not
 decide its direction."""
@@ -295,7 +292,8 @@ class LocalPlanner:
         """Bound the weighted lengths of all free paths from below."""
         rotation = self.space.steps_between(first, last)[self.space.dim :]
         radians = self.rotation_weight * float(np.linalg.norm(rotation))
-        return (1.0 - LENGTH_ROUNDING_SHARE) * (self.space.min_path_length(first, last) + radians)
+        # Share by which rounding may change a length.
+        return (1.0 - 1e-12) * (self.space.min_path_length(first, last) + radians)
 
     def clearance(self, path: Floats) -> float:
         """Bound the clearance along a path from below, as :attr:`planners.Plan.clearance`.

@@ -397,18 +397,12 @@ _SHAPELESS_CHILDREN: Final = frozenset(
 )
 """Tags of the children of a node that have no shape."""
 
-_MAX_NODE_LEVELS: Final = 256
-"""Largest depth of nested nodes of COLLADA."""
-
 _MAX_EXTRA_VISITS: Final = 100_000
 """Largest number of node visits beyond the number of elements; a few nested instances can unfold
 without end."""
 
 _DATA_CHILDREN: Final = frozenset(["source", "vertices", "extra"])
 """Tags of the children of a mesh that have no shape."""
-
-_LINES: Final = ("lines", "linestrips")
-"""Tags of the children of a mesh that are lines."""
 
 
 class _Collada(NamedTuple):
@@ -509,7 +503,8 @@ def _place_geometries(collada: _Collada) -> Iterator[tuple[Element, Floats]]:
     while pending:
         element, parent_pose, nodes_above = pending.pop()
         visits += 1
-        if visits > max_visits or len(nodes_above) > _MAX_NODE_LEVELS:
+        # Largest depth of nested nodes of COLLADA.
+        if visits > max_visits or len(nodes_above) > 256:
             raise ContentError(f"nests nodes {len(nodes_above)} deep, and {visits} in all or more")
         if element.tag in _SHAPELESS_CHILDREN:
             continue
@@ -632,7 +627,8 @@ def _read_collada_part(part: Element, collada: _Collada) -> Surface:
     vertex_offset = int(inputs[0].get("offset", "0"))
     corners = numbers[vertex_offset::stride]
     points = _read_positions(collada.resolve(inputs[0]), collada)
-    if part.tag in _LINES:
+    # Tags of the children of a mesh that are lines.
+    if part.tag in ("lines", "linestrips"):
         corners = cover_lines(corners, sizes)
         sizes = np.full(len(corners) // 3, 3)
     return points, triangulate(points, corners, sizes)

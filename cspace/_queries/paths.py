@@ -18,12 +18,6 @@ from cspace._support.deadlines import is_over
 Check = Callable[..., bool]
 Cost = Callable[..., float]
 
-MAX_CUTTING_ROUNDS: Final = 10
-"""Number of times the corners of a path are cut."""
-
-MIN_GAIN_SHARE: Final = 1e-3
-"""Share of the length that a round of cutting corners must gain for another to follow."""
-
 SHARES_PER_EDGE: Final = 64
 """Number of parts of an edge that a cut corner may reach."""
 
@@ -80,13 +74,15 @@ def pulled_straight(
         dim = path.shape[1] - len(rotations.names)
         path = find_cheapest_subpath(path, dim, check, cost, until=until)
     total = _measure(path, rotations, cost)
-    for _ in range(MAX_CUTTING_ROUNDS):
+    # Number of times the corners of a path are cut.
+    for _ in range(10):
         if is_over(until):
             break
         path = _cut_corners(path, rotations, check, cost, until)
         before = total
         total = _measure(path, rotations, cost)
-        if total > (1.0 - MIN_GAIN_SHARE) * before:
+        # Share of the length that a round of cutting corners must gain for another to follow.
+        if total > (1.0 - 1e-3) * before:
             break
     return np.ascontiguousarray(path)
 

@@ -68,10 +68,6 @@ def turn_near(q: Floats, other: Floats, periodic_axes: ArrayLike) -> Floats:
     return np.where(periodic_axes, unwrap_near(q, other), q)
 
 
-MAX_PAIRS_PER_BATCH: Final = 2**20
-"""Maximum number of pairs of rotation and cell that are compared at a time."""
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class RotationCell:
     """A rotation cell in the form that shapes use.
@@ -531,7 +527,8 @@ class Rotations(ABC):
         """
         indices = []
         cells = []
-        batch_size = max(1, MAX_PAIRS_PER_BATCH // len(self))
+        # Maximum number of pairs of rotation and cell that are compared at a time.
+        batch_size = max(1, 2**20 // len(self))
         for first in range(0, max(len(q), 1), batch_size):
             batch = slice(first, first + batch_size)
             reach = self.covering_angles + angles[batch, None]

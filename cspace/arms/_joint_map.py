@@ -87,10 +87,6 @@ _MAX_BALLS_PER_SURFACE: Final = 64
 """Largest number of balls inside a closed surface, or inside the boxes and balls of a solid."""
 
 
-_MIN_BALL_SPACING: Final = 0.6
-"""Smallest distance between two balls' centers, as a share of the larger ball's radius."""
-
-
 _COUNT_ROUNDING: Final = 1e-9
 """Rounding error of a number of cells; a range that exceeds a whole number by less gets no cell."""
 
@@ -631,7 +627,8 @@ def _find_surface_balls(surfaces: SurfaceTree, root: int) -> Floats:
     deepest_first = np.argsort(-depths)
     for k in deepest_first[depths[deepest_first] > 0.0].tolist():
         distances = np.linalg.norm(balls[:, :3] - points[k], axis=1)
-        is_separate = (distances > _MIN_BALL_SPACING * balls[:, 3]).all()
+        # Smallest distance between two balls' centers, as a share of the larger ball's radius.
+        is_separate = (distances > 0.6 * balls[:, 3]).all()
         if len(balls) < _MAX_BALLS_PER_SURFACE and is_separate:
             balls = np.vstack([balls, [*points[k], depths[k]]])
     return balls

@@ -30,9 +30,6 @@ MAX_PLACED_ROBOTS: Final = 64
 MIN_DEPTH: Final = 1e-7
 """Depth of a point of the robot, metres, which proves a collision in spite of rounding."""
 
-POINTS_PER_SIDE: Final = 16
-"""Number of points along each side of the robot that look for the cell that it touches."""
-
 BORDER: Final = "the border of the map"
 """Name of the space outside the map as an obstacle."""
 
@@ -163,7 +160,8 @@ class Obstacles:
         A text is empty if some points of the robot find none, or if obstacles have names.
         """
         lower, upper = np.array(self.outline.bounds).reshape(2, 2)
-        sides = [np.linspace(a, b, POINTS_PER_SIDE) for a, b in zip(lower, upper, strict=True)]
+        # Number of points along each side of the robot that look for the cell that it touches.
+        sides = [np.linspace(a, b, 16) for a, b in zip(lower, upper, strict=True)]
         inside = np.stack(np.meshgrid(*sides), axis=-1).reshape(-1, 2)
         inside = inside[shapely.contains_xy(self.outline, inside)]
         if self.names or not len(inside):

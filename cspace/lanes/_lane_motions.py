@@ -29,12 +29,6 @@ if TYPE_CHECKING:
 SAME_YAW: Final = 1e-9
 """Angle, radians, up to which two legs of a lane need no turn between them."""
 
-MAX_PART: Final = math.radians(5.0)
-"""Largest part of a rotation cell of which all yaws are proven at once, radians."""
-
-LEVER_ROUNDING: Final = 1e-9
-"""Rounding of the robot's largest distance from its reference point, as a share of it."""
-
 GROWTH_STEP: Final = 1e-3
 """Step, metres, of the growths of curves; motions of one growth are proven at once."""
 
@@ -140,7 +134,8 @@ def list_yaws(graph: RouteGraph, lane: Lane) -> list[LaneYaw]:
 def lever_of(space: ConfigurationMap) -> float:
     """Return a distance, metres, that no point of the robot exceeds from the reference point."""
     corner = np.abs(space.robot.shape.outer.bounds).max(axis=0)
-    return float(np.hypot(*corner)) * (1.0 + LEVER_ROUNDING)
+    # Rounding of the robot's largest distance from its reference point, as a share of it.
+    return float(np.hypot(*corner)) * (1.0 + 1e-9)
 
 
 def split_yaws(space: ConfigurationMap) -> Floats:
@@ -151,7 +146,8 @@ def split_yaws(space: ConfigurationMap) -> Floats:
     if not space.rotations.names:
         return np.array([[-math.pi, math.pi]]) * space.robot.shape.is_round
     bounds = space.rotations._stored_arrays["yaw_bounds"]
-    count = math.ceil(np.ptp(bounds, axis=1).max() / MAX_PART - SAME_YAW)
+    # Largest part of a rotation cell of which all yaws are proven at once, radians.
+    count = math.ceil(np.ptp(bounds, axis=1).max() / math.radians(5.0) - SAME_YAW)
     borders = np.linspace(bounds[:, 0], bounds[:, 1], count + 1, axis=1)
     return np.stack([borders[:, :-1], borders[:, 1:]], axis=-1).reshape(-1, 2)
 

@@ -50,12 +50,6 @@ TURN_SLACK: Final = 1e-9
 SHARES: Final = 9
 """Number of poses of a piece among which the deepest is searched, in each round."""
 
-NEAR_LEVERS: Final = 1.25
-"""Distance of poses from a point, in levers of the robot, at which they are tried."""
-
-MAX_MOVES: Final = 6
-"""Number of points at which two robots are tried before a pair stays undecided."""
-
 
 class SweepPieces(NamedTuple):
     """Even motions of a robot on its elements: lanes, then nodes.
@@ -384,7 +378,8 @@ def find_touches(
     points, common = _choose_points(one.outlines[first], other.outlines[second])
     result = Touches(np.zeros(count, np.bool_), np.zeros((count, 3)), np.zeros((count, 3)), points)
     pending = np.arange(count)
-    for move in range(MAX_MOVES):
+    # Number of points at which two robots are tried before a pair stays undecided.
+    for move in range(6):
         reach = limits[pending] + deviations[pending]
         sides = []
         for sweeper, elements in ((one, first), (other, second)):
@@ -458,7 +453,8 @@ def _find_poses(
     numbers = np.arange(len(queries)) - np.repeat(np.cumsum(counts) - counts, counts)
     rows = sweeper.begins[elements][queries] + numbers
     # Points beside the lane are in reach, too, so that each element has a pose.
-    radii = NEAR_LEVERS * sweeper.body.lever + sweeper.pieces.growths[rows] + reach[queries]
+    # Distance of poses from a point, in levers of the robot, at which they are tried.
+    radii = 1.25 * sweeper.body.lever + sweeper.pieces.growths[rows] + reach[queries]
     lows, highs = _find_windows(sweeper.pieces, rows, points[queries], radii)
     near = np.flatnonzero(lows <= highs)
     queries, rows, lows, highs = queries[near], rows[near], lows[near], highs[near]

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Protocol, TypeAlias
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
 import numpy as np
 import shapely
@@ -23,9 +23,6 @@ if TYPE_CHECKING:
     from cspace._interface import ConfigurationSpace
     from cspace._space import CSpace
     from cspace._workspace import Workspace
-
-MAX_DETAILED_FACES: Final = 2000
-"""Surfaces with more triangles are simplified before they are drawn."""
 
 
 class HasPath(Protocol):
@@ -361,7 +358,8 @@ def simplify_surface(surface: Surface) -> Surface:
     Source: Rossignac and Borrel (1993).
     """
     vertices, faces = surface
-    if len(faces) <= MAX_DETAILED_FACES:
+    # Surfaces with more triangles are simplified before they are drawn.
+    if len(faces) <= 2000:
         return vertices, faces
     # Vertices nearest to the same node of a lattice, with 20 cells along the longest side, become
     # one vertex. Faces whose corners coincide are removed.

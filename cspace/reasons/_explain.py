@@ -48,12 +48,6 @@ WAY_OUTSIDE: Final = (
 )
 """Sentence for robots whose positions outside the map are not proven BLOCKED."""
 
-TITLE_COLUMNS: Final = 64
-"""Number of characters of a line in a picture's title."""
-
-MAX_TRIED_NAMES: Final = 4
-"""Number of named obstacles that are removed one by one, to see if a path exists without."""
-
 MAX_NAMED_OBSTACLES: Final = 3
 """Number of obstacles that a sentence names."""
 
@@ -214,7 +208,8 @@ class Explanation:
 
         space = self.space
         way = self.bottleneck[np.newaxis]
-        title = textwrap.fill(self.sentences[0], TITLE_COLUMNS)
+        # Number of characters of a line in a picture's title.
+        title = textwrap.fill(self.sentences[0], 64)
         view = "3d" if space.dim == 3 else None
         axes = plot(space, start=self.start, goal=self.goal, path=way, title=title, view=view)
         handles = axes.plot(*way[:, : space.dim].T, **BOTTLENECK_STYLE)
@@ -239,10 +234,9 @@ def explain(space: CSpace, start: ArrayLike, goal: ArrayLike, refine: bool) -> E
     position = space.grid.center_of(way.bottleneck[1:])  # without the rotation cell
     # Obstacles at the barrier; if the start or goal is not FREE, those at that end instead.
     touched, pieces = _list_obstacles(space, named, way.barrier, position)
+    # Number of named obstacles that are removed one by one, to see if a path exists without.
     removed_alone = [
-        name
-        for name in touched[:MAX_TRIED_NAMES]
-        if remove_obstacles(space, [name]).is_connected(first, second)
+        name for name in touched[:4] if remove_obstacles(space, [name]).is_connected(first, second)
     ]
     cells = find_cells(space, points)
     end, _, state = verdict.partition(" ")

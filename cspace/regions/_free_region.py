@@ -27,9 +27,6 @@ ARC_SLACK: Final = 3.0 * ANGLE_SLACK
 BYTES_PER_CELL: Final = 8
 """Approximate memory per cell within reach, bytes."""
 
-MIN_VOLUME_SHARE: Final = 0.5
-"""Least volume of the positions of a wide arc, as a share of that of the narrowest one."""
-
 
 class YawArc(NamedTuple):
     """An arc of yaws.
@@ -160,7 +157,8 @@ class RegionSource(NamedTuple):
         best = grow(0)
         if best is None:
             return None
-        least = MIN_VOLUME_SHARE * best[1]
+        # Least volume of the positions of a wide arc, as a share of that of the narrowest one.
+        least = 0.5 * best[1]
         width = 0
         too_wide = len(self.space.rotations) // 2 + 1
         while too_wide - width > 1:
