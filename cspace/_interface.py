@@ -935,8 +935,8 @@ class ConfigurationSpace(Space):
             return None
         numbers: tuple[Any, ...] = sum(points, ())
         try:
-            sum(numbers)  # compiled look-ups would parse texts
             answer = look_up(*numbers)
+            sum(numbers)  # compiled look-ups parse texts
         except (TypeError, ValueError):  # the number or the type of entries is wrong
             return None
         for q in points:

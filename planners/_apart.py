@@ -15,7 +15,13 @@ from warnings import catch_warnings, simplefilter
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace._bodies.cores import Cores, measure_distances
+from cspace._bodies.cores import (
+    COORDINATE_ROUNDING,
+    ROUNDING,
+    Cores,
+    lever_of,
+    measure_distances,
+)
 from cspace._robot import Robot, robot_of
 from cspace._support.arrays import Floats
 from cspace._support.check import (
@@ -37,12 +43,6 @@ if TYPE_CHECKING:
 
 MotionState: TypeAlias = Literal["apart", "touch", "undecided"]
 """Verdicts about two motions."""
-
-ROUNDING: Final = 1e-9
-"""Distance, metres, that covers the rounding of placed robots."""
-
-COORDINATE_ROUNDING: Final = 1e-11
-"""Distance that covers the rounding of placed robots, as a share of the coordinates."""
 
 SPEED_ROUNDING: Final = 1e-9
 """Share of a bound of a speed by which it grows, for rounding."""
@@ -283,12 +283,6 @@ def _bound_trajectory(trajectory: Trajectory, robot: Robot) -> tuple[Floats, Flo
     moves += lever_of(robot.shape) * np.linalg.norm(rates[:, robot.dim :], axis=1)
     bounds = moves * speeds * (1.0 + SPEED_ROUNDING)
     return phases.times, np.concatenate([[0.0], bounds, [0.0]])
-
-
-def lever_of(shape: Shape) -> float:
-    """Return a distance, metres, that no point of a shape exceeds from the z axis."""
-    corner = np.abs(shape.outer.bounds).max(axis=0)[:2]
-    return float(np.hypot(*corner)) * (1.0 + SPEED_ROUNDING)
 
 
 def _check_pair(first: Timed, second: Timed) -> None:

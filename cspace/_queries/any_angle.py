@@ -311,19 +311,17 @@ def expand_interval(
     add_gates(
         rectangles, front, goal, root, length, corner, interval, run, step, seen_low, seen_high
     )
-    for is_high in range(2):
-        y = high if is_high else low
-        corner = intervals.high_corner[interval] if is_high else intervals.low_corner[interval]
+    # At each end: the parts beside what the root sees, ahead and back across the line.
+    low_end = False, low, intervals.low_corner[interval], (run_low, seen_low), (run_low, low)
+    high_end = True, high, intervals.high_corner[interval], (seen_high, run_high), (high, run_high)
+    for is_high, y, corner, ahead, back in (low_end, high_end):
         turn = line, y
         total = length + distance(root, turn)
         if corner == NONE or total >= front.least[corner]:
             continue
         front.least[corner] = total
-        if run == goal_run and not sees_goal and (crossing > y) == (is_high == 1):
+        if run == goal_run and not sees_goal and (crossing > y) == is_high:
             add_goal(front, total + distance(turn, goal), interval)
-        # The parts beside what the root sees: ahead, and back across the line of the interval.
-        ahead = (seen_high, run_high) if is_high else (run_low, seen_low)
-        back = (high, run_high) if is_high else (run_low, low)
         for way, part in ((step, ahead), (-step, back)):
             add_gates(
                 rectangles, front, goal, turn, total, corner, interval, run, way, part[0], part[1]

@@ -338,7 +338,8 @@ def expand_blocks(
     nx, ny, nz = to_start.shape
     n_moves = directions.moves.shape[1]
     n_turns = directions.neighbors.shape[1]
-    has_one_rotation = directions.slices.shape[1] == 1
+    # With one rotation, passable cells must join the blocks of a move.
+    n_checked = n_moves * int(directions.slices.shape[1] == 1)
     for _ in range(max_states):
         if progress.closed[last]:
             return DONE
@@ -374,10 +375,9 @@ def expand_blocks(
             cost = progress.cost[state] + length * factor
             if not is_cheaper(progress, reached, cost):
                 continue
-            if has_one_rotation and option < n_moves:
-                number = directions.slices[direction, 0]
-                if not are_joined(blocks, number, (i, j, k), (u, v, w)):
-                    continue
+            number = directions.slices[direction, 0]
+            if option < n_checked and not are_joined(blocks, number, (i, j, k), (u, v, w)):
+                continue
             reach_cell(to_start, progress, state, other, u, v, w, cost)
     return GOES_ON
 

@@ -13,13 +13,14 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
+from cspace._bodies.cores import ROUNDING
 from cspace._rotations.base import wrap_angles
 from cspace._support.arrays import Floats, Ints, StrPath
 from cspace._support.check import check_flag, check_known, check_not_negative, check_text
 from cspace.errors import InputError
 from cspace.lanes._audit import line_of
 from cspace.lanes._lane_motions import check_map
-from cspace.lanes._outlines import ROUNDING, Sweeper, find_touches, make_outlines, make_sweeper
+from cspace.lanes._outlines import Sweeper, find_touches, make_outlines, make_sweeper
 from cspace.lanes._reports import (
     JunitCase,
     format_table,

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple, cast
 
 import numpy as np
 
+from cspace._bodies.cores import lever_of
 from cspace._rotations.base import ANGLE_SLACK
 from cspace._support.arrays import Bools, Floats, Ints
 from cspace.errors import InputError
@@ -131,13 +132,6 @@ def list_yaws(graph: RouteGraph, lane: Lane) -> list[LaneYaw]:
     return [LaneYaw(yaw, frame == "lane") for yaw in yaws]
 
 
-def lever_of(space: ConfigurationMap) -> float:
-    """Return a distance, metres, that no point of the robot exceeds from the reference point."""
-    corner = np.abs(space.robot.shape.outer.bounds).max(axis=0)
-    # Rounding of the robot's largest distance from its reference point, as a share of it.
-    return float(np.hypot(*corner)) * (1.0 + 1e-9)
-
-
 def split_yaws(space: ConfigurationMap) -> Floats:
     """Return parts of rotation cells, shape (n, 2): their lower and upper yaws, all around.
 
@@ -155,7 +149,7 @@ def split_yaws(space: ConfigurationMap) -> Floats:
 def list_motions(space: ConfigurationMap, graph: RouteGraph) -> LaneMotions:
     """List the motions of all lanes."""
     has_yaw = bool(space.rotations.names)
-    lever = lever_of(space) if has_yaw else 0.0
+    lever = lever_of(space.robot.shape) if has_yaw else 0.0
     parts = split_yaws(space)
     half_widths = 0.5 * np.ptp(parts, axis=1) + ANGLE_SLACK
     pairs = zip(parts.mean(axis=1).tolist(), half_widths.tolist(), strict=True)
@@ -200,7 +194,7 @@ def find_shares_near_map(
     Two equal shares cut a motion that does not come near into parts beside the map. ``starts`` and
     ``steps`` have shape (n, 2) or (n, 3); the yaw does not count.
     """
-    reach = lever_of(space) + space.margin + 2.0 * space.grid.spacing
+    reach = lever_of(space.robot.shape) + space.margin + 2.0 * space.grid.spacing
     borders = np.array([space.grid.lower, space.grid.upper]) + np.array([[-reach], [reach]])
     with np.errstate(divide="ignore", invalid="ignore"):
         shares = (borders[:, np.newaxis] - starts[:, :2]) / steps[:, :2]

@@ -16,11 +16,18 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from cspace._bodies.cores import Cores, measure_distances, place_points
+from cspace._bodies.cores import (
+    COORDINATE_ROUNDING,
+    ROUNDING,
+    Cores,
+    lever_of,
+    measure_distances,
+    place_points,
+)
 from cspace._shapes import ExactShape
 from cspace._shapes.balls import Balls
 from cspace._support.arrays import Bools, Floats, Ints
-from cspace.lanes._lane_motions import lever_of, list_legs, list_motions, list_yaws
+from cspace.lanes._lane_motions import list_legs, list_motions, list_yaws
 from cspace.lanes._route_graph import RouteGraph
 
 if TYPE_CHECKING:
@@ -28,12 +35,6 @@ if TYPE_CHECKING:
 
 MAX_TURN: Final = math.radians(5.0)
 """Largest turn of a piece, radians."""
-
-ROUNDING: Final = 1e-9
-"""Growth of outlines, metres, that covers the rounding of their corners."""
-
-COORDINATE_ROUNDING: Final = 1e-11
-"""Growth of outlines that covers the rounding of their corners, as a share of the coordinates."""
 
 RING_SIDES: Final = ((1e-6, 4), (0.01, 8), (math.inf, 64))
 """Largest growths, metres, and the numbers of sides of polygons around their circles."""
@@ -99,7 +100,7 @@ class Body:
         shape = space.robot.shape
         self.hulls = list(_list_hulls(shape.outer))
         self.cores = Cores(shape.inner)
-        self.lever = lever_of(space)
+        self.lever = lever_of(space.robot.shape)
         self.margin = space.margin
 
     def measure_gaps(self, poses: Floats, points: Floats) -> Floats:
@@ -163,7 +164,7 @@ def _list_hulls(shape: ExactShape) -> Iterator[tuple[Floats, float]]:
 def list_pieces(space: ConfigurationMap, graph: RouteGraph) -> SweepPieces:
     """List the pieces of all lanes, then of all nodes with their turns."""
     motions = list_motions(space, graph)
-    lever = lever_of(space) if space.rotations.names else 0.0
+    lever = lever_of(space.robot.shape) if space.rotations.names else 0.0
     lanes = SweepPieces(
         _with_yaw(motions.starts),
         _with_yaw(motions.ends),
