@@ -42,6 +42,7 @@ from cspace._support.arrays import (
     Floats,
     Ints,
     States,
+    number_parts,
 )
 from cspace._support.check import (
     check_finite,
@@ -364,8 +365,7 @@ class CSpace(ConfigurationMap):
         counts = np.maximum(np.ceil(ways / longest), 1.0).astype(np.int64)
         # For each piece: its edge, its index on that edge, and its middle as a fraction of the
         # edge.
-        edges = np.repeat(np.arange(len(starts)), counts)
-        numbers = np.arange(len(edges)) - np.repeat(np.cumsum(counts) - counts, counts)
+        edges, numbers = number_parts(counts)
         fractions = (numbers + 0.5) / counts[edges]
         centers = self.interpolate(starts[edges], ends[edges], fractions[:, np.newaxis])
         pieces = (metres / counts)[edges], (radians / counts)[edges]

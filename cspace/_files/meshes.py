@@ -693,7 +693,7 @@ logging.getLogger("trimesh").addHandler(logging.NullHandler())
 _STL_HEADER_BYTES: Final = 84
 """Size, in bytes, of the header of a binary STL file; its last four bytes count the triangles."""
 
-_STL_RECORD: Final = np.dtype(
+STL_RECORD: Final = np.dtype(
     [("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")]
 )
 """Layout of a triangle in a binary STL file; the records follow the header."""
@@ -765,13 +765,13 @@ def _read_stl(file: Path) -> tuple[Surface, Up]:
     count_field = data[_STL_HEADER_BYTES - 4 : _STL_HEADER_BYTES]
     declared = int.from_bytes(count_field, "little")
     # Binary files may begin with "solid" too, so their exact size decides.
-    if len(data) == _STL_HEADER_BYTES + _STL_RECORD.itemsize * declared:
-        records = np.frombuffer(data, _STL_RECORD, declared, _STL_HEADER_BYTES)
+    if len(data) == _STL_HEADER_BYTES + STL_RECORD.itemsize * declared:
+        records = np.frombuffer(data, STL_RECORD, declared, _STL_HEADER_BYTES)
         vertices = records["corners"].reshape(-1, 3).astype(np.float64)
     elif data.lstrip()[:5].lower() == b"solid":
         vertices = _parse_stl_text(data)
     else:
-        present = max(0.0, (len(data) - _STL_HEADER_BYTES) / _STL_RECORD.itemsize)
+        present = max(0.0, (len(data) - _STL_HEADER_BYTES) / STL_RECORD.itemsize)
         raise ContentError(
             f"declares {declared} triangles but has bytes for {present:g}, as a binary STL file"
         )

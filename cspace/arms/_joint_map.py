@@ -53,7 +53,7 @@ from cspace.arms._boxes import (
     classify_block,
     make_pending,
 )
-from cspace.arms._chain import FIXED, REVOLUTE
+from cspace.arms._chain import REVOLUTE
 from cspace.arms._model import Arm
 from cspace.arms._motion_proofs import (
     ArmScene,
@@ -62,7 +62,7 @@ from cspace.arms._motion_proofs import (
     nearest_triangle,
     winding_number,
 )
-from cspace.arms._snapshots import Snapshot
+from cspace.arms._snapshots import Snapshot, find_bodies_between
 from cspace.errors import ConfigurationError, InputError
 
 _BYTES_PER_JOINT_CELL: Final = 5
@@ -521,10 +521,7 @@ def _make_exterior(grid: Grid, intervals: Floats, joint_limits: Floats) -> Exter
 def _find_moving_pairs(snapshot: Snapshot, joint_indices: Ints) -> Bools:
     """Find which mapped joints move which pairs of solids, shape (pairs, joints)."""
     chain = snapshot.arm.chain
-    scene = snapshot.outer
-    first_bodies, second_bodies = scene.solids.bodies[scene.pairs].T
-    # Bodies (columns) whose joints move the solids of a pair (rows) against each other.
-    between = chain.between[first_bodies, second_bodies] & (chain.kinds != FIXED)
+    between = find_bodies_between(snapshot)
     moved_by_joint = [
         between[:, chain.joint_indices == number].any(axis=1) for number in joint_indices
     ]

@@ -8,7 +8,7 @@ import numpy as np
 import shapely
 
 from cspace._bodies.cores import place_points
-from cspace._support.arrays import BLOCKED, FREE, Bools, Floats, Ints, States
+from cspace._support.arrays import BLOCKED, FREE, Bools, Floats, Ints, States, number_parts
 from cspace.lanes._lane_motions import LaneMotions, find_shares_near_map
 
 if TYPE_CHECKING:
@@ -97,9 +97,8 @@ def sample_motions(space: CSpace, motions: LaneMotions) -> Samples:
     batches = np.cumsum(counts) // MAX_SAMPLES
     for batch in np.unique(batches):
         chosen = np.flatnonzero(batches == batch)
-        rows = np.repeat(chosen, counts[chosen])
-        begins = np.cumsum(counts[chosen]) - counts[chosen]
-        numbers = np.arange(len(rows)) - np.repeat(begins, counts[chosen])
+        owners, numbers = number_parts(counts[chosen])
+        rows = chosen[owners]
         # The first and the last configuration are the ends, the others are around the map.
         shares = enter[rows] + (leave - enter)[rows] * (numbers - 1) / (counts[rows] - 3)
         shares[numbers == 0] = 0.0

@@ -254,7 +254,7 @@ class Conflicts:
         -------
         matplotlib.axes.Axes
         """
-        from cspace.plot._artists import add_legend_below
+        from cspace.plot._artists import extend_legend
 
         space, _ = next(iter(self.robots.values()))
         axes = space.plot(title=repr(self))
@@ -274,10 +274,7 @@ class Conflicts:
                 if rows and not shares:
                     places = np.array([row.at for row in rows])
                     axes.plot(*places.T, "X", color=color, markeredgecolor="white", ms=7, zorder=7)
-        figure: Any = axes.figure
-        (legend,) = figure.legends
-        legend.remove()
-        add_legend_below(figure, [*legend.legend_handles, *axes.get_legend_handles_labels()[0]])
+        extend_legend(axes, axes.get_legend_handles_labels()[0])
         return axes
 
     def to_geojson(self) -> dict[str, Any]:

@@ -26,7 +26,7 @@ from cspace._bodies.cores import (
 )
 from cspace._shapes import ExactShape
 from cspace._shapes.balls import Balls
-from cspace._support.arrays import Bools, Floats, Ints
+from cspace._support.arrays import Bools, Floats, Ints, number_parts
 from cspace.lanes._lane_motions import list_legs, list_motions, list_yaws
 from cspace.lanes._route_graph import RouteGraph
 
@@ -241,8 +241,7 @@ def _cut_turns(pieces: SweepPieces) -> SweepPieces:
     steps = pieces.ends - pieces.starts
     counts = np.ceil(np.abs(steps[:, 2]) / MAX_TURN - TURN_SLACK)
     counts = np.maximum(counts, 1.0).astype(np.int64)
-    owners = np.repeat(np.arange(len(counts)), counts)
-    numbers = np.arange(len(owners)) - np.repeat(np.cumsum(counts) - counts, counts)
+    owners, numbers = number_parts(counts)
     cut = pieces.take(owners)
     begins, ends = (
         ((numbers + more) / counts[owners])[:, np.newaxis] * steps[owners] for more in (0, 1)
@@ -450,8 +449,7 @@ def _find_poses(
     pose is near.
     """
     counts = sweeper.begins[elements + 1] - sweeper.begins[elements]
-    queries = np.repeat(np.arange(len(elements)), counts)
-    numbers = np.arange(len(queries)) - np.repeat(np.cumsum(counts) - counts, counts)
+    queries, numbers = number_parts(counts)
     rows = sweeper.begins[elements][queries] + numbers
     # Points beside the lane are in reach, too, so that each element has a pose.
     # Distance of poses from a point, in levers of the robot, at which they are tried.
@@ -502,15 +500,13 @@ def _sample_windows(
 ) -> tuple[Floats, Floats]:
     """Return the share of each window whose pose is the deepest, with its gap."""
     counts = np.where(highs > lows, SHARES, 1)
-    begins = np.cumsum(counts) - counts
-    owners = np.repeat(np.arange(len(rows)), counts)
-    numbers = np.arange(len(owners)) - begins[owners]
+    owners, numbers = number_parts(counts)
     shares = lows[owners] + numbers / (SHARES - 1) * (highs - lows)[owners]
     shares = np.where(sweeper.pieces.on_lane[rows[owners]], shares, np.rint(shares))
     gaps = sweeper.body.measure_gaps(
         _poses_at(sweeper.pieces, rows[owners], shares), points[owners]
     )
-    best = np.lexsort((gaps, owners))[begins]
+    best = np.lexsort((gaps, owners))[numbers == 0]
     return shares[best], gaps[best]
 
 

@@ -6,7 +6,7 @@ import math
 import textwrap
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Final, Literal
+from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -204,7 +204,7 @@ class Explanation:
         matplotlib.axes.Axes
         """
         from cspace.plot import plot
-        from cspace.plot._artists import BARRIER_STYLE, BOTTLENECK_STYLE, add_legend_below
+        from cspace.plot._artists import BARRIER_STYLE, BOTTLENECK_STYLE, extend_legend
 
         space = self.space
         way = self.bottleneck[np.newaxis]
@@ -216,10 +216,7 @@ class Explanation:
         if len(self.barrier):
             centers = space.grid.center_of(self.barrier[:, 1:])
             handles += axes.plot(*centers.T, **BARRIER_STYLE)
-        figure: Any = axes.figure
-        (legend,) = figure.legends
-        legend.remove()
-        add_legend_below(figure, [*legend.legend_handles, *handles])
+        extend_legend(axes, handles)
         return axes
 
 
