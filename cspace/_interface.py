@@ -18,6 +18,7 @@ from cspace._rotations import Rotations
 from cspace._rotations.base import (
     METRES_PER_RADIAN,
     angle_axes,
+    measure_steps,
     turn_near,
     wrap_angles,
     wrap_steps,
@@ -271,10 +272,7 @@ class Space(ABC):
 
     def distance(self, q0: Floats, q1: Floats) -> Floats:
         """Return the lengths of motions; a radian of rotation counts as half a metre."""
-        steps = self.steps_between(q0, q1)
-        dim = self.dim
-        lengths = np.linalg.norm(steps[..., :dim], axis=-1)
-        angles = np.linalg.norm(steps[..., dim:], axis=-1)
+        lengths, angles = measure_steps(self.steps_between(q0, q1), self.dim)
         return np.asarray(lengths + METRES_PER_RADIAN * angles)
 
     def interpolate(self, q0: Floats, q1: Floats, t: ArrayLike) -> Floats:

@@ -33,6 +33,7 @@ from cspace._record.states import (
     count_states,
     read_only,
 )
+from cspace._rotations.base import measure_steps
 from cspace._shapes import Shape, ShapeLike, as_shape
 from cspace._support.arrays import (
     BLOCKED,
@@ -356,9 +357,7 @@ class CSpace(ConfigurationMap):
         rows = self._check_configurations(path, "path")
         self._check_path(rows)
         starts, ends = (rows[:-1], rows[1:]) if len(rows) > 1 else (rows, rows)
-        change = self.steps_between(starts, ends)
-        metres = np.linalg.norm(change[:, : self.dim], axis=1)
-        radians = np.linalg.norm(change[:, self.dim :], axis=1)
+        metres, radians = measure_steps(self.steps_between(starts, ends), self.dim)
         # The translation and the rotation of a piece each move a point by at most a quarter cell.
         longest = 0.25 * self.grid.spacing
         ways = np.maximum(metres, radians * max(self.robot.span, longest))

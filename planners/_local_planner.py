@@ -23,7 +23,7 @@ from ompl import base as ob
 
 from cspace._interface import Endpoint, Space
 from cspace._record.cells import Map
-from cspace._rotations.base import ANGLE_SLACK, METRES_PER_RADIAN, TWO_PI
+from cspace._rotations.base import ANGLE_SLACK, METRES_PER_RADIAN, TWO_PI, measure_steps
 from cspace._space import CSpace
 from cspace._support.arrays import MIXED, Bools, Floats
 from cspace._support.words import Drive
@@ -283,9 +283,7 @@ class LocalPlanner:
         """Measure ``length`` and ``total_rotation`` of a path, as of :class:`planners.Plan`."""
         path = self.insert_breakpoints(path)
         steps = self.space.steps_between(path[:-1], path[1:])
-        dim = self.space.dim
-        lengths = np.linalg.norm(steps[:, :dim], axis=1)
-        rotations = np.linalg.norm(steps[:, dim:], axis=1)
+        lengths, rotations = measure_steps(steps, self.space.dim)
         return math.fsum(lengths), math.fsum(rotations)
 
     def min_length(self, first: Floats, last: Floats) -> float:

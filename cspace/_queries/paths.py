@@ -11,7 +11,7 @@ import numpy as np
 
 from cspace._grid import Grid
 from cspace._rotations import Rotations
-from cspace._rotations.base import METRES_PER_RADIAN, wrap_angles
+from cspace._rotations.base import METRES_PER_RADIAN, measure_steps, wrap_angles
 from cspace._support.arrays import Floats, Ints
 from cspace._support.deadlines import is_over
 
@@ -108,8 +108,7 @@ def path_length(path: Floats, rotations: Rotations) -> float:
     """Return the length of a path in metres; a radian counts as :data:`METRES_PER_RADIAN`."""
     steps = rotations._steps_between(path[:-1], path[1:])
     dim = path.shape[1] - len(rotations.names)
-    lengths = np.linalg.norm(steps[:, :dim], axis=1)
-    angles = np.linalg.norm(steps[:, dim:], axis=1)
+    lengths, angles = measure_steps(steps, dim)
     return float((lengths + METRES_PER_RADIAN * angles).sum())
 
 

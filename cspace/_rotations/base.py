@@ -50,6 +50,11 @@ def wrap_steps(steps: Floats, periodic_axes: ArrayLike = True) -> Floats:
     return np.where(periodic_axes, shortest, steps)
 
 
+def measure_steps(steps: Floats, dim: int) -> tuple[Floats, Floats]:
+    """Return the lengths and the angles, radians, of steps, shape (..., dim + k)."""
+    return np.linalg.norm(steps[..., :dim], axis=-1), np.linalg.norm(steps[..., dim:], axis=-1)
+
+
 def wrap_angles(angles: Floats, periodic_axes: ArrayLike = True) -> Floats:
     """Wrap angles to [-pi, pi); angles in that range are unchanged."""
     shortest = wrap_steps(angles, periodic_axes)

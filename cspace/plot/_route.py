@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cspace._robot import Robot
 from cspace._rotations import Rotations
+from cspace._rotations.base import measure_steps
 from cspace._shapes.balls import Balls
 from cspace._support.arrays import BLOCKED, FREE, Box, Floats, Surface
 from cspace._support.check import check_finite
@@ -125,9 +126,8 @@ def path_lengths(rotations: Rotations, points: Floats, reach: float) -> Floats:
     """
     steps = rotations._steps_between(points[:-1], points[1:])
     dim = points.shape[1] - len(rotations.names)
-    angles = np.linalg.norm(steps[:, dim:], axis=1)
-    lengths = np.linalg.norm(steps[:, :dim], axis=1) + reach * angles
-    return np.concatenate([[0.0], np.cumsum(lengths)])
+    lengths, angles = measure_steps(steps, dim)
+    return np.concatenate([[0.0], np.cumsum(lengths + reach * angles)])
 
 
 def interpolate_path(
