@@ -486,12 +486,13 @@ def _fill_cracks(shadow: BaseGeometry, width: float) -> BaseGeometry:
     """
     import shapely
 
-    def is_wide(hole: Any) -> bool:
-        return not shapely.Polygon(hole).buffer(-width / 2.0).is_empty
-
     filled = []
     for polygon in shapely.get_parts(shadow):
-        holes = [hole for hole in polygon.interiors if is_wide(hole)]
+        holes = [
+            hole
+            for hole in polygon.interiors
+            if not shapely.Polygon(hole).buffer(-width / 2.0).is_empty
+        ]
         filled.append(shapely.Polygon(polygon.exterior, holes))
     return shapely.MultiPolygon(filled)
 

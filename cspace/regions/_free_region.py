@@ -179,7 +179,7 @@ class RegionSource(NamedTuple):
         first -= width
         last += width
         if last - first + 1 >= len(self.space.rotations):
-            return make_full_turn(yaw)
+            return YawArc(yaw - math.pi - ARC_SLACK, yaw + math.pi + ARC_SLACK)
         return YawArc(self._border(first) + ARC_SLACK, self._border(last + 1) - ARC_SLACK)
 
     def _border(self, cell: int) -> float:
@@ -306,11 +306,6 @@ class RegionSource(NamedTuple):
             offsets = np.append(offsets, [arc.high, -arc.low])
         region = ConvexRegion(normals, offsets, self.space.axes)
         return region if np.all(region.contains(core)) else None
-
-
-def make_full_turn(yaw: float) -> YawArc:
-    """Return the arc of all yaws around one."""
-    return YawArc(yaw - math.pi - ARC_SLACK, yaw + math.pi + ARC_SLACK)
 
 
 def find_surface(is_taken: Bools) -> Ints:
