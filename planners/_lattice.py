@@ -42,6 +42,7 @@ from cspace._queries.guide import NARROW_COST, Directions, Guide
 from cspace._queries.moves import list_moves
 from cspace._queries.paths import (
     MAX_SHORTENING_SECONDS,
+    drop_repeats,
     find_cheapest_subpath,
     pulled_straight,
 )
@@ -577,10 +578,7 @@ def _trace_path(nodes: LatticeNodes, node: int, endpoints: Endpoints, merges: bo
         is_corner = turns[:-1] | turns[1:]
         path = path[np.concatenate([[True], is_corner, [True]])]
     # The edge to the goal may lead in any direction.
-    path = np.vstack([path, endpoints[1]])
-    differs_from_next = (path[1:] != path[:-1]).any(axis=1)
-    distinct: Floats = path[np.append(differs_from_next, True)]
-    return distinct
+    return drop_repeats(np.vstack([path, endpoints[1]]))
 
 
 def shorten_path(edges: LocalPlanner, path: Floats, until: float) -> Floats:

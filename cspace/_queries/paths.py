@@ -39,6 +39,12 @@ def waypoints(grid: Grid, rotations: Rotations, endpoints: Floats, cells: Ints) 
     return np.vstack([start, np.column_stack(centers), goal])
 
 
+def drop_repeats(path: Floats) -> Floats:
+    """Drop each configuration of a path that equals the next one."""
+    differs_from_next = (path[1:] != path[:-1]).any(axis=1)
+    return path[np.append(differs_from_next, True)]
+
+
 def keep_rotation(path: Floats, rotation_cells: Ints, dim: int, check: Check) -> Floats:
     """Keep the rotation of both ends if they have the same one, in a path that does not turn.
 
