@@ -76,12 +76,6 @@ RATE: Final = 2.0 * (1.0 + 1e-4)
 configuration is FREE if it is farther from the C-obstacle than RATE times the sum of the diagonal
 of a cell and the displacement within a rotation cell."""
 
-MAX_WIDTH_DIRECTIONS: Final = 4096
-"""Maximum number of directions in which a robot's width is measured."""
-
-MAX_EXAMINED_CELLS: Final = 10_000_000
-"""Maximum number of cells of a workspace that is examined to explain why no cell is FREE."""
-
 DEFAULT_TILE: Final = 4096
 """Largest number of cells of a tile along each axis, unless another one is asked for."""
 
@@ -417,7 +411,8 @@ def _warn_of_nothing_free(space: CSpace | TiledCSpace, margin: float) -> None:
     if mixed:
         reason = f"{mixed:,} of {mixed + blocked:,} cells are MIXED, undecided at this spacing"
         hint = "use a smaller spacing, or a smaller robot or margin"
-    if isinstance(space, CSpace) and space.grid.size <= MAX_EXAMINED_CELLS:
+    # Maximum number of cells of a workspace that is examined to explain why no cell is FREE.
+    if isinstance(space, CSpace) and space.grid.size <= 10_000_000:
         reason, hint = _find_obstruction(space, margin) or (reason, hint)
     warn_user(f"no cell of the map is FREE: {reason}; {hint}")
 
@@ -607,7 +602,8 @@ def _measure_robot(shape: Shape, rotations: str) -> tuple[float, float]:
     steps = np.concatenate([np.eye(axes), -np.eye(axes)])
     tips = points[:, None] + np.maximum(radii, 1e-6 * reach)[:, None, None] * steps
     normals = ConvexHull(tips.reshape(-1, axes)).equations[:, :axes]
-    tried = normals[:: 1 + len(normals) // MAX_WIDTH_DIRECTIONS]
+    # Maximum number of directions in which a robot's width is measured.
+    tried = normals[:: 1 + len(normals) // 4096]
     widths = [np.ptp([points @ n - radii, points @ n + radii]) for n in tried]
     return float(min(widths)), reach
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from contextlib import AbstractContextManager
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any, Final, Protocol, Unpack, overload
+from typing import TYPE_CHECKING, Any, Protocol, Unpack, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -39,9 +39,6 @@ if TYPE_CHECKING:
     from cspace._queries.chunks import Chunk
     from cspace._record.contents import Contents
     from cspace.plot._picture import PlotOptions
-
-MAX_TRIED_CELLS: Final = 2**20
-"""Largest number of workspace cells for which messages try the hints that they give."""
 
 
 class HasComponents(Protocol):
@@ -460,8 +457,9 @@ class ConfigurationMap(ConfigurationSpace):
 
     @property
     def tries_exact(self) -> bool:
-        """Whether messages try the geometry, for a second, before they advise it."""
-        return self.in_memory and self.grid.size <= MAX_TRIED_CELLS
+        """Whether messages try the geometry before they advise it, for about a second."""
+        # Largest number of workspace cells for which messages try the hints that they give.
+        return self.in_memory and self.grid.size <= 2**20
 
     def check_endpoint(self, q: ArrayLike, name: str, exact: bool = False) -> Endpoint:
         """Return a start or goal in canonical form.

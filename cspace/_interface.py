@@ -19,6 +19,7 @@ from cspace._rotations import Rotations
 from cspace._rotations.base import (
     METRES_PER_RADIAN,
     angle_axes,
+    measure_steps,
     turn_near,
     wrap_angles,
     wrap_steps,
@@ -271,11 +272,8 @@ class Space(ABC):
         return wrap_steps(steps, self.periodic_axes) if any(self.periodic_axes) else steps
 
     def distance(self, q0: Floats, q1: Floats) -> Floats:
-        """Return lengths of motions; a radian counts half a metre."""
-        steps = self.steps_between(q0, q1)
-        dim = self.dim
-        lengths = np.linalg.norm(steps[..., :dim], axis=-1)
-        angles = np.linalg.norm(steps[..., dim:], axis=-1)
+        """Return the lengths of motions; a radian of rotation counts as half a metre."""
+        lengths, angles = measure_steps(self.steps_between(q0, q1), self.dim)
         return np.asarray(lengths + METRES_PER_RADIAN * angles)
 
     def interpolate(self, q0: Floats, q1: Floats, t: ArrayLike) -> Floats:
@@ -543,7 +541,7 @@ class Space(ABC):
 
         Raises errors as :meth:`check_endpoint`, if no goal is left.
         """
-        alternatives = self._list_alternatives(goal, name)
+        alternatives = goal.goals if isinstance(goal, Goals) else (goal,)
         goals: list[Endpoint] = []
         errors: list[ConfigurationError] = []
         for number, alternative in enumerate(alternatives):
@@ -564,10 +562,6 @@ class Space(ABC):
             rows = rows[np.argsort(lengths, kind="stable")]
         turned = turn_near(rows, np.array(start), self.periodic_axes)
         return [tuple(q) for q in turned.tolist()]
-
-    def _list_alternatives(self, goal: GoalLike, name: str) -> Sequence[GoalLike]:
-        """List the alternatives of a goal."""
-        return goal.goals if isinstance(goal, Goals) else (goal,)
 
     def _solve_goal(
         self, goal: GoalLike, name: str, start: Endpoint, seed: int | None, exact: bool
@@ -936,8 +930,8 @@ class ConfigurationSpace(Space):
             return None
         numbers: tuple[Any, ...] = sum(points, ())
         try:
-            sum(numbers)  # compiled look-ups would parse texts
             answer = look_up(*numbers)
+            sum(numbers)  # compiled look-ups parse texts
         except (TypeError, ValueError):  # the number or the type of entries is wrong
             return None
         for q in points:

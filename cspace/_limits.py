@@ -45,9 +45,6 @@ plane, 8 to 11 in space."""
 MAX_MEMORY_FRACTION: Final = 0.95
 """Maximum fraction of the free memory that a build or a reader may use."""
 
-_BYTES_PER_DRAWN_NUMBER: Final = 32
-"""Memory for a number of a drawn configuration, bytes: that, and what is drawn for it."""
-
 _MIN_CHECKED_BYTES: Final = 2**18
 """Needs below which the free memory is not queried, because that takes longer than reading."""
 
@@ -189,7 +186,8 @@ def check_samples(n: int | None, size: int) -> int:
     Raises InputError if it is negative, or so many do not fit into memory.
     """
     count = 1 if n is None else check_count(n, "n")
-    needed = _BYTES_PER_DRAWN_NUMBER * float(count) * size
+    # Memory for a number of a drawn configuration, bytes: that, and what is drawn for it.
+    needed = 32 * float(count) * size
     if needed >= _MIN_CHECKED_BYTES and needed > MAX_MEMORY_FRACTION * (free := free_bytes()):
         problem, rule = _memory_parts(f"is {count}", needed, free)
         raise InputError("n", problem, rule, "draw fewer at a time")

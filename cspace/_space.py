@@ -33,6 +33,7 @@ from cspace._record.states import (
     count_states,
     read_only,
 )
+from cspace._rotations.base import measure_steps
 from cspace._shapes import Shape, ShapeLike, as_shape
 from cspace._support.arrays import (
     BLOCKED,
@@ -42,6 +43,7 @@ from cspace._support.arrays import (
     Floats,
     Ints,
     States,
+    number_parts,
 )
 from cspace._support.check import (
     check_finite,
@@ -355,17 +357,14 @@ class CSpace(ConfigurationMap):
         rows = self._check_configurations(path, "path")
         self._check_path(rows)
         starts, ends = (rows[:-1], rows[1:]) if len(rows) > 1 else (rows, rows)
-        change = self.steps_between(starts, ends)
-        metres = np.linalg.norm(change[:, : self.dim], axis=1)
-        radians = np.linalg.norm(change[:, self.dim :], axis=1)
+        metres, radians = measure_steps(self.steps_between(starts, ends), self.dim)
         # The translation and the rotation of a piece each move a point by at most a quarter cell.
         longest = 0.25 * self.grid.spacing
         ways = np.maximum(metres, radians * max(self.robot.span, longest))
         counts = np.maximum(np.ceil(ways / longest), 1.0).astype(np.int64)
         # For each piece: its edge, its index on that edge, and its middle as a fraction of the
         # edge.
-        edges = np.repeat(np.arange(len(starts)), counts)
-        numbers = np.arange(len(edges)) - np.repeat(np.cumsum(counts) - counts, counts)
+        edges, numbers = number_parts(counts)
         fractions = (numbers + 0.5) / counts[edges]
         centers = self.interpolate(starts[edges], ends[edges], fractions[:, np.newaxis])
         pieces = (metres / counts)[edges], (radians / counts)[edges]

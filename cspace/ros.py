@@ -1,7 +1,6 @@
 """ROS maps, footprints of Nav2, and messages as plain records."""
 
 import math
-from typing import Final
 
 from cspace._files.ros_maps import (
     Costmap,
@@ -31,9 +30,6 @@ __all__ = [
     "read_ros_map",
     "update_occupancy_grid",
 ]
-
-_ROUNDING: Final = 2e-3
-"""Tilt, radians, that passes as rounding."""
 
 
 def configuration_of(
@@ -78,7 +74,8 @@ def configuration_of(
     if not space.has_poses:
         rule = "it must be a map of a rigid robot"
         raise InputError("space", f"is {space!r}", rule, "pass joint positions to plan instead")
-    tolerance = max(check_not_negative(tilt_tolerance, "tilt_tolerance"), _ROUNDING)
+    # Tilt, radians, that passes as rounding.
+    tolerance = max(check_not_negative(tilt_tolerance, "tilt_tolerance"), 2e-3)
     position, turn = read_pose(msg, frame_id or space.frame_id)
     x, y, z, w = turn
     names = space.rotations.names

@@ -15,7 +15,13 @@ from warnings import catch_warnings, simplefilter
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace._bodies.cores import Cores, measure_distances
+from cspace._bodies.cores import (
+    COORDINATE_ROUNDING,
+    ROUNDING,
+    Cores,
+    lever_of,
+    measure_distances,
+)
 from cspace._robot import Robot, robot_of
 from cspace._support.arrays import Floats
 from cspace._support.check import (
@@ -38,29 +44,8 @@ if TYPE_CHECKING:
 MotionState: TypeAlias = Literal["apart", "touch", "undecided"]
 """Verdicts about two motions."""
 
-ROUNDING: Final = 1e-9
-"""Distance, metres, that covers the rounding of placed robots."""
-
-COORDINATE_ROUNDING: Final = 1e-11
-"""Distance that covers the rounding of placed robots, as a share of the coordinates."""
-
 SPEED_ROUNDING: Final = 1e-9
 """Share of a bound of a speed by which it grows, for rounding."""
-
-FIRST_PIECES: Final = 16
-"""Number of intervals into which the time is cut at first."""
-
-MIN_INTERVAL: Final = 1e-6
-"""Width of an interval, seconds, that is not halved."""
-
-TOUCH_INTERVAL: Final = 1e-3
-"""Width of an interval, seconds, in which no earlier instant of contact is searched."""
-
-MAX_INTERVALS: Final = 4096
-"""Number of intervals, besides the first, that are tried at once before motions stay undecided."""
-
-BOUND_SHARE: Final = 0.8
-"""Share of the least distance found that each interval is to prove."""
 
 CELLS_PER_SIDE: Final = 16
 """Number of cells along the longest side of the map around a solid."""
@@ -300,12 +285,6 @@ def _bound_trajectory(trajectory: Trajectory, robot: Robot) -> tuple[Floats, Flo
     return phases.times, np.concatenate([[0.0], bounds, [0.0]])
 
 
-def lever_of(shape: Shape) -> float:
-    """Return a bound, metres, of points' distance from the z axis."""
-    corner = np.abs(shape.outer.bounds).max(axis=0)[:2]
-    return float(np.hypot(*corner)) * (1.0 + SPEED_ROUNDING)
-
-
 def _check_pair(first: Timed, second: Timed) -> None:
     """Raise InputError unless two motions are in one space and frame."""
     if first.robot.dim != second.robot.dim:
@@ -464,7 +443,9 @@ class Search:
     def run(self) -> Separation:
         """Halve intervals until all are proven, or contact is found."""
         lows, highs = self._cut_first()
-        most = MAX_INTERVALS + len(lows)
+        # Number of intervals, besides the first, that are tried at once before motions stay
+        # undecided.
+        most = 4096 + len(lows)
         touch: Touch | None = None
         least, proven = math.inf, math.inf
         undecided = math.inf
@@ -475,13 +456,17 @@ class Search:
             if found is not None and (touch is None or found.time < touch.time):
                 touch = found
             least = min(least, float(gaps.min()))
-            enough = self._distance + BOUND_SHARE * max(least - self._distance, 0.0)
-            is_narrow = highs - lows <= MIN_INTERVAL
+            # Share of the least distance found that each interval is to prove.
+            enough = self._distance + 0.8 * max(least - self._distance, 0.0)
+            # Width of an interval, seconds, that is not halved.
+            is_narrow = highs - lows <= 1e-6
             settled = (bounds > enough) | (is_narrow & (bounds > self._distance))
             proven = min(proven, float(bounds[settled].min(initial=math.inf)))
             left = ~settled
             if touch is not None:
-                left &= (lows < touch.time) & (highs - lows > TOUCH_INTERVAL)
+                # Width of an interval, seconds, in which no earlier instant of contact is
+                # searched.
+                left &= (lows < touch.time) & (highs - lows > 1e-3)
             stuck = left & is_narrow
             if len(lows) > most:
                 # What proves enough for the distance settles, too.
@@ -501,8 +486,9 @@ class Search:
     def _cut_first(self) -> tuple[Floats, Floats]:
         """Return the first intervals, within which bounds of speeds do not change."""
         end = self._duration
+        # Number of intervals into which the time is cut at first.
         times = [
-            np.linspace(0.0, end, FIRST_PIECES + 1),
+            np.linspace(0.0, end, 16 + 1),
             *(each.at + each.times for each in self._movers),
         ]
         borders = np.unique(np.clip(np.concatenate(times), 0.0, end))

@@ -6,7 +6,6 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property, partial
-from typing import Final
 
 import numpy as np
 from ompl import base as ob
@@ -22,9 +21,6 @@ from planners._car_curves import (
 from planners._integrals import CostDensity, Field, bind_cost
 from planners._local_planner import CURVE_SPACES, CURVES, MAX_RADIANS, LocalPlanner, Pieces
 from planners._ompl_states import find_state_kind
-
-MIN_SEGMENT_RADII: Final = 1e-9
-"""Length, in turning radii, up to which a segment of a curve is only a rounding error."""
 
 
 class CarCurves(LocalPlanner):
@@ -166,7 +162,8 @@ class CarCurves(LocalPlanner):
         lengths = []
         rotations = []
         for k, (steer, length) in enumerate(segments):
-            if k == longest_segment or abs(length) > MIN_SEGMENT_RADII:
+            # Length, in turning radii, up to which a segment of a curve is only a rounding error.
+            if k == longest_segment or abs(length) > 1e-9:
                 longest_piece = step / self.radius
                 if steer:
                     longest_piece = min(longest_piece, rotation)

@@ -18,9 +18,6 @@ from planners._local_planner import (
 )
 from planners._ompl_states import check_space
 
-CAR_AXES: Final = ("x", "y", "yaw")
-"""Axes of the maps for drives other than the holonomic one."""
-
 MIN_RADIUS_CELLS: Final = 1e-3
 MAX_RADIUS_CELLS: Final = 1e3
 """Smallest and largest turning radius, in cells, for which rounding errors stay small."""
@@ -65,8 +62,9 @@ def check_axes(space: Space, axes: tuple[str, ...], owner: str) -> None:
 
 
 def has_drives(space: Space) -> bool:
-    """Return True if a space has other drives than holonomic."""
-    return space.has_cells and space.axes == CAR_AXES
+    """Return True if drives other than the holonomic one are for the space."""
+    # Axes of the maps for drives other than the holonomic one.
+    return space.has_cells and space.axes == ("x", "y", "yaw")
 
 
 def _check_drive(space: Space, drive: Drive, turning_radius: float | None) -> float | None:

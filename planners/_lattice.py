@@ -42,6 +42,7 @@ from cspace._queries.guide import NARROW_COST, Directions, Guide
 from cspace._queries.moves import list_moves
 from cspace._queries.paths import (
     MAX_SHORTENING_SECONDS,
+    drop_repeats,
     find_cheapest_subpath,
     pulled_straight,
 )
@@ -63,9 +64,6 @@ from planners._car_curves import (
 )
 from planners._local_planner import Endpoints, LocalPlanner
 
-MAX_BLOCK_SIDE: Final = 8
-"""Largest number of cells along each side of the blocks of the guide."""
-
 NARROW_CAR_COST: Final = 0.3
 """Share by which blocks cost more for a car where it passes at few rotations; it need not turn
 there on the spot."""
@@ -82,9 +80,6 @@ FINE_HEADINGS: Final = 96
 """Number of headings of the finest lattice of a car that does not reverse; finer ones move to and
 fro in slots. Searches that stall on a lattice as fine begin anew around the blocks in vain."""
 
-MAX_NODES: Final = 1_000_000
-"""Number of nodes after which the search of a robot that turns on the spot ends."""
-
 REVERSE_WEIGHT: Final = 1.5
 """Cost of a metre that a car drives in reverse, in metres driven ahead."""
 
@@ -95,12 +90,6 @@ On shorter drives, curves that turn to and fro are as short up to
 :data:`planners._car_curves.TIE_TOLERANCE`, and the proof of an edge needs these, too.
 """
 
-NODES_PER_CLOCK_CHECK: Final = 2**12
-"""Nodes taken from the queue between two checks of the time limit."""
-
-NODES_BEFORE_PROOF: Final = 2**12
-"""Nodes expanded until a search asks whether a path may exist."""
-
 KNOWN_TOLERANCE: Final = 0.01
 """Fraction of a cell's side by which a path into a cell must be cheaper to replace the known path.
 """
@@ -110,12 +99,6 @@ HASH_FACTOR: Final = 0x9E3779B97F4A7C1
 
 ARC_ERROR: Final = MAX_GAP * (1.0 + TWO_PI) + POINT_ERROR
 """Distance, in turning radii, within which a driven motion stays near the computed one."""
-
-COST_PER_EDGE: Final = 1e-6
-"""Cost of an edge when a path is shortened, metres; it makes collinear drives one edge."""
-
-MIN_STALLED_NODES: Final = 2**14
-"""Number of nodes at which a search may count as stalled; twice as many after each stall."""
 
 NEAR_BLOCKS: Final = 3
 """Distance, in blocks, from the node nearest to the goal, within which a stalled search avoids
@@ -223,7 +206,8 @@ def _search_levels(
     """
     guide = _make_guide(edges, endpoints, is_backwards)
     levels = _list_levels(edges, endpoints, is_backwards)
-    min_stalled = MIN_STALLED_NODES
+    # Number of nodes at which a search may count as stalled; twice as many after each stall.
+    min_stalled = 2**14
     while True:
         for motions in levels:
             path, reason, vain = _search(edges, motions, guide, endpoints, min_stalled, limit)
@@ -331,7 +315,8 @@ def _measure_block_side(space: CSpace) -> int:
     # Half its shift as the robot turns to the next direction of the guide, deviations included.
     radius = circle.length - 0.5 * math.hypot(*circle.coords[0])
     cells_per_radius = int(max(radius, robot.inscribed_radius) / space.grid.spacing)
-    return min(max(cells_per_radius, 1), MAX_BLOCK_SIDE)
+    # Largest number of cells along each side of the blocks of the guide.
+    return min(max(cells_per_radius, 1), 8)
 
 
 def _list_directions(edges: LocalPlanner, is_backwards: bool) -> Directions:
@@ -411,6 +396,7 @@ def _list_spot_motions(edges: LocalPlanner, endpoints: Endpoints, count: int) ->
     lengths = spacing * np.outer(ahead, directions)
     next_heading = (np.arange(len(yaws))[:, None] + turns) % len(yaws)
     radians = np.abs(wrap_angles(yaws[next_heading] - yaws[:, None]))
+    # Number of nodes after which the search of a robot that turns on the spot ends.
     return Motions(
         headings=yaws,
         nearest=_find_nearest(yaws),
@@ -419,7 +405,7 @@ def _list_spot_motions(edges: LocalPlanner, endpoints: Endpoints, count: int) ->
         lengths=lengths,
         unit=1.0,
         radius=None,
-        max_nodes=MAX_NODES,
+        max_nodes=1_000_000,
         costs=METRES_PER_RADIAN * radians + np.abs(lengths),
         side=spacing,
         switch_cost=0.0,
@@ -499,7 +485,8 @@ def _search(
     while nodes.counts[0] < motions.max_nodes:
         node = expand_nodes(map_, motions, target, nodes)
         check_deadline(limit.until)
-        if may_fail and nodes.counts[1] >= NODES_BEFORE_PROOF:
+        # Nodes expanded until a search asks whether a path may exist.
+        if may_fail and nodes.counts[1] >= 2**12:
             if not limit.admits_path():
                 break
             may_fail = False
@@ -591,10 +578,7 @@ def _trace_path(nodes: LatticeNodes, node: int, endpoints: Endpoints, merges: bo
         is_corner = turns[:-1] | turns[1:]
         path = path[np.concatenate([[True], is_corner, [True]])]
     # The edge to the goal may lead in any direction.
-    path = np.vstack([path, endpoints[1]])
-    differs_from_next = (path[1:] != path[:-1]).any(axis=1)
-    distinct: Floats = path[np.append(differs_from_next, True)]
-    return distinct
+    return drop_repeats(np.vstack([path, endpoints[1]]))
 
 
 def shorten_path(edges: LocalPlanner, path: Floats, until: float) -> Floats:
@@ -611,7 +595,8 @@ def _shorten_once(edges: LocalPlanner, path: Floats, until: float) -> Floats:
     is_free = edges.edge_checker()
 
     def measure(*q: float) -> float:
-        return edges.edge_length(*q) + COST_PER_EDGE
+        # Cost of an edge when a path is shortened, metres; it makes collinear drives one edge.
+        return edges.edge_length(*q) + 1e-6
 
     strides = np.unique(np.geomspace(1, len(path), 24).astype(np.int64)).tolist()
     paths = [path, find_cheapest_subpath(path, 2, is_free, measure, strides, until)]
@@ -637,7 +622,8 @@ def expand_nodes(map_: Map, motions: Motions, target: Target, nodes: LatticeNode
     progress = nodes.progress
     poses = nodes.poses
     goal = target.goal
-    for _ in range(NODES_PER_CLOCK_CHECK):
+    # Nodes taken from the queue between two checks of the time limit.
+    for _ in range(2**12):
         if progress.length[0] == 0:
             return NO_NODE
         if nodes.counts[0] + len(motions.steering) > len(nodes.keys):

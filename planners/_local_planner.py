@@ -23,7 +23,7 @@ from ompl import base as ob
 
 from cspace._interface import Endpoint, Space
 from cspace._record.cells import Map
-from cspace._rotations.base import ANGLE_SLACK, METRES_PER_RADIAN, TWO_PI
+from cspace._rotations.base import ANGLE_SLACK, METRES_PER_RADIAN, TWO_PI, measure_steps
 from cspace._space import CSpace
 from cspace._support.arrays import MIXED, Bools, Floats
 from cspace._support.words import Drive
@@ -65,9 +65,6 @@ REVERSING: Final[dict[Drive, Drive]] = {
     "dubins": "reeds-shepp",
 }
 """The drive that also reverses, for each that does not."""
-
-LENGTH_ROUNDING_SHARE: Final = 1e-12
-"""Share by which rounding may change a length."""
 
 MAX_TURN: Final = 0.499 * TWO_PI
 """Largest turn of a joint along an edge, radians; below half a turn, so that rounding does not
@@ -286,16 +283,15 @@ class LocalPlanner:
         """Measure ``length`` and ``total_rotation`` of a path, as of :class:`planners.Plan`."""
         path = self.insert_breakpoints(path)
         steps = self.space.steps_between(path[:-1], path[1:])
-        dim = self.space.dim
-        lengths = np.linalg.norm(steps[:, :dim], axis=1)
-        rotations = np.linalg.norm(steps[:, dim:], axis=1)
+        lengths, rotations = measure_steps(steps, self.space.dim)
         return math.fsum(lengths), math.fsum(rotations)
 
     def min_length(self, first: Floats, last: Floats) -> float:
         """Bound the weighted lengths of all free paths from below."""
         rotation = self.space.steps_between(first, last)[self.space.dim :]
         radians = self.rotation_weight * float(np.linalg.norm(rotation))
-        return (1.0 - LENGTH_ROUNDING_SHARE) * (self.space.min_path_length(first, last) + radians)
+        # Share by which rounding may change a length.
+        return (1.0 - 1e-12) * (self.space.min_path_length(first, last) + radians)
 
     def clearance(self, path: Floats) -> float:
         """Bound the clearance along a path from below, as :attr:`planners.Plan.clearance`.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from functools import cached_property
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 from ompl import base as ob
@@ -20,9 +20,6 @@ from cspace.errors import InputError
 from planners._drives import local_planner
 from planners._local_planner import HOLONOMIC
 from planners._ompl_states import check_information, find_state_kind
-
-_DRAWS_PER_BATCH: Final = 256
-"""Random draws per call of numpy."""
 
 
 class StateValidityChecker(ob.StateValidityChecker):
@@ -233,4 +230,5 @@ class FreeStateSampler(ob.ValidStateSampler):
 def _draw_batches(draw: Callable[[int], Floats]) -> Iterator[Any]:
     """Yield random rows or numbers without end, from batches."""
     while True:
-        yield from draw(_DRAWS_PER_BATCH).tolist()
+        # Random draws per call of numpy.
+        yield from draw(256).tolist()

@@ -58,12 +58,6 @@ NO_SEARCH: Final = "a single edge is free; no search needed"
 QUICK_ITERATIONS: Final = 500
 """Iterations of the quick first search of a default plan, which take about 10 ms."""
 
-SECONDS_BEFORE_LABELS: Final = 0.05
-"""Seconds after which a search labels the cells of a map, to see if a path may exist."""
-
-INITIAL_TIME_SHARE: Final = 0.1
-"""Share of the time limit for the first path, which a planner with an objective must beat."""
-
 PERTURBATION_SHARE: Final = 0.05
 """Distance by which waypoints are moved to make a path cheaper, as a fraction of the state space's
 extent."""
@@ -303,7 +297,9 @@ class _Run:
         best = None
         self._deadline.end = self._began + task.time_limit
         if self._must_beat:
-            self._run_planner(first_planner, INITIAL_TIME_SHARE * task.time_limit, None)
+            # Share of the time limit for the first path, which a planner with an objective must
+            # beat.
+            self._run_planner(first_planner, 0.1 * task.time_limit, None)
             if setup.haveExactSolutionPath():
                 best = self._improve(setup.getSolutionPath())
                 self._may_exist = is_certain
@@ -354,7 +350,8 @@ class _Run:
         setup = self._setup
         began = clock()
         end = began + seconds
-        asks_at = began + SECONDS_BEFORE_LABELS
+        # Seconds after which a search labels the cells of a map, to see if a path may exist.
+        asks_at = began + 0.05
         checks = itertools.count(1)
         max_checks = math.inf if iterations is None else iterations
 

@@ -20,7 +20,7 @@ from cspace._interface import (
     Space,
     format_configuration,
 )
-from cspace._queries.paths import skip_points
+from cspace._queries.paths import drop_repeats, skip_points
 from cspace._queries.upright import Upright as Upright
 from cspace._queries.upright import check_keep
 from cspace._rotations.base import TWO_PI
@@ -770,9 +770,7 @@ def _follow_previous(task: PlanTask) -> SearchResult:
         detour = _find_detour(task, head[-1], way[blocked[0] : blocked[-1] + 2])
         path = np.concatenate([head, detour, tail]) if len(detour) else detour
     if len(path):
-        path = find_state_kind(edges.space).unwind(path)
-        differs_from_next = (path[1:] != path[:-1]).any(axis=1)
-        path = path[np.append(differs_from_next, True)]
+        path = drop_repeats(find_state_kind(edges.space).unwind(path))
         if task.simplify:
             path = shorten(edges, path, began + task.time_limit)
     return SearchResult(path, "along the previous plan", clock() - began)

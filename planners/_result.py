@@ -9,7 +9,7 @@ import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields, replace
 from importlib.util import find_spec
-from typing import TYPE_CHECKING, Any, Final, Unpack, cast
+from typing import TYPE_CHECKING, Any, Unpack, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -35,10 +35,6 @@ if TYPE_CHECKING:
     from cspace.reasons import Explanation
     from cspace.regions import Corridor
     from planners._trajectory import Trajectory
-
-
-CURVE_STEP_CELLS: Final = 0.25
-"""Distance between rows along a car's curves for a corridor, in cells."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -540,7 +536,8 @@ class Plan:
             rows = edges.insert_breakpoints(self.waypoints)
             return make_corridor(space, rows, reach, margin, 0.0)
         # An arc of length s and radius r leaves its chord by at most s^2 / (8 r).
-        step = CURVE_STEP_CELLS * 2.0 * space.resolution
+        # For a corridor, rows along a car's curves are a quarter of a cell apart.
+        step = 0.5 * space.resolution
         deviation = step**2 / (8.0 * self.turning_radius)
         return make_corridor(space, edges.resample(self.waypoints, step), reach, margin, deviation)
 

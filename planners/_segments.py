@@ -12,7 +12,7 @@ import numpy as np
 from cspace._interface import Space
 from cspace._rotations import Rotations
 from cspace._rotations.base import wrap_angles
-from cspace._support.arrays import Bools, Floats, Ints
+from cspace._support.arrays import Bools, Floats, Ints, number_parts
 from planners._local_planner import LocalPlanner
 
 MAX_BOX_CELLS: Final = 0.5
@@ -84,12 +84,6 @@ def make_lines(starts: Floats, rates: Floats, lengths: Floats, ends: Floats) -> 
 def join_segments(parts: list[Segments]) -> Segments:
     """Join segments that follow each other."""
     return Segments._make(np.concatenate(columns) for columns in zip(*parts, strict=True))
-
-
-def number_parts(counts: Ints) -> tuple[Ints, Ints]:
-    """Return the owner of each of several parts, and its number among those of the owner."""
-    owners = np.repeat(np.arange(len(counts)), counts)
-    return owners, np.arange(len(owners)) - (np.cumsum(counts) - counts)[owners]
 
 
 def measure_sizes(rows: Floats, rotations: Rotations) -> Floats:

@@ -14,9 +14,9 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from cspace._rotations import Rotations
-from cspace._support.arrays import Bools, Floats, Ints
+from cspace._support.arrays import Bools, Floats, Ints, number_parts
 from cspace._support.compiling import internal, kernel
-from planners._segments import Segments, bound_derivatives, measure_sizes, number_parts, place_along
+from planners._segments import Segments, bound_derivatives, measure_sizes, place_along
 
 INTERVALS_PER_CURVE: Final = 4
 """Number of constant accelerations along each curve."""

@@ -19,7 +19,7 @@ from cspace._queries.upright import Upright
 from cspace._rotations import Rotations
 from cspace._rotations.base import TWO_PI, wrap_angles
 from cspace._rotations.quaternion import multiply
-from cspace._support.arrays import Bools, Floats, Ints, frozen
+from cspace._support.arrays import Bools, Floats, Ints, frozen, number_parts
 from cspace._support.check import check_each, check_finite, check_positive, names_options
 from cspace._support.words import Drive
 from cspace.errors import InputError
@@ -39,7 +39,6 @@ from planners._segments import (
     join_segments,
     make_lines,
     measure_sizes,
-    number_parts,
     place_along,
     prove_segments,
     scale_segments,

@@ -283,8 +283,8 @@ MUTANTS = (
     ),
     Mutant(
         "cspace/_queries/any_angle.py",
-        "ahead = (seen_high, run_high) if is_high else (run_low, seen_low)",
-        "ahead = (seen_high, run_high) if is_high else (low, seen_low)",
+        "low_end = False, low, intervals.low_corner[interval], (run_low, seen_low), (run_low, low)",
+        "low_end = False, low, intervals.low_corner[interval], (low, seen_low), (run_low, low)",
         "tests/queries/test_lengths.py",
     ),
     Mutant(

@@ -2,15 +2,28 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from cspace._shapes import ExactShape
+from cspace._shapes import ExactShape, Shape
 from cspace._shapes.balls import Balls
 from cspace._support.arrays import Floats
+
+ROUNDING: Final = 1e-9
+"""Distance, metres, that covers the rounding of placed robots and of outlines."""
+
+COORDINATE_ROUNDING: Final = 1e-11
+"""Distance that covers the same rounding, as a share of the coordinates."""
+
+
+def lever_of(shape: Shape) -> float:
+    """Return a distance, metres, that no point of a shape exceeds from the z axis."""
+    corner = np.abs(shape.outer.bounds).max(axis=0)[:2]
+    # Rounding may make a lever smaller.
+    return float(np.hypot(*corner)) * (1.0 + 1e-9)
 
 
 class Cores:

@@ -29,20 +29,11 @@ from cspace.errors import CspaceError, FileError, InputError
 _MAX_HEADER_BYTES: Final = 2**16
 """Maximum size, in bytes, of a text header before binary data."""
 
-_MAX_NUMBER_BYTES: Final = 64
-"""Maximum length, in bytes, of a number that is parsed in a batch."""
-
 _TEMPORARY_PREFIX: Final = ".cspace-"
 """Prefix of the names of outputs that are incomplete or being replaced."""
 
-_MAX_NAMES_COMPARED: Final = 10_000
-"""Maximum number of names in a folder that are compared with a misspelt one."""
-
 _LFS_POINTER_START: Final = b"version https://git-lfs.github.com/spec/v1"
 """First bytes of a git-lfs pointer file."""
-
-_MAX_LFS_POINTER_BYTES: Final = 1024
-"""Maximum size, in bytes, of a git-lfs pointer file, by its specification."""
 
 SDF_HINT: Final = "convert it to URDF, e.g. with sdf2urdf of the ROS package pysdf"
 """Hint for robots and worlds of Gazebo."""
@@ -100,7 +91,8 @@ def check_file(
     with _name_file_in_errors(file, kind), file.open("rb") as stream:
         size = file.stat().st_size
         start = stream.read(len(_LFS_POINTER_START))
-    if start == _LFS_POINTER_START and size <= _MAX_LFS_POINTER_BYTES:
+    # Maximum size, in bytes, of a git-lfs pointer file, by its specification.
+    if start == _LFS_POINTER_START and size <= 1024:
         rule = f"the {kind} itself has not been fetched"
         hint = "run git lfs pull in its repository"
         raise FileError(str(file), "is a git-lfs pointer", rule, hint)
@@ -147,9 +139,10 @@ def suggest_file(path: Path, otherwise: str, suffixes: Container[str] | None = N
         if path.exists():
             return _CONVERTERS.get(path.suffix.lower(), otherwise)
         visible = (file.name for file in path.parent.iterdir() if not file.name.startswith("."))
+        # Maximum number of names in a folder that are compared with a misspelt one.
         names = {
             name.lower(): name
-            for name in itertools.islice(visible, _MAX_NAMES_COMPARED)
+            for name in itertools.islice(visible, 10_000)
             if suffixes is None or PurePath(name).suffix.lower() in suffixes
         }
     except (OSError, ValueError):
@@ -355,7 +348,8 @@ def parse_numbers(tokens: Sequence[bytes], kind: type[int] | type[float]) -> NDA
         return np.empty(0, kind)
     # An array of texts is as wide as its longest entry, so one long token would multiply the
     # memory.
-    if max(map(len, tokens)) > _MAX_NUMBER_BYTES:
+    # Maximum length, in bytes, of a number that is parsed in a batch.
+    if max(map(len, tokens)) > 64:
         return np.array([kind(token) for token in tokens], dtype=np.dtype(kind))
     return np.array(tokens, dtype=np.bytes_).astype(kind)
 

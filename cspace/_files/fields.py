@@ -23,14 +23,8 @@ from cspace.errors import AngleWarning, InputError
 _MAX_LISTED_NAMES: Final = 10
 """Largest number of names that a warning lists."""
 
-_ECHO_CUT: Final = "..."
-"""Word in place of the rest of a list or text that ``ros2 topic echo`` cuts."""
-
 UNKNOWN_FIELDS: Final = "unknown fields"
 """Words in :attr:`Fields.refused` of a format whose unknown fields are refused."""
-
-_ANGLE_ROUNDING: Final = 0.01
-"""Excess, as a share, of a whole turn that a file writes with few digits."""
 
 
 class Fields(NamedTuple):
@@ -300,7 +294,8 @@ def check_number(
     hint = "correct it"
     if isinstance(value, str) and parse_finite(value):
         hint = "write the number without quotes"
-    if isinstance(value, str) and value == _ECHO_CUT:
+    # Word in place of the rest of a list or text that ``ros2 topic echo`` cuts.
+    if isinstance(value, str) and value == "...":
         hint = "write the whole message, with ros2 topic echo --full-length"
     raise ContentError(f"{where} has the {name} {value!r:.60}", rule, hint)
 
@@ -355,7 +350,8 @@ def warn_of_names(source: str, ignored: Mapping[str, str], known: Collection[str
 
 def warn_of_large_angles(source: str, angles: Sequence[tuple[str, float]]) -> None:
     """Warn once of angles, each with its place, beyond a whole turn."""
-    limit = (1.0 + _ANGLE_ROUNDING) * MAX_EXPECTED_ANGLE
+    # Excess, as a share, of a whole turn that a file writes with few digits.
+    limit = (1.0 + 0.01) * MAX_EXPECTED_ANGLE
     large = [(place, angle) for place, angle in angles if abs(angle) > limit]
     if large:
         place, angle = large[0]

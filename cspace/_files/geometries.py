@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,9 +14,6 @@ from cspace.errors import GeometryError
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
 
-_MIN_COLLECTION_TYPE: Final = 4
-"""Type number of a multipoint in GEOS; all larger ones are collections too."""
-
 
 def split_parts(shape: BaseGeometry, name: str) -> list[BaseGeometry]:
     """Return the simple geometries of a nested collection, in order.
@@ -25,7 +22,8 @@ def split_parts(shape: BaseGeometry, name: str) -> list[BaseGeometry]:
     """
     import shapely
 
-    if shapely.get_type_id(shape) < _MIN_COLLECTION_TYPE or shape.is_empty:
+    # Type number of a multipoint in GEOS; all larger ones are collections too.
+    if shapely.get_type_id(shape) < 4 or shape.is_empty:
         return [_drop_zero_heights(shape)]
     parts: list[BaseGeometry] = []
     try:

@@ -397,18 +397,12 @@ _SHAPELESS_CHILDREN: Final = frozenset(
 )
 """Tags of the children of a node that have no shape."""
 
-_MAX_NODE_LEVELS: Final = 256
-"""Largest depth of nested nodes of COLLADA."""
-
 _MAX_EXTRA_VISITS: Final = 100_000
 """Largest number of node visits beyond the number of elements; a few nested instances can unfold
 without end."""
 
 _DATA_CHILDREN: Final = frozenset(["source", "vertices", "extra"])
 """Tags of the children of a mesh that have no shape."""
-
-_LINES: Final = ("lines", "linestrips")
-"""Tags of the children of a mesh that are lines."""
 
 
 class _Collada(NamedTuple):
@@ -509,7 +503,8 @@ def _place_geometries(collada: _Collada) -> Iterator[tuple[Element, Floats]]:
     while pending:
         element, parent_pose, nodes_above = pending.pop()
         visits += 1
-        if visits > max_visits or len(nodes_above) > _MAX_NODE_LEVELS:
+        # Largest depth of nested nodes of COLLADA.
+        if visits > max_visits or len(nodes_above) > 256:
             raise ContentError(f"nests nodes {len(nodes_above)} deep, and {visits} in all or more")
         if element.tag in _SHAPELESS_CHILDREN:
             continue
@@ -632,7 +627,8 @@ def _read_collada_part(part: Element, collada: _Collada) -> Surface:
     vertex_offset = int(inputs[0].get("offset", "0"))
     corners = numbers[vertex_offset::stride]
     points = _read_positions(collada.resolve(inputs[0]), collada)
-    if part.tag in _LINES:
+    # Tags of the children of a mesh that are lines.
+    if part.tag in ("lines", "linestrips"):
         corners = cover_lines(corners, sizes)
         sizes = np.full(len(corners) // 3, 3)
     return points, triangulate(points, corners, sizes)
@@ -697,7 +693,7 @@ logging.getLogger("trimesh").addHandler(logging.NullHandler())
 _STL_HEADER_BYTES: Final = 84
 """Size, in bytes, of the header of a binary STL file; its last four bytes count the triangles."""
 
-_STL_RECORD: Final = np.dtype(
+STL_RECORD: Final = np.dtype(
     [("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")]
 )
 """Layout of a triangle in a binary STL file; the records follow the header."""
@@ -769,13 +765,13 @@ def _read_stl(file: Path) -> tuple[Surface, Up]:
     count_field = data[_STL_HEADER_BYTES - 4 : _STL_HEADER_BYTES]
     declared = int.from_bytes(count_field, "little")
     # Binary files may begin with "solid" too, so their exact size decides.
-    if len(data) == _STL_HEADER_BYTES + _STL_RECORD.itemsize * declared:
-        records = np.frombuffer(data, _STL_RECORD, declared, _STL_HEADER_BYTES)
+    if len(data) == _STL_HEADER_BYTES + STL_RECORD.itemsize * declared:
+        records = np.frombuffer(data, STL_RECORD, declared, _STL_HEADER_BYTES)
         vertices = records["corners"].reshape(-1, 3).astype(np.float64)
     elif data.lstrip()[:5].lower() == b"solid":
         vertices = _parse_stl_text(data)
     else:
-        present = max(0.0, (len(data) - _STL_HEADER_BYTES) / _STL_RECORD.itemsize)
+        present = max(0.0, (len(data) - _STL_HEADER_BYTES) / STL_RECORD.itemsize)
         raise ContentError(
             f"declares {declared} triangles but has bytes for {present:g}, as a binary STL file"
         )

@@ -32,12 +32,6 @@ There, rounding is 1e-13 m, less than :data:`cspace._bodies.DISTANCE_ROUNDING` a
 a far frame may lead back to the arm.
 """
 
-_MAX_COMPONENT: Final = 1.01
-"""Largest component of a quaternion that was rounded to few digits."""
-
-MOTION_ROUNDING: Final = 1e-6
-"""Largest difference of the entries of two equal motions, metres and radians."""
-
 FIELDS: Final = (
     Fields(
         "MoveIt planning scenes",
@@ -264,7 +258,8 @@ def parse_rotation(value: Any, place: str) -> Floats:
     # Squares of tiny numbers would lose digits.
     largest = np.abs(quaternion).max()
     scaled = quaternion / largest
-    if largest > _MAX_COMPONENT:
+    # Largest component of a quaternion that was rounded to few digits.
+    if largest > 1.01:
         warn_user(
             f"{place}: a quaternion has the component {largest:g}, beyond 1, and is scaled to norm "
             "1 as in MoveIt; write sin(yaw / 2) as z and cos(yaw / 2) as w if it was an angle",
@@ -287,7 +282,8 @@ def parse_pose(
 def parse_identity(value: Any, place: str) -> None:
     """Refuse a transform that is not the identity."""
     motion = parse_pose(value, place, "translation", "rotation")
-    if np.abs(motion - np.eye(4)).max() > MOTION_ROUNDING:
+    # Largest difference of the entries of two equal motions, metres and radians.
+    if np.abs(motion - np.eye(4)).max() > 1e-6:
         raise ContentError(
             f"has a motion as {place}",
             "frames are not transformed",

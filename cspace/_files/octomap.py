@@ -35,9 +35,6 @@ _LEVELS: Final = 16
 _SIDE: Final = 2**_LEVELS
 """Number of finest cells along each axis of an octree. The origin is in the middle."""
 
-_MIN_RESOLUTION: Final = 1e-12
-"""Smallest side of a cell, metres."""
-
 _OCTREE_SHAPE: Final = (_SIDE, _SIDE, _SIDE)
 
 _BOUND_SLACK: Final = 1e-9
@@ -131,7 +128,8 @@ def _check_octomap_header(header: Ledger, binary: bool, has_nodes: bool) -> _Oct
     rule = f"only {' and '.join(_COLOUR_BYTES)} are read"
     header.refuse("id", *_COLOUR_BYTES, rule=rule, hint="write it again as an OcTree")
     count = header.count("size")
-    side = header.number("res", lowest=_MIN_RESOLUTION)
+    # Smallest side of a cell, metres.
+    side = header.number("res", lowest=1e-12)
     if count == 0 and not has_nodes:
         raise ContentError(
             "has no known cell", "a map needs some known space", "insert a scan before writing it"

@@ -37,9 +37,6 @@ _PLAIN_WORD: Final = re.compile(
 )
 """Unquoted YAML words that are not text. As in JSON, a float needs no point."""
 
-_MEMORY_PER_YAML_BYTE: Final = 60.0
-"""Bytes of memory to load one byte of YAML. Measured: 57 for many tables of one short key."""
-
 _MEMORY_PER_JSON_BYTE: Final = 20.0
 """Bytes of memory to load one byte of JSON."""
 
@@ -52,7 +49,8 @@ def read_yaml(path: StrPath, kind: str) -> Any:
     Raises FileError if the file is missing, is too large, is not YAML, or holds more than one
     document or anything but plain values.
     """
-    text = read_text(path, kind, _MEMORY_PER_YAML_BYTE, "max_description_bytes")
+    # Bytes of memory to load one byte of YAML. Measured: 57 for many tables of one short key.
+    text = read_text(path, kind, 60.0, "max_description_bytes")
     with decoding(path, "YAML file", f"a {kind} must be YAML", "correct that line"):
         return _load_yaml(text)
 

@@ -135,9 +135,6 @@ def _read_text(path: StrPath) -> Floats:
     return np.ascontiguousarray(rows[:, columns])
 
 
-_HEADING_CHARACTERS: Final = 2**16
-"""Number of characters in which the first row of a text begins, or it has no heading."""
-
 _WORD: Final = re.compile(r"[^\s,;\"']+")
 
 
@@ -148,7 +145,8 @@ def _find_rows(text: str) -> tuple[list[str], int]:
     a heading, there are no names.
     """
     names: list[str] = []
-    start = text[:_HEADING_CHARACTERS]
+    # Number of characters in which the first row of a text begins, or it has no heading.
+    start = text[: 2**16]
     lines = (start if start == text else start.rpartition("\n")[0]).split("\n")
     rows = filter(None, map(_WORD.findall, lines))
     first_row = next((row for row in rows if _is_number(row[0])), [])

@@ -352,9 +352,6 @@ _PLY_FORMATS: Final = ("ascii", "binary_little_endian", "binary_big_endian")
 _CORNER_LISTS: Final = ("vertex_indices", "vertex_index")
 _NO_FACES: Final = np.empty(0, dtype=np.int64)
 
-_MAX_PLY_HEADER_BYTES: Final = 2**16
-"""Number of bytes of a PLY file in which its header is looked for."""
-
 
 class PlyHeader(NamedTuple):
     """The header of a PLY file.
@@ -395,7 +392,8 @@ def read_ply_header(path: StrPath) -> PlyHeader:
     """
     file = check_file(path, PLY_KIND)
     with decoding(file, PLY_KIND), file.open("rb") as stream:
-        return _parse_ply_header(stream.read(_MAX_PLY_HEADER_BYTES))
+        # Number of bytes of a PLY file in which its header is looked for.
+        return _parse_ply_header(stream.read(2**16))
 
 
 def read_ply(path: StrPath) -> tuple[Floats, Ints, Ints]:

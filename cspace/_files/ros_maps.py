@@ -35,9 +35,6 @@ _MAX_METRES: Final = 1e15
 MODES: Final = ("trinary", "scale", "raw")
 """Values of ``mode`` in the YAML of a map; the first is the default."""
 
-_FREE_SHADE_BOUND: Final = (205 + 254) / 2 / 255
-"""Shade halfway between those that map savers write for unknown and for free cells."""
-
 FIELDS: Final = (
     Fields(
         "ROS map, `.yaml`",
@@ -267,7 +264,8 @@ def _find_doubtful_levels(
     name = "of grey 205"
     hint = "write free_thresh: 0.196"
     if image.is_lossy or image.select(unknown).any():
-        blurred = free_levels & (shades < _FREE_SHADE_BOUND)
+        # Shade halfway between those that map savers write for unknown and for free cells.
+        blurred = free_levels & (shades < (205 + 254) / 2 / 255)
         if image.select(blurred & ~unknown).any():
             doubtful = blurred
             name = "of grey 205 or near it"
@@ -280,13 +278,6 @@ def _find_doubtful_levels(
             f"{hint}, or pass unknown='free'"
         )
     return doubtful
-
-
-_MAX_TILT: Final = 1e-6
-"""Maximum x and y components of the quaternion of a map that lies flat."""
-
-_MAX_NORM_ERROR: Final = 1e-3
-"""Deviation of a quaternion's norm from 1 that passes as rounding."""
 
 
 @dataclass
@@ -606,7 +597,8 @@ def read_pose(msg: object, frame_id: str) -> tuple[list[float], list[float]]:
 def _read_turn(orientation: Ledger) -> list[float]:
     """Return the quaternion of a message, x to w, of norm 1."""
     x, y, z, w = turn = orientation.numbers("xyzw")
-    if abs(math.hypot(x, y, z, w) - 1.0) > _MAX_NORM_ERROR:
+    # Deviation of a quaternion's norm from 1 that passes as rounding.
+    if abs(math.hypot(x, y, z, w) - 1.0) > 1e-3:
         problem = f"is ({x:g}, {y:g}, {z:g}, {w:g}), which is no unit quaternion"
         hint = "set z to sin(yaw / 2) and w to cos(yaw / 2)"
         raise orientation.fail(problem, "its norm must be 1", hint)
@@ -621,16 +613,14 @@ def _read_yaw(orientation: Ledger) -> float:
     x, y, z, w = orientation.numbers("xyzw")
     if x == y == z == w == 0.0:
         return 0.0
-    if max(abs(x), abs(y)) > _MAX_TILT:
+    # Maximum x and y components of the quaternion of a map that lies flat.
+    if max(abs(x), abs(y)) > 1e-6:
         rule = "a map must lie flat, turned about z only"
         problem = f"is ({x:g}, {y:g}, {z:g}, {w:g}), which is tilted"
         raise orientation.fail(problem, rule, "publish it in a frame whose z points up")
     _read_turn(orientation)
     return 2.0 * math.atan2(z, w)  # a quaternion has half the angle
 
-
-DEFAULT_FOOTPRINT_PADDING: Final = 0.01
-"""Default ``footprint_padding`` of Nav2, metres."""
 
 _NO_FOOTPRINT: Final[tuple[object, ...]] = (None, "", "[]", [])
 """Values of ``footprint`` that leave the robot to its radius."""
@@ -727,8 +717,9 @@ def _parse_robot(table: Ledger) -> CostmapRobot:
     table.taken.update(layers)
     footprint = table.get("footprint")
     radius = table.get("robot_radius")
+    # Default ``footprint_padding`` of Nav2, metres.
     padding = check_not_negative(
-        table.get("footprint_padding", DEFAULT_FOOTPRINT_PADDING),
+        table.get("footprint_padding", 0.01),
         f"{table.where}: footprint_padding",
     )
     if footprint in _NO_FOOTPRINT:

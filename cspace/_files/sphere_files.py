@@ -16,9 +16,6 @@ from cspace._support.reporting import warn_user
 Sphere: TypeAlias = tuple[list[float], float]
 """Center in the frame of a link, and radius, metres."""
 
-SPHERE_SUFFIXES: Final = (".yaml", ".yml", ".json", ".srdf")
-"""Suffixes of the files that are read."""
-
 _KIND: Final = "file of spheres"
 """Kind of file, for messages."""
 
@@ -56,7 +53,10 @@ def read_spheres(path: str | os.PathLike[str]) -> dict[str, list[Sphere]]:
 
     Raises InputError for another suffix, and FileError if the file is missing or malformed.
     """
-    suffix = check_suffix(path, SPHERE_SUFFIXES, "spheres are read from such files", "spheres")
+    # Suffixes of the files that are read.
+    suffix = check_suffix(
+        path, (".yaml", ".yml", ".json", ".srdf"), "spheres are read from such files", "spheres"
+    )
     content: Any
     if suffix == ".srdf":
         data = read_bytes(path, _KIND, 20.0, "max_description_bytes")

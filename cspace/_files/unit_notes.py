@@ -13,12 +13,6 @@ from cspace._support.arrays import Floats, StrPath
 from cspace._support.reporting import format_sides, warn_user
 from cspace.errors import UnitWarning
 
-_COMMENT_BYTES: Final = 4096
-"""Number of bytes at the start of a file in which a comment may name a unit."""
-
-_STL_COMMENT_BYTES: Final = 80
-"""Number of bytes of the comment of a binary STL file."""
-
 _END_OF_HEADER: Final = re.compile(rb"\n(?:end_header|data)\b")
 """Last line, in lower case, of the headers of PLY and PCD files; binary data may follow."""
 
@@ -32,10 +26,6 @@ _UNIT_NOTE: Final = re.compile(
 """A comment, in lower case, with a unit other than the metre; a length such as 2 mm is none."""
 
 
-_MAX_EXPECTED_SIDE: Final = 20.0
-"""Largest side, metres, of a part of a robot whose unit is not suspected."""
-
-
 def warn_of_unit(path: StrPath) -> None:
     """Warn if a comment names another unit than the metre."""
     file = Path(path)
@@ -43,10 +33,12 @@ def warn_of_unit(path: StrPath) -> None:
     if suffix not in (".stl", ".obj", ".ply", ".pcd", ".xyz", ".txt", ".csv"):
         return
     with file.open("rb") as stream:
-        text = stream.read(_COMMENT_BYTES).lower()
+        # Number of bytes at the start of a file in which a comment may name a unit.
+        text = stream.read(4096).lower()
     if suffix == ".stl":
         # The file begins with a comment, behind which binary data may follow.
-        text = b"#" + text[:_STL_COMMENT_BYTES]
+        # Number of bytes of the comment of a binary STL file.
+        text = b"#" + text[:80]
     note = _UNIT_NOTE.search(_END_OF_HEADER.split(text)[0])
     if note is not None:
         warn_of_units(os.fspath(path), note[1].decode("latin-1"))
@@ -58,7 +50,8 @@ def warn_of_size(place: str, points: Floats, advice: str) -> None:
     ``points``, shape (n, 3), are its corners; ``advice`` is for one in millimetres.
     """
     sides = np.ptp(points, axis=0)
-    if sides.max() > _MAX_EXPECTED_SIDE:
+    # Largest side, metres, of a part of a robot whose unit is not suspected.
+    if sides.max() > 20.0:
         warn_user(
             f"{place} is {format_sides(sides)} large; check its unit (metres): if it is in "
             f"millimetres, {advice}",

@@ -41,9 +41,6 @@ _WKT: Final = re.compile(
 
 _MAX_DEGREES: Final = np.array([180.0, 90.0])
 
-_MIN_SIZES_FROM_ORIGIN: Final = 50.0
-"""Distance from the origin, over the size of the obstacles, above which degrees are suspected."""
-
 FIELDS: Final = (
     Fields(
         "`.geojson`, `.json`, `__geo_interface__`",
@@ -207,7 +204,8 @@ def _read_geojson(document: Mapping[str, Any], name: str) -> Iterator[tuple[str,
     size = np.ptp(corners, axis=0).max()
     distance = np.linalg.norm(corners.mean(axis=0))
     fits = (np.abs(corners) <= _MAX_DEGREES).all()
-    if fits and 0.0 < _MIN_SIZES_FROM_ORIGIN * size < distance:
+    # Distance from the origin, over the size of the obstacles, above which degrees are suspected.
+    if fits and 0.0 < 50.0 * size < distance:
         warn_user(
             f"{name}: its coordinates look like degrees, as RFC 7946 asks for, and are read as "
             f'metres; {PROJECT}, or add "crs": null if they are metres',

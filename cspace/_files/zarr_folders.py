@@ -31,12 +31,6 @@ ROOT_FILE: Final = "zarr.json"
 MAX_CHUNK_BYTES: Final = 2**28
 """Maximum number of bytes that one chunk may unpack to."""
 
-MAX_ARRAY_BYTES: Final = 2**62
-"""Maximum number of bytes that an array may declare; all indices then fit into 64 bits."""
-
-MAX_DIMENSIONS: Final = 32
-"""Maximum number of axes of an array."""
-
 WRITTEN_CHUNK_BYTES: Final = 2**24
 """Maximum number of bytes in a chunk that this module writes, unless one row of cells has more."""
 
@@ -110,7 +104,8 @@ class Layout:
         shape = _check_counts(metadata["shape"])
         chunks = _check_counts(metadata["chunk_grid"]["configuration"]["chunk_shape"])
         layout = cls(shape, chunks, dtype, "zstd" in codecs)
-        if len(shape) != len(chunks) or layout.nbytes > MAX_ARRAY_BYTES:
+        # Maximum number of bytes that an array may declare; all indices then fit into 64 bits.
+        if len(shape) != len(chunks) or layout.nbytes > 2**62:
             problem = f"has the shape {shape!s:.40} and chunks of {chunks!s:.40}"
             raise ContentError(problem)
         if layout.chunk_bytes > MAX_CHUNK_BYTES:
@@ -246,7 +241,8 @@ def _check_counts(numbers: Any) -> tuple[int, ...]:
 
     Raises ContentError if a number is not a positive int.
     """
-    is_list = isinstance(numbers, list) and len(numbers) <= MAX_DIMENSIONS
+    # Maximum number of axes of an array.
+    is_list = isinstance(numbers, list) and len(numbers) <= 32
     if not is_list or not all(type(number) is int and number > 0 for number in numbers):
         problem = f"has the shape {numbers!r:.40}; all sides must be whole numbers above zero"
         raise ContentError(problem)

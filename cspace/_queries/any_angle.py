@@ -46,12 +46,6 @@ MAX_ERROR_PER_CELL: Final = 1e-8
 """Cells by which rounding and :data:`GRAZING` may lengthen a path, for each cell of its length: its
 corners are at least a cell apart."""
 
-INTERVALS_PER_CLOCK_CHECK: Final = 2**13
-"""Intervals expanded between two checks of the time limit, about 2 ms."""
-
-MIN_INTERVALS_BEFORE_LABELLING: Final = 2**15
-"""Intervals after which a search asks the labels of the map whether a path may exist."""
-
 NONE: Final = -1
 """Stands for no corner, no interval, and the run of an interval that is the goal itself."""
 
@@ -199,7 +193,8 @@ def find_shortest_way(
         if outcome == DONE:
             return trace_way(front, first)
         check_deadline(until)
-        if may_exist is not None and front.used[0] > MIN_INTERVALS_BEFORE_LABELLING:
+        # Intervals after which a search asks the labels of the map whether a path may exist.
+        if may_exist is not None and front.used[0] > 2**15:
             if not may_exist():
                 return NO_WAY
             may_exist = None
@@ -270,7 +265,8 @@ def expand_intervals(
     """
     queue = front.queue
     intervals = front.intervals
-    for _ in range(INTERVALS_PER_CLOCK_CHECK):
+    # Intervals expanded between two checks of the time limit, about 2 ms.
+    for _ in range(2**13):
         if front.used[0] + room >= len(queue.keys):
             return GOES_ON
         if queue.length[0] == 0 or intervals.run[queue.queue[0]] == NONE:
@@ -315,19 +311,17 @@ def expand_interval(
     add_gates(
         rectangles, front, goal, root, length, corner, interval, run, step, seen_low, seen_high
     )
-    for is_high in range(2):
-        y = high if is_high else low
-        corner = intervals.high_corner[interval] if is_high else intervals.low_corner[interval]
+    # At each end: the parts beside what the root sees, ahead and back across the line.
+    low_end = False, low, intervals.low_corner[interval], (run_low, seen_low), (run_low, low)
+    high_end = True, high, intervals.high_corner[interval], (seen_high, run_high), (high, run_high)
+    for is_high, y, corner, ahead, back in (low_end, high_end):
         turn = line, y
         total = length + distance(root, turn)
         if corner == NONE or total >= front.least[corner]:
             continue
         front.least[corner] = total
-        if run == goal_run and not sees_goal and (crossing > y) == (is_high == 1):
+        if run == goal_run and not sees_goal and (crossing > y) == is_high:
             add_goal(front, total + distance(turn, goal), interval)
-        # The parts beside what the root sees: ahead, and back across the line of the interval.
-        ahead = (seen_high, run_high) if is_high else (run_low, seen_low)
-        back = (high, run_high) if is_high else (run_low, low)
         for way, part in ((step, ahead), (-step, back)):
             add_gates(
                 rectangles, front, goal, turn, total, corner, interval, run, way, part[0], part[1]

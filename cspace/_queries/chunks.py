@@ -42,23 +42,8 @@ Cause = Literal["collision", "limit", "speed", "jerk", "number"]
 GateState = Literal["go", "shortened", "hold"]
 """How much of a chunk may be executed: all of it, a part, or nothing."""
 
-FIRST_TRACKING: Final = 1e-3
-"""Smallest tracking error above zero that is tried for the largest one, metres and radians."""
-
-MAX_TRACKING: Final = 1e3
-"""Tracking error from which on no larger one is tried, metres and radians."""
-
-TRACKING_HALVINGS: Final = 8
-"""Number of times that the range of the largest tracking error is halved."""
-
 LIMIT_ROUNDING: Final = 1e-9
 """Rounding of values that are compared with limits, relative to these."""
-
-INSTANTS_PER_TUBE: Final = 33
-"""Instants of a tube at which the reason is sought that it is not proven."""
-
-MAX_SPEED: Final = 1e100
-"""Largest speed of a twist that is a usable number, m/s and rad/s."""
 
 TWIST_NAMES: Final = ("v", "omega")
 """Names of the numbers of a twist, m/s and rad/s."""
@@ -73,17 +58,8 @@ changes."""
 MAX_DT: Final = 10.0
 """Time between rows, seconds, from which on it is probably in milliseconds."""
 
-MAX_ARCS_PER_TWIST: Final = 64
-"""Largest number of arcs that a twist is cut into."""
-
 SHARES: Final = 16
 """Number of shares of a twist that are tried."""
-
-SAG_PER_CELL: Final = 1.0 / 16.0
-"""Largest distance between an arc and even motion along its chord, in cells."""
-
-ROLL_OUT_ROUNDING: Final = 2.0**-30
-"""Rounding of a pose, in cells, for each arc that leads to it."""
 
 
 class RowRefusal(NamedTuple):
@@ -196,7 +172,8 @@ class ChunkMotions(NamedTuple):
                 return refusal
         points = np.concatenate([self.starts, self.ends[0]])
         part = points[row * self.per_row : (row + 1) * self.per_row + 1]
-        shares = np.linspace(0.0, 1.0, INSTANTS_PER_TUBE)[:, np.newaxis, np.newaxis]
+        # Instants of a tube at which the reason is sought that it is not proven.
+        shares = np.linspace(0.0, 1.0, 33)[:, np.newaxis, np.newaxis]
         instants = self.space.interpolate(part[:-1], part[1:], shares).swapaxes(0, 1)
         rows = instants.reshape(-1, self.space.size)
         names, text = self.space._explain_tube(rows, self._find_radii(tracking))
@@ -291,11 +268,14 @@ def _find_largest(is_proven: Callable[[float], bool]) -> float:
     if not is_proven(0.0):
         return math.nan
     low = 0.0
-    high = FIRST_TRACKING
-    while high < MAX_TRACKING and is_proven(high):
+    # Smallest tracking error above zero that is tried for the largest one, metres and radians.
+    high = 1e-3
+    # Tracking error from which on no larger one is tried, metres and radians.
+    while high < 1e3 and is_proven(high):
         low = high
         high *= 2.0
-    for _ in range(TRACKING_HALVINGS):
+    # Number of times that the range of the largest tracking error is halved.
+    for _ in range(8):
         middle = 0.5 * (low + high)
         if is_proven(middle):
             low = middle
@@ -369,7 +349,8 @@ def certify_twists(
     errors = check_each(tracking, "tracking", _list_steps(space))
     seconds = _check_dt(dt)
     magnitudes = np.abs(commands)
-    checks = [RowCheck("number", TWIST_NAMES, "is", magnitudes, np.array([MAX_SPEED]))]
+    # Largest speed of a twist that is a usable number, m/s and rad/s.
+    checks = [RowCheck("number", TWIST_NAMES, "is", magnitudes, np.array([1e100]))]
     if max_velocity is not None:
         limits = check_each(max_velocity, "max_velocity", TWIST_NAMES)
         checks.append(RowCheck("speed", TWIST_NAMES, "is", magnitudes, limits))
@@ -386,9 +367,11 @@ def certify_twists(
     lengths, angles = np.moveaxis(magnitudes * seconds, -1, 0)
     spacing = 2.0 * space.resolution
     with np.errstate(all="ignore"):
-        arcs = np.sqrt(lengths * angles / (8.0 * SAG_PER_CELL * spacing))
+        # An arc and even motion along its chord are at most 1/16 of a cell apart.
+        arcs = np.sqrt(lengths * angles / (8.0 / 16.0 * spacing))
         arcs = np.ceil(np.maximum(arcs, angles))[..., np.newaxis]
-    most_arcs = np.array([float(MAX_ARCS_PER_TWIST)])
+    # Largest number of arcs that a twist is cut into.
+    most_arcs = np.array([64.0])
     checks.append(
         RowCheck("limit", ("twist",), "is cut into arcs, whose number is", arcs, most_arcs)
     )
@@ -399,7 +382,8 @@ def certify_twists(
     driven = np.where(is_used[..., np.newaxis], commands, 0.0)
     poses = _roll_out(starts, np.repeat(driven * seconds / per_row, per_row, axis=1))
     sag = float((lengths * angles)[is_used].max(initial=0.0)) / (8.0 * per_row**2)
-    sag += ROLL_OUT_ROUNDING * spacing * poses.shape[1]
+    # Rounding of a pose, in cells, for each arc that leads to it.
+    sag += 2.0**-30 * spacing * poses.shape[1]
     tubes = ChunkMotions(space, starts, poses, checks, per_row, sag)
     return _prove(tubes, poses[:, per_row - 1 :: per_row], is_batch, errors)
 

@@ -58,9 +58,6 @@ BYTES_PER_CELL: Final = 4
 ROUNDING_FACTOR: Final = 1.0 - 2.0**-22
 """Factor that keeps a computed distance below the true one, despite rounding."""
 
-MIN_LINES_PER_THREAD: Final = 64
-"""Lines of cells below which a further thread costs more time than it saves."""
-
 
 class DistanceTable(NamedTuple):
     """Distances of a map's cells, for kernels.
@@ -254,7 +251,8 @@ def _transform_axis(squares: Distances) -> None:
         transform_lines(squares, borders, heights, firsts, start, stop)
         return -1
 
-    run_in_chunks(spread_lines, n_before * n_after, MIN_LINES_PER_THREAD)
+    # Lines of cells below which a further thread costs more time than it saves.
+    run_in_chunks(spread_lines, n_before * n_after, 64)
 
 
 @kernel

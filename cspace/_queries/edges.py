@@ -59,20 +59,11 @@ CELLS_PER_EDGE: Final = 1_000
 MIN_EDGES_FOR_BLOCKS: Final = 100
 """Edges below which the second call costs more than blocks save."""
 
-MIN_TURN_PER_PIECE: Final = 0.05
-"""Turn of the pieces of a tube of quaternions, radians, unless the rotation may differ by more."""
-
-MAX_PIECES_PER_TUBE: Final = 2.0**16
-"""Number of pieces beyond which a tube of quaternions counts as not free."""
-
 TUBES_PER_BOX: Final = 4
 """Number of short tubes that are tested together."""
 
 MAX_BOX_CELLS: Final = 2.0
 """Distance from the middle of short tubes, in cells, beyond which each is tested alone."""
-
-MAX_BOX_TURN: Final = 0.2
-"""Turn from the middle of short tubes, radians, beyond which each is tested alone."""
 
 NO_RADII: Final = (0.0, 0.0, 0.0)
 """Radii of a tube that is an edge, metres."""
@@ -191,7 +182,8 @@ def short_tubes_are_free(
         angle, _ = arc_angle_and_error(rotation, r, 0)
         swing = max(swing, angle)
     # Far beyond a right angle, the shortest arc between two yaws would leave the box.
-    if reach > MAX_BOX_CELLS * map_.spacing or swing > MAX_BOX_TURN:
+    # Turn from the middle of short tubes, radians, beyond which each is tested alone.
+    if reach > MAX_BOX_CELLS * map_.spacing or swing > 0.2:
         return False
     return neighborhood_is_free(map_, middle, rotation, reach + radius, swing + turn)
 
@@ -297,10 +289,11 @@ def quaternion_tube_is_free(
     length = max(abs(p1[0] - p0[0]), abs(p1[1] - p0[1]), abs(p1[2] - p0[2]))
     for number in range(arc_count(r0, r1)):
         angle, error = arc_angle_and_error(r0, r1, number)
-        pieces = max(
-            length / max(radius, 0.5 * map_.spacing), angle / max(turn, MIN_TURN_PER_PIECE)
-        )
-        if not pieces < MAX_PIECES_PER_TUBE:  # refuses NaN too
+        # Turn of the pieces of a tube of quaternions, radians, unless the rotation may differ by
+        # more.
+        pieces = max(length / max(radius, 0.5 * map_.spacing), angle / max(turn, 0.05))
+        # Number of pieces beyond which a tube of quaternions counts as not free.
+        if not pieces < 2.0**16:  # refuses NaN too
             return False
         count = math.ceil(max(pieces, 1.0))
         reach = radius + 0.5 * length / count

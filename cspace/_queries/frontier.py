@@ -38,12 +38,6 @@ NEEDS_ESTIMATE: Final = 2
 """Results of kernels that expand nodes: they ended, or the next call goes on, at once or after the
 guide has reached the block of the first node."""
 
-INITIAL_QUEUE_LENGTH: Final = 2**14
-"""Entries that the queue of a search can hold at first; the length doubles as needed."""
-
-MAX_DENSE_BYTES: Final = 2**24
-"""Largest size in bytes of an array that is cleared at once, in about a millisecond."""
-
 DEAD_END_COST: Final = 1e9
 """Cost from a dead end to the goal, in blocks; larger than that of any chain, so that searches try
 a dead end last."""
@@ -142,8 +136,9 @@ def make_progress(count: int, queue_length: int) -> Progress:
 
 
 def begin_at(start: int, count: int) -> Progress:
-    """Make a search over ``count`` nodes that begins at the start."""
-    progress = make_progress(count, INITIAL_QUEUE_LENGTH)
+    """Make a search over ``count`` nodes in which the start waits to be expanded."""
+    # Entries that the queue of a search can hold at first; the length doubles as needed.
+    progress = make_progress(count, 2**14)
     # The start is its own predecessor.
     progress.previous[start] = start + 1
     push(progress, 0.0, start)
@@ -186,7 +181,8 @@ def sparse_zeros(count: int, kind: type[np.generic]) -> NDArray[Any]:
     time. Large arrays of numpy come in pages of megabytes, and a search touches few bytes of each.
     """
     size = count * np.dtype(kind).itemsize
-    if size <= MAX_DENSE_BYTES:
+    # Largest size in bytes of an array that is cleared at once, in about a millisecond.
+    if size <= 2**24:
         return np.zeros(count, dtype=kind)
     memory = mmap.mmap(-1, size)
     if hasattr(mmap, "MADV_NOHUGEPAGE"):

@@ -54,14 +54,8 @@ NARROW_COST: Final = 1.0
 """Share by which a block costs more where the robot passes at few rotations. Searches lose the most
 time where a chain leads through a gap in which the robot cannot turn."""
 
-AVOIDED_COST: Final = 1e4
-"""Factor of the cost in a block that a search found no way into."""
-
 MAX_SAMPLES: Final = 4
 """Number of rotations that are looked at in the middle of a block."""
-
-MAX_DEAD_END_STATES: Final = 2**10
-"""Largest number of states that a search ahead expands to prove a dead end."""
 
 NO_FACTORS: Final[Costs] = np.empty((0, 0, 0, 0), dtype=np.float32)
 """Stands for cells that all cost their length."""
@@ -228,7 +222,8 @@ class Guide:
     def avoid(self, blocks: Bools) -> None:
         """Make passable blocks (x, y, z) dear; measure all chains anew."""
         costs = self._blocks.costs[:, blocks]
-        self._blocks.costs[:, blocks] = np.where(costs > 0.0, costs + AVOIDED_COST, 0.0)
+        # Factor of the cost in a block that a search found no way into.
+        self._blocks.costs[:, blocks] = np.where(costs > 0.0, costs + 1e4, 0.0)
         if self._guide is not None:
             self._guide.avoid(blocks)
         self._begin()
@@ -293,7 +288,8 @@ class Guide:
         estimate = estimate_without_obstacles(self._shape[1:], (0, 0, 0), 0.0)._replace(
             rotations=np.zeros(self._shape[0])
         )
-        expand_blocks(self._blocks, ahead, estimate, progress, self._goal, MAX_DEAD_END_STATES)
+        # Largest number of states that a search ahead expands to prove a dead end.
+        expand_blocks(self._blocks, ahead, estimate, progress, self._goal, 2**10)
         return bool(progress.length[0] == 0 and not progress.closed[self._goal])
 
     def _reach_positions(self, state: int, until: float) -> None:
@@ -342,7 +338,8 @@ def expand_blocks(
     nx, ny, nz = to_start.shape
     n_moves = directions.moves.shape[1]
     n_turns = directions.neighbors.shape[1]
-    has_one_rotation = directions.slices.shape[1] == 1
+    # With one rotation, passable cells must join the blocks of a move.
+    n_checked = n_moves * int(directions.slices.shape[1] == 1)
     for _ in range(max_states):
         if progress.closed[last]:
             return DONE
@@ -378,10 +375,9 @@ def expand_blocks(
             cost = progress.cost[state] + length * factor
             if not is_cheaper(progress, reached, cost):
                 continue
-            if has_one_rotation and option < n_moves:
-                number = directions.slices[direction, 0]
-                if not are_joined(blocks, number, (i, j, k), (u, v, w)):
-                    continue
+            number = directions.slices[direction, 0]
+            if option < n_checked and not are_joined(blocks, number, (i, j, k), (u, v, w)):
+                continue
             reach_cell(to_start, progress, state, other, u, v, w, cost)
     return GOES_ON
 

@@ -8,7 +8,6 @@ U. The bound is the length of the shortest path in U without pinches, less what 
 from __future__ import annotations
 
 import math
-from typing import Final
 
 import numpy as np
 
@@ -19,9 +18,6 @@ from cspace._queries.any_angle import (
     list_rectangles,
 )
 from cspace._support.arrays import BLOCKED, FREE, Bools, Floats
-
-STRAIGHT_ROUNDING_SHARE: Final = 1e-12
-"""Share by which a distance in double precision may exceed the exact one."""
 
 
 def min_length(passable: Bools, is_open: bool, start: Floats, goal: Floats) -> float:
@@ -68,5 +64,6 @@ def _min_length_in_plane(passable: Bools, is_open: bool, start: Floats, goal: Fl
         goal = goal + 1.0
     states = np.where(passable, np.uint8(FREE), np.uint8(BLOCKED))
     length = find_shortest_way(list_rectangles(states), start, goal).length
-    straight = float(np.linalg.norm(goal - start)) * (1.0 - STRAIGHT_ROUNDING_SHARE)
+    # Share by which a distance in double precision may exceed the exact one.
+    straight = float(np.linalg.norm(goal - start)) * (1.0 - 1e-12)
     return max(straight, length * (1.0 - MAX_ERROR_PER_CELL) - 2.0 * (INSET + MAX_ERROR_PER_CELL))

@@ -6,14 +6,11 @@ import math
 from collections.abc import Sequence
 from functools import cache
 from itertools import product
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from cspace._support.arrays import Floats, Ints
-
-MAX_OFFSET_SUM: Final = 3
-"""Largest sum of the offsets of a move along all axes, in cells."""
 
 
 class Moves(NamedTuple):
@@ -46,7 +43,8 @@ def list_moves(dim: int) -> Moves:
     largest = (0, 2, 2) if dim == 2 else (1, 1, 1)
     ranges = [range(-offset, offset + 1) for offset in largest]
     steps = [step for step in product(*ranges) if math.gcd(*step) == 1]
-    steps = [step for step in steps if sum(map(abs, step)) <= MAX_OFFSET_SUM]
+    # Largest sum of the offsets of a move along all axes, in cells.
+    steps = [step for step in steps if sum(map(abs, step)) <= 3]
     steps.sort(key=lambda step: math.hypot(*step))
     # The near cells are those that the moves lead to, so cell b of a mask is that of move b.
     masks = []

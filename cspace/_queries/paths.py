@@ -11,18 +11,12 @@ import numpy as np
 
 from cspace._grid import Grid
 from cspace._rotations import Rotations
-from cspace._rotations.base import METRES_PER_RADIAN, wrap_angles
+from cspace._rotations.base import METRES_PER_RADIAN, measure_steps, wrap_angles
 from cspace._support.arrays import Floats, Ints
 from cspace._support.deadlines import is_over
 
 Check = Callable[..., bool]
 Cost = Callable[..., float]
-
-MAX_CUTTING_ROUNDS: Final = 10
-"""Number of times the corners of a path are cut."""
-
-MIN_GAIN_SHARE: Final = 1e-3
-"""Share of the length that a round of cutting corners must gain for another to follow."""
 
 SHARES_PER_EDGE: Final = 64
 """Number of parts of an edge that a cut corner may reach."""
@@ -43,6 +37,12 @@ def waypoints(grid: Grid, rotations: Rotations, endpoints: Floats, cells: Ints) 
     rotation_cells = cells[:, 0]
     centers = [grid.center_of(cells[:, 1:]), rotations.centers[rotation_cells]]
     return np.vstack([start, np.column_stack(centers), goal])
+
+
+def drop_repeats(path: Floats) -> Floats:
+    """Drop each configuration of a path that equals the next one."""
+    differs_from_next = (path[1:] != path[:-1]).any(axis=1)
+    return path[np.append(differs_from_next, True)]
 
 
 def keep_rotation(path: Floats, rotation_cells: Ints, dim: int, check: Check) -> Floats:
@@ -80,13 +80,15 @@ def pulled_straight(
         dim = path.shape[1] - len(rotations.names)
         path = find_cheapest_subpath(path, dim, check, cost, until=until)
     total = _measure(path, rotations, cost)
-    for _ in range(MAX_CUTTING_ROUNDS):
+    # Number of times the corners of a path are cut.
+    for _ in range(10):
         if is_over(until):
             break
         path = _cut_corners(path, rotations, check, cost, until)
         before = total
         total = _measure(path, rotations, cost)
-        if total > (1.0 - MIN_GAIN_SHARE) * before:
+        # Share of the length that a round of cutting corners must gain for another to follow.
+        if total > (1.0 - 1e-3) * before:
             break
     return np.ascontiguousarray(path)
 
@@ -112,8 +114,7 @@ def path_length(path: Floats, rotations: Rotations) -> float:
     """Return a path's length, metres, by :data:`METRES_PER_RADIAN`."""
     steps = rotations._steps_between(path[:-1], path[1:])
     dim = path.shape[1] - len(rotations.names)
-    lengths = np.linalg.norm(steps[:, :dim], axis=1)
-    angles = np.linalg.norm(steps[:, dim:], axis=1)
+    lengths, angles = measure_steps(steps, dim)
     return float((lengths + METRES_PER_RADIAN * angles).sum())
 
 

@@ -48,9 +48,6 @@ NOT_USABLE: Final = 255
 MAX_CELL: Final = 2.0**62
 """Largest coordinate, in cells; larger ones are clamped so that they fit 64-bit integers."""
 
-CLASSIFIED_TOGETHER: Final = 512
-"""Number of configurations whose cells are found before their states are read."""
-
 MAX_POSITION: Final = 8.0 * MAX_COORDINATE
 """Maximum sum of coordinates, in cells, of the ends of an edge or box that is not refused."""
 
@@ -192,7 +189,8 @@ def classify(map_: Map, points: Floats, out: States) -> int:
 
     ``points`` has shape (n, size), ``out`` (n,). Returns the first unusable row, or -1.
     """
-    return classify_blocks(map_, points, np.empty(CLASSIFIED_TOGETHER, dtype=np.int64), out)
+    # Number of configurations whose cells are found before their states are read.
+    return classify_blocks(map_, points, np.empty(512, dtype=np.int64), out)
 
 
 @kernel

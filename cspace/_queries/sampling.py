@@ -15,9 +15,6 @@ from cspace._support.arrays import FREE, Floats, Ints, States
 BORDER_MARGIN: Final = 2.0**-20
 """Fraction of a cell's width without samples at each border, so that rounding moves none out."""
 
-FIRST_REACH_CELLS: Final = 16.0
-"""Distance, in cells, within which the search for the nearest FREE cell begins."""
-
 
 class FreeCells:
     """FREE cells of each slice, for sampling.
@@ -118,7 +115,8 @@ def _find_nearest_center(states: States, grid: Grid, position: Floats) -> Floats
     nearest_point = np.clip(position, grid.lower, grid.upper)
     inside = grid.cell_of(nearest_point)
     farthest = float(np.linalg.norm(shape))
-    reach = FIRST_REACH_CELLS
+    # Distance, in cells, within which the search for the nearest FREE cell begins.
+    reach = 16.0
     while True:
         first = np.clip(np.floor(inside - reach), 0, shape).astype(np.int64)
         stop = np.clip(np.ceil(inside + reach) + 1.0, 0, shape).astype(np.int64)

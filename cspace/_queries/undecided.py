@@ -16,9 +16,6 @@ from cspace._rotations import Rotations
 from cspace._support.arrays import BLOCKED, FREE, MIXED, Bools, Floats, Ints, States
 from cspace._support.deadlines import is_over
 
-MAX_CHAIN_EXCESS: Final = 1.15
-"""Largest ratio of a chain's length to that of a known path at which it promises a shorter path."""
-
 UNDECIDED_BYTES_PER_CELL: Final = 8
 """Memory of a search for each cell of the map, bytes: states, marks, costs and predecessors."""
 
@@ -76,7 +73,9 @@ class MixedCellSearch:
             if not len(chain):
                 return no_path
             path = self._path_along(chain, endpoints)
-            if path_length(path, self.rotations) > MAX_CHAIN_EXCESS * max_length:
+            # Largest ratio of a chain's length to that of a known path at which it promises a
+            # shorter path.
+            if path_length(path, self.rotations) > 1.15 * max_length:
                 return no_path
             near = _select_near(chain, undecided)
             if len(near):

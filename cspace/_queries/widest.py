@@ -41,9 +41,6 @@ MAX_LEVEL: Final = 65535
 SEARCH_BYTES_PER_CELL: Final = 20
 """Memory of a search by clearance for each cell of each rotation, with the distances, bytes."""
 
-CELLS_PER_CLOCK_CHECK: Final = 2**12
-"""Cells expanded between two checks of the time limit, 1 to 20 ms."""
-
 N_SIDE_STEPS: Final = 6
 """Number of steps to cells that share a side; steps from this number on rotate."""
 
@@ -190,7 +187,8 @@ def flood(
     """
     _, nx, ny, nz = levels.shape
     level = queue.level[0]
-    for _ in range(CELLS_PER_CLOCK_CHECK):
+    # Cells expanded between two checks of the time limit, 1 to 20 ms.
+    for _ in range(2**12):
         # Take a cell of the highest level that has one.
         while level > 0 and queue.first[level] < 0:
             level -= 1

@@ -44,7 +44,7 @@ import numpy as np
 from cspace._grid import SLACK, Grid, check_reach
 from cspace._raster import Raster, allocate_bitmap
 from cspace._rotations import RotationCell
-from cspace._support.arrays import Bools, Floats
+from cspace._support.arrays import Bools, Floats, number_parts
 from cspace._support.compiling import internal, kernel
 
 OBSTACLE_REACH: Final = (
@@ -155,9 +155,7 @@ def _cut_segments(segments: Floats, rotation: RotationCell) -> Floats:
     # Along a piece the distance from the origin varies by at most its length.
     counts = np.maximum(np.ceil(4.0 * unit_displacement * lengths).astype(np.int64), 1)
     # For each piece: its segment, its index within the segment, and the pieces of that segment.
-    owner = np.repeat(np.arange(len(counts)), counts)
-    first_piece = np.cumsum(counts) - counts
-    index = np.arange(len(owner)) - first_piece[owner]
+    owner, index = number_parts(counts)
     count = counts[owner]
     begin = np.stack([x0, y0], axis=1)[owner]
     end = np.stack([x1, y1], axis=1)[owner]

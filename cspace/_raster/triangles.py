@@ -66,29 +66,14 @@ from cspace._support.vectors import (
     triangle_distance,
 )
 
-MIN_NORMAL_Z: Final = 2.0**-5
-"""Minimum z-component of a unit normal for which the heights of its plane are used."""
-
-_UNLIMITED: Final = 2.0**31
-"""Height above all cubes, which is still an index."""
-
 _MAX_GROWTH_VARIATION: Final = 0.35
 """Maximum variation, in cells, of the displacement in a rotation cell along the side of a piece."""
 
 _MAX_RELATIVE_VARIATION: Final = 0.25
 """Maximum variation of that displacement, relative to it; the larger of both maxima applies."""
 
-_MAX_HALVINGS: Final = 63
-"""Maximum number of times that a triangle is halved."""
-
-_MAX_PROJECTIONS: Final = 3
-"""Number of alternating projections of cube and triangle that are tried before all features."""
-
 _CLIPPING_ROOM: Final = 0.001
 """Distance, in cells, that a clipped triangle may reach beyond its corners; it is below 2^-27."""
-
-_RADIUS_SLACK: Final = 2.0**-20
-"""Rounding allowance of a radius, in cells, before the share of the triangles' extent."""
 
 
 def mark_touched(
@@ -177,7 +162,8 @@ def subdivide(
     """
     corners = np.ascontiguousarray(triangles.swapaxes(0, 1))
     pieces = []
-    for _ in range(_MAX_HALVINGS):
+    # Maximum number of times that a triangle is halved.
+    for _ in range(63):
         # Side e leads from corner e to the next one.
         sides = np.linalg.norm(corners[[1, 2, 0]] - corners, axis=2)
         nearest = _measure_axis_distances(corners, about_z).min(axis=0)
@@ -215,7 +201,8 @@ def mark_within(out: Bools, swept: SweptTriangles, half: float, radius: float) -
     """
     extent = float(np.ptp(swept.triangles.reshape(-1, 3), axis=0).max())
     # Distances are rounded in proportion to the coordinates.
-    slack = _RADIUS_SLACK + 2.0**-34 * extent
+    # Rounding allowance of a radius, in cells, before the share of the triangles' extent.
+    slack = 2.0**-20 + 2.0**-34 * extent
     growth = np.tile(swept.unit_displacement * swept.farthest[:, None], 3)
     if swept.about_z:
         growth[:, 2] = 0.0  # a point that rotates about z keeps its height
@@ -407,7 +394,8 @@ def _is_near(
     b = minus(row_at(triangle[1], 0), center)
     c = minus(row_at(triangle[2], 0), center)
     in_cube = (0.0, 0.0, 0.0)
-    for _ in range(_MAX_PROJECTIONS):
+    # Number of alternating projections of cube and triangle that are tried before all features.
+    for _ in range(3):
         # Project the cube's point onto the triangle, and the result back onto the cube.
         from_a = nearest_of_triangle(minus(in_cube, a), minus(b, a), minus(c, a))
         in_triangle = add_scaled(from_a, a, 1.0)
@@ -507,8 +495,10 @@ def _plane_heights(triangle: Floats, distance: float, half: float) -> tuple[floa
     bc = minus(ac, ab)
     longest = max(dot(ab, ab), dot(ac, ac), dot(bc, bc))
     length = math.sqrt(dot(normal, normal))
-    if abs(normal_z) <= max(MIN_NORMAL_Z * length, THIN * longest):
-        return 0.0, 0.0, _UNLIMITED
+    # Minimum z-component of a unit normal for which the heights of its plane are used.
+    if abs(normal_z) <= max(2.0**-5 * length, THIN * longest):
+        # Height above all cubes, which is still an index.
+        return 0.0, 0.0, 2.0**31
     # Half the extent of a cube along the normal.
     cube_extent = half * (abs(normal_x) + abs(normal_y) + abs(normal_z))
     slope_x = -normal_x / normal_z

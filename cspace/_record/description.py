@@ -17,12 +17,11 @@ from cspace._record.states import read_only
 from cspace._rotations import Rotations
 from cspace._shapes import Shape, shape_from_spec
 from cspace._support.arrays import STATE_NAMES
+from cspace._support.check import AXES
 
 FORMAT: Final = "cspace-map"
 VERSION: Final = 6
 """Version of the format, frozen by docs/reference/format.md; a reader refuses all others."""
-
-AXES: Final = ("x", "y", "z")
 
 STACKED: Final = ("cell_states", "overlap_counts")
 """Arrays with one entry for each slice."""

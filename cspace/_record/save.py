@@ -70,19 +70,10 @@ _DAMAGE_ADVICE: Final = (
     "copy it again from an intact copy, or remove it and build again",
 )
 
-_FREE_ATTRIBUTES: Final = ("format", "library_version", "robot")
-"""Attributes whose values a reader cannot check against the rest of a map."""
-
 _UNITS: Final = {"m", "rad"}
 
 _EXTERIOR_STATES: Final = {"free": (FREE,), "blocked": (MIXED, BLOCKED), UNKNOWN: (MIXED,)}
 """States that cells outside the grid may have, for each state of the space outside."""
-
-_MAX_EXTERIOR_CELL: Final = 2**40
-"""Largest coordinate of a cell of the exterior's box; real ones stay below twice 2^22."""
-
-_ROTATION_ROUNDING: Final = 1e-12
-"""Maximum difference of coordinates between machines; proofs have far more slack."""
 
 _LATER_ARRAY: Final = re.compile(r"[a-z][a-z0-9_]*")
 """Names of arrays; unknown ones are skipped, because later releases may add arrays."""
@@ -279,7 +270,8 @@ def read_map_and_attributes(path: StrPath, form: str = FORMAT) -> tuple[Contents
         # The map that was made must describe itself by the same attributes.
         for name, expected in make_metadata(contents).items():
             value = attributes[name]
-            if name not in _FREE_ATTRIBUTES and value != expected:
+            # Attributes whose values a reader cannot check against the rest of a map.
+            if name not in ("format", "library_version", "robot") and value != expected:
                 raise ValueError(f"its attribute {name!r} is {value!r:.40}, not {expected!r:.40}")
         return contents, attributes
 
@@ -416,7 +408,8 @@ def _check_rotations(
     expected = {"slice_of": slice_of, **rotations._stored_arrays}
     expected |= {axis: grid.centers(k) for k, axis in enumerate(AXES[: grid.dim])}
     for name, values in expected.items():
-        rounding = _ROTATION_ROUNDING * max(1.0, float(np.abs(values).max()))
+        # Maximum difference of coordinates between machines; proofs have far more slack.
+        rounding = 1e-12 * max(1.0, float(np.abs(values).max()))
         if not np.allclose(arrays[name], values, rtol=0.0, atol=rounding):
             raise ValueError(f"its array {name!r} does not match its grid, rotations and robot")
     return rotations, slice_of
@@ -429,7 +422,8 @@ def check_exterior(table: Ints, outside: str) -> Exterior:
     states = table[:, -1]
     if not np.isin(states, _EXTERIOR_STATES[outside]).all():
         raise ValueError(f"its exterior has other states than space that is {outside} outside")
-    is_far = np.abs(boxes) > _MAX_EXTERIOR_CELL
+    # Largest coordinate of a cell of the exterior's box; real ones stay below twice 2^22.
+    is_far = np.abs(boxes) > 2**40
     if outside == "blocked":  # boxes have no end where a joint goes on beyond a map of it
         is_far &= np.abs(boxes) != FARTHEST_CELL
     if is_far.any():

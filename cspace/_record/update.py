@@ -30,9 +30,6 @@ _INFINITY: Final = 2**62
 """Minimum offset of a raster without cells, above all offsets; its negative is the maximum."""
 
 
-MAX_STACKED_CELLS: Final = 2**18
-"""Cells of boxes that are computed in one pass, so that rasters are prepared once."""
-
 CELLS_PER_BOX: Final = 50_000
 """Cells whose states take as long to compute as the preparations for a box of cells."""
 
@@ -357,7 +354,8 @@ class Updater:
         if not boxes:
             return []
         size = np.max([stop - first for first, stop in boxes], axis=0)
-        is_small = len(boxes) * math.prod(size.tolist()) <= MAX_STACKED_CELLS
+        # Cells of boxes that are computed in one pass, so that rasters are prepared once.
+        is_small = len(boxes) * math.prod(size.tolist()) <= 2**18
         if len(boxes) > 1 and not (is_small and self._grid.dim == 2):
             return [states for box in boxes for states in self._compute(patches, [box])]
         # Boxes of one size, with all cells that decide them, are layers of one bitmap.

@@ -50,6 +50,11 @@ def wrap_steps(steps: Floats, periodic_axes: ArrayLike = True) -> Floats:
     return np.where(periodic_axes, shortest, steps)
 
 
+def measure_steps(steps: Floats, dim: int) -> tuple[Floats, Floats]:
+    """Return the lengths and the angles, radians, of steps, shape (..., dim + k)."""
+    return np.linalg.norm(steps[..., :dim], axis=-1), np.linalg.norm(steps[..., dim:], axis=-1)
+
+
 def wrap_angles(angles: Floats, periodic_axes: ArrayLike = True) -> Floats:
     """Wrap angles to [-pi, pi); angles in that range are unchanged."""
     shortest = wrap_steps(angles, periodic_axes)
@@ -66,10 +71,6 @@ def unwrap_near(angle: Floats, other: Floats) -> Floats:
 def turn_near(q: Floats, other: Floats, periodic_axes: ArrayLike) -> Floats:
     """Shift continuous joints by whole turns to within pi of other joints."""
     return np.where(periodic_axes, unwrap_near(q, other), q)
-
-
-MAX_PAIRS_PER_BATCH: Final = 2**20
-"""Maximum number of pairs of rotation and cell that are compared at a time."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -531,7 +532,8 @@ class Rotations(ABC):
         """
         indices = []
         cells = []
-        batch_size = max(1, MAX_PAIRS_PER_BATCH // len(self))
+        # Maximum number of pairs of rotation and cell that are compared at a time.
+        batch_size = max(1, 2**20 // len(self))
         for first in range(0, max(len(q), 1), batch_size):
             batch = slice(first, first + batch_size)
             reach = self.covering_angles + angles[batch, None]

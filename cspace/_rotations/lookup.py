@@ -33,9 +33,6 @@ OMPL's rotation may jump between such quaternions. OMPL uses 1e-9, for quaternio
 off by as much.
 """
 
-MIN_ARC_ANGLE: Final = 1e-9
-"""Angle between two quaternions, radians, below which the chord replaces the arc."""
-
 
 # ---- all kinds of rotations ----------------------------------------------------------------------
 
@@ -127,7 +124,8 @@ def rotation_along(first: Numbers, second: Numbers, arc: int, t: float) -> Numbe
         angle = 2.0 * path.half_angle  # between the quaternions
         first_weight = 1.0 - t
         second_weight = t
-        if angle > MIN_ARC_ANGLE:
+        # Angle between two quaternions, radians, below which the chord replaces the arc.
+        if angle > 1e-9:
             first_weight = math.sin(first_weight * angle)
             second_weight = math.sin(second_weight * angle)
         return normalise(weighted_sum(path.first, path.second, first_weight, second_weight), 1.0)

@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Final
 
 import numpy as np
 
 from cspace._shapes.shape import unique_rows
 from cspace._support.arrays import Bools, Floats, Ints
-
-_VOLUME_ROUNDING: Final = 2.0**-30
-"""Largest rounding of a volume, relative to the sum of its tetrahedra's absolute volumes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,7 +223,8 @@ def _compute_volumes(triangles: Floats, multiplicity: Ints, body: Ints, count: i
     tetrahedra = np.einsum("ij,ij->i", a, np.cross(b, c)) * multiplicity / 6.0
     volume = np.bincount(body, weights=tetrahedra, minlength=count)
     moduli = np.bincount(body, weights=np.abs(tetrahedra), minlength=count)
-    is_certain = np.abs(volume) > _VOLUME_ROUNDING * moduli
+    # Largest rounding of a volume, relative to the sum of its tetrahedra's absolute volumes.
+    is_certain = np.abs(volume) > 2.0**-30 * moduli
     return np.where(is_certain, volume, 0.0)
 
 

@@ -76,15 +76,8 @@ SOLIDS: Final = ("auto", "surface", "fill")
 _MIN_MESH_EXTENT: Final = 1e-100
 """Smallest value of a mesh's largest coordinate, metres, unless all coordinates are zero."""
 
-_MIN_MESH_COORDINATE: Final = 1e-200
-"""Smaller coordinates of a mesh are set to zero, because quotients of them overflow."""
-
 _SHADOW_MARGIN: Final = 1e-6
 """Distance, in metres, by which the bounds of a mesh's shadow are grown and shrunk."""
-
-
-_MAX_CRACK_WIDTH: Final = 2.0**-40
-"""Maximum width, relative to the span, of a hole in a mesh's shadow that counts as rounding."""
 
 
 class MeshWarning(UserWarning):
@@ -317,7 +310,9 @@ class Mesh(ExactShape):
         # most a quarter of the margin wide.
         is_line = 4.0 * twice_area <= _SHADOW_MARGIN * longest_side
         union = shapely.union_all(shapely.polygons(corners[~is_line]))
-        shadow = _fill_cracks(union, _MAX_CRACK_WIDTH * self.span)
+        # Maximum width, relative to the span, of a hole in a mesh's shadow that counts as
+        # rounding.
+        shadow = _fill_cracks(union, 2.0**-40 * self.span)
         inner = shadow.buffer(-_SHADOW_MARGIN, join_style="mitre")
         if inner.is_empty:
             rule = "it must have an area there"
@@ -491,12 +486,13 @@ def _fill_cracks(shadow: BaseGeometry, width: float) -> BaseGeometry:
     """
     import shapely
 
-    def is_wide(hole: Any) -> bool:
-        return not shapely.Polygon(hole).buffer(-width / 2.0).is_empty
-
     filled = []
     for polygon in shapely.get_parts(shadow):
-        holes = [hole for hole in polygon.interiors if is_wide(hole)]
+        holes = [
+            hole
+            for hole in polygon.interiors
+            if not shapely.Polygon(hole).buffer(-width / 2.0).is_empty
+        ]
         filled.append(shapely.Polygon(polygon.exterior, holes))
     return shapely.MultiPolygon(filled)
 
@@ -541,7 +537,8 @@ def _check_vertices(values: Any, source: str) -> Floats:
         problem = f"reach {largest:g}"
         rule = f"they must reach {_MIN_MESH_EXTENT:g} and at most {MAX_NUMBER:g}"
         raise GeometryError(f"vertices of {source}", problem, rule, "check the units")
-    is_tiny = np.abs(vertices) < _MIN_MESH_COORDINATE
+    # Smaller coordinates of a mesh are set to zero, because quotients of them overflow.
+    is_tiny = np.abs(vertices) < 1e-200
     return np.array(np.where(is_tiny, 0.0, vertices), dtype=np.float64, order="C")
 
 

@@ -54,6 +54,12 @@ def frozen(array: NDArray[Any]) -> NDArray[Any]:
     return array
 
 
+def number_parts(counts: Ints) -> tuple[Ints, Ints]:
+    """Return the owner of each of several parts, and its number among those of the owner."""
+    owners = np.repeat(np.arange(len(counts)), counts)
+    return owners, np.arange(len(owners)) - (np.cumsum(counts) - counts)[owners]
+
+
 def reduce_blocks(
     cells: NDArray[Cell], starts: Sequence[Ints], combine: np.ufunc = np.maximum
 ) -> NDArray[Cell]:

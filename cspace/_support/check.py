@@ -21,9 +21,6 @@ from cspace.errors import AngleWarning, InputError
 Arguments = ParamSpec("Arguments")
 Result = TypeVar("Result")
 
-_MAX_POINT_COLUMNS: Final = 8
-"""Largest number of columns of an array whose rows may be points: x, y, z, a colour and more."""
-
 MAX_NUMBER: Final = 1e100
 """Largest length, position or other number that is taken; its squares and cubes are finite."""
 
@@ -50,9 +47,6 @@ _SIZE: Final = re.compile(
 """Part of a name, in lower case, that gives a point or a line a size."""
 
 NUMBERS_HINT: Final = "pass numbers, in metres or radians"
-
-MAX_LISTED_NAMES: Final = 20
-"""Largest number of known names that a message lists."""
 
 
 def check_real(values: ArrayLike, name: str, axes: Sequence[str] = ()) -> NDArray[Any]:
@@ -286,7 +280,8 @@ def check_known(value: object, name: str, known: Collection[str], verb: str = "i
     """Return a known name; raise InputError, with the most similar name, otherwise."""
     if isinstance(value, str) and value in known:
         return value
-    listed = list(known)[:MAX_LISTED_NAMES]
+    # Largest number of known names that a message lists.
+    listed = list(known)[:20]
     if len(listed) < len(known):
         listed.append(f"and {len(known) - len(listed)} others")
     rule = f"there are {', '.join(listed)}" if known else "there is none"
@@ -586,8 +581,9 @@ def check_cells(values: ArrayLike, name: str) -> Bools:
 
 
 def _advise_points(array: NDArray[Any]) -> str:
-    """Return a hint for arrays whose rows may be points, or ""."""
-    if array.ndim != 2 or not 2 <= array.shape[1] <= _MAX_POINT_COLUMNS:
+    """Return a hint for an array whose rows may be points; empty for any other."""
+    # Largest number of columns of an array whose rows may be points: x, y, z, a colour and more.
+    if array.ndim != 2 or not 2 <= array.shape[1] <= 8:
         return ""
     axes = min(array.shape[1], 3)
     return f"if its rows are points, pass array[:, :{axes}] to Workspace.from_points"

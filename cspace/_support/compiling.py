@@ -56,9 +56,6 @@ LONG_WAIT: Final = (
 LONG_WAIT_SECONDS: Final = 2.0
 """Seconds of compiling after which :data:`LONG_WAIT` is logged."""
 
-KEPT_SECONDS: Final = 7 * 24 * 3600.0
-"""Seconds after its last use for which compiled code of other versions is kept."""
-
 FILES_WITHOUT_KERNELS: Final = (
     "cspace/__init__.py",  # the version
     "cspace/_support/compiling.py",
@@ -379,7 +376,8 @@ def _remove_unused(parent: Path) -> None:
     """Remove compiled code of versions unused for a week."""
     for lock in parent.glob("*/lock"):
         with suppress(OSError):
-            if time.time() - lock.stat().st_mtime > KEPT_SECONDS:
+            # Seconds after its last use for which compiled code of other versions is kept.
+            if time.time() - lock.stat().st_mtime > 7 * 24 * 3600.0:
                 shutil.rmtree(lock.parent)
 
 

@@ -6,12 +6,8 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
-from typing import Final
 
 from cspace._support.compiling import clock
-
-_SECONDS_BETWEEN_CALLS: Final = 0.005
-"""Least time between two calls of the caller's function, which may take longer than an edge."""
 
 
 class _Stop:
@@ -27,7 +23,9 @@ class _Stop:
         now = time.monotonic()
         if not self._is_set and now >= self._next_call:
             self._is_set = bool(self._function())
-            self._next_call = now + _SECONDS_BETWEEN_CALLS
+            # Least time between two calls of the caller's function, which may take longer than an
+            # edge.
+            self._next_call = now + 0.005
         return self._is_set
 
 

@@ -39,7 +39,7 @@ from cspace._grid import Grid
 from cspace._rotations import Rotations
 from cspace._rotations.base import ANGLE_SLACK
 from cspace._rotations.lookup import OMPL_EQUALITY_SLACK
-from cspace._support.arrays import Floats, Ints
+from cspace._support.arrays import Floats, Ints, number_parts
 
 HALF_TURN: Final = math.pi - 4.0 * ANGLE_SLACK
 """Smallest angle, radians, at which rounding may decide which arc is shorter, so that a motion must
@@ -74,9 +74,7 @@ def cut_motions(
     counts = np.maximum(np.ceil(cells / longest), 1).astype(np.int64)
     counts[np.isin(motion_of_arc, half_turns)] += 1  # so that a piece turns by less than pi
     # For each piece: its arc, its number within the arc, and its motion.
-    arc_of_piece = np.repeat(np.arange(len(counts)), counts)
-    first_piece = np.cumsum(counts) - counts
-    number = np.arange(len(arc_of_piece)) - first_piece[arc_of_piece]
+    arc_of_piece, number = number_parts(counts)
     motions = motion_of_arc[arc_of_piece]
 
     def interpolate(cuts: Ints) -> Floats:

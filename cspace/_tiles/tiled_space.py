@@ -29,9 +29,6 @@ if TYPE_CHECKING:
 DEFAULT_CACHE_BYTES: Final = 2**30
 """Default memory for open tiles, in bytes."""
 
-MAX_NEAREST_CELLS: Final = 512
-"""Maximum distance along an axis at which :meth:`TiledCSpace.nearest_free` searches, in cells."""
-
 
 class TiledCSpace(ConfigurationMap):
     """A certified map in a folder of tiles, each a saved map.
@@ -302,7 +299,9 @@ class TiledCSpace(ConfigurationMap):
         grid = self.grid
         point = self._check_configurations(q)
         center = np.clip(point[: grid.dim], grid.lower, grid.upper)
-        reach = grid.spacing * np.minimum(0.5 * np.array(self.tile), MAX_NEAREST_CELLS)
+        # Maximum distance along an axis at which :meth:`TiledCSpace.nearest_free` searches, in
+        # cells.
+        reach = grid.spacing * np.minimum(0.5 * np.array(self.tile), 512)
         return self.window(center - reach, center + reach).nearest_free(point)
 
     # ---- parts -----------------------------------------------------------------------

@@ -91,20 +91,8 @@ MAX_DOUBLED_JOINTS: Final = 8
 the shorter way."""
 
 
-MAX_SOLUTIONS_PER_POSE: Final = 128
-"""Configurations at one pose that may be goals of a search."""
-
-
-MAX_ALTERNATIONS: Final = 30
-"""Times that a configuration at a pose is moved upright, and back to the pose."""
-
-
 CHECKING_STEP: Final = 0.01
 """Joint distance (rad, m) between states when OMPL itself checks a motion."""
-
-
-_MAX_FAILED_SAMPLES: Final = 100_000
-"""Samples after which sampling fails if none is free."""
 
 
 _DISTANCE_SHARES: Final = (0.95, 0.8, 0.6, 0.4, 0.2, 0.1, 0.03, 0.0)
@@ -702,7 +690,8 @@ class ArmSpace(ConfigurationSpace):
 
         Raises ConfigurationError, which blames ``name``, if there are none.
         """
-        solutions = self.arm._solve_pose(goal, name, start, MAX_SOLUTIONS_PER_POSE, seed or 0)
+        # Configurations at one pose that may be goals of a search.
+        solutions = self.arm._solve_pose(goal, name, start, 128, seed or 0)
         if self.snapshot.uprights:
             solutions = self._find_upright(goal, name, solutions)
         points = wrap_angles(solutions, self.periodic_axes)
@@ -742,7 +731,8 @@ class ArmSpace(ConfigurationSpace):
         upright = []
         for q in solutions.copy():
             gaps = np.zeros(2)
-            for _ in range(MAX_ALTERNATIONS):
+            # Times that a configuration at a pose is moved upright, and back to the pose.
+            for _ in range(30):
                 if snapshot.find_tilt(q) is None or (gaps > tolerance).any():
                     break
                 (q[:],) = snapshot.move_upright(q[np.newaxis])
@@ -836,7 +826,8 @@ class ArmSpace(ConfigurationSpace):
             batches.append(points[snapshot.are_free(points, points)])
             number_free += len(batches[-1])
             number_drawn += batch_size
-            if number_drawn >= _MAX_FAILED_SAMPLES and not number_free:
+            # Samples after which sampling fails if none is free.
+            if number_drawn >= 100_000 and not number_free:
                 touching = snapshot.always_touching(snapshot.outer)
                 always = ", ".join(f"{link} touches {other}" for link, other in touching)
                 raise ConfigurationError(

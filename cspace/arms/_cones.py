@@ -46,18 +46,9 @@ ANGLE_ROUNDING: Final = 4.0 * DISTANCE_ROUNDING
 MIN_PART: Final = 2.0**-12
 """Smallest part of a motion that is tested, as a share of the motion."""
 
-MAX_PARTS: Final = 2000
-"""Parts of a motion tested before it counts as not proven, because it grazes a cone."""
-
 AIMED_SHARE = 0.4
 ENOUGH_SHARE = 0.5
 """Shares of the tolerance at which a projection aims, and at which it ends."""
-
-MAX_PROJECTION_STEPS: Final = 20
-"""Steps after which a projection is given up."""
-
-MAX_PROJECTION_STEP: Final = 1.0
-"""Longest step of a projection, radians or metres."""
 
 MIN_SLOPE: Final = 1e-6
 """Smallest change of an angle by the joints that a projection follows."""
@@ -168,7 +159,8 @@ def stays_in_cone(
     # Parts follow each other, and end where the next one of twice the width may begin.
     start = 0.0
     width = 1.0
-    for _ in range(MAX_PARTS):
+    # Parts of a motion tested before it counts as not proven, because it grazes a cone.
+    for _ in range(2000):
         half = 0.5 * width
         forward_kinematics(chain, q0, q1, start + half, poses)
         angle, axis = measure_angle(cones, k, poses)
@@ -202,7 +194,8 @@ def move_into_cones(chain: Chain, cones: Cones, q: Floats, slopes: Floats, poses
     that already is well within stays. Returns False if the projection fails. ``slopes``, shape
     (dof,), and ``poses`` are scratch.
     """
-    for _ in range(MAX_PROJECTION_STEPS):
+    # Steps after which a projection is given up.
+    for _ in range(20):
         is_within = True
         for k in range(len(cones.bodies)):
             forward_kinematics(chain, q, q, 0.0, poses)
@@ -217,7 +210,8 @@ def move_into_cones(chain: Chain, cones: Cones, q: Floats, slopes: Floats, poses
             if square < MIN_SLOPE * MIN_SLOPE:
                 return False
             step = change / square
-            step *= min(1.0, MAX_PROJECTION_STEP / (abs(step) * math.sqrt(square)))
+            # Longest step of a projection, radians or metres.
+            step *= min(1.0, 1.0 / (abs(step) * math.sqrt(square)))
             for d in range(len(q)):
                 q[d] = min(max(q[d] + step * slopes[d], cones.lower[d]), cones.upper[d])
         if is_within:

@@ -53,7 +53,7 @@ from cspace.arms._boxes import (
     classify_block,
     make_pending,
 )
-from cspace.arms._chain import FIXED, REVOLUTE
+from cspace.arms._chain import REVOLUTE
 from cspace.arms._model import Arm
 from cspace.arms._motion_proofs import (
     ArmScene,
@@ -62,7 +62,7 @@ from cspace.arms._motion_proofs import (
     nearest_triangle,
     winding_number,
 )
-from cspace.arms._snapshots import Snapshot
+from cspace.arms._snapshots import Snapshot, find_bodies_between
 from cspace.errors import ConfigurationError, InputError
 
 _BYTES_PER_JOINT_CELL: Final = 5
@@ -85,10 +85,6 @@ _LATTICE_POINTS_PER_SURFACE: Final = 1000
 
 _MAX_BALLS_PER_SURFACE: Final = 64
 """Largest number of balls inside a closed surface, or inside the boxes and balls of a solid."""
-
-
-_MIN_BALL_SPACING: Final = 0.6
-"""Smallest distance between two balls' centers, as a share of the larger ball's radius."""
 
 
 _COUNT_ROUNDING: Final = 1e-9
@@ -525,10 +521,7 @@ def _make_exterior(grid: Grid, intervals: Floats, joint_limits: Floats) -> Exter
 def _find_moving_pairs(snapshot: Snapshot, joint_indices: Ints) -> Bools:
     """Find which mapped joints move which pairs of solids, shape (pairs, joints)."""
     chain = snapshot.arm.chain
-    scene = snapshot.outer
-    first_bodies, second_bodies = scene.solids.bodies[scene.pairs].T
-    # Bodies (columns) whose joints move the solids of a pair (rows) against each other.
-    between = chain.between[first_bodies, second_bodies] & (chain.kinds != FIXED)
+    between = find_bodies_between(snapshot)
     moved_by_joint = [
         between[:, chain.joint_indices == number].any(axis=1) for number in joint_indices
     ]
@@ -631,7 +624,8 @@ def _find_surface_balls(surfaces: SurfaceTree, root: int) -> Floats:
     deepest_first = np.argsort(-depths)
     for k in deepest_first[depths[deepest_first] > 0.0].tolist():
         distances = np.linalg.norm(balls[:, :3] - points[k], axis=1)
-        is_separate = (distances > _MIN_BALL_SPACING * balls[:, 3]).all()
+        # Smallest distance between two balls' centers, as a share of the larger ball's radius.
+        is_separate = (distances > 0.6 * balls[:, 3]).all()
         if len(balls) < _MAX_BALLS_PER_SURFACE and is_separate:
             balls = np.vstack([balls, [*points[k], depths[k]]])
     return balls

@@ -66,12 +66,6 @@ MIN_LINE_PARTS = 8
 MAX_LINE_PARTS = 64
 """Parts into which the proof cuts a motion, at first and at last."""
 
-STEP_SAFETY: Final = 0.8
-"""Share of the step at which the deviation would just be the tolerance."""
-
-HALF_TURN_SLACK: Final = 1e-6
-"""Radians; a rotation nearer to half a turn has no shorter way round."""
-
 LINE_ROUNDING: Final = 4.0 * DISTANCE_ROUNDING
 """Rounding allowance of a deviation, relative to the largest coordinate, and of an angle, radians.
 """
@@ -296,7 +290,8 @@ def make_lines(corners: Floats) -> list[PoseLine]:
         first_position = first[:3, 3]
         turn = Rotation.from_matrix(last[:3, :3] @ first_rotation.T).as_rotvec()
         angle = float(np.linalg.norm(turn))
-        if angle > math.pi - HALF_TURN_SLACK:
+        # Radians; a rotation nearer to half a turn has no shorter way round.
+        if angle > math.pi - 1e-6:
             # The first corner is no pose of the caller's.
             before = f"poses[{number - 1}]" if number else "the pose at q0"
             raise InputError(
@@ -416,7 +411,8 @@ def _follow_line(
             outcome = COLLISION
         # The deviation grows with the square of the step, so this ratio of the next step to this
         # one would just use up the tolerance.
-        best_ratio = STEP_SAFETY / math.sqrt(max(attempt.share, TINY))
+        # Share of the step at which the deviation would just be the tolerance.
+        best_ratio = 0.8 / math.sqrt(max(attempt.share, TINY))
         if outcome == REACHED:
             now = stop
             waypoints.append(Waypoint(ahead, begin + now, attempt.bounds))

@@ -66,14 +66,6 @@ LIMIT_SLACK: Final = 1e-5
 configurations differently."""
 
 
-_FIRST_SAMPLES: Final = 4
-"""Random configurations tested first, because most pairs of links are apart in one of them."""
-
-
-_SAMPLES_OF_ALWAYS: Final = 100
-"""Random configurations in all of which two links touch if they may touch without an SRDF."""
-
-
 class JointValues(dict[str, float]):
     """Values of a robot's joints by name, radians or metres.
 
@@ -1163,7 +1155,8 @@ class _ArmBuilder:
             nearest[joint.child] = joint.child if joint.child in with_geometry else neighbour
             if neighbour is not None and joint.child in with_geometry:
                 allowed.setdefault(sort_pair(joint.child, neighbour), "adjacent")
-        samples = arm._contact_samples[:_SAMPLES_OF_ALWAYS]
+        # Random configurations in all of which two links touch if they may touch without an SRDF.
+        samples = arm._contact_samples[:100]
         for pair, scene in arm._moving_pairs().items():
             if pair not in allowed and always_touch(scene, samples):
                 allowed[pair] = "always"
@@ -1282,5 +1275,6 @@ def _find_rest_value(joint: Joint) -> float:
 def always_touch(scene: ArmScene, points: Floats) -> bool:
     """Return True if no configuration (n, dof) is proven free."""
     # Most pairs are apart in one of the first, which saves testing the others.
-    first, others = np.split(points, [_FIRST_SAMPLES])
+    # Random configurations tested first, because most pairs of links are apart in one of them.
+    first, others = np.split(points, [4])
     return not (are_free(scene, first, first).any() or are_free(scene, others, others).any())

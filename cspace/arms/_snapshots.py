@@ -486,19 +486,22 @@ def _refuse_fixed(snapshot: Snapshot, scene: ArmScene) -> None:
         )
 
 
+def find_bodies_between(snapshot: Snapshot) -> Bools:
+    """Find the bodies whose joints move a pair of solids apart, shape (pairs, bodies)."""
+    chain = snapshot.arm.chain
+    first_bodies, second_bodies = snapshot.outer.solids.bodies[snapshot.outer.pairs].T
+    return chain.between[first_bodies, second_bodies] & (chain.kinds != FIXED)
+
+
 def _refuse_always(snapshot: Snapshot) -> None:
     """Raise ConfigurationError if a pair touches in all random configurations.
 
     Tests only pairs that at most two joints move, because others hardly ever touch always.
     """
-    arm_chain = snapshot.arm.chain
     scene = snapshot.outer
-    first_bodies, second_bodies = scene.solids.bodies[scene.pairs].T
-    # Bodies (columns) whose joints move the solids of a pair (rows) against each other.
-    between = arm_chain.between[first_bodies, second_bodies] & (arm_chain.kinds != FIXED)
     has_few_joints = np.zeros(len(scene.pairs), dtype=np.bool_)
-    for number, moving_bodies in enumerate(between):
-        joints = np.unique(arm_chain.joint_indices[moving_bodies])
+    for number, moving_bodies in enumerate(find_bodies_between(snapshot)):
+        joints = np.unique(snapshot.arm.chain.joint_indices[moving_bodies])
         has_few_joints[number] = len(joints) <= 2
     for link, other in snapshot.always_touching(scene.select_pairs(has_few_joints)):
         raise ConfigurationError(

@@ -47,10 +47,6 @@ PROBES_PER_PART: Final = 60
 collisions."""
 
 
-MAX_ROTATION_ERROR: Final = 5e-7
-"""Largest error of an entry of a rotation matrix, because files round them."""
-
-
 _BYTES_PER_CELL: Final = 4
 """Memory per workspace cell while cells are converted to boxes, bytes."""
 
@@ -272,7 +268,8 @@ def check_rigid(pose: ArrayLike, name: str) -> Floats:
         rigid = np.eye(4)
         rigid[:3, :3] = left @ right
         rigid[:3, 3] = matrix[:3, 3]
-        is_near = np.abs(rigid - matrix).max() < MAX_ROTATION_ERROR
+        # Largest error of an entry of a rotation matrix, because files round them.
+        is_near = np.abs(rigid - matrix).max() < 5e-7
         if is_near and np.linalg.det(rigid) > 0.0:
             return rigid
         problem = f"has R = {matrix[:3, :3].tolist()} and the last row {matrix[3].tolist()}"
@@ -332,10 +329,6 @@ def place_obstacle(obstacle: object, name: str, base: Floats) -> PosedShape | No
     return place_shape(shape, name, base)
 
 
-_MAX_EXPECTED_GAP: Final = 100.0
-"""Largest distance, metres, between an arm and an obstacle whose unit is not suspected."""
-
-
 def place_shape(shape: Shape, name: str, pose: Floats) -> PosedShape:
     """Place a shape in space by a rigid motion, shape (4, 4).
 
@@ -352,7 +345,8 @@ def place_shape(shape: Shape, name: str, pose: Floats) -> PosedShape:
     lower, upper = shape.outer.bounds
     middle = placed.pose[:3, :3] @ (0.5 * (lower + upper)) + placed.pose[:3, 3]
     gap = np.linalg.norm(middle) - 0.5 * np.linalg.norm(upper - lower)
-    if gap > _MAX_EXPECTED_GAP:
+    # Largest distance, metres, between an arm and an obstacle whose unit is not suspected.
+    if gap > 100.0:
         warn_user(
             f"the obstacle {name!r} is {gap:.4g} m away from the base of the arm; check its unit "
             "(metres): if it is in millimetres, scale it by 0.001",

@@ -33,9 +33,6 @@ A straight motion of the joints leaves an angle by about an eighth of its square
 MAX_HALVINGS: Final = 2
 """Times that a motion which leaves a cone is halved before it is given up."""
 
-MIN_PROGRESS: Final = 0.1
-"""Share of a motion by which a projected node must be nearer to its target, so that growth ends."""
-
 NEAR_PER_SQRT_JOINT: Final = 1.25 * MAX_STRIDE
 """Radius of a blocked node's sampling domain, divided by the square root of the number of joints;
 radians or metres.
@@ -48,14 +45,8 @@ SAMPLES_PER_BATCH: Final = 128
 """Samples between two checks of the clock."""
 
 
-INITIAL_NODES: Final = 1000
-"""Initial capacity of a tree."""
-
 PULLS_PER_BATCH: Final = 64
 """Parts of a path that are pulled between two checks of the clock."""
-
-WAYPOINT_SHARE: Final = 0.5
-"""Share of the parts that end at waypoints; the others end between them."""
 
 MIN_PULL: Final = 1e-3
 """Length by which a pulled part must be shorter, radians or metres; less would only add waypoints.
@@ -64,9 +55,6 @@ MIN_PULL: Final = 1e-3
 MIN_GAIN: Final = 0.01
 """Share of the length that a batch of pulls, or MAX_VAIN_SEARCHES searches together, must gain for
 more to follow."""
-
-BATCHES_PER_SEARCH: Final = 1
-"""Batches of samples that a further search may take beyond the mean of the searches before it."""
 
 MAX_VAIN_SEARCHES: Final = 8
 """Searches in a row that together may gain less than :data:`MIN_GAIN` before the search stops."""
@@ -163,7 +151,9 @@ def write_kept_node(
         is_near = is_reached
         if not is_reached and move_into_cones(chain, cones, new, scratch.slopes, poses):
             step = min(stride, distance)
-            is_near = measure_distance(new, q) < distance - MIN_PROGRESS * step
+            # Share of a motion by which a projected node must be nearer to its target, so that
+            # growth ends.
+            is_near = measure_distance(new, q) < distance - 0.1 * step
             is_near = is_near and measure_distance(new, nearest) < 2.0 * step
         if is_near and stays_in_cones(chain, cones, nearest, new, poses):
             return is_reached
@@ -336,7 +326,8 @@ def pull_parts(
         # The part's ends, as rows of the path that need not be whole.
         first = min(draws[k, 0], draws[k, 1]) * (count - 1)
         last = max(draws[k, 0], draws[k, 1]) * (count - 1)
-        if draws[k, 2] < WAYPOINT_SHARE:
+        # Share of the parts that end at waypoints; the others end between them.
+        if draws[k, 2] < 0.5:
             first = math.floor(first + 0.5)
             last = math.floor(last + 0.5)
         # Half of the pulls move one joint, half of them all; half of them go all the way.
@@ -443,7 +434,9 @@ class PathSearch:
                 break
             # A search that takes much longer than the others is given up, because it rarely leads
             # to a shorter path.
-            max_batches = BATCHES_PER_SEARCH + sum(self._batches) / len(self._batches)
+            # Batches of samples that a further search may take beyond the mean of the searches
+            # before it.
+            max_batches = 1 + sum(self._batches) / len(self._batches)
             other_path = self._connect(
                 near_goals, _make_empty(near_goals), length, max_batches, straight=True
             )
@@ -564,7 +557,8 @@ def _trace_branch(forest: Forest, side: int, node: int) -> list[Floats]:
 
 def _plant_trees(start: Floats, goals: Floats) -> Forest:
     """Return a tree that has only the start, and one that has only the goals, shape (n, dof)."""
-    capacity = INITIAL_NODES + len(goals)
+    # Initial capacity of a tree.
+    capacity = 1000 + len(goals)
     counts = np.array([1, len(goals)])
     nodes = np.empty((2, capacity, len(start)))
     parents = np.full((2, capacity), -1)

@@ -13,6 +13,7 @@ from typing import IO, Final
 import numpy as np
 
 from cspace._files.access import replacing
+from cspace._files.meshes import STL_RECORD
 from cspace._grid import Grid
 from cspace._raster.bitmaps import boundary_mesh
 from cspace._support.arrays import FREE, Floats, Ints, States, StrPath, Surface
@@ -93,8 +94,7 @@ def _write_stl(file: IO[bytes], vertices: Floats, faces: Ints) -> None:
         problem = f"names an STL file for coordinates from {vertices.min()} to {vertices.max()}"
         rule = "STL has single precision, in which some coordinates coincide"
         raise InputError("path", problem, rule, "write .ply or .obj instead")
-    record = [("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")]
-    rows = np.zeros(len(faces), dtype=record)
+    rows = np.zeros(len(faces), dtype=STL_RECORD)
     first_edges, second_edges = np.moveaxis(edges, 1, 0)
     # Normals are parallel to an axis, so their signs are unit vectors.
     rows["normal"] = np.sign(np.cross(first_edges, second_edges))

@@ -220,7 +220,7 @@ class Audit:
         -------
         matplotlib.axes.Axes
         """
-        from cspace.plot._artists import add_legend_below
+        from cspace.plot._artists import extend_legend
 
         axes = self.space.plot(title=repr(self))
         for verdict, color in COLORS.items():
@@ -242,10 +242,7 @@ class Audit:
                 places = self.graph.positions[chosen]
                 label = f"node: {text}"
                 axes.plot(*places.T, "ok", ms=5, markerfacecolor=face, label=label, zorder=6)
-        figure: Any = axes.figure
-        (legend,) = figure.legends
-        legend.remove()
-        add_legend_below(figure, [*legend.legend_handles, *axes.get_legend_handles_labels()[0]])
+        extend_legend(axes, axes.get_legend_handles_labels()[0])
         return axes
 
     def to_geojson(self) -> dict[str, Any]:

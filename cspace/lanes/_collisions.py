@@ -8,7 +8,7 @@ import numpy as np
 import shapely
 
 from cspace._bodies.cores import place_points
-from cspace._support.arrays import BLOCKED, FREE, Bools, Floats, Ints, States
+from cspace._support.arrays import BLOCKED, FREE, Bools, Floats, Ints, States, number_parts
 from cspace.lanes._lane_motions import LaneMotions, find_shares_near_map
 
 if TYPE_CHECKING:
@@ -29,9 +29,6 @@ MAX_PLACED_ROBOTS: Final = 64
 
 MIN_DEPTH: Final = 1e-7
 """Depth of a point of the robot, metres, which proves a collision in spite of rounding."""
-
-POINTS_PER_SIDE: Final = 16
-"""Number of points along each side of the robot that look for the cell that it touches."""
 
 BORDER: Final = "the border of the map"
 """Name of the space outside the map as an obstacle."""
@@ -100,9 +97,8 @@ def sample_motions(space: CSpace, motions: LaneMotions) -> Samples:
     batches = np.cumsum(counts) // MAX_SAMPLES
     for batch in np.unique(batches):
         chosen = np.flatnonzero(batches == batch)
-        rows = np.repeat(chosen, counts[chosen])
-        begins = np.cumsum(counts[chosen]) - counts[chosen]
-        numbers = np.arange(len(rows)) - np.repeat(begins, counts[chosen])
+        owners, numbers = number_parts(counts[chosen])
+        rows = chosen[owners]
         # The first and the last configuration are the ends, the others are around the map.
         shares = enter[rows] + (leave - enter)[rows] * (numbers - 1) / (counts[rows] - 3)
         shares[numbers == 0] = 0.0
@@ -163,7 +159,8 @@ class Obstacles:
         A text is empty if some points of the robot find none, or if obstacles have names.
         """
         lower, upper = np.array(self.outline.bounds).reshape(2, 2)
-        sides = [np.linspace(a, b, POINTS_PER_SIDE) for a, b in zip(lower, upper, strict=True)]
+        # Number of points along each side of the robot that look for the cell that it touches.
+        sides = [np.linspace(a, b, 16) for a, b in zip(lower, upper, strict=True)]
         inside = np.stack(np.meshgrid(*sides), axis=-1).reshape(-1, 2)
         inside = inside[shapely.contains_xy(self.outline, inside)]
         if self.names or not len(inside):

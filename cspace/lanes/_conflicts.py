@@ -13,13 +13,14 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
+from cspace._bodies.cores import ROUNDING
 from cspace._rotations.base import wrap_angles
 from cspace._support.arrays import Floats, Ints, StrPath
 from cspace._support.check import check_flag, check_known, check_not_negative, check_text
 from cspace.errors import InputError
 from cspace.lanes._audit import line_of
 from cspace.lanes._lane_motions import check_map
-from cspace.lanes._outlines import ROUNDING, Sweeper, find_touches, make_outlines, make_sweeper
+from cspace.lanes._outlines import Sweeper, find_touches, make_outlines, make_sweeper
 from cspace.lanes._reports import (
     JunitCase,
     format_table,
@@ -253,7 +254,7 @@ class Conflicts:
         -------
         matplotlib.axes.Axes
         """
-        from cspace.plot._artists import add_legend_below
+        from cspace.plot._artists import extend_legend
 
         space, _ = next(iter(self.robots.values()))
         axes = space.plot(title=repr(self))
@@ -273,10 +274,7 @@ class Conflicts:
                 if rows and not shares:
                     places = np.array([row.at for row in rows])
                     axes.plot(*places.T, "X", color=color, markeredgecolor="white", ms=7, zorder=7)
-        figure: Any = axes.figure
-        (legend,) = figure.legends
-        legend.remove()
-        add_legend_below(figure, [*legend.legend_handles, *axes.get_legend_handles_labels()[0]])
+        extend_legend(axes, axes.get_legend_handles_labels()[0])
         return axes
 
     def to_geojson(self) -> dict[str, Any]:

@@ -17,9 +17,6 @@ from scipy.interpolate import BPoly, BSpline, PPoly
 
 from cspace._support.arrays import Floats
 
-MAX_SPREAD: Final = math.radians(0.5)
-"""Largest angle between the directions of a leg, radians."""
-
 MAX_DEVIATION: Final = 0.001
 """Largest distance of a leg from its chord, metres."""
 
@@ -28,15 +25,6 @@ MAX_HALVINGS: Final = 20
 
 MAX_DEGREE: Final = 16
 """Largest degree of a curve; work grows with its square."""
-
-MAX_LEGS: Final = 4096
-"""Largest number of legs of a curve."""
-
-MAX_JUMP: Final = 1e-6
-"""Distance between pieces of a curve, metres, up to which they join; it adds to their drift."""
-
-POINT_ROUNDING: Final = 1e-9
-"""Rounding of the points of a curve, as a share of its coordinates."""
 
 MIN_LEG: Final = 1e-9
 """Length of a side of a control polygon, metres, up to which it has no direction."""
@@ -115,9 +103,12 @@ def cut_nurbs(degree: int, knots: Floats, points: Floats, weights: Floats) -> tu
         for leg in _cut_piece(pieces[:, k]):
             gap = math.dist(legs[-1].end, leg.start) if legs else 0.0
             x, y = leg.start
-            if gap > MAX_JUMP:
+            # Distance between pieces of a curve, metres, up to which they join; it adds to their
+            # drift.
+            if gap > 1e-6:
                 raise ValueError(f"jumps {gap:.3g} m to ({x:.6g}, {y:.6g}); its pieces must join")
-            if len(legs) == MAX_LEGS:
+            # Largest number of legs of a curve.
+            if len(legs) == 4096:
                 raise ValueError(f"is too long or bent at ({x:.6g}, {y:.6g}); check its unit")
             legs.append(leg._replace(drift=leg.drift + gap))
     return tuple(legs)
@@ -137,7 +128,8 @@ def _cut_piece(controls: Floats) -> Iterator[Leg]:
         leg = _make_leg(controls)
         if leg is None:
             continue
-        if leg.drift <= MAX_DEVIATION and leg.spread <= MAX_SPREAD:
+        # Largest angle between the directions of a leg, radians.
+        if leg.drift <= MAX_DEVIATION and leg.spread <= math.radians(0.5):
             yield leg
         elif halvings < MAX_HALVINGS:
             first, second = _halve(controls)
@@ -150,7 +142,8 @@ def _cut_piece(controls: Floats) -> Iterator[Leg]:
 def _make_leg(controls: Floats) -> Leg | None:
     """Return a Bezier piece's chord with bounds, or None without length."""
     points = controls[:, :2] / controls[:, 2:]
-    rounding = POINT_ROUNDING * (1.0 + float(np.abs(points).max()))
+    # Rounding of the points of a curve, as a share of its coordinates.
+    rounding = 1e-9 * (1.0 + float(np.abs(points).max()))
     sides = np.diff(points, axis=0)
     sides = sides[np.hypot(*sides.T) > MIN_LEG]
     if not len(sides):

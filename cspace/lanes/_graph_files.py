@@ -28,9 +28,6 @@ from cspace.lanes._headings import HEADINGS, HeadingRule, Lane, parse_heading
 SUFFIXES: Final = (".geojson", ".json", ".yaml", ".yml")
 """Suffixes of route graphs."""
 
-EDGE_PROPERTIES: Final = "vehicleTypeEdgeProperties"
-"""Field of a LIF edge with its rules for each type of vehicle."""
-
 MAX_GAP: Final = 0.01
 """Largest distance, metres, of a drawn line or a trajectory from the nodes that it joins."""
 
@@ -326,8 +323,9 @@ def _read_lif(
     layout = _choose_layout(document, level)
     for element in (document, layout):
         element.refuse("origins", [])  # places of other frames
+    # Field of a LIF edge with its rules for each type of vehicle.
     edges = [
-        (edge, list(edge.children(EDGE_PROPERTIES)))
+        (edge, list(edge.children("vehicleTypeEdgeProperties")))
         for edge in layout.children("edges", "edge", "edgeId")
     ]
     types = {name for _, entries in edges for entry in entries for name in _types_of(entry) if name}

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple, cast
 
 import numpy as np
 
+from cspace._bodies.cores import lever_of
 from cspace._rotations.base import ANGLE_SLACK
 from cspace._support.arrays import Bools, Floats, Ints
 from cspace.errors import InputError
@@ -28,12 +29,6 @@ if TYPE_CHECKING:
 
 SAME_YAW: Final = 1e-9
 """Angle, radians, up to which two legs of a lane need no turn between them."""
-
-MAX_PART: Final = math.radians(5.0)
-"""Largest part of a rotation cell of which all yaws are proven at once, radians."""
-
-LEVER_ROUNDING: Final = 1e-9
-"""Rounding of the robot's largest distance from its reference point, as a share of it."""
 
 GROWTH_STEP: Final = 1e-3
 """Step, metres, of the growths of curves; motions of one growth are proven at once."""
@@ -137,12 +132,6 @@ def list_yaws(graph: RouteGraph, lane: Lane) -> list[LaneYaw]:
     return [LaneYaw(yaw, frame == "lane") for yaw in yaws]
 
 
-def lever_of(space: ConfigurationMap) -> float:
-    """Return a bound, metres, of points' distance from the reference point."""
-    corner = np.abs(space.robot.shape.outer.bounds).max(axis=0)
-    return float(np.hypot(*corner)) * (1.0 + LEVER_ROUNDING)
-
-
 def split_yaws(space: ConfigurationMap) -> Floats:
     """Return rotation cells' parts by lower and upper yaws, (n, 2).
 
@@ -151,7 +140,8 @@ def split_yaws(space: ConfigurationMap) -> Floats:
     if not space.rotations.names:
         return np.array([[-math.pi, math.pi]]) * space.robot.shape.is_round
     bounds = space.rotations._stored_arrays["yaw_bounds"]
-    count = math.ceil(np.ptp(bounds, axis=1).max() / MAX_PART - SAME_YAW)
+    # Largest part of a rotation cell of which all yaws are proven at once, radians.
+    count = math.ceil(np.ptp(bounds, axis=1).max() / math.radians(5.0) - SAME_YAW)
     borders = np.linspace(bounds[:, 0], bounds[:, 1], count + 1, axis=1)
     return np.stack([borders[:, :-1], borders[:, 1:]], axis=-1).reshape(-1, 2)
 
@@ -159,7 +149,7 @@ def split_yaws(space: ConfigurationMap) -> Floats:
 def list_motions(space: ConfigurationMap, graph: RouteGraph) -> LaneMotions:
     """List the motions of all lanes."""
     has_yaw = bool(space.rotations.names)
-    lever = lever_of(space) if has_yaw else 0.0
+    lever = lever_of(space.robot.shape) if has_yaw else 0.0
     parts = split_yaws(space)
     half_widths = 0.5 * np.ptp(parts, axis=1) + ANGLE_SLACK
     pairs = zip(parts.mean(axis=1).tolist(), half_widths.tolist(), strict=True)
@@ -204,7 +194,7 @@ def find_shares_near_map(
     Two equal shares cut a motion that does not come near into parts beside the map. ``starts`` and
     ``steps`` have shape (n, 2) or (n, 3); the yaw does not count.
     """
-    reach = lever_of(space) + space.margin + 2.0 * space.grid.spacing
+    reach = lever_of(space.robot.shape) + space.margin + 2.0 * space.grid.spacing
     borders = np.array([space.grid.lower, space.grid.upper]) + np.array([[-reach], [reach]])
     with np.errstate(divide="ignore", invalid="ignore"):
         shares = (borders[:, np.newaxis] - starts[:, :2]) / steps[:, :2]

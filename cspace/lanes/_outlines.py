@@ -16,11 +16,18 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from cspace._bodies.cores import Cores, measure_distances, place_points
+from cspace._bodies.cores import (
+    COORDINATE_ROUNDING,
+    ROUNDING,
+    Cores,
+    lever_of,
+    measure_distances,
+    place_points,
+)
 from cspace._shapes import ExactShape
 from cspace._shapes.balls import Balls
-from cspace._support.arrays import Bools, Floats, Ints
-from cspace.lanes._lane_motions import lever_of, list_legs, list_motions, list_yaws
+from cspace._support.arrays import Bools, Floats, Ints, number_parts
+from cspace.lanes._lane_motions import list_legs, list_motions, list_yaws
 from cspace.lanes._route_graph import RouteGraph
 
 if TYPE_CHECKING:
@@ -28,12 +35,6 @@ if TYPE_CHECKING:
 
 MAX_TURN: Final = math.radians(5.0)
 """Largest turn of a piece, radians."""
-
-ROUNDING: Final = 1e-9
-"""Growth of outlines, metres, that covers the rounding of their corners."""
-
-COORDINATE_ROUNDING: Final = 1e-11
-"""Growth of outlines that covers the rounding of their corners, as a share of the coordinates."""
 
 RING_SIDES: Final = ((1e-6, 4), (0.01, 8), (math.inf, 64))
 """Largest growths, metres, and the numbers of sides of polygons around their circles."""
@@ -49,12 +50,6 @@ TURN_SLACK: Final = 1e-9
 
 SHARES: Final = 9
 """Number of poses of a piece among which the deepest is searched, in each round."""
-
-NEAR_LEVERS: Final = 1.25
-"""Distance of poses from a point, in levers of the robot, at which they are tried."""
-
-MAX_MOVES: Final = 6
-"""Number of points at which two robots are tried before a pair stays undecided."""
 
 
 class SweepPieces(NamedTuple):
@@ -105,7 +100,7 @@ class Body:
         shape = space.robot.shape
         self.hulls = list(_list_hulls(shape.outer))
         self.cores = Cores(shape.inner)
-        self.lever = lever_of(space)
+        self.lever = lever_of(space.robot.shape)
         self.margin = space.margin
 
     def measure_gaps(self, poses: Floats, points: Floats) -> Floats:
@@ -169,7 +164,7 @@ def _list_hulls(shape: ExactShape) -> Iterator[tuple[Floats, float]]:
 def list_pieces(space: ConfigurationMap, graph: RouteGraph) -> SweepPieces:
     """List all lanes' pieces, then the nodes' with their turns."""
     motions = list_motions(space, graph)
-    lever = lever_of(space) if space.rotations.names else 0.0
+    lever = lever_of(space.robot.shape) if space.rotations.names else 0.0
     lanes = SweepPieces(
         _with_yaw(motions.starts),
         _with_yaw(motions.ends),
@@ -246,8 +241,7 @@ def _cut_turns(pieces: SweepPieces) -> SweepPieces:
     steps = pieces.ends - pieces.starts
     counts = np.ceil(np.abs(steps[:, 2]) / MAX_TURN - TURN_SLACK)
     counts = np.maximum(counts, 1.0).astype(np.int64)
-    owners = np.repeat(np.arange(len(counts)), counts)
-    numbers = np.arange(len(owners)) - np.repeat(np.cumsum(counts) - counts, counts)
+    owners, numbers = number_parts(counts)
     cut = pieces.take(owners)
     begins, ends = (
         ((numbers + more) / counts[owners])[:, np.newaxis] * steps[owners] for more in (0, 1)
@@ -384,7 +378,8 @@ def find_touches(
     points, common = _choose_points(one.outlines[first], other.outlines[second])
     result = Touches(np.zeros(count, np.bool_), np.zeros((count, 3)), np.zeros((count, 3)), points)
     pending = np.arange(count)
-    for move in range(MAX_MOVES):
+    # Number of points at which two robots are tried before a pair stays undecided.
+    for move in range(6):
         reach = limits[pending] + deviations[pending]
         sides = []
         for sweeper, elements in ((one, first), (other, second)):
@@ -454,11 +449,11 @@ def _find_poses(
     pose is near.
     """
     counts = sweeper.begins[elements + 1] - sweeper.begins[elements]
-    queries = np.repeat(np.arange(len(elements)), counts)
-    numbers = np.arange(len(queries)) - np.repeat(np.cumsum(counts) - counts, counts)
+    queries, numbers = number_parts(counts)
     rows = sweeper.begins[elements][queries] + numbers
     # Points beside the lane are in reach, too, so that each element has a pose.
-    radii = NEAR_LEVERS * sweeper.body.lever + sweeper.pieces.growths[rows] + reach[queries]
+    # Distance of poses from a point, in levers of the robot, at which they are tried.
+    radii = 1.25 * sweeper.body.lever + sweeper.pieces.growths[rows] + reach[queries]
     lows, highs = _find_windows(sweeper.pieces, rows, points[queries], radii)
     near = np.flatnonzero(lows <= highs)
     queries, rows, lows, highs = queries[near], rows[near], lows[near], highs[near]
@@ -505,15 +500,13 @@ def _sample_windows(
 ) -> tuple[Floats, Floats]:
     """Return each window's deepest pose, with its gap."""
     counts = np.where(highs > lows, SHARES, 1)
-    begins = np.cumsum(counts) - counts
-    owners = np.repeat(np.arange(len(rows)), counts)
-    numbers = np.arange(len(owners)) - begins[owners]
+    owners, numbers = number_parts(counts)
     shares = lows[owners] + numbers / (SHARES - 1) * (highs - lows)[owners]
     shares = np.where(sweeper.pieces.on_lane[rows[owners]], shares, np.rint(shares))
     gaps = sweeper.body.measure_gaps(
         _poses_at(sweeper.pieces, rows[owners], shares), points[owners]
     )
-    best = np.lexsort((gaps, owners))[begins]
+    best = np.lexsort((gaps, owners))[numbers == 0]
     return shares[best], gaps[best]
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from scipy import sparse
@@ -18,9 +18,6 @@ from cspace.lanes._route_graph import RouteGraph
 
 if TYPE_CHECKING:
     from cspace._configuration_map import ConfigurationMap
-
-YAW_DIGITS: Final = 9
-"""Digits after the point of a yaw, radians, at which two lanes meet without a turn."""
 
 
 class NodeYaws(NamedTuple):
@@ -101,8 +98,9 @@ class Reach:
         self._nodes = [node for node, *_ in self._numbers]
 
     def _find_port(self, node: int, yaw: float) -> int:
-        """Return the node's port in which a yaw lies."""
-        key = node, round(math.remainder(yaw, math.tau), YAW_DIGITS), -1
+        """Return the number of the port of a node in which a yaw lies."""
+        # Digits after the point of a yaw, radians, at which two lanes meet without a turn.
+        key = node, round(math.remainder(yaw, math.tau), 9), -1
         for k, (low, high) in enumerate(self._free_yaws[node]):
             if (yaw - low) % math.tau <= high - low:
                 key = node, 0.0, k

@@ -23,14 +23,8 @@ if TYPE_CHECKING:
 Corners = list[tuple[Floats, Floats, Floats]]
 """Configurations, and how far they are shifted along motions and to the left, metres."""
 
-STRIP_CELLS: Final = 0.9
-"""Width, in cells, of strips that cells prove by their outline."""
-
 ARC_CHORDS: Final = 8
 """Number of chords of the half circles around the ends of a motion."""
-
-ROOM_STEP: Final = 1.0 / 8.0
-"""Largest step, in cells, in which rooms are measured."""
 
 
 def prove(space: CSpace, motions: LaneMotions, by_geometry: bool) -> Bools:
@@ -103,7 +97,8 @@ def measure_rooms(
         first, last, none = motions.starts, motions.ends, 0.0 * low
         corners = [(first, none, side * low), (first, none, side * high)]
         corners += [(last, none, side * high), (last, none, side * low)]
-        is_narrow = high - low < STRIP_CELLS * space.grid.spacing
+        # Width, in cells, of strips that cells prove by their outline.
+        is_narrow = high - low < 0.9 * space.grid.spacing
         return is_narrow & prove_outline(rows, corners, 0.0)
 
     def prove_beyond(side: float, rows: Ints, low: Floats, high: Floats) -> Bools:
@@ -143,7 +138,8 @@ def _widen(
     many motions are equal, and are proven at once.
     """
     largest = float(limits.max(initial=np.finfo(np.float64).tiny))
-    halvings = math.ceil(math.log2(max(largest / (ROOM_STEP * spacing), 1.0)))
+    # Largest step, in cells, in which rooms are measured.
+    halvings = math.ceil(math.log2(max(largest / (spacing / 8.0), 1.0)))
     least = largest / 2**halvings
     limits = np.rint(limits / least).astype(np.int64)
     rooms = np.zeros(len(limits), dtype=np.int64)

@@ -297,6 +297,14 @@ def add_legend_below(figure: Figure, handles: Sequence[Any]) -> None:
     figure.legend(handles=handles, loc="outside lower center", ncols=columns, **style)
 
 
+def extend_legend(axes: Axes, handles: Sequence[Any]) -> None:
+    """Make the legend of a picture anew, with more handles."""
+    figure: Any = axes.figure
+    (legend,) = figure.legends
+    legend.remove()
+    add_legend_below(figure, [*legend.legend_handles, *handles])
+
+
 def annotate(
     ax: Any, is_new: bool, title: str | None, default: str, handles: Sequence[Any]
 ) -> None:

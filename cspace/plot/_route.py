@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Protocol, TypeAlias
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
 import numpy as np
 import shapely
@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cspace._robot import Robot
 from cspace._rotations import Rotations
+from cspace._rotations.base import measure_steps
 from cspace._shapes.balls import Balls
 from cspace._support.arrays import BLOCKED, FREE, Box, Floats, Surface
 from cspace._support.check import check_finite
@@ -23,9 +24,6 @@ if TYPE_CHECKING:
     from cspace._interface import ConfigurationSpace
     from cspace._space import CSpace
     from cspace._workspace import Workspace
-
-MAX_DETAILED_FACES: Final = 2000
-"""Surfaces with more triangles are simplified before they are drawn."""
 
 
 class HasPath(Protocol):
@@ -128,9 +126,8 @@ def path_lengths(rotations: Rotations, points: Floats, reach: float) -> Floats:
     """
     steps = rotations._steps_between(points[:-1], points[1:])
     dim = points.shape[1] - len(rotations.names)
-    angles = np.linalg.norm(steps[:, dim:], axis=1)
-    lengths = np.linalg.norm(steps[:, :dim], axis=1) + reach * angles
-    return np.concatenate([[0.0], np.cumsum(lengths)])
+    lengths, angles = measure_steps(steps, dim)
+    return np.concatenate([[0.0], np.cumsum(lengths + reach * angles)])
 
 
 def interpolate_path(
@@ -361,7 +358,8 @@ def simplify_surface(surface: Surface) -> Surface:
     Source: Rossignac and Borrel (1993).
     """
     vertices, faces = surface
-    if len(faces) <= MAX_DETAILED_FACES:
+    # Surfaces with more triangles are simplified before they are drawn.
+    if len(faces) <= 2000:
         return vertices, faces
     # Vertices nearest to the same node of a lattice, with 20 cells along the longest side, become
     # one vertex. Faces whose corners coincide are removed.

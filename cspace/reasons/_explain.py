@@ -6,7 +6,7 @@ import math
 import textwrap
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Final, Literal
+from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -47,12 +47,6 @@ WAY_OUTSIDE: Final = (
     "reference point on all sides; move its shape so that the origin is in its middle."
 )
 """Sentence for robots whose positions outside the map are not proven BLOCKED."""
-
-TITLE_COLUMNS: Final = 64
-"""Number of characters of a line in a picture's title."""
-
-MAX_TRIED_NAMES: Final = 4
-"""Number of named obstacles that are removed one by one, to see if a path exists without."""
 
 MAX_NAMED_OBSTACLES: Final = 3
 """Number of obstacles that a sentence names."""
@@ -210,21 +204,19 @@ class Explanation:
         matplotlib.axes.Axes
         """
         from cspace.plot import plot
-        from cspace.plot._artists import BARRIER_STYLE, BOTTLENECK_STYLE, add_legend_below
+        from cspace.plot._artists import BARRIER_STYLE, BOTTLENECK_STYLE, extend_legend
 
         space = self.space
         way = self.bottleneck[np.newaxis]
-        title = textwrap.fill(self.sentences[0], TITLE_COLUMNS)
+        # Number of characters of a line in a picture's title.
+        title = textwrap.fill(self.sentences[0], 64)
         view = "3d" if space.dim == 3 else None
         axes = plot(space, start=self.start, goal=self.goal, path=way, title=title, view=view)
         handles = axes.plot(*way[:, : space.dim].T, **BOTTLENECK_STYLE)
         if len(self.barrier):
             centers = space.grid.center_of(self.barrier[:, 1:])
             handles += axes.plot(*centers.T, **BARRIER_STYLE)
-        figure: Any = axes.figure
-        (legend,) = figure.legends
-        legend.remove()
-        add_legend_below(figure, [*legend.legend_handles, *handles])
+        extend_legend(axes, handles)
         return axes
 
 
@@ -239,10 +231,9 @@ def explain(space: CSpace, start: ArrayLike, goal: ArrayLike, refine: bool) -> E
     position = space.grid.center_of(way.bottleneck[1:])  # without the rotation cell
     # Obstacles at the barrier; if the start or goal is not FREE, those at that end instead.
     touched, pieces = _list_obstacles(space, named, way.barrier, position)
+    # Number of named obstacles that are removed one by one, to see if a path exists without.
     removed_alone = [
-        name
-        for name in touched[:MAX_TRIED_NAMES]
-        if remove_obstacles(space, [name]).is_connected(first, second)
+        name for name in touched[:4] if remove_obstacles(space, [name]).is_connected(first, second)
     ]
     cells = find_cells(space, points)
     end, _, state = verdict.partition(" ")

@@ -52,17 +52,11 @@ MAX_PAIRS: Final = 2**25
 """Number of pairs of a point and a piece of a surface above which depths are not computed. So
 many pairs take some seconds."""
 
-MAX_GROWTH_CELLS: Final = 16
-"""Largest growth of the robot's rasters, in cells; the rest of a margin grows the obstacles."""
-
 STEPS_PER_CELL: Final = 8
 """Resolution of margins: number of steps per cell."""
 
 DIRECTION_STEPS: Final = {2: range(-5, 6), 3: range(-2, 3)}
 """Coordinates of the integer vectors that are normals of bounding planes, by dimension."""
-
-BLOCKED_COST: Final = 4.0
-"""Cost of a cell that is not FREE, relative to a FREE one, so that a way passes few of them."""
 
 
 class Way(NamedTuple):
@@ -153,7 +147,8 @@ def find_way(space: CSpace, points: Floats) -> Way:
     slice_of = space.slice_of.copy()  # writeable, as kernels are compiled for
     turns = space.rotations._neighbors, turn_costs(space.rotations, space.dim, space.grid.spacing)
     states = (~is_free).view(np.uint8)  # False is FREE, and True is MIXED
-    costs = np.where(states_of_slices(space) == FREE, 1.0, BLOCKED_COST).astype(np.float32)
+    # Cost of a cell that is not FREE, relative to a FREE one, so that a way passes few of them.
+    costs = np.where(states_of_slices(space) == FREE, 1.0, 4.0).astype(np.float32)
     start, goal = find_cells(space, points)
     cells = find_chain(states, slice_of, turns, start, goal, math.inf, costs)
     # The narrowest cells are those that a robot one step larger cannot pass.
@@ -342,7 +337,9 @@ class ResizedRobot:
     def _split_margin(self, margin: float) -> tuple[float, float]:
         """Split a margin into metres of robot and cells of obstacles."""
         spacing = self.space.grid.spacing
-        own = min(margin, MAX_GROWTH_CELLS * spacing)
+        # Largest growth of the robot's rasters, in cells; the rest of a margin grows the
+        # obstacles.
+        own = min(margin, 16 * spacing)
         return own, (margin - own) / spacing
 
     @cached_property

@@ -31,9 +31,6 @@ if TYPE_CHECKING:
 MAX_NAMES: Final = 62
 """Maximum number of named obstacles; each is a bit of a mask in 64 bits."""
 
-MAX_SETS: Final = 2**12
-"""Maximum number of sets of names that are tried, enough for all sets of 12 names."""
-
 NEVER: Final = -1
 """Mask of cells that stay not FREE if all named obstacles are removed."""
 
@@ -111,7 +108,8 @@ def find_removals(space: CSpace, start: ArrayLike, goal: ArrayLike) -> Removals 
             n_tried += 1
             if regions.are_connected(first, last, sum(1 << bit for bit in chosen)):
                 return Removals([names[bit] for bit in chosen], size)
-            if n_tried == MAX_SETS:
+            # Maximum number of sets of names that are tried, enough for all sets of 12 names.
+            if n_tried == 2**12:
                 return Removals([names[bit] for bit in sufficient], size)
     return Removals([names[bit] for bit in sufficient], len(sufficient))
 

@@ -21,12 +21,6 @@ if TYPE_CHECKING:
 MAX_HALVINGS: Final = 4
 """Maximum number of times that the spacing is halved."""
 
-MARGIN_CELLS: Final = 8
-"""Number of cells of the map that a window has around the cells to decide, besides the reach."""
-
-MAX_WHOLE_CELLS: Final = 2**22
-"""Maximum number of cells, over all rotations, of a finer map of the whole workspace."""
-
 Decision = Literal["open", "shut", "nothing", "untried"]
 """Result of a finer map: the way is proven open or shut, nothing is proven, or none was built."""
 
@@ -88,7 +82,8 @@ def refine_way(space: CSpace, points: Floats, way: Way, is_decided: bool) -> tup
     for _ in range(MAX_HALVINGS):
         finer = 2 * factor
         n_cells = finer**space.dim * space.grid.size * _count_rotations(space, finer)
-        is_whole = n_cells <= MAX_WHOLE_CELLS and space.outside != UNKNOWN
+        # Maximum number of cells, over all rotations, of a finer map of the whole workspace.
+        is_whole = n_cells <= 2**22 and space.outside != UNKNOWN
         if is_decided and not is_whole:
             break
         factor = finer
@@ -160,7 +155,8 @@ def _decide_window(space: CSpace, way: Way, factor: int) -> Decision:
     grid = space.grid
     corners = np.abs(np.array(space.robot.shape.outer.bounds)).max(axis=0)
     reach = float(np.linalg.norm(corners)) + space.margin
-    reach_cells = math.ceil(reach / grid.spacing) + MARGIN_CELLS
+    # Number of cells of the map that a window has around the cells to decide, besides the reach.
+    reach_cells = math.ceil(reach / grid.spacing) + 8
     first_cell = np.maximum(positions.min(axis=0) - reach_cells, 0)
     stop_cell = np.minimum(positions.max(axis=0) + 1 + reach_cells, grid.shape)
     window = _build_finer(space, factor, first_cell, stop_cell)

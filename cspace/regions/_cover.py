@@ -43,9 +43,6 @@ KIND: Final = "file of regions"
 BYTES_PER_CELL: Final = 16
 """Approximate memory per cell of each rotation cell, bytes."""
 
-NEAR_BARE: Final = 0.9
-"""Share of the largest distance from covered cells from which on cells are drawn as next ones."""
-
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FreeRegions:
@@ -246,7 +243,9 @@ class BareCells:
         largest = float(self._distances.max())
         if not largest:
             return None
-        flat = rng.choice(np.flatnonzero(self._distances >= NEAR_BARE * largest))
+        # Share of the largest distance from covered cells from which on cells are drawn as next
+        # ones.
+        flat = rng.choice(np.flatnonzero(self._distances >= 0.9 * largest))
         rotation, *cell = np.unravel_index(int(flat), self._distances.shape)
         center = self._space.grid.center_of(cell)
         return np.concatenate([center, self._space.rotations.centers[rotation]])

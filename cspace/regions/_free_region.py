@@ -27,9 +27,6 @@ ARC_SLACK: Final = 3.0 * ANGLE_SLACK
 BYTES_PER_CELL: Final = 8
 """Approximate memory per cell within reach, bytes."""
 
-MIN_VOLUME_SHARE: Final = 0.5
-"""Least volume of the positions of a wide arc, as a share of that of the narrowest one."""
-
 
 class YawArc(NamedTuple):
     """An arc of yaws.
@@ -160,7 +157,8 @@ class RegionSource(NamedTuple):
         best = grow(0)
         if best is None:
             return None
-        least = MIN_VOLUME_SHARE * best[1]
+        # Least volume of the positions of a wide arc, as a share of that of the narrowest one.
+        least = 0.5 * best[1]
         width = 0
         too_wide = len(self.space.rotations) // 2 + 1
         while too_wide - width > 1:
@@ -181,7 +179,7 @@ class RegionSource(NamedTuple):
         first -= width
         last += width
         if last - first + 1 >= len(self.space.rotations):
-            return make_full_turn(yaw)
+            return YawArc(yaw - math.pi - ARC_SLACK, yaw + math.pi + ARC_SLACK)
         return YawArc(self._border(first) + ARC_SLACK, self._border(last + 1) - ARC_SLACK)
 
     def _border(self, cell: int) -> float:
@@ -308,11 +306,6 @@ class RegionSource(NamedTuple):
             offsets = np.append(offsets, [arc.high, -arc.low])
         region = ConvexRegion(normals, offsets, self.space.axes)
         return region if np.all(region.contains(core)) else None
-
-
-def make_full_turn(yaw: float) -> YawArc:
-    """Return the arc of all yaws around one."""
-    return YawArc(yaw - math.pi - ARC_SLACK, yaw + math.pi + ARC_SLACK)
 
 
 def find_surface(is_taken: Bools) -> Ints:

@@ -38,20 +38,11 @@ from cspace._support.arrays import Bools, Floats
 HALF_CELL: Final = 0.5 + 2.0 * SLACK
 """Half the side of a cell that is cut off, in cells; it includes the allowance for rounding."""
 
-MAX_PASSES: Final = 8
-"""Maximum number of ellipsoids."""
-
 DESCENT_SWEEPS: Final = 8
 """Number of times that each coordinate of a cell's nearest point is improved.
 
 More sweeps change the direction of a half-space, not its proof.
 """
-
-BOUNDED_TOLERANCE: Final = 1e-14
-"""Tolerance of optimality of the nearest points of a segment and a cell, in cells."""
-
-MIN_CURVATURE: Final = 1e-12
-"""Curvature along a coordinate, as a share of that of the metric, below which it is zero."""
 
 MIN_DEPTH: Final = 1e-3
 """Depth in cells from which on a point serves Qhull as an interior point."""
@@ -138,7 +129,8 @@ def grow_polytope(
     focus = core
     metric: Floats = np.eye(core.shape[1])
     best = None
-    for _ in range(MAX_PASSES):
+    # Maximum number of ellipsoids.
+    for _ in range(8):
         cuts = cut_cells(cells, core, focus, metric, gap)
         if cuts is None:
             break
@@ -235,7 +227,9 @@ def find_normal(center: Floats, segment: Floats, metric: Floats) -> Floats:
         if sweep == 0:
             nearest = [min(max(origin[i], low[i]), high[i]) for i in axes]
         for i in axes:
-            if shape[i][i] > MIN_CURVATURE * rows[i][i]:
+            # Curvature along a coordinate, as a share of that of the metric, below which it is
+            # zero.
+            if shape[i][i] > 1e-12 * rows[i][i]:
                 slope = sum(shape[i][j] * (nearest[j] - origin[j]) for j in axes)
                 nearest[i] = min(max(nearest[i] - slope / shape[i][i], low[i]), high[i])
     step = nearest - start
@@ -263,7 +257,8 @@ def find_separation(center: Floats, segment: Floats) -> Floats:
         columns = np.column_stack([columns, (start - end) / length])
         low = np.append(low, 0.0)
         high = np.append(high, length)
-    nearest = lsq_linear(columns, start, (low, high), method="bvls", tol=BOUNDED_TOLERANCE).x
+    # Tolerance of optimality of the nearest points of a segment and a cell, in cells.
+    nearest = lsq_linear(columns, start, (low, high), method="bvls", tol=1e-14).x
     step = columns @ nearest - start
     distance = float(np.linalg.norm(step))
     return step / distance if distance > 0.0 else np.zeros(len(center))

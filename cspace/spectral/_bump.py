@@ -27,9 +27,6 @@ Radial = Callable[[Floats], Floats]
 UNIT_BALL_VOLUME: Final = {2: math.pi, 3: 4.0 / 3.0 * math.pi}
 """Area of the unit disc and volume of the unit ball, by dimension."""
 
-ALPHA_RANGE: Final = (0.01, 1e4)
-"""Smallest and largest finite exponent of a bump."""
-
 MAX_RADIAL_FREQUENCY: Final = 1e5
 """Largest frequency of a spectrum, cycles per radius; up to it, rounded phases are accurate to
 1e-10 radians."""
@@ -39,9 +36,6 @@ TRANSFORM_ERROR: Final = 1e-13
 
 MAX_ABSCISSA: Final = 3.3
 """Largest modulus of u in a sum; nodes beyond it lie within 1e-18 of the ends of the interval."""
-
-MIN_TRANSFORM_NODES: Final = 160
-"""Nodes on either side of u = 0 for frequency 0; two thirds leave errors of 1e-14 for all alpha."""
 
 NODES_PER_CYCLE: Final = 24
 """Chebyshev nodes in an interval of a table, which is one cycle per radius wide.
@@ -80,7 +74,8 @@ class Bump:
             alpha = float(self.alpha)
         except (TypeError, ValueError):
             alpha = math.nan
-        low, high = ALPHA_RANGE
+        # Smallest and largest finite exponent of a bump.
+        low, high = 0.01, 1e4
         if not (low <= alpha <= high or alpha == math.inf):
             raise InputError(
                 "alpha",
@@ -178,7 +173,9 @@ def _transform(function: Radial, frequencies: Floats, dim: int) -> Floats:
     # The phase of the kernel advances by 2 pi k ds/du, and ds/du is at most pi / 4; add samples
     # accordingly, a tenth more than that because errors die out only some way beyond it.
     highest = flat.max(initial=0.0)
-    count = math.ceil(MIN_TRANSFORM_NODES + 1.1 * MAX_ABSCISSA * math.pi / 4.0 * highest)
+    # Nodes on either side of u = 0 for frequency 0; two thirds leave errors of 1e-14 for all
+    # alpha.
+    count = math.ceil(160 + 1.1 * MAX_ABSCISSA * math.pi / 4.0 * highest)
     step = MAX_ABSCISSA / count
     u = step * np.arange(-count, count + 1)
     decay = np.exp(-math.pi * np.sinh(u))

@@ -34,9 +34,6 @@ from cspace.spectral._regions import (
 
 Kind = Literal["inner", "outer"]
 
-BALL_KINDS: Final = ("inner", "outer")
-"""Values of ``kind``: balls in the shape, or balls that cover it."""
-
 Gap = tuple[float, float]
 """Lower and upper bound of a one-sided Hausdorff distance, metres."""
 
@@ -107,20 +104,8 @@ class BallDecomposition:
         return (lower + upper) / 2.0
 
 
-MAX_CANDIDATES: Final = 6_000
-"""Approximate number of candidate balls in the first choice."""
-
-MAX_ARRANGED_BALLS: Final = 64
-"""Largest number of balls that are arranged; for more, greedy choices are as good."""
-
-MAX_REPLACED_BALLS: Final = 12
-"""Number of balls within a tolerance up to which fewer ones are searched, for the time it takes."""
-
 MAX_SAMPLES: Final = 20_000
 """Number of points of the boundary next to which balls in thin parts are searched."""
-
-THINNEST_HALVINGS: Final = 8
-"""Number of distances from the boundary, from a side of a cell on, each half the one before."""
 
 UNLIMITED_BALLS: Final = 2**40
 """Limit of the number of balls that is never reached."""
@@ -174,7 +159,8 @@ def decompose(
     >>> len(discs.radii) <= 8
     True
     """
-    check_word(kind, "kind", BALL_KINDS)
+    # Values of ``kind``: balls in the shape, or balls that cover it.
+    check_word(kind, "kind", ("inner", "outer"))
     if (number is None) == (tolerance is None):
         raise InputError(
             "number",
@@ -206,7 +192,9 @@ def decompose(
         lattice = Lattice.for_tolerance(region, length)
         choose_balls = _fill_shape if kind == "inner" else _cover_shape
         balls = choose_balls(lattice, length)
-        if len(balls[1]) <= MAX_REPLACED_BALLS:
+        # Number of balls within a tolerance up to which fewer ones are searched, for the time it
+        # takes.
+        if len(balls[1]) <= 12:
             balls = _arrange_fewer(lattice, kind, length, balls)
     centers, radii, gap = balls
     if not len(radii):
@@ -304,7 +292,8 @@ def _arrange(lattice: Lattice, kind: Kind, number: int, *starts: Floats) -> Prov
     best: ProvenBalls = np.empty((0, lattice.region.dim)), np.empty(0), (0.0, math.inf)
     for measure_depths in measures:
         places = list(starts)
-        if number <= MAX_ARRANGED_BALLS:
+        # Largest number of balls that are arranged; for more, greedy choices are as good.
+        if number <= 64:
             arrangement = Arrangement(lattice, measure_depths, inside=kind == "inner")
             places.append(arrangement.place(number, *starts))
         for centers in places:
@@ -462,7 +451,8 @@ def _list_medial_balls(lattice: Lattice) -> LatticeBalls:
         return balls
     # Thin out the candidates evenly, but keep the largest ball.
     is_candidate = np.zeros(number, dtype=np.bool_)
-    is_candidate[:: math.ceil(number / MAX_CANDIDATES)] = True
+    # Approximate number of candidate balls in the first choice.
+    is_candidate[:: math.ceil(number / 6_000)] = True
     is_candidate[np.argmax(balls.depths)] = True
     return balls.select(is_candidate)
 
@@ -479,7 +469,8 @@ def _find_deepest_points(lattice: Lattice, cells: Floats) -> LatticeBalls:
     places, normals = region.inner.sample(MAX_SAMPLES, np.random.default_rng(0))
     centers = lattice.to_metres(cells)
     _, nearest = KDTree(places).query(centers)
-    lengths = lattice.side * 0.5 ** np.arange(THINNEST_HALVINGS)
+    # Number of distances from the boundary, from a side of a cell on, each half the one before.
+    lengths = lattice.side * 0.5 ** np.arange(8)
     steps = np.concatenate([lengths, -lengths])[:, None, None]
     points = np.concatenate([centers[None], places[nearest] + steps * normals[nearest]])
     depths = region.depths(points.reshape(-1, region.dim)).reshape(len(points), -1) / lattice.side

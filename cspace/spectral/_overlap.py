@@ -44,12 +44,6 @@ MAX_OVERLAP_FREQUENCIES: Final = 2**22
 PERIOD_MARGIN: Final = 1e-6
 """Relative margin of the period, so that rounding cannot make any ball wrap around."""
 
-MAX_PLACEMENTS_PER_TRANSFORM: Final = 2**20
-"""Number of placements evaluated by one transform, to bound the memory."""
-
-MAX_PLACEMENTS_ONE_BY_ONE: Final = 8
-"""Number of placements up to which values are summed one by one, without a transform."""
-
 
 class FourierOverlap:
     """Overlap of a moving ball set A with B.
@@ -259,7 +253,8 @@ class FourierOverlap:
         # Outside the domain, sums are zero.
         in_domain = np.flatnonzero((np.abs(shares) <= 0.5).all(axis=-1))
         angles = 2.0 * math.pi * shares
-        if len(in_domain) <= MAX_PLACEMENTS_ONE_BY_ONE:
+        # Number of placements up to which values are summed one by one, without a transform.
+        if len(in_domain) <= 8:
             for n in in_domain:
                 sums = terms
                 # Sum along the axes in turn, the last one first.
@@ -267,7 +262,8 @@ class FourierOverlap:
                     sums = np.einsum("...k,k->...", sums, np.exp(1j * k * angle))
                 out[n] = sums.real
         else:
-            blocks = math.ceil(len(in_domain) / MAX_PLACEMENTS_PER_TRANSFORM)
+            # Number of placements evaluated by one transform, to bound the memory.
+            blocks = math.ceil(len(in_domain) / 2**20)
             for block in np.array_split(in_domain, blocks):
                 out[block] = evaluate_real_series(angles[block], terms, 1e-9).T
         return out.reshape(*placements.shape[:-1], len(terms))

@@ -44,17 +44,11 @@ from cspace.spectral._spectra import Complexes, RadialFactors
 if TYPE_CHECKING:
     from scipy.interpolate import NdBSpline
 
-MAX_SEARCH_FREQUENCIES: Final = 2**19
-"""Largest number of frequencies of a search, opposite ones counted both."""
-
 SPECTRUM_ACCURACY: Final = 1e-5
 """Accuracy of the spectra of fields, relative to their largest values."""
 
 SCORE_ERROR: Final = 0.01
 """Error of the scores of a search, over the summed overlaps of A's balls with themselves."""
-
-ASCENT_TOLERANCE: Final = 1e-5
-"""Relative rise of the summed scores at which an ascent ends."""
 
 
 class Placements(NamedTuple):
@@ -367,7 +361,8 @@ class _Search:
         # A lattice refers its tolerance to one ball; the error is that of all balls of A, and what
         # costs more must be more accurate.
         tolerance = SCORE_ERROR * len(body.radii) / max(map(abs, weights))
-        self.fields = _Fields(self.body, rounded, weights, bump, tolerance, MAX_SEARCH_FREQUENCIES)
+        # Largest number of frequencies of a search, opposite ones counted both.
+        self.fields = _Fields(self.body, rounded, weights, bump, tolerance, 2**19)
         volume = float((body.radii**body.dim).sum())
         self.error = SCORE_ERROR * bump.energy(body.dim) * volume
         squares = (body.centers**2).sum(axis=1) + body.radii**2
@@ -449,5 +444,6 @@ class _Search:
             return -scores.sum() / self.error, -slopes.ravel() / self.error
 
         start = np.zeros(len(poses.scores) * size)
-        found = minimize(descend, start, jac=True, method="L-BFGS-B", tol=ASCENT_TOLERANCE)
+        # Relative rise of the summed scores at which an ascent ends.
+        found = minimize(descend, start, jac=True, method="L-BFGS-B", tol=1e-5)
         return move(found.x)[1]._replace(scores=evaluate(found.x)[0])

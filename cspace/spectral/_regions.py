@@ -32,12 +32,6 @@ THIN_HEIGHT: Final = 2.0**-12 * (1.0 + 2.0**-20)
 """Height of thin triangles, relative to their longest side; distances from them may be too small by
 as much."""
 
-MIN_DEPTHS_PER_THREAD: Final = 4_000
-"""Points per thread below which a further thread costs more time than it saves."""
-
-MAX_PIECES_PER_LEAF: Final = 6
-"""Pieces of a node that are measured at once, because further boxes would take longer."""
-
 MAX_PENDING_NODES: Final = 64
 """Capacity of the stack of tree nodes: twice the depth of a tree over 2^30 pieces."""
 
@@ -76,14 +70,8 @@ MAX_GAP_HALVINGS: Final = 14
 MAX_GAP_BOXES: Final = 4_000_000
 """Largest number of boxes processed at once."""
 
-MAX_BALL_BOXES: Final = 200_000
-"""Largest number of boxes of balls processed at once, for the time they take."""
-
 SMALLEST_LENGTH: Final = 1e-300
 """Smallest length that others are divided by, metres."""
-
-MAX_DISTANCES_PER_BLOCK: Final = 2**18
-"""Number of distances held at once, which fit into a cache."""
 
 
 class ShapeBoundary:
@@ -152,7 +140,8 @@ class ShapeBoundary:
             bound_distances(self.tree, spatial[chunk], cap, near[chunk], far[chunk])
             return -1
 
-        run_in_chunks(bound_chunk, len(points), MIN_DEPTHS_PER_THREAD)
+        # Points per thread below which a further thread costs more time than it saves.
+        run_in_chunks(bound_chunk, len(points), 4_000)
         return near, far
 
     def sample(self, number: int, rng: np.random.Generator) -> tuple[Floats, Floats]:
@@ -371,7 +360,8 @@ def bound_distance(tree: PieceTree, position: Row, cap: float) -> tuple[float, f
             continue
         node = pending[count]
         start, size = tree.spans[node]
-        if size <= MAX_PIECES_PER_LEAF:
+        # Pieces of a node that are measured at once, because further boxes would take longer.
+        if size <= 6:
             for n in range(start, start + size):
                 piece = tree.pieces[n]
                 if tree.spatial:
@@ -521,7 +511,8 @@ def bound_balls_to_shape(region: Region, centers: Floats, radii: Floats) -> tupl
         high = max(high, float(excesses[~is_open].max(initial=0.0)))
         children = np.flatnonzero(is_open).repeat(len(child_offsets))
         excesses = excesses[is_open]
-        if not 0 < len(children) <= MAX_BALL_BOXES:
+        # Largest number of boxes of balls processed at once, for the time they take.
+        if not 0 < len(children) <= 200_000:
             break
         halves = 0.5 * halves[children]
         offsets = offsets[children] + halves * np.resize(child_offsets, (len(children), region.dim))
@@ -557,7 +548,8 @@ def cube_gaps(
     near, far = np.empty((2, len(points)))
     owners = np.empty(len(points), dtype=np.int64)
     # Blocks of points bound the memory of all distances.
-    size = max(1, MAX_DISTANCES_PER_BLOCK // len(radii))
+    # Number of distances held at once, which fit into a cache.
+    size = max(1, 2**18 // len(radii))
     for start in range(0, len(points), size):
         block = slice(start, start + size)
         gaps = cdist(points[block], centers) - radii

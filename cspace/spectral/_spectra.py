@@ -37,20 +37,9 @@ TRANSFORM_TOLERANCE_SHARE: Final = 0.015
 Errors up to 7 times the tolerance of a transform, which bounds a 2-norm, were observed.
 """
 
-MIN_TRANSFORM_TOLERANCE: Final = 2e-14
-"""Smallest tolerance that a non-uniform transform can meet, because of its rounding."""
-
-MIN_SAMPLES_FOR_THREADS: Final = 2**18
-"""Number of frequencies and points of a transform from which several threads are faster than one.
-"""
-
 MAX_SUMMED_BALLS: Final = {2: 48, 3: 96}
 """Number of balls of one radius up to which sums of products are faster than a transform, by
 dimension."""
-
-MAX_SMALL_PRODUCT: Final = 2**16 - 1
-"""Largest number of multiplications of a matrix product that linear algebra leaves to one thread.
-"""
 
 MAX_FREQUENCIES: Final = 2**26
 """Largest number of frequencies of a spectrum, whose values take a gigabyte."""
@@ -217,7 +206,8 @@ def _transform(lattice: FrequencyLattice, shares: Floats, tolerance: float) -> C
 
     ``shares``, shape (n, d), are the places of the points in a period.
     """
-    demanded = max(MIN_TRANSFORM_TOLERANCE, TRANSFORM_TOLERANCE_SHARE * tolerance)
+    # Smallest tolerance that a non-uniform transform can meet, because of its rounding.
+    demanded = max(2e-14, TRANSFORM_TOLERANCE_SHARE * tolerance)
     transform = getattr(_import_finufft(), f"nufft{shares.shape[1]}d1")
     angles = 2.0 * math.pi * shares.T.copy()
     ones = np.ones(len(shares), dtype=np.complex128)
@@ -241,7 +231,9 @@ def _sum_products(lattice: FrequencyLattice, shares: Floats, tolerance: float) -
     total = np.empty((len(rows), columns.shape[1]), dtype=np.complex128)
     # One large product would wake all threads of the linear algebra, which takes longer than many
     # small ones.
-    size = max(2, MAX_SMALL_PRODUCT // columns.size)
+    # Largest number of multiplications of a matrix product that linear algebra leaves to one
+    # thread.
+    size = max(2, (2**16 - 1) // columns.size)
     for start in range(0, len(rows), size):
         np.matmul(rows[start : start + size], columns, out=total[start : start + size])
     return total.reshape(lattice.counts)
@@ -272,5 +264,7 @@ def _transform_options(tolerance: float, samples: int) -> dict[str, Any]:
     upsampling = 1.25
     if tolerance < 1e-8:  # with a coarser grid, errors exceeded the tolerance
         upsampling = 1.5 if tolerance >= 1e-11 else 2.0
-    threads = count_cores() if samples >= MIN_SAMPLES_FOR_THREADS else 1
+    # Number of frequencies and points of a transform from which several threads are faster than
+    # one.
+    threads = count_cores() if samples >= 2**18 else 1
     return {"eps": tolerance, "modeord": 1, "nthreads": threads, "upsampfac": upsampling}

@@ -41,9 +41,6 @@ MAX_PENDING_NODE_PAIRS: Final = 256
 """Capacity of the stack of pairs of nodes: four times the summed depth of two trees over 2^30
 balls."""
 
-MIN_PLACEMENTS_PER_THREAD: Final = 2_000
-"""Placements per thread below which a further thread costs more time than it saves."""
-
 
 def build_tree(centers: Floats, radii: Floats) -> Floats:
     """Build the tree of balls, shapes (n, d) and (n,)."""
@@ -228,7 +225,8 @@ class ContactTest:
             )
             return -1
 
-        run_in_chunks(test_chunk, len(spatial), MIN_PLACEMENTS_PER_THREAD)
+        # Placements per thread below which a further thread costs more time than it saves.
+        run_in_chunks(test_chunk, len(spatial), 2_000)
         if placements.ndim == 1:
             return Verdict(int(verdicts[0]))
         return verdicts.reshape(placements.shape[:-1])

@@ -31,8 +31,6 @@ STATE_COLORS: Final = {
 """Colour of the arm, by state."""
 CONTACT_COLOR: Final = "#262626"
 """Colour of the line between the closest pair."""
-MAX_MESHED_BALLS: Final = 500
-"""Largest number of balls that are drawn as a mesh; more are drawn as points."""
 
 
 class ArmCanvas(Canvas):
@@ -193,7 +191,8 @@ class ArmCanvas(Canvas):
         Many balls of one radius are drawn as round points, far faster than as a mesh.
         """
         color = KINDS["obstacles"].color
-        are_points = isinstance(shape, Balls) and len(shape.radii) > MAX_MESHED_BALLS
+        # Largest number of balls that are drawn as a mesh; more are drawn as points.
+        are_points = isinstance(shape, Balls) and len(shape.radii) > 500
         if not are_points or np.ptp(shape.radii):  # points have one size
             surface = transform_surface(shape.surface, pose)
             self._obstacle_points.append(surface[0])

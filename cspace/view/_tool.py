@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -19,9 +19,6 @@ from cspace.view._scene import to_quaternion
 
 if TYPE_CHECKING:
     from viser import ViserServer
-
-MIN_POSE_JOINTS: Final = 6
-"""Number of joints that a frame needs to reach every nearby pose, a position and a rotation."""
 
 
 class ToolFrame:
@@ -69,7 +66,9 @@ class ToolFrame:
             # The last frame wins a tie.
             name = max(reversed(candidates), key=joint_counts.__getitem__)
         self.name = check_known(name, "frame", moved)
-        self.position_only = joint_counts[self.name] < MIN_POSE_JOINTS
+        # Number of joints that a frame needs to reach every nearby pose, a position and a
+        # rotation.
+        self.position_only = joint_counts[self.name] < 6
         self._gizmo = server.scene.add_transform_controls(
             "/tool",
             scale=size,

@@ -9,7 +9,7 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from ipaddress import ip_address
-from typing import TYPE_CHECKING, Any, Final, TypedDict
+from typing import TYPE_CHECKING, Any, TypedDict
 from urllib.parse import urlsplit
 
 from cspace._support.check import check_count, names_options
@@ -26,12 +26,6 @@ if TYPE_CHECKING:
 
     from cspace.plot._route import HasPath
     from planners import Plan
-
-
-FIRST_PORT: Final = 8080
-"""Default port; viser takes the next free one."""
-_POLICY_VIOLATION: Final = 1008
-"""WebSocket status that closes the connection of another site's page (RFC 6455)."""
 
 
 class ViewOptions(TypedDict, total=False):
@@ -190,7 +184,8 @@ def serve(host: str, port: int | None) -> ViserServer:
         connection: Any = sockets._live_connections[client.client_id]
         headers = connection.request.headers
         if not is_same_site(headers.get("Origin"), headers.get("Host", ""), host):
-            await connection.close(_POLICY_VIOLATION, "the page is of another site")
+            # WebSocket status that closes the connection of another site's page (RFC 6455).
+            await connection.close(1008, "the page is of another site")
             with suppress(ConnectionClosed):
                 while True:  # discard what it sent meanwhile
                     await connection.recv()
@@ -261,7 +256,8 @@ def _find_free_port(host: str, port: int | None) -> int:
     # Opening a server for a moment shows whether the port is free.
     try:
         with socket.create_server((host, tried_port), family=family) as trial:
-            return FIRST_PORT if port is None else int(trial.getsockname()[1])
+            # Default port; viser takes the next free one.
+            return 8080 if port is None else int(trial.getsockname()[1])
     except OSError as error:
         if error.errno in (errno.EADDRINUSE, errno.EACCES):
             raise InputError(
