@@ -167,7 +167,7 @@ def build(
     outside : {"blocked", "free"}
         State of all space outside the workspace's bounds.
     margin : float
-        Metres by which the robot is grown for FREE; BLOCKED is proven for the robot without the
+        Growth of the robot for FREE, metres; BLOCKED is proven for the robot without the
         margin.
     workers : int, optional
         Threads; by default one for each core that the process may use.

@@ -127,7 +127,7 @@ class ConfigurationMap(ConfigurationSpace):
 
     @property
     def margin(self) -> float:
-        """Metres by which the robot was grown to prove FREE."""
+        """Growth of the robot for FREE, metres."""
         return self._map_contents.margin
 
     @cached_property
@@ -229,10 +229,7 @@ class ConfigurationMap(ConfigurationSpace):
         return apart
 
     def _test_connections(self, q0: ArrayLike, q1: ArrayLike, apart: bool) -> Any:
-        """Return whether configurations are proven connected, or disconnected.
-
-        With ``apart``, the answer is True for disconnected ones.
-        """
+        """Return whether configurations are proven connected; with ``apart``, disconnected."""
         if isinstance(q0, tuple) and isinstance(q1, tuple):
             known = self._connection_of_one(q0, q1, apart)
             if known is not None:
@@ -244,10 +241,9 @@ class ConfigurationMap(ConfigurationSpace):
     def _connection_of_one(
         self, q0: tuple[Any, ...], q1: tuple[Any, ...], apart: bool
     ) -> bool | None:
-        """Return whether two configurations are proven connected, or disconnected.
+        """Return whether two configurations are proven connected; with ``apart``, disconnected.
 
-        With ``apart``, the answer is True for disconnected ones. Returns None if only the query of
-        arrays can answer, or raise the error.
+        Returns None if only the query of arrays can answer, or raise the error.
         """
         return None
 

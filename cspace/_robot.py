@@ -605,7 +605,7 @@ class Robot:
         spacing : float
             Side of the map's cells, metres.
         margin : float
-            Metres by which the robot is grown, on the outer side only.
+            Growth of the robot, metres, on the outer side only.
         rotation : RotationCell
             Rotations about the reference point for which the rasters hold.
 

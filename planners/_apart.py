@@ -365,7 +365,7 @@ class PlaneMeasure:
 
 
 class SolidMeasure:
-    """Distances of two solids, of which the second is an obstacle in its own frame."""
+    """Distances of two solids, the second as an obstacle in its own frame."""
 
     def __init__(self, first: Shape, second: Shape) -> None:
         """Make a small map of the second solid for the first."""

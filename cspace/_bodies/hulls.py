@@ -554,9 +554,9 @@ def box_slack(
     """Bound the slack of two nodes from below, by their boxes.
 
     Slack is (distance - required distance). ``box`` and ``fixed``, shape (9,), are rows of
-    :attr:`Hulls.boxes`; ``axes`` has shape (k, 8). The ball of the first node decides if the boxes'
-    slack is at most ``enough``. Also returns a bound of the displacement of the first node, and its
-    center as seen from the second.
+    :attr:`Hulls.boxes`; ``axes`` has shape (k, 8). If the slack of the boxes is at most ``enough``,
+    that of the first node's ball is returned. Also returns a bound of the displacement of the first
+    node, and its center as seen from the second.
     """
     half_time = motion.half_time
     limit = motion.max_displacement

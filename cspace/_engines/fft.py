@@ -117,10 +117,15 @@ def write_overlaps(
 
 
 class RasterOutput(NamedTuple):
-    """A raster with the array for its overlaps, and a correction.
+    """A raster, the array for its overlaps, and a correction.
 
-    Sums are over the raster's cells of a tile, whose values are lower by 1/2. Adding the correction
-    to a sum gives the number of overlaps.
+    Attributes
+    ----------
+    raster : Raster
+    correction : float
+        Number of overlaps minus the computed sum, because the cells of a tile count 1/2 less.
+    out : ndarray
+        Overlaps.
     """
 
     raster: Raster

@@ -46,7 +46,7 @@ FIRST_TRACKING: Final = 1e-3
 """Smallest tracking error above zero that is tried for the largest one, metres and radians."""
 
 MAX_TRACKING: Final = 1e3
-"""Tracking error from which on no larger one is tried, metres and radians."""
+"""Largest tracking error that is tried, metres and radians."""
 
 TRACKING_HALVINGS: Final = 8
 """Number of times that the range of the largest tracking error is halved."""
@@ -71,7 +71,7 @@ FAR_RATIO: Final = 10.0
 changes."""
 
 MAX_DT: Final = 10.0
-"""Time between rows, seconds, from which on it is probably in milliseconds."""
+"""Smallest time between rows, seconds, that is probably in milliseconds."""
 
 MAX_ARCS_PER_TWIST: Final = 64
 """Largest number of arcs that a twist is cut into."""

@@ -241,7 +241,10 @@ def _skip_points_both_ways(path: Floats, check: Check, until: float) -> Floats:
 
 
 def _skip_points(points: Floats, check: Check, until: float) -> Floats:
-    """Skip most waypoints at each edge, until a reading of the clock."""
+    """Skip waypoints from the start, until a reading of the clock.
+
+    Each edge leads to a waypoint as far ahead as :func:`_find_farthest` finds.
+    """
     indices = [0]
     while indices[-1] < len(points) - 1:
         if is_over(until):

@@ -37,7 +37,7 @@ class Contents:
     outside : {"blocked", "free", "unknown"}
         State of the world outside the grid; "unknown" for a part of a larger map.
     margin : float
-        Metres by which the robot was grown to prove FREE.
+        Growth of the robot for FREE, metres.
     overlap_counts : ndarray of int32, the shape of states, or None
         Overlap of each cell; taken over like ``states``.
     exterior : Exterior or None

@@ -252,10 +252,9 @@ class Arc(NamedTuple):
     first, second : tuple of float, length 4
         Ends, at most a right angle apart up to rounding.
     tangent, half_angle : float
-        Half the angle between the ends, and its tangent. A rotation's angle is twice that of its
-        quaternion.
+        Tangent of half the angle between the quaternions, and that half, radians.
     is_tiny : bool
-        True if OMPL counts the ends as equal, so that its rotation may jump between them.
+        True if OMPL counts both ends as equal, and may jump between them.
     """
 
     first: Numbers

@@ -116,7 +116,7 @@ class Shape(ABC):
         spacing : float
             Side ``h`` of the map's cells, metres.
         margin : float
-            Distance by which the outer shape is grown, metres.
+            Growth of the outer shape, metres.
         rotation : RotationCell
             Rotations for which the rasters hold.
 

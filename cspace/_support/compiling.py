@@ -87,7 +87,7 @@ def kernel(function: F) -> F:
 
 
 def internal(function: F) -> F:
-    """Compile a function that only kernels call, otherwise like :func:`kernel`.
+    """Compile a kernel that only kernels call.
 
     A call from Python crashes. Without machine code of its own, it compiles in half the time.
     """
@@ -109,7 +109,7 @@ def inlined(function: F) -> F:
 
 
 def allocating(function: F) -> F:
-    """Compile a function that allocates arrays, otherwise like :func:`kernel`."""
+    """Compile a kernel that allocates arrays."""
     return _compile(function, _nrt=True)  # numba takes options that are not given from the caller
 
 

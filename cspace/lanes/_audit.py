@@ -66,9 +66,9 @@ class LaneVerdict(NamedTuple):
     obstacle : str
         What the robot touches there.
     left, right : float
-        Metres, at most ``max_room``, by which the whole lane may shift to either side; proven.
+        Proven shift of the whole lane to either side, metres, at most ``max_room``.
     margin : float
-        Metres, at most ``max_room``, by which the robot, with its margin, may grow; proven.
+        Proven growth of the robot with its margin, metres, at most ``max_room``.
     """
 
     lane: str
@@ -99,7 +99,7 @@ class NodeVerdict(NamedTuple):
     node : str
     position : tuple of float
     free_yaws : ndarray of float64, shape (n, 2)
-        Intervals of yaw, radians, within each of which the robot may turn on the spot; proven.
+        Intervals of yaw, radians, that are proven free for turns on the spot.
     """
 
     node: str
@@ -113,7 +113,7 @@ class NodeVerdict(NamedTuple):
 
 
 class LostWay(NamedTuple):
-    """Two nodes of a lane, of which the second is no longer reached from the first.
+    """Two nodes of a lane whose second is no longer reached from the first.
 
     Attributes
     ----------

@@ -195,7 +195,7 @@ class Conflicts:
 
     @property
     def needless(self) -> list[str]:
-        """Mutex groups of several elements, of which any two are proven apart."""
+        """Mutex groups of several elements that are all proven apart."""
         used = {group for row in self.pairs for group in row.groups}
         return [name for name, members in self.groups.items() if len(members) > 1 > (name in used)]
 

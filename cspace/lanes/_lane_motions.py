@@ -30,7 +30,7 @@ SAME_YAW: Final = 1e-9
 """Angle, radians, up to which two legs of a lane need no turn between them."""
 
 MAX_PART: Final = math.radians(5.0)
-"""Largest part of a rotation cell of which all yaws are proven at once, radians."""
+"""Largest part of a rotation cell whose yaws are proven at once, radians."""
 
 LEVER_ROUNDING: Final = 1e-9
 """Rounding of the robot's largest distance from its reference point, as a share of it."""
@@ -40,7 +40,7 @@ GROWTH_STEP: Final = 1e-3
 
 
 class LaneMotions(NamedTuple):
-    """Motions of lanes, in the order of these.
+    """Motions of lanes, lane by lane.
 
     Attributes
     ----------
@@ -48,14 +48,14 @@ class LaneMotions(NamedTuple):
     growths : ndarray of float64, shape (n,)
         Growth of the robot, metres.
     spares : ndarray of float64, shape (n,)
-        More growth, metres, without which a motion at the center of a rotation cell stands for all
-        yaws of it by cells alone.
+        Additional growth, metres, for proofs by geometry. Proofs by cells need none: a motion at
+        the center of a rotation cell then stands for all yaws of the cell.
     lanes : ndarray of int64, shape (n,)
         Index of the lane.
     order : ndarray of int64, shape (n,)
         Place of the motion along its lane.
     on_lane : ndarray of bool, shape (n,)
-        False for the chord of a curve, of which only both ends lie on the lane.
+        True for straight motions; only the ends of a curve's chord lie on the lane.
     """
 
     starts: Floats
@@ -81,7 +81,7 @@ class LaneYaw(NamedTuple):
     is_relative : bool
         Whether the yaw counts from the direction of travel.
     half_width : float
-        Radians, by which the yaw may differ, within its rotation cell.
+        Largest deviation of the yaw within its rotation cell, radians.
     """
 
     yaw: float

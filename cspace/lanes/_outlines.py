@@ -65,7 +65,7 @@ class SweepPieces(NamedTuple):
     starts, ends : ndarray of float64, shape (n, 3)
         Poses: x, y, yaw.
     half_widths : ndarray of float64, shape (n,)
-        Radians, by which the yaw may differ.
+        Largest deviation of the yaw, radians.
     growths : ndarray of float64, shape (n,)
         Distance of the robot from the motion, metres.
     elements : ndarray of int64, shape (n,)

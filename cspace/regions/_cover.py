@@ -38,7 +38,7 @@ SUFFIX: Final = ".json"
 """Suffix of files of regions."""
 
 KIND: Final = "file of regions"
-"""Kind of these files, for messages."""
+"""Kind of files of regions, for messages."""
 
 BYTES_PER_CELL: Final = 16
 """Approximate memory per cell of each rotation cell, bytes."""

@@ -54,7 +54,7 @@ MIN_CURVATURE: Final = 1e-12
 """Curvature along a coordinate, as a share of that of the metric, below which it is zero."""
 
 MIN_DEPTH: Final = 1e-3
-"""Depth in cells from which on a point serves Qhull as an interior point."""
+"""Smallest depth, in cells, of an interior point for Qhull."""
 
 
 class HalfSpaces(NamedTuple):

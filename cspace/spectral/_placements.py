@@ -419,7 +419,7 @@ class _Search:
         def move(x: Floats) -> tuple[Rotation, Placements]:
             """Return rotations and poses after steps x, in lattice spacings.
 
-            Of the entries of x for each pose, the last ones turn A: they are arcs at its radius of
+            Each pose has the entries of a translation, then of a turn of A: arcs at its radius of
             gyration.
             """
             steps = spacing * x.reshape(-1, size)

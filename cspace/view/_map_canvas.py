@@ -296,7 +296,7 @@ class PoseDials:
     Attributes
     ----------
     angles : tuple of str
-        Elements of :data:`ANGLES` by which the robot can rotate.
+        Elements of :data:`ANGLES` that the robot can turn by.
     """
 
     def __init__(self, dim: int, rotations: Rotations) -> None:
