@@ -326,7 +326,7 @@ class ConfigurationMap(ConfigurationSpace):
         max_velocity: ArrayLike | None = None,
         turning_radius: float | None = None,
     ) -> Chunk:
-        """Prove the arcs of twists, and all motions near them.
+        """Prove arcs of twists, and all motions near them.
 
         Each twist drives the robot along an arc. The arcs are proven as such: a tube around chords
         that is wide enough to contain them, with the tracking error in addition.
@@ -370,7 +370,7 @@ class ConfigurationMap(ConfigurationSpace):
         return certify_twists(self, q, twists, dt, tracking, max_velocity, turning_radius)
 
     def free_yaws(self, position: ArrayLike) -> Floats:
-        """Return the intervals of yaw proven free at a position.
+        """Return intervals of yaw proven free at a position.
 
         Parameters
         ----------

@@ -635,7 +635,7 @@ class Robot:
 
 
 def _split_part(path: StrPath, suffixes: Collection[str]) -> tuple[StrPath, str]:
-    """Split a path such as ``FILE.urdf#LINK`` into file and part."""
+    """Split ``FILE.urdf#LINK`` into file and part."""
     file, mark, name = str(path).rpartition("#")
     # A file may have the mark in its own name.
     if not mark or Path(path).suffix.lower() in suffixes:

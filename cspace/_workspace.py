@@ -512,7 +512,7 @@ class Workspace:
 
     @property
     def cells(self) -> Source:
-        """Source of the cells, read a box at a time."""
+        """Source of the cells, read by boxes."""
         from cspace._obstacles import CellsInMemory
 
         return CellsInMemory(self.outer, self.inner)
@@ -750,7 +750,7 @@ class Workspace:
     def from_octomap(
         cls, path: StrPath, unknown: str = "occupied", bounds: ArrayLike | None = None
     ) -> Workspace:
-        """Read an OctoMap, ``.bt`` or ``.ot``, at its finest resolution.
+        """Read an OctoMap, ``.bt`` or ``.ot``, at finest resolution.
 
         Parameters
         ----------
@@ -919,7 +919,7 @@ class LazyWorkspace(Workspace):
 
     @property
     def cells(self) -> Source:
-        """Source of the cells, read a box at a time."""
+        """Source of the cells, read by boxes."""
         return self._cells
 
     @property

@@ -223,7 +223,7 @@ class Timed(NamedTuple):
         return poses
 
     def bound_errors(self, t: Floats) -> Floats:
-        """Return the largest errors up to times, metres, shape (n,)."""
+        """Return largest errors up to times, metres, (n,)."""
         return np.asarray(self.error + self.growth * np.maximum(t - self.at, 0.0))
 
     def bound_speeds(self, t: Floats) -> Floats:

@@ -184,7 +184,7 @@ def curve_cost(
     curve: tuple[int, float],
     numbers: Numbers,
 ) -> float:
-    """Integrate the cost along the shortest curve between two configurations.
+    """Integrate the cost along the shortest curve.
 
     ``curve`` is the kind and the turning radius. The last six ``numbers`` are (x, y, yaw) of both
     ends. The midpoint rule has steps of at most one cell and 5 degrees.
@@ -379,7 +379,7 @@ def measure_gap(goal: Pose, steering: Ints, lengths: Floats, row: int) -> float:
 
 @kernel
 def advance(pose: Pose, steer: int, length: float) -> Pose:
-    """Return the pose, in turning radii, after driving a segment."""
+    """Return the pose, in radii, after driving a segment."""
     x, y, yaw = pose
     if steer == 0:
         return x + length * math.cos(yaw), y + length * math.sin(yaw), yaw

@@ -149,7 +149,7 @@ NO_WAY: Final = ShortestWay(math.inf, np.empty(0, dtype=np.int64))
 
 
 def list_rectangles(states: States, highest: int = FREE) -> Rectangles:
-    """List the runs of cells with states up to ``highest``."""
+    """List runs of cells with states up to ``highest``."""
     runs = list_runs(states[np.newaxis], highest)
     columns, width = states.shape
     column = runs.starts // width
@@ -164,7 +164,7 @@ def find_shortest_way(
     until: float = math.inf,
     may_exist: Callable[[], bool] | None = None,
 ) -> ShortestWay:
-    """Find the shortest path between two points in passable cells.
+    """Find the shortest path between points in passable cells.
 
     Its length is exact except for :data:`MAX_ERROR_PER_CELL`, and :data:`INSET` at both ends. It
     passes no corner at which just two opposite cells are passable.
@@ -234,7 +234,7 @@ def make_front(runs: int, capacity: int) -> Front:
 
 
 def trace_way(front: Front, first: int) -> ShortestWay:
-    """Return the path through the queue's first interval, or none."""
+    """Return the path by the queue's first interval."""
     intervals = front.intervals
     if front.queue.length[0] == 0:
         return NO_WAY

@@ -46,7 +46,7 @@ def waypoints(grid: Grid, rotations: Rotations, endpoints: Floats, cells: Ints) 
 
 
 def keep_rotation(path: Floats, rotation_cells: Ints, dim: int, check: Check) -> Floats:
-    """Keep the common rotation of both ends along the path.
+    """Keep both ends' common rotation along the path.
 
     ``path`` has shape (n + 2, size), with the centers of ``rotation_cells``, shape (n,), between
     its ends. If an edge fails ``check``, because the rotation is on the border of a rotation cell
@@ -92,7 +92,7 @@ def pulled_straight(
 
 
 def are_free(path: Floats, check: Check) -> bool:
-    """Return True if all edges of a path pass ``check``."""
+    """Return True if all edges pass ``check``."""
     return all(check(*start, *end) for start, end in itertools.pairwise(path.tolist()))
 
 
@@ -232,7 +232,7 @@ def _skip_points_both_ways(path: Floats, check: Check, until: float) -> Floats:
     size = path.shape[1]
 
     def check_reversed(*endpoints: float) -> bool:
-        """Check an edge, given by numbers, in the path's direction."""
+        """Check an edge of numbers, in the path's direction."""
         return check(*endpoints[size:], *endpoints[:size])
 
     from_start = _skip_points(path, check, until)
@@ -255,7 +255,7 @@ def _skip_points(points: Floats, check: Check, until: float) -> Floats:
 
 
 def _find_farthest(points: Floats, here: int, check: Check) -> int:
-    """Find a far waypoint that an edge from ``here`` reaches.
+    """Find a far waypoint that an edge reaches.
 
     Strides double while edges pass. Between the last two, the farthest is found by bisection.
     """

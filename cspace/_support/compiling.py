@@ -150,7 +150,7 @@ def _compile_once(compile_: Callable[[Any], Any], function: Callable[..., Any]) 
     """
 
     def compile_in_turn(signature: Any) -> Any:
-        """Compile the function for a signature, or load its code."""
+        """Compile a signature, or load its code."""
         with global_compiler_lock, _turn(function):  # threads take turns, too
             return compile_(signature)
 
@@ -258,7 +258,7 @@ class Address:
     """
 
     def __init__(self, function: Any, argument_types: tuple[types.Type, ...]) -> None:
-        """Compile the function, or take its code from the cache."""
+        """Compile the function, or take it from the cache."""
         function.compile(argument_types)
         compiled = function.overloads[argument_types]
         self.function = function
@@ -320,7 +320,7 @@ register_model(AddressType)(models.IntegerModel)
 
 @cache
 def cache_folder() -> Path | None:
-    """Return the folder of compiled code, or None if unsafe.
+    """Return the folder of compiled code, or None.
 
     Each version of cspace, numba and Python has its own folder.
     """

@@ -84,7 +84,7 @@ class LaneVerdict(NamedTuple):
 
     @property
     def cells(self) -> dict[str, Any]:
-        """Values of the table, by the names of its columns."""
+        """Values of the table, by columns."""
         values = dict(zip(COLUMNS, self, strict=True))
         if self.verdict != "free":
             values |= dict.fromkeys(COLUMNS[-3:])
@@ -163,7 +163,7 @@ class Audit:
         return {verdict: counts[verdict] for verdict in COLORS}  # type: ignore[index]
 
     def __repr__(self) -> str:
-        """Return the robot and the numbers of lanes by verdict."""
+        """Return the robot and numbers of lanes by verdict."""
         numbers = ", ".join(f"{count} {verdict}" for verdict, count in self.counts.items())
         return f"Audit({self.space.robot.name}: {numbers})"
 

@@ -183,7 +183,7 @@ def list_pieces(space: ConfigurationMap, graph: RouteGraph) -> SweepPieces:
 
 
 def _with_yaw(points: Floats) -> Floats:
-    """Return configurations with a yaw, zero if they have none."""
+    """Return configurations with a yaw, zero by default."""
     return np.column_stack([points, np.zeros((len(points), 3 - points.shape[1]))])
 
 
@@ -242,7 +242,7 @@ def _join_yaws(yaws: Floats) -> list[tuple[float, float]]:
 
 
 def _cut_turns(pieces: SweepPieces) -> SweepPieces:
-    """Cut pieces whose turn is too large for one hull."""
+    """Cut pieces that turn too far for one hull."""
     steps = pieces.ends - pieces.starts
     counts = np.ceil(np.abs(steps[:, 2]) / MAX_TURN - TURN_SLACK)
     counts = np.maximum(counts, 1.0).astype(np.int64)

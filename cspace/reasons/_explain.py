@@ -163,7 +163,7 @@ class Explanation:
         return self.space.outside == "blocked" and not is_blocked.all()
 
     def _describe_reason(self) -> str:
-        """Return the sentence that gives the verdict and its reason."""
+        """Return the sentence of verdict and reason."""
         end, _, state = self.verdict.partition(" ")
         if state:
             proof = "touches" if state == "BLOCKED" else "may touch"

@@ -52,7 +52,7 @@ class Arrangement:
     """
 
     def __init__(self, lattice: Lattice, measure_depths: Depths, *, inside: bool) -> None:
-        """Choose points for a shape; ``inside`` keeps centers in it.
+        """Choose points for a shape, with centers perhaps ``inside``.
 
         ``measure_depths`` gives the radii of the largest balls in the shape around points (n, d).
         """
@@ -107,7 +107,7 @@ class Arrangement:
         return best, smallest
 
     def _spread(self, number: int) -> Floats:
-        """Return centers far apart: the deepest cell, then the neediest."""
+        """Return centers far apart: the deepest, then the neediest."""
         centers = self.cells[[self.measure_depths(self.cells).argmax()]]
         for _ in range(number - 1):
             growths = cdist(self.cells, centers) - self.measure_depths(centers)
@@ -115,7 +115,7 @@ class Arrangement:
         return centers
 
     def _alternate(self, centers: Floats) -> tuple[Floats, float]:
-        """Assign points and move balls in turns; return the best."""
+        """Assign points and move balls alternately; return the best."""
         if self.is_inner:
             centers = centers[self.measure_depths(centers) > 0.0]
         best = centers

@@ -252,7 +252,7 @@ def _fill_shape(lattice: Lattice, tolerance: float) -> ProvenBalls:
 
 
 def _cover_shape(lattice: Lattice, tolerance: float) -> ProvenBalls:
-    """Choose balls that cover a shape within a tolerance, metres.
+    """Choose balls that cover a shape within a tolerance.
 
     Raises InputError if no such balls are found.
     """
@@ -546,7 +546,7 @@ class CellCounts(NamedTuple):
 
     @property
     def open_cells(self) -> Floats:
-        """Centers of the cells in no ball, shape (n, 3)."""
+        """Centers of cells in no ball, shape (n, 3)."""
         return np.argwhere(self.counts == 0) + np.float64(0.5)
 
     def trim(self, balls: LatticeBalls) -> LatticeBalls:

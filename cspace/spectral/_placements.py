@@ -324,7 +324,7 @@ class BallPenetration:
         self._fields = _Fields(moving, [balls], [1.0], check_bump(bump), *limits)
 
     def value_and_gradient(self, centers: ArrayLike) -> tuple[Floats, Floats]:
-        """Compute the summed overlap and its derivatives by the centers.
+        """Compute the summed overlap and derivatives by centers.
 
         ``centers``, shape (..., k, d), are in metres. The results have shapes (...) and (..., k,
         d), in square or cubic metres, and that per metre. Raises InputError if the shape is

@@ -200,7 +200,7 @@ class Region:
     """
 
     def __init__(self, shape: Shape) -> None:
-        """Take the outer and the inner boundary of a shape."""
+        """Take the outer and inner boundary of a shape."""
         self.shape = shape
         self.dim = shape.dim
         self.bounds = np.array(shape.outer.bounds)

@@ -145,7 +145,7 @@ class Canvas:
     # ---- drawing ---------------------------------------------------------------------------------
 
     def _add_mesh(self, name: str, surface: Surface, color: str, opacity: float = 1.0) -> Any:
-        """Add a mesh to the scene, and return its handle."""
+        """Add a mesh to the scene; return its handle."""
         return self._server.scene.add_mesh_simple(
             name,
             *surface,

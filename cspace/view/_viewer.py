@@ -79,7 +79,7 @@ class Viewer:
         host: str = "127.0.0.1",
         port: int | None = None,
     ) -> None:
-        """Check all arguments, start a server, and open the page."""
+        """Check arguments, start a server, and open the page."""
         from cspace.view._page import Page
 
         is_arm = isinstance(space, ArmSpace)
@@ -112,7 +112,7 @@ class Viewer:
 
     @property
     def plan(self) -> Plan | None:
-        """Result of the last search on the page, or None."""
+        """Result of the page's last search, or None."""
         return self.page.plan
 
     def refresh(self) -> None:
@@ -127,7 +127,7 @@ class Viewer:
             stop(self.server)
 
     def wait(self) -> None:
-        """Wait until the page is closed or Ctrl-C closes it."""
+        """Wait until the page or Ctrl-C closes it."""
         try:
             self._closed.wait()
         except KeyboardInterrupt:
