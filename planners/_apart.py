@@ -418,7 +418,7 @@ def _build_around(first: Shape, second: Shape) -> CSpace:
 
 
 def _sample_solid(shape: Shape) -> tuple[Floats, Floats]:
-    """Return a solid's points, and radii of balls inside it."""
+    """Return a solid's points, and radii inside it."""
     simplices, radii = shape.outer.boundary()
     middles = simplices.mean(axis=1)
     points = np.concatenate([middles, *np.moveaxis(simplices, 1, 0)])
@@ -455,7 +455,7 @@ class Search:
     def __init__(
         self, movers: tuple[Timed, Timed], measure: Measure, distance: float, duration: float
     ) -> None:
-        """Remember the motions, which begin at 0, and their duration."""
+        """Remember the motions, from 0 on, and their duration."""
         self._movers = movers
         self._measure = measure
         self._distance = distance

@@ -410,7 +410,7 @@ def is_new(steering: Ints, lengths: Floats, count: int) -> int:
 
 @internal
 def write_candidates(kind: int, goal: Pose, steering: Ints, lengths: Floats) -> int:
-    """Write all candidate words from the origin; return their number.
+    """Write candidate words from the origin; return their number.
 
     Each form gives words by symmetry: mirrored (left for right), reversed (ahead for back) and
     backwards (from the end to the start). Words of Dubins are neither reversed nor backwards; their
@@ -454,7 +454,7 @@ def write_word(
     lengths: Floats,
     row: int,
 ) -> None:
-    """Write a form's word, mirrored and reversed, to a row.
+    """Write a mirrored or reversed word to a row.
 
     Arcs are wrapped into [-pi, pi), or for Dubins into [0, 2 pi). The second word of a form goes
     backwards for Reeds-Shepp, so its segments are in reverse order. For Dubins, it keeps the arcs

@@ -65,7 +65,7 @@ def check_axes(space: Space, axes: tuple[str, ...], owner: str) -> None:
 
 
 def has_drives(space: Space) -> bool:
-    """Return True if a space has other drives than holonomic."""
+    """Return True if a space has more than holonomic."""
     return space.has_cells and space.axes == CAR_AXES
 
 

@@ -214,7 +214,7 @@ class _Setup(og.SimpleSetup):
     """A SimpleSetup that survives Python's garbage collector."""
 
     def __init__(self, states: ob.StateSpace) -> None:
-        """Hold two objects that OMPL frees unless Python has them."""
+        """Hold objects that OMPL frees unless Python does."""
         super().__init__(states)
         self._held = self.getSpaceInformation(), self.getProblemDefinition()
 

@@ -152,7 +152,7 @@ class Shape(ABC):
         """
 
     def project_to_plane(self) -> Shape:
-        """Project onto the xy plane.
+        """Project the shape onto the xy plane.
 
         A shape in the plane is returned unchanged.
         """
@@ -474,7 +474,7 @@ class BoundedShape(Shape):
         return np.concatenate([outer_rows, inner_rows])
 
     def project_to_plane(self) -> Shape:
-        """Project onto the xy plane."""
+        """Project both bounds onto the xy plane."""
         return BoundedShape(
             self.outer.project_to_plane().outer,
             self.inner.project_to_plane().inner,

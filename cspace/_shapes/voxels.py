@@ -127,7 +127,7 @@ class Box(ExactShape):
         return self.lower + _UNIT_CORNERS * (self.upper - self.lower), _BOX_TRIANGLES.copy()
 
     def project_to_plane(self) -> Polygons:
-        """Project onto the xy plane."""
+        """Project the box onto the xy plane."""
         import shapely
 
         return Polygons([shapely.box(*self.lower[:2], *self.upper[:2])])
@@ -316,7 +316,7 @@ class Voxels(ExactShape):
         return vertices, np.arange(len(vertices), dtype=np.int64).reshape(-1, 3)
 
     def project_to_plane(self) -> Voxels:
-        """Project onto the xy plane."""
+        """Project the cells onto the xy plane."""
         if self.dim == 2:
             return self
         return Voxels(np.asarray(self.occupied.any(axis=2)), self.side, self.lower[:2].copy())

@@ -363,7 +363,7 @@ class Zones:
         write_json(path, overwrite, self.to_geojson())
 
     def to_csv(self, path: StrPath, overwrite: bool = False) -> None:
-        """Write one row for each pair not apart."""
+        """Write a row for each zone corner: zone, x, y."""
         rows = (
             {"zone": k, "x": x, "y": y}
             for k, polygon in enumerate(self.polygons)

@@ -90,7 +90,7 @@ class Arrangement:
         return other if growth_of_other < growth else best
 
     def _improve(self, arrangements: list[Floats], max_failures: int) -> tuple[Floats, float]:
-        """Search from the best arrangements; return centers and largest growth."""
+        """Search from the best arrangements; return centers and growth."""
         best = np.empty((0, self.region.dim))
         smallest = math.inf
         for start in arrangements:

@@ -228,7 +228,7 @@ class _Fields:
         )
 
     def _invert(self, spectrum: Complexes) -> Floats:
-        """Return a real function on the lattice from its spectrum."""
+        """Transform a spectrum to a real function on lattices."""
         from scipy.fft import irfftn
 
         padded = np.zeros(self.shape, dtype=np.complex128)
@@ -374,7 +374,7 @@ class _Search:
         self.gyration = math.sqrt(float(squares.mean()))
 
     def find_peaks(self, matrix: Floats, floor: float, most: int) -> Placements:
-        """Find up to ``most`` highest lattice maxima above a score.
+        """Find up to ``most`` highest maxima above a score.
 
         A is rotated by ``matrix``, shape (d, d).
         """
@@ -444,7 +444,7 @@ class _Search:
             return sums[..., 0].sum(axis=1), spacing * slopes
 
         def descend(x: Floats) -> tuple[float, Floats]:
-            """Return the negated, scaled sum of scores, and its derivatives."""
+            """Return the negated, scaled scores and their derivatives."""
             scores, slopes = evaluate(x)
             return -scores.sum() / self.error, -slopes.ravel() / self.error
 

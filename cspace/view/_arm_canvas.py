@@ -182,7 +182,7 @@ class ArmCanvas(Canvas):
     def _add_links(
         self, arm: str, links: Sequence[str], color: str = ROBOT_FILL_COLOR, opacity: float = 1.0
     ) -> dict[str, Any]:
-        """Add an arm's links to the scene; return their handles."""
+        """Add an arm's links to the scene; return handles."""
         surfaces = self._figure.links
         add = self._add_mesh
         return {link: add(f"/{arm}/{link}", surfaces[link], color, opacity) for link in links}

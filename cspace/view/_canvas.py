@@ -115,7 +115,7 @@ class Canvas:
         return ""
 
     def on_drag(self, name: str, moved: Callable[[Floats], None]) -> None:
-        """Register a callback for drags of an endpoint, if any."""
+        """Register a callback for drags of endpoints, if any."""
 
     def draw_path(self, points: Floats) -> None:
         """Draw a path; without points, remove it."""

@@ -157,7 +157,7 @@ class Panel:
         }
 
     def show_robot(self, numbers: tuple[float, ...]) -> None:
-        """Set the robot's sliders to dial values, within their limits."""
+        """Set the robot's sliders to values within limits."""
         for slider, number in zip(self.sliders, numbers, strict=True):
             slider.value = min(max(number, slider.min), slider.max)
 

@@ -221,7 +221,7 @@ def _silence_viser() -> Iterator[None]:
 
 
 def is_same_site(origin: str | None, host_header: str, host: str) -> bool:
-    """Return True if a browser's page comes from this server.
+    """Return True if this server made a browser's page.
 
     ``origin`` is the site of the page, as named by the browser; other programs send None.
     ``host_header`` is the name and port in the request, and ``host`` the address of the server. A
