@@ -697,7 +697,7 @@ class Workspace:
         drop_missing: bool = False,
         offset: ArrayLike | None = None,
     ) -> Workspace:
-        """Rasterize a point cloud, with a ball around each point.
+        """Rasterize a point cloud, as points or as balls.
 
         Parameters
         ----------
@@ -1038,7 +1038,7 @@ def covering_grid(corners: Floats, spacing: float, bytes_a_cell: int) -> Grid:
 
 
 def warn_of_units(corners: Floats, spacing: float, what: str, bounded: bool) -> None:
-    """Warn if obstacles are smaller than a cell, as another unit.
+    """Warn if obstacles smaller than a cell suggest another unit.
 
     If the map has bounds, which are in metres, small obstacles may be intended; the limit is then a
     quarter of a cell. ``corners``, shape (2, d), is the box of the obstacles; a single point raises
@@ -1057,7 +1057,7 @@ def warn_of_units(corners: Floats, spacing: float, what: str, bounded: bool) -> 
 
 
 def warn_of_rounding(source: object, points: Floats, spacing: float) -> None:
-    """Warn of narrow coordinates that round by over a tenth cell.
+    """Warn of short coordinates that round over a tenth of a cell.
 
     ``source`` is the array or file of the points, shape (n, d).
     """

@@ -463,7 +463,7 @@ class Plan:
         overwrite: bool = False,
         **options: Unpack[AnimationOptions],
     ) -> None:
-        """Draw the motion along the path as GIF.
+        """Draw the motion along the path as a GIF.
 
         Parameters
         ----------

@@ -58,7 +58,7 @@ def wrap_angles(angles: Floats, periodic_axes: ArrayLike = True) -> Floats:
 
 
 def unwrap_near(angle: Floats, other: Floats) -> Floats:
-    """Shift angles by whole turns near others."""
+    """Shift angles by whole turns, within pi of others."""
     whole_turns = np.rint((other - angle) / TWO_PI)
     return angle + TWO_PI * whole_turns
 

@@ -112,7 +112,7 @@ class TiledCSpace(ConfigurationMap):
 
     @property
     def progress(self) -> float:
-        """Fraction of tiles built; queries need an opened complete map."""
+        """Fraction of tiles built; open a complete map again."""
         return self._folder.progress
 
     @property

@@ -344,7 +344,7 @@ class ArmSpace(ConfigurationSpace):
         q: ArrayLike | None = None,
         padding: float | None = None,
     ) -> None:
-        """Attach a new object or an obstacle to links.
+        """Attach a new object or obstacle to a link.
 
         An obstacle keeps its padding and the pairs that may touch. For instance, a box that is
         picked up from a table needs ``allow_collisions([("box", "table")])``.
@@ -980,7 +980,7 @@ class ArmSpace(ConfigurationSpace):
         *,
         tolerance: tuple[float, float] = DEFAULT_LINE_TOLERANCE,
     ) -> LineMotion:
-        """Bring a frame along straight lines, proven.
+        """Bring a frame along straight lines by proven motions.
 
         The line begins at the pose of the frame at ``q0``. On the way to the next pose the frame's
         origin moves straight, and the frame turns about one axis; poses of equal rotation keep it.

@@ -506,7 +506,7 @@ class Arm:
     def configuration(
         self, values: Mapping[str, float] | str | None = None, base: ArrayLike | str | None = None
     ) -> Floats:
-        """Return the configuration of joints' values by name.
+        """Return the configuration with given joint values, by name.
 
         Parameters
         ----------
@@ -773,7 +773,7 @@ class Arm:
 
     @cached_property
     def _contact_samples(self) -> Floats:
-        """Random configurations that find constant contacts."""
+        """Random configurations to find constant contacts."""
         return np.random.default_rng(0).uniform(*self._ranges(), (CONTACT_SAMPLES, self.dof))
 
     def _ranges(self, around: ArrayLike = 0.0) -> tuple[Floats, Floats]:

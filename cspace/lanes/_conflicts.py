@@ -200,7 +200,7 @@ class Conflicts:
         return [name for name, members in self.groups.items() if len(members) > 1 > (name in used)]
 
     def zones(self) -> Zones:
-        """Return zones that keep robots apart, one in each.
+        """Return zones that keep robots apart, one robot in each.
 
         A robot is in a zone as long as any point of it, or of its margin, is. If two robots on
         different elements are within the distance of each other, the line between their nearest
@@ -300,7 +300,7 @@ class Conflicts:
         write_csv(path, overwrite, COLUMNS, (row.cells for row in self.pairs))
 
     def to_junit(self, path: StrPath, overwrite: bool = False, strict: bool = False) -> None:
-        """Write a JUnit report with a test for conflicts.
+        """Write a JUnit report of conflicts without common nodes.
 
         If a file has mutex groups, a pair that touches and shares none fails. An undecided pair
         that shares none is skipped, or fails if ``strict``.

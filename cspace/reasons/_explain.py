@@ -158,7 +158,7 @@ class Explanation:
 
     @property
     def _may_pass_outside(self) -> bool:
-        """Whether cells outside are undecided, although obstacle."""
+        """Whether cells outside are undecided, although all is obstacle."""
         is_blocked = self.space._exterior.is_all_blocked(self.space.grid.shape)
         return self.space.outside == "blocked" and not is_blocked.all()
 

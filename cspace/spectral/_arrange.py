@@ -52,7 +52,7 @@ class Arrangement:
     """
 
     def __init__(self, lattice: Lattice, measure_depths: Depths, *, inside: bool) -> None:
-        """Choose points for a shape, with centers perhaps ``inside``.
+        """Choose points for a shape; ``inside`` keeps centers in it.
 
         ``measure_depths`` gives the radii of the largest balls in the shape around points (n, d).
         """

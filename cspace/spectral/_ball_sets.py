@@ -30,7 +30,7 @@ PLACEMENT_ROUNDING: Final = 2.0**-50
 
 
 def as_balls(source: BallsLike, name: str, dim: int | None = None) -> Balls:
-    """Convert anything to balls with volume, in ``dim`` dimensions.
+    """Convert a source to balls with volume, in ``dim`` dimensions.
 
     Raises InputError, which names the argument ``name``, for anything else.
     """

@@ -151,7 +151,7 @@ class EarlyTest:
 
 
 def _keep_half(values: NDArray[Any]) -> NDArray[Any]:
-    """Keep values of one of two opposite frequencies.
+    """Keep values of one of each two opposite frequencies.
 
     Descriptors are real, so opposite frequencies have conjugate terms.
     """

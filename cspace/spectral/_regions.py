@@ -429,7 +429,7 @@ def bound_ball_measure(centers: Floats, radii: Floats) -> tuple[float, float]:
 
 
 def _bound_volume(shape: ExactShape) -> tuple[float, float]:
-    """Bound a volume both ways, by inner, covering cells."""
+    """Bound a volume both ways, by inner and covering cells."""
     lower, upper = np.array(shape.bounds)
     sides = upper - lower
     # About two million cells; flat boxes count as thicker, to bound the number.
