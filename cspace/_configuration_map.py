@@ -14,6 +14,7 @@ from cspace._grid import Grid
 from cspace._interface import (
     ConfigurationSpace,
     Endpoint,
+    LookUp,
     format_configuration,
 )
 from cspace._queries.batches import Configuration, evaluate, evaluate_edges
@@ -230,21 +231,21 @@ class ConfigurationMap(ConfigurationSpace):
 
     def _test_connections(self, q0: ArrayLike, q1: ArrayLike, apart: bool) -> Any:
         """Return whether configurations are proven connected; with ``apart``, disconnected."""
-        if isinstance(q0, tuple) and isinstance(q1, tuple):
-            known = self._connection_of_one(q0, q1, apart)
-            if known is not None:
-                return known
         write = partial(self._write_connections, apart)
         with self._map_lock():
+            if isinstance(q0, tuple) and isinstance(q1, tuple):
+                known = self._ask_one(self._look_up_connection(apart), q0, q1)
+                if known is not None:
+                    return bool(known)
             return evaluate_edges(q0, q1, self.axes, write, self._angles)
 
-    def _connection_of_one(
-        self, q0: tuple[Any, ...], q1: tuple[Any, ...], apart: bool
-    ) -> bool | None:
-        """Return whether two configurations are proven connected; with ``apart``, disconnected.
+    def _look_up_connection(self, apart: bool) -> LookUp | None:
+        """Return the look-up of whether two configurations are proven connected, or apart."""
+        return None
 
-        Returns None if only the query of arrays can answer, or raise the error.
-        """
+    @property
+    def _look_up_clearance(self) -> LookUp | None:
+        """Look-up of one configuration's clearance, metres."""
         return None
 
     def _write_connections(self, apart: bool, starts: Floats, ends: Floats, out: Bools) -> int:
@@ -438,20 +439,13 @@ class ConfigurationMap(ConfigurationSpace):
             Metres.
         """
         if isinstance(q, tuple):
-            known = self._clearance_of_one(q)
+            known = self._ask_one(self._look_up_clearance, q)
             if known is not None:
-                return known
+                return float(known)
         metres: float | Floats = evaluate(
             q, self.axes, self._write_clearances, np.float64, self._angles
         )
         return metres
-
-    def _clearance_of_one(self, q: tuple[Any, ...]) -> float | None:
-        """Return the clearance of one configuration, or None.
-
-        None means that only the query of arrays can answer, or raise the error.
-        """
-        return None
 
     # ---- for planners ----------------------------------------------------------------------------
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
@@ -22,7 +23,7 @@ from cspace._rotations.base import (
     wrap_angles,
     wrap_steps,
 )
-from cspace._support.arrays import FREE, Bools, Floats, Ints, States
+from cspace._support.arrays import FREE, MAX_EXPECTED_ANGLE, Bools, Floats, Ints, States
 from cspace._support.check import check_finite, check_pairs, names_options
 from cspace.errors import ConfigurationError, InputError
 
@@ -33,6 +34,9 @@ if TYPE_CHECKING:
 
 Endpoint = tuple[float, ...]
 """A start or goal in canonical form."""
+
+LookUp: TypeAlias = Callable[..., Any]
+"""Compiled query of configurations given by their numbers; below 0 if it has no answer."""
 
 Checker = Callable[..., bool]
 """Test of a configuration or a motion, given by its numbers."""
@@ -53,7 +57,7 @@ class Goals(Goal):
     Attributes
     ----------
     goals : tuple
-        Goals, each as :func:`planners.plan` takes one alone.
+        Goals, each as :func:`planners.plan` takes one alone; those of Goals among them count.
 
     Raises
     ------
@@ -75,9 +79,9 @@ class Goals(Goal):
     def __init__(self, goals: Sequence[GoalLike] | NDArray[np.float64]) -> None:
         """Keep the goals."""
         is_list = isinstance(goals, Sequence | np.ndarray) and not isinstance(goals, str)
-        self.goals: tuple[GoalLike, ...] = tuple(
-            cast("Sequence[GoalLike]", goals) if is_list else ()
-        )
+        given = cast("Sequence[GoalLike]", goals) if is_list else ()
+        parts = [each.goals if isinstance(each, Goals) else (each,) for each in given]
+        self.goals: tuple[GoalLike, ...] = tuple(itertools.chain(*parts))
         if not self.goals:
             raise InputError("goals", f"are {goals!r}", "there is at least one", "pass a list")
 
@@ -665,8 +669,9 @@ class ConfigurationSpace(Space):
             If an angle exceeds 2 pi, as if it were in degrees.
         """
         if isinstance(q, tuple):
-            state = self._state_of_one(q)
-            if state is not None:
+            state: int | None = self._ask_one(self._look_up_state, q)
+            # Only the query of arrays tells whether an arm collides.
+            if state is not None and (self.has_cells or state == FREE):
                 return state
         states: int | States = evaluate(q, self.axes, self._write_states, np.uint8, self._angles)
         return states
@@ -683,9 +688,9 @@ class ConfigurationSpace(Space):
         With ``exact``, geometry decides in MIXED cells of a map. For an arm it always does.
         """
         if isinstance(q, tuple) and not exact:
-            is_free = self._is_one_free(q)
-            if is_free is not None:
-                return is_free
+            state: int | None = self._ask_one(self._look_up_state, q)
+            if state is not None:
+                return state == FREE
         write = partial(self._write_free, exact)
         free: bool | Bools = evaluate(q, self.axes, write, np.bool_, self._angles)
         return free
@@ -720,7 +725,7 @@ class ConfigurationSpace(Space):
             As :meth:`classify`.
         """
         if isinstance(q0, tuple) and isinstance(q1, tuple) and not exact:
-            state = self._state_of_motion(q0, q1)
+            state: int | None = self._ask_one(self._look_up_motion, q0, q1)
             if state is not None:
                 return state == FREE
         write = partial(self._write_motions, exact)
@@ -849,18 +854,19 @@ class ConfigurationSpace(Space):
     # ---- for planners ----------------------------------------------------------------------------
 
     def point_checker(self, *, exact: bool = False) -> Checker:
-        """Return ``check(*q)``, a fast :meth:`is_free`."""
-        return lambda *q: self.is_free(q, exact=exact)
+        """Return ``check(*q)``, a fast :meth:`is_free`; False beyond the limits of joints."""
+        look_up = self._look_up_state
+        if look_up is None:
+            return lambda *q: self.is_free(q, exact=exact)
+        return lambda *q: look_up(*q) == FREE
 
     def edge_checker(self, *, exact: bool = False) -> Checker:
-        """Return ``check(*q0, *q1)``, a fast :meth:`motion_is_free`."""
+        """Return ``check(*q0, *q1)``, a fast :meth:`motion_is_free`; False beyond the limits."""
+        look_up = self._look_up_motion
         size = self.size
-
-        def check(*endpoints: float) -> bool:
-            """Return True if the motion between both configurations is free."""
-            return self.motion_is_free(endpoints[:size], endpoints[size:], exact=exact)
-
-        return check
+        if look_up is None:
+            return lambda *q: self.motion_is_free(q[:size], q[size:], exact=exact)
+        return lambda *endpoints: look_up(*endpoints) == FREE
 
     # ---- pages -----------------------------------------------------------------------------------
 
@@ -911,24 +917,34 @@ class ConfigurationSpace(Space):
 
     # ---- one configuration, given as a tuple: the same look-ups, without arrays ------------------
 
-    def _state_of_one(self, q: tuple[Any, ...]) -> int | None:
-        """Return the state of one configuration, or None.
-
-        None means that only the query of arrays can answer, or raise the error.
-        """
+    @property
+    def _look_up_state(self) -> LookUp | None:
+        """Look-up of one configuration's state; FREE or MIXED for an arm."""
         return None
 
-    def _is_one_free(self, q: tuple[Any, ...]) -> bool | None:
-        """Return whether one configuration is proven free, or None."""
-        state = self._state_of_one(q)
-        return None if state is None else state == FREE
-
-    def _state_of_motion(self, q0: tuple[Any, ...], q1: tuple[Any, ...]) -> int | None:
-        """Return FREE if a motion is proven free, else MIXED, or None.
-
-        None means that only the query of arrays can answer, or raise the error.
-        """
+    @property
+    def _look_up_motion(self) -> LookUp | None:
+        """Look-up of a motion, from the numbers of both ends: FREE if it is proven, else MIXED."""
         return None
+
+    def _ask_one(self, look_up: LookUp | None, *points: tuple[Any, ...]) -> Any:
+        """Return the answer of a look-up for configurations given as tuples, or None.
+
+        None means that only the query of arrays can answer, warn or raise the error.
+        """
+        if look_up is None or len(points[0]) != len(points[-1]):
+            return None
+        numbers: tuple[Any, ...] = sum(points, ())
+        try:
+            sum(numbers)  # compiled look-ups would parse texts
+            answer = look_up(*numbers)
+        except (TypeError, ValueError):  # the number or the type of entries is wrong
+            return None
+        for q in points:
+            for axis in self._angles:
+                if abs(q[axis]) > MAX_EXPECTED_ANGLE:
+                    return None
+        return answer if answer >= 0 else None
 
     # ---- what differs ----------------------------------------------------------------------------
 

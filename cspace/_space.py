@@ -24,7 +24,7 @@ from cspace._queries.batches import (
     evaluate,
     write_in_threads,
 )
-from cspace._queries.points import NOT_USABLE
+from cspace._queries.callbacks import NO_ANSWER
 from cspace._raster import Raster
 from cspace._record.cells import Map, make_map_record
 from cspace._record.contents import Contents
@@ -37,7 +37,6 @@ from cspace._shapes import Shape, ShapeLike, as_shape
 from cspace._support.arrays import (
     BLOCKED,
     FREE,
-    MAX_EXPECTED_ANGLE,
     STATE_NAMES,
     Bools,
     Floats,
@@ -377,76 +376,6 @@ class CSpace(ConfigurationMap):
         except InputError:
             return math.nan
 
-    def _state_of_one(self, q: tuple[Any, ...]) -> int | None:
-        """Return the state of one configuration, or None.
-
-        None means that only the query of arrays can answer, or raise the error.
-        """
-        try:
-            state = self._look_up_state(*q)
-        except (TypeError, ValueError):  # the number or the type of entries is wrong
-            return None
-        if state == NOT_USABLE or self._is_suspect(q):
-            return None
-        return state
-
-    def _state_of_motion(self, q0: tuple[Any, ...], q1: tuple[Any, ...]) -> int | None:
-        """Return FREE if a motion is proven free, else MIXED, or None.
-
-        None means that only the query of arrays can answer, or raise the error.
-        """
-        try:
-            state = self._look_up_motion(*q0, *q1)
-        except (TypeError, ValueError):
-            return None
-        if state == NOT_USABLE or len(q0) != len(q1):
-            return None
-        return None if self._is_suspect(q0) or self._is_suspect(q1) else state
-
-    def _connection_of_one(
-        self, q0: tuple[Any, ...], q1: tuple[Any, ...], apart: bool
-    ) -> bool | None:
-        """Return whether two configurations are proven connected, or disconnected.
-
-        With ``apart``, the answer is True for disconnected ones. Returns None if only the query of
-        arrays can answer, for example outside the grid.
-        """
-        with self.lock:  # an update changes the components
-            try:
-                flat_cells = self._look_up_flat_cell(*q0), self._look_up_flat_cell(*q1)
-            except (TypeError, ValueError):
-                return None
-            if -1 in flat_cells or self._is_suspect(q0) or self._is_suspect(q1):
-                return None
-            joined = self._components.are_joined(*flat_cells)
-            # No component of FREE and MIXED cells may join them if they shall be apart.
-            if apart:
-                return not (joined or self._components.are_joined(*flat_cells, mixed=True))
-            # A path is proven only between configurations that no cell but FREE ones touches.
-            return joined and all(self._look_up_motion(*q, *q) == FREE for q in (q0, q1))
-
-    def _clearance_of_one(self, q: tuple[Any, ...]) -> float | None:
-        """Return the clearance of one configuration, or None.
-
-        None means that only the query of arrays can answer, or raise the error.
-        """
-        table = self._distances.table
-        if table is None:
-            return None
-        try:
-            metres = self._look_up_clearance(table, *q)
-        except (TypeError, ValueError):
-            return None
-        return None if math.isnan(metres) or self._is_suspect(q) else metres
-
-    def _is_suspect(self, q: tuple[Any, ...]) -> bool:
-        """Return True for likely degrees, or a text."""
-        try:
-            sum(q)  # compiled look-ups would parse texts
-        except TypeError:
-            return True
-        return any(abs(q[axis]) > MAX_EXPECTED_ANGLE for axis in self._angles)
-
     # ---- for callbacks ---------------------------------------------------------------------------
 
     def point_checker(self, *, exact: bool = False) -> Callable[..., bool]:
@@ -463,12 +392,7 @@ class CSpace(ConfigurationMap):
             ``check(*q) -> bool``. Takes the coordinates as floats; returns False for NaN or
             infinite input.
         """
-        look_up = self._look_up_state
-
-        def check(*q: float) -> bool:
-            """Return True for a configuration in a FREE cell."""
-            return look_up(*q) == FREE
-
+        check = super().point_checker()
         return self._exact.point_checker(check) if exact else check
 
     def edge_checker(self, *, exact: bool = False) -> Callable[..., bool]:
@@ -485,12 +409,7 @@ class CSpace(ConfigurationMap):
             ``check(*q0, *q1) -> bool``. Takes the coordinates of both configurations as floats;
             returns False for NaN or infinite input.
         """
-        look_up = self._look_up_motion
-
-        def check(*endpoints: float) -> bool:
-            """Return True if the motion lies in FREE cells."""
-            return look_up(*endpoints) == FREE
-
+        check = super().edge_checker()
         return self._exact.edge_checker(check) if exact else check
 
     def clearance_checker(self) -> Callable[..., float]:
@@ -505,12 +424,11 @@ class CSpace(ConfigurationMap):
         """
         distances = self._distances
         distances.compute_all()
-        look_up = self._look_up_clearance
+        look_up = self._measure_clearance
 
         def check(*q: float) -> float:
             """Return the clearance, metres; 0 for an unusable configuration."""
-            metres = look_up(distances.compute_all(), *q)
-            return 0.0 if math.isnan(metres) else metres
+            return max(look_up(distances.compute_all(), *q), 0.0)
 
         return check
 
@@ -1703,16 +1621,16 @@ class CSpace(ConfigurationMap):
     @lazy
     def _look_up_state(self) -> Callable[..., int]:
         """Look-up of one configuration's state."""
-        from cspace._queries.callbacks import state_lookup
+        from cspace._queries.callbacks import bind_numbers, look_up_state
 
-        return state_lookup(self._kernel_map, self.size)
+        return bind_numbers(look_up_state, (self._kernel_map,), self.size)
 
     @lazy
     def _look_up_flat_cell(self) -> Callable[..., int]:
         """Look-up of the flat index of one configuration's cell."""
-        from cspace._queries.callbacks import flat_cell_lookup
+        from cspace._queries.callbacks import bind_numbers, look_up_flat_cell
 
-        return flat_cell_lookup(self._kernel_map, self.size)
+        return bind_numbers(look_up_flat_cell, (self._kernel_map,), self.size)
 
     @lazy
     def _look_up_motion(self) -> Callable[..., int]:
@@ -1721,9 +1639,34 @@ class CSpace(ConfigurationMap):
 
         return motion_lookup(self._kernel_map, self.size)
 
+    def _look_up_connection(self, apart: bool) -> Callable[..., int]:
+        """Return the look-up of whether two configurations are proven connected, or apart."""
+        find_cell = self._look_up_flat_cell
+        size = self.size
+
+        def look_up(*numbers: float) -> int:
+            """Return 1 if it is proven, else 0."""
+            ends = numbers[:size], numbers[size:]
+            first, second = (find_cell(*q) for q in ends)
+            if NO_ANSWER in (first, second):
+                return NO_ANSWER
+            joined = self._components.are_joined(first, second)
+            if apart:
+                return not (joined or self._components.are_joined(first, second, mixed=True))
+            # As for a motion that stays where it is, no cell that is not FREE may touch them.
+            return joined and all(self._look_up_motion(*q, *q) == FREE for q in ends)
+
+        return look_up
+
+    @property
+    def _look_up_clearance(self) -> Callable[..., float] | None:
+        """Look-up of one configuration's clearance; None before distances are computed."""
+        table = self._distances.table
+        return None if table is None else partial(self._measure_clearance, table)
+
     @lazy
-    def _look_up_clearance(self) -> Callable[..., float]:
-        """Look-up of a configuration's clearance in tables."""
+    def _measure_clearance(self) -> Callable[..., float]:
+        """Look-up of one configuration's clearance in a table of distances."""
         from cspace._queries.distance import clearance_lookup
 
         return clearance_lookup(self._kernel_map, self._distances.compute_slices([]), self.size)

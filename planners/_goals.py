@@ -49,6 +49,9 @@ ROWS: Final = (list, tuple, np.ndarray, Goal)
 MAX_TRIED_GOALS: Final = 8
 """Largest number of configurations of one room to which paths are searched."""
 
+MAX_PLACES_WITHOUT_FREE: Final = 24
+"""Largest number of positions, and of rotations, from which an error finds the nearest FREE."""
+
 INSET: Final = 1e-3
 """Distance in cells, and share of a radius or an angle, by which ends stay inside their room: an
 end on its border may touch cells that are not FREE."""
@@ -246,9 +249,6 @@ class Room:
         pool = pool if len(pool.rows) else apart
         if not len(pool.rows):
             raise self._make_error(space)
-        if edges.drive in CURVES:
-            ways = edges.edge_lengths(np.broadcast_to(start, pool.rows.shape), pool.rows)
-            pool = Candidates(pool.rows, np.maximum(pool.costs, ways))
         return [tuple(q) for q in pool.spread(space).rows.tolist()]
 
     def test_candidates(
@@ -279,22 +279,40 @@ class Room:
 
     def _make_error(self, space: ConfigurationMap) -> ConfigurationError:
         """Make the error for a room without any free configuration."""
+        position, rotation = np.split(self.middle, [space.dim])
         where = "in the region"
         if self.region is None:
-            where = f"within {self.radius:g} m of {format_configuration(self.middle.tolist())}"
-        turns = ""
-        if space.rotations.names:
-            turns = ", at any rotation"
-            if self.angle < math.pi:
-                turns = f", within {self.angle:g} rad"
-        hint, nearest = space._suggest_endpoint(tuple(self.middle.tolist()))
+            where = f"within {self.radius:g} m of " if self.radius else "at "
+            where += format_configuration(position.tolist())
+        if self.angle >= math.pi:
+            where += ", at any rotation"
+        elif len(rotation):
+            where += f", within {self.angle:g} rad of {format_configuration(rotation.tolist())}"
+        hint, nearest = space._suggest_endpoint(self._find_nearest_to_free(space))
         return ConfigurationError(
             self.name,
-            f"has no configuration that is proven free {where}{turns}",
+            f"has no configuration that is proven free {where}",
             "a path must end in FREE",
             hint,
             nearest=nearest,
         )
+
+    def _find_nearest_to_free(self, space: ConfigurationMap) -> Endpoint:
+        """Return nearly the configuration of the room that is nearest to a FREE cell."""
+        best = self.middle
+        positions = self.place_in_cells(space)[:, : space.dim]
+        rotations = space.rotations.centers[self.list_rotations(space)]
+        for part, values in ((slice(space.dim), positions), (slice(space.dim, None), rotations)):
+            few = values[:: len(values) // MAX_PLACES_WITHOUT_FREE + 1]
+            rows = np.tile(best, (len(few) + 1, 1))
+            rows[1:, part] = few
+            try:
+                free = np.array([space.nearest_free(row) for row in self.pull(space, rows)])
+            except ConfigurationError:  # there is no FREE cell
+                break
+            rows = self.pull(space, free)
+            best = rows[int(space.distance(rows, free).argmin())]
+        return tuple(best.tolist())
 
 
 class Candidates(NamedTuple):
@@ -438,11 +456,13 @@ def list_rooms(
 
     Raises InputError if a goal is of a kind that is not for the space.
     """
+    goals = goal.goals if isinstance(goal, Goals) else (goal,)
+    names = [f"{name}[{k}]" if len(goals) > 1 else name for k in range(len(goals))]
+    for each, label in zip(goals, names, strict=True):
+        _check_form(each, label, space)
     is_several = isinstance(goal, Goals)
     if not is_several and not any(tolerance) and _split_parts(goal) is None:
         return []
-    goals = goal.goals if isinstance(goal, Goals) else (goal,)
-    names = [f"{name}[{k}]" if len(goals) > 1 else name for k in range(len(goals))]
     parts = [_split_parts(each) for each in goals]
     for each, split, label in zip(goals, parts, names, strict=True):
         if split is not None:
@@ -477,6 +497,9 @@ def find_room_goals(
     rows = turn_near(np.array(goals), np.array(start), space.periodic_axes)
     costs = METRES_PER_RADIAN * _measure_turns(space, start, rows)
     costs += _measure_lengths(edges, start, rows)
+    if edges.drive in CURVES:
+        ways = edges.edge_lengths(np.broadcast_to(start, rows.shape), rows)
+        costs = np.maximum(costs, ways)
     return [tuple(q) for q in rows[np.argsort(costs, kind="stable")].tolist()]
 
 
@@ -499,6 +522,21 @@ def check_tolerance(value: object, space: Space) -> tuple[float, float]:
         rule = "an angle is at most pi radians"
         raise InputError("goal_tolerance", f"is {value!r}", rule, hint)
     return metres, radians if space.rotations.names else 0.0
+
+
+def _check_form(goal: object, name: str, space: Space) -> None:
+    """Raise InputError for another geometry than a region, and for a list of goals on a map."""
+    is_row = isinstance(goal, (list, tuple)) or (isinstance(goal, np.ndarray) and goal.ndim > 0)
+    parts = list(cast("Sequence[object]", goal)[:2]) if is_row else [goal]
+    for part in parts:
+        if isinstance(part, shapely.Geometry) and not isinstance(part, REGIONS):
+            rule = "a region is a Polygon or a MultiPolygon"
+            raise InputError(name, f"is a {part.geom_type}", rule, "pass e.g. goal.buffer(0.1)")
+    first, second = (*parts, None, None)[:2]
+    is_list = is_row and (isinstance(first, ROWS) or isinstance(second, REGIONS))
+    if is_list and space.has_cells:
+        rule = "a map takes several as planners.Goals"
+        raise InputError(name, "is a list of goals", rule, "pass planners.Goals([...])")
 
 
 def _split_parts(goal: object) -> tuple[object, object] | None:
@@ -568,12 +606,10 @@ def _find_rotations(space: ConfigurationMap, rotation: object, name: str) -> tup
     if rotation is None:
         return space.rotations.centers[0], math.pi if names else 0.0
     if names != ("yaw",):
-        rule = (
-            f"a rotation is {', '.join(names)}, or None for any"
-            if names
-            else "the robot does not turn"
-        )
-        raise InputError(name, f"has the rotation {rotation!r}", rule, "pass the region alone")
+        rule, hint = "the robot does not turn", "pass the region alone"
+        if names:
+            rule, hint = f"a range is of yaws, and the axes are {', '.join(names)}", "pass None"
+        raise InputError(name, f"has the rotation {rotation!r}", rule, hint)
     bounds = np.atleast_1d(check_finite(cast("ArrayLike", rotation), name))
     warn_of_degrees(bounds[:, np.newaxis], {0: "yaw"}, name)
     if len(bounds) == 1:

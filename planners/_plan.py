@@ -20,6 +20,7 @@ from cspace._interface import (
     Space,
     format_configuration,
 )
+from cspace._queries.paths import skip_points
 from cspace._queries.upright import Upright as Upright
 from cspace._queries.upright import check_keep
 from cspace._rotations.base import TWO_PI
@@ -313,8 +314,7 @@ def plan(
         set_seed(task.seed)
     with stopping(stop):
         journey = _search_stages(task, point, stages)
-        # The plan has the living space, of which the kept one is a copy.
-        return replace(_make_plan(journey, point, moved, began), space=space, keep=kept)
+        return _make_plan(journey, space, point, moved, began)
 
 
 def _needs_geometry(space: Space, start: ArrayLike) -> bool:
@@ -439,7 +439,8 @@ class Stage(NamedTuple):
         """Return True if a robot turns on the spot at a row to reach a yaw that is asked for."""
         if edges.drive not in ON_THE_SPOT or any(room.angle >= math.pi for room in self.rooms):
             return False
-        beside = path[[row - 1, row + 1], :2]
+        # The way may begin or end here, if start or goal is the place.
+        beside = np.delete(path[max(row - 1, 0) : row + 2, :2], min(row, 1), axis=0)
         return bool((beside == path[row, :2]).all(axis=1).any())
 
 
@@ -530,7 +531,8 @@ def _search_stages(task: PlanTask, start: Endpoint, stages: Sequence[Stage]) -> 
         seconds = _measure_time_left(task, results) / (len(stages) - number)
         part = replace(task, endpoints=(point, *goals), rooms=stage.rooms, time_limit=seconds)
         path_exists = cache(partial(_decide_existence, part))
-        result = _search_goals(part, partial(_may_join, edges, path_exists))
+        onward = stages[number + 1].goals if number + 1 < len(stages) else []
+        result = _search_goals(part, partial(_may_join, edges, path_exists), onward)
         exists = True if space.has_cells and result.proven else path_exists()
         results.append(result)
         if not len(result.path):
@@ -541,11 +543,12 @@ def _search_stages(task: PlanTask, start: Endpoint, stages: Sequence[Stage]) -> 
     if len(stages) == 1:
         return Journey(part, result, exists, stage.name, (), ())
     is_found = len(paths) == len(stages)
+    through = f"{len(stages) - 1} places" if len(stages) > 2 else "1 place"
     result = replace(
         _sum_times(results[-1], results),
         path=np.concatenate(paths) if is_found else results[-1].path,
         proven=all(each.proven for each in results),
-        note=f"through {len(stages) - 1} places" if is_found else results[-1].note,
+        note=f"through {through}" if is_found else results[-1].note,
     )
     vias = vias[:-1] if is_found else []
     pairs = zip(vias, stages, strict=False)
@@ -558,11 +561,14 @@ def _may_join(edges: LocalPlanner, path_exists: Callable[[], bool | None]) -> bo
     return edges.may_join(path_exists())
 
 
-def _search_goals(task: PlanTask, may_exist: Callable[[], bool]) -> SearchResult:
+def _search_goals(
+    task: PlanTask, may_exist: Callable[[], bool], onward: Sequence[Endpoint] = ()
+) -> SearchResult:
     """Search for a path to the rooms of a task, and keep the shortest of those found.
 
-    Paths are searched to one goal after another, unless its lower bound is no shorter than the best
-    path. Each search but the last has half of the time left.
+    Before goals to go onward to, the way that counts goes on to the nearest of them, without
+    obstacles. Paths are searched to one goal after another, unless its lower bound is no shorter
+    than the best way. Each search but the last has half of the time left.
     """
     if not task.rooms:
         return _search_and_prove(task, may_exist)
@@ -573,7 +579,8 @@ def _search_goals(task: PlanTask, may_exist: Callable[[], bool]) -> SearchResult
     best_length = math.inf
     for number, goal in enumerate(goals):
         ends = np.array([start, goal])
-        if best_length < math.inf and edges.min_length(*ends) >= best_length:
+        least = edges.min_length(*ends) + _measure_onward(edges, ends[1], onward)
+        if best_length < math.inf and least >= best_length:
             continue
         seconds = _measure_time_left(task, results)
         if seconds <= 0.0:
@@ -588,11 +595,19 @@ def _search_goals(task: PlanTask, may_exist: Callable[[], bool]) -> SearchResult
         if found.proven:
             path = end_in_rooms(edges, found.path, task.rooms)
             length = float(edges.edge_lengths(path[:-1], path[1:]).sum())
+            length += _measure_onward(edges, path[-1], onward)
             if length < best_length:
                 best, best_length = replace(found, path=path), length
         elif not len(best.path):
             best = found
     return _sum_times(best, results) if results else best
+
+
+def _measure_onward(edges: LocalPlanner, end: Floats, goals: Sequence[Endpoint]) -> float:
+    """Return the length of the shortest edge from a configuration to goals; 0 without any."""
+    rows = np.reshape(goals, (-1, len(end)))
+    lengths = edges.edge_lengths(np.broadcast_to(end, rows.shape), rows)
+    return float(lengths.min()) if len(rows) else 0.0
 
 
 def _search_and_prove(task: PlanTask, may_exist: Callable[[], bool]) -> SearchResult:
@@ -634,7 +649,7 @@ def _search_tiles(task: PlanTask, may_exist: Callable[[], bool]) -> SearchResult
     began = clock()
     path = np.concatenate(paths)
     if task.simplify and task.objective == LENGTH and is_holonomic:
-        path = _skip_waypoints(edges, path)
+        path = skip_points(path, edges.tiles.edge_checker())
     total = _sum_times(results[-1], results)
     seconds = total.simplification + clock() - began
     return SearchResult(path, f"through {len(parts)} tiles", total.planning, seconds, True)
@@ -644,23 +659,6 @@ def _sum_times(result: SearchResult, results: Sequence[SearchResult]) -> SearchR
     """Return a result with the times of several."""
     simplification = sum(each.simplification for each in results)
     return replace(result, planning=_sum_planning(results), simplification=simplification)
-
-
-def _skip_waypoints(edges: LocalPlanner, path: Floats) -> Floats:
-    """Skip waypoints, shape (n, size), by free edges.
-
-    From each waypoint, the path takes the free edge to the farthest of the next 32. Edges are
-    proven in one batch, because a single look-up in tiles takes as long.
-    """
-    kept = [0]
-    while kept[-1] < len(path) - 1:
-        current = kept[-1]
-        following = path[current + 1 : current + 33]
-        free = np.asarray(edges.tiles.motion_is_free(path[current], following))
-        free[0] = True  # the edge of the path itself
-        farthest = int(np.flatnonzero(free)[-1])
-        kept.append(current + 1 + farthest)
-    return path[kept]
 
 
 def _search(task: PlanTask, may_exist: Callable[[], bool]) -> SearchResult:
@@ -1007,9 +1005,10 @@ def _describe_free_yaws(edges: LocalPlanner, endpoints: Endpoints) -> list[str]:
     return limits
 
 
-def _make_plan(journey: Journey, start: Endpoint, moved: str, began: float) -> Plan:
+def _make_plan(journey: Journey, space: Space, start: Endpoint, moved: str, began: float) -> Plan:
     """Make the plan of a search from a start, and measure its path.
 
+    The plan has the living ``space``, of which the task may have a copy that keeps directions.
     ``moved`` says how far the start was moved, if it was; ``began`` is a reading of the clock, with
     compilations, before all checks.
     """
@@ -1060,6 +1059,8 @@ def _make_plan(journey: Journey, start: Endpoint, moved: str, began: float) -> P
         time_limit=task.time_limit,
         times=Times(setup, result.planning, result.simplification, clock.read() - searched),
         frame_id=edges.space.frame_id,
+        keep=task.keep,
+        space=space,
         via_rows=tuple(len(edges.resample(waypoints[: row + 1])) - 1 for row in vias),
         _vias=vias,
         _via_stops=via_stops,

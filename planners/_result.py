@@ -665,7 +665,8 @@ class Plan:
         stop_at_via : bool
             Whether the robot rests at each place of ``via``. Otherwise curves pass through these
             places. It rests there all the same if no curve is proven, and if it has to turn on the
-            spot to a yaw that the place asks for.
+            spot to a yaw that the place asks for. Where it could turn on the spot, a curve through
+            a sharp corner may take longer than a rest.
         after : Trajectory, optional
             A motion of this robot, which it drives until the time ``at``. The new one begins in
             that state, with a continuous velocity and curvature. The plan starts at one of

@@ -173,7 +173,7 @@ def simple_setup(
 
 def make_setup(
     edges: LocalPlanner,
-    objective: MakeObjective | None = None,
+    objective: MakeObjective | None,
     rng: np.random.Generator | None = None,
     sampler: MakeSampler | None = None,
 ) -> og.SimpleSetup:

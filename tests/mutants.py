@@ -227,6 +227,18 @@ MUTANTS = (
         "tests/queries/test_chunks.py",
     ),
     Mutant(
+        "cspace/_queries/chunks.py",
+        "np.concatenate([unknown, differences])",
+        "np.concatenate([differences, unknown])",
+        "tests/queries/test_chunks.py",
+    ),
+    Mutant(
+        "cspace/_queries/chunks.py",
+        "np.concatenate([_check_before(before, space.axes), starts])",
+        "np.concatenate([starts, _check_before(before, space.axes)])",
+        "tests/queries/test_chunks.py",
+    ),
+    Mutant(
         "cspace/arms/_snapshots.py",
         "padding=self.outer.padding + displacements, cones",
         "padding=self.outer.padding + 0.5 * displacements, cones",
@@ -558,8 +570,26 @@ MUTANTS = (
     ),
     Mutant(
         "planners/_plan.py",
-        "if best_length < math.inf and edges.min_length(*ends) >= best_length:",
+        "if best_length < math.inf and least >= best_length:",
         "if best_length < math.inf:",
+        "tests/planners/test_goals.py",
+    ),
+    Mutant(
+        "planners/_plan.py",
+        "length += _measure_onward(edges, path[-1], onward)",
+        "length += 0.0",
+        "tests/planners/test_goals.py",
+    ),
+    Mutant(
+        "planners/_plan.py",
+        "path[max(row - 1, 0) : row + 2, :2], min(row, 1)",
+        "path[row - 1 : row + 2, :2], 1",
+        "tests/planners/test_goals.py",
+    ),
+    Mutant(
+        "planners/_goals.py",
+        "best = rows[int(space.distance(rows, free).argmin())]",
+        "best = rows[0]",
         "tests/planners/test_goals.py",
     ),
     Mutant(

@@ -831,11 +831,10 @@ _METRES: Final = ("m", "meter", "meters", "metre", "metres")
 """Names of the metre in trimesh."""
 
 
-def flatten_trimesh(shape: Any, name: str) -> Surface:
+def flatten_trimesh(shape: Any) -> Surface:
     """Join the meshes of a trimesh object.
 
-    Returns vertices, shape (V, 3), and faces, shape (F, 3). `name` is the argument that messages
-    name.
+    Returns vertices, shape (V, 3), and faces, shape (F, 3).
 
     Raises InputError if it is of another type or a coordinate is not finite. Raises GeometryError
     if it has no triangles, or anything but triangles.
@@ -843,7 +842,7 @@ def flatten_trimesh(shape: Any, name: str) -> Surface:
     import trimesh
 
     if getattr(shape, "units", None) not in (None, *_METRES):
-        warn_of_units(name, f"units = {shape.units}")
+        warn_of_units("mesh", f"units = {shape.units}")
     if isinstance(shape, trimesh.Scene):
         placed = map(shape.graph.get, shape.graph.nodes_geometry)
         parts = [(shape.geometry[mesh], transform) for transform, mesh in placed]
@@ -851,7 +850,7 @@ def flatten_trimesh(shape: Any, name: str) -> Surface:
         parts = [(shape, np.eye(4))]
     else:
         hint = "pass a file name, a trimesh.Trimesh, a trimesh.Scene, or vertices and faces"
-        raise InputError(name, f"is a {type(shape).__name__}", "a mesh is needed", hint)
+        raise InputError("mesh", f"is a {type(shape).__name__}", "a mesh is needed", hint)
     # Refuse what has no triangles instead of leaving it out.
     surfaces = []
     for geometry, transform in parts:
@@ -860,15 +859,15 @@ def flatten_trimesh(shape: Any, name: str) -> Surface:
             content = "cloud of points" if is_cloud else "part without triangles"
             content = f"{content} ({type(geometry).__name__})"
             if len(parts) == 1:
-                raise _make_empty_error(name, content)
+                raise _make_empty_error("mesh", content)
             problem = f"has a {content} among its meshes"
             hint = "remove it, or pass the meshes alone"
-            raise GeometryError(name, problem, "it would be lost", hint)
-        points = check_finite(geometry.vertices, f"vertices of {name}")
+            raise GeometryError("mesh", problem, "it would be lost", hint)
+        points = check_finite(geometry.vertices, "vertices of mesh")
         surface = points, np.asarray(geometry.faces, dtype=np.int64)
         surfaces.append(transform_surface(surface, transform))
     if not surfaces:
-        raise _make_empty_error(name, "")
+        raise _make_empty_error("mesh", "")
     return join_surfaces(surfaces)
 
 

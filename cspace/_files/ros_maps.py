@@ -672,7 +672,7 @@ def parse_footprint(footprint: str | ArrayLike, name: str = "footprint") -> Floa
     return corners
 
 
-def read_nav2(path: StrPath, costmap: str | None = None) -> CostmapRobot:
+def read_nav2(path: StrPath, costmap: str | None) -> CostmapRobot:
     """Read the robot of a Nav2 parameter file.
 
     The search covers tables at any depth with ``footprint`` or ``robot_radius``: the local and

@@ -148,9 +148,9 @@ class ShortestWay(NamedTuple):
 NO_WAY: Final = ShortestWay(math.inf, np.empty(0, dtype=np.int64))
 
 
-def list_rectangles(states: States, highest: int = FREE) -> Rectangles:
-    """List runs of cells with states up to ``highest``."""
-    runs = list_runs(states[np.newaxis], highest)
+def list_rectangles(states: States) -> Rectangles:
+    """List the runs of FREE cells; states have shape (nx, ny)."""
+    runs = list_runs(states[np.newaxis], FREE)
     columns, width = states.shape
     column = runs.starts // width
     first = np.searchsorted(column, np.arange(columns + 1))

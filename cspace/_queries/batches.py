@@ -83,7 +83,7 @@ def evaluate_edges(
     q1: ArrayLike,
     axes: Sequence[str],
     write: Write,
-    angles: Mapping[int, str] = NO_ANGLES,
+    angles: Mapping[int, str],
 ) -> Any:
     """Evaluate a query on one straight edge or many.
 

@@ -9,33 +9,23 @@ from typing import Any, Final
 import numba
 
 from cspace._queries.edges import NO_RADII, tube_is_free
-from cspace._queries.points import NOT_USABLE, cell_of, is_usable, position_in_plane, state_at
+from cspace._queries.points import cell_of, is_usable, position_in_plane, state_at
 from cspace._record.cells import Map
-from cspace._rotations.lookup import is_rotation, rotation_cell
+from cspace._rotations.lookup import rotation_cell
 from cspace._support.arrays import FREE, MIXED, Floats, Numbers, Row
 from cspace._support.compiling import inlined, kernel
 
 MAX_SIZE: Final = 7
 """Largest length of a configuration, in SE(3)."""
 
-
-def state_lookup(map_: Map, size: int) -> Callable[..., int]:
-    """Return a function ``look_up(*q)`` of the state of a configuration, or NOT_USABLE."""
-    return bind_numbers(look_up_state, (map_,), size)
-
-
-def flat_cell_lookup(map_: Map, size: int) -> Callable[..., int]:
-    """Return a function ``look_up(*q)`` of a cell's flat index, or -1.
-
-    Flat indices count the cells of all rotation cells.
-    """
-    return bind_numbers(look_up_flat_cell, (map_,), size)
+NO_ANSWER: Final = -1
+"""Answer of look-ups if a coordinate is not finite, a rotation is invalid, or only arrays serve."""
 
 
 def motion_lookup(map_: Map, size: int) -> Callable[..., int]:
     """Return a function ``look_up(*q0, *q1)`` that gives FREE for a proven motion.
 
-    Otherwise it gives MIXED, or NOT_USABLE if an end is not usable.
+    Otherwise it gives MIXED, or NO_ANSWER if an end is not usable.
     """
     return bind_numbers(look_up_motion, (map_, size), 2 * size, 2 * MAX_SIZE)
 
@@ -98,10 +88,10 @@ def rotation_before(borders: Floats, numbers: Numbers, end: int) -> Numbers:
 
 @kernel
 def look_up_state(map_: Map, numbers: Numbers) -> int:
-    """Return the state of a configuration, or NOT_USABLE."""
+    """Return the state of a configuration, or NO_ANSWER."""
     position, rotation = configuration_before(map_, numbers, MAX_SIZE)
-    if not is_rotation(rotation):
-        return NOT_USABLE
+    if not is_usable(position, rotation):
+        return NO_ANSWER
     return state_at(map_, position, rotation)
 
 
@@ -116,20 +106,20 @@ def look_up_flat_cell(map_: Map, numbers: Numbers) -> int:
     _, nx, ny, nz = map_.states.shape
     is_inside = 0 <= i < nx and 0 <= j < ny and 0 <= k < nz
     if not (is_inside and is_usable(position, rotation)):
-        return -1
+        return NO_ANSWER
     number = rotation_cell(map_.rotations.borders, rotation)
     return int(((number * nx + i) * ny + j) * nz + k)
 
 
 @kernel
 def look_up_motion(map_: Map, size: int, numbers: Numbers) -> int:
-    """Return FREE for a motion through FREE cells, else MIXED or NOT_USABLE.
+    """Return FREE for a motion through FREE cells, else MIXED or NO_ANSWER.
 
-    It is NOT_USABLE if an end is not usable.
+    It is NO_ANSWER if an end is not usable.
     """
     end = 2 * MAX_SIZE
     p0, r0 = configuration_before(map_, numbers, end - size)
     p1, r1 = configuration_before(map_, numbers, end)
     if not (is_usable(p0, r0) and is_usable(p1, r1)):
-        return NOT_USABLE
+        return NO_ANSWER
     return FREE if tube_is_free(map_, p0, r0, p1, r1, NO_RADII, 0.0) else MIXED

@@ -36,8 +36,8 @@ from cspace.errors import InputError
 if TYPE_CHECKING:
     from cspace._interface import ConfigurationSpace
 
-Cause = Literal["collision", "limit", "speed", "number"]
-"""Why a row is refused: a collision, a limit, a speed, or numbers that are no configuration."""
+Cause = Literal["collision", "limit", "speed", "jerk", "number"]
+"""Why a row is refused: a collision, a limit, a speed, a jerk, or no configuration."""
 
 GateState = Literal["go", "shortened", "hold"]
 """How much of a chunk may be executed: all of it, a part, or nothing."""
@@ -94,7 +94,7 @@ class RowRefusal(NamedTuple):
     row : int
         Its index, from 0.
     cause : str
-        "collision", "limit", "speed", or "number" if the row is no configuration.
+        "collision", "limit", "speed", "jerk", or "number" if the row is no configuration.
     names : tuple of str
         A link and what it is near, obstacles of a map, or the coordinate that exceeds a limit.
     message : str
@@ -311,23 +311,32 @@ def certify_rows(
     tracking: ArrayLike,
     dt: float | None,
     max_velocity: ArrayLike | None,
+    max_jerk: ArrayLike | None = None,
+    before: ArrayLike | None = None,
 ) -> Chunk:
-    """Prove a chunk of targets; see :meth:`cspace.CSpace.certify_chunk`."""
+    """Prove a chunk of targets; see :meth:`cspace.CSpace.certify_chunk`.
+
+    ``max_jerk`` and ``before`` are for a single chunk; see :meth:`Gate.check_rows`.
+    """
     starts, targets, is_batch = _check_chunk(space, q, rows, "rows", space.axes)
     errors = check_each(tracking, "tracking", _list_steps(space))
     checks = list[RowCheck]()
     with np.errstate(all="ignore"):  # rows may hold any numbers
-        before = np.concatenate([starts[:, np.newaxis], targets[:, :-1]], axis=1)
-        checks += space._check_targets(before, targets)
+        firsts = np.concatenate([starts[:, np.newaxis], targets[:, :-1]], axis=1)
+        checks += space._check_targets(firsts, targets)
         if dt is not None:
             seconds = _check_dt(dt)
             names = _list_steps(space)
-            steps = np.abs(space.steps_between(before, targets))
-            if steps.shape[-1] > len(names):  # rotation vectors
-                steps[..., space.dim] = np.linalg.norm(steps[..., space.dim :], axis=-1)
-            speeds = steps[..., : len(names)] / seconds
+            rates = space.steps_between(firsts, targets) / seconds
+            speeds = _measure(space, rates)
             limits = _check_velocities(space, max_velocity)
             checks.append(RowCheck("speed", names, "changes per second by", speeds, limits))
+            if max_jerk is not None:
+                limits = check_each(max_jerk, "max_jerk", names)
+                earlier = np.concatenate([_check_before(before, space.axes), starts])
+                earlier = space.steps_between(earlier[:-1], earlier[1:]) / seconds
+                jerks = _measure(space, _differ_twice(earlier, rates, seconds))
+                checks.append(RowCheck("jerk", names, "has a jerk of", jerks, limits))
         elif max_velocity is not None:
             raise _make_missing_dt()
     tubes = ChunkMotions(space, starts, targets, checks)
@@ -342,8 +351,13 @@ def certify_twists(
     tracking: ArrayLike,
     max_velocity: ArrayLike | None,
     turning_radius: float | None,
+    max_jerk: ArrayLike | None = None,
+    before: ArrayLike | None = None,
 ) -> Chunk:
-    """Prove a chunk of twists; see :meth:`cspace.CSpace.certify_twists`."""
+    """Prove a chunk of twists; see :meth:`cspace.CSpace.certify_twists`.
+
+    ``max_jerk`` and ``before`` are for a single chunk; see :meth:`Gate.check_twists`.
+    """
     if space.axes != TWISTING_AXES:
         raise InputError(
             "space",
@@ -363,6 +377,11 @@ def certify_twists(
         radius = check_positive(turning_radius, "turning_radius")
         largest = magnitudes[..., :1] / radius
         checks.append(RowCheck("limit", ("omega",), "is", magnitudes[..., 1:], largest))
+    if max_jerk is not None:
+        limits = check_each(max_jerk, "max_jerk", TWIST_NAMES)
+        with np.errstate(all="ignore"):
+            jerks = np.abs(_differ_twice(_check_before(before, TWIST_NAMES), commands, seconds))
+        checks.append(RowCheck("jerk", TWIST_NAMES, "has a jerk of", jerks, limits))
     # Cut each twist into arcs that stay near their chords, and turn by at most a radian.
     lengths, angles = np.moveaxis(magnitudes * seconds, -1, 0)
     spacing = 2.0 * space.resolution
@@ -447,10 +466,49 @@ def _check_chunk(
     return as_contiguous(starts), as_contiguous(chunks), array.ndim == 3
 
 
+def _check_before(before: ArrayLike | None, names: Sequence[str]) -> Floats:
+    """Return the rows that were driven before a chunk, shape (m, len(names)); by default none."""
+    if before is None:
+        return np.zeros((0, len(names)))
+    rows = check_finite(before, "before", names)
+    if rows.ndim != 2 or rows.shape[1] != len(names):
+        rule = f"it must be rows of {', '.join(names)}, the latest one last"
+        hint = f"pass an array of shape (m, {len(names)})"
+        raise InputError("before", f"has shape {rows.shape}", rule, hint)
+    return rows
+
+
+def _differ_twice(earlier: Floats, rates: Floats, dt: float) -> Floats:
+    """Return the second differences of rates over squared seconds; zero where too few are known.
+
+    ``earlier`` have shape (m, k), those of the only chunk, and the result, (1, n, k).
+    """
+    count = len(rates[0])
+    unknown = np.zeros((max(2 - len(earlier), 0), rates.shape[-1]))
+    differences = np.diff(np.concatenate([earlier, rates[0]]), 2, axis=0) / dt**2
+    return np.asarray(np.concatenate([unknown, differences])[np.newaxis, -count:])
+
+
+def _measure(space: ConfigurationSpace, steps: Floats) -> Floats:
+    """Return sizes of steps, or of their changes, along each coordinate that strays."""
+    sizes = np.abs(steps)
+    count = len(_list_steps(space))
+    if sizes.shape[-1] > count:  # rotation vectors
+        sizes[..., space.dim] = np.linalg.norm(sizes[..., space.dim :], axis=-1)
+    return np.asarray(sizes[..., :count])
+
+
 def _list_steps(space: ConfigurationSpace) -> tuple[str, ...]:
     """Return names of coordinates that stray, one for a quaternion."""
     names = space.rotations.names if space.has_poses else ()
     return (*space.axes[: space.dim], *(("rotation",) if len(names) == 4 else names))
+
+
+def _list_limited(space: ConfigurationSpace, limits: ArrayLike) -> tuple[str, ...]:
+    """Return what limits are for: the numbers of a twist if they are two, or the coordinates."""
+    given: Any = list(limits) if isinstance(limits, Mapping) else limits
+    is_twist = space.axes == TWISTING_AXES and np.size(given) == 2
+    return TWIST_NAMES if is_twist else _list_steps(space)
 
 
 def _check_twist(twist: ArrayLike, name: str) -> Floats:
@@ -473,8 +531,8 @@ def _check_dt(dt: float) -> float:
 
 
 def _make_missing_dt() -> InputError:
-    """Make the error for limits of speeds without the time between rows."""
-    rule = "speeds are compared with max_velocity"
+    """Make the error for limits of speeds or jerks without the time between rows."""
+    rule = "limits of speeds and jerks count seconds"
     return InputError("dt", "is missing", rule, "pass the seconds between rows, e.g. dt=0.02")
 
 
@@ -545,11 +603,17 @@ class Gate:
         As for :meth:`cspace.CSpace.certify_chunk` and :meth:`cspace.CSpace.certify_twists`.
     max_deceleration : array-like, shape (2,), optional
         How fast the robot can brake along its way and in yaw, m/s^2 and rad/s^2.
+    max_jerk : array-like or mapping, optional
+        Largest jerk, in the forms of ``max_velocity``: third differences of rows, or second ones of
+        twists, over ``dt``. They need as many rows before, as :meth:`check_rows` says. What holds
+        behind a chunk is not checked, and :meth:`slow_down` brakes with a jump of the acceleration,
+        so a gate has ``max_deceleration`` or ``max_jerk``.
 
     Raises
     ------
     InputError
-        If a limit is not one that a chunk of rows, or of twists, could have.
+        If a limit is not one that a chunk of rows, or of twists, could have, or both
+        ``max_deceleration`` and ``max_jerk`` are passed.
 
     Examples
     --------
@@ -574,6 +638,7 @@ class Gate:
         max_velocity: ArrayLike | None = None,
         turning_radius: float | None = None,
         max_deceleration: ArrayLike | None = None,
+        max_jerk: ArrayLike | Mapping[str, float] | None = None,
     ) -> None:
         """Check and keep the limits; InputError for a space of your own."""
         if not hasattr(space, "certify_chunk"):
@@ -584,20 +649,20 @@ class Gate:
                 "prove the motions alone with space.motion_is_free",
             )
         names = _list_steps(space)
-        takes_twists = space.axes == TWISTING_AXES
         self.space = space
         self.tracking = check_each(tracking, "tracking", names)
         self.dt = None if dt is None else _check_dt(dt)
         self.max_velocity = max_velocity
         self.turning_radius = turning_radius
-        # Limits of twists are two, those of rows one for each coordinate.
-        if max_velocity is not None and dt is None:
+        self.max_jerk = max_jerk
+        if dt is None and not (max_velocity is None and max_jerk is None):
             raise _make_missing_dt()
-        given: Any = list(max_velocity) if isinstance(max_velocity, Mapping) else max_velocity
-        if takes_twists and max_velocity is not None and np.size(given) == 2:
+        if max_velocity is not None and _list_limited(space, max_velocity) == TWIST_NAMES:
             check_each(max_velocity, "max_velocity", TWIST_NAMES)
-        elif max_velocity is not None or not (takes_twists or dt is None):
+        elif max_velocity is not None or not (space.axes == TWISTING_AXES or dt is None):
             _check_velocities(space, max_velocity)
+        if max_jerk is not None:
+            self._check_jerk(max_jerk, max_deceleration)
         if turning_radius is not None:
             check_positive(turning_radius, "turning_radius")
         self.max_deceleration = max_deceleration
@@ -607,24 +672,59 @@ class Gate:
                 check_positive(rate, f"max_deceleration of {name}")
             self.max_deceleration = rates
 
-    def check_rows(self, q: ArrayLike, rows: ArrayLike) -> GatedCommands:
+    def _check_jerk(self, limits: ArrayLike, max_deceleration: ArrayLike | None) -> None:
+        """Raise InputError if limits of jerk are none, or the gate cannot keep them."""
+        names = _list_limited(self.space, limits)
+        values = np.broadcast_to(check_each(limits, "max_jerk", names), len(names))
+        for name, value in zip(names, values.tolist(), strict=True):
+            check_positive(value, f"max_jerk of {name}", "metres, radians, seconds")
+        if max_deceleration is not None:
+            raise InputError(
+                "max_jerk",
+                f"is {limits!r}, and max_deceleration {max_deceleration!r}",
+                "brakes change the acceleration at once",
+                "make one gate for each of them",
+            )
+
+    def check_rows(
+        self, q: ArrayLike, rows: ArrayLike, *, before: ArrayLike | None = None
+    ) -> GatedCommands:
         """Let through the proven part of a chunk of targets.
 
         Parameters and errors are those of :meth:`cspace.CSpace.certify_chunk`, for a single chunk.
+        A gate with ``max_jerk`` also takes the rows ``before``, shape (m, size): where the robot
+        was in steps of ``dt`` before it came to ``q``, the latest last. Two are enough; without
+        them jerks are checked from the third row on.
+
+        Examples
+        --------
+        >>> import numpy as np, cspace
+        >>> workspace = cspace.Workspace.from_array(np.zeros((60, 40), dtype=bool), 0.1)
+        >>> space = cspace.build(workspace, cspace.Robot.disc(0.2))
+        >>> gate = cspace.Gate(space, dt=0.1, max_velocity=1.0, max_jerk=20.0)
+        >>> rows = [(1.0, 2.0), (1.02, 2.0), (1.06, 2.0), (1.16, 2.0)]
+        >>> gate.check_rows((1.0, 2.0), rows).chunk.refusal.message
+        'row 3: x has a jerk of 40, at most 20 is allowed'
         """
-        chunk = certify_rows(self.space, q, rows, self.tracking, self.dt, self.max_velocity)
+        limits = self.dt, self.max_velocity, self.max_jerk
+        chunk = certify_rows(self.space, q, rows, self.tracking, *limits, before)
         chunk._check_alone()
         commands = chunk.rows.copy()
         proven = int(chunk.proven)
         commands[proven:] = commands[proven - 1] if proven else check_finite(q, "q")
         return GatedCommands(commands, _name_state(chunk), chunk)
 
-    def check_twists(self, q: ArrayLike, twists: ArrayLike) -> GatedCommands:
+    def check_twists(
+        self, q: ArrayLike, twists: ArrayLike, *, before: ArrayLike | None = None
+    ) -> GatedCommands:
         """Let through the proven part of a chunk of twists.
 
         Parameters and errors are those of :meth:`cspace.CSpace.certify_twists`, for a single chunk.
+        A gate with ``max_jerk`` also takes the twists ``before``, shape (m, 2): those that were
+        driven up to ``q``, the latest last. Two are enough; without them jerks are checked from the
+        third twist on.
         """
-        chunk = self._certify(q, twists)
+        chunk = self._certify(q, twists, before)
         chunk._check_alone()
         commands = np.array(twists, dtype=np.float64)
         commands[int(chunk.proven) :] = 0.0
@@ -719,9 +819,9 @@ class Gate:
             )
         return np.asarray(self._check_dt() * np.asarray(self.max_deceleration))
 
-    def _certify(self, q: ArrayLike, twists: ArrayLike) -> Chunk:
+    def _certify(self, q: ArrayLike, twists: ArrayLike, before: ArrayLike | None = None) -> Chunk:
         """Prove twists with the limits of the gate."""
-        limits = self.max_velocity, self.turning_radius
+        limits = self.max_velocity, self.turning_radius, self.max_jerk, before
         return certify_twists(self.space, q, twists, self._check_dt(), self.tracking, *limits)
 
     def _check_dt(self) -> float:

@@ -42,7 +42,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from cspace._grid import SLACK
-from cspace._queries.callbacks import MAX_SIZE, bind_kernel, configuration_before
+from cspace._queries.callbacks import MAX_SIZE, NO_ANSWER, bind_kernel, configuration_before
 from cspace._queries.points import MAX_CELL, configuration_in, is_usable, slice_of, state_at
 from cspace._record.cells import Map
 from cspace._support.arrays import FREE, Bools, Floats, Ints, Numbers, Row, States
@@ -406,17 +406,17 @@ def write_clearances(map_: Map, table: DistanceTable, points: Floats, out: Float
 def look_up_clearance(map_: Map, table: DistanceTable, numbers: Numbers) -> float:
     """Return the clearance of one configuration, in metres.
 
-    It is NaN if the configuration is not usable, or the table lacks its slice. The numbers are
-    those of :func:`cspace._queries.callbacks.bind_numbers`.
+    It is NO_ANSWER if the configuration is not usable, or the table lacks its slice. The numbers
+    are those of :func:`cspace._queries.callbacks.bind_numbers`.
     """
     position, rotation = configuration_before(map_, numbers, MAX_SIZE)
     if not is_usable(position, rotation) or not table.is_ready[slice_of(map_, rotation)]:
-        return math.nan
+        return float(NO_ANSWER)
     return clearance_at(map_, table, position, rotation)
 
 
 def clearance_lookup(map_: Map, table: DistanceTable, size: int) -> Callable[..., float]:
-    """Return a function ``look_up(table, *q)`` of clearance, or NaN.
+    """Return a function ``look_up(table, *q)`` of clearance, or NO_ANSWER.
 
     ``table`` is any table of the map, which determines types.
     """

@@ -155,8 +155,8 @@ def expand_until_done(
     progress: Progress,
     max_new_entries: int,
     until: float,
-    reach_first: Callable[[int], None] | None = None,
-    may_exist: Callable[[], bool] | None = None,
+    reach_first: Callable[[int], None] | None,
+    may_exist: Callable[[], bool] | None,
 ) -> Progress:
     """Call ``expand`` until it returns :data:`DONE`; double the queue as needed.
 

@@ -235,16 +235,13 @@ def _skip_points_both_ways(path: Floats, check: Check, until: float) -> Floats:
         """Check an edge of numbers, in the path's direction."""
         return check(*endpoints[size:], *endpoints[:size])
 
-    from_start = _skip_points(path, check, until)
-    from_end = _skip_points(np.flipud(from_start), check_reversed, until)
+    from_start = skip_points(path, check, until)
+    from_end = skip_points(np.flipud(from_start), check_reversed, until)
     return np.flipud(from_end)
 
 
-def _skip_points(points: Floats, check: Check, until: float) -> Floats:
-    """Skip waypoints from the start, until a reading of the clock.
-
-    Each edge leads to a waypoint as far ahead as :func:`_find_farthest` finds.
-    """
+def skip_points(points: Floats, check: Check, until: float = math.inf) -> Floats:
+    """Skip waypoints (n, size) by far edges, until a reading of the clock."""
     indices = [0]
     while indices[-1] < len(points) - 1:
         if is_over(until):

@@ -43,7 +43,7 @@ import numpy as np
 
 from cspace._grid import SLACK, Grid, check_reach
 from cspace._raster import Raster, allocate_bitmap
-from cspace._rotations import NO_ROTATION, RotationCell
+from cspace._rotations import RotationCell
 from cspace._support.arrays import Bools, Floats
 from cspace._support.compiling import internal, kernel
 
@@ -58,8 +58,8 @@ OBSTACLE_REACH: Final = (
 def outline_rasters(
     parts: Sequence[tuple[Floats, bool]],
     spacing: float,
-    margin: float = 0.0,
-    rotation: RotationCell = NO_ROTATION,
+    margin: float,
+    rotation: RotationCell,
 ) -> tuple[Raster, Raster]:
     """Rasterise a robot that is a union of regions and lines.
 

@@ -50,7 +50,7 @@ from cspace._raster.triangles import (
     mark_within,
     sweep_triangles,
 )
-from cspace._rotations import NO_ROTATION, RotationCell
+from cspace._rotations import RotationCell
 from cspace._support.arrays import Bools, Floats, Ints
 from cspace._support.compiling import internal, kernel
 from cspace.errors import InputError
@@ -296,8 +296,8 @@ def surface_cells(solid: SolidSurface, grid: Grid) -> tuple[Bools, Bools]:
 def surface_rasters(
     solid: SolidSurface,
     spacing: float,
-    margin: float = 0.0,
-    rotation: RotationCell = NO_ROTATION,
+    margin: float,
+    rotation: RotationCell,
 ) -> tuple[Raster, Raster]:
     """Rasterise a solid robot; see :meth:`cspace._shapes.Shape.rasters`.
 

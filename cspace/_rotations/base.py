@@ -420,7 +420,7 @@ class Rotations(ABC):
         """
         return np.zeros((), dtype=np.int64)
 
-    def _find_one_cell(self, rotation: ArrayLike | None, name: str, rule: str) -> int:
+    def _find_one_cell(self, rotation: ArrayLike | None, rule: str) -> int:
         """Return the cell that contains a rotation, or the only cell.
 
         Raises
@@ -432,10 +432,10 @@ class Rotations(ABC):
         if rotation is None and len(self) > 1:
             rule = f"{rule}, and this map has {len(self)} rotation cells"
             hint = f"pass the one to take, by {', '.join(self.names)}"
-            raise InputError(name, "is missing", rule, hint)
+            raise InputError("rotation", "is missing", rule, hint)
         if rotation is None:
             return 0
-        return int(self._find_cells(self._check_rotation(rotation, name)))
+        return int(self._find_cells(self._check_rotation(rotation)))
 
     def _find_cells(self, q: Floats) -> Ints:
         """Return cells of configurations, shape (..., d + size)."""

@@ -64,11 +64,11 @@ if TYPE_CHECKING:
 
 def read_urdf(
     path: str | os.PathLike[str],
-    link: str | Sequence[str] | None = None,
-    package_dirs: PackageDirs = (),
-    primitives: bool = True,
-    visuals: bool = False,
-    spheres: str | os.PathLike[str] | None = None,
+    link: str | Sequence[str] | None,
+    package_dirs: PackageDirs,
+    primitives: bool,
+    visuals: bool,
+    spheres: str | os.PathLike[str] | None,
 ) -> list[Surface]:
     """Read the surface of a robot's collision geometry, metres.
 

@@ -519,7 +519,7 @@ def _read_arrays(shape: Any, up: Up | None) -> tuple[Any, Any, str]:
     elif isinstance(shape, (tuple, list)) and len(shape) == 2:
         vertices, faces = shape
     else:
-        vertices, faces = flatten_trimesh(shape, "mesh")
+        vertices, faces = flatten_trimesh(shape)
     if up is not None:
         vertices = turn_upright(_check_vertices(vertices, source), up)
     return vertices, faces, source

@@ -62,7 +62,10 @@ def check_real(values: ArrayLike, name: str, axes: Sequence[str] = ()) -> NDArra
     the last axis, in order. Raises InputError if a value is not a real number, or is too large for
     float64, or if labels are not the axes.
     """
-    if type(values) is not np.ndarray:
+    kind = type(values)
+    if kind is tuple or kind is list:
+        values = _order_rows(values, name, axes)
+    elif kind is not np.ndarray and kind is not float:
         check_unmasked(values, name)
         _check_unit(values, name)
         values = order_labels(values, name, axes)

@@ -142,9 +142,7 @@ def build_tile(
     folder.write_tile(tile, contents)
 
 
-def resolve_tile(
-    tile: int | Sequence[int], shape: Sequence[int], slices: int = 1
-) -> tuple[int, ...]:
+def resolve_tile(tile: int | Sequence[int], shape: Sequence[int], slices: int) -> tuple[int, ...]:
     """Return the number of cells of a tile along each axis.
 
     It is ``tile``, limited by the grid and by ``MAX_TILE_STATES``. Raises InputError unless

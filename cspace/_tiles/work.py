@@ -26,9 +26,9 @@ def run_tasks(
     task: Task,
     tiles: Sequence[int],
     needed: float,
-    client: Client | None = None,
-    workers: int | None = None,
-    progress: Progress | None = None,
+    client: Client | None,
+    workers: int | None,
+    progress: Progress | None,
 ) -> list[Any]:
     """Return ``[task(tile) for tile in tiles]`` from threads or a cluster.
 

@@ -22,7 +22,7 @@ from cspace._interface import (
     SearchOptions,
 )
 from cspace._limits import check_samples
-from cspace._queries.callbacks import bind_kernel
+from cspace._queries.callbacks import NO_ANSWER, bind_kernel
 from cspace._queries.chunks import RowCheck
 from cspace._queries.upright import Upright
 from cspace._rotations.base import (
@@ -34,7 +34,6 @@ from cspace._shapes import ShapeLike, as_shape
 from cspace._support.arrays import (
     BLOCKED,
     FREE,
-    MAX_EXPECTED_ANGLE,
     MIXED,
     Bools,
     Floats,
@@ -569,64 +568,25 @@ class ArmSpace(ConfigurationSpace):
 
     # ---- queries ---------------------------------------------------------------------------------
 
-    def point_checker(self, *, exact: bool = False) -> Callable[..., bool]:
-        """Return a fast ``is_free`` that takes floats.
-
-        Call it as ``check(*q)``; see :meth:`cspace.CSpace.point_checker`. Beyond the limits it
-        returns False.
-        """
-        prove = self._prove_motion
-        return lambda *q: prove(*q, *q) is True
-
-    def edge_checker(self, *, exact: bool = False) -> Callable[..., bool]:
-        """Return a fast ``motion_is_free`` that takes floats.
-
-        Call it as ``check(*q0, *q1)``; see :meth:`cspace.CSpace.edge_checker`. Beyond the limits it
-        returns False.
-        """
-        prove = self._prove_motion
-        return lambda *endpoints: prove(*endpoints) is True
-
-    def _state_of_one(self, q: tuple[Any, ...]) -> int | None:
-        """Return FREE if one configuration is proven free; see the base class."""
-        return FREE if self._is_one_free(q) else None
-
-    def _is_one_free(self, q: tuple[Any, ...]) -> bool | None:
-        """Return whether one configuration is proven free; see the base class."""
-        state = self._state_of_motion(q, q)
-        return None if state is None else state == FREE
-
-    def _state_of_motion(self, q0: tuple[Any, ...], q1: tuple[Any, ...]) -> int | None:
-        """Return FREE if one motion is proven free, else MIXED; see the base class."""
-        # Another number of entries, or entries that are no numbers, need the general route.
-        try:
-            free = self._prove_motion(*q0, *q1)
-        except (TypeError, ValueError):
-            return None
-        # An angle that seems to be in degrees needs a warning.
-        is_suspect = False
-        for k in self._angles:
-            is_suspect |= max(abs(q0[k]), abs(q1[k])) > MAX_EXPECTED_ANGLE
-        if free is None or is_suspect or len(q0) != len(q1):
-            return None
-        return FREE if free else MIXED
+    @cached_property
+    def _look_up_state(self) -> Callable[..., int]:
+        """Look-up of one configuration; see the base class."""
+        prove = self._look_up_motion
+        return lambda *q: prove(*q, *q)
 
     @cached_property
-    def _prove_motion(self) -> Callable[..., bool | None]:
-        """Function of ``(*q0, *q1)`` that returns whether a motion is proven free.
-
-        None beyond the limits.
-        """
+    def _look_up_motion(self) -> Callable[..., int]:
+        """Look-up of a motion; see the base class. It has no answer beyond the limits."""
         # Each thread has its own scratch memory. Limits are those of both endpoints.
         local = threading.local()
         lower = (self.arm.lower - LIMIT_SLACK).tolist() * 2
         upper = (self.arm.upper + LIMIT_SLACK).tolist() * 2
 
-        def prove(*endpoints: float) -> bool | None:
+        def prove(*endpoints: float) -> int:
             """Prove the motion between two configurations, given as their numbers in a row."""
             for low, x, high in zip(lower, endpoints, upper, strict=True):
                 if not low <= x <= high:
-                    return None
+                    return NO_ANSWER
             scene = self.snapshot.outer
             # At the first call of a thread, and after a change.
             if getattr(local, "scene", None) is not scene:
@@ -636,7 +596,7 @@ class ArmSpace(ConfigurationSpace):
                 rows = *local.ends, local.scratch
                 local.prove = partial(bind_kernel(motion_is_free, (scene,), *rows), *rows)
             local.ends.ravel()[:] = endpoints
-            return bool(local.prove())
+            return FREE if local.prove() else MIXED
 
         return prove
 

@@ -13,6 +13,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from cspace._queries.paths import skip_points
 from cspace._support.arrays import Floats, Ints
 from cspace._support.compiling import Address, call, clock, internal, kernel
 from cspace._support.deadlines import is_over
@@ -489,20 +490,14 @@ class PathSearch:
         return self._skip_waypoints(path) if straight else path
 
     def _skip_waypoints(self, path: Floats) -> Floats:
-        """Return a path without the waypoints that straight motions do not need."""
-        rows = [0]
-        here = 0
-        last = len(path) - 1
-        while here < last:
-            # Try the farthest waypoint first, then half as far; the next one is always reached.
-            ahead = last
-            while ahead > here + 1 and not path_is_free(
-                self._prove, self._scene, path[[here, ahead]], self._spans, self._scratch
-            ):
-                ahead = here + (ahead - here) // 2
-            here = ahead
-            rows.append(here)
-        return path[rows]
+        """Skip waypoints that straight motions do not need."""
+
+        def check(*ends: float) -> bool:
+            """Return True if a motion, given by the numbers of both ends, is free."""
+            rows = np.reshape(ends, (2, -1))
+            return path_is_free(self._prove, self._scene, rows, self._spans, self._scratch)
+
+        return skip_points(path, check)
 
     def _sample(self, goals: Floats, length: float) -> Floats:
         """Sample configurations on possible paths of at most ``length``.

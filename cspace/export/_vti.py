@@ -26,8 +26,8 @@ def write_vti(
     arrays: Mapping[str, NDArray[Any]],
     grid: Grid,
     path: StrPath,
-    overwrite: bool = False,
-    about: Mapping[str, Floats] | None = None,
+    overwrite: bool,
+    about: Mapping[str, Floats] | None,
 ) -> None:
     """Write arrays over a grid's cells as ``.vti``.
 

@@ -205,7 +205,7 @@ def export(
     cells: Sequence[int] = range(len(contents.rotations))
     if rotation is not None or form.rotations == "one":
         reason = f"{Path(path)} holds one slice"
-        cells = [contents.rotations._find_one_cell(rotation, "rotation", reason)]
+        cells = [contents.rotations._find_one_cell(rotation, reason)]
     if form.rotations == "one":
         number = int(contents.slice_of[cells[0]])
         form.write(contents.states[number], contents.grid, path, overwrite)

@@ -121,7 +121,7 @@ class DrawnRobot:
         return extract_rings(shapely.union_all(triangles))
 
 
-def path_lengths(rotations: Rotations, points: Floats, reach: float = 0.0) -> Floats:
+def path_lengths(rotations: Rotations, points: Floats, reach: float) -> Floats:
     """Return the length of a path up to each configuration, shape (n,).
 
     A rotation counts as the distance that a point ``reach`` metres from the reference point moves.

@@ -147,13 +147,8 @@ class Cells:
         starts = block_starts(classes.shape, self.side)
         return np.atleast_3d(reduce_blocks(classes, starts))
 
-    def make_solid(
-        self, cell: int | None, kind: SolidKind, cut: float, lid: bool = True
-    ) -> Surface:
-        """Return the surface of a kind's blocks below the height ``cut``, metres.
-
-        Without a ``lid``, the surface is open at the cut, where a section closes it.
-        """
+    def make_solid(self, cell: int | None, kind: SolidKind, cut: float) -> Surface:
+        """Return the surface of a kind's blocks below the height ``cut``, metres."""
         solid = np.isin(self._blocks_below(cell, cut), kind.classes)
         # Corners of rectangles in cells; the last blocks may reach beyond the map.
         corners = self.side * extract_border(solid, kind.has_boundary)

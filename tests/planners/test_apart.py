@@ -14,7 +14,7 @@ import cspace
 import planners
 from cspace.errors import AngleWarning, InputError
 from planners import Mover, apart
-from tests.helpers.refusals import refusals
+from tests.helpers.refusals import check_followed, refusals
 from tests.helpers.strategies import examples, few
 
 NOTCHED = [(-0.4, -0.3), (0.4, -0.3), (0.4, -0.1), (-0.1, 0.0), (0.4, 0.1), (0.4, 0.3), (-0.4, 0.3)]
@@ -271,100 +271,88 @@ def test_an_ellipse_is_apart_by_its_outer_and_touches_by_its_inner_bound():
         assert apart(moving, Mover(wide, (0.0, 0.0)), until=6.0).verdict == verdict
 
 
-class TestRefusals:
-    """Bad input, each in one line before any search."""
+STILL = Mover("disc:0.3", (0.0, 0.0))
+PERSON = Mover("disc:0.3", (3.0, 0.0), velocity=(1.0, 0.0))
 
-    still = Mover("disc:0.3", (0.0, 0.0))
 
-    @refusals(
-        "second, options, text",
-        (3, {}, "pass planners.Mover(robot, motion)"),
-        (Mover("disc:0.3", (0.1, 0.0)), {}, "first touches second at the start, at 0 s"),
-        (Mover("disc:0.3", (0.7, 0.0)), {"distance": 0.2}, "touches second at the start"),
-        (Mover("disc:0.3", (0.7, 0.0), error=0.2), {}, "touches second at the start"),
-        (Mover("disc:0.3", (3.0, math.nan)), {}, "second.motion[1] is nan"),
-        (Mover("disc:0.3", (3.0,)), {}, "second.motion has shape (1,)"),
-        (Mover("ball:0.3", (3.0, 0.0, 0.0)), {}, "use robot.footprint()"),
-        (Mover("disc:0.3", (3.0, 0.0), at=math.inf), {}, "second.at is inf"),
-        (Mover("disc:0.3", (3.0, 0.0), at="now"), {}, "second.at is 'now'"),
-        (Mover("disc:0.3", (3.0, 0.0), error=-1.0), {}, "second.error is -1.0"),
-        (Mover("disc:0.3", (3.0, 0.0), growth=math.nan), {}, "second.growth is nan"),
-        (Mover("disc:0.3", (3.0, 0.0), velocity=(1.0,)), {}, "second.velocity"),
-        (Mover("disc:0.3", (3.0, 0.0), velocity=(1.0, 0.0)), {}, "pass until=10.0"),
-        (Mover("disc:0.3", (3.0, 0.0)), {"until": math.nan}, "until is nan"),
-        (Mover("disc:0.3", (3.0, 0.0)), {"until": -1.0}, "the motions begin at 0 s"),
-        (Mover("disc:0.3", (3.0, 0.0)), {"distance": -1.0}, "distance is -1.0"),
+@refusals(
+    "second, options, mended, message",
+    (3, {}, "pass planners.Mover(robot, motion)"),
+    (Mover("disc:0.3", (0.1, 0.0)), {}, "first touches second at the start, at 0 s"),
+    (
+        Mover("disc:0.3", (0.7, 0.0)),
+        {"distance": 0.2},
+        {"distance": 0.05},
+        "check both frames, or lower distance",
+    ),
+    (Mover("disc:0.3", (0.7, 0.0), error=0.2), {}, "touches second at the start"),
+    (Mover("disc:0.3", (3.0, math.nan)), {}, "second.motion[1] is nan"),
+    (
+        Mover("disc:0.3", (1.0,)),
+        {},
+        {"second": Mover("disc:0.3", (1.0, 2.0, 0.5))},
+        "pass e.g. (1.0, 2.0, 0.5)",
+    ),
+    (
+        Mover("ball:0.3", (1.0, 2.0, 0.5)),
+        {},
+        {"second": Mover(cspace.Robot.ball(0.3).footprint(), (1.0, 2.0))},
+        "use robot.footprint() for both in the plane",
+    ),
+    (Mover("disc:0.3", (3.0, 0.0), at=math.inf), {}, "second.at is inf"),
+    (Mover("disc:0.3", (3.0, 0.0), at="now"), {}, "second.at is 'now'"),
+    (
+        Mover("disc:0.3", (3.0, 0.0), at=(2.0, 3.0)),
+        {},
+        {"second": Mover("disc:0.3", (3.0, 0.0), at=2.0)},
+        "pass seconds, e.g. 2.0",
+    ),
+    (Mover("disc:0.3", (3.0, 0.0), error=-1.0), {}, "second.error is -1.0"),
+    (Mover("disc:0.3", (3.0, 0.0), growth=math.nan), {}, "second.growth is nan"),
+    (Mover("disc:0.3", (3.0, 0.0), velocity=(1.0,)), {}, "second.velocity"),
+    (PERSON, {}, {"until": 10.0}, "pass until=10.0, in seconds"),
+    (PERSON, {"until": [1.0, 2.0]}, {"until": 10.0}, "pass seconds, e.g. 10.0"),
+    (PERSON, {"until": math.nan}, "until is nan"),
+    (PERSON, {"until": -1.0}, {"until": 10.0}, "pass a later time"),
+    (PERSON, {"until": 10.0, "distance": -1.0}, "distance is -1.0"),
+)
+def test_wrong_arguments_are_refused_in_one_line(second, options, mended, message):
+    def call(**changes):
+        return apart(**{"first": STILL, "second": second} | options | changes)
+
+    check_followed(call, mended and (lambda: call(**mended)), message)
+
+
+def test_wrong_trajectories(driven, tmp_path):
+    robot, trajectories = driven
+    solid = cspace.Robot.ball(0.3)
+    with pytest.raises(InputError, match="pass a trajectory of a rigid robot"):
+        apart(Mover(solid, trajectories[0]), Mover(solid, (9.0, 9.0, 9.0)))
+    box = '<collision><geometry><box size="1 1 1"/></geometry></collision>'
+    slide = '<joint name="slide" type="prismatic"><parent link="base"/><child link="cart"/>'
+    slide += '<limit lower="0" upper="2" effort="1" velocity="0.5"/></joint>'
+    (tmp_path / "slide.urdf").write_text(
+        f'<robot name="s"><link name="base"/><link name="cart">{box}</link>{slide}</robot>'
     )
-    def test_wrong_arguments(self, second, options, text):
-        with pytest.raises(InputError) as caught:
-            apart(self.still, second, **options)
-        assert text in str(caught.value)
+    space = cspace.build_arm_space({}, cspace.Arm.from_urdf(tmp_path / "slide.urdf"))
+    moved = planners.Trajectory.along(space, [(0.0,), (1.0,)], max_acceleration=1.0)
+    with pytest.raises(InputError, match=r"has the axes slide; that of disc 0\.3 m has x, y"):
+        apart(Mover("disc:0.3", moved), STILL)
+    with pytest.raises(InputError, match="a trajectory has its own"):
+        apart(Mover(robot, trajectories[0], velocity=(1.0, 0.0)), STILL)
 
-    def test_wrong_trajectories(self, driven, tmp_path):
-        robot, trajectories = driven
-        solid = cspace.Robot.ball(0.3)
-        with pytest.raises(InputError, match="pass a trajectory of a rigid robot"):
-            apart(Mover(solid, trajectories[0]), Mover(solid, (9.0, 9.0, 9.0)))
-        box = '<collision><geometry><box size="1 1 1"/></geometry></collision>'
-        slide = '<joint name="slide" type="prismatic"><parent link="base"/><child link="cart"/>'
-        slide += '<limit lower="0" upper="2" effort="1" velocity="0.5"/></joint>'
-        (tmp_path / "slide.urdf").write_text(
-            f'<robot name="s"><link name="base"/><link name="cart">{box}</link>{slide}</robot>'
-        )
-        space = cspace.build_arm_space({}, cspace.Arm.from_urdf(tmp_path / "slide.urdf"))
-        moved = planners.Trajectory.along(space, [(0.0,), (1.0,)], max_acceleration=1.0)
-        with pytest.raises(InputError, match=r"has the axes slide; that of disc 0\.3 m has x, y"):
-            apart(Mover("disc:0.3", moved), self.still)
-        with pytest.raises(InputError, match="a trajectory has its own"):
-            apart(Mover(robot, trajectories[0], velocity=(1.0, 0.0)), self.still)
 
-    def test_yaws_in_degrees_are_warned_of(self):
-        with pytest.warns(AngleWarning, match="second"):
-            apart(self.still, Mover("rect:1x1", (3.0, 0.0, 90.0)))
-
-    def test_hints_are_followed(self):
-        person = Mover("disc:0.3", (3.0, 0.0), velocity=(1.0, 0.0))
-        with pytest.raises(InputError) as caught:
-            apart(self.still, person)
-        assert "pass until=10.0, in seconds" in str(caught.value)
-        assert apart(self.still, person, until=10.0)
-        with pytest.raises(InputError) as caught:
-            apart(self.still, person, until=[1.0, 2.0])
-        assert "pass seconds, e.g. 10.0" in str(caught.value)
-        with pytest.raises(InputError) as caught:
-            apart(self.still, Mover("disc:0.3", (3.0, 0.0), at=(2.0, 3.0)))
-        assert "pass seconds, e.g. 2.0" in str(caught.value)
-        assert apart(self.still, Mover("disc:0.3", (3.0, 0.0), at=2.0))
-        with pytest.raises(InputError) as caught:
-            apart(self.still, person, until=-1.0)
-        assert "pass a later time" in str(caught.value)
-        with pytest.raises(InputError) as caught:
-            apart(self.still, Mover("disc:0.3", (0.7, 0.0)), distance=0.2)
-        assert "check both frames, or lower distance" in str(caught.value)
-        assert apart(self.still, Mover("disc:0.3", (0.7, 0.0)), distance=0.05)
-        with pytest.raises(InputError) as caught:
-            apart(self.still, Mover("disc:0.3", (1.0,)))
-        assert "pass e.g. (1.0, 2.0, 0.5)" in str(caught.value)
-        assert apart(self.still, Mover("disc:0.3", (1.0, 2.0, 0.5)))
-        with pytest.raises(InputError) as caught:
-            apart(self.still, Mover("ball:0.3", (1.0, 2.0, 0.5)))
-        assert "use robot.footprint() for both in the plane" in str(caught.value)
-        assert apart(self.still, Mover(cspace.Robot.ball(0.3).footprint(), (1.0, 2.0)))
+def test_yaws_in_degrees_are_warned_of():
+    with pytest.warns(AngleWarning, match="second"):
+        apart(STILL, Mover("rect:1x1", (3.0, 0.0, 90.0)))
 
 
 def test_frames_must_agree():
     plans = []
+    cells = np.zeros((60, 60), dtype=np.bool_)
     for frame in ("map", "hall"):
-        origin = {
-            "position": {"x": 0.0, "y": 0.0, "z": 0.0},
-            "orientation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0},
-        }
-        message = {
-            "header": {"frame_id": frame},
-            "info": {"resolution": 0.1, "width": 60, "height": 60, "origin": origin},
-            "data": [0] * 3600,
-        }
-        space = cspace.build(cspace.Workspace.from_occupancy_grid(message), "disc:0.2")
+        grid = cspace.Grid((0.0, 0.0), 0.1, cells.shape, frame_id=frame)
+        space = cspace.build(cspace.Workspace(grid, cells, cells), "disc:0.2")
         plan = planners.plan(space, (1.0, 1.0), (5.0, 5.0))
         plans.append(plan.trajectory(max_velocity=1.0, max_acceleration=1.0))
     with pytest.raises(InputError, match="has the frame 'hall', but first has 'map'"):

@@ -326,8 +326,6 @@ def test_what_cannot_go_on_is_refused():
         plan.trajectory(**LIMITS, after=trajectory, at=2.0)
     with pytest.raises(InputError, match="finite"):
         plan.trajectory(**LIMITS, after=trajectory, at=math.nan)
-    with pytest.raises(InputError, match="max_acceleration"):
-        plan.trajectory(max_velocity=1.0, max_acceleration=0.0, after=trajectory)
     again = plan.trajectory(**LIMITS, after=trajectory)  # at rest
     np.testing.assert_allclose(again.positions, trajectory.positions, atol=1e-9)
 

@@ -18,6 +18,7 @@ from tests.helpers.planning import ENDPOINTS, build_room
 from tests.helpers.refusals import check_followed, refusals
 from tests.helpers.strategies import few
 from tests.helpers.urdfs import planar, pose_at
+from tests.planners.test_own_space import START, Disc
 
 
 def build_walls(boxes, robot, rotations=None, **options):
@@ -350,15 +351,16 @@ def make_objective(si):
         {"previous": None},
         "it is what planners.plan returned before; pass the last plan, or leave previous out",
     ),
+    ("floating", {"start": (0.5, 0.5, 0.5, 0, 0, 0, 2)}, "quaternion of norm 2; it must be 1"),
 )
 def test_advised_options_are_accepted(name, options, changes, hint):
-    start, goal = ENDPOINTS[name]
+    given = {"seed": 1} | dict(zip(("start", "goal"), ENDPOINTS[name], strict=True)) | options
     with pytest.raises(InputError) as caught:
-        planners.plan(build_room(name), start, goal, **options)
+        planners.plan(build_room(name), **given)
     assert hint in str(caught.value)
-    assert caught.value.argument in {*options, "turning_radius"}
-    followed = {"seed": 1} | options | changes
-    planners.plan(build_room(name), start, goal, **followed)
+    assert caught.value.argument.split()[0] in {*options, "turning_radius"}
+    if changes is not None:
+        planners.plan(build_room(name), **given | changes)
 
 
 def test_advised_goals_of_an_arm_are_accepted(tmp_path):
@@ -480,6 +482,30 @@ def plan_in(name, **options):
         lambda: penalize("plane", 10.0),
         "pass 10.0",
     ),
+    (
+        lambda: planners.simple_setup(build_room("plane"), valid_state_sampler=lambda si: 3),
+        "must return an ompl.base.ValidStateSampler",
+    ),
+    (
+        lambda: plan_in("plane").trajectory(max_velocity={"x": 1.0}, max_acceleration=1.0),
+        "max_velocity lacks y; it must be one",
+    ),
+    (
+        lambda: plan_in("turning", **CAR).trajectory(max_velocity=(1.0, 2.0), max_acceleration=1.0),
+        "max_velocity differs by axis",
+    ),
+    (
+        lambda: plan_in("plane").trajectory(max_velocity=1.0, max_acceleration=math.nan),
+        "max_acceleration is nan",
+    ),
+    (lambda: plan_in("plane").trajectory(**LIMITS, blend="yes"), "blend is 'yes'"),
+    (
+        lambda: plan_in("plane").trajectory(**LIMITS).recheck(build_room("turning")),
+        "space has the axes x, y, yaw",
+    ),
+    (lambda: plan_in("plane").trajectory(**LIMITS).sample_uniform(math.nan), "rate is nan"),
+    (lambda: plan_in("plane").trajectory(**LIMITS).to_twists(), "a robot without a drive"),
+    (lambda: plan_in("plane").trajectory(**LIMITS).sample(math.nan), "t is nan"),
 )
 def test_advised_calls_are_accepted(make, advised, hint):
     check_followed(make, advised, hint)
@@ -520,35 +546,16 @@ def test_a_tiny_map_is_planned_on_without_a_named_planner():
 # ---- own spaces, rows and messages ---------------------------------------------------------------
 
 
-class Bare(cspace.Space):
-    """A plane without obstacles."""
-
-    bounds = ((-2.0, -2.0), (2.0, 2.0))
-
-    def __init__(self, *axes):
-        self._axes = axes
-
-    @property
-    def axes(self):
-        return self._axes
-
-    def is_free(self, q):
-        return True
-
-    def motion_is_free(self, q0, q1):
-        return True
-
-
 def test_a_gate_refuses_a_space_of_your_own():
-    space = Bare("x", "y")
+    space = Disc("x", "y")
     with pytest.raises(InputError, match=r"prove the motions alone with space\.motion_is_free"):
         cspace.Gate(space)
-    assert space.motion_is_free((0.0, 0.0), (1.0, 1.0))
+    assert space.motion_is_free(START, (-1.5, 1.0))
 
 
-def plan_bare(*axes):
-    """Plan in a plane without obstacles."""
-    return planners.plan(Bare(*axes), (0.0, 0.0), (1.0, 1.0), time_limit=0.2, seed=1)
+def plan_own(*axes, start=START, goal=(-1.5, 1.0)):
+    """Plan in a space of one's own, beside a disc."""
+    return planners.plan(Disc(*axes), start, goal, time_limit=0.2, seed=1)
 
 
 @cache
@@ -589,13 +596,13 @@ def blocked(space, rows):
 @refusals(
     "call, advised, hint",
     (
-        lambda _: plan_bare("y", "x"),
-        lambda _: [plan_bare("x", "y"), plan_bare("a", "b")],
+        lambda _: plan_own("y", "x"),
+        lambda _: [plan_own("x", "y"), plan_own("a", "b")],
         "name its axes as one of these, or as joints, e.g. a, b",
     ),
     (
-        lambda _: plan_bare("a", "b").plot(),
-        lambda _: np.asarray(plan_bare("a", "b").path),
+        lambda _: plan_own("a", "b").plot(),
+        lambda _: np.asarray(plan_own("a", "b").path),
         "draw plan.path yourself",
     ),
     (
@@ -663,9 +670,12 @@ def blocked(space, rows):
         ),
         "use trajectory(...).to_joint_trajectory()",
     ),
+    (lambda _: plan_own("x", "y", start=(0.0, 0.0)), "is not free; a path starts and ends in free"),
+    (lambda _: plan_own("x", "y", goal=(3.0, 0.0)), "goal (3.0, 0.0) lies outside the bounds"),
+    (lambda _: plan_own("x", "y", goal=cspace.PoseGoal("tip", np.eye(4))), "goal is a PoseGoal"),
 )
 def test_spaces_and_rows_as_the_hint_says_are_accepted(call, advised, hint, tmp_path):
-    check_followed(lambda: call(tmp_path), lambda: advised(tmp_path), hint)
+    check_followed(lambda: call(tmp_path), advised and (lambda: advised(tmp_path)), hint)
 
 
 def test_a_plan_on_tiles_is_explained_in_a_window_as_advised(tmp_path):

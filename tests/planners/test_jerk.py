@@ -1,14 +1,16 @@
 """Motions with limited jerk: limits at every instant, shortest times, stops and going on.
 
-Oracles: the times of double S profiles in closed form, and differences of positions and
-accelerations. If the acceleration changes by at most the jerk times h in each time h, then it is
+Oracles: Ruckig, whose motions of a single joint are the fastest ones, and differences of positions
+and accelerations. If the acceleration changes by at most the jerk times h in each time h, then it is
 continuous and the jerk is within its limit.
 """
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
+import ruckig
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -27,15 +29,15 @@ JERK, TURN_JERK = 4.0, 10.0
 STEPS = 4000
 
 
-def measure_double_s(length, speed, gain, jerk):
-    """Return the least seconds from rest to rest."""
-    ramp = speed / gain + gain / jerk if speed * jerk >= gain**2 else 2.0 * math.sqrt(speed / jerk)
-    if length >= speed * ramp:
-        return length / speed + ramp
-    if length >= 2.0 * gain**3 / jerk**2:
-        even = gain / jerk
-        return even + math.sqrt(even**2 + 4.0 * length / gain)
-    return 4.0 * (length / (2.0 * jerk)) ** (1.0 / 3.0)
+def measure_fastest(first, last, limits):
+    """Return the seconds of Ruckig's motion from rest to rest, not along a line."""
+    joints = len(first)
+    motion = ruckig.InputParameter(joints)
+    motion.current_position, motion.target_position = first, last
+    motion.max_velocity, motion.max_acceleration, motion.max_jerk = limits
+    fastest = ruckig.Trajectory(joints)
+    assert ruckig.Ruckig(joints).calculate(motion, fastest) == ruckig.Result.Working
+    return fastest.duration
 
 
 def find_steps(trajectory):
@@ -76,16 +78,22 @@ def check_plane(trajectory):
 # ---- straight edges ------------------------------------------------------------------------------
 
 
-@given(seeds, st.floats(-2.0, 2.0), st.floats(-2.0, 2.0), st.floats(-2.0, 3.0))
-def test_a_straight_motion_takes_the_shortest_time(seed, speed, gain, jerk):
+@given(seeds, st.integers(1, 7), *[st.floats(-2.0, 2.5)] * 3)
+def test_a_straight_motion_takes_the_shortest_time(seed, joints, speed, gain, jerk):
     rng = np.random.default_rng(seed)
-    rows = rng.uniform(-3.0, 3.0, (2, 3))
-    limits = [math.exp(each) * rng.uniform(0.5, 2.0, 3) for each in (speed, gain, jerk)]
-    step = np.abs(rows[1] - rows[0])
+    rows = rng.uniform(-3.0, 3.0, (2, joints))
+    # Joints whose limits differ by far more gain time off the line, where Ruckig drives.
+    limits = [math.exp(each) * rng.uniform(0.7, 1.4, joints) for each in (speed, gain, jerk)]
     names = "max_velocity", "max_acceleration", "max_jerk"
-    motion = plan_along("joints", rows).trajectory(**dict(zip(names, limits, strict=True)))
-    shares = [float((each / step).min()) for each in limits]
-    assert motion.duration == pytest.approx(measure_double_s(1.0, *shares), rel=1e-6)
+    axes, units = tuple(f"joint{k}" for k in range(joints)), ("rad",) * joints
+    plan = replace(
+        plan_along("joints", rows[:, :1]), axes=axes, units=units, path=rows, waypoints=rows
+    )
+    motion = plan.trajectory(**dict(zip(names, limits, strict=True)))
+    assert motion.duration <= 1.15 * measure_fastest(*rows, limits)
+    # A single joint that is limited as the line.
+    shares = [[float((each / np.abs(rows[1] - rows[0])).min())] for each in limits]
+    assert motion.duration == pytest.approx(measure_fastest([0.0], [1.0], shares), rel=1e-6)
     check_joints(motion, *limits)
     np.testing.assert_allclose(motion.positions[[0, -1]], rows, atol=1e-9)
 

@@ -96,13 +96,8 @@ def test_repr_tells_if_the_proof_still_holds():
     assert plan.certified
     again = pickle.loads(pickle.dumps(plan))
     assert "certified when planned; " in repr(again) and not again.recheck(space).any()
-    for lost, recheck in (
-        (r"plan has no map; .* plan.recheck\(space\)", again.recheck),
-        ("space has the axes x, y, yaw", lambda: plan.recheck(build_room("turning"))),
-        ("plan has no path", planners.plan(*build_halves("plane", BLOCKED)).recheck),
-    ):
-        with pytest.raises(InputError, match=lost):
-            recheck()
+    with pytest.raises(InputError, match="plan has no path"):
+        planners.plan(*build_halves("plane", BLOCKED)).recheck()
 
 
 # ---- text and files ------------------------------------------------------------------------------

@@ -3,7 +3,6 @@
 import itertools
 import re
 
-import numpy as np
 import pytest
 from ompl import base as ob
 from ompl import geometric as og
@@ -23,7 +22,6 @@ from planners._local_planner import DRIVES
 from planners._ompl_states import find_state_kind
 from tests.helpers.missing import output_without
 from tests.helpers.planning import (
-    ENDPOINTS,
     SPACES,
     bounds_of,
     build_room,
@@ -31,7 +29,6 @@ from tests.helpers.planning import (
     draw_edges,
     make_state,
 )
-from tests.helpers.refusals import refusals
 
 STATE_SPACES = {
     "plane": ob.RealVectorStateSpace,
@@ -72,22 +69,6 @@ def test_states_and_motions_are_checked_as_by_the_map(name):
     assert not si.isValid(free) and not si.checkMotion(free, free)
 
 
-@refusals(
-    "wrong, message",
-    ({"valid_state_sampler": lambda si: 3}, "must return an ompl.base.ValidStateSampler"),
-    ({"valid_state_sampler": ob.ObstacleBasedValidStateSampler}, "last valid state.*leave it out"),
-    ({"objective": lambda si: 3}, "must return an ompl.base.OptimizationObjective"),
-    (
-        {"rng": np.random.default_rng(0), "valid_state_sampler": ob.UniformValidStateSampler},
-        "rng is given and valid_state_sampler is given",
-    ),
-    ({"drive": "dubins", "turning_radius": 1.0}, "are .x, y.;.*rotations=72"),
-)
-def test_incompatible_options_are_refused(wrong, message):
-    with pytest.raises(InputError, match=message):
-        planners.simple_setup(build_room("plane"), **wrong)
-
-
 # ---- names and choices ---------------------------------------------------------------------------
 
 
@@ -121,20 +102,6 @@ def test_choices_lists_planners_and_drives_of_a_map(name):
     for drive in choices.drives:
         radius = 0.4 if drive in choices.curves else None
         assert planners.state_space(space, drive=drive, turning_radius=radius) is not None
-
-
-@refusals(
-    "options, message",
-    # OMPL's AORRTC reads beyond a list if paths are long, which is unpredictable.
-    ({"planner": "aorrtc"}, "planner is 'AORRTC'; AORRTC of OMPL .*ends the"),
-    (
-        {"planner": "PRM", "drive": "dubins", "turning_radius": 1.0},
-        "planner is 'PRM' and drive is 'dubins'.*RRT",
-    ),
-)
-def test_planners_unfit_for_a_drive_are_refused(options, message):
-    with pytest.raises(InputError, match=message):
-        planners.plan(build_room("turning"), *ENDPOINTS["turning"], **options)
 
 
 @pytest.mark.parametrize("refusal", REFUSALS, ids=lambda refusal: refusal.reason)

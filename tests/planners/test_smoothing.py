@@ -15,7 +15,6 @@ import shapely
 
 import cspace
 import planners
-from cspace import InputError
 from cspace._interface import rotations_of
 from planners._segments import Segments, bound_derivatives, place_along, prove_segments
 from tests.helpers.handmade import build_empty
@@ -308,21 +307,6 @@ def test_arm_blends_are_free_and_within_limits(tmp_path):
     assert trajectory.duration <= stopping.duration
 
 
-def test_invalid_arguments_are_refused():
-    plan = build_plan(1, "holonomic", None)
-    trajectory = plan.trajectory(**LIMITS)
-    workspace = cspace.Workspace.from_array(draw_occupied(1), SPACING)
-    space = cspace.build(workspace, cspace.Robot.polygon(FOOTPRINT), rotations=4)
-    with pytest.raises(InputError, match="axes"):
-        trajectory.recheck(space)
-    flag = "yes"
-    with pytest.raises(InputError, match="blend"):
-        plan.trajectory(**LIMITS, blend=flag)
-    for value in (0.0, math.nan, -1.0):
-        with pytest.raises(InputError, match="max_acceleration"):
-            plan.trajectory(max_velocity=1.0, max_acceleration=value)
-
-
 def draw_curves(rng, count, drives):
     """Draw cubic curves in the plane, with a free yaw or with that of driving."""
     yaws = rng.uniform(-math.pi, math.pi, count)
@@ -524,15 +508,3 @@ def test_steering_angles_are_those_of_the_turning_radius(tmp_path):
     twists = trajectory.to_twists()
     assert [twist.angular.z for twist in twists] == trajectory.omega.tolist()
     assert [twist.linear.x for twist in twists] == trajectory.v.tolist()
-
-
-def test_commands_of_other_robots_are_refused():
-    trajectory = build_plan(1, "holonomic", 36).trajectory(**LIMITS, **TURNING_LIMITS)
-    for command in (lambda: trajectory.v, lambda: trajectory.omega, trajectory.to_twists):
-        with pytest.raises(InputError, match="without a drive"):
-            command()
-    with pytest.raises(InputError, match="a car steers"):
-        trajectory.steering(0.4)
-    for rate in (0.0, math.nan, 1e9):
-        with pytest.raises(InputError, match="rate"):
-            trajectory.sample_uniform(rate)

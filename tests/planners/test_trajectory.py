@@ -24,9 +24,8 @@ from cspace import InputError
 from cspace._files import ros_maps as messages
 from planners._timing import LimitRates, MotionBounds, is_motion
 from tests.helpers.planning import ENDPOINTS, build_open_map, build_room, make_poses, turn_between
-from tests.helpers.refusals import refusals
 from tests.helpers.strategies import examples, seeds
-from tests.helpers.urdfs import planar, planar_with_tip, pose_at, post
+from tests.helpers.urdfs import planar
 
 AXES_OF_KIND = {
     "plane": ("x", "y"),
@@ -351,19 +350,6 @@ def test_arms_move_within_the_velocity_limits_of_the_urdf(tmp_path):
     np.testing.assert_array_equal(along.positions, slower.positions)
 
 
-def test_what_an_arm_does_not_follow_is_refused(tmp_path):
-    space = cspace.build_arm_space({"post": post()}, planar_with_tip(tmp_path))
-    far = space.follow_line((-0.9, 1.6), "tip", pose_at(9.0, 0.9), tolerance=(1e-3, math.inf))
-    for given_space, path, message in (
-        (space, far, "path is not certified: stopped after .*follows the whole line"),
-        (space, [(-0.6, 0.3), (1.4, -0.2)], "1 of 1 motions that are not proven free"),
-        (space, (-0.6, 0.3), r"path has shape \(2,\); it must be rows of configurations"),
-        (build_room("plane"), [(1.0, 1.0)], "it must be the space of an arm"),
-    ):
-        with pytest.raises(InputError, match=message):
-            planners.Trajectory.along(given_space, path, **TRANSLATION_LIMITS)
-
-
 # ---- times, messages, files and pictures ---------------------------------------------------------
 
 
@@ -381,8 +367,6 @@ def test_a_longer_duration_slows_the_whole_motion(seed, kind, factor):
         itertools.count(), fastest.sample(t), slow.sample(factor * t), strict=False
     ):
         np.testing.assert_allclose(fast_rows, factor**power * slow_rows, atol=1e-6)
-    with pytest.raises(InputError, match=r"duration is .*; the limits need"):
-        plan.trajectory(**limits, duration=0.9 * fastest.duration)
 
 
 def test_rows_are_at_most_a_time_step_apart(tmp_path):
@@ -434,12 +418,6 @@ def test_poses_of_the_path_message_are_stamped():
         stamp = stamped.header.stamp
         assert stamp.sec + 1e-9 * stamp.nanosec == pytest.approx(7.9 + time)
         assert 0 <= stamp.nanosec < 10**9
-    with pytest.raises(InputError, match=r"trajectory moves x, y, yaw; .*use to_path\(\)"):
-        trajectory.to_joint_trajectory()
-    with pytest.raises(InputError, match="t is nan"):
-        trajectory.sample(math.nan)
-    with pytest.raises(InputError, match=r"plan has no path: .*a trajectory follows a path"):
-        replace(plan, solved=False).trajectory(**TRANSLATION_LIMITS)
 
 
 def test_limits_that_numbers_do_not_resolve_together_are_refused():
@@ -491,15 +469,3 @@ def test_what_is_no_motion_from_start_to_goal_is_found(change):
     assert is_motion(*path, trajectory._phases, bounds)
     with np.errstate(invalid="ignore"):
         assert not is_motion(*path, change(trajectory._phases), bounds)
-
-
-@refusals(
-    "kind, drive, options, expected",
-    ("plane", "holonomic", {"max_velocity": {"x": 1.0}}, "max_velocity lacks y; it must be one"),
-    ("turning", "holonomic", {"max_angular_velocity": 1.0}, "max_angular_acceleration is missing"),
-    ("turning", "dubins", {"max_velocity": (1.0, 2.0)}, "max_velocity differs by axis"),
-)
-def test_trajectories_reject_invalid_arguments(kind, drive, options, expected):
-    plan = plan_along(kind, draw_waypoints(kind, np.random.default_rng(0), 3), drive)
-    with pytest.raises(InputError, match=expected):
-        plan.trajectory(**(TRANSLATION_LIMITS | options))

@@ -515,9 +515,62 @@ def test_speeds_of_rows_are_limited(room):
     assert room.certify_chunk(START, [START] * 2, dt=0.1, max_velocity=0.0).is_proven
 
 
+def find_jerk(known, limits, dt):
+    """Return the first row and column at which weighted sums of rows exceed limits."""
+    weights = (1, -2, 1) if known.shape[1] == 2 else (-1, 3, -3, 1)
+    order = len(weights) - 1
+    for row in range(order, len(known)):
+        for column, limit in enumerate(limits):
+            last = known[row - order : row + 1, column]
+            jerk = sum(w * x for w, x in zip(weights, last, strict=True)) / dt**order
+            if abs(jerk) > limit * (1.0 + 1e-6):
+                return row, column
+    return len(known), None
+
+
+@given(seeds, st.integers(0, 3))
+@examples(30)
+def test_a_gate_refuses_the_first_row_with_too_much_jerk(seed, earlier):
+    space = build_empty((60, 60), Robot.disc(0.2), rotations=8)
+    rng = np.random.default_rng(seed)
+    eighths = rng.integers(-1, 2, (12, 3)) / 8.0
+    points = np.array([3.0, 3.0, 3.1]) + np.cumsum(eighths, axis=0)  # the yaw passes pi
+    limits = np.array([3.0, 4.0, 8.0]) * rng.choice([0.5, 1.0, 2.0])
+    gate = cspace.Gate(space, dt=0.5, max_velocity=9.0, max_jerk=tuple(limits))
+    chunk = gate.check_rows(points[earlier], points[earlier + 1 :], before=points[:earlier]).chunk
+    row, column = find_jerk(points, limits, 0.5)
+    if row <= earlier:  # it was driven before
+        return
+    assert chunk.proven == row - earlier - 1
+    if column is not None:
+        assert chunk.refusal[:3] == (row - earlier - 1, "jerk", (space.axes[column],))
+    twists = eighths[:, :2]
+    limits = limits[:2] / 4.0
+    gate = cspace.Gate(space, dt=0.5, max_jerk=limits)
+    chunk = gate.check_twists((3.0, 3.0, 0.0), twists[earlier:], before=twists[:earlier]).chunk
+    row, column = find_jerk(twists, limits, 0.5)
+    assert row < earlier or chunk.proven == row - earlier
+
+
+def test_a_gate_limits_the_jerk_of_rotations_as_one():
+    space = build_empty(
+        (20, 20, 20), Robot.box((0.2, 0.1, 0.1)), rotations=cspace.Rotations.quaternions(1)
+    )
+    angles = [0.0, 0.0, 0.1, 0.1]
+    rows = np.array([(1.0, 1.0, 1.0, 0.0, math.sin(a / 2), 0.0, math.cos(a / 2)) for a in angles])
+    limits = {"dt": 0.1, "max_velocity": 9.0}
+    refusal = cspace.Gate(space, **limits, max_jerk=150.0).check_rows(rows[0], rows).chunk.refusal
+    assert refusal.message == "row 3: rotation has a jerk of 200, at most 150 is allowed"
+
+
 def braking(space):
     """Return a gate that knows the brakes."""
     return cspace.Gate(space, dt=0.1, max_deceleration=(1.0, 1.0))
+
+
+def gentle(space):
+    """Return a gate that limits the jerk of each coordinate."""
+    return cspace.Gate(space, dt=0.1, max_velocity=1.0, max_jerk=(9.0, 9.0, 9.0))
 
 
 def test_a_gate_passes_the_proven_part_then_holds(room):
@@ -548,6 +601,13 @@ def test_a_gate_passes_the_proven_part_then_holds(room):
     (lambda s: s.certify_twists(START, [(0.1, 0.1)], 0.1, turning_radius=-1.0), "turning_radius"),
     (lambda s: cspace.Gate(s, max_deceleration=(1.0, 0.0)), "max_deceleration of omega is 0"),
     (lambda s: cspace.Gate(s, max_deceleration=(1, 1, 1)), "one for each of v, omega"),
+    (lambda s: cspace.Gate(s, dt=0.1, max_jerk=0.0), "max_jerk of x is 0.0"),
+    (lambda s: cspace.Gate(s, dt=0.1, max_jerk=(1.0, 0.0)), "max_jerk of omega is 0.0"),
+    (lambda s: cspace.Gate(s, dt=0.1, max_jerk=math.nan), "max_jerk is nan"),
+    (lambda s: cspace.Gate(s, dt=0.1, max_jerk={"x": 1.0, "y": 1.0, "jaw": 1.0}), "'yaw'?"),
+    (lambda s: cspace.Gate(s, dt=0.1, max_jerk=(1.0,) * 4), "one for each of x, y, yaw"),
+    (lambda s: gentle(s).check_twists(START, [(0.1, 0.1)]), "one for each of v, omega"),
+    (lambda s: gentle(s).check_rows(START, [START], before=[(1.0, math.inf, 0.0)]), "before[0, 1]"),
     (lambda s: braking(s).slow_down(START, (0.1, math.nan)), "twist[1] is nan"),
     (lambda s: braking(s).slow_down(START, (1, 0), twist_now=(1, 0, 0)), "shape (3,)"),
     (lambda s: braking(s).slow_down((1.0, 2.0), (1.0, 0.0)), "last axis must be 3 long"),
@@ -605,6 +665,21 @@ FLAT = (1.0, 2.5)
                 START, (0.1, 0.1)
             ),
             "e.g. Gate(space, dt=0.1, max_deceleration=(0.5, 1))",
+        ),
+        (
+            lambda s: cspace.Gate(s, max_jerk=1.0),
+            lambda s: cspace.Gate(s, max_jerk=1.0, dt=0.02),
+            "pass the seconds between rows, e.g. dt=0.02",
+        ),
+        (
+            lambda s: cspace.Gate(s, dt=0.1, max_jerk=1.0, max_deceleration=(0.5, 1)),
+            lambda s: [cspace.Gate(s, dt=0.1, max_jerk=1.0), braking(s)],
+            "make one gate for each of them",
+        ),
+        (
+            lambda s: gentle(s).check_rows(START, [START], before=START),
+            lambda s: gentle(s).check_rows(START, [START], before=[START]),
+            "pass an array of shape (m, 3)",
         ),
         (
             lambda s: braking(s).stop_distance([(0.5, 0.0)]),

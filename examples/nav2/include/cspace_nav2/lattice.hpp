@@ -62,7 +62,9 @@ class Guide {
       for (std::int64_t y = std::max<std::int64_t>(j - 1, 0); y <= std::min(j + 1, blocks_[1] - 1); ++y) {
         const std::int64_t next = x * blocks_[1] + y;
         const double length = lengths_[block] + std::hypot(x - i, y - j) * side_ * map_.spacing();
-        if (is_settled_[next] || length >= lengths_[next] || !is_open(x, y)) continue;
+        if (is_settled_[next] || length >= lengths_[next]) continue;
+        is_settled_[next] = !is_open(x, y);  // at infinity, and not asked again
+        if (is_settled_[next]) continue;
         lengths_[next] = length;
         queue_.push({length, next});
       }

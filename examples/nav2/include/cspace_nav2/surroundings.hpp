@@ -38,14 +38,15 @@ class Surroundings {
       for (const auto& corner : nav2_costmap_2d::makeFootprintFromRadius(radius_ / std::cos(M_PI / 16.0)))
         corners_.push_back({corner.x, corner.y});
     }
-    occupied_before_.reserve(std::size_t{rows_} * (columns_ + 1));
+    for (const auto& [x, y] : corners_) radius_of_corners_ = std::max(radius_of_corners_, std::hypot(x, y));
+    occupied_before_.assign(std::size_t{rows_ + 1} * (columns_ + 1), 0);
     for (unsigned int row = 0; row < rows_; ++row) {
-      occupied_before_.push_back(0);
+      std::int32_t in_row = 0;
       for (unsigned int column = 0; column < columns_; ++column) {
         const unsigned char cost = costmap_.getCost(column, row);
-        const bool is_occupied = cost == nav2_costmap_2d::LETHAL_OBSTACLE ||
-                                 (cost == nav2_costmap_2d::NO_INFORMATION && !allow_unknown);
-        occupied_before_.push_back(occupied_before_.back() + is_occupied);
+        in_row += cost == nav2_costmap_2d::LETHAL_OBSTACLE ||
+                  (cost == nav2_costmap_2d::NO_INFORMATION && !allow_unknown);
+        occupied_before_[index_of(row + 1, column + 1)] = occupied_before_[index_of(row, column + 1)] + in_row;
       }
     }
   }
@@ -68,6 +69,7 @@ class Surroundings {
   ///
   /// A cell meets it if an edge passes through the cell, or if it contains the cell's center.
   bool is_clear(const Configuration& q) const {
+    if (square_is_clear(q)) return true;
     const std::vector<Point> body = place(q);
     const auto lower = [](const Point& a, const Point& b) { return a[1] < b[1]; };
     const auto [lowest, highest] = std::minmax_element(body.begin(), body.end(), lower);
@@ -204,11 +206,25 @@ class Surroundings {
   }
 
   /// Return true if the cells of a row from one place to another are in the costmap and not occupied.
-  bool run_is_clear(unsigned int row, double first, double last) const {
-    if (!(first >= 0.0 && last < columns_)) return false;
-    const std::int32_t* before = &occupied_before_[std::size_t{row} * (columns_ + 1)];
-    return before[static_cast<std::size_t>(first)] == before[static_cast<std::size_t>(last) + 1];
+  bool run_is_clear(unsigned int row, double first, double last) const { return box_is_clear(row, row, first, last); }
+
+  /// Return true if the square around the footprint at each yaw is in the costmap and has no occupied cell.
+  bool square_is_clear(const Configuration& q) const {
+    const double side = costmap_.getResolution(), reach = radius_of_corners_ / side + 1e-6;
+    const double x = (q[0] - costmap_.getOriginX()) / side, y = (q[1] - costmap_.getOriginY()) / side;
+    return box_is_clear(y - reach, y + reach, x - reach, x + reach);
   }
+
+  /// Return true if all cells from one row and column to others are in the costmap and not occupied.
+  bool box_is_clear(double bottom, double top, double left, double right) const {
+    if (!(bottom >= 0.0 && top < rows_ && left >= 0.0 && right < columns_)) return false;
+    const auto first_row = static_cast<std::size_t>(bottom), first_column = static_cast<std::size_t>(left);
+    const std::size_t row = static_cast<std::size_t>(top) + 1, column = static_cast<std::size_t>(right) + 1;
+    return occupied_before_[index_of(row, column)] - occupied_before_[index_of(first_row, column)] ==
+           occupied_before_[index_of(row, first_column)] - occupied_before_[index_of(first_row, first_column)];
+  }
+
+  std::size_t index_of(std::size_t row, std::size_t column) const { return row * (columns_ + 1) + column; }
 
   const cspace::Map& map_;
   const Drive& drive_;
@@ -216,9 +232,9 @@ class Surroundings {
   std::unique_lock<nav2_costmap_2d::Costmap2D::mutex_t> lock_;
   double step_;
   unsigned int columns_, rows_;
-  double radius_ = 0.0;
+  double radius_ = 0.0, radius_of_corners_ = 0.0;  ///< of the footprint, and of the polygon that is tested
   std::vector<Point> corners_;
-  std::vector<std::int32_t> occupied_before_;  ///< occupied cells of a row before each column, and in all of it
+  std::vector<std::int32_t> occupied_before_;  ///< occupied cells below each row and before each column, as a table of both
 };
 
 }  // namespace cspace_nav2
