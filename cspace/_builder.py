@@ -161,7 +161,7 @@ def build(
     outside : {"blocked", "free"}
         State of all space outside the workspace's bounds.
     margin : float
-        Metres by which the robot is grown for FREE; BLOCKED is proven for the robot without the
+        Growth of the robot for FREE, metres; BLOCKED is proven for the robot without the
         margin.
     workers : int, optional
         Threads; by default one for each core that the process may use.
@@ -283,7 +283,7 @@ def build_contents(
     workers: int | None,
     progress: Progress | None = None,
 ) -> tuple[Contents, list[RasterPair]]:
-    """Compute the contents of a map and the robot's rasters.
+    """Compute a map's contents and the robot's rasters.
 
     Arguments are those of :func:`build`, which has checked them. Raises InputError if the map does
     not fit into memory.
@@ -404,7 +404,7 @@ def _warn_of_units(
 
 
 def _warn_of_nothing_free(space: CSpace | TiledCSpace, margin: float) -> None:
-    """Warn that a map has no FREE cell, and why."""
+    """Warn of a map without FREE cells, and why."""
     _, mixed, blocked = space.count()
     reason = "the robot, with its margin, fits nowhere between the obstacles"
     hint = "use a smaller robot or margin, and check the units (metres)"
@@ -609,7 +609,7 @@ def _measure_robot(shape: Shape, rotations: str) -> tuple[float, float]:
 
 
 def _choose_rotations(turn_axes: int, chord: float) -> Rotations:
-    """Return the fewest rotation cells that limit a point's displacement.
+    """Choose the fewest rotation cells that limit displacements.
 
     Within a cell, a point at distance 1 from the axis of rotation moves by at most ``chord``.
 

@@ -125,7 +125,7 @@ class ConfigurationMap(ConfigurationSpace):
 
     @property
     def margin(self) -> float:
-        """Metres by which the robot was grown to prove FREE."""
+        """Growth of the robot for FREE, metres."""
         return self._map_contents.margin
 
     @cached_property
@@ -227,10 +227,7 @@ class ConfigurationMap(ConfigurationSpace):
         return apart
 
     def _test_connections(self, q0: ArrayLike, q1: ArrayLike, apart: bool) -> Any:
-        """Return whether configurations are proven connected, or disconnected.
-
-        With ``apart``, the answer is True for disconnected ones.
-        """
+        """Return whether configurations are proven connected; with ``apart``, disconnected."""
         write = partial(self._write_connections, apart)
         with self._map_lock():
             if isinstance(q0, tuple) and isinstance(q1, tuple):
@@ -327,7 +324,7 @@ class ConfigurationMap(ConfigurationSpace):
         max_velocity: ArrayLike | None = None,
         turning_radius: float | None = None,
     ) -> Chunk:
-        """Prove the arcs of twists, and all motions near them.
+        """Prove arcs of twists, and all motions near them.
 
         Each twist drives the robot along an arc. The arcs are proven as such: a tube around chords
         that is wide enough to contain them, with the tracking error in addition.
@@ -371,7 +368,7 @@ class ConfigurationMap(ConfigurationSpace):
         return certify_twists(self, q, twists, dt, tracking, max_velocity, turning_radius)
 
     def free_yaws(self, position: ArrayLike) -> Floats:
-        """Return the intervals of yaw proven free at a position.
+        """Return intervals of yaw proven free at a position.
 
         Parameters
         ----------

@@ -96,7 +96,7 @@ class Grid:
         units: Sequence[str] | None = None,
         frame_id: str = "",
     ) -> None:
-        """Check the numbers and names, and convert them to tuples."""
+        """Check numbers and names, and convert to tuples."""
         corner = check_finite(lower, "lower", AXES[: np.size(lower)])
         if corner.ndim != 1 or len(corner) not in (2, 3):
             rule = "it must have length 2 or 3"

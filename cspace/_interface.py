@@ -132,7 +132,7 @@ def has_pose_names(axes: Sequence[str]) -> bool:
 
 
 def format_configuration(q: Sequence[float]) -> str:
-    """Format a configuration as a Python tuple, with all digits."""
+    """Format a configuration as a tuple, with all digits."""
     return f"({', '.join(map(repr, q))})"
 
 
@@ -225,7 +225,7 @@ class Space(ABC):
 
     @cached_property
     def has_poses(self) -> bool:
-        """Whether a configuration is the pose of a rigid body."""
+        """Whether configurations are poses of a rigid body."""
         return has_pose_names(self.axes) and not any(self.periodic_axes)
 
     @property
@@ -566,7 +566,7 @@ class Space(ABC):
     def _solve_goal(
         self, goal: GoalLike, name: str, start: Endpoint, seed: int | None, exact: bool
     ) -> list[Endpoint]:
-        """Return the configurations of one goal that are proven free.
+        """Return a goal's configurations that are proven free.
 
         Raises errors as :meth:`check_endpoint`, if there is none.
         """
@@ -609,12 +609,12 @@ class ConfigurationSpace(Space):
 
     @cached_property
     def _angles(self) -> dict[int, str]:
-        """Names of the coordinates that are wrapped angles, by index."""
+        """Names of wrapped angles, by index."""
         return angle_axes(self.axes, self.periodic_axes)
 
     @abstractmethod
     def _check_configurations(self, q: ArrayLike, name: str = "q") -> Floats:
-        """Check configurations and return them as an array of floats.
+        """Check configurations; return an array of floats.
 
         Parameters
         ----------
@@ -696,7 +696,7 @@ class ConfigurationSpace(Space):
     @overload
     def motion_is_free(self, q0: ArrayLike, q1: ArrayLike, *, exact: bool = False) -> Bools: ...
     def motion_is_free(self, q0: ArrayLike, q1: ArrayLike, *, exact: bool = False) -> bool | Bools:
-        """Return True if straight motions are proven collision-free all along.
+        """Return True if straight motions are proven free throughout.
 
         On a map, a motion is proven if every closed cell that it touches, even in a corner, is
         FREE. A motion on the boundary of two cells touches both, so a motion that starts on the
@@ -983,7 +983,7 @@ class ConfigurationSpace(Space):
         """
 
     def _find_unusable(self, rows: Floats) -> int:
-        """Return the index of the first unusable row, or -1.
+        """Return the first unusable row's index, or -1.
 
         Limits of joints do not count.
         """
@@ -1002,7 +1002,7 @@ class ConfigurationSpace(Space):
 
     @cached_property
     def _spans(self) -> Floats:
-        """Largest motion of each coordinate between path rows, shape (size,).
+        """Largest motion of coordinates between rows, shape (size,).
 
         It is half a turn for continuous joints, otherwise infinite.
         """

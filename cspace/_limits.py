@@ -181,7 +181,7 @@ def check_file_memory(path: StrPath, declared: str, needed: float) -> None:
 
 
 def check_samples(n: int | None, size: int) -> int:
-    """Return the number of configurations to draw, 1 for None.
+    """Return the number of configurations, 1 for None.
 
     Raises InputError if it is negative, or so many do not fit into memory.
     """
@@ -277,7 +277,7 @@ def _container_bytes() -> float:
 
 
 def _check_limit(path: StrPath, problem: str, size: int, limit: str, limit_text: str) -> None:
-    """Raise FileError if a size exceeds a limit of files."""
+    """Raise FileError if a size exceeds its limit."""
     if size > getattr(_LIMITS.get(), limit):
         hint = f"raise it with cspace.raised_limits({limit}={size}), if the file may be so large"
         rule = f"at most {limit_text} are read"

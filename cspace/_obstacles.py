@@ -86,7 +86,7 @@ class LazyCells:
             check_cells(np.zeros(self.shape, dtype=np.bool_), "occupied")
 
     def read(self, box: Box) -> tuple[Bools, Bools]:
-        """Return the cells of a box, both outer and inner."""
+        """Return a box's cells, both outer and inner."""
         hint = "restore the array and build the map again"
         with decoding(self.name, "array of cells", "a part is missing or damaged", hint):
             values = self.array[box]
@@ -154,7 +154,7 @@ class LazyCells:
         return Path(file).absolute() if file and Path(file).exists() else None
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle the name of a mapped file, not its values."""
+        """Pickle a mapped file's name, not its values."""
         array = self.array
         if not isinstance(array, np.memmap) or self._file is None:
             return LazyCells, (array, self._digest)
@@ -163,7 +163,7 @@ class LazyCells:
 
 
 def _unwrap(array: Any) -> Any:
-    """Return the array in an xarray, or the array itself."""
+    """Return an xarray's array, or the array itself."""
     return array.data if hasattr(array, "variable") else array
 
 
@@ -215,7 +215,7 @@ class ShapeCells:
 
 
 def check_no_chunk_missing(array: Any) -> None:
-    """Raise FileError if chunks of a zarr array are missing.
+    """Raise FileError if a zarr array lacks chunks.
 
     No error is raised if its attributes declare that missing chunks have the fill value.
     """
@@ -228,7 +228,7 @@ def check_no_chunk_missing(array: Any) -> None:
 
 
 def is_lazy(array: Any) -> bool:
-    """Return True if an array reads its values when indexed.
+    """Return True if indexing an array reads it.
 
     Such arrays are kept as :class:`LazyCells`.
     """
@@ -237,7 +237,7 @@ def is_lazy(array: Any) -> bool:
 
 
 def changed_source(name: str, problem: str) -> FileError:
-    """Make the error for cells that changed during a build."""
+    """Make the error for cells changed during builds."""
     rule = "the workspace must not change while a map is built"
     return FileError(
         name, f"has changed: {problem}", rule, "build the map again, into another store"

@@ -605,7 +605,7 @@ class Robot:
         spacing : float
             Side of the map's cells, metres.
         margin : float
-            Metres by which the robot is grown, on the outer side only.
+            Growth of the robot, metres, on the outer side only.
         rotation : RotationCell
             Rotations about the reference point for which the rasters hold.
 
@@ -635,7 +635,7 @@ class Robot:
 
 
 def _split_part(path: StrPath, suffixes: Collection[str]) -> tuple[StrPath, str]:
-    """Split a path such as ``FILE.urdf#LINK`` into file and part."""
+    """Split ``FILE.urdf#LINK`` into file and part."""
     file, mark, name = str(path).rpartition("#")
     # A file may have the mark in its own name.
     if not mark or Path(path).suffix.lower() in suffixes:

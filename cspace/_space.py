@@ -496,7 +496,7 @@ class CSpace(ConfigurationMap):
         exact: bool = False,
         time_limit: float | None = None,
     ) -> Floats:
-        """Find a path through FREE cells, proven free all along.
+        """Find a path through FREE cells, proven throughout.
 
         A path is found whenever :meth:`is_connected` is True. It is deterministic, and a short one:
         it follows a short chain of cells (Hart, Nilsson and Raphael 1968), and is then shortened. A
@@ -857,7 +857,7 @@ class CSpace(ConfigurationMap):
     def _search_widest_path(
         self, q0: ArrayLike, q1: ArrayLike, straight: bool, seconds: float
     ) -> Floats:
-        """Find a path of the largest clearance, shape (n, size).
+        """Find a path of largest clearance, shape (n, size).
 
         It is empty if its edges are not proven. Raises TimeoutError if time runs out.
         """
@@ -981,7 +981,7 @@ class CSpace(ConfigurationMap):
         *,
         inner: ArrayLike | None = None,
     ) -> Update:
-        """Move named obstacles, or replace some or all workspace cells.
+        """Move named obstacles, or replace workspace cells.
 
         The map becomes equal to a new build. The cost grows with the cells that differ, in boxes
         around them, and with the robot, not with the map. Existing checkers (:meth:`point_checker`,
@@ -1148,7 +1148,7 @@ class CSpace(ConfigurationMap):
             return self._updates.set_obstacles(obstacles)
 
     def remove_obstacle(self, name: str) -> Update:
-        """Remove a named obstacle; the cells that it covered reappear.
+        """Remove a named obstacle; covered cells reappear.
 
         Parameters
         ----------
@@ -1192,7 +1192,7 @@ class CSpace(ConfigurationMap):
             )
 
     def _drop_derived(self, workspace: Workspace, layers: ObstacleLayers | None) -> None:
-        """Drop all data derived from the cells, after an update.
+        """Drop data derived from the cells, after updates.
 
         The map takes over the updated workspace.
         """
@@ -1251,7 +1251,7 @@ class CSpace(ConfigurationMap):
         return explain(self, start, goal, refine)
 
     def removals(self, start: ArrayLike, goal: ArrayLike) -> Removals | None:
-        """Find the fewest named obstacles whose removal gives a path.
+        """Find fewest named obstacles whose removal gives a path.
 
         See :attr:`cspace.CSpace.obstacles`. The map itself does not change.
 
@@ -1297,7 +1297,7 @@ class CSpace(ConfigurationMap):
     def _call_with_contents(
         self, write: Callable[[Contents], None], *, exterior: bool = False
     ) -> None:
-        """Call ``write`` with the contents, while no update changes them.
+        """Call ``write`` with the contents, between updates.
 
         With ``exterior``, the exterior's states are included.
         """
@@ -1313,7 +1313,7 @@ class CSpace(ConfigurationMap):
         return {"distances": self._distances.array(), "distance_boxes": boxes}
 
     def _clearances_of_cells(self, number: int | None) -> Floats:
-        """Return the clearance at cell centers, metres, of slice ``number``.
+        """Return clearances at centers, metres, of slice ``number``.
 
         If that is None, return the largest clearance among all slices.
         """
@@ -1488,7 +1488,7 @@ class CSpace(ConfigurationMap):
 
     @lazy
     def _rasters(self) -> list[tuple[Raster, Raster]]:
-        """Outer and inner raster of the robot in each slice."""
+        """Outer and inner rasters of each slice."""
         return slice_rasters(self.robot, self.grid.spacing, self.margin, self.rotations)
 
     @lazy
@@ -1513,7 +1513,7 @@ class CSpace(ConfigurationMap):
 
     @lazy
     def _kernel_map(self) -> Map:
-        """The map as input of compiled functions; it follows updates."""
+        """Map for compiled functions, which follows updates."""
         return make_map_record(
             self._states,
             self.grid,
@@ -1605,7 +1605,7 @@ class CSpace(ConfigurationMap):
 
     @derived
     def _rectangles(self) -> Rectangles:
-        """Runs of FREE cells of a map of the plane."""
+        """Runs of FREE cells of a plane map."""
         from cspace._queries.any_angle import list_rectangles
 
         return list_rectangles(self._states[0])
@@ -1677,7 +1677,7 @@ class CSpace(ConfigurationMap):
         return self.lock
 
     def _find_unusable(self, rows: Floats) -> int:
-        """Return the index of the first unusable row, or -1.
+        """Return the first unusable row's index, or -1.
 
         A row is a configuration; ``rows`` has shape (n, size).
         """
@@ -1809,7 +1809,7 @@ class CSpace(ConfigurationMap):
     def _check_in_grid(
         self, q: ArrayLike, name: str, *, free: bool = False, exact: bool = False
     ) -> Floats:
-        """Return one configuration in canonical form, if in the grid.
+        """Return a canonical configuration, if in the grid.
 
         With ``free`` it must be FREE, or with ``exact`` proven free by geometry. Raises
         ConfigurationError otherwise.

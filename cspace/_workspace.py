@@ -512,7 +512,7 @@ class Workspace:
 
     @property
     def cells(self) -> Source:
-        """Source of the cells, read a box at a time."""
+        """Source of the cells, read by boxes."""
         from cspace._obstacles import CellsInMemory
 
         return CellsInMemory(self.outer, self.inner)
@@ -697,7 +697,7 @@ class Workspace:
         drop_missing: bool = False,
         offset: ArrayLike | None = None,
     ) -> Workspace:
-        """Rasterize a point cloud, with a ball around each point.
+        """Rasterize a point cloud, as points or as balls.
 
         Parameters
         ----------
@@ -750,7 +750,7 @@ class Workspace:
     def from_octomap(
         cls, path: StrPath, unknown: str = "occupied", bounds: ArrayLike | None = None
     ) -> Workspace:
-        """Read an OctoMap, ``.bt`` or ``.ot``, at its finest resolution.
+        """Read an OctoMap, ``.bt`` or ``.ot``, at finest resolution.
 
         Parameters
         ----------
@@ -919,7 +919,7 @@ class LazyWorkspace(Workspace):
 
     @property
     def cells(self) -> Source:
-        """Source of the cells, read a box at a time."""
+        """Source of the cells, read by boxes."""
         return self._cells
 
     @property
@@ -1038,7 +1038,7 @@ def covering_grid(corners: Floats, spacing: float, bytes_a_cell: int) -> Grid:
 
 
 def warn_of_units(corners: Floats, spacing: float, what: str, bounded: bool) -> None:
-    """Warn if obstacles are smaller than a cell, as another unit.
+    """Warn if obstacles smaller than a cell suggest another unit.
 
     If the map has bounds, which are in metres, small obstacles may be intended; the limit is then a
     quarter of a cell. ``corners``, shape (2, d), is the box of the obstacles; a single point raises
@@ -1057,7 +1057,7 @@ def warn_of_units(corners: Floats, spacing: float, what: str, bounded: bool) -> 
 
 
 def warn_of_rounding(source: object, points: Floats, spacing: float) -> None:
-    """Warn of narrow coordinates that round by over a tenth cell.
+    """Warn of short coordinates that round over a tenth of a cell.
 
     ``source`` is the array or file of the points, shape (n, d).
     """

@@ -49,7 +49,7 @@ html_css_files = ["cspace.css"]
 html_show_sourcelink = False
 html_sidebars = {"install": []}
 html_theme_options = {
-    "show_nav_level": 2,
+    "show_nav_level": 1,
     "secondary_sidebar_items": ["page-toc"],
     "footer_start": ["copyright"],
     "footer_end": [],

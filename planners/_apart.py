@@ -208,7 +208,7 @@ class Timed(NamedTuple):
         return poses
 
     def bound_errors(self, t: Floats) -> Floats:
-        """Return the largest errors up to times, metres, shape (n,)."""
+        """Return largest errors up to times, metres, (n,)."""
         return np.asarray(self.error + self.growth * np.maximum(t - self.at, 0.0))
 
     def bound_speeds(self, t: Floats) -> Floats:
@@ -344,7 +344,7 @@ class PlaneMeasure:
 
 
 class SolidMeasure:
-    """Distances of two solids, of which the second is an obstacle in its own frame."""
+    """Distances of two solids, the second as an obstacle in its own frame."""
 
     def __init__(self, first: Shape, second: Shape) -> None:
         """Make a small map of the second solid for the first."""
@@ -397,7 +397,7 @@ def _build_around(first: Shape, second: Shape) -> CSpace:
 
 
 def _sample_solid(shape: Shape) -> tuple[Floats, Floats]:
-    """Return a solid's points, and radii of balls inside it."""
+    """Return a solid's points, and radii inside it."""
     simplices, radii = shape.outer.boundary()
     middles = simplices.mean(axis=1)
     points = np.concatenate([middles, *np.moveaxis(simplices, 1, 0)])
@@ -434,7 +434,7 @@ class Search:
     def __init__(
         self, movers: tuple[Timed, Timed], measure: Measure, distance: float, duration: float
     ) -> None:
-        """Remember the motions, which begin at 0, and their duration."""
+        """Remember the motions, from 0 on, and their duration."""
         self._movers = movers
         self._measure = measure
         self._distance = distance

@@ -184,7 +184,7 @@ def curve_cost(
     curve: tuple[int, float],
     numbers: Numbers,
 ) -> float:
-    """Integrate the cost along the shortest curve between two configurations.
+    """Integrate the cost along the shortest curve.
 
     ``curve`` is the kind and the turning radius. The last six ``numbers`` are (x, y, yaw) of both
     ends. The midpoint rule has steps of at most one cell and 5 degrees.
@@ -379,7 +379,7 @@ def measure_gap(goal: Pose, steering: Ints, lengths: Floats, row: int) -> float:
 
 @kernel
 def advance(pose: Pose, steer: int, length: float) -> Pose:
-    """Return the pose, in turning radii, after driving a segment."""
+    """Return the pose, in radii, after driving a segment."""
     x, y, yaw = pose
     if steer == 0:
         return x + length * math.cos(yaw), y + length * math.sin(yaw), yaw
@@ -410,7 +410,7 @@ def is_new(steering: Ints, lengths: Floats, count: int) -> int:
 
 @internal
 def write_candidates(kind: int, goal: Pose, steering: Ints, lengths: Floats) -> int:
-    """Write all candidate words from the origin; return their number.
+    """Write candidate words from the origin; return their number.
 
     Each form gives words by symmetry: mirrored (left for right), reversed (ahead for back) and
     backwards (from the end to the start). Words of Dubins are neither reversed nor backwards; their
@@ -454,7 +454,7 @@ def write_word(
     lengths: Floats,
     row: int,
 ) -> None:
-    """Write a form's word, mirrored and reversed, to a row.
+    """Write a mirrored or reversed word to a row.
 
     Arcs are wrapped into [-pi, pi), or for Dubins into [0, 2 pi). The second word of a form goes
     backwards for Reeds-Shepp, so its segments are in reverse order. For Dubins, it keeps the arcs

@@ -726,14 +726,14 @@ def add_node(
 
 @kernel
 def fill_table(nodes: LatticeNodes) -> None:
-    """Enter each cell and heading's last node in the table."""
+    """Enter each cell and heading's last node."""
     for node in range(nodes.counts[0]):
         nodes.table[find_slot(nodes, nodes.keys[node])] = node + 1
 
 
 @internal
 def make_key(map_: Map, motions: Motions, q: Pose, heading: int) -> int:
-    """Return the hash key of a configuration's cell and heading."""
+    """Return the hash key of a cell and heading."""
     i = math.floor((q[0] - map_.lower[1]) / motions.side)
     j = math.floor((q[1] - map_.lower[2]) / motions.side)
     cell = (i << 24) + j

@@ -287,7 +287,7 @@ class LocalPlanner:
         return math.fsum(lengths), math.fsum(rotations)
 
     def min_length(self, first: Floats, last: Floats) -> float:
-        """Bound the weighted lengths of all free paths from below."""
+        """Bound weighted lengths of free paths from below."""
         rotation = self.space.steps_between(first, last)[self.space.dim :]
         radians = self.rotation_weight * float(np.linalg.norm(rotation))
         # Share by which rounding may change a length.
@@ -390,7 +390,7 @@ class TurnDriveTurn(LocalPlanner):
         return drive, turn_before, turn_after
 
     def edge_length(self, *ends: float) -> float:
-        """Return the metres of an edge plus half its radians."""
+        """Return an edge's metres plus half its radians."""
         x0, y0, yaw0, x1, y1, yaw1 = ends
         yaw = self.choose_yaw(*ends)
         turn_before = abs(math.remainder(yaw - yaw0, TWO_PI))

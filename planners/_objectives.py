@@ -82,7 +82,7 @@ class WeightedLength(ob.OptimizationObjective):
         drive: Drive = HOLONOMIC,
         turning_radius: float | None = None,
     ) -> None:
-        """Make the cost of an edge by the robot's drive."""
+        """Make an edge's cost by the robot's drive."""
         check_information(si, space)
         super().__init__(si)
         weight = check_not_negative(weight, "weight", "pass 10.0")
@@ -119,7 +119,7 @@ class WeightedLength(ob.OptimizationObjective):
         return ob.Cost(self.edge_cost(first, second))
 
     def motionCostHeuristic(self, first: ob.State, second: ob.State) -> ob.Cost:  # noqa: N802 - OMPL's name
-        """Return the straight length, a lower bound of the cost."""
+        """Return the straight length, which bounds the cost."""
         return ob.Cost(self._measure_line(first, second))
 
     @cached_property

@@ -56,7 +56,7 @@ class StateValidityChecker(ob.StateValidityChecker):
         return self.is_free(state)
 
     def clearance(self, state: ob.State) -> float:
-        """Bound the clearance of a state from below, in metres.
+        """Bound a state's clearance from below, metres.
 
         It is :meth:`cspace.Space.clearance`; for an arm, the obstacle distance.
         """
@@ -133,14 +133,14 @@ class MotionValidator(ob.MotionValidator):
         turning_radius: float | None = None,
         bidirectional: bool = False,
     ) -> None:
-        """Make the proof of an edge by the robot's drive."""
+        """Make an edge's proof by the robot's drive."""
         check_information(si, space)
         super().__init__(si)
         edges = local_planner(space, exact, drive, turning_radius, bidirectional)
         self.is_free = edges.motion_checker()
 
     def checkMotion(self, first: ob.State, second: ob.State) -> bool:  # noqa: N802 - OMPL's name
-        """Return True if a motion's whole edge is proven free."""
+        """Return True if a whole motion is proven free."""
         return self.is_free(first, second)
 
 
@@ -166,7 +166,7 @@ class FreeStateSampler(ob.ValidStateSampler):
     def __init__(
         self, si: ob.SpaceInformation, space: CSpace, rng: np.random.Generator | None = None
     ) -> None:
-        """Seed the draws; raise InputError without a map in memory."""
+        """Seed the draws; require a map in memory."""
         check_information(si, space)
         if not (space.has_cells and space.in_memory):
             raise InputError(

@@ -74,7 +74,7 @@ class StateKind(NamedTuple):
         return unwound
 
     def are_equal(self, first: Floats, second: Floats) -> bool:
-        """Return True if all configurations, shapes (..., size), are equal.
+        """Return True if all configurations (..., size) are equal.
 
         Continuous joints are compared modulo 2 pi.
         """
@@ -83,7 +83,7 @@ class StateKind(NamedTuple):
         return bool((gaps <= rounding * np.array(self.periodic_axes)).all())
 
     def reached_goal(self, path: Floats, endpoints: Sequence[Configuration]) -> int:
-        """Return the index of the endpoint that a path reaches.
+        """Return the endpoint's index that a path reaches.
 
         It is 0 if the path does not lead from the first endpoint to another.
         """

@@ -304,7 +304,7 @@ class Plan:
         return space
 
     def recheck(self, space: Space | None = None) -> Bools:
-        """Prove each edge of the path again, among present obstacles.
+        """Prove each edge again, among present obstacles.
 
         Edges are proven like the plan's: with the same ``exact`` and drive, along the same curves.
 
@@ -430,7 +430,7 @@ class Plan:
         return f"certified when planned, {lost} of {len(free)} edges no longer proven free"
 
     def plot(self, **options: Unpack[PlotOptions]) -> Axes:
-        """Draw the map, the path and the robot along it.
+        """Draw map, path and the robot along it.
 
         A map in tiles is drawn as an overview.
 
@@ -459,7 +459,7 @@ class Plan:
         overwrite: bool = False,
         **options: Unpack[AnimationOptions],
     ) -> None:
-        """Draw the motion along the path as an animated GIF.
+        """Draw the motion along the path as a GIF.
 
         Parameters
         ----------
@@ -545,7 +545,7 @@ class Plan:
     def to_path(
         self, msg: Any = None, *, frame_id: str | None = None, step: float | None = None
     ) -> Any:
-        """Convert a rigid robot's path to a ``nav_msgs/Path`` of ROS.
+        """Convert a rigid robot's path to ``nav_msgs/Path``.
 
         Parameters
         ----------
@@ -742,7 +742,7 @@ class Plan:
         return not self.space.has_poses
 
     def _check_solved(self, rule: str) -> None:
-        """Raise InputError with `rule` if the plan has no path."""
+        """Raise InputError with `rule` without a path."""
         if not self.solved:
             raise InputError("plan", f"has no path: {self.status}", rule, "check plan.solved first")
 

@@ -32,10 +32,10 @@ MAX_PIECES: Final = 1000
 """Largest number of pieces into which a curve is cut at first."""
 
 BOX_SLACK_CELLS: Final = 1e-9
-"""Distance in cells by which boxes grow, for rounding."""
+"""Growth of boxes for rounding, in cells."""
 
 ROUNDING: Final = 1e-12
-"""Radians, metres of joints, or relative rates by which bounds grow, for rounding."""
+"""Growth of bounds for rounding: radians, metres of joints, or relative rates."""
 
 MIN_AHEAD: Final = 1e-30
 """Smallest rate along the mean direction of a curve at which its direction has bounds."""

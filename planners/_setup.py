@@ -74,9 +74,9 @@ def state_space(
 
 
 def make_bounded_states(edges: LocalPlanner) -> ob.StateSpace:
-    """Create OMPL's state space, with bounds.
+    """Create OMPL's state space with bounds.
 
-    Raises InputError if OMPL takes steps in it for zero.
+    Raises InputError if the space is so large that OMPL rounds its steps to zero.
     """
     space = edges.space
     states = edges.make_states()
@@ -214,7 +214,7 @@ class _Setup(og.SimpleSetup):
     """A SimpleSetup that survives Python's garbage collector."""
 
     def __init__(self, states: ob.StateSpace) -> None:
-        """Hold two objects that OMPL frees unless Python has them."""
+        """Hold objects that OMPL frees unless Python does."""
         super().__init__(states)
         self._held = self.getSpaceInformation(), self.getProblemDefinition()
 

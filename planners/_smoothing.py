@@ -51,7 +51,7 @@ FIXED: Final = 3
 """Number of control points at either end that stay on the edge, so the curve begins along it."""
 
 VIA_CELLS: Final = 0.1
-"""Distance in cells by which a curve passes outside its corners, for the boxes that prove it."""
+"""Distance in cells of a curve outside its corners, for the boxes that prove it."""
 
 VIA_WEIGHT: Final = 1e5
 """Weight of a via point, relative to that of a displacement."""

@@ -111,7 +111,7 @@ _CUBE_CORNERS: Final = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
 
 
 def _spread_directions(count: int) -> Floats:
-    """Return directions spread evenly over a sphere, shape (count, 3).
+    """Spread directions evenly over a sphere, shape (count, 3).
 
     They lie on a Fibonacci spiral.
     """
@@ -397,7 +397,7 @@ def _bound_largest_gap(points: Floats, triangles: Floats) -> float:
 
 
 def _split_into_blocks(points: Floats, others: int) -> list[Floats]:
-    """Split points into blocks that have few pairs with others.
+    """Split points into blocks with few pairs between them.
 
     ``others`` is the number of planes or triangles with which each point is compared.
     """
@@ -432,7 +432,7 @@ def join_roots(boxes: Floats, roots: Ints, start: int) -> tuple[Floats, Ints]:
 
 
 def node_corners(hulls: Hulls, node: int) -> tuple[Floats, float]:
-    """Return the corners and the radius of a node's hull.
+    """Return the corners and radius of a node's hull.
 
     The corners have shape (n, 3); the hull is grown by the radius. A node without a hull has the
     corners of its box; metres.
@@ -513,7 +513,7 @@ def tree_slack(
 
 @internal
 def freeze_motion(motion: RelativeMotion) -> RelativeMotion:
-    """Return a motion reduced to its central moment, without duration."""
+    """Reduce a motion to its central moment, without duration."""
     matrix, position, spin, velocity = motion[:4]
     return RelativeMotion(matrix, position, spin, velocity, 0.0, 0.0, 0.0, motion.required)
 
@@ -554,9 +554,9 @@ def box_slack(
     """Bound the slack of two nodes from below, by their boxes.
 
     Slack is (distance - required distance). ``box`` and ``fixed``, shape (9,), are rows of
-    :attr:`Hulls.boxes`; ``axes`` has shape (k, 8). The ball of the first node decides if the boxes'
-    slack is at most ``enough``. Also returns a bound of the displacement of the first node, and its
-    center as seen from the second.
+    :attr:`Hulls.boxes`; ``axes`` has shape (k, 8). If the slack of the boxes is at most ``enough``,
+    that of the first node's ball is returned. Also returns a bound of the displacement of the first
+    node, and its center as seen from the second.
     """
     half_time = motion.half_time
     limit = motion.max_displacement

@@ -46,7 +46,7 @@ def sort_by_part(border: RoundedSimplices) -> tuple[Floats, Ints]:
 
 
 def part_anchors(border: RoundedSimplices) -> tuple[Floats, Floats]:
-    """Return one vertex and the size of each connected part.
+    """Return a vertex and the size of each part.
 
     The vertices have shape (n, d); the sizes, in metres, shape (n,).
     """

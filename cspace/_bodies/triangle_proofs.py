@@ -229,7 +229,7 @@ def pack_boxes(lows: Floats, highs: Floats, pose: Floats) -> Floats:
 
 
 def half_axes(boxes: Floats) -> Floats:
-    """Return the half axes of boxes, shape (n, 3, 3).
+    """Compute half axes of boxes, shape (n, 3, 3).
 
     ``boxes``, shape (n, 10), are rows of :attr:`Trees.triangles`.
     """
@@ -333,7 +333,7 @@ def node_maxima(values: Floats, spans: Ints) -> Floats:
 def free_fraction(
     trees: Trees, robot: int, others: tuple[int, int], motion: Motion, enough: float, nodes: Ints
 ) -> float:
-    """Return the fraction of a motion proven free of contact.
+    """Return the fraction of a motion proven free.
 
     The fraction is at most ``enough``. Robot and others are given by the roots of their trees, -1
     for none. The result is negative if the robot is too near at its current pose. ``nodes``, shape
@@ -553,7 +553,7 @@ def free_fraction_along(
 
 @internal
 def read_box(q: Floats) -> OrientedBox:
-    """Return the center and the half axes of a box.
+    """Return the center and half axes of a box.
 
     ``q``, shape (10,), is its row of :attr:`Trees.triangles`.
     """

@@ -12,7 +12,7 @@ def config(
     include: bool = flag("--include", "Print the folder of the C++ headers."),
     cmake_dir: bool = flag("--cmake-dir", "Print the folder for cspace_DIR of CMake."),
 ) -> None:
-    """Print where the C++ headers and their CMake package are.
+    """Print the folders of C++ headers and CMake package.
 
     For example: cmake -S . -B build -Dcspace_DIR=$(cspace config --cmake-dir)
     """

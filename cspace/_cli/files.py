@@ -12,7 +12,7 @@ from cspace.errors import FileError, InputError
 
 
 def check_outputs(paths: Iterable[Path | None], suffixes: Collection[str], overwrite: bool) -> None:
-    """Check that outputs, and images beside them, can be written.
+    """Check that outputs and their images can be written.
 
     Raises InputError if a suffix, in lower case, is not in ``suffixes``, or if two outputs are the
     same file; FileError if a folder is missing or not writable, or if an output exists and
@@ -47,7 +47,7 @@ def check_folder(folder: Path) -> None:
 
 
 def read_path(file: Path, axes: Sequence[str]) -> list[list[float]]:
-    """Read the configurations of a path written by ``cspace plan``.
+    """Read configurations of a path by ``cspace plan``.
 
     The file is CSV with a row of names and a row for each configuration, or JSON with the
     configurations under ``path``. Raises FileError if the file cannot be read, has no path, or has
@@ -123,7 +123,7 @@ def lazy_option(workspace: Path, options: dict[str, Any]) -> dict[str, Any]:
 
 
 def select_window(space: Any, box: Sequence[float] | None) -> Any:
-    """Return the part of a map to export, in memory.
+    """Select the part of a map to export.
 
     That is the window in ``box`` of a tiled map, or a map in memory itself. Raises InputError if a
     tiled map has no box, or a map in memory has one.

@@ -99,14 +99,14 @@ def _guess_kind(file: str) -> FileKind:
 
 
 def _has_moving_joints(path: Path) -> bool:
-    """Return True if a URDF has a joint that moves."""
+    """Return True if a URDF has moving joints."""
     from cspace._files.urdf import load_urdf
 
     return any(joint.type != "fixed" for joint in load_urdf(path).robot.joints)
 
 
 def describe_arm(arm: Arm) -> dict[str, Any]:
-    """Describe an arm: its joints, links and pairs of links."""
+    """Describe an arm's joints, links and pairs."""
     import numpy as np
 
     joints = ByName()
@@ -179,7 +179,7 @@ def describe_robot(robot: Robot, spacing: float | None = None) -> dict[str, Any]
 
 
 def describe_box(corners: Any) -> dict[str, Any]:
-    """Describe a box by its corners, shape (2, d), metres."""
+    """Describe a box by corners, shape (2, d), metres."""
     lower, upper = corners
     return {
         "lower_m": lower.tolist(),
@@ -233,7 +233,7 @@ def _measure_shapes(
 
 
 def _describe_cells(workspace: Workspace) -> dict[str, Any]:
-    """Describe a workspace of cells, and count unknown ones separately."""
+    """Describe a workspace of cells; count unknown ones separately."""
     import numpy as np
 
     grid = workspace.grid

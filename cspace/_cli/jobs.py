@@ -50,7 +50,7 @@ def map_house(folder: Path) -> CSpace:
 
 
 def plan_in_plane(folder: Path) -> planners.Plan:
-    """Plan a path in the plane with a fixed yaw."""
+    """Plan in the plane with a fixed yaw."""
     return planners.plan(map_flat(folder), (1.4, 8.6), (14.6, 1.2))
 
 
@@ -65,7 +65,7 @@ def plan_in_space(folder: Path) -> planners.Plan:
 
 
 def plan_for_arm(folder: Path) -> planners.Plan:
-    """Plan a path for a planar arm beside a post."""
+    """Plan for a planar arm beside a post."""
     from cspace.arms import Arm, PosedShape, build_arm_space
 
     urdf = folder / "two.urdf"

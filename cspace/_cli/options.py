@@ -38,7 +38,7 @@ def flag(name: str, text: str) -> Any:
 
 
 def argument(metavar: str, text: str) -> Any:
-    """Declare a positional argument, as the default of its parameter."""
+    """Declare a positional argument, as its parameter's default."""
     return typer.Argument(metavar=metavar, help=text, readable=False)
 
 
@@ -198,7 +198,7 @@ def parse_offset(text: str) -> tuple[float, ...]:
 
 
 def parse_box(text: str, argument: str) -> tuple[float, ...]:
-    """Parse the corners of a box, metres, such as ``bounds``.
+    """Parse the corners of a box, such as ``bounds``.
 
     Raises InputError if the text is not four numbers, or six in space, or if the box is empty.
     """
@@ -239,7 +239,7 @@ def parse_angle(text: str, argument: str, name: str) -> float:
 
 
 def drop_unset(**options: Any) -> dict[str, Any]:
-    """Drop options that are None, False or an empty list."""
+    """Drop options that are None, False or empty lists."""
     return {
         name: value
         for name, value in options.items()

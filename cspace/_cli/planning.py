@@ -95,7 +95,7 @@ def plan(
     overwrite: bool = OVERWRITE,
     as_json: bool = AS_JSON,
 ) -> None:
-    """Plan a path on a saved map; exit with 1 without one."""
+    """Plan a path on a saved map; exit with 1 if there is none."""
     import planners
     from cspace._opening import open_map
     from cspace.plot import save_plot

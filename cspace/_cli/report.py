@@ -46,7 +46,7 @@ class Stopwatch:
 
 @contextmanager
 def progress_line(label: str) -> Iterator[Callable[[int, int], None] | None]:
-    """Show a progress bar during the block; yield its callback.
+    """Show a progress bar meanwhile; yield its callback.
 
     The callback takes the numbers of finished and of all steps. Without a terminal, yield None.
     """

@@ -77,7 +77,7 @@ def audit(
     overwrite: bool = OVERWRITE,
     as_json: bool = AS_JSON,
 ) -> None:
-    """Prove the lanes of a route graph free or blocked.
+    """Prove lanes of a route graph free or blocked.
 
     Exit codes: 0 if no lane is blocked, 1 if one is, 2 with --strict if one is undecided. With
     --conflicts, the same for pairs of lanes and nodes that touch: if the file has mutex groups, and

@@ -42,7 +42,7 @@ class Engine(Protocol):
         workers: int | None = None,
         progress: Callable[[int, int], None] | None = None,
     ) -> None:
-        """Write the overlaps of robot and obstacles at each cell.
+        """Write the robot's overlaps with obstacles at each cell.
 
         The overlaps at cell k are the offsets m of the robot with ``W[k + m]`` set.
 

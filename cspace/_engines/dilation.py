@@ -273,7 +273,7 @@ class PaddedBits:
         return [BlockTask(lengths, distances, block, out) for block in blocks]
 
     def _split_results(self, reach: int) -> list[Block]:
-        """Split the results into blocks that begin at a word.
+        """Split results into blocks that begin at a word.
 
         ``reach`` is the number of words between a cell and the farthest run. Each block reads and
         widens that many additional words, so it has at least about as many words of its own.

@@ -117,10 +117,15 @@ def write_overlaps(
 
 
 class RasterOutput(NamedTuple):
-    """A raster with the array for its overlaps, and a correction.
+    """A raster, the array for its overlaps, and a correction.
 
-    Sums are over the raster's cells of a tile, whose values are lower by 1/2. Adding the correction
-    to a sum gives the number of overlaps.
+    Attributes
+    ----------
+    raster : Raster
+    correction : float
+        Number of overlaps minus the computed sum, because the cells of a tile count 1/2 less.
+    out : ndarray
+        Overlaps.
     """
 
     raster: Raster
@@ -219,7 +224,7 @@ def choose_tiling(shape: Sequence[int], rasters: Sequence[Raster]) -> Tiling:
 
 
 def error_bound(size: Ints, count: int, precision: str) -> float:
-    """Return an upper bound of the rounding error of overlaps.
+    """Bound the rounding error of overlaps from above.
 
     ``size`` is the number of cells of a tile along each axis, and ``count`` that of a raster.
     """
@@ -261,7 +266,7 @@ def fill_tile(occupied: Bools, outside: bool, add: bool, tiling: Tiling, task: T
 
 
 def _intersect(start: Ints, stop: Ints, lower: Any, upper: Any) -> tuple[Ints, Ints]:
-    """Intersect two boxes; return start and stop, equal if empty."""
+    """Intersect two boxes; equal start and stop if empty."""
     start = np.maximum(start, lower)
     return start, np.maximum(start, np.minimum(stop, upper))
 

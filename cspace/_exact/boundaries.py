@@ -32,7 +32,7 @@ class Proofs(Protocol):
         """
 
     def are_free(self, q0: Floats, q1: Floats) -> Bools:
-        """Return whether each edge, shapes (n, size), is proven free."""
+        """Return whether edges, shapes (n, size), are proven free."""
 
     def slack(self, points: Floats, lengths: Floats, angles: Floats) -> float:
         """Return a lower bound of (distance - required distance), at least zero.
@@ -94,7 +94,7 @@ class ObstacleBoundary(NamedTuple):
 
 
 def obstacle_boundary(workspace: Workspace, *, exterior_blocked: bool) -> ObstacleBoundary:
-    """Return the boundaries of all obstacles, clipped to the grid.
+    """Return boundaries of all obstacles, clipped to the grid.
 
     Clipped solids get caps on the faces of the grid, unless the exterior is blocked anyway.
 
@@ -119,7 +119,7 @@ def obstacle_boundary(workspace: Workspace, *, exterior_blocked: bool) -> Obstac
 
 
 def clip_to_grid(border: RoundedSimplices, grid: Grid) -> RoundedSimplices:
-    """Clip a boundary to the closed box of the grid.
+    """Clip a boundary to the grid's closed box.
 
     Balls that reach the box stay whole. A boundary inside the box is returned unchanged.
     """
@@ -149,7 +149,7 @@ def clip_to_grid(border: RoundedSimplices, grid: Grid) -> RoundedSimplices:
 def _clip_to_half_space(
     simplices: Floats, axis: int, wall: float, sign: float, slack: float
 ) -> Floats:
-    """Clip segments or triangles to one side of a wall.
+    """Clip segments or triangles to a wall's side.
 
     The side is that of ``sign * (coordinate - wall) >= 0`` along the axis. ``simplices`` have shape
     (n, corners, d), with two or three corners. Those beyond by more than ``slack`` are dropped.
@@ -253,5 +253,5 @@ def _cap_region(region: Floats, grid: Grid, side: _Side) -> Floats:
 
 
 def _make_boundary(simplices: Floats) -> RoundedSimplices:
-    """Make a boundary of simplices (n, corners, d) without radii."""
+    """Make a boundary of simplices (n, corners, d)."""
     return RoundedSimplices(simplices, np.zeros(len(simplices)))

@@ -120,7 +120,7 @@ class ExactQueries:
         return bad
 
     def distance(self, points: Floats, lengths: Floats, angles: Floats) -> float:
-        """Return a proven lower bound of the obstacle distance, metres.
+        """Bound the obstacle distance from below, metres.
 
         The bound holds along a free path. The path is given in pieces: their midpoints, shape (n,
         size), in metres and radians, and the length and rotation angle of each, shape (n,). From
@@ -323,7 +323,7 @@ class BoundaryProofs:
         return bool(self.are_free(q0, q1)[0])
 
     def are_free(self, q0: Floats, q1: Floats, growth: float = 0.0) -> Bools:
-        """Return whether each edge, shapes (n, size), is proven free.
+        """Return whether edges, shapes (n, size), are proven free.
 
         The robot is grown by ``growth``, metres, of which cells prove nothing.
         """
@@ -351,7 +351,7 @@ class BoundaryProofs:
         return is_free
 
     def is_outside(self, *q: float) -> bool:
-        """Return True if neither robot nor obstacles contain the other.
+        """Return True if neither solid contains the other.
 
         No boundaries may meet there.
         """
@@ -706,7 +706,7 @@ def fraction_apart(
     enough: float,
     scratch: Ints,
 ) -> float:
-    """Return the fraction of a motion with boundaries proven apart.
+    """Return the fraction of a motion proven apart.
 
     The fraction is at most ``enough``. From its position, the robot moves by up to ``step``
     forwards or backwards, by up to ``drift`` in any direction, and rotates by up to ``angle``. All

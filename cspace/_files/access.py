@@ -213,7 +213,7 @@ def check_suffix(
     *,
     is_output: bool = False,
 ) -> str:
-    """Return the suffix of a file name, in lower case.
+    """Return a file name's suffix, in lower case.
 
     Messages suggest a similar file, unless the file is an output.
 
@@ -243,7 +243,7 @@ def read_bytes(
 
 
 def read_member(folder: StrPath, name: str, kind: str) -> bytes | None:
-    """Read a file that another file of its folder names.
+    """Read a file that another of its folder names.
 
     Returns None if the file is missing.
 
@@ -436,7 +436,7 @@ def check_output(target: Path, overwrite: bool) -> None:
 
 
 def _check_target(target: Path, overwrite: bool, folder: Callable[[Path], bool] | None) -> None:
-    """Raise FileError if `target` cannot be replaced by the output."""
+    """Raise FileError if the output cannot replace `target`."""
     check_output(target, overwrite)
     if not target.exists():
         return
@@ -493,7 +493,7 @@ def _move(temporary: Path, target: Path, check: Callable[[], None]) -> None:
 
 
 def discard_folder(folder: Path) -> None:
-    """Remove our folder at once, even while another process writes.
+    """Remove our folder, even while another process writes.
 
     It is renamed first, so the writer fails, and never puts the rest in place.
     """
@@ -504,13 +504,13 @@ def discard_folder(folder: Path) -> None:
 
 
 def discard_leftovers(folder: Path) -> None:
-    """Remove files of killed or late processes from our folder."""
+    """Remove files of killed or late processes from folders."""
     for leftover in folder.glob(f"{_TEMPORARY_PREFIX}*"):
         discard_folder(leftover)
 
 
 def _remove(path: Path) -> None:
-    """Remove a file or folder of ours, if it exists."""
+    """Remove our file or folder, if it exists."""
     if path.is_dir():
         shutil.rmtree(path, ignore_errors=True)
     else:

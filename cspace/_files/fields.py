@@ -62,7 +62,7 @@ def _list_names(text: str) -> frozenset[str]:
 
 
 def list_fields(value: Any, known: Collection[str] = ()) -> Mapping[str, Any] | None:
-    """Return a mapping's or message's fields by name, or None.
+    """Return a mapping's or message's fields, or None.
 
     Messages have the fields that they list, and those that are ``known``.
     """

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def split_parts(shape: BaseGeometry, name: str) -> list[BaseGeometry]:
-    """Return the simple geometries of a nested collection, in order.
+    """Return a nested collection's simple geometries, in order.
 
     Raises GeometryError if one of them is a curve.
     """

@@ -111,7 +111,7 @@ class Shades(NamedTuple):
 
     @property
     def shades(self) -> Floats:
-        """Shade of each level, from 0 (black) to 1 (white)."""
+        """Shade of each level: 0 black, 1 white."""
         return np.arange(self.white_level + 1) / float(self.white_level)
 
     def select(self, levels: Bools) -> Bools:
@@ -165,7 +165,7 @@ def read_image(
 
 
 def _find_ros_threshold(image: Shades) -> float:
-    """Return a ROS image's threshold above unknown cells, otherwise 0.
+    """Return a ROS image's threshold above unknown, or 0.
 
     Such an image has unknown cells and no other shades than ROS's map savers write, or few that are
     not near them if it was compressed or scaled.
@@ -185,7 +185,7 @@ def _find_ros_threshold(image: Shades) -> float:
 
 
 def _find_world_file(path: Path) -> str:
-    """Return the name of an image's world file, or ""."""
+    """Return an image's world file by name, or ""."""
     # It is named after the image, such as map.pgw, map.pngw or map.wld beside map.png.
     suffix = path.suffix
     for ending in (f"{suffix[:2]}{suffix[-1:]}w", f"{suffix}w", ".wld"):
@@ -262,7 +262,7 @@ def _open_image(data: bytes) -> ImageFile:
 
 
 def _check_length(image: ImageFile, data: bytes) -> None:
-    """Raise ContentError unless an image ends with its last pixel.
+    """Raise ContentError unless an image ends as declared.
 
     Converted line ends move all pixels, and show only by the length of the file. Also refuse pixels
     brighter than white, which Pillow darkens to white.

@@ -16,7 +16,7 @@ _NUMPY_KIND: Final = "NumPy array"
 
 
 def read_npy(path: StrPath) -> NDArray[Any]:
-    """Map the array of a ``.npy`` file into memory, read-only.
+    """Map a ``.npy`` file's array into memory, read-only.
 
     Raises FileError if the file is missing, truncated, in another format, or holds Python objects.
     """

@@ -183,7 +183,7 @@ def _join_placed(
 
 
 def _make_gltf_surface(points: Floats, corners: Ints | range) -> Surface:
-    """Return a surface of triangles, each of three successive corners."""
+    """Make a surface of triangles from successive corners."""
     vertices = points.astype(np.float64)
     sizes = np.full(len(corners) // 3, 3)
     return vertices, triangulate(vertices, np.asarray(corners, dtype=np.int64), sizes)
@@ -208,7 +208,7 @@ def _read_gltf_part(part: Json, header: Json) -> tuple[Floats, Ints | range]:
 
 
 def _read_accessor(number: int, kind: str, header: Json) -> NDArray[Any]:
-    """Return the rows of a glTF accessor, as a view.
+    """Return a glTF accessor's rows, as a view.
 
     ``kind`` is "VEC3" for positions or "SCALAR" for indices. Raises GeometryError if the accessor
     is sparse, compressed or quantised, and ContentError if it is malformed or exceeds its buffer.
@@ -270,7 +270,7 @@ def _read_buffer(buffer: Json, embedded: bytes, file: Path) -> bytes:
 
 
 def _place_gltf_meshes(header: Json) -> Iterator[tuple[int, Floats]]:
-    """Yield the index and transform (4, 4) of each mesh.
+    """Yield each mesh's index and transform (4, 4).
 
     Raises ContentError if the nodes are not trees. Raises GeometryError if a mesh is in no scene,
     or moved by a skin or a morph.
@@ -315,7 +315,7 @@ def _parse_gltf_transform(node: Json) -> Floats:
 
 
 def _make_affine(linear: Floats, offset: ArrayLike = 0.0) -> Floats:
-    """Return the matrix of an affine transform, shape (4, 4)."""
+    """Make an affine transform's matrix, shape (4, 4)."""
     matrix = np.eye(4)
     matrix[:3, :3] = linear  # shape (3, 3)
     matrix[:3, 3] = offset  # shape (3,)
@@ -323,7 +323,7 @@ def _make_affine(linear: Floats, offset: ArrayLike = 0.0) -> Floats:
 
 
 def _refuse_moved_mesh(node: Json, mesh: Json) -> None:
-    """Refuse a mesh that a skin or a morph moves."""
+    """Refuse a mesh moved by a skin or morph."""
     if "skin" in node:
         raise unsupported_part("a mesh that a skin moves")
     weights = node.get("weights") or mesh.get("weights") or []
@@ -423,7 +423,7 @@ class _Collada(NamedTuple):
     arrays: dict[Element, Floats]
 
     def resolve(self, reference: Element, attribute: str = "source") -> Element:
-        """Return the element that an attribute of an element names.
+        """Return the element that an element's attribute names.
 
         Raises GeometryError if it is in another file, and ContentError if it is missing or
         repeated.
@@ -438,7 +438,7 @@ class _Collada(NamedTuple):
 
 
 def _read_collada(file: Path) -> tuple[Surface, Up]:
-    """Read a COLLADA scene's triangles, metres, and the axis up.
+    """Read a COLLADA scene, metres, and the axis up.
 
     Axes stay as they are; lines are skipped.
 
@@ -465,7 +465,7 @@ _UP_BY_NAME: Final[Mapping[str, Up]] = {"X_UP": "x", "Y_UP": "y", "Z_UP": "z"}
 
 
 def _parse_collada(data: bytes) -> _Collada:
-    """Parse a COLLADA file, and list its elements by id."""
+    """Parse a COLLADA file; list elements by id."""
     root = parse_xml(data)
     named: dict[str, Element | None] = {}
     for element in root.iter():

@@ -88,12 +88,12 @@ _NEUTRAL_FIELDS: Final = frozenset({"name", "header", "is_diff", "w"})
 
 
 def wrong_value(value: Any, place: str, rule: str, hint: str = "correct it") -> ContentError:
-    """Return the error for a value that breaks a rule."""
+    """Make the error for a forbidden value."""
     return ContentError(f"has {repr(value)[:60]} as {place}", rule, hint)
 
 
 def refuse(hint: str) -> Parser:
-    """Make a parser of a field that must be empty."""
+    """Make a parser of an empty field."""
 
     def check(value: Any, place: str) -> None:
         if _holds_entries(value):
@@ -163,7 +163,7 @@ def parse(schema: Schema, value: Any, place: str) -> Any:
 
 @cache
 def _make_format(names: tuple[str, ...]) -> Fields:
-    """Return a table's format, which refuses other fields than these."""
+    """Make a table's format, which refuses other fields."""
     honoured = " ".join(f"`{name}`" for name in names)
     return Fields("MoveIt's messages", honoured, UNKNOWN_FIELDS, harmless=FIELDS[0].harmless)
 
@@ -404,7 +404,7 @@ _MATRIX: Final[Schema] = {
 
 
 def _parse_contacts(value: Any, place: str) -> Contacts | None:
-    """Parse an allowed collision matrix; None if it is empty."""
+    """Parse an allowed collision matrix, or None if empty."""
     fields = parse(_MATRIX, value, place)
     names = fields.entry_names
     rows = [row.enabled for row in fields.entry_values]

@@ -61,7 +61,7 @@ class _OctomapHeader(NamedTuple):
 def read_octomap(
     path: StrPath, unknown_is_occupied: bool = True, bounds: Floats | None = None
 ) -> tuple[Floats, float, Bools, Bools]:
-    """Read the placement, occupied and unknown cells of an OctoMap.
+    """Read an OctoMap's placement, occupied and unknown cells.
 
     Returns the lower corner and the cell size, in metres, and the cells. The first line says
     whether the tree is binary (``.bt``) or full (``.ot``, of type OcTree or ColorOcTree). The

@@ -102,7 +102,7 @@ def _warn_of_sizes(path: StrPath, names: Iterable[str]) -> None:
 
 
 def _read_npy(path: StrPath) -> Floats:
-    """Read the points of a ``.npy`` file, shape (n, 3)."""
+    """Read points of a ``.npy`` file, shape (n, 3)."""
     array = read_npy(path)
     if array.ndim != 2 or array.shape[1] != 3 or array.dtype.kind not in "fiu":
         problem = f"holds shape {array.shape} and type {array.dtype}"
@@ -112,7 +112,7 @@ def _read_npy(path: StrPath) -> Floats:
 
 
 def _read_text(path: StrPath) -> Floats:
-    """Read the points of a text file, shape (n, 3).
+    """Read points of a text file, shape (n, 3).
 
     Further columns are ignored.
     """
@@ -177,7 +177,7 @@ def _is_number(word: str) -> bool:
 
 
 def _read_ply_points(path: StrPath) -> Floats:
-    """Read the vertices of a ``.ply`` file, shape (n, 3)."""
+    """Read vertices of a ``.ply`` file, shape (n, 3)."""
     header = read_ply_header(path)
     _warn_of_sizes(path, [name for name, _ in header.properties["vertex"]])
     faces = header.counts.get("face", 0)
@@ -190,7 +190,7 @@ def _read_ply_points(path: StrPath) -> Floats:
 
 
 def read_pcd(path: StrPath) -> Floats:
-    """Read the coordinates of a ``.pcd`` file, shape (n, 3).
+    """Read coordinates of a ``.pcd`` file, shape (n, 3).
 
     They are in the unit of the file. Coordinates are NaN where the sensor saw nothing. The data may
     be ``ascii`` or ``binary``. The fields ``x``, ``y`` and ``z`` may have any numeric type; others
@@ -288,7 +288,7 @@ def _make_record(entries: dict[str, list[str]], counts: list[int]) -> np.dtype[n
 
 
 def _count_points(entries: dict[str, list[str]]) -> int:
-    """Return the number of points that a PCD header declares.
+    """Return the number of points in a PCD header.
 
     Raises ValueError or IndexError if an entry is no number, or they disagree.
     """
@@ -301,7 +301,7 @@ def _count_points(entries: dict[str, list[str]]) -> int:
 
 
 def _find_coordinates(fields: list[str], counts: list[int]) -> list[int]:
-    """Return the indices of the fields x, y and z."""
+    """Return indices of the fields x, y and z."""
     indices = [fields.index(axis) for axis in "xyz" if fields.count(axis) == 1]
     if len(indices) != 3 or any(counts[index] != 1 for index in indices):
         problem = f"has the fields {' '.join(fields)}"

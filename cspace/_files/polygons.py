@@ -52,7 +52,7 @@ _SURFACE_STATEMENTS: Final = frozenset(b"surf curv fo bsp bzp cdc cdp res call c
 
 
 def transform_surface(surface: Surface, transform: Floats) -> Surface:
-    """Apply an affine transform, shape (4, 4), to a surface.
+    """Apply an affine transform (4, 4) to a surface.
 
     A mirror image gets its faces reversed, so that they face as before.
     """
@@ -77,7 +77,7 @@ def surface_bytes(points: int, faces: int) -> int:
 
 
 def join_surfaces(parts: Sequence[Surface]) -> Surface:
-    """Join surfaces into one surface; without parts it is empty."""
+    """Join surfaces into one, empty without parts."""
     vertices = [np.empty((0, 3))]
     faces = [np.empty((0, 3), dtype=np.int64)]
     count = 0  # of vertices before a part; its faces count from its own first vertex
@@ -243,14 +243,14 @@ def cover_lines(corners: Ints, sizes: Ints) -> Ints:
 
 
 def unsupported_part(what: str) -> ContentError:
-    """Return the error for an unsupported part of a file."""
+    """Make the error for a file's unsupported part."""
     problem = f"has {what}, which is not read"
     hint = "export it as plain triangles, e.g. as STL"
     return ContentError(problem, "it would be lost", hint, kind=GeometryError)
 
 
 def read_obj(file: Path) -> Surface:
-    """Read the triangles of all objects of an OBJ file.
+    """Read triangles of all objects of an OBJ.
 
     Lines and points are triangles without area: an outer cell covers them, and no inside changes.
 

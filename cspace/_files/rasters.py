@@ -101,7 +101,7 @@ def place_raster(array: Any, spacing: float, name: str = "occupied") -> tuple[An
 
 
 def _drop_other_dimensions(array: Any) -> Any:
-    """Drop dimensions of one entry beside x, y and z."""
+    """Drop single-entry dimensions beside x, y and z."""
     for dimension in set(getattr(array, "dims", ())) - set("xyz"):
         if hasattr(array, "isel") and array.sizes[dimension] == 1:
             array = array.isel({dimension: 0}, drop=True)
@@ -109,7 +109,7 @@ def _drop_other_dimensions(array: Any) -> Any:
 
 
 def _open_attributes(array: Any, name: str) -> Ledger:
-    """Open the attributes of an array, by their lower-case names."""
+    """Open an array's attributes, by lower-case names."""
     attributes = getattr(array, "attrs", {})
     lowered: dict[str, Any] = {}
     if isinstance(attributes, Mapping):

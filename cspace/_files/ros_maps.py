@@ -253,7 +253,7 @@ def _classify_pixels(header: _MapHeader, image: Shades, warn: bool) -> tuple[Boo
 def _find_doubtful_levels(
     header: _MapHeader, image: Shades, free_levels: Bools, warn: bool
 ) -> Bools:
-    """Find free levels of an image that may mean unknown.
+    """Find free levels that may mean unknown.
 
     In an image that was compressed or scaled, they are all that are darker than halfway from 205 to
     254, the level of free cells. With `warn`, warn of their cells.
@@ -642,7 +642,7 @@ class CostmapRobot(NamedTuple):
 
 
 def parse_footprint(footprint: str | ArrayLike, name: str = "footprint") -> Floats:
-    """Parse the corners of a footprint, shape (n, 2), metres.
+    """Parse corners of a footprint, shape (n, 2), metres.
 
     A text has the form of Nav2, ``"[[0.3, 0.2], [0.3, -0.2], [-0.3, -0.2], [-0.3, 0.2]]"``.
 

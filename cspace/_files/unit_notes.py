@@ -27,7 +27,7 @@ _UNIT_NOTE: Final = re.compile(
 
 
 def warn_of_unit(path: StrPath) -> None:
-    """Warn if a comment names another unit than the metre."""
+    """Warn if a comment names another unit than metres."""
     file = Path(path)
     suffix = file.suffix.lower()
     if suffix not in (".stl", ".obj", ".ply", ".pcd", ".xyz", ".txt", ".csv"):
@@ -60,7 +60,7 @@ def warn_of_size(place: str, points: Floats, advice: str) -> None:
 
 
 def warn_of_units(name: str, units: str) -> None:
-    """Warn that coordinates in other units are taken as metres."""
+    """Warn that coordinates in other units count as metres."""
     warn_user(
         f"{name}: says {units!r}, and its coordinates are taken as metres; scale it first, e.g. "
         "from millimetres a mesh of trimesh by apply_scale(0.001), and points by 0.001 * points",

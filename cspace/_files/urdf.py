@@ -321,7 +321,7 @@ def _check_robot(root: Element) -> list[tuple[str, float]]:
 
 
 def _check_single_parts(root: Element) -> None:
-    """Raise ContentError for a second part where one is read."""
+    """Raise ContentError for a repeated single part."""
     for element in itertools.chain(*map(root.iterfind, ("link", "link/collision", "joint"))):
         counts = Counter(str(child.tag) for child in element)
         for tag in _SINGLE_PARTS:
@@ -384,7 +384,7 @@ def _read_attribute(element: Element, tag: str, name: str) -> str | None:
 
 
 def _check_tree(names: list[str], parents: dict[str, str]) -> None:
-    """Refuse links that form a loop or have several roots."""
+    """Refuse links with a loop or several roots."""
     try:
         TopologicalSorter({child: [parent] for child, parent in parents.items()}).prepare()
     except CycleError as error:
@@ -426,7 +426,7 @@ def _check_numbers(element: Element, place: str) -> list[tuple[str, float]]:
 
 
 def _check_geometry(geometry: Element | None, place: str) -> None:
-    """Refuse a collision geometry that is not one known shape.
+    """Refuse collision geometry other than one known shape.
 
     Raises ContentError. ``place`` names the geometry in messages.
     """
@@ -818,7 +818,7 @@ class _Reader:
 
 
 def _parse_value(text: str, state: str, joint: str) -> float:
-    """Parse the value of a joint in a named state.
+    """Parse a joint's value in a named state.
 
     Raises ContentError if it is not a finite number.
     """

@@ -162,7 +162,7 @@ class Layout:
             yield f"c/{'/'.join(map(str, index))}", cells
 
     def encode(self, block: NDArray[Any], fill: Any) -> bytes:
-        """Encode a chunk, padded with ``fill`` at the array's end."""
+        """Encode a chunk, padded with ``fill`` beyond the array."""
         if block.shape != self.chunks:
             padded = np.full(self.chunks, fill, dtype=self.dtype)
             padded[tuple(slice(0, count) for count in block.shape)] = block
@@ -187,7 +187,7 @@ class Layout:
 
 
 def _zstd_size(content: bytes) -> int | None:
-    """Return the size, bytes, that the first zstd frame declares.
+    """Return the first zstd frame's size, bytes.
 
     Returns None if it declares none; numcodecs then checks that the content fills its buffer.
     """

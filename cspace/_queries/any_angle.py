@@ -158,7 +158,7 @@ def find_shortest_way(
     until: float = math.inf,
     may_exist: Callable[[], bool] | None = None,
 ) -> ShortestWay:
-    """Find the shortest path between two points in passable cells.
+    """Find the shortest path between points in passable cells.
 
     Its length is exact except for :data:`MAX_ERROR_PER_CELL`, and :data:`INSET` at both ends. It
     passes no corner at which just two opposite cells are passable.
@@ -229,7 +229,7 @@ def make_front(runs: int, capacity: int) -> Front:
 
 
 def trace_way(front: Front, first: int) -> ShortestWay:
-    """Return the path through the queue's first interval, or none."""
+    """Return the path by the queue's first interval."""
     intervals = front.intervals
     if front.queue.length[0] == 0:
         return NO_WAY

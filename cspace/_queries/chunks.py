@@ -56,7 +56,7 @@ FAR_RATIO: Final = 10.0
 changes."""
 
 MAX_DT: Final = 10.0
-"""Time between rows, seconds, from which on it is probably in milliseconds."""
+"""Smallest time between rows, seconds, that is probably in milliseconds."""
 
 SHARES: Final = 16
 """Number of shares of a twist that are tried."""
@@ -413,7 +413,7 @@ def _prove(tubes: ChunkMotions, rows: Floats, is_batch: bool, tracking: Floats) 
 def _check_chunk(
     space: ConfigurationSpace, q: ArrayLike, rows: ArrayLike, name: str, columns: Sequence[str]
 ) -> tuple[Floats, Floats, bool]:
-    """Return robots (B, size) and their rows (B, n, len(columns)).
+    """Return starts (B, size) and rows (B, n, len(columns)).
 
     The third value is True for a batch. ``name`` is that of the rows. Raises InputError for other
     shapes, or if ``q`` is not finite; rows may hold any numbers.
@@ -772,7 +772,7 @@ class Gate:
         return SlowedCommand(float(shares[best]), commands, chunk)
 
     def stop_distance(self, twist: ArrayLike) -> float:
-        """Return the way, metres, to stop after one ``dt`` of a twist.
+        """Return the way of one ``dt`` of a twist and braking, metres.
 
         ``tracking`` must cover it where :meth:`check_rows` or :meth:`check_twists` is asked.
 

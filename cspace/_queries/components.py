@@ -337,7 +337,7 @@ def number_components(parents: Ints) -> Ints:
 
 
 def find_corners(runs: Runs, shape: tuple[int, ...]) -> tuple[Ints, Ints]:
-    """Return first and last cells of runs, shapes (n, d)."""
+    """Return first and last cells of runs (n, d)."""
     size = math.prod(shape)
     low = np.stack(np.unravel_index(runs.starts % size, shape), axis=1)
     high = low.copy()
@@ -361,7 +361,7 @@ def join_nodes(first: Ints, second: Ints, parents: Ints) -> None:
 
 @kernel
 def join_overlaps(first: Runs, second: Runs, parents: Ints) -> None:
-    """Join the nodes of runs that have a common cell.
+    """Join nodes of runs with a common cell.
 
     The runs of each record are in the order of their cells. The parent of a node is never above it.
     Two trees are joined on the way to their roots, whose nodes change trees, by M. Rem's algorithm

@@ -108,7 +108,7 @@ class DistanceMap:
         self.table = self.known = None
 
     def compute_all(self) -> DistanceTable:
-        """Compute the missing distances of all slices; return the table."""
+        """Compute missing distances of all slices; return the table."""
         return self.known or self.compute_slices(range(len(self._states)))
 
     def array(self) -> Distances:
@@ -219,7 +219,7 @@ def boxes_outside(exterior: Ints, shape: tuple[int, ...]) -> list[tuple[Floats, 
 
 
 def squared_box_distances(low: Floats, high: Floats, shape: tuple[int, ...]) -> Distances:
-    """Return the squared distances of cell centers from a box.
+    """Compute squared distances of cell centers from a box.
 
     ``low`` and ``high`` are the corners of the box, in cells; ``shape`` is that of the grid.
     """
@@ -233,7 +233,7 @@ def squared_box_distances(low: Floats, high: Floats, shape: tuple[int, ...]) -> 
 
 
 def _transform_axis(squares: Distances) -> None:
-    """Apply a distance transform along the middle axis, in place.
+    """Transform distances along the middle axis, in place.
 
     ``squares`` has shape (cells before, cells along the axis, cells after).
     """

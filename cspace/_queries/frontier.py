@@ -192,7 +192,7 @@ def sparse_zeros(count: int, kind: type[np.generic]) -> NDArray[Any]:
 
 
 def double(array: NDArray[Any]) -> NDArray[Any]:
-    """Append zeros to double an array along its first axis."""
+    """Double an array with zeros along its first axis."""
     return np.concatenate([array, np.zeros_like(array)])
 
 
@@ -242,7 +242,7 @@ def expected_cost(
 
 @internal
 def pop_best(estimate: Estimate, progress: Progress) -> int:
-    """Remove and return the node of the lowest expected cost.
+    """Remove and return the node of lowest expected cost.
 
     Return :data:`NO_NODE` if none is left, and :data:`UNKNOWN` if the guide has not reached the
     block of the first node.
@@ -306,7 +306,7 @@ def remaining_cost(
 
 @internal
 def cost_by_block(estimate: Estimate, direction: int, u: int, v: int, w: int) -> float:
-    """Return the cost from a block, in blocks, or infinity.
+    """Return a block's cost, in blocks, or infinity.
 
     If the guide has not reached the block, the cost is that of the best neighbouring block or turn,
     plus one for each step. Searches beside the guide's chain need no better cost.
@@ -335,7 +335,7 @@ def cost_by_block(estimate: Estimate, direction: int, u: int, v: int, w: int) ->
 
 @internal
 def unhindered_cost(estimate: Estimate, i: int, j: int, k: int) -> float:
-    """Return the cost to the goal without obstacles, in cells."""
+    """Return the cost without obstacles, in cells."""
     short = abs(i - estimate.goal[0])
     middle = abs(j - estimate.goal[1])
     long = abs(k - estimate.goal[2])
@@ -375,7 +375,7 @@ def push(progress: Progress, key: float, cell: int) -> None:
 
 @internal
 def pop_first(progress: Progress) -> None:
-    """Remove the cell of the lowest key from the heap."""
+    """Remove the heap's cell of the lowest key."""
     keys = progress.keys
     queue = progress.queue
     progress.length[0] -= 1

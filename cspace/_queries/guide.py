@@ -233,7 +233,7 @@ class Guide:
         return bool(self.estimate.reached[0, *self._find_block(cell)] != 0)
 
     def measure(self, cells: Ints) -> Floats:
-        """Return costs of chains from cells' blocks, for one direction.
+        """Return costs of chains from blocks, for one direction.
 
         They are in cells, and infinite where no chain is known.
         """
@@ -472,7 +472,7 @@ def meet_at_face(blocks: Blocks, number: int, first: Cell, second: Cell) -> bool
 
 @internal
 def factor_of_any(blocks: Blocks, slices: Ints, u: int, v: int, w: int) -> np.float32:
-    """Return the factor of a block's passable cell, or infinity."""
+    """Return a block's passable cell's factor, or infinity."""
     _, nx, ny, nz = blocks.states.shape
     side = blocks.side
     for number in slices:

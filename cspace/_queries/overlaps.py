@@ -41,7 +41,7 @@ class RobotRows(NamedTuple):
 
 
 def sum_columns(cells: Bools) -> NDArray[np.int32]:
-    """Return running counts of obstacle cells along the last axis.
+    """Count obstacle cells cumulatively along the last axis.
 
     Entry ``[i, j, k]`` of the result, shape (nx, ny, nz + 1), counts the first k cells of a column.
     In the plane, nx is 1, and j and k are the two axes.
@@ -63,7 +63,7 @@ def count_overlaps(
     points: Floats,
     out: Ints,
 ) -> int:
-    """Count the obstacle cells that the robot overlaps at configurations.
+    """Count obstacle cells that the robot overlaps.
 
     ``points`` has shape (n, size). Writes the counts to ``out``, shape (n,); returns the index of
     the first unusable configuration, or -1. ``counts`` are those of :func:`sum_columns`.

@@ -46,7 +46,7 @@ def drop_repeats(path: Floats) -> Floats:
 
 
 def keep_rotation(path: Floats, rotation_cells: Ints, dim: int, check: Check) -> Floats:
-    """Keep the common rotation of both ends along the path.
+    """Keep both ends' common rotation along the path.
 
     ``path`` has shape (n + 2, size), with the centers of ``rotation_cells``, shape (n,), between
     its ends. If an edge fails ``check``, because the rotation is on the border of a rotation cell
@@ -94,7 +94,7 @@ def pulled_straight(
 
 
 def are_free(path: Floats, check: Check) -> bool:
-    """Return True if all edges of a path pass ``check``."""
+    """Return True if all edges pass ``check``."""
     return all(check(*start, *end) for start, end in itertools.pairwise(path.tolist()))
 
 
@@ -233,7 +233,7 @@ def _skip_points_both_ways(path: Floats, check: Check, until: float) -> Floats:
     size = path.shape[1]
 
     def check_reversed(*endpoints: float) -> bool:
-        """Check an edge, given by numbers, in the path's direction."""
+        """Check an edge of numbers, in the path's direction."""
         return check(*endpoints[size:], *endpoints[:size])
 
     from_start = skip_points(path, check, until)
@@ -242,7 +242,7 @@ def _skip_points_both_ways(path: Floats, check: Check, until: float) -> Floats:
 
 
 def skip_points(points: Floats, check: Check, until: float = math.inf) -> Floats:
-    """Skip waypoints, shape (n, size), many at each edge, until a reading of the clock."""
+    """Skip waypoints (n, size) by far edges, until a reading of the clock."""
     indices = [0]
     while indices[-1] < len(points) - 1:
         if is_over(until):
@@ -253,7 +253,7 @@ def skip_points(points: Floats, check: Check, until: float = math.inf) -> Floats
 
 
 def _find_farthest(points: Floats, here: int, check: Check) -> int:
-    """Find a far waypoint that an edge from ``here`` reaches.
+    """Find a far waypoint that an edge reaches.
 
     Strides double while edges pass. Between the last two, the farthest is found by bisection.
     """

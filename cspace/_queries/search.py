@@ -254,7 +254,7 @@ def search(
 
 @kernel
 def expand_cells(graph: Graph, estimate: Estimate, progress: Progress, goal: int) -> int:
-    """Expand queued nodes until the goal was expanded, or all.
+    """Expand queued nodes until the goal was expanded.
 
     Return :data:`GOES_ON` after many cells, or if the queue is nearly full.
     """

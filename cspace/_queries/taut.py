@@ -54,7 +54,7 @@ def list_gates(rectangles: Rectangles, runs: Ints) -> Floats:
 
 
 def begin_before_gates(gates: Floats, start: float) -> None:
-    """Move the first gate to a start before its border.
+    """Move the first gate to a start beside it.
 
     ``start`` is along x; ``gates``, shape (m, 3), come in pairs around a border.
     """
@@ -119,7 +119,7 @@ def move_funnel(points: Floats, funnel: Ints, path: Ints) -> int:
 
 @inlined
 def turn(points: Floats, a: int, b: int, c: int) -> float:
-    """Return twice a triangle's area, positive for a left turn."""
+    """Return twice a triangle's area, positive for left."""
     first_x = points[b, 0] - points[a, 0]
     first_y = points[b, 1] - points[a, 1]
     whole_x = points[c, 0] - points[a, 0]

@@ -76,7 +76,7 @@ class WidthMap:
         return float(self.widths[self.slice_of[cell[0]], *cell[1:]])
 
     def climb(self, cell: Ints) -> Ints:
-        """Follow the steepest ascent of width to a local maximum.
+        """Follow the steepest ascent to a local maximum.
 
         Return the cells ``(rotation, x, ...)``, from ``cell`` on, shape (n, 1 + d). Ties go to the
         larger cell index.
@@ -118,7 +118,7 @@ class WidthMap:
         return float(queue.level[0]) / LEVELS_PER_CELL
 
     def find_short_chain(self, start: Ints, goal: Ints, min_width: float, until: float) -> Ints:
-        """Find a short chain of cells of ``min_width`` or above.
+        """Find a short chain of at least ``min_width``.
 
         The chain has shape (n, 1 + d). Raises TimeoutError after ``until``.
         """

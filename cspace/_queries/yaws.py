@@ -11,7 +11,7 @@ from cspace._support.arrays import Bools, Floats
 
 
 def join_yaw_cells(is_free: Bools, bounds: Floats) -> Floats:
-    """Join neighbouring free yaw cells to intervals (n, 2), radians.
+    """Join neighbouring free yaw cells to intervals, radians.
 
     ``bounds``, shape (cells, 2), are the lower and upper bound of each cell, one after another all
     around. Intervals begin in [-pi, pi), in rising order, and end up to a turn later.

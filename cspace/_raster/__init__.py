@@ -83,7 +83,7 @@ class Raster:
 
     @cached_property
     def runs(self) -> Ints:
-        """Runs of offsets along the last axis, shape (n, 4).
+        """Runs of offsets along the last axis (n, 4).
 
         They are the first offset, with a leading 0 in the plane, and the length of each.
         """

@@ -48,7 +48,7 @@ def point_segments(points: Floats) -> Floats:
 
 
 def boundary_segments(occupied: Bools, spacing: float, lower: ArrayLike) -> Floats:
-    """Return the boundary segments of a set of plane cells.
+    """Return boundary segments of plane cells.
 
     Returns ``(x0, y0, x1, y1)``, shape (E, 4), metres. Collinear unit edges are merged, so that the
     count grows with the corners of the outline and not with its length. Each piece of the outline
@@ -192,7 +192,7 @@ def cover_with_boxes(cells: Bools, spacing: float, lower: Any) -> tuple[Floats, 
 
 
 def merge_into_rectangles(squares: Bools) -> tuple[Ints, Ints]:
-    """Cover the set entries of each layer with disjoint rectangles.
+    """Cover each layer's set entries with disjoint rectangles.
 
     Equal runs in consecutive rows are merged. Returns the lower and upper lattice corners ``(layer,
     row, column)``, shape (n, 3) each.
@@ -267,7 +267,7 @@ def align_image(
     occupied: Bools,
     unknown: str,
 ) -> tuple[Grid, Bools, Bools, Bools]:
-    """Rasterise an image with a yaw onto an axis-aligned grid.
+    """Rasterise a turned image onto an axis-aligned grid.
 
     Images rotated by a whole number of quarter turns stay exact. By any other yaw, the cells become
     squares rotated about the origin's corner; they are rasterised onto a grid of the same spacing
@@ -327,7 +327,7 @@ def _rotated_bounds(
     cos: float,
     sin: float,
 ) -> tuple[Floats, Floats]:
-    """Return the bounding box of the rotated image, in metres."""
+    """Return the rotated image's bounding box, metres."""
     nx, ny = shape
     corners = _place_points(info, [(0, 0), (nx, 0), (nx, ny), (0, ny)], cos, sin)
     return corners.min(axis=0), corners.max(axis=0)
@@ -365,7 +365,7 @@ def _rotate_image(
 
 
 def _sample_image(info: MapInfo, cells: Bools, grid: Grid) -> Bools:
-    """Sample a mask of the rotated image at cell centers.
+    """Sample the rotated image's mask at cell centers.
 
     Centers outside the image give True.
     """

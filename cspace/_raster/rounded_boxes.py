@@ -69,7 +69,7 @@ def rounded_rasters(
     outward: Floats,
     inward: Floats,
 ) -> tuple[Raster, Raster]:
-    """Rasterise a robot that is a union of rounded boxes.
+    """Rasterise a robot of united rounded boxes.
 
     Returns the outer and the inner raster. The boxes are in the robot's frame, in metres. Each box
     grows by ``outward`` for the outer raster and shrinks by ``inward`` for the inner raster, both

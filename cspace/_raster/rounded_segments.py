@@ -176,7 +176,7 @@ def _segment_over_slab(
     x0: float,
     x1: float,
 ) -> tuple[float, float]:
-    """Return the y-interval of a segment's part in a slab.
+    """Return a segment's y-interval in a slab.
 
     The slab is ``x0 <= x <= x1``. The segment leads from p to q. Returns (inf, -inf) if they are
     disjoint.
@@ -246,7 +246,7 @@ def mark_touched(
 
 @kernel
 def mark_inside(out: Bools, segments: Floats, c: float) -> None:
-    """Mark the points that closed curves enclose by even-odd parity.
+    """Mark points inside closed curves by even-odd parity.
 
     ``segments`` are (px, py, qx, qy), shape (n, 4), in cells. Sets ``out[i, j]`` if the point
     ``(i + c, j + c)`` is inside. Exact for points farther from the curve than rounding; ``out``

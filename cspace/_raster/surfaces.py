@@ -340,7 +340,7 @@ def surface_rasters(
 
 
 def _unite_with_previous_cells(cells: Bools) -> None:
-    """Unite each cell with its previous neighbours along all axes."""
+    """Unite cells with previous neighbours along all axes."""
     for axis in range(3):
         layers = np.moveaxis(cells, axis, 0)
         # From the last layer down, so that a layer is read before it changes.
@@ -384,7 +384,7 @@ def _find_always_enclosed(
 
 
 def _find_enclosed(touched: Bools, spacing: float, on_empty: Callable[[float], None]) -> Bools:
-    """Return a mask of the boxes that touched boxes enclose.
+    """Return a mask of boxes enclosed by touched ones.
 
     No chain of untouched boxes connects these to the boundary of the array. Calls ``on_empty`` with
     the spacing if there are none.

@@ -255,7 +255,7 @@ def _clip_to_slab(triangle: Floats, low: float, high: float, clipped: Floats) ->
 
 @internal
 def _heights_between(polygon: Floats, n: int, low: float, high: float) -> tuple[float, float]:
-    """Return the z-interval of a polygon's part between two y.
+    """Return a polygon's z-interval between two y.
 
     The polygon is convex; its ``n`` corners (y, z) are the first rows of ``polygon``, shape (9, 2).
     Returns (inf, -inf) if there is no such part.
@@ -288,7 +288,7 @@ def _mark_touched(
     start: int,
     stop: int,
 ) -> None:
-    """Set ``out[i, j, k]`` if that box meets a triangle.
+    """Set ``out[i, j, k]`` for boxes that triangles meet.
 
     Box (i, j, k) spans ``[i + before, i + after]`` along x, and likewise along y and z; all lengths
     are in cells. Only boxes with ``start <= i < stop`` are set. ``first`` and ``last``, shape

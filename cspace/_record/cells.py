@@ -68,7 +68,7 @@ def make_map_record(states: States, grid: Grid, exterior: Ints, rotations: Rotat
 
 
 def hide_cells(map_: Map) -> Map:
-    """Return a map like another, of which each configuration is MIXED."""
+    """Return a copy of a map whose configurations are all MIXED."""
     exterior = np.zeros_like(map_.exterior[:1])
     exterior[:, -1] = MIXED
     slices = np.zeros_like(map_.rotations.slice_of)

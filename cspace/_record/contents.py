@@ -37,7 +37,7 @@ class Contents:
     outside : {"blocked", "free", "unknown"}
         State of the world outside the grid; "unknown" for a part of a larger map.
     margin : float
-        Metres by which the robot was grown to prove FREE.
+        Growth of the robot for FREE, metres.
     overlap_counts : ndarray of int32, the shape of states, or None
         Overlap of each cell; taken over like ``states``.
     exterior : Exterior or None
@@ -104,7 +104,7 @@ class Contents:
 def _check_array(
     name: str, array: NDArray[Any], shape: tuple[int, ...], dtype: type[np.generic]
 ) -> NDArray[Any]:
-    """Return an array as contiguous and writeable, or raise InputError."""
+    """Return a contiguous, writeable array, or raise InputError."""
     if array.shape != shape or array.dtype != dtype:
         problem = f"has shape {array.shape} and type {array.dtype}"
         rule = f"it must have the map's shape {shape} and type {np.dtype(dtype)}"

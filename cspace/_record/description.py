@@ -124,7 +124,7 @@ DERIVED: Final = ("distances", "distance_boxes")
 
 
 def describe_arrays() -> dict[str, StoredArray]:
-    """Return descriptions of all arrays of a map, by name.
+    """Describe all arrays of a map, by name.
 
     They are :data:`ARRAYS`, and the arrays that describe rotation cells of every kind.
     """
@@ -141,7 +141,7 @@ def describe_arrays() -> dict[str, StoredArray]:
 
 
 def list_axes(name: str, dim: int) -> tuple[str, ...]:
-    """Return the names of an array's axes, in ``dim`` dimensions."""
+    """Return an array's axes, in ``dim`` dimensions."""
     # "cells" stands for the axes of the grid.
     axes: list[str] = []
     for axis in describe_arrays()[name].axes:
@@ -250,7 +250,7 @@ def decode_shapes(array: NDArray[Any]) -> tuple[Shape, ...]:
 
 
 def find_rotation_arrays(names: Iterable[str]) -> tuple[str, ...]:
-    """Return the names of the arrays that describe rotation cells.
+    """Return names of arrays that describe rotation cells.
 
     ``names`` are those of all arrays of a map. The result is empty if the robot does not rotate.
     """

@@ -38,7 +38,7 @@ class Exterior:
 
     @classmethod
     def of(cls, occupied: Bools, rasters: Sequence[tuple[Raster, Raster]], policy: str) -> Exterior:
-        """Compute the exterior from the outer cells of a workspace.
+        """Compute the exterior from a workspace's outer cells.
 
         ``rasters`` are the outer and inner raster of each slice. ``policy`` is the state of the
         space outside the workspace: "blocked", "free" or "unknown".

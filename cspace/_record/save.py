@@ -395,7 +395,7 @@ def _read_robot(text: str) -> Robot:
 def _check_rotations(
     attributes: Mapping[str, Any], grid: Grid, robot: Robot, arrays: Mapping[str, NDArray[Any]]
 ) -> tuple[Rotations, Ints]:
-    """Return the rotation cells of a map, and their slices.
+    """Return a map's rotation cells and slices.
 
     Raises ValueError if a stored array differs from what grid, rotation cells and robot determine.
     """

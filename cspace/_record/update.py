@@ -135,7 +135,7 @@ def _copy_cells(values: ArrayLike, name: str) -> Bools:
 
 
 def _check_first_cell(lower: Sequence[int], dim: int) -> tuple[int, ...]:
-    """Return a box's first cell as integers, or raise InputError."""
+    """Return a first cell as integers, or raise InputError."""
     try:
         first = tuple(map(operator.index, np.asarray(lower, dtype=object).tolist()))
     except TypeError:
@@ -198,7 +198,7 @@ class Updater:
         self._workspace = copy_workspace(contents.workspace, live=True)
 
     def update(self, patch: Patch) -> Update:
-        """Write a box of known cells, and update the map.
+        """Write a box of cells, and update the map.
 
         The *base* is the workspace without named obstacles.
         """
@@ -220,7 +220,7 @@ class Updater:
         return self._copy_layers(self._layers, [(first, first + patch.outer.shape)])
 
     def replace(self, workspace: Workspace) -> Update:
-        """Write another workspace of this grid, and update the map."""
+        """Write another workspace, and update the map."""
         base = self._workspace if self._layers is None else self._layers
         if base.unknown is None or workspace.unknown is None:
             same_unknown = base.unknown is workspace.unknown
@@ -341,7 +341,7 @@ class Updater:
         return Update.combine(updates, self._grid.dim)
 
     def _find_dependent(self, changed_first: Ints, changed_stop: Ints) -> CellBox:
-        """Return the map's box that depends on changed workspace cells."""
+        """Find the map's box that changed workspace cells affect."""
         lowest_offset, highest_offset = self._offset_range
         # Cell k depends on the cells k + m, where m is an offset of the robot.
         first = np.maximum(changed_first - highest_offset, 0)
@@ -385,7 +385,7 @@ class Updater:
     def _cells_after(
         self, patches: Sequence[Patch], first: Ints, stop: Ints
     ) -> tuple[Bools, Bools]:
-        """Return a workspace box's outer and inner cells after patches."""
+        """Return a box's outer and inner cells after patches."""
         if self._layers is not None:
             outer, inner, _ = self._layers.cells(first, stop)
             return outer, inner
@@ -406,7 +406,7 @@ class Updater:
         return patch.inner is patch.outer or np.array_equal(patch.inner, patch.outer)
 
     def _write_cells(self, patch: Patch) -> int:
-        """Write a patch; return the number of cells that differed.
+        """Write a patch; return the number of changed cells.
 
         Its inner and outer cells may be one array, as long as they are equal.
         """
@@ -493,7 +493,7 @@ def _overwrite(array: Bools, window: tuple[slice, ...], values: Bools | bool) ->
 
 
 def _make_layers(workspace: Workspace) -> ObstacleLayers:
-    """Return layers with a copied workspace and no named obstacles."""
+    """Copy a workspace into layers without named obstacles."""
     unknown = None if workspace.unknown is None else workspace.unknown.copy()
     return ObstacleLayers(
         workspace.grid, workspace.outer.copy(), workspace.inner.copy(), unknown, workspace.shapes

@@ -63,7 +63,7 @@ def wrap_angles(angles: Floats, periodic_axes: ArrayLike = True) -> Floats:
 
 
 def unwrap_near(angle: Floats, other: Floats) -> Floats:
-    """Shift angles by whole turns to within pi of others."""
+    """Shift angles by whole turns, within pi of others."""
     whole_turns = np.rint((other - angle) / TWO_PI)
     return angle + TWO_PI * whole_turns
 
@@ -167,7 +167,7 @@ class HasSymmetries(Protocol):
 
     @property
     def symmetry(self) -> int:
-        """Order of the rotational symmetry about z; 0 if round."""
+        """Order of rotational symmetry about z; 0 if round."""
 
     @property
     def symmetries(self) -> list[Floats]:
@@ -282,12 +282,12 @@ class Rotations(ABC):
 
     @staticmethod
     def _all_names() -> list[str]:
-        """Return the names that are reserved for coordinates of rotations."""
+        """Return reserved names for coordinates of rotations."""
         return list(Rotations._all_units())
 
     @staticmethod
     def _all_units() -> dict[str, str]:
-        """Return the units of all coordinates of rotations, by name."""
+        """Return units of coordinates of rotations, by name."""
         units: dict[str, str] = {}
         for kind in Rotations._KINDS.values():
             units.update(zip(kind.names, kind.units, strict=True))
@@ -312,7 +312,7 @@ class Rotations(ABC):
     # ---- rotations as numbers
 
     def _make_canonical(self, q: Floats, name: str = "q") -> Floats:
-        """Wrap yaws of configurations to [-pi, pi), and normalise quaternions.
+        """Wrap yaws to [-pi, pi), and normalise quaternions.
 
         Configurations have the shape (..., d + size). Coordinates that are canonical stay unchanged
         to the last bit.
@@ -343,7 +343,7 @@ class Rotations(ABC):
         return np.concatenate([moved, turned], axis=-1)
 
     def _rotation_matrices(self, q: Floats) -> Floats:
-        """Return the rotation matrices of configurations, shape (..., d, d)."""
+        """Return rotation matrices of configurations, shape (..., d, d)."""
         position, rotation = self._split_configurations(q)
         return self._make_matrices(rotation, position.shape[-1])
 
@@ -368,7 +368,7 @@ class Rotations(ABC):
         return ""
 
     def _from_matrix(self, matrix: Floats) -> Floats:
-        """Convert a rotation matrix to the coordinates of a rotation.
+        """Convert a rotation matrix to coordinates.
 
         The matrix is in space; for a yaw, its part about z counts.
         """
@@ -439,7 +439,7 @@ class Rotations(ABC):
         return int(self._find_cells(self._check_rotation(rotation)))
 
     def _find_cells(self, q: Floats) -> Ints:
-        """Return the cells of configurations, shape (..., d + size)."""
+        """Return cells of configurations, shape (..., d + size)."""
         return np.zeros(q.shape[:-1], dtype=np.int64)
 
     def _leading_axes(self, n: int) -> tuple[int, ...]:
@@ -465,7 +465,7 @@ class Rotations(ABC):
         return np.zeros(1, dtype=np.int64)
 
     def _make_shape_cells(self, dim: int) -> list[RotationCell]:
-        """Return the rotation cells in the form that shapes use."""
+        """Return rotation cells in the form of shapes."""
         matrices = self._make_matrices(self.centers, dim)
         angles = self.covering_angles.tolist()
         return [
@@ -561,12 +561,12 @@ class Rotations(ABC):
         return [(np.eye(len(shape.symmetries[0])), np.arange(len(self)))]
 
     def _make_lookups(self, slice_of: Ints) -> RotationTable:
-        """Return the rotation cells in the form that kernels use."""
+        """Return rotation cells in the form of kernels."""
         return RotationTable(np.zeros(()), np.ascontiguousarray(slice_of))
 
     @property
     def _facts(self) -> dict[str, object]:
-        """Plain values that describe the cells, by name, for reports."""
+        """Plain values of the cells, by name, for reports."""
         width = float(np.degrees(2.0 * self.covering_angles.max()))
         return {"rotations": len(self), "rotation_cell_deg": round(width, 6)}
 

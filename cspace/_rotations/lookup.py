@@ -39,7 +39,7 @@ off by as much.
 
 @inlined
 def rotation_in(borders: Floats, row: Floats) -> Numbers:
-    """Return the rotation in a row of a configuration's coordinates.
+    """Return the rotation in a row of coordinates.
 
     ``borders``, of :class:`cspace._rotations.base.RotationTable`, have two axes for quaternions,
     and none for a robot that does not turn.
@@ -53,7 +53,7 @@ def rotation_in(borders: Floats, row: Floats) -> Numbers:
 
 @inlined
 def is_rotation(rotation: Numbers) -> bool:
-    """Return True if the coordinates of a rotation are valid.
+    """Return True if a rotation's coordinates are valid.
 
     They are finite, a yaw is not too large, and a quaternion has norm 1.
     """
@@ -221,7 +221,7 @@ def widened_bounds(borders: Floats, cell: int) -> tuple[int, float, float]:
 
 @inlined
 def signed_angle(first: float, second: float, arc: int) -> float:
-    """Return the signed angle of an arc between two yaws.
+    """Return the signed angle between two yaws.
 
     Arc 0 is the shorter one, in [-pi, pi], and arc 1 the other one.
     """
@@ -250,10 +250,9 @@ class Arc(NamedTuple):
     first, second : tuple of float, length 4
         Ends, at most a right angle apart up to rounding.
     tangent, half_angle : float
-        Half the angle between the ends, and its tangent. A rotation's angle is twice that of its
-        quaternion.
+        Tangent of half the angle between the quaternions, and that half, radians.
     is_tiny : bool
-        True if OMPL counts the ends as equal, so that its rotation may jump between them.
+        True if OMPL counts both ends as equal, and may jump between them.
     """
 
     first: Numbers
@@ -265,7 +264,7 @@ class Arc(NamedTuple):
 
 @internal
 def find_part(borders: Floats, quotient: float) -> int:
-    """Return the part of an axis that contains a quotient.
+    """Return the axis part that contains a quotient.
 
     A boundary belongs to the part above it.
     """
@@ -357,7 +356,7 @@ def find_arc(q0: Numbers, q1: Numbers, arc: int) -> Arc:
 
 @internal
 def find_cell_exit(borders: Floats, arc: Arc, done: float) -> tuple[int, float, float, bool]:
-    """Find where the chord of an arc leaves its cell.
+    """Find where an arc's chord leaves its cell.
 
     ``done`` is the fraction of the chord before the point. Returns the cell, the fraction before
     the next cell, the time from 0 to 1 at which SLERP passes it, and whether there is a next cell.

@@ -71,7 +71,7 @@ class QuaternionRotations(Rotations):
 
     @classmethod
     def _of_value(cls, value: ArrayLike | None) -> QuaternionRotations:
-        """Create cells from the number of parts of an axis.
+        """Create cells from an axis's number of parts.
 
         See :meth:`Rotations.quaternions`.
         """
@@ -80,12 +80,12 @@ class QuaternionRotations(Rotations):
 
     @classmethod
     def _of_stored_arrays(cls, coordinates: Mapping[str, NDArray[Any]]) -> QuaternionRotations:
-        """Create the cells from their centers, whose number determines n."""
+        """Create cells from their centers, which determine n."""
         cells_per_chart = len(coordinates["quaternion"]) / 4.0  # n^3 for each largest component
         return cls(max(1, round(cells_per_chart ** (1.0 / 3.0))))
 
     def _format_rotation(self, rotation: Floats) -> str:
-        """Format a rotation as its angle and axis, for messages."""
+        """Format a rotation as angle and axis."""
         identity = np.array([0.0, 0.0, 0.0, 1.0])
         vector = self._rotation_between(identity, rotation)
         angle = float(np.linalg.norm(vector))
@@ -290,7 +290,7 @@ class QuaternionRotations(Rotations):
         return _compute_cells(self.n).volumes
 
     def _sample(self, cells: Ints, margin: float, rng: np.random.Generator) -> Floats:
-        """Draw a quaternion from each cell, uniformly in Haar measure.
+        """Draw a quaternion from each cell, by Haar measure.
 
         ``margin`` is the fraction of a cell's width that is left out at each boundary.
         """
@@ -325,7 +325,7 @@ class QuaternionRotations(Rotations):
 
     @property
     def _neighbors(self) -> Ints:
-        """Neighbors of each cell along the axes of its chart.
+        """Neighbors of each cell along its chart's axes.
 
         Their shape is (count, 6). They may lie in another chart, in which another component is
         largest.
@@ -346,7 +346,7 @@ class QuaternionRotations(Rotations):
         return np.stack(neighbors, axis=1)
 
     def _make_lookups(self, slice_of: Ints) -> RotationTable:
-        """Return the rotation cells in the form that kernels use."""
+        """Return rotation cells in the form of kernels."""
         return RotationTable(self.borders[None].copy(), np.ascontiguousarray(slice_of))
 
     def __str__(self) -> str:
@@ -429,7 +429,7 @@ _CORNERS: Final = np.indices((2, 2, 2)).reshape(3, -1).T
 
 
 def _find_smallest_caps(boxes: Floats) -> tuple[Floats, Floats]:
-    """Find each box's smallest spherical cap: center and covering angle.
+    """Find boxes' smallest spherical caps: center, covering angle.
 
     The boxes of quotients are given by their corners, shape (m, 8, 3). The center is the rotation
     nearest to all corners. It has the direction of the point nearest to zero in the convex hull of

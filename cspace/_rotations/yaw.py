@@ -198,7 +198,7 @@ class YawRotations(Rotations):
 
     @property
     def centers(self) -> Floats:
-        """Center of each cell, in [-pi, pi), shape (n, 1)."""
+        """Center of each cell in [-pi, pi), (n, 1)."""
         return self._yaws[:, None]
 
     @property
@@ -214,7 +214,7 @@ class YawRotations(Rotations):
         return np.diff(self.borders)
 
     def _sample(self, cells: Ints, margin: float, rng: np.random.Generator) -> Floats:
-        """Draw a yaw uniformly from each cell, in [-pi, pi)."""
+        """Draw a yaw from each cell, in [-pi, pi)."""
         low = np.asarray(self.borders)[cells]
         fractions = rng.uniform(margin, 1.0 - margin, len(cells))
         return wrap_angles(low + self._volumes[cells] * fractions)[:, None]
@@ -261,12 +261,12 @@ class YawRotations(Rotations):
         return images
 
     def _make_lookups(self, slice_of: Ints) -> RotationTable:
-        """Return the rotation cells in the form that kernels use."""
+        """Return rotation cells in the form of kernels."""
         return RotationTable(np.array(self.borders), np.ascontiguousarray(slice_of))
 
 
 def _check_borders(value: ArrayLike) -> Floats:
-    """Return boundaries of yaw cells that ascend over a turn.
+    """Return yaw borders that ascend over a turn.
 
     Raises InputError if they do not.
     """

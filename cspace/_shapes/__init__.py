@@ -149,7 +149,7 @@ def _make_mesh(source: MeshLike) -> Mesh:
 
 
 def _read_text(source: str | os.PathLike[str], name: str) -> Shape:
-    """Make the shape of a shorthand, WKT, or a file.
+    """Make a shape of a shorthand, WKT or file.
 
     A file holds polygons or a mesh.
     """

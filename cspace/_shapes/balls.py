@@ -175,7 +175,7 @@ class Balls(ExactShape):
         return corners_of_balls.reshape(-1, 3), faces_of_balls.reshape(-1, 3)
 
     def project_to_plane(self) -> Balls:
-        """Project the balls onto the plane of x and y."""
+        """Project the balls onto the xy plane."""
         return Balls(self.centers[:, :2].copy(), self.radii)
 
     @property
@@ -249,7 +249,7 @@ class OriginPoint(Balls):
 
 
 def check_balls(centers: ArrayLike | BallSet, radii: ArrayLike | None) -> tuple[Floats, Floats]:
-    """Check centers and radii of balls; return copies of them.
+    """Check centers and radii of balls; return copies.
 
     Centers have shape (n, 2) or (n, 3), radii (n,).
 

@@ -35,7 +35,7 @@ class MeshBody:
 
 
 def find_bodies(vertices: Floats, faces: Ints) -> tuple[MeshBody, ...]:
-    """Find the bodies of a mesh, ordered by first triangle.
+    """Find a mesh's bodies, ordered by first triangle.
 
     Bitwise equal vertices count as one. A triangle with two equal corners bounds nothing and
     belongs to no body. Another triangle without area belongs to a body only if it closes a gap
@@ -263,7 +263,7 @@ def _find_copies(corners: Ints) -> tuple[Bools, Ints, Ints]:
 
 
 def _label_bodies(edge: Ints, joining: Bools) -> tuple[Ints, int]:
-    """Label the body of each triangle, and count the bodies.
+    """Label each triangle's body, and count bodies.
 
     ``edge``, shape (n, 3), has the edges of each triangle. `joining`, shape (edges,), marks the
     edges that join triangles.

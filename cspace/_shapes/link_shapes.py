@@ -401,7 +401,7 @@ def _read_inline_mesh(mesh: Any, place: str) -> Surface:
 
 
 def _make_curved(bounds: BoundsPair) -> Shape:
-    """Make a curved shape from its outer and inner surface."""
+    """Make a curved shape from outer and inner surfaces."""
     outer, inner = bounds
     return BoundedShape(Mesh.of(outer), Mesh.of(inner))
 
@@ -416,7 +416,7 @@ _PRIMITIVE_MAKERS: Final[Mapping[str, Callable[..., Shape]]] = {
 
 
 def _move_shape(shape: Shape, pose: Floats) -> Shape:
-    """Apply a rigid motion, shape (4, 4), to a shape."""
+    """Apply a rigid motion (4, 4) to a shape."""
     rotation = pose[:3, :3]
     translation = pose[:3, 3]
     # Balls stay balls, and boxes that do not turn stay boxes; all else becomes a mesh.

@@ -201,7 +201,7 @@ class Mesh(ExactShape):
 
     @property
     def triangles(self) -> Floats:
-        """Corners of the triangles, in metres, shape (F, 3, 3)."""
+        """Corners of triangles, metres, shape (F, 3, 3)."""
         return np.asarray(self.vertices[self.faces])
 
     @cached_property
@@ -252,7 +252,7 @@ class Mesh(ExactShape):
 
     @cached_property
     def volume(self) -> float:
-        """Sum of the volumes of the closed bodies, cubic metres.
+        """Sum of the closed bodies' volumes, cubic metres.
 
         Cavities count negative; overlaps count once per body.
         """
@@ -292,7 +292,7 @@ class Mesh(ExactShape):
         return self.vertices, self.faces
 
     def project_to_plane(self) -> Shape:
-        """Project the mesh onto the plane of x and y.
+        """Project the mesh onto the xy plane.
 
         The result is the union of its triangles' shadows, grown and shrunk by a micrometre. The
         micrometre covers the rounding of the union.
@@ -356,7 +356,7 @@ class Mesh(ExactShape):
         return np.take_along_axis(corners, order[..., None], axis=1).reshape(-1, 9)
 
     def contains(self, points: ArrayLike) -> Bools:
-        """Return a mask of the points in the closed bodies.
+        """Return a mask of points in closed bodies.
 
         The answer holds for points farther from the surface than rounding. With ``solid="surface"``
         it is all False.
@@ -409,7 +409,7 @@ class Mesh(ExactShape):
 
     @cached_property
     def windings(self) -> Ints:
-        """Multiplicity of each triangle in the enclosing surface, shape (F,)."""
+        """Multiplicity of triangles in the enclosing surface, (F,)."""
         windings = np.zeros(len(self.faces), dtype=np.int64)
         for body in self.bodies:
             if body.closed:

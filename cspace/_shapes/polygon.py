@@ -220,7 +220,7 @@ def _drop_tiny(coordinates: Floats) -> Floats:
 def _as_geometries(
     shape: ArrayLike | BaseGeometry | Sequence[BaseGeometry],
 ) -> Sequence[BaseGeometry]:
-    """Return geometries, or the polygon of an array of vertices."""
+    """Return geometries, or the polygon of vertices."""
     import shapely
 
     if isinstance(shape, shapely.Geometry):

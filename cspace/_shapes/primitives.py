@@ -63,7 +63,7 @@ def rectangle(length: float, width: float, center: ArrayLike = (0.0, 0.0)) -> Na
 
 
 def ellipse(radius_x: float, radius_y: float, center: ArrayLike = (0.0, 0.0)) -> NamedShape:
-    """Make an ellipse with semi-axes along x and y; metres.
+    """Make an ellipse by semi-axes along x, y; metres.
 
     It is bounded by two polygons.
     """
@@ -108,7 +108,7 @@ def _translate(bounds: BoundsPair, center: ArrayLike) -> BoundedShape:
 
 
 def footprint(corners: str | ArrayLike, padding: float = 0.0) -> NamedShape:
-    """Make a polygon from a footprint and a padding; metres.
+    """Make a polygon from footprint and padding; metres.
 
     The polygon grows by the padding along both axes. `corners` may be the text of Nav2, ``"[[0.3,
     0.2], ...]"``.
@@ -123,7 +123,7 @@ def footprint(corners: str | ArrayLike, padding: float = 0.0) -> NamedShape:
 
 
 def _grow_by_square(points: Floats, padding: float) -> BaseGeometry:
-    """Return the Minkowski sum of a polygon and a square.
+    """Return a polygon's Minkowski sum with a square.
 
     The corners of the polygon, ``points``, have shape (n, 2); the square has sides 2 padding. It
     contains all points within `padding` of the polygon, and Nav2's padded polygon. A warning says

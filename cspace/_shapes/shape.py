@@ -102,7 +102,7 @@ class Shape(ABC):
 
     @property
     def place(self) -> str:
-        """Name of its space for messages: "the plane" or "space"."""
+        """Name of its space: "the plane" or "space"."""
         return ("the plane", "space")[self.dim - 2]
 
     @abstractmethod
@@ -116,7 +116,7 @@ class Shape(ABC):
         spacing : float
             Side ``h`` of the map's cells, metres.
         margin : float
-            Distance by which the outer shape is grown, metres.
+            Growth of the outer shape, metres.
         rotation : RotationCell
             Rotations for which the rasters hold.
 
@@ -152,7 +152,7 @@ class Shape(ABC):
         """
 
     def project_to_plane(self) -> Shape:
-        """Project the shape onto the plane of x and y.
+        """Project the shape onto the xy plane.
 
         A shape in the plane is returned unchanged.
         """
@@ -344,7 +344,7 @@ class ExactShape(Shape):
 
     @property
     def filled_boundaries(self) -> list[Floats]:
-        """Boundary segments of each filled part of a plane shape.
+        """Boundary segments of a plane shape's filled parts.
 
         They are ``(x0, y0, x1, y1)``, shape (E, 4), and enclose the part by even-odd parity. The
         list is empty for a shape in space or of balls.
@@ -360,7 +360,7 @@ class ExactShape(Shape):
 
     @property
     def surface(self) -> Surface:
-        """A shape in space as vertices and triangles, for drawing."""
+        """Shape in space as vertices and triangles, for drawing."""
         rule = "a surface needs a shape in space"
         raise GeometryError("shape", "is in the plane", rule, "ask for its outline")
 
@@ -474,7 +474,7 @@ class BoundedShape(Shape):
         return np.concatenate([outer_rows, inner_rows])
 
     def project_to_plane(self) -> Shape:
-        """Project both bounds onto the plane of x and y."""
+        """Project both bounds onto the xy plane."""
         return BoundedShape(
             self.outer.project_to_plane().outer,
             self.inner.project_to_plane().inner,
@@ -581,7 +581,7 @@ def _make_unit_polygon() -> Floats:
 
 
 def _revolve(profile: Floats) -> Surface:
-    """Revolve a profile about the z axis, in `CIRCLE_SIDES` steps.
+    """Revolve a profile about z, in `CIRCLE_SIDES` steps.
 
     `profile`, shape (n, 2), holds the distance of each corner from the axis and its height, from
     the lowest corner to the highest, which lie on the axis. Quarter turns about the axis map the

@@ -59,7 +59,7 @@ class Box(ExactShape):
 
     @classmethod
     def of(cls, extents: ArrayLike, center: ArrayLike = (0.0, 0.0, 0.0)) -> Box:
-        """Make a box from its side lengths and center, metres.
+        """Make a box from side lengths and center, metres.
 
         Raises InputError if a number is missing or not finite, or a side length is not above zero.
         """
@@ -127,7 +127,7 @@ class Box(ExactShape):
         return self.lower + _UNIT_CORNERS * (self.upper - self.lower), _BOX_TRIANGLES.copy()
 
     def project_to_plane(self) -> Polygons:
-        """Project the box onto the plane of x and y."""
+        """Project the box onto the xy plane."""
         import shapely
 
         return Polygons([shapely.box(*self.lower[:2], *self.upper[:2])])
@@ -283,7 +283,7 @@ class Voxels(ExactShape):
 
     @cached_property
     def _boxes(self) -> RoundedBoxes:
-        """Disjoint boxes whose union is that of the occupied cells."""
+        """Disjoint boxes that cover exactly the occupied cells."""
         from cspace._raster.rounded_boxes import RoundedBoxes
 
         lows, highs = cover_with_boxes(self.occupied, self.side, self.lower)
@@ -316,7 +316,7 @@ class Voxels(ExactShape):
         return vertices, np.arange(len(vertices), dtype=np.int64).reshape(-1, 3)
 
     def project_to_plane(self) -> Voxels:
-        """Project the cells onto the plane of x and y."""
+        """Project the cells onto the xy plane."""
         if self.dim == 2:
             return self
         return Voxels(np.asarray(self.occupied.any(axis=2)), self.side, self.lower[:2].copy())

@@ -200,7 +200,7 @@ def check_unmasked(values: Any, name: str) -> None:
 
 
 def check_number(value: Any, name: str, hint: str = "pass e.g. 0.5") -> float:
-    """Return one finite number as a float; raise InputError otherwise."""
+    """Return a finite number as float, or raise InputError."""
     number = check_finite(value, name)
     if number.ndim:
         raise InputError(name, f"is {value!r}", "it must be one number", hint)
@@ -379,7 +379,7 @@ def warn_of_degrees(q: ArrayLike, angles: Mapping[int, str], name: str) -> None:
 
 
 def check_names(values: Iterable[str], name: str) -> list[str]:
-    """Return names as a list; a string is one name.
+    """Return names as a list, also a single string.
 
     Raises InputError if the values are not iterable.
     """
@@ -479,7 +479,7 @@ def check_point(value: ArrayLike, name: str = "center", dim: int = 2) -> Floats:
 
 
 def check_bounds(bounds: ArrayLike, dim: int = 2) -> Floats:
-    """Return a map's lower and upper corner, shape (2, dim).
+    """Return a map's corners, shape (2, dim).
 
     ``bounds`` has that shape, or is ``xmin, ymin, (zmin,) xmax, ymax(, zmax)``. Raises InputError
     if it has another shape, or an upper value is not above the lower value.
@@ -500,7 +500,7 @@ def check_bounds(bounds: ArrayLike, dim: int = 2) -> Floats:
 
 
 def check_pairs(edges: ArrayLike, vertices: Floats) -> Ints:
-    """Return edges as pairs of vertex indices, shape (m, 2).
+    """Return edges as vertex indices, shape (m, 2).
 
     Raises InputError if they have another shape, or an index is not that of a vertex.
     """
@@ -526,7 +526,7 @@ def check_pairs(edges: ArrayLike, vertices: Floats) -> Ints:
 
 
 def check_dims(array: Any, name: str) -> None:
-    """Raise InputError unless named dimensions are x, y (and z).
+    """Raise InputError unless dimensions are x, y (and z).
 
     Dimensions are named as in xarray or zarr. They must be in this order, and have no coordinates,
     which :func:`cspace._files.rasters.place_raster` evaluates and removes.
@@ -545,7 +545,7 @@ def check_dims(array: Any, name: str) -> None:
 
 
 def check_cells(values: ArrayLike, name: str) -> Bools:
-    """Return a read-only boolean array of two or three axes.
+    """Return a read-only boolean array of 2 or 3 axes.
 
     It is a copy, unless the array itself can be used. Raises InputError if it has other axes, no
     cells, or values other than 0 and 1.

@@ -84,7 +84,7 @@ def kernel(function: F) -> F:
 
 
 def internal(function: F) -> F:
-    """Compile a function that only kernels call, otherwise like :func:`kernel`.
+    """Compile a kernel that only kernels call.
 
     A call from Python crashes. Without machine code of its own, it compiles in half the time.
     """
@@ -106,7 +106,7 @@ def inlined(function: F) -> F:
 
 
 def allocating(function: F) -> F:
-    """Compile a function that allocates arrays, otherwise like :func:`kernel`."""
+    """Compile a kernel that allocates arrays."""
     return _compile(function, _nrt=True)  # numba takes options that are not given from the caller
 
 
@@ -147,7 +147,7 @@ def _compile_once(compile_: Callable[[Any], Any], function: Callable[..., Any]) 
     """
 
     def compile_in_turn(signature: Any) -> Any:
-        """Compile the function for a signature, or load its code."""
+        """Compile a signature, or load its code."""
         with global_compiler_lock, _turn(function):  # threads take turns, too
             return compile_(signature)
 
@@ -255,7 +255,7 @@ class Address:
     """
 
     def __init__(self, function: Any, argument_types: tuple[types.Type, ...]) -> None:
-        """Compile the function, or take its code from the cache."""
+        """Compile the function, or take it from the cache."""
         function.compile(argument_types)
         compiled = function.overloads[argument_types]
         self.function = function
@@ -317,7 +317,7 @@ register_model(AddressType)(models.IntegerModel)
 
 @cache
 def cache_folder() -> Path | None:
-    """Return the folder of compiled code, or None if unsafe.
+    """Return the folder of compiled code, or None.
 
     Each version of cspace, numba and Python has its own folder.
     """

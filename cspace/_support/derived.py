@@ -52,7 +52,7 @@ class derived(lazy[Part]):  # noqa: N801 - used as a decorator
 
     @staticmethod
     def drop(owner: Locked) -> None:
-        """Discard all derived attributes, so that they are computed anew."""
+        """Discard derived attributes, to compute them anew."""
         with owner.lock:
             for name, member in vars(type(owner)).items():
                 if isinstance(member, derived):

@@ -19,7 +19,7 @@ _local = threading.local()  # has the attribute is_worker in threads that are st
 
 
 def count_cores() -> int:
-    """Return the number of cores that this process may use."""
+    """Return the number of cores for this process."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
@@ -28,7 +28,7 @@ def count_cores() -> int:
 def run_in_chunks(
     work: Callable[[int, int], int], size: int, min_items: int = MIN_ITEMS_PER_THREAD
 ) -> int:
-    """Call ``work(start, stop)`` for chunks of a range, in threads.
+    """Call ``work(start, stop)`` for chunks in threads.
 
     The chunks cover ``range(size)``, one for each thread, and have at least ``min_items``. Each
     call returns the index, relative to ``start``, of the first bad item of its chunk, or a negative

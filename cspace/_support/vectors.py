@@ -67,7 +67,7 @@ def cross(a: Row, b: Row) -> Row:
 
 @internal
 def rotate(matrix: Matrix, p: Row) -> Row:
-    """Multiply a matrix, given by its rows, by a vector."""
+    """Multiply a matrix, given by rows, by a vector."""
     x, y, z = matrix
     return dot(x, p), dot(y, p), dot(z, p)
 
@@ -194,7 +194,7 @@ def segment_distance_square(p: Row, a: Row, b: Row) -> float:
 
 @internal
 def triangle_distance(p: Row, triangle: Floats) -> float:
-    """Return a point's distance from a triangle, shape (3, 3).
+    """Return a point's distance from a triangle (3, 3).
 
     For a triangle thinner than :data:`THIN`, it is too small by at most THIN times the longest
     side.
@@ -243,7 +243,7 @@ def box_distance(box: Floats, p: Row) -> float:
 
 @internal
 def normal_of(triangle: Floats) -> Row:
-    """Return a triangle's normal, as long as twice its area."""
+    """Return a triangle's normal, twice its area long."""
     a = row_at(triangle[0], 0)
     ab = minus(row_at(triangle[1], 0), a)
     ac = minus(row_at(triangle[2], 0), a)

@@ -102,7 +102,7 @@ class TileFolder:
 
     @property
     def tile(self) -> tuple[int, ...]:
-        """Number of cells of a tile's interior along each axis."""
+        """Number of a tile's interior cells along each axis."""
         return tuple(self.layout["side"])
 
     @property
@@ -113,7 +113,7 @@ class TileFolder:
 
     @property
     def cells_of_tile(self) -> int:
-        """Maximum number of cells of a tile with its halo."""
+        """Maximum number of a tile's cells with halo."""
         return math.prod(side + 2 * self.halo for side in self.tile)
 
     @property
@@ -187,7 +187,7 @@ class TileFolder:
             yield tile, rows[tiles == tile]
 
     def tile_path(self, tile: int) -> Path:
-        """Return a tile's folder, which exists once it is complete."""
+        """Return a tile's folder, which exists when complete."""
         index = np.unravel_index(tile, self.counts)
         return self.path / ".".join(map(str, index))
 
@@ -200,7 +200,7 @@ class TileFolder:
         return min(done / len(self), 1.0 - 2.0**-20)  # 1 only when the frame is written too
 
     def read_tile(self, tile: int) -> Contents:
-        """Read a tile, as a map whose outside is unknown.
+        """Read a tile as a map, unknown outside.
 
         Raises FileError if it is missing, damaged or a tile of another map or place.
         """
@@ -242,7 +242,7 @@ class TileFolder:
 
     @classmethod
     def open(cls, path: StrPath) -> TileFolder:
-        """Open a tiled map's folder, complete or not, without tiles.
+        """Open a tiled map's folder without its tiles.
 
         Raises FileError if it is missing or was changed, of another version, or describes no map.
         """
@@ -329,12 +329,12 @@ def make_frame(
 
 
 def _describe(contents: Contents) -> dict[str, Any]:
-    """Return a map's metadata without its source and cspace's version."""
+    """Return a map's metadata without source and version."""
     return {**make_metadata(contents), "workspace_source": "", "library_version": ""}
 
 
 def _check_counts(counts: Any, total: int) -> Ints:
-    """Return counts of FREE, MIXED and BLOCKED cells, shape (3,).
+    """Return counts of FREE, MIXED and BLOCKED, shape (3,).
 
     Raises ValueError unless their sum is ``total``.
     """
@@ -353,7 +353,7 @@ def make_stamp(frame: Contents, *others: Any) -> str:
 
 
 def write_once(path: Path, contents: Contents, form: str = FORMAT, **attributes: Any) -> None:
-    """Write a saved map unless another process has written it."""
+    """Write a map unless another process has."""
     try:
         # Only an empty folder is replaced; otherwise FileError is raised.
         with replacing(path, overwrite=True, folder=lambda _: False) as temporary:

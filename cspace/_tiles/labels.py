@@ -160,7 +160,7 @@ class TiledComponents:
         return self._nodes[mixed].roots[self._find_nodes(cells, mixed)]
 
     def _find_nodes(self, cells: Ints, mixed: bool) -> Ints:
-        """Return the node of each cell, or -1 for none.
+        """Return each cell's node, or -1.
 
         Cells have shape (n, 1 + d).
         """

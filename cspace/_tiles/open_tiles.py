@@ -56,7 +56,7 @@ class OpenTile(NamedTuple):
 
 
 def open_tile(folder: TileFolder, number: int) -> OpenTile:
-    """Read a tile, and prepare its map and its components."""
+    """Read a tile; prepare its map and components."""
     tile = folder.read_tile(number)
     # Components do not join through the exterior of the tile.
     closed = np.zeros(folder.slices, dtype=np.bool_)
@@ -88,7 +88,7 @@ class OpenTiles:
         self.frame = CSpace(folder.frame)
 
     def window(self, corners: Ints, exterior: Exterior | None = None) -> CSpace:
-        """Return a box of cells as a map in memory.
+        """Return a box of cells as a map.
 
         The box may extend beyond the grid.
 

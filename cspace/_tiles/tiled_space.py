@@ -61,7 +61,7 @@ class TiledCSpace(ConfigurationMap):
     in_memory = False
 
     def __init__(self, folder: TileFolder, cache_bytes: int = DEFAULT_CACHE_BYTES) -> None:
-        """Store the folder; tiles are read when queries need them."""
+        """Store the folder; queries read tiles when needed."""
         self._folder = folder
         self._lock = RLock()
         self._cache_bytes = int(cache_bytes)
@@ -99,7 +99,7 @@ class TiledCSpace(ConfigurationMap):
 
     @property
     def tile(self) -> tuple[int, ...]:
-        """Cells of a tile along each axis, without its halo."""
+        """Cells of a tile along each axis, without halo."""
         return self._folder.tile
 
     @property
@@ -109,7 +109,7 @@ class TiledCSpace(ConfigurationMap):
 
     @property
     def progress(self) -> float:
-        """Fraction of tiles built; queries need an opened complete map."""
+        """Fraction of tiles built; open a complete map again."""
         return self._folder.progress
 
     @property
@@ -144,7 +144,7 @@ class TiledCSpace(ConfigurationMap):
     # ---- queries ---------------------------------------------------------------------------------
 
     def _find_unusable(self, rows: Floats) -> int:
-        """Return the index of the first unusable configuration, or -1."""
+        """Return the first unusable configuration's index, or -1."""
         return self._tiles.frame._find_unusable(rows)
 
     def _query_parts(

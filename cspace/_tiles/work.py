@@ -55,7 +55,7 @@ def run_tasks(
 def _run_on_cluster(
     task: Task, tiles: Sequence[int], client: Any, advance: Callable[[int], None]
 ) -> list[Any]:
-    """Return results of tasks on the workers of a cluster."""
+    """Return results of tasks on a cluster's workers."""
     _check_workers(client)
     # Every worker gets one copy of the task for all tiles. Tasks of a lost worker run again.
     copies = client.scatter(task, hash=False, broadcast=True)

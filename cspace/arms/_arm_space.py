@@ -138,7 +138,7 @@ class ArmSpace(ConfigurationSpace):
 
     @property
     def arm(self) -> Arm:
-        """The arm, with all objects that are attached to it."""
+        """The arm with all attached objects."""
         return self.snapshot.arm
 
     @property
@@ -186,7 +186,7 @@ class ArmSpace(ConfigurationSpace):
 
     @property
     def units(self) -> tuple[str, ...]:
-        """Units of the joints: "rad", or "m" for prismatic ones."""
+        """Units of joints: "rad", or "m" for prismatic ones."""
         return self.arm.units
 
     @property
@@ -331,7 +331,7 @@ class ArmSpace(ConfigurationSpace):
         q: ArrayLike | None = None,
         padding: float | None = None,
     ) -> None:
-        """Attach a new object, or an obstacle, to a link.
+        """Attach a new object or obstacle to a link.
 
         An obstacle keeps its padding and the pairs that may touch. For instance, a box that is
         picked up from a table needs ``allow_collisions([("box", "table")])``.
@@ -515,7 +515,7 @@ class ArmSpace(ConfigurationSpace):
         padding: Mapping[str, float],
         arm: Arm | None = None,
     ) -> None:
-        """Replace the snapshot ``now`` by one of the given scene.
+        """Replace the snapshot ``now`` by a scene's.
 
         It is one assignment, so that readers in other threads see a whole scene.
         """
@@ -615,7 +615,7 @@ class ArmSpace(ConfigurationSpace):
         return distances.reshape(points.shape[:-1])
 
     def path_obstacle_distance(self, path: ArrayLike) -> float:
-        """Compute a lower bound of the distance along a path.
+        """Bound the distance along a path from below.
 
         It bounds :meth:`obstacle_distance`, in metres, along all motions of the path. It is 0 if
         the path is not proven free. Fractions of the smallest distance at waypoints and halfway
@@ -931,7 +931,7 @@ class ArmSpace(ConfigurationSpace):
         *,
         tolerance: tuple[float, float] = DEFAULT_LINE_TOLERANCE,
     ) -> LineMotion:
-        """Bring a frame along straight lines by a proven motion.
+        """Bring a frame along straight lines by proven motions.
 
         The line begins at the pose of the frame at ``q0``. On the way to the next pose the frame's
         origin moves straight, and the frame turns about one axis; poses of equal rotation keep it.

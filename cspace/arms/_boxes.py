@@ -138,7 +138,7 @@ class PendingBlocks(NamedTuple):
 
 
 def make_pending(block: Ints, cells: JointCells, pairs: int) -> PendingBlocks:
-    """Return a stack with one block and all pairs open.
+    """Make a stack of one block, all pairs open.
 
     The block has shape (6,), in cells.
     """
@@ -252,7 +252,7 @@ def prove_block(
 
 @internal
 def set_box(cells: JointCells, pending: PendingBlocks, row: int) -> bool:
-    """Write center and half sides (dof,) of a pending block.
+    """Write a pending block's center and half sides (dof,).
 
     Returns True if the block is the smallest part of a cell that is divided.
     """
@@ -324,7 +324,7 @@ def copy_block(pending: PendingBlocks, row: int, target: int) -> None:
 
 @internal
 def halve_block(cells: JointCells, pending: PendingBlocks, row: int, parts: int) -> bool:
-    """Replace a pending block by its halves, and return True.
+    """Replace a pending block by its halves; return True.
 
     The cut is across the axis along which the block moves the arm farthest. Whole multiples of
     ``parts`` stay together; returns False if no axis has more.

@@ -195,7 +195,7 @@ def build_joint_map(
 
 
 def _count_cells(intervals: Floats, joint_limits: Floats, side: float) -> tuple[int, ...]:
-    """Return the number of cells along each joint's mapped part.
+    """Return numbers of cells along joints' mapped parts.
 
     ``intervals``, shape (d, 2), are the mapped parts of the ranges ``joint_limits``.
     """
@@ -281,7 +281,7 @@ def _classify_cells(
 
 
 def _cut_blocks(sides: Ints) -> Ints:
-    """Cut a grid of three axes into blocks for threads.
+    """Cut a grid of three axes for threads.
 
     Returns the first cell and the end of each block along the axes, shape (n, 6).
     """
@@ -342,7 +342,7 @@ class JointMap(CSpace):
         return dict(counts.most_common())
 
     def _name_obstacles(self, q: Floats, distances: Floats, turn: float) -> tuple[str, ...]:
-        """Return the two solids nearest to touching at a configuration."""
+        """Return the two solids nearest to touching."""
         if self._geometry is None:
             return ()
         snapshot = self._geometry.snapshot
@@ -696,7 +696,7 @@ class JointProofs:
         return bool(self.are_free(*np.array(endpoints).reshape(2, 1, -1))[0])
 
     def are_free(self, q0: Floats, q1: Floats) -> Bools:
-        """Return whether each edge, shapes (n, d), is proven free."""
+        """Return whether edges, shapes (n, d), are proven free."""
         geometry = self._geometry
         is_free = np.zeros(len(q0), dtype=np.bool_)
         # Nothing is proven beyond the limits.

@@ -97,7 +97,7 @@ class PoseLine(NamedTuple):
 
     @property
     def angle(self) -> float:
-        """Rotation from the first pose to the last one, radians."""
+        """Rotation from first to last pose, radians."""
         return float(np.linalg.norm(self.turn))
 
     @property
@@ -242,13 +242,13 @@ class LineMotion:
         return self.certified
 
     def __repr__(self) -> str:
-        """Return the status, the bounds and the number of waypoints."""
+        """Return status, bounds and number of waypoints."""
         near = f"within {self.deviation:.2g} m and {self.angle:.2g} rad of the line"
         return f"LineMotion({self.frame}: {self.status}; {near}, {len(self.waypoints)} waypoints)"
 
 
 def check_corners(poses: ArrayLike) -> Floats:
-    """Return a line's corners as poses, shape (m, 4, 4).
+    """Return a line's corners as poses (m, 4, 4).
 
     Raises InputError if one is no rigid motion or beyond MAX_LINE_COORDINATE.
     """
@@ -371,7 +371,7 @@ def follow_lines(
 
 
 def _measure_fraction(lines: Sequence[PoseLine], parameter: float) -> float:
-    """Return the share of all lines' length before a parameter.
+    """Return the share of length before a parameter.
 
     Line k has the parameters from k to k + 1.
     """
@@ -464,7 +464,7 @@ def _explain_stop(
 def bound_deviation(
     problem: LineProblem, ends: tuple[Floats, Floats], start: float, stop: float, parts: int
 ) -> tuple[Floats, Floats]:
-    """Bound a frame's deviation from a line on a motion.
+    """Bound a frame's deviation from a line.
 
     The motion leads between two configurations of the branch, shapes (k,), while the parameter
     grows from ``start`` to ``stop``. It is cut into ``parts``. Returns the proven bounds of

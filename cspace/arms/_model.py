@@ -202,7 +202,7 @@ class Arm:
         visuals: bool = False,
         spheres: str | os.PathLike[str] | None = None,
     ) -> Arm:
-        """Read an arm from a URDF file with collision geometry.
+        """Read an arm from URDF, with collision geometry.
 
         Revolute, continuous and prismatic joints move, together with the joints that mimic them.
         Fixed joints merge their links into one body. Soft limits of ``<safety_controller>`` replace
@@ -327,7 +327,7 @@ class Arm:
         return np.asarray(compute_poses(self.chain, points, [body])[..., 0, :, :] @ pose)
 
     def poses(self, q: ArrayLike) -> dict[str, Floats]:
-        """Return the pose of every frame, by name; see :meth:`pose`.
+        """Return all frames' poses by name; see :meth:`pose`.
 
         Parameters
         ----------
@@ -498,7 +498,7 @@ class Arm:
     def configuration(
         self, values: Mapping[str, float] | str | None = None, base: ArrayLike | str | None = None
     ) -> Floats:
-        """Return the configuration with joints at values given by name.
+        """Return the configuration with given joint values, by name.
 
         Parameters
         ----------
@@ -765,7 +765,7 @@ class Arm:
 
     @cached_property
     def _contact_samples(self) -> Floats:
-        """Random configurations to find pairs that never or always touch."""
+        """Random configurations to find constant contacts."""
         return np.random.default_rng(0).uniform(*self._ranges(), (CONTACT_SAMPLES, self.dof))
 
     def _ranges(self, around: ArrayLike = 0.0) -> tuple[Floats, Floats]:
@@ -882,7 +882,7 @@ def is_independent(joint: Joint) -> bool:
 
 
 def _read_joint(joint: Any, file: str) -> Joint:
-    """Convert and check a joint of yourdfpy; errors name it."""
+    """Convert and check a joint; errors name it."""
     where = f"{file}: joint {joint.name!r}"
     if joint.type not in _JOINT_KINDS:
         raise InputError(
@@ -949,7 +949,7 @@ def _warn_of_unused_limits(joint: Any, where: str) -> None:
 
 
 def _read_limits(joint: Any, where: str) -> tuple[float, float]:
-    """Return a joint's lower and upper limit, radians or metres.
+    """Return a joint's limits, radians or metres.
 
     Raise InputError, which begins with ``where``, if there are none or they are reversed.
     """
@@ -1184,7 +1184,7 @@ class _ArmBuilder:
         package_dirs: Sequence[Path],
         inside: SolidMode,
     ) -> Iterable[Solid]:
-        """Read the links with collision geometry, each on its body."""
+        """Read links with collision geometry, on their bodies."""
         from cspace._files.urdf import find_meshes, warn_of_visuals
         from cspace._shapes.link_shapes import link_shapes
 
@@ -1250,7 +1250,7 @@ def _sort_joints(joints: Iterable[Any], base: str) -> list[Any]:
 
 
 def _list_links_to(tip: str, base: str, joint_above: Mapping[str, Joint]) -> set[str]:
-    """Return the links from a tip to the base, exclusive.
+    """Return the links between a tip and the base.
 
     ``joint_above`` has the joint from which each link hangs. Raises InputError if the tip is not
     below the base.
@@ -1268,7 +1268,7 @@ def _list_links_to(tip: str, base: str, joint_above: Mapping[str, Joint]) -> set
 
 
 def _find_rest_value(joint: Joint) -> float:
-    """Return the joint value nearest to zero within the limits."""
+    """Return the value nearest zero within limits."""
     return min(max(0.0, joint.lower), joint.upper)
 
 

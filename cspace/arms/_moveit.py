@@ -305,13 +305,13 @@ class MotionPlanRequest:
     keep: tuple[Upright, ...]
 
     def __repr__(self) -> str:
-        """Return the file, the group and the number of goals."""
+        """Return file, group and number of goals."""
         return f"MotionPlanRequest({self.source}: {self.group}, {len(self.goals)} goals)"
 
     def make_goals(
         self, arm: Arm, *, base_pose: ArrayLike | None = None
     ) -> list[Floats | PoseGoal]:
-        """Return the goals for an arm, as :func:`planners.plan` takes them.
+        """Make an arm's goals, for :func:`planners.plan`.
 
         A joint that a goal does not constrain stays where it is at the start. A value beyond a
         limit, within its tolerance, is moved onto the limit.

@@ -178,7 +178,7 @@ def _pack_hulls(solids: Sequence[Solid]) -> tuple[Hulls, Ints, Ints]:
 
 
 def _find_max_coordinate(chain: Chain, solids: Solids) -> float:
-    """Return a bound of all coordinates at any configuration, metres."""
+    """Bound all coordinates at any configuration, metres."""
     roots = solids.tree_roots[solids.tree_roots >= 0]
     boxes = solids.trees.boxes[roots]
     centers, half_sides = boxes[:, :3], boxes[:, 3:6]

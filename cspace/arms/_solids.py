@@ -301,7 +301,7 @@ def named_obstacles(obstacles: object) -> Mapping[str, object]:
 
 
 def place_obstacle(obstacle: object, name: str, base: Floats) -> PosedShape | None:
-    """Place an obstacle in the frame of an arm's base.
+    """Place an obstacle in an arm's base frame.
 
     ``base``, shape (4, 4), leads from the frame of the obstacles to that of the base. Returns None
     for a workspace without obstacles.

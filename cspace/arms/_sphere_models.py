@@ -238,7 +238,7 @@ def _find_number(numbers: Mapping[str, int], link: str) -> int:
 
 
 def _join_parts(arm: Arm, link: Solid) -> Shape:
-    """Join a link's parts to one shape in its frame."""
+    """Join a link's parts to one shape."""
     from_body = np.linalg.inv(arm.placements[link.name].pose)
     sides = []
     for side in ("outer", "inner"):

@@ -46,7 +46,7 @@ OCCUPANCY: Final = {FREE: 0, MIXED: -1, BLOCKED: 100}
 def fill_occupancy_grid(
     space: CSpace, msg: Message | None, rotation: ArrayLike | None, frame_id: str
 ) -> Message | OccupancyGrid:
-    """Fill an occupancy grid with the states of a map.
+    """Fill an occupancy grid with a map's states.
 
     See :meth:`cspace.CSpace.to_occupancy_grid`.
     """
@@ -208,7 +208,7 @@ def compute_costs(
     scaling: float,
     radius: float,
 ) -> NDArray[np.uint8]:
-    """Compute the costs of Nav2's inflation layer for each cell.
+    """Compute costs of Nav2's inflation layer.
 
     `clearance` and costs have shape (nx, ny); clearances are in metres. The clearance of a cell is
     zero if a robot there may collide; above ``radius - inscribed`` it may be infinite. `lethal`
@@ -237,7 +237,7 @@ def _fill_grid(
     size: Mapping[str, object],
     frame_id: str,
 ) -> Message:
-    """Fill a grid message with values of a plane map.
+    """Fill a grid message with plane values.
 
     `cells` have shape (nx, ny). `info` is the name of the field with the origin and the resolution.
     `size` maps the dotted paths of the fields for the numbers of cells to their values.

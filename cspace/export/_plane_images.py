@@ -36,7 +36,7 @@ _DOUBLE = 12
 
 
 def write_geotiff(state: States, grid: Grid, path: StrPath, overwrite: bool = False) -> None:
-    """Write the states of a plane map as a GeoTIFF.
+    """Write a plane map's states as a GeoTIFF.
 
     They have shape (nx, ny). Each cell is a pixel: 0 FREE, 1 MIXED, 2 BLOCKED. The first row is the
     top, as in every GeoTIFF. Coordinates are as in the map, in metres, without a coordinate

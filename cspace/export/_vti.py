@@ -29,7 +29,7 @@ def write_vti(
     overwrite: bool,
     about: Mapping[str, Floats] | None,
 ) -> None:
-    """Write arrays over the cells of a grid as ``.vti``.
+    """Write arrays over a grid's cells as ``.vti``.
 
     The arrays become cell data; viewers show the first one. The origin is the lower corner of the
     grid. A plane grid becomes an image at z = 0. Arrays are uint8, bool (stored as uint8), int32 or

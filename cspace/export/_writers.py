@@ -288,7 +288,7 @@ def to_xarray(contents: Contents) -> xarray.Dataset:
 
 
 def _expand_slices(stack: NDArray[Any], slice_of: Ints) -> NDArray[Any]:
-    """Return the slice of each rotation cell, shape (cells, ...).
+    """Return each rotation cell's slice, shape (cells, ...).
 
     `stack` has shape (slices, ...). Slices are copied only if some, but not all, cells share one.
     """

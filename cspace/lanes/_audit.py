@@ -66,9 +66,9 @@ class LaneVerdict(NamedTuple):
     obstacle : str
         What the robot touches there.
     left, right : float
-        Metres, at most ``max_room``, by which the whole lane may shift to either side; proven.
+        Proven shift of the whole lane to either side, metres, at most ``max_room``.
     margin : float
-        Metres, at most ``max_room``, by which the robot, with its margin, may grow; proven.
+        Proven growth of the robot with its margin, metres, at most ``max_room``.
     """
 
     lane: str
@@ -84,7 +84,7 @@ class LaneVerdict(NamedTuple):
 
     @property
     def cells(self) -> dict[str, Any]:
-        """Values of the table, by the names of its columns."""
+        """Values of the table, by columns."""
         values = dict(zip(COLUMNS, self, strict=True))
         if self.verdict != "free":
             values |= dict.fromkeys(COLUMNS[-3:])
@@ -99,7 +99,7 @@ class NodeVerdict(NamedTuple):
     node : str
     position : tuple of float
     free_yaws : ndarray of float64, shape (n, 2)
-        Intervals of yaw, radians, within each of which the robot may turn on the spot; proven.
+        Intervals of yaw, radians, that are proven free for turns on the spot.
     """
 
     node: str
@@ -113,7 +113,7 @@ class NodeVerdict(NamedTuple):
 
 
 class LostWay(NamedTuple):
-    """Two nodes of a lane, of which the second is no longer reached from the first.
+    """Two nodes of a lane whose second is no longer reached from the first.
 
     Attributes
     ----------
@@ -163,7 +163,7 @@ class Audit:
         return {verdict: counts[verdict] for verdict in COLORS}  # type: ignore[index]
 
     def __repr__(self) -> str:
-        """Return the robot and the numbers of lanes by verdict."""
+        """Return the robot and numbers of lanes by verdict."""
         numbers = ", ".join(f"{count} {verdict}" for verdict, count in self.counts.items())
         return f"Audit({self.space.robot.name}: {numbers})"
 

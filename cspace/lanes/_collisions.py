@@ -19,7 +19,7 @@ SAMPLES_PER_CELL: Final = 4.0
 """Number of configurations for each cell of a lane among which the first collision is searched."""
 
 SAMPLE_RADIANS: Final = 0.035
-"""Largest rotation between two of these configurations."""
+"""Largest rotation between two sampled configurations."""
 
 MAX_SAMPLES: Final = 2**20
 """Approximate number of configurations that are classified at once."""

@@ -107,7 +107,7 @@ class Conflict(NamedTuple):
 
     @property
     def cells(self) -> dict[str, Any]:
-        """Values of the table, by the names of its columns."""
+        """Values of the table, by columns."""
         poses = self.poses or (None, None)
         groups = " ".join(self.groups)
         row = self.first, self.second, self.verdict, self.shares_node, groups, self.at, *poses
@@ -196,12 +196,12 @@ class Conflicts:
 
     @property
     def needless(self) -> list[str]:
-        """Mutex groups of several elements, of which any two are proven apart."""
+        """Mutex groups of several elements that are all proven apart."""
         used = {group for row in self.pairs for group in row.groups}
         return [name for name, members in self.groups.items() if len(members) > 1 > (name in used)]
 
     def zones(self) -> Zones:
-        """Return zones that keep robots apart, one in each.
+        """Return zones that keep robots apart, one robot in each.
 
         A robot is in a zone as long as any point of it, or of its margin, is. If two robots on
         different elements are within the distance of each other, the line between their nearest
@@ -229,7 +229,7 @@ class Conflicts:
         return Zones(tuple(polygons), tuple(tuple(sorted(each)) for each in members))
 
     def __repr__(self) -> str:
-        """Return the robots and the numbers of pairs by verdict."""
+        """Return robots and numbers of pairs by verdict."""
         names = " and ".join(space.robot.name for space, _ in self.robots.values())
         numbers = ", ".join(f"{count} {verdict}" for verdict, count in self.counts.items())
         return f"Conflicts({names}: {numbers})"
@@ -294,11 +294,11 @@ class Conflicts:
         write_json(path, overwrite, self.to_geojson())
 
     def to_csv(self, path: StrPath, overwrite: bool = False) -> None:
-        """Write one row for each pair that is not apart."""
+        """Write one row for each pair not apart."""
         write_csv(path, overwrite, COLUMNS, (row.cells for row in self.pairs))
 
     def to_junit(self, path: StrPath, overwrite: bool = False, strict: bool = False) -> None:
-        """Write a JUnit report with one test for each conflict.
+        """Write a JUnit report of conflicts without common nodes.
 
         If a file has mutex groups, a pair that touches and shares none fails. An undecided pair
         that shares none is skipped, or fails if ``strict``.
@@ -361,7 +361,7 @@ class Zones:
         write_json(path, overwrite, self.to_geojson())
 
     def to_csv(self, path: StrPath, overwrite: bool = False) -> None:
-        """Write one row for each zone's corner: zone, x, y."""
+        """Write a row for each zone corner: zone, x, y."""
         rows = (
             {"zone": k, "x": x, "y": y}
             for k, polygon in enumerate(self.polygons)
@@ -481,7 +481,7 @@ def _judge_pairs(
 
 
 def _list_poses(space: ConfigurationMap, poses: Floats) -> list[Pose]:
-    """Return poses, shape (n, 3), as configurations of a map."""
+    """Return poses (n, 3) as configurations of a map."""
     wrapped = np.column_stack([poses[:, :2], wrap_angles(poses[:, 2])])
     return [tuple(pose) for pose in wrapped[:, : space.size].tolist()]
 
@@ -506,12 +506,12 @@ def _share_node(one: Element, other: Element) -> bool:
 
 
 def _share_groups(one: Element, other: Element) -> tuple[str, ...]:
-    """Return the mutex groups that two elements are both in."""
+    """Return the common mutex groups of two elements."""
     return (one.group,) if one.group and one.group == other.group else ()
 
 
 def _fill(shapes: Any) -> Any:
-    """Return the polygons of a union, without holes, shape (n,)."""
+    """Return a union's polygons without holes, shape (n,)."""
     parts = shapely.get_parts(shapely.union_all(shapes))
     polygons = parts[shapely.get_type_id(parts) == shapely.GeometryType.POLYGON]
     return shapely.polygons(shapely.get_exterior_ring(polygons))

@@ -133,7 +133,7 @@ class GraphBuilder:
             self.mutexes[str(name)] = mutex
 
     def find(self, element: Ledger, name: Any) -> int:
-        """Return the index of the node that an element names."""
+        """Return the node's index that an element names."""
         if str(name) not in self.indices:
             raise element.fail(f"names the node {name!r}", "there is no such node")
         return self.indices[str(name)]
@@ -319,7 +319,7 @@ def _choose(element: Ledger, choices: Collection[str], wanted: str | None, kind:
 def _read_lif(
     document: Ledger, heading: HeadingRule | None, level: str | None, vehicle: str | None
 ) -> GraphContents:
-    """Read a layout of LIF, for one type of vehicle."""
+    """Read a LIF layout for a type of vehicle."""
     layout = _choose_layout(document, level)
     for element in (document, layout):
         element.refuse("origins", [])  # places of other frames

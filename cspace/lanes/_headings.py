@@ -71,7 +71,7 @@ class Lane(NamedTuple):
     deviation : float
         Distance, metres, up to which the robot may leave the lane.
     mutex : str
-        Mutex group, of which one robot at a time may use a lane or node; empty without one.
+        Mutex group, whose lanes and nodes one robot at a time may use; empty without one.
     """
 
     name: str

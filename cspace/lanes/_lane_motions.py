@@ -35,7 +35,7 @@ GROWTH_STEP: Final = 1e-3
 
 
 class LaneMotions(NamedTuple):
-    """Motions of lanes, in the order of these.
+    """Motions of lanes, lane by lane.
 
     Attributes
     ----------
@@ -43,14 +43,14 @@ class LaneMotions(NamedTuple):
     growths : ndarray of float64, shape (n,)
         Growth of the robot, metres.
     spares : ndarray of float64, shape (n,)
-        More growth, metres, without which a motion at the center of a rotation cell stands for all
-        yaws of it by cells alone.
+        Additional growth, metres, for proofs by geometry. Proofs by cells need none: a motion at
+        the center of a rotation cell then stands for all yaws of the cell.
     lanes : ndarray of int64, shape (n,)
         Index of the lane.
     order : ndarray of int64, shape (n,)
         Place of the motion along its lane.
     on_lane : ndarray of bool, shape (n,)
-        False for the chord of a curve, of which only both ends lie on the lane.
+        True for straight motions; only the ends of a curve's chord lie on the lane.
     """
 
     starts: Floats
@@ -76,7 +76,7 @@ class LaneYaw(NamedTuple):
     is_relative : bool
         Whether the yaw counts from the direction of travel.
     half_width : float
-        Radians, by which the yaw may differ, within its rotation cell.
+        Largest deviation of the yaw within its rotation cell, radians.
     """
 
     yaw: float

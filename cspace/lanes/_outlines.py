@@ -60,7 +60,7 @@ class SweepPieces(NamedTuple):
     starts, ends : ndarray of float64, shape (n, 3)
         Poses: x, y, yaw.
     half_widths : ndarray of float64, shape (n,)
-        Radians, by which the yaw may differ.
+        Largest deviation of the yaw, radians.
     growths : ndarray of float64, shape (n,)
         Distance of the robot from the motion, metres.
     elements : ndarray of int64, shape (n,)
@@ -178,7 +178,7 @@ def list_pieces(space: ConfigurationMap, graph: RouteGraph) -> SweepPieces:
 
 
 def _with_yaw(points: Floats) -> Floats:
-    """Return configurations with a yaw, zero if they have none."""
+    """Return configurations with a yaw, zero by default."""
     return np.column_stack([points, np.zeros((len(points), 3 - points.shape[1]))])
 
 
@@ -237,7 +237,7 @@ def _join_yaws(yaws: Floats) -> list[tuple[float, float]]:
 
 
 def _cut_turns(pieces: SweepPieces) -> SweepPieces:
-    """Cut pieces whose turn is too large for one hull."""
+    """Cut pieces that turn too far for one hull."""
     steps = pieces.ends - pieces.starts
     counts = np.ceil(np.abs(steps[:, 2]) / MAX_TURN - TURN_SLACK)
     counts = np.maximum(counts, 1.0).astype(np.int64)

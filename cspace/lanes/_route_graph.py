@@ -177,7 +177,7 @@ class RouteGraph:
 
     @classmethod
     def from_networkx(cls, graph: Any) -> RouteGraph:
-        """Make a graph of straight lanes from one of networkx.
+        """Make a graph of straight lanes from networkx.
 
         Nodes have the attribute ``pos``, a pair of metres, or ``x`` and ``y``, and perhaps ``yaw``.
         Edges may have a ``heading``, by default "forward". The robot drives the edges of an
@@ -202,6 +202,6 @@ class RouteGraph:
 
 
 def _check_length(name: str, values: Any, count: int) -> None:
-    """Raise InputError unless there is one value for each element."""
+    """Raise InputError unless each element has one value."""
     if len(values) != count:
         raise InputError(name, f"has {len(values)} entries", f"it must have {count}")

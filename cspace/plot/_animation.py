@@ -139,7 +139,7 @@ def animate(
 
 
 def _plan_frames(seconds: float, rate: float) -> tuple[int, int]:
-    """Return the milliseconds per frame and the number of frames.
+    """Return milliseconds per frame and number of frames.
 
     GIF stores durations in steps of 10 ms, so the rate is rounded.
 

@@ -45,7 +45,7 @@ class ArmFigure:
     """
 
     def __init__(self, arm: Any) -> None:
-        """Make the surfaces of all links, and find the tip."""
+        """Make all links' surfaces, and find the tip."""
         self._arm = arm
         self.links = {link.name: _make_link_surface(arm, link) for link in arm.links}
         joint_counts = {name: count_joints(arm, name) for name in self.links}
@@ -86,7 +86,7 @@ def count_joints(arm: Any, frame: str) -> int:
 
 
 def _make_link_surface(arm: Any, link: Any) -> Surface:
-    """Make the surface of a link in its own frame."""
+    """Make a link's surface in its own frame."""
     # Parts are posed in the frame of the link's body.
     to_link = np.linalg.inv(arm.placements[link.name].pose)
     parts = [(part.shape.outer.surface, to_link @ part.pose) for part in link.parts]

@@ -111,7 +111,7 @@ MAX_ASPECT_RATIO: Final = 20.0
 
 
 def classify_cells(space: MapLike, rotation: Floats | None, layer: tuple[Any, ...] = ()) -> Classes:
-    """Return the class of each cell, by obstacles and states.
+    """Return each cell's class, by obstacles and states.
 
     ``rotation`` has shape (k,), or is None for all rotations; ``layer`` is an index into the
     arrays of the grid.
@@ -192,7 +192,7 @@ def make_cell_legend(scene: PictureContent, classes: Sequence[Classes]) -> list[
 
 
 def make_patch(label: str, facecolor: Any, edgecolor: str = "#555555", hatch: str = "") -> Patch:
-    """Create a legend entry: a box filled with a colour."""
+    """Create a legend entry: a coloured box."""
     from matplotlib.patches import Patch
 
     return Patch(facecolor=facecolor, edgecolor=edgecolor, linewidth=0.6, label=label, hatch=hatch)
@@ -280,7 +280,7 @@ def choose_axes_size(box: Floats) -> tuple[float, float]:
 
 
 def new_figure(width: float, height: float, layout: Any = "compressed") -> Figure:
-    """Create a figure without a window; sizes are in inches."""
+    """Create a figure without a window; sizes in inches."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -308,7 +308,7 @@ def extend_legend(axes: Axes, handles: Sequence[Any]) -> None:
 def annotate(
     ax: Any, is_new: bool, title: str | None, default: str, handles: Sequence[Any]
 ) -> None:
-    """Add a title, and a legend if there are handles.
+    """Add a title, and a legend if needed.
 
     The legend is below a new figure, or beside the caller's axes.
     """
@@ -334,7 +334,7 @@ def annotate(
 
 
 def figure_png(figure: Any) -> bytes:
-    """Encode a figure as PNG, in the resolution for notebooks."""
+    """Encode a figure as PNG for notebooks."""
     file = io.BytesIO()
     figure.canvas.print_figure(file, format="png", dpi=100.0)
     return file.getvalue()

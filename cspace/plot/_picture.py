@@ -277,7 +277,7 @@ def save_plot(
 def save_figure(
     draw: Callable[[], Any], file: str | os.PathLike[str], overwrite: bool, dpi: float
 ) -> Path:
-    """Check the arguments, then save the figure that ``draw`` returns.
+    """Check arguments, then save the figure of ``draw``.
 
     Raises InputError if the suffix is not in :data:`PICTURE_SUFFIXES`, or if ``dpi`` is not above
     zero or too large; FileError if the file exists and ``overwrite`` is not set, or if it cannot be

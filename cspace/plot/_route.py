@@ -109,7 +109,7 @@ class DrawnRobot:
         return np.stack([points.min(axis=-2), points.max(axis=-2)], axis=-2)
 
     def outlines(self, q: Floats, pair: Sequence[int] = (0, 1)) -> list[Floats]:
-        """Return closed outlines at a configuration, projected on two axes."""
+        """Return closed outlines, projected on two axes."""
         if self.surface is None:
             return [self.transform(ring, q) for ring in self.rings]
         vertices, faces = self.surface

@@ -105,7 +105,7 @@ class Painting:
             self.handles[line.get_label()] = line
 
     def show(self, moving: Iterable[Surface] = ()) -> None:
-        """Draw all polygons and the surfaces of a moving robot.
+        """Draw polygons and a moving robot's surfaces.
 
         They replace the polygons of the previous call.
         """

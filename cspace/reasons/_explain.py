@@ -152,12 +152,12 @@ class Explanation:
 
     @property
     def _may_pass_outside(self) -> bool:
-        """Whether cells outside are undecided, although obstacle."""
+        """Whether cells outside are undecided, although all is obstacle."""
         is_blocked = self.space._exterior.is_all_blocked(self.space.grid.shape)
         return self.space.outside == "blocked" and not is_blocked.all()
 
     def _describe_reason(self) -> str:
-        """Return the sentence that gives the verdict and its reason."""
+        """Return the sentence of verdict and reason."""
         end, _, state = self.verdict.partition(" ")
         if state:
             proof = "touches" if state == "BLOCKED" else "may touch"

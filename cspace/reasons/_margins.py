@@ -75,10 +75,10 @@ class Way(NamedTuple):
     bottleneck : ndarray of int64, shape (1 + d,)
         The cell at which the way is narrowest.
     low : float
-        Largest margin found for which a path is proven, metres; minus infinity if nothing is left
+        Largest margin with a proven path, metres; minus infinity if nothing is left
         of a robot shrunk so far.
     high : float
-        Smallest margin found for which the absence of a path is proven, metres; infinity if none.
+        Smallest margin with proof that no path exists, metres; infinity if none.
     """
 
     cells: Ints

@@ -115,7 +115,7 @@ def find_removals(space: CSpace, start: ArrayLike, goal: ArrayLike) -> Removals 
 
 
 def remove_obstacles(space: CSpace, names: Sequence[str]) -> CSpace:
-    """Return a copy of a map without some named obstacles."""
+    """Copy a map without some named obstacles."""
     without = copy.copy(space)
     for name in names:
         without.remove_obstacle(name)
@@ -177,7 +177,7 @@ def _compute_masks(space: CSpace, names: Sequence[str]) -> Ints:
 
 
 def _list_neighbors(numbers: Ints, neighbors: Ints) -> Iterator[Ints]:
-    """Yield arrays of pairs of neighbouring regions, shape (n, 2).
+    """Yield pairs of neighbouring regions, shape (n, 2).
 
     Regions are neighbours along an axis, or at neighbouring rotations.
     """

@@ -106,7 +106,7 @@ def _describe_trial(space: CSpace, factor: int, decided: Decision) -> Trial:
 
 
 def _count_rotations(space: CSpace, factor: int) -> int:
-    """Return the number of rotation cells at a finer spacing."""
+    """Return a finer spacing's number of rotation cells."""
     count = len(space.rotations)
     return 1 if count == 1 else count * factor
 

@@ -56,7 +56,7 @@ class ConvexRegion:
         frozen(self.b)
 
     def __repr__(self) -> str:
-        """Return the center, the volume and the number of half-spaces."""
+        """Return center, volume and number of half-spaces."""
         center = ", ".join(f"{value:.6g}" for value in self.center.tolist())
         size = f"volume={self.volume:.3g}, half_spaces={len(self.b)}"
         return f"ConvexRegion(center=({center}), {size})"
@@ -130,7 +130,7 @@ class ConvexRegion:
 
     @property
     def bounds(self) -> tuple[Floats, Floats]:
-        """Lower and upper corner of the box around the region.
+        """Lower and upper corner of the region's box.
 
         Both have shape (size,).
         """

@@ -179,7 +179,7 @@ def _check_edges(source: RegionSource, rows: Floats) -> None:
 
 
 def _make_edge_error(source: RegionSource, first: Floats, last: Floats) -> InputError:
-    """Make the error for an edge that no region contains."""
+    """Make the error for an uncovered edge."""
     ends = " to ".join(f"({', '.join(f'{x:.6g}' for x in row.tolist())})" for row in (first, last))
     problem = f"is too near to cells that are not FREE from {ends}"
     hint = "use planners.plan(..., objective='clearance'), or build a finer map"

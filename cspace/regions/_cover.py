@@ -38,7 +38,7 @@ SUFFIX: Final = ".json"
 """Suffix of files of regions."""
 
 KIND: Final = "file of regions"
-"""Kind of these files, for messages."""
+"""Kind of files of regions, for messages."""
 
 BYTES_PER_CELL: Final = 16
 """Approximate memory per cell of each rotation cell, bytes."""
@@ -64,7 +64,7 @@ class FreeRegions:
     coverage: float
 
     def __repr__(self) -> str:
-        """Return the numbers of regions and overlaps, and the coverage."""
+        """Return numbers of regions and overlaps, and coverage."""
         numbers = f"{len(self.regions)} regions, {len(self.graph)} overlaps"
         return f"FreeRegions({numbers}, coverage={self.coverage:.3f})"
 
@@ -204,7 +204,7 @@ class BareCells:
     """FREE cells that no region covers yet, with distances from others."""
 
     def __init__(self, source: RegionSource, around: ArrayLike | None) -> None:
-        """Start with the FREE cells, of one component if given."""
+        """Start with FREE cells, of a component if given."""
         space = source.space
         self._space = space
         count = len(space.rotations)
@@ -282,7 +282,7 @@ class BareCells:
 
 
 def find_component(space: Any, around: ArrayLike) -> Bools:
-    """Return a mask of the FREE component of a configuration.
+    """Return a mask of a configuration's FREE component.
 
     It has shape (rotations, ...).
     """

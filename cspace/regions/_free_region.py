@@ -68,7 +68,7 @@ def find_free_region(
 
 
 def _make_seed_error(source: RegionSource, point: Floats, problem: str) -> ConfigurationError:
-    """Make the error for a configuration that no region contains."""
+    """Make the error for a configuration without region."""
     rule = "a region grows around a configuration inside FREE cells"
     hint = "pass space.nearest_free(q)"
     if source.margin:
@@ -147,7 +147,7 @@ class RegionSource(NamedTuple):
         grown = dict[tuple[int, ...], tuple[HalfSpaces, float] | None]()
 
         def grow(width: int) -> tuple[HalfSpaces, float] | None:
-            """Grow the positions with further yaw cells on both sides."""
+            """Grow positions with further yaw cells both ways."""
             slices = self.find_slices(self._widen(yaw, width))
             key = tuple(slices.tolist())
             if key not in grown:
@@ -171,7 +171,7 @@ class RegionSource(NamedTuple):
         return self._assemble(best[0], self._widen(yaw, width), core)
 
     def _widen(self, yaw: float, width: int) -> YawArc:
-        """Return the arc of a yaw's cells and their neighbours.
+        """Return the arc of yaw cells and neighbours.
 
         There are ``width`` neighbours on both sides.
         """
@@ -263,7 +263,7 @@ class RegionSource(NamedTuple):
     def _find_taken(
         self, slices: Ints, low: Floats, high: Floats, is_open: bool
     ) -> tuple[Floats, Bools]:
-        """Find the cells around a box that some slice blocks.
+        """Find cells around a box that slices block.
 
         Returns the first cell, shape (d,), and a mask of the cells from there on. They are all
         cells that the closed box meets, except FREE ones far from the grid.
@@ -295,7 +295,7 @@ class RegionSource(NamedTuple):
     def _assemble(
         self, positions: HalfSpaces, arc: YawArc | None, core: Floats
     ) -> ConvexRegion | None:
-        """Join positions and yaws to a region, or return None.
+        """Join positions and yaws to a region, if any.
 
         None means that rounding leaves an end of the core outside.
         """

@@ -45,7 +45,7 @@ More sweeps change the direction of a half-space, not its proof.
 """
 
 MIN_DEPTH: Final = 1e-3
-"""Depth in cells from which on a point serves Qhull as an interior point."""
+"""Smallest depth, in cells, of an interior point for Qhull."""
 
 
 class HalfSpaces(NamedTuple):
@@ -105,7 +105,7 @@ def make_box(low: Floats, high: Floats) -> HalfSpaces:
 def grow_polytope(
     cells: Floats, core: Floats, box: HalfSpaces, gap: float
 ) -> tuple[HalfSpaces, float] | None:
-    """Grow a polytope around a core until cells bound it.
+    """Grow a polytope around a core, between cells.
 
     Parameters
     ----------
@@ -198,7 +198,7 @@ def measure_distances(points: Floats, segment: Floats, metric: Floats) -> Floats
 
 
 def find_normal(center: Floats, segment: Floats, metric: Floats) -> Floats:
-    """Find the unit normal between a segment and a cell.
+    """Find the unit normal between segment and cell.
 
     It is the gradient of the distance from the segment at the nearest point of the cell, found by
     descent along one coordinate after another. The gradient is zero along a coordinate in which
@@ -242,7 +242,7 @@ def find_normal(center: Floats, segment: Floats, metric: Floats) -> Floats:
 
 
 def find_separation(center: Floats, segment: Floats) -> Floats:
-    """Find the unit vector from a segment to a cell.
+    """Find the unit vector from segment to cell.
 
     It joins the nearest points of both; it is zero if they meet.
 

@@ -90,7 +90,7 @@ class Arrangement:
         return other if growth_of_other < growth else best
 
     def _improve(self, arrangements: list[Floats], max_failures: int) -> tuple[Floats, float]:
-        """Search from the best arrangements; return centers and largest growth."""
+        """Search from the best arrangements; return centers and growth."""
         best = np.empty((0, self.region.dim))
         smallest = math.inf
         for start in arrangements:
@@ -107,7 +107,7 @@ class Arrangement:
         return best, smallest
 
     def _spread(self, number: int) -> Floats:
-        """Return centers far apart: the deepest cell, then the neediest."""
+        """Return centers far apart: the deepest, then the neediest."""
         centers = self.cells[[self.measure_depths(self.cells).argmax()]]
         for _ in range(number - 1):
             growths = cdist(self.cells, centers) - self.measure_depths(centers)
@@ -115,7 +115,7 @@ class Arrangement:
         return centers
 
     def _alternate(self, centers: Floats) -> tuple[Floats, float]:
-        """Assign points and move balls in turns; return the best."""
+        """Assign points and move balls alternately; return the best."""
         if self.is_inner:
             centers = centers[self.measure_depths(centers) > 0.0]
         best = centers

@@ -30,7 +30,7 @@ PLACEMENT_ROUNDING: Final = 2.0**-50
 
 
 def as_balls(source: BallsLike, name: str, dim: int | None = None) -> Balls:
-    """Convert anything to balls with volume, in ``dim`` dimensions.
+    """Convert a source to balls with volume, in ``dim`` dimensions.
 
     Raises InputError, which names the argument ``name``, for anything else.
     """
@@ -71,7 +71,7 @@ def find_center(balls: Balls) -> Floats:
 
 
 def round_radii(balls: Balls, number: int, *, grow: bool = True) -> Balls:
-    """Round radii to ``number`` sizes for about equally many balls.
+    """Round radii to ``number`` sizes of equally many balls.
 
     Radii grow to the largest one of their size, or become the mean that keeps the summed volume.
     """

@@ -132,7 +132,7 @@ def check_bump(bump: Any) -> Bump:
 
 
 def sphere_measure(radius: Floats, dim: int) -> Floats:
-    """Return the length of circles or the area of spheres."""
+    """Return a circle's length or a sphere's area."""
     return np.asarray(dim * UNIT_BALL_VOLUME[dim] * radius ** (dim - 1))
 
 

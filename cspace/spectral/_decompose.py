@@ -240,7 +240,7 @@ def _fill_shape(lattice: Lattice, tolerance: float) -> ProvenBalls:
 
 
 def _cover_shape(lattice: Lattice, tolerance: float) -> ProvenBalls:
-    """Choose balls that cover a shape within a tolerance, metres.
+    """Choose balls that cover a shape within a tolerance.
 
     Raises InputError if no such balls are found.
     """
@@ -284,7 +284,7 @@ def _prove(lattice: Lattice, kind: Kind, centers: Floats, depths: Floats) -> Pro
 
 
 def _arrange(lattice: Lattice, kind: Kind, number: int, *starts: Floats) -> ProvenBalls:
-    """Arrange at most ``number`` balls; return the best and starts."""
+    """Arrange up to ``number`` balls; return best and starts."""
     # Balls outside may also fill hollows, such as the inside of a mesh with small gaps.
     measures: list[Depths] = [lattice.region.depths]
     if kind == "outer" and lattice.hollows.any():
@@ -344,7 +344,7 @@ def _list_inner_candidates(lattice: Lattice) -> LatticeBalls:
 
 
 def _fill_greedily(lattice: Lattice, number: int) -> LatticeBalls:
-    """Choose up to ``number`` balls that contain many cell centers."""
+    """Choose up to ``number`` balls containing many cell centers."""
     candidates = _list_inner_candidates(lattice)
     cells = CellCounts.of(lattice, whole=False)
     boundary = lattice.region.inner
@@ -458,7 +458,7 @@ def _list_medial_balls(lattice: Lattice) -> LatticeBalls:
 
 
 def _find_deepest_points(lattice: Lattice, cells: Floats) -> LatticeBalls:
-    """Find a deep ball near each cell, around some points.
+    """Find a deep ball near each cell among points.
 
     ``cells`` are cell centers, shape (n, 3). The points are the center and points on either side of
     the nearest boundary. A cell without such a point in the shape gets no ball.
@@ -537,11 +537,11 @@ class CellCounts(NamedTuple):
 
     @property
     def open_cells(self) -> Floats:
-        """Centers of the cells in no ball, shape (n, 3)."""
+        """Centers of cells in no ball, shape (n, 3)."""
         return np.argwhere(self.counts == 0) + np.float64(0.5)
 
     def trim(self, balls: LatticeBalls) -> LatticeBalls:
-        """Shrink balls to cells of their own; drop empty ones.
+        """Shrink balls to their own cells; drop empty ones.
 
         Small balls are dropped first; then balls that stick out most are shrunk first.
         """
@@ -618,7 +618,7 @@ def _count_ball(cells: CellCounts, center: Floats, reach: float, step: int) -> N
 
 @allocating
 def choose(cells: CellCounts, centers: Floats, reaches: Floats, max_balls: int) -> Ints:
-    """Choose at most ``max_balls`` balls that add most cells, greedily.
+    """Choose up to ``max_balls`` balls adding most cells, greedily.
 
     Returns their indices, in that order. ``centers`` has shape (n, 3), ``reaches`` (n,). A ball
     never adds more cells than before other balls were chosen (M. Minoux, "Accelerated greedy

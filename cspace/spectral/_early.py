@@ -61,7 +61,7 @@ class EarlyTest:
     """
 
     def __init__(self, overlap: FourierOverlap, threshold: float) -> None:
-        """Sort the terms, and bound what is left after each."""
+        """Sort the terms, and bound the rest after each."""
         argument: object = overlap
         if not isinstance(argument, FourierOverlap):
             raise InputError(
@@ -151,7 +151,7 @@ class EarlyTest:
 
 
 def _keep_half(values: NDArray[Any]) -> NDArray[Any]:
-    """Keep the values of one of each two opposite frequencies.
+    """Keep values of one of each two opposite frequencies.
 
     Descriptors are real, so opposite frequencies have conjugate terms.
     """

@@ -117,7 +117,7 @@ class FourierOverlap:
 
     @property
     def frequencies(self) -> int:
-        """Number of frequencies in the band; opposite ones count once."""
+        """Number of frequencies; opposite ones count once."""
         return (math.prod(self.lattice.counts) + 1) // 2
 
     @property
@@ -127,13 +127,13 @@ class FourierOverlap:
 
     @property
     def domain(self) -> tuple[Floats, Floats]:
-        """Lower and upper corner of the placements with any overlap."""
+        """Lower and upper corner of placements with overlap."""
         half_sides = 0.5 * self.lattice.periods
         return self._offset - half_sides, self._offset + half_sides
 
     @property
     def placement_error(self) -> float:
-        """Largest rounding error of a placement in the domain, metres."""
+        """Largest rounding error of a placement, metres."""
         farthest = float(np.abs(self.domain).max())
         return PLACEMENT_ROUNDING * (farthest + math.sqrt(self.dim) * self.span)
 

@@ -222,7 +222,7 @@ class _Fields:
         )
 
     def _invert(self, spectrum: Complexes) -> Floats:
-        """Return a real function on the lattice from its spectrum."""
+        """Transform a spectrum to a real function on lattices."""
         from scipy.fft import irfftn
 
         padded = np.zeros(self.shape, dtype=np.complex128)
@@ -318,7 +318,7 @@ class BallPenetration:
         self._fields = _Fields(moving, [balls], [1.0], check_bump(bump), *limits)
 
     def value_and_gradient(self, centers: ArrayLike) -> tuple[Floats, Floats]:
-        """Compute the summed overlap and its derivatives by the centers.
+        """Compute the summed overlap and derivatives by centers.
 
         ``centers``, shape (..., k, d), are in metres. The results have shapes (...) and (..., k,
         d), in square or cubic metres, and that per metre. Raises InputError if the shape is
@@ -369,7 +369,7 @@ class _Search:
         self.gyration = math.sqrt(float(squares.mean()))
 
     def find_peaks(self, matrix: Floats, floor: float, most: int) -> Placements:
-        """Find up to ``most`` highest lattice maxima above a score.
+        """Find up to ``most`` highest maxima above a score.
 
         A is rotated by ``matrix``, shape (d, d).
         """
@@ -414,7 +414,7 @@ class _Search:
         def move(x: Floats) -> tuple[Rotation, Placements]:
             """Return rotations and poses after steps x, in lattice spacings.
 
-            Of the entries of x for each pose, the last ones turn A: they are arcs at its radius of
+            Each pose has the entries of a translation, then of a turn of A: arcs at its radius of
             gyration.
             """
             steps = spacing * x.reshape(-1, size)
@@ -439,7 +439,7 @@ class _Search:
             return sums[..., 0].sum(axis=1), spacing * slopes
 
         def descend(x: Floats) -> tuple[float, Floats]:
-            """Return the negated, scaled sum of scores, and its derivatives."""
+            """Return the negated, scaled scores and their derivatives."""
             scores, slopes = evaluate(x)
             return -scores.sum() / self.error, -slopes.ravel() / self.error
 

@@ -189,7 +189,7 @@ class Region:
     """
 
     def __init__(self, shape: Shape) -> None:
-        """Take the outer and the inner boundary of a shape."""
+        """Take the outer and inner boundary of a shape."""
         self.shape = shape
         self.dim = shape.dim
         self.bounds = np.array(shape.outer.bounds)
@@ -294,7 +294,7 @@ class Lattice:
         return np.asarray(binary_fill_holes(self.cells) & ~self.cells)
 
     def filled_depths(self, points: Floats) -> Floats:
-        """Estimate depths of points (n, d), metres, with hollows filled."""
+        """Estimate depths of points (n, d) with hollows filled."""
         depths = self.region.depths(points)
         cells = np.floor(self.from_metres(points)).astype(np.int64)
         cells = np.clip(cells, 0, np.array(self.cells.shape) - 1)  # the outermost are no hollows
@@ -399,7 +399,7 @@ def bound_distances(tree: PieceTree, points: Floats, cap: float, near: Floats, f
 
 
 def bound_ball_measure(centers: Floats, radii: Floats) -> tuple[float, float]:
-    """Bound the area or volume of united balls, both ways."""
+    """Bound united balls' area or volume, both ways."""
     if centers.shape[1] == 3:
         return _bound_volume(Balls(centers, radii))
     import shapely
@@ -419,7 +419,7 @@ def bound_ball_measure(centers: Floats, radii: Floats) -> tuple[float, float]:
 
 
 def _bound_volume(shape: ExactShape) -> tuple[float, float]:
-    """Bound a volume, both ways, by inner and covering cells."""
+    """Bound a volume both ways, by inner and covering cells."""
     lower, upper = np.array(shape.bounds)
     sides = upper - lower
     # About two million cells; flat boxes count as thicker, to bound the number.
@@ -435,7 +435,7 @@ def _bound_volume(shape: ExactShape) -> tuple[float, float]:
 def bound_shape_to_balls(
     lattice: Lattice, centers: Floats, radii: Floats
 ) -> tuple[float, float, Floats]:
-    """Bound the largest distance from a shape to balls, metres.
+    """Bound the largest distance from shape to balls, metres.
 
     Points give the lower bound. Boxes that cover the shape give the upper bound; boxes that may
     contain the farthest point are halved until the bounds differ by 0.5 % or by 1e-4 of the size of
@@ -486,7 +486,7 @@ def bound_shape_to_balls(
 
 
 def bound_balls_to_shape(region: Region, centers: Floats, radii: Floats) -> tuple[float, float]:
-    """Bound the largest distance from balls to a shape, metres.
+    """Bound the largest distance from balls to shape, metres.
 
     Points of the balls give the lower bound. The upper bound comes from boxes around the balls:
     the part of a ball in a box sticks out by at most half the diagonal minus the depth of the point

@@ -163,8 +163,13 @@ class FrequencyLattice(NamedTuple):
 class RadialFactors:
     """Spectra of balls of given radii, around any centers.
 
-    ``groups`` are the different radii: the indices of the balls of each, and their radial factor
-    ``r^dim psi^(r |w|)`` at all frequencies. ``radii``, shape (n,), are those of all balls.
+    Attributes
+    ----------
+    radii : ndarray of float64, shape (n,)
+        Radii of the balls, metres.
+    groups : list of tuple
+        For each radius r, the indices of its balls, and the radial factor ``r^dim psi^(r |w|)`` at
+        all frequencies.
     """
 
     def __init__(self, lattice: FrequencyLattice, bump: Bump, radii: Floats) -> None:

@@ -43,7 +43,7 @@ balls."""
 
 
 def build_tree(centers: Floats, radii: Floats) -> Floats:
-    """Build the tree of balls, shapes (n, d) and (n,)."""
+    """Build the tree of balls (n, d) and (n,)."""
     from scipy.spatial import cKDTree
 
     order = cKDTree(centers, leafsize=1).indices
@@ -207,7 +207,7 @@ class ContactTest:
         return rotated
 
     def separated(self, t: ArrayLike) -> Verdict | Bytes:
-        """Decide whether A, moved by t, and B are apart.
+        """Decide whether the moved A and B are apart.
 
         ``t``, shape (..., d), is in metres. Returns a Verdict for one placement, and values of
         :class:`Verdict` as uint8 of shape (...) for more.

@@ -114,12 +114,12 @@ class ArmCanvas(Canvas):
     # ---- configurations --------------------------------------------------------------------------
 
     def dial_values(self, q: Floats) -> tuple[float, ...]:
-        """Return the joint values of a configuration, degrees or metres."""
+        """Return a configuration's joint values, degrees or metres."""
         joints = wrap_angles(q, self._space.periodic_axes)
         return tuple(np.round(joints * self._scale, 3).tolist())
 
     def configuration_of(self, numbers: tuple[float, ...]) -> Floats:
-        """Convert dial values to a configuration within the joint limits."""
+        """Convert dial values to a configuration within limits."""
         arm = self._space.arm
         return np.asarray(np.clip(np.array(numbers) / self._scale, arm.lower, arm.upper))
 
@@ -147,7 +147,7 @@ class ArmCanvas(Canvas):
         return f"{STATES[state]}  \nclosest pair: {pair}{proof}"
 
     def prove(self, q0: Floats, q1: Floats) -> str:
-        """Return as text whether the straight motion is proven free."""
+        """Return, as text, whether a motion is proven free."""
         if _are_same(q0, q1):
             return "Set a goal below, or drag the tool."
         if self._space.motion_is_free(q0, q1):
@@ -180,7 +180,7 @@ class ArmCanvas(Canvas):
     def _add_links(
         self, arm: str, links: Sequence[str], color: str = ROBOT_FILL_COLOR, opacity: float = 1.0
     ) -> dict[str, Any]:
-        """Add an arm's links to the scene; return their handles."""
+        """Add an arm's links to the scene; return handles."""
         surfaces = self._figure.links
         add = self._add_mesh
         return {link: add(f"/{arm}/{link}", surfaces[link], color, opacity) for link in links}
@@ -273,7 +273,7 @@ class ArmCanvas(Canvas):
         )
 
     def _show_endpoints(self) -> None:
-        """Show or hide the pale arms at start and goal.
+        """Show or hide the pale arms at both ends.
 
         An arm at the robot's configuration is hidden, because it would tint the robot. A goal at
         the start is hidden too, because it is not set yet.

@@ -115,7 +115,7 @@ class Canvas:
         return ""
 
     def on_drag(self, name: str, moved: Callable[[Floats], None]) -> None:
-        """Register a callback for drags of an endpoint, if any."""
+        """Register a callback for drags of endpoints, if any."""
 
     def draw_path(self, points: Floats) -> None:
         """Draw a path; without points, remove it."""
@@ -145,7 +145,7 @@ class Canvas:
     # ---- drawing ---------------------------------------------------------------------------------
 
     def _add_mesh(self, name: str, surface: Surface, color: str, opacity: float = 1.0) -> Any:
-        """Add a mesh to the scene, and return its handle."""
+        """Add a mesh to the scene; return its handle."""
         return self._server.scene.add_mesh_simple(
             name,
             *surface,

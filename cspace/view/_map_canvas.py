@@ -175,10 +175,10 @@ class MapCanvas(Canvas):
         gizmo.position, gizmo.wxyz = self.poses.pose(q)
 
     def on_drag(self, name: str, moved: Callable[[Floats], None]) -> None:
-        """Register ``moved`` to be called when users drag an endpoint."""
+        """Register ``moved`` for drags of an endpoint."""
 
         def drag(event: Any) -> None:
-            """Call ``moved`` with the configuration nearest to the gizmo's pose."""
+            """Call ``moved`` with the gizmo's nearest configuration."""
             q = self.poses.nearest_configuration(event.target.position, event.target.wxyz)
             moved(q)
             # A user can rotate the gizmo in ways that the robot cannot; correct it, but only after
@@ -189,7 +189,7 @@ class MapCanvas(Canvas):
         self._gizmos[name].on_update(drag)
 
     def _path_positions(self, q: Floats) -> Floats:
-        """Return a drawn path's positions in space, shape (n, 3)."""
+        """Return a drawn path's positions, shape (n, 3)."""
         dim = self._space.grid.dim
         positions = np.full((len(q), 3), 0.6 * self._wall_height)  # the height in the plane
         positions[:, :dim] = q[:, :dim]
@@ -296,7 +296,7 @@ class PoseDials:
     Attributes
     ----------
     angles : tuple of str
-        Elements of :data:`ANGLES` by which the robot can rotate.
+        Elements of :data:`ANGLES` that the robot can turn by.
     """
 
     def __init__(self, dim: int, rotations: Rotations) -> None:

@@ -157,7 +157,7 @@ class Panel:
         }
 
     def show_robot(self, numbers: tuple[float, ...]) -> None:
-        """Set the robot's sliders to dial values, within their limits."""
+        """Set the robot's sliders to values within limits."""
         for slider, number in zip(self.sliders, numbers, strict=True):
             slider.value = min(max(number, slider.min), slider.max)
 
@@ -196,7 +196,7 @@ class Page:
         path: Floats,
         source: object,
     ) -> None:
-        """Add the panel, and show the path and the robot."""
+        """Add the panel; show the path and the robot."""
         import planners
 
         self._server = server
@@ -331,7 +331,7 @@ class Page:
         self._planner.request()
 
     def play(self) -> None:
-        """Move the robot along the path from its current position.
+        """Move the robot along the path from here.
 
         A trajectory is played at true speed.
         """
@@ -339,14 +339,14 @@ class Page:
         self._player.request()
 
     def _play_or_stop(self) -> None:
-        """Stop playing the path if it plays; otherwise play it."""
+        """Play the path, or stop it if it plays."""
         if self._playing.is_set():
             self._playing.clear()
         else:
             self.play()
 
     def refresh(self) -> None:
-        """Draw and prove everything again, because the space has changed."""
+        """Draw and prove everything again after changes."""
         self._canvas.invalidate()
         self._renderer.request()
         self._prover.request()
@@ -453,7 +453,7 @@ class Page:
             panel.play.label = "Play"
 
     def _show_path(self, path: Floats, source: object = None) -> None:
-        """Show a path, and the robot's slider at its start."""
+        """Show a path, and the slider at its start."""
         self._playing.clear()
         self._path = path
         self._canvas.draw_path(path)

@@ -160,7 +160,7 @@ class Cells:
         return vertices, rectangles[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3)
 
     def make_section(self, cell: int, cut: float) -> MapSection:
-        """Return a picture of a horizontal cut through the map.
+        """Return a picture of a map's horizontal cut.
 
         In space, it shows the blocks at the height ``cut``, metres; in the plane, all blocks.
         """

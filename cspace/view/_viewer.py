@@ -73,7 +73,7 @@ class Viewer:
         host: str = "127.0.0.1",
         port: int | None = None,
     ) -> None:
-        """Check all arguments, start a server, and open the page."""
+        """Check arguments, start a server, and open the page."""
         from cspace.view._page import Page
 
         is_arm = isinstance(space, ArmSpace)
@@ -106,7 +106,7 @@ class Viewer:
 
     @property
     def plan(self) -> Plan | None:
-        """Result of the last search on the page, or None."""
+        """Result of the page's last search, or None."""
         return self.page.plan
 
     def refresh(self) -> None:
@@ -121,7 +121,7 @@ class Viewer:
             stop(self.server)
 
     def wait(self) -> None:
-        """Wait until the page is closed or Ctrl-C closes it."""
+        """Wait until the page or Ctrl-C closes it."""
         try:
             self._closed.wait()
         except KeyboardInterrupt:
@@ -216,7 +216,7 @@ def _silence_viser() -> Iterator[None]:
 
 
 def is_same_site(origin: str | None, host_header: str, host: str) -> bool:
-    """Return True if a browser's page comes from this server.
+    """Return True if this server made a browser's page.
 
     ``origin`` is the site of the page, as named by the browser; other programs send None.
     ``host_header`` is the name and port in the request, and ``host`` the address of the server. A
