@@ -188,6 +188,7 @@ SUPPORTED: Final[Mapping[str, tuple[str, ...]]] = {
     "goal_tolerance": (MAPS, TILED_MAPS),
     "start_tolerance": (MAPS, TILED_MAPS, JOINT_MAPS),
     "via": SPACE_KINDS,
+    "keep": (ARMS,),
 }
 """Kinds of spaces that each goal and option is for; the page on planning prints this table."""
 

@@ -283,7 +283,9 @@ def plan(
         raise InputError("stop", f"is {stop!r}", rule, "pass a function, e.g. event.is_set")
     edges = local_planner(space, exact, drive, turning_radius)
     kept = check_keep(keep)
-    edges = replace(edges, space=space._keep(kept)) if kept else edges
+    if kept:
+        check_support("keep", "keep", keep, space)
+        edges = replace(edges, space=space._keep(kept))
     name = default_planner(drive) if planner is None else planner_named(planner, space.searches)
     task = PlanTask(
         edges=edges,

@@ -309,6 +309,6 @@ def test_plans_reject_what_is_not_upright(arm, space, options, message):
 def test_maps_keep_nothing():
     workspace = cspace.Workspace.from_array(np.zeros((30, 30), dtype=bool), 0.1)
     space = cspace.build(workspace, cspace.Robot.disc(0.2))
-    with pytest.raises(InputError, match=r"keep is given .*links of an arm.*; leave keep out"):
+    with pytest.raises(InputError, match=r"^keep is Upright\(.*; it is for arms; leave it out"):
         planners.plan(space, (1, 1), (2, 2), keep=GLASS)
     assert planners.plan(space, (1, 1), (2, 2), keep=[]).certified

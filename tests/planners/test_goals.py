@@ -648,6 +648,7 @@ def test_the_table_says_what_a_space_of_your_own_takes():
         "goal_tolerance": {"goal_tolerance": (0.1, 0.0)},
         "start_tolerance": {"start_tolerance": 0.1},
         "via": {"via": [(0.5, 0.1)]},
+        "keep": {"keep": planners.Upright("tip", tolerance=math.pi)},
     }
     assert given.keys() == SUPPORTED.keys()
     for option, changes in given.items():

@@ -17,7 +17,9 @@ rclpy = pytest.importorskip("rclpy", reason="ROS 2 has an environment of its own
 from geometry_msgs.msg import Point32, Polygon, PoseStamped  # noqa: E402
 from nav_msgs.msg import OccupancyGrid, Path  # noqa: E402
 from nav_msgs.srv import GetPlan  # noqa: E402
+from rcl_interfaces.srv import SetParameters  # noqa: E402
 from rclpy.executors import SingleThreadedExecutor  # noqa: E402
+from rclpy.parameter import Parameter  # noqa: E402
 from rclpy.qos import DurabilityPolicy, QoSProfile  # noqa: E402
 from std_msgs.msg import Empty  # noqa: E402
 from visualization_msgs.msg import MarkerArray  # noqa: E402
@@ -261,6 +263,45 @@ def test_it_goes_on_after_bad_messages(client):
     assert not len(client.plan(start=(30.0, 1.0, 0.0)))
     assert not len(client.plan(goal=(3.0, 1.0, 0.0)))
     assert_free(client.plan(), make_room())
+
+
+def set_tolerance(client, metres):
+    """Set the node's tolerance while it runs."""
+    service = client.node.create_client(SetParameters, "cspace_planner/set_parameters")
+    assert service.wait_for_service(60.0)
+    parameter = Parameter("tolerance", value=metres).to_parameter_msg()
+    future = service.call_async(SetParameters.Request(parameters=[parameter]))
+    client.wait(future.done)
+    assert future.result().results[0].successful
+
+
+def test_a_blocked_start_or_goal_moves_within_the_tolerance(client):
+    client.send(make_room())
+    blocked = (3.0, 1.0, 0.3)
+    space = build(make_room())
+    try:
+        for metres in (0.0, 0.1, 0.8):
+            set_tolerance(client, metres)
+            assert_free(client.plan(), make_room())  # nothing else moves
+            is_near = metres == 0.8
+            for ends in ({"goal": blocked}, {"start": blocked}):
+                rows = client.plan(**ends)
+                assert (len(rows) > 1) == is_near
+                if is_near:
+                    assert space.certify_path(rows).all()
+                    moved, other = rows[[0, -1]] if "start" in ends else rows[[-1, 0]]
+                    assert 0.3 < math.dist(moved[:2], blocked[:2]) <= metres
+                    assert "start" in ends or moved[2] == pytest.approx(blocked[2])
+                    np.testing.assert_allclose(other, GOAL if "start" in ends else START, atol=1e-9)
+        sealed = make_room(gap=3)
+        client.send(sealed)
+        assert not len(client.plan())  # the other side of the wall is farther away
+        set_tolerance(client, 2.7)
+        rows = client.plan()
+        assert build(sealed).certify_path(rows).all() and math.dist(rows[-1, :2], GOAL[:2]) <= 2.7
+    finally:
+        set_tolerance(client, 0.0)
+        client.send(make_room())
 
 
 def test_a_new_footprint_builds_anew(client):
