@@ -417,6 +417,18 @@ MUTANTS = (
         "tests/arms/test_living.py",
     ),
     Mutant(
+        "cspace/_bodies/hulls.py",
+        "away = joint_displacement(axes, center, ball_radius + limit)",
+        "away = 0.0",
+        "tests/arms/test_joint_map.py",
+    ),
+    Mutant(
+        "cspace/arms/_boxes.py",
+        "is_kept = (found != MIXED) & (found == (found if states is None else states))",
+        "is_kept = found != MIXED",
+        "tests/arms/test_joint_map.py",
+    ),
+    Mutant(
         "cspace/arms/_joint_map.py",
         "last_cells[last_cells == FREE] = MIXED",
         "last_cells[last_cells == FREE] = FREE",

@@ -458,14 +458,14 @@ def tree_slack(
 ) -> float:
     """Return a lower bound of (distance - required distance) between trees.
 
-    The bound is capped at ``enough``. The motion is the first tree's, as seen from the second. For
-    a box of configurations, ``axes`` are the joints that move the first tree
-    (:func:`cspace._bodies.triangle_proofs.joint_displacement`), and the motion has ``half_time`` 0;
-    a motion has none. The result is negative if a pair of nodes is not proven to stay apart, and
-    -inf if a pair is not apart at the central moment. That pair becomes row 0 of ``scratch``, shape
-    (MAX_PENDING_PAIRS, 2). The pair given there is tested after the roots; -1 means none. Row 1
-    then starts with 1 if pieces of connected parts were proven apart separately. ``direction`` is
-    that of :func:`hull_slack`, for each pair of hulls in turn.
+    The bound is capped at ``enough``. The motion is the first tree's, as seen from the second.
+    Deviations of joints move the first tree away from the motion, about ``axes``; see
+    :func:`cspace._bodies.triangle_proofs.joint_displacement`. The result is negative if a pair of
+    nodes is not proven to stay apart, and -inf if a pair is not apart at the central moment. That
+    pair becomes row 0 of ``scratch``, shape (MAX_PENDING_PAIRS, 2). The pair given there is tested
+    after the roots; -1 means none. Row 1 then starts with 1 if pieces of connected parts were
+    proven apart separately. ``direction`` is that of :func:`hull_slack`, for each pair of hulls in
+    turn.
     """
     best = enough
     partial = False  # whether pieces of connected parts were proven apart separately
@@ -479,11 +479,11 @@ def tree_slack(
         top -= 1
         a, b = scratch[top, 0], scratch[top, 1]
         # Boxes suffice for most nodes.
-        slack, speed, center = box_slack(hulls.boxes[a], hulls.boxes[b], motion, axes, best)
+        slack, speed, center, away = box_slack(hulls.boxes[a], hulls.boxes[b], motion, axes, best)
         apart = True
         if slack <= best and has_hull(hulls, a) and has_hull(hulls, b):
             offset = minus(row_at(hulls.boxes[b], CENTER), center)
-            slack, apart = hull_slack(hulls, a, b, motion, speed, best, offset, direction)
+            slack, apart = hull_slack(hulls, a, b, motion, speed, away, best, offset, direction)
         if slack > best:
             partial = partial or hulls.nodes[a, IS_WHOLE] + hulls.nodes[b, IS_WHOLE] < 2
             continue
@@ -550,13 +550,13 @@ def is_fine_enough(
 @internal
 def box_slack(
     box: Floats, fixed: Floats, motion: RelativeMotion, axes: Floats, enough: float
-) -> tuple[float, float, Row]:
+) -> tuple[float, float, Row, float]:
     """Bound the slack of two nodes from below, by their boxes.
 
     Slack is (distance - required distance). ``box`` and ``fixed``, shape (9,), are rows of
-    :attr:`Hulls.boxes`; ``axes`` has shape (k, 8). If the slack of the boxes is at most ``enough``,
-    that of the first node's ball is returned. Also returns a bound of the displacement of the first
-    node, and its center as seen from the second.
+    :attr:`Hulls.boxes`; ``axes`` has shape (k, 8). The ball of the first node decides if the boxes'
+    slack is at most ``enough``. Also returns a bound of the displacement of the first node during
+    the motion, its center as seen from the second, and how far the ``axes`` move it away.
     """
     half_time = motion.half_time
     limit = motion.max_displacement
@@ -567,7 +567,8 @@ def box_slack(
     # Points move around the center, too.
     spin_speed = math.sqrt(dot(motion.spin, motion.spin)) * ball_radius
     around = half_time * spin_speed + motion.curvature_bound
-    around += joint_displacement(axes, center, ball_radius)
+    # During the motion, points come that much farther from the axes, or less.
+    away = joint_displacement(axes, center, ball_radius + limit)
     slack = -math.inf
     squared_distance = 0.0  # of the center from the fixed box
     for axis in range(3):
@@ -575,11 +576,11 @@ def box_slack(
         displacement = min(half_time * abs(velocity[axis]) + around, limit)
         slack = max(slack, outside - half[axis] - displacement)
         squared_distance += max(outside, 0.0) ** 2
-    slack -= motion.required
+    slack -= motion.required + away
     speed = min(half_time * math.sqrt(dot(velocity, velocity)) + around, limit)
     if slack <= enough:
-        slack = math.sqrt(squared_distance) - ball_radius - motion.required - speed
-    return slack, speed, center
+        slack = math.sqrt(squared_distance) - ball_radius - motion.required - speed - away
+    return slack, speed, center, away
 
 
 @internal
@@ -631,6 +632,7 @@ def hull_slack(
     b: int,
     motion: RelativeMotion,
     speed: float,
+    away: float,
     enough: float,
     offset: Row,
     direction: Floats,
@@ -638,12 +640,14 @@ def hull_slack(
     """Bound the slack of two hulls from below; see :func:`tree_slack`.
 
     Slack is (distance - required distance). Also returns whether they are apart at the central
-    moment. ``speed`` bounds the displacement of the first hull. The first direction tried is
+    moment. ``speed`` bounds the displacement of the first hull during the motion, and ``away`` that
+    from the motion. The first direction tried is
     ``direction``, shape (3,), or the ``offset`` of the centers if that is zero; either may have any
     length. Later ones lead between the nearest points that the search has found. ``direction``
     becomes the best of them.
     """
-    required = motion.required + hulls.boxes[a, HULL_RADIUS] + hulls.boxes[b, HULL_RADIUS]
+    radii = hulls.boxes[a, HULL_RADIUS] + hulls.boxes[b, HULL_RADIUS]
+    required = motion.required + away + radii
     best = -math.inf
     gap = -math.inf
     n = row_at(direction, 0)

@@ -438,13 +438,13 @@ def find_close_leaves(
 
 @internal
 def joint_displacement(axes: Floats, point: Row, radius: float) -> float:
-    """Bound the displacement of a ball's points in a box of configurations.
+    """Bound how far deviations of joints move the points of a ball.
 
     The ball has the center ``point``. ``axes``, shape (k, 8), has a row for each joint between the
-    ball and the observer: direction and a point of its axis at the center of the box, its rotation
-    as a chord of the unit circle, and a translation. Move the joints one after another, beginning
-    at the observer. Each moves the ball and the axes of all later joints together, so the distances
-    of the ball from these axes are still those at the center.
+    ball and the observer: direction and a point of its axis without deviations, its rotation as a
+    chord of the unit circle, and a translation. Move the joints one after another, beginning at the
+    observer. Each moves the ball and the axes of all later joints together, so the distances of the
+    ball from these axes are still those without deviations.
     """
     total = 0.0
     for k in range(len(axes)):

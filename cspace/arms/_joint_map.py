@@ -9,14 +9,14 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from itertools import pairwise
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from cspace._bodies.triangle_proofs import MAX_PENDING_PAIRS, SurfaceTree
 from cspace._engines.slices import Progress
@@ -45,18 +45,10 @@ from cspace._support.reporting import warn_user
 from cspace._support.threads import count_cores, map_in_threads
 from cspace._workspace import Workspace
 from cspace.arms._arm_space import ArmSpace
-from cspace.arms._boxes import (
-    CellStates,
-    InnerBalls,
-    InnerScene,
-    JointCells,
-    classify_block,
-    make_pending,
-)
+from cspace.arms._boxes import CellProofs, InnerBalls, JointCells
 from cspace.arms._chain import REVOLUTE
 from cspace.arms._model import Arm
 from cspace.arms._motion_proofs import (
-    ArmScene,
     Solids,
     make_scene_scratch,
     nearest_triangle,
@@ -65,13 +57,12 @@ from cspace.arms._motion_proofs import (
 from cspace.arms._snapshots import Snapshot, find_bodies_between
 from cspace.errors import ConfigurationError, InputError
 
-_BYTES_PER_JOINT_CELL: Final = 5
-"""Memory per cell, bytes: its state, whether it meets an obstacle or lies in one, and a pair while
-it is built."""
+_BYTES_PER_JOINT_CELL: Final = 3
+"""Memory per cell, bytes: its state, and whether it meets an obstacle or lies in one."""
 
 
-_BLOCK_CELLS_PER_AXIS: Final = 32
-"""Cells per axis of the blocks that threads start with."""
+_BLOCK_CELLS_PER_AXIS: Final = {2: 256, 3: 32}
+"""Cells per axis of the blocks that threads start with, by the number of joints."""
 
 
 _PARTS_PER_CELL: Final = {2: 4, 3: 1}
@@ -167,9 +158,9 @@ def build_joint_map(
     still_pairs = np.flatnonzero(~moving.any(axis=1))
     _refuse_held_contact(snapshot, names, held, still_pairs)
 
-    states, deciding_pairs = _classify_cells(
-        snapshot, grid, joint_indices, held, moving, workers or count_cores(), progress
-    )
+    cells = _make_cells(snapshot, grid, joint_indices, held)
+    proofs = CellProofs(snapshot, _find_inner_balls(snapshot.inner.solids), cells)
+    states = _classify_cells(proofs, grid.shape, moving, workers or count_cores(), progress)
     # The last cells along an axis may exceed the joint's limit, beyond which nothing is FREE.
     last_ends = np.array(grid.lower) + side * np.array(shape)
     upper_limits = joint_limits[:, 1]
@@ -186,9 +177,7 @@ def build_joint_map(
     rotations = Rotations.of(None)
     robot = Robot(arm.name, OriginPoint.at_origin(len(names)))
     slices = rotations._assign_slices(robot.shape)
-    mixed_cells = np.flatnonzero(deciding_pairs >= 0)
-    pairs = deciding_pairs.ravel()[mixed_cells]
-    geometry = JointGeometry(snapshot, joint_indices, held, joint_limits, mixed_cells, pairs)
+    geometry = JointGeometry(proofs, joint_limits)
     exterior = _make_exterior(grid, intervals, joint_limits)
     contents = Contents(workspace, robot, rotations, slices, states[np.newaxis], exterior=exterior)
     return JointMap(contents, geometry)
@@ -232,63 +221,45 @@ def _check_joints(arm: Arm, joints: Sequence[str] | None) -> tuple[str, ...]:
 
 
 def _classify_cells(
-    snapshot: Snapshot,
-    grid: Grid,
-    joint_indices: Ints,
-    held: Floats,
+    proofs: CellProofs,
+    shape: tuple[int, ...],
     moving: Bools,
     workers: int,
     progress: Progress | None,
-) -> tuple[States, NDArray[np.int16]]:
-    """Compute all cells' states, and a pair for each MIXED cell.
+) -> States:
+    """Compute the states of all cells of a grid.
 
-    Both results have the grid's shape; the pair is -1 in other cells. ``moving``, shape (pairs,
-    joints), says which joints move which pairs. Pairs that the same joints move are one layer of
-    cells. Along the other joints, one cell of the layer represents all.
+    ``moving``, shape (pairs, joints), says which joints move which pairs. Pairs that the same
+    joints move are one layer of cells. Along the other joints, one cell of the layer represents
+    all.
     """
-    cells = _make_cells(snapshot, grid, joint_indices, held)
-    balls = _find_inner_balls(snapshot.inner.solids)
-    shape = grid.shape
-    # Kernels know three axes; a map of two joints has one cell along an added first axis.
-    added_axes = 3 - grid.dim
-    layers = list[CellStates]()
+    layers = list[States]()
     tasks = []
     for layer_joints in np.unique(moving[moving.any(axis=1)], axis=0):
         in_layer = (moving == layer_joints).all(axis=1)
-        pair_numbers = np.flatnonzero(in_layer)
-        scene = snapshot.outer.select_pairs(in_layer)
-        inside = InnerScene(snapshot.inner.select_pairs(in_layer), balls)
-        sides = np.append(np.ones(added_axes, dtype=np.int64), np.where(layer_joints, shape, 1))
-        layer = CellStates(np.empty(sides, dtype=np.uint8), np.empty(sides, dtype=np.int16))
+        moved = proofs.cells._replace(levers=proofs.cells.levers * layer_joints)
+        layer_proofs = proofs.select_pairs(in_layer)._replace(cells=moved)
+        sides = np.where(layer_joints, shape, 1)
+        parts = np.where(layer_joints, _PARTS_PER_CELL[len(shape)], 1)
+        layer = np.empty(sides, dtype=np.uint8)
         layers.append(layer)
-        tasks += [
-            partial(_classify_block, scene, inside, cells, block, pair_numbers, layer)
-            for block in _cut_blocks(sides)
-        ]
+        classify = partial(layer_proofs.classify, parts=parts, out=layer)
+        tasks += [partial(classify, *block) for block in _cut_blocks(sides)]
     report = None if progress is None else lambda done: progress(done, len(tasks))
     map_in_threads(lambda task: task(), tasks, workers, report)
     # A cell is FREE if all pairs are, and BLOCKED if one pair is; the states are in that order.
     states = np.zeros(shape, dtype=np.uint8)
-    deciding_pairs = np.full(shape, -1, dtype=np.int16)
     for layer in layers:
-        layer_shape = layer.states.shape[added_axes:]
-        layer_states = layer.states.reshape(layer_shape)
-        layer_pairs = layer.deciding_pairs.reshape(layer_shape)
-        np.copyto(deciding_pairs, layer_pairs, where=layer_states > states)
-        np.maximum(states, layer_states, out=states)
-    deciding_pairs[states != MIXED] = -1
-    return states, deciding_pairs
+        np.maximum(states, layer, out=states)
+    return states
 
 
-def _cut_blocks(sides: Ints) -> Ints:
-    """Cut a grid of three axes for threads.
-
-    Returns the first cell and the end of each block along the axes, shape (n, 6).
-    """
-    counts = -(-sides // _BLOCK_CELLS_PER_AXIS)  # rounded up
-    starts = _BLOCK_CELLS_PER_AXIS * np.array(list(np.ndindex(*counts.tolist())))
-    stops = np.minimum(starts + _BLOCK_CELLS_PER_AXIS, sides)
-    return np.concatenate([starts, stops], axis=1)
+def _cut_blocks(sides: Ints) -> Iterator[tuple[Ints, Ints]]:
+    """Yield the first cell and the end, shapes (d,), of the blocks of a grid for threads."""
+    length = _BLOCK_CELLS_PER_AXIS[len(sides)]
+    for number in np.ndindex(*(-(-sides // length)).tolist()):  # rounded up
+        start = length * np.array(number)
+        yield start, np.minimum(start + length, sides)
 
 
 class JointMap(CSpace):
@@ -320,32 +291,22 @@ class JointMap(CSpace):
         grid = self.grid
         if geometry is None:
             return None
-        mixed_cells = geometry.mixed_cells
-        pairs = geometry.deciding_pairs
+        cells = np.argwhere(self.cell_states == MIXED)
         if q is not None:
             # Keep only the MIXED cells that contain one of the configurations.
             points = self._check_configurations(q, "q").reshape(-1, grid.dim)
             indices = self._cells_of(points)[:, -grid.dim :]
             is_inside = ((indices >= 0) & (indices < grid.shape)).all(axis=1)
-            queried_cells = np.ravel_multi_index(tuple(indices[is_inside].T), grid.shape)
-            is_queried = np.isin(mixed_cells, queried_cells)
-            mixed_cells = mixed_cells[is_queried]
-            pairs = pairs[is_queried]
-        # A pair is of groups of links; the nearest parts at the cell's center give the names.
-        indices = np.stack(np.unravel_index(mixed_cells, grid.shape), axis=1)
-        centers = np.asarray(grid.lower + grid.spacing * (indices + 0.5), dtype=np.float64)
-        configurations = geometry.extend(centers)
-        counts = Counter[tuple[str, str]]()
-        for pair in np.unique(pairs).tolist():
-            pair_configurations = configurations[pairs == pair]
-            counts.update(geometry.snapshot.nearest_parts(pair, pair_configurations))
-        return dict(counts.most_common())
+            is_queried = np.zeros(grid.shape, dtype=np.bool_)
+            is_queried[tuple(indices[is_inside].T)] = True
+            cells = cells[is_queried[tuple(cells.T)]]
+        return dict(geometry.count_pairs(cells).most_common())
 
     def _name_obstacles(self, q: Floats, distances: Floats, turn: float) -> tuple[str, ...]:
         """Return the two solids nearest to touching."""
         if self._geometry is None:
             return ()
-        snapshot = self._geometry.snapshot
+        snapshot = self._geometry.proofs.snapshot
         contact = snapshot.contact(snapshot.outer, self._geometry.extend(q[np.newaxis]))
         return contact.link, contact.other
 
@@ -416,20 +377,6 @@ def undecided_pairs(joint_map: CSpace, q: ArrayLike | None = None) -> dict[tuple
             "pass the map that build_joint_map made",
         )
     return counts
-
-
-def _classify_block(
-    scene: ArmScene,
-    inside: InnerScene,
-    cells: JointCells,
-    block: Ints,
-    pair_numbers: Ints,
-    out: CellStates,
-) -> None:
-    """Classify a block of cells, with fresh scratch memory."""
-    pending = make_pending(block, cells, len(scene.pairs))
-    scratch = make_scene_scratch(scene)
-    classify_block(scene, inside, cells, pending, pair_numbers, out, scratch)
 
 
 def _check_held_joints(arm: Arm, joint_indices: Ints, held_joints: ArrayLike | None) -> Floats:
@@ -549,7 +496,7 @@ def _refuse_held_contact(
 
 
 def _make_cells(snapshot: Snapshot, grid: Grid, joint_indices: Ints, held: Floats) -> JointCells:
-    """Describe the grid for kernels, which know three axes."""
+    """Describe the cells of a grid."""
     chain = snapshot.arm.chain
     solids = snapshot.outer.solids
     # A body reaches as far from its origin as the largest solid on it.
@@ -561,15 +508,8 @@ def _make_cells(snapshot: Snapshot, grid: Grid, joint_indices: Ints, held: Float
     travel *= np.abs(chain.factors) * chain.between[:, 0]
     levers = np.zeros(len(held))
     np.maximum.at(levers, chain.joint_indices, travel.max(axis=0))
-    added_axes = 3 - grid.dim
-    return JointCells(
-        lower=np.concatenate([np.zeros(added_axes), grid.lower]),
-        spacing=grid.spacing,
-        joint_indices=np.concatenate([np.full(added_axes, -1), joint_indices]),
-        held=held,
-        levers=np.concatenate([np.zeros(added_axes), levers[joint_indices]]),
-        parts=_PARTS_PER_CELL[grid.dim],
-    )
+    lower = np.asarray(grid.lower)
+    return JointCells(lower, grid.spacing, joint_indices, held, levers[joint_indices])
 
 
 def _find_inner_balls(solids: Solids) -> InnerBalls:
@@ -653,31 +593,33 @@ class JointGeometry:
 
     Attributes
     ----------
-    snapshot : Snapshot
-    joint_indices : ndarray of int64, shape (d,)
-        Indices of the mapped joints.
-    held : ndarray of float64, shape (arm.dof,)
-        Values of the other joints.
+    proofs : CellProofs
     intervals : ndarray of float64, shape (d, 2)
         Limits of each joint; infinite for continuous joints.
-    mixed_cells : ndarray of int64, shape (n,)
-        Flat indices of the cells that a pair keeps MIXED.
-    deciding_pairs : ndarray of int16, shape (n,)
-        That pair of the outer scene.
     """
 
-    snapshot: Snapshot
-    joint_indices: Ints
-    held: Floats
+    proofs: CellProofs
     intervals: Floats
-    mixed_cells: Ints
-    deciding_pairs: NDArray[np.int16]
 
     def extend(self, q: Floats) -> Floats:
         """Extend configurations of the map, (n, d), to the arm's, (n, arm.dof)."""
-        rows = np.tile(self.held, (len(q), 1))
-        rows[:, self.joint_indices] = q
+        cells = self.proofs.cells
+        rows = np.tile(cells.held, (len(q), 1))
+        rows[:, cells.joint_indices] = q
         return rows
+
+    def count_pairs(self, cells: Ints) -> Counter[tuple[str, str]]:
+        """Count cells, shape (n, d), by the names of the first pair not proven apart there."""
+        counts = Counter[tuple[str, str]]()
+        snapshot = self.proofs.snapshot
+        for pair in range(len(snapshot.outer.pairs)):
+            proofs = self.proofs.select_pairs(slice(pair, pair + 1))
+            scratch = make_scene_scratch(proofs.snapshot.outer)
+            is_free = proofs.find_states(cells, cells + 1, False, scratch) == FREE
+            firsts, lasts, _ = proofs.cells.find_tubes(cells[~is_free], cells[~is_free] + 1)
+            counts.update(snapshot.nearest_parts(pair, 0.5 * (firsts + lasts)))
+            cells = cells[is_free]
+        return counts
 
 
 class JointProofs:
@@ -706,7 +648,7 @@ class JointProofs:
         is_within = (starts_within & ends_within).all(axis=1)
         starts = geometry.extend(q0[is_within])
         ends = geometry.extend(q1[is_within])
-        is_free[is_within] = geometry.snapshot.are_free(starts, ends)
+        is_free[is_within] = geometry.proofs.snapshot.are_free(starts, ends)
         return is_free
 
     def slack(self, points: Floats, lengths: Floats, angles: Floats) -> float:

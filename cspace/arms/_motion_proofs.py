@@ -22,12 +22,16 @@ import numpy as np
 from cspace._bodies import ADVANCE_FACTOR, DISTANCE_ROUNDING, MAX_DISTANCES_PER_EDGE, MIN_ADVANCE
 from cspace._bodies.hulls import Hulls, RelativeMotion, tree_slack
 from cspace._bodies.triangle_proofs import (
+    AXIS_POINT,
     CENTER,
+    CHORD,
+    DIRECTION,
     FIRST_ITEM,
     HALF_SIDES,
     LEVER,
     MAX_PENDING_PAIRS,
     RADIUS,
+    TRANSLATION,
     Motion,
     SurfaceTree,
     Trees,
@@ -50,11 +54,14 @@ from cspace._support.vectors import (
     dot,
     minus,
     rotate,
+    rotate_back,
     row_at,
     triangle_distance,
 )
 from cspace.arms._chain import (
+    FIXED,
     POSITION,
+    REVOLUTE,
     SPIN,
     VELOCITY,
     Chain,
@@ -63,6 +70,7 @@ from cspace.arms._chain import (
     motion_bounds,
     relative_pose,
     rotation_columns,
+    rotation_rows,
 )
 from cspace.arms._cones import NO_CONES, Cones, stays_in_cones
 
@@ -75,7 +83,11 @@ MAX_MOTION_PARTS: Final = 2 * MAX_DISTANCES_PER_EDGE + 1
 
 
 NO_MOTION: Final = (0.0, 0.0, math.inf)
-"""Bounds of a pair that moves with the joints of a box only, or not at all."""
+"""Bounds of a pair that does not move."""
+
+
+NO_DEVIATIONS: Final = np.empty(0)
+"""Deviations of joints that follow a motion exactly."""
 
 
 FIRST_SURFACE, FIRST_ANCHOR, FIRST_PART = range(3)
@@ -166,6 +178,8 @@ class ArmScene(NamedTuple):
         Distance that proves a pair apart.
     cones : Cones
         Angles that links keep in addition.
+    deviations : ndarray of float64, shape (dof,) or (0,)
+        Deviations of the joints from a motion with which pairs stay apart, too.
     """
 
     chain: Chain
@@ -175,6 +189,7 @@ class ArmScene(NamedTuple):
     max_coordinate: float
     required: float
     cones: Cones = NO_CONES
+    deviations: Floats = NO_DEVIATIONS
 
     def select_pairs(self, which: Ints | Bools | slice) -> ArmScene:
         """Return the scene with some of its pairs, and no cones."""
@@ -207,7 +222,7 @@ class SceneScratch(NamedTuple):
     first_pair : ndarray of int64, shape (1,)
         Pair that last was not apart, which is tested first.
     axes : ndarray of float64, shape (b, 8)
-        Joints that move a pair in a box of configurations; see
+        Joints that move a pair away from a motion; see
         :func:`cspace._bodies.triangle_proofs.joint_displacement`.
     nodes : ndarray of int64, shape (MAX_PENDING_PAIRS, 2)
     slopes : ndarray of float64, shape (dof,)
@@ -304,6 +319,7 @@ def motions_are_free(
             scene.max_coordinate,
             scene.required,
             cones,
+            scene.deviations,
         )
         out[k] = call(prove, (padded, firsts[k], lasts[k], scratch))
 
@@ -443,7 +459,10 @@ def test_part(
         # The second term bounds the motion of the rounding, a small part of the whole motion.
         deviation = half * (curvature + required * rotation)
         bounds = half / ADVANCE_FACTOR, deviation / ADVANCE_FACTOR, displacement / ADVANCE_FACTOR
-        slack = bound_slack(scene, n, bounds, scratch.axes[:0], required, 0.0, scratch)
+        i, j = scene.pairs[n]
+        a, b = scene.solids.bodies[i], scene.solids.bodies[j]
+        count = write_axes(scene.chain, a, b, scene.deviations, required, scratch)
+        slack = bound_slack(scene, n, bounds, scratch.axes[:count], required, 0.0, scratch)
         is_open[n] = slack < 0.0
         if slack == -np.inf:
             scratch.first_pair[0] = n
@@ -460,6 +479,49 @@ def test_part(
 
 
 @internal
+def write_axes(
+    chain: Chain, a: int, b: int, deviations: Floats, required: float, scratch: SceneScratch
+) -> int:
+    """Write the axes about which deviations of joints move body a, as seen from body b.
+
+    Each joint deviates by at most its entry of ``deviations``, shape (dof,); there are none if that
+    has shape (0,). Returns the number of rows written to ``scratch.axes``. They are those of
+    :func:`cspace._bodies.triangle_proofs.joint_displacement`, in the frame of b, and include the
+    rounding of points, ``required``.
+    """
+    if len(deviations) == 0:
+        return 0
+    between = chain.between[a, b]
+    base_pose = scratch.poses[b]
+    base_rotation = rotation_rows(base_pose)
+    count = 0
+    for j in range(1, len(between)):
+        travel = abs(chain.factors[j]) * deviations[chain.joint_indices[j]] / ADVANCE_FACTOR
+        if not between[j] or travel == 0.0 or chain.kinds[j] == FIXED:
+            continue
+        # The axis passes through the origin of the joint's body.
+        joint_pose = scratch.poses[j]
+        world_axis = rotate(rotation_rows(joint_pose), row_at(chain.axes[j], 0))
+        axis = rotate_back(base_rotation, world_axis)
+        offset = minus(column_at(joint_pose, POSITION), column_at(base_pose, POSITION))
+        origin = rotate_back(base_rotation, offset)
+        row = scratch.axes[count]
+        for k in range(3):
+            row[DIRECTION + k] = axis[k]
+            row[AXIS_POINT + k] = origin[k]
+        if chain.kinds[j] == REVOLUTE:
+            # A turn moves a point at distance 1 by the chord of its angle.
+            chord = 2.0 * math.sin(0.5 * min(travel, math.pi)) / ADVANCE_FACTOR
+            row[CHORD] = chord
+            row[TRANSLATION] = chord * required
+        else:
+            row[CHORD] = 0.0
+            row[TRANSLATION] = travel
+        count += 1
+    return count
+
+
+@internal
 def bound_slack(
     scene: ArmScene,
     n: int,
@@ -473,8 +535,8 @@ def bound_slack(
 
     It is inf if one solid is empty; see :func:`cspace._bodies.hulls.tree_slack`. The pair's padding
     is required in addition. ``bounds`` are the time to either side, the largest deviation from the
-    linear motion, and the largest displacement. ``axes``, shape (k, 8), are the joints of a box of
-    configurations, none for a motion.
+    linear motion, and the largest displacement. ``axes``, shape (k, 8), are those of joints that
+    deviate.
     """
     solids = scene.solids
     half, deviation, displacement = bounds
