@@ -356,10 +356,10 @@ TENTH = {"limits": (0.1, 0.1)}
         "choose another, or call space.allow_collisions([('fore', 'box')]) if they may touch",
     ),
     (
-        lambda f: wound(f).certify_path([(0.0, 0.0), (4.0, 0.0)]),
-        lambda f: [
-            wound(f).certify_path(np.unwrap([(0.0, 0.0), (4.0, 0.0)], axis=0)),
-            wound(f).certify_path([(0.0, 0.0), (2.0, 0.0), (4.0, 0.0)]),
+        lambda _: wound().certify_path([(0.0, 0.0), (4.0, 0.0)]),
+        lambda _: [
+            wound().certify_path(np.unwrap([(0.0, 0.0), (4.0, 0.0)], axis=0)),
+            wound().certify_path([(0.0, 0.0), (2.0, 0.0), (4.0, 0.0)]),
         ],
         "add whole turns to the rows (numpy.unwrap), or rows between them",
     ),
@@ -631,7 +631,7 @@ def touching(folder):
     return made
 
 
-def wound(folder):
+def wound():
     """Build the space of an arm with a shoulder that turns without end."""
     return build_arm_space({"box": FAR}, planar_arm(**CONTINUOUS))
 

@@ -29,7 +29,7 @@ CONTINUOUS = {"kind": "continuous", "limits": None}
 LIMITED = {"limits": (-3.0, 3.0)}
 
 
-def build_plane_arm(folder, posts=POSTS, **shoulder):
+def build_plane_arm(posts=POSTS, **shoulder):
     """Build two bars of 1 m among posts."""
     arm = planar_arm(**shoulder)
     shapes = {f"post{k}": posed_box((s, s, 2.0), x, y) for k, (x, y, s) in enumerate(posts)}
@@ -53,13 +53,13 @@ def draw_border_points(joint_map, state, rng, count):
 
 @examples(6)
 @given(seed=seeds, shoulder=st.sampled_from([CONTINUOUS, LIMITED]), spacing=st.floats(0.07, 0.2))
-def test_joint_maps_agree_with_shapely(tmp_path_factory, seed, shoulder, spacing):
+def test_joint_maps_agree_with_shapely(seed, shoulder, spacing):
     rng = np.random.default_rng(seed)
     angle = rng.uniform(-np.pi, np.pi, 4)
     reach = rng.uniform(0.5, 1.8, 4)
     sides = rng.uniform(0.1, 0.3, 4)
     posts = np.stack([reach * np.cos(angle), reach * np.sin(angle), sides], axis=1)
-    space = build_plane_arm(tmp_path_factory.mktemp("arm"), posts, **shoulder)
+    space = build_plane_arm(posts, **shoulder)
     joint_map = build_joint_map(space, spacing)
     assert not planar_arm_meets(draw_border_points(joint_map, FREE, rng, 80), posts).any()
     assert planar_arm_meets(draw_border_points(joint_map, BLOCKED, rng, 80), posts).all()
@@ -87,8 +87,8 @@ def test_joint_maps_agree_with_fcl(tmp_path_factory, seed, count):
             assert (oracle.apart(q) > 0.0) == (state == FREE)
 
 
-def test_undecided_pairs_are_those_that_touch_in_the_cell(tmp_path):
-    space = build_plane_arm(tmp_path)
+def test_undecided_pairs_are_those_that_touch_in_the_cell():
+    space = build_plane_arm()
     joint_map = build_joint_map(space, 0.1)
     grid = joint_map.grid
     pairs = undecided_pairs(joint_map)
@@ -110,10 +110,10 @@ def test_undecided_pairs_are_those_that_touch_in_the_cell(tmp_path):
 
 
 @pytest.mark.parametrize("shoulder", [CONTINUOUS, LIMITED], ids=["continuous", "limited"])
-def test_exact_queries_agree_with_the_arm(tmp_path, shoulder):
+def test_exact_queries_agree_with_the_arm(shoulder):
     """Include turns beyond the map, copies, plans and changed cells."""
     rng = np.random.default_rng(6)
-    space = build_plane_arm(tmp_path, **shoulder)
+    space = build_plane_arm(**shoulder)
     joint_map = build_joint_map(space, 0.3, limits={"elbow": (-2.0, 2.0)})
     most = (9.0, 2.0) if shoulder is CONTINUOUS else (3.0, 2.0)
     q = rng.uniform(-1.0, 1.0, (300, 2)) * most
@@ -144,9 +144,9 @@ def test_exact_queries_agree_with_the_arm(tmp_path, shoulder):
 
 
 @pytest.mark.parametrize("limits", [(-np.pi, np.pi), (-3.0, 9.0), (-9.0, 3.0)])
-def test_a_way_around_a_continuous_joint_is_undecided(tmp_path, limits):
+def test_a_way_around_a_continuous_joint_is_undecided(limits):
     """The arm can turn past the ends of the map, so that no map that ends there excludes a path."""
-    space = build_plane_arm(tmp_path, POSTS[:1], **CONTINUOUS)
+    space = build_plane_arm(POSTS[:1], **CONTINUOUS)
     given = None if limits[1] == np.pi else {"shoulder": limits}
     joint_map = build_joint_map(space, 0.1, limits=given)
     left = -1.0, 0.3
@@ -184,12 +184,12 @@ def test_prismatic_joints_and_limits_between_cells_are_mapped(tmp_path):
     assert (states[:, -1] != FREE).all() and (states[:, -2] == FREE).any()
 
 
-def test_a_joint_at_its_limit_is_in_the_map_in_spite_of_rounding(tmp_path):
+def test_a_joint_at_its_limit_is_in_the_map_in_spite_of_rounding():
     lower = -3.2
     upper = 0.05
     # Rounding ends 65 cells before the limit.
     assert lower + 65 * 0.05 < upper
-    space = build_plane_arm(tmp_path, ((9.0, 9.0, 0.1),), limits=(lower, upper))
+    space = build_plane_arm(((9.0, 9.0, 0.1),), limits=(lower, upper))
     joint_map = build_joint_map(space, 0.05)
     at_limit = upper, 0.01
     assert space.motion_is_free((0.01, 0.01), at_limit)

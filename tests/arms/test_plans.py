@@ -26,14 +26,14 @@ START, GOAL = (-0.6, 0.3), (1.4, -0.2)
 BLOCKED = (0.37, 0.0)
 
 
-def space_of(folder, **changes):
+def space_of(**changes):
     """Build the space of two links of 1 m beside a post."""
     return cspace.build_arm_space({"post": post()}, planar_arm(**changes))
 
 
 @pytest.mark.parametrize("name", ["BiRRT", "RRTConnect", "PRM", "KPIECE1", "BITstar"])
-def test_planners_find_proven_paths(tmp_path, name):
-    space = space_of(tmp_path)
+def test_planners_find_proven_paths(name):
+    space = space_of()
     # Anytime planners use all of the limit; a busy machine needs the longer ones.
     for limit in (0.1, 1.0, 20.0):
         plan = planners.plan(space, START, GOAL, planner=name, time_limit=limit, seed=1)
@@ -51,8 +51,8 @@ def test_planners_find_proven_paths(tmp_path, name):
     assert (plan.length_unit, plan.distance_unit) == ("rad", "m")
 
 
-def test_a_continuous_joint_takes_the_shorter_direction(tmp_path):
-    space = space_of(tmp_path, kind="continuous", limits=None)
+def test_a_continuous_joint_takes_the_shorter_direction():
+    space = space_of(kind="continuous", limits=None)
     assert planners.choices(space) == ((*planners.planner_names(), "BiRRT"), ("holonomic",), ())
     plan = planners.plan(space, (3.0, 0.4), (-3.0 + 4 * np.pi, 0.4))
     # Rows are interpolated linearly, so the second angle exceeds half a turn.
@@ -66,8 +66,8 @@ def test_a_continuous_joint_takes_the_shorter_direction(tmp_path):
 
 @pytest.mark.parametrize("planner", ["BiRRT", "RRTConnect", "PRM"])
 @pytest.mark.parametrize("turns", [0, 1, -2, 1000])
-def test_a_path_begins_at_the_turn_given_and_goes_on_without_jumps(tmp_path, turns, planner):
-    space = space_of(tmp_path, kind="continuous", limits=None)
+def test_a_path_begins_at_the_turn_given_and_goes_on_without_jumps(turns, planner):
+    space = space_of(kind="continuous", limits=None)
     start = START[0] + 2 * np.pi * turns, START[1]
     with warnings.catch_warnings(action="ignore", category=AngleWarning):
         plan = planners.plan(space, start, (2.8, 0.0), planner=planner, time_limit=20.0, seed=2)
@@ -110,8 +110,8 @@ def test_a_joint_mimicked_by_half_keeps_its_numbers(tmp_path, endpoints, planner
         ({"kind": "continuous", "limits": None}, ob.CompoundStateSpace),
     ],
 )
-def test_simple_setup_samples_and_measures_states_of_an_arm(tmp_path, changes, kind):
-    space = space_of(tmp_path, **changes)
+def test_simple_setup_samples_and_measures_states_of_an_arm(changes, kind):
+    space = space_of(**changes)
     setup = planners.simple_setup(space)
     information = setup.getSpaceInformation()
     checker = setup.getStateValidityChecker()
@@ -143,9 +143,9 @@ def test_joints_that_cannot_move_are_refused_if_ompl_needs_their_range(tmp_path)
 
 
 @pytest.mark.parametrize("planner", ["Grid", "RRTConnect"])
-def test_plans_on_joint_maps_turn_by_less_than_half_a_turn_from_row_to_row(tmp_path, planner):
+def test_plans_on_joint_maps_turn_by_less_than_half_a_turn_from_row_to_row(planner):
     """A controller that takes the shorter way would drive through the post."""
-    space = build_plane_arm(tmp_path, ((1.6, 0.9, 0.2),), **CONTINUOUS)
+    space = build_plane_arm(((1.6, 0.9, 0.2),), **CONTINUOUS)
     joint_map = cspace.build_joint_map(space, 0.1)
     rng = np.random.default_rng(0)
     split = 0

@@ -206,11 +206,11 @@ def test_robots_in_a_region_and_motions_there_are_free(regions, samples):
         assert space.motion_is_free(drawn[:-1], drawn[1:])[stays].all()
 
 
-def test_a_region_of_joints_is_free_and_stays_within_their_range(tmp_path):
+def test_a_region_of_joints_is_free_and_stays_within_their_range():
     from tests.arms.test_joint_map import CONTINUOUS, POSTS, build_plane_arm
     from tests.helpers.urdfs import planar_arm_meets
 
-    space = build_plane_arm(tmp_path, **CONTINUOUS)
+    space = build_plane_arm(**CONTINUOUS)
     joint_map = cspace.build_joint_map(space, 0.1)
     rng = np.random.default_rng(1)
     for q in joint_map.sample_free(10, rng=rng):
