@@ -42,7 +42,8 @@ def waypoints(grid: Grid, rotations: Rotations, endpoints: Floats, cells: Ints) 
 def drop_repeats(path: Floats) -> Floats:
     """Drop each configuration of a path that equals the next one."""
     differs_from_next = (path[1:] != path[:-1]).any(axis=1)
-    return path[np.append(differs_from_next, True)]
+    distinct: Floats = path[np.append(differs_from_next, True)]
+    return distinct
 
 
 def keep_rotation(path: Floats, rotation_cells: Ints, dim: int, check: Check) -> Floats:

@@ -33,7 +33,6 @@ from cspace._grid import FARTHEST_CELL, Grid, check_reach
 from cspace._limits import check_bytes
 from cspace._record.contents import Contents
 from cspace._record.description import (
-    AXES,
     DERIVED,
     FORMAT,
     VERSION,
@@ -50,7 +49,7 @@ from cspace._record.exterior import UNKNOWN, Exterior
 from cspace._robot import Robot
 from cspace._rotations import Rotations
 from cspace._support.arrays import BLOCKED, FREE, MIXED, Ints, StrPath
-from cspace._support.check import check_not_negative
+from cspace._support.check import AXES, check_not_negative
 from cspace._workspace import Workspace
 from cspace.errors import FileError
 

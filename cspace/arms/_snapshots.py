@@ -490,7 +490,8 @@ def find_bodies_between(snapshot: Snapshot) -> Bools:
     """Find the bodies whose joints move a pair of solids apart, shape (pairs, bodies)."""
     chain = snapshot.arm.chain
     first_bodies, second_bodies = snapshot.outer.solids.bodies[snapshot.outer.pairs].T
-    return chain.between[first_bodies, second_bodies] & (chain.kinds != FIXED)
+    between: Bools = chain.between[first_bodies, second_bodies] & (chain.kinds != FIXED)
+    return between
 
 
 def _refuse_always(snapshot: Snapshot) -> None:

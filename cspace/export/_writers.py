@@ -14,7 +14,6 @@ from numpy.typing import ArrayLike, NDArray
 from cspace._files.access import check_suffix, replacing
 from cspace._record.contents import Contents
 from cspace._record.description import (
-    AXES,
     STACKED,
     collect_arrays,
     list_axes,
@@ -23,6 +22,7 @@ from cspace._record.description import (
 )
 from cspace._record.save import MAP_SUFFIXES, save
 from cspace._support.arrays import BLOCKED, FREE, MIXED, Ints, StrPath, frozen
+from cspace._support.check import AXES
 from cspace._support.reporting import import_optional
 from cspace.errors import InputError
 from cspace.export._free_boundary import WRITERS, write_boundary
