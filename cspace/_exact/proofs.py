@@ -84,7 +84,7 @@ class ExactQueries:
     def __init__(
         self, make_problem: Callable[[], Problem], prove: Callable[[Problem], Proofs] | None = None
     ) -> None:
-        """Remember how to make the proofs at the first query."""
+        """Remember how to make proofs at the first query."""
         self._make_problem = make_problem
         self._prove = prove or BoundaryProofs
         self._proofs: Proofs | None = None

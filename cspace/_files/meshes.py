@@ -332,7 +332,7 @@ def _refuse_moved_mesh(node: Json, mesh: Json) -> None:
 
 
 def _refuse_extensions(element: Json) -> Json:
-    """Return a glTF element; refuse one with an unknown extension.
+    """Return a glTF element; refuse one with unknown extensions.
 
     Raises GeometryError, except for extensions of the appearance alone.
     """

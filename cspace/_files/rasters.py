@@ -54,7 +54,7 @@ FIELDS: Final = (
 
 
 def place_raster(array: Any, spacing: float, name: str = "occupied") -> tuple[Any, Floats | None]:
-    """Return an array in ascending coordinates, and its lower corner.
+    """Return an array in ascending coordinates, and its corner.
 
     The corner is in metres, and None for an array without coordinates. Coordinates are those of
     xarray, the centers of cells; arrays of other packages have none.

@@ -227,7 +227,7 @@ def _find_image(header: Ledger, path: pathlib.Path) -> pathlib.Path:
 
 
 def _classify_pixels(header: _MapHeader, image: Shades, warn: bool) -> tuple[Bools, Bools]:
-    """Return masks of a ROS map's free and occupied pixels.
+    """Return masks of a map's free and occupied pixels.
 
     The modes are documented at :func:`read_ros_map`. All pixels of a level are alike, so levels are
     classified first. With `warn`, warn of unknown pixels below ``free_thresh``.

@@ -106,7 +106,7 @@ def _open_links(table: Ledger, key: str) -> Ledger:
 
 
 def _list_srdf_links(root: Element) -> dict[str, list[dict[str, Any]]]:
-    """Return attributes of each SRDF link's spheres, with parsed numbers."""
+    """Return attributes of SRDF links' spheres, with parsed numbers."""
     links: dict[str, list[dict[str, Any]]] = {}
     for approximation in root.findall("link_sphere_approximation"):
         spheres = links.setdefault(approximation.get("link", ""), [])

@@ -394,7 +394,7 @@ def check_names(values: Iterable[str], name: str) -> list[str]:
 
 
 def check_text(value: object, name: str, example: str) -> str:
-    """Return a string, or raise InputError if it is empty."""
+    """Return a string; raise InputError if it is empty."""
     if not isinstance(value, str) or not value:
         rule = "it must be a non-empty string"
         raise InputError(name, f"is {value!r}", rule, f"pass e.g. {example!r}")

@@ -157,7 +157,7 @@ def nearest_of_triangle(p: Row, u: Row, v: Row) -> Row:
 
 @internal
 def gap_between(p: Row, u: Row, q: Row, v: Row) -> Row:
-    """Return the vector between the nearest points of two segments.
+    """Return the vector between two segments' nearest points.
 
     It leads from the second, ``q + t v``, to the first, ``p + s u``, where s and t lie in [0, 1].
     C. Ericson, "Real-Time Collision Detection", 2005, section 5.1.9.

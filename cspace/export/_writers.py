@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 
 def _select_layers(contents: Contents, cells: Sequence[int]) -> dict[str, NDArray[Any]]:
-    """Return a map's arrays by name, one per rotation cell.
+    """Return a map's arrays, one per rotation cell.
 
     ``cells`` are the indices of the rotation cells. The arrays of a single cell keep their names;
     otherwise the index of the cell is appended.

@@ -291,7 +291,7 @@ def _read_mutex(options: Ledger) -> str:
 
 
 def _read_options(level: Ledger, entry: Any, kind: str, number: int) -> Ledger:
-    """Return the options of a vertex or lane of Open-RMF."""
+    """Return the options of an Open-RMF vertex or lane."""
     has_options = isinstance(entry, list) and len(entry) > 2 and entry[2] is not None
     if has_options and not isinstance(entry[2], Mapping):
         problem = f"has the {kind} {number} {entry!r:.60}"

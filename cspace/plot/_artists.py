@@ -298,7 +298,7 @@ def add_legend_below(figure: Figure, handles: Sequence[Any]) -> None:
 
 
 def extend_legend(axes: Axes, handles: Sequence[Any]) -> None:
-    """Make the legend of a picture anew, with more handles."""
+    """Make a picture's legend anew, with more handles."""
     figure: Any = axes.figure
     (legend,) = figure.legends
     legend.remove()

@@ -315,7 +315,7 @@ def collect_endpoints(
 
 
 def _choose_robots(body: DrawnRobot, points: Floats, zoom: float) -> Floats:
-    """Choose the configurations along a path to draw robots at.
+    """Choose configurations along a path to draw robots at.
 
     A picture shows about twelve, or fewer if robots would overlap. The endpoints are omitted, but a
     path of one configuration is returned unchanged.

@@ -272,7 +272,7 @@ def make_faces(low: Ints, high: Ints, axis: int, up: int) -> Ints:
 
 
 def find_exposed_cells(solid: Bools, axis: int, up: int) -> Bools:
-    """Return a mask of solid cells exposed in one direction.
+    """Return a mask of cells exposed in one direction.
 
     The direction is down (``up`` 0) or up (1) an axis.
     """

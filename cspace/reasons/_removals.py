@@ -191,7 +191,7 @@ def _list_neighbors(numbers: Ints, neighbors: Ints) -> Iterator[Ints]:
 
 
 def _distinct_pairs(first: Ints, second: Ints) -> Ints:
-    """Return distinct unequal pairs of two arrays, shape (n, 2)."""
+    """Return distinct unequal pairs of arrays, shape (n, 2)."""
     differs = first != second
     pairs = np.stack([first[differs], second[differs]], axis=1)
     return np.unique(np.sort(pairs, axis=1), axis=0)

@@ -62,7 +62,7 @@ class HalfSpaces(NamedTuple):
     offsets: Floats
 
     def contain(self, points: Floats) -> Bools:
-        """Return whether all half-spaces contain each point, shape (n, d)."""
+        """Return whether all half-spaces contain points, shape (n, d)."""
         return np.asarray((points @ self.normals.T <= self.offsets).all(axis=-1))
 
     def join(self, other: HalfSpaces) -> HalfSpaces:
@@ -294,7 +294,7 @@ def measure_polytope(half_spaces: HalfSpaces, interior: Floats) -> Polytope | No
 
 
 def find_deepest(half_spaces: HalfSpaces) -> tuple[Floats, float]:
-    """Find the largest ball in a polytope: center and radius.
+    """Find a polytope's largest ball: center and radius.
 
     It solves a linear program.
 
