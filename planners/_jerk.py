@@ -29,22 +29,20 @@ from planners._segments import Segments, bound_derivatives
 from planners._timing import (
     INTERVALS_PER_CURVE,
     MAX_ERROR,
-    MIN_PHASE_SHARE,
     Intervals,
     LimitRates,
     MotionBounds,
     Phases,
     bound_squares,
     find_phases,
+    join_phases,
     measure_intervals,
+    measure_slack,
     slow_down,
 )
 
 BEND_ROOM: Final = 0.85
 """Share of a limit of acceleration that the bend of a curve may use where the robot is slowest."""
-
-TWIST_ROOM: Final = 0.5
-"""Share of a limit of jerk that a curve may use at an even speed."""
 
 MAX_ROUNDS: Final = 100
 """Largest number of times that ramps are lowered."""
@@ -113,8 +111,7 @@ def find_motion(
     squares = intervals.end_caps
     squares[0] = min(begin_speed**2, intervals.caps[0])
     rooms = np.column_stack([limited.bends / BEND_ROOM, limited.speeds**-2.0])
-    twists = (limited.jerk_twists.max(axis=1) / TWIST_ROOM) ** (2.0 / 3.0)
-    caps = 1.0 / np.maximum(rooms.max(axis=1), twists)
+    caps = 1.0 / rooms.max(axis=1)
     squares[1:-1] = np.minimum(squares[1:-1], np.minimum(caps[:-1], caps[1:]))
     tops = squares.copy()
     bound_squares(intervals.lengths, limited.rates, limited.bends, squares)
@@ -129,13 +126,13 @@ def find_motion(
     least = [(gains[leg].min(), jerks[leg].min()) * 2 for leg in legs]
     floors = RAMP_FLOOR * np.array(least)
     pieces = np.zeros((LEG_PHASES * len(legs) + len(gains), 6))
-    work = [np.zeros(LEG_PHASES) for _ in range(3)]
+    work = np.zeros(LEG_PHASES), np.zeros(LEG_PHASES), np.zeros(LEG_PHASES)
     start = keys, speeds, begin_acceleration
-    count, excess = solve_legs(pieces, limits, floors, work[0], work[1], work[2], *start, *limited)
+    excess = solve_legs(pieces, limits, floors, *work, np.zeros((len(legs), 3)), *start, limited)
     begins_moving = begin_speed > 0.0 or begin_acceleration != 0.0
     if excess == np.inf or (excess > 1.0 + ROUNDING and begins_moving):
         return None
-    phases = _join_pieces(intervals, limited, pieces[:count])
+    phases = _join_pieces(intervals, limited, pieces[pieces[:, 5] > 0.0])
     return slow_down(phases, excess) if excess > 1.0 + ROUNDING else phases
 
 
@@ -160,7 +157,7 @@ def find_jerk_stop(
     limits *= 1.0 - SLACK
     pieces = np.zeros((LEG_PHASES + len(limited.speeds), 6))
     work = np.zeros(3), np.zeros(3), np.zeros(3)
-    count, excess = solve_stop(pieces, limits, *work, speed, acceleration, *limited)
+    count, excess = solve_stop(pieces, limits, *work, speed, acceleration, limited)
     return _join_pieces(intervals, limited, pieces[:count]) if excess <= 1.0 + ROUNDING else None
 
 
@@ -201,7 +198,7 @@ def keeps_jerk(segments: Segments, phases: Phases, bounds: MotionBounds) -> bool
     begins = phases.positions[:-1]
     ends, end_speeds, end_gains = phases.ends()
     rates, bends, borders = _bound_around(parts, 0.5 * (begins + ends))
-    slack = MAX_ERROR * parts.lengths
+    slack = measure_slack(segments, parts)
     if not ((borders[0] - slack <= begins) & (ends <= borders[1] + slack)).all():
         return False
     gains = phases.accelerations[:-1]
@@ -265,18 +262,11 @@ def _join_pieces(intervals: Intervals, limited: JerkIntervals, pieces: Floats) -
     """Return phases of pieces that follow each other, and then rest."""
     numbers = pieces[:, 0].astype(np.int64)
     _, places, speeds, accelerations, jerks, durations = pieces.T
-    phases = Phases(
-        times=np.append(0.0, np.cumsum(durations)),
-        segments=intervals.owners[np.append(numbers, numbers[-1:] if len(numbers) else 0)],
-        positions=np.append(intervals.begins[numbers] + places - limited.borders[numbers], 0.0),
-        speeds=np.append(speeds, 0.0),
-        accelerations=np.append(accelerations, 0.0),
-        jerks=np.append(jerks, 0.0),
-    )
+    positions = np.append(intervals.begins[numbers] + places - limited.borders[numbers], 0.0)
+    owners = intervals.owners[np.append(numbers, numbers[-1:] if len(numbers) else 0)]
+    phases = join_phases(durations, owners, positions, speeds, accelerations, jerks)
     phases.positions[-1] = phases.ends()[0][-1] if len(numbers) else intervals.begins[0]
-    kept = np.append(durations > MIN_PHASE_SHARE * durations.sum(), True)
-    kept_times = np.append(0.0, np.cumsum(durations[kept[:-1]]))
-    return Phases._make(column[kept] for column in phases)._replace(times=kept_times)
+    return phases
 
 
 @internal
@@ -435,12 +425,7 @@ def check_piece(
     jerk: float,
     top: float,
     factors: Floats,
-    speeds: Floats,
-    rates: Floats,
-    bends: Floats,
-    jerk_rates: Floats,
-    jerk_bends: Floats,
-    jerk_twists: Floats,
+    limited: JerkIntervals,
 ) -> float:
     """Return the factor of time that a piece needs, and lower factors of its leg if above 1.
 
@@ -448,22 +433,22 @@ def check_piece(
 
     Speed, acceleration and jerk are the largest in the piece, in interval ``k``.
     """
-    excess = speed / speeds[k]
+    excess = speed / limited.speeds[k]
     by_acceleration, by_jerk = 1.0, 1.0
     if excess > 1.0:
         by_acceleration = by_jerk = excess**-2.0
-    for c in range(rates.shape[1]):
-        bend = bends[k, c] * speed**2
-        along = rates[k, c] * acceleration
+    for c in range(limited.rates.shape[1]):
+        bend = limited.bends[k, c] * speed**2
+        along = limited.rates[k, c] * acceleration
         if bend + along > 1.0:
             excess = max(excess, math.sqrt(bend + along))
             by_acceleration = min(by_acceleration, max(1.0 - bend, 0.0) / max(along, TINY))
             if bend > 1.0:
                 by_jerk = MOST_LESS
-    for c in range(jerk_rates.shape[1]):
-        twist = jerk_twists[k, c] * speed**3
-        bend = 3.0 * jerk_bends[k, c] * speed * acceleration
-        along = jerk_rates[k, c] * jerk
+    for c in range(limited.jerk_rates.shape[1]):
+        twist = limited.jerk_twists[k, c] * speed**3
+        bend = 3.0 * limited.jerk_bends[k, c] * speed * acceleration
+        along = limited.jerk_rates[k, c] * jerk
         share = twist + bend + along
         if share > 1.0:
             excess = max(excess, share ** (1.0 / 3.0))
@@ -494,13 +479,7 @@ def lay_leg(
     last: int,
     limits: Floats,
     factors: Floats,
-    borders: Floats,
-    speeds: Floats,
-    rates: Floats,
-    bends: Floats,
-    jerk_rates: Floats,
-    jerk_bends: Floats,
-    jerk_twists: Floats,
+    limited: JerkIntervals,
 ) -> tuple[int, float]:
     """Cut the phases of a leg at the borders of intervals ``first`` to ``last``, and check them.
 
@@ -512,13 +491,13 @@ def lay_leg(
     top = limits[4] if len(limits) > 4 else math.inf
     factors[:] = 1.0
     k = first
-    place = borders[first]
+    place = limited.borders[first]
     for phase in range(len(durations)):
         left = durations[phase]
         jerk = jerks[phase]
         while left > 0.0:
             time = left
-            room = borders[k + 1] - place
+            room = limited.borders[k + 1] - place
             passes = k < last and move(speed, acceleration, jerk, left) > room
             if passes:
                 time = find_time(speed, acceleration, jerk, left, room)
@@ -535,15 +514,15 @@ def lay_leg(
             pieces[count, 5] = time
             count += 1
             gain = max(abs(acceleration), abs(later))
-            args = top, factors, speeds, rates, bends, jerk_rates, jerk_bends, jerk_twists
-            excess = max(excess, check_piece(k, phase, most, gain, abs(jerk), *args))
+            share = check_piece(k, phase, most, gain, abs(jerk), top, factors, limited)
+            excess = max(excess, share)
             place += move(speed, acceleration, jerk, time)
             speed = after
             acceleration = later
             left -= time
             if passes:
                 k += 1
-                place = borders[k]
+                place = limited.borders[k]
         if phase >= 2 and phase != 4 and phase != 5:
             acceleration = 0.0
     for column in range(len(limits)):
@@ -559,33 +538,28 @@ def solve_legs(
     durations: Floats,
     jerks: Floats,
     factors: Floats,
+    laid: Floats,
     keys: Ints,
     key_speeds: Floats,
     acceleration: float,
-    borders: Floats,
-    speeds: Floats,
-    rates: Floats,
-    bends: Floats,
-    jerk_rates: Floats,
-    jerk_bends: Floats,
-    jerk_twists: Floats,
-) -> tuple[int, float]:
+    limited: JerkIntervals,
+) -> float:
     """Lay the pieces of m legs between n + 1 borders, whose speeds it lowers to what is reached.
 
-    Return the number of pieces, and the factor of time that they need; infinity if the robot is too
-    fast at the start. Arrays beside those of :class:`JerkIntervals`:
+    Return the factor of time that the pieces need; infinity if the robot is too fast at the start.
+    A leg is laid again only if its limits or the speeds at its ends have changed. Arrays:
 
-    * ``pieces``, shape (7 m + n, 6), as of :func:`lay_leg`
+    * ``pieces``, shape (7 m + n, 6), as of :func:`lay_leg`, with a duration of zero in between
     * ``limits``, shape (m, 5), as of :func:`fill_leg`; ``floors``, shape (m, 4), are the least ones
     * ``durations``, ``jerks``, ``factors``, shape (7,), for its own use
+    * ``laid``, shape (m, 3): the speeds at the ends of each leg, and the factor of time, when laid
     * ``keys``, ``key_speeds``, shape (m + 1,): borders between legs, and speeds there
     """
-    count = 0
+    laid[:, 2] = math.inf
     excess = math.inf
-    args = factors, borders, speeds, rates, bends, jerk_rates, jerk_bends, jerk_twists
     for _ in range(MAX_ROUNDS):
         for i in range(len(limits) - 1, 0, -1):
-            length = borders[keys[i + 1]] - borders[keys[i]]
+            length = limited.borders[keys[i + 1]] - limited.borders[keys[i]]
             key_speeds[i] = find_reach(
                 durations[:3],
                 jerks[:3],
@@ -596,43 +570,51 @@ def solve_legs(
                 limits[i, 2:4],
             )
         begin = acceleration
-        count = 0
         excess = 0.0
         for i in range(len(limits)):
-            length = borders[keys[i + 1]] - borders[keys[i]]
+            length = limited.borders[keys[i + 1]] - limited.borders[keys[i]]
             speed = key_speeds[i]
             key_speeds[i + 1] = find_reach(
                 durations[:3], jerks[:3], speed, begin, key_speeds[i + 1], length, limits[i, :2]
             )
-            if not fill_leg(durations, jerks, speed, begin, key_speeds[i + 1], length, limits[i]):
-                return count, math.inf
-            count, need = lay_leg(
-                pieces,
-                count,
-                durations,
-                jerks,
-                speed,
-                begin,
-                keys[i],
-                keys[i + 1] - 1,
-                limits[i],
-                *args,
-            )
-            excess = max(excess, need)
+            after = key_speeds[i + 1]
+            if laid[i, 0] != speed or laid[i, 1] != after or laid[i, 2] > 1.0 + ROUNDING:
+                if not fill_leg(durations, jerks, speed, begin, after, length, limits[i]):
+                    return math.inf
+                first = LEG_PHASES * i + keys[i]
+                last = LEG_PHASES * (i + 1) + keys[i + 1]
+                pieces[first:last, 5] = 0.0
+                _, need = lay_leg(
+                    pieces,
+                    first,
+                    durations,
+                    jerks,
+                    speed,
+                    begin,
+                    keys[i],
+                    keys[i + 1] - 1,
+                    limits[i],
+                    factors,
+                    limited,
+                )
+                laid[i, 0] = speed
+                laid[i, 1] = after
+                laid[i, 2] = need
+                # If slower ramps do not help, the robot must be slower at the ends.
+                is_low = False
+                for column in range(4):
+                    is_low = is_low or limits[i, column] < floors[i, column]
+                    limits[i, column] = max(limits[i, column], floors[i, column])
+                if is_low:
+                    faster = max(speed, after)
+                    for end in (i, i + 1):
+                        if end > 0 and key_speeds[end] > SLOWER_KEY * faster:
+                            key_speeds[end] = SLOWER_KEY * faster
+            excess = max(excess, laid[i, 2])
             begin = 0.0
-            # If slower ramps do not help, the robot must be slower at the ends.
-            is_low = False
-            for column in range(4):
-                is_low = is_low or limits[i, column] < floors[i, column]
-                limits[i, column] = max(limits[i, column], floors[i, column])
-            if is_low:
-                faster = max(speed, key_speeds[i + 1])
-                for end in (i, i + 1):
-                    if end > 0 and key_speeds[end] > SLOWER_KEY * faster:
-                        key_speeds[end] = SLOWER_KEY * faster
         if excess <= 1.0 + ROUNDING:
             break
-    return count, excess
+    return excess
 
 
 @kernel
@@ -644,13 +626,7 @@ def solve_stop(
     factors: Floats,
     speed: float,
     acceleration: float,
-    borders: Floats,
-    speeds: Floats,
-    rates: Floats,
-    bends: Floats,
-    jerk_rates: Floats,
-    jerk_bends: Floats,
-    jerk_twists: Floats,
+    limited: JerkIntervals,
 ) -> tuple[int, float]:
     """Lay the pieces of one ramp to rest; otherwise as :func:`solve_legs`.
 
@@ -658,17 +634,16 @@ def solve_stop(
     """
     count = 0
     excess = math.inf
-    args = factors, borders, speeds, rates, bends, jerk_rates, jerk_bends, jerk_twists
-    last = len(borders) - 2
+    last = len(limited.speeds) - 1
     least = 0.5 * acceleration**2 / max(speed, TINY)
     for _ in range(MAX_ROUNDS):
         if acceleration < 0.0:
             # A slower change would turn the robot back.
             limits[1] = max(limits[1], least)
-        if fill_ramp(durations, jerks, speed, acceleration, 0.0, limits) > borders[-1]:
+        if fill_ramp(durations, jerks, speed, acceleration, 0.0, limits) > limited.borders[-1]:
             return 0, math.inf
         count, excess = lay_leg(
-            pieces, 0, durations, jerks, speed, acceleration, 0, last, limits, *args
+            pieces, 0, durations, jerks, speed, acceleration, 0, last, limits, factors, limited
         )
         if excess <= 1.0 + ROUNDING:
             break

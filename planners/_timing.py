@@ -269,13 +269,11 @@ def find_stop(
         speed = after
     count = len(speeds)
     begins = intervals.begins[:count]
-    return _join_phases(
-        np.array(durations),
-        intervals.owners[:count],
-        begins,
-        np.array(speeds),
-        -np.array(slowings),
-        begins[-1] + min(0.5 * speed * durations[-1], lengths[count - 1]),
+    end = begins[-1] + min(0.5 * speed * durations[-1], lengths[count - 1])
+    owners = intervals.owners[[*range(count), count - 1]]
+    gains = -np.array(slowings)
+    return join_phases(
+        np.array(durations), owners, np.append(begins, end), np.array(speeds), gains, 0.0 * gains
     )
 
 
@@ -334,34 +332,35 @@ def _make_phases(
     durations = moved / np.maximum(mean_speeds, MIN_SPEED)
     positions = np.column_stack([begins, begins + up, begins + lengths - down]).ravel()
     accelerations = np.column_stack([gains, 0.0 * gains, -gains]).ravel()
-    end = begins[-1] + lengths[-1]
+    ends = np.append(positions, begins[-1] + lengths[-1])
+    segments = np.append(np.repeat(owners, 3), owners[-1])
     begin_speeds = speeds[:, :-1].ravel()
-    return _join_phases(
-        durations, np.repeat(owners, 3), positions, begin_speeds, accelerations, end
-    )
+    return join_phases(durations, segments, ends, begin_speeds, accelerations, 0.0 * accelerations)
 
 
-def _join_phases(
+def join_phases(
     durations: Floats,
     segments: Ints,
     positions: Floats,
     speeds: Floats,
     accelerations: Floats,
-    end: float,
+    jerks: Floats,
 ) -> Phases:
-    """Return phases that follow each other, and then rest at a length along the last segment."""
-    kept = durations > MIN_PHASE_SHARE * durations.sum()
+    """Join n phases that follow each other, and the rest after them.
+
+    ``segments`` and ``positions``, shape (n + 1,), have the place of the rest.
+    """
+    kept = np.append(durations > MIN_PHASE_SHARE * durations.sum(), True)
+    columns = speeds, accelerations, jerks
     return Phases(
-        times=np.append(0.0, np.cumsum(durations[kept])),
-        segments=np.append(segments[kept], segments[-1]),
-        positions=np.append(positions[kept], end),
-        speeds=np.append(speeds[kept], 0.0),
-        accelerations=np.append(accelerations[kept], 0.0),
-        jerks=np.zeros(np.count_nonzero(kept) + 1),
+        np.append(0.0, np.cumsum(durations[kept[:-1]])),
+        segments[kept],
+        positions[kept],
+        *(np.append(column, 0.0)[kept] for column in columns),
     )
 
 
-def join_phases(first: Phases, second: Phases, segments: int) -> Phases:
+def join_motions(first: Phases, second: Phases, segments: int) -> Phases:
     """Join a motion along some segments to rest, and one from there along further segments."""
     second = second._replace(
         times=second.times + first.times[-1], segments=second.segments + segments
@@ -446,7 +445,7 @@ def is_motion(
     accelerations = rates * gains[:, np.newaxis] + bends * (speeds**2)[:, np.newaxis]
     shares = [bounds.velocity.shares(velocities), bounds.acceleration.shares(accelerations)]
     shares += bounds.lateral_shares(parts, velocities)
-    slack = MAX_ERROR * parts.lengths
+    slack = measure_slack(segments, parts)
     if bounds.jerk is not None:
         gains_before = np.concatenate([rest + begin_acceleration, accelerations[count:]])
         gains_after = np.concatenate([accelerations[:count], rest])
@@ -461,6 +460,16 @@ def is_motion(
         and (jumps <= MAX_SPEED_GAP * largest).all()
         and all((share <= 1.0 + MAX_EXCESS).all() for share in shares)
     )
+
+
+def measure_slack(segments: Segments, parts: Segments) -> Floats:
+    """Return by how much a motion may leave parts of a path, for rounding, shape (m,).
+
+    The length from the start rounds once at each interval, also on tiny parts.
+    """
+    roundings = INTERVALS_PER_CURVE * len(segments.lengths)
+    rounding = roundings * float(np.spacing(segments.lengths.sum()))
+    return np.maximum(MAX_ERROR * parts.lengths, rounding)
 
 
 def trim_segments(segments: Segments, phases: Phases) -> tuple[Segments, Phases]:

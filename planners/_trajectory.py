@@ -54,7 +54,7 @@ from planners._timing import (
     find_passes,
     find_stop,
     is_motion,
-    join_phases,
+    join_motions,
     slow_down,
     trim_segments,
 )
@@ -891,7 +891,7 @@ def _rest_between(
         count = len(motion.segments.lengths)
         motion = motion._replace(
             segments=join_segments([motion.segments, onward.segments]),
-            phases=join_phases(motion.phases, onward.phases, count),
+            phases=join_motions(motion.phases, onward.phases, count),
         )
     return motion
 
@@ -954,7 +954,7 @@ def _go_on(
     if may_stop and (smooth is None or not motions or is_slow):
         rest = _start(path, edges, rotations, bounds)
         segments = join_segments([head, rest.segments])
-        phases = join_phases(stop._phases, rest.phases, olds)
+        phases = join_motions(stop._phases, rest.phases, olds)
         motions.append(TimedMotion(segments, phases, *state, olds))
     return min(motions, key=_end_time, default=None)
 

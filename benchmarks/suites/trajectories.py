@@ -166,6 +166,7 @@ def _judge_jerk(
     pairs = zip(limited, unlimited, strict=True)
     ratios = [one.duration / other.duration for one, other in pairs]
     _judge(report, "limited jerk, duration over that without a limit", ratios, MAX_JERK_RATIO)
+    report.note(f"limited jerk: 90 % {np.quantile(ratios, 0.9):.3f}, largest {max(ratios):.3f}")
 
 
 def _time(

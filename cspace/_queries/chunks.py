@@ -42,6 +42,9 @@ Cause = Literal["collision", "limit", "speed", "jerk", "number"]
 GateState = Literal["go", "shortened", "hold"]
 """How much of a chunk may be executed: all of it, a part, or nothing."""
 
+JerkLimits = ArrayLike | Mapping[str, float]
+"""Limits of jerk: one number, or one for each coordinate or number of a twist."""
+
 LIMIT_ROUNDING: Final = 1e-9
 """Rounding of values that are compared with limits, relative to these."""
 
@@ -291,7 +294,7 @@ def certify_rows(
     tracking: ArrayLike,
     dt: float | None,
     max_velocity: ArrayLike | None,
-    max_jerk: ArrayLike | None = None,
+    max_jerk: JerkLimits | None = None,
     before: ArrayLike | None = None,
 ) -> Chunk:
     """Prove a chunk of targets; see :meth:`cspace.CSpace.certify_chunk`.
@@ -331,7 +334,7 @@ def certify_twists(
     tracking: ArrayLike,
     max_velocity: ArrayLike | None,
     turning_radius: float | None,
-    max_jerk: ArrayLike | None = None,
+    max_jerk: JerkLimits | None = None,
     before: ArrayLike | None = None,
 ) -> Chunk:
     """Prove a chunk of twists; see :meth:`cspace.CSpace.certify_twists`.
@@ -488,7 +491,7 @@ def _list_steps(space: ConfigurationSpace) -> tuple[str, ...]:
     return (*space.axes[: space.dim], *(("rotation",) if len(names) == 4 else names))
 
 
-def _list_limited(space: ConfigurationSpace, limits: ArrayLike) -> tuple[str, ...]:
+def _list_limited(space: ConfigurationSpace, limits: JerkLimits) -> tuple[str, ...]:
     """Return what limits are for: the numbers of a twist if they are two, or the coordinates."""
     given: Any = list(limits) if isinstance(limits, Mapping) else limits
     is_twist = space.axes == TWISTING_AXES and np.size(given) == 2
@@ -622,7 +625,7 @@ class Gate:
         max_velocity: ArrayLike | None = None,
         turning_radius: float | None = None,
         max_deceleration: ArrayLike | None = None,
-        max_jerk: ArrayLike | Mapping[str, float] | None = None,
+        max_jerk: JerkLimits | None = None,
     ) -> None:
         """Check and keep the limits; InputError for a space of your own."""
         if not hasattr(space, "certify_chunk"):
@@ -656,7 +659,7 @@ class Gate:
                 check_positive(rate, f"max_deceleration of {name}")
             self.max_deceleration = rates
 
-    def _check_jerk(self, limits: ArrayLike, max_deceleration: ArrayLike | None) -> None:
+    def _check_jerk(self, limits: JerkLimits, max_deceleration: ArrayLike | None) -> None:
         """Raise InputError if limits of jerk are none, or the gate cannot keep them."""
         names = _list_limited(self.space, limits)
         values = np.broadcast_to(check_each(limits, "max_jerk", names), len(names))

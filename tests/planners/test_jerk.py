@@ -125,6 +125,19 @@ def test_motions_stop_at_corners_within_the_limit(seed, count, kind):
         np.testing.assert_allclose(slow * 2.0**power, fast, atol=1e-9)
 
 
+@given(seeds, st.floats(-9.0, -5.0))
+def test_a_tiny_edge_is_driven_as_any_other(seed, tiny):
+    rng = np.random.default_rng(seed)
+    steps = rng.normal(size=(rng.integers(2, 6), 3))
+    steps[rng.integers(len(steps))] *= 10.0**tiny
+    rows = np.cumsum(np.concatenate([rng.uniform(-2.0, 2.0, (1, 3)), steps]), axis=0)
+    trajectory = plan_along("joints", rows).trajectory(
+        max_velocity=2.0, max_acceleration=5.0, max_jerk=50.0
+    )
+    check_joints(trajectory, 2.0, 5.0, 50.0)
+    np.testing.assert_allclose(trajectory.positions[-1], rows[-1], atol=1e-9)
+
+
 def test_a_car_drives_its_curves_with_limited_jerk_along_them():
     rows = [(0.0, 0.0, 0.0), (2.0, 1.0, 1.0), (0.0, 0.5, 0.0)]
     plan = plan_along("turning", rows, "reeds-shepp")
