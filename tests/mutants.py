@@ -22,7 +22,7 @@ from cspace._support.compiling import _KERNELS
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("cspace", "planners")
-COPIED = (*PACKAGES, "benchmarks", "tests")
+COPIED = (*PACKAGES, "benchmarks", "examples", "tests")
 IMPORTS = ast.Import | ast.ImportFrom
 MAX_CPU_SECONDS = 900
 """CPU time that a room's tests may take for one fault, after which the system ends them."""
@@ -1035,6 +1035,37 @@ MUTANTS = (
         "if names != list(axes):",
         "if len(names) != len(axes):",
         "tests/cli/test_hints.py",
+    ),
+    # C++.
+    Mutant(
+        "examples/nav2/include/cspace_nav2/surroundings.hpp",
+        "if (a[1] <= middle && middle < b[1]) crossings.push_back(x_at(middle));",
+        "if (a[1] <= middle && middle < a[1]) crossings.push_back(x_at(middle));",
+        "tests/cpp/nav2/test_nav2.py",
+    ),
+    Mutant(
+        "examples/nav2/include/cspace_nav2/surroundings.hpp",
+        "reach = radius_of_corners_ / side + 1e-6;",
+        "reach = 0.7 * radius_of_corners_ / side;",
+        "tests/cpp/nav2/test_nav2.py",
+    ),
+    Mutant(
+        "examples/nav2/include/cspace_nav2/drives.hpp",
+        "(straight - segment(path.type_, k)) * path.length_[k]",
+        "(segment(path.type_, k) - straight) * path.length_[k]",
+        "tests/cpp/nav2/test_nav2.py",
+    ),
+    Mutant(
+        "examples/nav2/include/cspace_nav2/lattice.hpp",
+        "if (!is_shorter || !surroundings_.poses_are_free(poses)) continue;",
+        "if (!is_shorter) continue;",
+        "tests/cpp/nav2/test_nav2.py",
+    ),
+    Mutant(
+        "cspace/include/cspace/map.hpp",
+        "const double share = 1.0 - static_cast<double>(k) / steps;",
+        "const double share = 1.0 - static_cast<double>(k + 1) / steps;",
+        "tests/cpp/test_map.py",
     ),
 )
 

@@ -3,7 +3,6 @@
 It stands between ``cmd_vel_smoothed`` and ``cmd_vel``, and stops if an input falls silent.
 """
 
-import math
 import time
 
 import numpy as np
@@ -15,10 +14,10 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import LaserScan
 
 import cspace
+from cspace.errors import CspaceError
 
 FOOTPRINT = [(0.3, 0.2), (0.3, -0.2), (-0.3, -0.2), (-0.3, 0.2)]
-DT = 0.05
-MAX_AGE = 0.3
+DT, MAX_AGE = 0.05, 0.3
 """Seconds of a cycle, and after which a command, a scan or a pose is too old."""
 
 
@@ -28,10 +27,9 @@ class GateNode(Node):
     def __init__(self, transforms):
         super().__init__("cspace_gate")
         self.transforms = transforms  # a tf2_ros.Buffer
-        self.gate = None
-        self.wanted = (0.0, 0.0)
+        self.gate, self.wanted = None, (0.0, 0.0)
         self.ramp = [(0.0, 0.0)]  # what it drives, then the proven way to rest
-        self.heard = dict.fromkeys(("command", "scan", "cycle"), -math.inf)
+        self.heard = dict.fromkeys(("command", "scan", "cycle"), -np.inf)
         kept = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self.create_subscription(OccupancyGrid, "map", self.on_map, kept)
         self.create_subscription(LaserScan, "scan", self.on_scan, 1)
@@ -40,9 +38,13 @@ class GateNode(Node):
         self.create_timer(DT, self.cycle)
 
     def on_map(self, msg):
-        """Build the map; the robot stands meanwhile."""
-        robot = cspace.Robot.from_footprint(FOOTPRINT)
-        space = cspace.build(cspace.Workspace.from_occupancy_grid(msg), robot, rotations=72)
+        """Build the map; the robot stands meanwhile. A bad message changes nothing."""
+        try:
+            workspace = cspace.Workspace.from_occupancy_grid(msg)
+        except CspaceError as error:
+            self.get_logger().error(f"map: {error}")
+            return
+        space = cspace.build(workspace, cspace.Robot.from_footprint(FOOTPRINT), rotations=72)
         self.gate = cspace.Gate(space, dt=DT, tracking=0.02, max_deceleration=(1.0, 2.0))
         self.gate.slow_down(space.sample_free(), (0.1, 0.1))  # compiles
         self.get_logger().info(f"stops within {100 * self.gate.stop_distance((0.5, 0.0)):.0f} cm")
@@ -56,16 +58,14 @@ class GateNode(Node):
             x, y, yaw = self.locate(msg.header.frame_id)
         except Exception:  # tf2 has several kinds; without scans, the robot stops
             return
-        turned = angles[seen] + yaw
-        points = np.stack([x + ranges[seen] * np.cos(turned), y + ranges[seen] * np.sin(turned)])
+        points = complex(x, y) + ranges[seen] * np.exp(1j * (angles[seen] + yaw))
         if self.gate is not None:
-            self.gate.space.add_obstacle("scan", points.T, radius=0.03)
+            self.gate.space.add_obstacle("scan", points.view(float).reshape(-1, 2), radius=0.03)
             self.heard["scan"] = time.monotonic()
 
     def on_command(self, msg):
         """Keep the newest command."""
-        self.wanted = (msg.linear.x, msg.angular.z)
-        self.heard["command"] = time.monotonic()
+        self.wanted, self.heard["command"] = (msg.linear.x, msg.angular.z), time.monotonic()
 
     def locate(self, frame):
         """Return x, y and yaw of a frame in the map; raise an error if it is unknown or old."""
@@ -74,7 +74,7 @@ class GateNode(Node):
         if age.nanoseconds > 1e9 * MAX_AGE:
             raise TimeoutError(f"the pose of {frame} is {age.nanoseconds / 1e9:.2f} s old")
         place, turn = moved.transform.translation, moved.transform.rotation
-        return place.x, place.y, 2.0 * math.atan2(turn.z, turn.w)
+        return place.x, place.y, 2.0 * np.arctan2(turn.z, turn.w)
 
     def cycle(self):
         """Send the next command; brake along the proven ramp if anything is missing or late."""
@@ -100,9 +100,8 @@ def main():
     import tf2_ros
 
     rclpy.init()
-    transforms = tf2_ros.Buffer()
-    node = GateNode(transforms)
-    node.listener = tf2_ros.TransformListener(transforms, node)
+    node = GateNode(tf2_ros.Buffer())
+    node.listener = tf2_ros.TransformListener(node.transforms, node)
     rclpy.spin(node)
 
 

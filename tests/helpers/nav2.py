@@ -85,10 +85,14 @@ class Nav2:
         return self.log_file.read_text(encoding="utf-8")
 
 
+def list_stubs(version):
+    """Return the folders of the stubs of a version, "jazzy" or "main"."""
+    return [ANSWERS / "stubs" / version, ANSWERS / "stubs" / "common"]
+
+
 def build_server(target, version, optimization):
     """Compile the package over the stubs of a version, "jazzy" or "main"."""
-    stubs = ANSWERS / "stubs"
-    folders = [PACKAGE / "include", stubs / version, stubs / "common"]
+    folders = [PACKAGE / "include", *list_stubs(version)]
     return build_program(
         target,
         optimization,

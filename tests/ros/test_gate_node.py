@@ -153,6 +153,13 @@ def test_it_stops_without_an_input(node, robot, silent, monkeypatch):
     assert not robot.twist.any() and np.diff(speeds).max() <= 0.0
 
 
+def test_a_map_that_cannot_be_read_changes_nothing(node):
+    gate, bad = node.gate, make_grid(make_room())
+    bad.info.resolution = 0.0
+    node.on_map(bad)
+    assert node.gate is gate
+
+
 def test_a_pose_that_is_old_counts_as_none(node, robot):
     assert node.locate("base_link") == pytest.approx((1.0, 1.0, 0.0))
     old = robot.lookup_transform

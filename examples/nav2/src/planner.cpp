@@ -2,6 +2,7 @@
 
 #include <ompl/geometric/planners/rrt/RRTConnect.h>
 #include <ompl/util/Console.h>
+#include <ompl/util/RandomNumbers.h>
 
 #include <cspace/ompl.hpp>
 #include <nav2_core/planner_exceptions.hpp>
@@ -110,6 +111,7 @@ void CspacePlanner::configure(const Node::WeakPtr& parent, std::string name, std
   const auto node = parent.lock();
   if (!node) throw nav2_core::PlannerException("cspace_nav2: the node is gone");
   ompl::msg::setLogLevel(ompl::msg::LOG_NONE);
+  ompl::RNG::setSeed(1);  // equal requests in the same order get equal paths
   costmap_ros_ = costmap_ros;
   clock_ = node->get_clock();
   time_limit_ = read_parameter(*node, name + ".time_limit", 1.0);

@@ -407,6 +407,16 @@ def test_equal_requests_get_equal_routes(nav2, room):
             np.testing.assert_array_equal(nav2.find_path(*request), path)
 
 
+@pytest.mark.parametrize("drive", ["holonomic", *DRIVES])
+def test_a_planner_that_is_configured_anew_finds_the_same_paths(nav2, room, drive):
+    answers = []
+    for _ in range(2):
+        nav2.configure(room, drive=drive, turning_radius=DRIVES.get(drive, 0))
+        answers.append([nav2.plan(START, GOAL), nav2.plan(GOAL, ABOVE)])
+        nav2.tell("cleanup")
+    assert answers[0] == answers[1] and answers[0][0]["calls"] > 0
+
+
 def test_a_robot_on_its_way_keeps_the_rest_of_its_route(nav2, space, room):
     nav2.configure(room)
     path = nav2.find_path(START, GOAL)
