@@ -1023,9 +1023,7 @@ def _describe_free_yaws(edges: LocalPlanner, endpoints: Endpoints) -> list[str]:
     return limits
 
 
-def _make_plan(
-    journey: Journey, space: Space, start: Endpoint, moved: str, began: float
-) -> Plan:
+def _make_plan(journey: Journey, space: Space, start: Endpoint, moved: str, began: float) -> Plan:
     """Make the plan of a search from a start, and measure its path.
 
     The plan has the living ``space``, of which the task may have a copy that keeps directions.

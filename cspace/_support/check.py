@@ -62,7 +62,7 @@ def check_real(values: ArrayLike, name: str, axes: Sequence[str] = ()) -> NDArra
     the last axis, in order. Raises InputError if a value is not a real number, or is too large for
     float64, or if labels are not the axes.
     """
-    kind = type(values)
+    kind: type[Any] = type(values)
     if kind is tuple or kind is list:
         values = _order_rows(values, name, axes)
     elif kind is not np.ndarray and kind is not float:

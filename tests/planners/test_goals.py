@@ -426,7 +426,11 @@ def test_start_and_goal_may_be_places_on_the_way(drive):
     space = build_field()
     start, goal = (1.5, 1.5, 0.0), (10.5, 2.0, 1.0)
     limits = LIMITS | (TURN_LIMITS if drive not in ("dubins", "reeds-shepp") else {})
-    for via, first, last in [([start], 0, 0), ([goal], None, None), ([start, start, goal], 0, None)]:
+    for via, first, last in [
+        ([start], 0, 0),
+        ([goal], None, None),
+        ([start, start, goal], 0, None),
+    ]:
         plan = planners.plan(space, start, goal, via=via, time_limit=9.0, **options_for(drive))
         assert plan.certified and len(plan.via_rows) == len(via)
         end = len(plan.path) - 1
@@ -567,7 +571,7 @@ BOX = shapely.box(4.5, 0.5, 5.5, 1.5)
             "turning",
             {"goal": (line, 1.0) if is_pair else line},
             {"goal": line.buffer(0.1)},
-            "is a LineString; a region is a Polygon or a MultiPolygon; pass e.g. goal.buffer(0.1)",
+            "is a LineString; a region is a Polygon or a MultiPolygon; pass e.g. region.buffer(0.1)",
         )
         for is_pair, line in enumerate([shapely.LineString([(4.5, 0.5), (5.5, 1.5)])] * 2)
     ),
