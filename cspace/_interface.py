@@ -492,7 +492,7 @@ class Space(ABC):
                 "keep",
                 f"is given and space is {self!r}",
                 "only the links of an arm are kept upright",
-                "leave keep out",
+                "pass the space of an arm",
             )
         return self
 

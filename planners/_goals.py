@@ -531,7 +531,7 @@ def _check_form(goal: object, name: str, space: Space) -> None:
     for part in parts:
         if isinstance(part, shapely.Geometry) and not isinstance(part, REGIONS):
             rule = "a region is a Polygon or a MultiPolygon"
-            raise InputError(name, f"is a {part.geom_type}", rule, "pass e.g. goal.buffer(0.1)")
+            raise InputError(name, f"is a {part.geom_type}", rule, "pass e.g. region.buffer(0.1)")
     first, second = (*parts, None, None)[:2]
     is_list = is_row and (isinstance(first, ROWS) or isinstance(second, REGIONS))
     if is_list and space.has_cells:

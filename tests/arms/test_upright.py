@@ -231,6 +231,45 @@ def test_goals_may_be_poses(waiter, arm, space, tolerance):
     assert np.linalg.norm(arm.pose(plan.goal, "tool0")[:3, 3] - (0.3, 0.6, 0.1)) <= 1e-3
 
 
+@pytest.mark.parametrize("max_jerk", [None, 10.0])
+def test_places_several_goals_and_motions_that_go_on_stay_upright(waiter, arm, space, max_jerk):
+    high = (0.0, -0.6, 0.58, 0.0, 0.0)
+    side = arm.pose((0.9, -0.3, 0.4, -0.06, 1.0), "tool0")
+    via = [high, PoseGoal("tool0", side, (1e-3, math.inf))]
+    far = PoseGoal("tool0", arm.pose((-2.5, 0.5, -1.0, 0.5, 0.0), "tool0"))
+    options = {"keep": GLASS, "seed": 1, "time_limit": 20.0}
+    plan = planners.plan(space, START, planners.Goals([far, GOAL]), via=via, **options)
+    assert plan.certified and plan.recheck().all()
+    np.testing.assert_array_equal(plan.goal[:4], GOAL[:4])
+    places = plan.path[list(plan.via_rows)]
+    assert places[0, :4].tolist() == list(high[:4])
+    assert np.linalg.norm(arm.pose(places[1], "tool0")[:3, 3] - side[:3, 3]) <= 1e-3
+    check_kept(waiter, arm, space, sample_path(plan.path))
+    limits = {"max_velocity": 1.0, "max_acceleration": 2.0, "max_jerk": max_jerk}
+    durations = []
+    for stop_at_via in (False, True):
+        trajectory = plan.trajectory(**limits, stop_at_via=stop_at_via)
+        durations.append(trajectory.duration)
+        assert trajectory.certified
+        at = 0.4 * trajectory.duration
+        back = planners.plan(space, trajectory.starts_after(at)[-1], START, via=[high], **options)
+        onward = back.trajectory(after=trajectory, at=at, **limits)
+        for motion in (trajectory, trajectory.braked(at), onward):
+            assert motion.certified and motion.recheck(space).all()
+            rows = motion.sample(np.linspace(0.0, motion.duration, 2001))[0]
+            check_kept(waiter, arm, space, rows)
+    assert durations[0] < durations[1]
+
+
+def test_a_place_that_is_not_upright_is_named(space):
+    tilted = (*START[:3], 1.0, 0.0)
+    with pytest.raises(ConfigurationError, match=r"^via\[1\] .*is not upright"):
+        planners.plan(space, START, GOAL, keep=GLASS, via=[START, tilted])
+    goals = planners.Goals([tilted, GOAL])
+    plan = planners.plan(space, START, goals, keep=GLASS, seed=1, time_limit=20.0)
+    assert plan.certified and plan.goal[:4].tolist() == list(GOAL[:4])
+
+
 def test_a_plane_and_two_axes_are_kept(waiter, arm):
     """The wrist may turn about the fixed direction x, or the tool may do neither."""
     space = build_arm_space({}, arm)
@@ -304,6 +343,26 @@ def test_plans_reject_what_is_not_upright(arm, space, options, message):
         given["goal"] = PoseGoal("tool0", arm.pose(given.pop("pose"), "tool0"))
     with pytest.raises((InputError, ConfigurationError), match=message):
         planners.plan(space, given.pop("start"), given.pop("goal"), **given)
+
+
+class Anything(cspace.Space):
+    """The waiter's joints without links."""
+
+    axes = ("turn", "shoulder", "elbow", "bow", "spin")
+    bounds = ((-4.0,) * 5, (4.0,) * 5)
+
+    def is_free(self, q):
+        return True
+
+    def motion_is_free(self, q0, q1):
+        return True
+
+
+def test_a_space_without_links_proves_nothing_that_is_kept(space):
+    plan = planners.plan(space, START, START, keep=GLASS)
+    with pytest.raises(InputError, match="only the links of an arm .*; pass the space of an arm"):
+        plan.recheck(Anything())
+    assert plan.recheck(space).all()
 
 
 def test_maps_keep_nothing():

@@ -571,7 +571,7 @@ BOX = shapely.box(4.5, 0.5, 5.5, 1.5)
             "turning",
             {"goal": (line, 1.0) if is_pair else line},
             {"goal": line.buffer(0.1)},
-            "is a LineString; a region is a Polygon or a MultiPolygon; pass e.g. goal.buffer(0.1)",
+            "is a LineString; a region is a Polygon or a MultiPolygon; pass e.g. region.buffer(0.1)",
         )
         for is_pair, line in enumerate([shapely.LineString([(4.5, 0.5), (5.5, 1.5)])] * 2)
     ),
