@@ -721,7 +721,7 @@ MUTANTS = (
     ),
     Mutant(
         "cspace/arms/_snapshots.py",
-        "paddings = self.outer.padding + self._bound_displacements(deviations)",
+        "paddings = self.outer.padding + self.bound_displacements(deviations)",
         "paddings = self.outer.padding",
         "tests/planners/test_smoothing.py",
     ),

@@ -15,7 +15,8 @@ proven. So the work grows with the boundary of the C-obstacle, not with the numb
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import product
 from typing import NamedTuple
 
@@ -28,7 +29,7 @@ from cspace._bodies.triangle_proofs import (
     joint_displacement,
     piece_depth,
 )
-from cspace._grid import SLACK
+from cspace._grid import SLACK, Grid
 from cspace._support.arrays import BLOCKED, FREE, MIXED, Bools, Floats, Ints, Row, States
 from cspace._support.compiling import Address, call, internal, kernel
 from cspace._support.vectors import apply_pose, minus, row_at
@@ -52,46 +53,6 @@ from cspace.arms._motion_proofs import (
 from cspace.arms._snapshots import Snapshot
 
 
-class JointCells(NamedTuple):
-    """Map cells as configurations of the arm.
-
-    Attributes
-    ----------
-    lower : ndarray of float64, shape (d,)
-        Start of the first cell along each axis.
-    spacing : float
-    joint_indices : ndarray of int64, shape (d,)
-        Index of the joint of each axis.
-    held : ndarray of float64, shape (dof,)
-        Values of the other joints.
-    levers : ndarray of float64, shape (d,)
-        Approximate motion of the arm per unit of each axis.
-    """
-
-    lower: Floats
-    spacing: float
-    joint_indices: Ints
-    held: Floats
-    levers: Floats
-
-    def find_tubes(
-        self, starts: Floats | Ints, stops: Floats | Ints
-    ) -> tuple[Floats, Floats, Floats]:
-        """Return tubes that fill blocks of cells: both ends, and deviations, shapes (n, dof).
-
-        The blocks reach from ``starts`` to ``stops``, shapes (n, d), in cells. The joint that moves
-        the arm farthest moves along a tube. The tubes include the rounding of queries.
-        """
-        sides = stops - starts
-        centers = np.tile(self.held, (len(starts), 1))
-        halves = np.zeros_like(centers)
-        centers[:, self.joint_indices] = self.lower + 0.5 * self.spacing * (starts + stops)
-        halves[:, self.joint_indices] = self.spacing * (0.5 * sides + SLACK)
-        farthest = self.joint_indices[(self.levers * sides).argmax(axis=1)]
-        along = np.where(farthest[:, np.newaxis] == np.arange(len(self.held)), halves, 0.0)
-        return centers - along, centers + along, halves - along
-
-
 class InnerBalls(NamedTuple):
     """Balls inside solids.
 
@@ -109,18 +70,57 @@ class InnerBalls(NamedTuple):
     starts: Ints
 
 
-class CellProofs(NamedTuple):
-    """Proofs of blocks of cells: an arm, balls inside its inner shapes, and the cells."""
+@dataclass(frozen=True, eq=False)
+class CellProofs:
+    """Proofs of blocks of map cells, as configurations of an arm.
+
+    Attributes
+    ----------
+    snapshot : Snapshot
+    balls : InnerBalls
+        Those of its inner shapes.
+    grid : Grid
+    joint_indices : ndarray of int64, shape (d,)
+        Index of the joint of each axis.
+    held : ndarray of float64, shape (dof,)
+        Values of the other joints.
+    """
 
     snapshot: Snapshot
     balls: InnerBalls
-    cells: JointCells
+    grid: Grid
+    joint_indices: Ints
+    held: Floats
+
+    @cached_property
+    def levers(self) -> Floats:
+        """How far a unit of each axis may move a pair of solids, shape (d,)."""
+        moves = self.snapshot.bound_displacements(np.eye(len(self.held)))
+        return np.asarray(moves.max(axis=1, initial=0.0)[self.joint_indices])
 
     def select_pairs(self, which: Bools | slice) -> CellProofs:
         """Return the proofs of some pairs of solids."""
         scenes = self.snapshot.outer, self.snapshot.inner
         outer, inner = (scene.select_pairs(which) for scene in scenes)
-        return self._replace(snapshot=replace(self.snapshot, outer=outer, inner=inner))
+        return replace(self, snapshot=replace(self.snapshot, outer=outer, inner=inner))
+
+    def find_tubes(
+        self, starts: Floats | Ints, stops: Floats | Ints
+    ) -> tuple[Floats, Floats, Floats]:
+        """Return tubes that fill blocks of cells: both ends, and deviations, shapes (n, dof).
+
+        The blocks reach from ``starts`` to ``stops``, shapes (n, d), in cells. The joint that moves
+        the arm farthest moves along a tube. The tubes include the rounding of queries.
+        """
+        sides = stops - starts
+        spacing = self.grid.spacing
+        centers = np.tile(self.held, (len(starts), 1))
+        halves = np.zeros_like(centers)
+        centers[:, self.joint_indices] = self.grid.lower + 0.5 * spacing * (starts + stops)
+        halves[:, self.joint_indices] = spacing * (0.5 * sides + SLACK)
+        farthest = self.joint_indices[(self.levers * sides).argmax(axis=1)]
+        along = np.where(farthest[:, np.newaxis] == np.arange(len(self.held)), halves, 0.0)
+        return centers - along, centers + along, halves - along
 
     def find_states(
         self,
@@ -136,7 +136,7 @@ class CellProofs(NamedTuple):
         """
         states = np.empty(len(starts), dtype=np.uint8)
         prove, outer, inner = self.snapshot.proof, self.snapshot.outer, self.snapshot.inner
-        tubes = self.cells.find_tubes(starts, stops)
+        tubes = self.find_tubes(starts, stops)
         classify_tubes(prove, outer, inner, self.balls, *tubes, with_crossings, states, scratch)
         return states
 
@@ -159,7 +159,7 @@ class CellProofs(NamedTuple):
             mixed.append(starts[is_open & is_cell])
             # Halve the others across the axis along which they move the arm farthest.
             halved = is_open & ~is_cell
-            cuts = np.where(sides > 1, self.cells.levers * sides, -1.0)[halved].argmax(axis=1)
+            cuts = np.where(sides > 1, self.levers * sides, -1.0)[halved].argmax(axis=1)
             starts, stops = starts[halved], stops[halved]
             is_cut = cuts[:, np.newaxis] == np.arange(len(start))
             middles = (starts + stops) // 2

@@ -45,8 +45,7 @@ from cspace._support.reporting import warn_user
 from cspace._support.threads import count_cores, map_in_threads
 from cspace._workspace import Workspace
 from cspace.arms._arm_space import ArmSpace
-from cspace.arms._boxes import CellProofs, InnerBalls, JointCells
-from cspace.arms._chain import REVOLUTE
+from cspace.arms._boxes import CellProofs, InnerBalls
 from cspace.arms._model import Arm
 from cspace.arms._motion_proofs import (
     Solids,
@@ -61,7 +60,7 @@ _BYTES_PER_JOINT_CELL: Final = 3
 """Memory per cell, bytes: its state, and whether it meets an obstacle or lies in one."""
 
 
-_BLOCK_CELLS_PER_AXIS: Final = {2: 256, 3: 32}
+_BLOCK_CELLS_PER_AXIS: Final = {2: 64, 3: 32}
 """Cells per axis of the blocks that threads start with, by the number of joints."""
 
 
@@ -158,9 +157,9 @@ def build_joint_map(
     still_pairs = np.flatnonzero(~moving.any(axis=1))
     _refuse_held_contact(snapshot, names, held, still_pairs)
 
-    cells = _make_cells(snapshot, grid, joint_indices, held)
-    proofs = CellProofs(snapshot, _find_inner_balls(snapshot.inner.solids), cells)
-    states = _classify_cells(proofs, grid.shape, moving, workers or count_cores(), progress)
+    balls = _find_inner_balls(snapshot.inner.solids)
+    proofs = CellProofs(snapshot, balls, grid, joint_indices, held)
+    states = _classify_cells(proofs, moving, workers or count_cores(), progress)
     # The last cells along an axis may exceed the joint's limit, beyond which nothing is FREE.
     last_ends = np.array(grid.lower) + side * np.array(shape)
     upper_limits = joint_limits[:, 1]
@@ -221,29 +220,24 @@ def _check_joints(arm: Arm, joints: Sequence[str] | None) -> tuple[str, ...]:
 
 
 def _classify_cells(
-    proofs: CellProofs,
-    shape: tuple[int, ...],
-    moving: Bools,
-    workers: int,
-    progress: Progress | None,
+    proofs: CellProofs, moving: Bools, workers: int, progress: Progress | None
 ) -> States:
-    """Compute the states of all cells of a grid.
+    """Compute the states of all cells.
 
     ``moving``, shape (pairs, joints), says which joints move which pairs. Pairs that the same
     joints move are one layer of cells. Along the other joints, one cell of the layer represents
     all.
     """
+    shape = proofs.grid.shape
     layers = list[States]()
     tasks = []
     for layer_joints in np.unique(moving[moving.any(axis=1)], axis=0):
         in_layer = (moving == layer_joints).all(axis=1)
-        moved = proofs.cells._replace(levers=proofs.cells.levers * layer_joints)
-        layer_proofs = proofs.select_pairs(in_layer)._replace(cells=moved)
         sides = np.where(layer_joints, shape, 1)
         parts = np.where(layer_joints, _PARTS_PER_CELL[len(shape)], 1)
         layer = np.empty(sides, dtype=np.uint8)
         layers.append(layer)
-        classify = partial(layer_proofs.classify, parts=parts, out=layer)
+        classify = partial(proofs.select_pairs(in_layer).classify, parts=parts, out=layer)
         tasks += [partial(classify, *block) for block in _cut_blocks(sides)]
     report = None if progress is None else lambda done: progress(done, len(tasks))
     map_in_threads(lambda task: task(), tasks, workers, report)
@@ -495,23 +489,6 @@ def _refuse_held_contact(
         )
 
 
-def _make_cells(snapshot: Snapshot, grid: Grid, joint_indices: Ints, held: Floats) -> JointCells:
-    """Describe the cells of a grid."""
-    chain = snapshot.arm.chain
-    solids = snapshot.outer.solids
-    # A body reaches as far from its origin as the largest solid on it.
-    body_reaches = np.zeros(len(chain.parents))
-    np.maximum.at(body_reaches, solids.bodies, solids.levers)
-    # The farthest motion of each body (row) by each joint (column), per radian or metre.
-    arm_lengths = chain.lengths + body_reaches[:, np.newaxis]
-    travel = np.where(chain.kinds == REVOLUTE, arm_lengths, 1.0)
-    travel *= np.abs(chain.factors) * chain.between[:, 0]
-    levers = np.zeros(len(held))
-    np.maximum.at(levers, chain.joint_indices, travel.max(axis=0))
-    lower = np.asarray(grid.lower)
-    return JointCells(lower, grid.spacing, joint_indices, held, levers[joint_indices])
-
-
 def _find_inner_balls(solids: Solids) -> InnerBalls:
     """Find balls inside solids, and points, as balls without radius."""
     # Rows of a center and a radius.
@@ -603,9 +580,8 @@ class JointGeometry:
 
     def extend(self, q: Floats) -> Floats:
         """Extend configurations of the map, (n, d), to the arm's, (n, arm.dof)."""
-        cells = self.proofs.cells
-        rows = np.tile(cells.held, (len(q), 1))
-        rows[:, cells.joint_indices] = q
+        rows = np.tile(self.proofs.held, (len(q), 1))
+        rows[:, self.proofs.joint_indices] = q
         return rows
 
     def count_pairs(self, cells: Ints) -> Counter[tuple[str, str]]:
@@ -616,7 +592,7 @@ class JointGeometry:
             proofs = self.proofs.select_pairs(slice(pair, pair + 1))
             scratch = make_scene_scratch(proofs.snapshot.outer)
             is_free = proofs.find_states(cells, cells + 1, False, scratch) == FREE
-            firsts, lasts, _ = proofs.cells.find_tubes(cells[~is_free], cells[~is_free] + 1)
+            firsts, lasts, _ = proofs.find_tubes(cells[~is_free], cells[~is_free] + 1)
             counts.update(snapshot.nearest_parts(pair, 0.5 * (firsts + lasts)))
             cells = cells[is_free]
         return counts

@@ -198,7 +198,7 @@ class Snapshot:
         if all pairs stay apart by as much as such joint motions move them, in addition, and links
         keep their angles within the tolerances less as much as they turn.
         """
-        paddings = self.outer.padding + self._bound_displacements(deviations)
+        paddings = self.outer.padding + self.bound_displacements(deviations)
         tolerances = self.outer.cones.tolerances - self._bound_turns(deviations)
         return self.are_free(firsts, lasts, paddings=np.hstack([paddings, tolerances]))
 
@@ -215,7 +215,7 @@ class Snapshot:
 
     def pad_scene(self, deviations: Floats) -> ArmScene:
         """Return the outer scene with padding for deviations of the joints, shape (dof,)."""
-        displacements = self._bound_displacements(deviations[np.newaxis])[0]
+        displacements = self.bound_displacements(deviations[np.newaxis])[0]
         turns = self._bound_turns(deviations[np.newaxis])[0]
         return self.outer._replace(
             padding=self.outer.padding + displacements, cones=self.outer.cones.shrink(turns)
@@ -228,7 +228,7 @@ class Snapshot:
         turns = chain.between[self.outer.cones.bodies, 0] & (chain.kinds == REVOLUTE)
         return np.asarray(rates @ turns.T / ADVANCE_FACTOR)
 
-    def _bound_displacements(self, joint_motions: Floats) -> Floats:
+    def bound_displacements(self, joint_motions: Floats) -> Floats:
         """Bound how far joint motions, shape (n, dof), move each pair, shape (n, p); metres.
 
         The bounds include rounding.
