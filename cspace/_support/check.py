@@ -124,7 +124,7 @@ def order_labels(values: Any, name: str, axes: Sequence[str]) -> Any:
     return values[list(axes)]
 
 
-def _order_rows(values: list[Any] | tuple[Any, ...], name: str, axes: Sequence[str]) -> Any:
+def _order_rows(values: Any, name: str, axes: Sequence[str]) -> Any:
     """Return a list of rows, or a row, in axes' order."""
     # Long lists hold few types, and numpy would drop the labels, units and masks of rows.
     kinds = set(map(type, values))
