@@ -643,6 +643,12 @@ MUTANTS = (
     ),
     Mutant(
         "planners/_timing.py",
+        "rounding = roundings * float",
+        "rounding = 0.0 * float",
+        "tests/planners/test_jerk.py",
+    ),
+    Mutant(
+        "planners/_timing.py",
         "phases.jerks / factor**3",
         "phases.jerks / factor**2",
         "tests/planners/test_jerk.py",
