@@ -423,12 +423,6 @@ MUTANTS = (
         "tests/arms/test_joint_map.py",
     ),
     Mutant(
-        "cspace/arms/_boxes.py",
-        "is_kept = (found != MIXED) & (found == (found if states is None else states))",
-        "is_kept = found != MIXED",
-        "tests/arms/test_joint_map.py",
-    ),
-    Mutant(
         "cspace/arms/_joint_map.py",
         "last_cells[last_cells == FREE] = MIXED",
         "last_cells[last_cells == FREE] = FREE",
