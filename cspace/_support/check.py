@@ -58,7 +58,7 @@ def check_real(values: ArrayLike, name: str, axes: Sequence[str] = ()) -> NDArra
     """
     kind: type[Any] = type(values)
     if kind is tuple or kind is list:
-        values = _order_rows(values, name, axes)
+        values = order_labels(values, name, axes)
     elif kind is not np.ndarray and kind is not float:
         check_unmasked(values, name)
         _check_unit(values, name)
