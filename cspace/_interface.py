@@ -541,7 +541,7 @@ class Space(ABC):
 
         Raises errors as :meth:`check_endpoint`, if no goal is left.
         """
-        alternatives = goal.goals if isinstance(goal, Goals) else (goal,)
+        alternatives = self._list_alternatives(goal, name)
         goals: list[Endpoint] = []
         errors: list[ConfigurationError] = []
         for number, alternative in enumerate(alternatives):
@@ -562,6 +562,10 @@ class Space(ABC):
             rows = rows[np.argsort(lengths, kind="stable")]
         turned = turn_near(rows, np.array(start), self.periodic_axes)
         return [tuple(q) for q in turned.tolist()]
+
+    def _list_alternatives(self, goal: GoalLike, name: str) -> Sequence[GoalLike]:
+        """List the alternatives of a goal."""
+        return goal.goals if isinstance(goal, Goals) else (goal,)
 
     def _solve_goal(
         self, goal: GoalLike, name: str, start: Endpoint, seed: int | None, exact: bool
