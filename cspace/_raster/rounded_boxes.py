@@ -36,7 +36,7 @@ within 4 ``s`` of the boundary. Cubes that touch the boundary are outer and not 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -45,6 +45,10 @@ from cspace._raster import Raster, allocate_bitmap, find_index_ranges, run_in_sl
 from cspace._raster.rounded_segments import OBSTACLE_REACH
 from cspace._support.arrays import Bools, Floats, Ints
 from cspace._support.compiling import kernel
+
+
+MIN_CUBES_FOR_THREADS: Final = 2**17
+"""Smallest number of cubes near boxes that are marked in threads."""
 
 
 class RoundedBoxes(NamedTuple):
@@ -151,7 +155,11 @@ def _mark_in_slabs(out: Bools, boxes: RoundedBoxes, b0: float, b1: float) -> Non
     radii = boxes.radii[:, None]
     first, last = find_index_ranges(lows - radii - b1, highs + radii - b0, out.shape)
     contiguous = RoundedBoxes(*map(np.ascontiguousarray, (lows, highs, boxes.radii)))
-    run_in_slabs(_mark_near, out, contiguous, first, last, b0, b1)
+    # Few cubes take less time than threads.
+    if np.maximum(last - first + 1, 0).prod(axis=1).sum() < MIN_CUBES_FOR_THREADS:
+        _mark_near(out, contiguous, first, last, b0, b1, 0, len(out))
+    else:
+        run_in_slabs(_mark_near, out, contiguous, first, last, b0, b1)
 
 
 @kernel
