@@ -46,7 +46,6 @@ from cspace._raster.rounded_segments import OBSTACLE_REACH
 from cspace._support.arrays import Bools, Floats, Ints
 from cspace._support.compiling import kernel
 
-
 MIN_CUBES_FOR_THREADS: Final = 2**17
 """Smallest number of cubes near boxes that are marked in threads."""
 
