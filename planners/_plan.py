@@ -521,8 +521,6 @@ def _search_stages(task: PlanTask, start: Endpoint, stages: Sequence[Stage]) -> 
     edges = task.edges
     space = edges.space
     results: list[SearchResult] = []
-    paths: list[Floats] = []
-    vias: list[int] = []
     point = start
     for number, stage in enumerate(stages):
         goals = stage.goals
@@ -539,23 +537,37 @@ def _search_stages(task: PlanTask, start: Endpoint, stages: Sequence[Stage]) -> 
         results.append(result)
         if not len(result.path):
             break
-        paths.append(result.path if not paths else result.path[1:])
         point = tuple(result.path[-1].tolist())
-        vias.append(sum(map(len, paths)) - 1)
     if len(stages) == 1:
         return Journey(part, result, exists, stage.name, (), ())
-    is_found = len(paths) == len(stages)
-    through = f"{len(stages) - 1} places" if len(stages) > 2 else "1 place"
-    result = replace(
-        _sum_times(results[-1], results),
-        path=np.concatenate(paths) if is_found else results[-1].path,
-        proven=all(each.proven for each in results),
-        note=f"through {through}" if is_found else results[-1].note,
-    )
-    vias = vias[:-1] if is_found else []
+    joined, vias = _join_results(results, stages)
     pairs = zip(vias, stages, strict=False)
-    stops = [row for row, place in pairs if place.asks_turn(edges, result.path, row)]
-    return Journey(part, result, exists, stage.name, tuple(vias), tuple(stops))
+    stops = [row for row, place in pairs if place.asks_turn(edges, joined.path, row)]
+    return Journey(part, joined, exists, stage.name, tuple(vias), tuple(stops))
+
+
+def _join_results(
+    results: Sequence[SearchResult], stages: Sequence[Stage]
+) -> tuple[SearchResult, list[int]]:
+    """Return the whole way, and its rows at places on the way.
+
+    If a place is not reached, it is the result of the last search, without rows.
+    """
+    last = results[-1]
+    proven = all(each.proven for each in results)
+    if not len(last.path):
+        return replace(_sum_times(last, results), proven=proven), []
+    # Each path begins where the one before ends.
+    paths = [results[0].path, *(each.path[1:] for each in results[1:])]
+    ends = np.cumsum(list(map(len, paths))) - 1
+    through = f"{len(stages) - 1} places" if len(stages) > 2 else "1 place"
+    whole = replace(
+        _sum_times(last, results),
+        path=np.concatenate(paths),
+        proven=proven,
+        note=f"through {through}",
+    )
+    return whole, ends[:-1].tolist()
 
 
 def _may_join(edges: LocalPlanner, path_exists: Callable[[], bool | None]) -> bool:
