@@ -115,7 +115,7 @@ def find_motion(
     squares[1:-1] = np.minimum(squares[1:-1], np.minimum(caps[:-1], caps[1:]))
     tops = squares.copy()
     bound_squares(intervals.lengths, limited.rates, limited.bends, squares)
-    keys = _choose_keys(squares, tops, limited, begin_speed, begin_acceleration)
+    keys = _choose_keys(squares, tops, caps, limited, begin_speed, begin_acceleration)
     speeds = np.sqrt(squares[keys])
     speeds[0] = begin_speed
     legs = [slice(*pair) for pair in itertools.pairwise(keys.tolist())]
@@ -233,12 +233,18 @@ def _bound_around(parts: Segments, lengths: Floats) -> tuple[Floats, Floats, Flo
 
 
 def _choose_keys(
-    squares: Floats, tops: Floats, limited: JerkIntervals, speed: float, acceleration: float
+    squares: Floats,
+    tops: Floats,
+    caps: Floats,
+    limited: JerkIntervals,
+    speed: float,
+    acceleration: float,
 ) -> Ints:
     """Return the numbers of the borders between legs.
 
     There the fastest motion without a limit of jerk, with given squared speeds, is slowest, or it
-    begins or ends to follow the largest squared speeds, ``tops``.
+    begins or ends to follow the largest squared speeds, ``tops``, or it is faster between two
+    borders of one speed. ``caps``, shape (n,), are the largest squared speeds of intervals.
     """
     steps = np.diff(squares)
     flat = np.abs(steps) <= MAX_ERROR * np.maximum(squares[1:], squares[:-1])
@@ -248,6 +254,9 @@ def _choose_keys(
     is_key[1:-1] |= (falls[:-1] & ~falls[1:]) | (rises[1:] & ~rises[:-1])
     is_top = squares >= (1.0 - MAX_ERROR) * tops
     is_key[1:-1] |= is_top[1:-1] & ~(is_top[:-2] & is_top[2:])
+    is_faster = flat & is_top[:-1] & is_top[1:] & (caps > (1.0 + MAX_ERROR) * tops[1:])
+    is_key[:-1] |= is_faster
+    is_key[1:] |= is_faster
     if acceleration:
         # The robot first brings its acceleration to zero.
         time = abs(acceleration) * float(limited.jerk_rates[0].max())

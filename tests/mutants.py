@@ -636,6 +636,12 @@ MUTANTS = (
         "tests/planners/test_jerk.py",
     ),
     Mutant(
+        "planners/_jerk.py",
+        "is_key[1:] |= is_faster",
+        "is_key[:-1] |= is_faster",
+        "tests/planners/test_jerk.py",
+    ),
+    Mutant(
         "planners/_timing.py",
         "rounding = roundings * float",
         "rounding = 0.0 * float",

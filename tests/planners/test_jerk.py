@@ -200,6 +200,15 @@ def check_continues(before, at, after):
         np.testing.assert_allclose(new, old, atol=1e-6)
 
 
+@pytest.mark.parametrize("drive", ["dubins", "reeds-shepp"])
+def test_a_car_with_hardly_limited_jerk_is_as_fast_between_its_arcs_as_without(drive):
+    rows = [(0.0, 0.0, 0.0), (4.0, 1.0, 0.5), (8.0, 0.0, 0.0), (12.0, 1.0, 0.0)]
+    plan = plan_along("turning", rows, drive)
+    limits = {"max_velocity": 1.5, "max_acceleration": 0.8}
+    limited = plan.trajectory(**limits, max_jerk=1e4).duration
+    assert limited <= 1.01 * plan.trajectory(**limits).duration
+
+
 @pytest.mark.parametrize("drive, rotations", [("holonomic", None), ("differential", 36)])
 def test_stops_and_going_on_keep_the_limit(drive, rotations):
     plan = build_plan(1, drive, rotations)
