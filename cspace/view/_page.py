@@ -35,6 +35,8 @@ LOGGER: Final = logging.getLogger(__name__)
 
 FRAME_RATE: Final = 25.0
 """Number of frames per second when a path is played."""
+CLOSING_SECONDS: Final = 5.0
+"""Largest time that a page waits for each of its threads when it closes."""
 AUTOMATIC: Final = "automatic"
 """Label of the default planner."""
 
@@ -210,6 +212,7 @@ class Page:
         self._was_dragged = False
         self._goal: PoseGoal | None = None
         self._playing = threading.Event()
+        self._closing = threading.Event()
         # Each kind of work has a thread, so that the page always answers.
         self._renderer = Worker(self._show, self._report_error)
         self._prover = Worker(self._prove, self._report_error)
@@ -360,9 +363,12 @@ class Page:
     def close(self) -> None:
         """Stop all threads."""
         self._playing.clear()
-        for worker in (self._renderer, self._prover, self._planner, self._player, self._solver):
+        self._closing.set()
+        workers = self._renderer, self._prover, self._planner, self._player, self._solver
+        for worker in workers:
             worker.close()
-        self._renderer.wait(1.0)  # viser warns of drawings after the server has stopped
+        for worker in workers:
+            worker.wait(CLOSING_SECONDS)  # viser warns of what is sent after the server has stopped
 
     # ---- work in threads -------------------------------------------------------------------------
 
@@ -407,7 +413,9 @@ class Page:
         panel.plan.disabled = True
         try:
             options = panel.read_options()
-            self.plan = plan = planners.plan(self._space, self.endpoints["start"], goal, **options)
+            start = self.endpoints["start"]
+            stop = self._closing.is_set
+            self.plan = plan = planners.plan(self._space, start, goal, stop=stop, **options)
         finally:
             panel.plan.disabled = False
         self._prover.request()

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import socket
+import threading
+import time
 from types import SimpleNamespace
 
 import numpy as np
@@ -162,6 +164,31 @@ def test_paths_are_played_at_true_speed_or_in_eight_seconds(has_times, monkeypat
             on_path = (0.5 + 1.5 * min(seconds / 8.0, 1.0), 0.5)
             expected = trajectory.sample(seconds)[0] if has_times else on_path
             np.testing.assert_allclose(q, expected, atol=1e-9)
+
+
+def test_a_page_closes_after_its_proof_and_its_stopped_search(monkeypatch, recwarn):
+    """The search ends only because it is stopped."""
+    began = [threading.Event(), threading.Event()]
+
+    def prove(*_):
+        began[0].set()
+        time.sleep(0.2)
+        return "proven"
+
+    def search(*_, stop, **__):
+        began[1].set()
+        until(stop)
+        raise InputError("stop", "is set", "the search ends", "")
+
+    with build_room("R2").view(block=False, port=0) as viewer:
+        assert viewer.page.wait(600.0)
+        monkeypatch.setattr(viewer.canvas, "prove", prove)
+        monkeypatch.setattr(planners, "plan", search)
+        viewer.page.refresh()
+        viewer.page.search()
+        assert all(event.wait(60.0) for event in began)
+    assert viewer.page.panel.proof.content == "proven"
+    assert viewer.page.wait(60.0) and not recwarn.list
 
 
 def test_the_command_opens_a_page(tmp_path, monkeypatch, capfd):
