@@ -7,7 +7,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeAlias, Unpack, cast, overload
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeAlias, cast, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -30,8 +30,9 @@ from cspace.errors import ConfigurationError, InputError
 
 if TYPE_CHECKING:
     from cspace._queries.chunks import Chunk, RowCheck
+    from cspace.plot._route import HasPath
     from cspace.regions import ConvexRegion, FreeRegions
-    from cspace.view._viewer import Viewer, ViewOptions
+    from cspace.view import Viewer
 
 Endpoint = tuple[float, ...]
 """A start or goal in canonical form."""
@@ -868,7 +869,18 @@ class ConfigurationSpace(Space):
 
     # ---- pages -----------------------------------------------------------------------------------
 
-    def view(self, *, block: bool = True, **options: Unpack[ViewOptions]) -> Viewer:
+    @names_options
+    def view(
+        self,
+        *,
+        block: bool = True,
+        path: ArrayLike | HasPath | None = None,
+        start: ArrayLike | None = None,
+        goal: ArrayLike | None = None,
+        frame: str | None = None,
+        host: str = "127.0.0.1",
+        port: int | None = None,
+    ) -> Viewer:
         """Show the space on a page in the browser, and plan there.
 
         Needs the extra ``view``. The page shows the obstacles, the robot, and the
@@ -890,8 +902,7 @@ class ConfigurationSpace(Space):
             Frame of an arm that users drag, such as ``"tool0"``; by default the frame that the most
             joints move.
         host : str
-            Address to serve on, by default "127.0.0.1". Whoever can reach it can plan on the page
-            and move it.
+            Address to serve on. Whoever can reach it can plan on the page and move it.
         port : int, optional
             Default: the first free port from 8080 on.
 
@@ -909,9 +920,12 @@ class ConfigurationSpace(Space):
         MissingPackageError
             If viser is not installed.
         """
-        from cspace.view._viewer import open_viewer
+        from cspace.view._viewer import Viewer, show_viewer
 
-        return open_viewer(self, block, options)
+        return show_viewer(
+            Viewer(self, path=path, start=start, goal=goal, frame=frame, host=host, port=port),
+            block,
+        )
 
     # ---- one configuration, given as a tuple: the same look-ups, without arrays ------------------
 

@@ -33,7 +33,7 @@ from cspace._interface import (
 )
 from cspace._rotations.base import ANGLE_SLACK, METRES_PER_RADIAN, turn_near
 from cspace._support.arrays import FREE, MIXED, Bools, Floats, Ints
-from cspace._support.check import check_finite, check_point, warn_of_degrees
+from cspace._support.check import check_finite, check_point, suggest_radians, warn_of_degrees
 from cspace.errors import ConfigurationError, InputError
 from planners._catalogue import ANY_ROTATION, REGION, check_support
 from planners._local_planner import CURVES, LocalPlanner
@@ -518,7 +518,7 @@ def check_tolerance(value: object, space: Space) -> tuple[float, float]:
         raise InputError("goal_tolerance", f"is {value!r}", rule, hint)
     metres, radians = pair.tolist()
     if radians > math.pi:
-        hint = f"pass {math.radians(radians):.6g} for {radians:g} degrees, or pi for any rotation"
+        hint = f"{suggest_radians(radians)}, or pi for any rotation"
         rule = "an angle is at most pi radians"
         raise InputError("goal_tolerance", f"is {value!r}", rule, hint)
     return metres, radians if space.rotations.names else 0.0

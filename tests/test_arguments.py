@@ -348,6 +348,19 @@ def test_an_unknown_option_names_the_most_similar_one():
     for call, option, similar in calls:
         with pytest.raises(TypeError, match=f"{option}'; did you mean '{similar}'"):
             call(**{option: 1})  # type: ignore[operator]
-    with pytest.raises(TypeError, match="its options are exact, graph, max_room, space"):
-        planners.audit(turning(), None, heading="any")  # type: ignore[call-arg]
     assert "rotations" in inspect.signature(cspace.build).parameters
+
+
+def test_an_unlike_option_lists_those_that_can_be_given():
+    with pytest.raises(TypeError, match=r"its options are exact, max_room$"):
+        planners.audit(turning(), None, heading="any")  # type: ignore[call-arg]
+    with pytest.raises(TypeError, match=r"view\(\) .*options are block, frame, goal, host, path, "):
+        turning().view(open_browser=False)  # type: ignore[call-arg]
+    with pytest.raises(TypeError, match=r"Viewer\(\) .*its options are frame, goal, host, path, "):
+        cspace.view.Viewer(turning(), open_browser=False)  # type: ignore[call-arg]
+    with pytest.raises(TypeError, match="its options are ax, camera, center, cut, goal, legend, "):
+        turning().plot(quiet=True)  # type: ignore[call-arg]
+    with pytest.raises(
+        TypeError, match=r"its options are bounds, lazy, offset, polygons, spacing$"
+    ):
+        Workspace.from_polygons(quiet=True)  # type: ignore[call-arg]

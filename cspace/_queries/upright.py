@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace._support.check import check_finite, check_positive, check_text
+from cspace._support.check import check_finite, check_positive, check_text, suggest_radians
 from cspace.errors import InputError
 
 
@@ -64,8 +64,7 @@ class Upright:
         for name, value in (("tolerance", tolerance), ("angle", angle)):
             if not 0.0 <= value <= math.pi:
                 rule = "an angle between two directions is from 0 to pi radians"
-                hint = f"pass {math.radians(abs(value)):.6g} for {abs(value):g} degrees"
-                raise InputError(name, f"is {value!r}", rule, hint)
+                raise InputError(name, f"is {value!r}", rule, suggest_radians(value))
             object.__setattr__(self, name, value)
 
 

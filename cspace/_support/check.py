@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import inspect
+import math
 import operator
 import re
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
@@ -301,15 +302,18 @@ def names_options(function: Callable[Arguments, Result]) -> Callable[Arguments, 
 
     It is not for queries of single configurations, because it takes a fraction of a microsecond.
     """
-    known = frozenset(inspect.signature(function).parameters)
+    names = list(inspect.signature(function).parameters)
+    known = frozenset(names)
 
     @wraps(function)
     def call(*values: Arguments.args, **options: Arguments.kwargs) -> Result:
         """Call the function, if it has all options."""
         if not known.issuperset(options):
             name = next(option for option in options if option not in known)
-            hint = suggest_name(name, known) or f"its options are {', '.join(sorted(known))}"
-            raise TypeError(f"{function.__qualname__}() has no option {name!r}; {hint}")
+            left = sorted(names[len(values) :])  # without self, and what is given by position
+            hint = suggest_name(name, left) or f"its options are {', '.join(left)}"
+            called = function.__qualname__.removesuffix(".__init__")
+            raise TypeError(f"{called}() has no option {name!r}; {hint}")
         return function(*values, **options)
 
     return call
@@ -361,6 +365,13 @@ def check_angle(value: ArrayLike, name: str) -> float:
     radians = check_number(value, name, "pass radians, e.g. 1.57")
     warn_of_degrees([radians], {0: "it"}, name)
     return radians
+
+
+def suggest_radians(value: float) -> str:
+    """Return a hint for an angle outside [0, pi], radians, which may be in degrees."""
+    if math.pi < value <= 180.0:
+        return f"pass {math.radians(value):.6g} for {value:g} degrees"
+    return "pass radians, e.g. 1.57"
 
 
 def warn_of_degrees(q: ArrayLike, angles: Mapping[int, str], name: str) -> None:

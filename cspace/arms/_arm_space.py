@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from functools import cached_property, partial
 from itertools import chain
-from typing import TYPE_CHECKING, Any, Final, Unpack, cast
+from typing import TYPE_CHECKING, Any, Final, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -84,7 +84,7 @@ from cspace.errors import ConfigurationError, InputError
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from cspace.plot._arms import ArmPlotOptions
+    from cspace.plot._route import HasPath
 
 MAX_DOUBLED_JOINTS: Final = 8
 """Largest number of continuous joints that :meth:`ArmSpace.find_path` tries both ways; others go
@@ -522,7 +522,17 @@ class ArmSpace(ConfigurationSpace):
         scene = arm or now.arm, obstacles, allowed, padding, now.margin
         self.snapshot = make_snapshot(*scene, now, now.uprights)
 
-    def plot(self, **options: Unpack[ArmPlotOptions]) -> Axes:
+    @names_options
+    def plot(
+        self,
+        *,
+        q: ArrayLike | None = None,
+        path: ArrayLike | HasPath | None = None,
+        camera: ArrayLike | None = None,
+        ax: Axes | None = None,
+        legend: bool = True,
+        title: str | None = None,
+    ) -> Axes:
         """Draw the arm, its obstacles and, as pale arms, a path.
 
         No window opens; notebooks show the axes as the picture.
@@ -552,7 +562,7 @@ class ArmSpace(ConfigurationSpace):
         """
         from cspace.plot._arms import draw_arm
 
-        return draw_arm(self, **options)
+        return draw_arm(self, q, path, camera, ax, legend, title)
 
     # ---- queries ---------------------------------------------------------------------------------
 

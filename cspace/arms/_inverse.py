@@ -26,7 +26,7 @@ from cspace._interface import Goal
 from cspace._queries.batches import as_contiguous
 from cspace._rotations.base import TWO_PI
 from cspace._support.arrays import Bools, Floats, Ints, frozen
-from cspace._support.check import check_real, check_text
+from cspace._support.check import check_real, check_text, suggest_radians
 from cspace._support.compiling import internal, kernel
 from cspace._support.vectors import add_scaled, cross, dot, minus, rotate, row_at
 from cspace.arms._chain import (
@@ -158,8 +158,7 @@ def check_pose_tolerance(tolerance: tuple[float, float]) -> Floats:
         )
     if math.pi < pair[1] < math.inf:
         rule = "an angle is at most pi radians, or infinite for any rotation"
-        hint = f"pass {math.radians(pair[1]):.6g} for {pair[1]:g} degrees"
-        raise InputError("tolerance", f"is {tolerance!r}", rule, hint)
+        raise InputError("tolerance", f"is {tolerance!r}", rule, suggest_radians(pair[1]))
     return pair
 
 

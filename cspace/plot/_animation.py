@@ -12,7 +12,7 @@ import numpy as np
 
 from cspace._files.access import check_suffix, replacing
 from cspace._support.arrays import Floats
-from cspace._support.check import check_positive
+from cspace._support.check import check_positive, names_options
 from cspace.errors import InputError
 from cspace.plot import _artists as artists
 from cspace.plot._arms import ArmFigure, draw_tip_path, paint_scene
@@ -47,6 +47,7 @@ class AnimationOptions(TypedDict, total=False):
     progress: Callable[[int, int], None] | None
 
 
+@names_options
 def animate(
     space: HasAxes,
     path: ArrayLike | HasPath,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Final, TypedDict
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
@@ -93,25 +93,14 @@ def _make_link_surface(arm: Any, link: Any) -> Surface:
     return join_surfaces([transform_surface(surface, pose) for surface, pose in parts])
 
 
-class ArmPlotOptions(TypedDict, total=False):
-    """Options of :meth:`cspace.ArmSpace.plot`."""
-
-    q: ArrayLike
-    path: ArrayLike | HasPath
-    camera: ArrayLike
-    ax: Axes
-    legend: bool
-    title: str
-
-
 def draw_arm(
     space: Any,
-    q: ArrayLike | None = None,
-    path: ArrayLike | HasPath | None = None,
-    camera: ArrayLike | None = None,
-    ax: Axes | None = None,
-    legend: bool = True,
-    title: str | None = None,
+    q: ArrayLike | None,
+    path: ArrayLike | HasPath | None,
+    camera: ArrayLike | None,
+    ax: Axes | None,
+    legend: bool,
+    title: str | None,
 ) -> Axes:
     """Draw an arm among obstacles; see :meth:`cspace.ArmSpace.plot`.
 

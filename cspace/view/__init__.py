@@ -1,5 +1,5 @@
 """A page in the browser that shows a space, served on this machine."""
 
-from cspace.view._viewer import Viewer, ViewOptions
+from cspace.view._viewer import Viewer
 
-__all__ = ["ViewOptions", "Viewer"]
+__all__ = ["Viewer"]

@@ -9,7 +9,7 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from ipaddress import ip_address
-from typing import TYPE_CHECKING, Any, TypedDict
+from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
 from cspace._support.check import check_count, names_options
@@ -26,17 +26,6 @@ if TYPE_CHECKING:
 
     from cspace.plot._route import HasPath
     from planners import Plan
-
-
-class ViewOptions(TypedDict, total=False):
-    """Options of :meth:`cspace.CSpace.view`."""
-
-    path: ArrayLike | HasPath
-    start: ArrayLike
-    goal: ArrayLike
-    frame: str
-    host: str
-    port: int
 
 
 class Viewer:
@@ -150,12 +139,8 @@ class Viewer:
         return f'<iframe src="{html.escape(self.url)}" {look}></iframe>'
 
 
-def open_viewer(space: Any, block: bool, options: ViewOptions) -> Viewer:
-    """Open the page of a space.
-
-    If ``block`` is set, print its address and wait until it is closed.
-    """
-    viewer = Viewer(space, **options)
+def show_viewer(viewer: Viewer, block: bool) -> Viewer:
+    """Print the address of a page and wait until it is closed, if ``block`` is set."""
     if block:
         print(f"{viewer.url}  Ctrl-C closes it", flush=True)  # noqa: T201
         viewer.wait()

@@ -312,6 +312,8 @@ def test_without_a_path_the_hint_is_a_larger_tolerance(space):
     ({"tolerance": 0.0}, "tolerance is 0.0"),
     ({"tolerance": 5.7}, "tolerance is 5.7; .*from 0 to pi.*pass 0.0994838 for 5.7 degrees"),
     ({"angle": 90}, "angle is 90.0; .*pass 1.5708 for 90 degrees"),
+    ({"angle": -30.0}, "angle is -30.0; .*from 0 to pi radians; pass radians, e.g. 1.57"),
+    ({"angle": 270.0}, "angle is 270.0; .*pass radians, e.g. 1.57"),
     ({"frame": 3}, "frame"),
 )
 def test_constraints_reject_invalid_fields(options, message):
