@@ -42,7 +42,16 @@ def constraints(session: nox.Session) -> None:
     session.run(
         *(PYTHON, "-m", "uv", "pip", "compile", "pyproject.toml", "-o", "constraints.txt"),
         *("--quiet", "--universal", "--upgrade", "--no-annotate"),
-        *("--python-version", PYTHONS[0], "--extra", "dev", "--extra", "benchmark"),
+        *(
+            "--python-version",
+            PYTHONS[0],
+            "--extra",
+            "dev",
+            "--extra",
+            "benchmark",
+            "--extra",
+            "formats",
+        ),
         *("--custom-compile-command", "nox -s constraints"),
     )
 
@@ -105,6 +114,13 @@ def ros(session: nox.Session) -> None:
     ):  # rclpy starts once in a process
         file = f"tests/ros/test_{name}.py"
         session.run("python", "-m", "pytest", *options, file, env=domain)
+
+
+@nox.session
+def formats(session: nox.Session) -> None:
+    """Run the snippets of "Bring your file" with the packages that they name, a gigabyte."""
+    session.install("-c", "constraints.txt", "-e", ".[formats]")
+    session.run("python", "-m", "pytest", "-q", "-n0", "tests/docs/bring_your_file.py")
 
 
 @nox.session(venv_backend="none")
