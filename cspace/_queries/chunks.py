@@ -316,7 +316,9 @@ def certify_rows(
             checks.append(RowCheck("speed", names, "changes per second by", speeds, limits))
             if max_jerk is not None:
                 limits = check_each(max_jerk, "max_jerk", names)
-                earlier = np.concatenate([_check_before(before, space.axes), starts])
+                driven = _check_before(before, space.axes)
+                warn_of_degrees(driven, space._angles, "before")
+                earlier = np.concatenate([driven, starts])
                 earlier = space.steps_between(earlier[:-1], earlier[1:]) / seconds
                 jerks = _measure(space, _differ_twice(earlier, rates, seconds))
                 checks.append(RowCheck("jerk", names, "has a jerk of", jerks, limits))

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from cspace._queries.batches import Configuration
 from cspace._rotations.base import unwrap_near
 from cspace._support.arrays import Bools, Floats, frozen
-from cspace._support.check import check_points
+from cspace._support.check import check_points, warn_of_degrees
 from cspace.errors import InputError
 from cspace.regions._growth import HalfSpaces, Polytope, find_deepest, measure_polytope
 
@@ -83,6 +83,11 @@ class ConvexRegion:
         ------
         InputError
             If the last axis is not ``len(axes)`` long, or a value is not finite.
+
+        Warns
+        -----
+        AngleWarning
+            If a yaw is over a turn from zero and the center's, as if it were in degrees.
         """
         points = self.unwrap(q)
         inside = np.asarray((points @ self.A.T <= self.b).all(axis=-1))
@@ -102,6 +107,11 @@ class ConvexRegion:
         """
         points = check_points(q, "q", self.axes).copy()
         if self._has_yaw:
+            yaws = points[..., -1:]
+            turns = yaws - self._middle_yaw
+            # Unwrapped yaws near the center's may be many turns, and are no degrees.
+            nearer = np.where(np.abs(turns) < np.abs(yaws), turns, yaws)
+            warn_of_degrees(nearer, {0: YAW}, "q")
             points[..., -1] = unwrap_near(points[..., -1], np.asarray(self._middle_yaw))
         return points
 
@@ -191,8 +201,10 @@ class ConvexRegion:
         # Lengths relative to the deepest point keep the digits of small regions far away.
         half_spaces = self._position_half_spaces
         deepest, radius = find_deepest(half_spaces)
-        offsets = (half_spaces.offsets - half_spaces.normals @ deepest) / max(radius, 1e-300)
-        shape = measure_polytope(half_spaces._replace(offsets=offsets), np.zeros(len(deepest)))
+        shape = None
+        if radius > 0.0:
+            offsets = (half_spaces.offsets - half_spaces.normals @ deepest) / radius
+            shape = measure_polytope(half_spaces._replace(offsets=offsets), np.zeros(len(deepest)))
         if shape is None:  # too thin to measure, so a single point
             dim = len(deepest)
             return Polytope(deepest[np.newaxis], 0.0, deepest, np.zeros((dim, dim)))

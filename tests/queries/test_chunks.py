@@ -573,6 +573,11 @@ def gentle(space):
     return cspace.Gate(space, dt=0.1, max_velocity=1.0, max_jerk=(9.0, 9.0, 9.0))
 
 
+def test_degrees_of_rows_before_are_noticed(room):
+    with pytest.warns(cspace.errors.AngleWarning, match="before: yaw is beyond a whole turn"):
+        gentle(room).check_rows(START, [START], before=[(1.0, 1.0, 90.0), START])
+
+
 def test_a_gate_passes_the_proven_part_then_holds(room):
     gate = cspace.Gate(room, tracking=0.02, dt=0.2, max_velocity=(1.0, 2.0))
     passed = gate.check_twists(START, [(0.5, 0.2)] * 3 + [(2.0, 0.0), (0.5, 0.0)])
