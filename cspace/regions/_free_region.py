@@ -245,7 +245,8 @@ class RegionSource(NamedTuple):
             high = np.minimum(high, np.array(grid.shape) - side)
         if (places < low).any() or (places > high).any():
             return None
-        origin, is_taken = self._find_taken(slices, low, high, bool(is_open.all()))
+        # Cells beyond the ends of the box count too, as far as the margin reaches.
+        origin, is_taken = self._find_taken(slices, low - gap, high + gap, bool(is_open.all()))
         # Cells beyond the mask are FREE.
         cell = np.floor(places[0] - origin).astype(np.int64)
         is_known = bool(((cell >= 0) & (cell < is_taken.shape)).all())

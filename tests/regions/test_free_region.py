@@ -12,8 +12,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import cspace
+import planners
 from cspace import FREE, Robot, Workspace
-from cspace.errors import ConfigurationError, InputError
+from cspace.errors import AngleWarning, ConfigurationError, InputError
 from cspace.regions import ConvexRegion
 from tests.helpers.handmade import build_empty
 from tests.helpers.refusals import check_followed, refusals
@@ -49,12 +50,15 @@ def list_corners(grid, cells):
     return lower + Fraction(grid.spacing) * indices
 
 
-def list_taken(space, region, rotation=()):
-    """Return the cells in and around the box of a region that are not FREE at a rotation."""
+def list_taken(space, region, rotation=(), around=2):
+    """Return the cells in and around the box of a region that are not FREE at a rotation.
+
+    Around are that many cells more on each side.
+    """
     grid = space.grid
     dim = grid.dim
     low, high = (grid.cell_of(corner[:dim]) for corner in region.bounds)
-    cells = low - 2 + np.array(list(np.ndindex(*(high - low + 5))))
+    cells = low - around + np.array(list(np.ndindex(*(high - low + 2 * around + 1))))
     inside = ((cells >= 0) & (cells < grid.shape)).all(axis=1)
     states = np.empty(len(cells), dtype=np.uint8)
     states[inside] = space.states_at(rotation)[tuple(cells[inside].T)]
@@ -64,18 +68,22 @@ def list_taken(space, region, rotation=()):
     return cells[states != FREE]
 
 
+def list_rotations(space, region):
+    """Return a rotation of each cell that a region's arc meets; one is empty without a yaw."""
+    if space.axes[-1] != "yaw":
+        return [()]
+    low, high = -region.b[-1], region.b[-2]
+    bounds = np.column_stack([space.rotations.borders[:-1], space.rotations.borders[1:]])
+    turns = math.tau * np.arange(-3, 4)
+    meets = (bounds[:, :1] + turns < high + 1e-9) & (bounds[:, 1:] + turns > low - 1e-9)
+    return space.rotations.centers[meets.any(axis=1)].tolist()
+
+
 def check_proof(space, region):
     """Check that each cell near a region that is not FREE lies beyond one of its half-spaces."""
     dim = space.dim
-    rotations = [()]
-    if space.axes[-1] == "yaw":
-        low, high = -region.b[-1], region.b[-2]
-        bounds = np.column_stack([space.rotations.borders[:-1], space.rotations.borders[1:]])
-        turns = math.tau * np.arange(-3, 4)
-        meets = (bounds[:, :1] + turns < high + 1e-9) & (bounds[:, 1:] + turns > low - 1e-9)
-        rotations = space.rotations.centers[meets.any(axis=1)].tolist()
     rows = [(a[:dim], b) for a, b in zip(region.A, region.b, strict=True) if a[:dim].any()]
-    for rotation in rotations:
+    for rotation in list_rotations(space, region):
         corners = list_corners(space.grid, list_taken(space, region, rotation))
         left = np.ones(len(corners), dtype=bool)
         for normal, offset in rows:
@@ -287,20 +295,66 @@ def test_turning_the_world_turns_the_region():
         assert distances.min(axis=1).max() < 1e-6
 
 
-def test_a_region_keeps_its_margin():
-    space, _ = build_yard(None)
-    taken = [
-        shapely.box(*(0.1 * k), *(0.1 * (k + 1))) for k in np.argwhere(space.cell_states != FREE)
-    ]
-    tree = shapely.STRtree(taken)
-    rng = np.random.default_rng(4)
-    for q in space.sample_free(300, rng=rng):
-        if space.clearance(q) < 0.12:
+def measure_gap(space, region, margin):
+    """Return the distance of a region's positions from cells that are not FREE, at most a few cells.
+
+    By shapely in the plane; in space, that of its corners and many points between them.
+    """
+    grid = space.grid
+    dim = grid.dim
+    around = 2 + math.ceil(margin / grid.spacing)
+    gaps = [math.inf]
+    vertices = region.vertices[:, :dim]
+    for rotation in list_rotations(space, region):
+        centers = grid.center_of(list_taken(space, region, rotation, around))
+        if not len(centers):
             continue
-        region = space.free_region(q, reach=2.0, margin=0.1)
-        hull = shapely.MultiPoint(region.vertices).convex_hull
-        assert hull.distance(taken[tree.nearest(hull)]) >= 0.1 - 1e-9
-        assert region.contains(q)
+        if dim == 2:
+            half = 0.5 * grid.spacing
+            taken = shapely.box(*(centers - half).T, *(centers + half).T)
+            hull = shapely.MultiPoint(vertices).convex_hull
+            gaps.append(shapely.distance(hull, taken).min())
+            continue
+        weights = np.random.default_rng(0).dirichlet(np.full(len(vertices), 0.2), 300)
+        points = np.vstack([vertices, weights @ vertices])
+        steps = np.abs(points[:, np.newaxis] - centers) - 0.5 * grid.spacing
+        gaps.append(np.linalg.norm(np.maximum(steps, 0.0), axis=2).min())
+    return min(gaps)
+
+
+@examples(60)
+@given(seeds, exteriors, st.sampled_from([(2, None), (3, None), (2, 5), (3, 3)]))
+def test_a_region_keeps_its_margin_also_where_its_box_ends(seed, outside, kind):
+    rng = np.random.default_rng(seed)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # some maps have no FREE cell
+        space = build_random(rng, outside, *kind)
+    spacing = space.grid.spacing
+    for _ in range(6):
+        q = draw_seed(space, rng)
+        if q is None:
+            continue
+        margin = float(spacing * rng.choice([0.1, 0.5, 1.3, 3.0]))
+        reach = float(spacing * rng.choice([0.3, 1.0, 3.7]))
+        try:
+            region = space.free_region(q, reach=reach, margin=margin)
+        except ConfigurationError:
+            assert space.clearance(q) < margin + spacing * (math.sqrt(space.dim) + 1e-6)
+            continue
+        assert region.contains(q) and measure_gap(space, region, margin) >= margin - 1e-9
+
+
+def test_a_region_of_joints_keeps_its_margin():
+    from tests.arms.test_joint_map import CONTINUOUS, build_plane_arm
+
+    joint_map = cspace.build_joint_map(build_plane_arm(**CONTINUOUS), 0.1)
+    for q in joint_map.sample_free(20, rng=np.random.default_rng(2)):
+        for reach in (0.05, 0.4):
+            try:
+                region = joint_map.free_region(q, reach=reach, margin=0.25)
+            except ConfigurationError:
+                continue
+            assert measure_gap(joint_map, region, 0.25) >= 0.25 - 1e-9
 
 
 # ---- yaws ----------------------------------------------------------------------------------------
@@ -339,7 +393,22 @@ def test_a_round_robot_is_free_at_all_yaws():
     region = space.free_region((0.5, 2.0, 1.0))
     yaws = np.linspace(-math.pi, math.pi, 100)
     assert region.contains([(0.5, 2.0, yaw) for yaw in yaws]).all()
-    assert region.contains((0.5, 2.0, 500.0))
+    with pytest.warns(AngleWarning):
+        assert region.contains((0.5, 2.0, 500.0))
+
+
+def test_degrees_are_noticed_but_not_whole_turns_of_a_path():
+    space = build_empty((30, 30), Robot.disc(0.2), rotations=8)
+    region = space.free_region((1.0, 1.0, 1.5), yaw_width=0.6)
+    for ask in (region.contains, region.unwrap):
+        for q in ((1.0, 1.0, 90.0), [(1.0, 1.0, 0.0), (1.0, 1.0, 90.0)]):
+            with pytest.warns(AngleWarning, match="yaw is beyond a whole turn"):
+                ask(q)
+        assert ask([(1.0, 1.0, 1.5), (1.0, 1.0, 1.5 - math.tau)]).all()
+    via = [(1.0, 1.0, yaw) for yaw in (-2.5, -0.5, 1.5, 2.9)]
+    turning = planners.plan(space, (1.0, 1.0, 2.5), (1.0, 1.0, -2.0), via=via).corridor()
+    assert abs(turning.path[-1, 2]) > math.tau
+    assert turning.regions[-1].contains(turning.path[-1])
 
 
 # ---- the record ----------------------------------------------------------------------------------
