@@ -508,8 +508,8 @@ class Plan:
         ------
         InputError
             If the plan has no path or no proof, was pickled, or crosses MIXED cells or comes within
-            the margin of them; or its space is no map in memory of positions, with or without a
-            yaw.
+            the margin of them: the message names the edge and a smaller margin; or its space is no
+            map in memory of positions, with or without a yaw.
 
         Examples
         --------

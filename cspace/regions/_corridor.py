@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 
     from cspace._interface import Space
 
-MAX_HALVINGS: Final = 40
-"""Maximum number of times that an edge is halved; yaws of its pieces then differ by rounding."""
+MIN_MARGIN: Final = 1e-3
+"""Smallest margin, in cells, that a message advises; smaller ones become zero."""
 
 MAX_NAMED_EDGES: Final = 8
 """Maximum number of edges that a message names."""
@@ -93,23 +93,36 @@ def make_corridor(
     path[:, : source.space.dim] = rows[:, : source.space.dim]
     regions = list[ConvexRegion]()
     region_of_edge = list[int]()
+    numbers = list(range(len(rows) - 1))  # of the given edge that each edge is part of
+    narrow = list[int]()
     first = 0
-    halvings = 0
     while first < len(path) - 1:
         found = _find_longest(source, path, first, deviation)
-        if found is None:
+        edge = path[first : first + 2]
+        if found is not None:
+            region, last = found
+            region_of_edge += [len(regions)] * (last - first)
+            regions.append(region)
+            first = last
+        elif source.has_yaw and abs(edge[1, -1] - edge[0, -1]) > ANGLE_SLACK:
             # Fewer yaws leave more positions.
-            if not source.has_yaw or halvings == MAX_HALVINGS:
-                raise _make_edge_error(source, path[first], path[first + 1])
-            path = np.insert(path, first + 1, path[first : first + 2].mean(axis=0), axis=0)
-            halvings += 1
-            continue
-        region, last = found
-        region_of_edge += [len(regions)] * (last - first)
-        regions.append(region)
-        first = last
-        halvings = 0
+            path = np.insert(path, first + 1, edge.mean(axis=0), axis=0)
+            numbers.insert(first, numbers[first])
+        elif source.margin:
+            # Go on with a smaller margin, so that the message tells one for the whole path.
+            narrow.append(numbers[first])
+            source = source._replace(margin=_lessen(source))
+        else:
+            raise _make_edge_error(rows[numbers[first] :][:2])
+    if narrow:
+        raise _make_margin_error(margin, rows[narrow[0] :][:2], source.margin)
     return Corridor(tuple(regions), frozen(path), frozen(np.array(region_of_edge)))
+
+
+def _lessen(source: RegionSource) -> float:
+    """Return half a margin, in two digits; zero if it is small."""
+    smaller = float(f"{0.5 * source.margin:.2g}")
+    return smaller if smaller > MIN_MARGIN * source.space.grid.spacing else 0.0
 
 
 def _find_longest(
@@ -134,8 +147,8 @@ def _find_longest(
             end = row - 1
             is_growing = False
         else:
-            is_inside = _contain_all(region, path[row:], deviation)
-            last = row + int(np.argmin(np.append(is_inside, False))) - 1
+            is_inside = _contain_all(region, path[row + 1 :], deviation)
+            last = row + int(np.argmin(np.append(is_inside, False)))
             best = region, last
         step = 2 * step if is_growing else min(step // 2, end - last)
     return best
@@ -178,11 +191,22 @@ def _check_edges(source: RegionSource, rows: Floats) -> None:
         )
 
 
-def _make_edge_error(source: RegionSource, first: Floats, last: Floats) -> InputError:
-    """Make the error for an uncovered edge."""
-    ends = " to ".join(f"({', '.join(f'{x:.6g}' for x in row.tolist())})" for row in (first, last))
-    problem = f"is too near to cells that are not FREE from {ends}"
+def _make_edge_error(edge: Floats) -> InputError:
+    """Make the error for an uncovered edge, shape (2, size)."""
+    problem = f"is too near to cells that are not FREE {_describe(edge)}"
     hint = "use planners.plan(..., objective='clearance'), or build a finer map"
-    if source.margin:
-        hint = f"pass a smaller margin than {source.margin:g}"
     return InputError("plan", problem, "an edge lies inside a region", hint)
+
+
+def _make_margin_error(margin: float, edge: Floats, smaller: float) -> InputError:
+    """Make the error for a margin that an edge, shape (2, size), does not keep."""
+    problem = f"is {margin:g}, and cells that are not FREE are nearer to the path {_describe(edge)}"
+    advice = f"pass margin={smaller:g}" if smaller else "leave it out"
+    hint = f"{advice}, or use planners.plan(..., objective='clearance')"
+    return InputError("margin", problem, "an edge lies inside a region, which keeps it", hint)
+
+
+def _describe(edge: Floats) -> str:
+    """Return both ends of an edge as text."""
+    first, last = (", ".join(f"{value:.6g}" for value in row) for row in edge.tolist())
+    return f"from ({first}) to ({last})"

@@ -178,10 +178,46 @@ def test_edges_outside_free_cells_are_named():
 
 def test_a_margin_that_is_too_large_is_refused():
     plan = plan_in_yard(None)
+    with pytest.raises(InputError, match=r"margin is 0\.5, and cells that") as caught:
+        plan.corridor(margin=0.5)
+    advised = float(caught.value.hint.split(",")[0].removeprefix("pass margin="))
+    with pytest.raises(InputError):
+        plan.corridor(margin=3.0 * advised)
     check_followed(
         lambda: plan.corridor(margin=0.5),
-        lambda: plan.corridor(margin=1e-4),
-        "pass a smaller margin than 0.5",
+        lambda: plan.corridor(margin=advised),
+        f"pass margin={advised:g}, or use planners.plan(..., objective='clearance')",
+    )
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.3, 3.0])
+def test_a_margin_that_an_end_does_not_keep_is_refused(yaw):
+    """An edge into the margin is halved no more than it has yaws; the message has its two ends."""
+    occupied = np.zeros((60, 40), dtype=bool)
+    occupied[50] = True
+    space = cspace.build(Workspace.from_array(occupied, 0.1), Robot.disc(0.3), rotations=8)
+    plan = planners.plan(space, (1.0, 1.0, 0.0), (4.57, 2.13, yaw))
+    assert space.clearance(plan.goal) <= 0.03
+    with pytest.raises(InputError, match=rf"from \(1, 1, 0\) to \(4.57, 2.13, {yaw:g}\)"):
+        plan.corridor(margin=0.15)
+    check_followed(
+        lambda: plan.corridor(margin=0.15),
+        lambda: plan.corridor(margin=0.018),
+        "pass margin=0.018, or use planners.plan(..., objective='clearance')",
+    )
+
+
+def test_a_small_margin_at_a_turn_in_a_narrow_place_is_refused():
+    occupied = np.zeros((80, 60), dtype=bool)
+    occupied[38:42, :40] = True
+    space = cspace.build(
+        Workspace.from_array(occupied, 0.1), Robot.rectangle(0.7, 0.4), rotations=36
+    )
+    ends = (1.0, 1.0, 2.5), (7.0, 1.0, 0.0)
+    check_followed(
+        lambda: planners.plan(space, *ends).corridor(margin=1e-6),
+        lambda: planners.plan(space, *ends, objective="clearance").corridor(margin=1e-6),
+        "leave it out, or use planners.plan(..., objective='clearance')",
     )
 
 
