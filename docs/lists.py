@@ -51,7 +51,8 @@ def list_fields() -> Iterable[str]:
     """Yield the rows of the table of fields, in the order of the readers' modules."""
     yield from ("| file | honoured | refused | warned of |", "|---|---|---|---|")
     modules = pkgutil.iter_modules(cspace._files.__path__, "cspace._files.")
-    for name in (*(module.name for module in modules), "cspace.lanes._graph_files"):
+    others = "cspace.lanes._graph_files", "cspace.regions._cover"
+    for name in (*(module.name for module in modules), *others):
         for fields in getattr(import_module(name), "FIELDS", ()):
             yield f"| {' | '.join(fields[:4])} |"
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from typing import TYPE_CHECKING, Any, Final
@@ -13,16 +13,18 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy import ndimage
+from scipy.optimize import nnls
 
 from cspace._files.access import check_suffix, decoding, replacing
+from cspace._files.fields import UNKNOWN_FIELDS, Fields, Ledger
 from cspace._files.plain import read_json
 from cspace._limits import check_memory
 from cspace._support.arrays import FREE, Bools, Floats, Ints
-from cspace._support.check import check_count, check_number, check_positive
+from cspace._support.check import MAX_NUMBER, check_count, check_number, check_positive
 from cspace._support.compiling import clock
 from cspace._support.deadlines import is_over
 from cspace.errors import ConfigurationError, InputError
-from cspace.regions._convex_region import ConvexRegion, plot_regions
+from cspace.regions._convex_region import YAW, ConvexRegion, plot_regions
 from cspace.regions._free_region import RegionSource
 from cspace.regions._growth import find_deepest
 
@@ -39,6 +41,17 @@ SUFFIX: Final = ".json"
 
 KIND: Final = "file of regions"
 """Kind of files of regions, for messages."""
+
+FIELDS: Final = (
+    Fields(
+        "`.json` of `FreeRegions.save`",
+        honoured="`format`, `axes`, `coverage`; `regions`, `A`, `b`; `pairs`, `points`",
+        refused=UNKNOWN_FIELDS,
+    ),
+)
+
+TOLERANCE: Final = 1e-6
+"""Relative error of points that linear programs find."""
 
 BYTES_PER_CELL: Final = 16
 """Approximate memory per cell of each rotation cell, bytes."""
@@ -124,35 +137,80 @@ class FreeRegions:
         record = read_json(path, KIND)
         advice = "FreeRegions.save writes such files", "save the regions again"
         with decoding(path, KIND, *advice):
-            if record["format"] != FORMAT:
+            document = Ledger(record, "the file", FIELDS[0])
+            if document.need("format") != FORMAT:
                 raise ValueError(f"the format is {record['format']!r}")
-            axes = tuple(map(str, record["axes"]))
-            regions = tuple(_read_region(each, axes) for each in record["regions"])
-            pairs = [(int(first), int(second)) for first, second in record["pairs"]]
-            points = _read_rows(record["points"], len(axes))
-            if not all(0 <= first < second < len(regions) for first, second in pairs):
-                raise ValueError("a pair names a region that is not there")
-            return cls(regions, dict(zip(pairs, points, strict=True)), float(record["coverage"]))
+            axes = _read_axes(document.entries("axes"))
+            parts = document.children("regions", "region")
+            regions = tuple(_read_region(part, axes) for part in parts)
+            if not regions:
+                raise ValueError("there are no regions")
+            graph = _read_graph(document, regions)
+            coverage = document.number("coverage", lowest=0.0, highest=1.0)
+            document.close(os.fspath(path))
+            return cls(regions, graph, coverage)
 
 
-def _read_region(record: Mapping[str, Any], axes: tuple[str, ...]) -> ConvexRegion:
-    """Return a region of JSON; raise an error for other numbers."""
-    normals = _read_rows(record["A"], len(axes))
-    offsets = _read_rows(record["b"], 1).reshape(len(normals))
+def _read_axes(names: list[Any]) -> tuple[str, ...]:
+    """Return the names of two or three coordinates, and perhaps the yaw."""
+    positions = names[:-1] if names[-1:] == [YAW] else names
+    are_names = all(isinstance(name, str) and name for name in names)
+    if not are_names or len(positions) not in (2, 3) or len({*positions, YAW}) <= len(positions):
+        raise ValueError(f"the axes are {names}")
+    return tuple(names)
+
+
+def _read_region(record: Ledger, axes: tuple[str, ...]) -> ConvexRegion:
+    """Return a region of JSON; raise an error unless it is bounded and not empty."""
+    normals = _read_rows(record.need("A"), len(axes))
+    offsets = _read_rows(record.need("b"), 1).reshape(len(normals))
     if len(normals) <= len(axes) or not np.allclose(np.linalg.norm(normals, axis=1), 1.0):
         raise ValueError("half-spaces need normals of length 1, more than there are axes")
-    return ConvexRegion(normals, offsets, axes)
+    region = ConvexRegion(normals, offsets, axes)
+    if region._has_yaw:
+        arc = np.eye(len(axes))[-1]
+        is_arc = np.array_equal(normals[-2:], [arc, -arc]) and not normals[:-2, -1].any()
+        if not is_arc or region._arc[0] > region._arc[1]:
+            raise ValueError("the last two half-spaces do not bound an arc of yaws")
+    positions = region._position_half_spaces
+    # A polytope is bounded if positive multiples of its normals add up to zero, and span all axes.
+    _, rest = nnls(positions.normals.T, -positions.normals.sum(axis=0))
+    is_spanned = np.linalg.matrix_rank(positions.normals) == positions.normals.shape[1]
+    if rest > TOLERANCE or not is_spanned or find_deepest(positions)[1] < -_allow(offsets):
+        raise ValueError("a region is empty or has no end")
+    return region
+
+
+def _read_graph(document: Ledger, regions: Sequence[ConvexRegion]) -> dict[tuple[int, int], Floats]:
+    """Return the overlaps of JSON; raise an error unless points lie in their regions."""
+    points = _read_rows(document.entries("points"), len(regions[0].axes))
+    graph = dict[tuple[int, int], Floats]()
+    for pair, point in zip(document.entries("pairs"), points, strict=True):
+        first, second = pair
+        if not 0 <= first < second < len(regions) or (first, second) in graph:
+            raise ValueError(f"the pair {pair} names no two regions, or is there twice")
+        for region in (regions[first], regions[second]):
+            heights = region.A @ region.unwrap(point)
+            if (heights > region.b + _allow(region.b)).any():
+                raise ValueError(f"the point of the pair {pair} is not in both regions")
+        graph[first, second] = point
+    return graph
+
+
+def _allow(offsets: Floats) -> float:
+    """Return how far a point of a linear program may lie outside half-spaces."""
+    return TOLERANCE * (1.0 + float(np.abs(offsets).max()))
 
 
 def _read_rows(numbers: Any, size: int) -> Floats:
     """Return numbers of JSON as rows, shape (n, size).
 
-    Raises an error unless they are finite.
+    Raises an error unless they are finite, and not too large.
     """
-    rows = np.array(numbers, dtype=np.float64).reshape(-1, size)
-    if not np.isfinite(rows).all():
-        raise ValueError("a number is not finite")
-    return rows
+    rows = np.array(numbers)
+    if rows.size and (rows.dtype.kind not in "if" or not np.abs(rows).max() <= MAX_NUMBER):
+        raise ValueError("an entry is no number, or not finite")
+    return rows.astype(np.float64).reshape(-1, size)
 
 
 def find_free_regions(
@@ -224,6 +282,8 @@ class BareCells:
         for k in range(count):
             padded = np.pad(self._is_bare[k], 1)
             self._distances[k] = ndimage.distance_transform_edt(padded)[inner]
+        if source.margin:
+            self._skip_near(source.margin)
 
     def _measure(self, cells: Bools) -> float:
         """Return the volume of cells, shape (rotations, ...), weighted by rotations."""
@@ -233,7 +293,7 @@ class BareCells:
     @property
     def coverage(self) -> float:
         """Share of the volume that is covered."""
-        return 1.0 - self._left / self._total
+        return 1.0 - max(self._left, 0.0) / self._total
 
     def draw(self, rng: np.random.Generator) -> Floats | None:
         """Draw the center of a cell among the farthest from others.
@@ -249,6 +309,23 @@ class BareCells:
         rotation, *cell = np.unravel_index(int(flat), self._distances.shape)
         center = self._space.grid.center_of(cell)
         return np.concatenate([center, self._space.rotations.centers[rotation]])
+
+    def _skip_near(self, margin: float) -> None:
+        """Draw no cell whose center is within a margin of cells that are not FREE.
+
+        Raises InputError if there is no other.
+        """
+        space = self._space
+        spacing = space.grid.spacing
+        clearances = space._distances.array()[space.slice_of]
+        # Regions of almost no room are not worth their time.
+        self._distances[clearances <= (1.0 + 1e-6) * margin / spacing + 1e-6] = 0.0
+        if self._distances.any():
+            return
+        most = spacing * float(clearances[self._is_bare].max())
+        problem = f"is {margin:g}, and no cell's center is farther from cells that are not FREE"
+        hint = f"pass margin={0.5 * most:.2g}"
+        raise InputError("margin", problem, "regions grow around such centers", hint)
 
     def skip(self, q: Floats) -> None:
         """Draw the cell of a configuration never again."""

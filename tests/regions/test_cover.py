@@ -12,6 +12,7 @@ import cspace
 from cspace import FREE, Robot, Workspace
 from cspace.errors import ConfigurationError, FileError, InputError
 from cspace.regions import FreeRegions
+from cspace.regions._free_region import RegionSource
 from tests.helpers.refusals import check_followed, refusals
 from tests.regions.test_free_region import build_yard, check_proof
 
@@ -89,6 +90,27 @@ def test_a_smaller_margin_covers_more_in_the_mean():
     assert covered[0] > covered[1] > covered[2]
 
 
+@pytest.mark.parametrize("outside, rotations", [("blocked", None), ("free", 5)])
+def test_a_cover_tries_only_centers_that_keep_the_margin(outside, rotations, monkeypatch):
+    """Each center that is drawn has a region, so a large margin takes no longer."""
+    occupied = np.random.default_rng(3).random((40, 40)) < 0.01
+    workspace = Workspace.from_array(occupied, 0.1)
+    robot = Robot.rectangle(0.3, 0.2)
+    space = cspace.build(workspace, robot, rotations=rotations, outside=outside)
+    grown = []
+    grow_around = RegionSource.grow_around
+
+    def count(source, point, yaw_width):
+        grown.append(grow_around(source, point, yaw_width))
+        return grown[-1]
+
+    monkeypatch.setattr(RegionSource, "grow_around", count)
+    for margin in (0.05, 0.1, 0.15, 0.25):
+        cover = space.free_regions(1.0, margin=margin, max_regions=40)
+        assert all(grown) and len(grown) == len(cover.regions)
+        grown.clear()
+
+
 def test_limits_end_a_cover_and_the_share_is_told():
     space, _ = build_yard(None)
     few = space.free_regions(1.0, max_regions=3)
@@ -139,16 +161,55 @@ def test_saved_regions_are_opened_to_the_last_bit(rotations, tmp_path):
     cover.save(tmp_path / "regions.json", overwrite=True)
 
 
+TRIANGLE = {"A": [[1.0, 0.0], [0.0, 1.0], [-0.6, -0.8]], "b": [1.0, 1.0, 1.0]}
+"""A region in the plane, as it is saved."""
+
+PRISM = {
+    "A": [[*row, 0.0] for row in TRIANGLE["A"]] + [[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]],
+    "b": [*TRIANGLE["b"], 0.5, 0.5],
+}
+"""A region with a yaw, as it is saved."""
+
+
+def change_region(record, **change):
+    """Return the fields of a file of one region, which differs."""
+    axes = ["x", "y", "yaw"][: len(record["A"][0])]
+    return {"axes": axes, "regions": [record | change], "pairs": [], "points": []}
+
+
 @refusals(
     "change, message",
     ({"format": "cspace-map"}, "the format is 'cspace-map'"),
-    ({"coverage": "much"}, "could not convert"),
-    ({"axes": ["x", "y", "z", "u"]}, "cannot reshape"),
-    ({"regions": [{"A": [[2.0, 0.0], [0.0, 1.0], [-1.0, -1.0]], "b": [1.0] * 3}]}, "length 1"),
-    ({"pairs": [[0, 99]], "points": [[0.0, 0.0]]}, "a region that is not there"),
+    ({"format": None}, "has no format"),
+    ({"version": 2}, "has the unknown field 'version'"),
+    ({"coverage": "much"}, "has the coverage 'much'"),
+    ({"coverage": 7.0}, "has the coverage 7.0; it must be a finite number, at least 0, at most 1"),
+    ({"coverage": True}, "has the coverage True"),
+    ({"axes": ["x", "y", "z", "u"]}, "the axes are ['x', 'y', 'z', 'u']"),
+    ({"axes": ["q", "q"]}, "the axes are ['q', 'q']"),
+    ({"axes": ["yaw", "x"]}, "the axes are ['yaw', 'x']"),
+    ({"axes": ["x", 2]}, "the axes are ['x', 2]"),
+    ({"axes": ["x", "y", "z"]}, "cannot reshape"),
+    ({"regions": None}, "there are no regions"),
+    ({"regions": [], "pairs": [], "points": []}, "there are no regions"),
+    (change_region(TRIANGLE, c=1.0), "has the unknown field 'c'"),
+    (change_region(TRIANGLE, b=None), "has no b"),
+    (change_region(TRIANGLE, A=[[2.0, 0.0], [0.0, 1.0], [-1.0, -1.0]]), "length 1"),
+    (change_region(TRIANGLE, A=[[1.0, 0.0]], b=[1.0]), "more than there are axes"),
+    (change_region(TRIANGLE, b=[1.0, 1.0]), "cannot reshape"),
+    (change_region(TRIANGLE, b=["1", "1", "1"]), "an entry is no number"),
+    (change_region(TRIANGLE, b=[1e300, 1e300, 1e300]), "an entry is no number, or not finite"),
+    (change_region(TRIANGLE, b=[-1.0, -1.0, -1.0]), "a region is empty or has no end"),
+    (change_region(TRIANGLE, A=[[1.0, 0.0]] * 3), "a region is empty or has no end"),
+    (change_region(TRIANGLE, A=[[1.0, 0.0], [0.0, 1.0], [0.6, -0.8]]), "is empty or has no end"),
+    (change_region(TRIANGLE, A=[[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0]]), "is empty or has no end"),
+    (change_region(PRISM, A=PRISM["A"][::-1], b=PRISM["b"][::-1]), "do not bound an arc of yaws"),
+    (change_region(PRISM, b=[1.0, 1.0, 1.0, 0.5, -0.6]), "do not bound an arc of yaws"),
+    (change_region(PRISM, A=[[0.6, 0.0, 0.8], *PRISM["A"][1:]]), "do not bound an arc of yaws"),
+    ({"pairs": [[0, 99]], "points": [[0.0, 0.0]]}, "the pair [0, 99] names no two regions"),
+    ({"pairs": [[1, 0]], "points": [[0.0, 0.0]]}, "the pair [1, 0] names no two regions"),
+    ({"pairs": [[0, 1]], "points": [[1e6, 1e6]]}, "is not in both regions"),
     ({"points": [[0.0, float("nan")]]}, "not finite"),
-    ({"regions": [{"A": [[1.0, 0.0]], "b": [1.0]}]}, "more than there are axes"),
-    ({"regions": None}, "not iterable"),
 )
 def test_damaged_files_are_refused(change, message, tmp_path):
     space, _ = build_yard(None)
@@ -164,7 +225,7 @@ def test_damaged_files_are_refused(change, message, tmp_path):
         cover.save(path, overwrite=True)
         FreeRegions.open(path)
 
-    check_followed(lambda: FreeRegions.open(path), follow, "save the regions again")
+    check_followed(lambda: FreeRegions.open(path), follow, caught.value.hint)
 
 
 # ---- refusals ------------------------------------------------------------------------------------
@@ -194,9 +255,16 @@ def test_maps_without_room_are_refused():
         "pass e.g. 0.9",
     )
     check_followed(
-        lambda: space.free_regions(margin=5.0, time_limit=0.5),
+        lambda: space.free_regions(margin=0.1, time_limit=1e-9),
         lambda: space.free_regions(0.1, margin=0.1),
         "pass a larger time_limit, or a smaller margin",
+    )
+    widest = space.clearance(space.grid.center_of(np.argwhere(space.cell_states == FREE))).max()
+    advised = float(f"{0.5 * widest:.2g}")
+    check_followed(
+        lambda: space.free_regions(margin=5.0),
+        lambda: space.free_regions(0.01, margin=advised),
+        f"pass margin={advised:g}",
     )
     with pytest.warns(UserWarning, match="FREE"):
         full = cspace.build(Workspace.from_array(np.ones((9, 9), bool), 0.1), Robot.disc(0.2))
