@@ -227,9 +227,16 @@ def _list_way(
         rows.append((*start, *end, growth, spare, number, len(rows), bend == 0.0))
 
     def turn(place: tuple[float, float], before: float, after: float) -> None:
-        """Add a turn on the spot, if there is one."""
-        if abs(math.remainder(after - before, math.tau)) > SAME_YAW:
-            add((*place, before), (*place, after))
+        """Add the shorter turn on the spot, or both half turns."""
+        step = math.remainder(after - before, math.tau)
+        ways = [step] if abs(step) > SAME_YAW else []
+        if abs(step) >= math.pi - SAME_YAW:
+            ways = [-math.pi, math.pi]
+        for way in ways:
+            # Motions take the shorter way, and half a turn has none.
+            middle = before + 0.5 * way
+            add((*place, before), (*place, middle))
+            add((*place, middle), (*place, before + way))
 
     before = stops[0]
     for leg in legs:

@@ -10,7 +10,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 import shapely
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from matplotlib import pyplot
 
@@ -256,6 +256,67 @@ def test_nodes_have_the_turns_between_their_lanes():
     still = RouteGraph.from_arrays(nodes, [(0, 1), (1, 2)], yaws=[0.0] * 5)
     outline = planners.conflicts(space, still).outlines["node 4"]
     assert outline.area == pytest.approx(0.2)
+
+
+@examples(60)
+@given(
+    first=st.floats(-math.pi, math.pi, exclude_max=True),
+    direction=st.floats(-math.pi, math.pi),
+    backward=st.booleans(),
+)
+@example(first=-1.87, direction=2.78, backward=False)
+@example(first=1.7, direction=-1.7, backward=True)
+def test_a_lane_turns_the_shorter_way_from_the_yaw_of_its_node(spaces, first, direction, backward):
+    heading = "backward" if backward else "forward"
+    ends = [(4.0, 3.0), (4.0 + 0.5 * math.cos(direction), 3.0 + 0.5 * math.sin(direction))]
+    graph = RouteGraph.from_arrays(ends, [(0, 1)], heading, yaws=[first, math.nan])
+    outline = planners.conflicts(spaces["outside"], graph).outlines["0: 0 to 1"]
+    last = direction + math.pi * backward
+    step = math.remainder(last - first, math.tau)
+    ways = [step, -step] if abs(step) > math.pi - 1e-9 else [step]
+    poses = [(*ends[0], first + share * way) for way in ways for share in np.linspace(0, 1, 90)]
+    poses += [(*point, last) for point in np.linspace(*ends, 30)]
+    bodies = place_polygon(shapely.Polygon(SHAPES["outside"]), np.array(poses))
+    assert shapely.covers(outline, bodies).all()
+    assert shapely.difference(outline, shapely.union_all(bodies)).area < 0.1
+
+
+@pytest.mark.parametrize(
+    ("first", "last", "touched"), [(1.7, -1.7, 1), (-2.8, 0.5, 1), (math.pi, 0.0, 2)]
+)
+def test_a_corner_is_turned_the_shorter_way_and_half_a_turn_both_ways(
+    tmp_path, first, last, touched
+):
+    robot = cspace.Robot.polygon(shapely.box(-0.1, -0.1, 1.0, 0.1))
+    corner = np.array([4.0, 3.0])
+    before = np.subtract(corner, (math.cos(first), math.sin(first)))
+    after = np.add(corner, (math.cos(last), math.sin(last)))
+    points = [{"x": float(x), "y": float(y)} for x, y in (before, corner, after)]
+    nodes = [{"nodeId": "a", "nodePosition": points[0]}, {"nodeId": "b", "nodePosition": points[2]}]
+    edge = {
+        "edgeId": "lane",
+        "startNodeId": "a",
+        "endNodeId": "b",
+        "orientation": 0.0,
+        "rotationAllowed": False,
+        "trajectory": {"degree": 1, "knotVector": [0, 0, 1, 2, 2], "controlPoints": points},
+    }
+    graph = RouteGraph.open(write(tmp_path, "o.json", {"nodes": nodes, "edges": [edge]}))
+    middle = first + 0.5 * math.remainder(last - first, math.tau)
+    places = [
+        corner + 0.9 * np.array([math.cos(yaw), math.sin(yaw)])
+        for yaw in (middle, middle + math.pi)
+    ]
+    others = {"cart": (build("disc:0.1", rotations=None), RouteGraph.from_arrays(places, []))}
+    found = planners.conflicts(build(robot), graph, others=others)
+    verdicts = [found.between("lane: a to b", f"cart node {k}").verdict for k in range(2)]
+    assert verdicts == ["touch"] * touched + ["apart"] * (2 - touched)
+    # The audit finds a post on each way that the robot may turn.
+    for k, place in enumerate(places):
+        space = build(robot)
+        space.add_obstacle("post", shapely.Point(place).buffer(0.1))
+        (lane,) = planners.audit(space, graph).lanes
+        assert lane.verdict == ("blocked" if k < touched else "free")
 
 
 def test_curves_and_deviations_count_as_the_audit_counts_them(tmp_path):
