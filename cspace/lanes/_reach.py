@@ -12,7 +12,14 @@ from scipy.sparse import csgraph
 from cspace._queries.yaws import join_yaw_cells
 from cspace._rotations.base import ANGLE_SLACK
 from cspace._support.arrays import BLOCKED, Bools, Floats, Ints
-from cspace.lanes._lane_motions import LaneMotions, list_legs, list_parts, list_yaws, split_yaws
+from cspace.lanes._lane_motions import (
+    SAME_YAW,
+    LaneMotions,
+    list_legs,
+    list_parts,
+    list_yaws,
+    split_yaws,
+)
 from cspace.lanes._rooms import prove
 from cspace.lanes._route_graph import RouteGraph
 
@@ -78,7 +85,7 @@ class Reach:
     def __init__(self, graph: RouteGraph, is_free: Bools, free_yaws: list[Floats]) -> None:
         """Connect the ports by the lanes that are free."""
         self._free_yaws = [intervals.tolist() for intervals in free_yaws]
-        self._numbers: dict[tuple[int, float, int], int] = {}
+        self._numbers: dict[tuple[int, int, int], int] = {}
         first, last = [], []
         for number in np.flatnonzero(is_free).tolist():
             lane = graph.lanes[number]
@@ -99,11 +106,11 @@ class Reach:
 
     def _find_port(self, node: int, yaw: float) -> int:
         """Return the number of the port of a node in which a yaw lies."""
-        # Digits after the point of a yaw, radians, at which two lanes meet without a turn.
-        key = node, round(math.remainder(yaw, math.tau), 9), -1
+        # Lanes that meet at one yaw, within rounding, need no turn.
+        key = node, -1, round(yaw % math.tau / SAME_YAW) % round(math.tau / SAME_YAW)
         for k, (low, high) in enumerate(self._free_yaws[node]):
             if (yaw - low) % math.tau <= high - low:
-                key = node, 0.0, k
+                key = node, k, 0
         return self._numbers.setdefault(key, len(self._numbers))
 
     def list_parts(self) -> list[list[int]]:

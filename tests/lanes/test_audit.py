@@ -236,6 +236,22 @@ def test_a_node_with_a_yaw_needs_the_turn(rooms):
         assert planners.audit(rooms, graph).lanes[0].verdict == verdict
 
 
+@pytest.mark.parametrize("turn", [0.0, math.pi / 2, math.pi, -math.pi / 2])
+def test_lanes_join_at_one_yaw_however_it_is_written(turn):
+    # A corridor in which the robot fits at one yaw, driven one way ahead and the other in reverse.
+    walls = [shapely.box(0, 0, 6, 2.795), shapely.box(0, 3.205, 6, 6)]
+    walls = [affinity.rotate(wall, turn, (3, 3), use_radians=True) for wall in walls]
+    workspace = cspace.Workspace.from_polygons(walls, spacing=0.1, bounds=(0, 0, 6, 6))
+    space = cspace.build(workspace, "rect:0.6x0.4", rotations=24)
+    ahead = np.array([math.cos(turn), math.sin(turn)])
+    nodes = [3.0 - 2.0 * ahead, (3.0, 3.0), 3.0 + 2.0 * ahead]
+    edges, headings = [(0, 1), (1, 0), (1, 2), (2, 1)], ["forward", "backward", turn, turn]
+    audit = planners.audit(space, RouteGraph.from_arrays(nodes, edges, headings))
+    assert audit.counts["free"] == 4
+    assert not len(audit.nodes[1].free_yaws)
+    assert audit.parts == [["0", "1", "2"]]
+
+
 def test_lanes_without_length_and_loops_and_borders(rooms):
     nodes = [(2, 1), (0.0, 2.5), (8.0, 2.5), (20.0, 2.5), (2, 1)]
     edges = [(0, 0), (0, 4), (0, 1), (0, 2), (0, 3)]
