@@ -23,6 +23,7 @@ from cspace._bodies.cores import (
     measure_distances,
 )
 from cspace._robot import Robot, robot_of
+from cspace._rotations.base import wrap_angles
 from cspace._support.arrays import Floats
 from cspace._support.check import (
     AXES,
@@ -411,7 +412,7 @@ def _relate(poses: Floats, others: Floats) -> Floats:
     steps = poses[:, :3] - others[:, :3]
     cos, sin = np.cos(others[:, 3]), np.sin(others[:, 3])
     x, y, z = steps.T
-    yaws = np.remainder(poses[:, 3] - others[:, 3] + math.pi, math.tau) - math.pi
+    yaws = wrap_angles(poses[:, 3] - others[:, 3])
     return np.column_stack([cos * x + sin * y, cos * y - sin * x, z, yaws])
 
 

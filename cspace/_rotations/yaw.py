@@ -20,6 +20,7 @@ from cspace._rotations.base import (
     Rotations,
     RotationTable,
     wrap_angles,
+    wrap_steps,
 )
 from cspace._support.arrays import Floats, Ints
 from cspace._support.check import check_count, check_finite
@@ -118,9 +119,7 @@ class YawRotations(Rotations):
 
     def _rotation_between(self, first: Floats, second: Floats) -> Floats:
         """Return the shorter angles from yaws to others, radians."""
-        angles = second - first
-        whole_turns = np.round(angles / TWO_PI)
-        return np.asarray(angles - TWO_PI * whole_turns)
+        return wrap_steps(second - first)
 
     def _rotate(self, rotation: Floats, by: Floats) -> Floats:
         """Add angles to yaws."""
@@ -221,9 +220,7 @@ class YawRotations(Rotations):
 
     def _angles_to_centers(self, q: Floats) -> Floats:
         """Return the angles to all representatives."""
-        angles = self._yaws - q[..., -1:]
-        # The modulus of an angle that is wrapped to [-pi, pi) is the shorter way.
-        return np.asarray(np.abs((angles + np.pi) % TWO_PI - np.pi))
+        return np.abs(wrap_steps(self._yaws - q[..., -1:]))
 
     @property
     def _neighbors(self) -> Ints:
