@@ -219,7 +219,9 @@ def check_no_chunk_missing(array: Any) -> None:
 
     No error is raised if its attributes declare that missing chunks have the fill value.
     """
-    if _package_of(array) != "zarr" or array.attrs.get(MISSING_CHUNKS_ATTRIBUTE) == "fill_value":
+    if _package_of(array) != "zarr" or not is_lazy(array):
+        return
+    if array.attrs.get(MISSING_CHUNKS_ATTRIBUTE) == "fill_value":
         return
     with decoding(LazyCells(array).name, "Zarr array"):
         missing = array.nchunks - array.nchunks_initialized
@@ -233,6 +235,8 @@ def is_lazy(array: Any) -> bool:
     Such arrays are kept as :class:`LazyCells`.
     """
     data = _unwrap(array)
+    if not hasattr(data, "shape"):  # a group of arrays
+        return False
     return isinstance(data, ZarrArray | np.memmap) or _package_of(data) in _LAZY_PACKAGES
 
 

@@ -376,7 +376,8 @@ class Workspace:
         """
         from cspace._files.images import read_image
 
-        cells, unseen = read_image(path, threshold, dark)
+        check_positive(spacing, "spacing")
+        cells, unseen = read_image(path, spacing, threshold, dark)
         grid = Grid((0.0, 0.0) if lower is None else lower, spacing, cells.shape)
         return cls(grid, cells, cells, source=str(path), unknown=unseen)
 
@@ -733,7 +734,9 @@ class Workspace:
         else:
             check_positive(spacing, "spacing")
             centers = select_positions(points, "points")
-            warn_of_names("points", find_sizes(map(str, getattr(points, "columns", ()))), ())
+            fields = getattr(getattr(points, "dtype", None), "names", None)
+            columns = getattr(points, "columns", fields or ())
+            warn_of_names("points", find_sizes(map(str, columns)), ())
             if drop_missing:
                 centers = centers[np.isfinite(centers).all(axis=-1)]
             cloud = Balls.of(centers, radius)

@@ -1,23 +1,36 @@
-"""Check of coordinate reference systems: maps are in metres."""
+"""Checks that coordinates are in metres: reference systems, and signs of degrees."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
+from importlib import import_module
 from typing import Any, Final
 
+import numpy as np
+
+from cspace._files.access import ContentError
+from cspace._support.arrays import Floats
 from cspace._support.reporting import warn_user
 from cspace.errors import GeometryError, UnitWarning
 
 PROJECT: Final = "project it to metres, e.g. ogr2ogr -t_srs EPSG:32632 (your UTM zone) new old"
 
-_LAST_NUMBER: Final = re.compile(r"(\d+)\W*$")
-"""Code of a system: EPSG:4326, urn:ogc:def:crs:EPSG::4326, .../EPSG/0/4326, ...:CRS84, or WKT."""
+_LAST_NUMBER: Final = re.compile(r"(\d+)h?\W*$")
+"""Code of a system: EPSG:4326, urn:ogc:def:crs:EPSG::4326, .../EPSG/0/4326, ...:CRS84h, or WKT."""
 
 _NOT_METRES: Final = frozenset({84, 83, 27, 3857, 900913, *range(4000, 5000)})
 """Codes of longitude and latitude, and of the web Mercator projection, which stretches lengths."""
 
-_DEGREES: Final = ("GEOG", "+proj=longlat", "latitude_longitude")
-"""First letters of longitude and latitude in WKT, PROJ and the CF conventions."""
+_DEGREES: Final = re.compile(
+    r"^(?!.*PROJC).*GEO[GD]|proj=(longlat|latlong)|latitude_longitude", re.S
+)
+"""Longitude and latitude in WKT, PROJ and the CF conventions; WKT projects them by PROJCS."""
+
+_DEGREE_AXIS: Final = re.compile(r"(?<![a-z])(lon|lat|lng|long|longitude|latitude)(?![a-z])")
+"""Name of an axis in degrees, in lower case."""
+
+_MAX_DEGREES: Final = np.array([180.0, 90.0])
 
 _UTM_ZONES: Final = (
     *(range(32601, 32661), range(32701, 32761)),  # WGS 84, north and south
@@ -29,18 +42,53 @@ _UTM_ZONES: Final = (
 def check_crs(crs: Any, name: str) -> None:
     """Refuse a reference system not in metres; warn of unknown ones.
 
-    `crs` is its name, code or WKT, or an object that has one of them as its text.
+    `crs` is its name, code or WKT, or an object that has one of them as its text. The units of
+    national systems are those that pyproj knows, if it is installed.
 
-    Raises GeometryError if it is longitude and latitude, or web Mercator.
+    Raises GeometryError if it is longitude and latitude, web Mercator, or in feet.
     """
     text = str(crs)
     found = _LAST_NUMBER.search(text)
     code = int(found[1]) if found else 0
-    is_geographic = getattr(crs, "is_geographic", False) or text.lstrip().startswith(_DEGREES)
-    if is_geographic or code in _NOT_METRES:
+    if any(code in zones for zones in _UTM_ZONES):
+        return
+    is_known = getattr(crs, "is_geographic", False) or _DEGREES.search(text) or code in _NOT_METRES
+    if is_known or not _may_be_metres(text):
         problem = f"has the coordinate reference system {text:.60}"
         raise GeometryError(name, problem, "its units are not metres on the ground", PROJECT)
-    if not any(code in zones for zones in _UTM_ZONES):
+    warn_user(f"{name}: its coordinates in {text:.60} are read as metres; {PROJECT}", UnitWarning)
+
+
+def _may_be_metres(text: str) -> bool:
+    """Return False if pyproj is installed, and knows the system in other units."""
+    try:
+        axes = import_module("pyproj").CRS(text).axis_info
+    except (ImportError, RuntimeError):  # not installed, or no system that it knows
+        return True
+    return all(axis.unit_conversion_factor == 1.0 for axis in axes[:2])
+
+
+def refuse_degrees(names: Iterable[str]) -> None:
+    """Raise ContentError if an axis is a longitude or latitude."""
+    named = [name for name in names if _DEGREE_AXIS.search(name.lower())]
+    if named:
+        rule = "coordinates are metres, not degrees"
+        raise ContentError(f"has coordinates in {', '.join(named):.60}", rule, PROJECT)
+
+
+def warn_of_likely_degrees(points: Floats, name: str, otherwise: str = "") -> None:
+    """Warn of coordinates, shape (n, 2 or 3), without a system that look like degrees.
+
+    ``otherwise`` is a hint for metres.
+    """
+    corners = np.stack([points.min(axis=0), points.max(axis=0)])[:, :2]
+    size = np.ptp(corners, axis=0).max()
+    distance = np.linalg.norm(corners.mean(axis=0))
+    fits = (np.abs(corners) <= _MAX_DEGREES).all()
+    # Distance from the origin, over the size of the obstacles, above which degrees are suspected.
+    if fits and 0.0 < 50.0 * size < distance:
         warn_user(
-            f"{name}: its coordinates in {text:.60} are read as metres; {PROJECT}", UnitWarning
+            f"{name}: its coordinates look like degrees, and are read as metres; "
+            f"{PROJECT}{otherwise}",
+            UnitWarning,
         )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import os
 import re
@@ -22,6 +23,9 @@ from cspace.errors import AngleWarning, InputError
 
 _MAX_LISTED_NAMES: Final = 10
 """Largest number of names that a warning lists."""
+
+_MAX_TURNS_PER_SECOND: Final = 8
+"""Speed of a joint above which it is probably in degrees."""
 
 UNKNOWN_FIELDS: Final = "unknown fields"
 """Words in :attr:`Fields.refused` of a format whose unknown fields are refused."""
@@ -74,7 +78,9 @@ def list_fields(value: Any, known: Collection[str] = ()) -> Mapping[str, Any] | 
     # Messages list their fields in ROS 2, in rosbags and in ROS 1.
     list_names = getattr(value, "get_fields_and_field_types", tuple)
     slots = getattr(value, "__slots__", ())
-    names = [*(list_names() or getattr(value, "__dataclass_fields__", slots)), *known]
+    if dataclasses.is_dataclass(value):  # whose class variables are no fields
+        slots = [field.name for field in dataclasses.fields(value)]
+    names = [*(list_names() or slots), *known]
     return {name: getattr(value, name) for name in names if hasattr(value, name)} or None
 
 
@@ -108,6 +114,7 @@ class Ledger:
         self.document = document or self
         self.members: list[Ledger] = []
         self.angles: list[tuple[str, float]] = []
+        self.speeds: list[tuple[str, float]] = []
         self.taken: set[str] = set()
         self.document.members.append(self)
         found = list_fields(fields, formats.list_known())
@@ -256,6 +263,7 @@ class Ledger:
                 ignored[name] = "" if key in known else str(key)
         warn_of_names(source, ignored, read)
         warn_of_large_angles(source, self.angles)
+        warn_of_large_angles(source, self.speeds, _MAX_TURNS_PER_SECOND, "/s")
 
 
 def open_elements(root: Element, formats: Fields, parts: Mapping[str, str]) -> Ledger:
@@ -295,7 +303,7 @@ def check_number(
     if isinstance(value, str) and parse_finite(value):
         hint = "write the number without quotes"
     # Word in place of the rest of a list or text that ``ros2 topic echo`` cuts.
-    if isinstance(value, str) and value == "...":
+    if isinstance(value, str) and value.startswith(("...", "<sequence")):
         hint = "write the whole message, with ros2 topic echo --full-length"
     raise ContentError(f"{where} has the {name} {value!r:.60}", rule, hint)
 
@@ -348,15 +356,21 @@ def warn_of_names(source: str, ignored: Mapping[str, str], known: Collection[str
     warn_user(f"{source}: these fields are not read: {', '.join(listed)}")
 
 
-def warn_of_large_angles(source: str, angles: Sequence[tuple[str, float]]) -> None:
-    """Warn once of angles, each with its place, beyond a whole turn."""
+def warn_of_large_angles(
+    source: str, angles: Sequence[tuple[str, float]], turns: int = 1, unit: str = ""
+) -> None:
+    """Warn once of angles, each with its place, beyond whole turns.
+
+    They are speeds if ``unit`` is "/s".
+    """
     # Excess, as a share, of a whole turn that a file writes with few digits.
-    limit = (1.0 + 0.01) * MAX_EXPECTED_ANGLE
+    limit = (1.0 + 0.01) * turns * MAX_EXPECTED_ANGLE
     large = [(place, angle) for place, angle in angles if abs(angle) > limit]
     if large:
         place, angle = large[0]
+        most = "a whole turn" if turns == 1 else f"{turns} turns a second"
         warn_user(
-            f"{source}: {len(large)} angles are beyond a whole turn, first {place}: {angle:g}; "
-            f"angles are in radians; write {math.radians(angle):.6g} for {angle:g} degrees",
+            f"{source}: {len(large)} angles{unit} are beyond {most}, first {place}: {angle:g}; "
+            f"they are in rad{unit}; write {math.radians(angle):.6g} for {angle:g} degrees{unit}",
             AngleWarning,
         )

@@ -77,7 +77,7 @@ FIELDS: Final = (
         ),
         warned=(
             "further pages or frames; gamma other than 1/2.2; placement of a GeoTIFF; grey 205 of "
-            "a ROS map"
+            "a ROS map; another spacing in the comment of a PGM"
         ),
     ),
     Fields(
@@ -126,7 +126,7 @@ class Shades(NamedTuple):
 
 
 def read_image(
-    path: StrPath, threshold: float = 0.5, dark: str = "occupied"
+    path: StrPath, spacing: float, threshold: float = 0.5, dark: str = "occupied"
 ) -> tuple[Bools, Bools | None]:
     """Read an image's occupied and unknown cells, shape (nx, ny) each.
 
@@ -145,7 +145,7 @@ def read_image(
         rule = "it must be one number above 0 and at most 1"
         raise InputError("threshold", f"is {threshold!r}", rule, "pass e.g. 0.5")
     check_word(dark, "dark", ("occupied", "free"))
-    image = read_shades(path, "image")
+    image = read_shades(path, "image", spacing)
     occupied_levels = image.shades < level
     safe_threshold = _find_ros_threshold(image)
     if level < safe_threshold:
@@ -194,8 +194,8 @@ def _find_world_file(path: Path) -> str:
     return ""
 
 
-def read_shades(path: StrPath, kind: str, *, may_turn: bool = True) -> Shades:
-    """Read the shades of an image.
+def read_shades(path: StrPath, kind: str, spacing: float, *, may_turn: bool = True) -> Shades:
+    """Read the shades of an image of cells, ``spacing`` metres apart.
 
     Grey images of 16 bits keep all their levels. An EXIF orientation is applied, or refused unless
     `may_turn`. `kind` names the image in messages.
@@ -229,6 +229,8 @@ def read_shades(path: StrPath, kind: str, *, may_turn: bool = True) -> Shades:
         ImageOps.exif_transpose(image, in_place=True)
         is_jpeg = image.format == "JPEG" or image.info.get("compression") in _LOSSY_COMPRESSIONS
         shades = _convert_image(image, tags)._replace(is_lossy=is_jpeg)
+    if image.format == "PPM":
+        _warn_of_spacing(path, data, spacing)
     gamma = image.info.get("gamma", _USUAL_GAMMA)
     if pages > 1:
         warn_user(f"{path}: it has {pages} pages or frames, and only the first is read")
@@ -292,6 +294,22 @@ def _check_length(image: ImageFile, data: bytes) -> None:
         if levels.max() > maximum:
             problem = f"has a pixel of {levels.max()}"
             raise ContentError(problem, f"its header says that white is {maximum}", "correct it")
+
+
+_SPACING_NOTE: Final = re.compile(rb"#[^\n]*?([\d.]+) ?m/(?:pix|cell)")
+"""A comment with the side of a cell, as the map savers of ROS write it."""
+
+
+def _warn_of_spacing(path: StrPath, data: bytes, spacing: float) -> None:
+    """Warn if a comment has another side of a cell, metres."""
+    # Number of bytes at the start of an image in which a comment may stand.
+    note = _SPACING_NOTE.search(data[:512])
+    # Error, as a share, of a side that a comment gives with three digits.
+    if note and not math.isclose(float(note[1]), spacing, rel_tol=0.01, abs_tol=0.0005):
+        warn_user(
+            f"{path}: a comment says {note[1].decode()} m a pixel, and {spacing:g} m is taken",
+            UnitWarning,
+        )
 
 
 _PHOTOMETRIC: Final = 262

@@ -20,7 +20,7 @@ import math
 import os
 import re
 import struct
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final, Literal, NamedTuple, TypeAlias
 from urllib.parse import unquote
@@ -91,13 +91,13 @@ FIELDS: Final = (
             "skins and morphs; sparse, quantised or compressed numbers; extensions except of the "
             "appearance; parts without triangles"
         ),
-        warned="y is up (`up=`; in a URDF it becomes z)",
+        warned="y is up (`up=`; in a URDF it becomes z); animations",
     ),
     Fields(
         "`.dae`",
         honoured="`unit meter`; `matrix`, `translate`, `rotate`, `scale`; instances; lines",
         refused="parts of another unit; `lookat`, `skew`; controllers",
-        warned="`up_axis` (`up=`); by default Y_UP",
+        warned="`up_axis` (`up=`); by default Y_UP; animations",
     ),
     Fields(
         "`.stl`",
@@ -144,6 +144,7 @@ def _read_gltf(file: Path) -> tuple[Surface, Up]:
         text, embedded = _split_glb(text)
     check_bytes(file, len(text), "has a header of", 20.0, "max_text_bytes")
     header = _parse_gltf_header(text)
+    _warn_of_animations(file, header.get("animations", []))
     for buffer in header.get("buffers", []):
         buffer["content"] = _read_buffer(buffer, embedded, file)
     # For each mesh, the points and corners of its primitives, as views of the buffers.
@@ -164,6 +165,15 @@ def _read_gltf(file: Path) -> tuple[Surface, Up]:
         for mesh, _ in placed
     }
     return _join_placed(surfaces, placed), "y"
+
+
+def _warn_of_animations(file: Path, animations: Collection[Any]) -> None:
+    """Warn that parts which move are read at rest."""
+    if animations:
+        warn_user(
+            f"{file}: it has {len(animations)} animations, which are not read; no part is where "
+            "they move it, only at rest"
+        )
 
 
 def _join_placed(
@@ -446,6 +456,7 @@ def _read_collada(file: Path) -> tuple[Surface, Up]:
     unsupported surface or a polygon whose triangles are ambiguous.
     """
     collada = _parse_collada(read_bytes(file, _MESH_KIND, 20.0, "max_text_bytes"))
+    _warn_of_animations(file, collada.root.findall("library_animations//channel"))
     placed = list(_place_geometries(collada))
     surfaces = {geometry: _read_surfaces(geometry, collada) for geometry, _ in placed}
     # A geometry may be placed several times, so the memory is checked before it is copied.

@@ -17,7 +17,7 @@ import numpy as np
 
 from cspace._files.access import ContentError
 from cspace._files.fields import UNKNOWN_FIELDS, Fields, Ledger, check_number, list_fields
-from cspace._files.plain import MAX_LEVELS
+from cspace._files.plain import MAX_LEVELS, find_repeated
 from cspace._support.arrays import Floats
 from cspace._support.reporting import warn_user
 from cspace.errors import AngleWarning
@@ -199,9 +199,9 @@ def check_distinct(
     hint: str = "remove one",
 ) -> None:
     """Raise ContentError if two names are equal."""
-    for name, following in itertools.pairwise(sorted(names)):
-        if name == following:
-            raise ContentError(f"has {name[:40]!r} twice{place}", rule, hint)
+    name = find_repeated(names)
+    if name is not None:
+        raise ContentError(f"has {name[:40]!r} twice{place}", rule, hint)
 
 
 def parse_frame(value: Any, place: str) -> str:

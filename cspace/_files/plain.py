@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import json
 import re
+from collections import Counter
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, Final
 from xml.etree.ElementTree import Element
@@ -168,22 +170,30 @@ def read_json(
         check_file_memory(path, f"holds {lists:,} lists", needed)
         # int() takes quadratic time; the float of a very long integer is infinite. Eighteen digits
         # fit into 64 bits.
-        return json.loads(
-            text,
+        decoder = json.JSONDecoder(
             parse_int=lambda word: float(word) if len(word) > 18 else int(word),
             object_pairs_hook=_join_pairs,
         )
+        text = text.strip()
+        value, end = decoder.raw_decode(text)
+        if end < len(text):
+            raise ContentError("holds more than one document", f"a {kind} must be one", "join them")
+        return value
 
 
 def _join_pairs(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     """Return a table of JSON; raise ContentError if a key is repeated."""
     table = dict(pairs)
     if len(table) < len(pairs):
-        keys = [key for key, _ in pairs]
-        repeated = next(key for key in keys if keys.count(key) > 1)
-        problem = f"has the key {repeated!r:.60} twice in one table"
+        problem = f"has the key {find_repeated(key for key, _ in pairs)!r:.60} twice in one table"
         raise ContentError(problem, "only the last would be read", "rename or remove one")
     return table
+
+
+def find_repeated(names: Iterable[str]) -> str | None:
+    """Return the first name that occurs again, or None."""
+    counts = Counter(names)
+    return next((name for name, times in counts.items() if times > 1), None)
 
 
 def parse_xml(data: bytes) -> Element:

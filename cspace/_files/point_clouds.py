@@ -24,6 +24,7 @@ from cspace._files.access import (
     read_columns,
     read_text,
 )
+from cspace._files.crs import refuse_degrees, warn_of_likely_degrees
 from cspace._files.fields import Fields, warn_of_names
 from cspace._files.lazy_arrays import read_npy
 from cspace._files.polygons import read_ply, read_ply_header
@@ -92,6 +93,7 @@ def read_points(path: StrPath, drop_missing: bool = False) -> Floats:
             hint = "pass drop_missing=True to leave them out"
             raise ContentError(problem, rule, hint, kind=GeometryError)
     warn_of_unit(path)
+    warn_of_likely_degrees(points, str(path))
     return points
 
 
@@ -125,9 +127,11 @@ def _read_text(path: StrPath) -> Floats:
         problem = f"has {rows.shape[1]} columns"
         raise ContentError(problem, "points have x, y and z", "write three columns")
     if not names:
+        _check_unnamed(rows)
         return np.ascontiguousarray(rows[:, :3])
     columns = [names.index(axis) for axis in "xyz" if names.count(axis) == 1]
     if len(columns) != 3 or len(names) != rows.shape[1]:
+        refuse_degrees(names)
         problem = f"has {rows.shape[1]} columns under the heading {' '.join(names):.60}"
         rule = "it must name every column, and x, y and z once each, in metres"
         raise ContentError(problem, rule, "name them, e.g. id,x,y,z")
@@ -135,14 +139,38 @@ def _read_text(path: StrPath) -> Floats:
     return np.ascontiguousarray(rows[:, columns])
 
 
+_CELL_LEVELS: Final = (-1, 0, 1, 100, 254, 255)
+"""Values of free, occupied and unknown cells."""
+
+
+def _check_unnamed(rows: Floats) -> None:
+    """Refuse rows without names of columns that do not begin with x, y and z."""
+    count, columns = rows.shape
+    row_numbers = np.arange(count) + min(rows[0, 0], 1.0)
+    problem = ""
+    # Largest number of columns and of corners of a cube, and the numbers of columns or rows.
+    if (columns > 3 or count > 8) and np.isin(rows, _CELL_LEVELS).all():
+        problem = "holds the values of cells"
+    elif count > 1 and (rows[0] == np.arange(columns)).all():
+        problem = "begins with the numbers of its columns"
+    elif columns > 3 and count > 2 and (rows[:, 0] == row_numbers).all() and rows[0, 0] >= 0.0:
+        problem = "begins each row with its number"
+    if problem:
+        rule = "rows without names of columns begin with x, y and z, in metres"
+        raise ContentError(problem, rule, "name the columns in the first line, e.g. id,x,y,z")
+
+
+_BRACKETS: Final = re.compile(r"[\[(][^\])]*[\])]")
+"""Unit of a column."""
+
 _WORD: Final = re.compile(r"[^\s,;\"']+")
 
 
 def _find_rows(text: str) -> tuple[list[str], int]:
     """Return a text's column names and the lines before its rows.
 
-    A heading is a line of words alone, or a comment with words that begin with x, y and z. Without
-    a heading, there are no names.
+    A heading is a line of words alone, or a comment with words that begin or end with x, y and z,
+    or name degrees. Without a heading, there are no names.
     """
     names: list[str] = []
     # Number of characters in which the first row of a text begins, or it has no heading.
@@ -152,11 +180,13 @@ def _find_rows(text: str) -> tuple[list[str], int]:
     first_row = next((row for row in rows if _is_number(row[0])), [])
     for number, line in enumerate(lines):
         content = line.strip().lower()
-        words = _WORD.findall(content.lstrip("#/"))
         is_comment = content.startswith(("#", "//"))
+        words = _WORD.findall(content)
         if is_comment:
+            words = _WORD.findall(_BRACKETS.sub(" ", content.lstrip("#/")))
             # A sentence may have such words, too, but hardly as many as there are columns.
-            has_axes = {"x", "y", "z"} <= {word[0] for word in words}
+            has_axes = any({"x", "y", "z"} <= {word[end] for word in words} for end in (0, -1))
+            has_axes = has_axes or {"lon", "lat"} <= {word[:3] for word in words}
             is_heading = has_axes and len(words) == len(first_row)
         else:
             is_heading = not any(map(_is_number, words))
@@ -304,6 +334,7 @@ def _find_coordinates(fields: list[str], counts: list[int]) -> list[int]:
     """Return indices of the fields x, y and z."""
     indices = [fields.index(axis) for axis in "xyz" if fields.count(axis) == 1]
     if len(indices) != 3 or any(counts[index] != 1 for index in indices):
+        refuse_degrees(fields)
         problem = f"has the fields {' '.join(fields)}"
         rule = "a cloud in space has x, y and z, once each, in metres"
         raise ContentError(problem, rule, "write its points with these fields")

@@ -26,6 +26,7 @@ from cspace._files.access import (
     parse_numbers,
     read_bytes,
 )
+from cspace._files.crs import refuse_degrees
 from cspace._support.arrays import Bools, Floats, Ints, StrPath, Surface
 from cspace.errors import GeometryError
 
@@ -409,8 +410,10 @@ def read_ply(path: StrPath) -> tuple[Floats, Ints, Ints]:
     # trimesh reads binary files, whose sizes are compared with the header afterwards.
     content = read_bytes(path, PLY_KIND, memory=8.0)
     header = _parse_ply_header(content)
-    if not {"x", "y", "z"} <= {name for name, _ in header.properties["vertex"]}:
-        problem = f"has vertices with {', '.join(name for name, _ in header.properties['vertex'])}"
+    columns = [name for name, _ in header.properties["vertex"]]
+    if not {"x", "y", "z"} <= set(columns):
+        refuse_degrees(columns)
+        problem = f"has vertices with {', '.join(columns)}"
         raise ContentError(problem, "they need x, y and z, in metres", "rename its properties")
     lists = [name for name, is_list in header.properties.get("face", []) if is_list]
     names = [name for name in lists if name in _CORNER_LISTS]
@@ -426,8 +429,8 @@ def read_ply(path: StrPath) -> tuple[Floats, Ints, Ints]:
     with decoding(path, f"{PLY_KIND} with faces of equally many corners"):
         loaded: Any = load_ply(io.BytesIO(content), skip_materials=True)
         elements = loaded["metadata"]["_ply_raw"]
-        columns = elements["vertex"]["data"]
-        vertices = np.column_stack([columns[axis].reshape(-1) for axis in "xyz"])
+        rows = elements["vertex"]["data"]
+        vertices = np.column_stack([rows[axis].reshape(-1) for axis in "xyz"])
         corners = sizes = _NO_FACES
         if header.faces:
             corners, sizes = _read_corners(elements["face"]["data"], names[0], lists)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from typing import Any, Final
 
@@ -10,7 +11,7 @@ import numpy as np
 from cspace._files.crs import check_crs
 from cspace._files.fields import Fields, Ledger
 from cspace._support.arrays import Floats
-from cspace._support.check import check_finite
+from cspace._support.check import check_dims, check_finite
 from cspace.errors import InputError
 
 _METRES: Final = ("", "m", "metre", "metres", "meter", "meters")
@@ -33,16 +34,19 @@ FIELDS: Final = (
             "unequal steps; steps other than the spacing; of a coordinate, `units`, `unit` or "
             "`uom` other than metres, `positive` down, another `axis`, a `standard_name` of "
             "degrees or depth; `scale_factor`, `add_offset`, `_fillvalue` of 0 or 1, where not "
-            "decoded; `crs`, `crs_wkt`, `spatial_ref` or `grid_mapping_name` in degrees; "
+            "decoded, or a `missing_value` or a value beyond `valid_range`, `valid_min` and "
+            "`valid_max`; `flag_meanings` that turn 0 and 1 round; `crs`, `crs_wkt`, "
+            "`spatial_ref` or `grid_mapping_name` in degrees; "
             "`transform`, `geotransform` or `res` without coordinates; y, x without coordinates; "
             "`inner` at another place"
         ),
         warned="another `crs`; attributes that are not named here, in small or large letters",
         harmless=(
-            "area_or_point _array_dimensions actual_range bounds cell_methods cell_measures "
-            "comment conventions coordinates created date description flag_masks flag_meanings "
-            "flag_values grid_mapping history institution long_name missing_chunks missing_value "
-            "name note references source title valid_max valid_min valid_range version"
+            "area_or_point _array_dimensions actual_range bounds cell_methods cell_measures class "
+            "dimension_list _netcdf4coordinates _netcdf4dimid "
+            "comment conventions coordinates created date description flag_masks flag_values "
+            "grid_mapping history institution long_name missing_chunks name note references source "
+            "title version"
         ),
     ),
     Fields(
@@ -61,10 +65,10 @@ def place_raster(array: Any, spacing: float, name: str = "occupied") -> tuple[An
 
     Raises InputError if the coordinates are not cells of `spacing`, in metres.
     """
-    coordinates = getattr(array, "coords", {})
+    coordinates = array.coords if hasattr(array, "isel") else {}
     attributes = _open_attributes(array, name)
     places = [key for key in _PLACE_ATTRIBUTES if attributes.get(key) is not None]
-    is_decoded = _is_decoded(attributes)
+    _check_meaning(array, attributes, name)
     # Cells have no unit, and their name does not matter; positions are in those of coordinates.
     attributes.taken.add("standard_name")
     if attributes.fields.get("units") in (*_METRES, "1"):
@@ -74,6 +78,9 @@ def place_raster(array: Any, spacing: float, name: str = "occupied") -> tuple[An
         hint = "pass one array, indexed by ascending x and y"
         raise InputError(name, f"is a {type(array).__name__}", "its labels are not read", hint)
     array = _drop_other_dimensions(array)
+    if hasattr(array, "ncattrs"):  # a variable of netCDF4, whose values are masked
+        check_dims(array, name)
+        array = array[...]
     axes = [axis for axis in "xyz" if axis in getattr(array, "dims", ())]
     if not axes or len(axes) != len(array.dims) or not set(axes) <= set(coordinates):
         _refuse_another_place(array, coordinates, places, name)
@@ -84,8 +91,6 @@ def place_raster(array: Any, spacing: float, name: str = "occupied") -> tuple[An
         systems.append(next(filter(None, named), None))
     for crs in filter(None, systems):
         check_crs(crs, name)
-    if array.dtype.kind != "b" and not is_decoded:
-        raise _make_coded_error(name)
     array = array.transpose(*axes)
     lower = np.zeros(len(axes))
     for index, axis in enumerate(axes):
@@ -111,6 +116,8 @@ def _drop_other_dimensions(array: Any) -> Any:
 def _open_attributes(array: Any, name: str) -> Ledger:
     """Open an array's attributes, by lower-case names."""
     attributes = getattr(array, "attrs", {})
+    if hasattr(array, "ncattrs"):  # of netCDF4
+        attributes = {key: array.getncattr(key) for key in array.ncattrs()}
     lowered: dict[str, Any] = {}
     if isinstance(attributes, Mapping):
         lowered = {str(key).lower(): value for key, value in attributes.items()}
@@ -123,7 +130,7 @@ def _refuse_another_place(array: Any, coordinates: Any, attributes: list[str], n
     ``attributes`` are those of its attributes that give a place.
     """
     places = [str(key) for key in coordinates if key not in array.dims] + attributes
-    if places and hasattr(array, "dims"):
+    if places:
         raise InputError(
             name,
             f"has its place in {', '.join(places):.80}",
@@ -188,8 +195,48 @@ def _check_axis(coordinate: Any, axis: str, label: str) -> None:
 def _is_decoded(attributes: Ledger) -> bool:
     """Return True if an xarray's attributes keep its numbers' meaning."""
     scale, offset = attributes.get("scale_factor", 1), attributes.get("add_offset", 0)
-    missing = attributes.get("_fillvalue")
-    return bool(scale == 1 and offset == 0 and missing not in (0, 1))
+    missing = np.append(attributes.get("_fillvalue", -1), attributes.get("missing_value", -1))
+    return bool(scale == 1 and offset == 0 and not np.isin((0, 1), missing).any())
+
+
+_FREE: Final = re.compile(
+    r"(free|empty|clear|open|passable|traversable|navigable|(un|not_)occupied|false|no)(_\w+)?|"
+)
+_OCCUPIED: Final = re.compile(
+    r"(occupied|blocked|obstacle|wall|lethal|solid|full|true|yes|(un|im|non|not_)"
+    r"(passable|traversable|navigable))s?(_\w+)?|"
+)
+"""Meanings of 0 and of 1, in lower case; a value may have none."""
+
+_MISSING: Final = re.compile(r"(un(known|seen|observed|explored)|missing|no_?data|invalid)(_\w+)?")
+"""Meaning of cells that are neither free nor occupied, in lower case."""
+
+
+def _check_meaning(array: Any, attributes: Ledger, name: str) -> None:
+    """Refuse codes, ranges or flags by which 0 is not free, or 1 not occupied.
+
+    Flags of other words are left to the warning of fields that are not read.
+    """
+    if not _is_decoded(attributes) and getattr(array, "dtype", None) != np.bool_:
+        raise _make_coded_error(name)
+    lowest, highest = np.ravel(attributes.get("valid_range", (0, 1))).tolist()
+    lowest, highest = attributes.get("valid_min", lowest), attributes.get("valid_max", highest)
+    meanings = str(attributes.fields.get("flag_meanings") or "").lower().split()
+    numbers = attributes.fields.get("flag_values", attributes.fields.get("flag_masks"))
+    flags = np.arange(len(meanings)) if numbers is None else np.ravel(numbers)
+    meaning = dict(zip(flags.tolist(), meanings, strict=False))
+    zero, one = meaning.get(0, ""), meaning.get(1, "")
+    problem = ""
+    if lowest > 0 or highest < 1:
+        problem = f"has values from {lowest} to {highest} alone"
+    elif _FREE.fullmatch(zero) and _OCCUPIED.fullmatch(one):
+        attributes.taken.add("flag_meanings")
+    elif any(map(_MISSING.fullmatch, (zero, one))) or (
+        _OCCUPIED.fullmatch(zero) and _FREE.fullmatch(one)
+    ):
+        problem = f"says that 0 is {zero or 'not named'} and 1 is {one or 'not named'}"
+    if problem:
+        raise InputError(name, problem, "0 is free and 1 is occupied")
 
 
 def _make_coded_error(name: str) -> InputError:

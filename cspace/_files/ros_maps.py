@@ -59,14 +59,14 @@ FIELDS: Final = (
         harmless="stamp seq map_load_time z",
     ),
     Fields(
-        "`geometry_msgs/PoseStamped`",
+        "`geometry_msgs/PoseStamped`, `PoseWithCovarianceStamped`, `nav_msgs/Odometry`",
         honoured=(
             "`header`, `frame_id`; `pose`; `position`: `x`, `y`, `z`; "
             "`orientation`: `x`, `y`, `z`, `w`"
         ),
         refused="frames other than that of the map; tilt, where the robot cannot tilt",
         warned="unknown fields",
-        harmless="stamp seq",
+        harmless="stamp seq child_frame_id covariance twist",
     ),
     Fields(
         "Nav2 parameters",
@@ -97,8 +97,8 @@ def read_ros_map(path: StrPath, unknown: str = "occupied") -> tuple[MapInfo, Boo
       the rest is unknown. Grey 205, which map savers write for unknown cells, is unknown also if
       it is below ``free_thresh``, and in a JPEG, or beside grey 205, so are greys up to 229; a
       warning counts such cells;
-    * ``scale``: ``p < free_thresh`` is free and the rest is occupied, because a cell with some
-      probability of being occupied is not proven free;
+    * ``scale``: ``p < free_thresh`` is free, except grey 205 as in ``trinary``, and the rest is
+      occupied, because a cell with some probability of being occupied is not proven free;
     * ``raw``: ``round(255 * shade)`` is the occupancy in per cent; below ``100 * free_thresh`` is
       free, up to 100 is occupied, above is unknown.
 
@@ -130,7 +130,7 @@ def read_ros_map(path: StrPath, unknown: str = "occupied") -> tuple[MapInfo, Boo
         If a field is not read, the image is a JPEG, or free cells may be unknown.
     """
     header = _read_header(path)
-    image = read_shades(header.image, "ROS map's image", may_turn=False)
+    image = read_shades(header.image, "ROS map's image", header.info.resolution, may_turn=False)
     if image.is_lossy:  # whatever the caller takes unknown cells for
         warn_user(
             f"{path}: its image is a JPEG, which changes shades, so that walls and unknown cells "
@@ -240,10 +240,9 @@ def _classify_pixels(header: _MapHeader, image: Shades, warn: bool) -> tuple[Boo
     free_levels = probability < header.free_thresh
     if header.mode == "raw":
         occupied_levels = ~free_levels & (probability <= 1.0)
-    elif header.mode == "scale":
-        occupied_levels = ~free_levels
     else:
-        occupied_levels = probability >= header.occupied_thresh
+        is_scale = header.mode == "scale"
+        occupied_levels = ~free_levels if is_scale else probability >= header.occupied_thresh
         free_levels &= ~_find_doubtful_levels(header, image, free_levels, warn)
     free = image.select(free_levels) & image.opaque
     occupied = image.select(occupied_levels) & image.opaque
@@ -263,7 +262,7 @@ def _find_doubtful_levels(
     doubtful: Bools = free_levels & unknown
     name = "of grey 205"
     hint = "write free_thresh: 0.196"
-    if image.is_lossy or image.select(unknown).any():
+    if image.is_lossy or (header.mode == MODES[0] and image.select(unknown).any()):
         # Shade halfway between those that map savers write for unknown and for free cells.
         blurred = free_levels & (shades < (205 + 254) / 2 / 255)
         if image.select(blurred & ~unknown).any():
@@ -455,6 +454,9 @@ def read_occupancy_grid(
         hint = "pass e.g. 0.25 and 0.65"
         raise InputError("free_thresh", problem, rule, hint)
     with reading(msg, "occupancy grid", "msg", FIELDS[1]) as (_, grid):
+        if "metadata" in grid.fields:
+            rule = "its data are costs; those of an OccupancyGrid are per cent"
+            raise grid.fail("is a Costmap", rule, "")
         frame_id = read_frame(grid)
         info = grid.child("info")
         # Row by row from the lowest y; other numbers than per cent stand for unknown cells.
@@ -549,6 +551,9 @@ def _read_rows(grid: Ledger, size: Ledger) -> NDArray[Any]:
     if isinstance(data, str):  # as rosbridge writes bytes
         with suppress(ValueError):
             data = base64.b64decode(data, validate=True)
+    if isinstance(data, str):
+        hint = "write the whole message, with ros2 topic echo --full-length"
+        raise grid.fail(f"has the data {data!r:.60}", "they must be a list of numbers", hint)
     if isinstance(data, bytes):
         data = np.frombuffer(data, dtype=np.int8)
     if isinstance(data, list) and data:
@@ -591,6 +596,8 @@ def read_pose(msg: object, frame_id: str) -> tuple[list[float], list[float]]:
     with reading(msg, "pose", "msg", FIELDS[2]) as (_, stamped):
         check_frame(stamped, frame_id)
         pose = stamped.child("pose")
+        if "pose" in pose.fields:  # of a pose with a covariance, or an odometry
+            pose = pose.child("pose")
         return pose.child("position").numbers("xyz"), _read_turn(pose.child("orientation"))
 
 

@@ -23,7 +23,7 @@ import numpy as np
 
 from cspace._files.access import MJCF_HINT, SDF_HINT, ContentError, decoding, read_bytes
 from cspace._files.fields import Fields, open_elements
-from cspace._files.plain import check_expanded, parse_finite, parse_xml
+from cspace._files.plain import check_expanded, find_repeated, parse_finite, parse_xml
 from cspace._files.sphere_files import read_spheres, replace_geometry
 from cspace._support.arrays import Floats
 from cspace._support.reporting import import_optional, warn_user
@@ -82,7 +82,7 @@ _NUMBERS_PER_ATTRIBUTE: Final[Mapping[str, Mapping[str, int]]] = {
 """Number of values of each numeric attribute, by element and attribute."""
 
 _PARTS: Final = {
-    "robot": "name version link joint material transmission gazebo",
+    "robot": "name version link joint material transmission gazebo ros2_control",
     "link": "name type inertial visual collision contact self_collision_checking",
     "collision": "name origin geometry verbose contact_coefficients material",
     "geometry": "box cylinder sphere mesh",
@@ -125,10 +125,16 @@ _SINGLE_PARTS: Final = ("origin", "geometry", "axis", "limit", "mimic", "parent"
 """Elements that another one has once."""
 
 _ANGLES_PER_TYPE: Final[Mapping[str, tuple[str, ...]]] = {
-    "revolute": ("rpy", "lower", "upper", "soft_lower_limit", "soft_upper_limit", "offset"),
-    "continuous": ("rpy", "offset"),
+    "revolute": (
+        *("rpy", "lower", "upper", "soft_lower_limit", "soft_upper_limit", "offset"),
+        "velocity",
+    ),
+    "continuous": ("rpy", "offset", "velocity"),
 }
-"""Attributes that are angles, by the type of joint; elsewhere only ``rpy`` is."""
+"""Attributes that are angles, or their speed, by the type of joint; elsewhere only ``rpy`` is."""
+
+_Places: TypeAlias = list[tuple[str, float]]
+"""Numbers with their places in a file."""
 
 
 PackageDirs: TypeAlias = "str | os.PathLike[str] | Sequence[str | os.PathLike[str]]"
@@ -169,7 +175,7 @@ def load_urdf(
         replace_geometry(root, links)
         root.set("name", root.get("name", Path(path).stem))
         _choose_geometry(root, visuals)
-        angles = _check_robot(root)
+        angles, speeds = _check_robot(root)
         _check_single_parts(root)
         ledger = open_elements(root, FIELDS[0], _PARTS)
         plain = io.BytesIO(ElementTree.tostring(root))
@@ -178,7 +184,7 @@ def load_urdf(
             plain, load_meshes=False, build_scene_graph=False, build_collision_scene_graph=False
         )
         _shorten_mimic_chains(urdf)
-    ledger.angles = angles
+    ledger.angles, ledger.speeds = angles, speeds
     ledger.close(os.fspath(path))
     return urdf
 
@@ -299,25 +305,28 @@ def _parse_robot(data: bytes, kind: str) -> Element:
     return root
 
 
-def _check_robot(root: Element) -> list[tuple[str, float]]:
-    """Refuse a URDF that yourdfpy would misread; return its angles.
+def _check_robot(root: Element) -> tuple[_Places, _Places]:
+    """Refuse a URDF that yourdfpy would misread; return its angles and speeds.
 
     Raises ContentError.
     """
-    angles = []
+    angles: _Places = []
+    speeds: _Places = []
     names = _read_names(root, "link")
     if not names:
         raise ContentError("has no <link>", "a robot needs one", "pass the right file")
     for kind in ("link", "joint"):
         _check_unique(_read_names(root, kind), kind)
         for element in root.findall(kind):
-            angles += _check_numbers(element, f"{kind} {element.get('name')!r}")
+            numbers = _check_numbers(element, f"{kind} {element.get('name')!r}")
+            for name, place, number in numbers:
+                (speeds if name == "velocity" else angles).append((place, number))
     _check_tree(names, _find_parents(root, set(names)))
     for link in root.findall("link"):
         for number, collision in enumerate(link.findall("collision")):
             place = f"link {link.get('name')!r}, collision {number}"
             _check_geometry(collision.find("geometry"), place)
-    return angles
+    return angles, speeds
 
 
 def _check_single_parts(root: Element) -> None:
@@ -337,10 +346,10 @@ def _read_names(root: Element, kind: str) -> list[str]:
 
 def _check_unique(names: list[str], kind: str) -> None:
     """Refuse a name that occurs twice."""
-    repeated = [name for name, times in Counter(names).items() if times > 1]
-    if repeated:
+    name = find_repeated(names)
+    if name is not None:
         raise ContentError(
-            f"has more than one {kind} {repeated[0]!r}", "names must be unique", "rename one"
+            f"has more than one {kind} {name!r}", "names must be unique", "rename one"
         )
 
 
@@ -397,8 +406,10 @@ def _check_tree(names: list[str], parents: dict[str, str]) -> None:
         raise ContentError(problem, "there must be one root", "join the others")
 
 
-def _check_numbers(element: Element, place: str) -> list[tuple[str, float]]:
-    """Refuse attributes of wrong counts; return angles with their places.
+def _check_numbers(element: Element, place: str) -> list[tuple[str, str, float]]:
+    """Refuse attributes of wrong counts; return angles and speeds.
+
+    Each comes with its attribute and its place.
 
     Raises ContentError. ``place`` names the element in messages.
     """
@@ -421,7 +432,8 @@ def _check_numbers(element: Element, place: str) -> list[tuple[str, float]]:
                 hint = "write numbers, separated by blanks"
                 raise ContentError(f"has {attribute}", f"it must be {rule}", hint)
             if name in angle_names:
-                angles.append((f"{name} at the {member.tag} of {place}", max(numbers, key=abs)))
+                where = f"{name} at the {member.tag} of {place}"
+                angles.append((name, where, max(numbers, key=abs)))
     return angles
 
 
@@ -737,21 +749,25 @@ class _Reader:
     def read_groups(self) -> dict[str, set[str]]:
         """Return the joints of each group."""
         groups = {_get_attribute(group, "name"): group for group in self._root.findall("group")}
-        return {name: self._collect_joints(name, groups, frozenset()) for name in groups}
+        inner = {
+            name: [_get_attribute(member, "name") for member in group.findall("group")]
+            for name, group in groups.items()
+        }
+        joints: dict[str, set[str]] = {}
+        try:
+            for name in TopologicalSorter(inner).static_order():  # inner groups come first
+                if name in groups:
+                    joints[name] = self._collect_joints(groups[name], joints)
+        except CycleError as error:
+            _, (name, *_) = error.args  # the message, and the groups of the loop
+            problem = f"has the group {name!r} within itself"
+            raise ContentError(problem, "subgroups must end", "remove one of them") from error
+        return {name: joints[name] for name in groups}
 
-    def _collect_joints(
-        self, name: str, groups: dict[str, Element], enclosing: frozenset[str]
-    ) -> set[str]:
-        """Return the joints of a group and its subgroups.
-
-        `enclosing` holds the names of the groups around it.
-        """
-        if name in enclosing:
-            raise ContentError(
-                f"has the group {name!r} within itself", "subgroups must end", "remove one of them"
-            )
+    def _collect_joints(self, group: Element, inner: Mapping[str, set[str]]) -> set[str]:
+        """Return the joints of a group, given those of its ``inner`` groups."""
         joints: set[str] = set()
-        for member in groups[name]:
+        for member in group:
             if member.tag == "chain":
                 base = _get_attribute(member, "base_link")
                 tip = _get_attribute(member, "tip_link")
@@ -759,7 +775,7 @@ class _Reader:
                     # Joints above both ends are not between them.
                     joints |= self._list_joints_above(base) ^ self._list_joints_above(tip)
                 continue
-            known_names = {"joint": self._joint_types, "link": self._links, "group": groups}
+            known_names = {"joint": self._joint_types, "link": self._links, "group": inner}
             if member.tag not in known_names:
                 continue
             member_name = _get_attribute(member, "name")
@@ -768,7 +784,7 @@ class _Reader:
             if member.tag == "joint":
                 joints.add(member_name)
             elif member.tag == "group":
-                joints |= self._collect_joints(member_name, groups, enclosing | {name})
+                joints |= inner[member_name]
             elif member_name in self._joint_above:  # a link stands for the joint above it
                 joints.add(self._joint_above[member_name].name)
         return joints

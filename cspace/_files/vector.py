@@ -11,15 +11,14 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from cspace._files.access import decoding, read_text
-from cspace._files.crs import PROJECT, check_crs
+from cspace._files.crs import check_crs, warn_of_likely_degrees
 from cspace._files.fields import Fields, Ledger
 from cspace._files.geometries import check_shapes, make_curve_error, split_parts
 from cspace._files.plain import check_nesting, read_json
 from cspace._limits import check_file_memory
 from cspace._support.arrays import StrPath
 from cspace._support.check import find_sizes
-from cspace._support.reporting import warn_user
-from cspace.errors import FileError, GeometryError, InputError, UnitWarning
+from cspace.errors import FileError, GeometryError, InputError
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
@@ -38,8 +37,6 @@ _WKT: Final = re.compile(
     r"\s*(?:(?:ZM|Z|M)\s*)?(?:\(|EMPTY)",
     re.IGNORECASE,
 )
-
-_MAX_DEGREES: Final = np.array([180.0, 90.0])
 
 FIELDS: Final = (
     Fields(
@@ -149,6 +146,8 @@ def _read_text_geometries(source: StrPath, name: str) -> Iterator[tuple[str, Bas
 
 def _read_wkt_file(file: str) -> Iterator[tuple[str, BaseGeometry]]:
     """Yield the geometries of a WKT file, one or a line each."""
+    import shapely
+
     text = read_text(file, _POLYGONS_KIND, 10.0, "max_text_bytes")
     points = 1 + text.count(",")
     check_file_memory(file, f"holds {points:,} points", _BYTES_PER_POINT * points)
@@ -158,9 +157,13 @@ def _read_wkt_file(file: str) -> Iterator[tuple[str, BaseGeometry]]:
     lines = [line for line in text.split("\n") if line.strip()]
     if not all(map(is_wkt, lines)):  # a geometry of several lines
         lines = [text]
+    shapes = []
     for number, line in enumerate(lines, start=1):
         place = f"{file}, geometry {number}" if len(lines) > 1 else file
-        yield place, _parse_wkt(line, place)
+        shapes.append(_parse_wkt(line, place))
+        yield place, shapes[-1]
+    if not shapely.get_srid(shapes).any():
+        warn_of_likely_degrees(shapely.total_bounds(shapes).reshape(2, 2), file)
 
 
 def _parse_wkt(text: str, name: str) -> BaseGeometry:
@@ -201,16 +204,7 @@ def _read_geojson(document: Mapping[str, Any], name: str) -> Iterator[tuple[str,
     if not named_shapes or not document.keys().isdisjoint(("crs", "coordRefSys")):
         return
     corners = shapely.total_bounds([shape for _, shape in named_shapes]).reshape(2, 2)
-    size = np.ptp(corners, axis=0).max()
-    distance = np.linalg.norm(corners.mean(axis=0))
-    fits = (np.abs(corners) <= _MAX_DEGREES).all()
-    # Distance from the origin, over the size of the obstacles, above which degrees are suspected.
-    if fits and 0.0 < 50.0 * size < distance:
-        warn_user(
-            f"{name}: its coordinates look like degrees, as RFC 7946 asks for, and are read as "
-            f'metres; {PROJECT}, or add "crs": null if they are metres',
-            UnitWarning,
-        )
+    warn_of_likely_degrees(corners, name, ', or add "crs": null if they are metres')
 
 
 _MEMBERS: Final = {
@@ -246,6 +240,9 @@ def _parse_geojson(part: Ledger) -> Iterator[tuple[str, BaseGeometry]]:
         fields = ", ".join(map(str, part.fields)) or "nothing"
         rule = "GeoJSON has 'type' and 'coordinates', as RFC 7946 says"
         raise GeometryError(name, f"has no type, only {fields:.100}", rule, "convert it to GeoJSON")
+    elif "coordinates" not in part.fields:
+        rule = "GeoJSON has geometries, features and collections of them, as RFC 7946 says"
+        raise GeometryError(name, f"is of type {kind!r:.40}, without coordinates", rule, "")
     else:
         part.get("coordinates")
         try:

@@ -43,9 +43,13 @@ _SI_UNIT: Final = re.compile(
 """Names of units that numbers are in, and of their quotients, in lower case."""
 
 _SIZE: Final = re.compile(
-    r"(^|_)(r|radius|radii|diameter|size|width|thickness|buffer|scale|extent)(_|\d|$)"
+    r"^(?!(stroke|marker|font|icon|text|label)_)(.*_)?"
+    r"((r|size|width|buffer|scale|extent)(_|\d|$)|\w*(radius|radii|diameter|thickness))"
 )
-"""Part of a name, in lower case, that gives a point or a line a size."""
+"""Name, in lower case, that gives a point or a line a size, except that of a drawing."""
+
+_WORD_BREAK: Final = re.compile(r"(?<=[a-z\d])(?=[A-Z])|\W+")
+"""Place between two words of a name."""
 
 NUMBERS_HINT: Final = "pass numbers, in metres or radians"
 
@@ -89,12 +93,12 @@ def check_real(values: ArrayLike, name: str, axes: Sequence[str] = ()) -> NDArra
 
 def _check_unit(values: Any, name: str) -> None:
     """Raise InputError for values in another unit, as of pint."""
-    if hasattr(values, "columns"):  # a column may be called so
-        return
     attributes = getattr(values, "attrs", None)
-    unit = attributes.get("units") if isinstance(attributes, Mapping) else None
-    for attribute in ("units", "unit"):
-        unit = unit or getattr(values, attribute, None)
+    unit = None
+    for name_of_unit in ("units", "unit"):
+        unit = unit or (attributes.get(name_of_unit) if isinstance(attributes, Mapping) else None)
+        if not hasattr(values, "columns"):  # which may be called so
+            unit = unit or getattr(values, name_of_unit, None)
     if unit is not None and not callable(unit) and not _SI_UNIT.fullmatch(str(unit).lower()):
         rule = "numbers are in metres, radians and seconds"
         raise InputError(name, f"has the unit {unit}", rule, "convert it, and pass its numbers")
@@ -108,7 +112,7 @@ def order_labels(values: Any, name: str, axes: Sequence[str]) -> Any:
     """
     if isinstance(values, list | tuple):
         return _order_rows(values, name, axes)
-    for dimension in getattr(values, "dims", ()):
+    for dimension in getattr(values, "dims", ()) if hasattr(values, "sel") else ():
         labels = values.coords[dimension].values if dimension in values.coords else ()
         if _are_names(labels):
             _check_labels(labels, name, axes)
@@ -455,7 +459,7 @@ def check_points(values: ArrayLike, name: str, axes: Sequence[str]) -> Floats:
 def find_sizes(names: Iterable[str]) -> dict[str, str]:
     """Return the names, each by itself, that give points a size."""
     known = list(names)
-    sizes = {name: name for name in known if _SIZE.search(name.lower())}
+    sizes = {name: name for name in known if _SIZE.search(_WORD_BREAK.sub("_", name).lower())}
     if {"r", "g", "b"} <= set(known):  # a colour
         del sizes["r"]
     return sizes
@@ -466,13 +470,17 @@ def select_positions(values: Any, name: str) -> NDArray[Any]:
 
     Of a table, the columns x, y (and z) are taken. Raises InputError as :func:`check_real`.
     """
-    columns = getattr(values, "columns", ())
+    fields = getattr(getattr(values, "dtype", None), "names", None)
+    columns = getattr(values, "columns", fields or ())
     axes = [axis for axis in AXES if axis in columns]
     if {"x", "y"} <= set(axes):
+        if fields:  # of a structured array, as of PointCloud2
+            return np.stack([check_real(values[axis], f"{name}.{axis}") for axis in axes], axis=-1)
         values = values[axes]
-    labels = {
-        label for each in getattr(values, "coords", {}).values() for label in each.values.flat
-    }
+    coordinates = getattr(values, "coords", {})
+    if not isinstance(coordinates, Mapping):
+        coordinates = {}
+    labels = {label for each in coordinates.values() for label in each.values.flat}
     return check_real(values, name, axes or [axis for axis in AXES if axis in labels])
 
 
@@ -495,9 +503,14 @@ def check_bounds(bounds: ArrayLike, dim: int = 2) -> Floats:
     ``bounds`` has that shape, or is ``xmin, ymin, (zmin,) xmax, ymax(, zmax)``. Raises InputError
     if it has another shape, or an upper value is not above the lower value.
     """
-    box = check_finite(bounds, "bounds", AXES[:dim])
     names = [f"{axis}{end}" for end in ("min", "max") for axis in "xyz"[:dim]]
     hint = f"pass ({', '.join(names)}) in metres"
+    labels = [f"{end}{axis}" for end in ("min", "max") for axis in AXES[:dim]]  # of geopandas
+    given = getattr(bounds, "columns", getattr(bounds, "index", ()))
+    has_labels = not callable(given) and set(labels) <= set(given)
+    box = check_finite(bounds, "bounds", labels if has_labels else AXES[:dim])
+    if box.shape == (1, 2 * dim):
+        box = box[0]
     if box.shape not in ((2 * dim,), (2, dim)):
         rule = f"it must have {'four' if dim == 2 else 'six'} numbers"
         hint = f"{hint}, or the lower and the upper corner"
@@ -536,21 +549,47 @@ def check_pairs(edges: ArrayLike, vertices: Floats) -> Ints:
     return pairs.astype(np.int64, copy=False)
 
 
+def list_dimensions(array: Any) -> tuple[str, ...]:
+    """Return the names of an array's dimensions, or an empty tuple.
+
+    They are those of xarray, zarr, netCDF4, h5netcdf, or labels or scales of h5py.
+    """
+    attributes = getattr(array, "attrs", None)
+    for names in (
+        getattr(array, "dims", None),
+        getattr(array, "dimensions", None),
+        getattr(getattr(array, "metadata", None), "dimension_names", None),
+        attributes.get("_ARRAY_DIMENSIONS") if isinstance(attributes, Mapping) else None,
+    ):
+        listed = [_name_dimension(each) for each in names or ()]
+        if any(listed):
+            return tuple(listed)
+    return ()
+
+
+def _name_dimension(dimension: Any) -> str:
+    """Return the name of a dimension, or its label or first scale in h5py, or ""."""
+    if hasattr(dimension, "label"):
+        return str(dimension.label or next(iter(dimension), ""))
+    return "" if dimension is None else str(dimension)
+
+
 def check_dims(array: Any, name: str) -> None:
     """Raise InputError unless dimensions are x, y (and z).
 
-    Dimensions are named as in xarray or zarr. They must be in this order, and have no coordinates,
+    They must be in this order, and have no coordinates,
     which :func:`cspace._files.rasters.place_raster` evaluates and removes.
     """
-    metadata = getattr(array, "metadata", None)
-    attributes = getattr(array, "attrs", {})
-    dims = getattr(array, "dims", None) or getattr(metadata, "dimension_names", None) or ()
-    dims = dims or attributes.get("_ARRAY_DIMENSIONS", ())  # of Zarr version 2
-    if dims and None not in dims and tuple(dims) != ("x", "y", "z")[: len(dims)]:
+    if type(array).__module__.startswith("PIL."):
+        rule = "its rows count from the top, and black is 0, unlike cells"
+        raise InputError(name, "is an image of Pillow", rule, "save it for Workspace.from_image")
+    dims = list_dimensions(array)
+    if any(dims) and dims != tuple(AXES[k] if dim else "" for k, dim in enumerate(dims[:3])):
         rule = "they must be x, y (and z), in this order"
         hint = "project, rename or transpose it, and reverse y if its first row is the top"
-        raise InputError(name, f"has the dimensions {tuple(dims)}", rule, hint)
-    if set(dims) & set(getattr(array, "coords", ())):
+        raise InputError(name, f"has the dimensions {dims}", rule, hint)
+    coordinates = getattr(array, "coords", ())
+    if isinstance(coordinates, Mapping) and set(dims) & set(coordinates):
         hint = "pass its values, with ascending x and y"
         raise InputError(name, "has coordinates", "they have no effect here", hint)
 
@@ -572,7 +611,8 @@ def check_cells(values: ArrayLike, name: str) -> Bools:
     if array.ndim not in (2, 3) or array.size == 0:
         rule = "it must have two or three axes and at least one cell"
         hint = "pass an array indexed [x, y] or [x, y, z]"
-        raise InputError(name, f"has shape {array.shape}", rule, hint)
+        problem = f"is a {type(values).__name__} of shape {array.shape}"
+        raise InputError(name, problem, rule, hint)
     if array.dtype.kind == "f":
         check_finite(array, name)
     if array.dtype.kind not in "biu":

@@ -317,6 +317,9 @@ def place_obstacle(obstacle: object, name: str, base: Floats) -> PosedShape | No
     if isinstance(obstacle, PosedShape):
         pose = check_rigid(obstacle.pose, f"pose of {name}")
         return place_shape(obstacle.shape, name, base @ pose)
+    if isinstance(obstacle, Mapping):
+        problem = f"hold {name!r}, a {type(obstacle).__name__}"
+        raise InputError("obstacles", problem, "arms are in space", "pass a solid")
     try:
         shape = as_shape(cast(ShapeLike, obstacle))
     except InputError as error:

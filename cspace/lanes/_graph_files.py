@@ -60,7 +60,8 @@ FIELDS: Final = (
         honoured="`layouts`, `nodes`, `edges`, `stations`; `layoutId`, `nodeId`, `edgeId`, "
         "`stationId`; `nodePosition`, `x`, "
         "`y`, `theta`; `allowedDeviationXY`, `allowedDeviationXy`; `orientationType`, "
-        "`orientation`, `vehicleOrientation`; `rotationAllowed`; `trajectory`, `degree`, "
+        "`orientation`, `vehicleOrientation`; `rotationAllowed`, "
+        "`reachOrientationBeforeEntering`; `trajectory`, `degree`, "
         "`knotVector`, `controlPoints`, `weight`; ellipses of `a` and `b`; `corridor`, "
         "`leftWidth`, `rightWidth`; "
         "`vehicleTypeNodeProperties`, `vehicleTypeEdgeProperties`, `vehicleTypeId`, "
@@ -346,7 +347,7 @@ def _read_lif(
         entry = entry or edge
         entry.refuse("rotationAtStartNodeAllowed", "BOTH")
         entry.refuse("rotationAtEndNodeAllowed", "BOTH")
-        _add_edge(builder, edge, entry, "vehicleOrientation", bool(entry.get("rotationAllowed")))
+        _add_edge(builder, edge, entry, "vehicleOrientation", _may_turn(entry, False))
     return builder.build(_read_stations(builder, layout))
 
 
@@ -416,9 +417,14 @@ def _read_order(
     _check_map(document, maps, level)
     default = "GLOBAL" if str(document.get("version", "2")).startswith("1") else "TANGENTIAL"
     for edge in document.children("edges", "edge", "edgeId"):
-        turning = edge.get("rotationAllowed") is not False
-        _add_edge(builder, edge, edge, "orientation", turning, default)
+        _add_edge(builder, edge, edge, "orientation", _may_turn(edge, True), default)
     return builder.build()
+
+
+def _may_turn(edge: Ledger, otherwise: bool) -> bool:
+    """Return True if a robot may turn on an edge, in the words of any version."""
+    holds = edge.get("reachOrientationBeforeEntering", not otherwise)  # since VDA 5050 3.0
+    return bool(edge.get("rotationAllowed", not holds))
 
 
 def _add_place(builder: GraphBuilder, node: Ledger, entry: Ledger) -> None:

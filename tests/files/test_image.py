@@ -79,14 +79,14 @@ def test_cells_agree_with_the_pixels_that_pillow_returns(
 
 def test_plain_text_jpeg_and_transparent_palettes_are_read(tmp_path):
     (tmp_path / "map.pgm").write_text("P2\n# comment\n3 1\n65535\n0 65535 13107\n")
-    shades = read_shades(tmp_path / "map.pgm", "image")
+    shades = read_shades(tmp_path / "map.pgm", "image", 0.1)
     assert shades.levels[:, 0].tolist() == [0, 65535, 13107]
     large = PIXELS.repeat(16, axis=0).repeat(16, axis=1)
     Image.fromarray(large).save(tmp_path / "map.jpg", quality=95)
     occupied = Workspace.from_image(tmp_path / "map.jpg", 1.0).outer
     assert occupied[::16, ::16].tolist() == [[True, True], [True, False], [False, False]]
     Image.fromarray(PIXELS).convert("P").save(tmp_path / "map.png", transparency=255)
-    opaque = read_shades(tmp_path / "map.png", "image").opaque
+    opaque = read_shades(tmp_path / "map.png", "image", 0.1).opaque
     assert np.array_equal(opaque, (PIXELS != 255)[::-1].T)
 
 

@@ -234,13 +234,13 @@ def test_an_unset_quaternion_is_no_rotation():
     ),
     (change("data", [0, 0, "..."]), {}, r"last of the data '\.\.\.'; .* echo --full-length"),
     (change("data", [0.0] * 6), {}, "has data of shape .* float64; .* whole numbers"),
-    (change("data", "AAA*"), {}, r"msg\.data is 'AAA\*'"),
+    (change("data", "AAA*"), {}, r"msg has the data 'AAA\*'"),
     (change("info.resolution", math.nan), {}, r"msg\.info has the resolution nan"),
     (change("info.resolution", "5 cm"), {}, r"resolution '5 cm'; .*; correct it$"),
     (change("info.width", True), {}, "has the width True"),
     (change("info.width", 2.5), {}, "has the width 2.5; it must be a whole number"),
     ({}, {}, "msg has no info; it must have one, besides nothing; add it"),
-    (cspace.ros.Costmap(), {}, "msg has no info; .* besides header, metadata, data"),
+    (cspace.ros.Costmap(), {}, "msg is a Costmap; its data are costs"),
     (make_message([[0]]), {"unknown": "maybe"}, "unknown is 'maybe'"),
 )
 def test_from_occupancy_grid_refuses_in_one_line(msg, options, message):

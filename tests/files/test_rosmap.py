@@ -219,7 +219,7 @@ def test_other_greys_and_other_modes_keep_their_threshold(tmp_path):
     for pixels, changes in (
         ([204, 206, 254], {}),
         ([0, 49, 51], {"negate": 1}),
-        ([205, 206, 254], {"mode": "scale"}),
+        ([206, 207, 254], {"mode": "scale"}),
         ([0, 1, 24], {"mode": "raw"}),
     ):
         path = write_map(tmp_path, np.array([pixels], np.uint8), free_thresh=0.25, **changes)

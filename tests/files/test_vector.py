@@ -262,9 +262,7 @@ def test_what_the_hint_projects_to_is_read_without_a_warning(crs):
 
 
 def test_other_reference_systems_warn():
-    feet = {"type": "name", "properties": {"name": "EPSG:32664"}}  # beside the zones of UTM
     for crs in (
-        feet,
         {"type": "name", "properties": {"name": "EPSG:2056"}},
         "local",
         {"type": "link"},

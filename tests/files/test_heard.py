@@ -1,0 +1,506 @@
+"""What a file says of its numbers is heard in every reader: units, axes, moves and meanings."""
+
+import json
+import time
+import warnings
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+import pandas as pd
+import pytest
+import scipy.sparse
+import trimesh
+import zarr
+from PIL import Image
+
+import cspace
+from cspace import Arm, Robot, Workspace
+from cspace.errors import (
+    AngleWarning,
+    CspaceError,
+    FileError,
+    GeometryError,
+    InputError,
+    UnitWarning,
+)
+from cspace.lanes import RouteGraph
+
+xarray = pytest.importorskip("xarray")
+
+TETRAHEDRON = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
+
+CELLS = np.zeros((6, 4), dtype="i1")
+CELLS[0] = 1
+
+
+def read(folder, name, text, **options):
+    """Write a file and read it, with the options of its format."""
+    path = folder / name
+    path.write_text(text)
+    options.setdefault("spacing", 0.1)
+    return Workspace.open(path, **options)
+
+
+def list_warnings(function, *values, **options):
+    """Return the warnings of a call, as category and text."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        function(*values, **options)
+    return [(warning.category, str(warning.message)) for warning in caught]
+
+
+# ---- degrees -------------------------------------------------------------------------------------
+
+CITY = "8.40{0}49.00{0}110\n8.90{0}49.40{0}112\n8.60{0}49.20{0}115\n"
+
+
+@pytest.mark.parametrize(
+    ("name", "heading"),
+    [
+        ("cloud.csv", "lon,lat,alt"),
+        ("cloud.csv", "Longitude,Latitude,Height"),
+        ("cloud.txt", "# lon lat alt"),
+        ("cloud.xyz", "# lat_deg lon_deg alt_m"),
+    ],
+)
+def test_columns_of_degrees_are_refused(tmp_path, name, heading):
+    rows = CITY.format("," if name.endswith("csv") else " ")
+    with pytest.raises(FileError, match="metres, not degrees"):
+        read(tmp_path, name, f"{heading}\n{rows}", radius=0.05)
+
+
+def test_fields_of_degrees_are_refused_in_pcd_and_ply(tmp_path):
+    header = "VERSION 0.7\nFIELDS lon lat alt\nSIZE 4 4 4\nTYPE F F F\nWIDTH 3\nHEIGHT 1\n"
+    with pytest.raises(FileError, match="metres, not degrees"):
+        read(tmp_path, "a.pcd", f"{header}POINTS 3\nDATA ascii\n{CITY.format(' ')}")
+    properties = "".join(f"property float {each}\n" for each in ("longitude", "latitude", "z"))
+    text = f"ply\nformat ascii 1.0\nelement vertex 3\n{properties}end_header\n{CITY.format(' ')}"
+    with pytest.raises(FileError, match="metres, not degrees"):
+        read(tmp_path, "a.ply", text)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "options"),
+    [
+        ("cloud.csv", f"x,y,z\n{CITY.format(',')}", {"radius": 0.05}),
+        ("cloud.xyz", CITY.format(" "), {"radius": 0.05}),
+        ("town.wkt", "POLYGON ((8.4 49, 8.5 49, 8.5 49.1, 8.4 49))\n", {}),
+        ("town.wkt", "POINT (8.4 49)\nPOINT (8.5 49.1)\n", {}),
+    ],
+)
+def test_coordinates_like_degrees_are_warned_of(tmp_path, name, text, options):
+    with pytest.warns(UnitWarning, match="look like degrees"):
+        read(tmp_path, name, text, **options)
+    near = [("POINT (1 1)\nPOINT (3 4)\n", "a.wkt", {}), ("1 1 0\n3 4 0\n", "a.xyz", options)]
+    for metres, file, others in near:
+        assert list_warnings(read, tmp_path, file, metres, **others) == []
+
+
+@pytest.mark.parametrize(
+    "system",
+    [
+        *("EPSG:7844", "urn:ogc:def:crs:EPSG::6668", "urn:ogc:def:crs:OGC:1.3:CRS84h"),
+        *("EPSG:2227", "EPSG:32664", "+proj=latlong +datum=WGS84"),
+        'COMPD_CS["a",GEOGCS["b"],VERT_CS["c"],AUTHORITY["EPSG","9518"]]',
+    ],
+)
+def test_systems_in_degrees_or_feet_are_refused(system):
+    pytest.importorskip("pyproj")
+    square = {"type": "Point", "coordinates": [1, 1]}
+    crs = {"type": "name", "properties": {"name": system}}
+    with pytest.raises(GeometryError, match="not metres on the ground"):
+        Workspace.from_polygons(square | {"crs": crs}, 0.1)
+
+
+def write_arm(folder, velocity, kind="revolute"):
+    """Write a robot of one joint."""
+    box = '<collision><geometry><box size="0.1 0.1 0.1"/></geometry></collision>'
+    path = folder / "r.urdf"
+    path.write_text(
+        f'<robot name="r"><link name="base">{box}</link><link name="arm"><collision>'
+        '<origin xyz="0.3 0 0"/><geometry><box size="0.5 0.05 0.05"/></geometry></collision></link>'
+        f'<joint name="j" type="{kind}"><parent link="base"/><child link="arm"/>'
+        '<origin xyz="0 0 0.2"/><axis xyz="0 0 1"/>'
+        f'<limit lower="-3.1" upper="3.1" effort="1" velocity="{velocity}"/></joint>'
+        '<ros2_control name="x" type="system"><joint name="j"/></ros2_control></robot>'
+    )
+    return path
+
+
+def test_speeds_in_degrees_are_warned_of(tmp_path):
+    ((category, text),) = list_warnings(Arm.from_urdf, write_arm(tmp_path, 180))
+    assert category is AngleWarning and "velocity at the limit of joint 'j': 180" in text
+    assert "they are in rad" in text and text.endswith("/s; write 3.14159 for 180 degrees/s")
+    assert list_warnings(Arm.from_urdf, write_arm(tmp_path, 3.14)) == []
+    assert list_warnings(Arm.from_urdf, write_arm(tmp_path, 180, "prismatic")) == []
+
+
+# ---- units and sizes -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "note",
+    [
+        "vertex coordinates are measured in units, where 1 unit = 1.000000 mm",
+        *("1 unit = 0.0254 m", "unit is 0.001 meters", "Unit = 25.4 mm"),
+    ],
+)
+def test_a_sentence_of_units_is_heard(tmp_path, note):
+    def write(name, text):
+        (tmp_path / name).write_text(text)
+        return list_warnings(Workspace.open, tmp_path / name, spacing=0.1, **options)
+
+    options = {"solid": "surface"}
+    assert UnitWarning in dict(write("a.obj", f"# {note}\n{TETRAHEDRON}"))
+    assert write("a.obj", f"# 1 unit = 1.0 m\n# unit: metres\n{TETRAHEDRON}") == []
+    options = {"radius": 0.1}
+    assert UnitWarning in dict(write("a.xyz", f"# {note}\n0 0 0\n1 1 1\n"))
+
+
+def test_sizes_are_heard_in_any_spelling(tmp_path):
+    names = "wallThickness", "WALLTHICKNESS", "Thickness (m)", "wall-width", "lineWidth", "radius1"
+    for name in names:
+        line = {"type": "LineString", "coordinates": [[0, 0], [5, 0], [5, 5]]}
+        feature = {"type": "Feature", "properties": {name: 0.4}, "geometry": line}
+        with pytest.warns(UserWarning, match="not read") as caught:
+            Workspace.from_polygons(feature, 0.1)
+        assert name in str(caught[0].message)
+    drawn = dict.fromkeys(("stroke-width", "strokeWidth", "marker-size", "bandwidth"), 2)
+    feature["properties"] = drawn
+    assert list_warnings(Workspace.from_polygons, feature, 0.1) == []
+    table = pd.DataFrame({"x": [1.0, 2.0], "y": [1.0, 2.0], "ballRadius": [0.5, 0.5]})
+    with pytest.warns(UserWarning, match="ballRadius"):
+        Workspace.from_points(table, 0.1)
+
+
+def test_a_table_in_millimetres_is_refused():
+    space = cspace.build(Workspace.from_array(np.zeros((9, 9), dtype=bool), 0.1), Robot.disc(0.1))
+    for key in ("units", "unit"):
+        table = pd.DataFrame({"x": [0.1, 0.2], "y": [0.1, 0.2]})
+        table.attrs[key] = "mm"
+        for use in (space.is_free, lambda rows: Workspace.from_points(rows, 0.1)):
+            with pytest.raises(InputError, match="has the unit mm"):
+                use(table)
+
+
+def test_another_spacing_in_a_comment_is_warned_of(tmp_path):
+    path = tmp_path / "map.pgm"
+    note = "# CREATOR: map_generator.cpp 0.050 m/pix"
+    path.write_bytes(f"P5\n{note}\n2 2\n255\n".encode() + bytes([0, 254, 254, 254]))
+    (tmp_path / "map.yaml").write_text(
+        "image: map.pgm\nresolution: 0.1\norigin: [0, 0, 0]\nnegate: 0\n"
+        "occupied_thresh: 0.65\nfree_thresh: 0.196\n"
+    )
+    for use in (
+        lambda: Workspace.from_image(path, 0.1),
+        lambda: Workspace.from_ros_map(tmp_path / "map.yaml"),
+    ):
+        with pytest.warns(UnitWarning, match=r"says 0.050 m a pixel, and 0.1 m is taken"):
+            use()
+    assert list_warnings(Workspace.from_image, path, 0.05) == []
+
+
+# ---- names of dimensions -------------------------------------------------------------------------
+
+
+class Variable:
+    """As a variable of netCDF4, h5netcdf or h5py."""
+
+    def __init__(self, data, **fields):
+        self._data = data
+        self.shape, self.dtype, self.ndim = data.shape, data.dtype, data.ndim
+        self.__dict__.update(fields)
+
+    def __array__(self, dtype=None, copy=None):
+        return np.asarray(self._data)
+
+    def __getitem__(self, key):
+        return self._data[key]
+
+
+class Scale:
+    """As a dimension of h5py."""
+
+    def __init__(self, label, *names):
+        self.label = label
+        self._names = names
+
+    def __iter__(self):
+        return iter(self._names)
+
+
+@pytest.mark.parametrize(
+    ("fields", "is_right"),
+    [
+        ({"dimensions": ("y", "x")}, False),
+        ({"dimensions": ("x", "y")}, True),
+        ({"dims": (Scale("y"), Scale("x"))}, False),
+        ({"dims": (Scale("", "y"), Scale("", "x"))}, False),
+        ({"dims": (Scale("x"), Scale("y"))}, True),
+        ({"dims": (Scale(""), Scale(""))}, True),
+        ({"dimensions": ("row", "column")}, False),
+    ],
+)
+def test_names_of_dimensions_are_heard_wherever_they_stand(fields, is_right):
+    array = Variable(CELLS, **fields)
+    if is_right:
+        assert (Workspace.from_array(array, 0.1).outer == CELLS).all()
+    else:
+        with pytest.raises(InputError, match="has the dimensions"):
+            Workspace.from_array(array, 0.1)
+
+
+def test_masked_cells_of_netcdf_are_refused():
+    masked = np.ma.masked_equal(CELLS, 0)
+    array = Variable(masked, dimensions=("x", "y"), ncattrs=list)
+    with pytest.raises(InputError, match="masked entries"):
+        Workspace.from_array(array, 0.1)
+    scaled = Variable(CELLS, ncattrs=lambda: ["scale_factor"], getncattr=lambda _: 0.5)
+    with pytest.raises(InputError, match="stand for others"):
+        Workspace.from_array(scaled, 0.1)
+
+
+@pytest.mark.parametrize(
+    ("array", "message"),
+    [
+        (scipy.sparse.coo_array(CELLS), "is a coo_array"),
+        (scipy.sparse.csr_array(CELLS), "is a csr_array"),
+        (Image.fromarray(CELLS.T != 0), "is an image of Pillow"),
+    ],
+)
+def test_other_containers_of_cells_are_refused(array, message):
+    with pytest.raises(InputError, match=message):
+        Workspace.from_array(array, 0.1)
+
+
+def test_a_group_of_zarr_is_refused():
+    with pytest.raises(InputError, match="occupied"):
+        Workspace.from_array(zarr.group(), 0.1)
+
+
+# ---- meanings of cells ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("attributes", "message"),
+    [
+        ({"flag_values": [0, 1], "flag_meanings": "occupied free"}, "0 is occupied and 1 is free"),
+        ({"flag_meanings": "unknown occupied"}, "0 is unknown"),
+        ({"flag_values": [2, 1, 0], "flag_meanings": "lethal free unknown"}, "0 is unknown"),
+        ({"flag_values": [0, 1], "flag_meanings": "obstacles free_space"}, "1 is free_space"),
+        ({"missing_value": 0}, "stand for others"),
+        ({"missing_value": [9, 1]}, "stand for others"),
+        ({"valid_range": [1, 2]}, "has values from 1 to 2"),
+        ({"valid_min": 1}, "has values from 1 to 1"),
+    ],
+)
+@pytest.mark.parametrize("has_places", [True, False])
+def test_meanings_other_than_free_and_occupied_are_refused(attributes, message, has_places):
+    place = {"x": 0.1 * np.arange(6), "y": 0.1 * np.arange(4)} if has_places else {}
+    cells = xarray.DataArray(CELLS, dims=("x", "y"), coords=place, attrs=attributes)
+    with pytest.raises(InputError, match=message):
+        Workspace.from_array(cells, 0.1)
+
+
+@pytest.mark.parametrize("meanings", ["free occupied", "not_occupied occupied", "Empty full", ""])
+def test_usual_meanings_are_silent_and_others_warned_of(meanings):
+    attributes = {"flag_meanings": meanings, "missing_value": -1, "valid_range": [0, 1]}
+    cells = xarray.DataArray(CELLS, dims=("x", "y"), attrs=attributes)
+    assert list_warnings(Workspace.from_array, cells, 0.1) == []
+    cells.attrs["flag_meanings"] = "street house"
+    with pytest.warns(UserWarning, match="not read: flag_meanings"):
+        Workspace.from_array(cells, 0.1)
+
+
+def test_grey_205_is_unknown_in_scale_mode(tmp_path):
+    shades = np.array([[205, 206, 254]], np.uint8)
+    Image.fromarray(shades).save(tmp_path / "map.png")
+    (tmp_path / "map.yaml").write_text(
+        "image: map.png\nresolution: 0.1\norigin: [0, 0, 0]\nnegate: 0\nmode: scale\n"
+        "occupied_thresh: 0.65\nfree_thresh: 0.25\n"
+    )
+    with pytest.warns(UserWarning, match="1 cells are of grey 205"):
+        workspace = Workspace.from_ros_map(tmp_path / "map.yaml")
+    assert workspace.outer[:, 0].tolist() == [True, False, False]
+
+
+# ---- rows of numbers that are no points ----------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("0 0 1 0\n0 1 1 0\n0 0 0 0\n", "values of cells"),
+        ("-1 100 0 0\n-1 0 0 0\n", "values of cells"),
+        ("0 1 1\n" * 9, "values of cells"),
+        ("0,1,2\n10.0,20.0,30.0\n10.5,20.5,30.1\n", "numbers of its columns"),
+        ("0 10 20 30\n1 10.5 20 30\n2 11 20 30\n", "begins each row with its number"),
+        ("1 10 20 30\n2 10.5 20 30\n3 11 20 30\n", "begins each row with its number"),
+        ("# id px py pz\n7 1 2 3\n9 1 2 3\n", "under the heading id px py pz"),
+        ("# timestamp tx ty tz\n7.5 1 2 3\n9.5 1 2 3\n", "under the heading timestamp tx"),
+        ("# label x [m] y [m]  z [m]\n7 1 2 3\n9 1 2 3\n", ""),
+    ],
+)
+def test_rows_that_do_not_begin_with_x_y_and_z(tmp_path, text, message):
+    if not message:
+        assert read(tmp_path, "a.txt", text).grid.shape[0] == 1  # x is 1 in both rows
+        return
+    with pytest.raises(FileError, match=message):
+        read(tmp_path, "a.txt", text)
+
+
+def test_the_corners_of_a_cube_are_points(tmp_path):
+    corners = "".join(f"{k >> 2 & 1} {k >> 1 & 1} {k & 1}\n" for k in range(8))
+    assert read(tmp_path, "a.xyz", corners).grid.shape == (10, 10, 10)
+    assert read(tmp_path, "a.xyz", "x y z\n0 1 2\n3 4 5\n").grid.shape == (30, 30, 30)
+
+
+def test_structured_points_are_read_by_their_names():
+    fields = [("z", "f4"), ("y", "f4"), ("x", "f4"), ("intensity", "f4")]
+    points = np.array([(3, 2, 1, 9), (3.5, 2, 1.5, 9)], dtype=fields)
+    workspace = Workspace.from_points(points, 0.1)
+    assert workspace.grid.lower == pytest.approx((1, 2, 3))
+    sized = np.array([(1, 2, 0.5)], dtype=[("x", "f8"), ("y", "f8"), ("radius", "f8")])
+    with pytest.warns(UserWarning, match="radius"):
+        Workspace.from_points(sized, 0.1)
+    masked = np.ma.array(points, mask=[False, True])
+    with pytest.raises(InputError, match="masked"):
+        Workspace.from_points(masked, 0.1)
+
+
+def test_bounds_of_geopandas_are_taken_in_any_order():
+    row = pd.Series({"maxx": 3.0, "miny": 0.0, "minx": 0.0, "maxy": 4.0})
+    for bounds in (row, pd.DataFrame([row])):
+        assert Workspace.from_polygons("POINT (1 1)", 0.1, bounds=bounds).grid.shape == (30, 40)
+
+
+# ---- messages ------------------------------------------------------------------------------------
+
+
+@dataclass
+class Header:
+    """As rosbags writes std_msgs/Header."""
+
+    frame_id: str
+    __msgtype__: ClassVar[str] = "std_msgs/msg/Header"
+
+
+@dataclass
+class Stamped:
+    """As rosbags writes a message with a header."""
+
+    header: Header
+    pose: object
+    __msgtype__: ClassVar[str] = "geometry_msgs/msg/PoseStamped"
+
+
+POSE = {
+    "position": {"x": 0.2, "y": 0.3, "z": 0.0},
+    "orientation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0},
+}
+
+
+@pytest.fixture(scope="module")
+def space():
+    workspace = Workspace.from_array(np.zeros((9, 9), dtype=bool), 0.1)
+    return cspace.build(workspace, Robot.disc(0.1), rotations=8)
+
+
+def test_class_variables_of_messages_are_no_fields(space):
+    read = cspace.ros.configuration_of
+    assert list_warnings(read, Stamped(Header("map"), POSE), space) == []
+    scene = {"world": {"collision_objects": []}, "robot_state": {"joint_state": Header("map")}}
+    with pytest.raises(CspaceError) as caught:
+        Workspace.from_moveit_scene(scene, 0.1)
+    assert "__msgtype__" not in str(caught.value)
+
+
+def test_poses_with_a_covariance_are_read(space):
+    message = {"header": {"frame_id": "map"}, "pose": {"pose": POSE, "covariance": [0.0] * 36}}
+    for more in ({}, {"child_frame_id": "base_link", "twist": {"twist": {}}}):
+        with warnings.catch_warnings(action="error"):
+            assert cspace.ros.configuration_of(message | more, space) == (0.2, 0.3, 0.0)
+    with pytest.raises(InputError, match="the frame of the map"):
+        cspace.ros.configuration_of(message | {"header": {"frame_id": "odom"}}, space)
+
+
+# ---- parts that move, and hostile repetitions ----------------------------------------------------
+
+
+@pytest.mark.parametrize("suffix", [".gltf", ".dae"])
+def test_animations_are_warned_of(tmp_path, suffix):
+    box = trimesh.creation.box((1, 1, 1))
+    path = tmp_path / f"a{suffix}"
+    if suffix == ".gltf":
+        files = trimesh.exchange.gltf.export_gltf(trimesh.Scene(box))
+        document = json.loads(files["model.gltf"])
+        document["animations"] = [{"channels": [{"target": {"node": 0, "path": "rotation"}}]}]
+        for name, content in files.items():
+            (tmp_path / name).write_bytes(content)
+        path.write_text(json.dumps(document))
+    else:
+        text = trimesh.exchange.dae.export_collada(box).decode()
+        animation = "<library_animations><animation><channel/></animation></library_animations>"
+        path.write_text(
+            text.replace("<library_visual_scenes", f"{animation}<library_visual_scenes")
+        )
+    with pytest.warns(UserWarning, match="1 animations, which are not read"):
+        Workspace.from_mesh(path, 0.5, up="z")
+
+
+def test_groups_of_groups_are_read_once_each(tmp_path):
+    def count(levels):
+        groups = "".join(
+            f'<group name="g{k}"><group name="g{k - 1}"/><group name="g{k - 1}"/></group>'
+            for k in range(1, levels)
+        )
+        srdf = f'<robot name="r">{groups}<group name="g0"><joint name="j"/></group></robot>'
+        (tmp_path / "r.srdf").write_text(srdf)
+        return Arm.from_urdf(write_arm(tmp_path, 1), tmp_path / "r.srdf").groups
+
+    assert count(60)["g59"] == ("j",)
+    loop = '<group name="a"><group name="b"/></group><group name="b"><group name="a"/></group>'
+    (tmp_path / "r.srdf").write_text(f'<robot name="r">{loop}</robot>')
+    with pytest.raises(FileError, match="within itself"):
+        Arm.from_urdf(write_arm(tmp_path, 1), tmp_path / "r.srdf")
+
+
+def test_a_late_repeated_key_is_found_in_linear_time(tmp_path):
+    def measure(count):
+        table = ", ".join(f'"k{k}": 0' for k in range(count))
+        path = tmp_path / "a.json"
+        path.write_text(f'{{{table}, "k{count - 1}": 0}}')
+        began = time.process_time()
+        with pytest.raises(FileError, match=f"'k{count - 1}' twice"):
+            Workspace.open(path, spacing=0.1)
+        return time.process_time() - began
+
+    measure(100)
+    assert measure(20_000) < 0.5  # of the process's CPU; in quadratic time, 4 s
+
+
+@pytest.mark.parametrize(
+    ("version", "rule", "turns"),
+    [
+        ("2.1.0", {"rotationAllowed": False}, False),
+        ("2.1.0", {}, True),
+        ("3.0.0", {"reachOrientationBeforeEntering": True}, False),
+        ("3.0.0", {"reachOrientationBeforeEntering": False}, True),
+        ("3.0.0", {}, True),
+    ],
+)
+def test_the_orientation_on_an_edge_is_read_in_every_version(tmp_path, version, rule, turns):
+    def make_node(name, number, x):
+        place = {"x": x, "y": 2.0, "mapId": "m"}
+        node = {"nodeId": name, "sequenceId": number, "released": True, "actions": []}
+        return node | {"nodePosition": place}
+
+    edge = {"edgeId": "e", "sequenceId": 1, "released": True, "actions": [], "orientation": 0.0}
+    edge |= {"startNodeId": "a", "endNodeId": "b"} | rule
+    order = {"version": version, "orderId": "o", "edges": [edge]}
+    order["nodes"] = [make_node("a", 0, 2.0), make_node("b", 2, 8.0)]
+    (tmp_path / "order.json").write_text(json.dumps(order))
+    with warnings.catch_warnings(action="error"):
+        lane = RouteGraph.open(tmp_path / "order.json").lanes[0]
+    assert lane.heading.frame == ("any" if turns else "lane")
