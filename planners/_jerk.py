@@ -59,8 +59,8 @@ SLOWER_KEY: Final = 0.96
 ROOT_STEPS: Final = 60
 """Number of halvings that find a speed or a time."""
 
-MIN_JERK_SHARE: Final = 1e-3
-"""Smallest share of the duration in which the jerk alone would bring the robot to full speed.
+MIN_JERK_SHARE: Final = 1e-6
+"""Smallest share of the duration in which the largest jerk reaches the largest acceleration.
 Numbers for times resolve no larger jerks."""
 
 SLACK: Final = 1e-7
@@ -171,7 +171,8 @@ def _limit_jerk(intervals: Intervals, segments: Segments, jerk: LimitRates) -> J
     lengths = intervals.lengths
     # Numbers for times resolve no larger jerks.
     duration = (lengths + np.sqrt(lengths * intervals.rate_shares.max(axis=1))).sum()
-    jerk_rates = np.maximum(jerk_rates, (MIN_JERK_SHARE * duration) ** 2)
+    least = MIN_JERK_SHARE * duration * intervals.rate_shares.max(axis=1, keepdims=True)
+    jerk_rates = np.maximum(jerk_rates, least)
     with np.errstate(divide="ignore"):
         speeds = np.minimum(np.sqrt(intervals.caps), jerk_twists.max(axis=1) ** (-1.0 / 3.0))
     grown = 1.0 + SLACK

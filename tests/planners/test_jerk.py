@@ -253,6 +253,17 @@ def test_a_stop_on_a_line_is_a_ramp():
     assert trajectory.stop_time(late) == pytest.approx(0.2, rel=1e-4)
 
 
+@pytest.mark.parametrize("metres", [100.0, 1e3, 1e5])
+def test_ramps_and_stops_are_as_short_on_a_long_way(metres):
+    plan = plan_along("plane", [(0.0, 0.0), (metres, 0.0)])
+    trajectory = plan.trajectory(max_velocity=10.0, max_acceleration=10.0, max_jerk=100.0)
+    # Full speed over the acceleration, and the acceleration over the jerk.
+    shortest = 1.0 + 0.1
+    assert trajectory.duration == pytest.approx(metres / 10.0 + shortest, abs=1e-2)
+    assert trajectory.stop_time(3.0) == pytest.approx(shortest, rel=1e-6)
+    assert trajectory.stop_distance(3.0) == pytest.approx(5.0 * shortest, rel=1e-6)
+
+
 def test_planning_anew_on_the_way_costs_little_time():
     workspace = cspace.Workspace.from_array(np.zeros((120, 60), dtype=bool), 0.1)
     space = cspace.build(workspace, cspace.Robot.disc(0.3))
