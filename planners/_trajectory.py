@@ -21,6 +21,7 @@ from cspace._rotations.base import TWO_PI, wrap_angles
 from cspace._rotations.quaternion import multiply
 from cspace._support.arrays import Bools, Floats, Ints, frozen, number_parts
 from cspace._support.check import check_each, check_finite, check_positive, names_options
+from cspace._support.reporting import warn_user
 from cspace._support.words import Drive
 from cspace.errors import InputError
 from planners._car_curves import MAX_GAP
@@ -68,6 +69,12 @@ Limits = ArrayLike | Mapping[str, float] | None
 
 ROUNDING: Final = 1e-13
 """Largest step that is a rounding error, relative to the coordinates of the path, or radians."""
+
+ROW_ERROR: Final = 1e-5
+"""Largest distance of each joint, radians or metres, from rows that a straight motion joins."""
+
+MAX_EXPECTED_STOPS: Final = 10
+"""Largest number of stops along rows that is no surprise."""
 
 MAX_ROWS: Final = 10**6
 """Largest number of rows of a trajectory."""
@@ -160,7 +167,9 @@ class Trajectory:
         """Compute an arm's fastest motion along a path.
 
         It begins and ends at rest, and stays on the motions between the rows. So it also stops at
-        each row at which the joints change their direction. These motions are proven free again.
+        each row at which the joints change their direction; a warning tells if these are many.
+        Configurations within 1e-5 rad (m) of a straight motion, as rounded rows, are passed on it.
+        These motions are proven free again.
 
         Parameters
         ----------
@@ -210,15 +219,15 @@ class Trajectory:
                 "check motion.certified first",
             )
         rows: Any = path
-        waypoints = check_finite(getattr(path, "waypoints", rows), "path")
-        if waypoints.ndim != 2 or not len(waypoints):
+        given = check_finite(getattr(path, "waypoints", rows), "path")
+        if given.ndim != 2 or not len(given):
             raise InputError(
                 "path",
-                f"has shape {waypoints.shape}",
+                f"has shape {given.shape}",
                 "it must be rows of configurations",
                 "pass e.g. motion.waypoints",
             )
-        free = np.asarray(space.certify_path(waypoints))
+        free = np.asarray(space.certify_path(given))
         if not free.all():
             raise InputError(
                 "path",
@@ -226,6 +235,11 @@ class Trajectory:
                 "a trajectory follows proven motions",
                 "plan again",
             )
+        waypoints = given
+        if not hasattr(path, "waypoints"):  # those of a line are as near to it as was proven
+            joined = _join_rows(space, given)
+            waypoints = joined if np.asarray(space.certify_path(joined)).all() else given
+            _warn_of_stops(waypoints, given)
         driven = DrivenPath(
             space=space,
             waypoints=waypoints,
@@ -865,6 +879,52 @@ def _start_at(path: DrivenPath, q: Floats, rotations: Rotations) -> DrivenPath |
         return None
     rows[0] = q
     return path._replace(waypoints=rows)
+
+
+def _join_rows(space: ConfigurationSpace, rows: Floats) -> Floats:
+    """Return waypoints of straight motions within :data:`ROW_ERROR` of rows, shape (n, dof)."""
+    parts: list[Floats] = []
+    first = 0
+    last = len(rows) - 1
+    while first < last:
+        # The next corner lies between row ``end`` and row ``beyond``, which doubling finds first.
+        end = first + 1
+        beyond = min(first + 2, last + 1)
+        while beyond <= last and _is_straight(rows[first : beyond + 1]):
+            end = beyond
+            beyond = min(2 * beyond - first, last + 1)
+        while beyond - end > 1:
+            middle = (end + beyond) // 2
+            if _is_straight(rows[first : middle + 1]):
+                end = middle
+            else:
+                beyond = middle
+        turns = np.abs(rows[end] - rows[first])[list(space.periodic_axes)]
+        count = math.ceil(turns.max(initial=0.0) / MAX_EDGE_TURN) if end > first + 1 else 1
+        parts.append(np.linspace(rows[first], rows[end], max(count, 1), endpoint=False))
+        first = end
+    return np.concatenate([*parts, rows[-1:]])
+
+
+def _is_straight(rows: Floats) -> bool:
+    """Return True if rows follow each other along a straight motion from the first to the last."""
+    steps = rows - rows[0]
+    square = float(steps[-1] @ steps[-1])
+    shares = np.clip(steps @ steps[-1] / square, 0.0, 1.0) if square else np.zeros(len(rows))
+    # The motion does not turn back.
+    nearest = np.maximum.accumulate(shares)[:, np.newaxis] * steps[-1]
+    return bool((np.abs(nearest - steps) <= ROW_ERROR).all())
+
+
+def _warn_of_stops(waypoints: Floats, rows: Floats) -> None:
+    """Warn if an arm stops at most of its rows, as at those of a curve."""
+    stops = len(waypoints) - 2
+    if stops > MAX_EXPECTED_STOPS and stops > len(rows) // 2:
+        warn_user(
+            f"path: the arm stops at {stops} of {len(rows)} rows, because its joints change their "
+            "direction there; pass the ends of straight motions, or plan and take "
+            "plan.trajectory(), whose corners are curves"
+        )
 
 
 def _cut_at_stops(path: DrivenPath, rotations: Rotations) -> list[DrivenPath]:

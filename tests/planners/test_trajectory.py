@@ -12,6 +12,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+import shapely
 from hypothesis import assume, given
 from hypothesis import strategies as st
 from ompl import base as ob
@@ -348,6 +349,45 @@ def test_arms_move_within_the_velocity_limits_of_the_urdf(tmp_path):
     assert slower.duration == pytest.approx(2.0 / 0.2 + 0.2 / 0.8)
     along = planners.Trajectory.along(space, plan.waypoints, **limits)
     np.testing.assert_array_equal(along.positions, slower.positions)
+
+
+@pytest.mark.parametrize("digits", [6, 5])
+def test_rounded_rows_of_a_straight_motion_are_passed_without_stops(digits, tmp_path):
+    space = cspace.build_arm_space({}, cspace.Arm.from_urdf(planar(tmp_path)))
+    ends = np.array([(-0.6, 0.3), (1.4, -0.2), (1.4, 0.4)])
+    limits = {"max_velocity": 1.0, "max_acceleration": 3.0}
+    straight = planners.Trajectory.along(space, ends, **limits)
+    legs = [np.linspace(*pair, 200) for pair in itertools.pairwise(ends)]
+    # It turns back on the way, which the straight motion to the end would leave out.
+    legs.insert(1, np.linspace(ends[1], ends[1] + 0.2 * (ends[0] - ends[1]), 50))
+    legs.insert(2, legs[1][::-1])
+    rows = np.round(np.concatenate(legs), digits)
+    driven = planners.Trajectory.along(space, rows, **limits)
+    there_and_back = planners.Trajectory.along(space, legs[1][[0, -1]], **limits)
+    expected = straight.duration + 2.0 * there_and_back.duration
+    assert driven.certified and driven.duration == pytest.approx(expected, rel=1e-3)
+    near = shapely.LineString(driven.sample(np.linspace(0.0, driven.duration, 9999))[0])
+    assert max(near.distance(shapely.Point(row)) for row in rows) <= 1.1e-5 * 2**0.5
+
+
+def test_rounded_rows_of_many_turns_are_passed_without_stops(tmp_path):
+    path = planar(tmp_path, elbow={"kind": "continuous", "limits": None})
+    space = cspace.build_arm_space({}, cspace.Arm.from_urdf(path))
+    rows = np.round(np.linspace((0.0, 0.0), (0.7, 20.0), 500), 6)
+    limits = {"max_velocity": 1.0, "max_acceleration": 1.0}
+    assert planners.Trajectory.along(space, rows, **limits).duration == pytest.approx(21.0)
+    with pytest.raises(InputError, match="turn"):
+        planners.Trajectory.along(space, [(0.0, 0.0), (0.0, 4.0), (0.0, 4.0)], **limits)
+
+
+def test_many_stops_along_rows_are_told(tmp_path):
+    space = cspace.build_arm_space({}, cspace.Arm.from_urdf(planar(tmp_path)))
+    angles = np.linspace(0.0, 1.0, 30)
+    rows = np.column_stack([np.sin(angles), np.cos(angles)])
+    with pytest.warns(UserWarning, match="the arm stops at 28 of 30 rows"):
+        driven = planners.Trajectory.along(space, rows, max_acceleration=3.0)
+    at_rest = np.abs(driven.velocities).max(axis=1) < 1e-9
+    assert at_rest.sum() == 30
 
 
 # ---- times, messages, files and pictures ---------------------------------------------------------
