@@ -19,7 +19,7 @@ from ._interface import Space as Space
 from ._limits import raised_limits as raised_limits
 from ._opening import open as open  # noqa: A004
 from ._queries.chunks import Chunk as Chunk
-from ._queries.chunks import Gate as Gate
+from ._queries.gate import Gate as Gate
 from ._raster import Raster as Raster
 from ._record.update import Update as Update
 from ._robot import Robot as Robot

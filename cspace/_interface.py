@@ -604,8 +604,20 @@ class ConfigurationSpace(Space):
     """The configurations of a robot, with the queries of all maps and arms.
 
     :class:`cspace.CSpace` and :class:`cspace.TiledCSpace` read cells, :class:`cspace.ArmSpace`
-    tests the geometry. Each has its own kernels for batches of configurations.
+    tests the geometry. Each has its own kernels for batches of configurations, and proves tubes:
+    chunks, gates and curves take no other space.
     """
+
+    def __init_subclass__(cls) -> None:
+        """Refuse a class with answers of its own, which the kernels would not ask."""
+        own = [name for name in ("classify", "is_free", "motion_is_free") if name in vars(cls)]
+        if own:
+            raise InputError(
+                cls.__name__,
+                f"has its own {' and '.join(own)}",
+                "cells and geometry prove without them",
+                "derive it from cspace.Space, and ask the map in its motion_is_free",
+            )
 
     @property
     def dof(self) -> int:

@@ -9,7 +9,7 @@ from typing import Final, Literal, NamedTuple, TypeAlias, cast, get_args
 from ompl import base as ob
 from ompl import geometric as og
 
-from cspace._interface import Space
+from cspace._interface import ConfigurationSpace, Space
 from cspace._support.check import suggest_name
 from cspace._support.words import Drive
 from cspace.errors import InputError
@@ -196,7 +196,7 @@ SUPPORTED: Final[Mapping[str, tuple[str, ...]]] = {
 def find_space_kind(space: Space) -> str:
     """Return the kind of a space, one of :data:`SPACE_KINDS`."""
     if not space.has_cells:
-        return ARMS if hasattr(space, "arm") else OWN_SPACES
+        return ARMS if isinstance(space, ConfigurationSpace) else OWN_SPACES
     if not space.in_memory:
         return TILED_MAPS
     return MAPS if space.has_poses else JOINT_MAPS

@@ -6,11 +6,11 @@ import os
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
+from cspace._configuration_map import ConfigurationMap
 from cspace._support.check import names_options
 from cspace.errors import InputError
 
 if TYPE_CHECKING:
-    from cspace._configuration_map import ConfigurationMap
     from cspace._support.arrays import Floats, StrPath
     from cspace.lanes import Audit, Conflicts, RouteGraph
 
@@ -168,7 +168,7 @@ def _open_graph(space: Any, graph: Any, name: str) -> RouteGraph:
         rule = "it must be a RouteGraph, a file or a graph of networkx"
         hint = "pass RouteGraph.from_arrays(positions, edges)"
         raise InputError(name, f"is a {type(graph).__name__}", rule, hint)
-    if not hasattr(space, "axes"):
+    if not isinstance(space, ConfigurationMap):
         place = "space" if name == "graph" else name
         raise InputError(place, f"is a {type(space).__name__}", "it must be a map")
     return lanes

@@ -15,9 +15,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cspace._files.access import replacing
-from cspace._interface import Space, format_configuration, has_pose_names
+from cspace._interface import ConfigurationSpace, Space, format_configuration, has_pose_names
 from cspace._queries.upright import Upright
 from cspace._rotations.base import METRES_PER_RADIAN
+from cspace._space import CSpace
 from cspace._support.arrays import Bools, Floats
 from cspace._support.check import check_flag, check_positive, names_options
 from cspace._support.words import Drive
@@ -290,17 +291,14 @@ class Plan:
         return self.space
 
     def _picture(self, hint: str) -> Any:
-        """Return the space to draw, or raise InputError with `hint`."""
+        """Return the space to draw, or raise InputError with `hint` after pickling."""
         space = self._map(hint)
         if not space.in_memory:
-            space = cast("TiledCSpace", space).overview()
-        if not hasattr(space, "plot"):
-            raise InputError(
-                "plan",
-                f"is in {space!r}",
-                "only maps and arms are drawn",
-                "draw plan.path yourself",
-            )
+            return cast("TiledCSpace", space).overview()
+        if not hasattr(type(space), "plot"):  # a space of the user's may have it
+            problem = f"is in {space!r}"
+            hint = "draw plan.path yourself"
+            raise InputError("plan", problem, "only maps and arms are drawn", hint)
         return space
 
     def recheck(self, space: Space | None = None) -> Bools:
@@ -361,12 +359,12 @@ class Plan:
         InputError
             If the plan has no map in memory of positions, with or without a yaw.
         """
-        space: Any = self._map("call space.explain(plan.start, plan.goal)")
-        if not hasattr(space, "explain"):
+        space = self._map("call space.explain(plan.start, plan.goal)")
+        if not isinstance(space, CSpace):
             problem = f"is in {space!r}"
             hint = "ask space.window(lower, upper) of a tiled map"
             raise InputError("plan", problem, "only maps in memory explain", hint)
-        explanation: Explanation = space.explain(self.start, self.goal, refine=refine)
+        explanation = space.explain(self.start, self.goal, refine=refine)
         return replace(explanation, moves_sideways=self.drive == HOLONOMIC)
 
     def __bool__(self) -> bool:
@@ -483,6 +481,10 @@ class Plan:
 
         self._check_solved("an animation shows a path")
         drawn = self._picture("draw it with cspace.plot.animate(space, plan, file)")
+        if not isinstance(drawn, ConfigurationSpace):
+            problem = f"is in {drawn!r}"
+            hint = "draw plan.path yourself"
+            raise InputError("plan", problem, "only maps and arms are drawn", hint)
         animate(drawn, self.path, file, overwrite, **options)
 
     @names_options

@@ -9,7 +9,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from cspace._interface import Space
+from cspace._interface import ConfigurationSpace, Space
 from cspace._rotations import Rotations
 from cspace._rotations.base import wrap_angles
 from cspace._support.arrays import Bools, Floats, Ints, number_parts
@@ -232,8 +232,8 @@ def turn_left(vectors: Floats, angles: Floats) -> Floats:
 
 
 def can_prove_curves(space: Space) -> bool:
-    """Return True if a space has a proof for curves: cells, or hulls of an arm."""
-    return hasattr(space, "is_free_around") or hasattr(space, "motions_are_free_around")
+    """Return True for maps and arms, which prove the surroundings of a motion."""
+    return isinstance(space, ConfigurationSpace)
 
 
 def prove_segments(space: Space, exact: bool, segments: Segments) -> Bools:
@@ -277,7 +277,7 @@ def _prove_curves(space: Any, curves: Segments) -> Bools:
     counts = np.ones(len(curves.lengths), dtype=np.int64)
     test: Callable[..., Bools] = _test_motions
     cuts = CUTS_OF_ARMS
-    if hasattr(space, "is_free_around"):
+    if space.has_cells:
         test = _test_boxes
         cuts = CUTS_ON_MAPS
         rates, _ = bound_derivatives(curves, 0.0 * curves.lengths, curves.lengths)
@@ -295,7 +295,7 @@ def _prove_curves(space: Any, curves: Segments) -> Bools:
         if level:
             points = place_along(curves.select(owners), space.rotations, begins + 0.5 * widths)[0]
             # Queries suspect degrees in angles beyond a turn, as of a robot that turns on and on.
-            if hasattr(space, "is_free_around"):
+            if space.has_cells:
                 points = space.rotations._make_canonical(points)
             else:
                 # Arms refuse configurations beyond their limits, which the proof finds anyway.

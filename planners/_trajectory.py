@@ -203,8 +203,7 @@ class Trajectory:
         >>> planners.Trajectory.along(space, motion, max_acceleration=1.0).duration
         2.5
         """
-        moves_joints = not getattr(space, "has_poses", True)
-        if not (moves_joints and hasattr(space, "certify_path")):
+        if not isinstance(space, ConfigurationSpace) or space.has_poses:
             raise InputError(
                 "space",
                 f"is {space!r}",

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING, cast
+
 import numpy as np
 
 from cspace._builder import build
-from cspace._interface import Space
+from cspace._interface import ConfigurationSpace, Space
 from cspace._robot import Robot
 from cspace._rotations import Rotations
 from cspace._space import CSpace
@@ -14,6 +16,9 @@ from cspace._workspace import Workspace
 from planners._local_planner import CURVES, HOLONOMIC
 from planners._ompl_states import check_space
 from planners._plan import plan
+
+if TYPE_CHECKING:
+    from cspace.arms import ArmSpace
 
 _SAMPLED_PAIRS = 10
 """Pairs of configurations of an arm that are planned between; some need a search."""
@@ -46,9 +51,9 @@ def warm_up(space: Space, drive: Drive = HOLONOMIC) -> None:
     check_space(space)
     radius = 0.5 if drive in CURVES else None
     if not (space.has_cells and space.has_poses):
-        sample_free = getattr(space, "sample_free", None)  # a space of the user's may have none
-        if sample_free is not None:
-            samples = sample_free(2 * _SAMPLED_PAIRS, np.random.default_rng(0))
+        if isinstance(space, ConfigurationSpace):
+            sampled = cast("CSpace | ArmSpace", space)  # all other maps are of poses
+            samples = sampled.sample_free(2 * _SAMPLED_PAIRS, np.random.default_rng(0))
             for start, goal in samples.reshape(_SAMPLED_PAIRS, 2, -1):
                 plan(space, start, goal, time_limit=0.1, drive=drive)
         return

@@ -14,7 +14,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple
+from typing import TYPE_CHECKING, Final, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -28,7 +28,6 @@ from cspace._support.check import (
     check_points,
     check_positive,
     check_rows,
-    names_options,
     warn_of_degrees,
 )
 from cspace.errors import InputError
@@ -38,9 +37,6 @@ if TYPE_CHECKING:
 
 Cause = Literal["collision", "limit", "speed", "jerk", "number"]
 """Why a row is refused: a collision, a limit, a speed, a jerk, or no configuration."""
-
-GateState = Literal["go", "shortened", "hold"]
-"""How much of a chunk may be executed: all of it, a part, or nothing."""
 
 JerkLimits = ArrayLike | Mapping[str, float]
 """Limits of jerk: one number, or one for each coordinate or number of a twist."""
@@ -60,9 +56,6 @@ changes."""
 
 MAX_DT: Final = 10.0
 """Smallest time between rows, seconds, that is probably in milliseconds."""
-
-SHARES: Final = 16
-"""Number of shares of a twist that are tried."""
 
 
 class RowRefusal(NamedTuple):
@@ -190,7 +183,7 @@ class ChunkMotions(NamedTuple):
 
     def _find_radii(self, tracking: Floats) -> Floats:
         """Return the radius of the tubes along each coordinate, metres and radians."""
-        radii = np.full(len(_list_steps(self.space)), tracking)
+        radii = np.full(len(list_steps(self.space)), tracking)
         radii[: self.space.dim] += self.sag
         return radii
 
@@ -302,17 +295,17 @@ def certify_rows(
     ``max_jerk`` and ``before`` are for a single chunk; see :meth:`Gate.check_rows`.
     """
     starts, targets, is_batch = _check_chunk(space, q, rows, "rows", space.axes)
-    errors = check_each(tracking, "tracking", _list_steps(space))
+    errors = check_each(tracking, "tracking", list_steps(space))
     checks = list[RowCheck]()
     with np.errstate(all="ignore"):  # rows may hold any numbers
         firsts = np.concatenate([starts[:, np.newaxis], targets[:, :-1]], axis=1)
         checks += space._check_targets(firsts, targets)
         if dt is not None:
-            seconds = _check_dt(dt)
-            names = _list_steps(space)
+            seconds = check_dt(dt)
+            names = list_steps(space)
             rates = space.steps_between(firsts, targets) / seconds
             speeds = _measure(space, rates)
-            limits = _check_velocities(space, max_velocity)
+            limits = check_velocities(space, max_velocity)
             checks.append(RowCheck("speed", names, "changes per second by", speeds, limits))
             if max_jerk is not None:
                 limits = check_each(max_jerk, "max_jerk", names)
@@ -323,7 +316,7 @@ def certify_rows(
                 jerks = _measure(space, _differ_twice(earlier, rates, seconds))
                 checks.append(RowCheck("jerk", names, "has a jerk of", jerks, limits))
         elif max_velocity is not None:
-            raise _make_missing_dt()
+            raise make_missing_dt()
     tubes = ChunkMotions(space, starts, targets, checks)
     return _prove(tubes, targets, is_batch, errors)
 
@@ -351,8 +344,8 @@ def certify_twists(
             "build a map of a plane with cspace.build(..., rotations=72)",
         )
     starts, commands, is_batch = _check_chunk(space, q, twists, "twists", TWIST_NAMES)
-    errors = check_each(tracking, "tracking", _list_steps(space))
-    seconds = _check_dt(dt)
+    errors = check_each(tracking, "tracking", list_steps(space))
+    seconds = check_dt(dt)
     magnitudes = np.abs(commands)
     # Largest speed of a twist that is a usable number, m/s and rad/s.
     checks = [RowCheck("number", TWIST_NAMES, "is", magnitudes, np.array([1e100]))]
@@ -481,35 +474,19 @@ def _differ_twice(earlier: Floats, rates: Floats, dt: float) -> Floats:
 def _measure(space: ConfigurationSpace, steps: Floats) -> Floats:
     """Return sizes of steps, or of their changes, along each coordinate that strays."""
     sizes = np.abs(steps)
-    count = len(_list_steps(space))
+    count = len(list_steps(space))
     if sizes.shape[-1] > count:  # rotation vectors
         sizes[..., space.dim] = np.linalg.norm(sizes[..., space.dim :], axis=-1)
     return np.asarray(sizes[..., :count])
 
 
-def _list_steps(space: ConfigurationSpace) -> tuple[str, ...]:
+def list_steps(space: ConfigurationSpace) -> tuple[str, ...]:
     """Return names of coordinates that stray, one for a quaternion."""
     names = space.rotations.names if space.has_poses else ()
     return (*space.axes[: space.dim], *(("rotation",) if len(names) == 4 else names))
 
 
-def _list_limited(space: ConfigurationSpace, limits: JerkLimits) -> tuple[str, ...]:
-    """Return what limits are for: the numbers of a twist if they are two, or the coordinates."""
-    given: Any = list(limits) if isinstance(limits, Mapping) else limits
-    is_twist = space.axes == TWISTING_AXES and np.size(given) == 2
-    return TWIST_NAMES if is_twist else _list_steps(space)
-
-
-def _check_twist(twist: ArrayLike, name: str) -> Floats:
-    """Return a single twist, shape (2,)."""
-    values = check_finite(twist, name, TWIST_NAMES)
-    if values.shape != (2,):
-        rule = "a twist is a speed, m/s, and a yaw rate, rad/s"
-        raise InputError(name, f"has shape {values.shape}", rule, "pass e.g. (0.5, 0.0)")
-    return values
-
-
-def _check_dt(dt: float) -> float:
+def check_dt(dt: float) -> float:
     """Return the seconds between rows, which are few."""
     seconds = check_positive(dt, "dt", "seconds")
     if seconds >= MAX_DT:
@@ -519,314 +496,21 @@ def _check_dt(dt: float) -> float:
     return seconds
 
 
-def _make_missing_dt() -> InputError:
+def make_missing_dt() -> InputError:
     """Make the error for limits of speeds or jerks without the time between rows."""
     rule = "limits of speeds and jerks count seconds"
     return InputError("dt", "is missing", rule, "pass the seconds between rows, e.g. dt=0.02")
 
 
-def _check_velocities(space: ConfigurationSpace, max_velocity: ArrayLike | None) -> Floats:
+def check_velocities(space: ConfigurationSpace, max_velocity: ArrayLike | None) -> Floats:
     """Return the largest speeds, by default those of the space."""
     if max_velocity is not None:
-        return check_each(max_velocity, "max_velocity", _list_steps(space), space.max_velocity)
+        return check_each(max_velocity, "max_velocity", list_steps(space), space.max_velocity)
     if not space.max_velocity:
         raise InputError(
             "max_velocity",
             "is missing",
             "the speeds of rows at dt have limits",
-            f"pass one number, or one for each of {', '.join(_list_steps(space))}",
+            f"pass one number, or one for each of {', '.join(list_steps(space))}",
         )
     return np.array([space.max_velocity.get(axis, math.inf) for axis in space.axes])
-
-
-class GatedCommands(NamedTuple):
-    """What a gate lets through.
-
-    Attributes
-    ----------
-    commands : ndarray of float64, shape (n, size) or (n, 2)
-        The proven rows or twists, then rest: the last proven row, or where the robot is; zeros for
-        twists.
-    state : str
-        "go" if all rows are proven, "shortened" if some are, "hold" if none is.
-    chunk : Chunk
-        The proof, with the refusal.
-    """
-
-    commands: Floats
-    state: GateState
-    chunk: Chunk
-
-
-class SlowedCommand(NamedTuple):
-    """The fastest part of a twist that a gate lets through, and how the robot stops after it.
-
-    Attributes
-    ----------
-    share : float
-        Share of the twist, at most 1; 0 if the robot must brake.
-    commands : ndarray of float64, shape (n, 2)
-        The twist to drive next, then those that bring the robot to rest.
-    chunk : Chunk
-        The proof of all commands. Where not even braking is proven, as behind an obstacle that has
-        just come, it is not, and has the refusal.
-    """
-
-    share: float
-    commands: Floats
-    chunk: Chunk
-
-
-class Gate:
-    """A gate for commands that others make, such as a policy.
-
-    It lets through the proven part of a chunk, then holds. A robot does not stop at once, so
-    ``tracking`` must cover the way that it needs to stop behind a row, as :meth:`stop_distance`
-    says. Or :meth:`slow_down` proves that way, too.
-
-    Parameters
-    ----------
-    space : CSpace, TiledCSpace or ArmSpace
-        Its obstacles may change at any time.
-    tracking, dt, max_velocity, turning_radius
-        As for :meth:`cspace.CSpace.certify_chunk` and :meth:`cspace.CSpace.certify_twists`.
-    max_deceleration : array-like, shape (2,), optional
-        How fast the robot can brake along its way and in yaw, m/s^2 and rad/s^2.
-    max_jerk : array-like or mapping, optional
-        Largest jerk, in the forms of ``max_velocity``: third differences of rows, or second ones of
-        twists, over ``dt``. They need as many rows before, as :meth:`check_rows` says. What holds
-        behind a chunk is not checked, and :meth:`slow_down` brakes with a jump of the acceleration,
-        so a gate has ``max_deceleration`` or ``max_jerk``.
-
-    Raises
-    ------
-    InputError
-        If a limit is not one that a chunk of rows, or of twists, could have, or both
-        ``max_deceleration`` and ``max_jerk`` are passed.
-
-    Examples
-    --------
-    >>> import numpy as np, cspace
-    >>> workspace = cspace.Workspace.from_array(np.eye(30, dtype=bool), 0.1)
-    >>> space = cspace.build(workspace, cspace.Robot.disc(0.2))
-    >>> gate = cspace.Gate(space, tracking=0.05)
-    >>> passed = gate.check_rows((0.5, 1.5), [(0.5, 2.0), (1.0, 2.0), (2.0, 1.0)])
-    >>> passed.state, passed.commands.tolist()
-    ('shortened', [[0.5, 2.0], [1.0, 2.0], [1.0, 2.0]])
-    >>> passed.chunk.refusal.cause
-    'collision'
-    """
-
-    @names_options
-    def __init__(
-        self,
-        space: ConfigurationSpace,
-        *,
-        tracking: ArrayLike = 0.0,
-        dt: float | None = None,
-        max_velocity: ArrayLike | None = None,
-        turning_radius: float | None = None,
-        max_deceleration: ArrayLike | None = None,
-        max_jerk: JerkLimits | None = None,
-    ) -> None:
-        """Check and keep the limits; InputError for a space of your own."""
-        if not hasattr(space, "certify_chunk"):
-            raise InputError(
-                "space",
-                f"is {space!r}",
-                "a gate proves whole tubes, on a map or for an arm",
-                "prove the motions alone with space.motion_is_free",
-            )
-        names = _list_steps(space)
-        self.space = space
-        self.tracking = check_each(tracking, "tracking", names)
-        self.dt = None if dt is None else _check_dt(dt)
-        self.max_velocity = max_velocity
-        self.turning_radius = turning_radius
-        self.max_jerk = max_jerk
-        if dt is None and not (max_velocity is None and max_jerk is None):
-            raise _make_missing_dt()
-        if max_velocity is not None and _list_limited(space, max_velocity) == TWIST_NAMES:
-            check_each(max_velocity, "max_velocity", TWIST_NAMES)
-        elif max_velocity is not None or not (space.axes == TWISTING_AXES or dt is None):
-            _check_velocities(space, max_velocity)
-        if max_jerk is not None:
-            self._check_jerk(max_jerk, max_deceleration)
-        if turning_radius is not None:
-            check_positive(turning_radius, "turning_radius")
-        self.max_deceleration = max_deceleration
-        if max_deceleration is not None:
-            rates = check_each(max_deceleration, "max_deceleration", TWIST_NAMES)
-            for name, rate in zip(TWIST_NAMES, rates.tolist(), strict=True):
-                check_positive(rate, f"max_deceleration of {name}")
-            self.max_deceleration = rates
-
-    def _check_jerk(self, limits: JerkLimits, max_deceleration: ArrayLike | None) -> None:
-        """Raise InputError if limits of jerk are none, or the gate cannot keep them."""
-        names = _list_limited(self.space, limits)
-        values = np.broadcast_to(check_each(limits, "max_jerk", names), len(names))
-        for name, value in zip(names, values.tolist(), strict=True):
-            check_positive(value, f"max_jerk of {name}", "metres, radians, seconds")
-        if max_deceleration is not None:
-            raise InputError(
-                "max_jerk",
-                f"is {limits!r}, and max_deceleration {max_deceleration!r}",
-                "brakes change the acceleration at once",
-                "make one gate for each of them",
-            )
-
-    def check_rows(
-        self, q: ArrayLike, rows: ArrayLike, *, before: ArrayLike | None = None
-    ) -> GatedCommands:
-        """Let through the proven part of a chunk of targets.
-
-        Parameters and errors are those of :meth:`cspace.CSpace.certify_chunk`, for a single chunk.
-        A gate with ``max_jerk`` also takes the rows ``before``, shape (m, size): where the robot
-        was in steps of ``dt`` before it came to ``q``, the latest last. Two are enough; without
-        them jerks are checked from the third row on.
-
-        Examples
-        --------
-        >>> import numpy as np, cspace
-        >>> workspace = cspace.Workspace.from_array(np.zeros((60, 40), dtype=bool), 0.1)
-        >>> space = cspace.build(workspace, cspace.Robot.disc(0.2))
-        >>> gate = cspace.Gate(space, dt=0.1, max_velocity=1.0, max_jerk=20.0)
-        >>> rows = [(1.0, 2.0), (1.02, 2.0), (1.06, 2.0), (1.16, 2.0)]
-        >>> gate.check_rows((1.0, 2.0), rows).chunk.refusal.message
-        'row 3: x has a jerk of 40, at most 20 is allowed'
-        """
-        limits = self.dt, self.max_velocity, self.max_jerk
-        chunk = certify_rows(self.space, q, rows, self.tracking, *limits, before)
-        chunk._check_alone()
-        commands = chunk.rows.copy()
-        proven = int(chunk.proven)
-        commands[proven:] = commands[proven - 1] if proven else check_finite(q, "q")
-        return GatedCommands(commands, _name_state(chunk), chunk)
-
-    def check_twists(
-        self, q: ArrayLike, twists: ArrayLike, *, before: ArrayLike | None = None
-    ) -> GatedCommands:
-        """Let through the proven part of a chunk of twists.
-
-        Parameters and errors are those of :meth:`cspace.CSpace.certify_twists`, for a single chunk.
-        A gate with ``max_jerk`` also takes the twists ``before``, shape (m, 2): those that were
-        driven up to ``q``, the latest last. Two are enough; without them jerks are checked from the
-        third twist on.
-        """
-        chunk = self._certify(q, twists, before)
-        chunk._check_alone()
-        commands = np.array(twists, dtype=np.float64)
-        commands[int(chunk.proven) :] = 0.0
-        return GatedCommands(commands, _name_state(chunk), chunk)
-
-    def slow_down(
-        self, q: ArrayLike, twist: ArrayLike, *, twist_now: ArrayLike = (0.0, 0.0)
-    ) -> SlowedCommand:
-        """Let through the fastest share of a twist with a proven stop.
-
-        The twist is driven for ``dt``, then the robot brakes along the same arc, as quickly as
-        ``max_deceleration`` allows. All of that is proven. If no share is, the robot brakes at
-        once, on the way that the call before has proven.
-
-        Parameters
-        ----------
-        q : array-like, shape (3,)
-            Where the robot is.
-        twist : array-like, shape (2,)
-            The wanted speed, m/s, and yaw rate, rad/s.
-        twist_now : array-like, shape (2,)
-            What it drives now: the first command of the call before.
-
-        Raises
-        ------
-        InputError
-            If the gate has no ``dt`` or no ``max_deceleration``, or a twist is not two finite
-            numbers; and as :meth:`cspace.CSpace.certify_twists`.
-
-        Examples
-        --------
-        >>> import numpy as np, cspace
-        >>> workspace = cspace.Workspace.from_array(np.zeros((60, 40), dtype=bool), 0.1)
-        >>> space = cspace.build(workspace, cspace.Robot.disc(0.2), rotations=8)
-        >>> gate = cspace.Gate(space, dt=0.1, max_deceleration=(0.5, 1.0))
-        >>> gate.slow_down((1.0, 2.0, 0.0), (1.0, 0.0)).share
-        1.0
-        >>> gate.slow_down((5.0, 2.0, 0.0), (1.0, 0.0)).share
-        0.75
-        """
-        wanted = _check_twist(twist, "twist")
-        now = _check_twist(twist_now, "twist_now")
-        most = self._find_steps()
-        # A share may not be slower than what the brakes can reach.
-        shares = np.arange(SHARES, 0, -1) / SHARES
-        firsts = shares[:, np.newaxis] * wanted
-        reached = ((now - firsts) * np.sign(now) <= most).all(axis=1)
-        shares = np.append(shares[reached], 0.0)
-        ramps = [self._brake(first) for first in firsts[reached]] + [self._brake(now)[1:]]
-        rows = max(map(len, ramps))
-        chunks = np.zeros((len(ramps), max(rows, 1), 2))
-        for padded, ramp in zip(chunks, ramps, strict=True):
-            padded[: len(ramp)] = ramp
-        proven = np.asarray(self._certify(q, chunks).is_proven)
-        # The arcs of one ramp may be cut into fewer pieces than in the batch, so it is asked again.
-        for best in (*np.flatnonzero(proven[:-1]).tolist(), len(ramps) - 1):
-            commands = chunks[best, : max(len(ramps[best]), 1)]
-            chunk = self._certify(q, commands)
-            if chunk:
-                break
-        return SlowedCommand(float(shares[best]), commands, chunk)
-
-    def stop_distance(self, twist: ArrayLike) -> float:
-        """Return the way of one ``dt`` of a twist and braking, metres.
-
-        ``tracking`` must cover it where :meth:`check_rows` or :meth:`check_twists` is asked.
-
-        Raises
-        ------
-        InputError
-            If the gate has no ``dt`` or no ``max_deceleration``, or the twist is not two finite
-            numbers.
-        """
-        ramp = self._brake(_check_twist(twist, "twist"))
-        return float(np.abs(ramp[:, 0]).sum() * (self.dt or 0.0))
-
-    def _brake(self, twist: Floats) -> Floats:
-        """Return the twists that brake along an arc, the first included."""
-        # Rounded down, so that what is left of a ramp never gets longer.
-        ratio = float((np.abs(twist) / self._find_steps()).max())
-        steps = math.ceil(ratio * (1.0 - LIMIT_ROUNDING))
-        return twist * (1.0 - np.arange(steps) / max(steps, 1))[:, np.newaxis]
-
-    def _find_steps(self) -> Floats:
-        """Return a braking twist's largest change in ``dt``."""
-        if self.max_deceleration is None:
-            raise InputError(
-                "max_deceleration",
-                "is missing",
-                "the robot must be able to stop",
-                "pass it in m/s^2 and rad/s^2, e.g. Gate(space, dt=0.1, max_deceleration=(0.5, 1))",
-            )
-        return np.asarray(self._check_dt() * np.asarray(self.max_deceleration))
-
-    def _certify(self, q: ArrayLike, twists: ArrayLike, before: ArrayLike | None = None) -> Chunk:
-        """Prove twists with the limits of the gate."""
-        limits = self.max_velocity, self.turning_radius, self.max_jerk, before
-        return certify_twists(self.space, q, twists, self._check_dt(), self.tracking, *limits)
-
-    def _check_dt(self) -> float:
-        """Return the seconds of a twist; InputError if they are missing."""
-        if self.dt is None:
-            raise InputError(
-                "dt",
-                "is missing",
-                "a twist is driven for some time",
-                "pass its seconds, e.g. Gate(space, dt=0.1)",
-            )
-        return self.dt
-
-
-def _name_state(chunk: Chunk) -> GateState:
-    """Return how much of a single chunk may be executed."""
-    if chunk.is_proven:
-        return "go"
-    return "shortened" if chunk.proven else "hold"

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Final, TypedDict
 
 import numpy as np
 
+from cspace._configuration_map import ConfigurationMap
 from cspace._files.access import check_suffix, replacing
 from cspace._support.arrays import Floats
 from cspace._support.check import check_positive, names_options
@@ -120,7 +121,7 @@ def animate(
         count = 1
     shares = np.linspace(0.0, 1.0, count)
     with replacing(target, overwrite) as temporary:
-        draw = _draw_arm if hasattr(space, "arm") else _draw_map
+        draw = _draw_map if isinstance(space, ConfigurationMap) else _draw_arm
         axes, move, reach = draw(space, points, title, camera)
         if motion is None:
             rows = interpolate_path(space.rotations, points, shares, reach)

@@ -5,10 +5,12 @@ import math
 
 import numpy as np
 import pytest
+import shapely
 
 import cspace
 import planners
 from cspace import InputError
+from cspace.lanes import RouteGraph
 
 
 class Disc(cspace.Space):
@@ -103,3 +105,86 @@ def test_an_angle_that_wraps_is_no_coordinate_of_a_pose():
     assert planners.state_space(space).isCompound()
     plan = planners.plan(space, (-3.0, 1.5), (3.0, 1.6), seed=1)
     assert plan.certified and plan.length == pytest.approx(math.hypot(2.0 * math.pi - 6.0, 0.1))
+
+
+ZONE = shapely.box(2.5, 0.0, 3.5, 2.5)
+
+
+class Zoned(cspace.Space):
+    """A map with a zone that its reference point must not enter."""
+
+    axes = ("x", "y")
+    bounds = ((0.0, 0.0), (6.0, 4.0))
+
+    def __init__(self, space):
+        self.space = space
+
+    def is_free(self, q):
+        return self.motion_is_free(q, q)
+
+    def motion_is_free(self, q0, q1):
+        is_free = self.space.motion_is_free(q0, q1)
+        return bool(is_free) and not shapely.LineString([q0, q1]).intersects(ZONE)
+
+
+class Forwarding(Zoned):
+    """A space that hands all other names on to the map."""
+
+    def __getattr__(self, name):
+        if name.startswith("__") or name == "space":
+            raise AttributeError(name)
+        return getattr(self.space, name)
+
+
+class Named(Zoned):
+    """A space with a helper of the name that a map's proof has."""
+
+    def is_free_around(self, q, distance, angle=0.0):
+        return self.space.is_free_around(q, distance, angle)
+
+
+@pytest.fixture(scope="module")
+def hall():
+    """Return the map of an empty hall."""
+    workspace = cspace.Workspace.from_array(np.zeros((60, 40), dtype=bool), 0.1)
+    return cspace.build(workspace, cspace.Robot.disc(0.2))
+
+
+@pytest.mark.parametrize("kind", [Zoned, Forwarding, Named])
+def test_trajectories_keep_out_of_the_zone_of_a_space_that_wraps_a_map(hall, kind):
+    space = kind(hall)
+    for seed in range(3):
+        plan = planners.plan(space, (1.0, 1.0), (5.0, 1.0), seed=seed)
+        made = plan.trajectory(max_velocity=1.0, max_acceleration=0.3)
+        rows = made.sample(np.linspace(0.0, made.duration, 2000))[0]
+        assert not shapely.intersects_xy(ZONE, rows).any()
+        assert made.certified and made.recheck(space).all()
+    # A trajectory of the map, whose curves are proven there, is not proven in the space.
+    plan = planners.plan(hall, (1.0, 3.0), (5.0, 3.0), via=[(3.0, 2.6)])
+    curved = plan.trajectory(max_velocity=1.0, max_acceleration=0.3)
+    assert curved.recheck(hall).all() and not curved.recheck(space).all()
+
+
+@pytest.mark.parametrize("kind", [Zoned, Forwarding, Named])
+def test_what_only_maps_and_arms_do_is_refused_for_a_space_that_wraps_a_map(hall, kind):
+    plan = planners.plan(kind(hall), (1.0, 3.0), (5.0, 3.0))
+    with pytest.raises(InputError, match="a gate proves whole tubes"):
+        cspace.Gate(kind(hall))
+    with pytest.raises(InputError, match="only maps in memory explain"):
+        plan.explain()
+    with pytest.raises(InputError, match="only maps and arms are drawn"):
+        plan.plot()
+    with pytest.raises(InputError, match="only maps and arms are drawn"):
+        plan.animate("never.gif")
+    with pytest.raises(InputError, match="must be the space of an arm"):
+        planners.Trajectory.along(kind(hall), plan.path, max_acceleration=1.0)
+    with pytest.raises(InputError, match=f"space is a {kind.__name__}; it must be a map"):
+        planners.audit(kind(hall), RouteGraph.from_arrays([(1, 1), (5, 1)], [(0, 1)]))
+
+
+@pytest.mark.parametrize("name", ["classify", "is_free", "motion_is_free"])
+def test_a_map_with_answers_of_its_own_is_refused_when_it_is_defined(name):
+    # Searches, edges and curves ask the map's kernels, which know nothing of such a method.
+    with pytest.raises(InputError, match=f"has its own {name}; .*derive it from cspace.Space"):
+        type("Zoned", (cspace.CSpace,), {name: lambda self, *q: False})
+    assert issubclass(type("Named", (cspace.CSpace,), {"label": "hall"}), cspace.CSpace)

@@ -1,0 +1,343 @@
+"""Gate: the proven part of commands that others make, then rest."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, Final, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cspace._interface import ConfigurationSpace
+from cspace._queries.chunks import (
+    LIMIT_ROUNDING,
+    TWIST_NAMES,
+    TWISTING_AXES,
+    Chunk,
+    JerkLimits,
+    certify_rows,
+    certify_twists,
+    check_dt,
+    check_velocities,
+    list_steps,
+    make_missing_dt,
+)
+from cspace._support.arrays import Floats
+from cspace._support.check import check_each, check_finite, check_positive, names_options
+from cspace.errors import InputError
+
+GateState = Literal["go", "shortened", "hold"]
+"""How much of a chunk may be executed: all of it, a part, or nothing."""
+
+SHARES: Final = 16
+"""Number of shares of a twist that are tried."""
+
+
+class GatedCommands(NamedTuple):
+    """What a gate lets through.
+
+    Attributes
+    ----------
+    commands : ndarray of float64, shape (n, size) or (n, 2)
+        The proven rows or twists, then rest: the last proven row, or where the robot is; zeros for
+        twists.
+    state : str
+        "go" if all rows are proven, "shortened" if some are, "hold" if none is.
+    chunk : Chunk
+        The proof, with the refusal.
+    """
+
+    commands: Floats
+    state: GateState
+    chunk: Chunk
+
+
+class SlowedCommand(NamedTuple):
+    """The fastest part of a twist that a gate lets through, and how the robot stops after it.
+
+    Attributes
+    ----------
+    share : float
+        Share of the twist, at most 1; 0 if the robot must brake.
+    commands : ndarray of float64, shape (n, 2)
+        The twist to drive next, then those that bring the robot to rest.
+    chunk : Chunk
+        The proof of all commands. Where not even braking is proven, as behind an obstacle that has
+        just come, it is not, and has the refusal.
+    """
+
+    share: float
+    commands: Floats
+    chunk: Chunk
+
+
+class Gate:
+    """A gate for commands that others make, such as a policy.
+
+    It lets through the proven part of a chunk, then holds. A robot does not stop at once, so
+    ``tracking`` must cover the way that it needs to stop behind a row, as :meth:`stop_distance`
+    says. Or :meth:`slow_down` proves that way, too.
+
+    Parameters
+    ----------
+    space : CSpace, TiledCSpace or ArmSpace
+        Its obstacles may change at any time.
+    tracking, dt, max_velocity, turning_radius
+        As for :meth:`cspace.CSpace.certify_chunk` and :meth:`cspace.CSpace.certify_twists`.
+    max_deceleration : array-like, shape (2,), optional
+        How fast the robot can brake along its way and in yaw, m/s^2 and rad/s^2.
+    max_jerk : array-like or mapping, optional
+        Largest jerk, in the forms of ``max_velocity``: third differences of rows, or second ones of
+        twists, over ``dt``. They need as many rows before, as :meth:`check_rows` says. What holds
+        behind a chunk is not checked, and :meth:`slow_down` brakes with a jump of the acceleration,
+        so a gate has ``max_deceleration`` or ``max_jerk``.
+
+    Raises
+    ------
+    InputError
+        If a limit is not one that a chunk of rows, or of twists, could have, or both
+        ``max_deceleration`` and ``max_jerk`` are passed.
+
+    Examples
+    --------
+    >>> import numpy as np, cspace
+    >>> workspace = cspace.Workspace.from_array(np.eye(30, dtype=bool), 0.1)
+    >>> space = cspace.build(workspace, cspace.Robot.disc(0.2))
+    >>> gate = cspace.Gate(space, tracking=0.05)
+    >>> passed = gate.check_rows((0.5, 1.5), [(0.5, 2.0), (1.0, 2.0), (2.0, 1.0)])
+    >>> passed.state, passed.commands.tolist()
+    ('shortened', [[0.5, 2.0], [1.0, 2.0], [1.0, 2.0]])
+    >>> passed.chunk.refusal.cause
+    'collision'
+    """
+
+    @names_options
+    def __init__(
+        self,
+        space: ConfigurationSpace,
+        *,
+        tracking: ArrayLike = 0.0,
+        dt: float | None = None,
+        max_velocity: ArrayLike | None = None,
+        turning_radius: float | None = None,
+        max_deceleration: ArrayLike | None = None,
+        max_jerk: JerkLimits | None = None,
+    ) -> None:
+        """Check and keep the limits; InputError for a space of your own."""
+        if not isinstance(space, ConfigurationSpace):
+            raise InputError(
+                "space",
+                f"is {space!r}",
+                "a gate proves whole tubes, on a map or for an arm",
+                "prove the motions alone with space.motion_is_free",
+            )
+        names = list_steps(space)
+        self.space = space
+        self.tracking = check_each(tracking, "tracking", names)
+        self.dt = None if dt is None else check_dt(dt)
+        self.max_velocity = max_velocity
+        self.turning_radius = turning_radius
+        self.max_jerk = max_jerk
+        if dt is None and not (max_velocity is None and max_jerk is None):
+            raise make_missing_dt()
+        if max_velocity is not None and _list_limited(space, max_velocity) == TWIST_NAMES:
+            check_each(max_velocity, "max_velocity", TWIST_NAMES)
+        elif max_velocity is not None or not (space.axes == TWISTING_AXES or dt is None):
+            check_velocities(space, max_velocity)
+        if max_jerk is not None:
+            self._check_jerk(max_jerk, max_deceleration)
+        if turning_radius is not None:
+            check_positive(turning_radius, "turning_radius")
+        self.max_deceleration = max_deceleration
+        if max_deceleration is not None:
+            rates = check_each(max_deceleration, "max_deceleration", TWIST_NAMES)
+            for name, rate in zip(TWIST_NAMES, rates.tolist(), strict=True):
+                check_positive(rate, f"max_deceleration of {name}")
+            self.max_deceleration = rates
+
+    def _check_jerk(self, limits: JerkLimits, max_deceleration: ArrayLike | None) -> None:
+        """Raise InputError if limits of jerk are none, or the gate cannot keep them."""
+        names = _list_limited(self.space, limits)
+        values = np.broadcast_to(check_each(limits, "max_jerk", names), len(names))
+        for name, value in zip(names, values.tolist(), strict=True):
+            check_positive(value, f"max_jerk of {name}", "metres, radians, seconds")
+        if max_deceleration is not None:
+            raise InputError(
+                "max_jerk",
+                f"is {limits!r}, and max_deceleration {max_deceleration!r}",
+                "brakes change the acceleration at once",
+                "make one gate for each of them",
+            )
+
+    def check_rows(
+        self, q: ArrayLike, rows: ArrayLike, *, before: ArrayLike | None = None
+    ) -> GatedCommands:
+        """Let through the proven part of a chunk of targets.
+
+        Parameters and errors are those of :meth:`cspace.CSpace.certify_chunk`, for a single chunk.
+        A gate with ``max_jerk`` also takes the rows ``before``, shape (m, size): where the robot
+        was in steps of ``dt`` before it came to ``q``, the latest last. Two are enough; without
+        them jerks are checked from the third row on.
+
+        Examples
+        --------
+        >>> import numpy as np, cspace
+        >>> workspace = cspace.Workspace.from_array(np.zeros((60, 40), dtype=bool), 0.1)
+        >>> space = cspace.build(workspace, cspace.Robot.disc(0.2))
+        >>> gate = cspace.Gate(space, dt=0.1, max_velocity=1.0, max_jerk=20.0)
+        >>> rows = [(1.0, 2.0), (1.02, 2.0), (1.06, 2.0), (1.16, 2.0)]
+        >>> gate.check_rows((1.0, 2.0), rows).chunk.refusal.message
+        'row 3: x has a jerk of 40, at most 20 is allowed'
+        """
+        limits = self.dt, self.max_velocity, self.max_jerk
+        chunk = certify_rows(self.space, q, rows, self.tracking, *limits, before)
+        chunk._check_alone()
+        commands = chunk.rows.copy()
+        proven = int(chunk.proven)
+        commands[proven:] = commands[proven - 1] if proven else check_finite(q, "q")
+        return GatedCommands(commands, _name_state(chunk), chunk)
+
+    def check_twists(
+        self, q: ArrayLike, twists: ArrayLike, *, before: ArrayLike | None = None
+    ) -> GatedCommands:
+        """Let through the proven part of a chunk of twists.
+
+        Parameters and errors are those of :meth:`cspace.CSpace.certify_twists`, for a single chunk.
+        A gate with ``max_jerk`` also takes the twists ``before``, shape (m, 2): those that were
+        driven up to ``q``, the latest last. Two are enough; without them jerks are checked from the
+        third twist on.
+        """
+        chunk = self._certify(q, twists, before)
+        chunk._check_alone()
+        commands = np.array(twists, dtype=np.float64)
+        commands[int(chunk.proven) :] = 0.0
+        return GatedCommands(commands, _name_state(chunk), chunk)
+
+    def slow_down(
+        self, q: ArrayLike, twist: ArrayLike, *, twist_now: ArrayLike = (0.0, 0.0)
+    ) -> SlowedCommand:
+        """Let through the fastest share of a twist with a proven stop.
+
+        The twist is driven for ``dt``, then the robot brakes along the same arc, as quickly as
+        ``max_deceleration`` allows. All of that is proven. If no share is, the robot brakes at
+        once, on the way that the call before has proven.
+
+        Parameters
+        ----------
+        q : array-like, shape (3,)
+            Where the robot is.
+        twist : array-like, shape (2,)
+            The wanted speed, m/s, and yaw rate, rad/s.
+        twist_now : array-like, shape (2,)
+            What it drives now: the first command of the call before.
+
+        Raises
+        ------
+        InputError
+            If the gate has no ``dt`` or no ``max_deceleration``, or a twist is not two finite
+            numbers; and as :meth:`cspace.CSpace.certify_twists`.
+
+        Examples
+        --------
+        >>> import numpy as np, cspace
+        >>> workspace = cspace.Workspace.from_array(np.zeros((60, 40), dtype=bool), 0.1)
+        >>> space = cspace.build(workspace, cspace.Robot.disc(0.2), rotations=8)
+        >>> gate = cspace.Gate(space, dt=0.1, max_deceleration=(0.5, 1.0))
+        >>> gate.slow_down((1.0, 2.0, 0.0), (1.0, 0.0)).share
+        1.0
+        >>> gate.slow_down((5.0, 2.0, 0.0), (1.0, 0.0)).share
+        0.75
+        """
+        wanted = _check_twist(twist, "twist")
+        now = _check_twist(twist_now, "twist_now")
+        most = self._find_steps()
+        # A share may not be slower than what the brakes can reach.
+        shares = np.arange(SHARES, 0, -1) / SHARES
+        firsts = shares[:, np.newaxis] * wanted
+        reached = ((now - firsts) * np.sign(now) <= most).all(axis=1)
+        shares = np.append(shares[reached], 0.0)
+        ramps = [self._brake(first) for first in firsts[reached]] + [self._brake(now)[1:]]
+        rows = max(map(len, ramps))
+        chunks = np.zeros((len(ramps), max(rows, 1), 2))
+        for padded, ramp in zip(chunks, ramps, strict=True):
+            padded[: len(ramp)] = ramp
+        proven = np.asarray(self._certify(q, chunks).is_proven)
+        # The arcs of one ramp may be cut into fewer pieces than in the batch, so it is asked again.
+        for best in (*np.flatnonzero(proven[:-1]).tolist(), len(ramps) - 1):
+            commands = chunks[best, : max(len(ramps[best]), 1)]
+            chunk = self._certify(q, commands)
+            if chunk:
+                break
+        return SlowedCommand(float(shares[best]), commands, chunk)
+
+    def stop_distance(self, twist: ArrayLike) -> float:
+        """Return the way of one ``dt`` of a twist and braking, metres.
+
+        ``tracking`` must cover it where :meth:`check_rows` or :meth:`check_twists` is asked.
+
+        Raises
+        ------
+        InputError
+            If the gate has no ``dt`` or no ``max_deceleration``, or the twist is not two finite
+            numbers.
+        """
+        ramp = self._brake(_check_twist(twist, "twist"))
+        return float(np.abs(ramp[:, 0]).sum() * (self.dt or 0.0))
+
+    def _brake(self, twist: Floats) -> Floats:
+        """Return the twists that brake along an arc, the first included."""
+        # Rounded down, so that what is left of a ramp never gets longer.
+        ratio = float((np.abs(twist) / self._find_steps()).max())
+        steps = math.ceil(ratio * (1.0 - LIMIT_ROUNDING))
+        return twist * (1.0 - np.arange(steps) / max(steps, 1))[:, np.newaxis]
+
+    def _find_steps(self) -> Floats:
+        """Return a braking twist's largest change in ``dt``."""
+        if self.max_deceleration is None:
+            raise InputError(
+                "max_deceleration",
+                "is missing",
+                "the robot must be able to stop",
+                "pass it in m/s^2 and rad/s^2, e.g. Gate(space, dt=0.1, max_deceleration=(0.5, 1))",
+            )
+        return np.asarray(self._check_dt() * np.asarray(self.max_deceleration))
+
+    def _certify(self, q: ArrayLike, twists: ArrayLike, before: ArrayLike | None = None) -> Chunk:
+        """Prove twists with the limits of the gate."""
+        limits = self.max_velocity, self.turning_radius, self.max_jerk, before
+        return certify_twists(self.space, q, twists, self._check_dt(), self.tracking, *limits)
+
+    def _check_dt(self) -> float:
+        """Return the seconds of a twist; InputError if they are missing."""
+        if self.dt is None:
+            raise InputError(
+                "dt",
+                "is missing",
+                "a twist is driven for some time",
+                "pass its seconds, e.g. Gate(space, dt=0.1)",
+            )
+        return self.dt
+
+
+def _name_state(chunk: Chunk) -> GateState:
+    """Return how much of a single chunk may be executed."""
+    if chunk.is_proven:
+        return "go"
+    return "shortened" if chunk.proven else "hold"
+
+
+def _list_limited(space: ConfigurationSpace, limits: JerkLimits) -> tuple[str, ...]:
+    """Return what limits are for: the numbers of a twist if they are two, or the coordinates."""
+    given: Any = list(limits) if isinstance(limits, Mapping) else limits
+    is_twist = space.axes == TWISTING_AXES and np.size(given) == 2
+    return TWIST_NAMES if is_twist else list_steps(space)
+
+
+def _check_twist(twist: ArrayLike, name: str) -> Floats:
+    """Return a single twist, shape (2,)."""
+    values = check_finite(twist, name, TWIST_NAMES)
+    if values.shape != (2,):
+        rule = "a twist is a speed, m/s, and a yaw rate, rad/s"
+        raise InputError(name, f"has shape {values.shape}", rule, "pass e.g. (0.5, 0.0)")
+    return values
