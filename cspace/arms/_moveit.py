@@ -48,6 +48,9 @@ _MAX_EULER_TOLERANCE: Final = 0.5 * math.pi
 """Largest angle, radians, up to which each Euler angle of a rotation is at most the rotation's
 angle."""
 
+_MAX_FREE_TURN: Final = math.pi / 3.0
+"""Largest turn of a link, radians, about a y axis about which it may turn freely."""
+
 _BALL_RADII: Final[Mapping[str, Callable[..., float]]] = {
     "box": lambda *sides: 0.5 * min(sides),
     "sphere": lambda radius: radius,
@@ -577,17 +580,34 @@ def _make_uprights(constraint: Any, place: str) -> list[Upright]:
     Let the rotation from the wanted orientation to the link be ``Rx(a) Ry(b) Rz(c)``. It takes the
     z axis to ``(sin b, -sin a cos b, cos a cos b)``: if that turns by t, at most a right angle, a
     and b are at most t. If a and c are free, b alone is the angle from the plane across the x axis.
-    The x axis turns by the angle with the cosine ``cos b cos c``, which bounds c. Errors name the
-    ``place`` in the file.
+    The x axis turns by the angle with the cosine ``cos b cos c``, which bounds c, and b if a is
+    free.
+
+    If b is free, the cosine of the turn t of the y axis is ``cos a cos c - sin a sin b sin c``. It
+    is at most ``sqrt(1 - cos^2 b sin^2 a)`` for any c, so ``sin |a| <= sin t / cos b``, and so for
+    c. Euler angles have no b beyond a right angle. So the z axis turns by at most
+    :data:`_MAX_FREE_TURN`, which bounds b, and a away from pi. Errors name the ``place`` in the
+    file.
     """
     _find_angle(constraint, place)  # refuses zero
     x, y, z = (abs(getattr(constraint, f"absolute_{axis}_axis_tolerance")) for axis in "xyz")
-    first, _, last = constraint.orientation.T
+    first, second, last = constraint.orientation.T
     link = constraint.link_name
     if min(x, y, z) >= math.pi:
         return []
-    if min(x, z) >= math.pi and y < _MAX_EULER_TOLERANCE:
-        return [Upright(link, direction=first, tolerance=y, angle=0.5 * math.pi)]
+    if min(x, z) >= math.pi:
+        across = Upright(link, direction=first, tolerance=y, angle=0.5 * math.pi)
+        return [across] if y < _MAX_EULER_TOLERANCE else []
+    if x >= math.pi:
+        tilt = min(y, z, _MAX_EULER_TOLERANCE)
+        return [Upright(link, (1.0, 0.0, 0.0), direction=first, tolerance=tilt)]
+    if y >= math.pi > z:
+        sine = math.cos(_MAX_FREE_TURN) * math.sin(min(x, z, _MAX_EULER_TOLERANCE))
+        tilt = math.asin(sine)
+        return [
+            Upright(link, (0.0, 1.0, 0.0), direction=second, tolerance=tilt),
+            Upright(link, direction=last, tolerance=_MAX_FREE_TURN),
+        ]
     tilt = min(x, y, _MAX_EULER_TOLERANCE)
     kept = [Upright(link, direction=last, tolerance=tilt)]
     if z < math.pi:
