@@ -584,6 +584,18 @@ class Space(ABC):
             )
         return [self.check_endpoint(cast("ArrayLike", goal), name, exact)]
 
+    def _read_message(self, q: ArrayLike | object) -> ArrayLike:
+        """Return the configuration of a message with a header, or anything else as it is."""
+        if not (hasattr(q, "header") or (isinstance(q, Mapping) and "header" in q)):
+            return cast("ArrayLike", q)
+        return self._convert_message(q)
+
+    def _convert_message(self, msg: object) -> ArrayLike:
+        """Return the configuration of a stamped pose."""
+        from cspace.ros import configuration_of
+
+        return configuration_of(msg, self)
+
     def _check_one_configuration(self, q: ArrayLike, name: str) -> Floats:
         """Return one configuration as an array.
 

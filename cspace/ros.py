@@ -1,6 +1,9 @@
 """ROS maps, footprints of Nav2, and messages as plain records."""
 
+from __future__ import annotations
+
 import math
+from typing import TYPE_CHECKING
 
 from cspace._files.ros_maps import (
     Costmap,
@@ -14,9 +17,11 @@ from cspace._files.ros_maps import (
     read_ros_map,
     update_occupancy_grid,
 )
-from cspace._interface import Space
 from cspace._support.check import check_not_negative
 from cspace.errors import InputError
+
+if TYPE_CHECKING:
+    from cspace._interface import Space
 
 __all__ = [
     "Costmap",
@@ -40,7 +45,8 @@ def configuration_of(
     Parameters
     ----------
     msg : object or mapping
-        With the fields of ``geometry_msgs/PoseStamped``.
+        With the fields of ``geometry_msgs/PoseStamped`` or ``PoseWithCovarianceStamped``, or of
+        ``nav_msgs/Odometry``.
     space : CSpace or TiledCSpace
         A map in the plane ignores z; a map without a yaw ignores the yaw.
     frame_id : str, optional

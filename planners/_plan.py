@@ -192,11 +192,12 @@ def plan(
     space : Space
     start, goal : array-like, shape (size,)
         Configurations by the axes of the space, such as ``(x, y, yaw)`` in metres and radians, or a
-        number for each joint. The goal may also be :class:`planners.Goals`. On a map it may have
-        room: ``(x, y, None)`` has any yaw, ``(x, y, (low, high))`` a range of yaws, and a polygon
-        of shapely, or ``(polygon, yaw)``, is a region of positions. For an arm it may be a
-        :class:`cspace.PoseGoal`, or several goals without the class: configurations, shape (n,
-        size), or a list with pose goals.
+        number for each joint. The start may be a message that :func:`cspace.ros.configuration_of`
+        or :meth:`cspace.Arm.configuration` takes. The goal may also be :class:`planners.Goals`. On
+        a map it may have room: ``(x, y, None)`` has any yaw, ``(x, y, (low, high))`` a range of
+        yaws, and a polygon of shapely, or ``(polygon, yaw)``, is a region of positions. For an arm
+        it may be a :class:`cspace.PoseGoal`, or several goals without the class: configurations,
+        shape (n, size), or a list with pose goals.
     planner : str, optional
         Name, in upper or lower case, of a planner of OMPL (:func:`planners.planner_names`) or of a
         built-in search: "Grid", "MaxClearance" and "Lattice" on maps, "BiRRT" for arms.
@@ -282,6 +283,7 @@ def plan(
         rule = "it is called to ask whether the search ends"
         raise InputError("stop", f"is {stop!r}", rule, "pass a function, e.g. event.is_set")
     edges = local_planner(space, exact, drive, turning_radius)
+    start = space._read_message(start)
     kept = check_keep(keep)
     if kept:
         check_support("keep", "keep", keep, space)

@@ -601,12 +601,12 @@ class Plan:
     def trajectory(
         self,
         *,
-        max_velocity: ArrayLike | Mapping[str, float] | None = None,
-        max_acceleration: ArrayLike | Mapping[str, float],
+        max_velocity: ArrayLike | Mapping[str, Any] | os.PathLike[str] | None = None,
+        max_acceleration: ArrayLike | Mapping[str, Any] | os.PathLike[str],
         max_angular_velocity: float | None = None,
         max_angular_acceleration: float | None = None,
         max_lateral_acceleration: float | None = None,
-        max_jerk: ArrayLike | Mapping[str, float] | None = None,
+        max_jerk: ArrayLike | Mapping[str, Any] | os.PathLike[str] | None = None,
         max_angular_jerk: float | None = None,
         duration: float | None = None,
         time_step: float = 0.1,
@@ -637,7 +637,7 @@ class Plan:
         max_velocity : float, array-like of shape (k,), or mapping of axes to floats, optional
             Largest speed, in m/s or rad/s. One number is for the reference point, or for each
             joint; several are for the axes, without rotations. The joints that are not given have
-            the velocity limits of the URDF.
+            the velocity limits of the URDF. A path is of MoveIt's ``joint_limits.yaml``.
         max_acceleration : float, array-like of shape (k,), or mapping of axes to floats
             Largest acceleration along the path, likewise. A URDF has none.
         max_angular_velocity, max_angular_acceleration : float, optional

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace._files.access import replacing
+from cspace._files.joint_limits import read_joint_limits
 from cspace._interface import ConfigurationSpace, Space, format_configuration, rotations_of
 from cspace._queries.upright import Upright
 from cspace._rotations import Rotations
@@ -64,7 +65,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-Limits = ArrayLike | Mapping[str, float] | None
+Limits = ArrayLike | Mapping[str, Any] | os.PathLike[str] | None
 """A limit: one number, or one for each axis."""
 
 ROUNDING: Final = 1e-13
@@ -1175,6 +1176,10 @@ def _check_limits(
     Shape () is for the whole translation. ``known`` are the defaults of axes.
     """
     axes = path.axes[:dim]
+    if isinstance(value, str | os.PathLike) or (
+        isinstance(value, Mapping) and "joint_limits" in value
+    ):
+        value = read_joint_limits(value, name, dict(zip(axes, path.units, strict=False)))
     finite = {axis: known[axis] for axis in axes if math.isfinite(known.get(axis, math.inf))}
     limits = check_each({} if value is None else value, name, axes, finite)
     for limit in limits.ravel().tolist():

@@ -16,7 +16,14 @@ from typing import Any, Final, TypeAlias
 import numpy as np
 
 from cspace._files.access import ContentError
-from cspace._files.fields import UNKNOWN_FIELDS, Fields, Ledger, check_number, list_fields
+from cspace._files.fields import (
+    UNKNOWN_FIELDS,
+    Fields,
+    Ledger,
+    check_number,
+    list_fields,
+    reading,
+)
 from cspace._files.plain import MAX_LEVELS, find_repeated
 from cspace._support.arrays import Floats
 from cspace._support.reporting import warn_user
@@ -383,6 +390,13 @@ def _parse_joints(value: Any, place: str) -> dict[str, float]:
     fields = parse(_JOINT_STATE, value, place)
     lists = {"joints": fields.name, "positions": fields.position}
     return dict(pair_items(lists, place, "each joint needs one"))
+
+
+def read_joint_state(fields: Mapping[str, Any], name: str) -> dict[str, float]:
+    """Return the positions of a ``sensor_msgs/JointState`` by joint; errors call it ``name``."""
+    with reading(fields, "joint state", name, FIELDS[0]) as (_, state):
+        state.skip()  # its ledger is another
+        return _parse_joints(state.fields, name)
 
 
 STATE: Final[dict[str, Schema]] = {

@@ -25,7 +25,8 @@ from cspace._files.access import MJCF_HINT, SDF_HINT, ContentError, decoding, re
 from cspace._files.fields import Fields, open_elements
 from cspace._files.plain import check_expanded, find_repeated, parse_finite, parse_xml
 from cspace._files.sphere_files import read_spheres, replace_geometry
-from cspace._support.arrays import Floats
+from cspace._limits import check_bytes
+from cspace._support.arrays import Floats, StrPath
 from cspace._support.reporting import import_optional, warn_user
 from cspace.errors import FileError, InputError
 
@@ -162,7 +163,7 @@ def load_urdf(
     yourdfpy = import_optional("yourdfpy", "URDF files are read with it", "urdf")
     # Silence its log, because the errors here give the same reasons.
     logging.getLogger("yourdfpy").addHandler(logging.NullHandler())
-    data = read_bytes(path, _URDF_KIND, 20.0, "max_description_bytes")
+    data, path = _read_description(path, _URDF_KIND), name_description(path)
     links = {} if spheres is None else read_spheres(spheres)
     with decoding(path, _URDF_KIND):
         root = _parse_robot(data, _URDF_KIND)
@@ -187,6 +188,21 @@ def load_urdf(
     ledger.angles, ledger.speeds = angles, speeds
     ledger.close(os.fspath(path))
     return urdf
+
+
+def name_description(source: StrPath) -> str:
+    """Return the file of a URDF or SRDF, or a name for a text."""
+    file = os.fspath(source)
+    return "robot_description" if file.lstrip().startswith("<") else file
+
+
+def _read_description(source: StrPath, kind: str) -> bytes:
+    """Return the content of a URDF or SRDF, a file or a text."""
+    if name_description(source) == os.fspath(source):
+        return read_bytes(source, kind, 20.0, "max_description_bytes")
+    data = os.fspath(source).strip().encode()
+    check_bytes(name_description(source), len(data), memory=20.0, limit="max_description_bytes")
+    return data
 
 
 def _choose_geometry(root: Element, visuals: bool) -> None:
@@ -666,7 +682,7 @@ def read_srdf(path: str | os.PathLike[str], urdf: URDF) -> Srdf:
 
     Raises FileError if the file is missing or malformed.
     """
-    data = read_bytes(path, _SRDF_KIND, 20.0, "max_description_bytes")
+    data, path = _read_description(path, _SRDF_KIND), name_description(path)
     with decoding(path, _SRDF_KIND):
         root = _parse_robot(data, _SRDF_KIND)
         ledger = open_elements(root, FIELDS[1], _SRDF_PARTS)

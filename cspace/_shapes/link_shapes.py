@@ -32,6 +32,7 @@ from cspace._files.urdf import (
     fixed_links,
     load_urdf,
     locate_meshes,
+    name_description,
     package_folders,
     warn_of_visuals,
     zero_poses,
@@ -81,17 +82,17 @@ def read_urdf(
     MissingPackageError without yourdfpy.
     """
     folders = package_folders(package_dirs)
-    file = os.fspath(path)
+    file = name_description(path)
     urdf = load_urdf(path, visuals, spheres)
     links = fixed_links(urdf) if link is None else check_names(link, "link")
     for name in links:
         check_known(name, "link", urdf.link_map)
-    warn_of_visuals(urdf, urdf.link_map if link is None else links, path)
+    warn_of_visuals(urdf, urdf.link_map if link is None else links, file)
     # The bounds of all collision geometries, moved to the frame of the first link.
     outer_surfaces = []
     inner_surfaces = []
     is_curved = False
-    meshes = find_meshes(urdf, links, path, folders)
+    meshes = find_meshes(urdf, links, file, folders)
     poses = zero_poses(urdf)
     for name in links:
         # Solving by the first link's pose gives the pose relative to it.

@@ -1151,6 +1151,10 @@ class ArmSpace(ConfigurationSpace):
         limits = RowCheck("limit", self.axes, "exceeds its limits by", excesses, slacks)
         return [limits, *super()._check_targets(before, targets)]
 
+    def _convert_message(self, msg: object) -> ArrayLike:
+        """Return the configuration of a state of joints."""
+        return self.arm.configuration(msg)
+
     def _explain_tube(self, rows: Floats, radii: Floats) -> tuple[tuple[str, ...], str]:
         """Name the link that comes nearest to touching at instants of a tube, and the other."""
         snapshot = self.snapshot

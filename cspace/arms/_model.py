@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cspace._files.fields import list_fields
+from cspace._files.moveit_messages import read_joint_state
 from cspace._files.unit_notes import warn_of_size
 from cspace._shapes import ShapeLike, as_shape
 from cspace._support.arrays import Bools, Floats, frozen
@@ -211,10 +213,11 @@ class Arm:
         Parameters
         ----------
         path : path-like
-            The URDF. Meshes are found as in :meth:`cspace.Robot.from_urdf`.
+            The URDF, or its text. Meshes are found as in :meth:`cspace.Robot.from_urdf`.
         srdf : path-like, optional
-            An SRDF file with groups, group states, end effectors, and the links that may touch:
-            pairs of ``disable_collisions``, and all of a link of ``disable_default_collisions``
+            An SRDF file, or its text, with groups, group states, end effectors, and the links that
+            may touch: pairs of ``disable_collisions``, and all of a link of
+            ``disable_default_collisions``
             except those of ``enable_collisions``. Links and joints missing from the URDF are
             skipped with one warning. Without an SRDF, links may touch if they belong to one body,
             if a joint connects them, directly or over links without geometry, or if they touch in
@@ -253,12 +256,19 @@ class Arm:
         MissingPackageError
             If yourdfpy is not installed.
         """
-        from cspace._files.urdf import Srdf, load_urdf, package_folders, read_srdf, root_link
+        from cspace._files.urdf import (
+            Srdf,
+            load_urdf,
+            name_description,
+            package_folders,
+            read_srdf,
+            root_link,
+        )
 
         check_word(solid, "solid", ("auto", "surface"))
         folders = package_folders(package_dirs)
         urdf = load_urdf(path, visuals, spheres)
-        file = os.fspath(path)
+        file = name_description(path)
         for argument, link in (("tip", tip), ("base", base)):
             if link is not None:
                 check_known(link, argument, urdf.link_map)
@@ -496,16 +506,19 @@ class Arm:
 
     @names_options
     def configuration(
-        self, values: Mapping[str, float] | str | None = None, base: ArrayLike | str | None = None
+        self,
+        values: Mapping[str, float] | str | object | None = None,
+        base: ArrayLike | str | None = None,
     ) -> Floats:
         """Return the configuration with given joint values, by name.
 
         Parameters
         ----------
-        values : mapping of str to float, or str, optional
+        values : mapping of str to float, message, or str, optional
             Values of joints, radians or metres, such as ``{"elbow": 1.0}``; or a group state of the
             SRDF, such as ``"panda_arm/ready"``, or ``"ready"`` if only one group has a state of
-            that name. Of :class:`cspace.arms.JointValues`, those of other joints are skipped.
+            that name. Of :class:`cspace.arms.JointValues`, and of a ``sensor_msgs/JointState``,
+            those of other joints are skipped.
         base : array-like, shape (dof,), or str, optional
             Configuration that gives the values of all other joints; or a group state. By default
             they are at zero, or at their nearest limit.
@@ -529,11 +542,15 @@ class Arm:
             self._check_limits(q, "base")
         else:
             q = self._rest if base is None else self._check_configuration(base, "base")
-        given: Any = {} if values is None or not len(values) else values
+        is_empty = values is None or (isinstance(values, dict) and not values)
+        given: Any = {} if is_empty else values
         if hasattr(given, "to_dict"):  # a Series of pandas
             given = given.to_dict()
         if isinstance(values, str):
             given = self._find_group_state(values, "values")
+        fields = list_fields(given, ("name", "position")) or {}
+        if {"name", "position"} <= fields.keys():
+            given = JointValues(read_joint_state(fields, "values"))
         if isinstance(given, JointValues):
             given = self._select_moving_joints(given, needs_all=base is None)
         moved = self._move_joints(q, check_joint_values(given, "values", self.joints))

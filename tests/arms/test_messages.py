@@ -1,0 +1,153 @@
+"""Arms from texts and messages of ROS: descriptions, states and limits of joints."""
+
+import warnings
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import cspace
+import planners
+from cspace import Arm, Robot, Workspace
+from cspace.errors import AngleWarning, ConfigurationError, FileError, InputError
+
+BOX = '<collision><geometry><box size="0.1 0.1 0.1"/></geometry></collision>'
+
+
+def make_text(velocity=1.0):
+    """Return a URDF of a slide, and a turn on it that has no speed."""
+    limits = f'<limit lower="0" upper="2" effort="1" velocity="{velocity}"/>'
+    turn = '<limit lower="-3" upper="3" effort="1" velocity="0"/>'
+    return f"""<?xml version="1.0"?>
+        <robot name="r"><link name="base"/><link name="arm">{BOX}</link><link name="hand">{BOX}</link>
+        <joint name="slide" type="prismatic"><parent link="base"/><child link="arm"/>
+        <axis xyz="1 0 0"/>{limits}</joint><joint name="turn" type="revolute"><parent link="arm"/>
+        <child link="hand"/><origin xyz="0.3 0 0"/><axis xyz="0 0 1"/>{turn}</joint></robot>"""
+
+
+SRDF = """<robot name="r"><group name="all"><joint name="slide"/></group>
+    <disable_collisions link1="arm" link2="hand" reason="Never"/></robot>"""
+
+
+@pytest.fixture(scope="module")
+def arm():
+    return Arm.from_urdf(make_text(), SRDF)
+
+
+def test_descriptions_may_be_texts(arm, tmp_path):
+    (tmp_path / "r.urdf").write_text(make_text())
+    (tmp_path / "r.srdf").write_text(SRDF)
+    of_files = Arm.from_urdf(tmp_path / "r.urdf", str(tmp_path / "r.srdf"))
+    assert arm.groups == of_files.groups == {"all": ("slide",)}
+    assert arm.allowed_collisions == of_files.allowed_collisions
+    text = f'<robot name="r"><link name="base">{BOX}</link></robot>'
+    assert Robot.from_urdf(text).shape.outer.bounds[1].tolist() == [0.05, 0.05, 0.05]
+    with pytest.raises(FileError, match=r"^robot_description: is not XML"):
+        Arm.from_urdf("<robot>")
+    with pytest.raises(FileError, match="package_dirs"):
+        Robot.from_urdf(text.replace('<box size="0.1 0.1 0.1"/>', '<mesh filename="no.stl"/>'))
+    with cspace.raised_limits(max_description_bytes=9), pytest.raises(FileError, match="limit"):
+        Arm.from_urdf(make_text())
+
+
+@pytest.mark.parametrize("kind", [dict, lambda **fields: SimpleNamespace(**fields)])
+def test_a_state_of_joints_is_a_configuration_and_a_start(arm, kind):
+    header = kind(frame_id="", stamp=kind(sec=1, nanosec=2))
+    names = ["turn", "slide"]
+    state = kind(header=header, name=names, position=np.array([0.5, 1.5]), velocity=[], effort=[])
+    assert arm.configuration(state).tolist() == [1.5, 0.5]
+    space = cspace.build_arm_space({}, arm)
+    with warnings.catch_warnings(action="error"):
+        plan = planners.plan(space, state, (0.2, 0.1), seed=1)
+    assert plan.path[0].tolist() == [1.5, 0.5]
+    partial = kind(header=header, name=["slide"], position=[1.0])
+    assert arm.configuration(partial, base=(0.0, 0.7)).tolist() == [1.0, 0.7]
+    for wrong, error, message in (
+        (partial, InputError, "lack turn"),
+        (kind(header=header, name=names, position=[1.0]), InputError, "2 joints but 1 positions"),
+        (kind(name=["slide", "hip"], position=[1.0, 1.0]), InputError, "hip"),
+        (kind(name=names, position=[0.5, np.nan]), InputError, "finite"),
+        (kind(name=names, position=[0.5, 150.0]), ConfigurationError, "slide at 150"),
+    ):
+        with pytest.raises(error, match=message):
+            arm.configuration(wrong)
+
+
+def test_values_that_are_no_mapping_are_refused(arm):
+    for values in (5, [1.0, 2.0], SimpleNamespace(name=["turn"])):
+        with pytest.raises(InputError, match="it must map names to numbers"):
+            arm.configuration(values)
+    assert (arm.configuration({}) == arm.configuration()).all()
+
+
+def test_a_pose_of_ros_is_a_start():
+    workspace = Workspace.from_array(np.zeros((60, 60), dtype=bool), 0.1)
+    space = cspace.build(workspace, Robot.disc(0.2))
+    pose = {"position": {"x": 1, "y": 2, "z": 0}, "orientation": {"x": 0, "y": 0, "z": 0, "w": 1}}
+    header = {"frame_id": "map"}
+    for message in (
+        {"header": header, "pose": pose},
+        {"header": header, "pose": {"pose": pose, "covariance": [0.0] * 36}},
+        SimpleNamespace(header=header, pose={"pose": pose}, child_frame_id="base", twist={}),
+    ):
+        assert planners.plan(space, message, (4, 4)).path[0].tolist() == [1.0, 2.0]
+    with pytest.raises(InputError, match="the frame of the map"):
+        planners.plan(space, {"header": {"frame_id": "odom"}, "pose": pose}, (4, 4))
+
+
+LIMITS = """
+joint_limits:
+  slide: {has_velocity_limits: true, max_velocity: 0.5, has_acceleration_limits: true,
+          max_acceleration: 2.0, has_jerk_limits: true, max_jerk: 20.0}
+  turn: {has_velocity_limits: true, max_velocity: 0.25, has_acceleration_limits: true,
+         max_acceleration: 1.0, max_jerk: 10.0}
+  finger: {has_velocity_limits: true, max_velocity: 0.1}
+"""
+
+
+def test_limits_of_joints_are_those_of_moveit(arm, tmp_path):
+    path = tmp_path / "joint_limits.yaml"
+    path.write_text(LIMITS)
+    space = cspace.build_arm_space({}, arm)
+    plan = planners.plan(space, (0.0, 0.0), (1.0, 1.0), seed=1)
+    given = {"max_velocity": {"slide": 0.5, "turn": 0.25}}
+    given |= {
+        "max_acceleration": {"slide": 2.0, "turn": 1.0},
+        "max_jerk": {"slide": 20, "turn": 10},
+    }
+    expected = plan.trajectory(**given)
+    table = {"joint_limits": {"slide": {"max_velocity": 0.5}, "turn": {"max_velocity": 0.25}}}
+    with warnings.catch_warnings(action="error"):
+        for file in (path, str(path)):
+            read = plan.trajectory(**dict.fromkeys(given, file))
+            assert read.duration == expected.duration
+        assert plan.trajectory(**given | {"max_velocity": table}).duration == expected.duration
+        along = planners.Trajectory.along(space, plan.path, **dict.fromkeys(given, path))
+    assert along.duration == planners.Trajectory.along(space, plan.path, **given).duration
+
+
+def test_limits_of_joints_that_are_off_or_wrong_are_heard(arm, tmp_path):
+    path = tmp_path / "joint_limits.yaml"
+    space = cspace.build_arm_space({}, arm)
+    plan = planners.plan(space, (0.0, 0.0), (1.0, 1.0), seed=1)
+
+    def time_with(text):
+        path.write_text(text)
+        return plan.trajectory(max_velocity=1.0, max_acceleration=path).duration
+
+    off = LIMITS.replace("has_acceleration_limits: true", "has_acceleration_limits: false")
+    with pytest.raises(InputError, match="lacks slide, turn"):
+        time_with(off)
+    with pytest.raises(FileError, match="has the max_acceleration 'fast'"):
+        time_with(LIMITS.replace("max_acceleration: 2.0", "max_acceleration: fast"))
+    with pytest.raises(FileError, match="has no joint_limits"):
+        time_with("default_velocity_scaling_factor: 0.1\n")
+    with pytest.warns(UserWarning, match="not read: default_velocity_scaling_factor, min_position"):
+        time_with(
+            f"default_velocity_scaling_factor: 0.1\n{LIMITS}".replace(
+                "max_jerk: 10.0", "min_position: 0.0"
+            )
+        )
+    path.write_text(LIMITS.replace("0.25", "90.0"))
+    with pytest.warns(AngleWarning, match="max_velocity of 'turn': 90"):
+        plan.trajectory(max_velocity=path, max_acceleration=1.0)
