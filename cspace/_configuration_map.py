@@ -22,6 +22,7 @@ from cspace._queries.yaws import join_yaw_cells
 from cspace._record.states import read_only
 from cspace._robot import Robot
 from cspace._rotations import Rotations
+from cspace._shapes import OriginPoint
 from cspace._support.arrays import BLOCKED, FREE, MIXED, STATE_NAMES, Bools, Floats, Ints
 from cspace._support.check import (
     check_angle,
@@ -132,6 +133,11 @@ class ConfigurationMap(ConfigurationSpace):
     def axes(self) -> tuple[str, ...]:
         """Names of the coordinates: x, y(, z), then yaw or qx, qy, qz, qw."""
         return (*self.grid.axes, *self.rotations.names)
+
+    @cached_property
+    def has_poses(self) -> bool:
+        """Whether configurations are poses of a rigid body; False for joints of any name."""
+        return super().has_poses and not isinstance(self.robot.shape, OriginPoint)
 
     @property
     def units(self) -> tuple[str, ...]:
@@ -299,7 +305,7 @@ class ConfigurationMap(ConfigurationSpace):
         q : array-like, shape (size,) or (..., size)
             Metres, and radians.
         distance : float
-            Metres, zero or above.
+            Metres, zero or above; in a map of joints their unit, as of all its axes.
         angle : float
             Radians, zero or above; ignored if the robot does not rotate.
 
@@ -433,7 +439,7 @@ class ConfigurationMap(ConfigurationSpace):
         Returns
         -------
         float or ndarray of float64, shape (...)
-            Metres.
+            Metres; in a map of joints their unit, such as radians.
         """
         if isinstance(q, tuple):
             known = self._ask_one(self._look_up_clearance, q)

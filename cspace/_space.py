@@ -100,6 +100,9 @@ class CSpace(ConfigurationMap):
     obstacle; otherwise it is MIXED. In a window of a larger map
     (:meth:`cspace.TiledCSpace.window`), ``outside`` is "unknown", and all outside is MIXED.
 
+    In a map of joints (:func:`cspace.build_joint_map`), lengths, margins and clearances are in the
+    unit of the joints. Only obstacle distances are in metres, because they are the arm's.
+
     Parameters
     ----------
     contents : Contents
@@ -286,7 +289,15 @@ class CSpace(ConfigurationMap):
         Returns
         -------
         bool or ndarray of bool, shape (...)
+
+        Raises
+        ------
+        InputError
+            If an argument is invalid, or the map is one of joints.
         """
+        if not self.has_poses:
+            rule = "only a rigid robot lies inside obstacles"
+            raise InputError("the map", "is one of joints", rule, "ask classify for BLOCKED")
         with self.lock:  # the sums are consistent only before and after an update
             sums = np.asarray(self._count_overlaps("inner", q))
         # The robot lies inside if all its cells overlap inner cells.
@@ -321,8 +332,13 @@ class CSpace(ConfigurationMap):
         Raises
         ------
         InputError
-            If the interior of a mesh depends on the spacing, or an argument is invalid.
+            If the interior of a mesh depends on the spacing, or an argument is invalid; or for a
+            map of joints from a file, or whose cells changed, which has no geometry.
         """
+        if not self._has_bodies:
+            problem = "is one of joints, without the geometry of its arm"
+            rule = "distances from obstacles are those of links, in metres"
+            raise InputError("the map", problem, rule, "ask the map that build_joint_map made")
         points = check_rows(q, "q", self.axes)
         rows = as_contiguous(points.reshape(-1, self.size))
         row_lengths = _broadcast_spans(lengths, "lengths", points.shape[:-1])
@@ -352,8 +368,11 @@ class CSpace(ConfigurationMap):
         Returns
         -------
         float
-            As :meth:`obstacle_distance`; NaN if the interior of a mesh depends on the spacing.
+            As :meth:`obstacle_distance`; NaN if the interior of a mesh depends on the spacing, or a
+            map of joints has no geometry.
         """
+        if not self._has_bodies:
+            return math.nan
         rows = self._check_configurations(path, "path")
         self._check_path(rows)
         starts, ends = (rows[:-1], rows[1:]) if len(rows) > 1 else (rows, rows)
@@ -374,6 +393,11 @@ class CSpace(ConfigurationMap):
             return max(self.margin, self._exact.distance(centers, *pieces))
         except InputError:
             return math.nan
+
+    @property
+    def _has_bodies(self) -> bool:
+        """Whether the robot has a shape in the workspace; a map of joints has a point."""
+        return self.has_poses
 
     # ---- for callbacks ---------------------------------------------------------------------------
 
@@ -1213,8 +1237,8 @@ class CSpace(ConfigurationMap):
     def explain(self, start: ArrayLike, goal: ArrayLike, *, refine: bool = False) -> Explanation:
         """Explain why a path between two configurations exists, or does not.
 
-        For maps in the plane and in space, with or without a yaw. It takes some seconds for a map
-        of ten million cells.
+        For maps in the plane and in space, with or without a yaw, and of joints. It takes some
+        seconds for a map of ten million cells.
 
         Parameters
         ----------
@@ -1222,7 +1246,8 @@ class CSpace(ConfigurationMap):
             Configurations in the grid, FREE or not; metres, and radians.
         refine : bool
             Build finer maps while they are small, which narrow the margins. If the map leaves it
-            undecided, they or finer windows around the MIXED cells on the way may decide.
+            undecided, they or finer windows around the MIXED cells on the way may decide. Not for
+            joints.
 
         Returns
         -------
@@ -1233,7 +1258,8 @@ class CSpace(ConfigurationMap):
         Raises
         ------
         InputError
-            If the map is tiled or of SE(3), or a number is not finite.
+            If the map is tiled or of SE(3), or of joints with ``refine``, or a number is not
+            finite.
         ConfigurationError
             If start or goal lies outside the grid.
 
@@ -1420,8 +1446,8 @@ class CSpace(ConfigurationMap):
         Raises
         ------
         InputError
-            If the map is in space, the message lacks a field, or the map does not have the
-            ``rotation``.
+            If the map is in space or in radians, the message lacks a field, or the map does not
+            have the ``rotation``.
         """
         from cspace.export._messages import fill_occupancy_grid
 
@@ -1470,7 +1496,8 @@ class CSpace(ConfigurationMap):
         Raises
         ------
         InputError
-            If the map is in space, the message lacks a field, or an argument is not usable.
+            If the map is in space or of joints, the message lacks a field, or an argument is not
+            usable.
         """
         from cspace.export._messages import fill_costmap
 

@@ -93,9 +93,9 @@ class Plan:
         Units of these columns: "m", "rad", or "1" for the numbers of a quaternion.
     length_unit : str
         Unit of the length: "m"; for motions of joints "rad", or "rad or m" if some joints slide.
-    distance_unit : str
-        Unit of :attr:`clearance` and :attr:`obstacle_distance`: "m", or on a map of joints the unit
-        of the joints.
+    clearance_unit : str
+        Unit of :attr:`clearance`: "m", or on a map of joints the unit of the joints. That of
+        :attr:`obstacle_distance` is always metres.
     direction : ndarray of int8, shape (n,), read-only, or None
         Motion of the robot from the previous row to each row: 1 ahead, -1 in reverse, 0 turning on
         the spot. The first row repeats the second. None for a holonomic robot.
@@ -157,7 +157,7 @@ class Plan:
     axes: tuple[str, ...]
     units: tuple[str, ...]
     length_unit: str
-    distance_unit: str
+    clearance_unit: str
     direction: NDArray[np.int8] | None
     solved: bool
     certified: bool
@@ -193,7 +193,7 @@ class Plan:
 
     @property
     def clearance(self) -> float:
-        """Proven lower bound of the clearance along the path, metres.
+        """Proven lower bound of the clearance along the path, in its :attr:`clearance_unit`.
 
         It holds in the map as it is now. Clearance is the distance from a configuration on the path
         to the nearest configuration that is not FREE, at the same rotation. Zero along a path
@@ -209,13 +209,14 @@ class Plan:
 
         The distance is measured from the robot itself, without margin, to the obstacles as they are
         now. These are their shapes if the map has them, otherwise the outer cells; and, unless the
-        map is open, its border. For an arm, distances between links count too. The bound is at most
-        a quarter of a cell below the true minimum, and at least the margin. It is infinite if there
-        is no obstacle, and zero if the path is no longer proven free.
+        map is open, its border. For an arm and a map of joints, distances between links count too.
+        The bound is at most a quarter of a cell below the true minimum, on a map of joints what
+        they move the links in it, and at least the margin. It is infinite if there is no obstacle,
+        and zero if the path is no longer proven free.
 
-        NaN if not solved, or if the map was left behind (except for an arm) or is tiled. Also NaN
-        if the interior of a mesh depends on the spacing. Computed at each access; the first one on
-        a map takes longer.
+        NaN if not solved, or if the map was left behind (except for an arm) or is tiled, or one of
+        joints from a file. Also NaN if the interior of a mesh depends on the spacing. Computed at
+        each access; the first one on a map takes longer.
         """
         edges = self._edges
         return self._kept[1] if edges is None else edges.obstacle_distance(self.waypoints)
@@ -253,24 +254,24 @@ class Plan:
         return math.inf if length > 0.0 else length
 
     @property
-    def shown_distance(self) -> tuple[str, float]:
-        """Name and value of the obstacle distance, otherwise the clearance."""
+    def shown_distance(self) -> tuple[str, float, str]:
+        """Name, value and unit of the obstacle distance, otherwise of the clearance."""
         distance = self.obstacle_distance
         if math.isnan(distance):
-            return "clearance", self.clearance
-        return "obstacle_distance", distance
+            return "clearance", self.clearance, self.clearance_unit
+        return "obstacle_distance", distance, "m"
 
     @property
     def distance_text(self) -> str:
         """Text of :attr:`shown_distance`, empty if unknown."""
-        name, distance = self.shown_distance
+        name, distance, unit = self.shown_distance
         words = name.replace("_", " ")
         if math.isnan(distance):
             return ""
         if distance == 0.0:
             return f"{words} not proven to be more than 0"
         number = f"{distance:.3f}" if distance >= 5e-4 else f"{distance:.1g}"
-        return f"{words} {number} {self.distance_unit}"
+        return f"{words} {number} {unit}"
 
     @property
     def _edges(self) -> LocalPlanner | None:

@@ -133,8 +133,8 @@ def plan(
     with clock.step("measure"):
         described = _describe(planned)
         if planned.solved:
-            name, distance = planned.shown_distance
-            described[with_unit(name, planned.distance_unit)] = distance
+            name, distance, unit = planned.shown_distance
+            described[with_unit(name, unit)] = distance
     if planned.solved:
         with clock.step("write"):
             for path in output or []:

@@ -11,7 +11,7 @@ import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import partial
 from itertools import pairwise
 from typing import Any, Final
 
@@ -118,7 +118,8 @@ def build_joint_map(
     -------
     JointMap
         Its axes are the joints. Queries with ``exact=True`` use the geometry of the arm in MIXED
-        cells, until cells are changed; files do not store it. The robot is a point, and the
+        cells, and obstacle distances are the arm's, in metres, until cells are changed; files do
+        not store it. All other lengths are in the unit of the joints. The robot is a point, and the
         workspace the cells that are not FREE. All beyond a joint's own limits is BLOCKED. All
         beyond the mapped part of a range is MIXED, so that no path crosses its ends, and paths
         around a continuous joint are not excluded. If the ends are not a whole number of cells
@@ -304,6 +305,11 @@ class JointMap(CSpace):
         contact = snapshot.contact(snapshot.outer, self._geometry.extend(q[np.newaxis]))
         return contact.link, contact.other
 
+    @property
+    def _has_bodies(self) -> bool:
+        """Whether the map still has the geometry of its arm."""
+        return self._geometry is not None
+
     @lazy
     def _exact(self) -> ExactQueries:
         """Queries with exact geometry."""
@@ -313,7 +319,7 @@ class JointMap(CSpace):
         """Return proofs by the arm, or by the cells once they changed."""
         if self._geometry is None:
             return BoundaryProofs(problem)
-        return JointProofs(self._geometry, problem)
+        return JointProofs(self._geometry)
 
     def _drop_derived(self, workspace: Workspace, layers: ObstacleLayers | None) -> None:
         """Drop the geometry too, which belongs to the cells before the update."""
@@ -604,10 +610,9 @@ class JointProofs:
     See :class:`cspace._exact.boundaries.Proofs`.
     """
 
-    def __init__(self, geometry: JointGeometry, problem: Problem) -> None:
-        """Make proofs by an arm's geometry; ``problem`` gives distances in the joints."""
+    def __init__(self, geometry: JointGeometry) -> None:
+        """Make proofs by an arm's geometry."""
         self._geometry = geometry
-        self._problem = problem
 
     def edge(self, *endpoints: float) -> bool:
         """Return True if the whole edge is proven free."""
@@ -628,13 +633,14 @@ class JointProofs:
         return is_free
 
     def slack(self, points: Floats, lengths: Floats, angles: Floats) -> float:
-        """Return a lower bound of the slack along a joint path.
+        """Return a lower bound of the distance between solids along a joint path, metres.
 
-        The distance is to the cells that are not FREE.
+        From its midpoint, no joint of a piece moves by more than half of its length.
         """
-        return self._in_joints.slack(points, lengths, angles)
-
-    @cached_property
-    def _in_joints(self) -> Proofs:
-        """Proofs of distances in joint space."""
-        return BoundaryProofs(self._problem)
+        geometry = self._geometry
+        snapshot = geometry.proofs.snapshot
+        distances, _ = snapshot.distances(geometry.extend(points))
+        motions = np.zeros((len(points), snapshot.arm.dof))
+        motions[:, geometry.proofs.joint_indices] = 0.5 * lengths[:, np.newaxis]
+        displacements = snapshot.bound_displacements(motions).max(axis=1, initial=0.0)
+        return max(0.0, float((distances - displacements).min()))

@@ -84,6 +84,8 @@ def fill_costmap(
     scaling = check_not_negative(cost_scaling_factor, "cost_scaling_factor", "pass it per metre")
     grid = space.grid
     workspace = space.workspace
+    if not space.has_poses:
+        raise _make_joints_error("a costmap")
     if grid.dim == 3:
         raise InputError(
             "the map", "is one in space", "a costmap is plane", "build a map of the plane"
@@ -247,6 +249,8 @@ def _fill_grid(
     if grid.dim == 3:
         hint = "cut it, or export another format"
         raise InputError("the map", "is one in space", f"{kind} is plane", hint)
+    if grid.unit != "m":
+        raise _make_joints_error(kind)
     # The origin is the pose of the grid's lower corner; grids of maps are never rotated.
     position = f"{info}.origin.position"
     orientation = f"{info}.origin.orientation"
@@ -265,6 +269,12 @@ def _fill_grid(
         "data": array(typecode, cells.T.tobytes()),
     }
     return _set_fields(msg, kind, fields)
+
+
+def _make_joints_error(kind: str) -> InputError:
+    """Make the error for a map whose cells are no places."""
+    hint = "use to_xarray, or export .npz, .nc or .vti"
+    return InputError("the map", "is one of joints", f"{kind} is in metres", hint)
 
 
 def _set_fields(msg: Message, kind: str, fields: Mapping[str, object]) -> Message:

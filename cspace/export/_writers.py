@@ -196,6 +196,9 @@ def export(
         rule = f"{suffix} holds maps {scope} only"
         hint = "write another format, e.g. .vti"
         raise InputError("path", f"is {Path(path)}", rule, hint)
+    if form.rotations == "one" and contents.grid.unit != "m":
+        rule = f"{suffix} holds places in metres, and the cells are in {contents.grid.unit}"
+        raise InputError("path", f"is {Path(path)}", rule, "write another format, e.g. .vti")
     if form.rotations == "all":
         if rotation is not None:
             rule = f"a {suffix or 'Zarr'} map holds every slice"

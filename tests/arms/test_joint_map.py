@@ -4,13 +4,18 @@ import pickle
 
 import numpy as np
 import pytest
+import shapely
 from hypothesis import given
 from hypothesis import strategies as st
 
+import cspace
+import planners
 from cspace import BLOCKED, FREE, MIXED
 from cspace.arms import Arm, build_arm_space, build_joint_map, undecided_pairs
-from cspace.errors import ConfigurationError
+from cspace.errors import ConfigurationError, InputError
 from tests.arms.test_space import draw_scene
+from tests.helpers.refusals import check_followed
+from tests.helpers.regions import place_polygon
 from tests.helpers.strategies import examples, seeds
 from tests.helpers.urdfs import (
     joint,
@@ -85,6 +90,105 @@ def test_joint_maps_agree_with_fcl(tmp_path_factory, seed, count):
             q = held.copy()
             q[chosen] = point
             assert (oracle.apart(q) > 0.0) == (state == FREE)
+
+
+def measure_distances(q, posts=POSTS):
+    """Return the distances of two bars of 1 m from posts and the foot below, by shapely."""
+    first, second = np.transpose(q)
+    zero = np.zeros_like(first)
+    bar = shapely.box(0.0, -0.05, 1.0, 0.05)
+    upper = place_polygon(bar, np.stack([zero, zero, first], axis=1))
+    fore = place_polygon(bar, np.stack([np.cos(first), np.sin(first), first + second], axis=1))
+    x, y, sides = np.transpose(posts)
+    squares = shapely.box(x - sides / 2, y - sides / 2, x + sides / 2, y + sides / 2)
+    gaps = shapely.distance(np.stack([upper, fore])[:, :, np.newaxis], squares)
+    below = np.hypot(shapely.distance(fore, shapely.box(-0.025, -0.025, 0.025, 0.025)), 0.125)
+    return np.minimum(gaps.min(axis=(0, 2)), below)
+
+
+def test_obstacle_distances_are_those_of_the_bars():
+    """Distances are metres of the workspace, at configurations and all along paths."""
+    joint_map = build_joint_map(build_plane_arm(), 0.1)
+    q = joint_map.sample_free(60, rng=np.random.default_rng(3))
+    expected = measure_distances(q)
+    found = joint_map.obstacle_distance(q)
+    assert (found <= expected + 1e-9).all() and (found >= 0.999 * expected - 1e-6).all()
+    assert joint_map.obstacle_distance(tuple(q[0])) == found[0]
+    for start, goal in zip(q[::2], q[1::2], strict=True):
+        path = joint_map.find_path(start, goal)
+        if not len(path):
+            continue
+        between = np.linspace(path[:-1], path[1:], 200).reshape(-1, 2)
+        true = measure_distances(between).min()
+        bound = joint_map.path_obstacle_distance(path)
+        # Within a quarter of a cell, both joints move the tip by at most 3 m a radian.
+        assert true - 0.025 * 3.0 - 1e-3 <= bound <= true + 1e-9
+        middle = 0.5 * (path[0] + path[1])
+        length = float(np.linalg.norm(path[1] - path[0]))
+        piece = measure_distances(np.linspace(path[0], path[1], 200)).min()
+        assert joint_map.obstacle_distance(middle, length) <= piece + 1e-9
+
+
+def test_a_map_of_joints_without_its_arm_refuses_distances(tmp_path):
+    joint_map = build_joint_map(build_plane_arm(), 0.2)
+    q0, q1 = joint_map.nearest_free((2.0, 0.0)), joint_map.nearest_free((2.5, 0.0))
+    joint_map.save(tmp_path / "joints.zarr")
+    changed = build_joint_map(build_plane_arm(), 0.2)
+    changed.update(np.ones((1, 1), dtype=bool), (0, 0))
+    for other in (cspace.open(tmp_path / "joints.zarr"), changed):
+        check_followed(
+            lambda other=other: other.obstacle_distance(q0),
+            lambda: joint_map.obstacle_distance(q0),
+            "ask the map that build_joint_map made",
+        )
+        assert np.isnan(other.path_obstacle_distance([q0, q1]))
+        plan = planners.plan(other, q0, q1)
+        assert plan.shown_distance == ("clearance", plan.clearance, "rad")
+        assert plan.clearance_unit == "rad"
+    plan = planners.plan(joint_map, q0, q1)
+    assert plan.shown_distance == ("obstacle_distance", plan.obstacle_distance, "m")
+    assert plan.obstacle_distance <= measure_distances(np.linspace(q0, q1, 99)).min() + 1e-9
+
+
+def test_a_map_of_joints_is_no_picture_of_the_workspace(tmp_path):
+    joint_map = build_joint_map(build_plane_arm(), 0.2)
+    for call in (joint_map.to_costmap, joint_map.to_occupancy_grid):
+        hint = "use to_xarray, or export .npz, .nc or .vti"
+        check_followed(call, joint_map.to_xarray, hint)
+    check_followed(
+        lambda: joint_map.export(tmp_path / "joints.yaml"),
+        lambda: joint_map.export(tmp_path / "joints.vti"),
+        "write another format, e.g. .vti",
+    )
+    q = joint_map.nearest_free((2.0, 0.0))
+    check_followed(
+        lambda: joint_map.contains_robot(q),
+        lambda: joint_map.classify(q),
+        "ask classify for BLOCKED",
+    )
+
+
+def test_joints_named_as_axes_are_no_poses(tmp_path):
+    """Two joints that slide along x and y, and are called so, move an arm and no rigid body."""
+    box = ((0.1, 0.1, 0.1), (0, 0, 0))
+    slide = {"kind": "prismatic", "limits": (0.0, 1.0)}
+    file = write_urdf(
+        tmp_path,
+        link("base"),
+        link("carriage", box),
+        link("tool", ((0.5, 0.1, 0.1), (0.25, 0, 0.5))),
+        joint("x", "base", "carriage", axis=(1, 0, 0), **slide),
+        joint("y", "carriage", "tool", axis=(0, 1, 0), **slide),
+    )
+    space = build_arm_space({"post": posed_box((0.1, 0.1, 3.0), 1.6, 0.5)}, Arm.from_urdf(file))
+    joint_map = build_joint_map(space, 0.1)
+    joint_map.save(tmp_path / "gantry.zarr")
+    for each in (joint_map, cspace.open(tmp_path / "gantry.zarr")):
+        assert not each.has_poses and each.units == ("m", "m")
+        with pytest.raises(InputError, match="is one of joints"):
+            each.to_costmap()
+    # The tool is 0.5 m long, so that its tip is nearer to the post than the joints are.
+    assert joint_map.obstacle_distance((0.5, 0.5)) == pytest.approx(0.55, abs=1e-3)
 
 
 def test_undecided_pairs_are_those_that_touch_in_the_cell():

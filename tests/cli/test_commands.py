@@ -297,7 +297,7 @@ def test_plans_of_joints_have_the_units_of_their_axes(arm_file, tmp_path):
     printed = document("plan --start=45deg,0.25 --goal=60deg,0.1", tmp_path / "joints.zarr")
     ends = [printed["path"][0], printed["path"][-1]]
     np.testing.assert_allclose(ends, [[math.pi / 4, 0.25], [math.pi / 3, 0.1]], atol=1e-12)
-    assert {"length_rad_or_m", "obstacle_distance_rad_or_m"} <= set(printed)
+    assert {"length_rad_or_m", "clearance_rad_or_m"} <= set(printed)
 
 
 @pytest.fixture
