@@ -16,6 +16,7 @@ from cspace._engines.slices import slice_rasters
 from cspace._obstacles import Obstacle
 from cspace._support.arrays import FREE, STATE_NAMES, Bools, Floats, Ints
 from cspace._support.check import check_flag
+from cspace.errors import InputError
 from cspace.reasons._margins import copy_with_ends, find_cells, find_way, states_of_slices
 from cspace.reasons._removals import remove_obstacles
 from cspace.reasons._windows import Trial, refine_way, suggest_finer
@@ -72,7 +73,8 @@ class Explanation:
         Obstacles that the robot may touch in the barrier; if start or goal is not FREE, those that
         it may touch there, or is proven to touch if BLOCKED. They are quoted names of
         :attr:`cspace.CSpace.obstacles`; connected pieces of the workspace by a point of theirs,
-        the nearest first; and the border of the map.
+        the nearest first; and the border of the map. In a map of joints, the two solids nearest to
+        touching, or without the arm's geometry a place of the cells.
     bottleneck : ndarray of float64, shape (size,)
         The narrowest configuration of the widest way between the two; if no way is FREE, of the way
         for which the robot must shrink least.
@@ -81,7 +83,8 @@ class Explanation:
         takes it. A path exists for a robot grown by the lower bound, and none exists for a robot
         grown by the upper bound. A negative margin shrinks the robot. The lower bound is minus
         infinity if nothing is proven or nothing would be left of the robot, and the upper bound is
-        infinity if nothing is proven.
+        infinity if nothing is proven. In a map of joints, in their unit: the distance that a path
+        keeps from all cells that are not FREE.
     passes_without : tuple of str
         Named obstacles whose removal alone gives a path, proven. At most four are tried.
     trial : Trial
@@ -174,6 +177,8 @@ class Explanation:
     def _describe_margin(self) -> list[str]:
         """Return at most one sentence, on the margin of the robot."""
         low, high = self.margin
+        if not self.space.has_poses:
+            return self._describe_distance()
         if low >= 0.0:
             more = "" if math.isinf(high) else f", but not by {high:.3g} m"
             return [f"The robot may grow by {low:.3g} m all around{more}."]
@@ -182,10 +187,19 @@ class Explanation:
         less = f", but not by {-high:.3g} m" if high < 0.0 else ""
         return [f"{self._robot_text} passes if it shrinks by {-low:.3g} m all around{less}."]
 
+    def _describe_distance(self) -> list[str]:
+        """Return at most one sentence, on the distance that a path of joints keeps."""
+        low, high = self.margin
+        unit = self.space.grid.unit
+        if low < 0.0:
+            return []
+        less = "" if math.isinf(high) else f", and none keeps {high:.3g} {unit}"
+        return [f"A path keeps {low:.3g} {unit} from all cells that are not FREE{less}."]
+
     def _describe_changes(self) -> list[str]:
         """Return sentences on changes that give a path, or would decide."""
         sentences = []
-        if self.verdict == "undecided" and self._may_pass_outside:
+        if self.verdict == "undecided" and self.space.has_poses and self._may_pass_outside:
             sentences.append(WAY_OUTSIDE)
         if self.passes_without:
             names = " or ".join(map(repr, self.passes_without))
@@ -224,6 +238,10 @@ def explain(space: CSpace, start: ArrayLike, goal: ArrayLike, refine: bool) -> E
     """Explain a path or its absence; see :meth:`cspace.CSpace.explain`."""
     check_flag(refine, "refine")
     space, points = copy_with_ends(space, start, goal)
+    if refine and not space.has_poses:
+        hint = f"leave it out, or call build_joint_map with spacing={space.grid.spacing / 2.0:g}"
+        rule = "finer maps of joints need their arm"
+        raise InputError("refine", "is True for a map of joints", rule, hint)
     first, second = points
     verdict = _decide(space, points)
     way = find_way(space, points)
@@ -291,6 +309,10 @@ def _list_obstacles(
     everywhere in a cell. Returns the names of named obstacles, then descriptions of other
     obstacles, the nearest to ``position`` first.
     """
+    if not space.has_poses and space._has_bodies:
+        solids = space._name_obstacles(position, np.zeros(space.dim), 0.0)
+        return [], [*map(repr, solids)]
+    kind = "the obstacle" if space.has_poses else "the cells"
     touched = find_touched_cells(space, cells, proven)
     inside = (slice(1, -1),) * space.dim
     in_grid = touched[inside]
@@ -313,7 +335,7 @@ def _list_obstacles(
     descriptions = []
     for index in np.sort(nearest):
         place = ", ".join(f"{x:.2f}" for x in centers[order[index]])
-        descriptions.append(f"the obstacle at ({place})")
+        descriptions.append(f"{kind} at ({place})")
     in_grid[...] = False  # a view, so that only touched cells outside the grid remain
     if touched.any() and space.outside == "blocked":
         descriptions.append(BORDER)

@@ -24,7 +24,7 @@ import itertools
 import math
 from collections.abc import Callable, Sequence
 from functools import cache, cached_property
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -39,11 +39,9 @@ from cspace._record.contents import Contents
 from cspace._record.exterior import Exterior
 from cspace._rotations import RotationCell
 from cspace._shapes.shape import ExactShape
+from cspace._space import CSpace
 from cspace._support.arrays import BLOCKED, FREE, MIXED, Bools, Floats, Ints, States
 from cspace.errors import InputError
-
-if TYPE_CHECKING:
-    from cspace._space import CSpace
 
 DEPTH_SLACK: Final = 1e-9
 """Rounding of a depth below a surface, per metre of the shape's largest number."""
@@ -157,7 +155,7 @@ def find_way(space: CSpace, points: Floats) -> Way:
     narrow = cells[is_narrow] if is_narrow.any() else cells
     barrier, barred = _find_barrier(space, cells, is_free)
     # A robot shrunk by more than its depth has no point left.
-    low = low if -low < robot.depth else -math.inf
+    low = low if low >= 0.0 or -low < robot.depth else -math.inf
     return Way(cells, barrier, barred, narrow[len(narrow) // 2], low, high)
 
 
@@ -298,7 +296,8 @@ class ResizedRobot:
             Raster.from_bitmap(levels <= own, tuple(low - added for low in inner.lower))
             for levels, (_, inner) in zip(self._levels(added), self.rasters, strict=True)
         ]
-        outside = space.outside == "blocked"
+        # Joints may go on beyond the mapped part of their ranges.
+        outside = space.outside == "blocked" and space.has_poses
         occupied = space.workspace.inner
         if rest > 0.0:
             occupied = grow_cells(occupied, rest, outside, outwards=False)
@@ -306,13 +305,16 @@ class ResizedRobot:
         if margin >= 0.0:  # as above
             hits |= states_of_slices(space) == BLOCKED
         states = np.where(hits, np.uint8(BLOCKED), np.uint8(MIXED))
-        pairs = [(raster, raster) for raster in rasters]
-        return self._make_map(states, Exterior.of(space.workspace.outer, pairs, space.outside))
+        exterior = Exterior(space._kernel_map.exterior)
+        if space.has_poses:
+            pairs = [(raster, raster) for raster in rasters]
+            exterior = Exterior.of(space.workspace.outer, pairs, space.outside)
+        return self._make_map(states, exterior)
 
     def _make_map(self, states: States, exterior: Exterior) -> CSpace:
         """Return a map with other states, in the grid and outside."""
         space = self.space
-        return type(space)(
+        return CSpace(
             Contents(
                 space.workspace,
                 space.robot,

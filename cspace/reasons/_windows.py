@@ -31,22 +31,25 @@ class Trial(NamedTuple):
     Attributes
     ----------
     spacing : float
-        Side of a cell of the finer map, metres, estimated or tried.
+        Side of a cell of the finer map, estimated or tried.
     rotations : int
         Number of yaw cells of the finer map; 1 if the robot does not rotate.
     decided : {"open", "shut", "nothing", "untried"}
         Result of the finer map, or of a window of it around the MIXED cells: the way is proven open
         or shut; "nothing" if no spacing down to a sixteenth of the map's decides.
+    unit : str
+        Unit of the spacing: "m", or that of joints.
     """
 
     spacing: float
     rotations: int
     decided: Decision
+    unit: str = "m"
 
     def __str__(self) -> str:
         """Return a sentence on the finer map and what it decides."""
         turns = f" and {self.rotations} rotations" if self.rotations > 1 else ""
-        settings = f"a spacing of {self.spacing:.3g} m{turns}"
+        settings = f"a spacing of {self.spacing:.3g} {self.unit}{turns}"
         if self.decided == "untried":
             return f"Perhaps {settings} would decide."
         if self.decided == "nothing":
@@ -102,7 +105,8 @@ def refine_way(space: CSpace, points: Floats, way: Way, is_decided: bool) -> tup
 
 def _describe_trial(space: CSpace, factor: int, decided: Decision) -> Trial:
     """Describe a finer map, and what it decided."""
-    return Trial(space.grid.spacing / factor, _count_rotations(space, factor), decided)
+    grid = space.grid
+    return Trial(grid.spacing / factor, _count_rotations(space, factor), decided, grid.unit)
 
 
 def _count_rotations(space: CSpace, factor: int) -> int:

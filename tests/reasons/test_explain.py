@@ -11,6 +11,7 @@ import shapely
 import trimesh
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy import ndimage
 
 import cspace
 import planners
@@ -18,6 +19,7 @@ from cspace import FREE
 from cspace.errors import ConfigurationError, InputError
 from tests.helpers.commands import document
 from tests.helpers.handmade import build_empty, components
+from tests.helpers.refusals import check_followed
 from tests.helpers.strategies import examples, seeds
 
 SIDE = 4.0
@@ -465,3 +467,76 @@ def test_a_way_outside_is_not_named_if_the_outside_is_free_or_the_robot_is_centr
     robot = cspace.Robot.disc(0.29, center=(0.5, 0.0))
     free = build_door(0.6, robot, 0.1, outside="free").explain((0.3, 2.0), (2.7, 2.0))
     assert sentence not in str(free)
+
+
+# ---- joints --------------------------------------------------------------------------------------
+
+
+def build_joint_maps(spacing, folder):
+    """Build the map of two joints among posts, and open it from a file."""
+    from tests.arms.test_joint_map import CONTINUOUS, build_plane_arm
+
+    made = cspace.build_joint_map(build_plane_arm(**CONTINUOUS), spacing)
+    made.save(folder / "joints.zarr")
+    return made, cspace.open(folder / "joints.zarr")
+
+
+def find_widest(is_open, first, last):
+    """Return the largest distance, in cells, that a chain of cells keeps from the others."""
+    distances = ndimage.distance_transform_edt(np.pad(is_open, 1))[1:-1, 1:-1]
+    for width in np.unique(distances)[::-1]:
+        labels, _ = ndimage.label(distances >= width)
+        if labels[first] == labels[last] != 0:
+            return width
+    return 0.0
+
+
+def test_margins_of_joints_are_distances_in_the_joints(tmp_path):
+    """They are told in radians, and lie between those of FREE cells and of unblocked ones."""
+    maps = build_joint_maps(0.1, tmp_path)
+    q = maps[0].sample_free(16, rng=np.random.default_rng(4))
+    told = 0
+    for start, goal in zip(q[::2], q[1::2], strict=True):
+        first, last = explanations = [each.explain(start, goal) for each in maps]
+        assert first.verdict == last.verdict and first.margin == last.margin
+        assert not any(re.search(r"\d m\b", str(each)) for each in explanations)
+        if first.verdict != "connected":
+            continue
+        told += 1
+        low, high = first.margin
+        assert "rad from all cells that are not FREE" in str(first)
+        states = maps[0].cell_states
+        ends = [tuple(maps[0].grid.cell_of(each)) for each in (start, goal)]
+        # A cell reaches 0.7 cells from its center; moves may be two cells long.
+        assert low <= 0.1 * (find_widest(states == FREE, *ends) + 2.0)
+        assert high >= 0.1 * (find_widest(states != cspace.BLOCKED, *ends) - 2.0)
+    assert told
+
+
+def test_a_way_around_the_seam_of_a_joint_is_not_denied(tmp_path):
+    """The arm may pass pi, beyond which the map does not reach."""
+    from tests.arms.test_joint_map import POSTS
+    from tests.helpers.urdfs import planar_arm_meets
+
+    steps = np.linspace(-0.3, 0.3, 13)
+    around = np.stack(np.meshgrid(math.pi + np.linspace(-0.5, 0.5, 21), steps), axis=-1)
+    assert not planar_arm_meets(around.reshape(-1, 2), POSTS).any()
+    for joint_map in build_joint_maps(0.1, tmp_path):
+        explanation = joint_map.explain((math.pi - 0.2, 0.0), (-math.pi + 0.2, 0.0))
+        assert explanation.verdict == "undecided" and explanation.margin[1] >= 0.3
+        assert "spacing of 0.05 rad" in str(explanation)
+        assert "move its shape" not in str(explanation)
+
+
+def test_the_solids_in_the_way_of_joints_are_named(tmp_path):
+    made, opened = build_joint_maps(0.1, tmp_path)
+    start, goal = (0.0, 0.0), made.nearest_free((2.0, 1.0))
+    assert str(made.explain(start, goal)).startswith(
+        "The start lies in a BLOCKED cell: the robot touches 'upper' and 'post0'."
+    )
+    assert opened.explain(start, goal).obstacles[0].startswith("the cells at (0.0")
+    check_followed(
+        lambda: made.explain(start, goal, refine=True),
+        lambda: made.explain(start, goal),
+        "leave it out, or call build_joint_map with spacing=0.05",
+    )

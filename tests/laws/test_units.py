@@ -1,0 +1,347 @@
+"""Units of all queries: in a world of twice the size, metres double, and all else stays.
+
+Every public name of every class of spaces stands in one of the tables below, so that a new query
+cannot be forgotten. Twice the size is exact in floating point, except for the geometry of arms.
+"""
+
+import math
+import re
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+
+import cspace
+import planners
+from cspace import Robot, Workspace
+from cspace._interface import ConfigurationSpace, SearchOptions
+from cspace.errors import CspaceError
+from tests.helpers.urdfs import joint, link, posed_box, write_urdf
+
+
+class Case(NamedTuple):
+    """A space, the size of its world, and free configurations at one rotation.
+
+    Attributes
+    ----------
+    space : Space
+    size : float
+        Metres of a metre in the world of size 1.
+    unit : float
+        The same for the coordinates before the rotation: 1 in a map of joints.
+    q0, q1 : tuple of float
+    """
+
+    space: Any
+    size: float
+    unit: float
+    q0: tuple[float, ...]
+    q1: tuple[float, ...]
+
+
+# ---- the worlds ----------------------------------------------------------------------------------
+
+
+def build_map(size, dim, robot, rotations=None, store=None):
+    """Build a map of cells of 0.125 m with one obstacle."""
+    occupied = np.zeros((24, 20, 12)[:dim], dtype=bool)
+    occupied[(slice(11, 13), slice(0, 9))[:dim]] = True
+    workspace = Workspace.from_array(occupied, 0.125 * size)
+    tiles = {"store": store, "tile": 8} if store else {}
+    return cspace.build(workspace, robot, rotations=rotations, **tiles)
+
+
+def add_ends(space, size):
+    """Return a case of a map, with ends on both sides of the obstacle."""
+    turns = space.rotations.centers[0]
+    ends = (0.8125, 1.6875, 0.8125), (2.1875, 1.6875, 0.8125)
+    q0, q1 = ((*(size * np.array(end[: space.dim])), *turns) for end in ends)
+    return Case(space, size, size, tuple(map(float, q0)), tuple(map(float, q1)))
+
+
+def build_arm_space(size, folder):
+    """Build the space of two bars of 0.5 m beside a post."""
+    bar = ((0.5 * size, 0.0625 * size, 0.0625 * size), (0.25 * size, 0, 0))
+    parts = link("foot"), link("upper", bar), link("fore", bar)
+    joints = joint("shoulder", "foot", "upper"), joint("elbow", "upper", "fore", (0.5 * size, 0, 0))
+    arm = cspace.Arm.from_urdf(write_urdf(folder, *parts, *joints))
+    post = posed_box((0.125 * size,) * 3, 0.75 * size, 0.5 * size)
+    return cspace.build_arm_space({"post": post}, arm)
+
+
+def make_case(kind, size, folder):
+    """Build the space of a kind in a world of a size."""
+    folder = folder / str(size)
+    folder.mkdir()
+    plate = Robot.rectangle(0.375 * size, 0.25 * size)
+    brick = Robot.box((0.375 * size, 0.25 * size, 0.125 * size))
+    if kind == "plane":
+        return add_ends(build_map(size, 2, plate), size)
+    if kind == "tiled":
+        return add_ends(build_map(size, 2, plate, store=folder / "tiles.zarr"), size)
+    if kind == "plane with a yaw":
+        return add_ends(build_map(size, 2, plate, 8), size)
+    if kind == "space":
+        return add_ends(build_map(size, 3, brick), size)
+    if kind == "space with a yaw":
+        return add_ends(build_map(size, 3, brick, 6), size)
+    if kind == "SE(3)":
+        return add_ends(build_map(size, 3, brick, cspace.Rotations.quaternions(1)), size)
+    arm_space = build_arm_space(size, folder)
+    ends = (-0.75, 0.5), (-0.25, 0.25)
+    if kind == "arm":
+        return Case(arm_space, size, 1.0, *ends)
+    joint_map = cspace.build_joint_map(arm_space, 0.125)
+    if kind == "joints from a file":
+        joint_map.save(folder / "joints.zarr")
+        joint_map = cspace.open(folder / "joints.zarr")
+    return Case(joint_map, size, 1.0, *ends)
+
+
+KINDS = (
+    *("plane", "tiled", "plane with a yaw", "space", "space with a yaw", "SE(3)"),
+    *("joints", "joints from a file", "arm"),
+)
+JOINTS = {"joints", "joints from a file"}
+
+# ---- the queries ---------------------------------------------------------------------------------
+
+METRES = {
+    "closest": lambda c: c.space.closest(c.q0).distance,
+    "margin": lambda c: c.space.margin,
+    "obstacle_distance": lambda c: c.space.obstacle_distance(c.q0),
+    "padding": lambda c: list(c.space.padding.values()),
+    "path_obstacle_distance": lambda c: c.space.path_obstacle_distance([c.q0, c.q1]),
+    "robot": lambda c: c.space.robot.span,
+    "to_costmap": lambda c: c.space.to_costmap().metadata.resolution,
+    "to_occupancy_grid": lambda c: c.space.to_occupancy_grid().info.resolution,
+}
+"""Queries in metres of the workspace, whatever the coordinates are."""
+
+COORDINATES = {
+    "bounds": lambda c: c.space.bounds,
+    "check_bounds": lambda c: c.space.check_bounds(),
+    "check_endpoint": lambda c: c.space.check_endpoint(c.q0, "q")[: c.space.dim],
+    "clearance": lambda c: c.space.clearance(c.q0),
+    "clearance_checker": lambda c: c.space.clearance_checker()(*c.q0),
+    "distance": lambda c: c.space.distance(np.array(c.q0), np.array(c.q1)),
+    "explain": lambda c: c.space.explain(c.q0, c.q1).margin,
+    "find_goals": lambda c: np.array(c.space.find_goals(c.q1, c.q0, 0))[:, : c.space.dim],
+    "find_path": lambda c: c.space.find_path(c.q0, c.q1)[:, : c.space.dim],
+    "find_widest_path": lambda c: c.space.find_widest_path(c.q0, c.q1)[:, : c.space.dim],
+    "free_region": lambda c: ask_region(c).bounds[1][: c.space.dim],
+    "grid": lambda c: (c.space.grid.spacing, *c.space.grid.lower, *c.space.grid.upper),
+    "interpolate": lambda c: c.space.interpolate(*map(np.array, (c.q0, c.q1)), 0.5)[: c.space.dim],
+    "min_path_length": lambda c: c.space.min_path_length(c.q0, c.q1),
+    "nearest_free": lambda c: c.space.nearest_free(c.q0)[: c.space.dim],
+    "overview": lambda c: c.space.overview(100).grid.spacing,
+    "reachable_bounds": lambda c: c.space.reachable_bounds(c.q0),
+    "resolution": lambda c: c.space.resolution,
+    "sample_free": lambda c: c.space.sample_free(5, np.random.default_rng(1))[:, : c.space.dim],
+    "search": lambda c: run_search(c)[:, : c.space.dim],
+    "sort_goals": lambda c: np.array(c.space.sort_goals([c.q0, c.q1], c.q1))[:, : c.space.dim],
+    "steps_between": lambda c: c.space.steps_between(np.array(c.q0), np.array(c.q1)),
+    "to_xarray": lambda c: [c.space.to_xarray()[axis].values for axis in c.space.grid.axes],
+    "window": lambda c: c.space.window(*np.sort([c.q0, c.q1], axis=0)).bounds,
+    "workspace": lambda c: c.space.workspace.grid.spacing,
+}
+"""Queries in the unit of the coordinates before the rotation; an arm's clearance is in metres."""
+
+UNCHANGED = {
+    "allowed_collisions": lambda c: c.space.allowed_collisions,
+    "arm": lambda c: c.space.arm.joints,
+    "axes": lambda c: c.space.axes,
+    "cell_states": lambda c: c.space.cell_states,
+    "certify_chunk": lambda c: ask_chunk(c).proven,
+    "certify_path": lambda c: c.space.certify_path([c.q0, c.q1]),
+    "certify_twists": lambda c: c.space.certify_twists(c.q0, [(0.1 * c.size, 0.1)], 0.5).proven,
+    "classify": lambda c: c.space.classify([c.q0, c.q1]),
+    "compute_components": lambda c: c.space.compute_components(),
+    "contains_robot": lambda c: c.space.contains_robot(c.q0),
+    "count": lambda c: c.space.count(),
+    "dim": lambda c: c.space.dim,
+    "dof": lambda c: c.space.dof,
+    "edge_checker": lambda c: c.space.edge_checker()(*c.q0, *c.q1),
+    "frame_id": lambda c: c.space.frame_id,
+    "free_regions": lambda c: c.space.free_regions(0.3, reach=c.unit, max_regions=2).coverage,
+    "free_yaws": lambda c: c.space.free_yaws(c.q0[: c.space.dim]),
+    "halo": lambda c: c.space.halo,
+    "has_cells": lambda c: c.space.has_cells,
+    "has_poses": lambda c: c.space.has_poses,
+    "in_memory": lambda c: c.space.in_memory,
+    "is_connected": lambda c: c.space.is_connected(c.q0, c.q1),
+    "is_disconnected": lambda c: c.space.is_disconnected(c.q0, c.q1),
+    "is_free": lambda c: c.space.is_free([c.q0, c.q1]),
+    "is_free_around": lambda c: c.space.is_free_around(c.q0, 0.05 * c.unit, 0.05),
+    "is_labelled": lambda c: c.space.is_labelled,
+    "max_velocity": lambda c: [*c.space.max_velocity.values()],
+    "motion_is_free": lambda c: c.space.motion_is_free(c.q0, c.q1),
+    "motions_are_free_around": lambda c: c.space.motions_are_free_around(
+        np.array([c.q0]), np.array([c.q1]), np.array([0.01, 0.01])
+    ),
+    "obstacles": lambda c: list(c.space.obstacles),
+    "outside": lambda c: c.space.outside,
+    "overlap_count": lambda c: c.space.overlap_count(c.q0),
+    "overlap_counts": lambda c: c.space.overlap_counts is None,
+    "path_exists": lambda c: c.space.path_exists(c.q0, c.q1),
+    "periodic_axes": lambda c: c.space.periodic_axes,
+    "point_checker": lambda c: c.space.point_checker()(*c.q0),
+    "progress": lambda c: c.space.progress,
+    "removals": lambda c: c.space.removals(c.q0, c.q1),
+    "rotations": lambda c: repr(c.space.rotations),
+    "searches": lambda c: c.space.searches,
+    "size": lambda c: c.space.size,
+    "slice_of": lambda c: c.space.slice_of,
+    "slice_rotations": lambda c: c.space.slice_rotations,
+    "states_at": lambda c: c.space.states_at(c.q0[c.space.dim :]),
+    "tile": lambda c: c.space.tile,
+    "tries_exact": lambda c: c.space.tries_exact,
+    "units": lambda c: c.space.units,
+}
+"""Queries without a length: states, counts, angles and names."""
+
+NO_QUERIES = {
+    *("add_obstacle", "allow_collisions", "attach", "detach", "forbid_collisions", "set_padding"),
+    *("remove_obstacle", "update", "export", "open", "path", "plot", "save", "view"),
+    "follow_line",  # a motion, whose pose is given
+}
+"""Calls that change, write or show."""
+
+REFUSED = {
+    "certify_twists": {*KINDS} - {"plane with a yaw"},
+    "contains_robot": JOINTS,
+    "explain": {"SE(3)"},
+    "free_region": {"SE(3)", "tiled", "arm"},
+    "free_regions": {"SE(3)", "tiled", "arm"},
+    "free_yaws": {*KINDS} - {"plane with a yaw", "space with a yaw"},
+    "obstacle_distance": {"joints from a file"},
+    "removals": {"SE(3)"},
+    "to_costmap": {"space", "space with a yaw", "SE(3)"} | JOINTS,
+    "to_occupancy_grid": {"space", "space with a yaw", "SE(3)"} | JOINTS,
+}
+"""Kinds of spaces that refuse a query, in one line."""
+
+
+def ask_region(case):
+    """Return a region, of the yaw alone if there is one."""
+    width = {"yaw_width": 0.1} if case.space.axes[-1] == "yaw" else {}
+    return case.space.free_region(case.q0, reach=case.unit, **width)
+
+
+def ask_chunk(case):
+    """Return the chunk of one row."""
+    turns = [0.01] * bool(case.space.rotations.names)
+    tracking = [0.01 * case.unit] * case.space.dim + turns
+    return case.space.certify_chunk(case.q0, [case.q1], tracking)
+
+
+def run_search(case):
+    """Return the path of the first search of a space."""
+    options = SearchOptions(True, False, 1, 0, 5.0)
+    name = next(iter(case.space.searches), "")
+    return case.space.search(name, (case.q0, case.q1), options)
+
+
+# ---- the law -------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module", params=KINDS)
+def worlds(request, tmp_path_factory):
+    """Build the same world in two sizes."""
+    folder = tmp_path_factory.mktemp("worlds")
+    return request.param, *(make_case(request.param, size, folder) for size in (1.0, 2.0))
+
+
+def list_classes():
+    """Return all classes of spaces of cspace."""
+    assert cspace.CSpace and cspace.TiledCSpace and cspace.build_joint_map  # loaded at first use
+    classes = [ConfigurationSpace]
+    for parent in classes:
+        classes += [
+            each for each in parent.__subclasses__() if each.__module__.startswith("cspace")
+        ]
+    return classes
+
+
+def list_names(*classes):
+    """Return the public names of classes."""
+    return {name for each in classes for name in dir(each) if not name.startswith("_")}
+
+
+def test_every_query_stands_in_one_table(worlds):
+    tables = METRES.keys(), COORDINATES.keys(), UNCHANGED.keys(), NO_QUERIES
+    assert sum(map(len, tables)) == len(set().union(*tables))
+    assert set().union(*tables) == list_names(*list_classes())
+    assert type(worlds[1].space) in list_classes()
+
+
+def flatten(answer):
+    """Return an answer as numbers, or as it is."""
+    if isinstance(answer, list | tuple):
+        parts = [flatten(part) for part in answer]
+        if all(isinstance(part, np.ndarray) for part in parts):
+            return np.concatenate([np.empty(0), *parts])
+        return answer
+    is_number = not isinstance(answer, str) and np.asarray(answer).dtype.kind in "iufb"
+    return np.ravel(answer).astype(float) if is_number else answer
+
+
+def check_answers(name, kind, factor, small, large):
+    """Check that a query answers in both worlds, with numbers that differ by a factor."""
+    call = (METRES | COORDINATES | UNCHANGED)[name]
+    if kind in REFUSED.get(name, ()):
+        for case in (small, large):
+            with pytest.raises(CspaceError) as caught:
+                call(case)
+            assert "\n" not in str(caught.value)
+        return
+    first, second = flatten(call(small)), flatten(call(large))
+    if isinstance(first, np.ndarray):
+        np.testing.assert_allclose(second, factor * first, rtol=1e-5, atol=1e-9, err_msg=name)
+    else:
+        assert first == second, name
+
+
+def test_metres_double_with_the_world_and_all_else_stays(worlds):
+    kind, small, large = worlds
+    for name in sorted(list_names(type(small.space)) - NO_QUERIES):
+        factor = 1.0
+        if name in METRES or (kind == "arm" and name.startswith("clearance")):
+            factor = 2.0
+        elif name in COORDINATES:
+            factor = large.unit
+        check_answers(name, kind, factor, small, large)
+
+
+LENGTHS = re.compile(r"(\d[\d.]*(?:e-?\d+)?) (m|rad)\b")
+"""Numbers with units in text."""
+
+
+def list_lengths(text):
+    """Return the numbers of metres and of radians in a text."""
+    found = LENGTHS.findall(text)
+    return [np.array([float(x) for x, unit in found if unit == want]) for want in ("m", "rad")]
+
+
+def test_texts_name_the_unit_of_their_numbers(worlds):
+    """Lengths of sentences and plans double if they are told in metres."""
+    kind, small, large = worlds
+    texts = [describe(case, kind) for case in (small, large)]
+    (metres, radians), (double, same) = map(list_lengths, texts)
+    # Three digits are printed.
+    np.testing.assert_allclose(double, 2.0 * metres, rtol=0.02, atol=2e-3)
+    np.testing.assert_allclose(same, radians, rtol=0.02, atol=2e-3)
+    assert len(metres) and (len(radians) or kind not in JOINTS)
+
+
+def describe(case, kind):
+    """Return texts of a space that have lengths, without times."""
+    plan = planners.plan(case.space, case.q0, case.q1, time_limit=2.0, seed=0)
+    lines = [repr(case.space), *str(plan).splitlines()[:2], plan.distance_text]
+    _, distance, unit = plan.shown_distance
+    lines += [f"{distance} {unit}", f"{case.space.robot.span} m" if kind in JOINTS else ""]
+    if not math.isnan(plan.clearance):
+        lines.append(f"{plan.clearance} {plan.clearance_unit}")
+    if hasattr(case.space, "explain") and kind != "SE(3)":
+        lines += case.space.explain(case.q0, case.q1).sentences
+    return "\n".join(lines)
