@@ -48,7 +48,7 @@ from cspace._support.check import (
     check_word,
     names_options,
 )
-from cspace._support.reporting import format_sides, warn_user
+from cspace._support.reporting import format_sides, tell_apart, warn_user
 from cspace._support.words import Method, Outside
 from cspace._workspace import Workspace, covering_shape, load_workspace
 from cspace.errors import InputError, UnitWarning
@@ -438,9 +438,10 @@ def _find_obstruction(space: CSpace, margin: float) -> tuple[str, str] | None:
         needed += space.robot.shape.inner.inscribed_radius
     if needed <= widest:
         return None
+    widest_text, needed_text = tell_apart(widest, needed, 3)
     reason = (
-        f"the widest free disc has a radius of {widest:.3g} m, and the robot with its margin needs "
-        f"{needed:.3g} m"
+        f"the widest free disc has a radius of {widest_text} m, and the robot with its margin "
+        f"needs {needed_text} m"
     )
     return reason, "use a smaller robot or margin, and check the units (metres)"
 
@@ -551,7 +552,7 @@ def suggest(
         turn_axes = 0
     width, reach = _measure_robot(robot.shape, rotations)
     if gap <= width:
-        problem = f"is {gap:g} m and the robot is {width:.6g} m wide"
+        problem = "is {} m and the robot is {} m wide".format(*tell_apart(gap, width))
         raise InputError("gap", problem, "it must be wider than the robot", "pass a wider gap")
     # The sum of the diagonal of a cell and of the displacement within a rotation cell may be at
     # most this budget, metres.

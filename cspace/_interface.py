@@ -26,6 +26,7 @@ from cspace._rotations.base import (
 )
 from cspace._support.arrays import FREE, MAX_EXPECTED_ANGLE, Bools, Floats, Ints, States
 from cspace._support.check import check_finite, check_pairs, names_options
+from cspace._support.reporting import tell_apart
 from cspace.errors import ConfigurationError, InputError
 
 if TYPE_CHECKING:
@@ -177,6 +178,13 @@ class Space(ABC):
     is_labelled: bool = True
     searches: tuple[str, ...] = ()
 
+    def __repr__(self) -> str:
+        """Return the class and the names of the coordinates."""
+        axes: object = self.axes
+        # A method's repr would be that of the space again.
+        names = map(str, axes if isinstance(axes, tuple) else ())
+        return f"{type(self).__name__}({', '.join(names)})"
+
     # ---- what every space says -------------------------------------------------------------------
 
     @property
@@ -254,15 +262,16 @@ class Space(ABC):
 
     def check_bounds(self) -> tuple[Floats, Floats]:
         """Return :attr:`bounds` as arrays, or raise InputError."""
-        lower, upper = (check_finite(bound, "bounds") for bound in self.bounds)
-        if not lower.shape == upper.shape == (self.dim,) or (lower > upper).any():
+        bounds: Any = self.bounds
+        rows = check_finite(bounds, "bounds")
+        if rows.shape != (2, self.dim) or (rows[0] > rows[1]).any():
             raise InputError(
                 "bounds",
                 f"are {self.bounds!r}",
                 f"they must be two rows of {self.dim} numbers, the lower ones first",
                 f"give one for each of {', '.join(self.axes[: self.dim])}",
             )
-        return lower, upper
+        return rows[0], rows[1]
 
     def steps_between(self, q0: Floats, q1: Floats) -> Floats:
         """Return the steps between configurations, with the shorter rotation.
@@ -1067,7 +1076,8 @@ class ConfigurationSpace(Space):
             last = edge + 1
             if pairs is not None:
                 first, last = pairs[edge].tolist()
-            turn = f"turns {self.axes[joint]} by {steps[*path, edge, joint]:.6g} rad"
+            angle, _ = tell_apart(steps[*path, edge, joint], math.pi)
+            turn = f"turns {self.axes[joint]} by {angle} rad"
             raise InputError(
                 "path",
                 f"{turn} from row {first} to row {last}",

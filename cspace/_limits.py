@@ -18,6 +18,7 @@ from typing import Final, Literal, NamedTuple
 from cspace._grid import Grid
 from cspace._support.arrays import StrPath
 from cspace._support.check import check_count, check_known
+from cspace._support.reporting import tell_apart
 from cspace.errors import FileError, InputError
 
 WORKSPACE_CELL_BYTES: Final = 2
@@ -142,11 +143,11 @@ def check_bytes(
     size does not fit into memory. ``what`` is a verb for the message, such as "holds" or "unpacks
     to".
     """
-    problem = f"{what} {bytes_text(size)}"
     limits = _LIMITS.get()
     # Users may have raised one limit above the other; the lower one applies.
     lower_limit = min("max_bytes", limit, key=lambda name: getattr(limits, name))
-    limit_text = bytes_text(getattr(limits, lower_limit))
+    size_text, limit_text = tell_apart(size, getattr(limits, lower_limit), 3, bytes_text)
+    problem = f"{what} {size_text}"
     _check_limit(path, problem, size, lower_limit, limit_text)
     check_file_memory(path, problem, memory * size)
 
@@ -161,8 +162,8 @@ def check_cells(path: StrPath, shape: Sequence[int], memory: float = 1.0) -> Non
     # Sides that a float cannot hold exactly are shortened.
     sides = [f"{n}" if n < 2**53 else f"{n:.4g}" for n in shape]
     declared = f"declares {' x '.join(sides)} cells"
-    limit = f"{_LIMITS.get().max_cells:.4g}"
-    _check_limit(path, f"{declared}, {count:.4g} in all", count, "max_cells", limit)
+    total, limit = tell_apart(count, _LIMITS.get().max_cells, 4)
+    _check_limit(path, f"{declared}, {total} in all", count, "max_cells", limit)
     check_file_memory(path, declared, memory * count)
 
 
@@ -240,18 +241,18 @@ def check_memory(
 
 def _memory_parts(description: str, needed: float, free: float) -> tuple[str, str]:
     """Return the problem and the rule of an error message about memory."""
-    problem = f"{description} and needs about {bytes_text(needed)} of memory"
-    usable = bytes_text(MAX_MEMORY_FRACTION * free)
+    needed_text, usable = tell_apart(needed, MAX_MEMORY_FRACTION * free, 3, bytes_text)
+    problem = f"{description} and needs about {needed_text} of memory"
     return problem, f"at most {usable} may be used, {MAX_MEMORY_FRACTION:.0%} of the free memory"
 
 
-def bytes_text(size: float) -> str:
+def bytes_text(size: float, digits: int = 3) -> str:
     """Format a number of bytes with a unit, e.g. "1.5 GB"."""
     units = ["TB", "GB", "MB", "kB", "bytes"]
     while size >= 999.5 and len(units) > 1:  # 999.5 would be rounded to 1000
         size /= 1000
         units.pop()
-    return f"{size:.3g} {units[-1]}"
+    return f"{size:.{digits}g} {units[-1]}"
 
 
 def _container_bytes() -> float:

@@ -34,6 +34,7 @@ from cspace._support.check import (
     names_options,
     warn_of_degrees,
 )
+from cspace._support.reporting import tell_apart
 from cspace.errors import InputError
 from planners._segments import bound_derivatives
 from planners._trajectory import Trajectory
@@ -310,8 +311,9 @@ def _find_interval(movers: tuple[Timed, Timed], until: float | None) -> tuple[fl
         rule = "a thing that moves, or an error that grows, has no end"
         raise InputError("until", "is missing", rule, "pass until=10.0, in seconds")
     if end < begin:
-        rule = f"the motions begin at {begin:g} s"
-        raise InputError("until", f"is {end:g}", rule, "pass a later time")
+        last, first = tell_apart(end, begin)
+        rule = f"the motions begin at {first} s"
+        raise InputError("until", f"is {last}", rule, "pass a later time")
     return begin, end
 
 

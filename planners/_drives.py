@@ -6,6 +6,7 @@ from typing import Final
 
 from cspace._interface import Space
 from cspace._support.check import check_flag, check_positive, check_word
+from cspace._support.reporting import tell_apart
 from cspace._support.words import Drive
 from cspace.errors import InputError
 from planners._local_planner import (
@@ -102,13 +103,14 @@ def _check_drive(space: Space, drive: Drive, turning_radius: float | None) -> fl
     lowest = MIN_RADIUS_CELLS * spacing
     highest = MAX_RADIUS_CELLS * spacing
     if not lowest <= radius <= highest:
+        least, most = tell_apart(radius, lowest)[1], tell_apart(radius, highest)[1]
         hint = "check its unit (metres)"
         if radius < lowest:
             hint = "if the robot turns on the spot, pass drive='differential' without a radius"
         raise InputError(
             "turning_radius",
             f"is {radius!r}",
-            f"it must be {lowest:g} to {highest:g} m, to keep rounding errors small",
+            f"it must be {least} to {most} m, to keep rounding errors small",
             hint,
         )
     return radius

@@ -12,6 +12,7 @@ from ompl import geometric as og
 
 from cspace._interface import Space
 from cspace._support.check import check_rng, names_options
+from cspace._support.reporting import tell_apart
 from cspace._support.words import Drive
 from cspace.errors import InputError
 from planners._drives import local_planner
@@ -105,10 +106,11 @@ def _check_extent(space: Space, states: ob.StateSpace) -> None:
     share = min(_choose_checking_share(space, states), states.getLongestValidSegmentFraction())
     if extent * share < sys.float_info.epsilon:
         unit = space.units[0]
+        spans, least = tell_apart(extent, sys.float_info.epsilon / share, 3)
         raise InputError(
             "space",
-            f"spans {extent:.3g} {unit}",
-            f"OMPL's planners need at least {sys.float_info.epsilon / share:.2g} {unit}",
+            f"spans {spans} {unit}",
+            f"OMPL's planners need at least {least} {unit}",
             "use a larger unit, or leave planner out of planners.plan",
         )
 

@@ -22,7 +22,7 @@ from cspace._rotations.base import TWO_PI, wrap_angles
 from cspace._rotations.quaternion import multiply
 from cspace._support.arrays import Bools, Floats, Ints, frozen, number_parts
 from cspace._support.check import check_each, check_finite, check_positive, names_options
-from cspace._support.reporting import warn_user
+from cspace._support.reporting import tell_apart, warn_user
 from cspace._support.words import Drive
 from cspace.errors import InputError
 from planners._car_curves import MAX_GAP
@@ -1278,7 +1278,7 @@ def _stretch(phases: Phases, duration: float | None) -> Phases:
         raise InputError(
             "duration",
             f"is {duration!r}",
-            f"the limits need {total:.6g} s",
+            f"the limits need {tell_apart(total, factor * total)[0]} s",
             "raise it, or the limits",
         )
     return slow_down(phases, factor)

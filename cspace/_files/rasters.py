@@ -12,6 +12,7 @@ from cspace._files.crs import check_crs
 from cspace._files.fields import Fields, Ledger
 from cspace._support.arrays import Floats
 from cspace._support.check import check_dims, check_finite
+from cspace._support.reporting import tell_apart
 from cspace.errors import InputError
 
 _METRES: Final = ("", "m", "metre", "metres", "meter", "meters")
@@ -156,7 +157,8 @@ def _check_steps(values: Any, centers: Floats, spacing: float, label: str) -> No
             "compute it in float64, e.g. x0 + spacing * np.arange(n)",
         )
     steps = np.diff(centers)
-    problem = f"has steps from {steps.min():g} to {steps.max():g} m"
+    low, high = (tell_apart(step, spacing)[0] for step in (steps.min(), steps.max()))
+    problem = f"has steps from {low} to {high} m"
     hint = f"pass spacing={np.median(steps):.6g}, or interpolate the array"
     raise InputError(label, problem, f"they must be the spacing, {spacing:g} m", hint)
 

@@ -30,6 +30,7 @@ from cspace._support.check import (
     check_rows,
     warn_of_degrees,
 )
+from cspace._support.reporting import tell_apart
 from cspace.errors import InputError
 
 if TYPE_CHECKING:
@@ -112,7 +113,8 @@ class RowCheck(NamedTuple):
             name = self.names[column]
             value = self.values[0, row, column]
             limit = np.broadcast_to(self.limits, self.values.shape)[0, row, column]
-            message = f"row {row}: {name} {self.verb} {value:.6g}, at most {limit:.6g} is allowed"
+            number, most = tell_apart(value, limit)
+            message = f"row {row}: {name} {self.verb} {number}, at most {most} is allowed"
             return RowRefusal(row, self.cause, (name,), message)
         return None
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 import sys
 import warnings
+from collections.abc import Callable
 from importlib import import_module
 from typing import Any, Final
 
@@ -45,6 +46,28 @@ def warn_user(message: str, category: type[Warning] = UserWarning) -> None:
         frame = frame.f_back
         level += 1
     warnings.warn(message, category, stacklevel=level)
+
+
+def write_number(number: float, digits: int) -> str:
+    """Format a number with some significant digits."""
+    return f"{number:.{digits}g}"
+
+
+def tell_apart(
+    value: float,
+    limit: float,
+    digits: int = 6,
+    write: Callable[[float, int], str] = write_number,
+) -> tuple[str, str]:
+    """Format a value and its limit with as many digits as they need to differ.
+
+    ``digits`` are the fewest significant ones; ``write`` formats a number with some.
+    """
+    texts = write(value, digits), write(limit, digits)
+    # With 17 digits, different numbers have different texts.
+    if texts[0] == texts[1] and digits < 17 and value != limit:
+        return tell_apart(value, limit, digits + 1, write)
+    return texts
 
 
 def format_sides(sides: Floats) -> str:

@@ -31,7 +31,7 @@ from cspace._support.check import (
     names_options,
     warn_of_degrees,
 )
-from cspace._support.reporting import warn_user
+from cspace._support.reporting import tell_apart, warn_user
 from cspace.arms._chain import FIXED, MAX_BODIES, PRISMATIC, REVOLUTE, Chain, compute_poses
 from cspace.arms._inverse import DEFAULT_TOLERANCE, Branch, PoseGoal, branch_to, solve_pose
 from cspace.arms._motion_proofs import ArmScene, are_free
@@ -438,10 +438,10 @@ class Arm:
         if not len(result.joints):
             q[joints] = result.nearest
             max_distance, max_angle = goal.tolerance
-            gap = f"{result.distance:.3g} m"
+            gap = f"{tell_apart(result.distance, max_distance, 3)[0]} m"
             tolerance = f"{max_distance:g} m"
             if math.isfinite(max_angle):
-                gap += f" and {result.angle:.3g} rad"
+                gap += f" and {tell_apart(result.angle, max_angle, 3)[0]} rad"
                 tolerance += f" and {max_angle:g} rad"
             raise ConfigurationError(
                 name,
