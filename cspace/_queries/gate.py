@@ -25,6 +25,7 @@ from cspace._queries.chunks import (
 )
 from cspace._support.arrays import Floats
 from cspace._support.check import check_each, check_finite, check_positive, names_options
+from cspace._support.check import check_rows as check_columns
 from cspace.errors import InputError
 
 GateState = Literal["go", "shortened", "hold"]
@@ -125,7 +126,8 @@ class Gate:
         max_jerk: JerkLimits | None = None,
     ) -> None:
         """Check and keep the limits; InputError for a space of your own."""
-        if not isinstance(space, ConfigurationSpace):
+        # A proxy of a map may have that map's __class__, and answers of its own.
+        if not issubclass(type(space), ConfigurationSpace):
             raise InputError(
                 "space",
                 f"is {space!r}",
@@ -155,6 +157,16 @@ class Gate:
             for name, rate in zip(TWIST_NAMES, rates.tolist(), strict=True):
                 check_positive(rate, f"max_deceleration of {name}")
             self.max_deceleration = rates
+
+    def __repr__(self) -> str:
+        """Return the space and the limits that are given."""
+        parts = [repr(self.space)]
+        for name, value in vars(self).items():
+            if name == "space" or value is None:
+                continue
+            shown = value if isinstance(value, Mapping) else np.asarray(value).tolist()
+            parts.append(f"{name}={shown!r}")
+        return f"Gate({', '.join(parts)})"
 
     def _check_jerk(self, limits: JerkLimits, max_deceleration: ArrayLike | None) -> None:
         """Raise InputError if limits of jerk are none, or the gate cannot keep them."""
@@ -195,7 +207,7 @@ class Gate:
         chunk._check_alone()
         commands = chunk.rows.copy()
         proven = int(chunk.proven)
-        commands[proven:] = commands[proven - 1] if proven else check_finite(q, "q")
+        commands[proven:] = commands[proven - 1] if proven else chunk._tubes.starts[0]
         return GatedCommands(commands, _name_state(chunk), chunk)
 
     def check_twists(
@@ -208,9 +220,10 @@ class Gate:
         driven up to ``q``, the latest last. Two are enough; without them jerks are checked from the
         third twist on.
         """
-        chunk = self._certify(q, twists, before)
+        asked = check_columns(twists, "twists", TWIST_NAMES)
+        chunk = self._certify(q, asked, before)
         chunk._check_alone()
-        commands = np.array(twists, dtype=np.float64)
+        commands = np.array(asked, dtype=np.float64)
         commands[int(chunk.proven) :] = 0.0
         return GatedCommands(commands, _name_state(chunk), chunk)
 

@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+import pandas as pd
 import pytest
 import shapely
 from hypothesis import given
@@ -588,6 +589,30 @@ def test_a_gate_passes_the_proven_part_then_holds(room):
     rows = cspace.Gate(room, tracking=0.05).check_rows(START, [(3.0, 2.5, 0.0), START])
     assert rows.state == "hold"
     assert rows.commands.tolist() == [list(START)] * 2
+
+
+def test_a_gate_returns_the_commands_that_it_proved_whatever_their_labels(room):
+    gate = cspace.Gate(room, dt=0.2, max_velocity=(1.0, 1.0))
+    table = pd.DataFrame({"omega": [0.5] * 3, "v": [0.0] * 3})
+    passed = gate.check_twists(START, table)
+    assert passed.state == "go" and passed.commands.tolist() == [[0.0, 0.5]] * 3
+    rows = cspace.Gate(room, dt=0.2, max_velocity=9.0)
+    q = pd.Series({"yaw": START[2], "y": START[1], "x": START[0]})
+    held = rows.check_rows(q, pd.DataFrame([(0.0, 2.5, 90.0)], columns=["yaw", "y", "x"]))
+    assert held.state == "hold" and held.commands.tolist() == [list(START)]
+
+
+def test_a_refusal_shows_digits_that_tell_value_and_limit_apart(room):
+    gate = cspace.Gate(room, dt=0.1, max_velocity=(1.0, 1.0))
+    message = gate.check_twists(START, [(1.00000002, 0.0)]).chunk.refusal.message
+    assert message == "row 0: v is 1.00000002, at most 1 is allowed"
+
+
+def test_the_repr_of_a_gate_has_its_limits(room):
+    assert repr(cspace.Gate(room)) == f"Gate({room!r}, tracking=0.0)"
+    gate = cspace.Gate(room, dt=0.1, max_deceleration=(1.0, 0.5), max_velocity={"v": 1, "omega": 2})
+    limits = "tracking=0.0, dt=0.1, max_velocity={'v': 1, 'omega': 2}, max_deceleration=[1.0, 0.5]"
+    assert repr(gate) == f"Gate({room!r}, {limits})"
 
 
 FLAT = (1.0, 2.5)
