@@ -5,15 +5,16 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Sequence
-from typing import Final, NamedTuple, TypeVar
+from typing import Final, NamedTuple, TypeVar, cast
 
 import numpy as np
 from ompl import base as ob
 
-from cspace._interface import Space
+from cspace._interface import ConfigurationSpace, Space
 from cspace._rotations.base import METRES_PER_RADIAN, TWO_PI, wrap_angles, wrap_steps
 from cspace._support.arrays import Floats
 from cspace.errors import InputError
+from planners._own_space import check_own_space
 
 Configuration = tuple[float, ...]
 """Numbers of a configuration."""
@@ -150,14 +151,17 @@ def _list_parts(states: ob.StateSpace) -> list[str]:
 
 
 def check_space(space: object) -> None:
-    """Raise InputError unless ``space`` is a :class:`cspace.Space`."""
-    if not isinstance(space, Space):
+    """Raise InputError unless ``space`` is a :class:`cspace.Space` that is well described."""
+    # Proxies have the class of another object, and answers of their own.
+    if not issubclass(type(space), Space):
         raise InputError(
             "space",
             f"is a {type(space).__name__}",
             "it must be a cspace.Space, as the results of cspace.build and cspace.open are",
             "check the order of arguments",
         )
+    if not isinstance(space, ConfigurationSpace):
+        check_own_space(cast(Space, space))
 
 
 def _write_vector(state: ob.State, *q: float) -> None:

@@ -11,6 +11,7 @@ import cspace
 import planners
 from cspace import InputError
 from cspace.lanes import RouteGraph
+from tests.helpers.refusals import check_followed, refusals
 
 
 class Disc(cspace.Space):
@@ -95,6 +96,118 @@ def test_spaces_with_wrong_bounds_say_so():
         space.bounds = wrong
         with pytest.raises(InputError, match=r"bounds are .*two rows of 2 numbers"):
             planners.plan(space, START, GOAL)
+
+
+def make_own(**members):
+    """Return a space in which all is free, with members of its own."""
+
+    class Own(cspace.Space):
+        axes = ("a", "b")
+
+        @property
+        def bounds(self):
+            return (0.0,) * self.dim, (4.0,) * self.dim
+
+        def is_free(self, q):
+            return True
+
+        def motion_is_free(self, q0, q1):
+            return True
+
+    return type("Own", (Own,), members)()
+
+
+def plan_own(**members):
+    """Plan in a space with members of its own."""
+    space = make_own(**members)
+    size = len(FORKED) if space.axes == FORKED else 2
+    return planners.plan(space, (1.0,) * size, (2.0,) * size)
+
+
+FORKED = ("x", "y", "yaw", "fork")
+
+
+@refusals(
+    "call, mended, message",
+    (
+        lambda: plan_own(axes=["a", "b"]),
+        lambda: plan_own(axes=("a", "b")),
+        "they must be a tuple of different names; write axes = ('a', 'b')",
+    ),
+    (lambda: plan_own(axes="ab"), "axes are 'ab'; they must be a tuple of different"),
+    (lambda: plan_own(axes=("a", "a")), plan_own, "write e.g. axes = ('a', 'b')"),
+    (lambda: plan_own(axes=lambda self: ("a", "b")), "they must be a tuple of different names"),
+    (
+        lambda: plan_own(axes=FORKED),
+        lambda: plan_own(axes=FORKED, periodic_axes=(False, False, True, False)),
+        "has 'yaw' as its rotation; for an angle that wraps, write periodic_axes = (False, False, True, False)",
+    ),
+    (lambda: plan_own(axes=("q", "qx", "qy", "qz", "qw")), "has 'qx' as its rotation"),
+    (
+        lambda: plan_own(periodic_axes=("b",)),
+        lambda: plan_own(periodic_axes=(False, True)),
+        "one bool for each of a, b; write periodic_axes = (False, True)",
+    ),
+    (lambda: plan_own(periodic_axes=(True,)), "periodic_axes is (True,); it must be a tuple"),
+    (lambda: plan_own(periodic_axes=(1, 0)), "periodic_axes is (1, 0); it must be a tuple"),
+    (lambda: plan_own(periodic_axes=None), "periodic_axes is None; it must be a tuple"),
+    (lambda: plan_own(bounds=None), "bounds is None; it must be numeric"),
+    (lambda: plan_own(bounds=((0.0, 0.0),)), "they must be two rows of 2 numbers"),
+    (lambda: plan_own(bounds=((0.0, 0.0), (4.0, math.nan))), "bounds[1, 1] is nan"),
+    (
+        lambda: plan_own(has_cells=True),
+        lambda: plan_own(has_cells=False),
+        "only a map has cells; leave it False",
+    ),
+    (
+        lambda: plan_own(in_memory=False),
+        lambda: plan_own(in_memory=True),
+        "only a map has cells; leave it True",
+    ),
+    (
+        lambda: plan_own(searches="Around"),
+        lambda: plan_own(searches=()),
+        "they must be a tuple of names; write e.g. searches = ('Around',)",
+    ),
+    (lambda: plan_own(units=("m",)), plan_own, "leave them out for metres"),
+)
+def test_what_a_space_says_wrongly_is_refused_before_a_search(call, mended, message):
+    check_followed(call, mended, message)
+
+
+def test_every_door_checks_a_space_of_the_user():
+    wrong, right = make_own(axes=FORKED), make_own()
+    plan = planners.plan(right, (1.0, 1.0), (2.0, 2.0))
+    for call in (
+        planners.simple_setup,
+        planners.state_space,
+        planners.choices,
+        planners.warm_up,
+        plan.recheck,
+        plan.trajectory(max_velocity=1.0, max_acceleration=1.0).recheck,
+    ):
+        with pytest.raises(InputError, match="has 'yaw' as its rotation"):
+            call(wrong)
+
+
+def test_a_proxy_with_the_class_of_a_map_is_no_map(hall):
+    class Proxy:
+        __class__ = cspace.CSpace
+
+        def __getattr__(self, name):
+            return getattr(hall, name)
+
+        def motion_is_free(self, q0, q1):
+            return False
+
+    assert isinstance(Proxy(), cspace.CSpace)
+    for call in (cspace.Gate, lambda space: planners.plan(space, (1.0, 1.0), (5.0, 1.0))):
+        with pytest.raises(InputError, match="space is"):
+            call(Proxy())
+
+
+def test_the_repr_of_a_space_names_its_axes():
+    assert repr(make_own()) == "Own(a, b)"
 
 
 def test_an_angle_that_wraps_is_no_coordinate_of_a_pose():

@@ -1,0 +1,76 @@
+"""Checks of what a space of the user's says about its configurations."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cspace._interface import Space
+from cspace._rotations import Rotations
+from cspace.errors import InputError
+
+
+def check_own_space(space: Space) -> None:
+    """Raise InputError unless axes, bounds and other members fit each other.
+
+    Searches and trajectories would take a wrong one for another space, without a word.
+    """
+    _check_axes(space)
+    _check_periodic_axes(space)
+    _check_rotation(space)
+    _check_flags(space)
+    space.check_bounds()
+    count = np.shape(space.units)
+    if count != (space.size,):
+        rule = f"there is one text for each of {', '.join(space.axes)}"
+        raise InputError("units", f"are {space.units!r}", rule, "leave them out for metres")
+
+
+def _check_axes(space: Space) -> None:
+    """Raise InputError unless the axes are different names."""
+    axes: object = space.axes
+    are_names = isinstance(axes, list | tuple) and all(isinstance(name, str) for name in axes)
+    if not (isinstance(axes, tuple) and are_names and axes and len(set(axes)) == len(axes)):
+        hint = "write e.g. axes = ('a', 'b')"
+        if are_names and isinstance(axes, list):
+            hint = f"write axes = {tuple(axes)!r}"
+        raise InputError("axes", f"are {axes!r}", "they must be a tuple of different names", hint)
+
+
+def _check_periodic_axes(space: Space) -> None:
+    """Raise InputError unless there is one bool for each axis."""
+    given: object = space.periodic_axes
+    are_bools = isinstance(given, tuple) and all(isinstance(each, bool) for each in given)
+    if are_bools and np.shape(space.periodic_axes) == (space.size,):
+        return
+    angles = tuple(isinstance(given, list | tuple) and axis in given for axis in space.axes)
+    hint = f"write periodic_axes = {angles!r}" if any(angles) else ""
+    rule = f"it must be a tuple of one bool for each of {', '.join(space.axes)}"
+    raise InputError("periodic_axes", f"is {given!r}", rule, hint)
+
+
+def _check_rotation(space: Space) -> None:
+    """Raise InputError for names of rotations outside a pose, which would be plain numbers."""
+    if space.has_poses:
+        return
+    for axis, is_periodic in zip(space.axes, space.periodic_axes, strict=True):
+        if axis not in Rotations._all_names() or (axis == "yaw" and is_periodic):
+            continue
+        problem = f"are {space.axes!r}"
+        rule = f"only a pose, without other axes, has {axis!r} as its rotation"
+        hint = ""
+        if axis == "yaw":
+            angles = tuple(name == axis for name in space.axes)
+            hint = f"for an angle that wraps, write periodic_axes = {angles!r}"
+        raise InputError("axes", problem, rule, hint)
+
+
+def _check_flags(space: Space) -> None:
+    """Raise InputError if a space says that it is a map, or names its searches badly."""
+    for name, default in (("has_cells", False), ("in_memory", True), ("is_labelled", True)):
+        if getattr(space, name) is not default:
+            problem = f"is {getattr(space, name)!r}"
+            raise InputError(name, problem, "only a map has cells", f"leave it {default}")
+    names: object = space.searches
+    if not (isinstance(names, tuple) and all(isinstance(name, str) for name in names)):
+        rule = "they must be a tuple of names"
+        raise InputError("searches", f"are {names!r}", rule, "write e.g. searches = ('Around',)")
