@@ -68,9 +68,14 @@ def _may_be_metres(text: str) -> bool:
     return all(axis.unit_conversion_factor == 1.0 for axis in axes[:2])
 
 
+def list_degrees(names: Iterable[str]) -> list[str]:
+    """Return the names of longitudes and latitudes."""
+    return [name for name in names if _DEGREE_AXIS.search(name.lower())]
+
+
 def refuse_degrees(names: Iterable[str]) -> None:
     """Raise ContentError if an axis is a longitude or latitude."""
-    named = [name for name in names if _DEGREE_AXIS.search(name.lower())]
+    named = list_degrees(names)
     if named:
         rule = "coordinates are metres, not degrees"
         raise ContentError(f"has coordinates in {', '.join(named):.60}", rule, PROJECT)

@@ -296,7 +296,7 @@ def _check_length(image: ImageFile, data: bytes) -> None:
             raise ContentError(problem, f"its header says that white is {maximum}", "correct it")
 
 
-_SPACING_NOTE: Final = re.compile(rb"#[^\n]*?([\d.]+) ?m/(?:pix|cell)")
+_SPACING_NOTE: Final = re.compile(rb"#[^\n]*?(\d*\.?\d+) ?(c?)m ?(?:/|per) ?(?:pix|px|cell)")
 """A comment with the side of a cell, as the map savers of ROS write it."""
 
 
@@ -305,10 +305,10 @@ def _warn_of_spacing(path: StrPath, data: bytes, spacing: float) -> None:
     # Number of bytes at the start of an image in which a comment may stand.
     note = _SPACING_NOTE.search(data[:512])
     # Error, as a share, of a side that a comment gives with three digits.
-    if note and not math.isclose(float(note[1]), spacing, rel_tol=0.01, abs_tol=0.0005):
+    metres = float(note[1]) * (0.01 if note[2] else 1.0) if note else spacing
+    if not math.isclose(metres, spacing, rel_tol=0.01, abs_tol=0.0005):
         warn_user(
-            f"{path}: a comment says {note[1].decode()} m a pixel, and {spacing:g} m is taken",
-            UnitWarning,
+            f"{path}: a comment says {metres:g} m a pixel, and {spacing:g} m is taken", UnitWarning
         )
 
 

@@ -24,7 +24,7 @@ from cspace._files.access import (
     read_columns,
     read_text,
 )
-from cspace._files.crs import refuse_degrees, warn_of_likely_degrees
+from cspace._files.crs import list_degrees, refuse_degrees, warn_of_likely_degrees
 from cspace._files.fields import Fields, warn_of_names
 from cspace._files.lazy_arrays import read_npy
 from cspace._files.polygons import read_ply, read_ply_header
@@ -110,6 +110,7 @@ def _read_npy(path: StrPath) -> Floats:
         problem = f"holds shape {array.shape} and type {array.dtype}"
         rule = "a cloud is one array of numbers of shape (n, 3)"
         raise ContentError(problem, rule, "save one of that shape")
+    _refuse_cells(array)
     return np.array(array, dtype=np.float64, order="C")
 
 
@@ -129,7 +130,8 @@ def _read_text(path: StrPath) -> Floats:
     if not names:
         _check_unnamed(rows)
         return np.ascontiguousarray(rows[:, :3])
-    columns = [names.index(axis) for axis in "xyz" if names.count(axis) == 1]
+    lower = [name.lower() for name in names]
+    columns = [lower.index(axis) for axis in "xyz" if lower.count(axis) == 1]
     if len(columns) != 3 or len(names) != rows.shape[1]:
         refuse_degrees(names)
         problem = f"has {rows.shape[1]} columns under the heading {' '.join(names):.60}"
@@ -139,25 +141,30 @@ def _read_text(path: StrPath) -> Floats:
     return np.ascontiguousarray(rows[:, columns])
 
 
-_CELL_LEVELS: Final = (-1, 0, 1, 100, 254, 255)
-"""Values of free, occupied and unknown cells."""
-
-
 def _check_unnamed(rows: Floats) -> None:
     """Refuse rows without names of columns that do not begin with x, y and z."""
     count, columns = rows.shape
-    row_numbers = np.arange(count) + min(rows[0, 0], 1.0)
+    _refuse_cells(rows)
     problem = ""
-    # Largest number of columns and of corners of a cube, and the numbers of columns or rows.
-    if (columns > 3 or count > 8) and np.isin(rows, _CELL_LEVELS).all():
-        problem = "holds the values of cells"
-    elif count > 1 and (rows[0] == np.arange(columns)).all():
+    if count > 1 and (rows[0] == np.arange(columns)).all():
         problem = "begins with the numbers of its columns"
-    elif columns > 3 and count > 2 and (rows[:, 0] == row_numbers).all() and rows[0, 0] >= 0.0:
+    elif (
+        columns > 3 and count > 2 and rows[0, 0] in (0.0, 1.0) and (np.diff(rows[:, 0]) == 1).all()
+    ):
         problem = "begins each row with its number"
     if problem:
         rule = "rows without names of columns begin with x, y and z, in metres"
         raise ContentError(problem, rule, "name the columns in the first line, e.g. id,x,y,z")
+
+
+def _refuse_cells(rows: Floats) -> None:
+    """Raise ContentError for rows of free, occupied and unknown cells."""
+    # No eight points are the corners of a cube, and they have three coordinates.
+    if rows.shape[1] > 3 or len(rows) > 8:
+        # Values that programs write for cells.
+        levels = (-1, 0, 1, 100, 254, 255)
+        if np.isin(rows[0], levels).all() and np.isin(rows, levels).all():
+            raise ContentError("holds the values of cells", "a cloud has points, in metres", "")
 
 
 _BRACKETS: Final = re.compile(r"[\[(][^\])]*[\])]")
@@ -179,14 +186,14 @@ def _find_rows(text: str) -> tuple[list[str], int]:
     rows = filter(None, map(_WORD.findall, lines))
     first_row = next((row for row in rows if _is_number(row[0])), [])
     for number, line in enumerate(lines):
-        content = line.strip().lower()
+        content = line.strip()
         is_comment = content.startswith(("#", "//"))
         words = _WORD.findall(content)
         if is_comment:
             words = _WORD.findall(_BRACKETS.sub(" ", content.lstrip("#/")))
             # A sentence may have such words, too, but hardly as many as there are columns.
-            has_axes = any({"x", "y", "z"} <= {word[end] for word in words} for end in (0, -1))
-            has_axes = has_axes or {"lon", "lat"} <= {word[:3] for word in words}
+            ends = ({word[end].lower() for word in words} for end in (0, -1))
+            has_axes = list_degrees(words) or any({"x", "y", "z"} <= end for end in ends)
             is_heading = has_axes and len(words) == len(first_row)
         else:
             is_heading = not any(map(_is_number, words))

@@ -44,7 +44,7 @@ FIELDS: Final = (
         warned="another `crs`; attributes that are not named here, in small or large letters",
         harmless=(
             "area_or_point _array_dimensions actual_range bounds cell_methods cell_measures class "
-            "dimension_list _netcdf4coordinates _netcdf4dimid "
+            "dimension_labels dimension_list _netcdf4coordinates _netcdf4dimid "
             "comment conventions coordinates created date description flag_masks flag_values "
             "grid_mapping history institution long_name missing_chunks name note references source "
             "title version"
@@ -202,15 +202,15 @@ def _is_decoded(attributes: Ledger) -> bool:
 
 
 _FREE: Final = re.compile(
-    r"(free|empty|clear|open|passable|traversable|navigable|(un|not_)occupied|false|no)(_\w+)?|"
+    r"(free|empty|clear|open|passable|traversable|navigable|(un|not_)occupied|false|no)(_\w+)?"
 )
 _OCCUPIED: Final = re.compile(
     r"(occupied|blocked|obstacle|wall|lethal|solid|full|true|yes|(un|im|non|not_)"
-    r"(passable|traversable|navigable))s?(_\w+)?|"
+    r"(passable|traversable|navigable))s?(_\w+)?"
 )
-"""Meanings of 0 and of 1, in lower case; a value may have none."""
+"""Meanings of 0 and of 1, in lower case."""
 
-_MISSING: Final = re.compile(r"(un(known|seen|observed|explored)|missing|no_?data|invalid)(_\w+)?")
+_MISSING: Final = re.compile(r"\b(un(known|seen|observed|explored)|missing|no_?data|invalid)")
 """Meaning of cells that are neither free nor occupied, in lower case."""
 
 
@@ -221,8 +221,10 @@ def _check_meaning(array: Any, attributes: Ledger, name: str) -> None:
     """
     if not _is_decoded(attributes) and getattr(array, "dtype", None) != np.bool_:
         raise _make_coded_error(name)
-    lowest, highest = np.ravel(attributes.get("valid_range", (0, 1))).tolist()
-    lowest, highest = attributes.get("valid_min", lowest), attributes.get("valid_max", highest)
+    limits = [attributes.get("valid_range", (0, 1))]
+    limits += [attributes.get("valid_min", 0), attributes.get("valid_max", 1)]
+    lower, upper, *others = check_finite(np.hstack(limits), f"{name}, valid_range").tolist()
+    lowest, highest = max(lower, others[-2]), min(upper, others[-1])
     meanings = str(attributes.fields.get("flag_meanings") or "").lower().split()
     numbers = attributes.fields.get("flag_values", attributes.fields.get("flag_masks"))
     flags = np.arange(len(meanings)) if numbers is None else np.ravel(numbers)
@@ -230,13 +232,11 @@ def _check_meaning(array: Any, attributes: Ledger, name: str) -> None:
     zero, one = meaning.get(0, ""), meaning.get(1, "")
     problem = ""
     if lowest > 0 or highest < 1:
-        problem = f"has values from {lowest} to {highest} alone"
-    elif _FREE.fullmatch(zero) and _OCCUPIED.fullmatch(one):
-        attributes.taken.add("flag_meanings")
-    elif any(map(_MISSING.fullmatch, (zero, one))) or (
-        _OCCUPIED.fullmatch(zero) and _FREE.fullmatch(one)
-    ):
+        problem = f"has values from {lowest:g} to {highest:g} alone"
+    elif _OCCUPIED.fullmatch(zero) or _FREE.fullmatch(one) or _MISSING.search(f"{zero} {one}"):
         problem = f"says that 0 is {zero or 'not named'} and 1 is {one or 'not named'}"
+    elif not meanings or (_FREE.fullmatch(zero or "free") and _OCCUPIED.fullmatch(one)):
+        attributes.taken.add("flag_meanings")
     if problem:
         raise InputError(name, problem, "0 is free and 1 is occupied")
 

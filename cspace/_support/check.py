@@ -460,8 +460,8 @@ def find_sizes(names: Iterable[str]) -> dict[str, str]:
     """Return the names, each by itself, that give points a size."""
     known = list(names)
     sizes = {name: name for name in known if _SIZE.search(_WORD_BREAK.sub("_", name).lower())}
-    if {"r", "g", "b"} <= set(known):  # a colour
-        del sizes["r"]
+    if {"r", "g", "b"} <= set(map(str.lower, known)):  # a colour
+        sizes = {name: name for name in sizes if name.lower() != "r"}
     return sizes
 
 

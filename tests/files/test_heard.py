@@ -62,6 +62,7 @@ CITY = "8.40{0}49.00{0}110\n8.90{0}49.40{0}112\n8.60{0}49.20{0}115\n"
         ("cloud.csv", "Longitude,Latitude,Height"),
         ("cloud.txt", "# lon lat alt"),
         ("cloud.xyz", "# lat_deg lon_deg alt_m"),
+        ("cloud.xyz", "// Lat Lng Alt"),
     ],
 )
 def test_columns_of_degrees_are_refused(tmp_path, name, heading):
@@ -196,9 +197,12 @@ def test_another_spacing_in_a_comment_is_warned_of(tmp_path):
         lambda: Workspace.from_image(path, 0.1),
         lambda: Workspace.from_ros_map(tmp_path / "map.yaml"),
     ):
-        with pytest.warns(UnitWarning, match=r"says 0.050 m a pixel, and 0.1 m is taken"):
+        with pytest.warns(UnitWarning, match=r"says 0.05 m a pixel, and 0.1 m is taken"):
             use()
     assert list_warnings(Workspace.from_image, path, 0.05) == []
+    path.write_bytes(b"P5\n# 2.5 cm per pixel\n1 1\n255\n\0")
+    with pytest.warns(UnitWarning, match=r"says 0.025 m a pixel"):
+        Workspace.from_image(path, 0.05)
 
 
 # ---- names of dimensions -------------------------------------------------------------------------
@@ -291,7 +295,7 @@ def test_a_group_of_zarr_is_refused():
         ({"flag_values": [0, 1], "flag_meanings": "obstacles free_space"}, "1 is free_space"),
         ({"missing_value": 0}, "stand for others"),
         ({"missing_value": [9, 1]}, "stand for others"),
-        ({"valid_range": [1, 2]}, "has values from 1 to 2"),
+        ({"valid_range": [1, 2]}, "has values from 1 to 1"),
         ({"valid_min": 1}, "has values from 1 to 1"),
     ],
 )
@@ -310,6 +314,12 @@ def test_usual_meanings_are_silent_and_others_warned_of(meanings):
     assert list_warnings(Workspace.from_array, cells, 0.1) == []
     cells.attrs["flag_meanings"] = "street house"
     with pytest.warns(UserWarning, match="not read: flag_meanings"):
+        Workspace.from_array(cells, 0.1)
+    cells.attrs = {"flag_values": "0b, 1b", "flag_meanings": "occupied free"}
+    with pytest.warns(UserWarning, match="not read: flag_meanings"):
+        Workspace.from_array(cells, 0.1)
+    cells.attrs = {"valid_min": "a"}
+    with pytest.raises(InputError, match="valid_range"):
         Workspace.from_array(cells, 0.1)
 
 
@@ -348,6 +358,14 @@ def test_rows_that_do_not_begin_with_x_y_and_z(tmp_path, text, message):
         return
     with pytest.raises(FileError, match=message):
         read(tmp_path, "a.txt", text)
+
+
+def test_sizes_in_a_heading_are_heard(tmp_path):
+    with pytest.warns(UserWarning, match="not read: PointSize"):
+        read(tmp_path, "a.csv", "X,Y,Z,PointSize\n1,1,1,1\n2,3,2,1\n")
+    np.save(tmp_path / "a.npy", np.eye(3)[[0, 1, 2] * 4])
+    with pytest.raises(FileError, match="values of cells"):
+        Workspace.open(tmp_path / "a.npy", spacing=0.1)
 
 
 def test_the_corners_of_a_cube_are_points(tmp_path):
