@@ -407,6 +407,7 @@ class Robot:
         Parameters
         ----------
         path : path-like
+            The URDF, or its text.
         link : str or sequence of str, optional
             Links to read, with all joints at zero; the reference point is the origin of the first
             one. If left out, the root and all links fixed to it, in the frame of the root; a
@@ -434,10 +435,11 @@ class Robot:
         MissingPackageError
             If yourdfpy is not installed.
         """
+        from cspace._files.urdf import name_description
         from cspace._shapes.link_shapes import read_urdf
 
         surfaces = read_urdf(path, link, package_dirs, solid != "surface", visuals, spheres)
-        name = Path(path).name
+        name = Path(name_description(path)).name
         # Surfaces around and inside the links, or a single one if their meshes are exact.
         outer, *inner = (Mesh(*surface, solid, name) for surface in surfaces)
         outer.check_origin()

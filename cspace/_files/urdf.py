@@ -192,16 +192,17 @@ def load_urdf(
 
 def name_description(source: StrPath) -> str:
     """Return the file of a URDF or SRDF, or a name for a text."""
-    file = os.fspath(source)
-    return "robot_description" if file.lstrip().startswith("<") else file
+    text = str(source)
+    return "robot_description" if text.lstrip().startswith("<") else text
 
 
 def _read_description(source: StrPath, kind: str) -> bytes:
     """Return the content of a URDF or SRDF, a file or a text."""
-    if name_description(source) == os.fspath(source):
+    name = name_description(source)
+    if name == str(source):
         return read_bytes(source, kind, 20.0, "max_description_bytes")
-    data = os.fspath(source).strip().encode()
-    check_bytes(name_description(source), len(data), memory=20.0, limit="max_description_bytes")
+    data = str(source).strip().encode()
+    check_bytes(name, len(data), memory=20.0, limit="max_description_bytes")
     return data
 
 

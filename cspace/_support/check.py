@@ -505,10 +505,11 @@ def check_bounds(bounds: ArrayLike, dim: int = 2) -> Floats:
     """
     names = [f"{axis}{end}" for end in ("min", "max") for axis in "xyz"[:dim]]
     hint = f"pass ({', '.join(names)}) in metres"
-    labels = [f"{end}{axis}" for end in ("min", "max") for axis in AXES[:dim]]  # of geopandas
-    given = getattr(bounds, "columns", getattr(bounds, "index", ()))
-    has_labels = not callable(given) and set(labels) <= set(given)
-    box = check_finite(bounds, "bounds", labels if has_labels else AXES[:dim])
+    others = [f"{name[1:]}{name[0]}" for name in names]  # as geopandas writes them
+    labels = getattr(bounds, "_fields", getattr(bounds, "columns", getattr(bounds, "index", ())))
+    known = set() if callable(labels) else set(labels)
+    axes = next((each for each in (names, others) if known.issuperset(each)), AXES[:dim])
+    box = check_finite(bounds, "bounds", axes)
     if box.shape == (1, 2 * dim):
         box = box[0]
     if box.shape not in ((2 * dim,), (2, dim)):

@@ -423,8 +423,10 @@ def _read_order(
 
 def _may_turn(edge: Ledger, otherwise: bool) -> bool:
     """Return True if a robot may turn on an edge, in the words of any version."""
-    holds = edge.get("reachOrientationBeforeEntering", not otherwise)  # since VDA 5050 3.0
-    return bool(edge.get("rotationAllowed", not holds))
+    if edge.get("rotationAllowed") is not None:
+        return edge.flag("rotationAllowed")
+    key = "reachOrientationBeforeEntering"  # since VDA 5050 3.0
+    return otherwise if edge.get(key) is None else not edge.flag(key)
 
 
 def _add_place(builder: GraphBuilder, node: Ledger, entry: Ledger) -> None:

@@ -42,6 +42,9 @@ def test_descriptions_may_be_texts(arm, tmp_path):
     assert arm.allowed_collisions == of_files.allowed_collisions
     text = f'<robot name="r"><link name="base">{BOX}</link></robot>'
     assert Robot.from_urdf(text).shape.outer.bounds[1].tolist() == [0.05, 0.05, 0.05]
+    assert "robot_description" in repr(Robot.from_urdf(text))
+    with pytest.raises(InputError, match="it must be a file name"):
+        Arm.from_urdf(make_text().encode())
     with pytest.raises(FileError, match=r"^robot_description: is not XML"):
         Arm.from_urdf("<robot>")
     with pytest.raises(FileError, match="package_dirs"):

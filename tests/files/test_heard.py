@@ -3,6 +3,7 @@
 import json
 import time
 import warnings
+from collections import namedtuple
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -389,7 +390,8 @@ def test_structured_points_are_read_by_their_names():
 
 def test_bounds_of_geopandas_are_taken_in_any_order():
     row = pd.Series({"maxx": 3.0, "miny": 0.0, "minx": 0.0, "maxy": 4.0})
-    for bounds in (row, pd.DataFrame([row])):
+    corners = namedtuple("Corners", "ymin xmin ymax xmax")(0.0, 0.0, 4.0, 3.0)
+    for bounds in (row, pd.DataFrame([row]), corners):
         assert Workspace.from_polygons("POINT (1 1)", 0.1, bounds=bounds).grid.shape == (30, 40)
 
 
