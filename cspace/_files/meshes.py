@@ -153,18 +153,20 @@ def _read_gltf(file: Path) -> tuple[Surface, Up]:
         for mesh in map(_refuse_extensions, header.get("meshes", []))
     ]
     placed = list(_place_gltf_meshes(header))
-    # Primitives may share arrays, and a mesh may be placed several times, so the memory is checked
-    # before anything is copied.
-    unfolded_bytes = 0
-    for mesh, _ in placed:
-        for points, corners in primitives[mesh]:
-            unfolded_bytes += surface_bytes(len(points), len(corners) // 3)
-    check_bytes(file, unfolded_bytes, "unfolds to", memory=3.0)
+    # Primitives may share arrays.
+    parts = itertools.chain.from_iterable(primitives[mesh] for mesh, _ in placed)
+    _check_copies(file, [(len(points), len(corners) // 3) for points, corners in parts])
     surfaces = {
         mesh: [_make_gltf_surface(points, corners) for points, corners in primitives[mesh]]
         for mesh, _ in placed
     }
     return _join_placed(surfaces, placed), "y"
+
+
+def _check_copies(file: Path, sizes: Iterable[tuple[int, int]]) -> None:
+    """Check the memory of placed copies, of points and faces each, before they are made."""
+    unfolded_bytes = sum(itertools.starmap(surface_bytes, sizes))
+    check_bytes(file, unfolded_bytes, "unfolds to", memory=3.0)
 
 
 def _warn_of_animations(file: Path, animations: Collection[Any]) -> None:
@@ -459,12 +461,8 @@ def _read_collada(file: Path) -> tuple[Surface, Up]:
     _warn_of_animations(file, collada.root.findall("library_animations//channel"))
     placed = list(_place_geometries(collada))
     surfaces = {geometry: _read_surfaces(geometry, collada) for geometry, _ in placed}
-    # A geometry may be placed several times, so the memory is checked before it is copied.
-    unfolded_bytes = 0
-    for geometry, _ in placed:
-        for points, faces in surfaces[geometry]:
-            unfolded_bytes += surface_bytes(len(points), len(faces))
-    check_bytes(file, unfolded_bytes, "unfolds to", memory=3.0)
+    parts = itertools.chain.from_iterable(surfaces[geometry] for geometry, _ in placed)
+    _check_copies(file, [(len(points), len(faces)) for points, faces in parts])
     axis = _read_asset(collada.root, "up_axis", lambda element: element.text) or "Y_UP"
     if axis not in _UP_BY_NAME:
         raise ContentError(f"has the up_axis {axis!r}", f"there are {', '.join(_UP_BY_NAME)}")

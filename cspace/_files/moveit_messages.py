@@ -8,7 +8,7 @@ answer but are not read are refused too, unless they are empty.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from functools import cache
 from types import SimpleNamespace
 from typing import Any, Final, TypeAlias
@@ -24,7 +24,7 @@ from cspace._files.fields import (
     list_fields,
     reading,
 )
-from cspace._files.plain import MAX_LEVELS, find_repeated
+from cspace._files.plain import MAX_LEVELS, check_distinct
 from cspace._support.arrays import Floats
 from cspace._support.reporting import warn_user
 from cspace.errors import AngleWarning
@@ -197,18 +197,6 @@ def parse_names(value: Any, place: str) -> list[str]:
     names: list[str] = parse([parse_name], value, place)
     check_distinct(names, f" in {place}")
     return names
-
-
-def check_distinct(
-    names: Iterable[str],
-    place: str = "",
-    rule: str = "names must differ",
-    hint: str = "remove one",
-) -> None:
-    """Raise ContentError if two names are equal."""
-    name = find_repeated(names)
-    if name is not None:
-        raise ContentError(f"has {name[:40]!r} twice{place}", rule, hint)
 
 
 def parse_frame(value: Any, place: str) -> str:

@@ -185,15 +185,21 @@ def _join_pairs(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     """Return a table of JSON; raise ContentError if a key is repeated."""
     table = dict(pairs)
     if len(table) < len(pairs):
-        problem = f"has the key {find_repeated(key for key, _ in pairs)!r:.60} twice in one table"
-        raise ContentError(problem, "only the last would be read", "rename or remove one")
+        rule = "only the last would be read"
+        check_distinct((key for key, _ in pairs), " in one table", rule)
     return table
 
 
-def find_repeated(names: Iterable[str]) -> str | None:
-    """Return the first name that occurs again, or None."""
-    counts = Counter(names)
-    return next((name for name, times in counts.items() if times > 1), None)
+def check_distinct(
+    names: Iterable[str],
+    place: str = "",
+    rule: str = "names must differ",
+    hint: str = "rename or remove one",
+) -> None:
+    """Raise ContentError if two names are equal."""
+    for name, times in Counter(names).items():
+        if times > 1:
+            raise ContentError(f"has {name[:40]!r} twice{place}", rule, hint)
 
 
 def parse_xml(data: bytes) -> Element:

@@ -35,13 +35,15 @@ FIELDS: Final = (
             "unequal steps; steps other than the spacing; of a coordinate, `units`, `unit` or "
             "`uom` other than metres, `positive` down, another `axis`, a `standard_name` of "
             "degrees or depth; `scale_factor`, `add_offset`, `_fillvalue` of 0 or 1, where not "
-            "decoded, or a `missing_value` or a value beyond `valid_range`, `valid_min` and "
-            "`valid_max`; `flag_meanings` that turn 0 and 1 round; `crs`, `crs_wkt`, "
-            "`spatial_ref` or `grid_mapping_name` in degrees; "
-            "`transform`, `geotransform` or `res` without coordinates; y, x without coordinates; "
+            "decoded, or a `missing_value`; `flag_meanings` that turn 0 and 1 round; `crs`, "
+            "`crs_wkt`, `spatial_ref` or `grid_mapping_name` in degrees; `transform`, "
+            "`geotransform` or `res` without coordinates; y, x without coordinates; "
             "`inner` at another place"
         ),
-        warned="another `crs`; attributes that are not named here, in small or large letters",
+        warned=(
+            "another `crs`; `valid_range`, `valid_min`, `valid_max`, and attributes that are not "
+            "named here, in small or large letters"
+        ),
         harmless=(
             "area_or_point _array_dimensions actual_range bounds cell_methods cell_measures class "
             "dimension_labels dimension_list _netcdf4coordinates _netcdf4dimid "
@@ -215,30 +217,22 @@ _MISSING: Final = re.compile(r"\b(un(known|seen|observed|explored)|missing|no_?d
 
 
 def _check_meaning(array: Any, attributes: Ledger, name: str) -> None:
-    """Refuse codes, ranges or flags by which 0 is not free, or 1 not occupied.
+    """Refuse codes or flags by which 0 is not free, or 1 not occupied.
 
     Flags of other words are left to the warning of fields that are not read.
     """
     if not _is_decoded(attributes) and getattr(array, "dtype", None) != np.bool_:
         raise _make_coded_error(name)
-    limits = [attributes.get("valid_range", (0, 1))]
-    limits += [attributes.get("valid_min", 0), attributes.get("valid_max", 1)]
-    lower, upper, *others = check_finite(np.hstack(limits), f"{name}, valid_range").tolist()
-    lowest, highest = max(lower, others[-2]), min(upper, others[-1])
     meanings = str(attributes.fields.get("flag_meanings") or "").lower().split()
     numbers = attributes.fields.get("flag_values", attributes.fields.get("flag_masks"))
     flags = np.arange(len(meanings)) if numbers is None else np.ravel(numbers)
     meaning = dict(zip(flags.tolist(), meanings, strict=False))
     zero, one = meaning.get(0, ""), meaning.get(1, "")
-    problem = ""
-    if lowest > 0 or highest < 1:
-        problem = f"has values from {lowest:g} to {highest:g} alone"
-    elif _OCCUPIED.fullmatch(zero) or _FREE.fullmatch(one) or _MISSING.search(f"{zero} {one}"):
+    if _OCCUPIED.fullmatch(zero) or _FREE.fullmatch(one) or _MISSING.search(f"{zero} {one}"):
         problem = f"says that 0 is {zero or 'not named'} and 1 is {one or 'not named'}"
-    elif not meanings or (_FREE.fullmatch(zero or "free") and _OCCUPIED.fullmatch(one)):
-        attributes.taken.add("flag_meanings")
-    if problem:
         raise InputError(name, problem, "0 is free and 1 is occupied")
+    if not meanings or (_FREE.fullmatch(zero or "free") and _OCCUPIED.fullmatch(one)):
+        attributes.taken.add("flag_meanings")
 
 
 def _make_coded_error(name: str) -> InputError:

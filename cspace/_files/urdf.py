@@ -23,7 +23,7 @@ import numpy as np
 
 from cspace._files.access import MJCF_HINT, SDF_HINT, ContentError, decoding, read_bytes
 from cspace._files.fields import Fields, open_elements
-from cspace._files.plain import check_expanded, find_repeated, parse_finite, parse_xml
+from cspace._files.plain import check_distinct, check_expanded, parse_finite, parse_xml
 from cspace._files.sphere_files import read_spheres, replace_geometry
 from cspace._limits import check_bytes
 from cspace._support.arrays import Floats, StrPath
@@ -333,7 +333,7 @@ def _check_robot(root: Element) -> tuple[_Places, _Places]:
     if not names:
         raise ContentError("has no <link>", "a robot needs one", "pass the right file")
     for kind in ("link", "joint"):
-        _check_unique(_read_names(root, kind), kind)
+        check_distinct(_read_names(root, kind), f" as a {kind}")
         for element in root.findall(kind):
             numbers = _check_numbers(element, f"{kind} {element.get('name')!r}")
             for name, place, number in numbers:
@@ -359,15 +359,6 @@ def _check_single_parts(root: Element) -> None:
 def _read_names(root: Element, kind: str) -> list[str]:
     """Return the names of the links or joints of a robot."""
     return [str(element.get("name")) for element in root.findall(kind)]
-
-
-def _check_unique(names: list[str], kind: str) -> None:
-    """Refuse a name that occurs twice."""
-    name = find_repeated(names)
-    if name is not None:
-        raise ContentError(
-            f"has more than one {kind} {name!r}", "names must be unique", "rename one"
-        )
 
 
 def _find_parents(root: Element, links: set[str]) -> dict[str, str]:

@@ -17,12 +17,12 @@ from cspace._files.moveit_messages import (
     SCENE,
     WORLD,
     Contacts,
-    check_distinct,
     find_frame,
     pair_poses,
     parse,
     wrong_value,
 )
+from cspace._files.plain import check_distinct
 from cspace._files.polygons import join_surfaces, transform_surface
 from cspace._files.unit_notes import warn_of_size, warn_of_unit
 from cspace._files.urdf import (

@@ -22,7 +22,6 @@ from cspace._files.moveit_messages import (
     Schema,
     accept_only,
     allow_missing,
-    check_distinct,
     find_frame,
     pair_poses,
     parse,
@@ -35,6 +34,7 @@ from cspace._files.moveit_messages import (
     refuse,
     wrong_value,
 )
+from cspace._files.plain import check_distinct
 from cspace._files.urdf import PackageDirs
 from cspace._queries.upright import Upright
 from cspace._support.arrays import Floats

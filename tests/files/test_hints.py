@@ -198,7 +198,7 @@ NAV2 = "local_costmap: {robot_radius: 0.2}\nglobal_costmap: {robot_radius: RADIU
         LINKS,
         GOOD_URDF.replace('"top">', '"base">', 1),
         GOOD_URDF,
-        "has more than one link 'base'; names must be unique; rename one",
+        "has 'base' twice as a link; names must differ; rename or remove one",
     ),
     (
         LINKS,

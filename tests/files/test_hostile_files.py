@@ -98,7 +98,7 @@ def test_yaml_holds_plain_values(tmp_path, text, message):
 
 def test_a_repeated_key_of_json_is_refused(tmp_path):
     (tmp_path / "a.geojson").write_text('{"type": "Point", "a": {"b": 1, "b": 2}}')
-    with pytest.raises(FileError, match="has the key 'b' twice"):
+    with pytest.raises(FileError, match="has 'b' twice in one table"):
         Workspace.from_polygons(tmp_path / "a.geojson", 1.0)
 
 
