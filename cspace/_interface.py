@@ -631,7 +631,12 @@ class ConfigurationSpace(Space):
 
     def __init_subclass__(cls) -> None:
         """Refuse a class with answers of its own, which the kernels would not ask."""
-        own = [name for name in ("classify", "is_free", "motion_is_free") if name in vars(cls)]
+        # They may also come from another of its parents.
+        own = [
+            name
+            for name in ("classify", "is_free", "motion_is_free")
+            if getattr(cls, name) is not getattr(ConfigurationSpace, name)
+        ]
         if own:
             raise InputError(
                 cls.__name__,

@@ -300,4 +300,8 @@ def test_a_map_with_answers_of_its_own_is_refused_when_it_is_defined(name):
     # Searches, edges and curves ask the map's kernels, which know nothing of such a method.
     with pytest.raises(InputError, match=f"has its own {name}; .*derive it from cspace.Space"):
         type("Zoned", (cspace.CSpace,), {name: lambda self, *q: False})
+    for answers in (type("Mixin", (), {name: lambda self, *q: False}), Zoned):
+        if hasattr(answers, name):
+            with pytest.raises(InputError, match=f"has its own .*{name}"):
+                type("Mixed", (answers, cspace.CSpace), {})
     assert issubclass(type("Named", (cspace.CSpace,), {"label": "hall"}), cspace.CSpace)
