@@ -38,7 +38,7 @@ from cspace._shapes import (
 from cspace._shapes.shape import unique_rows
 from cspace._support.arrays import Bools, Floats, Ints
 from cspace._support.check import check_finite
-from cspace._support.reporting import warn_user
+from cspace._support.reporting import format_sides, warn_user
 from cspace._workspace import Workspace, load_workspace
 from cspace.errors import InputError, UnitWarning
 
@@ -348,11 +348,15 @@ def place_shape(shape: Shape, name: str, pose: Floats) -> PosedShape:
     lower, upper = shape.outer.bounds
     middle = placed.pose[:3, :3] @ (0.5 * (lower + upper)) + placed.pose[:3, 3]
     gap = np.linalg.norm(middle) - 0.5 * np.linalg.norm(upper - lower)
-    # Largest distance, metres, between an arm and an obstacle whose unit is not suspected.
-    if gap > 100.0:
+    # Largest size, and distance from an arm, metres, of an obstacle whose unit is not suspected.
+    suspected = 100.0
+    problem = f"{format_sides(upper - lower)} large"
+    if gap > suspected:
+        problem = f"{gap:.4g} m away from the base of the arm"
+    if max(gap, (upper - lower).max()) > suspected:
         warn_user(
-            f"the obstacle {name!r} is {gap:.4g} m away from the base of the arm; check its unit "
-            "(metres): if it is in millimetres, scale it by 0.001",
+            f"the obstacle {name!r} is {problem}; check its unit (metres): if it is in "
+            "millimetres, scale it by 0.001",
             UnitWarning,
         )
     return placed
