@@ -21,6 +21,7 @@ from cspace._record.description import (
     make_metadata,
 )
 from cspace._record.save import MAP_SUFFIXES, save
+from cspace._rotations.base import TWO_PI
 from cspace._support.arrays import BLOCKED, FREE, MIXED, Ints, StrPath, frozen
 from cspace._support.check import AXES
 from cspace._support.reporting import import_optional
@@ -69,7 +70,8 @@ def _write_netcdf(contents: Contents, cells: Sequence[int], path: StrPath, overw
     """
     dataset = to_xarray(contents).drop_vars(["shapes", "slice_of"], errors="ignore")
     if "rotation" in dataset.dims and len(cells) == 1:
-        dataset = dataset.isel(rotation=cells[0])
+        place = _sort_rotations(contents).tolist().index(cells[0])
+        dataset = dataset.isel(rotation=place)
     dataset = dataset.transpose(..., *reversed(contents.grid.axes))
     dataset["cell_states"].attrs["flag_values"] = np.array([FREE, MIXED, BLOCKED], dtype=np.int8)
     with replacing(path, overwrite) as temporary:
@@ -238,7 +240,9 @@ def to_xarray(contents: Contents) -> xarray.Dataset:
         For a robot that turns, ``cell_states`` and ``overlap_counts`` have the leading dimension
         ``rotation``, with the coordinates ``yaw`` (the representative, radians), ``yaw_bounds``
         (the ends of the interval), ``covering_angle`` and ``slice_of``. A state holds for all yaw
-        angles between the bounds.
+        angles between the bounds. Yaws lie in [-pi, pi) and ascend, so that ``.sel(yaw=0.3,
+        method="nearest")`` and slices of yaws work; the map itself, and other files, count rotation
+        cells from that of yaw 0 on. Above the last yaw, the cell around -pi may be nearer.
 
     Raises
     ------
@@ -247,9 +251,8 @@ def to_xarray(contents: Contents) -> xarray.Dataset:
 
     Notes
     -----
-    Arrays are shared with the map, with one exception: if a symmetry of the robot makes some,
-    but not all, rotation cells share slices (a rectangle about its center), these slices are copied
-    for each rotation cell.
+    Arrays are shared with the map, with one exception: if the robot turns and is not round about
+    its reference point, its slices are copied in the order of the yaws.
 
     Examples
     --------
@@ -260,8 +263,7 @@ def to_xarray(contents: Contents) -> xarray.Dataset:
     >>> free = (dataset.cell_states == cspace.FREE).mean("y")
     >>> dict(free.sizes)
     {'rotation': 8, 'x': 30}
-    >>> one = dataset.cell_states.isel(rotation=int(space.rotations.cell_of(0.3)))
-    >>> float(one.yaw)
+    >>> float(dataset.cell_states.sel(yaw=0.3, method="nearest").yaw)
     0.0
     """
     package = import_optional("xarray", "it holds arrays with named axes", "xarray")
@@ -270,12 +272,15 @@ def to_xarray(contents: Contents) -> xarray.Dataset:
     coordinate_names = (*AXES, *contents.rotations._COORDINATES, "slice_of")
     variables: dict[str, Any] = {}
     coordinates: dict[str, Any] = {}
+    order = _sort_rotations(contents)
     contents = replace(contents, exterior=None)  # a Dataset holds only cells of the grid
     arrays = {"inner": contents.workspace.inner} | collect_arrays(contents)
     for name, array in arrays.items():
         axes = list_axes(name, dim)
+        if "rotation" in axes:
+            array = frozen(np.asarray(array)[order])
         if axes[0] == "slice":
-            stack = _expand_slices(np.asarray(array), contents.slice_of)
+            stack = _expand_slices(np.asarray(array), contents.slice_of[order])
             array = stack.reshape(*rotation_shape, *contents.grid.shape)
             # Without rotations, the array has no leading axis, and "rotation" is cut off.
             axes = ("rotation", *axes[1:])[-array.ndim :]
@@ -287,15 +292,31 @@ def to_xarray(contents: Contents) -> xarray.Dataset:
     dataset: xarray.Dataset = package.Dataset(
         variables, coords=coordinates, attrs=make_metadata(contents)
     )
-    return dataset.rename(axis_names)
+    dataset = dataset.rename(axis_names)
+    if "yaw" not in dataset.coords:
+        return dataset
+    turns = np.round((dataset.yaw_bounds.mean("bound") - dataset.yaw) / TWO_PI)
+    bounds = dataset.yaw_bounds
+    dataset = dataset.assign_coords(
+        yaw_bounds=(bounds.dims, frozen((bounds - TWO_PI * turns).values), bounds.attrs)
+    )
+    return dataset.set_xindex("yaw")
+
+
+def _sort_rotations(contents: Contents) -> Ints:
+    """Return the rotation cells in the order of their yaws, if they have any."""
+    rotations = contents.rotations
+    if rotations.names != ("yaw",):
+        return np.arange(len(rotations))
+    return np.argsort(rotations.centers[:, 0], kind="stable")
 
 
 def _expand_slices(stack: NDArray[Any], slice_of: Ints) -> NDArray[Any]:
     """Return each rotation cell's slice, shape (cells, ...).
 
-    `stack` has shape (slices, ...). Slices are copied only if some, but not all, cells share one.
+    `stack` has shape (slices, ...). Slices are copied unless cells have them in order or share one.
     """
-    if len(stack) == len(slice_of):
+    if np.array_equal(slice_of, np.arange(len(stack))):
         return stack
     if len(stack) == 1:
         return np.broadcast_to(stack, (len(slice_of), *stack.shape[1:]))

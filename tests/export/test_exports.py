@@ -150,7 +150,7 @@ def test_vtk_reads_one_or_all_rotations(tmp_path, name):
         return
     stack = [arrays[label] for label in sorted(arrays) if label.startswith("cell_states")]
     cells = np.reshape(stack, (len(turns), *space.grid.shape))
-    np.testing.assert_array_equal(cells, dataset.cell_states)
+    np.testing.assert_array_equal(cells, space.cell_states.reshape(cells.shape))
     fields = [image.GetFieldData().GetArray(axis) for axis in space.rotations.names]
     np.testing.assert_array_equal(np.transpose(list(map(to_numpy, fields))), turns)
     space.export(tmp_path / "one.vti", rotation=turns[-1])
@@ -201,7 +201,7 @@ def test_netcdf_places_a_plane_map(tmp_path, name):
     image = opened[0] if isinstance(opened, list) else opened
     centers = np.stack(np.meshgrid(image.x, image.y), axis=-1)
     np.testing.assert_allclose(centers, list_centers(space), atol=1e-9)
-    turns = space.rotations.centers[:, 0] if name == "turning" else [()]
+    turns = np.sort(space.rotations.centers[:, 0]) if name == "turning" else [()]
     states = [space.states_at(turn).T[::-1] for turn in turns]
     np.testing.assert_array_equal(image["cell_states"].values, states)
 
@@ -221,6 +221,35 @@ def test_netcdf_holds_maps_in_space_and_single_rotations(tmp_path, ball):
     with xarray.open_dataset(tmp_path / "one.nc") as dataset:
         np.testing.assert_array_equal(dataset["cell_states"].values.T, space.states_at(1.0))
         assert abs(float(dataset["yaw"]) - 1.0) <= float(dataset["covering_angle"])
+
+
+@pytest.mark.parametrize("rotations", [5, 8, (-0.4, 1.0, 2.0, 5.0, 5.883185307179586)])
+@pytest.mark.parametrize(
+    "robot", ["disc:0.2", "rect:0.4x0.2", [(-0.2, -0.1), (0.4, -0.1), (0.0, 0.3)]]
+)
+def test_yaws_of_a_dataset_ascend(robot, rotations, tmp_path):
+    """They are an index, whose slices hold the states at these yaws."""
+    workspace = cspace.Workspace.from_array(np.eye(30, dtype=bool), 0.1)
+    space = cspace.build(workspace, robot, rotations=rotations)
+    dataset = space.to_xarray()
+    space.export(tmp_path / "map.nc")
+    with xarray.open_dataset(tmp_path / "map.nc") as opened:
+        np.testing.assert_array_equal(opened.yaw, dataset.yaw)
+        states = opened.cell_states.transpose(*dataset.cell_states.dims)
+        np.testing.assert_array_equal(states, dataset.cell_states)
+    yaws = dataset.yaw.values
+    assert (np.diff(yaws) > 0.0).all() and set(yaws) == set(space.rotations.centers[:, 0])
+    low, high = dataset.yaw_bounds.values.T
+    assert ((low < yaws) & (yaws < high)).all()
+    np.testing.assert_allclose(high[:-1], low[1:], atol=1e-12)
+    assert high[-1] - low[0] == pytest.approx(2.0 * np.pi)
+    for yaw in np.random.default_rng(1).uniform(low[0], high[-1], 20):
+        one = dataset.isel(rotation=int(((low <= yaw) & (yaw <= high)).argmax()))
+        np.testing.assert_array_equal(one.cell_states, space.states_at(yaw))
+        nearest = dataset.sel(yaw=yaw, method="nearest")
+        assert abs(float(nearest.yaw) - yaw) == np.abs(yaws - yaw).min()
+        same_slice = space.slice_of[int(space.rotations.cell_of(yaw))]
+        assert one.slice_of == same_slice
 
 
 def test_netcdf_without_xarray_names_the_extra_and_writes_nothing(tmp_path, monkeypatch):
