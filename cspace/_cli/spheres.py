@@ -61,8 +61,8 @@ def spheres(
     with clock.step("read"):
         options = drop_unset(srdf=srdf, solid=solid, package_dirs=package_dirs, visuals=visuals)
         arm = Arm.from_urdf(file, **options)
-    with clock.step("decompose"):
-        model = arm.spheres(number=number, tolerance=tolerance, kind=kind)
+    with clock.step("decompose") as progress:
+        model = arm.spheres(number=number, tolerance=tolerance, kind=kind, progress=progress)
     if output is not None:
         model.save(output, template, overwrite=overwrite)
     document: dict[str, Any] = {"output": str(output)} if output else {}

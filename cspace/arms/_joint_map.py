@@ -241,6 +241,8 @@ def _classify_cells(
         classify = partial(proofs.select_pairs(in_layer).classify, parts=parts, out=layer)
         tasks += [partial(classify, *block) for block in _cut_blocks(sides)]
     report = None if progress is None else lambda done: progress(done, len(tasks))
+    if report is not None:
+        report(0)  # the first cells may wait for compiled code
     map_in_threads(lambda task: task(), tasks, workers, report)
     # A cell is FREE if all pairs are, and BLOCKED if one pair is; the states are in that order.
     states = np.zeros(shape, dtype=np.uint8)
@@ -276,7 +278,9 @@ class JointMap(CSpace):
             _, (contents, _, layers) = super().__reduce__()
             return type(self), (contents, self._geometry, layers)
 
-    def _undecided_pairs(self, q: ArrayLike | None) -> dict[tuple[str, str], int] | None:
+    def _undecided_pairs(
+        self, q: ArrayLike | None, progress: Progress | None
+    ) -> dict[tuple[str, str], int] | None:
         """Count MIXED cells by the undecided pair.
 
         ``q``, shape (..., d), limits the count to the cells of configurations. Returns None once
@@ -295,7 +299,7 @@ class JointMap(CSpace):
             is_queried = np.zeros(grid.shape, dtype=np.bool_)
             is_queried[tuple(indices[is_inside].T)] = True
             cells = cells[is_queried[tuple(cells.T)]]
-        return dict(geometry.count_pairs(cells).most_common())
+        return dict(geometry.count_pairs(cells, progress).most_common())
 
     def _name_obstacles(self, q: Floats, distances: Floats, turn: float) -> tuple[str, ...]:
         """Return the two solids nearest to touching."""
@@ -327,7 +331,10 @@ class JointMap(CSpace):
         super()._drop_derived(workspace, layers)
 
 
-def undecided_pairs(joint_map: CSpace, q: ArrayLike | None = None) -> dict[tuple[str, str], int]:
+@names_options
+def undecided_pairs(
+    joint_map: CSpace, q: ArrayLike | None = None, *, progress: Progress | None = None
+) -> dict[tuple[str, str], int]:
     """Return the pairs of links and obstacles that keep cells MIXED.
 
     Parameters
@@ -336,6 +343,8 @@ def undecided_pairs(joint_map: CSpace, q: ArrayLike | None = None) -> dict[tuple
         A map of :func:`build_joint_map`, not from a file, and without changes of its cells.
     q : array-like, shape (..., d), optional
         Configurations of the map; only their cells count. The default is all cells.
+    progress : callable, optional
+        Called with (pairs done, all pairs).
 
     Returns
     -------
@@ -368,7 +377,9 @@ def undecided_pairs(joint_map: CSpace, q: ArrayLike | None = None) -> dict[tuple
     >>> list(cspace.undecided_pairs(joint_map))
     [('fore', 'post')]
     """
-    counts = joint_map._undecided_pairs(q) if isinstance(joint_map, JointMap) else None
+    counts = None
+    if isinstance(joint_map, JointMap):
+        counts = joint_map._undecided_pairs(q, progress)
     if counts is None:
         raise InputError(
             "joint_map",
@@ -590,17 +601,22 @@ class JointGeometry:
         rows[:, self.proofs.joint_indices] = q
         return rows
 
-    def count_pairs(self, cells: Ints) -> Counter[tuple[str, str]]:
+    def count_pairs(self, cells: Ints, progress: Progress | None) -> Counter[tuple[str, str]]:
         """Count cells, shape (n, d), by the names of the first pair not proven apart there."""
         counts = Counter[tuple[str, str]]()
         snapshot = self.proofs.snapshot
-        for pair in range(len(snapshot.outer.pairs)):
+        total = len(snapshot.outer.pairs)
+        for pair in range(total):
+            if progress is not None:
+                progress(pair, total)
             proofs = self.proofs.select_pairs(slice(pair, pair + 1))
             scratch = make_scene_scratch(proofs.snapshot.outer)
             is_free = proofs.find_states(cells, cells + 1, False, scratch) == FREE
             firsts, lasts, _ = proofs.find_tubes(cells[~is_free], cells[~is_free] + 1)
             counts.update(snapshot.nearest_parts(pair, 0.5 * (firsts + lasts)))
             cells = cells[is_free]
+        if progress is not None:
+            progress(total, total)
         return counts
 
 

@@ -40,6 +40,7 @@ from cspace.arms._solids import PosedShape, Solid, check_rigid
 from cspace.errors import ConfigurationError, InputError
 
 if TYPE_CHECKING:
+    from cspace._engines.slices import Progress
     from cspace._files.urdf import EndEffector, PackageDirs, Srdf
     from cspace.arms._sphere_models import SphereModel
     from cspace.spectral._decompose import Kind
@@ -628,6 +629,7 @@ class Arm:
         number: int | Mapping[str, int] | None = None,
         tolerance: float | None = None,
         kind: Kind = "outer",
+        progress: Progress | None = None,
     ) -> SphereModel:
         """Find balls that cover each link, or lie inside it.
 
@@ -643,6 +645,8 @@ class Arm:
         kind : {"outer", "inner"}
             Whether the balls cover the link, or each lies inside it. A link without an inside gets
             no inner balls, and a warning names it.
+        progress : callable, optional
+            Called with (links done, all links).
 
         Returns
         -------
@@ -659,7 +663,7 @@ class Arm:
         """
         from cspace.arms._sphere_models import find_spheres
 
-        return find_spheres(self, number, tolerance, kind)
+        return find_spheres(self, number, tolerance, kind, progress)
 
     @names_options
     def attach(

@@ -23,6 +23,7 @@ from cspace._support.reporting import warn_user
 from cspace.errors import GeometryError, InputError
 
 if TYPE_CHECKING:
+    from cspace._engines.slices import Progress
     from cspace.arms._model import Arm
     from cspace.arms._solids import Solid
     from cspace.spectral import BallDecomposition
@@ -197,7 +198,11 @@ def _format_xml(root: ElementTree.Element) -> str:
 
 
 def find_spheres(
-    arm: Arm, number: int | Mapping[str, int] | None, tolerance: float | None, kind: Kind
+    arm: Arm,
+    number: int | Mapping[str, int] | None,
+    tolerance: float | None,
+    kind: Kind,
+    progress: Progress | None,
 ) -> SphereModel:
     """Find the balls of each link; see :meth:`cspace.Arm.spheres`."""
     from cspace.spectral import decompose
@@ -205,7 +210,9 @@ def find_spheres(
     links = {}
     if isinstance(number, Mapping):
         check_mapping(number, "number", [link.name for link in arm.links])
-    for link in arm.links:
+    for done, link in enumerate(arm.links):
+        if progress is not None:
+            progress(done, len(arm.links))
         count = _find_number(number, link.name) if isinstance(number, Mapping) else number
         shape = _join_parts(arm, link)
         if kind == "inner" and not shape.inner.encloses:
@@ -218,6 +225,8 @@ def find_spheres(
                 place = f"link {link.name!r}"
                 raise type(error)(place, error.problem, error.rule, error.hint) from error
             raise
+    if progress is not None:
+        progress(len(arm.links), len(arm.links))
     if not links:
         raise GeometryError(
             "kind",

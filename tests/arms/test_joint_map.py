@@ -92,6 +92,21 @@ def test_joint_maps_agree_with_fcl(tmp_path_factory, seed, count):
             assert (oracle.apart(q) > 0.0) == (state == FREE)
 
 
+def test_progress_begins_at_once_and_ends_with_all_steps():
+    space = build_plane_arm()
+    told = []
+
+    def note(done, total):
+        told.append((done, total))
+
+    joint_map = build_joint_map(space, 0.2, progress=note)
+    undecided_pairs(joint_map, progress=note)
+    space.arm.spheres(number=2, progress=note)
+    ends = [k for k, (done, total) in enumerate(told) if done == total]
+    begins = [0, *(k + 1 for k in ends[:-1])]
+    assert len(ends) == 3 and all(told[k][0] == 0 for k in begins)
+
+
 def measure_distances(q, posts=POSTS):
     """Return the distances of two bars of 1 m from posts and the foot below, by shapely."""
     first, second = np.transpose(q)
