@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
-import numpy as np
+from typing import Final
 
-from cspace._interface import Space
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cspace._interface import Space, format_configuration
 from cspace._rotations import Rotations
+from cspace._support.arrays import Floats
+from cspace._support.check import check_finite
 from cspace.errors import InputError
+
+BOUNDS_SLACK: Final = 1e-9
+"""Rounding by which a found path may leave the bounds, as a share of their width."""
 
 
 def check_own_space(space: Space) -> None:
@@ -23,6 +31,31 @@ def check_own_space(space: Space) -> None:
     if count != (space.size,):
         rule = f"there is one text for each of {', '.join(space.axes)}"
         raise InputError("units", f"are {space.units!r}", rule, "leave them out for metres")
+
+
+def check_found_path(space: Space, path: ArrayLike) -> Floats:
+    """Return a path that a space's own search found, shape (n, size), without a row if it is empty.
+
+    Raises InputError unless its rows are configurations within the bounds, which a test of motions
+    may take for granted.
+    """
+    rows = check_finite(path, "search")
+    if not rows.size:
+        return np.empty((0, space.size))
+    if rows.ndim != 2 or rows.shape[1] != space.size:
+        rule = f"it returns rows of {', '.join(space.axes)}"
+        hint = f"return an array of shape (n, {space.size})"
+        raise InputError("search", f"returned the shape {rows.shape}", rule, hint)
+    lower, upper = space.check_bounds()
+    positions = rows[:, : space.dim]
+    is_bounded = ~np.array(space.periodic_axes)[: space.dim]
+    slack = BOUNDS_SLACK * (upper - lower)
+    is_beyond = (positions < lower - slack) | (positions > upper + slack)
+    is_outside = (is_bounded & is_beyond).any(axis=1)
+    for row in rows[is_outside][:1].tolist():
+        problem = f"returned the row {format_configuration(row)}"
+        raise InputError("search", problem, f"a path stays within the bounds {space.bounds!r}")
+    return rows
 
 
 def _check_axes(space: Space) -> None:

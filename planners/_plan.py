@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace._interface import (
+    ConfigurationSpace,
     Endpoint,
     GoalLike,
     SearchOptions,
@@ -75,6 +76,7 @@ from planners._ompl_search import (
     shorten,
 )
 from planners._ompl_states import check_space, find_state_kind
+from planners._own_space import check_found_path
 from planners._result import Plan, Times
 from planners._setup import MakeObjective, make_bounded_states
 
@@ -862,7 +864,10 @@ def _find_path(task: PlanTask, may_exist: Callable[[], bool]) -> tuple[Floats, s
     if task.planner == GRID and task.objective == CLEARANCE:
         return find_clear_path(edges, task.endpoints, task.simplify, seconds), ""
     options = SearchOptions(task.simplify, edges.exact, task.iterations, task.seed, seconds)
-    return edges.space.search(task.planner, task.endpoints, options), ""
+    path = edges.space.search(task.planner, task.endpoints, options)
+    if isinstance(edges.space, ConfigurationSpace):
+        return path, ""
+    return check_found_path(edges.space, path), ""
 
 
 def _describe_outcome(task: PlanTask, result: SearchResult, exists: bool | None) -> tuple[str, str]:

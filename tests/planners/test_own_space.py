@@ -175,6 +175,34 @@ def test_what_a_space_says_wrongly_is_refused_before_a_search(call, mended, mess
     check_followed(call, mended, message)
 
 
+@pytest.mark.parametrize(
+    "rows, message",
+    [
+        ([START, (math.nan, math.nan), GOAL], r"search\[1, 0\] is nan"),
+        ([START, (0.0, 9.0), GOAL], r"search returned the row \(0.0, 9.0\); a path stays within"),
+        ([(*START, 0.0), (*GOAL, 0.0)], r"search returned the shape \(2, 3\)"),
+        ([START], None),
+        ([], None),
+    ],
+)
+def test_a_path_of_the_own_search_has_configurations_within_the_bounds(rows, message):
+    class Found(Disc):
+        searches = ("Own",)
+
+        def motion_is_free(self, q0, q1):
+            return not np.hypot(*np.asarray(q1)[:2]) < 1.0  # also of NaN
+
+        def search(self, name, endpoints, options):
+            return np.array(rows)
+
+    space = Found("a", "b")
+    if message is None:
+        assert not planners.plan(space, START, GOAL).certified
+        return
+    with pytest.raises(InputError, match=message):
+        planners.plan(space, START, GOAL)
+
+
 def test_every_door_checks_a_space_of_the_user():
     wrong, right = make_own(axes=FORKED), make_own()
     plan = planners.plan(right, (1.0, 1.0), (2.0, 2.0))
