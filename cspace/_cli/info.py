@@ -149,7 +149,7 @@ def describe_map(space: ConfigurationMap) -> dict[str, Any]:
         with_unit("spacing", grid.unit): grid.spacing,
         "shape": list(grid.shape),
         "outside": space.outside,
-        "margin_m": space.margin,
+        with_unit("margin", grid.unit): space.margin,
         **space.rotations._facts,
         **space._facts,
     }

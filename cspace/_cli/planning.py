@@ -218,12 +218,13 @@ def explain(
     if picture:
         with clock.step("draw"):
             save_figure(lambda: explanation.plot().figure, picture, overwrite, dpi=150.0)
+    margin = with_unit("margin", space.grid.unit)
     described = {
         "verdict": explanation.verdict,
         "reason": str(explanation),
         "obstacles": list(explanation.obstacles),
         "bottleneck": explanation.bottleneck.tolist(),
-        "margin_m": [x if math.isfinite(x) else None for x in explanation.margin],
+        margin: [x if math.isfinite(x) else None for x in explanation.margin],
         "barrier_cells": len(explanation.barrier),
     }
     show({**described, "seconds": clock.seconds}, as_json)

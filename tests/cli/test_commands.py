@@ -293,7 +293,10 @@ def test_plans_of_joints_have_the_units_of_their_axes(arm_file, tmp_path):
     printed = document("info", tmp_path / "joints.zarr")
     assert (printed["joints"], printed["spacing_rad_or_m"]) == (joints, 0.1)
     assert printed["free_area_rad_m"] == pytest.approx(printed["cells"]["free"] * 0.01)
-    assert not {"lower_m", "spacing_m", "free_area_m2"} & set(printed)
+    assert not {"lower_m", "spacing_m", "free_area_m2", "margin_m"} & set(printed)
+    printed = document("explain --start=45deg,0.25 --goal=60deg,0.1", tmp_path / "joints.zarr")
+    assert printed["verdict"] == "connected" and len(printed["margin_rad_or_m"]) == 2
+    assert "margin_m" not in printed
     printed = document("plan --start=45deg,0.25 --goal=60deg,0.1", tmp_path / "joints.zarr")
     ends = [printed["path"][0], printed["path"][-1]]
     np.testing.assert_allclose(ends, [[math.pi / 4, 0.25], [math.pi / 3, 0.1]], atol=1e-12)
