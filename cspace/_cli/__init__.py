@@ -12,6 +12,7 @@ import sys
 import threading
 import warnings
 from collections.abc import Callable
+from io import TextIOWrapper
 from pathlib import Path
 from types import FrameType
 from typing import Any, Final
@@ -42,6 +43,8 @@ class _Commands(TyperGroup):
 
     def make_context(self, *arguments: Any, **options: Any) -> Any:
         """Parse the arguments; ``--help`` and ``--version`` print already now."""
+        if isinstance(sys.stdout, TextIOWrapper):
+            sys.stdout.reconfigure(errors="replace")  # names may have letters it cannot encode
         try:
             return super().make_context(*arguments, **options)
         except BrokenPipeError:

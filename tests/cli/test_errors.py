@@ -3,6 +3,7 @@
 import os
 
 import pytest
+from typer.testing import CliRunner
 
 from tests.helpers.commands import run
 
@@ -50,3 +51,12 @@ def test_interruptions_and_system_errors_end_in_one_line(room, monkeypatch, erro
 def test_defects_stay_visible(room, monkeypatch):
     monkeypatch.setattr("cspace._opening.open_map", lambda _: 1 / 0)
     assert isinstance(run("info plane.zarr").exception, ZeroDivisionError)
+
+
+@pytest.mark.parametrize("charset", ["utf-8", "ascii", "cp1251"])
+def test_a_command_prints_letters_that_the_terminal_lacks(room, charset):
+    """Only UTF-8 of these has the sign of square metres."""
+    from cspace._cli import app
+
+    result = CliRunner(charset=charset).invoke(app, ["info", "plane.zarr"])
+    assert result.exit_code == 0 and "free area" in result.stdout, result.exception
