@@ -42,7 +42,9 @@ space = cspace.build(
     cspace.Workspace.from_mesh(wall, 0.1, bounds), drone, rotations=cspace.Rotations.quaternions(8)
 )
 still = (0.0, 0.0, 0.0, 1.0)
-plan = planners.plan(space, (*start, *still), (*goal, *still), exact=True, time_limit=20, seed=1)
+plan = planners.plan(
+    space, (*start, *still), (*goal, *still), exact=True, iterations=100_000, time_limit=600, seed=1
+)
 print(plan)
 up = Rotation.from_quat(plan.path[:, 3:]).apply((0.0, 0.0, 1.0))[:, 2]
 print(f"it banks by up to {np.degrees(np.arccos(np.abs(up).min())):.0f} degrees")
