@@ -9,7 +9,7 @@ import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields, replace
 from importlib.util import find_spec
-from typing import TYPE_CHECKING, Any, Unpack, cast
+from typing import TYPE_CHECKING, Any, Final, Unpack, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -36,6 +36,9 @@ if TYPE_CHECKING:
     from cspace.reasons import Explanation
     from cspace.regions import Corridor
     from planners._trajectory import Trajectory
+
+PRINTED_DECIMALS: Final = 9
+"""Number of decimals of printed configurations, nanometres and nanoradians."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -385,7 +388,7 @@ class Plan:
         axes = ", ".join(self.axes)
         result = f"{self.planner}: {self.status}"
         ends = self.waypoints[[0, -1]] if self.solved else np.array([self.start, self.goal])
-        between = " to ".join(map(format_configuration, ends.tolist()))
+        between = " to ".join(map(format_configuration, np.round(ends, PRINTED_DECIMALS).tolist()))
         if not self.solved:
             hints = [f"try {self.hint}"] if self.hint else []
             return [result, f"from {between} ({axes})", *self._reasons, *hints]
@@ -763,11 +766,14 @@ class Plan:
 
         Raises
         ------
+        InputError
+            If the plan has no path.
         FileError
             If the file exists and may not be replaced, or cannot be written.
         """
         from planners._trajectory import write_csv
 
+        self._check_solved("a table has the rows of a path")
         names = self.axes
         rows = self.path.tolist()
         if self.direction is not None:
