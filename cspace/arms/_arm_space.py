@@ -52,7 +52,6 @@ from cspace._support.check import (
     check_text,
     names_options,
 )
-from cspace._support.reporting import tell_apart
 from cspace._workspace import Workspace
 from cspace.arms._inverse import (
     PoseGoal,
@@ -1185,9 +1184,7 @@ def _make_collision_error(snapshot: Snapshot, q: Floats, name: str) -> Configura
     point = f"({', '.join(f'{x:.6g}' for x in q)})"
     if tilt := snapshot.find_tilt(q):
         upright, angle = tilt
-        bound = upright.angle + math.copysign(upright.tolerance, angle - upright.angle)
-        measured, _ = tell_apart(angle, bound)
-        problem = f"{point} is not upright: the axis of {upright.frame} is {measured} rad "
+        problem = f"{point} is not upright: the axis of {upright.frame} is {angle:.6g} rad "
         problem += f"from the direction {upright.direction}"
         rule = f"keep= wants {upright.angle:.6g} rad, within {upright.tolerance:.6g} rad"
         hint = "choose another configuration, or a larger tolerance"
