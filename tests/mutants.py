@@ -234,8 +234,8 @@ MUTANTS = (
     ),
     Mutant(
         "cspace/_queries/chunks.py",
-        "np.concatenate([_check_before(before, space.axes), starts])",
-        "np.concatenate([starts, _check_before(before, space.axes)])",
+        "np.concatenate([driven, starts])",
+        "np.concatenate([starts, driven])",
         "tests/queries/test_chunks.py",
     ),
     Mutant(
