@@ -86,7 +86,9 @@ def warn_of_likely_degrees(points: Floats, name: str, otherwise: str = "") -> No
 
     ``otherwise`` is a hint for metres.
     """
-    corners = np.stack([points.min(axis=0), points.max(axis=0)])[:, :2]
+    # About a thousand points show the place of all.
+    sample = points[:: len(points) // 1000 + 1, :2]
+    corners = np.stack([sample.min(axis=0), sample.max(axis=0)])
     size = np.ptp(corners, axis=0).max()
     distance = np.linalg.norm(corners.mean(axis=0))
     fits = (np.abs(corners) <= _MAX_DEGREES).all()

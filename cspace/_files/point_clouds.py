@@ -170,6 +170,11 @@ def _refuse_cells(rows: Floats) -> None:
 _BRACKETS: Final = re.compile(r"[\[(][^\])]*[\])]")
 """Unit of a column."""
 
+_COUNTER: Final = re.compile(
+    r"[#/\s]*(i|n|id|idx|index|n[or]|label|class|t|time|(time)?stamps?|frame|seq)\b", re.IGNORECASE
+)
+"""A comment that begins with the name of a column before the coordinates."""
+
 _WORD: Final = re.compile(r"[^\s,;\"']+")
 
 
@@ -177,7 +182,7 @@ def _find_rows(text: str) -> tuple[list[str], int]:
     """Return a text's column names and the lines before its rows.
 
     A heading is a line of words alone, or a comment with words that begin or end with x, y and z,
-    or name degrees. Without a heading, there are no names.
+    or name degrees, or begin with the name of a counter. Without a heading, there are no names.
     """
     names: list[str] = []
     # Number of characters in which the first row of a text begins, or it has no heading.
@@ -194,7 +199,8 @@ def _find_rows(text: str) -> tuple[list[str], int]:
             # A sentence may have such words, too, but hardly as many as there are columns.
             ends = ({word[end].lower() for word in words} for end in (0, -1))
             has_axes = list_degrees(words) or any({"x", "y", "z"} <= end for end in ends)
-            is_heading = has_axes and len(words) == len(first_row)
+            has_names = has_axes or (len(words) > 3 and _COUNTER.match(content))
+            is_heading = has_names and len(words) == len(first_row)
         else:
             is_heading = not any(map(_is_number, words))
         if words and is_heading:

@@ -35,10 +35,10 @@ FIELDS: Final = (
             "unequal steps; steps other than the spacing; of a coordinate, `units`, `unit` or "
             "`uom` other than metres, `positive` down, another `axis`, a `standard_name` of "
             "degrees or depth; `scale_factor`, `add_offset`, `_fillvalue` of 0 or 1, where not "
-            "decoded, or a `missing_value`; `flag_meanings` that turn 0 and 1 round; `crs`, "
-            "`crs_wkt`, `spatial_ref` or `grid_mapping_name` in degrees; `transform`, "
-            "`geotransform` or `res` without coordinates; y, x without coordinates; "
-            "`inner` at another place"
+            "decoded, or a `missing_value`; `flag_meanings`, `long_name` or a name by which 1 is "
+            "free; `crs`, `crs_wkt`, `spatial_ref` or `grid_mapping_name` in degrees; `transform`, "
+            "`geotransform` or `res` without coordinates; y, x without coordinates; `inner` at "
+            "another place"
         ),
         warned=(
             "another `crs`; `valid_range`, `valid_min`, `valid_max`, and attributes that are not "
@@ -48,7 +48,7 @@ FIELDS: Final = (
             "area_or_point _array_dimensions actual_range bounds cell_methods cell_measures class "
             "dimension_labels dimension_list _netcdf4coordinates _netcdf4dimid "
             "comment conventions coordinates created date description flag_masks flag_values "
-            "grid_mapping history institution long_name missing_chunks name note references source "
+            "grid_mapping history institution missing_chunks name note references source "
             "title version"
         ),
     ),
@@ -68,7 +68,7 @@ def place_raster(array: Any, spacing: float, name: str = "occupied") -> tuple[An
 
     Raises InputError if the coordinates are not cells of `spacing`, in metres.
     """
-    coordinates = array.coords if hasattr(array, "isel") else {}
+    coordinates = getattr(array, "coords", {}) if hasattr(array, "isel") else {}
     attributes = _open_attributes(array, name)
     places = [key for key in _PLACE_ATTRIBUTES if attributes.get(key) is not None]
     _check_meaning(array, attributes, name)
@@ -177,7 +177,8 @@ def _check_axis(coordinate: Any, axis: str, label: str) -> None:
         units = f"degrees of {name}"
     is_decoded = _is_decoded(attributes)
     # The caller checks the reference systems of all coordinates together.
-    attributes.taken.update(_CRS_ATTRIBUTES, ("crs",))
+    attributes.taken.update(_CRS_ATTRIBUTES, ("crs", "long_name"))
+    attributes.taken.update(("valid_min", "valid_max", "valid_range"))  # none is missing
     attributes.close(attributes.where)
     if not is_decoded:
         raise _make_coded_error(label)
@@ -204,10 +205,10 @@ def _is_decoded(attributes: Ledger) -> bool:
 
 
 _FREE: Final = re.compile(
-    r"(free|empty|clear|open|passable|traversable|navigable|(un|not_)occupied|false|no)(_\w+)?"
+    r"(is_)?(free|empty|clear|open|passable|traversable|navigable|(un|not_)occupied)(_\w+)?"
 )
 _OCCUPIED: Final = re.compile(
-    r"(occupied|blocked|obstacle|wall|lethal|solid|full|true|yes|(un|im|non|not_)"
+    r"(occupied|blocked|obstacle|wall|lethal|solid|full|(un|im|non|not_)"
     r"(passable|traversable|navigable))s?(_\w+)?"
 )
 """Meanings of 0 and of 1, in lower case."""
@@ -227,7 +228,9 @@ def _check_meaning(array: Any, attributes: Ledger, name: str) -> None:
     numbers = attributes.fields.get("flag_values", attributes.fields.get("flag_masks"))
     flags = np.arange(len(meanings)) if numbers is None else np.ravel(numbers)
     meaning = dict(zip(flags.tolist(), meanings, strict=False))
-    zero, one = meaning.get(0, ""), meaning.get(1, "")
+    names = (attributes.get("long_name"), getattr(array, "name", None))
+    named = str(next(filter(None, names), "")).lower().replace(" ", "_")
+    zero, one = meaning.get(0, ""), meaning.get(1, named if not meanings else "")
     if _OCCUPIED.fullmatch(zero) or _FREE.fullmatch(one) or _MISSING.search(f"{zero} {one}"):
         problem = f"says that 0 is {zero or 'not named'} and 1 is {one or 'not named'}"
         raise InputError(name, problem, "0 is free and 1 is occupied")

@@ -20,6 +20,7 @@ _UNIT_NOTE: Final = re.compile(
     rb"^(?:#|//|comment|obj_info)[^\n]*?"
     rb"\b((?:milli|centi|kilo|micro|deci)met\w+|inch(?:es)?|feet|(?<!\d)(?<!\d )[cm]m"
     rb"|units?\s*(?:[:=]|\bin\b|\bis\b|\bare\b)?\W{0,3}(?:in|ft)"
+    rb"|[cm]m\s*=\s*1?\s*units?"
     rb"|\bunits?\s*(?:=|\bis\b|\bequals\b)\s*(?!1(?:\.0*)?\s*m(?:et\w+)?\b)[\d.]+\s*[a-z]+"
     rb"|units?\s*(?:[:=]|\bin\b|\bis\b|\bare\b)\W{0,3}(?!met(?:re|er)s?\b|m\b)[a-z]+)\b",
     re.MULTILINE,

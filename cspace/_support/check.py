@@ -8,7 +8,7 @@ import math
 import operator
 import re
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from functools import wraps
+from functools import lru_cache, wraps
 from types import MappingProxyType
 from typing import Any, Final, ParamSpec, TypeVar
 
@@ -456,10 +456,16 @@ def check_points(values: ArrayLike, name: str, axes: Sequence[str]) -> Floats:
     return check_finite(check_rows(values, name, axes), name)
 
 
+@lru_cache  # features of a file repeat the names of their properties
+def _gives_size(name: str) -> bool:
+    """Return True if a name gives a point or a line a size."""
+    return bool(_SIZE.search(_WORD_BREAK.sub("_", name).lower()))
+
+
 def find_sizes(names: Iterable[str]) -> dict[str, str]:
     """Return the names, each by itself, that give points a size."""
     known = list(names)
-    sizes = {name: name for name in known if _SIZE.search(_WORD_BREAK.sub("_", name).lower())}
+    sizes = {name: name for name in known if _gives_size(name)}
     if {"r", "g", "b"} <= set(map(str.lower, known)):  # a colour
         sizes = {name: name for name in sizes if name.lower() != "r"}
     return sizes
@@ -612,7 +618,7 @@ def check_cells(values: ArrayLike, name: str) -> Bools:
     if array.ndim not in (2, 3) or array.size == 0:
         rule = "it must have two or three axes and at least one cell"
         hint = "pass an array indexed [x, y] or [x, y, z]"
-        problem = f"is a {type(values).__name__} of shape {array.shape}"
+        problem = f"is a {type(values).__name__} of {array.ndim} axes and {array.size} entries"
         raise InputError(name, problem, rule, hint)
     if array.dtype.kind == "f":
         check_finite(array, name)

@@ -145,6 +145,7 @@ def test_speeds_in_degrees_are_warned_of(tmp_path):
     "note",
     [
         "vertex coordinates are measured in units, where 1 unit = 1.000000 mm",
+        "1 mm = 1 unit",
         *("1 unit = 0.0254 m", "unit is 0.001 meters", "Unit = 25.4 mm"),
     ],
 )
@@ -245,6 +246,7 @@ class Scale:
         ({"dims": (Scale("x"), Scale("y"))}, True),
         ({"dims": (Scale(""), Scale(""))}, True),
         ({"dimensions": ("row", "column")}, False),
+        ({"isel": None, "dims": ("y", "x")}, False),
     ],
 )
 def test_names_of_dimensions_are_heard_wherever_they_stand(fields, is_right):
@@ -294,6 +296,7 @@ def test_a_group_of_zarr_is_refused():
         ({"flag_meanings": "unknown occupied"}, "0 is unknown"),
         ({"flag_values": [2, 1, 0], "flag_meanings": "lethal free unknown"}, "0 is unknown"),
         ({"flag_values": [0, 1], "flag_meanings": "obstacles free_space"}, "1 is free_space"),
+        ({"long_name": "Free space"}, "1 is free_space"),
         ({"missing_value": 0}, "stand for others"),
         ({"missing_value": [9, 1]}, "stand for others"),
     ],
@@ -317,6 +320,11 @@ def test_usual_meanings_are_silent_and_others_warned_of(meanings):
     cells.attrs = {"flag_values": "0b, 1b", "flag_meanings": "occupied free"}
     with pytest.warns(UserWarning, match="not read: flag_meanings"):
         Workspace.from_array(cells, 0.1)
+    place = {"x": ("x", 0.1 * np.arange(6), {"long_name": "x", "valid_min": 0.0})}
+    placed = xarray.DataArray(CELLS, dims=("x", "y"), coords=place | {"y": 0.1 * np.arange(4)})
+    assert list_warnings(Workspace.from_array, placed, 0.1) == []
+    with pytest.raises(InputError, match="1 is free"):
+        Workspace.from_array(placed.rename("free"), 0.1)
     cells.attrs = {"valid_min": 1}
     with pytest.warns(UserWarning, match="not read: valid_min"):
         Workspace.from_array(cells, 0.1)
@@ -348,6 +356,7 @@ def test_grey_205_is_unknown_in_scale_mode(tmp_path):
         ("1 10 20 30\n2 10.5 20 30\n3 11 20 30\n", "begins each row with its number"),
         ("# id px py pz\n7 1 2 3\n9 1 2 3\n", "under the heading id px py pz"),
         ("# timestamp tx ty tz\n7.5 1 2 3\n9.5 1 2 3\n", "under the heading timestamp tx"),
+        ("# i east north up\n7 1 2 3\n9 1 2 3\n", "under the heading i east north up"),
         ("# label x [m] y [m]  z [m]\n7 1 2 3\n9 1 2 3\n", ""),
     ],
 )
@@ -365,6 +374,10 @@ def test_sizes_in_a_heading_are_heard(tmp_path):
     np.save(tmp_path / "a.npy", np.eye(3)[[0, 1, 2] * 4])
     with pytest.raises(FileError, match="values of cells"):
         Workspace.open(tmp_path / "a.npy", spacing=0.1)
+
+
+def test_a_sentence_above_three_columns_is_no_heading(tmp_path):
+    assert read(tmp_path, "a.txt", "# N points follow\n1 5 1\n2 6 2\n").grid.shape == (10, 10, 10)
 
 
 def test_the_corners_of_a_cube_are_points(tmp_path):
