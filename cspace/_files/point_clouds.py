@@ -170,10 +170,8 @@ def _refuse_cells(rows: Floats) -> None:
 _BRACKETS: Final = re.compile(r"[\[(][^\])]*[\])]")
 """Unit of a column."""
 
-_COUNTER: Final = re.compile(
-    r"[#/\s]*(i|n|id|idx|index|n[or]|label|class|t|time|(time)?stamps?|frame|seq)\b", re.IGNORECASE
-)
-"""A comment that begins with the name of a column before the coordinates."""
+_COUNTER: Final = re.compile(r"i|n|id|idx|index|n[or]|label|class|t|time|(time)?stamps?|frame|seq")
+"""Name, in lower case, of a column before the coordinates."""
 
 _WORD: Final = re.compile(r"[^\s,;\"']+")
 
@@ -194,20 +192,24 @@ def _find_rows(text: str) -> tuple[list[str], int]:
         content = line.strip()
         is_comment = content.startswith(("#", "//"))
         words = _WORD.findall(content)
+        is_heading = not any(map(_is_number, words))
         if is_comment:
             words = _WORD.findall(_BRACKETS.sub(" ", content.lstrip("#/")))
-            # A sentence may have such words, too, but hardly as many as there are columns.
-            ends = ({word[end].lower() for word in words} for end in (0, -1))
-            has_axes = list_degrees(words) or any({"x", "y", "z"} <= end for end in ends)
-            has_names = has_axes or (len(words) > 3 and _COUNTER.match(content))
-            is_heading = has_names and len(words) == len(first_row)
-        else:
-            is_heading = not any(map(_is_number, words))
+            is_heading = len(words) == len(first_row) and _names_columns(words)
         if words and is_heading:
             names = words
         elif words and not is_comment:
             return names, number
     return names, len(lines)
+
+
+def _names_columns(words: list[str]) -> bool:
+    """Return True if a comment of as many words as columns is a heading, and no sentence."""
+    lower = list(map(str.lower, words))
+    ends = ({word[end] for word in lower} for end in (0, -1))
+    has_axes = any({"x", "y", "z"} <= end for end in ends)
+    has_counter = len(words) > 3 and _COUNTER.fullmatch(lower[0])
+    return bool(has_axes or has_counter or list_degrees(words))
 
 
 def _is_number(word: str) -> bool:
