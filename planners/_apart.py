@@ -1,7 +1,8 @@
 """Whether two timed motions of two robots stay apart, by intervals of time.
 
 Within an interval, points of a robot move from where they are in its middle by at most half its
-width times the robot's largest speed. If the distance in the middle exceeds what both may move, and
+width times the robot's largest speed; relative to the other robot, by at most the relative speed in
+the middle and what it may change. If the distance in the middle exceeds what both may move, and
 their errors, the robots are apart all along the interval; otherwise it is halved.
 """
 
@@ -24,9 +25,11 @@ from cspace._bodies.cores import (
 )
 from cspace._robot import Robot, robot_of
 from cspace._rotations.base import wrap_angles
+from cspace._rotations.yaw import check_wrappable
 from cspace._support.arrays import Floats
 from cspace._support.check import (
     AXES,
+    MAX_NUMBER,
     check_finite,
     check_not_negative,
     check_number,
@@ -48,6 +51,9 @@ MotionState: TypeAlias = Literal["apart", "touch", "undecided"]
 
 SPEED_ROUNDING: Final = 1e-9
 """Share of a bound of a speed by which it grows, for rounding."""
+
+TIME_ROUNDING: Final = 2.0**-50
+"""Error of a time, as a share of it, that covers rounding."""
 
 CELLS_PER_SIDE: Final = 16
 """Number of cells along the longest side of the map around a solid."""
@@ -143,7 +149,7 @@ def apart(
     ------
     InputError
         If a motion is that of an arm, or rotates about other axes than z; if a number is not
-        finite; if frames differ; if the robots touch at the start.
+        finite or beyond 1e100; if frames differ; if the robots touch at the start.
 
     Examples
     --------
@@ -184,8 +190,11 @@ class Timed(NamedTuple):
     velocity : ndarray of float64, shape (dim,)
     at, error, growth : float
         Seconds, metres and m/s.
-    times, speeds : ndarray of float64, shape (n,), (n + 1,)
-        Seconds after ``at`` at which the bound of the speed changes, and the bounds between, m/s.
+    times : ndarray of float64, shape (n,)
+        Seconds after ``at`` at which bounds change.
+    bounds : ndarray of float64, shape (3, n + 1)
+        Bounds before, between and after these times: speed of the reference point, speed of any
+        other point around it, and acceleration of the reference point, m/s and m/s^2.
     """
 
     robot: Robot
@@ -196,26 +205,35 @@ class Timed(NamedTuple):
     error: float
     growth: float
     times: Floats
-    speeds: Floats
+    bounds: Floats
 
-    def place(self, t: Floats) -> Floats:
-        """Return positions and yaws at times, shape (n, dim + 1)."""
+    def place(self, t: Floats) -> tuple[Floats, Floats]:
+        """Return poses (n, dim + 1) and velocities (n, dim) at times."""
         dim = len(self.velocity)
         poses = np.tile(self.pose, (len(t), 1))
+        velocities = np.tile(self.velocity, (len(t), 1))
+        elapsed = t - self.at
         if self.trajectory is None:
-            poses[:, :dim] += (t - self.at)[:, np.newaxis] * self.velocity
+            poses[:, :dim] += elapsed[:, np.newaxis] * self.velocity
         else:
-            found = self.trajectory.sample(np.maximum(t - self.at, 0.0))[0]
+            found, rates, _ = self.trajectory.sample(np.maximum(elapsed, 0.0))
             poses[:, : found.shape[1]] = found
-        return poses
+            velocities[elapsed >= 0.0] = rates[elapsed >= 0.0, :dim]
+        return poses, velocities
 
     def bound_errors(self, t: Floats) -> Floats:
         """Return largest errors up to times, metres, (n,)."""
         return np.asarray(self.error + self.growth * np.maximum(t - self.at, 0.0))
 
-    def bound_speeds(self, t: Floats) -> Floats:
-        """Bound the speed of any point around times, m/s, (n,)."""
-        return np.asarray(self.speeds[np.searchsorted(self.at + self.times, t)])
+    def bound_rates(self, t: Floats) -> Floats:
+        """Return the bounds around times, shape (3, n)."""
+        return np.asarray(self.bounds[:, np.searchsorted(self.at + self.times, t)])
+
+    def bound_rounding(self, t: Floats) -> Floats:
+        """Bound how far rounding moves any point up to times, metres, (n,)."""
+        speeds, turns, _ = self.bounds
+        errors = TIME_ROUNDING * (np.abs(self.at) + np.abs(t))
+        return np.asarray((speeds + turns).max() * errors)
 
 
 def _read_mover(mover: object, name: str) -> Timed:
@@ -239,9 +257,9 @@ def _read_mover(mover: object, name: str) -> Timed:
             raise InputError(f"{name}.velocity", "is given", rule, "leave it out")
         _check_axes(mover.motion.axes, robot, name)
         pose = np.zeros(dim + 1)
-        bounds = _bound_trajectory(mover.motion, robot)
-        return Timed(robot, mover.motion, pose, velocity, at, *numbers, *bounds)
-    row = check_finite(mover.motion, f"{name}.motion")
+        times, bounds = _bound_trajectory(mover.motion, robot)
+        return Timed(robot, mover.motion, pose, velocity, at, *numbers, times, bounds)
+    row = check_finite(mover.motion, f"{name}.motion", largest=MAX_NUMBER)
     if row.shape not in ((dim,), (dim + 1,)):
         axes = ", ".join(AXES[:dim])
         rule = f"it must be a trajectory, or {axes}, and perhaps a yaw, of {robot.name}"
@@ -250,9 +268,11 @@ def _read_mover(mover: object, name: str) -> Timed:
         )
     yaws = dict.fromkeys(range(dim, len(row)), "its yaw")
     warn_of_degrees(row[np.newaxis], yaws, f"{name}.motion")
+    check_wrappable(row[dim:], f"{name}.motion")
     pose = np.append(row, np.zeros(dim + 1 - len(row)))
-    speed = np.array([float(np.linalg.norm(velocity)) * (1.0 + SPEED_ROUNDING)])
-    return Timed(robot, None, pose, velocity, at, *numbers, np.zeros(0), speed)
+    speed = float(np.linalg.norm(velocity)) * (1.0 + SPEED_ROUNDING)
+    bounds = np.array([[speed], [0.0], [0.0]])
+    return Timed(robot, None, pose, velocity, at, *numbers, np.zeros(0), bounds)
 
 
 def _check_axes(axes: tuple[str, ...], robot: Robot, name: str) -> None:
@@ -265,26 +285,29 @@ def _check_axes(axes: tuple[str, ...], robot: Robot, name: str) -> None:
 
 
 def _bound_trajectory(trajectory: Trajectory, robot: Robot) -> tuple[Floats, Floats]:
-    """Return the begins of phases, and bounds of speeds between.
+    """Return the begins of phases, and bounds of rates between.
 
-    The robot rests before the first and after the last.
+    Both are as of :class:`Timed`. The robot rests before the first phase and after the last.
     """
     phases = trajectory._phases
     numbers = np.arange(len(phases.times) - 1)
     widths = np.diff(phases.times)
-    lengths, last_speeds, _ = phases.ends()
+    lengths, last_speeds, last_gains = phases.ends()
     lengths = np.maximum(lengths - phases.positions[:-1], 0.0)
     # With a constant jerk, the speed is largest at an end or where the acceleration passes zero.
     with np.errstate(divide="ignore", invalid="ignore"):
         turns = np.nan_to_num(-phases.accelerations[:-1] / phases.jerks[:-1])
     turn_speeds = phases.at(numbers, np.clip(turns, 0.0, widths))[1]
     speeds = np.max([phases.speeds[:-1], turn_speeds, last_speeds], axis=0)
+    gains = np.abs([phases.accelerations[:-1], last_gains]).max(axis=0)
     segments = trajectory._segments.select(phases.segments[:-1])
-    rates, _ = bound_derivatives(segments, phases.positions[:-1], lengths)
-    moves = np.linalg.norm(rates[:, : robot.dim], axis=1)
-    moves += lever_of(robot.shape) * np.linalg.norm(rates[:, robot.dim :], axis=1)
-    bounds = moves * speeds * (1.0 + SPEED_ROUNDING)
-    return phases.times, np.concatenate([[0.0], bounds, [0.0]])
+    rates, bends = bound_derivatives(segments, phases.positions[:-1], lengths)
+    ahead = np.linalg.norm(rates[:, : robot.dim], axis=1)
+    aside = np.linalg.norm(bends[:, : robot.dim], axis=1) + np.abs(segments.curvatures) * ahead
+    around = lever_of(robot.shape) * np.linalg.norm(rates[:, robot.dim :], axis=1)
+    bounds = np.array([ahead * speeds, around * speeds, ahead * gains + aside * speeds**2])
+    bounds *= 1.0 + SPEED_ROUNDING
+    return phases.times, np.pad(bounds, ((0, 0), (1, 1)))
 
 
 def _check_pair(first: Timed, second: Timed) -> None:
@@ -461,8 +484,8 @@ class Search:
             least = min(least, float(gaps.min()))
             # Share of the least distance found that each interval is to prove.
             enough = self._distance + 0.8 * max(least - self._distance, 0.0)
-            # Width of an interval, seconds, that is not halved.
-            is_narrow = highs - lows <= 1e-6
+            # Width of an interval, seconds, that is not halved; nor are those between two floats.
+            is_narrow = highs - lows <= np.maximum(1e-6, np.spacing(highs))
             settled = (bounds > enough) | (is_narrow & (bounds > self._distance))
             proven = min(proven, float(bounds[settled].min(initial=math.inf)))
             left = ~settled
@@ -500,22 +523,29 @@ class Search:
     def _bound(self, middles: Floats, lows: Floats, highs: Floats) -> tuple[Floats, Floats]:
         """Bound distances from below, midway and all along intervals."""
         one, other = self._movers
-        poses, others = one.place(middles), other.place(middles)
+        (poses, velocities), (others, other_velocities) = one.place(middles), other.place(middles)
         far = np.maximum(np.abs(poses).max(axis=1), np.abs(others).max(axis=1))
         gaps = self._measure.bound_below(poses, others) - ROUNDING - COORDINATE_ROUNDING * far
-        speeds = one.bound_speeds(middles) + other.bound_speeds(middles)
-        # Rounding of times moves the middle by far less than the width of an interval.
-        moved = 0.5 * speeds * (highs - lows) * (1.0 + SPEED_ROUNDING)
+        gaps -= one.bound_rounding(highs) + other.bound_rounding(highs)
+        halves = 0.5 * (highs - lows)
+        speeds, turns, gains = one.bound_rates(middles) + other.bound_rates(middles)
+        # Robots that move alike keep their distance.
+        relative = np.linalg.norm(velocities - other_velocities, axis=1)
+        relative += SPEED_ROUNDING * speeds + 0.5 * gains * halves
+        moved = halves * (np.minimum(speeds, relative) + turns) * (1.0 + SPEED_ROUNDING)
         errors = one.bound_errors(highs) + other.bound_errors(highs)
         near = one.bound_errors(middles) + other.bound_errors(middles)
-        return gaps - near, gaps - moved - errors
+        # A bound that is not finite proves nothing.
+        both = np.stack([gaps - near, gaps - moved - errors])
+        gaps, bounds = np.where(np.isfinite(both), both, -math.inf)
+        return gaps, bounds
 
     def find_touch(self, t: Floats) -> Touch | None:
         """Return the first instant at which the robots touch."""
         if not len(t):
             return None
         one, other = self._movers
-        poses, others = one.place(t), other.place(t)
+        (poses, _), (others, _) = one.place(t), other.place(t)
         bounds, steps = self._measure.bound_above(poses, others)
         errors, other_errors = one.bound_errors(t), other.bound_errors(t)
         touching = np.flatnonzero(bounds <= self._distance + errors + other_errors)

@@ -159,25 +159,28 @@ def _check_labels(labels: Iterable[Any], name: str, axes: Sequence[str]) -> None
     raise InputError(name, problem, rule, "rename or select its columns")
 
 
-def check_finite(values: ArrayLike, name: str, axes: Sequence[str] = ()) -> Floats:
+def check_finite(
+    values: ArrayLike,
+    name: str,
+    axes: Sequence[str] = (),
+    largest: float = float(np.finfo(np.float64).max),
+) -> Floats:
     """Return values as a float64 array.
 
-    ``axes`` are as for :func:`check_real`. Raises InputError as it does, and if a value is NaN or
-    infinite.
+    ``axes`` are as for :func:`check_real`. Raises InputError as it does, and if a value is NaN,
+    infinite or beyond the largest.
     """
     numbers = check_real(values, name, axes)
     if numbers.dtype.kind == "b":
         raise InputError(name, f"is {values!r}", "it must be numeric", NUMBERS_HINT)
     array = np.asarray(numbers, dtype=np.float64)
-    is_finite = np.isfinite(array)
-    if not is_finite.all():
-        entry, value = _first_wrong_entry(array, name, ~is_finite)
-        raise InputError(
-            entry,
-            f"is {value}",
-            "it must be finite",
-            "drop or replace such values first",
-        )
+    is_within = np.abs(array) <= largest
+    if not is_within.all():
+        entry, value = _first_wrong_entry(array, name, ~is_within)
+        rule = "it must be finite"
+        if np.isfinite(value):
+            rule = f"it must be from {-largest:g} to {largest:g}"
+        raise InputError(entry, f"is {value}", rule, "drop or replace such values first")
     return array
 
 
@@ -205,8 +208,8 @@ def check_unmasked(values: Any, name: str) -> None:
 
 
 def check_number(value: Any, name: str, hint: str = "pass e.g. 0.5") -> float:
-    """Return a finite number as float, or raise InputError."""
-    number = check_finite(value, name)
+    """Return a number of at most 1e100 as float, or raise InputError."""
+    number = check_finite(value, name, largest=MAX_NUMBER)
     if number.ndim:
         raise InputError(name, f"is {value!r}", "it must be one number", hint)
     return float(number)
@@ -493,9 +496,9 @@ def select_positions(values: Any, name: str) -> NDArray[Any]:
 def check_point(value: ArrayLike, name: str = "center", dim: int = 2) -> Floats:
     """Return a copy of the coordinates of one point, shape (dim,).
 
-    Raises InputError if the shape differs, or a value is not finite.
+    Raises InputError if the shape differs, or a value is not finite or beyond 1e100.
     """
-    point = check_finite(value, name, AXES[:dim])
+    point = check_finite(value, name, AXES[:dim], MAX_NUMBER)
     if point.shape != (dim,):
         rule = f"it must be {dim} numbers in metres"
         hint = f"pass e.g. {(0.5,) * dim}"

@@ -16,6 +16,7 @@ from cspace._rotations.base import wrap_angles
 from cspace._support.arrays import Floats, StrPath
 from cspace._support.check import (
     AXES,
+    MAX_NUMBER,
     check_finite,
     check_flag,
     check_pairs,
@@ -144,6 +145,7 @@ class RouteGraph:
             If an argument has another shape, or names are not unique.
         """
         points = check_points(positions, "positions", AXES[:2])
+        check_finite(points, "positions", largest=MAX_NUMBER)
         ends = check_pairs(edges, points)
         check_flag(two_way, "two_way")
         is_one = isinstance(headings, str | HeadingRule) or not np.iterable(headings)

@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -260,6 +261,61 @@ def test_an_ellipse_is_apart_by_its_outer_and_touches_by_its_inner_bound():
         assert apart(moving, Mover(wide, (0.0, 0.0)), until=6.0).verdict == verdict
 
 
+@pytest.mark.parametrize("robot", ["disc:0.3", "ball:0.3"])
+def test_things_that_move_alike_keep_their_distance(robot):
+    dims = 2 if robot == "disc:0.3" else 3
+    velocity = np.array([1.0, -0.5, 0.25])[:dims]
+    ahead = 0.7 * np.eye(dims)[0]
+    first = Mover(robot, ahead, velocity=velocity)
+    second = Mover(robot, 2.0 * ahead - 2.0 * velocity, velocity=velocity, at=-2.0)
+    found = apart(first, second, until=1e6)
+    assert 0.08 < found.distance <= 0.1
+    slower = Mover(robot, 2.0 * ahead, velocity=(1.0 - 1e-5) * velocity)
+    found = apart(first, slower, until=1e6)
+    assert found.verdict == "touch"
+    assert found.time == pytest.approx(1e4, rel=0.05)
+
+
+@pytest.mark.parametrize("max_jerk", [None, 1.0])
+def test_a_convoy_keeps_its_distance_for_a_kilometre(max_jerk):
+    space = build_empty((2200, 20), "disc:0.3", 0.5)
+    limits = {"max_velocity": 1.0, "max_acceleration": 1.0, "max_jerk": max_jerk}
+    front, rear = (
+        planners.plan(space, (x, 5.0), (x + 1000.0, 5.0)).trajectory(**limits) for x in (2.8, 2.0)
+    )
+    for late, gap in ((0.0, 0.2), (0.3, 0.2), (-0.1, 0.1)):
+        found = apart(Mover("disc:0.3", front), Mover("disc:0.3", rear, at=late))
+        assert 0.7 * gap < found.distance <= gap + 1e-9
+    found = apart(Mover("disc:0.3", front), Mover("disc:0.3", rear, at=-0.3))
+    assert found.verdict == "touch"
+    assert found.time < 3.0
+
+
+@pytest.mark.parametrize("speed", [1e-40, 1.0, 1e40, 1e80])
+def test_bounds_that_overflow_prove_nothing(speed):
+    for robot, place in (("disc:0.3", (5.0, 0.0)), ("ball:0.3", (5.0, 0.0, 0.0))):
+        still = Mover(robot, place)
+        moving = Mover(robot, np.zeros(len(place)), velocity=speed * np.eye(len(place))[0])
+        assert apart(moving, still, until=1e100).verdict != "apart"
+
+
+@pytest.mark.parametrize("seconds", [1e9, 1e13])
+def test_rounding_of_far_places_and_times_proves_nothing(seconds):
+    rng = np.random.default_rng(9)
+    still = Mover("disc:0.4", (0.0, 0.0))
+    reach = Fraction(0.3) + Fraction(0.4)
+    touching = 0
+    for _ in range(40):
+        speed, end = rng.uniform((0.2, seconds), (3.0, 2.0 * seconds))
+        start = -speed * end - 0.7
+        # Exactly, where the disc comes within the reach of the other one at the end, or not.
+        touches = -(Fraction(start) + Fraction(speed) * Fraction(end)) <= reach
+        found = apart(Mover("disc:0.3", (start, 0.0), velocity=(speed, 0.0)), still, until=end)
+        assert not (touches and found)
+        touching += touches
+    assert touching > 10
+
+
 STILL = Mover("disc:0.3", (0.0, 0.0))
 PERSON = Mover("disc:0.3", (3.0, 0.0), velocity=(1.0, 0.0))
 
@@ -302,6 +358,10 @@ PERSON = Mover("disc:0.3", (3.0, 0.0), velocity=(1.0, 0.0))
     (PERSON, {}, {"until": 10.0}, "pass until=10.0, in seconds"),
     (PERSON, {"until": [1.0, 2.0]}, {"until": 10.0}, "pass seconds, e.g. 10.0"),
     (PERSON, {"until": math.nan}, "until is nan"),
+    (PERSON, {"until": 1.1e100}, "it must be from -1e+100 to 1e+100"),
+    (Mover("disc:0.3", (3.0, 0.0), velocity=(-1e101, 0.0)), {}, "velocity[0] is -1e+101"),
+    (Mover("disc:0.3", (3.0, 1e101)), {}, "second.motion[1] is 1e+101"),
+    (Mover("disc:0.3", (3.0, 0.0, 2e6)), {}, "at most 1048576 can be wrapped exactly"),
     (PERSON, {"until": -1.0}, {"until": 10.0}, "pass a later time"),
     (PERSON, {"until": 10.0, "distance": -1.0}, "distance is -1.0"),
 )
