@@ -61,6 +61,18 @@ def warn_of_size(place: str, points: Floats, advice: str) -> None:
         )
 
 
+def warn_of_scale(place: str, points: Floats, factors: Floats) -> None:
+    """Warn of a robot's mesh too small for metres; arguments as for :func:`warn_of_size`."""
+    sides = np.ptp(points, axis=0)
+    # Largest side, metres, of a mesh that may have been scaled from millimetres twice.
+    if sides.max() < 1e-3:
+        warn_user(
+            f"{place} is {format_sides(sides)} large, scaled by {factors.max():g}; check the unit "
+            "of the file and the scale",
+            UnitWarning,
+        )
+
+
 def warn_of_units(name: str, units: str) -> None:
     """Warn that coordinates in other units count as metres."""
     warn_user(

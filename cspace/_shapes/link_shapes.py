@@ -24,7 +24,7 @@ from cspace._files.moveit_messages import (
 )
 from cspace._files.plain import check_distinct
 from cspace._files.polygons import join_surfaces, transform_surface
-from cspace._files.unit_notes import warn_of_size, warn_of_unit
+from cspace._files.unit_notes import warn_of_scale, warn_of_size, warn_of_unit
 from cspace._files.urdf import (
     GEOMETRIES,
     PackageDirs,
@@ -219,6 +219,7 @@ def _scale_mesh(file: Path, scale: Any, place: str, gltf_up: Up) -> Surface:
     surface = read_mesh(file, gltf_up if is_gltf else "z")
     surface = transform_surface(surface, np.diag([*factors, 1.0]))
     warn_of_size(place, surface[0], 'write scale="0.001 0.001 0.001"')
+    warn_of_scale(place, surface[0], factors)
     return surface
 
 

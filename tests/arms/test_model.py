@@ -308,6 +308,20 @@ def test_joints_and_links_in_millimetres_are_warned_of(tmp_path):
             Arm.from_urdf(path)
 
 
+def test_a_mesh_scaled_from_millimetres_twice_is_warned_of(tmp_path):
+    trimesh.creation.box((0.3, 0.1, 0.1)).export(tmp_path / "bar.stl")
+    mesh = '<mesh filename="bar.stl" scale="{0} {0} {0}"/>'
+    bar = '<link name="b"><collision><geometry>{}</geometry></collision></link>'
+    for scale in (1.0, 0.001):
+        body = bar.format(mesh.format(scale))
+        path = write_urdf(tmp_path, link("a", BAR), body, joint("one", "a", "b"))
+        with warnings.catch_warnings(record=True) as heard:
+            warnings.simplefilter("always")
+            Arm.from_urdf(path)
+        assert [w.category for w in heard] == [UnitWarning] * (scale < 1.0)
+        assert all("0.0003 m x 0.0001 m" in str(w.message) for w in heard)
+
+
 def test_a_long_slide_has_its_own_limits(tmp_path):
     path = write_urdf(
         tmp_path,
