@@ -67,15 +67,16 @@ def audit(
     'the obstacle at (4.05, 1.85)'
     """
     from cspace.lanes._audit import audit_graph
-    from planners._plan import plan
 
     lanes = _open_graph(space, graph, "graph")
+    return audit_graph(space, lanes, exact, max_room, _find_path)
 
-    def find_path(space: ConfigurationMap, start: Floats, goal: Floats) -> Floats:
-        """Return a plan's waypoints, proven by geometry in memory."""
-        return plan(space, start, goal, exact=space.in_memory).waypoints
 
-    return audit_graph(space, lanes, exact, max_room, find_path)
+def _find_path(space: ConfigurationMap, start: Floats, goal: Floats) -> Floats:
+    """Return a plan's waypoints, proven by geometry in memory."""
+    from planners._plan import plan
+
+    return plan(space, start, goal, exact=space.in_memory).waypoints
 
 
 @names_options

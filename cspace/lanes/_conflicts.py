@@ -191,8 +191,12 @@ class Conflicts:
 
     @property
     def unguarded(self) -> list[Conflict]:
-        """Pairs that touch and share no mutex group."""
-        return [row for row in self.pairs if row.verdict == "touch" and not row.groups]
+        """Pairs that touch and share neither a node nor a mutex group."""
+        return [
+            row
+            for row in self.pairs
+            if row.verdict == "touch" and not (row.groups or row.shares_node)
+        ]
 
     @property
     def needless(self) -> list[str]:
@@ -240,7 +244,7 @@ class Conflicts:
         lines = [repr(self)]
         lines += format_table(COLUMNS, [list(row.cells.values()) for row in order], "pairs")
         if self.groups:
-            lines.append(f"{len(self.unguarded)} pairs touch and share no mutex group")
+            lines.append(f"{len(self.unguarded)} pairs touch and share no node and no mutex group")
         if self.needless:
             lines.append(f"mutex groups that guard nothing: {', '.join(self.needless)}")
         return "\n".join(lines)
@@ -283,7 +287,7 @@ class Conflicts:
         for name, outline in self.outlines.items():
             element = self.elements[name]
             properties = {"element": name, "kind": element.kind, "group": element.group}
-            shapes.append((shapely.geometry.mapping(outline), properties))
+            shapes.append((shapely.geometry.mapping(shapely.orient_polygons(outline)), properties))
         shapes += [
             ({"type": "Point", "coordinates": list(row.at or ())}, row.cells) for row in self.pairs
         ]
@@ -514,7 +518,8 @@ def _fill(shapes: Any) -> Any:
     """Return a union's polygons without holes, shape (n,)."""
     parts = shapely.get_parts(shapely.union_all(shapes))
     polygons = parts[shapely.get_type_id(parts) == shapely.GeometryType.POLYGON]
-    return shapely.polygons(shapely.get_exterior_ring(polygons))
+    # RFC 7946 and VDA 5050 list corners counterclockwise.
+    return shapely.orient_polygons(shapely.polygons(shapely.get_exterior_ring(polygons)))
 
 
 def _corners_of(polygon: shapely.Polygon) -> list[tuple[float, float]]:

@@ -1,6 +1,8 @@
 """Audits of route graphs, against shapely's hulls of the swept shape."""
 
+import copy
 import math
+import pickle
 
 import numpy as np
 import pytest
@@ -385,6 +387,14 @@ def test_a_node_far_outside_is_named_at_once(tmp_path, far, outside, tile):
             assert {row.obstacle for row in others} == {"node 2 lies outside the map"}
         else:
             assert "blocked" not in {row.verdict for row in others}
+
+
+def test_audits_are_pickled_and_copied(rooms):
+    graph = RouteGraph.from_arrays([(1, 1), (3, 1), (7, 1)], [(0, 1), (1, 2)])
+    audit = planners.audit(rooms, graph)
+    for twin in (pickle.loads(pickle.dumps(audit)), copy.deepcopy(audit)):
+        assert str(twin) == str(audit)
+        np.testing.assert_array_equal(twin.find_way("0", "1"), audit.find_way("0", "1"))
 
 
 def test_wrong_arguments_are_refused(rooms):

@@ -422,12 +422,13 @@ def test_mutex_groups_of_open_rmf_are_audited(spaces, tmp_path):
     assert found.between("0: a to b", "1: c to d").groups == ("hall",)
     unguarded = {(row.first, row.second) for row in found.unguarded}
     assert ("0: a to b", "1: c to d") not in unguarded
-    assert ("2: e to f", "3: f to e") in unguarded
+    assert ("2: e to f", "3: f to e") not in unguarded  # they share nodes
     assert ("0: a to b", "node d") in unguarded
     assert all(row.verdict == "touch" and not row.groups for row in found.unguarded)
     assert found.needless == []
     assert [row for row in found.failing() if row.shares_node] == []
-    assert "pairs touch and share no mutex group" in str(found)
+    assert found.unguarded == found.failing()
+    assert f"{len(found.failing())} pairs touch and share no node and no mutex group" in str(found)
 
     def move(lanes):
         """Put the two lanes that are far from each other into one group."""
@@ -443,7 +444,8 @@ def test_graphs_without_groups_do_not_fail(spaces):
     graph = RouteGraph.from_arrays([(1, 1), (3, 1), (1, 1.1), (3, 1.1)], [(0, 1), (2, 3)])
     found = planners.conflicts(spaces["arrow"], graph)
     assert found.counts["touch"] > 0
-    assert len(found.unguarded) == found.counts["touch"]
+    between = [row for row in found.pairs if row.verdict == "touch" and not row.shares_node]
+    assert found.unguarded == between != []
     assert found.failing(strict=True) == []
 
 
@@ -458,7 +460,9 @@ def test_reports_hold_every_pair(spaces, tmp_path):
     found.write_geojson(tmp_path / "a.geojson")
     features = json.loads((tmp_path / "a.geojson").read_text())["features"]
     assert len(features) == len(found.elements) + len(found.pairs)
-    assert shapely.geometry.shape(features[0]["geometry"]).equals(found.outlines["0: a to b"])
+    outlines = [shapely.geometry.shape(each["geometry"]) for each in features]
+    assert outlines[0].equals(found.outlines["0: a to b"])
+    assert all(each.exterior.is_ccw for each in outlines[: len(found.elements)])
     found.to_junit(tmp_path / "a.xml")
     suite = ElementTree.parse(tmp_path / "a.xml").getroot()
     assert suite.get("failures") == str(len(found.failing())) != "0"
@@ -482,7 +486,9 @@ def test_zones_are_written_for_others(spaces, tmp_path):
     assert shapely.Polygon(first).equals(zones.polygons[0])
     zones.write_geojson(tmp_path / "zones.geojson")
     features = json.loads((tmp_path / "zones.geojson").read_text())["features"]
-    assert shapely.geometry.shape(features[0]["geometry"]).equals(zones.polygons[0])
+    shapes = [shapely.geometry.shape(each["geometry"]) for each in features]
+    assert shapes[0].equals(zones.polygons[0])
+    assert all(shape.exterior.is_ccw for shape in shapes)
     zone_set = zones.to_vda5050("hall", "lanes")["zoneSet"]
     assert (zone_set["mapId"], zone_set["zoneSetId"]) == ("hall", "lanes")
     assert {zone["zoneType"] for zone in zone_set["zones"]} == {"RELEASE"}
@@ -578,7 +584,7 @@ def test_exit_codes_tell_of_unguarded_pairs(room):
     assert audit(room, robot).exit_code == 0
     result = audit(room, robot, "--conflicts")
     assert result.exit_code == 1
-    assert "pairs touch and share no mutex group" in result.stdout
+    assert "pairs touch and share no node and no mutex group" in result.stdout
     # Robots of 0.2 m by 0.1 m stay apart, except where they share a node.
     assert audit(room, "--robot=rect:0.2x0.1", "--conflicts").exit_code == 0
     # At a distance of 0.1 m the lanes touch within rounding.
