@@ -26,6 +26,7 @@ from cspace._rotations.base import (
 )
 from cspace._support.arrays import FREE, MAX_EXPECTED_ANGLE, Bools, Floats, Ints, States
 from cspace._support.check import check_finite, check_pairs, names_options
+from cspace._support.deadlines import Effort
 from cspace._support.reporting import tell_apart
 from cspace.errors import ConfigurationError, InputError
 
@@ -110,7 +111,7 @@ class SearchOptions(NamedTuple):
     exact: bool  # whether geometry decides what cells do not
     iterations: int | None  # largest number of further searches for a shorter path
     seed: int | None
-    seconds: float  # time limit
+    limit: Effort  # at which the search ends
 
 
 def join_goal_errors(

@@ -50,15 +50,13 @@ from cspace._support.check import (
     check_flag,
     check_known,
     check_points,
-    check_positive,
     check_rng,
     check_rows,
     check_text,
     names_options,
     warn_of_degrees,
 )
-from cspace._support.compiling import clock
-from cspace._support.deadlines import is_stopped
+from cspace._support.deadlines import Effort, is_stopped, limit_effort, now
 from cspace._support.derived import derived, lazy
 from cspace._workspace import Workspace, copy_workspace
 from cspace.errors import ConfigurationError, InputError
@@ -464,7 +462,7 @@ class CSpace(ConfigurationMap):
         cost: Callable[..., float],
         *,
         straight: bool,
-        time_limit: float,
+        limit: Effort,
     ) -> Floats:
         """Find a path of low cost, otherwise as :meth:`find_path`.
 
@@ -479,7 +477,7 @@ class CSpace(ConfigurationMap):
         """
         search = partial(self._find_cheapest_path, factor_at=factor_at, cost=cost)
         start, goal = endpoints
-        return self._run_with_time_limit(search, start, goal, straight, time_limit)
+        return self._run_with_limit(search, start, goal, straight, limit)
 
     # ---- paths through FREE cells ----------------------------------------------------------------
 
@@ -558,42 +556,36 @@ class CSpace(ConfigurationMap):
         """
         check_flag(exact, "exact")
         search = self._find_exact_path if exact else self._find_free_path
-        return self._run_with_time_limit(search, q0, q1, straight, time_limit)
+        return self._run_with_limit(search, q0, q1, straight, limit_effort(time_limit))
 
     def search(self, name: str, endpoints: Sequence[Endpoint], options: SearchOptions) -> Floats:
         """Run :meth:`find_path` as "Grid", or :meth:`find_widest_path` as "MaxClearance"."""
         start, goal = endpoints
-        straight = options.simplify
-        seconds = options.seconds
+        search = self._find_exact_path if options.exact else self._find_free_path
         if name == "MaxClearance":
-            return self.find_widest_path(start, goal, straight=straight, time_limit=seconds)
-        return self.find_path(
-            start, goal, straight=straight, exact=options.exact, time_limit=seconds
-        )
+            search = self._search_widest_path
+        return self._run_with_limit(search, start, goal, options.simplify, options.limit)
 
-    def _run_with_time_limit(
+    def _run_with_limit(
         self,
-        search: Callable[[ArrayLike, ArrayLike, bool, float], Floats],
+        search: Callable[[ArrayLike, ArrayLike, bool, Effort], Floats],
         q0: ArrayLike,
         q1: ArrayLike,
         straight: bool,
-        time_limit: float | None,
+        limit: Effort,
     ) -> Floats:
-        """Run a path search with a time limit.
+        """Run a path search with a limit.
 
-        Returns a path of shape (n, size); n is 0 if time runs out. ``search`` takes start, goal,
-        ``straight`` and seconds; it raises TimeoutError.
+        Returns a path of shape (n, size); n is 0 at the limit. ``search`` takes start, goal,
+        ``straight`` and the limit; it raises TimeoutError.
         """
-        seconds = math.inf
-        if time_limit is not None:
-            seconds = check_positive(time_limit, "time_limit", "seconds")
         try:
-            return search(q0, q1, straight, seconds)
+            return search(q0, q1, straight, limit)
         except TimeoutError:
             return self._no_path()
 
     def _find_free_path(
-        self, q0: ArrayLike, q1: ArrayLike, straight: bool, seconds: float
+        self, q0: ArrayLike, q1: ArrayLike, straight: bool, limit: Effort
     ) -> Floats:
         """Find a path through FREE cells, shape (n, size).
 
@@ -608,21 +600,21 @@ class CSpace(ConfigurationMap):
             goal[dim:] = start[dim:]
         if straight and self.edge_checker()(*start, *goal):
             return endpoints
-        return self._find_path_along_chain(endpoints, straight, seconds)
+        return self._find_path_along_chain(endpoints, straight, limit)
 
     def _find_exact_path(
-        self, q0: ArrayLike, q1: ArrayLike, straight: bool, seconds: float
+        self, q0: ArrayLike, q1: ArrayLike, straight: bool, limit: Effort
     ) -> Floats:
         """Find a path that geometry proves, shape (n, size).
 
         It is the shorter one of two searches. One search keeps to FREE cells, the other one crosses
         MIXED cells. Raises TimeoutError if time runs out before any path is found.
         """
-        from cspace._queries.paths import MAX_SHORTENING_SECONDS, path_length, pulled_straight
+        from cspace._queries.paths import MAX_SHORTENING, path_length, pulled_straight
 
         endpoints = self._check_ends(q0, q1, free=True, exact=True)
         start, goal = endpoints
-        until = clock() + seconds
+        until = now() + limit
         check = self.edge_checker(exact=True)
         if straight and check(*start, *goal):
             return endpoints
@@ -630,7 +622,7 @@ class CSpace(ConfigurationMap):
         paths = list[Floats]()
         max_length = math.inf
         if np.all(self.is_free(endpoints)):
-            free_path = self._find_free_path(start, goal, straight, seconds)
+            free_path = self._find_free_path(start, goal, straight, limit)
             if len(free_path):
                 paths.append(free_path)
                 max_length = measure(free_path)
@@ -638,17 +630,17 @@ class CSpace(ConfigurationMap):
         if len(mixed_path):
             paths.append(mixed_path)
         if straight:
-            end = until + MAX_SHORTENING_SECONDS
+            end = until + MAX_SHORTENING
             paths = [pulled_straight(path, self.rotations, check, until=end) for path in paths]
         return min(paths, key=measure, default=self._no_path())
 
     def _find_path_through_mixed(
-        self, endpoints: Floats, check: Callable[..., bool], max_length: float, until: float
+        self, endpoints: Floats, check: Callable[..., bool], max_length: float, until: Effort
     ) -> Floats:
         """Find a path through FREE and MIXED cells, whose edges pass ``check``.
 
         ``endpoints`` has shape (2, size), the path (n, size). It is empty if no path promises to be
-        shorter than ``max_length``, or after the clock's time ``until``.
+        shorter than ``max_length``, or after ``until``.
         """
         from cspace._queries.undecided import UNDECIDED_BYTES_PER_CELL, MixedCellSearch
 
@@ -670,7 +662,7 @@ class CSpace(ConfigurationMap):
         self,
         endpoints: Floats,
         straight: bool,
-        seconds: float,
+        limit: Effort,
         factors: Costs | None = None,
         cost: Callable[..., float] | None = None,
     ) -> Floats:
@@ -682,7 +674,7 @@ class CSpace(ConfigurationMap):
         """
         from cspace._queries.guide import NO_FACTORS
         from cspace._queries.paths import (
-            MAX_SHORTENING_SECONDS,
+            MAX_SHORTENING,
             are_free,
             keep_rotation,
             pulled_straight,
@@ -696,7 +688,7 @@ class CSpace(ConfigurationMap):
             return self._no_path()
         rotations = self.rotations
         turns = rotations._neighbors, self._turn_costs
-        until = clock() + seconds
+        until = now() + limit
         first, last = self._cells_of(endpoints)
         factors = NO_FACTORS if factors is None else factors
         check = self.edge_checker()
@@ -721,7 +713,7 @@ class CSpace(ConfigurationMap):
         if not len(cells):
             return self._no_path()
         path = waypoints(self.grid, rotations, endpoints, cells)
-        end = until + MAX_SHORTENING_SECONDS
+        end = until + MAX_SHORTENING
         if is_stopped():  # before thousands of edges are proven
             return self._no_path()
         path = keep_rotation(path, cells[:, 0], self.grid.dim, check)
@@ -733,7 +725,7 @@ class CSpace(ConfigurationMap):
         return pulled_straight(path, rotations, check, cost, end)
 
     def _find_taut_path(
-        self, endpoints: Floats, until: float, may_exist: Callable[[], bool]
+        self, endpoints: Floats, until: Effort, may_exist: Callable[[], bool]
     ) -> Floats:
         """Find the shortest path in the plane with a margin, (n, 2).
 
@@ -761,7 +753,7 @@ class CSpace(ConfigurationMap):
         q0: ArrayLike,
         q1: ArrayLike,
         straight: bool,
-        seconds: float,
+        limit: Effort,
         factor_at: Callable[[Distances], Costs],
         cost: Callable[..., float],
     ) -> Floats:
@@ -769,22 +761,22 @@ class CSpace(ConfigurationMap):
 
         See :meth:`_find_cheap_path`. Raises TimeoutError if time runs out before any is found.
         """
-        from cspace._queries.paths import MAX_SHORTENING_SECONDS, edge_costs, pulled_straight
+        from cspace._queries.paths import MAX_SHORTENING, edge_costs, pulled_straight
 
         endpoints = self._check_ends(q0, q1, free=True)
         start, goal = endpoints
         clearances = self._search_distances() * np.float32(self.grid.spacing)
         factors = factor_at(clearances)
-        until = clock() + seconds
+        until = now() + limit
         # A short path, the same path changed to cost less, and the path of a search by cost.
-        short_path = self._find_free_path(start, goal, straight, seconds)
+        short_path = self._find_free_path(start, goal, straight, limit)
         paths = [short_path]
         if straight and len(short_path):
             check = self.edge_checker()
-            end = until + MAX_SHORTENING_SECONDS
+            end = until + MAX_SHORTENING
             paths.append(pulled_straight(short_path, self.rotations, check, cost, end))
         with suppress(TimeoutError):
-            remaining = until - clock()
+            remaining = until - now()
             cheap_path = self._find_path_along_chain(endpoints, straight, remaining, factors, cost)
             paths.append(cheap_path)
         paths = [path for path in paths if len(path)]
@@ -876,10 +868,11 @@ class CSpace(ConfigurationMap):
             If a coordinate is not finite, the time limit is not above zero, or the search does not
             fit into memory.
         """
-        return self._run_with_time_limit(self._search_widest_path, q0, q1, straight, time_limit)
+        limit = limit_effort(time_limit)
+        return self._run_with_limit(self._search_widest_path, q0, q1, straight, limit)
 
     def _search_widest_path(
-        self, q0: ArrayLike, q1: ArrayLike, straight: bool, seconds: float
+        self, q0: ArrayLike, q1: ArrayLike, straight: bool, limit: Effort
     ) -> Floats:
         """Find a path of largest clearance, shape (n, size).
 
@@ -891,7 +884,7 @@ class CSpace(ConfigurationMap):
         widths = WidthMap(
             self._search_distances(), self._slice_of, self.rotations, self._turn_costs
         )
-        until = clock() + seconds
+        until = now() + limit
         ends = endpoints, self._cells_of(endpoints)
         path = find_widest_path(widths, self._kernel_map, self.grid, ends, straight, until)
         if len(path) and self.certify_path(path).all():

@@ -34,6 +34,7 @@ from cspace._interface import (
 from cspace._rotations.base import ANGLE_SLACK, METRES_PER_RADIAN, turn_near
 from cspace._support.arrays import FREE, MIXED, Bools, Floats, Ints
 from cspace._support.check import check_finite, check_point, suggest_radians, warn_of_degrees
+from cspace._support.deadlines import NEVER
 from cspace.errors import ConfigurationError, InputError
 from planners._catalogue import ANY_ROTATION, REGION, check_support
 from planners._local_planner import CURVES, LocalPlanner
@@ -393,7 +394,7 @@ def _measure_lengths(edges: LocalPlanner, start: Endpoint, rows: Floats) -> Floa
     )
     # By then, all blocks that are nearer are measured, too.
     with suppress(TimeoutError):  # the caller ends the search
-        guide.reach(0, end, math.inf)
+        guide.reach(0, end, NEVER)
     lengths = space.grid.spacing * guide.measure(cells[1:])
     is_known = np.isfinite(lengths)
     far = lengths[is_known].max(initial=0.0)

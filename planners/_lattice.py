@@ -41,7 +41,7 @@ from cspace._queries.frontier import (
 from cspace._queries.guide import NARROW_COST, Directions, Guide
 from cspace._queries.moves import list_moves
 from cspace._queries.paths import (
-    MAX_SHORTENING_SECONDS,
+    MAX_SHORTENING,
     drop_repeats,
     find_cheapest_subpath,
     pulled_straight,
@@ -51,8 +51,8 @@ from cspace._record.cells import Map
 from cspace._rotations.base import METRES_PER_RADIAN, TWO_PI, wrap_angles
 from cspace._space import CSpace
 from cspace._support.arrays import FREE, MIXED, Bools, Floats, Ints
-from cspace._support.compiling import clock, internal, kernel
-from cspace._support.deadlines import is_over, is_stopped
+from cspace._support.compiling import internal, kernel
+from cspace._support.deadlines import Effort, is_over, is_stopped, now, spend
 from planners._car_curves import (
     MAX_GAP,
     POINT_ERROR,
@@ -104,6 +104,10 @@ NEAR_BLOCKS: Final = 3
 """Distance, in blocks, from the node nearest to the goal, within which a stalled search avoids
 blocks that it has not entered."""
 
+NANOSECONDS_PER_NODE: Final = 2_000
+NANOSECONDS_PER_CAR_NODE: Final = 5_000
+"""Work of adding a node, and of expanding it; a car's motions are curves."""
+
 TIME_CHECK: Final = -3
 FULL: Final = -4
 """Results of :func:`expand_nodes` other than a node, :data:`NO_NODE` and :data:`UNKNOWN`."""
@@ -113,14 +117,14 @@ FULL: Final = -4
 class _Limit:
     """The end of a search, postponed while it asks whether a path may exist."""
 
-    until: float  # reading of the clock
+    until: Effort
     may_exist: Callable[[], bool]
 
     def admits_path(self) -> bool:
         """Return True if a path may exist."""
-        began = clock()
+        began = now()
         answer = self.may_exist()
-        self.until += clock() - began
+        self.until += now() - began
         return answer
 
 
@@ -170,7 +174,7 @@ def find_lattice_path(
     edges: LocalPlanner,
     endpoints: Endpoints,
     simplify: bool,
-    seconds: float,
+    effort: Effort,
     may_exist: Callable[[], bool],
 ) -> tuple[Floats, str]:
     """Find a path on a lattice, and shorten it.
@@ -184,13 +188,13 @@ def find_lattice_path(
     is_backwards = _starts_at_goal(edges, endpoints)
     if is_backwards:
         endpoints = endpoints[::-1]
-    limit = _Limit(clock() + seconds, may_exist)
+    limit = _Limit(now() + effort, may_exist)
     try:
         path, reason = _search_levels(edges, endpoints, is_backwards, limit)
     except TimeoutError:
         return np.empty((0, 3)), ""
     if simplify and len(path):
-        path = shorten_path(edges, path, limit.until + MAX_SHORTENING_SECONDS)
+        path = shorten_path(edges, path, limit.until + MAX_SHORTENING)
     return path, reason
 
 
@@ -480,10 +484,13 @@ def _search(
     heading = int(np.abs(wrap_angles(motions.headings - start[2])).argmin())
     add_node(map_, motions, target, nodes, start, heading, 0.0, NO_NODE, 0)
     is_free = edges.edge_checker()
+    nanoseconds = NANOSECONDS_PER_NODE if motions.radius is None else NANOSECONDS_PER_CAR_NODE
     reason = f"the lattice search ended at its limit of {motions.max_nodes:,} nodes"
     may_fail = True
     while nodes.counts[0] < motions.max_nodes:
+        before = nodes.counts.sum()
         node = expand_nodes(map_, motions, target, nodes)
+        spend(nanoseconds * int(nodes.counts.sum() - before))
         check_deadline(limit.until)
         # Nodes expanded until a search asks whether a path may exist.
         if may_fail and nodes.counts[1] >= 2**12:
@@ -581,8 +588,8 @@ def _trace_path(nodes: LatticeNodes, node: int, endpoints: Endpoints, merges: bo
     return drop_repeats(np.vstack([path, endpoints[1]]))
 
 
-def shorten_path(edges: LocalPlanner, path: Floats, until: float) -> Floats:
-    """Shorten a path (n, 3) until a reading of the clock."""
+def shorten_path(edges: LocalPlanner, path: Floats, until: Effort) -> Floats:
+    """Shorten a path (n, 3) until the end of the search."""
     # Without cut corners, a second round of skipping gains little.
     for _ in range(1 if edges.turning_radius is not None else 3):
         if not is_over(until):
@@ -590,7 +597,7 @@ def shorten_path(edges: LocalPlanner, path: Floats, until: float) -> Floats:
     return path
 
 
-def _shorten_once(edges: LocalPlanner, path: Floats, until: float) -> Floats:
+def _shorten_once(edges: LocalPlanner, path: Floats, until: Effort) -> Floats:
     """Skip waypoints of a path, and cut corners between straights."""
     is_free = edges.edge_checker()
 

@@ -16,6 +16,7 @@ from cspace._queries.distance import DistanceMap, Distances
 from cspace._space import CSpace
 from cspace._support.arrays import Floats
 from cspace._support.check import check_finite, check_not_negative, check_number, check_positive
+from cspace._support.deadlines import Effort
 from cspace._support.words import Drive
 from cspace.errors import InputError
 from planners._drives import local_planner
@@ -201,7 +202,7 @@ def default_clearance_threshold(space: CSpace) -> float:
 
 
 def find_clear_path(
-    edges: LocalPlanner, endpoints: Endpoints, straight: bool, seconds: float
+    edges: LocalPlanner, endpoints: Endpoints, straight: bool, limit: Effort
 ) -> Floats:
     """Find a path through FREE cells, cheap by :class:`ClearanceObjective`.
 
@@ -218,9 +219,7 @@ def find_clear_path(
         return np.asarray(1.0 + DEFAULT_WEIGHT * penalties * penalties)
 
     cost = edges.edge_cost(space._distances, density)
-    return space._find_cheap_path(
-        endpoints, find_factors, cost, straight=straight, time_limit=seconds
-    )
+    return space._find_cheap_path(endpoints, find_factors, cost, straight=straight, limit=limit)
 
 
 def check_has_cells(space: Space) -> None:

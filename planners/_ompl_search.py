@@ -23,11 +23,20 @@ from ompl import base as ob
 from ompl import geometric as og
 from ompl import util as ou
 
-from cspace._queries.paths import pulled_straight
+from cspace._queries.paths import MAX_SHORTENING, pulled_straight
 from cspace._queries.upright import Upright
 from cspace._support.arrays import Floats
-from cspace._support.compiling import clock
-from cspace._support.deadlines import is_stopped
+from cspace._support.deadlines import (
+    NANOSECONDS,
+    NEVER,
+    NO_EFFORT,
+    Effort,
+    is_stopped,
+    make_effort,
+    now,
+    seconds_after,
+    spend,
+)
 from planners._catalogue import (
     BIDIRECTIONAL_PLANNERS,
     LENGTH,
@@ -62,6 +71,10 @@ PERTURBATION_SHARE: Final = 0.05
 """Distance by which waypoints are moved to make a path cheaper, as a fraction of the state space's
 extent."""
 
+NANOSECONDS_PER_STEP: Final = 10_000
+NANOSECONDS_PER_DRIVEN_STEP: Final = 30_000
+"""Work of an iteration of a planner, and of a call of ours by OMPL: holonomic, and with a drive."""
+
 ATTEMPTS_PER_ROUND: Final = 100
 """Attempts to move waypoints or cut corners between two checks of the time limit."""
 
@@ -73,18 +86,19 @@ class OutOfTime(Exception):  # noqa: N818 - it ends a search, and is no error
 class Deadline:
     """A moment at which the callbacks of OMPL end its work.
 
-    It is read by the clock that stops while functions are compiled. Callbacks hold it, so it must
-    not hold OMPL's objects, which would never be freed.
+    Callbacks hold it, so it must not hold OMPL's objects, which would never be freed.
 
     Parameters
     ----------
     raises : bool
         Whether callbacks raise :class:`OutOfTime` if the work goes on for :data:`GRACE_SECONDS`.
+    step : int
+        Work of a call, nanoseconds.
 
     Attributes
     ----------
-    end : float
-        Reading of the clock; infinite by default, and at once if the caller ends the search.
+    end : Effort
+        Never by default, and at once if the caller ends the search.
     terminate : callable or None
         Called if the caller ends the search, or a check of a planner with threads raises.
     """
@@ -92,18 +106,20 @@ class Deadline:
     terminate: Callable[[], None] | None = None
     _error: BaseException | None = None
 
-    def __init__(self, raises: bool) -> None:
-        self.end = math.inf
+    def __init__(self, raises: bool, step: int = NANOSECONDS_PER_STEP) -> None:
+        self.step = step
+        self.end = NEVER
         self._raises = raises
 
     def check(self) -> bool:
         """Return True before the deadline; raise OutOfTime if it is long past."""
-        now = clock()
-        if now < self.end and is_stopped():
-            self.end = now - GRACE_SECONDS + STOP_GRACE_SECONDS
+        spend(self.step)
+        seconds_late = seconds_after(self.end)
+        if seconds_late < 0.0 and is_stopped():
+            seconds_late = GRACE_SECONDS - STOP_GRACE_SECONDS
+            self.end = now() - make_effort(seconds_late, seconds_late)
             if self.terminate is not None:
                 self.terminate()
-        seconds_late = now - self.end
         if seconds_late > GRACE_SECONDS and self._raises:
             raise OutOfTime
         return seconds_late < 0.0
@@ -128,7 +144,7 @@ class Deadline:
     def fail(self, error: BaseException) -> None:
         """End the search by an exception that is raised after it."""
         self._error = self._error or error
-        self.end = -math.inf
+        self.end = NO_EFFORT - NEVER
         if self.terminate is not None:
             self.terminate()
 
@@ -155,7 +171,7 @@ class SearchResult:
 
     path: Floats  # (n, size), configurations that edges join; n is 0 if the goal was not reached
     note: str = ""  # source of the path, or reason of the failure
-    planning: float = 0.0  # seconds
+    planning: Effort = NO_EFFORT
     simplification: float = 0.0  # seconds
     proven: bool = False  # whether all edges were proven free in a final check
     lattice: str = ""  # proof by a lattice of headings, in words
@@ -172,7 +188,8 @@ class PlanTask:
     edges: LocalPlanner
     planner: PlannerName  # name of a planner of OMPL, or of a built-in search
     objective: str | MakeObjective  # LENGTH, CLEARANCE, or a maker of OMPL's objective
-    time_limit: float  # seconds
+    limit: Effort
+    time_limit: float | None  # seconds, if the user gave a limit
     iterations: int | None  # largest number of checks of OMPL's termination condition
     simplify: bool
     seed: int | None
@@ -224,7 +241,7 @@ def run_ompl(task: PlanTask, may_exist: Callable[[], bool]) -> SearchResult:
     """Search by OMPL for a path from start to goal.
 
     The path leads from the first configuration to any other. A long search asks once whether a path
-    ``may_exist``. The limit, in seconds, covers the search and the simplification, but neither
+    ``may_exist``. The limit covers the search and the simplification, but neither
     caches of the map, that answer nor compilation.
     """
     with _silence():
@@ -240,8 +257,8 @@ def run_ompl(task: PlanTask, may_exist: Callable[[], bool]) -> SearchResult:
         return run.solve()
 
 
-def shorten(edges: LocalPlanner, path: Floats, until: float) -> Floats:
-    """Shorten a path, shape (n, size), by proven edges, until a reading of the clock."""
+def shorten(edges: LocalPlanner, path: Floats, until: Effort) -> Floats:
+    """Shorten a path, shape (n, size), by proven edges, until the end of the search."""
     if edges.drive != HOLONOMIC:
         from planners._lattice import shorten_path
 
@@ -268,7 +285,9 @@ class _Run:
         self._edges = task.edges
         self._kind = find_state_kind(task.edges.space)
         self._is_threaded = task.planner in THREADED_PLANNERS
-        self._deadline = deadline = Deadline(raises=not self._is_threaded)
+        is_holonomic = task.edges.drive == HOLONOMIC
+        step = NANOSECONDS_PER_STEP if is_holonomic else NANOSECONDS_PER_DRIVEN_STEP
+        self._deadline = deadline = Deadline(not self._is_threaded, step)
         make = make_objective(task)
         self._setup = setup = make_setup(task.edges, make)
         checker = setup.getStateValidityChecker()
@@ -292,41 +311,40 @@ class _Run:
         # A planner with threads cannot ask while it searches.
         if self._is_threaded and not self._may_exist():
             return SearchResult(np.empty((0, self._edges.space.size)))
-        self._began = clock()
+        self._began = now()
         first_planner = default_planner(self._edges.drive)
         best = None
-        self._deadline.end = self._began + task.time_limit
+        self._deadline.end = self._began + task.limit
         if self._must_beat:
-            # Share of the time limit for the first path, which a planner with an objective must
-            # beat.
-            self._run_planner(first_planner, 0.1 * task.time_limit, None)
+            # Share of the limit for the first path, which a planner with an objective must beat.
+            self._run_planner(first_planner, task.limit.share(0.1), None)
             if setup.haveExactSolutionPath():
                 best = self._improve(setup.getSolutionPath())
                 self._may_exist = is_certain
             setup.getProblemDefinition().clearSolutionPaths()
-        seconds_left = self._deadline.end - clock()
-        if best is None or seconds_left > 0.0:
-            note = self._run_planner(task.planner, max(seconds_left, 0.0), task.iterations)
-        self._deadline.end = math.inf
+        left = self._deadline.end - now()
+        if best is None or left.is_left:
+            note = self._run_planner(task.planner, left, task.iterations)
+        self._deadline.end = NEVER
         solution = setup.getSolutionPath() if setup.haveExactSolutionPath() else None
         if solution is not None and (best is None or self._is_cheaper(solution, best)):
             best = solution
         elif best is not None:
             note = f"the first one, by {first_planner}, as {task.planner} found none better"
-        planning = clock() - self._began
+        planning = now() - self._began
         if best is None:
             return SearchResult(np.empty((0, self._edges.space.size)), note, planning)
         if not task.simplify:
             return SearchResult(self._rows(best), note, planning)
-        began = clock()
-        until = began + max(task.time_limit + GRACE_SECONDS - planning, 1e-3)
+        began = now()
+        until = self._began + task.limit + MAX_SHORTENING
         if self.by_length:
             path = shorten(self._edges, self._rows(best), until)
         else:
             self._deadline.end = until
             better = self._improve(best)
             path = self._edges.remove_turns(self._rows(better))
-        return SearchResult(path, note, planning, clock() - began)
+        return SearchResult(path, note, planning, (now() - began).seconds)
 
     def _set_endpoints(self) -> None:
         """Give OMPL the start and the goals."""
@@ -345,37 +363,40 @@ class _Run:
         setup.setStartState(states[0])
         setup.setGoal(alternatives)
 
-    def _run_planner(self, name: PlannerName, seconds: float, iterations: int | None) -> str:
+    def _run_planner(self, name: PlannerName, limit: Effort, iterations: int | None) -> str:
         """Run a planner of OMPL; return a note if its outcome is unusual."""
         setup = self._setup
-        began = clock()
-        end = began + seconds
+        began = now()
+        end = began + limit
         # Seconds after which a search labels the cells of a map, to see if a path may exist.
-        asks_at = began + 0.05
+        asks_at = began + make_effort(0.05, 0.05)
         checks = itertools.count(1)
         max_checks = math.inf if iterations is None else iterations
 
         def is_over() -> bool:
             """Return True if the search has to end; ask once whether a path may exist."""
             nonlocal end, asks_at
-            now = clock()
-            if next(checks) > max_checks or now > end or is_stopped():
+            spend(self._deadline.step)
+            if next(checks) > max_checks or seconds_after(end) > 0.0 or is_stopped():
                 return True
-            if now < asks_at or setup.haveExactSolutionPath():
+            if seconds_after(asks_at) < 0.0 or setup.haveExactSolutionPath():
                 return False
+            # The answer takes no time of the limit.
+            asks_at = NEVER
+            asked = now()
             if not self._may_exist():
                 return True
-            # The answer takes no time of the limit.
-            asks_at = math.inf
-            waited = clock() - now
+            waited = now() - asked
             end += waited
             self._deadline.end += waited
             self._began += waited
             return False
 
         if self._is_threaded:
-            # OMPL's own clock counts compilation, but its threads cannot call ours.
-            condition = ob.timedPlannerTerminationCondition(seconds)
+            # OMPL's own clock counts compilation, but its threads cannot call ours, nor count work.
+            seconds = min(limit.seconds, limit.work / NANOSECONDS)
+            self._deadline.end = Effort(math.inf, began.seconds + seconds)
+            condition = ob.timedPlannerTerminationCondition(max(seconds, 0.0))
             self._deadline.terminate = condition.terminate
         else:
             condition = ob.PlannerTerminationCondition(is_over)

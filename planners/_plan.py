@@ -30,11 +30,19 @@ from cspace._support.check import (
     check_count,
     check_flag,
     check_not_negative,
-    check_positive,
     names_options,
 )
 from cspace._support.compiling import clock
-from cspace._support.deadlines import is_stopped, stopping
+from cspace._support.deadlines import (
+    NANOSECONDS,
+    NO_EFFORT,
+    Effort,
+    is_stopped,
+    limit_effort,
+    make_effort,
+    now,
+    stopping,
+)
 from cspace._support.words import Drive
 from cspace.errors import ConfigurationError, InputError
 from planners._catalogue import (
@@ -83,25 +91,29 @@ from planners._setup import MakeObjective, make_bounded_states
 QUICK_PLANNER: Final[PlannerName] = "RRTConnect"
 """Planner of the first path of robots that rotate, except along Dubins curves."""
 
-EXACT_TIME_SHARE: Final = 0.5
-"""Share of the time left for the quick search, and then for the built-in one, if geometry decides
+DEFAULT_SECONDS: Final = 1.0
+"""Work of a plan without a time limit, seconds on an idle machine."""
+
+EXACT_SHARE: Final = 0.5
+"""Share of the effort left for the quick search, and then for the built-in one, if geometry decides
 MIXED cells: a search through many such cells may not end."""
 
 SHARES_BESIDE: Final = [sign * step / 64 for step in range(1, 33) for sign in (1.0, -1.0)]
 """Distances beside a way that are tried for a detour, as shares of its length; positive to the
 left."""
 
-GOAL_TIME_SHARE: Final = 0.5
-"""Share of the time left for the search to one of several goals, except the last one."""
+GOAL_SHARE: Final = 0.5
+"""Share of the effort left for the search to one of several goals, except the last one."""
 
-FURTHER_TIME_FACTOR: Final = 2.0
-MIN_FURTHER_SECONDS: Final = 0.05
-"""Time of a further search to a room for a drive, relative to that of the best one, and its least
+FURTHER_FACTOR: Final = 2.0
+MIN_FURTHER: Final = make_effort(0.05, math.inf)
+"""Work of a further search to a room for a drive, relative to that of the best one, and its least
 value: configurations of a room may be free, and yet out of the drive's reach."""
 
-MAX_TRIAL_SECONDS: Final = 0.5
-"""Largest time limit of a search around a blocked part of a previous plan, and of one that tries
-what a failed plan may advise; both have a tenth of the plan's time."""
+TRIAL_SHARE: Final = 0.1
+MAX_TRIAL: Final = make_effort(0.5, math.inf)
+"""Share of the plan's work, and the largest one, of a search around a blocked part of a previous
+plan, and of one that tries what a failed plan may advise."""
 
 
 class Choices(NamedTuple):
@@ -168,7 +180,7 @@ def plan(
     goal: GoalLike,
     *,
     planner: PlannerName | None = None,
-    time_limit: float = 1.0,
+    time_limit: float | None = None,
     iterations: int | None = None,
     simplify: bool = True,
     seed: int | None = None,
@@ -203,16 +215,17 @@ def plan(
     planner : str, optional
         Name, in upper or lower case, of a planner of OMPL (:func:`planners.planner_names`) or of a
         built-in search: "Grid", "MaxClearance" and "Lattice" on maps, "BiRRT" for arms.
-    time_limit : float
+    time_limit : float, optional
         Seconds after which the search ends. Simplification then has another 0.1 s. Work that a map
-        does once, and compiling, also by other threads of this process, come on top.
+        does once, and compiling, also by other threads of this process, come on top. By default,
+        the search ends after counted work, of about a second on an idle machine.
     iterations : int, optional
         Largest number of iterations of a planner of OMPL, or of BiRRT's further searches.
     simplify : bool
         Whether to shorten the path.
     seed : int, optional
-        From 0 to 2^32 - 2. The same call with the same seed gives the same path, unless the clock
-        ends the search.
+        From 0 to 2^32 - 2. The same call with the same seed gives the same path, unless a time
+        limit ends the search. Default planners need none.
     objective : {"length", "clearance"} or callable
         Quantity to minimise. "clearance" is :class:`planners.ClearanceObjective` with its defaults.
         A callable takes the space information and returns an ``ompl.base.OptimizationObjective``.
@@ -295,7 +308,8 @@ def plan(
         edges=edges,
         planner=name,
         objective=objective,
-        time_limit=check_positive(time_limit, "time_limit", "seconds"),
+        limit=limit_effort(time_limit, DEFAULT_SECONDS),
+        time_limit=None if time_limit is None else float(time_limit),
         iterations=None if iterations is None else check_count(iterations, "iterations", 1, 2**62),
         simplify=simplify,
         seed=None if seed is None else check_count(seed, "seed", 0, 2**32 - 2),
@@ -316,6 +330,8 @@ def plan(
     n_goals = 1 if space.has_cells else max(len(stage.goals) for stage in stages)
     if n_goals > 1:
         _check_options(task, n_goals)
+    if edges.drive != HOLONOMIC:
+        import planners._lattice  # noqa: F401 - a search would import it later, on its time
     if task.seed is not None:
         set_seed(task.seed)
     with stopping(stop):
@@ -532,8 +548,8 @@ def _search_stages(task: PlanTask, start: Endpoint, stages: Sequence[Stage]) -> 
             goals = find_room_goals(edges, stage.rooms, stage.name, point)
         elif number:
             goals = space.sort_goals(goals, point)
-        seconds = _measure_time_left(task, results) / (len(stages) - number)
-        part = replace(task, endpoints=(point, *goals), rooms=stage.rooms, time_limit=seconds)
+        limit = _measure_left(task, results).share(1.0 / (len(stages) - number))
+        part = replace(task, endpoints=(point, *goals), rooms=stage.rooms, limit=limit)
         path_exists = cache(partial(_decide_existence, part))
         onward = stages[number + 1].goals if number + 1 < len(stages) else []
         result = _search_goals(part, partial(_may_join, edges, path_exists), onward)
@@ -600,13 +616,15 @@ def _search_goals(
         least = edges.min_length(*ends) + _measure_onward(edges, ends[1], onward)
         if best_length < math.inf and least >= best_length:
             continue
-        seconds = _measure_time_left(task, results)
-        if seconds <= 0.0:
+        limit = _measure_left(task, results)
+        if not limit.is_left:
             break
-        seconds *= 1.0 if number == len(goals) - 1 else GOAL_TIME_SHARE
+        if number < len(goals) - 1:
+            limit = limit.share(GOAL_SHARE)
         if best_length < math.inf and edges.drive != HOLONOMIC:
-            seconds = min(seconds, max(FURTHER_TIME_FACTOR * best.planning, MIN_FURTHER_SECONDS))
-        part = replace(task, endpoints=(start, goal), rooms=(), time_limit=seconds)
+            work = max(FURTHER_FACTOR * best.planning.work, MIN_FURTHER.work)
+            limit = limit.at_most(Effort(work, math.inf))
+        part = replace(task, endpoints=(start, goal), rooms=(), limit=limit)
         decide = cache(partial(_decide_existence, part))
         found = _search_and_prove(part, partial(_may_join, edges, decide))
         results.append(found)
@@ -664,12 +682,12 @@ def _search_tiles(task: PlanTask, may_exist: Callable[[], bool]) -> SearchResult
         if not results[-1].proven:
             where = f" from {format_configuration(start)} to {format_configuration(goal)}"
             return replace(_sum_times(results[-1], results), where=where)
-    began = clock()
+    began = now()
     path = np.concatenate(paths)
     if task.simplify and task.objective == LENGTH and is_holonomic:
         path = skip_points(path, edges.tiles.edge_checker())
     total = _sum_times(results[-1], results)
-    seconds = total.simplification + clock() - began
+    seconds = total.simplification + (now() - began).seconds
     return SearchResult(path, f"through {len(parts)} tiles", total.planning, seconds, True)
 
 
@@ -693,40 +711,41 @@ def _search(task: PlanTask, may_exist: Callable[[], bool]) -> SearchResult:
         results.append(_search_quickly(task))
         if len(results[-1].path):
             may_exist = is_certain  # a quick path saves labelling the cells
-    share = EXACT_TIME_SHARE if task.edges.exact and task.fallback is not None else 1.0
-    seconds = share * _measure_time_left(task, results)
-    if seconds > 0.0:
-        results.append(_run_planner(replace(task, time_limit=seconds), may_exist))
-    seconds = _measure_time_left(task, results)
+    limit = _measure_left(task, results)
+    if task.edges.exact and task.fallback is not None:
+        limit = limit.share(EXACT_SHARE)
+    if limit.is_left:
+        results.append(_run_planner(replace(task, limit=limit), may_exist))
+    limit = _measure_left(task, results)
     is_found = any(len(result.path) for result in results)
-    if task.fallback is not None and seconds > 0.0 and not is_found and may_exist():
-        last_task = replace(task, planner=task.fallback, time_limit=seconds)
+    if task.fallback is not None and limit.is_left and not is_found and may_exist():
+        last_task = replace(task, planner=task.fallback, is_named=False, limit=limit)
         results.append(_run_planner(last_task, may_exist))
     return _choose_shortest(task, results)
 
 
 def _search_quickly(task: PlanTask) -> SearchResult:
-    """Search for a first path; without a seed, draw the same numbers each time."""
+    """Search for a first path."""
     task = replace(
         task,
         planner=QUICK_PLANNER,
+        is_named=False,
         iterations=QUICK_ITERATIONS,
-        time_limit=EXACT_TIME_SHARE * task.time_limit,
+        limit=task.limit.share(EXACT_SHARE),
     )
-    with repeat_draws() if task.seed is None else nullcontext():
-        return _run_planner(task, is_certain)
+    return _run_planner(task, is_certain)
 
 
-def _measure_time_left(task: PlanTask, results: Sequence[SearchResult]) -> float:
-    """Return the seconds left after some searches; 0 if the caller ended them."""
+def _measure_left(task: PlanTask, results: Sequence[SearchResult]) -> Effort:
+    """Return the effort left after some searches; none if the caller ended them."""
     if results and is_stopped():
-        return 0.0
-    return task.time_limit - _sum_planning(results)
+        return NO_EFFORT
+    return task.limit - _sum_planning(results)
 
 
-def _sum_planning(results: Sequence[SearchResult]) -> float:
-    """Return the seconds of several searches."""
-    return sum(result.planning for result in results)
+def _sum_planning(results: Sequence[SearchResult]) -> Effort:
+    """Return the effort of several searches."""
+    return sum((result.planning for result in results), NO_EFFORT)
 
 
 def _run_planner(task: PlanTask, may_exist: Callable[[], bool]) -> SearchResult:
@@ -734,7 +753,10 @@ def _run_planner(task: PlanTask, may_exist: Callable[[], bool]) -> SearchResult:
     edges = task.edges
     name = task.planner
     if name not in _list_searches(edges.space):
-        return replace(run_ompl(task, may_exist), planner=name)
+        # Without a seed, the searches of a default plan draw the same numbers each time.
+        is_default = task.seed is None and not task.is_named
+        with repeat_draws() if is_default else nullcontext():
+            return replace(run_ompl(task, may_exist), planner=name)
     is_quick = name in (GRID, LATTICE)
     if (edges.exact or not is_quick) and not may_exist():
         return SearchResult(np.empty((0, edges.space.size)), planner=name)
@@ -744,11 +766,11 @@ def _run_planner(task: PlanTask, may_exist: Callable[[], bool]) -> SearchResult:
         # out.
         start = task.endpoints[0]
         _find_path(replace(task, endpoints=(start, start), simplify=False), may_exist)
-    began = clock()
+    began = now()
     path, proof = _find_path(task, may_exist)
     if len(path) > 2 and is_stopped():
         path = path[:0]  # to prove and measure thousands of edges takes long
-    planning = clock() - began
+    planning = now() - began
     note = NO_SEARCH if len(path) == 2 and is_by_length else ""
     return SearchResult(path, note, planning, lattice=proof, planner=name)
 
@@ -774,7 +796,7 @@ def _choose_shortest(task: PlanTask, results: Sequence[SearchResult]) -> SearchR
 
 def _follow_previous(task: PlanTask) -> SearchResult:
     """Go along the previous plan; search only around the part that is blocked."""
-    began = clock()
+    began = now()
     edges = task.edges
     start, goal = np.array(task.endpoints[:2])
     way = edges.insert_breakpoints(np.vstack([task.previous, goal]))
@@ -790,8 +812,8 @@ def _follow_previous(task: PlanTask) -> SearchResult:
     if len(path):
         path = drop_repeats(find_state_kind(edges.space).unwind(path))
         if task.simplify:
-            path = shorten(edges, path, began + task.time_limit)
-    return SearchResult(path, "along the previous plan", clock() - began)
+            path = shorten(edges, path, began + task.limit)
+    return SearchResult(path, "along the previous plan", now() - began)
 
 
 def _find_detour(task: PlanTask, start: Floats, way: Floats) -> Floats:
@@ -808,10 +830,16 @@ def _find_detour(task: PlanTask, start: Floats, way: Floats) -> Floats:
     gap_task = replace(
         task,
         endpoints=(tuple(start.tolist()), tuple(way[-1].tolist())),
-        time_limit=min(0.1 * task.time_limit, MAX_TRIAL_SECONDS),
+        limit=_limit_trial(task),
         simplify=False,  # the whole path is shortened later
     )
     return _run_planner(gap_task, is_certain).path
+
+
+def _limit_trial(task: PlanTask) -> Effort:
+    """Return the limit of a search beside those of a plan."""
+    work = task.limit.share(TRIAL_SHARE).work
+    return Effort(work, task.limit.seconds).at_most(MAX_TRIAL)
 
 
 def _list_ways_beside(edges: LocalPlanner, way: Floats) -> Iterator[Floats]:
@@ -856,14 +884,14 @@ def _find_path(task: PlanTask, may_exist: Callable[[], bool]) -> tuple[Floats, s
     found, n is 0.
     """
     edges = task.edges
-    seconds = task.time_limit
+    limit = task.limit
     if task.planner == LATTICE:
         from planners._lattice import find_lattice_path
 
-        return find_lattice_path(edges, task.endpoints, task.simplify, seconds, may_exist)
+        return find_lattice_path(edges, task.endpoints, task.simplify, limit, may_exist)
     if task.planner == GRID and task.objective == CLEARANCE:
-        return find_clear_path(edges, task.endpoints, task.simplify, seconds), ""
-    options = SearchOptions(task.simplify, edges.exact, task.iterations, task.seed, seconds)
+        return find_clear_path(edges, task.endpoints, task.simplify, limit), ""
+    options = SearchOptions(task.simplify, edges.exact, task.iterations, task.seed, limit)
     path = edges.space.search(task.planner, task.endpoints, options)
     if isinstance(edges.space, ConfigurationSpace):
         return path, ""
@@ -878,29 +906,38 @@ def _describe_outcome(task: PlanTask, result: SearchResult, exists: bool | None)
     if exists is False:
         return "no path exists: proven", ""
     if is_stopped():
-        return f"no path found: stopped after {result.planning:.2g} s{result.where}", ""
+        return f"no path found: stopped after {result.planning.seconds:.2g} s{result.where}", ""
     existence = "a path exists" if exists else "undecided whether one exists"
     limits: list[str] = []
     if edges.drive != HOLONOMIC:
         limits = _describe_free_yaws(edges, task.endpoints)
         if exists:
             existence = "one exists for a robot that also moves sideways"
-    is_late = result.planning >= 0.95 * task.time_limit
+    left = task.limit.share(0.95) - result.planning
+    is_late = not left.is_left
     *hints, last_hint = _list_hints(task, exists, is_late)
     hint = ", or ".join(filter(None, [", ".join(hints), last_hint]))
     if not edges.may_join(exists):
         return f"no chain of FREE cells joins start and goal; {existence}", hint
     reason = result.note or "the planner gave up"
-    failure = f"no path found: {reason} after {result.planning:.2g} s{result.where}"
+    failure = f"no path found: {reason} after {result.planning.seconds:.2g} s{result.where}"
     if is_late:
-        failure = f"no path found within {task.time_limit:g} s{result.where}"
+        failure = f"no path found within {_describe_limit(task)}{result.where}"
     return "; ".join(filter(None, [failure, result.lattice, existence, *limits])), hint
+
+
+def _describe_limit(task: PlanTask) -> str:
+    """Describe the limit of a search: a given one by the clock, the default one by its work."""
+    if task.time_limit is None:
+        return f"{task.limit.work / NANOSECONDS:g} s of work"
+    return f"{task.limit.seconds:g} s"
 
 
 def _list_hints(task: PlanTask, exists: bool | None, is_late: bool) -> list[str]:
     """List hints for a failed search, which the time limit ended if ``is_late``."""
     edges = task.edges
-    more = f"more time (time_limit={10 * task.time_limit:g})"
+    seconds = DEFAULT_SECONDS if task.time_limit is None else task.time_limit
+    more = f"more time (time_limit={10.0 * seconds:g})"
     if task.iterations is not None and not is_late:
         more = f"more iterations (iterations={10 * task.iterations})"
     if not edges.space.has_cells:
@@ -977,7 +1014,7 @@ def _list_trials(task: PlanTask, exists: bool | None) -> Iterator[tuple[PlanTask
             task,
             edges=other,
             fallback=None,
-            time_limit=min(0.1 * task.time_limit, MAX_TRIAL_SECONDS),
+            limit=_limit_trial(task),
             simplify=False,
             previous=task.previous[:0],
         )
@@ -1050,7 +1087,8 @@ def _make_plan(journey: Journey, space: Space, start: Endpoint, moved: str, bega
     path = edges.resample(waypoints)
     direction = edges.find_directions(path)
     length_unit = " or ".join(dict.fromkeys(edges.space.units[: edges.space.dim]))
-    setup = searched - began - result.planning - result.simplification
+    planning = result.planning.seconds
+    setup = searched - began - planning - result.simplification
     return Plan(
         path=frozen(path),
         waypoints=frozen(waypoints),
@@ -1076,7 +1114,7 @@ def _make_plan(journey: Journey, space: Space, start: Endpoint, moved: str, bega
         exact=edges.exact,
         seed=task.seed,
         time_limit=task.time_limit,
-        times=Times(setup, result.planning, result.simplification, clock.read() - searched),
+        times=Times(setup, planning, result.simplification, clock.read() - searched),
         frame_id=edges.space.frame_id,
         keep=task.keep,
         space=space,

@@ -138,8 +138,8 @@ class Plan:
         Whether the geometry itself decided edges in MIXED cells; for an arm it always does.
     seed : int or None
         Seed of the random numbers.
-    time_limit : float
-        Time limit of the search, seconds.
+    time_limit : float or None
+        Time limit of the search, seconds; None if none was given.
     times : Times
     frame_id : str
         Frame of the map in ROS, :attr:`cspace.CSpace.frame_id`.
@@ -176,7 +176,7 @@ class Plan:
     turning_radius: float | None
     exact: bool
     seed: int | None
-    time_limit: float
+    time_limit: float | None
     times: Times
     frame_id: str = "map"
     keep: tuple[Upright, ...] = ()

@@ -55,7 +55,7 @@ def warm_up(space: Space, drive: Drive = HOLONOMIC) -> None:
             sampled = cast("CSpace | ArmSpace", space)  # all other maps are of poses
             samples = sampled.sample_free(2 * _SAMPLED_PAIRS, np.random.default_rng(0))
             for start, goal in samples.reshape(_SAMPLED_PAIRS, 2, -1):
-                plan(space, start, goal, time_limit=0.1, drive=drive)
+                plan(space, start, goal, time_limit=0.5, drive=drive)
         return
     small = _build_small_map(space)
     zeros = (0.0,) * (space.size - space.dim)
@@ -63,14 +63,14 @@ def warm_up(space: Space, drive: Drive = HOLONOMIC) -> None:
         zeros = (0.0, 0.0, 0.0, 1.0)
     height = (1.0,) * (space.dim - 2)
     start, goal = (1.0, 1.0, *height, *zeros), (1.0, 5.0, *height, *zeros)
-    first = plan(small, start, goal, drive=drive, turning_radius=radius, time_limit=5.0)
+    first = plan(small, start, goal, drive=drive, turning_radius=radius)
     small.update(np.ones((2,) * space.dim, dtype=bool), (45, 30, *[5] * (space.dim - 2)))
     first.recheck()
     small.path_exists(start, goal)  # a plan asks if it finds no path
-    plan(small, start, goal, drive=drive, turning_radius=radius, time_limit=5.0, previous=first)
+    plan(small, start, goal, drive=drive, turning_radius=radius, previous=first)
     if space.dim == 2:
         small.update(np.ones((20, 2), dtype=bool), (40, 29))  # nothing passes the wall
-        str(plan(small, start, goal, drive=drive, turning_radius=radius, time_limit=5.0))
+        str(plan(small, start, goal, drive=drive, turning_radius=radius))
 
 
 def _build_small_map(space: Space) -> CSpace:

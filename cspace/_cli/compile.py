@@ -6,6 +6,8 @@ import logging
 import tempfile
 from pathlib import Path
 
+import typer
+
 from cspace._cli.options import AS_JSON
 from cspace._cli.report import Stopwatch, show
 from cspace.errors import InputError
@@ -33,8 +35,12 @@ def compile_ahead(as_json: bool = AS_JSON) -> None:
     try:
         with tempfile.TemporaryDirectory() as inputs:
             write_inputs(Path(inputs))
-            for name, job in JOBS.items():
-                with clock.step(name):
+            for number, (name, job) in enumerate(JOBS.items()):
+                with clock.step(name) as progress:
+                    if progress is not None:
+                        progress(number, len(JOBS))
+                    elif not as_json:  # the log of a container's image
+                        typer.echo(f"cspace: compiling: {name}", err=True)
                     str(job(Path(inputs)))  # printing a plan computes its proven distances
     finally:
         compiling.LOGGER.setLevel(level)

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 import shapely
@@ -14,9 +14,13 @@ import shapely
 import planners
 from cspace._builder import build
 from cspace._opening import open_map
+from cspace._queries.gate import Gate
 from cspace._robot import Robot
 from cspace._space import CSpace
 from cspace._workspace import Workspace
+
+if TYPE_CHECKING:
+    from cspace.arms import ArmSpace
 
 _BAR: Final = (
     '<collision><origin xyz="0.5 0 0"/><geometry><box size="1 0.1 0.1"/></geometry></collision>'
@@ -34,7 +38,7 @@ _TWO_LINKS: Final = (
 """URDF of an arm with two links in a plane."""
 
 
-_CAR: Final[dict[str, Any]] = {"drive": "reeds-shepp", "turning_radius": 0.5, "time_limit": 5}
+_CAR: Final[dict[str, Any]] = {"drive": "reeds-shepp", "turning_radius": 0.5}
 
 
 def map_flat(folder: Path, rotations: int | None = None) -> CSpace:
@@ -64,8 +68,56 @@ def plan_in_space(folder: Path) -> planners.Plan:
     return planners.plan(map_house(folder), (1, 2, 0.5), (5, 3, 0.5))
 
 
+def time_drives(folder: Path) -> None:
+    """Time motions in the plane, with and without limited jerk, and prove their commands."""
+    holonomic = {"max_velocity": 1.0, "max_acceleration": 0.5}
+    limits = {**holonomic, "max_angular_velocity": 1.0, "max_angular_acceleration": 1.5}
+    _time_motion(plan_in_plane(folder), **holonomic)
+    _time_motion(plan_with_yaw(folder), **limits)
+    _time_motion(plan_with_yaw(folder, **_CAR), **holonomic)
+    plan = plan_with_yaw(folder, drive="differential")
+    _time_motion(plan, **limits)
+    space = map_flat(folder, 72)
+    rows = Gate(space, dt=0.05, max_velocity=1.0, tracking=0.02)
+    rows.check_rows(plan.start, plan.path[1:20])
+    gate = Gate(space, dt=0.05, max_deceleration=(1.0, 2.0), tracking=0.02)
+    twists = np.tile((0.2, 0.1), (20, 1))
+    gate.check_twists(plan.start, twists)
+    gate.slow_down(plan.start, twists[0], twist_now=(0.0, 0.0))
+
+
+def _time_motion(plan: planners.Plan, **limits: Any) -> None:
+    """Time a path, without and with limited jerk; prove it again, and a stop on it."""
+    for own_limits in (limits, limits | {"max_jerk": 2.5}):
+        motion = plan.trajectory(**own_limits)
+        motion.sample_uniform(20.0)
+        motion.braked(0.5 * motion.duration)
+        if plan.space is not None:
+            motion.recheck(plan.space)
+
+
 def plan_for_arm(folder: Path) -> planners.Plan:
     """Plan for a planar arm beside a post."""
+    space = build_arm(folder)
+    return planners.plan(space, (-0.6, 0.3), (1.4, -0.2), seed=1)
+
+
+def move_arm(folder: Path) -> None:
+    """Time motions of an arm, keep its link upright, and follow a line."""
+    space = build_arm(folder)
+    start, goal = (-0.6, 0.3), (1.4, -0.2)
+    keep = planners.Upright("fore", axis=(1, 0, 0), direction=(1.0, 0.5, 0.0), tolerance=1.2)
+    for kept in (None, keep):
+        plan = planners.plan(space, start, goal, seed=1, keep=kept)
+        _time_motion(plan, max_acceleration=2.0)
+        str(plan)
+    pose = space.arm.pose((-0.5, 0.3), "fore")
+    space.arm.inverse("fore", pose)
+    space.follow_line(start, "fore", [pose], tolerance=(1e-2, 0.2))
+
+
+def build_arm(folder: Path) -> ArmSpace:
+    """Build the space of a planar arm beside a post."""
     from cspace.arms import Arm, PosedShape, build_arm_space
 
     urdf = folder / "two.urdf"
@@ -73,8 +125,7 @@ def plan_for_arm(folder: Path) -> planners.Plan:
     pose = np.eye(4)
     pose[:3, 3] = 1.5, 1.0, 0.0
     post = PosedShape(Robot.cylinder(0.1, 1.0).shape, pose)
-    space = build_arm_space({"post": post}, Arm.from_urdf(urdf))
-    return planners.plan(space, (-0.6, 0.3), (1.4, -0.2), time_limit=5.0, seed=1)
+    return build_arm_space({"post": post}, Arm.from_urdf(urdf))
 
 
 def query_maps(folder: Path) -> None:
@@ -106,6 +157,8 @@ def _query_map(
     space.add_obstacle("crate", crate)
 
 
+_HAS_ARMS: Final = find_spec("yourdfpy") is not None
+
 JOBS: Final[dict[str, Callable[[Path], object]]] = {
     "plan in the plane": plan_in_plane,
     "plan with a yaw": plan_with_yaw,
@@ -114,6 +167,7 @@ JOBS: Final[dict[str, Callable[[Path], object]]] = {
     "plan for a car in a tight place": partial(plan_with_yaw, exact=True, **_CAR),
     "plan in space": plan_in_space,
     "queries and updates": query_maps,
-    **({"plan for an arm": plan_for_arm} if find_spec("yourdfpy") else {}),
+    "trajectories and gates": time_drives,
+    **({"plan for an arm": plan_for_arm, "motions of an arm": move_arm} if _HAS_ARMS else {}),
 }
 """Jobs by name; each takes the folder in which :func:`cspace._cli.demo.write_inputs` wrote."""

@@ -71,7 +71,9 @@ def plan(
         "Grid, Lattice, MaxClearance, or a planner of OMPL; a wrong name lists them all  [default: "
         "Grid, or Lattice for other drives than holonomic].",
     ),
-    time_limit: float = option("SECONDS", "When to give up.", default=1.0),
+    time_limit: float | None = option(
+        "SECONDS", "When to give up; by default after the work of about a second."
+    ),
     seed: int | None = option(None, "Makes the run repeatable."),
     simplify: bool = option(None, "Shorten the path.", "--simplify/--no-simplify", default=True),
     objective: str = option(None, "What to optimise: length or clearance.", default="length"),

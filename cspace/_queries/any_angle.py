@@ -34,6 +34,7 @@ from cspace._queries.frontier import (
 )
 from cspace._support.arrays import FREE, Floats, Ints, States
 from cspace._support.compiling import inlined, internal, kernel
+from cspace._support.deadlines import NEVER, Effort, spend
 
 INSET: Final = 2.0**-20
 """Distance in cells of ends from lines, so that no end is on a line."""
@@ -45,6 +46,9 @@ must not hide a corner or the goal from both of two neighbouring intervals."""
 MAX_ERROR_PER_CELL: Final = 1e-8
 """Cells by which rounding and :data:`GRAZING` may lengthen a path, for each cell of its length: its
 corners are at least a cell apart."""
+
+NANOSECONDS_PER_INTERVAL: Final = 250
+"""Work of adding an interval."""
 
 NONE: Final = -1
 """Stands for no corner, no interval, and the run of an interval that is the goal itself."""
@@ -155,7 +159,7 @@ def find_shortest_way(
     rectangles: Rectangles,
     start: Floats,
     goal: Floats,
-    until: float = math.inf,
+    until: Effort = NEVER,
     may_exist: Callable[[], bool] | None = None,
 ) -> ShortestWay:
     """Find the shortest path between points in passable cells.
@@ -168,8 +172,8 @@ def find_shortest_way(
     rectangles : Rectangles
     start, goal : ndarray of float64, shape (2,)
         In cells.
-    until : float
-        Reading of the clock at which the search ends with a TimeoutError.
+    until : Effort
+        Reading of work and clock at which the search ends with a TimeoutError.
     may_exist : callable, optional
         Returns False if no path exists. It is asked once, if the search takes long.
     """
@@ -189,7 +193,9 @@ def find_shortest_way(
             rectangles, front, goal_point, start_point, 0.0, NONE, NONE, first, step, low, high
         )
     while True:
+        used = int(front.used[0])
         outcome = expand_intervals(rectangles, front, goal_point, last, room)
+        spend(NANOSECONDS_PER_INTERVAL * (int(front.used[0]) - used))
         if outcome == DONE:
             return trace_way(front, first)
         check_deadline(until)
@@ -265,7 +271,7 @@ def expand_intervals(
     """
     queue = front.queue
     intervals = front.intervals
-    # Intervals expanded between two checks of the time limit, about 2 ms.
+    # Intervals expanded between two checks of the time limit.
     for _ in range(2**13):
         if front.used[0] + room >= len(queue.keys):
             return GOES_ON

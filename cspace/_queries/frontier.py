@@ -15,14 +15,17 @@ from numpy.typing import NDArray
 from cspace._queries.points import Cell
 from cspace._support.arrays import Bools, Floats, Ints
 from cspace._support.compiling import inlined, internal, kernel
-from cspace._support.deadlines import is_over
+from cspace._support.deadlines import Effort, is_over, spend
 
 Costs = NDArray[np.float32]
 Nodes = NDArray[np.signedinteger[Any]]
 """Numbers of nodes, plus 1: int32, or int64 if there are more than 2^31 nodes."""
 
 POPS_PER_CLOCK_CHECK: Final = 2**14
-"""Nodes taken from the queue between two checks of the time limit, about 10 ms."""
+"""Nodes taken from the queue between two checks of the time limit."""
+
+NANOSECONDS_PER_POP: Final = 800
+"""Work of taking a node from the queue and of expanding it."""
 
 LABELLING_SHARE: Final = 1 / 256
 """Share of the nodes that a search expands while all could be labelled; after it, a search asks the
@@ -102,7 +105,7 @@ class Progress(NamedTuple):
     length: Ints
 
 
-def check_deadline(until: float) -> None:
+def check_deadline(until: Effort) -> None:
     """Raise TimeoutError from ``until`` on, or if the caller ended the search."""
     if is_over(until):
         raise TimeoutError
@@ -149,7 +152,7 @@ def expand_until_done(
     expand: Callable[[Progress], int],
     progress: Progress,
     max_new_entries: int,
-    until: float,
+    until: Effort,
     reach_first: Callable[[int], None] | None,
     may_exist: Callable[[], bool] | None,
 ) -> Progress:
@@ -163,6 +166,8 @@ def expand_until_done(
     asks_after = math.ceil(len(progress.cost) * LABELLING_SHARE / POPS_PER_CLOCK_CHECK)
     while True:
         outcome = expand(progress)
+        # The other calls end early; how early is not counted.
+        spend(NANOSECONDS_PER_POP * (POPS_PER_CLOCK_CHECK if outcome == GOES_ON else 2**5))
         is_long = outcome == GOES_ON and next(rounds) == asks_after
         if outcome == DONE or (is_long and may_exist is not None and not may_exist()):
             return progress

@@ -44,6 +44,7 @@ from cspace._queries.moves import list_moves
 from cspace._queries.points import Cell
 from cspace._support.arrays import FREE, Bools, Floats, Ints, States
 from cspace._support.compiling import inlined, internal, kernel
+from cspace._support.deadlines import Effort
 
 POSITIONS_WEIGHT: Final = 1.1
 DIRECTIONS_WEIGHT: Final = 1.05
@@ -245,13 +246,13 @@ class Guide:
         self,
         direction: int,
         cell: Cell,
-        until: float,
+        until: Effort,
         may_exist: Callable[[], bool] | None = None,
     ) -> None:
         """Search until a short chain from a cell's block is known.
 
         A long search asks once whether a chain ``may_exist``, and ends if none does. Raises
-        TimeoutError after ``until``, a reading of :data:`cspace._support.compiling.clock`.
+        TimeoutError after ``until``, a reading of :func:`cspace._support.deadlines.now`.
         """
         last = int(np.ravel_multi_index((direction, *self._find_block(cell)), self._shape))
         is_first = self.estimate.bound[0] == 0.0  # the search from the goal has not begun
@@ -292,7 +293,7 @@ class Guide:
         expand_blocks(self._blocks, ahead, estimate, progress, self._goal, 2**10)
         return bool(progress.length[0] == 0 and not progress.closed[self._goal])
 
-    def _reach_positions(self, state: int, until: float) -> None:
+    def _reach_positions(self, state: int, until: Effort) -> None:
         """Search over positions until a state's block is known."""
         if self._guide is not None:
             _, *block = np.unravel_index(state, self._shape)

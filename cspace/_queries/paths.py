@@ -13,7 +13,7 @@ from cspace._grid import Grid
 from cspace._rotations import Rotations
 from cspace._rotations.base import METRES_PER_RADIAN, measure_steps, wrap_angles
 from cspace._support.arrays import Floats, Ints
-from cspace._support.deadlines import is_over
+from cspace._support.deadlines import NEVER, Effort, is_over, make_effort, spend
 
 Check = Callable[..., bool]
 Cost = Callable[..., float]
@@ -24,8 +24,14 @@ SHARES_PER_EDGE: Final = 64
 STRIDES: Final = (1, 2, 4, 8, 16, 32, 64)
 """Numbers of edges that an edge may replace at a time, if edges have costs."""
 
-MAX_SHORTENING_SECONDS: Final = 0.1
-"""Seconds after the time limit in which a path found in time may still be shortened."""
+MAX_SHORTENING: Final = make_effort(0.1, 0.1)
+"""Effort after the limit by which a path found in time may still be shortened."""
+
+NANOSECONDS_PER_EDGE: Final = 10_000
+"""Work of measuring and proving an edge."""
+
+NANOSECONDS_PER_CORNER: Final = 200_000
+"""Work of cutting a corner."""
 
 
 def waypoints(grid: Grid, rotations: Rotations, endpoints: Floats, cells: Ints) -> Floats:
@@ -66,14 +72,14 @@ def pulled_straight(
     rotations: Rotations,
     check: Check,
     cost: Cost | None = None,
-    until: float = math.inf,
+    until: Effort = NEVER,
 ) -> Floats:
     """Shorten a path by skipping waypoints and cutting corners.
 
     Every edge of ``path``, shape (n, size), passes ``check``, which takes the coordinates of two
     configurations. So does every edge of the result. With a ``cost`` of edges, which takes the same
-    coordinates, each change lowers the cost of the path instead of its length. From ``until``, a
-    reading of the clock, the path is left as it is.
+    coordinates, each change lowers the cost of the path instead of its length. From ``until`` on,
+    the path is left as it is.
     """
     if cost is None:
         path = _skip_points_both_ways(path, check, until)
@@ -120,9 +126,9 @@ def path_length(path: Floats, rotations: Rotations) -> float:
 
 
 def _cut_corners(
-    path: Floats, rotations: Rotations, check: Check, cost: Cost | None, until: float
+    path: Floats, rotations: Rotations, check: Check, cost: Cost | None, until: Effort
 ) -> Floats:
-    """Replace corners by free edges, until a reading of the clock.
+    """Replace corners by free edges, until the end of the search.
 
     Each edge joins points at equal fractions of the two edges at a corner; the longest free one is
     chosen. With a cost, it may not cost more than the way around the corner.
@@ -132,6 +138,7 @@ def _cut_corners(
         if is_over(until):
             points.append(corner)
             continue
+        spend(NANOSECONDS_PER_CORNER)
         points += _cut_corner(points[-1], corner, after, rotations, check, cost)
     dim = path.shape[1] - len(rotations.names)
     is_yaw = [False] * dim + [name == "yaw" for name in rotations.names]
@@ -181,13 +188,13 @@ def find_cheapest_subpath(
     check: Check,
     cost: Cost,
     strides: Sequence[int] = STRIDES,
-    until: float = math.inf,
+    until: Effort = NEVER,
 ) -> Floats:
     """Skip waypoints for the least cost, by dynamic programming.
 
     An edge replaces as many edges as one of the ``strides``, which begin with 1. It costs at least
     the distance of its ends in their first ``dim`` coordinates. Waypoints that are not reached
-    ``until`` a reading of the clock keep the waypoints before them.
+    ``until`` the end of the search keep the waypoints before them.
     """
     rows = points.tolist()
     positions = points[:, :dim]
@@ -205,6 +212,7 @@ def find_cheapest_subpath(
                 break  # so are those of all other waypoints
             edge = *rows[before], *rows[here]
             total = least[before] + cost(*edge)
+            spend(NANOSECONDS_PER_EDGE)
             # Edges of the given path need no check.
             if total < least[here] and (before == here - 1 or check(*edge)):
                 least[here] = total
@@ -229,8 +237,8 @@ def _saves(
     return cost(*before, *beyond) <= around
 
 
-def _skip_points_both_ways(path: Floats, check: Check, until: float) -> Floats:
-    """Skip waypoints from both ends until a reading of the clock."""
+def _skip_points_both_ways(path: Floats, check: Check, until: Effort) -> Floats:
+    """Skip waypoints from both ends until the end of the search."""
     size = path.shape[1]
 
     def check_reversed(*endpoints: float) -> bool:
@@ -242,14 +250,15 @@ def _skip_points_both_ways(path: Floats, check: Check, until: float) -> Floats:
     return np.flipud(from_end)
 
 
-def skip_points(points: Floats, check: Check, until: float = math.inf) -> Floats:
-    """Skip waypoints (n, size) by far edges, until a reading of the clock."""
+def skip_points(points: Floats, check: Check, until: Effort = NEVER) -> Floats:
+    """Skip waypoints (n, size) by far edges, until the end of the search."""
     indices = [0]
     while indices[-1] < len(points) - 1:
         if is_over(until):
             indices += range(indices[-1] + 1, len(points))
             break
         indices.append(_find_farthest(points, indices[-1], check))
+        spend(2 * NANOSECONDS_PER_EDGE)
     return points[indices]
 
 

@@ -52,6 +52,7 @@ from cspace._rotations import Rotations
 from cspace._rotations.base import METRES_PER_RADIAN
 from cspace._support.arrays import FREE, Bools, Floats, Ints, States
 from cspace._support.compiling import internal, kernel
+from cspace._support.deadlines import Effort
 
 WEIGHT: Final = 1.2
 """Weight of the estimate; above 1, the search expands far fewer cells, for chains that are hardly
@@ -102,7 +103,7 @@ def find_chain(
     rotations: tuple[Ints, Floats],
     start: Ints,
     goal: Ints,
-    until: float,
+    until: Effort,
     factors: Costs = NO_FACTORS,
     may_exist: Callable[[], bool] | None = None,
 ) -> Ints:
@@ -117,8 +118,8 @@ def find_chain(
         Adjacent rotation cells, padded with -1, and the cost of rotating to them, in cells.
     start, goal : ndarray of int64, shape (1 + d,)
         Cells ``(rotation, x, y)`` or ``(rotation, x, y, z)`` in the grid.
-    until : float
-        Reading of :data:`cspace._support.compiling.clock` at which the search ends.
+    until : Effort
+        Reading of :func:`cspace._support.deadlines.now` at which the search ends.
     factors : ndarray of float32, the shape of states, optional
         Factor, 1 or above, of the cost of moves in each cell.
     may_exist : callable, optional
@@ -187,7 +188,7 @@ def _search_guided(
     graph: Graph,
     start: int,
     goal: int,
-    until: float,
+    until: Effort,
     may_exist: Callable[[], bool] | None,
 ) -> Progress:
     """Search from start to goal, indices of cells over all rotation cells.
@@ -227,7 +228,7 @@ def search(
     estimate: Estimate,
     start: int,
     goal: int,
-    until: float,
+    until: Effort,
     *,
     may_exist: Callable[[], bool] | None = None,
     excluded: Bools | None = None,

@@ -14,10 +14,13 @@ from cspace._queries.paths import path_length, waypoints
 from cspace._queries.search import find_chain
 from cspace._rotations import Rotations
 from cspace._support.arrays import BLOCKED, FREE, MIXED, Bools, Floats, Ints, States
-from cspace._support.deadlines import is_over
+from cspace._support.deadlines import Effort, is_over, spend
 
 UNDECIDED_BYTES_PER_CELL: Final = 8
 """Memory of a search for each cell of the map, bytes: states, marks, costs and predecessors."""
+
+NANOSECONDS_PER_PROOF: Final = 20_000
+"""Work of deciding a cell, or an edge, by geometry."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,12 +53,12 @@ class MixedCellSearch:
     are_free: Callable[[Floats], Bools]
     edge_is_free: Callable[..., bool]
 
-    def find(self, endpoints: Floats, cells: Ints, max_length: float, until: float) -> Floats:
+    def find(self, endpoints: Floats, cells: Ints, max_length: float, until: Effort) -> Floats:
         """Find a path between two configurations.
 
         ``cells``, shape (2, 1 + d), are their cells. Returns waypoints of shape (n, size), joined
         by edges that geometry proves. The length n is 0 if no chain is found, if no remaining chain
-        promises a path of at most ``max_length``, or after the clock's time ``until``.
+        promises a path of at most ``max_length``, or after ``until``.
         """
         no_path = np.empty((0, endpoints.shape[1]))
         is_mixed = self.states == MIXED
@@ -81,10 +84,12 @@ class MixedCellSearch:
             if len(near):
                 # Decide the cells near the chain first; the chain may then lead elsewhere.
                 undecided[tuple(near.T)] = False
+                spend(NANOSECONDS_PER_PROOF * len(near))
                 failed = near[~self.are_free(self._find_centers(near))]
             else:
                 # All cells are decided, so only edges may fail; avoid the MIXED cells beside them.
                 failing_edges = self._list_failing_edges(path)
+                spend(NANOSECONDS_PER_PROOF * len(path))
                 if not failing_edges:
                     return path
                 candidates = is_mixed & (passable == FREE)

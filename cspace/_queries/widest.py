@@ -24,13 +24,14 @@ from cspace._grid import Grid
 from cspace._queries.callbacks import edge_checker
 from cspace._queries.distance import Distances
 from cspace._queries.frontier import check_deadline
-from cspace._queries.paths import MAX_SHORTENING_SECONDS, pulled_straight, waypoints
+from cspace._queries.paths import MAX_SHORTENING, pulled_straight, waypoints
 from cspace._queries.search import find_chain
 from cspace._record.cells import Map, make_map_record
 from cspace._record.states import read_only
 from cspace._rotations import Rotations
 from cspace._support.arrays import Bools, Bytes, Floats, Ints
 from cspace._support.compiling import kernel
+from cspace._support.deadlines import Effort, spend
 
 LEVELS_PER_CELL: Final = 64
 """Levels of width per cell."""
@@ -40,6 +41,12 @@ MAX_LEVEL: Final = 65535
 
 SEARCH_BYTES_PER_CELL: Final = 20
 """Memory of a search by clearance for each cell of each rotation, with the distances, bytes."""
+
+CELLS_PER_FLOOD: Final = 2**12
+"""Cells expanded between two checks of the time limit, at most."""
+
+NANOSECONDS_PER_CELL: Final = 1_000
+"""Work of expanding a cell by its width."""
 
 N_SIDE_STEPS: Final = 6
 """Number of steps to cells that share a side; steps from this number on rotate."""
@@ -97,7 +104,7 @@ class WidthMap:
                 return np.array(path)
             path.append(best)
 
-    def find_bottleneck(self, start: Ints, goal: Ints, until: float) -> float:
+    def find_bottleneck(self, start: Ints, goal: Ints, until: Effort) -> float:
         """Return the largest minimum width among all chains between two cells.
 
         ``start`` and ``goal`` are cells, shape (1 + d,). The width is rounded down to a 64th of a
@@ -115,9 +122,10 @@ class WidthMap:
         while not is_done:
             check_deadline(until)
             is_done = flood(layered, self.slice_of, self.rotations._neighbors, last, queue)
+            spend(CELLS_PER_FLOOD * NANOSECONDS_PER_CELL)
         return float(queue.level[0]) / LEVELS_PER_CELL
 
-    def find_short_chain(self, start: Ints, goal: Ints, min_width: float, until: float) -> Ints:
+    def find_short_chain(self, start: Ints, goal: Ints, min_width: float, until: Effort) -> Ints:
         """Find a short chain of at least ``min_width``.
 
         The chain has shape (n, 1 + d). Raises TimeoutError after ``until``.
@@ -187,8 +195,7 @@ def flood(
     """
     _, nx, ny, nz = levels.shape
     level = queue.level[0]
-    # Cells expanded between two checks of the time limit, 1 to 20 ms.
-    for _ in range(2**12):
+    for _ in range(CELLS_PER_FLOOD):
         # Take a cell of the highest level that has one.
         while level > 0 and queue.first[level] < 0:
             level -= 1
@@ -238,7 +245,7 @@ def find_widest_path(
     grid: Grid,
     endpoints: tuple[Floats, Ints],
     straight: bool,
-    until: float,
+    until: Effort,
 ) -> Floats:
     """Return waypoints of the widest path between two configurations.
 
@@ -275,7 +282,7 @@ def find_widest_path(
         (last, end, widths.width(goal)),
     )
     pieces = [path[:1]]
-    end_time = until + MAX_SHORTENING_SECONDS
+    end_time = until + MAX_SHORTENING
     for begin, stop, min_width in parts:
         if begin < stop:
             positions = cells[max(begin - 1, 0) : stop, 1:]

@@ -15,9 +15,12 @@ import gc
 import hashlib
 import logging
 import os
+import pickle
+import platform
 import re
 import shutil
 import stat
+import struct
 import sys
 import tempfile
 import threading
@@ -45,7 +48,7 @@ from cspace.errors import InputError
 F = TypeVar("F", bound=Callable[..., Any])
 
 LOGGER: Final = logging.getLogger("cspace.compiling")
-"""Logger of a long wait for the compiler; it gets at most one line per process."""
+"""Logger of long waits, and of code that is not kept; it gets each line once per process."""
 
 LONG_WAIT: Final = (
     "cspace: compiling for this machine, for up to half a minute, %s; "
@@ -55,6 +58,18 @@ LONG_WAIT: Final = (
 
 LONG_WAIT_SECONDS: Final = 2.0
 """Seconds of compiling after which :data:`LONG_WAIT` is logged."""
+
+LONG_TURN: Final = (
+    "cspace: waiting for process %s, which compiles %s; if it is stopped, continue or end it; "
+    "after %g s this process compiles without it"
+)
+"""Text about a wait for another process: its number, a function, and seconds."""
+
+TURN_SECONDS: Final = (5.0, 60.0)
+"""Seconds after which :data:`LONG_TURN` is logged, and after which the wait ends."""
+
+NOT_KEPT: Final = "cspace: compiled code in %s fails (%s); it is kept in memory alone"
+"""Text about code that a folder does not keep, e.g. because the disk is full."""
 
 FILES_WITHOUT_KERNELS: Final = (
     "cspace/__init__.py",  # the version
@@ -71,6 +86,7 @@ _KERNELS: Final = re.compile(rb"^@(kernel|internal|inlined|allocating)\b", re.MU
 
 _CONFIG: Final[Any] = numba.config
 _CONFIG_LOCK: Final = threading.Lock()
+_CLOCK_LOCK: Final = threading.Lock()
 
 
 def kernel(function: F) -> F:
@@ -123,69 +139,138 @@ def _compile(function: F, **options: Any) -> F:
             "unset it, or set it to 0",
         )
     folder = cache_folder()
-    options |= {"nogil": True, "error_model": "numpy", "cache": folder is not None}
+    options |= {"nogil": True, "error_model": "numpy"}
     options["no_cfunc_wrapper"] = True  # C functions are not used, and take a tenth of the time
     # Numba reads these settings when a function is decorated. A locator that the user has set would
     # keep code in folders that are not checked.
     settings = {"CACHE_DIR": str(folder), "CACHE_LOCATOR_CLASSES": ""}
-    with _CONFIG_LOCK:
+    with _CONFIG_LOCK, clock.stopped():  # a search may import the module
         user_settings = {name: getattr(_CONFIG, name, "") for name in settings}
         vars(_CONFIG).update(settings)
         try:
             compiled = numba.njit(**options)(function)
+            if folder is not None:
+                compiled.enable_caching()
+        except RuntimeError:  # numba makes no file there
+            _warn_once(NOT_KEPT, folder, "no file can be made")
         finally:
             vars(_CONFIG).update(user_settings)
-    compiled.compile = _compile_once(compiled.compile, function)
+    _compile_in_turn(compiled, f"{function.__module__}.{function.__name__}")
     return compiled  # type: ignore[no-any-return]
 
 
-def _compile_once(compile_: Callable[[Any], Any], function: Callable[..., Any]) -> Any:
-    """Let one process at a time compile or load a function.
+def _compile_in_turn(compiled: Any, name: str) -> None:
+    """Let one process at a time compile or load a function, while the clock stops.
 
     Others wait for it and load its code. They would otherwise compile it again, and might mix the
     files of an index and of code, which numba saves one after the other.
     """
+    cache = compiled._cache
+    compile_ = compiled.compile
 
     def compile_in_turn(signature: Any) -> Any:
         """Compile a signature, or load its code."""
-        with global_compiler_lock, _turn(function):  # threads take turns, too
-            return compile_(signature)
+        with global_compiler_lock, clock.stopped(), _turn(name) as has_turn:
+            # Without a turn, the files may be those of a process that is saving.
+            cache.enable() if has_turn else cache.disable()
+            return compile_(signature)  # threads take turns, too
 
-    return compile_in_turn
+    compiled.compile = compile_in_turn
+    cache.load_overload = _spare_disk(cache.load_overload)
+    cache.save_overload = _spare_disk(cache.save_overload)
+
+
+def _spare_disk(load_or_save: Callable[..., Any]) -> Callable[..., Any]:
+    """Do without the disk where it is full, cannot be read, or has lost the rest of a file."""
+
+    def load_or_save_if_possible(*arguments: Any) -> Any:
+        """Load or save code, if possible."""
+        try:
+            return load_or_save(*arguments)
+        except (OSError, EOFError, pickle.UnpicklingError) as error:
+            _warn_once(NOT_KEPT, cache_folder(), getattr(error, "strerror", None) or error)
+            return None
+
+    return load_or_save_if_possible
 
 
 @contextmanager
-def _turn(function: Callable[..., Any]) -> Iterator[None]:
-    """Hold this process's turn at a function, which is a byte of the lock file."""
+def _turn(name: str) -> Iterator[bool]:
+    """Yield whether this process has its turn at a function, a byte of the lock file."""
+    place = 1, zlib.crc32(name.encode())
     file = _open_lock_file()
-    if file is None:
-        yield
+    if file is None or place in _own_turns:
+        yield file is not None
         return
     import fcntl  # imported here, because Windows lacks it, and has no folder to lock
 
-    place = 1, zlib.crc32(f"{function.__module__}.{function.__name__}".encode())
+    has_turn = True
     with suppress(OSError):  # some file systems have no locks; processes go on without
-        try:
-            fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB, *place)
-        except (BlockingIOError, PermissionError):  # systems differ
-            # Waiting takes as long as compiling, and counts as little for time limits.
-            clock.stop(function.__module__)
-            try:
-                fcntl.lockf(file, fcntl.LOCK_EX, *place)
-            finally:
-                clock.start()
+        has_turn = _take_turn(file, place, name)
+    _own_turns.add(place)
     try:
-        yield
+        yield has_turn
     finally:
+        _own_turns.remove(place)
         with suppress(OSError):
             fcntl.lockf(file, fcntl.LOCK_UN, *place)
 
 
+_own_turns: Final = set[tuple[int, int]]()
+_idle_processes: Final = set[int]()
+_warnings: Final = set[str]()
+
+
+def _take_turn(file: int, place: tuple[int, int], name: str) -> bool:
+    """Wait for a byte of the lock file; return False if another process keeps it for long."""
+    import fcntl
+
+    began = time.monotonic()
+    seconds_until_named, seconds_until_left = TURN_SECONDS
+    while True:
+        try:
+            fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB, *place)
+            return True
+        except (BlockingIOError, PermissionError):  # systems differ
+            process = _find_process(file, place)
+        waited = time.monotonic() - began
+        # It keeps the functions, too, for which it compiles this one.
+        if waited > seconds_until_left or process in _idle_processes:
+            _idle_processes.add(process)
+            return False
+        if waited > seconds_until_named:
+            _warn_once(LONG_TURN, process, name, seconds_until_left)
+        time.sleep(0.02)
+
+
+def _find_process(file: int, place: tuple[int, int]) -> int:
+    """Return the number of the process that has locked a byte; 0 if none has any more."""
+    import fcntl
+
+    length, start = place
+    kind = fcntl.F_WRLCK, os.SEEK_SET
+    # macOS orders the fields of ``struct flock`` differently.
+    is_mac = platform.system() == "Darwin"
+    layout = "qqihh" if is_mac else "hhqqi"
+    fields = (start, length, 0, *kind) if is_mac else (*kind, start, length, 0)
+    answer = fcntl.fcntl(file, fcntl.F_GETLK, struct.pack(layout, *fields))
+    return int(struct.unpack(layout, answer)[2 if is_mac else 4])
+
+
+def _warn_once(message: str, *values: object) -> None:
+    """Log a message, once per process."""
+    if message not in _warnings:
+        _warnings.add(message)
+        LOGGER.warning(message, *values)
+
+
 @cache
 def _open_lock_file() -> int | None:
-    """Open the lock file; return its descriptor, or None without cache."""
+    """Open the lock file; return its descriptor, or None without a cache that can be written."""
     folder = cache_folder()
-    return None if folder is None else os.open(folder / "lock", os.O_RDWR)
+    with suppress(OSError):
+        return None if folder is None else os.open(folder / "lock", os.O_RDWR)
+    return None
 
 
 class _Part(JITCodeLibrary):
@@ -384,45 +469,66 @@ def _remove_unused(parent: Path) -> None:
 class _Clock(event.Listener):
     """A clock for time limits: the time that passes, without this process's compilations.
 
-    A compilation in one thread holds up the others, so it stops the clock for all of them.
+    A compilation in one thread holds up the others, so it stops the clock for all of them. So does
+    loading code, and waiting for another process that compiles it.
     """
 
     read = staticmethod(time.monotonic)
 
-    # Number of nested compilations, start of the outermost one, and seconds that all earlier ones
-    # took. They are one tuple, so that threads read values of one moment.
+    # Number of nested stops, start of the outermost one, and seconds that all earlier ones took.
+    # They are one tuple, so that threads read values of one moment.
     _stops = 0, 0.0, 0.0
-    _has_warned = False
+
+    # Number of nested compilations, start of the outermost one, and seconds of all earlier ones.
+    _compilations = 0, 0.0, 0.0
 
     def __call__(self) -> float:
         """Return the time without compilations, seconds."""
         depth, since, seconds = self._stops
         return (since if depth else self.read()) - seconds
 
-    def stop(self, module: str) -> None:
-        """Stop the clock while a function compiles; log a long wait."""
-        depth, since, seconds = self._stops
-        self._stops = depth + 1, since if depth else self.read(), seconds
-        has_waited = self.read() - self() > LONG_WAIT_SECONDS
-        if has_waited and not self._has_warned and module.startswith(("cspace.", "planners.")):
-            self._has_warned = True
-            how_often = "once" if cache_folder() else "at each start, as no cache is safe"
-            LOGGER.warning(LONG_WAIT, how_often)
-
-    def start(self) -> None:
-        """Restart the clock after the outermost compilation."""
-        depth, since, seconds = self._stops
-        if depth == 1:
-            seconds += self.read() - since
-        self._stops = depth - 1, since, seconds
+    @contextmanager
+    def stopped(self) -> Iterator[None]:
+        """Stop the clock meanwhile."""
+        with _CLOCK_LOCK:
+            self._stops = _enter(self._stops, self.read())
+        try:
+            yield
+        finally:
+            with _CLOCK_LOCK:
+                self._stops = _leave(self._stops, self.read())
 
     def on_start(self, event: Any) -> None:
-        """Stop the clock, for functions of others, too."""
-        self.stop(event.data["dispatcher"].py_func.__module__)
+        """Stop the clock, for functions of others, too; log a long wait."""
+        now = self.read()
+        with _CLOCK_LOCK:
+            self._stops = _enter(self._stops, now)
+        self._compilations = _enter(self._compilations, now)
+        _, since, seconds = self._compilations
+        module = event.data["dispatcher"].py_func.__module__
+        is_ours = module.startswith(("cspace.", "planners."))
+        if is_ours and now - since + seconds > LONG_WAIT_SECONDS:
+            how_often = "once" if cache_folder() else "at each start, as no cache is safe"
+            _warn_once(LONG_WAIT, how_often)
 
     def on_end(self, event: Any) -> None:
         """Restart the clock."""
-        self.start()
+        now = self.read()
+        self._compilations = _leave(self._compilations, now)
+        with _CLOCK_LOCK:
+            self._stops = _leave(self._stops, now)
+
+
+def _enter(nested: tuple[int, float, float], now: float) -> tuple[int, float, float]:
+    """Begin a span of time, which may lie within another one."""
+    depth, since, seconds = nested
+    return depth + 1, since if depth else now, seconds
+
+
+def _leave(nested: tuple[int, float, float], now: float) -> tuple[int, float, float]:
+    """End a span of time, and add the outermost one to the seconds."""
+    depth, since, seconds = nested
+    return depth - 1, since, seconds + (now - since if depth == 1 else 0.0)
 
 
 class _CollectorPause(event.Listener):

@@ -47,11 +47,11 @@ from cspace._support.check import (
     check_mapping,
     check_names,
     check_not_negative,
-    check_positive,
     check_rng,
     check_text,
     names_options,
 )
+from cspace._support.deadlines import limit_effort
 from cspace._workspace import Workspace
 from cspace.arms._inverse import (
     PoseGoal,
@@ -85,6 +85,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from cspace.plot._route import HasPath
+
+FIND_SECONDS: Final = 5.0
+"""Work that :meth:`ArmSpace.find_path` may do by default, seconds on an idle machine."""
 
 MAX_DOUBLED_JOINTS: Final = 8
 """Largest number of continuous joints that :meth:`ArmSpace.find_path` tries both ways; others go
@@ -769,14 +772,7 @@ class ArmSpace(ConfigurationSpace):
         """Run :meth:`find_path`, without further searches unless the path is simplified."""
         start, *goals = endpoints
         iterations = options.iterations if options.simplify else 0
-        return self.find_path(
-            start,
-            goals,
-            straight=options.simplify,
-            iterations=iterations,
-            seed=options.seed,
-            time_limit=options.seconds,
-        )
+        return self._search(start, goals, options._replace(iterations=iterations))
 
     def closest(self, q: ArrayLike) -> Contact:
         """Return the link and obstacle nearest to touching.
@@ -857,14 +853,14 @@ class ArmSpace(ConfigurationSpace):
         straight: bool = True,
         iterations: int | None = 0,
         seed: int | None = None,
-        time_limit: float = 5.0,
+        time_limit: float | None = None,
     ) -> Floats:
         """Find a path that is proven collision-free.
 
         All its motions are proven as a whole. Two trees of motions grow towards each other. The
         first path is not the shortest. Further searches only sample where a shorter path may lead
         (Gammell and others, 2014), and parts of the path are pulled towards straight motions, as
-        far as these are proven free. The path is the same every time for a seed, unless the time
+        far as these are proven free. The path is the same every time, unless a given time
         limit ends the search.
 
         Continuous joints may turn either way: the path ends at the goal, or whole turns from it. It
@@ -884,8 +880,10 @@ class ArmSpace(ConfigurationSpace):
             row shorten it by less than 1 %. They also stop if the path is at most 1 % longer than
             the straight motion to the nearest goal.
         seed : int, optional
-        time_limit : float
-            Seconds after which the search returns the shortest path so far.
+            Of the random numbers; by default, they are the same each time.
+        time_limit : float, optional
+            Seconds after which the search returns the shortest path so far. By default, it ends
+            after the work of about five seconds.
 
         Returns
         -------
@@ -903,6 +901,12 @@ class ArmSpace(ConfigurationSpace):
             If a configuration is not one of finite numbers, the time limit is not above zero, or
             ``iterations`` is negative.
         """
+        searches = None if iterations is None else check_count(iterations, "iterations")
+        limit = limit_effort(time_limit, FIND_SECONDS)
+        return self._search(q0, q1, SearchOptions(straight, True, searches, seed, limit))
+
+    def _search(self, q0: ArrayLike, q1: ArrayLike, options: SearchOptions) -> Floats:
+        """Find a path; see :meth:`find_path`."""
         start = self.arm._check_configuration(q0, "q0")
         goals = np.atleast_2d(self._check_configurations(q1, "q1"))
         if goals.ndim != 2 or not len(goals):
@@ -912,8 +916,6 @@ class ArmSpace(ConfigurationSpace):
                 f"it must be one configuration of {self.size} numbers or rows of them",
                 f"pass ({', '.join(self.axes)})",
             )
-        seconds = check_positive(time_limit, "time_limit", "seconds")
-        searches = None if iterations is None else check_count(iterations, "iterations")
         snapshot = self.snapshot
         start = snapshot.arm._clamp(start)
         goals = snapshot.arm._clamp(goals)
@@ -926,11 +928,13 @@ class ArmSpace(ConfigurationSpace):
         images = images[images_are_free]
         if not len(images):
             raise _make_collision_error(snapshot, goals[0], "q1")
-        rng = np.random.default_rng(seed)
+        rng = np.random.default_rng(options.seed or 0)
         ranges = snapshot.arm._ranges(np.vstack([start, images]))
-        search = PathSearch(snapshot.outer, ranges, start, images, self._spans, rng, seconds)
-        path = search.find(straight)
-        return search.shorten(path, searches) if len(path) and searches != 0 else path
+        search = PathSearch(snapshot.outer, ranges, start, images, self._spans, rng, options.limit)
+        path = search.find(options.simplify)
+        if not len(path) or options.iterations == 0:
+            return path
+        return search.shorten(path, options.iterations)
 
     @names_options
     def follow_line(

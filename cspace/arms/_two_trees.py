@@ -15,8 +15,8 @@ import numpy as np
 
 from cspace._queries.paths import skip_points
 from cspace._support.arrays import Floats, Ints
-from cspace._support.compiling import Address, call, clock, internal, kernel
-from cspace._support.deadlines import is_over
+from cspace._support.compiling import Address, call, internal, kernel
+from cspace._support.deadlines import Effort, is_over, now, spend
 from cspace.arms._cones import move_into_cones, stays_in_cones
 from cspace.arms._motion_proofs import ArmScene, SceneScratch, find_proof, make_scene_scratch
 
@@ -42,11 +42,12 @@ A node from which a motion was blocked ignores farther samples (A. Yershova and 
 """
 
 SAMPLES_PER_BATCH: Final = 128
-"""Samples between two checks of the clock."""
-
-
 PULLS_PER_BATCH: Final = 64
-"""Parts of a path that are pulled between two checks of the clock."""
+"""Samples, and parts of a path that are pulled, between two checks of the time limit."""
+
+NANOSECONDS_PER_SAMPLE: Final = 8_000
+NANOSECONDS_PER_PULL: Final = 60_000
+"""Work of growing the trees by a sample, and of pulling a part of a path."""
 
 MIN_PULL: Final = 1e-3
 """Length by which a pulled part must be shorter, radians or metres; less would only add waypoints.
@@ -374,8 +375,8 @@ class PathSearch:
     spans : ndarray of float64, shape (dof,)
         Largest motion of each joint between rows of a path.
     rng : numpy.random.Generator
-    seconds : float
-        Time after which the search ends.
+    limit : Effort
+        At which the search ends.
     """
 
     def __init__(
@@ -386,13 +387,13 @@ class PathSearch:
         goals: Floats,
         spans: Floats,
         rng: np.random.Generator,
-        seconds: float,
+        limit: Effort,
     ) -> None:
-        """Sort the goals, the nearest to the start first, and start the clock."""
+        """Sort the goals, the nearest to the start first, and begin to count."""
         self._scene = scene
         self._prove = find_proof(scene)
         self._scratch = make_scene_scratch(scene)
-        self._end = clock() + seconds
+        self._end = now() + limit
         self._bounds = bounds
         self._start = start
         self._spans = spans
@@ -468,6 +469,7 @@ class PathSearch:
             meeting, meeting_at_goal = grow_trees(
                 self._prove, self._scene, forest, samples, self._scratch
             )
+            spend(NANOSECONDS_PER_SAMPLE * len(samples))
             samples = _make_empty(samples)
             batches += 1
             # This is why grow_trees may have stopped early.
@@ -533,6 +535,7 @@ class PathSearch:
             count = pull_parts(
                 self._prove, self._scene, rows, len(path), draws, self._spans, trial, self._scratch
             )
+            spend(NANOSECONDS_PER_PULL * len(draws))
             path = rows[:count]
             if len(self._scene.cones.bodies):
                 path = self._skip_waypoints(path)  # projected parts keep theirs

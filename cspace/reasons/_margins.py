@@ -41,6 +41,7 @@ from cspace._rotations import RotationCell
 from cspace._shapes.shape import ExactShape
 from cspace._space import CSpace
 from cspace._support.arrays import BLOCKED, FREE, MIXED, Bools, Floats, Ints, States
+from cspace._support.deadlines import NEVER
 from cspace.errors import InputError
 
 DEPTH_SLACK: Final = 1e-9
@@ -148,7 +149,7 @@ def find_way(space: CSpace, points: Floats) -> Way:
     # Cost of a cell that is not FREE, relative to a FREE one, so that a way passes few of them.
     costs = np.where(states_of_slices(space) == FREE, 1.0, 4.0).astype(np.float32)
     start, goal = find_cells(space, points)
-    cells = find_chain(states, slice_of, turns, start, goal, math.inf, costs)
+    cells = find_chain(states, slice_of, turns, start, goal, NEVER, costs)
     # The narrowest cells are those that a robot one step larger cannot pass.
     wider = min(failed, low + robot.step)
     is_narrow = ~robot.find_free(wider)[slice_of[cells[:, 0]], *cells[:, 1:].T]

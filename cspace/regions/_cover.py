@@ -20,9 +20,8 @@ from cspace._files.fields import UNKNOWN_FIELDS, Fields, Ledger
 from cspace._files.plain import read_json
 from cspace._limits import check_memory
 from cspace._support.arrays import FREE, Bools, Floats, Ints
-from cspace._support.check import MAX_NUMBER, check_count, check_number, check_positive
-from cspace._support.compiling import clock
-from cspace._support.deadlines import is_over
+from cspace._support.check import MAX_NUMBER, check_count, check_number
+from cspace._support.deadlines import is_over, limit_effort, now
 from cspace.errors import ConfigurationError, InputError
 from cspace.regions._convex_region import YAW, ConvexRegion, plot_regions
 from cspace.regions._free_region import RegionSource
@@ -233,10 +232,7 @@ def find_free_regions(
         raise InputError("share", f"is {share!r}", rule, "pass e.g. 0.9")
     most = check_count(max_regions, "max_regions", 1)
     rng = np.random.default_rng(check_count(seed, "seed"))
-    seconds = math.inf
-    if time_limit is not None:
-        seconds = check_positive(time_limit, "time_limit", "seconds")
-    until = clock() + seconds
+    until = now() + limit_effort(time_limit)
     bare = BareCells(source, around)
     regions = list[ConvexRegion]()
     while bare.coverage < wanted and len(regions) < most and not is_over(until):

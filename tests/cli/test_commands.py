@@ -68,6 +68,7 @@ def test_compile_fills_the_cache(monkeypatch):
     printed = document("compile")
     assert printed["folder"] == str(cache_folder()) and printed["compiled_functions"] > 0
     assert printed["seconds"].keys() == {"plan in the plane"}
+    assert run("compile").stderr == "cspace: compiling: plan in the plane\n"
     monkeypatch.setattr("cspace._support.compiling.cache_folder", lambda: None)
     result = run("compile")
     assert result.exit_code == 2 and "NUMBA_CACHE_DIR" in result.stderr

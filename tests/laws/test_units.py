@@ -15,6 +15,7 @@ import cspace
 import planners
 from cspace import Robot, Workspace
 from cspace._interface import ConfigurationSpace, SearchOptions
+from cspace._support.deadlines import limit_effort
 from cspace.errors import CspaceError
 from tests.helpers.urdfs import joint, link, posed_box, write_urdf
 
@@ -237,7 +238,7 @@ def ask_chunk(case):
 
 def run_search(case):
     """Return the path of the first search of a space."""
-    options = SearchOptions(True, False, 1, 0, 5.0)
+    options = SearchOptions(True, False, 1, 0, limit_effort(5.0))
     name = next(iter(case.space.searches), "")
     return case.space.search(name, (case.q0, case.q1), options)
 

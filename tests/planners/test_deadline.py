@@ -1,13 +1,16 @@
-"""Time limits of plans, kept within a quarter of a second."""
+"""Limits of plans: time, kept within a quarter of a second, and work."""
 
+import math
 import time
+from functools import cache, partial
 
 import numpy as np
 import pytest
 
 import planners
-from cspace import MIXED, Robot, Workspace, build
+from cspace import MIXED, Robot, Workspace, build, build_arm_space, build_joint_map
 from cspace._support.compiling import clock
+from cspace._support.deadlines import Effort, now
 from planners._cars import CarCurves
 from planners._local_planner import TurnDriveTurn
 from planners._ompl_search import GRACE_SECONDS, Deadline, OutOfTime
@@ -20,6 +23,7 @@ from tests.helpers.planning import (
     options_for,
     plan_in_time,
 )
+from tests.helpers.urdfs import planar_arm, post
 
 
 @pytest.mark.parametrize(
@@ -130,7 +134,7 @@ def test_a_deadline_makes_callbacks_refuse_then_raise(monkeypatch):
     cost = raising.end_late(lambda *states: sum(states))
     now[0] = 1e9
     assert [answer(True) for answer in answers] == [True, True] and cost(1.0, 2.0) == 3.0
-    raising.end = refusing.end = now[0] + 1.0
+    raising.end = refusing.end = Effort(math.inf, now[0] + 1.0)
     assert [answer(True) for answer in answers] == [True, True]
     assert [answer(False) for answer in answers] == [False, False]
     now[0] += 1.0 + 0.5 * GRACE_SECONDS
@@ -159,3 +163,72 @@ def test_compiling_takes_no_time_from_the_search(iterations, monkeypatch):
     assert not seconds and plan.solved == (iterations is None)
     assert plan.times.setup >= 0.4 and plan.times.planning + plan.times.simplification < 0.45
     np.testing.assert_array_equal(plan.path, again.path)
+
+
+# ---- work ----------------------------------------------------------------------------------------
+
+DEFAULT_PLANS = {
+    "plane": ("plane", {}),
+    "clearance": ("plane", {"objective": "clearance"}),
+    "widest": ("plane", {"planner": "MaxClearance"}),
+    "holonomic": ("turning", {}),
+    "exact": ("turning", {"exact": True}),
+    "differential": ("turning", {"drive": "differential"}),
+    "car": ("turning", {"drive": "reeds-shepp", "turning_radius": 0.4}),
+    "any yaw": ("turning", {"drive": "differential", "goal": (5.0, 3.2, None)}),
+    "space": ("space", {}),
+    "arm": ("arm", {}),
+    "joint map": ("joint map", {}),
+}
+
+
+def plan_by_default(kind, **options):
+    """Plan in a room, or for an arm beside a post; return the plan and its work."""
+    if kind in ENDPOINTS:
+        space, (start, goal) = build_room(kind), ENDPOINTS[kind]
+    else:
+        space, start, goal = build_beside_post(kind), (-0.5, 0.3), (1.5, -0.4)
+    began = now()
+    plan = planners.plan(space, start, **{"goal": goal, **options})
+    return plan, (now() - began).work
+
+
+@cache
+def build_beside_post(kind):
+    """Build the space of a planar arm beside a post, or the map of its joints."""
+    space = build_arm_space({"post": post()}, planar_arm())
+    return space if kind == "arm" else build_joint_map(space, 0.1)
+
+
+def check_with_clocks(monkeypatch, factors, kind, options):
+    """Check that a plan and its work are the same with clocks that run fast, or stand still."""
+    plan, work = plan_by_default(kind, **options)
+    assert plan.certified and 0.0 < work < 2e9
+    for factor in factors:
+        read = partial(lambda factor: factor * time.process_time(), factor)
+        monkeypatch.setattr(type(clock), "read", staticmethod(read))
+        again, equal_work = plan_by_default(kind, **options)
+        np.testing.assert_array_equal(again.waypoints, plan.waypoints)
+        assert equal_work == work and again.status == plan.status
+
+
+@pytest.mark.parametrize("name", DEFAULT_PLANS)
+def test_default_plans_end_by_their_work_whatever_the_clock(name, monkeypatch):
+    check_with_clocks(monkeypatch, (50.0, 0.0), *DEFAULT_PLANS[name])
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("planner", ["RRTstar", "BITstar"])
+def test_planners_that_improve_a_path_end_by_their_work(planner, monkeypatch):
+    check_with_clocks(monkeypatch, (10.0, 0.0), "plane", {"planner": planner, "seed": 1})
+
+
+def test_a_plan_that_fails_ends_by_its_work(monkeypatch):
+    # A clock that stands still ends nothing.
+    monkeypatch.setattr(type(clock), "read", staticmethod(lambda: 0.0))
+    monkeypatch.setattr("planners._plan.DEFAULT_SECONDS", 0.05)
+    options = {"planner": "RRT", "drive": "dubins", "turning_radius": 3.0, "seed": 1}
+    plans = [planners.plan(build_room("turning"), *ENDPOINTS["turning"], **options) for _ in "ab"]
+    assert plans[0].status == plans[1].status and plans[0].hint == plans[1].hint
+    assert plans[0].status.startswith("no path found within 0.05 s of work; one exists for")
+    assert plans[0].time_limit is None and "time_limit=0.5" in plans[0].hint

@@ -12,6 +12,7 @@ from scipy.sparse.csgraph import dijkstra
 from cspace._queries.frontier import DEAD_END_COST
 from cspace._queries.guide import POSITIONS_WEIGHT, Directions, Guide, any_direction
 from cspace._support.arrays import BLOCKED, FREE, MIXED
+from cspace._support.deadlines import NEVER
 from tests.helpers.strategies import examples, seeds
 
 
@@ -98,7 +99,7 @@ def test_a_guide_measures_short_chains(dim, seed):
     first = int(np.ravel_multi_index(block_of[goal], estimate.positions.shape))
     expected = dijkstra(graph, indices=first).reshape(estimate.positions.shape)
     for state in (start, *others):
-        guide.reach(*state, math.inf)
+        guide.reach(*state, NEVER)
         block = block_of[state]
         is_dead_end = estimate.positions == DEAD_END_COST
         is_reached = (estimate.reached != 0) & ~is_dead_end
@@ -141,7 +142,7 @@ def test_blocks_of_one_rotation_join_where_their_cells_meet(dim, seed):
     directions = any_direction(states)
     for cell in rng.integers(0, shape, (5, 3)).tolist():
         guide = Guide(states, directions, (0, tuple(cell)), (0, goal), side, narrow_cost=0.0)
-        guide.reach(0, tuple(cell), math.inf)
+        guide.reach(0, tuple(cell), NEVER)
         block = tuple(np.array(cell) // side)
         expected = steps[number[block]]
         reached = guide.estimate.reached[(0, *block)] != 0
@@ -167,9 +168,9 @@ def test_a_dead_end_is_found_without_a_look_at_the_whole_map():
         turn_costs=np.ones((2, 1)),
     )
     guide = Guide(states, directions, (0, (0, 30, 30)), (0, (0, 39, 39)), 1)
-    guide.reach(0, (0, 30, 30), math.inf)
+    guide.reach(0, (0, 30, 30), NEVER)
     count = np.count_nonzero(guide.estimate.reached)
     assert count < states.size / 2
-    guide.reach(0, (0, 20, 20), math.inf)
+    guide.reach(0, (0, 20, 20), NEVER)
     assert guide.estimate.positions[0, 0, 20, 20] == DEAD_END_COST
     assert np.count_nonzero(guide.estimate.reached) == count + 1

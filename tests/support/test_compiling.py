@@ -1,12 +1,15 @@
 """Compiled functions: the cache, its privacy, the line about a long wait, and the clock."""
 
+import errno
 import gc
 import os
 import pickle
 import shutil
+import signal
 import subprocess
 import sys
 import time
+import zlib
 from contextlib import suppress
 from pathlib import Path
 
@@ -14,7 +17,7 @@ import pytest
 from numba.core import event
 
 import cspace
-from cspace._support.compiling import clock, internal, is_private, kernel
+from cspace._support.compiling import cache_folder, clock, internal, is_private, kernel
 from tests.helpers.missing import output_without
 
 ROOT = Path(cspace.__file__).parents[1]
@@ -122,6 +125,105 @@ def test_a_change_of_kernels_or_their_constants_changes_the_folder(tmp_path):
         assert (seen[-1] != seen[-2]) is is_compiled, file
 
 
+# ---- other processes, and full disks -------------------------------------------------------------
+
+HOLD_TURN = """
+import fcntl, os, sys
+file = os.open(sys.argv[1], os.O_RDWR)
+fcntl.lockf(file, fcntl.LOCK_EX, 1, int(sys.argv[2]))
+print("locked", flush=True)
+sys.stdin.read()
+"""
+"""Script that keeps a turn, a byte of a lock file, as a process that was stopped does."""
+
+
+def double(value):
+    return 2 * value
+
+
+def triple(value):
+    return 3 * value
+
+
+def list_code():
+    """List the files of compiled code of this module."""
+    return {file.name for file in cache_folder().rglob("test_compiling*")}
+
+
+def test_a_process_that_keeps_others_waiting_is_named_and_then_left(monkeypatch, caplog):
+    monkeypatch.setattr("cspace._support.compiling.TURN_SECONDS", (0.0, 0.1))
+    monkeypatch.setattr("cspace._support.compiling._warnings", set())
+    place = str(zlib.crc32(f"{__name__}.double".encode()))
+    command = [sys.executable, "-c", HOLD_TURN, str(cache_folder() / "lock"), place]
+    before = list_code()
+    with subprocess.Popen(command, stdin=-1, stdout=-1, text=True) as other:
+        assert other.stdout.readline() == "locked\n"
+        made = kernel(double)
+        assert made(2.5) == 5.0 and made(3) == 6  # not both wait
+    # What is compiled without a turn is not saved, because the other process may save, too.
+    assert list_code() == before
+    (line,) = caplog.messages
+    assert f"waiting for process {other.pid}, which compiles {__name__}.double;" in line
+
+
+def test_code_is_kept_in_memory_if_the_disk_is_full(monkeypatch, caplog):
+    def fail(*_):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr("cspace._support.compiling._warnings", set())
+    monkeypatch.setattr("os.replace", fail)  # numba writes another file, and renames it
+    values = [kernel(lambda x, k=k: x + k)(1.5) for k in range(2)]
+    assert values == [1.5, 2.5]
+    (line,) = caplog.messages
+    assert "(No space left on device); it is kept in memory alone" in line
+
+
+def test_code_is_compiled_anew_if_its_files_are_cut_off(monkeypatch, caplog):
+    monkeypatch.setattr("cspace._support.compiling._warnings", set())
+    before = list_code()
+    assert kernel(triple)(1.5) == 4.5
+    for name in list_code() - before:
+        next(cache_folder().rglob(name)).write_bytes(b"")
+    assert kernel(triple)(1.5) == 4.5
+    (line,) = caplog.messages
+    assert "fails (Ran out of input)" in line
+    for name in list_code() - before:
+        next(cache_folder().rglob(name)).unlink()
+
+
+@pytest.mark.thorough
+def test_a_full_disk_is_told_once(probe):
+    full = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))"
+    answer, line = probe(full)
+    assert answer == "4.0 0" and line.count("\n") == 1  # and one of the long wait
+    assert "fails (File too large); it is kept in memory alone" in line
+
+
+@pytest.mark.thorough
+def test_processes_go_on_beside_one_that_is_stopped_while_it_compiles(tmp_path):
+    (tmp_path / "probe.py").write_text(PROBE)
+    stop = """
+from numba.core import event
+class Stop(event.Listener):
+    def on_start(self, event):
+        os.kill(os.getpid(), 19)
+    def on_end(self, event):
+        pass
+event.register("numba:compile", Stop())
+"""
+    patient = "cspace._support.compiling.TURN_SECONDS = 0.0, 0.2"
+    stopped = start(tmp_path, RUN_PROBE.format(before=stop))
+    os.waitid(os.P_PID, stopped.pid, os.WSTOPPED | os.WNOWAIT)
+    for _ in range(2):
+        answer, said = run(tmp_path, RUN_PROBE.format(before=patient))
+        assert answer == "4.0 0" and f"waiting for process {stopped.pid}, " in said
+    while stopped.poll() is None:
+        stopped.send_signal(signal.SIGCONT)
+        time.sleep(0.05)
+    assert stopped.stdout.read().strip() == "4.0 0"
+    assert run(tmp_path, RUN_PROBE.format(before=patient)) == ("4.0 1", "")
+
+
 # ---- calls by address ----------------------------------------------------------------------------
 
 CALLS = """
@@ -190,7 +292,10 @@ def test_calls_by_address_stay_valid_in_other_processes(tmp_path):
     assert answers == [f"{n} ValueError TypingError" for n in (3, 0, 3, 3)]
 
 
-def test_only_kernels_become_machine_code_and_no_garbage_is_collected_meanwhile():
+def test_only_kernels_become_machine_code_and_no_garbage_is_collected_meanwhile(monkeypatch):
+    # An earlier run may have kept the code.
+    monkeypatch.setattr("cspace._support.compiling.cache_folder", lambda: None)
+
     @internal
     def add_one(x):
         return x + 1.0
@@ -277,10 +382,6 @@ print(cspace._support.compiling.cache_folder(), cspace.build.__name__)
 # ---- the clock -----------------------------------------------------------------------------------
 
 
-def double(value):
-    return 2 * value
-
-
 def test_the_clock_stops_while_a_function_is_compiled_or_refused(
     monkeypatch,
 ):
@@ -304,3 +405,18 @@ def test_the_clock_stops_while_a_function_is_compiled_or_refused(
             made(number * 1.5)
         assert clock() - began[0] < 0.5 * (time.perf_counter() - began[1])
     assert clock() < clock()
+
+
+def test_the_clock_stops_while_code_is_loaded(monkeypatch):
+    now = [0.0]
+
+    def load_slowly(*_):
+        now[0] += 10.0
+
+    made = kernel(lambda value: value - 1)
+    monkeypatch.setattr(type(clock), "read", staticmethod(lambda: now[0]))
+    monkeypatch.setattr(made._cache, "load_overload", load_slowly)
+    monkeypatch.setattr(made._cache, "save_overload", load_slowly)
+    before = clock()
+    assert made(1.5) == 0.5
+    assert now[0] == 20.0 and clock() == pytest.approx(before)
