@@ -17,6 +17,7 @@ from cspace._bodies.cores import ROUNDING
 from cspace._rotations.base import wrap_angles
 from cspace._support.arrays import Floats, Ints, StrPath
 from cspace._support.check import check_flag, check_known, check_not_negative, check_text
+from cspace._support.reporting import warn_user
 from cspace.errors import InputError
 from cspace.lanes._audit import line_of
 from cspace.lanes._lane_motions import check_map
@@ -45,6 +46,9 @@ Pose: TypeAlias = tuple[float, ...]
 
 COLORS: Final = {"touch": "#c4161c", "undecided": "#e08a00"}
 """Colors of places in pictures, by verdict."""
+
+MAX_ZONE_ELEMENTS: Final = 16
+"""Number of elements of a zone up to which its size is expected."""
 
 COLUMNS: Final = (
     *("first", "second", "verdict", "shares_node", "groups"),
@@ -230,6 +234,13 @@ class Conflicts:
         names = list(self.elements)
         for pair, zone in tree.query(overlaps, predicate="intersects").T.tolist():
             members[zone] |= {names[first[pair]], names[second[pair]]}
+        most = max(map(len, members), default=0)
+        # Lanes that meet at nodes join their overlaps; a few of them are a crossing.
+        if most > max(MAX_ZONE_ELEMENTS, len(names) // 2):
+            text = (
+                f"zones: one zone has {most} of {len(names)} elements; one robot enters at a time"
+            )
+            warn_user(text)
         return Zones(tuple(polygons), tuple(tuple(sorted(each)) for each in members))
 
     def __repr__(self) -> str:

@@ -500,6 +500,14 @@ def test_zones_are_written_for_others(spaces, tmp_path):
         zones.to_vda5050(3, "lanes")
 
 
+def test_a_zone_of_most_elements_is_warned_of():
+    space = build("disc:0.1", rotations=None)
+    nodes = [(0.5 + 0.3 * k, 3.0) for k in range(12)]
+    graph = RouteGraph.from_arrays(nodes, [(k, k + 1) for k in range(11)], two_way=True)
+    with pytest.warns(UserWarning, match="one zone has 34 of 34 elements"):
+        assert len(planners.conflicts(space, graph).zones()) == 1
+
+
 def test_tiles_and_graphs_with_names_that_repeat(tmp_path):
     tiled = build("arrow", store=tmp_path / "map.zarr", tile=32)
     graph = RouteGraph.from_arrays([(1, 1), (7, 4), (7, 1), (1, 4)], [(0, 1), (2, 3)])
