@@ -74,8 +74,9 @@ void slow_down(const cspace::Map& map, const std::vector<double>& rows, const st
   for (std::size_t k = 0; k + 7 <= rows.size(); k += 7) {
     try {
       const double* row = &rows[k];
+      const std::vector<double> q(row, row + 3);
       const cspace::SlowedCommand slowed =
-          map.slow_down(row, {row[3], row[4]}, {row[5], row[6]}, dt, {v, omega}, tracking);
+          map.slow_down(q, {row[3], row[4]}, {row[5], row[6]}, dt, {v, omega}, tracking);
       std::cout << slowed.share << " " << slowed.is_proven;
       for (const cspace::Twist& twist : slowed.commands) std::cout << " " << twist.v << " " << twist.omega;
       std::cout << "\n";

@@ -546,11 +546,11 @@ class Map {
   /// @throws InputError       if the map has other axes than x, y and yaw, or a number is not finite or out of range
   SlowedCommand slow_down(const double* q, Twist twist, Twist twist_now, double dt, Twist max_deceleration,
                           const std::vector<double>& tracking) const {
-    check_usable(q);
     const Twist most{dt * max_deceleration.v, dt * max_deceleration.omega};
     const double sum = twist.v + twist.omega + twist_now.v + twist_now.omega + most.v + most.omega;
     if (kind_ != YAW || dim_ != 2 || !std::isfinite(sum) || !(dt > 0.0 && most.v > 0.0 && most.omega > 0.0))
       throw InputError("cspace: slow_down needs a map of x, y and yaw, finite twists, and dt and brakes above zero");
+    check_usable(q);
     for (int part = SHARES; part > 0; --part) {
       const double share = static_cast<double>(part) / SHARES;
       const Twist first{share * twist.v, share * twist.omega};
@@ -565,6 +565,10 @@ class Map {
     if (!commands.empty()) commands.erase(commands.begin());
     const bool is_proven = arcs_are_free(q, commands, dt, tracking);
     return {0.0, at_rest(commands), is_proven};
+  }
+  SlowedCommand slow_down(const std::vector<double>& q, Twist twist, Twist twist_now, double dt, Twist max_deceleration,
+                          const std::vector<double>& tracking) const {
+    return slow_down(check_size(q), twist, twist_now, dt, max_deceleration, tracking);
   }
 
   /// Return a lower bound of the distance, at this rotation, to the nearest position that is not FREE, in metres.
