@@ -2,11 +2,13 @@
 
 import importlib.util
 import math
+from concurrent.futures import Future
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import shapely
+from scipy.spatial.transform import Rotation
 from shapely import affinity
 
 rclpy = pytest.importorskip("rclpy", reason="ROS 2 has an environment of its own: nox -s ros")
@@ -38,17 +40,23 @@ class Robot:
         self.pose = np.array([1.0, 1.0, 0.0])
         self.stamp = NOW
         self.twist = np.zeros(2)
+        self.turn = (0.0, 0.0, 0.0, 1.0)  # of the laser on the robot
 
-    def lookup_transform(self, _map, _frame, _time):
+    def can_transform(self, _map, _frame, time):
+        """Return True if a time is not later than the newest one."""
+        return time.nanoseconds <= self.stamp.nanoseconds
+
+    def lookup_transform(self, _map, frame, _time):
         """Return where the robot, and its laser, is."""
         moved = TransformStamped()
         x, y, yaw = self.pose.tolist()
         moved.header.stamp = self.stamp.to_msg()
         moved.transform.translation.x, moved.transform.translation.y = x, y
-        moved.transform.rotation.z, moved.transform.rotation.w = (
-            math.sin(yaw / 2),
-            math.cos(yaw / 2),
-        )
+        turn = Rotation.from_rotvec([0.0, 0.0, yaw])
+        if frame == "laser":
+            turn *= Rotation.from_quat(self.turn)
+        rotation = moved.transform.rotation
+        rotation.x, rotation.y, rotation.z, rotation.w = turn.as_quat().tolist()
         return moved
 
     def publish(self, command):
@@ -71,6 +79,7 @@ class Robot:
     def scan(self):
         """Return what the laser sees of the posts."""
         msg = LaserScan(angle_min=-math.pi, angle_increment=math.pi / 180, range_max=20.0)
+        msg.header.frame_id, msg.header.stamp = "laser", self.stamp.to_msg()
         x, y, yaw = self.pose
         angles = yaw - math.pi + np.arange(360) * math.pi / 180
         ends = np.stack([x + 20 * np.cos(angles), y + 20 * np.sin(angles)], axis=1)
@@ -85,6 +94,7 @@ def node():
     rclpy.init()
     node = gate_node.GateNode(None)
     node.on_map(make_grid(make_room()))
+    node.building.result()
     yield node
     node.destroy_node()
     rclpy.shutdown()
@@ -96,6 +106,7 @@ def robot(node, monkeypatch):
     robot = Robot()
     node.transforms = node.publisher = robot
     node.ramp = [(0.0, 0.0)]
+    node.scans.clear()
     node.heard = dict.fromkeys(node.heard, 0.0)
     robot.clock = 0.0
     monkeypatch.setattr(gate_node.time, "monotonic", lambda: robot.clock)
@@ -145,7 +156,7 @@ def test_it_stops_without_an_input(node, robot, silent, monkeypatch):
 
         monkeypatch.setattr(robot, "lookup_transform", fail)
     if silent == "map":
-        monkeypatch.setattr(node, "gate", None)
+        monkeypatch.setattr(node, "building", Future())
     speeds = []
     for _ in range(30):
         assert not step(node, robot, (0.6, 0.3), silent)
@@ -153,19 +164,147 @@ def test_it_stops_without_an_input(node, robot, silent, monkeypatch):
     assert not robot.twist.any() and np.diff(speeds).max() <= 0.0
 
 
-def test_a_map_that_cannot_be_read_changes_nothing(node):
-    gate, bad = node.gate, make_grid(make_room())
-    bad.info.resolution = 0.0
+def drive_off(node, robot):
+    """Drive ahead until the robot is quick."""
+    for _ in range(10):
+        assert not step(node, robot, (0.6, 0.3))
+    assert robot.twist[0] > 0.5
+
+
+def count_moving_cycles(node, robot):
+    """Return how many of the next cycles move the robot, without a scan from the test."""
+    moving = 0
+    for _ in range(30):
+        assert not step(node, robot, (0.6, 0.3), "scan")
+        moving += robot.twist.any()
+    return moving
+
+
+def break_map(msg):
+    msg.info.resolution = 0.0
+
+
+def fill_map(msg):
+    msg.data = [100] * len(msg.data)
+
+
+@pytest.mark.parametrize("damage", [break_map, fill_map])
+def test_it_brakes_on_a_map_without_use(node, robot, damage, monkeypatch):
+    monkeypatch.setattr(node, "building", node.building)
+    drive_off(node, robot)
+    bad = make_grid(make_room())
+    damage(bad)
     node.on_map(bad)
-    assert node.gate is gate
+    node.building.exception()
+    for _ in range(30):
+        assert not step(node, robot, (0.6, 0.3))
+    assert not robot.twist.any()
+
+
+def test_it_brakes_while_a_second_map_is_built(node, robot, monkeypatch):
+    monkeypatch.setattr(node, "building", node.building)
+    monkeypatch.setattr(node, "builder", SimpleNamespace(submit=lambda *_: Future()))
+    drive_off(node, robot)
+    node.on_map(make_grid(make_room()))
+    speeds = []
+    for _ in range(30):
+        assert not step(node, robot, (0.6, 0.3))
+        speeds.append(robot.twist[0])
+    assert speeds[0] < 0.6 and not robot.twist.any() and np.diff(speeds).max() <= 0.0
+
+
+def test_a_second_map_waits_for_its_own_scan(node, robot):
+    drive_off(node, robot)
+    node.on_map(make_grid(make_room()))
+    node.building.result()
+    assert count_moving_cycles(node, robot) < 15
+    drive_off(node, robot)
+
+
+@pytest.mark.parametrize(
+    "ranges, drives",
+    [
+        pytest.param([math.inf] * 360, True, id="nothing is near"),
+        pytest.param([0.05] * 360, True, id="all below the least range"),
+        pytest.param([1e6], True, id="a point far away"),
+        pytest.param([-math.inf] * 360, False, id="all too near"),
+        pytest.param([math.nan] * 360, False, id="no number"),
+        pytest.param([], False, id="empty"),
+    ],
+)
+def test_scans_without_a_point_in_range(node, robot, ranges, drives):
+    for _ in range(10):
+        msg = robot.scan()
+        msg.ranges, msg.range_min, msg.range_max = ranges, 0.1, math.inf
+        node.on_scan(msg)
+        assert not step(node, robot, (0.6, 0.3), "scan")
+    assert robot.twist.any() == drives
+
+
+@pytest.mark.parametrize("seconds", [-1.0, 1.0, -9.0])
+def test_a_scan_counts_by_its_stamp(node, robot, seconds):
+    drive_off(node, robot)
+    for _ in range(20):
+        msg = robot.scan()
+        msg.header.stamp = (NOW + rclpy.duration.Duration(seconds=seconds)).to_msg()
+        node.on_scan(msg)
+        assert not step(node, robot, (0.6, 0.3), "scan")
+    assert not robot.twist.any()
+
+
+@pytest.mark.parametrize("command", [(math.nan, 0.0), (0.5, math.inf)])
+def test_it_brakes_on_commands_that_are_no_numbers(node, robot, command):
+    drive_off(node, robot)
+    for _ in range(20):
+        assert not step(node, robot, command)
+    assert not robot.twist.any()
+
+
+def place_points(node, robot, ranges):
+    """Return the points of a scan in the map."""
+    msg = robot.scan()
+    msg.ranges, msg.angle_min, msg.angle_increment = ranges, -0.5, 1.0
+    node.on_scan(msg)
+    space = node.building.result().space
+    node.place_scans(space)
+    return np.asarray(space.obstacles["scan"].centers)
+
+
+def test_a_laser_upside_down_or_tilted_is_placed_in_three_dimensions(node, robot):
+    left = robot.pose[:2] + 2.0 * np.array([math.cos(0.5), math.sin(0.5)])
+    right = left * (1, -1) + (0, 2 * robot.pose[1])
+    np.testing.assert_allclose(place_points(node, robot, [30.5, 2.0]), [left], atol=1e-6)
+    robot.turn = (1.0, 0.0, 0.0, 0.0)
+    np.testing.assert_allclose(place_points(node, robot, [30.5, 2.0]), [right], atol=1e-6)
+    robot.turn = tuple(Rotation.from_euler("y", 0.5).as_quat())
+    tilted = robot.pose[:2] + 2.0 * np.array([math.cos(0.5) ** 2, math.sin(0.5)])
+    np.testing.assert_allclose(place_points(node, robot, [30.5, 2.0]), [tilted], atol=1e-6)
+
+
+@pytest.mark.parametrize("turn", [(math.nan, 0.0, 0.0, 1.0), (0.0, 0.0, 0.0, 0.0)])
+def test_it_brakes_if_the_laser_has_no_rotation(node, robot, turn, monkeypatch):
+    drive_off(node, robot)
+    look_up = robot.lookup_transform
+
+    def spoil(*names):
+        moved = look_up(*names)
+        rotation = moved.transform.rotation
+        rotation.x, rotation.y, rotation.z, rotation.w = turn
+        return moved
+
+    monkeypatch.setattr(robot, "lookup_transform", spoil)
+    for _ in range(20):
+        assert not step(node, robot, (0.6, 0.3))
+    assert not robot.twist.any()
 
 
 def test_a_pose_that_is_old_counts_as_none(node, robot):
-    assert node.locate("base_link") == pytest.approx((1.0, 1.0, 0.0))
+    space = node.building.result().space
+    assert node.locate(space) == pytest.approx((1.0, 1.0, 0.0))
     old = robot.lookup_transform
     robot.lookup_transform = lambda *names: shift(old(*names))
     with pytest.raises(TimeoutError, match=r"pose of base_link is 1\.00 s old"):
-        node.locate("base_link")
+        node.locate(space)
 
 
 def shift(moved):
