@@ -287,8 +287,8 @@ class PlannerNode(Node):
             self.news.clear()
             try:
                 self.follow()
-            except CspaceError as error:
-                self.complain(f"the map is not built: {error}")
+            except Exception as error:  # MemoryError, too: the next grid may be smaller
+                self.complain(f"the map is not built: {error!r}")
 
     def follow(self):
         """Make the map equal to the newest grid, for the newest footprint."""
@@ -455,8 +455,8 @@ class PlannerNode(Node):
         except NoPlanError as error:
             code, reason = error.code, str(error)
             self.explain(error.plan)
-        except CspaceError as error:
-            code, reason = UNKNOWN, str(error)
+        except Exception as error:  # a request that fails must not end the node
+            code, reason = UNKNOWN, str(error) or repr(error)
         if reason:
             self.complain(reason)
         self.path_publisher.publish(path)
