@@ -236,10 +236,9 @@ class ConfigurationMap(ConfigurationSpace):
         """Return whether configurations are proven connected; with ``apart``, disconnected."""
         write = partial(self._write_connections, apart)
         with self._map_lock():
-            if isinstance(q0, tuple) and isinstance(q1, tuple):
-                known = self._ask_one(self._look_up_connection(apart), q0, q1)
-                if known is not None:
-                    return bool(known)
+            known = self._ask_one(self._look_up_connection(apart), q0, q1)
+            if known is not None:
+                return known == 1
             return evaluate_edges(q0, q1, self.axes, write, self._angles)
 
     def _look_up_connection(self, apart: bool) -> LookUp | None:
@@ -441,19 +440,17 @@ class ConfigurationMap(ConfigurationSpace):
         float or ndarray of float64, shape (...)
             Metres; in a map of joints their unit, such as radians.
         """
-        if isinstance(q, tuple):
-            known = self._ask_one(self._look_up_clearance, q)
-            if known is not None:
-                return float(known)
-        metres: float | Floats = evaluate(
-            q, self.axes, self._write_clearances, np.float64, self._angles
-        )
+        metres: float | Floats | None = self._ask_one(self._look_up_clearance, q)
+        if metres is None:
+            metres = evaluate(q, self.axes, self._write_clearances, np.float64, self._angles)
         return metres
 
     # ---- for planners ----------------------------------------------------------------------------
 
     def path_exists(self, q0: ArrayLike, q1: ArrayLike) -> bool | None:
         """Return :meth:`is_connected`, or False if :meth:`is_disconnected`; None if undecided."""
+        q0 = self._check_one_configuration(q0, "q0")
+        q1 = self._check_one_configuration(q1, "q1")
         if self.is_connected(q0, q1):
             return True
         return False if self.is_disconnected(q0, q1) else None

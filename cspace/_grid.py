@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace._support.arrays import Bools, Floats, Ints
-from cspace._support.check import AXES, check_finite, check_points, check_positive, check_real
+from cspace._support.check import AXES, check_finite, check_points, check_positive
 from cspace.errors import InputError
 
 SLACK: Final = 2.0**-26
@@ -97,7 +97,7 @@ class Grid:
         frame_id: str = "",
     ) -> None:
         """Check numbers and names, and convert to tuples."""
-        corner = check_finite(lower, "lower", AXES[: np.size(lower)])
+        corner = check_finite(lower, "lower", AXES[: np.size(shape)])
         if corner.ndim != 1 or len(corner) not in (2, 3):
             rule = "it must have length 2 or 3"
             raise InputError("lower", f"is {lower!r}", rule, "pass e.g. (0.0, 0.0)")
@@ -222,7 +222,8 @@ class Grid:
         ndarray of float64, shape (..., d)
             Metres.
         """
-        return np.asarray(self.lower + self.spacing * (check_real(cells, "cells") + 0.5))
+        array = check_points(cells, "cells", self.axes)
+        return np.asarray(self.lower + self.spacing * (array + 0.5))
 
     def centers(self, axis: int) -> Floats:
         """Return the cell centers along one axis, in metres, shape (shape[axis],)."""

@@ -25,7 +25,7 @@ from cspace._rotations.base import (
     wrap_steps,
 )
 from cspace._support.arrays import FREE, MAX_EXPECTED_ANGLE, Bools, Floats, Ints, States
-from cspace._support.check import check_finite, check_pairs, names_options
+from cspace._support.check import check_finite, check_pairs, check_rows, names_options
 from cspace._support.deadlines import Effort
 from cspace._support.reporting import tell_apart
 from cspace.errors import ConfigurationError, InputError
@@ -279,7 +279,9 @@ class Space(ABC):
 
         A step consists of :attr:`dim` numbers and a rotation vector, radians.
         """
-        steps = self.rotations._steps_between(q0, q1)
+        firsts = check_rows(q0, "q0", self.axes)
+        lasts = check_rows(q1, "q1", self.axes)
+        steps = self.rotations._steps_between(firsts, lasts)
         return wrap_steps(steps, self.periodic_axes) if any(self.periodic_axes) else steps
 
     def distance(self, q0: Floats, q1: Floats) -> Floats:
@@ -292,7 +294,8 @@ class Space(ABC):
         # A step has an entry for each degree of freedom, so only its leading axes are those of
         # starts.
         steps = np.asarray(t) * self.steps_between(q0, q1)
-        starts = np.broadcast_to(q0, (*steps.shape[:-1], self.size))
+        starts = check_rows(q0, "q0", self.axes)
+        starts = np.broadcast_to(starts, (*steps.shape[:-1], self.size))
         return self.rotations._add_steps(starts, steps)
 
     # ---- convex regions of maps in memory --------------------------------------------------------
@@ -484,8 +487,8 @@ class Space(ABC):
 
         By default, it is the straight distance.
         """
-        start = np.asarray(q0, dtype=np.float64)
-        end = np.asarray(q1, dtype=np.float64)
+        start = self._check_one_configuration(q0, "q0")
+        end = self._check_one_configuration(q1, "q1")
         steps = self.steps_between(start, end)
         return float(np.linalg.norm(steps[: self.dim]))
 
@@ -706,11 +709,10 @@ class ConfigurationSpace(Space):
         AngleWarning
             If an angle exceeds 2 pi, as if it were in degrees.
         """
-        if isinstance(q, tuple):
-            state: int | None = self._ask_one(self._look_up_state, q)
-            # Only the query of arrays tells whether an arm collides.
-            if state is not None and (self.has_cells or state == FREE):
-                return state
+        state: int | None = self._ask_one(self._look_up_state, q)
+        # Only the query of arrays tells whether an arm collides.
+        if state is not None and (self.has_cells or state == FREE):
+            return state
         states: int | States = evaluate(q, self.axes, self._write_states, np.uint8, self._angles)
         return states
 
@@ -725,7 +727,7 @@ class ConfigurationSpace(Space):
 
         With ``exact``, geometry decides in MIXED cells of a map. For an arm it always does.
         """
-        if isinstance(q, tuple) and not exact:
+        if not exact:
             state: int | None = self._ask_one(self._look_up_state, q)
             if state is not None:
                 return state == FREE
@@ -762,7 +764,7 @@ class ConfigurationSpace(Space):
         InputError, ConfigurationError
             As :meth:`classify`.
         """
-        if isinstance(q0, tuple) and isinstance(q1, tuple) and not exact:
+        if not exact:
             state: int | None = self._ask_one(self._look_up_motion, q0, q1)
             if state is not None:
                 return state == FREE
@@ -966,7 +968,7 @@ class ConfigurationSpace(Space):
             block,
         )
 
-    # ---- one configuration, given as a tuple: the same look-ups, without arrays ------------------
+    # ---- one configuration, given as a plain row: the same look-ups, without arrays --------------
 
     @property
     def _look_up_state(self) -> LookUp | None:
@@ -978,24 +980,42 @@ class ConfigurationSpace(Space):
         """Look-up of a motion, from the numbers of both ends: FREE if it is proven, else MIXED."""
         return None
 
-    def _ask_one(self, look_up: LookUp | None, *points: tuple[Any, ...]) -> Any:
-        """Return the answer of a look-up for configurations given as tuples, or None.
+    def _ask_one(self, look_up: LookUp | None, *points: Any) -> Any:
+        """Return the answer of a look-up for configurations given as plain rows, or None.
 
-        None means that only the query of arrays can answer, warn or raise the error.
+        A plain row is a tuple, a list or an array of one axis, of numbers without labels, units or
+        masks. None means that only the query of arrays can answer, warn or raise the error.
         """
-        if look_up is None or len(points[0]) != len(points[-1]):
+        if look_up is None:
             return None
-        numbers: tuple[Any, ...] = sum(points, ())
-        try:
-            answer = look_up(*numbers)
-            sum(numbers)  # compiled look-ups parse texts
-        except (TypeError, ValueError):  # the number or the type of entries is wrong
-            return None
+        numbers: tuple[Any, ...] = ()
+        is_array = False
         for q in points:
+            kind = type(q)
+            if kind is np.ndarray and q.ndim == 1:
+                is_array = True
+                q = q.tolist()
+            elif kind is not tuple and kind is not list:
+                return None
+            if len(q) != self.size:
+                return None
+            numbers += tuple(q)
+        try:
+            # Compiled look-ups parse texts, and drop the labels, units and masks of entries.
+            if not isinstance(sum(numbers), float | int):
+                return None
+            answer = look_up(*numbers)
             for axis in self._angles:
-                if abs(q[axis]) > MAX_EXPECTED_ANGLE:
-                    return None
-        return answer if answer >= 0 else None
+                for angle in numbers[axis :: self.size]:
+                    if abs(angle) > MAX_EXPECTED_ANGLE:
+                        return None
+        except (TypeError, ValueError, OverflowError):  # the type of entries is wrong
+            return None
+        if not answer >= 0:
+            return None
+        if is_array:
+            return np.float64(answer) if isinstance(answer, float) else np.uint8(answer)
+        return answer
 
     # ---- what differs ----------------------------------------------------------------------------
 

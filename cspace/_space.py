@@ -296,10 +296,11 @@ class CSpace(ConfigurationMap):
         if not self.has_poses:
             rule = "only a rigid robot lies inside obstacles"
             raise InputError("the map", "is one of joints", rule, "ask classify for BLOCKED")
+        q = check_points(q, "q", self.axes)
         with self.lock:  # the sums are consistent only before and after an update
             sums = np.asarray(self._count_overlaps("inner", q))
         # The robot lies inside if all its cells overlap inner cells.
-        rotation_cells = self.rotations._find_cells(np.asarray(q, dtype=np.float64))
+        rotation_cells = self.rotations._find_cells(q)
         robot_cells = np.array([outer.count for outer, _ in self._rasters])
         is_inside: Bools = sums == robot_cells[self._slice_of[rotation_cells]]
         return is_inside if is_inside.ndim else bool(is_inside)

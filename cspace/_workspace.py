@@ -32,6 +32,7 @@ from cspace._support.check import (
     check_positive,
     check_word,
     find_sizes,
+    list_columns,
     names_options,
     select_positions,
 )
@@ -734,9 +735,7 @@ class Workspace:
         else:
             check_positive(spacing, "spacing")
             centers = select_positions(points, "points")
-            fields = getattr(getattr(points, "dtype", None), "names", None)
-            columns = getattr(points, "columns", fields or ())
-            warn_of_names("points", find_sizes(map(str, columns)), ())
+            warn_of_names("points", find_sizes(list_columns(points)), ())
             if drop_missing:
                 centers = centers[np.isfinite(centers).all(axis=-1)]
             cloud = Balls.of(centers, radius)

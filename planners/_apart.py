@@ -259,7 +259,8 @@ def _read_mover(mover: object, name: str) -> Timed:
         pose = np.zeros(dim + 1)
         times, bounds = _bound_trajectory(mover.motion, robot)
         return Timed(robot, mover.motion, pose, velocity, at, *numbers, times, bounds)
-    row = check_finite(mover.motion, f"{name}.motion", largest=MAX_NUMBER)
+    names = (*AXES[:dim], "yaw")[: np.size(mover.motion)]
+    row = check_finite(mover.motion, f"{name}.motion", names, largest=MAX_NUMBER)
     if row.shape not in ((dim,), (dim + 1,)):
         axes = ", ".join(AXES[:dim])
         rule = f"it must be a trajectory, or {axes}, and perhaps a yaw, of {robot.name}"

@@ -33,7 +33,13 @@ from cspace._interface import (
 )
 from cspace._rotations.base import ANGLE_SLACK, METRES_PER_RADIAN, turn_near
 from cspace._support.arrays import FREE, MIXED, Bools, Floats, Ints
-from cspace._support.check import check_finite, check_point, suggest_radians, warn_of_degrees
+from cspace._support.check import (
+    check_finite,
+    check_point,
+    order_labels,
+    suggest_radians,
+    warn_of_degrees,
+)
 from cspace._support.deadlines import NEVER
 from cspace.errors import ConfigurationError, InputError
 from planners._catalogue import ANY_ROTATION, REGION, check_support
@@ -457,12 +463,13 @@ def list_rooms(
 
     Raises InputError if a goal is of a kind that is not for the space.
     """
-    goals = goal.goals if isinstance(goal, Goals) else (goal,)
+    given = goal.goals if isinstance(goal, Goals) else (goal,)
+    goals = [order_labels(each, name, space.axes) for each in given]
     names = [f"{name}[{k}]" if len(goals) > 1 else name for k in range(len(goals))]
     for each, label in zip(goals, names, strict=True):
         _check_form(each, label, space)
     is_several = isinstance(goal, Goals)
-    if not is_several and not any(tolerance) and _split_parts(goal) is None:
+    if not is_several and not any(tolerance) and _split_parts(goals[0]) is None:
         return []
     parts = [_split_parts(each) for each in goals]
     for each, split, label in zip(goals, parts, names, strict=True):

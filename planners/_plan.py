@@ -317,6 +317,7 @@ def plan(
         previous=np.empty((0, space.size)),
         keep=kept,
     )
+    start = space._check_one_configuration(start, "start")
     if previous is not None:
         task = replace(task, previous=_check_previous(task, previous))
         if not edges.exact and _needs_geometry(space, start):
@@ -339,7 +340,7 @@ def plan(
         return _make_plan(journey, space, point, moved, began)
 
 
-def _needs_geometry(space: Space, start: ArrayLike) -> bool:
+def _needs_geometry(space: Space, start: Floats) -> bool:
     """Return whether only the geometry proves a start; a robot on its way cannot choose another."""
     try:
         space.check_endpoint(start, "start")
@@ -431,7 +432,7 @@ def _check_places(
     return [*((f"via[{k}]", place) for k, place in enumerate(via)), ("goal", goal)]
 
 
-def _check_start(task: PlanTask, start: ArrayLike, tolerance: float | None) -> tuple[Endpoint, str]:
+def _check_start(task: PlanTask, start: Floats, tolerance: float | None) -> tuple[Endpoint, str]:
     """Return the checked start, and a text if it was moved within a tolerance, metres."""
     space = task.edges.space
     metres = 0.0 if tolerance is None else check_not_negative(tolerance, "start_tolerance")
@@ -442,8 +443,7 @@ def _check_start(task: PlanTask, start: ArrayLike, tolerance: float | None) -> t
     except ConfigurationError as error:
         if error.nearest is None or not metres:
             raise
-        given = space._check_one_configuration(start, "start")
-        distance = float(space.distance(given, np.array(error.nearest)))
+        distance = float(space.distance(start, np.array(error.nearest)))
         if distance > metres:
             raise
         moved = space.check_endpoint(error.nearest, "start", task.edges.exact)

@@ -219,7 +219,7 @@ class Trajectory:
                 "check motion.certified first",
             )
         rows: Any = path
-        given = check_finite(getattr(path, "waypoints", rows), "path")
+        given = check_finite(getattr(path, "waypoints", rows), "path", space.axes)
         if given.ndim != 2 or not len(given):
             raise InputError(
                 "path",

@@ -1,6 +1,8 @@
 """Arguments of calls: arrays of any kind, labels, names, options and states of OMPL."""
 
+import copy
 import inspect
+from collections import namedtuple
 from functools import cache
 
 import numpy as np
@@ -35,6 +37,8 @@ def flat():
 Q = (0.6, 0.6, 0.3)
 P = (0.8, 0.6, 0.3)
 
+Backwards = namedtuple("Backwards", "yaw y x")
+
 QUERIES = {
     "check_endpoint": lambda q: turning().check_endpoint(q, "q"),
     "certify_chunk": lambda q: turning().certify_chunk(q, [Q]).proven,
@@ -60,6 +64,7 @@ QUERIES = {
     "reachable_bounds": lambda q: turning().reachable_bounds(q),
     "removals": lambda q: turning().removals(q, P),
     "planners.plan": lambda q: planners.plan(turning(), q, P).waypoints[0],
+    "planners.plan to it": lambda q: planners.plan(turning(), P, q).waypoints[-1],
     "Gate.check_rows": lambda q: cspace.Gate(turning()).check_rows(q, [Q]).commands,
 }
 """Calls that take one configuration of the map."""
@@ -76,6 +81,7 @@ OTHER_ARRAYS = {
     "free_yaws": "takes a position: tests/queries/test_yaws.py",
     "find_goals": "called by plan",
     "interpolate": "takes fractions",
+    "view": "takes a path: tests/view",
 }
 """Other methods of maps with arrays, and where these are checked."""
 
@@ -111,6 +117,10 @@ RIGHT = {
     "read-only": np.frombuffer(np.array(Q).tobytes()),
     "masked without a mask": np.ma.array(Q),
     "Series in another order": pd.Series(Q[::-1], ["yaw", "y", "x"]),
+    "named tuple in another order": Backwards(*Q[::-1]),
+    "DataArray in another order": xr.DataArray(
+        list(Q[::-1]), dims="axis", coords={"axis": ["yaw", "y", "x"]}
+    ),
 }
 
 
@@ -169,6 +179,33 @@ def test_labels_of_tables_are_honoured_or_refused():
     space.add_obstacle("scan", table, radius=0.05)
     (scan,) = space.obstacles.values()
     assert np.allclose(scan.outer.bounds, [[0.25, 0.55], [0.75, 1.25]])
+
+
+def test_labels_of_goals_updates_and_rows_in_other_words_are_heard():
+    goal = namedtuple("Goal", "y x yaw")(0.9, 0.6, None)
+    assert planners.plan(turning(), Q, goal).goal[:2].tolist() == [0.6, 0.9]
+    line = pd.DataFrame({"x": [0.6, 0.9], "y": [0.6, 0.6], "yaw": [0.3, 0.3]})
+    assert turning().certify_path(line[["yaw", "y", "x"]]) == turning().certify_path(line)
+    fields = line.to_records(index=False)[["yaw", "y", "x"]]
+    assert (turning().is_free(fields) == turning().is_free(line)).all()
+    ends = [line[["yaw", "y", "x"]].iloc[k] for k in (0, 1)]
+    assert turning().distance(*ends) == pytest.approx(0.3)
+    space = cspace.build(WALLS, Robot.disc(0.1))
+    cells = np.ones((1, 2), dtype=bool)
+    labelled = copy.copy(space).update(cells, pd.Series({"y": 3, "x": 7}))
+    assert labelled == space.update(cells, (7, 3))
+    with pytest.raises(InputError, match="its labels are not read"):
+        space.update(pd.DataFrame(np.ones((1, 2), dtype=bool), index=["b"]), (0, 0))
+    moved = planners.Mover(Robot.disc(0.1), namedtuple("P", "y x")(1.0, 3.0))
+    still = planners.Mover(Robot.disc(0.1), (3.0, 1.0))
+    with pytest.raises(InputError, match="touches second at the start"):
+        planners.apart(moved, still, until=1.0)
+
+
+def test_a_missing_yaw_hides_no_degrees():
+    arguments = [(0, 0), (1, 0)], [(0, 1)]
+    with pytest.warns(cspace.AngleWarning):
+        cspace.lanes.RouteGraph.from_arrays(*arguments, yaws=[np.nan, 270.0])
 
 
 class Quantity:

@@ -23,7 +23,13 @@ from numpy.typing import ArrayLike, NDArray
 from cspace._files.fields import Fields, Ledger, reading
 from cspace._files.images import UNKNOWN_SHADE, Shades, read_shades
 from cspace._support.arrays import Bools, Floats, StrPath
-from cspace._support.check import check_finite, check_not_negative, check_positive, check_real
+from cspace._support.check import (
+    AXES,
+    check_finite,
+    check_not_negative,
+    check_positive,
+    check_real,
+)
 from cspace._support.reporting import warn_user
 from cspace.errors import FileError, GeometryError, InputError
 
@@ -661,7 +667,7 @@ def parse_footprint(footprint: str | ArrayLike, name: str = "footprint") -> Floa
     hint = "write e.g. [[0.3, 0.2], [0.3, -0.2], [-0.3, 0]]"
     try:
         rows = ast.literal_eval(footprint.strip()) if isinstance(footprint, str) else footprint
-        corners = check_finite(rows, name)
+        corners = check_finite(rows, name, AXES[:2])
     except (ValueError, TypeError, SyntaxError, MemoryError, RecursionError) as error:
         raise GeometryError(name, problem, rule, hint) from error
     if corners.ndim != 2 or corners.shape[1] != 2 or len(corners) < 3:

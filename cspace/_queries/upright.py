@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace._support.check import check_finite, check_positive, check_text, suggest_radians
+from cspace._support.check import AXES, check_finite, check_positive, check_text, suggest_radians
 from cspace.errors import InputError
 
 
@@ -81,7 +81,7 @@ def check_keep(keep: Upright | Sequence[Upright] | None) -> tuple[Upright, ...]:
 
 def _check_direction(value: ArrayLike, name: str) -> tuple[float, ...]:
     """Return a direction with length 1; raise InputError if it has none."""
-    vector = check_finite(value, name)
+    vector = check_finite(value, name, AXES)
     hint = "pass e.g. (0, 0, 1)"
     if vector.shape != (3,):
         raise InputError(name, f"is {value!r}", "a direction has three numbers", hint)

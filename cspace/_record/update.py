@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import operator
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -21,7 +20,7 @@ from cspace._record.contents import Contents
 from cspace._record.exterior import Exterior
 from cspace._shapes import Shape
 from cspace._support.arrays import Bools, Bytes, Floats, Ints, frozen, intersect_boxes
-from cspace._support.check import check_cells
+from cspace._support.check import check_cells, check_real
 from cspace._support.reporting import warn_user
 from cspace._workspace import Workspace, copy_workspace, in_metres
 from cspace.errors import InputError, UnitWarning
@@ -104,7 +103,7 @@ class Patch:
         Arrays are copied. Raises InputError if the cells or the position of the box are invalid.
         """
         outer = _copy_cells(cells, "cells")
-        first = _check_first_cell(lower, grid.dim)
+        first = _check_first_cell(lower, grid.axes)
         hint = "pass one entry per cell of the box"
         if outer.ndim != grid.dim:
             problem = f"has {outer.ndim} axes but the grid has {grid.dim}"
@@ -134,17 +133,14 @@ def _copy_cells(values: ArrayLike, name: str) -> Bools:
     return np.array(check_cells(values, name), order="C")
 
 
-def _check_first_cell(lower: Sequence[int], dim: int) -> tuple[int, ...]:
+def _check_first_cell(lower: Sequence[int], axes: Sequence[str]) -> tuple[int, ...]:
     """Return a first cell as integers, or raise InputError."""
-    try:
-        first = tuple(map(operator.index, np.asarray(lower, dtype=object).tolist()))
-    except TypeError:
-        first = ()
-    if len(first) != dim:
-        rule = f"it must be {dim} integers, the index of the first cell"
+    first = check_real(lower, "lower", axes)
+    if first.shape != (len(axes),) or first.dtype.kind not in "iu":
+        rule = f"it must be {len(axes)} integers, the index of the first cell"
         hint = "convert metres with space.grid.cell_of"
-        raise InputError("lower", f"is {lower!r}", rule, hint)
-    return first
+        raise InputError("lower", f"is {first.tolist()}", rule, hint)
+    return tuple(first.tolist())
 
 
 class Updater:

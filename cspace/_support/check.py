@@ -34,6 +34,9 @@ UNKNOWN_CELL: Final = -1
 AXES: Final = ("x", "y", "z")
 """Names of the axes of space; a plane has the first two."""
 
+_POSE_NAMES: Final = (*AXES, "yaw", "qx", "qy", "qz", "qw")
+"""Names of the coordinates of poses."""
+
 _ROW_ATTRIBUTES: Final = ("to_numpy", "mask", "_fields", "units", "unit")
 """Attributes of rows with labels, masks or units."""
 
@@ -72,6 +75,8 @@ def check_real(values: ArrayLike, name: str, axes: Sequence[str] = ()) -> NDArra
     # Arrays of objects, such as fractions, are converted if they hold numbers.
     try:
         array = np.asarray(values)
+        if array.dtype.names:
+            array = np.asarray(order_labels(array, name, axes))
         if values is None or array.dtype.kind in "USMm":
             raise TypeError("texts, dates and None are no numbers")
         if array.dtype.kind not in "fiubc":
@@ -80,8 +85,10 @@ def check_real(values: ArrayLike, name: str, axes: Sequence[str] = ()) -> NDArra
         hint = NUMBERS_HINT
         if isinstance(values, str | bytes):
             hint = "write the number without quotes"
-        elif hasattr(values, "as_quat"):
+        elif hasattr(values, "as_quat") and "qw" in axes:
             hint = "pass the Rotation's as_quat()"
+        elif hasattr(values, "toarray"):  # a sparse array of scipy
+            hint = "pass its toarray()"
         raise InputError(name, f"is {values!r}", "it must be numeric", hint) from error
     except OverflowError as error:
         problem = "has too large an integer"
@@ -108,10 +115,14 @@ def order_labels(values: Any, name: str, axes: Sequence[str]) -> Any:
     """Return values in the order of axes, if their columns have names.
 
     Names are columns of a table, the index of a Series, labels of a dimension of xarray, and fields
-    of named tuples. Raises InputError if they are not the axes.
+    of named tuples and of structured arrays. Raises InputError if they are not the axes.
     """
     if isinstance(values, list | tuple):
         return _order_rows(values, name, axes)
+    fields = getattr(getattr(values, "dtype", None), "names", None)
+    if fields:
+        _check_labels(fields, name, axes)
+        return np.stack([values[axis] for axis in axes], axis=-1)
     for dimension in getattr(values, "dims", ()) if hasattr(values, "sel") else ():
         labels = values.coords[dimension].values if dimension in values.coords else ()
         if _are_names(labels):
@@ -136,7 +147,7 @@ def _order_rows(values: Any, name: str, axes: Sequence[str]) -> Any:
     if any(hasattr(kind, each) for kind in kinds for each in _ROW_ATTRIBUTES):
         return [check_real(row, name, axes) for row in values]
     fields = getattr(values, "_fields", ())
-    if not set(fields) & set(axes):
+    if not set(fields) & set(axes or _POSE_NAMES):
         return values
     _check_labels(fields, name, axes)
     return [getattr(values, axis) for axis in axes]
@@ -200,7 +211,8 @@ def check_unmasked(values: Any, name: str) -> None:
     """Raise InputError for masked entries, because they are neither free nor occupied."""
     if not isinstance(values, np.ma.MaskedArray):
         return
-    count = int(np.ma.getmaskarray(values).sum())
+    mask = np.ascontiguousarray(np.ma.getmaskarray(values))
+    count = int(mask.view(np.bool_).sum())  # structured arrays have a mask for each field
     if count:
         problem = f"has {count} masked entries"
         hint = "fill them first, e.g. array.filled(True) for occupied cells"
@@ -389,7 +401,7 @@ def warn_of_degrees(q: ArrayLike, angles: Mapping[int, str], name: str) -> None:
     """
     rows = np.asarray(q)
     for k, axis in angles.items():
-        if np.abs(rows[..., k]).max(initial=0) > MAX_EXPECTED_ANGLE:
+        if (np.abs(rows[..., k]) > MAX_EXPECTED_ANGLE).any():  # whatever else is NaN
             problem = f"{axis} is beyond a whole turn"
             rule = "angles are in radians, and whole turns are ignored"
             hint = "use numpy.radians for degrees"
@@ -474,17 +486,21 @@ def find_sizes(names: Iterable[str]) -> dict[str, str]:
     return sizes
 
 
+def list_columns(values: Any) -> tuple[str, ...]:
+    """Return the names of a table's columns, or of a structured array's fields."""
+    fields = getattr(getattr(values, "dtype", None), "names", None)
+    return tuple(map(str, getattr(values, "columns", fields or ())))
+
+
 def select_positions(values: Any, name: str) -> NDArray[Any]:
     """Return positions as an array of real numbers.
 
-    Of a table, the columns x, y (and z) are taken. Raises InputError as :func:`check_real`.
+    Of a table or a structured array, the columns x, y (and z) are taken. Raises InputError as
+    :func:`check_real`.
     """
-    fields = getattr(getattr(values, "dtype", None), "names", None)
-    columns = getattr(values, "columns", fields or ())
+    columns = list_columns(values)
     axes = [axis for axis in AXES if axis in columns]
     if {"x", "y"} <= set(axes):
-        if fields:  # of a structured array, as of PointCloud2
-            return np.stack([check_real(values[axis], f"{name}.{axis}") for axis in axes], axis=-1)
         values = values[axes]
     coordinates = getattr(values, "coords", {})
     if not isinstance(coordinates, Mapping):
@@ -612,6 +628,12 @@ def check_cells(values: ArrayLike, name: str) -> Bools:
     """
     check_dims(values, name)
     check_unmasked(values, name)
+    if hasattr(values, "toarray"):  # a sparse array of scipy
+        problem = f"is a {type(values).__name__}"
+        raise InputError(name, problem, "it must have a value for each cell", "pass its toarray()")
+    if hasattr(values, "iloc"):
+        hint = "pass its to_numpy(), indexed by ascending x and y"
+        raise InputError(name, f"is a {type(values).__name__}", "its labels are not read", hint)
     try:
         array = np.asarray(values)
     except ValueError as error:

@@ -17,7 +17,7 @@ from cspace._grid import Grid
 from cspace._record.contents import Contents
 from cspace._space import CSpace
 from cspace._support.arrays import STATE_NAMES, Bools, Floats, Ints, States, StrPath
-from cspace._support.check import check_count
+from cspace._support.check import check_count, check_point
 from cspace._tiles.folder import LAST_TO_STOP, TileFolder, grow_box
 from cspace._tiles.labels import TiledComponents
 from cspace._tiles.open_tiles import OpenTiles
@@ -336,12 +336,16 @@ class TiledCSpace(ConfigurationMap):
         """
         folder = self._folder
         grid = self.grid
-        box = grid.coordinates([np.asarray(lower), np.asarray(upper)], "window")
+        box = np.stack(
+            [
+                check_point(lower, "lower of the window", grid.dim),
+                check_point(upper, "upper of the window", grid.dim),
+            ]
+        )
         # Two corners, shape (2, d): the first cell, and the cell after the last one.
         cells = folder.clip(grid.cell_of(box) + LAST_TO_STOP)
-        is_box = box.ndim == 2 and (box[0] <= box[1]).all()
-        if not is_box or (cells[0] >= cells[1]).any():
-            problem = f"is from {lower!r} to {upper!r}"
+        if (box[0] > box[1]).any() or (cells[0] >= cells[1]).any():
+            problem = f"is from {box[0].tolist()} to {box[1].tolist()}"
             rule = f"it must be a box in the map, {grid.lower} to {grid.upper}"
             raise InputError("window", problem, rule, "pass them in metres")
         reached = grow_box(cells, folder.reach)

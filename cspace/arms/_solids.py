@@ -268,8 +268,8 @@ def check_rigid(pose: ArrayLike, name: str) -> Floats:
         rigid = np.eye(4)
         rigid[:3, :3] = left @ right
         rigid[:3, 3] = matrix[:3, 3]
-        # Largest error of an entry of a rotation matrix, because files round them.
-        is_near = np.abs(rigid - matrix).max() < 5e-7
+        # Largest error of an entry of a rotation matrix, because files round them to five digits.
+        is_near = np.abs(rigid - matrix).max() < 1e-5
         if is_near and np.linalg.det(rigid) > 0.0:
             return rigid
         problem = f"has R = {matrix[:3, :3].tolist()} and the last row {matrix[3].tolist()}"

@@ -112,7 +112,7 @@ def animate(
             "an animation needs a path",
             "pass one that was found",
         )
-    motion: Any = path if hasattr(path, "sample") else None
+    motion: Any = path if hasattr(path, "duration") else None
     if seconds is None:
         seconds = getattr(motion, "duration", 0.0) or 6.0
     pause, count = _plan_frames(seconds, rate)
