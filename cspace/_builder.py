@@ -33,7 +33,7 @@ from cspace._grid import MAX_COORDINATE, SLACK, Grid
 from cspace._limits import bytes_text, check_memory, map_bytes
 from cspace._record.contents import Contents
 from cspace._record.exterior import OUTSIDES
-from cspace._robot import GROWN, Robot, robot_of
+from cspace._robot import Robot, robot_of
 from cspace._rotations import Rotations
 from cspace._rotations.base import ANGLE_SLACK
 from cspace._rotations.quaternion import MAX_ANGLE_TIMES_PARTS, MAX_PARTS_PER_AXIS
@@ -216,7 +216,7 @@ def build(
     >>> space.is_free([1.0, 1.5])
     True
     """
-    margin = check_not_negative(margin, "margin", GROWN)
+    margin = check_not_negative(margin, "margin")
     cells = Rotations.of(rotations)
     _check_types(workspace, robot, progress)
     robot = robot_of(robot)
@@ -228,8 +228,7 @@ def build(
 
         check_name(store)
         if counts:
-            hint = "leave it out and build windows of the map with counts"
-            raise InputError("counts", "is True with a store", "a store has no counts", hint)
+            raise InputError("counts", "is True with a store", "a store has no counts")
         tiled = build_tiles(
             workspace,
             robot,
@@ -345,15 +344,13 @@ def _check_options(
     """Raise InputError for invalid options or dimensions that disagree."""
     if workspace.grid.dim != robot.dim:
         problem = f"has {robot.dim} dimensions but the workspace has {workspace.grid.dim}"
-        hint = "use a robot in space, or a workspace in the plane"
-        if robot.dim == 3:
-            hint = "use robot.footprint()"
+        hint = "use robot.footprint()" if robot.dim == 3 else ""
         raise InputError("robot", problem, "they must agree", hint)
     rotations._check_dimension(robot.dim)
     check_flag(counts, "counts")
     if workers is not None:
-        check_count(workers, "workers", 1, hint="leave it out for all cores")
-    check_word(method, "method", METHODS, "leave it out")
+        check_count(workers, "workers", 1)
+    check_word(method, "method", METHODS)
     if counts and method != "auto" and not ENGINES[method].COUNTS:
         problem = f"is {method!r} and counts is True"
         hint = "use method='fft' or method='auto'"
@@ -378,72 +375,63 @@ def _warn_of_units(
     size = float(sides.max())
     distance = float(np.linalg.norm(np.maximum(np.maximum(lower, -upper), 0.0)))
     fits = _may_fit(sides + 2.0 * margin, workspace_sides, rotations)
+    hint = ""
     if outside == "blocked" and not fits:
         grown = f"with a margin of {margin:g} m, " if margin > 0.0 else ""
         workspace_text = format_sides(workspace_sides)
         problem = (
             f"{grown}the workspace is {workspace_text}, so it fits nowhere and no cell is FREE"
         )
-        hint = "check the units of both (metres, not millimetres), and the workspace's bounds"
     elif outside == "free" and size > MAX_OPEN_SIZE_RATIO * workspace_sides.max():
         problem = f"the workspace is only {format_sides(workspace_sides)}"
-        hint = "check the units of both (metres, not millimetres)"
     elif 0.0 < size < MIN_ROBOT_CELLS * grid.spacing:
         share = f"1/{1.0 / MIN_ROBOT_CELLS:g}"
         problem = f"less than {share} of a cell of {grid.spacing:g} m, so it counts as a point"
-        hint = "check its unit (metres, not kilometres): scale it, or use a smaller spacing"
     elif distance > MAX_ORIGIN_SIZES * size > 0.0:
         center = (lower + upper) / 2.0
         move = ", ".join(f"{0.0 - coordinate:g}" for coordinate in center)  # no "-0"
         problem = f"it lies {distance:g} m from its origin, the reference point of configurations"
-        hint = f"move its center there, by ({move}) m, and check the units (metres)"
+        hint = f"move its center there, by ({move}) m"
     else:
         return False
-    warn_user(f"the robot is {format_sides(sides)} large; {problem}; {hint}", UnitWarning)
+    parts = f"the robot is {format_sides(sides)} large", problem, "units are metres", hint
+    warn_user("; ".join(filter(None, parts)), UnitWarning)
     return outside == "blocked" and not fits
 
 
 def _warn_of_nothing_free(space: CSpace | TiledCSpace, margin: float) -> None:
     """Warn of a map without FREE cells, and why."""
     _, mixed, blocked = space.count()
-    reason = "the robot, with its margin, fits nowhere between the obstacles"
-    hint = "use a smaller robot or margin, and check the units (metres)"
+    reason = "the robot, with its margin, fits nowhere between the obstacles, in metres"
     if mixed:
         reason = f"{mixed:,} of {mixed + blocked:,} cells are MIXED, undecided at this spacing"
-        hint = "use a smaller spacing, or a smaller robot or margin"
     # Maximum number of cells of a workspace that is examined to explain why no cell is FREE.
     if isinstance(space, CSpace) and space.grid.size <= 10_000_000:
-        reason, hint = _find_obstruction(space, margin) or (reason, hint)
-    warn_user(f"no cell of the map is FREE: {reason}; {hint}")
+        reason = _find_obstruction(space, margin) or reason
+    warn_user(f"no cell of the map is FREE: {reason}")
 
 
-def _find_obstruction(space: CSpace, margin: float) -> tuple[str, str] | None:
-    """Find the reason why no cell of a map can be FREE.
-
-    Returns the reason and a hint, or None if the reason is unknown.
-    """
+def _find_obstruction(space: CSpace, margin: float) -> str:
+    """Find the reason why no cell of a map can be FREE, or an empty text."""
     workspace = space.workspace
     if workspace.outer.all():
         if workspace.unknown is None:
-            hint = "check the bounds and, for an image, threshold and dark"
-            return "every cell of the workspace is occupied", hint
+            return "every cell of the workspace is occupied"
         unknown = np.count_nonzero(workspace.unknown)
-        reason = f"{unknown:,} of {space.grid.size:,} cells are unknown, and the others occupied"
-        hint = "pass unknown='free' for a sensor map, or put a transparent image on white"
-        return reason, hint
+        count = f"{unknown:,} of {space.grid.size:,}"
+        return f"{count} cells are unknown, and count as occupied, as the others are"
     distances = scipy.ndimage.distance_transform_edt(~workspace.outer)
     widest = space.grid.spacing * float(distances.max())
     needed = margin
     if space.grid.dim == 2:
         needed += space.robot.shape.inner.inscribed_radius
     if needed <= widest:
-        return None
+        return ""
     widest_text, needed_text = tell_apart(widest, needed, 3)
-    reason = (
+    return (
         f"the widest free disc has a radius of {widest_text} m, and the robot with its margin "
         f"needs {needed_text} m"
     )
-    return reason, "use a smaller robot or margin, and check the units (metres)"
 
 
 def _may_fit(sides: Floats, workspace_sides: Floats, rotations: Rotations) -> bool:
@@ -553,7 +541,7 @@ def suggest(
     width, reach = _measure_robot(robot.shape, rotations)
     if gap <= width:
         problem = "is {} m and the robot is {} m wide".format(*tell_apart(gap, width))
-        raise InputError("gap", problem, "it must be wider than the robot", "pass a wider gap")
+        raise InputError("gap", problem, "it must be wider than the robot")
     # The sum of the diagonal of a cell and of the displacement within a rotation cell may be at
     # most this budget, metres.
     budget = (gap - width) / 2.0 / RATE
@@ -569,7 +557,7 @@ def suggest(
     if extents.max() >= MAX_COORDINATE * spacing:
         problem = f"needs cells of {spacing:.3g} m"
         rule = f"a map may have {MAX_COORDINATE:.0f} cells along an axis"
-        raise InputError("gap", problem, rule, "pass a wider gap, or a smaller workspace")
+        raise InputError("gap", problem, rule)
     # Round the spacing down to three significant digits.
     digits = 2 - math.floor(math.log10(spacing))
     spacing = math.floor(spacing * 10.0**digits) / 10.0**digits
@@ -621,7 +609,7 @@ def _choose_rotations(turn_axes: int, chord: float) -> Rotations:
     parts = math.pi if turn_axes == 1 else MAX_ANGLE_TIMES_PARTS
     if parts > most * angle:
         problem = f"needs rotation cells smaller than {math.degrees(parts / most):.2g} degrees"
-        raise InputError("gap", problem, "these are the smallest", "pass a wider gap")
+        raise InputError("gap", problem, "these are the smallest")
     if turn_axes == 3:
         return Rotations.quaternions(math.ceil(parts / angle))
     # With a multiple of 4 cells, robots with symmetries share slices.

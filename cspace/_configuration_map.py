@@ -313,7 +313,7 @@ class ConfigurationMap(ConfigurationSpace):
         bool or ndarray of bool, shape (...)
         """
         metres = check_not_negative(distance, "distance")
-        radians = check_not_negative(check_angle(angle, "angle"), "angle", "pass it in radians")
+        radians = check_not_negative(check_angle(angle, "angle"), "angle", "radians")
         write = partial(self._write_free_around, metres, radians)
         free: bool | Bools = evaluate(q, self.axes, write, np.bool_, self._angles)
         return free
@@ -515,8 +515,7 @@ class ConfigurationMap(ConfigurationSpace):
             nearest = tuple(self.nearest_free(point).tolist())
         except ConfigurationError:
             where = "at all" if self.in_memory else "near there"
-            hint = f"the map has no FREE configuration {where}"
-            return f"{hint}; use a smaller robot, margin or spacing", None
+            return f"the map has no FREE configuration {where}", None
         return f"the nearest is {format_configuration(nearest)}", nearest
 
     # ---- pictures --------------------------------------------------------------------------------

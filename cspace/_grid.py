@@ -29,15 +29,15 @@ FARTHEST_CELL: Final = 2**62
 """Largest index of a cell; farther points get this index, and boxes that reach it have no end."""
 
 
-def check_reach(far: float, name: str, origin: str, hint: str) -> None:
+def check_reach(far: float, name: str, origin: str) -> None:
     """Raise InputError if a shape is too far from an origin.
 
     ``far``, in cells, must be at most :data:`MAX_COORDINATE`, beyond which rounding could exceed
-    :data:`SLACK`. ``name``, ``origin`` and ``hint`` are for the message.
+    :data:`SLACK`. ``name`` and ``origin`` are for the message.
     """
     if not far <= MAX_COORDINATE:
         rule = f"beyond {MAX_COORDINATE:.0f} cells rounding invalidates proofs"
-        raise InputError(name, f"reaches {far:.3g} cells from {origin}", rule, hint)
+        raise InputError(name, f"reaches {far:.3g} cells from {origin}", rule)
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,26 +100,24 @@ class Grid:
         corner = check_finite(lower, "lower", AXES[: np.size(shape)])
         if corner.ndim != 1 or len(corner) not in (2, 3):
             rule = "it must have length 2 or 3"
-            raise InputError("lower", f"is {lower!r}", rule, "pass e.g. (0.0, 0.0)")
+            raise InputError("lower", f"is {lower!r}", rule)
         dim = len(corner)
         side = check_positive(spacing, "spacing")
         counts = np.asarray(shape)
         if counts.shape != corner.shape or counts.dtype.kind not in "iu" or (counts <= 0).any():
             problem = f"is {tuple(np.atleast_1d(counts).tolist())}"
-            rule = f"it must have {dim} whole numbers above zero, as many as lower"
-            hint = "pass the number of cells along each axis"
-            raise InputError("shape", problem, rule, hint)
+            rule = f"it must have {dim} whole numbers above zero, the cells along each axis"
+            raise InputError("shape", problem, rule)
         corners = np.stack([corner, corner + side * counts])
-        hint = "use a larger spacing, or move the frame's origin, e.g. by offset= of Workspace.open"
-        check_reach(float(np.abs(corners).max() / side), "grid", "the origin", hint)
+        check_reach(float(np.abs(corners).max() / side), "grid", "the origin")
         names = tuple("xyz"[:dim] if axes is None else axes)
         unit_names = ("m",) * dim if units is None else tuple(units)
         rule = f"there must be {dim}, and axes must differ"
         if len(set(names)) != dim or len(names) != dim:
-            raise InputError("axes", f"are {', '.join(names)}", rule, "leave them out")
+            raise InputError("axes", f"are {', '.join(names)}", rule)
         if len(unit_names) != dim:
             problem = f"are {', '.join(unit_names)}"
-            raise InputError("units", problem, rule, "leave them out")
+            raise InputError("units", problem, rule)
         # The class is frozen, so plain assignment is refused.
         object.__setattr__(self, "lower", tuple(corner.tolist()))
         object.__setattr__(self, "spacing", side)

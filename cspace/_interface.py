@@ -87,7 +87,7 @@ class Goals(Goal):
         parts = [each.goals if isinstance(each, Goals) else (each,) for each in given]
         self.goals: tuple[GoalLike, ...] = tuple(itertools.chain(*parts))
         if not self.goals:
-            raise InputError("goals", f"are {goals!r}", "there is at least one", "pass a list")
+            raise InputError("goals", f"are {goals!r}", "there is at least one")
 
     def __repr__(self) -> str:
         """Return the goals."""
@@ -270,7 +270,6 @@ class Space(ABC):
                 "bounds",
                 f"are {self.bounds!r}",
                 f"they must be two rows of {self.dim} numbers, the lower ones first",
-                f"give one for each of {', '.join(self.axes[: self.dim])}",
             )
         return rows[0], rows[1]
 
@@ -506,7 +505,6 @@ class Space(ABC):
                 "keep",
                 f"is given and space is {self!r}",
                 "only the links of an arm are kept upright",
-                "pass the space of an arm",
             )
         return self
 
@@ -538,7 +536,7 @@ class Space(ABC):
         else:
             return point
         problem = f"{format_configuration(point)} {problem}"
-        raise ConfigurationError(name, problem, rule, "choose another")
+        raise ConfigurationError(name, problem, rule)
 
     def find_goals(
         self,
@@ -593,7 +591,6 @@ class Space(ABC):
                 name,
                 f"is a {type(goal).__name__}",
                 "the space of an arm is needed for that",
-                "pass a configuration",
             )
         return [self.check_endpoint(cast("ArrayLike", goal), name, exact)]
 
@@ -1108,7 +1105,6 @@ class ConfigurationSpace(Space):
                 "path",
                 f"{turn} from row {first} to row {last}",
                 "a joint turns by at most half a turn, so that the edge is the shorter way",
-                "add whole turns to the rows (numpy.unwrap), or rows between them",
             )
 
     def _check_targets(self, before: Floats, targets: Floats) -> list[RowCheck]:

@@ -177,8 +177,7 @@ def check_file_memory(path: StrPath, declared: str, needed: float) -> None:
     free = free_bytes()
     if needed > MAX_MEMORY_FRACTION * free:
         problem, rule = _memory_parts(declared, needed, free)
-        hint = "take a machine with more memory, or a smaller or coarser file"
-        raise FileError(os.fspath(path), problem, rule, hint)
+        raise FileError(os.fspath(path), problem, rule)
 
 
 def check_samples(n: int | None, size: int) -> int:
@@ -191,7 +190,7 @@ def check_samples(n: int | None, size: int) -> int:
     needed = 32 * float(count) * size
     if needed >= _MIN_CHECKED_BYTES and needed > MAX_MEMORY_FRACTION * (free := free_bytes()):
         problem, rule = _memory_parts(f"is {count}", needed, free)
-        raise InputError("n", problem, rule, "draw fewer at a time")
+        raise InputError("n", problem, rule)
     return count
 
 
@@ -227,11 +226,7 @@ def check_memory(
         # Other work and rounding take a part, so the advice uses 80 % of the memory.
         excess = max(needed / (0.8 * MAX_MEMORY_FRACTION * free), 1.0)
         coarser = grid.spacing * excess ** (1.0 / len(grid.shape))
-        fewer = "fewer rotations, " if slices > 1 else ""
-        hint = (
-            f"use a spacing of at least {coarser:.2g} {grid.unit}, {fewer}smaller bounds, or check "
-            "the units (metres)"
-        )
+        hint = f"use a spacing of at least {coarser:.2g} {grid.unit}"
     cells = " x ".join(f"{count:.6g}" for count in grid.shape)
     slice_text = f" x {slices:,} slices" if slices > 1 else ""
     description = f"has {cells} cells of {grid.spacing:g} {grid.unit}{slice_text}"

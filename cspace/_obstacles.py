@@ -87,8 +87,7 @@ class LazyCells:
 
     def read(self, box: Box) -> tuple[Bools, Bools]:
         """Return a box's cells, both outer and inner."""
-        hint = "restore the array and build the map again"
-        with decoding(self.name, "array of cells", "a part is missing or damaged", hint):
+        with decoding(self.name, "array of cells", "a part is missing or damaged"):
             values = self.array[box]
             if hasattr(values, "compute"):
                 # In this thread: a dask worker that waited for its own cluster would hang.
@@ -243,9 +242,7 @@ def is_lazy(array: Any) -> bool:
 def changed_source(name: str, problem: str) -> FileError:
     """Make the error for cells changed during builds."""
     rule = "the workspace must not change while a map is built"
-    return FileError(
-        name, f"has changed: {problem}", rule, "build the map again, into another store"
-    )
+    return FileError(name, f"has changed: {problem}", rule)
 
 
 CellBox = tuple[Ints, Ints]

@@ -8,7 +8,7 @@ import os
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any
 
 from numpy.typing import ArrayLike
 
@@ -39,10 +39,6 @@ if TYPE_CHECKING:
     from cspace._shapes import ShapeLike
     from cspace._shapes.balls import BallSet
     from cspace._shapes.mesh import MeshLike, Solid
-
-
-GROWN: Final = "it grows the robot, in metres"
-"""Hint of messages about an invalid margin."""
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -206,8 +202,7 @@ class Robot:
         smallest = float(balls.radii.min())
         if smallest <= 0.0:
             problem = f"contains {smallest:g}"
-            hint = "drop balls without volume"
-            raise InputError("radii", problem, "each must be above zero", hint)
+            raise InputError("radii", problem, "each must be above zero")
         count = len(balls.radii)
         name = f"{balls.noun} {smallest:g} m" if count == 1 else f"{count} {balls.noun}s"
         return cls(name, balls)
@@ -478,7 +473,7 @@ class Robot:
         except (KeyError, TypeError, ValueError) as error:
             problem = f"is {str(spec)[:80]}"
             rule = f"it must be a value of Robot.spec: {error}"
-            raise InputError("spec", problem, rule, "write it again") from error
+            raise InputError("spec", problem, rule) from error
         robot.shape.check_origin()
         return robot
 
@@ -565,7 +560,7 @@ class Robot:
                 ]
                 problem = f"is {value!r} for {path}"
                 rule = f"it applies to {', '.join(suffixes)}"
-                raise InputError(option, problem, rule, "leave it out")
+                raise InputError(option, problem, rule)
         return _read_robot(reader.method, Path(file), part_name, options)
 
     @property
@@ -625,14 +620,13 @@ class Robot:
             too far from its reference point for that spacing.
         """
         side = check_positive(spacing, "spacing")
-        growth = check_not_negative(margin, "margin", GROWN)
+        growth = check_not_negative(margin, "margin")
         span = self.span
         if rotation.matrix is not None:
             # A rotation may move a corner of the robot's box, which is farther from the origin than
             # a side, onto an axis.
             span *= math.sqrt(self.dim)
-        hint = "use a larger spacing, or check the robot's units (metres) and origin"
-        check_reach((span + growth) / side, "robot", "its reference point", hint)
+        check_reach((span + growth) / side, "robot", "its reference point")
         return self.shape.rasters(side, growth, rotation)
 
 

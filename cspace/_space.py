@@ -295,7 +295,7 @@ class CSpace(ConfigurationMap):
         """
         if not self.has_poses:
             rule = "only a rigid robot lies inside obstacles"
-            raise InputError("the map", "is one of joints", rule, "ask classify for BLOCKED")
+            raise InputError("the map", "is one of joints", rule)
         q = check_points(q, "q", self.axes)
         with self.lock:  # the sums are consistent only before and after an update
             sums = np.asarray(self._count_overlaps("inner", q))
@@ -337,7 +337,7 @@ class CSpace(ConfigurationMap):
         if not self._has_bodies:
             problem = "is one of joints, without the geometry of its arm"
             rule = "distances from obstacles are those of links, in metres"
-            raise InputError("the map", problem, rule, "ask the map that build_joint_map made")
+            raise InputError("the map", problem, rule)
         points = check_rows(q, "q", self.axes)
         rows = as_contiguous(points.reshape(-1, self.size))
         row_lengths = _broadcast_spans(lengths, "lengths", points.shape[:-1])
@@ -969,7 +969,6 @@ class CSpace(ConfigurationMap):
                 "q",
                 f"has shape {point.shape}",
                 f"it must be one configuration, shape ({self.size},)",
-                "pass one configuration at a time",
             )
         center = find_nearest(self._states, self._slice_of, self.rotations, self.grid, point)
         if center is None:
@@ -978,11 +977,7 @@ class CSpace(ConfigurationMap):
 
     def _make_nothing_free_error(self) -> ConfigurationError:
         """Make the error for a map without FREE cells."""
-        more = "" if self.rotations._preserves(self.robot.shape) else "more rotations, "
-        open_again = "for a sensor map, Workspace.open(..., unknown='free')"
-        hint = f"use a smaller robot, a finer spacing, {more}or, {open_again}"
-        rule = "no configuration can be drawn"
-        return ConfigurationError("the map", "has no FREE cell", rule, hint)
+        return ConfigurationError("the map", "has no FREE cell", "no configuration can be drawn")
 
     # ---- updates ---------------------------------------------------------------------------------
 
@@ -1063,22 +1058,22 @@ class CSpace(ConfigurationMap):
         if isinstance(cells, Mapping):
             if lower is not None or inner is not None:
                 rule = "lower and inner belong to a box of cells"
-                raise InputError("lower", "is for names of obstacles", rule, "leave both out")
+                raise InputError("lower", "is for names of obstacles", rule)
             return self._set_obstacles(cells)
         if isinstance(cells, Workspace):
             if cells.grid != self.grid or lower is not None or inner is not None:
                 problem = f"is a workspace of {cells.grid}, and the map has {self.grid}"
                 rule = "the grids must be equal, without lower and inner"
-                raise InputError("cells", problem, rule, "build a new map for another grid")
+                raise InputError("cells", problem, rule)
             if cells.grid.frame_id not in ("", self.frame_id):
                 problem = f"is in the frame {cells.grid.frame_id!r}"
                 rule = f"it must be {self.frame_id!r}, the frame of the map"
-                raise InputError("cells", problem, rule, "transform it with tf2")
+                raise InputError("cells", problem, rule)
             with self.lock:
                 return self._updates.replace(cells)
         if lower is None:
             rule = "it is the index of the first cell of the box"
-            raise InputError("lower", "is missing", rule, "pass e.g. (0, 0)")
+            raise InputError("lower", "is missing", rule)
         patch = Patch.of(self.grid, cells, lower, inner)
         with self.lock:
             return self._updates.update(patch)
@@ -1149,7 +1144,7 @@ class CSpace(ConfigurationMap):
         """Add, move or remove named obstacles in one step."""
         obstacles: dict[str, Shape | None] = {}
         for name, shape in shapes.items():
-            check_text(name, "name", "cart")
+            check_text(name, "name")
             obstacle = None if shape is None else as_shape(shape, None, "shape")
             if obstacle is not None and obstacle.dim != self.grid.dim:
                 place = "the plane" if self.grid.dim == 2 else "space"
@@ -1157,7 +1152,6 @@ class CSpace(ConfigurationMap):
                     "shape",
                     f"is in {obstacle.place}",
                     f"it must be in {place}, as the map is",
-                    "pass another shape",
                 )
             obstacles[name] = obstacle
         with self.lock:
@@ -1206,7 +1200,6 @@ class CSpace(ConfigurationMap):
                 "the map",
                 "is a window of a larger one",
                 "the cells around it matter too",
-                "build the larger map again and open its window",
             )
 
     def _drop_derived(self, workspace: Workspace, layers: ObstacleLayers | None) -> None:
@@ -1840,11 +1833,11 @@ class CSpace(ConfigurationMap):
         point = self.rotations._make_canonical(values, name)
         is_valid = bool(point.ndim == 1 and self.grid.contains(point[: self.grid.dim]))
         required = "configuration"
-        hint = "ask grid.lower and grid.upper"
+        hint = f"its grid is from {self.grid.lower} to {self.grid.upper}"
         if free:
             is_valid = is_valid and bool(self.is_free(point, exact=exact))
             required = "free configuration" if exact else "FREE configuration"
-            hint = "ask nearest_free for one"
+            hint = "space.nearest_free(q) is one"
         if not is_valid:
             raise ConfigurationError(
                 name,
@@ -1866,6 +1859,5 @@ def _broadcast_spans(values: ArrayLike, name: str, shape: tuple[int, ...]) -> Fl
             name,
             f"is {values!r}",
             "it must be zero or above",
-            "pass one number, or one per configuration",
         )
     return np.full(shape, spans).ravel()

@@ -146,14 +146,13 @@ class Workspace:
         for name, cells in (("outer", outer), ("inner", inner), ("unknown", unknown)):
             if cells is not None and cells.shape != self.grid.shape:
                 problem = f"has shape {cells.shape} but the grid has {self.grid.shape}"
-                hint = "pass one entry per cell"
-                raise InputError(name, problem, "they must be equal", hint)
+                raise InputError(name, problem, "they must be equal")
         if inner is not outer:
             not_outer = np.argwhere(inner > outer)
             if len(not_outer):
                 problem = f"has cell {tuple(not_outer[0].tolist())}, which is not in outer"
                 rule = "it must be a subset of outer"
-                raise InputError("inner", problem, rule, "add it to outer")
+                raise InputError("inner", problem, rule)
             if np.array_equal(inner, outer):
                 inner = outer
         if unknown is not None and not unknown.any():
@@ -254,7 +253,7 @@ class Workspace:
             place = corner if own_lower is None else own_lower
             if inner_lower is not None and np.abs(inner_lower - place).max() > 1e-3 * spacing:
                 problem = f"begins at {inner_lower.tolist()} but occupied at {place.tolist()}"
-                raise InputError("inner", problem, "both must cover the same cells", "align them")
+                raise InputError("inner", problem, "both must cover the same cells")
             inside = check_cells(inner, "inner")
         return cls(grid, cells, inside, source=source)
 
@@ -508,7 +507,7 @@ class Workspace:
             if shape.place != place:
                 problem = f"is in {shape.place}"
                 rule = f"all must be in {place}, as shapes[0] is"
-                raise InputError(f"shapes[{index}]", problem, rule, "leave it out")
+                raise InputError(f"shapes[{index}]", problem, rule)
         source = "1 shape" if len(made) == 1 else f"{len(made)} shapes"
         return cls._of(made, spacing, bounds, source, "set of shapes")
 
@@ -1001,7 +1000,7 @@ def reader_of(path: StrPath, options: Iterable[str] = ()) -> Callable[..., Works
     for name in options:
         if name not in accepted:
             rule = f"its format takes {', '.join(accepted)}"
-            raise InputError(name, f"is given for {path}", rule, "leave it out")
+            raise InputError(name, f"is given for {path}", rule)
     return reader
 
 
@@ -1052,8 +1051,8 @@ def warn_of_units(corners: Floats, spacing: float, what: str, bounded: bool) -> 
     if 0.0 < sides.max() < min_extent * spacing:
         size = " m x ".join(f"{side:g}" for side in sides)
         warn_user(
-            f"the {what} is {size} m large and fits into one cell of {spacing:g} m; its units are "
-            "probably wrong (metres are needed): scale it, or use a smaller spacing",
+            f"the {what} is {size} m large and fits into one cell of {spacing:g} m; units are "
+            "metres",
             UnitWarning,
         )
 
@@ -1083,7 +1082,7 @@ def warn_of_rounding(source: object, points: Floats, spacing: float) -> None:
         warn_user(
             f"{name}: its numbers have {8 * dtype.itemsize} bits, which round coordinates near "
             f"{largest:.7g} m by up to {rounding:.2g} m, more than a tenth of a cell of "
-            f"{spacing:g} m; write it with 64 bits, or nearer to its origin",
+            f"{spacing:g} m",
         )
 
 
@@ -1098,7 +1097,7 @@ def warn_of_nothing(outer: Bools, grid: Grid, corners: Floats) -> None:
         bounds = f"{in_metres(grid.lower)} to {in_metres(grid.upper)}"
         warn_user(
             f"the obstacles reach {obstacles} and none lies within the bounds, {bounds}; the map "
-            "has no obstacle: check the bounds, and the units (metres)"
+            "has no obstacle; units are metres"
         )
 
 

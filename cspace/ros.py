@@ -79,7 +79,7 @@ def configuration_of(
     """
     if not space.has_poses:
         rule = "it must be a map of a rigid robot"
-        raise InputError("space", f"is {space!r}", rule, "pass joint positions to plan instead")
+        raise InputError("space", f"is {space!r}", rule)
     # Tilt, radians, that passes as rounding.
     tolerance = max(check_not_negative(tilt_tolerance, "tilt_tolerance"), 2e-3)
     position, turn = read_pose(msg, frame_id or space.frame_id)

@@ -17,7 +17,6 @@ except ImportError as error:
         "planners",
         f"needs OMPL, which cannot be imported ({error})",
         "it has wheels for Python 3.11 to 3.13 on Linux and macOS; cspace works without it",
-        "run: pip install ompl",
     ) from error
 
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

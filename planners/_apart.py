@@ -172,7 +172,7 @@ def apart(
     if search.find_touch(np.zeros(1)) is not None:
         problem = f"touches second at the start, at {begin:g} s"
         rule = f"their distance must exceed {gap:g} m and their errors"
-        raise InputError("first", problem, rule, "check both frames, or lower distance")
+        raise InputError("first", problem, rule)
     found = search.run()
     time = None if found.time is None else begin + found.time
     return replace(found, time=time, interval=(begin, end))
@@ -243,10 +243,10 @@ def _read_mover(mover: object, name: str) -> Timed:
         raise InputError(name, f"is a {type(mover).__name__}", "it must be a Mover", hint)
     robot = robot_of(mover.robot)
     dim = robot.dim
-    at = check_number(mover.at, f"{name}.at", "pass seconds, e.g. 2.0")
+    at = check_number(mover.at, f"{name}.at")
     numbers = (
         check_not_negative(mover.error, f"{name}.error"),
-        check_not_negative(mover.growth, f"{name}.growth", "pass it in metres per second"),
+        check_not_negative(mover.growth, f"{name}.growth", "m/s"),
     )
     velocity = np.zeros(dim)
     if mover.velocity is not None:
@@ -254,7 +254,7 @@ def _read_mover(mover: object, name: str) -> Timed:
     if isinstance(mover.motion, Trajectory):
         if mover.velocity is not None:
             rule = "a trajectory has its own"
-            raise InputError(f"{name}.velocity", "is given", rule, "leave it out")
+            raise InputError(f"{name}.velocity", "is given", rule)
         _check_axes(mover.motion.axes, robot, name)
         pose = np.zeros(dim + 1)
         times, bounds = _bound_trajectory(mover.motion, robot)
@@ -264,9 +264,7 @@ def _read_mover(mover: object, name: str) -> Timed:
     if row.shape not in ((dim,), (dim + 1,)):
         axes = ", ".join(AXES[:dim])
         rule = f"it must be a trajectory, or {axes}, and perhaps a yaw, of {robot.name}"
-        raise InputError(
-            f"{name}.motion", f"has shape {row.shape}", rule, "pass e.g. (1.0, 2.0, 0.5)"
-        )
+        raise InputError(f"{name}.motion", f"has shape {row.shape}", rule)
     yaws = dict.fromkeys(range(dim, len(row)), "its yaw")
     warn_of_degrees(row[np.newaxis], yaws, f"{name}.motion")
     check_wrappable(row[dim:], f"{name}.motion")
@@ -281,8 +279,7 @@ def _check_axes(axes: tuple[str, ...], robot: Robot, name: str) -> None:
     known = AXES[: robot.dim]
     if axes not in (known, (*known, "yaw")):
         rule = f"that of {robot.name} has {', '.join(known)}, and perhaps yaw"
-        hint = "pass a trajectory of a rigid robot, without other rotations"
-        raise InputError(f"{name}.motion", f"has the axes {', '.join(axes)}", rule, hint)
+        raise InputError(f"{name}.motion", f"has the axes {', '.join(axes)}", rule)
 
 
 def _bound_trajectory(trajectory: Trajectory, robot: Robot) -> tuple[Floats, Floats]:
@@ -320,8 +317,7 @@ def _check_pair(first: Timed, second: Timed) -> None:
     frames = [each.trajectory and each.trajectory._route.frame_id for each in (first, second)]
     if None not in frames and frames[0] != frames[1]:
         problem = f"has the frame {frames[1]!r}, but first has {frames[0]!r}"
-        hint = "plan on maps of one frame"
-        raise InputError("second.motion", problem, "positions must be in one frame", hint)
+        raise InputError("second.motion", problem, "positions must be in one frame")
 
 
 def _find_interval(movers: tuple[Timed, Timed], until: float | None) -> tuple[float, float]:
@@ -330,14 +326,14 @@ def _find_interval(movers: tuple[Timed, Timed], until: float | None) -> tuple[fl
     begin = min(each.at for each in driven or movers)
     end = max((each.at + float(each.times[-1]) for each in driven), default=begin)
     if until is not None:
-        end = check_number(until, "until", "pass seconds, e.g. 10.0")
+        end = check_number(until, "until")
     elif not driven and any(each.velocity.any() or each.growth for each in movers):
         rule = "a thing that moves, or an error that grows, has no end"
         raise InputError("until", "is missing", rule, "pass until=10.0, in seconds")
     if end < begin:
         last, first = tell_apart(end, begin)
         rule = f"the motions begin at {first} s"
-        raise InputError("until", f"is {last}", rule, "pass a later time")
+        raise InputError("until", f"is {last}", rule)
     return begin, end
 
 

@@ -206,15 +206,14 @@ def check_support(option: str, argument: str, value: object, space: Space) -> No
     """Raise InputError for a goal or option outside :data:`SUPPORTED`."""
     kinds = SUPPORTED[option]
     if find_space_kind(space) not in kinds:
-        hint = "leave it out" if option == argument else "pass a configuration"
         problem = f"is {value!r} and space is {space!r}"
-        raise InputError(argument, problem, f"it is for {' and '.join(kinds)}", hint)
+        raise InputError(argument, problem, f"it is for {' and '.join(kinds)}")
     if option == REGION and space.dim != 2:
         rule = "a region is for maps of the plane"
         raise InputError(argument, f"is {value!r}", rule, "pass goal_tolerance=(metres, radians)")
     if option == ANY_ROTATION and not space.rotations.names:
         problem = f"is {value!r} and the axes are ({', '.join(space.axes)})"
-        raise InputError(argument, problem, "the robot does not turn", "pass its position alone")
+        raise InputError(argument, problem, "the robot does not turn")
 
 
 FMT_SAMPLES_ALONG_CURVES: Final = 300

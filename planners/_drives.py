@@ -58,7 +58,6 @@ def check_axes(space: Space, axes: tuple[str, ...], owner: str) -> None:
             "space",
             f"has the axes {', '.join(space.axes)}",
             f"the {owner} has {', '.join(axes)}",
-            "pass a map of the same robot",
         )
 
 
@@ -95,7 +94,6 @@ def _check_drive(space: Space, drive: Drive, turning_radius: float | None) -> fl
             "turning_radius",
             "is missing",
             f"drive={drive!r} needs the radius of its tightest curve",
-            "pass it in metres, e.g. 0.5",
         )
     radius = check_positive(turning_radius, "turning_radius")
     # Rounding errors of curves grow with the radius in cells, and with its inverse.
@@ -104,7 +102,7 @@ def _check_drive(space: Space, drive: Drive, turning_radius: float | None) -> fl
     highest = MAX_RADIUS_CELLS * spacing
     if not lowest <= radius <= highest:
         least, most = tell_apart(radius, lowest)[1], tell_apart(radius, highest)[1]
-        hint = "check its unit (metres)"
+        hint = ""
         if radius < lowest:
             hint = "if the robot turns on the spot, pass drive='differential' without a radius"
         raise InputError(

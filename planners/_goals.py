@@ -520,13 +520,12 @@ def check_tolerance(value: object, space: Space) -> tuple[float, float]:
         return 0.0, 0.0
     check_support("goal_tolerance", "goal_tolerance", value, space)
     pair = check_finite(cast("ArrayLike", value), "goal_tolerance")
-    hint = "pass e.g. (0.3, 0.1)"
     if pair.shape != (2,) or (pair < 0.0).any():
         rule = "it must be two numbers, zero or above: metres and radians"
-        raise InputError("goal_tolerance", f"is {value!r}", rule, hint)
+        raise InputError("goal_tolerance", f"is {value!r}", rule)
     metres, radians = pair.tolist()
     if radians > math.pi:
-        hint = f"{suggest_radians(radians)}, or pi for any rotation"
+        hint = f"{suggest_radians(radians)}"
         rule = "an angle is at most pi radians"
         raise InputError("goal_tolerance", f"is {value!r}", rule, hint)
     return metres, radians if space.rotations.names else 0.0
@@ -539,7 +538,7 @@ def _check_form(goal: object, name: str, space: Space) -> None:
     for part in parts:
         if isinstance(part, shapely.Geometry) and not isinstance(part, REGIONS):
             rule = "a region is a Polygon or a MultiPolygon"
-            raise InputError(name, f"is a {part.geom_type}", rule, "pass e.g. region.buffer(0.1)")
+            raise InputError(name, f"is a {part.geom_type}", rule)
     first, second = (*parts, None, None)[:2]
     is_list = is_row and (isinstance(first, ROWS) or isinstance(second, REGIONS))
     if is_list and space.has_cells:
@@ -597,14 +596,13 @@ def _check_region(region: Polygon | MultiPolygon, name: str, metres: float) -> N
     """Raise InputError for a region that is empty or invalid, or that has a tolerance, too."""
     if region.is_empty or not region.is_valid:
         problem = "is an empty region" if region.is_empty else "is a region that crosses itself"
-        hint = "pass e.g. shapely.box(0, 0, 1, 1)"
-        raise InputError(name, problem, "a region holds positions, metres", hint)
+        raise InputError(name, problem, "a region holds positions, metres")
     if metres:
         raise InputError(
             "goal_tolerance",
             f"is {metres:g} m and {name} is a region",
             "a region has its own room",
-            f"pass goal_tolerance=(0, radians), or enlarge it: region.buffer({metres:g})",
+            "pass goal_tolerance=(0, radians)",
         )
 
 
@@ -614,17 +612,16 @@ def _find_rotations(space: ConfigurationMap, rotation: object, name: str) -> tup
     if rotation is None:
         return space.rotations.centers[0], math.pi if names else 0.0
     if names != ("yaw",):
-        rule, hint = "the robot does not turn", "pass the region alone"
+        rule = "the robot does not turn"
         if names:
-            rule, hint = f"a range is of yaws, and the axes are {', '.join(names)}", "pass None"
-        raise InputError(name, f"has the rotation {rotation!r}", rule, hint)
+            rule = f"a range is of yaws, and the axes are {', '.join(names)}"
+        raise InputError(name, f"has the rotation {rotation!r}", rule)
     bounds = np.atleast_1d(check_finite(cast("ArrayLike", rotation), name))
     warn_of_degrees(bounds[:, np.newaxis], {0: "yaw"}, name)
     if len(bounds) == 1:
         return bounds, 0.0
     if bounds.shape != (2,) or bounds[1] < bounds[0]:
         rule = "a range of yaws is its lower and its upper end, radians"
-        hint = "pass e.g. (3.0, 3.4); ends beyond pi are wrapped"
-        raise InputError(name, f"has the yaws {rotation!r}", rule, hint)
+        raise InputError(name, f"has the yaws {rotation!r}", rule)
     half = 0.5 * float(bounds[1] - bounds[0])
     return bounds[:1] + half, min(half, math.pi)

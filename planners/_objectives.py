@@ -86,7 +86,7 @@ class WeightedLength(ob.OptimizationObjective):
         """Make an edge's cost by the robot's drive."""
         check_information(si, space)
         super().__init__(si)
-        weight = check_not_negative(weight, "weight", "pass 10.0")
+        weight = check_not_negative(weight, "weight", "")
         offset = check_number(offset, "offset")
         slope = check_number(slope, "slope")
         check_has_cells(space)
@@ -187,7 +187,6 @@ def _check_costs(field: Floats, space: CSpace) -> Floats:
             "field",
             f"has shape {costs.shape}",
             f"the map has slices and cells of shape {shape}",
-            f"pass e.g. numpy.zeros({shape})",
         )
     return as_contiguous(costs)
 
@@ -229,5 +228,4 @@ def check_has_cells(space: Space) -> None:
             "objective",
             f"is for maps, and space is {space!r}",
             "it weighs cells",
-            "use the length, or a function that returns an objective",
         )

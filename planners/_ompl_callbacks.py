@@ -173,7 +173,6 @@ class FreeStateSampler(ob.ValidStateSampler):
                 "space",
                 f"is a {type(space).__name__}",
                 "it must be a CSpace",
-                "use ompl.base.UniformValidStateSampler",
             )
         super().__init__(si)
         if rng is None:

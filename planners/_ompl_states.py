@@ -112,7 +112,6 @@ def find_state_kind(space: Space) -> StateKind:
             "space",
             f"has the axes {' '.join(space.axes)}",
             f"planners take {', '.join(' '.join(axes) for axes in _STATE_KINDS)}, and joints",
-            "name its axes as one of these, or as joints, e.g. a, b",
         )
     return kind._replace(periodic_axes=space.periodic_axes)
 
@@ -127,7 +126,6 @@ def check_information(si: object, space: Space) -> None:
             "si",
             f"is a {type(si).__name__}",
             "it must be an ompl.base.SpaceInformation",
-            "pass e.g. setup.getSpaceInformation()",
         )
     check_space(space)
     given = _list_parts(si.getStateSpace())
@@ -158,7 +156,6 @@ def check_space(space: object) -> None:
             "space",
             f"is a {type(space).__name__}",
             "it must be a cspace.Space, as the results of cspace.build and cspace.open are",
-            "check the order of arguments",
         )
     if not isinstance(space, ConfigurationSpace):
         check_own_space(cast(Space, space))

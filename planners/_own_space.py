@@ -30,7 +30,7 @@ def check_own_space(space: Space) -> None:
     count = np.shape(space.units)
     if count != (space.size,):
         rule = f"there is one text for each of {', '.join(space.axes)}"
-        raise InputError("units", f"are {space.units!r}", rule, "leave them out for metres")
+        raise InputError("units", f"are {space.units!r}", rule)
 
 
 def check_found_path(space: Space, path: ArrayLike) -> Floats:
@@ -63,7 +63,7 @@ def _check_axes(space: Space) -> None:
     axes: object = space.axes
     are_names = isinstance(axes, list | tuple) and all(isinstance(name, str) for name in axes)
     if not (isinstance(axes, tuple) and are_names and axes and len(set(axes)) == len(axes)):
-        hint = "write e.g. axes = ('a', 'b')"
+        hint = ""
         if are_names and isinstance(axes, list):
             hint = f"write axes = {tuple(axes)!r}"
         raise InputError("axes", f"are {axes!r}", "they must be a tuple of different names", hint)
@@ -106,4 +106,4 @@ def _check_flags(space: Space) -> None:
     names: object = space.searches
     if not (isinstance(names, tuple) and all(isinstance(name, str) for name in names)):
         rule = "they must be a tuple of names"
-        raise InputError("searches", f"are {names!r}", rule, "write e.g. searches = ('Around',)")
+        raise InputError("searches", f"are {names!r}", rule)

@@ -296,7 +296,7 @@ def plan(
     check_flag(simplify, "simplify")
     if stop is not None and not callable(cast(object, stop)):
         rule = "it is called to ask whether the search ends"
-        raise InputError("stop", f"is {stop!r}", rule, "pass a function, e.g. event.is_set")
+        raise InputError("stop", f"is {stop!r}", rule)
     edges = local_planner(space, exact, drive, turning_radius)
     start = space._read_message(start)
     kept = check_keep(keep)
@@ -372,21 +372,18 @@ def _check_previous(task: PlanTask, previous: Plan) -> Floats:
             "previous",
             f"is {previous!r}",
             "it is what planners.plan returned before",
-            "pass the last plan, or leave previous out",
         )
     if previous.axes != space.axes or not space.in_memory:
         raise InputError(
             "previous",
             f"has the axes ({', '.join(previous.axes)}) and space is {space!r}",
             "it is a plan for the axes of the space, which is in memory",
-            "leave previous out",
         )
     if task.objective != LENGTH or task.planner == MAX_CLEARANCE:
         raise InputError(
             "previous",
             f"is a plan, the objective {task.objective!r} and the planner {task.planner!r}",
             "a path along a previous one is short, whatever its clearance or cost",
-            "leave previous out, or plan for the length",
         )
     return previous.waypoints
 
@@ -404,7 +401,6 @@ def _choose_searches(task: PlanTask) -> PlanTask:
             "planner",
             f"is {name!r} and space is {space!r}",
             f"its built-in searches are {', '.join(searches) or 'none'}",
-            "leave planner out",
         )
     _check_options(task)
     if name not in searches:
@@ -421,13 +417,12 @@ def _check_places(
 ) -> list[tuple[str, GoalLike]]:
     """Return the places on the way and the goal, with their names in messages."""
     if not isinstance(via, (tuple, list, np.ndarray)):
-        raise InputError("via", f"is {via!r}", "it lists places on the way", "pass e.g. [(1, 2)]")
+        raise InputError("via", f"is {via!r}", "it lists places on the way")
     if len(via) and len(task.previous):
         raise InputError(
             "via",
             f"has {len(via)} places, and previous is given",
             "a previous plan is followed to one goal",
-            "leave previous out",
         )
     return [*((f"via[{k}]", place) for k, place in enumerate(via)), ("goal", goal)]
 

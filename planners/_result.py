@@ -288,7 +288,7 @@ class Plan:
         edges = local_planner(space, self.exact, self.drive, self.turning_radius)
         return replace(edges, space=space._keep(self.keep)) if self.keep else edges
 
-    def _map(self, hint: str) -> Space:
+    def _map(self, hint: str = "") -> Space:
         """Return the map, or raise InputError with `hint` after pickling."""
         if self.space is None:
             raise InputError("plan", "has no map", "pickling leaves the map behind", hint)
@@ -536,7 +536,7 @@ class Plan:
             raise InputError(
                 "plan", "is not certified", rule, "plan again, and check plan.certified"
             )
-        space = self._map("call corridor before pickling, or plan again")
+        space = self._map()
         edges = self._edges_on(space)
         if self.turning_radius is None:
             rows = edges.insert_breakpoints(self.waypoints)
@@ -598,7 +598,7 @@ class Plan:
             if self.length / metres >= MAX_ROWS:
                 rule = f"it makes {self.length / metres:.2g} poses; at most {MAX_ROWS} are possible"
                 raise InputError("step", f"is {step!r}", rule, "pass e.g. step=0.05")
-            rows = self._edges_on(self._map("leave step out")).resample(self.waypoints, metres)
+            rows = self._edges_on(self._map()).resample(self.waypoints, metres)
         return fill_path(self.axes, rows, filled, frame_id or self.frame_id)
 
     @names_options

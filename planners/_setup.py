@@ -241,7 +241,6 @@ def _choose_sampler(
                 "rng",
                 f"is given and {other}",
                 "it is for FreeStateSampler",
-                "leave one of the two out",
             )
     # FREE cells give samples without rejection, unless geometry decides other cells too.
     if sampler is None:
@@ -254,7 +253,6 @@ def _choose_sampler(
             "valid_state_sampler",
             "makes an ObstacleBasedValidStateSampler",
             "it needs the last valid state of a motion, which OMPL's Python bindings cannot return",
-            "leave it out to sample FREE cells, or use ompl.base.UniformValidStateSampler",
         )
     return sampler
 
@@ -272,6 +270,5 @@ def _make_checked(
             name,
             f"returned {result!r}",
             f"it must return an ompl.base.{kind.__name__}",
-            "pass a function that takes the space information",
         )
     return result

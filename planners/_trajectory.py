@@ -233,7 +233,6 @@ class Trajectory:
                 "path",
                 f"has {np.count_nonzero(~free)} of {len(free)} motions that are not proven free",
                 "a trajectory follows proven motions",
-                "plan again",
             )
         waypoints = given
         if not hasattr(path, "waypoints"):  # those of a line are as near to it as was proven
@@ -333,7 +332,7 @@ class Trajectory:
         """
         at = check_finite(t, "t")
         if at.ndim:
-            raise InputError("t", f"has shape {at.shape}", "it is one time", "pass e.g. 0.5")
+            raise InputError("t", f"has shape {at.shape}", "it is one time")
         clipped = np.clip(at.reshape(1), 0.0, self.duration)
         (first,), length, ((speed,), (gain,)) = _locate(self._phases, clipped)
         place, velocity, acceleration = _move_along(
@@ -481,7 +480,6 @@ class Trajectory:
                 "rate",
                 f"is {rate:g}",
                 f"it makes {rows} rows; at most {MAX_ROWS} are possible",
-                "lower it",
             )
         if (step := self._largest_step(1.0 / checked)) < 1.0 / checked:
             raise InputError(
@@ -503,7 +501,6 @@ class Trajectory:
                 "time_step",
                 f"is {time_step:g}",
                 f"it makes {total:.2g} rows; at most {MAX_ROWS} are possible",
-                "raise it, or the limits",
             )
         owners, numbers = number_parts(counts.astype(np.int64))
         rows = phases.times[owners] + numbers / counts[owners] * np.diff(phases.times)[owners]
@@ -567,7 +564,6 @@ class Trajectory:
                 "trajectory",
                 f"is of a robot with drive {self._route.drive!r}",
                 "a car steers",
-                "use velocities",
             )
         metres = check_positive(wheelbase, "wheelbase")
         segments, lengths, _ = _locate(self._phases, self.times)
@@ -582,7 +578,6 @@ class Trajectory:
                 "trajectory",
                 "is of a robot without a drive",
                 "only a robot that drives has v and omega",
-                "use velocities",
             )
 
     def _project_ahead(self, rates: Floats) -> Floats:
@@ -799,7 +794,6 @@ def make_trajectory(
             "limits",
             "differ so much that rounding exceeds them",
             "a motion goes from start to goal within its limits at every instant",
-            "pass limits and a duration nearer to each other",
         )
     return made
 
@@ -818,7 +812,6 @@ def check_after(after: object, axes: tuple[str, ...], duration: float | None) ->
             "duration",
             f"is {duration!r}",
             "a motion that begins at a speed is not slowed down",
-            "leave it out, or lower the limits",
         )
 
 
@@ -1155,7 +1148,6 @@ def _check_bounds(path: DrivenPath, limits: MotionLimits) -> MotionBounds:
             "max_jerk",
             "is missing",
             "max_angular_jerk has a value",
-            "pass both, in m/s^3 and rad/s^3",
         )
     turns_sideways = is_curved or path.drive in ON_THE_SPOT
     max_lateral = _check_option(limits, "max_lateral_acceleration", turns_sideways, False)
@@ -1185,7 +1177,7 @@ def _check_limits(
     for limit in limits.ravel().tolist():
         check_positive(limit, name, "metres, radians, seconds")
     if path.drive in CURVES and limits.ndim:
-        raise InputError(name, "differs by axis", "a car turns", "pass one number")
+        raise InputError(name, "differs by axis", "a car turns")
     return np.broadcast_to(limits, dim) if path.moves_joints else limits
 
 
@@ -1195,11 +1187,9 @@ def _check_option(
     """Return a limit that only some robots have, or None."""
     value: float | None = getattr(limits, name)
     if value is None and is_needed:
-        raise InputError(
-            name, "is missing", "the robot turns", "pass it in radians and seconds, e.g. 1.0"
-        )
+        raise InputError(name, "is missing", "the robot turns")
     if value is not None and not is_allowed:
-        raise InputError(name, f"is {value!r}", "the robot does not turn so", "leave it out")
+        raise InputError(name, f"is {value!r}", "the robot does not turn so")
     return None if value is None else check_positive(value, name, "metres, radians, seconds")
 
 
@@ -1279,7 +1269,6 @@ def _stretch(phases: Phases, duration: float | None) -> Phases:
             "duration",
             f"is {duration!r}",
             f"the limits need {tell_apart(total, factor * total)[0]} s",
-            "raise it, or the limits",
         )
     return slow_down(phases, factor)
 

@@ -165,8 +165,8 @@ def test_labels_of_tables_are_honoured_or_refused():
     wrong = table.rename(columns={"yaw": "theta"})
     check_followed(
         lambda: turning().is_free(wrong),
-        lambda: turning().is_free(wrong.rename(columns={"theta": "yaw"})),
-        "rename or select its columns",
+        None,
+        "they must be x, y, yaw",
     )
     assert (turning().is_free(list(table.itertuples(index=False))) == turning().is_free(rows)).all()
     assert (turning().is_free(table.T) == turning().is_free(rows)).all()
@@ -236,8 +236,8 @@ class Measured(np.ndarray):
 def test_values_in_other_units_are_refused(value):
     check_followed(
         lambda: Robot.disc(value),
-        lambda: Robot.disc(float(np.asarray(value)) / 100.0),
-        "convert it, and pass its numbers",
+        None,
+        "numbers are in metres, radians and seconds",
     )
 
 
@@ -276,13 +276,12 @@ def test_states_of_another_space_are_refused(make, number):
 def test_costs_of_another_shape_are_refused():
     si = planners.simple_setup(turning()).getSpaceInformation()
     shape = len(turning().slice_rotations), *turning().grid.shape
-    hint = f"pass e.g. numpy.zeros({shape})"
     others = [shape[1:], (3, 3), (*shape, 1), shape[::-1], (shape[0] + 1, *shape[1:])]
     for other in others:
         check_followed(
             lambda other=other: planners.WeightedLength(si, turning(), np.ones(other)),  # type: ignore[misc]
-            lambda: planners.WeightedLength(si, turning(), np.zeros(shape)),
-            hint,
+            None,
+            "the map has slices and cells of shape (4, 30, 30)",
         )
     for costs in (np.full(shape, np.nan), np.full(shape, np.inf), np.full(shape, "a"), "costs"):
         with pytest.raises(InputError):
@@ -313,7 +312,10 @@ def test_costs_of_another_shape_are_refused():
     (lambda: flat().grid.center_of([10**400, 1]), "cells has too large an integer"),
     # Workspaces and robots.
     (lambda: Workspace.from_array(0.1, CELLS), "spacing is array([[False"),
-    (lambda: Workspace.from_array(np.zeros((0, 3), bool), 1.0), "shape (0, 3)"),
+    (
+        lambda: Workspace.from_array(np.zeros((0, 3), bool), 1.0),
+        "it must have the axes x, y (and z), and at least one cell",
+    ),
     (lambda: Workspace.from_array(CELLS, 0.1, (0, 0, 0)), "lower has shape (3,)"),
     (lambda: Workspace(Grid((0, 0), 1, (3, 2)), CELLS, CELLS), "outer has shape (40, 30) but the"),
     (lambda: Workspace.from_shapes([], 0.1), "shapes is empty"),
@@ -336,7 +338,7 @@ def test_costs_of_another_shape_are_refused():
     ),
     (lambda: cspace.open(7), "path is 7; it must be a file name"),
     (lambda: flat().add_obstacle("a", [(1e9, 0.0)], radius=0.1), "reaches 1e+10 cells"),
-    (lambda: turning().is_free_around(Q, 0.1, (1.0, 2.0)), "pass radians, e.g. 1.57"),
+    (lambda: turning().is_free_around(Q, 0.1, (1.0, 2.0)), "it must be one number"),
     (lambda: turning().remove_obstacle("cart"), "there is none"),
     # Gates, plans and arms.
     (lambda: cspace.Gate(turning(), tracking=(0.1, 0.1)), "has shape (2,)"),
@@ -353,8 +355,7 @@ def test_costs_of_another_shape_are_refused():
     ),
     (
         lambda: planners.plan(flat(), P[:2], (0.9, 0.6)).to_path(frame_id=5),
-        lambda: planners.plan(flat(), P[:2], (0.9, 0.6)).to_path(frame_id="map"),
-        "pass e.g. 'map'",
+        "it must be a name",
     ),
     (lambda: cspace.build_arm_space({}, "robot.urdf"), "arm is a str"),
     (

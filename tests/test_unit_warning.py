@@ -25,7 +25,7 @@ SUSPECT_ROBOTS = {
         PLANE,
         Robot.rectangle(600, 400),
         {},
-        ["600 m x 400 m", "10 m x 8 m", "millimetres"],
+        ["600 m x 400 m", "10 m x 8 m", "units are metres"],
     ),
     "longer than the diagonal": (
         PLANE,

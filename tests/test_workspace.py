@@ -130,7 +130,7 @@ def test_obstacles_smaller_than_a_cell_or_outside_the_bounds_warn(extent, bounds
         Workspace.from_polygons(square, 0.1, bounds)
     texts = [str(warning.message) for warning in caught]
     assert len(texts) == warns
-    assert all(re.search("units are probably wrong|has no obstacle", text) for text in texts)
+    assert all(re.search("fits into one cell|has no obstacle", text) for text in texts)
 
 
 def test_polygons_whose_map_does_not_fit_are_refused_before_any_work(monkeypatch):

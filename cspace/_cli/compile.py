@@ -25,10 +25,9 @@ def compile_ahead(as_json: bool = AS_JSON) -> None:
 
     folder = compiling.cache_folder()
     if folder is None:
-        hint = "set NUMBA_CACHE_DIR to a folder that only you can write to"
         problem = "names no safe folder"
         rule = "compiled code is kept in one"
-        raise InputError("NUMBA_CACHE_DIR", problem, rule, hint)
+        raise InputError("NUMBA_CACHE_DIR", problem, rule)
     level = compiling.LOGGER.level
     compiling.LOGGER.setLevel(logging.ERROR)  # users of this command expect a long wait
     clock = Stopwatch()

@@ -33,7 +33,7 @@ def check_outputs(paths: Iterable[Path | None], suffixes: Collection[str], overw
             check_output(path.with_suffix(".pgm"), overwrite)
     if len({path.resolve() for path in outputs}) < len(outputs):
         names = ", ".join(map(str, outputs))
-        raise InputError(names, "name a file twice", "they must differ", "choose another name")
+        raise InputError(names, "name a file twice", "they must differ")
 
 
 def check_folder(folder: Path) -> None:
@@ -58,19 +58,18 @@ def read_path(file: Path, axes: Sequence[str]) -> list[list[float]]:
     # A file that is no table of numbers fails in the block; later checks refuse other tables.
     columns = ", ".join(axes)
     rule = f"the map's axes are {columns}"
-    hint = "write a path on this map with cspace plan"
     try:
         names, rows = _read_table(file, axes)
         points = np.array(rows, dtype=np.float64)
     except (ValueError, TypeError, KeyError, AttributeError, csv.Error) as error:
         rule = f"it must be CSV with the columns {columns}, or JSON with such rows under path"
-        raise FileError(str(file), "has no path", rule, hint) from error
+        raise FileError(str(file), "has no path", rule) from error
     if names != list(axes):
-        raise FileError(str(file), f"has {', '.join(names)}", rule, hint)
+        raise FileError(str(file), f"has {', '.join(names)}", rule)
     if not len(points):
-        raise FileError(str(file), "has no configuration", "a path has at least one", hint)
+        raise FileError(str(file), "has no configuration", "a path has at least one")
     if points.shape[1:] != (len(axes),):
-        raise FileError(str(file), f"has an array {points.shape}", rule, hint)
+        raise FileError(str(file), f"has an array {points.shape}", rule)
     return [list(row) for row in points.tolist()]
 
 

@@ -96,7 +96,7 @@ def open_robot(text: str, **given: Any) -> Robot:
     for name, value in options.items():
         is_for_meshes = name in ("solid", "up")
         rule = "it is for meshes, such as .stl" if is_for_meshes else "it is for .urdf"
-        raise InputError(name, f"is {value!r} for {text}", rule, "leave it out")
+        raise InputError(name, f"is {value!r} for {text}", rule)
     return Robot.parse(text)
 
 
@@ -104,7 +104,7 @@ def refuse_options(options: Mapping[str, object], taken: Collection[str], about:
     """Raise InputError for the first option not in ``taken``; ``about`` describes the file."""
     for name in options:
         if name not in taken:
-            raise InputError(name, f"is given, but {about}", hint="omit it")
+            raise InputError(name, f"is given, but {about}")
 
 
 def parse_rotation_cells(text: str | None) -> Rotations:
@@ -208,8 +208,7 @@ def parse_box(text: str, argument: str) -> tuple[float, ...]:
         values = tuple(map(float, _split_fields(text)))
     except ValueError:
         rule = "it must be XMIN,YMIN,XMAX,YMAX, metres, or six numbers in space"
-        hint = f"write e.g. {argument}=-1,-1,4,3"
-        raise InputError(argument, f"is {text!r}", rule, hint) from None
+        raise InputError(argument, f"is {text!r}", rule) from None
     dim = 2 if len(values) <= 4 else 3
     check_bounds(values, dim)
     return values
@@ -230,7 +229,7 @@ def parse_angle(text: str, argument: str, name: str) -> float:
         value = float(number)
     except ValueError:
         rule = "it must be a number of degrees or radians"
-        raise InputError(argument, problem, rule, "write e.g. 90deg or 1.57") from None
+        raise InputError(argument, problem, rule) from None
     if not unit and math.isfinite(value) and abs(value) > 2.0 * math.pi:
         rule = f"an angle without a unit is in radians, and {value:g} rad is more than a full turn"
         hint = f"write {number}deg for degrees, or {number}rad for radians"

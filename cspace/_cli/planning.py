@@ -181,9 +181,7 @@ def _parse_goal(text: str, space: ConfigurationMap, any_yaw: bool) -> tuple[floa
     dim = space.dim
     if not space.rotations.names:
         rule = "the map has no rotations"
-        raise InputError(
-            "any_yaw", f"is set, and the axes are {', '.join(space.axes)}", rule, "omit it"
-        )
+        raise InputError("any_yaw", f"is set, and the axes are {', '.join(space.axes)}", rule)
     return (*parse_configuration(text, "goal", space.axes[:dim], space.units[:dim]), None)
 
 

@@ -98,7 +98,7 @@ def audit(
         )
     if not lanes.lanes:
         rule = "an audit of nothing would say that no lane is blocked"
-        raise InputError(str(graph), "has no lanes", rule, "pass a graph with lanes")
+        raise InputError(str(graph), "has no lanes", rule)
     reports: dict[str, Any] = _audit_maps(makers, lanes, not cells_only, clock)
     codes = [_choose_exit_code([audit.counts for audit in reports.values()], strict)]
     if conflicts:
@@ -119,7 +119,7 @@ def _check_conflicts(conflicts: bool, distance: float, robots: Collection[str]) 
         raise InputError("distance", f"is {distance:g}", rule, "pass conflicts=True, too")
     if conflicts and CONFLICTS in robots:
         rule = "the report of conflicts has that name"
-        raise InputError("robot", f"has the name {CONFLICTS!r}", rule, "write another NAME=SPEC")
+        raise InputError("robot", f"has the name {CONFLICTS!r}", rule)
 
 
 def _audit_maps(
@@ -189,18 +189,18 @@ def _list_maps(
     if file.suffix.lower() == ".zarr":
         if robots:
             rule = "a saved map has one"
-            raise InputError("robot", f"is given for {file}", rule, "leave it out")
+            raise InputError("robot", f"is given for {file}", rule)
         return {"": partial(open_map, file)}
     specs: dict[str, str] = {}
     for text in robots:
         found = _NAME.fullmatch(text)
         name, spec = found.groups() if found else ("", text)
         if name in specs or (specs and "" in (name, *specs)):
-            rule = "each of several robots needs a name of its own"
-            raise InputError("robot", f"is {text!r}", rule, "write NAME=SPEC")
+            rule = "each of several robots needs a name of its own, as in NAME=SPEC"
+            raise InputError("robot", f"is {text!r}", rule)
         specs[name] = f"footprint:{spec}" if spec.startswith("[") else spec
     if not specs:
-        raise InputError("robot", "is missing", f"{file} is no saved map", "write e.g. disc:0.3")
+        raise InputError("robot", "is missing", f"{file} is no saved map")
     shapes = {name: open_robot(spec) for name, spec in specs.items()}
     workspace = Workspace.open(file, **options)
 

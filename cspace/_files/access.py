@@ -35,35 +35,8 @@ _TEMPORARY_PREFIX: Final = ".cspace-"
 _LFS_POINTER_START: Final = b"version https://git-lfs.github.com/spec/v1"
 """First bytes of a git-lfs pointer file."""
 
-SDF_HINT: Final = "convert it to URDF, e.g. with sdf2urdf of the ROS package pysdf"
-"""Hint for robots and worlds of Gazebo."""
-
-MJCF_HINT: Final = "take the robot's URDF; mjcf_urdf_simple_converter makes one of the meshes alone"
-"""Hint for models of MuJoCo."""
-
-_CONVERTERS: Final = {
-    **dict.fromkeys(
-        (".shp", ".gpkg", ".kml", ".gml", ".fgb"),
-        "convert it to metres: ogr2ogr -t_srs EPSG:32632 (your UTM zone) new.geojson old",
-    ),
-    ".dxf": "convert it: ogr2ogr -f GeoJSON new.geojson old.dxf; scale it if it is in millimetres",
-    ".svg": "draw it as an image: inkscape old.svg --export-filename=new.png",
-    **dict.fromkeys((".las", ".laz", ".e57"), "convert it: pdal translate old new.ply"),
-    **dict.fromkeys((".fbx", ".3ds", ".x3d", ".blend"), "convert it: assimp export old new.glb"),
-    **dict.fromkeys(
-        (".step", ".stp", ".iges", ".igs"),
-        "convert it: gmsh old -2 -o new.stl; that is in millimetres, so scale it by 0.001",
-    ),
-    **dict.fromkeys((".sdf", ".world"), SDF_HINT),
-    **dict.fromkeys((".mjcf", ".xml"), MJCF_HINT),
-    ".nrrd": "read it with pynrrd or SimpleITK, and pass the array to Workspace.from_array",
-    ".npz": "load it: numpy.load('old.npz')['name of the array'], and pass the array",
-    ".off": "convert it: trimesh.load('mesh.off').export('mesh.ply')",
-    ".3mf": "convert it: trimesh.load_scene('mesh.3mf').convert_units('m').export('mesh.stl')",
-    ".scene": "publish it in RViz, and save ros2 topic echo --once /planning_scene as .yaml",
-    ".xacro": "expand it: xacro robot.urdf.xacro > robot.urdf",
-}
-"""Hint for each suffix of other formats that are easily converted."""
+BRING_YOUR_FILE: Final = 'the page "Bring your file" says how'
+"""Hint for files and arrays that other packages convert."""
 
 _MAX_QUOTED_CHARACTERS: Final = 60
 """Maximum number of characters of a wrong line that a message quotes."""
@@ -86,7 +59,7 @@ def check_file(
     if what != "file":
         problem = f"is {what}" if what else "does not exist"
         rule = f"{_with_article(kind)} must be a plain file"
-        hint = suggest_file(file, "check the name and the folder")
+        hint = suggest_file(file)
         raise FileError(str(file), problem, rule, hint)
     with _name_file_in_errors(file, kind), file.open("rb") as stream:
         size = file.stat().st_size
@@ -94,8 +67,7 @@ def check_file(
     # Maximum size, in bytes, of a git-lfs pointer file, by its specification.
     if start == _LFS_POINTER_START and size <= 1024:
         rule = f"the {kind} itself has not been fetched"
-        hint = "run git lfs pull in its repository"
-        raise FileError(str(file), "is a git-lfs pointer", rule, hint)
+        raise FileError(str(file), "is a git-lfs pointer", rule)
     check_bytes(file, size, memory=memory, limit=limit)
     return file
 
@@ -126,18 +98,18 @@ def _name_file_in_errors(file: Path, kind: str) -> Iterator[None]:
     except OSError as error:
         problem = f"cannot be read: {error.strerror or error}"
         rule = f"{_with_article(kind)} must be readable"
-        raise FileError(str(file), problem, rule, "check its permissions") from error
+        raise FileError(str(file), problem, rule) from error
 
 
-def suggest_file(path: Path, otherwise: str, suffixes: Container[str] | None = None) -> str:
+def suggest_file(path: Path, otherwise: str = "", suffixes: Container[str] | None = None) -> str:
     """Return a hint about a wrong file name.
 
-    It names a converter if the file exists. If the file is missing, it names the most similar file
-    beside it, of these suffixes. `otherwise` is the hint if there is none.
+    If the file is missing, it names the most similar file beside it, of these suffixes. `otherwise`
+    is the hint if the file exists, or there is none.
     """
     try:
         if path.exists():
-            return _CONVERTERS.get(path.suffix.lower(), otherwise)
+            return otherwise
         visible = (file.name for file in path.parent.iterdir() if not file.name.startswith("."))
         # Maximum number of names in a folder that are compared with a misspelt one.
         names = {
@@ -151,7 +123,7 @@ def suggest_file(path: Path, otherwise: str, suffixes: Container[str] | None = N
     if not matches:
         return otherwise
     similar = path.with_name(names[matches[0]])
-    return f"did you mean {similar}? {otherwise}"
+    return f"did you mean {similar}?"
 
 
 def check_name(path: StrPath) -> Path:
@@ -160,8 +132,7 @@ def check_name(path: StrPath) -> Path:
     Raises InputError if it is not one.
     """
     if not isinstance(path, str | os.PathLike) or "\0" in str(path):
-        hint = "pass a string or a pathlib.Path"
-        raise InputError("path", f"is {path!r}", "it must be a file name", hint)
+        raise InputError("path", f"is {path!r}", "it must be a file name")
     return Path(path)
 
 
@@ -176,7 +147,7 @@ class ContentError(Exception):
         self,
         problem: str,
         rule: str = "it is malformed or truncated",
-        hint: str = "copy it or write it again",
+        hint: str = "",
         *,
         kind: type[CspaceError] = FileError,
     ) -> None:
@@ -190,8 +161,7 @@ class ContentError(Exception):
 def decoding(path: StrPath, kind: str, *advice: str) -> Iterator[None]:
     """Turn any exception of a decoder into an error naming the file.
 
-    `advice` is the rule and the hint for exceptions other than :class:`ContentError`, instead of
-    its defaults.
+    `advice` is the rule, and perhaps the hint, for exceptions other than :class:`ContentError`.
     """
     try:
         yield
@@ -222,9 +192,8 @@ def check_suffix(
     file = check_name(path)
     suffix = file.suffix.lower()
     if suffix not in known:
-        hint = f"use one of {', '.join(filter(None, known))}"
-        if not is_output:
-            hint = suggest_file(file, hint, known)
+        rule = f"{rule}; known are {', '.join(filter(None, known))}"
+        hint = "" if is_output else suggest_file(file, BRING_YOUR_FILE, known)
         raise InputError(argument, f"is {file}, with suffix {suffix!r}", rule, hint)
     return suffix
 
@@ -252,8 +221,7 @@ def read_member(folder: StrPath, name: str, kind: str) -> bytes | None:
     relative = PurePath(name)
     if relative.drive or relative.root or ".." in relative.parts:
         rule = "files outside the folder are never read"
-        hint = "do not trust it; fetch it again"
-        raise FileError(os.fspath(folder), f"names a file {name!r}", rule, hint)
+        raise FileError(os.fspath(folder), f"names a file {name!r}", rule)
     file, what = inspect_path(Path(folder, relative), kind)
     if not what and not file.is_symlink():  # a broken link is an error, not a missing file
         return None
@@ -273,7 +241,7 @@ def read_text(path: StrPath, kind: str, memory: float = 4.0, limit: SizeLimit = 
     except UnicodeDecodeError as error:
         problem = f"is not text: byte {error.start} is not UTF-8"
         rule = f"{_with_article(kind)} is a text file"
-        raise FileError(os.fspath(path), problem, rule, "pass the right file") from error
+        raise FileError(os.fspath(path), problem, rule) from error
     return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
@@ -308,7 +276,6 @@ def _strip_comment(line: str) -> str:
 
 def _make_line_error(text: str, first: int, separator: str | None, columns: int) -> ContentError:
     """Return the error for the first line that is no numbers."""
-    hint = "correct the line, or fetch a truncated file again"
     for number, line in enumerate(text.split("\n"), start=first):
         content = _strip_comment(line)
         words = content.split(separator) if content else []
@@ -320,8 +287,8 @@ def _make_line_error(text: str, first: int, separator: str | None, columns: int)
         except ValueError:
             rule = "it must hold only numbers, with decimal points"
         problem = f"line {number} is {line.strip()[:_MAX_QUOTED_CHARACTERS]!r}"
-        return ContentError(problem, rule, hint)
-    return ContentError("cannot be read", "it must hold columns of numbers", hint)
+        return ContentError(problem, rule)
+    return ContentError("cannot be read", "it must hold columns of numbers")
 
 
 def iterate_header_lines(content: bytes) -> Iterator[tuple[str, int]]:
@@ -409,8 +376,7 @@ def replacing(
     except OSError as error:
         problem = f"cannot be written: {error.strerror or error}"
         rule = "outputs need a writable folder and free space"
-        hint = "free some space or choose another folder"
-        raise FileError(str(target), problem, rule, hint) from error
+        raise FileError(str(target), problem, rule) from error
 
 
 def check_output(target: Path, overwrite: bool) -> None:
@@ -424,11 +390,11 @@ def check_output(target: Path, overwrite: bool) -> None:
     parent = target.parent
     if not parent.is_dir():
         problem = f"cannot be written: {parent} is not a folder"
-        raise FileError(str(target), problem, "outputs go to an existing folder", "create it first")
+        raise FileError(str(target), problem, "outputs go to an existing folder")
     if not os.access(parent, os.W_OK | os.X_OK):
         problem = f"cannot be written: no permission to write in {parent}"
         rule = "outputs need a writable folder"
-        raise FileError(str(target), problem, rule, "change its permissions or use another")
+        raise FileError(str(target), problem, rule)
     if target.exists() and not overwrite:
         raise FileError(
             str(target), "exists", "existing outputs are kept by default", "pass overwrite=True"
@@ -450,8 +416,7 @@ def _check_target(target: Path, overwrite: bool, folder: Callable[[Path], bool] 
     elif any(target.iterdir()) and not folder(target):
         problem = "holds more than an earlier output"
     if problem:
-        hint = "choose another name, or remove it yourself"
-        raise FileError(str(target), problem, "only an earlier output is replaced", hint)
+        raise FileError(str(target), problem, "only an earlier output is replaced")
 
 
 def _make_temporary_name(target: Path) -> Path:

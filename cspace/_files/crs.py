@@ -9,12 +9,10 @@ from typing import Any, Final
 
 import numpy as np
 
-from cspace._files.access import ContentError
+from cspace._files.access import BRING_YOUR_FILE, ContentError
 from cspace._support.arrays import Floats
 from cspace._support.reporting import warn_user
 from cspace.errors import GeometryError, UnitWarning
-
-PROJECT: Final = "project it to metres, e.g. ogr2ogr -t_srs EPSG:32632 (your UTM zone) new old"
 
 _LAST_NUMBER: Final = re.compile(r"(\d+)h?\W*$")
 """Code of a system: EPSG:4326, urn:ogc:def:crs:EPSG::4326, .../EPSG/0/4326, ...:CRS84h, or WKT."""
@@ -55,8 +53,12 @@ def check_crs(crs: Any, name: str) -> None:
     is_known = getattr(crs, "is_geographic", False) or _DEGREES.search(text) or code in _NOT_METRES
     if is_known or not _may_be_metres(text):
         problem = f"has the coordinate reference system {text:.60}"
-        raise GeometryError(name, problem, "its units are not metres on the ground", PROJECT)
-    warn_user(f"{name}: its coordinates in {text:.60} are read as metres; {PROJECT}", UnitWarning)
+        raise GeometryError(
+            name, problem, "its units are not metres on the ground", BRING_YOUR_FILE
+        )
+    warn_user(
+        f"{name}: its coordinates in {text:.60} are read as metres; {BRING_YOUR_FILE}", UnitWarning
+    )
 
 
 def _may_be_metres(text: str) -> bool:
@@ -78,7 +80,7 @@ def refuse_degrees(names: Iterable[str]) -> None:
     named = list_degrees(names)
     if named:
         rule = "coordinates are metres, not degrees"
-        raise ContentError(f"has coordinates in {', '.join(named):.60}", rule, PROJECT)
+        raise ContentError(f"has coordinates in {', '.join(named):.60}", rule, BRING_YOUR_FILE)
 
 
 def warn_of_likely_degrees(points: Floats, name: str, otherwise: str = "") -> None:
@@ -96,6 +98,6 @@ def warn_of_likely_degrees(points: Floats, name: str, otherwise: str = "") -> No
     if fits and 0.0 < 50.0 * size < distance:
         warn_user(
             f"{name}: its coordinates look like degrees, and are read as metres; "
-            f"{PROJECT}{otherwise}",
+            f"{BRING_YOUR_FILE}{otherwise}",
             UnitWarning,
         )

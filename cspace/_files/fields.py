@@ -120,10 +120,10 @@ class Ledger:
         found = list_fields(fields, formats.list_known())
         if found is None:
             rule = f"it must hold fields and values, not a {type(fields).__name__}"
-            raise self.fail(f"is {fields!r:.60}", rule, "pass such a message or write such a table")
+            raise self.fail(f"is {fields!r:.60}", rule)
         self.fields = found
 
-    def fail(self, problem: str, rule: str, hint: str = "correct the element") -> ContentError:
+    def fail(self, problem: str, rule: str, hint: str = "") -> ContentError:
         """Return an error that names the mapping."""
         return ContentError(f"{self.where} {problem}", rule, hint)
 
@@ -140,7 +140,7 @@ class Ledger:
         value = self.get(key)
         if value is None:
             present = ", ".join(map(str, self.fields)) or "nothing"
-            raise self.fail(f"has no {key}", f"it must have one, besides {present:.200}", "add it")
+            raise self.fail(f"has no {key}", f"it must have one, besides {present:.200}")
         return value
 
     def number(
@@ -170,7 +170,7 @@ class Ledger:
         value = self.get(key, False)
         if not isinstance(value, bool):
             rule = "it must be true or false"
-            raise self.fail(f"has the {key} {value!r:.60}", rule, "write it without quotes")
+            raise self.fail(f"has the {key} {value!r:.60}", rule)
         return value
 
     def angle(self, key: str) -> float:
@@ -229,7 +229,7 @@ class Ledger:
         key: str,
         *allowed: Any,
         rule: str = "it is not honoured",
-        hint: str = "correct it",
+        hint: str = "",
     ) -> None:
         """Refuse a field whose value is not among the allowed ones."""
         value = self.get(key)
@@ -258,7 +258,7 @@ class Ledger:
                 if UNKNOWN_FIELDS in self.formats.refused:
                     problem = f"has the unknown field {str(key)!r:.60}"
                     rule = f"the fields are {', '.join(sorted(known)):.200}"
-                    raise member.fail(problem, rule, "correct or remove it")
+                    raise member.fail(problem, rule)
                 name = f"{key} ({member.kind})" if member.kind else str(key)
                 ignored[name] = "" if key in known else str(key)
         warn_of_names(source, ignored, read)
@@ -299,13 +299,12 @@ def check_number(
         rule += f", at least {lowest:g}"
     if highest < MAX_NUMBER:
         rule += f", at most {highest:g}"
-    hint = "correct it"
     if isinstance(value, str) and parse_finite(value):
-        hint = "write the number without quotes"
-    # Word in place of the rest of a list or text that ``ros2 topic echo`` cuts.
+        rule += ", without quotes"
+    # Words in place of the rest of a list or text that ``ros2 topic echo`` cuts.
     if isinstance(value, str) and value.startswith(("...", "<sequence")):
-        hint = "write the whole message, with ros2 topic echo --full-length"
-    raise ContentError(f"{where} has the {name} {value!r:.60}", rule, hint)
+        rule += ", and the message whole"
+    raise ContentError(f"{where} has the {name} {value!r:.60}", rule)
 
 
 @contextmanager

@@ -67,29 +67,26 @@ def check_shapes(shapes: Sequence[BaseGeometry], names: Sequence[str]) -> None:
         index = int(owners[first])
         problem = f"has a vertex at ({x}, {y})"
         rule = f"coordinates must be finite, and at most {MAX_NUMBER:g}"
-        hint = "drop or replace it"
-        raise GeometryError(names[index], problem, rule, hint)
+        raise GeometryError(names[index], problem, rule)
     is_invalid = ~shapely.is_valid(array)
     reason = shapely.is_valid_reason(array[is_invalid.argmax()])
-    flat = "drop them with shapely.force_2d if height does not matter"
     # For each reason, the mask of the shapes to refuse, and the parts of the message.
-    for refused, problem, rule, hint in (
-        (shapely.is_empty(array), "is empty", "an obstacle must cover some ground", "remove it"),
-        (shapely.has_z(array), "has z coordinates", "obstacles in the plane have two", flat),
+    for refused, problem, rule in (
+        (shapely.is_empty(array), "is empty", "an obstacle must cover some ground"),
+        (shapely.has_z(array), "has z coordinates", "obstacles in the plane have two"),
         (
             is_invalid,
             f"is not valid: {reason}",
             "a boundary may not cross itself",
-            "redraw it, or try shapely.make_valid",
         ),
     ):
         if refused.any():
             index = int(refused.argmax())
-            raise GeometryError(names[index], problem, rule, hint)
+            raise GeometryError(names[index], problem, rule)
 
 
 def make_curve_error(name: str) -> GeometryError:
     """Return the error for a geometry that shapely does not support."""
     problem = "is or holds a curve, such as CIRCULARSTRING or CURVEPOLYGON"
     rule = "only straight lines are read"
-    return GeometryError(name, problem, rule, "replace it, with ST_CurveToLine in PostGIS")
+    return GeometryError(name, problem, rule)

@@ -17,7 +17,14 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace._files.access import ContentError, decoding, is_count, read_bytes, read_text
+from cspace._files.access import (
+    BRING_YOUR_FILE,
+    ContentError,
+    decoding,
+    is_count,
+    read_bytes,
+    read_text,
+)
 from cspace._files.fields import Fields
 from cspace._limits import check_cells
 from cspace._support.arrays import Bools, Floats, StrPath, frozen
@@ -143,7 +150,7 @@ def read_image(
     level = check_finite(threshold, "threshold")
     if level.shape != () or not 0.0 < level <= 1.0:
         rule = "it must be one number above 0 and at most 1"
-        raise InputError("threshold", f"is {threshold!r}", rule, "pass e.g. 0.5")
+        raise InputError("threshold", f"is {threshold!r}", rule)
     check_word(dark, "dark", ("occupied", "free"))
     image = read_shades(path, "image", spacing)
     occupied_levels = image.shades < level
@@ -205,7 +212,7 @@ def read_shades(path: StrPath, kind: str, spacing: float, *, may_turn: bool = Tr
     """
     data = read_bytes(path, kind)
     rule = f"it must be a whole file of {', '.join(IMAGE_FORMATS)}"
-    with decoding(path, kind, rule, "save it again"), warnings.catch_warnings():
+    with decoding(path, kind, rule), warnings.catch_warnings():
         from PIL import ImageOps
 
         image = _open_image(data)
@@ -221,10 +228,10 @@ def read_shades(path: StrPath, kind: str, spacing: float, *, may_turn: bool = Tr
         orientation = image.getexif().get(_ORIENTATION, 1)
         if orientation != 1 and not may_turn:
             rule = "map servers ignore it, and viewers do not"
-            raise ContentError(f"has EXIF orientation {orientation}", rule, "save it upright")
+            raise ContentError(f"has EXIF orientation {orientation}", rule)
         if _NODATA in tags:
             rule = "such pixels are neither dark nor bright"
-            raise ContentError("has a value for no data", rule, "fill it, with gdal_fillnodata")
+            raise ContentError("has a value for no data", rule)
         image.load()
         ImageOps.exif_transpose(image, in_place=True)
         is_jpeg = image.format == "JPEG" or image.info.get("compression") in _LOSSY_COMPRESSIONS
@@ -235,15 +242,11 @@ def read_shades(path: StrPath, kind: str, spacing: float, *, may_turn: bool = Tr
     if pages > 1:
         warn_user(f"{path}: it has {pages} pages or frames, and only the first is read")
     if not math.isclose(gamma, _USUAL_GAMMA, rel_tol=0.1):
-        warn_user(
-            f"{path}: its gamma of {gamma:g} is not applied, so viewers show other shades; save it "
-            "with a gamma of 1/2.2"
-        )
+        warn_user(f"{path}: its gamma of {gamma:g} is not applied, so viewers show other shades")
     world_file = _find_world_file(Path(path))
     if tags.keys() & {_PIXEL_SCALE, _TIEPOINT, _MATRIX} or world_file:
         warn_user(
-            f"{path}: the placement of {world_file or 'a GeoTIFF'} is not read; for that, open it "
-            "with rioxarray and pass the array to Workspace.from_array",
+            f"{path}: the placement of {world_file or 'a GeoTIFF'} is not read; {BRING_YOUR_FILE}",
             UnitWarning,
         )
     return shades
@@ -287,13 +290,12 @@ def _check_length(image: ImageFile, data: bytes) -> None:
     if excess > 0:
         problem = f"has {excess} bytes or numbers more than its pixels"
         rule = "then its line ends were converted, or it holds several images"
-        hint = "fetch it again, as a binary file (in git: *.pgm binary in .gitattributes)"
-        raise ContentError(problem, rule, hint)
+        raise ContentError(problem, rule)
     if maximum:
         levels = np.frombuffer(data, ">u2" if maximum > _WHITE_8_BIT else np.uint8, offset=start)
         if levels.max() > maximum:
             problem = f"has a pixel of {levels.max()}"
-            raise ContentError(problem, f"its header says that white is {maximum}", "correct it")
+            raise ContentError(problem, f"its header says that white is {maximum}")
 
 
 _SPACING_NOTE: Final = re.compile(rb"#[^\n]*?(\d*\.?\d+) ?(c?)m ?(?:/|per) ?(?:pix|px|cell)")
@@ -376,8 +378,7 @@ def _choose_channels(image: Image, tags: dict[int, Any]) -> tuple[str, int]:
 def _make_mode_error(image: Image) -> ContentError:
     """Return the error for an image whose pixels have no known meaning."""
     rule = "pixels must be grey of up to 16 bits without transparency, or 8-bit colour"
-    hint = "convert it, e.g. to an 8-bit grey PNG"
-    return ContentError(f"has image mode {image.mode!r}", rule, hint)
+    return ContentError(f"has image mode {image.mode!r}", rule)
 
 
 PASSABLE_CHARACTERS: Final = ".GS"
@@ -413,7 +414,7 @@ def read_movingai_map(path: StrPath) -> Bools:
             line = _MAP_HEADER_LINES + row + 1
             problem = f"line {line}, column {column + 1} is {wrong[0]!r}"
             rule = f"cells are '{PASSABLE_CHARACTERS}' (passable) or '{BLOCKED_CHARACTERS}'"
-            raise ContentError(problem, rule, "replace it")
+            raise ContentError(problem, rule)
         characters = np.frombuffer(text.encode(), dtype=np.uint8).reshape(height, width)
         blocked = np.isin(characters, list(map(ord, BLOCKED_CHARACTERS)))
         # Rows count from the top, but y counts from the bottom.
@@ -434,7 +435,7 @@ def _parse_map_header(lines: list[str]) -> tuple[int, int]:
         if width and height:
             return width, height
     rule = "it must be 'type octile', 'height H', 'width W' and 'map', a line each, H and W above 0"
-    raise ContentError(f"begins with {lines[:4]!r:.100}", rule, "fetch it again")
+    raise ContentError(f"begins with {lines[:4]!r:.100}", rule)
 
 
 def read_movingai_voxels(path: StrPath) -> Bools:
@@ -483,4 +484,4 @@ def _read_lines(path: StrPath, kind: str, memory: float = 4.0) -> list[str]:
 def _make_line_error(number: int, lines: list[str], rule: str) -> ContentError:
     """Return the error for a line that breaks `rule`."""
     problem = f"line {number} is {lines[number - 1][:60]!r}"
-    return ContentError(problem, f"it must hold {rule}", "correct it or fetch it again")
+    return ContentError(problem, f"it must hold {rule}")

@@ -189,7 +189,7 @@ def _join_placed(
     for mesh, pose in placed:
         if (pose[3] != (0.0, 0.0, 0.0, 1.0)).any():
             problem = f"has a matrix with the last row {pose[3].tolist()}"
-            raise ContentError(problem, "it must be 0, 0, 0, 1", "apply it where it is written")
+            raise ContentError(problem, "it must be 0, 0, 0, 1")
         copies += [transform_surface(surface, pose) for surface in surfaces[mesh]]
     return join_surfaces(copies)
 
@@ -274,7 +274,7 @@ def _read_buffer(buffer: Json, embedded: bytes, file: Path) -> bytes:
         buffer_file = file.parent / unquote(uri)
         if not buffer_file.resolve().is_relative_to(file.parent.resolve()):
             problem = f"has its data in {uri!r:.80}, outside its folder"
-            raise ContentError(problem, "such files are not read", "move them into its folder")
+            raise ContentError(problem, "such files are not read")
         content = read_bytes(buffer_file, "buffer of glTF")
     if len(content) < buffer["byteLength"]:
         raise ContentError(f"has a buffer of {len(content)} bytes, fewer than it declares")
@@ -398,7 +398,7 @@ def _parse_gltf_header(data: bytes) -> Json:
     version = str(header["asset"]["version"])
     if not version.startswith("2."):
         problem = f"is of version {version}"
-        raise ContentError(problem, "only glTF 2 is read", "export it as glTF 2")
+        raise ContentError(problem, "only glTF 2 is read")
     required = dict.fromkeys(header.get("extensionsRequired", []))
     _refuse_extensions({"extensions": required})
     return _refuse_extensions(header)
@@ -484,7 +484,7 @@ def _parse_collada(data: bytes) -> _Collada:
             named[name] = None if name in named else element
     if root.tag != "COLLADA":
         rule = "a .dae file has COLLADA as its root"
-        raise ContentError(f"holds {root.tag:.60}", rule, "give the file the suffix of its format")
+        raise ContentError(f"holds {root.tag:.60}", rule)
     return _Collada(root, named, {})
 
 
@@ -537,7 +537,7 @@ def _read_unit(root: Element) -> float:
     metres = float(_read_asset(root, "unit", lambda unit: unit.get("meter")) or 1.0)
     if not (math.isfinite(metres) and metres > 0.0):
         problem = f"has a unit of {metres:g} metres"
-        raise ContentError(problem, "it must be above zero", "correct <unit meter=...>")
+        raise ContentError(problem, "it must be above zero")
     return metres
 
 
@@ -682,7 +682,7 @@ def _read_positions(vertices: Element, collada: _Collada) -> Floats:
     names = [param.get("name") for param in accessor.findall("param")]
     if list(filter(None, names)) != ["X", "Y", "Z"] or len(names) > stride:
         problem = f"has positions with the columns {names}"
-        raise ContentError(problem, "they must be X, Y and Z", "write them in this order")
+        raise ContentError(problem, "they must be X, Y and Z")
     end = first + count * stride
     declared = int(array.get("count", len(values)))
     if min(first, count) < 0 or len(values) != declared or end > declared:
@@ -854,8 +854,7 @@ def flatten_trimesh(shape: Any) -> Surface:
     elif isinstance(shape, trimesh.parent.Geometry):
         parts = [(shape, np.eye(4))]
     else:
-        hint = "pass a file name, a trimesh.Trimesh, a trimesh.Scene, or vertices and faces"
-        raise InputError("mesh", f"is a {type(shape).__name__}", "a mesh is needed", hint)
+        raise InputError("mesh", f"is a {type(shape).__name__}", "a mesh is needed")
     # Refuse what has no triangles instead of leaving it out.
     surfaces = []
     for geometry, transform in parts:
@@ -866,8 +865,7 @@ def flatten_trimesh(shape: Any) -> Surface:
             if len(parts) == 1:
                 raise _make_empty_error("mesh", content)
             problem = f"has a {content} among its meshes"
-            hint = "remove it, or pass the meshes alone"
-            raise GeometryError("mesh", problem, "it would be lost", hint)
+            raise GeometryError("mesh", problem, "it would be lost")
         points = check_finite(geometry.vertices, "vertices of mesh")
         surface = points, np.asarray(geometry.faces, dtype=np.int64)
         surfaces.append(transform_surface(surface, transform))
@@ -882,6 +880,6 @@ def _make_empty_error(name: str, content: str) -> GeometryError:
     ``content`` names the other content, or is empty.
     """
     if not content:
-        return GeometryError(name, "is empty", "a mesh needs triangles", "check what was exported")
+        return GeometryError(name, "is empty", "a mesh needs triangles")
     hint = "use Workspace.from_points for points, or make a mesh of it first"
     return GeometryError(name, f"is a {content}", "a mesh needs triangles", hint)

@@ -94,19 +94,15 @@ _NEUTRAL_FIELDS: Final = frozenset({"name", "header", "is_diff", "w"})
 # ---- parsers -------------------------------------------------------------------------------------
 
 
-def wrong_value(value: Any, place: str, rule: str, hint: str = "correct it") -> ContentError:
+def wrong_value(value: Any, place: str, rule: str) -> ContentError:
     """Make the error for a forbidden value."""
-    return ContentError(f"has {repr(value)[:60]} as {place}", rule, hint)
+    return ContentError(f"has {repr(value)[:60]} as {place}", rule)
 
 
-def refuse(hint: str) -> Parser:
-    """Make a parser of an empty field."""
-
-    def check(value: Any, place: str) -> None:
-        if _holds_entries(value):
-            raise ContentError(f"has {place}", "it is not read", hint)
-
-    return check
+def refuse(value: Any, place: str) -> None:
+    """Parse an empty field."""
+    if _holds_entries(value):
+        raise ContentError(f"has {place}", "it is not read")
 
 
 def _holds_entries(value: Any, levels: int = MAX_LEVELS) -> bool:
@@ -120,7 +116,7 @@ def _holds_entries(value: Any, levels: int = MAX_LEVELS) -> bool:
     return bool(value)
 
 
-def accept_only(*accepted: Any, hint: str = "correct it") -> Parser:
+def accept_only(*accepted: Any) -> Parser:
     """Make a parser that accepts some values; the first is the default."""
     rule = f"it must be {' or '.join(map(repr, accepted))}"
 
@@ -130,7 +126,7 @@ def accept_only(*accepted: Any, hint: str = "correct it") -> Parser:
         # True == 1 in Python, but not in a message.
         kinds = [isinstance(choice, bool) for choice in accepted if choice == value]
         if isinstance(value, bool) not in kinds:
-            raise wrong_value(value, place, rule, hint)
+            raise wrong_value(value, place, rule)
         return value
 
     return check
@@ -235,7 +231,6 @@ def _parse_position(value: Any, place: str) -> Floats:
         raise ContentError(
             f"has a position beyond {MAX_POSITION_METRES:g} m at {place}",
             "its digits would be lost",
-            "use metres and a nearer frame",
         )
     return position
 
@@ -257,7 +252,7 @@ def parse_rotation(value: Any, place: str) -> Floats:
     if largest > 1.01:
         warn_user(
             f"{place}: a quaternion has the component {largest:g}, beyond 1, and is scaled to norm "
-            "1 as in MoveIt; write sin(yaw / 2) as z and cos(yaw / 2) as w if it was an angle",
+            "1 as in MoveIt",
             AngleWarning,
         )
     return np.asarray(Rotation.from_quat(scaled).as_matrix())
@@ -289,7 +284,7 @@ def parse_identity(value: Any, place: str) -> None:
 _PRIMITIVE: Final[Schema] = {
     "type": parse_name,
     "dimensions": [parse_number],
-    "polygon": refuse("only prisms have one, and they are not read; write another primitive"),
+    "polygon": refuse,
 }
 
 
@@ -325,7 +320,7 @@ def pair_items(lists: Mapping[str, list[Any]], place: str, rule: str) -> Pairs:
     items, partners = lists.values()
     if len(items) != len(partners):
         counts = " but ".join(f"{len(entries)} {name}" for name, entries in lists.items())
-        raise ContentError(f"has {counts} at {place}", rule, "add or remove some")
+        raise ContentError(f"has {counts} at {place}", rule)
     return list(zip(items, partners, strict=True))
 
 
@@ -341,23 +336,21 @@ _MESH: Final[Schema] = {
     "dimensions": allow_missing(_parse_vector, None),
 }
 
-_refuse_planes: Final = refuse("a plane has no end; write a box")
-_refuse_subframes: Final = refuse("remove them, and write poses in the planning frame")
 
 _COLLISION_OBJECT: Final[Schema] = {
     "id": parse_name,
     "header": HEADER,
     "pose": parse_pose,
     # ROS 2 prints the number as a byte.
-    "operation": accept_only("add", "ADD", "", 0, "\0", hint="write the scene as it is"),
+    "operation": accept_only("add", "ADD", "", 0, "\0"),
     "primitives": [parse_primitive],
     "primitive_poses": [parse_pose],
     "meshes": [_MESH],
     "mesh_poses": [parse_pose],
-    "planes": _refuse_planes,
-    "plane_poses": _refuse_planes,
-    "subframe_names": _refuse_subframes,
-    "subframe_poses": _refuse_subframes,
+    "planes": refuse,
+    "plane_poses": refuse,
+    "subframe_names": refuse,
+    "subframe_poses": refuse,
 }
 
 _ATTACHED_OBJECT: Final[Schema] = {
@@ -391,7 +384,7 @@ STATE: Final[dict[str, Schema]] = {
     "joint_state": _parse_joints,
     "multi_dof_joint_state": {"header": HEADER, "transforms": [parse_identity]},
     "attached_collision_objects": [_ATTACHED_OBJECT],
-    "is_diff": accept_only(False, hint="write the whole state"),
+    "is_diff": accept_only(False),
 }
 """Schema of the state of a robot."""
 
@@ -417,7 +410,6 @@ def _parse_contacts(value: Any, place: str) -> Contacts | None:
         raise ContentError(
             f"has an {place} of another size than its names",
             "it is square, with a default for each name",
-            "correct it",
         )
     pairs = itertools.product(names, repeat=2)
     contacts: Contacts = dict(zip(pairs, itertools.chain(*rows), strict=True))
@@ -428,13 +420,11 @@ def _parse_contacts(value: Any, place: str) -> Contacts | None:
 
 _OCTOMAP: Final[Schema] = {
     "header": HEADER,
-    "data": refuse("save it as .bt, and read it with Workspace.from_octomap"),
+    "data": refuse,
 }
 
-_USE_PADDING: Final = "remove it, and pass padding= to build_arm_space"
-
 SCENE: Final[Schema] = {
-    "is_diff": accept_only(False, hint="write the whole scene"),
+    "is_diff": accept_only(False),
     "world": {
         "collision_objects": [_COLLISION_OBJECT],
         "octomap": {"header": HEADER, "origin": parse_pose, "octomap": _OCTOMAP},
@@ -442,8 +432,8 @@ SCENE: Final[Schema] = {
     "robot_state": STATE,
     "allowed_collision_matrix": _parse_contacts,
     "fixed_frame_transforms": [{"header": HEADER, "transform": parse_identity}],
-    "link_padding": [{"link_name": parse_name, "padding": accept_only(0.0, hint=_USE_PADDING)}],
-    "link_scale": [{"link_name": parse_name, "scale": accept_only(1.0, hint=_USE_PADDING)}],
+    "link_padding": [{"link_name": parse_name, "padding": accept_only(0.0)}],
+    "link_scale": [{"link_name": parse_name, "scale": accept_only(1.0)}],
 }
 """Schema of a planning scene."""
 
@@ -457,6 +447,5 @@ def find_frame(frames: set[str]) -> str:
         raise ContentError(
             f"has poses in the frames {', '.join(map(repr, sorted(frames)))}",
             "they must be in one frame",
-            "write them in the planning frame; an attached object may be in its link's frame",
         )
     return next(iter(frames), WORLD)

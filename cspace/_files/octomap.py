@@ -109,14 +109,14 @@ def _parse_octomap_header(content: bytes) -> tuple[Ledger, bool, int]:
         if binary is None:
             if text not in _FIRST_LINES:
                 rule = f"an OctoMap begins with {' or '.join(map(repr, _FIRST_LINES))}"
-                raise ContentError(f"begins with {line[:40]!r}", rule, "pass an OctoMap")
+                raise ContentError(f"begins with {line[:40]!r}", rule)
             binary = _FIRST_LINES[text]
         elif text == "data":
             return Ledger(entries, "header", FIELDS[0]), binary, after
         elif text and not text.startswith("#"):
             key, _, value = text.partition(" ")
             if key in entries:
-                raise ContentError(f"has {key} twice", "a header has it once", "remove one")
+                raise ContentError(f"has {key} twice", "a header has it once")
             numbers = parse_finite(value)
             entries[key] = numbers[0] if numbers else value.strip()
     raise ContentError("has no line 'data' after its header" if content else "is empty")
@@ -126,14 +126,12 @@ def _check_octomap_header(header: Ledger, binary: bool, has_nodes: bool) -> _Oct
     """Check and convert the entries of a header."""
     header.need("id")
     rule = f"only {' and '.join(_COLOUR_BYTES)} are read"
-    header.refuse("id", *_COLOUR_BYTES, rule=rule, hint="write it again as an OcTree")
+    header.refuse("id", *_COLOUR_BYTES, rule=rule)
     count = header.count("size")
     # Smallest side of a cell, metres.
     side = header.number("res", lowest=1e-12)
     if count == 0 and not has_nodes:
-        raise ContentError(
-            "has no known cell", "a map needs some known space", "insert a scan before writing it"
-        )
+        raise ContentError("has no known cell", "a map needs some known space")
     return _OctomapHeader(binary, header.get("id"), count, side)
 
 

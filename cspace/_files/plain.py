@@ -16,7 +16,7 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from cspace._files.access import ContentError, decoding, read_text
+from cspace._files.access import BRING_YOUR_FILE, ContentError, decoding, read_text
 from cspace._limits import SizeLimit, check_file_memory
 from cspace._support.arrays import StrPath
 
@@ -116,8 +116,7 @@ def _load_yaml(text: str) -> Any:
     documents = [document for document in documents if document is not None]
     if len(documents) > 1:
         problem = f"holds {len(documents)} documents, between lines of ---"
-        hint = "remove the others, or save one message with ros2 topic echo --once"
-        raise ContentError(problem, "it must hold one", hint)
+        raise ContentError(problem, "it must hold one")
     return documents[0] if documents else None
 
 
@@ -177,7 +176,7 @@ def read_json(
         text = text.strip()
         value, end = decoder.raw_decode(text)
         if end < len(text):
-            raise ContentError("holds more than one document", f"a {kind} must be one", "join them")
+            raise ContentError("holds more than one document", f"a {kind} must be one")
         return value
 
 
@@ -194,12 +193,11 @@ def check_distinct(
     names: Iterable[str],
     place: str = "",
     rule: str = "names must differ",
-    hint: str = "rename or remove one",
 ) -> None:
     """Raise ContentError if two names are equal."""
     for name, times in Counter(names).items():
         if times > 1:
-            raise ContentError(f"has {name[:40]!r} twice{place}", rule, hint)
+            raise ContentError(f"has {name[:40]!r} twice{place}", rule)
 
 
 def parse_xml(data: bytes) -> Element:
@@ -252,7 +250,7 @@ def _make_yaml_error(event: Any, what: str) -> ContentError:
     """Return the error for YAML that is not a plain value."""
     problem = f"has {what} in line {event.start_mark.line + 1}"
     rule = "only text, numbers, lists and tables are read"
-    return ContentError(problem, rule, "correct that line")
+    return ContentError(problem, rule)
 
 
 _XACRO_NAMESPACES: Final = ("{http://www.ros.org/wiki/xacro}", "{http://ros.org/wiki/xacro}")
@@ -265,5 +263,4 @@ def check_expanded(root: Element) -> None:
     values = [value for element in root.iter() for value in element.attrib.values()]
     has_expressions = any("${" in value or "$(" in value for value in values)
     if has_expressions or any(tag.startswith(_XACRO_NAMESPACES) for tag in tags):
-        hint = "run xacro robot.urdf.xacro > robot.urdf"
-        raise ContentError("holds xacro macros", "expand them first", hint)
+        raise ContentError("holds xacro macros", "they must be expanded", BRING_YOUR_FILE)

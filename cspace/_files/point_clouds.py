@@ -16,6 +16,7 @@ from typing import Final
 import numpy as np
 
 from cspace._files.access import (
+    BRING_YOUR_FILE,
     ContentError,
     check_suffix,
     decoding,
@@ -84,8 +85,7 @@ def read_points(path: StrPath, drop_missing: bool = False) -> Floats:
         if drop_missing:
             points = points[np.isfinite(points).all(axis=1)]
         if not len(points):
-            hint = "check how it was written"
-            raise ContentError("holds no point", "a cloud needs one", hint, kind=GeometryError)
+            raise ContentError("holds no point", "a cloud needs one", kind=GeometryError)
         broken = np.count_nonzero(~np.isfinite(points).all(axis=1))
         if broken:
             problem = f"holds {broken} points of {len(points)} that are not finite"
@@ -109,7 +109,7 @@ def _read_npy(path: StrPath) -> Floats:
     if array.ndim != 2 or array.shape[1] != 3 or array.dtype.kind not in "fiu":
         problem = f"holds shape {array.shape} and type {array.dtype}"
         rule = "a cloud is one array of numbers of shape (n, 3)"
-        raise ContentError(problem, rule, "save one of that shape")
+        raise ContentError(problem, rule)
     _refuse_cells(array)
     return np.array(array, dtype=np.float64, order="C")
 
@@ -126,7 +126,7 @@ def _read_text(path: StrPath) -> Floats:
         return np.zeros((0, 3))
     if rows.shape[1] < 3:
         problem = f"has {rows.shape[1]} columns"
-        raise ContentError(problem, "points have x, y and z", "write three columns")
+        raise ContentError(problem, "points have x, y and z")
     if not names:
         _check_unnamed(rows)
         return np.ascontiguousarray(rows[:, :3])
@@ -136,7 +136,7 @@ def _read_text(path: StrPath) -> Floats:
         refuse_degrees(names)
         problem = f"has {rows.shape[1]} columns under the heading {' '.join(names):.60}"
         rule = "it must name every column, and x, y and z once each, in metres"
-        raise ContentError(problem, rule, "name them, e.g. id,x,y,z")
+        raise ContentError(problem, rule)
     _warn_of_sizes(path, names)
     return np.ascontiguousarray(rows[:, columns])
 
@@ -154,7 +154,7 @@ def _check_unnamed(rows: Floats) -> None:
         problem = "begins each row with its number"
     if problem:
         rule = "rows without names of columns begin with x, y and z, in metres"
-        raise ContentError(problem, rule, "name the columns in the first line, e.g. id,x,y,z")
+        raise ContentError(problem, rule)
 
 
 def _refuse_cells(rows: Floats) -> None:
@@ -247,11 +247,12 @@ def read_pcd(path: StrPath) -> Floats:
     entries, header_lines, header_end = _parse_pcd_header(content)
     encoding = " ".join(entries["DATA"])
     if encoding == "binary_compressed":
-        hint = "convert it: pcl_convert_pcd_ascii_binary in.pcd out.pcd 1, or with open3d"
-        raise ContentError("holds compressed points", "only ascii and binary are read", hint)
+        raise ContentError(
+            "holds compressed points", "only ascii and binary are read", BRING_YOUR_FILE
+        )
     if encoding not in ("ascii", "binary"):
         problem = f"says DATA {encoding!r:.60}"
-        raise ContentError(problem, "it must be ascii or binary", "write it again")
+        raise ContentError(problem, "it must be ascii or binary")
     try:
         counts = [int(word) for word in entries.get("COUNT", ["1"] * len(entries["FIELDS"]))]
         record = _make_record(entries, counts)
@@ -259,14 +260,13 @@ def read_pcd(path: StrPath) -> Floats:
         viewpoint = [float(word) for word in entries.get("VIEWPOINT", _NO_VIEWPOINT)]
     except (TypeError, ValueError, IndexError) as error:
         rule = "fields need types F, I or U, a SIZE and a COUNT, and POINTS is their number"
-        hint = "correct the header"
-        raise ContentError(f"has a malformed header: {error}", rule, hint) from error
+        raise ContentError(f"has a malformed header: {error}", rule) from error
     fields = _find_coordinates(entries["FIELDS"], counts)
     _warn_of_sizes(path, entries["FIELDS"])
     if viewpoint != _NO_VIEWPOINT:
         warn_user(
-            f"{path}: its VIEWPOINT is not applied, as in the Point Cloud Library; if the points "
-            "are in the sensor's frame, transform them, and write VIEWPOINT 0 0 0 1 0 0 0"
+            f"{path}: its VIEWPOINT is not applied, as in the Point Cloud Library: points count as "
+            "they are"
         )
     if encoding == "binary":
         count = (len(content) - header_end) // record.itemsize
@@ -276,7 +276,7 @@ def read_pcd(path: StrPath) -> Floats:
         if excess:
             warn_user(
                 f"{path}: it has {excess} bytes after its {expected} points, which are skipped; "
-                "if its line ends were converted, all points are wrong: fetch it again"
+                "if its line ends were converted, all points are wrong"
             )
         cloud = np.frombuffer(content, record, expected, header_end)
         return np.concatenate([cloud[str(field)] for field in fields], axis=1, dtype=np.float64)
@@ -300,8 +300,7 @@ def _parse_pcd_header(content: bytes) -> tuple[dict[str, list[str]], int, int]:
         key, *values = line.partition("#")[0].split() or [""]
         if key and key not in _PCD_KEYS:
             rule = f"a PCD header has lines of {', '.join(_PCD_KEYS)}"
-            hint = "the file is damaged or of another format"
-            raise ContentError(f"line {number} is {line[:40]!r}", rule, hint)
+            raise ContentError(f"line {number} is {line[:40]!r}", rule)
         if key:
             entries["FIELDS" if key == "COLUMNS" else key] = values
         end = after
@@ -352,7 +351,7 @@ def _find_coordinates(fields: list[str], counts: list[int]) -> list[int]:
         refuse_degrees(fields)
         problem = f"has the fields {' '.join(fields)}"
         rule = "a cloud in space has x, y and z, once each, in metres"
-        raise ContentError(problem, rule, "write its points with these fields")
+        raise ContentError(problem, rule)
     return indices
 
 

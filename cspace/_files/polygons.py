@@ -229,8 +229,7 @@ def _make_face_error(polygon: Ints, what: str) -> ContentError:
     place = f"(vertices {names}{ellipsis}, counted from 0)"
     problem = f"has a face of {len(polygon)} corners {place} that {what}"
     rule = "more than three corners must lie flat, and one of them must see the whole face"
-    hint = "triangulate the faces where the file is written"
-    return ContentError(problem, rule, hint, kind=GeometryError)
+    return ContentError(problem, rule, kind=GeometryError)
 
 
 def cover_lines(corners: Ints, sizes: Ints) -> Ints:
@@ -246,8 +245,7 @@ def cover_lines(corners: Ints, sizes: Ints) -> Ints:
 def unsupported_part(what: str) -> ContentError:
     """Make the error for a file's unsupported part."""
     problem = f"has {what}, which is not read"
-    hint = "export it as plain triangles, e.g. as STL"
-    return ContentError(problem, "it would be lost", hint, kind=GeometryError)
+    return ContentError(problem, "it would be lost", kind=GeometryError)
 
 
 def read_obj(file: Path) -> Surface:
@@ -304,8 +302,7 @@ def _read_lines(file: Path) -> list[bytes]:
     if b"#" in data:
         lines = [line.partition(b"#")[0] for line in lines]
     if b"\\" in data and any(line.rstrip().endswith(b"\\") for line in lines):
-        hint = "write it again with whole lines, e.g. with trimesh"
-        raise ContentError("has a line that ends with a backslash", "it would be split", hint)
+        raise ContentError("has a line that ends with a backslash", "it would be split")
     return lines
 
 
@@ -324,9 +321,7 @@ def _parse_vertices(points: list[list[bytes]]) -> Floats:
         return parse_numbers(words, float).reshape(-1, 3)
     except ValueError as error:
         rule = "x, y and z must be numbers, with decimal points"
-        raise ContentError(
-            f"has a vertex that is none ({error!s:.80})", rule, "correct it"
-        ) from error
+        raise ContentError(f"has a vertex that is none ({error!s:.80})", rule) from error
 
 
 def _parse_indices(corners: list[bytes], before: Ints) -> Ints:
@@ -414,12 +409,12 @@ def read_ply(path: StrPath) -> tuple[Floats, Ints, Ints]:
     if not {"x", "y", "z"} <= set(columns):
         refuse_degrees(columns)
         problem = f"has vertices with {', '.join(columns)}"
-        raise ContentError(problem, "they need x, y and z, in metres", "rename its properties")
+        raise ContentError(problem, "they need x, y and z, in metres")
     lists = [name for name, is_list in header.properties.get("face", []) if is_list]
     names = [name for name in lists if name in _CORNER_LISTS]
     if header.faces and len(names) != 1:
         rule = f"the corners of faces are one list named {' or '.join(_CORNER_LISTS)}"
-        raise ContentError(f"has faces with {names or lists}", rule, "rename its properties")
+        raise ContentError(f"has faces with {names or lists}", rule)
     if header.is_text:
         return _read_ply_text(content[header.end :], header)
     if not header.vertices:
@@ -525,8 +520,7 @@ def _check_ply_elements(counts: dict[str, int]) -> None:
 def _make_ply_header_error() -> ContentError:
     """Return the error for a header that is not one of PLY."""
     rule = "it must go from 'ply' and 'format' to 'end_header', with 'element vertex' once"
-    hint = "the file is truncated or of another format; fetch it again"
-    return ContentError("has no whole PLY header", rule, hint)
+    return ContentError("has no whole PLY header", rule)
 
 
 def _read_corners(data: Any, name: str, lists: list[str]) -> tuple[Ints, Ints]:
@@ -540,6 +534,6 @@ def _read_corners(data: Any, name: str, lists: list[str]) -> tuple[Ints, Ints]:
         if (lengths != lengths[0]).any():
             problem = "has faces of different numbers of corners"
             rule = "those of a binary file must have equally many"
-            raise ContentError(problem, rule, "write it as text, or with triangles only")
+            raise ContentError(problem, rule)
     corners = np.asarray(data[name]["f1"], dtype=np.int64).reshape(-1)
     return corners, data[name]["f0"].astype(np.int64).reshape(-1)

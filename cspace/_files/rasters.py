@@ -8,6 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from cspace._files.access import BRING_YOUR_FILE
 from cspace._files.crs import check_crs
 from cspace._files.fields import Fields, Ledger
 from cspace._support.arrays import Floats
@@ -78,8 +79,7 @@ def place_raster(array: Any, spacing: float, name: str = "occupied") -> tuple[An
         attributes.taken.add("units")
     attributes.close(attributes.where)
     if hasattr(array, "iloc") or hasattr(array, "data_vars"):
-        hint = "pass one array, indexed by ascending x and y"
-        raise InputError(name, f"is a {type(array).__name__}", "its labels are not read", hint)
+        raise InputError(name, f"is a {type(array).__name__}", "its labels are not read")
     array = _drop_other_dimensions(array)
     if hasattr(array, "ncattrs"):  # a variable of netCDF4, whose values are masked
         check_dims(array, name)
@@ -138,7 +138,6 @@ def _refuse_another_place(array: Any, coordinates: Any, attributes: list[str], n
             name,
             f"has its place in {', '.join(places):.80}",
             "each dimension needs coordinates, the centers of its cells in metres",
-            "open it with its coordinates, or pass its values with ascending x and y, and lower=",
         )
 
 
@@ -156,12 +155,13 @@ def _check_steps(values: Any, centers: Floats, spacing: float, label: str) -> No
             label,
             f"is float32, which rounds its coordinates by up to {rounding:.2g} m",
             f"they must be the spacing, {spacing:g} m, apart",
-            "compute it in float64, e.g. x0 + spacing * np.arange(n)",
         )
     steps = np.diff(centers)
     low, high = (tell_apart(step, spacing)[0] for step in (steps.min(), steps.max()))
     problem = f"has steps from {low} to {high} m"
-    hint = f"pass spacing={np.median(steps):.6g}, or interpolate the array"
+    median = float(np.median(steps))
+    is_even = np.abs(steps - median).max() <= _MAX_STEP_ERROR * median
+    hint = f"pass spacing={median:.6g}" if is_even else ""
     raise InputError(label, problem, f"they must be the spacing, {spacing:g} m", hint)
 
 
@@ -183,18 +183,11 @@ def _check_axis(coordinate: Any, axis: str, label: str) -> None:
     if not is_decoded:
         raise _make_coded_error(label)
     if own_axis.lower() not in ("", axis):
-        hint = "rename or transpose the array"
-        raise InputError(label, f"says that it is {own_axis}", "names must agree", hint)
+        raise InputError(label, f"says that it is {own_axis}", "names must agree")
     if positive.lower() == "down" or name == "depth":
-        hint = f"turn it, e.g. array.assign_coords({axis}=-array.{axis}.values)"
-        raise InputError(label, "is positive downwards", "z must point up", hint)
+        raise InputError(label, "is positive downwards", "z must point up")
     if units not in _METRES:
-        hint = f"scale it, e.g. array.assign_coords({axis}=0.01 * array.{axis}.values) for cm"
-        if units.startswith("k"):
-            hint = f"scale it, e.g. array.assign_coords({axis}=1000 * array.{axis}.values)"
-        if units.startswith("deg"):
-            hint = "project it, e.g. by array.rio.reproject of rioxarray"
-        raise InputError(label, f"is in {units!r:.40}", "it must be in metres", hint)
+        raise InputError(label, f"is in {units!r:.40}", "it must be in metres", BRING_YOUR_FILE)
 
 
 def _is_decoded(attributes: Ledger) -> bool:
@@ -241,5 +234,4 @@ def _check_meaning(array: Any, attributes: Ledger, name: str) -> None:
 def _make_coded_error(name: str) -> InputError:
     """Return the error for numbers that stand for others."""
     problem = "has scale_factor, add_offset or _FillValue"
-    hint = "decode its dataset with xarray.decode_cf, or delete the attribute"
-    return InputError(name, problem, "then its numbers stand for others", hint)
+    return InputError(name, problem, "then its numbers stand for others")

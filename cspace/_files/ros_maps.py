@@ -140,7 +140,7 @@ def read_ros_map(path: StrPath, unknown: str = "occupied") -> tuple[MapInfo, Boo
     if image.is_lossy:  # whatever the caller takes unknown cells for
         warn_user(
             f"{path}: its image is a JPEG, which changes shades, so that walls and unknown cells "
-            "may be lost; save the map as PGM or PNG"
+            "may be lost"
         )
     free, occupied = _classify_pixels(header, image, unknown == "occupied")
     return header.info, free, occupied
@@ -194,8 +194,7 @@ def _read_header(path: StrPath) -> _MapHeader:
         resolution = header.number("resolution", lowest=1.0 / _MAX_METRES, highest=_MAX_METRES)
         origin = header.need("origin")
         if not isinstance(origin, list) or len(origin) != 3:
-            hint = "write e.g. 'origin: [0.0, 0.0, 0.0]'"
-            raise header.fail(f"has the origin {origin!r:.60}", "it must be x, y and yaw", hint)
+            raise header.fail(f"has the origin {origin!r:.60}", "it must be x, y and yaw")
         x, y, yaw = (
             header.check_number(f"origin[{index}]", value, -_MAX_METRES, _MAX_METRES)
             for index, value in enumerate(origin)
@@ -204,18 +203,17 @@ def _read_header(path: StrPath) -> _MapHeader:
         header.refuse("mode", *MODES, rule=f"it must be one of {', '.join(MODES)}")
         mode = header.get("mode", MODES[0])
         negate = header.need("negate")
-        hint = "write 'negate: 0' if dark pixels are obstacles"
-        header.refuse("negate", 0, 1, rule="it must be 0 or 1", hint=hint)
+        header.refuse("negate", 0, 1, rule="it must be 0 or 1: 0 if dark pixels are obstacles")
         if negate and mode == "raw":
             rule = "ROS 1 and ROS 2 disagree on its effect"
-            raise header.fail("has negate 1 in raw mode", rule, "remove it")
+            raise header.fail("has negate 1 in raw mode", rule)
         high, low = (
             header.number(key, lowest=0.0, highest=1.0)
             for key in ("occupied_thresh", "free_thresh")
         )
         if low >= high:
             problem = f"has free_thresh {low} and occupied_thresh {high}"
-            raise header.fail(problem, "the first must be below the second", "exchange them")
+            raise header.fail(problem, "the first must be below the second")
     info = MapInfo(source, resolution, (x, y), yaw)
     return _MapHeader(info, image, mode, bool(negate), high, low)
 
@@ -224,8 +222,7 @@ def _find_image(header: Ledger, path: pathlib.Path) -> pathlib.Path:
     """Return the image's path; warn if it lies outside the folder."""
     name = header.need("image")
     if not isinstance(name, str) or not name or "\0" in name:
-        hint = "write e.g. 'image: map.pgm'"
-        raise header.fail(f"has the image {name!r:.60}", "it must be a file name", hint)
+        raise header.fail(f"has the image {name!r:.60}", "it must be a file name")
     file = path.parent / name
     if not file.resolve().is_relative_to(path.parent.resolve()):
         warn_user(f"{path}: image is {name!r}, which lies outside the folder of the map")
@@ -267,20 +264,18 @@ def _find_doubtful_levels(
     unknown: Bools = shades == UNKNOWN_SHADE
     doubtful: Bools = free_levels & unknown
     name = "of grey 205"
-    hint = "write free_thresh: 0.196"
     if image.is_lossy or (header.mode == MODES[0] and image.select(unknown).any()):
         # Shade halfway between those that map savers write for unknown and for free cells.
         blurred = free_levels & (shades < (205 + 254) / 2 / 255)
         if image.select(blurred & ~unknown).any():
             doubtful = blurred
             name = "of grey 205 or near it"
-            hint = "save the map in its own size, as PGM or PNG"
     count = np.count_nonzero(image.select(doubtful) & image.opaque)
     if count and warn:
         warn_user(
             f"{header.info.source}: {count:,} cells are {name}, which map savers write for unknown "
-            f"ones, but lie below free_thresh: {header.free_thresh:g}; they count as unknown: "
-            f"{hint}, or pass unknown='free'"
+            f"ones, but lie below free_thresh: {header.free_thresh:g}; they count as unknown, "
+            "unless you pass unknown='free'"
         )
     return doubtful
 
@@ -457,8 +452,7 @@ def read_occupancy_grid(
     if not low < high <= 1.0:
         problem = f"is {low:g} and occupied_thresh is {high:g}"
         rule = "free_thresh must be below occupied_thresh, both from 0 to 1"
-        hint = "pass e.g. 0.25 and 0.65"
-        raise InputError("free_thresh", problem, rule, hint)
+        raise InputError("free_thresh", problem, rule)
     with reading(msg, "occupancy grid", "msg", FIELDS[1]) as (_, grid):
         if "metadata" in grid.fields:
             rule = "its data are costs; those of an OccupancyGrid are per cent"
@@ -475,14 +469,11 @@ def read_occupancy_grid(
     others = np.count_nonzero(~is_known & (percent != -1))
     if others:
         warn_user(
-            f"msg.data: {others:,} values are beyond -1 to 100 and count as unknown; for the costs "
-            "of a Costmap, pass e.g. np.where(costs >= 253, 100, 0)"
+            f"msg.data: {others:,} values are beyond -1 to 100 and count as unknown; they are "
+            "per cent"
         )
     if percent.max() == 1:
-        warn_user(
-            "msg.data: no value is above 1 per cent, so all cells are free or unknown; write 100 "
-            "for occupied cells, e.g. 100 * data"
-        )
+        warn_user("msg.data: no value is above 1 per cent, so all cells are free or unknown")
     free = is_known & (percent / 100.0 < low)
     occupied = is_known & (percent / 100.0 >= high)
     single = np.float32(resolution)
@@ -533,7 +524,7 @@ def update_occupancy_grid(msg: object, update: object) -> None:
         if window.shape != values.shape:
             problem = f"has {values.shape[1]} x {len(values)} cells from ({x}, {y}) on"
             rule = f"they must lie in the grid of {cells.shape[1]} x {len(cells)}"
-            raise box.fail(problem, rule, "wait for the whole new map")
+            raise box.fail(problem, rule)
     window[...] = values
     data = array("b", cells.tobytes())
     whole: Any = msg
@@ -544,7 +535,7 @@ def update_occupancy_grid(msg: object, update: object) -> None:
         whole.data = data
     except AttributeError as error:
         rule = "its data are replaced"
-        raise InputError("msg", "cannot be written to", rule, "pass dict(msg)") from error
+        raise InputError("msg", "cannot be written to", rule) from error
 
 
 def _read_rows(grid: Ledger, size: Ledger) -> NDArray[Any]:
@@ -558,8 +549,7 @@ def _read_rows(grid: Ledger, size: Ledger) -> NDArray[Any]:
         with suppress(ValueError):
             data = base64.b64decode(data, validate=True)
     if isinstance(data, str):
-        hint = "write the whole message, with ros2 topic echo --full-length"
-        raise grid.fail(f"has the data {data!r:.60}", "they must be a list of numbers", hint)
+        raise grid.fail(f"has the data {data!r:.60}", "they must be a whole list of numbers")
     if isinstance(data, bytes):
         data = np.frombuffer(data, dtype=np.int8)
     if isinstance(data, list) and data:
@@ -568,7 +558,7 @@ def _read_rows(grid: Ledger, size: Ledger) -> NDArray[Any]:
     if values.shape != (width * height,) or values.dtype.kind not in "iu":
         problem = f"has data of shape {values.shape} and type {values.dtype}"
         rule = f"it must have width x height = {width} x {height} whole numbers, from -1 to 100"
-        raise grid.fail(problem, rule, "pass the whole message")
+        raise grid.fail(problem, rule)
     return values.reshape(height, width)
 
 
@@ -590,7 +580,7 @@ def check_frame(message: Ledger, frame_id: str) -> None:
     if frame != frame_id.lstrip("/"):
         rule = f"it must be {frame_id!r}, the frame of the map"
         place = f"{message.where}.header.frame_id"
-        raise InputError(place, f"is {frame!r}", rule, "transform it with tf2")
+        raise InputError(place, f"is {frame!r}", rule)
 
 
 def read_pose(msg: object, frame_id: str) -> tuple[list[float], list[float]]:
@@ -613,8 +603,7 @@ def _read_turn(orientation: Ledger) -> list[float]:
     # Deviation of a quaternion's norm from 1 that passes as rounding.
     if abs(math.hypot(x, y, z, w) - 1.0) > 1e-3:
         problem = f"is ({x:g}, {y:g}, {z:g}, {w:g}), which is no unit quaternion"
-        hint = "set z to sin(yaw / 2) and w to cos(yaw / 2)"
-        raise orientation.fail(problem, "its norm must be 1", hint)
+        raise orientation.fail(problem, "its norm must be 1")
     return turn
 
 
@@ -630,7 +619,7 @@ def _read_yaw(orientation: Ledger) -> float:
     if max(abs(x), abs(y)) > 1e-6:
         rule = "a map must lie flat, turned about z only"
         problem = f"is ({x:g}, {y:g}, {z:g}, {w:g}), which is tilted"
-        raise orientation.fail(problem, rule, "publish it in a frame whose z points up")
+        raise orientation.fail(problem, rule)
     _read_turn(orientation)
     return 2.0 * math.atan2(z, w)  # a quaternion has half the angle
 
@@ -664,14 +653,13 @@ def parse_footprint(footprint: str | ArrayLike, name: str = "footprint") -> Floa
     """
     rule = "it must be at least three points, each of x and y in metres"
     problem = f"is {footprint!r:.80}"
-    hint = "write e.g. [[0.3, 0.2], [0.3, -0.2], [-0.3, 0]]"
     try:
         rows = ast.literal_eval(footprint.strip()) if isinstance(footprint, str) else footprint
         corners = check_finite(rows, name, AXES[:2])
     except (ValueError, TypeError, SyntaxError, MemoryError, RecursionError) as error:
-        raise GeometryError(name, problem, rule, hint) from error
+        raise GeometryError(name, problem, rule) from error
     if corners.ndim != 2 or corners.shape[1] != 2 or len(corners) < 3:
-        raise GeometryError(name, problem, rule, hint)
+        raise GeometryError(name, problem, rule)
     return corners
 
 
@@ -691,8 +679,7 @@ def read_nav2(path: StrPath, costmap: str | None) -> CostmapRobot:
         if not tables:
             problem = "holds neither footprint nor robot_radius"
             rule = "a costmap has one of them"
-            hint = "write e.g. 'robot_radius: 0.22' in its local_costmap and global_costmap"
-            raise FileError(file, problem, rule, hint)
+            raise FileError(file, problem, rule)
         robots = {
             name: _parse_robot(document.inner(table, f"{file}: {name or 'the file'}", name))
             for name, table in tables.items()
@@ -700,7 +687,7 @@ def read_nav2(path: StrPath, costmap: str | None) -> CostmapRobot:
         }
     if not robots:
         rule = f"it has {', '.join(tables)}"
-        raise FileError(file, f"has no costmap {costmap!r}", rule, "name one of these")
+        raise FileError(file, f"has no costmap {costmap!r}", rule)
     # Costmaps may agree; then it does not matter which one is taken.
     name, robot = next(iter(robots.items()))
     if len(set(robots.values())) > 1:

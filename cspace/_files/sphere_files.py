@@ -71,17 +71,16 @@ def read_spheres(path: str | os.PathLike[str]) -> dict[str, list[Sphere]]:
         # A description of a robot for cuRobo has the spheres two levels down.
         for key in ("robot_cfg", "kinematics", "collision_spheres"):
             rule = "a table of links and their spheres is read"
-            table.refuse("format", rule=rule, hint="write the spheres of its geometry so")
-            hint = "add it to the radii, and remove it"
+            table.refuse("format", rule=rule)
             rule = "it enlarges the spheres, and is not read"
-            table.refuse("collision_sphere_buffer", 0, rule=rule, hint=hint)
+            table.refuse("collision_sphere_buffer", 0, rule=rule)
             if key in table.fields:
                 table = _open_links(table, key)
         table.skip()
         lowest = 0.0 if suffix in (".srdf", ".json") else -math.inf
         links = {name: _read_link(table, name, lowest) for name in table.fields}
         if not links:
-            raise table.fail("has no spheres", "it must have those of one link", "add some")
+            raise table.fail("has no spheres", "it must have those of one link")
     document.close(os.fspath(path))
     enabled = {name: [each for each in links[name] if each[1] > 0.0] for name in links}
     disabled = sum(len(links[name]) - len(enabled[name]) for name in links)
@@ -100,8 +99,7 @@ def _open_links(table: Ledger, key: str) -> Ledger:
     if isinstance(value, str):
         raise table.fail(f"has {key} {value!r:.60}", rule, "pass spheres= with that file")
     if isinstance(value, list):
-        hint = "write each entry without its dash, as 'link: [...]'"
-        raise table.fail(f"has a list as {key}", rule, hint)
+        raise table.fail(f"has a list as {key}", rule)
     return table.child(key)
 
 
@@ -130,7 +128,7 @@ def _read_link(table: Ledger, name: str, lowest: float) -> list[Sphere]:
     link = table.inner({"spheres": entry} if isinstance(entry, list) else entry, f"link {name!r}")
     spheres = [_read_sphere(sphere, lowest) for sphere in link.children("spheres", "sphere")]
     if not spheres:
-        raise link.fail("has no spheres", "it must have some", "add them, or remove the link")
+        raise link.fail("has no spheres", "it must have some")
     return spheres
 
 
@@ -143,7 +141,7 @@ def _read_sphere(sphere: Ledger, lowest: float) -> Sphere:
     if len(center) != 3 or radius == 0.0:
         problem = f"has the {key} {center} and the radius {radius:g}"
         rule = "a center is three numbers, and a radius one above zero"
-        raise sphere.fail(problem, rule, "correct that sphere")
+        raise sphere.fail(problem, rule)
     return center, radius
 
 

@@ -9,6 +9,7 @@ from typing import Final
 
 import numpy as np
 
+from cspace._files.access import BRING_YOUR_FILE
 from cspace._support.arrays import Floats, StrPath
 from cspace._support.reporting import format_sides, warn_user
 from cspace.errors import UnitWarning
@@ -46,17 +47,17 @@ def warn_of_unit(path: StrPath) -> None:
         warn_of_units(os.fspath(path), note[1].decode("latin-1"))
 
 
-def warn_of_size(place: str, points: Floats, advice: str) -> None:
+def warn_of_size(place: str, points: Floats) -> None:
     """Warn of a robot's part too large for metres.
 
-    ``points``, shape (n, 3), are its corners; ``advice`` is for one in millimetres.
+    ``points``, shape (n, 3), are its corners.
     """
     sides = np.ptp(points, axis=0)
     # Largest side, metres, of a part of a robot whose unit is not suspected.
     if sides.max() > 20.0:
         warn_user(
-            f"{place} is {format_sides(sides)} large; check its unit (metres): if it is in "
-            f"millimetres, {advice}",
+            f"{place} is {format_sides(sides)} large; units are metres, and a thousandth would be "
+            f"{format_sides(sides / 1000.0)}",
             UnitWarning,
         )
 
@@ -76,7 +77,6 @@ def warn_of_scale(place: str, points: Floats, factors: Floats) -> None:
 def warn_of_units(name: str, units: str) -> None:
     """Warn that coordinates in other units count as metres."""
     warn_user(
-        f"{name}: says {units!r}, and its coordinates are taken as metres; scale it first, e.g. "
-        "from millimetres a mesh of trimesh by apply_scale(0.001), and points by 0.001 * points",
+        f"{name}: says {units!r}, and its coordinates are taken as metres; {BRING_YOUR_FILE}",
         UnitWarning,
     )

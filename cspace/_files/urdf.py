@@ -21,7 +21,7 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from cspace._files.access import MJCF_HINT, SDF_HINT, ContentError, decoding, read_bytes
+from cspace._files.access import BRING_YOUR_FILE, ContentError, decoding, read_bytes
 from cspace._files.fields import Fields, open_elements
 from cspace._files.plain import check_distinct, check_expanded, parse_finite, parse_xml
 from cspace._files.sphere_files import read_spheres, replace_geometry
@@ -238,7 +238,7 @@ def _shorten_mimic_chains(urdf: URDF) -> None:
     except CycleError as error:
         _, (name, *_) = error.args  # the message, and the joints of the loop
         problem = f"has the joint {name!r}, which mimics itself"
-        raise ContentError(problem, "it must mimic another joint", "remove <mimic>") from error
+        raise ContentError(problem, "it must mimic another joint") from error
     for name in order:  # leaders come first
         mimic = mimics.get(name)
         leader = mimics.get(mimic.joint) if mimic is not None else None
@@ -316,7 +316,7 @@ def _parse_robot(data: bytes, kind: str) -> Element:
     root = parse_xml(data)
     if root.tag != "robot":
         problem = f"holds <{root.tag:.60}>, not <robot>"
-        hint = {"sdf": SDF_HINT, "mujoco": MJCF_HINT}.get(root.tag, "pass the right file")
+        hint = BRING_YOUR_FILE if root.tag in ("sdf", "mujoco") else ""
         raise ContentError(problem, f"{kind} files describe a robot", hint)
     check_expanded(root)
     return root
@@ -331,7 +331,7 @@ def _check_robot(root: Element) -> tuple[_Places, _Places]:
     speeds: _Places = []
     names = _read_names(root, "link")
     if not names:
-        raise ContentError("has no <link>", "a robot needs one", "pass the right file")
+        raise ContentError("has no <link>", "a robot needs one")
     for kind in ("link", "joint"):
         check_distinct(_read_names(root, kind), f" as a {kind}")
         for element in root.findall(kind):
@@ -353,7 +353,7 @@ def _check_single_parts(root: Element) -> None:
         for tag in _SINGLE_PARTS:
             if counts[tag] > 1:
                 problem = f"has {counts[tag]} <{tag}> in a <{element.tag}>"
-                raise ContentError(problem, "only one would be read", "split it, or remove one")
+                raise ContentError(problem, "only one would be read")
 
 
 def _read_names(root: Element, kind: str) -> list[str]:
@@ -376,19 +376,17 @@ def _find_parents(root: Element, links: set[str]) -> dict[str, str]:
             raise ContentError(
                 f"joins {parent!r} to {child!r} by the joint {name!r}",
                 "both must be links of the robot",
-                "correct the names",
             )
         axis = _read_attribute(joint, "axis", "xyz") or "1 0 0"
         length = np.linalg.norm([float(word) for word in axis.split()])
         if joint.get("type") != "fixed" and length == 0.0:
             raise ContentError(
-                f"has the axis {axis!r} at the joint {name!r}", "it must not be zero", "correct it"
+                f"has the axis {axis!r} at the joint {name!r}", "it must not be zero"
             )
         if child in parents:
             raise ContentError(
                 f"joins {child!r} to {parents[child]!r} and {parent!r}",
                 "a link has one parent",
-                "remove a joint",
             )
         parents[child] = parent
     return parents
@@ -407,11 +405,11 @@ def _check_tree(names: list[str], parents: dict[str, str]) -> None:
     except CycleError as error:
         _, (link, *_) = error.args  # the message, and the links of the loop
         problem = f"joins {link!r} in a loop of joints"
-        raise ContentError(problem, "links must form a tree", "remove a joint") from error
+        raise ContentError(problem, "links must form a tree") from error
     roots = [name for name in names if name not in parents]
     if len(roots) != 1:
         problem = f"has these links without a parent: {', '.join(roots)}"
-        raise ContentError(problem, "there must be one root", "join the others")
+        raise ContentError(problem, "there must be one root")
 
 
 def _check_numbers(element: Element, place: str) -> list[tuple[str, str, float]]:
@@ -427,7 +425,7 @@ def _check_numbers(element: Element, place: str) -> list[tuple[str, str, float]]
     for member in element.iter():
         if member.tag == "origin" and not member.attrib.keys() <= {"xyz", "rpy"}:
             problem = f"has an origin with {', '.join(member.attrib)} at {place}"
-            raise ContentError(problem, "only xyz and rpy are read", "write the rotation as rpy")
+            raise ContentError(problem, "only xyz and rpy are read")
         for name, count in _NUMBERS_PER_ATTRIBUTE.get(str(member.tag), {}).items():
             text = member.get(name)
             if text is None:
@@ -437,8 +435,7 @@ def _check_numbers(element: Element, place: str) -> list[tuple[str, str, float]]
             is_scalar = name == "scale" and len(numbers) == 1
             if len(numbers) != count and not is_scalar:
                 rule = "one finite number" if count == 1 else f"{count} finite numbers"
-                hint = "write numbers, separated by blanks"
-                raise ContentError(f"has {attribute}", f"it must be {rule}", hint)
+                raise ContentError(f"has {attribute}", f"it must be {rule}")
             if name in angle_names:
                 where = f"{name} at the {member.tag} of {place}"
                 angles.append((name, where, max(numbers, key=abs)))
@@ -457,13 +454,12 @@ def _check_geometry(geometry: Element | None, place: str) -> None:
         raise ContentError(
             f"has {kinds} as the geometry of {place}",
             f"it must be one of {', '.join(GEOMETRIES)}",
-            "correct it",
         )
     shape = shapes[0]
     for name in GEOMETRIES[shape.tag]:
         if name not in shape.attrib:
             problem = f"lacks the {name} of the {shape.tag} of {place}"
-            raise ContentError(problem, "it must be there", "add it")
+            raise ContentError(problem, "it must be there")
 
 
 def root_link(urdf: URDF) -> str:
@@ -547,7 +543,6 @@ def package_folders(package_dirs: PackageDirs) -> list[Path]:
             "package_dirs",
             f"is {package_dirs!r}",
             "it must be a folder, or a list of folders",
-            "pass paths",
         ) from error
     for folder in folders:
         if not os.path.isdir(folder):  # noqa: PTH112 - Path.is_dir raises OSError for some names
@@ -555,7 +550,6 @@ def package_folders(package_dirs: PackageDirs) -> list[Path]:
                 "package_dirs",
                 f"names {folder}",
                 "each must be an existing folder that holds the folders of packages",
-                "correct its name",
             )
     return folders
 
@@ -769,7 +763,7 @@ class _Reader:
         except CycleError as error:
             _, (name, *_) = error.args  # the message, and the groups of the loop
             problem = f"has the group {name!r} within itself"
-            raise ContentError(problem, "subgroups must end", "remove one of them") from error
+            raise ContentError(problem, "subgroups must end") from error
         return {name: joints[name] for name in groups}
 
     def _collect_joints(self, group: Element, inner: Mapping[str, set[str]]) -> set[str]:
@@ -821,7 +815,7 @@ class _Reader:
                 continue
             if name in states:
                 problem = f"has the state {name!r} twice"
-                raise ContentError(problem, "only the last would count", "rename or remove one")
+                raise ContentError(problem, "only the last would count")
             moving = [joint for joint in values if self._joint_types.get(joint) in _MOVING_TYPES]
             states[name] = {joint: _parse_value(values[joint], name, joint) for joint in moving}
             for joint, value in states[name].items():
@@ -851,7 +845,6 @@ def _parse_value(text: str, state: str, joint: str) -> float:
         raise ContentError(
             f"has {joint} at {text!r} in the state {state!r}",
             "it must be one finite number",
-            "correct it",
         )
     return numbers[0]
 
@@ -863,7 +856,7 @@ def _get_attribute(element: Element, key: str) -> str:
     """
     value = element.get(key)
     if value is None:
-        raise ContentError(f"has a <{element.tag}> without {key}", "it must be there", "add it")
+        raise ContentError(f"has a <{element.tag}> without {key}", "it must be there")
     return value
 
 

@@ -120,8 +120,7 @@ def _iterate_geometries(source: Any, name: str) -> Iterator[tuple[str, BaseGeome
             yield from _iterate_geometries(item, f"{name}[{index}]")
     else:
         rule = "it must be a shapely geometry, GeoJSON, WKT or a file of them"
-        hint = "pass e.g. shapely.box(0, 0, 1, 1)"
-        raise InputError(name, f"is {source!r:.60}", rule, hint)
+        raise InputError(name, f"is {source!r:.60}", rule)
 
 
 def _read_text_geometries(source: StrPath, name: str) -> Iterator[tuple[str, BaseGeometry]]:
@@ -135,13 +134,13 @@ def _read_text_geometries(source: StrPath, name: str) -> Iterator[tuple[str, Bas
         document = read_json(source, _POLYGONS_KIND, each_list=_BYTES_PER_POINT)
         if not isinstance(document, dict):
             problem = f"holds a JSON {type(document).__name__}"
-            raise FileError(file, problem, "GeoJSON is an object", "write e.g. {'type': ...}")
+            raise FileError(file, problem, "GeoJSON is an object")
         yield from _read_geojson(document, file)
     elif isinstance(source, str) and is_wkt(source):
         yield name, _parse_wkt(source, name)
     else:
         rule = f"a string must be WKT or a file that ends in {', '.join(POLYGON_SUFFIXES)}"
-        raise InputError(name, f"is {file[:60]!r}", rule, "pass e.g. 'POINT (1 2)'")
+        raise InputError(name, f"is {file[:60]!r}", rule)
 
 
 def _read_wkt_file(file: str) -> Iterator[tuple[str, BaseGeometry]]:
@@ -153,7 +152,7 @@ def _read_wkt_file(file: str) -> Iterator[tuple[str, BaseGeometry]]:
     check_file_memory(file, f"holds {points:,} points", _BYTES_PER_POINT * points)
     if not is_wkt(text):
         problem = f"begins with {text[:40]!r}"
-        raise FileError(file, problem, "it must hold WKT", "write e.g. 'POINT (1 2)'")
+        raise FileError(file, problem, "it must hold WKT")
     lines = [line for line in text.split("\n") if line.strip()]
     if not all(map(is_wkt, lines)):  # a geometry of several lines
         lines = [text]
@@ -173,10 +172,9 @@ def _parse_wkt(text: str, name: str) -> BaseGeometry:
     """
     import shapely
 
-    hint = f"correct {text[:60]!r}"
     if "\0" in text:  # the parser would stop there silently
         problem = "is not WKT: it holds a NUL character"
-        raise GeometryError(name, problem, "it must be text", hint)
+        raise GeometryError(name, problem, "it must be text")
     try:
         with decoding(name, "WKT geometry"):
             check_nesting(text, "(", ")")
@@ -190,7 +188,7 @@ def _parse_wkt(text: str, name: str) -> BaseGeometry:
         raise make_curve_error(name) from error
     except (shapely.errors.ShapelyError, ValueError) as error:
         problem = f"is not WKT: {' '.join(str(error).split())}"
-        raise GeometryError(name, problem, "it must be whole", hint) from error
+        raise GeometryError(name, problem, "it must be whole") from error
 
 
 def _read_geojson(document: Mapping[str, Any], name: str) -> Iterator[tuple[str, BaseGeometry]]:
@@ -226,7 +224,7 @@ def _parse_geojson(part: Ledger) -> Iterator[tuple[str, BaseGeometry]]:
         members = part.get(field)
         if not isinstance(members, list | tuple):
             problem = f"has {field} {members!r:.60}"
-            raise GeometryError(name, problem, "they must be a list", "correct it")
+            raise GeometryError(name, problem, "they must be a list")
         for index, member in enumerate(members):
             yield from _parse_geojson(_open_part(member, f"{name}, {member_name} {index}", part))
     elif kind == "Feature":
@@ -239,7 +237,7 @@ def _parse_geojson(part: Ledger) -> Iterator[tuple[str, BaseGeometry]]:
     elif not isinstance(kind, str):
         fields = ", ".join(map(str, part.fields)) or "nothing"
         rule = "GeoJSON has 'type' and 'coordinates', as RFC 7946 says"
-        raise GeometryError(name, f"has no type, only {fields:.100}", rule, "convert it to GeoJSON")
+        raise GeometryError(name, f"has no type, only {fields:.100}", rule)
     elif "coordinates" not in part.fields:
         rule = "GeoJSON has geometries, features and collections of them, as RFC 7946 says"
         raise GeometryError(name, f"is of type {kind!r:.40}, without coordinates", rule, "")
@@ -251,7 +249,7 @@ def _parse_geojson(part: Ledger) -> Iterator[tuple[str, BaseGeometry]]:
         except Exception as error:  # shapely raises anything for coordinates that are no numbers
             problem = f"of type {kind!r:.40} is not GeoJSON: {' '.join(str(error).split()):.200}"
             rule = "it must hold 'type' and 'coordinates' as RFC 7946 says"
-            raise GeometryError(name, problem, rule, "correct it") from error
+            raise GeometryError(name, problem, rule) from error
         yield name, geometry
 
 
@@ -263,7 +261,6 @@ def _check_frame(part: Ledger) -> None:
             name,
             "has a place, the geometry of JSON-FG in its own coordinates",
             "only geometry is read",
-            "write it as the geometry, with its coordRefSys",
         )
     systems = part.get("coordRefSys", [])
     for system in systems if isinstance(systems, list) else [systems]:
@@ -277,7 +274,6 @@ def _check_frame(part: Ledger) -> None:
 def _open_part(document: Any, name: str, whole: Ledger | None = None) -> Ledger:
     """Return the ledger of a document, feature or geometry."""
     if not isinstance(document, Mapping):
-        hint = "remove or correct the feature"
         problem = f"has geometry {document!r:.60}"
-        raise GeometryError(name, problem, "an obstacle needs one", hint)
+        raise GeometryError(name, problem, "an obstacle needs one")
     return Ledger(document, name, FIELDS[0], document=whole.document if whole else None)

@@ -50,8 +50,6 @@ _ZSTD: Final[dict[str, Any]] = {
 
 _ARRAY_KIND: Final = "Zarr array"
 _ARRAY_RULE: Final = "it must be a folder with one array of booleans, and not a saved map"
-_ARRAY_HINT: Final = "write it with zarr.create_array"
-_CODEC_HINT: Final = "write it with zarr's default codecs, or open it with zarr and pass the array"
 
 
 @dataclass(frozen=True)
@@ -94,12 +92,12 @@ class Layout:
         """
         # Its kind, then the type of its entries, then its shape and chunks.
         if (metadata["zarr_format"], metadata.get("node_type")) != (3, "array"):
-            raise ContentError("holds no array", _ARRAY_RULE, _ARRAY_HINT)
+            raise ContentError("holds no array", _ARRAY_RULE)
         codecs = _check_codecs(metadata)
         data_type = str(metadata["data_type"])
         if not re.fullmatch(r"bool|u?int(8|16|32|64)|float(32|64)", data_type):
             problem = f"has entries of type {data_type:.40}"
-            raise ContentError(problem, "cells are booleans", "write array.astype(bool)")
+            raise ContentError(problem, "cells are booleans")
         dtype = np.dtype(data_type).newbyteorder("<")
         shape = _check_counts(metadata["shape"])
         chunks = _check_counts(metadata["chunk_grid"]["configuration"]["chunk_shape"])
@@ -111,7 +109,7 @@ class Layout:
         if layout.chunk_bytes > MAX_CHUNK_BYTES:
             problem = f"has chunks of {bytes_text(layout.chunk_bytes)}"
             rule = f"a chunk may unpack to at most {bytes_text(MAX_CHUNK_BYTES)}"
-            raise ContentError(problem, rule, "write smaller chunks")
+            raise ContentError(problem, rule)
         return layout
 
     @property
@@ -220,20 +218,19 @@ def _check_codecs(metadata: Any) -> list[str]:
     separator = keys.get("configuration", {}).get("separator", "/")
     rule = "chunks may use bytes, then zstd; they must be regular, and named with a slash"
     if names not in (["bytes"], ["bytes", "zstd"]) or endian != "little":
-        raise ContentError(f"is encoded with {', '.join(names):.80}", rule, _CODEC_HINT)
+        raise ContentError(f"is encoded with {', '.join(names):.80}", rule)
     if (keys["name"], separator) != ("default", "/") or metadata["chunk_grid"]["name"] != "regular":
-        raise ContentError("has other chunks than zarr's default", rule, _CODEC_HINT)
+        raise ContentError("has other chunks than zarr's default", rule)
     return names
 
 
 def missing_chunk(name: str) -> ContentError:
     """Return the error for an array that lacks one or more chunks."""
-    hint = (
-        "copy the array again, or write it with zarr.create_array(..., "
-        "config={'write_empty_chunks': True}); if missing chunks hold the fill value, set "
-        f'array.attrs["{MISSING_CHUNKS_ATTRIBUTE}"] = "fill_value"'
+    rule = (
+        "a lost chunk would pass for free space, unless the attribute "
+        f"{MISSING_CHUNKS_ATTRIBUTE} is 'fill_value'"
     )
-    return ContentError(f"lacks {name}", "a lost chunk would pass for free space", hint)
+    return ContentError(f"lacks {name}", rule)
 
 
 def _check_counts(numbers: Any) -> tuple[int, ...]:
@@ -259,10 +256,9 @@ class ZarrArray:
         """Read the metadata of the array, but no chunk."""
         self.filename = Path(path).absolute()  # workers have other working folders
         file = self.filename / ROOT_FILE
-        with decoding(path, _ARRAY_KIND, _ARRAY_RULE, _ARRAY_HINT):
+        with decoding(path, _ARRAY_KIND, _ARRAY_RULE):
             if not inspect_path(file, _ARRAY_KIND)[1]:
-                hint = _CODEC_HINT if (self.filename / ".zarray").exists() else _ARRAY_HINT
-                raise ContentError("holds no array of Zarr version 3", _ARRAY_RULE, hint)
+                raise ContentError("holds no array of Zarr version 3", _ARRAY_RULE)
             metadata = read_json(file, _ARRAY_KIND)
             self._layout = Layout.parse(metadata)
             self._fill = metadata["fill_value"]

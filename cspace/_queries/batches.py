@@ -100,7 +100,6 @@ def evaluate_edges(
             "q0",
             f"has shape {starts.shape} and q1 {ends.shape}",
             "they must broadcast",
-            "pass batches of equal shape",
         ) from error
     first_rows = np.broadcast_to(starts, shape).reshape(-1, size)
     second_rows = np.broadcast_to(ends, shape).reshape(-1, size)
@@ -167,5 +166,4 @@ def _make_unusable_error(values: NDArray[Any], name: str, index: int) -> InputEr
     """Make the error for an unusable row of a batch."""
     numbers = tuple(values.astype(np.float64).tolist())
     problem = f"number {index} is {numbers}"
-    hint = "correct or remove such configurations first"
-    return InputError(name, problem, Rotations._all_limits(), hint)
+    return InputError(name, problem, Rotations._all_limits())

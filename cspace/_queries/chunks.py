@@ -257,7 +257,6 @@ class Chunk:
                 "chunk",
                 f"is a batch of {len(self.rows)}",
                 "only a single chunk has a truth, a refusal and a largest tracking error",
-                "pass rows[k] to certify_chunk",
             )
 
 
@@ -441,7 +440,6 @@ def _check_chunk(
             "q",
             f"is {q!r}",
             "it must be where the robot is",
-            "normalise its quaternion, and wrap its yaw",
         )
     warn_of_degrees(points, space._angles, "q")
     if columns == space.axes:

@@ -179,7 +179,6 @@ class Gate:
                 "max_jerk",
                 f"is {limits!r}, and max_deceleration {max_deceleration!r}",
                 "brakes change the acceleration at once",
-                "make one gate for each of them",
             )
 
     def check_rows(
@@ -352,5 +351,5 @@ def _check_twist(twist: ArrayLike, name: str) -> Floats:
     values = check_finite(twist, name, TWIST_NAMES)
     if values.shape != (2,):
         rule = "a twist is a speed, m/s, and a yaw rate, rad/s"
-        raise InputError(name, f"has shape {values.shape}", rule, "pass e.g. (0.5, 0.0)")
+        raise InputError(name, f"has shape {values.shape}", rule)
     return values

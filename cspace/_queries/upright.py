@@ -56,7 +56,7 @@ class Upright:
 
     def __post_init__(self) -> None:
         """Check the fields, and replace them by floats."""
-        check_text(self.frame, "frame", "tool0")
+        check_text(self.frame, "frame")
         for name in ("axis", "direction"):
             object.__setattr__(self, name, _check_direction(getattr(self, name), name))
         tolerance = check_positive(self.tolerance, "tolerance", "radians")
@@ -82,12 +82,11 @@ def check_keep(keep: Upright | Sequence[Upright] | None) -> tuple[Upright, ...]:
 def _check_direction(value: ArrayLike, name: str) -> tuple[float, ...]:
     """Return a direction with length 1; raise InputError if it has none."""
     vector = check_finite(value, name, AXES)
-    hint = "pass e.g. (0, 0, 1)"
     if vector.shape != (3,):
-        raise InputError(name, f"is {value!r}", "a direction has three numbers", hint)
+        raise InputError(name, f"is {value!r}", "a direction has three numbers")
     largest = np.abs(vector).max()
     if largest == 0.0:
-        raise InputError(name, f"is {value!r}", "its length is 0", hint)
+        raise InputError(name, f"is {value!r}", "its length is 0")
     scaled = vector / largest  # squares of very large or small numbers overflow
     unit = scaled / np.linalg.norm(scaled)
     return tuple((unit + 0.0).tolist())

@@ -147,6 +147,5 @@ def allocate_bitmap(low: Floats, high: Floats) -> tuple[Bools, tuple[int, ...]]:
             "robot",
             f"is {size} cells large at this spacing",
             f"it may have at most {MAX_RASTER_CELLS}",
-            "use a larger spacing, or check the robot's units (metres)",
         )
     return np.zeros(tuple(shape.astype(int)), dtype=np.bool_), tuple(int(n) for n in lower)

@@ -47,12 +47,8 @@ from cspace._rotations import RotationCell
 from cspace._support.arrays import Bools, Floats, number_parts
 from cspace._support.compiling import internal, kernel
 
-OBSTACLE_REACH: Final = (
-    "an obstacle",
-    "the map's corner",
-    "clip the obstacles to the map, or check their units (metres)",
-)
-"""Name, origin and hint of the error for obstacles that reach too far."""
+OBSTACLE_REACH: Final = "an obstacle", "the map's corner"
+"""Name and origin of the error for obstacles that reach too far."""
 
 
 def outline_rasters(

@@ -55,7 +55,6 @@ from cspace._support.arrays import Bools, Floats, Ints
 from cspace._support.compiling import internal, kernel
 from cspace.errors import InputError
 
-_REACH_HINT: Final = "check its units (metres), {}, or use a larger spacing"
 """Hint of the errors for surfaces that reach too far."""
 
 _MAX_FILLED_CELLS: Final = 2**30
@@ -260,8 +259,7 @@ def surface_cells(solid: SolidSurface, grid: Grid) -> tuple[Bools, Bools]:
     if a surface to be filled has too many cells.
     """
     triangles = (solid.triangles - np.asarray(grid.lower)) / grid.spacing
-    hint = _REACH_HINT.format("cut it to the map")
-    check_reach(float(np.abs(triangles).max()), solid.source, "the map's corner", hint)
+    check_reach(float(np.abs(triangles).max()), solid.source, "the map's corner")
     first = np.floor(triangles.min(axis=(0, 1))).astype(np.int64) - 1
     stop = np.floor(triangles.max(axis=(0, 1))).astype(np.int64) + 2
     first_in_grid = np.maximum(first, 0)
@@ -312,8 +310,7 @@ def surface_rasters(
     radius = margin / spacing
     is_turned = rotation.matrix is not None
     distances = np.linalg.norm(corners, axis=1) if is_turned else np.abs(corners)
-    hint = _REACH_HINT.format("move it to its origin")
-    check_reach(float(distances.max()) + radius, solid.source, "its origin", hint)
+    check_reach(float(distances.max()) + radius, solid.source, "its origin")
     unit_displacement = float(rotation.displacement(np.array([1.0, 0.0, 0.0])))
     swept = sweep_triangles(triangles, unit_displacement, rotation.about_z)
     growth = unit_displacement * float(swept.farthest.max())

@@ -153,8 +153,7 @@ def read_root(path: StrPath, form: str) -> tuple[dict[str, Any], Any]:
         version = attributes["format_version"]
         if type(version) is not int or version != VERSION:
             rule = f"cspace {__version__} reads only version {VERSION}"
-            hint = "build it again, or open it with the version of cspace that wrote it"
-            raise FileError(os.fspath(path), f"has format version {version!r:.40}", rule, hint)
+            raise FileError(os.fspath(path), f"has format version {version!r:.40}", rule)
         digest = attributes["digest"]
         if not re.fullmatch("[0-9a-f]{64}", digest):
             raise map_error(path, "its digest is none")
@@ -367,7 +366,7 @@ def _make_contents(
     inner = arrays.get("inner", outer)
     source = str(attributes["workspace_source"])
     margin = check_not_negative(attributes["margin_m"], "margin_m")
-    check_reach(margin / grid.spacing, "margin_m", "the robot", "build the map again")
+    check_reach(margin / grid.spacing, "margin_m", "the robot")
     exterior = None
     if "exterior" in arrays:
         exterior = check_exterior(arrays["exterior"], outside)

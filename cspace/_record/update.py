@@ -104,27 +104,26 @@ class Patch:
         """
         outer = _copy_cells(cells, "cells")
         first = _check_first_cell(lower, grid.axes)
-        hint = "pass one entry per cell of the box"
         if outer.ndim != grid.dim:
             problem = f"has {outer.ndim} axes but the grid has {grid.dim}"
-            raise InputError("cells", problem, "they must agree", hint)
+            raise InputError("cells", problem, "they must agree")
         stop = np.add(first, outer.shape)
         if min(first) < 0 or (stop > grid.shape).any():
             problem = f"has shape {outer.shape} and lower is {first} on a grid of {grid.shape}"
             rule = "the box must lie in the grid"
-            raise InputError("cells", f"{problem} cells", rule, "clip it to the grid")
+            raise InputError("cells", f"{problem} cells", rule)
         if inner is None:
             return cls(first, outer, outer)
         inside = _copy_cells(inner, "inner")
         if inside.shape != outer.shape:
             problem = f"has shape {inside.shape} but cells has {outer.shape}"
-            raise InputError("inner", problem, "they must be equal", hint)
+            raise InputError("inner", problem, "they must be equal")
         not_outer = np.argwhere(inside & ~outer)
         if len(not_outer):
             entry = tuple(not_outer[0].tolist())
             problem = f"has entry {entry}, which is not in cells"
             rule = "it must be a subset of cells"
-            raise InputError("inner", problem, rule, "add it to cells")
+            raise InputError("inner", problem, rule)
         return cls(first, outer, inside)
 
 

@@ -358,7 +358,7 @@ class Rotations(ABC):
             if self.names:
                 rule = f"a rotation is given by {', '.join(self.names)}"
             problem = f"has shape {numbers.shape}"
-            raise InputError(name, problem, rule, "pass one rotation")
+            raise InputError(name, problem, rule)
         canonical = self._canonical_rotation(numbers, name)
         warn_of_degrees(numbers, angle_axes(self.names), name)
         return canonical

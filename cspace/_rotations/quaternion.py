@@ -75,8 +75,7 @@ class QuaternionRotations(Rotations):
 
         See :meth:`Rotations.quaternions`.
         """
-        hint = "pass e.g. 8, for 2,048 cells of quaternions"
-        return cls(check_count(value, "rotations", 1, MAX_PARTS_PER_AXIS, hint))
+        return cls(check_count(value, "rotations", 1, MAX_PARTS_PER_AXIS))
 
     @classmethod
     def _of_stored_arrays(cls, coordinates: Mapping[str, NDArray[Any]]) -> QuaternionRotations:
@@ -123,9 +122,8 @@ class QuaternionRotations(Rotations):
         errors = np.abs(norms - 1.0)
         if not (errors <= NORM_SLACK).all():
             worst = float(norms.reshape(-1)[np.argmax(errors)])
-            hint = "divide it by its norm; the order is qx, qy, qz, qw"
             problem = f"has a quaternion of norm {worst:.9g}"
-            raise InputError(name, problem, "it must be 1", hint)
+            raise InputError(name, problem, "it must be 1")
         # A norm that is off by rounding alone, two units in the last place, counts as 1.
         return np.where(errors <= 4e-16, rotation, rotation / norms)
 

@@ -66,11 +66,7 @@ class YawRotations(Rotations):
     def _of_value(cls, value: ArrayLike | None) -> YawRotations:
         """Make cells from a count or from their boundaries, see :meth:`Rotations.of`."""
         if value is None or np.ndim(value) == 0:
-            hint = (
-                "pass e.g. 72, the cells' borders in radians, or Rotations.quaternions(8) for all "
-                "rotations in space"
-            )
-            count = check_count(value, "rotations", 1, MAX_YAW_CELLS, hint)
+            count = check_count(value, "rotations", 1, MAX_YAW_CELLS)
             width = TWO_PI / count
             borders = [(k - 0.5) * width for k in range(count)]
         else:
@@ -269,9 +265,8 @@ def _check_borders(value: ArrayLike) -> Floats:
     """
     if np.ndim(value) != 1 or not 2 <= np.size(value) <= MAX_YAW_CELLS + 1:
         problem = f"has shape {np.shape(value)}"
-        rule = f"it must be a count, or from 2 to {MAX_YAW_CELLS + 1} borders"
-        hint = "pass e.g. 72, or numpy.linspace(0, 2 * numpy.pi, 73)"
-        raise InputError("rotations", problem, rule, hint)
+        rule = f"it must be a count, or from 2 to {MAX_YAW_CELLS + 1} borders in radians"
+        raise InputError("rotations", problem, rule)
     # They need not begin at any angle, but must end where they begin.
     angles = check_finite(value, "rotations")
     first = angles[0]
@@ -280,9 +275,10 @@ def _check_borders(value: ArrayLike) -> Floats:
     is_turn = abs(last - first - TWO_PI) <= ANGLE_SLACK
     if not ascends or not is_turn or abs(first) > TWO_PI:
         problem = f"reach from {first:g} to {last:g} rad, or do not ascend"
-        rule = f"borders must ascend over {TWO_PI:.9f}, from one between -2 pi and 2 pi"
-        hint = "end with the first border plus 2 pi (numpy.radians turns degrees)"
-        raise InputError("rotations", problem, rule, hint)
+        rule = (
+            f"borders, in radians, must ascend over {TWO_PI:.9f}, from one between -2 pi and 2 pi"
+        )
+        raise InputError("rotations", problem, rule)
     return angles
 
 
@@ -291,7 +287,7 @@ def check_wrappable(yaws: Floats, name: str) -> None:
     largest = float(np.abs(yaws).max(initial=0.0))
     if largest > MAX_ANGLE:
         rule = f"at most {MAX_ANGLE:.0f} can be wrapped exactly"
-        raise InputError(name, f"has a yaw of {largest:g} rad", rule, "wrap it first")
+        raise InputError(name, f"has a yaw of {largest:g} rad", rule)
 
 
 def _find_symmetry_about_z(shape: HasSymmetries, determinant: float) -> Floats | None:

@@ -259,25 +259,23 @@ def check_balls(centers: ArrayLike | BallSet, radii: ArrayLike | None) -> tuple[
         if radii is not None:
             problem = "is given besides a decomposition"
             rule = "a decomposition has its own"
-            raise InputError("radii", problem, rule, "omit it")
+            raise InputError("radii", problem, rule)
         radii = centers.radii
         centers = centers.centers
     elif radii is None:
         rule = "balls need one number, or one per center"
-        raise InputError("radii", "is missing", rule, "pass it in metres")
+        raise InputError("radii", "is missing", rule)
     # From here on, the radii are given: one for all balls, or one for each.
     points = check_finite(select_positions(centers, "centers"), "centers")
     sizes = check_finite(radii, "radii")
     if points.ndim != 2 or points.shape[1] not in (2, 3) or not len(points):
         problem = f"has shape {points.shape}"
         rule = "it must be (n, 2) or (n, 3) with n at least 1"
-        raise InputError("centers", problem, rule, "pass one row per ball")
+        raise InputError("centers", problem, rule)
     if sizes.shape not in {(), (len(points),)}:
         rule = f"it must be one number or ({len(points)},)"
-        hint = "pass one number, or one per center"
-        raise InputError("radii", f"has shape {sizes.shape}", rule, hint)
+        raise InputError("radii", f"has shape {sizes.shape}", rule)
     if (sizes < 0).any():
         problem = f"holds {sizes.min():g}"
-        hint = "pass lengths in metres"
-        raise InputError("radii", problem, "none may be below zero", hint)
+        raise InputError("radii", problem, "none may be below zero")
     return points.copy(), np.broadcast_to(sizes, len(points)).copy()

@@ -103,8 +103,7 @@ def read_urdf(
                     f"is 'surface', and {place} is a box, a cylinder or a sphere, which is solid"
                 )
                 rule = "only a mesh can be a surface without an inside"
-                hint = "omit it, or name links with only meshes"
-                raise InputError("solid", problem, rule, hint)
+                raise InputError("solid", problem, rule)
             transform = pose @ _read_origin(collision, place)
             outer, inner = _make_bounds(collision.geometry, meshes, place)
             outer_surfaces.append(transform_surface(outer, transform))
@@ -133,8 +132,7 @@ def _check_shapes(
         raise InputError("link", problem, rule, hint)
     if chosen is None and omitted:
         problem = f"{file}: {', '.join(omitted)} move against {links[0]} and are omitted"
-        hint = "name all links, which are placed with their joints at zero"
-        warn_user(f"{problem}; to include them, {hint}")
+        warn_user(f"{problem}; name all links to include them")
 
 
 def _iterate_collisions(urdf: URDF, link: str, file: str) -> Iterator[tuple[str, Any]]:
@@ -166,7 +164,7 @@ def link_shapes(
         outer = Mesh(*outer_surface, solid_part, place)
         outer.warn_if_open(fills=False)
         if collision.geometry.mesh is None:
-            warn_of_size(place, outer_surface[0], "scale it by 0.001")
+            warn_of_size(place, outer_surface[0])
         shape: Shape = outer
         if inner_surface is not outer_surface:
             shape = BoundedShape(outer, Mesh.of(inner_surface))
@@ -207,7 +205,7 @@ def _scale_mesh(file: Path, scale: Any, place: str, gltf_up: Up) -> Surface:
     if not factors.all():
         problem = f"is {factors.tolist()}"
         rule = "no factor may be zero"
-        raise InputError(f"{place}: scale", problem, rule, "correct it")
+        raise InputError(f"{place}: scale", problem, rule)
     if (factors == 1.0).all():
         warn_of_unit(file)
     is_gltf = file.suffix.lower() in GLTF_SUFFIXES
@@ -218,7 +216,7 @@ def _scale_mesh(file: Path, scale: Any, place: str, gltf_up: Up) -> Surface:
         warn_user(f"{place}: y points up in the glTF file {file.name}; {what}")
     surface = read_mesh(file, gltf_up if is_gltf else "z")
     surface = transform_surface(surface, np.diag([*factors, 1.0]))
-    warn_of_size(place, surface[0], 'write scale="0.001 0.001 0.001"')
+    warn_of_size(place, surface[0])
     warn_of_scale(place, surface[0], factors)
     return surface
 
@@ -297,7 +295,7 @@ class SceneContent(NamedTuple):
 def _check_not_empty(shapes: Sequence[object], source: str) -> None:
     """Raise GeometryError for a scene without shapes."""
     if not shapes:
-        raise GeometryError(source, "holds no shape", "a scene needs one", "pass another scene")
+        raise GeometryError(source, "holds no shape", "a scene needs one")
 
 
 def read_scene(source: object, package_dirs: PackageDirs = ()) -> SceneContent:
@@ -332,7 +330,7 @@ def read_scene(source: object, package_dirs: PackageDirs = ()) -> SceneContent:
         # An object of several shapes has a name beside theirs.
         ids = {each.object_id for each in shapes if each.object_id != each.name}
         names = [each.name for each in shapes]
-        check_distinct([*names, *ids], "", "ids and names of shapes must differ", "rename one")
+        check_distinct([*names, *ids], "", "ids and names of shapes must differ")
         _check_not_empty(shapes, name)
         frame = find_frame({each.frame for each in shapes if each.frame != each.link})
         contacts = fields.allowed_collision_matrix
@@ -361,7 +359,7 @@ def _read_object(
         shapes.append((_read_mesh(mesh, f"meshes[{number}] of {place}", source, folders), pose))
     if not shapes:
         rule = "it must have primitives or meshes"
-        raise ContentError(f"has no shape at {place}", rule, "add them, or remove the object")
+        raise ContentError(f"has no shape at {place}", rule)
     # Several shapes of an object are numbered.
     names = [name]
     if len(shapes) > 1:
@@ -380,7 +378,7 @@ def _read_mesh(mesh: Any, place: str, source: str, folders: Sequence[Path]) -> M
     is_inline = bool(mesh.vertices or mesh.triangles)
     if is_inline and (resource or dimensions is not None):
         problem = f"has vertices and a resource or dimensions at {place}"
-        raise ContentError(problem, "a mesh has one of them", "remove one")
+        raise ContentError(problem, "a mesh has one of them")
     if resource:
         files = locate_meshes({resource: place}, source, folders)
         surface = _scale_mesh(files[resource], dimensions, place, "z")

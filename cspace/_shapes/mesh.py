@@ -316,7 +316,7 @@ class Mesh(ExactShape):
         inner = shadow.buffer(-_SHADOW_MARGIN, join_style="mitre")
         if inner.is_empty:
             rule = "it must have an area there"
-            raise GeometryError(self.source, "is flat, seen from above", rule, "check its axes")
+            raise GeometryError(self.source, "is flat, seen from above", rule)
         lines = shapely.linestrings(corners[is_line][:, [0, 1, 2, 0]])
         # Lines well inside the shadow add nothing.
         near_shadow = shadow.buffer(_SHADOW_MARGIN / 2.0, join_style="mitre")
@@ -340,8 +340,7 @@ class Mesh(ExactShape):
             rule = f"at most {MAX_ORIGIN_OFFSET:g} times its size is accepted"
             raise GeometryError("mesh", f"{where} the robot's reference point", rule, hint)
         if warn and distance > size:
-            problem = f"the robot's mesh {where} its reference point"
-            warn_user(f"{problem}; if this is not intended, {hint}")
+            warn_user(f"the robot's mesh {where} its reference point; {hint}")
 
     def transform_features(self, matrix: Floats) -> Floats:
         """Return the transformed triangles, each rotated to begin at its smallest corner."""
@@ -446,8 +445,7 @@ class Mesh(ExactShape):
         object.__setattr__(self, "_warned", True)
         problem = f"{self.source} is open and encloses no cell of {spacing:g} m"
         result = "so filling added none; it counts as a surface without an inside"
-        hint = "close its gaps, use cells larger than the gaps, or choose the surface only"
-        warn_user(f"{problem}, {result}; {hint}", MeshWarning)
+        warn_user(f"{problem}, {result}", MeshWarning)
 
     def _open_body_messages(self, option: str, fills: bool) -> Iterator[str]:
         """Yield a warning for each kind of body without an interior."""
@@ -530,13 +528,12 @@ def _check_vertices(values: Any, source: str) -> Floats:
     vertices = check_finite(values, f"vertices of {source}")
     if vertices.ndim != 2 or vertices.shape[1] != 3:
         rule = "it must be (V, 3), in metres"
-        hint = "pass x, y, z of each vertex"
-        raise GeometryError(f"vertices of {source}", f"has shape {vertices.shape}", rule, hint)
+        raise GeometryError(f"vertices of {source}", f"has shape {vertices.shape}", rule)
     largest = float(np.abs(vertices).max(initial=0.0))
     if largest > 0.0 and not _MIN_MESH_EXTENT <= largest <= MAX_NUMBER:
         problem = f"reach {largest:g}"
         rule = f"they must reach {_MIN_MESH_EXTENT:g} and at most {MAX_NUMBER:g}"
-        raise GeometryError(f"vertices of {source}", problem, rule, "check the units")
+        raise GeometryError(f"vertices of {source}", problem, rule)
     # Smaller coordinates of a mesh are set to zero, because quotients of them overflow.
     is_tiny = np.abs(vertices) < 1e-200
     return np.array(np.where(is_tiny, 0.0, vertices), dtype=np.float64, order="C")
@@ -551,16 +548,15 @@ def _check_faces(values: Any, vertices: int, source: str) -> Ints:
     if faces.size == 0:
         hint = "for a cloud of points use Workspace.from_points"
         raise GeometryError(source, "has no triangles", "a mesh needs one", hint)
-    hint = "pass three vertex indices per triangle"
     if faces.ndim != 2 or faces.shape[1] != 3 or faces.dtype.kind not in "iu":
         problem = f"has shape {faces.shape} and dtype {faces.dtype}"
         rule = "it must be (F, 3), of whole numbers"
-        raise GeometryError(f"faces of {source}", problem, rule, hint)
+        raise GeometryError(f"faces of {source}", problem, rule)
     for vertex in (faces.min(), faces.max()):
         if not 0 <= vertex < vertices:
             problem = f"name vertex {vertex}"
             rule = f"there are {vertices}, counted from 0"
-            raise GeometryError(f"faces of {source}", problem, rule, hint)
+            raise GeometryError(f"faces of {source}", problem, rule)
     return np.array(faces, dtype=np.int64, order="C")
 
 

@@ -62,8 +62,7 @@ class Polygons(ExactShape):
         # Split the shape into its parts, which messages number if there are several.
         parts = [part for each in _as_geometries(shape) for part in split_parts(each, "polygon")]
         if not parts:
-            hint = "pass at least three vertices"
-            raise GeometryError("polygon", "is empty", "it must have an area", hint)
+            raise GeometryError("polygon", "is empty", "it must have an area")
         names = ["polygon"]
         if len(parts) > 1:
             names = [f"polygon[{number}]" for number in range(len(parts))]
@@ -72,11 +71,11 @@ class Polygons(ExactShape):
             if polygon.geom_type != "Polygon":
                 problem = f"is a {polygon.geom_type}"
                 rule = "each part must be a Polygon"
-                raise GeometryError(name, problem, rule, "remove other parts")
+                raise GeometryError(name, problem, rule)
             if not polygon.area > 0.0:
                 problem = f"has area {polygon.area:g}"
                 rule = "it must be above zero"
-                raise GeometryError(name, problem, rule, "pass it in metres")
+                raise GeometryError(name, problem, rule)
         return cls(parts)
 
     @cached_property
@@ -230,8 +229,7 @@ def _as_geometries(
     vertices = check_finite(shape, "polygon", AXES[:2])
     if vertices.ndim != 2 or vertices.shape[1] != 2 or len(vertices) < 3:
         rule = "it must be (n, 2) with n at least 3"
-        hint = "pass its vertices in order"
-        raise GeometryError("polygon", f"has shape {vertices.shape}", rule, hint)
+        raise GeometryError("polygon", f"has shape {vertices.shape}", rule)
     return [shapely.Polygon(vertices)]
 
 

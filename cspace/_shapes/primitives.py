@@ -147,8 +147,7 @@ def _grow_by_square(points: Floats, padding: float) -> BaseGeometry:
         warn_user(
             f"padding: {padding:g} m all around the footprint are {missing:.3g} m2 more than Nav2 "
             f"pads, and {lost:.3g} m2 of these lie in the footprint; Nav2 moves each coordinate of "
-            "a corner away from zero, which need not cover the robot; for its polygon pass "
-            "corners + padding * numpy.sign(corners) without padding"
+            "a corner away from zero, which need not cover the robot"
         )
     return grown
 

@@ -340,7 +340,7 @@ class ExactShape(Shape):
         """Boxes along the axes that make up the shape, if :attr:`is_boxes`."""
         problem = "is not a union of boxes"
         rule = "only boxes and cells in space are"
-        raise GeometryError("shape", problem, rule, "ask for its boundary")
+        raise GeometryError("shape", problem, rule)
 
     @property
     def filled_boundaries(self) -> list[Floats]:
@@ -356,13 +356,13 @@ class ExactShape(Shape):
     def outline(self) -> BaseGeometry:
         """A plane shape as a shapely geometry, for drawing."""
         rule = "an outline needs a shape in the plane"
-        raise GeometryError("shape", "is in space", rule, "ask for its surface")
+        raise GeometryError("shape", "is in space", rule)
 
     @property
     def surface(self) -> Surface:
         """Shape in space as vertices and triangles, for drawing."""
         rule = "a surface needs a shape in space"
-        raise GeometryError("shape", "is in the plane", rule, "ask for its outline")
+        raise GeometryError("shape", "is in the plane", rule)
 
 
 @cache
@@ -557,7 +557,7 @@ def ellipse_bounds(radii: tuple[float, float], center: Floats) -> tuple[Floats, 
         problem = f"is {tuple(center.tolist())}"
         max_ratio = _MAX_ELLIPSE_SLACK * 2.0**50
         rule = f"it may be at most {max_ratio:.1g} times the radius along each axis"
-        raise InputError("center", problem, rule, "check the units (metres)")
+        raise InputError("center", problem, rule)
     ring = _make_unit_polygon() * radii
     outer = center + _CORNER_RADIUS * (1.0 + slack) * ring
     inner = center + (1.0 - slack) * ring

@@ -177,8 +177,7 @@ class Voxels(ExactShape):
         bitmap = check_cells(occupied, "occupied")
         if not bitmap.any():
             rule = "at least one cell must be occupied"
-            hint = "set the cells that it fills"
-            raise GeometryError("occupied", "holds no True cell", rule, hint)
+            raise GeometryError("occupied", "holds no True cell", rule)
         side = check_positive(spacing, "spacing")
         if lower is None:
             lower = np.zeros(bitmap.ndim)

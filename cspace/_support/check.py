@@ -54,8 +54,6 @@ _SIZE: Final = re.compile(
 _WORD_BREAK: Final = re.compile(r"(?<=[a-z\d])(?=[A-Z])|\W+")
 """Place between two words of a name."""
 
-NUMBERS_HINT: Final = "pass numbers, in metres or radians"
-
 
 def check_real(values: ArrayLike, name: str, axes: Sequence[str] = ()) -> NDArray[Any]:
     """Return values as an array of real numbers.
@@ -82,19 +80,12 @@ def check_real(values: ArrayLike, name: str, axes: Sequence[str] = ()) -> NDArra
         if array.dtype.kind not in "fiubc":
             array = np.asarray(array, dtype=np.float64)
     except (TypeError, ValueError) as error:
-        hint = NUMBERS_HINT
-        if isinstance(values, str | bytes):
-            hint = "write the number without quotes"
-        elif hasattr(values, "as_quat") and "qw" in axes:
-            hint = "pass the Rotation's as_quat()"
-        elif hasattr(values, "toarray"):  # a sparse array of scipy
-            hint = "pass its toarray()"
-        raise InputError(name, f"is {values!r}", "it must be numeric", hint) from error
+        raise InputError(name, f"is {values!r}", "it must be numeric") from error
     except OverflowError as error:
         problem = "has too large an integer"
-        raise InputError(name, problem, "it must fit a float", "pass a float") from error
+        raise InputError(name, problem, "it must fit a float") from error
     if array.dtype.kind == "c":
-        raise InputError(name, "has complex values", "it must be real", "pass array.real")
+        raise InputError(name, "has complex values", "it must be real")
     return array
 
 
@@ -108,7 +99,7 @@ def _check_unit(values: Any, name: str) -> None:
             unit = unit or getattr(values, name_of_unit, None)
     if unit is not None and not callable(unit) and not _SI_UNIT.fullmatch(str(unit).lower()):
         rule = "numbers are in metres, radians and seconds"
-        raise InputError(name, f"has the unit {unit}", rule, "convert it, and pass its numbers")
+        raise InputError(name, f"has the unit {unit}", rule)
 
 
 def order_labels(values: Any, name: str, axes: Sequence[str]) -> Any:
@@ -165,9 +156,9 @@ def _check_labels(labels: Iterable[Any], name: str, axes: Sequence[str]) -> None
         return
     problem = f"has the labels {', '.join(given)}"
     if not axes:
-        raise InputError(name, problem, "they have no effect here", "pass its to_numpy()")
+        raise InputError(name, problem, "they have no effect here")
     rule = f"they must be {', '.join(axes)}"
-    raise InputError(name, problem, rule, "rename or select its columns")
+    raise InputError(name, problem, rule)
 
 
 def check_finite(
@@ -183,7 +174,7 @@ def check_finite(
     """
     numbers = check_real(values, name, axes)
     if numbers.dtype.kind == "b":
-        raise InputError(name, f"is {values!r}", "it must be numeric", NUMBERS_HINT)
+        raise InputError(name, f"is {values!r}", "it must be numeric")
     array = np.asarray(numbers, dtype=np.float64)
     is_within = np.abs(array) <= largest
     if not is_within.all():
@@ -191,7 +182,7 @@ def check_finite(
         rule = "it must be finite"
         if np.isfinite(value):
             rule = f"it must be from {-largest:g} to {largest:g}"
-        raise InputError(entry, f"is {value}", rule, "drop or replace such values first")
+        raise InputError(entry, f"is {value}", rule)
     return array
 
 
@@ -215,15 +206,14 @@ def check_unmasked(values: Any, name: str) -> None:
     count = int(mask.view(np.bool_).sum())  # structured arrays have a mask for each field
     if count:
         problem = f"has {count} masked entries"
-        hint = "fill them first, e.g. array.filled(True) for occupied cells"
-        raise InputError(name, problem, "each must have a value", hint)
+        raise InputError(name, problem, "each must have a value")
 
 
-def check_number(value: Any, name: str, hint: str = "pass e.g. 0.5") -> float:
+def check_number(value: Any, name: str) -> float:
     """Return a number of at most 1e100 as float, or raise InputError."""
     number = check_finite(value, name, largest=MAX_NUMBER)
     if number.ndim:
-        raise InputError(name, f"is {value!r}", "it must be one number", hint)
+        raise InputError(name, f"is {value!r}", "it must be one number")
     return float(number)
 
 
@@ -236,32 +226,28 @@ def check_positive(value: Any, name: str, unit: str = "metres") -> float:
     array = check_finite(value, name)
     problem = f"is {value!r}"
     if array.ndim or array <= 0.0:
-        example = ", e.g. 0.05" if unit == "metres" else ""
-        rule = "it must be one number above zero"
-        raise InputError(name, problem, rule, f"pass it in {unit}{example}")
+        raise InputError(name, problem, f"it must be one number above zero, in {unit}")
     # Squares and cubes of numbers in this range do not overflow or underflow float64.
     if not 1.0 / MAX_NUMBER < array < MAX_NUMBER:
-        rule = "it must be in [1e-100, 1e100]"
-        raise InputError(name, problem, rule, f"check its unit ({unit})")
+        raise InputError(name, problem, f"it must be in [1e-100, 1e100] {unit}")
     return float(array)
 
 
-def check_not_negative(value: Any, name: str, hint: str = "pass it in metres") -> float:
+def check_not_negative(value: Any, name: str, unit: str = "metres") -> float:
     """Return a number that is zero or above as a float.
 
     Raises InputError if it is not one number, not finite, negative, or above 1e100.
     """
     array = check_finite(value, name)
+    rule = "it must be one number, zero or above" + (f", in {unit}" if unit else "")
     if array.ndim or array < 0.0:
-        raise InputError(name, f"is {value!r}", "it must be one number, zero or above", hint)
+        raise InputError(name, f"is {value!r}", rule)
     if array > MAX_NUMBER:
-        raise InputError(name, f"is {value!r}", f"it must be at most {MAX_NUMBER:g}", hint)
+        raise InputError(name, f"is {value!r}", f"it must be at most {MAX_NUMBER:g}")
     return float(array)
 
 
-def check_count(
-    value: Any, name: str, minimum: int = 0, maximum: int | None = None, hint: str = "pass e.g. 100"
-) -> int:
+def check_count(value: Any, name: str, minimum: int = 0, maximum: int | None = None) -> int:
     """Return a whole number from ``minimum`` to ``maximum`` as an int.
 
     The default maximum is :data:`MAX_COUNT`.
@@ -282,18 +268,16 @@ def check_count(
         span = "above zero"
     else:
         span = f"from {minimum} on"
-    raise InputError(name, f"is {value!r}", f"it must be a whole number {span}", hint)
+    raise InputError(name, f"is {value!r}", f"it must be a whole number {span}")
 
 
-def check_word(
-    value: Any, name: str, choices: Sequence[Any], hint: str = "pass one of them"
-) -> None:
+def check_word(value: Any, name: str, choices: Sequence[Any]) -> None:
     """Raise InputError unless a value is one of a few."""
     if isinstance(value, bool) or not isinstance(value, str | int) or value not in choices:
         *others, last = map(repr, choices)
         rule = f"it must be {', '.join(others)} or {last}"
         similar = suggest_name(value, [word for word in choices if isinstance(word, str)])
-        raise InputError(name, f"is {value!r}", rule, similar or hint)
+        raise InputError(name, f"is {value!r}", rule, similar)
 
 
 def check_known(value: object, name: str, known: Collection[str], verb: str = "is") -> str:
@@ -305,8 +289,7 @@ def check_known(value: object, name: str, known: Collection[str], verb: str = "i
     if len(listed) < len(known):
         listed.append(f"and {len(known) - len(listed)} others")
     rule = f"there are {', '.join(listed)}" if known else "there is none"
-    hint = suggest_name(value, known) or ("name one of these" if known else "leave it out")
-    raise InputError(name, f"{verb} {value!r}", rule, hint)
+    raise InputError(name, f"{verb} {value!r}", rule, suggest_name(value, known))
 
 
 def suggest_name(value: object, known: Collection[str]) -> str:
@@ -344,8 +327,7 @@ def check_mapping(values: Any, name: str, known: Collection[str]) -> dict[str, A
     Raises InputError, with the most similar name, if a name is unknown.
     """
     if not (isinstance(values, Mapping) or hasattr(values, "to_dict")):
-        example = f"pass e.g. {{{next(iter(known), 'elbow')!r}: 0.1}}"
-        raise InputError(name, f"is {values!r}", "it must map names to numbers", example)
+        raise InputError(name, f"is {values!r}", "it must map names to numbers")
     return {check_known(key, name, known, "names"): value for key, value in values.items()}
 
 
@@ -365,14 +347,13 @@ def check_each(
         given = {**defaults, **check_mapping(values, name, names)}
         missing = [each for each in names if each not in given]
         if missing:
-            raise InputError(name, f"lacks {', '.join(missing)}", rule, f"pass {name}=1.0")
+            raise InputError(name, f"lacks {', '.join(missing)}", rule)
         values = [given[each] for each in names]
     numbers = check_finite(values, name, names)
     if numbers.shape not in ((), (len(names),)):
-        raise InputError(name, f"has shape {numbers.shape}", rule, f"pass {name}=1.0")
+        raise InputError(name, f"has shape {numbers.shape}", rule)
     if (numbers < 0.0).any():
-        hint = "pass it in metres, radians and seconds"
-        raise InputError(name, f"is {values!r}", "it must be zero or above", hint)
+        raise InputError(name, f"is {values!r}", "it must be zero or above")
     return numbers
 
 
@@ -381,7 +362,7 @@ def check_angle(value: ArrayLike, name: str) -> float:
 
     Raises InputError if it is not one finite number.
     """
-    radians = check_number(value, name, "pass radians, e.g. 1.57")
+    radians = check_number(value, name)
     warn_of_degrees([radians], {0: "it"}, name)
     return radians
 
@@ -404,8 +385,7 @@ def warn_of_degrees(q: ArrayLike, angles: Mapping[int, str], name: str) -> None:
         if (np.abs(rows[..., k]) > MAX_EXPECTED_ANGLE).any():  # whatever else is NaN
             problem = f"{axis} is beyond a whole turn"
             rule = "angles are in radians, and whole turns are ignored"
-            hint = "use numpy.radians for degrees"
-            warn_user(f"{name}: {problem}; {rule}; {hint}", AngleWarning)
+            warn_user(f"{name}: {problem}; {rule}", AngleWarning)
 
 
 def check_names(values: Iterable[str], name: str) -> list[str]:
@@ -420,21 +400,21 @@ def check_names(values: Iterable[str], name: str) -> list[str]:
     except TypeError as error:
         problem = f"is {values!r}"
         rule = "it must be a list of names"
-        raise InputError(name, problem, rule, "pass a list of strings") from error
+        raise InputError(name, problem, rule) from error
 
 
-def check_text(value: object, name: str, example: str) -> str:
+def check_text(value: object, name: str) -> str:
     """Return a string; raise InputError if it is empty."""
     if not isinstance(value, str) or not value:
         rule = "it must be a non-empty string"
-        raise InputError(name, f"is {value!r}", rule, f"pass e.g. {example!r}")
+        raise InputError(name, f"is {value!r}", rule)
     return value
 
 
 def check_flag(value: object, name: str) -> None:
     """Raise InputError for a value that is neither True nor False."""
     if not isinstance(value, bool | np.bool_):
-        raise InputError(name, f"is {value!r}", "it must be True or False", "pass one of them")
+        raise InputError(name, f"is {value!r}", "it must be True or False")
 
 
 def check_rng(rng: object) -> np.random.Generator:
@@ -446,7 +426,7 @@ def check_rng(rng: object) -> np.random.Generator:
         return np.random.default_rng()
     if not isinstance(rng, np.random.Generator):
         rule = "it must be a numpy.random.Generator or None"
-        raise InputError("rng", f"is {rng!r}", rule, "pass numpy.random.default_rng(0)")
+        raise InputError("rng", f"is {rng!r}", rule)
     return rng
 
 
@@ -459,7 +439,7 @@ def check_rows(values: ArrayLike, name: str, axes: Sequence[str]) -> NDArray[Any
     array = check_real(values, name, axes)
     if array.ndim == 0 or array.shape[-1] != len(axes):
         rule = f"its last axis must be {len(axes)} long, for {', '.join(axes)}"
-        raise InputError(name, f"has shape {array.shape}", rule, "pass one or a batch")
+        raise InputError(name, f"has shape {array.shape}", rule)
     return array
 
 
@@ -517,8 +497,7 @@ def check_point(value: ArrayLike, name: str = "center", dim: int = 2) -> Floats:
     point = check_finite(value, name, AXES[:dim], MAX_NUMBER)
     if point.shape != (dim,):
         rule = f"it must be {dim} numbers in metres"
-        hint = f"pass e.g. {(0.5,) * dim}"
-        raise InputError(name, f"has shape {point.shape}", rule, hint)
+        raise InputError(name, f"has shape {point.shape}", rule)
     return point.copy()
 
 
@@ -564,7 +543,7 @@ def check_pairs(edges: ArrayLike, vertices: Floats) -> Ints:
             f"{vertices.shape}"
         )
         rule = "each edge must be two whole numbers, and vertices a list of configurations"
-        raise InputError("edges", problem, rule, "pass shapes (m, 2) and (n, size)")
+        raise InputError("edges", problem, rule)
     wrong = (pairs < 0) | (pairs >= len(vertices))
     if wrong.any():
         row = int(wrong.any(axis=1).argmax())  # the first one
@@ -612,12 +591,10 @@ def check_dims(array: Any, name: str) -> None:
     dims = list_dimensions(array)
     if any(dims) and dims != tuple(AXES[k] if dim else "" for k, dim in enumerate(dims[:3])):
         rule = "they must be x, y (and z), in this order"
-        hint = "project, rename or transpose it, and reverse y if its first row is the top"
-        raise InputError(name, f"has the dimensions {dims}", rule, hint)
+        raise InputError(name, f"has the dimensions {dims}", rule)
     coordinates = getattr(array, "coords", ())
     if isinstance(coordinates, Mapping) and set(dims) & set(coordinates):
-        hint = "pass its values, with ascending x and y"
-        raise InputError(name, "has coordinates", "they have no effect here", hint)
+        raise InputError(name, "has coordinates", "they have no effect here")
 
 
 def check_cells(values: ArrayLike, name: str) -> Bools:
@@ -630,26 +607,24 @@ def check_cells(values: ArrayLike, name: str) -> Bools:
     check_unmasked(values, name)
     if hasattr(values, "toarray"):  # a sparse array of scipy
         problem = f"is a {type(values).__name__}"
-        raise InputError(name, problem, "it must have a value for each cell", "pass its toarray()")
+        raise InputError(name, problem, "it must have a value for each cell")
     if hasattr(values, "iloc"):
-        hint = "pass its to_numpy(), indexed by ascending x and y"
-        raise InputError(name, f"is a {type(values).__name__}", "its labels are not read", hint)
+        raise InputError(name, f"is a {type(values).__name__}", "its labels are not read")
     try:
         array = np.asarray(values)
     except ValueError as error:
         problem = f"is ragged: {error}"
         rule = "its rows must have one length"
-        raise InputError(name, problem, rule, "pad or cut them") from error
+        raise InputError(name, problem, rule) from error
     if array.ndim not in (2, 3) or array.size == 0:
-        rule = "it must have two or three axes and at least one cell"
-        hint = "pass an array indexed [x, y] or [x, y, z]"
+        rule = "it must have the axes x, y (and z), and at least one cell"
         problem = f"is a {type(values).__name__} of {array.ndim} axes and {array.size} entries"
-        raise InputError(name, problem, rule, hint)
+        raise InputError(name, problem, rule)
     if array.dtype.kind == "f":
         check_finite(array, name)
     if array.dtype.kind not in "biu":
         problem = f"has dtype {array.dtype}"
-        hint = _advise_points(array) or "compare with a threshold first, e.g. array > 0.5"
+        hint = _advise_points(array)
         raise InputError(name, problem, "cells must be boolean", hint)
     is_boolean = array.dtype.kind == "b"
     if not is_boolean:
@@ -681,7 +656,7 @@ def _check_zeros_and_ones(array: NDArray[Any], name: str) -> None:
     # Occupancy grids of ROS get a message of their own.
     problem = f"is {value}"
     rule = "whole numbers must be 0 or 1"
-    hint = _advise_points(array) or "compare with a threshold first, e.g. array >= 50"
+    hint = _advise_points(array)
     if (array == UNKNOWN_CELL).any():
         problem = f"{problem}, and some cells are {UNKNOWN_CELL}, as unknown cells of ROS"
         rule = f"{rule}, and unknown cells may hide obstacles"

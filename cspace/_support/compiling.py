@@ -136,7 +136,6 @@ def _compile(function: F, **options: Any) -> F:
             "NUMBA_DISABLE_JIT",
             "is set",
             "proofs rely on the arithmetic of compiled code",
-            "unset it, or set it to 0",
         )
     folder = cache_folder()
     options |= {"nogil": True, "error_model": "numpy"}

@@ -86,7 +86,7 @@ def _open_or_create(path: Path, frame: Contents, layout: dict[str, Any]) -> Tile
     if folder.layout["stamp"] != layout["stamp"]:
         problem = "holds another map, or one of other obstacles"
         rule = "a build resumes only with the same robot, rotations, options and obstacles"
-        raise FileError(str(path), problem, rule, "choose another name, or remove it")
+        raise FileError(str(path), problem, rule)
     return folder
 
 
@@ -152,7 +152,7 @@ def resolve_tile(tile: int | Sequence[int], shape: Sequence[int], slices: int) -
     has_shape = cells.shape in ((), (len(shape),))
     if cells.dtype.kind not in "iu" or not has_shape or (cells < 1).any():
         rule = "it must be a positive integer, or one for each axis"
-        raise InputError("tile", f"is {tile!r}", rule, "pass e.g. 4096")
+        raise InputError("tile", f"is {tile!r}", rule)
     sides = np.minimum(cells, shape)
     while slices * math.prod(sides.tolist()) > MAX_TILE_STATES and sides.max() > 1:
         longest = np.argmax(sides)

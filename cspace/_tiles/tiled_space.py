@@ -87,7 +87,7 @@ class TiledCSpace(ConfigurationMap):
         if self._folder.frame.exterior is None:
             problem = f"is {self.progress:.1%} done"
             rule = "a map must be complete to be read"
-            raise FileError(self.path, problem, rule, "run the same build again to finish it")
+            raise FileError(self.path, problem, rule)
         return self._lock
 
     # ---- properties ------------------------------------------------------------------------------
@@ -347,7 +347,7 @@ class TiledCSpace(ConfigurationMap):
         if (box[0] > box[1]).any() or (cells[0] >= cells[1]).any():
             problem = f"is from {box[0].tolist()} to {box[1].tolist()}"
             rule = f"it must be a box in the map, {grid.lower} to {grid.upper}"
-            raise InputError("window", problem, rule, "pass them in metres")
+            raise InputError("window", problem, rule)
         reached = grow_box(cells, folder.reach)
         inside = folder.clip(reached)
         is_whole = (inside[1] - inside[0] == grid.shape).all()
@@ -367,6 +367,6 @@ class TiledCSpace(ConfigurationMap):
         max_cells : int
             Maximum number of cells along an axis.
         """
-        count = check_count(max_cells, "max_cells", 1, hint="pass e.g. 1024")
+        count = check_count(max_cells, "max_cells", 1)
         with self._map_lock():
             return self._tiles.overview(count)

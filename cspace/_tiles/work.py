@@ -47,7 +47,7 @@ def run_tasks(
     if needed > available:
         problem = f"is so large that a task needs {bytes_text(needed)}"
         rule = f"{bytes_text(available)} are available"
-        raise InputError("tile", problem, rule, "use a smaller tile or fewer rotations")
+        raise InputError("tile", problem, rule)
     threads = min(workers or count_cores(), int(available // needed))
     return map_in_threads(task, tiles, threads, advance)
 
@@ -65,8 +65,7 @@ def _run_on_cluster(
         return map_in_threads(lambda future: future.result(), futures, 1, advance)
     except (CancelledError, TimeoutError) as error:
         problem = f"lost its scheduler or its workers ({type(error).__name__}: {error})"
-        hint = "restart it and repeat the call: finished tiles are kept"
-        raise InputError("client", problem, "the cluster must be running", hint) from error
+        raise InputError("client", problem, "the cluster must be running") from error
     finally:
         with suppress(Exception):  # the scheduler may be gone
             client.cancel(futures)
@@ -87,4 +86,4 @@ def _check_workers(client: Any) -> None:
     if versions != {__version__}:
         problem = f"workers with cspace {', '.join(sorted(versions))}" if versions else "no workers"
         rule = f"all must have cspace {__version__}, like this process"
-        raise InputError("client", f"has {problem}", rule, "install it there and start workers")
+        raise InputError("client", f"has {problem}", rule)

@@ -277,7 +277,7 @@ class ArmSpace(ConfigurationSpace):
         >>> space.is_free((0.0,))
         True
         """
-        check_text(name, "name", "table")
+        check_text(name, "name")
         base = self._base if pose is None else self._base @ check_rigid(pose, "pose")
         if isinstance(shape, Workspace | PosedShape):
             if radius is not None:
@@ -285,7 +285,6 @@ class ArmSpace(ConfigurationSpace):
                     "radius",
                     f"is given with a {type(shape).__name__}",
                     "only points have a radius",
-                    "leave it out",
                 )
             placed = place_obstacle(shape, name, base)
         else:
@@ -300,7 +299,6 @@ class ArmSpace(ConfigurationSpace):
                     "name",
                     f"is {name!r}",
                     "a link or an attached object has it",
-                    "choose another name, or detach it",
                 )
             pairs = now.allowed | _pair_with_links(name, touch_links, links)
             obstacles = {**now.obstacles, name: placed}
@@ -372,7 +370,6 @@ class ArmSpace(ConfigurationSpace):
                         "pose",
                         "is given for an obstacle",
                         "the obstacle is where it is",
-                        "leave it out, or pass a shape",
                     )
                 placed_by_name = self._placed_obstacles
                 placed = placed_by_name[check_known(name, "name", placed_by_name)]
@@ -385,14 +382,12 @@ class ArmSpace(ConfigurationSpace):
                     "q",
                     "is given for a new object",
                     "only an obstacle is picked up at q",
-                    "leave out q, or the shape",
                 )
             elif name in obstacles:
                 raise InputError(
                     "name",
                     f"is {name!r}",
                     "an obstacle has it",
-                    "leave out the shape to attach the obstacle, or choose another name",
                 )
             arm = now.arm.attach(name, shape, carrier, pose, touch_links)
             padding_now = _set_entry(now.padding, name, extra)
@@ -441,7 +436,6 @@ class ArmSpace(ConfigurationSpace):
                     "touch_links",
                     "are given without q",
                     "they are those of the obstacle",
-                    "pass q, or leave them out",
                 )
             else:
                 allowed = _drop_name(allowed, name)
@@ -719,7 +713,7 @@ class ArmSpace(ConfigurationSpace):
             f"has {len(points)} configurations that reach the pose, and none is proven free: "
             f"{link} is in collision with {other}, or nearly so, in {number} of them"
         )
-        hint = f"choose another pose, or {_allow(link, other)}"
+        hint = f"if they may touch, {_allow(link, other)}"
         raise ConfigurationError(
             name,
             problem,
@@ -759,7 +753,6 @@ class ArmSpace(ConfigurationSpace):
                 name,
                 f"has {len(solutions)} configurations that reach the pose, none is upright",
                 "a path keeps the axis of its link within the tolerance",
-                "choose another pose, or a larger tolerance",
                 nearest=tuple(solutions[0].tolist()),
             )
         return np.array(upright)
@@ -788,9 +781,7 @@ class ArmSpace(ConfigurationSpace):
         point = self.arm._check_configuration(q, "q")
         snapshot = self.snapshot
         if not len(snapshot.outer.pairs):
-            raise InputError(
-                "obstacles", "are none", "there is nothing to touch", "add an obstacle"
-            )
+            raise InputError("obstacles", "are none", "there is nothing to touch")
         return snapshot.contact(snapshot.outer, point[np.newaxis])
 
     def sample_free(self, n: int | None = None, rng: np.random.Generator | None = None) -> Floats:
@@ -840,7 +831,6 @@ class ArmSpace(ConfigurationSpace):
                     snapshot.arm.name,
                     f"was free in none of {number_drawn} configurations",
                     f"of {CONTACT_SAMPLES}, these touch in all: {always or 'none'}",
-                    "check space.closest(q), and the pairs that may touch",
                 )
         samples = np.concatenate(batches)[:count]
         return samples[0] if n is None else samples
@@ -1089,7 +1079,6 @@ class ArmSpace(ConfigurationSpace):
                 "deviation",
                 f"is {deviation!r}",
                 f"it must be {firsts.shape[-1]} numbers, zero or above",
-                "give one for each joint",
             )
         return self.snapshot.are_free_around(firsts, lasts, np.broadcast_to(reach, firsts.shape))
 
@@ -1191,11 +1180,10 @@ def _make_collision_error(snapshot: Snapshot, q: Floats, name: str) -> Configura
         problem = f"{point} is not upright: the axis of {upright.frame} is {angle:.6g} rad "
         problem += f"from the direction {upright.direction}"
         rule = f"keep= wants {upright.angle:.6g} rad, within {upright.tolerance:.6g} rad"
-        hint = "choose another configuration, or a larger tolerance"
-        return ConfigurationError(name, problem, rule, hint, reason="mixed")
+        return ConfigurationError(name, problem, rule, reason="mixed")
     link, other, *_ = snapshot.contact(snapshot.outer, q[np.newaxis])
     problem = f"is not proven free: {link} is in collision with {other}, or nearly so"
-    hint = f"choose another, or {_allow(link, other)}"
+    hint = f"if they may touch, {_allow(link, other)}"
     rule = "a path must start and end in FREE"
     return ConfigurationError(name, f"{point} {problem}", rule, hint, reason="mixed")
 
@@ -1271,7 +1259,6 @@ def build_arm_space(
                 "obstacles",
                 f"name one {name!r}",
                 "a link has that name",
-                "choose another name",
             )
     known = (*links, *named)
     pairs |= _check_allowed(allowed_collisions, "allowed_collisions", known)
@@ -1306,7 +1293,6 @@ def _check_allowed(
             argument,
             f"is {pairs!r}",
             "it must hold pairs of names",
-            "pass e.g. [('hand', 'table')]",
         ) from error
     for name in chain.from_iterable(given):
         check_known(name, argument, known, "names")

@@ -137,7 +137,7 @@ class PoseGoal(Goal):
 
     def __post_init__(self) -> None:
         """Check the fields, and replace pose and tolerance by floats."""
-        check_text(self.frame, "frame", "tool0")
+        check_text(self.frame, "frame")
         tolerance = check_pose_tolerance(self.tolerance)
         object.__setattr__(self, "pose", frozen(check_rigid(self.pose, "pose")))
         object.__setattr__(self, "tolerance", tuple(tolerance.tolist()))

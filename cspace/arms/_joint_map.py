@@ -170,7 +170,7 @@ def build_joint_map(
     if not (states == FREE).any():
         warn_user(
             f"no cell of the joint map is FREE: {np.count_nonzero(states == MIXED):,} of "
-            f"{states.size:,} cells are MIXED at {side:g} rad; use a smaller spacing, in radians"
+            f"{states.size:,} cells are MIXED at {side:g} rad"
         )
     # In joint space the arm is a point, and its obstacles are the cells that are not FREE.
     workspace = Workspace(grid, states != FREE, states == BLOCKED, source=repr(space))
@@ -208,7 +208,6 @@ def _check_joints(arm: Arm, joints: Sequence[str] | None) -> tuple[str, ...]:
                 "joints",
                 f"name {name!r}",
                 f"axis names have no blanks and differ from {', '.join(Rotations._all_names())}",
-                "rename the joint in the URDF",
             )
     if len(names) not in (2, 3) or len(set(names)) < len(names):
         raise InputError(
@@ -385,7 +384,6 @@ def undecided_pairs(
             "joint_map",
             "has no geometry of an arm",
             "maps from files and maps with changed cells have none",
-            "pass the map that build_joint_map made",
         )
     return counts
 
@@ -412,7 +410,6 @@ def _check_held_joints(arm: Arm, joint_indices: Ints, held_joints: ArrayLike | N
             "held_joints",
             f"has shape {held.shape}",
             "it must be one configuration of the arm",
-            "pass one",
         )
     # The mapped joints move, so their values here may not fail the check.
     held[joint_indices] = arm._clamp(held)[joint_indices]
@@ -438,7 +435,6 @@ def _find_range(
                 argument,
                 f"are {limits[name]}",
                 f"they must be two ascending numbers within {low:.12g} and {high:.12g}",
-                "correct them",
             )
         if number in space._angles:
             warn_of_degrees(given[:, np.newaxis], {0: "one"}, argument)
@@ -502,7 +498,6 @@ def _refuse_held_contact(
             "held_joints",
             f"has {link} touch {other!r}, or come nearer than the margin",
             f"{', '.join(names)} do not move them apart",
-            "hold the other joints elsewhere",
         )
 
 

@@ -259,7 +259,6 @@ def check_corners(poses: ArrayLike) -> Floats:
             "poses",
             f"has shape {matrices.shape}",
             "it must be one pose, shape (4, 4), or several",
-            "pass e.g. [first, second]",
         )
     rows = matrices.reshape(-1, 4, 4)
     corners = np.stack([check_rigid(pose, f"poses[{k}]") for k, pose in enumerate(rows)])
@@ -269,7 +268,6 @@ def check_corners(poses: ArrayLike) -> Floats:
             "poses",
             f"has the coordinate {largest:g} m",
             f"the limit is {MAX_LINE_COORDINATE:g} m",
-            "check its unit",
         )
     return corners
 
@@ -298,7 +296,6 @@ def make_lines(corners: Floats) -> list[PoseLine]:
                 f"poses[{number}]",
                 f"is half a turn from {before}",
                 "both ways round are as short",
-                "pass a pose between them",
             )
         lines.append(PoseLine(first_position, last[:3, 3] - first_position, first_rotation, turn))
     return lines
@@ -333,7 +330,6 @@ def follow_lines(
             "tolerance",
             f"is {(max_distance, max_angle)}",
             f"rounding errors reach {rounding[0]:.2g} m and {rounding[1]:.2g} rad",
-            "pass a larger tolerance, or nearer poses",
         )
     waypoints = [Waypoint(start, 0.0, DISTANCE_ROUNDING * scale)]
     fraction = 1.0

@@ -278,7 +278,6 @@ class Arm:
                 "joints",
                 "is given with tip",
                 "both say which joints move",
-                "leave one out",
             )
         base = base or root_link(urdf)
         read_joints = [_read_joint(joint, file) for joint in _sort_joints(urdf.robot.joints, base)]
@@ -448,7 +447,6 @@ class Arm:
                 name,
                 f"is out of reach of {goal.frame}: the nearest pose that it reached is {gap} away",
                 f"it must be within {tolerance}",
-                "move the pose, or pass a larger tolerance",
                 nearest=tuple(q.tolist()),
             )
         solutions = np.tile(q, (len(result.joints), 1))
@@ -469,7 +467,6 @@ class Arm:
                 "frame",
                 f"is {frame!r}",
                 "no joint of the arm moves it",
-                "name a frame beyond a joint",
             )
         return branch_to(self.chain, body), tool
 
@@ -699,11 +696,11 @@ class Arm:
         """
         solid_shape = as_shape(shape)
         if solid_shape.dim != 3:
-            raise InputError("shape", "is in the plane", "arms are in space", "pass a solid")
-        check_text(name, "name", "tool")
+            raise InputError("shape", "is in the plane", "arms are in space")
+        check_text(name, "name")
         touching = [link, *check_names(touch_links, "touch_links")]
         if name in self.placements:
-            raise InputError("name", f"is {name!r}", "a link has it", "choose another one")
+            raise InputError("name", f"is {name!r}", "a link has it")
         for other in touching:
             check_known(other, "link", self.placements)
         # The object moves with the body of its link, so its pose is one on that body.
@@ -870,7 +867,6 @@ def check_joint_values(values: object, argument: str, joints: Collection[str]) -
                 place,
                 f"has shape {number.shape}",
                 "a joint has one number",
-                "pass a float",
             )
         checked[joint] = float(number)
     return checked
@@ -910,12 +906,12 @@ def _read_joint(joint: Any, file: str) -> Joint:
             where,
             f"is of type {joint.type!r}",
             f"below the base, joints are {', '.join(_JOINT_KINDS)}",
-            f"correct the type, or pass base={joint.child!r}",
+            f"pass base={joint.child!r}",
         )
     kind = _JOINT_KINDS[joint.type]
     frame = np.eye(4) if joint.origin is None else check_rigid(joint.origin, f"{where}: origin")
     ends = np.stack([np.zeros(3), frame[:3, 3]])
-    warn_of_size(f"{where}: the way from its parent", ends, "scale it by 0.001")
+    warn_of_size(f"{where}: the way from its parent", ends)
     axis = check_finite(joint.axis, f"{where}: axis")
     velocity = getattr(joint.limit, "velocity", None) or 0.0
     if velocity < 0.0:
@@ -965,7 +961,7 @@ def _warn_of_unused_limits(joint: Any, where: str) -> None:
         if 0.0 < (upper or 0.0) - (lower or 0.0) < math.tau - LIMIT_SLACK:
             warn_user(
                 f"{where}: a continuous joint has no limits, so {lower} and {upper} do not count, "
-                "by the format; make the joint revolute if it has them"
+                "by the format"
             )
 
 
@@ -985,7 +981,7 @@ def _read_limits(joint: Any, where: str) -> tuple[float, float]:
     if limit.lower is None and limit.upper is None:
         warn_user(
             f"{where}: <limit> has neither lower nor upper, which are zero then, by the format, so "
-            "the joint does not move; add them, or make the joint continuous"
+            "the joint does not move"
         )
     lower = limit.lower or 0.0
     upper = limit.upper or 0.0
@@ -999,7 +995,6 @@ def _read_limits(joint: Any, where: str) -> tuple[float, float]:
             f"{where}: limits",
             f"are {lower:.12g} and {upper:.12g}",
             "the lower one must not be above the upper one",
-            "correct them; a limit that is left out is zero",
         )
     return lower, upper
 
@@ -1048,7 +1043,6 @@ class _ArmBuilder:
                 file,
                 "has no joint that moves there",
                 "an arm has at least one",
-                "name another base, tip or joints",
             )
 
     def _check_leader(self, joint: Joint, leaders: Set[str]) -> None:
@@ -1060,7 +1054,6 @@ class _ArmBuilder:
                 where,
                 f"mimics {leader.name!r}",
                 "a prismatic joint would slide without end",
-                "correct it",
             )
 
     def _is_moved(self, joint: Joint) -> bool:
@@ -1091,7 +1084,6 @@ class _ArmBuilder:
                     "held_joints",
                     f"has {name} at {value:.12g}",
                     f"its limits are {joint.lower:.12g} and {joint.upper:.12g}",
-                    "stay within them",
                 )
             if joint.kind == REVOLUTE:
                 warn_of_degrees([value], {0: name}, "held_joints")
@@ -1122,7 +1114,6 @@ class _ArmBuilder:
                 self._file,
                 f"has {len(parents)} bodies that move against each other",
                 f"at most {MAX_BODIES} are allowed",
-                "name a base or a tip",
             )
         links = tuple(self._read_links(placements, package_dirs, inside))
         if not links:
@@ -1280,9 +1271,7 @@ def _list_links_to(tip: str, base: str, joint_above: Mapping[str, Joint]) -> set
     link = tip
     while link != base:
         if link not in joint_above:
-            raise InputError(
-                "tip", f"is {tip!r}", f"it is not below {base!r}", "name a link that is"
-            )
+            raise InputError("tip", f"is {tip!r}", f"it is not below {base!r}")
         links.add(link)
         link = joint_above[link].parent
     return links

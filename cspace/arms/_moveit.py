@@ -167,7 +167,6 @@ class PlanningScene:
                     self.source,
                     f"has the object {name!r}",
                     "the arm has a frame of that name",
-                    "rename the object",
                 )
         for joint, held in arm.held_joints.items():
             value = self.robot_state.get(joint, held)
@@ -451,7 +450,7 @@ def read_moveit_request(source: object) -> MotionPlanRequest:
         fields = parse(_REQUEST, document.fields, "request")
         goals = fields.goal_constraints
         if not goals:
-            raise ContentError("has no goal_constraints", "a request has at least one", "add them")
+            raise ContentError("has no goal_constraints", "a request has at least one")
         kept, path_frames = fields.path_constraints
         frames = path_frames.union(*(goal_frames for _, goal_frames in goals))
         return MotionPlanRequest(
@@ -505,7 +504,6 @@ def _parse_goal(value: Any, place: str) -> tuple[JointGoal | PoseGoal, set[str]]
         raise ContentError(
             f"has {len(joints)} joint and {len(poses)} pose constraints at {place}",
             "a goal has one of the two kinds",
-            "add or remove some",
         )
     if joints:
         return _make_joint_goal(joints, place), set()
@@ -514,7 +512,6 @@ def _parse_goal(value: Any, place: str) -> tuple[JointGoal | PoseGoal, set[str]]
         raise ContentError(
             f"has {len(poses)} constraints of {', '.join(links)} at {place}",
             "a goal has at most one of each, for one link",
-            "remove some",
         )
     # What is not constrained may be anything. Each list has one constraint at most.
     pose = np.eye(4)
@@ -529,7 +526,6 @@ def _parse_goal(value: Any, place: str) -> tuple[JointGoal | PoseGoal, set[str]]
         raise ContentError(
             f"has tolerances beyond half a turn at {place}",
             "then any pose would do",
-            "tighten them",
         )
     frames = {constraint.header.frame_id or WORLD for constraint in poses}
     return PoseGoal(links[0], pose, (radius, angle)), frames
@@ -559,7 +555,6 @@ def _find_angle(constraint: Any, place: str) -> float:
         raise ContentError(
             f"has a tolerance of zero at {place}",
             "no computed pose would be within it",
-            "make it larger, e.g. 1e-3",
         )
     return math.inf if tolerance >= math.pi else min(tolerance, _MAX_EULER_TOLERANCE)
 
@@ -620,15 +615,11 @@ def _make_uprights(constraint: Any, place: str) -> list[Upright]:
 
 _parse_optional: Final = allow_missing(parse_number, 0.0)
 
-_refuse_meshes: Final = refuse("write a box, a sphere or a cylinder")
-
-_refuse_unobeyed: Final = refuse("remove it; plans would not obey it")
-
 _REGION: Final[Schema] = {
     "primitives": [parse_primitive],
     "primitive_poses": [parse_pose],
-    "meshes": _refuse_meshes,
-    "mesh_poses": _refuse_meshes,
+    "meshes": refuse,
+    "mesh_poses": refuse,
 }
 
 _JOINT_CONSTRAINT: Final[Schema] = {
@@ -641,7 +632,7 @@ _JOINT_CONSTRAINT: Final[Schema] = {
 _POSITION_CONSTRAINT: Final[Schema] = {
     "header": HEADER,
     "link_name": parse_name,
-    "target_point_offset": refuse("constrain the position of the link's origin"),
+    "target_point_offset": refuse,
     "constraint_region": _parse_ball,
 }
 
@@ -656,33 +647,31 @@ _GOAL: Final[Schema] = {
     "joint_constraints": [_JOINT_CONSTRAINT],
     "position_constraints": [_POSITION_CONSTRAINT],
     "orientation_constraints": [_ORIENTATION_CONSTRAINT],
-    "visibility_constraints": _refuse_unobeyed,
+    "visibility_constraints": refuse,
 }
 
 _PATH: Final[Schema] = {
-    "joint_constraints": _refuse_unobeyed,
-    "position_constraints": _refuse_unobeyed,
+    "joint_constraints": refuse,
+    "position_constraints": refuse,
     "orientation_constraints": [
         {
             **_ORIENTATION_CONSTRAINT,
-            "parameterization": accept_only(0, hint="write tolerances of Euler angles"),
+            "parameterization": accept_only(0),
         }
     ],
-    "visibility_constraints": _refuse_unobeyed,
+    "visibility_constraints": refuse,
 }
 
 _REQUEST: Final[Schema] = {
     "group_name": parse_frame,
     "start_state": {
         **STATE,
-        "attached_collision_objects": refuse(
-            "write them as attached_collision_objects of the scene's robot_state"
-        ),
+        "attached_collision_objects": refuse,
         "is_diff": accept_only(False, True),
     },
     "goal_constraints": [_parse_goal],
     "path_constraints": _parse_path,
-    "trajectory_constraints": _refuse_unobeyed,
-    "reference_trajectories": _refuse_unobeyed,
+    "trajectory_constraints": refuse,
+    "reference_trajectories": refuse,
     "allowed_planning_time": _parse_optional,
 }

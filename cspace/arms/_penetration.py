@@ -56,7 +56,7 @@ class ArmPenetration:
         from cspace.spectral._ball_sets import as_balls
 
         if not links:
-            raise InputError("links", "is empty", "there must be one", "pass e.g. {'hand': balls}")
+            raise InputError("links", "is empty", "there must be one")
         bodies = []
         centers = []
         radii = []

@@ -277,7 +277,6 @@ def check_rigid(pose: ArrayLike, name: str) -> Floats:
         name,
         problem,
         "it must be [[R, t], [0, 0, 0, 1]], shape (4, 4), with a rotation matrix R",
-        "take R from scipy, e.g. Rotation.from_euler('xyz', (0, 0, 0)).as_matrix()",
     )
 
 
@@ -295,7 +294,6 @@ def named_obstacles(obstacles: object) -> Mapping[str, object]:
             "obstacles",
             f"is a {type(obstacles).__name__}",
             "it must be a workspace or a mapping",
-            "pass e.g. {'table': shape}",
         )
     return named
 
@@ -319,7 +317,7 @@ def place_obstacle(obstacle: object, name: str, base: Floats) -> PosedShape | No
         return place_shape(obstacle.shape, name, base @ pose)
     if isinstance(obstacle, Mapping):
         problem = f"hold {name!r}, a {type(obstacle).__name__}"
-        raise InputError("obstacles", problem, "arms are in space", "pass a solid")
+        raise InputError("obstacles", problem, "arms are in space")
     try:
         shape = as_shape(cast(ShapeLike, obstacle))
     except InputError as error:
@@ -342,7 +340,6 @@ def place_shape(shape: Shape, name: str, pose: Floats) -> PosedShape:
             "obstacles",
             f"hold {name!r}, a shape of the plane",
             "arms are in space",
-            "pass a solid",
         )
     placed = PosedShape(shape, check_rigid(pose, name))
     lower, upper = shape.outer.bounds
@@ -355,8 +352,7 @@ def place_shape(shape: Shape, name: str, pose: Floats) -> PosedShape:
         problem = f"{gap:.4g} m away from the base of the arm"
     if max(gap, (upper - lower).max()) > suspected:
         warn_user(
-            f"the obstacle {name!r} is {problem}; check its unit (metres): if it is in "
-            "millimetres, scale it by 0.001",
+            f"the obstacle {name!r} is {problem}; units are metres",
             UnitWarning,
         )
     return placed
@@ -373,7 +369,6 @@ def _place_workspace(obstacle: Workspace, name: str, base: Floats) -> PosedShape
             "obstacles",
             f"hold {name!r}, a map of the plane",
             "arms are in space",
-            "pass a map in space",
         )
     # One shape is exact, whereas its cells are not.
     if obstacle.shapes is not None and len(obstacle.shapes) == 1:

@@ -123,7 +123,6 @@ def _write_urdf(model: SphereModel, template: PathLike | None) -> str:
             "template",
             "is missing",
             "a URDF keeps the joints of its source",
-            "pass the URDF that the arm was read from",
         )
     root = _read_template(template)
     links = {name: _list_balls(balls) for name, balls in model.links.items()}
@@ -240,9 +239,7 @@ def find_spheres(
 def _find_number(numbers: Mapping[str, int], link: str) -> int:
     """Return a link's number of balls, or raise InputError."""
     if link not in numbers:
-        raise InputError(
-            "number", f"lacks {link!r}", "each link with geometry needs one", "add that link"
-        )
+        raise InputError("number", f"lacks {link!r}", "each link with geometry needs one")
     return numbers[link]
 
 

@@ -33,8 +33,7 @@ def free_boundary(state: States, grid: Grid) -> Surface:
     free = state == FREE
     if not free.any():
         rule = "a boundary needs at least one"
-        hint = "build it with a smaller spacing, robot or margin"
-        raise InputError("the map", "has no FREE cell", rule, hint)
+        raise InputError("the map", "has no FREE cell", rule)
     vertices, faces, turns = boundary_mesh(free, grid.spacing, grid.lower)
     faces_inwards = turns[:, None] < 0
     # Reversing the order of its corners reverses the normal of a face.
@@ -93,7 +92,7 @@ def _write_stl(file: IO[bytes], vertices: Floats, faces: Ints) -> None:
     if are_merged.any() or not np.isfinite(corners).all():
         problem = f"names an STL file for coordinates from {vertices.min()} to {vertices.max()}"
         rule = "STL has single precision, in which some coordinates coincide"
-        raise InputError("path", problem, rule, "write .ply or .obj instead")
+        raise InputError("path", problem, rule)
     rows = np.zeros(len(faces), dtype=STL_RECORD)
     first_edges, second_edges = np.moveaxis(edges, 1, 0)
     # Normals are parallel to an axis, so their signs are unit vectors.

@@ -81,15 +81,13 @@ def fill_costmap(
     returns the largest clearance over all slices.
     """
     radius = check_not_negative(inflation_radius, "inflation_radius")
-    scaling = check_not_negative(cost_scaling_factor, "cost_scaling_factor", "pass it per metre")
+    scaling = check_not_negative(cost_scaling_factor, "cost_scaling_factor", "1/m")
     grid = space.grid
     workspace = space.workspace
     if not space.has_poses:
         raise _make_joints_error("a costmap")
     if grid.dim == 3:
-        raise InputError(
-            "the map", "is one in space", "a costmap is plane", "build a map of the plane"
-        )
+        raise InputError("the map", "is one in space", "a costmap is plane")
     slice_number = None  # without a rotation, costs are those of the best rotation of each cell
     if rotation is not None:
         cell = space.rotations._find_cells(space.rotations._check_rotation(rotation))
@@ -247,8 +245,7 @@ def _fill_grid(
     Raises InputError if the grid is not plane, or the message lacks a field.
     """
     if grid.dim == 3:
-        hint = "cut it, or export another format"
-        raise InputError("the map", "is one in space", f"{kind} is plane", hint)
+        raise InputError("the map", "is one in space", f"{kind} is plane")
     if grid.unit != "m":
         raise _make_joints_error(kind)
     # The origin is the pose of the grid's lower corner; grids of maps are never rotated.
@@ -273,8 +270,7 @@ def _fill_grid(
 
 def _make_joints_error(kind: str) -> InputError:
     """Make the error for a map whose cells are no places."""
-    hint = "use to_xarray, or export .npz, .nc or .vti"
-    return InputError("the map", "is one of joints", f"{kind} is in metres", hint)
+    return InputError("the map", "is one of joints", f"{kind} is in metres")
 
 
 def _set_fields(msg: Message, kind: str, fields: Mapping[str, object]) -> Message:
@@ -284,7 +280,7 @@ def _set_fields(msg: Message, kind: str, fields: Mapping[str, object]) -> Messag
     """
     for path, value in fields.items():
         if path == "header.frame_id" and not isinstance(value, str):
-            raise InputError("frame_id", f"is {value!r}", "it must be a name", "pass e.g. 'map'")
+            raise InputError("frame_id", f"is {value!r}", "it must be a name")
         *parents, last = path.split(".")
         target: Any = msg
         for name in parents:
@@ -297,7 +293,7 @@ def _set_fields(msg: Message, kind: str, fields: Mapping[str, object]) -> Messag
             setattr(target, last, value)
         else:
             rule = f"it must have the fields of {kind}"
-            raise InputError("msg", f"has no {path}", rule, "pass such a message")
+            raise InputError("msg", f"has no {path}", rule)
     return msg
 
 

@@ -196,15 +196,14 @@ def export(
     if form.dimension not in (None, contents.grid.dim):
         scope = "of the plane" if form.dimension == 2 else "in space"
         rule = f"{suffix} holds maps {scope} only"
-        hint = "write another format, e.g. .vti"
-        raise InputError("path", f"is {Path(path)}", rule, hint)
+        raise InputError("path", f"is {Path(path)}", rule)
     if form.rotations == "one" and contents.grid.unit != "m":
         rule = f"{suffix} holds places in metres, and the cells are in {contents.grid.unit}"
-        raise InputError("path", f"is {Path(path)}", rule, "write another format, e.g. .vti")
+        raise InputError("path", f"is {Path(path)}", rule)
     if form.rotations == "all":
         if rotation is not None:
             rule = f"a {suffix or 'Zarr'} map holds every slice"
-            raise InputError("rotation", f"is {rotation!r}", rule, "omit it")
+            raise InputError("rotation", f"is {rotation!r}", rule)
         form.write(contents, path, overwrite)
         return
     cells: Sequence[int] = range(len(contents.rotations))

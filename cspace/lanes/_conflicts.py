@@ -398,8 +398,8 @@ class Zones:
             for k, polygon in enumerate(self.polygons)
         ]
         names = {
-            "mapId": check_text(map_id, "map_id", "hall"),
-            "zoneSetId": check_text(zone_set_id, "zone_set_id", "lanes"),
+            "mapId": check_text(map_id, "map_id"),
+            "zoneSetId": check_text(zone_set_id, "zone_set_id"),
         }
         return {"zoneSet": {**names, "zones": zones}}
 
@@ -436,16 +436,15 @@ def find_conflicts(
 
 def _check_same_map(space: ConfigurationMap, other: ConfigurationMap, name: str) -> None:
     """Raise InputError unless two maps have one frame and one extent."""
-    hint = "build both maps of one workspace"
     if other.frame_id != space.frame_id:
         problem = f"has the frame {other.frame_id!r}, but space has {space.frame_id!r}"
-        raise InputError(f"others[{name!r}]", problem, "positions must be in one frame", hint)
+        raise InputError(f"others[{name!r}]", problem, "positions must be in one frame")
     corners = np.array([[*each.grid.lower, *each.grid.upper] for each in (space, other)])
     if np.abs(np.diff(corners, axis=0)).max() > max(space.grid.spacing, other.grid.spacing):
         low, high = corners[1].reshape(2, 2).tolist()
         problem = f"has a map from {low} to {high}"
         rule = f"that of space is from {list(space.grid.lower)} to {list(space.grid.upper)}"
-        raise InputError(f"others[{name!r}]", problem, rule, hint)
+        raise InputError(f"others[{name!r}]", problem, rule)
 
 
 def _add_elements(elements: dict[str, Element], robot: str, graph: RouteGraph) -> None:

@@ -184,7 +184,7 @@ def read_graph(
         document = Ledger(loaded, "the graph", formats)
         if key not in found:
             rule = f"a route graph has one of {', '.join(_GRAPHS)}; LIF is read up to version 1"
-            raise document.fail("has no nodes", rule, "write it in one of these formats")
+            raise document.fail("has no nodes", rule)
         contents = read_format(document, heading, level, vehicle)
     document.close(os.fspath(path))
     return contents
@@ -297,8 +297,7 @@ def _read_options(level: Ledger, entry: Any, kind: str, number: int) -> Ledger:
     if has_options and not isinstance(entry[2], Mapping):
         problem = f"has the {kind} {number} {entry!r:.60}"
         rule = "the third entry of a navigation graph holds options"
-        hint = "make one of a building map: building_map_generator nav of rmf_building_map_tools"
-        raise ContentError(problem, rule, hint)
+        raise ContentError(problem, rule)
     return level.inner(entry[2] if has_options else {}, f"{kind} {number}", kind)
 
 
@@ -393,7 +392,7 @@ def _check_map(element: Ledger, maps: set[str], level: str | None) -> None:
     """Refuse nodes of several maps, or of an unwanted one."""
     if len(maps) > 1 or (level is not None and maps - {level}):
         rule = "an audit has one map"
-        raise element.fail(f"has nodes on the maps {sorted(maps)}", rule, "split the file by mapId")
+        raise element.fail(f"has nodes on the maps {sorted(maps)}", rule)
 
 
 def _read_order(
@@ -532,9 +531,8 @@ def read_networkx(graph: Any) -> dict[str, Any]:
                 raise ValueError
         except (TypeError, ValueError):
             problem = f"has the node {name!r} at {place!r}"
-            hint = "set it: networkx.set_node_attributes(graph, positions, 'pos')"
             rule = "it needs pos=(x, y), or x and y, metres"
-            raise ContentError(problem, rule, hint) from None
+            raise ContentError(problem, rule) from None
         positions.append((x, y))
         yaws.append(yaw)
     ends = []

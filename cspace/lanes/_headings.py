@@ -53,7 +53,7 @@ def parse_heading(value: Any, name: str = "heading") -> HeadingRule:
     is_number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
     if not is_number or not math.isfinite(value):
         rule = f"it must be {', '.join(map(repr, HEADINGS))} or a yaw of the map"
-        raise InputError(name, f"is {value!r}", rule, "pass e.g. 'forward', or radians")
+        raise InputError(name, f"is {value!r}", rule)
     return parse_heading(HeadingRule("map", (float(value),)), name)
 
 

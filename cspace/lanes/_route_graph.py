@@ -171,7 +171,7 @@ class RouteGraph:
             still = check_real(yaws, "yaws").astype(np.float64)
             if still.shape != (len(points),):
                 rule = f"it must have {len(points)} numbers, one for each node"
-                raise InputError("yaws", f"has shape {still.shape}", rule, "use NaN for any yaw")
+                raise InputError("yaws", f"has shape {still.shape}", rule)
             check_finite(still[~np.isnan(still)], "yaws")
             warn_of_degrees(still[:, np.newaxis], {0: "one"}, "yaws")
             still = wrap_angles(still)
@@ -195,8 +195,7 @@ class RouteGraph:
         from cspace.lanes._graph_files import read_networkx
 
         if not hasattr(graph, "edges"):
-            hint = "pass networkx.Graph(edges), with the attribute pos of each node"
-            raise InputError("graph", f"is a {type(graph).__name__}", "it must be a graph", hint)
+            raise InputError("graph", f"is a {type(graph).__name__}", "it must be a graph")
         try:
             return cls.from_arrays(**read_networkx(graph))
         except ContentError as error:

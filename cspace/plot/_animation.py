@@ -110,7 +110,6 @@ def animate(
             "path",
             "is empty",
             "an animation needs a path",
-            "pass one that was found",
         )
     motion: Any = path if hasattr(path, "duration") else None
     if seconds is None:
@@ -150,9 +149,7 @@ def _plan_frames(seconds: float, rate: float) -> tuple[int, int]:
     duration = check_positive(seconds, "seconds", "seconds")
     frequency = check_positive(rate, "rate", "frames per second")
     if frequency > 50.0:  # viewers play no more
-        raise InputError(
-            "rate", f"is {rate!r}", "it must be at most 50 frames per second", "lower it"
-        )
+        raise InputError("rate", f"is {rate!r}", "it must be at most 50 frames per second")
     pause = 10 * round(100.0 / frequency)
     count = round(1000.0 * duration / pause) + 1
     if count > _MAX_FRAMES:
@@ -160,7 +157,6 @@ def _plan_frames(seconds: float, rate: float) -> tuple[int, int]:
             "seconds",
             f"is {seconds!r}, which makes {count} frames",
             f"at most {_MAX_FRAMES} are possible",
-            "lower it or the rate",
         )
     return pause, max(count, 2)
 
@@ -196,7 +192,6 @@ def _draw_map(
             "camera",
             "is given for a plane map",
             "it needs a map in space",
-            "omit it",
         )
     # Only the moving robot is drawn, over the slice of its first rotation.
     scene = make_scene(space, path=points)

@@ -144,7 +144,6 @@ def plot(
             "ax",
             f"is a {type(argument).__name__}",
             "it must be matplotlib axes",
-            "pass figure.add_subplot()",
         )
     # A workspace is drawn as a map without a robot, a tiled map as an overview.
     drawn_map: Any = space
@@ -208,14 +207,12 @@ def _choose_view(
                 name,
                 f"is given with view {kind}",
                 f"it needs view {' or '.join(kinds)}",
-                "omit it",
             )
     if zoom is not None and check_positive(zoom, "zoom", "a factor") < 1.0:
         raise InputError(
             "zoom",
             f"is {zoom!r}",
             "it must be at least 1 (the whole map)",
-            "pass e.g. 8",
         )
     # Only a zoomed picture and sections have a center.
     if center is not None and zoom is None and kind != "sections":
@@ -288,7 +285,7 @@ def save_figure(
     dots = check_positive(dpi, "dpi", "pixels per inch")
     if dots > 2400.0:  # pictures of eight inches then have some 20,000 pixels across
         rule = "it must be at most 2,400 pixels per inch"
-        raise InputError("dpi", f"is {dpi!r}", rule, "pass e.g. 300")
+        raise InputError("dpi", f"is {dpi!r}", rule)
     with replacing(target, overwrite) as temporary:
         figure: Figure = draw()
         figure.canvas.print_figure(temporary, dpi=dots)

@@ -348,7 +348,7 @@ def _choose_center(
     point = _check_coordinates(center, "center", space.axes[: grid.dim])
     if not grid.contains(point):
         rule = f"the grid is from {grid.lower} to {grid.upper}"
-        raise InputError("center", f"is {point.tolist()}", rule, "pass a point in it")
+        raise InputError("center", f"is {point.tolist()}", rule)
     return point
 
 

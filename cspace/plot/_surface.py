@@ -70,7 +70,6 @@ class Painting:
                 "ax",
                 "has two dimensions",
                 "it must have three",
-                'use figure.add_subplot(projection="3d")',
             )
         self.camera = check_camera(camera)
         if ax is None:

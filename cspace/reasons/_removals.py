@@ -94,7 +94,7 @@ def find_removals(space: CSpace, start: ArrayLike, goal: ArrayLike) -> Removals 
     names = list(space.obstacles)
     if len(names) > MAX_NAMES:
         problem = f"has {len(names)} named obstacles"
-        raise InputError("space", problem, f"at most {MAX_NAMES} are tried", "merge some")
+        raise InputError("space", problem, f"at most {MAX_NAMES} are tried")
     regions = _find_regions(space, names)
     first, last = regions.numbers[tuple(find_cells(space, points).T)].tolist()
     all_names = 2 ** len(names) - 1  # the mask of all obstacles

@@ -225,8 +225,7 @@ def plot_regions(regions: Sequence[ConvexRegion], ax: Axes | None, style: dict[s
     axes: Any = Figure().add_subplot(projection=kind) if ax is None else ax
     if axes.name != kind:
         problem = f"has the projection {axes.name!r} and the region {dim} dimensions"
-        hint = f"pass figure.add_subplot(projection={kind!r})"
-        raise InputError("ax", problem, "they must agree", hint)
+        raise InputError("ax", problem, f"the projection must be {kind!r}")
     look: dict[str, Any] = {
         "facecolor": "#6a1b9a40",
         "edgecolor": "#6a1b9a",

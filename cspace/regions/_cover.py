@@ -226,10 +226,10 @@ def find_free_regions(
 ) -> FreeRegions:
     """Cover a map by regions; see :meth:`cspace.Space.free_regions`."""
     source = RegionSource.of(space, reach, margin)
-    wanted = check_number(share, "share", "pass e.g. 0.9")
+    wanted = check_number(share, "share")
     if not 0.0 < wanted <= 1.0:
         rule = "it must be above 0 and at most 1"
-        raise InputError("share", f"is {share!r}", rule, "pass e.g. 0.9")
+        raise InputError("share", f"is {share!r}", rule)
     most = check_count(max_regions, "max_regions", 1)
     rng = np.random.default_rng(check_count(seed, "seed"))
     until = now() + limit_effort(time_limit)
@@ -249,8 +249,7 @@ def find_free_regions(
             progress(len(regions), bare.coverage)
     if not regions:
         problem = "ended before the first region"
-        hint = "pass a larger time_limit, or a smaller margin"
-        raise ConfigurationError("free_regions", problem, "a cover has a region", hint)
+        raise ConfigurationError("free_regions", problem, "a cover has a region")
     return FreeRegions(tuple(regions), find_overlaps(regions), bare.coverage)
 
 

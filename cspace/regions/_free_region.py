@@ -51,7 +51,7 @@ def find_free_region(
         yaw_width = check_positive(yaw_width, "yaw_width", "radians")
         if not source.has_yaw:
             problem = f"is {yaw_width!r} and the axes are ({', '.join(space.axes)})"
-            raise InputError("yaw_width", problem, "only a yaw has a width", "leave it out")
+            raise InputError("yaw_width", problem, "only a yaw has a width")
     state = int(source.space.classify(point))
     point = source.space.rotations._make_canonical(point)
     if state != FREE:
@@ -61,8 +61,7 @@ def find_free_region(
         return region
     if yaw_width is not None and source.grow_around(point, 2.0 * ARC_SLACK) is not None:
         problem = f"is {yaw_width:g} and the robot is not FREE at ({_format(point)}) all along it"
-        hint = "leave it out for the widest arc, or pass a smaller one"
-        raise InputError("yaw_width", problem, "the region holds each yaw of the arc", hint)
+        raise InputError("yaw_width", problem, "the region holds each yaw of the arc")
     near = f"lies within the margin of {margin:g}" if margin else "lies on the border"
     raise _make_seed_error(source, point, f"is FREE but {near} of a cell that is not")
 

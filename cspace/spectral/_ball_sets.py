@@ -45,7 +45,6 @@ def as_balls(source: BallsLike, name: str, dim: int | None = None) -> Balls:
             name,
             f"is a {type(source).__name__}",
             "it must have centers and radii, or be a pair of them",
-            "decompose other shapes first",
         )
     balls = Balls.of(*pair)
     if (balls.radii <= 0.0).any():
@@ -53,14 +52,12 @@ def as_balls(source: BallsLike, name: str, dim: int | None = None) -> Balls:
             name,
             f"has a radius of {balls.radii.min():g}",
             "each must be above zero",
-            "drop balls that have no volume",
         )
     if dim and balls.dim != dim:
         raise InputError(
             name,
             f"has {balls.dim} dimensions, its counterpart has {dim}",
             "they must agree",
-            "pass all in the plane or all in space",
         )
     return balls
 

@@ -81,7 +81,6 @@ class Bump:
                 "alpha",
                 f"is {self.alpha!r}",
                 f"it must be one number from {low:g} to {high:g}, or infinite",
-                "pass e.g. 2.0, or math.inf",
             )
         object.__setattr__(self, "alpha", alpha)
 
@@ -113,7 +112,6 @@ class Bump:
                 "frequency",
                 f"holds {highest:g} cycles per radius",
                 f"it must be at most {MAX_RADIAL_FREQUENCY:g}",
-                "check its units",
             )
         return _transform(self.profile, k, dim)
 

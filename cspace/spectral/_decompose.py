@@ -169,7 +169,7 @@ def decompose(
             "pass e.g. number=64, or tolerance=0.01 in metres",
         )
     length = None if tolerance is None else check_positive(tolerance, "tolerance")
-    count = None if number is None else check_count(number, "number", 1, hint="pass e.g. 64")
+    count = None if number is None else check_count(number, "number", 1)
     region = Region(as_shape(shape))
     if kind == "inner" and not region.inner.measure[1] > 0.0:
         raise GeometryError(
@@ -183,7 +183,6 @@ def decompose(
             "shape",
             f"is {region.size:g} m across",
             "balls by number need a finite size",
-            "pass a tolerance instead",
         )
     if length is None:
         number = count or UNLIMITED_BALLS
@@ -251,7 +250,6 @@ def _cover_shape(lattice: Lattice, tolerance: float) -> ProvenBalls:
             "tolerance",
             f"is {tolerance:g}, but no such balls that cover the shape were found",
             "their union must contain the shape",
-            "pass a larger tolerance",
         )
     centers = lattice.to_metres(balls.centers)
     # Half of the allowance exceeds the rounding of coordinates and depths, so that balls contain

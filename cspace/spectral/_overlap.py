@@ -178,7 +178,6 @@ class FourierOverlap:
                 "chosen",
                 f"is {chosen!r}",
                 f"it must be indices of the {len(is_chosen)} balls of b, or a mask of them",
-                "pass e.g. [0]",
             ) from error
         moved = copy.copy(self)
         moved.b = Balls(self.b.centers + is_chosen[:, None] * shift, self.b.radii)
@@ -188,7 +187,6 @@ class FourierOverlap:
                 "step",
                 f"is {step!r}, which moves balls out of the bounding box of b",
                 "periods are as long as that box needs",
-                "pass the moved balls to a new FourierOverlap",
             )
         kept, part = self._part
         if not np.array_equal(kept, is_chosen):
@@ -286,7 +284,6 @@ def choose_lattice(a: Balls, b: Balls, bump: Bump, tolerance: float, most: int) 
             "b",
             f"or a reaches {span:g} m from its origin, over a period of {periods} m",
             "rounding would matter",
-            "move the origin nearer, or check the units",
         )
     smaller = float(min(np.median(a.radii), np.median(b.radii)))
     bound = check_positive(tolerance, "tolerance", "parts") * bump.energy(dim) * smaller**dim

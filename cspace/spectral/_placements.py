@@ -137,11 +137,11 @@ def best_placements(
     body = as_balls(a, "a")
     targets = [as_balls(b, "b", body.dim)]
     weights = [1.0]
-    cost = check_not_negative(penalty, "penalty", "pass e.g. 100")
+    cost = check_not_negative(penalty, "penalty", "")
     if avoid is not None:
         targets.append(as_balls(avoid, "avoid", body.dim))
         weights.append(-cost)
-    number = check_count(n, "n", 1, hint="pass e.g. 10")
+    number = check_count(n, "n", 1)
     check_flag(refine_rotations, "refine_rotations")
     # The search places the centroid of the balls of A.
     centroid = body.centers.mean(axis=0)
@@ -332,7 +332,6 @@ class BallPenetration:
                 "centers",
                 f"has shape {points.shape}",
                 f"the last axes must be {count} balls and {dim} coordinates",
-                "pass all balls",
             )
         # The value of each ball, and its derivatives.
         sums = self._fields.evaluate(points.reshape(-1, count, dim))

@@ -93,7 +93,6 @@ class ShapeBoundary:
                 "shape",
                 "consists of balls already",
                 "decompose() finds balls for other shapes",
-                "use these balls",
             )
         self.shape = shape
         self.dim = shape.dim
@@ -217,8 +216,7 @@ class Region:
         """
         counts = np.ceil(np.ptp(self.bounds, axis=0) / spacing).astype(np.int64) + 1
         grid = Grid(self.bounds.mean(axis=0) - 0.5 * spacing * counts, spacing, counts)
-        hint = "use a larger tolerance or fewer balls"
-        check_memory(64.0 * float(grid.size), "the lattice of the balls", grid, hint=hint)
+        check_memory(64.0 * float(grid.size), "the lattice of the balls", grid)
         return grid
 
 

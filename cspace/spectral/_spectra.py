@@ -89,7 +89,6 @@ def ball_spectrum(
             "tolerance",
             f"is {tolerance!r}",
             f"it must be one number from {MIN_SPECTRUM_TOLERANCE:g} to 0.1",
-            "pass e.g. 1e-9",
         )
     lattice = FrequencyLattice.of(lengths, counts, balls.dim)
     extent = np.ptp(balls.bounds, axis=0)
@@ -101,7 +100,6 @@ def ball_spectrum(
             "lengths",
             f"holds {length}, but the balls extend over {extent[axis]:g} m",
             "they must fit into one period",
-            "pass a longer period",
         )
     return RadialFactors(lattice, kind, balls.radii).spectrum(balls.centers, float(within))
 
@@ -129,7 +127,6 @@ class FrequencyLattice(NamedTuple):
                 "lengths",
                 f"is {lengths!r}",
                 f"it must be one number above zero or {dim} of them, in metres",
-                "pass the period along each axis",
             )
         numbers = check_finite(counts, "counts")
         is_usable = numbers.shape in {(), (dim,)} and (numbers >= 1.0).all()
@@ -139,7 +136,6 @@ class FrequencyLattice(NamedTuple):
                 f"is {counts!r}",
                 f"it must be one whole number above zero or {dim} of them, and at most "
                 f"{MAX_FREQUENCIES} frequencies in all",
-                "pass e.g. 256",
             )
         return cls(periods * ones, tuple((numbers * ones).astype(int).tolist()))
 

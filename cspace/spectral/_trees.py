@@ -129,7 +129,6 @@ class Verdict(IntEnum):
             "verdict",
             f"is {self.name}",
             "a verdict is neither true nor false",
-            "compare it, e.g. verdict == Verdict.MISS",
         )
 
 
@@ -170,9 +169,7 @@ class ContactTest:
     ) -> None:
         """Build the trees of all balls."""
         if (inner_a is None) is not (inner_b is None):
-            raise InputError(
-                "inner_a", "or inner_b is missing", "a HIT needs both", "pass both or neither"
-            )
+            raise InputError("inner_a", "or inner_b is missing", "a HIT needs both")
         self.dim = as_balls(outer_a, "outer_a").dim
         sources = {"outer_a": outer_a, "outer_b": outer_b, "inner_a": inner_a, "inner_b": inner_b}
         self._trees = []
@@ -244,7 +241,6 @@ def _check_kind(source: BallsLike, name: str) -> None:
             name,
             f"is of kind {kind!r}",
             f"it must be {needed!r}",
-            "decompose the shape with that kind",
         )
 
 

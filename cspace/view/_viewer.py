@@ -71,7 +71,6 @@ class Viewer:
                 "frame",
                 f"is {frame!r}",
                 "a map has no frames",
-                "leave it out",
             )
         points = check_path(space, path)
         endpoints = collect_endpoints(space, path, points, start, goal)
@@ -235,8 +234,7 @@ def _find_free_port(host: str, port: int | None) -> int:
     """
     tried_port = 0
     if port is not None:
-        hint = "pass 0 for any free port, or omit it"
-        tried_port = check_count(port, "port", 0, 2**16 - 1, hint)
+        tried_port = check_count(port, "port", 0, 2**16 - 1)
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     # Opening a server for a moment shows whether the port is free.
     try:
@@ -249,11 +247,9 @@ def _find_free_port(host: str, port: int | None) -> int:
                 "port",
                 f"is {port}",
                 "other programs use it",
-                "pass another port from 1024 on, or 0 for any",
             ) from error
         raise InputError(
             "host",
             f"is {host!r}",
             "it must be an address of this machine",
-            'pass "127.0.0.1", or "0.0.0.0" for all addresses',
         ) from error

@@ -121,13 +121,11 @@ TENTH = {"limits": (0.1, 0.1)}
     # Sphere models.
     (
         lambda f: arm(f).spheres(number={"foot": 1, "upper": 1}),
-        lambda f: arm(f).spheres(number={"foot": 1, "upper": 1, "fore": 1}),
-        "number lacks 'fore'; each link with geometry needs one; add that link",
+        "number lacks 'fore'; each link with geometry needs one",
     ),
     (
         lambda f: arm(f).spheres(number=1).save(f / "spheres.urdf"),
-        lambda f: arm(f).spheres(number=1).save(f / "spheres.urdf", f / "arm.urdf"),
-        "pass the URDF that the arm was read from",
+        "a URDF keeps the joints of its source",
     ),
     (
         lambda f: held_ball(f).spheres(number=1),
@@ -154,21 +152,15 @@ TENTH = {"limits": (0.1, 0.1)}
     ),
     (
         lambda f: arm(f, joints=["elbow"], tip="fore"),
-        lambda f: [arm(f, joints=["elbow"]), arm(f, tip="fore")],
-        "joints is given with tip; both say which joints move; leave one out",
+        "joints is given with tip; both say which joints move",
     ),
     (
         lambda f: planners.plan(space(f), ZERO, goal_at(9, 0)),
-        lambda f: [
-            planners.plan(space(f), ZERO, goal)
-            for goal in (goal_at(0.9, 0.435), goal_at(9, 0, (9, math.inf)))
-        ],
-        "move the pose, or pass a larger tolerance",
+        "it must be within 0.001 m",
     ),
     (
         lambda f: arm(f).inverse("foot", pose_at(0, 0)),
-        lambda f: arm(f).inverse("fore", pose_at(1, 0)),
-        "name a frame beyond a joint",
+        "no joint of the arm moves it",
     ),
     (
         lambda f: arm(f, joints=["shoulder"]).configuration(state()),
@@ -192,23 +184,19 @@ TENTH = {"limits": (0.1, 0.1)}
     ),
     (
         lambda f: arm(f).configuration({"elbow": 10**400, "shoulder": 0.0}),
-        lambda f: arm(f).configuration({"elbow": 1.0, "shoulder": 0.0}),
-        "pass a float",
+        "it must fit a float",
     ),
     (
         lambda f: arm(f).configuration([0.0]),
-        lambda f: arm(f).configuration({"elbow": 0.0, "shoulder": 0.0}),
-        "values is [0.0]; it must map names to numbers; pass e.g. {'shoulder': 0.1}",
+        "values is [0.0]; it must map names to numbers",
     ),
     (
         lambda f: arm(f).attach("tool", shapely.box(0, 0, 1, 1), "fore"),
-        lambda f: arm(f).attach("tool", Robot.ball(0.1).shape, "fore"),
-        "pass a solid",
+        "arms are in space",
     ),
     (
         lambda f: arm(f).attach("fore", Robot.ball(0.1).shape, "fore"),
-        lambda f: arm(f).attach("tool", Robot.ball(0.1).shape, "fore"),
-        "choose another one",
+        "a link has it",
     ),
     (
         lambda f: carrying(f).detach("ball"),
@@ -222,13 +210,12 @@ TENTH = {"limits": (0.1, 0.1)}
     ),
     (
         lambda f: arm(f).pose((0, 0, 0), "fore"),
-        lambda f: arm(f).pose(ZERO, "fore"),
-        "pass one or a batch",
+        "its last axis must be 2 long, for shoulder, elbow",
     ),
     (
         lambda f: read_chain(f, {"kind": "floating"}),
         lambda f: read_chain(f, {"kind": "revolute"}),
-        "correct the type",
+        "below the base, joints are fixed, revolute, continuous, prismatic; pass base='l1'",
     ),
     (
         lambda f: read_chain(f, {"limits": None}),
@@ -237,23 +224,19 @@ TENTH = {"limits": (0.1, 0.1)}
     ),
     (
         lambda f: read_chain(f, {"limits": (1, -1)}),
-        lambda f: read_chain(f, {"limits": (-1, 1)}),
-        "joint 'j0': limits are 1 and -1; the lower one must not be above the upper one; correct them; a limit that is left out is zero",
+        "joint 'j0': limits are 1 and -1; the lower one must not be above the upper one",
     ),
     (
         lambda f: read_chain(f, {"kind": "fixed", "limits": None}),
-        lambda f: read_chain(f, {}, {"kind": "fixed", "limits": None}, base="l0"),
-        "name another base, tip or joints",
+        "an arm has at least one",
     ),
     (
         lambda f: arm(f, held_joints={"elbow": 9.0}, joints=["shoulder"]),
-        lambda f: arm(f, held_joints={"elbow": 1.0}, joints=["shoulder"]),
-        "held_joints has elbow at 9; its limits are -3 and 3; stay within them",
+        "held_joints has elbow at 9; its limits are -3 and 3",
     ),
     (
         lambda f: read_chain(f, *[{}] * 70),
-        lambda f: [read_chain(f, *[{}] * 70, base="l60"), read_chain(f, *[{}] * 70, tip="l5")],
-        "name a base or a tip",
+        "at most 64 are allowed",
     ),
     (
         lambda f: Arm.from_urdf(bare(f)),
@@ -262,28 +245,22 @@ TENTH = {"limits": (0.1, 0.1)}
     ),
     (
         lambda f: arm(f, base="upper", tip="foot"),
-        lambda f: arm(f, base="upper", tip="fore"),
-        "tip is 'foot'; it is not below 'upper'; name a link that is",
+        "tip is 'foot'; it is not below 'upper'",
     ),
     # Obstacles.
     (
         lambda f: build_arm_space(
             {"box": Workspace.from_array(np.eye(3, dtype=bool), 0.1)}, arm(f)
         ),
-        lambda f: build_arm_space(
-            {"box": Workspace.from_array(np.ones((1, 1, 1), dtype=bool), 0.1, (5, 5, 5))}, arm(f)
-        ),
-        "pass a map in space",
+        "arms are in space",
     ),
     (
         lambda f: build_arm_space({"box": shapely.box(0, 0, 1, 1)}, arm(f)),
-        lambda f: build_arm_space({"box": Robot.box((1, 1, 1), (5, 5, 5)).shape}, arm(f)),
-        "pass a solid",
+        "arms are in space",
     ),
     (
         lambda f: build_arm_space(Robot.ball(0.1).shape, arm(f)),
-        lambda f: build_arm_space({"table": Robot.box((1, 1, 1), (5, 5, 5)).shape}, arm(f)),
-        "pass e.g. {'table': shape}",
+        "it must be a workspace or a mapping",
     ),
     (
         lambda f: space(f, near=FOOT_BOX),
@@ -300,35 +277,19 @@ TENTH = {"limits": (0.1, 0.1)}
     ),
     (
         lambda f: space(f).attach("box", link="fore", q=ZERO, pose=pose_at(1, 0)),
-        lambda f: [
-            space(f).attach("box", link="fore", q=ZERO),
-            space(f).attach("ball", Robot.ball(0.01).shape, "fore", pose=pose_at(1, 0)),
-        ],
-        "leave it out, or pass a shape",
+        "the obstacle is where it is",
     ),
     (
         lambda f: space(f).attach("ball", Robot.ball(0.01).shape, "fore", q=ZERO),
-        lambda f: [
-            space(f).attach("ball", Robot.ball(0.01).shape, "fore", pose=pose_at(1, 0)),
-            space(f).attach("box", link="fore", q=ZERO),
-        ],
-        "leave out q, or the shape",
+        "only an obstacle is picked up at q",
     ),
     (
         lambda f: space(f).attach("box", Robot.ball(0.01).shape, "fore"),
-        lambda f: [
-            space(f).attach("box", link="fore", q=ZERO),
-            space(f).attach("ball", Robot.ball(0.01).shape, "fore", pose=pose_at(1, 0)),
-        ],
-        "leave out the shape to attach the obstacle, or choose another name",
+        "an obstacle has it",
     ),
     (
         lambda f: carrying(f).detach("tip", touch_links=["fore"]),
-        lambda f: [
-            carrying(f).detach("tip"),
-            carrying(f).detach("tip", q=ZERO, touch_links=["fore"]),
-        ],
-        "pass q, or leave them out",
+        "they are those of the obstacle",
     ),
     (
         lambda f: space(f).forbid_collisions([("fore", "box")]),
@@ -339,13 +300,11 @@ TENTH = {"limits": (0.1, 0.1)}
     ),
     (
         lambda f: space(f).allow_collisions("fore"),
-        lambda f: build_arm_space({"table": FAR}, arm(f)).allow_collisions([("fore", "table")]),
-        "pass e.g. [('hand', 'table')]",
+        "it must hold pairs of names",
     ),
     (
         lambda f: build_arm_space({}, read_chain(f, {})).closest([0.0]),
-        lambda f: space(f).closest(ZERO),
-        "obstacles are none; there is nothing to touch; add an obstacle",
+        "obstacles are none; there is nothing to touch",
     ),
     (
         lambda f: space(f, near=NEAR).find_path(ZERO, (1.0, 0.5)),
@@ -353,20 +312,15 @@ TENTH = {"limits": (0.1, 0.1)}
             space(f, near=NEAR).find_path((1.2, 0.3), (1.0, 0.5)),
             touching(f).find_path(ZERO, (1.0, 0.5)),
         ],
-        "choose another, or call space.allow_collisions([('fore', 'box')]) if they may touch",
+        "a path must start and end in FREE; if they may touch, call space.allow_collisions([('fore', 'box')]) if they may touch",
     ),
     (
         lambda _: wound().certify_path([(0.0, 0.0), (4.0, 0.0)]),
-        lambda _: [
-            wound().certify_path(np.unwrap([(0.0, 0.0), (4.0, 0.0)], axis=0)),
-            wound().certify_path([(0.0, 0.0), (2.0, 0.0), (4.0, 0.0)]),
-        ],
-        "add whole turns to the rows (numpy.unwrap), or rows between them",
+        "a joint turns by at most half a turn, so that the edge is the shorter way",
     ),
     (
         lambda f: space(f).motions_are_free_around([ZERO], [ZERO], [0.1]),
-        lambda f: space(f).motions_are_free_around([ZERO], [ZERO], [0.1, 0.1]),
-        "give one for each joint",
+        "it must be 2 numbers, zero or above",
     ),
     (
         lambda f: planners.plan(space(f), ZERO, (1.2, 0.3), keep=0.1),
@@ -375,8 +329,7 @@ TENTH = {"limits": (0.1, 0.1)}
     ),
     (
         lambda f: planners.Upright("fore", (0, 0, 0)),
-        lambda f: planners.Upright("fore", (0, 0, 1)),
-        "pass e.g. (0, 0, 1)",
+        "its length is 0",
     ),
     (
         lambda f: planners.Upright("fore", tolerance=5.7),
@@ -390,13 +343,11 @@ TENTH = {"limits": (0.1, 0.1)}
     ),
     (
         lambda f: planners.plan(space(f), ZERO, (1.2, 0.3), keep=along(0.1)),
-        lambda f: planners.plan(space(f), ZERO, (1.2, 0.3), keep=along(1.6)),
-        "choose another configuration, or a larger tolerance",
+        "keep= wants 0 rad, within 0.1 rad",
     ),
     (
         lambda f: planners.plan(space(f), ZERO, goal_at(0.6, 0.8), keep=along(0.1, "upper")),
-        lambda f: planners.plan(space(f), ZERO, goal_at(0.6, 0.8), keep=along(1.0, "upper")),
-        "choose another pose, or a larger tolerance",
+        "a path keeps the axis of its link within the tolerance",
     ),
     (
         lambda f: planners.plan(space(f, near=NEAR), (1.2, 0.3), [ZERO, ZERO]),
@@ -423,8 +374,7 @@ TENTH = {"limits": (0.1, 0.1)}
     (lambda f: build_joint_map(space(f), 1e-5), "cells of 1e-05 rad and needs"),
     (
         lambda f: build_joint_map(build_arm_space({}, named_x(f, "yaw")), 0.5),
-        lambda f: build_joint_map(build_arm_space({}, named_x(f, "first")), 0.5),
-        "rename the joint in the URDF",
+        "axis names have no blanks and differ from yaw, qx, qy, qz, qw",
     ),
     (
         lambda f: build_joint_map(four(f), 0.5),
@@ -448,8 +398,7 @@ TENTH = {"limits": (0.1, 0.1)}
     ),
     (
         lambda f: mapped(f, limits={"elbow": (1.0, -1.0)}),
-        lambda f: mapped(f, limits={"elbow": (-1.0, 1.0)}),
-        "limits['elbow'] are (1.0, -1.0); they must be two ascending numbers within -3 and 3; correct them",
+        "limits['elbow'] are (1.0, -1.0); they must be two ascending numbers within -3 and 3",
     ),
     (
         lambda f: build_joint_map(geared(f), 0.5),
@@ -458,24 +407,20 @@ TENTH = {"limits": (0.1, 0.1)}
     ),
     (
         lambda f: [mapped(f).save(f / "a.zarr"), undecided_pairs(open_map(f / "a.zarr"))],
-        lambda f: undecided_pairs(mapped(f)),
-        "pass the map that build_joint_map made",
+        "maps from files and maps with changed cells have none",
     ),
     # Lines.
     (
         lambda f: follow(f),
-        lambda f: follow(f, turned(f, 0.0)),
-        "pass e.g. [first, second]",
+        "it must be one pose, shape (4, 4), or several",
     ),
     (
         lambda f: follow(f, turned(f, math.pi)),
-        lambda f: follow(f, turned(f, math.pi / 2), turned(f, math.pi)),
-        "pass a pose between them",
+        "both ways round are as short",
     ),
     (
         lambda f: follow(f, turned(f, 0.1), tolerance=(1e-20, 1e-20)),
-        lambda f: follow(f, turned(f, 0.1), tolerance=(1e-3, 1e-3)),
-        "pass a larger tolerance, or nearer poses",
+        "rounding errors reach 7.8e-12 m and 4e-12 rad",
     ),
     (lambda f: follow(f, pose_at(1e101, 0)), "poses has the coordinate 1e+101 m"),
     (lambda f: space(f).follow_line(ZERO, "fare", np.eye(4)), "did you mean 'fore'"),
@@ -495,8 +440,7 @@ TENTH = {"limits": (0.1, 0.1)}
     ),
     (
         lambda f: build_arm_space(read_moveit_scene(scene({}, name="fore")), arm(f)),
-        lambda f: build_arm_space(read_moveit_scene(scene({}, name="box")), arm(f)),
-        "planning scene has the object 'fore'; the arm has a frame of that name; rename the object",
+        "planning scene has the object 'fore'; the arm has a frame of that name",
     ),
     (
         lambda f: read_moveit_request(request(ELBOW)).make_goals(arm(f, joints=["shoulder"])),
@@ -507,57 +451,45 @@ TENTH = {"limits": (0.1, 0.1)}
     ),
     (
         lambda f: read_moveit_request({"goal_constraints": []}),
-        lambda f: read_moveit_request(request(ELBOW)),
-        "add them",
+        "a request has at least one",
     ),
     (
         lambda f: read_moveit_request(request(ELBOW, [PLACE])),
-        lambda f: [read_moveit_request(request(ELBOW)), read_moveit_request(request([], [PLACE]))],
-        "add or remove some",
+        "a goal has one of the two kinds",
     ),
     (
         lambda f: read_moveit_request(request([], [PLACE, PLACE])),
-        lambda f: read_moveit_request(request([], [PLACE])),
-        "remove some",
+        "a goal has at most one of each, for one link",
     ),
     (
         lambda f: read_moveit_request(request([], [], [facing(7.0)])),
-        lambda f: read_moveit_request(request([], [], [facing(0.1)])),
-        "tighten them",
+        "then any pose would do",
     ),
     (
         lambda f: read_moveit_request(request([], [], [facing(0.0)])),
-        lambda f: read_moveit_request(request([], [], [facing(1e-3)])),
-        "make it larger, e.g. 1e-3",
+        "no computed pose would be within it",
     ),
     (
         lambda f: read_moveit_request(request([], [PLACE | {"target_point_offset": [1, 0, 0]}])),
-        lambda f: read_moveit_request(request([], [PLACE])),
-        "constrain the position of the link's origin",
+        "it is not read",
     ),
     (
         lambda f: read_moveit_request(
             request([], [PLACE | {"constraint_region": {"meshes": [1]}}])
         ),
-        lambda f: [
-            read_moveit_request(request([], [place(kind, sizes)]))
-            for kind, sizes in (("box", [1, 1, 1]), ("sphere", [1]), ("cylinder", [1, 1]))
-        ],
-        "write a box, a sphere or a cylinder",
+        "it is not read",
     ),
     (
         lambda f: read_moveit_request(
             request(ELBOW) | {"path_constraints": {"joint_constraints": ELBOW}}
         ),
-        lambda f: read_moveit_request(request(ELBOW)),
-        "remove it; plans would not obey it",
+        "it is not read",
     ),
     (
         lambda f: read_moveit_request(
             request(ELBOW) | {"start_state": {"attached_collision_objects": [ATTACHED]}}
         ),
-        lambda f: read_moveit_scene(scene({"attached_collision_objects": [ATTACHED]})),
-        "write them as attached_collision_objects of the scene's robot_state",
+        "it is not read",
     ),
 )
 def test_an_arm_as_the_hint_says_is_accepted(call, advised, hint, tmp_path):

@@ -144,7 +144,7 @@ def test_a_base_below_the_world_of_a_urdf_is_not_taken_for_it(tmp_path):
     ({"robot_state": carry("tool", make_object("box"))}, "has 'box' twice"),
     (
         {"robot_state": carry("tool", make_object("b", frame="fore"))},
-        "has poses in the frames 'fore', 'world'; .* may be in its link's frame",
+        "has poses in the frames 'fore', 'world'",
     ),
     (
         {"robot_state": {"multi_dof_joint_state": {"transforms": [{"translation": [0, 0, 1]}]}}},

@@ -131,12 +131,12 @@ def arm():
 
 def test_obstacles_in_millimetres_are_warned_of(arm):
     table = Robot.box((500.0, 500.0, 20.0), center=(800.0, 0.0, 0.0))
-    with pytest.warns(UnitWarning, match="'table' is .* m away from the base.*scale it by 0.001"):
+    with pytest.warns(UnitWarning, match="'table' is .* m away from the base"):
         space = build_arm_space({"table": table}, arm)
     with pytest.warns(UnitWarning, match="'post' is"):
         space.add_obstacle("post", table)
     box = Robot.box((200.0, 200.0, 200.0), center=(0.0, 0.0, -101.0))
-    with pytest.warns(UnitWarning, match="'box' is 200 m x 200 m x 200 m large; check its unit"):
+    with pytest.warns(UnitWarning, match="'box' is 200 m x 200 m x 200 m large"):
         build_arm_space({"box": box}, arm)
     pose = np.eye(4)
     pose[0, 3] = 800.0

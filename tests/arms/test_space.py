@@ -281,7 +281,7 @@ def test_certified_motions_turn_continuous_joints_the_shorter_way(
     assert certified == space.motion_is_free(q0, q1) == space.certify_path([q1, q0], [(1, 0)])[0]
     if abs(turn) < 3.1:
         for whole in (-2.0 * np.pi, 2.0 * np.pi):
-            with pytest.raises(InputError, match=r"path turns shoulder .*numpy.unwrap"):
+            with pytest.raises(InputError, match="path turns shoulder"):
                 space.certify_path([q0, (q1[0] + whole, elbow)])
 
 

@@ -234,15 +234,15 @@ WRAPPED = f"collision_spheres: {{foot: [{SPHERE}], upper: [{SPHERE}], fore: [{SP
 
 @refusals(
     "wrong, hint",
-    (f"collision_spheres: [{{foot: [{SPHERE}]}}]", "write each entry without its dash"),
+    (f"collision_spheres: [{{foot: [{SPHERE}]}}]", "it must be a table of links"),
     ("robot_cfg: {kinematics: {collision_spheres: spheres/r.yml}}", "pass spheres= with that file"),
     (
         f"format: xrdf\ngeometry: {{g: {{spheres: {{foot: [{SPHERE}]}}}}}}",
-        "write the spheres of its geometry so",
+        "file has format 'xrdf'",
     ),
-    ("collision_spheres: {}", "it must have those of one link; add some"),
-    ("collision_spheres: {foot: []}", "add them, or remove the link"),
-    (f"{WRAPPED}\n---\n{WRAPPED}", "remove the others"),
+    ("collision_spheres: {}", "it must have those of one link"),
+    ("collision_spheres: {foot: []}", "has no spheres"),
+    (f"{WRAPPED}\n---\n{WRAPPED}", "holds 2 documents"),
 )
 def test_other_descriptions_of_spheres_say_what_they_are(tmp_path, wrong, hint):
     file = tmp_path / "spheres.yaml"
@@ -285,7 +285,7 @@ def test_spheres_of_unknown_links_are_skipped_with_a_warning(tmp_path):
         ("a.yaml", "foot: [{center: [0, 0], radius: 1}]", "a center is three numbers"),
         ("a.yaml", "foot: [{center: [0, 0, .nan], radius: 1}]", "center nan; .* finite number"),
         ("a.yaml", "foot: [{center: [0, 0, 0], radius: .nan}]", "radius nan; .* finite number"),
-        ("a.yaml", "foot: [{center: [0, 0, 0], radius: '1'}]", "write the number without quotes"),
+        ("a.yaml", "foot: [{center: [0, 0, 0], radius: '1'}]", "without quotes"),
         ("a.yaml", "foot: [{centre: [0, 0, 0], radius: 1}]", "has no center; .* besides centre"),
         ("a.json", "[1]", "must hold fields and values, not a list"),
         ("a.json", '{"foot": {"mean": 1}}', "link 'foot' has no spheres"),
@@ -297,7 +297,7 @@ def test_spheres_of_unknown_links_are_skipped_with_a_warning(tmp_path):
             "a.srdf",
             '<robot><link_sphere_approximation link="foot"><sphere center="0 0 0" radius="x"/>'
             "</link_sphere_approximation></robot>",
-            "radius 'x'; it must be a finite number, at least 0; correct it",
+            "radius 'x'; it must be a finite number, at least 0",
         ),
         ("a.srdf", "<robot", "XML"),
     ],
@@ -315,7 +315,7 @@ def test_spheres_need_a_known_suffix_and_are_corrected_as_the_hint_says(tmp_path
         Arm.from_urdf(source, spheres=tmp_path / "spheres.txt")
     file = tmp_path / "spheres.yaml"
     file.write_text("foot: [{center: [0, 0, 0], radius: 0}]")
-    with pytest.raises(FileError, match="correct that sphere"):
+    with pytest.raises(FileError, match="a radius one above zero"):
         Arm.from_urdf(source, spheres=file)
     file.write_text("foot: [{center: [0, 0, 0], radius: 1}]")
     assert len(Arm.from_urdf(source, spheres=file).links[0].parts) == 1

@@ -306,7 +306,7 @@ def test_without_a_path_the_hint_is_a_larger_tolerance(space):
 
 @refusals(
     "options, message",
-    ({"axis": (0, 0, 0)}, r"axis is \(0, 0, 0\); its length is 0; pass e.g. \(0, 0, 1\)"),
+    ({"axis": (0, 0, 0)}, r"axis is \(0, 0, 0\); its length is 0"),
     ({"direction": (0, 1)}, r"direction is \(0, 1\); a direction has three numbers"),
     ({"axis": (0, math.nan, 1)}, "axis"),
     ({"tolerance": 0.0}, "tolerance is 0.0"),
@@ -336,7 +336,7 @@ def test_constraints_reject_invalid_fields(options, message):
     ({"goal": (*GOAL[:3], 0.5, 0.0)}, "goal .* is not upright: .* is 0.1 rad"),
     (
         {"pose": (*GOAL[:3], 1.0, 0.0)},
-        "goal has .* configurations that reach the pose, none is upright; .*larger tolerance",
+        "goal has .* configurations that reach the pose, none is upright",
     ),
 )
 def test_plans_reject_what_is_not_upright(arm, space, options, message):
@@ -362,7 +362,7 @@ class Anything(cspace.Space):
 
 def test_a_space_without_links_proves_nothing_that_is_kept(space):
     plan = planners.plan(space, START, START, keep=GLASS)
-    with pytest.raises(InputError, match=r"only the links of an arm .*; pass the space of an arm"):
+    with pytest.raises(InputError, match="only the links of an arm"):
         plan.recheck(Anything())
     assert plan.recheck(space).all()
 
@@ -370,6 +370,6 @@ def test_a_space_without_links_proves_nothing_that_is_kept(space):
 def test_maps_keep_nothing():
     workspace = cspace.Workspace.from_array(np.zeros((30, 30), dtype=bool), 0.1)
     space = cspace.build(workspace, cspace.Robot.disc(0.2))
-    with pytest.raises(InputError, match=r"^keep is Upright\(.*; it is for arms; leave it out"):
+    with pytest.raises(InputError, match=r"^keep is Upright\(.*; it is for arms"):
         planners.plan(space, (1, 1), (2, 2), keep=GLASS)
     assert planners.plan(space, (1, 1), (2, 2), keep=[]).certified

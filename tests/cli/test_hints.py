@@ -41,39 +41,39 @@ FILES = {
 @refusals(
     "command, mended, message",
     (f"{MAP} --rotations 0", f"{MAP} --rotations yaw:8", "write e.g. 72, yaw:8 or quaternions:8"),
-    (f"{MAP_WALL} --bounds here", f"{MAP_WALL} --bounds=-1,-1,4,3", "--bounds=-1,-1,4,3"),
-    (f"{MAP} --tile 0", f"{MAP} --tile 4096", "pass e.g. 4096"),
-    (f"{MAP} --overwrite -o new.xyz", f"{MAP} --overwrite -o new.zarr", "use one of .zarr"),
+    (f"{MAP_WALL} --bounds here", f"{MAP_WALL} --bounds=-1,-1,4,3", "XMIN,YMIN,XMAX,YMAX"),
+    (f"{MAP} --tile 0", "--tile is 0"),
+    (f"{MAP} --overwrite -o new.xyz", f"{MAP} --overwrite -o new.zarr", ".zarr"),
     (f"{PLAN} --start 5", f"{PLAN} --start=0.5,0.5", "write e.g. --start=0.5,0.5"),
     (
         f"{PLAN_TURNING} --goal 2.15,0.95,-90",
         f"{PLAN_TURNING} --goal 2.15,0.95,-90deg",
         "write -90deg for degrees, or -90rad for radians",
     ),
-    (f"{PLAN} -o a.csv -o ./a.csv", f"{PLAN} -o a.csv -o b.csv", "choose another name"),
+    (f"{PLAN} -o a.csv -o ./a.csv", "name a file twice"),
     (f"{PLAN} --planner gird", f"{PLAN} --planner Grid", "did you mean"),
     (
         f"{PLAN_TURNING} --drive dubins",
         f"{PLAN_TURNING} --drive dubins --turning-radius 0.5 --time-limit 0.1",
-        "pass it in metres, e.g. 0.5",
+        "needs the radius of its tightest curve",
     ),
     (
         f"{PLAN} --objective clearance --planner RRT",
         f"{PLAN} --objective clearance --planner='RRTstar' --time-limit 0.2",
         "use --planner='RRTstar'",
     ),
-    (f"{PLAN} --max-velocity 1", PLAN, "no --trajectory is; omit it"),
+    (f"{PLAN} --max-velocity 1", PLAN, "no --trajectory is"),
     (
         f"{PLAN} --trajectory t.csv --max-velocity 1",
         f"{PLAN} --trajectory t.csv --max-velocity 1 --max-acceleration=1.0",
-        "pass --max-acceleration=1.0",
+        "--max-acceleration lacks x, y",
     ),
     (
         f"{PLAN_TURNING} {MOTION}",
         f"{PLAN_TURNING} {MOTION} {TURNS}",
-        "pass it in radians and seconds, e.g. 1.0",
+        "--max-angular-velocity is missing",
     ),
-    (f"{PLAN} {MOTION} --max-angular-velocity 1", f"{PLAN} {MOTION}", "leave it out"),
+    (f"{PLAN} {MOTION} --max-angular-velocity 1", f"{PLAN} {MOTION}", "does not turn"),
     (
         "plot plane.zarr -o p.png --rotation 1",
         "plot turning.zarr -o p.png --rotation 1",
@@ -85,13 +85,13 @@ FILES = {
         "add e.g. --zoom=8, or omit it",
     ),
     ("export turning.zarr a.tif", "export turning.zarr a.tif --rotation 0", "pass the one"),
-    ("export plane.zarr a.stl", "export plane.zarr a.vti", "e.g. .vti"),
-    ("info plane.zarr --spacing 1", "info plane.zarr", "omit it"),
+    ("export plane.zarr a.stl", "export plane.zarr a.vti", ".stl holds maps in space only"),
+    ("info plane.zarr --spacing 1", "info plane.zarr", "is read as map"),
     ("config", "config --cmake-dir", "pass --cmake-dir for CMake"),
     (
         "plot plane.zarr -o p.png --path wall.wkt",
         f"{PLAN} -o path.csv",
-        "write a path on this map with cspace plan",
+        "wall.wkt: has POLYGON",
     ),
     # Options of the library's arguments
     (f"{MAP_CUBE}", "--spacing is missing for cube.obj"),
@@ -102,14 +102,14 @@ FILES = {
     (f"{PLAN} --goal nan,1", "--goal[1][0] is nan"),
     (
         f"{PLAN} --any-yaw",
-        "--any-yaw is set, and the axes are x, y; the map has no rotations; omit it",
+        "--any-yaw is set, and the axes are x, y; the map has no rotations",
     ),
     (f"{PLAN} --goal-tolerance 0.1,190deg", "an angle is at most pi radians"),
     (f"{PLAN} --goal-tolerance wide", "--goal-tolerance is 'wide'"),
     (f"{PLAN} --start 1.25,0.05", "BLOCKED"),
     ("plot space.zarr -o n.png --center 1,1,1 --view 3d", "--zoom=8"),
     # Options of another kind of file
-    (f"{MAP} --robot-solid fill", "leave it out"),
+    (f"{MAP} --robot-solid fill", "it is for meshes"),
     (f"{MAP} --package-dir .", "--package-dir is [PosixPath('.')] for disc:0.05"),
     ("view plane.zarr --frame tool", "--frame is given, but plane.zarr is not a URDF"),
     (
@@ -205,7 +205,7 @@ def files(room):
         ),
         (
             "map map.yaml --robot disc:0.01",
-            "or pass --unknown='free'",
+            "unless you pass --unknown='free'",
             "map map.yaml --robot disc:0.01 --unknown='free'",
         ),
         (

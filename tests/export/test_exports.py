@@ -101,7 +101,7 @@ def test_an_stl_whose_coordinates_coincide_is_refused(tmp_path):
     for spacing in (1e-60, 1e60):
         vertices, faces = free_boundary(state, cspace.Grid((0.0,) * 3, spacing, state.shape))
         with (tmp_path / "free").open("wb") as file:
-            message = r"in which some coordinates coincide.*write .ply or .obj"
+            message = "in which some coordinates coincide"
             with pytest.raises(InputError, match=message):
                 WRITERS[".stl"](file, vertices, faces)
 
@@ -261,7 +261,7 @@ def test_netcdf_without_xarray_names_the_extra_and_writes_nothing(tmp_path, monk
 
 def test_coordinates_too_long_for_stl_are_written_as_advised(tmp_path):
     space = build_empty((4, 4, 4), cspace.Robot.ball(2e-47), spacing=1e-46)
-    with pytest.raises(InputError, match=r"write \.ply or \.obj instead"):
+    with pytest.raises(InputError, match="STL has single precision"):
         space.export(tmp_path / "a.stl")
     for name in ("a.ply", "a.obj"):
         space.export(tmp_path / name)

@@ -117,7 +117,7 @@ def test_a_failed_rename_leaves_the_old_or_the_new_folder(
         (write_folder, "file", "not a folder"),
         (write, "home", "not a plain file"),
         (write, "pipe", "not a plain file"),
-        (write, "nowhere/out", r"nowhere is not a folder; .*create it first"),
+        (write, "nowhere/out", "nowhere is not a folder"),
     ],
 )
 def test_only_an_earlier_output_is_replaced(tmp_path, writer, name, message):

@@ -2,7 +2,6 @@
 
 import copy
 import json
-import math
 import re
 import struct
 import warnings
@@ -10,7 +9,6 @@ from functools import cache
 
 import numpy as np
 import pytest
-import shapely
 import trimesh
 import zarr
 from PIL import Image
@@ -119,130 +117,153 @@ NAV2 = "local_costmap: {robot_radius: 0.2}\nglobal_costmap: {robot_radius: RADIU
 @refusals(
     "name, wrong, right, hint",
     # Meshes and points.
-    ("a.pcd", PCD.replace("x y z", "range yaw pitch"), PCD, "write its points with these fields"),
-    ("a.dae", make_collada(unit='<unit meter="-1"/>'), make_collada(), "correct <unit meter=...>"),
-    ("a.dae", make_collada().replace('"X"', '"A"'), make_collada(), "write them in this order"),
+    (
+        "a.pcd",
+        PCD.replace("x y z", "range yaw pitch"),
+        "a cloud in space has x, y and z, once each, in metres",
+    ),
+    ("a.dae", make_collada(unit='<unit meter="-1"/>'), "it must be above zero"),
+    ("a.dae", make_collada().replace('"X"', '"A"'), "they must be X, Y and Z"),
     (
         "a.gltf",
         write_gltf(write_old_version, glb=False).decode(),
-        write_gltf(glb=False).decode(),
-        "export it as glTF 2",
+        "only glTF 2 is read",
     ),
     # Polygons.
-    ("a.wkt", "HELLO", "POINT (1 2)", "write e.g. 'POINT (1 2)'"),
+    ("a.wkt", "HELLO", "it must hold WKT"),
     ("a.json", "{", "a.json: cannot be read as a JSON file"),
     ("a.wkt", f"POINT (1 2)\n{BOW}", "a.wkt, geometry 2 is not valid"),
-    ("a.json", "[1]", feature(POINT), "write e.g. {'type': ...}"),
-    ("a.json", feature(None), feature(POINT), "remove or correct the feature"),
-    ("a.wkt", "CIRCULARSTRING (0 0, 1 1, 2 0)", "LINESTRING (0 0, 1 1, 2 0)", "ST_CurveToLine"),
+    ("a.json", "[1]", "GeoJSON is an object"),
+    ("a.json", feature(None), "an obstacle needs one"),
+    ("a.wkt", "CIRCULARSTRING (0 0, 1 1, 2 0)", "only straight lines are read"),
     (
         "a.wkt",
         "POINT (nan 0)\nPOINT (0 0)",
-        "POINT (0 0)",
-        "a.wkt, geometry 1 has a vertex at (nan, 0.0); coordinates must be finite, and at most 1e+100; drop or replace it",
+        "a.wkt, geometry 1 has a vertex at (nan, 0.0); coordinates must be finite, and at most 1e+100",
     ),
-    ("a.wkt", "POLYGON EMPTY\nPOINT (0 0)", "POINT (0 0)", "remove it"),
+    ("a.wkt", "POLYGON EMPTY\nPOINT (0 0)", "an obstacle must cover some ground"),
     (
         "a.wkt",
         LEVEL,
-        shapely.force_2d(shapely.from_wkt(LEVEL)).wkt,
-        "has z coordinates; obstacles in the plane have two; drop them with shapely.force_2d if height does not matter",
+        "has z coordinates; obstacles in the plane have two",
     ),
     (
         "a.wkt",
         BOW,
-        shapely.make_valid(shapely.from_wkt(BOW)).wkt,
-        "is not valid: Self-intersection[0.5 0.5]; a boundary may not cross itself; redraw it, or try shapely.make_valid",
+        "is not valid: Self-intersection[0.5 0.5]; a boundary may not cross itself",
     ),
-    ("a.json", feature(POINT, crs=DEGREES), feature(POINT, crs=UTM), "project it to metres, e.g."),
+    (
+        "a.json",
+        feature(POINT, crs=DEGREES),
+        feature(POINT, crs=UTM),
+        'its units are not metres on the ground; the page "Bring your file" says how',
+    ),
     # Points.
-    ("a.xyz", "0 0\n1 1\n", "0 0 0\n1 1 0\n", "write three columns"),
+    ("a.xyz", "0 0\n1 1\n", "points have x, y and z"),
     (
         "a.csv",
         "id,x,y\n1,2,3,4\n",
-        "id,x,y,z\n1,2,3,4\n",
-        "has 4 columns under the heading id x y; it must name every column, and x, y and z once each, in metres; name them, e.g. id,x,y,z",
+        "has 4 columns under the heading id x y; it must name every column, and x, y and z once each, in metres",
     ),
-    ("a.xyz", "0 0 0\n1 x 1\n", "0 0 0\n1 0 1\n", "correct the line"),
-    ("a.pcd", PCD.replace("DATA ascii", "DATA asci"), PCD, "write it again"),
+    ("a.xyz", "0 0 0\n1 x 1\n", "it must hold only numbers, with decimal points"),
+    ("a.pcd", PCD.replace("DATA ascii", "DATA asci"), "it must be ascii or binary"),
     # ROS maps.
     ("a.yaml", "[1]", ROS_MAP, "write such a table, or pass another file"),
-    ("a.yaml", ROS_MAP.replace("negate: 0\n", ""), ROS_MAP, "add it"),
-    ("a.yaml", f"{ROS_MAP}mode: x", f"{ROS_MAP}mode: raw", "correct it"),
-    ("a.yaml", ROS_MAP.replace("negate: 0", "negate: 2"), ROS_MAP, "write 'negate: 0' if dark"),
+    (
+        "a.yaml",
+        ROS_MAP.replace("negate: 0\n", ""),
+        "it must have one, besides image, resolution, origin, occupied_thresh, free_thresh",
+    ),
+    ("a.yaml", f"{ROS_MAP}mode: x", "it must be one of trinary, scale, raw"),
+    (
+        "a.yaml",
+        ROS_MAP.replace("negate: 0", "negate: 2"),
+        "it must be 0 or 1: 0 if dark pixels are obstacles",
+    ),
     (
         "a.yaml",
         ROS_MAP.replace("negate: 0", "negate: 1\nmode: raw"),
-        ROS_MAP.replace("negate: 0", "negate: 1"),
-        "map has negate 1 in raw mode; ROS 1 and ROS 2 disagree on its effect; remove it",
+        "ROS 1 and ROS 2 disagree on its effect",
     ),
-    ("a.yaml", ROS_MAP.replace("0.65", "0.1"), ROS_MAP, "exchange them"),
-    ("a.yaml", ROS_MAP.replace("[0.0, 0.0, 0.0]", "0"), ROS_MAP, "write e.g. 'origin: [0.0, 0.0,"),
-    ("a.yaml", ROS_MAP.replace("map.png", "''"), ROS_MAP, "write e.g. 'image: map.pgm'"),
-    ("a.yaml", f"&a {{{ROS_MAP}}}", ROS_MAP, "correct that line"),
-    ("a.yaml", f"{ROS_MAP}---\na: 1", ROS_MAP, "remove the others"),
+    (
+        "a.yaml",
+        ROS_MAP.replace("0.65", "0.1"),
+        "the first must be below the second",
+    ),
+    ("a.yaml", ROS_MAP.replace("[0.0, 0.0, 0.0]", "0"), "it must be x, y and yaw"),
+    (
+        "a.yaml",
+        ROS_MAP.replace("map.png", "''"),
+        "it must be a file name",
+    ),
+    ("a.yaml", f"&a {{{ROS_MAP}}}", "only text, numbers, lists and tables are read"),
+    ("a.yaml", f"{ROS_MAP}---\na: 1", "it must hold one"),
     # Cells.
     (
         "a.map",
         OCTILE + "x",
-        OCTILE + ".",
-        "line 5, column 1 is 'x'; cells are '.GS' (passable) or '@OTW'; replace it",
+        "line 5, column 1 is 'x'; cells are '.GS' (passable) or '@OTW'",
     ),
-    ("a.3dmap", "voxel 1 1 1\n1 0 0", "voxel 1 1 1\n0 0 0", "correct it or fetch it again"),
+    (
+        "a.3dmap",
+        "voxel 1 1 1\n1 0 0",
+        "it must hold 'x y z' of a voxel inside 1 x 1 x 1, counted from 0",
+    ),
     # Meshes.
-    ("a.obj", OBJ, TETRAHEDRON, "triangulate the faces where the file is written"),
-    ("a.obj", OBJ.replace("f 1", "f 1\\\n"), TETRAHEDRON, "write it again with whole lines"),
-    ("a.obj", f"{TETRAHEDRON}surf 0 1", TETRAHEDRON, "export it as plain triangles, e.g. as STL"),
+    (
+        "a.obj",
+        OBJ,
+        "more than three corners must lie flat, and one of them must see the whole face",
+    ),
+    ("a.obj", OBJ.replace("f 1", "f 1\\\n"), "it would be split"),
+    ("a.obj", f"{TETRAHEDRON}surf 0 1", "it would be lost"),
     # Robots.
     (
         LINKS,
         GOOD_URDF.replace('"top">', '"base">', 1),
-        GOOD_URDF,
-        "has 'base' twice as a link; names must differ; rename or remove one",
+        "has 'base' twice as a link; names must differ",
     ),
     (
         LINKS,
         GOOD_URDF.replace('child link="top"', 'child link="t"'),
-        GOOD_URDF,
-        "joins 'base' to 't' by the joint 'j'; both must be links of the robot; correct the names",
+        "joins 'base' to 't' by the joint 'j'; both must be links of the robot",
     ),
     (
         LINKS,
         URDF.replace("JOINT", JOINT + SECOND),
-        GOOD_URDF,
-        "joins 'top' in a loop of joints; links must form a tree; remove a joint",
+        "joins 'top' in a loop of joints; links must form a tree",
     ),
     (
         LINKS,
         URDF.replace("JOINT", ""),
-        GOOD_URDF,
-        "has these links without a parent: base, top; there must be one root; join the others",
+        "has these links without a parent: base, top; there must be one root",
     ),
     (
         LINKS,
         GOOD_URDF.replace("1 1 1", "1,1,1"),
-        GOOD_URDF,
-        "has size='1,1,1' at the box of link 'base'; it must be 3 finite numbers; write numbers, separated by blanks",
+        "has size='1,1,1' at the box of link 'base'; it must be 3 finite numbers",
     ),
     (
         LINKS,
         GOOD_URDF.replace(' size="1 1 1"', ""),
-        GOOD_URDF,
-        "lacks the size of the box of link 'base', collision 0; it must be there; add it",
+        "lacks the size of the box of link 'base', collision 0; it must be there",
     ),
-    (LINKS, GOOD_URDF.replace("robot", "model"), GOOD_URDF, "pass the right file"),
+    (LINKS, GOOD_URDF.replace("robot", "model"), "URDF files describe a robot"),
     (
         LINKS,
         URDF.replace("JOINT", TURNING),
-        GOOD_URDF,
-        "has the joint 'j', which mimics itself; it must mimic another joint; remove <mimic>",
+        "has the joint 'j', which mimics itself; it must mimic another joint",
     ),
-    (LINKS, GOOD_URDF.replace("1 1 1", "${a} 1 1"), GOOD_URDF, "run xacro robot.urdf.xacro > rob"),
+    (
+        LINKS,
+        GOOD_URDF.replace("1 1 1", "${a} 1 1"),
+        GOOD_URDF,
+        'they must be expanded; the page "Bring your file" says how',
+    ),
     (
         LINKS,
         GOOD_URDF.replace('<box size="1 1 1"/>', '<mesh filename="a.stl" scale="0 1 1"/>'),
-        GOOD_URDF.replace('<box size="1 1 1"/>', '<mesh filename="a.stl" scale="1 1 1"/>'),
-        "link 'base', collision 0: mesh: scale is [0.0, 1.0, 1.0]; no factor may be zero; correct it",
+        "link 'base', collision 0: mesh: scale is [0.0, 1.0, 1.0]; no factor may be zero",
     ),
     (
         LINKS,
@@ -253,17 +274,19 @@ NAV2 = "local_costmap: {robot_radius: 0.2}\nglobal_costmap: {robot_radius: RADIU
     (
         "robot.yaml",
         "a: 1",
-        "a: {robot_radius: 0.22}",
-        "holds neither footprint nor robot_radius; a costmap has one of them; write e.g. 'robot_radius: 0.22' in its local_costmap and global_costmap",
+        "holds neither footprint nor robot_radius; a costmap has one of them",
     ),
-    ("robot.yaml", "footprint: '[[1, 2]]'", f"footprint: {CORNERS}", f"write e.g. {CORNERS}"),
+    ("robot.yaml", "footprint: '[[1, 2]]'", "at least three points, each of x and y in metres"),
     # Planning scenes.
-    ("scene.yaml", scene(THING, extra=1), scene(THING), "correct or remove it"),
+    (
+        "scene.yaml",
+        scene(THING, extra=1),
+        "the fields are allowed_collision_matrix, fixed_frame_transforms, is_diff, link_padding, link_scale, robot_state, world",
+    ),
     (
         "scene.yaml",
         scene(THING | {"pose": FAR_POSE}),
-        scene(THING | {"pose": NEAR_POSE}),
-        "has a position beyond 1000 m at scene.world.collision_objects[0].pose.position; its digits would be lost; use metres and a nearer frame",
+        "has a position beyond 1000 m at scene.world.collision_objects[0].pose.position; its digits would be lost",
     ),
     (
         "scene.yaml",
@@ -274,50 +297,47 @@ NAV2 = "local_costmap: {robot_radius: 0.2}\nglobal_costmap: {robot_radius: RADIU
     (
         "scene.yaml",
         scene(THING | {"primitive_poses": [NEAR_POSE, NEAR_POSE]}),
-        scene(THING | {"primitive_poses": [NEAR_POSE]}),
-        "has 1 primitives but 2 primitive_poses at object 'thing'; each needs a pose; add or remove some",
+        "has 1 primitives but 2 primitive_poses at object 'thing'; each needs a pose",
     ),
-    ("scene.yaml", scene(THING | {"planes": [{"coef": [1]}]}), scene(THING), "write a box"),
+    ("scene.yaml", scene(THING | {"planes": [{"coef": [1]}]}), "it is not read"),
     (
         "scene.yaml",
         scene(THING | {"subframe_names": ["a"]}),
-        scene(THING),
-        "remove them, and write poses in the planning frame",
+        "it is not read",
     ),
     (
         "scene.yaml",
         scene(THING | {"operation": 1}),
-        scene(THING),
-        "has 1 as scene.world.collision_objects[0].operation; it must be 'add' or 'ADD' or '' or 0 or '\\x00'; write the scene as it is",
+        "has 1 as scene.world.collision_objects[0].operation; it must be 'add' or 'ADD' or '' or 0 or '\\x00'",
     ),
-    ("scene.yaml", scene(THING, is_diff=True), scene(THING), "write the whole scene"),
+    ("scene.yaml", scene(THING, is_diff=True), "it must be False"),
     (
         "scene.yaml",
         scene(THING, robot_state={"is_diff": True}),
-        scene(THING, robot_state={"is_diff": False}),
-        "write the whole state",
+        "it must be False",
     ),
-    ("scene.yaml", scene(THING, THING), scene(THING, THING | {"id": "b"}), "rename one"),
+    (
+        "scene.yaml",
+        scene(THING, THING),
+        "ids and names of shapes must differ",
+    ),
     (
         "scene.yaml",
         scene({"id": "a"}, THING),
-        scene({"id": "a", "meshes": [MESH]}, THING),
-        "has no shape at object 'a'; it must have primitives or meshes; add them, or remove the object",
+        "has no shape at object 'a'; it must have primitives or meshes",
     ),
-    ("scene.yaml", scene({"id": "a"}, THING), scene(THING), "or remove the object"),
+    ("scene.yaml", scene({"id": "a"}, THING), "it must have primitives or meshes"),
     (
         "scene.yaml",
         scene({"id": "a", "meshes": [MESH | {"resource": "a.stl"}]}),
-        scene({"id": "a", "meshes": [{"resource": "a.stl"}]}),
-        "has vertices and a resource or dimensions at meshes[0] of object 'a'; a mesh has one of them; remove one",
+        "has vertices and a resource or dimensions at meshes[0] of object 'a'; a mesh has one of them",
     ),
     (
         "scene.yaml",
         scene(THING | {"header": {"frame_id": "a"}}, THING | {"id": "b"}),
-        scene(THING, THING | {"id": "b"}),
-        "write them in the planning frame",
+        "they must be in one frame",
     ),
-    ("scene.yaml", scene(), scene(THING), "pass another scene"),
+    ("scene.yaml", scene(), "a scene needs one"),
     (
         "scene.yaml",
         scene(THING, robot_state={"attached_collision_objects": [HELD]}),
@@ -334,14 +354,12 @@ NAV2 = "local_costmap: {robot_radius: 0.2}\nglobal_costmap: {robot_radius: RADIU
     (
         "scene.yaml",
         scene(THING, link_padding=[{"link_name": "a", "padding": 0.1}]),
-        scene(THING),
-        "has 0.1 as scene.link_padding[0].padding; it must be 0.0; remove it, and pass padding= to build_arm_space",
+        "has 0.1 as scene.link_padding[0].padding; it must be 0.0",
     ),
     (
         "scene.yaml",
         scene(THING | {"primitives": [{"type": 5, "dimensions": [1], "polygon": {"points": [1]}}]}),
-        scene(THING),
-        "write another primitive",
+        "it is not read",
     ),
 )
 @pytest.mark.filterwarnings("ignore::UserWarning")
@@ -359,7 +377,7 @@ def test_a_file_that_is_edited_as_the_hint_says_is_read(name, wrong, right, hint
 
 @refusals(
     "name, wrong, right, hint",
-    ("a.pcd", PCD.replace("T 0 0 0", "T 1 0 0"), PCD, "write VIEWPOINT 0 0 0 1 0 0 0"),
+    ("a.pcd", PCD.replace("T 0 0 0", "T 1 0 0"), PCD, "its VIEWPOINT is not applied"),
     (
         LINKS,
         GOOD_URDF.replace("<child", '<origin rpy="0 0 180"/><child'),
@@ -376,7 +394,7 @@ def test_a_file_that_is_edited_as_the_hint_says_is_read(name, wrong, right, hint
         "a.obj",
         f"# units: mm\n{TETRAHEDRON}",
         TETRAHEDRON,
-        "a mesh of trimesh by apply_scale(0.001)",
+        "are taken as metres",
     ),
 )
 def test_a_file_that_is_edited_as_the_warning_says_is_read_silently(
@@ -502,49 +520,39 @@ def write_package(folder):
     "call, advised, hint",
     (
         lambda f: from_image(save_image(f, GREY), threshold=50),
-        lambda f: from_image(f / "a.png", threshold=0.5),
-        "pass e.g. 0.5",
+        "it must be one number above 0 and at most 1",
     ),
     (lambda f: from_image(save_image(f, GREY), dark="black"), "dark is 'black'"),
     (
         lambda f: from_image(save_image(f, GREY.astype(np.int32), "a.tif")),
-        lambda f: from_image(save_image(f, GREY)),
-        "convert it, e.g. to an 8-bit grey PNG",
+        "pixels must be grey of up to 16 bits without transparency, or 8-bit colour",
     ),
     (
         lambda f: [
             save_image(f, GREY, exif=TURNED),
             Workspace.open(write(f, "a.yaml", IMAGE_OF_MAP)),
         ],
-        lambda f: [save_image(f, GREY[::-1, ::-1]), Workspace.open(f / "a.yaml")],
-        "save it upright",
+        "map servers ignore it, and viewers do not",
     ),
     (
         lambda f: Workspace.from_occupancy_grid(MESSAGE, free_thresh=0.9),
-        lambda f: Workspace.from_occupancy_grid(MESSAGE, free_thresh=0.25, occupied_thresh=0.65),
-        "pass e.g. 0.25 and 0.65",
+        "free_thresh must be below occupied_thresh, both from 0 to 1",
     ),
     (
         lambda f: Workspace.from_occupancy_grid(change(MESSAGE, width=3)),
-        lambda f: Workspace.from_occupancy_grid(MESSAGE),
-        "msg has data of shape (4,) and type int8; it must have width x height = 3 x 2 whole numbers, from -1 to 100; pass the whole message",
+        "it must have width x height = 3 x 2 whole numbers, from -1 to 100",
     ),
     (
         lambda f: Workspace.from_occupancy_grid(np.eye(2)),
-        lambda f: Workspace.from_occupancy_grid(MESSAGE),
-        "pass such a message or write such a table",
+        "it must hold fields and values, not a ndarray",
     ),
     (
         lambda f: Workspace.from_occupancy_grid(change(MESSAGE, origin=tilt(0.5))),
-        lambda f: Workspace.from_occupancy_grid(change(MESSAGE, origin=tilt(0.0))),
-        "msg.info.origin.orientation is (0.5, 0, 0, 1), which is tilted; a map must lie flat, turned about z only; publish it in a frame whose z points up",
+        "a map must lie flat, turned about z only",
     ),
     (
         lambda f: Workspace.from_occupancy_grid(change(MESSAGE, origin=turned(1.57, 1.0))),
-        lambda f: Workspace.from_occupancy_grid(
-            change(MESSAGE, origin=turned(math.sin(1.57 / 2), math.cos(1.57 / 2)))
-        ),
-        "set z to sin(yaw / 2) and w to cos(yaw / 2)",
+        "its norm must be 1",
     ),
     (
         lambda f: small_map().to_costmap(MESSAGE),
@@ -552,13 +560,11 @@ def write_package(folder):
     ),
     (
         lambda f: from_array(raster().transpose("y", "x").drop_vars(["x", "y"])),
-        lambda f: from_array(raster().drop_vars(["x", "y"])),
-        "they must be x, y (and z), in this order; project, rename or transpose it",
+        "they must be x, y (and z), in this order",
     ),
     (
         lambda f: from_mesh(trimesh.Scene([CUBE, CLOUD])),
-        lambda f: from_mesh(trimesh.Scene([CUBE])),
-        "remove it, or pass the meshes alone",
+        "it would be lost",
     ),
     (
         lambda f: from_mesh(CLOUD),
@@ -567,20 +573,15 @@ def write_package(folder):
     ),
     (
         lambda f: from_mesh(3),
-        lambda f: [
-            from_mesh(mesh) for mesh in (CUBE, trimesh.Scene([CUBE]), (CUBE.vertices, CUBE.faces))
-        ],
-        "pass a file name, a trimesh.Trimesh, a trimesh.Scene, or vertices and faces",
+        "a mesh is needed",
     ),
     (
         lambda f: from_mesh((CUBE.vertices[:, :2], CUBE.faces)),
-        lambda f: from_mesh((CUBE.vertices, CUBE.faces)),
-        "pass x, y, z of each vertex",
+        "it must be (V, 3), in metres",
     ),
     (
         lambda f: from_mesh((CUBE.vertices, CUBE.faces[:, :2])),
-        lambda f: from_mesh((CUBE.vertices, CUBE.faces)),
-        "faces of mesh has shape (12, 2) and dtype int64; it must be (F, 3), of whole numbers; pass three vertex indices per triangle",
+        "faces of mesh has shape (12, 2) and dtype int64; it must be (F, 3), of whole numbers",
     ),
     (
         lambda f: from_mesh((CUBE.vertices, [])),
@@ -594,8 +595,7 @@ def write_package(folder):
     ),
     (
         lambda f: [np.save(f / "a.npy", np.eye(2)), Workspace.from_points(f / "a.npy", 0.1)],
-        lambda f: [np.save(f / "a.npy", np.eye(3)), Workspace.from_points(f / "a.npy", 0.1)],
-        "save one of that shape",
+        "a cloud is one array of numbers of shape (n, 3)",
     ),
     (
         lambda f: Robot.open(write(f, "a.yaml", SEVERAL)),
@@ -607,8 +607,7 @@ def write_package(folder):
     ),
     (
         lambda f: Robot.from_nav2(write(f, "a.yaml", SEVERAL), "near"),
-        lambda f: Robot.from_nav2(f / "a.yaml", "global_costmap"),
-        "name one of these",
+        "it has local_costmap, global_costmap",
     ),
     (
         lambda f: Robot.open(write_package(f)),
@@ -617,18 +616,15 @@ def write_package(folder):
     ),
     (
         lambda f: Robot.from_urdf(write_package(f), package_dirs=3),
-        lambda f: Robot.from_urdf(f / "robot.urdf", package_dirs=[f / "far"]),
-        "package_dirs is 3; it must be a folder, or a list of folders; pass paths",
+        "package_dirs is 3; it must be a folder, or a list of folders",
     ),
     (
         lambda f: Robot.from_urdf(write_package(f), package_dirs=[f / "fra"]),
-        lambda f: Robot.from_urdf(f / "robot.urdf", package_dirs=[f / "far"]),
-        "each must be an existing folder that holds the folders of packages; correct its name",
+        "each must be an existing folder that holds the folders of packages",
     ),
     (
         lambda f: Robot.from_urdf(write(f, "a.urdf", GOOD_URDF), solid="surface"),
-        lambda f: Robot.from_urdf(f / "a.urdf"),
-        "omit it, or name links with only meshes",
+        "only a mesh can be a surface without an inside",
     ),
     (
         lambda f: Robot.from_urdf(write(f, "a.urdf", GOOD_URDF.replace(BOX, "", 1)), "base"),
@@ -637,8 +633,7 @@ def write_package(folder):
     ),
     (
         lambda f: Workspace.open(3, spacing=0.1),
-        lambda f: [from_image(str(save_image(f, GREY))), from_image(f / "a.png")],
-        "pass a string or a pathlib.Path",
+        "it must be a file name",
     ),
     (
         lambda f: Workspace.open(f / "a.xyz"),
@@ -647,8 +642,7 @@ def write_package(folder):
     ),
     (
         lambda f: Workspace.open(write(f, "a.map", f"{OCTILE}."), unknown="free"),
-        lambda f: Workspace.open(f / "a.map"),
-        "leave it out",
+        "its format takes spacing",
     ),
     (
         lambda f: small_map().export(write(f, "a.yaml", "")),
@@ -657,28 +651,23 @@ def write_package(folder):
     ),
     (
         lambda f: small_map().export(f / "new" / "a.yaml"),
-        lambda f: [(f / "new").mkdir(), small_map().export(f / "new" / "a.yaml")],
-        "create it first",
+        "outputs go to an existing folder",
     ),
     (
         lambda f: Workspace.open(write(f, "a.bt", "# Octomap\n"), unknown="free"),
-        lambda f: Workspace.open(save_image(f, GREY), spacing=0.1),
-        "pass an OctoMap",
+        "an OctoMap begins with '# Octomap OcTree binary file' or '# Octomap OcTree file'",
     ),
     (
         lambda f: [save_image(f, GREY, "a.pgm"), append(f / "a.pgm"), from_image(f / "a.pgm")],
-        lambda f: from_image(save_image(f, GREY, "a.pgm")),
-        "fetch it again, as a binary file",
+        "then its line ends were converted, or it holds several images",
     ),
     (
         lambda f: [(f / "a.zarr").mkdir(), Workspace.open(f / "a.zarr", spacing=0.1)],
-        lambda f: [write_array(f), Workspace.open(f / "a.zarr", spacing=0.1)],
-        "write it with zarr.create_array",
+        "it must be a folder with one array of booleans, and not a saved map",
     ),
     (
         lambda f: Workspace.open(write_array(f, {}), spacing=0.1).outer,
-        lambda f: Workspace.open(write_array(f), spacing=0.1).outer,
-        "zarr.create_array(..., config={'write_empty_chunks': True})",
+        "a lost chunk would pass for free space, unless the attribute missing_chunks is 'fill_value'",
     ),
     (
         lambda f: cspace.open(f / "a.zarr"),
@@ -688,7 +677,7 @@ def write_package(folder):
     (
         lambda f: Workspace.open(save_image(f, GREY).with_name("b.png"), spacing=0.1),
         lambda f: Workspace.open(f / "a.png", spacing=0.1),
-        "a.png? check the name",
+        "an image must be a plain file; did you mean",
     ),
 )
 @pytest.mark.filterwarnings("ignore::UserWarning")
@@ -701,19 +690,19 @@ def test_a_file_that_is_read_as_the_hint_says_is_accepted(call, advised, hint, t
     (
         lambda f: from_image(save_image(f, GREY, pnginfo=with_gamma(100_000))),
         lambda f: from_image(save_image(f, GREY, pnginfo=with_gamma(45_455))),
-        "save it with a gamma of 1/2.2",
+        "its gamma of 1 is not applied",
     ),
     (
         lambda f: from_image(save_image(f, GREY, "a.tif", tiffinfo={33550: (0.1, 0.1, 0.0)})),
         lambda f: from_array(np.asarray(Image.open(f / "a.tif"))[::-1].T < 128),
-        "pass the array to Workspace.from_array",
+        "the placement of a GeoTIFF is not read",
     ),
     (
         lambda f: Workspace.from_occupancy_grid(with_data(254)),
         lambda f: Workspace.from_occupancy_grid(
             with_data(*np.where(np.array([254]) >= 253, 100, 0))
         ),
-        "pass e.g. np.where(costs >= 253, 100, 0)",
+        "values are beyond -1 to 100",
     ),
     (
         lambda f: Workspace.from_moveit_scene(
@@ -725,7 +714,7 @@ def test_a_file_that_is_read_as_the_hint_says_is_accepted(call, advised, hint, t
     (
         lambda f: Robot.open(write(f, "a.urdf", URDF.replace("JOINT", SWINGING))),
         lambda f: Robot.from_urdf(f / "a.urdf", ["base", "top"]),
-        "name all links, which are placed with their joints at zero",
+        "name all links",
     ),
     (
         lambda f: Robot.open(write(f, "a.urdf", GOOD_URDF.replace("collision", "visual", 2))),

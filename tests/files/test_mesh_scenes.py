@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from cspace import InputError, Mesh, Robot, UnitWarning, Workspace
+from cspace import Mesh, Robot, UnitWarning, Workspace
 from tests.helpers.mesh_files import (
     BOX_CORNERS,
     BOX_MESH,
@@ -335,12 +335,3 @@ def test_units_of_trimesh_other_than_the_metre_are_warned_of():
         Mesh.of(mesh)
     mesh.convert_units("meters")
     assert measure(Mesh.of(mesh)) == [0.004] * 3
-
-
-def test_the_hint_for_3mf_converts_its_units(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    trimesh.creation.box((1000, 2000, 3000)).export("mesh.3mf")
-    with pytest.raises(InputError) as refused:
-        Mesh.of("mesh.3mf")
-    eval(refused.value.hint.removeprefix("convert it: "), {"trimesh": trimesh})
-    assert measure(Mesh.of("mesh.stl")) == [1.0, 2.0, 3.0]

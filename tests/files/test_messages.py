@@ -224,7 +224,7 @@ def test_an_unset_quaternion_is_no_rotation():
     (
         SimpleNamespace(info=SimpleNamespace(width=2), data=[]),
         {},
-        r"msg\.info has no height; .* besides width; add it",
+        r"msg\.info has no height; .* besides width",
     ),
     (change("info.origin.position.x", math.inf), {}, r"msg\.info\.origin\.position has the x inf"),
     (
@@ -232,14 +232,14 @@ def test_an_unset_quaternion_is_no_rotation():
         {},
         r"orientation is \(1, 0, 0, 1\), which is tilted",
     ),
-    (change("data", [0, 0, "..."]), {}, r"last of the data '\.\.\.'; .* echo --full-length"),
+    (change("data", [0, 0, "..."]), {}, r"last of the data '\.\.\.'"),
     (change("data", [0.0] * 6), {}, "has data of shape .* float64; .* whole numbers"),
     (change("data", "AAA*"), {}, r"msg has the data 'AAA\*'"),
     (change("info.resolution", math.nan), {}, r"msg\.info has the resolution nan"),
-    (change("info.resolution", "5 cm"), {}, r"resolution '5 cm'; .*; correct it$"),
+    (change("info.resolution", "5 cm"), {}, "resolution '5 cm'; .*"),
     (change("info.width", True), {}, "has the width True"),
     (change("info.width", 2.5), {}, "has the width 2.5; it must be a whole number"),
-    ({}, {}, "msg has no info; it must have one, besides nothing; add it"),
+    ({}, {}, "msg has no info; it must have one, besides nothing"),
     (cspace.ros.Costmap(), {}, "msg is a Costmap; its data are costs"),
     (make_message([[0]]), {"unknown": "maybe"}, "unknown is 'maybe'"),
 )
@@ -249,9 +249,9 @@ def test_from_occupancy_grid_refuses_in_one_line(msg, options, message):
     assert "\n" not in str(caught.value)
 
 
-def test_flags_instead_of_per_cent_warn_and_the_hint_is_followed():
+def test_flags_instead_of_per_cent_warn():
     message = make_message([[0, 1, 0]])
-    with pytest.warns(UserWarning, match=r"e\.g\. 100 \* data"):
+    with pytest.warns(UserWarning, match="no value is above 1 per cent"):
         assert not Workspace.from_occupancy_grid(message).outer.any()
     message.data = [100 * value for value in message.data]
     assert Workspace.from_occupancy_grid(message).outer[:, 0].tolist() == [False, True, False]
@@ -291,7 +291,7 @@ def test_a_pose_becomes_a_configuration(spaces):
     "pose, message",
     (
         make_pose(frame="odom"),
-        "it must be 'map', the frame of the map; transform it with tf2",
+        "it must be 'map', the frame of the map",
     ),
     (make_pose(x=math.nan), "msg.pose.position"),
     (make_pose(w=math.inf), "msg.pose.orientation"),
@@ -353,13 +353,13 @@ def test_an_updated_message_has_the_new_values(seed):
     "update, message",
     (
         make_update(3, 0, [[0, 0]]),
-        "lie in the grid of 4 x 3 cells|lie in the grid of 4 x 3; wait for the whole new map",
+        "lie in the grid of 4 x 3 cells|lie in the grid of 4 x 3",
     ),
     (make_update(-1, 0, [[0, 0]]), "update has the x -1; it must be a finite number, at least 0"),
     (SimpleNamespace(width=1, height=1, x=0, y=0, data=[0, 1]), "update has data of shape"),
     (
         {"header": {}},
-        "update has no width; it must have one, besides header; add it",
+        "update has no width; it must have one, besides header",
     ),
 )
 def test_updates_beyond_the_grid_are_refused(update, message):
@@ -417,7 +417,7 @@ def test_poses_and_updates_may_be_mappings(spaces):
     cspace.ros.update_occupancy_grid(grid, as_mapping(make_update(1, 0, [[100, -1]])))
     assert grid["data"] == [0, 100, -1]
     frozen = types.MappingProxyType(grid)
-    with pytest.raises(InputError, match=r"msg cannot be written to; .*; pass dict\(msg\)"):
+    with pytest.raises(InputError, match="msg cannot be written to"):
         cspace.ros.update_occupancy_grid(frozen, make_update(0, 0, [[50]]))
     copy = dict(frozen)
     cspace.ros.update_occupancy_grid(copy, make_update(0, 0, [[50]]))
@@ -498,7 +498,7 @@ def test_a_map_file_warns_that_it_names_no_frame(tmp_path, odom):
 def test_poses_and_updates_in_another_frame_are_refused(odom):
     space, _ = odom
     pose = make_pose(x=1.0, y=1.0)
-    rule = "frame_id is 'map'; it must be 'odom', the frame of the map; transform it with tf2"
+    rule = "frame_id is 'map'; it must be 'odom', the frame of the map"
     with pytest.raises(InputError, match=rf"msg\.header\.{rule}"):
         cspace.ros.configuration_of(pose, space)
     assert cspace.ros.configuration_of(pose, space, "map") == (1.0, 1.0)
@@ -519,7 +519,7 @@ def test_poses_and_updates_in_another_frame_are_refused(odom):
 def test_a_map_is_not_updated_by_a_workspace_in_another_frame(odom):
     space, _ = odom
     other = Workspace.from_occupancy_grid(make_grid("map", np.full((20, 30), 100)))
-    with pytest.raises(InputError, match=r"is in the frame 'map'; it must be 'odom', .* with tf2"):
+    with pytest.raises(InputError, match="is in the frame 'map'; it must be 'odom',"):
         space.update(other)
     assert space.is_free((1.0, 1.0))
     same = cspace.build(other, Robot.disc(0.15))

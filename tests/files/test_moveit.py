@@ -57,7 +57,7 @@ def test_primitives_have_the_size_and_pose_of_the_message(tmp_path, kind, sizes,
 
 @refusals(
     "ids, expected",
-    (["a", "a/0"], "has 'a/0' twice; ids and names of shapes must differ; rename one"),
+    (["a", "a/0"], "has 'a/0' twice; ids and names of shapes must differ"),
     ([True, "a"], r"has True as scene.world.collision_objects\[0\].id; it must be a name"),
 )
 def test_names_that_hide_an_obstacle_are_refused(tmp_path, ids, expected):
@@ -139,7 +139,7 @@ def test_malformed_objects_are_refused_in_one_line(tmp_path, thing, expected):
     "text, expected",
     (
         "world: {octomap: {octomap: {data: [1]}}}",
-        r"has scene\.world\.octomap\.octomap\.data; .*from_octomap",
+        r"has scene\.world\.octomap\.octomap\.data",
     ),
     (
         "world: {objects: []}",
@@ -167,8 +167,8 @@ def test_the_frame_of_a_scene_is_that_of_its_map(tmp_path):
 
 def test_an_echo_that_was_cut_says_so(tmp_path):
     path = write_scene(tmp_path, make_object("box", (1, "...")))
-    hint = "write the whole message, with ros2 topic echo --full-length"
-    with pytest.raises(FileError, match=rf"dimensions\[1\] has the value '\.\.\.'; .*; {hint}"):
+    hint = "and the message whole"
+    with pytest.raises(FileError, match=rf"dimensions\[1\] has the value '\.\.\.'; .*{hint}"):
         Workspace.from_moveit_scene(path, 0.1)
     path = write_scene(tmp_path, make_object("box", (1, 1, 1)))
     path.write_text(f"{path.read_text()}\n---\n")
@@ -177,7 +177,7 @@ def test_an_echo_that_was_cut_says_so(tmp_path):
 
 def test_a_quaternion_of_an_angle_warns(tmp_path):
     turned = make_box(pose=make_pose((0, 0, 0), (0, 0, 90, 1)))
-    with pytest.warns(AngleWarning, match="component 90, beyond 1, .* write sin.yaw / 2. as z and"):
+    with pytest.warns(AngleWarning, match="component 90, beyond 1,"):
         Workspace.from_moveit_scene(write_scene(tmp_path, turned), 0.1)
     half = np.radians(90) / 2
     right = make_box(pose=make_pose((0, 0, 0), (0, 0, np.sin(half), np.cos(half))))

@@ -22,7 +22,7 @@ READERS = {
 @pytest.mark.parametrize("name", READERS)
 def test_a_pointer_of_git_lfs_is_refused_with_the_command_that_fetches_the_file(tmp_path, name):
     (tmp_path / name).write_text(POINTER)
-    message = rf"{name}: is a git-lfs pointer; .* has not been fetched; run git lfs pull in its repository"
+    message = rf"{name}: is a git-lfs pointer; .* has not been fetched"
     with pytest.raises(FileError, match=message):
         READERS[name](tmp_path / name)
 
@@ -46,9 +46,9 @@ def test_the_error_names_the_nearest_file_of_the_folder(tmp_path, name, misspelt
 def test_a_file_of_another_format_is_refused_with_its_converter(tmp_path):
     with pytest.raises(CspaceError) as refused:
         Mesh.of(tmp_path / "part.off")
-    assert "trimesh" not in refused.value.hint  # it does not exist
+    assert "did you mean" not in refused.value.hint
     (tmp_path / "part.off").touch()
-    with pytest.raises(CspaceError, match=r"convert it: trimesh"):
+    with pytest.raises(CspaceError, match="Bring your file"):
         Mesh.of(tmp_path / "part.off")
 
 
@@ -56,7 +56,7 @@ def test_an_output_is_not_taken_for_a_misspelt_input(tmp_path):
     space = build_empty((9, 9), "disc:0.1")
     (tmp_path / "corridor.ply").touch()
     for write in (space.export, space.save):
-        with pytest.raises(InputError, match=r"use one of \.zarr") as refused:
+        with pytest.raises(InputError, match=r"known are \.zarr") as refused:
             write(tmp_path / "corridor.csv")
         assert "did you mean" not in str(refused.value)
     with pytest.raises(InputError, match=rf"did you mean {tmp_path / 'corridor.ply'}\?"):
@@ -87,34 +87,25 @@ def test_another_folder_is_written_to_as_advised(tmp_path, monkeypatch):
     # The superuser may write everywhere.
     monkeypatch.setattr(os, "access", lambda path, mode: "locked" not in str(path))
     space = build_empty((4, 4), Robot.disc(0.05))
-    with pytest.raises(FileError, match="change its permissions or use another"):
+    with pytest.raises(FileError, match="outputs need a writable folder"):
         space.save(tmp_path / "locked" / "a.zarr")
     space.save(tmp_path / "other" / "a.zarr")
 
 
-CONVERTERS = {
-    "a.las": "pdal translate",
-    "a.dxf": "ogr2ogr -f GeoJSON",
-    "a.SHP": "ogr2ogr -t_srs EPSG:32632",
-    "a.svg": "inkscape",
-    "a.step": "gmsh .*scale it by 0.001",
-    "a.sdf": "sdf2urdf",
-    "a.xml": "mjcf_urdf_simple_converter",
-    "a.fbx": "assimp export",
-}
+OTHER_FORMATS = "a.las", "a.dxf", "a.SHP", "a.svg", "a.step", "a.sdf", "a.xml", "a.fbx"
 
 
-@pytest.mark.parametrize("name", CONVERTERS)
-def test_the_tool_that_converts_other_formats_is_named(tmp_path, name):
+@pytest.mark.parametrize("name", OTHER_FORMATS)
+def test_the_page_about_other_formats_is_named(tmp_path, name):
     (tmp_path / name).write_text("")
     for reader in (cspace.Workspace.open, cspace.Robot.open):
         options = {"spacing": 0.1} if reader == cspace.Workspace.open else {}
-        with pytest.raises(InputError, match=f"suffix .*{CONVERTERS[name]}"):
+        with pytest.raises(InputError, match=r"suffix .*Bring your file"):
             reader(tmp_path / name, **options)
 
 
-@pytest.mark.parametrize(("tag", "tool"), [("sdf", "sdf2urdf"), ("mujoco", "mjcf_urdf"), ("x", "")])
-def test_robots_of_other_formats_are_named(tmp_path, tag, tool):
+@pytest.mark.parametrize(("tag", "page"), [("sdf", "Bring"), ("mujoco", "Bring"), ("x", "")])
+def test_robots_of_other_formats_are_named(tmp_path, tag, page):
     (tmp_path / "robot.urdf").write_text(f"<{tag}><model/></{tag}>")
-    with pytest.raises(FileError, match=f"holds <{tag}>, not <robot>.*{tool}"):
+    with pytest.raises(FileError, match=f"holds <{tag}>, not <robot>.*{page}"):
         cspace.Robot.from_urdf(tmp_path / "robot.urdf")

@@ -124,7 +124,7 @@ def test_truncated_pcd_is_refused(tmp_path):
 @refusals(
     "old, new, message",
     ("DATA binary", "DATA zip", "DATA 'zip'"),
-    ("DATA binary", "DATA binary_compressed", "pcl_convert_pcd_ascii_binary in.pcd out.pcd 1"),
+    ("DATA binary", "DATA binary_compressed", "only ascii and binary are read"),
     ("WIDTH 4\n", "WEITE 4\n", "line 7 is 'WEITE 4'"),
     ("TYPE U F U F F", "TYPE U F U F X", "types"),
 )
@@ -222,7 +222,7 @@ def test_long_comments_come_before_the_points(tmp_path):
 def test_a_far_frame_is_refused_and_its_hint_followed(tmp_path):
     far = CLOUD[:2] + np.array([500_000, 5_200_000, 0])
     path = write(tmp_path, "utm.npy", make_npy(far.astype(np.float64), ""))
-    with pytest.raises(InputError, match=r"cells from the origin.* by offset= of Workspace.open"):
+    with pytest.raises(InputError, match="cells from the origin"):
         Workspace.open(path, spacing=0.5)
     offset = (-500_000, -5_200_000, 3)
     workspace = Workspace.open(path, spacing=0.5, offset=offset)
@@ -288,7 +288,7 @@ def test_a_comment_that_names_another_unit_is_warned_of(tmp_path, form):
         "x.ply": make_ply(CLOUD, "ascii").replace(b"element", b"comment (mm)\nelement", 1),
     }[form]
     path = write(tmp_path, form, content)
-    with pytest.warns(UnitWarning, match=r"points by 0\.001 \* points"):
+    with pytest.warns(UnitWarning, match="are taken as metres"):
         points = read_points(path)
     with warnings.catch_warnings(action="error", category=UnitWarning):
         workspace = Workspace.from_points(0.001 * points, 1e-4)

@@ -66,7 +66,7 @@ def test_coordinates_without_effect_are_refused_and_the_hint_followed():
         lambda cells: Voxels.of(cells, 0.1, (-3.0, -2.0)).contains([-2.95, -1.95]),
         lambda cells: space.update(cells, (0, 0)).occupied == 1,
     ):
-        with pytest.raises(InputError, match="pass its values, with ascending x and y"):
+        with pytest.raises(InputError, match="has coordinates; they have no effect here"):
             use(raster)
         assert use(values)
     assert np.argwhere(space.workspace.outer).tolist() == [[0, 0]]
@@ -74,7 +74,7 @@ def test_coordinates_without_effect_are_refused_and_the_hint_followed():
 
 def test_a_raster_without_coordinates_is_indexed_by_x_and_y():
     raster = make_raster().drop_vars(["x", "y"])
-    with pytest.raises(InputError, match="transpose it, and reverse y if its first row is the top"):
+    with pytest.raises(InputError, match=r"must be x, y .and z., in this order"):
         Workspace.from_array(raster, 0.1)
     workspace = Workspace.from_array(raster.transpose("x", "y")[:, ::-1], 0.1, (-3.0, -2.0))
     placed = Workspace.from_array(make_raster(), 0.1)
@@ -87,7 +87,7 @@ def test_a_raster_without_coordinates_is_indexed_by_x_and_y():
     ({"y": [0.0, 0.1, 0.3, 0.4]}, 0.1, "occupied.y has steps from 0.1 to 0.2 m"),
     ({"y": Y[[0, 2, 1, 3]]}, 0.1, "occupied.y has steps from "),
     ({}, 0.05, "they must be the spacing, 0.05 m; pass spacing=0.1"),
-    ({"x": ("x", X, {"units": "degrees_east"})}, 0.1, "by array.rio.reproject"),
+    ({"x": ("x", X, {"units": "degrees_east"})}, 0.1, "is in 'degrees_east'"),
     ({"y": [np.nan, *Y[1:]]}, 0.1, "occupied.y[0] is nan"),
 )
 def test_other_coordinates_are_refused(changes, spacing, message):
@@ -96,25 +96,12 @@ def test_other_coordinates_are_refused(changes, spacing, message):
     assert message in str(caught.value)
 
 
-def test_the_hints_about_units_and_spacing_are_followed():
-    array = make_raster(x=("x", 100 * X, {"units": "cm"}))
-    with pytest.raises(InputError) as caught:
-        Workspace.from_array(array, 0.1)
-    scaled = caught.value.hint.removeprefix("scale it, e.g. ").removesuffix(" for cm")
-    workspace = Workspace.from_array(eval(scaled, {"array": array}), 0.1)
-    assert workspace.grid.lower == pytest.approx((-3.0, -2.0))
-    with pytest.raises(InputError) as caught:
-        Workspace.from_array(make_raster(), 0.2)
-    spacing = float(caught.value.hint.split(",")[0].partition("=")[2])
-    assert Workspace.from_array(make_raster(), spacing).grid.spacing == 0.1
-
-
 @pytest.mark.parametrize(
     "attributes, message",
     [
         ({"standard_name": "longitude"}, "is in 'degrees of longitude'"),
         ({"Units": "cm"}, "is in 'cm'"),
-        ({"uom": "km"}, "scale it, e.g. .*=1000 "),
+        ({"uom": "km"}, "is in 'km'"),
         ({"axis": "Y"}, "says that it is Y"),
         ({"positive": "Down"}, "is positive downwards"),
         ({"standard_name": "depth"}, "is positive downwards"),
@@ -197,11 +184,8 @@ ROTATED = {"xc": (("x", "y"), np.full((6, 4), 7.0)), "yc": (("x", "y"), np.full(
 def test_a_place_that_coordinates_do_not_say_is_refused(coords, attrs, where):
     cells = np.zeros((6, 4), dtype=bool)
     array = xarray.DataArray(cells, dims=("x", "y"), coords=coords, attrs=attrs)
-    with pytest.raises(
-        InputError, match=f"has its place in {where}; each dimension needs"
-    ) as caught:
+    with pytest.raises(InputError, match=f"has its place in {where}; each dimension needs"):
         Workspace.from_array(array, 0.1)
-    assert "pass its values with ascending x and y, and lower=" in str(caught.value)
     assert Workspace.from_array(array.values, 0.1, lower=(7, 2)).grid.lower == (7.0, 2.0)
 
 
@@ -223,12 +207,9 @@ def test_attributes_that_nobody_reads_are_named(tmp_path, kind):
 def test_coordinates_of_32_bits_are_named():
     y = (5.4e4 + 0.1 * np.arange(8)).astype("f4")
     array = xarray.DataArray(np.zeros((3, 8), bool), dims=("x", "y"), coords={"x": X[:3], "y": y})
-    with pytest.raises(
-        InputError, match=r"occupied.y is float32, which rounds .* up to 0.002"
-    ) as caught:
+    with pytest.raises(InputError, match=r"occupied.y is float32, which rounds .* up to 0.002"):
         Workspace.from_array(array, 0.1)
-    follow = caught.value.hint.removeprefix("compute it in float64, e.g. ")
-    better = eval(follow, {"np": np, "x0": 5.4e4, "spacing": 0.1, "n": 8})
+    better = 5.4e4 + 0.1 * np.arange(8)
     assert Workspace.from_array(array.assign_coords(y=better), 0.1).grid.shape == (3, 8)
 
 
@@ -242,7 +223,7 @@ def test_coordinates_of_32_bits_are_named():
     (lambda raster: raster.to_dataset(name="walls"), "is a Dataset; its labels are not read"),
     (
         lambda raster: raster.to_pandas(),
-        "DataFrame.*; pass one array, indexed by ascending x and y",
+        "DataFrame.*",
     ),
     (lambda raster: raster.assign_coords(map=MERIDIANS), "system latitude_longitude"),
 )
@@ -255,15 +236,16 @@ DOWN = {"positive": "down"}
 MERIDIANS = xarray.DataArray(0, attrs={"grid_mapping_name": "latitude_longitude"})
 
 
-def test_hints_about_depths_and_coded_numbers_are_followed():
+def test_depths_and_coded_numbers_are_refused():
     deep = make_raster().expand_dims(z=[0.05, 0.15]).astype("u1")
     deep = deep.assign_coords(z=("z", [0.05, 0.15], DOWN))
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(InputError, match="is positive downwards; z must point up"):
         Workspace.from_array(deep, 0.1)
-    turned = eval(caught.value.hint.removeprefix("turn it, e.g. "), {"array": deep})
-    assert Workspace.from_array(turned, 0.1).grid.lower == pytest.approx((-3.0, -2.0, -0.2))
+    assert Workspace.from_array(
+        deep.assign_coords(z=-deep.z.values), 0.1
+    ).grid.lower == pytest.approx((-3.0, -2.0, -0.2))
     coded = make_raster().astype("u1").assign_attrs(scale_factor=2.0, _FillValue=255)
-    with pytest.raises(InputError, match=r"decode its dataset with xarray\.decode_cf"):
+    with pytest.raises(InputError, match="its numbers stand for others"):
         Workspace.from_array(coded, 0.1)
     decoded = xarray.decode_cf(coded.to_dataset(name="walls")).walls
     cells = Workspace.from_array(decoded > 0.5, 0.1).outer

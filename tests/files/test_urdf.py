@@ -302,7 +302,7 @@ def make_link(geometry):
     "body, error, message",
     (make_link("<cone/>"), FileError, "<cone> as the geometry .*; it must be one of box"),
     (make_link('<box size="1 1 nan"/>'), FileError, "it must be 3 finite numbers"),
-    (make_link('<mesh filename="$(find p)/x.stl"/>'), FileError, "xacro macros.*; run xacro"),
+    (make_link('<mesh filename="$(find p)/x.stl"/>'), FileError, "xacro macros.*"),
     ('<x:if xmlns:x="http://www.ros.org/wiki/xacro"/>' + LINKS, FileError, "xacro macros"),
 )
 def test_malformed_urdf_is_refused_in_one_line(tmp_path, body, error, message):
@@ -324,17 +324,17 @@ def test_unknown_links_and_other_files_are_refused(tmp_path):
 
 def test_an_origin_with_other_attributes_is_refused_and_the_hint_followed(tmp_path):
     turned = BASE.replace('rpy="0.3 -0.2 0.5"', 'quat_xyzw="0 0 1 0"')
-    with pytest.raises(FileError, match="only xyz and rpy are read; write the rotation as rpy"):
+    with pytest.raises(FileError, match="only xyz and rpy are read"):
         Robot.from_urdf(write_urdf(tmp_path, turned), "base")
     roll, pitch, yaw = Rotation.from_quat((0, 0, 1, 0)).as_euler("xyz")
     written = turned.replace('quat_xyzw="0 0 1 0"', f'rpy="{roll} {pitch} {yaw}"')
     assert Robot.from_urdf(write_urdf(tmp_path, written), "base").dim == 3
 
 
-def test_limits_of_a_continuous_joint_warn_and_the_hint_is_followed(tmp_path):
+def test_limits_of_a_continuous_joint_warn(tmp_path):
     limit = '<axis xyz="0 1 0"/><limit lower="-1" upper="2" effort="1" velocity="1"/>'
     body = BASE.replace('<axis xyz="0 1 0"/>', limit)
-    with pytest.warns(UserWarning, match="make the joint revolute if it has them"):
+    with pytest.warns(UserWarning, match="a continuous joint has no limits"):
         arm = cspace.Arm.from_urdf(write_urdf(tmp_path, body))
     assert (arm.lower[0], arm.upper[0]) == (-np.inf, np.inf)
     with warnings.catch_warnings(action="error"):
@@ -390,6 +390,6 @@ def test_a_link_in_millimetres_is_warned_of(tmp_path, attributes, warns):
     path = write_urdf(
         tmp_path, f'<link name="a"><collision><geometry>{mesh}</geometry></collision></link>'
     )
-    match = 'link .a., collision 0: mesh is 300 m x 200 m x 100 m large.*write scale="0.001'
+    match = "link .a., collision 0: mesh is 300 m x 200 m x 100 m large"
     with pytest.warns(cspace.UnitWarning, match=match) if warns else nullcontext():
         Robot.from_urdf(path)

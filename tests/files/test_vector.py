@@ -171,7 +171,7 @@ def test_members_of_geojson_that_nobody_reads_are_named_once():
     "source, message",
     (
         {"version": "5.0", "shapes": []},
-        "has no type, only version, shapes.*; convert it to GeoJSON",
+        "has no type, only version, shapes.*",
     ),
     ([L_SHAPE, shapely.Polygon()], r"polygons\[1\] is empty"),
     (
@@ -225,7 +225,7 @@ def test_reference_systems_that_are_not_metres_are_refused(tmp_path, crs):
     path = tmp_path / "town.geojson"
     path.write_text(json.dumps(town(crs)))
     for source in (path, town(crs)):
-        with pytest.raises(GeometryError, match="not metres on the ground; project it to metres"):
+        with pytest.raises(GeometryError, match="not metres on the ground"):
             Workspace.from_polygons(source, 0.5)
 
 
@@ -248,7 +248,7 @@ def test_reference_systems_of_json_fg_are_heard(systems):
     metres = {"coordRefSys": "http://www.opengis.net/def/crs/EPSG/0/25832"}
     assert read_shapes(mapping(L_SHAPE) | metres) == [L_SHAPE]
     place = {"type": "Feature", "geometry": None, "place": mapping(L_SHAPE), **metres}
-    with pytest.raises(GeometryError, match="write it as the geometry, with its coordRefSys"):
+    with pytest.raises(GeometryError, match="has a place, the geometry of JSON-FG"):
         read_shapes(place)
     moved = {"type": "Feature", "geometry": place["place"], "properties": {}, **metres}
     assert read_shapes(moved) == [L_SHAPE]
@@ -363,7 +363,7 @@ def test_surfaces_are_refused_by_name(name):
 def test_an_offset_moves_a_far_frame(tmp_path):
     far = affinity.translate(L_SHAPE, 692_000, 5_334_000)
     (tmp_path / "utm.wkt").write_text(far.wkt)
-    with pytest.raises(InputError, match=r"cells from the origin.* by offset= of Workspace.open"):
+    with pytest.raises(InputError, match="cells from the origin"):
         Workspace.from_polygons(tmp_path / "utm.wkt", 0.1)
     offset = (-692_000, -5_334_000)
     for lazy in (False, True):

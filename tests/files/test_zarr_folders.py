@@ -84,17 +84,16 @@ def test_other_encodings_are_left_to_zarr(tmp_path, options):
     path = tmp_path / "a.zarr"
     array = zarr.create_array(path, shape=(20, 20), chunks=(10, 10), dtype="bool", **options)
     array[...] = True
-    with pytest.raises(FileError, match="open it with zarr and pass the array"):
+    with pytest.raises(FileError, match=r"of Zarr version 3|is encoded with"):
         read_cells(path)
     assert read_cells(zarr.open_array(path, mode="r")).all()
 
 
-def test_the_hint_about_types_is_followed(tmp_path):
+def test_other_types_are_refused(tmp_path):
     values = np.ones((3, 4), dtype="complex64")
     zarr.create_array(tmp_path / "a.zarr", data=values)
-    with pytest.raises(FileError, match="of type complex64; cells are booleans") as caught:
+    with pytest.raises(FileError, match="of type complex64; cells are booleans"):
         read_cells(tmp_path / "a.zarr")
-    assert caught.value.hint == "write array.astype(bool)"
     zarr.create_array(tmp_path / "b.zarr", data=values.astype(bool))
     assert read_cells(tmp_path / "b.zarr").all()
 
@@ -171,7 +170,7 @@ def test_a_missing_chunk_is_refused_unless_declared(array):
     (array / "c/1/0").unlink()
     check_refused(lambda: read_cells(array), "lacks its chunk c/1/0")
     opened = zarr.open_array(str(array), mode="r+")
-    hint = r"set array\.attrs\[\"missing_chunks\"\] = \"fill_value\""
+    hint = "unless the attribute missing_chunks is 'fill_value'"
     with pytest.raises(FileError, match=f"lacks 1 of 4 chunks; .*{hint}"):
         read_cells(opened)
     opened.attrs["missing_chunks"] = "fill_value"
@@ -220,5 +219,5 @@ def test_chunks_that_are_too_large_are_written_smaller_as_advised(tmp_path):
         if is_read:
             assert Workspace.from_array(tmp_path / f"{chunk}.zarr", 0.1).grid.shape == array.shape
             continue
-        with pytest.raises(FileError, match="write smaller chunks"):
+        with pytest.raises(FileError, match="a chunk may unpack to at most"):
             Workspace.from_array(tmp_path / f"{chunk}.zarr", 0.1)

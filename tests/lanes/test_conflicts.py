@@ -549,8 +549,7 @@ LANES = RouteGraph.from_arrays([(1, 1), (3, 1)], [(0, 1)])
     ({"others": {"a": (elsewhere("hall"), LANES)}}, "has the frame 'hall'"),
     (
         {"others": {"a": (elsewhere(count=90), LANES)}},
-        {"others": {"a": (SMALL, LANES)}},
-        "build both maps of one workspace",
+        "that of space is from [0.0, 0.0] to [8.0, 6.0]",
     ),
     ({"distance": -0.1}, "distance is -0.1"),
     ({"distance": math.nan}, "distance is nan"),
@@ -617,5 +616,5 @@ def test_conflicts_have_reports_of_their_own(room):
     assert refused.exit_code == 2
     assert "pass --conflicts" in refused.stderr
     refused = audit(room, "--robot=conflicts=disc:0.2", "--conflicts")
-    assert "write another NAME=SPEC" in refused.stderr
+    assert "the report of conflicts has that name" in refused.stderr
     assert audit(room, "--robot=other=disc:0.02", "--conflicts").exit_code == 0

@@ -271,7 +271,6 @@ def test_a_graph_without_lanes_does_not_pass(folder, tmp_path):
     empty.write_text('{"type": "FeatureCollection", "features": []}')
     result = run("audit", folder / "room.npy", empty, "--spacing=0.1", "--robot=disc:0.2")
     assert result.exit_code == 2 and "empty.geojson has no lanes" in result.stderr
-    assert result.stderr.strip().endswith("pass a graph with lanes")
 
 
 def test_several_robots_have_reports_of_their_own(folder):
@@ -293,16 +292,16 @@ def test_a_saved_map_has_its_robot(folder):
     assert run("audit", folder / "m.zarr", lanes, "--heading=90deg").exit_code == 0
     refused = run("audit", folder / "m.zarr", lanes, "--robot=disc:0.2")
     assert refused.exit_code == 2
-    assert "leave it out" in refused.stderr
+    assert "a saved map has one" in refused.stderr
 
 
 @pytest.mark.parametrize(
     "arguments, text",
     [
-        ([], "write e.g. disc:0.3"),
-        (["--robot=disc:0.2", "--robot=disc:0.3"], "write NAME=SPEC"),
-        (["--robot=a=disc:0.2", "--robot=a=disc:0.3"], "write NAME=SPEC"),
-        (["--robot=disc:0.2", "--heading=left"], "write e.g. 90deg"),
+        ([], "--robot is missing"),
+        (["--robot=disc:0.2", "--robot=disc:0.3"], "as in NAME=SPEC"),
+        (["--robot=a=disc:0.2", "--robot=a=disc:0.3"], "as in NAME=SPEC"),
+        (["--robot=disc:0.2", "--heading=left"], "it must be a number of degrees or radians"),
         (["--robot=disc:0.2", "--output=a.doc"], "use one of .csv"),
         (["--robot=disc:0.2", "--level=L1"], ""),
     ],

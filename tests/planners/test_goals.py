@@ -506,50 +506,44 @@ BOX = shapely.box(4.5, 0.5, 5.5, 1.5)
         "turning",
         {"goal_tolerance": (0.3, 10.0)},
         {"goal_tolerance": (0.3, math.radians(10.0))},
-        "an angle is at most pi radians; pass 0.174533 for 10 degrees, or pi for any rotation",
+        "an angle is at most pi radians; pass 0.174533 for 10 degrees",
     ),
     (
         "turning",
         {"goal_tolerance": 0.3},
-        {"goal_tolerance": (0.3, 0.1)},
-        "it must be two numbers, zero or above: metres and radians; pass e.g. (0.3, 0.1)",
+        "it must be two numbers, zero or above: metres and radians",
     ),
     (
         "turning",
         {"goal_tolerance": (-0.3, 0.1)},
-        {"goal_tolerance": (0.3, 0.1)},
-        "pass e.g. (0.3, 0.1)",
+        "it must be two numbers, zero or above",
     ),
-    ("turning", {"start_tolerance": -1.0}, {"start_tolerance": 1.0}, "pass it in metres"),
+    ("turning", {"start_tolerance": -1.0}, "it must be one number, zero or above, in metres"),
     (
         "turning",
         {"goal": (BOX, 0.0), "goal_tolerance": (0.3, 0.0)},
         {"goal": (BOX.buffer(0.3), 0.0), "goal_tolerance": (0, 1.0)},
-        "a region has its own room; pass goal_tolerance=(0, radians), or enlarge it: region.buffer(0.3)",
+        "a region has its own room; pass goal_tolerance=(0, radians)",
     ),
     (
         "turning",
         {"goal": shapely.Polygon()},
-        {"goal": shapely.box(0, 0, 1, 1)},
-        "is an empty region; a region holds positions, metres; pass e.g. shapely.box(0, 0, 1, 1)",
+        "is an empty region; a region holds positions, metres",
     ),
     (
         "turning",
         {"goal": (5.0, 3.2, (3.4, 3.0))},
-        {"goal": (5.0, 3.2, (3.0, 3.4))},
-        "pass e.g. (3.0, 3.4); ends beyond pi are wrapped",
+        "a range of yaws is its lower and its upper end, radians",
     ),
     (
         "plane",
         {"goal": (2.0, 4.0, None)},
-        {"goal": (2.0, 4.0)},
-        "the robot does not turn; pass its position alone",
+        "the robot does not turn",
     ),
     (
         "plane",
         {"goal": (BOX, 0.3)},
-        {"goal": BOX},
-        "the robot does not turn; pass the region alone",
+        "the robot does not turn",
     ),
     (
         "space",
@@ -570,28 +564,24 @@ BOX = shapely.box(4.5, 0.5, 5.5, 1.5)
         (
             "turning",
             {"goal": (line, 1.0) if is_pair else line},
-            {"goal": line.buffer(0.1)},
-            "is a LineString; a region is a Polygon or a MultiPolygon; pass e.g. region.buffer(0.1)",
+            "is a LineString; a region is a Polygon or a MultiPolygon",
         )
         for is_pair, line in enumerate([shapely.LineString([(4.5, 0.5), (5.5, 1.5)])] * 2)
     ),
     (
         "floating",
         {"goal": (1.9, 0.5, 0.6, (0.0, 1.0))},
-        {"goal": (1.9, 0.5, 0.6, None)},
-        "a range is of yaws, and the axes are qx, qy, qz, qw; pass None",
+        "a range is of yaws, and the axes are qx, qy, qz, qw",
     ),
     (
         "turning",
         {"goal": lambda: planners.Goals([cspace.PoseGoal("tool", np.eye(4))])},
-        {"goal": (5.0, 3.2, 2.0)},
-        "the space of an arm is needed for that; pass a configuration",
+        "the space of an arm is needed for that",
     ),
     (
         "turning",
         {"via": 3},
-        {"via": [(1.0, 2.0, 0.0)]},
-        "it lists places on the way; pass e.g. [(1, 2)]",
+        "it lists places on the way",
     ),
 )
 def test_goals_and_options_as_the_hint_says_are_accepted(name, wrong, right, message):
@@ -602,12 +592,12 @@ def test_goals_and_options_as_the_hint_says_are_accepted(name, wrong, right, mes
         plan = planners.plan(build_room(name), start, **{"goal": goal} | changes)
         assert plan.solved
 
-    check_followed(lambda: make(wrong), lambda: make(right), message)
+    check_followed(lambda: make(wrong), right and (lambda: make(right)), message)
 
 
 def test_goals_without_a_goal_are_refused():
     for wrong in ([], "goal", 3):
-        with pytest.raises(InputError, match=r"goals are .* there is at least one; pass a list"):
+        with pytest.raises(InputError, match=r"goals are .* there is at least one"):
             planners.Goals(wrong)
     assert repr(planners.Goals([(1, 2)])) == "Goals([(1, 2)])"
     assert planners.Goals([planners.Goals([(1, 2), BOX]), (3, 4)]).goals == ((1, 2), BOX, (3, 4))
@@ -620,8 +610,8 @@ def test_a_previous_plan_leads_to_no_place_on_the_way():
     options = {"via": [(2.0, 4.0)], "previous": plan}
     check_followed(
         lambda: planners.plan(space, start, goal, **options),
-        lambda: planners.plan(space, start, goal, via=options["via"]),
-        "via has 1 places, and previous is given; a previous plan is followed to one goal; leave previous out",
+        None,
+        "via has 1 places, and previous is given; a previous plan is followed to one goal",
     )
 
 

@@ -179,7 +179,7 @@ def test_stops_at_rest_and_beyond_the_ends_take_no_time():
         with pytest.raises(InputError, match="finite"):
             trajectory.braked(t)
     several = (1.0, 2.0)
-    with pytest.raises(InputError, match=r"it is one time; pass e.g. 0.5"):
+    with pytest.raises(InputError, match="it is one time"):
         trajectory.stop_time(several)
 
 
@@ -318,7 +318,7 @@ def test_what_cannot_go_on_is_refused():
     nothing = "nothing"
     with pytest.raises(InputError, match=r"after is .*pass what plan.trajectory\(\) returned"):
         plan.trajectory(**LIMITS, after=nothing)
-    with pytest.raises(InputError, match=r"duration is 9.0; .*leave it out, or lower the limits"):
+    with pytest.raises(InputError, match=r"duration is 9\.0"):
         plan.trajectory(**LIMITS, after=trajectory, duration=9.0)
     with pytest.raises(InputError, match=r"plan from one of after.starts_after\(at\)"):
         plan.trajectory(**LIMITS, after=trajectory, at=2.0)

@@ -244,7 +244,7 @@ def make_objective(si):
         {"planner": "RRTstar"},
         "objective is a function and no planner is named; the default planners minimise the length; name a planner that optimises: planner='RRTstar'",
     ),
-    ("plane", {"planner": "lattice"}, {"planner": None}, "leave planner out"),
+    ("plane", {"planner": "lattice"}, {"planner": None}, "its built-in searches are"),
     (
         "turning",
         {"planner": "Lattice"},
@@ -327,7 +327,7 @@ def make_objective(si):
         "turning",
         {"drive": "dubins"},
         {"turning_radius": 0.5},
-        "turning_radius is missing; drive='dubins' needs the radius of its tightest curve; pass it in metres, e.g. 0.5",
+        "turning_radius is missing; drive='dubins' needs the radius of its tightest curve",
     ),
     (
         "turning",
@@ -343,13 +343,13 @@ def make_objective(si):
         {"drive": "differential", "turning_radius": None},
         "pass drive='differential' without a radius",
     ),
-    ("turning", CAR | {"turning_radius": 400.0}, {"turning_radius": 0.4}, "check its unit"),
-    ("plane", {"seed": -1}, {"seed": 100}, "pass e.g. 100"),
+    ("turning", CAR | {"turning_radius": 400.0}, {"turning_radius": 0.4}, "turning_radius is 400"),
+    ("plane", {"seed": -1}, "seed is -1"),
     (
         "plane",
         {"previous": 3},
         {"previous": None},
-        "it is what planners.plan returned before; pass the last plan, or leave previous out",
+        "it is what planners.plan returned before",
     ),
     ("floating", {"start": (0.5, 0.5, 0.5, 0, 0, 0, 2)}, "quaternion of norm 2; it must be 1"),
 )
@@ -371,11 +371,11 @@ def test_advised_goals_of_an_arm_are_accepted():
         planners.plan(space, (0.0, 0.0), goals, planner="PRM")
     assert planners.plan(space, (0.0, 0.0), goals[0], planner="PRM", time_limit=0.2).solved
     assert planners.plan(space, (0.0, 0.0), goals).solved
-    with pytest.raises(InputError, match="leave planner out"):
+    with pytest.raises(InputError, match="its built-in searches are BiRRT"):
         planners.plan(space, (0.0, 0.0), goals[0], planner="Grid")
-    with pytest.raises(InputError, match="use the length, or a function"):
+    with pytest.raises(InputError, match="objective"):
         planners.plan(space, (0.0, 0.0), goals[0], objective="clearance")
-    with pytest.raises(InputError, match=r"lacks shoulder, elbow; .*; pass max_acceleration=1\.0"):
+    with pytest.raises(InputError, match=r"lacks shoulder, elbow; "):
         planners.plan(space, (0.0, 0.0), goals[0]).trajectory(max_acceleration=None)
 
 
@@ -395,43 +395,35 @@ def plan_in(name, **options):
     "make, advised, hint",
     (
         lambda: plan_in("plane").trajectory(max_velocity=1.0, max_acceleration=None),
-        lambda: plan_in("plane").trajectory(**LIMITS),
-        "pass max_acceleration=1.0",
+        "it must be one number, or one for each of x, y",
     ),
     (
         lambda: plan_in("turning").trajectory(**LIMITS),
-        lambda: plan_in("turning").trajectory(**LIMITS, **TURN_LIMITS),
-        "pass it in radians and seconds, e.g. 1.0",
+        "the robot turns",
     ),
     (
         lambda: plan_in("plane").trajectory(**LIMITS, max_angular_velocity=1.0),
-        lambda: plan_in("plane").trajectory(**LIMITS),
-        "max_angular_velocity is 1.0; the robot does not turn so; leave it out",
+        "max_angular_velocity is 1.0; the robot does not turn so",
     ),
     (
         lambda: plan_in("plane").trajectory(**LIMITS, duration=0.1),
-        lambda: plan_in("plane").trajectory(**LIMITS, duration=100.0),
-        "raise it, or the limits",
+        "the limits need 15.1423 s",
     ),
     (
         lambda: plan_in("plane").trajectory(**LIMITS, time_step=1e-9),
-        lambda: plan_in("plane").trajectory(**LIMITS, time_step=1e-2),
-        "rows; at most 1000000 are possible; raise it, or the limits",
+        "rows; at most 1000000 are possible",
     ),
     (
         lambda: plan_in("plane").trajectory(**LIMITS).sample_uniform(1e9),
-        lambda: plan_in("plane").trajectory(**LIMITS).sample_uniform(1e2),
-        "lower it",
+        "it makes 15142322656 rows; at most 1000000 are possible",
     ),
     (
         lambda: plan_in("plane").trajectory(**LIMITS).v,
-        lambda: plan_in("plane").trajectory(**LIMITS).velocities,
-        "use velocities",
+        "only a robot that drives has v and omega",
     ),
     (
         lambda: plan_in("turning").trajectory(**LIMITS, **TURN_LIMITS).steering(1.0),
-        lambda: plan_in("turning").trajectory(**LIMITS, **TURN_LIMITS).velocities,
-        "use velocities",
+        "a car steers",
     ),
     (
         lambda: plan_in("turning").trajectory(**LIMITS, **TURN_LIMITS).to_joint_trajectory(),
@@ -442,15 +434,11 @@ def plan_in(name, **options):
         lambda: plan_in("turning").trajectory(
             **LIMITS, **TURN_LIMITS, max_lateral_acceleration=1.0
         ),
-        lambda: plan_in("turning").trajectory(**LIMITS, **TURN_LIMITS),
-        "leave it out",
+        "the robot does not turn so",
     ),
     (
         lambda: plan_in("turning").trajectory(**LIMITS, **TURN_LIMITS, max_angular_jerk=3.0),
-        lambda: plan_in("turning").trajectory(
-            **LIMITS, **TURN_LIMITS, max_angular_jerk=3.0, max_jerk=2.0
-        ),
-        "pass both, in m/s^3 and rad/s^3",
+        "max_angular_jerk has a value",
     ),
     (
         lambda: planners.Trajectory.along(build_room("plane"), [(1, 1)], max_acceleration=1.0),
@@ -464,8 +452,7 @@ def plan_in(name, **options):
     ),
     (
         lambda: plan_in("plane").recheck(build_room("turning")),
-        lambda: plan_in("plane").recheck(build_room("plane")),
-        "pass a map of the same robot",
+        "the plan has x, y",
     ),
     (
         lambda: copy.copy(plan_in("plane")).explain(),
@@ -479,8 +466,7 @@ def plan_in(name, **options):
     ),
     (
         lambda: penalize("plane", -1.0),
-        lambda: penalize("plane", 10.0),
-        "pass 10.0",
+        "it must be one number, zero or above",
     ),
     (
         lambda: planners.simple_setup(build_room("plane"), valid_state_sampler=lambda si: 3),
@@ -521,13 +507,13 @@ def test_an_animation_of_a_copied_plan_is_drawn_as_advised(tmp_path):
 def test_ompl_parts_that_are_refused_have_a_replacement():
     setup = planners.simple_setup(build_room("plane"))
     si = setup.getSpaceInformation()
-    with pytest.raises(InputError, match=r"pass e\.g\. setup\.getSpaceInformation\(\)"):
+    with pytest.raises(InputError, match=r"it must be an ompl\.base\.SpaceInformation"):
         planners.StateValidityChecker(setup, build_room("plane"))
     planners.StateValidityChecker(si, build_room("plane"))
-    with pytest.raises(InputError, match="leave one of the two out"):
+    with pytest.raises(InputError, match="rng is given and exact is True"):
         planners.simple_setup(build_room("plane"), rng=np.random.default_rng(0), exact=True)
     planners.simple_setup(build_room("plane"), exact=True)
-    with pytest.raises(InputError, match=r"use ompl\.base\.UniformValidStateSampler"):
+    with pytest.raises(InputError, match="it needs the last valid state of a motion"):
         planners.simple_setup(
             build_room("plane"), valid_state_sampler=ob.ObstacleBasedValidStateSampler
         )
@@ -597,8 +583,7 @@ def blocked(space, rows):
     "call, advised, hint",
     (
         lambda _: plan_own("y", "x"),
-        lambda _: [plan_own("x", "y"), plan_own("a", "b")],
-        "name its axes as one of these, or as joints, e.g. a, b",
+        "planners take x y, x y yaw, x y z, x y z yaw, x y z qx qy qz qw, and joints",
     ),
     (
         lambda _: plan_own("a", "b").plot(),
@@ -612,8 +597,7 @@ def blocked(space, rows):
     ),
     (
         lambda _: planners.plan((1.0, 1.0), build_room("plane"), (2.0, 1.0)),
-        lambda _: planners.plan(build_room("plane"), *ENDPOINTS["plane"]),
-        "space is a tuple; it must be a cspace.Space, as the results of cspace.build and cspace.open are; check the order of arguments",
+        "space is a tuple; it must be a cspace.Space, as the results of cspace.build and cspace.open are",
     ),
     (
         lambda _: planners.plan(build_room("plane"), *ENDPOINTS["plane"], drive="differential"),
@@ -629,19 +613,11 @@ def blocked(space, rows):
         lambda _: planners.plan(
             build_room("plane"), *ENDPOINTS["plane"], planner="RRTstar", objective=lambda si: 3
         ),
-        lambda _: planners.plan(
-            build_room("plane"),
-            *ENDPOINTS["plane"],
-            planner="RRTstar",
-            objective=make_objective,
-            time_limit=0.1,
-        ),
-        "objective returned 3; it must return an ompl.base.OptimizationObjective; pass a function that takes the space information",
+        "objective returned 3; it must return an ompl.base.OptimizationObjective",
     ),
     (
         lambda _: plan_in("plane").trajectory(max_velocity=(1, 2, 3), max_acceleration=1.0),
-        lambda _: plan_in("plane").trajectory(max_velocity=1.0, max_acceleration=1.0),
-        "pass max_velocity=1.0",
+        "it must be one number, or one for each of x, y",
     ),
     (
         lambda f: along(space := read_arm_space(f), line(space, (0.3, 0.5), (9.0, 0.5))),
@@ -655,11 +631,7 @@ def blocked(space, rows):
     ),
     (
         lambda f: along(space := read_arm_space(f), blocked(space, [(0.3, 0.5), (1.6, 0.5)])),
-        lambda f: [
-            blocked(space := read_arm_space(f), None),
-            along(space, planners.plan(space, (0.3, 0.5), (1.6, -2.0), seed=1).path),
-        ],
-        "plan again",
+        "a trajectory follows proven motions",
     ),
     (
         lambda f: planners.plan(read_arm_space(f), (0.3, 0.5), (0.4, 0.5)).to_path(),

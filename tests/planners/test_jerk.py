@@ -301,7 +301,7 @@ def test_an_arm_keeps_the_limit_of_each_joint(tmp_path):
     ({"max_jerk": 0.0}, "max_jerk is 0"),
     ({"max_jerk": {"shoulder": 1.0, "elbo": 2.0}}, "elbo"),
     ({"max_jerk": math.nan}, "max_jerk"),
-    ({"max_jerk": 1.0, "max_angular_jerk": 1.0}, "the robot does not turn so; leave it out"),
+    ({"max_jerk": 1.0, "max_angular_jerk": 1.0}, "the robot does not turn so"),
 )
 def test_limits_of_jerk_are_checked(options, expected):
     plan = plan_along("joints", draw_waypoints("joints", np.random.default_rng(0), 3))
@@ -312,6 +312,6 @@ def test_limits_of_jerk_are_checked(options, expected):
 def test_an_angular_limit_alone_is_refused():
     plan = plan_along("turning", draw_waypoints("turning", np.random.default_rng(0), 3))
     options = LIMITS | TURNING_LIMITS | {"max_angular_jerk": 3.0}
-    with pytest.raises(InputError, match=r"max_jerk is missing; .*pass both"):
+    with pytest.raises(InputError, match="max_jerk is missing"):
         plan.trajectory(**options)
     plan.trajectory(**options, max_jerk=1.0)

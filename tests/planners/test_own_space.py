@@ -135,7 +135,7 @@ FORKED = ("x", "y", "yaw", "fork")
         "they must be a tuple of different names; write axes = ('a', 'b')",
     ),
     (lambda: plan_own(axes="ab"), "axes are 'ab'; they must be a tuple of different"),
-    (lambda: plan_own(axes=("a", "a")), plan_own, "write e.g. axes = ('a', 'b')"),
+    (lambda: plan_own(axes=("a", "a")), "they must be a tuple of different names"),
     (lambda: plan_own(axes=lambda self: ("a", "b")), "they must be a tuple of different names"),
     (
         lambda: plan_own(axes=FORKED),
@@ -166,10 +166,9 @@ FORKED = ("x", "y", "yaw", "fork")
     ),
     (
         lambda: plan_own(searches="Around"),
-        lambda: plan_own(searches=()),
-        "they must be a tuple of names; write e.g. searches = ('Around',)",
+        "they must be a tuple of names",
     ),
-    (lambda: plan_own(units=("m",)), plan_own, "leave them out for metres"),
+    (lambda: plan_own(units=("m",)), "there is one text for each of a, b"),
 )
 def test_what_a_space_says_wrongly_is_refused_before_a_search(call, mended, message):
     check_followed(call, mended, message)

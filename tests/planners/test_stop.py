@@ -142,5 +142,5 @@ def test_a_stop_belongs_to_one_plan(flat):
 
 
 def test_stop_must_be_callable(flat):
-    with pytest.raises(InputError, match=r"stop is True; .* pass a function, e.g. event.is_set"):
+    with pytest.raises(InputError, match="stop is True"):
         planners.plan(flat, (0.3, 0.3), (7.3, 7.3), stop=True)

@@ -7,7 +7,6 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-import planners
 from cspace import Robot, Workspace, build
 from cspace.errors import InputError
 from cspace.plot import animate, save_plot
@@ -40,38 +39,29 @@ PATH = [START, GOAL]
     "call, advised, hint",
     (
         lambda f: animate(flat(), np.zeros((0, 2)), f / "a.gif"),
-        lambda f: animate(flat(), planners.plan(flat(), START, GOAL), f / "a.gif", seconds=0.1),
-        "pass one that was found",
+        "an animation needs a path",
     ),
     (
         lambda f: animate(flat(), PATH, f / "a.gif", rate=90),
-        lambda f: animate(flat(), PATH, f / "a.gif", rate=50, seconds=0.1),
-        "lower it",
+        "it must be at most 50 frames per second",
     ),
     (
         lambda f: animate(flat(), PATH, f / "a.gif", seconds=1e4),
-        lambda f: [
-            animate(flat(), PATH, f / "a.gif", seconds=0.1),
-            animate(flat(), PATH, f / "b.gif", seconds=10, rate=0.2),
-        ],
-        "lower it or the rate",
+        "at most 1000 are possible",
     ),
     (
         lambda f: animate(flat(), PATH, f / "a.png"),
-        lambda f: animate(flat(), PATH, f / "a.gif", seconds=0.1),
-        "use one of .gif",
+        "an animation is a GIF",
     ),
     (
         lambda f: flat().plot(ax=plt),
-        lambda f: flat().plot(ax=plt.figure().add_subplot()),
-        "pass figure.add_subplot()",
+        "it must be matplotlib axes",
     ),
     (
         lambda f: spatial().plot(view="3d", ax=plt.figure().add_subplot()),
-        lambda f: spatial().plot(view="3d", ax=plt.figure().add_subplot(projection="3d")),
-        'use figure.add_subplot(projection="3d")',
+        "it must have three",
     ),
-    (lambda f: flat().plot(zoom=0.5), lambda f: flat().plot(zoom=8), "pass e.g. 8"),
+    (lambda f: flat().plot(zoom=0.5), "it must be at least 1 (the whole map)"),
     (
         lambda f: flat().plot(center=(0.1, 0.1)),
         lambda f: [flat().plot(center=(0.1, 0.1), zoom=8), flat().plot()],
@@ -79,8 +69,7 @@ PATH = [START, GOAL]
     ),
     (
         lambda f: flat().plot(zoom=8, center=(9, 9)),
-        lambda f: flat().plot(zoom=8, center=flat().grid.lower),
-        "pass a point in it",
+        "the grid is from (0.0, 0.0) to (0.9, 0.9)",
     ),
     (
         lambda f: flat().plot(start=(1, 2, 3)),
@@ -89,8 +78,7 @@ PATH = [START, GOAL]
     ),
     (
         lambda f: save_plot(flat(), f / "a.png", dpi=1e6),
-        lambda f: save_plot(flat(), f / "a.png", dpi=300),
-        "pass e.g. 300",
+        "it must be at most 2,400 pixels per inch",
     ),
     (
         lambda f: flat().plot(path=[(1.0, 2.0, 3.0)]),
@@ -98,7 +86,10 @@ PATH = [START, GOAL]
     ),
     (lambda f: flat().plot(rotation=0.5), "rotation has shape (1,); the robot does not turn"),
     (lambda f: flat().plot(cut=1.0), "cut is given with view plane; it needs view 3d"),
-    (lambda f: save_plot(flat(), f / "a.xyz"), "use one of .png, .pdf, .svg, .jpg"),
+    (
+        lambda f: save_plot(flat(), f / "a.xyz"),
+        "the suffix says what to write",
+    ),
     (
         lambda f: turning().plot(rotation=[0.0, 1.0]),
         "rotation has shape (2,); a rotation is given by yaw",
@@ -137,23 +128,17 @@ def test_another_view_of_a_map_that_turns_is_drawn_as_advised():
     plt.close("all")
 
 
-def test_a_page_at_the_port_or_the_host_that_the_hint_names_is_shown():
+def test_ports_and_hosts_that_cannot_be_had_are_refused():
     pytest.importorskip("viser")
     with socket.create_server(("127.0.0.1", 0)) as taken:
         number = taken.getsockname()[1]
-        for options, advised, hint in (
-            ({"port": 10**6}, {"port": 0}, "pass 0 for any free port, or omit it"),
-            ({"port": number}, {"port": 0}, "pass another port from 1024 on, or 0 for any"),
-            (
-                {"host": "203.0.113.1", "port": 0},
-                {"host": "127.0.0.1", "port": 0},
-                'pass "127.0.0.1", or "0.0.0.0" for all addresses',
-            ),
+        for options, message in (
+            ({"port": 10**6}, "it must be a whole number from 0 to 65535"),
+            ({"port": number}, "other programs use it"),
+            ({"host": "203.0.113.1", "port": 0}, "it must be an address of this machine"),
         ):
             check_followed(
-                lambda options=options: flat().view(block=False, **options),
-                lambda advised=advised: flat().view(block=False, **advised).close(),
-                hint,
+                lambda options=options: flat().view(block=False, **options), None, message
             )
 
 

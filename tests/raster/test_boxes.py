@@ -238,7 +238,7 @@ def test_slabs_of_threads_join_to_the_whole(monkeypatch):
         (lambda: Polygons([shapely.box(0, 0, 1e9, 1)]).cells(Grid((0, 0), 1.0, (4, 4))), "corner"),
         (lambda: FAR_MESH.cells(GRID), "map's corner"),
         (lambda: FAR_MESH.rasters(1.0), "its origin"),
-        (lambda: Box.of((2.0, 2.0, 2.0)).rasters(1e-3), "larger spacing"),
+        (lambda: Box.of((2.0, 2.0, 2.0)).rasters(1e-3), "cells large at this spacing"),
         (lambda: Mesh.of(SMALL_BOX, "fill").cells(Grid((0, 0, 0), 1e-5, (4, 4, 4))), "filled"),
     ],
     ids=["far balls", "far polygon", "far mesh", "far robot", "many cells", "many filled cells"],

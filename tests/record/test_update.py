@@ -194,13 +194,11 @@ def test_refused_workspaces_change_nothing():
     space = build_empty_room()
     states = space.cell_states.copy()
     other = Workspace.from_array(np.ones((40, 31), dtype=bool), 0.1)
-    with pytest.raises(
-        InputError, match=r"cells is a workspace of .*; build a new map for another grid"
-    ):
+    with pytest.raises(InputError, match="cells is a workspace of"):
         space.update(other)
     with pytest.raises(InputError, match="without lower and inner"):
         space.update(replace(space.workspace, unknown=None), (0, 0))
-    with pytest.raises(InputError, match=r"lower is missing; .*; pass e.g. \(0, 0\)"):
+    with pytest.raises(InputError, match=r"lower is missing; it is the index"):
         space.update(OBSTACLE)
     np.testing.assert_array_equal(space.cell_states, states)
 

@@ -221,11 +221,8 @@ def test_damaged_files_are_refused(change, message, tmp_path):
         FreeRegions.open(path)
     assert message in str(caught.value) and str(path) in str(caught.value)
 
-    def follow():
-        cover.save(path, overwrite=True)
-        FreeRegions.open(path)
-
-    check_followed(lambda: FreeRegions.open(path), follow, caught.value.hint)
+    cover.save(path, overwrite=True)
+    FreeRegions.open(path)
 
 
 # ---- refusals ------------------------------------------------------------------------------------
@@ -251,13 +248,13 @@ def test_maps_without_room_are_refused():
     space, _ = build_yard(None)
     check_followed(
         lambda: space.free_regions(1.5),
-        lambda: space.free_regions(0.9, max_regions=1),
-        "pass e.g. 0.9",
+        None,
+        "it must be above 0 and at most 1",
     )
     check_followed(
         lambda: space.free_regions(margin=0.1, time_limit=1e-9),
-        lambda: space.free_regions(0.1, margin=0.1),
-        "pass a larger time_limit, or a smaller margin",
+        None,
+        "a cover has a region",
     )
     widest = space.clearance(space.grid.center_of(np.argwhere(space.cell_states == FREE))).max()
     advised = float(f"{0.5 * widest:.2g}")

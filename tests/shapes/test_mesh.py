@@ -55,7 +55,7 @@ def test_parts_of_a_scene_are_placed_and_joined():
         InputError,
         "faces of mesh has 3 masked",
     ),
-    ((TETRA_VERTICES * 1e200, TETRA_FACES), GeometryError, "units"),
+    ((TETRA_VERTICES * 1e200, TETRA_FACES), GeometryError, "they must reach"),
 )
 def test_invalid_meshes_are_refused(shape, error, message):
     with pytest.raises(error, match=message):

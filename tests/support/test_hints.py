@@ -60,70 +60,59 @@ def cells(values, **options):
 @refusals(
     "call, advised, hint",
     # Numbers.
-    (lambda: Robot.disc(None), lambda: Robot.disc(0.3), "pass numbers, in metres or"),
-    (lambda: Robot.disc("0.3"), lambda: Robot.disc(0.3), "write the number without quotes"),
+    (lambda: Robot.disc(None), "it must be numeric"),
+    (lambda: Robot.disc("0.3"), "it must be numeric"),
     (
         lambda: floating().rotations._check_rotation(TURN, "rotation"),
-        lambda: floating().rotations._check_rotation(TURN.as_quat(), "rotation"),
-        "pass the Rotation's as_quat()",
+        "it must be numeric",
     ),
-    (lambda: Robot.disc(10**400), lambda: Robot.disc(float(10)), "pass a float"),
+    (lambda: Robot.disc(10**400), "it must fit a float"),
     (
         lambda: space().is_free((1j, 0)),
-        lambda: space().is_free(np.array((1j, 0)).real),
-        "pass array.real",
+        "it must be real",
     ),
     (
         lambda: Robot.polygon([(0, 0), (1, 0), (np.nan, 1), (0, 1)]),
-        lambda: Robot.polygon([(0, 0), (1, 0), (0, 1)]),
-        "drop or replace such values first",
+        "it must be finite",
     ),
     (
         lambda: cells(MASKED),
-        lambda: cells(MASKED.filled(True)),
-        "occupied has 3 masked entries; each must have a value; fill them first, e.g. array.filled(True) for occupied cells",
+        "occupied has 3 masked entries; each must have a value",
     ),
-    (lambda: Robot.disc(0), lambda: Robot.disc(0.05), "pass it in metres, e.g. 0.05"),
-    (lambda: Robot.disc(1e200), lambda: Robot.disc(1.0), "check its unit (metres)"),
+    (lambda: Robot.disc(0), "it must be one number above zero, in metres"),
+    (lambda: Robot.disc(1e200), "it must be in [1e-100, 1e100] metres"),
     (
         lambda: build(FLOOR, "disc:0.1", margin=-1),
-        lambda: build(FLOOR, "disc:0.1", margin=0),
         "metres",
     ),
     (
         lambda: space().sample_free(-1),
-        lambda: space().sample_free(100),
-        "n is -1; it must be a whole number from 0 on; pass e.g. 100",
+        "n is -1; it must be a whole number from 0 on",
     ),
     (
         lambda: space().sample_free(10**13),
-        lambda: space().sample_free(10),
-        "95% of the free memory; draw fewer at a time",
+        "95% of the free memory",
     ),
     # Words.
     (
         lambda: build(FLOOR, "disc:0.1", outside="x"),
-        lambda: [build(FLOOR, "disc:0.1", outside=word) for word in ("free", "blocked")],
-        "outside is 'x'; it must be 'blocked' or 'free'; pass one of them",
+        "outside is 'x'; it must be 'blocked' or 'free'",
     ),
     (
         lambda: Workspace.from_mesh(trimesh.creation.box(), 0.1, solid="all"),
-        lambda: Workspace.from_mesh(trimesh.creation.box(), 0.1, solid="fill"),
-        "solid is 'all'; it must be 'auto', 'surface' or 'fill'; pass one of them",
+        "solid is 'all'; it must be 'auto', 'surface' or 'fill'",
     ),
     (
         lambda: space().add_obstacle("", [HERE], radius=0.1),
-        lambda: copy().add_obstacle("cart", [HERE], radius=0.1),
-        "'cart'",
+        "it must be a non-empty string",
     ),
     (
         lambda: space().sample_free(3, rng=0),
-        lambda: space().sample_free(3, rng=np.random.default_rng(0)),
-        "rng is 0; it must be a numpy.random.Generator or None; pass numpy.random.default_rng(0)",
+        "rng is 0; it must be a numpy.random.Generator or None",
     ),
     # Points and boxes.
-    (lambda: space().is_free((1, 2, 3)), lambda: space().is_free([HERE]), "pass one or a batch"),
-    (lambda: Robot.disc(0.1, 3), lambda: Robot.disc(0.1, (0.5, 0.5)), "pass e.g. (0.5, 0.5)"),
+    (lambda: space().is_free((1, 2, 3)), "its last axis must be 2 long, for x, y"),
+    (lambda: Robot.disc(0.1, 3), "it must be 2 numbers in metres"),
     (
         lambda: Workspace.from_polygons([shapely.Point(0, 0)], 0.1, bounds=(0, 1)),
         lambda: [
@@ -134,8 +123,7 @@ def cells(values, **options):
     ),
     (
         lambda: space().certify_path([HERE], [0]),
-        lambda: space().certify_path([HERE, HERE], np.array([(0, 1)])),
-        "pass shapes (m, 2) and (n, size)",
+        "each edge must be two whole numbers, and vertices a list of configurations",
     ),
     (
         lambda: space().certify_path([HERE], [(0, 1)]),
@@ -149,8 +137,7 @@ def cells(values, **options):
     ),
     (
         lambda: space().motion_is_free([HERE] * 2, [HERE] * 3),
-        lambda: space().motion_is_free([HERE] * 2, [HERE] * 2),
-        "q0 has shape (2, 2) and q1 (3, 2); they must broadcast; pass batches of equal shape",
+        "q0 has shape (2, 2) and q1 (3, 2); they must broadcast",
     ),
     (
         lambda: planners.plan(space(), [HERE], HERE),
@@ -160,16 +147,15 @@ def cells(values, **options):
     (
         lambda: space().find_path((0.05, 0.05), HERE),
         lambda: space().find_path(space().nearest_free((0.05, 0.05)), HERE),
-        "ask nearest_free for one",
+        "it must be one FREE configuration in the grid; space.nearest_free(q) is one",
     ),
     # Cells.
-    (lambda: cells([[1], [1, 0]]), lambda: cells([[1, 0], [1, 0]]), "pad or cut them"),
+    (lambda: cells([[1], [1, 0]]), "its rows must have one length"),
     (
         lambda: cells([1, 0]),
-        lambda: [cells(CELLS), cells(CELLS[..., None])],
-        "pass an array indexed [x, y] or [x, y, z]",
+        "it must have the axes x, y (and z), and at least one cell",
     ),
-    (lambda: cells(0.9 * WIDE), lambda: cells(0.9 * WIDE > 0.5), "e.g. array > 0.5"),
+    (lambda: cells(0.9 * WIDE), "cells must be boolean"),
     (
         lambda: cells(np.array([(0.2, 3.0, 4.0, 0.1), (1.0, 2.0, 5.0, 0.9)])),
         lambda: Workspace.from_points(
@@ -177,46 +163,39 @@ def cells(values, **options):
         ),
         "if its rows are points, pass array[:, :3] to Workspace.from_points",
     ),
-    (lambda: cells(100 * WIDE), lambda: cells(100 * WIDE >= 50), "e.g. array >= 50"),
+    (lambda: cells(100 * WIDE), "whole numbers must be 0 or 1"),
     (
         lambda: cells(CELLS, inner=CELLS[:2]),
-        lambda: cells(CELLS, inner=CELLS),
-        "one entry per cell",
+        "they must be equal",
     ),
     (
         lambda: cells(CELLS, inner=~CELLS),
-        lambda: cells(CELLS | ~CELLS, inner=~CELLS),
-        "inner has cell (0, 1), which is not in outer; it must be a subset of outer; add it to outer",
+        "inner has cell (0, 1), which is not in outer; it must be a subset of outer",
     ),
     # Grids.
-    (lambda: Grid(0.0, 0.1, (3, 3)), lambda: Grid((0.0, 0.0), 0.1, (3, 3)), "pass e.g. (0.0, 0.0)"),
+    (lambda: Grid(0.0, 0.1, (3, 3)), "it must have length 2 or 3"),
     (
         lambda: Grid((0, 0), 0.1, 9),
-        lambda: Grid((0, 0), 0.1, (3, 3)),
-        "pass the number of cells along each axis",
+        "it must have 2 whole numbers above zero, the cells along each axis",
     ),
-    (lambda: Grid((0, 0), 1, (3, 3), "xx"), lambda: Grid((0, 0), 1, (3, 3)), "leave them out"),
-    (lambda: Grid((0, 0), 1, (3, 3), None, "m"), lambda: Grid((0, 0), 1, (3, 3)), "leave them out"),
+    (lambda: Grid((0, 0), 1, (3, 3), "xx"), "there must be 2, and axes must differ"),
+    (lambda: Grid((0, 0), 1, (3, 3), None, "m"), "there must be 2, and axes must differ"),
     (
         lambda: Workspace.from_polygons([FAR], 1e-2),
-        lambda: Workspace.from_polygons([FAR], 0.1),
-        "use a larger spacing",
+        "beyond 4194304 cells rounding invalidates proofs",
     ),
     (
         lambda: Workspace.from_polygons([FAR], 1e-2),
-        lambda: Workspace.from_polygons([FAR], 0.1, offset=(-1e5, 0.0)),
-        "or move the frame's origin, e.g. by offset= of Workspace.open",
+        "beyond 4194304 cells rounding invalidates proofs",
     ),
     # Maps.
     (
         lambda: space().update(CELLS[None], (0, 0)),
-        lambda: copy().update(CELLS, (0, 0)),
-        "pass one entry per cell of the box",
+        "they must agree",
     ),
     (
         lambda: space().update(CELLS, (0, 0), inner=~CELLS),
-        lambda: copy().update(CELLS | ~CELLS, (0, 0), inner=~CELLS),
-        "add it to cells",
+        "it must be a subset of cells",
     ),
     (
         lambda: named().remove_obstacle("People"),
@@ -225,18 +204,15 @@ def cells(values, **options):
     ),
     (
         lambda: Robot.polygon([HERE]),
-        lambda: Robot.polygon([(0, 0), (1, 0), (0, 1)]),
-        "pass its vertices in order",
+        "it must be (n, 2) with n at least 3",
     ),
     (
         lambda: Robot.polygon(shapely.Point(0, 0)),
-        lambda: Robot.polygon(shapely.Point(0, 0).buffer(1.0)),
-        "remove other parts",
+        "each part must be a Polygon",
     ),
     (
         lambda: Robot.polygon([shapely.Polygon()]),
-        lambda: Robot.polygon([(0, 0), (1, 0), (0, 1)]),
-        "remove it",
+        "an obstacle must cover some ground",
     ),
     (
         lambda: copy().add_obstacle("a", [(0, 0), (1, 1)]),
@@ -277,28 +253,23 @@ def cells(values, **options):
     # Balls.
     (
         lambda: Robot.from_balls([(0, 0)], None),
-        lambda: Robot.from_balls([(0, 0)], 0.1),
-        "pass it in metres",
+        "radii is missing; balls need one number, or one per center",
     ),
     (
         lambda: Robot.from_balls((0, 0), 0.1),
-        lambda: Robot.from_balls([(0, 0)], 0.1),
-        "pass one row per ball",
+        "it must be (n, 2) or (n, 3) with n at least 1",
     ),
     (
         lambda: Robot.from_balls([(0, 0)], [0.1, 0.2]),
-        lambda: [Robot.from_balls([(0, 0)], radii) for radii in (0.1, [0.1])],
-        "pass one number, or one per center",
+        "it must be one number or (1,)",
     ),
     (
         lambda: Robot.from_bitmap(~CELLS & CELLS, 0.1),
-        lambda: Robot.from_bitmap(CELLS, 0.1),
-        "occupied holds no True cell; at least one cell must be occupied; set the cells that it fills",
+        "occupied holds no True cell; at least one cell must be occupied",
     ),
     (
         lambda: Robot.open("disc.json", solid="fill") or Robot.open("a.png"),
-        lambda: Robot.disc(0.1),
-        "leave it out",
+        "it applies to .stl, .obj, .ply, .glb, .gltf, .dae, .urdf",
     ),
     (
         lambda: Workspace.from_mesh(trimesh.creation.box(), 0.1, solid="fill", lazy=True),
@@ -320,8 +291,7 @@ def cells(values, **options):
     ),
     (
         lambda: cspace.Mesh.of(flat()).project_to_plane(),
-        lambda: cspace.Mesh.of(flat((0, 2, 1))).project_to_plane(),
-        "check its axes",
+        "it must have an area there",
     ),
     (
         lambda: Robot.from_mesh(trimesh.creation.box().apply_translation((1e3, 0, 0))),
@@ -340,24 +310,20 @@ def cells(values, **options):
     ),
     (
         lambda: copy().add_obstacle("a", [(0, 0)], radius=-1.0),
-        lambda: copy().add_obstacle("a", [(0, 0)], radius=1.0),
-        "pass lengths in metres",
+        "none may be below zero",
     ),
     (
         lambda: planners.plan(space(), HERE, cspace.PoseGoal("fore", np.eye(4))),
-        lambda: planners.plan(space(), HERE, HERE),
-        "pass a configuration",
+        "the space of an arm is needed for that",
     ),
     (
         lambda: Robot.from_urdf(written_urdf(), 3),
-        lambda: Robot.from_urdf(written_urdf(), ["base"]),
-        "pass a list of strings",
+        "it must be a list of names",
     ),
     # Shapes and messages.
     (
         lambda: Robot.polygon(shapely.box(0, 0, 1e-170, 1e-170)),
-        lambda: Robot.polygon(shapely.box(0, 0, 0.1, 0.1)),
-        "pass it in metres",
+        "it must be above zero",
     ),
     (
         lambda: Mesh.of(CUBE, "fill").contains((0, 0, 0)),
@@ -366,18 +332,15 @@ def cells(values, **options):
     ),
     (
         lambda: Mesh.of(CUBE).boxes,
-        lambda: Mesh.of(CUBE).boundary(),
-        "ask for its boundary",
+        "only boxes and cells in space are",
     ),
     (
         lambda: space().to_costmap(cost_scaling_factor=-3.0),
-        lambda: space().to_costmap(cost_scaling_factor=3.0),
-        "pass it per metre",
+        "it must be one number, zero or above, in 1/m",
     ),
     (
         lambda: floating().to_costmap(),
-        lambda: space().to_costmap(),
-        "the map is one in space; a costmap is plane; build a map of the plane",
+        "the map is one in space; a costmap is plane",
     ),
     # Limits of files.
     (
@@ -435,12 +398,12 @@ def test_what_does_not_fit_into_memory_is_built_in_tiles_and_smaller_windows(tmp
     tiled = cspace.build(lazy, "disc:0.1", store=tmp_path / "map.zarr", tile=512)
     with monkeypatch.context() as patch:
         patch.setattr("cspace._limits.free_bytes", lambda: 145_000_000)
-        with pytest.raises(InputError, match="use a smaller window"):
+        with pytest.raises(InputError, match=r"space\.window\(lower, upper\) takes a part"):
             tiled.window((0, 0), (30, 30))
         assert tiled.window((0, 0), (1, 1)).grid.size
-    with pytest.raises(InputError, match="pass them in metres"):
+    with pytest.raises(InputError, match="it must be a box in the map"):
         tiled.window((900, 900), (1500, 1500))
-    with pytest.raises(InputError, match=r"pass e\.g\. 1024"):
+    with pytest.raises(InputError, match="max_cells is 0"):
         tiled.overview(0)
     assert tiled.overview(1024).grid.size
     window = tiled.window(*tiled.grid.center_of([(900, 900), (1000, 1000)]))
@@ -455,8 +418,7 @@ def open_box(size):
 
 
 def test_an_open_mesh_that_fills_nothing_warns_and_each_advice_is_followed():
-    hint = "close its gaps, use cells larger than the gaps, or choose the surface only"
-    with pytest.warns(MeshWarning, match=hint):
+    with pytest.warns(MeshWarning, match="it counts as a surface without an inside"):
         Workspace.from_mesh(open_box(1.0), 0.1, solid="fill")
     with warnings.catch_warnings(action="error"):
         Workspace.from_mesh(trimesh.creation.box((1, 1, 1)), 0.1, solid="fill")
@@ -473,7 +435,7 @@ def test_a_map_of_unknown_cells_is_free_as_advised(tmp_path):
     white = Image.new("RGBA", image.size, "white")
     white.alpha_composite(image)
     white.save(tmp_path / "white.png")
-    hint = "pass unknown='free' for a sensor map, or put a transparent image on white"
+    hint = "400 of 400 cells are unknown"
     for unknown, known in (
         (
             Workspace.from_occupancy_grid(message),

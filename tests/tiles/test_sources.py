@@ -74,7 +74,7 @@ def test_a_build_stops_if_its_source_changes(tmp_path):
             os.utime(file, ns=(1, 1))
 
     workspace = cspace.Workspace.from_array(file, 0.1, lazy=True)
-    with pytest.raises(FileError, match=r"has changed.*; build the map again, into another store"):
+    with pytest.raises(FileError, match="has changed"):
         cspace.build(workspace, CAR, store=tmp_path / "m", tile=5, workers=1, progress=change)
     assert 0.0 < cspace.open(tmp_path / "m").progress < 1.0
     changed = cspace.Workspace.from_array(file, 0.1, lazy=True)
@@ -131,7 +131,7 @@ def test_parts_of_lazy_shapes_equal_the_whole(seed, spacing, draw):
         np.testing.assert_array_equal(inner, whole.inner[box])
 
 
-def test_an_array_that_is_restored_as_advised_is_read():
+def test_a_damaged_array_is_refused_until_it_is_restored():
     dask = pytest.importorskip("dask.array")
     is_damaged = True
 
@@ -142,7 +142,7 @@ def test_an_array_that_is_restored_as_advised_is_read():
 
     cells = dask.zeros((8, 8), dtype=bool, chunks=4).map_blocks(read, dtype=bool)
     workspace = cspace.Workspace.from_array(cells, 0.1)
-    with pytest.raises(FileError, match="restore the array and build the map again"):
+    with pytest.raises(FileError, match="a part is missing or damaged"):
         cspace.build(workspace, CAR)
     is_damaged = False
     assert cspace.build(workspace, CAR).grid.shape == (8, 8)
