@@ -745,8 +745,8 @@ MUTANTS = (
     ),
     Mutant(
         "planners/_apart.py",
-        "moved = 0.5 * speeds * (highs - lows) * (1.0 + SPEED_ROUNDING)",
-        "moved = 0.2 * speeds * (highs - lows)",
+        "moved = halves * (np.minimum(speeds, relative) + turns) * (1.0 + SPEED_ROUNDING)",
+        "moved = 0.4 * halves * (np.minimum(speeds, relative) + turns)",
         "tests/planners/test_apart.py",
     ),
     Mutant(
@@ -757,8 +757,8 @@ MUTANTS = (
     ),
     Mutant(
         "planners/_apart.py",
-        "moves += lever_of(robot.shape) * np.linalg.norm(rates[:, robot.dim :], axis=1)",
-        "moves += 0.0",
+        "around = lever_of(robot.shape) * np.linalg.norm(rates[:, robot.dim :], axis=1)",
+        "around = 0.0 * ahead",
         "tests/planners/test_apart.py",
     ),
     # Lanes.
