@@ -174,7 +174,7 @@ def read_graph(
     path: StrPath, heading: HeadingRule | None, level: str | None, vehicle: str | None
 ) -> GraphContents:
     """Read a route graph; see :meth:`cspace.lanes.RouteGraph.open`."""
-    suffix = check_suffix(path, SUFFIXES, f"a route graph ends in {', '.join(SUFFIXES)}")
+    suffix = check_suffix(path, SUFFIXES, "the suffix selects the format")
     is_yaml = suffix in (".yaml", ".yml")
     loaded = read_yaml(path, "route graph") if is_yaml else read_json(path, "route graph")
     with decoding(path, "route graph"):
