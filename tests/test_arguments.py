@@ -151,6 +151,24 @@ def test_all_methods_of_maps_that_take_arrays_are_in_the_table():
 def test_texts_are_no_numbers_in_the_plane():
     with pytest.raises(InputError, match="numeric"):
         flat().is_free(("0.6", "0.6"))
+    for texts in (pd.Series({"x": "0.6", "y": "0.6"}), np.array(["0.6", 0.6], dtype=object)):
+        with pytest.raises(InputError, match="numeric"):
+            flat().is_free(texts)
+
+
+def test_truth_values_are_no_commands():
+    gate = cspace.Gate(turning(), dt=0.1)
+    for twists in ([[True, False]], np.zeros((2, 2), dtype=bool)):
+        with pytest.raises(InputError, match="must be numeric"):
+            gate.check_twists((0.6, 0.6, 0.0), twists)
+
+
+def test_one_deceleration_counts_for_both_rates():
+    gate = cspace.Gate(turning(), dt=0.1, max_deceleration=0.5)
+    both = cspace.Gate(turning(), dt=0.1, max_deceleration=(0.5, 0.5))
+    assert gate.stop_distance((0.2, 0.1)) == both.stop_distance((0.2, 0.1))
+    with pytest.raises(InputError, match="max_deceleration of v is"):
+        cspace.Gate(turning(), dt=0.1, max_deceleration=0)
 
 
 def test_labels_of_tables_are_honoured_or_refused():
@@ -379,6 +397,7 @@ def test_an_unknown_option_names_the_most_similar_one():
         (cspace.Gate, "max_velocities", "max_velocity"),
         (planners.plan, "time_limits", "time_limit"),
         (Workspace.from_points, "spacng", "spacing"),
+        (Workspace.from_mesh, "resolution", "spacing"),
         (Robot.from_mesh, "Solid", "solid"),
         (turning().add_obstacle, "radii", "radius"),
         (turning().plot, "pth", "path"),

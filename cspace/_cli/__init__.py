@@ -75,8 +75,14 @@ class _Commands(TyperGroup):
             problem = format_error(error, list_options())
         except _USAGE_ERRORS as error:  # e.g. an option without its value
             path = error.ctx.command_path if error.ctx else "cspace"
+            from cspace._support.check import suggest_name
+
+            error.possibilities = None  # typer's own, which knows no words
             message = join_lines(error.format_message()).removesuffix(".")
-            problem = f"{message}; see {path} --help"
+            name = getattr(error, "option_name", "")
+            known = list_option_names(error.ctx.command if error.ctx else None, {}).values()
+            hint = suggest_name(name, known) if name.startswith("--") else ""
+            problem = "; ".join(filter(None, (message, hint, f"see {path} --help")))
         except OSError as error:
             problem = join_lines(str(error))
         except MemoryError as error:

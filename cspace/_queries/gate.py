@@ -153,7 +153,8 @@ class Gate:
             check_positive(turning_radius, "turning_radius")
         self.max_deceleration = max_deceleration
         if max_deceleration is not None:
-            rates = check_each(max_deceleration, "max_deceleration", TWIST_NAMES)
+            given = check_each(max_deceleration, "max_deceleration", TWIST_NAMES)
+            rates = np.broadcast_to(given, len(TWIST_NAMES))
             for name, rate in zip(TWIST_NAMES, rates.tolist(), strict=True):
                 check_positive(rate, f"max_deceleration of {name}")
             self.max_deceleration = rates

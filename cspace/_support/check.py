@@ -47,9 +47,10 @@ _SI_UNIT: Final = re.compile(
 
 _SIZE: Final = re.compile(
     r"^(?!(stroke|marker|font|icon|text|label)_)(.*_)?"
-    r"((r|size|width|buffer|scale|extent)(_|\d|$)|\w*(radius|radii|diameter|thickness))"
+    r"((r|size|width|buffer|scale|extent|inflation|clearance|margin|padding)(_|\d|$)|units$|"
+    r"\w*(radius|radii|diameter|thickness))"
 )
-"""Name, in lower case, that gives a point or a line a size, except that of a drawing."""
+"""Name, in lower case, that gives a point or a line a size, or its unit, but none of a drawing."""
 
 _WORD_BREAK: Final = re.compile(r"(?<=[a-z\d])(?=[A-Z])|\W+")
 """Place between two words of a name."""
@@ -77,6 +78,8 @@ def check_real(values: ArrayLike, name: str, axes: Sequence[str] = ()) -> NDArra
             array = np.asarray(order_labels(array, name, axes))
         if values is None or array.dtype.kind in "USMm":
             raise TypeError("texts, dates and None are no numbers")
+        if array.dtype.kind == "O" and any(isinstance(each, str | bytes) for each in array.flat):
+            raise TypeError("a text is no number")
         if array.dtype.kind not in "fiubc":
             array = np.asarray(array, dtype=np.float64)
     except (TypeError, ValueError) as error:
@@ -295,7 +298,11 @@ def check_known(value: object, name: str, known: Collection[str], verb: str = "i
 def suggest_name(value: object, known: Collection[str]) -> str:
     """Return "did you mean ...?" with a similar name, or ""."""
     lower_names = {name.lower(): name for name in known}
-    similar = difflib.get_close_matches(str(value).lower(), lower_names, n=1)
+    word = str(value).lower()
+    # What ROS calls resolution is our spacing.
+    words = word.replace("resolution", "spacing"), word
+    matches = [difflib.get_close_matches(each, lower_names, n=1) for each in words]
+    similar = next(filter(None, matches), None)
     return f"did you mean {lower_names[similar[0]]!r}?" if similar else ""
 
 
@@ -437,6 +444,8 @@ def check_rows(values: ArrayLike, name: str, axes: Sequence[str]) -> NDArray[Any
     has another length, or labels are not the axes.
     """
     array = check_real(values, name, axes)
+    if array.dtype.kind == "b":
+        raise InputError(name, f"is {values!r}", "it must be numeric")
     if array.ndim == 0 or array.shape[-1] != len(axes):
         rule = f"its last axis must be {len(axes)} long, for {', '.join(axes)}"
         raise InputError(name, f"has shape {array.shape}", rule)

@@ -48,6 +48,13 @@ def test_interruptions_and_system_errors_end_in_one_line(room, monkeypatch, erro
     assert result.stderr.startswith(message) and result.stderr.count("\n") == 1
 
 
+def test_an_unknown_option_names_a_similar_one(room):
+    for option, similar in (("--resolution", "--spacing"), ("--rotation", "--rotations")):
+        result = run(f"map floor.npy --robot disc:0.05 {option} 0.1")
+        assert result.exit_code == 2 and f"did you mean '{similar}'?" in result.stderr
+    assert "did you mean" not in run("info plane.zarr --unlike 1").stderr
+
+
 def test_defects_stay_visible(room, monkeypatch):
     monkeypatch.setattr("cspace._opening.open_map", lambda _: 1 / 0)
     assert isinstance(run("info plane.zarr").exception, ZeroDivisionError)
