@@ -198,13 +198,17 @@ def _is_decoded(attributes: Ledger) -> bool:
 
 
 _FREE: Final = re.compile(
-    r"(is_)?(free|empty|clear|open|passable|traversable|navigable|(un|not_)occupied)(_\w+)?"
+    r"(is_)?(free|empty|clear|open|passable|traversable|navigable|drive?able|walkable|"
+    r"(un|not_)occupied)(_\w+)?"
 )
 _OCCUPIED: Final = re.compile(
     r"(occupied|blocked|obstacle|wall|lethal|solid|full|(un|im|non|not_)"
-    r"(passable|traversable|navigable))s?(_\w+)?"
+    r"(passable|traversable|navigable|drive?able|walkable))s?(_\w+)?"
 )
 """Meanings of 0 and of 1, in lower case."""
+
+_CODES: Final = re.compile(r"\b([01])\s*(?:=|:|\bis\b|\bmeans\b)\s*([a-z_]+)")
+"""What a sentence says of 0 or 1, in lower case."""
 
 _MISSING: Final = re.compile(r"\b(un(known|seen|observed|explored)|missing|no_?data|invalid)")
 """Meaning of cells that are neither free nor occupied, in lower case."""
@@ -220,7 +224,11 @@ def _check_meaning(array: Any, attributes: Ledger, name: str) -> None:
     meanings = str(attributes.fields.get("flag_meanings") or "").lower().split()
     numbers = attributes.fields.get("flag_values", attributes.fields.get("flag_masks"))
     flags = np.arange(len(meanings)) if numbers is None else np.ravel(numbers)
-    meaning = dict(zip(flags.tolist(), meanings, strict=False))
+    sentences = (str(attributes.fields.get(each) or "") for each in ("comment", "description"))
+    meaning: dict[Any, str] = {
+        int(code): word for code, word in _CODES.findall(" ".join(sentences).lower())
+    }
+    meaning |= zip(flags.tolist(), meanings, strict=False)
     names = (attributes.get("long_name"), getattr(array, "name", None))
     named = str(next(filter(None, names), "")).lower().replace(" ", "_")
     zero, one = meaning.get(0, ""), meaning.get(1, named if not meanings else "")

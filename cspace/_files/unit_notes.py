@@ -19,11 +19,15 @@ _END_OF_HEADER: Final = re.compile(rb"\n(?:end_header|data)\b")
 
 _UNIT_NOTE: Final = re.compile(
     rb"^(?:#|//|comment|obj_info)[^\n]*?"
-    rb"\b((?:milli|centi|kilo|micro|deci)met\w+|inch(?:es)?|feet|(?<!\d)(?<!\d )[cm]m"
+    rb"(?:\b|(?<=_)(?=[cm]m))"
+    rb"((?:milli|centi|kilo|micro|deci)met\w+|inch(?:es)?|feet|(?<!\d)(?<!\d[ _])[cm]m"
     rb"|units?\s*(?:[:=]|\bin\b|\bis\b|\bare\b)?\W{0,3}(?:in|ft)"
     rb"|[cm]m\s*=\s*1?\s*units?"
     rb"|\bunits?\s*(?:=|\bis\b|\bequals\b)\s*(?!1(?:\.0*)?\s*m(?:et\w+)?\b)[\d.]+\s*[a-z]+"
-    rb"|units?\s*(?:[:=]|\bin\b|\bis\b|\bare\b)\W{0,3}(?!met(?:re|er)s?\b|m\b)[a-z]+)\b",
+    rb"|units?\s*(?:[:=]|\bin\b|\bis\b|\bare\b)\W{0,3}(?!met(?:re|er)s?\b|m\b)[a-z]+"
+    rb"|(?:(?:unit|global)[ _]?)?scal(?:e|ing)(?:[ _-]?factor)?\s*(?:[:=]|\bis\b|\bof\b)?\s*"
+    rb"(?!1(?:\.0*)?(?::1)?(?![\d.:e]))[\d.]+[\d.:e-]*"
+    rb"|met(?:re|er)s?[ _]?per[ _]?unit\s*[:=]?\s*(?!1(?:\.0*)?(?![\d.e]))[\d.]+)(?![a-z\d])",
     re.MULTILINE,
 )
 """A comment, in lower case, with a unit other than the metre; a length such as 2 mm is none."""

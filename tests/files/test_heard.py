@@ -147,6 +147,8 @@ def test_speeds_in_degrees_are_warned_of(tmp_path):
         "vertex coordinates are measured in units, where 1 unit = 1.000000 mm",
         "1 mm = 1 unit",
         *("1 unit = 0.0254 m", "unit is 0.001 meters", "Unit = 25.4 mm"),
+        *("Scale factor 0.001", "scale: 25.4", "Scaling of 1e-3", "scale 1:100", "bracket_mm"),
+        *("metersPerUnit = 0.01", "UnitScaleFactor 2.54", "unit_scale_factor: 100"),
     ],
 )
 def test_a_sentence_of_units_is_heard(tmp_path, note):
@@ -157,12 +159,15 @@ def test_a_sentence_of_units_is_heard(tmp_path, note):
     options = {"solid": "surface"}
     assert UnitWarning in dict(write("a.obj", f"# {note}\n{TETRAHEDRON}"))
     assert write("a.obj", f"# 1 unit = 1.0 m\n# unit: metres\n{TETRAHEDRON}") == []
+    ones = "# Scale: 1.0\n# scale factor 1\n# scale 1:1\n# metersPerUnit = 1\n# scaler v0.5\n"
+    assert write("a.obj", f"{ones}# hole_10_mm, grayscale 255\n{TETRAHEDRON}") == []
     options = {"radius": 0.1}
     assert UnitWarning in dict(write("a.xyz", f"# {note}\n0 0 0\n1 1 1\n"))
 
 
 def test_sizes_are_heard_in_any_spelling(tmp_path):
     names = "wallThickness", "WALLTHICKNESS", "Thickness (m)", "wall-width", "lineWidth", "radius1"
+    names += "inflation", "Clearance (m)", "safetyMargin", "padding", "units"
     for name in names:
         line = {"type": "LineString", "coordinates": [[0, 0], [5, 0], [5, 5]]}
         feature = {"type": "Feature", "properties": {name: 0.4}, "geometry": line}
@@ -297,6 +302,9 @@ def test_a_group_of_zarr_is_refused():
         ({"flag_values": [2, 1, 0], "flag_meanings": "lethal free unknown"}, "0 is unknown"),
         ({"flag_values": [0, 1], "flag_meanings": "obstacles free_space"}, "1 is free_space"),
         ({"long_name": "Free space"}, "1 is free_space"),
+        ({"long_name": "Drivable area"}, "1 is drivable_area"),
+        ({"comment": "1 = free, 0 = occupied"}, "0 is occupied and 1 is free"),
+        ({"description": "0: unknown, 1 means occupied"}, "0 is unknown"),
         ({"missing_value": 0}, "stand for others"),
         ({"missing_value": [9, 1]}, "stand for others"),
     ],
