@@ -33,12 +33,35 @@ _UNIT_NOTE: Final = re.compile(
 """A comment, in lower case, with a unit other than the metre; a length such as 2 mm is none."""
 
 
+_AXIS_NOTE: Final = re.compile(
+    rb"^(?:#|//|comment|obj_info)[^\n]*?"
+    rb"\b([xy][ _-]?(?:axis[ _-]?)?(?:is[ _-])?up|up[ _-]?(?:axis)?\s*[:=]\s*\+?[xy])\b",
+    re.MULTILINE,
+)
+"""A comment, in lower case, by which another axis than z points up."""
+
+
 def warn_of_unit(path: StrPath) -> None:
     """Warn if a comment names another unit than metres."""
+    note = _find_note(path, _UNIT_NOTE)
+    if note:
+        warn_of_units(os.fspath(path), note)
+
+
+def warn_of_axis(path: StrPath) -> None:
+    """Warn if a comment names another axis than z that points up."""
+    note = _find_note(path, _AXIS_NOTE)
+    if note:
+        name = os.fspath(path)
+        warn_user(f"{name}: says {note!r}, and its axes stay as they are; up= turns it")
+
+
+def _find_note(path: StrPath, pattern: re.Pattern[bytes]) -> str:
+    """Return what a comment at the start of a file says, or ""."""
     file = Path(path)
     suffix = file.suffix.lower()
     if suffix not in (".stl", ".obj", ".ply", ".pcd", ".xyz", ".txt", ".csv"):
-        return
+        return ""
     with file.open("rb") as stream:
         # Number of bytes at the start of a file in which a comment may name a unit.
         text = stream.read(4096).lower()
@@ -46,9 +69,8 @@ def warn_of_unit(path: StrPath) -> None:
         # The file begins with a comment, behind which binary data may follow.
         # Number of bytes of the comment of a binary STL file.
         text = b"#" + text[:80]
-    note = _UNIT_NOTE.search(_END_OF_HEADER.split(text)[0])
-    if note is not None:
-        warn_of_units(os.fspath(path), note[1].decode("latin-1"))
+    note = pattern.search(_END_OF_HEADER.split(text)[0])
+    return "" if note is None else note[1].decode("latin-1")
 
 
 def warn_of_size(place: str, points: Floats) -> None:

@@ -165,6 +165,17 @@ def test_a_sentence_of_units_is_heard(tmp_path, note):
     assert UnitWarning in dict(write("a.xyz", f"# {note}\n0 0 0\n1 1 1\n"))
 
 
+@pytest.mark.parametrize("note", ["Up axis: Y", "y-up", "Y_AXIS_UP", "exported with y up", "up=+Y"])
+def test_an_axis_that_a_comment_calls_upright_is_heard(tmp_path, note):
+    path = tmp_path / "a.obj"
+    path.write_text(f"# {note}\n{TETRAHEDRON}")
+    with pytest.warns(UserWarning, match="and its axes stay as they are"):
+        Workspace.from_mesh(path, 0.1)
+    assert list_warnings(Workspace.from_mesh, path, 0.1, up="y") == []
+    path.write_text(f"# z-up\n# up axis: z\n# setup: yes\n{TETRAHEDRON}")
+    assert list_warnings(Workspace.from_mesh, path, 0.1) == []
+
+
 def test_sizes_are_heard_in_any_spelling(tmp_path):
     names = "wallThickness", "WALLTHICKNESS", "Thickness (m)", "wall-width", "lineWidth", "radius1"
     names += "inflation", "Clearance (m)", "safetyMargin", "padding", "units"
