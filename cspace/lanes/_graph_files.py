@@ -10,7 +10,7 @@ import itertools
 import json
 import math
 import os
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from typing import Any, Final
 
 import numpy as np
@@ -22,6 +22,7 @@ from cspace._files.fields import Fields, Ledger
 from cspace._files.plain import read_json, read_yaml
 from cspace._support.arrays import Floats, StrPath
 from cspace._support.check import check_point
+from cspace._support.reporting import warn_user
 from cspace.lanes._curves import Leg, clamp_knots, cut_nurbs
 from cspace.lanes._headings import HEADINGS, HeadingRule, Lane, parse_heading
 
@@ -320,7 +321,7 @@ def _read_lif(
     document: Ledger, heading: HeadingRule | None, level: str | None, vehicle: str | None
 ) -> GraphContents:
     """Read a LIF layout for a type of vehicle."""
-    layout = _choose_layout(document, level)
+    layout, others = _choose_layout(document, level)
     for element in (document, layout):
         element.refuse("origins", [])  # places of other frames
     # Field of a LIF edge with its rules for each type of vehicle.
@@ -338,7 +339,12 @@ def _read_lif(
         maps.add(str(node.get("mapId")))
         _add_place(builder, node, entry or node)
     _check_map(layout, maps, None)
+    leaving = _list_leaving(layout, others)
     for edge, entries in edges:
+        if edge.where in leaving:
+            for part in (edge, *entries):
+                part.skip()
+            continue
         entry = _own_entry(entries, vehicle)
         if entries and entry is None:
             edge.skip()
@@ -347,11 +353,11 @@ def _read_lif(
         entry.refuse("rotationAtStartNodeAllowed", "BOTH")
         entry.refuse("rotationAtEndNodeAllowed", "BOTH")
         _add_edge(builder, edge, entry, "vehicleOrientation", _may_turn(entry, False))
-    return builder.build(_read_stations(builder, layout))
+    return builder.build(_read_stations(builder, layout, leaving))
 
 
-def _choose_layout(document: Ledger, level: str | None) -> Ledger:
-    """Return the chosen layout of LIF, or the only one."""
+def _choose_layout(document: Ledger, level: str | None) -> tuple[Ledger, dict[str, Ledger]]:
+    """Return the chosen layout of LIF, or the only one, and the others."""
     layouts = {
         str(layout.get("layoutId", number)): layout
         for number, layout in enumerate(document.children("layouts", "layout"))
@@ -360,13 +366,65 @@ def _choose_layout(document: Ledger, level: str | None) -> Ledger:
     layout.where = "the layout"
     for other in layouts.values():
         other.skip()
-    return layout
+    return layout, layouts
 
 
-def _read_stations(builder: GraphBuilder, layout: Ledger) -> Stations:
-    """Return the nodes of each station."""
+def _list_leaving(layout: Ledger, others: Mapping[str, Ledger]) -> set[str]:
+    """Name a layout's edges and stations at nodes of others, and warn.
+
+    Edges and stations of others at nodes of the layout are warned of, too.
+    """
+    own = _list_nodes(layout)
+    leaving: dict[str, str] = {}
+    arriving = []
+    for name, other in others.items():
+        foreign = _list_nodes(other)
+        for where, node in _list_strangers(layout, own, foreign):
+            leaving.setdefault(where, f"{where} (node {node!r} of layout {name!r})")
+        arriving += [
+            f"{where} of layout {name!r} (node {node!r})"
+            for where, node in _list_strangers(other, foreign, own)
+        ]
+    left = [*leaving.values(), *arriving]
+    if left:
+        listed = ", ".join(left[:10]) + ", ..." * (len(left) > 10)
+        warn_user(f"{len(left)} edges or stations join two layouts and are left out: {listed}")
+    return set(leaving)
+
+
+def _list_nodes(layout: Ledger) -> set[str]:
+    """Return the names of a layout's nodes."""
+    return {str(node.get("nodeId")) for node in _list_mappings(layout, "nodes")}
+
+
+def _list_mappings(layout: Ledger, key: str) -> list[Mapping[str, Any]]:
+    """Return the mappings in a list, without a check of what they hold."""
+    return [entry for entry in layout.entries(key) if isinstance(entry, Mapping)]
+
+
+def _list_strangers(layout: Ledger, own: set[str], foreign: set[str]) -> Iterator[tuple[str, str]]:
+    """Yield a layout's edges and stations at foreign nodes, with these."""
+    rows = [
+        (f"edge {edge.get('edgeId')!r}", [edge.get("startNodeId"), edge.get("endNodeId")])
+        for edge in _list_mappings(layout, "edges")
+    ]
+    for station in _list_mappings(layout, "stations"):
+        nodes = station.get("interactionNodeIds")
+        where = f"station {station.get('stationId')!r}"
+        rows.append((where, nodes if isinstance(nodes, list) else []))
+    for where, nodes in rows:
+        for node in map(str, nodes):
+            if node not in own and node in foreign:
+                yield where, node
+
+
+def _read_stations(builder: GraphBuilder, layout: Ledger, leaving: set[str]) -> Stations:
+    """Return the nodes of each station, but those of other layouts."""
     stations = {}
     for station in layout.children("stations", "station", "stationId"):
+        if station.where in leaving:
+            station.skip()
+            continue
         nodes = station.entries("interactionNodeIds")
         for name in nodes:
             builder.find(station, name)

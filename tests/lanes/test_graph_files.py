@@ -345,6 +345,35 @@ def test_fields_of_other_vehicles_and_layouts_are_nobodys_concern(tmp_path):
         RouteGraph.open(write(tmp_path, "a.json", layout), level="hall", vehicle="fork")
 
 
+def test_edges_and_stations_between_layouts_are_left_out_by_name(tmp_path):
+    layout = copy.deepcopy(LIF)
+    hall = layout["layouts"][0]
+    lift = {"edgeId": "lift", "startNodeId": "b", "endNodeId": "c"}
+    hall["edges"].append(lift)
+    hall["stations"].append({"stationId": "T", "interactionNodeIds": ["a", "c"]})
+    down = {"edgeId": "down", "startNodeId": "c", "endNodeId": "b"}
+    inside = {"edgeId": "loop", "startNodeId": "c", "endNodeId": "a"}
+    place = {"x": 5.0, "y": 5.0}
+    nodes = [{"nodeId": name, "nodePosition": place} for name in ("c", "a")]
+    other = {"layoutId": "yard", "nodes": nodes, "edges": [down, inside]}
+    layout["layouts"].append(other)
+    with pytest.warns(UserWarning) as caught:
+        graph = RouteGraph.open(write(tmp_path, "a.json", layout), level="hall")
+    (message,) = (str(each.message) for each in caught)
+    assert message == (
+        "3 edges or stations join two layouts and are left out: edge 'lift' (node 'c' of layout "
+        "'yard'), station 'T' (node 'c' of layout 'yard'), edge 'down' of layout 'yard' (node 'b')"
+    )
+    assert caught[0].filename == __file__
+    assert [lane.name for lane in graph.lanes] == ["ab", "ba"]
+    assert graph.stations == {"S": ("a",)}
+    lift["endNodeId"] = "z"
+    layout["layouts"].pop()
+    hall["stations"].pop()
+    with pytest.raises(FileError, match="edge 'lift' names the node 'z'; there is no such node"):
+        RouteGraph.open(write(tmp_path, "b.json", layout))
+
+
 def test_knots_that_version_3_leaves_out_are_clamped_and_uniform(tmp_path):
     order = edit("order.json", ("version",), "3.0.0")
     points = [{"x": 1, "y": 0}, {"x": 2, "y": 0}, {"x": 2, "y": 1}, {"x": 0, "y": 1}]
