@@ -8,6 +8,7 @@ hull of the robot's convex parts at these poses, grown by that, holds the robot 
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
@@ -38,6 +39,9 @@ MAX_TURN: Final = math.radians(5.0)
 
 RING_SIDES: Final = ((1e-6, 4), (0.01, 8), (math.inf, 64))
 """Largest growths, metres, and the numbers of sides of polygons around their circles."""
+
+DISC_SIDES: Final = 256
+"""Number of sides of the polygon around a disc that holds the robot at any yaw."""
 
 MAX_HULLS: Final = 2048
 """Number of hulls that are made at once."""
@@ -93,6 +97,8 @@ class Body:
         Largest distance of a point from the reference point, metres.
     margin : float
         Growth of the robot, metres.
+    hole : float
+        Distance of the robot from its reference point, metres; not above zero inside.
     """
 
     def __init__(self, space: ConfigurationMap) -> None:
@@ -102,6 +108,11 @@ class Body:
         self.cores = Cores(shape.inner)
         self.lever = lever_of(space.robot.shape)
         self.margin = space.margin
+        self.hole = min(
+            shapely.distance(shapely.Point(0.0, 0.0), shapely.MultiPoint(corners).convex_hull)
+            - radius
+            for corners, radius in self.hulls
+        )
 
     def measure_gaps(self, poses: Floats, points: Floats) -> Floats:
         """Return points' distances from posed robots; negative inside, shape (n,)."""
@@ -258,23 +269,45 @@ def make_outlines(body: Body, pieces: SweepPieces, count: int) -> Any:
     """Make polygons that hold the robot on each element, shape (count,)."""
     sweeps: list[list[BaseGeometry]] = [[] for _ in range(count)]
     cores: list[list[BaseGeometry]] = [[] for _ in range(count)]
-    for corners, radius in body.hulls:
-        for rows, points, growths in _place_pieces(body, pieces, corners, radius):
-            slack = ROUNDING + COORDINATE_ROUNDING * np.abs(points).max(axis=(1, 2))
-            elements = pieces.elements[rows].tolist()
-            for lists, hulls in (
-                (sweeps, _make_hulls(points, growths + 2.0 * slack)),
-                (cores, _make_hulls(points, growths + slack)),
-            ):
-                for element, hull in zip(elements, hulls.tolist(), strict=True):
-                    lists[element].append(hull)
+    # A yaw deviates on lanes of any yaw alone, and there the robot sweeps discs. Rings sweep no
+    # less along a way that is longer than their holes.
+    lows, highs = np.full((count, 2), math.inf), np.full((count, 2), -math.inf)
+    for points in (pieces.starts[:, :2], pieces.ends[:, :2]):
+        np.minimum.at(lows, pieces.elements, points)
+        np.maximum.at(highs, pieces.elements, points)
+    is_long = (highs - lows).max(axis=1) >= 2.0 * body.hole
+    is_any = (pieces.half_widths > 0.0) & is_long[pieces.elements]
+    rest = pieces.take(~is_any)
+    for elements, points, growths, sides in itertools.chain(
+        _place_discs(body, pieces.take(is_any)),
+        *(_place_pieces(body, rest, *hull) for hull in body.hulls),
+    ):
+        slack = ROUNDING + COORDINATE_ROUNDING * np.abs(points).max(axis=(1, 2))
+        for lists, hulls in (
+            (sweeps, _make_hulls(points, growths + 2.0 * slack, sides)),
+            (cores, _make_hulls(points, growths + slack, sides)),
+        ):
+            for element, hull in zip(elements.tolist(), hulls.tolist(), strict=True):
+                lists[element].append(hull)
     return np.array([_unite(*each) for each in zip(sweeps, cores, strict=True)], dtype=object)
+
+
+def _place_discs(body: Body, pieces: SweepPieces) -> Iterator[tuple[Ints, Floats, Floats, int]]:
+    """Yield elements, ends and growths of discs that hold the robot at any yaw."""
+    table = np.column_stack(
+        [pieces.elements, pieces.starts[:, :2], pieces.ends[:, :2], pieces.growths]
+    )
+    rows = np.unique(table, axis=0, return_index=True)[1]
+    for begin in range(0, len(rows), MAX_HULLS):
+        part = pieces.take(rows[begin : begin + MAX_HULLS])
+        points = np.stack([part.starts[:, :2], part.ends[:, :2]], axis=1)
+        yield part.elements, points, part.growths + (body.lever + body.margin), DISC_SIDES
 
 
 def _place_pieces(
     body: Body, pieces: SweepPieces, corners: Floats, radius: float
-) -> Iterator[tuple[Ints, Floats, Floats]]:
-    """Yield rows of pieces, a convex part's placed corners, growths."""
+) -> Iterator[tuple[Ints, Floats, Floats, int]]:
+    """Yield elements, a convex part's placed corners, growths, and sides of rings."""
     turns = np.abs(pieces.ends - pieces.starts)[:, 2]
     bulges = body.lever * (turns**2 + (2.0 * pieces.half_widths) ** 2) / 8.0
     growths = pieces.growths + bulges + (radius + body.margin)
@@ -291,12 +324,11 @@ def _place_pieces(
                 swing[:, 2] = part.half_widths
                 poses = [pose + side for pose in poses for side in (-swing, swing)]
             points = np.concatenate([place_points(corners, pose) for pose in poses], axis=1)
-            yield rows, points, growths[rows]
+            yield part.elements, points, growths[rows], RING_SIDES[kind // 2][1]
 
 
-def _make_hulls(points: Floats, growths: Floats) -> Any:
+def _make_hulls(points: Floats, growths: Floats, sides: int) -> Any:
     """Return convex hulls of points (n, k, 2), grown by distances."""
-    sides = next(sides for most, sides in RING_SIDES if growths.max() <= most)
     angles = (np.arange(sides) + 0.5) * (math.tau / sides)
     ring = np.stack([np.cos(angles), np.sin(angles)], axis=1) / math.cos(math.pi / sides)
     rings = growths[:, np.newaxis, np.newaxis] * ring

@@ -23,7 +23,7 @@ from tests.helpers.handmade import build_empty
 from tests.helpers.refusals import check_followed, refusals
 from tests.helpers.regions import place_polygon
 from tests.helpers.strategies import examples, few
-from tests.lanes.test_graph_files import ARC, write
+from tests.lanes.test_graph_files import ARC, ENTRY, edit, write
 
 SHAPES = {
     "arrow": [(0.4, 0.2), (-0.3, 0.25), (-0.3, -0.2), (0.4, -0.2)],
@@ -317,6 +317,25 @@ def test_a_corner_is_turned_the_shorter_way_and_half_a_turn_both_ways(
         space.add_obstacle("post", shapely.Point(place).buffer(0.1))
         (lane,) = planners.audit(space, graph).lanes
         assert lane.verdict == ("blocked" if k < touched else "free")
+
+
+def test_a_curve_at_any_yaw_sweeps_a_disc_at_once(spaces, tmp_path, monkeypatch):
+    layout = edit("lif.json", (*ENTRY, "rotationAllowed"), True)
+    graph = RouteGraph.open(write(tmp_path, "a.json", layout))
+    counts = []
+    hull = shapely.convex_hull
+    monkeypatch.setattr(
+        shapely, "convex_hull", lambda shapes: counts.append(np.size(shapes)) or hull(shapes)
+    )
+    found = planners.conflicts(spaces["notched"], graph)
+    # 2 for each leg, and 2 for each of 5 degrees in each of 2 nodes and 2 parts.
+    assert sum(counts) < 2000
+    reach = max(math.hypot(*corner) for corner in SHAPES["notched"])
+    angles = np.linspace(0.0, math.pi / 2, 1000)
+    arc = shapely.LineString(np.column_stack([np.cos(angles), np.sin(angles)]))
+    outline = found.outlines["ab: a to b"]
+    assert outline.covers(arc.buffer(reach - 1e-9, quad_segs=64))
+    assert arc.buffer(reach + 0.003, quad_segs=64).covers(outline)
 
 
 def test_curves_and_deviations_count_as_the_audit_counts_them(tmp_path):
