@@ -92,7 +92,7 @@ def warn_of_scale(place: str, points: Floats, factors: Floats) -> None:
     """Warn of a robot's mesh too small for metres; arguments as for :func:`warn_of_size`."""
     sides = np.ptp(points, axis=0)
     # Largest side, metres, of a mesh that may have been scaled from millimetres twice.
-    if sides.max() < 1e-3:
+    if 0.0 < sides.max() < 1e-3:  # no unit makes a point larger
         warn_user(
             f"{place} is {format_sides(sides)} large, scaled by {factors.max():g}; check the unit "
             "of the file and the scale",
