@@ -177,7 +177,7 @@ def test_a_smaller_turning_radius_gives_a_path():
     space = build_walls([(0.0, 0.0, 0.1, 0.1)], Robot.rectangle(0.6, 0.3), 72)
     ends = (1.0, 2.0, 0.0), (5.0, 2.0, math.pi)
     options = {"drive": "dubins", "time_limit": 0.2, "seed": 1}
-    plan = planners.plan(space, *ends, turning_radius=60.0, **options)
+    plan = planners.plan(space, *ends, turning_radius=100.0, **options)
     assert not plan.solved and "a smaller turning_radius" in plan.hint
     assert planners.plan(space, *ends, turning_radius=0.5, **options).certified
 
