@@ -987,25 +987,24 @@ class ConfigurationSpace(Space):
             return None
         numbers: tuple[Any, ...] = ()
         is_array = False
-        for q in points:
-            kind = type(q)
-            if kind is np.ndarray and q.ndim == 1:
-                is_array = True
-                q = q.tolist()
-            elif kind is not tuple and kind is not list:
-                return None
-            if len(q) != self.size:
-                return None
-            numbers += tuple(q)
         try:
+            for q in points:
+                kind = type(q)
+                if kind is np.ndarray and q.ndim == 1:
+                    is_array = True
+                    q = q.tolist()
+                elif kind is not tuple and kind is not list:
+                    return None
+                if len(q) != self.size:
+                    return None
+                for axis in self._angles:
+                    if abs(q[axis]) > MAX_EXPECTED_ANGLE:
+                        return None
+                numbers += tuple(q)
             # Compiled look-ups parse texts, and drop the labels, units and masks of entries.
-            if not isinstance(sum(numbers), float | int):
+            if not isinstance(sum(numbers), (float, int)):
                 return None
             answer = look_up(*numbers)
-            for axis in self._angles:
-                for angle in numbers[axis :: self.size]:
-                    if abs(angle) > MAX_EXPECTED_ANGLE:
-                        return None
         except (TypeError, ValueError, OverflowError):  # the type of entries is wrong
             return None
         if not answer >= 0:
