@@ -554,6 +554,7 @@ class Space(ABC):
         Raises errors as :meth:`check_endpoint`, if no goal is left.
         """
         alternatives = self._list_alternatives(goal, name)
+        start = tuple(check_finite(start, "start", self.axes).tolist())
         goals: list[Endpoint] = []
         errors: list[ConfigurationError] = []
         for number, alternative in enumerate(alternatives):
@@ -569,10 +570,10 @@ class Space(ABC):
     def sort_goals(self, goals: Sequence[Endpoint], start: Endpoint) -> list[Endpoint]:
         """Return goals, nearest first, within half a turn of the start."""
         rows = np.array(goals)
+        here = check_finite(start, "start", self.axes)
         if len(rows) > 1:
-            lengths = self.distance(np.array(start), rows)
-            rows = rows[np.argsort(lengths, kind="stable")]
-        turned = turn_near(rows, np.array(start), self.periodic_axes)
+            rows = rows[np.argsort(self.distance(here, rows), kind="stable")]
+        turned = turn_near(rows, here, self.periodic_axes)
         return [tuple(q) for q in turned.tolist()]
 
     def _list_alternatives(self, goal: GoalLike, name: str) -> Sequence[GoalLike]:

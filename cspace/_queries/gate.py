@@ -144,9 +144,11 @@ class Gate:
         if dt is None and not (max_velocity is None and max_jerk is None):
             raise make_missing_dt()
         if max_velocity is not None and _list_limited(space, max_velocity) == TWIST_NAMES:
-            check_each(max_velocity, "max_velocity", TWIST_NAMES)
-        elif max_velocity is not None or not (space.axes == TWISTING_AXES or dt is None):
-            check_velocities(space, max_velocity)
+            self.max_velocity = check_each(max_velocity, "max_velocity", TWIST_NAMES)
+        elif max_velocity is not None:
+            self.max_velocity = check_velocities(space, max_velocity)
+        elif not (space.axes == TWISTING_AXES or dt is None):
+            check_velocities(space, None)
         if max_jerk is not None:
             self._check_jerk(max_jerk, max_deceleration)
         if turning_radius is not None:

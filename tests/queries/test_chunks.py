@@ -611,7 +611,7 @@ def test_a_refusal_shows_digits_that_tell_value_and_limit_apart(room):
 def test_the_repr_of_a_gate_has_its_limits(room):
     assert repr(cspace.Gate(room)) == f"Gate({room!r}, tracking=0.0)"
     gate = cspace.Gate(room, dt=0.1, max_deceleration=(1.0, 0.5), max_velocity={"v": 1, "omega": 2})
-    limits = "tracking=0.0, dt=0.1, max_velocity={'v': 1, 'omega': 2}, max_deceleration=[1.0, 0.5]"
+    limits = "tracking=0.0, dt=0.1, max_velocity=[1.0, 2.0], max_deceleration=[1.0, 0.5]"
     assert repr(gate) == f"Gate({room!r}, {limits})"
 
 
