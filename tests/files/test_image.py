@@ -231,12 +231,12 @@ def test_netpbm_of_any_maximum_ends_with_its_last_pixel(tmp_path, header, white)
 
 @pytest.mark.thorough
 @pytest.mark.filterwarnings("ignore:Use `@`:PendingDeprecationWarning")
-def test_the_placement_of_a_geotiff_warns_and_the_hint_places_it(tmp_path):
+def test_the_placement_of_a_geotiff_warns_and_rioxarray_places_it(tmp_path):
     rioxarray = pytest.importorskip("rioxarray")
     tie = (12, 0.0, 0.0, 0.0, 5.0, 7.0, 0.0)
     tags = {262: (3, 1), 33550: (12, 0.1, 0.1, 0.0), 33922: tie}
     path = write_tiff(tmp_path / "geo.tif", pack_levels(WALL, 8, "<"), 8, tags)
-    with pytest.warns(UnitWarning, match=r"not read; .* rioxarray and pass the array to Workspace"):
+    with pytest.warns(UnitWarning, match='not read; the page "Bring your file" says how'):
         workspace = Workspace.from_image(path, 0.1, lower=(5, 6.2))
     placed = Workspace.from_array(rioxarray.open_rasterio(path)[0] < 128, 0.1)
     assert placed.grid.lower == pytest.approx(workspace.grid.lower)
