@@ -577,7 +577,7 @@ class Workspace:
 
         from cspace._files.vector import POLYGON_SUFFIXES, read_shapes
 
-        check_extent(spacing, bounds, 2)
+        bounds = check_extent(spacing, bounds, 2)
         geometries = read_shapes(polygons)
         if offset is not None:
             step = check_point(offset, "offset", 2)
@@ -636,7 +636,7 @@ class Workspace:
         FileError
             If the file is missing or malformed.
         """
-        check_extent(spacing, bounds, 3)
+        bounds = check_extent(spacing, bounds, 3)
         shape = Mesh.of(mesh, solid, up)
         warn_of_rounding(mesh, shape.vertices, spacing)
         if offset is not None:
@@ -728,7 +728,7 @@ class Workspace:
         from cspace._files.point_clouds import read_points
 
         if isinstance(points, str | os.PathLike):
-            check_extent(spacing, bounds, 3)
+            bounds = check_extent(spacing, bounds, 3)
             cloud = Balls.of(read_points(points, drop_missing), radius)
             source = str(points)
         else:
@@ -825,7 +825,7 @@ class Workspace:
         """
         from cspace._shapes.link_shapes import read_scene
 
-        check_extent(spacing, bounds, 3)
+        bounds = check_extent(spacing, bounds, 3)
         scene = read_scene(source, package_dirs)
         obstacles = scene.list_obstacles()
         workspace = cls._of(obstacles, spacing, bounds, scene.source, "planning scene")
@@ -1010,11 +1010,10 @@ def _options_of(reader: Callable[..., Workspace]) -> dict[str, inspect.Parameter
     return {option.name: option for option in options}
 
 
-def check_extent(spacing: float, bounds: ArrayLike | None, dim: int) -> None:
-    """Check a map's spacing and bounds before reading a file."""
+def check_extent(spacing: float, bounds: ArrayLike | None, dim: int) -> Floats | None:
+    """Check a map's spacing before reading a file; return its corners, if it has bounds."""
     check_positive(spacing, "spacing")
-    if bounds is not None:
-        check_bounds(bounds, dim)
+    return None if bounds is None else check_bounds(bounds, dim)
 
 
 def covering_shape(corners: Floats, spacing: float) -> list[int]:
