@@ -414,9 +414,10 @@ def find_touches(
     for move in range(6):
         reach = limits[pending] + deviations[pending]
         sides = []
+        # Later tries are few, and find places as small as a share of 1e-4 of a lane.
         for sweeper, elements in ((one, first), (other, second)):
             queries = elements[pending], points[pending], reach
-            sides.append(_find_poses(sweeper, *queries, 2 * move + 2))
+            sides.append(_find_poses(sweeper, *queries, (move + 1) * (move + 2)))
         (poses, gaps), (others, other_gaps) = sides
         rounding = ROUNDING + COORDINATE_ROUNDING * np.abs(points[pending]).max(axis=1, initial=0.0)
         needed = np.maximum(gaps + rounding, 0.0) + np.maximum(other_gaps + rounding, 0.0)

@@ -158,6 +158,7 @@ def check_touch(found, graphs, polygons, row):
     distance=st.sampled_from([0.0, 0.3]),
     slide=st.floats(-1.5, 1.3),
 )
+@example(angle=0.0, gap=-1e-4, distance=0.0, slide=1.0)
 def test_parallel_lanes_near_contact_are_decided(spaces, angle, gap, distance, slide):
     # The left sides of both robots are 0.2 to 0.25 m beside their lanes.
     space = spaces["arrow"]
