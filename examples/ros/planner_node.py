@@ -12,7 +12,7 @@ import threading
 import time
 from array import array
 from collections import deque
-from functools import partial
+from functools import partial, wraps
 from importlib.util import find_spec
 
 import numpy as np
@@ -86,6 +86,22 @@ class NoPlanError(Exception):
         super().__init__(reason)
         self.code = code
         self.plan = plan
+
+
+def guard(callback):
+    """Return a callback that logs any error; requests fail until the map is built again."""
+
+    @wraps(callback)  # rclpy reads the signature
+    def call(self, *arguments, **options):
+        try:
+            callback(self, *arguments, **options)
+        except Exception as error:  # MemoryError, too: the next message may be smaller
+            self.complain(f"{callback.__name__}: {error!r}")
+            with self.lock:
+                self.is_live = False
+                self.arrived += 1
+
+    return call
 
 
 class PlannerNode(Node):
@@ -199,6 +215,7 @@ class PlannerNode(Node):
         robot = cspace.Robot.from_footprint(footprint, padding=padding)
         return robot, robot.shape.geometries[0]
 
+    @guard
     def on_map(self, msg, info, is_live=False):
         """Take a full grid; live ones were sent after the publisher had met this node."""
         sent = info["source_timestamp"]
@@ -210,6 +227,7 @@ class PlannerNode(Node):
             self.sent, self.is_live = sent, is_live and has_all
             self.take(msg, updates)
 
+    @guard
     def on_update(self, update, info):
         """Take an update of a part of the grid."""
         sent, number = info["source_timestamp"], info["publication_sequence_number"]
@@ -221,6 +239,7 @@ class PlannerNode(Node):
         if self.grid is not None:
             self.take(self.grid, [(sent, update)])
 
+    @guard
     def on_footprint(self, msg):
         """Take a footprint, unless it is the newest one again."""
         corners = [(corner.x, corner.y) for corner in msg.points]
@@ -547,8 +566,9 @@ class PlannerNode(Node):
                     bad[1:] |= ~self.space.certify_path(ahead)[: len(ahead) - 1]
                     response.is_valid = not bad.any()
                     response.invalid_pose_indices = (first + np.flatnonzero(bad)).tolist()
-        except (CspaceError, NoPlanError) as error:
-            self.complain(f"is_path_valid: {error}")
+        except Exception as error:  # a request that fails must not end the node
+            response.is_valid = False
+            self.complain(f"is_path_valid: {str(error) or repr(error)}")
         return response
 
     def find_nearest(self, rows):
@@ -583,11 +603,14 @@ class PlannerNode(Node):
             return
 
         def publish():
-            barrier = plan.explain().barrier[:, 1:]
-            points = plan.space.grid.center_of(np.unique(barrier, axis=0)).tolist()
-            spacing = plan.space.grid.spacing
-            if rclpy.ok():
-                self.marker_publisher.publish(self.make_marker(Marker.CUBE_LIST, points, spacing))
+            try:
+                barrier = plan.explain().barrier[:, 1:]
+                points = plan.space.grid.center_of(np.unique(barrier, axis=0)).tolist()
+                markers = self.make_marker(Marker.CUBE_LIST, points, plan.space.grid.spacing)
+                if rclpy.ok():
+                    self.marker_publisher.publish(markers)
+            except Exception as error:  # the plan has failed already; only the picture is missing
+                self.complain(f"the barrier is not shown: {error!r}")
 
         self.explaining = threading.Thread(target=publish, daemon=True)
         self.explaining.start()

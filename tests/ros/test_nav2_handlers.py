@@ -325,6 +325,47 @@ def test_validity_holds_for_poses_and_motions(node, path, answer):
     assert check(node, path) == answer
 
 
+def fail(*arguments, **options):
+    """Stand in for a call that runs out of memory."""
+    raise MemoryError
+
+
+def test_requests_fail_without_memory_and_the_node_goes_on(node, monkeypatch):
+    _, result = ask(node)
+    with monkeypatch.context() as broken:
+        broken.setattr(node.space, "certify_path", fail)
+        assert check(node, result.path) == (False, [])
+    plan = SimpleNamespace(explain=fail)
+    unhandled = []
+    with monkeypatch.context() as broken:
+        broken.setattr(threading, "excepthook", unhandled.append)
+        node.explaining.join(60.0)
+        node.explain(plan)
+        node.explaining.join(60.0)
+    assert not unhandled
+    assert check(node, result.path) == (True, [])
+
+
+def test_messages_without_memory_are_not_planned_on(node, monkeypatch):
+    _, result = ask(node)
+    square = Polygon(points=[Point32(x=x, y=y) for x, y in ((0.1, 0.1), (-0.1, 0.1), (0.0, -0.1))])
+    update = make_update(0, 0, np.zeros((2, 2), dtype=np.int8))
+    calls = [
+        (node.on_map, make_grid(make_room()), True),
+        (node.on_update, update, True),
+        (node.on_footprint, square, False),
+    ]
+    for call, message, has_info in calls:
+        info = {"source_timestamp": next(TIMES), "publication_sequence_number": None}
+        monkeypatch.setattr(node, "option", lambda name: 0.1 if name == "time_limit" else fail())
+        call(message, *[info] * has_info)
+        assert node.version < node.arrived
+        assert check(node, result.path) == (False, [])
+        monkeypatch.undo()
+        give(node, make_room())
+        assert check(node, result.path) == (True, [])
+
+
 def test_updates_of_a_part_equal_a_new_build(node):
     cells = make_room()
     cells[20:30, 10:14] = -1
