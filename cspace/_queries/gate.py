@@ -34,6 +34,9 @@ GateState = Literal["go", "shortened", "hold"]
 SHARES: Final = 16
 """Number of shares of a twist that are tried."""
 
+MAX_RAMP: Final = 100000
+"""Largest number of commands of braking."""
+
 
 class GatedCommands(NamedTuple):
     """What a gate lets through.
@@ -251,7 +254,8 @@ class Gate:
         ------
         InputError
             If the gate has no ``dt`` or no ``max_deceleration``, or a twist is not two finite
-            numbers; and as :meth:`cspace.CSpace.certify_twists`.
+            numbers or needs over 100000 commands to stop; and as
+            :meth:`cspace.CSpace.certify_twists`.
 
         Examples
         --------
@@ -272,7 +276,8 @@ class Gate:
         firsts = shares[:, np.newaxis] * wanted
         reached = ((now - firsts) * np.sign(now) <= most).all(axis=1)
         shares = np.append(shares[reached], 0.0)
-        ramps = [self._brake(first) for first in firsts[reached]] + [self._brake(now)[1:]]
+        ramps = [self._brake(first) for first in firsts[reached]]
+        ramps.append(self._brake(now, "twist_now")[1:])
         rows = max(map(len, ramps))
         chunks = np.zeros((len(ramps), max(rows, 1), 2))
         for padded, ramp in zip(chunks, ramps, strict=True):
@@ -295,15 +300,21 @@ class Gate:
         ------
         InputError
             If the gate has no ``dt`` or no ``max_deceleration``, or the twist is not two finite
-            numbers.
+            numbers or needs over 100000 commands to stop.
         """
         ramp = self._brake(_check_twist(twist, "twist"))
         return float(np.abs(ramp[:, 0]).sum() * (self.dt or 0.0))
 
-    def _brake(self, twist: Floats) -> Floats:
+    def _brake(self, twist: Floats, name: str = "twist") -> Floats:
         """Return the twists that brake along an arc, the first included."""
         # Rounded down, so that what is left of a ramp never gets longer.
         ratio = float((np.abs(twist) / self._find_steps()).max())
+        if not ratio <= MAX_RAMP:
+            raise InputError(
+                name,
+                f"is {twist.tolist()}",
+                f"it must come to rest within at most {MAX_RAMP} commands of {self.dt} s",
+            )
         steps = math.ceil(ratio * (1.0 - LIMIT_ROUNDING))
         return twist * (1.0 - np.arange(steps) / max(steps, 1))[:, np.newaxis]
 

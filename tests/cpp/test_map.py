@@ -158,6 +158,11 @@ def test_wrong_twists_are_refused(tmp_path, program):
     for rows, numbers in ((broken, good), (row, (0.0, *good[1:])), (row, (0.1, -1.0, *good[2:]))):
         (answer,) = slow_in_cpp(program, tmp_path / "map", rows, *numbers)
         assert "finite twists, and dt and brakes above zero" in answer
+    for place in (3, 5):  # the wanted twist, and the one now
+        fast = row.copy()
+        fast[place] = 1e5
+        (answer,) = slow_in_cpp(program, tmp_path / "map", fast, 1e-3, *good[1:])
+        assert "at most 100000 commands" in answer
     (answer,) = slow_in_cpp(program, tmp_path / "map", row, *good[:3], -0.1, 0.0, 0.0)
     assert "zero or above" in answer
 

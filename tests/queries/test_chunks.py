@@ -642,6 +642,9 @@ FLAT = (1.0, 2.5)
     (lambda s: braking(s).slow_down(START, (0.1, math.nan)), "twist[1] is nan"),
     (lambda s: braking(s).slow_down(START, (1, 0), twist_now=(1, 0, 0)), "shape (3,)"),
     (lambda s: braking(s).slow_down((1.0, 2.0), (1.0, 0.0)), "last axis must be 3 long"),
+    (lambda s: braking(s).slow_down(START, (1, 0), twist_now=(1e16, 0)), "twist_now is"),
+    (lambda s: braking(s).slow_down(START, (1e300, 0), twist_now=(1e300, 0)), "at most 100000"),
+    (lambda s: braking(s).stop_distance((0, -1e16)), "at most 100000 commands"),
     (
         lambda s: s.certify_chunk(START, [START], dt=0.1),
         lambda s: s.certify_chunk(START, [START], dt=0.1, max_velocity=(1.0, 1.0, 2.0)),

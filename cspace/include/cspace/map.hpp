@@ -543,7 +543,8 @@ class Map {
   /// @param dt                seconds of a command
   /// @param max_deceleration  m/s^2 and rad/s^2, above zero
   /// @param tracking          as for `proven_prefix`
-  /// @throws InputError       if the map has other axes than x, y and yaw, or a number is not finite or out of range
+  /// @throws InputError       if the map has other axes than x, y and yaw, or a number is not finite or out of range,
+  ///                          or a twist needs more than 100000 commands to come to rest
   SlowedCommand slow_down(const double* q, Twist twist, Twist twist_now, double dt, Twist max_deceleration,
                           const std::vector<double>& tracking) const {
     const Twist most{dt * max_deceleration.v, dt * max_deceleration.omega};
@@ -587,13 +588,15 @@ class Map {
   using Quaternion = detail::Quaternion;
   enum Kind : std::size_t { FIXED = 0, YAW = 1, QUATERNION = 4 };  // numbers of a rotation
 
-  static constexpr int SHARES = 16;  ///< of a twist that are tried
+  static constexpr int SHARES = 16;           ///< of a twist that are tried
+  static constexpr double MAX_RAMP = 100000;  ///< commands of braking
 
   /// Return the twists that bring a robot to rest along an arc, the first one included.
   static std::vector<Twist> brake(Twist twist, Twist most) {
     // Rounded down, so that what is left of a ramp never gets longer.
     const double ratio = std::max(std::abs(twist.v) / most.v, std::abs(twist.omega) / most.omega);
-    const int steps = static_cast<int>(std::ceil(std::min(ratio, 1e6) * (1.0 - 1e-9)));
+    if (!(ratio <= MAX_RAMP)) throw InputError("cspace: a twist must come to rest within at most 100000 commands");
+    const int steps = static_cast<int>(std::ceil(ratio * (1.0 - 1e-9)));
     std::vector<Twist> ramp;
     for (int k = 0; k < steps; ++k) {
       const double share = 1.0 - static_cast<double>(k) / steps;
