@@ -14,7 +14,7 @@ ROOMS = ("planners", *(f"cspace/{wing}" for wing in WINGS))
 MOST_NAMES = {
     "planners": 142,
     "cspace/arms": 195,
-    "cspace/_cli": 33,
+    "cspace/_cli": 34,
     "cspace/export": 33,
     "cspace/lanes": 46,
     "cspace/plot": 26,

@@ -20,6 +20,7 @@ namespace {
 
 /// Number of routes kept: Nav2 plans through poses with one request a leg.
 constexpr std::size_t MAX_KEPT_ROUTES = 16;
+constexpr double MAX_NEW_SAVING = 0.05;  ///< share of a leg by which a kept route may be longer than when it was found
 
 /// Declare a parameter as read-only, unless an earlier configuration did, and return its value.
 template <typename Value>
@@ -94,6 +95,22 @@ std::vector<Configuration> search_leg(const std::shared_ptr<const cspace::Map>& 
 
 bool legs_are_free(const Surroundings& surroundings, const std::vector<std::vector<Configuration>>& legs) {
   return std::all_of(legs.begin(), legs.end(), [&](const auto& leg) { return surroundings.poses_are_free(leg); });
+}
+
+/// Return the largest share of a leg that one free motion between two of its poses saves.
+double find_saving(const Surroundings& surroundings, const std::vector<std::vector<Configuration>>& legs) {
+  double saving = 0.0;
+  for (const auto& leg : legs) {
+    const std::size_t stride = std::max<std::size_t>(leg.size() / 8, 1);
+    for (std::size_t first = 0; first + stride < leg.size(); first += stride)
+      for (std::size_t last = leg.size() - 1; last > first + stride; last -= stride) {
+        const std::vector<Configuration> way = surroundings.connect(leg[first], leg[last]);
+        const double old_length = surroundings.length({leg.begin() + first, leg.begin() + last + 1});
+        const double share = (old_length - surroundings.length(way)) / std::max(surroundings.length(leg), 1e-9);
+        if (share > saving && surroundings.poses_are_free(way)) saving = share;
+      }
+  }
+  return saving;
 }
 
 /// Throw if a stop is outside or not free.
@@ -192,7 +209,8 @@ nav_msgs::msg::Path CspacePlanner::plan(const Pose& start, const std::vector<Pos
   return path;
 }
 
-/// Return the rest of a route to the same goals that passes the start and is still free; without legs if there is none.
+/// Return the rest of a route to the same goals that passes the start, is still free, and no detour; without legs if there is
+/// none.
 CspacePlanner::Route CspacePlanner::find_kept_route(const Surroundings& surroundings, const Configuration& start,
                                                     const std::vector<Configuration>& goals) const {
   for (Route route : kept_routes_) {
@@ -211,7 +229,11 @@ CspacePlanner::Route CspacePlanner::find_kept_route(const Surroundings& surround
       const bool is_detour = surroundings.length(leg) > surroundings.length({whole.begin() + passed, whole.begin() + next + 1}) +
                                                             2.0 * surroundings.distance(start, whole[passed]);
       leg.insert(leg.end(), whole.begin() + next + 1, whole.end());
-      if (!is_detour && legs_are_free(surroundings, route.legs)) return route;
+      if (!is_detour && legs_are_free(surroundings, route.legs)) {
+        // A shorter way than when the route was found means that something in the way has gone.
+        if (find_saving(surroundings, route.legs) > route.saving + MAX_NEW_SAVING) break;
+        return route;
+      }
       if (drive_->is_holonomic || next == whole.size() - 1) break;
     }
   }
@@ -242,7 +264,7 @@ CspacePlanner::Route CspacePlanner::search_route(const Surroundings& surrounding
     is_late = limit();
     return is_cancelled || is_late;
   });
-  Route route = {goals, {}};
+  Route route = {goals, {}, 0.0};
   for (std::size_t k = 0; k < goals.size(); ++k) {
     route.legs.push_back(search_leg(map_, surroundings, k == 0 ? start : goals[k - 1], goals[k], end));
     if (is_cancelled) throw nav2_core::PlannerCancelled("cspace_nav2: cancelled");
@@ -252,6 +274,7 @@ CspacePlanner::Route CspacePlanner::search_route(const Surroundings& surrounding
   }
   if (!legs_are_free(surroundings, route.legs))
     throw nav2_core::NoValidPathCouldBeFound("cspace_nav2: the path is not free");
+  route.saving = find_saving(surroundings, route.legs);
   return route;
 }
 

@@ -451,6 +451,22 @@ def test_a_route_is_left_when_a_crate_blocks_it(nav2, room):
     assert not touches(nav2.find_path(START, ABOVE), middle - 0.1, middle + 0.1)
 
 
+@pytest.mark.parametrize("drive", ["holonomic", "differential"])
+def test_a_detour_is_left_when_its_crate_is_gone(nav2, room, drive):
+    nav2.configure(room, drive=drive)
+    goal = (1.0, 3.0, math.pi / 2)
+    low, high = (0.0, 1.8), (2.0, 2.2)
+    nav2.add_cost(low, high)
+    detour = nav2.find_path(START, goal)
+    nav2.add_cost(low, high, 0)
+    answer = nav2.plan(START, goal)
+    way = np.array(answer["path"])
+    lengths = [np.hypot(*np.diff(path[:, :2], axis=0).T).sum() for path in (detour, way)]
+    assert lengths[0] > 1.5 * lengths[1]
+    assert lengths[1] < 2.3
+    assert answer["calls"] > 0 and nav2.plan(START, goal)["calls"] == 0
+
+
 # ---- stops on the way ----------------------------------------------------------------------------
 
 

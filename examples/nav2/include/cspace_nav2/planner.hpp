@@ -65,6 +65,7 @@ class CspacePlanner : public nav2_core::GlobalPlanner {
   struct Route {
     std::vector<Configuration> goals;
     std::vector<std::vector<Configuration>> legs;
+    double saving;  ///< largest share of a leg that a single motion saved when it was found
   };
 
   /// Return a path through all viapoints; throw a `nav2_core::PlannerException` that says why there is none.
