@@ -221,22 +221,29 @@ def _check_meaning(array: Any, attributes: Ledger, name: str) -> None:
     """
     if not _is_decoded(attributes) and getattr(array, "dtype", None) != np.bool_:
         raise _make_coded_error(name)
-    meanings = str(attributes.fields.get("flag_meanings") or "").lower().split()
-    numbers = attributes.fields.get("flag_values", attributes.fields.get("flag_masks"))
-    flags = np.arange(len(meanings)) if numbers is None else np.ravel(numbers)
-    sentences = (str(attributes.fields.get(each) or "") for each in ("comment", "description"))
-    meaning: dict[Any, str] = {
-        int(code): word for code, word in _CODES.findall(" ".join(sentences).lower())
-    }
-    meaning |= zip(flags.tolist(), meanings, strict=False)
+    meanings = _list_meanings(attributes)
+    flags = attributes.fields.get("flag_meanings")
     names = (attributes.get("long_name"), getattr(array, "name", None))
     named = str(next(filter(None, names), "")).lower().replace(" ", "_")
-    zero, one = meaning.get(0, ""), meaning.get(1, named if not meanings else "")
+    zero, one = meanings.get(0, ""), meanings.get(1, "" if flags else named)
     if _OCCUPIED.fullmatch(zero) or _FREE.fullmatch(one) or _MISSING.search(f"{zero} {one}"):
         problem = f"says that 0 is {zero or 'not named'} and 1 is {one or 'not named'}"
         raise InputError(name, problem, "0 is free and 1 is occupied")
-    if not meanings or (_FREE.fullmatch(zero or "free") and _OCCUPIED.fullmatch(one)):
+    if not flags or (_FREE.fullmatch(zero or "free") and _OCCUPIED.fullmatch(one)):
         attributes.taken.add("flag_meanings")
+
+
+def _list_meanings(attributes: Ledger) -> dict[Any, str]:
+    """Return what flags, or else a comment and a description, say of numbers."""
+    fields = attributes.fields
+    sentences = (str(fields.get(each) or "") for each in ("comment", "description"))
+    codes = _CODES.findall(" ".join(sentences).lower())
+    words = str(fields.get("flag_meanings") or "").lower().split()
+    numbers = fields.get("flag_values", fields.get("flag_masks"))
+    flags = np.arange(len(words)) if numbers is None else np.ravel(numbers)
+    return {int(code): word for code, word in codes} | dict(
+        zip(flags.tolist(), words, strict=False)
+    )
 
 
 def _make_coded_error(name: str) -> InputError:
