@@ -858,7 +858,7 @@ class Workspace:
             if parameter.default is parameter.empty and name not in options:
                 problem = f"is missing for {os.fspath(path)}"
                 rule = "the file does not contain it"
-                raise InputError(name, problem, rule, f"pass e.g. {name}=0.05")
+                raise InputError(name, problem, rule, f"pass {name}=, in metres")
         return reader(path, **options)
 
     def plot(self, **options: Unpack[WorkspaceOptions]) -> Axes:

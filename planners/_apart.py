@@ -329,7 +329,7 @@ def _find_interval(movers: tuple[Timed, Timed], until: float | None) -> tuple[fl
         end = check_number(until, "until")
     elif not driven and any(each.velocity.any() or each.growth for each in movers):
         rule = "a thing that moves, or an error that grows, has no end"
-        raise InputError("until", "is missing", rule, "pass until=10.0, in seconds")
+        raise InputError("until", "is missing", rule, "pass until=, in seconds")
     if end < begin:
         last, first = tell_apart(end, begin)
         rule = f"the motions begin at {first} s"

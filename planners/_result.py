@@ -597,7 +597,7 @@ class Plan:
             metres = check_positive(step, "step", "metres")
             if self.length / metres >= MAX_ROWS:
                 rule = f"it makes {self.length / metres:.2g} poses; at most {MAX_ROWS} are possible"
-                raise InputError("step", f"is {step!r}", rule, "pass e.g. step=0.05")
+                raise InputError("step", f"is {step!r}", rule)
             rows = self._edges_on(self._map()).resample(self.waypoints, metres)
         return fill_path(self.axes, rows, filled, frame_id or self.frame_id)
 

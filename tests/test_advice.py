@@ -105,6 +105,13 @@ def tilted_pose():
     return pose
 
 
+def write_grey_map(folder):
+    """Write a ROS map with a grey that map savers write for unknown cells, below free_thresh."""
+    path = write_ros_image(folder).with_suffix(".yaml")
+    path.write_text(path.read_text().replace("0.196", "0.25"))
+    return path
+
+
 def turning():
     return build(Workspace.from_array(WALL, 0.1), Robot.disc(0.05), rotations=4)
 
@@ -148,6 +155,11 @@ def turning():
             id="milliseconds",
         ),
         pytest.param(
+            lambda folder, **options: Workspace.from_ros_map(write_grey_map(folder), **options),
+            lambda folder: Workspace.from_image(write_ros_image(folder), 0.1, threshold=0.1),
+            id="unknown cells of a map as free",
+        ),
+        pytest.param(
             lambda folder, **options: Robot.open(write_urdf(folder, "visual"), **options),
             lambda folder: Robot.open(write_urdf(folder, "collision")),
             id="links that are only drawn",
@@ -168,3 +180,13 @@ def describe(world):
     if isinstance(world, Robot):
         return world.spec
     return np.round(world, 6).tolist()
+
+
+def test_a_robot_in_space_is_mapped_by_its_footprint():
+    plane = Workspace.from_array(WALL, 0.1)
+    with pytest.raises(cspace.CspaceError) as refused:
+        build(plane, Robot.box((0.4, 0.2, 0.5)))
+    robot = Robot.box((0.4, 0.2, 0.5))
+    advised = eval(refused.value.hint.removeprefix("use "), {"robot": robot})
+    states = build(plane, advised, outside="free").cell_states
+    assert (states == build(plane, Robot.rectangle(0.4, 0.2), outside="free").cell_states).all()

@@ -499,7 +499,7 @@ def check_dt(dt: float) -> float:
 def make_missing_dt() -> InputError:
     """Make the error for limits of speeds or jerks without the time between rows."""
     rule = "limits of speeds and jerks count seconds"
-    return InputError("dt", "is missing", rule, "pass the seconds between rows, e.g. dt=0.02")
+    return InputError("dt", "is missing", rule, "pass dt=, the seconds between rows")
 
 
 def check_velocities(space: ConfigurationSpace, max_velocity: ArrayLike | None) -> Floats:

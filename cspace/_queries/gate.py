@@ -325,7 +325,7 @@ class Gate:
                 "max_deceleration",
                 "is missing",
                 "the robot must be able to stop",
-                "pass it in m/s^2 and rad/s^2, e.g. Gate(space, dt=0.1, max_deceleration=(0.5, 1))",
+                "pass max_deceleration= to Gate, in m/s^2 and rad/s^2",
             )
         return np.asarray(self._check_dt() * np.asarray(self.max_deceleration))
 
@@ -341,7 +341,7 @@ class Gate:
                 "dt",
                 "is missing",
                 "a twist is driven for some time",
-                "pass its seconds, e.g. Gate(space, dt=0.1)",
+                "pass dt= to Gate, in seconds",
             )
         return self.dt
 

@@ -129,7 +129,7 @@ def _convert_sequence(values: Any, name: str) -> Shape:
         return Polygons.of(values)
     is_one_point = row_shape == () and len(values) in (2, 3)
     if is_one_point or row_shape in ((2,), (3,)):
-        hint = "pass their radius, e.g. radius=0.1 in metres, 0.0 for points alone"
+        hint = "pass radius=, in metres, zero for points alone"
         if row_shape == (2,) or len(values) == 2:
             hint += ", or at least 3 corners of a polygon"
         raise InputError(name, "is points", "points need a radius", hint)

@@ -454,7 +454,6 @@ def _find_range(
             "limits",
             f"are missing for {name!r}, which is continuous and moves others by another angle",
             "a turn does not restore the arm",
-            f"pass limits={{{name!r}: (-3.14, 3.14)}}",
         )
     return -math.pi, math.pi
 

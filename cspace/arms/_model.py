@@ -976,7 +976,6 @@ def _read_limits(joint: Any, where: str) -> tuple[float, float]:
             where,
             "has no limits",
             "revolute and prismatic joints have",
-            "add <limit lower= upper=>",
         )
     if limit.lower is None and limit.upper is None:
         warn_user(

@@ -219,8 +219,7 @@ TENTH = {"limits": (0.1, 0.1)}
     ),
     (
         lambda f: read_chain(f, {"limits": None}),
-        lambda f: read_chain(f, {"limits": (-1, 1)}),
-        "add <limit lower= upper=>",
+        "has no limits; revolute and prismatic joints have",
     ),
     (
         lambda f: read_chain(f, {"limits": (1, -1)}),
@@ -402,8 +401,7 @@ TENTH = {"limits": (0.1, 0.1)}
     ),
     (
         lambda f: build_joint_map(geared(f), 0.5),
-        lambda f: build_joint_map(geared(f), 0.5, limits={"j0": (-3.14, 3.14)}),
-        "pass limits={'j0': (-3.14, 3.14)}",
+        "limits are missing for 'j0', which is continuous",
     ),
     (
         lambda f: [mapped(f).save(f / "a.zarr"), undecided_pairs(open_map(f / "a.zarr"))],

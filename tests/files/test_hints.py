@@ -638,7 +638,7 @@ def write_package(folder):
     (
         lambda f: Workspace.open(f / "a.xyz"),
         lambda f: Workspace.open(write(f, "a.xyz", "0 0 0"), spacing=0.05, radius=0.05),
-        "pass e.g. spacing=0.05",
+        "pass spacing=, in metres",
     ),
     (
         lambda f: Workspace.open(write(f, "a.map", f"{OCTILE}."), unknown="free"),

@@ -352,7 +352,7 @@ PERSON = Mover("disc:0.3", (3.0, 0.0), velocity=(1.0, 0.0))
     (Mover("disc:0.3", (3.0, 0.0), error=-1.0), {}, "second.error is -1.0"),
     (Mover("disc:0.3", (3.0, 0.0), growth=math.nan), {}, "second.growth is nan"),
     (Mover("disc:0.3", (3.0, 0.0), velocity=(1.0,)), {}, "second.velocity"),
-    (PERSON, {}, {"until": 10.0}, "pass until=10.0, in seconds"),
+    (PERSON, {}, {"until": 10.0}, "pass until=, in seconds"),
     (PERSON, {"until": [1.0, 2.0]}, "it must be one number"),
     (PERSON, {"until": math.nan}, "until is nan"),
     (PERSON, {"until": 1.1e100}, "it must be from -1e+100 to 1e+100"),

@@ -653,7 +653,7 @@ FLAT = (1.0, 2.5)
     (
         lambda s: s.certify_chunk(START, [START], max_velocity=1.0),
         lambda s: s.certify_chunk(START, [START], max_velocity=1.0, dt=0.02),
-        "pass the seconds between rows, e.g. dt=0.02",
+        "pass dt=, the seconds between rows",
     ),
     (
         lambda s: s.certify_chunk(START, START),
@@ -677,17 +677,17 @@ FLAT = (1.0, 2.5)
     (
         lambda s: cspace.Gate(s).check_twists(START, [(0.1, 0.1)]),
         lambda s: cspace.Gate(s, dt=0.1).check_twists(START, [(0.1, 0.1)]),
-        "pass its seconds, e.g. Gate(space, dt=0.1)",
+        "pass dt= to Gate, in seconds",
     ),
     (
         lambda s: cspace.Gate(s, dt=0.1).slow_down(START, (0.1, 0.1)),
         lambda s: cspace.Gate(s, dt=0.1, max_deceleration=(0.5, 1)).slow_down(START, (0.1, 0.1)),
-        "e.g. Gate(space, dt=0.1, max_deceleration=(0.5, 1))",
+        "pass max_deceleration= to Gate, in m/s^2 and rad/s^2",
     ),
     (
         lambda s: cspace.Gate(s, max_jerk=1.0),
         lambda s: cspace.Gate(s, max_jerk=1.0, dt=0.02),
-        "pass the seconds between rows, e.g. dt=0.02",
+        "pass dt=, the seconds between rows",
     ),
     (
         lambda s: cspace.Gate(s, dt=0.1, max_jerk=1.0, max_deceleration=(0.5, 1)),

@@ -219,7 +219,7 @@ def cells(values, **options):
         lambda: [
             copy().add_obstacle("a", [(0, 0), (1, 1)], radius=radius) for radius in (0.1, 0.0)
         ],
-        "pass their radius, e.g. radius=0.1 in metres, 0.0 for points alone",
+        "pass radius=, in metres, zero for points alone",
     ),
     (
         lambda: copy().add_obstacle("a", [(0, 0), (1, 1)]),
