@@ -17,6 +17,7 @@ import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import numba
 
@@ -26,6 +27,8 @@ def interpret(**options):
 
     def decorate(function):
         function.compile = lambda types: None
+        function.enable_caching = lambda: None
+        function._cache = Mock()
         function.get_overload = lambda types: function
         return function
 
