@@ -65,7 +65,9 @@ def _run_on_cluster(
         return map_in_threads(lambda future: future.result(), futures, 1, advance)
     except (CancelledError, TimeoutError) as error:
         problem = f"lost its scheduler or its workers ({type(error).__name__}: {error})"
-        raise InputError("client", problem, "the cluster must be running") from error
+        raise InputError(
+            "client", problem, "the cluster must be running; finished tiles are kept"
+        ) from error
     finally:
         with suppress(Exception):  # the scheduler may be gone
             client.cancel(futures)
