@@ -133,7 +133,7 @@ def test_poses_of_a_path_are_a_step_apart_and_on_it(rotations, options):
     for bad in (0.0, -1.0, math.nan):
         with pytest.raises(InputError, match="step"):
             plan.to_path(step=bad)
-    with pytest.raises(InputError, match=r"makes .* poses.*pass e\.g\. step=0\.05"):
+    with pytest.raises(InputError, match=r"makes .* poses; at most 1000000"):
         plan.to_path(step=1e-9)
     assert len(plan.to_path(step=0.05).poses) >= len(poses)
     pickled = pickle.loads(pickle.dumps(plan))
