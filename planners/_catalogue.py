@@ -46,7 +46,7 @@ LATTICE: Final = "Lattice"
 holonomic."""
 
 BIRRT: Final = "BiRRT"
-"""Name by which :func:`planners.plan` runs :meth:`cspace.ArmSpace.find_path`."""
+"""Name by which :func:`planners.plan` runs :meth:`cspace.ArmSpace.search`."""
 
 BUILT_IN_SEARCHES: Final = (GRID, MAX_CLEARANCE, LATTICE, BIRRT)
 """Names of the searches that run without OMPL."""

@@ -55,7 +55,7 @@ MAX_LENGTH_RATIO = 1.05
 REFERENCE_SEARCHES = 300
 """Further searches of the runs that find the best known length."""
 
-OURS, SEARCH = "ours, find_path", "ours, its search alone"
+OURS, SEARCH = "ours, shortened", "ours, its first path"
 OMPL, VAMP = "RRTConnect of OMPL, coal in the callback", "RRTConnect of VAMP"
 
 
@@ -170,12 +170,11 @@ def _plan(report: Report, problems: list[ArmProblem], least: float, seed: int) -
 
 
 def _solve(
-    space: ArmSpace, start: Floats, goals: Floats, seed: int, straight: bool
+    space: ArmSpace, start: Floats, goals: Floats, seed: int, simplify: bool
 ) -> Floats | None:
+    options = {"seed": seed, "time_limit": ARM_SEARCH_SECONDS, "simplify": simplify}
     try:
-        return space.find_path(
-            start, goals, straight=straight, seed=seed, time_limit=ARM_SEARCH_SECONDS
-        )
+        return plan(space, start, goals, iterations=1, **options).waypoints
     except ConfigurationError:  # the start or all goals are not proven free
         return None
 
@@ -195,20 +194,20 @@ def _shorten(report: Report, problems: list[ArmProblem], seed: int) -> None:
             plan(space, *endpoints, iterations=2)  # compiles and loads
         short, first = (
             timing.take(partial(plan, space, *endpoints, seed=seed)),
-            space.find_path(*endpoints, seed=seed),
+            plan(space, *endpoints, seed=seed, simplify=False, time_limit=ARM_SEARCH_SECONDS),
         )
-        if not (short.solved and len(first)):
+        if not (short.solved and first.solved):
             continue
         seconds, certified = 2.0 if report.quick else 20.0, certified and short.certified
         options: dict[str, Any] = {"iterations": REFERENCE_SEARCHES, "time_limit": seconds}
-        others = [space.find_path(*endpoints, seed=seed + k, **options) for k in (1, 2)]
-        best = min(short.length, *(_length(path) for path in others if len(path)))
+        others = [plan(space, *endpoints, seed=seed + k, **options) for k in (1, 2)]
+        best = min(short.length, *(other.length for other in others if other.solved))
         ratios.append(short.length / best)
-        first_ratios.append(_length(first) / best)
+        first_ratios.append(first.length / best)
     if not ratios:
         return
     report.timing("plan, default time limit of 1 s", timing)
-    for name, values in (("plan", ratios), ("find_path, its first path", first_ratios)):
+    for name, values in (("plan", ratios), ("its first path", first_ratios)):
         most = MAX_LENGTH_RATIO if values is ratios else None
         report.figure(
             f"{name}: length over best known, median", statistics.median(values), most=most
@@ -217,10 +216,6 @@ def _shorten(report: Report, problems: list[ArmProblem], seed: int) -> None:
             f"{name}: length over best known, 95th percentile", float(np.quantile(values, 0.95))
         )
     report.check(certified, f"all {len(ratios)} plans that needed a search are proven")
-
-
-def _length(path: Floats) -> float:
-    return float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
 
 
 def _judge(report: Report, problems: list[ArmProblem], rng: np.random.Generator) -> None:

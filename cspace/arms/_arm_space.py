@@ -41,7 +41,6 @@ from cspace._support.arrays import (
     States,
 )
 from cspace._support.check import (
-    check_count,
     check_finite,
     check_known,
     check_mapping,
@@ -51,7 +50,6 @@ from cspace._support.check import (
     check_text,
     names_options,
 )
-from cspace._support.deadlines import limit_effort
 from cspace._workspace import Workspace
 from cspace.arms._inverse import (
     PoseGoal,
@@ -86,12 +84,9 @@ if TYPE_CHECKING:
 
     from cspace.plot._route import HasPath
 
-FIND_SECONDS: Final = 5.0
-"""Work that :meth:`ArmSpace.find_path` may do by default, seconds on an idle machine."""
-
 MAX_DOUBLED_JOINTS: Final = 8
-"""Largest number of continuous joints that :meth:`ArmSpace.find_path` tries both ways; others go
-the shorter way."""
+"""Largest number of continuous joints that :meth:`ArmSpace.search` tries both ways; others go the
+shorter way."""
 
 
 CHECKING_STEP: Final = 0.01
@@ -114,8 +109,7 @@ class ArmSpace(ConfigurationSpace):
 
     Configurations up to 1e-5 rad (m) beyond a limit are accepted, because files round limits and
     configurations differently. States and proofs hold for the configuration as given. Paths stay
-    within the limits: :meth:`find_path` and :func:`planners.plan` move a start or goal onto a limit
-    that it exceeds.
+    within the limits: :func:`planners.plan` moves a start or goal onto a limit that it exceeds.
 
     The scene may change: :meth:`add_obstacle`, :meth:`remove_obstacle`, :meth:`attach`,
     :meth:`detach`, :meth:`set_padding`, :meth:`allow_collisions` and :meth:`forbid_collisions` make
@@ -762,10 +756,26 @@ class ArmSpace(ConfigurationSpace):
         return ArmSpace(self.snapshot.keep(uprights), self._base) if uprights else self
 
     def search(self, name: str, endpoints: Sequence[Endpoint], options: SearchOptions) -> Floats:
-        """Run :meth:`find_path`, without further searches unless the path is simplified."""
-        start, *goals = endpoints
-        iterations = options.iterations if options.simplify else 0
-        return self._search(start, goals, options._replace(iterations=iterations))
+        """Search by "BiRRT": two trees of proven motions grow towards each other.
+
+        The first path is not the shortest. Further searches only sample where a shorter path may
+        lead (Gammell and others, 2014), and parts of the path are pulled towards straight motions,
+        as far as these are proven free. Continuous joints may turn either way: the path ends at a
+        goal, or whole turns from it.
+        """
+        start, *goals = np.array(endpoints)
+        snapshot = self.snapshot
+        images = self._list_images(start, np.array(goals))
+        images = images[snapshot.are_free(images, images)]
+        if not len(images):  # the scene has changed since the goals were checked
+            return np.empty((0, self.size))
+        rng = np.random.default_rng(options.seed or 0)
+        ranges = snapshot.arm._ranges(np.vstack([start, images]))
+        search = PathSearch(snapshot.outer, ranges, start, images, self._spans, rng, options.limit)
+        path = search.find(options.simplify)
+        if not (len(path) and options.simplify):
+            return path
+        return search.shorten(path, options.iterations)
 
     def closest(self, q: ArrayLike) -> Contact:
         """Return the link and obstacle nearest to touching.
@@ -834,97 +844,6 @@ class ArmSpace(ConfigurationSpace):
                 )
         samples = np.concatenate(batches)[:count]
         return samples[0] if n is None else samples
-
-    def find_path(
-        self,
-        q0: ArrayLike,
-        q1: ArrayLike,
-        *,
-        straight: bool = True,
-        iterations: int | None = 0,
-        seed: int | None = None,
-        time_limit: float | None = None,
-    ) -> Floats:
-        """Find a path that is proven collision-free.
-
-        All its motions are proven as a whole. Two trees of motions grow towards each other. The
-        first path is not the shortest. Further searches only sample where a shorter path may lead
-        (Gammell and others, 2014), and parts of the path are pulled towards straight motions, as
-        far as these are proven free. The path is the same every time, unless a given time
-        limit ends the search.
-
-        Continuous joints may turn either way: the path ends at the goal, or whole turns from it. It
-        begins and ends within the limits: if q0 or q1 exceeds a limit by at most 1e-5 rad (m), it
-        begins or ends at the limit.
-
-        Parameters
-        ----------
-        q0 : array-like, shape (dof,)
-            A FREE configuration.
-        q1 : array-like, shape (dof,) or (n, dof)
-            A FREE configuration, or several, of which any FREE one may be reached.
-        straight : bool
-            Whether to leave out waypoints that straight motions do not need.
-        iterations : int, optional
-            Largest number of further searches for a shorter path. None: until eight searches in a
-            row shorten it by less than 1 %. They also stop if the path is at most 1 % longer than
-            the straight motion to the nearest goal.
-        seed : int, optional
-            Of the random numbers; by default, they are the same each time.
-        time_limit : float, optional
-            Seconds after which the search returns the shortest path so far. By default, it ends
-            after the work of about five seconds.
-
-        Returns
-        -------
-        ndarray of float64, shape (n, dof)
-            Waypoints, each motion between two proven free. Continuous joints count whole turns, and
-            turn by at most half a turn from row to row, so that the straight motions between the
-            rows are the proven ones. Of length 0 if no path was found in time.
-
-        Raises
-        ------
-        ConfigurationError
-            If the start, or each goal, is not FREE, or more than 1e-5 rad (m) beyond the limits of
-            a joint.
-        InputError
-            If a configuration is not one of finite numbers, the time limit is not above zero, or
-            ``iterations`` is negative.
-        """
-        searches = None if iterations is None else check_count(iterations, "iterations")
-        limit = limit_effort(time_limit, FIND_SECONDS)
-        return self._search(q0, q1, SearchOptions(straight, True, searches, seed, limit))
-
-    def _search(self, q0: ArrayLike, q1: ArrayLike, options: SearchOptions) -> Floats:
-        """Find a path; see :meth:`find_path`."""
-        start = self.arm._check_configuration(q0, "q0")
-        goals = np.atleast_2d(self._check_configurations(q1, "q1"))
-        if goals.ndim != 2 or not len(goals):
-            raise InputError(
-                "q1",
-                f"has shape {goals.shape}",
-                f"it must be one configuration of {self.size} numbers or rows of them",
-                f"pass ({', '.join(self.axes)})",
-            )
-        snapshot = self.snapshot
-        start = snapshot.arm._clamp(start)
-        goals = snapshot.arm._clamp(goals)
-        # A path may reach any free goal, either way around its continuous joints.
-        images = self._list_images(start, goals)
-        endpoints = np.vstack([start, images])
-        start_is_free, *images_are_free = snapshot.are_free(endpoints, endpoints).tolist()
-        if not start_is_free:
-            raise _make_collision_error(snapshot, start, "q0")
-        images = images[images_are_free]
-        if not len(images):
-            raise _make_collision_error(snapshot, goals[0], "q1")
-        rng = np.random.default_rng(options.seed or 0)
-        ranges = snapshot.arm._ranges(np.vstack([start, images]))
-        search = PathSearch(snapshot.outer, ranges, start, images, self._spans, rng, options.limit)
-        path = search.find(options.simplify)
-        if not len(path) or options.iterations == 0:
-            return path
-        return search.shorten(path, options.iterations)
 
     @names_options
     def follow_line(

@@ -306,10 +306,10 @@ TENTH = {"limits": (0.1, 0.1)}
         "obstacles are none; there is nothing to touch",
     ),
     (
-        lambda f: space(f, near=NEAR).find_path(ZERO, (1.0, 0.5)),
+        lambda f: planners.plan(space(f, near=NEAR), ZERO, (1.0, 0.5)),
         lambda f: [
-            space(f, near=NEAR).find_path((1.2, 0.3), (1.0, 0.5)),
-            touching(f).find_path(ZERO, (1.0, 0.5)),
+            planners.plan(space(f, near=NEAR), (1.2, 0.3), (1.0, 0.5)),
+            planners.plan(touching(f), ZERO, (1.0, 0.5)),
         ],
         "a path must start and end in FREE; if they may touch, call space.allow_collisions([('fore', 'box')]) if they may touch",
     ),
@@ -362,9 +362,7 @@ TENTH = {"limits": (0.1, 0.1)}
     ),
     (lambda f: space(f).attach("box", link="fore"), "pass (shoulder, elbow)"),
     (lambda f: space(f).set_padding("box", 9.0), "foot touches obstacle 'box', or comes nearer"),
-    (lambda f: space(f).find_path(ZERO, np.empty((0, 2))), "q1 has shape (0, 2)"),
-    (lambda f: space(f).find_path(ZERO, (1.0, 0.5), time_limit=0.0), "time_limit is 0"),
-    (lambda f: space(f).find_path(ZERO, (1.0, 0.5), iterations=1.5), "iterations is 1.5"),
+    (lambda f: planners.plan(space(f), ZERO, np.empty((0, 2))), "goal has shape (0, 2)"),
     # Maps of joints.
     (
         lambda f: mapped(f, joints=("shoulder", "wrist")),

@@ -13,7 +13,7 @@ ROOMS = ("planners", *(f"cspace/{wing}" for wing in WINGS))
 
 MOST_NAMES = {
     "planners": 142,
-    "cspace/arms": 195,
+    "cspace/arms": 194,
     "cspace/_cli": 34,
     "cspace/export": 33,
     "cspace/lanes": 46,
