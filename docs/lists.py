@@ -1,5 +1,6 @@
 """Lists of the pages that are generated from the code: ``python docs/lists.py`` writes them anew."""
 
+import ast
 import pkgutil
 import re
 from collections.abc import Callable, Iterable, Mapping
@@ -77,12 +78,40 @@ def list_supported() -> Iterable[str]:
         yield f"| {shown} | {' | '.join(marks)} |"
 
 
+def list_inside() -> Iterable[str]:
+    """Yield the rows of the names of the inner door, by the module that holds each."""
+    yield from ("| name | what it is | from |", "|---|---|---|")
+    stub = (DOCS.parent / "cspace" / "inside.pyi").read_text(encoding="utf-8")
+    for module, name in re.findall(r"^from \.(\S+) import (\w+) as", stub, re.MULTILINE):
+        summary = find_summary(f"cspace.{module}", name)
+        yield f"| `{name}` | {summary} | `{module}` |"
+
+
+def find_summary(module: str, name: str) -> str:
+    """Return the first line of the docstring of a name, which may be a constant."""
+    path = Path(str(import_module(module).__file__))
+    statements = ast.parse(path.read_text(encoding="utf-8")).body
+    for number, statement in enumerate(statements):
+        if isinstance(statement, ast.ImportFrom) and name in {one.name for one in statement.names}:
+            return find_summary(str(statement.module), name)
+        is_defined = isinstance(statement, ast.FunctionDef | ast.ClassDef)
+        if is_defined and statement.name == name:
+            return str(ast.get_docstring(statement)).partition("\n")[0]
+        if isinstance(statement, ast.Assign | ast.AnnAssign):
+            after = statements[number + 1]
+            is_named = ast.unparse(statement).startswith((f"{name}:", f"{name} ="))
+            if is_named and isinstance(after, ast.Expr):
+                return str(ast.literal_eval(after.value)).partition("\n")[0]
+    raise LookupError(f"{module}.{name} has no docstring")
+
+
 LISTS: dict[str, Callable[[], Iterable[str]]] = {
     "shorthands": list_shorthands,
     "workspace formats": lambda: list_formats(WORKSPACE_FORMATS),
     "robot formats": lambda: list_formats(ROBOT_FORMATS),
     "export formats": lambda: list_formats(EXPORT_FORMATS),
     "fields": list_fields,
+    "inner door": list_inside,
     "refusals of planners": list_refusals,
     "goals and options of spaces": list_supported,
 }

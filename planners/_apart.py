@@ -16,35 +16,34 @@ from warnings import catch_warnings, simplefilter
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace._bodies.cores import (
+from cspace import Robot
+from cspace._robot import robot_of
+from cspace._rotations.yaw import check_wrappable
+from cspace.errors import InputError
+from cspace.inside import (
+    AXES,
     COORDINATE_ROUNDING,
+    MAX_NUMBER,
     ROUNDING,
     Cores,
-    lever_of,
-    measure_distances,
-)
-from cspace._robot import Robot, robot_of
-from cspace._rotations.base import wrap_angles
-from cspace._rotations.yaw import check_wrappable
-from cspace._support.arrays import Floats
-from cspace._support.check import (
-    AXES,
-    MAX_NUMBER,
+    Floats,
     check_finite,
     check_not_negative,
     check_number,
     check_point,
+    lever_of,
+    measure_distances,
     names_options,
+    tell_apart,
     warn_of_degrees,
+    wrap_angles,
 )
-from cspace._support.reporting import tell_apart
-from cspace.errors import InputError
 from planners._segments import bound_derivatives
 from planners._trajectory import Trajectory
 
 if TYPE_CHECKING:
-    from cspace._shapes import Shape, ShapeLike
-    from cspace._space import CSpace
+    from cspace import CSpace
+    from cspace.inside import Shape, ShapeLike
 
 MotionState: TypeAlias = Literal["apart", "touch", "undecided"]
 """Verdicts about two motions."""
@@ -406,8 +405,7 @@ class SolidMeasure:
 
 def _build_around(first: Shape, second: Shape) -> CSpace:
     """Build a small map of two solids, with a yaw."""
-    from cspace._builder import build
-    from cspace._workspace import Workspace
+    from cspace import Workspace, build
 
     reach = 2.0 * float(np.linalg.norm(np.abs(first.outer.bounds).max(axis=0)))
     low, high = (np.asarray(corner) for corner in second.outer.bounds)

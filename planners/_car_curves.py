@@ -18,14 +18,21 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cspace._bodies import ADVANCE_FACTOR, MAX_DISTANCES_PER_EDGE
 from cspace._exact.proofs import BoundaryTrees, fraction_apart
 from cspace._queries.points import neighborhood_is_free, position_in_plane
 from cspace._record.cells import Map
-from cspace._rotations.base import TWO_PI
 from cspace._rotations.lookup import matrix_rows
-from cspace._support.arrays import Floats, Ints, Numbers
-from cspace._support.compiling import allocating, internal, kernel
+from cspace._support.arrays import Numbers
+from cspace.inside import (
+    ADVANCE_FACTOR,
+    MAX_DISTANCES_PER_EDGE,
+    TWO_PI,
+    Floats,
+    Ints,
+    allocating,
+    internal,
+    kernel,
+)
 from planners._integrals import MAX_RADIANS_PER_STEP, CostDensity, Values, cost_at
 
 Pose = tuple[float, float, float]

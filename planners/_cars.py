@@ -10,8 +10,7 @@ from functools import cached_property, partial
 import numpy as np
 from ompl import base as ob
 
-from cspace._queries.callbacks import bind_kernel
-from cspace._support.arrays import Floats
+from cspace.inside import Floats, bind_kernel
 from planners._car_curves import (
     advance,
     curve_cost,

@@ -9,10 +9,9 @@ from typing import Final, Literal, NamedTuple, TypeAlias, cast, get_args
 from ompl import base as ob
 from ompl import geometric as og
 
-from cspace._interface import ConfigurationSpace, Space
-from cspace._support.check import suggest_name
-from cspace._support.words import Drive
+from cspace import Space
 from cspace.errors import InputError
+from cspace.inside import ConfigurationSpace, Drive, suggest_name
 
 PlannerName: TypeAlias = Literal[
     "BFMT",

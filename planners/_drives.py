@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from typing import Final
 
-from cspace._interface import Space
-from cspace._support.check import check_flag, check_positive, check_word
-from cspace._support.reporting import tell_apart
-from cspace._support.words import Drive
+from cspace import Space
 from cspace.errors import InputError
+from cspace.inside import Drive, check_flag, check_positive, check_word, tell_apart
 from planners._local_planner import (
     CURVES,
     DRIVES,

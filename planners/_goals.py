@@ -21,27 +21,27 @@ import shapely
 from numpy.typing import ArrayLike
 from shapely.geometry import MultiPolygon, Polygon
 
-from cspace._configuration_map import ConfigurationMap
-from cspace._interface import (
+from cspace import FREE, MIXED, Goal, Space
+from cspace._interface import format_configuration, join_goal_errors
+from cspace._support.check import order_labels
+from cspace.errors import ConfigurationError, InputError
+from cspace.inside import (
+    ANGLE_SLACK,
+    METRES_PER_RADIAN,
+    NEVER,
+    Bools,
+    ConfigurationMap,
     Endpoint,
-    Goal,
+    Floats,
     GoalLike,
     Goals,
-    Space,
-    format_configuration,
-    join_goal_errors,
-)
-from cspace._rotations.base import ANGLE_SLACK, METRES_PER_RADIAN, turn_near
-from cspace._support.arrays import FREE, MIXED, Bools, Floats, Ints
-from cspace._support.check import (
+    Ints,
     check_finite,
     check_point,
-    order_labels,
     suggest_radians,
+    turn_near,
     warn_of_degrees,
 )
-from cspace._support.deadlines import NEVER
-from cspace.errors import ConfigurationError, InputError
 from planners._catalogue import ANY_ROTATION, REGION, check_support
 from planners._local_planner import CURVES, LocalPlanner
 

@@ -8,15 +8,15 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from cspace._queries.callbacks import MAX_SIZE, bind_kernel, configuration_before
+from cspace import CSpace
+from cspace._queries.callbacks import MAX_SIZE, configuration_before
 from cspace._queries.distance import DistanceMap, DistanceTable, clearance_at
 from cspace._queries.edges import position_along
 from cspace._queries.points import slice_of
 from cspace._record.cells import Map
 from cspace._rotations.lookup import arc_angle_and_error, rotation_along
-from cspace._space import CSpace
-from cspace._support.arrays import Floats, Numbers, Row
-from cspace._support.compiling import internal, kernel
+from cspace._support.arrays import Numbers
+from cspace.inside import Floats, Row, bind_kernel, internal, kernel
 
 Field = DistanceMap | Floats | None
 """Source of a value at each configuration: the clearance, by distances; overlaps of cells; or none

@@ -22,9 +22,8 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from cspace._rotations import Rotations
-from cspace._support.arrays import Floats, Ints
-from cspace._support.compiling import internal, kernel
+from cspace import Rotations
+from cspace.inside import Floats, Ints, internal, kernel
 from planners._segments import Segments, bound_derivatives
 from planners._timing import (
     INTERVALS_PER_CURVE,

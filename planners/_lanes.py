@@ -6,12 +6,11 @@ import os
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from cspace._configuration_map import ConfigurationMap
-from cspace._support.check import names_options
 from cspace.errors import InputError
+from cspace.inside import ConfigurationMap, names_options
 
 if TYPE_CHECKING:
-    from cspace._support.arrays import Floats, StrPath
+    from cspace.inside import Floats, StrPath
     from cspace.lanes import Audit, Conflicts, RouteGraph
 
 

@@ -23,7 +23,7 @@ from typing import Final, NamedTuple, cast
 import numpy as np
 import shapely
 
-from cspace._interface import Endpoint
+from cspace import FREE, MIXED, CSpace
 from cspace._queries.edges import NO_RADII, tube_is_free
 from cspace._queries.frontier import (
     NO_NODE,
@@ -48,11 +48,22 @@ from cspace._queries.paths import (
 )
 from cspace._queries.points import position_in_plane
 from cspace._record.cells import Map
-from cspace._rotations.base import METRES_PER_RADIAN, TWO_PI, wrap_angles
-from cspace._space import CSpace
-from cspace._support.arrays import FREE, MIXED, Bools, Floats, Ints
-from cspace._support.compiling import internal, kernel
-from cspace._support.deadlines import Effort, is_over, is_stopped, now, spend
+from cspace._support.deadlines import is_stopped
+from cspace.inside import (
+    METRES_PER_RADIAN,
+    TWO_PI,
+    Bools,
+    Effort,
+    Endpoint,
+    Floats,
+    Ints,
+    internal,
+    is_over,
+    kernel,
+    now,
+    spend,
+    wrap_angles,
+)
 from planners._car_curves import (
     MAX_GAP,
     POINT_ERROR,

@@ -21,12 +21,18 @@ import numpy as np
 from numpy.typing import NDArray
 from ompl import base as ob
 
-from cspace._interface import Endpoint, Space
+from cspace import MIXED, CSpace, Space
 from cspace._record.cells import Map
-from cspace._rotations.base import ANGLE_SLACK, METRES_PER_RADIAN, TWO_PI, measure_steps
-from cspace._space import CSpace
-from cspace._support.arrays import MIXED, Bools, Floats
-from cspace._support.words import Drive
+from cspace.inside import (
+    ANGLE_SLACK,
+    METRES_PER_RADIAN,
+    TWO_PI,
+    Bools,
+    Drive,
+    Endpoint,
+    Floats,
+    measure_steps,
+)
 from planners._integrals import CostDensity, Field, bind_cost, integrate_straight_edge
 from planners._ompl_states import find_state_kind, with_wrapped_angles
 

@@ -10,15 +10,19 @@ from typing import Final
 import numpy as np
 from ompl import base as ob
 
-from cspace._interface import Space
-from cspace._queries.batches import as_contiguous
+from cspace import CSpace, Space
 from cspace._queries.distance import DistanceMap, Distances
-from cspace._space import CSpace
-from cspace._support.arrays import Floats
-from cspace._support.check import check_finite, check_not_negative, check_number, check_positive
-from cspace._support.deadlines import Effort
-from cspace._support.words import Drive
 from cspace.errors import InputError
+from cspace.inside import (
+    Drive,
+    Effort,
+    Floats,
+    as_contiguous,
+    check_finite,
+    check_not_negative,
+    check_number,
+    check_positive,
+)
 from planners._drives import local_planner
 from planners._integrals import CostDensity, Field
 from planners._local_planner import HOLONOMIC, Endpoints, LocalPlanner

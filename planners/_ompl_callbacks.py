@@ -11,12 +11,9 @@ import numpy as np
 from ompl import base as ob
 from ompl import util as ou
 
-from cspace._interface import Space
-from cspace._space import CSpace
-from cspace._support.arrays import Floats
-from cspace._support.check import check_flag, check_rng
-from cspace._support.words import Drive
+from cspace import CSpace, Space
 from cspace.errors import InputError
+from cspace.inside import Drive, Floats, check_flag, check_rng
 from planners._drives import local_planner
 from planners._local_planner import HOLONOMIC
 from planners._ompl_states import check_information, find_state_kind

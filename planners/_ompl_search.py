@@ -24,19 +24,8 @@ from ompl import geometric as og
 from ompl import util as ou
 
 from cspace._queries.paths import MAX_SHORTENING, pulled_straight
-from cspace._queries.upright import Upright
-from cspace._support.arrays import Floats
-from cspace._support.deadlines import (
-    NANOSECONDS,
-    NEVER,
-    NO_EFFORT,
-    Effort,
-    is_stopped,
-    make_effort,
-    now,
-    seconds_after,
-    spend,
-)
+from cspace._support.deadlines import NANOSECONDS, NO_EFFORT, is_stopped, make_effort, seconds_after
+from cspace.inside import NEVER, Effort, Floats, Upright, now, spend
 from planners._catalogue import (
     BIDIRECTIONAL_PLANNERS,
     LENGTH,

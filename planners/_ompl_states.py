@@ -10,10 +10,10 @@ from typing import Final, NamedTuple, TypeVar, cast
 import numpy as np
 from ompl import base as ob
 
-from cspace._interface import ConfigurationSpace, Space
-from cspace._rotations.base import METRES_PER_RADIAN, TWO_PI, wrap_angles, wrap_steps
-from cspace._support.arrays import Floats
+from cspace import Space
+from cspace._rotations.base import wrap_steps
 from cspace.errors import InputError
+from cspace.inside import METRES_PER_RADIAN, TWO_PI, ConfigurationSpace, Floats, wrap_angles
 from planners._own_space import check_own_space
 
 Configuration = tuple[float, ...]

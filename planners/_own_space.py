@@ -7,11 +7,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace._interface import Space, format_configuration
-from cspace._rotations import Rotations
-from cspace._support.arrays import Floats
-from cspace._support.check import check_finite
+from cspace import Rotations, Space
+from cspace._interface import format_configuration
 from cspace.errors import InputError
+from cspace.inside import Floats, check_finite
 
 BOUNDS_SLACK: Final = 1e-9
 """Rounding by which a found path may leave the bounds, as a share of their width."""

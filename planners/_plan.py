@@ -13,38 +13,31 @@ from typing import Final, NamedTuple, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace._interface import (
+from cspace import Space
+from cspace._interface import format_configuration
+from cspace._queries.paths import drop_repeats, skip_points
+from cspace._queries.upright import check_keep
+from cspace._support.compiling import clock
+from cspace._support.deadlines import NANOSECONDS, NO_EFFORT, is_stopped, make_effort, stopping
+from cspace.errors import ConfigurationError, InputError
+from cspace.inside import (
+    TWO_PI,
     ConfigurationSpace,
+    Drive,
+    Effort,
     Endpoint,
+    Floats,
     GoalLike,
     SearchOptions,
-    Space,
-    format_configuration,
-)
-from cspace._queries.paths import drop_repeats, skip_points
-from cspace._queries.upright import Upright as Upright
-from cspace._queries.upright import check_keep
-from cspace._rotations.base import TWO_PI
-from cspace._support.arrays import Floats, frozen
-from cspace._support.check import (
     check_count,
     check_flag,
     check_not_negative,
-    names_options,
-)
-from cspace._support.compiling import clock
-from cspace._support.deadlines import (
-    NANOSECONDS,
-    NO_EFFORT,
-    Effort,
-    is_stopped,
+    frozen,
     limit_effort,
-    make_effort,
+    names_options,
     now,
-    stopping,
 )
-from cspace._support.words import Drive
-from cspace.errors import ConfigurationError, InputError
+from cspace.inside import Upright as Upright
 from planners._catalogue import (
     BUILT_IN_SEARCHES,
     CLEARANCE,

@@ -14,15 +14,21 @@ from typing import TYPE_CHECKING, Any, Final, Unpack, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace._files.access import replacing
-from cspace._interface import ConfigurationSpace, Space, format_configuration, has_pose_names
-from cspace._queries.upright import Upright
-from cspace._rotations.base import METRES_PER_RADIAN
-from cspace._space import CSpace
-from cspace._support.arrays import Bools, Floats
-from cspace._support.check import check_flag, check_positive, names_options
-from cspace._support.words import Drive
+from cspace import CSpace, Space
+from cspace._interface import format_configuration, has_pose_names
 from cspace.errors import InputError
+from cspace.inside import (
+    METRES_PER_RADIAN,
+    Bools,
+    ConfigurationSpace,
+    Drive,
+    Floats,
+    Upright,
+    check_flag,
+    check_positive,
+    names_options,
+    replacing,
+)
 from planners._catalogue import PlannerName
 from planners._drives import check_axes, local_planner
 from planners._local_planner import CURVES, HOLONOMIC, LocalPlanner
@@ -579,8 +585,8 @@ class Plan:
             and not above zero or so small that it makes a million poses, or given for a plan that
             was pickled, which leaves the map behind.
         """
-        from cspace._files.ros_maps import Path
         from cspace.export._messages import fill_path
+        from cspace.ros import Path
         from planners._trajectory import MAX_ROWS
 
         if self._moves_joints:

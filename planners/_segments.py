@@ -9,10 +9,8 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from cspace._interface import ConfigurationSpace, Space
-from cspace._rotations import Rotations
-from cspace._rotations.base import wrap_angles
-from cspace._support.arrays import Bools, Floats, Ints, number_parts
+from cspace import Rotations, Space
+from cspace.inside import Bools, ConfigurationSpace, Floats, Ints, number_parts, wrap_angles
 from planners._local_planner import LocalPlanner
 
 MAX_BOX_CELLS: Final = 0.5

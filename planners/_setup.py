@@ -10,11 +10,9 @@ import numpy as np
 from ompl import base as ob
 from ompl import geometric as og
 
-from cspace._interface import Space
-from cspace._support.check import check_rng, names_options
-from cspace._support.reporting import tell_apart
-from cspace._support.words import Drive
+from cspace import Space
 from cspace.errors import InputError
+from cspace.inside import Drive, check_rng, names_options, tell_apart
 from planners._drives import local_planner
 from planners._local_planner import HOLONOMIC, LocalPlanner
 from planners._ompl_callbacks import FreeStateSampler, MotionValidator, StateValidityChecker

@@ -29,9 +29,9 @@ from typing import Final, NamedTuple
 import numpy as np
 from scipy.linalg import solveh_banded
 
-from cspace._rotations import Rotations
+from cspace import Rotations
 from cspace._rotations.base import wrap_steps
-from cspace._support.arrays import Bools, Floats, Ints
+from cspace.inside import Bools, Floats, Ints
 from planners._segments import Segments, join_segments
 from planners._timing import MotionBounds
 

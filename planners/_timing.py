@@ -13,9 +13,8 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from cspace._rotations import Rotations
-from cspace._support.arrays import Bools, Floats, Ints, number_parts
-from cspace._support.compiling import internal, kernel
+from cspace import Rotations
+from cspace.inside import Bools, Floats, Ints, internal, kernel, number_parts
 from planners._segments import Segments, bound_derivatives, measure_sizes, place_along
 
 INTERVALS_PER_CURVE: Final = 4

@@ -13,18 +13,30 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple, Protocol, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace._files.access import replacing
+from cspace import Rotations, Space
 from cspace._files.joint_limits import read_joint_limits
-from cspace._interface import ConfigurationSpace, Space, format_configuration, rotations_of
-from cspace._queries.upright import Upright
-from cspace._rotations import Rotations
-from cspace._rotations.base import TWO_PI, wrap_angles
+from cspace._interface import format_configuration, rotations_of
 from cspace._rotations.quaternion import multiply
-from cspace._support.arrays import Bools, Floats, Ints, frozen, number_parts
-from cspace._support.check import check_each, check_finite, check_positive, names_options
-from cspace._support.reporting import tell_apart, warn_user
-from cspace._support.words import Drive
+from cspace._support.check import check_each
 from cspace.errors import InputError
+from cspace.inside import (
+    TWO_PI,
+    Bools,
+    ConfigurationSpace,
+    Drive,
+    Floats,
+    Ints,
+    Upright,
+    check_finite,
+    check_positive,
+    frozen,
+    names_options,
+    number_parts,
+    replacing,
+    tell_apart,
+    warn_user,
+    wrap_angles,
+)
 from planners._car_curves import MAX_GAP
 from planners._cars import CarCurves
 from planners._drives import check_axes, local_planner
@@ -627,8 +639,8 @@ class Trajectory:
         The stamp of each pose is the message's stamp plus the time of the row. Parameters, result
         and errors are as for :meth:`planners.Plan.to_path`.
         """
-        from cspace._files.ros_maps import Path
         from cspace.export._messages import fill_path
+        from cspace.ros import Path
 
         if self._route.moves_joints:
             raise InputError(
@@ -658,8 +670,8 @@ class Trajectory:
         InputError
             If the plan moves no joints, or the message lacks a field.
         """
-        from cspace._files.ros_maps import JointTrajectory
         from cspace.export._messages import fill_joint_trajectory
+        from cspace.ros import JointTrajectory
 
         if not self._route.moves_joints:
             raise InputError(
@@ -688,8 +700,8 @@ class Trajectory:
         InputError
             If the robot does not drive, or a message lacks a field.
         """
-        from cspace._files.ros_maps import Twist
         from cspace.export._messages import make_twists
+        from cspace.ros import Twist
 
         return make_twists(make or Twist, self.v, self.omega)
 

@@ -6,13 +6,8 @@ from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
-from cspace._builder import build
-from cspace._interface import ConfigurationSpace, Space
-from cspace._robot import Robot
-from cspace._rotations import Rotations
-from cspace._space import CSpace
-from cspace._support.words import Drive
-from cspace._workspace import Workspace
+from cspace import CSpace, Robot, Rotations, Space, Workspace, build
+from cspace.inside import ConfigurationSpace, Drive
 from planners._local_planner import CURVES, HOLONOMIC
 from planners._ompl_states import check_space
 from planners._plan import plan

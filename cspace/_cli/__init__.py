@@ -75,7 +75,7 @@ class _Commands(TyperGroup):
             problem = format_error(error, list_options())
         except _USAGE_ERRORS as error:  # e.g. an option without its value
             path = error.ctx.command_path if error.ctx else "cspace"
-            from cspace._support.check import suggest_name
+            from cspace.inside import suggest_name
 
             error.possibilities = None  # typer's own, which knows no words
             message = join_lines(error.format_message()).removesuffix(".")

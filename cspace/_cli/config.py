@@ -16,7 +16,7 @@ def config(
 
     For example: cmake -S . -B build -Dcspace_DIR=$(cspace config --cmake-dir)
     """
-    from cspace._support.headers import get_cmake_dir, get_include
+    from cspace import get_cmake_dir, get_include
 
     if include == cmake_dir:
         rule = "one of --include and --cmake-dir must be given"

@@ -9,8 +9,7 @@ if TYPE_CHECKING:
 
     from shapely.geometry.base import BaseGeometry
 
-    from cspace._robot import Robot
-    from cspace._workspace import Workspace
+    from cspace import Robot, Workspace
 
 START_POSITION: Final = (1.4, 8.6)
 """A position in the room at the upper left, metres."""
@@ -27,7 +26,7 @@ SPACING_METRES: Final = 0.02
 
 def demo_robot() -> Robot:
     """Return a rectangular robot of 0.7 m by 0.5 m."""
-    from cspace._robot import Robot
+    from cspace import Robot
 
     return Robot.rectangle(0.7, 0.5)
 
@@ -37,7 +36,7 @@ def demo_workspace(spacing: float = SPACING_METRES) -> Workspace:
 
     Raises InputError unless the spacing, metres, is positive.
     """
-    from cspace._workspace import Workspace
+    from cspace import Workspace
 
     return Workspace.from_polygons(floor_plan(), spacing)
 

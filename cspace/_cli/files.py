@@ -18,7 +18,7 @@ def check_outputs(paths: Iterable[Path | None], suffixes: Collection[str], overw
     same file; FileError if a folder is missing or not writable, or if an output exists and
     ``overwrite`` is not set.
     """
-    from cspace._files.access import check_output
+    from cspace.inside import check_output
 
     outputs = [path for path in paths if path is not None]
     for path in outputs:
@@ -38,7 +38,7 @@ def check_outputs(paths: Iterable[Path | None], suffixes: Collection[str], overw
 
 def check_folder(folder: Path) -> None:
     """Raise FileError unless a folder is writable or can be created."""
-    from cspace._files.access import check_output
+    from cspace.inside import check_output
 
     nearest_existing = folder
     while not nearest_existing.exists():
@@ -79,7 +79,7 @@ def _read_table(file: Path, axes: Sequence[str]) -> tuple[list[str], Any]:
     JSON without names has the columns ``axes``. Numbers of CSV are texts.
     """
     from cspace._files.access import read_text
-    from cspace._files.plain import read_json
+    from cspace.inside import read_json
 
     if file.suffix.lower() == ".json":
         document = read_json(file, "path")
@@ -99,7 +99,7 @@ def prepare_store(output: Path, overwrite: bool) -> None:
     Raises InputError if the suffix is not .zarr; FileError if something else exists, or if the path
     is not writable.
     """
-    from cspace._record.save import read_format
+    from cspace.inside import read_format
 
     exists = bool(read_format(output))
     check_outputs([output], (".zarr",), overwrite=exists)

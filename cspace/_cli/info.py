@@ -23,10 +23,9 @@ from cspace._cli.options import (
 from cspace._cli.report import ByName, show, with_unit
 
 if TYPE_CHECKING:
-    from cspace._configuration_map import ConfigurationMap
-    from cspace._robot import Robot
-    from cspace._workspace import Workspace
+    from cspace import Robot, Workspace
     from cspace.arms import Arm
+    from cspace.inside import ConfigurationMap
 
 FileKind = Literal["map", "workspace", "robot", "arm"]
 """Kind of object in a file."""
@@ -58,7 +57,7 @@ def info(
     A URDF with joints that move is an arm; --as robot shows its fixed part.
     """
     from cspace._opening import open_map
-    from cspace._support.check import check_positive
+    from cspace.inside import check_positive
 
     kind = kind or _guess_kind(file)
     for_shapes = drop_unset(solid=solid, package_dirs=package_dirs, visuals=visuals, srdf=srdf)
@@ -100,7 +99,7 @@ def _guess_kind(file: str) -> FileKind:
 
 def _has_moving_joints(path: Path) -> bool:
     """Return True if a URDF has moving joints."""
-    from cspace._files.urdf import load_urdf
+    from cspace.inside import load_urdf
 
     return any(joint.type != "fixed" for joint in load_urdf(path).robot.joints)
 
@@ -193,7 +192,8 @@ def describe_workspace(path: Path, options: dict[str, Any]) -> dict[str, Any]:
 
     Shapes are not rasterized. Raises CspaceError like :meth:`cspace.Workspace.open`.
     """
-    from cspace._workspace import Workspace, covering_shape, reader_of
+    from cspace import Workspace
+    from cspace._workspace import covering_shape, reader_of
 
     kind = reader_of(path, options).__name__
     if kind not in ("from_mesh", "from_points", "from_polygons"):
@@ -217,9 +217,9 @@ def _measure_shapes(
     import numpy as np
     import shapely
 
+    from cspace import Mesh
     from cspace._files.point_clouds import read_points
     from cspace._files.vector import read_shapes
-    from cspace._shapes import Mesh
 
     if kind == "from_mesh":
         mesh = Mesh.of(path, solid)

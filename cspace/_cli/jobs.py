@@ -12,12 +12,8 @@ import numpy as np
 import shapely
 
 import planners
-from cspace._builder import build
+from cspace import CSpace, Gate, Robot, Workspace, build
 from cspace._opening import open_map
-from cspace._queries.gate import Gate
-from cspace._robot import Robot
-from cspace._space import CSpace
-from cspace._workspace import Workspace
 
 if TYPE_CHECKING:
     from cspace.arms import ArmSpace

@@ -41,10 +41,10 @@ from cspace._cli.options import (
     refuse_options,
 )
 from cspace._cli.report import Stopwatch, show, using_prefix
-from cspace._support.words import Outside
+from cspace.inside import Outside
 
 if TYPE_CHECKING:
-    from cspace._space import CSpace
+    from cspace import CSpace
     from cspace._tiles.tiled_space import TiledCSpace
     from cspace.arms import ArmSpace
 
@@ -111,9 +111,8 @@ def make(
     as_json: bool = AS_JSON,
 ) -> None:
     """Build the map of a robot in a workspace, and save it."""
-    from cspace._builder import build
-    from cspace._record.save import MAP_SUFFIXES
-    from cspace._workspace import Workspace
+    from cspace import Workspace, build
+    from cspace.inside import MAP_SUFFIXES
 
     # Check the options and the output before the long work of reading and building.
     cells = parse_rotation_cells(rotations)

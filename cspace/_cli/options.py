@@ -11,9 +11,8 @@ import typer
 from cspace.errors import InputError
 
 if TYPE_CHECKING:
-    from cspace._configuration_map import ConfigurationMap
-    from cspace._robot import Robot
-    from cspace._rotations import Rotations
+    from cspace import Robot, Rotations
+    from cspace.inside import ConfigurationMap
 
 Solid = Literal["auto", "surface", "fill"]
 """Part of a mesh that is solid; see :meth:`cspace.Workspace.from_mesh`."""
@@ -82,7 +81,7 @@ def open_robot(text: str, **given: Any) -> Robot:
     CspaceError as :meth:`cspace.Robot.parse` and :meth:`cspace.Robot.open`; InputError if a short
     text has options.
     """
-    from cspace._robot import Robot
+    from cspace import Robot
     from cspace._shapes.primitives import is_shorthand
 
     options = drop_unset(**given)
@@ -109,7 +108,7 @@ def refuse_options(options: Mapping[str, object], taken: Collection[str], about:
 
 def parse_rotation_cells(text: str | None) -> Rotations:
     """Parse ``--rotations``, such as ``72`` or ``quaternions:8``; raise InputError otherwise."""
-    from cspace._rotations import Rotations
+    from cspace import Rotations
 
     if text is None:
         return Rotations.of(None)

@@ -24,11 +24,11 @@ from cspace._cli.options import (
     refuse_options,
 )
 from cspace._cli.report import Stopwatch, list_option_names, name_options, show, with_unit
-from cspace._support.words import Drive
 from cspace.errors import InputError
+from cspace.inside import Drive
 
 if TYPE_CHECKING:
-    from cspace._configuration_map import ConfigurationMap
+    from cspace.inside import ConfigurationMap
     from planners import Plan
 
 _START: Final = option(
@@ -243,7 +243,7 @@ def demo(
     """
     import cspace._cli.demo as flat
     import planners
-    from cspace._builder import build
+    from cspace import build
     from cspace.plot import save_plot
 
     # Nothing is written before everything is computed, so that a failure leaves no files.

@@ -182,9 +182,8 @@ def _list_maps(
     file: Path, robots: list[str], rotations: int, margin: float, options: dict[str, Any]
 ) -> dict[str, Callable[[], Any]]:
     """Return functions that make the map of each robot, by its name; "" for the only one."""
-    from cspace._builder import build
+    from cspace import Workspace, build
     from cspace._opening import open_map
-    from cspace._workspace import Workspace
 
     if file.suffix.lower() == ".zarr":
         if robots:

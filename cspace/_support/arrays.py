@@ -9,11 +9,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 Bools = NDArray[np.bool_]
+"""Array of truth values."""
+
 Bytes = NDArray[np.uint8]
+"""Array of bytes, e.g. of colours."""
+
 Floats = NDArray[np.float64]
+"""Array of numbers in double precision."""
+
 Ints = NDArray[np.int64]
+"""Array of whole numbers."""
+
 States = NDArray[np.uint8]
+"""Array of states of cells: FREE, MIXED or BLOCKED."""
+
 Words = NDArray[np.uint64]
+"""Array of words of 64 bits."""
 
 Cell = TypeVar("Cell", np.bool_, np.uint8)
 
@@ -21,6 +32,8 @@ Numbers = tuple[float, ...]
 """Coordinates of a configuration, or values that compiled code computes from them."""
 
 Row = tuple[float, float, float]
+"""Three numbers in compiled code, e.g. a vector."""
+
 Matrix = tuple[Row, Row, Row]
 
 Surface = tuple[Floats, Ints]

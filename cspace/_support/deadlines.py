@@ -87,6 +87,7 @@ def limit_effort(time_limit: float | None, default: float = math.inf) -> Effort:
 
 NO_EFFORT: Final = Effort(0.0, 0.0)
 NEVER: Final = Effort(math.inf, math.inf)
+"""The limit of a search without end."""
 
 
 class _Work(threading.local):

@@ -12,20 +12,17 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from cspace import Robot, Workspace
 from cspace._engines.slices import estimate_raster_bytes
 from cspace._files.access import discard_folder
 from cspace._limits import WORKSPACE_CELL_BYTES, map_bytes
 from cspace._obstacles import Source, changed_source
-from cspace._record.contents import Contents
-from cspace._record.exterior import UNKNOWN
-from cspace._record.save import TILES_FORMAT, read_format
-from cspace._robot import Robot
-from cspace._support.arrays import StrPath
+from cspace._record.save import TILES_FORMAT
 from cspace._tiles.folder import TileFolder, grow_box, make_frame, make_stamp, to_slices, write_once
 from cspace._tiles.tiled_space import TiledCSpace
 from cspace._tiles.work import run_tasks
-from cspace._workspace import Workspace
 from cspace.errors import FileError, InputError
+from cspace.inside import UNKNOWN, Contents, StrPath, read_format
 
 if TYPE_CHECKING:
     from distributed import Client

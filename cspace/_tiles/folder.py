@@ -25,28 +25,32 @@ from typing import Any, Final
 
 import numpy as np
 
-from cspace._engines.slices import slice_rasters
-from cspace._files.access import discard_leftovers, replacing
-from cspace._grid import Grid
-from cspace._raster import Raster
-from cspace._record.contents import Contents
-from cspace._record.description import FORMAT, collect_arrays, make_metadata
-from cspace._record.exterior import UNKNOWN, Exterior
+from cspace import MIXED, Grid, Raster, Robot, Rotations, Workspace
+from cspace._files.access import discard_leftovers
+from cspace._record.description import FORMAT
 from cspace._record.save import (
     TILES_FORMAT,
     map_error,
-    read_format,
     read_map_and_attributes,
     read_root,
     reporting_damage,
     write_map,
 )
 from cspace._record.states import count_states
-from cspace._robot import Robot
-from cspace._rotations import Rotations
-from cspace._support.arrays import MIXED, Box, Ints, StrPath
-from cspace._workspace import Workspace
 from cspace.errors import FileError
+from cspace.inside import (
+    UNKNOWN,
+    Box,
+    Contents,
+    Exterior,
+    Ints,
+    StrPath,
+    collect_arrays,
+    make_metadata,
+    read_format,
+    replacing,
+    slice_rasters,
+)
 
 MIN_HALO_CELLS: Final = 4
 """Minimum width of the halo of a tile, in cells; proofs of motions and clearances need it."""

@@ -21,10 +21,10 @@ import numpy as np
 from scipy.ndimage import distance_transform_edt
 from scipy.sparse import coo_array, csgraph
 
-from cspace._support.arrays import Ints
 from cspace._tiles.folder import TileFolder
 from cspace._tiles.open_tiles import OpenTiles, open_tile
 from cspace._tiles.work import Progress, run_tasks
+from cspace.inside import Ints
 
 if TYPE_CHECKING:
     from distributed import Client

@@ -35,11 +35,9 @@ from typing import Final
 
 import numpy as np
 
-from cspace._grid import Grid
-from cspace._rotations import Rotations
-from cspace._rotations.base import ANGLE_SLACK
+from cspace import Grid, Rotations
 from cspace._rotations.lookup import OMPL_EQUALITY_SLACK
-from cspace._support.arrays import Floats, Ints, number_parts
+from cspace.inside import ANGLE_SLACK, Floats, Ints, number_parts
 
 HALF_TURN: Final = math.pi - 4.0 * ANGLE_SLACK
 """Smallest angle, radians, at which rounding may decide which arc is shorter, so that a motion must

@@ -12,17 +12,23 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from cspace._grid import Grid
-from cspace._limits import WORKSPACE_CELL_BYTES, check_memory, map_bytes
+from cspace import BLOCKED, FREE, MIXED, CSpace, Grid, Workspace
+from cspace._limits import WORKSPACE_CELL_BYTES, map_bytes
 from cspace._queries.components import Components
-from cspace._record.contents import Contents
-from cspace._record.exterior import UNKNOWN, Exterior
-from cspace._shapes import Shape
-from cspace._space import CSpace
-from cspace._support.arrays import BLOCKED, FREE, MIXED, Bools, Floats, Ints, States, reduce_blocks
 from cspace._tiles.folder import LAST_TO_STOP, TileFolder, grow_box, to_slices
 from cspace._tiles.motions import cut_motions
-from cspace._workspace import Workspace
+from cspace.inside import (
+    UNKNOWN,
+    Bools,
+    Contents,
+    Exterior,
+    Floats,
+    Ints,
+    Shape,
+    States,
+    check_memory,
+    reduce_blocks,
+)
 
 MAX_PIECES: Final = 2**17
 """Maximum number of pieces of motions in memory; a motion cut into more pieces is not proven."""

@@ -12,16 +12,23 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace._configuration_map import ConfigurationMap
-from cspace._grid import Grid
-from cspace._record.contents import Contents
-from cspace._space import CSpace
-from cspace._support.arrays import STATE_NAMES, Bools, Floats, Ints, States, StrPath
-from cspace._support.check import check_count, check_point
+from cspace import CSpace, Grid
 from cspace._tiles.folder import LAST_TO_STOP, TileFolder, grow_box
 from cspace._tiles.labels import TiledComponents
 from cspace._tiles.open_tiles import OpenTiles
 from cspace.errors import ConfigurationError, FileError, InputError
+from cspace.inside import (
+    STATE_NAMES,
+    Bools,
+    ConfigurationMap,
+    Contents,
+    Floats,
+    Ints,
+    States,
+    StrPath,
+    check_count,
+    check_point,
+)
 
 if TYPE_CHECKING:
     from distributed import Client

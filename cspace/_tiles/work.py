@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 from cspace import __version__
 from cspace._limits import MAX_MEMORY_FRACTION, bytes_text, free_bytes
-from cspace._support.threads import count_cores, map_in_threads
 from cspace.errors import InputError
+from cspace.inside import count_cores, map_in_threads
 
 if TYPE_CHECKING:
     from distributed import Client

@@ -13,44 +13,11 @@ from typing import TYPE_CHECKING, Any, Final, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace._interface import (
-    ConfigurationSpace,
-    Endpoint,
-    Goal,
-    GoalLike,
-    Goals,
-    SearchOptions,
-)
+from cspace import BLOCKED, FREE, MIXED, Goal, Workspace
 from cspace._limits import check_samples
-from cspace._queries.callbacks import NO_ANSWER, bind_kernel
+from cspace._queries.callbacks import NO_ANSWER
 from cspace._queries.chunks import RowCheck
-from cspace._queries.upright import Upright
-from cspace._rotations.base import (
-    TWO_PI,
-    turn_near,
-    wrap_angles,
-)
-from cspace._shapes import ShapeLike, as_shape
-from cspace._support.arrays import (
-    BLOCKED,
-    FREE,
-    MIXED,
-    Bools,
-    Floats,
-    Ints,
-    States,
-)
-from cspace._support.check import (
-    check_finite,
-    check_known,
-    check_mapping,
-    check_names,
-    check_not_negative,
-    check_rng,
-    check_text,
-    names_options,
-)
-from cspace._workspace import Workspace
+from cspace._support.check import check_mapping, check_names
 from cspace.arms._inverse import (
     PoseGoal,
     check_pose_tolerance,
@@ -78,6 +45,30 @@ from cspace.arms._solids import (
 )
 from cspace.arms._two_trees import PathSearch
 from cspace.errors import ConfigurationError, InputError
+from cspace.inside import (
+    TWO_PI,
+    Bools,
+    ConfigurationSpace,
+    Endpoint,
+    Floats,
+    GoalLike,
+    Goals,
+    Ints,
+    SearchOptions,
+    ShapeLike,
+    States,
+    Upright,
+    as_shape,
+    bind_kernel,
+    check_finite,
+    check_known,
+    check_not_negative,
+    check_rng,
+    check_text,
+    names_options,
+    turn_near,
+    wrap_angles,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

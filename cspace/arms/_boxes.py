@@ -22,6 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from cspace import BLOCKED, FREE, MIXED, Grid
 from cspace._bodies.triangle_proofs import (
     CENTER,
     HALF_SIDES,
@@ -29,10 +30,8 @@ from cspace._bodies.triangle_proofs import (
     joint_displacement,
     piece_depth,
 )
-from cspace._grid import SLACK, Grid
-from cspace._support.arrays import BLOCKED, FREE, MIXED, Bools, Floats, Ints, Row, States
-from cspace._support.compiling import Address, call, internal, kernel
-from cspace._support.vectors import apply_pose, minus, row_at
+from cspace._support.compiling import Address, call
+from cspace._support.vectors import apply_pose, minus
 from cspace.arms._chain import forward_kinematics, relative_pose
 from cspace.arms._motion_proofs import (
     FIRST_PART,
@@ -51,6 +50,7 @@ from cspace.arms._motion_proofs import (
     write_axes,
 )
 from cspace.arms._snapshots import Snapshot
+from cspace.inside import SLACK, Bools, Floats, Ints, Row, States, internal, kernel, row_at
 
 
 class InnerBalls(NamedTuple):

@@ -30,10 +30,9 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from cspace._queries.batches import as_contiguous
-from cspace._support.arrays import Bools, Floats, Ints, Matrix, Row
-from cspace._support.compiling import internal, kernel
-from cspace._support.vectors import add_scaled, apply_pose, cross, minus, rotate, row_at
+from cspace._support.arrays import Matrix
+from cspace._support.vectors import add_scaled, apply_pose, cross, minus, rotate
+from cspace.inside import Bools, Floats, Ints, Row, as_contiguous, internal, kernel, row_at
 
 MAX_BODIES: Final = 64
 """Largest number of bodies; the bound of rounding assumes it."""

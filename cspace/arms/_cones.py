@@ -22,11 +22,8 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
-from cspace._bodies import ADVANCE_FACTOR, DISTANCE_ROUNDING
-from cspace._queries.upright import Upright
-from cspace._support.arrays import Floats, Ints, Row
-from cspace._support.compiling import internal, kernel
-from cspace._support.vectors import cross, dot, minus, rotate, row_at, scale_vector
+from cspace._bodies import DISTANCE_ROUNDING
+from cspace._support.vectors import cross, dot, minus, rotate, scale_vector
 from cspace.arms._chain import (
     REVOLUTE,
     SPIN,
@@ -36,6 +33,7 @@ from cspace.arms._chain import (
     motion_bounds,
     rotation_rows,
 )
+from cspace.inside import ADVANCE_FACTOR, Floats, Ints, Row, Upright, internal, kernel, row_at
 
 if TYPE_CHECKING:
     from cspace.arms._model import Arm
@@ -99,7 +97,7 @@ def make_cones(arm: Arm, uprights: Sequence[Upright]) -> Cones:
     )
 
 
-NO_CONES: Final = Cones(
+NO_CONES: Final[Cones] = Cones(
     bodies=np.zeros(0, dtype=np.int64),
     axes=np.zeros((0, 3)),
     directions=np.zeros((0, 3)),

@@ -22,13 +22,8 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace._interface import Goal
-from cspace._queries.batches import as_contiguous
-from cspace._rotations.base import TWO_PI
-from cspace._support.arrays import Bools, Floats, Ints, frozen
-from cspace._support.check import check_real, check_text, suggest_radians
-from cspace._support.compiling import internal, kernel
-from cspace._support.vectors import add_scaled, cross, dot, minus, rotate, row_at
+from cspace import Goal
+from cspace._support.vectors import add_scaled, cross, dot, minus, rotate
 from cspace.arms._chain import (
     POSITION,
     REVOLUTE,
@@ -39,8 +34,22 @@ from cspace.arms._chain import (
 )
 from cspace.arms._solids import check_rigid
 from cspace.errors import InputError
+from cspace.inside import (
+    TWO_PI,
+    Bools,
+    Floats,
+    Ints,
+    as_contiguous,
+    check_real,
+    check_text,
+    frozen,
+    internal,
+    kernel,
+    row_at,
+    suggest_radians,
+)
 
-DEFAULT_TOLERANCE: Final = 1e-4, 1e-3
+DEFAULT_TOLERANCE: Final[tuple[float, float]] = 1e-4, 1e-3
 """Distance in metres and angle in radians within which a pose counts as reached."""
 
 POLISHED_SHARE: Final = 1e-3

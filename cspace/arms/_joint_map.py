@@ -18,32 +18,16 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cspace import BLOCKED, FREE, MIXED, CSpace, Grid, Robot, Rotations, Workspace
 from cspace._bodies.triangle_proofs import MAX_PENDING_PAIRS, SurfaceTree
 from cspace._engines.slices import Progress
 from cspace._exact.boundaries import Problem, Proofs
 from cspace._exact.proofs import BoundaryProofs, ExactQueries
-from cspace._grid import FARTHEST_CELL, Grid
-from cspace._limits import PlannedGrid, check_memory
+from cspace._limits import PlannedGrid
 from cspace._obstacles import ObstacleLayers
-from cspace._record.contents import Contents
-from cspace._record.exterior import Exterior
-from cspace._robot import Robot
-from cspace._rotations import Rotations
 from cspace._shapes import OriginPoint
-from cspace._space import CSpace
-from cspace._support.arrays import BLOCKED, FREE, MIXED, Bools, Floats, Ints, States
-from cspace._support.check import (
-    check_finite,
-    check_known,
-    check_mapping,
-    check_positive,
-    names_options,
-    warn_of_degrees,
-)
+from cspace._support.check import check_mapping
 from cspace._support.derived import lazy
-from cspace._support.reporting import warn_user
-from cspace._support.threads import count_cores, map_in_threads
-from cspace._workspace import Workspace
 from cspace.arms._arm_space import ArmSpace
 from cspace.arms._boxes import CellProofs, InnerBalls
 from cspace.arms._model import Arm
@@ -55,6 +39,24 @@ from cspace.arms._motion_proofs import (
 )
 from cspace.arms._snapshots import Snapshot, find_bodies_between
 from cspace.errors import ConfigurationError, InputError
+from cspace.inside import (
+    FARTHEST_CELL,
+    Bools,
+    Contents,
+    Exterior,
+    Floats,
+    Ints,
+    States,
+    check_finite,
+    check_known,
+    check_memory,
+    check_positive,
+    count_cores,
+    map_in_threads,
+    names_options,
+    warn_of_degrees,
+    warn_user,
+)
 
 _BYTES_PER_JOINT_CELL: Final = 3
 """Memory per cell, bytes: its state, and whether it meets an obstacle or lies in one."""

@@ -17,27 +17,30 @@ from numpy.typing import ArrayLike
 from cspace._files.fields import list_fields
 from cspace._files.moveit_messages import read_joint_state
 from cspace._files.unit_notes import warn_of_size
-from cspace._shapes import ShapeLike, as_shape
-from cspace._support.arrays import Bools, Floats, frozen
-from cspace._support.check import (
-    check_count,
-    check_finite,
-    check_known,
-    check_mapping,
-    check_names,
-    check_points,
-    check_text,
-    check_word,
-    names_options,
-    warn_of_degrees,
-)
-from cspace._support.reporting import tell_apart, warn_user
+from cspace._support.check import check_mapping, check_names
 from cspace.arms._chain import FIXED, MAX_BODIES, PRISMATIC, REVOLUTE, Chain, compute_poses
 from cspace.arms._inverse import DEFAULT_TOLERANCE, Branch, PoseGoal, branch_to, solve_pose
 from cspace.arms._motion_proofs import ArmScene, are_free
 from cspace.arms._scenes import make_scene
 from cspace.arms._solids import PosedShape, Solid, check_rigid
 from cspace.errors import ConfigurationError, InputError
+from cspace.inside import (
+    Bools,
+    Floats,
+    ShapeLike,
+    as_shape,
+    check_count,
+    check_finite,
+    check_known,
+    check_points,
+    check_text,
+    check_word,
+    frozen,
+    names_options,
+    tell_apart,
+    warn_of_degrees,
+    warn_user,
+)
 
 if TYPE_CHECKING:
     from cspace._engines.slices import Progress
@@ -257,14 +260,8 @@ class Arm:
         MissingPackageError
             If yourdfpy is not installed.
         """
-        from cspace._files.urdf import (
-            Srdf,
-            load_urdf,
-            name_description,
-            package_folders,
-            read_srdf,
-            root_link,
-        )
+        from cspace._files.urdf import Srdf, name_description, package_folders, read_srdf, root_link
+        from cspace.inside import load_urdf
 
         check_word(solid, "solid", ("auto", "surface"))
         folders = package_folders(package_dirs)

@@ -19,7 +19,8 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from cspace._bodies import ADVANCE_FACTOR, DISTANCE_ROUNDING, MAX_DISTANCES_PER_EDGE, MIN_ADVANCE
+from cspace import BLOCKED, FREE, MIXED
+from cspace._bodies import DISTANCE_ROUNDING, MIN_ADVANCE
 from cspace._bodies.hulls import Hulls, RelativeMotion, tree_slack
 from cspace._bodies.triangle_proofs import (
     AXIS_POINT,
@@ -42,21 +43,17 @@ from cspace._bodies.triangle_proofs import (
     pierces,
 )
 from cspace._raster.surfaces import signed_crossing
-from cspace._support.arrays import BLOCKED, FREE, MIXED, Bools, Floats, Ints, Row
-from cspace._support.compiling import Address, call, find_address, internal, kernel
+from cspace._support.compiling import Address, call, find_address
 from cspace._support.vectors import (
     THIN,
     add_scaled,
     apply_pose,
-    box_distance,
     box_extent,
     cross,
     dot,
     minus,
     rotate,
     rotate_back,
-    row_at,
-    triangle_distance,
 )
 from cspace.arms._chain import (
     FIXED,
@@ -73,6 +70,19 @@ from cspace.arms._chain import (
     rotation_rows,
 )
 from cspace.arms._cones import NO_CONES, Cones, stays_in_cones
+from cspace.inside import (
+    ADVANCE_FACTOR,
+    MAX_DISTANCES_PER_EDGE,
+    Bools,
+    Floats,
+    Ints,
+    Row,
+    box_distance,
+    internal,
+    kernel,
+    row_at,
+    triangle_distance,
+)
 
 TREE_ROUNDING: Final = 2.0**-40
 """Growth of boxes of a tree against rounding, relative to the size of the surface."""

@@ -11,7 +11,6 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace._files.access import ContentError
 from cspace._files.fields import reading, warn_of_large_angles
 from cspace._files.moveit_messages import (
     FIELDS,
@@ -36,13 +35,11 @@ from cspace._files.moveit_messages import (
 )
 from cspace._files.plain import check_distinct
 from cspace._files.urdf import PackageDirs
-from cspace._queries.upright import Upright
-from cspace._support.arrays import Floats
-from cspace._support.check import check_known
 from cspace.arms._inverse import PoseGoal
 from cspace.arms._model import LIMIT_SLACK, Arm, JointValues, Names, sort_pair
 from cspace.arms._solids import PosedShape, check_rigid
 from cspace.errors import InputError
+from cspace.inside import ContentError, Floats, Upright, check_known
 
 _MAX_EULER_TOLERANCE: Final = 0.5 * math.pi
 """Largest angle, radians, up to which each Euler angle of a rotation is at most the rotation's

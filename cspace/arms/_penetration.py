@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace._support.arrays import Floats
 from cspace._support.check import check_mapping
 from cspace.arms._chain import REVOLUTE, compute_poses
 from cspace.arms._model import Arm
 from cspace.errors import InputError
+from cspace.inside import Floats
 
 if TYPE_CHECKING:
     from cspace.spectral import Bump

@@ -17,14 +17,9 @@ import numpy as np
 import scipy  # its parts are read when they are first used
 from numpy.typing import NDArray
 
-from cspace._bodies import ADVANCE_FACTOR, DISTANCE_ROUNDING
+from cspace._bodies import DISTANCE_ROUNDING
 from cspace._bodies.hulls import node_corners
-from cspace._queries.batches import as_contiguous
-from cspace._queries.upright import Upright
-from cspace._support.arrays import Bools, Floats, Ints
-from cspace._support.check import check_known
 from cspace._support.compiling import Address
-from cspace._support.threads import run_in_chunks
 from cspace.arms._chain import FIXED, REVOLUTE, compute_poses
 from cspace.arms._cones import make_cones, move_into_cones
 from cspace.arms._model import CONTACT_SAMPLES, Arm, Names, always_touch, sort_pair
@@ -40,6 +35,16 @@ from cspace.arms._motion_proofs import (
 from cspace.arms._scenes import make_inner_scene, make_scene
 from cspace.arms._solids import PosedShape, Solid, StaticShape
 from cspace.errors import ConfigurationError
+from cspace.inside import (
+    ADVANCE_FACTOR,
+    Bools,
+    Floats,
+    Ints,
+    Upright,
+    as_contiguous,
+    check_known,
+    run_in_chunks,
+)
 
 MIN_MOTIONS_PER_THREAD: Final = 100
 """Motions per thread below which a further thread costs more time than it saves."""

@@ -14,6 +14,7 @@ from typing import Final, NamedTuple, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cspace import Mesh, Workspace
 from cspace._bodies.hulls import Hulls, build_hulls
 from cspace._bodies.parts import as_triangles, part_anchors
 from cspace._bodies.triangle_proofs import (
@@ -24,23 +25,24 @@ from cspace._bodies.triangle_proofs import (
     pack_boxes,
     pack_triangles,
 )
-from cspace._limits import check_memory
-from cspace._shapes import (
-    BoundedShape,
+from cspace._shapes import BoundedShape, Voxels
+from cspace._shapes.shape import unique_rows
+from cspace._support.reporting import format_sides
+from cspace._workspace import load_workspace
+from cspace.errors import InputError, UnitWarning
+from cspace.inside import (
+    Bools,
     ExactShape,
-    Mesh,
+    Floats,
+    Ints,
     RoundedSimplices,
     Shape,
     ShapeLike,
-    Voxels,
     as_shape,
+    check_finite,
+    check_memory,
+    warn_user,
 )
-from cspace._shapes.shape import unique_rows
-from cspace._support.arrays import Bools, Floats, Ints
-from cspace._support.check import check_finite
-from cspace._support.reporting import format_sides, warn_user
-from cspace._workspace import Workspace, load_workspace
-from cspace.errors import InputError, UnitWarning
 
 PROBES_PER_PART: Final = 60
 """Approximate number of corners and inner points of each part that are sought in others, to prove

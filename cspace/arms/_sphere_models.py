@@ -13,14 +13,24 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from cspace._files.access import check_output, decoding, read_bytes, replacing
+from cspace import Mesh
+from cspace._files.access import read_bytes
 from cspace._files.plain import parse_xml
-from cspace._files.polygons import join_surfaces, transform_surface
 from cspace._files.sphere_files import Sphere, join_numbers, replace_geometry
-from cspace._shapes import Balls, BoundedShape, Mesh, Shape
-from cspace._support.check import check_known, check_mapping
-from cspace._support.reporting import warn_user
+from cspace._shapes import BoundedShape
+from cspace._support.check import check_mapping
 from cspace.errors import GeometryError, InputError
+from cspace.inside import (
+    Balls,
+    Shape,
+    check_known,
+    check_output,
+    decoding,
+    join_surfaces,
+    replacing,
+    transform_surface,
+    warn_user,
+)
 
 if TYPE_CHECKING:
     from cspace._engines.slices import Progress

@@ -14,11 +14,10 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from cspace._queries.paths import skip_points
-from cspace._support.arrays import Floats, Ints
-from cspace._support.compiling import Address, call, internal, kernel
-from cspace._support.deadlines import Effort, is_over, now, spend
+from cspace._support.compiling import Address, call
 from cspace.arms._cones import move_into_cones, stays_in_cones
 from cspace.arms._motion_proofs import ArmScene, SceneScratch, find_proof, make_scene_scratch
+from cspace.inside import Effort, Floats, Ints, internal, is_over, kernel, now, spend
 
 MAX_STRIDE: Final = 1.0
 """Longest motion by which a tree grows, radians or metres."""

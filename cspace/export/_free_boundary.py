@@ -12,12 +12,11 @@ from typing import IO, Final
 
 import numpy as np
 
-from cspace._files.access import replacing
+from cspace import FREE, Grid
 from cspace._files.meshes import STL_RECORD
-from cspace._grid import Grid
 from cspace._raster.bitmaps import boundary_mesh
-from cspace._support.arrays import FREE, Floats, Ints, States, StrPath, Surface
 from cspace.errors import InputError
+from cspace.inside import Floats, Ints, States, StrPath, Surface, replacing
 
 
 def free_boundary(state: States, grid: Grid) -> Surface:

@@ -17,19 +17,14 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace._files.ros_maps import (
-    Costmap,
-    JointTrajectoryPoint,
-    OccupancyGrid,
-    PoseStamped,
-)
-from cspace._grid import Grid
-from cspace._support.arrays import BLOCKED, FREE, MIXED, Bools, Floats
-from cspace._support.check import check_not_negative
+from cspace import BLOCKED, FREE, MIXED, Grid
+from cspace._files.ros_maps import JointTrajectoryPoint
 from cspace.errors import InputError
+from cspace.inside import Bools, Floats, check_not_negative
+from cspace.ros import Costmap, OccupancyGrid, PoseStamped
 
 if TYPE_CHECKING:
-    from cspace._space import CSpace
+    from cspace import CSpace
 
 Message = TypeVar("Message")
 

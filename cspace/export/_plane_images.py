@@ -7,10 +7,8 @@ from typing import Final
 
 import numpy as np
 
-from cspace._files.access import replacing
-from cspace._grid import Grid
-from cspace._support.arrays import BLOCKED, FREE, MIXED, States, StrPath
-from cspace._support.reporting import warn_user
+from cspace import BLOCKED, FREE, MIXED, Grid
+from cspace.inside import States, StrPath, replacing, warn_user
 
 GREY_LEVELS: Final = {FREE: 254, MIXED: 205, BLOCKED: 0}
 """Grey level of each state in a ROS map, as the ROS tools write free, unknown and occupied."""

@@ -9,9 +9,8 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace._files.access import replacing
-from cspace._grid import Grid
-from cspace._support.arrays import Floats, StrPath
+from cspace import Grid
+from cspace.inside import Floats, StrPath, replacing
 
 _VTK_TYPES: Final = {
     "uint8": ("UInt8", "|u1"),

@@ -11,24 +11,27 @@ from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace._files.access import check_suffix, replacing
-from cspace._record.contents import Contents
-from cspace._record.description import (
-    STACKED,
-    collect_arrays,
-    list_axes,
-    make_attributes,
-    make_metadata,
-)
-from cspace._record.save import MAP_SUFFIXES, save
-from cspace._rotations.base import TWO_PI
-from cspace._support.arrays import BLOCKED, FREE, MIXED, Ints, StrPath, frozen
-from cspace._support.check import AXES
-from cspace._support.reporting import import_optional
+from cspace import BLOCKED, FREE, MIXED
+from cspace._record.description import STACKED, list_axes, make_attributes
+from cspace._record.save import save
 from cspace.errors import InputError
 from cspace.export._free_boundary import WRITERS, write_boundary
 from cspace.export._plane_images import write_geotiff, write_ros_map
 from cspace.export._vti import write_vti
+from cspace.inside import (
+    AXES,
+    MAP_SUFFIXES,
+    TWO_PI,
+    Contents,
+    Ints,
+    StrPath,
+    check_suffix,
+    collect_arrays,
+    frozen,
+    import_optional,
+    make_metadata,
+    replacing,
+)
 
 if TYPE_CHECKING:
     import xarray

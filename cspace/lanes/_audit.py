@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
-from cspace._support.arrays import BLOCKED, Bools, Floats, StrPath
-from cspace._support.check import check_flag, check_known, check_not_negative
+from cspace import BLOCKED
+from cspace.inside import Bools, Floats, StrPath, check_flag, check_known, check_not_negative
 from cspace.lanes._collisions import Hit, find_hits, sample_motions
 from cspace.lanes._lane_motions import check_map, list_legs, list_motions, list_parts, list_yaws
 from cspace.lanes._reach import Reach, judge_ways, prove_nodes
@@ -31,7 +31,7 @@ from cspace.lanes._route_graph import RouteGraph
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from cspace._configuration_map import ConfigurationMap
+    from cspace.inside import ConfigurationMap
 
 FindPath: TypeAlias = Callable[["ConfigurationMap", Floats, Floats], Floats]
 """``find_path(space, start, goal)`` returns waypoints, shape (n, size); n is 0 without a path."""

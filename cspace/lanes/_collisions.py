@@ -7,13 +7,14 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import numpy as np
 import shapely
 
+from cspace import BLOCKED, FREE
 from cspace._bodies.cores import place_points
-from cspace._support.arrays import BLOCKED, FREE, Bools, Floats, Ints, States, number_parts
+from cspace.inside import Bools, Floats, Ints, States, number_parts
 from cspace.lanes._lane_motions import LaneMotions, find_shares_near_map
 
 if TYPE_CHECKING:
-    from cspace._configuration_map import ConfigurationMap
-    from cspace._space import CSpace
+    from cspace import CSpace
+    from cspace.inside import ConfigurationMap
 
 SAMPLES_PER_CELL: Final = 4.0
 """Number of configurations for each cell of a lane among which the first collision is searched."""

@@ -13,12 +13,19 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from cspace._bodies.cores import ROUNDING
-from cspace._rotations.base import wrap_angles
-from cspace._support.arrays import Floats, Ints, StrPath
-from cspace._support.check import check_flag, check_known, check_not_negative, check_text
-from cspace._support.reporting import warn_user
 from cspace.errors import InputError
+from cspace.inside import (
+    ROUNDING,
+    Floats,
+    Ints,
+    StrPath,
+    check_flag,
+    check_known,
+    check_not_negative,
+    check_text,
+    warn_user,
+    wrap_angles,
+)
 from cspace.lanes._audit import line_of
 from cspace.lanes._lane_motions import check_map
 from cspace.lanes._outlines import Sweeper, find_touches, make_outlines, make_sweeper
@@ -36,7 +43,7 @@ from cspace.lanes._route_graph import RouteGraph
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from cspace._configuration_map import ConfigurationMap
+    from cspace.inside import ConfigurationMap
 
 PairState: TypeAlias = Literal["apart", "touch", "undecided"]
 """Verdicts about two elements."""

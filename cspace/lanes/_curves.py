@@ -15,7 +15,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from scipy.interpolate import BPoly, BSpline, PPoly
 
-from cspace._support.arrays import Floats
+from cspace.inside import Floats
 
 MAX_DEVIATION: Final = 0.001
 """Largest distance of a leg from its chord, metres."""

@@ -16,13 +16,20 @@ from typing import Any, Final
 import numpy as np
 import shapely
 
-from cspace._files.access import ContentError, check_suffix, decoding
 from cspace._files.crs import check_crs
-from cspace._files.fields import Fields, Ledger
-from cspace._files.plain import read_json, read_yaml
-from cspace._support.arrays import Floats, StrPath
-from cspace._support.check import check_point
-from cspace._support.reporting import warn_user
+from cspace._files.plain import read_yaml
+from cspace.inside import (
+    ContentError,
+    Fields,
+    Floats,
+    Ledger,
+    StrPath,
+    check_point,
+    check_suffix,
+    decoding,
+    read_json,
+    warn_user,
+)
 from cspace.lanes._curves import Leg, clamp_knots, cut_nurbs
 from cspace.lanes._headings import HEADINGS, HeadingRule, Lane, parse_heading
 

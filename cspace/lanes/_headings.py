@@ -8,9 +8,8 @@ from typing import Any, Final, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
-from cspace._rotations.base import wrap_angles
-from cspace._support.check import warn_of_degrees
 from cspace.errors import InputError
+from cspace.inside import warn_of_degrees, wrap_angles
 from cspace.lanes._curves import Leg, reverse_legs
 
 Heading: TypeAlias = Literal["forward", "backward", "both", "any"] | float

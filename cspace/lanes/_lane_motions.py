@@ -14,18 +14,16 @@ from typing import TYPE_CHECKING, Final, NamedTuple, cast
 
 import numpy as np
 
-from cspace._bodies.cores import lever_of
-from cspace._rotations.base import ANGLE_SLACK
-from cspace._support.arrays import Bools, Floats, Ints
 from cspace.errors import InputError
+from cspace.inside import ANGLE_SLACK, Bools, Floats, Ints, lever_of
 from cspace.lanes._curves import Leg
 from cspace.lanes._headings import HeadingRule, Lane
 from cspace.lanes._route_graph import RouteGraph
 
 if TYPE_CHECKING:
-    from cspace._configuration_map import ConfigurationMap
-    from cspace._space import CSpace
+    from cspace import CSpace
     from cspace._tiles.tiled_space import TiledCSpace
+    from cspace.inside import ConfigurationMap
 
 SAME_YAW: Final = 1e-9
 """Angle, radians, up to which two legs of a lane need no turn between them."""

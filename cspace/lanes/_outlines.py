@@ -17,22 +17,25 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from cspace._bodies.cores import (
+from cspace._bodies.cores import place_points
+from cspace.inside import (
     COORDINATE_ROUNDING,
     ROUNDING,
+    Balls,
+    Bools,
     Cores,
+    ExactShape,
+    Floats,
+    Ints,
     lever_of,
     measure_distances,
-    place_points,
+    number_parts,
 )
-from cspace._shapes import ExactShape
-from cspace._shapes.balls import Balls
-from cspace._support.arrays import Bools, Floats, Ints, number_parts
 from cspace.lanes._lane_motions import list_legs, list_motions, list_yaws
 from cspace.lanes._route_graph import RouteGraph
 
 if TYPE_CHECKING:
-    from cspace._configuration_map import ConfigurationMap
+    from cspace.inside import ConfigurationMap
 
 MAX_TURN: Final = math.radians(5.0)
 """Largest turn of a piece, radians."""

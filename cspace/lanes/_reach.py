@@ -9,9 +9,9 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse import csgraph
 
+from cspace import BLOCKED
 from cspace._queries.yaws import join_yaw_cells
-from cspace._rotations.base import ANGLE_SLACK
-from cspace._support.arrays import BLOCKED, Bools, Floats, Ints
+from cspace.inside import ANGLE_SLACK, Bools, Floats, Ints
 from cspace.lanes._lane_motions import (
     SAME_YAW,
     LaneMotions,
@@ -24,7 +24,7 @@ from cspace.lanes._rooms import prove
 from cspace.lanes._route_graph import RouteGraph
 
 if TYPE_CHECKING:
-    from cspace._configuration_map import ConfigurationMap
+    from cspace.inside import ConfigurationMap
 
 
 class NodeYaws(NamedTuple):

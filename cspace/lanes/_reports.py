@@ -8,8 +8,7 @@ import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
-from cspace._files.access import replacing
-from cspace._support.arrays import StrPath
+from cspace.inside import StrPath, replacing
 
 MAX_PRINTED_ROWS: Final = 40
 """Number of rows that a printed table lists."""

@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from cspace._support.arrays import Bools, Floats, Ints
+from cspace.inside import Bools, Floats, Ints
 from cspace.lanes._lane_motions import LaneMotions
 
 if TYPE_CHECKING:
-    from cspace._space import CSpace
+    from cspace import CSpace
 
 Corners = list[tuple[Floats, Floats, Floats]]
 """Configurations, and how far they are shifted along motions and to the left, metres."""

@@ -11,21 +11,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace._files.access import ContentError
-from cspace._rotations.base import wrap_angles
-from cspace._support.arrays import Floats, StrPath
-from cspace._support.check import (
+from cspace._support.check import check_pairs
+from cspace.errors import InputError
+from cspace.inside import (
     AXES,
     MAX_NUMBER,
+    ContentError,
+    Floats,
+    StrPath,
     check_finite,
     check_flag,
-    check_pairs,
     check_points,
     check_real,
     names_options,
     warn_of_degrees,
+    wrap_angles,
 )
-from cspace.errors import InputError
 from cspace.lanes._headings import Heading, HeadingRule, Lane, find_repeated, parse_heading
 
 

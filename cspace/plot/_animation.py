@@ -10,11 +10,15 @@ from typing import TYPE_CHECKING, Any, Final, TypedDict
 
 import numpy as np
 
-from cspace._configuration_map import ConfigurationMap
-from cspace._files.access import check_suffix, replacing
-from cspace._support.arrays import Floats
-from cspace._support.check import check_positive, names_options
 from cspace.errors import InputError
+from cspace.inside import (
+    ConfigurationMap,
+    Floats,
+    check_positive,
+    check_suffix,
+    names_options,
+    replacing,
+)
 from cspace.plot import _artists as artists
 from cspace.plot._arms import ArmFigure, draw_tip_path, paint_scene
 from cspace.plot._picture import make_title

@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from cspace._files.polygons import join_surfaces, transform_surface
-from cspace._support.arrays import Floats, Surface
+from cspace.inside import Floats, Surface, join_surfaces, transform_surface
 from cspace.plot import _artists as artists
 from cspace.plot._route import (
     HasPath,
@@ -17,7 +16,7 @@ from cspace.plot._route import (
     is_path_lost,
     split_steps,
 )
-from cspace.plot._surface import SOLIDS, Painting, make_polygons, split_surface
+from cspace.plot._surface import Painting, make_polygons, split_surface
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -156,7 +155,7 @@ def paint_scene(
     corners = np.concatenate([box, *(vertices for vertices, _ in obstacles)])
     box = np.stack([corners.min(axis=0), corners.max(axis=0)])
     painting = Painting(box, ax, ARM_CAMERA if camera is None else camera)
-    label, color = SOLIDS[artists.OBSTACLE]
+    label, color = artists.SOLIDS[artists.OBSTACLE]
     if obstacles:
         parts = [split_surface(surface, painting.size) for surface in obstacles]
         painting.add(make_polygons(parts), color, label)

@@ -13,14 +13,8 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace._grid import Grid
-from cspace._support.arrays import (
-    FREE,
-    Box,
-    Floats,
-    block_starts,
-    reduce_blocks,
-)
+from cspace import FREE, Grid
+from cspace.inside import Box, Floats, block_starts, reduce_blocks
 from cspace.plot._route import DrawnRobot, MapLike, PictureContent
 
 if TYPE_CHECKING:
@@ -29,7 +23,7 @@ if TYPE_CHECKING:
     from matplotlib.image import AxesImage
     from matplotlib.patches import Patch
 
-    from cspace._workspace import Workspace
+    from cspace import Workspace
 
 Classes = NDArray[np.uint8]
 
@@ -47,6 +41,11 @@ CLASSES: Final = (
     ("obstacle", "#262626"),
 )
 OPEN, PARTLY, ASSUMED, HOLLOW, UNDECIDED, COLLIDES, UNSEEN, OBSTACLE = range(len(CLASSES))
+SOLIDS: Final = {
+    OBSTACLE: ("obstacle", "#7a7a7a"),
+    UNSEEN: (CLASSES[UNSEEN][0], "#c9a468"),
+}
+"""Legend label and colour of the cells that are drawn as solids, by class."""
 LABELS_OVER_ROTATIONS: Final = {
     OPEN: "free at every rotation",
     COLLIDES: "C-obstacle at every rotation",

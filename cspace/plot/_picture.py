@@ -7,10 +7,9 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypedDict, Unpack
 
-from cspace._files.access import check_suffix, replacing
-from cspace._support.check import check_positive, names_options
-from cspace._workspace import Workspace
+from cspace import Workspace
 from cspace.errors import InputError
+from cspace.inside import check_positive, check_suffix, names_options, replacing
 from cspace.plot import _artists as artists
 from cspace.plot._route import HasPath, MapLike, WorkspaceView, make_scene
 from cspace.plot._sections import draw_plane, draw_sections
@@ -21,7 +20,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from numpy.typing import ArrayLike
 
-    from cspace._configuration_map import ConfigurationMap
+    from cspace.inside import ConfigurationMap
 
 PICTURE_SUFFIXES: Final = (".png", ".pdf", ".svg", ".jpg")
 """Suffixes of the picture formats that can be written."""

@@ -12,18 +12,13 @@ import numpy as np
 import shapely
 from numpy.typing import ArrayLike, NDArray
 
-from cspace._robot import Robot
-from cspace._rotations import Rotations
-from cspace._rotations.base import measure_steps
-from cspace._shapes.balls import Balls
-from cspace._support.arrays import BLOCKED, FREE, Box, Floats, Surface
-from cspace._support.check import check_finite
+from cspace import BLOCKED, FREE, Robot, Rotations
 from cspace.errors import InputError
+from cspace.inside import Balls, Box, Floats, Surface, check_finite, measure_steps
 
 if TYPE_CHECKING:
-    from cspace._interface import ConfigurationSpace
-    from cspace._space import CSpace
-    from cspace._workspace import Workspace
+    from cspace import CSpace, Workspace
+    from cspace.inside import ConfigurationSpace
 
 
 class HasPath(Protocol):

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cspace._support.arrays import Bools, Floats
+from cspace.inside import Bools, Floats
 from cspace.plot import _artists as artists
 from cspace.plot._route import PictureContent, split_steps
 

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from cspace._support.arrays import (
+from cspace.errors import InputError
+from cspace.inside import (
     Bools,
     Box,
     Bytes,
@@ -16,21 +17,15 @@ from cspace._support.arrays import (
     Ints,
     Surface,
     block_starts,
+    check_finite,
     reduce_blocks,
 )
-from cspace._support.check import check_finite
-from cspace.errors import InputError
 from cspace.plot import _artists as artists
 from cspace.plot._route import PictureContent, simplify_surface, split_steps
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-SOLIDS: Final = {
-    artists.OBSTACLE: ("obstacle", "#7a7a7a"),
-    artists.UNSEEN: (artists.CLASSES[artists.UNSEEN][0], "#c9a468"),
-}
-"""Legend label and colour of the cells that are drawn as solids, by class."""
 DEFAULT_CAMERA: Final = (40.0, -62.0)
 """Default elevation and azimuth of the camera, degrees."""
 MAX_FACES: Final = 20_000
@@ -183,13 +178,13 @@ def draw_surface(
         top = body.extents(np.concatenate([scene.robots, scene.points]))[:, 1, 2].max()
     corner = grid.lower + grid.spacing * np.array([cells.start for cells in scene.window])
     classes = artists.classify_ground(scene.space.workspace, scene.window)
-    solids = np.where(np.isin(classes, list(SOLIDS)), classes, np.uint8(0))
+    solids = np.where(np.isin(classes, list(artists.SOLIDS)), classes, np.uint8(0))
     # At least one layer is drawn; subtracting 1e-9 keeps rounding from adding one.
     layers = np.clip(np.ceil((top - corner[2]) / grid.spacing - 1e-9), 1, solids.shape[2])
     is_cut = layers < solids.shape[2]
     towards = camera_direction(painting.camera)
     faces, face_classes = find_border_faces(solids[..., : int(layers)], towards, is_cut)
-    for number, (label, color) in SOLIDS.items():
+    for number, (label, color) in artists.SOLIDS.items():
         chosen = faces[face_classes == number]
         if len(chosen):
             painting.add(corner + grid.spacing * chosen, color, label)

@@ -12,11 +12,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import ndimage
 
-from cspace._engines.slices import slice_rasters
+from cspace import FREE
 from cspace._obstacles import Obstacle
-from cspace._support.arrays import FREE, STATE_NAMES, Bools, Floats, Ints
-from cspace._support.check import check_flag
 from cspace.errors import InputError
+from cspace.inside import STATE_NAMES, Bools, Floats, Ints, check_flag, slice_rasters
 from cspace.reasons._margins import copy_with_ends, find_cells, find_way, states_of_slices
 from cspace.reasons._removals import remove_obstacles
 from cspace.reasons._windows import Trial, refine_way, suggest_finer
@@ -24,7 +23,7 @@ from cspace.reasons._windows import Trial, refine_way, suggest_finer
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from cspace._space import CSpace
+    from cspace import CSpace
 
 Verdict = Literal[
     "connected",

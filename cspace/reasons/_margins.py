@@ -30,19 +30,23 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import ndimage
 
+from cspace import BLOCKED, FREE, MIXED, CSpace, Raster
 from cspace._engines import ENGINES, choose_engine
-from cspace._engines.slices import slice_rasters
 from cspace._queries.distance import ROUNDING_FACTOR, compute_distances
 from cspace._queries.search import find_chain, turn_costs
-from cspace._raster import Raster
-from cspace._record.contents import Contents
-from cspace._record.exterior import Exterior
 from cspace._rotations import RotationCell
-from cspace._shapes.shape import ExactShape
-from cspace._space import CSpace
-from cspace._support.arrays import BLOCKED, FREE, MIXED, Bools, Floats, Ints, States
-from cspace._support.deadlines import NEVER
 from cspace.errors import InputError
+from cspace.inside import (
+    NEVER,
+    Bools,
+    Contents,
+    ExactShape,
+    Exterior,
+    Floats,
+    Ints,
+    States,
+    slice_rasters,
+)
 
 DEPTH_SLACK: Final = 1e-9
 """Rounding of a depth below a surface, per metre of the shape's largest number."""

@@ -18,15 +18,15 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage, sparse
 from scipy.sparse import csgraph
 
+from cspace import FREE
 from cspace._engines import ENGINES, choose_engine
-from cspace._engines.slices import slice_rasters
 from cspace._obstacles import Obstacle
-from cspace._support.arrays import FREE, Bools, Ints
 from cspace.errors import InputError
+from cspace.inside import Bools, Ints, slice_rasters
 from cspace.reasons._margins import copy_with_ends, find_cells
 
 if TYPE_CHECKING:
-    from cspace._space import CSpace
+    from cspace import CSpace
 
 MAX_NAMES: Final = 62
 """Maximum number of named obstacles; each is a bit of a mask in 64 bits."""

@@ -8,15 +8,12 @@ from typing import TYPE_CHECKING, Final, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace._builder import build
-from cspace._record.exterior import UNKNOWN
-from cspace._support.arrays import FREE, Floats, Ints
-from cspace._support.words import Outside
-from cspace._workspace import Workspace
+from cspace import FREE, Workspace, build
+from cspace.inside import UNKNOWN, Floats, Ints, Outside
 from cspace.reasons._margins import Way, find_way
 
 if TYPE_CHECKING:
-    from cspace._space import CSpace
+    from cspace import CSpace
 
 MAX_HALVINGS: Final = 4
 """Maximum number of times that the spacing is halved."""

@@ -13,9 +13,8 @@ from numpy.typing import ArrayLike
 
 from cspace._queries.batches import Configuration
 from cspace._rotations.base import unwrap_near
-from cspace._support.arrays import Bools, Floats, frozen
-from cspace._support.check import check_points, warn_of_degrees
 from cspace.errors import InputError
+from cspace.inside import Bools, Floats, check_points, frozen, warn_of_degrees
 from cspace.regions._growth import HalfSpaces, Polytope, find_deepest, measure_polytope
 
 if TYPE_CHECKING:

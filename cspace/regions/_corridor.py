@@ -7,16 +7,15 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from cspace._rotations.base import ANGLE_SLACK
-from cspace._support.arrays import Floats, Ints, frozen
 from cspace.errors import InputError
+from cspace.inside import ANGLE_SLACK, Floats, Ints, frozen
 from cspace.regions._convex_region import ConvexRegion, plot_regions
 from cspace.regions._free_region import RegionSource, YawArc
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from cspace._interface import Space
+    from cspace import Space
 
 MIN_MARGIN: Final = 1e-3
 """Smallest margin, in cells, that a message advises; smaller ones become zero."""

@@ -15,14 +15,27 @@ from numpy.typing import ArrayLike
 from scipy import ndimage
 from scipy.optimize import nnls
 
-from cspace._files.access import check_suffix, decoding, replacing
-from cspace._files.fields import UNKNOWN_FIELDS, Fields, Ledger
-from cspace._files.plain import read_json
-from cspace._limits import check_memory
-from cspace._support.arrays import FREE, Bools, Floats, Ints
-from cspace._support.check import MAX_NUMBER, check_count, check_number
-from cspace._support.deadlines import is_over, limit_effort, now
+from cspace import FREE
+from cspace._files.fields import UNKNOWN_FIELDS
 from cspace.errors import ConfigurationError, InputError
+from cspace.inside import (
+    MAX_NUMBER,
+    Bools,
+    Fields,
+    Floats,
+    Ints,
+    Ledger,
+    check_count,
+    check_memory,
+    check_number,
+    check_suffix,
+    decoding,
+    is_over,
+    limit_effort,
+    now,
+    read_json,
+    replacing,
+)
 from cspace.regions._convex_region import YAW, ConvexRegion, plot_regions
 from cspace.regions._free_region import RegionSource
 from cspace.regions._growth import find_deepest
@@ -30,7 +43,7 @@ from cspace.regions._growth import find_deepest
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from cspace._interface import Space
+    from cspace import Space
 
 FORMAT: Final = "cspace-regions"
 """Name of the format of saved regions."""

@@ -8,18 +8,25 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace._grid import FARTHEST_CELL
-from cspace._limits import check_memory
-from cspace._rotations.base import ANGLE_SLACK, TWO_PI
-from cspace._space import CSpace
-from cspace._support.arrays import FREE, STATE_NAMES, Bools, Floats, Ints
-from cspace._support.check import check_not_negative, check_positive
+from cspace import FREE, CSpace
 from cspace.errors import ConfigurationError, InputError
+from cspace.inside import (
+    ANGLE_SLACK,
+    FARTHEST_CELL,
+    STATE_NAMES,
+    TWO_PI,
+    Bools,
+    Floats,
+    Ints,
+    check_memory,
+    check_not_negative,
+    check_positive,
+)
 from cspace.regions._convex_region import YAW, ConvexRegion
 from cspace.regions._growth import HALF_CELL, HalfSpaces, grow_polytope, make_box
 
 if TYPE_CHECKING:
-    from cspace._interface import Space
+    from cspace import Space
 
 ARC_SLACK: Final = 3.0 * ANGLE_SLACK
 """Distance in radians between the ends of an arc and a rotation cell that is not part of it."""

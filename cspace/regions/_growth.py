@@ -32,8 +32,7 @@ import numpy as np
 from scipy.optimize import linprog, lsq_linear
 from scipy.spatial import ConvexHull, HalfspaceIntersection, QhullError
 
-from cspace._grid import SLACK
-from cspace._support.arrays import Bools, Floats
+from cspace.inside import SLACK, Bools, Floats
 
 HALF_CELL: Final = 0.5 + 2.0 * SLACK
 """Half the side of a cell that is cut off, in cells; it includes the allowance for rounding."""

@@ -14,7 +14,7 @@ from typing import Final, TypeAlias
 import numpy as np
 from scipy.spatial.distance import cdist
 
-from cspace._support.arrays import Floats, Ints
+from cspace.inside import Floats, Ints
 from cspace.spectral._regions import SMALLEST_LENGTH, Lattice
 
 MAX_SEARCHED_BALLS: Final = 16

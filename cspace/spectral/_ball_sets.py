@@ -8,15 +8,14 @@ from typing import TYPE_CHECKING, Any, Final, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace._shapes import Balls, BallSet
-from cspace._support.arrays import Floats
-from cspace._support.check import check_finite
+from cspace._shapes import BallSet
 from cspace.errors import InputError
+from cspace.inside import Balls, Floats, check_finite
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
-    from cspace._robot import Robot
+    from cspace import Robot
 
 BallsLike: TypeAlias = "BallSet | Robot | tuple[ArrayLike, ArrayLike]"
 """Types that give balls: an object with ``centers`` and ``radii``, a robot of balls, or a pair of

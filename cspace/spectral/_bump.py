@@ -17,9 +17,9 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace._support.arrays import Floats
-from cspace._support.check import check_finite, check_unmasked, check_word
+from cspace._support.check import check_unmasked
 from cspace.errors import InputError
+from cspace.inside import Floats, check_finite, check_word
 
 Radial = Callable[[Floats], Floats]
 """Function of the distance from the center, in radii, or of a frequency."""

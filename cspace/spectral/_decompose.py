@@ -16,11 +16,20 @@ from typing import Any, Final, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace._shapes import ShapeLike, as_shape
-from cspace._support.arrays import Floats, Ints, frozen
-from cspace._support.check import check_count, check_positive, check_word
-from cspace._support.compiling import allocating, internal, kernel
 from cspace.errors import GeometryError, InputError
+from cspace.inside import (
+    Floats,
+    Ints,
+    ShapeLike,
+    allocating,
+    as_shape,
+    check_count,
+    check_positive,
+    check_word,
+    frozen,
+    internal,
+    kernel,
+)
 from cspace.spectral._arrange import MAX_SEARCHED_BALLS, Arrangement, Depths
 from cspace.spectral._regions import (
     Lattice,

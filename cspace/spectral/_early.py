@@ -8,10 +8,8 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace._shapes import Balls
-from cspace._support.arrays import Bytes, Ints
-from cspace._support.check import AXES, check_points, check_positive
 from cspace.errors import InputError
+from cspace.inside import AXES, Balls, Bytes, Ints, check_points, check_positive
 from cspace.spectral._ball_sets import PLACEMENT_ROUNDING
 from cspace.spectral._bump import TRANSFORM_ERROR
 from cspace.spectral._overlap import FourierOverlap

@@ -10,10 +10,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace._shapes import Balls
-from cspace._support.arrays import Bools, Floats
-from cspace._support.check import AXES, check_point, check_points, check_positive
 from cspace.errors import InputError
+from cspace.inside import AXES, Balls, Bools, Floats, check_point, check_points, check_positive
 from cspace.spectral._ball_sets import (
     PLACEMENT_ROUNDING,
     BallsLike,

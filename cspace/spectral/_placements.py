@@ -16,18 +16,18 @@ from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from cspace._rotations import Rotations
-from cspace._shapes import Balls
-from cspace._support.arrays import Floats
-from cspace._support.check import (
+from cspace import Rotations
+from cspace.errors import InputError
+from cspace.inside import (
+    Balls,
+    Floats,
     check_count,
     check_finite,
     check_flag,
     check_not_negative,
     check_positive,
+    count_cores,
 )
-from cspace._support.threads import count_cores
-from cspace.errors import InputError
 from cspace.spectral._ball_sets import (
     BallsLike,
     Rotates,

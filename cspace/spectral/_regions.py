@@ -10,15 +10,27 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cspace import Grid
 from cspace._bodies.triangle_proofs import RADIUS, build_trees
-from cspace._grid import Grid
-from cspace._limits import check_memory
-from cspace._shapes import Balls, ExactShape, Polygons, RoundedSimplices, Shape
-from cspace._support.arrays import Floats, Ints, Row
-from cspace._support.compiling import allocating, kernel
-from cspace._support.threads import run_in_chunks
-from cspace._support.vectors import box_distance, row_at, segment_distance_square, triangle_distance
+from cspace._shapes import Polygons
+from cspace._support.vectors import segment_distance_square
 from cspace.errors import InputError
+from cspace.inside import (
+    Balls,
+    ExactShape,
+    Floats,
+    Ints,
+    RoundedSimplices,
+    Row,
+    Shape,
+    allocating,
+    box_distance,
+    check_memory,
+    kernel,
+    row_at,
+    run_in_chunks,
+    triangle_distance,
+)
 
 BOUNDARY_ROUNDING: Final = 2.0**-44
 """Rounding error of a distance, relative to the largest coordinate: some hundred units, mostly

@@ -17,11 +17,8 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace._support.arrays import Bools, Floats
-from cspace._support.check import check_finite
-from cspace._support.reporting import import_optional
-from cspace._support.threads import count_cores
 from cspace.errors import InputError
+from cspace.inside import Bools, Floats, check_finite, count_cores, import_optional
 from cspace.spectral._ball_sets import as_balls
 from cspace.spectral._bump import Bump, check_bump, radial_table
 

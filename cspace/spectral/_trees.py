@@ -15,11 +15,17 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace._support.arrays import Bytes, Floats, Ints
-from cspace._support.check import AXES, check_points
-from cspace._support.compiling import allocating, internal
-from cspace._support.threads import run_in_chunks
 from cspace.errors import InputError
+from cspace.inside import (
+    AXES,
+    Bytes,
+    Floats,
+    Ints,
+    allocating,
+    check_points,
+    internal,
+    run_in_chunks,
+)
 from cspace.spectral._ball_sets import (
     PLACEMENT_ROUNDING,
     BallsLike,

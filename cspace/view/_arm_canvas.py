@@ -9,11 +9,9 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from cspace._files.polygons import transform_surface
-from cspace._rotations.base import TWO_PI, wrap_angles
-from cspace._shapes.balls import Balls
-from cspace._support.arrays import BLOCKED, FREE, MIXED, Floats
+from cspace import BLOCKED, FREE, MIXED
 from cspace.errors import InputError
+from cspace.inside import TWO_PI, Balls, Floats, transform_surface, wrap_angles
 from cspace.plot._arms import ARM_CAMERA, GHOST_COLOR, GHOST_COUNT, ArmFigure
 from cspace.plot._artists import CLASSES, COLLIDES, ROBOT_FILL_COLOR, UNDECIDED
 from cspace.view._canvas import ENDPOINT_COLORS, STATES, Canvas, Dial, choose_endpoints

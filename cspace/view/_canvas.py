@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
-from cspace._support.arrays import BLOCKED, FREE, MIXED, Floats, Surface
+from cspace import BLOCKED, FREE, MIXED
 from cspace.errors import ConfigurationError
+from cspace.inside import Floats, Surface
 from cspace.plot._artists import GOAL_COLOR, PATH_COLOR
 from cspace.plot._route import interpolate_path
 from cspace.view._scene import hex_to_rgb

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from cspace._rotations import Rotations
-from cspace._support.arrays import Floats
+from cspace import Rotations
+from cspace.inside import Floats
 from cspace.plot._artists import (
     ASSUMED,
     CLASSES,

@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING, Any, Final, cast
 
 import numpy as np
 
-from cspace._support.arrays import Floats
 from cspace.errors import CspaceError, InputError
+from cspace.inside import Floats
 from cspace.view._canvas import ENDPOINT_COLORS
 
 if TYPE_CHECKING:

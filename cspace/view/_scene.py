@@ -12,22 +12,22 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from cspace import CSpace, Robot
 from cspace._raster.bitmaps import merge_into_rectangles
-from cspace._robot import Robot
-from cspace._space import CSpace
-from cspace._support.arrays import Bools, Floats, Ints, Surface, block_starts, reduce_blocks
+from cspace.inside import Bools, Floats, Ints, Surface, block_starts, reduce_blocks
 from cspace.plot._artists import (
     CLASSES,
     COLLIDES,
     OBSTACLE,
     PARTLY,
+    SOLIDS,
     UNDECIDED,
     UNSEEN,
     Classes,
     classify_cells,
     classify_ground,
 )
-from cspace.plot._surface import SOLIDS, find_exposed_cells, make_faces
+from cspace.plot._surface import find_exposed_cells, make_faces
 
 if TYPE_CHECKING:
     from cspace._tiles.tiled_space import TiledCSpace

@@ -10,10 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from cspace._support.arrays import Floats
-from cspace._support.check import check_known
 from cspace.arms import PoseGoal
 from cspace.errors import ConfigurationError
+from cspace.inside import Floats, check_known
 from cspace.plot._arms import count_joints
 from cspace.view._scene import to_quaternion
 

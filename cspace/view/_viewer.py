@@ -12,10 +12,9 @@ from ipaddress import ip_address
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
-from cspace._support.check import check_count, names_options
-from cspace._support.reporting import import_optional
 from cspace.arms import ArmSpace
 from cspace.errors import InputError
+from cspace.inside import check_count, import_optional, names_options
 from cspace.plot._route import HasAxes, check_path, collect_endpoints
 from cspace.view._arm_canvas import ArmCanvas
 from cspace.view._map_canvas import MapCanvas

@@ -1,6 +1,7 @@
 """Imports: without circles, and no wing is loaded with the core."""
 
 import ast
+import re
 import subprocess
 import sys
 from collections import Counter
@@ -9,7 +10,7 @@ from typing import NamedTuple
 
 import pytest
 
-from tests.helpers.repository import SOURCES
+from tests.helpers.repository import ROOT, SOURCES
 
 UPWARD_METHODS = {
     *("plot", "view", "explain", "removals", "free_region", "free_regions"),
@@ -39,6 +40,19 @@ def walk(node):
             yield from walk(child)
 
 
+def read_stub(path):
+    """Return the module of each name in a stub of public names."""
+    lines = re.findall(r"^from \.(\S+) import (\w+) as", path.read_text("utf-8"), re.MULTILINE)
+    return {name: f"cspace.{module}" for module, name in lines}
+
+
+DOORS = {
+    "cspace": read_stub(ROOT / "cspace/__init__.pyi"),
+    "cspace.inside": read_stub(ROOT / "cspace/inside.pyi"),
+}
+"""Modules that import each of their names at its first use, from another module."""
+
+
 def imports(module):
     """Yield all imports of a module, except those of its upward methods."""
     for node in walk(ast.parse(SOURCES[module].read_text(encoding="utf-8"))):
@@ -53,8 +67,9 @@ def imports(module):
             for alias in node.names:
                 if alias.name == "__version__":
                     continue
-                inner = f"{node.module}.{alias.name}"
-                imported = inner if inner in SOURCES else str(node.module)
+                source = DOORS.get(node.module, {}).get(alias.name, node.module)
+                inner = f"{source}.{alias.name}"
+                imported = inner if inner in SOURCES else str(source)
                 if imported in SOURCES:
                     yield Import(module, node.lineno, imported)
 

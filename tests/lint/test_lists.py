@@ -154,7 +154,8 @@ PUBLIC_MODULES = (
 
 def test_modules_without_underscore_are_on_the_api_page():
     public = {name for name in SOURCES if not re.search(r"\b_", name)}
-    assert public == {module.__name__ for module in PUBLIC_MODULES}
+    shown = {module.__name__ for module in PUBLIC_MODULES}
+    assert public == shown | {"cspace.inside"}  # which has a page of its own
 
 
 def shown_in_api():

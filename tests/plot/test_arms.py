@@ -8,8 +8,7 @@ from matplotlib.figure import Figure
 import cspace
 from cspace.errors import InputError
 from cspace.plot._arms import GHOST_COLOR
-from cspace.plot._artists import OBSTACLE, PATH_COLOR, ROBOT_FILL_COLOR
-from cspace.plot._surface import SOLIDS
+from cspace.plot._artists import OBSTACLE, PATH_COLOR, ROBOT_FILL_COLOR, SOLIDS
 from tests.helpers.urdfs import planar_arm, posed_box
 
 pytest.importorskip("yourdfpy")
