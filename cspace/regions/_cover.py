@@ -152,6 +152,8 @@ class FreeRegions:
             document = Ledger(record, "the file", FIELDS[0])
             if document.need("format") != FORMAT:
                 raise ValueError(f"the format is {record['format']!r}")
+            for name in ("pairs", "points"):
+                document.need(name)  # no overlaps are an empty list
             axes = _read_axes(document.entries("axes"))
             parts = document.children("regions", "region")
             regions = tuple(_read_region(part, axes) for part in parts)

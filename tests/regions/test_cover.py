@@ -159,6 +159,9 @@ def test_saved_regions_are_opened_to_the_last_bit(rotations, tmp_path):
     with pytest.raises(FileError, match="exists"):
         cover.save(tmp_path / "regions.json")
     cover.save(tmp_path / "regions.json", overwrite=True)
+    for call in (cover.save, FreeRegions.open):
+        with pytest.raises(InputError, match=r"suffix '\.txt'; regions are saved as JSON"):
+            call(tmp_path / "regions.txt")
 
 
 TRIANGLE = {"A": [[1.0, 0.0], [0.0, 1.0], [-0.6, -0.8]], "b": [1.0, 1.0, 1.0]}
@@ -177,6 +180,13 @@ def change_region(record, **change):
     return {"axes": axes, "regions": [record | change], "pairs": [], "points": []}
 
 
+def join_regions(point, pairs=([0, 1],)):
+    """Return the fields of a file of two regions, the second 0.5 m further along x."""
+    second = TRIANGLE | {"b": [1.5, 1.0, 0.7]}
+    record = {"axes": ["x", "y"], "regions": [TRIANGLE, second]}
+    return record | {"pairs": pairs, "points": [point] * len(pairs)}
+
+
 @refusals(
     "change, message",
     ({"format": "cspace-map"}, "the format is 'cspace-map'"),
@@ -189,26 +199,39 @@ def change_region(record, **change):
     ({"axes": ["q", "q"]}, "the axes are ['q', 'q']"),
     ({"axes": ["yaw", "x"]}, "the axes are ['yaw', 'x']"),
     ({"axes": ["x", 2]}, "the axes are ['x', 2]"),
+    ({"axes": ["", "y"]}, "the axes are ['', 'y']"),
+    ({"axes": ["x"]}, "the axes are ['x']"),
     ({"axes": ["x", "y", "z"]}, "cannot reshape"),
     ({"regions": None}, "there are no regions"),
     ({"regions": [], "pairs": [], "points": []}, "there are no regions"),
     (change_region(TRIANGLE, c=1.0), "has the unknown field 'c'"),
     (change_region(TRIANGLE, b=None), "has no b"),
     (change_region(TRIANGLE, A=[[2.0, 0.0], [0.0, 1.0], [-1.0, -1.0]]), "length 1"),
-    (change_region(TRIANGLE, A=[[1.0, 0.0]], b=[1.0]), "more than there are axes"),
+    (change_region(TRIANGLE, A=[[1.0, 0.0], [0.0, 1.0]], b=[1.0, 1.0]), "more than there are axes"),
     (change_region(TRIANGLE, b=[1.0, 1.0]), "cannot reshape"),
     (change_region(TRIANGLE, b=["1", "1", "1"]), "an entry is no number"),
+    (change_region(TRIANGLE, b=[True, True, True]), "an entry is no number"),
     (change_region(TRIANGLE, b=[1e300, 1e300, 1e300]), "an entry is no number, or not finite"),
     (change_region(TRIANGLE, b=[-1.0, -1.0, -1.0]), "a region is empty or has no end"),
     (change_region(TRIANGLE, A=[[1.0, 0.0]] * 3), "a region is empty or has no end"),
     (change_region(TRIANGLE, A=[[1.0, 0.0], [0.0, 1.0], [0.6, -0.8]]), "is empty or has no end"),
     (change_region(TRIANGLE, A=[[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0]]), "is empty or has no end"),
+    (change_region(TRIANGLE, A=[[1.0, 0.0], [-1.0, 0.0], [1.0, 0.0]]), "is empty or has no end"),
     (change_region(PRISM, A=PRISM["A"][::-1], b=PRISM["b"][::-1]), "do not bound an arc of yaws"),
     (change_region(PRISM, b=[1.0, 1.0, 1.0, 0.5, -0.6]), "do not bound an arc of yaws"),
     (change_region(PRISM, A=[[0.6, 0.0, 0.8], *PRISM["A"][1:]]), "do not bound an arc of yaws"),
-    ({"pairs": [[0, 99]], "points": [[0.0, 0.0]]}, "the pair [0, 99] names no two regions"),
-    ({"pairs": [[1, 0]], "points": [[0.0, 0.0]]}, "the pair [1, 0] names no two regions"),
-    ({"pairs": [[0, 1]], "points": [[1e6, 1e6]]}, "is not in both regions"),
+    (change_region(PRISM, A=[*PRISM["A"][:4], PRISM["A"][3]]), "do not bound an arc of yaws"),
+    ({"pairs": None, "points": None}, "has no pairs"),
+    ({"pairs": [], "points": None}, "has no points"),
+    (join_regions([0.0, 0.0]) | {"pairs": []}, "argument 2 is longer"),
+    (join_regions([0.0, 0.0], [[0, 99]]), "the pair [0, 99] names no two regions"),
+    (join_regions([0.0, 0.0], [[1, 0]]), "the pair [1, 0] names no two regions"),
+    (join_regions([0.0, 0.0], [[-1, 1]]), "the pair [-1, 1] names no two regions"),
+    (join_regions([0.0, 0.0], [[0, 0]]), "the pair [0, 0] names no two regions"),
+    (join_regions([0.0, 0.0], [[0, 1], [0, 1]]), "the pair [0, 1] names no two regions, or is"),
+    (join_regions([0.0, 0.0], [[0.0, 1.0]]), "must be integers"),
+    (join_regions([1.2, 0.0]), "the pair [0, 1] is not in both regions"),
+    (join_regions([-1.6, 0.0]), "[0, 1] is not in both regions"),
     ({"points": [[0.0, float("nan")]]}, "not finite"),
 )
 def test_damaged_files_are_refused(change, message, tmp_path):
@@ -223,6 +246,23 @@ def test_damaged_files_are_refused(change, message, tmp_path):
 
     cover.save(path, overwrite=True)
     FreeRegions.open(path)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        join_regions([1.0 + 1e-9, 0.0]),
+        change_region(TRIANGLE, b=[0.3 - 1e-9, 0.3, -0.42]),
+        change_region(PRISM, b=[1.0, 1.0, 1.0, 0.5, -0.5]),
+    ],
+    ids=["a point on the border", "a region of one point", "an arc of one yaw"],
+)
+def test_files_with_errors_of_rounding_are_opened(change, tmp_path):
+    space, _ = build_yard(None)
+    path = tmp_path / "regions.json"
+    space.free_regions(0.1).save(path)
+    path.write_text(json.dumps(json.loads(path.read_text()) | change))
+    assert len(FreeRegions.open(path).regions) == len(change["regions"])
 
 
 # ---- refusals ------------------------------------------------------------------------------------
