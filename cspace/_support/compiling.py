@@ -82,6 +82,9 @@ FILES_WITHOUT_KERNELS: Final = (
 """Files without kernels on which compiled code depends. The last four have constants that are
 compiled into kernels."""
 
+OWN_PACKAGES: Final = ("cspace", "planners")
+"""Packages whose compiled code depends on the sources of both."""
+
 _KERNELS: Final = re.compile(rb"^@(kernel|internal|inlined|allocating)\b", re.MULTILINE)
 
 _CONFIG: Final[Any] = numba.config
@@ -137,7 +140,7 @@ def _compile(function: F, **options: Any) -> F:
             "is set",
             "proofs rely on the arithmetic of compiled code",
         )
-    folder = cache_folder()
+    folder = _code_folder(function.__module__.partition(".")[0])
     options |= {"nogil": True, "error_model": "numpy"}
     options["no_cfunc_wrapper"] = True  # C functions are not used, and take a tenth of the time
     # Numba reads these settings when a function is decorated. A locator that the user has set would
@@ -424,16 +427,36 @@ def cache_folder() -> Path | None:
     return None
 
 
+@cache
+def _code_folder(package: str) -> Path | None:
+    """Return the folder of a package's compiled code, or None.
+
+    Others than ours have one for each version of their sources, within ours: a function that
+    compiled another one into itself would go on with its old code.
+    """
+    folder = cache_folder()
+    places = getattr(sys.modules.get(package), "__path__", None)
+    if folder is None or package in OWN_PACKAGES or not places:
+        return folder
+    files = (file for place in places for file in Path(place).rglob("*.py"))
+    return folder / f"{package}-{_digest(sorted(files))}"
+
+
 def _digest_sources() -> str:
     """Return a digest of the source files on which compiled code depends."""
     root = Path(__file__).parents[2]  # the folder of both packages
+    files = [file for name in OWN_PACKAGES for file in sorted((root / name).rglob("*.py"))]
+    constants = {root / name for name in FILES_WITHOUT_KERNELS}
+    return _digest(
+        [file for file in files if file in constants or _KERNELS.search(file.read_bytes())]
+    )
+
+
+def _digest(files: list[Path]) -> str:
+    """Return a digest of the content of files."""
     digest = hashlib.sha256()
-    for package in ("cspace", "planners"):
-        for file in sorted((root / package).rglob("*.py")):
-            source = file.read_bytes()
-            name = file.relative_to(root).as_posix()
-            if name in FILES_WITHOUT_KERNELS or _KERNELS.search(source):
-                digest.update(source)
+    for file in files:
+        digest.update(file.read_bytes())
     return digest.hexdigest()[:16]  # 64 bits distinguish all versions on a machine
 
 

@@ -9,6 +9,7 @@ from benchmarks.first_process import DEMO
 from benchmarks.suites.first_use import MAX_DEMO_COMPILATIONS, run_process
 from cspace._support.compiling import FILES_WITHOUT_KERNELS
 from tests.helpers.repository import ROOT
+from tests.lint.test_imports import DOORS
 
 
 def test_the_demo_compiles_few_functions(tmp_path):
@@ -109,7 +110,8 @@ def test_constants_of_kernels_are_in_files_that_the_folder_depends_on():
         seen.add((name, constant))
         assert name in known, f"{constant} of {name} is compiled into a kernel"
         if isinstance(place, ast.ImportFrom):
-            path = str(place.module).replace(".", "/")
+            source = DOORS.get(place.module, {}).get(constant, place.module)
+            path = str(source).replace(".", "/")
             pending += [
                 (file, constant)
                 for file in (f"{path}.py", f"{path}/__init__.py")

@@ -125,6 +125,25 @@ def test_a_change_of_kernels_or_their_constants_changes_the_folder(tmp_path):
         assert (seen[-1] != seen[-2]) is is_compiled, file
 
 
+@pytest.mark.thorough
+def test_a_package_beside_the_core_never_runs_old_code_of_its_other_files(tmp_path):
+    package = tmp_path / "wing"
+    package.mkdir()
+    (package / "__init__.py").touch()
+    part = "from cspace.inside import internal\n\n@internal\ndef part():\n    return {}\n"
+    whole = (
+        "from cspace.inside import kernel\nfrom wing.part import part\n\n@kernel\ndef whole():\n"
+        "    return part()\n"
+    )
+    (package / "whole.py").write_text(whole)
+    code = "from wing.whole import whole; print(whole(), sum(whole.stats.cache_hits.values()))"
+    answers = []
+    for number in (1, 1, 2):
+        (package / "part.py").write_text(part.format(number))
+        answers.append(run(tmp_path, code)[0])
+    assert answers == ["1 0", "1 1", "2 0"]
+
+
 # ---- other processes, and full disks -------------------------------------------------------------
 
 HOLD_TURN = """
