@@ -7,6 +7,7 @@ Run it with ``python planner_node.py --ros-args --params-file params.yaml``; the
 import copy
 import itertools
 import math
+import signal
 import sys
 import threading
 import time
@@ -26,7 +27,7 @@ from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallb
 from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.exceptions import ParameterException
-from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
+from rclpy.executors import MultiThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile
 from scipy.spatial.transform import Rotation
@@ -199,8 +200,8 @@ class PlannerNode(Node):
         return self.get_parameter(name).value
 
     def complain(self, problem):
-        """Log a problem once."""
-        if problem not in self.complaints:
+        """Log a problem once; after a shutdown, everything fails."""
+        if problem not in self.complaints and rclpy.ok():
             self.complaints.add(problem)
             self.get_logger().warning(problem)
 
@@ -352,6 +353,7 @@ class PlannerNode(Node):
         else:
             self.window_publisher.publish(self.cut(*window))
 
+    @guard
     def on_reader(self, status):
         """Publish the whole map for a new reader, as the one that is kept may be old."""
         if status.current_count_change > 0:
@@ -617,20 +619,22 @@ class PlannerNode(Node):
 
 
 def main():
-    """Run the node until it is interrupted."""
+    """Run the node until it is interrupted; an error after that is part of the end."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)  # rclpy takes it, and Python raises nothing
     rclpy.init()
+    node = None
     try:
         node = PlannerNode()
-    except (CspaceError, ParameterException) as error:
-        rclpy.try_shutdown()
-        sys.exit(f"cspace_planner: {error}")
-    try:
         rclpy.spin(node, MultiThreadedExecutor(num_threads=4))
-    except (KeyboardInterrupt, ExternalShutdownException):
-        pass
+    except (CspaceError, ParameterException) as error:
+        sys.exit(f"cspace_planner: {error}")
+    except Exception:
+        if rclpy.ok():
+            raise
     finally:
-        node.destroy_node()
         rclpy.try_shutdown()
+        if node is not None:
+            node.destroy_node()
 
 
 if __name__ == "__main__":

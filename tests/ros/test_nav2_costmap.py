@@ -152,7 +152,7 @@ def start(ros, tmp_path):  # noqa: F811
     yield make
     for each in made:
         each.client.node.destroy_node()
-        stop_node(each.process)
+        stop_node(each.process, each.log)
 
 
 @pytest.fixture

@@ -366,6 +366,15 @@ def test_messages_without_memory_are_not_planned_on(node, monkeypatch):
         assert check(node, result.path) == (True, [])
 
 
+def test_a_reader_that_cannot_be_served_ends_nothing(node, monkeypatch):
+    give(node, make_room())
+    monkeypatch.setattr(node, "find_doubt", fail)
+    node.on_reader(SimpleNamespace(current_count_change=1))
+    monkeypatch.undo()
+    give(node, make_room())
+    assert len(ask(node)[1].path.poses) > 10
+
+
 def test_updates_of_a_part_equal_a_new_build(node):
     cells = make_room()
     cells[20:30, 10:14] = -1

@@ -132,13 +132,55 @@ def start_node(*arguments, stderr=None, **variables):
     return subprocess.Popen([*command, *arguments], env=environment, stderr=stderr)
 
 
-def stop_node(process):
-    """Ask the node to end, and fail if it goes on."""
+def stop_node(process, log=None):
+    """Ask the node to end, and fail with its log if it goes on, or ends by an error."""
     process.terminate()
     try:
-        assert process.wait(600) == 0
+        code = process.wait(600)
     finally:
         process.kill()
+    assert code == 0, log and log.read_text()
+
+
+INTERRUPT = """
+import os, runpy, sys, time
+import rclpy, rclpy.executors, rclpy.node
+file, kind, name, number = sys.argv[1:5]
+kind = {"Node": rclpy.node.Node, "Executor": rclpy.executors.Executor}[kind]
+call = getattr(kind, name)
+def interrupt(*args, **options):
+    setattr(kind, name, call)
+    if number == "0":
+        raise RuntimeError("a fault")
+    os.kill(os.getpid(), int(number))
+    end = time.monotonic() + 1.0
+    while rclpy.ok() and time.monotonic() < end:
+        time.sleep(0.01)
+    return call(*args, **options)
+setattr(kind, name, interrupt)
+del sys.argv[1:5]
+runpy.run_path(file, run_name="__main__")
+"""
+"""Runs a node that is interrupted in a call of rclpy, or with signal 0 has a fault there."""
+
+
+def interrupt_node(name, moment, number):
+    """Run a node that is interrupted in a call of rclpy; return its exit code and errors."""
+    command = [sys.executable, "-c", INTERRUPT, ROOT / "examples/ros" / name, *moment, str(number)]
+    ended = subprocess.run(command, capture_output=True, text=True, timeout=600)
+    return ended.returncode, ended.stderr
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize("moment", [("Node", "create_publisher"), ("Executor", "get_nodes")])
+def test_an_interrupt_ends_it_at_any_moment(moment, number):
+    code, errors = interrupt_node("planner_node.py", moment, int(number))
+    assert code == 0 and "Traceback" not in errors, errors
+
+
+def test_a_fault_ends_it_loudly():
+    code, errors = interrupt_node("planner_node.py", ("Executor", "get_nodes"), 0)
+    assert code == 1 and "RuntimeError: a fault" in errors, errors
 
 
 TALK = """
