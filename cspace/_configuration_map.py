@@ -579,7 +579,7 @@ class ConfigurationMap(ConfigurationSpace):
         return bad
 
     def _explain_tube(self, rows: Floats, radii: Floats) -> tuple[tuple[str, ...], str]:
-        """Name the obstacles near a tube's instants (n, size), and where."""
+        """Return obstacles near the first unproven row, shape (n, size), and a sentence."""
         is_free = np.empty(len(rows), dtype=np.bool_)
         turn = float(radii[self.dim :].sum())
         self._write_free_around(float(radii[: self.dim].max()), turn, rows, is_free)

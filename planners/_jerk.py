@@ -418,7 +418,7 @@ def find_time(speed: float, acceleration: float, jerk: float, most: float, lengt
 
 @internal
 def lower_ramp(factors: Floats, number: int, by_acceleration: float, by_jerk: float) -> None:
-    """Lower the factors for the limits of a ramp of a leg, as far as one round may."""
+    """Lower a ramp's factors of acceleration and jerk, within what one round may change."""
     by_acceleration = min(max(by_acceleration, MOST_LESS), LEAST_LESS)
     by_jerk = min(max(by_jerk, MOST_LESS), LEAST_LESS)
     factors[2 * number] = min(factors[2 * number], by_acceleration)

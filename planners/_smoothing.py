@@ -100,7 +100,7 @@ class Junction(NamedTuple):
 
 
 class Polyline(NamedTuple):
-    """The m edges along which a robot moves, without its turns on the spot.
+    """A path without its turns on the spot, as m edges with times and waypoints.
 
     Coordinates are added like vectors: translations and angles, or only x and y of a robot that
     drives. Times are seconds at full speed.

@@ -215,9 +215,10 @@ def find_phases(
     begin: float = 0.0,
     begin_speed: float = 0.0,
 ) -> Phases | None:
-    """Return the fastest motion along segments to rest, by default from rest.
+    """Return the fastest motion along segments, as stretches of one acceleration each.
 
-    It begins at a length along the first segment, at a speed. None if that is too fast.
+    It begins at a length along the first segment, at a speed, and ends at rest. None if the robot
+    is too fast to stop.
     """
     intervals = measure_intervals(segments, rotations, bounds, begin)
     lengths = intervals.lengths

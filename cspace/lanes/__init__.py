@@ -1,4 +1,14 @@
-"""Lanes: audits of route graphs for a robot's shape, before it drives along them."""
+"""Lanes: audits of route graphs for a robot's shape, before it drives along them.
+
+Words that the modules of this package share:
+
+- *element*: a lane in one direction, or a node with the turns on it.
+- *deviation*: the distance by which a robot may stray from its lane.
+- *piece*: a part of an element on which the robot drives straight, or turns on the spot.
+- *outline*: polygons that contain all that the robot covers on an element.
+- *room*: how far a lane may be shifted to a side, or how much its robot may grow.
+- *strip*: positions beside a lane, between two distances from it.
+"""
 
 from __future__ import annotations
 

@@ -455,7 +455,7 @@ def _check_same_map(space: ConfigurationMap, other: ConfigurationMap, name: str)
 
 
 def _add_elements(elements: dict[str, Element], robot: str, graph: RouteGraph) -> None:
-    """Add lanes, then nodes, of a graph by different names."""
+    """Add the lanes and nodes of a graph to the elements, each by a name of its own."""
     prefix = f"{robot} " if robot else ""
     twins: Counter[str] = Counter()
     for number, lane in enumerate(graph.lanes):

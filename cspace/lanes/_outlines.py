@@ -212,7 +212,7 @@ def _list_turns(space: ConfigurationMap, graph: RouteGraph) -> SweepPieces:
 
 
 def deviations_of(graph: RouteGraph) -> Floats:
-    """Return the largest deviation from each element, metres."""
+    """Return how far a robot may stray from each lane and node, metres."""
     lanes = np.array([lane.deviation for lane in graph.lanes], dtype=np.float64)
     nodes = np.zeros(len(graph.names))
     ends = np.array([(lane.start, lane.end) for lane in graph.lanes], dtype=np.int64)

@@ -93,7 +93,7 @@ def measure_rooms(
         return prove_outline(rows, [*around, around[0]], 0.5 * (high - low) + height)
 
     def prove_strip(side: float, rows: Ints, low: Floats, high: Floats) -> Bools:
-        """Return whether cells prove strips by their outlines."""
+        """Return whether cells prove strips beside motions free, by the strips' borders."""
         first, last, none = motions.starts, motions.ends, 0.0 * low
         corners = [(first, none, side * low), (first, none, side * high)]
         corners += [(last, none, side * high), (last, none, side * low)]

@@ -411,7 +411,7 @@ class _Search:
         spacing = float((1.0 / self.fields.cells_per_metre).min())
 
         def move(x: Floats) -> tuple[Rotation, Placements]:
-            """Return rotations and poses after steps x, in lattice spacings.
+            """Move the body's poses by steps x, in lattice spacings; return turns and poses.
 
             Each pose has the entries of a translation, then of a turn of A: arcs at its radius of
             gyration.
