@@ -37,7 +37,7 @@ from planners._integrals import CostDensity, Field, bind_cost, integrate_straigh
 from planners._ompl_states import find_state_kind, with_wrapped_angles
 
 if TYPE_CHECKING:
-    from cspace._tiles.tiled_space import TiledCSpace
+    from cspace import TiledCSpace
     from planners._car_curves import Geometry
 
 Endpoints = tuple[Endpoint, ...]

@@ -36,7 +36,7 @@ from planners._local_planner import CURVES, HOLONOMIC, LocalPlanner
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from cspace._tiles.tiled_space import TiledCSpace
+    from cspace import TiledCSpace
     from cspace.plot._animation import AnimationOptions
     from cspace.plot._picture import PlotOptions
     from cspace.reasons import Explanation

@@ -56,7 +56,7 @@ def info(
 
     A URDF with joints that move is an arm; --as robot shows its fixed part.
     """
-    from cspace._opening import open_map
+    from cspace import open as open_map
     from cspace.inside import check_positive
 
     kind = kind or _guess_kind(file)

@@ -13,7 +13,7 @@ import shapely
 
 import planners
 from cspace import CSpace, Gate, Robot, Workspace, build
-from cspace._opening import open_map
+from cspace import open as open_map
 
 if TYPE_CHECKING:
     from cspace.arms import ArmSpace

@@ -44,8 +44,7 @@ from cspace._cli.report import Stopwatch, show, using_prefix
 from cspace.inside import Outside
 
 if TYPE_CHECKING:
-    from cspace import CSpace
-    from cspace._tiles.tiled_space import TiledCSpace
+    from cspace import CSpace, TiledCSpace
     from cspace.arms import ArmSpace
 
 
@@ -181,7 +180,7 @@ def picture(
     as_json: bool = AS_JSON,
 ) -> None:
     """Draw a picture of a map, and of a path on it."""
-    from cspace._opening import open_map
+    from cspace import open as open_map
     from cspace.plot import save_plot
     from cspace.plot._picture import PICTURE_SUFFIXES
 
@@ -225,7 +224,7 @@ def export(
     as_json: bool = AS_JSON,
 ) -> None:
     """Write a saved map for other software."""
-    from cspace._opening import open_map
+    from cspace import open as open_map
     from cspace.export._writers import EXPORT_FORMATS
 
     check_outputs([output], EXPORT_FORMATS, overwrite)
@@ -264,7 +263,7 @@ def view(
 
     Ctrl-C closes it.
     """
-    from cspace._opening import open_map
+    from cspace import open as open_map
     from cspace.arms import Arm, build_arm_space
 
     # A URDF is an arm. A map has no options of arms.

@@ -99,7 +99,7 @@ def plan(
 ) -> None:
     """Plan a path on a saved map; exit with 1 if there is none."""
     import planners
-    from cspace._opening import open_map
+    from cspace import open as open_map
     from cspace.plot import save_plot
     from cspace.plot._picture import PICTURE_SUFFIXES
 
@@ -205,7 +205,7 @@ def explain(
     as_json: bool = AS_JSON,
 ) -> None:
     """Explain why a path on a saved map exists, or does not."""
-    from cspace._opening import open_map
+    from cspace import open as open_map
     from cspace.plot._picture import PICTURE_SUFFIXES, save_figure
 
     check_outputs([picture], PICTURE_SUFFIXES, overwrite)

@@ -183,7 +183,7 @@ def _list_maps(
 ) -> dict[str, Callable[[], Any]]:
     """Return functions that make the map of each robot, by its name; "" for the only one."""
     from cspace import Workspace, build
-    from cspace._opening import open_map
+    from cspace import open as open_map
 
     if file.suffix.lower() == ".zarr":
         if robots:

@@ -21,8 +21,7 @@ from cspace.lanes._headings import HeadingRule, Lane
 from cspace.lanes._route_graph import RouteGraph
 
 if TYPE_CHECKING:
-    from cspace import CSpace
-    from cspace._tiles.tiled_space import TiledCSpace
+    from cspace import CSpace, TiledCSpace
     from cspace.inside import ConfigurationMap
 
 SAME_YAW: Final = 1e-9

@@ -30,7 +30,7 @@ from cspace.plot._artists import (
 from cspace.plot._surface import find_exposed_cells, make_faces
 
 if TYPE_CHECKING:
-    from cspace._tiles.tiled_space import TiledCSpace
+    from cspace import TiledCSpace
 
 MAX_BLOCKS: Final = 2**21
 """Maximum number of blocks of a map, roughly."""
