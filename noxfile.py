@@ -94,6 +94,19 @@ def cpp(session: nox.Session) -> None:
     session.run(PYTHON, "-m", "pytest", "-q", "-n0", "tests/cpp", *session.posargs)
 
 
+@nox.session(venv_backend="none")
+def core(session: nox.Session) -> None:
+    """Run the core's tests on a copy of the core alone, e.g. `nox -s core -- -m ""`."""
+    session.run(PYTHON, "-m", "tests.core", *session.posargs)
+
+
+@nox.session(venv_backend="none")
+def wing(session: nox.Session) -> None:
+    """Run the tests of wings or of planners, with the contract of the inner door, e.g. `nox -s wing -- lanes`."""
+    folders = [f"tests/{name}" for name in session.posargs]
+    session.run(PYTHON, "-m", "pytest", "-q", *folders, "tests/test_inside.py")
+
+
 @nox.session(python="3.12")
 def ros(session: nox.Session) -> None:
     """Test the node of examples/ros with ROS 2, whose wheels are for Python 3.12 on Linux."""

@@ -6,11 +6,10 @@ import re
 import sys
 from collections import defaultdict
 from functools import cache
-from pathlib import Path
 
 import cspace
-import planners
 from cspace._support import check
+from tests.helpers.repository import SOURCES
 
 OPTION = re.compile(r"(?<![-\w.<])([a-z]\w*)=")
 """Option of a call in a hint, as ``margin=0.1``."""
@@ -26,17 +25,16 @@ ANY = "**"
 def list_owners():
     """Return the names of the functions, methods and classes that take each option."""
     owners = defaultdict(set)
-    for package in (cspace, planners):
-        for file in Path(package.__file__).parent.rglob("*.py"):
-            for node in ast.walk(ast.parse(file.read_text())):
-                if isinstance(node, ast.FunctionDef):
-                    add_owner(owners, node.name, node)
-                elif isinstance(node, ast.ClassDef):
-                    for part in node.body:
-                        if isinstance(part, ast.AnnAssign):  # a field of a record
-                            owners[ast.unparse(part.target)].add(node.name)
-                        elif isinstance(part, ast.FunctionDef) and part.name == "__init__":
-                            add_owner(owners, node.name, part)
+    for file in SOURCES.values():
+        for node in ast.walk(ast.parse(file.read_text())):
+            if isinstance(node, ast.FunctionDef):
+                add_owner(owners, node.name, node)
+            elif isinstance(node, ast.ClassDef):
+                for part in node.body:
+                    if isinstance(part, ast.AnnAssign):  # a field of a record
+                        owners[ast.unparse(part.target)].add(node.name)
+                    elif isinstance(part, ast.FunctionDef) and part.name == "__init__":
+                        add_owner(owners, node.name, part)
     return owners
 
 
@@ -62,7 +60,9 @@ def list_taken(frame):
             is_method = arguments[:1] in (("self",), ("cls",))
             outermost = "" if is_method else code.co_name
         frame = frame.f_back
-    is_public = not outermost or hasattr(cspace, outermost) or hasattr(planners, outermost)
+    is_public = not outermost or any(
+        hasattr(package, outermost) for package in (cspace, sys.modules.get("planners"))
+    )
     return taken if is_public else None
 
 
