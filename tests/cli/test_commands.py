@@ -1,6 +1,8 @@
 """Commands on maps of each space."""
 
+import io
 import json
+import logging
 import math
 import os
 import subprocess
@@ -16,9 +18,9 @@ from scipy.ndimage import distance_transform_edt
 
 import cspace
 import planners
-from cspace._cli import jobs
+from cspace._cli import app, jobs
 from cspace._cli.report import progress_line
-from cspace._support.compiling import cache_folder
+from cspace._support.compiling import LOGGER, cache_folder
 from cspace.errors import InputError
 from cspace.plot import animate
 from cspace.plot._artists import PATH_COLOR
@@ -72,6 +74,100 @@ def test_compile_fills_the_cache(monkeypatch):
     monkeypatch.setattr("cspace._support.compiling.cache_folder", lambda: None)
     result = run("compile")
     assert result.exit_code == 2 and "NUMBA_CACHE_DIR" in result.stderr
+
+
+MOTIONS = """
+import gc, sys
+from pathlib import Path
+import numpy as np, cspace, planners
+from numba.core.dispatcher import Dispatcher
+from cspace._cli.demo import write_inputs
+from cspace._cli.jobs import JOBS, build_arm
+
+folder = Path(sys.argv[1])
+write_inputs(folder)
+for job in JOBS.values():
+    str(job(folder))
+
+def list_compiled():
+    compiled = [each for each in gc.get_objects() if isinstance(each, Dispatcher)]
+    return {(each.py_func.__module__, each.py_func.__name__, *map(str, each.signatures))
+            for each in compiled if each.py_func.__module__.startswith(("cspace.", "planners."))}
+
+before = list_compiled()
+assert len(before) > 50
+workspace = cspace.Workspace.from_array(np.eye(60, dtype=bool), 0.1)
+space = cspace.build(workspace, cspace.Robot.rectangle(0.5, 0.3), rotations=24)
+start, goal = (1.0, 4.0, 0.0), (2.0, 5.0, 1.0)
+speeds = {"max_velocity": 0.8, "max_acceleration": 0.6}
+turns = {"max_angular_velocity": 1.0, "max_angular_acceleration": 1.0}
+car = {"drive": "dubins", "turning_radius": 0.4}
+arm = build_arm(folder)
+keep = planners.Upright("upper", axis=(1, 0, 0), direction=(1, 0.3, 0), tolerance=1.4)
+ends = (-0.5, 0.2), (1.0, 0.3)
+for plan, limits in (
+    (planners.plan(space, start, goal), speeds | turns),
+    (planners.plan(space, start, goal, drive="differential"), speeds | turns),
+    (planners.plan(space, start, goal, **car), speeds),
+    (planners.plan(arm, *ends, seed=2), {"max_acceleration": 1.0}),
+    (planners.plan(arm, *ends, seed=2, keep=keep), {"max_acceleration": 1.0}),
+):
+    for jerk in ({}, {"max_jerk": 2.0}):
+        motion = plan.trajectory(**limits, **jerk)
+        motion.braked(0.3 * motion.duration)
+        motion.recheck(plan.space)
+gate = cspace.Gate(space, dt=0.1, max_deceleration=(1.0, 1.0))
+gate.check_twists(start, [(0.2, 0.0)] * 4)
+gate.slow_down(start, (0.3, 0.0))
+cspace.Gate(space, dt=0.1, max_velocity=1.0, max_jerk=20.0).check_rows(start, [start] * 4)
+arm.follow_line(ends[0], "fore", [arm.arm.pose((-0.4, 0.2), "fore")], tolerance=(0.01, 0.3))
+print(*list_compiled() - before, sep="\\n")
+"""
+"""Script that runs the jobs, then prints what motions of a script compile besides."""
+
+
+@pytest.mark.thorough
+def test_compile_leaves_nothing_of_motions_and_gates_to_compile(tmp_path):
+    done = spawn(MOTIONS, str(tmp_path), cwd=tmp_path)
+    assert done.returncode == 0 and not done.stdout.strip(), done.stdout + done.stderr
+
+
+def note_steps(monkeypatch):
+    """Return a list for the numbers of finished and of all steps that a terminal shows."""
+    steps = []
+
+    class Terminal(io.StringIO):
+        def isatty(self):
+            return True
+
+    def note(bar, task, *, completed, total):
+        steps.append((completed, total))
+
+    monkeypatch.setattr(sys, "stderr", Terminal())
+    monkeypatch.setattr("rich.progress.Progress.update", note)
+    return steps
+
+
+def test_compile_shows_its_jobs_and_hides_the_line_about_a_long_wait(monkeypatch):
+    told = note_steps(monkeypatch)
+    hears = []
+
+    def fail(folder):
+        hears.append(LOGGER.isEnabledFor(logging.WARNING))
+        raise ZeroDivisionError
+
+    monkeypatch.setattr(jobs, "JOBS", {"first": str, "second": fail})
+    with pytest.raises(ZeroDivisionError):
+        app(["compile"], standalone_mode=False)
+    assert told == [(0, 2), (1, 2)]
+    assert hears == [False] and LOGGER.isEnabledFor(logging.WARNING)
+
+
+def test_spheres_shows_the_links_that_are_done(tmp_path, monkeypatch):
+    told = note_steps(monkeypatch)
+    app(["spheres", str(urdfs.planar(tmp_path)), "--number", "1"], standalone_mode=False)
+    links = len(cspace.Arm.from_urdf(urdfs.planar(tmp_path)).links)
+    assert told == [(done, links) for done in range(links + 1)]
 
 
 def find_path_pixels(picture):
