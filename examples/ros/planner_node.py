@@ -89,20 +89,23 @@ class NoPlanError(Exception):
         self.plan = plan
 
 
-def guard(callback):
-    """Return a callback that logs any error; requests fail until the map is built again."""
+def guard(*lost):
+    """Return a decorator of callbacks that log any error, after which attributes are None."""
 
-    @wraps(callback)  # rclpy reads the signature
-    def call(self, *arguments, **options):
-        try:
-            callback(self, *arguments, **options)
-        except Exception as error:  # MemoryError, too: the next message may be smaller
-            self.complain(f"{callback.__name__}: {error!r}")
-            with self.lock:
-                self.is_live = False
-                self.arrived += 1
+    def decorate(callback):
+        @wraps(callback)  # rclpy reads the signature
+        def call(self, *arguments, **options):
+            try:
+                callback(self, *arguments, **options)
+            except Exception as error:  # MemoryError, too: the next message may be smaller
+                self.complain(f"{callback.__name__}: {error!r}")
+                with self.lock:
+                    for name in lost:
+                        setattr(self, name, None)
 
-    return call
+        return call
+
+    return decorate
 
 
 class PlannerNode(Node):
@@ -216,7 +219,7 @@ class PlannerNode(Node):
         robot = cspace.Robot.from_footprint(footprint, padding=padding)
         return robot, robot.shape.geometries[0]
 
-    @guard
+    @guard("grid", "is_live")
     def on_map(self, msg, info, is_live=False):
         """Take a full grid; live ones were sent after the publisher had met this node."""
         sent = info["source_timestamp"]
@@ -228,7 +231,7 @@ class PlannerNode(Node):
             self.sent, self.is_live = sent, is_live and has_all
             self.take(msg, updates)
 
-    @guard
+    @guard("grid", "is_live")
     def on_update(self, update, info):
         """Take an update of a part of the grid."""
         sent, number = info["source_timestamp"], info["publication_sequence_number"]
@@ -240,17 +243,13 @@ class PlannerNode(Node):
         if self.grid is not None:
             self.take(self.grid, [(sent, update)])
 
-    @guard
+    @guard("robot", "corners")
     def on_footprint(self, msg):
         """Take a footprint, unless it is the newest one again."""
         corners = [(corner.x, corner.y) for corner in msg.points]
         if corners == self.corners:
             return
-        try:
-            robot, outline = self.make_robot(corners)
-        except CspaceError as error:
-            self.complain(f"footprint: {error}")
-            return
+        robot, outline = self.make_robot(corners)
         with self.lock:
             self.robot, self.outline, self.corners = robot, outline, corners
             self.arrived += 1
@@ -260,25 +259,20 @@ class PlannerNode(Node):
         """Let the map follow a grid with the updates that were sent after it."""
         grid = copy.copy(grid)
         frame = grid.header.frame_id
-        try:
-            for sent, update in updates:
-                if sent <= self.sent:
-                    continue
-                if update.header.frame_id != frame:
-                    problem = f"is {update.header.frame_id!r}"
-                    rule = f"it must be {frame!r}, the frame of the map"
-                    raise InputError("update.header.frame_id", problem, rule, "send both in one")
-                cspace.ros.update_occupancy_grid(grid, update)
-            workspace = cspace.Workspace.from_occupancy_grid(
-                grid,
-                self.option("unknown"),
-                free_thresh=self.option("free_thresh"),
-                occupied_thresh=self.option("occupied_thresh"),
-            )
-        except CspaceError as error:
-            self.is_live = False
-            self.complain(f"map: {error}")
-            return
+        for sent, update in updates:
+            if sent <= self.sent:
+                continue
+            if update.header.frame_id != frame:
+                problem = f"is {update.header.frame_id!r}"
+                rule = f"it must be {frame!r}, the frame of the map"
+                raise InputError("update.header.frame_id", problem, rule, "send both in one")
+            cspace.ros.update_occupancy_grid(grid, update)
+        workspace = cspace.Workspace.from_occupancy_grid(
+            grid,
+            self.option("unknown"),
+            free_thresh=self.option("free_thresh"),
+            occupied_thresh=self.option("occupied_thresh"),
+        )
         self.find_doubt()  # a publisher of updates that ends later counts
         with self.lock:
             self.grid, self.workspace = grid, workspace
@@ -314,7 +308,7 @@ class PlannerNode(Node):
         """Make the map equal to the newest grid, for the newest footprint."""
         with self.lock:
             grid, workspace, robot, arrived = self.grid, self.workspace, self.robot, self.arrived
-        if grid is None:
+        if grid is None or robot is None:
             return
         space = self.space
         if space is None:
@@ -353,7 +347,7 @@ class PlannerNode(Node):
         else:
             self.window_publisher.publish(self.cut(*window))
 
-    @guard
+    @guard()
     def on_reader(self, status):
         """Publish the whole map for a new reader, as the one that is kept may be old."""
         if status.current_count_change > 0:
@@ -384,7 +378,9 @@ class PlannerNode(Node):
     def wait_for_map(self, stop):
         """Wait, with the lock, until the map holds all that came before; raise NoPlanError if not."""
         if self.grid is None:
-            raise NoPlanError("there is no map yet", UNKNOWN)
+            raise NoPlanError(self.find_doubt() or "there is no good map yet", UNKNOWN)
+        if self.robot is None:
+            raise NoPlanError("the newest footprint was refused", UNKNOWN)
         wanted = self.arrived
         while self.version < wanted or self.find_doubt():
             if stop():

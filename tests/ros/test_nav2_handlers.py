@@ -118,7 +118,7 @@ def ask(node, **fields):
 def test_without_a_map_there_is_a_reason(node):
     goal, result = ask(node)
     assert (goal.state, result.error_code) == ("aborted", planner_node.UNKNOWN)
-    assert result.error_msg == "there is no map yet"
+    assert result.error_msg == "there is no good map yet"
 
 
 def test_goals_succeed_and_codes_say_why_not(node):
@@ -348,22 +348,67 @@ def test_requests_fail_without_memory_and_the_node_goes_on(node, monkeypatch):
 
 def test_messages_without_memory_are_not_planned_on(node, monkeypatch):
     _, result = ask(node)
-    square = Polygon(points=[Point32(x=x, y=y) for x, y in ((0.1, 0.1), (-0.1, 0.1), (0.0, -0.1))])
     update = make_update(0, 0, np.zeros((2, 2), dtype=np.int8))
     calls = [
-        (node.on_map, make_grid(make_room()), True),
-        (node.on_update, update, True),
-        (node.on_footprint, square, False),
+        (node.on_map, make_grid(make_room())),
+        (node.on_update, update),
     ]
-    for call, message, has_info in calls:
+    for call, message in calls:
         info = {"source_timestamp": next(TIMES), "publication_sequence_number": None}
         monkeypatch.setattr(node, "option", lambda name: 0.1 if name == "time_limit" else fail())
-        call(message, *[info] * has_info)
-        assert node.version < node.arrived
+        call(message, info)
         assert check(node, result.path) == (False, [])
         monkeypatch.undo()
         give(node, make_room())
         assert check(node, result.path) == (True, [])
+
+
+def make_polygon(*corners):
+    """Return the message of a footprint."""
+    return Polygon(points=[Point32(x=float(x), y=float(y)) for x, y in corners])
+
+
+SQUARE = make_polygon((0.3, 0.2), (0.3, -0.2), (-0.3, -0.2), (-0.3, 0.2))
+
+
+@pytest.mark.parametrize(
+    "corners",
+    [
+        [],
+        [(0.0, 0.0)],
+        [(math.nan, 0.0), (1.0, 0.0), (0.0, 1.0)],
+        [(0, 0), (1, 1), (0, 1), (1, 0)],
+        pytest.param(None, id="no memory"),
+    ],
+)
+def test_requests_fail_after_a_bad_footprint_until_a_good_one(node, corners, monkeypatch):
+    node.on_footprint(SQUARE)
+    give(node, make_room())
+    _, result = ask(node)
+    assert check(node, result.path) == (True, [])
+    with monkeypatch.context() as broken:
+        if corners is None:
+            broken.setattr(node, "make_robot", fail)
+        node.on_footprint(make_polygon(*corners or []))
+    node.on_map(make_grid(make_room()), {"source_timestamp": next(TIMES)})
+    goal, failed = ask(node)
+    assert (goal.state, failed.error_msg) == ("aborted", "the newest footprint was refused")
+    assert not failed.path.poses and check(node, result.path) == (False, [])
+    node.on_footprint(SQUARE)
+    catch_up(node)
+    assert check(node, result.path) == (True, [])
+
+
+def test_requests_fail_after_a_bad_map_until_a_good_one(node):
+    give(node, make_room())
+    bad = make_grid(make_room())
+    bad.info.resolution = 0.0
+    node.on_map(bad, {"source_timestamp": next(TIMES)})
+    node.on_footprint(make_polygon((0.1, 0.1), (-0.1, 0.1), (0.0, -0.1)))  # builds nothing
+    assert ask(node)[1].error_msg == "there is no good map yet"
+    node.on_footprint(SQUARE)
+    give(node, make_room())
+    assert len(ask(node)[1].path.poses) > 10
 
 
 def test_a_reader_that_cannot_be_served_ends_nothing(node, monkeypatch):

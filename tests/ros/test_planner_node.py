@@ -296,9 +296,14 @@ def test_it_goes_on_after_bad_messages(client):
     for msg in spoil_maps():
         client.maps.publish(msg)
         time.sleep(0.05)
+    client.wait(lambda: not len(client.plan()))
+    client.send(make_room())
     for corners in ([(0.0, 0.0)], [(math.nan, 0.0)] * 3, [(0, 0), (1, 1), (0, 1), (1, 0)]):
         client.send_footprint(corners)
         time.sleep(0.05)
+    client.wait(lambda: not len(client.plan()))
+    client.send_footprint(json.loads(FOOTPRINT))
+    client.wait(lambda: "map" in client.last)
     assert not len(client.plan(frame="odom"))
     assert not len(client.plan(tilt=0.5))
     assert not len(client.plan(goal=(math.nan, 1.0, 0.0)))
