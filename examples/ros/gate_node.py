@@ -4,7 +4,9 @@ It stands between ``cmd_vel_smoothed`` and ``cmd_vel``. Callbacks only store; al
 one cycle, which brakes along the proven way to rest if anything in it fails.
 """
 
+import os
 import signal
+import threading
 import time
 from collections import deque
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -14,6 +16,7 @@ import rclpy
 from geometry_msgs.msg import Twist
 from nav_msgs.msg import OccupancyGrid
 from rclpy.clock import Clock, ClockType
+from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.signals import SignalHandlerOptions
@@ -150,16 +153,20 @@ def main():
     """Run the node until it is interrupted; its last command is to stand."""
     import tf2_ros
 
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    ended = threading.Event()  # an exception could come anywhere, and be lost there
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: ended.set())
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     node = GateNode(tf2_ros.Buffer())
     node.listener = tf2_ros.TransformListener(node.transforms, node)
     try:
-        rclpy.spin(node)
-    except KeyboardInterrupt:
-        pass
+        while not ended.is_set():
+            rclpy.spin_once(node, timeout_sec=DT)
     finally:
         node.publisher.publish(Twist())
+        node.publisher.wait_for_all_acked(Duration(seconds=1.0))
+        node.destroy_node()
+    os._exit(0)  # a map may be built for minutes
 
 
 if __name__ == "__main__":

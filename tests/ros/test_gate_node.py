@@ -2,6 +2,8 @@
 
 import importlib.util
 import math
+import os
+import signal
 from concurrent.futures import Future
 from types import SimpleNamespace
 
@@ -18,7 +20,7 @@ from rclpy.clock import ClockType  # noqa: E402
 from sensor_msgs.msg import LaserScan  # noqa: E402
 
 from tests.helpers.repository import ROOT  # noqa: E402
-from tests.ros.test_planner_node import make_grid, make_room  # noqa: E402
+from tests.ros.test_planner_node import interrupt_node, make_grid, make_room  # noqa: E402
 
 SPEC = importlib.util.spec_from_file_location("gate_node", ROOT / "examples/ros/gate_node.py")
 gate_node = importlib.util.module_from_spec(SPEC)
@@ -311,3 +313,28 @@ def shift(moved):
     """Make a transform a second older."""
     moved.header.stamp.sec -= 1
     return moved
+
+
+TF = """
+class Buffer: pass
+class TransformListener:
+    def __init__(self, *_): pass
+"""
+
+
+@pytest.mark.parametrize(
+    "moment, number",
+    [
+        (("Node", "create_publisher"), signal.SIGTERM),
+        (("Executor", "get_nodes"), signal.SIGTERM),
+        (("Executor", "get_nodes"), signal.SIGINT),
+        (("Executor", "get_nodes"), 0),
+    ],
+)
+def test_an_interrupt_ends_it_with_0_and_a_fault_with_1(moment, number, tmp_path):
+    (tmp_path / "tf2_ros.py").write_text(TF)
+    path = os.pathsep.join([str(tmp_path), str(ROOT), os.environ.get("PYTHONPATH", "")])
+    busy = {"BUSY": "a thread computes"} if number else {}
+    code, errors = interrupt_node("gate_node.py", moment, int(number), PYTHONPATH=path, **busy)
+    assert code == (0 if number else 1), errors
+    assert ("RuntimeError: a fault" in errors) == ("Traceback" in errors) == (not number), errors

@@ -143,7 +143,7 @@ def stop_node(process, log=None):
 
 
 INTERRUPT = """
-import os, runpy, sys, time
+import concurrent.futures, os, runpy, sys, time
 import rclpy, rclpy.executors, rclpy.node
 file, kind, name, number = sys.argv[1:5]
 kind = {"Node": rclpy.node.Node, "Executor": rclpy.executors.Executor}[kind]
@@ -152,6 +152,8 @@ def interrupt(*args, **options):
     setattr(kind, name, call)
     if number == "0":
         raise RuntimeError("a fault")
+    if "BUSY" in os.environ:
+        concurrent.futures.ThreadPoolExecutor(1).submit(time.sleep, 600.0)
     os.kill(os.getpid(), int(number))
     end = time.monotonic() + 1.0
     while rclpy.ok() and time.monotonic() < end:
@@ -164,10 +166,11 @@ runpy.run_path(file, run_name="__main__")
 """Runs a node that is interrupted in a call of rclpy, or with signal 0 has a fault there."""
 
 
-def interrupt_node(name, moment, number):
+def interrupt_node(name, moment, number, **variables):
     """Run a node that is interrupted in a call of rclpy; return its exit code and errors."""
     command = [sys.executable, "-c", INTERRUPT, ROOT / "examples/ros" / name, *moment, str(number)]
-    ended = subprocess.run(command, capture_output=True, text=True, timeout=600)
+    environment = {**os.environ, **variables}
+    ended = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=600)
     return ended.returncode, ended.stderr
 
 
