@@ -1,12 +1,14 @@
 # Names of the core for packages that stand beside it. Each is imported at its first use.
 
 from ._bodies import ADVANCE_FACTOR as ADVANCE_FACTOR
+from ._bodies import DISTANCE_ROUNDING as DISTANCE_ROUNDING
 from ._bodies import MAX_DISTANCES_PER_EDGE as MAX_DISTANCES_PER_EDGE
 from ._bodies.cores import COORDINATE_ROUNDING as COORDINATE_ROUNDING
 from ._bodies.cores import ROUNDING as ROUNDING
 from ._bodies.cores import Cores as Cores
 from ._bodies.cores import lever_of as lever_of
 from ._bodies.cores import measure_distances as measure_distances
+from ._bodies.triangle_proofs import build_boxes as build_boxes
 from ._configuration_map import ConfigurationMap as ConfigurationMap
 from ._engines.slices import slice_rasters as slice_rasters
 from ._files.access import ContentError as ContentError
@@ -50,12 +52,14 @@ from ._shapes import Shape as Shape
 from ._shapes import ShapeLike as ShapeLike
 from ._shapes import as_shape as as_shape
 from ._shapes.balls import Balls as Balls
+from ._support import vectors as vectors
 from ._support.arrays import STATE_NAMES as STATE_NAMES
 from ._support.arrays import Bools as Bools
 from ._support.arrays import Box as Box
 from ._support.arrays import Bytes as Bytes
 from ._support.arrays import Floats as Floats
 from ._support.arrays import Ints as Ints
+from ._support.arrays import Matrix as Matrix
 from ._support.arrays import Row as Row
 from ._support.arrays import States as States
 from ._support.arrays import StrPath as StrPath
@@ -98,8 +102,5 @@ from ._support.reporting import warn_user as warn_user
 from ._support.threads import count_cores as count_cores
 from ._support.threads import map_in_threads as map_in_threads
 from ._support.threads import run_in_chunks as run_in_chunks
-from ._support.vectors import box_distance as box_distance
-from ._support.vectors import row_at as row_at
-from ._support.vectors import triangle_distance as triangle_distance
 from ._support.words import Drive as Drive
 from ._support.words import Outside as Outside

@@ -90,6 +90,8 @@ def list_inside() -> Iterable[str]:
 def find_summary(module: str, name: str) -> str:
     """Return the first line of the docstring of a name, which may be a constant."""
     path = Path(str(import_module(module).__file__))
+    if (path.parent / f"{name}.py").exists():
+        return str(import_module(f"{module}.{name}").__doc__).partition("\n")[0]
     statements = ast.parse(path.read_text(encoding="utf-8")).body
     for number, statement in enumerate(statements):
         if isinstance(statement, ast.ImportFrom) and name in {one.name for one in statement.names}:

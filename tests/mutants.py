@@ -332,13 +332,13 @@ MUTANTS = (
         "tests/bodies/test_triangles.py",
     ),
     Mutant(
-        "cspace/_bodies/triangle_proofs.py",
+        "cspace/arms/_crossings.py",
         "        and _side_of_plane(p, (q, b[2], b[0]), tolerance) == turn\n",
         "",
-        "tests/bodies/test_triangles.py",
+        "tests/arms/test_crossings.py",
     ),
     Mutant(
-        "cspace/_bodies/hulls.py",
+        "cspace/arms/_hulls.py",
         "slack = math.sqrt(squared_distance) - ball_radius - motion.required - speed",
         "slack = math.sqrt(squared_distance) - ball_radius - motion.required",
         "tests/arms/test_hulls.py",
@@ -417,7 +417,7 @@ MUTANTS = (
         "tests/arms/test_living.py",
     ),
     Mutant(
-        "cspace/_bodies/hulls.py",
+        "cspace/arms/_hulls.py",
         "away = joint_displacement(axes, center, ball_radius + limit)",
         "away = 0.0",
         "tests/arms/test_joint_map.py",

@@ -1,6 +1,6 @@
-"""Solid bodies as trees of triangles, boxes and hulls, and proofs that they stay apart.
+"""Bodies as trees of triangles, and proofs that they stay apart.
 
-The geometry of :mod:`cspace._exact` and of ``cspace.arms``, with the constants of both.
+The geometry of :mod:`cspace._exact`, with constants of all proofs of motions.
 """
 
 from typing import Final

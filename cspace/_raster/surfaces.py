@@ -45,14 +45,14 @@ from cspace._grid import SLACK, Grid, check_reach
 from cspace._raster import Raster, allocate_bitmap, run_in_slabs
 from cspace._raster.triangles import (
     SweptTriangles,
-    interpolate_at,
     mark_touched,
     mark_within,
     sweep_triangles,
 )
 from cspace._rotations import RotationCell
 from cspace._support.arrays import Bools, Floats, Ints
-from cspace._support.compiling import internal, kernel
+from cspace._support.compiling import kernel
+from cspace._support.vectors import cut_triangle, interpolate_at, signed_crossing
 from cspace.errors import InputError
 
 """Hint of the errors for surfaces that reach too far."""
@@ -108,60 +108,6 @@ def mark_enclosed(out: Bools, triangles: Floats, windings: Ints) -> None:
     run_in_slabs(_mark_enclosed, out, np.ascontiguousarray(triangles), windings, changes)
 
 
-@internal
-def _cut_triangle(triangle: Floats, x: float) -> tuple[int, float, float, float, float]:
-    """Intersect a triangle with a plane across x.
-
-    Returns its facing and the (y, z) of its lower and upper end. The facing is 1 for up, -1 for
-    down, 0 if they are disjoint. The plane meets an edge if ``x`` lies in the half-open interval of
-    its ends. The point is computed from the nearer end, so that all triangles at an edge compute
-    the same point.
-    """
-    # The plane meets two edges or none; the higher crossing tells the facing.
-    facing = 0
-    crossings = 0
-    low_y = 0.0
-    low_z = 0.0
-    high_y = 0.0
-    high_z = 0.0
-    for e in range(3):
-        p, q = triangle[e], triangle[(e + 1) % 3]
-        p_is_left = p[0] <= x
-        if p_is_left == (q[0] <= x):
-            continue
-        direction = -1 if p_is_left else 1
-        if not p_is_left:
-            p, q = q, p
-        left_x, left_y, left_z = p
-        right_x, right_y, right_z = q
-        y = interpolate_at(x, left_x, right_x, left_y, right_y)
-        z = interpolate_at(x, left_x, right_x, left_z, right_z)
-        is_highest = crossings == 0 or y > high_y
-        if crossings == 0 or not is_highest:
-            low_y = y
-            low_z = z
-        if is_highest:
-            facing = direction
-            high_y = y
-            high_z = z
-        crossings += 1
-    return facing, low_y, low_z, high_y, high_z
-
-
-@internal
-def signed_crossing(triangle: Floats, x: float, y: float, z: float) -> int:
-    """Return the sign of an upward ray's crossing of a triangle.
-
-    The ray begins at the point (x, y, z). The sign is 1 if the triangle faces up, -1 if it faces
-    down, and 0 if the ray misses it.
-    """
-    facing, low_y, low_z, high_y, high_z = _cut_triangle(triangle, x)
-    if facing == 0 or not low_y <= y < high_y:
-        return 0
-    height = interpolate_at(y, low_y, high_y, low_z, high_z)
-    return facing if height > z else 0
-
-
 @kernel
 def _sum_crossings(
     sums: Ints,
@@ -203,7 +149,7 @@ def _mark_enclosed(
         first_x = max(start, math.ceil(min(x0, x1, x2)))
         stop_x = min(stop, math.ceil(max(x0, x1, x2)))
         for i in range(first_x, stop_x):
-            facing, low_y, low_z, high_y, high_z = _cut_triangle(triangles[t], float(i))
+            facing, low_y, low_z, high_y, high_z = cut_triangle(triangles[t], float(i))
             first_y = max(0, math.ceil(low_y))
             stop_y = min(ny, math.ceil(high_y))
             for j in range(first_y, stop_y):

@@ -59,6 +59,7 @@ from cspace._support.vectors import (
     THIN,
     add_scaled,
     dot,
+    interpolate_at,
     minus,
     nearest_of_triangle,
     normal_of,
@@ -211,21 +212,6 @@ def mark_within(out: Bools, swept: SweptTriangles, half: float, radius: float) -
     highs = swept.triangles.max(axis=1) + reach
     boxes = find_index_ranges(lows, highs, out.shape)
     run_in_slabs(_mark_within, out, swept, *boxes, half, radius, slack)
-
-
-@internal
-def interpolate_at(plane: float, pa: float, qa: float, pc: float, qc: float) -> float:
-    """Interpolate a coordinate of a segment where it meets a plane.
-
-    The segment leads from p to q. Along the axis of the plane, its ends have the coordinates ``pa``
-    and ``qa``; the ends of the interpolated coordinate are ``pc`` and ``qc``. The result is
-    computed from the nearer end, for the smaller rounding.
-    """
-    from_p = (plane - pa) / (qa - pa)
-    if from_p <= 0.5:
-        return pc + from_p * (qc - pc)
-    from_q = (plane - qa) / (pa - qa)
-    return qc + from_q * (pc - qc)
 
 
 @internal

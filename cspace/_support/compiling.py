@@ -5,8 +5,6 @@ Numba compiles a function into each of its callers, and optimises it there again
 - :func:`kernel` for functions that Python calls, and :func:`allocating` if they allocate arrays;
 - :func:`internal` for functions that only kernels call;
 - :func:`inlined` for those that take a few nanoseconds, less than a call;
-- :func:`call` with :func:`find_address` for functions that several kernels call, and that take more
-  than a second to compile. They are compiled once. A call costs a few nanoseconds.
 """
 
 from __future__ import annotations
@@ -33,15 +31,10 @@ from pathlib import Path
 from typing import Any, Final, TypeVar
 
 import numba
-from numba import types
-from numba._dispatcher import compute_fingerprint
 from numba.core import event
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
 from numba.core.compiler_lock import global_compiler_lock
-from numba.core.errors import TypingError
-from numba.core.typing.templates import Signature
-from numba.extending import NativeValue, intrinsic, models, register_model, unbox
 
 from cspace.errors import InputError
 
@@ -85,7 +78,9 @@ compiled into kernels."""
 OWN_PACKAGES: Final = ("cspace", "planners")
 """Packages whose compiled code depends on the sources of both."""
 
-_KERNELS: Final = re.compile(rb"^@(kernel|internal|inlined|allocating)\b", re.MULTILINE)
+_KERNELS: Final = re.compile(
+    rb"^@(kernel|internal|inlined|allocating)\b|= intrinsic\(", re.MULTILINE
+)
 
 _CONFIG: Final[Any] = numba.config
 _CONFIG_LOCK: Final = threading.Lock()
@@ -312,94 +307,6 @@ class _PartCompiler(Compiler):
         name = state.func_id.func_qualname
         state.library = _Part(state.targetctx.codegen(), name)  # type: ignore[no-untyped-call]
         return super().define_pipelines()  # type: ignore[no-untyped-call]
-
-
-# ---- calls by address ----------------------------------------------------------------------------
-
-
-class AddressType(types.Type):
-    """Type of addresses of the compiled functions with a signature."""
-
-    bitwidth = 64
-
-    def __init__(self, signature: Signature) -> None:
-        """Name the type after the signature."""
-        self.signature = signature
-        super().__init__(f"AddressType({signature})")
-
-
-class Address:
-    """Address of a compiled function, for kernels that call it.
-
-    It is an argument of these kernels, because it differs from process to process, but their code
-    is cached. Its type has the signature, so no kernel calls a function with other arguments.
-
-    Attributes
-    ----------
-    function : callable
-        It keeps the code alive.
-    value : int
-    """
-
-    def __init__(self, function: Any, argument_types: tuple[types.Type, ...]) -> None:
-        """Compile the function, or take it from the cache."""
-        function.compile(argument_types)
-        compiled = function.overloads[argument_types]
-        self.function = function
-        self.value: int = compiled.library.get_pointer_to_function(compiled.fndesc.llvm_func_name)
-        self._numba_type_ = AddressType(compiled.signature)
-
-
-_addresses: Final = dict[tuple[Callable[..., Any], bytes], Address]()
-
-
-def find_address(function: Callable[..., Any], *arguments: Any) -> Address:
-    """Return the address of a kernel that returns a number, compiled for arguments like these."""
-    # Numba's own key of types is a hundred times as fast as the types.
-    key = function, compute_fingerprint(arguments)
-    if key not in _addresses:
-        _addresses[key] = Address(function, tuple(map(numba.typeof, arguments)))
-    return _addresses[key]
-
-
-def _type_call(_: Any, address: Any, arguments: Any) -> Any:
-    """Return the signature of :data:`call` for types of arguments, and its code generator."""
-    expected = address.signature.args
-    result = address.signature.return_type
-    # Arrays of another layout would be misread.
-    if arguments.types != expected:
-        raise TypingError(f"call: arguments are {arguments.types}; they must be {expected}")
-
-    def generate(context: Any, builder: Any, _: Any, values: Any) -> Any:
-        """Generate the code of the call."""
-        convention = context.call_conv
-        type_ = convention.get_function_type(result, expected).as_pointer()
-        pointer = builder.inttoptr(values[0], type_)
-        each = [builder.extract_value(values[1], k) for k in range(len(expected))]
-        status, value = convention.call_function(builder, pointer, result, expected, each)
-        with builder.if_then(status.is_error, likely=False):
-            convention.return_status_propagate(builder, status)
-        return value
-
-    return result(address, arguments), generate
-
-
-call: Final[Any] = intrinsic(_type_call)
-"""``call(address, arguments)``, in kernels, calls a compiled function by its :class:`Address`.
-
-The arguments are a tuple, of exactly the types for which the function is compiled."""
-
-
-def _unbox_address(_: AddressType, instance: Any, context: Any) -> Any:
-    """Generate code that reads the value of an address."""
-    value = context.pyapi.object_getattr_string(instance, "value")
-    native = context.pyapi.long_as_longlong(value)
-    context.pyapi.decref(value)
-    return NativeValue(native)  # type: ignore[no-untyped-call]
-
-
-unbox(AddressType)(_unbox_address)  # type: ignore[no-untyped-call]
-register_model(AddressType)(models.IntegerModel)
 
 
 @cache

@@ -242,9 +242,94 @@ def box_distance(box: Floats, p: Row) -> float:
 
 
 @internal
+def boxes_are_apart(offset: Row, half: Row, other_half: Row) -> bool:
+    """Return True if two axis-aligned boxes are apart.
+
+    ``offset`` leads between their centers; their half sides are ``half`` and ``other_half``.
+    """
+    largest_gap = 0.0
+    for axis in range(3):
+        gap = abs(offset[axis]) - (half[axis] + other_half[axis])
+        largest_gap = max(largest_gap, gap)
+    return largest_gap > 0.0
+
+
+@internal
 def normal_of(triangle: Floats) -> Row:
     """Return a triangle's normal, twice its area long."""
     a = row_at(triangle[0], 0)
     ab = minus(row_at(triangle[1], 0), a)
     ac = minus(row_at(triangle[2], 0), a)
     return cross(ab, ac)
+
+
+# ---- crossings of lines and planes ---------------------------------------------------------------
+
+
+@internal
+def interpolate_at(plane: float, pa: float, qa: float, pc: float, qc: float) -> float:
+    """Interpolate a coordinate of a segment where it meets a plane.
+
+    The segment leads from p to q. Along the axis of the plane, its ends have the coordinates ``pa``
+    and ``qa``; the ends of the interpolated coordinate are ``pc`` and ``qc``. The result is
+    computed from the nearer end, for the smaller rounding.
+    """
+    from_p = (plane - pa) / (qa - pa)
+    if from_p <= 0.5:
+        return pc + from_p * (qc - pc)
+    from_q = (plane - qa) / (pa - qa)
+    return qc + from_q * (pc - qc)
+
+
+@internal
+def cut_triangle(triangle: Floats, x: float) -> tuple[int, float, float, float, float]:
+    """Intersect a triangle with a plane across x.
+
+    Returns its facing and the (y, z) of its lower and upper end. The facing is 1 for up, -1 for
+    down, 0 if they are disjoint. The plane meets an edge if ``x`` lies in the half-open interval of
+    its ends. The point is computed from the nearer end, so that all triangles at an edge compute
+    the same point.
+    """
+    # The plane meets two edges or none; the higher crossing tells the facing.
+    facing = 0
+    crossings = 0
+    low_y = 0.0
+    low_z = 0.0
+    high_y = 0.0
+    high_z = 0.0
+    for e in range(3):
+        p, q = triangle[e], triangle[(e + 1) % 3]
+        p_is_left = p[0] <= x
+        if p_is_left == (q[0] <= x):
+            continue
+        direction = -1 if p_is_left else 1
+        if not p_is_left:
+            p, q = q, p
+        left_x, left_y, left_z = p
+        right_x, right_y, right_z = q
+        y = interpolate_at(x, left_x, right_x, left_y, right_y)
+        z = interpolate_at(x, left_x, right_x, left_z, right_z)
+        is_highest = crossings == 0 or y > high_y
+        if crossings == 0 or not is_highest:
+            low_y = y
+            low_z = z
+        if is_highest:
+            facing = direction
+            high_y = y
+            high_z = z
+        crossings += 1
+    return facing, low_y, low_z, high_y, high_z
+
+
+@internal
+def signed_crossing(triangle: Floats, x: float, y: float, z: float) -> int:
+    """Return the sign of an upward ray's crossing of a triangle.
+
+    The ray begins at the point (x, y, z). The sign is 1 if the triangle faces up, -1 if it faces
+    down, and 0 if the ray misses it.
+    """
+    facing, low_y, low_z, high_y, high_z = cut_triangle(triangle, x)
+    if facing == 0 or not low_y <= y < high_y:
+        return 0
+    height = interpolate_at(y, low_y, high_y, low_z, high_z)
+    return facing if height > z else 0

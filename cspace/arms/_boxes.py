@@ -23,16 +23,9 @@ from typing import NamedTuple
 import numpy as np
 
 from cspace import BLOCKED, FREE, MIXED, Grid
-from cspace._bodies.triangle_proofs import (
-    CENTER,
-    HALF_SIDES,
-    boxes_are_apart,
-    joint_displacement,
-    piece_depth,
-)
-from cspace._support.compiling import Address, call
-from cspace._support.vectors import apply_pose, minus
+from cspace.arms._addresses import Address, call
 from cspace.arms._chain import forward_kinematics, relative_pose
+from cspace.arms._crossings import CENTER, HALF_SIDES, joint_displacement, piece_depth
 from cspace.arms._motion_proofs import (
     FIRST_PART,
     FIRST_SURFACE,
@@ -50,7 +43,7 @@ from cspace.arms._motion_proofs import (
     write_axes,
 )
 from cspace.arms._snapshots import Snapshot
-from cspace.inside import SLACK, Bools, Floats, Ints, Row, States, internal, kernel, row_at
+from cspace.inside import SLACK, Bools, Floats, Ints, Row, States, internal, kernel, vectors
 
 
 class InnerBalls(NamedTuple):
@@ -278,7 +271,7 @@ def ball_collides(
     starts = solids.starts
     matrix, shift = relative_pose(scratch.poses[solids.bodies[i]], scratch.poses[solids.bodies[j]])
     for n in range(balls.starts[i], balls.starts[i + 1]):
-        point = apply_pose(matrix, shift, row_at(balls.centers[n], 0))
+        point = vectors.apply_pose(matrix, shift, vectors.row_at(balls.centers[n], 0))
         displacement = joint_displacement(axes, point, 0.0) + required
         # A ball of this radius stays in solid i; if negative, the center must lie that deep in j.
         rest = balls.radii[n] - displacement
@@ -287,9 +280,11 @@ def ball_collides(
         for surface in range(starts[j, FIRST_SURFACE], starts[j + 1, FIRST_SURFACE]):
             root = solids.surface_roots[surface]
             surface_box = solids.surfaces.boxes[root]
-            offset = minus(point, row_at(surface_box, CENTER))
+            offset = vectors.minus(point, vectors.row_at(surface_box, CENTER))
             # A point is no deeper in a surface than in its box, which decides for most balls.
-            if boxes_are_apart(offset, (rest, rest, rest), row_at(surface_box, HALF_SIDES)):
+            if vectors.boxes_are_apart(
+                offset, (rest, rest, rest), vectors.row_at(surface_box, HALF_SIDES)
+            ):
                 continue
             if lies_deep(solids.surfaces, root, point, -rest, scratch.nodes):
                 return True
@@ -315,8 +310,10 @@ def reaches_piece(solids: Solids, j: int, point: Row, rest: float, scratch: Scen
             node = nodes[top, PIECE_STACK]
             box = trees.boxes[node]
             row, count = trees.spans[node]
-            offset = minus(point, row_at(box, CENTER))
-            if boxes_are_apart(offset, (reach, reach, reach), row_at(box, HALF_SIDES)):
+            offset = vectors.minus(point, vectors.row_at(box, CENTER))
+            if vectors.boxes_are_apart(
+                offset, (reach, reach, reach), vectors.row_at(box, HALF_SIDES)
+            ):
                 continue
             if count > 1:
                 top = push_children(nodes, PIECE_STACK, top, node, count)

@@ -30,9 +30,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from cspace._support.arrays import Matrix
-from cspace._support.vectors import add_scaled, apply_pose, cross, minus, rotate
-from cspace.inside import Bools, Floats, Ints, Row, as_contiguous, internal, kernel, row_at
+from cspace.inside import Bools, Floats, Ints, Matrix, Row, as_contiguous, internal, kernel, vectors
 
 MAX_BODIES: Final = 64
 """Largest number of bodies; the bound of rounding assumes it."""
@@ -116,17 +114,17 @@ def forward_kinematics(chain: Chain, q0: Floats, q1: Floats, t: float, poses: Fl
             slide = value
             sliding = rate
         # Pose: first the frame of the joint on the parent, then the joint's own motion.
-        joint_axis = row_at(chain.axes[b], 0)
+        joint_axis = vectors.row_at(chain.axes[b], 0)
         parent_rotation = rotation_rows(parent)
         joint_rotation = multiply(parent_rotation, rotation_columns(frame))
         rotation = multiply(joint_rotation, turn_columns(joint_axis, angle))
-        origin = apply_pose(
+        origin = vectors.apply_pose(
             parent_rotation, column_at(parent, POSITION), column_at(frame, POSITION)
         )
-        position = add_scaled(origin, rotate(joint_rotation, joint_axis), slide)
+        position = vectors.add_scaled(origin, vectors.rotate(joint_rotation, joint_axis), slide)
         # Velocity: that of the parent, plus the joint's turning about its axis, or sliding along.
-        axis = rotate(rotation, joint_axis)
-        moment = cross(position, axis)
+        axis = vectors.rotate(rotation, joint_axis)
+        moment = vectors.cross(position, axis)
         for i in range(3):
             for j in range(3):
                 out[i, j] = rotation[i][j]
@@ -157,9 +155,9 @@ def relative_pose(pose: Floats, base_pose: Floats) -> tuple[Matrix, Row]:
     Both poses have shape (3, 6), as in :func:`forward_kinematics`. Returns the rows of the
     rotation, and the translation.
     """
-    offset = minus(column_at(pose, POSITION), column_at(base_pose, POSITION))
+    offset = vectors.minus(column_at(pose, POSITION), column_at(base_pose, POSITION))
     to_base = rotation_columns(base_pose)
-    return multiply(to_base, rotation_columns(pose)), rotate(to_base, offset)
+    return multiply(to_base, rotation_columns(pose)), vectors.rotate(to_base, offset)
 
 
 @internal
@@ -170,13 +168,13 @@ def multiply(rows: Matrix, columns: Matrix) -> Matrix:
     """
     u, v, w = rows
     # Entry j of a row is its scalar product with column j, as `rotate` computes it.
-    return rotate(columns, u), rotate(columns, v), rotate(columns, w)
+    return vectors.rotate(columns, u), vectors.rotate(columns, v), vectors.rotate(columns, w)
 
 
 @internal
 def rotation_rows(pose: Floats) -> Matrix:
     """Return the rows of the rotation of a pose, shape (3, 6)."""
-    return row_at(pose[0], 0), row_at(pose[1], 0), row_at(pose[2], 0)
+    return vectors.row_at(pose[0], 0), vectors.row_at(pose[1], 0), vectors.row_at(pose[2], 0)
 
 
 @internal

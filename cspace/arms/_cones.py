@@ -22,8 +22,6 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
-from cspace._bodies import DISTANCE_ROUNDING
-from cspace._support.vectors import cross, dot, minus, rotate, scale_vector
 from cspace.arms._chain import (
     REVOLUTE,
     SPIN,
@@ -33,7 +31,17 @@ from cspace.arms._chain import (
     motion_bounds,
     rotation_rows,
 )
-from cspace.inside import ADVANCE_FACTOR, Floats, Ints, Row, Upright, internal, kernel, row_at
+from cspace.inside import (
+    ADVANCE_FACTOR,
+    DISTANCE_ROUNDING,
+    Floats,
+    Ints,
+    Row,
+    Upright,
+    internal,
+    kernel,
+    vectors,
+)
 
 if TYPE_CHECKING:
     from cspace.arms._model import Arm
@@ -116,11 +124,11 @@ def measure_angle(cones: Cones, k: int, poses: Floats) -> tuple[float, Row]:
     The poses of all bodies have shape (b, 3, 6), as in
     :func:`cspace.arms._chain.forward_kinematics`.
     """
-    axis = rotate(rotation_rows(poses[cones.bodies[k]]), row_at(cones.axes[k], 0))
-    direction = row_at(cones.directions[k], 0)
-    across = cross(axis, direction)
+    axis = vectors.rotate(rotation_rows(poses[cones.bodies[k]]), vectors.row_at(cones.axes[k], 0))
+    direction = vectors.row_at(cones.directions[k], 0)
+    across = vectors.cross(axis, direction)
     # The arc tangent is precise at all angles, whatever the lengths of both vectors.
-    return math.atan2(math.sqrt(dot(across, across)), dot(axis, direction)), axis
+    return math.atan2(math.sqrt(vectors.dot(across, across)), vectors.dot(axis, direction)), axis
 
 
 @internal
@@ -166,8 +174,8 @@ def stays_in_cone(
         # NaN in a configuration proves nothing.
         if not deviation <= tolerance:
             return False
-        across = cross(column_at(poses[body], SPIN), axis)
-        speed = math.sqrt(dot(across, across))
+        across = vectors.cross(column_at(poses[body], SPIN), axis)
+        speed = math.sqrt(vectors.dot(across, across))
         change = half * min(turn, speed + 0.5 * half * turn * turn)
         if deviation + change / ADVANCE_FACTOR <= tolerance:
             start += width
@@ -234,24 +242,28 @@ def fill_slopes(
     The angle is that of cone k. A joint at a limit that the wanted ``change`` of the angle would
     push further has none. Other arguments are as for :func:`move_into_cones`.
     """
-    direction = row_at(cones.directions[k], 0)
+    direction = vectors.row_at(cones.directions[k], 0)
     # The unit vector along which the axis moves away from the direction.
-    outward = minus(scale_vector(axis, math.cos(angle)), direction)
-    length = math.sqrt(dot(outward, outward))
+    outward = vectors.minus(vectors.scale_vector(axis, math.cos(angle)), direction)
+    length = math.sqrt(vectors.dot(outward, outward))
     if length < MIN_SLOPE:
         # Where both are parallel, any vector across the axis will do.
-        outward = cross(axis, (0.0, 0.0, 1.0))
+        outward = vectors.cross(axis, (0.0, 0.0, 1.0))
         if abs(axis[2]) > 0.9:
-            outward = cross(axis, (1.0, 0.0, 0.0))
-        length = math.sqrt(dot(outward, outward))
+            outward = vectors.cross(axis, (1.0, 0.0, 0.0))
+        length = math.sqrt(vectors.dot(outward, outward))
     for d in range(len(slopes)):
         slopes[d] = 0.0
     body = cones.bodies[k]
     while body > 0:
         if chain.kinds[body] == REVOLUTE:
             pose_rows = rotation_rows(poses[body])
-            moved = cross(rotate(pose_rows, row_at(chain.axes[body], 0)), axis)
-            slopes[chain.joint_indices[body]] += chain.factors[body] * dot(moved, outward) / length
+            moved = vectors.cross(
+                vectors.rotate(pose_rows, vectors.row_at(chain.axes[body], 0)), axis
+            )
+            slopes[chain.joint_indices[body]] += (
+                chain.factors[body] * vectors.dot(moved, outward) / length
+            )
         body = chain.parents[body]
     square = 0.0
     for d in range(len(slopes)):

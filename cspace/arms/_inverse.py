@@ -23,7 +23,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace import Goal
-from cspace._support.vectors import add_scaled, cross, dot, minus, rotate
 from cspace.arms._chain import (
     POSITION,
     REVOLUTE,
@@ -45,8 +44,8 @@ from cspace.inside import (
     frozen,
     internal,
     kernel,
-    row_at,
     suggest_radians,
+    vectors,
 )
 
 DEFAULT_TOLERANCE: Final[tuple[float, float]] = 1e-4, 1e-3
@@ -276,17 +275,17 @@ def compare_pose(
     place_tip(problem.tool, scratch)
     tip = scratch.tip
     target = problem.target
-    offset = minus(column_at(tip, POSITION), column_at(target, POSITION))
-    distance = math.sqrt(dot(offset, offset))
+    offset = vectors.minus(column_at(tip, POSITION), column_at(target, POSITION))
+    distance = math.sqrt(vectors.dot(offset, offset))
     # With R = tip target^T, half of R - R^T holds the axis times the sine of the angle.
     doubled_axis = (0.0, 0.0, 0.0)
     trace = 0.0
     for k in range(3):
         tip_axis = column_at(tip, k)
         target_axis = column_at(target, k)
-        doubled_axis = add_scaled(doubled_axis, cross(target_axis, tip_axis), 1.0)
-        trace += dot(tip_axis, target_axis)
-    sine = 0.5 * math.sqrt(dot(doubled_axis, doubled_axis))
+        doubled_axis = vectors.add_scaled(doubled_axis, vectors.cross(target_axis, tip_axis), 1.0)
+        trace += vectors.dot(tip_axis, target_axis)
+    sine = 0.5 * math.sqrt(vectors.dot(doubled_axis, doubled_axis))
     angle = math.atan2(sine, 0.5 * (trace - 1.0))
     # The error is the way to the nearest pose at the ignored distance and angle.
     distance_error = problem.weights[0] * max(distance - problem.ignored[0], 0.0)
@@ -329,11 +328,11 @@ def fill_jacobian(problem: PoseProblem, scratch: PoseScratch) -> None:
         joint = chain.joint_indices[b]
         factor = chain.factors[b]
         pose = scratch.poses[b]
-        axis = rotate(rotation_rows(pose), row_at(chain.axes[b], 0))
+        axis = vectors.rotate(rotation_rows(pose), vectors.row_at(chain.axes[b], 0))
         velocity = axis
         if chain.kinds[b] == REVOLUTE:
             # A turn about an axis moves the tip across its lever arm.
-            velocity = cross(axis, minus(tip, column_at(pose, POSITION)))
+            velocity = vectors.cross(axis, vectors.minus(tip, column_at(pose, POSITION)))
             for i in range(3):
                 jacobian[3 + i, joint] += factor * weights[1] * axis[i]
         for i in range(3):

@@ -19,7 +19,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace import BLOCKED, FREE, MIXED, CSpace, Grid, Robot, Rotations, Workspace
-from cspace._bodies.triangle_proofs import MAX_PENDING_PAIRS, SurfaceTree
 from cspace._engines.slices import Progress
 from cspace._exact.boundaries import Problem, Proofs
 from cspace._exact.proofs import BoundaryProofs, ExactQueries
@@ -30,6 +29,7 @@ from cspace._support.check import check_mapping
 from cspace._support.derived import lazy
 from cspace.arms._arm_space import ArmSpace
 from cspace.arms._boxes import CellProofs, InnerBalls
+from cspace.arms._crossings import MAX_PENDING_PAIRS, SurfaceTree
 from cspace.arms._model import Arm
 from cspace.arms._motion_proofs import (
     Solids,

@@ -29,7 +29,6 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace._bodies import DISTANCE_ROUNDING
 from cspace.arms._chain import (
     POSITION,
     REVOLUTE,
@@ -51,7 +50,15 @@ from cspace.arms._motion_proofs import ArmScene, are_free
 from cspace.arms._snapshots import Snapshot
 from cspace.arms._solids import check_rigid
 from cspace.errors import InputError
-from cspace.inside import ADVANCE_FACTOR, METRES_PER_RADIAN, Floats, Ints, check_finite, frozen
+from cspace.inside import (
+    ADVANCE_FACTOR,
+    DISTANCE_ROUNDING,
+    METRES_PER_RADIAN,
+    Floats,
+    Ints,
+    check_finite,
+    frozen,
+)
 
 DEFAULT_LINE_TOLERANCE: Final = 1e-3, 1e-2
 """Distance in metres and angle in radians by which a motion may leave its line."""

@@ -6,7 +6,7 @@ Schwarzer, M. Saha and J.-C. Latombe, "Adaptive dynamic collision checking for s
 articulated robots in complex environments", 2005). Longer parts come first, so that a collision is
 found early, and in each part the pair that last was not proven.
 
-Links and obstacles are trees of convex hulls, grown by radii (:mod:`cspace._bodies.hulls`). If no
+Links and obstacles are trees of convex hulls, grown by radii (:mod:`cspace.arms._hulls`). If no
 boundaries meet, a connected part lies entirely inside or outside a closed surface, so a single
 point of it decides, once for a whole motion. If hulls of whole parts are apart, this test is not
 needed.
@@ -20,41 +20,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from cspace import BLOCKED, FREE, MIXED
-from cspace._bodies import DISTANCE_ROUNDING, MIN_ADVANCE
-from cspace._bodies.hulls import Hulls, RelativeMotion, tree_slack
-from cspace._bodies.triangle_proofs import (
-    AXIS_POINT,
-    CENTER,
-    CHORD,
-    DIRECTION,
-    FIRST_ITEM,
-    HALF_SIDES,
-    LEVER,
-    MAX_PENDING_PAIRS,
-    RADIUS,
-    TRANSLATION,
-    Motion,
-    SurfaceTree,
-    Trees,
-    boxes_are_apart,
-    crosses,
-    find_close_leaves,
-    joint_displacement,
-    pierces,
-)
-from cspace._raster.surfaces import signed_crossing
-from cspace._support.compiling import Address, call, find_address
-from cspace._support.vectors import (
-    THIN,
-    add_scaled,
-    apply_pose,
-    box_extent,
-    cross,
-    dot,
-    minus,
-    rotate,
-    rotate_back,
-)
+from cspace.arms._addresses import Address, call, find_address
 from cspace.arms._chain import (
     FIXED,
     POSITION,
@@ -70,22 +36,45 @@ from cspace.arms._chain import (
     rotation_rows,
 )
 from cspace.arms._cones import NO_CONES, Cones, stays_in_cones
+from cspace.arms._crossings import (
+    AXIS_POINT,
+    CENTER,
+    CHORD,
+    DIRECTION,
+    FIRST_ITEM,
+    HALF_SIDES,
+    LEVER,
+    MAX_PENDING_PAIRS,
+    RADIUS,
+    TRANSLATION,
+    PartTree,
+    SurfaceTree,
+    crosses,
+    find_near_leaves,
+    joint_displacement,
+    pierces,
+)
+from cspace.arms._hulls import Hulls, RelativeMotion, tree_slack
 from cspace.inside import (
     ADVANCE_FACTOR,
+    DISTANCE_ROUNDING,
     MAX_DISTANCES_PER_EDGE,
     Bools,
     Floats,
     Ints,
+    Matrix,
     Row,
-    box_distance,
     internal,
     kernel,
-    row_at,
-    triangle_distance,
+    vectors,
 )
 
 TREE_ROUNDING: Final = 2.0**-40
 """Growth of boxes of a tree against rounding, relative to the size of the surface."""
+
+
+MIN_HALF: Final = 2.0**-44
+"""Smallest half of a part of a motion, as a fraction of the motion."""
 
 
 MAX_MOTION_PARTS: Final = 2 * MAX_DISTANCES_PER_EDGE + 1
@@ -131,7 +120,7 @@ class Solids(NamedTuple):
         Root of each part in ``hulls``, solid by solid; -1 for none.
     levers : ndarray of float64, shape (s,)
         Reach of each solid from the origin of its body.
-    trees : Trees
+    trees : PartTree
         Triangles, boxes and balls that prove BLOCKED, each in the frame of its body.
     tree_roots : ndarray of int64, shape (k,)
         Root of each part in ``trees``; -1 for none.
@@ -153,7 +142,7 @@ class Solids(NamedTuple):
     roots: Ints
     part_roots: Ints
     levers: Floats
-    trees: Trees
+    trees: PartTree
     tree_roots: Ints
     surfaces: SurfaceTree
     surface_roots: Ints
@@ -233,7 +222,7 @@ class SceneScratch(NamedTuple):
         Pair that last was not apart, which is tested first.
     axes : ndarray of float64, shape (b, 8)
         Joints that move a pair away from a motion; see
-        :func:`cspace._bodies.triangle_proofs.joint_displacement`.
+        :func:`cspace.arms._crossings.joint_displacement`.
     nodes : ndarray of int64, shape (MAX_PENDING_PAIRS, 2)
     slopes : ndarray of float64, shape (dof,)
         Derivatives of an angle by the joints.
@@ -405,7 +394,7 @@ def motion_is_free(scene: ArmScene, q0: Floats, q1: Floats, scratch: SceneScratc
         stop = parts[row, 1]
         half = 0.5 * (stop - start)
         center = 0.5 * (start + stop)
-        if half < MIN_ADVANCE:
+        if half < MIN_HALF:
             return False
         forward_kinematics(scene.chain, q0, q1, center, scratch.poses)
         state = test_part(scene, open_pairs[row], half, required, scratch)
@@ -496,7 +485,7 @@ def write_axes(
 
     Each joint deviates by at most its entry of ``deviations``, shape (dof,); there are none if that
     has shape (0,). Returns the number of rows written to ``scratch.axes``. They are those of
-    :func:`cspace._bodies.triangle_proofs.joint_displacement`, in the frame of b, and include the
+    :func:`cspace.arms._crossings.joint_displacement`, in the frame of b, and include the
     rounding of points, ``required``.
     """
     if len(deviations) == 0:
@@ -511,10 +500,10 @@ def write_axes(
             continue
         # The axis passes through the origin of the joint's body.
         joint_pose = scratch.poses[j]
-        world_axis = rotate(rotation_rows(joint_pose), row_at(chain.axes[j], 0))
-        axis = rotate_back(base_rotation, world_axis)
-        offset = minus(column_at(joint_pose, POSITION), column_at(base_pose, POSITION))
-        origin = rotate_back(base_rotation, offset)
+        world_axis = vectors.rotate(rotation_rows(joint_pose), vectors.row_at(chain.axes[j], 0))
+        axis = vectors.rotate_back(base_rotation, world_axis)
+        offset = vectors.minus(column_at(joint_pose, POSITION), column_at(base_pose, POSITION))
+        origin = vectors.rotate_back(base_rotation, offset)
         row = scratch.axes[count]
         for k in range(3):
             row[DIRECTION + k] = axis[k]
@@ -543,7 +532,7 @@ def bound_slack(
 ) -> float:
     """Bound (distance - required distance) of pair n from below, up to ``enough``.
 
-    It is inf if one solid is empty; see :func:`cspace._bodies.hulls.tree_slack`. The pair's padding
+    It is inf if one solid is empty; see :func:`cspace.arms._hulls.tree_slack`. The pair's padding
     is required in addition. ``bounds`` are the time to either side, the largest deviation from the
     linear motion, and the largest displacement. ``axes``, shape (k, 8), are those of joints that
     deviate.
@@ -559,15 +548,17 @@ def bound_slack(
     base_pose = scratch.poses[solids.bodies[j]]
     to_base = rotation_columns(base_pose)
     matrix, position = relative_pose(pose, base_pose)
-    spin = minus(column_at(pose, SPIN), column_at(base_pose, SPIN))
-    velocity = minus(column_at(pose, VELOCITY), column_at(base_pose, VELOCITY))
+    spin = vectors.minus(column_at(pose, SPIN), column_at(base_pose, SPIN))
+    velocity = vectors.minus(column_at(pose, VELOCITY), column_at(base_pose, VELOCITY))
     # The velocity is that of the point at the origin of the arm's base; move it to that of body j.
-    velocity_at_base = add_scaled(cross(spin, column_at(base_pose, POSITION)), velocity, 1.0)
+    velocity_at_base = vectors.add_scaled(
+        vectors.cross(spin, column_at(base_pose, POSITION)), velocity, 1.0
+    )
     motion = RelativeMotion(
         matrix,
         position,
-        rotate(to_base, spin),
-        rotate(to_base, velocity_at_base),
+        vectors.rotate(to_base, spin),
+        vectors.rotate(to_base, velocity_at_base),
         half,
         deviation,
         displacement,
@@ -606,7 +597,7 @@ def is_nested(scene: ArmScene, n: int, scratch: SceneScratch, min_depth: float) 
         for surface in range(starts[outer, FIRST_SURFACE], starts[outer + 1, FIRST_SURFACE]):
             root = solids.surface_roots[surface]
             for anchor in range(starts[inner, FIRST_ANCHOR], starts[inner + 1, FIRST_ANCHOR]):
-                point = apply_pose(matrix, shift, row_at(solids.anchors[anchor], 0))
+                point = vectors.apply_pose(matrix, shift, vectors.row_at(solids.anchors[anchor], 0))
                 if lies_deep(solids.surfaces, root, point, min_depth, nodes):
                     return True
     # Boxes and balls have no anchors; only the second solid of a pair may have them.
@@ -632,8 +623,8 @@ def piece_lies_in(
         root = solids.surface_roots[surface]
         surface_box = solids.surfaces.boxes[root]
         # Search the tree for pieces near the box of the surface, in the frame of solid i.
-        center = apply_pose(back, shift_back, row_at(surface_box, CENTER))
-        extent = box_extent(back, row_at(surface_box, HALF_SIDES))
+        center = vectors.apply_pose(back, shift_back, vectors.row_at(surface_box, CENTER))
+        extent = vectors.box_extent(back, vectors.row_at(surface_box, HALF_SIDES))
         for part in range(starts[i, FIRST_PART], starts[i + 1, FIRST_PART]):
             # Rows of the stack from 1 to top - 1 are filled; an empty part has no root.
             nodes[1, PIECE_STACK] = solids.tree_roots[part]
@@ -644,14 +635,16 @@ def piece_lies_in(
                 box = trees.boxes[node]
                 row, count = trees.spans[node]
                 is_too_large = box[LEVER] == 0.0  # see Solids.has_solids
-                offset = minus(center, row_at(box, CENTER))
-                if is_too_large or boxes_are_apart(offset, extent, row_at(box, HALF_SIDES)):
+                offset = vectors.minus(center, vectors.row_at(box, CENTER))
+                if is_too_large or vectors.boxes_are_apart(
+                    offset, extent, vectors.row_at(box, HALF_SIDES)
+                ):
                     continue
                 if count > 1:
                     top = push_children(nodes, PIECE_STACK, top, node, count)
                     continue
                 # The row of a box or ball begins with its center.
-                point = apply_pose(matrix, shift, row_at(trees.triangles[row], 0))
+                point = vectors.apply_pose(matrix, shift, vectors.row_at(trees.triangles[row], 0))
                 if lies_deep(solids.surfaces, root, point, min_depth, nodes):
                     return True
     return False
@@ -678,8 +671,8 @@ def lies_deep(surfaces: SurfaceTree, root: int, point: Row, min_depth: float, no
     """
     if min_depth < 0.0:
         # The computed distance from thin triangles may be too small, by a share of the size.
-        half_x, half_y, half_z = row_at(surfaces.boxes[root], HALF_SIDES)
-        reach = -min_depth - THIN * 2.0 * (half_x + half_y + half_z)
+        half_x, half_y, half_z = vectors.row_at(surfaces.boxes[root], HALF_SIDES)
+        reach = -min_depth - vectors.THIN * 2.0 * (half_x + half_y + half_z)
         if reach > 0.0 and nearest_triangle(surfaces, root, point, reach, nodes) < reach:
             return True
     if winding_number(surfaces, root, point, nodes) == 0:
@@ -695,7 +688,7 @@ def winding_number(surfaces: SurfaceTree, root: int, point: Row, nodes: Ints) ->
     shape (MAX_PENDING_PAIRS, 2).
     """
     x, y, z = point
-    half_x, half_y, half_z = row_at(surfaces.boxes[root], HALF_SIDES)
+    half_x, half_y, half_z = vectors.row_at(surfaces.boxes[root], HALF_SIDES)
     winding = 0
     rounding = TREE_ROUNDING * (half_x + half_y + half_z)
     # Rows of the stack from 1 to top - 1 are filled.
@@ -706,15 +699,17 @@ def winding_number(surfaces: SurfaceTree, root: int, point: Row, nodes: Ints) ->
         node = nodes[top, SURFACE_STACK]
         node_box = surfaces.boxes[node]
         start, count = surfaces.spans[node]
-        center_x, center_y, center_z = row_at(node_box, CENTER)
+        center_x, center_y, center_z = vectors.row_at(node_box, CENTER)
         # The ray crosses no triangle beside it or below its start.
         offset = x - center_x, y - center_y, max(z - center_z, 0.0)
-        if boxes_are_apart(offset, (rounding, rounding, rounding), row_at(node_box, HALF_SIDES)):
+        if vectors.boxes_are_apart(
+            offset, (rounding, rounding, rounding), vectors.row_at(node_box, HALF_SIDES)
+        ):
             continue
         if count > 1:
             top = push_children(nodes, SURFACE_STACK, top, node, count)
         else:
-            crossing = signed_crossing(surfaces.triangles[start], x, y, z)
+            crossing = vectors.signed_crossing(surfaces.triangles[start], x, y, z)
             winding += crossing * surfaces.windings[start]
     return winding
 
@@ -737,11 +732,11 @@ def nearest_triangle(
         node = nodes[top, SURFACE_STACK]
         # The larger bound covers the rounding of boxes and distances.
         farthest = min(enough, nearest) * (1.0 + TREE_ROUNDING)
-        if box_distance(surfaces.boxes[node], point) > farthest:
+        if vectors.box_distance(surfaces.boxes[node], point) > farthest:
             continue
         start, count = surfaces.spans[node]
         if count == 1:
-            nearest = min(nearest, triangle_distance(point, surfaces.triangles[start]))
+            nearest = min(nearest, vectors.triangle_distance(point, surfaces.triangles[start]))
             if nearest < enough < np.inf:
                 break
             continue
@@ -751,8 +746,8 @@ def nearest_triangle(
         # The nearer child lies on top of the stack, so that it is searched first.
         first_child = nodes[lower, SURFACE_STACK]
         second_child = nodes[upper, SURFACE_STACK]
-        first_distance = box_distance(surfaces.boxes[first_child], point)
-        if first_distance < box_distance(surfaces.boxes[second_child], point):
+        first_distance = vectors.box_distance(surfaces.boxes[first_child], point)
+        if first_distance < vectors.box_distance(surfaces.boxes[second_child], point):
             nodes[lower, SURFACE_STACK] = second_child
             nodes[upper, SURFACE_STACK] = first_child
     return nearest
@@ -766,14 +761,12 @@ def boundaries_cross(
 
     It crosses a triangle, or enters a box or ball. ``required`` must be at least four times the
     rounding of a point. With ``axes``, shape (k, 8), the proof holds in a whole box of
-    configurations; see :func:`cspace._bodies.triangle_proofs.joint_displacement`.
+    configurations; see :func:`cspace.arms._crossings.joint_displacement`.
     """
     solids = scene.solids
     starts = solids.starts
     i, j = scene.pairs[n]
     matrix, shift = relative_pose(scratch.poses[solids.bodies[i]], scratch.poses[solids.bodies[j]])
-    no_step = (0.0, 0.0, 0.0)
-    motion = Motion(matrix, shift, no_step, angle=0.0, required=0.0, drift=0.0)
     for part in range(starts[i, FIRST_PART], starts[i + 1, FIRST_PART]):
         for other_part in range(starts[j, FIRST_PART], starts[j + 1, FIRST_PART]):
             root = solids.tree_roots[part]
@@ -783,45 +776,49 @@ def boundaries_cross(
                 continue
             scratch.nodes[1, 0] = root
             scratch.nodes[1, 1] = other_root
-            if parts_cross(solids.trees, motion, axes, required, scratch.nodes):
+            if parts_cross(solids.trees, matrix, shift, axes, required, scratch.nodes):
                 return True
     return False
 
 
 @internal
-def parts_cross(trees: Trees, motion: Motion, axes: Floats, required: float, nodes: Ints) -> bool:
+def parts_cross(
+    trees: PartTree, matrix: Matrix, shift: Row, axes: Floats, required: float, nodes: Ints
+) -> bool:
     """Return True if the boundary of one part provably crosses another part.
 
     Row 1 of ``nodes``, shape (MAX_PENDING_PAIRS, 2), has the roots of their trees. The pose of the
-    first part, and the ``axes``, shape (k, 8), are as seen from the second. With axes, the proof
-    must hold while the joints move the first part.
+    first part, ``matrix`` and ``shift``, and the ``axes``, shape (k, 8), are as seen from the
+    second. With axes, the proof must hold while the joints move the first part.
     """
-    matrix = motion.matrix
-    shift = motion.position
     displacement = 0.0
     # The search returns the row of two leaves whose boxes meet, until none is left.
-    top = find_close_leaves(trees, motion, 0.0, axes, nodes, 2)
+    top = find_near_leaves(trees, matrix, shift, axes, nodes, 2)
     while top > 0:
         leaf = nodes[top, 0]
         other_leaf = nodes[top, 1]
         piece = trees.triangles[trees.spans[leaf, FIRST_ITEM]]
         other = trees.triangles[trees.spans[other_leaf, FIRST_ITEM]]
-        top = find_close_leaves(trees, motion, 0.0, axes, nodes, top)
+        top = find_near_leaves(trees, matrix, shift, axes, nodes, top)
         if len(axes) > 0:
-            half = row_at(trees.boxes[leaf], HALF_SIDES)
-            center = apply_pose(matrix, shift, row_at(trees.boxes[leaf], CENTER))
-            displacement = joint_displacement(axes, center, math.sqrt(dot(half, half)))
+            half = vectors.row_at(trees.boxes[leaf], HALF_SIDES)
+            center = vectors.apply_pose(matrix, shift, vectors.row_at(trees.boxes[leaf], CENTER))
+            displacement = joint_displacement(axes, center, math.sqrt(vectors.dot(half, half)))
         # A row begins with three corners; its radius is not zero for balls and boxes.
         corners = (
-            apply_pose(matrix, shift, row_at(piece, 0)),
-            apply_pose(matrix, shift, row_at(piece, 3)),
-            apply_pose(matrix, shift, row_at(piece, 6)),
+            vectors.apply_pose(matrix, shift, vectors.row_at(piece, 0)),
+            vectors.apply_pose(matrix, shift, vectors.row_at(piece, 3)),
+            vectors.apply_pose(matrix, shift, vectors.row_at(piece, 6)),
         )
         is_solid = other[RADIUS] != 0.0
         if is_solid and pierces(corners, other, required + displacement):
             return True
         if not is_solid and piece[RADIUS] == 0.0:
-            other_corners = row_at(other, 0), row_at(other, 3), row_at(other, 6)
+            other_corners = (
+                vectors.row_at(other, 0),
+                vectors.row_at(other, 3),
+                vectors.row_at(other, 6),
+            )
             if crosses(corners, other_corners, required, displacement):
                 return True
     return False

@@ -17,11 +17,10 @@ import numpy as np
 import scipy  # its parts are read when they are first used
 from numpy.typing import NDArray
 
-from cspace._bodies import DISTANCE_ROUNDING
-from cspace._bodies.hulls import node_corners
-from cspace._support.compiling import Address
+from cspace.arms._addresses import Address
 from cspace.arms._chain import FIXED, REVOLUTE, compute_poses
 from cspace.arms._cones import make_cones, move_into_cones
+from cspace.arms._hulls import node_corners
 from cspace.arms._model import CONTACT_SAMPLES, Arm, Names, always_touch, sort_pair
 from cspace.arms._motion_proofs import (
     ArmScene,
@@ -37,6 +36,7 @@ from cspace.arms._solids import PosedShape, Solid, StaticShape
 from cspace.errors import ConfigurationError
 from cspace.inside import (
     ADVANCE_FACTOR,
+    DISTANCE_ROUNDING,
     Bools,
     Floats,
     Ints,

@@ -15,20 +15,19 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace import Mesh, Workspace
-from cspace._bodies.hulls import Hulls, build_hulls
 from cspace._bodies.parts import as_triangles, part_anchors
-from cspace._bodies.triangle_proofs import (
-    SurfaceTree,
-    Trees,
-    build_boxes,
-    build_tree,
-    pack_boxes,
-    pack_triangles,
-)
 from cspace._shapes import BoundedShape, Voxels
 from cspace._shapes.shape import unique_rows
 from cspace._support.reporting import format_sides
 from cspace._workspace import load_workspace
+from cspace.arms._crossings import (
+    PartTree,
+    SurfaceTree,
+    build_tree,
+    pack_boxes,
+    pack_triangles,
+)
+from cspace.arms._hulls import Hulls, build_hulls
 from cspace.errors import InputError, UnitWarning
 from cspace.inside import (
     Bools,
@@ -39,6 +38,7 @@ from cspace.inside import (
     Shape,
     ShapeLike,
     as_shape,
+    build_boxes,
     check_finite,
     check_memory,
     warn_user,
@@ -121,7 +121,7 @@ class PosedShape:
         return as_triangles([RoundedSimplices(self.transform(simplices), radii)])
 
     @cached_property
-    def tree(self) -> Trees:
+    def tree(self) -> PartTree:
         """Tree of the triangles of the boundary."""
         rows = pack_triangles(self.boundary)
         no_levers = np.zeros(len(rows))  # they mark solid boxes and balls
@@ -217,7 +217,7 @@ class StaticShape(PosedShape):
         return self._exact.is_boxes or has_balls
 
     @cached_property
-    def tree(self) -> Trees:
+    def tree(self) -> PartTree:
         """Tree of boxes, of balls, or of the triangles of the boundary.
 
         The lever of a box or ball is 1 if its connected part is small enough to lie inside a link,

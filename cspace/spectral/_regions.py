@@ -11,25 +11,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace import Grid
-from cspace._bodies.triangle_proofs import RADIUS, build_trees
 from cspace._shapes import Polygons
-from cspace._support.vectors import segment_distance_square
 from cspace.errors import InputError
 from cspace.inside import (
     Balls,
     ExactShape,
     Floats,
     Ints,
-    RoundedSimplices,
     Row,
     Shape,
     allocating,
-    box_distance,
+    build_boxes,
     check_memory,
     kernel,
-    row_at,
     run_in_chunks,
-    triangle_distance,
+    vectors,
 )
 
 BOUNDARY_ROUNDING: Final = 2.0**-44
@@ -184,10 +180,11 @@ class ShapeBoundary:
         is_spatial = self.dim == 3
         is_thin = is_spatial & (doubled_areas <= THIN_HEIGHT * longest**2)
         errors = np.where(is_thin, THIN_HEIGHT * longest, 0.0)
-        # The tree sorts the pieces; its rows have three corners and the error as a radius.
-        (boxes, spans, rows), _ = build_trees([RoundedSimplices(triangles, errors)], about_z=False)
-        corners = np.ascontiguousarray(rows[:, :9]).reshape(-1, 3, 3)
-        return PieceTree(corners, rows[:, RADIUS].copy(), boxes, spans, is_spatial)
+        # The boxes of the tree are grown by the errors.
+        low = triangles.min(axis=1) - errors[:, np.newaxis]
+        high = triangles.max(axis=1) + errors[:, np.newaxis]
+        boxes, order, spans = build_boxes(low, high)
+        return PieceTree(triangles[order], errors[order], boxes, spans, is_spatial)
 
 
 class Region:
@@ -338,8 +335,8 @@ class PieceTree(NamedTuple):
 
     ``pieces``, shape (n, 3, 3), are triangles or, unless ``spatial``, segments between their first
     two corners. ``errors``, shape (n,), bound how much the distances to them may be too small.
-    ``boxes`` and ``spans``, shapes (m, 7) and (m, 2), are as in
-    :class:`cspace._bodies.triangle_proofs.Trees`.
+    ``boxes`` and ``spans``, shapes (m, 6) and (m, 2), are those of
+    :func:`cspace.inside.build_boxes`.
     """
 
     pieces: Floats
@@ -375,18 +372,20 @@ def bound_distance(tree: PieceTree, position: Row, cap: float) -> tuple[float, f
             for n in range(start, start + size):
                 piece = tree.pieces[n]
                 if tree.spatial:
-                    gap = triangle_distance(position, piece)
+                    gap = vectors.triangle_distance(position, piece)
                 else:
-                    start_corner = row_at(piece[0], 0)
-                    stop_corner = row_at(piece[1], 0)
-                    gap = math.sqrt(segment_distance_square(position, start_corner, stop_corner))
+                    start_corner = vectors.row_at(piece[0], 0)
+                    stop_corner = vectors.row_at(piece[1], 0)
+                    gap = math.sqrt(
+                        vectors.segment_distance_square(position, start_corner, stop_corner)
+                    )
                 near = min(near, gap)
                 far = min(far, gap + tree.errors[n])
             continue
         child_a = node + 1
         child_b = node + 2 * (size // 2)
-        gap_a = box_distance(tree.boxes[child_a], position)
-        gap_b = box_distance(tree.boxes[child_b], position)
+        gap_a = vectors.box_distance(tree.boxes[child_a], position)
+        gap_b = vectors.box_distance(tree.boxes[child_b], position)
         # Push the nearer box last, so that it is popped first.
         if gap_a < gap_b:
             child_a, child_b, gap_a, gap_b = child_b, child_a, gap_b, gap_a
@@ -405,7 +404,7 @@ def bound_distances(tree: PieceTree, points: Floats, cap: float, near: Floats, f
     ``near`` and ``far``, shape (n,), receive the lower and upper bounds.
     """
     for n in range(len(points)):
-        near[n], far[n] = bound_distance(tree, row_at(points[n], 0), cap)
+        near[n], far[n] = bound_distance(tree, vectors.row_at(points[n], 0), cap)
 
 
 def bound_ball_measure(centers: Floats, radii: Floats) -> tuple[float, float]:

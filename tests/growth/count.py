@@ -38,11 +38,6 @@ def interpret(**options):
 numba.njit = interpret
 os.sched_getaffinity = lambda process: {0}  # one thread, which is traced
 
-from cspace._support import compiling  # noqa: E402
-
-compiling.find_address = lambda function, *_: function
-compiling.call = lambda function, arguments: function(*arguments)
-
 import numpy as np  # noqa: E402
 import shapely  # noqa: E402
 import trimesh  # noqa: E402
@@ -53,6 +48,12 @@ import planners  # noqa: E402
 from cspace import Robot, Workspace  # noqa: E402
 from cspace.arms import PosedShape  # noqa: E402
 from cspace.lanes import RouteGraph  # noqa: E402
+
+for module in [each for name, each in sys.modules.items() if name.startswith("cspace.arms.")]:
+    if hasattr(module, "call"):
+        module.call = lambda function, arguments: function(*arguments)
+    if hasattr(module, "find_address"):
+        module.find_address = lambda function, *_: function
 
 BYTES_PER_NUMBER = 8
 

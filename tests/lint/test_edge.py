@@ -20,14 +20,14 @@ NAMED_TUPLE = {"_asdict", "_fields", "_make", "_replace"}
 
 MOST_NAMES = {
     "planners": 70,
-    "cspace/arms": 119,
+    "cspace/arms": 69,
     "cspace/_cli": 12,
     "cspace/export": 7,
     "cspace/lanes": 6,
     "cspace/plot": 0,
     "cspace/reasons": 11,
     "cspace/regions": 3,
-    "cspace/spectral": 6,
+    "cspace/spectral": 3,
     "cspace/_tiles": 20,
     "cspace/view": 1,
 }

@@ -34,32 +34,18 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from cspace._bodies.triangle_proofs import (
+from cspace._shapes.shape import unique_rows
+from cspace.arms._crossings import (
+    BALL,
     CENTER,
     CHORD,
     HALF_SIDES,
     RADIUS,
-    Trees,
-    build_boxes,
+    PartTree,
     half_axes,
     joint_displacement,
-    node_maxima,
 )
-from cspace._shapes.shape import unique_rows
-from cspace._support.arrays import Bools, Floats, Ints, Matrix, Row
-from cspace._support.compiling import internal
-from cspace._support.vectors import (
-    add_scaled,
-    apply_pose,
-    box_extent,
-    cross,
-    dot,
-    minus,
-    rotate_back,
-    row_at,
-    scale_vector,
-    triangle_weights,
-)
+from cspace.inside import Bools, Floats, Ints, Matrix, Row, build_boxes, internal, vectors
 
 MAX_TRIANGLES_PER_TILE: Final = 16
 """Largest number of neighbouring triangles tested as one hull."""
@@ -188,7 +174,7 @@ class RelativeMotion(NamedTuple):
     required: float
 
 
-def build_hulls(tree: Trees, volume: float) -> Hulls:
+def build_hulls(tree: PartTree, volume: float) -> Hulls:
     """Build the tree of hulls of a part.
 
     Its nodes are those of the tree of its triangles, ``tree``. ``volume`` is the volume that the
@@ -203,7 +189,7 @@ def build_hulls(tree: Trees, volume: float) -> Hulls:
     half_sides = tree.boxes[:, 3:6]
     ball_radii = np.linalg.norm(half_sides, axis=1)
     row_radii = rows[:, RADIUS]
-    hull_radii = node_maxima(np.maximum(row_radii, 0.0), spans)
+    hull_radii = tree.boxes[:, BALL]
     looseness = np.zeros(len(counts))
     boxes = np.column_stack([tree.boxes[:, :6], ball_radii, hull_radii, looseness])
     corners, first_corners = _list_row_corners(rows)
@@ -297,7 +283,7 @@ def _list_row_corners(rows: Floats) -> tuple[Floats, Ints]:
     """List the corners of all rows of a tree.
 
     Returns the corners, shape (m, 3), and the index of the first corner of each row, shape (n +
-    1,). ``rows``, shape (n, 10), are :attr:`cspace._bodies.triangle_proofs.Trees.triangles`.
+    1,). ``rows``, shape (n, 10), are :attr:`cspace.arms._crossings.PartTree.triangles`.
     Triangles have three corners, balls one, boxes eight, and axis-aligned boxes none.
     """
     is_box = rows[:, RADIUS] < 0.0  # boxes are marked by the sign
@@ -460,7 +446,7 @@ def tree_slack(
 
     The bound is capped at ``enough``. The motion is the first tree's, as seen from the second.
     Deviations of joints move the first tree away from the motion, about ``axes``; see
-    :func:`cspace._bodies.triangle_proofs.joint_displacement`. The result is negative if a pair of
+    :func:`cspace.arms._crossings.joint_displacement`. The result is negative if a pair of
     nodes is not proven to stay apart, and -inf if a pair is not apart at the central moment. That
     pair becomes row 0 of ``scratch``, shape (MAX_PENDING_PAIRS, 2). The pair given there is tested
     after the roots; -1 means none. Row 1 then starts with 1 if pieces of connected parts were
@@ -482,7 +468,7 @@ def tree_slack(
         slack, speed, center, away = box_slack(hulls.boxes[a], hulls.boxes[b], motion, axes, best)
         apart = True
         if slack <= best and has_hull(hulls, a) and has_hull(hulls, b):
-            offset = minus(row_at(hulls.boxes[b], CENTER), center)
+            offset = vectors.minus(vectors.row_at(hulls.boxes[b], CENTER), center)
             slack, apart = hull_slack(hulls, a, b, motion, speed, away, best, offset, direction)
         if slack > best:
             partial = partial or hulls.nodes[a, IS_WHOLE] + hulls.nodes[b, IS_WHOLE] < 2
@@ -532,7 +518,7 @@ def is_fine_enough(
 
     The nodes are leaves, or the motion is too long for their children to be proven apart. ``apart``
     and ``slack`` are those of their hulls; ``axes``, shape (k, 8), are those of
-    :func:`cspace._bodies.triangle_proofs.joint_displacement`.
+    :func:`cspace.arms._crossings.joint_displacement`.
     """
     if not (has_hull(hulls, a) and has_hull(hulls, b)):
         return False
@@ -561,11 +547,11 @@ def box_slack(
     half_time = motion.half_time
     limit = motion.max_displacement
     ball_radius = box[BALL_RADIUS]
-    center = apply_pose(motion.matrix, motion.position, row_at(box, CENTER))
-    half = box_extent(motion.matrix, row_at(box, HALF_SIDES))
-    velocity = add_scaled(motion.velocity, cross(motion.spin, center), 1.0)
+    center = vectors.apply_pose(motion.matrix, motion.position, vectors.row_at(box, CENTER))
+    half = vectors.box_extent(motion.matrix, vectors.row_at(box, HALF_SIDES))
+    velocity = vectors.add_scaled(motion.velocity, vectors.cross(motion.spin, center), 1.0)
     # Points move around the center, too.
-    spin_speed = math.sqrt(dot(motion.spin, motion.spin)) * ball_radius
+    spin_speed = math.sqrt(vectors.dot(motion.spin, motion.spin)) * ball_radius
     around = half_time * spin_speed + motion.curvature_bound
     # During the motion, points come that much farther from the axes, or less.
     away = joint_displacement(axes, center, ball_radius + limit)
@@ -577,7 +563,7 @@ def box_slack(
         slack = max(slack, outside - half[axis] - displacement)
         squared_distance += max(outside, 0.0) ** 2
     slack -= motion.required + away
-    speed = min(half_time * math.sqrt(dot(velocity, velocity)) + around, limit)
+    speed = min(half_time * math.sqrt(vectors.dot(velocity, velocity)) + around, limit)
     if slack <= enough:
         slack = math.sqrt(squared_distance) - ball_radius - motion.required - speed - away
     return slack, speed, center, away
@@ -615,9 +601,9 @@ def split_pair(hulls: Hulls, a: int, b: int, center: Row, scratch: Ints, row: in
     # The nearer child comes last, so that it is tested first and its bound prunes the other.
     nearer = hulls.nodes[b, FIRST_CHILD]
     farther = hulls.nodes[b, SECOND_CHILD]
-    to_nearer = minus(center, row_at(hulls.boxes[nearer], CENTER))
-    to_farther = minus(center, row_at(hulls.boxes[farther], CENTER))
-    if dot(to_nearer, to_nearer) > dot(to_farther, to_farther):
+    to_nearer = vectors.minus(center, vectors.row_at(hulls.boxes[nearer], CENTER))
+    to_farther = vectors.minus(center, vectors.row_at(hulls.boxes[farther], CENTER))
+    if vectors.dot(to_nearer, to_nearer) > vectors.dot(to_farther, to_farther):
         nearer, farther = farther, nearer
     scratch[row, 0] = a
     scratch[row, 1] = farther
@@ -650,15 +636,15 @@ def hull_slack(
     required = motion.required + away + radii
     best = -math.inf
     gap = -math.inf
-    n = row_at(direction, 0)
-    if dot(n, n) == 0.0:
+    n = vectors.row_at(direction, 0)
+    if vectors.dot(n, n) == 0.0:
         n = offset
     length = math.inf
     # The simplex of differences of corners that is nearest to the origin, with ``count`` corners.
     p = q = r = (0.0, 0.0, 0.0)
     count = 0
     for _ in range(MAX_GJK_STEPS):
-        square = dot(n, n)
+        square = vectors.dot(n, n)
         if not 1e-200 < square < math.inf:
             # The vector is too short to be a direction, so the search ends; at first, any direction
             # will do.
@@ -666,11 +652,11 @@ def hull_slack(
                 break
             n = (1.0, 0.0, 0.0)
             square = 1.0
-        n = scale_vector(n, 1.0 / math.sqrt(square))
-        a_point, high = support_point(hulls, a, rotate_back(motion.matrix, n))
-        b_point, low = support_point(hulls, b, scale_vector(n, -1.0))
+        n = vectors.scale_vector(n, 1.0 / math.sqrt(square))
+        a_point, high = support_point(hulls, a, vectors.rotate_back(motion.matrix, n))
+        b_point, low = support_point(hulls, b, vectors.scale_vector(n, -1.0))
         # The gap between the projections onto n bounds the distance from below.
-        gap_along = -low - high - dot(n, motion.position)
+        gap_along = -low - high - vectors.dot(n, motion.position)
         if gap_along - required > gap:
             gap = gap_along - required
             direction[0], direction[1], direction[2] = n
@@ -691,10 +677,10 @@ def hull_slack(
         if count and length - gap_along <= 1e-10 * length:
             break
         # Go on from the corners that are farthest along n.
-        posed_point = apply_pose(motion.matrix, motion.position, a_point)
-        n, p, q, r, count = nearest_in_simplex(minus(b_point, posed_point), p, q, r, count)
+        posed_point = vectors.apply_pose(motion.matrix, motion.position, a_point)
+        n, p, q, r, count = nearest_in_simplex(vectors.minus(b_point, posed_point), p, q, r, count)
         before = length
-        length = math.sqrt(dot(n, n))
+        length = math.sqrt(vectors.dot(n, n))
         if count == 4 or not length < before:
             break
     return best, gap > 0.0
@@ -723,16 +709,21 @@ def slack_along(
     if slack <= enough and motion.half_time > 0.0:
         # This corner bounds the slack from above, so the motion is not proven: callers take no more
         # from a result of at most ``enough`` of a motion than that it must be halved.
-        posed_point = apply_pose(motion.matrix, motion.position, a_point)
-        velocity = add_scaled(motion.velocity, cross(motion.spin, posed_point), 1.0)
-        largest_slack = gap - allowance - motion.half_time * abs(dot(n, velocity))
+        posed_point = vectors.apply_pose(motion.matrix, motion.position, a_point)
+        velocity = vectors.add_scaled(motion.velocity, vectors.cross(motion.spin, posed_point), 1.0)
+        largest_slack = gap - allowance - motion.half_time * abs(vectors.dot(n, velocity))
         if largest_slack <= enough:
             return max(slack, largest_slack)
         for time in (-motion.half_time, motion.half_time):
             # The projection along n of the body moved for that time is one along m now.
-            m = add_scaled(n, cross(n, motion.spin), time)
-            _, high = support_point(hulls, a, rotate_back(motion.matrix, m))
-            gap_then = -low - high - dot(m, motion.position) - time * dot(n, motion.velocity)
+            m = vectors.add_scaled(n, vectors.cross(n, motion.spin), time)
+            _, high = support_point(hulls, a, vectors.rotate_back(motion.matrix, m))
+            gap_then = (
+                -low
+                - high
+                - vectors.dot(m, motion.position)
+                - time * vectors.dot(n, motion.velocity)
+            )
             gap = min(gap, gap_then)
         slack = max(slack, gap - allowance)
     return slack
@@ -746,14 +737,14 @@ def support_point(hulls: Hulls, node: int, n: Row) -> tuple[Row, float]:
     x, y, z = n
     if first == stop:
         # A leaf that fills its axis-aligned box has no stored corners.
-        center = row_at(hulls.boxes[node], CENTER)
-        half = row_at(hulls.boxes[node], HALF_SIDES)
+        center = vectors.row_at(hulls.boxes[node], CENTER)
+        half = vectors.row_at(hulls.boxes[node], HALF_SIDES)
         corner = (
             center[0] + math.copysign(half[0], x),
             center[1] + math.copysign(half[1], y),
             center[2] + math.copysign(half[2], z),
         )
-        return corner, dot(corner, n)
+        return corner, vectors.dot(corner, n)
     xs, ys, zs = hulls.corners[0], hulls.corners[1], hulls.corners[2]
     highest = -math.inf
     farthest = 0
@@ -784,14 +775,14 @@ def nearest_in_simplex(
         return nearest_in_triangle(new, a, c)  # b repeats a or c
     # Find the barycentric weights of the origin by Cramer's rule; the new corner has the remaining
     # weight.
-    origin = scale_vector(new, -1.0)
-    to_a = minus(a, new)
-    to_b = minus(b, new)
-    to_c = minus(c, new)
-    volume = dot(to_a, cross(to_b, to_c))
-    weight_a = dot(origin, cross(to_b, to_c)) / volume
-    weight_b = dot(to_a, cross(origin, to_c)) / volume
-    weight_c = dot(to_a, cross(to_b, origin)) / volume
+    origin = vectors.scale_vector(new, -1.0)
+    to_a = vectors.minus(a, new)
+    to_b = vectors.minus(b, new)
+    to_c = vectors.minus(c, new)
+    volume = vectors.dot(to_a, vectors.cross(to_b, to_c))
+    weight_a = vectors.dot(origin, vectors.cross(to_b, to_c)) / volume
+    weight_b = vectors.dot(to_a, vectors.cross(origin, to_c)) / volume
+    weight_c = vectors.dot(to_a, vectors.cross(to_b, origin)) / volume
     is_inside = min(weight_a, weight_b, weight_c) >= 0.0 and weight_a + weight_b + weight_c <= 1.0
     if volume != 0.0 and is_inside:
         return origin, a, b, c, 4
@@ -800,7 +791,7 @@ def nearest_in_simplex(
     best = nearest_in_triangle(new, a, b)
     for first, second in ((b, c), (c, a)):
         other = nearest_in_triangle(new, first, second)
-        if dot(other[0], other[0]) < dot(best[0], best[0]):
+        if vectors.dot(other[0], other[0]) < vectors.dot(best[0], best[0]):
             best = other
     return best
 
@@ -813,19 +804,19 @@ def nearest_in_triangle(a: Row, b: Row, c: Row) -> tuple[Row, Row, Row, Row, int
     face, padded to three, and their number, from 1 to 3.
     """
     # The point is a + s (b - a) + t (c - a). On a corner or edge, a weight is exactly 0, or 1.
-    s, t = triangle_weights(a, b, c)
+    s, t = vectors.triangle_weights(a, b, c)
     if s == 0.0 and t == 0.0:
         return a, a, a, a, 1
     if s == 1.0:
         return b, b, b, b, 1
     if t == 1.0:
         return c, c, c, c, 1
-    ab, ac = minus(b, a), minus(c, a)
+    ab, ac = vectors.minus(b, a), vectors.minus(c, a)
     if t == 0.0:
-        return add_scaled(a, ab, s), a, b, b, 2
+        return vectors.add_scaled(a, ab, s), a, b, b, 2
     if s == 0.0:
-        return add_scaled(a, ac, t), a, c, c, 2
+        return vectors.add_scaled(a, ac, t), a, c, c, 2
     if s + t == 1.0:
-        return add_scaled(b, minus(c, b), t), b, c, c, 2
-    n = cross(ab, ac)
-    return scale_vector(n, dot(n, a) / dot(n, n)), a, b, c, 3
+        return vectors.add_scaled(b, vectors.minus(c, b), t), b, c, c, 2
+    n = vectors.cross(ab, ac)
+    return vectors.scale_vector(n, vectors.dot(n, a) / vectors.dot(n, n)), a, b, c, 3
