@@ -42,7 +42,6 @@ from cspace._space import CSpace
 from cspace._support.arrays import Floats
 from cspace._support.check import (
     check_count,
-    check_flag,
     check_not_negative,
     check_positive,
     check_word,
@@ -221,7 +220,6 @@ def build(
     _check_types(workspace, robot, progress)
     robot = robot_of(robot)
     _check_options(workspace, robot, cells, method, counts, outside, workers)
-    check_flag(inner, "inner")
     explained = _warn_of_units(workspace.grid, robot, cells, margin, outside)
     if store is not None:  # build tile by tile, into a folder
         from cspace._tiles.build import build_tiles
@@ -347,7 +345,6 @@ def _check_options(
         hint = "use robot.footprint()" if robot.dim == 3 else ""
         raise InputError("robot", problem, "they must agree", hint)
     rotations._check_dimension(robot.dim)
-    check_flag(counts, "counts")
     if workers is not None:
         check_count(workers, "workers", 1)
     check_word(method, "method", METHODS)

@@ -25,7 +25,13 @@ from cspace._rotations.base import (
     wrap_steps,
 )
 from cspace._support.arrays import FREE, MAX_EXPECTED_ANGLE, Bools, Floats, Ints, States
-from cspace._support.check import check_finite, check_pairs, check_rows, names_options
+from cspace._support.check import (
+    check_finite,
+    check_flag,
+    check_pairs,
+    check_rows,
+    names_options,
+)
 from cspace._support.deadlines import Effort
 from cspace._support.reporting import tell_apart
 from cspace.errors import ConfigurationError, InputError
@@ -44,6 +50,9 @@ LookUp: TypeAlias = Callable[..., Any]
 
 Checker = Callable[..., bool]
 """Test of a configuration or a motion, given by its numbers."""
+
+NUMBERS: Final = frozenset({float, int, np.float64, np.float32, np.int64})
+"""Types of the entries of plain rows; all others go through the query of arrays."""
 
 HALF_TURN: Final = math.pi + 1e-9
 """Largest turn of a continuous joint between path rows, radians, with a rounding error."""
@@ -448,10 +457,12 @@ class Space(ABC):
         """Return a lower bound of the distance from collision, or NaN."""
         return math.nan
 
+    @names_options
     def point_checker(self, *, exact: bool = False) -> Checker:
         """Return ``check(*q)``, a fast :meth:`is_free`."""
         return lambda *q: bool(self.is_free(q))
 
+    @names_options
     def edge_checker(self, *, exact: bool = False) -> Checker:
         """Return ``check(*q0, *q1)``, a fast :meth:`motion_is_free`."""
         size = self.size
@@ -725,10 +736,11 @@ class ConfigurationSpace(Space):
 
         With ``exact``, geometry decides in MIXED cells of a map. For an arm it always does.
         """
-        if not exact:
+        if exact is False:
             state: int | None = self._ask_one(self._look_up_state, q)
             if state is not None:
                 return state == FREE
+        check_flag(exact, "exact")
         write = partial(self._write_free, exact)
         free: bool | Bools = evaluate(q, self.axes, write, np.bool_, self._angles)
         return free
@@ -762,14 +774,16 @@ class ConfigurationSpace(Space):
         InputError, ConfigurationError
             As :meth:`classify`.
         """
-        if not exact:
+        if exact is False:
             state: int | None = self._ask_one(self._look_up_motion, q0, q1)
             if state is not None:
                 return state == FREE
+        check_flag(exact, "exact")
         write = partial(self._write_motions, exact)
         free: bool | Bools = evaluate_edges(q0, q1, self.axes, write, self._angles)
         return free
 
+    @names_options
     def certify_path(
         self, path: ArrayLike, edges: ArrayLike | None = None, *, exact: bool = False
     ) -> Bools:
@@ -891,6 +905,7 @@ class ConfigurationSpace(Space):
 
     # ---- for planners ----------------------------------------------------------------------------
 
+    @names_options
     def point_checker(self, *, exact: bool = False) -> Checker:
         """Return ``check(*q)``, a fast :meth:`is_free`; False beyond the limits of joints."""
         look_up = self._look_up_state
@@ -898,6 +913,7 @@ class ConfigurationSpace(Space):
             return lambda *q: self.is_free(q, exact=exact)
         return lambda *q: look_up(*q) == FREE
 
+    @names_options
     def edge_checker(self, *, exact: bool = False) -> Checker:
         """Return ``check(*q0, *q1)``, a fast :meth:`motion_is_free`; False beyond the limits."""
         look_up = self._look_up_motion
@@ -1003,7 +1019,7 @@ class ConfigurationSpace(Space):
                         return None
                 numbers += tuple(q)
             # Compiled look-ups parse texts, and drop the labels, units and masks of entries.
-            if not isinstance(sum(numbers), (float, int)):
+            if not NUMBERS.issuperset(map(type, numbers)):
                 return None
             answer = look_up(*numbers)
         except (TypeError, ValueError, OverflowError):  # the type of entries is wrong

@@ -47,7 +47,6 @@ from cspace._support.arrays import (
 )
 from cspace._support.check import (
     check_finite,
-    check_flag,
     check_known,
     check_points,
     check_rng,
@@ -400,6 +399,7 @@ class CSpace(ConfigurationMap):
 
     # ---- for callbacks ---------------------------------------------------------------------------
 
+    @names_options
     def point_checker(self, *, exact: bool = False) -> Callable[..., bool]:
         """Return a fast ``is_free`` of floats, for callbacks.
 
@@ -417,6 +417,7 @@ class CSpace(ConfigurationMap):
         check = super().point_checker()
         return self._exact.point_checker(check) if exact else check
 
+    @names_options
     def edge_checker(self, *, exact: bool = False) -> Callable[..., bool]:
         """Return a fast ``motion_is_free`` of floats, for callbacks.
 
@@ -555,7 +556,6 @@ class CSpace(ConfigurationMap):
             If a coordinate is not finite, the time limit is not above zero, or ``exact`` is set for
             a map without geometry.
         """
-        check_flag(exact, "exact")
         search = self._find_exact_path if exact else self._find_free_path
         return self._run_with_limit(search, q0, q1, straight, limit_effort(time_limit))
 
@@ -824,6 +824,7 @@ class CSpace(ConfigurationMap):
         is_open = not self._exterior.is_all_blocked(grid.shape).all()
         return grid.spacing * min_length(passable, is_open, start, goal)
 
+    @names_options
     def find_widest_path(
         self,
         q0: ArrayLike,

@@ -733,8 +733,8 @@ class Workspace:
             source = str(points)
         else:
             check_positive(spacing, "spacing")
-            centers = select_positions(points, "points")
             warn_of_names("points", find_sizes(list_columns(points)), ())
+            centers = select_positions(points, "points")
             if drop_missing:
                 centers = centers[np.isfinite(centers).all(axis=-1)]
             cloud = Balls.of(centers, radius)

@@ -72,7 +72,6 @@ from ._support.check import AXES as AXES
 from ._support.check import MAX_NUMBER as MAX_NUMBER
 from ._support.check import check_count as check_count
 from ._support.check import check_finite as check_finite
-from ._support.check import check_flag as check_flag
 from ._support.check import check_known as check_known
 from ._support.check import check_not_negative as check_not_negative
 from ._support.check import check_number as check_number

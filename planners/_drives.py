@@ -6,7 +6,7 @@ from typing import Final
 
 from cspace import Space
 from cspace.errors import InputError
-from cspace.inside import Drive, check_flag, check_positive, check_word, tell_apart
+from cspace.inside import Drive, check_positive, check_word, tell_apart
 from planners._local_planner import (
     CURVES,
     DRIVES,
@@ -36,7 +36,6 @@ def local_planner(
     out of range.
     """
     check_space(space)
-    check_flag(exact, "exact")
     exact = bool(exact) or not space.has_cells
     radius = _check_drive(space, drive, turning_radius)
     kind = LocalPlanner

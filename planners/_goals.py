@@ -519,7 +519,7 @@ def check_tolerance(value: object, space: Space) -> tuple[float, float]:
     if value is None:
         return 0.0, 0.0
     check_support("goal_tolerance", "goal_tolerance", value, space)
-    pair = check_finite(cast("ArrayLike", value), "goal_tolerance")
+    pair = check_finite(cast("ArrayLike", value), "goal_tolerance", ("metres", "radians"))
     if pair.shape != (2,) or (pair < 0.0).any():
         rule = "it must be two numbers, zero or above: metres and radians"
         raise InputError("goal_tolerance", f"is {value!r}", rule)

@@ -13,7 +13,7 @@ from ompl import util as ou
 
 from cspace import CSpace, Space
 from cspace.errors import InputError
-from cspace.inside import Drive, Floats, check_flag, check_rng
+from cspace.inside import Drive, Floats, check_rng, names_options
 from planners._drives import local_planner
 from planners._local_planner import HOLONOMIC
 from planners._ompl_states import check_information, find_state_kind
@@ -39,10 +39,10 @@ class StateValidityChecker(ob.StateValidityChecker):
         Test of a state; a plan replaces it by one that ends at its time limit.
     """
 
+    @names_options
     def __init__(self, si: ob.SpaceInformation, space: Space, *, exact: bool = False) -> None:
         """Make the test of a state from that of a configuration."""
         check_information(si, space)
-        check_flag(exact, "exact")
         super().__init__(si)
         self._kind = find_state_kind(space)
         self._space = space
@@ -120,6 +120,7 @@ class MotionValidator(ob.MotionValidator):
     (True, False)
     """
 
+    @names_options
     def __init__(
         self,
         si: ob.SpaceInformation,

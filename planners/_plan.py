@@ -30,7 +30,6 @@ from cspace.inside import (
     GoalLike,
     SearchOptions,
     check_count,
-    check_flag,
     check_not_negative,
     frozen,
     limit_effort,
@@ -286,7 +285,6 @@ def plan(
     4.0
     """
     began = clock.read()
-    check_flag(simplify, "simplify")
     if stop is not None and not callable(cast(object, stop)):
         rule = "it is called to ask whether the search ends"
         raise InputError("stop", f"is {stop!r}", rule)

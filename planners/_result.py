@@ -24,7 +24,6 @@ from cspace.inside import (
     Drive,
     Floats,
     Upright,
-    check_flag,
     check_positive,
     names_options,
     replacing,
@@ -349,6 +348,7 @@ class Plan:
         check_axes(space, self.axes, "plan")
         return edges.edges_are_free(self.waypoints)
 
+    @names_options
     def explain(self, *, refine: bool = False) -> Explanation:
         """Explain why a path between start and goal exists, or does not.
 
@@ -461,6 +461,7 @@ class Plan:
         axes: Axes = self._picture("draw it with space.plot(path=plan)").plot(**options)
         return axes
 
+    @names_options
     def animate(
         self,
         file: str | os.PathLike[str],
@@ -723,8 +724,6 @@ class Plan:
             max_jerk,
             max_angular_jerk,
         )
-        check_flag(blend, "blend")
-        check_flag(stop_at_via, "stop_at_via")
         path = DrivenPath(
             space=None if self.space is None else self.space._keep(self.keep),
             waypoints=self.waypoints,
@@ -758,6 +757,7 @@ class Plan:
         if not self.solved:
             raise InputError("plan", f"has no path: {self.status}", rule, "check plan.solved first")
 
+    @names_options
     def to_csv(self, path: str | os.PathLike[str], overwrite: bool = False) -> None:
         """Write the path as CSV, in full precision.
 
@@ -787,6 +787,7 @@ class Plan:
             rows = [[*q, sign] for q, sign in zip(rows, self.direction.tolist(), strict=True)]
         write_csv(path, overwrite, names, rows)
 
+    @names_options
     def to_json(self, path: str | os.PathLike[str], overwrite: bool = False) -> None:
         """Write all attributes except the map as JSON.
 

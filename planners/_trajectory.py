@@ -705,6 +705,7 @@ class Trajectory:
 
         return make_twists(make or Twist, self.v, self.omega)
 
+    @names_options
     def to_csv(
         self,
         path: str | os.PathLike[str],

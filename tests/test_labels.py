@@ -1,6 +1,7 @@
 """Each public call hears labels of its numbers, in any order and type, or refuses them."""
 
 import inspect
+import math
 from collections import namedtuple
 from functools import cache
 from types import SimpleNamespace
@@ -12,10 +13,13 @@ import xarray as xr
 
 import cspace
 import planners
-from cspace import CspaceError, Robot, Workspace
-from cspace.arms import ArmSpace, JointMap, build_arm_space, build_joint_map
-from planners import Trajectory
+from cspace import CspaceError, Grid, Robot, Rotations, Workspace
+from cspace.arms import ArmSpace, JointMap, PosedShape, PoseGoal, build_arm_space, build_joint_map
+from cspace.lanes import HeadingRule, RouteGraph
+from cspace.spectral import Bump, ball_spectrum
+from planners import Goals, Mover, Trajectory, Upright
 from tests.helpers.urdfs import planar_arm, posed_box
+from tests.test_flags import list_functions
 
 ROWS = {
     **dict.fromkeys(("q", "q0", "start", "before", "around"), (0.5, 0.75, 0.25)),
@@ -144,6 +148,8 @@ def plain(answer):
         return str(answer.tolist())
     if isinstance(answer, tuple | list) and not hasattr(answer, "_fields"):
         return str([plain(entry) for entry in answer])
+    if isinstance(answer, str):
+        return answer
     for name in ("waypoints", "positions", "b", "chunk", "proven", "verdict", "lower"):
         if hasattr(answer, name):
             return plain(getattr(answer, name))
@@ -193,3 +199,259 @@ def test_numbers_with_labels_in_any_order_have_one_answer(objects, owner, name, 
     for kind, values in vary(numbers, labels):
         found = ask(call, {**arguments, argument: values})
         assert found in (expected, "refused: InputError"), kind
+
+
+# ---- what is made --------------------------------------------------------------------------------
+
+Q = (0.5, 0.75, 0.25)
+PLANE = ("x", "y")
+SPACE = ("x", "y", "z")
+TURNING = ("x", "y", "yaw")
+JOINTS = ("shoulder", "elbow")
+TOLERANCE = ("metres", "radians")
+TRIANGLE = [(0.0, 0.0), (1.0, 0.0), (0.5, 2.0)]
+POINTS = [(0.0, 0.5), (1.0, 0.25)]
+CELLS = np.eye(3, dtype=bool)[:2]
+CORNERS = ("xmin", "ymin", "xmax", "ymax")
+POSE = [tuple(row) for row in np.eye(4).tolist()]
+COLUMNS = ("right", "up", "out", "place")  # of a matrix, which has no names
+BALL = Robot.ball(0.125, (0.0, 0.0, 8.0)).shape
+
+
+def make_graph(positions=POINTS, edges=((0, 1),), yaws=None, heading="forward"):
+    """Make a graph; return its nodes and the headings of its lanes."""
+    graph = RouteGraph.from_arrays(positions, edges, headings=heading, yaws=yaws)
+    lanes = [(lane.start, lane.end, sorted(lane.heading.yaws)) for lane in graph.lanes]
+    return [graph.positions, graph.yaws, str(lanes)]
+
+
+def measure(motion=(0.5, 0.75), velocity=None):
+    """Return the distance of a thing that moves from one that stands."""
+    still = Mover(Robot.disc(0.1), (3.0, 1.0))
+    moving = Mover(Robot.disc(0.1), motion, velocity=velocity)
+    return planners.apart(moving, still, until=1.0).distance
+
+
+def arm_of(objects):
+    """Return the arm of the objects."""
+    return objects["ArmSpace"].arm
+
+
+MAKERS = {
+    "Robot.disc center": (lambda _, v: Robot.disc(0.25, v).spec, (0.125, 0.25), PLANE),
+    "Robot.rectangle center": (
+        lambda _, v: Robot.rectangle(0.5, 0.25, v).spec,
+        (0.125, 0.25),
+        PLANE,
+    ),
+    "Robot.ellipse center": (lambda _, v: Robot.ellipse(0.5, 0.25, v).spec, (0.125, 0.25), PLANE),
+    "Robot.ball center": (lambda _, v: Robot.ball(0.5, v).spec, Q, SPACE),
+    "Robot.capsule center": (lambda _, v: Robot.capsule(0.5, 0.25, v).spec, Q, SPACE),
+    "Robot.cylinder center": (lambda _, v: Robot.cylinder(0.5, 0.25, v).spec, Q, SPACE),
+    "Robot.box extents": (lambda _, v: Robot.box(v).spec, Q, SPACE),
+    "Robot.box center": (lambda _, v: Robot.box((1.0, 1.0, 1.0), v).spec, Q, SPACE),
+    "Robot.polygon shape": (lambda _, v: Robot.polygon(v).spec, TRIANGLE, PLANE),
+    "Robot.from_footprint footprint": (
+        lambda _, v: Robot.from_footprint(v).spec,
+        TRIANGLE,
+        PLANE,
+    ),
+    "Robot.from_balls centers": (lambda _, v: Robot.from_balls(v, 0.5).spec, POINTS, PLANE),
+    "Robot.from_balls radii": (lambda _, v: Robot.from_balls(POINTS, v).spec, (0.5, 0.25), PLANE),
+    "Robot.from_bitmap lower": (
+        lambda _, v: Robot.from_bitmap(CELLS, 0.125, v).spec,
+        (0.125, 0.25),
+        PLANE,
+    ),
+    "Grid.__init__ lower": (lambda _, v: Grid(v, 0.5, (3, 4)).lower, (0.125, 0.25), PLANE),
+    "Grid.__init__ shape": (lambda _, v: Grid((0, 0), 0.5, v).shape, (3, 4), PLANE),
+    "Grid.center_of cells": (lambda made, v: made["Grid"].center_of(v), (3, 4), PLANE),
+    "Workspace.from_array lower": (
+        lambda _, v: Workspace.from_array(CELLS, 0.5, v).grid.lower,
+        (0.125, 0.25),
+        PLANE,
+    ),
+    "Workspace.from_balls centers": (
+        lambda _, v: Workspace.from_balls(v, 0.25, 0.125).outer,
+        POINTS,
+        PLANE,
+    ),
+    "Workspace.from_balls radii": (
+        lambda _, v: Workspace.from_balls(POINTS, v, 0.125).outer,
+        (0.5, 0.25),
+        PLANE,
+    ),
+    "Workspace.from_points points": (
+        lambda _, v: Workspace.from_points(v, 0.125, radius=0.25).outer,
+        POINTS,
+        PLANE,
+    ),
+    "Workspace.from_points bounds": (
+        lambda _, v: Workspace.from_points(POINTS, 0.125, bounds=v).grid.shape,
+        [(0.0, -0.5), (1.0, 0.5)],
+        PLANE,
+    ),
+    "Workspace.from_shapes bounds": (
+        lambda _, v: Workspace.from_shapes([Robot.disc(0.25).shape], 0.125, v).grid.shape,
+        (-1.0, -0.5, 2.0, 1.0),
+        CORNERS,
+    ),
+    "Workspace.from_points offset": (
+        lambda _, v: Workspace.from_points(POINTS, 0.125, radius=0.25, offset=v).grid.lower,
+        (0.0, -0.5),
+        PLANE,
+    ),
+    "Rotations.of value": (
+        lambda _, v: Rotations.of(v).centers,
+        (0.0, 0.5, 1.0, 2.0 * math.pi),
+        ("yaw",),
+    ),
+    "Rotations.cell_of rotation": (
+        lambda made, v: str(made["CSpace"].rotations.cell_of(v)),
+        (0.5,),
+        ("yaw",),
+    ),
+    "CSpace.states_at rotation": (lambda made, v: made["CSpace"].states_at(v), (0.5,), ("yaw",)),
+    "CSpace.to_costmap rotation": (
+        lambda made, v: str(made["CSpace"].to_costmap(rotation=v).data),
+        (0.5,),
+        ("yaw",),
+    ),
+    "Gate.slow_down twist_now": (
+        lambda made, v: made["Gate"].slow_down(Q, (0.25, 0.125), twist_now=v).commands,
+        (0.125, 0.25),
+        ("v", "omega"),
+    ),
+    "Goals.__init__ goals": (
+        lambda made, v: planners.plan(made["CSpace"], Q, Goals(v), seed=0).path,
+        [(0.75, 0.5, 0.125), (0.5, 2.0, 0.25)],
+        TURNING,
+    ),
+    "plan goal_tolerance": (
+        lambda made, v: (
+            planners.plan(made["CSpace"], Q, (1.5, 1.5, 0.5), goal_tolerance=v, seed=0).path
+        ),
+        (0.25, 0.125),
+        TOLERANCE,
+    ),
+    "Mover motion": (lambda _, v: measure(v), (0.5, 0.75), PLANE),
+    "Mover velocity": (lambda _, v: measure(velocity=v), (0.25, 0.125), PLANE),
+    "Upright axis": (lambda _, v: Upright("tool", v).axis, (0.0, 0.5, 1.0), SPACE),
+    "Upright direction": (
+        lambda _, v: Upright("tool", direction=v).direction,
+        (0.0, 0.5, 1.0),
+        SPACE,
+    ),
+    "PoseGoal pose": (lambda _, v: PoseGoal("tool", v).pose, POSE, COLUMNS),
+    "PoseGoal tolerance": (
+        lambda _, v: PoseGoal("tool", POSE, v).tolerance,
+        (0.25, 0.125),
+        TOLERANCE,
+    ),
+    "PosedShape pose": (
+        lambda _, v: PosedShape(BALL, v).transform(np.ones(3)),
+        POSE,
+        COLUMNS,
+    ),
+    "build_arm_space base_pose": (
+        lambda _, v: build_arm_space(
+            {"ball": PosedShape(BALL, POSE)}, planar_arm(), base_pose=v
+        ).obstacle_distance((0.5, 0.75)),
+        POSE,
+        COLUMNS,
+    ),
+    "Arm.pose q": (lambda made, v: arm_of(made).pose(v, "fore"), (0.5, 0.75), JOINTS),
+    "Arm.poses q": (lambda made, v: str(arm_of(made).poses(v)), (0.5, 0.75), JOINTS),
+    "Arm.configuration base": (
+        lambda made, v: arm_of(made).configuration({}, base=v),
+        (0.5, 0.75),
+        JOINTS,
+    ),
+    "Arm.inverse near": (
+        lambda made, v: arm_of(made).inverse("upper", np.eye(4), near=v, seed=0),
+        (0.5, 0.75),
+        JOINTS,
+    ),
+    "ArmSpace.motions_are_free_around starts": (
+        lambda made, v: made["ArmSpace"].motions_are_free_around(v, [(0.75, 0.5)], (0.01, 0.01)),
+        [(0.5, 0.75)],
+        JOINTS,
+    ),
+    "ArmSpace.motions_are_free_around ends": (
+        lambda made, v: made["ArmSpace"].motions_are_free_around([(0.75, 0.5)], v, (0.01, 0.01)),
+        [(0.5, 0.75)],
+        JOINTS,
+    ),
+    "ConvexRegion.contains q": (
+        lambda made, v: made["CSpace"].free_region(Q, reach=0.25).contains(v),
+        Q,
+        TURNING,
+    ),
+    "RouteGraph.from_arrays positions": (lambda _, v: make_graph(v), POINTS, PLANE),
+    "RouteGraph.from_arrays edges": (
+        lambda _, v: make_graph(edges=v),
+        [(0, 1), (1, 0)],
+        ("start", "end"),
+    ),
+    "RouteGraph.from_arrays yaws": (lambda _, v: make_graph(yaws=v), (0.5, 0.25), ("a", "b")),
+    "HeadingRule yaws": (
+        lambda _, v: make_graph(heading=HeadingRule("map", v)),
+        (0.5, 0.25),
+        ("a", "b"),
+    ),
+    "ball_spectrum centers": (
+        lambda _, v: ball_spectrum(v, 0.5, Bump(), (2.0, 2.0), (8, 8)),
+        POINTS,
+        PLANE,
+    ),
+    "ball_spectrum radii": (
+        lambda _, v: ball_spectrum(POINTS, v, Bump(), (2.0, 2.0), (8, 8)),
+        (0.5, 0.25),
+        PLANE,
+    ),
+    "ball_spectrum lengths": (
+        lambda _, v: ball_spectrum(POINTS, 0.5, Bump(), v, (8, 8)),
+        (2.0, 3.0),
+        PLANE,
+    ),
+}
+"""What is made of numbers, or asked of what was made, with numbers and their labels."""
+
+
+@pytest.mark.parametrize("maker", MAKERS)
+def test_what_is_made_of_numbers_with_labels_is_one_thing(objects, maker):
+    make, numbers, labels = MAKERS[maker]
+
+    def call(value):
+        """Make the thing of a value."""
+        made = make(objects, value)
+        return str(made) if isinstance(made, str | dict) else made
+
+    expected = ask(call, {"value": numbers})
+    assert not expected.startswith("refused"), expected
+    size = len(numbers[0]) if isinstance(numbers, list) else len(numbers)
+    names = labels if len(labels) == size else tuple(f"{labels[0]}{k}" for k in range(size))
+    for kind, values in vary(numbers, names):
+        assert ask(call, {"value": values}) in (expected, "refused: InputError"), kind
+
+
+NAMELESS = {
+    *("cells", "occupied", "inner"),  # arrays of cells: tests/test_arguments.py
+    *("radius", "rotations", "lengths", "turns", "deviation", "held_joints", "max_jerk"),
+    *("camera", "center", "t", "distance", "frequency", "counts", "chosen", "step"),
+    *("starts", "ends", "poses", "pose", "base_pose", "tolerance", "near", "edges"),
+}
+"""Arguments whose numbers have no axes with names, or which one call of the tables shows for all."""
+
+
+def test_all_arguments_that_are_arrays_are_in_a_table():
+    shown = {argument for _, _, argument in CALLS} | NAMELESS | FILES
+    shown |= {label.split()[1] for label in (*MAKERS, *ELSEWHERE)}
+    missing = {
+        f"{name} {argument}"
+        for name, call in list_functions()
+        if inspect.isroutine(call)
+        for argument, kind in getattr(call, "__annotations__", {}).items()
+        if "ArrayLike" in str(kind) and argument != "return" and argument not in shown
+    }
+    assert not missing

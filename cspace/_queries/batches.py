@@ -68,6 +68,7 @@ def evaluate(
     InputError
         If the last axis is not d long, or a value is not finite.
     """
+    is_array = isinstance(q, np.ndarray)
     points = check_rows(q, name, axes)
     rows = as_contiguous(points.reshape(-1, len(axes)))
     out = np.empty(len(rows), dtype=dtype)
@@ -75,7 +76,7 @@ def evaluate(
     if bad >= 0:
         raise _make_unusable_error(rows[bad], name, bad)
     warn_of_degrees(rows, angles, name)
-    return _shape_answers(out, points.shape[:-1], isinstance(q, np.ndarray))
+    return _shape_answers(out, points.shape[:-1], is_array)
 
 
 def evaluate_edges(
@@ -91,6 +92,7 @@ def evaluate_edges(
     other parameters, results and errors are those of :func:`evaluate`.
     """
     size = len(axes)
+    has_array = isinstance(q0, np.ndarray) or isinstance(q1, np.ndarray)
     starts = check_rows(q0, "q0", axes)
     ends = check_rows(q1, "q1", axes)
     try:
@@ -106,7 +108,6 @@ def evaluate_edges(
     out = evaluate_rows(first_rows, second_rows, write)
     warn_of_degrees(starts, angles, "q0")
     warn_of_degrees(ends, angles, "q1")
-    has_array = isinstance(q0, np.ndarray) or isinstance(q1, np.ndarray)
     return _shape_answers(out, shape[:-1], has_array)
 
 

@@ -34,9 +34,6 @@ UNKNOWN_CELL: Final = -1
 AXES: Final = ("x", "y", "z")
 """Names of the axes of space; a plane has the first two."""
 
-_POSE_NAMES: Final = (*AXES, "yaw", "qx", "qy", "qz", "qw")
-"""Names of the coordinates of poses."""
-
 _ROW_ATTRIBUTES: Final = ("to_numpy", "mask", "_fields", "units", "unit")
 """Attributes of rows with labels, masks or units."""
 
@@ -138,10 +135,12 @@ def _order_rows(values: Any, name: str, axes: Sequence[str]) -> Any:
     """Return a list of rows, or a row, in axes' order."""
     # Long lists hold few types, and numpy would drop the labels, units and masks of rows.
     kinds = set(map(type, values))
+    if bool in kinds and len(kinds) > 1:  # numpy would turn them into numbers
+        raise InputError(name, f"is {values!r}", "it must be numeric")
     if any(hasattr(kind, each) for kind in kinds for each in _ROW_ATTRIBUTES):
         return [check_real(row, name, axes) for row in values]
     fields = getattr(values, "_fields", ())
-    if not set(fields) & set(axes or _POSE_NAMES):
+    if not fields:
         return values
     _check_labels(fields, name, axes)
     return [getattr(values, axis) for axis in axes]
@@ -307,22 +306,28 @@ def suggest_name(value: object, known: Collection[str]) -> str:
 
 
 def names_options(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
-    """Make a function suggest a similar option for an unknown one.
+    """Make a function check its truth values, and suggest an option for an unknown one.
 
     It is not for queries of single configurations, because it takes a fraction of a microsecond.
     """
-    names = list(inspect.signature(function).parameters)
+    parameters = inspect.signature(function).parameters
+    names = list(parameters)
     known = frozenset(names)
+    flags = [name for name in names if parameters[name].annotation == "bool"]
+    takes_others = any(each.kind is each.VAR_KEYWORD for each in parameters.values())
 
     @wraps(function)
     def call(*values: Arguments.args, **options: Arguments.kwargs) -> Result:
-        """Call the function, if it has all options."""
-        if not known.issuperset(options):
+        """Call the function, if it has all options, and truth values are True or False."""
+        if not (takes_others or known.issuperset(options)):
             name = next(option for option in options if option not in known)
             left = sorted(names[len(values) :])  # without self, and what is given by position
             hint = suggest_name(name, left) or f"its options are {', '.join(left)}"
             called = function.__qualname__.removesuffix(".__init__")
             raise TypeError(f"{called}() has no option {name!r}; {hint}")
+        given = {**dict(zip(names, values, strict=False)), **options} if flags else {}
+        for flag in flags:
+            check_flag(given.get(flag, True), flag)
         return function(*values, **options)
 
     return call

@@ -920,6 +920,7 @@ class ArmSpace(ConfigurationSpace):
             raise _make_collision_error(snapshot, start, "q0")
         return follow_lines(snapshot, start, frame, corners, lines, max_deviation)
 
+    @names_options
     def certify_path(
         self, path: ArrayLike, edges: ArrayLike | None = None, *, exact: bool = False
     ) -> Bools:

@@ -156,7 +156,7 @@ def check_pose_tolerance(tolerance: tuple[float, float]) -> Floats:
 
     Raise InputError unless both are above zero and one is finite.
     """
-    pair = np.asarray(check_real(tolerance, "tolerance"), dtype=np.float64)
+    pair = np.asarray(check_real(tolerance, "tolerance", ("metres", "radians")), dtype=np.float64)
     if pair.shape != (2,) or not (pair > 0.0).all() or np.isinf(pair).all():
         raise InputError(
             "tolerance",

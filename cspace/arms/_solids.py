@@ -41,6 +41,7 @@ from cspace.inside import (
     build_boxes,
     check_finite,
     check_memory,
+    frozen,
     warn_user,
 )
 
@@ -71,19 +72,19 @@ class PosedShape:
     Raises
     ------
     InputError
-        If it is no shape.
+        If it is no shape, or the pose is no rigid motion.
     """
 
     shape: Shape
     pose: Floats
 
     def __init__(self, shape: ShapeLike, pose: ArrayLike) -> None:
-        """Convert what :func:`cspace._shapes.as_shape` takes; the pose is checked where it is used.
+        """Convert what :func:`cspace._shapes.as_shape` takes, and the pose.
 
         Fields of a frozen class are set through ``object``.
         """
         object.__setattr__(self, "shape", as_shape(shape))
-        object.__setattr__(self, "pose", pose)
+        object.__setattr__(self, "pose", frozen(check_rigid(pose, "pose")))
 
     @cached_property
     def bounds_pair(self) -> tuple[PosedShape, PosedShape]:
@@ -315,8 +316,7 @@ def place_obstacle(obstacle: object, name: str, base: Floats) -> PosedShape | No
     if isinstance(obstacle, Workspace):
         return _place_workspace(obstacle, name, base)
     if isinstance(obstacle, PosedShape):
-        pose = check_rigid(obstacle.pose, f"pose of {name}")
-        return place_shape(obstacle.shape, name, base @ pose)
+        return place_shape(obstacle.shape, name, base @ obstacle.pose)
     if isinstance(obstacle, Mapping):
         problem = f"hold {name!r}, a {type(obstacle).__name__}"
         raise InputError("obstacles", problem, "arms are in space")
@@ -343,7 +343,7 @@ def place_shape(shape: Shape, name: str, pose: Floats) -> PosedShape:
             f"hold {name!r}, a shape of the plane",
             "arms are in space",
         )
-    placed = PosedShape(shape, check_rigid(pose, name))
+    placed = PosedShape(shape, pose)
     lower, upper = shape.outer.bounds
     middle = placed.pose[:3, :3] @ (0.5 * (lower + upper)) + placed.pose[:3, 3]
     gap = np.linalg.norm(middle) - 0.5 * np.linalg.norm(upper - lower)

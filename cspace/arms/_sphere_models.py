@@ -27,6 +27,7 @@ from cspace.inside import (
     check_output,
     decoding,
     join_surfaces,
+    names_options,
     replacing,
     transform_surface,
     warn_user,
@@ -84,6 +85,7 @@ class SphereModel:
             lines.append(f"{name:{width}}  {values}")
         return "\n".join(lines)
 
+    @names_options
     def save(
         self, path: PathLike, template: PathLike | None = None, *, overwrite: bool = False
     ) -> None:

@@ -30,6 +30,7 @@ from cspace.inside import (
     frozen,
     import_optional,
     make_metadata,
+    names_options,
     replacing,
 )
 
@@ -151,6 +152,7 @@ EXPORT_FORMATS: Final[dict[str, ExportFormat]] = {
 """Formats of exports, by suffix."""
 
 
+@names_options
 def export(
     contents: Contents,
     path: StrPath,

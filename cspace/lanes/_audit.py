@@ -11,7 +11,14 @@ from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple, TypeAlias
 import numpy as np
 
 from cspace import BLOCKED
-from cspace.inside import Bools, Floats, StrPath, check_flag, check_known, check_not_negative
+from cspace.inside import (
+    Bools,
+    Floats,
+    StrPath,
+    check_known,
+    check_not_negative,
+    names_options,
+)
 from cspace.lanes._collisions import Hit, find_hits, sample_motions
 from cspace.lanes._lane_motions import check_map, list_legs, list_motions, list_parts, list_yaws
 from cspace.lanes._reach import Reach, judge_ways, prove_nodes
@@ -260,16 +267,17 @@ class Audit:
             shapes.append(({"type": "Point", "coordinates": list(node.position)}, properties))
         return make_features(shapes)
 
+    @names_options
     def to_csv(self, path: StrPath, overwrite: bool = False) -> None:
         """Write one row for each lane and direction."""
         write_csv(path, overwrite, COLUMNS, (row.cells for row in self.lanes))
 
+    @names_options
     def to_junit(self, path: StrPath, overwrite: bool = False, strict: bool = False) -> None:
         """Write a JUnit report: one test for each lane and direction.
 
         A blocked lane fails; an undecided one is skipped, or fails if ``strict``.
         """
-        check_flag(strict, "strict")
         failing = ("blocked", "undecided") if strict else ("blocked",)
         cases = []
         for row in self.lanes:
@@ -279,6 +287,7 @@ class Audit:
             cases.append(JunitCase(name, message, row.verdict in failing))
         write_junit(path, overwrite, f"lanes for {self.space.robot.name}", "lanes", cases)
 
+    @names_options
     def write_geojson(self, path: StrPath, overwrite: bool = False) -> None:
         """Write :meth:`to_geojson` to a file."""
         write_json(path, overwrite, self.to_geojson())
@@ -307,7 +316,6 @@ def audit_graph(
     space: ConfigurationMap, graph: RouteGraph, exact: bool, max_room: float, find_path: FindPath
 ) -> Audit:
     """Audit a route graph, see :func:`planners.audit`; ``find_path`` finds ways beside lanes."""
-    check_flag(exact, "exact")
     room = check_not_negative(max_room, "max_room")
     check_map(space, graph)
     proofs = prove_lanes(space, graph, exact, room)

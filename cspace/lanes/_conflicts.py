@@ -19,10 +19,10 @@ from cspace.inside import (
     Floats,
     Ints,
     StrPath,
-    check_flag,
     check_known,
     check_not_negative,
     check_text,
+    names_options,
     warn_user,
     wrap_angles,
 )
@@ -311,21 +311,23 @@ class Conflicts:
         ]
         return make_features(shapes)
 
+    @names_options
     def write_geojson(self, path: StrPath, overwrite: bool = False) -> None:
         """Write :meth:`to_geojson` to a file."""
         write_json(path, overwrite, self.to_geojson())
 
+    @names_options
     def to_csv(self, path: StrPath, overwrite: bool = False) -> None:
         """Write one row for each pair not apart."""
         write_csv(path, overwrite, COLUMNS, (row.cells for row in self.pairs))
 
+    @names_options
     def to_junit(self, path: StrPath, overwrite: bool = False, strict: bool = False) -> None:
         """Write a JUnit report of conflicts without common nodes.
 
         If a file has mutex groups, a pair that touches and shares none fails. An undecided pair
         that shares none is skipped, or fails if ``strict``.
         """
-        check_flag(strict, "strict")
         failing = {(row.first, row.second) for row in self.failing(strict)}
         cases = []
         for row in self.pairs:
@@ -337,6 +339,7 @@ class Conflicts:
                 cases.append(JunitCase(name, text if is_open else "", fails))
         write_junit(path, overwrite, repr(self), "conflicts", cases)
 
+    @names_options
     def failing(self, strict: bool = False) -> list[Conflict]:
         """Return pairs that touch though mutex groups should keep the robots apart.
 
@@ -378,10 +381,12 @@ class Zones:
             for k, (polygon, names) in rows
         )
 
+    @names_options
     def write_geojson(self, path: StrPath, overwrite: bool = False) -> None:
         """Write :meth:`to_geojson` to a file."""
         write_json(path, overwrite, self.to_geojson())
 
+    @names_options
     def to_csv(self, path: StrPath, overwrite: bool = False) -> None:
         """Write a row for each zone corner: zone, x, y."""
         rows = (

@@ -20,7 +20,6 @@ from cspace.inside import (
     Floats,
     StrPath,
     check_finite,
-    check_flag,
     check_points,
     check_real,
     names_options,
@@ -148,7 +147,6 @@ class RouteGraph:
         points = check_points(positions, "positions", AXES[:2])
         check_finite(points, "positions", largest=MAX_NUMBER)
         ends = check_pairs(edges, points)
-        check_flag(two_way, "two_way")
         is_one = isinstance(headings, str | HeadingRule) or not np.iterable(headings)
         rules: Iterable[Any] = [headings] * len(ends) if is_one else list(headings)  # type: ignore[arg-type]
         labels = list(map(str, range(len(ends)) if edge_names is None else edge_names))

@@ -108,14 +108,14 @@ def animate(
     """
     target = Path(file)
     check_suffix(target, (".gif",), "an animation is a GIF", "file", is_output=True)
-    points = check_path(space, path)
+    points, plan = check_path(space, path)
     if not len(points):
         raise InputError(
             "path",
             "is empty",
             "an animation needs a path",
         )
-    motion: Any = path if hasattr(path, "duration") else None
+    motion = plan if hasattr(plan, "duration") else None
     if seconds is None:
         seconds = getattr(motion, "duration", 0.0) or 6.0
     pause, count = _plan_frames(seconds, rate)

@@ -105,8 +105,8 @@ def draw_arm(
 
     Besides the arm at ``q``, pale ones stand along the path, or at the start of a failed plan.
     """
-    points = check_path(space, path)
-    endpoints = collect_endpoints(space, path, points, None, None)
+    points, plan = check_path(space, path)
+    endpoints = collect_endpoints(space, plan, points, None, None)
     if q is None:
         q = endpoints.get("goal", space.arm._rest)
     main_q = space.arm._check_configuration(q, "q")
@@ -126,7 +126,7 @@ def draw_arm(
         links = figure.pose_links(ghost)
         moving = [links[name] for name in figure.moving]
         painting.add(make_polygons(moving), GHOST_COLOR, label)
-    draw_tip_path(painting, figure, space, points, is_path_lost(space, path))
+    draw_tip_path(painting, figure, space, points, is_path_lost(space, plan))
     painting.show()
     painting.annotate(ax is None, title, space.arm.name, legend)
     axes: Axes = painting.axes

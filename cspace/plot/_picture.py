@@ -224,6 +224,7 @@ def _choose_view(
     return kind
 
 
+@names_options
 def save_plot(
     space: ConfigurationMap,
     file: str | os.PathLike[str],

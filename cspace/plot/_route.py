@@ -215,8 +215,8 @@ def make_scene(
     drawn_rotation = space.rotations._only_rotation
     if rotation is not None:
         drawn_rotation = space.rotations._check_rotation(rotation)
-    points = check_path(space, path)
-    endpoints = collect_endpoints(space, path, points, start, goal)
+    points, plan = check_path(space, path)
+    endpoints = collect_endpoints(space, plan, points, start, goal)
     body = DrawnRobot(space.robot, space.rotations)
     point = _choose_center(space, center, body, points, endpoints)
     # Robots stand along the path, at the start and at the goal.
@@ -240,7 +240,7 @@ def make_scene(
         is_inside = {name: q[:dim].clip(*box) == q[:dim] for name, q in endpoints.items()}
         endpoints = {name: q for name, q in endpoints.items() if is_inside[name].all()}
     window = tuple(map(slice, first.tolist(), stop.tolist()))
-    is_lost = is_path_lost(space, path)
+    is_lost = is_path_lost(space, plan)
     return PictureContent(
         space, drawn_rotation, window, box, point, body, points, is_lost, endpoints, robots
     )
@@ -253,16 +253,17 @@ def extract_rings(geometry: Any) -> list[Floats]:
     return [shapely.get_coordinates(ring) for ring in rings]
 
 
-def check_path(space: HasAxes, path: Any) -> Floats:
-    """Return a path or plan as an array, shape (n, size).
+def check_path(space: HasAxes, path: Any) -> tuple[Floats, Any]:
+    """Return a path as an array, shape (n, size), and the plan that it is of, or None.
 
     Raises InputError if it is no path in the space.
     """
-    values = getattr(path, "path", path)
+    plan = path if hasattr(path, "path") else None
+    values = path if plan is None else plan.path
     points = np.empty(0) if values is None else check_finite(values, "path", space.axes)
     if points.shape == (0,):  # no path, or an empty list
-        return np.empty((0, len(space.axes)))
-    return _check_coordinates(points, "path", space.axes, ndim=2)
+        return np.empty((0, len(space.axes))), plan
+    return _check_coordinates(points, "path", space.axes, ndim=2), plan
 
 
 def _check_coordinates(values: Any, name: str, axes: Sequence[str], ndim: int = 1) -> Floats:
@@ -282,28 +283,28 @@ def _check_coordinates(values: Any, name: str, axes: Sequence[str], ndim: int = 
     return points
 
 
-def is_path_lost(space: HasAxes, path: Any) -> bool:
+def is_path_lost(space: HasAxes, plan: Any) -> bool:
     """Return True if a certified plan is no longer proven free.
 
     Its edges are checked on the drawn map, or on the plan's own map if their grids differ, as for
     an overview.
     """
-    planned = getattr(path, "space", None)
-    if planned is None or not getattr(path, "certified", False):
+    planned = getattr(plan, "space", None)
+    if planned is None or not getattr(plan, "certified", False):
         return False
     same_kind = type(space) is type(planned)
     is_same = same_kind and getattr(space, "grid", None) == getattr(planned, "grid", None)
-    return not path.recheck(space if is_same else planned).all()
+    return not plan.recheck(space if is_same else planned).all()
 
 
 def collect_endpoints(
-    space: HasAxes, path: Any, points: Floats, start: Any, goal: Any
+    space: HasAxes, plan: Any, points: Floats, start: Any, goal: Any
 ) -> dict[str, Floats]:
     """Return start and goal, by default the path's, by name."""
     endpoints = {}
     for name, q, row in (("start", start, 0), ("goal", goal, -1)):
         if q is None:
-            q = points[row] if len(points) else getattr(path, name, None)
+            q = points[row] if len(points) else getattr(plan, name, None)
         if q is not None:
             endpoints[name] = _check_coordinates(q, name, space.axes)
     return endpoints

@@ -15,7 +15,7 @@ from scipy import ndimage
 from cspace import FREE
 from cspace._obstacles import Obstacle
 from cspace.errors import InputError
-from cspace.inside import STATE_NAMES, Bools, Floats, Ints, check_flag, slice_rasters
+from cspace.inside import STATE_NAMES, Bools, Floats, Ints, slice_rasters
 from cspace.reasons._margins import copy_with_ends, find_cells, find_way, states_of_slices
 from cspace.reasons._removals import remove_obstacles
 from cspace.reasons._windows import Trial, refine_way, suggest_finer
@@ -235,7 +235,6 @@ class Explanation:
 
 def explain(space: CSpace, start: ArrayLike, goal: ArrayLike, refine: bool) -> Explanation:
     """Explain a path or its absence; see :meth:`cspace.CSpace.explain`."""
-    check_flag(refine, "refine")
     space, points = copy_with_ends(space, start, goal)
     if refine and not space.has_poses:
         hint = f"leave it out, or call build_joint_map with spacing={space.grid.spacing / 2.0:g}"

@@ -32,6 +32,7 @@ from cspace.inside import (
     decoding,
     is_over,
     limit_effort,
+    names_options,
     now,
     read_json,
     replacing,
@@ -97,6 +98,7 @@ class FreeRegions:
         """Draw all regions, as :meth:`ConvexRegion.plot` draws one."""
         return plot_regions(self.regions, ax, style)
 
+    @names_options
     def save(self, path: str | os.PathLike[str], overwrite: bool = False) -> None:
         """Write the regions as JSON.
 

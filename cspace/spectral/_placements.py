@@ -23,10 +23,10 @@ from cspace.inside import (
     Floats,
     check_count,
     check_finite,
-    check_flag,
     check_not_negative,
     check_positive,
     count_cores,
+    names_options,
 )
 from cspace.spectral._ball_sets import (
     BallsLike,
@@ -72,6 +72,7 @@ class Placements(NamedTuple):
         return np.column_stack([self.translations, coordinates])
 
 
+@names_options
 def best_placements(
     a: BallsLike,
     b: BallsLike,
@@ -142,7 +143,6 @@ def best_placements(
         targets.append(as_balls(avoid, "avoid", body.dim))
         weights.append(-cost)
     number = check_count(n, "n", 1)
-    check_flag(refine_rotations, "refine_rotations")
     # The search places the centroid of the balls of A.
     centroid = body.centers.mean(axis=0)
     search = _Search(Balls(body.centers - centroid, body.radii), targets, weights, check_bump(bump))

@@ -71,8 +71,8 @@ class Viewer:
                 f"is {frame!r}",
                 "a map has no frames",
             )
-        points = check_path(space, path)
-        endpoints = collect_endpoints(space, path, points, start, goal)
+        points, plan = check_path(space, path)
+        endpoints = collect_endpoints(space, plan, points, start, goal)
         self.server = serve(host, port)
         self._closed = threading.Event()
         try:
@@ -81,7 +81,7 @@ class Viewer:
                 self.canvas = ArmCanvas(space, self.server, points, endpoints, frame)
             else:
                 self.canvas = MapCanvas(space, self.server, points, endpoints)
-            self.page = Page(self.server, space, self.canvas, points, path)
+            self.page = Page(self.server, space, self.canvas, points, plan)
         except BaseException:
             stop(self.server)
             raise
