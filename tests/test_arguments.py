@@ -421,3 +421,14 @@ def test_an_unlike_option_lists_those_that_can_be_given():
         TypeError, match=r"its options are bounds, lazy, offset, polygons, spacing$"
     ):
         Workspace.from_polygons(quiet=True)  # type: ignore[call-arg]
+
+
+def test_pairs_of_arrays_with_other_dimensions_are_refused():
+    rows = xr.DataArray([Q, P], dims=("time", "axis"))
+    row = xr.DataArray(list(Q), dims="axis")
+    for first, second in ((rows, row), (row, rows), (rows, rows)):
+        plain = turning().motion_is_free(first.values, second.values)
+        assert np.array_equal(turning().motion_is_free(first, second), plain)
+    for other in (rows.rename(time="robot"), rows.rename(time="axis", axis="time")):
+        with pytest.raises(InputError, match="numpy would pair them"):
+            turning().motion_is_free(rows, other)

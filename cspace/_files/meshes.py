@@ -108,13 +108,13 @@ FIELDS: Final = (
         "`.obj`",
         honoured="negative indices; lines and points beside faces",
         refused="weights; surfaces of curves; other files",
-        warned="a unit or an upright axis in a comment",
+        warned="a unit, a shift or an upright axis in a comment",
     ),
     Fields(
         "`.ply`",
         honoured="`format`; types and order of properties",
         refused="edges; lists of other elements than `face`",
-        warned="a unit or an upright axis in a comment",
+        warned="a unit, a shift or an upright axis in a comment",
     ),
 )
 

@@ -29,7 +29,7 @@ from cspace._files.crs import list_degrees, refuse_degrees, warn_of_likely_degre
 from cspace._files.fields import Fields, warn_of_names
 from cspace._files.lazy_arrays import read_npy
 from cspace._files.polygons import read_ply, read_ply_header
-from cspace._files.unit_notes import warn_of_unit
+from cspace._files.unit_notes import warn_of_notes
 from cspace._support.arrays import Floats, StrPath
 from cspace._support.check import find_sizes
 from cspace._support.reporting import warn_user
@@ -49,13 +49,13 @@ FIELDS: Final = (
         "`.pcd`",
         honoured="FIELDS, SIZE, TYPE, COUNT; WIDTH, HEIGHT, POINTS; DATA",
         refused="binary_compressed; NaN, unless dropped",
-        warned="VIEWPOINT; a radius or size; bytes after the points; a unit in a comment",
+        warned="VIEWPOINT; a radius or size; bytes after the points; a unit or shift in a comment",
     ),
     Fields(
         "`.xyz`, `.txt`, `.csv`",
         honoured="names of columns",
         refused="columns without x, y and z; NaN, unless dropped",
-        warned="a unit in a comment; a radius or size",
+        warned="a unit or a shift in a comment; a radius or size",
     ),
     Fields(
         "`.npy`",
@@ -92,7 +92,7 @@ def read_points(path: StrPath, drop_missing: bool = False) -> Floats:
             rule = "a missing return is neither free nor occupied"
             hint = "pass drop_missing=True to leave them out"
             raise ContentError(problem, rule, hint, kind=GeometryError)
-    warn_of_unit(path)
+    warn_of_notes(path)
     warn_of_likely_degrees(points, str(path))
     return points
 

@@ -22,6 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cspace._files.fields import Fields, Ledger, reading
 from cspace._files.images import UNKNOWN_SHADE, Shades, read_shades
+from cspace._files.unit_notes import warn_of_size
 from cspace._support.arrays import Bools, Floats, StrPath
 from cspace._support.check import (
     AXES,
@@ -660,6 +661,7 @@ def parse_footprint(footprint: str | ArrayLike, name: str = "footprint") -> Floa
         raise GeometryError(name, problem, rule) from error
     if corners.ndim != 2 or corners.shape[1] != 2 or len(corners) < 3:
         raise GeometryError(name, problem, rule)
+    warn_of_size(name, corners)
     return corners
 
 
@@ -723,6 +725,8 @@ def _parse_robot(table: Ledger) -> CostmapRobot:
         f"{table.where}: footprint_padding",
     )
     if footprint in _NO_FOOTPRINT:
-        return CostmapRobot((), check_positive(radius, f"{table.where}: robot_radius"), padding)
+        radius = check_positive(radius, f"{table.where}: robot_radius")
+        warn_of_size(f"{table.where}: robot_radius", np.array([[-radius], [radius]]))
+        return CostmapRobot((), radius, padding)
     corners = parse_footprint(footprint, f"{table.where}: footprint").tolist()
     return CostmapRobot(tuple((x, y) for x, y in corners), 0.0, padding)

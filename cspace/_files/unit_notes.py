@@ -1,4 +1,4 @@
-"""Units that comments of files without a field for them name."""
+"""Units, axes and shifts that comments of files without a field for them name."""
 
 from __future__ import annotations
 
@@ -40,12 +40,24 @@ _AXIS_NOTE: Final = re.compile(
 )
 """A comment, in lower case, by which another axis than z points up."""
 
+_SHIFT_NOTE: Final = re.compile(
+    rb"^(?:#|//|comment|obj_info)[^\n]*?"
+    rb"((?:global[ _-]?)?(?:shift|offset|translation)\w*[^\n\d.-]{0,9}"
+    rb"(?=[^\n]*[1-9])-?[\d.][^\n]*)",
+    re.MULTILINE,
+)
+"""A comment, in lower case, by which a program moved the points before it wrote them."""
 
-def warn_of_unit(path: StrPath) -> None:
-    """Warn if a comment names another unit than metres."""
+
+def warn_of_notes(path: StrPath) -> None:
+    """Warn if a comment names another unit than metres, or says that points were moved."""
+    name = os.fspath(path)
     note = _find_note(path, _UNIT_NOTE)
     if note:
-        warn_of_units(os.fspath(path), note)
+        warn_of_units(name, note)
+    shift = _find_note(path, _SHIFT_NOTE)
+    if shift:
+        warn_user(f"{name}: says {shift.strip()!r:.80}, and its points stay as they are")
 
 
 def warn_of_axis(path: StrPath) -> None:
@@ -82,8 +94,8 @@ def warn_of_size(place: str, points: Floats) -> None:
     # Largest side, metres, of a part of a robot whose unit is not suspected.
     if sides.max() > 20.0:
         warn_user(
-            f"{place} is {format_sides(sides)} large; units are metres, and a thousandth would be "
-            f"{format_sides(sides / 1000.0)}",
+            f"{place} is {format_sides(sides)} large; units are metres; in centimetres it would be "
+            f"{format_sides(sides / 100.0)} large, in millimetres {format_sides(sides / 1000.0)}",
             UnitWarning,
         )
 

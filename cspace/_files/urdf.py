@@ -65,7 +65,10 @@ FIELDS: Final = (
             "`disable_collisions`, `enable_collisions`, `disable_default_collisions`; `group`, "
             "`group_state`, `end_effector`"
         ),
-        warned="names that the URDF lacks; joints that move though they are `passive_joint`",
+        warned=(
+            "names that the URDF lacks; another robot's name; joints that move though they are "
+            "`passive_joint`"
+        ),
     ),
 )
 
@@ -671,6 +674,11 @@ def read_srdf(path: str | os.PathLike[str], urdf: URDF) -> Srdf:
     data, path = _read_description(path, _SRDF_KIND), name_description(path)
     with decoding(path, _SRDF_KIND):
         root = _parse_robot(data, _SRDF_KIND)
+        if root.get("name", urdf.robot.name) != urdf.robot.name:
+            warn_user(
+                f"{os.fspath(path)}: describes the robot {root.get('name')!r:.60}, and the URDF "
+                f"{urdf.robot.name!r:.60}"
+            )
         ledger = open_elements(root, FIELDS[1], _SRDF_PARTS)
         reader = _Reader(root, urdf)
         srdf = Srdf(

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cspace._rotations import Rotations
 from cspace._support.arrays import Bools, Floats
-from cspace._support.check import check_rows, warn_of_degrees
+from cspace._support.check import check_rows, list_dimensions, warn_of_degrees
 from cspace._support.threads import MIN_ITEMS_PER_THREAD, run_in_chunks
 from cspace.errors import InputError
 
@@ -93,6 +93,11 @@ def evaluate_edges(
     """
     size = len(axes)
     has_array = isinstance(q0, np.ndarray) or isinstance(q1, np.ndarray)
+    first_dims, second_dims = list_dimensions(q0), list_dimensions(q1)
+    common = min(len(first_dims), len(second_dims))
+    if common and first_dims[-common:] != second_dims[-common:]:
+        problem = f"has the dimensions {first_dims} and q1 {second_dims}"
+        raise InputError("q0", problem, "numpy would pair them by their places")
     starts = check_rows(q0, "q0", axes)
     ends = check_rows(q1, "q1", axes)
     try:

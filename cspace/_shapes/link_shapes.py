@@ -24,7 +24,7 @@ from cspace._files.moveit_messages import (
 )
 from cspace._files.plain import check_distinct
 from cspace._files.polygons import join_surfaces, transform_surface
-from cspace._files.unit_notes import warn_of_scale, warn_of_size, warn_of_unit
+from cspace._files.unit_notes import warn_of_notes, warn_of_scale, warn_of_size
 from cspace._files.urdf import (
     GEOMETRIES,
     PackageDirs,
@@ -207,7 +207,7 @@ def _scale_mesh(file: Path, scale: Any, place: str, gltf_up: Up) -> Surface:
         rule = "no factor may be zero"
         raise InputError(f"{place}: scale", problem, rule)
     if (factors == 1.0).all():
-        warn_of_unit(file)
+        warn_of_notes(file)
     is_gltf = file.suffix.lower() in GLTF_SUFFIXES
     if is_gltf:
         turned = "it is turned upright, as in rviz and Drake; MoveIt keeps its axes"

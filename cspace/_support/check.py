@@ -46,8 +46,12 @@ _SIZE: Final = re.compile(
     r"^(?!(stroke|marker|font|icon|text|label)_)(.*_)?"
     r"((r|size|width|buffer|scale|extent|inflation|clearance|margin|padding)(_|\d|$)|units$|"
     r"\w*(radius|radii|diameter|thickness))"
+    r"|^(offset|shift|translation)s?$"
 )
-"""Name, in lower case, that gives a point or a line a size, or its unit, but none of a drawing."""
+"""Name, in lower case, that gives a point or a line a size, its unit or another place.
+
+Names of drawings are none.
+"""
 
 _WORD_BREAK: Final = re.compile(r"(?<=[a-z\d])(?=[A-Z])|\W+")
 """Place between two words of a name."""

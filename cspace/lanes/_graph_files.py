@@ -77,9 +77,10 @@ FIELDS: Final = (
         refused="several `mapId`; `origins`; `rotationAtStartNodeAllowed`, "
         "`rotationAtEndNodeAllowed` other than `BOTH`; `allowedDeviationTheta` at a node with "
         "`theta`; `orientation` of control points; curves that jump",
-        warned="angles beyond a whole turn; unknown fields, such as `loadRestriction`",
-        harmless="metaInformation headerId timestamp manufacturer serialNumber orderId "
-        "orderDescription orderUpdateId zoneSetId layoutName layoutVersion layoutLevelId "
+        warned="angles beyond a whole turn; unknown fields, such as `loadRestriction`; fields of "
+        "`metaInformation` beside LIF's",
+        harmless="projectIdentification creator exportTimestamp lifVersion headerId timestamp "
+        "manufacturer serialNumber orderId orderDescription orderUpdateId zoneSetId layoutName layoutVersion layoutLevelId "
         "layoutDescription nodeName nodeDescription nodeDescriptor sequenceId released actions "
         "mapDescription stationName stationDescription stationHeight stationPosition edgeName "
         "edgeDescription edgeDescriptor length direction maxSpeed maximumSpeed maxRotationSpeed "
@@ -328,6 +329,7 @@ def _read_lif(
     document: Ledger, heading: HeadingRule | None, level: str | None, vehicle: str | None
 ) -> GraphContents:
     """Read a LIF layout for a type of vehicle."""
+    document.child("metaInformation", otherwise={})
     layout, others = _choose_layout(document, level)
     for element in (document, layout):
         element.refuse("origins", [])  # places of other frames

@@ -26,6 +26,7 @@ from cspace.errors import (
     UnitWarning,
 )
 from cspace.lanes import RouteGraph
+from tests.helpers.urdfs import planar
 
 xarray = pytest.importorskip("xarray")
 
@@ -554,3 +555,68 @@ def test_the_orientation_on_an_edge_is_read_in_every_version(tmp_path, version, 
     with warnings.catch_warnings(action="error"):
         lane = RouteGraph.open(tmp_path / "order.json").lanes[0]
     assert lane.heading.frame == ("any" if turns else "lane")
+
+
+SQUARE = {"type": "Polygon", "coordinates": [[[0, 0], [1, 0], [1, 1], [0, 0]]]}
+
+
+@pytest.mark.parametrize(
+    "name, head",
+    [
+        ("a.xyz", "//Global Shift: -400000.0 -5000000.0 0.0\n"),
+        ("a.txt", "# global_shift -400000 -5000000 0\n"),
+        ("a.ply", "comment Global shift: (-100, 200, 0)\n"),
+        ("a.ply", "obj_info is_cyberware shift -100 200 0\n"),
+        ("a.ply", "comment offset 0.5 0 0\n"),
+    ],
+)
+def test_shifts_in_comments_are_warned_of(tmp_path, name, head):
+    rows = "1 2 3\n4 5 6\n"
+    if name == "a.ply":
+        properties = "".join(f"property float {axis}\n" for axis in "xyz")
+        head = f"ply\nformat ascii 1.0\n{head}element vertex 2\n{properties}end_header\n"
+    (tmp_path / name).write_text(head + rows)
+    with pytest.warns(UserWarning, match="says '.*(shift|offset).*its points stay as they are"):
+        Workspace.from_points(tmp_path / name, 0.5)
+
+
+@pytest.mark.parametrize("head", ["# shift 0 0 0\n", "# shape 3\n", "# night shift\n"])
+def test_comments_without_shifts_are_silent(tmp_path, head):
+    (tmp_path / "a.txt").write_text(f"{head}1 2 3\n4 5 6\n")
+    Workspace.from_points(tmp_path / "a.txt", 0.5)
+
+
+def test_offsets_of_features_are_warned_of(tmp_path):
+    feature = {"type": "Feature", "geometry": SQUARE, "properties": {"offset": [1, 2]}}
+    with pytest.warns(UserWarning, match=r"not read: offset \(properties\)"):
+        Workspace.from_polygons(feature, 0.1)
+    with pytest.warns(UserWarning, match="not read: offset$"):
+        Workspace.from_polygons({**SQUARE, "offset": [1, 2]}, 0.1)
+
+
+def test_another_robots_srdf_is_warned_of(tmp_path):
+    group = '<group name="arm"><joint name="shoulder"/></group>'
+    (tmp_path / "a.srdf").write_text(f'<robot name="other">{group}</robot>')
+    with pytest.warns(UserWarning, match="describes the robot 'other', and the URDF 'small'"):
+        Arm.from_urdf(planar(tmp_path), tmp_path / "a.srdf")
+
+
+@pytest.mark.parametrize(
+    "size", [{"robot_radius": 30.0}, {"footprint": "[[30, 20], [30, -20], [-30, -20], [-30, 20]]"}]
+)
+def test_footprints_in_centimetres_are_warned_of(tmp_path, size):
+    (tmp_path / "nav2.yaml").write_text(json.dumps({"local_costmap": size}))
+    with pytest.warns(UnitWarning, match="in centimetres it would be 0.6 m"):
+        Robot.from_nav2(tmp_path / "nav2.yaml")
+
+
+def test_units_of_lif_are_warned_of(tmp_path):
+    nodes = [
+        {"nodeId": name, "nodePosition": {"x": x, "y": 0.0}} for name, x in (("a", 0), ("b", 9))
+    ]
+    edges = [{"edgeId": "e", "startNodeId": "a", "endNodeId": "b"}]
+    meta = {"projectIdentification": "p", "creator": "c", "lifVersion": "1.0.0", "units": "mm"}
+    layout = {"layoutId": "l", "nodes": nodes, "edges": edges, "stations": []}
+    (tmp_path / "l.json").write_text(json.dumps({"metaInformation": meta, "layouts": [layout]}))
+    with pytest.warns(UserWarning, match=r"not read: units \(metaInformation\)"):
+        RouteGraph.open(tmp_path / "l.json")
