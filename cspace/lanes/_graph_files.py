@@ -80,9 +80,9 @@ FIELDS: Final = (
         warned="angles beyond a whole turn; unknown fields, such as `loadRestriction`; fields of "
         "`metaInformation` beside LIF's",
         harmless="projectIdentification creator exportTimestamp lifVersion headerId timestamp "
-        "manufacturer serialNumber orderId orderDescription orderUpdateId zoneSetId layoutName layoutVersion layoutLevelId "
-        "layoutDescription nodeName nodeDescription nodeDescriptor sequenceId released actions "
-        "mapDescription stationName stationDescription stationHeight stationPosition edgeName "
+        "manufacturer serialNumber orderId orderDescription orderUpdateId zoneSetId layoutName "
+        "layoutVersion layoutLevelId layoutDescription nodeName nodeDescription nodeDescriptor "
+        "sequenceId released actions mapDescription stationName stationDescription stationHeight stationPosition edgeName "
         "edgeDescription edgeDescriptor length direction maxSpeed maximumSpeed maxRotationSpeed "
         "maximumRotationSpeed reentryAllowed corridorRefPoint corridorReferencePoint "
         "releaseRequired releaseLossBehavior",
