@@ -82,10 +82,10 @@ FIELDS: Final = (
         harmless="projectIdentification creator exportTimestamp lifVersion headerId timestamp "
         "manufacturer serialNumber orderId orderDescription orderUpdateId zoneSetId layoutName "
         "layoutVersion layoutLevelId layoutDescription nodeName nodeDescription nodeDescriptor "
-        "sequenceId released actions mapDescription stationName stationDescription stationHeight stationPosition edgeName "
-        "edgeDescription edgeDescriptor length direction maxSpeed maximumSpeed maxRotationSpeed "
-        "maximumRotationSpeed reentryAllowed corridorRefPoint corridorReferencePoint "
-        "releaseRequired releaseLossBehavior",
+        "sequenceId released actions mapDescription stationName stationDescription stationHeight "
+        "stationPosition edgeName edgeDescription edgeDescriptor length direction maxSpeed "
+        "maximumSpeed maxRotationSpeed maximumRotationSpeed reentryAllowed corridorRefPoint "
+        "corridorReferencePoint releaseRequired releaseLossBehavior",
     ),
     Fields(
         "graphs of networkx",
