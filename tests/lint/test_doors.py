@@ -35,7 +35,7 @@ CHECKS = {
     "suggest_name": "cspace/_support/check.py",
     "warn_of_names": "cspace/_files/fields.py",
     "check_crs": "cspace/_files/crs.py",
-    "warn_of_unit": "cspace/_files/unit_notes.py",
+    "warn_of_notes": "cspace/_files/unit_notes.py",
 }
 """Checks of angles, names, fields, frames and units, by the file that defines each alone."""
 
