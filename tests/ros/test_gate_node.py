@@ -5,6 +5,7 @@ import math
 import os
 import signal
 from concurrent.futures import Future
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -19,6 +20,7 @@ from geometry_msgs.msg import TransformStamped, Twist  # noqa: E402
 from rclpy.clock import ClockType  # noqa: E402
 from sensor_msgs.msg import LaserScan  # noqa: E402
 
+from cspace.errors import InputError  # noqa: E402
 from tests.helpers.repository import ROOT  # noqa: E402
 from tests.ros.test_planner_node import interrupt_node, make_grid, make_room  # noqa: E402
 
@@ -118,15 +120,13 @@ def robot(node, monkeypatch):
 
 def step(node, robot, twist, silent=""):
     """Go on by a cycle, in which one input may be silent; return whether the robot touches."""
-    robot.clock += gate_node.DT
+    robot.clock += gate_node.DT * (10 if silent == "cycle" else 1)
     if silent != "scan":
         node.on_scan(robot.scan())
     if silent != "command":
         command = Twist()
         command.linear.x, command.angular.z = twist
         node.on_command(command)
-    if silent == "cycle":
-        robot.clock += 10 * gate_node.DT
     node.cycle()
     return robot.drive()
 
@@ -159,11 +159,12 @@ def test_it_stops_without_an_input(node, robot, silent, monkeypatch):
         monkeypatch.setattr(robot, "lookup_transform", fail)
     if silent == "map":
         monkeypatch.setattr(node, "building", Future())
-    speeds = []
+    speeds = [robot.twist[0]]
     for _ in range(30):
         assert not step(node, robot, (0.6, 0.3), silent)
         speeds.append(robot.twist[0])
-    assert not robot.twist.any() and np.diff(speeds).max() <= 0.0
+    assert not robot.twist.any() and np.diff(speeds[1:]).max() <= 0.0
+    assert np.diff(speeds).min() >= -1.0 * gate_node.DT - 1e-9  # no harder than it can
 
 
 def drive_off(node, robot):
@@ -171,6 +172,13 @@ def drive_off(node, robot):
     for _ in range(10):
         assert not step(node, robot, (0.6, 0.3))
     assert robot.twist[0] > 0.5
+
+
+def test_it_brakes_no_harder_than_it_can(node, robot):
+    drive_off(node, robot)
+    before = robot.twist[0]
+    step(node, robot, (0.0, 0.0))
+    assert 0.0 < before - robot.twist[0] <= 1.0 * gate_node.DT + 1e-9
 
 
 def count_moving_cycles(node, robot):
@@ -223,6 +231,24 @@ def test_a_second_map_waits_for_its_own_scan(node, robot):
     drive_off(node, robot)
 
 
+def test_tf_is_asked_for_the_frame_of_the_map(node, robot, monkeypatch):
+    hall = make_grid(make_room())
+    hall.header.frame_id = "hall"
+    monkeypatch.setattr(node, "building", node.building)
+    node.on_map(hall)
+    node.building.result()
+    asked = []
+
+    def ask(name, frame, *rest):
+        asked.append(frame)
+        return getattr(Robot, name)(robot, frame, *rest)
+
+    for name in ("can_transform", "lookup_transform"):
+        monkeypatch.setattr(robot, name, partial(ask, name))
+    drive_off(node, robot)
+    assert set(asked) == {"hall"}
+
+
 @pytest.mark.parametrize(
     "ranges, drives",
     [
@@ -254,7 +280,7 @@ def test_a_scan_counts_by_its_stamp(node, robot, seconds):
     assert not robot.twist.any()
 
 
-@pytest.mark.parametrize("command", [(math.nan, 0.0), (0.5, math.inf)])
+@pytest.mark.parametrize("command", [(math.nan, 0.0), (0.5, math.nan), (0.5, math.inf)])
 def test_it_brakes_on_commands_that_are_no_numbers(node, robot, command):
     drive_off(node, robot)
     for _ in range(20):
@@ -262,14 +288,54 @@ def test_it_brakes_on_commands_that_are_no_numbers(node, robot, command):
     assert not robot.twist.any()
 
 
+def place_scan(node, msg):
+    """Let the node place a scan; return its map."""
+    node.on_scan(msg)
+    space = node.building.result().space
+    node.place_scans(space)
+    return space
+
+
 def place_points(node, robot, ranges):
     """Return the points of a scan in the map."""
     msg = robot.scan()
     msg.ranges, msg.angle_min, msg.angle_increment = ranges, -0.5, 1.0
-    node.on_scan(msg)
-    space = node.building.result().space
+    return np.asarray(place_scan(node, msg).obstacles["scan"].centers)
+
+
+def test_points_are_gone_with_the_next_scan(node, robot):
+    assert len(place_points(node, robot, [2.0, 2.0])) == 2
+    msg = robot.scan()
+    msg.ranges = [math.inf] * 360
+    assert "scan" not in place_scan(node, msg).obstacles
+
+
+def test_points_beyond_the_lasers_own_range_are_none(node, robot):
+    assert len(place_points(node, robot, [25.0, 2.0])) == 1
+
+
+def test_a_scan_waits_until_tf_knows_its_time(node, robot):
+    msg = robot.scan()
+    later = NOW + rclpy.duration.Duration(seconds=0.1)
+    msg.header.stamp = later.to_msg()
+    space = place_scan(node, msg)
+    assert len(node.scans) == 1
+    robot.stamp = later
     node.place_scans(space)
-    return np.asarray(space.obstacles["scan"].centers)
+    assert not node.scans
+
+
+@pytest.mark.parametrize("seconds, age", [(0.2, 0.2), (-0.2, 0.0), (-1.0, None)])
+def test_a_scan_is_as_old_as_its_stamp(node, robot, seconds, age):
+    robot.clock = 5.0
+    now = NOW + rclpy.duration.Duration(seconds=seconds)
+    node.get_clock = lambda: SimpleNamespace(now=lambda: now)
+    if age is None:  # of the future
+        with pytest.raises(TimeoutError, match=r"the scan is -1\.00 s old"):
+            place_scan(node, robot.scan())
+    else:
+        place_scan(node, robot.scan())
+        assert node.heard["scan"] == pytest.approx(5.0 - age)
 
 
 def test_a_laser_upside_down_or_tilted_is_placed_in_three_dimensions(node, robot):
@@ -307,6 +373,20 @@ def test_a_pose_that_is_old_counts_as_none(node, robot):
     robot.lookup_transform = lambda *names: shift(old(*names))
     with pytest.raises(TimeoutError, match=r"pose of base_link is 1\.00 s old"):
         node.locate(space)
+
+
+def test_a_tilted_robot_has_no_pose(node, robot):
+    level = robot.lookup_transform
+    robot.lookup_transform = lambda *names: tilt(level(*names))
+    with pytest.raises(InputError, match=r"0\.2"):
+        node.locate(node.building.result().space)
+
+
+def tilt(moved):
+    """Tilt a transform."""
+    rotation = moved.transform.rotation
+    rotation.x, _, _, rotation.w = Rotation.from_euler("x", 0.2).as_quat().tolist()
+    return moved
 
 
 def shift(moved):
