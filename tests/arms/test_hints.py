@@ -354,7 +354,7 @@ TENTH = {"limits": (0.1, 0.1)}
         "call space.allow_collisions([('fore', 'box')]) if they may touch",
     ),
     (lambda f: space(f, allowed_collisions=[("foot", "sky")]), "names 'sky'"),
-    (lambda f: space(f, near=PosedShape(FAR.shape, 2.0 * np.eye(4))), "pose of box has R = "),
+    (lambda f: space(f, near=PosedShape(FAR.shape, 2.0 * np.eye(4))), "pose has R = "),
     (lambda f: space(f).add_obstacle("fore", FAR), "a link or an attached object has it"),
     (
         lambda f: space(f).add_obstacle("post", FAR, touch_links=["fort"]),
