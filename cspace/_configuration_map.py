@@ -60,7 +60,6 @@ class ConfigurationMap(ConfigurationSpace):
     """
 
     has_cells = True
-    searches: tuple[str, ...] = ("Grid",)
 
     # ---- what the map is -------------------------------------------------------------------------
 
@@ -192,7 +191,7 @@ class ConfigurationMap(ConfigurationSpace):
         """Return True if a collision-free path is proven to exist between configurations.
 
         The proof is a chain of FREE cells, and that no other cell touches the two configurations;
-        :meth:`cspace.CSpace.find_path` returns a path. False proves nothing: see
+        :func:`planners.plan` with "Grid" finds a path. False proves nothing: see
         :meth:`is_disconnected`.
         Components of cells are computed at the first call and cached; a tiled map caches them in
         its folder.

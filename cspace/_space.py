@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager, suppress
+from contextlib import AbstractContextManager
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, Literal, overload
@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cspace._configuration_map import ConfigurationMap
 from cspace._engines.slices import slice_rasters
-from cspace._interface import HALF_TURN, Endpoint, SearchOptions
+from cspace._interface import HALF_TURN
 from cspace._limits import check_memory, check_samples
 from cspace._queries.batches import (
     MIN_EDGES_PER_THREAD,
@@ -55,7 +55,6 @@ from cspace._support.check import (
     names_options,
     warn_of_degrees,
 )
-from cspace._support.deadlines import Effort, is_stopped, limit_effort, now
 from cspace._support.derived import derived, lazy
 from cspace._workspace import Workspace, copy_workspace
 from cspace.errors import ConfigurationError, InputError
@@ -71,7 +70,6 @@ if TYPE_CHECKING:
     from cspace._queries.any_angle import Rectangles
     from cspace._queries.components import Components
     from cspace._queries.distance import DistanceMap, Distances
-    from cspace._queries.frontier import Costs
     from cspace._queries.overlaps import RobotRows
     from cspace._queries.sampling import FreeCells
     from cspace._record.update import Update, Updater
@@ -124,8 +122,6 @@ class CSpace(ConfigurationMap):
     >>> round(space.clearance((2.0, 3.0)), 3)
     1.648
     """
-
-    searches = ("Grid", "MaxClearance")
 
     def __init__(
         self,
@@ -455,33 +451,7 @@ class CSpace(ConfigurationMap):
 
         return check
 
-    # ---- for planners ----------------------------------------------------------------------------
-
-    def _find_cheap_path(
-        self,
-        endpoints: Sequence[Endpoint],
-        factor_at: Callable[[Distances], Costs],
-        cost: Callable[..., float],
-        *,
-        straight: bool,
-        limit: Effort,
-    ) -> Floats:
-        """Find a path of low cost, otherwise as :meth:`find_path`.
-
-        The cost is at most that of the path of :meth:`find_path`.
-
-        Parameters
-        ----------
-        factor_at : callable
-            Returns the cost of a metre at an array of clearances in metres; it does not increase.
-        cost : callable
-            Integrates it along an edge, given by the coordinates of two configurations.
-        """
-        search = partial(self._find_cheapest_path, factor_at=factor_at, cost=cost)
-        start, goal = endpoints
-        return self._run_with_limit(search, start, goal, straight, limit)
-
-    # ---- paths through FREE cells ----------------------------------------------------------------
+    # ---- bounds of paths -------------------------------------------------------------------------
 
     def reachable_bounds(self, q: ArrayLike) -> tuple[Floats, Floats]:
         """Return the bounding box of FREE cells that can be reached.
@@ -509,284 +479,6 @@ class CSpace(ConfigurationMap):
             first, last = self._components.bounding_box(cell)
         lower = np.asarray(self.grid.lower)
         return lower + self.grid.spacing * first, lower + self.grid.spacing * (last + 1)
-
-    @names_options
-    def find_path(
-        self,
-        q0: ArrayLike,
-        q1: ArrayLike,
-        *,
-        straight: bool = True,
-        exact: bool = False,
-        time_limit: float | None = None,
-    ) -> Floats:
-        """Find a path through FREE cells, proven throughout.
-
-        A path is found whenever :meth:`is_connected` is True. It is deterministic, and a short one:
-        it follows a short chain of cells (Hart, Nilsson and Raphael 1968), and is then shortened. A
-        radian of rotation counts as half a metre.
-
-        Parameters
-        ----------
-        q0, q1 : array-like, shape (size,)
-            FREE configurations in the grid; with ``exact``, free ones.
-        straight : bool
-            If False, return the chain of cells without shortening it.
-        exact : bool
-            Whether the path may cross MIXED cells where the geometry itself proves it free. The
-            search decides the centers of MIXED cells near its chain and repeats, until geometry
-            proves all edges of a path, or no chain left promises a shorter path than the one
-            through FREE cells.
-        time_limit : float, optional
-            Seconds after which the search gives up; compiling does not count. No limit by default.
-
-        Returns
-        -------
-        ndarray of float64, shape (n, size)
-            Waypoints from q0 to q1, with each motion between two proven free and yaw in [-pi, pi).
-            Of length 0 if :meth:`is_connected` is False, as for a configuration on the boundary of
-            a cell that is not FREE, or if time runs out.
-
-        Raises
-        ------
-        ConfigurationError
-            If a configuration is not FREE, or not in the grid; with ``exact``, if the geometry does
-            not prove it free.
-        InputError
-            If a coordinate is not finite, the time limit is not above zero, or ``exact`` is set for
-            a map without geometry.
-        """
-        search = self._find_exact_path if exact else self._find_free_path
-        return self._run_with_limit(search, q0, q1, straight, limit_effort(time_limit))
-
-    def search(self, name: str, endpoints: Sequence[Endpoint], options: SearchOptions) -> Floats:
-        """Run :meth:`find_path` as "Grid", or :meth:`find_widest_path` as "MaxClearance"."""
-        start, goal = endpoints
-        search = self._find_exact_path if options.exact else self._find_free_path
-        if name == "MaxClearance":
-            search = self._search_widest_path
-        return self._run_with_limit(search, start, goal, options.simplify, options.limit)
-
-    def _run_with_limit(
-        self,
-        search: Callable[[ArrayLike, ArrayLike, bool, Effort], Floats],
-        q0: ArrayLike,
-        q1: ArrayLike,
-        straight: bool,
-        limit: Effort,
-    ) -> Floats:
-        """Run a path search with a limit.
-
-        Returns a path of shape (n, size); n is 0 at the limit. ``search`` takes start, goal,
-        ``straight`` and the limit; it raises TimeoutError.
-        """
-        try:
-            return search(q0, q1, straight, limit)
-        except TimeoutError:
-            return self._no_path()
-
-    def _find_free_path(
-        self, q0: ArrayLike, q1: ArrayLike, straight: bool, limit: Effort
-    ) -> Floats:
-        """Find a path through FREE cells, shape (n, size).
-
-        Raises TimeoutError if time runs out. It is one straight edge if possible, and otherwise
-        follows a chain of cells.
-        """
-        endpoints = self._check_ends(q0, q1, free=True)
-        start, goal = endpoints
-        dim = self.grid.dim
-        if not self.rotations._steps_between(start, goal)[dim:].any():
-            # The same rotation may be given in other numbers, e.g. other signs.
-            goal[dim:] = start[dim:]
-        if straight and self.edge_checker()(*start, *goal):
-            return endpoints
-        return self._find_path_along_chain(endpoints, straight, limit)
-
-    def _find_exact_path(
-        self, q0: ArrayLike, q1: ArrayLike, straight: bool, limit: Effort
-    ) -> Floats:
-        """Find a path that geometry proves, shape (n, size).
-
-        It is the shorter one of two searches. One search keeps to FREE cells, the other one crosses
-        MIXED cells. Raises TimeoutError if time runs out before any path is found.
-        """
-        from cspace._queries.paths import MAX_SHORTENING, path_length, pulled_straight
-
-        endpoints = self._check_ends(q0, q1, free=True, exact=True)
-        start, goal = endpoints
-        until = now() + limit
-        check = self.edge_checker(exact=True)
-        if straight and check(*start, *goal):
-            return endpoints
-        measure = partial(path_length, rotations=self.rotations)
-        paths = list[Floats]()
-        max_length = math.inf
-        if np.all(self.is_free(endpoints)):
-            free_path = self._find_free_path(start, goal, straight, limit)
-            if len(free_path):
-                paths.append(free_path)
-                max_length = measure(free_path)
-        mixed_path = self._find_path_through_mixed(endpoints, check, max_length, until)
-        if len(mixed_path):
-            paths.append(mixed_path)
-        if straight:
-            end = until + MAX_SHORTENING
-            paths = [pulled_straight(path, self.rotations, check, until=end) for path in paths]
-        return min(paths, key=measure, default=self._no_path())
-
-    def _find_path_through_mixed(
-        self, endpoints: Floats, check: Callable[..., bool], max_length: float, until: Effort
-    ) -> Floats:
-        """Find a path through FREE and MIXED cells, whose edges pass ``check``.
-
-        ``endpoints`` has shape (2, size), the path (n, size). It is empty if no path promises to be
-        shorter than ``max_length``, or after ``until``.
-        """
-        from cspace._queries.undecided import UNDECIDED_BYTES_PER_CELL, MixedCellSearch
-
-        needed = UNDECIDED_BYTES_PER_CELL * self.grid.size * len(self.rotations)
-        check_memory(needed, "the map, to search its MIXED cells,", self.grid)
-        # One array for each rotation cell, because geometry decides each on its own.
-        states = self.cell_states.reshape(-1, *self.grid.shape)
-        search = MixedCellSearch(
-            self.grid,
-            self.rotations,
-            states,
-            self._turn_costs,
-            lambda q: np.asarray(self.is_free(q, exact=True)),
-            check,
-        )
-        return search.find(endpoints, self._cells_of(endpoints), max_length, until)
-
-    def _find_path_along_chain(
-        self,
-        endpoints: Floats,
-        straight: bool,
-        limit: Effort,
-        factors: Costs | None = None,
-        cost: Callable[..., float] | None = None,
-    ) -> Floats:
-        """Find a path along a short chain of cells, shape (n, size).
-
-        The length n is 0 if there is none. It is shortened if ``straight``. With ``factors`` of
-        cells, shape (slices, ...), the length of a move is multiplied by those of its cells, and
-        ``cost`` is that of an edge.
-        """
-        from cspace._queries.guide import NO_FACTORS
-        from cspace._queries.paths import (
-            MAX_SHORTENING,
-            are_free,
-            keep_rotation,
-            pulled_straight,
-            waypoints,
-        )
-        from cspace._queries.search import find_chain
-
-        # If components are computed already, they save a search that cannot succeed.
-        start, goal = map(tuple, endpoints.tolist())
-        if self.is_labelled and not self.is_connected(start, goal):
-            return self._no_path()
-        rotations = self.rotations
-        turns = rotations._neighbors, self._turn_costs
-        until = now() + limit
-        first, last = self._cells_of(endpoints)
-        factors = NO_FACTORS if factors is None else factors
-        check = self.edge_checker()
-
-        def may_exist() -> bool:
-            return bool(self.is_connected(start, goal))
-
-        if straight and cost is None and self.size == 2:
-            path = self._find_taut_path(endpoints, until, may_exist)
-            if len(path) and are_free(path, check):
-                return path
-        cells = find_chain(
-            self._states,
-            self._slice_of,
-            turns,
-            first,
-            last,
-            until,
-            factors,
-            may_exist,
-        )
-        if not len(cells):
-            return self._no_path()
-        path = waypoints(self.grid, rotations, endpoints, cells)
-        end = until + MAX_SHORTENING
-        if is_stopped():  # before thousands of edges are proven
-            return self._no_path()
-        path = keep_rotation(path, cells[:, 0], self.grid.dim, check)
-        # Only the edges from start and to goal may fail, if they touch cells that are not FREE.
-        if not are_free(path, check):
-            return self._no_path()
-        if not straight:
-            return path
-        return pulled_straight(path, rotations, check, cost, end)
-
-    def _find_taut_path(
-        self, endpoints: Floats, until: Effort, may_exist: Callable[[], bool]
-    ) -> Floats:
-        """Find the shortest path in the plane with a margin, (n, 2).
-
-        It is the shortest among those that pass obstacles as the shortest path without a margin.
-        The length n is 0 if there is none.
-        """
-        from cspace._queries.any_angle import find_shortest_way
-        from cspace._queries.taut import pull_taut
-
-        start, goal = (endpoints - self.grid.lower) / self.grid.spacing
-        way = find_shortest_way(self._rectangles, start, goal, until, may_exist)
-        if not len(way.runs):
-            return self._no_path()
-        taut = pull_taut(self._rectangles, way.runs, start, goal)
-        path = np.asarray(self.grid.lower) + self.grid.spacing * taut
-        path[[0, -1]] = endpoints
-        return path
-
-    def _no_path(self) -> Floats:
-        """Return an empty path, which means that no path was found."""
-        return np.empty((0, self.size))
-
-    def _find_cheapest_path(
-        self,
-        q0: ArrayLike,
-        q1: ArrayLike,
-        straight: bool,
-        limit: Effort,
-        factor_at: Callable[[Distances], Costs],
-        cost: Callable[..., float],
-    ) -> Floats:
-        """Find a path of low cost, the cheapest of up to three.
-
-        See :meth:`_find_cheap_path`. Raises TimeoutError if time runs out before any is found.
-        """
-        from cspace._queries.paths import MAX_SHORTENING, edge_costs, pulled_straight
-
-        endpoints = self._check_ends(q0, q1, free=True)
-        start, goal = endpoints
-        clearances = self._search_distances() * np.float32(self.grid.spacing)
-        factors = factor_at(clearances)
-        until = now() + limit
-        # A short path, the same path changed to cost less, and the path of a search by cost.
-        short_path = self._find_free_path(start, goal, straight, limit)
-        paths = [short_path]
-        if straight and len(short_path):
-            check = self.edge_checker()
-            end = until + MAX_SHORTENING
-            paths.append(pulled_straight(short_path, self.rotations, check, cost, end))
-        with suppress(TimeoutError):
-            remaining = until - now()
-            cheap_path = self._find_path_along_chain(endpoints, straight, remaining, factors, cost)
-            paths.append(cheap_path)
-        paths = [path for path in paths if len(path)]
-
-        def measure(path: Floats) -> float:
-            """Return the cost of a path."""
-            return float(edge_costs(path, cost).sum())
-
-        return min(paths, key=measure, default=self._no_path())
 
     def min_path_length(self, q0: ArrayLike, q1: ArrayLike) -> float:
         """Bound the length of every collision-free path between two configurations from below.
@@ -818,91 +510,11 @@ class CSpace(ConfigurationMap):
 
         grid = self.grid
         # Positions in cells, and the cells that are not BLOCKED at every rotation.
-        positions = self._check_ends(q0, q1)[:, : grid.dim]
-        start, goal = (positions - grid.lower) / grid.spacing
+        ends = self._check_in_grid(q0, "q0"), self._check_in_grid(q1, "q1")
+        start, goal = ((q[: grid.dim] - grid.lower) / grid.spacing for q in ends)
         passable = self._states.min(axis=0) < BLOCKED
         is_open = not self._exterior.is_all_blocked(grid.shape).all()
         return grid.spacing * min_length(passable, is_open, start, goal)
-
-    @names_options
-    def find_widest_path(
-        self,
-        q0: ArrayLike,
-        q1: ArrayLike,
-        *,
-        straight: bool = True,
-        time_limit: float | None = None,
-    ) -> Floats:
-        """Find a short path among those of the largest possible clearance.
-
-        Among all chains of FREE cells that join the two, rotating on the spot between rotation
-        cells, the smallest clearance of the chain is the largest possible. If start or goal has
-        less clearance, the path leaves it by steepest ascent of clearance, so that the endpoints do
-        not limit the rest. The chain between is a short one, counting a radian as half a metre,
-        and is then shortened without losing clearance. The path is deterministic.
-
-        Clearance is the distance of :meth:`clearance` at the centers of cells, rounded down to a
-        64th of a cell and limited to 1024 cells; between centers, it may be less by half a cell's
-        diagonal. Chains stay in the grid, also if the outside is free.
-
-        Parameters
-        ----------
-        q0, q1 : array-like, shape (size,)
-            FREE configurations in the grid.
-        straight : bool
-            If False, return the chain of cells without shortening it.
-        time_limit : float, optional
-            Seconds after which the search gives up; compiling and arrays that the map caches do not
-            count. No limit by default.
-
-        Returns
-        -------
-        ndarray of float64, shape (n, size)
-            Waypoints from q0 to q1, with each motion between two proven free and yaw in [-pi, pi).
-            Of length 0 if :meth:`is_connected` is False, as for a configuration on the boundary of
-            a cell that is not FREE, or if time runs out.
-
-        Raises
-        ------
-        ConfigurationError
-            If a configuration is not FREE, or not in the grid.
-        InputError
-            If a coordinate is not finite, the time limit is not above zero, or the search does not
-            fit into memory.
-        """
-        limit = limit_effort(time_limit)
-        return self._run_with_limit(self._search_widest_path, q0, q1, straight, limit)
-
-    def _search_widest_path(
-        self, q0: ArrayLike, q1: ArrayLike, straight: bool, limit: Effort
-    ) -> Floats:
-        """Find a path of largest clearance, shape (n, size).
-
-        It is empty if its edges are not proven. Raises TimeoutError if time runs out.
-        """
-        from cspace._queries.widest import WidthMap, find_widest_path
-
-        endpoints = self._check_ends(q0, q1, free=True)
-        widths = WidthMap(
-            self._search_distances(), self._slice_of, self.rotations, self._turn_costs
-        )
-        until = now() + limit
-        ends = endpoints, self._cells_of(endpoints)
-        path = find_widest_path(widths, self._kernel_map, self.grid, ends, straight, until)
-        if len(path) and self.certify_path(path).all():
-            return path
-        return self._no_path()
-
-    def _search_distances(self) -> Distances:
-        """Return the distance of each cell, by slice, for a search.
-
-        Raises InputError if the search does not fit into memory.
-        """
-        from cspace._queries.widest import SEARCH_BYTES_PER_CELL
-
-        needed = SEARCH_BYTES_PER_CELL * self.grid.size * len(self.rotations)
-        check_memory(needed, "the map, to search it by clearance,", self.grid)
-        return self._distances.array()
 
     # ---- the set of FREE configurations ----------------------------------------------------------
 
@@ -1626,13 +1238,6 @@ class CSpace(ConfigurationMap):
         return list_rectangles(self._states[0])
 
     @lazy
-    def _turn_costs(self) -> Floats:
-        """Cost of rotating to neighboring rotation cells, in cells."""
-        from cspace._queries.search import turn_costs
-
-        return turn_costs(self.rotations, self.grid.dim, self.grid.spacing)
-
-    @lazy
     def _look_up_state(self) -> Callable[..., int]:
         """Look-up of one configuration's state."""
         from cspace._queries.callbacks import bind_numbers, look_up_state
@@ -1813,21 +1418,10 @@ class CSpace(ConfigurationMap):
         counts: int | Ints = evaluate(q, self.axes, write, np.int64, self._angles)
         return counts
 
-    def _check_ends(self, q0: ArrayLike, q1: ArrayLike, **options: bool) -> Floats:
-        """Return start and goal, shape (2, size), if in the grid.
-
-        Raises ConfigurationError otherwise; see :meth:`_check_in_grid` for the options.
-        """
-        start = self._check_in_grid(q0, "q0", **options)
-        return np.stack([start, self._check_in_grid(q1, "q1", **options)])
-
-    def _check_in_grid(
-        self, q: ArrayLike, name: str, *, free: bool = False, exact: bool = False
-    ) -> Floats:
+    def _check_in_grid(self, q: ArrayLike, name: str, *, free: bool = False) -> Floats:
         """Return a canonical configuration, if in the grid.
 
-        With ``free`` it must be FREE, or with ``exact`` proven free by geometry. Raises
-        ConfigurationError otherwise.
+        With ``free`` it must be FREE. Raises ConfigurationError otherwise.
         """
         values = check_points(q, name, self.axes)
         warn_of_degrees(values, self._angles, name)
@@ -1836,8 +1430,8 @@ class CSpace(ConfigurationMap):
         required = "configuration"
         hint = f"its grid is from {self.grid.lower} to {self.grid.upper}"
         if free:
-            is_valid = is_valid and bool(self.is_free(point, exact=exact))
-            required = "free configuration" if exact else "FREE configuration"
+            is_valid = is_valid and bool(self.is_free(point))
+            required = "FREE configuration"
             hint = "space.nearest_free(q) is one"
         if not is_valid:
             raise ConfigurationError(

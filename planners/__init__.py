@@ -18,18 +18,31 @@ inside functions.
 """
 
 from importlib import import_module
+from typing import Any
 
 import lazy_loader
 
 from cspace.errors import MissingPackageError
 
-try:
-    import_module("ompl.geometric")
-except ImportError as error:
-    raise MissingPackageError(
-        "planners",
-        f"needs OMPL, which cannot be imported ({error})",
-        "it has wheels for Python 3.11 to 3.13 on Linux and macOS; cspace works without it",
-    ) from error
+_import_name, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+
+def __getattr__(name: str) -> Any:
+    """Import a public name; most need OMPL."""
+    try:
+        return _import_name(name)
+    except ImportError:
+        _check_ompl()
+        raise
+
+
+def _check_ompl() -> None:
+    """Raise MissingPackageError if OMPL cannot be imported."""
+    try:
+        import_module("ompl.geometric")
+    except ImportError as error:
+        raise MissingPackageError(
+            "planners",
+            f"needs OMPL, which cannot be imported ({error})",
+            "it has wheels for Python 3.11 to 3.13 on Linux and macOS; cspace works without it",
+        ) from error

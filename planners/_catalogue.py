@@ -35,10 +35,10 @@ PlannerName: TypeAlias = Literal[
 """Planners of OMPL 2.0.1 and built-in searches, as :func:`planners.plan` names them."""
 
 GRID: Final = "Grid"
-"""Name by which :func:`planners.plan` runs :meth:`cspace.CSpace.find_path`."""
+"""Name by which :func:`planners.plan` searches a short or cheap chain of cells of a map."""
 
 MAX_CLEARANCE: Final = "MaxClearance"
-"""Name by which :func:`planners.plan` runs :meth:`cspace.CSpace.find_widest_path`."""
+"""Name by which :func:`planners.plan` searches a chain of largest clearance of a map in memory."""
 
 LATTICE: Final = "Lattice"
 """Name by which :func:`planners.plan` searches a lattice of headings, for drives that are not

@@ -23,6 +23,7 @@ from shapely.geometry import MultiPolygon, Polygon
 
 from cspace import FREE, MIXED, Goal, Space
 from cspace._interface import format_configuration, join_goal_errors
+from cspace._rotations.base import angle_axes
 from cspace._support.check import order_labels
 from cspace.errors import ConfigurationError, InputError
 from cspace.inside import (
@@ -374,7 +375,7 @@ def _measure_lengths(edges: LocalPlanner, start: Endpoint, rows: Floats) -> Floa
 
     They are those of chains of blocks of cells in which the robot passes at some rotation.
     """
-    from cspace._queries.guide import Guide, any_direction
+    from planners._guide import Guide, any_direction
 
     space = edges.cells
     dim = space.dim
@@ -574,7 +575,7 @@ def _make_room(
         if isinstance(goal, Goal):
             space._solve_goal(goal, name, (), None, False)  # raises
         values = space._check_one_configuration(cast("ArrayLike", goal), name)
-        warn_of_degrees(values, space._angles, name)
+        warn_of_degrees(values, angle_axes(space.axes, space.periodic_axes), name)
         middle = space.rotations._make_canonical(values, name)
         return Room(name, middle, None, metres, radians)
     position, rotation = parts

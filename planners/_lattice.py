@@ -26,25 +26,12 @@ import shapely
 from cspace import FREE, MIXED, CSpace
 from cspace._queries.edges import NO_RADII, tube_is_free
 from cspace._queries.frontier import (
-    NO_NODE,
-    UNKNOWN,
-    Estimate,
     Progress,
     check_deadline,
     double,
-    is_known,
     make_progress,
     pop_first,
     push,
-    remaining_cost,
-)
-from cspace._queries.guide import NARROW_COST, Directions, Guide
-from cspace._queries.moves import list_moves
-from cspace._queries.paths import (
-    MAX_SHORTENING,
-    drop_repeats,
-    find_cheapest_subpath,
-    pulled_straight,
 )
 from cspace._queries.points import position_in_plane
 from cspace._record.cells import Map
@@ -73,7 +60,16 @@ from planners._car_curves import (
     piece_is_free,
     segment_is_free,
 )
+from planners._estimate import NO_NODE, UNKNOWN, Estimate, is_known, remaining_cost
+from planners._guide import NARROW_COST, Directions, Guide
 from planners._local_planner import Endpoints, LocalPlanner
+from planners._moves import list_moves
+from planners._paths import (
+    MAX_SHORTENING,
+    drop_repeats,
+    find_cheapest_subpath,
+    pulled_straight,
+)
 
 NARROW_CAR_COST: Final = 0.3
 """Share by which blocks cost more for a car where it passes at few rotations; it need not turn

@@ -24,8 +24,9 @@ from cspace.inside import (
     check_positive,
 )
 from planners._drives import local_planner
+from planners._grid_search import find_cheap_path
 from planners._integrals import CostDensity, Field
-from planners._local_planner import HOLONOMIC, Endpoints, LocalPlanner
+from planners._local_planner import HOLONOMIC, LocalPlanner
 from planners._ompl_states import check_information, find_state_kind
 
 DEFAULT_WEIGHT: Final = 10.0
@@ -205,12 +206,11 @@ def default_clearance_threshold(space: CSpace) -> float:
 
 
 def find_clear_path(
-    edges: LocalPlanner, endpoints: Endpoints, straight: bool, limit: Effort
+    edges: LocalPlanner, endpoints: Floats, straight: bool, limit: Effort
 ) -> Floats:
     """Find a path through FREE cells, cheap by :class:`ClearanceObjective`.
 
-    Returns waypoints, shape (n, size); n is 0 if the search finds no path in time. If not
-    ``straight``, these are the centers of a chain of cells.
+    Arguments, result and errors are those of :func:`planners._grid_search.find_short_path`.
     """
     space = edges.cells
     threshold = default_clearance_threshold(space)
@@ -222,7 +222,7 @@ def find_clear_path(
         return np.asarray(1.0 + DEFAULT_WEIGHT * penalties * penalties)
 
     cost = edges.edge_cost(space._distances, density)
-    return space._find_cheap_path(endpoints, find_factors, cost, straight=straight, limit=limit)
+    return find_cheap_path(space, endpoints, find_factors, cost, straight, limit)
 
 
 def check_has_cells(space: Space) -> None:

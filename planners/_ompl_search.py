@@ -23,7 +23,6 @@ from ompl import base as ob
 from ompl import geometric as og
 from ompl import util as ou
 
-from cspace._queries.paths import MAX_SHORTENING, pulled_straight
 from cspace._support.deadlines import NANOSECONDS, NO_EFFORT, is_stopped, make_effort, seconds_after
 from cspace.inside import NEVER, Effort, Floats, Upright, now, spend
 from planners._catalogue import (
@@ -39,6 +38,7 @@ from planners._goals import Room
 from planners._local_planner import HOLONOMIC, MAX_TURN, ON_THE_SPOT, Endpoints, LocalPlanner
 from planners._objectives import ClearanceObjective, WeightedLength
 from planners._ompl_states import find_state_kind
+from planners._paths import MAX_SHORTENING, pulled_straight
 from planners._setup import MakeObjective, make_setup
 
 GRACE_SECONDS: Final = 0.1

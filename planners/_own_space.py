@@ -7,10 +7,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace import Rotations, Space
-from cspace._interface import format_configuration
+from cspace import Space
+from cspace._interface import format_configuration, has_pose_names
 from cspace.errors import InputError
-from cspace.inside import Floats, check_finite
+from cspace.inside import AXES, Floats, check_finite
 
 BOUNDS_SLACK: Final = 1e-9
 """Rounding by which a found path may leave the bounds, as a share of their width."""
@@ -85,7 +85,8 @@ def _check_rotation(space: Space) -> None:
     if space.has_poses:
         return
     for axis, is_periodic in zip(space.axes, space.periodic_axes, strict=True):
-        if axis not in Rotations._all_names() or (axis == "yaw" and is_periodic):
+        is_rotation = axis not in AXES and has_pose_names([axis])
+        if not is_rotation or (axis == "yaw" and is_periodic):
             continue
         problem = f"are {space.axes!r}"
         rule = f"only a pose, without other axes, has {axis!r} as its rotation"

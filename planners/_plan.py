@@ -15,7 +15,6 @@ from numpy.typing import ArrayLike
 
 from cspace import Space
 from cspace._interface import format_configuration
-from cspace._queries.paths import drop_repeats, skip_points
 from cspace._queries.upright import check_keep
 from cspace._support.compiling import clock
 from cspace._support.deadlines import NANOSECONDS, NO_EFFORT, is_stopped, make_effort, stopping
@@ -53,6 +52,7 @@ from planners._catalogue import (
 )
 from planners._drives import has_drives, local_planner
 from planners._goals import Room, check_tolerance, end_in_rooms, find_room_goals, list_rooms
+from planners._grid_search import find_exact_path, find_short_path
 from planners._local_planner import (
     CURVES,
     DRIVES,
@@ -77,8 +77,10 @@ from planners._ompl_search import (
 )
 from planners._ompl_states import check_space, find_state_kind
 from planners._own_space import check_found_path
+from planners._paths import drop_repeats, skip_points
 from planners._result import Plan, Times
 from planners._setup import MakeObjective, make_bounded_states
+from planners._widest import find_widest_path
 
 QUICK_PLANNER: Final[PlannerName] = "RRTConnect"
 """Planner of the first path of robots that rotate, except along Dubins curves."""
@@ -160,6 +162,8 @@ def choices(space: Space) -> Choices:
 def _list_searches(space: Space) -> tuple[PlannerName, ...]:
     """List the built-in searches for a space."""
     names = space.searches
+    if space.has_cells:
+        names = (GRID, MAX_CLEARANCE) if space.in_memory else (GRID,)
     if has_drives(space):
         names = (*names, LATTICE)
     return cast(tuple[PlannerName, ...], names)
@@ -660,7 +664,11 @@ def _search_tiles(task: PlanTask, may_exist: Callable[[], bool]) -> SearchResult
         start, goal = (tuple(q.tolist()) for q in ends)
         part_task = replace(task, edges=part, endpoints=(start, goal))
         results.append(_search_and_prove(part_task, may_exist))
-        if not results[-1].proven and is_holonomic and task.planner not in part.space.searches:
+        if (
+            not results[-1].proven
+            and is_holonomic
+            and task.planner not in _list_searches(part.space)
+        ):
             results.append(_search_and_prove(replace(part_task, planner=GRID), may_exist))
         paths.append(results[-1].path if not paths else results[-1].path[1:])
         if len(parts) == 1:
@@ -875,13 +883,30 @@ def _find_path(task: PlanTask, may_exist: Callable[[], bool]) -> tuple[Floats, s
         from planners._lattice import find_lattice_path
 
         return find_lattice_path(edges, task.endpoints, task.simplify, limit, may_exist)
-    if task.planner == GRID and task.objective == CLEARANCE:
-        return find_clear_path(edges, task.endpoints, task.simplify, limit), ""
+    if edges.space.has_cells:
+        return _search_cells(task), ""
     options = SearchOptions(task.simplify, edges.exact, task.iterations, task.seed, limit)
     path = edges.space.search(task.planner, task.endpoints, options)
     if isinstance(edges.space, ConfigurationSpace):
         return path, ""
     return check_found_path(edges.space, path), ""
+
+
+def _search_cells(task: PlanTask) -> Floats:
+    """Find a path by "Grid" or "MaxClearance", shape (n, size); n is 0 if none is found in time."""
+    edges = task.edges
+    space = edges.cells
+    endpoints = space.rotations._make_canonical(np.array(task.endpoints))
+    options = task.simplify, task.limit
+    with suppress(TimeoutError):
+        if task.planner == MAX_CLEARANCE:
+            return find_widest_path(space, endpoints, *options)
+        if task.objective == CLEARANCE:
+            return find_clear_path(edges, endpoints, *options)
+        if edges.exact:
+            return find_exact_path(space, endpoints, *options)
+        return find_short_path(space, endpoints, *options)
+    return endpoints[:0]
 
 
 def _describe_outcome(task: PlanTask, result: SearchResult, exists: bool | None) -> tuple[str, str]:

@@ -26,7 +26,7 @@ ANGLE_CALLS = {
     "certify_chunk": ("rows", lambda space, q: space.certify_chunk(FREE_Q, [FREE_Q, q])),
     "chunk at": ("q", lambda space, q: space.certify_chunk(q, [FREE_Q])),
     "is_connected": ("q0", lambda space, q: space.is_connected(q, FREE_Q)),
-    "find_path": ("q1", lambda space, q: space.find_path(FREE_Q, q)),
+    "min_path_length": ("q1", lambda space, q: space.min_path_length(FREE_Q, q)),
     "states_at": ("rotation", lambda space, q: space.states_at(q[2:])),
 }
 

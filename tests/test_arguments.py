@@ -48,8 +48,6 @@ QUERIES = {
     "clearance": lambda q: turning().clearance(q),
     "contains_robot": lambda q: turning().contains_robot(q),
     "explain": lambda q: turning().explain(q, P).verdict,
-    "find_path": lambda q: turning().find_path(P, q),
-    "find_widest_path": lambda q: turning().find_widest_path(q, P),
     "free_region": lambda q: turning().free_region(q, reach=0.5).b,
     "is_connected": lambda q: turning().is_connected(q, P),
     "is_disconnected": lambda q: turning().is_disconnected(P, q),

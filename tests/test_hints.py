@@ -148,9 +148,9 @@ def build_tiles(folder, **options):
         "it must be in the plane, as the map is",
     ),
     (
-        lambda _: build(FLOOR, CART).find_widest_path((0.55, 0.55), (2.5, 0.5)),
-        lambda _: build(FLOOR, CART).find_widest_path(
-            build(FLOOR, CART).nearest_free((0.55, 0.55)), (2.5, 0.5)
+        lambda _: build(FLOOR, CART).reachable_bounds((0.55, 0.55)),
+        lambda _: build(FLOOR, CART).reachable_bounds(
+            build(FLOOR, CART).nearest_free((0.55, 0.55))
         ),
         "it must be one FREE configuration in the grid; space.nearest_free(q) is one",
     ),

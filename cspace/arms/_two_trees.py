@@ -13,11 +13,11 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from cspace._queries.paths import skip_points
 from cspace.arms._addresses import Address, call
 from cspace.arms._cones import move_into_cones, stays_in_cones
 from cspace.arms._motion_proofs import ArmScene, SceneScratch, find_proof, make_scene_scratch
 from cspace.inside import Effort, Floats, Ints, internal, is_over, kernel, now, spend
+from planners._paths import skip_points
 
 MAX_STRIDE: Final = 1.0
 """Longest motion by which a tree grows, radians or metres."""

@@ -33,7 +33,6 @@ from scipy import ndimage
 from cspace import BLOCKED, FREE, MIXED, CSpace, Raster
 from cspace._engines import ENGINES, choose_engine
 from cspace._queries.distance import ROUNDING_FACTOR, compute_distances
-from cspace._queries.search import find_chain, turn_costs
 from cspace._rotations import RotationCell
 from cspace.errors import InputError
 from cspace.inside import (
@@ -47,6 +46,7 @@ from cspace.inside import (
     States,
     slice_rasters,
 )
+from planners._search import find_chain, list_turns
 
 DEPTH_SLACK: Final = 1e-9
 """Rounding of a depth below a surface, per metre of the shape's largest number."""
@@ -148,7 +148,7 @@ def find_way(space: CSpace, points: Floats) -> Way:
     # Search a chain through the FREE cells of the resized robot, preferring FREE cells of the map.
     is_free = robot.find_free(low)
     slice_of = space.slice_of.copy()  # writeable, as kernels are compiled for
-    turns = space.rotations._neighbors, turn_costs(space.rotations, space.dim, space.grid.spacing)
+    turns = list_turns(space.rotations, space.grid.spacing)
     states = (~is_free).view(np.uint8)  # False is FREE, and True is MIXED
     # Cost of a cell that is not FREE, relative to a FREE one, so that a way passes few of them.
     costs = np.where(states_of_slices(space) == FREE, 1.0, 4.0).astype(np.float32)

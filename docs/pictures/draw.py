@@ -502,7 +502,7 @@ def draw_joint_map() -> Figure:
             cspace.Robot.cylinder(0.15, 1.0).shape, pose
         )
     joints = cspace.build_joint_map(cspace.build_arm_space(obstacles, arm), 0.03)
-    path = joints.find_path((-0.6, 0.3), (1.4, -0.2))
+    path = planners.plan(joints, (-0.6, 0.3), (1.4, -0.2)).waypoints
     states = joints.classify(centers(joints.grid))
     figure, axes = plt.subplots(1, 2, figsize=(9.6, 4.2), layout="constrained")
     for x, y in posts:

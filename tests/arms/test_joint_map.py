@@ -130,7 +130,7 @@ def test_obstacle_distances_are_those_of_the_bars():
     assert (found <= expected + 1e-9).all() and (found >= 0.999 * expected - 1e-6).all()
     assert joint_map.obstacle_distance(tuple(q[0])) == found[0]
     for start, goal in zip(q[::2], q[1::2], strict=True):
-        path = joint_map.find_path(start, goal)
+        path = planners.plan(joint_map, start, goal).waypoints
         if not len(path):
             continue
         between = np.linspace(path[:-1], path[1:], 200).reshape(-1, 2)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import cspace
+import planners
 from cspace import FileError, Grid, Robot, Workspace
 from cspace._files.images import read_movingai_map, read_movingai_voxels
 from tests.helpers.maps import proven_paths
@@ -63,7 +64,7 @@ def test_problems_of_real_maps_have_paths_of_the_published_length(data, name):
     assert all(answer is True for answer in proven_paths(space, starts, goals))
     # The published lengths are of paths along eight directions, at most 1.0824 of the shortest.
     for problem in np.linspace(0, len(ends) // 2, 3, dtype=int):
-        path = space.find_path(starts[problem], goals[problem])
+        path = planners.plan(space, starts[problem], goals[problem]).waypoints
         bound = space.min_path_length(starts[problem], goals[problem])
         shortest = optimal[problem] / 1.0824
         assert (

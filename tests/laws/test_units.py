@@ -14,8 +14,7 @@ import pytest
 import cspace
 import planners
 from cspace import Robot, Workspace
-from cspace._interface import ConfigurationSpace, SearchOptions
-from cspace._support.deadlines import limit_effort
+from cspace._interface import ConfigurationSpace
 from cspace.errors import CspaceError
 from tests.helpers.urdfs import joint, link, posed_box, write_urdf
 
@@ -128,8 +127,6 @@ COORDINATES = {
     "distance": lambda c: c.space.distance(np.array(c.q0), np.array(c.q1)),
     "explain": lambda c: c.space.explain(c.q0, c.q1).margin,
     "find_goals": lambda c: np.array(c.space.find_goals(c.q1, c.q0, 0))[:, : c.space.dim],
-    "find_path": lambda c: c.space.find_path(c.q0, c.q1)[:, : c.space.dim],
-    "find_widest_path": lambda c: c.space.find_widest_path(c.q0, c.q1)[:, : c.space.dim],
     "free_region": lambda c: ask_region(c).bounds[1][: c.space.dim],
     "grid": lambda c: (c.space.grid.spacing, *c.space.grid.lower, *c.space.grid.upper),
     "interpolate": lambda c: c.space.interpolate(*map(np.array, (c.q0, c.q1)), 0.5)[: c.space.dim],
@@ -237,10 +234,9 @@ def ask_chunk(case):
 
 
 def run_search(case):
-    """Return the path of the first search of a space."""
-    options = SearchOptions(True, False, 1, 0, limit_effort(5.0))
-    name = next(iter(case.space.searches), "")
-    return case.space.search(name, (case.q0, case.q1), options)
+    """Return the path of the first search of ours that plans in a space."""
+    name = planners.choices(case.space).planners[len(planners.planner_names())]
+    return planners.plan(case.space, case.q0, case.q1, planner=name, time_limit=5.0).waypoints
 
 
 # ---- the law -------------------------------------------------------------------------------------

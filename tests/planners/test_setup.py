@@ -128,9 +128,11 @@ def test_only_planners_requires_ompl():
     output = output_without(
         "ompl",
         """
-cspace.build(cspace.Workspace.from_array(np.zeros((9, 9), dtype=bool), 0.1), cspace.Robot.disc(0.05))
+workspace = cspace.Workspace.from_array(np.zeros((9, 9), dtype=bool), 0.1)
+space = cspace.build(workspace, cspace.Robot.disc(0.05))
+assert space.explain((0.3, 0.3), (0.6, 0.6)).verdict == "connected"
 try:
-    import planners
+    from planners import plan
 except cspace.MissingPackageError as error:
     print(error)
 """,

@@ -23,6 +23,7 @@ def test_maps_may_have_more_components_than_two_bytes_can_count():
     q = handmade.cell_centers(space, cells)
     assert (proven_paths(space, q[:, None], q[None]) == np.eye(4, dtype=bool)).all()
     assert space.is_disconnected(q[0], q[1:]).all()
+    assert not space.is_connected(q[0], q[1:]).any()
     lower, upper = space.reachable_bounds(handmade.cell_centers(space, np.array([[0, 3, 1]]))[0])
     assert np.rint((upper - lower) / space.grid.spacing).tolist() == [1, 5]
 

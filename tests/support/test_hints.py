@@ -145,8 +145,8 @@ def cells(values, **options):
         "start has shape (1, 2); it must be one configuration of 2 numbers; pass (x, y), in metres and radians",
     ),
     (
-        lambda: space().find_path((0.05, 0.05), HERE),
-        lambda: space().find_path(space().nearest_free((0.05, 0.05)), HERE),
+        lambda: space().reachable_bounds((0.05, 0.05)),
+        lambda: space().reachable_bounds(space().nearest_free((0.05, 0.05))),
         "it must be one FREE configuration in the grid; space.nearest_free(q) is one",
     ),
     # Cells.

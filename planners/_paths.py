@@ -9,11 +9,19 @@ from typing import Final
 
 import numpy as np
 
-from cspace._grid import Grid
-from cspace._rotations import Rotations
-from cspace._rotations.base import METRES_PER_RADIAN, measure_steps, wrap_angles
-from cspace._support.arrays import Floats, Ints
-from cspace._support.deadlines import NEVER, Effort, is_over, make_effort, spend
+from cspace import CSpace, Rotations
+from cspace._support.deadlines import make_effort
+from cspace.inside import (
+    METRES_PER_RADIAN,
+    NEVER,
+    Effort,
+    Floats,
+    Ints,
+    is_over,
+    measure_steps,
+    spend,
+    wrap_angles,
+)
 
 Check = Callable[..., bool]
 Cost = Callable[..., float]
@@ -34,14 +42,14 @@ NANOSECONDS_PER_CORNER: Final = 200_000
 """Work of cutting a corner."""
 
 
-def waypoints(grid: Grid, rotations: Rotations, endpoints: Floats, cells: Ints) -> Floats:
+def waypoints(space: CSpace, endpoints: Floats, cells: Ints) -> Floats:
     """Return the path through centers of cells, shape (n + 2, size).
 
     ``endpoints`` has shape (2, size), ``cells``, each ``(rotation, x, ...)``, shape (n, 1 + d).
     """
     start, goal = endpoints
     rotation_cells = cells[:, 0]
-    centers = [grid.center_of(cells[:, 1:]), rotations.centers[rotation_cells]]
+    centers = [space.grid.center_of(cells[:, 1:]), space.rotations.centers[rotation_cells]]
     return np.vstack([start, np.column_stack(centers), goal])
 
 

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cspace._support.arrays import Floats, Ints
+from cspace.inside import Floats, Ints
 
 
 class Moves(NamedTuple):

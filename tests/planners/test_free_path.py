@@ -10,26 +10,42 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import cspace
-from cspace import BLOCKED, MIXED, Robot, Rotations, Workspace
+import planners
+from cspace import BLOCKED, MIXED, InputError, Robot, Rotations, Workspace
 from tests.helpers.handmade import map_of
 from tests.helpers.placements import collides
 from tests.helpers.planning import sample_edge
 from tests.helpers.strategies import examples, seeds
-from tests.queries.test_widest import (
-    compute_length,
-)
-
-SEARCHES = pytest.mark.parametrize("name", ["find_path", "find_widest_path"])
+from tests.planners.test_widest import compute_length
 
 
-@SEARCHES
+def find_path(space, *endpoints, **options):
+    """Return the waypoints of a plan by Grid."""
+    return planners.plan(space, *endpoints, planner="Grid", **options).waypoints
+
+
+@pytest.mark.parametrize("name", ["Grid", "MaxClearance"])
 def test_search_stops_at_its_time_limit(name):
     states = np.zeros((1500, 1500), dtype=np.uint8)
     states[700, 9:-9] = BLOCKED
-    search = getattr(map_of(states, outside="blocked", spacing=1.0), name)
+    space = map_of(states, outside="blocked", spacing=1.0)
     endpoints = (1.5, 1.5), (1498.5, 1498.5)
-    assert len(search(*endpoints, time_limit=100.0))  # compiled
-    assert search(*endpoints, time_limit=1e-9).shape == (0, 2)
+    assert planners.plan(space, *endpoints, planner=name, time_limit=100.0).solved  # compiled
+    late = planners.plan(space, *endpoints, planner=name, time_limit=1e-9)
+    assert late.waypoints.shape == (0, 2)
+
+
+@pytest.mark.parametrize("options", [{"planner": "MaxClearance"}, {"exact": True}])
+def test_searches_beyond_memory_are_refused_and_answered_later(monkeypatch, options):
+    states = np.zeros((30, 30), dtype=np.uint8)
+    states[15, :20] = MIXED
+    space = map_of(states, outside="blocked", spacing=0.1)
+    options = {"planner": "Grid"} | options
+    with monkeypatch.context() as patch:
+        patch.setattr("cspace._limits.free_bytes", lambda: 1000)
+        with pytest.raises(InputError, match=r"needs about .* of memory.*at most 950 bytes"):
+            planners.plan(space, (0.5, 0.5), (2.5, 0.5), **options)
+    assert planners.plan(space, (0.5, 0.5), (2.5, 0.5), **options).solved
 
 
 @pytest.mark.parametrize(
@@ -44,7 +60,7 @@ def test_equal_rotations_in_other_numbers_need_no_turn(rotations, start, goal):
     states[:, 12:15, :4] = MIXED  # an obstacle to go around
     space = map_of(states, rotations, spacing=0.25)
     assert space.is_connected([0.3, 0.6, 0.6, *start], [7.1, 0.6, 0.6, *goal])
-    path = space.find_path([0.3, 0.6, 0.6, *start], [7.1, 0.6, 0.6, *goal])
+    path = find_path(space, [0.3, 0.6, 0.6, *start], [7.1, 0.6, 0.6, *goal])
     assert len(path) > 2 and (path[:, 3:] == start).all() and space.certify_path(path).all()
 
 
@@ -80,10 +96,10 @@ def test_exact_paths_keep_clear_of_obstacles_and_are_no_longer(seed, rotations):
     ends = np.array([(*start, *yaw), (*goal, *yaw)])
     if not space.is_free(ends, exact=True).all():
         return
-    path = space.find_path(*ends, exact=True)
-    chain = space.find_path(*ends, exact=True, straight=False)
+    path = find_path(space, *ends, exact=True)
+    chain = find_path(space, *ends, exact=True, simplify=False)
     if space.is_free(ends).all():
-        through_free = space.find_path(*ends)
+        through_free = find_path(space, *ends)
         assert len(path) >= min(2, len(through_free))
         if len(through_free):
             assert compute_length(space, path) <= compute_length(space, through_free) * (1.0 + 1e-9)
@@ -102,8 +118,8 @@ def test_exact_paths_keep_clear_of_obstacles_and_are_no_longer(seed, rotations):
 def test_exact_paths_turn_where_the_gap_demands_it():
     space, walls = build_gap(0.3, Robot.rectangle(0.6, 0.22), rotations=24)
     start, goal = (1.0, 1.0, 1.5), (3.0, 1.0, 1.5)
-    assert len(space.find_path(start, goal)) and space.find_path(start, goal)[:, 1].max() > 3.0
-    path = space.find_path(start, goal, exact=True)
+    assert len(find_path(space, start, goal)) and find_path(space, start, goal)[:, 1].max() > 3.0
+    path = find_path(space, start, goal, exact=True)
     assert path[:, 1].max() < 1.1 and space.certify_path(path, exact=True).all()
     for first, last in itertools.pairwise(path):
         assert not collides(

@@ -20,18 +20,15 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace._grid import Grid
+from cspace import CSpace, Grid
 from cspace._queries.callbacks import edge_checker
 from cspace._queries.distance import Distances
 from cspace._queries.frontier import check_deadline
-from cspace._queries.paths import MAX_SHORTENING, pulled_straight, waypoints
-from cspace._queries.search import find_chain
 from cspace._record.cells import Map, make_map_record
 from cspace._record.states import read_only
-from cspace._rotations import Rotations
-from cspace._support.arrays import Bools, Bytes, Floats, Ints
-from cspace._support.compiling import kernel
-from cspace._support.deadlines import Effort, spend
+from cspace.inside import Bools, Bytes, Effort, Floats, Ints, check_memory, kernel, now, spend
+from planners._paths import MAX_SHORTENING, pulled_straight, waypoints
+from planners._search import Turns, find_chain, list_turns
 
 LEVELS_PER_CELL: Final = 64
 """Levels of width per cell."""
@@ -54,7 +51,7 @@ N_SIDE_STEPS: Final = 6
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WidthMap:
-    """Widths of the cells of a map, and moves between rotation cells.
+    """Widths of the cells of a map, and turns between rotation cells.
 
     Attributes
     ----------
@@ -62,16 +59,13 @@ class WidthMap:
         Width of each cell, in cells.
     slice_of : ndarray of int64, shape (rotations,)
         Slice of each rotation cell.
-    rotations : Rotations
-        Rotation cells.
-    turns : ndarray of float64, shape (rotations, n)
-        Cost of rotating to each neighbor, in cells.
+    turns : tuple of ndarray
+        As of :func:`planners._search.list_turns`.
     """
 
     widths: Distances
     slice_of: Ints
-    rotations: Rotations
-    turns: Floats
+    turns: Turns
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -88,11 +82,12 @@ class WidthMap:
         Return the cells ``(rotation, x, ...)``, from ``cell`` on, shape (n, 1 + d). Ties go to the
         larger cell index.
         """
+        neighbors, _ = self.turns
         path = [tuple(cell.tolist())]
         while True:
             # The cell itself, neighbouring rotations, and cells that share a side.
             rotation, *position = path[-1]
-            rotations = self.rotations._neighbors[rotation].tolist()
+            rotations = neighbors[rotation].tolist()
             candidates = [path[-1]] + [(other, *position) for other in rotations if other >= 0]
             for axis, step in product(range(len(position)), (-1, 1)):
                 near = position.copy()
@@ -118,10 +113,11 @@ class WidthMap:
         queue = LevelQueue.of(math.prod(self.shape), first, start_level)
         missing_axes = (1,) * (4 - self.widths.ndim)
         layered = levels.reshape(len(levels), *missing_axes, *self.shape[1:])
+        neighbors, _ = self.turns
         is_done = False
         while not is_done:
             check_deadline(until)
-            is_done = flood(layered, self.slice_of, self.rotations._neighbors, last, queue)
+            is_done = flood(layered, self.slice_of, neighbors, last, queue)
             spend(CELLS_PER_FLOOD * NANOSECONDS_PER_CELL)
         return float(queue.level[0]) / LEVELS_PER_CELL
 
@@ -131,8 +127,7 @@ class WidthMap:
         The chain has shape (n, 1 + d). Raises TimeoutError after ``until``.
         """
         states = threshold_widths(self.widths, min_width)
-        turns = self.rotations._neighbors, self.turns
-        return find_chain(states, self.slice_of, turns, start, goal, until)
+        return find_chain(states, self.slice_of, self.turns, start, goal, until)
 
 
 def threshold_widths(widths: Distances, min_width: float) -> Bytes:
@@ -239,37 +234,56 @@ def flood(
 # ---- paths ---------------------------------------------------------------------------------------
 
 
-def find_widest_path(
-    widths: WidthMap,
-    map_: Map,
-    grid: Grid,
-    endpoints: tuple[Floats, Ints],
-    straight: bool,
-    until: Effort,
-) -> Floats:
-    """Return waypoints of the widest path between two configurations.
+def find_widest_path(space: CSpace, endpoints: Floats, straight: bool, limit: Effort) -> Floats:
+    """Find a path of largest clearance, shape (n, size), then a short one.
 
-    ``endpoints`` are the configurations, shape (2, size), and their cells, shape (2, 1 + d). The
-    result has length 0 if no path exists. If not ``straight``, waypoints are the centers of the
-    cells passed. Raises TimeoutError after ``until``.
+    ``endpoints``, shape (2, size), are FREE and canonical. The length n is 0 if no path exists, or
+    its edges are not proven. If not ``straight``, waypoints are the centers of the cells passed.
+    Raises TimeoutError at the limit.
     """
-    rotations = widths.rotations
-    configurations, end_cells = endpoints
-    start, goal = end_cells
-    q = rotations._make_canonical(configurations)
+    widths = WidthMap(
+        measure_widths(space),
+        space._kernel_map.rotations.slice_of,
+        list_turns(space.rotations, space.grid.spacing),
+    )
+    until = now() + limit
+    path = _find_wide_path(space, widths, endpoints, straight, until)
+    return path if len(path) and space.certify_path(path).all() else path[:0]
+
+
+def measure_widths(space: CSpace) -> Distances:
+    """Return the distance of each cell, by slice, for a search.
+
+    Raises InputError if the search does not fit into memory.
+    """
+    needed = SEARCH_BYTES_PER_CELL * space.grid.size * len(space.rotations)
+    check_memory(needed, "the map, to search it by clearance,", space.grid)
+    return space._distances.array()
+
+
+def _find_wide_path(
+    space: CSpace, widths: WidthMap, endpoints: Floats, straight: bool, until: Effort
+) -> Floats:
+    """Find a path along a chain of largest minimum width.
+
+    Arguments, result and errors are those of :func:`find_widest_path`, except that the path is not
+    proven.
+    """
+    rotations = space.rotations
+    start, goal = space._cells_of(endpoints)
     # Climb from both ends, and connect the two local maxima.
     from_start = widths.climb(start)
     from_goal = widths.climb(goal)
     width = widths.find_bottleneck(from_start[-1], from_goal[-1], until)
     if width == 0.0:
-        return np.empty((0, q.shape[1]))
+        return endpoints[:0]
     # Cut both climbs where they reach the width of the bottleneck.
     n_ascent = sum(widths.width(cell) < width for cell in from_start)
     n_descent = sum(widths.width(cell) < width for cell in from_goal)
     chain = widths.find_short_chain(from_start[n_ascent], from_goal[n_descent], width, until)
     descent = np.flipud(from_goal[:n_descent])
     cells = np.concatenate([from_start[:n_ascent], chain, descent])
-    path = waypoints(grid, rotations, q, cells)
+    path = waypoints(space, endpoints, cells)
     if not straight:
         return path
     # Each of the three parts is shortened within cells at least as wide as its own narrowest cell.
@@ -286,21 +300,21 @@ def find_widest_path(
     for begin, stop, min_width in parts:
         if begin < stop:
             positions = cells[max(begin - 1, 0) : stop, 1:]
-            wide_map = _cut_wide_map(widths.widths, map_, grid, positions, min_width)
+            wide_map = _cut_wide_map(widths.widths, space, positions, min_width)
             is_free = edge_checker(wide_map, path.shape[1])
             piece = pulled_straight(path[begin : stop + 1], rotations, is_free, until=end_time)
             pieces.append(piece[1:])
     return np.concatenate(pieces)
 
 
-def _cut_wide_map(
-    widths: Distances, map_: Map, grid: Grid, positions: Ints, min_width: float
-) -> Map:
+def _cut_wide_map(widths: Distances, space: CSpace, positions: Ints, min_width: float) -> Map:
     """Cut out a map in which cells wide enough are FREE.
 
     It contains ``positions``; cells are FREE from ``min_width`` on. ``positions``, shape (n, d),
     are indices of cells along the axes.
     """
+    map_ = space._kernel_map
+    grid = space.grid
     # One more cell on each side, because edges may touch it.
     first = np.maximum(positions.min(axis=0) - 1, 0)
     stop = np.minimum(positions.max(axis=0) + 2, widths.shape[1:])

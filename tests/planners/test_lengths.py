@@ -7,8 +7,9 @@ import shapely
 from hypothesis import example, given
 from hypothesis import strategies as st
 
+import planners
 from cspace import BLOCKED, FREE
-from cspace._queries.taut import MARGIN
+from planners._taut import MARGIN
 from tests.fuzz.lengths import shortest_length
 from tests.helpers.handmade import map_of
 from tests.helpers.oracles import path_length
@@ -40,7 +41,7 @@ def test_paths_and_bounds_are_near_the_shortest_length(seed, share, block):
     space = map_of(
         np.where(blocked, BLOCKED, FREE).astype(np.uint8), outside="blocked", spacing=0.25
     )
-    path = space.find_path(0.25 * start, 0.25 * goal) / 0.25
+    path = planners.plan(space, 0.25 * start, 0.25 * goal).waypoints / 0.25
     bound = space.min_path_length(0.25 * start, 0.25 * goal) / 0.25
     expected = find_shortest_length(blocked, start, goal)
     assert bound <= expected * (1.0 + 1e-9)
@@ -63,4 +64,5 @@ def test_rays_that_graze_two_corners_meet_both():
     )
     expected = find_shortest_length(blocked, start, goal)
     assert space.min_path_length(start, goal) <= expected * (1.0 + 1e-9)
-    assert path_length(space.find_path(start, goal)) <= expected + 4.0 * MARGIN
+    path = planners.plan(space, start, goal).waypoints
+    assert path_length(path) <= expected + 4.0 * MARGIN

@@ -9,10 +9,10 @@ from hypothesis import given
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
-from cspace._queries.frontier import DEAD_END_COST
-from cspace._queries.guide import POSITIONS_WEIGHT, Directions, Guide, any_direction
 from cspace._support.arrays import BLOCKED, FREE, MIXED
 from cspace._support.deadlines import NEVER
+from planners._estimate import DEAD_END_COST
+from planners._guide import POSITIONS_WEIGHT, Directions, Guide, any_direction
 from tests.helpers.strategies import examples, seeds
 
 

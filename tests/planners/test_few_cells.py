@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 import cspace
-import cspace._queries.search
+import planners
+import planners._search
 
 
 def make_trap(side, dim):
@@ -23,18 +24,18 @@ def make_trap(side, dim):
 def count_cells(side, dim, monkeypatch):
     """Count the cells that a search out of a trap examines, and those on its chain."""
     examined = []
-    search = cspace._queries.search.search
+    search = planners._search._search_guided
 
-    def run(*arguments, **options):
-        progress = search(*arguments, **options)
+    def run(*arguments):
+        progress = search(*arguments)
         examined.append(np.count_nonzero(progress.closed))
         return progress
 
     occupied, start, goal = make_trap(side, dim)
     robot = cspace.Robot.disc(0.1) if dim == 2 else cspace.Robot.ball(0.1)
     space = cspace.build(cspace.Workspace.from_array(occupied, 1.0), robot)
-    monkeypatch.setattr(cspace._queries.search, "search", run)
-    path = space.find_path(start, goal, straight=False)
+    monkeypatch.setattr(planners._search, "_search_guided", run)
+    path = planners.plan(space, start, goal, simplify=False).waypoints
     monkeypatch.undo()
     assert all(space.motion_is_free(path[:-1], path[1:]))
     (count,) = examined

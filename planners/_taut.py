@@ -14,8 +14,8 @@ from typing import Final
 import numpy as np
 
 from cspace._queries.any_angle import Rectangles
-from cspace._support.arrays import Floats, Ints
-from cspace._support.compiling import inlined, kernel
+from cspace._support.compiling import inlined
+from cspace.inside import Floats, Ints, kernel
 
 MARGIN: Final = 2.0**-8
 """Distance in cells that paths keep from obstacles along each axis. It is far above the rounding of

@@ -10,6 +10,7 @@ from hypothesis import example, given
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components, dijkstra
 
+import planners
 from cspace import FREE, MIXED
 from tests.helpers import handmade
 from tests.helpers.oracles import link_cells, path_length
@@ -78,6 +79,11 @@ def compute_length(space, path):
     return path_length(path[:, :dim]) + 0.5 * float(turns)
 
 
+def find_widest_path(space, start, goal, **options):
+    """Return the waypoints of a plan by MaxClearance."""
+    return planners.plan(space, start, goal, planner="MaxClearance", **options).waypoints
+
+
 @pytest.mark.parametrize("name", WIDEST_SPACES)
 @examples(8)
 @example(65537)  # the climb must not cut a corner
@@ -90,7 +96,7 @@ def test_path_is_widest_then_shortest(name, seed):
     free = np.flatnonzero(clearances > 0.0)
     for start, goal in rng.choice(free, (2, 2)) if len(free) else []:
         best = find_bottleneck(space, clearances, start, goal)
-        path = space.find_widest_path(points[start], points[goal], straight=False)
+        path = find_widest_path(space, points[start], points[goal], simplify=False)
         assert (len(path) > 0) == (best > 0.0)
         if not len(path):
             continue
@@ -101,7 +107,7 @@ def test_path_is_widest_then_shortest(name, seed):
             wide = clearances >= narrowest - 1e-5
             shortest = dijkstra(link_wide_cells(space, wide, True), indices=start)[goal]
             assert compute_length(space, path) == pytest.approx(shortest, rel=1e-5)
-        pulled = space.find_widest_path(points[start], points[goal])
+        pulled = find_widest_path(space, points[start], points[goal])
         assert np.array_equal(pulled[[0, -1]], path[[0, -1]]) and space.certify_path(pulled).all()
         assert compute_length(space, pulled) <= compute_length(space, path) + 1e-9
         shares = np.linspace(0.0, 1.0, 30)[:, None]

@@ -5,7 +5,7 @@ center of a cell to that of a near cell, and all closed cells that the move touc
 one position, a chain rotates between neighbouring rotation cells.
 
 The estimate of the remaining cost is the length of a chain over positions that are passable at any
-rotation (:mod:`cspace._queries.guide`), and the cost of rotating to the goal's rotation cell (P.
+rotation (:mod:`planners._guide`), and the cost of rotating to the goal's rotation cell (P.
 Hart, N. Nilsson and B. Raphael, "A formal basis for the heuristic determination of minimum cost
 paths", 1968).
 
@@ -16,27 +16,29 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, TypeAlias
 
 import numpy as np
 
-from cspace._queries.frontier import (
-    DONE,
-    GOES_ON,
+from cspace import FREE, Rotations
+from cspace._queries.frontier import DONE, GOES_ON, Progress
+from cspace._queries.points import Cell
+from cspace._record.states import read_only
+from cspace.inside import METRES_PER_RADIAN, Effort, Floats, Ints, States, internal, kernel
+from planners._estimate import (
     NEEDS_ESTIMATE,
     NO_NODE,
     POPS_PER_CLOCK_CHECK,
     UNKNOWN,
     Costs,
     Estimate,
-    Progress,
     begin_at,
     expand_until_done,
     is_cheaper,
     pop_best,
     reach_cell,
 )
-from cspace._queries.guide import (
+from planners._guide import (
     NARROW_COST,
     NO_FACTORS,
     POSITIONS_WEIGHT,
@@ -45,14 +47,10 @@ from cspace._queries.guide import (
     factor_at,
     measure_turns,
 )
-from cspace._queries.moves import Moves, list_moves
-from cspace._queries.points import Cell
-from cspace._record.states import read_only
-from cspace._rotations import Rotations
-from cspace._rotations.base import METRES_PER_RADIAN
-from cspace._support.arrays import FREE, Bools, Floats, Ints, States
-from cspace._support.compiling import internal, kernel
-from cspace._support.deadlines import Effort
+from planners._moves import Moves, list_moves
+
+Turns: TypeAlias = tuple[Ints, Floats]
+"""Neighbours of rotation cells, and the costs of rotating to them."""
 
 WEIGHT: Final = 1.2
 """Weight of the estimate; above 1, the search expands far fewer cells, for chains that are hardly
@@ -71,9 +69,7 @@ obstacle, and the guide is exact enough for shorter ways."""
 
 
 class Graph(NamedTuple):
-    """Nodes of a map and the moves between them, for kernels.
-
-    A node is a cell, or in :mod:`cspace._queries.lower_bound` a corner of cells.
+    """Cells of a map and the moves between them, for kernels.
 
     Attributes
     ----------
@@ -100,7 +96,7 @@ class Graph(NamedTuple):
 def find_chain(
     states: States,
     slice_of: Ints,
-    rotations: tuple[Ints, Floats],
+    turns: Turns,
     start: Ints,
     goal: Ints,
     until: Effort,
@@ -114,8 +110,8 @@ def find_chain(
     states : ndarray of uint8, shape (slices, nx, ny) or (slices, nx, ny, nz)
     slice_of : ndarray of int64, shape (rotations,)
         Slice of each rotation cell.
-    rotations : tuple of ndarray, shape (rotations, n)
-        Adjacent rotation cells, padded with -1, and the cost of rotating to them, in cells.
+    turns : tuple of ndarray
+        As of :func:`list_turns`.
     start, goal : ndarray of int64, shape (1 + d,)
         Cells ``(rotation, x, y)`` or ``(rotation, x, y, z)`` in the grid.
     until : Effort
@@ -135,7 +131,7 @@ def find_chain(
     TimeoutError
         If time runs out.
     """
-    neighbors, turns = rotations
+    neighbors, costs = turns
     dim = states.ndim - 1
     # Kernels see three axes.
     missing_axes = (1,) * (3 - dim)
@@ -144,7 +140,7 @@ def find_chain(
         states=read_only(states.reshape(-1, *shape)),
         slice_of=slice_of,
         neighbors=neighbors,
-        turns=turns,
+        turns=costs,
         moves=list_moves(dim),
         factors=factors.reshape(-1, *shape) if factors.size else NO_FACTORS,
     )
@@ -164,18 +160,17 @@ def find_chain(
     return np.stack(np.unravel_index(cells, cells_shape), axis=1)
 
 
-def turn_costs(rotations: Rotations, dim: int, spacing: float) -> Floats:
-    """Return the cost of rotating to neighbouring rotation cells.
+def list_turns(rotations: Rotations, spacing: float) -> Turns:
+    """List the neighbours of rotation cells, and the costs of rotating to them.
 
-    Costs are in cells, shape (rotations, n); `dim` is the dimension of the grid, and ``spacing`` is
-    in metres.
+    Both have the shape (rotations, n). Missing neighbours are -1; costs are in cells of a side of
+    ``spacing`` metres.
     """
-    # Steps between the centers of rotation cells at one position.
-    origins = np.zeros((len(rotations), dim))
-    centers = np.column_stack([origins, rotations.centers])
-    steps = rotations._steps_between(centers[:, np.newaxis], centers[rotations._neighbors])
+    neighbors = rotations._neighbors
+    centers = rotations.centers
+    steps = rotations._steps_between(centers[:, np.newaxis], centers[neighbors])
     angles = np.linalg.norm(steps, axis=-1)
-    return np.asarray(METRES_PER_RADIAN / spacing * angles)
+    return neighbors, np.asarray(METRES_PER_RADIAN / spacing * angles)
 
 
 def _locate(index: int, shape: Cell) -> Cell:
@@ -220,32 +215,9 @@ def _search_guided(
     def reach_block(node: int) -> None:
         guide.reach(0, _locate(node % size, shape), until)
 
-    return search(graph, estimate, start, goal, until, may_exist=may_exist, reach_block=reach_block)
-
-
-def search(
-    graph: Graph,
-    estimate: Estimate,
-    start: int,
-    goal: int,
-    until: Effort,
-    *,
-    may_exist: Callable[[], bool] | None = None,
-    excluded: Bools | None = None,
-    reach_block: Callable[[int], None] | None = None,
-) -> Progress:
-    """Expand nodes from ``start`` on until ``goal`` is reached.
-
-    A long search asks once whether a chain ``may_exist``. ``excluded``, shape (nodes,), are nodes
-    that no chain may pass. Where the estimate is not known yet, ``reach_block`` is called with a
-    node. Raises TimeoutError after ``until``.
-    """
-    progress = begin_at(start, len(graph.slice_of) * math.prod(estimate.shape))
-    if excluded is not None:
-        progress = progress._replace(closed=excluded)
     return expand_until_done(
         lambda progress: expand_cells(graph, estimate, progress, goal),
-        progress,
+        begin_at(start, len(graph.slice_of) * size),
         len(graph.moves.steps) + graph.neighbors.shape[1],
         until,
         reach_block,

@@ -21,30 +21,27 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from cspace._queries.frontier import (
+from cspace import FREE
+from cspace._queries.frontier import DONE, GOES_ON, Progress, sparse_zeros
+from cspace._queries.points import Cell
+from cspace._support.compiling import inlined
+from cspace.inside import Bools, Effort, Floats, Ints, States, internal, kernel
+from planners._estimate import (
     DEAD_END_COST,
-    DONE,
-    GOES_ON,
     NEEDS_ESTIMATE,
     NO_NODE,
     POPS_PER_CLOCK_CHECK,
     UNKNOWN,
     Costs,
     Estimate,
-    Progress,
     begin_at,
     estimate_without_obstacles,
     expand_until_done,
     is_cheaper,
     pop_best,
     reach_cell,
-    sparse_zeros,
 )
-from cspace._queries.moves import list_moves
-from cspace._queries.points import Cell
-from cspace._support.arrays import FREE, Bools, Floats, Ints, States
-from cspace._support.compiling import inlined, internal, kernel
-from cspace._support.deadlines import Effort
+from planners._moves import list_moves
 
 POSITIONS_WEIGHT: Final = 1.1
 DIRECTIONS_WEIGHT: Final = 1.05

@@ -9,12 +9,10 @@ from typing import Final
 
 import numpy as np
 
-from cspace._grid import Grid
-from cspace._queries.paths import path_length, waypoints
-from cspace._queries.search import find_chain
-from cspace._rotations import Rotations
-from cspace._support.arrays import BLOCKED, FREE, MIXED, Bools, Floats, Ints, States
-from cspace._support.deadlines import Effort, is_over, spend
+from cspace import BLOCKED, FREE, MIXED, CSpace
+from cspace.inside import Bools, Effort, Floats, Ints, States, is_over, spend
+from planners._paths import path_length, waypoints
+from planners._search import find_chain, list_turns
 
 UNDECIDED_BYTES_PER_CELL: Final = 8
 """Memory of a search for each cell of the map, bytes: states, marks, costs and predecessors."""
@@ -33,41 +31,34 @@ class MixedCellSearch:
 
     Attributes
     ----------
-    grid : Grid
-    rotations : Rotations
+    space : CSpace
     states : ndarray of uint8, shape (rotations, ...)
         States of the cells.
-    turn_costs : ndarray of float64
-        Cost of rotating to neighbouring rotation cells, as of
-        :func:`cspace._queries.search.turn_costs`.
-    are_free : callable
-        Decides configurations of shape (n, size) by exact geometry.
     edge_is_free : callable
         Decides the edge between two configurations by exact geometry.
     """
 
-    grid: Grid
-    rotations: Rotations
+    space: CSpace
     states: States
-    turn_costs: Floats
-    are_free: Callable[[Floats], Bools]
     edge_is_free: Callable[..., bool]
 
-    def find(self, endpoints: Floats, cells: Ints, max_length: float, until: Effort) -> Floats:
+    def find(self, endpoints: Floats, max_length: float, until: Effort) -> Floats:
         """Find a path between two configurations.
 
-        ``cells``, shape (2, 1 + d), are their cells. Returns waypoints of shape (n, size), joined
+        Returns waypoints of shape (n, size), joined
         by edges that geometry proves. The length n is 0 if no chain is found, if no remaining chain
         promises a path of at most ``max_length``, or after ``until``.
         """
         no_path = np.empty((0, endpoints.shape[1]))
+        space = self.space
+        cells = space._cells_of(endpoints)
         is_mixed = self.states == MIXED
         passable = np.where(is_mixed, FREE, self.states)
         # Start and goal are free whether or not the centers of their cells are.
         is_mixed[tuple(cells.T)] = False
         undecided = is_mixed.copy()
-        slice_of = np.arange(len(self.rotations))
-        turns = (self.rotations._neighbors, self.turn_costs)
+        slice_of = np.arange(len(space.rotations))
+        turns = list_turns(space.rotations, space.grid.spacing)
         while not is_over(until):
             try:
                 chain = find_chain(passable, slice_of, turns, cells[0], cells[1], until)
@@ -78,14 +69,15 @@ class MixedCellSearch:
             path = self._path_along(chain, endpoints)
             # Largest ratio of a chain's length to that of a known path at which it promises a
             # shorter path.
-            if path_length(path, self.rotations) > 1.15 * max_length:
+            if path_length(path, space.rotations) > 1.15 * max_length:
                 return no_path
             near = _select_near(chain, undecided)
             if len(near):
                 # Decide the cells near the chain first; the chain may then lead elsewhere.
                 undecided[tuple(near.T)] = False
                 spend(NANOSECONDS_PER_PROOF * len(near))
-                failed = near[~self.are_free(self._find_centers(near))]
+                is_free = space.is_free(self._find_centers(near), exact=True)
+                failed = near[np.logical_not(is_free)]
             else:
                 # All cells are decided, so only edges may fail; avoid the MIXED cells beside them.
                 failing_edges = self._list_failing_edges(path)
@@ -101,8 +93,8 @@ class MixedCellSearch:
 
     def _find_centers(self, cells: Ints) -> Floats:
         """Return the configurations at the centers of cells, shape (n, size)."""
-        positions = self.grid.center_of(cells[:, 1:])
-        return np.column_stack([positions, self.rotations.centers[cells[:, 0]]])
+        positions = self.space.grid.center_of(cells[:, 1:])
+        return np.column_stack([positions, self.space.rotations.centers[cells[:, 0]]])
 
     def _list_failing_edges(self, path: Floats) -> list[tuple[Floats, Floats]]:
         """List the edges of a path that geometry does not prove."""
@@ -115,7 +107,7 @@ class MixedCellSearch:
         ``chain`` has shape (n, 1 + d), ``endpoints`` (2, size). The centers of the first and the
         last cell are left out if these are MIXED, because the ends lie in them.
         """
-        path = waypoints(self.grid, self.rotations, endpoints, chain)
+        path = waypoints(self.space, endpoints, chain)
         is_needed = np.ones(len(path), dtype=np.bool_)
         end_cells = chain[[0, -1]]
         is_needed[[1, -2]] = self.states[tuple(end_cells.T)] == FREE
@@ -127,11 +119,11 @@ class MixedCellSearch:
         They lie in the boxes around the edges. ``edges`` has shape (n, 2, size); ``candidates``,
         shape (rotations, ...), is a mask.
         """
-        rotations = self.rotations._find_cells(edges)
-        corners = np.sort(self.grid.cell_of(edges[..., : self.grid.dim]), axis=1)
+        cells = self.space._cells_of(edges)
+        corners = np.sort(cells[..., 1:], axis=1)
         selected = []
         # Cells of the box between both ends, at the rotation of either end.
-        for end_rotations, (first, last) in zip(rotations, corners, strict=True):
+        for end_rotations, (first, last) in zip(cells[..., 0], corners, strict=True):
             box = tuple(map(slice, first, last + 1))
             for rotation in end_rotations:
                 inside = np.argwhere(candidates[rotation][box]) + first

@@ -1,0 +1,207 @@
+"""Short and cheap paths along chains of cells of a map in memory: "Grid"."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from contextlib import suppress
+from functools import partial
+
+import numpy as np
+
+from cspace import CSpace
+from cspace._queries.any_angle import find_shortest_way
+from cspace._queries.distance import Distances
+from cspace._support.deadlines import is_stopped
+from cspace.inside import Effort, Floats, check_memory, now
+from planners._estimate import Costs
+from planners._guide import NO_FACTORS
+from planners._paths import (
+    MAX_SHORTENING,
+    Check,
+    Cost,
+    are_free,
+    edge_costs,
+    keep_rotation,
+    path_length,
+    pulled_straight,
+    waypoints,
+)
+from planners._search import find_chain, list_turns
+from planners._taut import pull_taut
+from planners._undecided import UNDECIDED_BYTES_PER_CELL, MixedCellSearch
+from planners._widest import measure_widths
+
+
+def find_short_path(space: CSpace, endpoints: Floats, straight: bool, limit: Effort) -> Floats:
+    """Find a path through FREE cells, shape (n, size).
+
+    ``endpoints``, shape (2, size), are FREE and canonical. The path is one straight edge if
+    possible, and otherwise follows a short chain of cells (Hart, Nilsson and Raphael 1968). The
+    length n is 0 if there is none. If not ``straight``, waypoints are the centers of the cells
+    passed. Raises TimeoutError at the limit.
+    """
+    start, goal = endpoints
+    dim = space.dim
+    if not space.rotations._steps_between(start, goal)[dim:].any():
+        # The same rotation may be given in other numbers, e.g. other signs.
+        endpoints = np.stack([start, np.concatenate([goal[:dim], start[dim:]])])
+    if straight and are_free(endpoints, space.edge_checker()):
+        return endpoints
+    return _find_path_along_chain(space, endpoints, straight, limit)
+
+
+def find_exact_path(space: CSpace, endpoints: Floats, straight: bool, limit: Effort) -> Floats:
+    """Find a path that geometry proves, shape (n, size).
+
+    It is the shorter one of two searches. One search keeps to FREE cells, the other one crosses
+    MIXED cells. Otherwise, arguments, result and errors are those of :func:`find_short_path`.
+    """
+    until = now() + limit
+    check = space.edge_checker(exact=True)
+    if straight and are_free(endpoints, check):
+        return endpoints
+    measure = partial(path_length, rotations=space.rotations)
+    paths = list[Floats]()
+    max_length = math.inf
+    if np.all(space.is_free(endpoints)):
+        free_path = find_short_path(space, endpoints, straight, limit)
+        if len(free_path):
+            paths.append(free_path)
+            max_length = measure(free_path)
+    mixed_path = _find_path_through_mixed(space, endpoints, check, max_length, until)
+    if len(mixed_path):
+        paths.append(mixed_path)
+    if straight:
+        end = until + MAX_SHORTENING
+        paths = [pulled_straight(path, space.rotations, check, until=end) for path in paths]
+    return min(paths, key=measure, default=endpoints[:0])
+
+
+def _find_path_through_mixed(
+    space: CSpace, endpoints: Floats, check: Check, max_length: float, until: Effort
+) -> Floats:
+    """Find a path through FREE and MIXED cells, whose edges pass ``check``.
+
+    ``endpoints`` has shape (2, size), the path (n, size). It is empty if no path promises to be
+    shorter than ``max_length``, or after ``until``.
+    """
+    needed = UNDECIDED_BYTES_PER_CELL * space.grid.size * len(space.rotations)
+    check_memory(needed, "the map, to search its MIXED cells,", space.grid)
+    # One array for each rotation cell, because geometry decides each on its own.
+    states = space.cell_states.reshape(-1, *space.grid.shape)
+    return MixedCellSearch(space, states, check).find(endpoints, max_length, until)
+
+
+def _find_path_along_chain(
+    space: CSpace,
+    endpoints: Floats,
+    straight: bool,
+    limit: Effort,
+    factors: Costs = NO_FACTORS,
+    cost: Cost | None = None,
+) -> Floats:
+    """Find a path along a short chain of cells, shape (n, size).
+
+    The length n is 0 if there is none. It is shortened if ``straight``. With ``factors`` of
+    cells, shape (slices, ...), the length of a move is multiplied by those of its cells, and
+    ``cost`` is that of an edge.
+    """
+    no_path = endpoints[:0]
+    start, goal = map(tuple, endpoints.tolist())
+
+    def may_exist() -> bool:
+        return bool(space.is_connected(start, goal))
+
+    # If components are computed already, they save a search that cannot succeed.
+    if space.is_labelled and not may_exist():
+        return no_path
+    until = now() + limit
+    check = space.edge_checker()
+    if straight and cost is None and space.size == 2:
+        path = _find_taut_path(space, endpoints, until, may_exist)
+        if len(path) and are_free(path, check):
+            return path
+    map_ = space._kernel_map
+    first, last = space._cells_of(endpoints)
+    cells = find_chain(
+        map_.states.reshape(-1, *space.grid.shape),
+        map_.rotations.slice_of,
+        list_turns(space.rotations, space.grid.spacing),
+        first,
+        last,
+        until,
+        factors,
+        may_exist,
+    )
+    if not len(cells):
+        return no_path
+    path = waypoints(space, endpoints, cells)
+    end = until + MAX_SHORTENING
+    if is_stopped():  # before thousands of edges are proven
+        return no_path
+    path = keep_rotation(path, cells[:, 0], space.dim, check)
+    # Only the edges from start and to goal may fail, if they touch cells that are not FREE.
+    if not are_free(path, check):
+        return no_path
+    return pulled_straight(path, space.rotations, check, cost, end) if straight else path
+
+
+def _find_taut_path(
+    space: CSpace, endpoints: Floats, until: Effort, may_exist: Callable[[], bool]
+) -> Floats:
+    """Find the shortest path in the plane with a margin, (n, 2).
+
+    It is the shortest among those that pass obstacles as the shortest path without a margin. The
+    length n is 0 if there is none.
+    """
+    grid = space.grid
+    start, goal = (endpoints - grid.lower) / grid.spacing
+    way = find_shortest_way(space._rectangles, start, goal, until, may_exist)
+    if not len(way.runs):
+        return endpoints[:0]
+    taut = pull_taut(space._rectangles, way.runs, start, goal)
+    path: Floats = np.asarray(grid.lower) + grid.spacing * taut
+    path[[0, -1]] = endpoints
+    return path
+
+
+def find_cheap_path(
+    space: CSpace,
+    endpoints: Floats,
+    factor_at: Callable[[Distances], Costs],
+    cost: Cost,
+    straight: bool,
+    limit: Effort,
+) -> Floats:
+    """Find a path through FREE cells of low cost, the cheapest of up to three.
+
+    Otherwise, arguments, result and errors are those of :func:`find_short_path`.
+
+    Parameters
+    ----------
+    factor_at : callable
+        Returns the cost of a metre at an array of clearances in metres; it does not increase.
+    cost : callable
+        Integrates it along an edge, given by the coordinates of two configurations.
+    """
+    clearances = measure_widths(space) * np.float32(space.grid.spacing)
+    factors = factor_at(clearances)
+    until = now() + limit
+    # A short path, the same path changed to cost less, and the path of a search by cost.
+    short_path = find_short_path(space, endpoints, straight, limit)
+    paths = [short_path]
+    if straight and len(short_path):
+        check = space.edge_checker()
+        end = until + MAX_SHORTENING
+        paths.append(pulled_straight(short_path, space.rotations, check, cost, end))
+    with suppress(TimeoutError):
+        remaining = until - now()
+        paths.append(_find_path_along_chain(space, endpoints, straight, remaining, factors, cost))
+    paths = [path for path in paths if len(path)]
+
+    def measure(path: Floats) -> float:
+        """Return the cost of a path."""
+        return float(edge_costs(path, cost).sum())
+
+    return min(paths, key=measure, default=endpoints[:0])

@@ -1,0 +1,73 @@
+"""Laws of the searches of cells, "Grid" and "MaxClearance", on maps of every space in memory."""
+
+import itertools
+from contextlib import nullcontext, suppress
+
+import numpy as np
+import pytest
+from hypothesis import given
+
+import planners
+from cspace.errors import ConfigurationError
+from tests.helpers.strategies import examples, seeds
+from tests.laws.any_map import ALL_KINDS
+from tests.laws.test_laws import build_kind, draw_on_borders
+
+SEARCHES = ("Grid", "MaxClearance")
+IN_MEMORY = [kind for kind in ALL_KINDS if kind[1] == "memory"]
+
+
+@pytest.fixture(scope="module", params=IN_MEMORY, ids="-".join)
+def any_map(request, tmp_path_factory):
+    """Build a map that tests share and none changes."""
+    return build_kind(request.param, tmp_path_factory.mktemp("any"))
+
+
+def test_paths_are_certified_and_stay_within_the_bounds(any_map):
+    space, rng, dim = any_map.space, np.random.default_rng(11), any_map.dim
+    found = 0
+    for start, goal in space.sample_free(16, rng).reshape(8, 2, -1):
+        lower, upper = space.reachable_bounds(start)
+        for name in SEARCHES:
+            path = planners.plan(space, start, goal, planner=name).waypoints
+            if not len(path):
+                continue
+            found += 1
+            assert space.certify_path(path).all()
+            np.testing.assert_allclose(path[[0, -1]], [start, goal], atol=1e-9)
+            assert (lower - 1e-9 <= path[:, :dim]).all() and (path[:, :dim] <= upper + 1e-9).all()
+            metres = np.linalg.norm(np.diff(path[:, :dim], axis=0), axis=1).sum()
+            assert space.min_path_length(start, goal) <= metres * (1.0 + 1e-9)
+    assert found
+
+
+@examples(3)
+@given(seeds)
+def test_a_path_joins_exactly_the_connected_configurations(any_map, seed):
+    rng, space = np.random.default_rng(seed), any_map.space
+    q = draw_on_borders(any_map, rng, 200)
+    q = q[space.is_free(q)][:40]
+    firsts, lasts = np.split(q[: len(q) // 2 * 2], 2)
+    connected = space.is_connected(firsts, lasts)
+    for first, last, is_connected in zip(firsts, lasts, connected, strict=True):
+        for simplify in (True, False):
+            # A plan refuses ends that another cell touches.
+            with nullcontext() if is_connected else suppress(ConfigurationError):
+                options = {"planner": "Grid", "simplify": simplify}
+                path = planners.plan(space, first, last, **options).waypoints
+                assert (len(path) > 0) == is_connected
+                assert not len(path) or space.certify_path(path).all()
+
+
+def test_returned_yaws_lie_from_minus_pi_to_below_pi(any_map):
+    space, rng = any_map.space, np.random.default_rng(17)
+    if space.rotations.names != ("yaw",):
+        return
+    # Endpoints are turned further by whole turns.
+    ends = space.sample_free(12, rng)
+    ends[:, -1] += 2.0 * np.pi * rng.integers(-3, 4, 12)
+    for q0, q1 in itertools.pairwise(ends):
+        for name, simplify in itertools.product(SEARCHES, (True, False)):
+            plan = planners.plan(space, q0, q1, planner=name, simplify=simplify)
+            yaws = plan.waypoints[:, -1]
+            assert (yaws >= -np.pi).all() and (yaws < np.pi).all()
