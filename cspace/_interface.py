@@ -54,6 +54,9 @@ Checker = Callable[..., bool]
 NUMBERS: Final = frozenset({float, int, np.float64, np.float32, np.int64})
 """Types of the entries of plain rows; all others go through the query of arrays."""
 
+ANSWERS: Final = ("classify", "is_free", "motion_is_free")
+"""Methods of maps and arms that kernels answer, without a call of the method."""
+
 HALF_TURN: Final = math.pi + 1e-9
 """Largest turn of a continuous joint between path rows, radians, with a rounding error."""
 
@@ -646,17 +649,16 @@ class ConfigurationSpace(Space):
         """Refuse a class with answers of its own, which the kernels would not ask."""
         # They may also come from another of its parents.
         own = [
-            name
-            for name in ("classify", "is_free", "motion_is_free")
-            if getattr(cls, name) is not getattr(ConfigurationSpace, name)
+            name for name in ANSWERS if getattr(cls, name) is not getattr(ConfigurationSpace, name)
         ]
         if own:
-            raise InputError(
-                cls.__name__,
-                f"has its own {' and '.join(own)}",
-                "cells and geometry prove without them",
-                "derive it from cspace.Space, and ask the map in its motion_is_free",
-            )
+            raise _make_own_answer_error(cls, own)
+
+    def __setattr__(self, name: str, value: object) -> None:
+        """Refuse an answer of its own for a single map or arm, too."""
+        if name in ANSWERS:
+            raise _make_own_answer_error(type(self), [name])
+        super().__setattr__(name, value)
 
     @property
     def dof(self) -> int:
@@ -1131,3 +1133,13 @@ class ConfigurationSpace(Space):
         if np.isinf(spans).all():
             return []
         return [RowCheck("limit", self.axes, "turns by", np.abs(targets - before), spans)]
+
+
+def _make_own_answer_error(kind: type, own: Sequence[str]) -> InputError:
+    """Make the error for a map or an arm with answers that its kernels would not ask."""
+    return InputError(
+        kind.__name__,
+        f"has its own {' and '.join(own)}",
+        "cells and geometry prove without them",
+        "derive it from cspace.Space, and ask the map in its motion_is_free",
+    )

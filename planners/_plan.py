@@ -889,7 +889,23 @@ def _find_path(task: PlanTask, may_exist: Callable[[], bool]) -> tuple[Floats, s
     path = edges.space.search(task.planner, task.endpoints, options)
     if isinstance(edges.space, ConfigurationSpace):
         return path, ""
-    return check_found_path(edges.space, path), ""
+    path = check_found_path(edges.space, path)
+    if len(path):
+        _check_ends(task, path)
+    return path, ""
+
+
+def _check_ends(task: PlanTask, path: Floats) -> None:
+    """Raise InputError unless a path of a space's own search leads from the start to a goal."""
+    space = task.edges.space
+    rows = space.rotations._make_canonical(path)
+    if find_state_kind(space).reached_goal(rows, task.endpoints):
+        return
+    first, last = map(format_configuration, rows[[0, -1]].tolist())
+    start, *goals = map(format_configuration, task.endpoints)
+    problem = f"returned a path from {first} to {last}"
+    rule = f"a path leads from {start} to {' or '.join(goals[:3])}, or has no row"
+    raise InputError("search", problem, rule)
 
 
 def _search_cells(task: PlanTask) -> Floats:

@@ -170,8 +170,7 @@ class Gate:
         for name, value in vars(self).items():
             if name == "space" or value is None:
                 continue
-            shown = value if isinstance(value, Mapping) else np.asarray(value).tolist()
-            parts.append(f"{name}={shown!r}")
+            parts.append(f"{name}={np.asarray(value).tolist()!r}")
         return f"Gate({', '.join(parts)})"
 
     def _check_jerk(self, limits: JerkLimits, max_deceleration: ArrayLike | None) -> None:

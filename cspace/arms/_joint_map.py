@@ -141,6 +141,9 @@ def build_joint_map(
     T. Lozano-Perez, "Spatial planning: a configuration space approach", 1983.
     """
     # Check all arguments before any work.
+    if not issubclass(type(space), ArmSpace):
+        problem = f"is a {type(space).__name__}"
+        raise InputError("space", problem, "it must be the space of an arm")
     side = check_positive(spacing, "spacing", "radians")
     snapshot = space.snapshot
     arm = snapshot.arm

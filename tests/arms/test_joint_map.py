@@ -92,6 +92,14 @@ def test_joint_maps_agree_with_fcl(tmp_path_factory, seed, count):
             assert (oracle.apart(q) > 0.0) == (state == FREE)
 
 
+def test_only_the_space_of_an_arm_has_a_map_of_joints():
+    class Proxy:
+        snapshot = build_plane_arm().snapshot
+
+    with pytest.raises(InputError, match="space is a Proxy; it must be the space of an arm"):
+        build_joint_map(Proxy(), 0.2)
+
+
 def test_progress_begins_at_once_and_ends_with_all_steps():
     space = build_plane_arm()
     told = []

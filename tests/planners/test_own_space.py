@@ -134,6 +134,8 @@ FORKED = ("x", "y", "yaw", "fork")
         lambda: plan_own(axes=("a", "b")),
         "they must be a tuple of different names; write axes = ('a', 'b')",
     ),
+    (lambda: plan_own(axes=()), "they must be a tuple of different names"),
+    (lambda: plan_own(axes=(1, 2)), "they must be a tuple of different names"),
     (lambda: plan_own(axes="ab"), "axes are 'ab'; they must be a tuple of different"),
     (lambda: plan_own(axes=("a", "a")), "they must be a tuple of different names"),
     (lambda: plan_own(axes=lambda self: ("a", "b")), "they must be a tuple of different names"),
@@ -168,6 +170,8 @@ FORKED = ("x", "y", "yaw", "fork")
         lambda: plan_own(searches="Around"),
         "they must be a tuple of names",
     ),
+    (lambda: plan_own(is_labelled=False), "only a map has cells; leave it True"),
+    (lambda: plan_own(searches=("Around", 2)), "they must be a tuple of names"),
     (lambda: plan_own(units=("m",)), "there is one text for each of a, b"),
 )
 def test_what_a_space_says_wrongly_is_refused_before_a_search(call, mended, message):
@@ -179,9 +183,15 @@ def test_what_a_space_says_wrongly_is_refused_before_a_search(call, mended, mess
     [
         ([START, (math.nan, math.nan), GOAL], r"search\[1, 0\] is nan"),
         ([START, (0.0, 9.0), GOAL], r"search returned the row \(0.0, 9.0\); a path stays within"),
+        ([START, (0.0, -9.0), GOAL], r"search returned the row \(0.0, -9.0\); a path stays within"),
         ([(*START, 0.0), (*GOAL, 0.0)], r"search returned the shape \(2, 3\)"),
-        ([START], None),
+        (START, r"search returned the shape \(2,\)"),
+        ([START], r"search returned a path from \(-1.5, 0.0\) to \(-1.5, 0.0\); a path leads from"),
+        ([START, (0.0, 1.8)], r"search returned a path .* to \(0.0, 1.8\); a path leads from"),
+        ([GOAL, START], "search returned a path .*, or has no row"),
+        ([(-1.4, 0.0), GOAL], "search returned a path from"),
         ([], None),
+        ([START, (0.0, 2.0 + 1e-10), GOAL], None),
     ],
 )
 def test_a_path_of_the_own_search_has_configurations_within_the_bounds(rows, message):
@@ -196,14 +206,15 @@ def test_a_path_of_the_own_search_has_configurations_within_the_bounds(rows, mes
 
     space = Found("a", "b")
     if message is None:
-        assert not planners.plan(space, START, GOAL).certified
+        plan = planners.plan(space, START, GOAL)
+        assert plan.solved == plan.certified == (len(rows) > 0)
         return
     with pytest.raises(InputError, match=message):
         planners.plan(space, START, GOAL)
 
 
 def test_every_door_checks_a_space_of_the_user():
-    wrong, right = make_own(axes=FORKED), make_own()
+    right = make_own()
     plan = planners.plan(right, (1.0, 1.0), (2.0, 2.0))
     for call in (
         planners.simple_setup,
@@ -214,7 +225,9 @@ def test_every_door_checks_a_space_of_the_user():
         plan.trajectory(max_velocity=1.0, max_acceleration=1.0).recheck,
     ):
         with pytest.raises(InputError, match="has 'yaw' as its rotation"):
-            call(wrong)
+            call(make_own(axes=FORKED))
+        with pytest.raises(InputError, match="they must be two rows of 2 numbers"):
+            call(make_own(bounds=((4.0, 4.0), (0.0, 0.0))))
 
 
 def test_a_proxy_with_the_class_of_a_map_is_no_map(hall):
@@ -323,7 +336,7 @@ def test_what_only_maps_and_arms_do_is_refused_for_a_space_that_wraps_a_map(hall
 
 
 @pytest.mark.parametrize("name", ["classify", "is_free", "motion_is_free"])
-def test_a_map_with_answers_of_its_own_is_refused_when_it_is_defined(name):
+def test_a_map_with_answers_of_its_own_is_refused_when_it_is_defined(hall, name):
     # Searches, edges and curves ask the map's kernels, which know nothing of such a method.
     with pytest.raises(InputError, match=f"has its own {name}; .*derive it from cspace.Space"):
         type("Zoned", (cspace.CSpace,), {name: lambda self, *q: False})
@@ -331,4 +344,6 @@ def test_a_map_with_answers_of_its_own_is_refused_when_it_is_defined(name):
         if hasattr(answers, name):
             with pytest.raises(InputError, match=f"has its own .*{name}"):
                 type("Mixed", (answers, cspace.CSpace), {})
+    with pytest.raises(InputError, match=f"CSpace has its own {name}; .*derive it from"):
+        setattr(hall, name, lambda *q: False)
     assert issubclass(type("Named", (cspace.CSpace,), {"label": "hall"}), cspace.CSpace)
