@@ -291,6 +291,20 @@ def test_a_convoy_keeps_its_distance_for_a_kilometre(max_jerk):
     assert found.time < 3.0
 
 
+def test_equal_speeds_in_the_middle_prove_nothing_of_one_that_brakes():
+    space = build_empty((200, 20), "disc:0.3", 0.1)
+    limits = {"max_velocity": 1.0, "max_acceleration": 1.0}
+    drive = planners.plan(space, (2.0, 1.0), (12.0, 1.0)).trajectory(**limits)
+    stop = drive.braked(3.0)
+    # After half a second both drive at about 0.5 m/s, an eighth of a metre farther apart.
+    front = Mover("disc:0.3", stop)
+    for speed, gap in ((0.52, -0.015), (0.5, 0.005)):
+        rear = Mover("disc:0.3", stop.path[0] - (0.605, 0.0), velocity=(speed, 0.0))
+        found = apart(front, rear, until=1.0)
+        assert (found.verdict == "touch") == (gap < 0.0)
+        assert found.distance <= 0.005 + 1e-9
+
+
 @pytest.mark.parametrize("speed", [1e-40, 1.0, 1e40, 1e80])
 def test_bounds_that_overflow_prove_nothing(speed):
     for robot, place in (("disc:0.3", (5.0, 0.0)), ("ball:0.3", (5.0, 0.0, 0.0))):
