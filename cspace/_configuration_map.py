@@ -26,6 +26,7 @@ from cspace._shapes import OriginPoint
 from cspace._support.arrays import BLOCKED, FREE, MIXED, STATE_NAMES, Bools, Floats, Ints
 from cspace._support.check import (
     check_angle,
+    check_finite,
     check_not_negative,
     check_point,
     check_rows,
@@ -448,8 +449,8 @@ class ConfigurationMap(ConfigurationSpace):
 
     def path_exists(self, q0: ArrayLike, q1: ArrayLike) -> bool | None:
         """Return :meth:`is_connected`, or False if :meth:`is_disconnected`; None if undecided."""
-        q0 = self._check_one_configuration(q0, "q0")
-        q1 = self._check_one_configuration(q1, "q1")
+        q0 = self.check_configuration(q0, "q0")
+        q1 = self.check_configuration(q1, "q1")
         if self.is_connected(q0, q1):
             return True
         return False if self.is_disconnected(q0, q1) else None
@@ -460,15 +461,22 @@ class ConfigurationMap(ConfigurationSpace):
         # Largest number of workspace cells for which messages try the hints that they give.
         return self.in_memory and self.grid.size <= 2**20
 
+    def check_configuration(self, q: ArrayLike, name: str = "q") -> Floats:
+        """Return one configuration in canonical form; warn if an angle seems to be in degrees.
+
+        Raises InputError if it is not one configuration, or not finite.
+        """
+        point = super().check_configuration(q, name)
+        warn_of_degrees(check_finite(q, name, self.axes), self._angles, name)
+        return point
+
     def check_endpoint(self, q: ArrayLike, name: str, exact: bool = False) -> Endpoint:
         """Return a start or goal in canonical form.
 
         Raises ConfigurationError unless the configuration lies in the grid and a motion that stays
         there is proven free; the error names the nearest FREE configuration.
         """
-        values = self._check_one_configuration(q, name)
-        point: Endpoint = tuple(self.rotations._make_canonical(values, name).tolist())
-        warn_of_degrees(values, self._angles, name)
+        point: Endpoint = tuple(self.check_configuration(q, name).tolist())
         is_inside = bool(self.grid.contains(np.array(point[: self.dim])))
         check = self.edge_checker(exact=exact)
         if is_inside and check(*point, *point):

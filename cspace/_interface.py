@@ -500,8 +500,8 @@ class Space(ABC):
 
         By default, it is the straight distance.
         """
-        start = self._check_one_configuration(q0, "q0")
-        end = self._check_one_configuration(q1, "q1")
+        start = self.check_configuration(q0, "q0")
+        end = self.check_configuration(q1, "q1")
         steps = self.steps_between(start, end)
         return float(np.linalg.norm(steps[: self.dim]))
 
@@ -529,13 +529,30 @@ class Space(ABC):
         """
         return np.empty((0, self.size))
 
+    def check_configuration(self, q: ArrayLike, name: str = "q") -> Floats:
+        """Return one configuration in canonical form, shape (size,).
+
+        Its yaw is in [-pi, pi), and its quaternion has norm 1.
+
+        Raises InputError if it is not one configuration, or not finite. ``name`` is for messages.
+        """
+        point = check_finite(q, name, self.axes)
+        if point.shape != (self.size,):
+            raise InputError(
+                name,
+                f"has shape {point.shape}",
+                f"it must be one configuration of {self.size} numbers",
+                f"pass ({', '.join(self.axes)}), in metres and radians",
+            )
+        return self.rotations._make_canonical(point, name)
+
     def check_endpoint(self, q: ArrayLike, name: str, exact: bool = False) -> Endpoint:
         """Return a canonical start or goal, with whole turns of joints.
 
         Raises InputError if it is no configuration, and ConfigurationError if no motion from it can
         be proven free.
         """
-        canonical = self.rotations._make_canonical(self._check_one_configuration(q, name), name)
+        canonical = self.check_configuration(q, name)
         point = tuple(canonical.tolist())
         # Continuous joints have no bounds.
         position = canonical[: self.dim]
@@ -620,21 +637,6 @@ class Space(ABC):
         from cspace.ros import configuration_of
 
         return configuration_of(msg, self)
-
-    def _check_one_configuration(self, q: ArrayLike, name: str) -> Floats:
-        """Return one configuration as an array.
-
-        Raises InputError if it is not one configuration, or not finite.
-        """
-        point = check_finite(q, name, self.axes)
-        if point.shape != (self.size,):
-            raise InputError(
-                name,
-                f"has shape {point.shape}",
-                f"it must be one configuration of {self.size} numbers",
-                f"pass ({', '.join(self.axes)}), in metres and radians",
-            )
-        return point
 
 
 class ConfigurationSpace(Space):

@@ -23,7 +23,6 @@ from shapely.geometry import MultiPolygon, Polygon
 
 from cspace import FREE, MIXED, Goal, Space
 from cspace._interface import format_configuration, join_goal_errors
-from cspace._rotations.base import angle_axes
 from cspace._support.check import order_labels
 from cspace.errors import ConfigurationError, InputError
 from cspace.inside import (
@@ -574,9 +573,7 @@ def _make_room(
     if parts is None:
         if isinstance(goal, Goal):
             space._solve_goal(goal, name, (), None, False)  # raises
-        values = space._check_one_configuration(cast("ArrayLike", goal), name)
-        warn_of_degrees(values, angle_axes(space.axes, space.periodic_axes), name)
-        middle = space.rotations._make_canonical(values, name)
+        middle = space.check_configuration(cast("ArrayLike", goal), name)
         return Room(name, middle, None, metres, radians)
     position, rotation = parts
     region = None

@@ -312,7 +312,7 @@ def plan(
         previous=np.empty((0, space.size)),
         keep=kept,
     )
-    start = space._check_one_configuration(start, "start")
+    start = space.check_configuration(start, "start")
     if previous is not None:
         task = replace(task, previous=_check_previous(task, previous))
         if not edges.exact and _needs_geometry(space, start):

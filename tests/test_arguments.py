@@ -40,6 +40,7 @@ P = (0.8, 0.6, 0.3)
 Backwards = namedtuple("Backwards", "yaw y x")
 
 QUERIES = {
+    "check_configuration": lambda q: turning().check_configuration(q),
     "check_endpoint": lambda q: turning().check_endpoint(q, "q"),
     "certify_chunk": lambda q: turning().certify_chunk(q, [Q]).proven,
     "certify_path": lambda q: turning().certify_path([q, P]),

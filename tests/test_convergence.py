@@ -105,7 +105,7 @@ def check_rate(space, robots, obstacles, rng, constant=CONSTANT, depth=1.0):
     diagonal = spacing * math.sqrt(dim)
     corners = np.array(list(itertools.product((0, 1), repeat=dim)))
     for cell, q in draw_rotations(space.rotations, rng):
-        matrix = space.rotations._make_matrices(q, dim)
+        matrix = space.rotations.make_matrices(q, dim)
         angle = space.rotations.covering_angles[cell]
         states = space.states_at(q) if len(q) else space.states_at()
         reach = max(part.reach() for part in robots)

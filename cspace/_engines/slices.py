@@ -86,7 +86,7 @@ def estimate_raster_bytes(
     if slices == 1:
         return 0.0
     stride = max(1, len(rotations) // SAMPLED_ROTATIONS)
-    matrices = rotations._make_matrices(rotations.centers[::stride], robot.dim)
+    matrices = rotations.make_matrices(rotations.centers[::stride], robot.dim)
     low, high = robot.shape.outer.bounds
     corners = np.array(list(itertools.product(*zip(low, high, strict=True))))
     rotated_corners = corners @ matrices.swapaxes(1, 2)

@@ -386,7 +386,9 @@ class BoundaryProofs:
         matrices = np.zeros((len(points), 3, 3))
         positions[:, : self._dim] = points[:, : self._dim]
         matrices[:, 2, 2] = 1.0
-        matrices[:, : self._dim, : self._dim] = self._rotations._rotation_matrices(points)
+        matrices[:, : self._dim, : self._dim] = self._rotations.make_matrices(
+            points[:, self._dim :], self._dim
+        )
         return positions, matrices
 
     def _are_nested(self, q: Floats) -> Bools:

@@ -342,11 +342,6 @@ class Rotations(ABC):
         turned = self._rotate(rotation, steps[..., dim:])
         return np.concatenate([moved, turned], axis=-1)
 
-    def _rotation_matrices(self, q: Floats) -> Floats:
-        """Return rotation matrices of configurations, shape (..., d, d)."""
-        position, rotation = self._split_configurations(q)
-        return self._make_matrices(rotation, position.shape[-1])
-
     def _check_rotation(self, rotation: ArrayLike, name: str = "rotation") -> Floats:
         """Check one rotation; return its canonical coordinates.
 
@@ -362,21 +357,6 @@ class Rotations(ABC):
         canonical = self._canonical_rotation(numbers, name)
         warn_of_degrees(numbers, angle_axes(self.names), name)
         return canonical
-
-    def _format_rotation(self, rotation: Floats) -> str:
-        """Format a rotation for messages."""
-        return ""
-
-    def _from_matrix(self, matrix: Floats) -> Floats:
-        """Convert a rotation matrix to coordinates.
-
-        The matrix is in space; for a yaw, its part about z counts.
-        """
-        return np.empty(0)
-
-    def _find_yaw(self, q: Floats) -> float | None:
-        """Return the yaw of a configuration, radians; None if there is none."""
-        return None
 
     def _sample_near(
         self, rotation: Sequence[float], angle: float, numbers: Iterator[float]
@@ -404,8 +384,11 @@ class Rotations(ABC):
         """Rotate rotations further by rotation vectors."""
         return rotation
 
-    def _make_matrices(self, rotation: Floats, dim: int) -> Floats:
-        """Convert rotations to matrices, shape (..., dim, dim)."""
+    def make_matrices(self, rotation: Floats, dim: int) -> Floats:
+        """Return the matrices of rotations, shape (..., dim, dim).
+
+        ``rotation`` has shape (..., size), as in a configuration; ``dim`` is 2 or 3.
+        """
         return np.broadcast_to(np.eye(dim), (*rotation.shape[:-1], dim, dim))
 
     # ---- cells of rotations
@@ -466,7 +449,7 @@ class Rotations(ABC):
 
     def _make_shape_cells(self, dim: int) -> list[RotationCell]:
         """Return rotation cells in the form of shapes."""
-        matrices = self._make_matrices(self.centers, dim)
+        matrices = self.make_matrices(self.centers, dim)
         angles = self.covering_angles.tolist()
         return [
             RotationCell(matrix, angle, self._about_z)
@@ -570,22 +553,6 @@ class Rotations(ABC):
         width = float(np.degrees(2.0 * self.covering_angles.max()))
         return {"rotations": len(self), "rotation_cell_deg": round(width, 6)}
 
-    @property
-    def _only_rotation(self) -> Floats | None:
-        """Rotation of a robot that only translates, shape (0,); None for others."""
-        return None
-
-    def _describe(self, rotation: Floats | None) -> str:
-        """Describe the cell that contains a rotation, or else all cells."""
-        angles = np.degrees(2.0 * self.covering_angles)
-        if rotation is not None:
-            width = angles[self.cell_of(rotation)].item()
-            return f"{self._format_rotation(rotation)}, in a rotation cell of {width:.3g}°"
-        widths = f"{angles.min():.3g}°"
-        if np.ptp(angles) >= 1e-6:
-            widths = f"{widths} to {angles.max():.3g}°"
-        return f"over all rotations, {len(self)} rotation cells of {widths}"
-
     def __str__(self) -> str:
         """Return the number of cells in words."""
         return f"{len(self)} rotations"
@@ -615,15 +582,6 @@ class OneRotation(Rotations):
     def _facts(self) -> dict[str, object]:
         """An empty mapping, because one rotation needs no description."""
         return {}
-
-    @property
-    def _only_rotation(self) -> Floats:
-        """The rotation without coordinates, shape (0,)."""
-        return np.empty(0)
-
-    def _describe(self, rotation: Floats | None) -> str:
-        """Return an empty text, because one rotation needs no description."""
-        return ""
 
     def _make_shape_cells(self, dim: int) -> list[RotationCell]:
         """Return the cell without a rotation."""

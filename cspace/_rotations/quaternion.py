@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cspace._rotations.base import (
-    ANGLE_SLACK,
     COVERING_ANGLE,
     Coordinate,
     HasSymmetries,
@@ -83,23 +82,6 @@ class QuaternionRotations(Rotations):
         cells_per_chart = len(coordinates["quaternion"]) / 4.0  # n^3 for each largest component
         return cls(max(1, round(cells_per_chart ** (1.0 / 3.0))))
 
-    def _format_rotation(self, rotation: Floats) -> str:
-        """Format a rotation as angle and axis."""
-        identity = np.array([0.0, 0.0, 0.0, 1.0])
-        vector = self._rotation_between(identity, rotation)
-        angle = float(np.linalg.norm(vector))
-        if angle <= ANGLE_SLACK:
-            return "not turned"
-        axis = np.round(vector / angle, 2) + 0.0  # adding zero drops the sign of -0
-        axis_text = ", ".join(f"{x:.2g}" for x in axis.tolist())
-        return f"turned {round(math.degrees(angle), 1):g}° about ({axis_text})"
-
-    def _from_matrix(self, matrix: Floats) -> Floats:
-        """Convert a rotation matrix to a quaternion (x, y, z, w)."""
-        from scipy.spatial.transform import Rotation
-
-        return np.asarray(Rotation.from_matrix(matrix).as_quat())
-
     def _sample_near(
         self, rotation: Sequence[float], angle: float, numbers: Iterator[float]
     ) -> Sequence[float]:
@@ -153,7 +135,7 @@ class QuaternionRotations(Rotations):
         rotated = multiply(rotation, turn)
         return np.asarray(rotated / np.linalg.norm(rotated, axis=-1, keepdims=True))
 
-    def _make_matrices(self, rotation: Floats, dim: int) -> Floats:
+    def make_matrices(self, rotation: Floats, dim: int) -> Floats:
         """Convert quaternions to matrices, shape (..., 3, 3)."""
         from scipy.spatial.transform import Rotation
 
@@ -235,13 +217,16 @@ class QuaternionRotations(Rotations):
 
         The matrices have shapes (3, 3) and (4, 4).
         """
+        from scipy.spatial.transform import Rotation
+
         symmetries = np.array(shape.symmetries)  # shape (n, 3, 3)
         signs = np.linalg.det(symmetries)
         # Rotations come first.
         order = np.argsort(-signs, kind="stable")
         symmetries = symmetries[order]
         # A mirror is a rotation times the point reflection.
-        rotations = self._from_matrix(symmetries * signs[order, None, None])[:, None, None]
+        turns = Rotation.from_matrix(symmetries * signs[order, None, None])
+        rotations = turns.as_quat()[:, None, None]
         # Let r be a rotation, r* its inverse, and h a half turn. They map a quaternion u to h r* u
         # r, a linear map, whose matrix has the images of the unit quaternions as rows.
         units = np.eye(4)

@@ -79,21 +79,6 @@ class YawRotations(Rotations):
         starts, stops = coordinates["yaw_bounds"].T
         return cls._of_value([*starts.tolist(), float(stops[-1])])
 
-    def _format_rotation(self, rotation: Floats) -> str:
-        """Format a yaw in degrees, for messages."""
-        degrees = round(math.degrees(rotation[0]), 1)
-        wrapped_degrees = round((degrees + 180.0) % 360.0 - 180.0, 1)
-        return f"yaw {wrapped_degrees + 0.0:g}°"  # adding zero drops the sign of -0
-
-    def _from_matrix(self, matrix: Floats) -> Floats:
-        """Convert a rotation matrix to its yaw, shape (1,)."""
-        # The image of the x axis is the first column.
-        return wrap_angles(np.arctan2(matrix[1, :1], matrix[0, :1]))
-
-    def _find_yaw(self, q: Floats) -> float | None:
-        """Return the yaw of a configuration, radians."""
-        return float(q[-1])
-
     def _sample_near(
         self, rotation: Sequence[float], angle: float, numbers: Iterator[float]
     ) -> Sequence[float]:
@@ -121,7 +106,7 @@ class YawRotations(Rotations):
         """Add angles to yaws."""
         return rotation + by
 
-    def _make_matrices(self, rotation: Floats, dim: int) -> Floats:
+    def make_matrices(self, rotation: Floats, dim: int) -> Floats:
         """Convert yaws to matrices, shape (..., dim, dim)."""
         yaws = rotation[..., 0]
         cos = np.cos(yaws)

@@ -644,14 +644,21 @@ class ArmSpace(ConfigurationSpace):
         """Return :meth:`obstacle_distance`, the clearance that planners see."""
         return self.obstacle_distance(q)
 
+    def check_configuration(self, q: ArrayLike, name: str = "q") -> Floats:
+        """Return one configuration, shape (dof,).
+
+        Raises InputError if it is no configuration, and ConfigurationError if it is beyond the
+        limits.
+        """
+        return self._check_configurations(super().check_configuration(q, name), name)
+
     def check_endpoint(self, q: ArrayLike, name: str, exact: bool = False) -> Endpoint:
         """Return a start or goal with joints clamped; continuous ones keep their whole turns.
 
         Raises ConfigurationError if it is beyond the limits or not proven free, and InputError if
         it is no configuration.
         """
-        given = self._check_one_configuration(q, name)
-        point = self.arm._clamp(self._check_configurations(given, name))
+        point = self.arm._clamp(self.check_configuration(q, name))
         if not self.is_free(point):
             raise _make_collision_error(self.snapshot, point, name)
         return tuple(point.tolist())

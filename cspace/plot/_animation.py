@@ -23,7 +23,6 @@ from cspace.plot import _artists as artists
 from cspace.plot._arms import ArmFigure, draw_tip_path, paint_scene
 from cspace.plot._picture import make_title
 from cspace.plot._route import (
-    HasAxes,
     HasPath,
     check_path,
     interpolate_path,
@@ -34,6 +33,8 @@ from cspace.plot._surface import draw_surface, split_surface
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
+
+    from cspace import Space
 
 _MAX_FRAMES: Final = 1000
 """Largest number of frames of an animation."""
@@ -54,7 +55,7 @@ class AnimationOptions(TypedDict, total=False):
 
 @names_options
 def animate(
-    space: HasAxes,
+    space: Space,
     path: ArrayLike | HasPath,
     file: str | os.PathLike[str],
     overwrite: bool = False,
@@ -127,7 +128,7 @@ def animate(
         draw = _draw_map if isinstance(space, ConfigurationMap) else _draw_arm
         axes, move, reach = draw(space, points, title, camera)
         if motion is None:
-            rows = interpolate_path(space.rotations, points, shares, reach)
+            rows = interpolate_path(space, points, shares, reach)
         else:
             rows, *_ = motion.sample(shares * motion.duration)
         images: list[Any] = []
@@ -237,7 +238,7 @@ def _draw_arm(
     """
     figure = ArmFigure(space.arm)
     # The picture has space for the arm along the whole path, at 24 configurations.
-    framed = interpolate_path(space.rotations, points, np.linspace(0.0, 1.0, 24))
+    framed = interpolate_path(space, points, np.linspace(0.0, 1.0, 24))
     painting = paint_scene(space, figure, framed, camera)
     for name, link in figure.links.items():
         figure.links[name] = split_surface(link, painting.size)

@@ -77,11 +77,9 @@ class ArmFigure:
 
 def count_joints(arm: Any, frame: str) -> int:
     """Return the number of joints that move a frame of an arm."""
-    is_fixed_to_base = arm.placements[frame].body == 0
-    if is_fixed_to_base:
-        return 0
-    branch, *_ = arm._branch_to(frame)
-    return len(branch.joints)
+    # The first body is the base.
+    moving_bodies = arm.chain.between[0, arm.placements[frame].body]
+    return len(np.unique(arm.chain.joint_indices[moving_bodies]))
 
 
 def _make_link_surface(arm: Any, link: Any) -> Surface:
@@ -108,14 +106,14 @@ def draw_arm(
     points, plan = check_path(space, path)
     endpoints = collect_endpoints(space, plan, points, None, None)
     if q is None:
-        q = endpoints.get("goal", space.arm._rest)
-    main_q = space.arm._check_configuration(q, "q")
+        q = endpoints.get("goal", space.arm.configuration())
+    main_q = space.check_configuration(q)
     label = "arm at the start"
     ghosts = np.array([q for name, q in endpoints.items() if name == "start" and not len(points)])
     if len(points) > 1:
         label = "arm along the path"
         shares = np.arange(GHOST_COUNT) / GHOST_COUNT
-        ghosts = interpolate_path(space.rotations, points, shares)
+        ghosts = interpolate_path(space, points, shares)
     figure = ArmFigure(space.arm)
     painting = paint_scene(space, figure, [main_q, *ghosts], camera, ax)
     for name, link in figure.links.items():
@@ -147,7 +145,7 @@ def paint_scene(
     # Surfaces are cut along the sides of a box.
     sides = trimesh.creation.box(bounds=clip)
     obstacles = []
-    for obstacle in space._placed_obstacles.values():
+    for obstacle in filter(None, space.snapshot.obstacles.values()):
         surface = transform_surface(obstacle.shape.outer.surface, obstacle.pose)
         mesh: Any = trimesh.Trimesh(*surface, process=False)
         near = mesh.slice_plane(sides.facets_origin, -sides.facets_normal)
@@ -167,5 +165,5 @@ def draw_tip_path(
 ) -> None:
     """Draw the path of the tip of an arm."""
     if len(points) > 1:
-        curve = figure.tip_positions(split_steps(space.rotations, points))
+        curve = figure.tip_positions(split_steps(space, points))
         painting.draw_path(curve, is_lost)

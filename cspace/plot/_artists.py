@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from cspace import FREE, Grid
 from cspace.inside import Box, Floats, block_starts, reduce_blocks
-from cspace.plot._route import DrawnRobot, MapLike, PictureContent
+from cspace.plot._route import DrawnRobot, PictureContent
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from matplotlib.image import AxesImage
     from matplotlib.patches import Patch
 
-    from cspace import Workspace
+    from cspace import CSpace, Workspace
 
 Classes = NDArray[np.uint8]
 
@@ -109,7 +109,7 @@ MAX_ASPECT_RATIO: Final = 20.0
 """Largest ratio of the sides of axes drawn to scale; beyond it, the axes are not to scale."""
 
 
-def classify_cells(space: MapLike, rotation: Floats | None, layer: tuple[Any, ...] = ()) -> Classes:
+def classify_cells(space: CSpace, rotation: Floats | None, layer: tuple[Any, ...] = ()) -> Classes:
     """Return each cell's class, by obstacles and states.
 
     ``rotation`` has shape (k,), or is None for all rotations; ``layer`` is an index into the
@@ -231,7 +231,7 @@ def draw_robots(
     colors = {"facecolor": entry.get_facecolor(), "edgecolor": ROBOT_EDGE_COLOR}
     drawn = PathCollection(outlines, **colors, linewidth=0.9, transform=ax.transData, zorder=3)
     ax.add_collection(drawn, autolim=False)
-    if body.rotations._find_yaw(robots[0]) is not None and tuple(pair) == (0, 1):
+    if "yaw" in body.rotations.names and tuple(pair) == (0, 1):
         x, y, yaws = robots[:, 0], robots[:, 1], robots[:, -1]
         length = 0.6 * body.reach
         arrows = length * np.cos(yaws), length * np.sin(yaws)

@@ -11,7 +11,7 @@ from cspace import Workspace
 from cspace.errors import InputError
 from cspace.inside import check_positive, check_suffix, names_options, replacing
 from cspace.plot import _artists as artists
-from cspace.plot._route import HasPath, MapLike, WorkspaceView, make_scene
+from cspace.plot._route import HasPath, WorkspaceView, describe_rotation, make_scene
 from cspace.plot._sections import draw_plane, draw_sections
 from cspace.plot._surface import draw_surface
 
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from numpy.typing import ArrayLike
 
+    from cspace import CSpace
     from cspace.inside import ConfigurationMap
 
 PICTURE_SUFFIXES: Final = (".png", ".pdf", ".svg", ".jpg")
@@ -170,19 +171,19 @@ def plot(
         painting.show()
         axes = painting.axes
         handles = list(painting.handles.values())
-    rotation_text = drawn_map.rotations._describe(scene.rotation)
+    rotation_text = describe_rotation(drawn_map.rotations, scene.rotation)
     heading = "\n".join(filter(None, [make_title(drawn_map), rotation_text]))
     artists.annotate(axes, ax is None, title, heading, handles if legend else [])
     return axes
 
 
-def make_title(space: MapLike) -> str:
+def make_title(space: CSpace) -> str:
     """Return the default title: the robot and the side of a cell."""
     return f"{space.robot.name}, cells of {space.grid.spacing:g} {space.grid.unit}"
 
 
 def _choose_view(
-    space: MapLike, view: str | None, options: Mapping[str, Any], center: Any, zoom: float | None
+    space: CSpace, view: str | None, options: Mapping[str, Any], center: Any, zoom: float | None
 ) -> str:
     """Choose the kind of picture, and check the options for it.
 

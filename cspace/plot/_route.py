@@ -6,19 +6,28 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 import shapely
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
 
-from cspace import BLOCKED, FREE, Robot, Rotations
+from cspace import BLOCKED, FREE, CSpace, Robot, Rotations
 from cspace.errors import InputError
-from cspace.inside import Balls, Box, Floats, Surface, check_finite, measure_steps
+from cspace.inside import (
+    ANGLE_SLACK,
+    Balls,
+    Box,
+    Contents,
+    Floats,
+    Surface,
+    check_finite,
+    measure_steps,
+)
 
 if TYPE_CHECKING:
-    from cspace import CSpace, Workspace
-    from cspace.inside import ConfigurationSpace
+    from cspace import Space, Workspace
 
 
 class HasPath(Protocol):
@@ -29,29 +38,18 @@ class HasPath(Protocol):
         """Configurations, shape (n, size)."""
 
 
-class WorkspaceView:
-    """A workspace as a map without a robot: BLOCKED in obstacles, FREE elsewhere."""
+class WorkspaceView(CSpace):
+    """A workspace as the map of a point: BLOCKED in obstacles, FREE elsewhere."""
 
     def __init__(self, workspace: Workspace) -> None:
-        """Give a workspace the attributes of a map that pictures need."""
-        self.workspace = workspace
-        self.grid = workspace.grid
-        self.axes = self.grid.axes
-        self.rotations = Rotations.of(None)
-        self.slice_rotations = self.rotations.centers
-        point = Balls(np.zeros((1, self.grid.dim)), np.ones(1))
-        self.robot = Robot(Path(workspace.source).name, point)  # not drawn; the title has its name
-
-    def states_at(self, rotation: ArrayLike, /) -> NDArray[np.uint8]:
-        """Return BLOCKED in obstacles and FREE elsewhere."""
-        return np.where(self.workspace.outer, np.uint8(BLOCKED), np.uint8(FREE))
-
-
-MapLike: TypeAlias = "CSpace | WorkspaceView"
-"""A map in memory, or a workspace without a robot."""
-
-HasAxes: TypeAlias = "ConfigurationSpace | MapLike"
-"""A space whose configurations have named coordinates."""
+        """Make the map; its robot is not drawn, but the title has its name."""
+        point = Balls(np.zeros((1, workspace.grid.dim)), np.ones(1))
+        robot = Robot(Path(workspace.source).name, point)
+        states = np.where(workspace.outer, np.uint8(BLOCKED), np.uint8(FREE))
+        slice_of = np.zeros(1, dtype=np.int64)
+        super().__init__(
+            Contents(workspace, robot, Rotations.of(None), slice_of, states[np.newaxis])
+        )
 
 
 class DrawnRobot:
@@ -92,7 +90,8 @@ class DrawnRobot:
 
         For configurations of shape (..., size), the result has shape (..., n, d).
         """
-        turned = points @ np.swapaxes(self.rotations._rotation_matrices(q), -1, -2)
+        matrices = self.rotations.make_matrices(q[..., self.dim :], self.dim)
+        turned = points @ np.swapaxes(matrices, -1, -2)
         return np.asarray(turned + q[..., np.newaxis, : self.dim])
 
     def extents(self, q: Floats) -> Floats:
@@ -114,48 +113,76 @@ class DrawnRobot:
         return extract_rings(shapely.union_all(triangles))
 
 
-def path_lengths(rotations: Rotations, points: Floats, reach: float) -> Floats:
+def describe_rotation(rotations: Rotations, rotation: Floats | None) -> str:
+    """Describe the rotation cell that contains a rotation, or else all cells.
+
+    The text is empty if the robot does not turn.
+    """
+    if not rotations.names:
+        return ""
+    angles = np.degrees(2.0 * rotations.covering_angles)
+    if rotation is not None:
+        width = angles[rotations.cell_of(rotation)].item()
+        return f"{_format_rotation(rotation)}, in a rotation cell of {width:.3g}°"
+    widths = f"{angles.min():.3g}°"
+    if np.ptp(angles) >= 1e-6:
+        widths = f"{widths} to {angles.max():.3g}°"
+    return f"over all rotations, {len(rotations)} rotation cells of {widths}"
+
+
+def _format_rotation(rotation: Floats) -> str:
+    """Format a yaw in degrees, or a quaternion as an angle and an axis."""
+    if len(rotation) == 1:
+        degrees = round(math.degrees(rotation[0]), 1)
+        wrapped_degrees = round((degrees + 180.0) % 360.0 - 180.0, 1)
+        return f"yaw {wrapped_degrees + 0.0:g}°"  # adding zero drops the sign of -0
+    vector = Rotation.from_quat(rotation).as_rotvec()
+    angle = float(np.linalg.norm(vector))
+    if angle <= ANGLE_SLACK:
+        return "not turned"
+    axis = np.round(vector / angle, 2) + 0.0
+    axis_text = ", ".join(f"{x:.2g}" for x in axis.tolist())
+    return f"turned {round(math.degrees(angle), 1):g}° about ({axis_text})"
+
+
+def path_lengths(space: Space, points: Floats, reach: float) -> Floats:
     """Return the length of a path up to each configuration, shape (n,).
 
     A rotation counts as the distance that a point ``reach`` metres from the reference point moves.
     """
-    steps = rotations._steps_between(points[:-1], points[1:])
-    dim = points.shape[1] - len(rotations.names)
-    lengths, angles = measure_steps(steps, dim)
+    steps = space.steps_between(points[:-1], points[1:])
+    lengths, angles = measure_steps(steps, space.dim)
     return np.concatenate([[0.0], np.cumsum(lengths + reach * angles)])
 
 
-def interpolate_path(
-    rotations: Rotations, points: Floats, shares: Floats, reach: float = 0.0
-) -> Floats:
+def interpolate_path(space: Space, points: Floats, shares: Floats, reach: float = 0.0) -> Floats:
     """Interpolate a path at shares, 0 to 1, of its length.
 
     ``reach`` is as for :func:`path_lengths`. The result has shape (n, size).
     """
-    lengths = path_lengths(rotations, points, reach)
+    lengths = path_lengths(space, points, reach)
     places = np.interp(shares * lengths[-1], lengths, np.arange(len(points)))
-    return interpolate_rows(rotations, points, places)
+    return interpolate_rows(space, points, places)
 
 
-def interpolate_rows(rotations: Rotations, points: Floats, places: Floats) -> Floats:
+def interpolate_rows(space: Space, points: Floats, places: Floats) -> Floats:
     """Interpolate a path at fractional indices of its rows.
 
     Index 1.5 is halfway from row 1 to row 2. The result has shape (n, size).
     """
     before = places.astype(np.int64)
     after = np.minimum(before + 1, len(points) - 1)
-    steps = rotations._steps_between(points[before], points[after])
-    step_shares = (places - before)[:, np.newaxis]
-    return rotations._add_steps(points[before], step_shares * steps)
+    shares = (places - before)[:, np.newaxis]
+    return space.interpolate(points[before], points[after], shares)
 
 
-def split_steps(rotations: Rotations, points: Floats) -> Floats:
+def split_steps(space: Space, points: Floats) -> Floats:
     """Split each edge of a path into 64 pieces; return their ends."""
     if len(points) < 2:
         return points
     # The stop lies one piece beyond the last row, because arange omits it.
     places = np.arange(0.0, len(points) - 1 + 1 / 64, 1 / 64)
-    return interpolate_rows(rotations, points, places)
+    return interpolate_rows(space, points, places)
 
 
 @dataclass(frozen=True)
@@ -164,7 +191,7 @@ class PictureContent:
 
     Attributes
     ----------
-    space : CSpace or WorkspaceView
+    space : CSpace
     rotation : ndarray of float64, shape (k,), or None
         Rotation of the slice; None shows all rotations at once.
     window : tuple of slice
@@ -184,7 +211,7 @@ class PictureContent:
         Configurations at which the robot is drawn.
     """
 
-    space: MapLike
+    space: CSpace
     rotation: Floats | None
     window: Box
     box: Floats
@@ -197,7 +224,7 @@ class PictureContent:
 
 
 def make_scene(
-    space: MapLike,
+    space: CSpace,
     *,
     rotation: ArrayLike | None = None,
     path: ArrayLike | HasPath | None = None,
@@ -212,15 +239,16 @@ def make_scene(
     """
     grid = space.grid
     dim = grid.dim
-    drawn_rotation = space.rotations._only_rotation
+    drawn_rotation = None if space.rotations.names else np.empty(0)
     if rotation is not None:
-        drawn_rotation = space.rotations._check_rotation(rotation)
+        space.states_at(rotation)  # raises the errors of a wrong rotation
+        drawn_rotation = np.atleast_1d(np.asarray(rotation, dtype=np.float64))
     points, plan = check_path(space, path)
     endpoints = collect_endpoints(space, plan, points, start, goal)
     body = DrawnRobot(space.robot, space.rotations)
     point = _choose_center(space, center, body, points, endpoints)
     # Robots stand along the path, at the start and at the goal.
-    between = _choose_robots(body, points, zoom or 1.0)
+    between = _choose_robots(space, body, points, zoom or 1.0)
     robots = np.vstack([between, *endpoints.values()])
     if not space.robot.shape.shown:
         robots = robots[:0]
@@ -253,7 +281,7 @@ def extract_rings(geometry: Any) -> list[Floats]:
     return [shapely.get_coordinates(ring) for ring in rings]
 
 
-def check_path(space: HasAxes, path: Any) -> tuple[Floats, Any]:
+def check_path(space: Space, path: Any) -> tuple[Floats, Any]:
     """Return a path as an array, shape (n, size), and the plan that it is of, or None.
 
     Raises InputError if it is no path in the space.
@@ -283,7 +311,7 @@ def _check_coordinates(values: Any, name: str, axes: Sequence[str], ndim: int = 
     return points
 
 
-def is_path_lost(space: HasAxes, plan: Any) -> bool:
+def is_path_lost(space: Space, plan: Any) -> bool:
     """Return True if a certified plan is no longer proven free.
 
     Its edges are checked on the drawn map, or on the plan's own map if their grids differ, as for
@@ -298,7 +326,7 @@ def is_path_lost(space: HasAxes, plan: Any) -> bool:
 
 
 def collect_endpoints(
-    space: HasAxes, plan: Any, points: Floats, start: Any, goal: Any
+    space: Space, plan: Any, points: Floats, start: Any, goal: Any
 ) -> dict[str, Floats]:
     """Return start and goal, by default the path's, by name."""
     endpoints = {}
@@ -310,7 +338,7 @@ def collect_endpoints(
     return endpoints
 
 
-def _choose_robots(body: DrawnRobot, points: Floats, zoom: float) -> Floats:
+def _choose_robots(space: Space, body: DrawnRobot, points: Floats, zoom: float) -> Floats:
     """Choose configurations along a path to draw robots at.
 
     A picture shows about twelve, or fewer if robots would overlap. The endpoints are omitted, but a
@@ -318,15 +346,15 @@ def _choose_robots(body: DrawnRobot, points: Floats, zoom: float) -> Floats:
     """
     if len(points) < 2:
         return points
-    *_, length = path_lengths(body.rotations, points, body.reach)
+    *_, length = path_lengths(space, points, body.reach)
     spacing = max(length / (12.0 * zoom), body.size)
     count = math.ceil(length / spacing) if spacing else 0  # 0 for a point that does not move
     shares = np.arange(1, count) / max(count, 1)
-    return interpolate_path(body.rotations, points, shares, body.reach)
+    return interpolate_path(space, points, shares, body.reach)
 
 
 def _choose_center(
-    space: MapLike, center: Any, body: DrawnRobot, points: Floats, endpoints: dict[str, Floats]
+    space: CSpace, center: Any, body: DrawnRobot, points: Floats, endpoints: dict[str, Floats]
 ) -> Floats:
     """Choose the point (d,) through which sections are cut.
 
@@ -337,7 +365,7 @@ def _choose_center(
     if center is None:
         position = np.add(grid.lower, grid.upper) / 2
         if len(points):
-            (position,) = interpolate_path(body.rotations, points, np.array([0.5]), body.reach)
+            (position,) = interpolate_path(space, points, np.array([0.5]), body.reach)
         elif endpoints:
             position, *_ = endpoints.values()
         return np.clip(position[: grid.dim], grid.lower, grid.upper)

@@ -105,7 +105,7 @@ def _draw_route(ax: Axes, scene: PictureContent, pair: tuple[int, int], across: 
     if handles:
         # Draw the path once more, solid, where the robot meets the section.
         handles[0].set_label("path, away from the section")
-        curve = split_steps(body.rotations, scene.points)
+        curve = split_steps(scene.space, scene.points)
         near = np.where(meets(curve)[:, np.newaxis], curve, np.nan)  # NaN makes gaps
         handles = artists.draw_path(ax, near, scene.is_lost, pair) + handles
     handles += artists.draw_robots(ax, body, scene.robots[meets(scene.robots)], pair)

@@ -192,7 +192,7 @@ def draw_surface(
         vertices, triangles = split_surface(body.surface, body.size)
         robots = [(body.transform(vertices, q), triangles) for q in scene.robots]
         painting.add(make_polygons(robots), artists.ROBOT_FILL_COLOR, "robot")
-    painting.draw_path(split_steps(scene.space.rotations, scene.points)[:, :3], scene.is_lost)
+    painting.draw_path(split_steps(scene.space, scene.points)[:, :3], scene.is_lost)
     for marker in artists.draw_endpoints(painting.axes, scene.endpoints, (0, 1, 2)):
         painting.handles[marker.get_label()] = marker
     return painting

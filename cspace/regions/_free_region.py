@@ -53,14 +53,13 @@ def find_free_region(
 ) -> ConvexRegion:
     """Find the region around a configuration; see :meth:`cspace.Space.free_region`."""
     source = RegionSource.of(space, reach, margin)
-    point = source.space._check_one_configuration(q, "q")
+    point = source.space.check_configuration(q)
     if yaw_width is not None:
         yaw_width = check_positive(yaw_width, "yaw_width", "radians")
         if not source.has_yaw:
             problem = f"is {yaw_width!r} and the axes are ({', '.join(space.axes)})"
             raise InputError("yaw_width", problem, "only a yaw has a width")
     state = int(source.space.classify(point))
-    point = source.space.rotations._make_canonical(point)
     if state != FREE:
         raise _make_seed_error(source, point, f"lies in a {STATE_NAMES[state].upper()} cell")
     region = source.grow_around(point, yaw_width)

@@ -172,7 +172,7 @@ def _list_rotations(rotations: int | Rotations | Rotates, dim: int) -> Iterable[
     if isinstance(rotations, Rotations | int | np.integer):
         cells = Rotations.of(rotations)
         cells._check_dimension(dim)
-        return cells._make_matrices(cells.centers, dim)
+        return cells.make_matrices(cells.centers, dim)
     values = check_finite(as_matrices(rotations), "rotations")
     shape = values.shape[-2:] if values.ndim > 1 else ()
     return [rotation_matrix(value, dim) for value in values.reshape(-1, *shape)]

@@ -62,10 +62,10 @@ class ArmCanvas(Canvas):
     ) -> None:
         """Draw the arm at the start, and pale at both ends."""
         arm = space.arm
-        given = {name: arm._check_configuration(q, name) for name, q in endpoints.items()}
+        given = {name: space.check_configuration(q, name) for name, q in endpoints.items()}
         if "start" in given:
             given.setdefault("goal", given["start"])  # no goal yet
-        super().__init__(server, space, choose_endpoints(space, arm._rest) | given)
+        super().__init__(server, space, choose_endpoints(space, arm.configuration()) | given)
         self._describe_panel()
         self._ghosts: list[Any] = []
         self._shown_endpoints = dict(self.endpoints)
@@ -164,8 +164,9 @@ class ArmCanvas(Canvas):
             for group in ("obstacles", "robot", *ENDPOINT_COLORS):
                 scene.remove_by_name(f"/{group}")
                 scene.add_frame(f"/{group}", show_axes=False)
-            for name, obstacle in self._space._placed_obstacles.items():
-                self._add_obstacle(f"/obstacles/{name}", obstacle.shape.outer, obstacle.pose)
+            for name, obstacle in self._space.snapshot.obstacles.items():
+                if obstacle is not None:
+                    self._add_obstacle(f"/obstacles/{name}", obstacle.shape.outer, obstacle.pose)
             self._links = {"robot": self._add_links("robot", [*self._figure.links])}
             for name, color in ENDPOINT_COLORS.items():
                 self._links[name] = self._add_links(name, self._figure.moving, color, 0.35)

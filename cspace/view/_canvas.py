@@ -104,7 +104,7 @@ class Canvas:
 
     def interpolate(self, points: Floats, shares: Floats) -> Floats:
         """Interpolate a path at shares of its length; shape (n, size)."""
-        return interpolate_path(self._space.rotations, points, shares, self.robot_reach)
+        return interpolate_path(self._space, points, shares, self.robot_reach)
 
     # ---- robot, endpoints and path ---------------------------------------------------------------
 

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from cspace import Rotations
-from cspace.inside import Floats
+from cspace.inside import Floats, wrap_angles
 from cspace.plot._artists import (
     ASSUMED,
     CLASSES,
@@ -22,7 +22,7 @@ from cspace.plot._artists import (
     UNDECIDED,
     UNSEEN,
 )
-from cspace.plot._route import DrawnRobot
+from cspace.plot._route import DrawnRobot, describe_rotation
 from cspace.view._canvas import ENDPOINT_COLORS, STATES, Canvas, Dial, choose_endpoints
 from cspace.view._scene import KINDS, SECTION, Cells, lift, make_robot_surface, to_quaternion
 
@@ -73,8 +73,10 @@ class MapCanvas(Canvas):
         self.cells = Cells(space, self._wall_height)
         drawn = self.cells.drawn
         center = np.add(grid.lower, grid.upper) / 2
-        chosen = choose_endpoints(drawn, np.array([*center, *rotations._from_matrix(np.eye(3))]))
-        given = {name: rotations._make_canonical(q, name) for name, q in endpoints.items()}
+        not_turned = np.array([1.0, 0.0, 0.0, 0.0])
+        fallback = self.poses.nearest_configuration(center, not_turned)
+        chosen = choose_endpoints(drawn, fallback)
+        given = {name: space.check_configuration(q, name) for name, q in endpoints.items()}
         super().__init__(server, space, chosen | given)
         self._has_height = grid.dim == 3
         # Sliders have steps of a power of ten, at most the side of a cell.
@@ -151,7 +153,7 @@ class MapCanvas(Canvas):
         distance = float(space.clearance(q))
         if 0.0 < distance < math.inf:
             text += f", clearance at least {distance:.3f} {space.grid.unit}"
-        rotation = space.rotations._describe(q[space.grid.dim :])
+        rotation = describe_rotation(space.rotations, q[space.grid.dim :])
         return f"{text}  \n{rotation}"
 
     def prove(self, q0: Floats, q1: Floats) -> str:
@@ -226,7 +228,7 @@ class MapCanvas(Canvas):
 
     def draw(self) -> None:
         """Draw the cells at the robot's rotation; send only changed parts."""
-        cell = int(self._space.rotations._find_cells(self.robot))
+        cell = self._space.rotations.cell_of(self.robot[self.poses.dim :]).item()
         with self._drawing, self._server.atomic():
             for name in (*self.kinds, SECTION):
                 # A drawing depends on the cut, and on the rotation cell if the kind rotates; a
@@ -333,11 +335,16 @@ class PoseDials:
 
         A plane map ignores z of the position.
         """
-        q = self._rotations._from_matrix(rotation.as_matrix())
-        return np.array([*position[: self.dim], *q])
+        if len(self.angles) == 3:
+            coordinates = rotation.as_quat()
+        else:
+            x, y, _ = rotation.apply((1.0, 0.0, 0.0))
+            yaws = wrap_angles(np.arctan2([y], [x]))
+            coordinates = yaws[: len(self.angles)]
+        return np.array([*position[: self.dim], *coordinates])
 
     def _rotation_matrix(self, q: Floats) -> Floats:
         """Return the rotation matrix in space of a configuration, shape (3, 3)."""
         matrix = np.eye(3)
-        matrix[: self.dim, : self.dim] = self._rotations._rotation_matrices(q)
+        matrix[: self.dim, : self.dim] = self._rotations.make_matrices(q[self.dim :], self.dim)
         return matrix

@@ -15,7 +15,7 @@ from urllib.parse import urlsplit
 from cspace.arms import ArmSpace
 from cspace.errors import InputError
 from cspace.inside import check_count, import_optional, names_options
-from cspace.plot._route import HasAxes, check_path, collect_endpoints
+from cspace.plot._route import check_path, collect_endpoints
 from cspace.view._arm_canvas import ArmCanvas
 from cspace.view._map_canvas import MapCanvas
 
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
     from viser import ViserServer
 
+    from cspace import Space
     from cspace.plot._route import HasPath
     from planners import Plan
 
@@ -52,7 +53,7 @@ class Viewer:
     @names_options
     def __init__(
         self,
-        space: HasAxes,
+        space: Space,
         *,
         path: ArrayLike | HasPath | None = None,
         start: ArrayLike | None = None,

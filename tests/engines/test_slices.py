@@ -37,7 +37,7 @@ def test_rasters_hold_at_every_rotation_of_their_slice(name, rotations):
     pairs = slice_rasters(robot, 0.083, 0.02, rotations)
     slice_of = rotations._assign_slices(robot.shape)
     cells = np.repeat(np.arange(len(rotations)), 3)
-    matrices = rotations._make_matrices(rotations._sample(cells, 0.0, rng), robot.dim)
+    matrices = rotations.make_matrices(rotations._sample(cells, 0.0, rng), robot.dim)
     for cell, matrix in zip(cells, matrices, strict=True):
         turn = RotationCell(matrix, 0.0, rotations._about_z)
         outer, inner = map(raster_offsets, pairs[slice_of[cell]])

@@ -121,6 +121,7 @@ METRES = {
 COORDINATES = {
     "bounds": lambda c: c.space.bounds,
     "check_bounds": lambda c: c.space.check_bounds(),
+    "check_configuration": lambda c: c.space.check_configuration(c.q0)[: c.space.dim],
     "check_endpoint": lambda c: c.space.check_endpoint(c.q0, "q")[: c.space.dim],
     "clearance": lambda c: c.space.clearance(c.q0),
     "clearance_checker": lambda c: c.space.clearance_checker()(*c.q0),

@@ -51,7 +51,7 @@ def to_scipy(name, q):
 def test_matrices_agree_with_scipy(name):
     _, dim = ROTATION_SPACES[name]
     q = draw(name, 3, 5)
-    result = find_kind(name)._rotation_matrices(q)
+    result = find_kind(name).make_matrices(q[..., dim:], dim)
     assert result.shape == (3, 5, dim, dim)
     np.testing.assert_allclose(
         result.reshape(-1, dim, dim), to_scipy(name, q).as_matrix()[:, :dim, :dim], atol=1e-13

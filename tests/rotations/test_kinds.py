@@ -33,12 +33,6 @@ class PitchRotations(YawRotations):
     def _of_stored_arrays(cls, coordinates):
         return super()._of_stored_arrays({"yaw_bounds": coordinates["pitch_bounds"]})
 
-    def _find_yaw(self, q):
-        return None
-
-    def _from_matrix(self, matrix):
-        return np.arctan2(matrix[0, 2:], matrix[0, :1])
-
     def _preserves(self, shape):
         return shape.is_round
 
@@ -48,7 +42,7 @@ class PitchRotations(YawRotations):
     def _find_images(self, shape):
         return Rotations._find_images(self, shape)
 
-    def _make_matrices(self, rotation, dim):
+    def make_matrices(self, rotation, dim):
         made = Rotation.from_rotvec(rotation.reshape(-1, 1) * [0.0, 1.0, 0.0]).as_matrix()
         return made.reshape(*rotation.shape[:-1], 3, 3)
 
