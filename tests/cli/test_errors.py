@@ -16,7 +16,7 @@ PLAN = "plan plane.zarr --start 0.35,0.65 --goal 2.15,0.95"
     [f"{MAP} --rotations 0", f"{MAP} --bounds here", f"{MAP} -o plane.zarr", f"{PLAN} -o p.txt"],
 )
 def test_options_are_checked_before_any_work(room, monkeypatch, command):
-    for function in ("_opening.open_map", "_workspace.Workspace.open"):
+    for function in ("open", "_workspace.Workspace.open"):
         monkeypatch.setattr(f"cspace.{function}", None)
     assert run(command).exit_code == 2
 
@@ -42,7 +42,7 @@ def test_interruptions_and_system_errors_end_in_one_line(room, monkeypatch, erro
     def fail(_):
         raise error
 
-    monkeypatch.setattr("cspace._opening.open_map", fail)
+    monkeypatch.setattr("cspace.open", fail)
     result = run("info plane.zarr")
     assert (result.exit_code, result.stdout) == (code, "")
     assert result.stderr.startswith(message) and result.stderr.count("\n") == 1
@@ -56,7 +56,7 @@ def test_an_unknown_option_names_a_similar_one(room):
 
 
 def test_defects_stay_visible(room, monkeypatch):
-    monkeypatch.setattr("cspace._opening.open_map", lambda _: 1 / 0)
+    monkeypatch.setattr("cspace.open", lambda _: 1 / 0)
     assert isinstance(run("info plane.zarr").exception, ZeroDivisionError)
 
 
