@@ -550,9 +550,14 @@ class ConfigurationMap(ConfigurationSpace):
         """Summary of the states, for the repr."""
 
     @property
+    def facts(self) -> dict[str, object]:
+        """Plain values by name that describe the rotation cells and the states."""
+        return {**self.rotations._facts, **self._facts}
+
+    @property
     @abstractmethod
     def _facts(self) -> dict[str, object]:
-        """Plain values by name that describe the map, except its grid."""
+        """Plain values by name that describe the states."""
 
     @abstractmethod
     def _map_lock(self) -> AbstractContextManager[Any]:

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, TypeAlias, TypedDict, Unpack
+from typing import TYPE_CHECKING, Any, Final, TypeAlias, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -1002,6 +1002,32 @@ def reader_of(path: StrPath, options: Iterable[str] = ()) -> Callable[..., Works
             rule = f"its format takes {', '.join(accepted)}"
             raise InputError(name, f"is given for {path}", rule)
     return reader
+
+
+def measure_shapes(path: StrPath, **options: Any) -> tuple[Floats, dict[str, object]] | None:
+    """Return the bounding box and facts of the shapes in a file, without rasterizing them.
+
+    The box has shape (2, d), metres. A file of cells gives None. ``options`` are those of
+    :meth:`Workspace.open`; raises errors as it does.
+    """
+    import shapely
+
+    from cspace._files.point_clouds import read_points
+    from cspace._files.vector import read_shapes
+
+    match reader_of(path, options).__name__:
+        case "from_mesh":
+            mesh = Mesh.of(path, options.get("solid", "auto"))
+            return np.array(mesh.bounds), mesh.facts
+        case "from_points":
+            points = read_points(path, options.get("drop_missing", False))
+            return np.array([points.min(axis=0), points.max(axis=0)]), {"points": len(points)}
+        case "from_polygons":
+            shapes = read_shapes(path)
+            count = int(shapely.get_num_coordinates(shapes).sum())
+            facts: dict[str, object] = {"shapes": len(shapes), "points": count}
+            return shapely.total_bounds(shapes).reshape(2, 2), facts
+    return None
 
 
 def _options_of(reader: Callable[..., Workspace]) -> dict[str, inspect.Parameter]:

@@ -15,6 +15,7 @@ from ._files.access import ContentError as ContentError
 from ._files.access import check_output as check_output
 from ._files.access import check_suffix as check_suffix
 from ._files.access import decoding as decoding
+from ._files.access import read_text as read_text
 from ._files.access import replacing as replacing
 from ._files.fields import Fields as Fields
 from ._files.fields import Ledger as Ledger
@@ -87,6 +88,7 @@ from ._support.check import suggest_name as suggest_name
 from ._support.check import suggest_radians as suggest_radians
 from ._support.check import warn_of_degrees as warn_of_degrees
 from ._support.compiling import allocating as allocating
+from ._support.compiling import cache_folder as cache_folder
 from ._support.compiling import internal as internal
 from ._support.compiling import kernel as kernel
 from ._support.deadlines import NEVER as NEVER
@@ -103,3 +105,4 @@ from ._support.threads import map_in_threads as map_in_threads
 from ._support.threads import run_in_chunks as run_in_chunks
 from ._support.words import Drive as Drive
 from ._support.words import Outside as Outside
+from ._workspace import measure_shapes as measure_shapes

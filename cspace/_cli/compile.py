@@ -21,15 +21,16 @@ def compile_ahead(as_json: bool = AS_JSON) -> None:
     """
     from cspace._cli.demo import write_inputs
     from cspace._cli.jobs import JOBS
-    from cspace._support import compiling
+    from cspace.inside import cache_folder
 
-    folder = compiling.cache_folder()
+    folder = cache_folder()
     if folder is None:
         problem = "names no safe folder"
         rule = "compiled code is kept in one"
         raise InputError("NUMBA_CACHE_DIR", problem, rule)
-    level = compiling.LOGGER.level
-    compiling.LOGGER.setLevel(logging.ERROR)  # users of this command expect a long wait
+    logger = logging.getLogger("cspace.compiling")
+    level = logger.level
+    logger.setLevel(logging.ERROR)  # users of this command expect a long wait
     clock = Stopwatch()
     try:
         with tempfile.TemporaryDirectory() as inputs:
@@ -42,7 +43,7 @@ def compile_ahead(as_json: bool = AS_JSON) -> None:
                         typer.echo(f"cspace: compiling: {name}", err=True)
                     str(job(Path(inputs)))  # printing a plan computes its proven distances
     finally:
-        compiling.LOGGER.setLevel(level)
+        logger.setLevel(level)
     functions = len(list(folder.rglob("*.nbc")))
     document = {"folder": str(folder), "compiled_functions": functions, "seconds": clock.seconds}
     show(document, as_json)

@@ -5,10 +5,14 @@ from __future__ import annotations
 import csv
 import shutil
 from collections.abc import Collection, Iterable, Sequence
+from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from cspace.errors import FileError, InputError
+
+if TYPE_CHECKING:
+    from cspace import Workspace
 
 
 def check_outputs(paths: Iterable[Path | None], suffixes: Collection[str], overwrite: bool) -> None:
@@ -78,8 +82,7 @@ def _read_table(file: Path, axes: Sequence[str]) -> tuple[list[str], Any]:
 
     JSON without names has the columns ``axes``. Numbers of CSV are texts.
     """
-    from cspace._files.access import read_text
-    from cspace.inside import read_json
+    from cspace.inside import read_json, read_text
 
     if file.suffix.lower() == ".json":
         document = read_json(file, "path")
@@ -107,18 +110,14 @@ def prepare_store(output: Path, overwrite: bool) -> None:
         shutil.rmtree(output)
 
 
-def lazy_option(workspace: Path, options: dict[str, Any]) -> dict[str, Any]:
-    """Return ``{"lazy": True}`` for a workspace readable by cells, or {}.
+def open_lazily(workspace: Path, **options: Any) -> Workspace:
+    """Open a workspace, without reading its cells if its format allows that."""
+    from cspace import Workspace
 
-    ``options`` are those of :meth:`cspace.Workspace.open`.
-    """
-    from cspace._workspace import reader_of
-
-    try:
-        reader_of(workspace, [*options, "lazy"])
-    except InputError:  # the reader of this file has no option ``lazy``
-        return {}
-    return {} if options.get("solid") == "fill" else {"lazy": True}
+    if options.get("solid") != "fill":
+        with suppress(InputError):  # most readers have no option ``lazy``
+            return Workspace.open(workspace, lazy=True, **options)
+    return Workspace.open(workspace, **options)
 
 
 def select_window(space: Any, box: Sequence[float] | None) -> Any:

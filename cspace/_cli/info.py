@@ -149,8 +149,7 @@ def describe_map(space: ConfigurationMap) -> dict[str, Any]:
         "shape": list(grid.shape),
         "outside": space.outside,
         with_unit("margin", grid.unit): space.margin,
-        **space.rotations._facts,
-        **space._facts,
+        **space.facts,
     }
 
 
@@ -160,8 +159,6 @@ def describe_robot(robot: Robot, spacing: float | None = None) -> dict[str, Any]
     If its outer and inner shape differ, both are described.
     """
     import numpy as np
-
-    from cspace._workspace import covering_shape
 
     # An exact shape is its own inner and outer shape.
     outer = robot.shape.outer
@@ -173,7 +170,7 @@ def describe_robot(robot: Robot, spacing: float | None = None) -> dict[str, Any]
         described = {"outer": described, "inner": inner_described}
     document: dict[str, Any] = {"robot": robot.name, **described}
     if spacing is not None:
-        document["cells_across"] = covering_shape(box, spacing)
+        document["cells_across"] = count_cells(box, spacing)
     return document
 
 
@@ -193,43 +190,28 @@ def describe_workspace(path: Path, options: dict[str, Any]) -> dict[str, Any]:
     Shapes are not rasterized. Raises CspaceError like :meth:`cspace.Workspace.open`.
     """
     from cspace import Workspace
-    from cspace._workspace import covering_shape, reader_of
+    from cspace.inside import measure_shapes
 
-    kind = reader_of(path, options).__name__
-    if kind not in ("from_mesh", "from_points", "from_polygons"):
+    measured = measure_shapes(path, **options)
+    if measured is None:
         return {"workspace": str(path), **_describe_cells(Workspace.open(path, **options))}
-    spacing = options.pop("spacing", None)
-    corners, facts = _measure_shapes(kind, path, **options)
+    corners, facts = measured
+    spacing = options.get("spacing")
     document = {"workspace": str(path), **describe_box(corners), **facts}
     if spacing is not None:
-        shape = covering_shape(corners, spacing)
+        shape = count_cells(corners, spacing)
         document |= {"spacing_m": spacing, "shape": shape, "cells": {"total": math.prod(shape)}}
     return document
 
 
-def _measure_shapes(
-    kind: str, path: Path, solid: Solid = "auto", drop_missing: bool = False
-) -> tuple[Any, dict[str, Any]]:
-    """Return the bounding box and facts of the shapes in a file.
-
-    ``kind`` is the constructor of a workspace that reads it.
-    """
+def count_cells(corners: Any, spacing: float) -> list[int]:
+    """Return the cells along each axis of the grid between corners, shape (2, d)."""
     import numpy as np
-    import shapely
 
-    from cspace import Mesh
-    from cspace._files.point_clouds import read_points
-    from cspace._files.vector import read_shapes
-
-    if kind == "from_mesh":
-        mesh = Mesh.of(path, solid)
-        return np.array(mesh.bounds), mesh.facts
-    if kind == "from_points":
-        points = read_points(path, drop_missing)
-        return np.array([points.min(axis=0), points.max(axis=0)]), {"points": len(points)}
-    shapes = read_shapes(path)
-    count = int(shapely.get_num_coordinates(shapes).sum())
-    return shapely.total_bounds(shapes).reshape(2, 2), {"shapes": len(shapes), "points": count}
+    lower, upper = corners
+    # As when a workspace is made, rounding adds no cell.
+    counts = np.maximum(1.0, np.ceil((upper - lower) / spacing - 1e-9))
+    return [int(count) for count in counts]
 
 
 def _describe_cells(workspace: Workspace) -> dict[str, Any]:

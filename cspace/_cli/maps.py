@@ -9,7 +9,7 @@ import typer
 
 from cspace._cli.files import (
     check_outputs,
-    lazy_option,
+    open_lazily,
     prepare_store,
     read_path,
     select_window,
@@ -138,8 +138,8 @@ def make(
             shape = open_robot(
                 robot, solid=robot_solid, up=robot_up, package_dirs=package_dirs, visuals=visuals
             )
-        lazy = {} if tile is None else lazy_option(workspace, options)
-        obstacles = Workspace.open(workspace, **options, **lazy)
+        read = Workspace.open if tile is None else open_lazily
+        obstacles = read(workspace, **options)
     settings: dict[str, Any] = {"rotations": cells, "outside": outside, "margin": margin}
     if tile is not None:
         settings |= {"store": output, "tile": tile}
@@ -181,8 +181,7 @@ def picture(
 ) -> None:
     """Draw a picture of a map, and of a path on it."""
     from cspace import open as open_map
-    from cspace.plot import save_plot
-    from cspace.plot._picture import PICTURE_SUFFIXES
+    from cspace.plot import PICTURE_SUFFIXES, save_plot
 
     check_outputs([output], PICTURE_SUFFIXES, overwrite)
     clock = Stopwatch()
@@ -225,7 +224,7 @@ def export(
 ) -> None:
     """Write a saved map for other software."""
     from cspace import open as open_map
-    from cspace.export._writers import EXPORT_FORMATS
+    from cspace.export import EXPORT_FORMATS
 
     check_outputs([output], EXPORT_FORMATS, overwrite)
     clock = Stopwatch()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Literal
 
 import typer
@@ -82,21 +83,26 @@ def open_robot(text: str, **given: Any) -> Robot:
     text has options.
     """
     from cspace import Robot
-    from cspace._shapes.primitives import is_shorthand
 
     options = drop_unset(**given)
     # A list of corners, a shorthand, or the name of a file follows "footprint:".
     prefix, _, file = text.partition("footprint:")
-    has_file = file and not file.lstrip().startswith("[") and not is_shorthand(file)
+    has_file = file and not file.lstrip().startswith("[") and not _is_shorthand(file)
     if prefix == "" and has_file:
         return Robot.open(file, **options).footprint()
-    if not is_shorthand(text):
+    if not _is_shorthand(text):
         return Robot.open(text, **options)
     for name, value in options.items():
         is_for_meshes = name in ("solid", "up")
         rule = "it is for meshes, such as .stl" if is_for_meshes else "it is for .urdf"
         raise InputError(name, f"is {value!r} for {text}", rule)
     return Robot.parse(text)
+
+
+def _is_shorthand(text: str) -> bool:
+    """Return True for a text such as ``disc:0.3``, unless a file has that name."""
+    name, colon, _ = text.partition(":")
+    return bool(colon) and name.isalpha() and not Path(text).exists()
 
 
 def refuse_options(options: Mapping[str, object], taken: Collection[str], about: str) -> None:
@@ -112,7 +118,7 @@ def parse_rotation_cells(text: str | None) -> Rotations:
 
     if text is None:
         return Rotations.of(None)
-    kinds = {name: kind._of_value for name, kind in Rotations._KINDS.items() if kind.names}
+    kinds = {"yaw": Rotations.of, "quaternions": Rotations.quaternions}
     makers = {"": Rotations.of, **kinds}
     name, _, count = text.rpartition(":")
     if name not in makers or not count.isdecimal() or int(count) == 0:
@@ -201,15 +207,15 @@ def parse_box(text: str, argument: str) -> tuple[float, ...]:
 
     Raises InputError if the text is not four numbers, or six in space, or if the box is empty.
     """
-    from cspace._support.check import check_bounds
-
     try:
         values = tuple(map(float, _split_fields(text)))
     except ValueError:
-        rule = "it must be XMIN,YMIN,XMAX,YMAX, metres, or six numbers in space"
-        raise InputError(argument, f"is {text!r}", rule) from None
-    dim = 2 if len(values) <= 4 else 3
-    check_bounds(values, dim)
+        values = ()
+    dim = len(values) // 2
+    ascends = all(low < high for low, high in zip(values[:dim], values[dim:], strict=False))
+    if len(values) not in (4, 6) or not ascends or not all(map(math.isfinite, values)):
+        rule = "it must be XMIN,YMIN,XMAX,YMAX, metres, or six numbers in space, the lower first"
+        raise InputError(argument, f"is {text!r}", rule)
     return values
 
 

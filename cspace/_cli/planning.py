@@ -100,8 +100,7 @@ def plan(
     """Plan a path on a saved map; exit with 1 if there is none."""
     import planners
     from cspace import open as open_map
-    from cspace.plot import save_plot
-    from cspace.plot._picture import PICTURE_SUFFIXES
+    from cspace.plot import PICTURE_SUFFIXES, save_plot
 
     # Check all outputs before the search, so that no result is lost.
     check_outputs(output or [], (".csv", ".json"), overwrite)
@@ -206,7 +205,7 @@ def explain(
 ) -> None:
     """Explain why a path on a saved map exists, or does not."""
     from cspace import open as open_map
-    from cspace.plot._picture import PICTURE_SUFFIXES, save_figure
+    from cspace.plot import PICTURE_SUFFIXES, save_figure
 
     check_outputs([picture], PICTURE_SUFFIXES, overwrite)
     clock = Stopwatch()

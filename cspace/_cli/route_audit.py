@@ -214,7 +214,7 @@ def _list_maps(
 
 def _write(report: Audit | Conflicts, path: Path, strict: bool, overwrite: bool) -> None:
     """Write a report in the format of its suffix."""
-    from cspace.plot._picture import save_figure
+    from cspace.plot import save_figure
 
     suffix = path.suffix.lower()
     if suffix == ".csv":

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import typer
 
+from cspace._cli.files import check_outputs
 from cspace._cli.options import (
     AS_JSON,
     OVERWRITE,
@@ -50,12 +51,11 @@ def spheres(
 ) -> None:
     """Cover the links of a robot by spheres, and prove it."""
     from cspace.arms import Arm
-    from cspace.arms._sphere_models import check_target
 
     # Refuse the output before the work.
     template = None
     if output is not None:
-        check_target(output, overwrite)
+        check_outputs([output], (".urdf", ".srdf", ".yaml", ".yml", ".json"), overwrite)
         template = srdf if output.suffix.lower() == ".srdf" else file
     clock = Stopwatch()
     with clock.step("read"):

@@ -118,7 +118,7 @@ FILES = {
     ),
     # Texts of options
     (f"{MAP} --rotations 7.5", "--rotations is '7.5'"),
-    (f"{MAP_CUBE} --bounds 0,0,0,1,-1,1", "must be above"),
+    (f"{MAP_CUBE} --bounds 0,0,0,1,-1,1", "it must be XMIN,YMIN,XMAX,YMAX"),
     # Outputs
     (
         f"{MAP} -o plane.zarr",

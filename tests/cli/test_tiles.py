@@ -41,13 +41,13 @@ def test_commands_build_plan_on_and_export_a_tiled_map(city):
 
 
 def test_the_same_command_resumes_an_interrupted_build(city, monkeypatch):
-    build = cspace._builder.build
+    build = cspace.build
 
     def build_and_stop(*arguments, **options):
         return build(*arguments, **options | {"progress": stop_after_five_tiles, "workers": 1})
 
     with monkeypatch.context() as patch:
-        patch.setattr("cspace._builder.build", build_and_stop)
+        patch.setattr("cspace.build", build_and_stop)
         result = run(BUILD)
     assert (result.exit_code, result.stderr) == (130, "cspace: interrupted\n")
     assert 0.0 < document("info map.zarr")["done_percent"] < 100.0
