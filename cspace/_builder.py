@@ -30,7 +30,7 @@ from cspace._engines.slices import (
 )
 from cspace._files.access import check_name
 from cspace._grid import MAX_COORDINATE, SLACK, Grid
-from cspace._limits import bytes_text, check_memory, map_bytes
+from cspace._limits import PlannedGrid, bytes_text, check_memory, map_bytes
 from cspace._record.contents import Contents
 from cspace._record.exterior import OUTSIDES
 from cspace._robot import Robot, robot_of
@@ -246,9 +246,8 @@ def build(
             _warn_of_nothing_free(tiled, margin)
         return tiled
     if client is not None or tile != DEFAULT_TILE:
-        hint = "pass store='map.zarr'"
         name = "tile" if client is None else "client"
-        raise InputError(name, "is given without a store", "only a store has tiles", hint)
+        raise InputError(name, "is given without a store", "only a store has tiles")
     contents, rasters = build_contents(
         load_workspace(workspace),
         robot,
@@ -290,7 +289,12 @@ def build_contents(
     n_slices = int(slice_of.max()) + 1
     states_bytes = map_bytes(grid.shape, n_slices, counts)
     rasters_bytes = estimate_raster_bytes(robot, grid.spacing, margin, rotations, n_slices)
-    check_memory(states_bytes + rasters_bytes, "the map", grid, slices=n_slices)
+    check_memory(
+        states_bytes + rasters_bytes,
+        "the map",
+        PlannedGrid(grid.shape, grid.spacing),
+        slices=n_slices,
+    )
     rasters = slice_rasters(robot, grid.spacing, margin, rotations)
     groups = group_rasters(rasters, inner)
     outer_rasters = groups[0]
@@ -317,17 +321,12 @@ def _check_types(workspace: object, robot: object, progress: object = None) -> N
     """Raise InputError unless the arguments of :func:`build` have their types and order."""
     if progress is not None and not callable(progress):
         rule = "it is called with the steps done and all steps"
-        hint = "pass a function, e.g. progress=print"
-        raise InputError("progress", f"is {progress!r}", rule, hint)
+        raise InputError("progress", f"is {progress!r}", rule)
     if not isinstance(workspace, Workspace):
-        hint = "call build(workspace, robot), e.g. with Workspace.from_array(...) first"
-        if isinstance(workspace, str | os.PathLike) and not isinstance(robot, Workspace):
-            hint = f"read the file first: Workspace.open({os.fspath(workspace)!r})"
         problem = f"is a {type(workspace).__name__}"
-        raise InputError("workspace", problem, "it must be a Workspace", hint)
+        raise InputError("workspace", problem, "it must be a Workspace")
     if isinstance(robot, Workspace):
-        hint = "call build(workspace, robot), e.g. with Robot.parse('disc:0.3') second"
-        raise InputError("robot", "is a Workspace", "it must be a Robot", hint)
+        raise InputError("robot", "is a Workspace", "it must be a Robot")
 
 
 def _check_options(
@@ -350,8 +349,7 @@ def _check_options(
     check_word(method, "method", METHODS)
     if counts and method != "auto" and not ENGINES[method].COUNTS:
         problem = f"is {method!r} and counts is True"
-        hint = "use method='fft' or method='auto'"
-        raise InputError("method", problem, "only transforms give counts", hint)
+        raise InputError("method", problem, "only transforms give counts")
     check_word(outside, "outside", OUTSIDES)
 
 

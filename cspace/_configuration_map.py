@@ -403,8 +403,7 @@ class ConfigurationMap(ConfigurationSpace):
         """
         if self.rotations.names != ("yaw",):
             problem = f"has the axes {', '.join(self.axes)}"
-            hint = "build a map with cspace.build(..., rotations=72)"
-            raise InputError("space", problem, "only a robot with a yaw has free yaws", hint)
+            raise InputError("space", problem, "only a robot with a yaw has free yaws")
         point = check_point(position, "position", self.dim)
         yaws = self.rotations.centers
         is_free = self.is_free(np.column_stack([np.tile(point, (len(yaws), 1)), yaws]))

@@ -541,8 +541,7 @@ class Space(ABC):
             raise InputError(
                 name,
                 f"has shape {point.shape}",
-                f"it must be one configuration of {self.size} numbers",
-                f"pass ({', '.join(self.axes)}), in metres and radians",
+                f"it must be one configuration of {self.size} numbers: {', '.join(self.axes)}",
             )
         return self.rotations._make_canonical(point, name)
 
@@ -1090,8 +1089,7 @@ class ConfigurationSpace(Space):
             raise InputError(
                 "path",
                 f"has shape {points.shape}",
-                "a path has at least one configuration",
-                f"pass an array of shape (n, {self.size})",
+                f"a path has the shape (n, {self.size}), with n above zero",
             )
 
     @cached_property
@@ -1143,5 +1141,4 @@ def _make_own_answer_error(kind: type, own: Sequence[str]) -> InputError:
         kind.__name__,
         f"has its own {' and '.join(own)}",
         "cells and geometry prove without them",
-        "derive it from cspace.Space, and ask the map in its motion_is_free",
     )

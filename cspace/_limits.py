@@ -202,9 +202,7 @@ class PlannedGrid(NamedTuple):
     unit: str = "m"
 
 
-def check_memory(
-    needed: float, what: str, grid: Grid | PlannedGrid, *, hint: str = "", slices: int = 1
-) -> None:
+def check_memory(needed: float, what: str, grid: Grid | PlannedGrid, *, slices: int = 1) -> None:
     """Raise InputError for a grid whose processing does not fit into memory.
 
     Parameters
@@ -214,19 +212,19 @@ def check_memory(
     what : str
         Subject of the message, such as "the map".
     grid : Grid or PlannedGrid
-    hint : str
-        Hint if the spacing cannot be chosen; by default, it names a spacing that would fit.
+        Its cells; of a planned one, the hint names a spacing that fits.
     slices : int
         Number of slices, for the message.
     """
     free = free_bytes()
     if needed <= MAX_MEMORY_FRACTION * free:
         return
-    if not hint:
+    hint = ""
+    if isinstance(grid, PlannedGrid):
         # Other work and rounding take a part, so the advice uses 80 % of the memory.
         excess = max(needed / (0.8 * MAX_MEMORY_FRACTION * free), 1.0)
         coarser = grid.spacing * excess ** (1.0 / len(grid.shape))
-        hint = f"use a spacing of at least {coarser:.2g} {grid.unit}"
+        hint = f"cells of {coarser:.2g} {grid.unit} fit"
     cells = " x ".join(f"{count:.6g}" for count in grid.shape)
     slice_text = f" x {slices:,} slices" if slices > 1 else ""
     description = f"has {cells} cells of {grid.spacing:g} {grid.unit}{slice_text}"
@@ -275,6 +273,6 @@ def _container_bytes() -> float:
 def _check_limit(path: StrPath, problem: str, size: int, limit: str, limit_text: str) -> None:
     """Raise FileError if a size exceeds its limit."""
     if size > getattr(_LIMITS.get(), limit):
-        hint = f"raise it with cspace.raised_limits({limit}={size}), if the file may be so large"
+        hint = f"call cspace.raised_limits({limit}={size}) if the file may be so large"
         rule = f"at most {limit_text} are read"
         raise FileError(os.fspath(path), problem, rule, hint)

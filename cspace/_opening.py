@@ -63,8 +63,7 @@ def _check_folder(path: StrPath) -> None:
         return
     problem = "is not a saved map" if what else "does not exist"
     rule = "a saved map is a Zarr folder"
-    hint = suggest_file(file, "build the map first, with cspace.build or cspace map")
+    hint = suggest_file(file)
     if file.suffix.lower() == ".npz":
         rule = f"{rule}; .npz is an export, for numpy.load"
-        hint = "save the map with space.save('map.zarr')"
     raise FileError(str(file), problem, rule, hint)

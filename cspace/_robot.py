@@ -500,9 +500,8 @@ class Robot:
         Robot(rectangle 0.7 m x 0.5 m, in the plane)
         """
         if not isinstance(text, str) or not primitives.is_shorthand(text):
-            rule = "it must be a shorthand such as 'ball:0.3'"
-            hint = f"pass {primitives.SHORTHAND_FORMS}; Robot.open reads files"
-            raise InputError("robot", f"is {text!r}", rule, hint)
+            rule = f"it must be {primitives.SHORTHAND_FORMS}; Robot.open reads files"
+            raise InputError("robot", f"is {text!r}", rule)
         return cls(*primitives.parse_shorthand(text, "robot"))
 
     @classmethod
@@ -543,9 +542,6 @@ class Robot:
         """
         from cspace._files.formats import ROBOT_FORMATS
 
-        if isinstance(path, str) and primitives.is_shorthand(path) and not Path(path).exists():
-            hint = f"use Robot.parse({path!r})"
-            raise InputError("robot", f"is {path!r}", "it must be a file", hint)
         file, part_name = _split_part(path, ROBOT_FORMATS)
         shorthands = primitives.SHORTHAND_FORMS
         rule = f"it must be a file that describes a robot; Robot.parse takes {shorthands}"

@@ -1428,17 +1428,15 @@ class CSpace(ConfigurationMap):
         point = self.rotations._make_canonical(values, name)
         is_valid = bool(point.ndim == 1 and self.grid.contains(point[: self.grid.dim]))
         required = "configuration"
-        hint = f"its grid is from {self.grid.lower} to {self.grid.upper}"
         if free:
             is_valid = is_valid and bool(self.is_free(point))
             required = "FREE configuration"
-            hint = "space.nearest_free(q) is one"
         if not is_valid:
             raise ConfigurationError(
                 name,
                 f"is {q!r}",
-                f"it must be one {required} in the grid",
-                hint,
+                f"it must be one {required} in the grid, from {self.grid.lower} to "
+                f"{self.grid.upper}",
             )
         return point
 

@@ -50,7 +50,6 @@ if TYPE_CHECKING:
     from cspace._shapes.mesh import MeshLike, Solid
     from cspace.plot._picture import WorkspaceOptions
 
-_IN_TILES = "build its map tile by tile, with cspace.build(..., store='map.zarr')"
 Geometries: TypeAlias = "BaseGeometry | Mapping[str, object] | StrPath | Iterable[Geometries]"
 
 
@@ -494,13 +493,10 @@ class Workspace:
         """
         if isinstance(shapes, Mapping | str) or not isinstance(shapes, Iterable):
             problem = f"is a {type(shapes).__name__}"
-            hint = "pass a list; name shapes with space.add_obstacle(name, shape)"
-            raise InputError("shapes", problem, "it must be a list of shapes", hint)
+            raise InputError("shapes", problem, "it must be a list of shapes")
         made = [as_shape(shape, name=f"shapes[{index}]") for index, shape in enumerate(shapes)]
         if not made:
-            rule = "at least one shape is needed"
-            hint = "pass a shape, or use Workspace.from_array for a map without obstacles"
-            raise InputError("shapes", "is empty", rule, hint)
+            raise InputError("shapes", "is empty", "at least one shape is needed")
         place = made[0].place
         for index, shape in enumerate(made):
             shape.outer.boundary()  # raises the errors of later exact queries now
@@ -646,9 +642,7 @@ class Workspace:
             return cls._of([shape], spacing, bounds, source, "mesh", lazy=lazy)
         if lazy:
             problem = "is True with solid='fill'"
-            rule = "filling needs all cells at once"
-            hint = "close the mesh and pass solid='auto'"
-            raise InputError("lazy", problem, rule, hint)
+            raise InputError("lazy", problem, "filling needs all cells at once")
         workspace = cls._of([shape], spacing, bounds, source, "mesh")
         # The filled cells depend on the spacing, so the mesh does not stand for them.
         return replace(workspace, shapes=None)
@@ -857,8 +851,7 @@ class Workspace:
         for name, parameter in _options_of(reader).items():
             if parameter.default is parameter.empty and name not in options:
                 problem = f"is missing for {os.fspath(path)}"
-                rule = "the file does not contain it"
-                raise InputError(name, problem, rule, f"pass {name}=, in metres")
+                raise InputError(name, problem, "the file does not contain it, in metres")
         return reader(path, **options)
 
     def plot(self, **options: Unpack[WorkspaceOptions]) -> Axes:
@@ -937,7 +930,7 @@ class LazyWorkspace(Workspace):
         """Return the outer and inner cells; the first call reads them."""
         if not self._whole:
             grid = self.grid
-            check_memory(WORKSPACE_CELL_BYTES * grid.size, "the workspace", grid, hint=_IN_TILES)
+            check_memory(WORKSPACE_CELL_BYTES * grid.size, "the workspace", grid)
             whole_grid = tuple(slice(0, n) for n in grid.shape)
             outer, inner = map(frozen, self.cells.read(whole_grid))
             if np.array_equal(outer, inner):

@@ -61,7 +61,7 @@ def list_fields() -> Iterable[str]:
 def list_refusals() -> Iterable[str]:
     """Yield the rows of the options that planners refuse."""
     yield from ("| planner | refuses | because it |", "|---|---|---|")
-    for options, reason, _ in REFUSALS:
+    for options, reason in REFUSALS:
         values = {option: ", ".join(map(str, refused)) for option, refused in options.items()}
         names = values.pop("planner")
         refused = " with ".join(f"`{option}`: {value}" for option, value in values.items())

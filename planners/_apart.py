@@ -238,8 +238,7 @@ class Timed(NamedTuple):
 def _read_mover(mover: object, name: str) -> Timed:
     """Check a mover."""
     if not isinstance(mover, Mover):
-        hint = "pass planners.Mover(robot, motion)"
-        raise InputError(name, f"is a {type(mover).__name__}", "it must be a Mover", hint)
+        raise InputError(name, f"is a {type(mover).__name__}", "it must be a Mover")
     robot = robot_of(mover.robot)
     dim = robot.dim
     at = check_number(mover.at, f"{name}.at")
@@ -311,8 +310,7 @@ def _check_pair(first: Timed, second: Timed) -> None:
     """Raise InputError unless two motions are in one space and frame."""
     if first.robot.dim != second.robot.dim:
         problem = f"moves in {second.robot.shape.place}, but first in {first.robot.shape.place}"
-        hint = "use robot.footprint() for both in the plane"
-        raise InputError("second", problem, "both must move in one space", hint)
+        raise InputError("second", problem, "both must move in one space")
     frames = [each.trajectory and each.trajectory._route.frame_id for each in (first, second)]
     if None not in frames and frames[0] != frames[1]:
         problem = f"has the frame {frames[1]!r}, but first has {frames[0]!r}"
@@ -328,7 +326,7 @@ def _find_interval(movers: tuple[Timed, Timed], until: float | None) -> tuple[fl
         end = check_number(until, "until")
     elif not driven and any(each.velocity.any() or each.growth for each in movers):
         rule = "a thing that moves, or an error that grows, has no end"
-        raise InputError("until", "is missing", rule, "pass until=, in seconds")
+        raise InputError("until", "is missing", rule)
     if end < begin:
         last, first = tell_apart(end, begin)
         rule = f"the motions begin at {first} s"

@@ -93,33 +93,26 @@ GIVEN: Final = "given"
 _NO_SECOND_THREAD: Final = "cannot call Python from its second thread"
 """What planners with threads must not do: it would wait for the first thread for ever."""
 
-_OTHER_PLANNER: Final = "choose another planner, e.g. planner='RRT' or 'RRTstar'"
-_ONE_GOAL: Final = "pass one configuration or choose another planner"
-
 
 class Refusal(NamedTuple):
     """Options that :func:`planners.plan` refuses together."""
 
     options: Mapping[str, Sequence[object]]  # their values; errors are about the first one
     reason: str  # after the name of the planner
-    hint: str = ""  # by default, to leave the first option out or to use another planner
 
 
 REFUSALS: Final = (
     Refusal(
         {"planner": (UNSAFE_PLANNER,)},
         "of OMPL 2.0.1 ends the process if a path is longer than some 90 m",
-        _OTHER_PLANNER,
     ),
     Refusal(
         {"planner": BIDIRECTIONAL_PLANNERS, "drive": ("dubins",)},
         "also follows edges from end to start, which no such car drives",
-        _OTHER_PLANNER,
     ),
     Refusal(
         {"planner": (LATTICE,), "drive": ("holonomic",)},
         "is for all other drives",
-        "use planner='Grid', or pass drive='differential'",
     ),
     Refusal(
         {"drive": get_args(Drive)[1:], "planner": (GRID, MAX_CLEARANCE)},
@@ -153,16 +146,14 @@ REFUSALS: Final = (
     ),
     Refusal({"iterations": (NUMBER,), "planner": (GRID, MAX_CLEARANCE, LATTICE)}, "counts none"),
     Refusal({"iterations": (NUMBER,), "planner": THREADED_PLANNERS}, _NO_SECOND_THREAD),
-    Refusal({"goal": (SEVERAL,), "planner": THREADED_PLANNERS}, _NO_SECOND_THREAD, _ONE_GOAL),
+    Refusal({"goal": (SEVERAL,), "planner": THREADED_PLANNERS}, _NO_SECOND_THREAD),
     Refusal(
         {"goal": (SEVERAL,), "planner": ("BFMT",)},
         "of OMPL 2.0.1 may end the process if it has several",
-        _ONE_GOAL,
     ),
     Refusal(
         {"keep": (GIVEN,), "planner": PLANNERS_OF_OMPL},
         "samples configurations that are not upright",
-        "leave planner out",
     ),
 )
 """What :func:`planners.plan` refuses; the page on planning prints this table."""
@@ -208,8 +199,7 @@ def check_support(option: str, argument: str, value: object, space: Space) -> No
         problem = f"is {value!r} and space is {space!r}"
         raise InputError(argument, problem, f"it is for {' and '.join(kinds)}")
     if option == REGION and space.dim != 2:
-        rule = "a region is for maps of the plane"
-        raise InputError(argument, f"is {value!r}", rule, "pass goal_tolerance=(metres, radians)")
+        raise InputError(argument, f"is {value!r}", "a region is for maps of the plane")
     if option == ANY_ROTATION and not space.rotations.names:
         problem = f"is {value!r} and the axes are ({', '.join(space.axes)})"
         raise InputError(argument, problem, "the robot does not turn")
@@ -259,9 +249,7 @@ def planner_named(name: str, searches: Sequence[str] = ()) -> PlannerName:
     known = {word.lower(): word for word in (*_list_planners(), *BUILT_IN_SEARCHES, *searches)}
     if not isinstance(name, str) or name.lower() not in known:
         # Users of OMPL's documentation may write RRT*.
-        hint = f"choose one of {', '.join(planner_names())}"
-        similar = suggest_name(str(name).replace("*", "star"), known.values())
-        hint = f"{similar} {hint}".lstrip()
+        hint = suggest_name(str(name).replace("*", "star"), known.values())
         others = [word for word in searches if word not in BUILT_IN_SEARCHES]
         choices = [*others, GRID, MAX_CLEARANCE, LATTICE, f"or for an arm {BIRRT}"]
         raise InputError(
@@ -288,7 +276,7 @@ def check_options(values: Mapping[str, object], is_named: bool, n_goals: int = 1
     if values["iterations"] is not None:
         kinds["iterations"] = NUMBER
     kinds["keep"] = GIVEN if values.get("keep") else None
-    for options, reason, hint in REFUSALS:
+    for options, reason in REFUSALS:
         if not all(kinds[option] in refused for option, refused in options.items()):
             continue
         option, *others = options
@@ -297,15 +285,7 @@ def check_options(values: Mapping[str, object], is_named: bool, n_goals: int = 1
             problem += f" and {others[0]} is {values[others[0]]!r}"
         if not is_named:
             problem += f", the default for objective={values['objective']!r}"
-        other = "RRTstar"
-        if values["objective"] == LENGTH:
-            other = default_planner(cast(Drive, values["drive"]))
-        raise InputError(
-            option,
-            problem,
-            f"{planner} {reason}",
-            hint or f"leave {option} out, or use planner={other!r}",
-        )
+        raise InputError(option, problem, f"{planner} {reason}")
 
 
 def make_planner(name: str, si: ob.SpaceInformation) -> ob.Planner:

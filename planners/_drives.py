@@ -75,15 +75,13 @@ def _check_drive(space: Space, drive: Drive, turning_radius: float | None) -> fl
             "drive",
             f"is {drive!r} and the axes are ({', '.join(space.axes)})",
             "it is for the axes (x, y, yaw) of a map",
-            "build a map of a plane with cspace.build(..., rotations=72), or leave drive out",
         )
     if drive not in CURVES:
         if turning_radius is not None:
             raise InputError(
                 "turning_radius",
                 f"is {turning_radius!r} and drive is {drive!r}",
-                "a radius is for curves",
-                "add drive='dubins' or drive='reeds-shepp', or leave the radius out",
+                "a radius is for curves, of drive='dubins' or 'reeds-shepp'",
             )
         return None
     if turning_radius is None:
@@ -99,13 +97,9 @@ def _check_drive(space: Space, drive: Drive, turning_radius: float | None) -> fl
     highest = MAX_RADIUS_CELLS * spacing
     if not lowest <= radius <= highest:
         least, most = tell_apart(radius, lowest)[1], tell_apart(radius, highest)[1]
-        hint = ""
-        if radius < lowest:
-            hint = "if the robot turns on the spot, pass drive='differential' without a radius"
         raise InputError(
             "turning_radius",
             f"is {radius!r}",
             f"it must be {least} to {most} m, to keep rounding errors small",
-            hint,
         )
     return radius

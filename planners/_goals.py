@@ -525,9 +525,8 @@ def check_tolerance(value: object, space: Space) -> tuple[float, float]:
         raise InputError("goal_tolerance", f"is {value!r}", rule)
     metres, radians = pair.tolist()
     if radians > math.pi:
-        hint = f"{suggest_radians(radians)}"
         rule = "an angle is at most pi radians"
-        raise InputError("goal_tolerance", f"is {value!r}", rule, hint)
+        raise InputError("goal_tolerance", f"is {value!r}", rule, suggest_radians(radians))
     return metres, radians if space.rotations.names else 0.0
 
 
@@ -543,7 +542,7 @@ def _check_form(goal: object, name: str, space: Space) -> None:
     is_list = is_row and (isinstance(first, ROWS) or isinstance(second, REGIONS))
     if is_list and space.has_cells:
         rule = "a map takes several as planners.Goals"
-        raise InputError(name, "is a list of goals", rule, "pass planners.Goals([...])")
+        raise InputError(name, "is a list of goals", rule)
 
 
 def _split_parts(goal: object) -> tuple[object, object] | None:
@@ -600,7 +599,6 @@ def _check_region(region: Polygon | MultiPolygon, name: str, metres: float) -> N
             "goal_tolerance",
             f"is {metres:g} m and {name} is a region",
             "a region has its own room",
-            "pass goal_tolerance=(0, radians)",
         )
 
 

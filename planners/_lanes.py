@@ -144,14 +144,13 @@ def conflicts(
 def _check_robots(others: Any, known: str) -> dict[str, tuple[Any, Any]]:
     """Return other robots by name, or raise InputError."""
     rule = "it must give a map and a graph by a name of each robot"
-    hint = "pass others={'tug': (space, graph)}"
     if not isinstance(others, Mapping):
-        raise InputError("others", f"is a {type(others).__name__}", rule, hint)
+        raise InputError("others", f"is a {type(others).__name__}", rule)
     for name, pair in others.items():
         if not (isinstance(name, str) and name) or name == known:
-            raise InputError("others", f"has the name {name!r}", rule, hint)
+            raise InputError("others", f"has the name {name!r}", rule)
         if not (isinstance(pair, tuple | list) and len(pair) == 2):
-            raise InputError(f"others[{name!r}]", f"is a {type(pair).__name__}", rule, hint)
+            raise InputError(f"others[{name!r}]", f"is a {type(pair).__name__}", rule)
     return dict(others)
 
 
@@ -166,8 +165,7 @@ def _open_graph(space: Any, graph: Any, name: str) -> RouteGraph:
         lanes = RouteGraph.from_networkx(graph)
     if not isinstance(lanes, RouteGraph):
         rule = "it must be a RouteGraph, a file or a graph of networkx"
-        hint = "pass RouteGraph.from_arrays(positions, edges)"
-        raise InputError(name, f"is a {type(graph).__name__}", rule, hint)
+        raise InputError(name, f"is a {type(graph).__name__}", rule)
     if not isinstance(space, ConfigurationMap):
         place = "space" if name == "graph" else name
         raise InputError(place, f"is a {type(space).__name__}", "it must be a map")

@@ -135,7 +135,6 @@ def check_information(si: object, space: Space) -> None:
             "si",
             f"has states of {', '.join(given)}",
             f"the space has {', '.join(needed)}",
-            "pass that of planners.simple_setup(space)",
         )
 
 

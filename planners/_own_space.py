@@ -43,8 +43,7 @@ def check_found_path(space: Space, path: ArrayLike) -> Floats:
         return np.empty((0, space.size))
     if rows.ndim != 2 or rows.shape[1] != space.size:
         rule = f"it returns rows of {', '.join(space.axes)}"
-        hint = f"return an array of shape (n, {space.size})"
-        raise InputError("search", f"returned the shape {rows.shape}", rule, hint)
+        raise InputError("search", f"returned the shape {rows.shape}", rule)
     lower, upper = space.check_bounds()
     positions = rows[:, : space.dim]
     is_bounded = ~np.array(space.periodic_axes)[: space.dim]
@@ -62,10 +61,7 @@ def _check_axes(space: Space) -> None:
     axes: object = space.axes
     are_names = isinstance(axes, list | tuple) and all(isinstance(name, str) for name in axes)
     if not (isinstance(axes, tuple) and are_names and axes and len(set(axes)) == len(axes)):
-        hint = ""
-        if are_names and isinstance(axes, list):
-            hint = f"write axes = {tuple(axes)!r}"
-        raise InputError("axes", f"are {axes!r}", "they must be a tuple of different names", hint)
+        raise InputError("axes", f"are {axes!r}", "they must be a tuple of different names")
 
 
 def _check_periodic_axes(space: Space) -> None:
@@ -74,10 +70,8 @@ def _check_periodic_axes(space: Space) -> None:
     are_bools = isinstance(given, tuple) and all(isinstance(each, bool) for each in given)
     if are_bools and np.shape(space.periodic_axes) == (space.size,):
         return
-    angles = tuple(isinstance(given, list | tuple) and axis in given for axis in space.axes)
-    hint = f"write periodic_axes = {angles!r}" if any(angles) else ""
     rule = f"it must be a tuple of one bool for each of {', '.join(space.axes)}"
-    raise InputError("periodic_axes", f"is {given!r}", rule, hint)
+    raise InputError("periodic_axes", f"is {given!r}", rule)
 
 
 def _check_rotation(space: Space) -> None:
@@ -90,11 +84,7 @@ def _check_rotation(space: Space) -> None:
             continue
         problem = f"are {space.axes!r}"
         rule = f"only a pose, without other axes, has {axis!r} as its rotation"
-        hint = ""
-        if axis == "yaw":
-            angles = tuple(name == axis for name in space.axes)
-            hint = f"for an angle that wraps, write periodic_axes = {angles!r}"
-        raise InputError("axes", problem, rule, hint)
+        raise InputError("axes", problem, rule)
 
 
 def _check_flags(space: Space) -> None:
@@ -102,7 +92,7 @@ def _check_flags(space: Space) -> None:
     for name, default in (("has_cells", False), ("in_memory", True), ("is_labelled", True)):
         if getattr(space, name) is not default:
             problem = f"is {getattr(space, name)!r}"
-            raise InputError(name, problem, "only a map has cells", f"leave it {default}")
+            raise InputError(name, problem, f"only a map has cells, so it is {default}")
     names: object = space.searches
     if not (isinstance(names, tuple) and all(isinstance(name, str) for name in names)):
         rule = "they must be a tuple of names"

@@ -480,7 +480,6 @@ def _choose_planner(task: PlanTask) -> PlannerName:
             "objective",
             "is a function and no planner is named",
             "the default planners minimise the length",
-            "name a planner that optimises: planner='RRTstar'",
         )
     if not edges.space.has_cells:
         searches = _list_searches(edges.space)
@@ -502,7 +501,6 @@ def _check_options(task: PlanTask, n_goals: int = 1) -> None:
             "objective",
             f"is {task.objective!r}",
             f"it must be {LENGTH!r}, {CLEARANCE!r}, or a function that makes OMPL's objective",
-            "for costs of your own, pass lambda si: planners.WeightedLength(si, space, costs)",
         )
     values = {
         "planner": task.planner,

@@ -293,21 +293,19 @@ class Plan:
         edges = local_planner(space, self.exact, self.drive, self.turning_radius)
         return replace(edges, space=space._keep(self.keep)) if self.keep else edges
 
-    def _map(self, hint: str = "") -> Space:
-        """Return the map, or raise InputError with `hint` after pickling."""
+    def _map(self) -> Space:
+        """Return the map, or raise InputError after pickling."""
         if self.space is None:
-            raise InputError("plan", "has no map", "pickling leaves the map behind", hint)
+            raise InputError("plan", "has no map", "pickling leaves the map behind")
         return self.space
 
-    def _picture(self, hint: str) -> Any:
-        """Return the space to draw, or raise InputError with `hint` after pickling."""
-        space = self._map(hint)
+    def _picture(self) -> Any:
+        """Return the space to draw, or raise InputError after pickling."""
+        space = self._map()
         if not space.in_memory:
             return cast("TiledCSpace", space).overview()
         if not hasattr(type(space), "plot"):  # a space of the user's may have it
-            problem = f"is in {space!r}"
-            hint = "draw plan.path yourself"
-            raise InputError("plan", problem, "only maps and arms are drawn", hint)
+            raise InputError("plan", f"is in {space!r}", "only maps and arms are drawn")
         return space
 
     def recheck(self, space: Space | None = None) -> Bools:
@@ -343,7 +341,7 @@ class Plan:
         (True, [False])
         """
         self._check_solved("only a path has edges")
-        space = self._map("pass the map: plan.recheck(space)") if space is None else space
+        space = self._map() if space is None else space
         edges = self._edges_on(space)
         check_axes(space, self.axes, "plan")
         return edges.edges_are_free(self.waypoints)
@@ -369,11 +367,9 @@ class Plan:
         InputError
             If the plan has no map in memory of positions, with or without a yaw.
         """
-        space = self._map("call space.explain(plan.start, plan.goal)")
+        space = self._map()
         if not isinstance(space, CSpace):
-            problem = f"is in {space!r}"
-            hint = "ask space.window(lower, upper) of a tiled map"
-            raise InputError("plan", problem, "only maps in memory explain", hint)
+            raise InputError("plan", f"is in {space!r}", "only maps in memory explain")
         explanation = space.explain(self.start, self.goal, refine=refine)
         return replace(explanation, moves_sideways=self.drive == HOLONOMIC)
 
@@ -458,7 +454,7 @@ class Plan:
             If the plan was pickled, which leaves the map behind; or as :func:`cspace.plot.plot`.
         """
         options.setdefault("path", self)
-        axes: Axes = self._picture("draw it with space.plot(path=plan)").plot(**options)
+        axes: Axes = self._picture().plot(**options)
         return axes
 
     @names_options
@@ -491,11 +487,9 @@ class Plan:
         from cspace.plot import animate
 
         self._check_solved("an animation shows a path")
-        drawn = self._picture("draw it with cspace.plot.animate(space, plan, file)")
+        drawn = self._picture()
         if not isinstance(drawn, ConfigurationSpace):
-            problem = f"is in {drawn!r}"
-            hint = "draw plan.path yourself"
-            raise InputError("plan", problem, "only maps and arms are drawn", hint)
+            raise InputError("plan", f"is in {drawn!r}", "only maps and arms are drawn")
         animate(drawn, self.path, file, overwrite, **options)
 
     @names_options
@@ -540,9 +534,7 @@ class Plan:
         self._check_solved("a corridor follows a path")
         if not self.certified:
             rule = "regions contain what is proven"
-            raise InputError(
-                "plan", "is not certified", rule, "plan again, and check plan.certified"
-            )
+            raise InputError("plan", "is not certified", rule)
         space = self._map()
         edges = self._edges_on(space)
         if self.turning_radius is None:
@@ -595,7 +587,6 @@ class Plan:
                 "plan",
                 f"moves the joints {', '.join(self.axes)}",
                 "a path holds poses",
-                "use trajectory(...).to_joint_trajectory()",
             )
         self._check_solved("a message holds a path")
         filled = Path() if msg is None else msg
@@ -755,7 +746,7 @@ class Plan:
     def _check_solved(self, rule: str) -> None:
         """Raise InputError with `rule` without a path."""
         if not self.solved:
-            raise InputError("plan", f"has no path: {self.status}", rule, "check plan.solved first")
+            raise InputError("plan", f"has no path: {self.status}", rule)
 
     @names_options
     def to_csv(self, path: str | os.PathLike[str], overwrite: bool = False) -> None:

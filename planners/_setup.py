@@ -109,7 +109,6 @@ def _check_extent(space: Space, states: ob.StateSpace) -> None:
             "space",
             f"spans {spans} {unit}",
             f"OMPL's planners need at least {least} {unit}",
-            "use a larger unit, or leave planner out of planners.plan",
         )
 
 

@@ -221,14 +221,12 @@ class Trajectory:
                 "space",
                 f"is {space!r}",
                 "it must be the space of an arm",
-                "use plan.trajectory() on a map",
             )
         if not getattr(path, "certified", True):
             raise InputError(
                 "path",
                 f"is not certified: {getattr(path, 'status', '')}",
                 "a trajectory follows the whole line",
-                "check motion.certified first",
             )
         rows: Any = path
         given = check_finite(getattr(path, "waypoints", rows), "path", space.axes)
@@ -237,7 +235,6 @@ class Trajectory:
                 "path",
                 f"has shape {given.shape}",
                 "it must be rows of configurations",
-                "pass e.g. motion.waypoints",
             )
         free = np.asarray(space.certify_path(given))
         if not free.all():
@@ -498,7 +495,7 @@ class Trajectory:
                 "rate",
                 f"is {rate:g}",
                 "rows may lie more than half a turn of the robot apart",
-                f"raise it to {math.ceil(1.0 / step)}",
+                f"pass rate={math.ceil(1.0 / step)}",
             )
         return self._set_rows(np.arange(rows + 1) / checked)
 
@@ -647,7 +644,6 @@ class Trajectory:
                 "trajectory",
                 f"moves the joints {', '.join(self.axes)}",
                 "a path holds poses",
-                "use to_joint_trajectory()",
             )
         filled = Path() if msg is None else msg
         return fill_path(
@@ -678,7 +674,6 @@ class Trajectory:
                 "trajectory",
                 f"moves {', '.join(self.axes)}",
                 "a joint trajectory holds joints",
-                "use to_path()",
             )
         filled = JointTrajectory() if msg is None else msg
         return fill_joint_trajectory(
@@ -818,7 +813,6 @@ def check_after(after: object, axes: tuple[str, ...], duration: float | None) ->
             "after",
             f"is {after!r}",
             f"it must be a trajectory of the axes {', '.join(axes)}",
-            "pass what plan.trajectory() returned before",
         )
     if duration is not None:
         raise InputError(
@@ -849,7 +843,6 @@ def continue_trajectory(
             "at",
             f"is a time at which the robot is at {next(places)}, and can rest at {next(places)}",
             f"the plan starts at {format_configuration(path.waypoints[0].tolist())}",
-            "plan from one of after.starts_after(at)",
         )
     path = onward
     first, *others = _cut_at_stops(path, rotations)
@@ -928,8 +921,7 @@ def _warn_of_stops(waypoints: Floats, rows: Floats) -> None:
     if stops > MAX_EXPECTED_STOPS and stops > len(rows) // 2:
         warn_user(
             f"path: the arm stops at {stops} of {len(rows)} rows, because its joints change their "
-            "direction there; pass the ends of straight motions, or plan and take "
-            "plan.trajectory(), whose corners are curves"
+            "direction there"
         )
 
 

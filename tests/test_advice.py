@@ -1,41 +1,67 @@
-"""The options that a message names, with their values, make the right world."""
+"""Each hint that names something to do is followed, and makes the right world."""
 
 import ast
 import re
 import warnings
+from functools import partial
+from pathlib import Path
+from unittest import mock
 
 import numpy as np
 import pytest
+import scipy.ndimage
+import shapely
+import trimesh
 import xarray
+import yaml
 from PIL import Image
 
 import cspace
 import planners
 from cspace import Robot, Workspace, build
+from tests.helpers.urdfs import joint, link
+from tests.helpers.urdfs import write_urdf as write_arm
 
-OPTION = re.compile(r"\b(\w+)=('[^']*'|True|False|-?\d[\d.e-]*)")
-"""Option in a message, and its value."""
-
-CONVERTED = re.compile(r"pass (?:seconds, e\.g\. )?([\d.]+) for [\d.]+ (?:degrees|ms)")
-"""Value of the option that was refused, in our unit."""
+ADVICE = re.compile(
+    r"""
+    \b(?P<name>\w+)=(?P<value>'[^']*'|True|False|-?\d[\d.e-]*)    # an option
+    | \.(?P<method>\w+)\(\)                                      # a method
+    | (?:pass|write|cells\ of)\ (?P<number>[\d.]+\w*)\ (?:for|m)  # a value
+    | by\ (?P<move>\(.*?\))\ m                                   # a way
+    """,
+    re.VERBOSE,
+)
+"""Option, method or value that a message advises."""
 
 WALL = np.zeros((30, 20), dtype=bool)
 WALL[4, 2:9] = True
 
 
-def read_advice(call):
-    """Return the options that a refusal advises, or else a warning."""
+def read_message(call):
+    """Return the texts of the warnings, and the hint of the refusal, of a call."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         try:
             call()
         except cspace.CspaceError as error:
-            text = error.hint
-        else:
-            text = str(caught[-1].message)
-    options = {name: ast.literal_eval(value) for name, value in OPTION.findall(text)}
-    converted = CONVERTED.search(text)
-    return options | ({"value": float(converted[1])} if converted else {})
+            caught.append(error)
+    return "; ".join(str(getattr(each, "message", "")) or each.hint for each in caught)
+
+
+def read_advice(text):
+    """Return the options of each way that a message advises."""
+    ways = [{}]
+    for found in ADVICE.finditer(text):
+        value = found["value"] or found["move"] or "None"
+        name, value = found["name"] or "move", ast.literal_eval(value)
+        if found["method"]:
+            name, value = "method", found["method"]
+        if found["number"]:
+            name, value = "value", found["number"]
+        if ways[-1].get(name, value) != value:
+            ways.append({})
+        ways[-1][name] = value
+    return ways
 
 
 def open_array(array, **options):
@@ -113,64 +139,252 @@ def write_grey_map(folder):
 
 
 def turning():
+    """Build a map of a robot that turns."""
     return build(Workspace.from_array(WALL, 0.1), Robot.disc(0.05), rotations=4)
 
 
-@pytest.mark.parametrize(
-    "call, right",
-    [
-        pytest.param(
-            lambda _, **options: open_array(label(WALL, 0.5), **options),
-            lambda _: Workspace.from_array(WALL, 0.5),
-            id="the spacing of labelled cells",
+# ---- meshes and robots ---------------------------------------------------------------------------
+
+CORNERS = np.array([(0.0, 0.0), (0.4, 0.0), (0.4, 0.2), (0.0, 0.2)])
+PLATE = trimesh.creation.box((1.2, 0.3, 0.8))
+
+
+def measure_plate(folder, **options):
+    """Return the box of a plate whose file has y up."""
+    PLATE.export(folder / "plate.glb")
+    return np.array(cspace.Mesh.of(folder / "plate.glb", **options).bounds)
+
+
+def loose_box():
+    """Make a box with a lid that touches no wall."""
+    box = trimesh.creation.box((0.9, 0.9, 0.9))
+    box.update_faces(box.face_normals[:, 2] < 0.5)
+    lid = [(-0.43, -0.43, 0.45), (0.43, -0.43, 0.45), (0.43, 0.43, 0.45), (-0.43, 0.43, 0.45)]
+    return trimesh.util.concatenate([box, trimesh.Trimesh(lid, [(0, 1, 2), (0, 2, 3)])])
+
+
+def fill_box(solid):
+    """Return the cells of a box of 10 cells a side, which may be hollow."""
+    cells = np.ones((10, 10, 10), dtype=bool)
+    cells[1:9, 1:9, 1:9] = solid == "fill"
+    return Workspace.from_array(cells, 0.1, (-0.5, -0.5, -0.5))
+
+
+def map_wall(robot):
+    return build(Workspace.from_array(WALL, 0.1), robot, outside="free").cell_states
+
+
+def use_method(robot, method=None):
+    """Return what a method of a robot makes, or the robot."""
+    return getattr(robot, method)() if method else robot
+
+
+# ---- limits and outputs --------------------------------------------------------------------------
+
+
+def raster_wall(value):
+    """Map the wall, while memory is scarce."""
+    with mock.patch("cspace._limits.free_bytes", return_value=3980):
+        walls = [shapely.box(0.42, 0.22, 0.48, 0.88)]
+        return Workspace.from_polygons(walls, float(value), bounds=(0, 0, 3, 2))
+
+
+def read_limited(folder, max_bytes=16):
+    """Read points, while files may hold few bytes."""
+    with cspace.raised_limits(max_bytes=max_bytes):
+        return open_points(write_points(folder), drop_missing=True)
+
+
+def export_again(folder, **options):
+    """Export a map to a file that exists, and read it."""
+    file = folder / "map.npz"
+    if not file.exists():
+        file.write_text("old")
+    build(Workspace.from_array(WALL, 0.1), Robot.disc(0.05), outside="free").export(file, **options)
+    return np.load(file)["states"]
+
+
+# ---- plans ---------------------------------------------------------------------------------------
+
+
+def start_beside(**options):
+    """Plan from a place beside the wall, in an undecided cell, and return where it starts."""
+    space = build(Workspace.from_array(WALL, 0.1), Robot.disc(0.05))
+    plan = planners.plan(space, (0.345, 0.55), (0.15, 0.55), **options)
+    return plan.waypoints[0]
+
+
+def turn_at_most_half(rate):
+    """Return whether rows of a tight turn lie at most half a turn apart."""
+    space = build(
+        Workspace.from_array(np.zeros((60, 60), dtype=bool), 0.1), "disc:0.1", rotations=8
+    )
+    plan = planners.plan(space, (3, 3, 0), (3, 3.1, 3), drive="dubins", turning_radius=0.5)
+    motion = plan.trajectory(max_velocity=1.0, max_angular_velocity=9.0, max_acceleration=100.0)
+    fine = motion.sample_uniform(1000.0)
+    yaws = np.unwrap(fine.positions[:, 2])
+    rows = motion.sample_uniform(rate).times
+    return np.array(np.abs(np.diff(np.interp(rows, fine.times, yaws))).max() <= np.pi)
+
+
+# ---- arms, graphs and commands -------------------------------------------------------------------
+
+
+def write_chain(folder, floats):
+    """Write an arm of one joint, on a base that floats or is fixed."""
+    bar = ((0.3, 0.1, 0.1), (0.2, 0, 0))
+    parts = [link("l0"), joint("j0", "l0", "l1", kind="floating", limits=None)]
+    moves = joint("j1", "l1", "l2", (0.5, 0, 0))
+    return write_arm(folder, *parts * floats, link("l1", bar), link("l2", bar), moves)
+
+
+def reach(urdf, **options):
+    """Return poses of the last link of an arm."""
+    arm = cspace.Arm.from_urdf(urdf, **options)
+    return np.stack([arm.pose((q,), "l2") for q in (-1.0, 0.0, 2.0)])
+
+
+def place_nodes(folder, *levels, **options):
+    """Return the nodes of a graph, whose levels have a lane each."""
+    nodes = {
+        name: [[n, 0.0, {"name": "a"}], [n, 5.0, {"name": "b"}]] for n, name in enumerate(levels)
+    }
+    graph = {name: {"vertices": each, "lanes": [[0, 1, {}]]} for name, each in nodes.items()}
+    file = folder / "rmf.yaml"
+    file.write_text(yaml.safe_dump({"building_name": "b", "levels": graph}))
+    return np.array(cspace.lanes.RouteGraph.open(file, **options).places)
+
+
+def parse_yaw(value="90"):
+    """Parse a yaw of a command."""
+    from cspace._cli.options import parse_angle
+
+    return np.array(parse_angle(value, "yaw", "yaw"))
+
+
+ROWS = [
+    pytest.param(
+        lambda _, **options: open_array(label(WALL, 0.5), **options),
+        lambda _: Workspace.from_array(WALL, 0.5),
+        id="the spacing of labelled cells",
+    ),
+    pytest.param(
+        lambda folder, **options: Workspace.from_image(write_ros_image(folder), 0.1, **options),
+        lambda folder: Workspace.from_ros_map(write_ros_image(folder).with_suffix(".yaml")),
+        id="the threshold of a picture with unknown cells",
+    ),
+    pytest.param(
+        lambda folder, **options: open_points(write_points(folder), **options),
+        lambda _: Workspace.from_points([(0.5, 0.5, 0.5), (1.5, 0.5, 0.5)], 0.1, radius=0.1),
+        id="points without coordinates",
+    ),
+    pytest.param(
+        lambda folder, **options: Robot.from_nav2(write_nav2(folder), **options),
+        lambda _: Robot.disc(0.2),
+        id="one of two costmaps",
+    ),
+    pytest.param(
+        lambda _, **options: cspace.ros.configuration_of(tilted_pose(), turning(), **options),
+        lambda _: (0.0, 0.0, 0.0),
+        id="a pose that is tilted a little",
+    ),
+    pytest.param(
+        lambda _, value=30.0: planners.Upright("hand", tolerance=float(value)).tolerance,
+        lambda _: np.radians(30.0),
+        id="an angle in degrees",
+    ),
+    pytest.param(
+        lambda _, value=100.0: cspace.Gate(turning(), dt=float(value), max_velocity=1.0).dt,
+        lambda _: 0.1,
+        id="milliseconds",
+    ),
+    pytest.param(
+        lambda folder, **options: Workspace.from_ros_map(write_grey_map(folder), **options),
+        lambda folder: Workspace.from_image(write_ros_image(folder), 0.1, threshold=0.1),
+        id="unknown cells of a map as free",
+    ),
+    pytest.param(
+        lambda folder, **options: Robot.open(write_urdf(folder, "visual"), **options),
+        lambda folder: Robot.open(write_urdf(folder, "collision")),
+        id="links that are only drawn",
+    ),
+    pytest.param(
+        lambda folder, **options: measure_plate(folder, **options),
+        lambda _, up: PLATE.bounds if up == "z" else PLATE.bounds[:, [0, 2, 1]],
+        id="the axis that points up",
+    ),
+    pytest.param(
+        lambda _, **options: Workspace.from_mesh(
+            loose_box(), 0.1, bounds=((-0.5,) * 3, (0.5,) * 3), **options
         ),
-        pytest.param(
-            lambda folder, **options: Workspace.from_image(write_ros_image(folder), 0.1, **options),
-            lambda folder: Workspace.from_ros_map(write_ros_image(folder).with_suffix(".yaml")),
-            id="the threshold of a picture with unknown cells",
+        lambda _, solid: fill_box(solid),
+        id="an open mesh",
+    ),
+    pytest.param(
+        lambda _, move=(0, 0): map_wall(Robot.polygon(CORNERS + 5.0 + move)),
+        lambda _: map_wall(Robot.rectangle(0.4, 0.2)),
+        id="a robot far from its origin",
+    ),
+    pytest.param(
+        lambda _, move=(0, 0, 0): (
+            Robot.from_mesh(
+                PLATE.copy().apply_translation((1e3, 0, 0)).apply_translation(move)
+            ).shape.bounds
         ),
-        pytest.param(
-            lambda folder, **options: open_points(write_points(folder), **options),
-            lambda _: Workspace.from_points([(0.5, 0.5, 0.5), (1.5, 0.5, 0.5)], 0.1, radius=0.1),
-            id="points without coordinates",
-        ),
-        pytest.param(
-            lambda folder, **options: Robot.from_nav2(write_nav2(folder), **options),
-            lambda _: Robot.disc(0.2),
-            id="one of two costmaps",
-        ),
-        pytest.param(
-            lambda _, **options: cspace.ros.configuration_of(tilted_pose(), turning(), **options),
-            lambda _: (0.0, 0.0, 0.0),
-            id="a pose that is tilted a little",
-        ),
-        pytest.param(
-            lambda _, value=30.0: planners.Upright("hand", tolerance=value).tolerance,
-            lambda _: np.radians(30.0),
-            id="an angle in degrees",
-        ),
-        pytest.param(
-            lambda _, value=100.0: cspace.Gate(turning(), dt=value, max_velocity=1.0).dt,
-            lambda _: 0.1,
-            id="milliseconds",
-        ),
-        pytest.param(
-            lambda folder, **options: Workspace.from_ros_map(write_grey_map(folder), **options),
-            lambda folder: Workspace.from_image(write_ros_image(folder), 0.1, threshold=0.1),
-            id="unknown cells of a map as free",
-        ),
-        pytest.param(
-            lambda folder, **options: Robot.open(write_urdf(folder, "visual"), **options),
-            lambda folder: Robot.open(write_urdf(folder, "collision")),
-            id="links that are only drawn",
-        ),
-    ],
-)
-def test_the_options_that_a_message_names_make_the_right_world(call, right, tmp_path):
-    options = read_advice(lambda: call(tmp_path))
-    assert options
-    with warnings.catch_warnings(action="ignore"):
-        assert describe(call(tmp_path, **options)) == describe(right(tmp_path))
+        lambda _: PLATE.bounds,
+        id="a mesh far from its origin",
+    ),
+    pytest.param(
+        lambda _, **way: map_wall(use_method(Robot.box((0.4, 0.2, 0.5)), **way)),
+        lambda _: map_wall(Robot.rectangle(0.4, 0.2)),
+        id="a robot in space on a map of the plane",
+    ),
+    pytest.param(
+        lambda _, value=1e-3: raster_wall(value),
+        lambda _: Workspace.from_array(WALL, 0.1),
+        id="cells that fit into memory",
+    ),
+    pytest.param(
+        read_limited,
+        lambda _: Workspace.from_points([(0.5, 0.5, 0.5), (1.5, 0.5, 0.5)], 0.1, radius=0.1),
+        id="a file above a limit",
+    ),
+    pytest.param(
+        export_again,
+        lambda _: np.where(WALL, 2, scipy.ndimage.maximum_filter(WALL, 3))[np.newaxis],
+        id="a file that exists",
+    ),
+    pytest.param(
+        lambda _, **options: start_beside(**options),
+        lambda _: np.array((0.345, 0.55)),
+        id="a start in an undecided cell",
+    ),
+    pytest.param(
+        lambda _, rate=0.1: turn_at_most_half(rate), lambda _: np.array(True), id="a low rate"
+    ),
+    pytest.param(
+        lambda folder, **options: reach(write_chain(folder, True), **options),
+        lambda folder: reach(write_chain(folder, False)),
+        id="a base that floats",
+    ),
+    pytest.param(
+        lambda folder, **options: place_nodes(folder, "L1", "L2", **options),
+        lambda folder: place_nodes(folder, "L1"),
+        id="one of two levels",
+    ),
+    pytest.param(lambda _, **way: parse_yaw(**way), lambda _: np.pi / 2, id="a yaw in degrees"),
+]
+"""Call that is refused or warned of and takes what the message advises, and the right world."""
+
+
+@pytest.mark.parametrize("call, right", ROWS)
+def test_what_a_message_advises_makes_the_right_world(call, right, tmp_path):
+    ways = read_advice(read_message(lambda: call(tmp_path)))
+    for way in ways:
+        assert way
+        with warnings.catch_warnings(action="ignore"):
+            world = right(tmp_path, **way) if len(ways) > 1 else right(tmp_path)
+            assert describe(call(tmp_path, **way)) == describe(world)
 
 
 def describe(world):
@@ -182,11 +396,98 @@ def describe(world):
     return np.round(world, 6).tolist()
 
 
-def test_a_robot_in_space_is_mapped_by_its_footprint():
-    plane = Workspace.from_array(WALL, 0.1)
-    with pytest.raises(cspace.CspaceError) as refused:
-        build(plane, Robot.box((0.4, 0.2, 0.5)))
-    robot = Robot.box((0.4, 0.2, 0.5))
-    advised = eval(refused.value.hint.removeprefix("use "), {"robot": robot})
-    states = build(plane, advised, outside="free").cell_states
-    assert (states == build(plane, Robot.rectangle(0.4, 0.2), outside="free").cell_states).all()
+# ---- no hint without a world ---------------------------------------------------------------------
+
+ROOT = Path(cspace.__file__).parents[1]
+
+MADE_ELSEWHERE = re.compile(r"suggest_\w+\(|\berrors?\b|BRING_YOUR_FILE|hint\b")
+"""Hints from other functions: the nearest name, a page, those of another error, an argument."""
+
+NAMES_OPTION = re.compile(
+    r"\b(?<!not )(?:add|call|pass|run|set|use|write) (?:e\.g\. )?(?:\w*=|\0|[\w.]+\()"
+)
+"""Advice anywhere in a text, whose values are replaced by zeros."""
+
+
+def join_pieces(text):
+    """Return a text of a program, with zeros for values."""
+    parts = text.values if isinstance(text, ast.JoinedStr) else [text]
+    return "".join(str(part.value) if isinstance(part, ast.Constant) else "\0" for part in parts)
+
+
+def list_texts(expression, function):
+    """Return the texts that a hint may be; a name stands for what a function assigns to it."""
+    if isinstance(expression, ast.Constant | ast.JoinedStr):
+        return [join_pieces(expression)]
+    if isinstance(expression, ast.IfExp):
+        return [t for e in (expression.body, expression.orelse) for t in list_texts(e, function)]
+    assigned = [
+        node.value
+        for node in ast.walk(function)
+        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == ast.unparse(expression)
+    ]
+    if assigned:
+        return [text for value in assigned for text in list_texts(value, function)]
+    source = ast.unparse(expression)
+    return [] if MADE_ELSEWHERE.search(source) else [f"? {source}"]
+
+
+def iterate_hints(function):
+    """Yield the hint of each error that a function makes."""
+    for node in (node for node in ast.walk(function) if isinstance(node, ast.Call)):
+        name = ast.unparse(node.func).rpartition(".")[2]
+        position = {"fail": 2, "ContentError": 2}.get(name, 3)
+        if name.endswith("Error") or name == "fail":
+            yield from node.args[position : position + 1]
+            yield from (keyword.value for keyword in node.keywords if keyword.arg == "hint")
+
+
+def list_advice(tree):
+    """Return each text of a file that advises, with zeros for values."""
+    texts = set()
+    passed = {
+        id(part)
+        for node in ast.walk(tree)
+        if isinstance(node, ast.JoinedStr)
+        for part in node.values
+    }
+    passed |= {
+        id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)
+    }  # docstrings
+    for node in ast.walk(tree):
+        if isinstance(node, ast.FunctionDef):
+            texts.update(t for hint in iterate_hints(node) for t in list_texts(hint, node))
+        elif isinstance(node, ast.JoinedStr | ast.Constant) and id(node) not in passed:
+            text = join_pieces(node)
+            texts.update([text] if NAMES_OPTION.search(text) else [])
+    return texts - {""}
+
+
+def is_part(text, messages):
+    """Return True if a message has a text, with any values in place of its zeros."""
+    pattern = ".+?".join(map(re.escape, text.split("\0")))
+    return any(re.search(pattern, message) for message in messages)
+
+
+def test_each_hint_of_the_packages_is_followed_into_its_world(tmp_path):
+    messages = [read_message(partial(row.values[0], tmp_path)) for row in ROWS]
+    files = [file for name in ("cspace", "planners") for file in (ROOT / name).rglob("*.py")]
+    advice = {text: file for file in files for text in list_advice(ast.parse(file.read_text()))}
+    assert len(advice) > 15
+    assert not {text: file for text, file in advice.items() if not is_part(text, messages)}
+
+
+@pytest.mark.parametrize(
+    "code",
+    [
+        'raise InputError("a", "is 1", "it must be 2", "take 2")',
+        'hint = f"take {n}"\n    raise InputError("a", "is 1", "it must be 2", hint)',
+        'warn_user(f"odd; pass frobnicate={n}")',
+        'yield f"odd; pass {option}"',
+        'raise InputError("a", "is 1", "it must be 2", advise(2))',
+        'raise table.fail("is 1", "it must be 2", "take 2" if a else "")',
+    ],
+)
+def test_advice_without_a_world_is_found(code):
+    (text,) = list_advice(ast.parse(f"def check():\n    {code}"))
+    assert not is_part(text, ["pass spacing=2"])

@@ -20,5 +20,5 @@ def config(
 
     if include == cmake_dir:
         rule = "one of --include and --cmake-dir must be given"
-        raise InputError("config", "names no folder", rule, "pass --cmake-dir for CMake")
+        raise InputError("config", "names no folder", rule)
     typer.echo(get_include() if include else get_cmake_dir())

@@ -29,9 +29,8 @@ def check_outputs(paths: Iterable[Path | None], suffixes: Collection[str], overw
         suffix = path.suffix.lower()
         if suffix not in suffixes:
             problem = f"ends in {path.suffix!r}"
-            rule = "the suffix says what to write"
-            hint = f"use one of {', '.join(filter(None, suffixes))}"
-            raise InputError(str(path), problem, rule, hint)
+            rule = f"it must be one of {', '.join(filter(None, suffixes))}"
+            raise InputError(str(path), problem, rule)
         check_output(path, overwrite)
         if suffix in (".yaml", ".yml"):  # a ROS map has an image beside it
             check_output(path.with_suffix(".pgm"), overwrite)

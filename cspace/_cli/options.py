@@ -122,10 +122,9 @@ def parse_rotation_cells(text: str | None) -> Rotations:
     makers = {"": Rotations.of, **kinds}
     name, _, count = text.rpartition(":")
     if name not in makers or not count.isdecimal() or int(count) == 0:
-        rule = "it must be a count above zero, or a kind and a count"
         examples = " or ".join(f"{kind}:8" for kind in kinds)
-        hint = f"write e.g. 72, {examples}"
-        raise InputError("rotations", f"is {text!r}", rule, hint)
+        rule = f"it must be a count above zero, or a kind and a count, {examples}"
+        raise InputError("rotations", f"is {text!r}", rule)
     return makers[name](int(count))
 
 
@@ -161,8 +160,7 @@ def parse_rotation(text: str, argument: str, space: ConfigurationMap) -> tuple[f
     axes = space.axes[space.dim :]
     units = space.units[space.dim :]
     if not axes:
-        hint = "omit it, or build the map with --rotations 72"
-        raise InputError(argument, f"is {text!r}", "the map has no rotations", hint)
+        raise InputError(argument, f"is {text!r}", "the map has no rotations")
     return _parse_numbers(text, argument, axes, units, f"it must be {','.join(axes)}")
 
 
@@ -184,9 +182,7 @@ def _parse_numbers(
     except InputError:
         raise
     except ValueError:
-        example = ",".join("90deg" if unit == "rad" else "0.5" for unit in units)
-        hint = f"write e.g. {argument}={example}"
-        raise InputError(argument, f"is {text!r}", rule, hint) from None
+        raise InputError(argument, f"is {text!r}", rule) from None
     return tuple(numbers)
 
 
@@ -237,7 +233,7 @@ def parse_angle(text: str, argument: str, name: str) -> float:
         raise InputError(argument, problem, rule) from None
     if not unit and math.isfinite(value) and abs(value) > 2.0 * math.pi:
         rule = f"an angle without a unit is in radians, and {value:g} rad is more than a full turn"
-        hint = f"write {number}deg for degrees, or {number}rad for radians"
+        hint = f"write {number}deg for {number} degrees, or {number}rad"
         raise InputError(argument, problem, rule, hint)
     return math.radians(value) if unit == "deg" else value
 

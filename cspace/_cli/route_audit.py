@@ -116,7 +116,7 @@ def _check_conflicts(conflicts: bool, distance: float, robots: Collection[str]) 
     """Raise InputError for a distance without conflicts, or a clashing name."""
     if distance and not conflicts:
         rule = "robots keep it where they are in conflict"
-        raise InputError("distance", f"is {distance:g}", rule, "pass conflicts=True, too")
+        raise InputError("distance", f"is {distance:g}", rule)
     if conflicts and CONFLICTS in robots:
         rule = "the report of conflicts has that name"
         raise InputError("robot", f"has the name {CONFLICTS!r}", rule)

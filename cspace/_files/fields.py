@@ -10,11 +10,10 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cache
 from numbers import Real
-from pathlib import Path
 from typing import Any, Final, NamedTuple
 from xml.etree.ElementTree import Element
 
-from cspace._files.access import ContentError, decoding, suggest_file
+from cspace._files.access import ContentError, decoding
 from cspace._files.plain import parse_finite, read_yaml
 from cspace._support.arrays import MAX_EXPECTED_ANGLE
 from cspace._support.check import MAX_NUMBER, suggest_name
@@ -319,8 +318,7 @@ def reading(source: object, kind: str, name: str, formats: Fields) -> Iterator[t
         content = read_yaml(source, kind)
         with decoding(source, kind):
             if list_fields(content) is None:
-                hint = suggest_file(Path(source), "write such a table, or pass another file")
-                raise ContentError(f"holds {content!r:.60}", "it must hold fields and values", hint)
+                raise ContentError(f"holds {content!r:.60}", "it must hold fields and values")
             document = Ledger(content, name, formats)
             yield file, document
             document.close(file)
@@ -370,6 +368,6 @@ def warn_of_large_angles(
         most = "a whole turn" if turns == 1 else f"{turns} turns a second"
         warn_user(
             f"{source}: {len(large)} angles{unit} are beyond {most}, first {place}: {angle:g}; "
-            f"they are in rad{unit}; write {math.radians(angle):.6g} for {angle:g} degrees{unit}",
+            f"they are in rad{unit}, and {angle:g} degrees are {math.radians(angle):.6g} rad",
             AngleWarning,
         )

@@ -158,8 +158,7 @@ def read_image(
     if level < safe_threshold:
         warn_user(
             f"{path}: it looks like the image of a ROS map, and its grey 205, unknown there, "
-            "counts as bright; read its YAML with Workspace.from_ros_map, or pass "
-            f"threshold={safe_threshold}"
+            f"counts as bright; pass threshold={safe_threshold}"
         )
     if dark == "free":
         occupied_levels = ~occupied_levels

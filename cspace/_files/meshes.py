@@ -753,8 +753,7 @@ def read_mesh(path: StrPath, up: Up | None = "z") -> Surface:
     if up is None and declared_up != "z":
         warn_user(
             f"{os.fspath(path)}: {declared_up} points up in the file, and its axes stay as they "
-            f"are, as in ROS; pass up={declared_up!r} to turn it upright, or up='z' to keep its "
-            "axes; from_mesh, open and cspace.Mesh.of take it"
+            f"are, as in ROS; pass up={declared_up!r} to turn it upright, or up='z' to keep them"
         )
     return turn_upright(vertices, up or "z"), np.ascontiguousarray(faces)
 
@@ -881,5 +880,4 @@ def _make_empty_error(name: str, content: str) -> GeometryError:
     """
     if not content:
         return GeometryError(name, "is empty", "a mesh needs triangles")
-    hint = "use Workspace.from_points for points, or make a mesh of it first"
-    return GeometryError(name, f"is a {content}", "a mesh needs triangles", hint)
+    return GeometryError(name, f"is a {content}", "a mesh needs triangles")

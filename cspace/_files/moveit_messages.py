@@ -276,8 +276,7 @@ def parse_identity(value: Any, place: str) -> None:
     if np.abs(motion - np.eye(4)).max() > 1e-6:
         raise ContentError(
             f"has a motion as {place}",
-            "frames are not transformed",
-            "remove it; write poses in the planning frame, and pass base_pose= of build_arm_space",
+            "poses are in the planning frame, because frames are not transformed",
         )
 
 

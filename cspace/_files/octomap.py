@@ -169,8 +169,7 @@ def _read_leaves(header: _OctomapHeader, data: bytes) -> _Leaves:
         leaves, nodes = _decode_full(data, _COLOUR_BYTES[header.tree])
     if nodes != header.size:
         rule = "both must agree, so that no part of it is lost"
-        hint = f"copy it again, or if it is whole write 'size {nodes}' in its header"
-        raise ContentError(f"holds {nodes} nodes but its header says {header.size}", rule, hint)
+        raise ContentError(f"holds {nodes} nodes but its header says {header.size}", rule)
     return leaves
 
 

@@ -227,10 +227,7 @@ def _read_ply_points(path: StrPath) -> Floats:
     _warn_of_sizes(path, [name for name, _ in header.properties["vertex"]])
     faces = header.counts.get("face", 0)
     if faces:
-        warn_user(
-            f"{path}: only the points of its {faces} faces are read; for the surface, read it "
-            "with Workspace.from_mesh"
-        )
+        warn_user(f"{path}: only the points of its {faces} faces are read")
     return read_ply(path)[0]
 
 

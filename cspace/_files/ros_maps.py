@@ -189,8 +189,7 @@ def _read_header(path: StrPath) -> _MapHeader:
     """
     with reading(path, "ROS map", "map", FIELDS[0]) as (source, header):
         if {"info", "data"} <= header.fields.keys():
-            hint = "pass the file to Workspace.from_occupancy_grid"
-            raise header.fail("is an occupancy grid", "a ROS map has an image", hint)
+            raise header.fail("is an occupancy grid", "a ROS map has an image")
         image = _find_image(header, pathlib.Path(path))
         resolution = header.number("resolution", lowest=1.0 / _MAX_METRES, highest=_MAX_METRES)
         origin = header.need("origin")
@@ -694,7 +693,7 @@ def read_nav2(path: StrPath, costmap: str | None) -> CostmapRobot:
     name, robot = next(iter(robots.items()))
     if len(set(robots.values())) > 1:
         listed = "; ".join(f"{name} has {robot}" for name, robot in robots.items())
-        hint = f"pass e.g. costmap={name!r}, or {pathlib.Path(file).name}#{name}"
+        hint = f"pass e.g. costmap={name!r}"
         raise FileError(file, f"describes several robots: {listed}", "a map has one robot", hint)
     return robot
 

@@ -97,7 +97,7 @@ def _open_links(table: Ledger, key: str) -> Ledger:
     value = table.get(key)
     rule = "it must be a table of links"
     if isinstance(value, str):
-        raise table.fail(f"has {key} {value!r:.60}", rule, "pass spheres= with that file")
+        raise table.fail(f"has {key} {value!r:.60}", rule)
     if isinstance(value, list):
         raise table.fail(f"has a list as {key}", rule)
     return table.child(key)

@@ -65,7 +65,7 @@ def warn_of_axis(path: StrPath) -> None:
     note = _find_note(path, _AXIS_NOTE)
     if note:
         name = os.fspath(path)
-        warn_user(f"{name}: says {note!r}, and its axes stay as they are; up= turns it")
+        warn_user(f"{name}: says {note!r}, and its axes stay as they are")
 
 
 def _find_note(path: StrPath, pattern: re.Pattern[bytes]) -> str:
@@ -106,8 +106,8 @@ def warn_of_scale(place: str, points: Floats, factors: Floats) -> None:
     # Largest side, metres, of a mesh that may have been scaled from millimetres twice.
     if 0.0 < sides.max() < 1e-3:  # no unit makes a point larger
         warn_user(
-            f"{place} is {format_sides(sides)} large, scaled by {factors.max():g}; check the unit "
-            "of the file and the scale",
+            f"{place} is {format_sides(sides)} large, scaled by {factors.max():g}; units are "
+            "metres",
             UnitWarning,
         )
 

@@ -258,7 +258,7 @@ def warn_of_visuals(urdf: URDF, links: Iterable[str], path: str | os.PathLike[st
     if names:
         warn_user(
             f"{os.fspath(path)}: <visual> but no <collision> at {', '.join(names)}; no proof "
-            "covers what is only drawn; add <collision>, or pass visuals=True to use <visual> there"
+            "covers what is only drawn; pass visuals=True to use <visual> there"
         )
 
 
@@ -308,8 +308,7 @@ def locate_meshes(
             shown += f" and {len(listed) - _MAX_LISTED_MESHES} more"
         warn_user(
             f"{os.fspath(path)}: meshes are missing under their full names; the only file with "
-            f"the rest of the name is read instead: {shown}; if this is wrong, pass "
-            "package_dirs=FOLDER, where FOLDER holds the folder of the package"
+            f"the rest of the name is read instead: {shown}"
         )
     return meshes
 
@@ -599,19 +598,15 @@ def _find_existing(places: Iterable[Path]) -> list[Path]:
 def _check_single(files: Sequence[Path], place: str, folder: Path) -> None:
     """Raise FileError unless exactly one file matches a mesh."""
     # No file, or several of which none has the full name.
-    hint = (
-        "put it there, correct its name, or pass package_dirs=FOLDER, where FOLDER holds the "
-        "folder of its package"
-    )
     if not files:
         rule = (
             f"the search covers package_dirs, {folder} and the folders above it, "
             "ROS_PACKAGE_PATH and AMENT_PREFIX_PATH"
         )
-        raise FileError(place, "does not exist", rule, hint)
+        raise FileError(place, "does not exist", rule)
     if len(files) > 1:
         rule = f"several files match a part of it: {', '.join(map(str, files))}"
-        raise FileError(place, "does not exist under its full name", rule, hint)
+        raise FileError(place, "does not exist under its full name", rule)
 
 
 _SRDF_KIND: Final = "SRDF"

@@ -88,10 +88,7 @@ def read_shapes(source: Any) -> list[BaseGeometry]:
         else:
             names += [f"{name}, part {index}" for index in range(len(parts))]
     if not shapes:
-        hint = "pass at least one, or use Workspace.from_array for a map without obstacles"
-        raise GeometryError(
-            "polygons", "holds no geometry", "obstacles must cover some ground", hint
-        )
+        raise GeometryError("polygons", "holds no geometry", "obstacles must cover some ground")
     check_shapes(shapes, names)
     return shapes
 

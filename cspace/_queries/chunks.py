@@ -342,7 +342,6 @@ def certify_twists(
             "space",
             f"has the axes {', '.join(space.axes)}",
             "twists move a robot with x, y and yaw",
-            "build a map of a plane with cspace.build(..., rotations=72)",
         )
     starts, commands, is_batch = _check_chunk(space, q, twists, "twists", TWIST_NAMES)
     errors = check_each(tracking, "tracking", list_steps(space))
@@ -423,8 +422,7 @@ def _check_chunk(
         raise InputError(
             name,
             f"has shape {array.shape}",
-            "a chunk has at least one row",
-            f"pass an array of shape (n, {size}), or (B, n, {size}) for a batch",
+            f"a chunk has the shape (n, {size}), or (B, n, {size}) in a batch, with n above zero",
         )
     chunks = array if array.ndim == 3 else array[np.newaxis]
     points = check_points(q, "q", space.axes)
@@ -432,8 +430,7 @@ def _check_chunk(
         raise InputError(
             "q",
             f"has shape {points.shape}",
-            "each chunk begins at one configuration",
-            f"pass one of {space.size} numbers",
+            f"each chunk begins at one configuration of {space.size} numbers",
         )
     if space._find_unusable(as_contiguous(points.reshape(-1, space.size))) >= 0:
         raise InputError(
@@ -455,8 +452,7 @@ def _check_before(before: ArrayLike | None, names: Sequence[str]) -> Floats:
     rows = check_finite(before, "before", names)
     if rows.ndim != 2 or rows.shape[1] != len(names):
         rule = f"it must be rows of {', '.join(names)}, the latest one last"
-        hint = f"pass an array of shape (m, {len(names)})"
-        raise InputError("before", f"has shape {rows.shape}", rule, hint)
+        raise InputError("before", f"has shape {rows.shape}", rule)
     return rows
 
 
@@ -491,15 +487,15 @@ def check_dt(dt: float) -> float:
     seconds = check_positive(dt, "dt", "seconds")
     if seconds >= MAX_DT:
         rule = f"rows follow each other within {MAX_DT:g} seconds"
-        hint = f"pass seconds, e.g. {seconds / 1000.0:g} for {seconds:g} ms"
+        hint = f"pass {seconds / 1000.0:g} for {seconds:g} ms"
         raise InputError("dt", f"is {dt!r}", rule, hint)
     return seconds
 
 
 def make_missing_dt() -> InputError:
     """Make the error for limits of speeds or jerks without the time between rows."""
-    rule = "limits of speeds and jerks count seconds"
-    return InputError("dt", "is missing", rule, "pass dt=, the seconds between rows")
+    rule = "limits of speeds and jerks count the seconds between rows"
+    return InputError("dt", "is missing", rule)
 
 
 def check_velocities(space: ConfigurationSpace, max_velocity: ArrayLike | None) -> Floats:
@@ -510,7 +506,6 @@ def check_velocities(space: ConfigurationSpace, max_velocity: ArrayLike | None) 
         raise InputError(
             "max_velocity",
             "is missing",
-            "the speeds of rows at dt have limits",
-            f"pass one number, or one for each of {', '.join(list_steps(space))}",
+            f"it must be one number, or one for each of {', '.join(list_steps(space))}",
         )
     return np.array([space.max_velocity.get(axis, math.inf) for axis in space.axes])

@@ -135,7 +135,6 @@ class Gate:
                 "space",
                 f"is {space!r}",
                 "a gate proves whole tubes, on a map or for an arm",
-                "prove the motions alone with space.motion_is_free",
             )
         names = list_steps(space)
         self.space = space
@@ -324,7 +323,6 @@ class Gate:
                 "max_deceleration",
                 "is missing",
                 "the robot must be able to stop",
-                "pass max_deceleration= to Gate, in m/s^2 and rad/s^2",
             )
         return np.asarray(self._check_dt() * np.asarray(self.max_deceleration))
 
@@ -340,7 +338,6 @@ class Gate:
                 "dt",
                 "is missing",
                 "a twist is driven for some time",
-                "pass dt= to Gate, in seconds",
             )
         return self.dt
 

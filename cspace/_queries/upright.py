@@ -76,7 +76,7 @@ def check_keep(keep: Upright | Sequence[Upright] | None) -> tuple[Upright, ...]:
     if isinstance(given, Sequence) and all(isinstance(each, Upright) for each in given):
         return tuple(given)
     rule = "it must be an Upright, or a list of several"
-    raise InputError("keep", f"is {keep!r}", rule, "pass e.g. planners.Upright('tool0')")
+    raise InputError("keep", f"is {keep!r}", rule)
 
 
 def _check_direction(value: ArrayLike, name: str) -> tuple[float, ...]:

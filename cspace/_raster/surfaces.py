@@ -299,7 +299,6 @@ def _check_filled_size(shape: Ints, source: str) -> None:
             source,
             f"is {size} cells large",
             f"at most {_MAX_FILLED_CELLS} can be filled",
-            "use a larger spacing, cut the mesh to the map, or pass solid='surface'",
         )
 
 

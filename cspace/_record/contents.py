@@ -108,6 +108,6 @@ def _check_array(
     if array.shape != shape or array.dtype != dtype:
         problem = f"has shape {array.shape} and type {array.dtype}"
         rule = f"it must have the map's shape {shape} and type {np.dtype(dtype)}"
-        raise InputError(name, problem, rule, "use cspace.build")
+        raise InputError(name, problem, rule)
     contiguous = np.ascontiguousarray(array)
     return contiguous if contiguous.flags.writeable else contiguous.copy()

@@ -137,8 +137,7 @@ def _check_first_cell(lower: Sequence[int], axes: Sequence[str]) -> tuple[int, .
     first = check_real(lower, "lower", axes)
     if first.shape != (len(axes),) or first.dtype.kind not in "iu":
         rule = f"it must be {len(axes)} integers, the index of the first cell"
-        hint = "convert metres with space.grid.cell_of"
-        raise InputError("lower", f"is {first.tolist()}", rule, hint)
+        raise InputError("lower", f"is {first.tolist()}", rule)
     return tuple(first.tolist())
 
 
@@ -250,7 +249,7 @@ class Updater:
             if obstacle is not None and not obstacle.outer.any():
                 warn_user(
                     f"the obstacle {name!r} lies outside the map, from {corners}, and changes "
-                    "nothing: check its place, and the units (metres)",
+                    "nothing; units are metres",
                     UnitWarning,
                 )
         if self._layers is None:

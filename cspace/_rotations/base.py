@@ -415,8 +415,7 @@ class Rotations(ABC):
         """
         if rotation is None and len(self) > 1:
             rule = f"{rule}, and this map has {len(self)} rotation cells"
-            hint = f"pass the one to take, by {', '.join(self.names)}"
-            raise InputError("rotation", "is missing", rule, hint)
+            raise InputError("rotation", "is missing", rule)
         if rotation is None:
             return 0
         return int(self._find_cells(self._check_rotation(rotation)))

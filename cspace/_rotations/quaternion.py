@@ -179,8 +179,7 @@ class QuaternionRotations(Rotations):
         """Raise InputError for maps of the plane."""
         if dim == 2:
             rule = "a robot in the plane turns by its yaw"
-            hint = "pass e.g. rotations=72"
-            raise InputError("rotations", f"are {self}", rule, hint)
+            raise InputError("rotations", f"are {self}", rule)
 
     def _preserves(self, shape: HasSymmetries) -> bool:
         """Return True if a shape is a ball about its reference point."""

@@ -19,7 +19,7 @@ from cspace._shapes.mesh import Mesh as Mesh
 from cspace._shapes.mesh import MeshLike as MeshLike
 from cspace._shapes.mesh import MeshWarning as MeshWarning
 from cspace._shapes.polygon import Polygons as Polygons
-from cspace._shapes.primitives import SHORTHAND_FORMS, is_shorthand, parse_shorthand
+from cspace._shapes.primitives import is_shorthand, parse_shorthand
 from cspace._shapes.shape import BoundedShape as BoundedShape
 from cspace._shapes.shape import ExactShape as ExactShape
 from cspace._shapes.shape import RoundedSimplices as RoundedSimplices
@@ -98,15 +98,11 @@ def as_shape(source: ShapeLike, radius: ArrayLike | None = None, name: str = "sh
         return Polygons(read_shapes(value))
     if hasattr(value, "vertices") or hasattr(value, "geometry"):
         return _make_mesh(value)
-    raise InputError(name, f"is a {type(value).__name__}", *_SHAPE_NEEDED)
+    raise InputError(name, f"is a {type(value).__name__}", _SHAPE_NEEDED)
 
 
-_SHAPE_NEEDED: Final = (
-    "a polygon or a mesh is needed",
-    "pass e.g. shapely.box(0, 0, 1, 1), trimesh.creation.box((1, 1, 1)), or points and their "
-    "radius",
-)
-"""Rule and hint of messages about a value that is no shape."""
+_SHAPE_NEEDED: Final = "a polygon or a mesh is needed"
+"""Rule of messages about a value that is no shape."""
 
 
 def _convert_sequence(values: Any, name: str) -> Shape:
@@ -117,9 +113,7 @@ def _convert_sequence(values: Any, name: str) -> Shape:
     from cspace._files.vector import read_shapes
 
     if getattr(values, "dtype", None) == np.bool_:
-        rule = "their size must be given"
-        hint = "pass cspace.Robot.from_bitmap(cells, spacing), in metres"
-        raise InputError(name, "is an array of cells", rule, hint)
+        raise InputError(name, "is an array of cells", "their size must be given")
     first: Any = next(iter(values), {})  # read_shapes refuses an empty list
     if isinstance(first, Mapping) or hasattr(first, "__geo_interface__"):
         return Polygons(read_shapes(values))
@@ -129,12 +123,10 @@ def _convert_sequence(values: Any, name: str) -> Shape:
         return Polygons.of(values)
     is_one_point = row_shape == () and len(values) in (2, 3)
     if is_one_point or row_shape in ((2,), (3,)):
-        hint = "pass radius=, in metres, zero for points alone"
-        if row_shape == (2,) or len(values) == 2:
-            hint += ", or at least 3 corners of a polygon"
-        raise InputError(name, "is points", "points need a radius", hint)
+        rule = "points need a radius, and a polygon 3 corners"
+        raise InputError(name, "is points", rule)
     if row_shape == ():
-        raise InputError(name, f"is {len(values)} numbers", *_SHAPE_NEEDED)
+        raise InputError(name, f"is {len(values)} numbers", _SHAPE_NEEDED)
     return _make_mesh(values)
 
 
@@ -165,6 +157,5 @@ def _read_text(source: str | os.PathLike[str], name: str) -> Shape:
         return Polygons(read_shapes(source))
     suffixes = ", ".join((*POLYGON_SUFFIXES, *MESH_SUFFIXES))
     rule = f"it must be a shorthand, WKT, or a file that ends in {suffixes}"
-    forms = f"pass {SHORTHAND_FORMS}, or what Robot.open makes of other files"
-    hint = suggest_file(Path(source), forms)
+    hint = suggest_file(Path(source))
     raise InputError(name, f"is {os.fspath(source)[:60]!r}", rule, hint)

@@ -125,14 +125,11 @@ def _check_shapes(
     omitted = [name for name in with_geometry if name not in links]
     if len(omitted) == len(with_geometry):
         problem = f"is {', '.join(links) or 'empty'}"
-        rule = "no such link has collision geometry"
-        hint = "add <collision>, or pass visuals=True"
-        if with_geometry:
-            hint = f"name links that have: {', '.join(with_geometry)}"
-        raise InputError("link", problem, rule, hint)
+        rule = f"links with collision geometry are {', '.join(with_geometry) or 'none'}"
+        raise InputError("link", problem, rule)
     if chosen is None and omitted:
         problem = f"{file}: {', '.join(omitted)} move against {links[0]} and are omitted"
-        warn_user(f"{problem}; name all links to include them")
+        warn_user(problem)
 
 
 def _iterate_collisions(urdf: URDF, link: str, file: str) -> Iterator[tuple[str, Any]]:
@@ -288,7 +285,7 @@ class SceneContent(NamedTuple):
         carried = dict.fromkeys(each.object_id for each in self.shapes if each.link)
         if carried:
             problem = f"attached objects ({', '.join(carried)}) enlarge the robot and are not read"
-            warn_user(f"{self.source}: {problem}; use arm.attach")
+            warn_user(f"{self.source}: {problem}")
         return obstacles
 
 
@@ -350,7 +347,7 @@ def _read_object(
     if link and not item.header.frame_id:
         problem = f"has no header.frame_id at {place}"
         rule = "MoveIt and robowflex would take the frame of the world"
-        raise ContentError(problem, rule, f"add it, e.g. {link}")
+        raise ContentError(problem, rule)
     shapes: list[tuple[Shape, Floats]] = [
         (_PRIMITIVE_MAKERS[kind](*sizes), pose)
         for (kind, sizes), pose in pair_poses(item, "primitives", "primitive_poses", place)

@@ -277,14 +277,14 @@ class Mesh(ExactShape):
 
         Raises InputError if ``solid`` is "fill", because the filled part depends on the spacing.
         """
-        self._refuse_fill("close the mesh and use Mesh.of(..., solid='auto')")
+        self._refuse_fill()
         return RoundedSimplices(self.triangles, np.zeros(len(self.faces)))
 
-    def _refuse_fill(self, hint: str) -> None:
+    def _refuse_fill(self) -> None:
         """Raise InputError if the inside depends on the spacing."""
         if self.solid == "fill":
             rule = "the filled part depends on the spacing, and exact answers must not"
-            raise InputError(self.source, "has solid='fill'", rule, hint)
+            raise InputError(self.source, "has solid='fill'", rule)
 
     @property
     def surface(self) -> Surface:
@@ -374,7 +374,7 @@ class Mesh(ExactShape):
         InputError
             If the last axis is not three long, a value is not finite, or ``solid`` is ``"fill"``.
         """
-        self._refuse_fill("ask its cells, or use Mesh.of(..., solid='auto')")
+        self._refuse_fill()
         array = check_points(points, "points", AXES[: self.dim])
         if not self.encloses:
             return np.zeros(array.shape[:-1], dtype=np.bool_)
@@ -449,31 +449,26 @@ class Mesh(ExactShape):
 
     def _open_body_messages(self, option: str, fills: bool) -> Iterator[str]:
         """Yield a warning for each kind of body without an interior."""
-        # Texts for the hints: how to choose each way of treating an open body.
         surface = option.format("surface")
-        fill = f"{option.format('fill')} to fill what the cells enclose"
-        or_fill = f", or {fill}" if fills else ""
-        or_pass_fill = f", or pass {fill}" if fills else ""
+        or_fill = f", or {option.format('fill')} to fill what the cells enclose" if fills else ""
         open_bodies = [body for body in self.bodies if not body.closed]
         open_triangles = sum(len(body.faces) for body in open_bodies)
         hollow = sum(body.closed and body.volume == 0.0 for body in self.bodies)
         if not self.bodies:
             yield (
                 f"no triangle of {self.source} has an area; it counts as a surface without an "
-                f"inside; pass {surface} to confirm this"
+                "inside"
             )
         if open_bodies:
             yield (
                 f"{len(open_bodies)} of {len(self.bodies)} bodies of {self.source} are open "
                 f"({open_triangles} of {len(self.faces)} triangles); they count as surfaces "
-                f"without an inside; close their gaps, or pass {surface} if no body has an "
-                f"inside{or_fill}"
+                f"without an inside; pass {surface} to confirm this{or_fill}"
             )
         if hollow:
             yield (
                 f"the windings of {hollow} of {len(self.bodies)} bodies of {self.source} cancel, "
-                "for example because a surface is drawn once for each side; such a body is hollow; "
-                f"draw each surface once{or_pass_fill}"
+                "for example because a surface is drawn once for each side; such a body is hollow"
             )
 
 
@@ -548,8 +543,7 @@ def _check_faces(values: Any, vertices: int, source: str) -> Ints:
     """
     faces = np.asarray(values)
     if faces.size == 0:
-        hint = "for a cloud of points use Workspace.from_points"
-        raise GeometryError(source, "has no triangles", "a mesh needs one", hint)
+        raise GeometryError(source, "has no triangles", "a mesh needs one")
     if faces.ndim != 2 or faces.shape[1] != 3 or faces.dtype.kind not in "iu":
         problem = f"has shape {faces.shape} and dtype {faces.dtype}"
         rule = "it must be (F, 3), of whole numbers"

@@ -252,7 +252,7 @@ def parse_shorthand(text: str, argument: str = "shape") -> NamedShape:
             f"{kind.form} must follow the colon, each above zero, in metres, and @X,Y or @X,Y,Z "
             "for a center"
         )
-        raise InputError(argument, f"is {text!r}", rule, f"write e.g. {kind.example}")
+        raise InputError(argument, f"is {text!r}", rule)
     return kind.make(*sizes, center) if at_sign else kind.make(*sizes)
 
 
@@ -267,8 +267,4 @@ def _parse_footprint(text: str, rest: str, argument: str) -> NamedShape:
         solid = parse_shorthand(rest, argument)
         return NamedShape(f"footprint of {solid.name}", solid.shape.project_to_plane())
     rule = "corners or a shorthand must follow the colon"
-    hint = (
-        f"write e.g. {SHORTHANDS['footprint'].example}, or use Robot.open(path).footprint() "
-        "for a file"
-    )
-    raise InputError(argument, f"is {text!r}", rule, hint)
+    raise InputError(argument, f"is {text!r}", rule)

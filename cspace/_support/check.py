@@ -387,7 +387,7 @@ def suggest_radians(value: float) -> str:
     """Return a hint for an angle outside [0, pi], radians, which may be in degrees."""
     if math.pi < value <= 180.0:
         return f"pass {math.radians(value):.6g} for {value:g} degrees"
-    return "pass radians, e.g. 1.57"
+    return ""
 
 
 def warn_of_degrees(q: ArrayLike, angles: Mapping[int, str], name: str) -> None:
@@ -526,7 +526,6 @@ def check_bounds(bounds: ArrayLike, dim: int = 2) -> Floats:
     if it has another shape, or an upper value is not above the lower value.
     """
     names = [f"{axis}{end}" for end in ("min", "max") for axis in "xyz"[:dim]]
-    hint = f"pass ({', '.join(names)}) in metres"
     others = [f"{name[1:]}{name[0]}" for name in names]  # as geopandas writes them
     labels = getattr(bounds, "_fields", getattr(bounds, "columns", getattr(bounds, "index", ())))
     known = set() if callable(labels) else set(labels)
@@ -535,14 +534,13 @@ def check_bounds(bounds: ArrayLike, dim: int = 2) -> Floats:
     if box.shape == (1, 2 * dim):
         box = box[0]
     if box.shape not in ((2 * dim,), (2, dim)):
-        rule = f"it must have {'four' if dim == 2 else 'six'} numbers"
-        hint = f"{hint}, or the lower and the upper corner"
-        raise InputError("bounds", f"is {bounds!r}", rule, hint)
+        rule = f"it must be {', '.join(names)} in metres, or the lower and the upper corner"
+        raise InputError("bounds", f"is {bounds!r}", rule)
     corners = box.reshape(2, dim)
     lower, upper = corners
     if (upper <= lower).any():
         rule = f"{', '.join(names[dim:])} must be above {', '.join(names[:dim])}"
-        raise InputError("bounds", f"is {box.tolist()}", rule, hint)
+        raise InputError("bounds", f"is {box.tolist()}", rule)
     return corners
 
 
@@ -567,8 +565,7 @@ def check_pairs(edges: ArrayLike, vertices: Floats) -> Ints:
         row = int(wrong.any(axis=1).argmax())  # the first one
         pair = tuple(pairs[row].tolist())
         rule = f"there are {len(vertices)} vertices, counted from 0"
-        hint = f"pass indices from 0 to {len(vertices) - 1}"
-        raise InputError("edge", f"number {row} is {pair}", rule, hint)
+        raise InputError("edge", f"number {row} is {pair}", rule)
     return pairs.astype(np.int64, copy=False)
 
 
@@ -605,7 +602,7 @@ def check_dims(array: Any, name: str) -> None:
     """
     if type(array).__module__.startswith("PIL."):
         rule = "its rows count from the top, and black is 0, unlike cells"
-        raise InputError(name, "is an image of Pillow", rule, "save it for Workspace.from_image")
+        raise InputError(name, "is an image of Pillow", rule)
     dims = list_dimensions(array)
     if any(dims) and dims != tuple(AXES[k] if dim else "" for k, dim in enumerate(dims[:3])):
         rule = "they must be x, y (and z), in this order"
@@ -641,9 +638,7 @@ def check_cells(values: ArrayLike, name: str) -> Bools:
     if array.dtype.kind == "f":
         check_finite(array, name)
     if array.dtype.kind not in "biu":
-        problem = f"has dtype {array.dtype}"
-        hint = _advise_points(array)
-        raise InputError(name, problem, "cells must be boolean", hint)
+        raise InputError(name, f"has dtype {array.dtype}", "cells must be boolean")
     is_boolean = array.dtype.kind == "b"
     if not is_boolean:
         _check_zeros_and_ones(array, name)
@@ -656,15 +651,6 @@ def check_cells(values: ArrayLike, name: str) -> Bools:
     return frozen(np.ascontiguousarray(stored_values != 0))
 
 
-def _advise_points(array: NDArray[Any]) -> str:
-    """Return a hint for an array whose rows may be points; empty for any other."""
-    # Largest number of columns of an array whose rows may be points: x, y, z, a colour and more.
-    if array.ndim != 2 or not 2 <= array.shape[1] <= 8:
-        return ""
-    axes = min(array.shape[1], 3)
-    return f"if its rows are points, pass array[:, :{axes}] to Workspace.from_points"
-
-
 def _check_zeros_and_ones(array: NDArray[Any], name: str) -> None:
     """Raise InputError for numbers other than 0 and 1."""
     wrong = (array != 0) & (array != 1)
@@ -674,12 +660,7 @@ def _check_zeros_and_ones(array: NDArray[Any], name: str) -> None:
     # Occupancy grids of ROS get a message of their own.
     problem = f"is {value}"
     rule = "whole numbers must be 0 or 1"
-    hint = _advise_points(array)
     if (array == UNKNOWN_CELL).any():
         problem = f"{problem}, and some cells are {UNKNOWN_CELL}, as unknown cells of ROS"
         rule = f"{rule}, and unknown cells may hide obstacles"
-        hint = (
-            "use Workspace.from_occupancy_grid, where unknown cells are occupied unless you pass "
-            "unknown='free'"
-        )
-    raise InputError(entry, problem, rule, hint)
+    raise InputError(entry, problem, rule)

@@ -29,8 +29,7 @@ def import_optional(package: str, use: str, extra: str) -> Any:
         raise MissingPackageError(
             package,
             "is not installed",
-            use,
-            f'run: pip install "cspace[{extra}]"',
+            f"{use}; it comes with cspace[{extra}]",
         ) from error
 
 

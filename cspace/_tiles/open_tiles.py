@@ -108,7 +108,7 @@ class OpenTiles:
             corners = folder.clip(corners)
         grid = folder.sub_grid(corners)
         needed = map_bytes(grid.shape, folder.slices) + WORKSPACE_CELL_BYTES * grid.size
-        check_memory(needed, "the window", grid, hint="space.window(lower, upper) takes a part")
+        check_memory(needed, "the window", grid)
         states = np.empty((folder.slices, *grid.shape), dtype=np.uint8)
         if frame.exterior is not None:
             _write_outside(frame.exterior, corners[0], states)

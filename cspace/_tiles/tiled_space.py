@@ -234,8 +234,7 @@ class TiledCSpace(ConfigurationMap):
         """Raise ConfigurationError if the exact geometry is requested."""
         if exact:
             rule = "this one stays in its folder"
-            hint = "use a part of it: space.window(lower, upper)"
-            raise ConfigurationError("exact", "needs a map in memory", rule, hint)
+            raise ConfigurationError("exact", "needs a map in memory", rule)
 
     # ---- connectivity ----------------------------------------------------------------------------
 

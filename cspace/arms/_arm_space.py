@@ -485,7 +485,6 @@ class ArmSpace(ConfigurationSpace):
                     "pairs",
                     f"hold {pair}",
                     "only allowed pairs are taken back",
-                    "see space.allowed_collisions",
                 )
             self._replace(now, now.obstacles, now.allowed - given, now.padding)
 
@@ -705,14 +704,8 @@ class ArmSpace(ConfigurationSpace):
             f"has {len(points)} configurations that reach the pose, and none is proven free: "
             f"{link} is in collision with {other}, or nearly so, in {number} of them"
         )
-        hint = f"if they may touch, {_allow(link, other)}"
-        raise ConfigurationError(
-            name,
-            problem,
-            "a path must end in FREE",
-            hint,
-            nearest=tuple(points[0].tolist()),
-        )
+        nearest = tuple(points[0].tolist())
+        raise ConfigurationError(name, problem, "a path must end in FREE", nearest=nearest)
 
     def _find_upright(self, goal: PoseGoal, name: str, solutions: Floats) -> Floats:
         """Return upright configurations at a pose, shape (m, dof), that begin at ``solutions``.
@@ -1101,14 +1094,8 @@ def _make_collision_error(snapshot: Snapshot, q: Floats, name: str) -> Configura
         return ConfigurationError(name, problem, rule, reason="mixed")
     link, other, *_ = snapshot.contact(snapshot.outer, q[np.newaxis])
     problem = f"is not proven free: {link} is in collision with {other}, or nearly so"
-    hint = f"if they may touch, {_allow(link, other)}"
     rule = "a path must start and end in FREE"
-    return ConfigurationError(name, f"{point} {problem}", rule, hint, reason="mixed")
-
-
-def _allow(link: str, other: str) -> str:
-    """Name the call after which two bodies may touch."""
-    return f"call space.allow_collisions([({link!r}, {other!r})]) if they may touch"
+    return ConfigurationError(name, f"{point} {problem}", rule, reason="mixed")
 
 
 @names_options
@@ -1193,8 +1180,7 @@ def build_arm_space(
 def _check_arm(arm: object) -> None:
     """Raise InputError unless it is an Arm."""
     if not isinstance(arm, Arm):
-        hint = "read it first: Arm.from_urdf('robot.urdf')"
-        raise InputError("arm", f"is a {type(arm).__name__}", "it must be an Arm", hint)
+        raise InputError("arm", f"is a {type(arm).__name__}", "it must be an Arm")
 
 
 def _check_allowed(

@@ -162,7 +162,6 @@ def check_pose_tolerance(tolerance: tuple[float, float]) -> Floats:
             "tolerance",
             f"is {tolerance!r}",
             "it must be two numbers above zero, metres and radians, of which one may be infinite",
-            f"pass e.g. {DEFAULT_TOLERANCE}",
         )
     if math.pi < pair[1] < math.inf:
         rule = "an angle is at most pi radians, or infinite for any rotation"

@@ -219,7 +219,6 @@ def _check_joints(arm: Arm, joints: Sequence[str] | None) -> tuple[str, ...]:
             "joints",
             f"are {', '.join(names)}",
             "a map has two or three different joints",
-            "name them, and pass held_joints= for the others",
         )
     return names
 
@@ -406,7 +405,6 @@ def _check_held_joints(arm: Arm, joint_indices: Ints, held_joints: ArrayLike | N
                 "held_joints",
                 "is missing",
                 f"the map holds {', '.join(held_names)} still",
-                f"pass the arm's {arm.dof} joint values",
             )
         return np.zeros(arm.dof)
     held = arm._check_configurations(held_joints, "held_joints").copy()
@@ -449,7 +447,6 @@ def _find_range(
             "joints",
             f"name {name!r}, which stays at {low:g}",
             "a map is of what moves",
-            "name the other joints; held_joints= says where it is held",
         )
     if math.isfinite(low):
         return low, high

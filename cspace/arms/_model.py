@@ -289,10 +289,7 @@ class Arm:
             arm = replace(arm, allowed_collisions=builder.find_allowed_pairs(arm))
         passive = [joint for joint in arm.joints if joint in semantics.passive_joints]
         if passive:
-            warn_user(
-                f"{srdf}: says that {', '.join(passive)} have no motor, and plans move them; name "
-                "the other joints by joints="
-            )
+            warn_user(f"{srdf}: says that {', '.join(passive)} have no motor, and plans move them")
         return arm
 
     @property
@@ -568,7 +565,6 @@ class Arm:
                     "values",
                     f"has {joint} at {value:.12g}",
                     f"the arm holds it at {held_value:.12g}",
-                    "pass these values as held_joints= to Arm.from_urdf",
                 )
         missing = [joint for joint in self.joints if joint not in checked]
         if missing and needs_all:
@@ -576,7 +572,6 @@ class Arm:
                 "values",
                 f"lack {', '.join(missing)}",
                 "they are values of all joints of a robot",
-                "pass base= with the others",
             )
         return {joint: checked[joint] for joint in self.joints if joint in checked}
 
@@ -601,7 +596,6 @@ class Arm:
                 argument,
                 f"is {name!r}",
                 "the arm has none",
-                "pass srdf= to Arm.from_urdf, or values by joint",
             )
         # States of other groups do not compete for the short name.
         full_names = []
@@ -732,7 +726,6 @@ class Arm:
                     "name",
                     f"is {name!r}",
                     f"it carries {other!r}",
-                    f"detach {other!r} first",
                 )
         return replace(
             self,
@@ -807,7 +800,6 @@ class Arm:
                 name,
                 f"has {self.joints[joint]} at {value:.12g}",
                 f"its limits are {self.lower[joint]:.12g} and {self.upper[joint]:.12g}",
-                f"stay within them; up to {LIMIT_SLACK:g} beyond is accepted",
             )
 
     def _clamp(self, q: Floats) -> Floats:
@@ -837,8 +829,7 @@ class Arm:
             raise InputError(
                 name,
                 "is missing" if q is None else f"has shape {point.shape}",
-                "it must be one configuration",
-                f"pass ({', '.join(self.joints)})",
+                f"it must be one configuration: {', '.join(self.joints)}",
             )
         self._check_limits(point, name)
         return point
@@ -882,7 +873,6 @@ def _choose_joints(
                 "joints",
                 f"is {joints!r}",
                 "no SRDF gives groups",
-                "pass srdf=, or a list of joints",
             )
         return groups[check_known(joints, "joints", groups)]
     names = check_names(joints, "joints")
@@ -912,8 +902,7 @@ def _read_joint(joint: Any, file: str) -> Joint:
     axis = check_finite(joint.axis, f"{where}: axis")
     velocity = getattr(joint.limit, "velocity", None) or 0.0
     if velocity < 0.0:
-        rule = "a speed has no sign"
-        raise InputError(f"{where}: velocity", f"is {velocity:g}", rule, f"write {-velocity:g}")
+        raise InputError(f"{where}: velocity", f"is {velocity:g}", "a speed has no sign")
     # Continuous joints have no limits.
     lower = -math.inf
     upper = math.inf
@@ -1117,7 +1106,6 @@ class _ArmBuilder:
                 self._file,
                 "has no collision geometry",
                 "an arm's links need some",
-                "add <collision>, or pass visuals=True",
             )
         # A joint that moves may move several bodies, because other joints mimic it.
         moving = [self._joints[name] for name in self._moving_names]

@@ -172,7 +172,6 @@ class PlanningScene:
                     self.source,
                     f"has {joint} at {value:.12g}",
                     f"the arm holds it at {held:.12g}",
-                    "pass held_joints=scene.robot_state to Arm.from_urdf, or remove robot_state",
                 )
 
     def _find_pose_on_link(self, arm: Arm, carried: AttachedObject, base_pose: Floats) -> Floats:
@@ -198,12 +197,11 @@ def find_base_pose(frame: str, arm: Arm, source: str) -> Floats:
         If it is neither ``"world"``, which is the root of the URDF, nor a frame of the arm that no
         joint moves; or if it is ``"world"``, and the base is not the root.
     """
-    hint = "pass base_pose=, the pose of the arm's base in that frame"
     problem = f"has poses in the frame {frame!r}"
     if frame in arm.frames:
         body, pose = arm.placements[frame]
         if body:
-            raise InputError(source, problem, "a joint of the arm moves it", hint)
+            raise InputError(source, problem, "a joint of the arm moves it")
         return np.linalg.inv(pose).astype(np.float64)
     # MoveIt takes the root for the world.
     if frame != WORLD or not arm.base_is_root:
@@ -211,7 +209,6 @@ def find_base_pose(frame: str, arm: Arm, source: str) -> Floats:
             source,
             problem,
             f"the arm has no such frame; its base is {arm.frames[0]!r}",
-            hint,
         )
     return np.eye(4)
 
@@ -384,7 +381,6 @@ class MotionPlanRequest:
                         argument,
                         f"has {joint} at {value:.12g}",
                         f"the arm holds it at {held:.12g}",
-                        "pass other joints= to Arm.from_urdf",
                     )
                 continue
             index = arm.joints.index(check_known(joint, argument, arm.joints, "names"))

@@ -486,8 +486,6 @@ def _refuse_fixed(snapshot: Snapshot, scene: ArmScene) -> None:
             f"touches obstacle {obstacle!r}, or comes nearer than the margin, at every "
             "configuration",
             "no joint moves it",
-            f"move the obstacle, or pass allowed_collisions=[({link!r}, {obstacle!r})] of "
-            f"build_arm_space, or touch_links=[{link!r}] of add_obstacle",
         )
 
 
@@ -515,8 +513,6 @@ def _refuse_always(snapshot: Snapshot) -> None:
             f"touches {other!r}, or comes nearer than the margin, in {CONTACT_SAMPLES} random "
             "configurations",
             "they may not touch, so no configuration would be free",
-            "correct the robot or its SRDF, move the obstacle, or pass "
-            f"allowed_collisions=[({link!r}, {other!r})] of build_arm_space",
         )
 
 

@@ -386,8 +386,7 @@ def _place_workspace(obstacle: Workspace, name: str, base: Floats) -> PosedShape
     if inner is not outer:
         runs += _count_runs(inner)
     needed = _BYTES_PER_CELL * grid.size + _BYTES_PER_BOX * runs
-    hint = f"cut it to what the arm reaches: its cells are {runs} boxes"
-    check_memory(needed, name, grid, hint=hint)
+    check_memory(needed, name, grid)
 
     def make_voxels(cells: Bools) -> Voxels:
         """Return cells as a shape that no update changes."""

@@ -243,7 +243,6 @@ def find_spheres(
             "kind",
             "is 'inner', but no link has an inside",
             "inner balls need one",
-            "pass kind='outer'",
         )
     return SphereModel(arm.name, kind, links)
 
@@ -266,7 +265,6 @@ def _join_parts(arm: Arm, link: Solid) -> Shape:
                 f"link {link.name!r}",
                 "consists of balls already",
                 "spheres are found for other shapes",
-                f"leave it out: arm.detach({link.name!r})",
             )
         surfaces = [transform_surface(shape.surface, pose) for shape, pose in parts]
         # Only shapes with an inside fill the link; a surface around another one changes nothing.

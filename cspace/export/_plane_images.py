@@ -103,6 +103,6 @@ def write_ros_map(state: States, grid: Grid, path: StrPath, overwrite: bool = Fa
         yaml_file.write_text(text, encoding="utf-8")
     if grid.frame_id not in ("", "map"):
         warn_user(
-            f"{target}: a ROS map names no frame, and map_server serves it in 'map'; set its "
-            f"parameter frame_id to {grid.frame_id!r}"
+            f"{target}: a ROS map names no frame, and map_server serves it in 'map', not in "
+            f"{grid.frame_id!r}"
         )

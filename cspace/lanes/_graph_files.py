@@ -318,7 +318,8 @@ def _choose(element: Ledger, choices: Collection[str], wanted: str | None, kind:
         listed = ", ".join(map(repr, choices))
         rule = f"the choice is {wanted!r}" if wanted else "one of them must be chosen"
         option = "vehicle" if kind == "vehicle" else "level"
-        raise element.fail(f"has the {kind}s {listed}", rule, f"pass {option}= with one of them")
+        hint = f"pass e.g. {option}={next(iter(choices))!r}" if choices else ""
+        raise element.fail(f"has the {kind}s {listed}", rule, hint)
     return wanted
 
 

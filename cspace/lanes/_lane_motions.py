@@ -91,23 +91,17 @@ def check_map(space: ConfigurationMap, graph: RouteGraph) -> None:
     """Raise InputError unless a map can have lanes."""
     if space.axes not in (("x", "y"), ("x", "y", "yaw")):
         rule = "lanes are for maps of x, y, or of x, y, yaw"
-        hint = "use cspace.build(workspace, robot.footprint(), rotations=72)"
-        raise InputError("space", f"has the axes {', '.join(space.axes)}", rule, hint)
+        raise InputError("space", f"has the axes {', '.join(space.axes)}", rule)
     if space.rotations.names or space.robot.shape.is_round:
         return
     for lane in graph.lanes:
         if lane.heading != HeadingRule("map", (0.0,)):
             problem = f"has no yaw, but {space.robot.name} turns on the lane {lane.name!r}"
-            hint = (
-                "build it with cspace.build(..., rotations=72), or, for a robot that never turns, "
-                "read the graph with RouteGraph.open(..., heading=0.0)"
-            )
-            raise InputError("space", problem, "the shape at every yaw is needed", hint)
+            raise InputError("space", problem, "the shape at every yaw is needed")
     for name, yaw in zip(graph.names, graph.yaws.tolist(), strict=True):
         if abs(math.remainder(yaw, math.tau)) > SAME_YAW:  # not of a yaw that is NaN
             problem = f"has no yaw, but {space.robot.name} has the yaw {yaw:g} at the node {name!r}"
-            hint = "build it with cspace.build(..., rotations=72)"
-            raise InputError("space", problem, "the shape at every yaw is needed", hint)
+            raise InputError("space", problem, "the shape at every yaw is needed")
 
 
 def list_legs(graph: RouteGraph, lane: Lane) -> tuple[Leg, ...]:

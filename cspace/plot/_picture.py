@@ -198,7 +198,6 @@ def _choose_view(
             "view",
             f"is {view!r}",
             f"it must be {' or '.join(views)}, because configurations are ({axes})",
-            "or omit it; loop over plot(rotation=) for several slices",
         )
     for name, value in options.items():
         kinds = VIEW_OPTIONS[name]
@@ -220,7 +219,6 @@ def _choose_view(
             "center",
             "is given without zoom",
             "the whole map is drawn",
-            "add e.g. zoom=8, or omit it",
         )
     return kind
 

@@ -305,8 +305,7 @@ def _check_coordinates(values: Any, name: str, axes: Sequence[str], ndim: int = 
         raise InputError(
             name,
             f"has shape {points.shape}",
-            f"it must be {shape}",
-            f"pass ({', '.join(axes)})",
+            f"it must be {shape}: {', '.join(axes)}",
         )
     return points
 

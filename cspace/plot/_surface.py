@@ -148,7 +148,6 @@ def check_camera(camera: ArrayLike | None) -> Floats:
             "camera",
             f"is {camera!r}",
             "it must be (elevation, azimuth), degrees, with an elevation from -90 to 90",
-            f"pass e.g. {DEFAULT_CAMERA}",
         )
     return angles
 

@@ -237,9 +237,8 @@ def explain(space: CSpace, start: ArrayLike, goal: ArrayLike, refine: bool) -> E
     """Explain a path or its absence; see :meth:`cspace.CSpace.explain`."""
     space, points = copy_with_ends(space, start, goal)
     if refine and not space.has_poses:
-        hint = f"leave it out, or call build_joint_map with spacing={space.grid.spacing / 2.0:g}"
         rule = "finer maps of joints need their arm"
-        raise InputError("refine", "is True for a map of joints", rule, hint)
+        raise InputError("refine", "is True for a map of joints", rule)
     first, second = points
     verdict = _decide(space, points)
     way = find_way(space, points)

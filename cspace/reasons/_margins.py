@@ -107,7 +107,7 @@ def copy_with_ends(space: CSpace, start: ArrayLike, goal: ArrayLike) -> tuple[CS
     if len(space.rotations.names) > 1:
         problem = f"has the axes {', '.join(space.axes)}"
         rule = "reasons are for maps of positions, with or without a yaw"
-        raise InputError("space", problem, rule, "build a map with cspace.build(..., rotations=72)")
+        raise InputError("space", problem, rule)
     points = [space._check_in_grid(q, name) for q, name in ((start, "start"), (goal, "goal"))]
     return copy.copy(space), np.stack(points)
 

@@ -17,9 +17,6 @@ if TYPE_CHECKING:
 
     from cspace import Space
 
-MIN_MARGIN: Final = 1e-3
-"""Smallest margin, in cells, that a message advises; smaller ones become zero."""
-
 MAX_NAMED_EDGES: Final = 8
 """Maximum number of edges that a message names."""
 
@@ -93,7 +90,6 @@ def make_corridor(
     regions = list[ConvexRegion]()
     region_of_edge = list[int]()
     numbers = list(range(len(rows) - 1))  # of the given edge that each edge is part of
-    narrow = list[int]()
     first = 0
     while first < len(path) - 1:
         found = _find_longest(source, path, first, deviation)
@@ -107,21 +103,9 @@ def make_corridor(
             # Fewer yaws leave more positions.
             path = np.insert(path, first + 1, edge.mean(axis=0), axis=0)
             numbers.insert(first, numbers[first])
-        elif source.margin:
-            # Go on with a smaller margin, so that the message tells one for the whole path.
-            narrow.append(numbers[first])
-            source = source._replace(margin=_lessen(source))
         else:
-            raise _make_edge_error(rows[numbers[first] :][:2])
-    if narrow:
-        raise _make_margin_error(margin, rows[narrow[0] :][:2], source.margin)
+            raise _make_edge_error(rows[numbers[first] :][:2], source.margin)
     return Corridor(tuple(regions), frozen(path), frozen(np.array(region_of_edge)))
-
-
-def _lessen(source: RegionSource) -> float:
-    """Return half a margin, in two digits; zero if it is small."""
-    smaller = float(f"{0.5 * source.margin:.2g}")
-    return smaller if smaller > MIN_MARGIN * source.space.grid.spacing else 0.0
 
 
 def _find_longest(
@@ -185,24 +169,17 @@ def _check_edges(source: RegionSource, rows: Floats) -> None:
         more = ", and more" if len(wrong) > MAX_NAMED_EDGES else ""
         problem = f"leaves the FREE cells on edges {names}{more}, counted from 0"
         rule = "regions consist of FREE cells, without the geometry"
-        raise InputError(
-            "plan", problem, rule, "use planners.plan(..., exact=False), or build a finer map"
-        )
+        raise InputError("plan", problem, rule)
 
 
-def _make_edge_error(edge: Floats) -> InputError:
-    """Make the error for an uncovered edge, shape (2, size)."""
+def _make_edge_error(edge: Floats, margin: float) -> InputError:
+    """Make the error for an edge, shape (2, size), that no region contains."""
+    if margin:
+        problem = f"is {margin:g}, and cells that are not FREE are nearer to the path"
+        rule = "an edge lies inside a region, which keeps it"
+        return InputError("margin", f"{problem} {_describe(edge)}", rule)
     problem = f"is too near to cells that are not FREE {_describe(edge)}"
-    hint = "use planners.plan(..., objective='clearance'), or build a finer map"
-    return InputError("plan", problem, "an edge lies inside a region", hint)
-
-
-def _make_margin_error(margin: float, edge: Floats, smaller: float) -> InputError:
-    """Make the error for a margin that an edge, shape (2, size), does not keep."""
-    problem = f"is {margin:g}, and cells that are not FREE are nearer to the path {_describe(edge)}"
-    advice = f"pass margin={smaller:g}" if smaller else "leave it out"
-    hint = f"{advice}, or use planners.plan(..., objective='clearance')"
-    return InputError("margin", problem, "an edge lies inside a region, which keeps it", hint)
+    return InputError("plan", problem, "an edge lies inside a region")
 
 
 def _describe(edge: Floats) -> str:

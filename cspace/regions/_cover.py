@@ -336,8 +336,8 @@ class BareCells:
             return
         most = spacing * float(clearances[self._is_bare].max())
         problem = f"is {margin:g}, and no cell's center is farther from cells that are not FREE"
-        hint = f"pass margin={0.5 * most:.2g}"
-        raise InputError("margin", problem, "regions grow around such centers", hint)
+        rule = f"regions grow around centers, and the farthest is {most:.4g} m away"
+        raise InputError("margin", problem, rule)
 
     def skip(self, q: Floats) -> None:
         """Draw the cell of a configuration never again."""

@@ -75,10 +75,7 @@ def find_free_region(
 def _make_seed_error(source: RegionSource, point: Floats, problem: str) -> ConfigurationError:
     """Make the error for a configuration without region."""
     rule = "a region grows around a configuration inside FREE cells"
-    hint = "pass space.nearest_free(q)"
-    if source.margin:
-        hint = f"{hint}, or a smaller margin"
-    return ConfigurationError("q", f"({_format(point)}) {problem}", rule, hint)
+    return ConfigurationError("q", f"({_format(point)}) {problem}", rule)
 
 
 def _format(point: Floats) -> str:
@@ -112,13 +109,8 @@ class RegionSource(NamedTuple):
         distance = check_not_negative(margin, "margin")
         if not isinstance(space, CSpace) or space.rotations.names not in ((), (YAW,)):
             problem = f"has the axes ({', '.join(space.axes)})"
-            hint = "build one by cspace.build, or of two or three joints by cspace.build_joint_map"
-            if isinstance(space, CSpace):
-                hint = "give it a yaw alone: cspace.build(..., rotations=72)"
-            elif space.has_cells:
-                hint = "pass a part of it: space.window(lower, upper)"
             rule = "regions consist of cells of a map in memory of positions, or with a yaw"
-            raise InputError("space", problem, rule, hint)
+            raise InputError("space", problem, rule)
         return cls(space, metres, distance)
 
     @property

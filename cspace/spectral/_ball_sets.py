@@ -103,12 +103,9 @@ def rotation_matrix(rotation: Rotates, dim: int) -> Floats:
         left, stretch, right = np.linalg.svd(values)
         if np.abs(stretch - 1.0).max() <= 1e-6 and np.linalg.det(values) > 0.0:
             return np.asarray(left @ right)
-    form, example = "a Rotation", "Rotation.identity()"
-    if dim == 2:
-        form, example = "an angle in radians", "1.57"
+    form = "an angle in radians" if dim == 2 else "a Rotation"
     raise InputError(
         "rotation",
         f"is {rotation!r}",
         f"it must be {form} or a rotation matrix of shape {dim, dim}",
-        f"pass e.g. {example}",
     )

@@ -125,7 +125,7 @@ def check_bump(bump: Any) -> Bump:
     if bump is None:
         return Bump()
     if not isinstance(bump, Bump):
-        raise InputError("bump", f"is {bump!r}", "it must be a Bump", "pass e.g. Bump(2.0)")
+        raise InputError("bump", f"is {bump!r}", "it must be a Bump")
     return bump
 
 

@@ -175,7 +175,6 @@ def decompose(
             "number",
             f"is {number!r} and tolerance is {tolerance!r}",
             "exactly one of them chooses the balls",
-            "pass e.g. number=64, or tolerance=0.01 in metres",
         )
     length = None if tolerance is None else check_positive(tolerance, "tolerance")
     count = None if number is None else check_count(number, "number", 1)
@@ -185,7 +184,6 @@ def decompose(
             "shape",
             "has no inside",
             "inner balls need one",
-            "pass kind='outer', or a shape with an area or volume",
         )
     if count is not None and not 0.0 < region.size < np.inf:
         raise GeometryError(
@@ -210,7 +208,6 @@ def decompose(
             "shape",
             "is too thin for any ball that was found",
             "inner balls need an inside",
-            "pass kind='outer', or a thicker shape",
         )
     largest_first = np.argsort(-radii, kind="stable")
     centers = frozen(centers[largest_first])
@@ -242,8 +239,7 @@ def _fill_shape(lattice: Lattice, tolerance: float) -> ProvenBalls:
             "shape only"
         )
         rule = "parts thinner than the lattice have no balls"
-        hint = "pass a larger tolerance, or kind='outer'"
-        raise InputError("tolerance", problem, rule, hint)
+        raise InputError("tolerance", problem, rule)
     return centers, radii, (low, high)
 
 

@@ -66,7 +66,6 @@ class EarlyTest:
                 "overlap",
                 f"is a {type(argument).__name__}",
                 "it must be a FourierOverlap",
-                "pass FourierOverlap(a, b)",
             )
         self.overlap = overlap
         self.threshold = check_positive(threshold, "threshold", "square or cubic metres")

@@ -270,8 +270,7 @@ class Lattice:
             raise InputError(
                 "tolerance",
                 f"is {tolerance:g} m, but the shape is {region.size:g} m across",
-                "its proof needs too many cells",
-                f"pass at least about {1.2 * MIN_CELLS_PER_TOLERANCE * finest:.2g} m",
+                f"its proof needs too many cells below {MIN_CELLS_PER_TOLERANCE * finest:.2g} m",
             )
         side = max(usual, tolerance / MAX_CELLS_PER_TOLERANCE[region.dim])
         return cls(region, min(side, tolerance / MIN_CELLS_PER_TOLERANCE))

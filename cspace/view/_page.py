@@ -290,7 +290,7 @@ class Page:
         """
         tool = self._canvas.tool
         if tool is None:
-            raise InputError("pose", "is given for a map", "only arms have frames", "use move(q)")
+            raise InputError("pose", "is given for a map", "only arms have frames")
         self._follow_tool(tool)
         tool.move(pose)
 

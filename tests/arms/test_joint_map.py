@@ -14,7 +14,7 @@ from cspace import BLOCKED, FREE, MIXED
 from cspace.arms import Arm, build_arm_space, build_joint_map, undecided_pairs
 from cspace.errors import ConfigurationError, InputError
 from tests.arms.test_space import draw_scene
-from tests.helpers.refusals import check_followed
+from tests.helpers.refusals import check_refused
 from tests.helpers.regions import place_polygon
 from tests.helpers.strategies import examples, seeds
 from tests.helpers.urdfs import (
@@ -159,9 +159,8 @@ def test_a_map_of_joints_without_its_arm_refuses_distances(tmp_path):
     changed = build_joint_map(build_plane_arm(), 0.2)
     changed.update(np.ones((1, 1), dtype=bool), (0, 0))
     for other in (cspace.open(tmp_path / "joints.zarr"), changed):
-        check_followed(
+        check_refused(
             lambda other=other: other.obstacle_distance(q0),
-            None,
             "distances from obstacles are those of links, in metres",
         )
         assert np.isnan(other.path_obstacle_distance([q0, q1]))
@@ -176,16 +175,14 @@ def test_a_map_of_joints_without_its_arm_refuses_distances(tmp_path):
 def test_a_map_of_joints_is_no_picture_of_the_workspace(tmp_path):
     joint_map = build_joint_map(build_plane_arm(), 0.2)
     for call in (joint_map.to_costmap, joint_map.to_occupancy_grid):
-        check_followed(call, None, "is in metres")
-    check_followed(
+        check_refused(call, "is in metres")
+    check_refused(
         lambda: joint_map.export(tmp_path / "joints.yaml"),
-        None,
         ".yaml holds places in metres, and the cells are in rad",
     )
     q = joint_map.nearest_free((2.0, 0.0))
-    check_followed(
+    check_refused(
         lambda: joint_map.contains_robot(q),
-        None,
         "only a rigid robot lies inside obstacles",
     )
 

@@ -235,7 +235,7 @@ WRAPPED = f"collision_spheres: {{foot: [{SPHERE}], upper: [{SPHERE}], fore: [{SP
 @refusals(
     "wrong, hint",
     (f"collision_spheres: [{{foot: [{SPHERE}]}}]", "it must be a table of links"),
-    ("robot_cfg: {kinematics: {collision_spheres: spheres/r.yml}}", "pass spheres= with that file"),
+    ("robot_cfg: {kinematics: {collision_spheres: spheres/r.yml}}", "it must be a table of links"),
     (
         f"format: xrdf\ngeometry: {{g: {{spheres: {{foot: [{SPHERE}]}}}}}}",
         "file has format 'xrdf'",
@@ -392,7 +392,7 @@ def test_arm_of_sheets_has_outer_spheres_only(tmp_path):
     path = write_mesh(tmp_path, (0, 0, 0), (1, 0, 0), (0, 1, 0))
     path.write_text(re.sub("<box.*?/>", '<mesh filename="mesh.obj"/>', path.read_text()))
     arm = Arm.from_urdf(path)
-    with pytest.raises(GeometryError, match="pass kind='outer'"):
+    with pytest.raises(GeometryError, match="inner balls need one"):
         arm.spheres(number=1, kind="inner")
     assert len(arm.spheres(number=1, kind="outer").links) == 2
 

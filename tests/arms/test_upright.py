@@ -312,8 +312,8 @@ def test_without_a_path_the_hint_is_a_larger_tolerance(space):
     ({"tolerance": 0.0}, "tolerance is 0.0"),
     ({"tolerance": 5.7}, "tolerance is 5.7; .*from 0 to pi.*pass 0.0994838 for 5.7 degrees"),
     ({"angle": 90}, "angle is 90.0; .*pass 1.5708 for 90 degrees"),
-    ({"angle": -30.0}, "angle is -30.0; .*from 0 to pi radians; pass radians, e.g. 1.57"),
-    ({"angle": 270.0}, "angle is 270.0; .*pass radians, e.g. 1.57"),
+    ({"angle": -30.0}, "angle is -30.0; .*from 0 to pi radians"),
+    ({"angle": 270.0}, "angle is 270.0; .*from 0 to pi radians"),
     ({"frame": 3}, "frame"),
 )
 def test_constraints_reject_invalid_fields(options, message):
@@ -323,10 +323,10 @@ def test_constraints_reject_invalid_fields(options, message):
 
 @refusals(
     "options, message",
-    ({"keep": 0.1}, r"keep is 0.1; .*pass e.g. planners.Upright\('tool0'\)"),
+    ({"keep": 0.1}, "keep is 0.1; it must be an Upright"),
     ({"keep": [GLASS, 0.1]}, "keep is .*it must be an Upright, or a list"),
     ({"keep": Upright("tool1")}, "frame is 'tool1'; .*did you mean 'tool0'"),
-    ({"planner": "RRTConnect"}, "keep is .*samples configurations.*leave planner out"),
+    ({"planner": "RRTConnect"}, "keep is .*samples configurations"),
     (
         {"start": (*START[:3], 1.0, 0.0)},
         "start .* is not upright: the axis of tool0 is 0.5 rad from the direction .*0 rad, within",

@@ -39,58 +39,50 @@ FILES = {
 
 
 @refusals(
-    "command, mended, message",
-    (f"{MAP} --rotations 0", f"{MAP} --rotations yaw:8", "write e.g. 72, yaw:8 or quaternions:8"),
-    (f"{MAP_WALL} --bounds here", f"{MAP_WALL} --bounds=-1,-1,4,3", "XMIN,YMIN,XMAX,YMAX"),
+    "command, message",
+    (f"{MAP} --rotations 0", "or a kind and a count, yaw:8 or quaternions:8"),
+    (f"{MAP_WALL} --bounds here", "XMIN,YMIN,XMAX,YMAX"),
     (f"{MAP} --tile 0", "--tile is 0"),
-    (f"{MAP} --overwrite -o new.xyz", f"{MAP} --overwrite -o new.zarr", ".zarr"),
-    (f"{PLAN} --start 5", f"{PLAN} --start=0.5,0.5", "write e.g. --start=0.5,0.5"),
+    (f"{MAP} --overwrite -o new.xyz", ".zarr"),
+    (f"{PLAN} --start 5", "configurations are x,y"),
     (
         f"{PLAN_TURNING} --goal 2.15,0.95,-90",
-        f"{PLAN_TURNING} --goal 2.15,0.95,-90deg",
-        "write -90deg for degrees, or -90rad for radians",
+        "write -90deg for -90 degrees, or -90rad",
     ),
     (f"{PLAN} -o a.csv -o ./a.csv", "name a file twice"),
-    (f"{PLAN} --planner gird", f"{PLAN} --planner Grid", "did you mean"),
+    (f"{PLAN} --planner gird", "did you mean"),
     (
         f"{PLAN_TURNING} --drive dubins",
-        f"{PLAN_TURNING} --drive dubins --turning-radius 0.5 --time-limit 0.1",
         "needs the radius of its tightest curve",
     ),
     (
         f"{PLAN} --objective clearance --planner RRT",
-        f"{PLAN} --objective clearance --planner='RRTstar' --time-limit 0.2",
-        "use --planner='RRTstar'",
+        "RRT ignores objectives",
     ),
-    (f"{PLAN} --max-velocity 1", PLAN, "no --trajectory is"),
+    (f"{PLAN} --max-velocity 1", "no --trajectory is"),
     (
         f"{PLAN} --trajectory t.csv --max-velocity 1",
-        f"{PLAN} --trajectory t.csv --max-velocity 1 --max-acceleration=1.0",
         "--max-acceleration lacks x, y",
     ),
     (
         f"{PLAN_TURNING} {MOTION}",
-        f"{PLAN_TURNING} {MOTION} {TURNS}",
         "--max-angular-velocity is missing",
     ),
-    (f"{PLAN} {MOTION} --max-angular-velocity 1", f"{PLAN} {MOTION}", "does not turn"),
+    (f"{PLAN} {MOTION} --max-angular-velocity 1", "does not turn"),
     (
         "plot plane.zarr -o p.png --rotation 1",
-        "plot turning.zarr -o p.png --rotation 1",
-        "omit it, or build the map with --rotations 72",
+        "the map has no rotations",
     ),
     (
         "plot plane.zarr -o p.png --center 1,1",
-        "plot plane.zarr -o p.png --center 1,1 --zoom=8",
-        "add e.g. --zoom=8, or omit it",
+        "the whole map is drawn",
     ),
-    ("export turning.zarr a.tif", "export turning.zarr a.tif --rotation 0", "pass the one"),
-    ("export plane.zarr a.stl", "export plane.zarr a.vti", ".stl holds maps in space only"),
-    ("info plane.zarr --spacing 1", "info plane.zarr", "is read as map"),
-    ("config", "config --cmake-dir", "pass --cmake-dir for CMake"),
+    ("export turning.zarr a.tif", "holds one slice"),
+    ("export plane.zarr a.stl", ".stl holds maps in space only"),
+    ("info plane.zarr --spacing 1", "is read as map"),
+    ("config", "one of --include and --cmake-dir must be given"),
     (
         "plot plane.zarr -o p.png --path wall.wkt",
-        f"{PLAN} -o path.csv",
         "wall.wkt: has POLYGON",
     ),
     # Options of the library's arguments
@@ -144,7 +136,7 @@ FILES = {
     ("map", "Missing argument 'WORKSPACE'; see "),
     (f"{MAP} --outside wet", "'wet'"),
 )
-def test_invalid_input_is_refused_in_one_line_and_mended(command, mended, message, room):
+def test_invalid_input_is_refused_in_one_line(command, message, room):
     for name, text in FILES.items():
         Path(name).parent.mkdir(exist_ok=True)
         Path(name).write_text(text)
@@ -155,9 +147,6 @@ def test_invalid_input_is_refused_in_one_line_and_mended(command, mended, messag
     assert refused.stderr.startswith("cspace: ") and refused.stderr.count("\n") == 1
     assert message in refused.stderr
     assert sorted(room.rglob("*")) == before
-    if mended is not None:
-        result = run(mended)
-        assert result.exit_code != 2, result.stderr
 
 
 URDF = (
@@ -190,17 +179,12 @@ def files(room):
         ),
         (
             "map rooms.npy --robot small.glb --spacing 0.1",
-            "or --robot-up='z' to keep its axes",
+            "or --robot-up='z' to keep them",
             "map rooms.npy --robot small.glb --spacing 0.1 --robot-up='z'",
         ),
         (
             "map rooms.npy --robot robot.urdf --spacing 0.1",
-            "or pass --visuals to use <visual> there",
-            "map rooms.npy --robot robot.urdf --spacing 0.1 --visuals --package-dir=far",
-        ),
-        (
-            "map rooms.npy --robot robot.urdf --spacing 0.1 --visuals",
-            "or pass --package-dir=FOLDER",
+            "pass --visuals to use <visual> there",
             "map rooms.npy --robot robot.urdf --spacing 0.1 --visuals --package-dir=far",
         ),
         (
@@ -215,7 +199,7 @@ def files(room):
         ),
         (
             "info robot.urdf",
-            "add <collision>, or pass --visuals",
+            "pass --visuals to use <visual> there",
             "info robot.urdf --visuals --package-dir=far",
         ),
     ],

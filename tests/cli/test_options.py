@@ -27,17 +27,15 @@ def test_configurations_have_metres_degrees_and_radians(x, degrees, radians):
 
 
 @pytest.mark.parametrize("text", ["1", "1,2,3,4,", "a,b,1", ""])
-def test_invalid_configurations_are_refused_with_an_example(text):
-    with pytest.raises(InputError, match="configurations are x,y,yaw, in metres, yaw an") as caught:
+def test_invalid_configurations_are_refused(text):
+    with pytest.raises(InputError, match="configurations are x,y,yaw, in metres, yaw an"):
         parse_configuration(text, "start", AXES, UNITS)
-    example = str(caught.value).rpartition("start=")[2]
-    assert parse_configuration(example, "start", AXES, UNITS) == (0.5, 0.5, math.pi / 2)
 
 
 @refusals(
     "text, message",
-    ("90", "write 90deg for degrees"),
-    ("-6.3", "write -6.3deg for degrees"),
+    ("90", "write 90deg for 90 degrees"),
+    ("-6.3", "write -6.3deg for -6.3 degrees"),
     ("deg", "yaw has the yaw 'deg'"),
     ("90 degrees", "yaw has the yaw '90 degrees'"),
 )

@@ -241,7 +241,7 @@ def test_limits_can_be_lowered_and_raised(tmp_path, monkeypatch):
     with raised_limits(max_cells=728):
         check_refused(
             path,
-            r"raise it with cspace.raised_limits\(max_cells=729\), if the file may be so large",
+            r"call cspace.raised_limits\(max_cells=729\) if the file may be so large",
         )
         with raised_limits(max_cells=729, max_text_bytes=1, max_description_bytes=1):
             assert Workspace.open(path).grid.size == 729

@@ -354,7 +354,7 @@ def test_the_maximum_and_comments_of_a_pgm_are_read(tmp_path, content, occupied)
 def test_the_image_of_a_ros_map_warns_and_both_hints_are_followed(tmp_path):
     path = tmp_path / "map.pgm"
     Image.fromarray(np.array([[0, 205, 254]], np.uint8)).save(path)
-    with pytest.warns(UserWarning, match="read its YAML .*, or pass threshold=0.81"):
+    with pytest.warns(UserWarning, match="pass threshold=0.81"):
         assert Workspace.from_image(path, 0.1).outer.sum() == 1
     header = "resolution: 0.1\norigin: [0, 0, 0]\nnegate: 0\noccupied_thresh: 0.65\n"
     yaml = tmp_path / "map.yaml"

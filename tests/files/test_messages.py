@@ -487,7 +487,7 @@ def test_the_frame_of_a_grid_is_that_of_what_is_made_from_it(tmp_path, odom):
 
 def test_a_map_file_warns_that_it_names_no_frame(tmp_path, odom):
     space, _ = odom
-    with pytest.warns(UserWarning, match="in 'map'; set its parameter frame_id to") as heard:
+    with pytest.warns(UserWarning, match="serves it in 'map', not in") as heard:
         space.export(tmp_path / "map.yaml")
     assert str(heard[0].message).endswith("'odom'")
     assert Workspace.open(tmp_path / "map.yaml").grid == space.grid

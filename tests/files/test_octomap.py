@@ -118,8 +118,7 @@ def test_malformed_octomaps_are_refused(tmp_path, content, message):
 def test_headers_that_are_wrong_are_refused(tmp_path):
     path = tmp_path / "a.bt"
     path.write_bytes(make_binary(CHAIN, 0))  # as octomap-python users write it
-    hint = "copy it again, or if it is whole write 'size 17' in its header"
-    with pytest.raises(FileError, match=f"holds 17 nodes but its header says 0; .*; {hint}"):
+    with pytest.raises(FileError, match="holds 17 nodes but its header says 0; "):
         Workspace.from_octomap(path)
     path.write_bytes(make_binary(CHAIN, 17, "OcTree\n", "OcTreeStamped\n"))
     with pytest.raises(

@@ -11,7 +11,7 @@ import cspace
 import planners
 from cspace import InputError
 from cspace.lanes import RouteGraph
-from tests.helpers.refusals import check_followed, refusals
+from tests.helpers.refusals import check_refused, refusals
 
 
 class Disc(cspace.Space):
@@ -128,11 +128,10 @@ FORKED = ("x", "y", "yaw", "fork")
 
 
 @refusals(
-    "call, mended, message",
+    "call, message",
     (
         lambda: plan_own(axes=["a", "b"]),
-        lambda: plan_own(axes=("a", "b")),
-        "they must be a tuple of different names; write axes = ('a', 'b')",
+        "they must be a tuple of different names",
     ),
     (lambda: plan_own(axes=()), "they must be a tuple of different names"),
     (lambda: plan_own(axes=(1, 2)), "they must be a tuple of different names"),
@@ -141,14 +140,12 @@ FORKED = ("x", "y", "yaw", "fork")
     (lambda: plan_own(axes=lambda self: ("a", "b")), "they must be a tuple of different names"),
     (
         lambda: plan_own(axes=FORKED),
-        lambda: plan_own(axes=FORKED, periodic_axes=(False, False, True, False)),
-        "has 'yaw' as its rotation; for an angle that wraps, write periodic_axes = (False, False, True, False)",
+        "has 'yaw' as its rotation",
     ),
     (lambda: plan_own(axes=("q", "qx", "qy", "qz", "qw")), "has 'qx' as its rotation"),
     (
         lambda: plan_own(periodic_axes=("b",)),
-        lambda: plan_own(periodic_axes=(False, True)),
-        "one bool for each of a, b; write periodic_axes = (False, True)",
+        "one bool for each of a, b",
     ),
     (lambda: plan_own(periodic_axes=(True,)), "periodic_axes is (True,); it must be a tuple"),
     (lambda: plan_own(periodic_axes=(1, 0)), "periodic_axes is (1, 0); it must be a tuple"),
@@ -158,13 +155,11 @@ FORKED = ("x", "y", "yaw", "fork")
     (lambda: plan_own(bounds=((0.0, 0.0), (4.0, math.nan))), "bounds[1, 1] is nan"),
     (
         lambda: plan_own(has_cells=True),
-        lambda: plan_own(has_cells=False),
-        "only a map has cells; leave it False",
+        "only a map has cells",
     ),
     (
         lambda: plan_own(in_memory=False),
-        lambda: plan_own(in_memory=True),
-        "only a map has cells; leave it True",
+        "only a map has cells",
     ),
     (
         lambda: plan_own(searches="Around"),
@@ -174,8 +169,8 @@ FORKED = ("x", "y", "yaw", "fork")
     (lambda: plan_own(searches=("Around", 2)), "they must be a tuple of names"),
     (lambda: plan_own(units=("m",)), "there is one text for each of a, b"),
 )
-def test_what_a_space_says_wrongly_is_refused_before_a_search(call, mended, message):
-    check_followed(call, mended, message)
+def test_what_a_space_says_wrongly_is_refused_before_a_search(call, message):
+    check_refused(call, message)
 
 
 @pytest.mark.parametrize(
@@ -338,7 +333,9 @@ def test_what_only_maps_and_arms_do_is_refused_for_a_space_that_wraps_a_map(hall
 @pytest.mark.parametrize("name", ["classify", "is_free", "motion_is_free"])
 def test_a_map_with_answers_of_its_own_is_refused_when_it_is_defined(hall, name):
     # Searches, edges and curves ask the map's kernels, which know nothing of such a method.
-    with pytest.raises(InputError, match=f"has its own {name}; .*derive it from cspace.Space"):
+    with pytest.raises(
+        InputError, match=f"has its own {name}; cells and geometry prove without them"
+    ):
         type("Zoned", (cspace.CSpace,), {name: lambda self, *q: False})
     for answers in (type("Mixin", (), {name: lambda self, *q: False}), Zoned):
         if hasattr(answers, name):

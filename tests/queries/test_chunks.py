@@ -21,7 +21,7 @@ from tests.helpers.handmade import (
     random_states,
 )
 from tests.helpers.placements import move
-from tests.helpers.refusals import check_followed, refusals
+from tests.helpers.refusals import check_refused, refusals
 from tests.helpers.regions import place_polygon
 from tests.helpers.strategies import examples, seeds
 from tests.laws.any_map import ALL_KINDS, WEDGE, build_map
@@ -619,8 +619,11 @@ FLAT = (1.0, 2.5)
 
 
 @refusals(
-    "call, mended, message",
-    (lambda s: s.certify_chunk(START, np.empty((0, 3))), "at least one row"),
+    "call, message",
+    (
+        lambda s: s.certify_chunk(START, np.empty((0, 3))),
+        "a chunk has the shape (n, 3), or (B, n, 3) in a batch, with n above zero",
+    ),
     (lambda s: s.certify_chunk(START, [(1.0, 2.0)]), "last axis must be 3 long"),
     (lambda s: s.certify_chunk((1.0, math.nan, 0.0), [START]), "q[1] is nan"),
     (lambda s: s.certify_chunk(START, [START], -0.1), "zero or above"),
@@ -647,23 +650,19 @@ FLAT = (1.0, 2.5)
     (lambda s: braking(s).stop_distance((0, -1e16)), "at most 100000 commands"),
     (
         lambda s: s.certify_chunk(START, [START], dt=0.1),
-        lambda s: s.certify_chunk(START, [START], dt=0.1, max_velocity=(1.0, 1.0, 2.0)),
-        "pass one number, or one for each of x, y, yaw",
+        "it must be one number, or one for each of x, y, yaw",
     ),
     (
         lambda s: s.certify_chunk(START, [START], max_velocity=1.0),
-        lambda s: s.certify_chunk(START, [START], max_velocity=1.0, dt=0.02),
-        "pass dt=, the seconds between rows",
+        "limits of speeds and jerks count the seconds between rows",
     ),
     (
         lambda s: s.certify_chunk(START, START),
-        lambda s: [s.certify_chunk(START, [START]), s.certify_chunk(START, [[START]])],
-        "pass an array of shape (n, 3), or (B, n, 3) for a batch",
+        "a chunk has the shape (n, 3), or (B, n, 3) in a batch, with n above zero",
     ),
     (
         lambda s: s.certify_chunk([START] * 2, [START]),
-        lambda s: s.certify_chunk(START, [START]),
-        "pass one of 3 numbers",
+        "each chunk begins at one configuration of 3 numbers",
     ),
     (
         lambda s: s.certify_chunk(START, [[START]] * 2).refusal,
@@ -671,23 +670,19 @@ FLAT = (1.0, 2.5)
     ),
     (
         lambda s: cspace.Gate(s, dt=100, max_velocity=1.0),
-        lambda s: cspace.Gate(s, dt=0.1, max_velocity=1.0),
-        "pass seconds, e.g. 0.1 for 100 ms",
+        "pass 0.1 for 100 ms",
     ),
     (
         lambda s: cspace.Gate(s).check_twists(START, [(0.1, 0.1)]),
-        lambda s: cspace.Gate(s, dt=0.1).check_twists(START, [(0.1, 0.1)]),
-        "pass dt= to Gate, in seconds",
+        "a twist is driven for some time",
     ),
     (
         lambda s: cspace.Gate(s, dt=0.1).slow_down(START, (0.1, 0.1)),
-        lambda s: cspace.Gate(s, dt=0.1, max_deceleration=(0.5, 1)).slow_down(START, (0.1, 0.1)),
-        "pass max_deceleration= to Gate, in m/s^2 and rad/s^2",
+        "the robot must be able to stop",
     ),
     (
         lambda s: cspace.Gate(s, max_jerk=1.0),
-        lambda s: cspace.Gate(s, max_jerk=1.0, dt=0.02),
-        "pass dt=, the seconds between rows",
+        "limits of speeds and jerks count the seconds between rows",
     ),
     (
         lambda s: cspace.Gate(s, dt=0.1, max_jerk=1.0, max_deceleration=(0.5, 1)),
@@ -695,8 +690,7 @@ FLAT = (1.0, 2.5)
     ),
     (
         lambda s: gentle(s).check_rows(START, [START], before=START),
-        lambda s: gentle(s).check_rows(START, [START], before=[START]),
-        "pass an array of shape (m, 3)",
+        "it must be rows of x, y, yaw, the latest one last",
     ),
     (
         lambda s: braking(s).stop_distance([(0.5, 0.0)]),
@@ -704,9 +698,8 @@ FLAT = (1.0, 2.5)
     ),
     (
         lambda s: make_flat(0)[0].certify_twists(FLAT, [(0.1, 0.1)], 0.1),
-        lambda s: make_flat(0, rotations=72)[0].certify_twists(START, [(0.1, 0.1)], 0.1),
-        "build a map of a plane with cspace.build(..., rotations=72)",
+        "twists move a robot with x, y and yaw",
     ),
 )
-def test_wrong_arguments_are_refused_in_one_line(room, call, mended, message):
-    check_followed(lambda: call(room), mended and (lambda: mended(room)), message)
+def test_wrong_arguments_are_refused_in_one_line(room, call, message):
+    check_refused(lambda: call(room), message)

@@ -189,8 +189,8 @@ def test_anything_that_describes_a_shape_becomes_one(source, radius, kind):
     "source, message",
     ([(0, 0, 0), (1, 0, 0), (0, 1, 0)], "is points.*points need a radius"),
     ("robot.txt", "it must be a shorthand, WKT, or a file"),
-    ((1, 1, 2, 2), r"is 4 numbers; a polygon or a mesh is needed; pass e\.g\. shapely\.box"),
-    (np.arange(6.0), r"is 6 numbers; .* trimesh\.creation\.box"),
+    ((1, 1, 2, 2), "is 4 numbers; a polygon or a mesh is needed"),
+    (np.arange(6.0), "is 6 numbers; a polygon or a mesh is needed"),
 )
 def test_other_sources_are_refused(source, message):
     with pytest.raises(InputError, match=message):

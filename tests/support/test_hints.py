@@ -20,7 +20,7 @@ from cspace import Grid, Mesh, MeshWarning, Robot, Rotations, Workspace, build
 from cspace._limits import raised_limits
 from cspace._support.reporting import import_optional
 from cspace.errors import InputError, MissingPackageError
-from tests.helpers.refusals import check_followed, refusals
+from tests.helpers.refusals import check_refused, refusals
 
 FLOOR = Workspace.from_array(np.eye(30, 20, dtype=bool), 0.1)
 ROOM = Workspace.from_array(np.zeros((6, 5, 4), dtype=bool), 0.1)
@@ -58,7 +58,7 @@ def cells(values, **options):
 
 @pytest.mark.filterwarnings("ignore::UserWarning")
 @refusals(
-    "call, advised, hint",
+    "call, hint",
     # Numbers.
     (lambda: Robot.disc(None), "it must be numeric"),
     (lambda: Robot.disc("0.3"), "it must be numeric"),
@@ -115,11 +115,7 @@ def cells(values, **options):
     (lambda: Robot.disc(0.1, 3), "it must be 2 numbers in metres"),
     (
         lambda: Workspace.from_polygons([shapely.Point(0, 0)], 0.1, bounds=(0, 1)),
-        lambda: [
-            Workspace.from_polygons([shapely.Point(0, 0)], 0.1, bounds=bounds)
-            for bounds in ((-1, -1, 1, 1), ((-1, -1), (1, 1)))
-        ],
-        "pass (xmin, ymin, xmax, ymax) in metres, or the lower and the upper corner",
+        "it must be xmin, ymin, xmax, ymax in metres, or the lower and the upper corner",
     ),
     (
         lambda: space().certify_path([HERE], [0]),
@@ -127,13 +123,11 @@ def cells(values, **options):
     ),
     (
         lambda: space().certify_path([HERE], [(0, 1)]),
-        lambda: space().certify_path([HERE], [(0, 0)]),
-        "edge number 0 is (0, 1); there are 1 vertices, counted from 0; pass indices from 0 to 0",
+        "edge number 0 is (0, 1); there are 1 vertices, counted from 0",
     ),
     (
         lambda: space().certify_path(np.zeros((0, 2))),
-        lambda: space().certify_path([HERE]),
-        "path has shape (0, 2); a path has at least one configuration; pass an array of shape (n, 2)",
+        "path has shape (0, 2)",
     ),
     (
         lambda: space().motion_is_free([HERE] * 2, [HERE] * 3),
@@ -141,13 +135,11 @@ def cells(values, **options):
     ),
     (
         lambda: planners.plan(space(), [HERE], HERE),
-        lambda: planners.plan(space(), HERE, HERE),
-        "start has shape (1, 2); it must be one configuration of 2 numbers; pass (x, y), in metres and radians",
+        "start has shape (1, 2); it must be one configuration of 2 numbers",
     ),
     (
         lambda: space().reachable_bounds((0.05, 0.05)),
-        lambda: space().reachable_bounds(space().nearest_free((0.05, 0.05))),
-        "it must be one FREE configuration in the grid; space.nearest_free(q) is one",
+        "it must be one FREE configuration in the grid",
     ),
     # Cells.
     (lambda: cells([[1], [1, 0]]), "its rows must have one length"),
@@ -158,10 +150,7 @@ def cells(values, **options):
     (lambda: cells(0.9 * WIDE), "cells must be boolean"),
     (
         lambda: cells(np.array([(0.2, 3.0, 4.0, 0.1), (1.0, 2.0, 5.0, 0.9)])),
-        lambda: Workspace.from_points(
-            np.array([(0.2, 3.0, 4.0, 0.1), (1.0, 2.0, 5.0, 0.9)])[:, :3], 0.1
-        ),
-        "if its rows are points, pass array[:, :3] to Workspace.from_points",
+        "cells must be boolean",
     ),
     (lambda: cells(100 * WIDE), "whole numbers must be 0 or 1"),
     (
@@ -199,7 +188,6 @@ def cells(values, **options):
     ),
     (
         lambda: named().remove_obstacle("People"),
-        lambda: named().remove_obstacle("people"),
         "did you mean 'people'?",
     ),
     (
@@ -216,40 +204,32 @@ def cells(values, **options):
     ),
     (
         lambda: copy().add_obstacle("a", [(0, 0), (1, 1)]),
-        lambda: [
-            copy().add_obstacle("a", [(0, 0), (1, 1)], radius=radius) for radius in (0.1, 0.0)
-        ],
-        "pass radius=, in metres, zero for points alone",
+        "points need a radius, and a polygon 3 corners",
     ),
     (
         lambda: copy().add_obstacle("a", [(0, 0), (1, 1)]),
-        lambda: copy().add_obstacle("a", [(0, 0), (1, 1), (0, 1)]),
-        "or at least 3 corners of a polygon",
+        "points need a radius, and a polygon 3 corners",
     ),
     (
         lambda: copy().add_obstacle("a", CELLS),
-        lambda: copy().add_obstacle("a", cspace.Robot.from_bitmap(CELLS, 0.1)),
-        "pass cspace.Robot.from_bitmap(cells, spacing), in metres",
+        "their size must be given",
     ),
     (
         lambda: copy().add_obstacle("a", 3),
-        lambda: [
-            copy().add_obstacle("a", shapely.box(0, 0, 1, 1)),
-            build(ROOM, "ball:0.05").add_obstacle("a", trimesh.creation.box((1, 1, 1))),
-        ],
-        "pass e.g. shapely.box(0, 0, 1, 1), trimesh.creation.box((1, 1, 1)), or points",
+        "a polygon or a mesh is needed",
     ),
     (
         lambda: copy().add_obstacle("a", "disk:0.3"),
-        lambda: copy().add_obstacle("a", "disc:0.3"),
-        "pass disc:RADIUS",
+        "it must be a shorthand, WKT, or a file that ends in .geojson, .json, .wkt, .stl, .obj, .ply, .glb, .gltf, .dae",
     ),
     (
         lambda: Robot.parse("footprint:x"),
-        lambda: Robot.parse("footprint:[[0.3,0.2],[-0.3,0.2],[0,-0.2]]"),
-        "write e.g. footprint:[[0.3,0.2],[-0.3,0.2],[0,-0.2]]",
+        "corners or a shorthand must follow the colon",
     ),
-    (lambda: Robot.parse("rect:1"), lambda: Robot.parse("rect:0.9x0.6"), "write e.g. rect:0.9x0.6"),
+    (
+        lambda: Robot.parse("rect:1"),
+        "LENGTHxWIDTH must follow the colon, each above zero, in metres, and @X,Y or @X,Y,Z for a center",
+    ),
     # Balls.
     (
         lambda: Robot.from_balls([(0, 0)], None),
@@ -273,21 +253,15 @@ def cells(values, **options):
     ),
     (
         lambda: Workspace.from_mesh(trimesh.creation.box(), 0.1, solid="fill", lazy=True),
-        lambda: Workspace.from_mesh(trimesh.creation.box(), 0.1, solid="auto", lazy=True),
-        "close the mesh and pass solid='auto'",
+        "filling needs all cells at once",
     ),
     (
         lambda: Workspace.from_mesh(BEAM, 1e-3, solid="fill"),
-        lambda: [
-            Workspace.from_mesh(BEAM, spacing, solid=solid, lazy=lazy)
-            for spacing, solid, lazy in ((0.1, "fill", False), (1e-3, "surface", True))
-        ],
-        "use a larger spacing, cut the mesh to the map, or pass solid='surface'",
+        "at most 1073741824 can be filled",
     ),
     (
         lambda: Workspace.from_polygons([], 0.1),
-        lambda: Workspace.from_array(np.zeros((3, 3), dtype=bool), 0.1),
-        "or use Workspace.from_array for a map without obstacles",
+        "obstacles must cover some ground",
     ),
     (
         lambda: cspace.Mesh.of(flat()).project_to_plane(),
@@ -295,18 +269,11 @@ def cells(values, **options):
     ),
     (
         lambda: Robot.from_mesh(trimesh.creation.box().apply_translation((1e3, 0, 0))),
-        lambda: Robot.from_mesh(
-            trimesh.creation.box().apply_translation((1e3, 0, 0)).apply_translation((-1e3, 0, 0))
-        ),
         "move its center there first, by (-1000, -0, -0) m",
     ),
     (
         lambda: Workspace.from_shapes({"a": shapely.box(0, 0, 1, 1)}, 0.1),
-        lambda: [
-            Workspace.from_shapes([shapely.box(0, 0, 1, 1)], 0.1),
-            copy().add_obstacle("a", shapely.box(0, 0, 1, 1)),
-        ],
-        "shapes is a dict; it must be a list of shapes; pass a list; name shapes with space.add_obstacle(name, shape)",
+        "shapes is a dict; it must be a list of shapes",
     ),
     (
         lambda: copy().add_obstacle("a", [(0, 0)], radius=-1.0),
@@ -327,8 +294,7 @@ def cells(values, **options):
     ),
     (
         lambda: Mesh.of(CUBE, "fill").contains((0, 0, 0)),
-        lambda: [Mesh.of(CUBE, "fill").cells(ROOM.grid), Mesh.of(CUBE, "auto").contains((0, 0, 0))],
-        "ask its cells, or use Mesh.of(..., solid='auto')",
+        "the filled part depends on the spacing, and exact answers must not",
     ),
     (
         lambda: Mesh.of(CUBE).boxes,
@@ -345,12 +311,11 @@ def cells(values, **options):
     # Limits of files.
     (
         lambda: raised_limits(max_cell=3).__enter__(),
-        lambda: raised_limits(max_cells=3).__enter__(),
         "limits name 'max_cell'; there are max_bytes, max_cells, max_text_bytes, max_description_bytes; did you mean 'max_cells'?",
     ),
 )
-def test_arguments_as_the_hint_says_are_accepted(call, advised, hint):
-    check_followed(call, advised, hint)
+def test_wrong_arguments_are_refused_in_one_line(call, hint):
+    check_refused(call, hint)
 
 
 FAR = shapely.box(1e5, 0, 1e5 + 8, 8)
@@ -393,12 +358,12 @@ def test_what_does_not_fit_into_memory_is_built_in_tiles_and_smaller_windows(tmp
     lazy = Workspace.from_polygons([WALL], 0.02, bounds=(0, 0, 30, 30), lazy=True)
     with monkeypatch.context() as patch:
         patch.setattr("cspace._limits.free_bytes", lambda: 2**20)
-        with pytest.raises(InputError, match=r"cspace\.build\(\.\.\., store='map\.zarr'\)"):
+        with pytest.raises(InputError, match="the workspace has"):
             _ = lazy.outer
     tiled = cspace.build(lazy, "disc:0.1", store=tmp_path / "map.zarr", tile=512)
     with monkeypatch.context() as patch:
         patch.setattr("cspace._limits.free_bytes", lambda: 145_000_000)
-        with pytest.raises(InputError, match=r"space\.window\(lower, upper\) takes a part"):
+        with pytest.raises(InputError, match="the window has"):
             tiled.window((0, 0), (30, 30))
         assert tiled.window((0, 0), (1, 1)).grid.size
     with pytest.raises(InputError, match="it must be a box in the map"):
@@ -417,7 +382,7 @@ def open_box(size):
     return box
 
 
-def test_an_open_mesh_that_fills_nothing_warns_and_each_advice_is_followed():
+def test_an_open_mesh_that_fills_nothing_warns():
     with pytest.warns(MeshWarning, match="it counts as a surface without an inside"):
         Workspace.from_mesh(open_box(1.0), 0.1, solid="fill")
     with warnings.catch_warnings(action="error"):
@@ -425,7 +390,7 @@ def test_an_open_mesh_that_fills_nothing_warns_and_each_advice_is_followed():
         Workspace.from_mesh(open_box(1.0), 0.1, solid="surface")
 
 
-def test_a_map_of_unknown_cells_is_free_as_advised(tmp_path):
+def test_a_map_of_unknown_cells_says_so(tmp_path):
     message = cspace.ros.OccupancyGrid()
     message.info.resolution = 0.1
     message.info.width = message.info.height = 20
@@ -457,5 +422,5 @@ def test_a_missing_package_is_installed_by_an_extra_that_exists():
     for package, extra in (("yourdfpy", "urdf"), ("viser", "view"), ("finufft", "spectral")):
         with pytest.raises(MissingPackageError) as caught:
             import_optional(f"missing_{package}", "it is needed", extra)
-        (named,) = re.findall(r'run: pip install "cspace\[(\w+)\]"', caught.value.hint)
+        (named,) = re.findall(r"it comes with cspace\[(\w+)\]", caught.value.rule)
         assert any(requirement.startswith(package) for requirement in extras[named])
