@@ -108,7 +108,7 @@ def test_bounds_of_shapely_and_trimesh_are_accepted():
         assert Workspace.from_mesh(mesh, 0.5, bounds).grid == Grid((0, 0, 0), 0.5, (6, 4, 2))
     for flat in (area.bounds, ((0, 0), (3, 2))):
         assert Workspace.from_polygons(area, 0.5, flat).grid == Grid((0, 0), 0.5, (6, 4))
-    with pytest.raises(InputError, match=r"six numbers; pass \(xmin.* or the lower and the upper"):
+    with pytest.raises(InputError, match=r"it must be xmin.* or the lower and the upper"):
         Workspace.from_mesh(mesh, 0.5, mesh.bounds.T)
     with pytest.raises(InputError, match="xmax, ymax must be above xmin, ymin"):
         Workspace.from_polygons(area, 0.5, [(0, 3), (0, 2)])

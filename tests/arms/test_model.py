@@ -332,7 +332,7 @@ def test_a_long_slide_has_its_own_limits(tmp_path):
     assert [bound.tolist() for bound in space.bounds] == [[0.0], [30.0]]
 
 
-def test_joints_without_motors_warn_and_the_hint_is_followed(tmp_path):
+def test_joints_without_motors_are_warned_of_unless_named(tmp_path):
     path, _ = write_arm_with_states(tmp_path)
     srdf = write_srdf(tmp_path, '<passive_joint name="two"/><passive_joint name="four"/>')
     with pytest.warns(UserWarning, match="have no motor, and plans move them"):

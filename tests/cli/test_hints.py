@@ -90,7 +90,7 @@ FILES = {
     (f"{MAP} --spacing -0.1", "--spacing is -0.1"),
     (f"{MAP} --robot disk:0.3", "disk:0.3"),
     (f"{MAP} --robot ball:0.1", "--robot has 3 dimensions but the workspace has 2"),
-    (f"{MAP} --rotations quaternions:2", "--rotations=72"),
+    (f"{MAP} --rotations quaternions:2", "a robot in the plane turns by its yaw"),
     (f"{PLAN} --goal nan,1", "--goal[1][0] is nan"),
     (
         f"{PLAN} --any-yaw",
@@ -99,7 +99,7 @@ FILES = {
     (f"{PLAN} --goal-tolerance 0.1,190deg", "an angle is at most pi radians"),
     (f"{PLAN} --goal-tolerance wide", "--goal-tolerance is 'wide'"),
     (f"{PLAN} --start 1.25,0.05", "BLOCKED"),
-    ("plot space.zarr -o n.png --center 1,1,1 --view 3d", "--zoom=8"),
+    ("plot space.zarr -o n.png --center 1,1,1 --view 3d", "--center is given without zoom"),
     # Options of another kind of file
     (f"{MAP} --robot-solid fill", "it is for meshes"),
     (f"{MAP} --package-dir .", "--package-dir is [PosixPath('.')] for disc:0.05"),

@@ -134,7 +134,7 @@ def write_arm(folder, velocity, kind="revolute"):
 def test_speeds_in_degrees_are_warned_of(tmp_path):
     ((category, text),) = list_warnings(Arm.from_urdf, write_arm(tmp_path, 180))
     assert category is AngleWarning and "velocity at the limit of joint 'j': 180" in text
-    assert "they are in rad" in text and text.endswith("/s; write 3.14159 for 180 degrees/s")
+    assert "they are in rad" in text and text.endswith("/s, and 180 degrees are 3.14159 rad")
     assert list_warnings(Arm.from_urdf, write_arm(tmp_path, 3.14)) == []
     assert list_warnings(Arm.from_urdf, write_arm(tmp_path, 180, "prismatic")) == []
 

@@ -230,7 +230,7 @@ def test_a_yaw_beyond_a_whole_turn_warns_with_the_radians(tmp_path, yaw):
     path = write_map(tmp_path, PIXELS, origin=[-1.0, 2.0, yaw])
     with pytest.warns(AngleWarning, match="beyond a whole turn") as caught:
         Workspace.from_ros_map(path)
-    radians = float(str(caught[0].message).partition("write ")[2].split()[0])
+    radians = float(str(caught[0].message).partition("degrees are ")[2].split()[0])
     assert radians == pytest.approx(math.radians(yaw), rel=1e-5)
     path = write_map(tmp_path, PIXELS, origin=[-1.0, 2.0, radians])
     for near in (radians, 2 * math.pi, -6.2831853):

@@ -631,7 +631,7 @@ def test_conflicts_have_reports_of_their_own(room):
         }
     refused = audit(room, "--robot=disc:0.2", "--distance=0.05")
     assert refused.exit_code == 2
-    assert "pass --conflicts" in refused.stderr
+    assert "robots keep it where they are in conflict" in refused.stderr
     refused = audit(room, "--robot=conflicts=disc:0.2", "--conflicts")
     assert "the report of conflicts has that name" in refused.stderr
     assert audit(room, "--robot=other=disc:0.02", "--conflicts").exit_code == 0

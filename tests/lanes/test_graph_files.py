@@ -331,7 +331,7 @@ def test_unknown_fields_are_named_once(name, path, text, tmp_path):
     ],
 )
 def test_angles_in_degrees_are_warned_of_with_their_radians(name, path, value, tmp_path):
-    radians = f"write {math.radians(value):.6g} for {value:g} degrees"
+    radians = f"{value:g} degrees are {math.radians(value):.6g} rad"
     with pytest.warns(AngleWarning, match=f"{path[-1]}: {value:g}; .*{radians}"):
         RouteGraph.open(write(tmp_path, name, edit(name, path, value)))
 
