@@ -398,7 +398,7 @@ def describe(world):
 
 ROOT = Path(cspace.__file__).parents[1]
 
-MADE_ELSEWHERE = re.compile(r"suggest_\w+\(|\berrors?\b|BRING_YOUR_FILE|hint\b")
+MADE_ELSEWHERE = re.compile(r"suggest_\w+\(|\berrors?\b|BRING_YOUR_FILE|hint\b|\.parts")
 """Hints from other functions: the nearest name, a page, those of another error, an argument."""
 
 NAMES_OPTION = re.compile(
@@ -437,6 +437,7 @@ def iterate_hints(function):
         position = {"fail": 2, "ContentError": 2}.get(name, 3)
         if name.endswith("Error") or name == "fail":
             yield from node.args[position : position + 1]
+            yield from (each for each in node.args if isinstance(each, ast.Starred))
             yield from (keyword.value for keyword in node.keywords if keyword.arg == "hint")
 
 
@@ -483,6 +484,7 @@ def test_each_hint_of_the_packages_is_followed_into_its_world(tmp_path):
         'warn_user(f"odd; pass frobnicate={n}")',
         'yield f"odd; pass {option}"',
         'raise InputError("a", "is 1", "it must be 2", advise(2))',
+        'raise InputError("a", "is 1", *ADVICE)',
         'raise table.fail("is 1", "it must be 2", "take 2" if a else "")',
     ],
 )

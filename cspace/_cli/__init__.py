@@ -86,7 +86,7 @@ class _Commands(TyperGroup):
         except OSError as error:
             problem = join_lines(str(error))
         except MemoryError as error:
-            problem = f"out of memory: {error}; a map must fit in memory; use larger cells"
+            problem = f"out of memory: {error}; a map must fit in memory"
         except KeyboardInterrupt:
             typer.echo("cspace: interrupted", err=True)
             raise typer.Exit(130) from None

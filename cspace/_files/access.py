@@ -158,10 +158,10 @@ class ContentError(Exception):
 
 
 @contextmanager
-def decoding(path: StrPath, kind: str, *advice: str) -> Iterator[None]:
+def decoding(path: StrPath, kind: str, rule: str = "") -> Iterator[None]:
     """Turn any exception of a decoder into an error naming the file.
 
-    `advice` is the rule, and perhaps the hint, for exceptions other than :class:`ContentError`.
+    `rule` is that of exceptions other than :class:`ContentError`.
     """
     try:
         yield
@@ -171,7 +171,7 @@ def decoding(path: StrPath, kind: str, *advice: str) -> Iterator[None]:
         raise error.kind(os.fspath(path), *error.parts) from error
     except Exception as error:
         reason = f"{type(error).__name__}: {' '.join(str(error).split()):.200}"
-        described = ContentError(f"cannot be read as {_with_article(kind)} ({reason})", *advice)
+        described = ContentError(f"cannot be read as {_with_article(kind)} ({reason})", rule)
         raise FileError(os.fspath(path), *described.parts) from error
 
 

@@ -83,11 +83,8 @@ def refuse_degrees(names: Iterable[str]) -> None:
         raise ContentError(f"has coordinates in {', '.join(named):.60}", rule, BRING_YOUR_FILE)
 
 
-def warn_of_likely_degrees(points: Floats, name: str, otherwise: str = "") -> None:
-    """Warn of coordinates, shape (n, 2 or 3), without a system that look like degrees.
-
-    ``otherwise`` is a hint for metres.
-    """
+def warn_of_likely_degrees(points: Floats, name: str) -> None:
+    """Warn of coordinates, shape (n, 2 or 3), without a system that look like degrees."""
     # About a thousand points show the place of all.
     sample = points[:: len(points) // 1000 + 1, :2]
     corners = np.stack([sample.min(axis=0), sample.max(axis=0)])
@@ -97,7 +94,6 @@ def warn_of_likely_degrees(points: Floats, name: str, otherwise: str = "") -> No
     # Distance from the origin, over the size of the obstacles, above which degrees are suspected.
     if fits and 0.0 < 50.0 * size < distance:
         warn_user(
-            f"{name}: its coordinates look like degrees, and are read as metres; "
-            f"{BRING_YOUR_FILE}{otherwise}",
+            f"{name}: its coordinates look like degrees, and are read as metres; {BRING_YOUR_FILE}",
             UnitWarning,
         )

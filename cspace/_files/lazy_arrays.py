@@ -22,7 +22,7 @@ def read_npy(path: StrPath) -> NDArray[Any]:
     """
     file = check_file(path, _NUMPY_KIND)
     rule = "it must hold one array, boolean for cells or floating-point for points"
-    with decoding(file, _NUMPY_KIND, rule, "write it with numpy.save"), np.errstate(over="raise"):
+    with decoding(file, _NUMPY_KIND, rule), np.errstate(over="raise"):
         return np.lib.format.open_memmap(file, mode="r")
 
 

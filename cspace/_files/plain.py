@@ -53,7 +53,7 @@ def read_yaml(path: StrPath, kind: str) -> Any:
     """
     # Bytes of memory to load one byte of YAML. Measured: 57 for many tables of one short key.
     text = read_text(path, kind, 60.0, "max_description_bytes")
-    with decoding(path, "YAML file", f"a {kind} must be YAML", "correct that line"):
+    with decoding(path, "YAML file", f"a {kind} must be YAML"):
         return _load_yaml(text)
 
 
@@ -162,7 +162,7 @@ def read_json(
     does not fit into memory.
     """
     text = read_text(path, kind, _MEMORY_PER_JSON_BYTE, limit)
-    with decoding(path, "JSON file", f"a {kind} must be JSON", "correct that place"):
+    with decoding(path, "JSON file", f"a {kind} must be JSON"):
         check_nesting(text, "[{", "]}")
         lists = text.count("[")
         needed = each_list * lists + _MEMORY_PER_JSON_BYTE * len(text)

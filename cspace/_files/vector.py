@@ -199,7 +199,7 @@ def _read_geojson(document: Mapping[str, Any], name: str) -> Iterator[tuple[str,
     if not named_shapes or not document.keys().isdisjoint(("crs", "coordRefSys")):
         return
     corners = shapely.total_bounds([shape for _, shape in named_shapes]).reshape(2, 2)
-    warn_of_likely_degrees(corners, name, ', or add "crs": null if they are metres')
+    warn_of_likely_degrees(corners, name)
 
 
 _MEMBERS: Final = {

@@ -64,11 +64,6 @@ NO_DIGEST: Final = "0" * 64
 
 _KIND: Final = "saved map"
 
-_DAMAGE_ADVICE: Final = (
-    "a saved map must be complete and unchanged",
-    "copy it again from an intact copy, or remove it and build again",
-)
-
 _UNITS: Final = {"m", "rad"}
 
 _EXTERIOR_STATES: Final = {"free": (FREE,), "blocked": (MIXED, BLOCKED), UNKNOWN: (MIXED,)}
@@ -89,7 +84,11 @@ _OTHER_ENTRIES: Final = re.compile(
 
 def map_error(path: StrPath, what: str) -> FileError:
     """Return a FileError for a saved map that is damaged or forged."""
-    return FileError(str(Path(path)), f"is not a usable map: {what}", *_DAMAGE_ADVICE)
+    return FileError(
+        str(Path(path)),
+        f"is not a usable map: {what}",
+        "a saved map must be complete and unchanged",
+    )
 
 
 @contextmanager

@@ -106,9 +106,7 @@ class PosedShape:
     def _exact(self) -> ExactShape:
         """The shape, if it has a boundary, trees and points inside."""
         if not isinstance(self.shape, ExactShape):
-            raise TypeError(
-                "the shape has outer and inner bounds; use one of PosedShape.bounds_pair"
-            )
+            raise TypeError("the shape has outer and inner bounds")
         return self.shape
 
     def transform(self, points: Floats) -> Floats:

@@ -109,7 +109,7 @@ def cut_nurbs(degree: int, knots: Floats, points: Floats, weights: Floats) -> tu
                 raise ValueError(f"jumps {gap:.3g} m to ({x:.6g}, {y:.6g}); its pieces must join")
             # Largest number of legs of a curve.
             if len(legs) == 4096:
-                raise ValueError(f"is too long or bent at ({x:.6g}, {y:.6g}); check its unit")
+                raise ValueError(f"is too long or bent at ({x:.6g}, {y:.6g}); units are metres")
             legs.append(leg._replace(drift=leg.drift + gap))
     return tuple(legs)
 
@@ -136,7 +136,7 @@ def _cut_piece(controls: Floats) -> Iterator[Leg]:
             pending += [(second, halvings + 1), (first, halvings + 1)]
         else:
             x, y = leg.start
-            raise ValueError(f"turns too sharply at ({x:.6g}, {y:.6g}); check its unit (metres)")
+            raise ValueError(f"turns too sharply at ({x:.6g}, {y:.6g}); units are metres")
 
 
 def _make_leg(controls: Floats) -> Leg | None:

@@ -149,8 +149,7 @@ class FreeRegions:
         """
         check_suffix(path, (SUFFIX,), "regions are saved as JSON")
         record = read_json(path, KIND)
-        advice = "FreeRegions.save writes such files", "save the regions again"
-        with decoding(path, KIND, *advice):
+        with decoding(path, KIND, "FreeRegions.save writes such files"):
             document = Ledger(record, "the file", FIELDS[0])
             if document.need("format") != FORMAT:
                 raise ValueError(f"the format is {record['format']!r}")

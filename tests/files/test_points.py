@@ -274,7 +274,7 @@ NPY = make_npy(CLOUD, "")
 )
 def test_npy_of_another_format_or_size_is_refused(tmp_path, content):
     path = write(tmp_path, "cloud.npy", content)
-    check_refused(path, "write it with numpy.save")
+    check_refused(path, "it must hold one array")
     with pytest.raises(FileError, match="cannot be read"):
         Workspace.open(path, spacing=0.1)
 

@@ -283,7 +283,7 @@ def test_sizes_within_a_collection_are_named():
 
 
 def test_geojson_like_degrees_warns_unless_it_says_null():
-    with pytest.warns(UnitWarning, match="look like degrees.*add .crs.: null"):
+    with pytest.warns(UnitWarning, match="look like degrees"):
         Workspace.from_polygons(town(), 1e-4)
     assert Workspace.from_polygons(town(crs=None) | {"crs": None}, 1e-4).outer.any()
     for plan in (L_SHAPE, affinity.translate(L_SHAPE, 50, 40), affinity.scale(L_SHAPE, 20, 20)):

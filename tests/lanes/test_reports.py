@@ -302,7 +302,7 @@ def test_a_saved_map_has_its_robot(folder):
         (["--robot=disc:0.2", "--robot=disc:0.3"], "as in NAME=SPEC"),
         (["--robot=a=disc:0.2", "--robot=a=disc:0.3"], "as in NAME=SPEC"),
         (["--robot=disc:0.2", "--heading=left"], "it must be a number of degrees or radians"),
-        (["--robot=disc:0.2", "--output=a.doc"], "use one of .csv"),
+        (["--robot=disc:0.2", "--output=a.doc"], "it must be one of .csv"),
         (["--robot=disc:0.2", "--level=L1"], ""),
     ],
 )
