@@ -38,6 +38,9 @@ _LFS_POINTER_START: Final = b"version https://git-lfs.github.com/spec/v1"
 BRING_YOUR_FILE: Final = 'the page "Bring your file" says how'
 """Hint for files and arrays that other packages convert."""
 
+_MALFORMED: Final = "it is malformed or truncated"
+"""Rule of a file's content if no other is known."""
+
 _MAX_QUOTED_CHARACTERS: Final = 60
 """Maximum number of characters of a wrong line that a message quotes."""
 
@@ -146,7 +149,7 @@ class ContentError(Exception):
     def __init__(
         self,
         problem: str,
-        rule: str = "it is malformed or truncated",
+        rule: str = _MALFORMED,
         hint: str = "",
         *,
         kind: type[CspaceError] = FileError,
@@ -158,7 +161,7 @@ class ContentError(Exception):
 
 
 @contextmanager
-def decoding(path: StrPath, kind: str, rule: str = "") -> Iterator[None]:
+def decoding(path: StrPath, kind: str, rule: str = _MALFORMED) -> Iterator[None]:
     """Turn any exception of a decoder into an error naming the file.
 
     `rule` is that of exceptions other than :class:`ContentError`.
@@ -171,8 +174,8 @@ def decoding(path: StrPath, kind: str, rule: str = "") -> Iterator[None]:
         raise error.kind(os.fspath(path), *error.parts) from error
     except Exception as error:
         reason = f"{type(error).__name__}: {' '.join(str(error).split()):.200}"
-        described = ContentError(f"cannot be read as {_with_article(kind)} ({reason})", rule)
-        raise FileError(os.fspath(path), *described.parts) from error
+        problem = f"cannot be read as {_with_article(kind)} ({reason})"
+        raise FileError(os.fspath(path), problem, rule) from error
 
 
 def check_suffix(

@@ -202,7 +202,7 @@ def test_other_files_and_folders_are_refused(tmp_path):
         refused(
             tmp_path / name,
             "is not a saved map",
-            "numpy.load" if name == "map.npz" else "cspace.build",
+            "numpy.load" if name == "map.npz" else "a Zarr folder",
         )
     for wrong in (7, None):
         with pytest.raises(InputError, match="file name"):

@@ -230,7 +230,7 @@ def test_plans_without_proof_path_or_map_are_refused():
     walled[20] = True
     space = cspace.build(Workspace.from_array(walled, 0.1), Robot.disc(0.2))
     none = planners.plan(space, (1.0, 1.0), (3.0, 1.0))
-    check_refused(none.corridor, "a trajectory follows a path")
+    check_refused(none.corridor, "a corridor follows a path")
     with pytest.raises(InputError, match="reach is 0"):
         plan.corridor(reach=0)
 
