@@ -165,7 +165,7 @@ FORKED = ("x", "y", "yaw", "fork")
         lambda: plan_own(searches="Around"),
         "they must be a tuple of names",
     ),
-    (lambda: plan_own(is_labelled=False), "only a map has cells; leave it True"),
+    (lambda: plan_own(is_labelled=False), "only a map has cells, so it is True"),
     (lambda: plan_own(searches=("Around", 2)), "they must be a tuple of names"),
     (lambda: plan_own(units=("m",)), "there is one text for each of a, b"),
 )
@@ -341,6 +341,6 @@ def test_a_map_with_answers_of_its_own_is_refused_when_it_is_defined(hall, name)
         if hasattr(answers, name):
             with pytest.raises(InputError, match=f"has its own .*{name}"):
                 type("Mixed", (answers, cspace.CSpace), {})
-    with pytest.raises(InputError, match=f"CSpace has its own {name}; .*derive it from"):
+    with pytest.raises(InputError, match=f"CSpace has its own {name}; cells and geometry prove without"):
         setattr(hall, name, lambda *q: False)
     assert issubclass(type("Named", (cspace.CSpace,), {"label": "hall"}), cspace.CSpace)
