@@ -341,6 +341,6 @@ def test_a_map_with_answers_of_its_own_is_refused_when_it_is_defined(hall, name)
         if hasattr(answers, name):
             with pytest.raises(InputError, match=f"has its own .*{name}"):
                 type("Mixed", (answers, cspace.CSpace), {})
-    with pytest.raises(InputError, match=f"CSpace has its own {name}; cells and geometry prove without"):
+    with pytest.raises(InputError, match=f"CSpace has its own {name}; cells and geometry"):
         setattr(hall, name, lambda *q: False)
     assert issubclass(type("Named", (cspace.CSpace,), {"label": "hall"}), cspace.CSpace)
