@@ -16,6 +16,7 @@ from cspace._interface import (
     Endpoint,
     LookUp,
     format_configuration,
+    tubes_are_free,
 )
 from cspace._queries.batches import Configuration, evaluate, evaluate_edges
 from cspace._queries.yaws import join_yaw_cells
@@ -25,9 +26,7 @@ from cspace._rotations import Rotations
 from cspace._shapes import OriginPoint
 from cspace._support.arrays import BLOCKED, FREE, MIXED, STATE_NAMES, Bools, Floats, Ints
 from cspace._support.check import (
-    check_angle,
     check_finite,
-    check_not_negative,
     check_point,
     check_rows,
     names_options,
@@ -288,36 +287,6 @@ class ConfigurationMap(ConfigurationSpace):
         np.not_equal(joined, apart, out=out)
         return -1
 
-    @overload
-    def is_free_around(self, q: Configuration, distance: float, angle: float = 0.0) -> bool: ...  # type: ignore[overload-overlap]
-    @overload
-    def is_free_around(self, q: ArrayLike, distance: float, angle: float = 0.0) -> Bools: ...
-    def is_free_around(self, q: ArrayLike, distance: float, angle: float = 0.0) -> bool | Bools:
-        """Return True if all near configurations are proven free.
-
-        They are within ``distance`` and ``angle`` of q. The configurations are those in a box: at
-        most ``distance`` away along each axis, and rotated by at most ``angle``. They are proven if
-        every closed cell that meets the box is FREE. Use it to prove curves piece by piece.
-
-        Parameters
-        ----------
-        q : array-like, shape (size,) or (..., size)
-            Metres, and radians.
-        distance : float
-            Metres, zero or above; in a map of joints their unit, as of all its axes.
-        angle : float
-            Radians, zero or above; ignored if the robot does not rotate.
-
-        Returns
-        -------
-        bool or ndarray of bool, shape (...)
-        """
-        metres = check_not_negative(distance, "distance")
-        radians = check_not_negative(check_angle(angle, "angle"), "angle", "radians")
-        write = partial(self._write_free_around, metres, radians)
-        free: bool | Bools = evaluate(q, self.axes, write, np.bool_, self._angles)
-        return free
-
     @names_options
     def certify_twists(
         self,
@@ -563,14 +532,6 @@ class ConfigurationMap(ConfigurationSpace):
         """Return the lock that is held while an update changes the map."""
 
     @abstractmethod
-    def _write_free_around(self, distance: float, angle: float, rows: Floats, out: Bools) -> int:
-        """Write whether all configurations near each row are free.
-
-        Near means within a distance and an angle. ``rows`` has shape (n, size), ``out`` (n,).
-        Returns the first unusable row, or -1.
-        """
-
-    @abstractmethod
     def _write_clearances(self, rows: Floats, out: Floats) -> int:
         """Write the clearances of configurations, metres.
 
@@ -591,12 +552,10 @@ class ConfigurationMap(ConfigurationSpace):
 
     def _explain_tube(self, rows: Floats, radii: Floats) -> tuple[tuple[str, ...], str]:
         """Return obstacles near the first unproven row, shape (n, size), and a sentence."""
-        is_free = np.empty(len(rows), dtype=np.bool_)
-        turn = float(radii[self.dim :].sum())
-        self._write_free_around(float(radii[: self.dim].max()), turn, rows, is_free)
+        are_free = tubes_are_free(self, rows, rows, np.tile(radii, (len(rows), 1)))
         # If all of them are free, the tube is not somewhere between.
-        q = rows[int(is_free.argmin())]
-        names = self._name_obstacles(q, radii[: self.dim], turn)
+        q = rows[int(are_free.argmin())]
+        names = self._name_obstacles(q, radii[: self.dim], float(radii[self.dim :].sum()))
         where = ", ".join(f"{value:.6g}" for value in q.tolist())
         near = f", near {', '.join(names)}" if names else ""
         return names, f"the motion is not proven free at ({where}){near}"

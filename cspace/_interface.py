@@ -1064,8 +1064,8 @@ class ConfigurationSpace(Space):
         """Lower counts to the number of first tubes that are free.
 
         Tubes lead from ``starts``, shape (b, size), to each of ``ends``, shape (b, n, size), in
-        turn. ``radii`` has the error of each coordinate; a quaternion has one. ``counts``, shape
-        (b,), says how many to test.
+        turn. ``radii``, shape (b, k), has the error of each coordinate; a quaternion has one.
+        ``counts``, shape (b,), says how many to test.
         """
 
     @abstractmethod
@@ -1133,6 +1133,19 @@ class ConfigurationSpace(Space):
         if np.isinf(spans).all():
             return []
         return [RowCheck("limit", self.axes, "turns by", np.abs(targets - before), spans)]
+
+
+def tubes_are_free(space: ConfigurationSpace, starts: Floats, ends: Floats, radii: Floats) -> Bools:
+    """Return whether the tube around each straight motion is proven free, shape (n,).
+
+    Motions lead from ``starts`` to ``ends``, shape (n, size), rotations the shorter way. The tube
+    of a motion has all configurations whose coordinates differ from it, at the same time, by at
+    most its row of ``radii``, shape (n, k), metres and radians; a quaternion has one radius. Limits
+    of joints do not count.
+    """
+    counts = np.ones(len(starts), dtype=np.int64)
+    space._count_free_tubes(starts, ends[:, np.newaxis], radii, counts)
+    return counts > 0
 
 
 def _make_own_answer_error(kind: type, own: Sequence[str]) -> InputError:

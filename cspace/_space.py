@@ -1338,17 +1338,6 @@ class CSpace(ConfigurationMap):
             write = partial(edges.edges_are_free_by_blocks, self._blocks, write)
         return write_in_threads(write, starts, ends, out, min_items=MIN_EDGES_PER_THREAD)
 
-    def _write_free_around(self, distance: float, angle: float, rows: Floats, out: Bools) -> int:
-        """Write whether all configurations near each row are free.
-
-        Near means within a distance and an angle. ``rows`` has shape (n, size), ``out`` (n,).
-        Returns the first unusable row, or -1.
-        """
-        from cspace._queries.points import boxes_are_free
-
-        write = partial(boxes_are_free, self._kernel_map, distance, angle)
-        return write_in_threads(write, rows, out)
-
     def _count_free_tubes(self, starts: Floats, ends: Floats, radii: Floats, counts: Ints) -> None:
         """Lower counts to the number of tubes that are free, from the first on.
 
@@ -1356,12 +1345,13 @@ class CSpace(ConfigurationMap):
         """
         from cspace._queries.edges import count_free_tubes
 
-        # In the plane, the map is one layer.
-        *metres, turn = (*radii.tolist(), 0.0)[: self.dim + 1]
-        layers = (0.0,) * (3 - self.dim)
-        count = partial(count_free_tubes, self._kernel_map, (*layers, *metres), turn)
+        # In the plane, the map is one layer, and a robot that does not turn has no angle.
+        first = 3 - self.dim
+        sizes = np.zeros((len(starts), 4))
+        sizes[:, first : first + radii.shape[1]] = radii
+        count = partial(count_free_tubes, self._kernel_map)
         min_chunks = max(1, MIN_EDGES_PER_THREAD // ends.shape[1])
-        write_in_threads(count, starts, ends, counts, min_items=min_chunks)
+        write_in_threads(count, sizes, starts, ends, counts, min_items=min_chunks)
 
     def _name_obstacles(self, q: Floats, distances: Floats, turn: float) -> tuple[str, ...]:
         """Return obstacles that reach the nearest cells not FREE."""

@@ -30,6 +30,7 @@ from ._interface import Endpoint as Endpoint
 from ._interface import GoalLike as GoalLike
 from ._interface import Goals as Goals
 from ._interface import SearchOptions as SearchOptions
+from ._interface import tubes_are_free as tubes_are_free
 from ._limits import check_memory as check_memory
 from ._queries.batches import as_contiguous as as_contiguous
 from ._queries.callbacks import bind_kernel as bind_kernel

@@ -3,24 +3,21 @@
 from __future__ import annotations
 
 import itertools
-import math
-from collections.abc import Callable
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple, TypeGuard
 
 import numpy as np
 
 from cspace import Rotations, Space
-from cspace.inside import Bools, ConfigurationSpace, Floats, Ints, number_parts, wrap_angles
+from cspace.inside import Bools, ConfigurationSpace, Floats, Ints, number_parts, tubes_are_free
 from planners._local_planner import LocalPlanner
 
-MAX_BOX_CELLS: Final = 0.5
-"""Half sides of the largest boxes that prove a curve on a map, in cells."""
+MAX_TUBE_CELLS: Final = 4.0
+"""Length of the first tubes that prove a curve on a map, along each axis, in cells."""
 
-MAX_BOX_RADIANS: Final = math.radians(5.0)
-"""Largest rotation of the largest boxes to either side, radians."""
+MAX_TUBE_TURN: Final = 0.4
+"""Turn of these tubes, radians."""
 
-CUTS_ON_MAPS: Final = 8
-CUTS_OF_ARMS: Final = 4
+CUTS: Final = 4
 """Number of pieces into which an unproven piece is cut."""
 
 CUT_LEVELS: Final = 3
@@ -28,9 +25,6 @@ CUT_LEVELS: Final = 3
 
 MAX_PIECES: Final = 1000
 """Largest number of pieces into which a curve is cut at first."""
-
-BOX_SLACK_CELLS: Final = 1e-9
-"""Growth of boxes for rounding, in cells."""
 
 ROUNDING: Final = 1e-12
 """Growth of bounds for rounding: radians, metres of joints, or relative rates."""
@@ -229,7 +223,7 @@ def turn_left(vectors: Floats, angles: Floats) -> Floats:
     return np.column_stack([cos * x - sin * y, sin * x + cos * y])
 
 
-def can_prove_curves(space: Space) -> bool:
+def can_prove_curves(space: Space) -> TypeGuard[ConfigurationSpace]:
     """Return True for maps and arms, which prove the surroundings of a motion."""
     return isinstance(space, ConfigurationSpace)
 
@@ -265,7 +259,7 @@ def _prove_lines(space: Space, exact: bool, lines: Segments) -> Bools:
     return proven
 
 
-def _prove_curves(space: Any, curves: Segments) -> Bools:
+def _prove_curves(space: ConfigurationSpace, curves: Segments) -> Bools:
     """Return whether curves are proven free, shape (m,).
 
     Each is cut into pieces. Unproven pieces are cut again, until the last level, except those of
@@ -273,16 +267,12 @@ def _prove_curves(space: Any, curves: Segments) -> Bools:
     others.
     """
     counts = np.ones(len(curves.lengths), dtype=np.int64)
-    test: Callable[..., Bools] = _test_motions
-    cuts = CUTS_OF_ARMS
     if space.has_cells:
-        test = _test_boxes
-        cuts = CUTS_ON_MAPS
         rates, _ = bound_derivatives(curves, 0.0 * curves.lengths, curves.lengths)
         moved = rates * curves.lengths[:, np.newaxis]
-        boxes = moved[:, : space.dim].max(axis=1) / (2.0 * MAX_BOX_CELLS * 2.0 * space.resolution)
-        turns = np.linalg.norm(moved[:, space.dim :], axis=1) / (2.0 * MAX_BOX_RADIANS)
-        counts += np.minimum(np.maximum(boxes, turns), MAX_PIECES).astype(np.int64)
+        parts = moved[:, : space.dim].max(axis=1) / (MAX_TUBE_CELLS * 2.0 * space.resolution)
+        turns = np.linalg.norm(moved[:, space.dim :], axis=1) / MAX_TUBE_TURN
+        counts += np.minimum(np.maximum(parts, turns), MAX_PIECES).astype(np.int64)
     owners, numbers = number_parts(counts)
     widths = (curves.lengths / counts)[owners]
     begins = numbers * widths
@@ -290,68 +280,49 @@ def _prove_curves(space: Any, curves: Segments) -> Bools:
     for level in range(CUT_LEVELS):
         if not len(owners):
             break
+        pieces = curves.select(owners)
         if level:
-            points = place_along(curves.select(owners), space.rotations, begins + 0.5 * widths)[0]
-            # Queries suspect degrees in angles beyond a turn, as of a robot that turns on and on.
-            if space.has_cells:
-                points = space.rotations._make_canonical(points)
-            else:
-                # Arms refuse configurations beyond their limits, which the proof finds anyway.
-                within = np.clip(points, *space.check_bounds())
-                wrapped = wrap_angles(points, space.periodic_axes)
-                points = np.where(space.periodic_axes, wrapped, within)
-            proven[owners[~space.is_free(points)]] = False
+            middles = begins + 0.5 * widths
+            proven[owners[~_test_tubes(space, pieces, middles, 0.0 * widths)]] = False
             left = proven[owners]
-            owners = np.repeat(owners[left], cuts)
-            widths = np.repeat(widths[left], cuts) / cuts
-            begins = np.repeat(begins[left], cuts) + np.arange(len(owners)) % cuts * widths
-        left = ~test(space, curves.select(owners), begins, widths, level)
+            owners = np.repeat(owners[left], CUTS)
+            widths = np.repeat(widths[left], CUTS) / CUTS
+            begins = np.repeat(begins[left], CUTS) + np.arange(len(owners)) % CUTS * widths
+            pieces = curves.select(owners)
+        left = ~_test_tubes(space, pieces, begins, widths)
         owners, widths, begins = owners[left], widths[left], begins[left]
     proven[owners] = False
     return proven
 
 
-def _test_boxes(space: Any, curves: Segments, begins: Floats, widths: Floats, level: int) -> Bools:
-    """Return whether pieces lie in boxes of FREE cells, shape (n,).
+def _test_tubes(
+    space: ConfigurationSpace, curves: Segments, begins: Floats, widths: Floats
+) -> Bools:
+    """Return whether pieces lie in free tubes around their chords, shape (n,).
 
-    Each coordinate stays within half the width times its largest rate of the middle.
+    A coordinate strays from even motion along the chord by at most 1/8 of the squared width times
+    its largest second derivative. A rotation about any axis stays within half the width times its
+    largest rate of the middle.
     """
     rotations = space.rotations
     dim = space.dim
-    rates, _ = bound_derivatives(curves, begins, widths)
-    spreads = 0.5 * widths[:, np.newaxis] * rates
-    middles, _, _ = place_along(curves, rotations, begins + 0.5 * widths)
-    turns = np.linalg.norm(spreads[:, dim:], axis=1)
-    cell = 2.0 * space.resolution
-    size = float(CUTS_ON_MAPS) ** -level
-    distance = MAX_BOX_CELLS * cell * size
-    angle = MAX_BOX_RADIANS * size
-    fits = (spreads[:, :dim].max(axis=1) <= distance) & (turns <= angle)
-    if rotations.names == ("yaw",):
-        middles[:, -1] = wrap_angles(middles[:, -1])
-    distance += BOX_SLACK_CELLS * cell
-    fits[fits] = space.is_free_around(middles[fits], distance, angle + ROUNDING)
-    return np.asarray(fits)
-
-
-def _test_motions(
-    space: Any, curves: Segments, begins: Floats, widths: Floats, level: int
-) -> Bools:
-    """Return whether pieces are near motions that are free with that deviation, shape (n,).
-
-    Each joint deviates from its even motion by at most 1/8 of the squared width times its largest
-    second derivative.
-    """
-    rotations = space.rotations
-    firsts, _, first_bends = place_along(curves, rotations, begins)
-    lasts, _, last_bends = place_along(curves, rotations, begins + widths)
-    bends = np.maximum(np.abs(first_bends), np.abs(last_bends))
-    deviations = bends * widths[:, np.newaxis] ** 2 / 8.0
-    lower, upper = space.check_bounds()
-    lowest = np.minimum(firsts, lasts) - deviations + ROUNDING
-    highest = np.maximum(firsts, lasts) + deviations - ROUNDING
-    is_inside = (lowest >= lower) & (highest <= upper) | np.array(space.periodic_axes)
-    free: Bools = is_inside.all(axis=1)
-    deviations += ROUNDING
-    free[free] = space.motions_are_free_around(firsts[free], lasts[free], deviations[free])
-    return free
+    firsts, _, _ = place_along(curves, rotations, begins)
+    lasts, _, _ = place_along(curves, rotations, begins + widths)
+    rates, bends = bound_derivatives(curves, begins, widths)
+    radii = bends * widths[:, np.newaxis] ** 2 / 8.0
+    turns = np.linalg.norm(rates[:, dim:], axis=1) * widths
+    if len(rotations.names) == 4:
+        middles, _, _ = place_along(curves, rotations, begins + 0.5 * widths)
+        firsts[:, dim:] = lasts[:, dim:] = middles[:, dim:]
+        radii = np.column_stack([radii[:, :dim], 0.5 * turns])
+    # A chord turns the shorter way.
+    fits: Bools = turns <= MAX_EDGE_TURN
+    if not space.has_cells:
+        # Joints keep their limits.
+        lower, upper = space.check_bounds()
+        lowest = np.minimum(firsts, lasts) - radii + ROUNDING
+        highest = np.maximum(firsts, lasts) + radii - ROUNDING
+        is_inside = (lowest >= lower) & (highest <= upper) | np.array(space.periodic_axes)
+        fits &= is_inside.all(axis=1)
+    fits[fits] = tubes_are_free(space, firsts[fits], lasts[fits], radii[fits] + ROUNDING)
+    return fits

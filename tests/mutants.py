@@ -240,8 +240,8 @@ MUTANTS = (
     ),
     Mutant(
         "cspace/arms/_snapshots.py",
-        "padding=self.outer.padding + displacements, cones",
-        "padding=self.outer.padding + 0.5 * displacements, cones",
+        "self.outer.padding + self.bound_displacements(deviations)",
+        "self.outer.padding + 0.5 * self.bound_displacements(deviations)",
         "tests/arms/test_chunks.py",
     ),
     Mutant(
@@ -703,26 +703,26 @@ MUTANTS = (
     ),
     Mutant(
         "planners/_segments.py",
-        "distance += BOX_SLACK_CELLS * cell",
-        "distance *= 0.1",
+        "radii = np.column_stack([radii[:, :dim], 0.5 * turns])",
+        "radii = np.column_stack([radii[:, :dim], 0.1 * turns])",
         "tests/planners/test_smoothing.py",
     ),
     Mutant(
         "planners/_segments.py",
-        "np.repeat(begins[left], cuts) + np.arange(len(owners)) % cuts * widths",
-        "np.repeat(begins[left], cuts)",
+        "np.repeat(begins[left], CUTS) + np.arange(len(owners)) % CUTS * widths",
+        "np.repeat(begins[left], CUTS)",
         "tests/planners/test_smoothing.py",
     ),
     Mutant(
         "planners/_segments.py",
-        "fits[fits] = space.is_free_around(middles[fits], distance, angle + ROUNDING)",
-        "fits[fits] = space.is_free_around(middles[fits], distance, 0.0)",
+        "fits: Bools = turns <= MAX_EDGE_TURN",
+        "fits: Bools = turns <= 9.0",
         "tests/planners/test_smoothing.py",
     ),
     Mutant(
         "planners/_segments.py",
-        "deviations = bends * widths[:, np.newaxis] ** 2 / 8.0",
-        "deviations = bends * 0.0",
+        "radii = bends * widths[:, np.newaxis] ** 2 / 8.0",
+        "radii = bends * 0.0",
         "tests/planners/test_smoothing.py",
     ),
     Mutant(

@@ -53,7 +53,6 @@ QUERIES = {
     "is_connected": lambda q: turning().is_connected(q, P),
     "is_disconnected": lambda q: turning().is_disconnected(P, q),
     "is_free": lambda q: turning().is_free(q),
-    "is_free_around": lambda q: turning().is_free_around(q, 0.05),
     "motion_is_free": lambda q: turning().motion_is_free(P, q),
     "nearest_free": lambda q: turning().nearest_free(q),
     "obstacle_distance": lambda q: turning().obstacle_distance(q),
@@ -353,7 +352,6 @@ def test_costs_of_another_shape_are_refused():
     ),
     (lambda: cspace.open(7), "path is 7; it must be a file name"),
     (lambda: flat().add_obstacle("a", [(1e9, 0.0)], radius=0.1), "reaches 1e+10 cells"),
-    (lambda: turning().is_free_around(Q, 0.1, (1.0, 2.0)), "it must be one number"),
     (lambda: turning().remove_obstacle("cart"), "there is none"),
     # Gates, plans and arms.
     (lambda: cspace.Gate(turning(), tracking=(0.1, 0.1)), "has shape (2,)"),

@@ -372,16 +372,6 @@ MAKERS = {
         (0.5, 0.75),
         JOINTS,
     ),
-    "ArmSpace.motions_are_free_around starts": (
-        lambda made, v: made["ArmSpace"].motions_are_free_around(v, [(0.75, 0.5)], (0.01, 0.01)),
-        [(0.5, 0.75)],
-        JOINTS,
-    ),
-    "ArmSpace.motions_are_free_around ends": (
-        lambda made, v: made["ArmSpace"].motions_are_free_around([(0.75, 0.5)], v, (0.01, 0.01)),
-        [(0.5, 0.75)],
-        JOINTS,
-    ),
     "ConvexRegion.contains q": (
         lambda made, v: made["CSpace"].free_region(Q, reach=0.25).contains(v),
         Q,

@@ -156,7 +156,8 @@ class ChunkMotions(NamedTuple):
                 is_refused.any(axis=1), is_refused.argmax(axis=1), tubes // self.per_row
             )
             np.minimum(counts, first_refused * self.per_row, out=counts)
-        self.space._count_free_tubes(self.starts, self.ends, self._find_radii(tracking), counts)
+        radii = np.tile(self._find_radii(tracking), (chunks, 1))
+        self.space._count_free_tubes(self.starts, self.ends, radii, counts)
         return counts // self.per_row
 
     def find_refusal(self, row: int, tracking: Floats) -> RowRefusal:

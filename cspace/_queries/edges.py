@@ -127,17 +127,17 @@ def edges_are_free(map_: Map, starts: Floats, ends: Floats, out: Bools) -> int:
 
 
 @kernel
-def count_free_tubes(
-    map_: Map, radii: Row, turn: float, starts: Floats, ends: Floats, counts: Ints
-) -> int:
+def count_free_tubes(map_: Map, sizes: Floats, starts: Floats, ends: Floats, counts: Ints) -> int:
     """Lower the counts to the numbers of tubes that are FREE, from the first on.
 
     In each of b chunks, tubes lead from a row of ``starts``, shape (b, size), to each of ``ends``,
-    shape (b, n, size), in turn. Only as many as ``counts``, shape (b,), are tested. A tube with an
-    end that is not usable is not FREE. Returns -1; see `tube_is_free` for ``radii`` and ``turn``.
+    shape (b, n, size), in turn. Only as many as ``counts``, shape (b,), are tested. ``sizes``,
+    shape (b, 4), are the radii and the turn of the tubes of each chunk; see `tube_is_free`. A tube
+    with an end that is not usable is not FREE. Returns -1.
     """
-    turn = min(turn, math.pi)  # which leads to all rotations
     for chunk in range(starts.shape[0]):
+        radii = sizes[chunk, 0], sizes[chunk, 1], sizes[chunk, 2]
+        turn = min(sizes[chunk, 3], math.pi)  # which leads to all rotations
         p0, r0 = configuration_in(map_, starts, chunk)
         wanted = counts[chunk] if is_usable(p0, r0) else 0
         counts[chunk] = 0

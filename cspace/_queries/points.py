@@ -30,7 +30,6 @@ from cspace._rotations.lookup import (
 from cspace._support.arrays import (
     FREE,
     MIXED,
-    Bools,
     Floats,
     Ints,
     Numbers,
@@ -302,21 +301,6 @@ def box_is_free(map_: Map, s: int, position: Row, distance: float) -> bool:
             if not run_is_free(map_, s, i, j, max(k0, low[2]), min(k1, high[2])):
                 return False
     return True
-
-
-@kernel
-def boxes_are_free(map_: Map, distance: float, angle: float, points: Floats, out: Bools) -> int:
-    """Write whether all configurations near each point are proven free.
-
-    See `neighborhood_is_free`. ``points`` has shape (n, size), ``out`` (n,). Returns the first
-    unusable row, or -1.
-    """
-    for k in range(points.shape[0]):
-        position, rotation = configuration_in(map_, points, k)
-        if not is_usable(position, rotation):
-            return k
-        out[k] = neighborhood_is_free(map_, position, rotation, distance, angle)
-    return -1
 
 
 @internal

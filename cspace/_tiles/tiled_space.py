@@ -202,26 +202,22 @@ class TiledCSpace(ConfigurationMap):
                 self._tiles.motions_are_free(starts, ends, out)
             return bad
 
-    def _write_free_around(self, distance: float, angle: float, rows: Floats, out: Bools) -> int:
-        query = partial(CSpace.is_free_around, distance=distance, angle=angle)
-        reach = math.ceil(distance / self.grid.spacing) + 1  # cells
-        return self._query_parts(query, rows, out, reach)
-
     def _count_free_tubes(self, starts: Floats, ends: Floats, radii: Floats, counts: Ints) -> None:
-        if len(starts) == 0:
-            return
-        # A window around all tubes proves them, because all beyond it counts as MIXED. Refused rows
-        # may lie anywhere, so that it leaves them out.
-        tested = ends[:, : counts.max()]
-        positions = np.concatenate([starts[:, np.newaxis], tested], axis=1)[..., : self.dim]
-        positions = positions[np.isfinite(positions).all(axis=-1)]
-        reach = radii[: self.dim] + self.grid.spacing
-        lower = np.maximum(positions.min(axis=0) - reach, self.grid.lower)
-        upper = np.minimum(positions.max(axis=0) + reach, self.grid.upper)
-        if (lower >= upper).any():  # all tubes are outside the map
-            counts[:] = 0
-            return
-        self.window(lower, upper)._count_free_tubes(starts, ends, radii, counts)
+        first = starts[:, : self.dim]
+        tested = ends[:, : counts.max(initial=0), : self.dim]
+        # Refused rows may lie anywhere, so that those farther away than the map is long are left
+        # out. Parts may do so, because all beyond a part counts as MIXED.
+        longest = self.grid.spacing * max(self.grid.shape)
+        with np.errstate(over="ignore"):
+            steps = np.abs(tested - first[:, np.newaxis])
+        steps[~(steps <= longest)] = 0.0
+        metres = steps.max(initial=0.0) + radii[:, : self.dim].max(initial=0.0)
+        reach = math.ceil(min(metres, longest) / self.grid.spacing) + 1  # cells
+        with self._map_lock():
+            for space, chosen in self._tiles.parts_near(self.grid.cell_of(first), reach):
+                part = counts[chosen]
+                space._count_free_tubes(starts[chosen], ends[chosen], radii[chosen], part)
+                counts[chosen] = part
 
     def _write_clearances(self, rows: Floats, out: Floats) -> int:
         # Cells beyond the halo of a tile count as not FREE, and a clearance may be two cells too

@@ -959,40 +959,6 @@ class ArmSpace(ConfigurationSpace):
         """
         return super().certify_path(path, edges, exact=exact)
 
-    def motions_are_free_around(
-        self, starts: ArrayLike, ends: ArrayLike, deviation: ArrayLike
-    ) -> Bools:
-        """Return whether motions and all near motions are proven collision-free.
-
-        Near motions deviate by at most ``deviation`` from the straight motion, at each time and in
-        each joint. Use it to prove curves piece by piece. Continuous joints count whole turns.
-
-        Parameters
-        ----------
-        starts, ends : array-like, shape (n, dof)
-        deviation : array-like, shape (dof,) or (n, dof)
-            Radians and metres, zero or above; of each motion, or of all.
-
-        Returns
-        -------
-        ndarray of bool, shape (n,)
-
-        Raises
-        ------
-        ConfigurationError
-            If a configuration is more than 1e-5 rad (m) beyond a limit.
-        """
-        firsts = self._check_configurations(starts, "starts")
-        lasts = self._check_configurations(ends, "ends")
-        reach = check_finite(deviation, "deviation")
-        if reach.shape not in (firsts.shape, firsts.shape[-1:]) or (reach < 0.0).any():
-            raise InputError(
-                "deviation",
-                f"is {deviation!r}",
-                f"it must be {firsts.shape[-1]} numbers, zero or above",
-            )
-        return self.snapshot.are_free_around(firsts, lasts, np.broadcast_to(reach, firsts.shape))
-
     def _list_images(self, start: Floats, goals: Floats) -> Floats:
         """Return the goals both ways around each continuous joint.
 
@@ -1062,7 +1028,9 @@ class ArmSpace(ConfigurationSpace):
     def _explain_tube(self, rows: Floats, radii: Floats) -> tuple[tuple[str, ...], str]:
         """Name the link that comes nearest to touching at instants of a tube, and the other."""
         snapshot = self.snapshot
-        scene = snapshot.pad_scene(radii)
+        outer = snapshot.outer
+        displacements = snapshot.bound_displacements(radii[np.newaxis])[0]
+        scene = outer._replace(padding=outer.padding + displacements)
         distances, _ = snapshot.distances(rows, scene)
         nearest = int(distances.argmin())
         contact = snapshot.contact(scene, rows[nearest : nearest + 1])

@@ -82,10 +82,6 @@ class Cones(NamedTuple):
     lower: Floats
     upper: Floats
 
-    def shrink(self, turns: Floats) -> Cones:
-        """Return the cones with tolerances smaller by ``turns`` radians, shape (k,)."""
-        return self._replace(tolerances=self.tolerances - turns)
-
 
 def make_cones(arm: Arm, uprights: Sequence[Upright]) -> Cones:
     """Make the cones of an arm's frames, which it must have."""

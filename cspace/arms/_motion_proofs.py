@@ -267,9 +267,7 @@ def are_free(scene: ArmScene, firsts: Floats, lasts: Floats) -> Bools:
     shape (n,).
     """
     out = np.empty(len(firsts), dtype=np.bool_)
-    paddings = np.empty((len(firsts), 0))
-    prove = find_proof(scene)
-    motions_are_free(prove, scene, firsts, lasts, paddings, out, make_scene_scratch(scene))
+    motions_are_free(find_proof(scene), scene, firsts, lasts, out, make_scene_scratch(scene))
     return out
 
 
@@ -285,42 +283,15 @@ def motions_are_free(
     scene: ArmScene,
     firsts: Floats,
     lasts: Floats,
-    paddings: Floats,
     out: Bools,
     scratch: SceneScratch,
 ) -> None:
     """Fill ``out`` with whether motions, shapes (n, dof), are proven free.
 
-    Equal endpoints mean a point. ``paddings`` of the p pairs and tolerances of the c cones replace
-    those of the scene, shape (n, p + c) for each motion; of shape (n, 0), they do not. ``prove`` is
-    :func:`find_proof`.
+    Equal endpoints mean a point. ``prove`` is :func:`find_proof`.
     """
-    count = len(scene.pairs)
-    padding = scene.padding
-    cones = scene.cones
     for k in range(len(firsts)):
-        if paddings.shape[1] > 0:
-            padding = paddings[k, :count]
-            cones = Cones(
-                cones.bodies,
-                cones.axes,
-                cones.directions,
-                cones.angles,
-                paddings[k, count:],
-                cones.lower,
-                cones.upper,
-            )
-        padded = ArmScene(
-            scene.chain,
-            scene.solids,
-            scene.pairs,
-            padding,
-            scene.max_coordinate,
-            scene.required,
-            cones,
-            scene.deviations,
-        )
-        out[k] = call(prove, (padded, firsts[k], lasts[k], scratch))
+        out[k] = call(prove, (scene, firsts[k], lasts[k], scratch))
 
 
 @kernel
@@ -329,20 +300,43 @@ def count_free_motions(
     scene: ArmScene,
     starts: Floats,
     ends: Floats,
+    paddings: Floats,
+    tolerances: Floats,
     counts: Ints,
     scratch: SceneScratch,
 ) -> None:
     """Lower the counts to the numbers of motions that are proven free, from the first on.
 
     In each of b chunks, motions lead from a row of ``starts``, shape (b, dof), to each of ``ends``,
-    shape (b, n, dof), in turn. Only as many as ``counts``, shape (b,), are tested.
+    shape (b, n, dof), in turn. Only as many as ``counts``, shape (b,), are tested. The chunk's
+    ``paddings`` of the p pairs, shape (b, p), and ``tolerances`` of the c cones, shape (b, c),
+    replace those of the scene.
     """
     for chunk in range(len(starts)):
+        cones = Cones(
+            scene.cones.bodies,
+            scene.cones.axes,
+            scene.cones.directions,
+            scene.cones.angles,
+            tolerances[chunk],
+            scene.cones.lower,
+            scene.cones.upper,
+        )
+        padded = ArmScene(
+            scene.chain,
+            scene.solids,
+            scene.pairs,
+            paddings[chunk],
+            scene.max_coordinate,
+            scene.required,
+            cones,
+            scene.deviations,
+        )
         wanted = counts[chunk]
         counts[chunk] = 0
         start = starts[chunk]
         for row in range(wanted):
-            if not call(prove, (scene, start, ends[chunk, row], scratch)):
+            if not call(prove, (padded, start, ends[chunk, row], scratch)):
                 break
             start = ends[chunk, row]
             counts[chunk] = row + 1

@@ -177,54 +177,30 @@ class Snapshot:
         """Address of the proof of a motion."""
         return find_proof(self.outer)
 
-    def are_free(
-        self,
-        firsts: Floats,
-        lasts: Floats,
-        scene: ArmScene | None = None,
-        paddings: Floats | None = None,
-    ) -> Bools:
+    def are_free(self, firsts: Floats, lasts: Floats, scene: ArmScene | None = None) -> Bools:
         """Return whether motions, shapes (n, dof), are proven free, shape (n,).
 
-        ``scene`` is the outer scene, or one with more padding; ``paddings``, shape (n, p + c), are
-        those of each motion, and its tolerances of the cones.
+        ``scene`` is the outer scene, or one with more padding.
         """
-        if paddings is None:
-            paddings = np.empty((len(firsts), 0))
         out = np.empty(len(firsts), dtype=np.bool_)
-        rows = [as_contiguous(each) for each in (firsts, lasts, paddings)]
+        rows = [as_contiguous(each) for each in (firsts, lasts)]
         _run_in_threads(partial(motions_are_free, self.proof), scene or self.outer, *rows, out)
         return out
-
-    def are_free_around(self, firsts: Floats, lasts: Floats, deviations: Floats) -> Bools:
-        """Return whether motions, shapes (n, dof), are free with any deviation, shape (n,).
-
-        ``deviations``, shape (n, dof), bound that of each joint at each time. The motions prove it
-        if all pairs stay apart by as much as such joint motions move them, in addition, and links
-        keep their angles within the tolerances less as much as they turn.
-        """
-        paddings = self.outer.padding + self.bound_displacements(deviations)
-        tolerances = self.outer.cones.tolerances - self._bound_turns(deviations)
-        return self.are_free(firsts, lasts, paddings=np.hstack([paddings, tolerances]))
 
     def count_free(self, starts: Floats, ends: Floats, deviations: Floats, counts: Ints) -> None:
         """Lower counts to the number of motions that are free with any deviation.
 
-        Arguments are as for :meth:`cspace.ArmSpace.certify_chunk`; ``deviations``, shape (dof,),
-        bound that of each joint.
+        Arguments are as for :meth:`cspace.ArmSpace.certify_chunk`; ``deviations``, shape (b, dof),
+        bound that of each joint at each time. A motion proves it if all pairs stay apart by as much
+        as such joint motions move them, in addition, and links keep their angles within the
+        tolerances less as much as they turn.
         """
         min_chunks = max(1, MIN_MOTIONS_PER_THREAD // ends.shape[1])
-        scene = self.pad_scene(deviations)
+        paddings = self.outer.padding + self.bound_displacements(deviations)
+        tolerances = self.outer.cones.tolerances - self._bound_turns(deviations)
         count = partial(count_free_motions, self.proof)
-        _run_in_threads(count, scene, starts, ends, counts, min_items=min_chunks)
-
-    def pad_scene(self, deviations: Floats) -> ArmScene:
-        """Return the outer scene with padding for deviations of the joints, shape (dof,)."""
-        displacements = self.bound_displacements(deviations[np.newaxis])[0]
-        turns = self._bound_turns(deviations[np.newaxis])[0]
-        return self.outer._replace(
-            padding=self.outer.padding + displacements, cones=self.outer.cones.shrink(turns)
-        )
+        rows = starts, ends, paddings, tolerances, counts
+        _run_in_threads(count, self.outer, *rows, min_items=min_chunks)
 
     def _bound_turns(self, joint_motions: Floats) -> Floats:
         """Bound how far joint motions, shape (n, dof), turn the body of each cone, shape (n, c)."""

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from cspace.inside import Bools, Floats, Ints
+from cspace.inside import Bools, Floats, Ints, tubes_are_free
 from cspace.lanes._lane_motions import LaneMotions
 
 if TYPE_CHECKING:
@@ -29,20 +29,16 @@ ARC_CHORDS: Final = 8
 
 def prove(space: CSpace, motions: LaneMotions, by_geometry: bool) -> Bools:
     """Return whether cells, or the geometry, prove each motion free, shape (n,)."""
+    if not by_geometry:
+        radii = np.zeros((len(motions.lanes), space.size))
+        radii[:, :2] = motions.growths[:, np.newaxis]
+        return tubes_are_free(space, motions.starts, motions.ends, radii)
     is_free = np.zeros(len(motions.lanes), dtype=np.bool_)
-    growths = motions.growths + motions.spares if by_geometry else motions.growths
+    growths = motions.growths + motions.spares
     for growth in np.unique(growths):
         rows = np.flatnonzero(growths == growth)
         starts, ends = motions.starts[rows], motions.ends[rows]
-        if by_geometry:
-            is_free[rows] = space._boundary_proofs().are_free(starts, ends, float(growth))
-        elif growth == 0.0:
-            is_free[rows] = space.motion_is_free(starts, ends)
-        else:
-            counts = np.ones(len(rows), dtype=np.int64)
-            radii = np.array([growth, growth, 0.0])[: space.size]
-            space._count_free_tubes(starts, ends[:, np.newaxis], radii, counts)
-            is_free[rows] = counts > 0
+        is_free[rows] = space._boundary_proofs().are_free(starts, ends, float(growth))
     return is_free
 
 

@@ -297,10 +297,6 @@ TENTH = {"limits": (0.1, 0.1)}
         "a joint turns by at most half a turn, so that the edge is the shorter way",
     ),
     (
-        lambda f: space(f).motions_are_free_around([ZERO], [ZERO], [0.1]),
-        "it must be 2 numbers, zero or above",
-    ),
-    (
         lambda f: planners.plan(space(f), ZERO, (1.2, 0.3), keep=0.1),
         "it must be an Upright, or a list of several",
     ),

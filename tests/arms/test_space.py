@@ -12,6 +12,7 @@ import planners
 from cspace import BLOCKED, FREE, Robot
 from cspace.arms import Arm, PosedShape, build_arm_space
 from cspace.errors import ConfigurationError, InputError
+from cspace.inside import tubes_are_free
 from tests.helpers.arm_oracle import ArmOracle, sample_configurations
 from tests.helpers.solids import box
 from tests.helpers.strategies import examples, seeds
@@ -294,9 +295,9 @@ def test_each_motion_is_free_with_its_own_deviation(seed, center):
     starts = rng.uniform(-2.5, 2.5, (12, 2))
     ends = starts + rng.uniform(-0.3, 0.3, (12, 2))
     deviations = rng.choice([0.0, 0.01, 0.1, 0.4], (12, 2))
-    free = space.motions_are_free_around(starts, ends, deviations)
+    free = tubes_are_free(space, starts, ends, deviations)
     for first, last, reach, is_free in zip(starts, ends, deviations, free, strict=True):
-        assert space.motions_are_free_around([first], [last], reach)[0] == is_free
+        assert space.certify_chunk(first, [last], reach).is_proven == is_free
         near = np.linspace(first, last, 60) + reach * rng.choice([-1.0, 0.0, 1.0], (60, 2))
         if is_free:
             assert not planar_arm_meets(near, [(*center, 0.2)]).any()

@@ -97,6 +97,13 @@ def sample_edges(space, firsts, lasts, shares):
     return np.concatenate([positions, turned], axis=-1), np.abs(turn).max(axis=-1, initial=0.0)
 
 
+def is_free_around(space, q, distance, angle=0.0):
+    """Return whether a gate lets a robot stay at configurations (n, size), with such errors."""
+    q = np.asarray(q, dtype=float)
+    tracking = [distance] * space.dim + [angle] * bool(space.rotations.names)
+    return space.certify_chunk(q, q[:, np.newaxis], tracking).is_proven
+
+
 def turn_between(first, second):
     """Return the signed angle between yaws along the shorter arc."""
     return (np.asarray(second) - first + np.pi) % (2 * np.pi) - np.pi

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 import cspace
 from cspace import FREE, Robot, Rotations, Workspace
 from tests.helpers.handmade import MAP_KINDS, build_empty
+from tests.helpers.placements import is_free_around
 from tests.helpers.strategies import seeds
 
 SPACING = 0.5
@@ -130,7 +131,7 @@ def check(space, fresh, world):
             getattr(space, name)(*given), getattr(fresh, name)(*given), name
         )
     np.testing.assert_array_equal(
-        space.is_free_around(q, SPACING, 0.3), fresh.is_free_around(q, SPACING, 0.3)
+        is_free_around(space, q, SPACING, 0.3), is_free_around(fresh, q, SPACING, 0.3)
     )
     one = tuple(q[0].tolist())  # looked up without arrays
     assert space.clearance(one) == fresh.clearance(one)

@@ -10,7 +10,7 @@ import cspace
 from cspace import FREE, MIXED
 from tests.helpers.handmade import components
 from tests.helpers.maps import proven_paths
-from tests.helpers.placements import draw_configurations, move
+from tests.helpers.placements import draw_configurations, is_free_around, move
 from tests.helpers.strategies import examples, seeds
 from tests.laws.any_map import (
     ALL_KINDS,
@@ -24,7 +24,6 @@ BLOCKED_OUTSIDE = ("plane", "yaw in space")
 BATCH_QUERIES = {
     "classify": (1, ()),
     "is_free": (1, ()),
-    "is_free_around": (1, (0.1, 0.05)),
     "clearance": (1, ()),
     "obstacle_distance": (1, ()),
     "overlap_count": (1, ()),
@@ -92,7 +91,7 @@ def test_no_query_proves_free_what_touches_an_obstacle(any_map, seed):
     around = move(
         any_map.memory, q, np.where(rng.random(steps.shape) < 0.5, -0.03, 0.03), 0.0 * turns
     )
-    assert not space.is_free_around(around, 0.03 + NUDGE).any()
+    assert not is_free_around(space, around, 0.03 + NUDGE).any()
 
 
 @pytest.mark.filterwarnings("ignore::cspace.UnitWarning")  # the ball is far from its origin

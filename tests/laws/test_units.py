@@ -171,13 +171,9 @@ UNCHANGED = {
     "is_connected": lambda c: c.space.is_connected(c.q0, c.q1),
     "is_disconnected": lambda c: c.space.is_disconnected(c.q0, c.q1),
     "is_free": lambda c: c.space.is_free([c.q0, c.q1]),
-    "is_free_around": lambda c: c.space.is_free_around(c.q0, 0.05 * c.unit, 0.05),
     "is_labelled": lambda c: c.space.is_labelled,
     "max_velocity": lambda c: [*c.space.max_velocity.values()],
     "motion_is_free": lambda c: c.space.motion_is_free(c.q0, c.q1),
-    "motions_are_free_around": lambda c: c.space.motions_are_free_around(
-        np.array([c.q0]), np.array([c.q1]), np.array([0.01, 0.01])
-    ),
     "obstacles": lambda c: list(c.space.obstacles),
     "outside": lambda c: c.space.outside,
     "overlap_count": lambda c: c.space.overlap_count(c.q0),

@@ -38,7 +38,7 @@ MOST_ATTRIBUTES = {
     "cspace/arms": 2,
     "cspace/_cli": 0,
     "cspace/export": 4,
-    "cspace/lanes": 5,
+    "cspace/lanes": 4,
     "cspace/plot": 0,
     "cspace/reasons": 9,
     "cspace/regions": 7,

@@ -15,6 +15,7 @@ from planners._drives import local_planner
 from planners._local_planner import CURVES
 from tests.fuzz.curves import drive
 from tests.helpers.handmade import build_empty
+from tests.helpers.placements import is_free_around
 from tests.helpers.planning import (
     build_room,
     interpolate_poses,
@@ -118,8 +119,8 @@ def test_a_curve_is_proven_if_it_is_free_with_some_clearance(space, name):
         if is_proven:
             assert (points[:, :2] >= space.grid.lower).all() and space.is_free(points).all()
         # 20 points refute most curves.
-        elif space.is_free_around(points[::20], distance, distance / radius).all():
-            tied += bool(space.is_free_around(points, distance, distance / radius).all())
+        elif is_free_around(space, points[::20], distance, distance / radius).all():
+            tied += bool(is_free_around(space, points, distance, distance / radius).all())
     # All equally short curves must be free; reversing cars sometimes have several.
     assert proven > 20 and tied <= (0.1 * proven if name == "reeds-shepp" else 0)
 

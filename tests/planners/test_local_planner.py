@@ -10,7 +10,7 @@ from hypothesis import given
 import planners
 from cspace import Robot, Workspace, build
 from planners._drives import local_planner
-from tests.helpers.placements import collides
+from tests.helpers.placements import collides, is_free_around
 from tests.helpers.planning import (
     ENDPOINTS,
     build_open_map,
@@ -95,7 +95,7 @@ def test_an_edge_is_proven_if_its_configurations_are_free_with_clearance(drive, 
     points = drive_edge(first, last, drive)
     is_proven = edges.edge_checker()(*first, *last)
     assert not is_proven or space.is_free(points).all()
-    assert is_proven or not space.is_free_around(points, 0.04, 0.06).all()
+    assert is_proven or not is_free_around(space, points, 0.04, 0.06).all()
     # Its three parts are straight edges, with the same proofs and lengths.
     corners = edges.insert_breakpoints(np.array([first, last]))
     np.testing.assert_array_equal(corners[[0, -1]], [first, last])

@@ -287,8 +287,8 @@ class Forwarding(Zoned):
 class Named(Zoned):
     """A space with a helper of the name that a map's proof has."""
 
-    def is_free_around(self, q, distance, angle=0.0):
-        return self.space.is_free_around(q, distance, angle)
+    def certify_chunk(self, q, rows, tracking=0.0):
+        return self.space.certify_chunk(q, rows, tracking)
 
 
 @pytest.fixture(scope="module")

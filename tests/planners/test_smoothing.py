@@ -16,7 +16,13 @@ import shapely
 import cspace
 import planners
 from cspace._interface import rotations_of
-from planners._segments import Segments, bound_derivatives, place_along, prove_segments
+from planners._segments import (
+    MAX_PIECES,
+    Segments,
+    bound_derivatives,
+    place_along,
+    prove_segments,
+)
 from tests.helpers.handmade import build_empty
 from tests.helpers.regions import place_polygon
 from tests.helpers.urdfs import (
@@ -248,7 +254,9 @@ def test_curves_that_bounds_stop_at_a_corner_are_motions(tmp_path, rows, scale):
 def test_curves_without_a_proof_become_stops(monkeypatch):
     plan = build_plan(1, "holonomic", None)
     stopping = plan.trajectory(**LIMITS, blend=False)
-    monkeypatch.setattr(cspace.CSpace, "is_free_around", lambda _, q, *__: np.zeros(len(q), bool))
+    monkeypatch.setattr(
+        cspace.CSpace, "_count_free_tubes", lambda *arguments: arguments[-1].fill(0)
+    )
     trajectory = plan.trajectory(**LIMITS)
     assert trajectory.certified
     np.testing.assert_array_equal(trajectory.positions, stopping.positions)
@@ -384,6 +392,40 @@ def test_proven_curves_pass_free_cells_only(drives):
     twists = rng.uniform(-2.0, 2.0, (count, 3))
     signs = np.full(count, drives)
     check_proofs(space, Segments(starts, rates, bends, twists, none, signs, lengths, starts), 0.65)
+
+
+def test_proven_curves_of_a_body_that_turns_about_any_axis_pass_free_cells_only():
+    rng = np.random.default_rng(5)
+    workspace = cspace.Workspace.from_array(rng.random((30, 30, 30)) < 0.002, 0.1)
+    robot = cspace.Robot.box((0.6, 0.2, 0.1))
+    space = cspace.build(workspace, robot, rotations=cspace.Rotations.quaternions(4))
+    count = 1000
+    starts = space.sample_free(count, rng=rng)
+    rates, bends, twists = rng.uniform(-1.0, 1.0, (3, count, 6))
+    rates[:, :3] *= 0.1
+    rates[:, 3:] *= 2.0
+    none = np.zeros(count)
+    standing = np.zeros(count, dtype=np.int64)
+    curves = Segments(starts, rates, bends, twists, none, standing, none + 0.5, starts)
+    check_proofs(space, curves, 0.5)
+
+
+def test_a_curve_that_turns_on_and_on_is_proven_the_way_it_turns():
+    space = cspace.build(
+        cspace.Workspace.from_array(np.zeros((40, 8), dtype=bool), SPACING),
+        cspace.Robot.rectangle(0.9, 0.02),
+        rotations=36,
+    )
+    starts = np.array([[1.0, 0.2, 0.0]])
+    none = np.zeros(1)
+    standing = np.zeros(1, dtype=np.int64)
+    bends = np.array([[1e-9, 0.0, 0.0]])
+    # At the ends of the first pieces the robot is parallel to the walls, which it does not fit across.
+    pieces = MAX_PIECES + 1
+    for turn, is_free in ((0.0, True), (2.0 * math.pi * pieces, False)):
+        rates = np.array([[0.0, 0.0, turn]])
+        curve = Segments(starts, rates, bends, 0.0 * bends, none, standing, none + 1.0, starts)
+        assert prove_segments(space, False, curve)[0] == is_free
 
 
 def test_proven_curves_that_gain_speed_pass_free_cells_only():

@@ -115,13 +115,10 @@ def test_queries_refuse_invalid_configurations(q, message):
         for endpoints in ((Q, q), (q, Q)):
             with pytest.raises(InputError, match=message):
                 query(*endpoints)
-    with pytest.raises(InputError, match=message):
-        space.is_free_around(q, 0.1)
 
 
 @refusals(
     "call, message",
-    (lambda space: space.is_free_around(Q, -0.1), "distance is -0.1"),
     (lambda space: space.min_path_length(Q, (99, 0, 0)), "q1 is .* configuration in the grid"),
     (lambda space: space.reachable_bounds((99, 0, 0)), "q is .* FREE configuration in the grid"),
 )

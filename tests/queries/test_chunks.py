@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 import cspace
 from cspace import FREE, MIXED, Robot, Workspace
 from cspace.errors import InputError
+from cspace.inside import tubes_are_free
 from tests.helpers.handmade import (
     MAP_KINDS,
     build_empty,
@@ -482,6 +483,20 @@ def test_rows_that_are_no_configurations_are_refused(room, any_map):
             any_map.space.certify_chunk(1.1 * q, [q])
 
 
+def test_each_tube_has_radii_of_its_own(any_map):
+    rng, space = np.random.default_rng(3), any_map.space
+    starts = any_map.draw_inside(rng, 200)[0]
+    radii = rng.choice([0.0, 0.01, 0.1, 0.5], (200, any_map.dim + bool(space.rotations.names)))
+    signs = rng.uniform(-1.0, 1.0, (200, any_map.dim + 1))
+    ends = stray(
+        any_map, starts, np.full(any_map.dim + 1, 0.2), signs, draw_axes(any_map, rng, 200)
+    )
+    rows = zip(starts, ends, radii, strict=True)
+    alone = [space.certify_chunk(start, [end], row).is_proven for start, end, row in rows]
+    assert tubes_are_free(space, starts, ends, radii).tolist() == alone
+    assert 0.02 < np.mean(alone) < 0.98
+
+
 def test_an_empty_batch_has_no_counts(any_map):
     size = any_map.space.size
     batch = any_map.space.certify_chunk(np.empty((0, size)), np.empty((0, 5, size)), 0.01)
@@ -490,21 +505,22 @@ def test_an_empty_batch_has_no_counts(any_map):
 
 def test_a_map_in_tiles_opens_no_part_for_refused_rows(tmp_path, monkeypatch):
     tiled = build_map("yaw", "tiled", "free", 5, tmp_path)
-    uppers = []
-    open_window = type(tiled.space).window
+    tiles = type(tiled.space._tiles)
+    find_parts = tiles.parts_near
+    reaches = []
 
-    def record_window(space, lower, upper):
-        uppers.append(upper[0])
-        return open_window(space, lower, upper)
+    def record_reach(self, cells, reach, *options):
+        reaches.append(reach)
+        return find_parts(self, cells, reach, *options)
 
-    monkeypatch.setattr(type(tiled.space), "window", record_window)
+    monkeypatch.setattr(tiles, "parts_near", record_reach)
     q = np.array([*(np.array(tiled.space.grid.lower) + 0.5), 0.0])
     for far in (2.0, 1e300):
         rows = q + np.array([(0.0, 0.0, 0.0), (far, 0.0, 0.0)])
         tiled.space.certify_chunk(q, rows, 0.01, dt=1.0, max_velocity=1.0)
-    assert max(uppers) < q[0] + 0.5
+    assert max(reaches) < 0.5 / tiled.space.grid.spacing
     tiled.space.certify_chunk(q, q + np.array([(2.0, 0.0, 0.0)]), 0.01)
-    assert uppers[-1] > q[0] + 2.0
+    assert reaches[-1] > 2.0 / tiled.space.grid.spacing
 
 
 def test_speeds_of_rows_are_limited(room):

@@ -17,6 +17,7 @@ from tests.helpers.handmade import (
     state_of,
     states,
 )
+from tests.helpers.placements import is_free_around
 from tests.helpers.strategies import (
     boundary_yaws,
     examples,
@@ -81,7 +82,9 @@ def meets_box(cell, borders, q, distance, angle, slack=0.0):
     st.one_of(uniform(0, 3), st.sampled_from([0.0, 0.1, 2.0, math.pi, 9.0])),
     st.sampled_from([(SIDE, SIDE), (2, 3, 3)]),
 )
-def test_is_free_around_tests_exactly_the_cells_of_a_box(rotations, end, distance, angle, shape):
+def test_a_chunk_that_stays_tests_exactly_the_cells_of_a_box(
+    rotations, end, distance, angle, shape
+):
     """Block all cells outside the box, then each inside."""
     boundaries = Rotations.of(rotations).borders
     x, y, yaw = end
@@ -92,12 +95,12 @@ def test_is_free_around_tests_exactly_the_cells_of_a_box(rotations, end, distanc
     for cell in cells:
         if meets_box(cell, boundaries, q, distance, angle, slack=1e-8):
             state[cell] = FREE
-    assert map_of(state, rotations, spacing=H).is_free_around(q, distance, angle)
+    assert is_free_around(map_of(state, rotations, spacing=H), [q], distance, angle).all()
     inside = [cell for cell in cells if meets_box(cell, boundaries, q, distance, angle)]
     for cell in {inside[0], inside[-1], *inside[:: 1 + len(inside) // 8]} if inside else ():
         one = np.full_like(state, FREE)
         one[cell] = MIXED
-        assert not map_of(one, rotations, spacing=H).is_free_around(q, distance, angle)
+        assert not is_free_around(map_of(one, rotations, spacing=H), [q], distance, angle).any()
 
 
 @given(seeds, st.integers(2, 3), st.sampled_from(["free", "blocked"]))

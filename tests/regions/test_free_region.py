@@ -17,6 +17,7 @@ from cspace import FREE, Robot, Workspace
 from cspace.errors import AngleWarning, ConfigurationError, InputError
 from cspace.regions import ConvexRegion
 from tests.helpers.handmade import build_empty
+from tests.helpers.placements import is_free_around
 from tests.helpers.refusals import check_refused, refusals
 from tests.helpers.regions import place_polygon
 from tests.helpers.strategies import examples, exteriors, seeds
@@ -93,7 +94,7 @@ def check_proof(space, region):
 
 def touches_only_free(space, q):
     """Return whether all closed cells that contain a configuration are FREE."""
-    return space.is_free_around(q, 1e-7 * space.grid.spacing, 1e-8)
+    return is_free_around(space, [q], 1e-7 * space.grid.spacing, 1e-8)[0]
 
 
 def draw_seed(space, rng):
