@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from shapely.geometry import MultiPolygon, Polygon
 
+from cspace._limits import check_samples
 from cspace._queries.batches import Configuration, evaluate, evaluate_edges, evaluate_rows
 from cspace._queries.upright import Upright
 from cspace._rotations import Rotations
@@ -38,7 +39,7 @@ from cspace.errors import ConfigurationError, InputError
 
 if TYPE_CHECKING:
     from cspace._queries.chunks import Chunk, RowCheck
-    from cspace.plot._route import HasPath
+    from cspace.plot import HasPath
     from cspace.regions import ConvexRegion, FreeRegions
     from cspace.view import Viewer
 
@@ -1129,10 +1130,23 @@ class ConfigurationSpace(Space):
         """Return checks of targets (b, n, size) and of steps between them."""
         from cspace._queries.chunks import RowCheck
 
-        spans = self._spans
-        if np.isinf(spans).all():
-            return []
-        return [RowCheck("limit", self.axes, "turns by", np.abs(targets - before), spans)]
+        checks = []
+        excesses = self._excesses(targets)
+        if excesses.any():
+            none = np.zeros(self.size)
+            checks.append(RowCheck("limit", self.axes, "exceeds its limits by", excesses, none))
+        if not np.isinf(self._spans).all():
+            turns = np.abs(targets - before)
+            checks.append(RowCheck("limit", self.axes, "turns by", turns, self._spans))
+        return checks
+
+    def _excesses(self, targets: Floats) -> Floats:
+        """Return by how much targets, shape (b, n, size), exceed limits; 0 where they do not."""
+        return np.zeros_like(targets)
+
+    def _count_samples(self, n: int | None) -> int:
+        """Return the number of configurations to draw, 1 for None; see :func:`check_samples`."""
+        return check_samples(n, self.size)
 
 
 def tubes_are_free(space: ConfigurationSpace, starts: Floats, ends: Floats, radii: Floats) -> Bools:

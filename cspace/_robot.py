@@ -18,7 +18,6 @@ from cspace._raster import Raster
 from cspace._rotations import NO_ROTATION, RotationCell
 from cspace._shapes import (
     Balls,
-    BoundedShape,
     Mesh,
     Polygons,
     Shape,
@@ -35,7 +34,6 @@ if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
 
     from cspace._files.meshes import Up
-    from cspace._files.urdf import PackageDirs
     from cspace._shapes import ShapeLike
     from cspace._shapes.balls import BallSet
     from cspace._shapes.mesh import MeshLike, Solid
@@ -378,7 +376,7 @@ class Robot:
         link: str | Sequence[str] | None = None,
         *,
         solid: Solid = "auto",
-        package_dirs: PackageDirs = (),
+        package_dirs: StrPath | Sequence[StrPath] = (),
         visuals: bool = False,
         spheres: str | os.PathLike[str] | None = None,
     ) -> Robot:
@@ -430,19 +428,9 @@ class Robot:
         MissingPackageError
             If yourdfpy is not installed.
         """
-        from cspace._files.urdf import name_description
-        from cspace._shapes.link_shapes import read_urdf
+        from cspace.arms._link_shapes import read_rigid_links
 
-        surfaces = read_urdf(path, link, package_dirs, solid != "surface", visuals, spheres)
-        name = Path(name_description(path)).name
-        # Surfaces around and inside the links, or a single one if their meshes are exact.
-        outer, *inner = (Mesh(*surface, solid, name) for surface in surfaces)
-        outer.check_origin()
-        if link is not None:
-            links = link if isinstance(link, str) else ", ".join(link)
-            name = f"{name} {links}"
-        shape = Mesh.of(outer)
-        return cls(name, BoundedShape(shape, inner[0]) if inner else shape)
+        return cls(*read_rigid_links(path, link, solid, package_dirs, visuals, spheres))
 
     def footprint(self) -> Robot:
         """Project the robot onto the ground, for maps in the plane.
@@ -512,7 +500,7 @@ class Robot:
         *,
         solid: Solid | None = None,
         up: Up | None = None,
-        package_dirs: PackageDirs | None = None,
+        package_dirs: StrPath | Sequence[StrPath] | None = None,
         visuals: bool | None = None,
     ) -> Robot:
         """Read a robot from a file; :meth:`parse` takes shorthands.

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from cspace._configuration_map import ConfigurationMap
 from cspace._engines.slices import slice_rasters
 from cspace._interface import HALF_TURN
-from cspace._limits import check_memory, check_samples
+from cspace._limits import check_memory
 from cspace._queries.batches import (
     MIN_EDGES_PER_THREAD,
     Configuration,
@@ -64,7 +64,7 @@ if TYPE_CHECKING:
 
     import xarray
 
-    from cspace._exact.boundaries import Problem
+    from cspace._exact.boundaries import Problem, Proofs
     from cspace._exact.proofs import BoundaryProofs, ExactQueries
     from cspace._obstacles import ObstacleLayers
     from cspace._queries.any_angle import Rectangles
@@ -106,6 +106,9 @@ class CSpace(ConfigurationMap):
         The robot's rasters for each slice; computed when needed if left out.
     layers : ObstacleLayers, optional
         Named obstacles that the cells of the workspace come from.
+    proofs : Proofs, optional
+        Proofs of MIXED cells by other geometry than that of robot and workspace, until cells
+        change.
 
     Examples
     --------
@@ -128,6 +131,7 @@ class CSpace(ConfigurationMap):
         contents: Contents,
         rasters: Sequence[tuple[Raster, Raster]] | None = None,
         layers: ObstacleLayers | None = None,
+        proofs: Proofs | None = None,
     ) -> None:
         """Make a map of given states.
 
@@ -137,6 +141,7 @@ class CSpace(ConfigurationMap):
             contents = replace(contents, workspace=copy_workspace(contents.workspace))
         self._contents = contents
         self._layers = layers
+        self._own_proofs = proofs
         # Updates write to the states of the contents; everything else uses this read-only view.
         self._states: States = read_only(contents.states)
         self._slice_of = contents.slice_of
@@ -235,7 +240,7 @@ class CSpace(ConfigurationMap):
         """Copy or pickle the contents of the map, without caches and locks."""
         with self.lock:  # an update waits
             layers = None if self._layers is None else self._layers.copy()
-            return type(self), (self._contents.copy(), None, layers)
+            return type(self), (self._contents.copy(), None, layers, self._own_proofs)
 
     # ---- one configuration -----------------------------------------------------------------------
 
@@ -390,8 +395,8 @@ class CSpace(ConfigurationMap):
 
     @property
     def _has_bodies(self) -> bool:
-        """Whether the robot has a shape in the workspace; a map of joints has a point."""
-        return self.has_poses
+        """Whether robot and obstacles have shapes; a map of joints has a point and its cells."""
+        return self.has_poses or self._own_proofs is not None
 
     # ---- for callbacks ---------------------------------------------------------------------------
 
@@ -547,7 +552,7 @@ class CSpace(ConfigurationMap):
         """
         from cspace._queries.sampling import sample
 
-        count = check_samples(n, self.size)
+        count = self._count_samples(n)
         generator = check_rng(rng)
         free = self._free_cells
         if not free.counts.any():
@@ -822,6 +827,7 @@ class CSpace(ConfigurationMap):
         """
         contents = self._contents
         self._layers = layers
+        self._own_proofs = None
         if contents.workspace is not workspace:
             # Overlap counts belong to the obstacles before the update.
             self._contents = replace(contents, workspace=workspace, overlap_counts=None)
@@ -1160,7 +1166,7 @@ class CSpace(ConfigurationMap):
         """Queries that geometry decides in MIXED cells."""
         from cspace._exact.proofs import ExactQueries
 
-        return ExactQueries(self._make_problem)
+        return ExactQueries(self._make_problem, lambda: self._own_proofs)
 
     def _boundary_proofs(self) -> BoundaryProofs:
         """Return the proofs by the present boundaries of robot and obstacles."""

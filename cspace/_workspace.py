@@ -8,6 +8,7 @@ import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeAlias, TypedDict, Unpack
 
@@ -44,7 +45,6 @@ if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
 
     from cspace._files.meshes import Up
-    from cspace._files.urdf import PackageDirs
     from cspace._obstacles import Source
     from cspace._shapes.balls import BallSet
     from cspace._shapes.mesh import MeshLike, Solid
@@ -455,6 +455,19 @@ class Workspace:
         return cls(grid, outer, inner, source=source, shapes=tuple(shapes))
 
     @classmethod
+    def _of_scene(
+        cls,
+        read: Callable[[], tuple[list[Shape], str, str]],
+        spacing: float,
+        bounds: ArrayLike | None,
+    ) -> Workspace:
+        """Rasterize a scene, whose shapes, source and frame ``read`` returns."""
+        box = check_extent(spacing, bounds, 3)
+        shapes, source, frame = read()
+        workspace = cls._of(shapes, spacing, box, source, "planning scene")
+        return replace(workspace, grid=replace(workspace.grid, frame_id=frame))
+
+    @classmethod
     @names_options
     def from_shapes(
         cls, shapes: Iterable[ShapeLike], spacing: float, bounds: ArrayLike | None = None
@@ -781,7 +794,7 @@ class Workspace:
         spacing: float,
         bounds: ArrayLike | None = None,
         *,
-        package_dirs: PackageDirs = (),
+        package_dirs: StrPath | Sequence[StrPath] = (),
     ) -> Workspace:
         """Read the obstacles of a MoveIt planning scene.
 
@@ -817,13 +830,9 @@ class Workspace:
         --------
         cspace.arms.read_moveit_scene : The same obstacles for an arm.
         """
-        from cspace._shapes.link_shapes import read_scene
+        from cspace.arms._link_shapes import read_obstacles
 
-        bounds = check_extent(spacing, bounds, 3)
-        scene = read_scene(source, package_dirs)
-        obstacles = scene.list_obstacles()
-        workspace = cls._of(obstacles, spacing, bounds, scene.source, "planning scene")
-        return replace(workspace, grid=replace(workspace.grid, frame_id=scene.frame))
+        return cls._of_scene(partial(read_obstacles, source, package_dirs), spacing, bounds)
 
     @classmethod
     def open(cls, path: StrPath, **options: Unpack[OpenOptions]) -> Workspace:
@@ -907,6 +916,7 @@ class LazyWorkspace(Workspace):
         object.__setattr__(self, "grid", grid)
         object.__setattr__(self, "source", source)
         object.__setattr__(self, "shapes", shapes)
+        object.__setattr__(self, "unknown", None)
         object.__setattr__(self, "live", False)
         object.__setattr__(self, "_cells", cells)
         object.__setattr__(self, "_whole", [])

@@ -1,13 +1,13 @@
 # Names of the core for packages that stand beside it. Each is imported at its first use.
 
 from ._bodies import ADVANCE_FACTOR as ADVANCE_FACTOR
-from ._bodies import DISTANCE_ROUNDING as DISTANCE_ROUNDING
 from ._bodies import MAX_DISTANCES_PER_EDGE as MAX_DISTANCES_PER_EDGE
 from ._bodies.cores import COORDINATE_ROUNDING as COORDINATE_ROUNDING
 from ._bodies.cores import ROUNDING as ROUNDING
 from ._bodies.cores import Cores as Cores
 from ._bodies.cores import lever_of as lever_of
 from ._bodies.cores import measure_distances as measure_distances
+from ._bodies.parts import part_anchors as part_anchors
 from ._bodies.triangle_proofs import build_boxes as build_boxes
 from ._configuration_map import ConfigurationMap as ConfigurationMap
 from ._engines.slices import slice_rasters as slice_rasters
@@ -19,10 +19,15 @@ from ._files.access import read_text as read_text
 from ._files.access import replacing as replacing
 from ._files.fields import Fields as Fields
 from ._files.fields import Ledger as Ledger
+from ._files.meshes import read_mesh as read_mesh
+from ._files.plain import check_distinct as check_distinct
+from ._files.plain import parse_finite as parse_finite
 from ._files.plain import read_json as read_json
+from ._files.plain import read_xml as read_xml
+from ._files.plain import read_yaml as read_yaml
 from ._files.polygons import join_surfaces as join_surfaces
 from ._files.polygons import transform_surface as transform_surface
-from ._files.urdf import load_urdf as load_urdf
+from ._files.unit_notes import warn_of_size as warn_of_size
 from ._grid import FARTHEST_CELL as FARTHEST_CELL
 from ._grid import SLACK as SLACK
 from ._interface import ConfigurationSpace as ConfigurationSpace
@@ -48,12 +53,16 @@ from ._rotations.base import TWO_PI as TWO_PI
 from ._rotations.base import measure_steps as measure_steps
 from ._rotations.base import turn_near as turn_near
 from ._rotations.base import wrap_angles as wrap_angles
+from ._shapes import BoundedShape as BoundedShape
 from ._shapes import ExactShape as ExactShape
 from ._shapes import RoundedSimplices as RoundedSimplices
 from ._shapes import Shape as Shape
 from ._shapes import ShapeLike as ShapeLike
+from ._shapes import Voxels as Voxels
 from ._shapes import as_shape as as_shape
 from ._shapes.balls import Balls as Balls
+from ._shapes.shape import CURVED_BOUNDS as CURVED_BOUNDS
+from ._shapes.shape import unique_rows as unique_rows
 from ._support import vectors as vectors
 from ._support.arrays import STATE_NAMES as STATE_NAMES
 from ._support.arrays import Bools as Bools
@@ -61,7 +70,6 @@ from ._support.arrays import Box as Box
 from ._support.arrays import Bytes as Bytes
 from ._support.arrays import Floats as Floats
 from ._support.arrays import Ints as Ints
-from ._support.arrays import Matrix as Matrix
 from ._support.arrays import Row as Row
 from ._support.arrays import States as States
 from ._support.arrays import StrPath as StrPath
@@ -75,6 +83,7 @@ from ._support.check import MAX_NUMBER as MAX_NUMBER
 from ._support.check import check_count as check_count
 from ._support.check import check_finite as check_finite
 from ._support.check import check_known as check_known
+from ._support.check import check_mapping as check_mapping
 from ._support.check import check_not_negative as check_not_negative
 from ._support.check import check_number as check_number
 from ._support.check import check_point as check_point

@@ -35,9 +35,10 @@ from typing import NamedTuple
 import numpy as np
 
 from cspace._shapes import RoundedSimplices
-from cspace._support.arrays import Floats, Ints, Matrix, Row
+from cspace._support.arrays import Floats, Ints, Row
 from cspace._support.compiling import internal, kernel
 from cspace._support.vectors import (
+    Matrix,
     apply_pose,
     box_extent,
     boxes_are_apart,

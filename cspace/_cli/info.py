@@ -99,9 +99,11 @@ def _guess_kind(file: str) -> FileKind:
 
 def _has_moving_joints(path: Path) -> bool:
     """Return True if a URDF has moving joints."""
-    from cspace.inside import load_urdf
+    from cspace.inside import read_xml
 
-    return any(joint.type != "fixed" for joint in load_urdf(path).robot.joints)
+    return any(
+        joint.get("type", "fixed") != "fixed" for joint in read_xml(path, "URDF").iter("joint")
+    )
 
 
 def describe_arm(arm: Arm) -> dict[str, Any]:

@@ -42,14 +42,13 @@ from cspace._support.arrays import (
     Bools,
     Floats,
     Ints,
-    Matrix,
     Numbers,
     Row,
     States,
 )
 from cspace._support.compiling import internal, kernel
 from cspace._support.threads import run_in_chunks
-from cspace._support.vectors import apply_pose, dot, minus, rotate_back, row_at
+from cspace._support.vectors import Matrix, apply_pose, dot, minus, rotate_back, row_at
 
 PIECE_CELLS: Final = 2.0
 """Length of the pieces of an edge, in cells; the tree search is slow for longer ones."""
@@ -77,16 +76,16 @@ class ExactQueries:
     ----------
     make_problem : callable
         Returns the map and the geometry as they are now.
-    prove : callable, optional
-        Makes the proofs of a problem. By default they use the boundaries of robot and obstacles.
+    find_proofs : callable
+        Returns proofs of their own, or None: then boundaries of robot and obstacles prove.
     """
 
     def __init__(
-        self, make_problem: Callable[[], Problem], prove: Callable[[Problem], Proofs] | None = None
+        self, make_problem: Callable[[], Problem], find_proofs: Callable[[], Proofs | None]
     ) -> None:
         """Remember how to make proofs at the first query."""
         self._make_problem = make_problem
-        self._prove = prove or BoundaryProofs
+        self._find_proofs = find_proofs
         self._proofs: Proofs | None = None
         self._lock = threading.RLock()
 
@@ -166,7 +165,7 @@ class ExactQueries:
             with self._lock:
                 # Another thread may have made them while this one waited.
                 if self._proofs is None:
-                    self._proofs = self._prove(self._make_problem())
+                    self._proofs = self._find_proofs() or BoundaryProofs(self._make_problem())
                 proofs = self._proofs
         return proofs
 

@@ -11,7 +11,6 @@ from contextlib import contextmanager
 from functools import cache
 from numbers import Real
 from typing import Any, Final, NamedTuple
-from xml.etree.ElementTree import Element
 
 from cspace._files.access import ContentError, decoding
 from cspace._files.plain import parse_finite, read_yaml
@@ -64,25 +63,6 @@ def _list_names(text: str) -> frozenset[str]:
     return frozenset(re.findall("`([^`]+)`", text))
 
 
-def list_fields(value: Any, known: Collection[str] = ()) -> Mapping[str, Any] | None:
-    """Return a mapping's or message's fields, or None.
-
-    Messages have the fields that they list, and those that are ``known``.
-    """
-    if isinstance(value, Mapping):
-        return value
-    # Arrays have data, and texts have a center, but they are no messages.
-    if hasattr(value, "tolist") or type(value).__module__ == "builtins":
-        return None
-    # Messages list their fields in ROS 2, in rosbags and in ROS 1.
-    list_names = getattr(value, "get_fields_and_field_types", tuple)
-    slots = getattr(value, "__slots__", ())
-    if dataclasses.is_dataclass(value):  # whose class variables are no fields
-        slots = [field.name for field in dataclasses.fields(value)]
-    names = [*(list_names() or slots), *known]
-    return {name: getattr(value, name) for name in names if hasattr(value, name)} or None
-
-
 class Ledger:
     """A mapping or message, of a file or a call, which notes the fields that are taken.
 
@@ -116,11 +96,61 @@ class Ledger:
         self.speeds: list[tuple[str, float]] = []
         self.taken: set[str] = set()
         self.document.members.append(self)
-        found = list_fields(fields, formats.list_known())
+        found = self.list_fields(fields, formats.list_known())
         if found is None:
             rule = f"it must hold fields and values, not a {type(fields).__name__}"
             raise self.fail(f"is {fields!r:.60}", rule)
         self.fields = found
+
+    @staticmethod
+    @contextmanager
+    def reading(
+        source: object, kind: str, name: str, formats: Fields
+    ) -> Iterator[tuple[str, Ledger]]:
+        """Yield the source and ledger of a document, then close it.
+
+        ``name`` is that of the outermost mapping in errors. A ContentError in the block becomes a
+        FileError, or an InputError for what a caller passes.
+        """
+        if isinstance(source, str | os.PathLike):
+            file = os.fspath(source)
+            content = read_yaml(source, kind)
+            with decoding(source, kind):
+                if Ledger.list_fields(content) is None:
+                    raise ContentError(f"holds {content!r:.60}", "it must hold fields and values")
+                document = Ledger(content, name, formats)
+                yield file, document
+                document.close(file)
+            return
+        try:
+            document = Ledger(source, name, formats)
+            yield kind, document
+            document.close(kind)
+        except ContentError as error:
+            problem, rule, hint = error.parts
+            argument = kind
+            if problem.startswith(name):
+                argument, _, problem = problem.partition(" ")
+            raise InputError(argument, problem, rule, hint) from error
+
+    @staticmethod
+    def list_fields(value: Any, known: Collection[str] = ()) -> Mapping[str, Any] | None:
+        """Return a mapping's or message's fields, or None.
+
+        Messages have the fields that they list, and those that are ``known``.
+        """
+        if isinstance(value, Mapping):
+            return value
+        # Arrays have data, and texts have a center, but they are no messages.
+        if hasattr(value, "tolist") or type(value).__module__ == "builtins":
+            return None
+        # Messages list their fields in ROS 2, in rosbags and in ROS 1.
+        list_names = getattr(value, "get_fields_and_field_types", tuple)
+        slots = getattr(value, "__slots__", ())
+        if dataclasses.is_dataclass(value):  # whose class variables are no fields
+            slots = [field.name for field in dataclasses.fields(value)]
+        names = [*(list_names() or slots), *known]
+        return {name: getattr(value, name) for name in names if hasattr(value, name)} or None
 
     def fail(self, problem: str, rule: str, hint: str = "") -> ContentError:
         """Return an error that names the mapping."""
@@ -189,7 +219,31 @@ class Ledger:
         highest: float = MAX_NUMBER,
     ) -> float:
         """Return a value if it is a number between two bounds."""
-        return check_number(self.where, name, value, lowest, highest)
+        return self.check_value(self.where, name, value, lowest, highest)
+
+    @staticmethod
+    def check_value(
+        where: str,
+        name: str,
+        value: Any,
+        lowest: float = -MAX_NUMBER,
+        highest: float = MAX_NUMBER,
+    ) -> float:
+        """Return a value if it is a number between two bounds."""
+        is_number = isinstance(value, int | float | Real) and not isinstance(value, bool)
+        if is_number and lowest <= value <= highest:
+            return float(value)
+        rule = "it must be a finite number"
+        if lowest > -MAX_NUMBER:
+            rule += f", at least {lowest:g}"
+        if highest < MAX_NUMBER:
+            rule += f", at most {highest:g}"
+        if isinstance(value, str) and parse_finite(value):
+            rule += ", without quotes"
+        # Words in place of the rest of a list or text that ``ros2 topic echo`` cuts.
+        if isinstance(value, str) and value.startswith(("...", "<sequence")):
+            rule += ", and the message whole"
+        raise ContentError(f"{where} has the {name} {value!r:.60}", rule)
 
     def point(self, value: Any) -> tuple[float, float]:
         """Return the first two of a list of coordinates."""
@@ -263,76 +317,6 @@ class Ledger:
         warn_of_names(source, ignored, read)
         warn_of_large_angles(source, self.angles)
         warn_of_large_angles(source, self.speeds, _MAX_TURNS_PER_SECOND, "/s")
-
-
-def open_elements(root: Element, formats: Fields, parts: Mapping[str, str]) -> Ledger:
-    """Return the ledger of an XML document's elements.
-
-    ``parts`` has the attributes and children, separated by blanks, of each known element.
-    """
-    document = Ledger({}, root.tag, formats)
-    pending = [root]
-    while pending:
-        element = pending.pop()
-        tag = str(element.tag)
-        children = {str(child.tag): child for child in element}
-        ledger = document.inner({**element.attrib, **children}, f"<{tag}>", tag)
-        ledger.taken.update(parts[tag].split())
-        pending += [child for child in element if child.tag in ledger.taken & parts.keys()]
-    return document
-
-
-def check_number(
-    where: str,
-    name: str,
-    value: Any,
-    lowest: float = -MAX_NUMBER,
-    highest: float = MAX_NUMBER,
-) -> float:
-    """Return a value if it is a number between two bounds."""
-    is_number = isinstance(value, int | float | Real) and not isinstance(value, bool)
-    if is_number and lowest <= value <= highest:
-        return float(value)
-    rule = "it must be a finite number"
-    if lowest > -MAX_NUMBER:
-        rule += f", at least {lowest:g}"
-    if highest < MAX_NUMBER:
-        rule += f", at most {highest:g}"
-    if isinstance(value, str) and parse_finite(value):
-        rule += ", without quotes"
-    # Words in place of the rest of a list or text that ``ros2 topic echo`` cuts.
-    if isinstance(value, str) and value.startswith(("...", "<sequence")):
-        rule += ", and the message whole"
-    raise ContentError(f"{where} has the {name} {value!r:.60}", rule)
-
-
-@contextmanager
-def reading(source: object, kind: str, name: str, formats: Fields) -> Iterator[tuple[str, Ledger]]:
-    """Yield the source and ledger of a document, then close it.
-
-    ``name`` is that of the outermost mapping in errors. A ContentError in the block becomes a
-    FileError, or an InputError for what a caller passes.
-    """
-    if isinstance(source, str | os.PathLike):
-        file = os.fspath(source)
-        content = read_yaml(source, kind)
-        with decoding(source, kind):
-            if list_fields(content) is None:
-                raise ContentError(f"holds {content!r:.60}", "it must hold fields and values")
-            document = Ledger(content, name, formats)
-            yield file, document
-            document.close(file)
-        return
-    try:
-        document = Ledger(source, name, formats)
-        yield kind, document
-        document.close(kind)
-    except ContentError as error:
-        problem, rule, hint = error.parts
-        argument = kind
-        if problem.startswith(name):
-            argument, _, problem = problem.partition(" ")
-        raise InputError(argument, problem, rule, hint) from error
 
 
 def warn_of_names(source: str, ignored: Mapping[str, str], known: Collection[str]) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Final
 
-from cspace._files.fields import Fields, reading
+from cspace._files.fields import Fields, Ledger
 
 FIELDS: Final = (
     Fields(
@@ -26,7 +26,7 @@ def read_joint_limits(source: object, kind: str, units: Mapping[str, str]) -> di
     """
     flag = f"has_{kind.removeprefix('max_')}_limits"
     limits = {}
-    with reading(source, "joint_limits.yaml", "limits", FIELDS[0]) as (_, document):
+    with Ledger.reading(source, "joint_limits.yaml", "limits", FIELDS[0]) as (_, document):
         tables = document.child("joint_limits")
         tables.skip()
         for joint in units.keys() & tables.fields.keys():

@@ -48,7 +48,7 @@ from cspace._files.polygons import (
     triangulate,
     unsupported_part,
 )
-from cspace._files.unit_notes import warn_of_units
+from cspace._files.unit_notes import warn_of_notes, warn_of_units
 from cspace._limits import check_bytes
 from cspace._support.arrays import Floats, Ints, StrPath, Surface
 from cspace._support.check import check_finite, check_word
@@ -718,12 +718,13 @@ _SOLIDS: Final = re.compile(rb"^[ \t]*(end)?solid\b[^\n]*", re.MULTILINE)
 """A line of a text STL file that begins or ends a solid."""
 
 
-def read_mesh(path: StrPath, up: Up | None = "z") -> Surface:
+def read_mesh(path: StrPath, up: Up | None = "z", *, in_metres: bool = True) -> Surface:
     """Read the vertices and triangles of a mesh file.
 
     The suffix selects the format. Parts of a scene are transformed and joined. Coordinates of
     ``.glb`` and ``.gltf`` are metres by definition, coordinates of ``.dae`` are converted from the
-    file's unit, and other formats are assumed to be in metres.
+    file's unit, and other formats are assumed to be in metres. A warning names a file whose comment
+    says otherwise, unless the caller scales it (``in_metres`` is False).
 
     The axis ``up`` of the file becomes z. By default axes stay as they are, whichever axis the file
     calls up, as in ROS (rviz, MoveIt). With None they stay too, and a warning says so if the file
@@ -755,6 +756,8 @@ def read_mesh(path: StrPath, up: Up | None = "z") -> Surface:
             f"{os.fspath(path)}: {declared_up} points up in the file, and its axes stay as they "
             f"are, as in ROS; pass up={declared_up!r} to turn it upright, or up='z' to keep them"
         )
+    if in_metres:
+        warn_of_notes(path)
     return turn_upright(vertices, up or "z"), np.ascontiguousarray(faces)
 
 

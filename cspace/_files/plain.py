@@ -7,6 +7,7 @@ Anchors, aliases and tags of YAML and entities of XML are refused, and nesting i
 from __future__ import annotations
 
 import json
+import os
 import re
 from collections import Counter
 from collections.abc import Iterable
@@ -16,8 +17,8 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from cspace._files.access import BRING_YOUR_FILE, ContentError, decoding, read_text
-from cspace._limits import SizeLimit, check_file_memory
+from cspace._files.access import ContentError, decoding, read_bytes, read_text
+from cspace._limits import SizeLimit, check_bytes, check_file_memory
 from cspace._support.arrays import StrPath
 
 MAX_LEVELS: Final = 64
@@ -200,6 +201,24 @@ def check_distinct(
             raise ContentError(f"has {name[:40]!r} twice{place}", rule)
 
 
+def read_xml(path: StrPath, kind: str, text: str | None = None) -> Element:
+    """Read the root of an XML file, or of its text, for which the path is a name.
+
+    `kind` names the expected file in messages.
+
+    Raises FileError if the file is missing, is too large, or is none that :func:`parse_xml` takes.
+    """
+    # Bytes of memory to load one byte of XML.
+    memory = 20.0
+    if text is None:
+        data = read_bytes(path, kind, memory, "max_description_bytes")
+    else:
+        data = text.strip().encode()
+        check_bytes(os.fspath(path), len(data), memory=memory, limit="max_description_bytes")
+    with decoding(path, kind):
+        return parse_xml(data)
+
+
 def parse_xml(data: bytes) -> Element:
     """Parse XML without entities.
 
@@ -251,16 +270,3 @@ def _make_yaml_error(event: Any, what: str) -> ContentError:
     problem = f"has {what} in line {event.start_mark.line + 1}"
     rule = "only text, numbers, lists and tables are read"
     return ContentError(problem, rule)
-
-
-_XACRO_NAMESPACES: Final = ("{http://www.ros.org/wiki/xacro}", "{http://ros.org/wiki/xacro}")
-"""Namespaces of xacro's elements. A file that xacro expanded may still declare one."""
-
-
-def check_expanded(root: Element) -> None:
-    """Raise ContentError if a file holds unexpanded xacro macros or expressions."""
-    tags = [str(element.tag) for element in root.iter()]
-    values = [value for element in root.iter() for value in element.attrib.values()]
-    has_expressions = any("${" in value or "$(" in value for value in values)
-    if has_expressions or any(tag.startswith(_XACRO_NAMESPACES) for tag in tags):
-        raise ContentError("holds xacro macros", "they must be expanded", BRING_YOUR_FILE)

@@ -20,7 +20,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace._files.fields import Fields, Ledger, reading
+from cspace._files.fields import Fields, Ledger
 from cspace._files.images import UNKNOWN_SHADE, Shades, read_shades
 from cspace._files.unit_notes import warn_of_size
 from cspace._support.arrays import Bools, Floats, StrPath
@@ -187,7 +187,7 @@ def _read_header(path: StrPath) -> _MapHeader:
 
     Raises FileError, which names the key, if a value is missing or wrong.
     """
-    with reading(path, "ROS map", "map", FIELDS[0]) as (source, header):
+    with Ledger.reading(path, "ROS map", "map", FIELDS[0]) as (source, header):
         if {"info", "data"} <= header.fields.keys():
             raise header.fail("is an occupancy grid", "a ROS map has an image")
         image = _find_image(header, pathlib.Path(path))
@@ -453,7 +453,7 @@ def read_occupancy_grid(
         problem = f"is {low:g} and occupied_thresh is {high:g}"
         rule = "free_thresh must be below occupied_thresh, both from 0 to 1"
         raise InputError("free_thresh", problem, rule)
-    with reading(msg, "occupancy grid", "msg", FIELDS[1]) as (_, grid):
+    with Ledger.reading(msg, "occupancy grid", "msg", FIELDS[1]) as (_, grid):
         if "metadata" in grid.fields:
             rule = "its data are costs; those of an OccupancyGrid are per cent"
             raise grid.fail("is a Costmap", rule, "")
@@ -509,13 +509,13 @@ def update_occupancy_grid(msg: object, update: object) -> None:
     >>> cspace.ros.update_occupancy_grid(grid, update); grid.data.tolist()
     [0, 100, -1]
     """
-    with reading(msg, "occupancy grid", "msg", FIELDS[1]) as (_, grid):
+    with Ledger.reading(msg, "occupancy grid", "msg", FIELDS[1]) as (_, grid):
         frame_id = read_frame(grid)
         info = grid.child("info")
         cells = _read_rows(grid, info).astype(np.int8)
         for key in ("resolution", "origin"):
             info.get(key)
-    with reading(update, "grid update", "update", FIELDS[1]) as (_, box):
+    with Ledger.reading(update, "grid update", "update", FIELDS[1]) as (_, box):
         values = _read_rows(box, box)
         if read_frame(box) and frame_id:
             check_frame(box, frame_id)
@@ -589,7 +589,7 @@ def read_pose(msg: object, frame_id: str) -> tuple[list[float], list[float]]:
     Raises InputError if the pose is in another frame, a field is missing or not a finite number, or
     the quaternion is not of norm 1.
     """
-    with reading(msg, "pose", "msg", FIELDS[2]) as (_, stamped):
+    with Ledger.reading(msg, "pose", "msg", FIELDS[2]) as (_, stamped):
         check_frame(stamped, frame_id)
         pose = stamped.child("pose")
         if "pose" in pose.fields:  # of a pose with a covariance, or an odometry
@@ -674,7 +674,7 @@ def read_nav2(path: StrPath, costmap: str | None) -> CostmapRobot:
     Raises FileError if the file is missing or malformed, or describes no robot, several, or not
     that costmap.
     """
-    with reading(path, "Nav2 parameter file", "file", FIELDS[3]) as (file, document):
+    with Ledger.reading(path, "Nav2 parameter file", "file", FIELDS[3]) as (file, document):
         document.skip()  # most of it concerns other nodes
         tables = dict(_iterate_tables(document.fields, ()))
         if not tables:

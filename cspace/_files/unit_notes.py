@@ -85,10 +85,10 @@ def _find_note(path: StrPath, pattern: re.Pattern[bytes]) -> str:
     return "" if note is None else note[1].decode("latin-1")
 
 
-def warn_of_size(place: str, points: Floats) -> None:
-    """Warn of a robot's part too large for metres.
+def warn_of_size(place: str, points: Floats, factors: Floats | None = None) -> None:
+    """Warn of a part of a robot that is too large for metres, or too small once it was scaled.
 
-    ``points``, shape (n, 3), are its corners.
+    ``points``, shape (n, d), are its corners, and ``factors`` those by which a mesh was scaled.
     """
     sides = np.ptp(points, axis=0)
     # Largest side, metres, of a part of a robot whose unit is not suspected.
@@ -98,13 +98,8 @@ def warn_of_size(place: str, points: Floats) -> None:
             f"{format_sides(sides / 100.0)} large, in millimetres {format_sides(sides / 1000.0)}",
             UnitWarning,
         )
-
-
-def warn_of_scale(place: str, points: Floats, factors: Floats) -> None:
-    """Warn of a robot's mesh too small for metres; arguments as for :func:`warn_of_size`."""
-    sides = np.ptp(points, axis=0)
     # Largest side, metres, of a mesh that may have been scaled from millimetres twice.
-    if 0.0 < sides.max() < 1e-3:  # no unit makes a point larger
+    if factors is not None and 0.0 < sides.max() < 1e-3:  # no unit makes a point larger
         warn_user(
             f"{place} is {format_sides(sides)} large, scaled by {factors.max():g}; units are "
             "metres",

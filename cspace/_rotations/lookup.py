@@ -11,8 +11,9 @@ import math
 from typing import Final, NamedTuple
 
 from cspace._rotations.base import ANGLE_SLACK, MAX_ANGLE, TWO_PI
-from cspace._support.arrays import Floats, Matrix, Numbers
+from cspace._support.arrays import Floats, Numbers
 from cspace._support.compiling import inlined, internal
+from cspace._support.vectors import Matrix
 
 NORM_SLACK: Final = 1e-6
 """Largest deviation of the norm of a quaternion from 1."""

@@ -496,11 +496,10 @@ def _read_arrays(shape: Any, up: Up | None) -> tuple[Any, Any, str]:
     Its axis ``up`` becomes z.
     """
     from cspace._files.meshes import flatten_trimesh, read_mesh, turn_upright
-    from cspace._files.unit_notes import warn_of_axis, warn_of_notes
+    from cspace._files.unit_notes import warn_of_axis
 
     if isinstance(shape, (str, os.PathLike)):
         surface = read_mesh(shape, up)
-        warn_of_notes(shape)
         if up is None:
             warn_of_axis(shape)
         return *surface, Path(shape).name

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import cache, cached_property
 from itertools import permutations, product
 from typing import TYPE_CHECKING, Any, ClassVar, Final, NamedTuple
@@ -535,6 +535,14 @@ def capsule_bounds(radius: float, length: float) -> BoundsPair:
     # The polygon of the arc touches the arc from outside, like the polygons of its circles.
     outer = make_profile(_CORNER_RADIUS) * (_CORNER_RADIUS, 1.0)
     return _revolve_bounds(outer, make_profile(1.0))
+
+
+CURVED_BOUNDS: Final[Mapping[str, Callable[[float, float], BoundsPair]]] = {
+    "cylinder": cylinder_bounds,
+    "cone": cone_bounds,
+    "capsule": capsule_bounds,
+}
+"""Functions of radius and height or length, metres, that bound upright solids by two surfaces."""
 
 
 def _revolve_bounds(outer: Floats, inner: Floats) -> BoundsPair:

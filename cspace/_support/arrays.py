@@ -34,9 +34,6 @@ Numbers = tuple[float, ...]
 Row = tuple[float, float, float]
 """Three numbers in compiled code, e.g. a vector."""
 
-Matrix = tuple[Row, Row, Row]
-"""Three rows of a matrix in compiled code, e.g. of a rotation."""
-
 Surface = tuple[Floats, Ints]
 """Triangles: vertices, shape (V, 3), metres, and vertex indices of the faces, shape (F, 3)."""
 

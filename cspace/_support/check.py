@@ -404,21 +404,6 @@ def warn_of_degrees(q: ArrayLike, angles: Mapping[int, str], name: str) -> None:
             warn_user(f"{name}: {problem}; {rule}", AngleWarning)
 
 
-def check_names(values: Iterable[str], name: str) -> list[str]:
-    """Return names as a list, also a single string.
-
-    Raises InputError if the values are not iterable.
-    """
-    if isinstance(values, str):
-        return [values]
-    try:
-        return list(values)
-    except TypeError as error:
-        problem = f"is {values!r}"
-        rule = "it must be a list of names"
-        raise InputError(name, problem, rule) from error
-
-
 def check_text(value: object, name: str) -> str:
     """Return a string; raise InputError if it is empty."""
     if not isinstance(value, str) or not value:

@@ -22,8 +22,11 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from cspace._support.arrays import Floats, Matrix, Row
+from cspace._support.arrays import Floats, Row
 from cspace._support.compiling import internal
+
+Matrix = tuple[Row, Row, Row]
+"""Three rows of a matrix, e.g. of a rotation."""
 
 THIN: Final = 2.0**-12
 """Height of a triangle, relative to its longest side, below which its plane is not used."""

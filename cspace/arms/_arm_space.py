@@ -14,10 +14,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace import BLOCKED, FREE, MIXED, Goal, Workspace
-from cspace._limits import check_samples
-from cspace._queries.callbacks import NO_ANSWER
-from cspace._queries.chunks import RowCheck
-from cspace._support.check import check_mapping, check_names
 from cspace.arms._inverse import (
     PoseGoal,
     check_pose_tolerance,
@@ -38,6 +34,7 @@ from cspace.arms._moveit import PlanningScene, find_base_pose
 from cspace.arms._snapshots import Contact, Snapshot, make_snapshot
 from cspace.arms._solids import (
     PosedShape,
+    check_names,
     check_rigid,
     named_obstacles,
     place_obstacle,
@@ -62,6 +59,7 @@ from cspace.inside import (
     bind_kernel,
     check_finite,
     check_known,
+    check_mapping,
     check_not_negative,
     check_rng,
     check_text,
@@ -73,7 +71,7 @@ from cspace.inside import (
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from cspace.plot._route import HasPath
+    from cspace.plot import HasPath
 
 MAX_DOUBLED_JOINTS: Final = 8
 """Largest number of continuous joints that :meth:`ArmSpace.search` tries both ways; others go the
@@ -541,7 +539,7 @@ class ArmSpace(ConfigurationSpace):
             If a configuration has the wrong shape or is outside the limits, or ``ax`` has two
             dimensions.
         """
-        from cspace.plot._arms import draw_arm
+        from cspace.plot import draw_arm
 
         return draw_arm(self, q, path, camera, ax, legend, title)
 
@@ -565,7 +563,7 @@ class ArmSpace(ConfigurationSpace):
             """Prove the motion between two configurations, given as their numbers in a row."""
             for low, x, high in zip(lower, endpoints, upper, strict=True):
                 if not low <= x <= high:
-                    return NO_ANSWER
+                    return -1  # only arrays have an answer
             scene = self.snapshot.outer
             # At the first call of a thread, and after a change.
             if getattr(local, "scene", None) is not scene:
@@ -809,7 +807,7 @@ class ArmSpace(ConfigurationSpace):
             If ``n`` is negative or too large for the memory, or ``rng`` is neither None nor a
             Generator.
         """
-        count = check_samples(n, self.size)
+        count = self._count_samples(n)
         generator = check_rng(rng)
         snapshot = self.snapshot
         batches = [np.empty((0, self.size))]
@@ -1014,12 +1012,10 @@ class ArmSpace(ConfigurationSpace):
         """
         self.snapshot.count_free(starts, ends, radii, counts)
 
-    def _check_targets(self, before: Floats, targets: Floats) -> list[RowCheck]:
-        """Return checks of the limits of joints, and of turns of continuous ones."""
+    def _excesses(self, targets: Floats) -> Floats:
+        """Return by how much targets exceed the limits of the joints; see the base class."""
         excesses = np.maximum(self.arm.lower - targets, targets - self.arm.upper)
-        slacks = np.full(self.size, LIMIT_SLACK)
-        limits = RowCheck("limit", self.axes, "exceeds its limits by", excesses, slacks)
-        return [limits, *super()._check_targets(before, targets)]
+        return np.where(excesses > LIMIT_SLACK, excesses, 0.0)
 
     def _convert_message(self, msg: object) -> ArrayLike:
         """Return the configuration of a state of joints."""

@@ -18,8 +18,8 @@ articulated robots in complex environments", 2005).
 
 *Rounding.* The pose of a body is the product of at most :data:`MAX_BODIES` rotations and
 translations. Each adds less than 2^-48 of the arm's reach, so that a point is off by less than
-2^-42 of that reach: less than a quarter of :data:`cspace._bodies.DISTANCE_ROUNDING`. A pose as seen
-from another body is one more product.
+2^-42 of that reach: less than a quarter of :data:`DISTANCE_ROUNDING`. A pose as seen from another
+body is one more product.
 """
 
 from __future__ import annotations
@@ -30,7 +30,10 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from cspace.inside import Bools, Floats, Ints, Matrix, Row, as_contiguous, internal, kernel, vectors
+from cspace.inside import Bools, Floats, Ints, Row, as_contiguous, internal, kernel, vectors
+
+DISTANCE_ROUNDING: Final = 1e-12
+"""Rounding allowance of a distance, relative to the largest coordinate."""
 
 MAX_BODIES: Final = 64
 """Largest number of bodies; the bound of rounding assumes it."""
@@ -134,7 +137,7 @@ def forward_kinematics(chain: Chain, q0: Floats, q1: Floats, t: float, poses: Fl
 
 
 @internal
-def turn_columns(axis: Row, angle: float) -> Matrix:
+def turn_columns(axis: Row, angle: float) -> vectors.Matrix:
     """Return the columns of the rotation by an angle about a unit vector."""
     x, y, z = axis
     sine = math.sin(angle)
@@ -149,7 +152,7 @@ def turn_columns(axis: Row, angle: float) -> Matrix:
 
 
 @internal
-def relative_pose(pose: Floats, base_pose: Floats) -> tuple[Matrix, Row]:
+def relative_pose(pose: Floats, base_pose: Floats) -> tuple[vectors.Matrix, Row]:
     """Return the pose of a body as seen from another body.
 
     Both poses have shape (3, 6), as in :func:`forward_kinematics`. Returns the rows of the
@@ -161,7 +164,7 @@ def relative_pose(pose: Floats, base_pose: Floats) -> tuple[Matrix, Row]:
 
 
 @internal
-def multiply(rows: Matrix, columns: Matrix) -> Matrix:
+def multiply(rows: vectors.Matrix, columns: vectors.Matrix) -> vectors.Matrix:
     """Multiply a matrix, given by its rows, and a matrix, given by its columns.
 
     Returns the rows of the product.
@@ -172,7 +175,7 @@ def multiply(rows: Matrix, columns: Matrix) -> Matrix:
 
 
 @internal
-def rotation_rows(pose: Floats) -> Matrix:
+def rotation_rows(pose: Floats) -> vectors.Matrix:
     """Return the rows of the rotation of a pose, shape (3, 6)."""
     return vectors.row_at(pose[0], 0), vectors.row_at(pose[1], 0), vectors.row_at(pose[2], 0)
 
@@ -184,7 +187,7 @@ def column_at(pose: Floats, k: int) -> Row:
 
 
 @internal
-def rotation_columns(pose: Floats) -> Matrix:
+def rotation_columns(pose: Floats) -> vectors.Matrix:
     """Return the columns of the rotation of a pose, which are the rows of its inverse."""
     return column_at(pose, 0), column_at(pose, 1), column_at(pose, 2)
 

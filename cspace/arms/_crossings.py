@@ -17,7 +17,6 @@ import numpy as np
 from cspace.inside import (
     Floats,
     Ints,
-    Matrix,
     RoundedSimplices,
     Row,
     build_boxes,
@@ -192,7 +191,7 @@ def bound_rows(rows: Floats) -> tuple[Floats, Floats]:
 
 @internal
 def find_near_leaves(
-    trees: PartTree, matrix: Matrix, position: Row, axes: Floats, nodes: Ints, top: int
+    trees: PartTree, matrix: vectors.Matrix, position: Row, axes: Floats, nodes: Ints, top: int
 ) -> int:
     """Find two leaves whose boxes meet.
 

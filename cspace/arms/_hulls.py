@@ -21,8 +21,8 @@ about the center.
 
 *Rounding.* The projection of a corner takes a product of a matrix and a vector, and a scalar
 product. With u = 2^-53, it is off by less than 16 u times the coordinates and the length of n,
-which is 1 up to 4 u. The total is below 2^-48 of the coordinates; the allowance
-:data:`cspace._bodies.DISTANCE_ROUNDING` is 2^-40. :mod:`cspace.arms._chain` bounds the rounding of
+which is 1 up to 4 u. The total is below 2^-48 of the coordinates; the allowance,
+``DISTANCE_ROUNDING`` of :mod:`cspace.arms._chain`, is 2^-40. That module bounds the rounding of
 poses.
 """
 
@@ -34,7 +34,6 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from cspace._shapes.shape import unique_rows
 from cspace.arms._crossings import (
     BALL,
     CENTER,
@@ -45,7 +44,7 @@ from cspace.arms._crossings import (
     half_axes,
     joint_displacement,
 )
-from cspace.inside import Bools, Floats, Ints, Matrix, Row, build_boxes, internal, vectors
+from cspace.inside import Bools, Floats, Ints, Row, build_boxes, internal, unique_rows, vectors
 
 MAX_TRIANGLES_PER_TILE: Final = 16
 """Largest number of neighbouring triangles tested as one hull."""
@@ -164,7 +163,7 @@ class RelativeMotion(NamedTuple):
         Distance that proves the bodies apart.
     """
 
-    matrix: Matrix
+    matrix: vectors.Matrix
     position: Row
     spin: Row
     velocity: Row

@@ -9,24 +9,16 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace import BLOCKED, FREE, MIXED, CSpace, Grid, Robot, Rotations, Workspace
-from cspace._engines.slices import Progress
-from cspace._exact.boundaries import Problem, Proofs
-from cspace._exact.proofs import BoundaryProofs, ExactQueries
-from cspace._limits import PlannedGrid
-from cspace._obstacles import ObstacleLayers
-from cspace._shapes import OriginPoint
-from cspace._support.check import check_mapping
-from cspace._support.derived import lazy
 from cspace.arms._arm_space import ArmSpace
 from cspace.arms._boxes import CellProofs, InnerBalls
 from cspace.arms._crossings import MAX_PENDING_PAIRS, SurfaceTree
@@ -49,6 +41,7 @@ from cspace.inside import (
     States,
     check_finite,
     check_known,
+    check_mapping,
     check_memory,
     check_positive,
     count_cores,
@@ -92,7 +85,7 @@ def build_joint_map(
     held_joints: ArrayLike | None = None,
     limits: Mapping[str, tuple[float, float]] | None = None,
     workers: int | None = None,
-    progress: Progress | None = None,
+    progress: Callable[[int, int], None] | None = None,
 ) -> JointMap:
     """Map all positions of two or three joints.
 
@@ -156,9 +149,9 @@ def build_joint_map(
     shape = _count_cells(intervals, joint_limits, side)
     units = tuple(arm.units[number] for number in joint_indices.tolist())
     needed = _BYTES_PER_JOINT_CELL * math.prod(shape)
-    check_memory(needed, "the map", PlannedGrid(shape, side, units[0]))
     lowest = intervals[:, 0]
     grid = Grid(lowest, side, shape, axes=names, units=units)
+    check_memory(needed, "the map", grid)
     moving = _find_moving_pairs(snapshot, joint_indices)
     still_pairs = np.flatnonzero(~moving.any(axis=1))
     _refuse_held_contact(snapshot, names, held, still_pairs)
@@ -180,12 +173,13 @@ def build_joint_map(
     # In joint space the arm is a point, and its obstacles are the cells that are not FREE.
     workspace = Workspace(grid, states != FREE, states == BLOCKED, source=repr(space))
     rotations = Rotations.of(None)
-    robot = Robot(arm.name, OriginPoint.at_origin(len(names)))
-    slices = rotations._assign_slices(robot.shape)
-    geometry = JointGeometry(proofs, joint_limits)
+    robot = Robot.from_spec({"name": arm.name, "kind": "point", "dim": len(names)})
+    one_slice = np.zeros(1, dtype=np.int64)
     exterior = _make_exterior(grid, intervals, joint_limits)
-    contents = Contents(workspace, robot, rotations, slices, states[np.newaxis], exterior=exterior)
-    return JointMap(contents, geometry)
+    contents = Contents(
+        workspace, robot, rotations, one_slice, states[np.newaxis], exterior=exterior
+    )
+    return JointMap(contents, proofs=JointProofs(proofs, joint_limits))
 
 
 def _count_cells(intervals: Floats, joint_limits: Floats, side: float) -> tuple[int, ...]:
@@ -205,14 +199,15 @@ def _count_cells(intervals: Floats, joint_limits: Floats, side: float) -> tuple[
 def _check_joints(arm: Arm, joints: Sequence[str] | None) -> tuple[str, ...]:
     """Return the names of two or three joints, or raise InputError."""
     names = arm.joints if joints is None else tuple(joints)
+    taken = *Rotations.of(1).names, *Rotations.quaternions(1).names
     for name in names:
         check_known(name, "joints", arm.joints, "name")
         has_blanks = name.split() != [name]
-        if name in Rotations._all_names() or has_blanks:
+        if name in taken or has_blanks:
             raise InputError(
                 "joints",
                 f"name {name!r}",
-                f"axis names have no blanks and differ from {', '.join(Rotations._all_names())}",
+                f"axis names have no blanks and differ from {', '.join(taken)}",
             )
     if len(names) not in (2, 3) or len(set(names)) < len(names):
         raise InputError(
@@ -224,7 +219,7 @@ def _check_joints(arm: Arm, joints: Sequence[str] | None) -> tuple[str, ...]:
 
 
 def _classify_cells(
-    proofs: CellProofs, moving: Bools, workers: int, progress: Progress | None
+    proofs: CellProofs, moving: Bools, workers: int, progress: Callable[[int, int], None] | None
 ) -> States:
     """Compute the states of all cells.
 
@@ -265,33 +260,22 @@ def _cut_blocks(sides: Ints) -> Iterator[tuple[Ints, Ints]]:
 class JointMap(CSpace):
     """A map whose exact proofs use the geometry of an arm, until its cells change."""
 
-    def __init__(
-        self,
-        contents: Contents,
-        geometry: JointGeometry | None,
-        layers: ObstacleLayers | None = None,
-    ) -> None:
-        """Make a map of states, which an arm's geometry may refine."""
-        super().__init__(contents, None, layers)
-        self._geometry = geometry
-
-    def __reduce__(self) -> tuple[type[JointMap], tuple[Any, ...]]:
-        """Copy or pickle the contents and the geometry."""
-        with self.lock:  # an update waits
-            _, (contents, _, layers) = super().__reduce__()
-            return type(self), (contents, self._geometry, layers)
+    @property
+    def _arm_proofs(self) -> JointProofs | None:
+        """Proofs by the arm; None once the cells changed."""
+        return self._own_proofs if isinstance(self._own_proofs, JointProofs) else None
 
     def _undecided_pairs(
-        self, q: ArrayLike | None, progress: Progress | None
+        self, q: ArrayLike | None, progress: Callable[[int, int], None] | None
     ) -> dict[tuple[str, str], int] | None:
         """Count MIXED cells by the undecided pair.
 
         ``q``, shape (..., d), limits the count to the cells of configurations. Returns None once
         the cells changed; see :func:`undecided_pairs`.
         """
-        geometry = self._geometry
+        proofs = self._arm_proofs
         grid = self.grid
-        if geometry is None:
+        if proofs is None:
             return None
         cells = np.argwhere(self.cell_states == MIXED)
         if q is not None:
@@ -302,41 +286,24 @@ class JointMap(CSpace):
             is_queried = np.zeros(grid.shape, dtype=np.bool_)
             is_queried[tuple(indices[is_inside].T)] = True
             cells = cells[is_queried[tuple(cells.T)]]
-        return dict(geometry.count_pairs(cells, progress).most_common())
+        return dict(proofs.count_pairs(cells, progress).most_common())
 
     def _name_obstacles(self, q: Floats, distances: Floats, turn: float) -> tuple[str, ...]:
         """Return the two solids nearest to touching."""
-        if self._geometry is None:
+        proofs = self._arm_proofs
+        if proofs is None:
             return ()
-        snapshot = self._geometry.proofs.snapshot
-        contact = snapshot.contact(snapshot.outer, self._geometry.extend(q[np.newaxis]))
+        snapshot = proofs.cells.snapshot
+        contact = snapshot.contact(snapshot.outer, proofs.extend(q[np.newaxis]))
         return contact.link, contact.other
-
-    @property
-    def _has_bodies(self) -> bool:
-        """Whether the map still has the geometry of its arm."""
-        return self._geometry is not None
-
-    @lazy
-    def _exact(self) -> ExactQueries:
-        """Queries with exact geometry."""
-        return ExactQueries(self._make_problem, self._make_proofs)
-
-    def _make_proofs(self, problem: Problem) -> Proofs:
-        """Return proofs by the arm, or by the cells once they changed."""
-        if self._geometry is None:
-            return BoundaryProofs(problem)
-        return JointProofs(self._geometry)
-
-    def _drop_derived(self, workspace: Workspace, layers: ObstacleLayers | None) -> None:
-        """Drop the geometry too, which belongs to the cells before the update."""
-        self._geometry = None
-        super()._drop_derived(workspace, layers)
 
 
 @names_options
 def undecided_pairs(
-    joint_map: CSpace, q: ArrayLike | None = None, *, progress: Progress | None = None
+    joint_map: CSpace,
+    q: ArrayLike | None = None,
+    *,
+    progress: Callable[[int, int], None] | None = None,
 ) -> dict[tuple[str, str], int]:
     """Return the pairs of links and obstacles that keep cells MIXED.
 
@@ -578,34 +545,38 @@ def _find_solid_balls(pieces: Floats) -> Floats:
 
 
 @dataclass(frozen=True, eq=False)
-class JointGeometry:
-    """Proofs of a map of an arm's joints among obstacles.
+class JointProofs:
+    """Proofs of a map of an arm's joints among obstacles, by the geometry of the arm.
+
+    A map takes them as the ``proofs`` of :class:`cspace.CSpace`.
 
     Attributes
     ----------
-    proofs : CellProofs
+    cells : CellProofs
     intervals : ndarray of float64, shape (d, 2)
         Limits of each joint; infinite for continuous joints.
     """
 
-    proofs: CellProofs
+    cells: CellProofs
     intervals: Floats
 
     def extend(self, q: Floats) -> Floats:
         """Extend configurations of the map, (n, d), to the arm's, (n, arm.dof)."""
-        rows = np.tile(self.proofs.held, (len(q), 1))
-        rows[:, self.proofs.joint_indices] = q
+        rows = np.tile(self.cells.held, (len(q), 1))
+        rows[:, self.cells.joint_indices] = q
         return rows
 
-    def count_pairs(self, cells: Ints, progress: Progress | None) -> Counter[tuple[str, str]]:
+    def count_pairs(
+        self, cells: Ints, progress: Callable[[int, int], None] | None
+    ) -> Counter[tuple[str, str]]:
         """Count cells, shape (n, d), by the names of the first pair not proven apart there."""
         counts = Counter[tuple[str, str]]()
-        snapshot = self.proofs.snapshot
+        snapshot = self.cells.snapshot
         total = len(snapshot.outer.pairs)
         for pair in range(total):
             if progress is not None:
                 progress(pair, total)
-            proofs = self.proofs.select_pairs(slice(pair, pair + 1))
+            proofs = self.cells.select_pairs(slice(pair, pair + 1))
             scratch = make_scene_scratch(proofs.snapshot.outer)
             is_free = proofs.find_states(cells, cells + 1, False, scratch) == FREE
             firsts, lasts, _ = proofs.find_tubes(cells[~is_free], cells[~is_free] + 1)
@@ -615,33 +586,21 @@ class JointGeometry:
             progress(total, total)
         return counts
 
-
-class JointProofs:
-    """Proofs by an arm, for a map of joints.
-
-    See :class:`cspace._exact.boundaries.Proofs`.
-    """
-
-    def __init__(self, geometry: JointGeometry) -> None:
-        """Make proofs by an arm's geometry."""
-        self._geometry = geometry
-
     def edge(self, *endpoints: float) -> bool:
         """Return True if the whole edge is proven free."""
         return bool(self.are_free(*np.array(endpoints).reshape(2, 1, -1))[0])
 
     def are_free(self, q0: Floats, q1: Floats) -> Bools:
         """Return whether edges, shapes (n, d), are proven free."""
-        geometry = self._geometry
         is_free = np.zeros(len(q0), dtype=np.bool_)
         # Nothing is proven beyond the limits.
-        lower, upper = geometry.intervals.T
+        lower, upper = self.intervals.T
         starts_within = (lower <= q0) & (q0 <= upper)
         ends_within = (lower <= q1) & (q1 <= upper)
         is_within = (starts_within & ends_within).all(axis=1)
-        starts = geometry.extend(q0[is_within])
-        ends = geometry.extend(q1[is_within])
-        is_free[is_within] = geometry.proofs.snapshot.are_free(starts, ends)
+        starts = self.extend(q0[is_within])
+        ends = self.extend(q1[is_within])
+        is_free[is_within] = self.cells.snapshot.are_free(starts, ends)
         return is_free
 
     def slack(self, points: Floats, lengths: Floats, angles: Floats) -> float:
@@ -649,10 +608,9 @@ class JointProofs:
 
         From its midpoint, no joint of a piece moves by more than half of its length.
         """
-        geometry = self._geometry
-        snapshot = geometry.proofs.snapshot
-        distances, _ = snapshot.distances(geometry.extend(points))
+        snapshot = self.cells.snapshot
+        distances, _ = snapshot.distances(self.extend(points))
         motions = np.zeros((len(points), snapshot.arm.dof))
-        motions[:, geometry.proofs.joint_indices] = 0.5 * lengths[:, np.newaxis]
+        motions[:, self.cells.joint_indices] = 0.5 * lengths[:, np.newaxis]
         displacements = snapshot.bound_displacements(motions).max(axis=1, initial=0.0)
         return max(0.0, float((distances - displacements).min()))

@@ -30,6 +30,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace.arms._chain import (
+    DISTANCE_ROUNDING,
     POSITION,
     REVOLUTE,
     SPIN,
@@ -52,7 +53,6 @@ from cspace.arms._solids import check_rigid
 from cspace.errors import InputError
 from cspace.inside import (
     ADVANCE_FACTOR,
-    DISTANCE_ROUNDING,
     METRES_PER_RADIAN,
     Floats,
     Ints,

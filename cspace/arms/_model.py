@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Collection, Iterable, Mapping, Sequence, Set
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations, permutations
@@ -14,24 +14,23 @@ from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace._files.fields import list_fields
-from cspace._files.moveit_messages import read_joint_state
-from cspace._files.unit_notes import warn_of_size
-from cspace._support.check import check_mapping, check_names
 from cspace.arms._chain import FIXED, MAX_BODIES, PRISMATIC, REVOLUTE, Chain, compute_poses
 from cspace.arms._inverse import DEFAULT_TOLERANCE, Branch, PoseGoal, branch_to, solve_pose
 from cspace.arms._motion_proofs import ArmScene, are_free
+from cspace.arms._moveit_messages import read_joint_state
 from cspace.arms._scenes import make_scene
-from cspace.arms._solids import PosedShape, Solid, check_rigid
+from cspace.arms._solids import PosedShape, Solid, check_names, check_rigid
 from cspace.errors import ConfigurationError, InputError
 from cspace.inside import (
     Bools,
     Floats,
+    Ledger,
     ShapeLike,
     as_shape,
     check_count,
     check_finite,
     check_known,
+    check_mapping,
     check_points,
     check_text,
     check_word,
@@ -39,14 +38,13 @@ from cspace.inside import (
     names_options,
     tell_apart,
     warn_of_degrees,
+    warn_of_size,
     warn_user,
 )
 
 if TYPE_CHECKING:
-    from cspace._engines.slices import Progress
-    from cspace._files.urdf import EndEffector, PackageDirs, Srdf
     from cspace.arms._sphere_models import SphereModel
-    from cspace.spectral._decompose import Kind
+    from cspace.arms._urdf import EndEffector, PackageDirs, Srdf
 
 Names = tuple[str, str]
 """Two link names in alphabetical order."""
@@ -260,8 +258,14 @@ class Arm:
         MissingPackageError
             If yourdfpy is not installed.
         """
-        from cspace._files.urdf import Srdf, name_description, package_folders, read_srdf, root_link
-        from cspace.inside import load_urdf
+        from cspace.arms._urdf import (
+            Srdf,
+            load_urdf,
+            name_description,
+            package_folders,
+            read_srdf,
+            root_link,
+        )
 
         check_word(solid, "solid", ("auto", "surface"))
         folders = package_folders(package_dirs)
@@ -540,7 +544,7 @@ class Arm:
             given = given.to_dict()
         if isinstance(values, str):
             given = self._find_group_state(values, "values")
-        fields = list_fields(given, ("name", "position")) or {}
+        fields = Ledger.list_fields(given, ("name", "position")) or {}
         if {"name", "position"} <= fields.keys():
             given = JointValues(read_joint_state(fields, "values"))
         if isinstance(given, JointValues):
@@ -616,8 +620,8 @@ class Arm:
         *,
         number: int | Mapping[str, int] | None = None,
         tolerance: float | None = None,
-        kind: Kind = "outer",
-        progress: Progress | None = None,
+        kind: Literal["inner", "outer"] = "outer",
+        progress: Callable[[int, int], None] | None = None,
     ) -> SphereModel:
         """Find balls that cover each link, or lie inside it.
 
@@ -1165,7 +1169,7 @@ class _ArmBuilder:
 
     def _compute_fixed_pose(self, joint: Joint) -> Floats:
         """Compute the pose (4, 4) of a still joint's child link."""
-        from cspace._files.urdf import make_motion
+        from cspace.arms._urdf import make_motion
 
         if joint.kind == FIXED:
             return np.eye(4)
@@ -1181,8 +1185,8 @@ class _ArmBuilder:
         inside: SolidMode,
     ) -> Iterable[Solid]:
         """Read links with collision geometry, on their bodies."""
-        from cspace._files.urdf import find_meshes, warn_of_visuals
-        from cspace._shapes.link_shapes import link_shapes
+        from cspace.arms._link_shapes import link_shapes
+        from cspace.arms._urdf import find_meshes, warn_of_visuals
 
         warn_of_visuals(self._urdf, placements, self._file)
         meshes = find_meshes(self._urdf, placements, self._file, package_dirs)

@@ -22,6 +22,7 @@ import numpy as np
 from cspace import BLOCKED, FREE, MIXED
 from cspace.arms._addresses import Address, call, find_address
 from cspace.arms._chain import (
+    DISTANCE_ROUNDING,
     FIXED,
     POSITION,
     REVOLUTE,
@@ -57,12 +58,10 @@ from cspace.arms._crossings import (
 from cspace.arms._hulls import Hulls, RelativeMotion, tree_slack
 from cspace.inside import (
     ADVANCE_FACTOR,
-    DISTANCE_ROUNDING,
     MAX_DISTANCES_PER_EDGE,
     Bools,
     Floats,
     Ints,
-    Matrix,
     Row,
     internal,
     kernel,
@@ -777,7 +776,7 @@ def boundaries_cross(
 
 @internal
 def parts_cross(
-    trees: PartTree, matrix: Matrix, shift: Row, axes: Floats, required: float, nodes: Ints
+    trees: PartTree, matrix: vectors.Matrix, shift: Row, axes: Floats, required: float, nodes: Ints
 ) -> bool:
     """Return True if the boundary of one part provably crosses another part.
 

@@ -11,8 +11,9 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace._files.fields import reading, warn_of_large_angles
-from cspace._files.moveit_messages import (
+from cspace.arms._inverse import PoseGoal
+from cspace.arms._model import LIMIT_SLACK, Arm, JointValues, Names, sort_pair
+from cspace.arms._moveit_messages import (
     FIELDS,
     HEADER,
     STATE,
@@ -33,13 +34,10 @@ from cspace._files.moveit_messages import (
     refuse,
     wrong_value,
 )
-from cspace._files.plain import check_distinct
-from cspace._files.urdf import PackageDirs
-from cspace.arms._inverse import PoseGoal
-from cspace.arms._model import LIMIT_SLACK, Arm, JointValues, Names, sort_pair
 from cspace.arms._solids import PosedShape, check_rigid
+from cspace.arms._urdf import PackageDirs
 from cspace.errors import InputError
-from cspace.inside import ContentError, Floats, Upright, check_known
+from cspace.inside import ContentError, Floats, Ledger, Upright, check_distinct, check_known
 
 _MAX_EULER_TOLERANCE: Final = 0.5 * math.pi
 """Largest angle, radians, up to which each Euler angle of a rotation is at most the rotation's
@@ -233,7 +231,7 @@ def read_moveit_scene(source: object, *, package_dirs: PackageDirs = ()) -> Plan
         As :meth:`cspace.Workspace.from_moveit_scene`. Also if the state of the robot moves its
         base, or only changes another state.
     """
-    from cspace._shapes.link_shapes import read_scene
+    from cspace.arms._link_shapes import read_scene
 
     content = read_scene(source, package_dirs)
     obstacles = {}
@@ -438,7 +436,7 @@ def read_moveit_request(source: object) -> MotionPlanRequest:
     >>> request.group, request.start_state, request.goals[0].upper
     ('arm', {'elbow': 0.5}, {'elbow': 1.01})
     """
-    with reading(source, "motion plan request", "request", FIELDS[1]) as (name, document):
+    with Ledger.reading(source, "motion plan request", "request", FIELDS[1]) as (name, document):
         document.skip()  # each of its tables has a ledger of its own
         fields = parse(_REQUEST, document.fields, "request")
         goals = fields.goal_constraints
@@ -468,7 +466,9 @@ def _parse_tolerance(value: Any, place: str) -> float:
 def _parse_angle(value: Any, place: str) -> float:
     """Parse an angle, radians, by default zero; warn beyond a turn."""
     angle: float = _parse_optional(value, place)
-    warn_of_large_angles("motion plan request", [(place, angle)])
+    ledger = Ledger({}, place, FIELDS[1])
+    ledger.angles.append((place, angle))
+    ledger.close("motion plan request")
     return angle
 
 

@@ -8,15 +8,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace._support.check import check_mapping
 from cspace.arms._chain import REVOLUTE, compute_poses
 from cspace.arms._model import Arm
 from cspace.errors import InputError
-from cspace.inside import Floats
+from cspace.inside import Floats, check_mapping
 
 if TYPE_CHECKING:
-    from cspace.spectral import Bump
-    from cspace.spectral._ball_sets import BallsLike
+    from cspace.spectral import BallsLike, Bump
 
 
 class ArmPenetration:
@@ -52,8 +50,7 @@ class ArmPenetration:
         tolerance: float = 0.01,
     ) -> None:
         """Put all balls into the frames of bodies; check arguments."""
-        from cspace.spectral import BallPenetration
-        from cspace.spectral._ball_sets import as_balls
+        from cspace.spectral import BallPenetration, as_balls
 
         if not links:
             raise InputError("links", "is empty", "there must be one")

@@ -7,12 +7,12 @@ from typing import Final
 
 import numpy as np
 
-from cspace.arms._chain import Chain
+from cspace.arms._chain import DISTANCE_ROUNDING, Chain
 from cspace.arms._crossings import NO_TREE, SurfaceTree, join_trees
 from cspace.arms._hulls import FIRST_CORNER, STOP_CORNER, Hulls, join_roots
 from cspace.arms._motion_proofs import FIRST_PART, ArmScene, Solids
 from cspace.arms._solids import PosedShape, Solid
-from cspace.inside import DISTANCE_ROUNDING, Floats, Ints
+from cspace.inside import Floats, Ints
 
 _NO_SURFACE: Final = SurfaceTree(
     np.empty((0, 6)), NO_TREE.spans, np.empty((0, 3, 3)), np.empty(0, dtype=np.int64)

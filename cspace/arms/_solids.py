@@ -6,7 +6,7 @@ They are trees of boundaries, closed surfaces, and anchors of parts.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final, NamedTuple, cast
@@ -15,11 +15,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace import Mesh, Workspace
-from cspace._bodies.parts import as_triangles, part_anchors
-from cspace._shapes import BoundedShape, Voxels
-from cspace._shapes.shape import unique_rows
-from cspace._support.reporting import format_sides
-from cspace._workspace import load_workspace
 from cspace.arms._crossings import (
     PartTree,
     SurfaceTree,
@@ -31,17 +26,21 @@ from cspace.arms._hulls import Hulls, build_hulls
 from cspace.errors import InputError, UnitWarning
 from cspace.inside import (
     Bools,
+    BoundedShape,
     ExactShape,
     Floats,
     Ints,
     RoundedSimplices,
     Shape,
     ShapeLike,
+    Voxels,
     as_shape,
     build_boxes,
     check_finite,
     check_memory,
     frozen,
+    part_anchors,
+    unique_rows,
     warn_user,
 )
 
@@ -117,7 +116,9 @@ class PosedShape:
     def boundary(self) -> RoundedSimplices:
         """Boundary as triangles."""
         simplices, radii = self._exact.boundary()
-        return as_triangles([RoundedSimplices(self.transform(simplices), radii)])
+        # Points and segments repeat their last corner.
+        corners = np.minimum(range(3), simplices.shape[1] - 1)
+        return RoundedSimplices(self.transform(simplices)[:, corners], radii)
 
     @cached_property
     def tree(self) -> PartTree:
@@ -281,6 +282,21 @@ def check_rigid(pose: ArrayLike, name: str) -> Floats:
     )
 
 
+def check_names(values: Iterable[str], name: str) -> list[str]:
+    """Return names as a list, also a single string.
+
+    Raises InputError if the values are not iterable.
+    """
+    if isinstance(values, str):
+        return [values]
+    try:
+        return list(values)
+    except TypeError as error:
+        problem = f"is {values!r}"
+        rule = "it must be a list of names"
+        raise InputError(name, problem, rule) from error
+
+
 def named_obstacles(obstacles: object) -> Mapping[str, object]:
     """Return obstacles by their names.
 
@@ -347,7 +363,7 @@ def place_shape(shape: Shape, name: str, pose: Floats) -> PosedShape:
     gap = np.linalg.norm(middle) - 0.5 * np.linalg.norm(upper - lower)
     # Largest size, and distance from an arm, metres, of an obstacle whose unit is not suspected.
     suspected = 100.0
-    problem = f"{format_sides(upper - lower)} large"
+    problem = f"{' x '.join(f'{side:.6g} m' for side in upper - lower)} large"
     if gap > suspected:
         problem = f"{gap:.4g} m away from the base of the arm"
     if max(gap, (upper - lower).max()) > suspected:
@@ -373,10 +389,9 @@ def _place_workspace(obstacle: Workspace, name: str, base: Floats) -> PosedShape
     # One shape is exact, whereas its cells are not.
     if obstacle.shapes is not None and len(obstacle.shapes) == 1:
         return place_obstacle(obstacle.shapes[0], name, base)
-    loaded = load_workspace(obstacle)
-    outer = loaded.outer
+    outer = obstacle.outer
     # Unknown cells may be obstacles, but prove no collision.
-    inner = loaded.inner if loaded.unknown is None else loaded.inner & ~loaded.unknown
+    inner = obstacle.inner if obstacle.unknown is None else obstacle.inner & ~obstacle.unknown
     if not outer.any():
         return None
     # Refuse cells whose boxes would not fit into memory.
@@ -388,7 +403,7 @@ def _place_workspace(obstacle: Workspace, name: str, base: Floats) -> PosedShape
 
     def make_voxels(cells: Bools) -> Voxels:
         """Return cells as a shape that no update changes."""
-        own_cells = cells.copy() if loaded.live else cells
+        own_cells = cells.copy() if obstacle.live else cells
         return Voxels(own_cells, grid.spacing, np.asarray(grid.lower))
 
     if inner is outer:

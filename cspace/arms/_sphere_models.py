@@ -8,37 +8,33 @@ import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, TypeAlias
+from typing import TYPE_CHECKING, Final, Literal, TypeAlias
 from xml.etree import ElementTree
 
 import numpy as np
 
 from cspace import Mesh
-from cspace._files.access import read_bytes
-from cspace._files.plain import parse_xml
-from cspace._files.sphere_files import Sphere, join_numbers, replace_geometry
-from cspace._shapes import BoundedShape
-from cspace._support.check import check_mapping
+from cspace.arms._sphere_files import Sphere, join_numbers, replace_geometry
 from cspace.errors import GeometryError, InputError
 from cspace.inside import (
     Balls,
+    BoundedShape,
     Shape,
     check_known,
+    check_mapping,
     check_output,
-    decoding,
     join_surfaces,
     names_options,
+    read_xml,
     replacing,
     transform_surface,
     warn_user,
 )
 
 if TYPE_CHECKING:
-    from cspace._engines.slices import Progress
     from cspace.arms._model import Arm
     from cspace.arms._solids import Solid
     from cspace.spectral import BallDecomposition
-    from cspace.spectral._decompose import Kind
 
 PathLike: TypeAlias = str | os.PathLike[str]
 
@@ -61,7 +57,7 @@ class SphereModel:
     """
 
     name: str
-    kind: Kind
+    kind: Literal["inner", "outer"]
     links: Mapping[str, BallDecomposition] = field(repr=False)
 
     def __str__(self) -> str:
@@ -197,9 +193,7 @@ def _list_balls(balls: BallDecomposition) -> list[Sphere]:
 
 def _read_template(path: PathLike) -> ElementTree.Element:
     """Read a URDF or SRDF as XML."""
-    data = read_bytes(path, "template", 20.0, "max_description_bytes")
-    with decoding(path, "template"):
-        return parse_xml(data)
+    return read_xml(path, "template")
 
 
 def _format_xml(root: ElementTree.Element) -> str:
@@ -212,8 +206,8 @@ def find_spheres(
     arm: Arm,
     number: int | Mapping[str, int] | None,
     tolerance: float | None,
-    kind: Kind,
-    progress: Progress | None,
+    kind: Literal["inner", "outer"],
+    progress: Callable[[int, int], None] | None,
 ) -> SphereModel:
     """Find the balls of each link; see :meth:`cspace.Arm.spheres`."""
     from cspace.spectral import decompose

@@ -17,7 +17,6 @@ from cspace.arms._addresses import Address, call
 from cspace.arms._cones import move_into_cones, stays_in_cones
 from cspace.arms._motion_proofs import ArmScene, SceneScratch, find_proof, make_scene_scratch
 from cspace.inside import Effort, Floats, Ints, internal, is_over, kernel, now, spend
-from planners._paths import skip_points
 
 MAX_STRIDE: Final = 1.0
 """Longest motion by which a tree grows, radians or metres."""
@@ -485,13 +484,24 @@ class PathSearch:
 
     def _skip_waypoints(self, path: Floats) -> Floats:
         """Skip waypoints that straight motions do not need."""
-
-        def check(*ends: float) -> bool:
-            """Return True if a motion, given by the numbers of both ends, is free."""
-            rows = np.reshape(ends, (2, -1))
-            return path_is_free(self._prove, self._scene, rows, self._spans, self._scratch)
-
-        return skip_points(path, check)
+        last = len(path) - 1
+        kept = [0]
+        while kept[-1] < last:
+            here = kept[-1]
+            # Strides double while motions are free; then the farthest one is found by bisection.
+            near = here + 1
+            far = last + 1
+            stride = 2
+            while far - near > 1:
+                trial = min(here + stride, last) if far > last else (near + far) // 2
+                stride *= 2
+                rows = path[[here, trial]]
+                if path_is_free(self._prove, self._scene, rows, self._spans, self._scratch):
+                    near = trial
+                else:
+                    far = trial
+            kept.append(near)
+        return path[kept]
 
     def _sample(self, goals: Floats, length: float) -> Floats:
         """Sample configurations on possible paths of at most ``length``.

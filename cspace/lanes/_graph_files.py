@@ -17,7 +17,6 @@ import numpy as np
 import shapely
 
 from cspace._files.crs import check_crs
-from cspace._files.plain import read_yaml
 from cspace.inside import (
     ContentError,
     Fields,
@@ -28,6 +27,7 @@ from cspace.inside import (
     check_suffix,
     decoding,
     read_json,
+    read_yaml,
     warn_user,
 )
 from cspace.lanes._curves import Leg, clamp_knots, cut_nurbs

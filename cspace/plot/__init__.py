@@ -1,6 +1,8 @@
 """Pictures of maps and arms, and animations of robots. Nothing here opens a window."""
 
 from cspace.plot._animation import animate
+from cspace.plot._arms import draw_arm as draw_arm  # for cspace.arms
 from cspace.plot._picture import PICTURE_SUFFIXES, plot, save_figure, save_plot
+from cspace.plot._route import HasPath as HasPath
 
 __all__ = ["PICTURE_SUFFIXES", "animate", "plot", "save_figure", "save_plot"]

@@ -1,5 +1,7 @@
 """Balls that fill or cover shapes, what they prove, and their overlaps from frequencies."""
 
+from cspace.spectral._ball_sets import BallsLike as BallsLike
+from cspace.spectral._ball_sets import as_balls as as_balls  # for cspace.arms
 from cspace.spectral._bump import Bump
 from cspace.spectral._decompose import BallDecomposition, Bounds, decompose
 from cspace.spectral._early import Comparison, EarlyTest

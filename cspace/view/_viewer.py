@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from viser import ViserServer
 
     from cspace import Space
-    from cspace.plot._route import HasPath
+    from cspace.plot import HasPath
     from planners import Plan
 
 

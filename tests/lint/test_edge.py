@@ -20,10 +20,10 @@ NAMED_TUPLE = {"_asdict", "_fields", "_make", "_replace"}
 
 MOST_NAMES = {
     "planners": 65,
-    "cspace/arms": 69,
+    "cspace/arms": 0,
     "cspace/_cli": 0,
     "cspace/export": 7,
-    "cspace/lanes": 6,
+    "cspace/lanes": 5,
     "cspace/plot": 0,
     "cspace/reasons": 11,
     "cspace/regions": 3,
@@ -35,7 +35,7 @@ MOST_NAMES = {
 
 MOST_ATTRIBUTES = {
     "planners": 16,
-    "cspace/arms": 2,
+    "cspace/arms": 0,
     "cspace/_cli": 0,
     "cspace/export": 4,
     "cspace/lanes": 4,

@@ -14,7 +14,7 @@ from tests.helpers.repository import ROOT, SOURCES
 
 UPWARD_METHODS = {
     *("plot", "view", "explain", "removals", "free_region", "free_regions"),
-    *("export", "to_xarray", "to_occupancy_grid", "to_costmap"),
+    *("export", "to_xarray", "to_occupancy_grid", "to_costmap", "from_urdf", "from_moveit_scene"),
 }
 """Methods of classes that hand their object to a wing: one import and one call."""
 

@@ -15,19 +15,8 @@ from typing import Any, Final, TypeAlias
 
 import numpy as np
 
-from cspace._files.access import ContentError
-from cspace._files.fields import (
-    UNKNOWN_FIELDS,
-    Fields,
-    Ledger,
-    check_number,
-    list_fields,
-    reading,
-)
-from cspace._files.plain import MAX_LEVELS, check_distinct
-from cspace._support.arrays import Floats
-from cspace._support.reporting import warn_user
 from cspace.errors import AngleWarning
+from cspace.inside import ContentError, Fields, Floats, Ledger, check_distinct, warn_user
 
 WORLD: Final = "world"
 """Frame of poses whose header names none, as in robowflex."""
@@ -35,8 +24,8 @@ WORLD: Final = "world"
 MAX_POSITION_METRES: Final = 1e3
 """Largest coordinate of a position, metres.
 
-There, rounding is 1e-13 m, less than :data:`cspace._bodies.DISTANCE_ROUNDING` at a metre: a pose in
-a far frame may lead back to the arm.
+There, rounding is 1e-13 m, less than that of a distance of a metre
+(:data:`cspace.arms._chain.DISTANCE_ROUNDING`): a pose in a far frame may lead back to the arm.
 """
 
 FIELDS: Final = (
@@ -87,6 +76,9 @@ PRIMITIVES: Final[Mapping[str, tuple[str, ...]]] = {
 }
 """Dimensions of each primitive, in the order of the numbers of their types, which begin at 1."""
 
+_MAX_LEVELS: Final = 64
+"""Maximum depth of nested fields."""
+
 _NEUTRAL_FIELDS: Final = frozenset({"name", "header", "is_diff", "w"})
 """Fields that messages without content may have; w is that of the quaternion of no rotation."""
 
@@ -105,9 +97,9 @@ def refuse(value: Any, place: str) -> None:
         raise ContentError(f"has {place}", "it is not read")
 
 
-def _holds_entries(value: Any, levels: int = MAX_LEVELS) -> bool:
+def _holds_entries(value: Any, levels: int = _MAX_LEVELS) -> bool:
     """Return True if a message holds entries, or too many levels."""
-    fields = list_fields(value)
+    fields = Ledger.list_fields(value)
     if fields is not None:
         names = fields.keys() - _NEUTRAL_FIELDS
         return levels == 0 or any(_holds_entries(fields[name], levels - 1) for name in names)
@@ -168,7 +160,7 @@ def parse(schema: Schema, value: Any, place: str) -> Any:
 def _make_format(names: tuple[str, ...]) -> Fields:
     """Make a table's format, which refuses other fields."""
     honoured = " ".join(f"`{name}`" for name in names)
-    return Fields("MoveIt's messages", honoured, UNKNOWN_FIELDS, harmless=FIELDS[0].harmless)
+    return Fields("MoveIt's messages", honoured, "unknown fields", harmless=FIELDS[0].harmless)
 
 
 def _make_plain(value: Any) -> Any:
@@ -202,7 +194,7 @@ def parse_frame(value: Any, place: str) -> str:
 
 def parse_number(value: Any, place: str) -> float:
     """Parse a finite number."""
-    return check_number(place, "value", value)
+    return Ledger.check_value(place, "value", value)
 
 
 def make_vector_parser(count: int) -> Parser:
@@ -210,7 +202,7 @@ def make_vector_parser(count: int) -> Parser:
 
     def parse_vector(value: Any, place: str) -> Floats:
         names = "xyzw"[:count]
-        if list_fields(value, names) is not None:
+        if Ledger.list_fields(value, names) is not None:
             numbers = parse(dict.fromkeys(names, parse_number), value, place)
             return np.array([getattr(numbers, name) for name in names])
         if not isinstance(value, list) or len(value) != count:
@@ -374,7 +366,7 @@ def _parse_joints(value: Any, place: str) -> dict[str, float]:
 
 def read_joint_state(fields: Mapping[str, Any], name: str) -> dict[str, float]:
     """Return the positions of a ``sensor_msgs/JointState`` by joint; errors call it ``name``."""
-    with reading(fields, "joint state", name, FIELDS[0]) as (_, state):
+    with Ledger.reading(fields, "joint state", name, FIELDS[0]) as (_, state):
         state.skip()  # its ledger is another
         return _parse_joints(state.fields, name)
 

@@ -17,21 +17,31 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeAlias
 from urllib.parse import unquote
 from xml.etree import ElementTree
-from xml.etree.ElementTree import Element
+from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 
-from cspace._files.access import BRING_YOUR_FILE, ContentError, decoding, read_bytes
-from cspace._files.fields import Fields, open_elements
-from cspace._files.plain import check_distinct, check_expanded, parse_finite, parse_xml
-from cspace._files.sphere_files import read_spheres, replace_geometry
-from cspace._limits import check_bytes
-from cspace._support.arrays import Floats, StrPath
-from cspace._support.reporting import import_optional, warn_user
+from cspace.arms._sphere_files import read_spheres, replace_geometry
 from cspace.errors import FileError, InputError
+from cspace.inside import (
+    ContentError,
+    Fields,
+    Floats,
+    Ledger,
+    StrPath,
+    check_distinct,
+    decoding,
+    import_optional,
+    parse_finite,
+    read_xml,
+    warn_user,
+)
 
 if TYPE_CHECKING:
     from yourdfpy import URDF
+
+_BRING_YOUR_FILE: Final = 'the page "Bring your file" says how'
+"""Hint for files that other packages convert."""
 
 _URDF_KIND: Final = "URDF"
 """Kind of file, for messages."""
@@ -166,10 +176,9 @@ def load_urdf(
     yourdfpy = import_optional("yourdfpy", "URDF files are read with it", "urdf")
     # Silence its log, because the errors here give the same reasons.
     logging.getLogger("yourdfpy").addHandler(logging.NullHandler())
-    data, path = _read_description(path, _URDF_KIND), name_description(path)
     links = {} if spheres is None else read_spheres(spheres)
+    root, path = _read_robot(path, _URDF_KIND), name_description(path)
     with decoding(path, _URDF_KIND):
-        root = _parse_robot(data, _URDF_KIND)
         unknown = links.keys() - {link.get("name") for link in root.iter("link")}
         if unknown:
             warn_user(
@@ -181,7 +190,7 @@ def load_urdf(
         _choose_geometry(root, visuals)
         angles, speeds = _check_robot(root)
         _check_single_parts(root)
-        ledger = open_elements(root, FIELDS[0], _PARTS)
+        ledger = _open_elements(root, FIELDS[0], _PARTS)
         plain = io.BytesIO(ElementTree.tostring(root))
         # Omit its scene graphs, because they take cubic time for a long chain of links.
         urdf: URDF = yourdfpy.URDF.load(
@@ -199,14 +208,21 @@ def name_description(source: StrPath) -> str:
     return "robot_description" if text.lstrip().startswith("<") else text
 
 
-def _read_description(source: StrPath, kind: str) -> bytes:
-    """Return the content of a URDF or SRDF, a file or a text."""
+def _read_robot(source: StrPath, kind: str) -> Element:
+    """Return the root of a URDF or SRDF, a file or a text.
+
+    Raises ContentError if it is no expanded robot.
+    """
     name = name_description(source)
-    if name == str(source):
-        return read_bytes(source, kind, 20.0, "max_description_bytes")
-    data = str(source).strip().encode()
-    check_bytes(name, len(data), memory=20.0, limit="max_description_bytes")
-    return data
+    is_file = name == str(source)
+    root = read_xml(source, kind) if is_file else read_xml(name, kind, str(source))
+    with decoding(name, kind):
+        if root.tag != "robot":
+            problem = f"holds <{root.tag:.60}>, not <robot>"
+            hint = _BRING_YOUR_FILE if root.tag in ("sdf", "mujoco") else ""
+            raise ContentError(problem, f"{kind} files describe a robot", hint)
+        _check_expanded(root)
+        return root
 
 
 def _choose_geometry(root: Element, visuals: bool) -> None:
@@ -221,8 +237,9 @@ def _choose_geometry(root: Element, visuals: bool) -> None:
             if visuals:
                 visual.tag = "collision"
             else:  # a box, no matter what it is, which yourdfpy may not know
-                box = '<geometry><box size="1 1 1"/></geometry>'
-                visual[:] = [ElementTree.fromstring(box)]
+                geometry = Element("geometry")
+                SubElement(geometry, "box", size="1 1 1")
+                visual[:] = [geometry]
 
 
 def _shorten_mimic_chains(urdf: URDF) -> None:
@@ -313,15 +330,34 @@ def locate_meshes(
     return meshes
 
 
-def _parse_robot(data: bytes, kind: str) -> Element:
-    """Parse a URDF or SRDF; raise ContentError without a robot."""
-    root = parse_xml(data)
-    if root.tag != "robot":
-        problem = f"holds <{root.tag:.60}>, not <robot>"
-        hint = BRING_YOUR_FILE if root.tag in ("sdf", "mujoco") else ""
-        raise ContentError(problem, f"{kind} files describe a robot", hint)
-    check_expanded(root)
-    return root
+def _open_elements(root: Element, formats: Fields, parts: Mapping[str, str]) -> Ledger:
+    """Return the ledger of an XML document's elements.
+
+    ``parts`` has the attributes and children, separated by blanks, of each known element.
+    """
+    document = Ledger({}, root.tag, formats)
+    pending = [root]
+    while pending:
+        element = pending.pop()
+        tag = str(element.tag)
+        children = {str(child.tag): child for child in element}
+        ledger = document.inner({**element.attrib, **children}, f"<{tag}>", tag)
+        ledger.taken.update(parts[tag].split())
+        pending += [child for child in element if child.tag in ledger.taken & parts.keys()]
+    return document
+
+
+_XACRO_NAMESPACES: Final = ("{http://www.ros.org/wiki/xacro}", "{http://ros.org/wiki/xacro}")
+"""Namespaces of xacro's elements. A file that xacro expanded may still declare one."""
+
+
+def _check_expanded(root: Element) -> None:
+    """Raise ContentError if a file holds unexpanded xacro macros or expressions."""
+    tags = [str(element.tag) for element in root.iter()]
+    values = [value for element in root.iter() for value in element.attrib.values()]
+    has_expressions = any("${" in value or "$(" in value for value in values)
+    if has_expressions or any(tag.startswith(_XACRO_NAMESPACES) for tag in tags):
+        raise ContentError("holds xacro macros", "they must be expanded", _BRING_YOUR_FILE)
 
 
 def _check_robot(root: Element) -> tuple[_Places, _Places]:
@@ -666,15 +702,14 @@ def read_srdf(path: str | os.PathLike[str], urdf: URDF) -> Srdf:
 
     Raises FileError if the file is missing or malformed.
     """
-    data, path = _read_description(path, _SRDF_KIND), name_description(path)
+    root, path = _read_robot(path, _SRDF_KIND), name_description(path)
     with decoding(path, _SRDF_KIND):
-        root = _parse_robot(data, _SRDF_KIND)
         if root.get("name", urdf.robot.name) != urdf.robot.name:
             warn_user(
                 f"{os.fspath(path)}: describes the robot {root.get('name')!r:.60}, and the URDF "
                 f"{urdf.robot.name!r:.60}"
             )
-        ledger = open_elements(root, FIELDS[1], _SRDF_PARTS)
+        ledger = _open_elements(root, FIELDS[1], _SRDF_PARTS)
         reader = _Reader(root, urdf)
         srdf = Srdf(
             reader.read_allowed(),

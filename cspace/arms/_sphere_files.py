@@ -8,10 +8,17 @@ from collections.abc import Iterable, Mapping
 from typing import Any, Final, TypeAlias
 from xml.etree.ElementTree import Element, SubElement
 
-from cspace._files.access import check_suffix, decoding, read_bytes
-from cspace._files.fields import Fields, Ledger
-from cspace._files.plain import parse_finite, parse_xml, read_json, read_yaml
-from cspace._support.reporting import warn_user
+from cspace.inside import (
+    Fields,
+    Ledger,
+    check_suffix,
+    decoding,
+    parse_finite,
+    read_json,
+    read_xml,
+    read_yaml,
+    warn_user,
+)
 
 Sphere: TypeAlias = tuple[list[float], float]
 """Center in the frame of a link, and radius, metres."""
@@ -59,9 +66,7 @@ def read_spheres(path: str | os.PathLike[str]) -> dict[str, list[Sphere]]:
     )
     content: Any
     if suffix == ".srdf":
-        data = read_bytes(path, _KIND, 20.0, "max_description_bytes")
-        with decoding(path, _KIND):
-            content = _list_srdf_links(parse_xml(data))
+        content = _list_srdf_links(read_xml(path, _KIND))
     elif suffix == ".json":
         content = read_json(path, _KIND, limit="max_description_bytes")
     else:

@@ -5,14 +5,12 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple
 
 import numpy as np
 
-from cspace._files.access import ContentError
-from cspace._files.fields import reading
-from cspace._files.meshes import GLTF_SUFFIXES, Up, read_mesh
-from cspace._files.moveit_messages import (
+from cspace import Mesh, Robot
+from cspace.arms._moveit_messages import (
     FIELDS,
     SCENE,
     WORLD,
@@ -22,10 +20,8 @@ from cspace._files.moveit_messages import (
     parse,
     wrong_value,
 )
-from cspace._files.plain import check_distinct
-from cspace._files.polygons import join_surfaces, transform_surface
-from cspace._files.unit_notes import warn_of_notes, warn_of_scale, warn_of_size
-from cspace._files.urdf import (
+from cspace.arms._solids import check_names
+from cspace.arms._urdf import (
     GEOMETRIES,
     PackageDirs,
     find_meshes,
@@ -37,33 +33,60 @@ from cspace._files.urdf import (
     warn_of_visuals,
     zero_poses,
 )
-from cspace._shapes.balls import Balls
-from cspace._shapes.mesh import Mesh, Solid
-from cspace._shapes.shape import (
+from cspace.errors import GeometryError, InputError
+from cspace.inside import (
+    CURVED_BOUNDS,
+    Balls,
     BoundedShape,
-    BoundsPair,
+    ContentError,
+    Floats,
+    Ledger,
     Shape,
-    capsule_bounds,
-    cone_bounds,
-    cylinder_bounds,
-)
-from cspace._shapes.voxels import Box
-from cspace._support.arrays import Floats, Surface
-from cspace._support.check import (
+    StrPath,
+    Surface,
+    check_distinct,
     check_finite,
     check_known,
-    check_names,
     check_point,
     check_positive,
+    join_surfaces,
+    read_mesh,
+    transform_surface,
+    warn_of_size,
+    warn_user,
 )
-from cspace._support.reporting import warn_user
-from cspace.errors import GeometryError, InputError
 
 if TYPE_CHECKING:
     from yourdfpy import URDF
 
+    from cspace.arms._model import SolidMode
 
-def read_urdf(
+
+def read_rigid_links(
+    path: StrPath,
+    link: str | Sequence[str] | None,
+    solid: Literal["auto", "surface", "fill"],
+    package_dirs: PackageDirs,
+    visuals: bool,
+    spheres: StrPath | None,
+) -> tuple[str, Shape]:
+    """Read the name and the shape of a rigid robot from a URDF.
+
+    Parameters and errors are those of :meth:`cspace.Robot.from_urdf`.
+    """
+    surfaces = _read_surfaces(path, link, package_dirs, solid != "surface", visuals, spheres)
+    name = Path(name_description(path)).name
+    # Surfaces around and inside the links, or a single one if their meshes are exact.
+    outer, *inner = (Mesh(*surface, solid, name) for surface in surfaces)
+    outer.check_origin()
+    if link is not None:
+        links = link if isinstance(link, str) else ", ".join(link)
+        name = f"{name} {links}"
+    shape = Mesh.of(outer)
+    return name, BoundedShape(shape, inner[0]) if inner else shape
+
+
+def _read_surfaces(
     path: str | os.PathLike[str],
     link: str | Sequence[str] | None,
     package_dirs: PackageDirs,
@@ -73,13 +96,9 @@ def read_urdf(
 ) -> list[Surface]:
     """Read the surface of a robot's collision geometry, metres.
 
-    It is in the frame of the first link. Links, `visuals` and `spheres` are as for
-    :meth:`cspace.Robot.from_urdf`. If a shape is curved, return an outer and an inner surface.
-    Without `primitives`, only meshes are accepted.
-
-    Raises FileError if the file or a mesh is missing or malformed. Raises InputError if a link is
-    missing, the links have no collision geometry, or a size is not above zero. Raises
-    MissingPackageError without yourdfpy.
+    It is in the frame of the first link. If a shape is curved, return an outer and an inner
+    surface. Without `primitives`, only meshes are accepted; for others, see
+    :func:`read_rigid_links`.
     """
     folders = package_folders(package_dirs)
     file = name_description(path)
@@ -146,7 +165,11 @@ def _read_origin(collision: Any, place: str) -> Floats:
 
 
 def link_shapes(
-    urdf: URDF, link: str, path: str | os.PathLike[str], meshes: Mapping[str, Path], solid: Solid
+    urdf: URDF,
+    link: str,
+    path: str | os.PathLike[str],
+    meshes: Mapping[str, Path],
+    solid: SolidMode,
 ) -> Iterator[tuple[Shape, Floats]]:
     """Yield the shapes of a link and their poses.
 
@@ -168,7 +191,7 @@ def link_shapes(
         yield shape, _read_origin(collision, place)
 
 
-def _make_bounds(geometry: Any, meshes: Mapping[str, Path], place: str) -> BoundsPair:
+def _make_bounds(geometry: Any, meshes: Mapping[str, Path], place: str) -> tuple[Surface, Surface]:
     """Return an outer and an inner surface of a collision geometry, metres.
 
     They are the same object if the geometry is not curved.
@@ -184,15 +207,15 @@ def _make_bounds(geometry: Any, meshes: Mapping[str, Path], place: str) -> Bound
         sides = check_point(shape.size, f"{place}: size", 3).tolist()
         for side in sides:
             check_positive(side, f"{place}: size")
-        surface = Box.of(sides).surface
+        surface = Robot.box(sides).shape.outer.surface
         return surface, surface
     sizes = [check_positive(getattr(shape, name), f"{place}: {name}") for name in GEOMETRIES[kind]]
     if kind == "cylinder":
-        return cylinder_bounds(*sizes)
-    return capsule_bounds(sizes[0], 0.0)
+        return CURVED_BOUNDS["cylinder"](*sizes)
+    return CURVED_BOUNDS["capsule"](sizes[0], 0.0)
 
 
-def _scale_mesh(file: Path, scale: Any, place: str, gltf_up: Up) -> Surface:
+def _scale_mesh(file: Path, scale: Any, place: str, gltf_up: Literal["y", "z"]) -> Surface:
     """Read the surface of a mesh, scaled by one factor or three.
 
     ``gltf_up`` is the axis of a glTF file that becomes z.
@@ -203,18 +226,15 @@ def _scale_mesh(file: Path, scale: Any, place: str, gltf_up: Up) -> Surface:
         problem = f"is {factors.tolist()}"
         rule = "no factor may be zero"
         raise InputError(f"{place}: scale", problem, rule)
-    if (factors == 1.0).all():
-        warn_of_notes(file)
-    is_gltf = file.suffix.lower() in GLTF_SUFFIXES
+    is_gltf = file.suffix.lower() in (".glb", ".gltf")
     if is_gltf:
         turned = "it is turned upright, as in rviz and Drake; MoveIt keeps its axes"
         kept = "its axes stay as they are, as in MoveIt"
         what = turned if gltf_up == "y" else kept
         warn_user(f"{place}: y points up in the glTF file {file.name}; {what}")
-    surface = read_mesh(file, gltf_up if is_gltf else "z")
+    surface = read_mesh(file, gltf_up if is_gltf else "z", in_metres=bool((factors == 1.0).all()))
     surface = transform_surface(surface, np.diag([*factors, 1.0]))
-    warn_of_size(place, surface[0])
-    warn_of_scale(place, surface[0], factors)
+    warn_of_size(place, surface[0], factors)
     return surface
 
 
@@ -310,7 +330,7 @@ def read_scene(source: object, package_dirs: PackageDirs = ()) -> SceneContent:
     GeometryError if a mesh has no triangle.
     """
     folders = package_folders(package_dirs)
-    with reading(source, "planning scene", "scene", FIELDS[0]) as (name, document):
+    with Ledger.reading(source, "planning scene", "scene", FIELDS[0]) as (name, document):
         document.skip()  # each of its tables has a ledger of its own
         content = document.fields
         if "collision_objects" in content:
@@ -332,6 +352,12 @@ def read_scene(source: object, package_dirs: PackageDirs = ()) -> SceneContent:
         frame = find_frame({each.frame for each in shapes if each.frame != each.link})
         contacts = fields.allowed_collision_matrix
         return SceneContent(name, frame, shapes, state.joint_state, contacts)
+
+
+def read_obstacles(source: object, package_dirs: PackageDirs) -> tuple[list[Shape], str, str]:
+    """Read the obstacles of a planning scene, its source and its frame; see :func:`read_scene`."""
+    scene = read_scene(source, package_dirs)
+    return scene.list_obstacles(), scene.source, scene.frame
 
 
 def _read_object(
@@ -397,17 +423,17 @@ def _read_inline_mesh(mesh: Any, place: str) -> Surface:
     return vertices, np.array(triangles, dtype=np.int64).reshape(-1, 3)
 
 
-def _make_curved(bounds: BoundsPair) -> Shape:
+def _make_curved(bounds: tuple[Surface, Surface]) -> Shape:
     """Make a curved shape from outer and inner surfaces."""
     outer, inner = bounds
     return BoundedShape(Mesh.of(outer), Mesh.of(inner))
 
 
 _PRIMITIVE_MAKERS: Final[Mapping[str, Callable[..., Shape]]] = {
-    "box": lambda *sides: Box.of(sides),
+    "box": lambda *sides: Robot.box(sides).shape,
     "sphere": lambda radius: Balls.of([(0.0, 0.0, 0.0)], radius),
-    "cylinder": lambda height, radius: _make_curved(cylinder_bounds(radius, height)),
-    "cone": lambda height, radius: _make_curved(cone_bounds(radius, height)),
+    "cylinder": lambda height, radius: _make_curved(CURVED_BOUNDS["cylinder"](radius, height)),
+    "cone": lambda height, radius: _make_curved(CURVED_BOUNDS["cone"](radius, height)),
 }
 """Function that makes each primitive from its dimensions, metres."""
 
@@ -419,8 +445,9 @@ def _move_shape(shape: Shape, pose: Floats) -> Shape:
     # Balls stay balls, and boxes that do not turn stay boxes; all else becomes a mesh.
     if isinstance(shape, Balls):
         return Balls.of(shape.centers @ rotation.T + translation, shape.radii)
-    if isinstance(shape, Box) and np.array_equal(rotation, np.eye(3)):
-        return Box.of(shape.extents, shape.center + translation)
+    spec: Mapping[str, Any] = shape.spec
+    if spec["kind"] == "box" and np.array_equal(rotation, np.eye(3)):
+        return Robot.box(spec["extents"], np.asarray(spec["center"]) + translation).shape
     outer = transform_surface(shape.outer.surface, pose)
     if isinstance(shape, BoundedShape):
         return _make_curved((outer, transform_surface(shape.inner.surface, pose)))
