@@ -6,16 +6,14 @@ import math
 from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from cspace import CSpace
-from cspace._queries.any_angle import find_shortest_way
 from cspace._queries.distance import Distances
 from cspace._support.deadlines import is_stopped
 from cspace.inside import Effort, Floats, check_memory, now
-from planners._estimate import Costs
-from planners._guide import NO_FACTORS
 from planners._paths import (
     MAX_SHORTENING,
     Check,
@@ -27,10 +25,9 @@ from planners._paths import (
     pulled_straight,
     waypoints,
 )
-from planners._search import find_chain, list_turns
-from planners._taut import pull_taut
-from planners._undecided import UNDECIDED_BYTES_PER_CELL, MixedCellSearch
-from planners._widest import measure_widths
+
+if TYPE_CHECKING:
+    from planners._estimate import Costs
 
 
 def find_short_path(space: CSpace, endpoints: Floats, straight: bool, limit: Effort) -> Floats:
@@ -86,6 +83,8 @@ def _find_path_through_mixed(
     ``endpoints`` has shape (2, size), the path (n, size). It is empty if no path promises to be
     shorter than ``max_length``, or after ``until``.
     """
+    from planners._undecided import UNDECIDED_BYTES_PER_CELL, MixedCellSearch
+
     needed = UNDECIDED_BYTES_PER_CELL * space.grid.size * len(space.rotations)
     check_memory(needed, "the map, to search its MIXED cells,", space.grid)
     # One array for each rotation cell, because geometry decides each on its own.
@@ -98,7 +97,7 @@ def _find_path_along_chain(
     endpoints: Floats,
     straight: bool,
     limit: Effort,
-    factors: Costs = NO_FACTORS,
+    factors: Costs | None = None,
     cost: Cost | None = None,
 ) -> Floats:
     """Find a path along a short chain of cells, shape (n, size).
@@ -107,6 +106,9 @@ def _find_path_along_chain(
     cells, shape (slices, ...), the length of a move is multiplied by those of its cells, and
     ``cost`` is that of an edge.
     """
+    from planners._guide import NO_FACTORS
+    from planners._search import find_chain, list_turns
+
     no_path = endpoints[:0]
     start, goal = map(tuple, endpoints.tolist())
 
@@ -131,7 +133,7 @@ def _find_path_along_chain(
         first,
         last,
         until,
-        factors,
+        NO_FACTORS if factors is None else factors,
         may_exist,
     )
     if not len(cells):
@@ -155,6 +157,9 @@ def _find_taut_path(
     It is the shortest among those that pass obstacles as the shortest path without a margin. The
     length n is 0 if there is none.
     """
+    from cspace._queries.any_angle import find_shortest_way
+    from planners._taut import pull_taut
+
     grid = space.grid
     start, goal = (endpoints - grid.lower) / grid.spacing
     way = find_shortest_way(space._rectangles, start, goal, until, may_exist)
@@ -185,6 +190,8 @@ def find_cheap_path(
     cost : callable
         Integrates it along an edge, given by the coordinates of two configurations.
     """
+    from planners._widest import measure_widths
+
     clearances = measure_widths(space) * np.float32(space.grid.spacing)
     factors = factor_at(clearances)
     until = now() + limit

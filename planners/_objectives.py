@@ -24,7 +24,6 @@ from cspace.inside import (
     check_positive,
 )
 from planners._drives import local_planner
-from planners._grid_search import find_cheap_path
 from planners._integrals import CostDensity, Field
 from planners._local_planner import HOLONOMIC, LocalPlanner
 from planners._ompl_states import check_information, find_state_kind
@@ -212,6 +211,8 @@ def find_clear_path(
 
     Arguments, result and errors are those of :func:`planners._grid_search.find_short_path`.
     """
+    from planners._grid_search import find_cheap_path
+
     space = edges.cells
     threshold = default_clearance_threshold(space)
     density = CostDensity(1.0, -1.0 / threshold, DEFAULT_WEIGHT, edges.rotation_weight)

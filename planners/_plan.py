@@ -52,7 +52,6 @@ from planners._catalogue import (
 )
 from planners._drives import has_drives, local_planner
 from planners._goals import Room, check_tolerance, end_in_rooms, find_room_goals, list_rooms
-from planners._grid_search import find_exact_path, find_short_path
 from planners._local_planner import (
     CURVES,
     DRIVES,
@@ -80,7 +79,6 @@ from planners._own_space import check_found_path
 from planners._paths import drop_repeats, skip_points
 from planners._result import Plan, Times
 from planners._setup import MakeObjective, make_bounded_states
-from planners._widest import find_widest_path
 
 QUICK_PLANNER: Final[PlannerName] = "RRTConnect"
 """Planner of the first path of robots that rotate, except along Dubins curves."""
@@ -908,12 +906,16 @@ def _check_ends(task: PlanTask, path: Floats) -> None:
 
 def _search_cells(task: PlanTask) -> Floats:
     """Find a path by "Grid" or "MaxClearance", shape (n, size); n is 0 if none is found in time."""
+    from planners._grid_search import find_exact_path, find_short_path
+
     edges = task.edges
     space = edges.cells
     endpoints = space.rotations._make_canonical(np.array(task.endpoints))
     options = task.simplify, task.limit
     with suppress(TimeoutError):
         if task.planner == MAX_CLEARANCE:
+            from planners._widest import find_widest_path
+
             return find_widest_path(space, endpoints, *options)
         if task.objective == CLEARANCE:
             return find_clear_path(edges, endpoints, *options)

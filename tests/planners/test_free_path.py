@@ -35,7 +35,9 @@ def test_search_stops_at_its_time_limit(name):
     assert late.waypoints.shape == (0, 2)
 
 
-@pytest.mark.parametrize("options", [{"planner": "MaxClearance"}, {"exact": True}])
+@pytest.mark.parametrize(
+    "options", [{"planner": "MaxClearance"}, {"exact": True, "simplify": False}]
+)
 def test_searches_beyond_memory_are_refused_and_answered_later(monkeypatch, options):
     states = np.zeros((30, 30), dtype=np.uint8)
     states[15, :20] = MIXED
