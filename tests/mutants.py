@@ -1008,8 +1008,8 @@ MUTANTS = (
     ),
     Mutant(
         "cspace/plot/_route.py",
-        "return not path.recheck(space if is_same else planned).all()",
-        "return not path.recheck(planned).all()",
+        "return not plan.recheck(space if is_same else planned).all()",
+        "return not plan.recheck(planned).all()",
         "tests/plot/test_picture.py",
     ),
     Mutant(

@@ -165,6 +165,7 @@ UNCHANGED = {
     "free_regions": lambda c: c.space.free_regions(0.3, reach=c.unit, max_regions=2).coverage,
     "free_yaws": lambda c: c.space.free_yaws(c.q0[: c.space.dim]),
     "halo": lambda c: c.space.halo,
+    "facts": lambda c: [*c.space.facts],
     "has_cells": lambda c: c.space.has_cells,
     "has_poses": lambda c: c.space.has_poses,
     "in_memory": lambda c: c.space.in_memory,
