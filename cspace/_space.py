@@ -195,7 +195,7 @@ class CSpace(ConfigurationMap):
         The result has shape (nx, ny) or (nx, ny, nz). Give the rotation as in a configuration:
         nothing, a yaw in radians, or a quaternion.
         """
-        cell = self.rotations._find_cells(self.rotations._check_rotation(rotation))
+        cell = self.rotations._find_cells(self.rotations.check_rotation(rotation))
         states: States = self._states[int(self._slice_of[cell])]
         return states
 

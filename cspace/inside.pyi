@@ -17,6 +17,7 @@ from ._files.access import check_suffix as check_suffix
 from ._files.access import decoding as decoding
 from ._files.access import read_text as read_text
 from ._files.access import replacing as replacing
+from ._files.crs import check_crs as check_crs
 from ._files.fields import Fields as Fields
 from ._files.fields import Ledger as Ledger
 from ._files.meshes import read_mesh as read_mesh
@@ -39,9 +40,12 @@ from ._interface import tubes_are_free as tubes_are_free
 from ._limits import check_memory as check_memory
 from ._queries.batches import as_contiguous as as_contiguous
 from ._queries.callbacks import bind_kernel as bind_kernel
+from ._queries.components import find_components as find_components
 from ._queries.upright import Upright as Upright
+from ._record.cells import map_record as map_record
 from ._record.contents import Contents as Contents
 from ._record.description import collect_arrays as collect_arrays
+from ._record.description import describe_array as describe_array
 from ._record.description import make_metadata as make_metadata
 from ._record.exterior import UNKNOWN as UNKNOWN
 from ._record.exterior import Exterior as Exterior

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from cspace._files.ros_maps import (
     Costmap,
     JointTrajectory,
+    JointTrajectoryPoint,
     OccupancyGrid,
     OccupancyGridUpdate,
     Path,
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
 __all__ = [
     "Costmap",
     "JointTrajectory",
+    "JointTrajectoryPoint",
     "OccupancyGrid",
     "OccupancyGridUpdate",
     "Path",

@@ -109,7 +109,7 @@ def build_tiles(folder, **options):
         "at most 1048576 can be wrapped exactly",
     ),
     (
-        lambda _: Rotations.quaternions(2)._check_rotation((0, 0, 0, 2), "rotation"),
+        lambda _: Rotations.quaternions(2).check_rotation((0, 0, 0, 2), "rotation"),
         "it must be 1",
     ),
     (

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple, cast
+from typing import TYPE_CHECKING, NamedTuple, cast
 
 import numpy as np
 
@@ -10,6 +10,9 @@ from cspace._grid import Grid
 from cspace._record.states import read_only
 from cspace._rotations.base import RotationTable
 from cspace._support.arrays import MIXED, Ints, Row, States
+
+if TYPE_CHECKING:
+    from cspace._space import CSpace
 
 
 class Map(NamedTuple):
@@ -65,6 +68,11 @@ def make_map_record(states: States, grid: Grid, exterior: Ints, rotations: Rotat
         exterior=exterior,
         rotations=rotations,
     )
+
+
+def map_record(space: CSpace) -> Map:
+    """Return a map's cells as compiled functions take them; they follow updates."""
+    return space._kernel_map
 
 
 def hide_cells(map_: Map) -> Map:

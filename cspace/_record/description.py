@@ -158,8 +158,8 @@ def make_grid(metadata: Mapping[str, Any]) -> Grid:
     return Grid(metadata["lower"], metadata["spacing"], shape, axes, units, frame_id)
 
 
-def make_attributes(name: str, grid: Grid) -> dict[str, Any]:
-    """Return the attributes of an array on a grid.
+def describe_array(name: str, grid: Grid) -> tuple[tuple[str, ...], dict[str, Any]]:
+    """Return the axes and the attributes of an array of a map on a grid.
 
     The centers along an axis get the name and unit of the axis.
     """
@@ -168,7 +168,7 @@ def make_attributes(name: str, grid: Grid) -> dict[str, Any]:
         number = AXES.index(name)
         attributes["long_name"] = f"{grid.axes[number]} of the middle of a cell"
         attributes["units"] = grid.units[number]
-    return attributes
+    return list_axes(name, grid.dim), attributes
 
 
 def make_metadata(contents: Contents) -> dict[str, Any]:

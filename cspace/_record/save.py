@@ -38,10 +38,10 @@ from cspace._record.description import (
     VERSION,
     collect_arrays,
     decode_shapes,
+    describe_array,
     describe_arrays,
     find_rotation_arrays,
     list_axes,
-    make_attributes,
     make_grid,
     make_metadata,
 )
@@ -240,8 +240,8 @@ def _iterate_files(
         stored = describe_arrays()[name]
         layout = Layout.of(values.shape, stored.dtype, compress)
         fill_value = stored.fill_value
-        axes = list_axes(name, grid.dim)
-        yield f"{name}/{ROOT_FILE}", layout.describe(fill_value, make_attributes(name, grid), axes)
+        axes, attributes = describe_array(name, grid)
+        yield f"{name}/{ROOT_FILE}", layout.describe(fill_value, attributes, axes)
         for file, cells in layout.iterate_chunks():
             yield f"{name}/{file}", layout.encode(values[cells], fill_value)
 

@@ -342,10 +342,10 @@ class Rotations(ABC):
         turned = self._rotate(rotation, steps[..., dim:])
         return np.concatenate([moved, turned], axis=-1)
 
-    def _check_rotation(self, rotation: ArrayLike, name: str = "rotation") -> Floats:
-        """Check one rotation; return its canonical coordinates.
+    def check_rotation(self, rotation: ArrayLike, name: str = "rotation") -> Floats:
+        """Return the canonical coordinates of one rotation, shape (size,).
 
-        Raises InputError if it is not one rotation.
+        Raises InputError if it is not one rotation. ``name`` is for messages.
         """
         numbers = np.atleast_1d(check_finite(rotation, name, self.names))
         if numbers.shape != (len(self.names),):
@@ -403,22 +403,6 @@ class Rotations(ABC):
         Rotations are yaw angles (radians, any shape), or quaternions, shape (..., 4).
         """
         return np.zeros((), dtype=np.int64)
-
-    def _find_one_cell(self, rotation: ArrayLike | None, rule: str) -> int:
-        """Return the cell that contains a rotation, or the only cell.
-
-        Raises
-        ------
-        InputError
-            If it is not one rotation, or it is missing and there are several cells; ``rule`` says
-            why one is needed.
-        """
-        if rotation is None and len(self) > 1:
-            rule = f"{rule}, and this map has {len(self)} rotation cells"
-            raise InputError("rotation", "is missing", rule)
-        if rotation is None:
-            return 0
-        return int(self._find_cells(self._check_rotation(rotation)))
 
     def _find_cells(self, q: Floats) -> Ints:
         """Return cells of configurations, shape (..., d + size)."""

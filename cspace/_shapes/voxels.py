@@ -314,6 +314,13 @@ class Voxels(ExactShape):
         vertices = self.boundary().simplices.reshape(-1, 3)
         return vertices, np.arange(len(vertices), dtype=np.int64).reshape(-1, 3)
 
+    @property
+    def closed_surface(self) -> Surface:
+        """Boundary triangles in space, which share all corners, facing outward."""
+        vertices, faces, windings = boundary_mesh(self.occupied, self.side, self.lower)
+        # Reversing the order of its corners reverses the normal of a face.
+        return vertices, np.where(windings[:, None] < 0, faces[:, ::-1], faces)
+
     def project_to_plane(self) -> Voxels:
         """Project the cells onto the xy plane."""
         if self.dim == 2:

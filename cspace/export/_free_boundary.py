@@ -13,10 +13,8 @@ from typing import IO, Final
 import numpy as np
 
 from cspace import FREE, Grid
-from cspace._files.meshes import STL_RECORD
-from cspace._raster.bitmaps import boundary_mesh
 from cspace.errors import InputError
-from cspace.inside import Floats, Ints, States, StrPath, Surface, replacing
+from cspace.inside import Floats, Ints, States, StrPath, Surface, Voxels, replacing
 
 
 def free_boundary(state: States, grid: Grid) -> Surface:
@@ -33,10 +31,7 @@ def free_boundary(state: States, grid: Grid) -> Surface:
     if not free.any():
         rule = "a boundary needs at least one"
         raise InputError("the map", "has no FREE cell", rule)
-    vertices, faces, turns = boundary_mesh(free, grid.spacing, grid.lower)
-    faces_inwards = turns[:, None] < 0
-    # Reversing the order of its corners reverses the normal of a face.
-    return vertices, np.where(faces_inwards, faces[:, ::-1], faces)
+    return Voxels(free, grid.spacing, np.array(grid.lower)).closed_surface
 
 
 def write_boundary(state: States, grid: Grid, path: StrPath, overwrite: bool = False) -> None:
@@ -92,7 +87,8 @@ def _write_stl(file: IO[bytes], vertices: Floats, faces: Ints) -> None:
         problem = f"names an STL file for coordinates from {vertices.min()} to {vertices.max()}"
         rule = "STL has single precision, in which some coordinates coincide"
         raise InputError("path", problem, rule)
-    rows = np.zeros(len(faces), dtype=STL_RECORD)
+    record = [("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")]
+    rows = np.zeros(len(faces), dtype=record)
     first_edges, second_edges = np.moveaxis(edges, 1, 0)
     # Normals are parallel to an axis, so their signs are unit vectors.
     rows["normal"] = np.sign(np.cross(first_edges, second_edges))

@@ -18,10 +18,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cspace import BLOCKED, FREE, MIXED, Grid
-from cspace._files.ros_maps import JointTrajectoryPoint
 from cspace.errors import InputError
 from cspace.inside import Bools, Floats, check_not_negative
-from cspace.ros import Costmap, OccupancyGrid, PoseStamped
+from cspace.ros import Costmap, JointTrajectoryPoint, OccupancyGrid, PoseStamped
 
 if TYPE_CHECKING:
     from cspace import CSpace
@@ -85,8 +84,8 @@ def fill_costmap(
         raise InputError("the map", "is one in space", "a costmap is plane")
     slice_number = None  # without a rotation, costs are those of the best rotation of each cell
     if rotation is not None:
-        cell = space.rotations._find_cells(space.rotations._check_rotation(rotation))
-        slice_number = int(space.slice_of[int(cell)])
+        cell = space.rotations.cell_of(space.rotations.check_rotation(rotation))
+        slice_number = int(space.slice_of[cell.item()])
     inscribed = space.robot.inscribed_radius + space.margin
     clearance = clearances(slice_number)
     costs = compute_costs(clearance, workspace.outer, workspace.unknown, inscribed, scaling, radius)

@@ -11,9 +11,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace import BLOCKED, FREE, MIXED
-from cspace._record.description import STACKED, list_axes, make_attributes
-from cspace._record.save import save
+from cspace import BLOCKED, FREE, MIXED, CSpace, Rotations
 from cspace.errors import InputError
 from cspace.export._free_boundary import WRITERS, write_boundary
 from cspace.export._plane_images import write_geotiff, write_ros_map
@@ -27,6 +25,7 @@ from cspace.inside import (
     StrPath,
     check_suffix,
     collect_arrays,
+    describe_array,
     frozen,
     import_optional,
     make_metadata,
@@ -36,6 +35,11 @@ from cspace.inside import (
 
 if TYPE_CHECKING:
     import xarray
+
+
+def _save(contents: Contents, path: StrPath, overwrite: bool) -> None:
+    """Save a map as a Zarr folder."""
+    CSpace(contents).save(Path(path), overwrite=overwrite)
 
 
 def _select_layers(contents: Contents, cells: Sequence[int]) -> dict[str, NDArray[Any]]:
@@ -48,7 +52,7 @@ def _select_layers(contents: Contents, cells: Sequence[int]) -> dict[str, NDArra
     arrays = collect_arrays(contents)
     digits = len(str(cells[-1]))
     layers: dict[str, NDArray[Any]] = {}
-    for name in STACKED:
+    for name in ("cell_states", "overlap_counts"):
         if name not in arrays:
             continue
         for cell in cells:
@@ -125,7 +129,7 @@ class ExportFormat(NamedTuple):
 
 EXPORT_FORMATS: Final[dict[str, ExportFormat]] = {
     **dict.fromkeys(
-        MAP_SUFFIXES, ExportFormat(save, "all", None, "a saved map, which `cspace.open` reads")
+        MAP_SUFFIXES, ExportFormat(_save, "all", None, "a saved map, which `cspace.open` reads")
     ),
     ".npz": ExportFormat(write_npz, "all", None, "arrays for `numpy.load`"),
     ".vti": ExportFormat(
@@ -213,13 +217,26 @@ def export(
         return
     cells: Sequence[int] = range(len(contents.rotations))
     if rotation is not None or form.rotations == "one":
-        reason = f"{Path(path)} holds one slice"
-        cells = [contents.rotations._find_one_cell(rotation, reason)]
+        cells = [_find_cell(contents.rotations, rotation, path)]
     if form.rotations == "one":
         number = int(contents.slice_of[cells[0]])
         form.write(contents.states[number], contents.grid, path, overwrite)
     else:
         form.write(contents, cells, path, overwrite)
+
+
+def _find_cell(rotations: Rotations, rotation: ArrayLike | None, path: StrPath) -> int:
+    """Return the rotation cell of the slice that a file shall hold.
+
+    Raises InputError if it is not one rotation, or missing although there are several cells.
+    """
+    if rotation is not None:
+        return rotations.cell_of(rotations.check_rotation(rotation)).item()
+    if len(rotations) > 1:
+        rule = f"{Path(path)} holds one slice, and this map has {len(rotations)} rotation cells"
+        hint = f"pass the one to take, by {', '.join(rotations.names)}"
+        raise InputError("rotation", "is missing", rule, hint)
+    return 0
 
 
 def to_xarray(contents: Contents) -> xarray.Dataset:
@@ -271,8 +288,7 @@ def to_xarray(contents: Contents) -> xarray.Dataset:
     0.0
     """
     package = import_optional("xarray", "it holds arrays with named axes", "xarray")
-    dim = contents.grid.dim
-    rotation_shape = contents.rotations._leading_axes(len(contents.rotations))
+    rotation_shape = (len(contents.rotations),) if contents.rotations.names else ()
     coordinate_names = (*AXES, *contents.rotations._COORDINATES, "slice_of")
     variables: dict[str, Any] = {}
     coordinates: dict[str, Any] = {}
@@ -280,7 +296,7 @@ def to_xarray(contents: Contents) -> xarray.Dataset:
     contents = replace(contents, exterior=None)  # a Dataset holds only cells of the grid
     arrays = {"inner": contents.workspace.inner} | collect_arrays(contents)
     for name, array in arrays.items():
-        axes = list_axes(name, dim)
+        axes, attributes = describe_array(name, contents.grid)
         if "rotation" in axes:
             array = frozen(np.asarray(array)[order])
         if axes[0] == "slice":
@@ -291,7 +307,7 @@ def to_xarray(contents: Contents) -> xarray.Dataset:
         if "rotation" in axes and not rotation_shape:
             continue
         group = coordinates if name in coordinate_names else variables
-        group[name] = (axes, array, make_attributes(name, contents.grid))
+        group[name] = (axes, array, attributes)
     axis_names = dict(zip(AXES, contents.grid.axes, strict=False))
     dataset: xarray.Dataset = package.Dataset(
         variables, coords=coordinates, attrs=make_metadata(contents)

@@ -227,7 +227,7 @@ class Audit:
         -------
         matplotlib.axes.Axes
         """
-        from cspace.plot._artists import extend_legend
+        from cspace.plot import extend_legend
 
         axes = self.space.plot(title=repr(self))
         for verdict, color in COLORS.items():

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import numpy as np
 import shapely
 
-from cspace import BLOCKED, FREE
-from cspace._bodies.cores import place_points
+from cspace import BLOCKED, FREE, Rotations
 from cspace.inside import Bools, Floats, Ints, States, number_parts
 from cspace.lanes._lane_motions import LaneMotions, find_shares_near_map
 
@@ -209,3 +208,10 @@ class Obstacles:
             return number, self.names[met]
         point = shapely.intersection(robots[number], obstacles[met]).representative_point()
         return number, f"the obstacle at ({point.x:.2f}, {point.y:.2f})"
+
+
+def place_points(offsets: Floats, points: Floats) -> Floats:
+    """Return the robot's points (k, 2) at configurations, shape (n, k, 2)."""
+    rotations = Rotations.of(1 if points.shape[1] > 2 else None)
+    turns = rotations.make_matrices(points[:, 2:], 2)
+    return np.asarray(offsets @ turns.swapaxes(1, 2) + points[:, np.newaxis, :2])

@@ -276,7 +276,7 @@ class Conflicts:
         -------
         matplotlib.axes.Axes
         """
-        from cspace.plot._artists import extend_legend
+        from cspace.plot import extend_legend
 
         space, _ = next(iter(self.robots.values()))
         axes = space.plot(title=repr(self))

@@ -16,13 +16,13 @@ from typing import Any, Final
 import numpy as np
 import shapely
 
-from cspace._files.crs import check_crs
 from cspace.inside import (
     ContentError,
     Fields,
     Floats,
     Ledger,
     StrPath,
+    check_crs,
     check_point,
     check_suffix,
     decoding,

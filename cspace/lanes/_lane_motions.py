@@ -10,7 +10,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Final, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, cast
 
 import numpy as np
 
@@ -130,11 +130,11 @@ def split_yaws(space: ConfigurationMap) -> Floats:
     """
     if not space.rotations.names:
         return np.array([[-math.pi, math.pi]]) * space.robot.shape.is_round
-    bounds = space.rotations._stored_arrays["yaw_bounds"]
+    borders = np.asarray(cast("Any", space.rotations).borders)
     # Largest part of a rotation cell of which all yaws are proven at once, radians.
-    count = math.ceil(np.ptp(bounds, axis=1).max() / math.radians(5.0) - SAME_YAW)
-    borders = np.linspace(bounds[:, 0], bounds[:, 1], count + 1, axis=1)
-    return np.stack([borders[:, :-1], borders[:, 1:]], axis=-1).reshape(-1, 2)
+    count = math.ceil(np.diff(borders).max() / math.radians(5.0) - SAME_YAW)
+    parts = np.linspace(borders[:-1], borders[1:], count + 1, axis=1)
+    return np.stack([parts[:, :-1], parts[:, 1:]], axis=-1).reshape(-1, 2)
 
 
 def list_motions(space: ConfigurationMap, graph: RouteGraph) -> LaneMotions:

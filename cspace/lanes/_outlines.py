@@ -17,7 +17,6 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from cspace._bodies.cores import place_points
 from cspace.inside import (
     COORDINATE_ROUNDING,
     ROUNDING,
@@ -31,6 +30,7 @@ from cspace.inside import (
     measure_distances,
     number_parts,
 )
+from cspace.lanes._collisions import place_points
 from cspace.lanes._lane_motions import list_legs, list_motions, list_yaws
 from cspace.lanes._route_graph import RouteGraph
 

@@ -6,12 +6,11 @@ import math
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from scipy import sparse
+from scipy import ndimage, sparse
 from scipy.sparse import csgraph
 
 from cspace import BLOCKED
-from cspace._queries.yaws import join_yaw_cells
-from cspace.inside import ANGLE_SLACK, Bools, Floats, Ints
+from cspace.inside import ANGLE_SLACK, TWO_PI, Bools, Floats, find_components, wrap_angles
 from cspace.lanes._lane_motions import (
     SAME_YAW,
     LaneMotions,
@@ -36,18 +35,19 @@ class NodeYaws(NamedTuple):
         Lower and upper yaws, radians.
     is_free : ndarray of bool, shape (nodes, parts)
         Whether all yaws of a part are proven free.
-    cells : ndarray of int64, shape (nodes, parts, 1 + d)
+    points : ndarray of float64, shape (nodes, parts, size)
+        Configurations in the middle of the parts.
     """
 
     parts: Floats
     is_free: Bools
-    cells: Ints
+    points: Floats
 
     def list_free(self) -> list[Floats]:
         """List each node's intervals of free yaws, radians."""
         if not np.ptp(self.parts):  # a robot that never turns
             return [self.parts[free] for free in self.is_free]
-        return [join_yaw_cells(free, self.parts) for free in self.is_free]
+        return [_join_parts(free, self.parts) for free in self.is_free]
 
 
 def prove_nodes(space: ConfigurationMap, positions: Floats, exact: bool) -> NodeYaws:
@@ -71,8 +71,7 @@ def prove_nodes(space: ConfigurationMap, positions: Floats, exact: bool) -> Node
             rest = chosen[~is_free[chosen]]
             rest = rest[np.asarray(part.classify(points[rest])) != BLOCKED]
             is_free[rest] = prove(part, turns.take(rest), by_geometry=True)
-    cells = space._cells_of(points)
-    return NodeYaws(parts, is_free.reshape(shape), cells.reshape(*shape, cells.shape[1]))
+    return NodeYaws(parts, is_free.reshape(shape), points.reshape(*shape, space.size))
 
 
 class Reach:
@@ -144,10 +143,10 @@ def judge_ways(
     if not pairs:
         return []
     used, places = np.unique(np.array(pairs), return_inverse=True)
-    cells = nodes.cells[used]
-    shape = cells.shape[:2]
-    rows = cells.reshape(-1, cells.shape[2])
-    free, passable = (space._components.find(rows, mixed).reshape(shape) for mixed in (False, True))
+    points = nodes.points[used]
+    shape = points.shape[:2]
+    rows = points.reshape(-1, space.size)
+    free, passable = (find_components(space, rows, mixed).reshape(shape) for mixed in (False, True))
     free = np.where(nodes.is_free[used], free, -1)
     free_sets, passable_sets = (
         [set(row) - {-1} for row in labels.tolist()] for labels in (free, passable)
@@ -158,3 +157,18 @@ def judge_ways(
         may_join = not passable_sets[first].isdisjoint(passable_sets[last])
         ways.append(True if is_joined else None if may_join else False)
     return ways
+
+
+def _join_parts(is_free: Bools, parts: Floats) -> Floats:
+    """Join neighbouring free parts of a turn to intervals, radians, in rising order."""
+    if is_free.all():
+        return np.array([[-math.pi, math.pi]])
+    # Begin after a part that is not free, so that no interval goes on at the first part.
+    shift = int(np.argmin(is_free))
+    runs = ndimage.find_objects(ndimage.label(np.roll(is_free, -shift))[0])
+    firsts = [(run.start + shift) % len(parts) for (run,) in runs]
+    lasts = [(run.stop - 1 + shift) % len(parts) for (run,) in runs]
+    low = wrap_angles(parts[firsts, 0])
+    widths = (parts[lasts, 1] - parts[firsts, 0]) % TWO_PI
+    intervals = np.column_stack([low, low + widths])
+    return intervals[np.argsort(low)]

@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace._support.check import check_pairs
 from cspace.errors import InputError
 from cspace.inside import (
     AXES,
     MAX_NUMBER,
     ContentError,
     Floats,
+    Ints,
     StrPath,
     check_finite,
     check_points,
@@ -146,7 +146,7 @@ class RouteGraph:
         """
         points = check_points(positions, "positions", AXES[:2])
         check_finite(points, "positions", largest=MAX_NUMBER)
-        ends = check_pairs(edges, points)
+        ends = _check_edges(edges, len(points))
         is_one = isinstance(headings, str | HeadingRule) or not np.iterable(headings)
         rules: Iterable[Any] = [headings] * len(ends) if is_one else list(headings)  # type: ignore[arg-type]
         labels = list(map(str, range(len(ends)) if edge_names is None else edge_names))
@@ -205,3 +205,22 @@ def _check_length(name: str, values: Any, count: int) -> None:
     """Raise InputError unless each element has one value."""
     if len(values) != count:
         raise InputError(name, f"has {len(values)} entries", f"it must have {count}")
+
+
+def _check_edges(edges: ArrayLike, count: int) -> Ints:
+    """Return lanes as pairs of nodes, shape (m, 2).
+
+    Raises InputError if they have another shape, or an index is not below ``count``.
+    """
+    pairs = check_real(edges, "edges", ("start", "end"))
+    # numpy makes an empty list an array of floats, shape (0,).
+    pairs = pairs if pairs.size else np.empty((0, 2), dtype=np.int64)
+    if pairs.dtype.kind not in "iu" or pairs.ndim != 2 or pairs.shape[1] != 2:
+        problem = f"has shape {pairs.shape} and type {pairs.dtype}"
+        raise InputError("edges", problem, "each edge must be two whole numbers")
+    for number, row in enumerate(pairs.tolist()):
+        if not 0 <= min(row) <= max(row) < count:
+            rule = f"there are {count} vertices, counted from 0"
+            hint = f"pass indices from 0 to {count - 1}"
+            raise InputError("edge", f"number {number} is {tuple(row)}", rule, hint)
+    return pairs.astype(np.int64, copy=False)

@@ -84,27 +84,6 @@ ENDPOINT_STYLES: Final[dict[str, dict[str, Any]]] = {
     "goal": {"marker": "*", "markersize": 12.0, "markerfacecolor": GOAL_COLOR},
 }
 """Styles of the markers of start and goal."""
-BARRIER_STYLE: Final[dict[str, Any]] = {
-    "color": "#c2002f",
-    "linestyle": "none",
-    "marker": "s",
-    "markersize": 4.0,
-    "markeredgecolor": "white",
-    "markeredgewidth": 0.4,
-    "zorder": 4.5,
-    "label": "cells in the way",
-}
-"""Markers of cells that bar a way."""
-BOTTLENECK_STYLE: Final[dict[str, Any]] = {
-    "color": "#c2002f",
-    "linestyle": "none",
-    "marker": "o",
-    "markersize": 14.0,
-    "fillstyle": "none",
-    "zorder": 6.0,
-    "label": "narrowest place",
-}
-"""Marker of the narrowest place of a way."""
 MAX_ASPECT_RATIO: Final = 20.0
 """Largest ratio of the sides of axes drawn to scale; beyond it, the axes are not to scale."""
 

@@ -241,8 +241,7 @@ def make_scene(
     dim = grid.dim
     drawn_rotation = None if space.rotations.names else np.empty(0)
     if rotation is not None:
-        space.states_at(rotation)  # raises the errors of a wrong rotation
-        drawn_rotation = np.atleast_1d(np.asarray(rotation, dtype=np.float64))
+        drawn_rotation = space.rotations.check_rotation(rotation)
     points, plan = check_path(space, path)
     endpoints = collect_endpoints(space, plan, points, start, goal)
     body = DrawnRobot(space.robot, space.rotations)

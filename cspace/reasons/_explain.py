@@ -6,7 +6,7 @@ import math
 import textwrap
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Final, Literal
+from typing import TYPE_CHECKING, Any, Final, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,7 +15,7 @@ from scipy import ndimage
 from cspace import FREE
 from cspace._obstacles import Obstacle
 from cspace.errors import InputError
-from cspace.inside import STATE_NAMES, Bools, Floats, Ints, slice_rasters
+from cspace.inside import STATE_NAMES, Bools, Exterior, Floats, Ints, map_record, slice_rasters
 from cspace.reasons._margins import copy_with_ends, find_cells, find_way, states_of_slices
 from cspace.reasons._removals import remove_obstacles
 from cspace.reasons._windows import Trial, refine_way, suggest_finer
@@ -50,6 +50,29 @@ WAY_OUTSIDE: Final = (
 
 MAX_NAMED_OBSTACLES: Final = 3
 """Number of obstacles that a sentence names."""
+
+BARRIER_STYLE: Final[dict[str, Any]] = {
+    "color": "#c2002f",
+    "linestyle": "none",
+    "marker": "s",
+    "markersize": 4.0,
+    "markeredgecolor": "white",
+    "markeredgewidth": 0.4,
+    "zorder": 4.5,
+    "label": "cells in the way",
+}
+"""Markers of cells that bar a way."""
+
+BOTTLENECK_STYLE: Final[dict[str, Any]] = {
+    "color": "#c2002f",
+    "linestyle": "none",
+    "marker": "o",
+    "markersize": 14.0,
+    "fillstyle": "none",
+    "zorder": 6.0,
+    "label": "narrowest place",
+}
+"""Marker of the narrowest place of a way."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,7 +178,8 @@ class Explanation:
     @property
     def _may_pass_outside(self) -> bool:
         """Whether cells outside are undecided, although all is obstacle."""
-        is_blocked = self.space._exterior.is_all_blocked(self.space.grid.shape)
+        exterior = Exterior(map_record(self.space).exterior)
+        is_blocked = exterior.is_all_blocked(self.space.grid.shape)
         return self.space.outside == "blocked" and not is_blocked.all()
 
     def _describe_reason(self) -> str:
@@ -216,8 +240,7 @@ class Explanation:
         -------
         matplotlib.axes.Axes
         """
-        from cspace.plot import plot
-        from cspace.plot._artists import BARRIER_STYLE, BOTTLENECK_STYLE, extend_legend
+        from cspace.plot import extend_legend, plot
 
         space = self.space
         way = self.bottleneck[np.newaxis]

@@ -34,7 +34,7 @@ from cspace import BLOCKED, FREE, MIXED, CSpace, Raster
 from cspace._engines import ENGINES, choose_engine
 from cspace._queries.distance import ROUNDING_FACTOR, compute_distances
 from cspace._rotations import RotationCell
-from cspace.errors import InputError
+from cspace.errors import ConfigurationError, InputError
 from cspace.inside import (
     NEVER,
     Bools,
@@ -44,6 +44,7 @@ from cspace.inside import (
     Floats,
     Ints,
     States,
+    map_record,
     slice_rasters,
 )
 from planners._search import find_chain, list_turns
@@ -94,7 +95,7 @@ class Way(NamedTuple):
 
 def states_of_slices(space: CSpace) -> States:
     """Return the states of a map, shape (slices, x, y(, z))."""
-    states = space._kernel_map.states
+    states = map_record(space).states
     return states.reshape(len(states), *space.grid.shape)
 
 
@@ -108,14 +109,21 @@ def copy_with_ends(space: CSpace, start: ArrayLike, goal: ArrayLike) -> tuple[CS
         problem = f"has the axes {', '.join(space.axes)}"
         rule = "reasons are for maps of positions, with or without a yaw"
         raise InputError("space", problem, rule)
-    points = [space._check_in_grid(q, name) for q, name in ((start, "start"), (goal, "goal"))]
+    points = [space.check_configuration(q, name) for q, name in ((start, "start"), (goal, "goal"))]
+    for q, name in zip(points, ("start", "goal"), strict=True):
+        if not space.grid.contains(q[: space.dim]):
+            hint = f"its grid is from {space.grid.lower} to {space.grid.upper}"
+            rule = "it must be one configuration in the grid"
+            raise ConfigurationError(name, f"is {q.tolist()}", rule, hint)
     return copy.copy(space), np.stack(points)
 
 
 def find_cells(space: CSpace, points: Floats) -> Ints:
     """Return cells ``(rotation, x, ...)`` of configurations, (n, 1 + d)."""
     positions = space.grid.cell_of(points[:, : space.dim])
-    return np.column_stack([space.rotations._find_cells(points), positions])
+    # Without a yaw, the only rotation cell is 0.
+    rotations = np.broadcast_to(space.rotations.cell_of(points[:, space.dim :]), (len(points), 1))
+    return np.column_stack([rotations, positions])
 
 
 def find_way(space: CSpace, points: Floats) -> Way:
@@ -287,7 +295,7 @@ class ResizedRobot:
     def make_free_map(self, margin: float) -> CSpace:
         """Return the robot's map of FREE and MIXED with a margin."""
         states = (~self.find_free(margin)).view(np.uint8)  # False is FREE, and True is MIXED
-        return self._make_map(states, Exterior(self.space._kernel_map.exterior))
+        return self._make_map(states, Exterior(map_record(self.space).exterior))
 
     def make_blocked_map(self, margin: float) -> CSpace:
         """Return the robot's map of BLOCKED and MIXED with a margin."""
@@ -310,7 +318,7 @@ class ResizedRobot:
         if margin >= 0.0:  # as above
             hits |= states_of_slices(space) == BLOCKED
         states = np.where(hits, np.uint8(BLOCKED), np.uint8(MIXED))
-        exterior = Exterior(space._kernel_map.exterior)
+        exterior = Exterior(map_record(space).exterior)
         if space.has_poses:
             pairs = [(raster, raster) for raster in rasters]
             exterior = Exterior.of(space.workspace.outer, pairs, space.outside)

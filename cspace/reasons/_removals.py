@@ -23,7 +23,7 @@ from cspace._engines import ENGINES, choose_engine
 from cspace._obstacles import Obstacle
 from cspace.errors import InputError
 from cspace.inside import Bools, Ints, slice_rasters
-from cspace.reasons._margins import copy_with_ends, find_cells
+from cspace.reasons._margins import copy_with_ends, find_cells, states_of_slices
 
 if TYPE_CHECKING:
     from cspace import CSpace
@@ -171,8 +171,7 @@ def _compute_masks(space: CSpace, names: Sequence[str]) -> Ints:
         engine.write_overlaps(occupied, outer_rasters, list(hits), outside=False)
         masks[hits] |= 1 << bit
     without = remove_obstacles(space, names)
-    states = without._kernel_map.states.reshape(shape)
-    masks[states != FREE] = NEVER
+    masks[states_of_slices(without) != FREE] = NEVER
     return masks
 
 

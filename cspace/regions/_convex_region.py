@@ -11,10 +11,8 @@ from typing import TYPE_CHECKING, Any, overload
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace._queries.batches import Configuration
-from cspace._rotations.base import unwrap_near
 from cspace.errors import InputError
-from cspace.inside import Bools, Floats, check_points, frozen, warn_of_degrees
+from cspace.inside import Bools, Floats, check_points, frozen, turn_near, warn_of_degrees
 from cspace.regions._growth import HalfSpaces, Polytope, find_deepest, measure_polytope
 
 if TYPE_CHECKING:
@@ -61,7 +59,7 @@ class ConvexRegion:
         return f"ConvexRegion(center=({center}), {size})"
 
     @overload
-    def contains(self, q: Configuration) -> bool: ...  # type: ignore[overload-overlap]
+    def contains(self, q: Sequence[float]) -> bool: ...  # type: ignore[overload-overlap]
     @overload
     def contains(self, q: ArrayLike) -> Bools: ...
     def contains(self, q: ArrayLike) -> bool | Bools:
@@ -111,7 +109,7 @@ class ConvexRegion:
             # Unwrapped yaws near the center's may be many turns, and are no degrees.
             nearer = np.where(np.abs(turns) < np.abs(yaws), turns, yaws)
             warn_of_degrees(nearer, {0: YAW}, "q")
-            points[..., -1] = unwrap_near(points[..., -1], np.asarray(self._middle_yaw))
+            points[..., -1] = turn_near(points[..., -1], np.asarray(self._middle_yaw), True)
         return points
 
     @property

@@ -16,7 +16,6 @@ from scipy import ndimage
 from scipy.optimize import nnls
 
 from cspace import FREE
-from cspace._files.fields import UNKNOWN_FIELDS
 from cspace.errors import ConfigurationError, InputError
 from cspace.inside import (
     MAX_NUMBER,
@@ -30,6 +29,7 @@ from cspace.inside import (
     check_number,
     check_suffix,
     decoding,
+    find_components,
     is_over,
     limit_effort,
     names_options,
@@ -59,7 +59,7 @@ FIELDS: Final = (
     Fields(
         "`.json` of `FreeRegions.save`",
         honoured="`format`, `axes`, `coverage`; `regions`, `A`, `b`; `pairs`, `points`",
-        refused=UNKNOWN_FIELDS,
+        refused="unknown fields",
     ),
 )
 
@@ -278,14 +278,14 @@ class BareCells:
         self._space = space
         count = len(space.rotations)
         check_memory(BYTES_PER_CELL * space.grid.size * count, "the cover", space.grid)
-        states = space._states[space.slice_of]
-        self._is_bare = states == FREE
+        shape = (count, *space.grid.shape)
+        self._is_bare = space.cell_states.reshape(shape) == FREE
         if around is not None:
-            self._is_bare &= find_component(space, around)
+            self._is_bare &= find_component(space, self._is_bare, around)
         self._volumes = np.asarray(space.rotations._volumes, dtype=np.float64)
         self._total = self._measure(self._is_bare)
         if not self._total:
-            raise space._make_nothing_free_error()
+            raise ConfigurationError("the map", "has no FREE cell", "a region grows around one")
         self._left = self._total
         # The border of the grid counts as covered.
         self._distances = np.zeros(self._is_bare.shape, dtype=np.float32)
@@ -340,7 +340,10 @@ class BareCells:
 
     def skip(self, q: Floats) -> None:
         """Draw the cell of a configuration never again."""
-        self._distances[tuple(self._space._cells_of(q))] = 0.0
+        space = self._space
+        rotation = space.rotations.cell_of(q[space.grid.dim :]).item()
+        cell = space.grid.cell_of(q[: space.grid.dim])
+        self._distances[rotation, *cell] = 0.0
 
     def cover(self, region: ConvexRegion) -> None:
         """Count the cells whose centers are in a region as covered."""
@@ -369,17 +372,24 @@ class BareCells:
             np.minimum(self._distances[k][window], distances, out=self._distances[k][window])
 
 
-def find_component(space: Any, around: ArrayLike) -> Bools:
+def find_component(space: Any, is_free: Bools, around: ArrayLike) -> Bools:
     """Return a mask of a configuration's FREE component.
 
-    It has shape (rotations, ...).
+    It has shape (rotations, ...), as the mask ``is_free`` of all FREE cells.
     """
-    cell = space._cells_of(space._check_in_grid(around, "around", free=True))
-    shape = (len(space.rotations), *space.grid.shape)
+    q = space.check_configuration(around, "around")
+    if not space.grid.contains(q[: space.grid.dim]) or not space.is_free(q):
+        rule = "it must be one FREE configuration in the grid"
+        hint = "space.nearest_free(q) is one"
+        raise ConfigurationError("around", f"is {around!r}", rule, hint)
+    rotations, *cells = np.nonzero(is_free)
+    centers = space.grid.center_of(np.stack(cells, axis=-1))
+    centers = np.concatenate([centers, space.rotations.centers[rotations]], axis=-1)
     with space.lock:  # an update changes the components
-        component = int(space._components.find(cell))
-        cells = np.moveaxis(np.indices(shape), 0, -1)
-        return np.asarray(space._components.find(cells) == component)
+        is_member = find_components(space, centers) == find_components(space, q[np.newaxis])
+    mask = np.zeros_like(is_free)
+    mask[is_free] = is_member
+    return mask
 
 
 def find_cells_inside(space: Any, region: ConvexRegion, first: Ints, stop: Ints) -> Bools:

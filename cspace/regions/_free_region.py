@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,6 +21,7 @@ from cspace.inside import (
     check_memory,
     check_not_negative,
     check_positive,
+    map_record,
 )
 from cspace.regions._convex_region import YAW, ConvexRegion
 from cspace.regions._growth import HALF_CELL, HalfSpaces, grow_polytope, make_box
@@ -179,12 +180,17 @@ class RegionSource(NamedTuple):
             return YawArc(yaw - math.pi - ARC_SLACK, yaw + math.pi + ARC_SLACK)
         return YawArc(self._border(first) + ARC_SLACK, self._border(last + 1) - ARC_SLACK)
 
+    @property
+    def borders(self) -> Floats:
+        """Borders of the yaw cells, radians, shape (cells + 1,)."""
+        return np.asarray(cast("Any", self.space.rotations).borders)
+
     def _border(self, cell: int) -> float:
         """Return the lower border of a yaw cell, radians.
 
         Cells are counted on in further turns.
         """
-        borders = self.space.rotations._make_lookups(self.space.slice_of).borders
+        borders = self.borders
         turns, index = divmod(cell, len(borders) - 1)
         return float(borders[index] + TWO_PI * turns)
 
@@ -193,7 +199,7 @@ class RegionSource(NamedTuple):
 
         Cells are counted on in further turns.
         """
-        borders = self.space.rotations._make_lookups(self.space.slice_of).borders
+        borders = self.borders
         cells = list[int]()
         for yaw in (arc.low - 0.5 * ARC_SLACK, arc.high + 0.5 * ARC_SLACK):
             turns = math.floor((yaw - borders[0]) / TWO_PI)
@@ -234,7 +240,7 @@ class RegionSource(NamedTuple):
         low = places.min(axis=0) - self.reach / grid.spacing
         high = places.max(axis=0) + self.reach / grid.spacing
         gap = self.margin / grid.spacing
-        is_open = self.space._exterior.table[slices, -1] == FREE
+        is_open = map_record(self.space).exterior[slices, -1] == FREE
         if not is_open.all():
             # All cells beyond the grid are cut off by its sides.
             side = HALF_CELL - 0.5 + gap
@@ -269,7 +275,7 @@ class RegionSource(NamedTuple):
         shape = np.array(self.space.grid.shape)
         first = np.zeros_like(shape)
         stop = shape
-        table = self.space._exterior.table[slices]
+        table = map_record(self.space).exterior[slices]
         outside = [row[:-1].reshape(2, -1) for row in table] if is_open else []
         outside = [box for box in outside if (box[0] <= box[1]).all()]
         if is_open:
@@ -286,7 +292,8 @@ class RegionSource(NamedTuple):
             is_taken[tuple(map(slice, *ends))] = True
         in_grid = np.clip([first, stop], 0, shape)
         begin, end = in_grid - first
-        states = self.space._states[(slice(None), *map(slice, *in_grid))][slices]
+        states = map_record(self.space).states.reshape(-1, *self.space.grid.shape)
+        states = states[(slice(None), *map(slice, *in_grid))][slices]
         is_taken[tuple(map(slice, begin, end))] = (states != FREE).any(axis=0)
         return first.astype(np.float64), is_taken
 

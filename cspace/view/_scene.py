@@ -13,8 +13,15 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from cspace import CSpace, Robot
-from cspace._raster.bitmaps import merge_into_rectangles
-from cspace.inside import Bools, Floats, Ints, Surface, block_starts, reduce_blocks
+from cspace.inside import (
+    Bools,
+    Floats,
+    Ints,
+    Surface,
+    Voxels,
+    block_starts,
+    reduce_blocks,
+)
 from cspace.plot._artists import (
     CLASSES,
     COLLIDES,
@@ -200,8 +207,9 @@ def extract_border(solid: Bools, has_boundary: bool = True) -> Ints:
         layers = np.moveaxis(find_exposed_cells(solid, axis, up), axis, 0)
         if not has_boundary:
             layers[-up] = False  # the first layer (0) if faces point down, the last (-1) if up
-        low, high = merge_into_rectangles(layers)
-        high[:, 0] = low[:, 0] + 1
+        # Boxes are one layer thick.
+        boxes = Voxels(layers, 1.0, np.zeros(3)).boxes
+        low, high = (corners.astype(np.int64) for corners in (boxes.lows, boxes.highs))
         # The columns of x, y and z in the corners, of which the normal is column 0.
         columns = np.insert([1, 2], axis, 0)
         rectangles.append(make_faces(low[:, columns], high[:, columns], axis, up))

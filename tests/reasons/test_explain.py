@@ -175,7 +175,7 @@ def test_equal_start_and_goal_and_empty_workspaces_are_explained():
     [
         ((9.0, 9.0), ConfigurationError, "in the grid"),
         ((math.nan, 0.0), InputError, "nan"),
-        ([(1.0, 1.0), (2.0, 2.0)], ConfigurationError, "one configuration"),
+        ([(1.0, 1.0), (2.0, 2.0)], InputError, "one configuration"),
     ],
     ids=["outside", "NaN", "several"],
 )

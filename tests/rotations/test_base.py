@@ -138,4 +138,4 @@ def test_wrapped_yaws_are_unchanged_and_others_are_wrapped():
 )
 def test_invalid_rotations_are_refused(kind, rotation, message):
     with pytest.raises(InputError, match=message):
-        kind._check_rotation(rotation)
+        kind.check_rotation(rotation)

@@ -63,7 +63,7 @@ def cells(values, **options):
     (lambda: Robot.disc(None), "it must be numeric"),
     (lambda: Robot.disc("0.3"), "it must be numeric"),
     (
-        lambda: floating().rotations._check_rotation(TURN, "rotation"),
+        lambda: floating().rotations.check_rotation(TURN, "rotation"),
         "it must be numeric",
     ),
     (lambda: Robot.disc(10**400), "it must fit a float"),
