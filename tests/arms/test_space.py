@@ -240,7 +240,7 @@ def test_paths_clamp_endpoints_slightly_beyond_limits():
     plan = planners.plan(space, (-1.123456 - HAIR, 0.3), (2.0, 3.0 + HAIR), seed=1)
     assert plan.path[[0, -1]].tolist() == [[-1.123456, 0.3], [2.0, 3.0]]
     for call in (space.is_free, lambda q: planners.plan(space, q, (0, 0))):
-        with pytest.raises(ConfigurationError, match=r"shoulder at -1.1234761.*; .*1e-05"):
+        with pytest.raises(ConfigurationError, match=r"shoulder at -1.1234761; its limits are"):
             call((-1.123456 - 2.01e-5, 0.3))
 
 
