@@ -12,6 +12,7 @@ integral of the descriptor; tolerances are relative to that value.
 from __future__ import annotations
 
 import math
+import os
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -40,6 +41,9 @@ dimension."""
 
 MAX_FREQUENCIES: Final = 2**26
 """Largest number of frequencies of a spectrum, whose values take a gigabyte."""
+
+PROCESS: Final = os.getpid()
+"""Process that imported the module; in a fork of it, threads of OpenMP wait for ever."""
 
 
 def ball_spectrum(
@@ -265,7 +269,7 @@ def _transform_options(tolerance: float, samples: int) -> dict[str, Any]:
         upsampling = 1.5 if tolerance >= 1e-11 else 2.0
     # Number of frequencies and points of a transform from which several threads are faster than
     # one.
-    threads = count_cores() if samples >= 2**18 else 1
+    threads = count_cores() if samples >= 2**18 and os.getpid() == PROCESS else 1
     return {
         "eps": tolerance,
         "modeord": 1,

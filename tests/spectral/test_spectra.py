@@ -2,16 +2,18 @@
 
 import itertools
 import math
+import os
+import warnings
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cspace.spectral import Bump, ball_spectrum
+from cspace.spectral import Bump, FourierOverlap, ball_spectrum
 from tests.helpers.strategies import examples, seeds
 
-pytest.importorskip("finufft")
+finufft = pytest.importorskip("finufft")
 
 
 def sum_directly(centers, radii, bump, frequencies):
@@ -57,3 +59,37 @@ def test_ball_spectrum_agrees_with_the_direct_sum(number, radius_count, dim, see
     largest = bump.radial_spectrum(0.0, dim) * (radii**dim).sum()
     assert np.abs(spectrum[indices] - expected).max() <= tolerance * largest
     assert spectrum.flat[0] == pytest.approx(largest, rel=tolerance)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_transforms_neither_warn_nor_print(dim, capfd):
+    rng = np.random.default_rng(1)
+    sets = [(rng.random((200, dim)).astype(np.float32), np.full(200, 0.05)) for _ in range(2)]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for tolerance in (1e-12, 1e-6, 0.1):
+            for count in (1, 20):
+                ball_spectrum(*sets[0], Bump(2.0), 3.0, count, tolerance)
+        if dim == 2:
+            overlap = FourierOverlap(*sets, tolerance=0.1)
+            overlap.value_and_gradient(np.asfortranarray(rng.uniform(-1.0, 1.0, (300, 2))))
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="POSIX")
+def test_transforms_in_a_forked_process_take_one_thread(monkeypatch):
+    taken = []
+
+    def transform(*arrays, nthreads, **options):
+        taken.append(nthreads)
+        return np.zeros(arrays[-1])
+
+    monkeypatch.setattr(finufft, "nufft2d1", transform)
+    monkeypatch.setattr("cspace.spectral._spectra.count_cores", lambda: 8)
+    centers = np.random.default_rng(1).random((100, 2))
+    ball_spectrum(centers, 0.05, Bump(2.0), 3.0, 512)
+    child = os.fork()
+    if not child:
+        ball_spectrum(centers, 0.05, Bump(2.0), 3.0, 512)
+        os._exit(taken[-1])
+    assert taken == [8] and os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 1

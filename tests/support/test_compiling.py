@@ -12,6 +12,7 @@ import time
 import zlib
 from contextlib import suppress
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from numba.core import event
@@ -149,7 +150,7 @@ def test_a_package_beside_the_core_never_runs_old_code_of_its_other_files(tmp_pa
 HOLD_TURN = """
 import fcntl, os, sys
 file = os.open(sys.argv[1], os.O_RDWR)
-fcntl.lockf(file, fcntl.LOCK_EX, 1, int(sys.argv[2]))
+fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB, 1, int(sys.argv[2]))
 print("locked", flush=True)
 sys.stdin.read()
 """
@@ -170,15 +171,27 @@ def list_code():
 
 
 def test_a_process_that_keeps_others_waiting_is_named_and_then_left(monkeypatch, caplog):
-    monkeypatch.setattr("cspace._support.compiling.TURN_SECONDS", (0.0, 0.1))
+    now = [0.0]
+    told = []
+
+    def sleep(_):
+        now[0] += 1.0
+        told.append(len(caplog.messages))
+        assert now[0] < 100.0
+
+    fake = SimpleNamespace(monotonic=lambda: now[0], sleep=sleep, time=time.time)
+    monkeypatch.setattr("cspace._support.compiling.time", fake)
     monkeypatch.setattr("cspace._support.compiling._warnings", set())
     place = str(zlib.crc32(f"{__name__}.double".encode()))
     command = [sys.executable, "-c", HOLD_TURN, str(cache_folder() / "lock"), place]
+    assert kernel(double)(1) == 2  # which ends its turn
     before = list_code()
     with subprocess.Popen(command, stdin=-1, stdout=-1, text=True) as other:
         assert other.stdout.readline() == "locked\n"
         made = kernel(double)
-        assert made(2.5) == 5.0 and made(3) == 6  # not both wait
+        assert made(2.5) == 5.0
+        assert told.index(1) == 6 and now == [61.0]  # it is named after 5 s, and left after 60
+        assert made(3) == 6 and now == [61.0]  # without another wait
     # What is compiled without a turn is not saved, because the other process may save, too.
     assert list_code() == before
     (line,) = caplog.messages
@@ -197,15 +210,29 @@ def test_code_is_kept_in_memory_if_the_disk_is_full(monkeypatch, caplog):
     assert "(No space left on device); it is kept in memory alone" in line
 
 
-def test_code_is_compiled_anew_if_its_files_are_cut_off(monkeypatch, caplog):
+def test_code_is_kept_in_memory_if_no_file_can_be_made(monkeypatch, caplog):
+    def fail(_):
+        raise OSError
+
+    monkeypatch.setattr("cspace._support.compiling._warnings", set())
+    monkeypatch.setattr("numba.core.caching._CacheLocator.ensure_cache_path", fail)
+    values = [kernel(lambda x, k=k: x * k)(1.5) for k in range(2)]
+    assert values == [0.0, 1.5]
+    (line,) = caplog.messages
+    assert "fails (no file can be made); it is kept in memory alone" in line
+
+
+@pytest.mark.parametrize("share, reason", [(0.0, "Ran out of input"), (0.5, "truncated")])
+def test_code_is_compiled_anew_if_its_files_are_cut_off(share, reason, monkeypatch, caplog):
     monkeypatch.setattr("cspace._support.compiling._warnings", set())
     before = list_code()
     assert kernel(triple)(1.5) == 4.5
     for name in list_code() - before:
-        next(cache_folder().rglob(name)).write_bytes(b"")
+        (file,) = cache_folder().rglob(name)
+        os.truncate(file, int(share * file.stat().st_size))
     assert kernel(triple)(1.5) == 4.5
     (line,) = caplog.messages
-    assert "fails (Ran out of input)" in line
+    assert reason in line and line.endswith("; it is kept in memory alone")
     for name in list_code() - before:
         next(cache_folder().rglob(name)).unlink()
 
