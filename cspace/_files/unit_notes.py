@@ -11,6 +11,7 @@ import numpy as np
 
 from cspace._files.access import BRING_YOUR_FILE
 from cspace._support.arrays import Floats, StrPath
+from cspace._support.check import MAX_NUMBER
 from cspace._support.reporting import format_sides, warn_user
 from cspace.errors import UnitWarning
 
@@ -92,7 +93,7 @@ def warn_of_size(place: str, points: Floats, factors: Floats | None = None) -> N
     """
     sides = np.ptp(points, axis=0)
     # Largest side, metres, of a part of a robot whose unit is not suspected.
-    if sides.max() > 20.0:
+    if 20.0 < sides.max() <= MAX_NUMBER:  # larger ones are refused
         warn_user(
             f"{place} is {format_sides(sides)} large; units are metres; in centimetres it would be "
             f"{format_sides(sides / 100.0)} large, in millimetres {format_sides(sides / 1000.0)}",
