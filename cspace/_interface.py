@@ -29,6 +29,7 @@ from cspace._support.arrays import FREE, MAX_EXPECTED_ANGLE, Bools, Floats, Ints
 from cspace._support.check import (
     check_finite,
     check_flag,
+    check_known,
     check_pairs,
     check_rows,
     names_options,
@@ -249,7 +250,7 @@ class Space(ABC):
     @cached_property
     def has_poses(self) -> bool:
         """Whether configurations are poses of a rigid body."""
-        return has_pose_names(self.axes) and not any(self.periodic_axes)
+        return has_pose_names(self.axes) and not any(self.is_periodic)
 
     @property
     def frame_id(self) -> str:
@@ -267,12 +268,25 @@ class Space(ABC):
         return self.size - len(self.rotations.names)
 
     @property
-    def periodic_axes(self) -> tuple[bool, ...]:
-        """Whether each coordinate is a continuous joint's angle.
+    def periodic_axes(self) -> Sequence[bool] | Sequence[str]:
+        """Whether each coordinate is a continuous joint's angle, or the names of these.
 
         Such angles have a period of 2 pi.
         """
         return (False,) * self.size
+
+    @cached_property
+    def is_periodic(self) -> tuple[bool, ...]:
+        """Whether each coordinate has a period of 2 pi, by :attr:`periodic_axes`."""
+        given: object = self.periodic_axes
+        parts = given if isinstance(given, list | tuple) else ()
+        if parts and all(isinstance(part, str) for part in parts):
+            named = [check_known(part, "periodic_axes", self.axes, "has") for part in parts]
+            return tuple(axis in named for axis in self.axes)
+        if len(parts) != self.size or not all(isinstance(part, bool) for part in parts):
+            rule = f"it must have names, or one bool for each of {', '.join(self.axes)}"
+            raise InputError("periodic_axes", f"is {given!r}", rule)
+        return tuple(parts)
 
     def check_bounds(self) -> tuple[Floats, Floats]:
         """Return :attr:`bounds` as arrays, or raise InputError."""
@@ -294,7 +308,7 @@ class Space(ABC):
         firsts = check_rows(q0, "q0", self.axes)
         lasts = check_rows(q1, "q1", self.axes)
         steps = self.rotations._steps_between(firsts, lasts)
-        return wrap_steps(steps, self.periodic_axes) if any(self.periodic_axes) else steps
+        return wrap_steps(steps, self.is_periodic) if any(self.is_periodic) else steps
 
     def distance(self, q0: Floats, q1: Floats) -> Floats:
         """Return the lengths of motions; a radian of rotation counts as half a metre."""
@@ -557,11 +571,11 @@ class Space(ABC):
         # Continuous joints have no bounds.
         position = canonical[: self.dim]
         lower, upper = self.check_bounds()
-        is_bounded = ~np.array(self.periodic_axes)[: self.dim]
+        is_bounded = ~np.array(self.is_periodic)[: self.dim]
         if (is_bounded & ((position < lower) | (position > upper))).any():
             problem = "lies outside the bounds"
             rule = "a path stays within them"
-        elif not self.is_free(tuple(wrap_angles(canonical, self.periodic_axes).tolist())):
+        elif not self.is_free(tuple(wrap_angles(canonical, self.is_periodic).tolist())):
             problem = "is not free"
             rule = "a path starts and ends in free configurations"
         else:
@@ -604,7 +618,7 @@ class Space(ABC):
         here = check_finite(start, "start", self.axes)
         if len(rows) > 1:
             rows = rows[np.argsort(self.distance(here, rows), kind="stable")]
-        turned = turn_near(rows, here, self.periodic_axes)
+        turned = turn_near(rows, here, self.is_periodic)
         return [tuple(q) for q in turned.tolist()]
 
     def _list_alternatives(self, goal: GoalLike, name: str) -> Sequence[GoalLike]:
@@ -670,7 +684,7 @@ class ConfigurationSpace(Space):
     @cached_property
     def _angles(self) -> dict[int, str]:
         """Names of wrapped angles, by index."""
-        return angle_axes(self.axes, self.periodic_axes)
+        return angle_axes(self.axes, self.is_periodic)
 
     @abstractmethod
     def _check_configurations(self, q: ArrayLike, name: str = "q") -> Floats:
@@ -1099,7 +1113,7 @@ class ConfigurationSpace(Space):
 
         It is half a turn for continuous joints, otherwise infinite.
         """
-        return np.where(self.periodic_axes, HALF_TURN, math.inf)
+        return np.where(self.is_periodic, HALF_TURN, math.inf)
 
     def _check_spans(self, q0: Floats, q1: Floats, pairs: Ints | None = None) -> None:
         """Raise InputError if a continuous joint turns too far.

@@ -502,7 +502,7 @@ def find_room_goals(
     if not goals:
         raise join_goal_errors(name, errors, len(rooms))
     space = edges.space
-    rows = turn_near(np.array(goals), np.array(start), space.periodic_axes)
+    rows = turn_near(np.array(goals), np.array(start), space.is_periodic)
     costs = METRES_PER_RADIAN * _measure_turns(space, start, rows)
     costs += _measure_lengths(edges, start, rows)
     if edges.drive in CURVES:

@@ -158,7 +158,7 @@ class LocalPlanner:
     def edge_checker(self) -> Callable[..., bool]:
         """Make ``check(*q0, *q1)``, which proves the edge free."""
         check = self.space.edge_checker(exact=self.exact)
-        return with_wrapped_angles(check, self.space.periodic_axes)
+        return with_wrapped_angles(check, self.space.is_periodic)
 
     def motion_checker(self) -> Callable[[ob.State, ob.State], bool]:
         """Make ``check(first, second)``, which proves a motion between OMPL states free."""

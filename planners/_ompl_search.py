@@ -255,7 +255,7 @@ def shorten(edges: LocalPlanner, path: Floats, until: Effort) -> Floats:
     check = edges.edge_checker()
     size = edges.space.size
     # Edges take the shorter way, so a longer turn would be another motion.
-    longest = np.where(edges.space.periodic_axes, MAX_TURN, math.inf)
+    longest = np.where(edges.space.is_periodic, MAX_TURN, math.inf)
 
     def is_free(*ends: float) -> bool:
         """Return True if an edge is short enough and proven free."""

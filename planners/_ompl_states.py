@@ -103,8 +103,8 @@ def find_state_kind(space: Space) -> StateKind:
     """
     if space.has_poses:
         kind = _STATE_KINDS.get(space.axes)
-    elif any(space.periodic_axes):
-        kind = _make_compound_kind(space.periodic_axes, 1.0)
+    elif any(space.is_periodic):
+        kind = _make_compound_kind(space.is_periodic, 1.0)
     else:
         kind = _make_vector_kind(space.size)
     if kind is None:
@@ -113,7 +113,7 @@ def find_state_kind(space: Space) -> StateKind:
             f"has the axes {' '.join(space.axes)}",
             f"planners take {', '.join(' '.join(axes) for axes in _STATE_KINDS)}, and joints",
         )
-    return kind._replace(periodic_axes=space.periodic_axes)
+    return kind._replace(periodic_axes=space.is_periodic)
 
 
 def check_information(si: object, space: Space) -> None:

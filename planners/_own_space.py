@@ -22,7 +22,6 @@ def check_own_space(space: Space) -> None:
     Searches and trajectories would take a wrong one for another space, without a word.
     """
     _check_axes(space)
-    _check_periodic_axes(space)
     _check_rotation(space)
     _check_flags(space)
     space.check_bounds()
@@ -46,7 +45,7 @@ def check_found_path(space: Space, path: ArrayLike) -> Floats:
         raise InputError("search", f"returned the shape {rows.shape}", rule)
     lower, upper = space.check_bounds()
     positions = rows[:, : space.dim]
-    is_bounded = ~np.array(space.periodic_axes)[: space.dim]
+    is_bounded = ~np.array(space.is_periodic)[: space.dim]
     slack = BOUNDS_SLACK * (upper - lower)
     is_beyond = (positions < lower - slack) | (positions > upper + slack)
     is_outside = (is_bounded & is_beyond).any(axis=1)
@@ -64,21 +63,11 @@ def _check_axes(space: Space) -> None:
         raise InputError("axes", f"are {axes!r}", "they must be a tuple of different names")
 
 
-def _check_periodic_axes(space: Space) -> None:
-    """Raise InputError unless there is one bool for each axis."""
-    given: object = space.periodic_axes
-    are_bools = isinstance(given, tuple) and all(isinstance(each, bool) for each in given)
-    if are_bools and np.shape(space.periodic_axes) == (space.size,):
-        return
-    rule = f"it must be a tuple of one bool for each of {', '.join(space.axes)}"
-    raise InputError("periodic_axes", f"is {given!r}", rule)
-
-
 def _check_rotation(space: Space) -> None:
     """Raise InputError for names of rotations outside a pose, which would be plain numbers."""
     if space.has_poses:
         return
-    for axis, is_periodic in zip(space.axes, space.periodic_axes, strict=True):
+    for axis, is_periodic in zip(space.axes, space.is_periodic, strict=True):
         is_rotation = axis not in AXES and has_pose_names([axis])
         if not is_rotation or (axis == "yaw" and is_periodic):
             continue

@@ -322,7 +322,7 @@ def _test_tubes(
         lower, upper = space.check_bounds()
         lowest = np.minimum(firsts, lasts) - radii + ROUNDING
         highest = np.maximum(firsts, lasts) + radii - ROUNDING
-        is_inside = (lowest >= lower) & (highest <= upper) | np.array(space.periodic_axes)
+        is_inside = (lowest >= lower) & (highest <= upper) | np.array(space.is_periodic)
         fits &= is_inside.all(axis=1)
     fits[fits] = tubes_are_free(space, firsts[fits], lasts[fits], radii[fits] + ROUNDING)
     return fits

@@ -898,7 +898,7 @@ def _join_rows(space: ConfigurationSpace, rows: Floats) -> Floats:
                 end = middle
             else:
                 beyond = middle
-        turns = np.abs(rows[end] - rows[first])[list(space.periodic_axes)]
+        turns = np.abs(rows[end] - rows[first])[list(space.is_periodic)]
         count = math.ceil(turns.max(initial=0.0) / MAX_EDGE_TURN) if end > first + 1 else 1
         parts.append(np.linspace(rows[first], rows[end], max(count, 1), endpoint=False))
         first = end

@@ -690,7 +690,7 @@ class ArmSpace(ConfigurationSpace):
         solutions = self.arm._solve_pose(goal, name, start, 128, seed or 0)
         if self.snapshot.uprights:
             solutions = self._find_upright(goal, name, solutions)
-        points = wrap_angles(solutions, self.periodic_axes)
+        points = wrap_angles(solutions, self.is_periodic)
         free_points = points[np.asarray(self.is_free(points))]
         if len(free_points):
             return [tuple(q) for q in free_points.tolist()]
@@ -963,8 +963,8 @@ class ArmSpace(ConfigurationSpace):
         ``start`` has shape (dof,), ``goals`` (n, dof), the result (m, dof). Its first n rows are
         the goals the shorter way round; a goal that already is, is unchanged to the last bit.
         """
-        images = turn_near(goals, start, self.periodic_axes)
-        for joint in np.flatnonzero(self.periodic_axes)[:MAX_DOUBLED_JOINTS]:
+        images = turn_near(goals, start, self.is_periodic)
+        for joint in np.flatnonzero(self.is_periodic)[:MAX_DOUBLED_JOINTS]:
             # Each joint doubles the images: all so far, and all with this joint a turn further.
             other_way = images.copy()
             other_way[:, joint] += np.where(images[:, joint] > start[joint], -TWO_PI, TWO_PI)

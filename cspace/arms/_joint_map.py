@@ -418,7 +418,7 @@ def _find_range(
     if math.isfinite(low):
         return low, high
     # Without limits, half a turn to both sides is the whole range only if a turn repeats the arm.
-    if not space.periodic_axes[number]:
+    if not space.is_periodic[number]:
         raise InputError(
             "limits",
             f"are missing for {name!r}, which is continuous and moves others by another angle",

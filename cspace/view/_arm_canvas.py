@@ -89,7 +89,7 @@ class ArmCanvas(Canvas):
         is_linear = np.array(arm.units) == "m"
         self._scale = np.where(is_linear, 1.0, math.degrees(1.0))
         steps = np.where(is_linear, 1e-3, 0.1)
-        unlimited = np.where(space.periodic_axes, math.pi, TWO_PI)
+        unlimited = np.where(space.is_periodic, math.pi, TWO_PI)
         lower = np.maximum(arm.lower, -unlimited) * self._scale
         upper = np.minimum(arm.upper, unlimited) * self._scale
         # Sliders have whole steps within the limits; 1e-6 absorbs rounding in limits that are
@@ -113,7 +113,7 @@ class ArmCanvas(Canvas):
 
     def dial_values(self, q: Floats) -> tuple[float, ...]:
         """Return a configuration's joint values, degrees or metres."""
-        joints = wrap_angles(q, self._space.periodic_axes)
+        joints = wrap_angles(q, self._space.is_periodic)
         return tuple(np.round(joints * self._scale, 3).tolist())
 
     def configuration_of(self, numbers: tuple[float, ...]) -> Floats:

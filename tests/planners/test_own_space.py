@@ -144,12 +144,21 @@ FORKED = ("x", "y", "yaw", "fork")
     ),
     (lambda: plan_own(axes=("q", "qx", "qy", "qz", "qw")), "has 'qx' as its rotation"),
     (
-        lambda: plan_own(periodic_axes=("b",)),
-        "one bool for each of a, b",
+        lambda: plan_own(axes=("angle", "side"), periodic_axes=["angel"]),
+        "periodic_axes has 'angel'; there are angle, side; did you mean 'angle'?",
     ),
-    (lambda: plan_own(periodic_axes=(True,)), "periodic_axes is (True,); it must be a tuple"),
-    (lambda: plan_own(periodic_axes=(1, 0)), "periodic_axes is (1, 0); it must be a tuple"),
-    (lambda: plan_own(periodic_axes=None), "periodic_axes is None; it must be a tuple"),
+    (lambda: plan_own(periodic_axes="b"), "periodic_axes is 'b'; it must have names, or one bool"),
+    (lambda: plan_own(periodic_axes=("b", True)), "it must have names, or one bool"),
+    (lambda: plan_own(periodic_axes=()), "it must have names, or one bool"),
+    (
+        lambda: plan_own(periodic_axes=(True,)),
+        "periodic_axes is (True,); it must have names, or one bool",
+    ),
+    (
+        lambda: plan_own(periodic_axes=(1, 0)),
+        "periodic_axes is (1, 0); it must have names, or one bool for each of a, b",
+    ),
+    (lambda: plan_own(periodic_axes=None), "periodic_axes is None; it must have names"),
     (lambda: plan_own(bounds=None), "bounds is None; it must be numeric"),
     (lambda: plan_own(bounds=((0.0, 0.0),)), "they must be two rows of 2 numbers"),
     (lambda: plan_own(bounds=((0.0, 0.0), (4.0, math.nan))), "bounds[1, 1] is nan"),
@@ -245,14 +254,27 @@ def test_the_repr_of_a_space_names_its_axes():
     assert repr(make_own()) == "Own(a, b)"
 
 
-def test_an_angle_that_wraps_is_no_coordinate_of_a_pose():
+@pytest.mark.parametrize("periodic", [(True, False), [True, False], ("x",), ["x"]], ids=repr)
+def test_an_angle_that_wraps_is_no_coordinate_of_a_pose(periodic):
     class Turning(Disc):
-        periodic_axes = (True, False)
+        periodic_axes = periodic
 
     space = Turning("x", "y")
+    assert space.is_periodic == (True, False) and not space.has_poses
     assert planners.state_space(space).isCompound()
     plan = planners.plan(space, (-3.0, 1.5), (3.0, 1.6), seed=1)
     assert plan.certified and plan.length == pytest.approx(math.hypot(2.0 * math.pi - 6.0, 0.1))
+
+
+def test_a_path_of_the_own_search_has_angles_beyond_the_bounds():
+    class Found(Disc):
+        periodic_axes = ("a",)
+        searches = ("Own",)
+
+        def search(self, name, endpoints, options):
+            return np.array([endpoints[0], (-3.0, 1.5), endpoints[1]])
+
+    assert planners.plan(Found("a", "b"), (-1.5, 1.5), (-1.4, 1.5)).certified
 
 
 ZONE = shapely.box(2.5, 0.0, 3.5, 2.5)
