@@ -1,6 +1,7 @@
 """Run the core's tests on the core alone: ``python -m tests.core [options of pytest]``.
 
-A copy of the core, without its wings and without planners, is tested in a temporary folder.
+A copy of the core, without its wings and without planners, is tested in a temporary folder. Tests
+that need one of these are skipped.
 """
 
 import os
@@ -26,7 +27,7 @@ FILES = (
 )
 """Files of the core's tests beside the folders."""
 
-SHARED = ("conftest.py", "fuzz", "helpers")
+SHARED = ("tests/conftest.py", "tests/fuzz", "tests/helpers", "docs/reference/format.md")
 """What these tests use."""
 
 NO_PLANNERS = 'raise ModuleNotFoundError("No module named \'planners\'", name="planners")\n'
@@ -41,9 +42,9 @@ def copy_core(folder: Path) -> None:
         is_root = Path(parent) == ROOT / "cspace"
         return [name for name in names if name == "__pycache__" or (is_root and name in WINGS)]
 
-    for name in ("cspace", *(f"tests/{each}" for each in (*FOLDERS, *FILES, *SHARED))):
+    for name in ("cspace", *SHARED, *(f"tests/{each}" for each in (*FOLDERS, *FILES))):
         source, place = ROOT / name, folder / name
-        place.parent.mkdir(exist_ok=True)
+        place.parent.mkdir(parents=True, exist_ok=True)
         if source.is_dir():
             shutil.copytree(source, place, ignore=is_left_out)
         else:
@@ -57,9 +58,10 @@ def main() -> int:
     """Run the tests; return pytest's exit code."""
     with tempfile.TemporaryDirectory() as name:
         copy_core(Path(name))
-        command = [sys.executable, "-m", "pytest", "--ignore=tests/fuzz", "-q", *sys.argv[1:]]
+        command = [sys.executable, "-m", "pytest", "-p", "tests.helpers.alone", "-q"]
         environment = os.environ | {"PYTHONPATH": name}
-        return subprocess.run([*command, "tests"], cwd=name, env=environment).returncode
+        command += ["--ignore=tests/fuzz", *sys.argv[1:], "tests"]
+        return subprocess.run(command, cwd=name, env=environment).returncode
 
 
 if __name__ == "__main__":
