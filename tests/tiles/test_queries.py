@@ -214,7 +214,7 @@ def test_the_nearest_free_configuration_is_that_of_the_map_in_memory(walled):
 
 
 def test_geometry_needs_a_map_in_memory(walled):
-    with pytest.raises(ConfigurationError, match="exact needs a map in memory; this one stays in its folder"):
+    with pytest.raises(ConfigurationError, match="exact needs a map in memory; this one stays"):
         walled.tiled.is_free((1.0, 1.0), exact=True)
-    with pytest.raises(ConfigurationError, match="exact needs a map in memory; this one stays in its folder"):
+    with pytest.raises(ConfigurationError, match="exact needs a map in memory; this one stays"):
         walled.tiled.motion_is_free((1.0, 1.0), (2.0, 2.0), exact=True)
