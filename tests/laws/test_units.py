@@ -173,6 +173,7 @@ UNCHANGED = {
     "is_disconnected": lambda c: c.space.is_disconnected(c.q0, c.q1),
     "is_free": lambda c: c.space.is_free([c.q0, c.q1]),
     "is_labelled": lambda c: c.space.is_labelled,
+    "is_periodic": lambda c: c.space.is_periodic,
     "max_velocity": lambda c: [*c.space.max_velocity.values()],
     "motion_is_free": lambda c: c.space.motion_is_free(c.q0, c.q1),
     "obstacles": lambda c: list(c.space.obstacles),
