@@ -216,7 +216,7 @@ def explain(
         explanation = space.explain(**ends, refine=refine)
     if picture:
         with clock.step("draw"):
-            save_figure(lambda: explanation.plot().figure, picture, overwrite, dpi=150.0)
+            save_figure(lambda: explanation.plot().figure, picture, overwrite=overwrite, dpi=150.0)
     margin = with_unit("margin", space.grid.unit)
     described = {
         "verdict": explanation.verdict,

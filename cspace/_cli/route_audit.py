@@ -224,4 +224,4 @@ def _write(report: Audit | Conflicts, path: Path, strict: bool, overwrite: bool)
     elif suffix == ".xml":
         report.to_junit(path, overwrite, strict=strict)
     else:
-        save_figure(lambda: report.plot().figure, path, overwrite, dpi=150.0)
+        save_figure(lambda: report.plot().figure, path, overwrite=overwrite, dpi=150.0)

@@ -234,8 +234,7 @@ def _find_cell(rotations: Rotations, rotation: ArrayLike | None, path: StrPath) 
         return rotations.cell_of(rotations.check_rotation(rotation)).item()
     if len(rotations) > 1:
         rule = f"{Path(path)} holds one slice, and this map has {len(rotations)} rotation cells"
-        hint = f"pass the one to take, by {', '.join(rotations.names)}"
-        raise InputError("rotation", "is missing", rule, hint)
+        raise InputError("rotation", "is missing", rule)
     return 0
 
 

@@ -221,6 +221,5 @@ def _check_edges(edges: ArrayLike, count: int) -> Ints:
     for number, row in enumerate(pairs.tolist()):
         if not 0 <= min(row) <= max(row) < count:
             rule = f"there are {count} vertices, counted from 0"
-            hint = f"pass indices from 0 to {count - 1}"
-            raise InputError("edge", f"number {number} is {tuple(row)}", rule, hint)
+            raise InputError("edge", f"number {number} is {tuple(row)}", rule)
     return pairs.astype(np.int64, copy=False)

@@ -267,11 +267,12 @@ def save_plot(
     >>> save_plot(space, "map.png", overwrite=True).name
     'map.png'
     """
-    return save_figure(lambda: plot(space, **options).figure, file, overwrite, dpi)
+    return save_figure(lambda: plot(space, **options).figure, file, overwrite=overwrite, dpi=dpi)
 
 
+@names_options
 def save_figure(
-    draw: Callable[[], Any], file: str | os.PathLike[str], overwrite: bool, dpi: float
+    draw: Callable[[], Any], file: str | os.PathLike[str], *, overwrite: bool, dpi: float
 ) -> Path:
     """Check arguments, then save the figure of ``draw``.
 

@@ -112,9 +112,9 @@ def copy_with_ends(space: CSpace, start: ArrayLike, goal: ArrayLike) -> tuple[CS
     points = [space.check_configuration(q, name) for q, name in ((start, "start"), (goal, "goal"))]
     for q, name in zip(points, ("start", "goal"), strict=True):
         if not space.grid.contains(q[: space.dim]):
-            hint = f"its grid is from {space.grid.lower} to {space.grid.upper}"
-            rule = "it must be one configuration in the grid"
-            raise ConfigurationError(name, f"is {q.tolist()}", rule, hint)
+            ends = f"from {space.grid.lower} to {space.grid.upper}"
+            rule = f"it must be one configuration in the grid, {ends}"
+            raise ConfigurationError(name, f"is {q.tolist()}", rule)
     return copy.copy(space), np.stack(points)
 
 

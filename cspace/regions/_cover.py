@@ -380,8 +380,7 @@ def find_component(space: Any, is_free: Bools, around: ArrayLike) -> Bools:
     q = space.check_configuration(around, "around")
     if not space.grid.contains(q[: space.grid.dim]) or not space.is_free(q):
         rule = "it must be one FREE configuration in the grid"
-        hint = "space.nearest_free(q) is one"
-        raise ConfigurationError("around", f"is {around!r}", rule, hint)
+        raise ConfigurationError("around", f"is {around!r}", rule)
     rotations, *cells = np.nonzero(is_free)
     centers = space.grid.center_of(np.stack(cells, axis=-1))
     centers = np.concatenate([centers, space.rotations.centers[rotations]], axis=-1)

@@ -118,7 +118,7 @@ def save_small(draw, file, overwrite, dpi):
         figure.set_layout_engine(None)  # otherwise it is draw_without_layout twice
         return figure
 
-    return save_figure(draw_without_layout, file, overwrite, dpi=30.0)
+    return save_figure(draw_without_layout, file, overwrite=overwrite, dpi=30.0)
 
 
 def plan_briefly(*arguments, **options):
