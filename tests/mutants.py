@@ -97,8 +97,8 @@ MUTANTS = (
     ),
     Mutant(
         "cspace/reasons/_removals.py",
-        "masks[states != FREE] = NEVER",
-        "masks[states == 2] = NEVER",
+        "masks[states_of_slices(without) != FREE] = NEVER",
+        "masks[states_of_slices(without) == 2] = NEVER",
         "tests/reasons/test_removals.py",
     ),
     # Rotations.

@@ -276,7 +276,7 @@ def save_figure(
 ) -> Path:
     """Check arguments, then save the figure of ``draw``.
 
-    Raises InputError if the suffix is not in :data:`PICTURE_SUFFIXES`, or if ``dpi`` is not above
+    Raises InputError if the suffix is not in ``PICTURE_SUFFIXES``, or if ``dpi`` is not above
     zero or too large; FileError if the file exists and ``overwrite`` is not set, or if it cannot be
     written.
     """
