@@ -4,7 +4,7 @@
 
 A cell is proven FREE if the outer raster of the robot, moved there, overlaps no outer cell of the
 workspace, and BLOCKED if the inner raster overlaps an inner cell (see
-``docs/explanation/certificate.md``).
+``docs/explanation/certificate/index.md``).
 """
 
 from __future__ import annotations
