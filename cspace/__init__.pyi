@@ -16,7 +16,6 @@ from ._builder import suggest as suggest
 from ._grid import Grid as Grid
 from ._interface import Goal as Goal
 from ._interface import Space as Space
-from ._limits import raised_limits as raised_limits
 from ._opening import open as open  # noqa: A004
 from ._queries.chunks import Chunk as Chunk
 from ._queries.gate import Gate as Gate
@@ -32,6 +31,7 @@ from ._support.arrays import FREE as FREE
 from ._support.arrays import MIXED as MIXED
 from ._support.headers import get_cmake_dir as get_cmake_dir
 from ._support.headers import get_include as get_include
+from ._support.limits import raised_limits as raised_limits
 from ._tiles.tiled_space import TiledCSpace as TiledCSpace
 from ._workspace import LazyWorkspace as LazyWorkspace
 from ._workspace import Workspace as Workspace

@@ -30,7 +30,6 @@ from cspace._engines.slices import (
 )
 from cspace._files.access import check_name
 from cspace._grid import MAX_COORDINATE, SLACK, Grid
-from cspace._limits import PlannedGrid, bytes_text, check_memory, map_bytes
 from cspace._record.contents import Contents
 from cspace._record.exterior import OUTSIDES
 from cspace._robot import Robot, robot_of
@@ -47,6 +46,7 @@ from cspace._support.check import (
     check_word,
     names_options,
 )
+from cspace._support.limits import PlannedGrid, bytes_text, check_memory, map_bytes
 from cspace._support.reporting import format_sides, tell_apart, warn_user
 from cspace._support.words import Method, Outside
 from cspace._workspace import Workspace, covering_shape, load_workspace

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from shapely.geometry import MultiPolygon, Polygon
 
-from cspace._limits import check_samples
 from cspace._queries.batches import Configuration, evaluate, evaluate_edges, evaluate_rows
 from cspace._queries.upright import Upright
 from cspace._rotations import Rotations
@@ -35,6 +34,7 @@ from cspace._support.check import (
     names_options,
 )
 from cspace._support.deadlines import Effort
+from cspace._support.limits import check_samples
 from cspace._support.reporting import tell_apart
 from cspace.errors import ConfigurationError, InputError
 

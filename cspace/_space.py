@@ -16,7 +16,6 @@ from numpy.typing import ArrayLike, NDArray
 from cspace._configuration_map import ConfigurationMap
 from cspace._engines.slices import slice_rasters
 from cspace._interface import HALF_TURN
-from cspace._limits import check_memory
 from cspace._queries.batches import (
     MIN_EDGES_PER_THREAD,
     Configuration,
@@ -56,6 +55,7 @@ from cspace._support.check import (
     warn_of_degrees,
 )
 from cspace._support.derived import derived, lazy
+from cspace._support.limits import check_memory
 from cspace._workspace import Workspace, copy_workspace
 from cspace.errors import ConfigurationError, InputError
 

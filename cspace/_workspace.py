@@ -17,13 +17,6 @@ from numpy.typing import ArrayLike
 
 from cspace._files.access import UNKNOWNS
 from cspace._grid import FARTHEST_CELL, SLACK, Grid
-from cspace._limits import (
-    MESH_CELL_BYTES,
-    SHAPE_CELL_BYTES,
-    WORKSPACE_CELL_BYTES,
-    PlannedGrid,
-    check_memory,
-)
 from cspace._shapes import Balls, Mesh, Polygons, Shape, ShapeLike, Voxels, as_shape
 from cspace._support.arrays import Bools, Floats, StrPath, frozen
 from cspace._support.check import (
@@ -36,6 +29,13 @@ from cspace._support.check import (
     list_columns,
     names_options,
     select_positions,
+)
+from cspace._support.limits import (
+    MESH_CELL_BYTES,
+    SHAPE_CELL_BYTES,
+    WORKSPACE_CELL_BYTES,
+    PlannedGrid,
+    check_memory,
 )
 from cspace._support.reporting import warn_user
 from cspace.errors import FileError, InputError, UnitWarning
@@ -217,8 +217,8 @@ class Workspace:
             If an array is empty, not boolean or of the wrong shape, or a number is invalid.
         """
         from cspace._files.rasters import place_raster
-        from cspace._limits import check_cells as check_file_cells
         from cspace._obstacles import LazyCells, check_no_chunk_missing, is_lazy
+        from cspace._support.limits import check_cells as check_file_cells
 
         check_positive(spacing, "spacing", "metres, after the array of cells")
         # Open a file first. Then a lazy array stays as it is, and any other becomes an array.

@@ -37,7 +37,6 @@ from ._interface import GoalLike as GoalLike
 from ._interface import Goals as Goals
 from ._interface import SearchOptions as SearchOptions
 from ._interface import tubes_are_free as tubes_are_free
-from ._limits import check_memory as check_memory
 from ._queries.batches import as_contiguous as as_contiguous
 from ._queries.callbacks import bind_kernel as bind_kernel
 from ._queries.components import find_components as find_components
@@ -111,6 +110,7 @@ from ._support.deadlines import is_over as is_over
 from ._support.deadlines import limit_effort as limit_effort
 from ._support.deadlines import now as now
 from ._support.deadlines import spend as spend
+from ._support.limits import check_memory as check_memory
 from ._support.reporting import import_optional as import_optional
 from ._support.reporting import tell_apart as tell_apart
 from ._support.reporting import warn_user as warn_user

@@ -76,7 +76,7 @@ def test_files_without_permission_are_refused(files, monkeypatch):
 def test_the_spacing_that_a_refusal_advises_fits_in_memory(sides, free):
     corners = np.array([np.zeros(len(sides)), sides])
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("cspace._limits.free_bytes", lambda: free)
+        patch.setattr("cspace._support.limits.free_bytes", lambda: free)
         with pytest.raises(InputError, match=r"cells of \S+ m fit") as error:
             covering_grid(corners, 1e-7, 8)
         advised = float(error.value.hint.split()[2])
@@ -135,13 +135,13 @@ def test_obstacles_smaller_than_a_cell_or_outside_the_bounds_warn(extent, bounds
 
 def test_polygons_whose_map_does_not_fit_are_refused_before_any_work(monkeypatch):
     wall = shapely.box(0, 0, 600, 600)
-    monkeypatch.setattr("cspace._limits.free_bytes", lambda: 1_000_000)
+    monkeypatch.setattr("cspace._support.limits.free_bytes", lambda: 1_000_000)
     monkeypatch.setattr("cspace._shapes.Polygons.cells", mock.Mock(side_effect=AssertionError))
     with pytest.raises(InputError, match=r"cells of .* m fit") as caught:
         Workspace.from_polygons(wall, 1.0)
     monkeypatch.undo()
     coarser = float(caught.value.hint.split()[2])
-    monkeypatch.setattr("cspace._limits.free_bytes", lambda: 1_000_000)
+    monkeypatch.setattr("cspace._support.limits.free_bytes", lambda: 1_000_000)
     assert Workspace.from_polygons(wall, coarser).outer.all()
 
 

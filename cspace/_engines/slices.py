@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace._engines import Engine
-from cspace._limits import RASTER_CELL_BYTES, SLICE_BYTES
 from cspace._raster import Raster
 from cspace._robot import Robot
 from cspace._rotations import Rotations
 from cspace._support.arrays import Bools, States
+from cspace._support.limits import RASTER_CELL_BYTES, SLICE_BYTES
 from cspace._support.threads import count_cores, map_in_threads
 
 SAMPLED_ROTATIONS = 32

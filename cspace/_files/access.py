@@ -22,8 +22,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace._limits import SizeLimit, check_bytes
 from cspace._support.arrays import Floats, StrPath
+from cspace._support.limits import SizeLimit, check_bytes
 from cspace.errors import CspaceError, FileError, InputError
 
 _MAX_HEADER_BYTES: Final = 2**16
@@ -51,7 +51,7 @@ def check_file(
     """Return `path` as a Path, if a readable plain file is there.
 
     `kind` names the expected file in messages, such as "ROS map". Reading takes `memory` bytes per
-    byte of the file. `limit` is the limit of :mod:`cspace._limits` for its size.
+    byte of the file. `limit` is the limit of :mod:`cspace._support.limits` for its size.
 
     Raises InputError if `path` is not a file name. Raises FileError if the file is missing, is not
     a plain file, is larger than the limits allow, or is a git-lfs pointer, which git-lfs

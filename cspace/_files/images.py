@@ -26,9 +26,9 @@ from cspace._files.access import (
     read_text,
 )
 from cspace._files.fields import Fields
-from cspace._limits import check_cells
 from cspace._support.arrays import Bools, Floats, StrPath, frozen
 from cspace._support.check import check_finite, check_word
+from cspace._support.limits import check_cells
 from cspace._support.reporting import warn_user
 from cspace.errors import InputError, UnitWarning
 

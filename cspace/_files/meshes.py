@@ -49,9 +49,9 @@ from cspace._files.polygons import (
     unsupported_part,
 )
 from cspace._files.unit_notes import warn_of_notes, warn_of_units
-from cspace._limits import check_bytes
 from cspace._support.arrays import Floats, Ints, StrPath, Surface
 from cspace._support.check import check_finite, check_word
+from cspace._support.limits import check_bytes
 from cspace._support.reporting import warn_user
 from cspace.errors import GeometryError, InputError
 

@@ -11,8 +11,8 @@ import numpy as np
 from cspace._files.access import ContentError, decoding, iterate_header_lines, read_bytes
 from cspace._files.fields import Fields, Ledger
 from cspace._files.plain import parse_finite
-from cspace._limits import check_cells
 from cspace._support.arrays import Bools, Bytes, Floats, Ints, StrPath, frozen
+from cspace._support.limits import check_cells
 
 _OCTOMAP_KIND: Final = "OctoMap"
 
@@ -71,7 +71,7 @@ def read_octomap(
     `unknown_is_occupied`. The cells cover `bounds`, shape (2, 3), or all leaves.
 
     Raises FileError if the file is missing, is not an OctoMap, has an unsupported type, is
-    truncated or damaged, has no known cell, or is larger than :mod:`cspace._limits` allows.
+    truncated or damaged, has no known cell, or is larger than :mod:`cspace._support.limits` allows.
     """
     # A byte becomes four leaves at most, of ten 8-byte numbers with their intermediate results:
     # 320 bytes.

@@ -18,8 +18,8 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from cspace._files.access import ContentError, decoding, read_bytes, read_text
-from cspace._limits import SizeLimit, check_bytes, check_file_memory
 from cspace._support.arrays import StrPath
+from cspace._support.limits import SizeLimit, check_bytes, check_file_memory
 
 MAX_LEVELS: Final = 64
 """Maximum depth of nested lists, tables and brackets."""
@@ -157,7 +157,8 @@ def read_json(
     """Read the value of a JSON file.
 
     `kind` names the expected file in messages. The caller needs `each_list` bytes for each list of
-    the file, besides the value itself. `limit` is the limit of :mod:`cspace._limits` for its size.
+    the file, besides the value itself. `limit` is the limit of :mod:`cspace._support.limits` for
+    its size.
 
     Raises FileError if the file is missing, is too large, is not JSON, is nested too deeply, or
     does not fit into memory.

@@ -15,9 +15,9 @@ from cspace._files.crs import check_crs, warn_of_likely_degrees
 from cspace._files.fields import Fields, Ledger
 from cspace._files.geometries import check_shapes, make_curve_error, split_parts
 from cspace._files.plain import check_nesting, read_json
-from cspace._limits import check_file_memory
 from cspace._support.arrays import StrPath
 from cspace._support.check import find_sizes
+from cspace._support.limits import check_file_memory
 from cspace.errors import FileError, GeometryError, InputError
 
 if TYPE_CHECKING:

@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 
 from cspace._files.access import ContentError, decoding, inspect_path, read_member
 from cspace._files.plain import read_json
-from cspace._limits import bytes_text
 from cspace._support.arrays import Box, Bytes, StrPath, intersect_boxes
+from cspace._support.limits import bytes_text
 
 ROOT_FILE: Final = "zarr.json"
 """Name of the file with the metadata of a folder or an array."""

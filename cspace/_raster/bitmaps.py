@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cspace._grid import SLACK, Grid
-from cspace._limits import check_cells
 from cspace._raster.rounded_segments import outline_cells
 from cspace._support.arrays import Bools, Floats, Ints
+from cspace._support.limits import check_cells
 
 if TYPE_CHECKING:
     from shapely.geometry import Polygon

@@ -30,7 +30,6 @@ from cspace import __version__
 from cspace._files.access import check_suffix, read_bytes, read_member, replacing
 from cspace._files.zarr_folders import ROOT_FILE, Layout
 from cspace._grid import FARTHEST_CELL, Grid, check_reach
-from cspace._limits import check_bytes
 from cspace._record.contents import Contents
 from cspace._record.description import (
     DERIVED,
@@ -50,6 +49,7 @@ from cspace._robot import Robot
 from cspace._rotations import Rotations
 from cspace._support.arrays import BLOCKED, FREE, MIXED, Ints, StrPath
 from cspace._support.check import AXES, check_not_negative
+from cspace._support.limits import check_bytes
 from cspace._workspace import Workspace
 from cspace.errors import FileError
 

@@ -13,8 +13,8 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from cspace import BLOCKED, FREE, MIXED, CSpace, Grid, Workspace
-from cspace._limits import WORKSPACE_CELL_BYTES, map_bytes
 from cspace._queries.components import Components
+from cspace._support.limits import WORKSPACE_CELL_BYTES, map_bytes
 from cspace._tiles.folder import LAST_TO_STOP, TileFolder, grow_box, to_slices
 from cspace._tiles.motions import cut_motions
 from cspace.inside import (

@@ -8,7 +8,7 @@ from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from cspace import __version__
-from cspace._limits import MAX_MEMORY_FRACTION, bytes_text, free_bytes
+from cspace._support.limits import MAX_MEMORY_FRACTION, bytes_text, free_bytes
 from cspace.errors import InputError
 from cspace.inside import count_cores, map_in_threads
 

@@ -173,7 +173,7 @@ def test_scattered_cells_refuse_to_exceed_the_memory(arm, monkeypatch):
     """Slabs of as many cells need far fewer boxes."""
     rows = np.indices((24, 24, 24))
     away = pose_at(9.0, 9.0, 9.0)
-    monkeypatch.setattr("cspace._limits.free_bytes", lambda: 6_000_000)
+    monkeypatch.setattr("cspace._support.limits.free_bytes", lambda: 6_000_000)
     build_arm_space(Workspace.from_array(rows[0] % 2 == 0, 0.1), arm, base_pose=away)
     with pytest.raises(InputError, match=r"24 x 24 x 24 cells .* needs about"):
         scattered = Workspace.from_array(rows.sum(axis=0) % 2 == 0, 0.1)

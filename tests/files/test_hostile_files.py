@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 from cspace import FileError, Workspace
 from cspace._files.access import ContentError
 from cspace._files.plain import parse_xml, read_yaml
-from cspace._limits import raised_limits
 from cspace._shapes import Mesh
+from cspace._support.limits import raised_limits
 from cspace.errors import CspaceError
 from tests.fuzz import files as fuzz
 from tests.helpers.mesh_files import PLACED, lines, make_collada, write_gltf
@@ -247,7 +247,7 @@ def test_limits_can_be_lowered_and_raised(tmp_path, monkeypatch):
             assert Workspace.open(path).grid.size == 729
     with raised_limits(max_bytes=11):
         check_refused(path, "max_bytes=12")
-    monkeypatch.setattr("cspace._limits.free_bytes", lambda: 10**6)
+    monkeypatch.setattr("cspace._support.limits.free_bytes", lambda: 10**6)
     (tmp_path / "a.wkt").write_text(f"MULTIPOINT({','.join(['1 1'] * 1000)})")
     check_refused(tmp_path / "a.wkt", "holds 1,000 points", spacing=0.1)
     path.write_text("voxel 199 199 199\n")

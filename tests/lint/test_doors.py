@@ -9,7 +9,7 @@ READERS = ("cspace/_files/", "cspace/_record/", "cspace/_tiles/")
 """Folders that read: files of others, and the format of saved maps."""
 
 OTHERS = {
-    "cspace/_limits.py": "the memory of a container",
+    "cspace/_support/limits.py": "the memory of a container",
     "cspace/_obstacles.py": "an array of the caller in memory, mapped again in another process",
     "cspace/_support/compiling.py": "the library's own sources",
 }

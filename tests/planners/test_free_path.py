@@ -44,7 +44,7 @@ def test_searches_beyond_memory_are_refused_and_answered_later(monkeypatch, opti
     space = map_of(states, outside="blocked", spacing=0.1)
     options = {"planner": "Grid"} | options
     with monkeypatch.context() as patch:
-        patch.setattr("cspace._limits.free_bytes", lambda: 1000)
+        patch.setattr("cspace._support.limits.free_bytes", lambda: 1000)
         with pytest.raises(InputError, match=r"needs about .* of memory.*at most 950 bytes"):
             planners.plan(space, (0.5, 0.5), (2.5, 0.5), **options)
     assert planners.plan(space, (0.5, 0.5), (2.5, 0.5), **options).solved

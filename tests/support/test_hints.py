@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 import cspace
 import planners
 from cspace import Grid, Mesh, MeshWarning, Robot, Rotations, Workspace, build
-from cspace._limits import raised_limits
+from cspace._support.limits import raised_limits
 from cspace._support.reporting import import_optional
 from cspace.errors import InputError, MissingPackageError
 from tests.helpers.refusals import check_refused, refusals
@@ -357,12 +357,12 @@ WALL = shapely.box(0.0, 0.0, 1.0, 0.2)
 def test_what_does_not_fit_into_memory_is_built_in_tiles_and_smaller_windows(tmp_path, monkeypatch):
     lazy = Workspace.from_polygons([WALL], 0.02, bounds=(0, 0, 30, 30), lazy=True)
     with monkeypatch.context() as patch:
-        patch.setattr("cspace._limits.free_bytes", lambda: 2**20)
+        patch.setattr("cspace._support.limits.free_bytes", lambda: 2**20)
         with pytest.raises(InputError, match="the workspace has"):
             _ = lazy.outer
     tiled = cspace.build(lazy, "disc:0.1", store=tmp_path / "map.zarr", tile=512)
     with monkeypatch.context() as patch:
-        patch.setattr("cspace._limits.free_bytes", lambda: 145_000_000)
+        patch.setattr("cspace._support.limits.free_bytes", lambda: 145_000_000)
         with pytest.raises(InputError, match="the window has"):
             tiled.window((0, 0), (30, 30))
         assert tiled.window((0, 0), (1, 1)).grid.size

@@ -4,7 +4,7 @@ import pytest
 
 import cspace
 from cspace._engines.slices import estimate_raster_bytes, slice_rasters
-from cspace._limits import (
+from cspace._support.limits import (
     RASTER_CELL_BYTES,
     SLICE_BYTES,
     check_memory,
@@ -12,7 +12,7 @@ from cspace._limits import (
 
 
 def test_work_beyond_memory_is_refused_with_a_spacing_that_fits(monkeypatch):
-    monkeypatch.setattr("cspace._limits.free_bytes", lambda: 10**9)
+    monkeypatch.setattr("cspace._support.limits.free_bytes", lambda: 10**9)
     check_memory(0.95e9, "the map", cspace.Grid((0.0,) * 3, 0.1, (1000,) * 3))
     with pytest.raises(cspace.InputError, match="at most 950 MB may be used, 95%"):
         check_memory(1e9, "the map", cspace.Grid((0.0,) * 3, 0.1, (1000,) * 3))

@@ -13,9 +13,8 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from pathlib import Path
-from typing import Final, Literal, NamedTuple
+from typing import Final, Literal, NamedTuple, Protocol
 
-from cspace._grid import Grid
 from cspace._support.arrays import StrPath
 from cspace._support.check import check_count, check_known
 from cspace._support.reporting import tell_apart
@@ -194,6 +193,19 @@ def check_samples(n: int | None, size: int) -> int:
     return count
 
 
+class GridCells(Protocol):
+    """Cells of a grid, created or planned: their number, their side and its unit."""
+
+    @property
+    def shape(self) -> Sequence[int]: ...
+
+    @property
+    def spacing(self) -> float: ...
+
+    @property
+    def unit(self) -> str: ...
+
+
 class PlannedGrid(NamedTuple):
     """Number and side of the cells of a grid to be created."""
 
@@ -202,7 +214,7 @@ class PlannedGrid(NamedTuple):
     unit: str = "m"
 
 
-def check_memory(needed: float, what: str, grid: Grid | PlannedGrid, *, slices: int = 1) -> None:
+def check_memory(needed: float, what: str, grid: GridCells, *, slices: int = 1) -> None:
     """Raise InputError for a grid whose processing does not fit into memory.
 
     Parameters
@@ -211,8 +223,8 @@ def check_memory(needed: float, what: str, grid: Grid | PlannedGrid, *, slices: 
         Memory for all work, bytes.
     what : str
         Subject of the message, such as "the map".
-    grid : Grid or PlannedGrid
-        Its cells; of a planned one, the hint names a spacing that fits.
+    grid : GridCells
+        Of a :class:`PlannedGrid`, the hint names a spacing that fits.
     slices : int
         Number of slices, for the message.
     """
