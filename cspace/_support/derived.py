@@ -54,6 +54,7 @@ class derived(lazy[Part]):  # noqa: N801 - used as a decorator
     def drop(owner: Locked) -> None:
         """Discard derived attributes, to compute them anew."""
         with owner.lock:
-            for name, member in vars(type(owner)).items():
-                if isinstance(member, derived):
-                    vars(owner).pop(name, None)
+            for name in list(vars(owner)):
+                # A subclass inherits the descriptors of its parents.
+                if isinstance(getattr(type(owner), name, None), derived):
+                    del vars(owner)[name]
