@@ -40,22 +40,27 @@ for plan in sorted(plans, key=lambda plan: plan.length):
     )
 
 # %%
-# The paths; white cells are free, grey cells are not.
+# Left: the shortest and the longest path. Right: how long each planner's path is, and how long the
+# planner took.
 
-rows = -(-len(plans) // 4)
-figure, axes = plt.subplots(
-    rows, 4, figsize=(12, 2.1 * rows), sharex=True, sharey=True, layout="constrained"
+plans.sort(key=lambda plan: plan.length)
+figure, (room, lengths, times) = plt.subplots(
+    1, 3, figsize=(13, 4.2), layout="constrained", width_ratios=(3, 1, 1)
 )
-for ax in axes.flat[len(plans) :]:
-    ax.set_visible(False)
-for ax, plan in zip(axes.flat, plans, strict=False):
-    ax.imshow(space.cell_states.T > 0, origin="lower", extent=(0, 10, 0, 6), cmap="Greys", vmax=2)
-    ax.plot(*plan.path.T, color="#0072b2", linewidth=2)
-    ax.plot(*start, "o", color="#009e73")
-    ax.plot(*goal, "*", color="#d55e00", markersize=10)
-    ax.set_title(f"{plan.planner}: {plan.length:.2f} m", fontsize=10)
-figure.supxlabel("x (m)")
-figure.supylabel("y (m)")
+space.plot(ax=room, legend=False, title="")
+for plan, color in ((plans[-1], "#d55e00"), (plans[0], "#6a1b9a")):
+    room.plot(*plan.path.T, color=color, label=f"{plan.planner}, {plan.length:.2f} m")
+room.plot(*start, "o", color="white", mec="black")
+room.plot(*goal, "*", color="#cc79a7", mec="black", markersize=12)
+room.legend(loc="upper center", bbox_to_anchor=(0.5, -0.12), ncols=2, frameon=False)
+names = [plan.planner for plan in plans]
+lengths.plot([plan.length for plan in plans], names, "o", color="#6a1b9a")
+times.plot([1e3 * plan.times.planning for plan in plans], names, "o", color="#6a1b9a")
+lengths.set(xlabel="length of the path (m)")
+times.set(xlabel="planning (ms)", xscale="log", yticklabels=[])
+for ax in (lengths, times):
+    ax.grid(axis="y", color="0.9")
+    ax.invert_yaxis()
 figure.savefig("compare_planners.png")
 plt.close(figure)
 print("wrote compare_planners.png")

@@ -39,7 +39,7 @@ save_plot(space, "doors.png", True, path=plan)
 # %%
 # Slices at a few yaws, and an animation.
 
-figure, panels = plt.subplots(1, 3, figsize=(13, 4), layout="constrained")
+figure, panels = plt.subplots(1, 3, figsize=(13, 2.6), layout="constrained")
 for ax, degrees in zip(panels, (0, 45, 90), strict=True):
     space.plot(ax=ax, rotation=math.radians(degrees), legend=False, title=f"yaw {degrees}°")
 figure.savefig("doors_slices.png")

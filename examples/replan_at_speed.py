@@ -29,6 +29,7 @@ start, goal, period = (1.0, 3.0, 0.0), (11.0, 3.0, 0.0), 0.1
 
 plan = planners.plan(space, start, start, drive="differential")
 motion, clock, driven, stops = plan.trajectory(**limits), 0.0, [], 0
+seen = {}
 while len(driven) < 400 and np.linalg.norm(motion.sample(clock)[0][:2] - goal[:2]) > 0.01:
     places = {
         name: (x, 3.0 + 1.8 * np.sin(0.02 * len(driven) + phase))
@@ -47,6 +48,7 @@ while len(driven) < 400 and np.linalg.norm(motion.sample(clock)[0][:2] - goal[:2
     else:
         new, stops = motion.braked(at), stops + 1
     driven.append(motion.sample(clock + np.linspace(0.0, period, 5)))  # here the robot drives
+    seen |= {name: place for name, place in places.items() if driven[-1][0][0, 0] < place[0]}
     motion, clock = new, 0.0
 
 rows, velocities = (np.concatenate(part) for part in zip(*[d[:2] for d in driven], strict=True))
@@ -54,9 +56,11 @@ speeds = np.linalg.norm(velocities[:, :2], axis=1)
 print(f"{len(driven)} cycles, {stops} stops by proof, {speeds.mean():.2f} m/s in the mean")
 
 # %%
-# The way that the robot drove, coloured by its speed, with the trolleys where they were at last.
+# The way that the robot drove, coloured by its speed. Each trolley stands where the robot passed it.
 
-ax = space.plot(path=rows, title="Planned anew in each of the cycles")
-ax.scatter(*rows[:, :2].T, c=speeds, s=6, zorder=5)
+space.update({name: box(x - 0.3, y - 0.3, x + 0.3, y + 0.3) for name, (x, y) in seen.items()})
+ax = space.plot(start=start, goal=goal, title=f"planned anew {len(driven)} times")
+dots = ax.scatter(*rows[:, :2].T, c=speeds, s=8, zorder=4)
+ax.figure.colorbar(dots, label="speed (m/s)", shrink=0.8)
 ax.figure.savefig("replan_at_speed.png", dpi=100)
 plt.close(ax.figure)

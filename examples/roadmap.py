@@ -13,11 +13,14 @@ from matplotlib.collections import LineCollection
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
+from shapely import Point, box
 
 import cspace
-from cspace._cli.demo import demo_workspace
 
-space = cspace.build(demo_workspace(spacing=0.05), cspace.Robot.disc(0.3))
+walls = [box(5.0, 0.0, 5.15, 7.0), box(11.0, 0.0, 11.15, 4.4), box(11.0, 5.7, 11.15, 10.0)]
+tables = [Point(8.0, 6.6).buffer(0.9), Point(13.2, 3.4).buffer(0.7)]
+room = cspace.Workspace.from_polygons([*walls, *tables], 0.05, bounds=(0, 0, 16, 10))
+space = cspace.build(room, cspace.Robot.disc(0.3))
 
 # %% Vertices are sampled evenly from the FREE cells. The first and the last are start and goal; the
 # requested start is inside a table, so the nearest FREE configuration replaces it.

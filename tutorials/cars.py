@@ -1,6 +1,6 @@
 """
-Cars
-====
+First hour: a car
+=================
 
 A car cannot move sideways and cannot turn on the spot. Its paths are curves, and each curve is
 proven free along its whole length.

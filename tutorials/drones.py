@@ -1,17 +1,15 @@
 """
-Drones
-======
+First hour: a drone
+===================
 
 The same map in three dimensions: from meshes, OctoMaps, voxels or point clouds. The body
 translates, turns about the vertical, or turns about any axis.
 """
 
-import tempfile
-from pathlib import Path
+import trimesh
 
 import cspace
 import planners
-from cspace._cli.demo import write_inputs
 from cspace.plot import save_plot
 
 # %%
@@ -22,9 +20,20 @@ from cspace.plot import save_plot
 # ``Workspace.open`` reads STL, OBJ, PLY, glTF and others. It opens an OctoMap as well, which brings
 # its own spacing.
 
-folder = tempfile.TemporaryDirectory()
-house = cspace.Workspace.open(write_inputs(Path(folder.name))["house"], spacing=0.08)
-folder.cleanup()
+boxes = [
+    ((0.0, 0.0, 0.0), (6.0, 4.0, 0.15)),  # the floor
+    ((0.0, 0.0, 0.15), (0.25, 4.0, 2.5)),
+    ((5.75, 0.0, 0.15), (6.0, 4.0, 2.5)),
+    ((0.25, 0.0, 0.15), (5.75, 0.25, 2.5)),
+    ((0.25, 3.75, 0.15), (5.75, 4.0, 2.5)),
+    ((2.85, 0.25, 0.15), (3.15, 3.75, 1.05)),  # the wall between the rooms, around its window
+    ((2.85, 0.25, 2.15), (3.15, 3.75, 2.5)),
+    ((2.85, 0.25, 1.05), (3.15, 1.25, 2.15)),
+    ((2.85, 2.75, 1.05), (3.15, 3.75, 2.15)),
+    ((4.2, 0.25, 0.15), (5.75, 1.15, 0.95)),  # a table
+]
+mesh = trimesh.util.concatenate([trimesh.creation.box(bounds=corners) for corners in boxes])
+house = cspace.Workspace.from_mesh(mesh, 0.08)
 drone = cspace.Robot.box((0.6, 0.6, 0.2))
 space = cspace.build(house, drone)
 print(space)

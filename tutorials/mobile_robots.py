@@ -1,6 +1,6 @@
 """
-Mobile robots
-=============
+First hour: a mobile robot
+==========================
 
 From a floor plan to a path whose every edge is proven free, and to the proof that some rooms cannot
 be reached.
@@ -10,23 +10,40 @@ import math
 import tempfile
 
 import matplotlib.pyplot as plt
-from shapely import box
+from shapely import Point, box
 
 import cspace
 import planners
-from cspace._cli.demo import demo_workspace
 from cspace.plot import save_plot
 
 # %%
 # The map
 # -------
 #
-# A workspace holds the obstacles: here the floor plan of a flat, 16 m by 10 m, as polygons. With
-# your own map, write ``cspace.Workspace.from_ros_map("map.yaml")``, or ``Workspace.open`` for any
+# A workspace holds the obstacles: here the floor plan of a flat, 16 m by 10 m, as polygons of
+# shapely. With your own map, write ``cspace.Workspace.from_ros_map("map.yaml")``, or ``Workspace.open`` for any
 # supported file. A robot is a shape whose reference point is the origin. ``build`` returns the map
 # of its configurations.
 
-workspace = demo_workspace(spacing=0.025)
+walls = [  # x, y, width, height; a gap between two walls is a door
+    (0.2, 5.0, 3.0, 0.15),
+    (4.3, 5.0, 0.9, 0.15),
+    (5.05, 0.2, 0.15, 1.4),
+    (5.05, 2.8, 0.15, 7.0),
+    (11.0, 0.2, 0.15, 4.4),
+    (11.0, 5.7, 0.15, 4.1),
+    (11.15, 6.5, 1.6, 0.15),
+    (13.2, 6.5, 2.6, 0.15),
+]
+furniture = [
+    Point(8.0, 6.6).buffer(0.9),
+    Point(13.2, 3.4).buffer(0.7),
+    box(0.2, 0.2, 2.4, 1.8),
+    box(14.2, 4.6, 15.8, 5.4),
+]
+outside = box(0.0, 0.0, 16.0, 10.0) - box(0.2, 0.2, 15.8, 9.8)
+obstacles = [outside, *(box(x, y, x + w, y + h) for x, y, w, h in walls), *furniture]
+workspace = cspace.Workspace.from_polygons(obstacles, 0.025)
 space = cspace.build(workspace, cspace.Robot.disc(0.3))
 print(space)
 save_plot(space, "mobile_robots_1.png", True)
@@ -62,8 +79,7 @@ print(space.is_disconnected(start, store_room))
 # Plan
 # ----
 #
-# By default RRTConnect searches, and then the map itself; ``planner`` names any geometric planner
-# of OMPL. The map checks the finished plan again: ``certified`` means that it proved each edge
+# By default the map itself is searched; ``planner`` names any geometric planner of OMPL. The map checks the finished plan again: ``certified`` means that it proved each edge
 # free.
 
 plan = planners.plan(space, start, goal, seed=4)
@@ -98,7 +114,7 @@ save_plot(space, "mobile_robots_3.png", True, path=plan)
 # %%
 # In yellow cells the robot fits at some yaws only. These are the slices at a few yaws:
 
-figure, panels = plt.subplots(1, 3, figsize=(13, 4), layout="constrained")
+figure, panels = plt.subplots(1, 3, figsize=(13, 3.2), layout="constrained")
 for ax, degrees in zip(panels, (0, 45, 90), strict=True):
     space.plot(ax=ax, rotation=math.radians(degrees), legend=False, title=f"yaw {degrees}°")
 figure.savefig("mobile_robots_4.png")

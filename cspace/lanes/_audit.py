@@ -169,10 +169,15 @@ class Audit:
         counts = Counter(row.verdict for row in self.lanes)
         return {verdict: counts[verdict] for verdict in COLORS}  # type: ignore[index]
 
+    @property
+    def _summary(self) -> str:
+        """Robot and numbers of lanes by verdict."""
+        numbers = ", ".join(f"{count} {verdict}" for verdict, count in self.counts.items())
+        return f"{self.space.robot.name}: {numbers}"
+
     def __repr__(self) -> str:
         """Return the robot and numbers of lanes by verdict."""
-        numbers = ", ".join(f"{count} {verdict}" for verdict, count in self.counts.items())
-        return f"Audit({self.space.robot.name}: {numbers})"
+        return f"Audit({self._summary})"
 
     def __str__(self) -> str:
         """Return a table of lanes, failed turns, and what is cut off."""
@@ -229,7 +234,7 @@ class Audit:
         """
         from cspace.plot import extend_legend
 
-        axes = self.space.plot(title=repr(self))
+        axes = self.space.plot(title=f"Lanes, {self._summary}")
         for verdict, color in COLORS.items():
             rows = [k for k, row in enumerate(self.lanes) if row.verdict == verdict]
             lines = [line_of(self.graph, k) for k in rows]

@@ -250,11 +250,16 @@ class Conflicts:
             warn_user(text)
         return Zones(tuple(polygons), tuple(tuple(sorted(each)) for each in members))
 
-    def __repr__(self) -> str:
-        """Return robots and numbers of pairs by verdict."""
+    @property
+    def _summary(self) -> str:
+        """Robots and numbers of pairs by verdict."""
         names = " and ".join(space.robot.name for space, _ in self.robots.values())
         numbers = ", ".join(f"{count} {verdict}" for verdict, count in self.counts.items())
-        return f"Conflicts({names}: {numbers})"
+        return f"{names}: {numbers}"
+
+    def __repr__(self) -> str:
+        """Return robots and numbers of pairs by verdict."""
+        return f"Conflicts({self._summary})"
 
     def __str__(self) -> str:
         """Return tables of pairs that are not apart, and of mutexes."""
@@ -270,7 +275,7 @@ class Conflicts:
     def plot(self) -> Axes:
         """Draw the map with all lanes, and the places where robots touch.
 
-        Pairs that share a node are drawn pale.
+        Places of pairs that share a node are grey.
 
         Returns
         -------
@@ -279,11 +284,11 @@ class Conflicts:
         from cspace.plot import extend_legend
 
         space, _ = next(iter(self.robots.values()))
-        axes = space.plot(title=repr(self))
+        axes = space.plot(title=f"Pairs of lanes and nodes, {self._summary}")
         for element in self.elements.values():
             axes.plot(*element.line.T, ".-", color="#1f4e79", linewidth=1.0, ms=4, zorder=5)
         for verdict, color in COLORS.items():
-            for shares, alpha in ((True, 0.12), (False, 0.55)):
+            for shares, fill in ((True, "#8c8c8c"), (False, color)):
                 rows = [
                     row for row in self.pairs if (row.verdict, row.shares_node) == (verdict, shares)
                 ]
@@ -292,7 +297,7 @@ class Conflicts:
                     for row in rows
                 ]
                 label = f"{len(rows)} {verdict}{', with a common node' if shares else ''}"
-                _fill_shapes(axes, common, color, alpha, label)
+                _fill_shapes(axes, common, fill, label)
                 if rows and not shares:
                     places = np.array([row.at for row in rows])
                     axes.plot(*places.T, "X", color=color, markeredgecolor="white", ms=7, zorder=7)
@@ -550,9 +555,9 @@ def _corners_of(polygon: shapely.Polygon) -> list[tuple[float, float]]:
 
 
 def _fill_shapes(
-    axes: Axes, shapes: Sequence[BaseGeometry], color: str, alpha: float, label: str
+    axes: Axes, shapes: Sequence[BaseGeometry], color: str, label: str
 ) -> None:
     """Fill the union of shapes with a color."""
     for number, polygon in enumerate(_fill(shapes)):
         x, y = np.array(polygon.exterior.coords).T
-        axes.fill(x, y, color=color, alpha=alpha, label=label if not number else None, zorder=4)
+        axes.fill(x, y, color=color, alpha=0.6, label=label if not number else None, zorder=4)

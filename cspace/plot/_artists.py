@@ -73,6 +73,8 @@ PATH_STYLE: Final[dict[str, Any]] = {
     "label": "path",
 }
 """Line style of a path."""
+FAINT_COLOR: Final = "#c3a1d6"
+"""Colour of a path away from a section, which is visible on white and on black."""
 LOST_STYLE: Final[dict[str, Any]] = PATH_STYLE | {
     "color": "#ff1493",
     "linestyle": (0, (1.8, 1.0)),

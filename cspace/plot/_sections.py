@@ -101,7 +101,8 @@ def _draw_route(ax: Axes, scene: PictureContent, pair: tuple[int, int], across: 
         low, high = body.extents(points)[..., across].T
         return np.asarray((low <= level) & (level <= high))
 
-    handles = artists.draw_path(ax, scene.points, scene.is_lost, pair, alpha=0.4)
+    faint = {"color": artists.FAINT_COLOR, "linestyle": "-", "zorder": 3}
+    handles = artists.draw_path(ax, scene.points, scene.is_lost, pair, **faint)
     if handles:
         # Draw the path once more, solid, where the robot meets the section.
         handles[0].set_label("path, away from the section")

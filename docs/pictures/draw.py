@@ -540,7 +540,7 @@ def draw_joint_map() -> Figure:
 
 def draw_upright() -> Figure:
     """Draw an arm from the side that carries a glass from under a board to above it, with and
-    without ``keep``."""
+    without ``keep``, and how far the glass tilts."""
     arm = read_waiter()
     board = np.eye(4)
     board[:3, 3] = 0.95, 0.0, 0.45
@@ -550,10 +550,10 @@ def draw_upright() -> Figure:
     poses[:, 0, 3], poses[:, 2, 3] = 0.72, (0.18, 0.52)
     start, goal = (arm.inverse("tool0", pose, near=(-1.0, 1.5, -0.5))[0] for pose in poses)
     glass = planners.Upright("tool0", tolerance=0.1)
-    figure, axes = plt.subplots(1, 2, figsize=(9.6, 4.2), layout="constrained")
-    for ax, keep, title in (
-        (axes[0], None, "without keep"),
-        (axes[1], glass, "with keep"),
+    figure, axes = plt.subplots(1, 3, figsize=(11.0, 3.2), layout="constrained")
+    for ax, keep, title, color in (
+        (axes[0], None, "without keep", MIXED),
+        (axes[1], glass, "with keep", PATH),
     ):
         plan = planners.plan(space, start, goal, keep=keep, seed=1, time_limit=5.0)
         steps = space.interpolate(
@@ -567,9 +567,13 @@ def draw_upright() -> Figure:
             draw_waiter(ax, arm, rows[k], ROBOT if ends else PALE, 2 if ends else 1)
         ax.add_patch(Rectangle((0.65, 0.435), 0.6, 0.03, facecolor=OBSTACLE))
         up = arm.pose(rows, "tool0")[:, 2, 2]
-        tilt = float(np.degrees(np.arccos(np.clip(up, -1.0, 1.0))).max())
-        ax.set_title(f"{title}: the glass tilts by up to {tilt:.0f} degrees")
-        ax.set(xlim=(-0.3, 1.3), ylim=(-0.1, 1.15), aspect="equal", xlabel="x (m)", ylabel="z (m)")
+        tilt = np.degrees(np.arccos(np.clip(up, -1.0, 1.0)))
+        axes[2].plot(lengths / lengths[-1], tilt, color=color, label=title)
+        ax.set(xlim=(0.45, 0.95), ylim=(0.1, 0.75), aspect="equal", title=title)
+        ax.set(xlabel="x (m)", ylabel="z (m)")
+    axes[2].axhline(np.degrees(0.1), color=OBSTACLE, linestyle="--", label="tolerance")
+    axes[2].set(xlabel="part of the path", ylabel="tilt of the glass (degrees)")
+    axes[2].legend(frameon=False)
     return figure
 
 

@@ -1,10 +1,10 @@
 """
-Which lanes two robots may use at once
-======================================
+First hour: a fleet
+===================
 
 Two kinds of robots share a hall. Each pair of lanes and nodes is proven apart, or has two poses that
 touch. Then two motions on one crossing are proven apart in time. For Nav2's depot, give its file:
-``python conflicts.py depot.yaml``.
+``python fleets.py depot.yaml``.
 """
 
 import sys
@@ -45,5 +45,5 @@ for begin, (start, goal) in ((0.0, nodes[4:6]), (8.0, nodes[6:8])):
     trajectory = plan.trajectory(**limits, **turns)
     movers.append(planners.Mover(space.robot, trajectory, at=begin, error=0.05))
 print(planners.apart(*movers, distance=0.1))
-conflicts.plot().figure.savefig("conflicts.png", dpi=90)
-print("wrote conflicts.png")
+conflicts.plot().figure.savefig("fleets.png", dpi=90)
+print("wrote fleets.png")

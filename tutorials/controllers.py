@@ -1,6 +1,6 @@
 """
-Follow a path with a controller
-===============================
+First hour: a controller
+========================
 
 A differential drive follows a planned path without stops at its corners. Each corner is a curve that
 is proven free, and the controller keeps a simulated robot within 1 cm of that curve at 20 Hz.
@@ -64,4 +64,4 @@ for (x_wanted, y_wanted, yaw_wanted), v, omega in zip(
 path = trajectory.sample(np.linspace(0.0, trajectory.duration, 20_000))[0]
 errors = [np.hypot(*(path[:, :2] - (x, y)).T).min() for x, y, _ in driven]
 print(f"at most {1e3 * max(errors):.1f} mm from the path")
-animate(space, trajectory, "follow_path.gif", True, seconds=8)
+animate(space, trajectory, "controllers.gif", True, seconds=8)

@@ -1,6 +1,6 @@
 """
-An arm of two links, and a proven path
-======================================
+First hour: an arm
+==================
 
 ``cspace.Arm`` reads a robot with joints from a URDF, and ``cspace.build_arm_space`` puts it among
 obstacles. Configurations are then FREE, BLOCKED or MIXED, and a whole motion of the joints is
@@ -94,6 +94,6 @@ joints.set(
     ylabel="elbow (rad)",
     title="FREE white, BLOCKED blue, MIXED orange",
 )
-figure.savefig("arm.png", dpi=110)
+figure.savefig("arms.png", dpi=110)
 plt.close(figure)
-print("wrote arm.png")
+print("wrote arms.png")
