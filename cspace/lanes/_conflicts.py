@@ -554,10 +554,12 @@ def _corners_of(polygon: shapely.Polygon) -> list[tuple[float, float]]:
     return [(x, y) for x, y in polygon.exterior.coords[:-1]]
 
 
-def _fill_shapes(
-    axes: Axes, shapes: Sequence[BaseGeometry], color: str, label: str
-) -> None:
+def _fill_shapes(axes: Axes, shapes: Sequence[BaseGeometry], color: str, label: str) -> None:
     """Fill the union of shapes with a color."""
-    for number, polygon in enumerate(_fill(shapes)):
-        x, y = np.array(polygon.exterior.coords).T
-        axes.fill(x, y, color=color, alpha=0.6, label=label if not number else None, zorder=4)
+    from shapely.plotting import patch_from_polygon
+
+    parts = shapely.get_parts(shapely.union_all(shapes))
+    polygons = parts[shapely.get_type_id(parts) == shapely.GeometryType.POLYGON]
+    if len(polygons):
+        union = shapely.multipolygons(polygons)
+        axes.add_patch(patch_from_polygon(union, color=color, alpha=0.6, label=label, zorder=4))
