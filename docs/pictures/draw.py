@@ -52,7 +52,6 @@ def draw_all(folder: Path) -> None:
             draw_window,
             draw_hull_tree,
             draw_joint_map,
-            draw_upright,
             draw_spheres,
             draw_trajectory,
             draw_controller,
@@ -536,79 +535,6 @@ def draw_joint_map() -> Figure:
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=4, frameon=False, fontsize=8.5)
     return figure
-
-
-def draw_upright() -> Figure:
-    """Draw an arm from the side that carries a glass from under a board to above it, with and
-    without ``keep``, and how far the glass tilts."""
-    arm = read_waiter()
-    board = np.eye(4)
-    board[:3, 3] = 0.95, 0.0, 0.45
-    shape = cspace.Robot.box((0.6, 0.3, 0.03)).shape
-    space = cspace.build_arm_space({"board": cspace.arms.PosedShape(shape, board)}, arm)
-    poses = np.tile(np.eye(4), (2, 1, 1))
-    poses[:, 0, 3], poses[:, 2, 3] = 0.72, (0.18, 0.52)
-    start, goal = (arm.inverse("tool0", pose, near=(-1.0, 1.5, -0.5))[0] for pose in poses)
-    glass = planners.Upright("tool0", tolerance=0.1)
-    figure, axes = plt.subplots(1, 3, figsize=(11.0, 3.2), layout="constrained")
-    for ax, keep, title, color in (
-        (axes[0], None, "without keep", MIXED),
-        (axes[1], glass, "with keep", PATH),
-    ):
-        plan = planners.plan(space, start, goal, keep=keep, seed=1, time_limit=5.0)
-        steps = space.interpolate(
-            plan.path[:-1, np.newaxis], plan.path[1:, np.newaxis], np.linspace(0, 1, 50)[:, None]
-        )
-        rows = steps.reshape(-1, 3)
-        lengths = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(rows, axis=0), axis=1)))
-        shown = np.searchsorted(lengths, np.linspace(0.0, lengths[-1], 9)).tolist()
-        for k in shown:
-            ends = k in (0, shown[-1])
-            draw_waiter(ax, arm, rows[k], ROBOT if ends else PALE, 2 if ends else 1)
-        ax.add_patch(Rectangle((0.65, 0.435), 0.6, 0.03, facecolor=OBSTACLE))
-        up = arm.pose(rows, "tool0")[:, 2, 2]
-        tilt = np.degrees(np.arccos(np.clip(up, -1.0, 1.0)))
-        axes[2].plot(lengths / lengths[-1], tilt, color=color, label=title)
-        ax.set(xlim=(0.45, 0.95), ylim=(0.1, 0.75), aspect="equal", title=title)
-        ax.set(xlabel="x (m)", ylabel="z (m)")
-    axes[2].axhline(np.degrees(0.1), color=OBSTACLE, linestyle="--", label="tolerance")
-    axes[2].set(xlabel="part of the path", ylabel="tilt of the glass (degrees)")
-    axes[2].legend(frameon=False)
-    return figure
-
-
-def read_waiter() -> cspace.Arm:
-    """Read an arm of two bars and a hand, which turn about y and carry a glass."""
-    sizes = {"upper": (0.5, 0.06), "fore": (0.45, 0.06), "tool0": (0.12, 0.03)}
-    solid = '<collision><origin xyz="{} 0 {}"/><geometry><box size="{} 0.05 {}"/></geometry></collision>'
-    links = {name: solid.format(x / 2, 0, x, z) for name, (x, z) in sizes.items()}
-    links["tool0"] += solid.format(0.1, 0.07, 0.05, 0.12)
-    joints = [("shoulder", "base", "upper", 0.0), ("elbow", "upper", "fore", 0.5)]
-    joints.append(("wrist", "fore", "tool0", 0.45))
-    urdf = "".join(f'<link name="{name}">{parts}</link>' for name, parts in links.items())
-    for name, parent, child, x in joints:
-        urdf += (
-            f'<joint name="{name}" type="revolute"><parent link="{parent}"/><child link="{child}"/>'
-            f'<origin xyz="{x} 0 {0.3 if parent == "base" else 0}"/><axis xyz="0 1 0"/>'
-            '<limit lower="-2.8" upper="2.8" effort="1" velocity="1"/></joint>'
-        )
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / "waiter.urdf"
-        file.write_text(f'<robot name="waiter"><link name="base"/>{urdf}</robot>')
-        return cspace.Arm.from_urdf(file)
-
-
-def draw_waiter(ax: Axes, arm: cspace.Arm, q: NDArray[Any], color: str, order: int) -> None:
-    """Draw the arm that carries a glass from the side."""
-    poses = [arm.pose(q, frame) for frame in ("upper", "fore", "tool0")]
-    tip = poses[-1] @ (0.12, 0.0, 0.0, 1.0)
-    corners = np.array([*(pose[:3, 3] for pose in poses), tip[:3]])
-    style = {"color": color, "zorder": order, "solid_capstyle": "round"}
-    ax.plot(corners[:, 0], corners[:, 2], linewidth=5.0, **style)
-    glass = np.array([(x, 0.0, z, 1.0) for x, z in ((0.06, 0.13), (0.075, 0.01))])
-    other = np.array([(x, 0.0, z, 1.0) for x, z in ((0.125, 0.01), (0.14, 0.13))])
-    outline = np.concatenate([glass, other]) @ poses[-1].T
-    ax.plot(outline[:, 0], outline[:, 2], color=PATH, alpha=1.0 if order == 2 else 0.35, zorder=3)
 
 
 def draw_spheres() -> Figure:
