@@ -2,6 +2,7 @@
 docs/_build``."""
 
 import re
+import runpy
 import shutil
 import warnings
 from pathlib import Path
@@ -131,5 +132,18 @@ def at_home(app: Any, page: str, source: list[str]) -> None:
     )
 
 
+LISTS = runpy.run_path(str(Path(__file__).parent / "lists.py"))
+
+
+def label(
+    app: Any, what: str, name: str, documented: object, options: object, lines: list[str]
+) -> None:
+    """Say below the first sentence of a name that it is experimental, if it is."""
+    if what in ("class", "function") and LISTS["is_experimental"](documented.__module__):
+        end = lines.index("") if "" in lines else len(lines)
+        lines[end:end] = ["", LISTS["EXPERIMENTAL"]]
+
+
 def setup(app: Any) -> None:
     app.connect("source-read", at_home)
+    app.connect("autodoc-process-docstring", label)

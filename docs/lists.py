@@ -6,8 +6,10 @@ import re
 from collections.abc import Callable, Iterable, Mapping
 from importlib import import_module
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
+import cspace
 import cspace._files
 from cspace._files.formats import ROBOT_FORMATS, WORKSPACE_FORMATS
 from cspace._shapes.primitives import SHORTHANDS
@@ -16,6 +18,11 @@ from planners._catalogue import REFUSALS, SPACE_KINDS, SUPPORTED
 
 DOCS = Path(__file__).parent
 MARKED = re.compile(r"(<!-- list: (.+?) -->\n).*?(<!-- end of list -->)", re.DOTALL)
+EXPERIMENTAL = (
+    "*Experimental*, as a version 0.x is: names, options and files may change. Its proofs hold."
+)
+"""What a page says of all that is not in the core."""
+
 MAPS_IN = {2: "plane", 3: "space", None: "either"}
 
 
@@ -27,6 +34,47 @@ def fill(page: str) -> str:
 def make_list(name: str) -> str:
     """Return the lines of the list with a name."""
     return "".join(f"{line}\n" for line in LISTS[name]())
+
+
+def read_parts(heading: str) -> list[str]:
+    """Return the files and folders in a table of the page on architecture; folders end in "/"."""
+    page = (DOCS / "explanation/architecture.md").read_text(encoding="utf-8")
+    section = page.partition(f"\n## {heading}\n")[2].partition("\n## ")[0]
+    cells = re.findall(r"^\| (`.+?) \|", section, re.MULTILINE)
+    return [part for cell in cells for part in re.findall(r"`(\w+/?)`", cell)]
+
+
+AROUND = read_parts("Around the core")
+"""Parts of the product that are experimental."""
+
+CORE = read_parts("The core")
+"""Parts of ``cspace`` that promise to stay as they are."""
+
+
+def is_experimental(module: str) -> bool:
+    """Return whether a module is not part of the core."""
+    package, _, rest = module.partition(".")
+    part = rest.partition(".")[0] if package == "cspace" else package
+    return f"{part}/" in AROUND
+
+
+def list_promises() -> Iterable[str]:
+    """Yield the rows of the public names of ``cspace``, by what they promise."""
+    promises: dict[bool, list[str]] = {False: [], True: []}
+    for name in cspace.__all__:
+        value = getattr(cspace, name)
+        module = value.__name__ if isinstance(value, ModuleType) else find_home(name)
+        promises[is_experimental(module)].append(f"`{name}`")
+    yield from ("| promise | names of `cspace` |", "|---|---|")
+    yield f"| stay, as those of a version 1.0 do | {', '.join(promises[False])} |"
+    yield f"| *experimental*, as is `planners` | {', '.join(promises[True])} |"
+
+
+def find_home(name: str) -> str:
+    """Return the module that holds a public name."""
+    stub = (DOCS.parent / "cspace" / "__init__.pyi").read_text(encoding="utf-8")
+    home = re.search(rf"^from \.(\S+) import {name} as", stub, re.MULTILINE)
+    return f"cspace.{home[1]}" if home else "cspace"
 
 
 def list_shorthands() -> Iterable[str]:
@@ -109,6 +157,8 @@ def find_summary(module: str, name: str) -> str:
 
 
 LISTS: dict[str, Callable[[], Iterable[str]]] = {
+    "experimental": lambda: [EXPERIMENTAL],
+    "promises": list_promises,
     "shorthands": list_shorthands,
     "workspace formats": lambda: list_formats(WORKSPACE_FORMATS),
     "robot formats": lambda: list_formats(ROBOT_FORMATS),

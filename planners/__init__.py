@@ -1,4 +1,4 @@
-"""Planning with OMPL on certified configuration-space maps.
+"""Planning with OMPL on certified configuration-space maps (experimental).
 
 Words that the modules of this package share:
 

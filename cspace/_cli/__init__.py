@@ -1,4 +1,4 @@
-"""The command line.
+"""The command line (experimental).
 
 Heavy modules are imported only when a command runs, so that ``--help`` is fast.
 """

@@ -1,1 +1,1 @@
-"""Maps larger than memory, stored as a folder of tiles."""
+"""Maps larger than memory, stored as a folder of tiles (experimental)."""

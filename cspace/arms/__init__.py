@@ -1,4 +1,4 @@
-"""Arms: robots with joints, whose configurations and motions are proven free of collisions."""
+"""Arms: robots with joints, whose configurations and motions are proven free (experimental)."""
 
 from cspace.arms._arm_space import ArmSpace, build_arm_space
 from cspace.arms._inverse import PoseGoal

@@ -1,4 +1,4 @@
-"""Maps for other software: files, labelled arrays and messages, a module each."""
+"""Maps for other software: files, labelled arrays and messages, a module each (experimental)."""
 
 import lazy_loader
 

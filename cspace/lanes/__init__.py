@@ -1,4 +1,4 @@
-"""Lanes: audits of route graphs for a robot's shape, before it drives along them.
+"""Lanes: audits of route graphs for a robot's shape, before it drives (experimental).
 
 Words that the modules of this package share:
 

@@ -1,4 +1,4 @@
-"""Pictures of maps and arms, and animations of robots. Nothing here opens a window."""
+"""Pictures of maps and arms, and animations (experimental). Nothing here opens a window."""
 
 from cspace.plot._animation import animate
 from cspace.plot._arms import draw_arm as draw_arm  # for cspace.arms

@@ -1,4 +1,4 @@
-"""Reasons: why two configurations are joined or not, and what would change that."""
+"""Reasons: why two configurations are joined or not, and what would change that (experimental)."""
 
 from cspace.reasons._explain import Explanation
 from cspace.reasons._removals import Removals

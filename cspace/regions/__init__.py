@@ -1,4 +1,4 @@
-"""Convex regions of FREE configurations: one, along a path, or over a whole map."""
+"""Convex regions of FREE configurations: one, along a path, or over a map (experimental)."""
 
 from __future__ import annotations
 

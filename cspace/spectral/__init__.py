@@ -1,4 +1,4 @@
-"""Balls that fill or cover shapes, what they prove, and their overlaps from frequencies."""
+"""Balls that fill or cover shapes, their proofs and overlaps (experimental)."""
 
 from cspace.spectral._ball_sets import BallsLike as BallsLike
 from cspace.spectral._ball_sets import as_balls as as_balls  # for cspace.arms

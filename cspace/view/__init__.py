@@ -1,4 +1,4 @@
-"""A page in the browser that shows a space, served on this machine."""
+"""A page in the browser that shows a space, served on this machine (experimental)."""
 
 from cspace.view._viewer import Viewer
 

@@ -164,15 +164,6 @@ def test_tests_that_a_page_selects_exist(page):
         assert any(word in name for name in tests), f"-k {word} selects no test of {file}"
 
 
-def test_the_architecture_page_lists_every_package():
-    page = (ROOT / "docs" / "explanation" / "architecture.md").read_text(encoding="utf-8")
-    rows = re.findall(r"^\| (`.*?) \|", page, re.MULTILINE)
-    listed = {name.strip("/") for row in rows for name in row.split("`")[1::2]}
-    modules = [name.split(".") for name in SOURCES]
-    packages = {"planners", *(name[1] for name in modules if name[0] == "cspace" and name[1:])}
-    assert listed == packages | {"cspace"}
-
-
 def test_the_pictures_of_concepts_can_be_drawn(tmp_path):
     names = runpy.run_path(str(ROOT / "docs" / "pictures" / "draw.py"))
     names["draw_all"](tmp_path)

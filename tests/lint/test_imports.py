@@ -11,6 +11,7 @@ from typing import NamedTuple
 import pytest
 
 from tests.helpers.repository import ROOT, SOURCES
+from tests.lint.test_wings import DOCS, WINGS
 
 UPWARD_METHODS = {
     *("plot", "view", "explain", "removals", "free_region", "free_regions"),
@@ -18,8 +19,8 @@ UPWARD_METHODS = {
 }
 """Methods of classes that hand their object to a wing: one import and one call."""
 
-WINGS = "cspace.arms cspace._cli cspace.export cspace.lanes cspace.plot cspace.reasons cspace.regions cspace.spectral cspace._tiles cspace.view"
-"""Folders that a plan does not load."""
+HANDED_UP = {("_queries/", "_interface"), ("_builder", "_tiles/"), ("_opening", "_tiles/")}
+"""Imports of a row above: a gate takes any space; `build` and `open` hand large maps over."""
 
 
 class Import(NamedTuple):
@@ -79,6 +80,25 @@ def test_imports_are_acyclic():
     assert len(list(TopologicalSorter(graph).static_order())) == len(SOURCES)
 
 
+def test_a_row_of_the_architecture_imports_only_rows_below_and_the_core():
+    page = (DOCS / "explanation/architecture.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| (`.+?) \|", page, re.MULTILINE)
+    order = {part: row for row, cell in enumerate(rows) for part in re.findall("`(.+?)`", cell)}
+
+    def part_of(module):
+        package, *rest = module.split(".")
+        names = ["planners"] if package == "planners" else rest[:1] or ["__init__"]
+        return next(name for name in (names[0], f"{names[0]}/") if name in order)
+
+    pairs = {
+        (part_of(module), part_of(other.imported))
+        for module in SOURCES
+        for other in imports(module)
+    }
+    upward = {pair for pair in pairs if order[pair[0]] > order[pair[1]] and pair[1] != "__init__"}
+    assert upward == HANDED_UP
+
+
 def test_files_and_classes_have_names_of_their_own():
     files = [path.stem.lstrip("_") for path in SOURCES.values() if path.stem[:2] != "__"]
     classes = [
@@ -92,7 +112,7 @@ def test_files_and_classes_have_names_of_their_own():
 
 
 def test_upward_methods_hold_one_import_and_one_statement():
-    outside = ("planners", *WINGS.split())
+    outside = ("planners", *(f"cspace.{wing}" for wing in WINGS))
     core = [path for name, path in SOURCES.items() if not name.startswith(outside)]
     methods = [
         node
@@ -132,11 +152,12 @@ assert all(hasattr(cspace.{package}, name) for name in cspace.{package}.__all__)
 
 @pytest.mark.parametrize("yaw", [False, True])
 def test_a_plan_loads_no_wing(yaw):
+    wings = tuple(f"cspace.{wing}" for wing in WINGS)
     run_python(f"""
 import sys, numpy as np, cspace, planners
 workspace = cspace.Workspace.from_array(np.zeros((40, 30), dtype=bool), 0.1)
 space = cspace.build(workspace, "rect:0.4x0.2", rotations={8 if yaw else None})
 assert planners.plan(space, (1, 1{", 0" * yaw}), (3, 2{", 1" * yaw})).certified
-wings = {{name for name in sys.modules if name.startswith({tuple(WINGS.split())})}}
+wings = {{name for name in sys.modules if name.startswith({wings})}}
 assert not wings, wings
 """)

@@ -1,6 +1,11 @@
-"""The deletion test: without a wing, the rest still works, and what needs the wing says so."""
+"""The edge: each file is in the core or around it, and without a wing the rest still works.
+
+What needs a wing says so when the wing is missing.
+"""
 
 import os
+import re
+import runpy
 import shutil
 import subprocess
 import sys
@@ -8,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.helpers.repository import ROOT
+from tests.helpers.repository import ROOT, SOURCES
 
 REST_OF = """
 import importlib, pkgutil, sys
@@ -42,19 +47,33 @@ Then call what needs the wing.
 """
 
 
-WINGS = (
-    "arms",
-    "_cli",
-    "export",
-    "lanes",
-    "plot",
-    "reasons",
-    "regions",
-    "spectral",
-    "_tiles",
-    "view",
-)
+DOCS = ROOT / "docs"
+
+LISTS = runpy.run_path(str(DOCS / "lists.py"))
+
+WINGS = tuple(part[:-1] for part in LISTS["AROUND"] if part[-1] == "/" and part != "planners/")
 """Folders of cspace; the folders of their tests have the names without the underscore."""
+
+
+def test_each_file_is_in_the_core_or_around_it():
+    entries = [entry for entry in (ROOT / "cspace").iterdir() if entry.suffix in (".py", "")]
+    found = [entry.stem + "/" * entry.is_dir() for entry in entries if entry.stem != "__pycache__"]
+    assert sorted([*found, "planners/"]) == sorted(LISTS["AROUND"] + LISTS["CORE"])
+
+
+def test_each_wing_says_that_it_is_experimental_in_its_code_and_on_its_pages():
+    for name in ("planners", *(f"cspace.{wing}" for wing in WINGS)):
+        summary = SOURCES[name].read_text(encoding="utf-8").partition("\n")[0]
+        assert "(experimental)" in summary, name
+    page = (DOCS / "explanation/architecture.md").read_text(encoding="utf-8")
+    around = page.partition("## Around the core")[2].partition("## The core")[0]
+    linked = set(re.findall(r"\]\(\.\./(\S+?\.md)", around))
+    labelled = {
+        file.relative_to(DOCS).as_posix()
+        for file in DOCS.rglob("*.md")
+        if "<!-- list: experimental -->" in file.read_text(encoding="utf-8")
+    }
+    assert linked == labelled
 
 
 @pytest.mark.thorough
