@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
@@ -10,7 +9,8 @@ from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeAlias, cast, overload
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+import shapely
+from numpy.typing import ArrayLike
 from shapely.geometry import MultiPolygon, Polygon
 
 from cspace._queries.batches import Configuration, evaluate, evaluate_edges, evaluate_rows
@@ -32,6 +32,7 @@ from cspace._support.check import (
     check_pairs,
     check_rows,
     names_options,
+    order_labels,
 )
 from cspace._support.deadlines import Effort
 from cspace._support.limits import check_samples
@@ -69,53 +70,17 @@ class Goal:
     __slots__ = ()
 
 
-class Goals(Goal):
-    """Several goals of :func:`planners.plan`, which takes the one with the shortest path.
+PlacePart: TypeAlias = float | Polygon | MultiPolygon | None
+"""A coordinate of a pose, None for any rotation, or a region of positions."""
 
-    Attributes
-    ----------
-    goals : tuple
-        Goals, each as :func:`planners.plan` takes one alone; those of Goals among them count.
-
-    Raises
-    ------
-    InputError
-        If there is none.
-
-    Examples
-    --------
-    >>> import numpy as np, cspace, planners
-    >>> workspace = cspace.Workspace.from_array(np.zeros((40, 30), dtype=bool), 0.1)
-    >>> space = cspace.build(workspace, cspace.Robot.disc(0.3))
-    >>> plan = planners.plan(space, (1.0, 1.5), planners.Goals([(3.5, 1.5), (1.0, 2.5)]))
-    >>> plan.goal.tolist()
-    [1.0, 2.5]
-    """
-
-    __slots__ = ("goals",)
-
-    def __init__(self, goals: Sequence[GoalLike] | NDArray[np.float64]) -> None:
-        """Keep the goals."""
-        is_list = isinstance(goals, Sequence | np.ndarray) and not isinstance(goals, str)
-        given = cast("Sequence[GoalLike]", goals) if is_list else ()
-        parts = [each.goals if isinstance(each, Goals) else (each,) for each in given]
-        self.goals: tuple[GoalLike, ...] = tuple(itertools.chain(*parts))
-        if not self.goals:
-            raise InputError("goals", f"are {goals!r}", "there is at least one")
-
-    def __repr__(self) -> str:
-        """Return the goals."""
-        return f"Goals({list(self.goals)!r})"
-
-
-GoalPart: TypeAlias = float | tuple[float, float] | Polygon | MultiPolygon | None
-"""A coordinate of a pose; for its rotation, a range of yaws or None for any; or a region of
-positions."""
-
-GoalLike: TypeAlias = (
-    ArrayLike | Goal | Polygon | MultiPolygon | Sequence[Goal | ArrayLike | GoalPart]
+PlaceLike: TypeAlias = (
+    ArrayLike
+    | Goal
+    | Polygon
+    | MultiPolygon
+    | Sequence[Goal | ArrayLike | PlacePart | Sequence[PlacePart]]
 )
-"""A goal of a plan, or several for an arm."""
+"""A place of a plan, or a list of alternatives."""
 
 
 class SearchOptions(NamedTuple):
@@ -126,6 +91,33 @@ class SearchOptions(NamedTuple):
     iterations: int | None  # largest number of further searches for a shorter path
     seed: int | None
     limit: Effort  # at which the search ends
+
+
+def list_alternatives(place: PlaceLike, name: str, axes: Sequence[str]) -> Sequence[PlaceLike]:
+    """List the alternatives of a place, or the place alone if it has none.
+
+    A list of numbers is one configuration, a region and a number are one place, and every other
+    list is of alternatives. Raises InputError for a list of both.
+    """
+    ordered = order_labels(place, name, axes)
+    if getattr(ordered, "ndim", 0) == 2:
+        ordered = list(check_finite(ordered, name, axes))
+    if not isinstance(ordered, list | tuple):
+        return [ordered]
+    are_places = list(map(_is_place, ordered))
+    has_turn = are_places == [True, False] and isinstance(ordered[0], shapely.Geometry)
+    if has_turn or not any(are_places):
+        return [ordered]
+    if not all(are_places):
+        rule = "numbers are one configuration, places are alternatives"
+        raise InputError(name, f"is {place!r}, numbers and places", rule)
+    return [order_labels(each, name, axes) for each in ordered]
+
+
+def _is_place(item: object) -> bool:
+    """Return True if an item of a list is a place, and False if it is a number."""
+    kinds = (list, tuple, Goal, shapely.Geometry)
+    return isinstance(item, kinds) or getattr(item, "ndim", 0) > 0
 
 
 def join_goal_errors(
@@ -585,7 +577,7 @@ class Space(ABC):
 
     def find_goals(
         self,
-        goal: GoalLike,
+        goal: PlaceLike,
         start: Endpoint,
         seed: int | None,
         exact: bool = False,
@@ -598,7 +590,7 @@ class Space(ABC):
 
         Raises errors as :meth:`check_endpoint`, if no goal is left.
         """
-        alternatives = self._list_alternatives(goal, name)
+        alternatives = list_alternatives(goal, name, self.axes)
         start = tuple(check_finite(start, "start", self.axes).tolist())
         goals: list[Endpoint] = []
         errors: list[ConfigurationError] = []
@@ -621,12 +613,8 @@ class Space(ABC):
         turned = turn_near(rows, here, self.is_periodic)
         return [tuple(q) for q in turned.tolist()]
 
-    def _list_alternatives(self, goal: GoalLike, name: str) -> Sequence[GoalLike]:
-        """List the alternatives of a goal."""
-        return goal.goals if isinstance(goal, Goals) else (goal,)
-
     def _solve_goal(
-        self, goal: GoalLike, name: str, start: Endpoint, seed: int | None, exact: bool
+        self, goal: PlaceLike, name: str, start: Endpoint, seed: int | None, exact: bool
     ) -> list[Endpoint]:
         """Return a goal's configurations that are proven free.
 

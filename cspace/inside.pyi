@@ -33,9 +33,9 @@ from ._grid import FARTHEST_CELL as FARTHEST_CELL
 from ._grid import SLACK as SLACK
 from ._interface import ConfigurationSpace as ConfigurationSpace
 from ._interface import Endpoint as Endpoint
-from ._interface import GoalLike as GoalLike
-from ._interface import Goals as Goals
+from ._interface import PlaceLike as PlaceLike
 from ._interface import SearchOptions as SearchOptions
+from ._interface import list_alternatives as list_alternatives
 from ._interface import tubes_are_free as tubes_are_free
 from ._queries.batches import as_contiguous as as_contiguous
 from ._queries.callbacks import bind_kernel as bind_kernel

@@ -122,9 +122,8 @@ def list_supported() -> Iterable[str]:
     yield f"| `planners.plan` takes | {' | '.join(SPACE_KINDS)} |"
     yield "|---" * (1 + len(SPACE_KINDS)) + "|"
     for option, kinds in SUPPORTED.items():
-        shown = option if " " in option else f"`{option}`"
         marks = ("yes" if kind in kinds else "no" for kind in SPACE_KINDS)
-        yield f"| {shown} | {' | '.join(marks)} |"
+        yield f"| {option} | {' | '.join(marks)} |"
 
 
 def list_inside() -> Iterable[str]:

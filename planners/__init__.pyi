@@ -4,7 +4,7 @@ from ._apart import Mover as Mover
 from ._apart import Separation as Separation
 from ._apart import apart as apart
 from ._catalogue import planner_names as planner_names
-from ._goals import Goals as Goals
+from ._goals import Near as Near
 from ._lanes import audit as audit
 from ._lanes import conflicts as conflicts
 from ._objectives import ClearanceObjective as ClearanceObjective

@@ -166,19 +166,21 @@ OWN_SPACES: Final = "your own spaces"
 SPACE_KINDS: Final = (MAPS, TILED_MAPS, JOINT_MAPS, ARMS, OWN_SPACES)
 """Kinds of spaces."""
 
-ANY_ROTATION: Final = "a goal with any rotation, or a range of yaws"
-REGION: Final = "a goal that is a region"
-"""Goals in :data:`SUPPORTED`."""
+ANY_ROTATION: Final = "a place with any rotation"
+REGION: Final = "a place that is a region"
+NEAR: Final = "`planners.Near`"
+NEAR_START: Final = "`planners.Near` as the start"
+"""Places in :data:`SUPPORTED`."""
 
 SUPPORTED: Final[Mapping[str, tuple[str, ...]]] = {
-    "planners.Goals": SPACE_KINDS,
-    "cspace.PoseGoal": (ARMS,),
+    "a list of alternatives": SPACE_KINDS,
+    "`cspace.PoseGoal`": (ARMS,),
     ANY_ROTATION: (MAPS, TILED_MAPS),
     REGION: (MAPS, TILED_MAPS),
-    "goal_tolerance": (MAPS, TILED_MAPS),
-    "start_tolerance": (MAPS, TILED_MAPS, JOINT_MAPS),
-    "via": SPACE_KINDS,
-    "keep": (ARMS,),
+    NEAR: (MAPS, TILED_MAPS),
+    NEAR_START: (MAPS, TILED_MAPS, JOINT_MAPS),
+    "`via`": SPACE_KINDS,
+    "`keep`": (ARMS,),
 }
 """Kinds of spaces that each goal and option is for; the page on planning prints this table."""
 

@@ -1,4 +1,4 @@
-"""Goals with room: sets of poses of which a path may end at any.
+"""Places with room: sets of poses of which a path may end at any.
 
 A room is a ball or a region of positions, with the rotations within an angle of one. Some of its
 free configurations become goals of searches. Then the path ends where it first enters a room, or at
@@ -23,7 +23,6 @@ from shapely.geometry import MultiPolygon, Polygon
 
 from cspace import FREE, MIXED, Goal, Space
 from cspace._interface import format_configuration, join_goal_errors
-from cspace._support.check import order_labels
 from cspace.errors import ConfigurationError, InputError
 from cspace.inside import (
     ANGLE_SLACK,
@@ -33,25 +32,21 @@ from cspace.inside import (
     ConfigurationMap,
     Endpoint,
     Floats,
-    GoalLike,
-    Goals,
     Ints,
+    PlaceLike,
     check_finite,
+    check_not_negative,
     check_point,
+    list_alternatives,
     suggest_radians,
     turn_near,
     warn_of_degrees,
 )
-from planners._catalogue import ANY_ROTATION, REGION, check_support
+from planners._catalogue import ANY_ROTATION, NEAR, REGION, check_support
 from planners._local_planner import CURVES, LocalPlanner
-
-__all__ = ["Goals"]
 
 REGIONS: Final = (Polygon, MultiPolygon)
 """Types of regions."""
-
-ROWS: Final = (list, tuple, np.ndarray, Goal)
-"""Types of single goals in a list of several."""
 
 MAX_TRIED_GOALS: Final = 8
 """Largest number of configurations of one room to which paths are searched."""
@@ -91,6 +86,53 @@ STEPS_PER_CELL: Final = 8
 
 RADIANS_PER_STEP: Final = math.radians(1.0)
 """Largest turn between such places."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Near(Goal):
+    """All configurations within a distance and an angle of one, as a place of a plan.
+
+    As the goal or a place on the way of :func:`planners.plan`, the path ends where it first comes
+    so near. A start that is not proven free is moved to the center of the nearest FREE cell, if
+    that is at most ``distance`` away, where a radian counts half a metre. :attr:`Plan.status` says
+    so. The robot's motion to that cell is not proven.
+
+    Attributes
+    ----------
+    configuration : array-like
+        Pose on a map, whose yaw may be None for any; or a region of shapely with a yaw.
+    distance : float
+        Largest distance from its position, metres; 0 for a region, which has its own room.
+    angle : float
+        Largest angle from its rotation, radians, at most pi. A range of yaws is an angle around its
+        middle.
+
+    Raises
+    ------
+    InputError
+        If the distance or the angle is negative, NaN or infinite, or the angle above pi.
+
+    Examples
+    --------
+    >>> import numpy as np, cspace, planners
+    >>> workspace = cspace.Workspace.from_array(np.zeros((40, 30), dtype=bool), 0.1)
+    >>> space = cspace.build(workspace, cspace.Robot.disc(0.3))
+    >>> round(planners.plan(space, (1.0, 1.5), planners.Near((3.5, 1.5), 0.5)).length, 3)
+    2.001
+    """
+
+    configuration: PlaceLike
+    distance: float = 0.0
+    angle: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check the numbers, and replace them by floats."""
+        object.__setattr__(self, "distance", check_not_negative(self.distance, "distance"))
+        angle = check_not_negative(self.angle, "angle", "radians")
+        if angle > math.pi:
+            rule = "an angle is at most pi radians"
+            raise InputError("angle", f"is {self.angle!r}", rule, suggest_radians(angle))
+        object.__setattr__(self, "angle", angle)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -453,36 +495,21 @@ def _cut(edges: LocalPlanner, path: Floats, rooms: Sequence[Room]) -> Floats:
     return path
 
 
-# ---- goals as users give them --------------------------------------------------------------------
+# ---- places as users give them -------------------------------------------------------------------
 
 
-def list_rooms(
-    space: Space, goal: GoalLike, name: str, tolerance: tuple[float, float]
-) -> list[Room]:
-    """List the rooms of a goal; there are none if it is one configuration, or not on a map.
+def list_rooms(space: Space, place: PlaceLike, name: str) -> list[Room]:
+    """List the rooms of a place; there are none if it is one configuration, or not on a map.
 
-    Raises InputError if a goal is of a kind that is not for the space.
+    Raises InputError if a place is of a kind that is not for the space.
     """
-    given = goal.goals if isinstance(goal, Goals) else (goal,)
-    goals = [order_labels(each, name, space.axes) for each in given]
-    names = [f"{name}[{k}]" if len(goals) > 1 else name for k in range(len(goals))]
-    for each, label in zip(goals, names, strict=True):
-        _check_form(each, label, space)
-    is_several = isinstance(goal, Goals)
-    if not is_several and not any(tolerance) and _split_parts(goals[0]) is None:
-        return []
-    parts = [_split_parts(each) for each in goals]
-    for each, split, label in zip(goals, parts, names, strict=True):
-        if split is not None:
-            is_region = isinstance(split[0], REGIONS)
-            check_support(REGION if is_region else ANY_ROTATION, label, each, space)
-    if not space.has_cells:
+    places = list_alternatives(place, name, space.axes)
+    names = [f"{name}[{k}]" if len(places) > 1 else name for k in range(len(places))]
+    parts = [_split_place(space, *each) for each in zip(places, names, strict=True)]
+    if not space.has_cells or (len(parts) == 1 and parts[0].is_plain):
         return []
     cells = cast("ConfigurationMap", space)
-    return [
-        _make_room(cells, each, split, label, tolerance)
-        for each, split, label in zip(goals, parts, names, strict=True)
-    ]
+    return [_make_room(cells, *each) for each in zip(parts, names, strict=True)]
 
 
 def find_room_goals(
@@ -511,113 +538,81 @@ def find_room_goals(
     return [tuple(q) for q in rows[np.argsort(costs, kind="stable")].tolist()]
 
 
-def check_tolerance(value: object, space: Space) -> tuple[float, float]:
-    """Return ``goal_tolerance`` as metres and radians.
+class PlaceParts(NamedTuple):
+    """A place in parts."""
 
-    Raises InputError unless it is two numbers, zero or above, and for a space without poses.
-    """
-    if value is None:
-        return 0.0, 0.0
-    check_support("goal_tolerance", "goal_tolerance", value, space)
-    pair = check_finite(cast("ArrayLike", value), "goal_tolerance", ("metres", "radians"))
-    if pair.shape != (2,) or (pair < 0.0).any():
-        rule = "it must be two numbers, zero or above: metres and radians"
-        raise InputError("goal_tolerance", f"is {value!r}", rule)
-    metres, radians = pair.tolist()
-    if radians > math.pi:
-        rule = "an angle is at most pi radians"
-        raise InputError("goal_tolerance", f"is {value!r}", rule, suggest_radians(radians))
-    return metres, radians if space.rotations.names else 0.0
+    configuration: object  # as it is given, if there is no other part
+    region: Polygon | MultiPolygon | None = None
+    rotation: object = None  # of a region; None for any
+    is_any: bool = False  # any rotation is meant, at a position
+    near: Near | None = None
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether it is a configuration alone."""
+        return self.region is None and not self.is_any and self.near is None
 
 
-def _check_form(goal: object, name: str, space: Space) -> None:
-    """Raise InputError for another geometry than a region, and for a list of goals on a map."""
-    is_row = isinstance(goal, (list, tuple)) or (isinstance(goal, np.ndarray) and goal.ndim > 0)
-    parts = list(cast("Sequence[object]", goal)[:2]) if is_row else [goal]
-    for part in parts:
-        if isinstance(part, shapely.Geometry) and not isinstance(part, REGIONS):
-            rule = "a region is a Polygon or a MultiPolygon"
-            raise InputError(name, f"is a {part.geom_type}", rule)
-    first, second = (*parts, None, None)[:2]
-    is_list = is_row and (isinstance(first, ROWS) or isinstance(second, REGIONS))
-    if is_list and space.has_cells:
-        rule = "a map takes several as planners.Goals"
-        raise InputError(name, "is a list of goals", rule)
+def _split_place(space: Space, place: PlaceLike, name: str) -> PlaceParts:
+    """Split a place into its parts; raise InputError if the space does not take it."""
+    near = None
+    inner: object = place
+    if isinstance(place, Near):
+        check_support(NEAR, name, place, space)
+        near = place
+        inner, *others = list_alternatives(place.configuration, name, space.axes)
+        if others or isinstance(inner, Goal):
+            raise InputError(name, f"is {place!r}", "Near has one configuration")
+    items = inner if isinstance(inner, (list, tuple)) and len(inner) else (inner,)
+    if isinstance(items[0], REGIONS):
+        check_support(REGION, name, place, space)
+        return PlaceParts(inner, items[0], (*items, None)[1], near=near)
+    if isinstance(items[0], shapely.Geometry):
+        rule = "a region is a Polygon or a MultiPolygon"
+        raise InputError(name, f"is a {items[0].geom_type}", rule)
+    is_any = len(items) > 1 and items[-1] is None
+    if is_any:
+        check_support(ANY_ROTATION, name, place, space)
+    return PlaceParts(items[:-1] if is_any else inner, is_any=is_any, near=near)
 
 
-def _split_parts(goal: object) -> tuple[object, object] | None:
-    """Split a goal with a region, a range or None into position and rotation; None for others."""
-    if isinstance(goal, REGIONS):
-        return goal, None
-    if not isinstance(goal, (tuple, list)) or len(goal) < 2:
-        return None
-    first, *others = goal
-    last = others[-1]
-    if isinstance(first, REGIONS):
-        return first, last if len(goal) == 2 else others
-    # The rows of several goals are no range of yaws.
-    is_range = isinstance(last, (list, tuple)) and not isinstance(first, ROWS)
-    return (goal[:-1], last) if last is None or is_range else None
-
-
-def _make_room(
-    space: ConfigurationMap,
-    goal: GoalLike,
-    parts: tuple[object, object] | None,
-    name: str,
-    tolerance: tuple[float, float],
-) -> Room:
-    """Make the room of one goal, with its tolerance; ``parts`` are its position and rotation."""
-    metres, radians = tolerance
-    if parts is None:
-        if isinstance(goal, Goal):
-            space._solve_goal(goal, name, (), None, False)  # raises
-        middle = space.check_configuration(cast("ArrayLike", goal), name)
+def _make_room(space: ConfigurationMap, parts: PlaceParts, name: str) -> Room:
+    """Make the room of one place."""
+    metres = parts.near.distance if parts.near else 0.0
+    radians = parts.near.angle if parts.near and space.rotations.names else 0.0
+    if parts.region is None and not parts.is_any:
+        if isinstance(parts.configuration, Goal):
+            space._solve_goal(parts.configuration, name, (), None, False)  # raises
+        middle = space.check_configuration(cast("ArrayLike", parts.configuration), name)
         return Room(name, middle, None, metres, radians)
-    position, rotation = parts
-    region = None
-    if isinstance(position, REGIONS):
-        region = position
-        _check_region(region, name, metres)
-        shapely.prepare(region)
-        point = np.array(region.representative_point().coords[0])
+    if parts.region is None:
+        position = check_point(cast("ArrayLike", parts.configuration), name, space.dim)
     else:
-        point = check_point(cast("ArrayLike", position), name, space.dim)
-    middle_rotation, angle = _find_rotations(space, rotation, name)
-    angle = min(angle + radians, math.pi)
-    middle = space.rotations._make_canonical(np.concatenate([point, middle_rotation]), name)
-    return Room(name, middle, region, metres, angle)
+        _check_region(parts.region, name, metres)
+        shapely.prepare(parts.region)
+        position = np.array(parts.region.representative_point().coords[0])
+    rotation, angle = _find_rotation(space, parts.rotation, name)
+    middle = space.rotations._make_canonical(np.concatenate([position, rotation]), name)
+    return Room(name, middle, parts.region, metres, min(angle + radians, math.pi))
 
 
 def _check_region(region: Polygon | MultiPolygon, name: str, metres: float) -> None:
-    """Raise InputError for a region that is empty or invalid, or that has a tolerance, too."""
+    """Raise InputError for a region that is empty or invalid, or that has a distance, too."""
     if region.is_empty or not region.is_valid:
-        problem = "is an empty region" if region.is_empty else "is a region that crosses itself"
+        problem = "is an empty region" if region.is_empty else "is no valid region of shapely"
         raise InputError(name, problem, "a region holds positions, metres")
     if metres:
-        raise InputError(
-            "goal_tolerance",
-            f"is {metres:g} m and {name} is a region",
-            "a region has its own room",
-        )
+        rule = "a region has its own room"
+        raise InputError(name, f"is Near a region, with the distance {metres:g} m", rule)
 
 
-def _find_rotations(space: ConfigurationMap, rotation: object, name: str) -> tuple[Floats, float]:
-    """Return the rotation in the middle of those of a goal, and the largest angle from it."""
+def _find_rotation(space: ConfigurationMap, rotation: object, name: str) -> tuple[Floats, float]:
+    """Return the rotation of a region, and the largest angle from it."""
     names = space.rotations.names
     if rotation is None:
         return space.rotations.centers[0], math.pi if names else 0.0
     if names != ("yaw",):
-        rule = "the robot does not turn"
-        if names:
-            rule = f"a range is of yaws, and the axes are {', '.join(names)}"
-        raise InputError(name, f"has the rotation {rotation!r}", rule)
-    bounds = np.atleast_1d(check_finite(cast("ArrayLike", rotation), name))
-    warn_of_degrees(bounds[:, np.newaxis], {0: "yaw"}, name)
-    if len(bounds) == 1:
-        return bounds, 0.0
-    if bounds.shape != (2,) or bounds[1] < bounds[0]:
-        rule = "a range of yaws is its lower and its upper end, radians"
-        raise InputError(name, f"has the yaws {rotation!r}", rule)
-    half = 0.5 * float(bounds[1] - bounds[0])
-    return bounds[:1] + half, min(half, math.pi)
+        raise InputError(name, f"has the rotation {rotation!r}", "the robot does not turn")
+    yaw = np.atleast_1d(check_finite(cast("ArrayLike", rotation), name))
+    warn_of_degrees(yaw[:, np.newaxis], {0: "yaw"}, name)
+    return yaw, 0.0

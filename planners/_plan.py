@@ -20,16 +20,16 @@ from cspace._support.compiling import clock
 from cspace._support.deadlines import NANOSECONDS, NO_EFFORT, is_stopped, make_effort, stopping
 from cspace.errors import ConfigurationError, InputError
 from cspace.inside import (
+    METRES_PER_RADIAN,
     TWO_PI,
     ConfigurationSpace,
     Drive,
     Effort,
     Endpoint,
     Floats,
-    GoalLike,
+    PlaceLike,
     SearchOptions,
     check_count,
-    check_not_negative,
     frozen,
     limit_effort,
     names_options,
@@ -43,6 +43,7 @@ from planners._catalogue import (
     LATTICE,
     LENGTH,
     MAX_CLEARANCE,
+    NEAR_START,
     PlannerName,
     check_options,
     check_support,
@@ -51,7 +52,7 @@ from planners._catalogue import (
     planner_names,
 )
 from planners._drives import has_drives, local_planner
-from planners._goals import Room, check_tolerance, end_in_rooms, find_room_goals, list_rooms
+from planners._goals import Near, Room, end_in_rooms, find_room_goals, list_rooms
 from planners._local_planner import (
     CURVES,
     DRIVES,
@@ -170,8 +171,8 @@ def _list_searches(space: Space) -> tuple[PlannerName, ...]:
 @names_options
 def plan(
     space: Space,
-    start: ArrayLike,
-    goal: GoalLike,
+    start: ArrayLike | Near,
+    goal: PlaceLike,
     *,
     planner: PlannerName | None = None,
     time_limit: float | None = None,
@@ -182,9 +183,7 @@ def plan(
     exact: bool = False,
     drive: Drive = HOLONOMIC,
     turning_radius: float | None = None,
-    goal_tolerance: tuple[float, float] | None = None,
-    start_tolerance: float | None = None,
-    via: Sequence[GoalLike] = (),
+    via: Sequence[PlaceLike] = (),
     previous: Plan | None = None,
     stop: Callable[[], bool] | None = None,
     keep: Upright | Sequence[Upright] | None = None,
@@ -198,14 +197,14 @@ def plan(
     Parameters
     ----------
     space : Space
-    start, goal : array-like, shape (size,)
-        Configurations by the axes of the space, such as ``(x, y, yaw)`` in metres and radians, or a
-        number for each joint. The start may be a message that :func:`cspace.ros.configuration_of`
-        or :meth:`cspace.Arm.configuration` takes. The goal may also be :class:`planners.Goals`. On
-        a map it may have room: ``(x, y, None)`` has any yaw, ``(x, y, (low, high))`` a range of
-        yaws, and a polygon of shapely, or ``(polygon, yaw)``, is a region of positions. For an arm
-        it may be a :class:`cspace.PoseGoal`, or several goals without the class: configurations,
-        shape (n, size), or a list with pose goals.
+    start, goal : place
+        A configuration by the axes of the space, such as ``(x, y, yaw)`` in metres and radians, or
+        a number for each joint. The start may be a message that :func:`cspace.ros.configuration_of`
+        or :meth:`cspace.Arm.configuration` takes, and :class:`planners.Near`. The goal may be a
+        :class:`cspace.PoseGoal` for an arm, and on a map :class:`planners.Near`, ``(x, y, None)``
+        for any yaw, a polygon of shapely as a region of positions, or ``(polygon, yaw)``; or a list
+        of alternatives. A list of numbers is one configuration, a region and a number are one
+        place, and every other list is of alternatives.
     planner : str, optional
         Name, in upper or lower case, of a planner of OMPL (:func:`planners.planner_names`) or of a
         built-in search: "Grid", "MaxClearance" and "Lattice" on maps, "BiRRT" for arms.
@@ -232,15 +231,8 @@ def plan(
         (x, y, yaw), with the reference point in the middle of the axle that does not steer.
     turning_radius : float, optional
         Smallest turning radius of a car ("dubins", "reeds-shepp"), in metres.
-    goal_tolerance : tuple of float, optional
-        Largest distance, metres, and angle, radians up to pi, from the goal and from each of
-        ``via`` on a map. The path ends where it first comes so near.
-    start_tolerance : float, optional
-        Largest distance, metres, a radian counting half a metre, by which a start on a map that is
-        not proven free is moved to the center of the nearest FREE cell. :attr:`Plan.status` says
-        so. The robot's motion to that place is not proven.
     via : sequence, optional
-        Places on the way, in this order, each given like a goal. Each part of the path is the best
+        Places on the way, in this order, each like the goal. Each part of the path is the best
         from the end of the part before; they share the time limit evenly.
     previous : Plan, optional
         The last plan for a space with these axes, in memory. The path joins it and follows it; only
@@ -291,10 +283,10 @@ def plan(
         rule = "it is called to ask whether the search ends"
         raise InputError("stop", f"is {stop!r}", rule)
     edges = local_planner(space, exact, drive, turning_radius)
-    start = space._read_message(start)
+    near = start if isinstance(start, Near) else Near(start)
     kept = check_keep(keep)
     if kept:
-        check_support("keep", "keep", keep, space)
+        check_support("`keep`", "keep", keep, space)
         edges = replace(edges, space=space._keep(kept))
     name = default_planner(drive) if planner is None else planner_named(planner, space.searches)
     task = PlanTask(
@@ -310,17 +302,16 @@ def plan(
         previous=np.empty((0, space.size)),
         keep=kept,
     )
-    start = space.check_configuration(start, "start")
+    point = space.check_configuration(space._read_message(near.configuration), "start")
     if previous is not None:
         task = replace(task, previous=_check_previous(task, previous))
-        if not edges.exact and _needs_geometry(space, start):
+        if not edges.exact and _needs_geometry(space, point):
             edges = local_planner(space, True, drive, turning_radius)
             task = replace(task, edges=edges)
     task = _choose_searches(task)
-    tolerance = check_tolerance(goal_tolerance, space)
     places = _check_places(via, goal, task)
-    point, moved = _check_start(task, start, start_tolerance)
-    stages = [_check_stage(task, name, place, point, tolerance) for name, place in places]
+    endpoint, moved = _check_start(task, point, near)
+    stages = [_check_stage(task, name, place, endpoint) for name, place in places]
     n_goals = 1 if space.has_cells else max(len(stage.goals) for stage in stages)
     if n_goals > 1:
         _check_options(task, n_goals)
@@ -329,8 +320,8 @@ def plan(
     if task.seed is not None:
         set_seed(task.seed)
     with stopping(stop):
-        journey = _search_stages(task, point, stages)
-        return _make_plan(journey, space, point, moved, began)
+        journey = _search_stages(task, endpoint, stages)
+        return _make_plan(journey, space, endpoint, moved, began)
 
 
 def _needs_geometry(space: Space, start: Floats) -> bool:
@@ -406,8 +397,8 @@ def _choose_searches(task: PlanTask) -> PlanTask:
 
 
 def _check_places(
-    via: Sequence[GoalLike], goal: GoalLike, task: PlanTask
-) -> list[tuple[str, GoalLike]]:
+    via: Sequence[PlaceLike], goal: PlaceLike, task: PlanTask
+) -> list[tuple[str, PlaceLike]]:
     """Return the places on the way and the goal, with their names in messages."""
     if not isinstance(via, (tuple, list, np.ndarray)):
         raise InputError("via", f"is {via!r}", "it lists places on the way")
@@ -420,12 +411,12 @@ def _check_places(
     return [*((f"via[{k}]", place) for k, place in enumerate(via)), ("goal", goal)]
 
 
-def _check_start(task: PlanTask, start: Floats, tolerance: float | None) -> tuple[Endpoint, str]:
-    """Return the checked start, and a text if it was moved within a tolerance, metres."""
+def _check_start(task: PlanTask, start: Floats, near: Near) -> tuple[Endpoint, str]:
+    """Return the checked start, and a text if it was moved within its room."""
     space = task.edges.space
-    metres = 0.0 if tolerance is None else check_not_negative(tolerance, "start_tolerance")
+    metres = near.distance + METRES_PER_RADIAN * near.angle
     if metres:
-        check_support("start_tolerance", "start_tolerance", tolerance, space)
+        check_support(NEAR_START, "start", near, space)
     try:
         return space.check_endpoint(start, "start", task.edges.exact), ""
     except ConfigurationError as error:
@@ -454,12 +445,10 @@ class Stage(NamedTuple):
         return bool((beside == path[row, :2]).all(axis=1).any())
 
 
-def _check_stage(
-    task: PlanTask, name: str, place: GoalLike, start: Endpoint, tolerance: tuple[float, float]
-) -> Stage:
+def _check_stage(task: PlanTask, name: str, place: PlaceLike, start: Endpoint) -> Stage:
     """Return a checked place; raise InputError or ConfigurationError if it cannot be used."""
     edges = task.edges
-    rooms = list_rooms(edges.space, place, name, tolerance)
+    rooms = list_rooms(edges.space, place, name)
     if rooms:
         return Stage(name, find_room_goals(edges, rooms, name, start), tuple(rooms))
     options = {} if name == "goal" else {"name": name}

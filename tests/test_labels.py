@@ -17,7 +17,7 @@ from cspace import CspaceError, Grid, Robot, Rotations, Workspace
 from cspace.arms import ArmSpace, JointMap, PosedShape, PoseGoal, build_arm_space, build_joint_map
 from cspace.lanes import HeadingRule, RouteGraph
 from cspace.spectral import Bump, ball_spectrum
-from planners import Goals, Mover, Trajectory, Upright
+from planners import Mover, Near, Trajectory, Upright
 from tests.helpers.urdfs import planar_arm, posed_box
 from tests.test_flags import list_functions
 
@@ -322,17 +322,10 @@ MAKERS = {
         (0.125, 0.25),
         ("v", "omega"),
     ),
-    "Goals.__init__ goals": (
-        lambda made, v: planners.plan(made["CSpace"], Q, Goals(v), seed=0).path,
-        [(0.75, 0.5, 0.125), (0.5, 2.0, 0.25)],
+    "Near configuration": (
+        lambda made, v: planners.plan(made["CSpace"], Q, Near(v, 0.25), seed=0).path,
+        (1.5, 1.5, 0.5),
         TURNING,
-    ),
-    "plan goal_tolerance": (
-        lambda made, v: (
-            planners.plan(made["CSpace"], Q, (1.5, 1.5, 0.5), goal_tolerance=v, seed=0).path
-        ),
-        (0.25, 0.125),
-        TOLERANCE,
     ),
     "Mover motion": (lambda _, v: measure(v), (0.5, 0.75), PLANE),
     "Mover velocity": (lambda _, v: measure(velocity=v), (0.25, 0.125), PLANE),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -121,10 +120,11 @@ def plan(
     clock = Stopwatch()
     with clock.step("read"):
         space: Any = open_map(file)
-    options = _read_ends(space, start, goal, any_yaw)
-    options |= drop_unset(
-        goal_tolerance=_parse_tolerance(goal_tolerance), start_tolerance=start_tolerance
-    )
+    goals: list[Any] = [_parse_goal(text, space, any_yaw) for text in goal]
+    if goal_tolerance is not None:
+        goals = [planners.Near(each, *_parse_tolerance(goal_tolerance)) for each in goals]
+    here = parse_configuration(start, "start", space.axes, space.units)
+    options: dict[str, Any] = {"start": planners.Near(here, start_tolerance or 0.0), "goal": goals}
     options |= {"planner": planner, "objective": objective, "seed": seed}
     options |= {"exact": exact, "drive": drive, "turning_radius": turning_radius}
     options |= {"time_limit": time_limit, "simplify": simplify}
@@ -162,17 +162,6 @@ def plan(
         raise typer.Exit(1)
 
 
-def _read_ends(
-    space: ConfigurationMap, start: str, goals: Sequence[str], any_yaw: bool
-) -> dict[str, Any]:
-    """Parse ``--start`` and each ``--goal``; raise InputError otherwise."""
-    from planners import Goals
-
-    ends: dict[str, Any] = read_marks(start, None, space.axes, space.units)
-    parsed = [_parse_goal(text, space, any_yaw) for text in goals]
-    return ends | {"goal": parsed[0] if len(parsed) == 1 else Goals(parsed)}
-
-
 def _parse_goal(text: str, space: ConfigurationMap, any_yaw: bool) -> tuple[float | None, ...]:
     """Parse ``--goal``, which has no rotation if it may be any; raise InputError otherwise."""
     if not any_yaw:
@@ -184,14 +173,11 @@ def _parse_goal(text: str, space: ConfigurationMap, any_yaw: bool) -> tuple[floa
     return (*parse_configuration(text, "goal", space.axes[:dim], space.units[:dim]), None)
 
 
-def _parse_tolerance(text: str | None) -> tuple[float, ...] | None:
+def _parse_tolerance(text: str) -> tuple[float, ...]:
     """Parse ``--goal-tolerance``, metres and perhaps an angle; raise InputError otherwise."""
-    if text is None:
-        return None
     units = ("m", "rad")[: 1 + text.count(",")]
     names = ("metres", "angle")[: len(units)]
-    values = parse_configuration(text, "goal_tolerance", names, units)
-    return values if len(values) == 2 else (*values, 0.0)
+    return parse_configuration(text, "goal_tolerance", names, units)
 
 
 def explain(

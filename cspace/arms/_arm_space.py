@@ -8,12 +8,12 @@ from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from functools import cached_property, partial
 from itertools import chain
-from typing import TYPE_CHECKING, Any, Final, cast
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace import BLOCKED, FREE, MIXED, Goal, Workspace
+from cspace import BLOCKED, FREE, MIXED, Workspace
 from cspace.arms._inverse import (
     PoseGoal,
     check_pose_tolerance,
@@ -48,9 +48,8 @@ from cspace.inside import (
     ConfigurationSpace,
     Endpoint,
     Floats,
-    GoalLike,
-    Goals,
     Ints,
+    PlaceLike,
     SearchOptions,
     ShapeLike,
     States,
@@ -660,19 +659,8 @@ class ArmSpace(ConfigurationSpace):
             raise _make_collision_error(self.snapshot, point, name)
         return tuple(point.tolist())
 
-    def _list_alternatives(self, goal: GoalLike, name: str) -> Sequence[GoalLike]:
-        """List the alternatives of a goal: pose goals, or configurations of shape (dof,)."""
-        if isinstance(goal, Goals):
-            return goal.goals
-        if isinstance(goal, Goal):
-            return (goal,)
-        if isinstance(goal, Sequence) and any(isinstance(item, Goal) for item in goal):
-            return cast("Sequence[GoalLike]", goal)
-        rows = check_finite(cast("ArrayLike", goal), name, self.axes)
-        return list(rows) if rows.ndim == 2 and len(rows) else [rows]
-
     def _solve_goal(
-        self, goal: GoalLike, name: str, start: Endpoint, seed: int | None, exact: bool
+        self, goal: PlaceLike, name: str, start: Endpoint, seed: int | None, exact: bool
     ) -> list[Endpoint]:
         """Return the configurations of one goal that are proven free; a pose has several."""
         if isinstance(goal, PoseGoal):

@@ -430,31 +430,29 @@ class PlannerNode(Node):
         find = partial(
             planners.plan,
             space,
-            start,
-            goal,
+            planners.Near(start, tolerance),
             drive=self.option("drive"),
             turning_radius=self.option("turning_radius") or None,
             time_limit=self.option("time_limit"),
-            start_tolerance=tolerance,
             previous=last,
             stop=stop,
         )
         try:
-            return find() if not tolerance else self.find_near(find, tolerance, stop)
+            return find(goal) if not tolerance else self.find_near(find, goal, tolerance, stop)
         except ConfigurationError as error:
             codes = OUTSIDE if error.reason == "outside" else OCCUPIED
             raise NoPlanError(str(error), codes[error.end]) from error
 
-    def find_near(self, find, tolerance, stop):
+    def find_near(self, find, goal, tolerance, stop):
         """Plan to the goal, or if it is not reached to a place within a tolerance, metres."""
         try:
-            plan = find()
+            plan = find(goal)
             if plan.solved or stop():
                 return plan
         except ConfigurationError as error:
             if error.end != "goal":
                 raise
-        return find(goal_tolerance=(tolerance, 0.0))
+        return find(planners.Near(goal, tolerance))
 
     def answer(self, start, goal, is_cancelled=lambda: False):
         """Plan, and publish the path and what shows it; return the path, a code and the reason.

@@ -236,7 +236,7 @@ def test_places_several_goals_and_motions_that_go_on_stay_upright(waiter, arm, s
     via = [high, PoseGoal("tool0", side, (1e-3, math.inf))]
     far = PoseGoal("tool0", arm.pose((-2.5, 0.5, -1.0, 0.5, 0.0), "tool0"))
     options = {"keep": GLASS, "seed": 1, "time_limit": 20.0}
-    plan = planners.plan(space, START, planners.Goals([far, GOAL]), via=via, **options)
+    plan = planners.plan(space, START, [far, GOAL], via=via, **options)
     assert plan.certified and plan.recheck().all()
     np.testing.assert_array_equal(plan.goal[:4], GOAL[:4])
     places = plan.path[list(plan.via_rows)]
@@ -263,7 +263,7 @@ def test_a_place_that_is_not_upright_is_named(space):
     tilted = (*START[:3], 1.0, 0.0)
     with pytest.raises(ConfigurationError, match=r"^via\[1\] .*is not upright"):
         planners.plan(space, START, GOAL, keep=GLASS, via=[START, tilted])
-    goals = planners.Goals([tilted, GOAL])
+    goals = [tilted, GOAL]
     plan = planners.plan(space, START, goals, keep=GLASS, seed=1, time_limit=20.0)
     assert plan.certified and plan.goal[:4].tolist() == list(GOAL[:4])
 

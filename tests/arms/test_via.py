@@ -83,7 +83,7 @@ def test_an_arm_names_the_place_that_it_cannot_use(tmp_path):
     far = cspace.PoseGoal("tip", pose_at(9, 9))
     with pytest.raises(InputError, match=r"^via\[0\] is out of reach"):
         planners.plan(space, START, GOAL, via=[far])
-    goals = planners.Goals([far, GOAL])
+    goals = [far, GOAL]
     assert tuple(planners.plan(space, START, goals, time_limit=5.0).goal) == GOAL
 
 
@@ -94,24 +94,24 @@ def test_the_table_says_what_arms_and_maps_of_joints_take(tmp_path):
         "maps of joints": cspace.build_joint_map(cspace.build_arm_space({}, arm), spacing=0.2),
     }
     given = {
-        "planners.Goals": {"goal": planners.Goals([GOAL, (0.2, 0.3)])},
-        "cspace.PoseGoal": {"goal": cspace.PoseGoal("tip", arm.pose(GOAL, "tip"), (1e-2, 0.1))},
-        "a goal with any rotation, or a range of yaws": {"goal": (0.9, None)},
-        "a goal that is a region": {"goal": shapely.box(0.5, 0.5, 0.8, 0.8)},
-        "goal_tolerance": {"goal_tolerance": (0.1, 0.0)},
-        "start_tolerance": {"start_tolerance": 0.1},
-        "via": {"via": [(0.5, 0.1)]},
-        "keep": {"keep": planners.Upright("tip", tolerance=math.pi)},
+        "a list of alternatives": {"goal": [GOAL, (0.2, 0.3)]},
+        "`cspace.PoseGoal`": {"goal": cspace.PoseGoal("tip", arm.pose(GOAL, "tip"), (1e-2, 0.1))},
+        "a place with any rotation": {"goal": (0.9, None)},
+        "a place that is a region": {"goal": shapely.box(0.5, 0.5, 0.8, 0.8)},
+        "`planners.Near`": {"goal": planners.Near(GOAL, 0.1)},
+        "`planners.Near` as the start": {"start": planners.Near(START, 0.1)},
+        "`via`": {"via": [(0.5, 0.1)]},
+        "`keep`": {"keep": planners.Upright("tip", tolerance=math.pi)},
     }
     assert given.keys() == SUPPORTED.keys()
     for kind, space in spaces.items():
         for option, changes in given.items():
-            arguments = {"goal": GOAL, "time_limit": 5.0, **changes}
+            arguments = {"start": START, "goal": GOAL, "time_limit": 5.0, **changes}
             if kind in SUPPORTED[option]:
-                assert planners.plan(space, START, **arguments).certified, (kind, option)
+                assert planners.plan(space, **arguments).certified, (kind, option)
                 continue
             with pytest.raises(InputError) as caught:
-                planners.plan(space, START, **arguments)
+                planners.plan(space, **arguments)
             assert caught.value.argument in arguments
-            rule = "the space of an arm" if option == "cspace.PoseGoal" else "it is for "
+            rule = "the space of an arm" if option == "`cspace.PoseGoal`" else "it is for "
             assert caught.value.rule.startswith(rule)

@@ -1,4 +1,4 @@
-"""Several goals, goals with room, moved starts, and places on the way.
+"""Alternatives, places with room, moved starts, and places on the way.
 
 Oracles: shapely and plain distances for rooms, labels of scipy for what is apart, plans to single
 configurations for lengths.
@@ -57,7 +57,7 @@ def test_of_several_goals_the_one_with_the_shortest_path_is_taken(name, seed, co
     start, *goals = map(tuple, space.sample_free(count + 1, rng).tolist())
     blocked = (*space.grid.lower, *goals[0][space.dim :])
     assume(not space.is_free(blocked))
-    plan = planners.plan(space, start, planners.Goals([blocked, *goals]), time_limit=20.0)
+    plan = planners.plan(space, start, [blocked, *goals], time_limit=20.0)
     each = [planners.plan(space, start, goal, time_limit=20.0) for goal in goals]
     lengths = [measure(single) for single in each]
     assert measure(plan) == min(lengths)
@@ -68,7 +68,7 @@ def test_of_several_goals_the_one_with_the_shortest_path_is_taken(name, seed, co
 def test_a_goal_behind_a_wall_is_not_taken_for_near():
     space = build_room("plane")
     behind, around = (3.6, 1.0), (2.0, 4.0)
-    goals = planners.Goals([behind, around])
+    goals = [behind, around]
     assert planners.plan(space, (2.6, 1.0), goals).goal.tolist() == list(around)
     for planner in ("MaxClearance", "RRTConnect", "PRM"):
         plan = planners.plan(space, (2.6, 1.0), goals, planner=planner, seed=1, time_limit=4.0)
@@ -78,7 +78,7 @@ def test_a_goal_behind_a_wall_is_not_taken_for_near():
 def test_a_car_takes_the_goal_ahead_if_one_behind_needs_a_loop():
     space = build_field()
     behind, ahead = (4.5, 7.0, 0.0), (8.5, 7.0, 0.0)
-    goals = planners.Goals([behind, ahead])
+    goals = [behind, ahead]
     plan = planners.plan(space, (5.5, 7.0, 0.0), goals, time_limit=20.0, **options_for("dubins"))
     assert plan.certified and plan.goal.tolist() == list(ahead)
     plan = planners.plan(space, (5.5, 7.0, 0.0), goals, **options_for("reeds-shepp"))
@@ -89,7 +89,7 @@ def test_goals_are_tried_on_tiled_maps_and_maps_of_joints(tmp_path):
     cells = np.zeros((60, 40), dtype=bool)
     workspace = cspace.Workspace.from_array(cells, 0.1)
     tiled = cspace.build(workspace, cspace.Robot.disc(0.2), store=tmp_path / "m", tile=20)
-    plan = planners.plan(tiled, (1.0, 1.0), planners.Goals([(5.0, 3.0), (1.0, 3.5)]))
+    plan = planners.plan(tiled, (1.0, 1.0), [(5.0, 3.0), (1.0, 3.5)])
     assert plan.certified and plan.goal.tolist() == [1.0, 3.5]
     plan = planners.plan(tiled, (1.0, 1.0), shapely.box(4.0, 0.5, 5.0, 1.5))
     assert plan.certified and plan.length == pytest.approx(3.0, abs=1e-3)
@@ -99,21 +99,18 @@ def test_goals_are_tried_on_tiled_maps_and_maps_of_joints(tmp_path):
 
 
 def draw_room(space, rng):
-    """Draw a goal around a FREE configuration: goal, tolerance, and its test of configurations."""
+    """Draw a goal around a FREE configuration: the goal, and its test of configurations."""
     q = space.sample_free(rng=rng)
     metres = float(rng.choice([0.0, 1e-3, rng.uniform(0.05, 0.8)]))
     radians = float(rng.choice([0.0, 1e-3, rng.uniform(0.05, 1.5), ANY]))
     rotates = space.size > space.dim
-    kind = rng.choice(
-        ["tolerance", "any", "range", "region"] if rotates else ["tolerance", "region"]
-    )
+    kind = rng.choice(["near", "any", "range", "region"] if rotates else ["near", "region"])
     position = q[: space.dim].tolist()
     goal, region, turn = tuple(q.tolist()), None, 0.0
     if kind == "any":
         goal, turn = (*position, None), ANY
     elif kind == "range":
         turn = float(rng.uniform(0.0, 2.0))
-        goal = (*position, (q[-1] - turn, q[-1] + turn))
     elif kind == "region":
         metres = 0.0
         corners = q[:2] + rng.uniform(-0.7, 0.7, (5, 2))
@@ -121,11 +118,10 @@ def draw_room(space, rng):
             shapely.convex_hull(shapely.multipoints(corners)), shapely.Point(q[:2]).buffer(0.02)
         )
         region = shapely.convex_hull(region)
-        goal, turn = (region, ANY) if not rotates else ((region, float(q[-1])), 0.0)
-        goal = region if not rotates else goal
+        goal = (region, float(q[-1])) if rotates else region
     elif not (metres or radians):
         metres = 0.3
-    turn += radians
+    turn = min(turn + radians, ANY)
 
     def contains(rows):
         """Return whether configurations lie in the room, up to rounding."""
@@ -137,7 +133,7 @@ def draw_room(space, rng):
             inside &= np.abs(turn_between(q[-1], rows[:, -1])) <= turn + 1e-9
         return inside
 
-    return goal, (metres, min(radians, ANY)), contains
+    return planners.Near(goal, metres, turn), contains
 
 
 @pytest.mark.parametrize(
@@ -161,18 +157,16 @@ def test_a_path_ends_where_it_enters_a_room_and_nowhere_dearer_than_in_its_middl
     rng = np.random.default_rng(seed)
     start = tuple(space.sample_free(rng=rng).tolist())
     if name == "yawing":
-        goal, tolerance = tuple(space.sample_free(rng=rng).tolist()), (0.3, 0.4)
-        middle = np.array(goal)
+        middle = space.sample_free(rng=rng)
+        goal = planners.Near(middle, 0.3, 0.4)
 
         def contains(rows):
             near = np.linalg.norm(rows[:, :3] - middle[:3], axis=1) <= 0.3
             return near & (np.abs(turn_between(middle[3], rows[:, 3])) <= 0.4)
 
     else:
-        goal, tolerance, contains = draw_room(space, rng)
-    plan = planners.plan(
-        space, start, goal, goal_tolerance=tolerance, time_limit=5.0, **options_for(drive)
-    )
+        goal, contains = draw_room(space, rng)
+    plan = planners.plan(space, start, goal, time_limit=5.0, **options_for(drive))
     if not plan.solved:
         assert drive is not None or not plan.is_connected
         return
@@ -191,7 +185,7 @@ def test_a_region_is_entered_at_its_nearest_point():
     space = build_open_map("plane")
     plan = planners.plan(space, (1.5, 1.5), shapely.box(4.0, 0.5, 7.0, 7.5))
     assert plan.length == pytest.approx(2.5, abs=2e-3)
-    plan = planners.plan(space, (1.5, 1.5), (7.5, 5.5), goal_tolerance=(2.0, 0.0))
+    plan = planners.plan(space, (1.5, 1.5), planners.Near((7.5, 5.5), 2.0))
     assert plan.length == pytest.approx(math.hypot(6.0, 4.0) - 2.0, abs=5e-3)
     plan = planners.plan(space, (4.5, 1.5), shapely.box(4.0, 0.5, 7.0, 7.5))
     assert plan.length == 0.0 and "the start is the goal" in plan.status
@@ -211,13 +205,13 @@ def test_any_yaw_needs_no_turn_at_the_goal():
 def test_a_room_around_a_blocked_goal_is_reached_and_without_one_the_nearest_is_named():
     space = build_room("plane")
     blocked = (3.15, 1.0)
-    plan = planners.plan(space, (1.0, 1.0), blocked, goal_tolerance=(0.6, 0.0))
+    plan = planners.plan(space, (1.0, 1.0), planners.Near(blocked, 0.6))
     assert plan.certified and math.dist(plan.goal, blocked) <= 0.6
     with pytest.raises(ConfigurationError, match=r"within 0.1 m of .*; the nearest is") as caught:
-        planners.plan(space, (1.0, 1.0), blocked, goal_tolerance=(0.1, 0.0))
+        planners.plan(space, (1.0, 1.0), planners.Near(blocked, 0.1))
     nearest = ast.literal_eval(re.search(r"the nearest is (\(.*\))", caught.value.hint)[1])
     metres = math.dist(nearest, blocked)
-    assert planners.plan(space, (1.0, 1.0), blocked, goal_tolerance=(metres, 0.0)).certified
+    assert planners.plan(space, (1.0, 1.0), planners.Near(blocked, metres)).certified
     wall = shapely.box(3.02, 0.5, 3.25, 1.5)
     with pytest.raises(ConfigurationError, match=r"no configuration .* free in the region"):
         planners.plan(space, (1.0, 1.0), wall)
@@ -248,24 +242,23 @@ def test_no_path_is_proven_if_and_only_if_all_cells_of_all_goals_are_apart(
     point = np.round(rng.uniform(0.1, np.array(shape[1:]) - 0.1) / grain) * grain
     radius = float(np.round(rng.uniform(0.3, 2.0) / grain) * grain)
     cells = np.indices(shape[1:]).reshape(2, -1).T
-    tolerance = None
     if kind == "region":
         low, high = point - radius, point + 0.5 * radius
         goal = shapely.box(*low, *high)
         met = ((cells <= high) & (cells + 1 >= low)).all(axis=1)
         rotations = slice(None)
     elif kind == "ball":
-        goal, tolerance = (*point, *yaw), (radius, 0.0)
+        goal = planners.Near((*point, *yaw), radius)
         gaps = np.clip(point, cells, cells + 1) - point
         met = np.linalg.norm(gaps, axis=1) <= radius
         rotations = [rotation]
     else:
         numbers = rng.choice(len(cells), 3)
-        goal = planners.Goals([(*(cells[k] + 0.5), *yaw) for k in numbers])
+        goal = [(*(cells[k] + 0.5), *yaw) for k in numbers]
         met = np.isin(np.arange(len(cells)), numbers)
         rotations = [rotation]
     try:
-        plan = planners.plan(space, start, goal, goal_tolerance=tolerance)
+        plan = planners.plan(space, start, goal)
     except ConfigurationError:
         found = states[rotations][:, *cells[met].T] == FREE
         assert kind != "goals" or not found.any()
@@ -291,13 +284,13 @@ def test_rooms_on_both_sides_of_a_wall_are_not_all_proven_out_of_reach(name):
     space, near, far = build_halves(name, BLOCKED)
     rest = far[1:]
     for goal, is_apart in [
-        (planners.Goals([far, (14.5, *rest)]), True),
-        (planners.Goals([far, (4.5, *rest)]), False),
+        ([far, (14.5, *rest)], True),
+        ([far, (4.5, *rest)], False),
     ]:
         plan = planners.plan(space, near, goal)
         assert plan.is_disconnected == is_apart != plan.certified
     undecided, near, far = build_halves(name, MIXED)
-    assert not planners.plan(undecided, near, planners.Goals([far, (14.5, *rest)])).is_disconnected
+    assert not planners.plan(undecided, near, [far, (14.5, *rest)]).is_disconnected
 
 
 def test_an_open_exterior_may_lead_to_a_region_that_leaves_the_map():
@@ -322,7 +315,7 @@ def test_without_a_free_configuration_the_free_cell_nearest_to_the_room_is_named
     goal = (x, y, None)
     if kind == "range":
         yaw, turns = float(rng.uniform(-3.0, 3.0)), 0.3
-        goal = (x, y, (yaw - turns, yaw + turns))
+        goal = planners.Near((x, y, yaw), angle=turns)
     elif kind == "region":
         half = rng.uniform(0.01, [0.05, 0.5])
         goal = shapely.box(*(middle - half), *(middle + half))
@@ -356,13 +349,13 @@ def test_a_start_is_moved_within_its_tolerance_and_the_status_says_so():
         planners.plan(space, blocked, goal)
     nearest = np.array(caught.value.nearest)
     away = math.dist(nearest[:2], blocked[:2]) + 0.5 * abs(turn_between(blocked[2], nearest[2]))
-    plan = planners.plan(space, blocked, goal, start_tolerance=away * 1.001)
+    plan = planners.plan(space, planners.Near(blocked, away * 1.001), goal)
     assert plan.certified and plan.start.tolist() == nearest.tolist()
     moved = re.search(r"; start moved by (\S+) m to ", plan.status)
     assert float(moved[1]) == pytest.approx(away, rel=0.01)
     with pytest.raises(ConfigurationError, match=r"start .*nearest is"):
-        planners.plan(space, blocked, goal, start_tolerance=away * 0.999)
-    free = planners.plan(space, ENDPOINTS["turning"][0], goal, start_tolerance=1.0)
+        planners.plan(space, planners.Near(blocked, away * 0.999), goal)
+    free = planners.plan(space, planners.Near(ENDPOINTS["turning"][0], 1.0), goal)
     assert "moved" not in free.status and tuple(free.start) == ENDPOINTS["turning"][0]
 
 
@@ -449,7 +442,7 @@ def test_of_several_places_the_one_on_the_shorter_way_is_passed(drive):
         measure(planners.plan(space, start, goal, via=[each], **options)) for each in (near, far)
     ]
     for places in ((near, far), (far, near)):
-        plan = planners.plan(space, start, goal, via=[planners.Goals(places)], **options)
+        plan = planners.plan(space, start, goal, via=[places], **options)
         assert plan.path[plan.via_rows[0]].tolist() == list(far)
         assert measure(plan) == pytest.approx(min(lengths), rel=1e-6) and lengths[1] < lengths[0]
 
@@ -459,7 +452,11 @@ def test_a_car_arrives_at_a_place_so_that_it_can_go_on():
     cells[40:42, :45] = True
     workspace = cspace.Workspace.from_array(cells, 0.1)
     space = cspace.build(workspace, cspace.Robot.rectangle(0.6, 0.3), rotations=24)
-    via = [(1.0, 5.0, None), shapely.box(6.0, 4.0, 7.0, 5.0), (7.0, 4.0, (1.0, 2.0))]
+    via = [
+        (1.0, 5.0, None),
+        shapely.box(6.0, 4.0, 7.0, 5.0),
+        planners.Near((7.0, 4.0, 1.5), angle=0.5),
+    ]
     options = {"drive": "dubins", "turning_radius": 0.5, "time_limit": 20.0}
     plan = planners.plan(space, (1.0, 1.0, 0.0), (7.0, 1.0, None), via=via, **options)
     assert plan.certified and len(plan.via_rows) == 3
@@ -502,37 +499,27 @@ BOX = shapely.box(4.5, 0.5, 5.5, 1.5)
 
 @refusals(
     "name, wrong, message",
+    ("turning", {"goal": planners.Near((BOX, 0.0), 0.3)}, "a region has its own room"),
     (
         "turning",
-        {"goal_tolerance": (0.3, 10.0)},
-        "an angle is at most pi radians; pass 0.174533 for 10 degrees",
+        {"goal": planners.Near([START, START], 0.3)},
+        "Near has one configuration",
     ),
-    (
-        "turning",
-        {"goal_tolerance": 0.3},
-        "it must be two numbers, zero or above: metres and radians",
-    ),
-    (
-        "turning",
-        {"goal_tolerance": (-0.3, 0.1)},
-        "it must be two numbers, zero or above",
-    ),
-    ("turning", {"start_tolerance": -1.0}, "it must be one number, zero or above, in metres"),
-    (
-        "turning",
-        {"goal": (BOX, 0.0), "goal_tolerance": (0.3, 0.0)},
-        "a region has its own room",
-    ),
+    ("turning", {"start": planners.Near([START, START], 0.3)}, "start has shape (2, 3)"),
     (
         "turning",
         {"goal": shapely.Polygon()},
         "is an empty region; a region holds positions, metres",
     ),
-    (
-        "turning",
-        {"goal": (5.0, 3.2, (3.4, 3.0))},
-        "a range of yaws is its lower and its upper end, radians",
+    *(
+        (
+            "turning",
+            {"goal": mixed},
+            "numbers are one configuration, places are alternatives",
+        )
+        for mixed in ((5.0, 3.2, (3.0, 3.4)), [(5.0, 3.2, 2.0), 3], [0.3, BOX])
     ),
+    ("turning", {"goal": [(5.0, 3.2, 2.0), (5.0, 3.2)]}, "goal[1] has shape (2,)"),
     (
         "plane",
         {"goal": (2.0, 4.0, None)},
@@ -551,27 +538,14 @@ BOX = shapely.box(4.5, 0.5, 5.5, 1.5)
     *(
         (
             "turning",
-            {"goal": goals},
-            "is a list of goals; a map takes several as planners.Goals",
-        )
-        for goals in ([(5.0, 3.2, 2.0)], [BOX, BOX], np.array([ENDPOINTS["turning"][1]] * 2))
-    ),
-    *(
-        (
-            "turning",
             {"goal": (line, 1.0) if is_pair else line},
             "is a LineString; a region is a Polygon or a MultiPolygon",
         )
         for is_pair, line in enumerate([shapely.LineString([(4.5, 0.5), (5.5, 1.5)])] * 2)
     ),
     (
-        "floating",
-        {"goal": (1.9, 0.5, 0.6, (0.0, 1.0))},
-        "a range is of yaws, and the axes are qx, qy, qz, qw",
-    ),
-    (
         "turning",
-        {"goal": planners.Goals([cspace.PoseGoal("tool", np.eye(4))])},
+        {"goal": [cspace.PoseGoal("tool", np.eye(4))]},
         "the space of an arm is needed for that",
     ),
     (
@@ -582,16 +556,43 @@ BOX = shapely.box(4.5, 0.5, 5.5, 1.5)
 )
 def test_wrong_goals_and_options_are_refused_in_one_line(name, wrong, message):
     start, goal = ENDPOINTS[name]
-    options = {"goal": goal} | wrong
-    check_refused(lambda: planners.plan(build_room(name), start, **options), message)
+    options = {"start": start, "goal": goal} | wrong
+    check_refused(lambda: planners.plan(build_room(name), **options), message)
 
 
-def test_goals_without_a_goal_are_refused():
-    for wrong in ([], "goal", 3):
-        with pytest.raises(InputError, match=r"goals are .* there is at least one"):
-            planners.Goals(wrong)
-    assert repr(planners.Goals([(1, 2)])) == "Goals([(1, 2)])"
-    assert planners.Goals([planners.Goals([(1, 2), BOX]), (3, 4)]).goals == ((1, 2), BOX, (3, 4))
+@refusals(
+    "numbers, message",
+    ((0.3, 10.0), "angle is 10.0; an angle is at most pi radians; pass 0.174533 for 10 degrees"),
+    ((0.3, -0.1), "angle is -0.1; it must be one number, zero or above, in radians"),
+    ((-0.3,), "distance is -0.3; it must be one number, zero or above, in metres"),
+    ((math.nan,), "distance"),
+    (((0.3, 0.1),), "distance is (0.3, 0.1); it must be one number"),
+)
+def test_near_refuses_wrong_numbers_when_it_is_made(numbers, message):
+    check_refused(lambda: planners.Near(START, *numbers), message)
+
+
+def test_every_list_of_places_is_alternatives_and_a_list_of_numbers_is_one():
+    space = build_open_map("turning")
+    start, near, far = (1.5, 1.5, 0.0), (2.5, 1.5, 0.0), (6.5, 1.5, 0.0)
+    beside = shapely.box(2.5, 1.0, 3.5, 2.0)
+    for goal in (
+        [near, far],
+        (list(far), list(near)),
+        np.array([far, near]),
+        np.array(near),
+        list(near),
+        [near],
+        [far, planners.Near((2.7, 1.5, 0.0), 0.2)],
+        [far, (2.5, 1.5, None)],
+        [far, beside],
+        [far, (beside, 0.0)],
+        (beside, 0.0),
+        [beside],
+        [beside, beside],
+    ):
+        plan = planners.plan(space, start, goal)
+        np.testing.assert_allclose(plan.goal, near, atol=2e-3)
 
 
 def test_a_previous_plan_leads_to_no_place_on_the_way():
@@ -621,25 +622,28 @@ class Open(cspace.Space):
 def test_the_table_says_what_a_space_of_your_own_takes():
     start, goal = (0.1, 0.1), (0.9, 0.9)
     given = {
-        "planners.Goals": {"goal": planners.Goals([goal, (0.2, 0.3)])},
-        "cspace.PoseGoal": {"goal": cspace.PoseGoal("tool", np.eye(4))},
-        "a goal with any rotation, or a range of yaws": {"goal": (0.9, 0.9, None)},
-        "a goal that is a region": {"goal": shapely.box(0.5, 0.5, 0.8, 0.8)},
-        "goal_tolerance": {"goal_tolerance": (0.1, 0.0)},
-        "start_tolerance": {"start_tolerance": 0.1},
-        "via": {"via": [(0.5, 0.1)]},
-        "keep": {"keep": planners.Upright("tip", tolerance=math.pi)},
+        "a list of alternatives": {"goal": [goal, (0.2, 0.3)]},
+        "`cspace.PoseGoal`": {"goal": cspace.PoseGoal("tool", np.eye(4))},
+        "a place with any rotation": {"goal": (0.9, 0.9, None)},
+        "a place that is a region": {"goal": shapely.box(0.5, 0.5, 0.8, 0.8)},
+        "`planners.Near`": {"goal": planners.Near(goal, 0.1)},
+        "`planners.Near` as the start": {"start": planners.Near(start, 0.1)},
+        "`via`": {"via": [(0.5, 0.1)]},
+        "`keep`": {"keep": planners.Upright("tip", tolerance=math.pi)},
     }
     assert given.keys() == SUPPORTED.keys()
     for option, changes in given.items():
-        arguments = {"goal": goal, "seed": 1, **changes}
+        arguments = {"start": start, "goal": goal, "seed": 1, **changes}
         if "your own spaces" in SUPPORTED[option]:
-            assert planners.plan(Open(), start, **arguments).certified
+            assert planners.plan(Open(), **arguments).certified
             continue
         with pytest.raises(InputError) as caught:
-            planners.plan(Open(), start, **arguments)
+            planners.plan(Open(), **arguments)
         assert caught.value.argument in arguments
-    assert planners.plan(Open(), start, given["planners.Goals"]["goal"]).goal.tolist() == [0.2, 0.3]
+    assert planners.plan(Open(), start, given["a list of alternatives"]["goal"]).goal.tolist() == [
+        0.2,
+        0.3,
+    ]
 
 
 @pytest.mark.parametrize("flipped", [False, True])
