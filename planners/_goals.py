@@ -54,7 +54,7 @@ MAX_TRIED_GOALS: Final = 8
 MAX_PLACES_WITHOUT_FREE: Final = 24
 """Largest number of positions, and of rotations, from which an error finds the nearest FREE."""
 
-INSET: Final = 1e-3
+INSET: Final = 1e-6
 """Distance in cells, and share of a radius or an angle, by which ends stay inside their room: an
 end on its border may touch cells that are not FREE."""
 
@@ -226,23 +226,31 @@ class Room:
     def place_in_cells(self, space: ConfigurationMap) -> Floats:
         """Return configurations with a position of the room in each cell that meets it.
 
-        Their shape is (n, size). Positions keep off the borders of their cells.
+        Their shape is (n, size); the first one is the middle. The others keep off the borders of
+        their cells, as far as the room reaches into these.
         """
         if self.region is None and not self.radius:
             return self.middle[np.newaxis]
         centers = _find_centers(space, self.list_positions(space))
-        half = (0.5 - INSET) * space.grid.spacing
-        rows = np.tile(self.middle, (len(centers), 1))
+        half = 0.5 * space.grid.spacing
+        rows = np.tile(self.middle, (len(centers) + 1, 1))
         if self.region is None:
-            rows[:, : space.dim] = self.middle[: space.dim].clip(centers - half, centers + half)
+            position = self.middle[: space.dim]
+            nearest = position.clip(centers - half, centers + half)
+            inset = (1.0 - 2.0 * INSET) * half
+            steps = position.clip(centers - inset, centers + inset) - nearest
+            depths = self.radius - np.linalg.norm(nearest - position, axis=1)
+            sizes = np.linalg.norm(steps, axis=1)
+            shares = np.minimum((1.0 - INSET) * depths.clip(0.0) / np.maximum(sizes, TINY), 1.0)
+            rows[1:, : space.dim] = nearest + shares[:, np.newaxis] * steps
             return rows
-        rows[:, :2] = centers
+        rows[1:, :2] = centers
         cut = np.flatnonzero(~shapely.contains_xy(self.region, *centers.T))
         boxes = shapely.box(*(centers[cut] - half).T, *(centers[cut] + half).T)
         points = shapely.point_on_surface(shapely.intersection(self.region, boxes))
         is_met = ~shapely.is_empty(points)
-        rows[cut[is_met], :2] = shapely.get_coordinates(points[is_met])
-        return np.delete(rows, cut[~is_met], axis=0)
+        rows[1 + cut[is_met], :2] = shapely.get_coordinates(points[is_met])
+        return np.delete(rows, 1 + cut[~is_met], axis=0)
 
     def list_rotations(self, space: ConfigurationMap) -> Ints:
         """List the rotation cells that meet the room."""
@@ -283,7 +291,7 @@ class Room:
         centers = space.rotations.centers[self.list_rotations(space)]
         turned = np.tile(self.middle, (len(centers), 1))
         turned[:, space.dim :] = centers
-        rotations = self.pull(space, np.vstack([origin, turned]))[:, space.dim :]
+        rotations = self.pull(space, np.vstack([origin, self.middle, turned]))[:, space.dim :]
         # In a large room, some positions mostly suffice: the nearest, and some of the others.
         order = np.argsort(lengths, kind="stable")
         others = order[MAX_NEAR_POSITIONS:]

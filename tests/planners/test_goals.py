@@ -191,6 +191,39 @@ def test_a_region_is_entered_at_its_nearest_point():
     assert plan.length == 0.0 and "the start is the goal" in plan.status
 
 
+@examples(40)
+@given(seeds, st.sampled_from([None, 4]))
+def test_a_wider_wish_gets_no_less_than_a_narrower_one(seed, turns):
+    """Middles lie on borders and corners of cells, in position and yaw, or anywhere."""
+    rng = np.random.default_rng(seed)
+    states = rng.choice([FREE, BLOCKED], (turns or 1, 5, 5), p=[0.8, 0.2]).astype(np.uint8)
+    space = map_of(states[0] if turns is None else states, turns, "blocked", 1.0)
+    start, q = space.sample_free(2, rng)
+    on_border = rng.random(len(q)) < 0.6
+    q[:2] = np.where(on_border[:2], np.round(2.0 * q[:2]) / 2.0, q[:2])
+    q[2:] = np.where(on_border[2:], np.round(q[2:] / (math.pi / 4.0)) * (math.pi / 4.0), q[2:])
+    metres, radians, wider = 10.0 ** rng.uniform([-16.0, -16.0, 0.0], [0.3, 0.4, 3.0])
+    x, y, *yaw = q.tolist()
+    box = shapely.box(x - metres, y - metres, x + metres, y + metres)
+    wishes = [
+        (q, planners.Near(q, metres)),
+        (q, planners.Near(q, 0.0, radians)),
+        (q, planners.Near(q, metres, radians)),
+        (planners.Near(q, metres, radians), planners.Near(q, wider * metres, radians)),
+        (planners.Near(q, metres), [planners.Near(q, metres), (-9.0, -9.0, *yaw)]),
+    ]
+    if metres > 1e-12:  # less is no area
+        wishes.append((q, (box, *yaw) if yaw else box))
+    if yaw:
+        wishes.append((q, (x, y, None)))
+    for narrow, wide in wishes:
+        try:
+            found = planners.plan(space, start, narrow).solved
+        except ConfigurationError:
+            continue
+        assert not found or planners.plan(space, start, wide).solved, (narrow, wide)
+
+
 def test_any_yaw_needs_no_turn_at_the_goal():
     space = build_room("turning")
     start, (x, y, yaw) = ENDPOINTS["turning"]
