@@ -2,12 +2,7 @@
 
 from ._bodies import ADVANCE_FACTOR as ADVANCE_FACTOR
 from ._bodies import MAX_DISTANCES_PER_EDGE as MAX_DISTANCES_PER_EDGE
-from ._bodies.cores import COORDINATE_ROUNDING as COORDINATE_ROUNDING
-from ._bodies.cores import ROUNDING as ROUNDING
 from ._bodies.cores import Cores as Cores
-from ._bodies.cores import lever_of as lever_of
-from ._bodies.cores import measure_distances as measure_distances
-from ._bodies.parts import part_anchors as part_anchors
 from ._bodies.triangle_proofs import build_boxes as build_boxes
 from ._configuration_map import ConfigurationMap as ConfigurationMap
 from ._engines.slices import slice_rasters as slice_rasters
@@ -15,17 +10,12 @@ from ._files.access import ContentError as ContentError
 from ._files.access import check_output as check_output
 from ._files.access import check_suffix as check_suffix
 from ._files.access import decoding as decoding
-from ._files.access import read_text as read_text
 from ._files.access import replacing as replacing
-from ._files.crs import check_crs as check_crs
 from ._files.fields import Fields as Fields
 from ._files.fields import Ledger as Ledger
 from ._files.meshes import read_mesh as read_mesh
-from ._files.plain import check_distinct as check_distinct
-from ._files.plain import parse_finite as parse_finite
-from ._files.plain import read_json as read_json
+from ._files.plain import read_document as read_document
 from ._files.plain import read_xml as read_xml
-from ._files.plain import read_yaml as read_yaml
 from ._files.polygons import join_surfaces as join_surfaces
 from ._files.polygons import transform_surface as transform_surface
 from ._files.unit_notes import warn_of_size as warn_of_size
@@ -44,7 +34,6 @@ from ._queries.upright import Upright as Upright
 from ._record.cells import map_record as map_record
 from ._record.contents import Contents as Contents
 from ._record.description import collect_arrays as collect_arrays
-from ._record.description import describe_array as describe_array
 from ._record.description import make_metadata as make_metadata
 from ._record.exterior import UNKNOWN as UNKNOWN
 from ._record.exterior import Exterior as Exterior
@@ -56,20 +45,15 @@ from ._rotations.base import TWO_PI as TWO_PI
 from ._rotations.base import measure_steps as measure_steps
 from ._rotations.base import turn_near as turn_near
 from ._rotations.base import wrap_angles as wrap_angles
-from ._shapes import BoundedShape as BoundedShape
 from ._shapes import ExactShape as ExactShape
-from ._shapes import RoundedSimplices as RoundedSimplices
 from ._shapes import Shape as Shape
 from ._shapes import ShapeLike as ShapeLike
 from ._shapes import Voxels as Voxels
 from ._shapes import as_shape as as_shape
 from ._shapes.balls import Balls as Balls
-from ._shapes.shape import CURVED_BOUNDS as CURVED_BOUNDS
-from ._shapes.shape import unique_rows as unique_rows
 from ._support import vectors as vectors
 from ._support.arrays import STATE_NAMES as STATE_NAMES
 from ._support.arrays import Bools as Bools
-from ._support.arrays import Box as Box
 from ._support.arrays import Bytes as Bytes
 from ._support.arrays import Floats as Floats
 from ._support.arrays import Ints as Ints
@@ -77,7 +61,6 @@ from ._support.arrays import Row as Row
 from ._support.arrays import States as States
 from ._support.arrays import StrPath as StrPath
 from ._support.arrays import Surface as Surface
-from ._support.arrays import block_starts as block_starts
 from ._support.arrays import frozen as frozen
 from ._support.arrays import number_parts as number_parts
 from ._support.arrays import reduce_blocks as reduce_blocks
@@ -86,7 +69,6 @@ from ._support.check import MAX_NUMBER as MAX_NUMBER
 from ._support.check import check_count as check_count
 from ._support.check import check_finite as check_finite
 from ._support.check import check_known as check_known
-from ._support.check import check_mapping as check_mapping
 from ._support.check import check_not_negative as check_not_negative
 from ._support.check import check_number as check_number
 from ._support.check import check_point as check_point

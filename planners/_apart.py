@@ -22,17 +22,13 @@ from cspace._rotations.yaw import check_wrappable
 from cspace.errors import InputError
 from cspace.inside import (
     AXES,
-    COORDINATE_ROUNDING,
     MAX_NUMBER,
-    ROUNDING,
     Cores,
     Floats,
     check_finite,
     check_not_negative,
     check_number,
     check_point,
-    lever_of,
-    measure_distances,
     names_options,
     tell_apart,
     warn_of_degrees,
@@ -300,7 +296,7 @@ def _bound_trajectory(trajectory: Trajectory, robot: Robot) -> tuple[Floats, Flo
     rates, bends = bound_derivatives(segments, phases.positions[:-1], lengths)
     ahead = np.linalg.norm(rates[:, : robot.dim], axis=1)
     aside = np.linalg.norm(bends[:, : robot.dim], axis=1) + np.abs(segments.curvatures) * ahead
-    around = lever_of(robot.shape) * np.linalg.norm(rates[:, robot.dim :], axis=1)
+    around = robot.shape.lever * np.linalg.norm(rates[:, robot.dim :], axis=1)
     bounds = np.array([ahead * speeds, around * speeds, ahead * gains + aside * speeds**2])
     bounds *= 1.0 + SPEED_ROUNDING
     return phases.times, np.pad(bounds, ((0, 0), (1, 1)))
@@ -354,12 +350,12 @@ class PlaneMeasure:
 
     def bound_below(self, poses: Floats, others: Floats) -> Floats:
         """Return the distances of the outer shapes."""
-        distances, _ = measure_distances(self._outer[0], poses, self._outer[1], others)
+        distances, _ = self._outer[0].measure_distances(poses, self._outer[1], others)
         return np.maximum(distances, 0.0)
 
     def bound_above(self, poses: Floats, others: Floats) -> tuple[Floats, Floats]:
         """Return the distances of the inner shapes."""
-        distances, lines = measure_distances(self._inner[0], poses, self._inner[1], others)
+        distances, lines = self._inner[0].measure_distances(poses, self._inner[1], others)
         return distances, lines[:, 1] - lines[:, 0]
 
 
@@ -518,7 +514,7 @@ class Search:
         one, other = self._movers
         (poses, velocities), (others, other_velocities) = one.place(middles), other.place(middles)
         far = np.maximum(np.abs(poses).max(axis=1), np.abs(others).max(axis=1))
-        gaps = self._measure.bound_below(poses, others) - ROUNDING - COORDINATE_ROUNDING * far
+        gaps = self._measure.bound_below(poses, others) - Cores.bound_rounding(far)
         gaps -= one.bound_rounding(highs) + other.bound_rounding(highs)
         halves = 0.5 * (highs - lows)
         speeds, turns, gains = one.bound_rates(middles) + other.bound_rates(middles)

@@ -757,7 +757,7 @@ MUTANTS = (
     ),
     Mutant(
         "planners/_apart.py",
-        "around = lever_of(robot.shape) * np.linalg.norm(rates[:, robot.dim :], axis=1)",
+        "around = robot.shape.lever * np.linalg.norm(rates[:, robot.dim :], axis=1)",
         "around = 0.0 * ahead",
         "tests/planners/test_apart.py",
     ),

@@ -2,28 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from cspace._shapes import ExactShape, Shape
+from cspace._shapes import ExactShape
 from cspace._shapes.balls import Balls
 from cspace._support.arrays import Floats
-
-ROUNDING: Final = 1e-9
-"""Distance, metres, that covers the rounding of placed robots and of outlines."""
-
-COORDINATE_ROUNDING: Final = 1e-11
-"""Distance that covers the same rounding, as a share of the coordinates."""
-
-
-def lever_of(shape: Shape) -> float:
-    """Return a distance, metres, that no point of a shape exceeds from the z axis."""
-    corner = np.abs(shape.outer.bounds).max(axis=0)[:2]
-    # Rounding may make a lever smaller.
-    return float(np.hypot(*corner)) * (1.0 + 1e-9)
 
 
 class Cores:
@@ -53,30 +40,37 @@ class Cores:
             placed.append((shapely.set_coordinates(copies, corners), radius))
         return placed
 
+    def measure_distances(
+        self, poses: Floats, second: Cores, others: Floats
+    ) -> tuple[Floats, Floats]:
+        """Return distances to a second shape at poses, and the cores' nearest points.
 
-def measure_distances(
-    first: Cores, poses: Floats, second: Cores, others: Floats
-) -> tuple[Floats, Floats]:
-    """Return distances of two shapes at poses, and their cores' nearest points.
+        Distances, shape (n,), are within :meth:`bound_rounding`; points have shape (n, 2, 2). A
+        negative distance is a depth: shapes that overlap only by rounding are less deep than that.
+        The depth of polygons is the area that they share over its perimeter.
+        """
+        distances = np.full(len(poses), np.inf)
+        lines = np.zeros((len(poses), 2, 2))
+        for one, radius in self.place(poses):
+            for other, other_radius in second.place(others):
+                joins = shapely.shortest_line(one, other)
+                found = shapely.length(joins) - radius - other_radius
+                if radius == other_radius == 0.0:
+                    meet = np.flatnonzero(found == 0.0)
+                    common = shapely.intersection(one[meet], other[meet])
+                    found[meet] = -shapely.area(common) / np.maximum(shapely.length(common), 1e-300)
+                nearer = found < distances
+                distances[nearer] = found[nearer]
+                lines[nearer] = shapely.get_coordinates(joins[nearer]).reshape(-1, 2, 2)
+        return distances, lines
 
-    Distances, shape (n,), are within rounding; points have shape (n, 2, 2). A negative distance is
-    a depth: shapes that overlap only by rounding are less deep than that. The depth of polygons is
-    the area that they share over its perimeter.
-    """
-    distances = np.full(len(poses), np.inf)
-    lines = np.zeros((len(poses), 2, 2))
-    for one, radius in first.place(poses):
-        for other, other_radius in second.place(others):
-            joins = shapely.shortest_line(one, other)
-            found = shapely.length(joins) - radius - other_radius
-            if radius == other_radius == 0.0:
-                meet = np.flatnonzero(found == 0.0)
-                common = shapely.intersection(one[meet], other[meet])
-                found[meet] = -shapely.area(common) / np.maximum(shapely.length(common), 1e-300)
-            nearer = found < distances
-            distances[nearer] = found[nearer]
-            lines[nearer] = shapely.get_coordinates(joins[nearer]).reshape(-1, 2, 2)
-    return distances, lines
+    @staticmethod
+    def bound_rounding(largest: Floats) -> Floats:
+        """Return a distance, metres, that covers the rounding of placed shapes.
+
+        ``largest`` are the moduli of their largest coordinates, metres.
+        """
+        return 1e-9 + 1e-11 * largest
 
 
 def place_points(offsets: Floats, points: Floats) -> Floats:

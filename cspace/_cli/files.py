@@ -81,16 +81,16 @@ def _read_table(file: Path, axes: Sequence[str]) -> tuple[list[str], Any]:
 
     JSON without names has the columns ``axes``. Numbers of CSV are texts.
     """
-    from cspace.inside import read_json, read_text
+    from cspace.inside import read_document
 
+    document = read_document(file, "path")
     if file.suffix.lower() == ".json":
-        document = read_json(file, "path")
         return list(document.get("axes", axes)), document["path"]
-    reader = csv.DictReader(read_text(file, "path").splitlines(), restval="")
+    header, *rows = document or [[]]
     # The path of a car has an additional column: its direction of driving.
-    names = [name for name in reader.fieldnames or () if name != "direction"]
-    rows = [[record[name] for name in names] for record in reader]
-    return names, rows
+    columns = [column for column, name in enumerate(header) if name != "direction"]
+    texts = [(row + [""] * len(header)) for row in rows if row]
+    return [header[column] for column in columns], [[row[k] for k in columns] for row in texts]
 
 
 def prepare_store(output: Path, overwrite: bool) -> None:

@@ -13,6 +13,7 @@ from numbers import Real
 from typing import Any, Final, NamedTuple
 
 from cspace._files.access import ContentError, decoding
+from cspace._files.crs import check_crs
 from cspace._files.plain import parse_finite, read_yaml
 from cspace._support.arrays import MAX_EXPECTED_ANGLE
 from cspace._support.check import MAX_NUMBER, suggest_name
@@ -201,6 +202,12 @@ class Ledger:
             rule = "it must be true or false"
             raise self.fail(f"has the {key} {value!r:.60}", rule)
         return value
+
+    def crs(self, key: str) -> None:
+        """Take a reference system; refuse one not in metres, and warn of unknown ones."""
+        value = self.get(key)
+        if value is not None:
+            check_crs(value, key)
 
     def angle(self, key: str) -> float:
         """Take an angle, radians; warn beyond a whole turn."""

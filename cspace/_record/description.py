@@ -158,8 +158,23 @@ def make_grid(metadata: Mapping[str, Any]) -> Grid:
     return Grid(metadata["lower"], metadata["spacing"], shape, axes, units, frame_id)
 
 
-def describe_array(name: str, grid: Grid) -> tuple[tuple[str, ...], dict[str, Any]]:
-    """Return the axes and the attributes of an array of a map on a grid.
+class NamedArray(NamedTuple):
+    """An array of a map, with its axes by name.
+
+    Attributes
+    ----------
+    axes : tuple of str
+    values : array-like
+    attributes : dict of str to plain values
+    """
+
+    axes: tuple[str, ...]
+    values: Any
+    attributes: dict[str, Any]
+
+
+def describe_array(name: str, values: Any, grid: Grid) -> NamedArray:
+    """Add its axes and attributes to an array of a map on a grid.
 
     The centers along an axis get the name and unit of the axis.
     """
@@ -168,7 +183,7 @@ def describe_array(name: str, grid: Grid) -> tuple[tuple[str, ...], dict[str, An
         number = AXES.index(name)
         attributes["long_name"] = f"{grid.axes[number]} of the middle of a cell"
         attributes["units"] = grid.units[number]
-    return list_axes(name, grid.dim), attributes
+    return NamedArray(list_axes(name, grid.dim), values, attributes)
 
 
 def make_metadata(contents: Contents) -> dict[str, Any]:
@@ -201,14 +216,14 @@ def make_metadata(contents: Contents) -> dict[str, Any]:
     }
 
 
-def collect_arrays(contents: Contents) -> dict[str, Any]:
-    """Return the arrays of a map by name, without copies of cells.
+def collect_arrays(contents: Contents, with_inner: bool = False) -> dict[str, NamedArray]:
+    """Return the arrays of a map by name, with axes and attributes, without copies of cells.
 
     Names are those of :func:`describe_arrays`.
 
-    Optional arrays are ``inner`` if it differs from ``outer``, ``unknown`` if there are such cells,
-    ``overlap_counts`` if the map has them, the arrays of rotation cells if the robot rotates, and
-    ``shapes`` if the obstacles have shapes.
+    Optional arrays are ``inner`` if it differs from ``outer`` or is wanted, ``unknown`` if there
+    are such cells, ``overlap_counts`` if the map has them, the arrays of rotation cells if the
+    robot rotates, and ``shapes`` if the obstacles have shapes.
     """
     # Arrays that every map has come first.
     workspace = contents.workspace
@@ -218,7 +233,7 @@ def collect_arrays(contents: Contents) -> dict[str, Any]:
         "outer": workspace.outer,
         "slice_of": contents.slice_of,
     }
-    if workspace.inner is not workspace.outer:
+    if with_inner or workspace.inner is not workspace.outer:
         arrays["inner"] = workspace.inner
     if workspace.unknown is not None:
         arrays["unknown"] = workspace.unknown
@@ -227,7 +242,8 @@ def collect_arrays(contents: Contents) -> dict[str, Any]:
     if contents.overlap_counts is not None:
         arrays["overlap_counts"] = read_only(contents.overlap_counts)
     arrays |= {axis: grid.centers(i) for i, axis in enumerate(AXES[: grid.dim])}
-    return {**arrays, **contents.rotations._stored_arrays, **encode_shapes(workspace.shapes)}
+    arrays |= {**contents.rotations._stored_arrays, **encode_shapes(workspace.shapes)}
+    return {name: describe_array(name, array, grid) for name, array in arrays.items()}
 
 
 def encode_shapes(shapes: Sequence[Shape] | None) -> dict[str, NDArray[Any]]:

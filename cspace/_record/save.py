@@ -35,6 +35,7 @@ from cspace._record.description import (
     DERIVED,
     FORMAT,
     VERSION,
+    NamedArray,
     collect_arrays,
     decode_shapes,
     describe_array,
@@ -218,29 +219,29 @@ def write_map(
     **extra: Any,
 ) -> None:
     """Write a map into a new folder; ``extra`` are additional attributes."""
-    arrays = {**collect_arrays(contents), **(derived or {})}
+    arrays = collect_arrays(contents)
+    for name, values in (derived or {}).items():
+        arrays[name] = describe_array(name, values, contents.grid)
+    shapes = arrays.get("shapes")
     # The metadata describe the map; a reader needs the others to check and unpack its arrays.
     attributes = {
         **make_metadata(contents),
         "arrays": " ".join(arrays),
         "compressed": compress,
-        "shapes_bytes": len(arrays.get("shapes", ())),
+        "shapes_bytes": 0 if shapes is None else len(shapes.values),
         # The CF conventions name coordinate arrays here.
         "coordinates": " ".join((*find_rotation_arrays(arrays), "slice_of")),
         **extra,
     }
-    write_folder(folder, attributes, _iterate_files(arrays, contents.grid, compress))
+    write_folder(folder, attributes, _iterate_files(arrays, compress))
 
 
-def _iterate_files(
-    arrays: Mapping[str, Any], grid: Grid, compress: bool
-) -> Iterator[tuple[str, bytes]]:
+def _iterate_files(arrays: Mapping[str, NamedArray], compress: bool) -> Iterator[tuple[str, bytes]]:
     """Yield the name and content of each file of the arrays."""
-    for name, values in arrays.items():
+    for name, (axes, values, attributes) in arrays.items():
         stored = describe_arrays()[name]
         layout = Layout.of(values.shape, stored.dtype, compress)
         fill_value = stored.fill_value
-        axes, attributes = describe_array(name, grid)
         yield f"{name}/{ROOT_FILE}", layout.describe(fill_value, attributes, axes)
         for file, cells in layout.iterate_chunks():
             yield f"{name}/{file}", layout.encode(values[cells], fill_value)

@@ -94,7 +94,7 @@ def capsule(radius: float, length: float, center: ArrayLike = (0.0, 0.0, 0.0)) -
 
     It holds the points within `radius` of a vertical segment of `length`.
     """
-    bounds = capsule_bounds(check_positive(radius, "radius"), check_positive(length, "length"))
+    bounds = capsule_bounds(check_positive(radius, "radius"), check_not_negative(length, "length"))
     name = f"capsule {radius:g} m, {length:g} m long"
     return NamedShape(name, _translate(bounds, center))
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from functools import cache, cached_property
 from itertools import permutations, product
 from typing import TYPE_CHECKING, Any, ClassVar, Final, NamedTuple
@@ -232,6 +232,13 @@ class Shape(ABC):
         """
 
     @property
+    def lever(self) -> float:
+        """Distance, metres, that no point of the shape exceeds from the z axis."""
+        corner = np.abs(self.outer.bounds).max(axis=0)[:2]
+        # Rounding may make a lever smaller.
+        return float(np.hypot(*corner)) * (1.0 + 1e-9)
+
+    @property
     @abstractmethod
     def spec(self) -> dict[str, object]:
         """Plain values from which ``cspace._shapes.shape_from_spec`` makes the shape again."""
@@ -277,6 +284,13 @@ class ExactShape(Shape):
     def inner(self) -> ExactShape:
         """The shape itself."""
         return self
+
+    def with_inner(self, inner: ExactShape, is_round_about_z: bool = False) -> BoundedShape:
+        """Return a shape of which this one is the outer and ``inner`` the inner bound.
+
+        The parameters are those of :class:`BoundedShape`.
+        """
+        return BoundedShape(self, inner, is_round_about_z)
 
     @property
     @abstractmethod
@@ -505,16 +519,6 @@ def cylinder_bounds(radius: float, height: float) -> BoundsPair:
     return _revolve_bounds(profile * (_CORNER_RADIUS, 1.0), profile)
 
 
-def cone_bounds(radius: float, height: float) -> BoundsPair:
-    """Return an outer and an inner surface of an upright cone, metres.
-
-    Its axis is the z axis, with the origin halfway up.
-    """
-    # Corners (distance from the axis, height), from the bottom up.
-    profile = np.array([(0.0, -0.5), (1.0, -0.5), (0.0, 0.5)]) * (radius, height)
-    return _revolve_bounds(profile * (_CORNER_RADIUS, 1.0), profile)
-
-
 def capsule_bounds(radius: float, length: float) -> BoundsPair:
     """Return an outer and an inner surface of a capsule, metres.
 
@@ -535,14 +539,6 @@ def capsule_bounds(radius: float, length: float) -> BoundsPair:
     # The polygon of the arc touches the arc from outside, like the polygons of its circles.
     outer = make_profile(_CORNER_RADIUS) * (_CORNER_RADIUS, 1.0)
     return _revolve_bounds(outer, make_profile(1.0))
-
-
-CURVED_BOUNDS: Final[Mapping[str, Callable[[float, float], BoundsPair]]] = {
-    "cylinder": cylinder_bounds,
-    "cone": cone_bounds,
-    "capsule": capsule_bounds,
-}
-"""Functions of radius and height or length, metres, that bound upright solids by two surfaces."""
 
 
 def _revolve_bounds(outer: Floats, inner: Floats) -> BoundsPair:

@@ -72,13 +72,17 @@ def number_parts(counts: Ints) -> tuple[Ints, Ints]:
 
 
 def reduce_blocks(
-    cells: NDArray[Cell], starts: Sequence[Ints], combine: np.ufunc = np.maximum
+    cells: NDArray[Cell], blocks: int | Sequence[Ints], combine: np.ufunc = np.maximum
 ) -> NDArray[Cell]:
     """Return the maximum of each block of cells.
 
-    ``starts`` are the first cells of the blocks along each axis, ascending from 0. ``combine`` may
-    be another ufunc, such as ``np.minimum``.
+    ``blocks`` is the side of all blocks, in cells, or has the first cells of the blocks along each
+    axis, ascending from 0. ``combine`` may be another ufunc, such as ``np.minimum``.
     """
+    if isinstance(blocks, int):
+        starts: Sequence[Ints] = [np.arange(0, n, blocks) for n in cells.shape]
+    else:
+        starts = blocks
     # Combine the k-th cells of all blocks for each k. That is twenty times faster than
     # ``reduceat``, which goes block by block.
     for axis, first in enumerate(starts):
@@ -90,11 +94,6 @@ def reduce_blocks(
             combine(reduced, cells.take(member, axis), out=reduced)
         cells = reduced
     return cells
-
-
-def block_starts(shape: Sequence[int], side: int) -> list[Ints]:
-    """Return the first cells of blocks of ``side`` cells along each axis."""
-    return [np.arange(0, n, side) for n in shape]
 
 
 def intersect_boxes(box: Sequence[slice], other: Sequence[slice]) -> tuple[Box, Box]:

@@ -337,16 +337,6 @@ def names_options(function: Callable[Arguments, Result]) -> Callable[Arguments, 
     return call
 
 
-def check_mapping(values: Any, name: str, known: Collection[str]) -> dict[str, Any]:
-    """Return a mapping, or a Series, of known names as dictionary.
-
-    Raises InputError, with the most similar name, if a name is unknown.
-    """
-    if not (isinstance(values, Mapping) or hasattr(values, "to_dict")):
-        raise InputError(name, f"is {values!r}", "it must map names to numbers")
-    return {check_known(key, name, known, "names"): value for key, value in values.items()}
-
-
 def check_each(
     values: ArrayLike | Mapping[str, Any],
     name: str,
@@ -360,7 +350,9 @@ def check_each(
     """
     rule = f"it must be one number, or one for each of {', '.join(names)}"
     if isinstance(values, Mapping):
-        given = {**defaults, **check_mapping(values, name, names)}
+        given = dict(defaults)
+        for key, value in values.items():
+            given[check_known(key, name, names, "names")] = value
         missing = [each for each in names if each not in given]
         if missing:
             raise InputError(name, f"lacks {', '.join(missing)}", rule)

@@ -40,7 +40,6 @@ from cspace._record.states import count_states
 from cspace.errors import FileError
 from cspace.inside import (
     UNKNOWN,
-    Box,
     Contents,
     Exterior,
     Ints,
@@ -164,7 +163,7 @@ class TileFolder:
         """Return the corners of a tile with its halo, shape (2, d)."""
         return self.clip(grow_box(self.locate_interior(tile), self.halo))
 
-    def locate_interior_in_tile(self, tile: int) -> Box:
+    def locate_interior_in_tile(self, tile: int) -> tuple[slice, ...]:
         """Return the interior of a tile as slices of the tile's arrays."""
         return to_slices(self.locate_interior(tile) - self.locate_tile(tile)[0])
 
@@ -309,7 +308,7 @@ def grow_box(corners: Ints, cells: int) -> Ints:
     return np.stack([first - cells, stop + cells])
 
 
-def to_slices(corners: Ints) -> Box:
+def to_slices(corners: Ints) -> tuple[slice, ...]:
     """Convert corners, shape (2, d), to a slice for each axis."""
     return tuple(map(slice, *corners.tolist()))
 
@@ -352,7 +351,7 @@ def make_stamp(frame: Contents, *others: Any) -> str:
     """Return a digest of all values that determine a tiled map."""
     digest = hashlib.sha256(json.dumps([_describe(frame), *others], sort_keys=True).encode())
     for array in collect_arrays(frame).values():
-        digest.update(array.tobytes())
+        digest.update(array.values.tobytes())
     return digest.hexdigest()
 
 

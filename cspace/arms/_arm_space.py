@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace import BLOCKED, FREE, MIXED, Workspace
+from cspace.arms._checks import check_mapping
 from cspace.arms._inverse import (
     PoseGoal,
     check_pose_tolerance,
@@ -58,7 +59,6 @@ from cspace.inside import (
     bind_kernel,
     check_finite,
     check_known,
-    check_mapping,
     check_not_negative,
     check_rng,
     check_text,

@@ -17,7 +17,6 @@ import numpy as np
 from cspace.inside import (
     Floats,
     Ints,
-    RoundedSimplices,
     Row,
     build_boxes,
     internal,
@@ -139,9 +138,32 @@ def join_trees(trees: Sequence[AnyTree], empty: AnyTree) -> tuple[AnyTree, Ints]
     return type(empty)(*joined), np.array(roots, dtype=np.int64)
 
 
-def pack_triangles(border: RoundedSimplices) -> Floats:
-    """Return a boundary's triangles as rows of a tree, shape (n, 10)."""
-    return np.hstack([border.simplices.reshape(-1, 9), border.radii[:, None]])
+class Triangles(NamedTuple):
+    """Triangles of a boundary, each grown by a radius, metres.
+
+    Attributes
+    ----------
+    corners : ndarray of float64, shape (n, 3, 3)
+    radii : ndarray of float64, shape (n,)
+    """
+
+    corners: Floats
+    radii: Floats
+
+    def pack(self) -> Floats:
+        """Return the triangles as rows of a tree, shape (n, 10)."""
+        return np.hstack([self.corners.reshape(-1, 9), self.radii[:, None]])
+
+
+def distinct_rows(rows: Floats) -> tuple[Floats, Ints]:
+    """Return the sorted distinct rows, shape (m, k), and the number of each row, (n,)."""
+    order = np.lexsort(rows.T[::-1])  # the last key is the first column
+    rows = rows[order]
+    is_new = np.ones(len(rows), dtype=np.bool_)
+    is_new[1:] = (rows[1:] != rows[:-1]).any(axis=1)
+    numbers = np.empty(len(rows), dtype=np.int64)
+    numbers[order] = np.cumsum(is_new) - 1
+    return rows[is_new], numbers
 
 
 def pack_boxes(lows: Floats, highs: Floats, pose: Floats) -> Floats:

@@ -41,10 +41,11 @@ from cspace.arms._crossings import (
     HALF_SIDES,
     RADIUS,
     PartTree,
+    distinct_rows,
     half_axes,
     joint_displacement,
 )
-from cspace.inside import Bools, Floats, Ints, Row, build_boxes, internal, unique_rows, vectors
+from cspace.inside import Bools, Floats, Ints, Row, build_boxes, internal, vectors
 
 MAX_TRIANGLES_PER_TILE: Final = 16
 """Largest number of neighbouring triangles tested as one hull."""
@@ -201,7 +202,7 @@ def build_hulls(tree: PartTree, volume: float) -> Hulls:
     if nodes[:, IS_WHOLE].all():
         return Hulls(boxes, nodes, np.ascontiguousarray(corners.T))
     # Some inner nodes get hulls too, whose corners are appended.
-    points, point_of_corner = unique_rows(corners)
+    points, point_of_corner = distinct_rows(corners)
     is_rounded = bool(row_radii.any())
     ranks = np.searchsorted(_MAX_TRIANGLES_OF_RANKS, counts)
     corners_of_hulls = [corners]

@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike
 from cspace import BLOCKED, FREE, MIXED, CSpace, Grid, Robot, Rotations, Workspace
 from cspace.arms._arm_space import ArmSpace
 from cspace.arms._boxes import CellProofs, InnerBalls
+from cspace.arms._checks import check_mapping
 from cspace.arms._crossings import MAX_PENDING_PAIRS, SurfaceTree
 from cspace.arms._model import Arm
 from cspace.arms._motion_proofs import (
@@ -41,7 +42,6 @@ from cspace.inside import (
     States,
     check_finite,
     check_known,
-    check_mapping,
     check_memory,
     check_positive,
     count_cores,

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple
 import numpy as np
 
 from cspace import Mesh, Robot
+from cspace.arms._checks import check_distinct
 from cspace.arms._moveit_messages import (
     FIELDS,
     SCENE,
@@ -35,16 +36,14 @@ from cspace.arms._urdf import (
 )
 from cspace.errors import GeometryError, InputError
 from cspace.inside import (
-    CURVED_BOUNDS,
     Balls,
-    BoundedShape,
     ContentError,
     Floats,
+    Ints,
     Ledger,
     Shape,
     StrPath,
     Surface,
-    check_distinct,
     check_finite,
     check_known,
     check_point,
@@ -83,7 +82,7 @@ def read_rigid_links(
         links = link if isinstance(link, str) else ", ".join(link)
         name = f"{name} {links}"
     shape = Mesh.of(outer)
-    return name, BoundedShape(shape, inner[0]) if inner else shape
+    return name, shape.with_inner(inner[0]) if inner else shape
 
 
 def _read_surfaces(
@@ -187,7 +186,7 @@ def link_shapes(
             warn_of_size(place, outer_surface[0])
         shape: Shape = outer
         if inner_surface is not outer_surface:
-            shape = BoundedShape(outer, Mesh.of(inner_surface))
+            shape = outer.with_inner(Mesh.of(inner_surface))
         yield shape, _read_origin(collision, place)
 
 
@@ -211,8 +210,10 @@ def _make_bounds(geometry: Any, meshes: Mapping[str, Path], place: str) -> tuple
         return surface, surface
     sizes = [check_positive(getattr(shape, name), f"{place}: {name}") for name in GEOMETRIES[kind]]
     if kind == "cylinder":
-        return CURVED_BOUNDS["cylinder"](*sizes)
-    return CURVED_BOUNDS["capsule"](sizes[0], 0.0)
+        solid = Robot.cylinder(*sizes).shape
+    else:
+        solid = Robot.capsule(sizes[0], 0.0).shape
+    return solid.outer.surface, solid.inner.surface
 
 
 def _scale_mesh(file: Path, scale: Any, place: str, gltf_up: Literal["y", "z"]) -> Surface:
@@ -423,17 +424,30 @@ def _read_inline_mesh(mesh: Any, place: str) -> Surface:
     return vertices, np.array(triangles, dtype=np.int64).reshape(-1, 3)
 
 
-def _make_curved(bounds: tuple[Surface, Surface]) -> Shape:
-    """Make a curved shape from outer and inner surfaces."""
-    outer, inner = bounds
-    return BoundedShape(Mesh.of(outer), Mesh.of(inner))
+def _make_cone(height: float, radius: float) -> Shape:
+    """Make an upright cone, metres; the origin is halfway up its axis."""
+    # The bounds of a cylinder, without its upper circle, bound the cone on its lower circle.
+    solid = Robot.cylinder(radius, height).shape
+    outer, inner = (_sharpen(*side.surface) for side in (solid.outer, solid.inner))
+    return outer.with_inner(inner)
+
+
+def _sharpen(vertices: Floats, faces: Ints) -> Mesh:
+    """Join the upper vertices of a prism in one on the z axis."""
+    upper = np.flatnonzero(vertices[:, 2] > 0.0)
+    apex = upper[np.argmin(np.abs(vertices[upper, :2]).sum(axis=1))]
+    joined = np.where(np.isin(faces, upper), apex, faces)
+    # Triangles with two upper vertices have no area left.
+    is_left = (np.isin(faces, upper)).sum(axis=1) < 2
+    numbers, new_faces = np.unique(joined[is_left], return_inverse=True)
+    return Mesh.of((vertices[numbers], new_faces.reshape(-1, 3)))
 
 
 _PRIMITIVE_MAKERS: Final[Mapping[str, Callable[..., Shape]]] = {
     "box": lambda *sides: Robot.box(sides).shape,
     "sphere": lambda radius: Balls.of([(0.0, 0.0, 0.0)], radius),
-    "cylinder": lambda height, radius: _make_curved(CURVED_BOUNDS["cylinder"](radius, height)),
-    "cone": lambda height, radius: _make_curved(CURVED_BOUNDS["cone"](radius, height)),
+    "cylinder": lambda height, radius: Robot.cylinder(radius, height).shape,
+    "cone": _make_cone,
 }
 """Function that makes each primitive from its dimensions, metres."""
 
@@ -449,8 +463,9 @@ def _move_shape(shape: Shape, pose: Floats) -> Shape:
     if spec["kind"] == "box" and np.array_equal(rotation, np.eye(3)):
         return Robot.box(spec["extents"], np.asarray(spec["center"]) + translation).shape
     outer = transform_surface(shape.outer.surface, pose)
-    if isinstance(shape, BoundedShape):
-        return _make_curved((outer, transform_surface(shape.inner.surface, pose)))
+    if shape.inner is not shape.outer:
+        inner = transform_surface(shape.inner.surface, pose)
+        return Mesh.of(outer).with_inner(Mesh.of(inner))
     if isinstance(shape, Mesh):
         return Mesh(*outer, shape.solid, shape.source)
     return Mesh(*outer)

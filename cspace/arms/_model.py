@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace.arms._chain import FIXED, MAX_BODIES, PRISMATIC, REVOLUTE, Chain, compute_poses
+from cspace.arms._checks import check_mapping
 from cspace.arms._inverse import DEFAULT_TOLERANCE, Branch, PoseGoal, branch_to, solve_pose
 from cspace.arms._motion_proofs import ArmScene, are_free
 from cspace.arms._moveit_messages import read_joint_state
@@ -30,7 +31,6 @@ from cspace.inside import (
     check_count,
     check_finite,
     check_known,
-    check_mapping,
     check_points,
     check_text,
     check_word,

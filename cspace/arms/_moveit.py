@@ -11,6 +11,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cspace.arms._checks import check_distinct
 from cspace.arms._inverse import PoseGoal
 from cspace.arms._model import LIMIT_SLACK, Arm, JointValues, Names, sort_pair
 from cspace.arms._moveit_messages import (
@@ -37,7 +38,7 @@ from cspace.arms._moveit_messages import (
 from cspace.arms._solids import PosedShape, check_rigid
 from cspace.arms._urdf import PackageDirs
 from cspace.errors import InputError
-from cspace.inside import ContentError, Floats, Ledger, Upright, check_distinct, check_known
+from cspace.inside import ContentError, Floats, Ledger, Upright, check_known
 
 _MAX_EULER_TOLERANCE: Final = 0.5 * math.pi
 """Largest angle, radians, up to which each Euler angle of a rotation is at most the rotation's

@@ -15,8 +15,9 @@ from typing import Any, Final, TypeAlias
 
 import numpy as np
 
+from cspace.arms._checks import check_distinct
 from cspace.errors import AngleWarning
-from cspace.inside import ContentError, Fields, Floats, Ledger, check_distinct, warn_user
+from cspace.inside import ContentError, Fields, Floats, Ledger, warn_user
 
 WORLD: Final = "world"
 """Frame of poses whose header names none, as in robowflex."""

@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace.arms._chain import REVOLUTE, compute_poses
+from cspace.arms._checks import check_mapping
 from cspace.arms._model import Arm
 from cspace.errors import InputError
-from cspace.inside import Floats, check_mapping
+from cspace.inside import Floats
 
 if TYPE_CHECKING:
     from cspace.spectral import BallsLike, Bump

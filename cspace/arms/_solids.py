@@ -18,19 +18,18 @@ from cspace import Mesh, Workspace
 from cspace.arms._crossings import (
     PartTree,
     SurfaceTree,
+    Triangles,
     build_tree,
+    distinct_rows,
     pack_boxes,
-    pack_triangles,
 )
 from cspace.arms._hulls import Hulls, build_hulls
 from cspace.errors import InputError, UnitWarning
 from cspace.inside import (
     Bools,
-    BoundedShape,
     ExactShape,
     Floats,
     Ints,
-    RoundedSimplices,
     Shape,
     ShapeLike,
     Voxels,
@@ -39,8 +38,6 @@ from cspace.inside import (
     check_finite,
     check_memory,
     frozen,
-    part_anchors,
-    unique_rows,
     warn_user,
 )
 
@@ -113,17 +110,17 @@ class PosedShape:
         return np.asarray(points @ self.pose[:3, :3].T + self.pose[:3, 3])
 
     @cached_property
-    def boundary(self) -> RoundedSimplices:
+    def boundary(self) -> Triangles:
         """Boundary as triangles."""
         simplices, radii = self._exact.boundary()
         # Points and segments repeat their last corner.
         corners = np.minimum(range(3), simplices.shape[1] - 1)
-        return RoundedSimplices(self.transform(simplices)[:, corners], radii)
+        return Triangles(self.transform(simplices)[:, corners], radii)
 
     @cached_property
     def tree(self) -> PartTree:
         """Tree of the triangles of the boundary."""
-        rows = pack_triangles(self.boundary)
+        rows = self.boundary.pack()
         no_levers = np.zeros(len(rows))  # they mark solid boxes and balls
         return build_tree(rows, no_levers)
 
@@ -150,7 +147,7 @@ class PosedShape:
         mesh = exact if isinstance(exact, Mesh) else Mesh(*exact.surface)
         # The posed mesh has the same bodies. Equal corners are moved as one, to stay equal to the
         # last bit.
-        vertices, numbers = unique_rows(mesh.vertices)
+        vertices, numbers = distinct_rows(mesh.vertices)
         is_closed = mesh.windings != 0
         corner_numbers = numbers[mesh.faces[is_closed]]
         return self.transform(vertices)[corner_numbers], mesh.windings[is_closed]
@@ -167,8 +164,16 @@ class PosedShape:
         """One point of each connected part (n, 3), if hollow."""
         if self.is_filled:
             return np.empty((0, 3))
-        points, _ = part_anchors(self.boundary)
-        return points
+        from scipy.sparse import coo_array
+        from scipy.sparse.csgraph import connected_components
+
+        points, numbers = distinct_rows(self.boundary.corners.reshape(-1, 3))
+        firsts, seconds, thirds = numbers.reshape(-1, 3).T
+        edges = np.concatenate([firsts, seconds]), np.concatenate([seconds, thirds])
+        graph = coo_array((np.ones(len(edges[0])), edges), shape=(len(points), len(points)))
+        _, labels = connected_components(graph, directed=False)
+        _, first_of_part = np.unique(labels, return_index=True)
+        return points[first_of_part]
 
     @cached_property
     def probes(self) -> Floats:
@@ -178,7 +183,7 @@ class PosedShape:
         """
         if self.is_filled:
             return np.empty((0, 3))
-        corners, _ = unique_rows(self.boundary.simplices.reshape(-1, 3))
+        corners, _ = distinct_rows(self.boundary.corners.reshape(-1, 3))
         stride = math.ceil(len(corners) / PROBES_PER_PART)
         some_corners = corners[::stride]
         # A surface that encloses nothing has no points inside.
@@ -227,7 +232,7 @@ class StaticShape(PosedShape):
             lows, highs, sizes = self._exact.boxes
             fits_inside = (sizes <= self.reach).astype(np.float64)
             return build_tree(pack_boxes(lows, highs, self.pose), fits_inside)
-        rows = pack_triangles(self.boundary)
+        rows = self.boundary.pack()
         return build_tree(rows, np.full(len(rows), float(self.is_filled)))
 
 
@@ -408,7 +413,7 @@ def _place_workspace(obstacle: Workspace, name: str, base: Floats) -> PosedShape
 
     if inner is outer:
         return PosedShape(make_voxels(outer), base)
-    return PosedShape(BoundedShape(make_voxels(outer), make_voxels(inner)), base)
+    return PosedShape(make_voxels(outer).with_inner(make_voxels(inner)), base)
 
 
 def _count_runs(cells: Bools) -> int:

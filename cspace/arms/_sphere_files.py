@@ -8,15 +8,14 @@ from collections.abc import Iterable, Mapping
 from typing import Any, Final, TypeAlias
 from xml.etree.ElementTree import Element, SubElement
 
+from cspace.arms._checks import parse_finite
 from cspace.inside import (
     Fields,
     Ledger,
     check_suffix,
     decoding,
-    parse_finite,
-    read_json,
+    read_document,
     read_xml,
-    read_yaml,
     warn_user,
 )
 
@@ -67,10 +66,8 @@ def read_spheres(path: str | os.PathLike[str]) -> dict[str, list[Sphere]]:
     content: Any
     if suffix == ".srdf":
         content = _list_srdf_links(read_xml(path, _KIND))
-    elif suffix == ".json":
-        content = read_json(path, _KIND, limit="max_description_bytes")
     else:
-        content = read_yaml(path, _KIND)
+        content = read_document(path, _KIND, "max_description_bytes")
     with decoding(path, _KIND):
         document = table = Ledger(content, "file", FIELDS[0])
         # A description of a robot for cuRobo has the spheres two levels down.

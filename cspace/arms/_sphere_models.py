@@ -14,14 +14,13 @@ from xml.etree import ElementTree
 import numpy as np
 
 from cspace import Mesh
+from cspace.arms._checks import check_mapping
 from cspace.arms._sphere_files import Sphere, join_numbers, replace_geometry
 from cspace.errors import GeometryError, InputError
 from cspace.inside import (
     Balls,
-    BoundedShape,
     Shape,
     check_known,
-    check_mapping,
     check_output,
     join_surfaces,
     names_options,
@@ -267,4 +266,4 @@ def _join_parts(arm: Arm, link: Solid) -> Shape:
     outer, inner = sides
     if all(part.shape.inner is part.shape.outer for part in link.parts):
         return outer
-    return BoundedShape(outer, inner)
+    return outer.with_inner(inner)

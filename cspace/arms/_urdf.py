@@ -21,6 +21,7 @@ from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 
+from cspace.arms._checks import check_distinct, parse_finite
 from cspace.arms._sphere_files import read_spheres, replace_geometry
 from cspace.errors import FileError, InputError
 from cspace.inside import (
@@ -29,10 +30,8 @@ from cspace.inside import (
     Floats,
     Ledger,
     StrPath,
-    check_distinct,
     decoding,
     import_optional,
-    parse_finite,
     read_xml,
     warn_user,
 )

@@ -25,7 +25,6 @@ from cspace.inside import (
     StrPath,
     check_suffix,
     collect_arrays,
-    describe_array,
     frozen,
     import_optional,
     make_metadata,
@@ -49,7 +48,7 @@ def _select_layers(contents: Contents, cells: Sequence[int]) -> dict[str, NDArra
     otherwise the index of the cell is appended.
     """
     # All indices have as many digits as the last one, so that names sort in the order of the cells.
-    arrays = collect_arrays(contents)
+    arrays = {name: array.values for name, array in collect_arrays(contents).items()}
     digits = len(str(cells[-1]))
     layers: dict[str, NDArray[Any]] = {}
     for name in ("cell_states", "overlap_counts"):
@@ -94,7 +93,7 @@ def write_npz(contents: Contents, path: StrPath, overwrite: bool = False) -> Non
     Raises FileError if the file exists and may not be replaced, or cannot be written.
     """
     arrays = collect_arrays(replace(contents, exterior=None))
-    members: dict[str, Any] = {name: np.asarray(array) for name, array in arrays.items()}
+    members: dict[str, Any] = {name: np.asarray(array.values) for name, array in arrays.items()}
     members["lower"] = np.array(contents.grid.lower)
     members["spacing"] = np.array(contents.grid.spacing)
     members["metadata"] = json.dumps(make_metadata(contents), sort_keys=True)
@@ -293,9 +292,8 @@ def to_xarray(contents: Contents) -> xarray.Dataset:
     coordinates: dict[str, Any] = {}
     order = _sort_rotations(contents)
     contents = replace(contents, exterior=None)  # a Dataset holds only cells of the grid
-    arrays = {"inner": contents.workspace.inner} | collect_arrays(contents)
-    for name, array in arrays.items():
-        axes, attributes = describe_array(name, contents.grid)
+    arrays = collect_arrays(contents, with_inner=True)
+    for name, (axes, array, attributes) in arrays.items():
         if "rotation" in axes:
             array = frozen(np.asarray(array)[order])
         if axes[0] == "slice":

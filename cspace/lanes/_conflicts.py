@@ -15,7 +15,6 @@ from shapely.geometry.base import BaseGeometry
 
 from cspace.errors import InputError
 from cspace.inside import (
-    ROUNDING,
     Floats,
     Ints,
     StrPath,
@@ -28,7 +27,7 @@ from cspace.inside import (
 )
 from cspace.lanes._audit import line_of
 from cspace.lanes._lane_motions import check_map
-from cspace.lanes._outlines import Sweeper, find_touches, make_outlines, make_sweeper
+from cspace.lanes._outlines import ROUNDING, Sweeper, find_touches, make_outlines, make_sweeper
 from cspace.lanes._reports import (
     JunitCase,
     format_table,

@@ -22,12 +22,10 @@ from cspace.inside import (
     Floats,
     Ledger,
     StrPath,
-    check_crs,
     check_point,
     check_suffix,
     decoding,
-    read_json,
-    read_yaml,
+    read_document,
     warn_user,
 )
 from cspace.lanes._curves import Leg, clamp_knots, cut_nurbs
@@ -183,9 +181,8 @@ def read_graph(
     path: StrPath, heading: HeadingRule | None, level: str | None, vehicle: str | None
 ) -> GraphContents:
     """Read a route graph; see :meth:`cspace.lanes.RouteGraph.open`."""
-    suffix = check_suffix(path, SUFFIXES, "the suffix selects the format")
-    is_yaml = suffix in (".yaml", ".yml")
-    loaded = read_yaml(path, "route graph") if is_yaml else read_json(path, "route graph")
+    check_suffix(path, SUFFIXES, "the suffix selects the format")
+    loaded = read_document(path, "route graph")
     with decoding(path, "route graph"):
         found = loaded if isinstance(loaded, Mapping) else {}
         key = next((key for key in _GRAPHS if key in found), "features")
@@ -261,8 +258,7 @@ def _read_rmf(
     document: Ledger, heading: HeadingRule | None, level: str | None, vehicle: str | None
 ) -> GraphContents:
     """Read one level of an Open-RMF navigation graph."""
-    if document.get("crs_name") is not None:
-        check_crs(document.get("crs_name"), "crs_name")
+    document.crs("crs_name")
     levels = document.child("levels")
     levels.skip()
     name = _choose(document, list(levels.fields), level, "level")
@@ -584,8 +580,7 @@ _GRAPHS: Final = {
 def read_networkx(graph: Any) -> dict[str, Any]:
     """Return the arguments of :meth:`cspace.lanes.RouteGraph.from_arrays` for a graph."""
     document = Ledger(graph.graph, "the graph", FIELDS[3], "graph")
-    if document.get("crs") is not None:
-        check_crs(document.get("crs"), "graph")
+    document.crs("crs")
     indices = {node: k for k, node in enumerate(graph.nodes)}
     positions = []
     yaws = []

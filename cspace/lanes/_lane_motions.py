@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple, cast
 import numpy as np
 
 from cspace.errors import InputError
-from cspace.inside import ANGLE_SLACK, Bools, Floats, Ints, lever_of
+from cspace.inside import ANGLE_SLACK, Bools, Floats, Ints
 from cspace.lanes._curves import Leg
 from cspace.lanes._headings import HeadingRule, Lane
 from cspace.lanes._route_graph import RouteGraph
@@ -140,7 +140,7 @@ def split_yaws(space: ConfigurationMap) -> Floats:
 def list_motions(space: ConfigurationMap, graph: RouteGraph) -> LaneMotions:
     """List the motions of all lanes."""
     has_yaw = bool(space.rotations.names)
-    lever = lever_of(space.robot.shape) if has_yaw else 0.0
+    lever = space.robot.shape.lever if has_yaw else 0.0
     parts = split_yaws(space)
     half_widths = 0.5 * np.ptp(parts, axis=1) + ANGLE_SLACK
     pairs = zip(parts.mean(axis=1).tolist(), half_widths.tolist(), strict=True)
@@ -185,7 +185,7 @@ def find_shares_near_map(
     Two equal shares cut a motion that does not come near into parts beside the map. ``starts`` and
     ``steps`` have shape (n, 2) or (n, 3); the yaw does not count.
     """
-    reach = lever_of(space.robot.shape) + space.margin + 2.0 * space.grid.spacing
+    reach = space.robot.shape.lever + space.margin + 2.0 * space.grid.spacing
     borders = np.array([space.grid.lower, space.grid.upper]) + np.array([[-reach], [reach]])
     with np.errstate(divide="ignore", invalid="ignore"):
         shares = (borders[:, np.newaxis] - starts[:, :2]) / steps[:, :2]

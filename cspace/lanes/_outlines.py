@@ -18,16 +18,12 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from cspace.inside import (
-    COORDINATE_ROUNDING,
-    ROUNDING,
     Balls,
     Bools,
     Cores,
     ExactShape,
     Floats,
     Ints,
-    lever_of,
-    measure_distances,
     number_parts,
 )
 from cspace.lanes._collisions import place_points
@@ -36,6 +32,9 @@ from cspace.lanes._route_graph import RouteGraph
 
 if TYPE_CHECKING:
     from cspace.inside import ConfigurationMap
+
+ROUNDING: Final = 1e-9
+"""Distance, metres, that covers the rounding of placed robots and of outlines near the origin."""
 
 MAX_TURN: Final = math.radians(5.0)
 """Largest turn of a piece, radians."""
@@ -109,7 +108,7 @@ class Body:
         shape = space.robot.shape
         self.hulls = list(_list_hulls(shape.outer))
         self.cores = Cores(shape.inner)
-        self.lever = lever_of(space.robot.shape)
+        self.lever = space.robot.shape.lever
         self.margin = space.margin
         self.hole = min(
             shapely.distance(shapely.Point(0.0, 0.0), shapely.MultiPoint(corners).convex_hull)
@@ -178,7 +177,7 @@ def _list_hulls(shape: ExactShape) -> Iterator[tuple[Floats, float]]:
 def list_pieces(space: ConfigurationMap, graph: RouteGraph) -> SweepPieces:
     """List all lanes' pieces, then the nodes' with their turns."""
     motions = list_motions(space, graph)
-    lever = lever_of(space.robot.shape) if space.rotations.names else 0.0
+    lever = space.robot.shape.lever if space.rotations.names else 0.0
     lanes = SweepPieces(
         _with_yaw(motions.starts),
         _with_yaw(motions.ends),
@@ -285,7 +284,7 @@ def make_outlines(body: Body, pieces: SweepPieces, count: int) -> Any:
         _place_discs(body, pieces.take(is_any)),
         *(_place_pieces(body, rest, *hull) for hull in body.hulls),
     ):
-        slack = ROUNDING + COORDINATE_ROUNDING * np.abs(points).max(axis=(1, 2))
+        slack = Cores.bound_rounding(np.abs(points).max(axis=(1, 2)))
         for lists, hulls in (
             (sweeps, _make_hulls(points, growths + 2.0 * slack, sides)),
             (cores, _make_hulls(points, growths + slack, sides)),
@@ -422,13 +421,13 @@ def find_touches(
             queries = elements[pending], points[pending], reach
             sides.append(_find_poses(sweeper, *queries, (move + 1) * (move + 2)))
         (poses, gaps), (others, other_gaps) = sides
-        rounding = ROUNDING + COORDINATE_ROUNDING * np.abs(points[pending]).max(axis=1, initial=0.0)
+        rounding = Cores.bound_rounding(np.abs(points[pending]).max(axis=1, initial=0.0))
         needed = np.maximum(gaps + rounding, 0.0) + np.maximum(other_gaps + rounding, 0.0)
         result.first[pending], result.second[pending] = poses, others
         result.found[pending] = needed <= reach
         left = np.flatnonzero(needed > reach)
-        distances, lines = measure_distances(
-            one.body.cores, poses[left], other.body.cores, others[left]
+        distances, lines = one.body.cores.measure_distances(
+            poses[left], other.body.cores, others[left]
         )
         is_close = distances + rounding[left] <= reach[left]
         result.found[pending[left[is_close]]] = True
@@ -461,7 +460,7 @@ def _approach(
     """Move poses within deviations until robots touch, and check it."""
     rows = np.flatnonzero(touches.found)
     first, second = touches.first[rows], touches.second[rows]
-    distances, lines = measure_distances(one.body.cores, first, other.body.cores, second)
+    distances, lines = one.body.cores.measure_distances(first, other.body.cores, second)
     steps = lines[:, 1] - lines[:, 0]
     lengths = np.hypot(*steps.T)
     ahead = steps / np.where(lengths > 0.0, lengths, 1.0)[:, np.newaxis]
@@ -469,7 +468,7 @@ def _approach(
     shares = np.minimum(missing, deviations[rows])
     first[:, :2] += shares[:, np.newaxis] * ahead
     second[:, :2] -= (missing - shares)[:, np.newaxis] * ahead
-    distances, lines = measure_distances(one.body.cores, first, other.body.cores, second)
+    distances, lines = one.body.cores.measure_distances(first, other.body.cores, second)
     touches.first[rows], touches.second[rows] = first, second
     touches.points[rows] = lines.mean(axis=1)
     touches.found[rows] = distances <= limits[rows]

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace import FREE, Grid
-from cspace.inside import Box, Floats, block_starts, reduce_blocks
+from cspace.inside import Floats, reduce_blocks
 from cspace.plot._route import DrawnRobot, PictureContent
 
 if TYPE_CHECKING:
@@ -125,7 +125,7 @@ def classify_ground(workspace: Workspace, layer: tuple[Any, ...] = ()) -> Classe
 
 
 def draw_cells(
-    ax: Axes, grid: Grid, classes: Classes, window: Box, pair: Sequence[int] = (0, 1)
+    ax: Axes, grid: Grid, classes: Classes, window: tuple[slice, ...], pair: Sequence[int] = (0, 1)
 ) -> AxesImage:
     """Draw a window's cells by class, on two axes."""
     from matplotlib.colors import ListedColormap
@@ -154,7 +154,7 @@ def merge_cells(ax: Axes, classes: Classes) -> tuple[Classes, int]:
     """
     pixels = 0.8 * np.array(ax.bbox.size)  # labels and titles may shrink the axes
     side = max(1, math.ceil(float(np.max(classes.shape / pixels))))
-    return reduce_blocks(classes, block_starts(classes.shape, side)).T, side
+    return reduce_blocks(classes, side).T, side
 
 
 def make_cell_legend(scene: PictureContent, classes: Sequence[Classes]) -> list[Any]:

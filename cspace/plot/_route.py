@@ -18,7 +18,6 @@ from cspace.errors import InputError
 from cspace.inside import (
     ANGLE_SLACK,
     Balls,
-    Box,
     Contents,
     Floats,
     Surface,
@@ -213,7 +212,7 @@ class PictureContent:
 
     space: CSpace
     rotation: Floats | None
-    window: Box
+    window: tuple[slice, ...]
     box: Floats
     center: Floats
     body: DrawnRobot

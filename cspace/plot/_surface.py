@@ -11,12 +11,10 @@ import numpy as np
 from cspace.errors import InputError
 from cspace.inside import (
     Bools,
-    Box,
     Bytes,
     Floats,
     Ints,
     Surface,
-    block_starts,
     check_finite,
     reduce_blocks,
 )
@@ -214,7 +212,7 @@ def find_border_faces(solids: Bytes, towards: Floats, is_cut: bool) -> tuple[Int
     solids = solids[inside]
     side = math.ceil(max(solids.shape) / 200)  # smaller blocks would be invisible in a picture
     while True:
-        blocks = reduce_blocks(solids, block_starts(solids.shape, side))
+        blocks = reduce_blocks(solids, side)
         corners = []
         classes = []
         for axis in np.flatnonzero(towards).tolist():
@@ -231,7 +229,7 @@ def find_border_faces(solids: Bytes, towards: Floats, is_cut: bool) -> tuple[Int
     return cell_corners + [cells.start for cells in inside], np.concatenate(classes)
 
 
-def _find_inside(solid: Bools, towards: Floats, is_cut: bool) -> Box:
+def _find_inside(solid: Bools, towards: Floats, is_cut: bool) -> tuple[slice, ...]:
     """Return the map behind the walls that face the camera.
 
     A wall consists of layers whose cells are at least 80 % solid, fewer than half of all layers.

@@ -34,7 +34,7 @@ from cspace.inside import (
     limit_effort,
     names_options,
     now,
-    read_json,
+    read_document,
     replacing,
 )
 from cspace.regions._convex_region import YAW, ConvexRegion, plot_regions
@@ -148,7 +148,7 @@ class FreeRegions:
             If the file is missing or too large, or holds no regions.
         """
         check_suffix(path, (SUFFIX,), "regions are saved as JSON")
-        record = read_json(path, KIND)
+        record = read_document(path, KIND)
         with decoding(path, KIND, "FreeRegions.save writes such files"):
             document = Ledger(record, "the file", FIELDS[0])
             if document.need("format") != FORMAT:

@@ -19,7 +19,6 @@ from cspace.inside import (
     Ints,
     Surface,
     Voxels,
-    block_starts,
     reduce_blocks,
 )
 from cspace.plot._artists import (
@@ -151,8 +150,7 @@ class Cells:
             classes = classify_ground(space.workspace)
         else:
             classes = classify_cells(space, space.rotations.centers[cell])
-        starts = block_starts(classes.shape, self.side)
-        return np.atleast_3d(reduce_blocks(classes, starts))
+        return np.atleast_3d(reduce_blocks(classes, self.side))
 
     def make_solid(self, cell: int | None, kind: SolidKind, cut: float) -> Surface:
         """Return the surface of a kind's blocks below the height ``cut``, metres."""
