@@ -15,7 +15,6 @@ from cspace._interface import (
     ConfigurationSpace,
     Endpoint,
     LookUp,
-    format_configuration,
     tubes_are_free,
 )
 from cspace._queries.batches import Configuration, evaluate, evaluate_edges
@@ -481,7 +480,7 @@ class ConfigurationMap(ConfigurationSpace):
         hint, nearest = self._suggest_endpoint(point)
         if is_exact:
             hint = f"pass exact=True, which proves it free; {hint}"
-        problem = f"{format_configuration(point)} {problem}"
+        problem = f"{point} {problem}"
         return ConfigurationError(name, problem, rule, hint, nearest=nearest, reason=reason)
 
     def _suggest_endpoint(self, point: Endpoint) -> tuple[str, Endpoint | None]:
@@ -491,7 +490,7 @@ class ConfigurationMap(ConfigurationSpace):
         except ConfigurationError:
             where = "at all" if self.in_memory else "near there"
             return f"the map has no FREE configuration {where}", None
-        return f"the nearest is {format_configuration(nearest)}", nearest
+        return f"the nearest is {nearest}", nearest
 
     # ---- pictures --------------------------------------------------------------------------------
 

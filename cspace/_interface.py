@@ -6,7 +6,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeAlias, cast, overload
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeAlias, TypeVar, cast, overload
 
 import numpy as np
 import shapely
@@ -47,6 +47,8 @@ if TYPE_CHECKING:
 
 Endpoint = tuple[float, ...]
 """A start or goal in canonical form."""
+
+Alternative = TypeVar("Alternative")
 
 LookUp: TypeAlias = Callable[..., Any]
 """Compiled query of configurations given by their numbers; below 0 if it has no answer."""
@@ -120,39 +122,35 @@ def _is_place(item: object) -> bool:
     return isinstance(item, kinds) or getattr(item, "ndim", 0) > 0
 
 
-def join_goal_errors(
-    name: str, errors: Sequence[ConfigurationError], count: int
-) -> ConfigurationError:
-    """Return the error for a goal whose alternatives are all unproven."""
-    if count == 1:
-        return errors[0]
-    return ConfigurationError(
+def gather_goals(
+    name: str,
+    alternatives: Sequence[Alternative],
+    find_goals: Callable[[Alternative, str], Sequence[Endpoint]],
+) -> list[Endpoint]:
+    """Return the configurations of all alternatives of a goal that are proven free.
+
+    ``find_goals`` returns those of an alternative, by its name in messages, or raises
+    ConfigurationError if it has none. If all raise, so does this.
+    """
+    goals: list[Endpoint] = []
+    errors: list[ConfigurationError] = []
+    for number, alternative in enumerate(alternatives):
+        label = f"{name}[{number}]" if len(alternatives) > 1 else name
+        try:
+            goals += find_goals(alternative, label)
+        except ConfigurationError as error:
+            errors.append(error)
+    if goals:
+        return goals
+    if len(errors) == 1:
+        raise errors[0]
+    raise ConfigurationError(
         name,
-        f"has {count} alternatives, none of them proven free",
+        f"has {len(errors)} alternatives, none of them proven free",
         "a path must end in FREE",
         str(errors[0]),
         nearest=errors[0].nearest,
     )
-
-
-def has_pose_names(axes: Sequence[str]) -> bool:
-    """Return True if all axes belong to a rigid body's pose."""
-    return set(axes) <= {"x", "y", "z", *Rotations._all_names()}
-
-
-def format_configuration(q: Sequence[float]) -> str:
-    """Format a configuration as a tuple, with all digits."""
-    return f"({', '.join(map(repr, q))})"
-
-
-def rotations_of(axes: Sequence[str]) -> Rotations:
-    """Return rotations of the kind that the axes of a pose imply.
-
-    They have a single yaw cell, or the fewest cells of quaternions.
-    """
-    if "qw" in axes:
-        return Rotations.quaternions(1)
-    return Rotations.of(1 if "yaw" in axes else None)
 
 
 class Space(ABC):
@@ -242,7 +240,8 @@ class Space(ABC):
     @cached_property
     def has_poses(self) -> bool:
         """Whether configurations are poses of a rigid body."""
-        return has_pose_names(self.axes) and not any(self.is_periodic)
+        are_names = set(self.axes) <= {"x", "y", "z", *Rotations._all_names()}
+        return are_names and not any(self.is_periodic)
 
     @property
     def frame_id(self) -> str:
@@ -252,7 +251,10 @@ class Space(ABC):
     @cached_property
     def rotations(self) -> Rotations:
         """Rotations at the end of a configuration."""
-        return rotations_of(self.axes if self.has_poses else ())
+        names = self.axes if self.has_poses else ()
+        if "qw" in names:
+            return Rotations.quaternions(1)
+        return Rotations.of(1 if "yaw" in names else None)
 
     @cached_property
     def dim(self) -> int:
@@ -572,7 +574,7 @@ class Space(ABC):
             rule = "a path starts and ends in free configurations"
         else:
             return point
-        problem = f"{format_configuration(point)} {problem}"
+        problem = f"{point} {problem}"
         raise ConfigurationError(name, problem, rule)
 
     def find_goals(
@@ -592,16 +594,11 @@ class Space(ABC):
         """
         alternatives = list_alternatives(goal, name, self.axes)
         start = tuple(check_finite(start, "start", self.axes).tolist())
-        goals: list[Endpoint] = []
-        errors: list[ConfigurationError] = []
-        for number, alternative in enumerate(alternatives):
-            label = f"{name}[{number}]" if len(alternatives) > 1 else name
-            try:
-                goals += self._solve_goal(alternative, label, start, seed, exact)
-            except ConfigurationError as error:
-                errors.append(error)
-        if not goals:
-            raise join_goal_errors(name, errors, len(alternatives))
+        goals = gather_goals(
+            name,
+            alternatives,
+            lambda alternative, label: self._solve_goal(alternative, label, start, seed, exact),
+        )
         return self.sort_goals(goals, start)
 
     def sort_goals(self, goals: Sequence[Endpoint], start: Endpoint) -> list[Endpoint]:

@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike
 from shapely.geometry import MultiPolygon, Polygon
 
 from cspace import FREE, MIXED, Goal, Space
-from cspace._interface import format_configuration, join_goal_errors
+from cspace._interface import gather_goals
 from cspace.errors import ConfigurationError, InputError
 from cspace.inside import (
     ANGLE_SLACK,
@@ -340,11 +340,11 @@ class Room:
         where = "in the region"
         if self.region is None:
             where = f"within {self.radius:g} m of " if self.radius else "at "
-            where += format_configuration(position.tolist())
+            where += str(tuple(position.tolist()))
         if self.angle >= math.pi:
             where += ", at any rotation"
         elif len(rotation):
-            where += f", within {self.angle:g} rad of {format_configuration(rotation.tolist())}"
+            where += f", within {self.angle:g} rad of {tuple(rotation.tolist())}"
         hint, nearest = space._suggest_endpoint(self._find_nearest_to_free(space))
         return ConfigurationError(
             self.name,
@@ -527,15 +527,7 @@ def find_room_goals(
 
     Raises ConfigurationError if none is proven free in any room.
     """
-    goals: list[Endpoint] = []
-    errors: list[ConfigurationError] = []
-    for room in rooms:
-        try:
-            goals += room.find_goals(edges, start)
-        except ConfigurationError as error:
-            errors.append(error)
-    if not goals:
-        raise join_goal_errors(name, errors, len(rooms))
+    goals = gather_goals(name, rooms, lambda room, _: room.find_goals(edges, start))
     space = edges.space
     rows = turn_near(np.array(goals), np.array(start), space.is_periodic)
     costs = METRES_PER_RADIAN * _measure_turns(space, start, rows)

@@ -12,8 +12,7 @@ import numpy as np
 
 from cspace import CSpace
 from cspace._queries.distance import Distances
-from cspace._support.deadlines import is_stopped
-from cspace.inside import Effort, Floats, check_memory, now
+from cspace.inside import NEVER, Effort, Floats, check_memory, is_over, now
 from planners._paths import (
     MAX_SHORTENING,
     Check,
@@ -140,7 +139,7 @@ def _find_path_along_chain(
         return no_path
     path = waypoints(space, endpoints, cells)
     end = until + MAX_SHORTENING
-    if is_stopped():  # before thousands of edges are proven
+    if is_over(NEVER):  # before thousands of edges are proven
         return no_path
     path = keep_rotation(path, cells[:, 0], space.dim, check)
     # Only the edges from start and to goal may fail, if they touch cells that are not FREE.

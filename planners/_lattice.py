@@ -35,9 +35,9 @@ from cspace._queries.frontier import (
 )
 from cspace._queries.points import position_in_plane
 from cspace._record.cells import Map
-from cspace._support.deadlines import is_stopped
 from cspace.inside import (
     METRES_PER_RADIAN,
+    NEVER,
     TWO_PI,
     Bools,
     Effort,
@@ -617,7 +617,7 @@ def _shorten_once(edges: LocalPlanner, path: Floats, until: Effort) -> Floats:
     # A part of a curve need not be a shortest curve.
     if edges.turning_radius is None and not is_over(until):
         paths.append(pulled_straight(paths[-1], edges.space.rotations, is_free, measure, until))
-    if is_stopped():
+    if is_over(NEVER):
         return path
     # Cutting a corner may add turns, and rounding may make a part of an edge fail.
     paths += [edges.remove_turns(candidate) for candidate in paths]

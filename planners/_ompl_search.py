@@ -23,8 +23,7 @@ from ompl import base as ob
 from ompl import geometric as og
 from ompl import util as ou
 
-from cspace._support.deadlines import NANOSECONDS, NO_EFFORT, is_stopped, make_effort, seconds_after
-from cspace.inside import NEVER, Effort, Floats, Upright, now, spend
+from cspace.inside import NEVER, Effort, Floats, Upright, is_over, now, spend
 from planners._catalogue import (
     BIDIRECTIONAL_PLANNERS,
     LENGTH,
@@ -59,6 +58,9 @@ QUICK_ITERATIONS: Final = 500
 PERTURBATION_SHARE: Final = 0.05
 """Distance by which waypoints are moved to make a path cheaper, as a fraction of the state space's
 extent."""
+
+NO_EFFORT: Final = Effort(0.0, 0.0)
+"""Planning of a search that did no work."""
 
 NANOSECONDS_PER_STEP: Final = 10_000
 NANOSECONDS_PER_DRIVEN_STEP: Final = 30_000
@@ -103,10 +105,10 @@ class Deadline:
     def check(self) -> bool:
         """Return True before the deadline; raise OutOfTime if it is long past."""
         spend(self.step)
-        seconds_late = seconds_after(self.end)
-        if seconds_late < 0.0 and is_stopped():
+        seconds_late = self.end.seconds_late()
+        if seconds_late < 0.0 and is_over(NEVER):
             seconds_late = GRACE_SECONDS - STOP_GRACE_SECONDS
-            self.end = now() - make_effort(seconds_late, seconds_late)
+            self.end = now() - Effort.from_seconds(seconds_late, seconds_late)
             if self.terminate is not None:
                 self.terminate()
         if seconds_late > GRACE_SECONDS and self._raises:
@@ -358,17 +360,17 @@ class _Run:
         began = now()
         end = began + limit
         # Seconds after which a search labels the cells of a map, to see if a path may exist.
-        asks_at = began + make_effort(0.05, 0.05)
+        asks_at = began + Effort.from_seconds(0.05, 0.05)
         checks = itertools.count(1)
         max_checks = math.inf if iterations is None else iterations
 
-        def is_over() -> bool:
+        def has_to_end() -> bool:
             """Return True if the search has to end; ask once whether a path may exist."""
             nonlocal end, asks_at
             spend(self._deadline.step)
-            if next(checks) > max_checks or seconds_after(end) > 0.0 or is_stopped():
+            if next(checks) > max_checks or end.seconds_late() > 0.0 or is_over(NEVER):
                 return True
-            if seconds_after(asks_at) < 0.0 or setup.haveExactSolutionPath():
+            if asks_at.seconds_late() < 0.0 or setup.haveExactSolutionPath():
                 return False
             # The answer takes no time of the limit.
             asks_at = NEVER
@@ -383,12 +385,12 @@ class _Run:
 
         if self._is_threaded:
             # OMPL's own clock counts compilation, but its threads cannot call ours, nor count work.
-            seconds = min(limit.seconds, limit.work / NANOSECONDS)
+            seconds = min(limit.seconds, limit.work_seconds)
             self._deadline.end = Effort(math.inf, began.seconds + seconds)
             condition = ob.timedPlannerTerminationCondition(max(seconds, 0.0))
             self._deadline.terminate = condition.terminate
         else:
-            condition = ob.PlannerTerminationCondition(is_over)
+            condition = ob.PlannerTerminationCondition(has_to_end)
         status = "Timeout"
         signals = _guard_signals(self._deadline) if self._is_threaded else nullcontext()
         with suppress(OutOfTime), signals:

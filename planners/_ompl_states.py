@@ -11,7 +11,6 @@ import numpy as np
 from ompl import base as ob
 
 from cspace import Space
-from cspace._rotations.base import wrap_steps
 from cspace.errors import InputError
 from cspace.inside import METRES_PER_RADIAN, TWO_PI, ConfigurationSpace, Floats, wrap_angles
 from planners._own_space import check_own_space
@@ -67,11 +66,8 @@ class StateKind(NamedTuple):
         unwound = path.copy()
         if start is not None and len(path) and self.are_equal(path[0], np.array(start)):
             unwound[0] = start
-            path = unwound.copy()
-        steps = np.diff(path, axis=0)
-        # Whole turns add up along the path.
-        whole_turns = wrap_steps(steps, self.periodic_axes) - steps
-        unwound[1:] += np.cumsum(whole_turns, axis=0)
+        joints = np.flatnonzero(self.periodic_axes)
+        unwound[:, joints] = np.unwrap(unwound[:, joints], axis=0)
         return unwound
 
     def are_equal(self, first: Floats, second: Floats) -> bool:
@@ -79,7 +75,7 @@ class StateKind(NamedTuple):
 
         Continuous joints are compared modulo 2 pi.
         """
-        gaps = np.abs(wrap_steps(first - second, self.periodic_axes))
+        gaps = np.abs(wrap_angles(first - second, self.periodic_axes))
         rounding = WRAP_TOLERANCE * np.maximum(1.0, np.abs(first))
         return bool((gaps <= rounding * np.array(self.periodic_axes)).all())
 
@@ -264,7 +260,10 @@ def with_wrapped_angles(
         """Call the function with wrapped angles."""
         q0, q1 = np.reshape(ends, (2, -1))
         first = wrap_angles(q0, periodic_axes)
-        last = first + wrap_steps(q1 - q0, periodic_axes)
+        steps = zip((q1 - q0).tolist(), periodic_axes, strict=True)
+        # The same half turns as along edges, which are proven the shorter way.
+        shortest = [math.remainder(step, TWO_PI) if turns else step for step, turns in steps]
+        last = first + shortest
         return check(*first.tolist(), *last.tolist())
 
     return check_wrapped

@@ -8,9 +8,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace import Space
-from cspace._interface import format_configuration, has_pose_names
 from cspace.errors import InputError
 from cspace.inside import AXES, Floats, check_finite
+
+POSE_AXES: Final = frozenset({*AXES, "yaw", "qx", "qy", "qz", "qw"})
+"""Names of the coordinates of a rigid body's pose."""
 
 BOUNDS_SLACK: Final = 1e-9
 """Rounding by which a found path may leave the bounds, as a share of their width."""
@@ -50,7 +52,7 @@ def check_found_path(space: Space, path: ArrayLike) -> Floats:
     is_beyond = (positions < lower - slack) | (positions > upper + slack)
     is_outside = (is_bounded & is_beyond).any(axis=1)
     for row in rows[is_outside][:1].tolist():
-        problem = f"returned the row {format_configuration(row)}"
+        problem = f"returned the row {tuple(row)}"
         raise InputError("search", problem, f"a path stays within the bounds {space.bounds!r}")
     return rows
 
@@ -68,7 +70,7 @@ def _check_rotation(space: Space) -> None:
     if space.has_poses:
         return
     for axis, is_periodic in zip(space.axes, space.is_periodic, strict=True):
-        is_rotation = axis not in AXES and has_pose_names([axis])
+        is_rotation = axis in POSE_AXES and axis not in AXES
         if not is_rotation or (axis == "yaw" and is_periodic):
             continue
         problem = f"are {space.axes!r}"

@@ -10,7 +10,6 @@ from typing import Final
 import numpy as np
 
 from cspace import CSpace, Rotations
-from cspace._support.deadlines import make_effort
 from cspace.inside import (
     METRES_PER_RADIAN,
     NEVER,
@@ -32,7 +31,7 @@ SHARES_PER_EDGE: Final = 64
 STRIDES: Final = (1, 2, 4, 8, 16, 32, 64)
 """Numbers of edges that an edge may replace at a time, if edges have costs."""
 
-MAX_SHORTENING: Final = make_effort(0.1, 0.1)
+MAX_SHORTENING: Final = Effort.from_seconds(0.1, 0.1)
 """Effort after the limit by which a path found in time may still be shortened."""
 
 NANOSECONDS_PER_EDGE: Final = 10_000

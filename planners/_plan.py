@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import nullcontext, suppress
 from dataclasses import replace
@@ -14,13 +15,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace import Space
-from cspace._interface import format_configuration
-from cspace._queries.upright import check_keep
-from cspace._support.compiling import clock
-from cspace._support.deadlines import NANOSECONDS, NO_EFFORT, is_stopped, make_effort, stopping
+from cspace._support.deadlines import stopping
 from cspace.errors import ConfigurationError, InputError
 from cspace.inside import (
     METRES_PER_RADIAN,
+    NEVER,
     TWO_PI,
     ConfigurationSpace,
     Drive,
@@ -31,6 +30,7 @@ from cspace.inside import (
     SearchOptions,
     check_count,
     frozen,
+    is_over,
     limit_effort,
     names_options,
     now,
@@ -65,6 +65,7 @@ from planners._local_planner import (
 )
 from planners._objectives import check_has_cells, find_clear_path
 from planners._ompl_search import (
+    NO_EFFORT,
     NO_SEARCH,
     QUICK_ITERATIONS,
     PlanTask,
@@ -99,12 +100,12 @@ GOAL_SHARE: Final = 0.5
 """Share of the effort left for the search to one of several goals, except the last one."""
 
 FURTHER_FACTOR: Final = 2.0
-MIN_FURTHER: Final = make_effort(0.05, math.inf)
+MIN_FURTHER: Final = Effort.from_seconds(0.05, math.inf)
 """Work of a further search to a room for a drive, relative to that of the best one, and its least
 value: configurations of a room may be free, and yet out of the drive's reach."""
 
 TRIAL_SHARE: Final = 0.1
-MAX_TRIAL: Final = make_effort(0.5, math.inf)
+MAX_TRIAL: Final = Effort.from_seconds(0.5, math.inf)
 """Share of the plan's work, and the largest one, of a search around a blocked part of a previous
 plan, and of one that tries what a failed plan may advise."""
 
@@ -278,13 +279,13 @@ def plan(
     >>> planners.plan(space, (1.0, 1.0), (1.0, 5.0)).length
     4.0
     """
-    began = clock.read()
+    began = time.monotonic()
     if stop is not None and not callable(cast(object, stop)):
         rule = "it is called to ask whether the search ends"
         raise InputError("stop", f"is {stop!r}", rule)
     edges = local_planner(space, exact, drive, turning_radius)
     near = start if isinstance(start, Near) else Near(start)
-    kept = check_keep(keep)
+    kept = _check_keep(keep)
     if kept:
         check_support("`keep`", "keep", keep, space)
         edges = replace(edges, space=space._keep(kept))
@@ -324,6 +325,17 @@ def plan(
         return _make_plan(journey, space, endpoint, moved, began)
 
 
+def _check_keep(keep: Upright | Sequence[Upright] | None) -> tuple[Upright, ...]:
+    """Return a plan's constraints; raise InputError for anything else."""
+    if keep is None:
+        return ()
+    given = [keep] if isinstance(keep, Upright) else keep
+    if isinstance(given, Sequence) and all(isinstance(each, Upright) for each in given):
+        return tuple(given)
+    rule = "it must be an Upright, or a list of several"
+    raise InputError("keep", f"is {keep!r}", rule)
+
+
 def _needs_geometry(space: Space, start: Floats) -> bool:
     """Return whether only the geometry proves a start; a robot on its way cannot choose another."""
     try:
@@ -338,7 +350,7 @@ def _needs_geometry(space: Space, start: Floats) -> bool:
 def _decide_existence(task: PlanTask) -> bool | None:
     """Return whether a path exists; None if undecided, or if the caller ended the search."""
     space = task.edges.space
-    if is_stopped() and not space.is_labelled:
+    if is_over(NEVER) and not space.is_labelled:
         return None
     if not task.rooms:
         return space.path_exists(*task.endpoints[:2])
@@ -426,7 +438,7 @@ def _check_start(task: PlanTask, start: Floats, near: Near) -> tuple[Endpoint, s
         if distance > metres:
             raise
         moved = space.check_endpoint(error.nearest, "start", task.edges.exact)
-    return moved, f"start moved by {distance:.3g} m to {format_configuration(moved)}"
+    return moved, f"start moved by {distance:.3g} m to {moved}"
 
 
 class Stage(NamedTuple):
@@ -659,7 +671,7 @@ def _search_tiles(task: PlanTask, may_exist: Callable[[], bool]) -> SearchResult
         if len(parts) == 1:
             return _sum_times(results[-1], results)
         if not results[-1].proven:
-            where = f" from {format_configuration(start)} to {format_configuration(goal)}"
+            where = f" from {start} to {goal}"
             return replace(_sum_times(results[-1], results), where=where)
     began = now()
     path = np.concatenate(paths)
@@ -717,7 +729,7 @@ def _search_quickly(task: PlanTask) -> SearchResult:
 
 def _measure_left(task: PlanTask, results: Sequence[SearchResult]) -> Effort:
     """Return the effort left after some searches; none if the caller ended them."""
-    if results and is_stopped():
+    if results and is_over(NEVER):
         return NO_EFFORT
     return task.limit - _sum_planning(results)
 
@@ -747,7 +759,7 @@ def _run_planner(task: PlanTask, may_exist: Callable[[], bool]) -> SearchResult:
         _find_path(replace(task, endpoints=(start, start), simplify=False), may_exist)
     began = now()
     path, proof = _find_path(task, may_exist)
-    if len(path) > 2 and is_stopped():
+    if len(path) > 2 and is_over(NEVER):
         path = path[:0]  # to prove and measure thousands of edges takes long
     planning = now() - began
     note = NO_SEARCH if len(path) == 2 and is_by_length else ""
@@ -886,8 +898,8 @@ def _check_ends(task: PlanTask, path: Floats) -> None:
     rows = space.rotations._make_canonical(path)
     if find_state_kind(space).reached_goal(rows, task.endpoints):
         return
-    first, last = map(format_configuration, rows[[0, -1]].tolist())
-    start, *goals = map(format_configuration, task.endpoints)
+    first, last = map(tuple, rows[[0, -1]].tolist())
+    start, *goals = map(str, task.endpoints)
     problem = f"returned a path from {first} to {last}"
     rule = f"a path leads from {start} to {' or '.join(goals[:3])}, or has no row"
     raise InputError("search", problem, rule)
@@ -921,7 +933,7 @@ def _describe_outcome(task: PlanTask, result: SearchResult, exists: bool | None)
         return ": ".join(filter(None, ["path found", result.note])), ""
     if exists is False:
         return "no path exists: proven", ""
-    if is_stopped():
+    if is_over(NEVER):
         return f"no path found: stopped after {result.planning.seconds:.2g} s{result.where}", ""
     existence = "a path exists" if exists else "undecided whether one exists"
     limits: list[str] = []
@@ -945,7 +957,7 @@ def _describe_outcome(task: PlanTask, result: SearchResult, exists: bool | None)
 def _describe_limit(task: PlanTask) -> str:
     """Describe the limit of a search: a given one by the clock, the default one by its work."""
     if task.time_limit is None:
-        return f"{task.limit.work / NANOSECONDS:g} s of work"
+        return f"{task.limit.work_seconds:g} s of work"
     return f"{task.limit.seconds:g} s"
 
 
@@ -1085,7 +1097,7 @@ def _make_plan(journey: Journey, space: Space, start: Endpoint, moved: str, bega
     compilations, before all checks.
     """
     task, result, exists, name, vias, via_stops = journey
-    searched = clock.read()
+    searched = time.monotonic()
     status, hint = _describe_outcome(task, result, exists)
     if name != "goal":
         status = f"{name} is not reached: {status}"
@@ -1130,7 +1142,7 @@ def _make_plan(journey: Journey, space: Space, start: Endpoint, moved: str, bega
         exact=edges.exact,
         seed=task.seed,
         time_limit=task.time_limit,
-        times=Times(setup, planning, result.simplification, clock.read() - searched),
+        times=Times(setup, planning, result.simplification, time.monotonic() - searched),
         frame_id=edges.space.frame_id,
         keep=task.keep,
         space=space,

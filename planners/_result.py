@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cspace import CSpace, Space
-from cspace._interface import format_configuration, has_pose_names
 from cspace.errors import InputError
 from cspace.inside import (
     METRES_PER_RADIAN,
@@ -31,6 +30,7 @@ from cspace.inside import (
 from planners._catalogue import PlannerName
 from planners._drives import check_axes, local_planner
 from planners._local_planner import CURVES, HOLONOMIC, LocalPlanner
+from planners._own_space import POSE_AXES
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -390,7 +390,7 @@ class Plan:
         axes = ", ".join(self.axes)
         result = f"{self.planner}: {self.status}"
         ends = self.waypoints[[0, -1]] if self.solved else np.array([self.start, self.goal])
-        between = " to ".join(map(format_configuration, np.round(ends, PRINTED_DECIMALS).tolist()))
+        between = " to ".join(str(tuple(q)) for q in np.round(ends, PRINTED_DECIMALS).tolist())
         if not self.solved:
             hints = [f"try {self.hint}"] if self.hint else []
             return [result, f"from {between} ({axes})", *self._reasons, *hints]
@@ -740,7 +740,7 @@ class Plan:
     def _moves_joints(self) -> bool:
         """Whether configurations are joint positions instead of poses."""
         if self.space is None:
-            return not has_pose_names(self.axes)
+            return not POSE_AXES.issuperset(self.axes)
         return not self.space.has_poses
 
     def _check_solved(self, rule: str) -> None:

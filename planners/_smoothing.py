@@ -30,8 +30,7 @@ import numpy as np
 from scipy.linalg import solveh_banded
 
 from cspace import Rotations
-from cspace._rotations.base import wrap_steps
-from cspace.inside import Bools, Floats, Ints
+from cspace.inside import Bools, Floats, Ints, wrap_angles
 from planners._segments import Segments, join_segments
 from planners._timing import MotionBounds
 
@@ -146,7 +145,7 @@ def make_polyline(
         yaws = edges.starts[:, 2]
         ahead = np.cos(yaws) * rates[:, 0] + np.sin(yaws) * rates[:, 1]
         signs = np.where(ahead < 0.0, -1, 1)
-        turns = np.abs(wrap_steps(np.diff(yaws)))
+        turns = np.abs(wrap_angles(np.diff(yaws)))
         stops[1:-1] = (signs[1:] != signs[:-1]) | (turns > MAX_TURN)
     if "qw" in rotations.names:
         # Rotations in space do not add up like vectors.

@@ -14,9 +14,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace import Rotations, Space
-from cspace._files.joint_limits import read_joint_limits
-from cspace._interface import format_configuration, rotations_of
-from cspace._rotations.quaternion import multiply
 from cspace._support.check import check_each
 from cspace.errors import InputError
 from cspace.inside import (
@@ -41,6 +38,7 @@ from planners._car_curves import MAX_GAP
 from planners._cars import CarCurves
 from planners._drives import check_axes, local_planner
 from planners._jerk import find_jerk_stop, find_motion, keeps_jerk
+from planners._joint_limits import read_joint_limits
 from planners._local_planner import CURVES, HOLONOMIC, ON_THE_SPOT, Pieces
 from planners._ompl_states import check_space
 from planners._segments import (
@@ -838,11 +836,11 @@ def continue_trajectory(
     from_rest = onward is not None
     onward = onward or _start_at(path, stop.positions[0], rotations)
     if onward is None:
-        places = map(format_configuration, stop.positions[[0, -1]].tolist())
+        places = map(tuple, stop.positions[[0, -1]].tolist())
         raise InputError(
             "at",
             f"is a time at which the robot is at {next(places)}, and can rest at {next(places)}",
-            f"the plan starts at {format_configuration(path.waypoints[0].tolist())}",
+            f"the plan starts at {tuple(path.waypoints[0].tolist())}",
         )
     path = onward
     first, *others = _cut_at_stops(path, rotations)
@@ -1200,7 +1198,11 @@ def _check_option(
 
 def _rotations_along(path: DrivenPath) -> Rotations:
     """Return the rotations of the configurations of a path."""
-    return rotations_of(() if path.moves_joints else path.axes)
+    if path.moves_joints:
+        return Rotations.of(None)
+    if "qw" in path.axes:
+        return Rotations.quaternions(1)
+    return Rotations.of(1 if "yaw" in path.axes else None)
 
 
 def _split(path: DrivenPath, rotations: Rotations, bounds: MotionBounds) -> Segments:
@@ -1303,8 +1305,17 @@ def _evaluate(
         half_velocity = 0.5 * velocities[:, -3:]
         half_acceleration = 0.5 * accelerations[:, -3:]
         real_part = -(half_velocity**2).sum(axis=1)
-        first = multiply(q, np.column_stack([half_velocity, np.zeros(len(q))]))
-        second = multiply(q, np.column_stack([half_acceleration, real_part]))
+        first = _multiply(q, half_velocity, np.zeros(len(q)))
+        second = _multiply(q, half_acceleration, real_part)
         velocities = np.column_stack([velocities[:, :-3], first])
         accelerations = np.column_stack([accelerations[:, :-3], second])
     return positions, velocities, accelerations
+
+
+def _multiply(q: Floats, vectors: Floats, real_parts: Floats) -> Floats:
+    """Multiply quaternions (n, 4) by those of ``vectors`` (n, 3) and real parts (n,)."""
+    own_vectors = q[:, :3]
+    own_parts = q[:, 3]
+    products = real_parts[:, np.newaxis] * own_vectors + own_parts[:, np.newaxis] * vectors
+    products += np.cross(own_vectors, vectors)
+    return np.column_stack([products, own_parts * real_parts - (own_vectors * vectors).sum(axis=1)])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -66,17 +65,6 @@ class Upright:
                 rule = "an angle between two directions is from 0 to pi radians"
                 raise InputError(name, f"is {value!r}", rule, suggest_radians(value))
             object.__setattr__(self, name, value)
-
-
-def check_keep(keep: Upright | Sequence[Upright] | None) -> tuple[Upright, ...]:
-    """Return a plan's constraints; raise InputError for anything else."""
-    if keep is None:
-        return ()
-    given = [keep] if isinstance(keep, Upright) else keep
-    if isinstance(given, Sequence) and all(isinstance(each, Upright) for each in given):
-        return tuple(given)
-    rule = "it must be an Upright, or a list of several"
-    raise InputError("keep", f"is {keep!r}", rule)
 
 
 def _check_direction(value: ArrayLike, name: str) -> tuple[float, ...]:

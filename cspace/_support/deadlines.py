@@ -53,25 +53,34 @@ class Effort:
         """Subtract work and time."""
         return Effort(self.work - other.work, self.seconds - other.seconds)
 
+    @classmethod
+    def from_seconds(cls, work_seconds: float, seconds: float) -> Effort:
+        """Return an effort of work in seconds, which is rounded to nanoseconds."""
+        if math.isinf(work_seconds):
+            return cls(work_seconds, seconds)
+        return cls(float(round(NANOSECONDS * work_seconds)), seconds)
+
     def share(self, factor: float) -> Effort:
         """Return a share of both."""
-        return make_effort(factor * self.work / NANOSECONDS, factor * self.seconds)
+        return Effort.from_seconds(factor * self.work_seconds, factor * self.seconds)
 
     def at_most(self, other: Effort) -> Effort:
         """Return the smaller work and the smaller time."""
         return Effort(min(self.work, other.work), min(self.seconds, other.seconds))
 
     @property
+    def work_seconds(self) -> float:
+        """The work in seconds."""
+        return self.work / NANOSECONDS
+
+    @property
     def is_left(self) -> bool:
         """Whether both are positive."""
         return self.work > 0.0 and self.seconds > 0.0
 
-
-def make_effort(work_seconds: float, seconds: float) -> Effort:
-    """Return an effort of work in seconds, which is rounded to nanoseconds."""
-    if math.isinf(work_seconds):
-        return Effort(work_seconds, seconds)
-    return Effort(float(round(NANOSECONDS * work_seconds)), seconds)
+    def seconds_late(self) -> float:
+        """Return the seconds of work, or of the clock, since this reading; negative before."""
+        return max((_work.done - self.work) / NANOSECONDS, clock() - self.seconds)
 
 
 def limit_effort(time_limit: float | None, default: float = math.inf) -> Effort:
@@ -80,12 +89,11 @@ def limit_effort(time_limit: float | None, default: float = math.inf) -> Effort:
     Raises InputError if the time limit is not positive.
     """
     if time_limit is None:
-        return make_effort(default, PATIENCE * default)
+        return Effort.from_seconds(default, PATIENCE * default)
     seconds = check_positive(time_limit, "time_limit", "seconds")
-    return make_effort(WORK_PER_LIMIT * seconds, seconds)
+    return Effort.from_seconds(WORK_PER_LIMIT * seconds, seconds)
 
 
-NO_EFFORT: Final = Effort(0.0, 0.0)
 NEVER: Final = Effort(math.inf, math.inf)
 """The limit of a search without end."""
 
@@ -107,11 +115,6 @@ def spend(nanoseconds: float) -> None:
 def now() -> Effort:
     """Return a reading of this thread's work and of the clock."""
     return Effort(_work.done, clock())
-
-
-def seconds_after(end: Effort) -> float:
-    """Return the seconds of work, or of the clock, since the end of a search; negative before."""
-    return max((_work.done - end.work) / NANOSECONDS, clock() - end.seconds)
 
 
 class _Stop:
@@ -138,7 +141,7 @@ _stop: ContextVar[_Stop | None] = ContextVar("stop", default=None)
 
 @contextmanager
 def stopping(function: Callable[[], bool] | None) -> Iterator[None]:
-    """End this thread's searches once a function returns True."""
+    """End this thread's searches within the block once a function returns True."""
     token = _stop.set(None if function is None else _Stop(function))
     try:
         yield
@@ -146,12 +149,10 @@ def stopping(function: Callable[[], bool] | None) -> Iterator[None]:
         _stop.reset(token)
 
 
-def is_stopped() -> bool:
-    """Return True if the caller has ended the search."""
-    stop = _stop.get()
-    return stop is not None and stop()
-
-
 def is_over(until: Effort) -> bool:
-    """Return True at the end of a search, or after the caller's stop."""
-    return seconds_after(until) >= 0.0 or is_stopped()
+    """Return True at the end of a search, or after the caller's stop.
+
+    Without a limit, that of :data:`NEVER`, it is the caller's stop alone.
+    """
+    stop = _stop.get()
+    return until.seconds_late() >= 0.0 or (stop is not None and stop())

@@ -15,7 +15,6 @@ import shapely
 
 import cspace
 import planners
-from cspace._interface import rotations_of
 from planners._segments import (
     MAX_PIECES,
     Segments,
@@ -335,7 +334,7 @@ def draw_curves(rng, count, drives):
 def test_bounds_of_derivatives_contain_all_derivatives(drives):
     rng = np.random.default_rng(3)
     curves = draw_curves(rng, 3000, drives)
-    rotations = rotations_of(("x", "y", "yaw"))
+    rotations = cspace.Rotations.of(1)
     begins = rng.uniform(0.0, 1.0, 3000)
     widths = rng.choice([0.01, 0.1, 0.5], 3000)
     rates, bends = bound_derivatives(curves, begins, widths)

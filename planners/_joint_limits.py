@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Final
 
-from cspace._files.fields import Fields, Ledger
+from cspace.inside import Fields, Ledger
 
 FIELDS: Final = (
     Fields(
