@@ -8,7 +8,7 @@ import os
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 from numpy.typing import ArrayLike
 
@@ -18,7 +18,6 @@ from cspace._raster import Raster
 from cspace._rotations import NO_ROTATION, RotationCell
 from cspace._shapes import (
     Balls,
-    Mesh,
     Polygons,
     Shape,
     Voxels,
@@ -36,7 +35,7 @@ if TYPE_CHECKING:
     from cspace._files.meshes import Up
     from cspace._shapes import ShapeLike
     from cspace._shapes.balls import BallSet
-    from cspace._shapes.mesh import MeshLike, Solid
+    from cspace._shapes.mesh import Mesh, MeshLike, Solid
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -274,6 +273,8 @@ class Robot:
         FileError
             If the file cannot be read.
         """
+        from cspace._shapes.mesh import Mesh
+
         mesh = Mesh.of(shape, solid, up)
         mesh.check_origin(warn=True)
         return cls(name or f"mesh of {len(mesh.faces)} triangles", mesh)
@@ -635,8 +636,8 @@ def robot_of(source: Robot | ShapeLike) -> Robot:
     if isinstance(source, str) and primitives.is_shorthand(source):
         return Robot(*primitives.parse_shorthand(source, "robot"))
     shape = as_shape(source, name="robot")
-    if isinstance(shape, Mesh):
-        return Robot.from_mesh(shape)
+    if shape.kind == "mesh":
+        return Robot.from_mesh(cast("Mesh", shape))
     if isinstance(shape, Polygons):
         return Robot.polygon(shape.geometries)
     if isinstance(shape, Balls):

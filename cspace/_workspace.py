@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from cspace._files.access import UNKNOWNS
 from cspace._grid import FARTHEST_CELL, SLACK, Grid
-from cspace._shapes import Balls, Mesh, Polygons, Shape, ShapeLike, Voxels, as_shape
+from cspace._shapes import Balls, Polygons, Shape, ShapeLike, Voxels, as_shape
 from cspace._support.arrays import Bools, Floats, StrPath, frozen
 from cspace._support.check import (
     check_bounds,
@@ -216,16 +216,13 @@ class Workspace:
         InputError
             If an array is empty, not boolean or of the wrong shape, or a number is invalid.
         """
-        from cspace._files.rasters import place_raster
-        from cspace._obstacles import LazyCells, check_no_chunk_missing, is_lazy
-        from cspace._support.limits import check_cells as check_file_cells
-
         check_positive(spacing, "spacing", "metres, after the array of cells")
         # Open a file first. Then a lazy array stays as it is, and any other becomes an array.
         source = "array"
         array = occupied
         if isinstance(array, str | os.PathLike):
             from cspace._files.lazy_arrays import read_npy, read_zarr_array
+            from cspace._support.limits import check_cells as check_file_cells
 
             source = str(array)
             if Path(array).suffix.lower() == ".zarr":
@@ -235,25 +232,21 @@ class Workspace:
                 if not lazy:
                     check_file_cells(source, array.shape, memory=WORKSPACE_CELL_BYTES)
                     array = np.asarray(array)
-        array, own_lower = place_raster(array, spacing)
-        check_no_chunk_missing(array)
-        reads_later = inner is None and is_lazy(array)
-        cells = LazyCells(array) if reads_later else check_cells(array, "occupied")
+        cells, own_lower = _place_cells(array, spacing, "occupied", stays_lazy=inner is None)
         dim = len(cells.shape)
         if lower is None:
             lower = np.zeros(dim) if own_lower is None else own_lower
         corner = check_point(lower, "lower", dim)
-        if isinstance(cells, LazyCells):
+        if not isinstance(cells, np.ndarray):
             return LazyWorkspace(Grid(corner, spacing, cells.shape), cells, source)
         grid = Grid(corner, spacing, cells.shape)
         inside = cells
         if inner is not None:
-            inner, inner_lower = place_raster(inner, spacing, "inner")
+            inside, inner_lower = _place_cells(inner, spacing, "inner")
             place = corner if own_lower is None else own_lower
             if inner_lower is not None and np.abs(inner_lower - place).max() > 1e-3 * spacing:
                 problem = f"begins at {inner_lower.tolist()} but occupied at {place.tolist()}"
                 raise InputError("inner", problem, "both must cover the same cells")
-            inside = check_cells(inner, "inner")
         return cls(grid, cells, inside, source=source)
 
     @classmethod
@@ -431,7 +424,7 @@ class Workspace:
         lowers, uppers = zip(*(shape.outer.bounds for shape in shapes), strict=True)
         corners = np.stack([np.min(lowers, axis=0), np.max(uppers, axis=0)])
         box = corners if bounds is None else check_bounds(bounds, shapes[0].dim)
-        is_simple = len(shapes) == 1 and not isinstance(shapes[0], Mesh)
+        is_simple = len(shapes) == 1 and shapes[0].kind != "mesh"
         cost = SHAPE_CELL_BYTES if is_simple else MESH_CELL_BYTES
         grid = covering_grid(box, spacing, 0 if lazy else cost)
         if kind:
@@ -646,6 +639,8 @@ class Workspace:
             If the file is missing or malformed.
         """
         bounds = check_extent(spacing, bounds, 3)
+        from cspace._shapes.mesh import Mesh
+
         shape = Mesh.of(mesh, solid, up)
         warn_of_rounding(mesh, shape.vertices, spacing)
         if offset is not None:
@@ -1020,6 +1015,8 @@ def measure_shapes(path: StrPath, **options: Any) -> tuple[Floats, dict[str, obj
 
     match reader_of(path, options).__name__:
         case "from_mesh":
+            from cspace._shapes.mesh import Mesh
+
             mesh = Mesh.of(path, options.get("solid", "auto"))
             return np.array(mesh.bounds), mesh.facts
         case "from_points":
@@ -1137,3 +1134,22 @@ def _percent_text(cells: Bools) -> str:
 def in_metres(point: Iterable[float]) -> str:
     """Format a point as ``(x, y, z) m``."""
     return f"({', '.join(f'{x:g}' for x in point)}) m"
+
+
+def _place_cells(
+    array: Any, spacing: float, name: str, *, stays_lazy: bool = False
+) -> tuple[Any, Floats | None]:
+    """Return the cells of an array, checked, and the corner that its coordinates name.
+
+    The cells are an array, or :class:`LazyCells` of an array that may stay lazy and is.
+    """
+    if type(array) is np.ndarray:  # it has no coordinates, and is in memory
+        return check_cells(array, name), None
+    from cspace._files.lazy_arrays import LazyCells, check_no_chunk_missing, is_lazy
+    from cspace._files.rasters import place_raster
+
+    array, lower = place_raster(array, spacing, name)
+    check_no_chunk_missing(array)
+    if stays_lazy and is_lazy(array):
+        return LazyCells(array), lower
+    return check_cells(array, name), lower

@@ -14,9 +14,9 @@ from typing import Any, Final, NamedTuple
 
 from cspace._files.access import ContentError, decoding
 from cspace._files.crs import check_crs
-from cspace._files.plain import parse_finite, read_yaml
+from cspace._files.plain import read_yaml
 from cspace._support.arrays import MAX_EXPECTED_ANGLE
-from cspace._support.check import MAX_NUMBER, suggest_name
+from cspace._support.check import MAX_NUMBER, parse_finite, suggest_name
 from cspace._support.reporting import warn_user
 from cspace.errors import AngleWarning, InputError
 

@@ -10,8 +10,8 @@ import numpy as np
 
 from cspace._files.access import ContentError, decoding, iterate_header_lines, read_bytes
 from cspace._files.fields import Fields, Ledger
-from cspace._files.plain import parse_finite
 from cspace._support.arrays import Bools, Bytes, Floats, Ints, StrPath, frozen
+from cspace._support.check import parse_finite
 from cspace._support.limits import check_cells
 
 _OCTOMAP_KIND: Final = "OctoMap"

@@ -159,15 +159,6 @@ def _parse_word(word: str) -> Any:
     return word
 
 
-def parse_finite(text: str, separator: str | None = None) -> list[float]:
-    """Parse finite numbers between blanks or separators, or return an empty list."""
-    try:
-        numbers = [float(word) for word in text.split(separator)]
-    except ValueError:
-        return []
-    return numbers if np.isfinite(numbers).all() else []
-
-
 def read_json(
     path: StrPath,
     kind: str,

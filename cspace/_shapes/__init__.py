@@ -15,22 +15,20 @@ from cspace._shapes.balls import Balls as Balls
 from cspace._shapes.balls import BallSet as BallSet
 from cspace._shapes.balls import OriginPoint as OriginPoint
 from cspace._shapes.balls import check_balls as check_balls
-from cspace._shapes.mesh import Mesh as Mesh
-from cspace._shapes.mesh import MeshLike as MeshLike
-from cspace._shapes.mesh import MeshWarning as MeshWarning
 from cspace._shapes.polygon import Polygons as Polygons
 from cspace._shapes.primitives import is_shorthand, parse_shorthand
 from cspace._shapes.shape import BoundedShape as BoundedShape
 from cspace._shapes.shape import ExactShape as ExactShape
 from cspace._shapes.shape import RoundedSimplices as RoundedSimplices
 from cspace._shapes.shape import Shape as Shape
-from cspace._shapes.shape import shape_from_spec as shape_from_spec
 from cspace._shapes.voxels import Box as Box
 from cspace._shapes.voxels import Voxels as Voxels
 from cspace.errors import InputError
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
+
+    from cspace._shapes.mesh import Mesh, MeshLike
 
 
 class HasShape(Protocol):
@@ -135,6 +133,8 @@ def _make_mesh(source: MeshLike) -> Mesh:
 
     The caller takes shapes, but has no option ``solid``.
     """
+    from cspace._shapes.mesh import Mesh
+
     mesh = Mesh.convert(source)
     mesh.warn_if_open("cspace.Mesh.of(mesh, solid={!r})", fills=False)
     return mesh
@@ -159,3 +159,13 @@ def _read_text(source: str | os.PathLike[str], name: str) -> Shape:
     rule = f"it must be a shorthand, WKT, or a file that ends in {suffixes}"
     hint = suggest_file(Path(source))
     raise InputError(name, f"is {os.fspath(source)[:60]!r}", rule, hint)
+
+
+def shape_from_spec(spec: Mapping[str, Any]) -> Shape:
+    """Make the shape that a :attr:`Shape.spec` describes.
+
+    Raises KeyError, TypeError or ValueError if the spec is malformed.
+    """
+    import cspace._shapes.mesh  # noqa: F401 - adds its kind
+
+    return Shape.KINDS[spec["kind"]].from_spec(spec)

@@ -7,9 +7,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 from numpy.typing import ArrayLike
 
-from cspace._files.plain import parse_finite
 from cspace._shapes.balls import Balls
-from cspace._shapes.mesh import Mesh
 from cspace._shapes.polygon import Polygons
 from cspace._shapes.shape import (
     BoundedShape,
@@ -21,7 +19,7 @@ from cspace._shapes.shape import (
 )
 from cspace._shapes.voxels import Box
 from cspace._support.arrays import Floats
-from cspace._support.check import check_not_negative, check_point, check_positive
+from cspace._support.check import check_not_negative, check_point, check_positive, parse_finite
 from cspace._support.reporting import warn_user
 from cspace.errors import InputError
 
@@ -101,6 +99,8 @@ def capsule(radius: float, length: float, center: ArrayLike = (0.0, 0.0, 0.0)) -
 
 def _translate(bounds: BoundsPair, center: ArrayLike) -> BoundedShape:
     """Move the bounds of a solid of revolution to a center."""
+    from cspace._shapes.mesh import Mesh
+
     shift = check_point(center, dim=3)
     outer, inner = (Mesh.of((vertices + shift, faces)) for vertices, faces in bounds)
     is_on_axis = not shift[:2].any()

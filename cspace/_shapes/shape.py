@@ -249,14 +249,6 @@ class Shape(ABC):
         """Make the shape of a :attr:`spec`."""
 
 
-def shape_from_spec(spec: Mapping[str, Any]) -> Shape:
-    """Make the shape that a :attr:`Shape.spec` describes.
-
-    Raises KeyError, TypeError or ValueError if the spec is malformed.
-    """
-    return Shape.KINDS[spec["kind"]].from_spec(spec)
-
-
 class ExactShape(Shape):
     """A shape defined exactly by its own numbers.
 
@@ -504,8 +496,9 @@ class BoundedShape(Shape):
     @classmethod
     def from_spec(cls, spec: Mapping[str, Any]) -> BoundedShape:
         """Make the shape of a :attr:`spec`."""
-        outer = shape_from_spec(spec["outer"])
-        inner = shape_from_spec(spec["inner"])
+        outer, inner = (
+            Shape.KINDS[bound["kind"]].from_spec(bound) for bound in (spec["outer"], spec["inner"])
+        )
         return cls(outer.outer, inner.inner, bool(spec["is_round_about_z"]))
 
 

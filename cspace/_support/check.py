@@ -167,6 +167,15 @@ def _check_labels(labels: Iterable[Any], name: str, axes: Sequence[str]) -> None
     raise InputError(name, problem, rule)
 
 
+def parse_finite(text: str, separator: str | None = None) -> list[float]:
+    """Parse finite numbers between blanks or separators, or return an empty list."""
+    try:
+        numbers = [float(word) for word in text.split(separator)]
+    except ValueError:
+        return []
+    return numbers if np.isfinite(numbers).all() else []
+
+
 def check_finite(
     values: ArrayLike,
     name: str,

@@ -15,7 +15,8 @@ import numpy as np
 from cspace import Robot, Workspace
 from cspace._engines.slices import estimate_raster_bytes
 from cspace._files.access import discard_folder
-from cspace._obstacles import Source, changed_source
+from cspace._files.lazy_arrays import changed_source
+from cspace._obstacles import Source
 from cspace._record.save import TILES_FORMAT
 from cspace._support.limits import WORKSPACE_CELL_BYTES, map_bytes
 from cspace._tiles.folder import TileFolder, grow_box, make_frame, make_stamp, to_slices, write_once

@@ -9,7 +9,8 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from cspace import BLOCKED, FREE, MIXED, Grid, Robot, Workspace
-from cspace._shapes import Mesh, Voxels
+from cspace._shapes import Voxels
+from cspace._shapes.mesh import Mesh
 from cspace.arms import Arm, PosedShape, build_arm_space
 from cspace.errors import ConfigurationError, InputError, UnitWarning
 from tests.helpers.arm_oracle import ArmOracle, sample_configurations

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from cspace import FileError, Workspace
 from cspace._files.access import ContentError
 from cspace._files.plain import parse_xml, read_yaml
-from cspace._shapes import Mesh
+from cspace._shapes.mesh import Mesh
 from cspace._support.limits import raised_limits
 from cspace.errors import CspaceError
 from tests.fuzz import files as fuzz

@@ -6,7 +6,8 @@ import shapely
 import trimesh
 
 import cspace
-from cspace._shapes import Balls, Mesh
+from cspace._shapes import Balls
+from cspace._shapes.mesh import Mesh
 from cspace.errors import FileError
 from tests.helpers.handmade import fill_boxes
 from tests.helpers.placements import draw_configurations

@@ -10,7 +10,7 @@ READERS = ("cspace/_files/", "cspace/_record/", "cspace/_tiles/")
 
 OTHERS = {
     "cspace/_support/limits.py": "the memory of a container",
-    "cspace/_obstacles.py": "an array of the caller in memory, mapped again in another process",
+    "cspace/_files/lazy_arrays.py": "an array of the caller in memory, mapped again in another process",
     "cspace/_support/compiling.py": "the library's own sources",
 }
 """Files that read what no user passes, each with what it is."""

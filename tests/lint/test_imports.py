@@ -150,6 +150,22 @@ assert all(hasattr(cspace.{package}, name) for name in cspace.{package}.__all__)
 """)
 
 
+UNUSED_IN_THE_PLANE = {
+    *("cspace._shapes.mesh", "cspace._shapes.bodies", "cspace._files.zarr_folders"),
+    *("cspace._files.lazy_arrays", "cspace._files.rasters", "cspace._files.plain"),
+}
+"""Modules that a map of an array in the plane, and a plan there, do not need."""
+
+
+def test_a_plan_in_the_plane_loads_no_mesh_and_no_reader():
+    run_python(f"""
+import sys, numpy as np, cspace, planners
+workspace = cspace.Workspace.from_array(np.zeros((40, 30), dtype=bool), 0.1)
+assert planners.plan(cspace.build(workspace, "disc:0.2"), (1, 1), (3, 2)).certified
+assert not {UNUSED_IN_THE_PLANE} & sys.modules.keys(), {UNUSED_IN_THE_PLANE} & sys.modules.keys()
+""")
+
+
 @pytest.mark.parametrize("yaw", [False, True])
 def test_a_plan_loads_no_wing(yaw):
     wings = tuple(f"cspace.{wing}" for wing in WINGS)

@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from scipy.spatial.distance import cdist
 
 from cspace import InputError
-from cspace._shapes import Mesh, Polygons, Voxels
+from cspace._shapes import Polygons, Voxels
+from cspace._shapes.mesh import Mesh
 from cspace.spectral import decompose
 from cspace.spectral._regions import Lattice, Region, bound_balls_to_shape, bound_shape_to_balls
 from tests.helpers.oracles import distance_to_triangles, winds_around

@@ -51,7 +51,7 @@ def test_lazy_arrays_are_read_tile_by_tile_and_resume_only_themselves(make, tmp_
 
     with monkeypatch.context() as patch:
         patch.setattr(type(lazy.cells), "read", read_part)
-        patch.setattr("cspace._obstacles._DIGESTED_CELLS", 100)
+        patch.setattr("cspace._files.lazy_arrays._DIGESTED_CELLS", 100)
         with pytest.raises(InterruptedError):
             cspace.build(
                 lazy, CAR, store=tmp_path / "m", tile=16, workers=1, progress=stop_after_two_tiles
@@ -111,7 +111,7 @@ def draw_meshes(rng, spacing):
     return [cspace.Workspace.from_mesh(mesh, spacing, lazy=lazy) for lazy in (False, True)]
 
 
-@pytest.mark.filterwarnings("ignore::cspace._shapes.MeshWarning")
+@pytest.mark.filterwarnings("ignore::cspace.MeshWarning")
 @examples(10)
 @given(
     seed=st.integers(0, 2**16),
