@@ -448,9 +448,16 @@ class Stage(NamedTuple):
     goals: list[Endpoint]  # its configurations, the most promising from the plan's start first
     rooms: tuple[Room, ...]  # of a map, unless it is one configuration
 
+    def takes_any_yaw(self, edges: LocalPlanner, q: Floats) -> bool:
+        """Return True if a configuration lies in a room of any yaw."""
+        return any(
+            room.angle >= math.pi and room.contains(edges.space, q[np.newaxis])[0]
+            for room in self.rooms
+        )
+
     def asks_turn(self, edges: LocalPlanner, path: Floats, row: int) -> bool:
         """Return True if a robot turns on the spot at a row to reach a yaw that is asked for."""
-        if edges.drive not in ON_THE_SPOT or any(room.angle >= math.pi for room in self.rooms):
+        if edges.drive not in ON_THE_SPOT or self.takes_any_yaw(edges, path[row]):
             return False
         # The way may begin or end here, if start or goal is the place.
         beside = np.delete(path[max(row - 1, 0) : row + 2, :2], min(row, 1), axis=0)

@@ -11,8 +11,11 @@ become one wide turn.
 
 *Via points.* Short paths pass obstacles closely at their corners, and a smoothed path would cut
 these. So the curve passes through each corner with a large weight, unless it lies outside that
-corner anyway (asymmetric least squares). Through places on the way it passes exactly, except for
-rounding.
+corner anyway (asymmetric least squares).
+
+*Places on the way.* That the curve passes through these is an equation of the fit, with a Lagrange
+multiplier. A robot that drives straight through one also keeps its direction there. A place becomes
+a stop if the curve has too few control points for it.
 
 *Proofs.* All curves are proven together. Around an unproven part the smoothing length is reduced,
 and after some tries the corner beside it becomes a stop. Between two stops without a corner, the
@@ -22,12 +25,14 @@ path keeps its edge.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
+from scipy import sparse
 from scipy.linalg import solveh_banded
+from scipy.sparse.linalg import splu
 
 from cspace import Rotations
 from cspace.inside import Bools, Floats, Ints, wrap_angles
@@ -55,8 +60,8 @@ VIA_CELLS: Final = 0.1
 VIA_WEIGHT: Final = 1e5
 """Weight of a via point, relative to that of a displacement."""
 
-HELD_WEIGHT: Final = 1e10
-"""Weight of a waypoint that the curve has to pass through, relative to that of a displacement."""
+MAX_MISS: Final = 1e-9
+"""Largest error of the equations of a curve, relative to the size of its control points."""
 
 VIA_ROUNDS: Final = 5
 """Largest number of fits that find the corners through which the curve must pass."""
@@ -66,6 +71,9 @@ MAX_TRIES: Final = 2
 
 LESS: Final = 0.2
 """Factor of the smoothing length near an unproven part."""
+
+EQUATION_SLACK: Final = 1e-13
+"""Error of an equation for each unit of force, relative to the largest weight."""
 
 REACH: Final = 2.0
 """Distance from an unproven part within which the curve is smoothed less, relative to the time in
@@ -230,16 +238,21 @@ class CurveSection:
         edges = np.clip(np.searchsorted(times, marks[1:-1]) - 1, 0, len(ramps) - 1)
         return cls(first, last, step, points, ramps[edges] / step)
 
-    def fit(self, polyline: Polyline) -> Floats:
-        """Return the control points of the smooth curve, shape (n + 3, k)."""
+    def fit(self, polyline: Polyline) -> tuple[Floats, list[int]]:
+        """Fit a smooth curve.
+
+        Returns its control points, shape (n + 3, k), and the waypoints that it has to pass through
+        and misses.
+        """
         corners = np.arange(self.first + 1, self.last)
         corners = corners[polyline.outward[corners].any(axis=1) | polyline.held[corners]]
-        must_hold = polyline.held[corners]
         outward = polyline.outward[corners]
         shares = (polyline.times[corners] - polyline.times[self.first]) / self.step
         spans = np.minimum(shares.astype(np.int64), len(self.points) - 4)
         u = shares - spans
-        rows = np.column_stack([np.ones(len(u)), u, u**2 / 2.0, u**3 / 6.0]) @ TO_POLYNOMIAL
+        powers = np.column_stack([np.ones(len(u)), u, u**2 / 2.0, u**3 / 6.0])
+        rows = powers @ TO_POLYNOMIAL
+        slopes = powers[:, :3] @ TO_POLYNOMIAL[1:]
         columns = spans[:, np.newaxis] + np.arange(4)
         residuals = polyline.via_points[corners] - _combine(rows, self.points[columns])
 
@@ -250,20 +263,57 @@ class CurveSection:
         firsts = np.arange(len(bends))
         _add_rows(normal, forces, firsts, bends, self.smoothing**4, -np.diff(self.points, 2, 0))
         inner = slice(FIXED, -FIXED)
-        held = np.ones(len(corners), dtype=np.bool_)
+        is_place = polyline.held[corners]
+        places = corners[is_place]
+        matrix, sums = self.list_equations(
+            polyline, places, spans[is_place], rows[is_place], slopes[is_place]
+        )
+        held = ~is_place
         for _ in range(VIA_ROUNDS):
-            weights = np.where(must_hold, HELD_WEIGHT, np.where(held, VIA_WEIGHT, 0.0))
+            weights = np.where(held, VIA_WEIGHT, 0.0)
             held_normal = normal.copy()
             held_forces = forces.copy()
             _add_rows(held_normal, held_forces, spans, rows, weights, residuals)
             steps = np.zeros_like(self.points)
-            steps[inner] = solveh_banded(held_normal[:, inner], held_forces[inner])
+            steps[inner] = _solve(held_normal[:, inner], held_forces[inner], matrix, sums)
             left = residuals - _combine(rows, steps[columns])
-            is_inside = must_hold | ((left * outward).sum(axis=1) > 0.0)
+            is_inside = ~is_place & ((left * outward).sum(axis=1) > 0.0)
             if (is_inside == held).all():
                 break
             held = is_inside
-        return self.points + steps
+        points = self.points + steps
+        errors = np.abs(sums - matrix @ steps[inner].T.ravel())
+        size = points.shape[1]
+        largest = errors[: size * len(places)].reshape(-1, size).max(axis=1)
+        return points, places[largest > MAX_MISS * np.abs(points).max()].tolist()
+
+    def list_equations(
+        self, polyline: Polyline, places: Ints, spans: Ints, rows: Floats, slopes: Floats
+    ) -> tuple[sparse.csc_array, Floats]:
+        """List the equations of a curve that passes through waypoints.
+
+        ``rows`` and ``slopes`` have shape (p, 4). Returns the factors of the steps of the inner
+        control points, axis by axis, and the sums: first for each waypoint and each axis.
+        """
+        count, size = self.points.shape
+        is_straight = (polyline.signs[places] != 0) & ~polyline.outward[places].any(axis=1)
+        x, y = polyline.rates[places[is_straight], :2].T
+        across = np.zeros((len(x), size))
+        across[:, :2] = np.column_stack([-y, x]) / np.hypot(x, y)[:, np.newaxis]
+        positions = np.einsum("pj,ab->pabj", rows, np.eye(size)).reshape(-1, size, 4)
+        directions = np.einsum("sj,sb->sbj", slopes[is_straight], across)
+        factors = np.concatenate([positions, directions])
+        firsts = np.append(spans.repeat(size), spans[is_straight])
+        offsets = count * np.arange(size)[:, np.newaxis] + np.arange(4)
+        columns = firsts[:, np.newaxis, np.newaxis] + offsets
+        numbers = np.broadcast_to(np.arange(len(factors))[:, np.newaxis, np.newaxis], columns.shape)
+        shape = (len(factors), size * count)
+        matrix = sparse.csc_array(
+            (factors.ravel(), (numbers.ravel(), columns.ravel())), shape=shape
+        )
+        sums = np.append(polyline.waypoints[places], np.zeros(len(x)))
+        inner = np.arange(size * count).reshape(size, count)[:, FIXED:-FIXED]
+        return matrix[:, inner.ravel()], sums - matrix @ self.points.T.ravel()
 
     def smooth_less(self, proven: Bools, reach: float) -> None:
         """Reduce the smoothing lengths within ``reach`` seconds of unproven spans."""
@@ -298,9 +348,45 @@ def _make_sections(polyline: Polyline, stops: list[int]) -> list[CurveSection]:
     ]
 
 
+def _fit_sections(
+    polyline: Polyline, sections: Sequence[CurveSection]
+) -> list[tuple[CurveSection, Floats]]:
+    """Fit curves; a section is cut where its curve misses a place, which becomes a stop."""
+    fits: list[tuple[CurveSection, Floats]] = []
+    waiting = list(sections)
+    while waiting:
+        section = waiting.pop()
+        points, missed = section.fit(polyline)
+        if missed:
+            waiting += _make_sections(polyline, [section.first, *missed, section.last])
+        else:
+            fits.append((section, points))
+    return fits
+
+
 def _combine(rows: Floats, values: Floats) -> Floats:
     """Return the sums of values, shape (c, 4, k), weighted by rows, shape (c, 4)."""
     return np.asarray(np.einsum("cj,cjk->ck", rows, values))
+
+
+def _solve(normal: Floats, forces: Floats, matrix: sparse.csc_array, sums: Floats) -> Floats:
+    """Solve banded normal equations, shape (4, c), so that linear equations hold, too.
+
+    ``forces`` has shape (c, k); the columns of the matrix go axis by axis. Returns shape (c, k).
+    Equations that cannot hold together are left with errors.
+    """
+    if not len(sums):
+        return np.asarray(solveh_banded(normal, forces))
+    size = forces.shape[1]
+    scale = normal.max()
+    bands = [normal[3 - abs(k), abs(k) :] / scale for k in range(-3, 4)]
+    form = sparse.kron(sparse.eye_array(size), sparse.diags_array(bands, offsets=range(-3, 4)))
+    # Without the last block, equations that cannot hold would make it singular.
+    slack = EQUATION_SLACK * sparse.eye_array(len(sums))
+    right = np.append(forces.T / scale, sums)
+    factors = splu(sparse.block_array([[form, matrix.T], [matrix, -slack]], format="csc"))
+    solved = factors.solve(right)
+    return np.asarray(solved[: forces.size].reshape(size, -1).T)
 
 
 def _add_rows(
@@ -353,13 +439,14 @@ def smooth_path(
     waiting = _make_sections(polyline, np.flatnonzero(polyline.stops).tolist())
     proven_curves: dict[int, tuple[int, Segments]] = {}
     while waiting:
-        curves = [
-            make_curves(polyline, rotations, section, section.fit(polyline)) for section in waiting
-        ]
+        fits = _fit_sections(polyline, waiting)
+        if not fits:
+            break
+        curves = [make_curves(polyline, rotations, *fit) for fit in fits]
         ends = np.cumsum([len(curve.lengths) for curve in curves])
         parts = np.split(prove(join_segments(curves)), ends[:-1])
         unproven: list[CurveSection] = []
-        for section, curve, proven in zip(waiting, curves, parts, strict=True):
+        for (section, _), curve, proven in zip(fits, curves, parts, strict=True):
             if proven.all():
                 proven_curves[section.first] = section.last, curve
             elif section.tries < MAX_TRIES:

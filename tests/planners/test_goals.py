@@ -443,8 +443,34 @@ def pass_near(trajectory, row, passes_yaw):
         nearest = int(gaps.argmin())
         step = times[1] - times[0]
         times = np.linspace(times[nearest] - step, times[nearest] + step, 2_000)
-    assert gaps[nearest] < 1e-4
+    assert gaps[nearest] < 1e-6
     return times[nearest], float(np.linalg.norm(velocities[nearest, :2]))
+
+
+@pytest.mark.parametrize("speed, gain", [(3.0, 0.1), (100.0, 0.01)])
+@pytest.mark.parametrize("drive", [None, "differential"])
+def test_places_are_passed_exactly_however_slowly_the_robot_accelerates(drive, speed, gain):
+    """Curves are the wider, the longer the robot takes to reach its full speed."""
+    cells = np.zeros((100, 60), dtype=bool)
+    space = cspace.build(
+        cspace.Workspace.from_array(cells, 0.2), cspace.Robot.rectangle(0.6, 0.4), rotations=8
+    )
+    close = [(6.0 + 0.001 * k, 9.0 + 0.001 * (k % 2), None) for k in range(6)]
+    for via in ([(5.0, 9.0, None), (9.0, 9.0, 0.0), (13.0, 9.0, 0.0), (16.0, 3.0, None)], close):
+        plan = planners.plan(space, (2, 2, 0), (18, 6, None), via=via, **options_for(drive))
+        trajectory = plan.trajectory(max_velocity=speed, max_acceleration=gain, **TURN_LIMITS)
+        for row, place in zip(plan.path[list(plan.via_rows)], via, strict=True):
+            pass_near(trajectory, row, place[2] is not None or drive is None)
+
+
+@pytest.mark.parametrize("drive", ["differential", "differential-reverse"])
+def test_a_robot_turns_to_the_yaw_of_the_alternative_that_it_passes(drive):
+    space = build_open_map("turning")
+    via = [[(4.5, 4.5, 2.0), (0.5, 7.5, None)]]
+    plan = planners.plan(space, (1.5, 1.5, 0.0), (7.5, 1.5, None), via=via, **options_for(drive))
+    row = plan.path[plan.via_rows[0]]
+    assert row.tolist() == [4.5, 4.5, 2.0]
+    pass_near(plan.trajectory(**LIMITS, **TURN_LIMITS), row, True)
 
 
 @pytest.mark.parametrize("drive", DRIVES)
