@@ -59,6 +59,7 @@ class ConfigurationMap(ConfigurationSpace):
     """
 
     has_cells = True
+    is_exact = False
 
     # ---- what the map is -------------------------------------------------------------------------
 
@@ -151,6 +152,16 @@ class ConfigurationMap(ConfigurationSpace):
         return np.array(self.grid.lower), np.array(self.grid.upper)
 
     @property
+    @abstractmethod
+    def exact(self) -> ConfigurationMap:
+        """The same map, whose MIXED cells the geometry decides; see :attr:`cspace.CSpace.exact`."""
+
+    @property
+    def _cells(self) -> ConfigurationMap:
+        """The map whose cells alone answer."""
+        return self
+
+    @property
     def resolution(self) -> float:
         """Half a cell."""
         return 0.5 * self.grid.spacing
@@ -216,7 +227,7 @@ class ConfigurationMap(ConfigurationSpace):
 
         No collision-free path between them exists then. The proof is that no chain of FREE and
         MIXED cells joins them. If this and :meth:`is_connected` are both False, the map is too
-        coarse to decide; plan with ``exact=True``, or build with a finer spacing.
+        coarse to decide; plan on :attr:`exact`, or build with a finer spacing.
 
         Parameters
         ----------
@@ -281,7 +292,7 @@ class ConfigurationMap(ConfigurationSpace):
         if not apart:
             for rows in (starts, ends):
                 touches_only_free = np.empty(int(joined.sum()), dtype=np.bool_)
-                self._write_motions(False, rows[joined], rows[joined], touches_only_free)
+                self._write_motions(rows[joined], rows[joined], touches_only_free)
                 joined[joined] = touches_only_free
         np.not_equal(joined, apart, out=out)
         return -1
@@ -374,7 +385,8 @@ class ConfigurationMap(ConfigurationSpace):
             raise InputError("space", problem, "only a robot with a yaw has free yaws")
         point = check_point(position, "position", self.dim)
         yaws = self.rotations.centers
-        is_free = self.is_free(np.column_stack([np.tile(point, (len(yaws), 1)), yaws]))
+        # Of a center, the geometry proves no more than the center.
+        is_free = self._cells.is_free(np.column_stack([np.tile(point, (len(yaws), 1)), yaws]))
         return join_yaw_cells(is_free, self.rotations._stored_arrays["yaw_bounds"])
 
     @overload
@@ -445,22 +457,23 @@ class ConfigurationMap(ConfigurationSpace):
         """
         point: Endpoint = tuple(self.check_configuration(q, name).tolist())
         is_inside = bool(self.grid.contains(np.array(point[: self.dim])))
-        check = self.edge_checker(exact=exact)
-        if is_inside and check(*point, *point):
+        if exact:
+            return self.exact.check_endpoint(q, name)
+        if is_inside and self.edge_checker()(*point, *point):
             return point
-        raise self._make_endpoint_error(point, name, is_inside, exact)
+        raise self._make_endpoint_error(point, name, is_inside)
 
     def _make_endpoint_error(
-        self, point: Endpoint, name: str, is_inside: bool, exact: bool
+        self, point: Endpoint, name: str, is_inside: bool
     ) -> ConfigurationError:
         """Make the error for an invalid start or goal.
 
         ``name`` says which one it is, and ``is_inside`` whether it lies in the grid.
         """
         # Find the reason. Only geometry can distinguish a collision from an undecided cell.
-        state = self.classify(point)
-        is_tried = is_inside and state != BLOCKED and not exact and self.tries_exact
-        is_exact = is_tried and self.edge_checker(exact=True)(*point, *point)
+        state = self._cells.classify(point)
+        is_tried = is_inside and state != BLOCKED and not self.is_exact and self.tries_exact
+        is_proven = is_tried and self.exact.edge_checker()(*point, *point)
         reason: EndReason = "blocked" if state == BLOCKED else "mixed"
         if not is_inside:
             reason = "outside"
@@ -468,7 +481,7 @@ class ConfigurationMap(ConfigurationSpace):
             upper = ", ".join(f"{x:.6g}" for x in self.grid.upper)
             problem = f"lies outside the map, which reaches from ({lower}) to ({upper})"
             rule = "a path stays within the map"
-        elif state == MIXED and (exact or is_tried) and not is_exact:
+        elif state == MIXED and (self.is_exact or is_tried) and not is_proven:
             problem = "is in collision or too close to decide"
             rule = f"the {name} must be proven collision-free, by the map or by the geometry"
         elif state != FREE:
@@ -478,7 +491,7 @@ class ConfigurationMap(ConfigurationSpace):
             problem = "is FREE but lies on the border of a cell that is not"
             rule = f"the {name} must lie inside a FREE cell, because motions touch both cells"
         hint, nearest = self._suggest_endpoint(point)
-        if is_exact:
+        if is_proven:
             hint = f"pass exact=True, which proves it free; {hint}"
         problem = f"{point} {problem}"
         return ConfigurationError(name, problem, rule, hint, nearest=nearest, reason=reason)
@@ -538,7 +551,7 @@ class ConfigurationMap(ConfigurationSpace):
         -1.
         """
 
-    def _write_free(self, exact: bool, rows: Floats, out: Bools) -> int:
+    def _write_free(self, rows: Floats, out: Bools) -> int:
         """Write whether configurations are FREE.
 
         ``rows`` has shape (n, size), ``out`` (n,). Returns the index of the first unusable row, or

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeAlias, TypeVar, cast, overload
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, Self, TypeAlias, TypeVar, cast, overload
 
 import numpy as np
 import shapely
@@ -52,6 +52,9 @@ Alternative = TypeVar("Alternative")
 
 LookUp: TypeAlias = Callable[..., Any]
 """Compiled query of configurations given by their numbers; below 0 if it has no answer."""
+
+SpaceT = TypeVar("SpaceT", bound="Space")
+"""A kind of space."""
 
 Checker = Callable[..., bool]
 """Test of a configuration or a motion, given by its numbers."""
@@ -167,10 +170,13 @@ class Space(ABC):
     Attributes
     ----------
     has_cells : bool
-        Whether cells of a map prove motions: then a path without ``exact`` leads through FREE
-        cells. Other spaces decide every configuration.
+        Whether cells of a map prove motions: then a path leads through FREE cells, unless the
+        space :attr:`is_exact`. Other spaces decide every configuration.
     in_memory : bool
         Whether the cells are in memory; False for a :class:`cspace.TiledCSpace` alone.
+    is_exact : bool
+        Whether more than cells decides configurations, such as geometry; False for maps, unless
+        they are the :attr:`exact` of one.
     is_labelled : bool
         Whether :meth:`path_exists` answers at once; False for a map that has to label its cells.
     searches : tuple of str
@@ -180,6 +186,7 @@ class Space(ABC):
 
     has_cells: bool = False
     in_memory: bool = True
+    is_exact: bool = True
     is_labelled: bool = True
     searches: tuple[str, ...] = ()
 
@@ -242,6 +249,19 @@ class Space(ABC):
         """Whether configurations are poses of a rigid body."""
         are_names = set(self.axes) <= {"x", "y", "z", *Rotations._all_names()}
         return are_names and not any(self.is_periodic)
+
+    @property
+    def exact(self) -> Self:
+        """The space in which geometry decides every configuration; itself unless it is a map.
+
+        See :attr:`cspace.CSpace.exact`.
+        """
+        return self
+
+    @property
+    def _cells(self) -> Space:
+        """The space without the geometry that a map asks; see :func:`cells_of`."""
+        return self
 
     @property
     def frame_id(self) -> str:
@@ -739,13 +759,13 @@ class ConfigurationSpace(Space):
 
         With ``exact``, geometry decides in MIXED cells of a map. For an arm it always does.
         """
-        if exact is False:
-            state: int | None = self._ask_one(self._look_up_state, q)
-            if state is not None:
-                return state == FREE
         check_flag(exact, "exact")
-        write = partial(self._write_free, exact)
-        free: bool | Bools = evaluate(q, self.axes, write, np.bool_, self._angles)
+        if exact:
+            return self.exact.is_free(q)
+        state: int | None = self._ask_one(self._look_up_state, q)
+        if state is not None:
+            return state == FREE
+        free: bool | Bools = evaluate(q, self.axes, self._write_free, np.bool_, self._angles)
         return free
 
     @overload
@@ -777,13 +797,13 @@ class ConfigurationSpace(Space):
         InputError, ConfigurationError
             As :meth:`classify`.
         """
-        if exact is False:
-            state: int | None = self._ask_one(self._look_up_motion, q0, q1)
-            if state is not None:
-                return state == FREE
         check_flag(exact, "exact")
-        write = partial(self._write_motions, exact)
-        free: bool | Bools = evaluate_edges(q0, q1, self.axes, write, self._angles)
+        if exact:
+            return self.exact.motion_is_free(q0, q1)
+        state: int | None = self._ask_one(self._look_up_motion, q0, q1)
+        if state is not None:
+            return state == FREE
+        free: bool | Bools = evaluate_edges(q0, q1, self.axes, self._write_motions, self._angles)
         return free
 
     @names_options
@@ -832,8 +852,10 @@ class ConfigurationSpace(Space):
         >>> space.certify_path(corners, [(0, 2), (2, 3)]).tolist()
         [True, False]
         """
+        if exact:
+            return self.exact.certify_path(path, edges)
         points = self._check_configurations(path, "path")
-        write = partial(self._write_motions, exact)
+        write = self._write_motions
         if edges is not None:
             pairs = check_pairs(edges, points)
             first, second = pairs.T
@@ -911,18 +933,22 @@ class ConfigurationSpace(Space):
     @names_options
     def point_checker(self, *, exact: bool = False) -> Checker:
         """Return ``check(*q)``, a fast :meth:`is_free`; False beyond the limits of joints."""
+        if exact:
+            return self.exact.point_checker()
         look_up = self._look_up_state
         if look_up is None:
-            return lambda *q: self.is_free(q, exact=exact)
+            return lambda *q: self.is_free(q)
         return lambda *q: look_up(*q) == FREE
 
     @names_options
     def edge_checker(self, *, exact: bool = False) -> Checker:
         """Return ``check(*q0, *q1)``, a fast :meth:`motion_is_free`; False beyond the limits."""
+        if exact:
+            return self.exact.edge_checker()
         look_up = self._look_up_motion
         size = self.size
         if look_up is None:
-            return lambda *q: self.motion_is_free(q[:size], q[size:], exact=exact)
+            return lambda *q: self.motion_is_free(q[:size], q[size:])
         return lambda *endpoints: look_up(*endpoints) == FREE
 
     # ---- pages -----------------------------------------------------------------------------------
@@ -1044,7 +1070,7 @@ class ConfigurationSpace(Space):
         """
 
     @abstractmethod
-    def _write_free(self, exact: bool, rows: Floats, out: Bools) -> int:
+    def _write_free(self, rows: Floats, out: Bools) -> int:
         """Write whether configurations are free.
 
         ``rows`` has shape (n, size), ``out`` (n,). Returns the index of the first unusable row, or
@@ -1052,7 +1078,7 @@ class ConfigurationSpace(Space):
         """
 
     @abstractmethod
-    def _write_motions(self, exact: bool, starts: Floats, ends: Floats, out: Bools) -> int:
+    def _write_motions(self, starts: Floats, ends: Floats, out: Bools) -> int:
         """Write whether motions are free.
 
         ``starts`` and ``ends`` have shape (n, size), ``out`` (n,). Returns the index of the first
@@ -1146,6 +1172,15 @@ class ConfigurationSpace(Space):
     def _count_samples(self, n: int | None) -> int:
         """Return the number of configurations to draw, 1 for None; see :func:`check_samples`."""
         return check_samples(n, self.size)
+
+
+def cells_of(space: SpaceT) -> SpaceT:
+    """Return the map whose cells alone answer, for a map or its ``exact``.
+
+    Regions, reasons and searches of cells need it: a configuration that the geometry proves free
+    says nothing about the rest of its cell. A space without cells is returned as it is.
+    """
+    return cast(SpaceT, space._cells)
 
 
 def tubes_are_free(space: ConfigurationSpace, starts: Floats, ends: Floats, radii: Floats) -> Bools:

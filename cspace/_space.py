@@ -8,14 +8,14 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, Literal, overload
+from typing import TYPE_CHECKING, Any, Literal, TypeVar, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cspace._configuration_map import ConfigurationMap
 from cspace._engines.slices import slice_rasters
-from cspace._interface import HALF_TURN
+from cspace._interface import HALF_TURN, LookUp
 from cspace._queries.batches import (
     MIN_EDGES_PER_THREAD,
     Configuration,
@@ -64,7 +64,7 @@ if TYPE_CHECKING:
 
     import xarray
 
-    from cspace._exact.boundaries import Problem, Proofs
+    from cspace._exact.boundaries import OwnProofs, Problem
     from cspace._exact.proofs import BoundaryProofs, ExactQueries
     from cspace._obstacles import ObstacleLayers
     from cspace._queries.any_angle import Rectangles
@@ -74,6 +74,10 @@ if TYPE_CHECKING:
     from cspace._queries.sampling import FreeCells
     from cspace._record.update import Update, Updater
     from cspace.reasons import Explanation, Removals
+
+
+Shared = TypeVar("Shared", bound="CSpace")
+"""A kind of map in memory."""
 
 
 class CSpace(ConfigurationMap):
@@ -106,7 +110,7 @@ class CSpace(ConfigurationMap):
         The robot's rasters for each slice; computed when needed if left out.
     layers : ObstacleLayers, optional
         Named obstacles that the cells of the workspace come from.
-    proofs : Proofs, optional
+    proofs : OwnProofs, optional
         Proofs of MIXED cells by other geometry than that of robot and workspace, until cells
         change.
 
@@ -131,7 +135,7 @@ class CSpace(ConfigurationMap):
         contents: Contents,
         rasters: Sequence[tuple[Raster, Raster]] | None = None,
         layers: ObstacleLayers | None = None,
-        proofs: Proofs | None = None,
+        proofs: OwnProofs | None = None,
     ) -> None:
         """Make a map of given states.
 
@@ -160,6 +164,33 @@ class CSpace(ConfigurationMap):
     def _map_contents(self) -> Contents:
         """The contents of the map."""
         return self._contents
+
+    @property
+    def exact(self) -> CSpace:
+        """The same map, whose MIXED cells the geometry decides.
+
+        Robot and obstacles themselves prove what cells leave undecided: passages little wider than
+        the robot, and shorter paths. So answer its :meth:`classify`, :meth:`is_free`,
+        :meth:`motion_is_free`, :meth:`certify_path` and checkers, which takes longer, and so
+        :func:`planners.plan` plans on it. All else, such as clearances, regions and chunks, is that
+        of the cells. It is a view: both follow an update of either.
+
+        Examples
+        --------
+        >>> import numpy as np, cspace
+        >>> workspace = cspace.Workspace.from_array(np.eye(30, dtype=bool), 0.1)
+        >>> space = cspace.build(workspace, cspace.Robot.disc(0.2))
+        >>> q = (0.55, 0.95)
+        >>> space.is_free(q), space.exact.is_free(q)
+        (False, True)
+        """
+        return self._exact_map
+
+    @lazy
+    def _exact_map(self) -> ExactCSpace:
+        """The map as one that asks the geometry."""
+        vars(self)["_cells"] = self
+        return _share(self, ExactCSpace)
 
     @property
     def overlap_counts(self) -> NDArray[np.int32] | None:
@@ -343,7 +374,7 @@ class CSpace(ConfigurationMap):
         row_lengths = _broadcast_spans(lengths, "lengths", points.shape[:-1])
         row_turns = _broadcast_spans(turns, "turns", points.shape[:-1])
         distances = np.zeros(len(rows))
-        for k in np.flatnonzero(self.is_free(points, exact=True)):
+        for k in np.flatnonzero(self.exact.is_free(points)):
             piece = slice(k, k + 1)
             distance = self._exact.distance(rows[piece], row_lengths[piece], row_turns[piece])
             # The center is proven free, margin included. A piece is not, if its bound leaves
@@ -387,7 +418,7 @@ class CSpace(ConfigurationMap):
         centers = self.interpolate(starts[edges], ends[edges], fractions[:, np.newaxis])
         pieces = (metres / counts)[edges], (radians / counts)[edges]
         try:
-            if not np.all(self.motion_is_free(starts, ends, exact=True)):
+            if not np.all(self.exact.motion_is_free(starts, ends)):
                 return 0.0
             return max(self.margin, self._exact.distance(centers, *pieces))
         except InputError:
@@ -415,8 +446,7 @@ class CSpace(ConfigurationMap):
             ``check(*q) -> bool``. Takes the coordinates as floats; returns False for NaN or
             infinite input.
         """
-        check = super().point_checker()
-        return self._exact.point_checker(check) if exact else check
+        return super().point_checker(exact=exact)
 
     @names_options
     def edge_checker(self, *, exact: bool = False) -> Callable[..., bool]:
@@ -433,8 +463,7 @@ class CSpace(ConfigurationMap):
             ``check(*q0, *q1) -> bool``. Takes the coordinates of both configurations as floats;
             returns False for NaN or infinite input.
         """
-        check = super().edge_checker()
-        return self._exact.edge_checker(check) if exact else check
+        return super().edge_checker(exact=exact)
 
     def clearance_checker(self) -> Callable[..., float]:
         """Return a fast ``clearance`` of floats, for callbacks.
@@ -1307,7 +1336,7 @@ class CSpace(ConfigurationMap):
 
         A row is a configuration; ``rows`` has shape (n, size).
         """
-        return self._write_states(rows, np.empty(len(rows), dtype=np.uint8))
+        return CSpace._write_states(self, rows, np.empty(len(rows), dtype=np.uint8))
 
     def _write_states(self, rows: Floats, out: States) -> int:
         """Write the states of configurations.
@@ -1319,17 +1348,7 @@ class CSpace(ConfigurationMap):
 
         return write_in_threads(partial(classify, self._kernel_map), rows, out)
 
-    def _write_free(self, exact: bool, rows: Floats, out: Bools) -> int:
-        """Write whether configurations are free.
-
-        ``rows`` has shape (n, size), ``out`` (n,). Returns the index of the first unusable row, or
-        -1.
-        """
-        if exact:
-            return write_in_threads(partial(self._exact.write_points, self._kernel_map), rows, out)
-        return super()._write_free(exact, rows, out)
-
-    def _write_motions(self, exact: bool, starts: Floats, ends: Floats, out: Bools) -> int:
+    def _write_motions(self, starts: Floats, ends: Floats, out: Bools) -> int:
         """Write whether motions are free.
 
         ``starts`` and ``ends`` have shape (n, size), ``out`` (n,). Returns the index of the first
@@ -1337,12 +1356,18 @@ class CSpace(ConfigurationMap):
         """
         from cspace._queries import edges
 
-        write_edges = self._exact.write_edges if exact else edges.edges_are_free
-        write = partial(write_edges, self._kernel_map)
+        write = partial(self._edge_query, self._kernel_map)
         min_edges = edges.MIN_EDGES_FOR_BLOCKS + self._states.size // edges.CELLS_PER_EDGE
         if len(starts) >= min_edges:
             write = partial(edges.edges_are_free_by_blocks, self._blocks, write)
         return write_in_threads(write, starts, ends, out, min_items=MIN_EDGES_PER_THREAD)
+
+    @property
+    def _edge_query(self) -> Callable[[Map, Floats, Floats, Bools], int]:
+        """Query that writes whether motions are free."""
+        from cspace._queries.edges import edges_are_free
+
+        return edges_are_free
 
     def _count_free_tubes(self, starts: Floats, ends: Floats, radii: Floats, counts: Ints) -> None:
         """Lower counts to the number of tubes that are free, from the first on.
@@ -1360,7 +1385,9 @@ class CSpace(ConfigurationMap):
         write_in_threads(count, sizes, starts, ends, counts, min_items=min_chunks)
 
     def _name_obstacles(self, q: Floats, distances: Floats, turn: float) -> tuple[str, ...]:
-        """Return obstacles that reach the nearest cells not FREE."""
+        """Return obstacles that reach the nearest cells not FREE, or what own proofs name."""
+        if self._own_proofs is not None:
+            return self._own_proofs.name_nearest(q)
         layers = self._layers
         if layers is None or not layers.named:
             return ()
@@ -1425,7 +1452,7 @@ class CSpace(ConfigurationMap):
         is_valid = bool(point.ndim == 1 and self.grid.contains(point[: self.grid.dim]))
         required = "configuration"
         if free:
-            is_valid = is_valid and bool(self.is_free(point))
+            is_valid = is_valid and bool(self._cells.is_free(point))
             required = "FREE configuration"
         if not is_valid:
             raise ConfigurationError(
@@ -1435,6 +1462,52 @@ class CSpace(ConfigurationMap):
                 f"{self.grid.upper}",
             )
         return point
+
+
+class ExactCSpace(CSpace):
+    """A map in memory whose MIXED cells the geometry decides; see :attr:`CSpace.exact`.
+
+    It shares all attributes with the map whose view it is, so that both follow each update. What is
+    to hold in whole cells asks :attr:`_cells`.
+    """
+
+    is_exact = True
+
+    @property
+    def exact(self) -> ExactCSpace:
+        """The map itself."""
+        return self
+
+    @lazy
+    def _cells(self) -> CSpace:
+        """The map whose cells alone answer."""
+        return _share(self, CSpace)
+
+    @property
+    def _look_up_state(self) -> LookUp:
+        """Look-up of one configuration's state."""
+        return self._exact.refine(super()._look_up_state, 2)
+
+    @property
+    def _look_up_motion(self) -> LookUp:
+        """Look-up of whether one motion is proven free."""
+        return self._exact.refine(super()._look_up_motion, 1)
+
+    def _write_states(self, rows: Floats, out: States) -> int:
+        """Write the states of configurations; see the base class."""
+        return write_in_threads(partial(self._exact.write_states, self._kernel_map), rows, out)
+
+    @property
+    def _edge_query(self) -> Callable[[Map, Floats, Floats, Bools], int]:
+        """Query that writes whether motions are free."""
+        return self._exact.write_edges
+
+
+def _share(space: CSpace, kind: type[Shared]) -> Shared:
+    """Return a map of another kind with the attributes of a map, which both change."""
+    shared = object.__new__(kind)
+    shared.__dict__ = vars(space)
+    return shared
 
 
 def _broadcast_spans(values: ArrayLike, name: str, shape: tuple[int, ...]) -> Floats:

@@ -25,6 +25,7 @@ from ._interface import ConfigurationSpace as ConfigurationSpace
 from ._interface import Endpoint as Endpoint
 from ._interface import PlaceLike as PlaceLike
 from ._interface import SearchOptions as SearchOptions
+from ._interface import cells_of as cells_of
 from ._interface import list_alternatives as list_alternatives
 from ._interface import tubes_are_free as tubes_are_free
 from ._queries.batches import as_contiguous as as_contiguous

@@ -14,7 +14,7 @@ import xarray as xr
 import cspace
 import planners
 from cspace import CspaceError, Grid, Robot, Rotations, Workspace
-from cspace.arms import ArmSpace, JointMap, PosedShape, PoseGoal, build_arm_space, build_joint_map
+from cspace.arms import ArmSpace, PosedShape, PoseGoal, build_arm_space
 from cspace.lanes import HeadingRule, RouteGraph
 from cspace.spectral import Bump, ball_spectrum
 from planners import Mover, Near, Trajectory, Upright
@@ -82,7 +82,6 @@ def owners(folder):
     return {
         "CSpace": turning,
         "TiledCSpace": cspace.build(workspace, robot, rotations=8, store=folder / "store", tile=6),
-        "JointMap": build_joint_map(arm, 0.5),
         "ArmSpace": arm,
         "Gate": gate,
         "Grid": turning.grid,
@@ -95,7 +94,7 @@ def list_calls():
     """List public calls with an argument of these names, as class, call and argument."""
     calls = []
     seen = set()
-    classes = cspace.CSpace, cspace.TiledCSpace, JointMap, ArmSpace, cspace.Gate, cspace.Grid
+    classes = cspace.CSpace, cspace.TiledCSpace, ArmSpace, cspace.Gate, cspace.Grid
     for owner in (*classes, Trajectory, planners):
         for name in sorted(planners.__all__ if owner is planners else dir(owner)):
             call = getattr(owner, name)

@@ -42,6 +42,13 @@ class Proofs(Protocol):
         """
 
 
+class OwnProofs(Proofs, Protocol):
+    """Proofs of a map by other geometry than that of its robot and workspace."""
+
+    def name_nearest(self, q: Floats) -> tuple[str, ...]:
+        """Name what is nearest to touching at a configuration, shape (size,)."""
+
+
 class Problem(NamedTuple):
     """A robot among obstacles, and its map.
 

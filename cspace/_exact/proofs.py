@@ -89,21 +89,18 @@ class ExactQueries:
         self._proofs: Proofs | None = None
         self._lock = threading.RLock()
 
-    def write_points(self, map_: Map, q: Floats, out: Bools) -> int:
-        """Write whether configurations, shape (n, size), are free to ``out``, shape (n,).
+    def write_states(self, map_: Map, q: Floats, out: States) -> int:
+        """Write the states of configurations, shape (n, size), to ``out``, shape (n,).
 
         Returns the index of the first invalid one, or -1.
         """
         proofs = self._current_proofs()
-        states = np.empty(len(q), dtype=np.uint8)
-        bad = classify(map_, q, states)
-        if bad < 0:
-            np.equal(states, FREE, out=out)
+        bad = classify(map_, q, out)
+        undecided = np.flatnonzero(out == MIXED)
+        if bad < 0 and len(undecided):
             # A configuration is an edge with equal endpoints.
-            undecided = np.flatnonzero(states == MIXED)
-            if len(undecided):
-                ends = q[undecided]
-                out[undecided] = proofs.are_free(ends, ends)
+            ends = q[undecided]
+            out[undecided[proofs.are_free(ends, ends)]] = FREE
         return bad
 
     def write_edges(self, map_: Map, q0: Floats, q1: Floats, out: Bools) -> int:
@@ -129,22 +126,22 @@ class ExactQueries:
         slack = self._current_proofs().slack(as_contiguous(points), lengths, angles)
         return self._make_problem().margin + slack
 
-    def point_checker(self, quick: Callable[..., bool]) -> Callable[..., bool]:
-        """Make ``check(*q)``, which returns True only if a configuration is proven free.
+    def refine(self, look_up: Callable[..., int], repeats: int) -> Callable[..., int]:
+        """Make a look-up that asks the geometry if another look-up, by cells, gives MIXED.
 
-        ``quick(*q)`` must return True only if q is in a FREE cell. The geometry decides the rest,
-        as an edge without length.
+        Its numbers are an edge after so many ``repeats``: 1 if they are both ends of one, and 2 if
+        they are a configuration, which is an edge without length.
         """
-        self._current_proofs()  # made now, not at the first check
-        return lambda *q: quick(*q) or self._current_proofs().edge(*q, *q)
+        self._current_proofs()  # made now, not at the first call
 
-    def edge_checker(self, quick: Callable[..., bool]) -> Callable[..., bool]:
-        """Make ``check(*q0, *q1)``, True only for edges proven free.
+        def decide(*numbers: float) -> int:
+            """Return the state, FREE if cells or the geometry prove that."""
+            state = look_up(*numbers)
+            if state == MIXED and self._current_proofs().edge(*repeats * numbers):
+                return FREE
+            return state
 
-        ``quick(*q0, *q1)`` must return True only if the edge lies in FREE cells.
-        """
-        self._current_proofs()  # made now, not at the first check
-        return lambda *ends: quick(*ends) or self._current_proofs().edge(*ends)
+        return decide
 
     def boundary_proofs(self) -> BoundaryProofs:
         """Return the proofs for a rigid robot's current obstacles."""

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager
 from functools import partial
 from threading import RLock
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,7 +16,7 @@ from cspace import CSpace, Grid
 from cspace._tiles.folder import LAST_TO_STOP, TileFolder, grow_box
 from cspace._tiles.labels import TiledComponents
 from cspace._tiles.open_tiles import OpenTiles
-from cspace.errors import ConfigurationError, FileError, InputError
+from cspace.errors import FileError, InputError
 from cspace.inside import (
     STATE_NAMES,
     Bools,
@@ -128,6 +128,12 @@ class TiledCSpace(ConfigurationMap):
     def _map_contents(self) -> Contents:
         return self._folder.frame
 
+    @property
+    def exact(self) -> NoReturn:
+        """Raise InputError: only maps in memory, such as a :meth:`window`, have it."""
+        rule = "geometry decides the MIXED cells of maps in memory, such as space.window"
+        raise InputError("exact", "is that of a map in tiles", rule)
+
     def count(self) -> tuple[int, int, int]:
         """Return the number of FREE, MIXED and BLOCKED cells."""
         with self._map_lock():
@@ -188,12 +194,7 @@ class TiledCSpace(ConfigurationMap):
         positions = self.grid.center_of(np.stack(position_cells, axis=1))
         return np.concatenate([positions, self.rotations.centers[rotations]], axis=1)
 
-    def _write_free(self, exact: bool, rows: Floats, out: Bools) -> int:
-        self._refuse_geometry(exact)
-        return super()._write_free(exact, rows, out)
-
-    def _write_motions(self, exact: bool, starts: Floats, ends: Floats, out: Bools) -> int:
-        self._refuse_geometry(exact)
+    def _write_motions(self, starts: Floats, ends: Floats, out: Bools) -> int:
         with self._map_lock():
             ends_in_turn = np.stack([starts, ends], axis=1).reshape(-1, self.size)
             # A motion has two rows; -1, for none, stays -1.
@@ -225,12 +226,6 @@ class TiledCSpace(ConfigurationMap):
         bad = self._query_parts(CSpace.clearance, rows, out, self.halo - 1)
         np.minimum(out, (self.halo - 2) * self.grid.spacing, out=out)
         return bad
-
-    def _refuse_geometry(self, exact: bool) -> None:
-        """Raise ConfigurationError if the exact geometry is requested."""
-        if exact:
-            rule = "this one stays in its folder"
-            raise ConfigurationError("exact", "needs a map in memory", rule)
 
     # ---- connectivity ----------------------------------------------------------------------------
 
@@ -317,7 +312,7 @@ class TiledCSpace(ConfigurationMap):
         are so in the whole map, and clearances end at the window's boundary. A window of the whole
         map is the map, with its own ``outside``.
 
-        With ``exact=True`` the window uses the shapes that the map was built on. It uses the outer
+        Its :attr:`cspace.CSpace.exact` uses the shapes that the map was built on. It uses the outer
         cells instead if the map was built on cells, and if a shape extends beyond a map with a free
         exterior.
 

@@ -2,7 +2,7 @@
 
 from cspace.arms._arm_space import ArmSpace, build_arm_space
 from cspace.arms._inverse import PoseGoal
-from cspace.arms._joint_map import JointMap, build_joint_map, undecided_pairs
+from cspace.arms._joint_map import build_joint_map, undecided_pairs
 from cspace.arms._lines import LineMotion
 from cspace.arms._model import Arm, JointValues
 from cspace.arms._moveit import (
@@ -25,7 +25,6 @@ __all__ = [
     "AttachedObject",
     "Contact",
     "JointGoal",
-    "JointMap",
     "JointValues",
     "LineMotion",
     "MotionPlanRequest",

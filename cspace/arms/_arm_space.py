@@ -974,7 +974,7 @@ class ArmSpace(ConfigurationSpace):
         out[unproven[blocked]] = BLOCKED
         return -1
 
-    def _write_free(self, exact: bool, rows: Floats, out: Bools) -> int:
+    def _write_free(self, rows: Floats, out: Bools) -> int:
         """Write whether configurations, shape (n, dof), are proven free to ``out``, shape (n,).
 
         Returns -1, because no row fails; see the base class.
@@ -983,7 +983,7 @@ class ArmSpace(ConfigurationSpace):
         out[:] = self.snapshot.are_free(rows, rows)
         return -1
 
-    def _write_motions(self, exact: bool, starts: Floats, ends: Floats, out: Bools) -> int:
+    def _write_motions(self, starts: Floats, ends: Floats, out: Bools) -> int:
         """Write whether motions, shapes (n, dof), are proven free to ``out``, shape (n,).
 
         Returns -1, because no row fails; see the base class.

@@ -86,7 +86,7 @@ def build_joint_map(
     limits: Mapping[str, tuple[float, float]] | None = None,
     workers: int | None = None,
     progress: Callable[[int, int], None] | None = None,
-) -> JointMap:
+) -> CSpace:
     """Map all positions of two or three joints.
 
     Each cell is FREE, BLOCKED or MIXED as a whole.
@@ -111,10 +111,10 @@ def build_joint_map(
 
     Returns
     -------
-    JointMap
-        Its axes are the joints. Queries with ``exact=True`` use the geometry of the arm in MIXED
-        cells, and obstacle distances are the arm's, in metres, until cells are changed; files do
-        not store it. All other lengths are in the unit of the joints. The robot is a point, and the
+    CSpace
+        Its axes are the joints. Its :attr:`cspace.CSpace.exact` asks the geometry of the arm, and
+        obstacle distances are the arm's, in metres, until cells are changed; files do not store the
+        arm. All other lengths are in the unit of the joints. The robot is a point, and the
         workspace the cells that are not FREE. All beyond a joint's own limits is BLOCKED. All
         beyond the mapped part of a range is MIXED, so that no path crosses its ends, and paths
         around a continuous joint are not excluded. If the ends are not a whole number of cells
@@ -179,7 +179,7 @@ def build_joint_map(
     contents = Contents(
         workspace, robot, rotations, one_slice, states[np.newaxis], exterior=exterior
     )
-    return JointMap(contents, proofs=JointProofs(proofs, joint_limits))
+    return CSpace(contents, proofs=JointProofs(proofs, joint_limits))
 
 
 def _count_cells(intervals: Floats, joint_limits: Floats, side: float) -> tuple[int, ...]:
@@ -257,47 +257,6 @@ def _cut_blocks(sides: Ints) -> Iterator[tuple[Ints, Ints]]:
         yield start, np.minimum(start + length, sides)
 
 
-class JointMap(CSpace):
-    """A map whose exact proofs use the geometry of an arm, until its cells change."""
-
-    @property
-    def _arm_proofs(self) -> JointProofs | None:
-        """Proofs by the arm; None once the cells changed."""
-        return self._own_proofs if isinstance(self._own_proofs, JointProofs) else None
-
-    def _undecided_pairs(
-        self, q: ArrayLike | None, progress: Callable[[int, int], None] | None
-    ) -> dict[tuple[str, str], int] | None:
-        """Count MIXED cells by the undecided pair.
-
-        ``q``, shape (..., d), limits the count to the cells of configurations. Returns None once
-        the cells changed; see :func:`undecided_pairs`.
-        """
-        proofs = self._arm_proofs
-        grid = self.grid
-        if proofs is None:
-            return None
-        cells = np.argwhere(self.cell_states == MIXED)
-        if q is not None:
-            # Keep only the MIXED cells that contain one of the configurations.
-            points = self._check_configurations(q, "q").reshape(-1, grid.dim)
-            indices = self._cells_of(points)[:, -grid.dim :]
-            is_inside = ((indices >= 0) & (indices < grid.shape)).all(axis=1)
-            is_queried = np.zeros(grid.shape, dtype=np.bool_)
-            is_queried[tuple(indices[is_inside].T)] = True
-            cells = cells[is_queried[tuple(cells.T)]]
-        return dict(proofs.count_pairs(cells, progress).most_common())
-
-    def _name_obstacles(self, q: Floats, distances: Floats, turn: float) -> tuple[str, ...]:
-        """Return the two solids nearest to touching."""
-        proofs = self._arm_proofs
-        if proofs is None:
-            return ()
-        snapshot = proofs.cells.snapshot
-        contact = snapshot.contact(snapshot.outer, proofs.extend(q[np.newaxis]))
-        return contact.link, contact.other
-
-
 @names_options
 def undecided_pairs(
     joint_map: CSpace,
@@ -347,16 +306,24 @@ def undecided_pairs(
     >>> list(cspace.undecided_pairs(joint_map))
     [('fore', 'post')]
     """
-    counts = None
-    if isinstance(joint_map, JointMap):
-        counts = joint_map._undecided_pairs(q, progress)
-    if counts is None:
+    proofs = joint_map._own_proofs if isinstance(joint_map, CSpace) else None
+    if not isinstance(proofs, JointProofs):
         raise InputError(
             "joint_map",
             "has no geometry of an arm",
             "maps from files and maps with changed cells have none",
         )
-    return counts
+    grid = joint_map.grid
+    cells = np.argwhere(joint_map.cell_states == MIXED)
+    if q is not None:
+        # Keep only the MIXED cells that contain one of the configurations.
+        points = joint_map._check_configurations(q, "q").reshape(-1, grid.dim)
+        indices = joint_map._cells_of(points)[:, -grid.dim :]
+        is_inside = ((indices >= 0) & (indices < grid.shape)).all(axis=1)
+        is_queried = np.zeros(grid.shape, dtype=np.bool_)
+        is_queried[tuple(indices[is_inside].T)] = True
+        cells = cells[is_queried[tuple(cells.T)]]
+    return dict(proofs.count_pairs(cells, progress).most_common())
 
 
 def _check_held_joints(arm: Arm, joint_indices: Ints, held_joints: ArrayLike | None) -> Floats:
@@ -585,6 +552,12 @@ class JointProofs:
         if progress is not None:
             progress(total, total)
         return counts
+
+    def name_nearest(self, q: Floats) -> tuple[str, str]:
+        """Name the two solids nearest to touching at a configuration of the map."""
+        snapshot = self.cells.snapshot
+        contact = snapshot.contact(snapshot.outer, self.extend(q[np.newaxis]))
+        return contact.link, contact.other
 
     def edge(self, *endpoints: float) -> bool:
         """Return True if the whole edge is proven free."""

@@ -44,6 +44,7 @@ from cspace.inside import (
     Floats,
     Ints,
     States,
+    cells_of,
     map_record,
     slice_rasters,
 )
@@ -105,6 +106,7 @@ def copy_with_ends(space: CSpace, start: ArrayLike, goal: ArrayLike) -> tuple[CS
     Updates of the map do not change the copy. Raises InputError for maps of other kinds,
     ConfigurationError for configurations outside.
     """
+    space = cells_of(space)
     if len(space.rotations.names) > 1:
         problem = f"has the axes {', '.join(space.axes)}"
         rule = "reasons are for maps of positions, with or without a yaw"

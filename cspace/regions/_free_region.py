@@ -18,6 +18,7 @@ from cspace.inside import (
     Bools,
     Floats,
     Ints,
+    cells_of,
     check_memory,
     check_not_negative,
     check_positive,
@@ -112,7 +113,7 @@ class RegionSource(NamedTuple):
             problem = f"has the axes ({', '.join(space.axes)})"
             rule = "regions consist of cells of a map in memory of positions, or with a yaw"
             raise InputError("space", problem, rule)
-        return cls(space, metres, distance)
+        return cls(cells_of(space), metres, distance)
 
     @property
     def has_yaw(self) -> bool:

@@ -1,0 +1,157 @@
+"""The map whose MIXED cells the geometry decides: a view of the map itself."""
+
+import copy
+import pickle
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given
+
+import cspace
+from cspace import FREE, MIXED, InputError, Robot, Workspace
+from tests.helpers.handmade import configurations
+from tests.helpers.placements import draw_near_mixed
+from tests.helpers.regions import place_polygon
+from tests.helpers.strategies import examples, seeds
+
+SLIT = [shapely.box(1.0, 0.0, 1.3, 0.97), shapely.box(1.0, 1.41, 1.3, 2.4)]
+"""Walls with a slit, which cells of 0.1 m leave undecided for a robot 0.4 m wide."""
+
+BAR = shapely.box(-0.3, -0.2, 0.3, 0.2)
+"""The robot as drawn by shapely."""
+
+
+def build_slit(**options):
+    workspace = Workspace.from_polygons(SLIT, 0.1, (0.0, 0.0, 2.4, 2.4))
+    return cspace.build(workspace, Robot.rectangle(0.6, 0.4), rotations=24, **options)
+
+
+def draw_rows(space, seed, count=300):
+    """Draw configurations near MIXED cells, and others beside them."""
+    rng = np.random.default_rng(seed)
+    q = draw_near_mixed(space, rng, count, around=0.1)
+    return q, configurations(space, q + rng.normal(0.0, 0.1, q.shape))
+
+
+def answer(space, q, near):
+    """Return what a map says of configurations and motions, by batches."""
+    return np.stack(
+        [
+            space.classify(q) == FREE,
+            space.is_free(q),
+            space.motion_is_free(q, near),
+            space.certify_path(np.stack([q, near], axis=1))[:, 0],
+        ]
+    )
+
+
+def test_the_exact_map_is_a_view_of_the_map():
+    space = build_slit()
+    exact = space.exact
+    assert isinstance(exact, cspace.CSpace) and exact is space.exact and exact.exact is exact
+    assert exact.is_exact and not space.is_exact
+    assert repr(exact) == f"Exact{space!r}"
+    assert np.shares_memory(exact.states_at(0.0), space.states_at(0.0))
+    assert exact.count() == space.count() and exact.facts == space.facts
+
+
+@examples(4)
+@given(seed=seeds)
+def test_the_geometry_decides_mixed_cells_alone(seed):
+    space = build_slit()
+    q, near = draw_rows(space, seed)
+    states, exact_states = np.asarray(space.classify(q)), np.asarray(space.exact.classify(q))
+    decided = states != MIXED
+    assert (states[decided] == exact_states[decided]).all()
+    assert np.isin(exact_states[~decided], [FREE, MIXED]).all()
+    found = answer(space.exact, q, near)
+    # Neither is a configuration free that touches the walls, by shapely, nor one of a free motion.
+    walls = shapely.union_all(SLIT)
+    at = np.linspace(0.0, 1.0, 20)[:, np.newaxis, np.newaxis]
+    touches = shapely.intersects(place_polygon(BAR, q), walls)
+    assert not found[:2, touches].any() and found[:2].any(axis=1).all()
+    between = space.interpolate(q, near, at).reshape(-1, 3)
+    touches = shapely.intersects(place_polygon(BAR, between), walls).reshape(20, -1).any(axis=0)
+    assert not found[2:, touches].any() and found[2:].any(axis=1).all()
+    # One configuration and the checkers answer as batches do.
+    is_free, moves = space.exact.point_checker(), space.exact.edge_checker()
+    rows = list(zip(q.tolist(), near.tolist(), strict=True))
+    assert [space.exact.is_free(a) for a, _ in rows] == found[1].tolist()
+    assert [space.exact.motion_is_free(a, b) for a, b in rows] == found[2].tolist()
+    assert [is_free(*a) for a, _ in rows] == found[1].tolist()
+    assert [moves(*a, *b) for a, b in rows] == found[2].tolist()
+
+
+@pytest.mark.parametrize("is_asked_first", [True, False])
+@pytest.mark.parametrize("changes", ["map", "view"])
+def test_both_follow_each_update(changes, is_asked_first):
+    space = build_slit()
+    q, near = draw_rows(space, 3)
+    check = space.exact.edge_checker()
+    if is_asked_first:
+        answer(space, q, near), answer(space.exact, q, near)
+        space.exact.is_connected(q, near)
+    changed = space if changes == "map" else space.exact
+    changed.add_obstacle("crate", shapely.box(1.6, 0.8, 1.9, 1.3))
+    changed.update(np.ones((3, 2), dtype=bool), (4, 9))
+    changed.add_obstacle("cone", shapely.box(0.2, 1.9, 0.3, 2.0))
+    changed.update({"cone": None, "crate": shapely.box(1.6, 0.9, 1.9, 1.4)})
+    fresh = build_slit()
+    fresh.update(np.ones((3, 2), dtype=bool), (4, 9))
+    fresh.add_obstacle("crate", shapely.box(1.6, 0.9, 1.9, 1.4))
+    for found, expected in ((space, fresh), (space.exact, fresh.exact)):
+        np.testing.assert_array_equal(answer(found, q, near), answer(expected, q, near))
+        np.testing.assert_array_equal(found.is_connected(q, near), expected.is_connected(q, near))
+        np.testing.assert_array_equal(found.clearance(q), expected.clearance(q))
+        assert list(found.obstacles) == ["crate"]
+    moves = fresh.exact.motion_is_free(q, near).tolist()
+    assert [check(*a, *b) for a, b in zip(q.tolist(), near.tolist(), strict=True)] == moves
+
+
+def test_what_holds_in_whole_cells_is_that_of_the_cells():
+    """A configuration that is free in a MIXED cell says nothing about the rest of the cell."""
+    space = build_slit()
+    q, _ = draw_rows(space, 5)
+    only_exact = q[space.exact.is_free(q) & ~np.asarray(space.is_free(q))]
+    assert len(only_exact) > 20
+    start, goal = (0.5, 1.2, 0.0), (1.9, 1.2, 0.0)
+    for view in (space.exact, pickle.loads(pickle.dumps(space.exact))):
+        for q in only_exact[:20]:
+            np.testing.assert_array_equal(view.free_yaws(q[:2]), space.free_yaws(q[:2]))
+            with pytest.raises(InputError, match="lies in a MIXED cell"):
+                view.free_region(q)
+            with pytest.raises(InputError, match="FREE"):
+                view.reachable_bounds(q)
+            with pytest.raises(InputError, match="FREE"):
+                view.free_regions(around=q)
+            assert view.explain(q, goal).verdict == "start MIXED"
+            assert not view.is_connected(q, goal)
+            assert view.certify_chunk(q, [q]).proven == 0
+        assert view.explain(start, goal).verdict == space.explain(start, goal).verdict
+
+
+def test_copies_and_files_of_the_exact_map_are_maps_of_their_own(tmp_path):
+    space = build_slit()
+    q, near = draw_rows(space, 4)
+    expected = answer(space.exact, q, near)
+    copies = copy.copy(space.exact), copy.deepcopy(space.exact), copy.copy(space).exact
+    for other in (*copies, pickle.loads(pickle.dumps(space.exact))):
+        np.testing.assert_array_equal(answer(other, q, near), expected)
+        other.add_obstacle("crate", shapely.box(1.6, 0.8, 1.9, 1.3))
+        assert other.is_exact and other.exact is other
+        assert not space.obstacles
+    np.testing.assert_array_equal(answer(space.exact, q, near), expected)
+    space.exact.save(tmp_path / "slit.zarr")
+    opened = cspace.open(tmp_path / "slit.zarr")
+    assert not opened.is_exact
+    np.testing.assert_array_equal(opened.cell_states, space.cell_states)
+
+
+def test_maps_in_tiles_have_no_exact_map(tmp_path):
+    tiled = build_slit(store=tmp_path / "tiles", tile=12)
+    with pytest.raises(InputError) as refused:
+        tiled.exact  # noqa: B018
+    assert len(str(refused.value)) < 120 and "maps in memory" in str(refused.value)
+    window = tiled.window((0.0, 0.0), (2.4, 2.4))
+    assert window.exact.is_exact
