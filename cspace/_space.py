@@ -65,7 +65,7 @@ if TYPE_CHECKING:
     import xarray
 
     from cspace._exact.boundaries import OwnProofs, Problem
-    from cspace._exact.proofs import BoundaryProofs, ExactQueries
+    from cspace._exact.proofs import ExactQueries
     from cspace._obstacles import ObstacleLayers
     from cspace._queries.any_angle import Rectangles
     from cspace._queries.components import Components
@@ -1197,10 +1197,6 @@ class CSpace(ConfigurationMap):
 
         return ExactQueries(self._make_problem, lambda: self._own_proofs)
 
-    def _boundary_proofs(self) -> BoundaryProofs:
-        """Return the proofs by the present boundaries of robot and obstacles."""
-        return self._exact.boundary_proofs()
-
     def _make_problem(self) -> Problem:
         """Return the map and the geometry as inputs of exact queries."""
         from cspace._exact.boundaries import Problem
@@ -1501,6 +1497,15 @@ class ExactCSpace(CSpace):
     def _edge_query(self) -> Callable[[Map, Floats, Floats, Bools], int]:
         """Query that writes whether motions are free."""
         return self._exact.write_edges
+
+
+def proofs_of(space: CSpace) -> Any:
+    """Return the proofs by the present geometry, which decide MIXED cells of a map in memory.
+
+    They are :class:`cspace._exact.proofs.BoundaryProofs` of robot and obstacles, unless the map has
+    proofs of its own.
+    """
+    return space._exact.current_proofs()
 
 
 def _share(space: CSpace, kind: type[Shared]) -> Shared:

@@ -52,6 +52,7 @@ from ._shapes import ShapeLike as ShapeLike
 from ._shapes import Voxels as Voxels
 from ._shapes import as_shape as as_shape
 from ._shapes.balls import Balls as Balls
+from ._space import proofs_of as proofs_of
 from ._support import vectors as vectors
 from ._support.arrays import STATE_NAMES as STATE_NAMES
 from ._support.arrays import Bools as Bools

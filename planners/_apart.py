@@ -30,6 +30,7 @@ from cspace.inside import (
     check_number,
     check_point,
     names_options,
+    proofs_of,
     tell_apart,
     warn_of_degrees,
     wrap_angles,
@@ -370,7 +371,7 @@ class SolidMeasure:
 
     def bound_below(self, poses: Floats, others: Floats) -> Floats:
         """Return lower bounds by boundaries, 0 for possible nesting."""
-        proofs = self._space._boundary_proofs()
+        proofs = proofs_of(self._space)
         none = np.zeros(1)
         bounds = np.zeros(len(poses))
         for k, row in enumerate(_relate(poses, others)):

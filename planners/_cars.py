@@ -10,7 +10,7 @@ from functools import cached_property, partial
 import numpy as np
 from ompl import base as ob
 
-from cspace.inside import Floats, bind_kernel
+from cspace.inside import Floats, bind_kernel, proofs_of
 from planners._car_curves import (
     advance,
     curve_cost,
@@ -108,7 +108,7 @@ class CarCurves(LocalPlanner):
                 start = q[:3]
                 if length < 0.0 or is_free(*start):
                     return length
-                return length if self.cells._boundary_proofs().is_outside(*start) else -1.0
+                return length if proofs_of(self.cells).is_outside(*start) else -1.0
 
             return prove_exactly
 

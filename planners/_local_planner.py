@@ -32,6 +32,7 @@ from cspace.inside import (
     Endpoint,
     Floats,
     measure_steps,
+    proofs_of,
 )
 from planners._integrals import CostDensity, Field, bind_cost, integrate_straight_edge
 from planners._ompl_states import find_state_kind, with_wrapped_angles
@@ -145,7 +146,7 @@ class LocalPlanner:
             return None
         from cspace._exact.proofs import make_scratch
 
-        return self.cells._boundary_proofs().boundaries, make_scratch().node_pairs
+        return proofs_of(self.cells).boundaries, make_scratch().node_pairs
 
     def make_states(self) -> ob.StateSpace:
         """Make OMPL's state space, without bounds."""

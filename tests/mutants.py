@@ -485,7 +485,7 @@ MUTANTS = (
     ),
     Mutant(
         "planners/_cars.py",
-        "return length if self.cells._boundary_proofs().is_outside(*start) else -1.0",
+        "return length if proofs_of(self.cells).is_outside(*start) else -1.0",
         "return length",
         "tests/planners/test_car_curves.py",
     ),

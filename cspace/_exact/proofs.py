@@ -94,7 +94,7 @@ class ExactQueries:
 
         Returns the index of the first invalid one, or -1.
         """
-        proofs = self._current_proofs()
+        proofs = self.current_proofs()
         bad = classify(map_, q, out)
         undecided = np.flatnonzero(out == MIXED)
         if bad < 0 and len(undecided):
@@ -108,7 +108,7 @@ class ExactQueries:
 
         Edges rotate along the shorter arc. Returns the index of the first invalid edge, or -1.
         """
-        proofs = self._current_proofs()
+        proofs = self.current_proofs()
         bad = edges_are_free(map_, q0, q1, out)
         undecided = np.flatnonzero(~out)
         if bad < 0 and len(undecided):
@@ -123,7 +123,7 @@ class ExactQueries:
         its midpoint, a piece extends by half its length and half its angle. A blocked exterior
         counts as an obstacle. The bound is infinite if there are no obstacles.
         """
-        slack = self._current_proofs().slack(as_contiguous(points), lengths, angles)
+        slack = self.current_proofs().slack(as_contiguous(points), lengths, angles)
         return self._make_problem().margin + slack
 
     def refine(self, look_up: Callable[..., int], repeats: int) -> Callable[..., int]:
@@ -132,20 +132,16 @@ class ExactQueries:
         Its numbers are an edge after so many ``repeats``: 1 if they are both ends of one, and 2 if
         they are a configuration, which is an edge without length.
         """
-        self._current_proofs()  # made now, not at the first call
+        self.current_proofs()  # made now, not at the first call
 
         def decide(*numbers: float) -> int:
             """Return the state, FREE if cells or the geometry prove that."""
             state = look_up(*numbers)
-            if state == MIXED and self._current_proofs().edge(*repeats * numbers):
+            if state == MIXED and self.current_proofs().edge(*repeats * numbers):
                 return FREE
             return state
 
         return decide
-
-    def boundary_proofs(self) -> BoundaryProofs:
-        """Return the proofs for a rigid robot's current obstacles."""
-        return cast(BoundaryProofs, self._current_proofs())
 
     def drop(self) -> None:
         """Drop the proofs, because obstacles change.
@@ -155,7 +151,7 @@ class ExactQueries:
         with self._lock:
             self._proofs = None
 
-    def _current_proofs(self) -> Proofs:
+    def current_proofs(self) -> Proofs:
         """Return the proofs for the current obstacles, made at the first call."""
         proofs = self._proofs
         if proofs is None:

@@ -43,10 +43,12 @@ from cspace.inside import (
     check_finite,
     check_known,
     check_memory,
+    check_points,
     check_positive,
     count_cores,
     map_in_threads,
     names_options,
+    proofs_of,
     warn_of_degrees,
     warn_user,
 )
@@ -306,7 +308,7 @@ def undecided_pairs(
     >>> list(cspace.undecided_pairs(joint_map))
     [('fore', 'post')]
     """
-    proofs = joint_map._own_proofs if isinstance(joint_map, CSpace) else None
+    proofs = proofs_of(joint_map) if isinstance(joint_map, CSpace) else None
     if not isinstance(proofs, JointProofs):
         raise InputError(
             "joint_map",
@@ -317,8 +319,8 @@ def undecided_pairs(
     cells = np.argwhere(joint_map.cell_states == MIXED)
     if q is not None:
         # Keep only the MIXED cells that contain one of the configurations.
-        points = joint_map._check_configurations(q, "q").reshape(-1, grid.dim)
-        indices = joint_map._cells_of(points)[:, -grid.dim :]
+        points = check_points(q, "q", joint_map.axes).reshape(-1, grid.dim)
+        indices = grid.cell_of(points)
         is_inside = ((indices >= 0) & (indices < grid.shape)).all(axis=1)
         is_queried = np.zeros(grid.shape, dtype=np.bool_)
         is_queried[tuple(indices[is_inside].T)] = True

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from cspace.inside import Bools, Floats, Ints, tubes_are_free
+from cspace.inside import Bools, Floats, Ints, proofs_of, tubes_are_free
 from cspace.lanes._lane_motions import LaneMotions
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ def prove(space: CSpace, motions: LaneMotions, by_geometry: bool) -> Bools:
     for growth in np.unique(growths):
         rows = np.flatnonzero(growths == growth)
         starts, ends = motions.starts[rows], motions.ends[rows]
-        is_free[rows] = space._boundary_proofs().are_free(starts, ends, float(growth))
+        is_free[rows] = proofs_of(space).are_free(starts, ends, float(growth))
     return is_free
 
 

@@ -8,6 +8,7 @@ import shapely
 
 import cspace
 from cspace import Robot, Workspace
+from cspace.inside import proofs_of
 from tests.helpers.placements import ORACLE_BAND
 
 SIDE = 0.6
@@ -103,6 +104,6 @@ def test_proofs_of_a_grown_robot_keep_its_distance():
     space = cspace.build(workspace, cspace.Robot.rectangle(0.6, 0.4), rotations=36)
     start, end = np.array([[2.0, 2.0, 0.0]]), np.array([[4.0, 2.0, 0.0]])
     for growth, is_free in ((0.0, True), (0.79, True), (0.81, False), (9.0, False)):
-        found = space._boundary_proofs().are_free(start, end, growth)
+        found = proofs_of(space).are_free(start, end, growth)
         assert found.tolist() == [is_free], growth
     assert space.motion_is_free(start, end, exact=True).all()

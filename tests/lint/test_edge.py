@@ -34,11 +34,11 @@ MOST_NAMES = {
 """Private names that a room imports from other rooms. These numbers only ever get smaller."""
 
 MOST_ATTRIBUTES = {
-    "planners": 16,
+    "planners": 15,
     "cspace/arms": 0,
     "cspace/_cli": 0,
     "cspace/export": 0,
-    "cspace/lanes": 1,
+    "cspace/lanes": 0,
     "cspace/plot": 0,
     "cspace/reasons": 5,
     "cspace/regions": 0,
