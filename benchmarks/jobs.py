@@ -415,9 +415,9 @@ JOBS: dict[str, Callable[[bool], Iterator[Run]]] = {
         plan_in_plane, "movingai/maze512-32-0.map", Robot.disc(2.0)
     ),
     "5 plans in SE(2), warehouse": partial(plan_with_yaw, {}),
-    "5 plans in SE(2), differential": partial(plan_with_yaw, {"drive": "differential"}),
+    "5 plans in SE(2), differential": partial(plan_with_yaw, {"drive": planners.Differential()}),
     "5 plans in SE(2), Reeds-Shepp": partial(
-        plan_with_yaw, {"drive": "reeds-shepp", "turning_radius": 0.5}
+        plan_with_yaw, {"drive": planners.Car(turning_radius=0.5, reverse=True)}
     ),
     "plan in SE(2) from a blocked previous one": plan_from_previous,
     "is_free of one configuration, 2,000 times": partial(query_one, "is_free"),

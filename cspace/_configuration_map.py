@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from cspace._queries.chunks import Chunk
+    from cspace._queries.vehicles import Drive
     from cspace._record.contents import Contents
     from cspace.plot._picture import PlotOptions
 
@@ -306,7 +307,7 @@ class ConfigurationMap(ConfigurationSpace):
         tracking: ArrayLike = 0.0,
         *,
         max_velocity: ArrayLike | None = None,
-        turning_radius: float | None = None,
+        drive: Drive | None = None,
     ) -> Chunk:
         """Prove arcs of twists, and all motions near them.
 
@@ -325,8 +326,9 @@ class ConfigurationMap(ConfigurationSpace):
             As for :meth:`certify_chunk`.
         max_velocity : array-like, shape (2,), optional
             Largest speed and yaw rate; faster twists are refused.
-        turning_radius : float, optional
-            Smallest turning radius of a car, metres; twists that turn tighter are refused.
+        drive : planners.Car or planners.Differential, optional
+            Twists that it cannot drive are refused: tighter than its turning radius, backwards if
+            it does not reverse, or with a larger lateral acceleration.
 
         Returns
         -------
@@ -349,7 +351,7 @@ class ConfigurationMap(ConfigurationSpace):
         """
         from cspace._queries.chunks import certify_twists
 
-        return certify_twists(self, q, twists, dt, tracking, max_velocity, turning_radius)
+        return certify_twists(self, q, twists, dt, tracking, max_velocity, drive)
 
     def free_yaws(self, position: ArrayLike) -> Floats:
         """Return intervals of yaw proven free at a position.

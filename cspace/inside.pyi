@@ -32,6 +32,8 @@ from ._queries.batches import as_contiguous as as_contiguous
 from ._queries.callbacks import bind_kernel as bind_kernel
 from ._queries.components import find_components as find_components
 from ._queries.upright import Upright as Upright
+from ._queries.vehicles import Car as Car
+from ._queries.vehicles import Differential as Differential
 from ._record.cells import map_record as map_record
 from ._record.contents import Contents as Contents
 from ._record.description import collect_arrays as collect_arrays
@@ -101,6 +103,4 @@ from ._support.reporting import warn_user as warn_user
 from ._support.threads import count_cores as count_cores
 from ._support.threads import map_in_threads as map_in_threads
 from ._support.threads import run_in_chunks as run_in_chunks
-from ._support.words import Drive as Drive
-from ._support.words import Outside as Outside
 from ._workspace import measure_shapes as measure_shapes

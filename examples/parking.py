@@ -28,7 +28,7 @@ space = cspace.build(workspace, cspace.Robot.rectangle(4.2, 1.9), rotations=72)
 # shorten it.
 
 start, goal = (4.3, -2.6, math.pi / 2), (9.9, -12.0, -math.pi / 2)
-plan = planners.plan(space, start, goal, drive="reeds-shepp", turning_radius=2.5)
+plan = planners.plan(space, start, goal, drive=planners.Car(turning_radius=2.5, reverse=True))
 print(plan)
 print(f"{np.count_nonzero(np.diff(plan.direction))} changes of direction")
 save_plot(space, "parking.png", True, path=plan)

@@ -27,7 +27,7 @@ start, goal, period = (1.0, 3.0, 0.0), (11.0, 3.0, 0.0), 0.1
 # %%
 # The loop. The new motion begins at the end of this cycle: at once, or from the end of a stop.
 
-plan = planners.plan(space, start, start, drive="differential")
+plan = planners.plan(space, start, start, drive=planners.Differential())
 motion, clock, driven, stops = plan.trajectory(**limits), 0.0, [], 0
 seen = {}
 while len(driven) < 400 and np.linalg.norm(motion.sample(clock)[0][:2] - goal[:2]) > 0.01:

@@ -34,7 +34,7 @@ workspace = cspace.Workspace.from_occupancy_grid(msg)
 footprint = "[[0.45, 0.25], [0.45, -0.25], [-0.25, -0.25], [-0.25, 0.25]]"
 space = cspace.build(workspace, cspace.Robot.from_footprint(footprint, padding=0.01), rotations=36)
 plan = planners.plan(
-    space, (-3.5, -2.0, 0.0), (3.5, -2.0, 0.0), drive="differential", time_limit=5, seed=1
+    space, (-3.5, -2.0, 0.0), (3.5, -2.0, 0.0), drive=planners.Differential(), time_limit=5, seed=1
 )
 print(plan)
 save_plot(space, "ros_messages.png", True, path=plan, rotation=0.0)

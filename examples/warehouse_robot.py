@@ -35,7 +35,12 @@ space = cspace.build(workspace, cspace.Robot.rectangle(0.9, 0.6), rotations=72)
 # Without ``drive``, the robot would move sideways between the shelves.
 
 plan = planners.plan(
-    space, (1.2, 1.2, 0.0), (12.9, 7.3, math.pi / 2), drive="differential", time_limit=5, seed=2
+    space,
+    (1.2, 1.2, 0.0),
+    (12.9, 7.3, math.pi / 2),
+    drive=planners.Differential(),
+    time_limit=5,
+    seed=2,
 )
 print(plan)
 save_plot(space, "warehouse_robot.png", True, path=plan)

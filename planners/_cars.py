@@ -12,13 +12,15 @@ from ompl import base as ob
 
 from cspace.inside import Floats, bind_kernel, proofs_of
 from planners._car_curves import (
+    DUBINS,
+    REEDS_SHEPP,
     advance,
     curve_cost,
     find_shortest_words,
     prove_length,
 )
 from planners._integrals import CostDensity, Field, bind_cost
-from planners._local_planner import CURVE_SPACES, CURVES, MAX_RADIANS, LocalPlanner, Pieces
+from planners._local_planner import MAX_RADIANS, LocalPlanner, Pieces, make_curve_states
 from planners._ompl_states import find_state_kind
 
 
@@ -40,12 +42,12 @@ class CarCurves(LocalPlanner):
 
     @property
     def kind(self) -> int:
-        """Index of the drive in :data:`CURVES`."""
-        return CURVES.index(self.drive)
+        """Kind of curves, for kernels."""
+        return REEDS_SHEPP if self.reverses else DUBINS
 
     def make_states(self) -> ob.StateSpace:
         """Make OMPL's state space of the curves, without bounds."""
-        return CURVE_SPACES[self.drive](self.radius)
+        return make_curve_states(self.reverses, self.radius)
 
     def point_checker(self) -> Callable[..., bool]:
         """Make ``check(*q)``, which proves points like curves without length.

@@ -11,7 +11,8 @@ from ompl import geometric as og
 
 from cspace import Space
 from cspace.errors import InputError
-from cspace.inside import ConfigurationSpace, Drive, suggest_name
+from cspace.inside import Car, ConfigurationSpace, Differential, suggest_name
+from planners._local_planner import Drive
 
 PlannerName: TypeAlias = Literal[
     "BFMT",
@@ -90,6 +91,12 @@ OWN_SEARCH: Final = "a search of your own space"
 GIVEN: Final = "given"
 """Values of ``iterations``, ``goal``, ``planner`` and ``keep`` in :data:`REFUSALS`."""
 
+NO_DRIVE: Final = "None"
+DIFFERENTIAL: Final = "Differential"
+CAR: Final = "Car"
+FORWARD_CAR: Final = "Car(reverse=False)"
+"""Values of ``drive`` in :data:`REFUSALS`."""
+
 _NO_SECOND_THREAD: Final = "cannot call Python from its second thread"
 """What planners with threads must not do: it would wait for the first thread for ever."""
 
@@ -107,15 +114,15 @@ REFUSALS: Final = (
         "of OMPL 2.0.1 ends the process if a path is longer than some 90 m",
     ),
     Refusal(
-        {"planner": BIDIRECTIONAL_PLANNERS, "drive": ("dubins",)},
+        {"planner": BIDIRECTIONAL_PLANNERS, "drive": (FORWARD_CAR,)},
         "also follows edges from end to start, which no such car drives",
     ),
     Refusal(
-        {"planner": (LATTICE,), "drive": ("holonomic",)},
+        {"planner": (LATTICE,), "drive": (NO_DRIVE,)},
         "is for all other drives",
     ),
     Refusal(
-        {"drive": get_args(Drive)[1:], "planner": (GRID, MAX_CLEARANCE)},
+        {"drive": (FORWARD_CAR, CAR, DIFFERENTIAL), "planner": (GRID, MAX_CLEARANCE)},
         "is for holonomic robots",
     ),
     Refusal(
@@ -140,7 +147,7 @@ REFUSALS: Final = (
         {
             "exact": (True,),
             "planner": (LATTICE,),
-            "drive": ("differential", "differential-reverse"),
+            "drive": (DIFFERENTIAL,),
         },
         "uses FREE cells",
     ),
@@ -236,11 +243,18 @@ def planner_names() -> tuple[PlannerName, ...]:
     return cast(tuple[PlannerName, ...], tuple(sorted(safe, key=str.lower)))
 
 
-def default_planner(drive: Drive) -> PlannerName:
+def default_planner(drive: Drive | None) -> PlannerName:
     """Return the planner of OMPL that runs by default."""
     # RRTConnect's tree at the goal grows by curves that leave the goal; a Dubins car needs curves
     # that arrive.
-    return "RRT" if drive == "dubins" else "RRTConnect"
+    return "RRT" if _name_drive(drive) == FORWARD_CAR else "RRTConnect"
+
+
+def _name_drive(drive: object) -> str:
+    """Return the value of a drive in :data:`REFUSALS`."""
+    if isinstance(drive, Car):
+        return CAR if drive.reverse else FORWARD_CAR
+    return DIFFERENTIAL if isinstance(drive, Differential) else NO_DRIVE
 
 
 def planner_named(name: str, searches: Sequence[str] = ()) -> PlannerName:
@@ -271,6 +285,7 @@ def check_options(values: Mapping[str, object], is_named: bool, n_goals: int = 1
     """
     planner = values["planner"]
     kinds = {**values, "goal": SEVERAL if n_goals > 1 else None}
+    kinds["drive"] = _name_drive(values["drive"])
     if planner not in (*_list_planners(), *BUILT_IN_SEARCHES):
         kinds["planner"] = OWN_SEARCH
     if callable(values["objective"]):

@@ -6,15 +6,10 @@ from typing import Final
 
 from cspace import Space
 from cspace.errors import InputError
-from cspace.inside import Drive, check_positive, check_word, tell_apart
-from planners._local_planner import (
-    CURVES,
-    DRIVES,
-    HOLONOMIC,
-    ON_THE_SPOT,
-    LocalPlanner,
-    TurnDriveTurn,
-)
+from cspace.inside import Car as Car
+from cspace.inside import Differential as Differential
+from cspace.inside import tell_apart
+from planners._local_planner import Drive, LocalPlanner, TurnDriveTurn
 from planners._ompl_states import check_space
 
 MIN_RADIUS_CELLS: Final = 1e-3
@@ -25,27 +20,33 @@ MAX_RADIUS_CELLS: Final = 1e3
 def local_planner(
     space: Space,
     exact: bool = False,
-    drive: Drive = HOLONOMIC,
-    turning_radius: float | None = None,
+    drive: Drive | None = None,
     bidirectional: bool = False,
 ) -> LocalPlanner:
     """Make the local planner of a space from :class:`LocalPlanner` options.
 
-    Raises InputError if ``space`` is no :class:`cspace.Space`; the drive is unknown, or given for a
-    space other than a map of x, y, yaw; or the turning radius is missing, given without a curve, or
-    out of range.
+    Raises InputError if ``space`` is no :class:`cspace.Space`; ``drive`` is no drive, or given for
+    a space other than a map of x, y, yaw; or its turning radius is out of range.
     """
     check_space(space)
     exact = bool(exact) or not space.has_cells
-    radius = _check_drive(space, drive, turning_radius)
-    kind = LocalPlanner
-    if drive in ON_THE_SPOT:
-        kind = TurnDriveTurn
-    elif drive in CURVES:
-        from planners._cars import CarCurves
+    if drive is None:
+        return LocalPlanner(space, exact, drive, bidirectional)
+    if not isinstance(drive, Drive):
+        rule = "it must be a planners.Car(...), a planners.Differential(...) or None"
+        raise InputError("drive", f"is {drive!r}", rule)
+    if not has_drives(space):
+        raise InputError(
+            "drive",
+            f"is {drive!r} and the axes are ({', '.join(space.axes)})",
+            "it is for the axes (x, y, yaw) of a map",
+        )
+    if not isinstance(drive, Car):
+        return TurnDriveTurn(space, exact, drive, bidirectional)
+    _check_radius(space, drive.turning_radius)
+    from planners._cars import CarCurves
 
-        kind = CarCurves
-    return kind(space, exact, drive, radius, bidirectional)
+    return CarCurves(space, exact, drive, bidirectional)
 
 
 def check_axes(space: Space, axes: tuple[str, ...], owner: str) -> None:
@@ -59,38 +60,12 @@ def check_axes(space: Space, axes: tuple[str, ...], owner: str) -> None:
 
 
 def has_drives(space: Space) -> bool:
-    """Return True if drives other than the holonomic one are for the space."""
-    # Axes of the maps for drives other than the holonomic one.
+    """Return True if drives are for the space."""
     return space.has_cells and space.axes == ("x", "y", "yaw")
 
 
-def _check_drive(space: Space, drive: Drive, turning_radius: float | None) -> float | None:
-    """Check a drive; return its turning radius, metres, or None.
-
-    Raises InputError if the drive is not for the space, or the radius does not fit the drive.
-    """
-    check_word(drive, "drive", DRIVES)
-    if drive != HOLONOMIC and not has_drives(space):
-        raise InputError(
-            "drive",
-            f"is {drive!r} and the axes are ({', '.join(space.axes)})",
-            "it is for the axes (x, y, yaw) of a map",
-        )
-    if drive not in CURVES:
-        if turning_radius is not None:
-            raise InputError(
-                "turning_radius",
-                f"is {turning_radius!r} and drive is {drive!r}",
-                "a radius is for curves, of drive='dubins' or 'reeds-shepp'",
-            )
-        return None
-    if turning_radius is None:
-        raise InputError(
-            "turning_radius",
-            "is missing",
-            f"drive={drive!r} needs the radius of its tightest curve",
-        )
-    radius = check_positive(turning_radius, "turning_radius")
+def _check_radius(space: Space, radius: float) -> None:
+    """Raise InputError if a turning radius is too small or large for the cells of a map."""
     # Rounding errors of curves grow with the radius in cells, and with its inverse.
     spacing = 2.0 * space.resolution
     lowest = MIN_RADIUS_CELLS * spacing
@@ -102,4 +77,3 @@ def _check_drive(space: Space, drive: Drive, turning_radius: float | None) -> fl
             f"is {radius!r}",
             f"it must be {least} to {most} m, to keep rounding errors small",
         )
-    return radius

@@ -29,6 +29,7 @@ from cspace.inside import (
     METRES_PER_RADIAN,
     NEVER,
     Bools,
+    Car,
     ConfigurationMap,
     Endpoint,
     Floats,
@@ -43,7 +44,7 @@ from cspace.inside import (
     warn_of_degrees,
 )
 from planners._catalogue import ANY_ROTATION, NEAR, REGION, check_support
-from planners._local_planner import CURVES, LocalPlanner
+from planners._local_planner import LocalPlanner
 
 REGIONS: Final = (Polygon, MultiPolygon)
 """Types of regions."""
@@ -532,7 +533,7 @@ def find_room_goals(
     rows = turn_near(np.array(goals), np.array(start), space.is_periodic)
     costs = METRES_PER_RADIAN * _measure_turns(space, start, rows)
     costs += _measure_lengths(edges, start, rows)
-    if edges.drive in CURVES:
+    if isinstance(edges.drive, Car):
         ways = edges.edge_lengths(np.broadcast_to(start, rows.shape), rows)
         costs = np.maximum(costs, ways)
     return [tuple(q) for q in rows[np.argsort(costs, kind="stable")].tolist()]

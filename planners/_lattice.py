@@ -244,7 +244,7 @@ def _starts_at_goal(edges: LocalPlanner, endpoints: Endpoints) -> bool:
     A search out of a tight place is shorter than one into it, because few motions are free there. A
     car that reverses can drive its paths both ways.
     """
-    if edges.turning_radius is None or not _can_reverse(edges):
+    if edges.turning_radius is None or not edges.reverses:
         return False
     room_at_start, room_at_goal = (_measure_room(edges, q) for q in endpoints)
     return room_at_goal < room_at_start
@@ -335,7 +335,7 @@ def _list_directions(edges: LocalPlanner, is_backwards: bool) -> Directions:
     yaws, steps, lengths = _list_moves_by_yaw()
     moves = steps[:, np.newaxis]
     costs = lengths[:, np.newaxis]
-    if _can_reverse(edges):
+    if edges.reverses:
         weight = REVERSE_WEIGHT if edges.turning_radius is not None else 1.0
         # What a search backwards drives ahead, the robot will drive in reverse.
         weights = (weight, 1.0) if is_backwards else (1.0, weight)
@@ -377,17 +377,12 @@ def _find_nearest(yaws: Floats) -> Ints:
     return np.asarray(turns.argmin(axis=1))
 
 
-def _can_reverse(edges: LocalPlanner) -> bool:
-    """Return True if the robot may drive in reverse."""
-    return edges.drive in ("differential-reverse", "reeds-shepp")
-
-
 def _list_levels(edges: LocalPlanner, endpoints: Endpoints, is_backwards: bool) -> list[Motions]:
     """List the motions of each lattice, coarse to fine."""
     if edges.turning_radius is None:
         # Headings for each direction from a cell to others near it.
         return [_list_spot_motions(edges, endpoints, count) for count in (1, 4)]
-    reverses = _can_reverse(edges)
+    reverses = edges.reverses
     counts = [count for count in CAR_LATTICES if reverses or count <= FINE_HEADINGS]
     return [_list_car_motions(edges, endpoints[0], count, is_backwards) for count in counts]
 
@@ -401,7 +396,7 @@ def _list_spot_motions(edges: LocalPlanner, endpoints: Endpoints, count: int) ->
     yaws, ahead = _list_headings(endpoints, count)
     turns = [1, -1, 0]
     directions = [0.0, 0.0, 1.0]
-    if _can_reverse(edges):
+    if edges.reverses:
         turns.append(0)
         directions.append(-1.0)
     lengths = spacing * np.outer(ahead, directions)
@@ -444,7 +439,7 @@ def _list_car_motions(
     straight = max(arc, MIN_STRAIGHT_RADII, 1.01 * math.sqrt(2.0) * side / radius)
     steering = np.array([1, -1, 0])
     lengths = np.array([arc, arc, straight])
-    if _can_reverse(edges):
+    if edges.reverses:
         steering = np.tile(steering, 2)
         lengths = np.concatenate([lengths, -lengths])
     costs = radius * np.abs(lengths) * np.where(lengths < 0.0, REVERSE_WEIGHT, 1.0)

@@ -15,7 +15,7 @@ import itertools
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, Final, NamedTuple, cast, get_args
+from typing import TYPE_CHECKING, ClassVar, Final, NamedTuple, TypeAlias, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +28,8 @@ from cspace.inside import (
     METRES_PER_RADIAN,
     TWO_PI,
     Bools,
-    Drive,
+    Car,
+    Differential,
     Endpoint,
     Floats,
     measure_steps,
@@ -47,31 +48,8 @@ Endpoints = tuple[Endpoint, ...]
 MAX_RADIANS: Final = math.radians(5.0)
 """Largest rotation between rows of a resampled path, and of a piece of a path, radians."""
 
-HOLONOMIC: Final = "holonomic"
-"""Drive that moves in any direction and turns while moving."""
-
-CURVE_SPACES: Final[dict[Drive, Callable[[float], ob.StateSpace]]] = {
-    "dubins": ob.DubinsStateSpace,
-    "reeds-shepp": ob.ReedsSheppStateSpace,
-    "differential": ob.DubinsStateSpace,
-    "differential-reverse": ob.ReedsSheppStateSpace,
-}
-"""OMPL's state spaces of curves, made from a turning radius, by drive."""
-
-CURVES: Final[tuple[Drive, ...]] = ("dubins", "reeds-shepp")
-"""Drives of cars, which follow curves; kernels use their indices."""
-
-ON_THE_SPOT: Final[tuple[Drive, ...]] = tuple(name for name in CURVE_SPACES if name not in CURVES)
-"""Drives that turn on the spot; OMPL's lengths count only metres."""
-
-DRIVES: Final[tuple[Drive, ...]] = get_args(Drive)
-"""All drives."""
-
-REVERSING: Final[dict[Drive, Drive]] = {
-    "differential": "differential-reverse",
-    "dubins": "reeds-shepp",
-}
-"""The drive that also reverses, for each that does not."""
+Drive: TypeAlias = Car | Differential
+"""A robot that drives along its x axis; others move in any direction."""
 
 MAX_TURN: Final = 0.499 * TWO_PI
 """Largest turn of a joint along an edge, radians; below half a turn, so that rounding does not
@@ -83,6 +61,12 @@ PIVOT_RADIUS_PER_SIDE: Final = 1e-9
 Curves of this radius stand for turning on the spot, and leave the driven edge by at most two radii.
 With a radius a hundred times smaller, rounding would decide the direction of a turn.
 """
+
+
+def make_curve_states(reverses: bool, radius: float) -> ob.StateSpace:
+    """Make OMPL's state space of curves of a turning radius, metres."""
+    kind = ob.ReedsSheppStateSpace if reverses else ob.DubinsStateSpace
+    return kind(radius)
 
 
 class Pieces(NamedTuple):
@@ -108,9 +92,8 @@ class LocalPlanner:
         memory.
     exact : bool
         Whether the geometry itself decides edges that a map does not; True for other spaces.
-    drive : Drive
-    turning_radius : float or None
-        Turning radius of curves, metres.
+    drive : Drive or None
+        None for a holonomic robot.
     bidirectional : bool
         Whether an edge that OMPL checks must also be free from its end to its start. The two differ
         if the robot does not reverse.
@@ -118,8 +101,7 @@ class LocalPlanner:
 
     space: Space
     exact: bool = False
-    drive: Drive = HOLONOMIC
-    turning_radius: float | None = None
+    drive: Drive | None = None
     bidirectional: bool = False
 
     rotation_weight: ClassVar[float] = METRES_PER_RADIAN
@@ -134,6 +116,16 @@ class LocalPlanner:
     def tiles(self) -> TiledCSpace:
         """The space as a map in tiles, as known."""
         return cast("TiledCSpace", self.space)
+
+    @property
+    def turning_radius(self) -> float | None:
+        """Turning radius of a car, metres; None for other robots."""
+        return self.drive.turning_radius if isinstance(self.drive, Car) else None
+
+    @property
+    def reverses(self) -> bool:
+        """Whether the robot also drives backwards."""
+        return self.drive is not None and self.drive.reverse
 
     def bounded_map(self) -> Map:
         """Return the map for kernels, MIXED outside."""
@@ -194,7 +186,7 @@ class LocalPlanner:
 
     def edge_lengths(self, starts: Floats, ends: Floats) -> Floats:
         """Return the lengths of edges, shape (n,), with weighted rotations."""
-        if self.drive == HOLONOMIC:
+        if self.drive is None:
             return self.space.distance(starts, ends)
         rows = np.hstack([starts, ends]).tolist()
         return np.array([self.edge_length(*row) for row in rows])
@@ -265,7 +257,7 @@ class LocalPlanner:
         turns = self.space.steps_between(path[:-1], path[1:])[:, self.space.dim :]
         rows = [path[:1]]
         for first, last, turn in zip(path[:-1], path[1:], turns, strict=True):
-            if step is not None or turn.any() or self.drive in CURVES:
+            if step is not None or turn.any() or isinstance(self.drive, Car):
                 points = self.split_edge(first, last, cell, MAX_RADIANS, at_end).points
                 rows.append(self.space.rotations._make_canonical(points[:-1]))
             rows.append(last[np.newaxis])
@@ -276,7 +268,7 @@ class LocalPlanner:
 
         None for a holonomic robot; see :attr:`planners.Plan.direction`.
         """
-        if self.drive == HOLONOMIC:
+        if self.drive is None:
             return None
         if len(rows) < 2:
             return np.ones(len(rows), dtype=np.int8)
@@ -326,7 +318,7 @@ class LocalPlanner:
         See :attr:`planners.Plan.obstacle_distance`, and for the pieces of curves
         :meth:`cspace.CSpace.path_obstacle_distance`.
         """
-        if self.drive in CURVES and self.space.in_memory:
+        if isinstance(self.drive, Car) and self.space.in_memory:
             step = 0.5 * self.space.resolution
             pieces = self.split_path(path, step, step / max(self.cells.robot.span, step))
             # Proven edges keep the margin free, even if a piece has nothing left.
@@ -371,7 +363,7 @@ class TurnDriveTurn(LocalPlanner):
         """Make OMPL's state space of curves with a tiny turning radius."""
         grid = self.cells.grid
         longest_side = grid.spacing * max(grid.shape)
-        return CURVE_SPACES[self.drive](PIVOT_RADIUS_PER_SIDE * longest_side)
+        return make_curve_states(self.reverses, PIVOT_RADIUS_PER_SIDE * longest_side)
 
     def edge_checker(self) -> Callable[..., bool]:
         """Make ``check(*q0, *q1)``, which proves both turns and the drive free."""
@@ -411,7 +403,7 @@ class TurnDriveTurn(LocalPlanner):
         if x0 == x1 and y0 == y1:
             return yaw0
         ahead = _wrap_yaw(math.atan2(y1 - y0, x1 - x0))
-        if self.drive == "differential":
+        if not self.reverses:
             return ahead
         back = _wrap_yaw(ahead + math.pi)
 

@@ -14,7 +14,6 @@ from cspace import CSpace, Space
 from cspace._queries.distance import DistanceMap, Distances
 from cspace.errors import InputError
 from cspace.inside import (
-    Drive,
     Effort,
     Floats,
     as_contiguous,
@@ -25,7 +24,7 @@ from cspace.inside import (
 )
 from planners._drives import local_planner
 from planners._integrals import CostDensity, Field
-from planners._local_planner import HOLONOMIC, LocalPlanner
+from planners._local_planner import Drive, LocalPlanner
 from planners._ompl_states import check_information, find_state_kind
 
 DEFAULT_WEIGHT: Final = 10.0
@@ -57,7 +56,7 @@ class WeightedLength(ob.OptimizationObjective):
         Penalty at value zero, and its change per unit of the value.
     weight : float
         Extra metres that a metre of path costs at penalty one.
-    drive, turning_radius
+    drive
         As for :func:`planners.plan`.
 
     Attributes
@@ -84,8 +83,7 @@ class WeightedLength(ob.OptimizationObjective):
         offset: float = 0.0,
         slope: float = 1.0,
         weight: float = DEFAULT_WEIGHT,
-        drive: Drive = HOLONOMIC,
-        turning_radius: float | None = None,
+        drive: Drive | None = None,
     ) -> None:
         """Make an edge's cost by the robot's drive."""
         check_information(si, space)
@@ -96,7 +94,7 @@ class WeightedLength(ob.OptimizationObjective):
         check_has_cells(space)
         if field is not None and not isinstance(field, DistanceMap):
             field = _check_costs(field, space)
-        edges = local_planner(space, False, drive, turning_radius)
+        edges = local_planner(space, False, drive)
         self._field = field
         self._density = CostDensity(offset, slope, weight, edges.rotation_weight)
         self._kind = find_state_kind(space)
@@ -143,7 +141,7 @@ class ClearanceObjective(WeightedLength):
 
     Parameters
     ----------
-    si, space, weight, drive, turning_radius
+    si, space, weight, drive
         As for :class:`WeightedLength`; the penalty is one at clearance zero.
     clearance_threshold : float, optional
         Clearance, in metres, above which a path costs its length. The default is the longest side
@@ -162,8 +160,7 @@ class ClearanceObjective(WeightedLength):
         *,
         weight: float = DEFAULT_WEIGHT,
         clearance_threshold: float | None = None,
-        drive: Drive = HOLONOMIC,
-        turning_radius: float | None = None,
+        drive: Drive | None = None,
     ) -> None:
         """Choose the threshold, where the penalty becomes zero."""
         check_information(si, space)
@@ -178,7 +175,6 @@ class ClearanceObjective(WeightedLength):
             slope=-1.0 / threshold,
             weight=weight,
             drive=drive,
-            turning_radius=turning_radius,
         )
 
 

@@ -13,9 +13,9 @@ from ompl import util as ou
 
 from cspace import CSpace, Space
 from cspace.errors import InputError
-from cspace.inside import Drive, Floats, check_rng, names_options
+from cspace.inside import Floats, check_rng, names_options
 from planners._drives import local_planner
-from planners._local_planner import HOLONOMIC
+from planners._local_planner import Drive
 from planners._ompl_states import check_information, find_state_kind
 
 
@@ -85,7 +85,7 @@ class MotionValidator(ob.MotionValidator):
     space : Space
     exact : bool
         Whether the geometry itself decides motions that the map does not.
-    drive, turning_radius
+    drive
         As for :func:`planners.plan`.
     bidirectional : bool
         Whether an edge must also be free from its end to its start. Planners that follow edges both
@@ -127,14 +127,13 @@ class MotionValidator(ob.MotionValidator):
         space: Space,
         *,
         exact: bool = False,
-        drive: Drive = HOLONOMIC,
-        turning_radius: float | None = None,
+        drive: Drive | None = None,
         bidirectional: bool = False,
     ) -> None:
         """Make an edge's proof by the robot's drive."""
         check_information(si, space)
         super().__init__(si)
-        edges = local_planner(space, exact, drive, turning_radius, bidirectional)
+        edges = local_planner(space, exact, drive, bidirectional)
         self.is_free = edges.motion_checker()
 
     def checkMotion(self, first: ob.State, second: ob.State) -> bool:  # noqa: N802 - OMPL's name

@@ -23,7 +23,7 @@ from ompl import base as ob
 from ompl import geometric as og
 from ompl import util as ou
 
-from cspace.inside import NEVER, Effort, Floats, Upright, is_over, now, spend
+from cspace.inside import NEVER, Differential, Effort, Floats, Upright, is_over, now, spend
 from planners._catalogue import (
     BIDIRECTIONAL_PLANNERS,
     LENGTH,
@@ -34,7 +34,7 @@ from planners._catalogue import (
     make_planner,
 )
 from planners._goals import Room
-from planners._local_planner import HOLONOMIC, MAX_TURN, ON_THE_SPOT, Endpoints, LocalPlanner
+from planners._local_planner import MAX_TURN, Endpoints, LocalPlanner
 from planners._objectives import ClearanceObjective, WeightedLength
 from planners._ompl_states import find_state_kind
 from planners._paths import MAX_SHORTENING, pulled_straight
@@ -199,10 +199,10 @@ def make_objective(task: PlanTask) -> MakeObjective | None:
         return None
     if callable(task.objective):
         return task.objective
-    if task.objective == LENGTH and edges.drive not in ON_THE_SPOT:
+    if task.objective == LENGTH and not isinstance(edges.drive, Differential):
         return None
     make = WeightedLength if task.objective == LENGTH else ClearanceObjective
-    return partial(make, space=edges.cells, drive=edges.drive, turning_radius=edges.turning_radius)
+    return partial(make, space=edges.cells, drive=edges.drive)
 
 
 def set_seed(seed: int) -> None:
@@ -238,7 +238,7 @@ def run_ompl(task: PlanTask, may_exist: Callable[[], bool]) -> SearchResult:
     with _silence():
         edges = task.edges
         ends = task.endpoints[:2]
-        if task.planner in BIDIRECTIONAL_PLANNERS and edges.drive == "differential":
+        if task.planner in BIDIRECTIONAL_PLANNERS and edges.drive and not edges.reverses:
             task = replace(task, edges=replace(edges, bidirectional=True))
         run = _Run(task, may_exist)
         # OMPL's SORRTstar never returns once it has found a path of the least possible length.
@@ -250,7 +250,7 @@ def run_ompl(task: PlanTask, may_exist: Callable[[], bool]) -> SearchResult:
 
 def shorten(edges: LocalPlanner, path: Floats, until: Effort) -> Floats:
     """Shorten a path, shape (n, size), by proven edges, until the end of the search."""
-    if edges.drive != HOLONOMIC:
+    if edges.drive is not None:
         from planners._lattice import shorten_path
 
         return shorten_path(edges, path, until)
@@ -276,7 +276,7 @@ class _Run:
         self._edges = task.edges
         self._kind = find_state_kind(task.edges.space)
         self._is_threaded = task.planner in THREADED_PLANNERS
-        is_holonomic = task.edges.drive == HOLONOMIC
+        is_holonomic = task.edges.drive is None
         step = NANOSECONDS_PER_STEP if is_holonomic else NANOSECONDS_PER_DRIVEN_STEP
         self._deadline = deadline = Deadline(not self._is_threaded, step)
         make = make_objective(task)

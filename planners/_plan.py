@@ -21,8 +21,9 @@ from cspace.inside import (
     METRES_PER_RADIAN,
     NEVER,
     TWO_PI,
+    Car,
     ConfigurationSpace,
-    Drive,
+    Differential,
     Effort,
     Endpoint,
     Floats,
@@ -53,16 +54,7 @@ from planners._catalogue import (
 )
 from planners._drives import has_drives, local_planner
 from planners._goals import Near, Room, end_in_rooms, find_room_goals, list_rooms
-from planners._local_planner import (
-    CURVES,
-    DRIVES,
-    HOLONOMIC,
-    MAX_RADIANS,
-    ON_THE_SPOT,
-    REVERSING,
-    Endpoints,
-    LocalPlanner,
-)
+from planners._local_planner import MAX_RADIANS, Drive, Endpoints, LocalPlanner
 from planners._objectives import check_has_cells, find_clear_path
 from planners._ompl_search import (
     NO_EFFORT,
@@ -117,15 +109,12 @@ class Choices(NamedTuple):
     ----------
     planners : tuple of str
         Names of OMPL's planners and of the built-in searches.
-    drives : tuple of str
-        Names of drives, "holonomic" first.
-    curves : tuple of str
-        Names of the drives that need a turning radius.
+    drives : tuple of type
+        Classes of drives.
     """
 
     planners: tuple[PlannerName, ...]
-    drives: tuple[Drive, ...]
-    curves: tuple[Drive, ...]
+    drives: tuple[type[Drive], ...]
 
 
 def choices(space: Space) -> Choices:
@@ -149,14 +138,12 @@ def choices(space: Space) -> Choices:
     >>> import numpy as np, cspace, planners
     >>> workspace = cspace.Workspace.from_array(np.eye(30, dtype=bool), 0.1)
     >>> choices = planners.choices(cspace.build(workspace, cspace.Robot.disc(0.2)))
-    >>> choices.planners[-2:], choices.drives, choices.curves
-    (('Grid', 'MaxClearance'), ('holonomic',), ())
+    >>> choices.planners[-2:], choices.drives
+    (('Grid', 'MaxClearance'), ())
     """
     check_space(space)
     planners = (*planner_names(), *_list_searches(space))
-    if has_drives(space):
-        return Choices(planners, DRIVES, CURVES)
-    return Choices(planners, (HOLONOMIC,), ())
+    return Choices(planners, (Differential, Car) if has_drives(space) else ())
 
 
 def _list_searches(space: Space) -> tuple[PlannerName, ...]:
@@ -182,8 +169,7 @@ def plan(
     seed: int | None = None,
     objective: str | MakeObjective = "length",
     exact: bool = False,
-    drive: Drive = HOLONOMIC,
-    turning_radius: float | None = None,
+    drive: Drive | None = None,
     via: Sequence[PlaceLike] = (),
     previous: Plan | None = None,
     stop: Callable[[], bool] | None = None,
@@ -227,11 +213,10 @@ def plan(
     exact : bool
         Whether the geometry itself decides MIXED cells, which finds shorter paths, and passages
         little wider than the robot; slower. Not for tiled maps.
-    drive : {"holonomic", "differential", "differential-reverse", "dubins", "reeds-shepp"}
-        Motion along an edge, which is proven along that motion. All but the first are for maps of
-        (x, y, yaw), with the reference point in the middle of the axle that does not steer.
-    turning_radius : float, optional
-        Smallest turning radius of a car ("dubins", "reeds-shepp"), in metres.
+    drive : Car or Differential, optional
+        :class:`planners.Car` or :class:`planners.Differential`, for maps of (x, y, yaw): the motion
+        along an edge, which is proven along that motion. By default the robot moves in any
+        direction.
     via : sequence, optional
         Places on the way, in this order, each like the goal. Each part of the path is the best
         from the end of the part before; they share the time limit evenly.
@@ -283,7 +268,7 @@ def plan(
     if stop is not None and not callable(cast(object, stop)):
         rule = "it is called to ask whether the search ends"
         raise InputError("stop", f"is {stop!r}", rule)
-    edges = local_planner(space, exact, drive, turning_radius)
+    edges = local_planner(space, exact, drive)
     near = start if isinstance(start, Near) else Near(start)
     kept = _check_keep(keep)
     if kept:
@@ -307,7 +292,7 @@ def plan(
     if previous is not None:
         task = replace(task, previous=_check_previous(task, previous))
         if not edges.exact and _needs_geometry(space, point):
-            edges = local_planner(space, True, drive, turning_radius)
+            edges = local_planner(space, True, drive)
             task = replace(task, edges=edges)
     task = _choose_searches(task)
     places = _check_places(via, goal, task)
@@ -316,7 +301,7 @@ def plan(
     n_goals = 1 if space.has_cells else max(len(stage.goals) for stage in stages)
     if n_goals > 1:
         _check_options(task, n_goals)
-    if edges.drive != HOLONOMIC:
+    if edges.drive is not None:
         import planners._lattice  # noqa: F401 - a search would import it later, on its time
     if task.seed is not None:
         set_seed(task.seed)
@@ -457,7 +442,7 @@ class Stage(NamedTuple):
 
     def asks_turn(self, edges: LocalPlanner, path: Floats, row: int) -> bool:
         """Return True if a robot turns on the spot at a row to reach a yaw that is asked for."""
-        if edges.drive not in ON_THE_SPOT or self.takes_any_yaw(edges, path[row]):
+        if not isinstance(edges.drive, Differential) or self.takes_any_yaw(edges, path[row]):
             return False
         # The way may begin or end here, if start or goal is the place.
         beside = np.delete(path[max(row - 1, 0) : row + 2, :2], min(row, 1), axis=0)
@@ -492,9 +477,9 @@ def _choose_planner(task: PlanTask) -> PlannerName:
         return searches[0] if searches else task.planner
     if objective == CLEARANCE:
         return GRID
-    if task.iterations is not None or (edges.exact and edges.drive in ON_THE_SPOT):
+    if task.iterations is not None or (edges.exact and isinstance(edges.drive, Differential)):
         return task.planner
-    return GRID if edges.drive == HOLONOMIC else LATTICE
+    return GRID if edges.drive is None else LATTICE
 
 
 def _check_options(task: PlanTask, n_goals: int = 1) -> None:
@@ -615,7 +600,7 @@ def _search_goals(
             break
         if number < len(goals) - 1:
             limit = limit.share(GOAL_SHARE)
-        if best_length < math.inf and edges.drive != HOLONOMIC:
+        if best_length < math.inf and edges.drive is not None:
             work = max(FURTHER_FACTOR * best.planning.work, MIN_FURTHER.work)
             limit = limit.at_most(Effort(work, math.inf))
         part = replace(task, endpoints=(start, goal), rooms=(), limit=limit)
@@ -659,7 +644,7 @@ def _search_tiles(task: PlanTask, may_exist: Callable[[], bool]) -> SearchResult
     Grid takes over in a tile where a planner of OMPL finds no path of a holonomic robot.
     """
     edges = task.edges
-    is_holonomic = edges.drive == HOLONOMIC
+    is_holonomic = edges.drive is None
     parts = edges.tiles._subproblems(*task.endpoints[:2])
     paths: list[Floats] = []
     results: list[SearchResult] = []
@@ -944,7 +929,7 @@ def _describe_outcome(task: PlanTask, result: SearchResult, exists: bool | None)
         return f"no path found: stopped after {result.planning.seconds:.2g} s{result.where}", ""
     existence = "a path exists" if exists else "undecided whether one exists"
     limits: list[str] = []
-    if edges.drive != HOLONOMIC:
+    if edges.drive is not None:
         limits = _describe_free_yaws(edges, task.endpoints)
         if exists:
             existence = "one exists for a robot that also moves sideways"
@@ -977,7 +962,7 @@ def _list_hints(task: PlanTask, exists: bool | None, is_late: bool) -> list[str]
         more = f"more iterations (iterations={10 * task.iterations})"
     if not edges.space.has_cells:
         return [more, "another seed", "a larger tolerance" if task.keep else "another planner"]
-    if edges.drive == HOLONOMIC and exists:
+    if edges.drive is None and exists:
         if task.planner == GRID or callable(task.objective):
             return [more]
         without = "" if task.iterations is None else " without iterations"
@@ -996,7 +981,7 @@ def _list_hints(task: PlanTask, exists: bool | None, is_late: bool) -> list[str]
 def _list_drive_hints(task: PlanTask) -> list[str]:
     """List hints, except more time, for a drive that is not holonomic."""
     hints = [_name_finer(task.edges.space), *_list_exact_hints(task)]
-    if task.edges.drive in CURVES:
+    if isinstance(task.edges.drive, Car):
         hints.append("a smaller turning_radius")
     if task.is_named:
         hints.append("the default planner")
@@ -1036,13 +1021,14 @@ def _list_trials(task: PlanTask, exists: bool | None) -> Iterator[tuple[PlanTask
     edges = task.edges
     space = edges.space
     proofs = dict.fromkeys([edges.exact, edges.exact or edges.cells.tries_exact])
-    drives = dict.fromkeys([edges.drive, REVERSING.get(edges.drive, edges.drive)])
-    for exact, drive in itertools.product(proofs, drives if space.in_memory else ()):
-        other = local_planner(space, exact, drive, edges.turning_radius)
-        options = {"exact": exact, "drive": drive}
-        changes = [
-            f"{name}={new!r}" for name, new in options.items() if new != getattr(edges, name)
-        ]
+    others = [edges.drive]
+    if edges.drive is not None and not edges.reverses:
+        others.append(replace(edges.drive, reverse=True))
+    for exact, drive in itertools.product(proofs, others if space.in_memory else ()):
+        other = local_planner(space, exact, drive)
+        changes = [] if exact == edges.exact else [f"exact={exact}"]
+        if drive != edges.drive:
+            changes.append(f"drive=planners.{drive}")
         if not (changes and other.may_join(exists)):
             continue
         trial = replace(
@@ -1090,7 +1076,7 @@ def _describe_free_yaws(edges: LocalPlanner, endpoints: Endpoints) -> list[str]:
         # Bounds are rounded inwards, to milliradians.
         interval = f"{math.ceil(1e3 * low) / 1e3:g} to {math.floor(1e3 * high) / 1e3:g} rad"
         limit = f"at the {name} only yaws {interval} are proven free"
-        if edges.drive in ON_THE_SPOT:
+        if isinstance(edges.drive, Differential):
             limit += ", too few to turn around"
         limits.append(limit)
     return limits
@@ -1145,7 +1131,6 @@ def _make_plan(journey: Journey, space: Space, start: Endpoint, moved: str, bega
         planner=task.planner,
         objective=task.objective if isinstance(task.objective, str) else "custom",
         drive=edges.drive,
-        turning_radius=edges.turning_radius,
         exact=edges.exact,
         seed=task.seed,
         time_limit=task.time_limit,

@@ -19,8 +19,9 @@ from cspace.errors import InputError
 from cspace.inside import (
     METRES_PER_RADIAN,
     Bools,
+    Car,
     ConfigurationSpace,
-    Drive,
+    Differential,
     Floats,
     Upright,
     check_positive,
@@ -29,7 +30,7 @@ from cspace.inside import (
 )
 from planners._catalogue import PlannerName
 from planners._drives import check_axes, local_planner
-from planners._local_planner import CURVES, HOLONOMIC, LocalPlanner
+from planners._local_planner import Drive, LocalPlanner
 from planners._own_space import POSE_AXES
 
 if TYPE_CHECKING:
@@ -135,10 +136,8 @@ class Plan:
         Name of the planner.
     objective : str
         Quantity that was minimised: ``"length"``, ``"clearance"`` or ``"custom"``.
-    drive : str
-        Motion of the robot along edges; see :func:`planners.plan`.
-    turning_radius : float or None
-        Turning radius of the curves, metres.
+    drive : Car, Differential or None
+        Motion of the robot along edges; None for a holonomic robot.
     exact : bool
         Whether the geometry itself decided edges in MIXED cells; for an arm it always does.
     seed : int or None
@@ -177,8 +176,7 @@ class Plan:
     is_disconnected: bool
     planner: PlannerName
     objective: str
-    drive: Drive
-    turning_radius: float | None
+    drive: Drive | None
     exact: bool
     seed: int | None
     time_limit: float | None
@@ -254,7 +252,7 @@ class Plan:
         It is the weighted length / :attr:`lower_bound` - 1. The true excess may be far smaller,
         because no path need be as short as the bound. NaN if not solved.
         """
-        weight = 0.0 if self.drive in CURVES else METRES_PER_RADIAN
+        weight = 0.0 if isinstance(self.drive, Car) else METRES_PER_RADIAN
         length = self.length + weight * self.total_rotation
         bound = self.lower_bound
         if bound > 0.0:
@@ -290,7 +288,7 @@ class Plan:
 
     def _edges_on(self, space: Space) -> LocalPlanner:
         """Return the local planner on a map."""
-        edges = local_planner(space, self.exact, self.drive, self.turning_radius)
+        edges = local_planner(space, self.exact, self.drive)
         return replace(edges, space=space._keep(self.keep)) if self.keep else edges
 
     def _map(self) -> Space:
@@ -371,7 +369,7 @@ class Plan:
         if not isinstance(space, CSpace):
             raise InputError("plan", f"is in {space!r}", "only maps in memory explain")
         explanation = space.explain(self.start, self.goal, refine=refine)
-        return replace(explanation, moves_sideways=self.drive == HOLONOMIC)
+        return replace(explanation, moves_sideways=self.drive is None)
 
     def __bool__(self) -> bool:
         """Return :attr:`solved`."""
@@ -397,9 +395,7 @@ class Plan:
         measures = [f"{self.length:.3f} {self.length_unit}"]
         if self.total_rotation:
             measures.append(f"total rotation {self.total_rotation:.2f} rad")
-        edges = "straight edges" if self.drive == HOLONOMIC else f"drive: {self.drive}"
-        if self.turning_radius:
-            edges += f" of {self.turning_radius:g} m"
+        edges = "straight edges" if self.drive is None else f"drive: {self.drive}"
         times = self.times
         return [
             f"{result}, {self._proof}; {', '.join(measures)}",
@@ -537,13 +533,13 @@ class Plan:
             raise InputError("plan", "is not certified", rule)
         space = self._map()
         edges = self._edges_on(space)
-        if self.turning_radius is None:
+        if not isinstance(self.drive, Car):
             rows = edges.insert_breakpoints(self.waypoints)
             return make_corridor(space, rows, reach, margin, 0.0)
         # An arc of length s and radius r leaves its chord by at most s^2 / (8 r).
         # For a corridor, rows along a car's curves are a quarter of a cell apart.
         step = 0.5 * space.resolution
-        deviation = step**2 / (8.0 * self.turning_radius)
+        deviation = step**2 / (8.0 * self.drive.turning_radius)
         return make_corridor(space, edges.resample(self.waypoints, step), reach, margin, deviation)
 
     @names_options
@@ -607,7 +603,6 @@ class Plan:
         max_acceleration: ArrayLike | Mapping[str, Any] | os.PathLike[str],
         max_angular_velocity: float | None = None,
         max_angular_acceleration: float | None = None,
-        max_lateral_acceleration: float | None = None,
         max_jerk: ArrayLike | Mapping[str, Any] | os.PathLike[str] | None = None,
         max_angular_jerk: float | None = None,
         duration: float | None = None,
@@ -646,8 +641,6 @@ class Plan:
             Of a robot that turns, rad/s and rad/s^2; required except for cars. A car given a
             largest angular acceleration stops to steer, since its yaw rate cannot jump; by default
             its steering is instant.
-        max_lateral_acceleration : float, optional
-            Of a car or differential drive on its curves, m/s^2; by default ``max_acceleration``.
         max_jerk : float, array-like of shape (k,), or mapping of axes to floats, optional
             Largest jerk, like ``max_acceleration``, in m/s^3 or rad/s^3. The acceleration is
             then continuous; for a car, that along its curve. Ramps of the speed are double S
@@ -711,7 +704,6 @@ class Plan:
             max_acceleration,
             max_angular_velocity,
             max_angular_acceleration,
-            max_lateral_acceleration,
             max_jerk,
             max_angular_jerk,
         )
@@ -723,7 +715,6 @@ class Plan:
             frame_id=self.frame_id,
             moves_joints=self._moves_joints,
             drive=self.drive,
-            turning_radius=self.turning_radius,
             exact=self.exact,
             certified=self.certified,
             blend=bool(blend),
@@ -798,6 +789,8 @@ def _to_json_type(value: object) -> object:
     """Convert a value to a JSON type."""
     if isinstance(value, np.ndarray):
         return value.tolist()
+    if isinstance(value, Car | Differential):
+        return {"type": type(value).__name__, **asdict(value)}
     if isinstance(value, Times | Upright):
         return asdict(value)
     if isinstance(value, tuple):

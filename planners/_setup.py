@@ -12,9 +12,9 @@ from ompl import geometric as og
 
 from cspace import Space
 from cspace.errors import InputError
-from cspace.inside import Drive, check_rng, names_options, tell_apart
+from cspace.inside import check_rng, names_options, tell_apart
 from planners._drives import local_planner
-from planners._local_planner import HOLONOMIC, LocalPlanner
+from planners._local_planner import Drive, LocalPlanner
 from planners._ompl_callbacks import FreeStateSampler, MotionValidator, StateValidityChecker
 from planners._ompl_states import find_state_kind
 
@@ -31,15 +31,13 @@ extent."""
 
 
 @names_options
-def state_space(
-    space: Space, *, drive: Drive = HOLONOMIC, turning_radius: float | None = None
-) -> ob.StateSpace:
+def state_space(space: Space, *, drive: Drive | None = None) -> ob.StateSpace:
     """Make OMPL's bounded state space of a space.
 
     Parameters
     ----------
     space : Space
-    drive, turning_radius
+    drive
         As for :func:`planners.plan`.
 
     Returns
@@ -65,11 +63,11 @@ def state_space(
     Raises
     ------
     InputError
-        If the drive is unknown, or given for a space without the axes x, y, yaw. Also if the
-        turning radius is missing, given without a curve, or not above zero. Also if the space is so
-        small that OMPL takes its steps for zero.
+        If ``drive`` is no drive, or given for a space without the axes x, y, yaw; or its turning
+        radius is too small or large for the cells; or the space is so small that OMPL takes its
+        steps for zero.
     """
-    return make_bounded_states(local_planner(space, False, drive, turning_radius))
+    return make_bounded_states(local_planner(space, False, drive))
 
 
 def make_bounded_states(edges: LocalPlanner) -> ob.StateSpace:
@@ -120,8 +118,7 @@ def simple_setup(
     rng: np.random.Generator | None = None,
     valid_state_sampler: MakeSampler | None = None,
     exact: bool = False,
-    drive: Drive = HOLONOMIC,
-    turning_radius: float | None = None,
+    drive: Drive | None = None,
     bidirectional: bool = False,
 ) -> og.SimpleSetup:
     """Create OMPL's SimpleSetup for a map, an arm or another space.
@@ -146,7 +143,7 @@ def simple_setup(
     exact : bool
         Whether the geometry itself decides states and motions that the map does not. Valid states
         are then drawn from the whole map and tested, because they need not lie in FREE cells.
-    drive, turning_radius
+    drive
         As for :func:`planners.plan`.
     bidirectional : bool
         As for :class:`MotionValidator`.
@@ -166,7 +163,7 @@ def simple_setup(
         ObstacleBasedValidStateSampler. It needs the last valid state of a motion, which a motion
         validator in Python cannot return, so the samples would be invalid.
     """
-    edges = local_planner(space, exact, drive, turning_radius, bidirectional)
+    edges = local_planner(space, exact, drive, bidirectional)
     return make_setup(edges, objective, rng, valid_state_sampler)
 
 
@@ -189,7 +186,6 @@ def make_setup(
             space,
             exact=edges.exact,
             drive=edges.drive,
-            turning_radius=edges.turning_radius,
             bidirectional=edges.bidirectional,
         )
     )

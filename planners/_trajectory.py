@@ -19,8 +19,9 @@ from cspace.errors import InputError
 from cspace.inside import (
     TWO_PI,
     Bools,
+    Car,
     ConfigurationSpace,
-    Drive,
+    Differential,
     Floats,
     Ints,
     Upright,
@@ -39,7 +40,7 @@ from planners._cars import CarCurves
 from planners._drives import check_axes, local_planner
 from planners._jerk import find_jerk_stop, find_motion, keeps_jerk
 from planners._joint_limits import read_joint_limits
-from planners._local_planner import CURVES, HOLONOMIC, ON_THE_SPOT, Pieces
+from planners._local_planner import Drive, Pieces
 from planners._ompl_states import check_space
 from planners._segments import (
     MAX_EDGE_TURN,
@@ -253,8 +254,7 @@ class Trajectory:
             units=space.units,
             frame_id=space.frame_id,
             moves_joints=True,
-            drive=HOLONOMIC,
-            turning_radius=None,
+            drive=None,
             exact=True,
             certified=True,
             blend=False,
@@ -296,7 +296,7 @@ class Trajectory:
         check_space(space)
         check_axes(space, self.axes, "trajectory")
         space = space._keep(route.keep)
-        edges = local_planner(space, route.exact, route.drive, route.turning_radius)
+        edges = local_planner(space, route.exact, route.drive)
         if self._segments.is_curve.any():
             driven = _cut_driven(self._segments, self._phases, self._rotations)
             return prove_segments(space, route.exact, driven)
@@ -566,7 +566,7 @@ class Trajectory:
         InputError
             If the robot is no car, or the wheelbase is not above zero.
         """
-        if self._route.drive not in CURVES:
+        if not isinstance(self._route.drive, Car):
             raise InputError(
                 "trajectory",
                 f"is of a robot with drive {self._route.drive!r}",
@@ -580,7 +580,7 @@ class Trajectory:
 
     def _check_drives(self) -> None:
         """Raise InputError if the robot does not drive along its x axis."""
-        if self._route.drive == HOLONOMIC:
+        if self._route.drive is None:
             raise InputError(
                 "trajectory",
                 "is of a robot without a drive",
@@ -714,7 +714,7 @@ class Trajectory:
         """
         names = ["time", *self.axes, *(f"{axis}_velocity" for axis in self.axes)]
         columns = [self.times, self.positions, self.velocities]
-        if self._route.drive != HOLONOMIC:
+        if self._route.drive is not None:
             names += ["v", "omega"]
             columns += [self.v, self.omega]
         if wheelbase is not None:
@@ -746,7 +746,6 @@ class MotionLimits(NamedTuple):
     max_acceleration: Limits
     max_angular_velocity: float | None = None
     max_angular_acceleration: float | None = None
-    max_lateral_acceleration: float | None = None
     max_jerk: Limits = None
     max_angular_jerk: float | None = None
 
@@ -770,8 +769,7 @@ class DrivenPath(NamedTuple):
     units: tuple[str, ...]
     frame_id: str
     moves_joints: bool
-    drive: Drive
-    turning_radius: float | None
+    drive: Drive | None
     exact: bool
     certified: bool  # what the plan says
     blend: bool  # whether corners become curves
@@ -1094,12 +1092,13 @@ def _smooth(
 ) -> Segments | None:
     """Return a proven smooth version of a path; None if it keeps its edges."""
     space = path.space
-    if not path.blend or path.drive in CURVES or space is None or not can_prove_curves(space):
+    is_car = isinstance(path.drive, Car)
+    if not path.blend or is_car or space is None or not can_prove_curves(space):
         return None
-    if path.drive in ON_THE_SPOT and bounds.jerk is not None and bounds.jerk.angular is not None:
+    drives = path.drive is not None
+    if drives and bounds.jerk is not None and bounds.jerk.angular is not None:
         return None  # The angular acceleration of a drive jumps along its curves.
     gap = VIA_CELLS * 2.0 * space.resolution if space.has_cells else 0.0
-    drives = path.drive in ON_THE_SPOT
     vias = align_quaternions(path.waypoints, rotations)[list(path.vias)]
     polyline = make_polyline(edges, rotations, bounds, drives, gap, junction, vias)
     return smooth_path(
@@ -1116,7 +1115,7 @@ def _make_junction(
     derivatives.
     """
     rates, bends = rates.copy(), bends.copy()
-    if path.drive in ON_THE_SPOT:
+    if isinstance(path.drive, Differential):
         # The yaw follows the curve.
         rates[:, 2] = bends[:, 2] = 0.0
     full = float(bounds.velocity.shares(rates).max())
@@ -1133,7 +1132,7 @@ def _make_junction(
 def _check_bounds(path: DrivenPath, limits: MotionLimits) -> MotionBounds:
     """Return checked limits of a motion."""
     dim = len(path.axes) - len(_rotations_along(path).names)
-    is_curved = path.drive in CURVES
+    is_curved = isinstance(path.drive, Car)
     rotates = dim < len(path.axes)
     needs_angular = rotates and not is_curved
     known = path.space.max_velocity if path.space is not None else {}
@@ -1152,8 +1151,7 @@ def _check_bounds(path: DrivenPath, limits: MotionLimits) -> MotionBounds:
             "is missing",
             "max_angular_jerk has a value",
         )
-    turns_sideways = is_curved or path.drive in ON_THE_SPOT
-    max_lateral = _check_option(limits, "max_lateral_acceleration", turns_sideways, False)
+    max_lateral = None if path.drive is None else path.drive.max_lateral_acceleration
     return MotionBounds(
         velocity=LimitRates(max_velocity, max_turn_rate, dim),
         acceleration=LimitRates(max_acceleration, max_turn_gain, dim),
@@ -1179,7 +1177,7 @@ def _check_limits(
     limits = check_each({} if value is None else value, name, axes, finite)
     for limit in limits.ravel().tolist():
         check_positive(limit, name, "metres, radians, seconds")
-    if path.drive in CURVES and limits.ndim:
+    if isinstance(path.drive, Car) and limits.ndim:
         raise InputError(name, "differs by axis", "a car turns")
     return np.broadcast_to(limits, dim) if path.moves_joints else limits
 
@@ -1207,7 +1205,7 @@ def _rotations_along(path: DrivenPath) -> Rotations:
 
 def _split(path: DrivenPath, rotations: Rotations, bounds: MotionBounds) -> Segments:
     """Return the straights and arcs of a path."""
-    split = _split_curves if path.drive in CURVES else _split_edges
+    split = _split_curves if isinstance(path.drive, Car) else _split_edges
     return split(path, rotations, bounds.velocity)
 
 
@@ -1220,7 +1218,7 @@ def _split_edges(path: DrivenPath, rotations: Rotations, velocity: LimitRates) -
 
 def _split_curves(path: DrivenPath, rotations: Rotations, velocity: LimitRates) -> Segments:
     """Return the arcs and straights of a car's path."""
-    curves = CarCurves(cast("Space", path.space), False, path.drive, path.turning_radius)
+    curves = CarCurves(cast("Space", path.space), False, path.drive)
     parts = [Pieces(np.zeros((0, 3)), np.zeros(0), np.zeros(0))]
     for first, last in itertools.pairwise(path.waypoints):
         parts.append(curves.split_edge(first, last, np.inf, np.inf, 0.0))

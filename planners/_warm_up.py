@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
 from cspace import CSpace, Robot, Rotations, Space, Workspace, build
-from cspace.inside import ConfigurationSpace, Drive
-from planners._local_planner import CURVES, HOLONOMIC
-from planners._ompl_states import check_space
+from cspace.inside import Car, ConfigurationSpace
+from planners._drives import local_planner
+from planners._local_planner import Drive
 from planners._plan import plan
 
 if TYPE_CHECKING:
@@ -19,7 +20,7 @@ _SAMPLED_PAIRS = 10
 """Pairs of configurations of an arm that are planned between; some need a search."""
 
 
-def warm_up(space: Space, drive: Drive = HOLONOMIC) -> None:
+def warm_up(space: Space, drive: Drive | None = None) -> None:
     """Compile what plans on a space need beforehand.
 
     For a map, it plans, updates and plans again on a small map with the same axes, and explains why
@@ -29,13 +30,13 @@ def warm_up(space: Space, drive: Drive = HOLONOMIC) -> None:
     Parameters
     ----------
     space : Space
-    drive : str
+    drive : Car or Differential, optional
         As for :func:`plan`.
 
     Raises
     ------
     InputError
-        If ``space`` is no space, or the drive is unknown or not for its axes.
+        If ``space`` is no space, or ``drive`` is no drive or not for its axes.
 
     Examples
     --------
@@ -43,8 +44,7 @@ def warm_up(space: Space, drive: Drive = HOLONOMIC) -> None:
     >>> workspace = cspace.Workspace.from_array(np.eye(30, dtype=bool), 0.1)
     >>> planners.warm_up(cspace.build(workspace, cspace.Robot.disc(0.2)))
     """
-    check_space(space)
-    radius = 0.5 if drive in CURVES else None
+    local_planner(space, False, drive)  # refuses what is no drive of the space
     if not (space.has_cells and space.has_poses):
         if isinstance(space, ConfigurationSpace):
             sampled = cast("CSpace | ArmSpace", space)  # all other maps are of poses
@@ -53,19 +53,21 @@ def warm_up(space: Space, drive: Drive = HOLONOMIC) -> None:
                 plan(space, start, goal, time_limit=0.5, drive=drive)
         return
     small = _build_small_map(space)
+    if isinstance(drive, Car):
+        drive = replace(drive, turning_radius=0.5)  # for these cells
     zeros = (0.0,) * (space.size - space.dim)
     if len(zeros) == 4:
         zeros = (0.0, 0.0, 0.0, 1.0)
     height = (1.0,) * (space.dim - 2)
     start, goal = (1.0, 1.0, *height, *zeros), (1.0, 5.0, *height, *zeros)
-    first = plan(small, start, goal, drive=drive, turning_radius=radius)
+    first = plan(small, start, goal, drive=drive)
     small.update(np.ones((2,) * space.dim, dtype=bool), (45, 30, *[5] * (space.dim - 2)))
     first.recheck()
     small.path_exists(start, goal)  # a plan asks if it finds no path
-    plan(small, start, goal, drive=drive, turning_radius=radius, previous=first)
+    plan(small, start, goal, drive=drive, previous=first)
     if space.dim == 2:
         small.update(np.ones((20, 2), dtype=bool), (40, 29))  # nothing passes the wall
-        str(plan(small, start, goal, drive=drive, turning_radius=radius))
+        str(plan(small, start, goal, drive=drive))
 
 
 def _build_small_map(space: Space) -> CSpace:

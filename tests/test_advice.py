@@ -219,7 +219,7 @@ def turn_at_most_half(rate):
     space = build(
         Workspace.from_array(np.zeros((60, 60), dtype=bool), 0.1), "disc:0.1", rotations=8
     )
-    plan = planners.plan(space, (3, 3, 0), (3, 3.1, 3), drive="dubins", turning_radius=0.5)
+    plan = planners.plan(space, (3, 3, 0), (3, 3.1, 3), drive=planners.Car(turning_radius=0.5))
     motion = plan.trajectory(max_velocity=1.0, max_angular_velocity=9.0, max_acceleration=100.0)
     fine = motion.sample_uniform(1000.0)
     yaws = np.unwrap(fine.positions[:, 2])

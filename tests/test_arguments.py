@@ -357,7 +357,7 @@ def test_costs_of_another_shape_are_refused():
     (lambda: cspace.Gate(turning(), tracking=(0.1, 0.1)), "has shape (2,)"),
     (lambda: cspace.Gate(turning(), dt=0.1, max_velocity={"x": 1.0, "y": 1.0, "Yaw": 1}), "'yaw'?"),
     (lambda: cspace.Gate(turning(), dt=0.1, max_velocity={"x": 1.0}), "lacks y, yaw"),
-    (lambda: cspace.Gate(turning(), turning_radius=0.0), "turning_radius"),
+    (lambda: cspace.Gate(turning(), drive=planners.Car(turning_radius=0.0)), "turning_radius"),
     (lambda: cspace.Gate(turning(), max_velocity=1.0), "dt is missing"),
     (lambda: cspace.Gate(flat(), dt=0.1), "max_velocity is missing"),
     (

@@ -35,12 +35,12 @@ print(space)
 # Forwards only
 # -------------
 #
-# ``drive="dubins"`` is for a car that does not reverse. Without ``drive``, a path in SE(2) is
+# ``planners.Car`` is a car, which does not reverse by default. Without ``drive``, a path in SE(2) is
 # holonomic: fine for a robot on omni wheels, but no car can drive it.
 
 start = (-2.0, 2.0, 0.0)
 plan = planners.plan(
-    space, start, (38.0, 2.0, 0.0), drive="dubins", turning_radius=4.0, time_limit=5
+    space, start, (38.0, 2.0, 0.0), drive=planners.Car(turning_radius=4.0), time_limit=5
 )
 print(plan)
 save_plot(space, "cars_1.png", True, path=plan)
@@ -49,10 +49,12 @@ save_plot(space, "cars_1.png", True, path=plan)
 # Forwards and backwards
 # ----------------------
 #
-# ``drive="reeds-shepp"`` may reverse, here into the gap between two parked cars:
+# With ``reverse=True`` it may reverse, here into the gap between two parked cars:
 
 gap = (12.0, -0.8, 0.0)
-plan = planners.plan(space, start, gap, drive="reeds-shepp", turning_radius=4.0, time_limit=5)
+plan = planners.plan(
+    space, start, gap, drive=planners.Car(turning_radius=4.0, reverse=True), time_limit=5
+)
 print(plan)
 save_plot(space, "cars_2.png", True, path=plan)
 
@@ -76,8 +78,7 @@ for radius in (3.0, 4.0, 7.0):
         space,
         start,
         (0.0, 9.0, math.pi),
-        drive="dubins",
-        turning_radius=radius,
+        drive=planners.Car(turning_radius=radius),
         time_limit=3,
         seed=1,
     )

@@ -22,7 +22,7 @@ occupied[50:54, :65] = True
 occupied[105:109, 35:] = True
 workspace = cspace.Workspace.from_array(occupied, 0.1)
 space = cspace.build(workspace, cspace.Robot.rectangle(0.9, 0.6), rotations=72)
-plan = planners.plan(space, (2.0, 2.0, 0.0), (14.0, 8.0, 0.0), drive="differential")
+plan = planners.plan(space, (2.0, 2.0, 0.0), (14.0, 8.0, 0.0), drive=planners.Differential())
 limits = {
     "max_velocity": 1.0,
     "max_acceleration": 0.5,

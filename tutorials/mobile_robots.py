@@ -101,12 +101,18 @@ print(plan.status, "- no obstacle is nearer than 0.1 m")
 # Such a robot rotates: ``rotations=72`` divides the circle into cells of 5 degrees, and
 # configurations are ``(x, y, yaw)``. FREE then means free at every position and every yaw of the
 # cell. **A path in SE(2) is holonomic unless you pass** ``drive=``: the robot may move sideways,
-# and rotates evenly along each edge. A robot on two wheels needs ``drive="differential"``: it
-# rotates in place and drives straight. For cars, read the next tutorial.
+# and rotates evenly along each edge. A robot on two wheels needs
+# ``drive=planners.Differential()``: it rotates in place and drives straight. For cars, read the
+# next tutorial.
 
 space = cspace.build(workspace, cspace.Robot.rectangle(1.1, 0.5), rotations=72)
 plan = planners.plan(
-    space, (1.4, 8.6, 0.0), (14.6, 1.2, math.pi / 2), drive="differential", time_limit=5, seed=3
+    space,
+    (1.4, 8.6, 0.0),
+    (14.6, 1.2, math.pi / 2),
+    drive=planners.Differential(),
+    time_limit=5,
+    seed=3,
 )
 print(plan)
 save_plot(space, "mobile_robots_3.png", True, path=plan)

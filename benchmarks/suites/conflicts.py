@@ -81,7 +81,7 @@ def _time_pairs(report: Report, count: int, seed: int) -> None:
     space = cspace.build(hall, "rect:0.9x0.6", rotations=72)
     rng = np.random.default_rng(seed)
     ends: Floats = rng.uniform((1.0, 1.0, -3.0), (15.0, 9.0, 3.0), (count, 2, 3))
-    plans = [planners.plan(space, *pair, drive="differential", seed=seed) for pair in ends]
+    plans = [planners.plan(space, *pair, drive=planners.Differential(), seed=seed) for pair in ends]
     movers = [
         planners.Mover(space.robot, plan.trajectory(**LIMITS), 0.5 * k, error=0.05, growth=0.001)
         for k, plan in enumerate(plans)

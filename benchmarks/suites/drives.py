@@ -52,12 +52,11 @@ def compare(report: Report, name: str, space: CSpace, number: int, seed: int) ->
     report.section(
         f"{name}, drives: {number} queries that FREE cells join, {joined.sum()} of them on eight headings"
     )
-    drives: dict[str, dict[str, Any]] = {
-        "differential": {},
-        "reeds-shepp": {"turning_radius": TURNING_RADIUS},
-    }
-    for drive, options in drives.items():
-        planners.plan(space, *queries[0], drive=drive, time_limit=TIME_LIMIT, **options)  # compiles
+    for drive in (
+        planners.Differential(),
+        planners.Car(turning_radius=TURNING_RADIUS, reverse=True),
+    ):
+        planners.plan(space, *queries[0], drive=drive, time_limit=TIME_LIMIT)  # compiles
         timing, plans = Timing(None), list[planners.Plan]()
         for query in queries:
             find = partial(
@@ -67,17 +66,16 @@ def compare(report: Report, name: str, space: CSpace, number: int, seed: int) ->
                 drive=drive,
                 time_limit=TIME_LIMIT,
                 seed=seed,
-                **options,
             )
             plans.append(timing.take(find))
         solved = np.array([plan.certified for plan in plans])
         report.timing(
-            f"drive={drive!r}",
+            f"drive={drive}",
             timing,
             solved=f"{solved.sum()} of {number}",
             worst_cpu_s=round(max(timing.cpu), 2),
         )
-        report.mark(method=drive)
+        report.mark(method=str(drive))
         report.check(
             all(plan.certified == plan.solved for plan in plans),
             f"{drive}: every path found is certified",
@@ -102,7 +100,7 @@ def compare(report: Report, name: str, space: CSpace, number: int, seed: int) ->
                 "s",
                 most=MAX_SECONDS,
             )
-        if drive == "differential":
+        if drive == planners.Differential():
             report.check(
                 bool(solved[joined].all()), f"{drive}: solves every query that the lattice joins"
             )
@@ -143,7 +141,10 @@ def park(report: Report) -> None:
 
 def _park(space: CSpace, query: Any, radius: float, exact: bool) -> planners.Plan | None:
     """Plan for a car; None if FREE cells do not hold its start or goal."""
-    options: Any = {"drive": "reeds-shepp", "turning_radius": radius, "time_limit": TIME_LIMIT}
+    options: Any = {
+        "drive": planners.Car(turning_radius=radius, reverse=True),
+        "time_limit": TIME_LIMIT,
+    }
     try:
         return planners.plan(space, *query, planner="Lattice", exact=exact, **options)
     except ConfigurationError:

@@ -15,6 +15,7 @@ import cspace
 import planners
 from benchmarks.report import Report
 from tests.helpers.cpp import ompl_flags, why_no_compiler
+from tests.helpers.drives import make_drive
 from tests.helpers.nav2 import (
     DRIVES,
     WALLS,
@@ -101,7 +102,7 @@ def compare(
             i, j = round(10 * x), round(10 * y)
             cells[i : i + 3, j : j + 3] = True
         space = cspace.build(cspace.Workspace.from_array(cells, 0.1), robot, rotations=72)
-        options = {"drive": drive, "turning_radius": DRIVES.get(drive) or None}
+        options = {"drive": make_drive(drive, DRIVES.get(drive))}
         if k == 0:
             planners.plan(space, start, goal, **options, time_limit=TIME_LIMIT_S)  # compiles
         before = time.process_time()

@@ -53,9 +53,11 @@ HOLONOMIC_WAYS: dict[str, dict[str, Any]] = {
 """Options of :func:`planners.plan` for every robot, by name."""
 
 CAR_WAYS: dict[str, dict[str, Any]] = {
-    "default, drive='differential'": {"drive": "differential"},
-    "RRTConnect, drive='differential'": {"drive": "differential", "planner": "RRTConnect"},
-    "default, drive='reeds-shepp'": {"drive": "reeds-shepp", "turning_radius": TURNING_RADIUS},
+    "default, drive='differential'": {"drive": planners.Differential()},
+    "RRTConnect, drive='differential'": {"drive": planners.Differential(), "planner": "RRTConnect"},
+    "default, drive='reeds-shepp'": {
+        "drive": planners.Car(turning_radius=TURNING_RADIUS, reverse=True)
+    },
 }
 """Options of :func:`planners.plan` for robots that turn in the plane, by name."""
 

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any
 
 import numpy as np
 import shapely
@@ -42,12 +40,12 @@ GOALS, LEAST_DISTANCE = 20, 5.0
 LIMITS = {"max_velocity": 0.8, "max_acceleration": 0.8}
 TURNING_LIMITS = {"max_angular_velocity": 1.5, "max_angular_acceleration": 3.0}
 
-DRIVES: dict[str, dict[str, Any]] = {
-    "holonomic": {},
-    "differential": {},
-    "reeds-shepp": {"turning_radius": 0.5},
+DRIVES: dict[str, planners.Car | planners.Differential | None] = {
+    "holonomic": None,
+    "differential": planners.Differential(),
+    "reeds-shepp": planners.Car(turning_radius=0.5, reverse=True),
 }
-"""Options of each drive."""
+"""Drives by name."""
 
 MIN_SHARE, MAX_MEDIAN_SECONDS, MAX_SLOW_SECONDS = 0.9, 0.025, 0.06
 """Targets: median share of the distance without crates, and CPU seconds of a cycle after its updates.
@@ -101,12 +99,14 @@ class Drive:
 class Driver:
     """The loop: plan anew in each cycle, go on at speed, and stop by proof."""
 
-    def __init__(self, space: CSpace, start: Floats, options: Mapping[str, Any]) -> None:
+    def __init__(
+        self, space: CSpace, start: Floats, drive: planners.Car | planners.Differential | None
+    ) -> None:
         self.space = space
-        self.options = options
-        turns_freely = "turning_radius" not in options
+        self.drive = drive
+        turns_freely = not isinstance(drive, planners.Car)
         self.limits = LIMITS | (TURNING_LIMITS if turns_freely else {})
-        self.plan: Plan = planners.plan(space, start, start, **options)
+        self.plan: Plan = planners.plan(space, start, start, drive=drive)
         self.motion: Trajectory = self.plan.trajectory(**self.limits)
         self.clock = 0.0
 
@@ -119,7 +119,7 @@ class Driver:
         left = old.duration - at if is_for(old, goal) else 0.0
         for place in old.starts_after(at):
             try:
-                plan = planners.plan(self.space, place, goal, previous=self.plan, **self.options)
+                plan = planners.plan(self.space, place, goal, drive=self.drive, previous=self.plan)
             except ConfigurationError:  # a crate is near that place
                 continue
             self.plan = plan if plan.solved else self.plan
@@ -137,14 +137,14 @@ class Driver:
 
 def run_drives(report: Report, seed: int) -> None:
     """Drive through scenes with and without crates, with each drive."""
-    for drive, options in DRIVES.items():
+    for drive, kind in DRIVES.items():
         scenes = QUICK_SCENES if report.quick else SCENES
         report.section(
             f"{drive}: {scenes} drives at {LIMITS['max_velocity']} m/s among {CRATES} crates"
         )
         alone, among = [], []
         for number in range(scenes):
-            drive_through = partial(_drive_through, {"drive": drive} | options, seed + number)
+            drive_through = partial(_drive_through, kind, seed + number)
             alone.append(drive_through(report, False))
             among.append(drive_through(report, True))
         shares = [b.distance / a.distance for a, b in zip(alone, among, strict=True)]
@@ -184,7 +184,7 @@ def run_drives(report: Report, seed: int) -> None:
 
 
 def _drive_through(
-    options: Mapping[str, Any], seed: int, report: Report, has_crates: bool
+    kind: planners.Car | planners.Differential | None, seed: int, report: Report, has_crates: bool
 ) -> Drive:
     """Drive from goal to goal for some seconds."""
     rng = np.random.default_rng(seed)
@@ -193,7 +193,7 @@ def _drive_through(
     space = cspace.build(workspace, Robot.rectangle(*FOOTPRINT), rotations=YAWS)
     crates = Crates.draw(space, rng)
     goals = _draw_goals(space, rng, GOALS)
-    driver = Driver(space, goals[0], options)
+    driver = Driver(space, goals[0], kind)
     drive = Drive()
     proven_among: list[shapely.Polygon] = []
     goal = 1
@@ -219,7 +219,7 @@ def _drive_through(
         most = (
             LIMITS["max_acceleration"]
             * t[1]
-            * (math.sqrt(2.0) if "turning_radius" in options else 1.0)
+            * (math.sqrt(2.0) if isinstance(kind, planners.Car) else 1.0)
         )
         drive.jumps += int(np.count_nonzero(gains > JUMP_SLACK * most))
         if is_new:

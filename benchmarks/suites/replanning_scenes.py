@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
@@ -38,12 +37,12 @@ LEAST_DISTANCE_SHARE = 0.3
 TIME_LIMIT = 10.0
 """Time limit of plans, seconds, so that all can succeed."""
 
-DRIVES: dict[str, tuple[dict[str, Any], float]] = {
-    "holonomic": ({}, 0.04),
-    "differential": ({}, 0.04),
-    "reeds-shepp": ({"turning_radius": 0.5}, 0.08),
+DRIVES: dict[str, tuple[planners.Car | planners.Differential | None, float]] = {
+    "holonomic": (None, 0.04),
+    "differential": (planners.Differential(), 0.04),
+    "reeds-shepp": (planners.Car(turning_radius=0.5, reverse=True), 0.08),
 }
-"""Options of each drive, and the target of the median CPU seconds of a plan."""
+"""Each drive, and the target of the median CPU seconds of a plan."""
 
 MAX_SLOW_SECONDS = 0.1
 """Target of the 95th percentile of CPU seconds."""
@@ -59,8 +58,8 @@ CPU seconds on the largest."""
 
 def run_scenes(report: Report, seed: int) -> None:
     """Drive through a scene with each drive, and plan on large maps."""
-    for drive, (options, target) in DRIVES.items():
-        _drive_through(report, {"drive": drive} | options, target, seed)
+    for name in DRIVES:
+        _drive_through(report, name, seed)
     if not report.quick:
         _measure_office(report, seed)
         _measure_growth(report, seed)
@@ -72,7 +71,7 @@ def _build(occupied: Any, yaws: int) -> CSpace:
     return cspace.build(workspace, Robot.polygon(RECTANGLE), rotations=yaws)
 
 
-def _drive_through(report: Report, options: Mapping[str, Any], target: float, seed: int) -> None:
+def _drive_through(report: Report, name: str, seed: int) -> None:
     """Plan anew at each step of a drive among moving crates."""
     rng = np.random.default_rng(seed)
     side = QUICK_SIDE if report.quick else SIDE
@@ -82,9 +81,9 @@ def _drive_through(report: Report, options: Mapping[str, Any], target: float, se
     velocities = rng.normal(0.0, CRATE_STEP, crates.shape)
     steps = QUICK_STEPS if report.quick else STEPS
     report.section(
-        f"{options['drive']}: {steps} steps among {CRATES} moving crates, "
-        f"{side} x {side} x {SCENE_YAWS} cells"
+        f"{name}: {steps} steps among {CRATES} moving crates, {side} x {side} x {SCENE_YAWS} cells"
     )
+    drive, target = DRIVES[name]
     fresh, again, quick = Timing(None), Timing(None), Timing(None)
     unsolved = longer = reused = 0
     slowest, seconds = None, 0.0
@@ -95,7 +94,7 @@ def _drive_through(report: Report, options: Mapping[str, Any], target: float, se
         velocities[(crates < lower) | (crates > upper)] *= -1.0
         _place_crates(space, crates, (here, goal))
         plan_here = partial(
-            planners.plan, space, here, goal, time_limit=TIME_LIMIT, seed=step, **options
+            planners.plan, space, here, goal, time_limit=TIME_LIMIT, seed=step, drive=drive
         )
         plan = fresh.take(plan_here)
         short = quick.take(partial(plan_here, planner="RRTConnect"))
@@ -115,7 +114,6 @@ def _drive_through(report: Report, options: Mapping[str, Any], target: float, se
         if math.dist(here[:2], goal[:2]) < 2.0 * STEP:
             here, goal = _draw_pair(space, rng)
             previous = None
-    name = options["drive"]
     slow = float(np.percentile(fresh.cpu, 95))
     report.timing(f"{name}, default", fresh, cpu_95_s=round(slow, 4), unsolved=unsolved)
     report.timing(f"{name}, default, previous=", again, reused=reused)
@@ -155,7 +153,7 @@ def _advance(plan: Plan) -> Floats:
 
 def _weighted_length(plan: Plan) -> float:
     """Return the length of a plan, in metres; a radian of rotation counts as half a metre."""
-    rotation = 0.0 if plan.turning_radius is not None else plan.total_rotation
+    rotation = 0.0 if isinstance(plan.drive, planners.Car) else plan.total_rotation
     return plan.length + METRES_PER_RADIAN * rotation
 
 
@@ -202,7 +200,13 @@ def _time_plans(report: Report, space: CSpace, pairs: Any, drive: str) -> Timing
     for number, (start, goal) in enumerate(pairs):
         plan = timing.take(
             partial(
-                planners.plan, space, start, goal, drive=drive, time_limit=TIME_LIMIT, seed=number
+                planners.plan,
+                space,
+                start,
+                goal,
+                drive=DRIVES[drive][0],
+                time_limit=TIME_LIMIT,
+                seed=number,
             )
         )
         unsolved += not plan.certified

@@ -21,7 +21,6 @@ from benchmarks.timing import Timing
 from cspace import ConfigurationError, CSpace, Robot, Workspace
 from cspace._rotations.base import wrap_steps
 from cspace._support.arrays import Floats
-from cspace._support.words import Drive
 from planners import Plan, Trajectory
 
 PLANS, QUICK_PLANS = 34, 4
@@ -65,9 +64,9 @@ def run(report: Report, seed: int) -> None:
     disc = Robot.disc(DISC_RADIUS)
     rectangle = Robot.polygon(RECTANGLE)
     for robot, rotations, drive in (
-        (disc, None, "holonomic"),
-        (rectangle, YAW_CELLS, "holonomic"),
-        (rectangle, YAW_CELLS, "differential"),
+        (disc, None, None),
+        (rectangle, YAW_CELLS, None),
+        (rectangle, YAW_CELLS, planners.Differential()),
     ):
         ratios: list[float] = []
         for name, workspace in workspaces.items():
@@ -93,7 +92,9 @@ def make_warehouse(rng: np.random.Generator) -> Workspace:
     return Workspace.from_array(occupied, 0.05)
 
 
-def _measure(report: Report, space: CSpace, drive: Drive, rng: np.random.Generator) -> list[float]:
+def _measure(
+    report: Report, space: CSpace, drive: planners.Differential | None, rng: np.random.Generator
+) -> list[float]:
     """Return the ratios of durations to the least ones, of default plans on one map."""
     limits: dict[str, Any] = {"max_velocity": SPEED, "max_acceleration": ACCELERATION}
     if space.size == 3:
@@ -103,7 +104,7 @@ def _measure(report: Report, space: CSpace, drive: Drive, rng: np.random.Generat
     least = np.array([least_duration(plan) for plan in plans])
     blended = _time(report, plans, limits)
     jerks = {"max_jerk": ACCELERATION / RAMP_SECONDS}
-    if space.size == 3 and drive == "holonomic":
+    if space.size == 3 and drive is None:
         jerks["max_angular_jerk"] = TURN_ACCELERATION / RAMP_SECONDS
     _judge_jerk(report, plans, limits | jerks, blended)
     stopping = np.array([plan.trajectory(**limits, blend=False).duration for plan in plans])
@@ -115,7 +116,9 @@ def _measure(report: Report, space: CSpace, drive: Drive, rng: np.random.Generat
     return list(ratios.tolist())
 
 
-def draw_plans(space: CSpace, drive: Drive, number: int, rng: np.random.Generator) -> list[Plan]:
+def draw_plans(
+    space: CSpace, drive: planners.Differential | None, number: int, rng: np.random.Generator
+) -> list[Plan]:
     """Return default plans between random configurations far apart."""
     plans: list[Plan] = []
     while len(plans) < number:
@@ -143,7 +146,7 @@ def least_duration(plan: Plan) -> float:
     if rows.shape[1] == 2:
         return driving
     turns = np.abs(wrap_steps(np.diff(rows[:, 2])))
-    if plan.drive == "holonomic":
+    if plan.drive is None:
         turning = ramped_duration(float(turns.sum()), TURN_RATE, TURN_ACCELERATION)
         return max(driving, turning)
     moves = np.flatnonzero(metres)

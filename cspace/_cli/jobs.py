@@ -34,7 +34,8 @@ _TWO_LINKS: Final = (
 """URDF of an arm with two links in a plane."""
 
 
-_CAR: Final[dict[str, Any]] = {"drive": "reeds-shepp", "turning_radius": 0.5}
+_CAR: Final = planners.Car(turning_radius=0.5, reverse=True)
+_DIFFERENTIAL: Final = planners.Differential()
 
 
 def map_flat(folder: Path, rotations: int | None = None) -> CSpace:
@@ -70,8 +71,8 @@ def time_drives(folder: Path) -> None:
     limits = {**holonomic, "max_angular_velocity": 1.0, "max_angular_acceleration": 1.5}
     _time_motion(plan_in_plane(folder), **holonomic)
     _time_motion(plan_with_yaw(folder), **limits)
-    _time_motion(plan_with_yaw(folder, **_CAR), **holonomic)
-    plan = plan_with_yaw(folder, drive="differential")
+    _time_motion(plan_with_yaw(folder, drive=_CAR), **holonomic)
+    plan = plan_with_yaw(folder, drive=_DIFFERENTIAL)
     _time_motion(plan, **limits)
     space = map_flat(folder, 72)
     rows = Gate(space, dt=0.05, max_velocity=1.0, tracking=0.02)
@@ -158,9 +159,9 @@ _HAS_ARMS: Final = find_spec("yourdfpy") is not None
 JOBS: Final[dict[str, Callable[[Path], object]]] = {
     "plan in the plane": plan_in_plane,
     "plan with a yaw": plan_with_yaw,
-    "plan with a differential drive": partial(plan_with_yaw, drive="differential"),
-    "plan for a car": partial(plan_with_yaw, **_CAR),
-    "plan for a car in a tight place": partial(plan_with_yaw, exact=True, **_CAR),
+    "plan with a differential drive": partial(plan_with_yaw, drive=_DIFFERENTIAL),
+    "plan for a car": partial(plan_with_yaw, drive=_CAR),
+    "plan for a car in a tight place": partial(plan_with_yaw, exact=True, drive=_CAR),
     "plan in space": plan_in_space,
     "queries and updates": query_maps,
     "trajectories and gates": time_drives,

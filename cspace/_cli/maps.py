@@ -41,7 +41,6 @@ from cspace._cli.options import (
     refuse_options,
 )
 from cspace._cli.report import Stopwatch, show, using_prefix
-from cspace.inside import Outside
 
 if TYPE_CHECKING:
     from cspace import CSpace, TiledCSpace
@@ -99,7 +98,9 @@ def make(
         "--output",
         "-o",
     ),
-    outside: Outside = option(None, "What lies beyond the workspace.", default="blocked"),
+    outside: Literal["blocked", "free"] = option(
+        None, "What lies beyond the workspace.", default="blocked"
+    ),
     margin: float = option("METRES", "Grow the robot by this much.", default=0.0),
     tile: int | None = option(
         "CELLS",

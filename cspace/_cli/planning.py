@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+import re
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, Literal, TypeAlias
 
 import typer
 
@@ -24,11 +26,21 @@ from cspace._cli.options import (
 )
 from cspace._cli.report import Stopwatch, list_option_names, name_options, show, with_unit
 from cspace.errors import InputError
-from cspace.inside import Drive
 
 if TYPE_CHECKING:
     from cspace.inside import ConfigurationMap
-    from planners import Plan
+    from planners import Car, Differential, Plan
+
+DriveName: TypeAlias = Literal[
+    "holonomic", "differential", "differential-reverse", "dubins", "reeds-shepp"
+]
+"""How a robot moves; a car is named for its curves."""
+
+_REVERSING: Final[Mapping[str, DriveName]] = {
+    "differential": "differential-reverse",
+    "dubins": "reeds-shepp",
+}
+"""The drive that also reverses, for each that does not."""
 
 _START: Final = option(
     CONFIGURATION,
@@ -77,7 +89,7 @@ def plan(
     simplify: bool = option(None, "Shorten the path.", "--simplify/--no-simplify", default=True),
     objective: str = option(None, "What to optimise: length or clearance.", default="length"),
     exact: bool = flag("--exact", "Ask the geometry itself where the grid cannot decide."),
-    drive: Drive = option(None, "How a robot with a yaw moves.", default="holonomic"),
+    drive: DriveName = option(None, "How a robot with a yaw moves.", default="holonomic"),
     turning_radius: float | None = option(
         "METRES", "Of the tightest curve, at the reference point."
     ),
@@ -117,6 +129,7 @@ def plan(
     )
     if trajectory is None:
         refuse_options(limits, (), "no --trajectory is")
+    moves = _read_drive(drive, turning_radius, limits.pop("max_lateral_acceleration", None))
     clock = Stopwatch()
     with clock.step("read"):
         space: Any = open_map(file)
@@ -126,7 +139,7 @@ def plan(
     here = parse_configuration(start, "start", space.axes, space.units)
     options: dict[str, Any] = {"start": planners.Near(here, start_tolerance or 0.0), "goal": goals}
     options |= {"planner": planner, "objective": objective, "seed": seed}
-    options |= {"exact": exact, "drive": drive, "turning_radius": turning_radius}
+    options |= {"exact": exact, "drive": moves}
     options |= {"time_limit": time_limit, "simplify": simplify}
     with clock.step("plan"):
         planned = planners.plan(space, **options)
@@ -154,12 +167,32 @@ def plan(
     show({**described, "seconds": clock.seconds}, as_json)
     if not planned.solved:
         hint = planned.hint.replace("plan.explain()", "cspace explain")
+        hint = re.sub(r"planners\.\w+\(.*?\)", _REVERSING.get(drive, drive), hint)
         hint = name_options(hint, list_option_names(context.command, context.meta))
         advice = f"; try {hint}" if hint else ""
         typer.echo(
             f"cspace: from {start} to {' or '.join(goal)}: {planned.status}{advice}", err=True
         )
         raise typer.Exit(1)
+
+
+def _read_drive(
+    name: DriveName, turning_radius: float | None, max_lateral_acceleration: float | None
+) -> Car | Differential | None:
+    """Make the drive of ``--drive`` and its options; raise InputError if they do not fit."""
+    from planners import Car, Differential
+
+    fields = drop_unset(
+        turning_radius=turning_radius, max_lateral_acceleration=max_lateral_acceleration
+    )
+    reverse = name in _REVERSING.values()
+    if name in ("dubins", "reeds-shepp"):
+        if turning_radius is None:
+            raise InputError("turning_radius", "is missing", "a car has a tightest curve")
+        return Car(reverse=reverse, **fields)
+    taken = () if name == "holonomic" else ("max_lateral_acceleration",)
+    refuse_options(fields, taken, f"--drive is {name}")
+    return None if name == "holonomic" else Differential(reverse=reverse, **fields)
 
 
 def _parse_goal(text: str, space: ConfigurationMap, any_yaw: bool) -> tuple[float | None, ...]:

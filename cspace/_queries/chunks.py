@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace._queries.batches import as_contiguous
+from cspace._queries.vehicles import Car, Drive, check_drive
 from cspace._rotations.base import TWO_PI, wrap_angles
 from cspace._support.arrays import Bools, Floats, Ints, frozen
 from cspace._support.check import (
@@ -330,7 +331,7 @@ def certify_twists(
     dt: float,
     tracking: ArrayLike,
     max_velocity: ArrayLike | None,
-    turning_radius: float | None,
+    drive: Drive | None,
     max_jerk: JerkLimits | None = None,
     before: ArrayLike | None = None,
 ) -> Chunk:
@@ -353,10 +354,7 @@ def certify_twists(
     if max_velocity is not None:
         limits = check_each(max_velocity, "max_velocity", TWIST_NAMES)
         checks.append(RowCheck("speed", TWIST_NAMES, "is", magnitudes, limits))
-    if turning_radius is not None:
-        radius = check_positive(turning_radius, "turning_radius")
-        largest = magnitudes[..., :1] / radius
-        checks.append(RowCheck("limit", ("omega",), "is", magnitudes[..., 1:], largest))
+    checks += _list_drive_checks(check_drive(drive), commands)
     if max_jerk is not None:
         limits = check_each(max_jerk, "max_jerk", TWIST_NAMES)
         with np.errstate(all="ignore"):
@@ -385,6 +383,26 @@ def certify_twists(
     sag += 2.0**-30 * spacing * poses.shape[1]
     tubes = ChunkMotions(space, starts, poses, checks, per_row, sag)
     return _prove(tubes, poses[:, per_row - 1 :: per_row], is_batch, errors)
+
+
+def _list_drive_checks(drive: Drive | None, twists: Floats) -> list[RowCheck]:
+    """List the limits of a drive that twists (B, n, 2) keep."""
+    checks = list[RowCheck]()
+    if drive is None:
+        return checks
+    speeds, rates = np.split(np.abs(twists), 2, axis=-1)
+    if not drive.reverse:
+        backwards = np.maximum(-twists[..., :1], 0.0)
+        checks.append(RowCheck("limit", ("v",), "reverses at", backwards, np.zeros(1)))
+    if isinstance(drive, Car):
+        largest = speeds / drive.turning_radius
+        checks.append(RowCheck("limit", ("omega",), "is", rates, largest))
+    if drive.max_lateral_acceleration is not None:
+        limit = np.array([drive.max_lateral_acceleration])
+        with np.errstate(all="ignore"):  # twists may be any numbers
+            sideways = speeds * rates
+        checks.append(RowCheck("limit", ("omega",), "accelerates sideways by", sideways, limit))
+    return checks
 
 
 def _roll_out(starts: Floats, arcs: Floats) -> Floats:

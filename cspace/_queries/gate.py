@@ -23,6 +23,7 @@ from cspace._queries.chunks import (
     list_steps,
     make_missing_dt,
 )
+from cspace._queries.vehicles import Drive, check_drive
 from cspace._support.arrays import Floats
 from cspace._support.check import check_each, check_finite, check_positive, names_options
 from cspace._support.check import check_rows as check_columns
@@ -87,7 +88,7 @@ class Gate:
     ----------
     space : CSpace, TiledCSpace or ArmSpace
         Its obstacles may change at any time.
-    tracking, dt, max_velocity, turning_radius
+    tracking, dt, max_velocity, drive
         As for :meth:`cspace.CSpace.certify_chunk` and :meth:`cspace.CSpace.certify_twists`.
     max_deceleration : array-like, shape (2,), optional
         How fast the robot can brake along its way and in yaw, m/s^2 and rad/s^2.
@@ -124,7 +125,7 @@ class Gate:
         tracking: ArrayLike = 0.0,
         dt: float | None = None,
         max_velocity: ArrayLike | None = None,
-        turning_radius: float | None = None,
+        drive: Drive | None = None,
         max_deceleration: ArrayLike | None = None,
         max_jerk: JerkLimits | None = None,
     ) -> None:
@@ -141,7 +142,7 @@ class Gate:
         self.tracking = check_each(tracking, "tracking", names)
         self.dt = None if dt is None else check_dt(dt)
         self.max_velocity = max_velocity
-        self.turning_radius = turning_radius
+        self.drive = check_drive(drive)
         self.max_jerk = max_jerk
         if dt is None and not (max_velocity is None and max_jerk is None):
             raise make_missing_dt()
@@ -153,8 +154,6 @@ class Gate:
             check_velocities(space, None)
         if max_jerk is not None:
             self._check_jerk(max_jerk, max_deceleration)
-        if turning_radius is not None:
-            check_positive(turning_radius, "turning_radius")
         self.max_deceleration = max_deceleration
         if max_deceleration is not None:
             given = check_each(max_deceleration, "max_deceleration", TWIST_NAMES)
@@ -328,7 +327,7 @@ class Gate:
 
     def _certify(self, q: ArrayLike, twists: ArrayLike, before: ArrayLike | None = None) -> Chunk:
         """Prove twists with the limits of the gate."""
-        limits = self.max_velocity, self.turning_radius, self.max_jerk, before
+        limits = self.max_velocity, self.drive, self.max_jerk, before
         return certify_twists(self.space, q, twists, self._check_dt(), self.tracking, *limits)
 
     def _check_dt(self) -> float:

@@ -9,8 +9,3 @@ Method: TypeAlias = Literal["auto", "fft", "direct"]
 
 Outside: TypeAlias = Literal["blocked", "free"]
 """State of all space outside the bounds of a workspace."""
-
-Drive: TypeAlias = Literal[
-    "holonomic", "differential", "differential-reverse", "dubins", "reeds-shepp"
-]
-"""Motion of a robot along an edge of :func:`planners.plan`."""

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace import FREE, Workspace, build
-from cspace.inside import UNKNOWN, Floats, Ints, Outside
+from cspace.inside import UNKNOWN, Floats, Ints
 from cspace.reasons._margins import Way, find_way
 
 if TYPE_CHECKING:
@@ -133,7 +133,7 @@ def _build_finer(space: CSpace, factor: int, first: Ints, stop: ArrayLike) -> CS
     bounds = np.concatenate([lower, upper])
     fine = Workspace.from_shapes(space.workspace.obstacles, grid.spacing / factor, bounds)
     count = _count_rotations(space, factor)
-    outside: Outside = "free" if space.outside == "free" else "blocked"
+    outside: Literal["free", "blocked"] = "free" if space.outside == "free" else "blocked"
     rotations = None if count == 1 else count
     return build(fine, space.robot, rotations=rotations, margin=space.margin, outside=outside)
 

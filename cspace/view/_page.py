@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from cspace.view._arm_canvas import ArmCanvas
     from cspace.view._map_canvas import MapCanvas
     from cspace.view._tool import ToolFrame
-    from planners import Choices, Plan, Trajectory
+    from planners import Car, Choices, Differential, Plan, Trajectory
 
 LOGGER: Final = logging.getLogger(__name__)
 
@@ -39,6 +39,11 @@ CLOSING_SECONDS: Final = 5.0
 """Largest time that a page waits for each of its threads when it closes."""
 AUTOMATIC: Final = "automatic"
 """Label of the default planner."""
+
+ANY_DIRECTION: Final = "any direction"
+DIFFERENTIAL: Final = "differential"
+CAR: Final = "car"
+"""Labels of drives."""
 
 
 class Panel:
@@ -58,8 +63,10 @@ class Panel:
     Attributes
     ----------
     planner, drive : GuiDropdownHandle
+    reverse : GuiInputHandle of bool
+        Whether the robot drives backwards, too.
     turning_radius, time_limit : GuiInputHandle of float
-        Metres, for drives along curves; seconds.
+        Metres, for cars; seconds.
     exact : GuiInputHandle of bool
         Check the exact geometry in MIXED cells.
     plan : GuiButtonHandle
@@ -91,7 +98,6 @@ class Panel:
         """Add all inputs and messages to a page, folder by folder."""
         self._gui = gui
         self._canvas = canvas
-        self._choices = choices
         gui.configure_theme(
             show_logo=False,
             show_share_button=False,
@@ -128,11 +134,16 @@ class Panel:
             (AUTOMATIC, *choices.planners),
             hint="OMPL's planners; maps also have Grid and MaxClearance.",
         )
+        has_drives = bool(choices.drives)
         self.drive = gui.add_dropdown(
-            "drive", choices.drives, hint="How the robot moves.", visible=len(choices.drives) > 1
+            "drive",
+            (ANY_DIRECTION, DIFFERENTIAL, CAR),
+            hint="How the robot moves.",
+            visible=has_drives,
         )
+        self.reverse = gui.add_checkbox("may reverse", False, visible=has_drives)
         self.turning_radius = gui.add_number(
-            "turning radius (m)", 1.0, min=0.01, step=0.05, visible=bool(choices.curves)
+            "turning radius (m)", 1.0, min=0.01, step=0.05, visible=has_drives
         )
         self.time_limit = gui.add_number("time limit (s)", 1.0, min=0.1, max=3600.0, step=0.5)
         self.exact = gui.add_checkbox(
@@ -148,15 +159,21 @@ class Panel:
     def read_options(self) -> dict[str, Any]:
         """Return the inputs of a search as options of :func:`planners.plan`."""
         planner = self.planner.value
-        drive = self.drive.value
-        is_curved = drive in self._choices.curves
         return {
             "planner": None if planner == AUTOMATIC else planner,
             "time_limit": float(self.time_limit.value),
             "exact": bool(self.exact.value),
-            "drive": drive,
-            "turning_radius": float(self.turning_radius.value) if is_curved else None,
+            "drive": self._read_drive(),
         }
+
+    def _read_drive(self) -> Car | Differential | None:
+        """Return the drive that is chosen; None for any direction."""
+        from planners import Car, Differential
+
+        reverse = bool(self.reverse.value)
+        if self.drive.value == CAR:
+            return Car(turning_radius=float(self.turning_radius.value), reverse=reverse)
+        return Differential(reverse=reverse) if self.drive.value == DIFFERENTIAL else None
 
     def show_robot(self, numbers: tuple[float, ...]) -> None:
         """Set the robot's sliders to values within limits."""

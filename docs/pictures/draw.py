@@ -312,13 +312,13 @@ def draw_trajectory() -> Figure:
         "max_angular_velocity": 1.0,
     }
     figure, axes = plt.subplots(2, 2, figsize=(9.6, 4.9), width_ratios=[2, 5], layout="constrained")
-    drives: list[tuple[str, dict[str, float], dict[str, float]]] = [
-        ("differential", {}, {"max_angular_acceleration": 1.0}),
-        ("reeds-shepp", {"turning_radius": 1.2}, {}),
+    drives: list[tuple[planners.Car | planners.Differential, dict[str, float]]] = [
+        (planners.Differential(), {"max_angular_acceleration": 1.0}),
+        (planners.Car(turning_radius=1.2, reverse=True), {}),
     ]
-    for (left, right), (drive, options, further) in zip(axes, drives, strict=True):
+    for (left, right), (drive, further) in zip(axes, drives, strict=True):
         start, goal = (2.0, 2.0, 0.0), (14.0, 2.0, 0.0)
-        plan = planners.plan(space, start, goal, drive=drive, time_limit=5.0, seed=1, **options)
+        plan = planners.plan(space, start, goal, drive=drive, time_limit=5.0, seed=1)
         trajectory = plan.trajectory(**limits, **further)
         left.imshow(
             occupied.T, origin="lower", extent=(0, 16, 0, 10), cmap=ListedColormap([FREE, OBSTACLE])
@@ -326,7 +326,7 @@ def draw_trajectory() -> Figure:
         left.plot(*trajectory.positions[:, :2].T, color=PATH, linewidth=1.8)
         rests = trajectory.positions[~trajectory.velocities.any(axis=1)]
         left.plot(*rests[:, :2].T, ".", color=PATH, markersize=8.0)
-        left.set(title=f'"{drive}"; dots: stops', xlabel="x (m)", ylabel="y (m)")
+        left.set(title=f"{type(drive).__name__}; dots: stops", xlabel="x (m)", ylabel="y (m)")
         trajectory.plot(right)
         right.set_title(f"{trajectory.duration:.1f} s; blue: speed, orange: angular speed")
     return figure
@@ -338,7 +338,9 @@ def plan_around_wall() -> tuple[cspace.CSpace, planners.Plan]:
     occupied[50:54, :65] = True
     outline = cspace.Robot.rectangle(0.9, 0.6)
     space = cspace.build(cspace.Workspace.from_array(occupied, 0.1), outline, rotations=72)
-    plan = planners.plan(space, (2.0, 2.0, 0.0), (14.0, 8.0, 0.0), drive="differential", seed=1)
+    plan = planners.plan(
+        space, (2.0, 2.0, 0.0), (14.0, 8.0, 0.0), drive=planners.Differential(), seed=1
+    )
     return space, plan
 
 

@@ -202,6 +202,18 @@ class PlannerNode(Node):
         """Return the value of a parameter."""
         return self.get_parameter(name).value
 
+    def read_drive(self):
+        """Return the robot's drive, or None; InputError if the parameters do not go together."""
+        word, radius = self.option("drive"), self.option("turning_radius")
+        reverse = word in ("differential-reverse", "reeds-shepp")
+        if word in ("dubins", "reeds-shepp"):
+            return planners.Car(turning_radius=radius, reverse=reverse)
+        if radius:
+            raise InputError(
+                "turning_radius", f"is {radius} and drive is {word!r}", "it is for cars"
+            )
+        return None if word == "holonomic" else planners.Differential(reverse=reverse)
+
     def complain(self, problem):
         """Log a problem once; after a shutdown, everything fails."""
         if problem not in self.complaints and rclpy.ok():
@@ -318,7 +330,7 @@ class PlannerNode(Node):
         if not is_same or space.robot is not robot:
             space = cspace.build(workspace, robot, rotations=self.option("rotations"))
         if self.space is None:
-            planners.warm_up(space, self.option("drive"))
+            planners.warm_up(space, self.read_drive())
             self.get_logger().info("ready to plan")
         with self.lock:
             window = None
@@ -431,8 +443,7 @@ class PlannerNode(Node):
             planners.plan,
             space,
             planners.Near(start, tolerance),
-            drive=self.option("drive"),
-            turning_radius=self.option("turning_radius") or None,
+            drive=self.read_drive(),
             time_limit=self.option("time_limit"),
             previous=last,
             stop=stop,

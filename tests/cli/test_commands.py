@@ -101,13 +101,13 @@ space = cspace.build(workspace, cspace.Robot.rectangle(0.5, 0.3), rotations=24)
 start, goal = (1.0, 4.0, 0.0), (2.0, 5.0, 1.0)
 speeds = {"max_velocity": 0.8, "max_acceleration": 0.6}
 turns = {"max_angular_velocity": 1.0, "max_angular_acceleration": 1.0}
-car = {"drive": "dubins", "turning_radius": 0.4}
+car = {"drive": planners.Car(turning_radius=0.4)}
 arm = build_arm(folder)
 keep = planners.Upright("upper", axis=(1, 0, 0), direction=(1, 0.3, 0), tolerance=1.4)
 ends = (-0.5, 0.2), (1.0, 0.3)
 for plan, limits in (
     (planners.plan(space, start, goal), speeds | turns),
-    (planners.plan(space, start, goal, drive="differential"), speeds | turns),
+    (planners.plan(space, start, goal, drive=planners.Differential()), speeds | turns),
     (planners.plan(space, start, goal, **car), speeds),
     (planners.plan(arm, *ends, seed=2), {"max_acceleration": 1.0}),
     (planners.plan(arm, *ends, seed=2, keep=keep), {"max_acceleration": 1.0}),
@@ -465,8 +465,7 @@ def test_plan_passes_options_to_the_planner(room, monkeypatch):
     assert seen == {
         "start": (1.0, 1.0, math.pi / 2),
         "goal": (-1.0, -0.5, -1.5),
-        "drive": "reeds-shepp",
-        "turning_radius": 0.5,
+        "drive": planners.Car(turning_radius=0.5, reverse=True),
         "exact": True,
         "objective": "clearance",
         "planner": "PRM",

@@ -10,10 +10,10 @@ from benchmarks.report import Report
 from cspace import FREE
 from cspace._support.arrays import Floats
 from planners._drives import local_planner
-from planners._local_planner import CURVES
 from tests.fuzz.maps import POINTS_PER_EDGE
 from tests.fuzz.scenes import Case, Rng, draw_case
 from tests.fuzz.tally import Tally, draw_until, pick_close
+from tests.helpers.drives import CURVES, make_drive
 from tests.helpers.placements import draw_near_mixed, turn_between
 from tests.helpers.planning import make_poses, points_along, shortest_word
 
@@ -47,7 +47,7 @@ def _check_curves(tally: Tally, case: Case, name: str, rng: Rng) -> None:
     space = case.space
     radius = space.grid.spacing * float(np.exp(rng.uniform(*np.log(RADII))))
     exact = bool(rng.integers(2))
-    planner: Any = local_planner(space, exact, drive=name, turning_radius=radius)
+    planner: Any = local_planner(space, exact, make_drive(name, radius))
     starts, goals = _draw_ends(case, name, radius, rng)
     is_free, rows = planner.edge_checker(), np.concatenate([starts, goals], axis=1)
     pairs = rows[[is_free(*row) for row in rows.tolist()]].reshape(-1, 2, 3)

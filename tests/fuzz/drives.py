@@ -22,6 +22,7 @@ from planners._catalogue import (
     THREADED_PLANNERS,
 )
 from tests.fuzz.scenes import Rng
+from tests.helpers.drives import WORDS, make_drive
 
 OFFICE = "maps/willow-full-0.05.yaml"
 """Map of an office in the folder of real maps."""
@@ -31,8 +32,8 @@ FOOTPRINT = [(-0.3, -0.25), (0.4, -0.25), (0.4, 0.0), (0.05, 0.0), (0.05, 0.35),
 HEADINGS = [(1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1)]
 """Steps along the eight headings, in cells."""
 
-DRIVES = {"differential": None, "differential-reverse": None, "dubins": 0.5, "reeds-shepp": 0.5}
-"""Turning radius in metres of each drive."""
+RADIUS = 0.5
+"""Turning radius of cars, metres."""
 
 
 LIMIT = 0.2
@@ -54,8 +55,8 @@ def check(report: Report, seed: int, queries: int) -> None:
     rng = np.random.default_rng([seed, 6])
     drawn = [draw_query(space, rng) for _ in range(2 * queries)]
     pairs = [pair for pair in drawn if space.is_connected(*pair)]
-    for drive, radius in DRIVES.items():
-        options = {"drive": drive, "turning_radius": radius, "time_limit": 20.0}
+    for drive in WORDS[1:]:
+        options = {"drive": make_drive(drive, RADIUS), "time_limit": 20.0}
         plans = [planners.plan(space, *pair, planner="Lattice", **options) for pair in pairs]
         wrong = sum(plan.certified != plan.solved for plan in plans)
         report.check(not wrong, f"{drive}: {wrong} of {len(plans)} paths are not certified")
@@ -86,7 +87,7 @@ def check_planners(report: Report, rng: Rng, worlds: int) -> None:
         start, goal = space.sample_free(2, rng)
         if not space.is_connected(start, goal):
             continue
-        drive = rng.choice(np.array(planners.choices(space).drives))
+        drive = str(rng.choice(WORDS)) if planners.choices(space).drives else "holonomic"
         for name in names:
             plans += 1
             if drive == "dubins" and name in BIDIRECTIONAL_PLANNERS:
@@ -98,8 +99,7 @@ def check_planners(report: Report, rng: Rng, worlds: int) -> None:
                 goal,
                 planner=name,
                 objective="clearance" if minimises and rng.random() < 0.5 else "length",
-                drive=str(drive),
-                turning_radius=DRIVES.get(drive),
+                drive=make_drive(drive, RADIUS),
                 time_limit=LIMIT,
                 seed=int(rng.integers(1000)),
             )
@@ -122,7 +122,7 @@ def draw_query(space: CSpace, rng: Rng) -> Floats:
     return q
 
 
-def join_eight_headings(space: CSpace, drive: str) -> csr_array:
+def join_eight_headings(space: CSpace, drive: planners.Differential) -> csr_array:
     """Return the graph of FREE cells of a robot that turns on the spot and drives along eight
     headings."""
     free = np.asarray(space.cell_states) == FREE
@@ -144,7 +144,7 @@ def join_eight_headings(space: CSpace, drive: str) -> csr_array:
         a = index[k][may]
         b = a + dx * free.shape[2] + dy
         parts.append((a, b, np.full(len(a), space.grid.spacing * math.hypot(dx, dy))))
-        parts += [(b, a, parts[-1][2])] * (drive == "differential-reverse")
+        parts += [(b, a, parts[-1][2])] * drive.reverse
     a, b, cost = (np.concatenate(column) for column in zip(*parts, strict=True))
     return coo_array((cost, (a, b)), shape=(free.size, free.size)).tocsr()
 

@@ -16,8 +16,8 @@ from scipy.spatial import cKDTree
 import planners
 from cspace import BLOCKED, FREE, Robot, Rotations, Workspace, build
 from planners._car_curves import advance, find_shortest_words
-from planners._local_planner import CURVES
 from planners._ompl_states import find_state_kind
+from tests.helpers.drives import CURVES, is_car, make_drive
 from tests.helpers.handmade import build_empty, fill_boxes, map_of
 from tests.helpers.placements import sample_edges, turn_between
 
@@ -31,7 +31,6 @@ ENDPOINTS = {
 }
 """Start and goal in each room."""
 
-CAR_OPTIONS = {"turning_radius": 0.4}
 ANYTIME_PLANNERS = {"BITstar", "InformedRRTstar", "PRMstar", "RRTstar", "SORRTstar"}
 """Planners that improve their path until the time limit."""
 
@@ -65,7 +64,7 @@ ROOM_INPUTS = {
 
 def options_for(drive):
     """Return the options of a drive, with a turning radius for cars."""
-    return ({} if drive is None else {"drive": drive}) | (CAR_OPTIONS if drive in CURVES else {})
+    return {} if drive is None else {"drive": make_drive(drive)}
 
 
 def compile_for(seconds):
@@ -261,21 +260,21 @@ def check(space, plan, start, goal):
     along = np.linspace(0.0, 1.0, 20 if space.size > dim else 200)
     straight, angles = sample_edges(space, path[:-1], path[1:], along)
     steps = np.linalg.norm(np.diff(path[:, :dim], axis=0), axis=1)
-    if plan.turning_radius is None:
-        assert (plan.direction is None) == (
-            plan.drive == "holonomic"
-        ) and plan.length == pytest.approx(steps.sum())
+    if not is_car(plan):
+        assert (plan.direction is None) == (plan.drive is None) and plan.length == pytest.approx(
+            steps.sum()
+        )
         assert plan.total_rotation == pytest.approx(angles.sum(), abs=1e-6)
         dense = list(straight)
     else:
-        assert plan.turning_radius is not None and plan.direction is not None
+        assert plan.direction is not None
         assert len(plan.direction) == len(path) and set(plan.direction.tolist()) <= {1, -1}
         assert steps.sum() * (1 - 1e-9) <= plan.length <= steps.sum() * 1.01 + 1e-9
         turns = turn_between(path[:-1, 2], path[1:, 2])
         ahead = zip(path, steps, turns, plan.direction[1:], strict=False)
         dense = [sample_arc(a, step, turn, way, along) for a, step, turn, way in ahead]
         # Curves are no tighter than the turning radius, and the robot moves along its heading.
-        assert (np.abs(turns) <= 1.02 * steps / plan.turning_radius + 1e-6).all()
+        assert (np.abs(turns) <= 1.02 * steps / plan.drive.turning_radius + 1e-6).all()
         assert all(
             np.abs(points[-1, :2] - b[:2]).max() < 1e-5
             for b, points in zip(path[1:], dense, strict=True)

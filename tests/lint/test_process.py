@@ -38,10 +38,11 @@ def growth(name):
     if name == "space":
         robot = cspace.Robot.box((0.3, 0.3, 0.1))
     if name == "turning":
-        robot, rotations, car = cspace.Robot.rectangle(0.4, 0.2), 12, dict(turning_radius=0.3)
-        ways += [dict(exact=True), dict(drive="differential"),
-                 dict(drive="dubins", planner="RRT", **car), dict(drive="reeds-shepp", **car),
-                 dict(drive="reeds-shepp", **car, **heeding)]
+        robot, rotations = cspace.Robot.rectangle(0.4, 0.2), 12
+        ahead, both = (planners.Car(turning_radius=0.3, reverse=each) for each in (False, True))
+        ways += [dict(exact=True), dict(drive=planners.Differential()),
+                 dict(drive=ahead, planner="RRT"), dict(drive=both),
+                 dict(drive=both, **heeding)]
     space = cspace.build(cspace.Workspace.from_array(occupied, 0.1), robot, rotations=rotations)
     rest = {"plane": (), "turning": (0.0,), "space": (0.5,)}[name]
 

@@ -13,14 +13,15 @@ import pytest
 
 import cspace
 import planners
+from cspace._cli.planning import DriveName
 from cspace._engines import ENGINES, METHODS
 from cspace._record.exterior import OUTSIDES
-from cspace._support.words import Drive, Method, Outside
+from cspace._support.words import Method, Outside
 from planners._catalogue import BUILT_IN_SEARCHES, PlannerName
-from planners._local_planner import CURVES, DRIVES, HOLONOMIC, ON_THE_SPOT
+from tests.helpers.drives import WORDS
 from tests.helpers.repository import SOURCES
 
-TYPES = {"drive": "Drive", "planner": "PlannerName", "method": "Method", "outside": "Outside"}
+TYPES = {"drive": "DriveName", "planner": "PlannerName", "method": "Method", "outside": "Outside"}
 """Types of arguments, by name."""
 
 START, GOAL = (0.5, 0.5, 0.0), (1.5, 0.5, 0.0)
@@ -35,7 +36,7 @@ def space() -> cspace.CSpace:
 def test_the_types_list_the_words_that_the_library_accepts() -> None:
     assert set(get_args(Method)) == {*ENGINES, "auto"} == set(METHODS)
     assert get_args(Outside) == OUTSIDES
-    assert get_args(Drive) == DRIVES == (HOLONOMIC, *ON_THE_SPOT, *CURVES)
+    assert get_args(DriveName) == WORDS
     assert set(get_args(PlannerName)) == {*planners.planner_names(), *BUILT_IN_SEARCHES}
 
 
@@ -87,5 +88,7 @@ def test_wrong_drives_of_parts_for_ompl_are_refused(space: cspace.CSpace) -> Non
 
 def test_names_of_the_library_pass_type_checks(space: cspace.CSpace) -> None:
     options = planners.choices(space)
-    plan = planners.plan(space, START, GOAL, planner=options.planners[-1], drive=options.drives[1])
+    plan = planners.plan(
+        space, START, GOAL, planner=options.planners[-1], drive=options.drives[0]()
+    )
     assert planners.plan(space, START, GOAL, planner=plan.planner, drive=plan.drive).certified

@@ -14,6 +14,7 @@ import cspace
 import planners
 from cspace.errors import AngleWarning, InputError
 from planners import Mover, apart
+from tests.helpers.drives import make_drive
 from tests.helpers.handmade import build_empty
 from tests.helpers.refusals import check_refused, refusals
 from tests.helpers.regions import place_polygon
@@ -38,8 +39,7 @@ def driven():
     turns = {"max_angular_velocity": 1.0, "max_angular_acceleration": 1.0}
     for k, drive in enumerate(("differential", "holonomic", "reeds-shepp") * 3):
         start, goal = rng.uniform((1, 1, -3), (9, 7, 3), (2, 3))
-        options = {"turning_radius": 0.5} if drive == "reeds-shepp" else {}
-        plan = planners.plan(space, start, goal, drive=drive, seed=1, **options)
+        plan = planners.plan(space, start, goal, drive=make_drive(drive, 0.5), seed=1)
         more = {} if drive == "reeds-shepp" else turns
         more = more | {"max_jerk": 1.0} if k % 2 else more
         trajectories.append(plan.trajectory(**limits, **more))
@@ -92,7 +92,7 @@ def test_trajectories_agree_with_every_millisecond(driven, count):
 
 def test_the_ends_of_a_bar_that_turns_are_seen():
     space = build("rect:2.0x0.1")
-    plan = planners.plan(space, (5.0, 4.0, 0.0), (5.0, 4.0, 2.8), drive="differential")
+    plan = planners.plan(space, (5.0, 4.0, 0.0), (5.0, 4.0, 2.8), drive=planners.Differential())
     trajectory = plan.trajectory(
         max_velocity=1.0,
         max_acceleration=1.0,

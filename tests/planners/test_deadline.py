@@ -69,8 +69,8 @@ def test_built_in_searches_keep_the_time_limit():
 @pytest.mark.parametrize(
     "options, owner, seconds",
     [
-        ({"drive": "reeds-shepp", "turning_radius": 0.1}, CarCurves, 0.0003),
-        ({"drive": "differential"}, TurnDriveTurn, 0.001),
+        ({"drive": planners.Car(turning_radius=0.1, reverse=True)}, CarCurves, 0.0003),
+        ({"drive": planners.Differential()}, TurnDriveTurn, 0.001),
     ],
 )
 def test_shortening_a_path_of_the_lattice_keeps_the_time_limit(
@@ -173,9 +173,9 @@ DEFAULT_PLANS = {
     "widest": ("plane", {"planner": "MaxClearance"}),
     "holonomic": ("turning", {}),
     "exact": ("turning", {"exact": True}),
-    "differential": ("turning", {"drive": "differential"}),
-    "car": ("turning", {"drive": "reeds-shepp", "turning_radius": 0.4}),
-    "any yaw": ("turning", {"drive": "differential", "goal": (5.0, 3.2, None)}),
+    "differential": ("turning", {"drive": planners.Differential()}),
+    "car": ("turning", {"drive": planners.Car(turning_radius=0.4, reverse=True)}),
+    "any yaw": ("turning", {"drive": planners.Differential(), "goal": (5.0, 3.2, None)}),
     "space": ("space", {}),
     "arm": ("arm", {}),
     "joint map": ("joint map", {}),
@@ -227,7 +227,7 @@ def test_a_plan_that_fails_ends_by_its_work(monkeypatch):
     # A clock that stands still ends nothing.
     monkeypatch.setattr(type(clock), "read", staticmethod(lambda: 0.0))
     monkeypatch.setattr("planners._plan.DEFAULT_SECONDS", 0.05)
-    options = {"planner": "RRT", "drive": "dubins", "turning_radius": 3.0, "seed": 1}
+    options = {"planner": "RRT", "drive": planners.Car(turning_radius=3.0), "seed": 1}
     plans = [planners.plan(build_room("turning"), *ENDPOINTS["turning"], **options) for _ in "ab"]
     assert plans[0].status == plans[1].status and plans[0].hint == plans[1].hint
     assert plans[0].status.startswith("no path found within 0.05 s of work; one exists for")

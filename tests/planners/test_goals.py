@@ -20,6 +20,7 @@ import cspace
 import planners
 from cspace import BLOCKED, FREE, MIXED, ConfigurationError, InputError
 from planners._catalogue import SUPPORTED
+from tests.helpers.drives import is_car
 from tests.helpers.handmade import map_of
 from tests.helpers.placements import turn_between
 from tests.helpers.planning import (
@@ -42,7 +43,7 @@ ANY = math.pi
 
 def measure(plan):
     """Return the length of a plan with weighted rotations, along curves without."""
-    return plan.length + (0.0 if plan.turning_radius else 0.5 * plan.total_rotation)
+    return plan.length + (0.0 if is_car(plan) else 0.5 * plan.total_rotation)
 
 
 # ---- several goals -------------------------------------------------------------------------------
@@ -232,7 +233,7 @@ def test_any_yaw_needs_no_turn_at_the_goal():
         plan = planners.plan(space, start, (x, y, None), **options_for(drive))
         assert plan.certified and plan.goal[:2].tolist() == [x, y]
         assert measure(plan) < measure(turned)
-    assert plan.drive == "differential" and plan.direction[-1] == 1
+    assert plan.drive == planners.Differential() and plan.direction[-1] == 1
 
 
 def test_a_room_around_a_blocked_goal_is_reached_and_without_one_the_nearest_is_named():
@@ -417,7 +418,7 @@ def test_path_and_trajectory_go_through_places_on_the_way(drive):
     assert via[1].covers(shapely.Point(rows[1, :2]))
     straight = np.linalg.norm(np.diff(np.vstack([start, rows, plan.goal])[:, :2], axis=0), axis=1)
     assert straight.sum() * (1.0 - 1e-9) <= plan.lower_bound <= measure(plan) * (1.0 + 1e-9)
-    limits = LIMITS | ({} if plan.turning_radius else TURN_LIMITS)
+    limits = LIMITS | ({} if is_car(plan) else TURN_LIMITS)
     flowing, halting = (plan.trajectory(**limits, stop_at_via=stop) for stop in (False, True))
     assert flowing.certified and halting.certified
     # A curve around a sharp corner may take longer than a turn on the spot.
@@ -516,7 +517,7 @@ def test_a_car_arrives_at_a_place_so_that_it_can_go_on():
         shapely.box(6.0, 4.0, 7.0, 5.0),
         planners.Near((7.0, 4.0, 1.5), angle=0.5),
     ]
-    options = {"drive": "dubins", "turning_radius": 0.5, "time_limit": 20.0}
+    options = {"drive": planners.Car(turning_radius=0.5), "time_limit": 20.0}
     plan = planners.plan(space, (1.0, 1.0, 0.0), (7.0, 1.0, None), via=via, **options)
     assert plan.certified and len(plan.via_rows) == 3
 

@@ -16,8 +16,8 @@ from scipy.spatial.transform import Rotation
 import cspace
 import planners
 from cspace import InputError
-from planners._local_planner import CURVES
 from planners._timing import find_stop
+from tests.helpers.drives import CURVES, is_car, make_drive
 from tests.helpers.handmade import build_empty
 from tests.helpers.planning import build_open_map
 from tests.helpers.strategies import few
@@ -58,9 +58,9 @@ def check_limits(trajectory, h=1e-5):
     gains = (trajectory.sample(t + h)[1] - trajectory.sample(t - h)[1]) / (2.0 * h)
     assert np.linalg.norm(velocities[:, :2], axis=1).max() <= SLACK * 1.2
     # A car's acceleration along its curve and that across have their own limits.
-    most = 0.8 * (math.sqrt(2.0) if trajectory._route.turning_radius else 1.0)
+    most = 0.8 * (math.sqrt(2.0) if is_car(trajectory._route) else 1.0)
     assert np.linalg.norm(gains[:, :2], axis=1).max() <= SLACK * most
-    if velocities.shape[1] == 3 and not trajectory._route.turning_radius:
+    if velocities.shape[1] == 3 and not is_car(trajectory._route):
         assert np.abs(velocities[:, 2]).max() <= SLACK * 1.0
         assert np.abs(gains[:, 2]).max() <= SLACK * 2.0
 
@@ -211,7 +211,7 @@ def test_an_arm_stops_and_goes_on_within_limits():
 def test_a_motion_goes_on_at_once_or_stops(drive, rotations, radius):
     plan = build_plan(1, drive, rotations, radius)
     limits = limits_of(rotations, radius)
-    options = {"drive": drive, "turning_radius": radius, "previous": plan}
+    options = {"drive": make_drive(drive, radius), "previous": plan}
     trajectory = plan.trajectory(**limits)
     reached = 0
     for t in draw_times(trajectory, 6):
@@ -250,7 +250,7 @@ def test_velocity_and_curvature_are_continuous_where_a_drive_goes_on(drive, radi
     plan = build_plan(1, drive, 36, radius)
     limits = LIMITS | ({"max_angular_acceleration": 2.0} if radius else TURNING_LIMITS)
     old = plan.trajectory(**limits)
-    options = {"drive": drive, "turning_radius": radius, "previous": plan}
+    options = {"drive": make_drive(drive, radius), "previous": plan}
     h = 1e-3
     for t in draw_times(old, 6):
         for place in old.starts_after(t):
@@ -277,7 +277,7 @@ def test_velocity_and_curvature_are_continuous_where_a_drive_goes_on(drive, radi
 def test_planning_anew_on_the_way_costs_no_time_and_no_curvature(rotations):
     space = build_empty((120, 60), cspace.Robot.disc(0.3), rotations=rotations)
     yaw = (0.0,) if rotations else ()
-    options = {"drive": "differential"} if rotations else {}
+    options = {"drive": planners.Differential()} if rotations else {}
     limits = limits_of(rotations, None)
     plan = planners.plan(space, (1.0, 2.0, *yaw), (11.0, 2.0, *yaw), **options)
     motion = plan.trajectory(**limits)
@@ -408,15 +408,14 @@ def draw_path(kind, rng, start=None):
     return np.concatenate([rows[:1], np.stack([begins, ends], axis=1).reshape(-1, 3)])
 
 
-def plan_through(kind, rows):
-    """Return a plan through waypoints."""
+def plan_through(kind, rows, **limits):
+    """Return a plan through waypoints, with limits of the drive."""
     name, drive = KINDS[kind]
-    options = {"turning_radius": 0.5} if drive in CURVES else {}
     space = open_space(name)
     q = np.zeros(space.size) + 3.0 * space.has_poses
     if name == "floating":
         q[3:] = 0.5
-    plan = planners.plan(space, q, q, drive=drive, **options)
+    plan = planners.plan(space, q, q, drive=make_drive(drive, 0.5, **limits))
     return dataclasses.replace(plan, waypoints=rows, path=rows)
 
 
@@ -439,21 +438,20 @@ def test_each_motion_begins_where_the_robot_is_at_any_time(kind):
     limits = {"max_velocity": 1.0, "max_acceleration": 0.6}
     if kind in ("turning", "floating", "differential", "reverse"):
         limits |= TURNING_LIMITS
-    if KINDS[kind][1] != "holonomic":
-        limits["max_lateral_acceleration"] = 0.2
+    sideways = {} if KINDS[kind][1] == "holonomic" else {"max_lateral_acceleration": 0.2}
     # The yaw rate of a car jumps between its arcs.
     dim = 2 if KINDS[kind][1] in CURVES else 7
     space = open_space(KINDS[kind][0])
     stops = 0
     for _ in range(2):
-        plan = plan_through(kind, draw_path(kind, rng))
+        plan = plan_through(kind, draw_path(kind, rng), **sideways)
         trajectory = plan.trajectory(**limits)
         for number, t in enumerate(draw_hard_times(trajectory, rng)):
             place, velocity, _ = trajectory.sample(t)
             motions = [trajectory.braked(t)]
             assert motions[0].duration <= trajectory.duration - t + 1e-9
             for start in trajectory.starts_after(t) if number % 4 == 0 else ():
-                again = plan_through(kind, draw_path(kind, rng, start))
+                again = plan_through(kind, draw_path(kind, rng, start), **sideways)
                 motions.append(again.trajectory(**limits, after=trajectory, at=t))
                 stops += bool(motions[-1].stop_reason)
             for motion in motions:

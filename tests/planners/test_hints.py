@@ -31,8 +31,8 @@ def build_walls(boxes, robot, rotations=None, **options):
 def follow(hint, options):
     """Return the options of a plan after the first advice of its hint."""
     advice = re.split(", which finds|, or ", hint)[0]
-    changes = dict(re.findall(r"(\w+)=('[^']*'|[\w.+-]+)", advice))
-    options = options | {name: ast.literal_eval(text) for name, text in changes.items()}
+    changes = dict(re.findall(r"(?<!\()\b(\w+)=(planners\.\w+\([^)]*\)|'[^']*'|[\w.+-]+)", advice))
+    options = options | {name: eval(text) for name, text in changes.items()}
     if "default planner" in advice:
         del options["planner"]
     if "without iterations" in advice:
@@ -62,14 +62,14 @@ BAY_CART = BAY, Robot.rectangle(0.8, 0.3), 72
             (
                 BAY_CART,
                 OUT_OF_BAY,
-                {"drive": "differential"},
-                "drive='differential-reverse', which",
+                {"drive": planners.Differential()},
+                "drive=planners.Differential(reverse=True), which",
             ),
             (
                 BAY_CART,
                 OUT_OF_BAY,
-                {"drive": "dubins", "turning_radius": 0.5, "planner": "RRT"},
-                "drive='reeds-shepp' with the default planner, which finds a path",
+                {"drive": planners.Car(turning_radius=0.5), "planner": "RRT"},
+                "drive=planners.Car(turning_radius=0.5, reverse=True) with the default planner, which finds a path",
             ),
             ((CORRIDOR, SQUARE, None), AHEAD, {}, "exact=True, which finds a path"),
             ((CORRIDOR, SQUARE, 72), AHEAD, {}, "exact=True, which finds a path"),
@@ -83,22 +83,22 @@ BAY_CART = BAY, Robot.rectangle(0.8, 0.3), 72
             (
                 (CORRIDOR, SQUARE, 72),
                 AHEAD,
-                {"drive": "differential", "planner": "Lattice"},
+                {"drive": planners.Differential(), "planner": "Lattice"},
                 "exact=True with the default planner, which finds a path",
             ),
             # The robot passes sideways through FREE cells, but drives ahead only by the geometry.
             (
                 (CORRIDOR, Robot.rectangle(0.3, 0.5), 72),
                 AHEAD,
-                {"drive": "dubins", "turning_radius": 0.5, "time_limit": 5.0},
+                {"drive": planners.Car(turning_radius=0.5), "time_limit": 5.0},
                 "exact=True, which finds a path",
             ),
             # Neither is enough without the other.
             (
                 ((*BAY, (2.0, 0.0, 2.2, 2.78), (2.0, 3.22, 2.2, 4.0)), BAY_CART[1], 72),
                 OUT_OF_BAY,
-                {"drive": "differential", "time_limit": 5.0},
-                "exact=True with drive='differential-reverse', which finds a path",
+                {"drive": planners.Differential(), "time_limit": 5.0},
+                "exact=True with drive=planners.Differential(reverse=True), which finds a path",
             ),
             (
                 DISC,
@@ -176,15 +176,16 @@ def test_a_window_of_a_tiled_map_is_planned_on_with_exact(tmp_path):
 def test_a_smaller_turning_radius_gives_a_path():
     space = build_walls([(0.0, 0.0, 0.1, 0.1)], Robot.rectangle(0.6, 0.3), 72)
     ends = (1.0, 2.0, 0.0), (5.0, 2.0, math.pi)
-    options = {"drive": "dubins", "time_limit": 0.2, "seed": 1}
-    plan = planners.plan(space, *ends, turning_radius=100.0, **options)
+    options = {"time_limit": 0.2, "seed": 1}
+    plan = planners.plan(space, *ends, drive=planners.Car(turning_radius=100.0), **options)
     assert not plan.solved and "a smaller turning_radius" in plan.hint
-    assert planners.plan(space, *ends, turning_radius=0.5, **options).certified
+    smaller = planners.Car(turning_radius=0.5)
+    assert planners.plan(space, *ends, drive=smaller, **options).certified
 
 
 def test_more_iterations_give_a_path():
     space = build_room("turning")
-    options = {"planner": "RRT", "drive": "differential", "iterations": 1, "seed": 1}
+    options = {"planner": "RRT", "drive": planners.Differential(), "iterations": 1, "seed": 1}
     plan = planners.plan(space, *ENDPOINTS["turning"], **options)
     assert plan.hint.startswith("more iterations (iterations=10)")
     for _ in range(6):
@@ -221,7 +222,7 @@ def test_an_end_in_collision_is_said_to_be_and_the_nearest_is_accepted(rotations
 
 # ---- refused arguments ---------------------------------------------------------------------------
 
-CAR = {"drive": "dubins", "turning_radius": 0.4}
+CAR = {"drive": planners.Car(turning_radius=0.4)}
 
 
 def penalize(name, weight):
@@ -247,7 +248,7 @@ def make_objective(si):
     (
         "turning",
         {"planner": "Lattice"},
-        "planner is 'Lattice' and drive is 'holonomic'; Lattice is for all other drives",
+        "planner is 'Lattice' and drive is None; Lattice is for all other drives",
     ),
     (
         "plane",
@@ -299,36 +300,32 @@ def make_objective(si):
     ("turning", CAR | {"planner": "Lattice", "iterations": 9}, "Lattice counts none"),
     (
         "turning",
-        {"drive": "differential", "objective": "clearance"},
+        {"drive": planners.Differential(), "objective": "clearance"},
         "is for holonomic robots",
     ),
     (
         "turning",
-        {"drive": "differential", "planner": "Lattice", "exact": True},
+        {"drive": planners.Differential(), "planner": "Lattice", "exact": True},
         "exact is True and planner is 'Lattice'; Lattice uses FREE cells",
     ),
     # Drives.
     (
         "yawing",
-        {"drive": "differential"},
-        "drive is 'differential' and the axes are (x, y, z, yaw); it is for the axes (x, y, yaw) of a map",
+        {"drive": planners.Differential()},
+        "drive is Differential(reverse=False) and the axes are (x, y, z, yaw); it is for the axes (x, y, yaw) of a map",
     ),
     (
         "turning",
         {"drive": "dubins"},
-        "turning_radius is missing; drive='dubins' needs the radius of its tightest curve",
+        "drive is 'dubins'; it must be a planners.Car(...), a planners.Differential(...) or None",
     ),
+    ("turning", {"drive": planners.Differential}, "a planners.Differential(...) or None"),
     (
         "turning",
-        {"turning_radius": 0.5},
-        "turning_radius is 0.5 and drive is 'holonomic'; a radius is for curves, of drive='dubins' or 'reeds-shepp'",
-    ),
-    (
-        "turning",
-        CAR | {"turning_radius": 1e-9},
+        {"drive": planners.Car(turning_radius=1e-9)},
         "to keep rounding errors small",
     ),
-    ("turning", CAR | {"turning_radius": 400.0}, "turning_radius is 400"),
+    ("turning", {"drive": planners.Car(turning_radius=400.0)}, "turning_radius is 400"),
     ("plane", {"seed": -1}, "seed is -1"),
     (
         "plane",
@@ -410,12 +407,6 @@ def plan_in(name, **options):
     (
         lambda: plan_in("turning").trajectory(**LIMITS, **TURN_LIMITS).to_joint_trajectory(),
         "a joint trajectory holds joints",
-    ),
-    (
-        lambda: plan_in("turning").trajectory(
-            **LIMITS, **TURN_LIMITS, max_lateral_acceleration=1.0
-        ),
-        "the robot does not turn so",
     ),
     (
         lambda: plan_in("turning").trajectory(**LIMITS, **TURN_LIMITS, max_angular_jerk=3.0),
@@ -575,7 +566,9 @@ def blocked(space, rows):
         "space is a tuple; it must be a cspace.Space, as the results of cspace.build and cspace.open are",
     ),
     (
-        lambda _: planners.plan(build_room("plane"), *ENDPOINTS["plane"], drive="differential"),
+        lambda _: planners.plan(
+            build_room("plane"), *ENDPOINTS["plane"], drive=planners.Differential()
+        ),
         "it is for the axes (x, y, yaw) of a map",
     ),
     (

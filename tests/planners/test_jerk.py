@@ -17,6 +17,7 @@ import cspace
 import planners
 from cspace import InputError
 from planners._jerk import keeps_jerk
+from tests.helpers.drives import make_drive
 from tests.helpers.refusals import refusals
 from tests.helpers.strategies import seeds
 from tests.helpers.urdfs import planar, post
@@ -227,7 +228,9 @@ def test_stops_and_going_on_keep_the_limit(drive, rotations):
         check_plane(stop)
         check_continues(trajectory, t, stop)
         for place in trajectory.starts_after(t):
-            again = planners.plan(plan.space, place, plan.goal, drive=drive, previous=plan)
+            again = planners.plan(
+                plan.space, place, plan.goal, drive=make_drive(drive), previous=plan
+            )
             motion = again.trajectory(**limits, after=trajectory, at=t)
             assert motion.certified
             check_plane(motion)

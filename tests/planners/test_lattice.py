@@ -3,6 +3,7 @@ office."""
 
 import math
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -21,18 +22,19 @@ from tests.fuzz.drives import (
     shortest_length,
     weighted_length,
 )
+from tests.helpers.drives import is_car, make_drive
 from tests.helpers.handmade import fill_boxes
 from tests.helpers.planning import ENDPOINTS, build_room, interpolate_poses, make_poses
 from tests.helpers.regions import place_polygon
 from tests.helpers.strategies import examples, few, seeds
 
-SPOT_DRIVES = [{"drive": "differential"}, {"drive": "differential-reverse"}]
+SPOT_DRIVES = [{"drive": planners.Differential()}, {"drive": planners.Differential(reverse=True)}]
 CAR_DRIVES = [
-    {"drive": "dubins", "turning_radius": 0.3},
-    {"drive": "reeds-shepp", "turning_radius": 0.3},
+    {"drive": planners.Car(turning_radius=0.3)},
+    {"drive": planners.Car(turning_radius=0.3, reverse=True)},
 ]
 EVERY_DRIVE = pytest.mark.parametrize("options", [*SPOT_DRIVES, *CAR_DRIVES], ids=str)
-CURVES = {"dubins": ob.DubinsStateSpace, "reeds-shepp": ob.ReedsSheppStateSpace}
+CURVES = {False: ob.DubinsStateSpace, True: ob.ReedsSheppStateSpace}
 FOOTPRINT = [(-0.2, -0.15), (0.3, -0.15), (0.3, 0.05), (0.0, 0.05), (0.0, 0.2), (-0.2, 0.2)]
 
 
@@ -48,14 +50,14 @@ def sample_motion(plan):
     """Return configurations 1 cm or 1 degree apart along a path, for cars by OMPL's own curves."""
     parts = []
     for a, b in zip(plan.waypoints[:-1], plan.waypoints[1:], strict=True):
-        if plan.turning_radius is None:
+        if not is_car(plan):
             count = 2 + int(max(math.dist(a[:2], b[:2]) * 100, 60))
             turn = math.remainder(b[2] - a[2], math.tau)
             assert (a[:2] == b[:2]).all() or abs(turn) < 1e-9  # it turns or drives
             shares = np.linspace(0.0, 1.0, count)[:, None]
             parts.append(a + shares * [*(b[:2] - a[:2]), turn])
             continue
-        states = CURVES[plan.drive](plan.turning_radius)
+        states = CURVES[plan.drive.reverse](plan.drive.turning_radius)
         ends = make_poses(states, a, b)
         shares = np.linspace(0.0, 1.0, 2 + int(100 * states.distance(*ends)))
         parts.append(interpolate_poses(states, *ends, shares))
@@ -86,7 +88,7 @@ def test_a_car_parks_in_a_real_lot(data):
     car = Robot.open(data / "polygons" / "car.geojson")
     space = build(Workspace.open(file, spacing=0.15), car, rotations=72)
     ends = (4.03, -2.6, math.pi / 2.0), (9.9, -12.0, -math.pi / 2.0)
-    options = {"drive": "reeds-shepp", "turning_radius": 3.0, "time_limit": 20.0}
+    options = {"drive": planners.Car(turning_radius=3.0, reverse=True), "time_limit": 20.0}
     plan = planners.plan(space, *ends, **options)
     assert plan.certified and plan.planner == "Lattice"
     obstacles = shapely.from_geojson(file.read_text())
@@ -138,14 +140,14 @@ OUT = (1.0, 1.75, math.pi - 1e-3), (6.5, 1.75, 0.0)
 
 @EVERY_DRIVE
 def test_the_lattice_leaves_a_dead_end_as_the_drive_may(dead_end, options):
-    reverses = options["drive"] in ("differential-reverse", "reeds-shepp")
+    reverses = options["drive"].reverse
     plan = planners.plan(dead_end, *OUT, time_limit=1000.0, planner="Lattice", **options)
     assert plan.solved == plan.certified == reverses
     if reverses:
         return
     assert "; the lattice search reached no more nodes; one exists for a robot" in plan.status
-    reverse = {"dubins": "reeds-shepp", "differential": "differential-reverse"}
-    assert plan.hint == f"drive={reverse[options['drive']]!r}, which finds a path"
+    reversing = replace(options["drive"], reverse=True)
+    assert plan.hint == f"drive=planners.{reversing}, which finds a path"
     late = planners.plan(dead_end, *OUT, planner="Lattice", time_limit=1e-6, **options)
     assert "no path found within" in late.status and "nodes" not in late.status
 
@@ -157,9 +159,9 @@ def test_ompl_takes_over_when_the_lattice_finds_nothing(monkeypatch):
         lambda *_: (np.empty((0, 3)), "the lattice gave up"),
     )
     query = build_room("turning"), *ENDPOINTS["turning"]
-    plan = planners.plan(*query, drive="differential", seed=1, time_limit=20.0)
+    plan = planners.plan(*query, drive=planners.Differential(), seed=1, time_limit=20.0)
     assert plan.certified and plan.status == "path found: by RRTConnect, as Lattice found none"
-    named = planners.plan(*query, drive="differential", planner="Lattice")
+    named = planners.plan(*query, drive=planners.Differential(), planner="Lattice")
     assert not named.solved and "the lattice gave up" in named.status
 
 
@@ -172,7 +174,7 @@ def test_a_search_from_the_goal_still_drives_ahead_on_a_long_way():
     workspace = Workspace.from_polygons(street, 0.2, (-0.5, -5.6, 18.5, 100))
     space = build(workspace, Robot.polygon(CAR), rotations=72)
     start = (2.5, 95.0, -0.5 * math.pi)
-    options = {"drive": "reeds-shepp", "turning_radius": 2.5, "time_limit": 20.0}
+    options = {"drive": planners.Car(turning_radius=2.5, reverse=True), "time_limit": 20.0}
     plan = planners.plan(space, start, goal, exact=True, **options)
     steps = np.linalg.norm(np.diff(plan.path[:, :2], axis=0), axis=1)
     assert steps[plan.direction[1:] < 0].sum() < 0.1 * plan.length
@@ -185,7 +187,7 @@ def test_cars_park_in_tight_slots_on_coarse_maps(make_slot, share, radius):
     obstacles, query = make_slot(share)
     workspace = Workspace.from_polygons(obstacles, 0.05, PARKING_BOUNDS)
     space = build(workspace, Robot.polygon(CAR), rotations=72)
-    options = {"drive": "reeds-shepp", "turning_radius": radius, "time_limit": 20.0}
+    options = {"drive": planners.Car(turning_radius=radius, reverse=True), "time_limit": 20.0}
     for start, goal in (query, query[::-1]):
         plan = planners.plan(space, start, goal, exact=True, **options)
         assert plan.certified and plan.recheck().all() and plan.planner == "Lattice"
@@ -204,7 +206,7 @@ def test_lattice_passes_a_crate_close_to_a_wall_in_little_time(drive):
     occupied[:, [0, -1]] = True
     notched = shapely.Polygon([(-0.45, -0.3), (0.45, -0.3), (0.3, 0.0), (0.45, 0.3), (-0.45, 0.3)])
     space = build(Workspace.from_array(occupied, 0.04), Robot.polygon(notched), rotations=72)
-    options = {"planner": "Lattice", "drive": drive}
+    options = {"planner": "Lattice", "drive": make_drive(drive)}
     ends = (1.2, 13.5, -1.57), (1.2, 2.0, -1.0)
     assert planners.plan(space, *ends, **options).solved  # compiles all functions
     space.add_obstacle("crate", shapely.box(0.86, 6.0, 1.58, 7.0))
@@ -223,5 +225,5 @@ def test_blocks_of_the_guide_are_as_large_as_the_robot_lets_walls_be(center, sid
     space = build(workspace, Robot.rectangle(0.6, 0.6, center), rotations=24)
     assert _measure_block_side(space) == side
     start, goal = (1.5, 1.5, 0.5 * math.pi), (4.5, 1.5, -0.5 * math.pi)
-    plan = planners.plan(space, start, goal, drive="differential", time_limit=30.0)
+    plan = planners.plan(space, start, goal, drive=planners.Differential(), time_limit=30.0)
     assert plan.certified

@@ -10,6 +10,7 @@ from hypothesis import given
 import planners
 from cspace import Robot, Workspace, build
 from planners._drives import local_planner
+from tests.helpers.drives import make_drive
 from tests.helpers.placements import collides, is_free_around
 from tests.helpers.planning import (
     ENDPOINTS,
@@ -76,7 +77,7 @@ def check_driven(plan, drive):
     turns = np.abs(turn_between(path[:-1, 2], path[1:, 2]))
     ahead = dx * cos + dy * sin
     assert np.abs(dx * sin - dy * cos).max() < 1e-9 and (np.minimum(metres, turns) == 0.0).all()
-    assert plan.drive == drive
+    assert plan.drive == make_drive(drive)
     assert np.array_equal(plan.direction[1:], np.sign(np.round(ahead, 12)))
     assert drive == "differential-reverse" or ahead.min() >= 0.0
     assert plan.length == pytest.approx(metres.sum())
@@ -90,7 +91,7 @@ def check_driven(plan, drive):
 @given(seed=seeds)
 def test_an_edge_is_proven_if_its_configurations_are_free_with_clearance(drive, seed):
     space = build_room("turning")
-    edges = local_planner(space, drive=drive)
+    edges = local_planner(space, drive=make_drive(drive))
     first, last = draw_edge(space, seed)
     points = drive_edge(first, last, drive)
     is_proven = edges.edge_checker()(*first, *last)
@@ -112,10 +113,10 @@ def test_a_reversing_robot_backs_out_of_a_narrow_corridor():
     occupied[5:55, 26:34] = False  # a corridor of 0.8 m
     space = build(Workspace.from_array(occupied, 0.1), Robot.rectangle(1.2, 0.4), rotations=72)
     start, goal = (4.0, 3.0, 0.0), (2.0, 3.0, 0.0)
-    plan = planners.plan(space, start, goal, drive="differential-reverse")
+    plan = planners.plan(space, start, goal, drive=planners.Differential(reverse=True))
     assert plan.certified and plan.length == 2.0 and set(plan.direction.tolist()) == {-1}
     for bidirectional in (False, True):
-        options = {"drive": "differential", "bidirectional": bidirectional}
+        options = {"drive": planners.Differential(), "bidirectional": bidirectional}
         si = planners.simple_setup(space, **options).getSpaceInformation()
         ends = make_state(space, si, start), make_state(space, si, goal)
         assert not si.checkMotion(*ends)
@@ -125,7 +126,7 @@ def test_a_reversing_robot_backs_out_of_a_narrow_corridor():
 @EACH_DRIVE
 def test_ompls_interpolation_lies_on_the_edge(drive):
     space = build_room("turning")
-    states = planners.state_space(space, drive=drive)
+    states = planners.state_space(space, drive=make_drive(drive))
     shares = np.array([0.01, 0.3, 0.99])
     for seed in range(200):
         first, last = draw_edge(space, seed)
@@ -149,7 +150,7 @@ def test_paths_can_be_driven_and_no_point_collides(drive, planner):
     # Rectangles along the path avoid every obstacle, by shapely.
     space = build_room("turning")
     ends = ENDPOINTS["turning"]
-    plan = plan_patiently(space, ends, (0.5, 20.0), drive=drive, planner=planner)
+    plan = plan_patiently(space, ends, (0.5, 20.0), drive=make_drive(drive), planner=planner)
     check(space, plan, *ends)
     check_driven(plan, drive)
     assert space.certify_path(plan.path).all() and space.certify_path(plan.waypoints).all()
@@ -159,7 +160,7 @@ def test_paths_can_be_driven_and_no_point_collides(drive, planner):
 
 @EACH_DRIVE
 def test_remove_turns_keeps_the_yaw_of_arrival(drive):
-    edges = local_planner(build_open_map("turning"), drive=drive)
+    edges = local_planner(build_open_map("turning"), drive=make_drive(drive))
     path = np.array([(1.0, 1.0, 0.5), (3.0, 1.5, -2.0), (5.0, 4.0, 1.0), (5.0, 6.0, 0.0)])
     settled = edges.remove_turns(path)
     np.testing.assert_array_equal(settled[[0, -1]], path[[0, -1]])

@@ -14,6 +14,7 @@ from cspace import InputError
 from planners._drives import local_planner
 from planners._ompl_states import find_state_kind
 from tests.fuzz import lengths
+from tests.helpers.drives import make_drive
 from tests.helpers.planning import (
     ENDPOINTS,
     SPACES_WITH_CURVES,
@@ -126,11 +127,11 @@ def test_no_certified_path_is_shorter_than_the_bound(seed, name):
 @pytest.mark.parametrize("drive", ["differential", "differential-reverse"])
 def test_a_differential_drive_pays_for_each_turn_and_each_straight(drive):
     space = build_room("turning")
-    si = planners.simple_setup(space, drive=drive).getSpaceInformation()
-    length = planners.WeightedLength(si, space, drive=drive)
-    driven = planners.ClearanceObjective(si, space, **PENALTIES, drive=drive)
+    si = planners.simple_setup(space, **options_for(drive)).getSpaceInformation()
+    length = planners.WeightedLength(si, space, drive=make_drive(drive))
+    driven = planners.ClearanceObjective(si, space, **PENALTIES, drive=make_drive(drive))
     straight = planners.ClearanceObjective(si, space, **PENALTIES)
-    edges = local_planner(space, drive=drive)
+    edges = local_planner(space, drive=make_drive(drive))
     for a, b in zip(*draw_edges(space, 25, 5, 1.0), strict=True):
         ends = make_state(space, si, a), make_state(space, si, b)
         metres = edges.edge_lengths(a[None], b[None])[0]

@@ -8,6 +8,7 @@ from ompl import util as ou
 
 import planners
 from cspace import BLOCKED, FREE, MIXED, ConfigurationError
+from tests.helpers.drives import make_drive
 from tests.helpers.planning import (
     ANYTIME_PLANNERS,
     ENDPOINTS,
@@ -51,8 +52,7 @@ def test_planners_find_certified_paths(planner, name, curve):
     plan = plan_patiently(space, endpoints, limits, planner=planner, simplify=simplify, **options)
     check(space, plan, *endpoints)
     assert (plan.planner, plan.objective, plan.exact) == (planner, "length", False)
-    assert plan.drive == (curve or "holonomic") and plan.is_connected
-    assert plan.turning_radius == options.get("turning_radius")
+    assert plan.drive == make_drive(curve) and plan.is_connected
     assert curve != "dubins" or set(plan.direction.tolist()) == {1}
 
 

@@ -112,8 +112,8 @@ def test_plans_without_a_path_and_other_messages_are_refused():
     [
         (None, {}),
         (8, {}),
-        (8, {"drive": "differential"}),
-        (8, {"drive": "reeds-shepp", "turning_radius": 0.4}),
+        (8, {"drive": planners.Differential()}),
+        (8, {"drive": planners.Car(turning_radius=0.4, reverse=True)}),
     ],
 )
 def test_poses_of_a_path_are_a_step_apart_and_on_it(rotations, options):

@@ -20,7 +20,7 @@ import planners
 from cspace import BLOCKED, FREE, MIXED, FileError, Robot
 from cspace.errors import InputError
 from planners._drives import local_planner
-from planners._local_planner import HOLONOMIC
+from tests.helpers.drives import make_drive
 from tests.helpers.handmade import build_empty, make_map
 from tests.helpers.planning import (
     ENDPOINTS,
@@ -49,7 +49,7 @@ def test_the_clearance_of_a_path_bounds_the_clearance_of_its_points(seed, case):
     name, curve = case
     space = build_room(name)
     dim = space.grid.dim
-    edges = local_planner(space, False, curve or HOLONOMIC, 0.4 if curve else None)
+    edges = local_planner(space, False, make_drive(curve))
     rng = np.random.default_rng(seed)
     first = space.sample_free(rng=rng)
     path = wrap_rotations(space, first + rng.uniform(-0.3, 0.3, (3, len(first))))
@@ -120,6 +120,8 @@ def test_plans_are_written_exactly_and_files_are_kept(curve, tmp_path):
     stored = {field.name for field in fields(plan) if not field.name.startswith("_")} - {"space"}
     assert set(written) == stored | computed
     assert planners.Times(**written.pop("times")) == plan.times
+    car = {"type": "Car", "turning_radius": 0.4, "reverse": True, "max_lateral_acceleration": None}
+    assert written.pop("drive") == (car if curve else None)
     for key, value in written.items():
         np.testing.assert_array_equal(value, getattr(plan, key))
     for write, file in ((plan.to_csv, table), (plan.to_json, record)):
@@ -155,7 +157,7 @@ def test_the_obstacle_distance_is_the_minimum_along_the_path(drive):
     boxes = shapely.box(*corners.T, *(corners.T + grid.spacing))
     obstacles = shapely.union_all([*boxes, shapely.box(*grid.lower, *grid.upper).exterior])
     robot = shapely.get_coordinates(shapely.box(-0.3, -0.15, 0.3, 0.15))
-    edges = local_planner(plan.space, False, plan.drive, plan.turning_radius)
+    edges = local_planner(plan.space, False, plan.drive)
     dense = edges.split_path(plan.waypoints, 0.02, 0.05)
     shapes = shapely.polygons(move_points(robot, dense.points))
     minimum = shapely.distance(shapes, obstacles).min()

@@ -10,7 +10,11 @@ from ompl import geometric as og
 import planners
 from cspace import InputError
 from planners._catalogue import (
+    CAR,
+    DIFFERENTIAL,
+    FORWARD_CAR,
     FUNCTION,
+    NO_DRIVE,
     NUMBER,
     OWN_SEARCH,
     REFUSALS,
@@ -18,8 +22,8 @@ from planners._catalogue import (
     make_planner,
     planner_named,
 )
-from planners._local_planner import DRIVES
 from planners._ompl_states import find_state_kind
+from tests.helpers.drives import WORDS, make_drive
 from tests.helpers.missing import output_without
 from tests.helpers.planning import (
     SPACES,
@@ -98,25 +102,27 @@ def test_choices_lists_planners_and_drives_of_a_map(name):
     choices = planners.choices(space)
     searches = ("Grid", "MaxClearance", "Lattice")[: 3 if name == "turning" else 2]
     assert choices.planners == (*planners.planner_names(), *searches)
-    assert choices.drives == (DRIVES if name == "turning" else ("holonomic",))
-    for drive in choices.drives:
-        radius = 0.4 if drive in choices.curves else None
-        assert planners.state_space(space, drive=drive, turning_radius=radius) is not None
+    assert choices.drives == ((planners.Differential, planners.Car) if name == "turning" else ())
+    for word in WORDS if choices.drives else ():
+        assert planners.state_space(space, drive=make_drive(word)) is not None
 
 
 @pytest.mark.parametrize("refusal", REFUSALS, ids=lambda refusal: refusal.reason)
 def test_each_row_of_the_table_refuses_its_options(refusal):
-    allowed = {"planner": "RRTstar", "objective": "length", "drive": "holonomic", "exact": False}
+    allowed = {"planner": "RRTstar", "objective": "length", "drive": None, "exact": False}
     allowed |= {"iterations": None}
     check_options(allowed, True)
-    functions = {FUNCTION: len, NUMBER: 5, OWN_SEARCH: "Walk"}
+    functions = {FUNCTION: len, NUMBER: 5, OWN_SEARCH: "Walk", NO_DRIVE: None}
+    functions[DIFFERENTIAL] = planners.Differential()
+    functions[CAR] = make_drive("reeds-shepp")
+    functions[FORWARD_CAR] = make_drive("dubins")
     for values in itertools.product(*refusal.options.values()):
         options = {
             option: functions.get(value, value)
             for option, value in zip(refusal.options, values, strict=True)
         }
         if options["planner"] == "Lattice":
-            options.setdefault("drive", "differential")
+            options.setdefault("drive", planners.Differential())
         n_goals = 2 if options.pop("goal", None) else 1
         with pytest.raises(InputError, match=re.escape(refusal.reason)) as caught:
             check_options(allowed | options, True, n_goals)

@@ -22,6 +22,7 @@ from planners._segments import (
     place_along,
     prove_segments,
 )
+from tests.helpers.drives import make_drive
 from tests.helpers.handmade import build_empty
 from tests.helpers.regions import place_polygon
 from tests.helpers.urdfs import (
@@ -67,7 +68,7 @@ def build_plan(seed, drive, rotations, turning_radius=None):
     for start, goal in zip(free, free[::-1], strict=True):
         try:
             plan = planners.plan(
-                space, start, goal, drive=drive, turning_radius=turning_radius, time_limit=0.3
+                space, start, goal, drive=make_drive(drive, turning_radius), time_limit=0.3
             )
         except cspace.ConfigurationError:  # on the border of a cell
             continue
@@ -173,7 +174,7 @@ def test_limits_hold_between_the_knots_of_curves(rows, velocity, limits):
 
 def test_yaw_rates_hold_between_the_knots_of_driven_curves():
     space = build_empty((80, 80), cspace.Robot.disc(0.2), spacing=0.5, rotations=12)
-    plan = planners.plan(space, (3.0, 3.0, 0.0), (5.0, 5.0, 0.0), drive="differential")
+    plan = planners.plan(space, (3.0, 3.0, 0.0), (5.0, 5.0, 0.0), drive=planners.Differential())
     places = np.array([(19.179, 19.592), (18.473, 19.924), (18.563, 19.89), (18.935, 19.723)])
     places = np.vstack([places, (18.411, 19.777)])
     yaws = np.arctan2(*np.diff(places, axis=0).T[::-1])
@@ -280,7 +281,8 @@ def test_curve_passes_outside_a_corner_that_touches_an_obstacle():
 def test_small_lateral_limit_slows_a_differential_drive():
     plan = build_plan(1, "differential", 36)
     limits = LIMITS | TURNING_LIMITS
-    trajectory = plan.trajectory(**limits, max_lateral_acceleration=0.1)
+    slow = make_drive("differential", max_lateral_acceleration=0.1)
+    trajectory = dataclasses.replace(plan, drive=slow).trajectory(**limits)
     t = np.linspace(0.0, trajectory.duration, 2001)
     _, velocities, _ = trajectory.sample(t)
     lateral = np.linalg.norm(velocities[:, :2], axis=1) * np.abs(velocities[:, 2])

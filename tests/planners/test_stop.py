@@ -10,6 +10,7 @@ import pytest
 import cspace
 import planners
 from cspace import InputError, Robot, Workspace
+from tests.helpers.drives import make_drive
 from tests.helpers.urdfs import planar_arm
 
 LONG = 600.0
@@ -94,16 +95,19 @@ def test_the_lattice_proves_a_shut_door_soon(drive):
         space = cspace.build(workspace, Robot.rectangle(0.9, 0.6), rotations=72)
         asked = itertools.count(1)
         plan = planners.plan(
-            space, *ends, drive=drive, time_limit=LONG, stop=lambda asked=asked: next(asked) > 1000
+            space,
+            *ends,
+            drive=make_drive(drive),
+            time_limit=LONG,
+            stop=lambda asked=asked: next(asked) > 1000,
         )
     assert plan.is_disconnected and plan.status == "no path exists: proven"
 
 
 @pytest.mark.parametrize("drive", ["holonomic", "differential", "dubins", "reeds-shepp"])
 def test_every_drive_ends(turning, drive):
-    radius = 0.1 if drive in ("dubins", "reeds-shepp") else None
     ends = (0.3, 0.3, 0.0), (7.3, 7.3, 0.0)
-    options = {"drive": drive, "turning_radius": radius, "time_limit": LONG}
+    options = {"drive": make_drive(drive, 0.1), "time_limit": LONG}
     plan = planners.plan(turning, *ends, stop=lambda: True, **options)
     assert not plan.solved and "stopped" in plan.status and not plan.hint
 

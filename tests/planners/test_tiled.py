@@ -40,8 +40,8 @@ def car_maps(tmp_path_factory):
     "options",
     [
         {},
-        {"drive": "reeds-shepp", "turning_radius": 0.3},
-        {"drive": "differential"},
+        {"drive": planners.Car(turning_radius=0.3, reverse=True)},
+        {"drive": planners.Differential()},
         {"objective": "clearance", "planner": "RRTstar", "time_limit": 0.3},
         {"planner": "RRTConnect"},
     ],
@@ -56,8 +56,7 @@ def test_paths_through_tiles_are_certified_and_repeatable(options, car_maps):
     assert plan.certified and plan.is_connected and "through" in plan.status
     assert plan.recheck().all() and plan.length > 10.0
     np.testing.assert_allclose(plan.waypoints[[0, -1]], ends)
-    drive = options.get("drive", "holonomic")
-    edges = local_planner(space, False, drive, options.get("turning_radius"))
+    edges = local_planner(space, False, options.get("drive"))
     assert edges.are_free(plan.waypoints)
     # The clearance of a map in tiles ends at the width of its halo, less two cells.
     clearance = edges.clearance(plan.waypoints)

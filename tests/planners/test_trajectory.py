@@ -24,6 +24,7 @@ import planners
 from cspace import InputError
 from cspace._files import ros_maps as messages
 from planners._timing import LimitRates, MotionBounds, is_motion
+from tests.helpers.drives import make_drive
 from tests.helpers.planning import ENDPOINTS, build_open_map, build_room, make_poses, turn_between
 from tests.helpers.strategies import examples, seeds
 from tests.helpers.urdfs import planar
@@ -49,14 +50,13 @@ def template():
     return planners.plan(build_open_map("plane"), (1.5, 1.5), (5.5, 2.5), time_limit=5.0, seed=1)
 
 
-def plan_along(kind, waypoints, drive="holonomic"):
+def plan_along(kind, waypoints, drive=None, **limits):
     """Return a plan along waypoints, without a map."""
     rows = np.asarray(waypoints, dtype=float)
     axes = AXES_OF_KIND[kind]
     units = tuple({"x": "m", "y": "m", "z": "m", "lift": "m"}.get(axis, "rad") for axis in axes)
-    radius = RADIUS if drive in OMPL_CURVES else None
     changes = {"path": rows, "waypoints": rows, "axes": axes, "units": units, "space": None}
-    return replace(template(), **changes, drive=drive, turning_radius=radius)
+    return replace(template(), **changes, drive=make_drive(drive, RADIUS, **limits))
 
 
 def draw_waypoints(kind, rng, count):
@@ -257,22 +257,20 @@ def find_speeds(rows):
     return x * np.cos(yaws) + y * np.sin(yaws), y * np.cos(yaws) - x * np.sin(yaws)
 
 
-CAR_LIMITS = (*ROTATION_LIMITS, "max_lateral_acceleration")
-
-
 @examples(30)
 @given(
     seeds,
     st.integers(2, 4),
     st.sampled_from(sorted(OMPL_CURVES)),
-    st.fixed_dictionaries({}, optional=dict.fromkeys(CAR_LIMITS, st.floats(0.1, 3.0))),
+    st.fixed_dictionaries({}, optional=dict.fromkeys(ROTATION_LIMITS, st.floats(0.1, 3.0))),
+    st.none() | st.floats(0.1, 3.0),
 )
-def test_cars_follow_their_curves_at_their_limits(seed, count, drive, limits):
+def test_cars_follow_their_curves_at_their_limits(seed, count, drive, limits, lateral):
     rows = np.random.default_rng(seed).uniform(-3.0, 3.0, (count, 3))
-    plan = plan_along("turning", rows, drive)
+    plan = plan_along("turning", rows, drive, max_lateral_acceleration=lateral)
     trajectory = plan.trajectory(max_velocity=1.5, max_acceleration=0.8, **limits)
     turn_rate, turn_gain = (limits.get(name, math.inf) for name in ROTATION_LIMITS)
-    sideways = limits.get("max_lateral_acceleration", 0.8)
+    sideways = 0.8 if lateral is None else lateral
     speeds, across = find_speeds(trajectory.sample(trajectory.times))
     turns = trajectory.velocities[:, 2]
     np.testing.assert_allclose(across, 0.0, atol=1e-9)
@@ -324,7 +322,9 @@ def test_cars_rest_at_cusps_whatever_their_limits(speed, gain):
 
 def test_trajectories_of_plans_are_free_and_need_no_map():
     room = build_room("turning")
-    plan = planners.plan(room, *ENDPOINTS["turning"], drive="differential", time_limit=20.0)
+    plan = planners.plan(
+        room, *ENDPOINTS["turning"], drive=planners.Differential(), time_limit=20.0
+    )
     limits = TRANSLATION_LIMITS | ROTATION_LIMITS
     trajectory = plan.trajectory(**limits)
     assert (trajectory.axes, trajectory.units) == (plan.axes, plan.units)

@@ -12,7 +12,7 @@ from ompl import geometric as og
 import planners
 from cspace import BLOCKED, FREE, MIXED
 from planners._drives import local_planner
-from planners._local_planner import CURVES, DRIVES
+from tests.helpers.drives import WORDS, make_drive
 from tests.helpers.handmade import (
     MAP_KINDS,
     components,
@@ -110,9 +110,8 @@ def test_an_edge_that_is_proven_free_never_leaves_a_component_of_free_cells(seed
     space = make_map(states, kind, outside)
     labels = components(states == FREE, kind)
     q0, q1 = draw_edges(space, rng, 40)
-    for drive in DRIVES if kind == "turning" else DRIVES[:1]:
-        radius = 0.3 if drive in CURVES else None
-        check_edge = local_planner(space, False, drive, radius).edge_checker()
+    for word in WORDS if kind == "turning" else WORDS[:1]:
+        check_edge = local_planner(space, False, make_drive(word, 0.3)).edge_checker()
         free = np.array([check_edge(*a, *b) for a, b in zip(q0.tolist(), q1.tolist(), strict=True)])
         first = find_labels(space, labels, q0)[free]
         assert (first >= 0).all() and (first == find_labels(space, labels, q1)[free]).all()
@@ -165,7 +164,9 @@ def test_the_yaws_in_the_status_equal_look_ups(seed):
     space = make_map(states, "turning", "blocked")
     ends = [[*space.grid.center_of([x, 0]), rng.uniform(-math.pi, math.pi)] for x in (0, 3)]
     assume(all(space.motion_is_free(q, q) for q in ends))
-    plan = planners.plan(space, *ends, drive="differential", planner="RRT", time_limit=1e-6)
+    plan = planners.plan(
+        space, *ends, drive=planners.Differential(), planner="RRT", time_limit=1e-6
+    )
     assume(not plan.solved)
     named = {name: (float(low), float(high)) for name, low, high in FREE_YAWS.findall(plan.status)}
     for name, q in zip(("start", "goal"), ends, strict=True):

@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import cspace
+import planners
 from cspace import FREE, MIXED, Robot, Workspace
 from cspace.errors import InputError
 from cspace.inside import tubes_are_free
@@ -410,9 +411,10 @@ START = (1.0, 2.5, 0.0)
 def test_twists_that_exceed_limits_are_refused(room):
     twists = [(0.5, 0.2), (0.5, 1.1), (0.2, 0.0)]
     assert room.certify_twists(START, twists, 0.1).is_proven
-    tight = room.certify_twists(START, twists, 0.1, turning_radius=0.5)
+    car = planners.Car(turning_radius=0.5, reverse=True)
+    tight = room.certify_twists(START, twists, 0.1, drive=car)
     assert tight.refusal[:3] == (1, "limit", ("omega",))
-    assert room.certify_twists(START, [(-0.5, 1.0)], 0.1, turning_radius=0.5).is_proven
+    assert room.certify_twists(START, [(-0.5, 1.0)], 0.1, drive=car).is_proven
     fast = room.certify_twists(START, twists, 0.1, max_velocity=(0.4, 9.0))
     assert fast.refusal[:3] == (0, "speed", ("v",))
     for bad in (math.nan, math.inf, 1e200):
@@ -648,7 +650,7 @@ FLAT = (1.0, 2.5)
     (lambda s: s.certify_chunk(START, [START], dt=0.0, max_velocity=1.0), "above zero"),
     (lambda s: s.certify_twists(START, [(0.1, 0.1)], 0.0), "dt"),
     (lambda s: s.certify_twists(START, [(0.1, 0.1)], 0.1, max_velocity=(1, 1, 1)), "v, omega"),
-    (lambda s: s.certify_twists(START, [(0.1, 0.1)], 0.1, turning_radius=-1.0), "turning_radius"),
+    (lambda s: s.certify_twists(START, [(0.1, 0.1)], 0.1, drive="dubins"), "drive is 'dubins'"),
     (lambda s: cspace.Gate(s, max_deceleration=(1.0, 0.0)), "max_deceleration of omega is 0"),
     (lambda s: cspace.Gate(s, max_deceleration=(1, 1, 1)), "one for each of v, omega"),
     (lambda s: cspace.Gate(s, dt=0.1, max_jerk=0.0), "max_jerk of x is 0.0"),

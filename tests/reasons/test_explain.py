@@ -407,7 +407,7 @@ def test_updates_of_another_thread_change_no_explanation():
 def test_plans_of_drives_say_that_a_path_is_for_robots_that_move_sideways():
     space = build_door(1.2, cspace.Robot.rectangle(0.4, 0.3), 0.1, rotations=24)
     ends = (0.8, 2.0, 0.0), (3.2, 2.0, 0.0)
-    plan = planners.plan(space, *ends, drive="dubins", turning_radius=0.4)
+    plan = planners.plan(space, *ends, drive=planners.Car(turning_radius=0.4))
     words = "for a robot that also moves sideways"
     assert str(plan.explain()).startswith(f"A path exists {words}")
     assert words not in str(space.explain(*ends))

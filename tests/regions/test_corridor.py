@@ -11,6 +11,7 @@ import cspace
 import planners
 from cspace import Robot, Workspace
 from cspace.errors import InputError
+from tests.helpers.drives import make_drive
 from tests.helpers.handmade import build_empty
 from tests.helpers.planning import points_along
 from tests.helpers.refusals import check_refused
@@ -25,10 +26,7 @@ def plan_in_yard(rotations, drive=None, radius=None, seed=3):
     space, _ = build_yard(rotations, seed=seed)
     size = space.size
     start, goal = (space.nearest_free(end[:size]) for end in ENDS)
-    options = {} if drive is None else {"drive": drive}
-    if radius is not None:
-        options["turning_radius"] = radius
-    plan = planners.plan(space, start, goal, time_limit=10, **options)
+    plan = planners.plan(space, start, goal, time_limit=10, drive=make_drive(drive, radius))
     assert plan.certified
     return plan
 
