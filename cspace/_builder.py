@@ -233,6 +233,7 @@ def build(
             store,
             tile,
             build=build_contents,
+            estimate=estimate_bytes,
             method=method,
             inner=inner,
             client=client,
@@ -266,6 +267,20 @@ def build(
     return space
 
 
+def estimate_bytes(
+    shape: Sequence[int],
+    spacing: float,
+    robot: Robot,
+    rotations: Rotations,
+    margin: float,
+    slices: int,
+    counts: bool = False,
+) -> float:
+    """Estimate the memory to build a map on a grid of a shape, in bytes."""
+    rasters = estimate_raster_bytes(robot, spacing, margin, rotations, slices)
+    return map_bytes(shape, slices, counts) + rasters
+
+
 def build_contents(
     workspace: Workspace,
     robot: Robot,
@@ -287,10 +302,8 @@ def build_contents(
     grid = workspace.grid
     slice_of = rotations._assign_slices(robot.shape)
     n_slices = int(slice_of.max()) + 1
-    states_bytes = map_bytes(grid.shape, n_slices, counts)
-    rasters_bytes = estimate_raster_bytes(robot, grid.spacing, margin, rotations, n_slices)
     check_memory(
-        states_bytes + rasters_bytes,
+        estimate_bytes(grid.shape, grid.spacing, robot, rotations, margin, n_slices, counts),
         "the map",
         PlannedGrid(grid.shape, grid.spacing),
         slices=n_slices,

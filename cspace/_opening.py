@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from cspace._files.access import inspect_path, suggest_file
-from cspace._record.save import TILES_FORMAT, read_format, read_map_and_attributes, reporting_damage
+from cspace._record.save import MapFolder
 from cspace._space import CSpace
 from cspace._support.arrays import StrPath
 from cspace.errors import FileError
@@ -44,12 +44,13 @@ def open_map(path: StrPath) -> CSpace | TiledCSpace:
     True
     """
     _check_folder(path)
-    if read_format(path) == TILES_FORMAT:
+    if MapFolder(path, tiles=True).exists():
         from cspace._tiles.tiled_space import TiledCSpace
 
         return TiledCSpace.open(path)
-    contents, _ = read_map_and_attributes(path)
-    with reporting_damage(path):
+    saved = MapFolder(path)
+    contents, _ = saved.read()
+    with saved.reporting_damage():
         return CSpace(contents)
 
 

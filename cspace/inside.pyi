@@ -41,7 +41,7 @@ from ._record.description import make_metadata as make_metadata
 from ._record.exterior import UNKNOWN as UNKNOWN
 from ._record.exterior import Exterior as Exterior
 from ._record.save import MAP_SUFFIXES as MAP_SUFFIXES
-from ._record.save import read_format as read_format
+from ._record.save import MapFolder as MapFolder
 from ._rotations.base import ANGLE_SLACK as ANGLE_SLACK
 from ._rotations.base import METRES_PER_RADIAN as METRES_PER_RADIAN
 from ._rotations.base import TWO_PI as TWO_PI

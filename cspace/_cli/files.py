@@ -101,9 +101,9 @@ def prepare_store(output: Path, overwrite: bool) -> None:
     Raises InputError if the suffix is not .zarr; FileError if something else exists, or if the path
     is not writable.
     """
-    from cspace.inside import read_format
+    from cspace.inside import MapFolder
 
-    exists = bool(read_format(output))
+    exists = MapFolder(output).exists() or MapFolder(output, tiles=True).exists()
     check_outputs([output], (".zarr",), overwrite=exists)
     if exists and overwrite:
         shutil.rmtree(output)

@@ -460,23 +460,6 @@ def _move(temporary: Path, target: Path, check: Callable[[], None]) -> None:
         _remove(aside)
 
 
-def discard_folder(folder: Path) -> None:
-    """Remove our folder, even while another process writes.
-
-    It is renamed first, so the writer fails, and never puts the rest in place.
-    """
-    aside = _make_temporary_name(folder)
-    with suppress(FileNotFoundError):  # another process discards it too
-        folder.rename(aside)
-        _remove(aside)
-
-
-def discard_leftovers(folder: Path) -> None:
-    """Remove files of killed or late processes from folders."""
-    for leftover in folder.glob(f"{_TEMPORARY_PREFIX}*"):
-        discard_folder(leftover)
-
-
 def _remove(path: Path) -> None:
     """Remove our file or folder, if it exists."""
     if path.is_dir():

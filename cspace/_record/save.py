@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -57,9 +56,6 @@ from cspace.errors import FileError
 MAP_SUFFIXES: Final = (".zarr", "")
 """Suffixes of saved maps."""
 
-TILES_FORMAT: Final = "cspace-tiles"
-"""Format of a map in tiles, a folder of saved maps."""
-
 NO_DIGEST: Final = "0" * 64
 """Placeholder of the digest in the attributes while the digest is computed."""
 
@@ -78,33 +74,6 @@ _OTHER_ENTRIES: Final = re.compile(
     r"record|labels_[01]|geometry|vertices|faces|centers|radii"
 )
 """Files and folders of maps besides arrays: of tiled maps, and of earlier versions."""
-
-
-# ---- errors --------------------------------------------------------------------------------------
-
-
-def map_error(path: StrPath, what: str) -> FileError:
-    """Return a FileError for a saved map that is damaged or forged."""
-    return FileError(
-        str(Path(path)),
-        f"is not a usable map: {what}",
-        "a saved map must be complete and unchanged",
-    )
-
-
-@contextmanager
-def reporting_damage(path: StrPath) -> Iterator[None]:
-    """Turn any exception in the block into a FileError for the map.
-
-    A file with a valid digest can still be forged, and make any library raise any error.
-    """
-    try:
-        yield
-    except (FileError, MemoryError, UserWarning):  # UserWarning if the caller makes it an error
-        raise
-    except Exception as error:
-        reason = f"{type(error).__name__}: {' '.join(str(error).split()):.200}"
-        raise map_error(path, f"its parts make no map ({reason})") from error
 
 
 # ---- folders and their digest --------------------------------------------------------------------
@@ -137,29 +106,6 @@ def write_folder(
     (folder / ROOT_FILE).write_bytes(_replace_digest(root, NO_DIGEST, digest.hexdigest()))
 
 
-def read_root(path: StrPath, form: str) -> tuple[dict[str, Any], Any]:
-    """Read a saved map's attributes, and begin its digest.
-
-    ``form`` is the expected format. Returns the attributes, unchecked, and a ``hashlib`` object to
-    which the caller adds the other files.
-
-    Raises FileError if the file is missing or malformed, or of another format or version.
-    """
-    content = read_bytes(Path(path, ROOT_FILE), _KIND, memory=8.0)
-    with reporting_damage(path):
-        attributes = json.loads(content)["attributes"]
-        if attributes["format"] != form:
-            raise map_error(path, f"its attributes do not say format {form!r}")
-        version = attributes["format_version"]
-        if type(version) is not int or version != VERSION:
-            rule = f"cspace {__version__} reads only version {VERSION}"
-            raise FileError(os.fspath(path), f"has format version {version!r:.40}", rule)
-        digest = attributes["digest"]
-        if not re.fullmatch("[0-9a-f]{64}", digest):
-            raise map_error(path, "its digest is none")
-        return attributes, hashlib.sha256(_replace_digest(content, digest, NO_DIGEST))
-
-
 def _replace_digest(root: bytes, old: str, new: str) -> bytes:
     """Replace the digest in the text of the attributes."""
     return root.replace(old.encode(), new.encode(), 1)  # the digest is the first attribute
@@ -171,16 +117,6 @@ def _add_file(digest: Any, name: str, content: bytes) -> None:
     digest.update(content)
 
 
-def read_format(path: StrPath) -> str:
-    """Return the format that a folder declares, or "" for no map."""
-    try:
-        root = json.loads(read_bytes(Path(path, ROOT_FILE), _KIND, memory=8.0))
-        form = root["attributes"]["format"]
-    except (FileError, KeyError, TypeError, ValueError, RecursionError):
-        return ""
-    return form if form in (FORMAT, TILES_FORMAT) else ""
-
-
 def is_map_folder(folder: Path) -> bool:
     """Return True if a folder holds only files of a saved map.
 
@@ -189,6 +125,132 @@ def is_map_folder(folder: Path) -> bool:
     array_names = describe_arrays()
     names = [entry.name for entry in folder.iterdir()]
     return all(name in array_names or _OTHER_ENTRIES.fullmatch(name) for name in names)
+
+
+# ---- maps ----------------------------------------------------------------------------------------
+
+
+class MapFolder:
+    """The folder of a saved map, or of a map in tiles.
+
+    Attributes
+    ----------
+    path : Path
+    form : str
+        Format that the attributes declare.
+    """
+
+    def __init__(self, path: StrPath, tiles: bool = False) -> None:
+        """Name a folder that may be missing."""
+        self.path = Path(path)
+        self.form = "cspace-tiles" if tiles else FORMAT
+
+    def exists(self) -> bool:
+        """Return True if the folder declares the format."""
+        try:
+            root = json.loads(read_bytes(self.path / ROOT_FILE, _KIND, memory=8.0))
+            return bool(root["attributes"]["format"] == self.form)
+        except (FileError, KeyError, TypeError, ValueError, RecursionError):
+            return False
+
+    def fail(self, what: str) -> FileError:
+        """Return a FileError for a saved map that is damaged or forged."""
+        return FileError(
+            str(self.path),
+            f"is not a usable map: {what}",
+            "a saved map must be complete and unchanged",
+        )
+
+    @contextmanager
+    def reporting_damage(self) -> Iterator[None]:
+        """Turn any exception in the block into a FileError for the map.
+
+        A file with a valid digest can still be forged, and make any library raise any error.
+        """
+        try:
+            yield
+        except (FileError, MemoryError, UserWarning):  # UserWarning if the caller makes it an error
+            raise
+        except Exception as error:
+            reason = f"{type(error).__name__}: {' '.join(str(error).split()):.200}"
+            raise self.fail(f"its parts make no map ({reason})") from error
+
+    def write(
+        self,
+        contents: Contents,
+        compress: bool = True,
+        derived: Mapping[str, NDArray[Any]] | None = None,
+        **extra: Any,
+    ) -> None:
+        """Write a map into the folder, which is new; ``extra`` are additional attributes."""
+        arrays = collect_arrays(contents)
+        for name, values in (derived or {}).items():
+            arrays[name] = describe_array(name, values, contents.grid)
+        shapes = arrays.get("shapes")
+        # The metadata describe the map; a reader needs the others to check and unpack its arrays.
+        attributes = {
+            **make_metadata(contents),
+            "arrays": " ".join(arrays),
+            "compressed": compress,
+            "shapes_bytes": 0 if shapes is None else len(shapes.values),
+            # The CF conventions name coordinate arrays here.
+            "coordinates": " ".join((*find_rotation_arrays(arrays), "slice_of")),
+            "format": self.form,
+            **extra,
+        }
+        write_folder(self.path, attributes, _iterate_files(arrays, compress))
+
+    def read(self) -> tuple[Contents, dict[str, Any]]:
+        """Read a saved map and all its attributes, and check its digest.
+
+        Raises FileError if the map is missing, truncated, changed, too large for memory, of another
+        format or version, or invalid.
+        """
+        attributes, digest = self._read_root()
+        with self.reporting_damage():
+            grid = make_grid(attributes)
+            layouts = _expect_layouts(attributes, grid)
+            check_bytes(self.path, sum(layout.nbytes for layout in layouts.values()), "unpacks to")
+            arrays = _read_arrays(self, attributes["arrays"].split(), layouts, digest)
+            if digest.hexdigest() != attributes["digest"]:
+                raise self.fail("its files differ from their digest")
+            contents = _make_contents(attributes, grid, arrays)
+            # The map that was made must describe itself by the same attributes.
+            for name, expected in make_metadata(contents).items():
+                value = attributes[name]
+                # Attributes whose values a reader cannot check against the rest of a map.
+                if name not in ("format", "library_version", "robot") and value != expected:
+                    raise ValueError(
+                        f"its attribute {name!r} is {value!r:.40}, not {expected!r:.40}"
+                    )
+            return contents, attributes
+
+    def read_attributes(self) -> dict[str, Any]:
+        """Read a saved map's attributes, unchecked.
+
+        Raises FileError if the file is missing or malformed, or of another format or version.
+        """
+        return self._read_root()[0]
+
+    def _read_root(self) -> tuple[dict[str, Any], Any]:
+        """Read the attributes, and begin the digest.
+
+        Returns the attributes, unchecked, and a ``hashlib`` object to which the caller adds the
+        other files.
+        """
+        content = read_bytes(self.path / ROOT_FILE, _KIND, memory=8.0)
+        with self.reporting_damage():
+            attributes = json.loads(content)["attributes"]
+            if attributes["format"] != self.form:
+                raise self.fail(f"its attributes do not say format {self.form!r}")
+            version = attributes["format_version"]
+            if type(version) is not int or version != VERSION:
+                rule = f"cspace {__version__} reads only version {VERSION}"
+                raise FileError(str(self.path), f"has format version {version!r:.40}", rule)
+            digest = attributes["digest"]
+            if not re.fullmatch("[0-9a-f]{64}", digest):
+                raise self.fail("its digest is none")
+            return attributes, hashlib.sha256(_replace_digest(content, digest, NO_DIGEST))
 
 
 # ---- writing -------------------------------------------------------------------------------------
@@ -208,32 +270,7 @@ def save(
     rule = "a map is saved as a Zarr folder; space.export writes other formats"
     check_suffix(path, MAP_SUFFIXES, rule, is_output=True)
     with replacing(path, overwrite, folder=is_map_folder) as temporary:
-        write_map(contents, temporary, compress, derived)
-
-
-def write_map(
-    contents: Contents,
-    folder: Path,
-    compress: bool = True,
-    derived: Mapping[str, NDArray[Any]] | None = None,
-    **extra: Any,
-) -> None:
-    """Write a map into a new folder; ``extra`` are additional attributes."""
-    arrays = collect_arrays(contents)
-    for name, values in (derived or {}).items():
-        arrays[name] = describe_array(name, values, contents.grid)
-    shapes = arrays.get("shapes")
-    # The metadata describe the map; a reader needs the others to check and unpack its arrays.
-    attributes = {
-        **make_metadata(contents),
-        "arrays": " ".join(arrays),
-        "compressed": compress,
-        "shapes_bytes": 0 if shapes is None else len(shapes.values),
-        # The CF conventions name coordinate arrays here.
-        "coordinates": " ".join((*find_rotation_arrays(arrays), "slice_of")),
-        **extra,
-    }
-    write_folder(folder, attributes, _iterate_files(arrays, compress))
+        MapFolder(temporary).write(contents, compress, derived)
 
 
 def _iterate_files(arrays: Mapping[str, NamedArray], compress: bool) -> Iterator[tuple[str, bytes]]:
@@ -248,30 +285,6 @@ def _iterate_files(arrays: Mapping[str, NamedArray], compress: bool) -> Iterator
 
 
 # ---- reading -------------------------------------------------------------------------------------
-
-
-def read_map_and_attributes(path: StrPath, form: str = FORMAT) -> tuple[Contents, dict[str, Any]]:
-    """Read a saved map and all its attributes, and check its digest.
-
-    ``form`` is the expected format. Raises FileError if the map is missing, truncated, changed, too
-    large for memory, of another version, or invalid.
-    """
-    attributes, digest = read_root(path, form)
-    with reporting_damage(path):
-        grid = make_grid(attributes)
-        layouts = _expect_layouts(attributes, grid)
-        check_bytes(path, sum(layout.nbytes for layout in layouts.values()), "unpacks to")
-        arrays = _read_arrays(path, attributes["arrays"].split(), layouts, digest)
-        if digest.hexdigest() != attributes["digest"]:
-            raise map_error(path, "its files differ from their digest")
-        contents = _make_contents(attributes, grid, arrays)
-        # The map that was made must describe itself by the same attributes.
-        for name, expected in make_metadata(contents).items():
-            value = attributes[name]
-            # Attributes whose values a reader cannot check against the rest of a map.
-            if name not in ("format", "library_version", "robot") and value != expected:
-                raise ValueError(f"its attribute {name!r} is {value!r:.40}, not {expected!r:.40}")
-        return contents, attributes
 
 
 def _expect_layouts(attributes: Mapping[str, Any], grid: Grid) -> dict[str, Layout]:
@@ -307,7 +320,7 @@ def _expect_layouts(attributes: Mapping[str, Any], grid: Grid) -> dict[str, Layo
 
 
 def _read_arrays(
-    path: StrPath, names: Sequence[str], layouts: Mapping[str, Layout], digest: Any
+    saved: MapFolder, names: Sequence[str], layouts: Mapping[str, Layout], digest: Any
 ) -> dict[str, NDArray[Any]]:
     """Read arrays, and update the digest with their files.
 
@@ -316,9 +329,9 @@ def _read_arrays(
 
     def read(name: str) -> bytes:
         """Read a file of the map, and update the digest with it."""
-        content = read_member(path, name, "part of a saved map")
+        content = read_member(saved.path, name, "part of a saved map")
         if content is None:
-            raise map_error(path, f"its file {name!r} is missing")
+            raise saved.fail(f"its file {name!r} is missing")
         _add_file(digest, name, content)
         return content
 

@@ -8,22 +8,25 @@ from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, Protocol
 
 import numpy as np
 
 from cspace import Robot, Workspace
-from cspace._engines.slices import estimate_raster_bytes
-from cspace._files.access import discard_folder
-from cspace._files.lazy_arrays import changed_source
-from cspace._obstacles import Source
-from cspace._record.save import TILES_FORMAT
-from cspace._support.limits import WORKSPACE_CELL_BYTES, map_bytes
-from cspace._tiles.folder import TileFolder, grow_box, make_frame, make_stamp, to_slices, write_once
+from cspace._tiles.folder import (
+    WORKSPACE_CELL_BYTES,
+    TileFolder,
+    discard_folder,
+    grow_box,
+    make_frame,
+    make_stamp,
+    to_slices,
+    write_once,
+)
 from cspace._tiles.tiled_space import TiledCSpace
 from cspace._tiles.work import run_tasks
 from cspace.errors import FileError, InputError
-from cspace.inside import UNKNOWN, Contents, StrPath, read_format
+from cspace.inside import UNKNOWN, Bools, Contents, MapFolder, StrPath
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -39,6 +42,7 @@ def build_tiles(
     tile: int | Sequence[int],
     *,
     build: Callable[..., tuple[Contents, Any]],
+    estimate: Callable[..., float],
     method: str,
     inner: bool,
     client: Client | None,
@@ -49,9 +53,10 @@ def build_tiles(
     """Build a map into a folder of tiles, or resume a build.
 
     The caller, :func:`cspace.build`, has checked the other arguments; ``options`` are
-    ``rotations``, ``outside`` and ``margin``. Raises InputError if ``tile`` is invalid or a task
-    exceeds the memory; FileError if ``store`` holds something else, cannot be written, or the
-    workspace changes.
+    ``rotations``, ``outside`` and ``margin``. ``build`` makes a map in memory, and ``estimate``
+    returns the bytes that it needs. Raises InputError if ``tile`` is invalid or a task exceeds the
+    memory; FileError if ``store`` holds something else, cannot be written, or the workspace
+    changes.
     """
     grid = workspace.grid
     stamp = workspace.cells.stamp
@@ -68,7 +73,10 @@ def build_tiles(
     build = partial(build, inner=inner, method=method, workers=1 if client else workers)
     # Tasks skip tiles that are whole, and build damaged ones again, of a complete map too.
     task = partial(build_tile, folder, workspace.cells, build)
-    run_tasks(task, range(len(folder)), estimate_build_bytes(folder), client, workers, progress)
+    window = locate_window(folder)
+    needed = estimate_tile_bytes(folder, window, estimate)
+    grid = folder.sub_grid(np.array([[0] * len(window), window]))
+    run_tasks(task, range(len(folder)), needed, grid, client, workers, progress)
     is_complete = folder.frame.exterior is not None
     return TiledCSpace(folder if is_complete else folder.complete())
 
@@ -78,8 +86,8 @@ def _open_or_create(path: Path, frame: Contents, layout: dict[str, Any]) -> Tile
 
     Raises FileError if the folder holds another map.
     """
-    if read_format(path) != TILES_FORMAT:
-        write_once(path, frame, TILES_FORMAT, tiles=layout)
+    if not MapFolder(path, tiles=True).exists():
+        write_once(path, frame, tiles=layout)
     folder = TileFolder.open(path)
     if folder.layout["stamp"] != layout["stamp"]:
         problem = "holds another map, or one of other obstacles"
@@ -88,24 +96,39 @@ def _open_or_create(path: Path, frame: Contents, layout: dict[str, Any]) -> Tile
     return folder
 
 
-def estimate_build_bytes(folder: TileFolder) -> float:
+def locate_window(folder: TileFolder) -> list[int]:
+    """Return the largest number of cells, along each axis, of the window around a tile."""
+    border = 2 * (folder.halo + folder.reach)
+    return [min(side + border, n) for side, n in zip(folder.tile, folder.grid.shape, strict=True)]
+
+
+def estimate_tile_bytes(
+    folder: TileFolder, window: Sequence[int], estimate: Callable[..., float]
+) -> float:
     """Estimate the memory to build one tile, in bytes.
 
     That is the memory for the map of the window around the tile, and for copies of it.
     """
-    border = 2 * (folder.halo + folder.reach)
-    window = [min(side + border, n) for side, n in zip(folder.tile, folder.grid.shape, strict=True)]
     frame = folder.frame
     slices = folder.slices
-    rasters = estimate_raster_bytes(
-        frame.robot, frame.grid.spacing, frame.margin, frame.rotations, slices
-    )
     copies = (2 * WORKSPACE_CELL_BYTES + slices) * math.prod(window)
-    return float(map_bytes(window, slices) + copies + rasters)
+    spacing = frame.grid.spacing
+    return copies + estimate(window, spacing, frame.robot, frame.rotations, frame.margin, slices)
+
+
+class Cells(Protocol):
+    """Cells of a workspace, read a box at a time."""
+
+    def read(self, box: tuple[slice, ...]) -> tuple[Bools, Bools]:
+        """Return the outer and inner cells of a box."""
+
+    @property
+    def stamp(self) -> str:
+        """Digest that changes when the cells change."""
 
 
 def build_tile(
-    folder: TileFolder, source: Source, build: Callable[..., tuple[Contents, Any]], tile: int
+    folder: TileFolder, source: Cells, build: Callable[..., tuple[Contents, Any]], tile: int
 ) -> None:
     """Build and write a tile, unless it is there.
 
@@ -128,7 +151,8 @@ def build_tile(
     window = folder.clip(grow_box(cells, folder.reach))
     outer, inner = source.read(to_slices(window))
     if source.stamp != folder.layout["source_stamp"]:
-        raise changed_source(name, "its size, time or digest differs")
+        problem = "has changed: its size, time or digest differs"
+        raise FileError(name, problem, "the workspace must not change while a map is built")
     surroundings = Workspace(folder.sub_grid(window), outer, inner)
     built, _ = build(
         surroundings, frame.robot, frame.rotations, outside=frame.outside, margin=frame.margin

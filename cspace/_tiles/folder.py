@@ -17,7 +17,10 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+import shutil
+import uuid
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -25,28 +28,17 @@ from typing import Any, Final
 
 import numpy as np
 
-from cspace import MIXED, Grid, Raster, Robot, Rotations, Workspace
-from cspace._files.access import discard_leftovers
-from cspace._record.description import FORMAT
-from cspace._record.save import (
-    TILES_FORMAT,
-    map_error,
-    read_map_and_attributes,
-    read_root,
-    reporting_damage,
-    write_map,
-)
-from cspace._record.states import count_states
+from cspace import BLOCKED, MIXED, Grid, Raster, Robot, Rotations, Workspace
 from cspace.errors import FileError
 from cspace.inside import (
     UNKNOWN,
     Contents,
     Exterior,
     Ints,
+    MapFolder,
     StrPath,
     collect_arrays,
     make_metadata,
-    read_format,
     replacing,
     slice_rasters,
 )
@@ -57,11 +49,17 @@ MIN_HALO_CELLS: Final = 4
 MAX_HALO_CELLS: Final = 64
 """Maximum width of the halo of a tile, in cells."""
 
+WORKSPACE_CELL_BYTES: Final = 2
+"""Bytes for each cell of a workspace: one in its outer and one in its inner bitmap."""
+
 MAX_TILES: Final = 2**22
 """Maximum number of tiles of a map."""
 
 TILE_SIDES_PER_HALO: Final = 16
 """Shortest side of a tile, in widths of its halo; halos then add little to a map."""
+
+LEFTOVER_PREFIX: Final = ".cspace-"
+"""Prefix of files and folders that are written under another name first."""
 
 FRAME: Final = "frame"
 """Folder of the frame of a complete map."""
@@ -207,14 +205,14 @@ class TileFolder:
 
         Raises FileError if it is missing, damaged or a tile of another map or place.
         """
-        path = self.tile_path(tile)
-        contents, attributes = read_map_and_attributes(path)
+        saved = MapFolder(self.tile_path(tile))
+        contents, attributes = saved.read()
         self._check_stamp(tile, attributes)
         # Stamps may be forged, and arrays of other sizes would raise any error later.
         grid = self.sub_grid(self.locate_tile(tile))
         place = {"shape": list(grid.shape), "lower": list(grid.lower), "outside": UNKNOWN}
         if _describe(contents) != {**_describe(self.frame), **place}:
-            raise map_error(path, "its grid, robot or rotations are not those of its map")
+            raise saved.fail("its grid, robot or rotations are not those of its map")
         return contents
 
     def _make_stamp(self, tile: int) -> str:
@@ -224,7 +222,7 @@ class TileFolder:
     def _check_stamp(self, tile: int, attributes: Mapping[str, Any]) -> None:
         """Raise FileError unless the attributes of a tile have its stamp."""
         if attributes.get("stamp") != self._make_stamp(tile):
-            raise map_error(self.tile_path(tile), "it is a tile of another map or place")
+            raise MapFolder(self.tile_path(tile)).fail("it is a tile of another map or place")
 
     def write_tile(self, tile: int, contents: Contents) -> None:
         """Write a tile, which gets its name when it is complete.
@@ -234,12 +232,13 @@ class TileFolder:
         """
         states = contents.states[:, *self.locate_interior_in_tile(tile)]
         rotations_of_slice = np.bincount(self.frame.slice_of)
-        counts = rotations_of_slice @ count_states(states)
+        counts_of_slice = [np.bincount(cells.ravel(), minlength=BLOCKED + 1) for cells in states]
+        counts = rotations_of_slice @ np.array(counts_of_slice)
         first_cell = tuple(self.locate_tile(tile)[0].tolist())
         occupied = Raster.from_bitmap(contents.workspace.outer, first_cell)
         box = [occupied.lower, occupied.upper] if occupied.count else None
         summary = {"stamp": self._make_stamp(tile), "counts": counts.tolist(), "obstacles": box}
-        write_once(self.tile_path(tile), contents, **summary)
+        write_once(self.tile_path(tile), contents, tile=summary)
 
     # ---- the folder ------------------------------------------------------------------------------
 
@@ -251,8 +250,8 @@ class TileFolder:
         """
         root = Path(path).absolute()  # workers have other working folders
         frame_path = root / FRAME if (root / FRAME).exists() else root
-        frame, attributes = read_map_and_attributes(frame_path, TILES_FORMAT)
-        with reporting_damage(root):
+        frame, attributes = MapFolder(frame_path, tiles=True).read()
+        with MapFolder(root).reporting_damage():
             folder = cls(root, attributes["tiles"], frame)
             folder._check_layout()
             return folder
@@ -284,10 +283,10 @@ class TileFolder:
         # First and last cell of the box of obstacles in each tile, after those of an empty box.
         boxes = [[[max(shape)] * len(shape), [-1] * len(shape)]]
         for tile in range(len(self)):
-            path = self.tile_path(tile)
-            summary, _ = read_root(path, FORMAT)
+            saved = MapFolder(self.tile_path(tile))
+            summary = saved.read_attributes()
             self._check_stamp(tile, summary)
-            with reporting_damage(path):
+            with saved.reporting_damage():
                 cells = self.sub_grid(self.locate_interior(tile)).size
                 counts += _check_counts(summary["counts"], cells * len(frame.slice_of))
                 if summary["obstacles"]:
@@ -297,9 +296,25 @@ class TileFolder:
         exterior = Exterior.around(shape, obstacles, rasters, frame.outside)
         layout = {**self.layout, "counts": counts.tolist()}
         complete_frame = replace(frame, exterior=exterior)
-        write_once(self.path / FRAME, complete_frame, TILES_FORMAT, tiles=layout)
-        discard_leftovers(self.path)
+        write_once(self.path / FRAME, complete_frame, tiles=layout)
+        # Files of killed or late processes.
+        for leftover in self.path.glob(f"{LEFTOVER_PREFIX}*"):
+            discard_folder(leftover)
         return TileFolder.open(self.path)
+
+
+def discard_folder(folder: Path) -> None:
+    """Remove our folder, even while another process writes.
+
+    It is renamed first, so the writer fails, and never puts the rest in place.
+    """
+    aside = folder.with_name(f"{LEFTOVER_PREFIX}{uuid.uuid4().hex[:12]}")
+    with suppress(FileNotFoundError):  # another process discards it too
+        folder.rename(aside)
+        if aside.is_dir():
+            shutil.rmtree(aside, ignore_errors=True)
+        else:
+            aside.unlink(missing_ok=True)
 
 
 def grow_box(corners: Ints, cells: int) -> Ints:
@@ -355,12 +370,23 @@ def make_stamp(frame: Contents, *others: Any) -> str:
     return digest.hexdigest()
 
 
-def write_once(path: Path, contents: Contents, form: str = FORMAT, **attributes: Any) -> None:
-    """Write a map unless another process has."""
+def write_once(
+    path: Path,
+    contents: Contents,
+    *,
+    tile: Mapping[str, Any] | None = None,
+    tiles: Mapping[str, Any] | None = None,
+) -> None:
+    """Write a map unless another process has.
+
+    ``tile`` are additional attributes of a tile; ``tiles`` is the layout of a map in tiles.
+    """
+    saved = MapFolder(path, tiles=tiles is not None)
+    attributes = tile or {"tiles": tiles}
     try:
         # Only an empty folder is replaced; otherwise FileError is raised.
         with replacing(path, overwrite=True, folder=lambda _: False) as temporary:
-            write_map(contents, temporary, format=form, **attributes)
+            MapFolder(temporary, tiles=tiles is not None).write(contents, **attributes)
     except FileError:
-        if read_format(path) != form:
+        if not saved.exists():
             raise

@@ -144,7 +144,7 @@ class TiledComponents:
         self._folder = folder = tiles.folder
         needed = float(LABEL_BYTES_PER_STATE * folder.slices * folder.cells_of_tile)
         task = partial(label_tile, folder)
-        labels = run_tasks(task, range(len(folder)), needed, client, None, progress)
+        labels = run_tasks(task, range(len(folder)), needed, folder.grid, client, None, progress)
         free, passable = zip(*labels, strict=True)
         self._nodes = [
             MapNodes(folder, free, mixed=False),

@@ -36,16 +36,15 @@ from typing import Final
 import numpy as np
 
 from cspace import Grid, Rotations
-from cspace._rotations.lookup import OMPL_EQUALITY_SLACK
 from cspace.inside import ANGLE_SLACK, Floats, Ints, number_parts
 
 HALF_TURN: Final = math.pi - 4.0 * ANGLE_SLACK
 """Smallest angle, radians, at which rounding may decide which arc is shorter, so that a motion must
 be free along both arcs."""
 
-TINY_ARC_SLACK: Final = 0.975 * OMPL_EQUALITY_SLACK
+TINY_ARC_SLACK: Final = 3.9e-9
 """If 1 less the cosine of two quaternions is below this, the look-up of edges treats them as equal,
-in spite of rounding."""
+in spite of rounding: it does so up to 4e-9."""
 
 
 def cut_motions(

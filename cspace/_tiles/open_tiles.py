@@ -14,8 +14,7 @@ import numpy as np
 
 from cspace import BLOCKED, FREE, MIXED, CSpace, Grid, Workspace
 from cspace._queries.components import Components
-from cspace._support.limits import WORKSPACE_CELL_BYTES, map_bytes
-from cspace._tiles.folder import LAST_TO_STOP, TileFolder, grow_box, to_slices
+from cspace._tiles.folder import LAST_TO_STOP, WORKSPACE_CELL_BYTES, TileFolder, grow_box, to_slices
 from cspace._tiles.motions import cut_motions
 from cspace.inside import (
     UNKNOWN,
@@ -107,7 +106,7 @@ class OpenTiles:
         if frame.outside != "free":  # no cell beyond the grid is FREE
             corners = folder.clip(corners)
         grid = folder.sub_grid(corners)
-        needed = map_bytes(grid.shape, folder.slices) + WORKSPACE_CELL_BYTES * grid.size
+        needed = (folder.slices + WORKSPACE_CELL_BYTES) * grid.size
         check_memory(needed, "the window", grid)
         states = np.empty((folder.slices, *grid.shape), dtype=np.uint8)
         if frame.exterior is not None:

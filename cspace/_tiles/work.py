@@ -7,10 +7,9 @@ from concurrent.futures import CancelledError
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
-from cspace import __version__
-from cspace._support.limits import MAX_MEMORY_FRACTION, bytes_text, free_bytes
+from cspace import Grid, __version__
 from cspace.errors import InputError
-from cspace.inside import count_cores, map_in_threads
+from cspace.inside import check_memory, count_cores, map_in_threads
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -26,14 +25,16 @@ def run_tasks(
     task: Task,
     tiles: Sequence[int],
     needed: float,
+    grid: Grid,
     client: Client | None,
     workers: int | None,
     progress: Progress | None,
 ) -> list[Any]:
     """Return ``[task(tile) for tile in tiles]`` from threads or a cluster.
 
-    ``needed`` is the memory of one task, in bytes; as many threads run as fit into memory. Raises
-    InputError if one does not fit, or if the cluster fails, and any error of a task.
+    ``needed`` is the memory of one task, in bytes, and ``grid`` are its cells; as many threads run
+    as fit into memory. Raises InputError if one does not fit, or if the cluster fails, and any
+    error of a task.
     """
 
     def advance(count: int) -> None:
@@ -43,13 +44,20 @@ def run_tasks(
 
     if client is not None:
         return _run_on_cluster(task, tiles, client, advance)
-    available = MAX_MEMORY_FRACTION * free_bytes()
-    if needed > available:
-        problem = f"is so large that a task needs {bytes_text(needed)}"
-        rule = f"{bytes_text(available)} are available"
-        raise InputError("tile", problem, rule)
-    threads = min(workers or count_cores(), int(available // needed))
+    check_memory(needed, "tile", grid)
+    threads = min(workers or count_cores(), len(tiles))
+    while threads > 1 and not _fits(threads * needed, grid):
+        threads -= 1
     return map_in_threads(task, tiles, threads, advance)
+
+
+def _fits(needed: float, grid: Grid) -> bool:
+    """Return True if work on cells fits into memory."""
+    try:
+        check_memory(needed, "tile", grid)
+    except InputError:
+        return False
+    return True
 
 
 def _run_on_cluster(

@@ -28,7 +28,7 @@ MOST_NAMES = {
     "cspace/reasons": 8,
     "cspace/regions": 0,
     "cspace/spectral": 3,
-    "cspace/_tiles": 20,
+    "cspace/_tiles": 1,
     "cspace/view": 0,
 }
 """Private names that a room imports from other rooms. These numbers only ever get smaller."""
