@@ -19,12 +19,11 @@ from ._interface import Space as Space
 from ._opening import open as open  # noqa: A004
 from ._queries.chunks import Chunk as Chunk
 from ._queries.gate import Gate as Gate
-from ._raster import Raster as Raster
 from ._record.update import Update as Update
 from ._robot import Robot as Robot
 from ._rotations import Rotations as Rotations
-from ._shapes.mesh import Mesh as Mesh
 from ._shapes.mesh import MeshWarning as MeshWarning
+from ._shapes.mesh import make_mesh as make_mesh
 from ._space import CSpace as CSpace
 from ._support.arrays import BLOCKED as BLOCKED
 from ._support.arrays import FREE as FREE
@@ -33,7 +32,6 @@ from ._support.headers import get_cmake_dir as get_cmake_dir
 from ._support.headers import get_include as get_include
 from ._support.limits import raised_limits as raised_limits
 from ._tiles.tiled_space import TiledCSpace as TiledCSpace
-from ._workspace import LazyWorkspace as LazyWorkspace
 from ._workspace import Workspace as Workspace
 from .arms import Arm as Arm
 from .arms import ArmSpace as ArmSpace

@@ -137,18 +137,13 @@ class Grid:
         return " or ".join(dict.fromkeys(self.units))
 
     @property
-    def measure_unit(self) -> str:
+    def _measure_unit(self) -> str:
         """Unit of a cell's measure, such as "m2" or "rad m"."""
         powers = list[str]()
         for unit in sorted(set(self.units), reverse=True):
             power = self.units.count(unit)
             powers.append(f"{unit}{power}" if power > 1 else unit)
         return " ".join(powers)
-
-    @property
-    def labels(self) -> tuple[str, ...]:
-        """Names and units of the axes, as labels of a picture."""
-        return tuple(f"{axis} ({unit})" for axis, unit in zip(self.axes, self.units, strict=True))
 
     @property
     def size(self) -> int:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import math
 import os
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
@@ -13,9 +11,6 @@ from typing import TYPE_CHECKING, Any, cast
 from numpy.typing import ArrayLike
 
 from cspace._files.access import check_suffix
-from cspace._grid import check_reach
-from cspace._raster import Raster
-from cspace._rotations import NO_ROTATION, RotationCell
 from cspace._shapes import (
     Balls,
     Polygons,
@@ -26,7 +21,7 @@ from cspace._shapes import (
     shape_from_spec,
 )
 from cspace._support.arrays import StrPath, Surface
-from cspace._support.check import check_not_negative, check_positive, names_options
+from cspace._support.check import names_options
 from cspace.errors import InputError
 
 if TYPE_CHECKING:
@@ -61,8 +56,8 @@ class Robot:
     >>> import cspace
     >>> cspace.Robot.rectangle(0.7, 0.5)
     Robot(rectangle 0.7 m x 0.5 m, in the plane)
-    >>> cspace.Robot.parse("disc:0.3").span
-    0.3
+    >>> cspace.Robot.parse("disc:0.3").spec
+    {'name': 'disc 0.3 m', 'kind': 'balls', 'centers': [[0.0, 0.0]], 'radii': [0.3]}
     """
 
     name: str
@@ -83,19 +78,9 @@ class Robot:
         return self.shape.dim
 
     @property
-    def span(self) -> float:
-        """Largest absolute value of the numbers that define the shape, metres."""
-        return self.shape.span
-
-    @property
     def spec(self) -> dict[str, object]:
         """Description in plain numbers, strings and lists, for :meth:`from_spec`."""
         return {"name": self.name, **self.shape.spec}
-
-    @property
-    def definition(self) -> str:
-        """JSON of :attr:`spec`."""
-        return json.dumps(self.spec, sort_keys=True)
 
     @classmethod
     @names_options
@@ -253,15 +238,15 @@ class Robot:
 
         Parameters
         ----------
-        shape : trimesh.Trimesh, trimesh.Scene, cspace.Mesh, path-like, or (vertices, faces)
+        shape : trimesh.Trimesh, trimesh.Scene, path-like, or (vertices, faces)
             Metres, in the robot's frame; files are ``.stl``, ``.obj``, ``.ply``, ``.glb``,
             ``.gltf`` and ``.dae``. A warning is given if the mesh is farther from its origin than
             its own size.
         solid : {"auto", "surface", "fill"}
-            Parts with an interior; see :class:`cspace.Mesh`. "auto" keeps the setting of a
-            ``cspace.Mesh``.
+            Parts with an interior; see :func:`cspace.make_mesh`. "auto" keeps the
+            setting of a mesh from there.
         up : {"x", "y", "z"}, optional
-            Axis that points up and becomes z; see :meth:`cspace.Mesh.of`.
+            Axis that points up and becomes z; see :func:`cspace.make_mesh`.
 
         Raises
         ------
@@ -273,9 +258,9 @@ class Robot:
         FileError
             If the file cannot be read.
         """
-        from cspace._shapes.mesh import Mesh
+        from cspace._shapes.mesh import make_mesh
 
-        mesh = Mesh.of(shape, solid, up)
+        mesh = make_mesh(shape, solid, up)
         mesh.check_origin(warn=True)
         return cls(name or f"mesh of {len(mesh.faces)} triangles", mesh)
 
@@ -566,53 +551,6 @@ class Robot:
         one.
         """
         return self.shape.outer.surface
-
-    @property
-    def inscribed_radius(self) -> float:
-        """Radius of the largest circle inside the robot.
-
-        The circle lies around the reference point of a robot in the plane. The radius is in metres;
-        0 if there is no circle. The value is a lower bound for several discs, and for a robot with
-        an outer and an inner bound, such as an ellipse, because the circle lies in the inner one.
-        """
-        return self.shape.inner.inscribed_radius
-
-    def rasters(
-        self, spacing: float, margin: float = 0.0, rotation: RotationCell = NO_ROTATION
-    ) -> tuple[Raster, Raster]:
-        """Rasterize the robot into two sets of offsets.
-
-        Parameters
-        ----------
-        spacing : float
-            Side of the map's cells, metres.
-        margin : float
-            Growth of the robot, metres, on the outer side only.
-        rotation : RotationCell
-            Rotations about the reference point for which the rasters hold.
-
-        Returns
-        -------
-        outer : Raster
-            Every offset ``m`` for which the grown robot meets ``spacing * (m + [-1, 1]^d)``.
-        inner : Raster
-            Only offsets ``m`` for which ``spacing * m`` lies in the robot.
-
-        Raises
-        ------
-        InputError
-            If the spacing is not above zero, the margin is negative, or the robot is too large or
-            too far from its reference point for that spacing.
-        """
-        side = check_positive(spacing, "spacing")
-        growth = check_not_negative(margin, "margin")
-        span = self.span
-        if rotation.matrix is not None:
-            # A rotation may move a corner of the robot's box, which is farther from the origin than
-            # a side, onto an axis.
-            span *= math.sqrt(self.dim)
-        check_reach((span + growth) / side, "robot", "its reference point")
-        return self.shape.rasters(side, growth, rotation)
 
 
 def _split_part(path: StrPath, suffixes: Collection[str]) -> tuple[StrPath, str]:

@@ -253,7 +253,7 @@ class CSpace(ConfigurationMap):
         free_cells = count_states(states)[self._slice_of, FREE]
         mean_cells = float(free_cells @ rotations._volumes / rotations._volumes.sum())
         quantity = "area" if grid.dim == 2 else "volume"
-        free_name = f"free_{quantity}_{grid.measure_unit.replace(' ', '_')}"
+        free_name = f"free_{quantity}_{grid._measure_unit.replace(' ', '_')}"
         facts: dict[str, object] = {}
         if rotations.names:
             free_name = f"mean_{free_name}"
@@ -409,7 +409,7 @@ class CSpace(ConfigurationMap):
         metres, radians = measure_steps(self.steps_between(starts, ends), self.dim)
         # The translation and the rotation of a piece each move a point by at most a quarter cell.
         longest = 0.25 * self.grid.spacing
-        ways = np.maximum(metres, radians * max(self.robot.span, longest))
+        ways = np.maximum(metres, radians * max(self.robot.shape.span, longest))
         counts = np.maximum(np.ceil(ways / longest), 1.0).astype(np.int64)
         # For each piece: its edge, its index on that edge, and its middle as a fraction of the
         # edge.

@@ -193,7 +193,7 @@ class Workspace:
         """Make a workspace of an array of cells.
 
         A lazy array (zarr, dask, xarray on dask, ``numpy.memmap``) is read when needed: see
-        :class:`cspace.LazyWorkspace`.
+        ``LazyWorkspace``.
 
         Parameters
         ----------
@@ -254,8 +254,23 @@ class Workspace:
     def from_ros_map(cls, path: StrPath, unknown: str = "occupied") -> Workspace:
         """Read a ROS map.
 
-        It is a YAML file, with a PGM or PNG image beside it. Modes, thresholds, ``negate`` and the
-        origin with its yaw apply as in :func:`cspace.ros.read_ros_map`.
+        It is a YAML file, with a PGM or PNG image beside it.
+
+        The image becomes cells as in map_server of ROS 1 and Navigation2. Here *shade* is the mean
+        of the colour channels from 0 (black) to 1 (white); ``p = 1 - shade``, or ``p = shade`` if
+        ``negate`` is 1:
+
+        * ``trinary`` (the default): ``p >= occupied_thresh`` is occupied, ``p < free_thresh`` is
+          free, the rest is unknown. Grey 205, which map savers write for unknown cells, is unknown
+          also if it is below ``free_thresh``, and in a JPEG, or beside grey 205, so are greys up to
+          229; a warning counts such cells;
+        * ``scale``: ``p < free_thresh`` is free, except grey 205 as in ``trinary``, and the rest is
+          occupied, because a cell with some probability of being occupied is not proven free;
+        * ``raw``: ``round(255 * shade)`` is the occupancy in per cent; below ``100 * free_thresh``
+          is free, up to 100 is occupied, above is unknown.
+
+        A pixel that is not fully opaque is unknown, as in Navigation2 since 2025, and in ``raw``
+        mode too. Releases disagree about ``p`` equal to a threshold; here it is never free.
 
         Parameters
         ----------
@@ -563,7 +578,7 @@ class Workspace:
             Metres added to all coordinates, before the bounds apply. It moves a frame whose origin
             is far away, such as UTM, to the map.
         lazy : bool
-            Rasterize cells when they are read: see :class:`cspace.LazyWorkspace`.
+            Rasterize cells when they are read: see ``LazyWorkspace``.
 
         Raises
         ------
@@ -609,7 +624,7 @@ class Workspace:
 
         Parameters
         ----------
-        mesh : trimesh.Trimesh, trimesh.Scene, cspace.Mesh, path-like, or (vertices, faces)
+        mesh : trimesh.Trimesh, trimesh.Scene, path-like, or (vertices, faces)
             Metres; files are ``.stl``, ``.obj``, ``.ply``, ``.glb``, ``.gltf`` and ``.dae``.
         spacing : float
             Side of a cell, in metres.
@@ -622,7 +637,7 @@ class Workspace:
             "surface": none. "fill": all that the surface encloses at this spacing, with a warning
             if an open mesh encloses no cell.
         up : {"x", "y", "z"}, optional
-            Axis that points up and becomes z; see :meth:`cspace.Mesh.of`.
+            Axis that points up and becomes z; see :func:`cspace.make_mesh`.
         offset : array-like, shape (3,), optional
             As for :meth:`from_polygons`.
         lazy : bool
@@ -639,9 +654,9 @@ class Workspace:
             If the file is missing or malformed.
         """
         bounds = check_extent(spacing, bounds, 3)
-        from cspace._shapes.mesh import Mesh
+        from cspace._shapes.mesh import make_mesh
 
-        shape = Mesh.of(mesh, solid, up)
+        shape = make_mesh(mesh, solid, up)
         warn_of_rounding(mesh, shape.vertices, spacing)
         if offset is not None:
             shape = replace(shape, vertices=shape.vertices + check_point(offset, "offset", 3))
@@ -864,7 +879,7 @@ class Workspace:
         Parameters
         ----------
         **options
-            Options of :func:`cspace.plot.plot`: ``view``, ``center``, ``zoom``, ``cut``,
+            Options of :func:`cspace.plot.plot`: ``view``, ``center``,
             ``camera``, ``ax``, ``legend`` and ``title``. The title defaults to the source and the
             length of a cell.
 
@@ -1015,9 +1030,9 @@ def measure_shapes(path: StrPath, **options: Any) -> tuple[Floats, dict[str, obj
 
     match reader_of(path, options).__name__:
         case "from_mesh":
-            from cspace._shapes.mesh import Mesh
+            from cspace._shapes.mesh import make_mesh
 
-            mesh = Mesh.of(path, options.get("solid", "auto"))
+            mesh = make_mesh(path, options.get("solid", "auto"))
             return np.array(mesh.bounds), mesh.facts
         case "from_points":
             points = read_points(path, options.get("drop_missing", False))

@@ -34,6 +34,7 @@ from ._queries.components import find_components as find_components
 from ._queries.upright import Upright as Upright
 from ._queries.vehicles import Car as Car
 from ._queries.vehicles import Differential as Differential
+from ._raster import Raster as Raster
 from ._record.cells import map_record as map_record
 from ._record.contents import Contents as Contents
 from ._record.description import collect_arrays as collect_arrays
@@ -44,7 +45,6 @@ from ._record.save import MAP_SUFFIXES as MAP_SUFFIXES
 from ._record.save import MapFolder as MapFolder
 from ._rotations.base import ANGLE_SLACK as ANGLE_SLACK
 from ._rotations.base import METRES_PER_RADIAN as METRES_PER_RADIAN
-from ._rotations.base import TWO_PI as TWO_PI
 from ._rotations.base import measure_steps as measure_steps
 from ._rotations.base import turn_near as turn_near
 from ._rotations.base import wrap_angles as wrap_angles
@@ -54,6 +54,7 @@ from ._shapes import ShapeLike as ShapeLike
 from ._shapes import Voxels as Voxels
 from ._shapes import as_shape as as_shape
 from ._shapes.balls import Balls as Balls
+from ._shapes.mesh import Mesh as Mesh
 from ._space import proofs_of as proofs_of
 from ._support import vectors as vectors
 from ._support.arrays import STATE_NAMES as STATE_NAMES

@@ -15,7 +15,6 @@ from cspace._files.ros_maps import (
     PoseStamped,
     Twist,
     read_pose,
-    read_ros_map,
     update_occupancy_grid,
 )
 from cspace._support.check import check_not_negative
@@ -34,7 +33,6 @@ __all__ = [
     "PoseStamped",
     "Twist",
     "configuration_of",
-    "read_ros_map",
     "update_occupancy_grid",
 ]
 

@@ -26,7 +26,6 @@ from cspace._support.arrays import Numbers
 from cspace.inside import (
     ADVANCE_FACTOR,
     MAX_DISTANCES_PER_EDGE,
-    TWO_PI,
     Floats,
     Ints,
     allocating,
@@ -380,7 +379,7 @@ def measure_gap(goal: Pose, steering: Ints, lengths: Floats, row: int) -> float:
     x, y, yaw = pose
     goal_x, goal_y, goal_yaw = goal
     turn = yaw - goal_yaw
-    turn -= TWO_PI * math.floor((turn + math.pi) / TWO_PI)
+    turn -= math.tau * math.floor((turn + math.pi) / math.tau)
     return max(math.hypot(x - goal_x, y - goal_y), abs(turn))
 
 
@@ -478,8 +477,8 @@ def write_word(
         length = arcs[source]
         # A straight segment has one length, an arc is the same after a whole turn.
         if steer != 0:
-            length -= TWO_PI * math.floor((length - lowest) / TWO_PI)
-            if kind == DUBINS and is_first and length > TWO_PI - SNAP_RADIANS:
+            length -= math.tau * math.floor((length - lowest) / math.tau)
+            if kind == DUBINS and is_first and length > math.tau - SNAP_RADIANS:
                 length = 0.0
         steering[row, k] = mirror * steer
         lengths[row, k] = sign * length

@@ -38,7 +38,6 @@ from cspace._record.cells import Map
 from cspace.inside import (
     METRES_PER_RADIAN,
     NEVER,
-    TWO_PI,
     Bools,
     Effort,
     Endpoint,
@@ -104,7 +103,7 @@ KNOWN_TOLERANCE: Final = 0.01
 HASH_FACTOR: Final = 0x9E3779B97F4A7C1
 """Odd factor that spreads keys over the hash table (D. Knuth, "Sorting and Searching", 6.4)."""
 
-ARC_ERROR: Final = MAX_GAP * (1.0 + TWO_PI) + POINT_ERROR
+ARC_ERROR: Final = MAX_GAP * (1.0 + math.tau) + POINT_ERROR
 """Distance, in turning radii, within which a driven motion stays near the computed one."""
 
 NEAR_BLOCKS: Final = 3
@@ -279,7 +278,7 @@ def _list_headings(endpoints: Endpoints, count: int) -> tuple[Floats, Floats]:
     all_yaws = np.concatenate([wrap_angles(yaws), own_yaws[is_new]])
     order = np.argsort(all_yaws)
     first = all_yaws[order]
-    gaps = np.diff(first, append=first[0] + TWO_PI)
+    gaps = np.diff(first, append=first[0] + math.tau)
     shares = np.arange(count) / count
     # A drive as long as a cell's diagonal leaves the cell.
     lengths = np.full((len(order), count), math.sqrt(2.0))
@@ -325,7 +324,7 @@ def _measure_block_side(space: CSpace) -> int:
     circle = shapely.maximum_inscribed_circle(robot.geometry)  # a line from its center
     # Half its shift as the robot turns to the next direction of the guide, deviations included.
     radius = circle.length - 0.5 * math.hypot(*circle.coords[0])
-    cells_per_radius = int(max(radius, robot.inscribed_radius) / space.grid.spacing)
+    cells_per_radius = int(max(radius, robot.shape.inner.inscribed_radius) / space.grid.spacing)
     # Largest number of cells along each side of the blocks of the guide.
     return min(max(cells_per_radius, 1), 8)
 
@@ -358,7 +357,7 @@ def _list_slices_near(edges: LocalPlanner, yaws: Floats) -> Ints:
     """List slices near each yaw, nearest first, shape (yaws, n)."""
     rotations = edges.space.rotations
     slice_of: Ints = edges.cells._kernel_map.rotations.slice_of
-    count = math.ceil(MAX_DEVIATION * len(rotations) / TWO_PI)
+    count = math.ceil(MAX_DEVIATION * len(rotations) / math.tau)
     deviations = MAX_DEVIATION * np.arange(-count, count + 1) / count
     deviations = deviations[np.argsort(np.abs(deviations))]
     near = wrap_angles(yaws[:, np.newaxis] + deviations)
@@ -430,7 +429,7 @@ def _list_car_motions(
     The first heading is the start's.
     """
     radius = float(edges.turning_radius or math.nan)
-    arc = TWO_PI / count
+    arc = math.tau / count
     spacing = edges.cells.grid.spacing
     yaws = wrap_angles(np.asarray(start[2] + arc * np.arange(count), dtype=np.float64))
     # The chord of an arc is twice as long as the diagonal of a cell. In larger cells, one

@@ -26,7 +26,6 @@ from cspace._record.cells import Map
 from cspace.inside import (
     ANGLE_SLACK,
     METRES_PER_RADIAN,
-    TWO_PI,
     Bools,
     Car,
     Differential,
@@ -51,7 +50,7 @@ MAX_RADIANS: Final = math.radians(5.0)
 Drive: TypeAlias = Car | Differential
 """A robot that drives along its x axis; others move in any direction."""
 
-MAX_TURN: Final = 0.499 * TWO_PI
+MAX_TURN: Final = 0.499 * math.tau
 """Largest turn of a joint along an edge, radians; below half a turn, so that rounding does not
 decide its direction."""
 
@@ -320,7 +319,7 @@ class LocalPlanner:
         """
         if isinstance(self.drive, Car) and self.space.in_memory:
             step = 0.5 * self.space.resolution
-            pieces = self.split_path(path, step, step / max(self.cells.robot.span, step))
+            pieces = self.split_path(path, step, step / max(self.cells.robot.shape.span, step))
             # Proven edges keep the margin free, even if a piece has nothing left.
             distances = self.cells.obstacle_distance(*pieces)
             distance = max(self.cells.margin, float(np.min(distances)))
@@ -392,8 +391,8 @@ class TurnDriveTurn(LocalPlanner):
         """Return an edge's metres plus half its radians."""
         x0, y0, yaw0, x1, y1, yaw1 = ends
         yaw = self.choose_yaw(*ends)
-        turn_before = abs(math.remainder(yaw - yaw0, TWO_PI))
-        turn_after = abs(math.remainder(yaw1 - yaw, TWO_PI))
+        turn_before = abs(math.remainder(yaw - yaw0, math.tau))
+        turn_after = abs(math.remainder(yaw1 - yaw, math.tau))
         return math.hypot(x1 - x0, y1 - y0) + self.rotation_weight * (turn_before + turn_after)
 
     def choose_yaw(
@@ -409,7 +408,9 @@ class TurnDriveTurn(LocalPlanner):
 
         def rotation(yaw: float) -> float:
             """Return the radians of both turns."""
-            return abs(math.remainder(yaw - yaw0, TWO_PI)) + abs(math.remainder(yaw1 - yaw, TWO_PI))
+            return abs(math.remainder(yaw - yaw0, math.tau)) + abs(
+                math.remainder(yaw1 - yaw, math.tau)
+            )
 
         return min(ahead, back, key=rotation)
 
@@ -443,5 +444,5 @@ class TurnDriveTurn(LocalPlanner):
 
 def _wrap_yaw(yaw: float) -> float:
     """Wrap a yaw from (-2 pi, 2 pi) into [-pi, pi)."""
-    wrapped_yaw = math.remainder(yaw, TWO_PI)
+    wrapped_yaw = math.remainder(yaw, math.tau)
     return wrapped_yaw if wrapped_yaw < math.pi else -math.pi

@@ -108,7 +108,7 @@ class WeightedLength(ob.OptimizationObjective):
         self.edge_cost = self._kind.of_states(edges.edge_cost(field, self._density))
 
     @property
-    def is_length(self) -> bool:
+    def _is_length(self) -> bool:
         """Whether a metre costs the same at every configuration."""
         return self._field is None or self._density.weight == 0.0
 

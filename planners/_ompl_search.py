@@ -288,7 +288,7 @@ class _Run:
         self._objective = objective = setup.getOptimizationObjective()
         is_length = isinstance(objective, ob.PathLengthOptimizationObjective)
         if isinstance(objective, WeightedLength):
-            is_length = objective.is_length
+            is_length = objective._is_length
             objective.edge_cost = deadline.end_late(objective.edge_cost)
         self.by_length = make is None or is_length
         self._must_beat = make is not None and task.planner not in PLANNERS_WITHOUT_OBJECTIVE

@@ -12,7 +12,7 @@ from ompl import base as ob
 
 from cspace import Space
 from cspace.errors import InputError
-from cspace.inside import METRES_PER_RADIAN, TWO_PI, ConfigurationSpace, Floats, wrap_angles
+from cspace.inside import METRES_PER_RADIAN, ConfigurationSpace, Floats, wrap_angles
 from planners._own_space import check_own_space
 
 Configuration = tuple[float, ...]
@@ -226,7 +226,7 @@ def _make_compound_kind(periodic_axes: tuple[bool, ...], weight: float) -> State
         if limited:
             _write_vector(state[0], *(q[axis] for axis in limited))
         for subspace, axis in axis_of_circle.items():
-            state[subspace].value = math.remainder(q[axis], TWO_PI)
+            state[subspace].value = math.remainder(q[axis], math.tau)
 
     return StateKind(make, read, write)
 
@@ -262,7 +262,7 @@ def with_wrapped_angles(
         first = wrap_angles(q0, periodic_axes)
         steps = zip((q1 - q0).tolist(), periodic_axes, strict=True)
         # The same half turns as along edges, which are proven the shorter way.
-        shortest = [math.remainder(step, TWO_PI) if turns else step for step, turns in steps]
+        shortest = [math.remainder(step, math.tau) if turns else step for step, turns in steps]
         last = first + shortest
         return check(*first.tolist(), *last.tolist())
 

@@ -20,7 +20,6 @@ from cspace.errors import ConfigurationError, InputError
 from cspace.inside import (
     METRES_PER_RADIAN,
     NEVER,
-    TWO_PI,
     Car,
     ConfigurationSpace,
     Differential,
@@ -1067,9 +1066,9 @@ def _describe_free_yaws(edges: LocalPlanner, endpoints: Endpoints) -> list[str]:
     for name, (x, y, yaw) in zip(("start", "goal"), endpoints[:2], strict=True):
         intervals = edges.cells.free_yaws((x, y))
         widths = np.ptp(intervals, axis=1)
-        beyond_lower = (yaw - intervals[:, 0]) % TWO_PI
+        beyond_lower = (yaw - intervals[:, 0]) % math.tau
         around_yaw = np.flatnonzero(beyond_lower <= widths)
-        if not len(around_yaw) or widths[around_yaw[0]] >= TWO_PI:
+        if not len(around_yaw) or widths[around_yaw[0]] >= math.tau:
             continue
         low = yaw - beyond_lower[around_yaw[0]]
         high = low + widths[around_yaw[0]]

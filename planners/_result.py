@@ -260,26 +260,6 @@ class Plan:
         return math.inf if length > 0.0 else length
 
     @property
-    def shown_distance(self) -> tuple[str, float, str]:
-        """Name, value and unit of the obstacle distance, otherwise of the clearance."""
-        distance = self.obstacle_distance
-        if math.isnan(distance):
-            return "clearance", self.clearance, self.clearance_unit
-        return "obstacle_distance", distance, "m"
-
-    @property
-    def distance_text(self) -> str:
-        """Text of :attr:`shown_distance`, empty if unknown."""
-        name, distance, unit = self.shown_distance
-        words = name.replace("_", " ")
-        if math.isnan(distance):
-            return ""
-        if distance == 0.0:
-            return f"{words} not proven to be more than 0"
-        number = f"{distance:.3f}" if distance >= 5e-4 else f"{distance:.1g}"
-        return f"{words} {number} {unit}"
-
-    @property
     def _edges(self) -> LocalPlanner | None:
         """Local planner on the map; None without path or map."""
         if self.space is None or not self.solved:
@@ -667,7 +647,7 @@ class Plan:
             ``after.starts_after(at)``: the place of that state, or the end of
             ``after.braked(at)``, to which the robot follows the old curve. There it does not stop
             if a curve goes on smoothly. If the plan has no path, or none that is proven and that
-            the speed allows, it is ``after.braked(at)``: ``is_stop`` is True, and ``stop_reason``
+            the speed allows, it is ``after.braked(at)``, and ``stop_reason``
             says why.
         at : float
             Seconds from the start of ``after``, time 0 of the new trajectory.

@@ -19,7 +19,6 @@ from planners._ompl_callbacks import FreeStateSampler, MotionValidator, StateVal
 from planners._ompl_states import find_state_kind
 
 MakeObjective = Callable[[ob.SpaceInformation], ob.OptimizationObjective]
-MakeSampler = Callable[[ob.SpaceInformation], ob.ValidStateSampler]
 
 MIN_CHECKING_SHARE: Final = 1e-6
 """Smallest distance between states that OMPL itself checks along a motion, as a share of the
@@ -116,10 +115,8 @@ def simple_setup(
     *,
     objective: MakeObjective | None = None,
     rng: np.random.Generator | None = None,
-    valid_state_sampler: MakeSampler | None = None,
     exact: bool = False,
     drive: Drive | None = None,
-    bidirectional: bool = False,
 ) -> og.SimpleSetup:
     """Create OMPL's SimpleSetup for a map, an arm or another space.
 
@@ -137,16 +134,11 @@ def simple_setup(
         is the length.
     rng : numpy.random.Generator, optional
         Source of randomness of the valid state sampler; see :class:`FreeStateSampler`.
-    valid_state_sampler : callable, optional
-        Given the space information, returns an ``ompl.base.ValidStateSampler`` that replaces
-        :class:`FreeStateSampler`.
     exact : bool
         Whether the geometry itself decides states and motions that the map does not. Valid states
         are then drawn from the whole map and tested, because they need not lie in FREE cells.
     drive
         As for :func:`planners.plan`.
-    bidirectional : bool
-        As for :class:`MotionValidator`.
 
     Returns
     -------
@@ -158,20 +150,17 @@ def simple_setup(
     Raises
     ------
     InputError
-        If ``objective`` or the sampler is not of OMPL's type, or ``rng`` comes with a sampler or
-        ``exact``; and as :func:`state_space`. Also if the sampler is OMPL's
-        ObstacleBasedValidStateSampler. It needs the last valid state of a motion, which a motion
-        validator in Python cannot return, so the samples would be invalid.
+        If ``objective`` is not of OMPL's type, or ``rng`` comes with ``exact``; and as
+        :func:`state_space`.
     """
-    edges = local_planner(space, exact, drive, bidirectional)
-    return make_setup(edges, objective, rng, valid_state_sampler)
+    edges = local_planner(space, exact, drive)
+    return make_setup(edges, objective, rng)
 
 
 def make_setup(
     edges: LocalPlanner,
     objective: MakeObjective | None,
     rng: np.random.Generator | None = None,
-    sampler: MakeSampler | None = None,
 ) -> og.SimpleSetup:
     """Make OMPL's SimpleSetup for a local planner; see :func:`simple_setup` for the arguments."""
     space = edges.space
@@ -192,9 +181,9 @@ def make_setup(
     # Distance of the states that OMPL checks when it steps along a motion by itself.
     share = _choose_checking_share(space, si.getStateSpace())
     si.setStateValidityCheckingResolution(share)
-    si.setValidStateSamplerAllocator(_choose_sampler(si, edges, rng, sampler))
+    si.setValidStateSamplerAllocator(_choose_sampler(edges, rng))
     if objective is not None:
-        checked = _make_checked(objective, si, ob.OptimizationObjective, "objective")
+        checked = _make_objective(objective, si)
         setup.setOptimizationObjective(checked)
     elif not setup.getStateSpace().getType():
         # OMPL's length draws informed samples and fails in a state space of unknown type. A sum of
@@ -215,53 +204,26 @@ class _Setup(og.SimpleSetup):
 
 
 def _choose_sampler(
-    si: ob.SpaceInformation,
-    edges: LocalPlanner,
-    rng: np.random.Generator | None,
-    sampler: MakeSampler | None,
-) -> MakeSampler:
-    """Choose and check the maker of valid state samplers.
-
-    It must not hold ``si``, because ``si`` holds it.
-    """
+    edges: LocalPlanner, rng: np.random.Generator | None
+) -> Callable[[ob.SpaceInformation], ob.ValidStateSampler]:
+    """Choose the maker of valid state samplers, and check the source of their randomness."""
     space = edges.space
     exact = edges.exact
     if rng is not None:
         check_rng(rng)
-        if sampler is not None or exact:
-            other = "exact is True" if exact else "valid_state_sampler is given"
-            raise InputError(
-                "rng",
-                f"is given and {other}",
-                "it is for FreeStateSampler",
-            )
+        if exact:
+            rule = "it is for FreeStateSampler"
+            raise InputError("rng", "is given and exact is True", rule)
     # FREE cells give samples without rejection, unless geometry decides other cells too.
-    if sampler is None:
-        if space.has_cells and space.in_memory and not exact:
-            return lambda info: FreeStateSampler(info, edges.cells, rng)
-        return lambda info: ob.UniformValidStateSampler(info)
-    checked = _make_checked(sampler, si, ob.ValidStateSampler, "valid_state_sampler")
-    if isinstance(checked, ob.ObstacleBasedValidStateSampler):
-        raise InputError(
-            "valid_state_sampler",
-            "makes an ObstacleBasedValidStateSampler",
-            "it needs the last valid state of a motion, which OMPL's Python bindings cannot return",
-        )
-    return sampler
+    if space.has_cells and space.in_memory and not exact:
+        return lambda info: FreeStateSampler(info, edges.cells, rng)
+    return lambda info: ob.UniformValidStateSampler(info)
 
 
-def _make_checked(
-    make: Callable[[ob.SpaceInformation], object], si: ob.SpaceInformation, kind: type, name: str
-) -> object:
-    """Call a user's function, and check its result's type.
-
-    Raises InputError, which blames the argument ``name``, if it is not of OMPL's ``kind``.
-    """
-    result = make(si)
-    if not isinstance(result, kind):
-        raise InputError(
-            name,
-            f"returned {result!r}",
-            f"it must return an ompl.base.{kind.__name__}",
-        )
+def _make_objective(make: MakeObjective, si: ob.SpaceInformation) -> ob.OptimizationObjective:
+    """Call a user's function, and check that it returns an objective."""
+    result: object = make(si)
+    if not isinstance(result, ob.OptimizationObjective):
+        rule = "it must return an ompl.base.OptimizationObjective"
+        raise InputError("objective", f"returned {result!r}", rule)
     return result

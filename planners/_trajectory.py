@@ -17,7 +17,6 @@ from cspace import Rotations, Space
 from cspace._support.check import check_each
 from cspace.errors import InputError
 from cspace.inside import (
-    TWO_PI,
     Bools,
     Car,
     ConfigurationSpace,
@@ -415,11 +414,6 @@ class Trajectory:
         dim = len(self.axes) - len(self._rotations.names)
         speeds = np.linalg.norm(velocities[..., :dim], axis=-1)
         return float((halves * weights * speeds).sum())
-
-    @property
-    def is_stop(self) -> bool:
-        """Whether the trajectory only stops the robot; :attr:`stop_reason` says why."""
-        return bool(self.stop_reason)
 
     def __repr__(self) -> str:
         """Return the duration, the number of rows, and why it is only a stop."""
@@ -866,7 +860,7 @@ def _start_at(path: DrivenPath, q: Floats, rotations: Rotations) -> DrivenPath |
     rows = path.waypoints.copy()
     # Continuous joints count whole turns, and quaternions have two signs.
     if path.moves_joints:
-        rows += TWO_PI * np.rint((q - rows[0]) / TWO_PI)
+        rows += math.tau * np.rint((q - rows[0]) / math.tau)
     elif "qw" in path.axes and q[-4:] @ rows[0, -4:] < 0.0:
         rows[:, -4:] *= -1.0
     gaps = np.abs(rotations._steps_between(rows[0], q))

@@ -436,8 +436,8 @@ MUTANTS = (
     ),
     Mutant(
         "cspace/arms/_inverse.py",
-        "turns = np.clip(np.rint((near - q) / TWO_PI), fewest, most)",
-        "turns = np.rint((near - q) / TWO_PI)",
+        "turns = np.clip(np.rint((near - q) / math.tau), fewest, most)",
+        "turns = np.rint((near - q) / math.tau)",
         "tests/arms/test_inverse.py",
     ),
     # Planners: drives, states, results.

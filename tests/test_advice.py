@@ -152,7 +152,7 @@ PLATE = trimesh.creation.box((1.2, 0.3, 0.8))
 def measure_plate(folder, **options):
     """Return the box of a plate whose file has y up."""
     PLATE.export(folder / "plate.glb")
-    return np.array(cspace.Mesh.of(folder / "plate.glb", **options).bounds)
+    return np.array(cspace.make_mesh(folder / "plate.glb", **options).bounds)
 
 
 def loose_box():

@@ -3,7 +3,7 @@
 import pytest
 import shapely
 
-from cspace import GeometryError, InputError, Mesh, Robot
+from cspace import GeometryError, InputError, Robot, make_mesh
 from cspace._shapes import as_shape
 from tests.helpers.mesh_files import TETRAHEDRON
 
@@ -67,7 +67,7 @@ def test_a_mesh_far_from_its_reference_point_warns_once():
     assert again.spec == robot.spec
     with pytest.raises(GeometryError, match="at most 100 times"):
         Robot.from_mesh((vertices + 200.0, faces))
-    spec = {**robot.spec, **Mesh.of((vertices + 200.0, faces)).spec}
+    spec = {**robot.spec, **make_mesh((vertices + 200.0, faces)).spec}
     with pytest.raises(InputError, match="at most 100 times"):
         Robot.from_spec(spec)
 

@@ -20,9 +20,10 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.report import Report
 from benchmarks.timing import interleave, once
-from cspace import Grid, Mesh, Workspace, suggest
+from cspace import Grid, Workspace, suggest
 from cspace._engines import ENGINES
 from cspace._raster import Raster
+from cspace._shapes.mesh import Mesh
 from cspace._support.arrays import Floats, Ints
 from cspace.spectral import (
     Bump,

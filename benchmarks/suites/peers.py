@@ -100,7 +100,7 @@ def _warm_up(rng: np.random.Generator) -> None:
     """Call every method once, to compile and load."""
     for dim, robot in ((2, Robot.disc(3.0)), (3, Robot.ball(3.0))):
         workspace = Workspace.from_array(inputs.boxes(32, 0.06, rng, dim), 1.0)
-        raster = robot.rasters(1.0)[0]
+        raster = robot.shape.rasters(1.0)[0]
         for method in METHODS:
             ours(workspace, robot, method)
         for peer in peers(dim):
@@ -124,7 +124,7 @@ def _asymmetric(length: float = LENGTH, width: float = WIDTH) -> Robot:
 def _rasters_of(robot: Robot, spacing: float, rotations: int) -> list[Raster]:
     """Return the outer raster of each yaw cell."""
     return [
-        robot.rasters(spacing, rotation=turn)[0]
+        robot.shape.rasters(spacing, rotation=turn)[0]
         for turn in Rotations.of(rotations)._make_shape_cells(2)
     ]
 
@@ -151,7 +151,7 @@ def _memory(report: Report, size: int, rng: np.random.Generator) -> None:
 
 def _floor(report: Report, workspace: Workspace, robot: Robot) -> None:
     """Compare our transforms with bare transforms of the whole map."""
-    occupied, raster = workspace.outer, robot.rasters(1.0)[0]
+    occupied, raster = workspace.outer, robot.shape.rasters(1.0)[0]
     pairs = zip(occupied.shape, raster.cells.shape, strict=True)
     whole = np.zeros([fft.next_fast_len(n + r - 1, real=True) for n, r in pairs], np.float32)
     whole[tuple(slice(n) for n in occupied.shape)] = occupied
@@ -189,7 +189,7 @@ def _translating(
 ) -> None:
     """Compare engines, rasterization included, with peers that get the robot's cells."""
     occupied = workspace.outer
-    raster = robot.rasters(workspace.grid.spacing)[0]
+    raster = robot.shape.rasters(workspace.grid.spacing)[0]
     report.section(f"{shape_text(occupied)} cells, {occupied.mean():.1%} occupied in boxes; {name}")
     report.note(
         f"the robot's outer raster has {shape_text(raster.cells)} cells, {raster.count} of them the robot's"

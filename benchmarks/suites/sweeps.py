@@ -123,7 +123,7 @@ def _point(
     """
     occupied, radius = workspace.outer, cells_across / 2
     robot = Robot.disc(radius) if sweep.dim == 2 else Robot.ball(radius)
-    raster = robot.rasters(1.0)[0]
+    raster = robot.shape.rasters(1.0)[0]
     report.section(
         f"{sweep.name}: {shape_text(occupied)} cells, {occupied.mean():.1%} occupied in boxes; "
         f"{'disc' if sweep.dim == 2 else 'ball'} {cells_across} cells across"

@@ -165,17 +165,7 @@ def picture(
     view: Literal["plane", "sections", "3d"] | None = option(
         None, "Of a map in space: sections or 3d  [default: sections]."
     ),
-    center: str | None = option(
-        "X,Y[,Z]", "The point of sections or of --zoom, metres  [default: chosen]."
-    ),
-    zoom: float | None = option(
-        "TIMES", "Show a part only, so many times larger, around --center."
-    ),
-    cut: float | None = option(
-        "METRES",
-        "Height, or angle of the third joint, above which 3d leaves cells out  [default: above the "
-        "path].",
-    ),
+    center: str | None = option("X,Y[,Z]", "The point of sections, metres  [default: chosen]."),
     dpi: float = option(None, "Pixels per inch; a picture is about 8 inches wide.", default=150.0),
     overwrite: bool = OVERWRITE,
     as_json: bool = AS_JSON,
@@ -192,7 +182,7 @@ def picture(
         units = space.units
         dim = space.grid.dim
         # These options depend on the axes of the map.
-        options = drop_unset(view=view, zoom=zoom, cut=cut)
+        options = drop_unset(view=view)
         options |= read_marks(start, goal, axes, units)
         if rotation is not None:
             options["rotation"] = parse_rotation(rotation, "rotation", space)

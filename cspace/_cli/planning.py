@@ -147,8 +147,7 @@ def plan(
     with clock.step("measure"):
         described = _describe(planned)
         if planned.solved:
-            name, distance, unit = planned.shown_distance
-            described[with_unit(name, unit)] = distance
+            described |= _describe_distance(planned)
     if planned.solved:
         with clock.step("write"):
             for path in output or []:
@@ -302,6 +301,13 @@ def demo(
     document = {"map": describe_map(space), "proofs": proofs, "plan": _describe(planned)}
     document["files"] = {name: str(file) for name, file in files.items()}
     show({**document, "seconds": clock.seconds}, as_json)
+
+
+def _describe_distance(plan: Plan) -> dict[str, float]:
+    """Describe the obstacle distance of a path, or its clearance if it has none."""
+    if math.isnan(plan.obstacle_distance):
+        return {with_unit("clearance", plan.clearance_unit): plan.clearance}
+    return {with_unit("obstacle_distance", "m"): plan.obstacle_distance}
 
 
 def _describe(plan: Plan) -> dict[str, Any]:

@@ -220,7 +220,7 @@ def _write(report: Audit | Conflicts, path: Path, strict: bool, overwrite: bool)
     if suffix == ".csv":
         report.to_csv(path, overwrite)
     elif suffix == ".geojson":
-        report.write_geojson(path, overwrite)
+        report.to_geojson(path, overwrite)
     elif suffix == ".xml":
         report.to_junit(path, overwrite, strict=strict)
     else:

@@ -6,6 +6,7 @@ A raster has the cells that the robot covers at one rotation; a slice of the map
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Final
@@ -14,10 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace._engines import Engine
+from cspace._grid import check_reach
 from cspace._raster import Raster
 from cspace._robot import Robot
-from cspace._rotations import Rotations
+from cspace._rotations import NO_ROTATION, RotationCell, Rotations
 from cspace._support.arrays import Bools, States
+from cspace._support.check import check_not_negative, check_positive
 from cspace._support.limits import RASTER_CELL_BYTES, SLICE_BYTES
 from cspace._support.threads import count_cores, map_in_threads
 
@@ -44,7 +47,7 @@ def slice_rasters(
     quarter turns or mirrors. Then the raster is an image too.
     """
     if rotations._preserves(robot.shape):
-        return [robot.rasters(spacing, margin)]
+        return [rasterize(robot, spacing, margin)]
     rotation_cells = rotations._make_shape_cells(robot.dim)
     slice_of = rotations._assign_slices(robot.shape)
     _, first_cells = np.unique(slice_of, return_index=True)
@@ -59,7 +62,7 @@ def slice_rasters(
     cells = float(np.prod(sides + 1.0))
     threads = count_cores() if len(originals) * cells > MIN_CELLS_FOR_THREADS else 1
     original_rasters = map_in_threads(
-        lambda number: robot.rasters(spacing, margin, rotation_cells[first_cells[number]]),
+        lambda number: rasterize(robot, spacing, margin, rotation_cells[first_cells[number]]),
         originals,
         threads,
     )
@@ -70,6 +73,27 @@ def slice_rasters(
             matrix, _ = images[image_of_source[number]]
             rasters[number] = outer.rotate(matrix.T), inner.rotate(matrix.T)
     return [rasters[number] for number in range(len(sources))]
+
+
+def rasterize(
+    robot: Robot, spacing: float, margin: float = 0.0, rotation: RotationCell = NO_ROTATION
+) -> RasterPair:
+    """Rasterize the robot at one rotation cell.
+
+    Returns the outer and inner raster, as ``Shape.rasters`` does; metres.
+
+    Raises InputError if the spacing is not above zero, the margin is negative, or the robot is too
+    large or too far from its reference point for that spacing.
+    """
+    side = check_positive(spacing, "spacing")
+    growth = check_not_negative(margin, "margin")
+    span = robot.shape.span
+    if rotation.matrix is not None:
+        # A rotation may move a corner of the robot's box, which is farther from the origin than a
+        # side, onto an axis.
+        span *= math.sqrt(robot.dim)
+    check_reach((span + growth) / side, "robot", "its reference point")
+    return robot.shape.rasters(side, growth, rotation)
 
 
 def estimate_raster_bytes(

@@ -80,7 +80,7 @@ class Problem(NamedTuple):
     def max_coordinate(self) -> float:
         """Largest coordinate of a placed robot point in the grid, metres."""
         grid = self.workspace.grid
-        return float(np.abs([*grid.lower, *grid.upper]).max()) + self.robot.span
+        return float(np.abs([*grid.lower, *grid.upper]).max()) + self.robot.shape.span
 
     @property
     def required_distance(self) -> float:
@@ -88,7 +88,7 @@ class Problem(NamedTuple):
 
         Callers add the rounding of the configuration.
         """
-        rotation_error = self.rotations._slack * self.robot.span
+        rotation_error = self.rotations._slack * self.robot.shape.span
         rounding = DISTANCE_ROUNDING * (self.max_coordinate + self.margin)
         return self.margin + rotation_error + rounding
 

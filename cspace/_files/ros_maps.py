@@ -96,21 +96,7 @@ FIELDS: Final = (
 def read_ros_map(path: StrPath, unknown: str = "occupied") -> tuple[MapInfo, Bools, Bools]:
     """Read the placement and cells of a ROS map.
 
-    The image becomes cells as in map_server of ROS 1 and Navigation2. Here *shade* is the mean of
-    the colour channels from 0 (black) to 1 (white); ``p = 1 - shade``, or ``p = shade`` if
-    ``negate`` is 1:
-
-    * ``trinary`` (the default): ``p >= occupied_thresh`` is occupied, ``p < free_thresh`` is free,
-      the rest is unknown. Grey 205, which map savers write for unknown cells, is unknown also if
-      it is below ``free_thresh``, and in a JPEG, or beside grey 205, so are greys up to 229; a
-      warning counts such cells;
-    * ``scale``: ``p < free_thresh`` is free, except grey 205 as in ``trinary``, and the rest is
-      occupied, because a cell with some probability of being occupied is not proven free;
-    * ``raw``: ``round(255 * shade)`` is the occupancy in per cent; below ``100 * free_thresh`` is
-      free, up to 100 is occupied, above is unknown.
-
-    A pixel that is not fully opaque is unknown, as in Navigation2 since 2025, and in ``raw``
-    mode too. Releases disagree about ``p`` equal to a threshold; here it is never free.
+    :meth:`cspace.Workspace.from_ros_map` says how the image becomes cells.
 
     Parameters
     ----------
@@ -232,8 +218,9 @@ def _find_image(header: Ledger, path: pathlib.Path) -> pathlib.Path:
 def _classify_pixels(header: _MapHeader, image: Shades, warn: bool) -> tuple[Bools, Bools]:
     """Return masks of a map's free and occupied pixels.
 
-    The modes are documented at :func:`read_ros_map`. All pixels of a level are alike, so levels are
-    classified first. With `warn`, warn of unknown pixels below ``free_thresh``.
+    The modes are documented at :meth:`cspace.Workspace.from_ros_map`. All pixels of a level are
+    alike, so levels are classified first. With `warn`, warn of unknown pixels below
+    ``free_thresh``.
     """
     shades = image.shades
     # In raw mode, levels are percentages; in the other modes, they are shades of a probability.

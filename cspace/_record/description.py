@@ -209,7 +209,7 @@ def make_metadata(contents: Contents) -> dict[str, Any]:
         "margin_m": float(contents.margin),
         "rotations": len(contents.rotations),
         "slices": len(contents.states),
-        "robot": contents.robot.definition,
+        "robot": json.dumps(contents.robot.spec, sort_keys=True),
         "workspace_source": contents.workspace.source,
         "inner": int(contents.proves_blocked),
         **frame,

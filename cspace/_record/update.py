@@ -53,22 +53,6 @@ class Update:
     upper: tuple[int, ...]
     changed: int
 
-    @classmethod
-    def combine(cls, updates: Sequence[Update], dim: int) -> Update:
-        """Combine updates of disjoint sets of workspace cells.
-
-        The box is that around the boxes of all updates, and numbers are added.
-        """
-        nothing = cls(0, (0,) * dim, (0,) * dim, 0)
-        # Empty boxes do not extend the combined box.
-        with_box = [update for update in updates if update.lower != update.upper]
-        boxes = with_box or updates or [nothing]
-        lower = np.min([update.lower for update in boxes], axis=0)
-        upper = np.max([update.upper for update in boxes], axis=0)
-        occupied = sum(update.occupied for update in updates)
-        changed = sum(update.changed for update in updates)
-        return cls(occupied, tuple(lower.tolist()), tuple(upper.tolist()), changed)
-
 
 @dataclass(frozen=True, slots=True)
 class Patch:
@@ -139,6 +123,22 @@ def _check_first_cell(lower: Sequence[int], axes: Sequence[str]) -> tuple[int, .
         rule = f"it must be {len(axes)} integers, the index of the first cell"
         raise InputError("lower", f"is {first.tolist()}", rule)
     return tuple(first.tolist())
+
+
+def _combine_updates(updates: Sequence[Update], dim: int) -> Update:
+    """Combine updates of disjoint sets of workspace cells.
+
+    The box is that around the boxes of all updates, and numbers are added.
+    """
+    nothing = Update(0, (0,) * dim, (0,) * dim, 0)
+    # Empty boxes do not extend the combined box.
+    with_box = [update for update in updates if update.lower != update.upper]
+    boxes = with_box or updates or [nothing]
+    lower = np.min([update.lower for update in boxes], axis=0)
+    upper = np.max([update.upper for update in boxes], axis=0)
+    occupied = sum(update.occupied for update in updates)
+    changed = sum(update.changed for update in updates)
+    return Update(occupied, tuple(lower.tolist()), tuple(upper.tolist()), changed)
 
 
 class Updater:
@@ -332,7 +332,7 @@ class Updater:
         if self._outside == "free" and any(update.occupied for update in updates):
             exterior = Exterior.of(self._workspace.outer, self._rasters, "free")
             self._exterior.table[...] = exterior.table
-        return Update.combine(updates, self._grid.dim)
+        return _combine_updates(updates, self._grid.dim)
 
     def _find_dependent(self, changed_first: Ints, changed_stop: Ints) -> CellBox:
         """Find the map's box that changed workspace cells affect."""

@@ -62,9 +62,9 @@ def as_shape(source: ShapeLike, radius: ArrayLike | None = None, name: str = "sh
     source : Shape, Robot, shapely geometry, GeoJSON mapping, mesh, path, or array-like
         Or an iterable of shapes, robots, geometries or mappings.
         Anything that :meth:`Polygons.of`, :func:`cspace._files.vector.read_shapes` or
-        :meth:`Mesh.of` takes, metres. A string is a shorthand such as ``"ellipse:0.5,0.3"``
-        (:data:`cspace._shapes.primitives.SHORTHANDS`), WKT, or the path of a file of polygons
-        or a mesh.
+        :func:`cspace.make_mesh` takes, metres. A string is a shorthand such as
+        ``"ellipse:0.5,0.3"`` (:data:`cspace._shapes.primitives.SHORTHANDS`), WKT, or the path of a
+        file of polygons or a mesh.
     radius : array-like, shape () or (n,), optional
         Metres. With a radius, or for a decomposition, the shape is balls around points, shape (n,
         2) or (n, 3).
@@ -136,7 +136,7 @@ def _make_mesh(source: MeshLike) -> Mesh:
     from cspace._shapes.mesh import Mesh
 
     mesh = Mesh.convert(source)
-    mesh.warn_if_open("cspace.Mesh.of(mesh, solid={!r})", fills=False)
+    mesh.warn_if_open("cspace.make_mesh(mesh, solid={!r})", fills=False)
     return mesh
 
 

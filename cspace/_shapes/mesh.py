@@ -88,27 +88,7 @@ class MeshWarning(UserWarning):
 class Mesh(ExactShape):
     """Triangles in space, in metres.
 
-    The triangles are always part of the shape. The part that they enclose depends on ``solid``:
-
-    * ``"auto"``: every point where the winding number of all closed bodies together is non-zero.
-
-      A body is a set of triangles that are connected through shared edges. It is closed if its
-      triangles run along each edge equally often in both directions. Exact copies of triangles are
-      dropped first, or cancel if they are a wall between two parts; single reversed triangles are
-      turned back. Any other body (with holes, Moebius strips, more than two triangles at an edge
-      and no consistent winding) is a surface without an interior, and a :class:`MeshWarning` says
-      so.
-
-      Winding numbers add up. Bodies that overlap and face outward are solid together, also if one
-      is nested in another. A body that faces inward, nested in one that faces outward, is a cavity,
-      which may contain an island, and so on. A body that faces inward and has a corner outside all
-      bodies that face outward cannot be a cavity; it is reversed, and solid. Points where windings
-      cancel, as in some pockets of a body that passes through itself, are hollow.
-    * ``"surface"``: nothing.
-    * ``"fill"``: all cells that cannot be reached from outside through cells that the surface does
-      not touch. The result depends on the spacing: gaps narrower than about a cell are closed. If a
-      mesh with open bodies encloses no cell at all, it is a surface without an interior, and a
-      :class:`MeshWarning` says so when its cells are made.
+    See :func:`make_mesh`.
 
     Parameters
     ----------
@@ -146,41 +126,8 @@ class Mesh(ExactShape):
         object.__setattr__(self, "faces", frozen(faces))
 
     @classmethod
-    def of(cls, shape: MeshLike, solid: Solid = "auto", up: Up | None = None) -> Mesh:
-        """Make a mesh from anything that describes one.
-
-        Parameters
-        ----------
-        shape : Mesh, trimesh.Trimesh, trimesh.Scene, path-like, or pair of array-like
-            A file is read; a pair is vertices (V, 3), in metres, and faces (F, 3).
-        solid : {"auto", "surface", "fill"}
-            With ``"auto"``, a Mesh keeps its own.
-        up : {"x", "y", "z"}, optional
-            Axis that points up; it becomes z. By default axes stay as they are, as in ROS, and a
-            warning names a file that calls another axis up, as ``.glb`` and ``.gltf`` do.
-
-        Raises
-        ------
-        InputError
-            If ``shape`` is something else, a coordinate is not finite, or ``solid`` or ``up`` is
-            another word.
-        GeometryError
-            If there is no triangle.
-        FileError
-            If a file is missing or cannot be read as a mesh.
-
-        Warns
-        -----
-        MeshWarning
-            If ``solid`` is ``"auto"`` and a body is open; once per Mesh.
-        """
-        mesh = cls.convert(shape, solid, up)
-        mesh.warn_if_open()
-        return mesh
-
-    @classmethod
     def convert(cls, shape: MeshLike, solid: Solid = "auto", up: Up | None = None) -> Mesh:
-        """Make a mesh as :meth:`of` does, without a warning of open bodies."""
+        """Make a mesh as :func:`make_mesh` does, without a warning of open bodies."""
         if isinstance(shape, Mesh):
             solid = shape.solid if solid == "auto" else solid
             if solid == shape.solid and up is None:
@@ -470,6 +417,68 @@ class Mesh(ExactShape):
                 f"the windings of {hollow} of {len(self.bodies)} bodies of {self.source} cancel, "
                 "for example because a surface is drawn once for each side; such a body is hollow"
             )
+
+
+def make_mesh(shape: MeshLike, solid: Solid = "auto", up: Up | None = None) -> Mesh:
+    """Make a mesh with a choice of its solid part, to pass wherever a shape is taken.
+
+    The triangles are always part of the shape. The part that they enclose depends on ``solid``:
+
+    * ``"auto"``: every point where the winding number of all closed bodies together is non-zero.
+
+      A body is a set of triangles that are connected through shared edges. It is closed if its
+      triangles run along each edge equally often in both directions. Exact copies of triangles are
+      dropped first, or cancel if they are a wall between two parts; single reversed triangles are
+      turned back. Any other body (with holes, Moebius strips, more than two triangles at an edge
+      and no consistent winding) is a surface without an interior, and a :class:`MeshWarning` says
+      so.
+
+      Winding numbers add up. Bodies that overlap and face outward are solid together, also if one
+      is nested in another. A body that faces inward, nested in one that faces outward, is a cavity,
+      which may contain an island, and so on. A body that faces inward and has a corner outside all
+      bodies that face outward cannot be a cavity; it is reversed, and solid. Points where windings
+      cancel, as in some pockets of a body that passes through itself, are hollow.
+    * ``"surface"``: nothing.
+    * ``"fill"``: all cells that cannot be reached from outside through cells that the surface does
+      not touch. The result depends on the spacing: gaps narrower than about a cell are closed. If a
+      mesh with open bodies encloses no cell at all, it is a surface without an interior, and a
+      :class:`MeshWarning` says so when its cells are made.
+
+    Parameters
+    ----------
+    shape : trimesh.Trimesh, trimesh.Scene, path-like, pair of array-like, or result of this call
+        A file is read; a pair is vertices (V, 3), in metres, and faces (F, 3).
+    solid : {"auto", "surface", "fill"}
+        With ``"auto"``, the result of an earlier call keeps its own.
+    up : {"x", "y", "z"}, optional
+        Axis that points up; it becomes z. By default axes stay as they are, as in ROS, and a
+        warning names a file that calls another axis up, as ``.glb`` and ``.gltf`` do.
+
+    Raises
+    ------
+    InputError
+        If ``shape`` is something else, a coordinate is not finite, or ``solid`` or ``up`` is
+        another word.
+    GeometryError
+        If there is no triangle, or one names a missing vertex.
+    FileError
+        If a file is missing or cannot be read as a mesh.
+
+    Warns
+    -----
+    MeshWarning
+        If ``solid`` is ``"auto"`` and a body is open; once per mesh.
+
+    Examples
+    --------
+    >>> import cspace, trimesh
+    >>> crate = cspace.make_mesh(trimesh.creation.box((0.6, 0.4, 0.3)))
+    >>> cspace.Robot.from_mesh(crate).shape.volume
+    0.072
+    """
+    mesh = Mesh.convert(shape, solid, up)
+    mesh.warn_if_open()
+    return mesh
 
 
 def _fill_cracks(shadow: BaseGeometry, width: float) -> BaseGeometry:

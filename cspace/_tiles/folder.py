@@ -28,7 +28,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from cspace import BLOCKED, MIXED, Grid, Raster, Robot, Rotations, Workspace
+from cspace import BLOCKED, MIXED, Grid, Robot, Rotations, Workspace
 from cspace.errors import FileError
 from cspace.inside import (
     UNKNOWN,
@@ -36,6 +36,7 @@ from cspace.inside import (
     Exterior,
     Ints,
     MapFolder,
+    Raster,
     StrPath,
     collect_arrays,
     make_metadata,

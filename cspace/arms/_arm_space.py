@@ -44,7 +44,6 @@ from cspace.arms._solids import (
 from cspace.arms._two_trees import PathSearch
 from cspace.errors import ConfigurationError, InputError
 from cspace.inside import (
-    TWO_PI,
     Bools,
     ConfigurationSpace,
     Endpoint,
@@ -190,7 +189,7 @@ class ArmSpace(ConfigurationSpace):
         A joint may have no limits and still not be periodic: if another follows it by half, it
         repeats after two revolutions.
         """
-        most = np.where(np.array(self.units) == "rad", 2.0 * TWO_PI, np.inf)
+        most = np.where(np.array(self.units) == "rad", 2.0 * math.tau, np.inf)
         return np.maximum(self.arm.lower, -most), np.minimum(self.arm.upper, most)
 
     @property
@@ -955,7 +954,7 @@ class ArmSpace(ConfigurationSpace):
         for joint in np.flatnonzero(self.is_periodic)[:MAX_DOUBLED_JOINTS]:
             # Each joint doubles the images: all so far, and all with this joint a turn further.
             other_way = images.copy()
-            other_way[:, joint] += np.where(images[:, joint] > start[joint], -TWO_PI, TWO_PI)
+            other_way[:, joint] += np.where(images[:, joint] > start[joint], -math.tau, math.tau)
             images = np.concatenate([images, other_way])
         return images
 

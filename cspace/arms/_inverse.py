@@ -34,7 +34,6 @@ from cspace.arms._chain import (
 from cspace.arms._solids import check_rigid
 from cspace.errors import InputError
 from cspace.inside import (
-    TWO_PI,
     Bools,
     Floats,
     Ints,
@@ -528,7 +527,7 @@ def solve_pose(
     scratch = make_pose_scratch(branch)
     lower, upper = limits
     # A joint that can make a whole turn stops nowhere; otherwise it would get stuck at its limits.
-    circles = whole_turns & (upper - lower > TWO_PI - MAX_GAP)
+    circles = whole_turns & (upper - lower > math.tau - MAX_GAP)
     open_limits = np.where(circles, -np.inf, lower), np.where(circles, np.inf, upper)
     quick = make_pose_problem(branch, tool, target, tolerance, open_limits)
     # The pose itself may be out of reach and poses within the tolerance not; and some valleys are
@@ -576,8 +575,8 @@ def _turn_towards(
 ) -> Floats:
     """Move a configuration, shape (k,), by whole turns towards another, within the limits."""
     lower, upper = limits
-    fewest = np.ceil((lower - q) / TWO_PI)
-    most = np.floor((upper - q) / TWO_PI)
-    turns = np.clip(np.rint((near - q) / TWO_PI), fewest, most)
-    turned = np.where(whole_turns, q + TWO_PI * turns, q)
+    fewest = np.ceil((lower - q) / math.tau)
+    most = np.floor((upper - q) / math.tau)
+    turns = np.clip(np.rint((near - q) / math.tau), fewest, most)
+    turned = np.where(whole_turns, q + math.tau * turns, q)
     return np.asarray(turned.clip(lower, upper))

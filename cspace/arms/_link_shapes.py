@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple
 
 import numpy as np
 
-from cspace import Mesh, Robot
+from cspace import Robot, make_mesh
 from cspace.arms._checks import check_distinct
 from cspace.arms._moveit_messages import (
     FIELDS,
@@ -41,6 +41,7 @@ from cspace.inside import (
     Floats,
     Ints,
     Ledger,
+    Mesh,
     Shape,
     StrPath,
     Surface,
@@ -81,7 +82,7 @@ def read_rigid_links(
     if link is not None:
         links = link if isinstance(link, str) else ", ".join(link)
         name = f"{name} {links}"
-    shape = Mesh.of(outer)
+    shape = make_mesh(outer)
     return name, shape.with_inner(inner[0]) if inner else shape
 
 
@@ -186,7 +187,7 @@ def link_shapes(
             warn_of_size(place, outer_surface[0])
         shape: Shape = outer
         if inner_surface is not outer_surface:
-            shape = outer.with_inner(Mesh.of(inner_surface))
+            shape = outer.with_inner(make_mesh(inner_surface))
         yield shape, _read_origin(collision, place)
 
 
@@ -440,7 +441,7 @@ def _sharpen(vertices: Floats, faces: Ints) -> Mesh:
     # Triangles with two upper vertices have no area left.
     is_left = (np.isin(faces, upper)).sum(axis=1) < 2
     numbers, new_faces = np.unique(joined[is_left], return_inverse=True)
-    return Mesh.of((vertices[numbers], new_faces.reshape(-1, 3)))
+    return make_mesh((vertices[numbers], new_faces.reshape(-1, 3)))
 
 
 _PRIMITIVE_MAKERS: Final[Mapping[str, Callable[..., Shape]]] = {
@@ -465,7 +466,7 @@ def _move_shape(shape: Shape, pose: Floats) -> Shape:
     outer = transform_surface(shape.outer.surface, pose)
     if shape.inner is not shape.outer:
         inner = transform_surface(shape.inner.surface, pose)
-        return Mesh.of(outer).with_inner(Mesh.of(inner))
+        return make_mesh(outer).with_inner(make_mesh(inner))
     if isinstance(shape, Mesh):
         return Mesh(*outer, shape.solid, shape.source)
     return Mesh(*outer)

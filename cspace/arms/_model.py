@@ -20,7 +20,7 @@ from cspace.arms._inverse import DEFAULT_TOLERANCE, Branch, PoseGoal, branch_to,
 from cspace.arms._motion_proofs import ArmScene, are_free
 from cspace.arms._moveit_messages import read_joint_state
 from cspace.arms._scenes import make_scene
-from cspace.arms._solids import PosedShape, Solid, check_names, check_rigid
+from cspace.arms._solids import Part, Solid, check_names, check_rigid
 from cspace.errors import ConfigurationError, InputError
 from cspace.inside import (
     Bools,
@@ -168,8 +168,6 @@ class Arm:
         Body of each of :attr:`frames`, and the pose on it.
     carriers : dict of str to str
         Frame that carries each attached object.
-    base_is_root : bool
-        Whether the base is the root of the URDF.
     """
 
     name: str
@@ -186,7 +184,7 @@ class Arm:
     held_joints: dict[str, float]
     placements: dict[str, Frame]
     carriers: dict[str, str]
-    base_is_root: bool
+    _base_is_root: bool
     _passive: frozenset[str]
     _states: dict[str, dict[str, float]]
 
@@ -702,7 +700,7 @@ class Arm:
         body, pose_on_body = self.placements[link]
         if pose is not None:
             pose_on_body = pose_on_body @ check_rigid(pose, "pose")
-        solid = Solid(name, body, (PosedShape(solid_shape, pose_on_body),))
+        solid = Solid(name, body, (Part(solid_shape, pose_on_body),))
         # Frames without geometry touch nothing, so only links count.
         with_geometry = [other.name for other in self.links]
         allowed = {sort_pair(name, other): "held" for other in touching if other in with_geometry}
@@ -1131,7 +1129,7 @@ class _ArmBuilder:
             held_joints=self._held,
             placements=placements,
             carriers={},
-            base_is_root=len(placements) == len(self._urdf.link_map),
+            _base_is_root=len(placements) == len(self._urdf.link_map),
             _passive=frozenset(self._urdf.joint_map.keys() - {*self._moving_names, *self._held}),
             _states=srdf.states,
         )
@@ -1192,7 +1190,7 @@ class _ArmBuilder:
         meshes = find_meshes(self._urdf, placements, self._file, package_dirs)
         for name, (body, pose) in placements.items():
             shapes = link_shapes(self._urdf, name, self._file, meshes, inside)
-            parts = [PosedShape(shape, pose @ shape_pose) for shape, shape_pose in shapes]
+            parts = [Part(shape, pose @ shape_pose) for shape, shape_pose in shapes]
             if parts:
                 yield Solid(name, body, tuple(parts))
 

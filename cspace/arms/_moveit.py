@@ -203,7 +203,7 @@ def find_base_pose(frame: str, arm: Arm, source: str) -> Floats:
             raise InputError(source, problem, "a joint of the arm moves it")
         return np.linalg.inv(pose).astype(np.float64)
     # MoveIt takes the root for the world.
-    if frame != WORLD or not arm.base_is_root:
+    if frame != WORLD or not arm._base_is_root:
         raise InputError(
             source,
             problem,

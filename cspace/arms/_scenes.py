@@ -11,7 +11,7 @@ from cspace.arms._chain import DISTANCE_ROUNDING, Chain
 from cspace.arms._crossings import NO_TREE, SurfaceTree, join_trees
 from cspace.arms._hulls import FIRST_CORNER, STOP_CORNER, Hulls, join_roots
 from cspace.arms._motion_proofs import FIRST_PART, ArmScene, Solids
-from cspace.arms._solids import PosedShape, Solid
+from cspace.arms._solids import Part, Solid
 from cspace.inside import Floats, Ints
 
 _NO_SURFACE: Final = SurfaceTree(
@@ -69,7 +69,7 @@ def make_inner_scene(scene: ArmScene, solids: Sequence[Solid]) -> ArmScene:
 
 def _pack(
     solids: Sequence[Solid],
-    parts: Sequence[PosedShape],
+    parts: Sequence[Part],
     points: Sequence[Floats],
     hulls: Hulls,
     roots: Ints,
@@ -105,14 +105,14 @@ def _pack(
     )
 
 
-def _has_surface(part: PosedShape) -> bool:
+def _has_surface(part: Part) -> bool:
     """Return True if a part has closed surfaces."""
     triangles, _ = part.surface
     return len(triangles) > 0
 
 
 def _pack_points(
-    solids: Sequence[Solid], parts: Sequence[PosedShape], points: Sequence[Floats]
+    solids: Sequence[Solid], parts: Sequence[Part], points: Sequence[Floats]
 ) -> tuple[Floats, Ints]:
     """Pack points (m, 3) of all parts, and where solids begin.
 

@@ -14,7 +14,7 @@ from typing import Final, NamedTuple, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace import Mesh, Workspace
+from cspace import Workspace
 from cspace.arms._crossings import (
     PartTree,
     SurfaceTree,
@@ -30,6 +30,7 @@ from cspace.inside import (
     ExactShape,
     Floats,
     Ints,
+    Mesh,
     Shape,
     ShapeLike,
     Voxels,
@@ -82,8 +83,13 @@ class PosedShape:
         object.__setattr__(self, "shape", as_shape(shape))
         object.__setattr__(self, "pose", frozen(check_rigid(pose, "pose")))
 
+
+@dataclass(frozen=True, eq=False, init=False)
+class Part(PosedShape):
+    """A posed shape of a link or an obstacle, with what proofs need of it."""
+
     @cached_property
-    def bounds_pair(self) -> tuple[PosedShape, PosedShape]:
+    def bounds_pair(self) -> tuple[Part, Part]:
         """Outer and inner shape at the same pose.
 
         Both are the same object if the shape is exact.
@@ -201,7 +207,7 @@ class PosedShape:
 
 
 @dataclass(frozen=True, eq=False)
-class StaticShape(PosedShape):
+class StaticShape(Part):
     """A shape that never moves.
 
     Boxes, cells and balls are tested as solids, others by their boundary.
@@ -243,15 +249,15 @@ class Solid(NamedTuple):
     ----------
     name : str
     body : int
-    parts : tuple of PosedShape
+    parts : tuple of Part
     """
 
     name: str
     body: int
-    parts: tuple[PosedShape, ...]
+    parts: tuple[Part, ...]
 
     @property
-    def bounds_pairs(self) -> list[tuple[PosedShape, PosedShape]]:
+    def bounds_pairs(self) -> list[tuple[Part, Part]]:
         """Outer and inner shape of each part."""
         return [part.bounds_pair for part in self.parts]
 

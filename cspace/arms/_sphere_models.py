@@ -13,12 +13,12 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from cspace import Mesh
 from cspace.arms._checks import check_mapping
 from cspace.arms._sphere_files import Sphere, join_numbers, replace_geometry
 from cspace.errors import GeometryError, InputError
 from cspace.inside import (
     Balls,
+    Mesh,
     Shape,
     check_known,
     check_output,

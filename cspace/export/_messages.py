@@ -86,7 +86,7 @@ def fill_costmap(
     if rotation is not None:
         cell = space.rotations.cell_of(space.rotations.check_rotation(rotation))
         slice_number = int(space.slice_of[cell.item()])
-    inscribed = space.robot.inscribed_radius + space.margin
+    inscribed = space.robot.shape.inner.inscribed_radius + space.margin
     clearance = clearances(slice_number)
     costs = compute_costs(clearance, workspace.outer, workspace.unknown, inscribed, scaling, radius)
     nx, ny = grid.shape

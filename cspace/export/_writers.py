@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -19,7 +20,6 @@ from cspace.export._vti import write_vti
 from cspace.inside import (
     AXES,
     MAP_SUFFIXES,
-    TWO_PI,
     Contents,
     Ints,
     StrPath,
@@ -312,10 +312,10 @@ def to_xarray(contents: Contents) -> xarray.Dataset:
     dataset = dataset.rename(axis_names)
     if "yaw" not in dataset.coords:
         return dataset
-    turns = np.round((dataset.yaw_bounds.mean("bound") - dataset.yaw) / TWO_PI)
+    turns = np.round((dataset.yaw_bounds.mean("bound") - dataset.yaw) / math.tau)
     bounds = dataset.yaw_bounds
     dataset = dataset.assign_coords(
-        yaw_bounds=(bounds.dims, frozen((bounds - TWO_PI * turns).values), bounds.attrs)
+        yaw_bounds=(bounds.dims, frozen((bounds - math.tau * turns).values), bounds.attrs)
     )
     return dataset.set_xindex("yaw")
 

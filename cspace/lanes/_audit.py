@@ -29,7 +29,6 @@ from cspace.lanes._reports import (
     format_value,
     make_features,
     write_csv,
-    write_json,
     write_junit,
 )
 from cspace.lanes._rooms import measure_rooms, prove
@@ -257,8 +256,9 @@ class Audit:
         extend_legend(axes, axes.get_legend_handles_labels()[0])
         return axes
 
-    def to_geojson(self) -> dict[str, Any]:
-        """Return lanes as lines and nodes as points, metres."""
+    @names_options
+    def to_geojson(self, path: StrPath | None = None, overwrite: bool = False) -> dict[str, Any]:
+        """Return lanes as lines and nodes as points, metres; write them to a path."""
         shapes: list[tuple[dict[str, Any], dict[str, Any]]] = []
         for k, row in enumerate(self.lanes):
             line = {"type": "LineString", "coordinates": line_of(self.graph, k).tolist()}
@@ -270,7 +270,7 @@ class Audit:
                 "free_yaws": node.free_yaws.tolist(),
             }
             shapes.append(({"type": "Point", "coordinates": list(node.position)}, properties))
-        return make_features(shapes)
+        return make_features(shapes, path, overwrite)
 
     @names_options
     def to_csv(self, path: StrPath, overwrite: bool = False) -> None:
@@ -291,11 +291,6 @@ class Audit:
             name = f"{row.lane}: {row.start} to {row.end}"
             cases.append(JunitCase(name, message, row.verdict in failing))
         write_junit(path, overwrite, f"lanes for {self.space.robot.name}", "lanes", cases)
-
-    @names_options
-    def write_geojson(self, path: StrPath, overwrite: bool = False) -> None:
-        """Write :meth:`to_geojson` to a file."""
-        write_json(path, overwrite, self.to_geojson())
 
 
 class LaneProofs(NamedTuple):

@@ -34,7 +34,6 @@ from cspace.lanes._reports import (
     format_value,
     make_features,
     write_csv,
-    write_json,
     write_junit,
 )
 from cspace.lanes._route_graph import RouteGraph
@@ -303,8 +302,9 @@ class Conflicts:
         extend_legend(axes, axes.get_legend_handles_labels()[0])
         return axes
 
-    def to_geojson(self) -> dict[str, Any]:
-        """Return outlines as polygons and pairs as points, metres."""
+    @names_options
+    def to_geojson(self, path: StrPath | None = None, overwrite: bool = False) -> dict[str, Any]:
+        """Return outlines as polygons and pairs as points, metres; write them to a path."""
         shapes: list[tuple[Mapping[str, Any], Mapping[str, Any]]] = []
         for name, outline in self.outlines.items():
             element = self.elements[name]
@@ -313,12 +313,7 @@ class Conflicts:
         shapes += [
             ({"type": "Point", "coordinates": list(row.at or ())}, row.cells) for row in self.pairs
         ]
-        return make_features(shapes)
-
-    @names_options
-    def write_geojson(self, path: StrPath, overwrite: bool = False) -> None:
-        """Write :meth:`to_geojson` to a file."""
-        write_json(path, overwrite, self.to_geojson())
+        return make_features(shapes, path, overwrite)
 
     @names_options
     def to_csv(self, path: StrPath, overwrite: bool = False) -> None:
@@ -377,18 +372,15 @@ class Zones:
         """Return the number of zones."""
         return len(self.polygons)
 
-    def to_geojson(self) -> dict[str, Any]:
-        """Return the zones as polygons, in metres of the map's frame."""
+    @names_options
+    def to_geojson(self, path: StrPath | None = None, overwrite: bool = False) -> dict[str, Any]:
+        """Return the zones as polygons, in metres of the map's frame; write them to a path."""
         rows = enumerate(zip(self.polygons, self.elements, strict=True))
-        return make_features(
+        shapes = (
             (shapely.geometry.mapping(polygon), {"zone": k, "elements": list(names)})
             for k, (polygon, names) in rows
         )
-
-    @names_options
-    def write_geojson(self, path: StrPath, overwrite: bool = False) -> None:
-        """Write :meth:`to_geojson` to a file."""
-        write_json(path, overwrite, self.to_geojson())
+        return make_features(shapes, path, overwrite)
 
     @names_options
     def to_csv(self, path: StrPath, overwrite: bool = False) -> None:

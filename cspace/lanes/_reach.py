@@ -10,7 +10,7 @@ from scipy import ndimage, sparse
 from scipy.sparse import csgraph
 
 from cspace import BLOCKED
-from cspace.inside import ANGLE_SLACK, TWO_PI, Bools, Floats, find_components, wrap_angles
+from cspace.inside import ANGLE_SLACK, Bools, Floats, find_components, wrap_angles
 from cspace.lanes._lane_motions import (
     SAME_YAW,
     LaneMotions,
@@ -169,6 +169,6 @@ def _join_parts(is_free: Bools, parts: Floats) -> Floats:
     firsts = [(run.start + shift) % len(parts) for (run,) in runs]
     lasts = [(run.stop - 1 + shift) % len(parts) for (run,) in runs]
     low = wrap_angles(parts[firsts, 0])
-    widths = (parts[lasts, 1] - parts[firsts, 0]) % TWO_PI
+    widths = (parts[lasts, 1] - parts[firsts, 0]) % math.tau
     intervals = np.column_stack([low, low + widths])
     return intervals[np.argsort(low)]

@@ -72,13 +72,20 @@ def write_json(path: StrPath, overwrite: bool, document: Mapping[str, Any]) -> N
         file.write_text(json.dumps(document, allow_nan=False))
 
 
-def make_features(shapes: Iterable[tuple[Mapping[str, Any], Mapping[str, Any]]]) -> dict[str, Any]:
-    """Return geometries with their properties as a feature collection of GeoJSON."""
+def make_features(
+    shapes: Iterable[tuple[Mapping[str, Any], Mapping[str, Any]]],
+    path: StrPath | None,
+    overwrite: bool,
+) -> dict[str, Any]:
+    """Return geometries with their properties as GeoJSON, and write it to a path."""
     features = [
         {"type": "Feature", "geometry": geometry, "properties": properties}
         for geometry, properties in shapes
     ]
-    return {"type": "FeatureCollection", "features": features}
+    document = {"type": "FeatureCollection", "features": features}
+    if path is not None:
+        write_json(path, overwrite, document)
+    return document
 
 
 def write_junit(

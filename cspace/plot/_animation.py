@@ -39,6 +39,9 @@ if TYPE_CHECKING:
 _MAX_FRAMES: Final = 1000
 """Largest number of frames of an animation."""
 
+PAUSE: Final = 100
+"""Milliseconds per frame, a multiple of the 10 ms that a GIF counts in."""
+
 Move = Callable[[Floats], object]
 """Function that moves the robot of a figure to a configuration."""
 
@@ -47,7 +50,6 @@ class AnimationOptions(TypedDict, total=False):
     """Options of :func:`animate`."""
 
     seconds: float
-    rate: float
     title: str
     camera: ArrayLike
     progress: Callable[[int, int], None] | None
@@ -61,7 +63,6 @@ def animate(
     overwrite: bool = False,
     *,
     seconds: float | None = None,
-    rate: float = 10.0,
     title: str | None = None,
     camera: ArrayLike | None = None,
     progress: Callable[[int, int], None] | None = None,
@@ -85,8 +86,6 @@ def animate(
         Replace an existing file.
     seconds : float, optional
         Duration of the motion; by default as in the trajectory, and 6 without times.
-    rate : float
-        Frames per second, at most 50, in the steps of a GIF.
     title : str, optional
         Default: the robot and the side of a cell, or the name of the arm. Pass ``""`` for no title.
     camera : array-like, shape (2,), optional
@@ -119,7 +118,7 @@ def animate(
     motion = plan if hasattr(plan, "duration") else None
     if seconds is None:
         seconds = getattr(motion, "duration", 0.0) or 6.0
-    pause, count = _plan_frames(seconds, rate)
+    count = _count_frames(seconds)
     is_still = (points == points[0]).all()
     if is_still:
         count = 1
@@ -139,31 +138,25 @@ def animate(
             if progress is not None:
                 progress(len(images), len(rows))
         # The last image stays for a second more.
-        pauses = [pause] * (len(images) - 1) + [pause + 1000]
+        pauses = [PAUSE] * (len(images) - 1) + [PAUSE + 1000]
         images[0].save(temporary, save_all=True, append_images=images[1:], duration=pauses, loop=0)
     return target
 
 
-def _plan_frames(seconds: float, rate: float) -> tuple[int, int]:
-    """Return milliseconds per frame and number of frames.
+def _count_frames(seconds: float) -> int:
+    """Return the number of frames of a duration.
 
-    GIF stores durations in steps of 10 ms, so the rate is rounded.
-
-    Raises InputError if a number is not above zero, or there would be too many frames.
+    Raises InputError if it is not above zero, or there would be too many frames.
     """
     duration = check_positive(seconds, "seconds", "seconds")
-    frequency = check_positive(rate, "rate", "frames per second")
-    if frequency > 50.0:  # viewers play no more
-        raise InputError("rate", f"is {rate!r}", "it must be at most 50 frames per second")
-    pause = 10 * round(100.0 / frequency)
-    count = round(1000.0 * duration / pause) + 1
+    count = round(1000.0 * duration / PAUSE) + 1
     if count > _MAX_FRAMES:
         raise InputError(
             "seconds",
             f"is {seconds!r}, which makes {count} frames",
             f"at most {_MAX_FRAMES} are possible",
         )
-    return pause, max(count, 2)
+    return max(count, 2)
 
 
 def _render_image(figure: Any, palette: Any = None) -> Any:
@@ -223,7 +216,7 @@ def _draw_map(
         for drawn in list(axes.collections):
             drawn.remove()
         artists.draw_robots(axes, body, q[np.newaxis], opacity=1.0)
-        classes = artists.classify_cells(space, q[2:], scene.window)
+        classes = artists.classify_cells(space, q[2:])
         image.set_data(artists.merge_cells(axes, classes)[0])
 
     return axes, move, body.reach

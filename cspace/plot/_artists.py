@@ -114,6 +114,11 @@ def classify_cells(space: CSpace, rotation: Floats | None, layer: tuple[Any, ...
     return classes
 
 
+def label_axes(grid: Grid) -> list[str]:
+    """Return names and units of the axes, as labels of a picture."""
+    return [f"{axis} ({unit})" for axis, unit in zip(grid.axes, grid.units, strict=True)]
+
+
 def classify_ground(workspace: Workspace, layer: tuple[Any, ...] = ()) -> Classes:
     """Return the class of each workspace cell: obstacle, unknown or open."""
     occupied = workspace.outer[layer]
@@ -124,15 +129,13 @@ def classify_ground(workspace: Workspace, layer: tuple[Any, ...] = ()) -> Classe
     return classes
 
 
-def draw_cells(
-    ax: Axes, grid: Grid, classes: Classes, window: tuple[slice, ...], pair: Sequence[int] = (0, 1)
-) -> AxesImage:
-    """Draw a window's cells by class, on two axes."""
+def draw_cells(ax: Axes, grid: Grid, classes: Classes, pair: Sequence[int] = (0, 1)) -> AxesImage:
+    """Draw cells by class, on two axes."""
     from matplotlib.colors import ListedColormap
 
     blocks, side = merge_cells(ax, classes)
-    left, bottom = (grid.lower[axis] + grid.spacing * window[axis].start for axis in pair)
-    # The last blocks may reach beyond the window; the limits of the axes hide that.
+    left, bottom = (grid.lower[axis] for axis in pair)
+    # The last blocks may reach beyond the grid; the limits of the axes hide that.
     rows, columns = grid.spacing * side * np.array(blocks.shape)
     return ax.imshow(
         blocks,

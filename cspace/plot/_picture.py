@@ -28,9 +28,9 @@ PICTURE_SUFFIXES: Final = (".png", ".pdf", ".svg", ".jpg")
 VIEWS: Final[dict[int, tuple[str, ...]]] = {2: ("plane",), 3: ("sections", "3d")}
 """Kinds of picture of a map, by its dimension."""
 VIEW_OPTIONS: Final = {
-    "cut": ("3d",),
     "camera": ("3d",),
     "ax": ("plane", "3d"),
+    "center": ("sections",),
 }
 """Kinds of picture that take an option, if not all do."""
 
@@ -43,8 +43,6 @@ class WorkspaceOptions(TypedDict, total=False):
     title: str
     view: str
     center: ArrayLike
-    zoom: float
-    cut: float
     camera: ArrayLike
 
 
@@ -70,8 +68,6 @@ def plot(
     title: str | None = None,
     view: str | None = None,
     center: ArrayLike | None = None,
-    zoom: float | None = None,
-    cut: float | None = None,
     camera: ArrayLike | None = None,
 ) -> Axes:
     """Draw a map, and optionally a path with the robot along it.
@@ -109,15 +105,8 @@ def plot(
     view : {"plane", "sections", "3d"}, optional
         Kind of picture; by default ``"plane"`` or ``"sections"``.
     center : array-like, shape (d,), optional
-        A point of the grid, metres: the center of ``zoom``, or the intersection of sections.
-        Default: half the way along the path; without a path the start, the goal, or the center of
-        the grid.
-    zoom : float, optional
-        Draw only a square or cube around ``center``, with sides ``zoom`` times shorter than the
-        longest of the map. By default, draw the whole map.
-    cut : float, optional
-        For ``view="3d"``: omit cells above this height, metres. Default: the highest point of the
-        robot on the path; without a path, nothing is omitted.
+        The intersection of sections, a point of the grid, metres. Default: half the way along the
+        path; without a path the start, the goal, or the center of the grid.
     camera : array-like, shape (2,), optional
         For ``view="3d"``: elevation and azimuth of the camera, degrees, as in matplotlib. Faces
         that look away from the camera are not drawn, so choose it here instead of rotating the axes
@@ -132,7 +121,7 @@ def plot(
     Raises
     ------
     InputError
-        If the path or a configuration has the wrong shape or is not finite, ``zoom`` is below 1,
+        If the path or a configuration has the wrong shape or is not finite,
         the map has no rotations but one is given, an option does not fit the kind of picture, or
         ``ax`` is not a matplotlib axes.
     """
@@ -151,8 +140,8 @@ def plot(
         drawn_map = WorkspaceView(space)
     elif not space.in_memory:
         drawn_map = drawn_map.overview()
-    options: dict[str, Any] = {"cut": cut, "camera": camera, "ax": ax}
-    kind = _choose_view(drawn_map, view, options, center, zoom)
+    options: dict[str, Any] = {"camera": camera, "ax": ax, "center": center}
+    kind = _choose_view(drawn_map, view, options)
     scene = make_scene(
         drawn_map,
         rotation=rotation,
@@ -160,14 +149,13 @@ def plot(
         start=start,
         goal=goal,
         center=center,
-        zoom=zoom,
     )
     if kind == "plane":
         axes, handles = draw_plane(scene, ax)
     elif kind == "sections":
         axes, handles = draw_sections(scene)
     else:
-        painting = draw_surface(scene, ax, cut, camera)
+        painting = draw_surface(scene, ax, camera)
         painting.show()
         axes = painting.axes
         handles = list(painting.handles.values())
@@ -182,9 +170,7 @@ def make_title(space: CSpace) -> str:
     return f"{space.robot.name}, cells of {space.grid.spacing:g} {space.grid.unit}"
 
 
-def _choose_view(
-    space: CSpace, view: str | None, options: Mapping[str, Any], center: Any, zoom: float | None
-) -> str:
+def _choose_view(space: CSpace, view: str | None, options: Mapping[str, Any]) -> str:
     """Choose the kind of picture, and check the options for it.
 
     Raises InputError if the map has no such view, or if an option other than None does not fit the
@@ -207,19 +193,6 @@ def _choose_view(
                 f"is given with view {kind}",
                 f"it needs view {' or '.join(kinds)}",
             )
-    if zoom is not None and check_positive(zoom, "zoom", "a factor") < 1.0:
-        raise InputError(
-            "zoom",
-            f"is {zoom!r}",
-            "it must be at least 1 (the whole map)",
-        )
-    # Only a zoomed picture and sections have a center.
-    if center is not None and zoom is None and kind != "sections":
-        raise InputError(
-            "center",
-            "is given without zoom",
-            "the whole map is drawn",
-        )
     return kind
 
 

@@ -193,8 +193,6 @@ class PictureContent:
     space : CSpace
     rotation : ndarray of float64, shape (k,), or None
         Rotation of the slice; None shows all rotations at once.
-    window : tuple of slice
-        Cells that are drawn.
     box : ndarray of float64, shape (2, d)
         Corners of the picture, metres.
     center : ndarray of float64, shape (d,)
@@ -212,7 +210,6 @@ class PictureContent:
 
     space: CSpace
     rotation: Floats | None
-    window: tuple[slice, ...]
     box: Floats
     center: Floats
     body: DrawnRobot
@@ -230,7 +227,6 @@ def make_scene(
     start: ArrayLike | None = None,
     goal: ArrayLike | None = None,
     center: ArrayLike | None = None,
-    zoom: float | None = None,
 ) -> PictureContent:
     """Check the arguments of :func:`cspace.plot.plot` and return what to draw.
 
@@ -246,29 +242,16 @@ def make_scene(
     body = DrawnRobot(space.robot, space.rotations)
     point = _choose_center(space, center, body, points, endpoints)
     # Robots stand along the path, at the start and at the goal.
-    between = _choose_robots(space, body, points, zoom or 1.0)
+    between = _choose_robots(space, body, points)
     robots = np.vstack([between, *endpoints.values()])
     if not space.robot.shape.shown:
         robots = robots[:0]
-    first = np.zeros(dim, np.int64)
-    stop = np.array(grid.shape)
-    if zoom is None:
-        # The whole grid, the path and the robots are in view.
-        corners = np.concatenate([[grid.lower, grid.upper], points[:, :dim], *body.extents(robots)])
-        box = np.stack([corners.min(axis=0), corners.max(axis=0)])
-    else:
-        # A square or cube of cells around the center, as far as it is in the grid.
-        side = math.ceil(max(grid.shape) / zoom)  # cells
-        begin = np.rint((point - grid.lower) / grid.spacing - 0.5 * side).astype(np.int64)
-        first = np.clip(begin, 0, stop - 1)
-        stop = np.clip(begin + side, first + 1, stop)
-        box = grid.lower + grid.spacing * np.stack([first, stop])
-        is_inside = {name: q[:dim].clip(*box) == q[:dim] for name, q in endpoints.items()}
-        endpoints = {name: q for name, q in endpoints.items() if is_inside[name].all()}
-    window = tuple(map(slice, first.tolist(), stop.tolist()))
+    # The whole grid, the path and the robots are in view.
+    corners = np.concatenate([[grid.lower, grid.upper], points[:, :dim], *body.extents(robots)])
+    box = np.stack([corners.min(axis=0), corners.max(axis=0)])
     is_lost = is_path_lost(space, plan)
     return PictureContent(
-        space, drawn_rotation, window, box, point, body, points, is_lost, endpoints, robots
+        space, drawn_rotation, box, point, body, points, is_lost, endpoints, robots
     )
 
 
@@ -335,7 +318,7 @@ def collect_endpoints(
     return endpoints
 
 
-def _choose_robots(space: Space, body: DrawnRobot, points: Floats, zoom: float) -> Floats:
+def _choose_robots(space: Space, body: DrawnRobot, points: Floats) -> Floats:
     """Choose configurations along a path to draw robots at.
 
     A picture shows about twelve, or fewer if robots would overlap. The endpoints are omitted, but a
@@ -344,7 +327,7 @@ def _choose_robots(space: Space, body: DrawnRobot, points: Floats, zoom: float) 
     if len(points) < 2:
         return points
     *_, length = path_lengths(space, points, body.reach)
-    spacing = max(length / (12.0 * zoom), body.size)
+    spacing = max(length / 12.0, body.size)
     count = math.ceil(length / spacing) if spacing else 0  # 0 for a point that does not move
     shares = np.arange(1, count) / max(count, 1)
     return interpolate_path(space, points, shares, body.reach)

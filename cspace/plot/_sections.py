@@ -21,9 +21,9 @@ def draw_plane(scene: PictureContent, ax: Axes | None) -> tuple[Axes, list[Any]]
     if ax is None:
         width, height = artists.choose_axes_size(box)
         ax = artists.new_figure(max(width + 0.9, 4.2), height + 1.6).add_subplot()
-    classes = artists.classify_cells(scene.space, scene.rotation, scene.window)
-    artists.set_up_axes(ax, box, (0, 1), grid.labels)
-    artists.draw_cells(ax, grid, classes, scene.window)
+    classes = artists.classify_cells(scene.space, scene.rotation)
+    artists.set_up_axes(ax, box, (0, 1), artists.label_axes(grid))
+    artists.draw_cells(ax, grid, classes)
     handles = artists.make_cell_legend(scene, [classes])
     handles += artists.draw_path(ax, scene.points, scene.is_lost)
     handles += artists.draw_robots(ax, scene.body, scene.robots)
@@ -71,11 +71,11 @@ def _draw_section(
     """
     grid = scene.space.grid
     # The section is the layer of cells that contains the center.
-    layer: list[Any] = list(scene.window)
+    layer: list[Any] = [slice(None)] * grid.dim
     layer[across] = int(grid.cell_of(scene.center)[across])
     classes = artists.classify_cells(scene.space, scene.rotation, tuple(layer))
-    artists.set_up_axes(ax, scene.box, pair, grid.labels)
-    artists.draw_cells(ax, grid, classes, scene.window, pair)
+    artists.set_up_axes(ax, scene.box, pair, artists.label_axes(grid))
+    artists.draw_cells(ax, grid, classes, pair)
     trace: dict[str, Any] = {"color": "black", "linewidth": 0.7, "linestyle": "-.", "zorder": 2}
     ax.axvline(scene.center[pair[0]], **trace)
     ax.axhline(scene.center[pair[1]], **trace)

@@ -159,22 +159,20 @@ def camera_direction(camera: Floats) -> Floats:
 
 
 def draw_surface(
-    scene: PictureContent, ax: Any = None, cut: float | None = None, camera: ArrayLike | None = None
+    scene: PictureContent, ax: Any = None, camera: ArrayLike | None = None
 ) -> Painting:
     """Prepare a picture of a map in three dimensions, for :meth:`Painting.show`.
 
-    Cells above the height ``cut`` are omitted; by default, those above the robot on its path.
+    Cells above the robot on its path are omitted.
     """
     grid = scene.space.grid
     body = scene.body
-    painting = Painting(scene.box, ax, camera, grid.labels)
+    painting = Painting(scene.box, ax, camera, artists.label_axes(grid))
     top = np.inf
-    if cut is not None:
-        top = check_finite(cut, "cut").max()
-    elif len(scene.points):
+    if len(scene.points):
         top = body.extents(np.concatenate([scene.robots, scene.points]))[:, 1, 2].max()
-    corner = grid.lower + grid.spacing * np.array([cells.start for cells in scene.window])
-    classes = artists.classify_ground(scene.space.workspace, scene.window)
+    corner = np.array(grid.lower)
+    classes = artists.classify_ground(scene.space.workspace)
     solids = np.where(np.isin(classes, list(artists.SOLIDS)), classes, np.uint8(0))
     # At least one layer is drawn; subtracting 1e-9 keeps rounding from adding one.
     layers = np.clip(np.ceil((top - corner[2]) / grid.spacing - 1e-9), 1, solids.shape[2])

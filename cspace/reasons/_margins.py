@@ -30,7 +30,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import ndimage
 
-from cspace import BLOCKED, FREE, MIXED, CSpace, Raster
+from cspace import BLOCKED, FREE, MIXED, CSpace
 from cspace._engines import ENGINES, choose_engine
 from cspace._queries.distance import ROUNDING_FACTOR, compute_distances
 from cspace._rotations import RotationCell
@@ -43,6 +43,7 @@ from cspace.inside import (
     Exterior,
     Floats,
     Ints,
+    Raster,
     States,
     cells_of,
     map_record,

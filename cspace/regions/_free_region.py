@@ -14,7 +14,6 @@ from cspace.inside import (
     ANGLE_SLACK,
     FARTHEST_CELL,
     STATE_NAMES,
-    TWO_PI,
     Bools,
     Floats,
     Ints,
@@ -130,7 +129,7 @@ class RegionSource(NamedTuple):
             return self.grow(core, None)
         yaw = float(point[-1])
         if yaw_width is not None:
-            half = 0.5 * min(yaw_width, TWO_PI + ARC_SLACK)
+            half = 0.5 * min(yaw_width, math.tau + ARC_SLACK)
             return self.grow(core, YawArc(yaw - half, yaw + half))
         return self._grow_widest(core, yaw)
 
@@ -193,7 +192,7 @@ class RegionSource(NamedTuple):
         """
         borders = self.borders
         turns, index = divmod(cell, len(borders) - 1)
-        return float(borders[index] + TWO_PI * turns)
+        return float(borders[index] + math.tau * turns)
 
     def _find_range(self, arc: YawArc) -> tuple[int, int]:
         """Return the first and last yaw cell that an arc meets.
@@ -203,8 +202,8 @@ class RegionSource(NamedTuple):
         borders = self.borders
         cells = list[int]()
         for yaw in (arc.low - 0.5 * ARC_SLACK, arc.high + 0.5 * ARC_SLACK):
-            turns = math.floor((yaw - borders[0]) / TWO_PI)
-            cell = int(np.searchsorted(borders, yaw - TWO_PI * turns, side="right")) - 1
+            turns = math.floor((yaw - borders[0]) / math.tau)
+            cell = int(np.searchsorted(borders, yaw - math.tau * turns, side="right")) - 1
             cells.append((len(borders) - 1) * turns + cell)
         return cells[0], cells[1]
 

@@ -4,7 +4,7 @@ from cspace.spectral._ball_sets import BallsLike as BallsLike
 from cspace.spectral._ball_sets import as_balls as as_balls  # for cspace.arms
 from cspace.spectral._bump import Bump
 from cspace.spectral._decompose import BallDecomposition, Bounds, decompose
-from cspace.spectral._early import Comparison, EarlyTest
+from cspace.spectral._early import EarlyTest
 from cspace.spectral._overlap import FourierOverlap
 from cspace.spectral._placements import BallPenetration, Placements, best_placements
 from cspace.spectral._spectra import ball_spectrum
@@ -15,7 +15,6 @@ __all__ = [
     "BallPenetration",
     "Bounds",
     "Bump",
-    "Comparison",
     "ContactTest",
     "EarlyTest",
     "FourierOverlap",

@@ -71,7 +71,7 @@ class BallDecomposition:
         Metres; read-only.
     kind : {"inner", "outer"}
         Whether each ball lies in the shape, or the union covers it.
-    measure, shape_measure : Bounds
+    measure : Bounds
         Bounds of the area or volume of the union, and of the shape, square or cubic metres.
     hausdorff : Bounds
         Bounds of the non-zero one-sided Hausdorff distance, metres. For "inner", this is the
@@ -83,7 +83,7 @@ class BallDecomposition:
     radii: Floats = field(repr=False)
     kind: Kind
     measure: Bounds
-    shape_measure: Bounds
+    _shape_measure: Bounds
     hausdorff: Bounds
 
     def __len__(self) -> int:
@@ -98,7 +98,7 @@ class BallDecomposition:
     @property
     def volume_bounds(self) -> Bounds:
         """Bounds of the balls' measure divided by the shape's."""
-        shape_low, shape_high = self.shape_measure
+        shape_low, shape_high = self._shape_measure
         lower = upper = math.inf
         if shape_high > 0.0:
             lower = self.measure.lower / shape_high
@@ -143,8 +143,9 @@ def decompose(
     ----------
     shape : Shape, shapely geometry, trimesh.Trimesh, array-like, path-like, mapping or str
         In the plane: polygons (a list means their union; "outer" also accepts lines and points),
-        GeoJSON, WKT, a file of these, or vertices (n, 2). In space: whatever :meth:`cspace.Mesh.of`
-        accepts. For cells, pass ``cspace.Robot.from_bitmap(cells, spacing)``. Metres.
+        GeoJSON, WKT, a file of these, or vertices (n, 2). In space: whatever
+        :func:`cspace.make_mesh` accepts. For cells, pass
+        ``cspace.Robot.from_bitmap(cells, spacing)``. Metres.
     kind : {"inner", "outer"}
         Whether every ball lies in the shape, or the union of the balls covers it.
     number : int, optional

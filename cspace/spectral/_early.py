@@ -77,7 +77,7 @@ class EarlyTest:
                 np.abs(overlap.spectrum_a),
                 np.abs(overlap.spectrum_b),
                 lattice.moduli,
-                np.angle(overlap.products),
+                np.angle(overlap._products),
             )
         )
         grids = np.meshgrid(*lattice.indices, indexing="ij")
@@ -103,7 +103,7 @@ class EarlyTest:
         errors = weights * (moduli_a * error_b + moduli_b * error_a + error_a * error_b)
         # Angles have an error of a few units times k of each axis; sums add one unit per term.
         units = 64.0 + len(moduli) + 8.0 * sum(lattice.counts)
-        placing = 2.0 * math.pi * overlap.placement_error * frequencies @ (moduli + errors)
+        placing = 2.0 * math.pi * overlap._placement_error * frequencies @ (moduli + errors)
         fixed = errors.sum() + ROUNDING_UNIT * units * moduli.sum() + placing + tail_a * tail_b
         self._bounds = BOUND_ROUNDING * (remaining + fixed)
 
@@ -116,7 +116,7 @@ class EarlyTest:
         """Compare the overlap at t (..., d), metres, with the threshold."""
         overlap = self.overlap
         placements = check_points(t, "t", AXES[: overlap.dim])
-        shares = overlap.relative(placements) / overlap.lattice.periods
+        shares = overlap._relative(placements) / overlap.lattice.periods
         # Beyond a period, copies of A would meet B; the sets are apart there.
         is_near = (np.abs(shares) <= 0.5).all(axis=-1)
         verdicts = np.where(is_near, UNDECIDED, MISS).astype(np.uint8)

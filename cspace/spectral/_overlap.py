@@ -130,7 +130,7 @@ class FourierOverlap:
         return self._offset - half_sides, self._offset + half_sides
 
     @property
-    def placement_error(self) -> float:
+    def _placement_error(self) -> float:
         """Largest rounding error of a placement, metres."""
         farthest = float(np.abs(self.domain).max())
         return PLACEMENT_ROUNDING * (farthest + math.sqrt(self.dim) * self.span)
@@ -212,14 +212,14 @@ class FourierOverlap:
         return self.factors_b.spectrum(relative, MIN_SPECTRUM_TOLERANCE, is_chosen)
 
     @property
-    def products(self) -> Complexes:
+    def _products(self) -> Complexes:
         """Terms ``F_B conj(F_A) / V`` of the overlap, in numpy.fft's order."""
         return self.spectrum_b * self.spectrum_a.conj() / float(np.prod(self.lattice.periods))
 
     @cached_property
     def _terms(self) -> Complexes:
         """Terms of the overlap and its derivatives, shape (1 + d, counts)."""
-        products = self.products
+        products = self._products
         slopes = [2j * math.pi * wave * products for wave in self.lattice.waves]
         return np.stack([products, *slopes])
 
@@ -237,14 +237,14 @@ class FourierOverlap:
         sums = self._sum(t, self._terms)
         return sums[..., 0][()], sums[..., 1:]
 
-    def relative(self, placements: Floats) -> Floats:
+    def _relative(self, placements: Floats) -> Floats:
         """Return placements (..., d) relative to B's center, shape (n, d)."""
         return np.asarray(placements.reshape(-1, self.dim) - self._offset)
 
     def _sum(self, t: ArrayLike, terms: Complexes) -> Floats:
         """Sum series (m, counts) at placements (..., d); return (..., m)."""
         placements = check_points(t, "t", AXES[: self.dim])
-        shares = self.relative(placements) / self.lattice.periods
+        shares = self._relative(placements) / self.lattice.periods
         out = np.zeros((len(shares), len(terms)))
         # Outside the domain, sums are zero.
         in_domain = np.flatnonzero((np.abs(shares) <= 0.5).all(axis=-1))

@@ -11,7 +11,7 @@ import numpy as np
 
 from cspace import BLOCKED, FREE, MIXED
 from cspace.errors import InputError
-from cspace.inside import TWO_PI, Balls, Floats, transform_surface, wrap_angles
+from cspace.inside import Balls, Floats, transform_surface, wrap_angles
 from cspace.plot._arms import ARM_CAMERA, GHOST_COLOR, GHOST_COUNT, ArmFigure
 from cspace.plot._artists import CLASSES, COLLIDES, ROBOT_FILL_COLOR, UNDECIDED
 from cspace.view._canvas import ENDPOINT_COLORS, STATES, Canvas, Dial, choose_endpoints
@@ -89,7 +89,7 @@ class ArmCanvas(Canvas):
         is_linear = np.array(arm.units) == "m"
         self._scale = np.where(is_linear, 1.0, math.degrees(1.0))
         steps = np.where(is_linear, 1e-3, 0.1)
-        unlimited = np.where(space.is_periodic, math.pi, TWO_PI)
+        unlimited = np.where(space.is_periodic, math.pi, math.tau)
         lower = np.maximum(arm.lower, -unlimited) * self._scale
         upper = np.minimum(arm.upper, unlimited) * self._scale
         # Sliders have whole steps within the limits; 1e-6 absorbs rounding in limits that are

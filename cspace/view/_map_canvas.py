@@ -21,6 +21,7 @@ from cspace.plot._artists import (
     ROBOT_FILL_COLOR,
     UNDECIDED,
     UNSEEN,
+    label_axes,
 )
 from cspace.plot._route import DrawnRobot, describe_rotation
 from cspace.view._canvas import ENDPOINT_COLORS, STATES, Canvas, Dial, choose_endpoints
@@ -123,7 +124,7 @@ class MapCanvas(Canvas):
         # Coordinates in the unit of the grid, angles in degrees.
         self.dials = [
             Dial(label, round(low, 9), round(high, 9), self._step)
-            for label, low, high in zip(grid.labels, grid.lower, grid.upper, strict=True)
+            for label, low, high in zip(label_axes(grid), grid.lower, grid.upper, strict=True)
         ]
         for angle in self.poses.angles:
             limit = 90.0 if angle == "pitch" else 180.0
@@ -206,7 +207,7 @@ class MapCanvas(Canvas):
         """
         added: dict[str, Any] = {}
         if self._has_height:
-            label = f"cut at {self._space.grid.labels[2]}"
+            label = f"cut at {label_axes(self._space.grid)[2]}"
             low = self.cells.lower[2] + self._space.grid.spacing
             numbers = np.round([low, self.cells.upper[2], self._step, self.cut], 9)
             cut = added[label] = gui.add_slider(label, *numbers.tolist())

@@ -522,11 +522,24 @@ def _describe_plan(plan: Plan) -> str:
         return f"**{status}.**{hint}"
     proof = "certified: every edge is proven free" if plan.certified else "not certified"
     length = f"{plan.length:.3f} {plan.length_unit}"
-    distance = f", {plan.distance_text}" if plan.distance_text else ""
+    distance = _describe_distance(plan)
     seconds = plan.times.planning + plan.times.simplification
     duration = f"{1e3 * seconds:.3g} ms" if seconds < 1.0 else f"{seconds:.3g} s"
     lines = [f"**{status}**, {proof}.", length + distance, f"{plan.planner}, {duration}"]
     return "  \n".join(lines)
+
+
+def _describe_distance(plan: Plan) -> str:
+    """Describe the obstacle distance of a path, or its clearance if it has none."""
+    words, distance, unit = "obstacle distance", plan.obstacle_distance, "m"
+    if math.isnan(distance):
+        words, distance, unit = "clearance", plan.clearance, plan.clearance_unit
+    if math.isnan(distance):
+        return ""
+    if distance == 0.0:
+        return f", {words} not proven to be more than 0"
+    number = f"{distance:.3f}" if distance >= 5e-4 else f"{distance:.1g}"
+    return f", {words} {number} {unit}"
 
 
 def _capitalize(text: str) -> str:

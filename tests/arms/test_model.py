@@ -121,7 +121,7 @@ def test_joints_above_the_base_may_be_of_any_type(tmp_path, kind):
     with pytest.raises(InputError, match=f"'root' is of type '{kind}'.*pass base='foot'"):
         Arm.from_urdf(path)
     arm = Arm.from_urdf(path, base="foot")
-    assert arm.joints == ("shoulder", "elbow") and not arm.base_is_root
+    assert arm.joints == ("shoulder", "elbow")
     whole_robot = JointValues(root=1.0, shoulder=0.5, elbow=0.25)
     assert arm.configuration(whole_robot).tolist() == [0.5, 0.25]
 
@@ -450,7 +450,9 @@ def test_warnings_of_open_meshes_name_what_makes_surfaces_of_them(tmp_path):
     arm = Arm.from_urdf(path, solid="surface")
     ball = {"ball": Robot.ball(0.05)}
     assert build_arm_space(ball, arm, allowed_collisions=[("a", "ball")]).is_free((0.0,))
-    with pytest.warns(MeshWarning, match=r"pass cspace.Mesh.of\(mesh, solid='surface'\)") as heard:
+    with pytest.warns(
+        MeshWarning, match=r"pass cspace.make_mesh\(mesh, solid='surface'\)"
+    ) as heard:
         arm.attach("tool", open_box, "b")
     assert [each.filename for each in heard] == [__file__]
 

@@ -10,7 +10,8 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 import cspace
-from cspace import AngleWarning, FileError, InputError, Mesh, Robot
+from cspace import AngleWarning, FileError, InputError, Robot
+from cspace._shapes import Mesh
 from tests.helpers.refusals import refusals
 
 BASE = """

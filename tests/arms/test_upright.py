@@ -194,7 +194,7 @@ def test_a_plan_and_its_trajectory_stay_upright(waiter, arm, space):
     at = 0.3 * trajectory.duration
     back = planners.plan(space, trajectory.starts_after(at)[-1], START, keep=GLASS, seed=1)
     onward = back.trajectory(after=trajectory, at=at, **limits)
-    assert onward.certified and not onward.is_stop
+    assert onward.certified and not onward.stop_reason
     instants = np.linspace(0.0, onward.duration, 2001)
     check_kept(waiter, arm, space, onward.sample(instants)[0])
 

@@ -515,8 +515,8 @@ def test_paths_of_cars_are_written_animated_and_drawn(room, drawn, monkeypatch):
             {"rotation": (math.pi / 2,), "view": "plane"},
         ),
         ("turning.zarr --start 1,1,90deg", {"start": (1.0, 1.0, math.pi / 2)}),
-        ("space.zarr --center 0.3,0.6,0.4 --zoom 2", {"center": (0.3, 0.6, 0.4), "zoom": 2.0}),
-        ("space.zarr --view 3d --cut 0.5 --dpi 60", {"view": "3d", "cut": 0.5, "dpi": 60.0}),
+        ("space.zarr --center 0.3,0.6,0.4", {"center": (0.3, 0.6, 0.4)}),
+        ("space.zarr --view 3d --dpi 60", {"view": "3d", "dpi": 60.0}),
     ],
 )
 def test_plot_passes_options_to_the_picture(room, drawn, command, options):

@@ -75,7 +75,7 @@ FILES = {
     ),
     (
         "plot plane.zarr -o p.png --center 1,1",
-        "the whole map is drawn",
+        "--center is given with view plane; it needs view sections",
     ),
     ("export turning.zarr a.tif", "holds one slice"),
     ("export plane.zarr a.stl", ".stl holds maps in space only"),
@@ -99,7 +99,10 @@ FILES = {
     (f"{PLAN} --goal-tolerance 0.1,190deg", "an angle is at most pi radians"),
     (f"{PLAN} --goal-tolerance wide", "--goal-tolerance is 'wide'"),
     (f"{PLAN} --start 1.25,0.05", "BLOCKED"),
-    ("plot space.zarr -o n.png --center 1,1,1 --view 3d", "--center is given without zoom"),
+    (
+        "plot space.zarr -o n.png --center 1,1,1 --view 3d",
+        "--center is given with view 3d; it needs view sections",
+    ),
     # Options of another kind of file
     (f"{MAP} --robot-solid fill", "it is for meshes"),
     (f"{MAP} --package-dir .", "--package-dir is [PosixPath('.')] for disc:0.05"),

@@ -41,7 +41,7 @@ def test_rasters_hold_at_every_rotation_of_their_slice(name, rotations):
     for cell, matrix in zip(cells, matrices, strict=True):
         turn = RotationCell(matrix, 0.0, rotations._about_z)
         outer, inner = map(raster_offsets, pairs[slice_of[cell]])
-        outer_there, inner_there = map(raster_offsets, robot.rasters(0.083, 0.02, turn))
+        outer_there, inner_there = map(raster_offsets, robot.shape.rasters(0.083, 0.02, turn))
         assert outer_there <= outer
         assert inner <= inner_there
 

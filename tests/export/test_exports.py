@@ -84,7 +84,7 @@ def test_a_mesh_file_reads_back(tmp_path, ball, suffix):
     assert mesh.is_watertight
     assert mesh.volume == pytest.approx(ball.count()[0] * ball.grid.spacing**3, rel=1e-5)
     vertices, faces = free_boundary(ball.cell_states, ball.grid)
-    own = cspace.Mesh.of(path, "surface")
+    own = cspace.make_mesh(path, "surface")
     exact = vertices.astype(np.float32) if suffix == ".stl" else vertices
     np.testing.assert_array_equal(own.vertices[own.faces], exact[faces])
     if suffix == ".stl":

@@ -12,10 +12,9 @@ import pytest
 from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 
-from cspace import FileError, Workspace
+from cspace import FileError, Workspace, make_mesh
 from cspace._files.access import ContentError
 from cspace._files.plain import parse_xml, read_yaml
-from cspace._shapes.mesh import Mesh
 from cspace._support.limits import raised_limits
 from cspace.errors import CspaceError
 from tests.fuzz import files as fuzz
@@ -287,7 +286,7 @@ def test_nested_and_repeated_meshes_are_limited(tmp_path):
         if message:
             check_refused(path, message, spacing=0.1)
         else:
-            assert len(Mesh.of(path, up="z").faces) == 9 * 12
+            assert len(make_mesh(path, up="z").faces) == 9 * 12
     path.write_text(text.replace(shown, 3_000 * shown))
     nodes = [{"mesh": 0}] * 3_000
     scene = {"scenes": [{"nodes": [*range(3_000)]}], "nodes": nodes}
@@ -315,9 +314,9 @@ def test_a_face_of_many_corners_takes_linear_time_and_memory(tmp_path):
     check_refused(path, "none of the tried corners sees it whole", spacing=0.1)
     count = 5_000  # of which the square is 200 MB
     write_face(path, [(0, 0, 0)] * count, [*range(count)])
-    Mesh.of(path, "surface")
+    make_mesh(path, "surface")
     tracemalloc.start()
-    mesh = Mesh.of(path, "surface")
+    mesh = make_mesh(path, "surface")
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert len(mesh.faces) == count - 2

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from cspace import Mesh, Robot, UnitWarning, Workspace
+from cspace import Robot, UnitWarning, Workspace, make_mesh
 from tests.helpers.mesh_files import (
     BOX_CORNERS,
     BOX_MESH,
@@ -231,15 +231,15 @@ def test_a_file_whose_y_or_x_is_up_is_warned_of_and_turned_on_demand(tmp_path, f
         UserWarning,
         match=f"{axis} points up in the file, and its axes stay as they are, as in ROS; pass up=",
     ) as heard:
-        kept = Mesh.of(path)
+        kept = make_mesh(path)
     assert len(heard) == 1 and heard[0].filename == __file__
     standing = [1.2, 0.3, 0.8] if axis == "y" else [0.3, 1.2, 0.8]
-    assert measure(kept) == measure(Mesh.of(path, up="z")) == standing
+    assert measure(kept) == measure(make_mesh(path, up="z")) == standing
     # Followed, the hint gives a plate that lies on the ground, without a warning.
     lying = [1.2, 0.8, 0.3]
     for made in (
-        Mesh.of(path, up=axis),
-        Mesh.of(kept, up=axis),
+        make_mesh(path, up=axis),
+        make_mesh(kept, up=axis),
         Robot.from_mesh(path, up=axis).shape,
         Robot.open(path, up=axis).shape,
         Workspace.open(path, spacing=0.1, up=axis).shapes[0],
@@ -258,7 +258,7 @@ def test_turning_follows_the_right_hand_rule_of_the_format(form, axis):
         "x": ((0, -1, 0), (1, 0, 0), (0, 0, 1)),
     }[axis]
     points = np.array([right, up, inward, (0, 0, 0)], float)
-    made = Mesh.of((points, [(0, 1, 2), (0, 2, 3), (0, 3, 1), (1, 3, 2)]), "surface", axis)
+    made = make_mesh((points, [(0, 1, 2), (0, 2, 3), (0, 3, 1), (1, 3, 2)]), "surface", axis)
     assert made.vertices.tolist() == [[1, 0, 0], [0, 0, 1], [0, -1, 0], [0, 0, 0]]
 
 
@@ -277,7 +277,7 @@ def test_gltf_meshes_of_urdf_are_turned_upright_with_a_warning(tmp_path):
 
 
 def test_a_z_up_file_is_read_without_a_warning(tmp_path):
-    assert measure(Mesh.of(write_plate(tmp_path, "Z_UP"))) == [1.2, 0.3, 0.8]
+    assert measure(make_mesh(write_plate(tmp_path, "Z_UP"))) == [1.2, 0.3, 0.8]
 
 
 NOTES = {
@@ -316,7 +316,7 @@ def test_a_comment_that_names_another_unit_is_warned_of(tmp_path, form, note, wa
     scaled.write_text(f'<robot name="r"><link name="l">{mesh}</link></robot>')
     assert measure(Robot.from_urdf(scaled).shape) == [0.004] * 3  # the scale answers the question
     with pytest.warns(UnitWarning, match="taken as metres") if warns else nullcontext():
-        assert measure(Mesh.of(path)) == [4.0] * 3
+        assert measure(make_mesh(path)) == [4.0] * 3
 
 
 def test_bytes_of_triangles_that_read_as_a_unit_are_no_comment(tmp_path):
@@ -325,13 +325,13 @@ def test_bytes_of_triangles_that_read_as_a_unit_are_no_comment(tmp_path):
     path = tmp_path / "box.stl"
     path.write_bytes(data)
     with warnings.catch_warnings(action="error"):
-        assert measure(Mesh.of(path)) == [4.0] * 3
+        assert measure(make_mesh(path)) == [4.0] * 3
 
 
 def test_units_of_trimesh_other_than_the_metre_are_warned_of():
     mesh = BOX_MESH.copy()
     mesh.units = "millimeter"
     with pytest.warns(UnitWarning, match="units = millimeter"):
-        Mesh.of(mesh)
+        make_mesh(mesh)
     mesh.convert_units("meters")
-    assert measure(Mesh.of(mesh)) == [0.004] * 3
+    assert measure(make_mesh(mesh)) == [0.004] * 3

@@ -169,7 +169,7 @@ def compute_costs(space, radius, scaling, turns):
     columns = [np.hstack([middles, np.tile(turn, (len(middles), 1))]) for turn in turns]
     clearance = np.max([space.clearance(q) for q in columns], axis=0).reshape(space.grid.shape)
     costs = np.floor(252 * np.exp(-scaling * clearance))
-    costs[clearance + space.robot.inscribed_radius + space.margin > radius] = 0
+    costs[clearance + space.robot.shape.inner.inscribed_radius + space.margin > radius] = 0
     costs[clearance == 0] = 253
     costs[(clearance == 0) & space.workspace.outer] = 254
     return costs

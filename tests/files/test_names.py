@@ -5,7 +5,7 @@ import os
 import pytest
 
 import cspace
-from cspace import CspaceError, FileError, InputError, Mesh, Robot, Workspace
+from cspace import CspaceError, FileError, InputError, Robot, Workspace, make_mesh
 from tests.helpers.handmade import build_empty
 
 POINTER = "version https://git-lfs.github.com/spec/v1\noid sha256:" + 64 * "0" + "\nsize 12345\n"
@@ -13,7 +13,7 @@ POINTER = "version https://git-lfs.github.com/spec/v1\noid sha256:" + 64 * "0" +
 READERS = {
     "floor.yaml": Workspace.open,
     "Cells.NPY": lambda path: Workspace.open(path, spacing=0.1),
-    "part.stl": Mesh.of,
+    "part.stl": make_mesh,
     "cart.geojson": Robot.open,
 }
 """Reader of each name."""
@@ -45,11 +45,11 @@ def test_the_error_names_the_nearest_file_of_the_folder(tmp_path, name, misspelt
 
 def test_a_file_of_another_format_is_refused_with_its_converter(tmp_path):
     with pytest.raises(CspaceError) as refused:
-        Mesh.of(tmp_path / "part.off")
+        make_mesh(tmp_path / "part.off")
     assert "did you mean" not in refused.value.hint
     (tmp_path / "part.off").touch()
     with pytest.raises(CspaceError, match="Bring your file"):
-        Mesh.of(tmp_path / "part.off")
+        make_mesh(tmp_path / "part.off")
 
 
 def test_an_output_is_not_taken_for_a_misspelt_input(tmp_path):
@@ -60,7 +60,7 @@ def test_an_output_is_not_taken_for_a_misspelt_input(tmp_path):
             write(tmp_path / "corridor.csv")
         assert "did you mean" not in str(refused.value)
     with pytest.raises(InputError, match=rf"did you mean {tmp_path / 'corridor.ply'}\?"):
-        Mesh.of(tmp_path / "corridor.csv")
+        make_mesh(tmp_path / "corridor.csv")
 
 
 def test_no_file_of_an_unknown_format_is_suggested(tmp_path):

@@ -47,7 +47,7 @@ def point_robot(dim, turning, spacing):
     """Return a nearly pointlike robot and its rasters at any rotation."""
     away = np.full(dim, 1e-7 if turning else 0.0)
     robot = Robot.disc(1e-6, away) if dim == 2 else Robot.ball(1e-6, away)
-    return robot, robot.rasters(spacing, 0.0)
+    return robot, robot.shape.rasters(spacing, 0.0)
 
 
 def map_of(

@@ -6,8 +6,8 @@ import shapely
 import trimesh
 
 import cspace
+from cspace import make_mesh
 from cspace._shapes import Balls
-from cspace._shapes.mesh import Mesh
 from cspace.errors import FileError
 from tests.helpers.handmade import fill_boxes
 from tests.helpers.placements import draw_configurations
@@ -88,7 +88,7 @@ def symmetric():
 
 def solid():
     """Build a map of meshes and balls in space."""
-    housing = Mesh.of(trimesh.creation.box((0.6, 0.5, 0.4)))
+    housing = make_mesh(trimesh.creation.box((0.6, 0.5, 0.4)))
     base = cspace.Workspace.from_mesh(housing, 0.1, (-1.0, -0.9, -0.8, 1.0, 0.9, 0.8))
     shapes = (
         Balls.of([(0.5, 0.5, 0.5)], 0.2),

@@ -486,7 +486,7 @@ def test_reports_hold_every_pair(spaces, tmp_path):
     assert tuple(map(float, rows[0]["first_pose"].split())) == found.pairs[0].poses[0]
     with pytest.raises(FileError, match="exists"):
         found.to_csv(tmp_path / "a.csv")
-    found.write_geojson(tmp_path / "a.geojson")
+    found.to_geojson(tmp_path / "a.geojson")
     features = json.loads((tmp_path / "a.geojson").read_text())["features"]
     assert len(features) == len(found.elements) + len(found.pairs)
     outlines = [shapely.geometry.shape(each["geometry"]) for each in features]
@@ -513,7 +513,7 @@ def test_zones_are_written_for_others(spaces, tmp_path):
     rows = list(csv.DictReader((tmp_path / "zones.csv").read_text().splitlines()))
     first = [(float(row["x"]), float(row["y"])) for row in rows if row["zone"] == "0"]
     assert shapely.Polygon(first).equals(zones.polygons[0])
-    zones.write_geojson(tmp_path / "zones.geojson")
+    zones.to_geojson(tmp_path / "zones.geojson")
     features = json.loads((tmp_path / "zones.geojson").read_text())["features"]
     shapes = [shapely.geometry.shape(each["geometry"]) for each in features]
     assert shapes[0].equals(zones.polygons[0])

@@ -214,7 +214,7 @@ def test_reports_hold_every_lane(floor, tmp_path):
         assert (suite.get("tests"), suite.get("failures")) == ("3", "2")
         assert suite[1].get("name") == "b & <c>: 0 to 2"
         assert suite[0][0].get("message").endswith(audit.lanes[0].obstacle)
-    audit.write_geojson(tmp_path / "a.geojson")
+    audit.to_geojson(tmp_path / "a.geojson")
     features = json.loads((tmp_path / "a.geojson").read_text())["features"]
     assert len(features) == 7
     assert features[0]["geometry"]["coordinates"] == [[1, 1], [3, 1]]

@@ -112,7 +112,7 @@ METRES = {
     "obstacle_distance": lambda c: c.space.obstacle_distance(c.q0),
     "padding": lambda c: list(c.space.padding.values()),
     "path_obstacle_distance": lambda c: c.space.path_obstacle_distance([c.q0, c.q1]),
-    "robot": lambda c: c.space.robot.span,
+    "robot": lambda c: c.space.robot.shape.span,
     "to_costmap": lambda c: c.space.to_costmap().metadata.resolution,
     "to_occupancy_grid": lambda c: c.space.to_occupancy_grid().info.resolution,
 }
@@ -333,9 +333,11 @@ def test_texts_name_the_unit_of_their_numbers(worlds):
 def describe(case, kind):
     """Return texts of a space that have lengths, without times."""
     plan = planners.plan(case.space, case.q0, case.q1, time_limit=2.0, seed=0)
-    lines = [repr(case.space), *str(plan).splitlines()[:2], plan.distance_text]
-    _, distance, unit = plan.shown_distance
-    lines += [f"{distance} {unit}", f"{case.space.robot.span} m" if kind in JOINTS else ""]
+    lines = [repr(case.space), *str(plan).splitlines()[:2]]
+    lines += [
+        f"{plan.obstacle_distance} m",
+        f"{case.space.robot.shape.span} m" if kind in JOINTS else "",
+    ]
     if not math.isnan(plan.clearance):
         lines.append(f"{plan.clearance} {plan.clearance_unit}")
     if hasattr(case.space, "explain") and kind != "SE(3)":

@@ -488,14 +488,14 @@ def test_a_stop_says_why_it_is_one():
     plan = build_plan(1, "holonomic", None)
     trajectory = plan.trajectory(**LIMITS)
     t = 0.4 * trajectory.duration
-    assert not trajectory.stop_reason and not trajectory.is_stop
+    assert not trajectory.stop_reason
     assert trajectory.braked(t).stop_reason == "braked() was called"
     again = planners.plan(plan.space, trajectory.starts_after(t)[1], plan.goal)
     assert not again.trajectory(**LIMITS, after=trajectory, at=t).stop_reason
     unsolved = dataclasses.replace(again, solved=False, waypoints=again.waypoints[:0])
     stop = unsolved.trajectory(**LIMITS, after=trajectory, at=t)
     np.testing.assert_array_equal(stop.positions, trajectory.braked(t).positions)
-    assert stop.stop_reason == "the plan has no path" and stop.is_stop
+    assert stop.stop_reason == "the plan has no path"
     assert "a stop: the plan has no path" in repr(stop)
     through = np.vstack([again.start, (0.0, 0.0), again.goal])
     blocked = dataclasses.replace(again, waypoints=through, path=through)

@@ -437,10 +437,6 @@ def plan_in(name, **options):
         "it must be one number, zero or above",
     ),
     (
-        lambda: planners.simple_setup(build_room("plane"), valid_state_sampler=lambda si: 3),
-        "must return an ompl.base.ValidStateSampler",
-    ),
-    (
         lambda: plan_in("plane").trajectory(max_velocity={"x": 1.0}, max_acceleration=1.0),
         "max_velocity lacks y; it must be one",
     ),
@@ -481,11 +477,6 @@ def test_ompl_parts_that_are_refused_have_a_replacement():
     with pytest.raises(InputError, match="rng is given and exact is True"):
         planners.simple_setup(build_room("plane"), rng=np.random.default_rng(0), exact=True)
     planners.simple_setup(build_room("plane"), exact=True)
-    with pytest.raises(InputError, match="it needs the last valid state of a motion"):
-        planners.simple_setup(
-            build_room("plane"), valid_state_sampler=ob.ObstacleBasedValidStateSampler
-        )
-    planners.simple_setup(build_room("plane"), valid_state_sampler=ob.UniformValidStateSampler)
 
 
 def test_a_tiny_map_is_planned_on_without_a_named_planner():

@@ -235,7 +235,7 @@ def test_stops_and_going_on_keep_the_limit(drive, rotations):
             assert motion.certified
             check_plane(motion)
             check_continues(trajectory, t, motion)
-            reached += not motion.is_stop
+            reached += not motion.stop_reason
     assert reached >= 6
 
 
@@ -278,7 +278,7 @@ def test_planning_anew_on_the_way_costs_little_time():
         place = motion.starts_after(0.1)[-1]
         plan = planners.plan(space, place, (11.0, 3.0), previous=plan)
         motion = plan.trajectory(**limits, after=motion, at=0.1)
-        assert not motion.is_stop
+        assert not motion.stop_reason
     assert motion.duration == pytest.approx(duration - 2.0, abs=0.3)
 
 

@@ -90,10 +90,10 @@ def test_repr_tells_if_the_proof_still_holds():
     space = build_empty((40, 30), Robot.disc(0.3))
     plan = planners.plan(space, (1.0, 1.5), (3.0, 1.5))
     assert ", certified; 2.000 m\n" in repr(plan)
-    assert plan.distance_text == "obstacle distance 0.700 m"
+    assert plan.obstacle_distance == pytest.approx(0.7)
     space.add_obstacle("cart", shapely.box(1.8, 1.3, 2.2, 1.7))
     assert ", certified when planned, 1 of 1 edges no longer proven free; 2.000 m" in repr(plan)
-    assert plan.distance_text == "obstacle distance not proven to be more than 0"
+    assert plan.obstacle_distance == 0.0
     assert plan.certified
     again = pickle.loads(pickle.dumps(plan))
     assert "certified when planned; " in repr(again) and not again.recheck(space).any()

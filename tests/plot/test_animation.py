@@ -48,10 +48,10 @@ def mask_green(frame):
 
 def test_the_robot_drives_from_start_to_goal(turning, tmp_path):
     calls = []
-    options = {"seconds": 1, "rate": 5, "progress": lambda *call: calls.append(call)}
+    options = {"seconds": 0.5, "progress": lambda *call: calls.append(call)}
     file = animate(turning, TURNING_PATH, tmp_path / "drive.gif", **options)
     pixels, times, loop = read_frames(file)
-    assert times == [200] * 5 + [1200]
+    assert times == [100] * 5 + [1100]
     assert loop == 0
     assert calls == [(number, 6) for number in range(1, 7)]
     assert [entry.name for entry in tmp_path.iterdir()] == ["drive.gif"]
@@ -76,7 +76,7 @@ def tunnel():
 def test_robot_in_space_moves_along_its_path(tunnel, tmp_path):
     """Look from the side, where the robot moves up, then right."""
     path = [(0.6, 1.0, 0.4, 0.0), (0.6, 1.0, 1.5, 1.0), (3.4, 1.0, 1.5, 1.0)]
-    options = {"camera": (0.0, -90.0), "seconds": 1, "rate": 4}
+    options = {"camera": (0.0, -90.0), "seconds": 0.4}
     pixels, _, _ = read_frames(animate(tunnel, path, tmp_path / "fly.gif", **options))
     rows, columns = np.array([np.argwhere(mask_green(frame)).mean(axis=0) for frame in pixels]).T
     up = rows[0] - rows[-1]
@@ -90,10 +90,10 @@ def test_robot_in_space_moves_along_its_path(tunnel, tmp_path):
 def test_trajectories_are_animated_at_true_speed(flat, tmp_path):
     plan = planners.plan(flat, (1.0, 2.5), (7.0, 2.5))
     trajectory = plan.trajectory(max_velocity=100.0, max_acceleration=6.0)
-    pixels, times, _ = read_frames(animate(flat, trajectory, tmp_path / "drive.gif", rate=5))
-    assert times == [200] * 10 + [1200]
+    pixels, times, _ = read_frames(animate(flat, trajectory, tmp_path / "drive.gif"))
+    assert times == [100] * 20 + [1100]
     columns = np.array([find_patch(frame)[0] for frame in pixels])
     shares = (columns - columns[0]) / (columns[-1] - columns[0])
     # The first half accelerates.
-    positions, *_ = trajectory.sample(0.2 * np.arange(11))
+    positions, *_ = trajectory.sample(0.1 * np.arange(21))
     np.testing.assert_allclose(shares, (positions[:, 0] - 1.0) / 6.0, atol=0.02)

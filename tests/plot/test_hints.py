@@ -42,10 +42,6 @@ PATH = [START, GOAL]
         "an animation needs a path",
     ),
     (
-        lambda f: animate(flat(), PATH, f / "a.gif", rate=90),
-        "it must be at most 50 frames per second",
-    ),
-    (
         lambda f: animate(flat(), PATH, f / "a.gif", seconds=1e4),
         "at most 1000 are possible",
     ),
@@ -61,14 +57,13 @@ PATH = [START, GOAL]
         lambda f: spatial().plot(view="3d", ax=plt.figure().add_subplot()),
         "it must have three",
     ),
-    (lambda f: flat().plot(zoom=0.5), "it must be at least 1 (the whole map)"),
     (
         lambda f: flat().plot(center=(0.1, 0.1)),
-        "the whole map is drawn",
+        "center is given with view plane; it needs view sections",
     ),
     (
-        lambda f: flat().plot(zoom=8, center=(9, 9)),
-        "the grid is from (0.0, 0.0) to (0.9, 0.9)",
+        lambda f: spatial().plot(center=(9, 9, 9)),
+        "the grid is from (0.0, 0.0, 0.0) to",
     ),
     (
         lambda f: flat().plot(start=(1, 2, 3)),
@@ -83,7 +78,7 @@ PATH = [START, GOAL]
         "path has shape (1, 3); it must be (n, 2)",
     ),
     (lambda f: flat().plot(rotation=0.5), "rotation has shape (1,); the robot does not turn"),
-    (lambda f: flat().plot(cut=1.0), "cut is given with view plane; it needs view 3d"),
+    (lambda f: flat().plot(camera=(30, 40)), "camera is given with view plane; it needs view 3d"),
     (
         lambda f: save_plot(flat(), f / "a.xyz"),
         "the suffix says what to write",

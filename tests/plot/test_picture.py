@@ -155,16 +155,6 @@ def test_text_and_panels_fit_the_figure_without_overlap(shape):
     assert min(side for panel in figure.axes for side in panel.get_window_extent().size) > 15
 
 
-def test_zoom_shows_a_part_of_a_plane_map(turning):
-    path = [(1.0, 3.0, 0.0), (4.0, 3.0, 0.0), (7.0, 4.0, 1.0)]
-    ax = plot(turning, rotation=0.0, zoom=4.0, center=(4.5, 2.5), path=path)
-    assert (*ax.get_xlim(), *ax.get_ylim()) == pytest.approx((3.5, 5.5, 1.5, 3.5))
-    cells = np.random.default_rng(2).integers((36, 16), (54, 27), (100, 2))
-    check_cells(turning, ax, rendered(ax), cells, [(0.0,)])
-    assert {"path", "robot"} <= set(labels(ax))
-    assert not {"start", "outside the grid"} & set(labels(ax))
-
-
 def test_pictures_need_no_window_and_no_display(tmp_path):
     code = (
         "import sys, numpy, cspace\n"

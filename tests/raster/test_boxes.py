@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from cspace import Grid, InputError, Mesh
+from cspace import Grid, InputError, make_mesh
 from cspace._grid import SLACK
 from cspace._raster.rounded_boxes import RoundedBoxes, rounded_rasters
 from cspace._rotations import RotationCell
@@ -28,7 +28,7 @@ SPACINGS = [0.25, 0.1, 1.0, 0.37]
 MARGINS = [0.0, 0.125, 0.3]
 GRID = Grid((0.0, 0.0, 0.0), 1.0, (4, 4, 4))
 SMALL_BOX = make_box((0, 0, 0), (1, 1, 1))
-FAR_MESH = Mesh.of(make_box((0, 0, 0), (1, 1, 1e7)))
+FAR_MESH = make_mesh(make_box((0, 0, 0), (1, 1, 1e7)))
 
 
 def to_integers(values):
@@ -215,7 +215,7 @@ def test_slabs_of_threads_join_to_the_whole(monkeypatch):
     """Compare rasters made in one slab and in slabs of three layers."""
     rng = np.random.default_rng(9)
     balls = Balls(rng.uniform(-1.0, 7.0, (40, 3)), rng.uniform(0.0, 1.2, 40))
-    surface = Mesh.of(trimesh.creation.icosphere(2, 2.5))
+    surface = make_mesh(trimesh.creation.icosphere(2, 2.5))
     turn = RotationCell(Rotation.from_rotvec([0.3, 0.2, 0.1]).as_matrix(), 0.05)
     grid = Grid((0.0, 0.0, 0.0), 0.2, (30, 20, 10))
     calls = (
@@ -239,7 +239,7 @@ def test_slabs_of_threads_join_to_the_whole(monkeypatch):
         (lambda: FAR_MESH.cells(GRID), "map's corner"),
         (lambda: FAR_MESH.rasters(1.0), "its origin"),
         (lambda: Box.of((2.0, 2.0, 2.0)).rasters(1e-3), "cells large at this spacing"),
-        (lambda: Mesh.of(SMALL_BOX, "fill").cells(Grid((0, 0, 0), 1e-5, (4, 4, 4))), "filled"),
+        (lambda: make_mesh(SMALL_BOX, "fill").cells(Grid((0, 0, 0), 1e-5, (4, 4, 4))), "filled"),
     ],
     ids=["far balls", "far polygon", "far mesh", "far robot", "many cells", "many filled cells"],
 )

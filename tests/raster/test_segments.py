@@ -28,7 +28,7 @@ def check_between(cells, low, high):
 )
 def test_rasters_of_rotated_robots_agree_with_shapely(robot, spacing, margin, yaw):
     matrix = Rotation.from_rotvec([0, 0, yaw]).as_matrix()[:2, :2]
-    outer, inner = robot.rasters(spacing, margin, RotationCell(matrix, 0.0, about_z=True))
+    outer, inner = robot.shape.rasters(spacing, margin, RotationCell(matrix, 0.0, about_z=True))
     offsets = np.stack(np.meshgrid(*(np.arange(-30, 31),) * 2, indexing="ij"), axis=-1)
     low = (offsets - 1) * spacing
     high = (offsets + 1) * spacing

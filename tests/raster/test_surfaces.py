@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import nnls
 
-from cspace import Grid, Mesh, MeshWarning
+from cspace import Grid, MeshWarning, make_mesh
 from cspace._raster.triangles import mark_within, sweep_triangles
 from cspace._shapes import Box
 from tests.helpers.mesh_files import join_meshes, make_box
@@ -95,7 +95,7 @@ MESH_KINDS = ["random", "sliver", "touching", "lattice", "degenerate", "huge"]
 def test_touched_cells_agree_with_exact_separating_axes(seed, kind, lower, spacing):
     rng = np.random.default_rng(seed)
     grid = Grid((lower * spacing,) * 3, spacing, (4, 3, 5))
-    mesh = Mesh.of(make_soup(grid.lower + spacing * draw_small_mesh(rng, kind)), "surface")
+    mesh = make_mesh(make_soup(grid.lower + spacing * draw_small_mesh(rng, kind)), "surface")
     outer, inner = mesh.cells(grid)
     check_touched(outer, mesh.triangles, grid)
     assert not inner.any()
@@ -108,7 +108,7 @@ def test_a_box_as_a_mesh_has_the_cells_of_the_box(seed, inward):
     grid = Grid((0, 0, 0), 1.0, (9, 8, 7))
     low = rng.integers(-2, 5, 3) + rng.choice([0.25, 0.5, 0.75], 3)
     extents = rng.integers(1, 9, 3) - rng.choice([0.125, 0.625], 3)
-    mesh = Mesh.of(make_box(low, low + extents, inward))
+    mesh = make_mesh(make_box(low, low + extents, inward))
     expected = Box(extents, low + extents / 2).cells(grid)
     for cells, box_cells in zip(mesh.cells(grid), expected, strict=True):
         np.testing.assert_array_equal(cells, box_cells)
@@ -121,12 +121,12 @@ def test_filling_leaves_a_box_without_a_face_open(axis):
     is_left_out = (vertices[faces][:, :, axis] == 4.0).all(axis=1)
     grid = Grid((-2, -2, -2), 1.0, (9, 9, 9))
     with pytest.warns(MeshWarning, match="encloses no cell"):
-        assert not Mesh.of((vertices, faces[~is_left_out]), "fill").cells(grid)[1].any()
-    assert Mesh.of((vertices, faces), "fill").cells(grid)[1].sum() == 2**3
+        assert not make_mesh((vertices, faces[~is_left_out]), "fill").cells(grid)[1].any()
+    assert make_mesh((vertices, faces), "fill").cells(grid)[1].sum() == 2**3
 
 
 def test_a_map_that_cuts_through_a_solid_is_part_of_the_larger_map():
-    mesh = Mesh.of(
+    mesh = make_mesh(
         join_meshes(
             make_box((0.3, 0.3, 0.3), (8.6, 7.7, 5.4)),
             make_box((1.5, 1.5, 1.5), (4.5, 4.5, 4.4), inward=True),
@@ -150,11 +150,11 @@ def test_a_filled_mesh_is_what_its_cells_enclose():
     """Fill a box through narrow slits, also if the map cuts through it."""
     vertices, faces = make_box((1.5, 1.5, 1.5), (8.5, 8.5, 8.5))
     slit = join_meshes(*(make_soup(triangle) for triangle in vertices[faces] * 0.998 + 0.01))
-    outer, inner = Mesh.of(slit, "fill").cells(Grid((0, 0, 0), 1.0, (10,) * 3))
+    outer, inner = make_mesh(slit, "fill").cells(Grid((0, 0, 0), 1.0, (10,) * 3))
     assert inner[2:8, 2:8, 2:8].all() and inner.sum() == 6**3
     assert outer[1:9, 1:9, 1:9].all() and outer.sum() == 8**3
     part = Grid((3, 3, 3), 1.0, (10, 2, 3))
-    for cells, whole in zip(Mesh.of(slit, "fill").cells(part), (outer, inner), strict=True):
+    for cells, whole in zip(make_mesh(slit, "fill").cells(part), (outer, inner), strict=True):
         assert (cells[:7] == whole[3:, 3:5, 3:6]).all()
         assert not cells[7:].any()
 

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from cspace import Mesh, Robot
+from cspace import Robot, make_mesh
 from cspace._rotations import NO_ROTATION, RotationCell
 from cspace._shapes import Box, Voxels
 from tests.helpers.mesh_files import make_box
@@ -25,7 +25,7 @@ def list_positions(raster):
 
 
 def make_rasters(robot, spacing, margin=0.0, turn=NO_ROTATION):
-    return [list_positions(raster) for raster in robot.rasters(spacing, margin, turn)]
+    return [list_positions(raster) for raster in robot.shape.rasters(spacing, margin, turn)]
 
 
 # ---- the plane -----------------------------------------------------------------------------------
@@ -112,7 +112,7 @@ def test_a_rotated_box_is_the_mesh_of_its_faces_and_the_union_of_its_cells(
     box = Box(side * counts, rng.uniform(-0.5, 0.5, 3))
     rotation = draw_rotation(rng, about_z)
     mesh, cells = (
-        Mesh.of(make_box(box.lower, box.upper)),
+        make_mesh(make_box(box.lower, box.upper)),
         Voxels.of(np.ones(counts, bool), side, box.lower),
     )
     for mine, *others in zip(
@@ -129,9 +129,9 @@ def test_a_rotated_mesh_is_the_mesh_of_rotated_vertices(seed, about_z, solid, ma
     rng = np.random.default_rng(seed)
     vertices = np.asarray(CAVITY.vertices) + rng.uniform(-0.3, 0.3, 3)
     rotation = draw_rotation(rng, about_z)
-    turned = Mesh.of((vertices @ rotation.matrix.T, CAVITY.faces), solid).rasters(0.08, margin)
+    turned = make_mesh((vertices @ rotation.matrix.T, CAVITY.faces), solid).rasters(0.08, margin)
     for mine, there in zip(
-        Mesh.of((vertices, CAVITY.faces), solid).rasters(0.08, margin, rotation),
+        make_mesh((vertices, CAVITY.faces), solid).rasters(0.08, margin, rotation),
         turned,
         strict=True,
     ):

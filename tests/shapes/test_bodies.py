@@ -8,7 +8,7 @@ import trimesh
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cspace import Grid, Mesh, MeshWarning
+from cspace import Grid, MeshWarning, make_mesh
 from cspace._shapes.bodies import find_bodies
 from tests.helpers.mesh_files import join_meshes, make_box
 from tests.helpers.oracles import winding_numbers
@@ -29,7 +29,7 @@ def reverse_triangles(part, *numbers):
 
 def inside(part, points):
     """Test if points lie inside, after a comparison with the cells around them."""
-    mesh = Mesh.of(part)
+    mesh = make_mesh(part)
     points = np.asarray(points, dtype=float)
     answers = mesh.contains(points)
     lower, upper = mesh.bounds
@@ -51,7 +51,7 @@ def test_coincident_boxes_are_solid_in_their_union(seed, count, is_soup):
         vertices, numbers = np.unique(boxes[0], axis=0, return_inverse=True)
         boxes = vertices, numbers[boxes[1]]
     with warnings.catch_warnings(action="error"):
-        mesh = Mesh.of(boxes)
+        mesh = make_mesh(boxes)
     centers = np.moveaxis(np.indices(solid.shape), 0, -1) + 0.5 + np.array([0.013, 0.027, 0.041])
     assert (mesh.contains(centers) == solid).all()
 
@@ -80,7 +80,7 @@ def test_bodies_agree_with_their_winding_numbers(seed, count):
             body.multiplicities[:, None] == 1, faces[body.faces], faces[body.faces][:, ::-1]
         )
         numbers += winding_numbers(points, vertices[turned])
-    assert (Mesh.of((vertices, faces)).contains(points) == (numbers != 0)).all()
+    assert (make_mesh((vertices, faces)).contains(points) == (numbers != 0)).all()
 
 
 def test_a_box_drawn_twice_stays_solid_with_other_diagonals():
@@ -108,7 +108,7 @@ ONE_SIDED = {
 def test_a_surface_that_cannot_be_oriented_has_no_inside(name):
     vertices = np.random.default_rng(0).uniform(-2, 2, (6, 3))
     with pytest.warns(MeshWarning, match="1 of 1 bodies"):
-        mesh = Mesh.of((vertices, ONE_SIDED[name]))
+        mesh = make_mesh((vertices, ONE_SIDED[name]))
     assert not mesh.encloses
     assert not mesh.cells(Grid((-2, -2, -2), 0.25, (16, 16, 16)))[1].any()
 

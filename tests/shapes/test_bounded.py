@@ -92,7 +92,7 @@ def test_outer_and_inner_shapes_enclose_exact_values(name, radius, length, cente
     assert (sizes[0] <= 2.0 * half * (1.0 + 1e-12) + 1e-12).all()
     assert (2.0 * half <= sizes[1] * (1.0 + 1e-12) + 1e-12).all()
     fits = max(radius - math.hypot(*center[:2]), 0.0)
-    assert fits - 0.002 * radius - 2e-6 <= robot.footprint().inscribed_radius <= fits
+    assert fits - 0.002 * radius - 2e-6 <= robot.footprint().shape.inner.inscribed_radius <= fits
     assert flat.outer.inscribed_radius >= fits
 
 

@@ -7,7 +7,7 @@ import pytest
 import shapely
 import trimesh
 
-from cspace import Grid, InputError, Mesh, Robot
+from cspace import Grid, InputError, Robot, make_mesh
 from cspace._rotations import RotationCell
 from cspace._shapes import Balls, Box, Polygons, Voxels, as_shape, shape_from_spec
 from tests.helpers.refusals import refusals
@@ -37,10 +37,10 @@ SHAPE_BUILDERS = {
     ),
     "box": lambda: Box.of((1.1, 0.7, 0.5), (0.2, -0.1, 0.15)),
     "voxels": lambda: Voxels.of(BITS, 0.29, (-0.7, -0.6, -0.4)),
-    "mesh": lambda: Mesh.of((TORUS_MESH.vertices, TORUS_MESH.faces)),
+    "mesh": lambda: make_mesh((TORUS_MESH.vertices, TORUS_MESH.faces)),
     "cylinder": lambda: CYLINDER,
     "shadow of a cylinder": lambda: CYLINDER.project_to_plane(),
-    "surface": lambda: Mesh.of((TORUS_MESH.vertices, TORUS_MESH.faces), "surface"),
+    "surface": lambda: make_mesh((TORUS_MESH.vertices, TORUS_MESH.faces), "surface"),
 }
 
 
@@ -154,7 +154,7 @@ def test_an_asymmetric_shape_equals_itself_only_unrotated(shape):
         (Box.of((1, 1, 0.5), (0.1, 0, 0)), 2, False),
         (Voxels.of(np.ones((2, 2, 1), bool), 0.5, (-0.5, -0.5, 0.25)), 2, True),
         (Balls.of([(0, 0, 0.5), (0, 0, -0.5)], 0.2), 1, False),
-        (Mesh.of(trimesh.creation.box((1, 0.5, 1))), 2, False),
+        (make_mesh(trimesh.creation.box((1, 0.5, 1))), 2, False),
     ],
 )
 def test_quarter_turns_map_symmetric_solids_to_themselves(shape, axis, same):

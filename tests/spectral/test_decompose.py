@@ -10,9 +10,8 @@ from hypothesis import assume, example, given
 from hypothesis import strategies as st
 from scipy.spatial.distance import cdist
 
-from cspace import InputError
+from cspace import InputError, make_mesh
 from cspace._shapes import Polygons, Voxels
-from cspace._shapes.mesh import Mesh
 from cspace.spectral import decompose
 from cspace.spectral._regions import Lattice, Region, bound_balls_to_shape, bound_shape_to_balls
 from tests.helpers.oracles import distance_to_triangles, winds_around
@@ -170,7 +169,7 @@ def test_balls_fill_or_cover_solids(name, kind):
 
 def test_balls_cover_open_surfaces_lines_and_cells():
     sheet = trimesh.Trimesh([[0.0, 0, 0], [1, 0, 0], [0, 1, 0.2]], [[0, 1, 2]])
-    balls = decompose(Mesh.of(sheet, "surface"), kind="outer", tolerance=0.1)
+    balls = decompose(make_mesh(sheet, "surface"), kind="outer", tolerance=0.1)
     assert measure_gaps(sheet.sample(2000, seed=0), balls).max() <= 0.0
     assert balls.hausdorff.upper <= 0.1
     assert math.isinf(balls.volume_ratio)
@@ -190,7 +189,7 @@ def test_balls_fill_the_hollow_of_an_open_mesh():
     # Six faces with gaps along the edges enclose nothing.
     corners = box.triangles + 0.001 * box.face_normals[:, None]
     faces = np.arange(36).reshape(12, 3)
-    mesh = Mesh.of(trimesh.Trimesh(corners.reshape(-1, 3), faces, process=False), "surface")
+    mesh = make_mesh(trimesh.Trimesh(corners.reshape(-1, 3), faces, process=False), "surface")
     assert not mesh.is_watertight
     balls = decompose(mesh, kind="outer", number=1)
     # The point farthest from the faces, in the middle, lies 0.501 from them. The mesh still has no
@@ -223,7 +222,7 @@ def test_foil_is_filled():
 
 def test_distance_of_a_sheet_from_balls_has_near_bounds():
     corners = np.array([(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.4, 0.8, 0.0)])
-    sheet = Mesh.of(trimesh.Trimesh(corners, [[0, 1, 2]]), "surface")
+    sheet = make_mesh(trimesh.Trimesh(corners, [[0, 1, 2]]), "surface")
     lattice = Lattice.for_count(Region(sheet), 3)
     low, high, _ = bound_shape_to_balls(lattice, corners, np.full(3, 0.1))
     # The point farthest from the corners is the center of their circle.

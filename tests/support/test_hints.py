@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 import cspace
 import planners
-from cspace import Grid, Mesh, MeshWarning, Robot, Rotations, Workspace, build
+from cspace import Grid, MeshWarning, Robot, Rotations, Workspace, build, make_mesh
 from cspace._support.limits import raised_limits
 from cspace._support.reporting import import_optional
 from cspace.errors import InputError, MissingPackageError
@@ -264,7 +264,7 @@ def cells(values, **options):
         "obstacles must cover some ground",
     ),
     (
-        lambda: cspace.Mesh.of(flat()).project_to_plane(),
+        lambda: cspace.make_mesh(flat()).project_to_plane(),
         "it must have an area there",
     ),
     (
@@ -293,11 +293,11 @@ def cells(values, **options):
         "it must be above zero",
     ),
     (
-        lambda: Mesh.of(CUBE, "fill").contains((0, 0, 0)),
+        lambda: make_mesh(CUBE, "fill").contains((0, 0, 0)),
         "the filled part depends on the spacing, and exact answers must not",
     ),
     (
-        lambda: Mesh.of(CUBE).boxes,
+        lambda: make_mesh(CUBE).boxes,
         "only boxes and cells in space are",
     ),
     (
