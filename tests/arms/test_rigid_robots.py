@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 import cspace
 from cspace import AngleWarning, FileError, InputError, Robot
-from cspace._shapes import Mesh
+from cspace._shapes.mesh import Mesh
 from tests.helpers.refusals import refusals
 
 BASE = """
