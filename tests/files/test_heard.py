@@ -16,17 +16,14 @@ import zarr
 from PIL import Image
 
 import cspace
-from cspace import Arm, Robot, Workspace
+from cspace import Robot, Workspace
 from cspace.errors import (
-    AngleWarning,
     CspaceError,
     FileError,
     GeometryError,
     InputError,
     UnitWarning,
 )
-from cspace.lanes import RouteGraph
-from tests.helpers.urdfs import planar
 
 xarray = pytest.importorskip("xarray")
 
@@ -114,29 +111,6 @@ def test_systems_in_degrees_or_feet_are_refused(system):
     crs = {"type": "name", "properties": {"name": system}}
     with pytest.raises(GeometryError, match="not metres on the ground"):
         Workspace.from_polygons(square | {"crs": crs}, 0.1)
-
-
-def write_arm(folder, velocity, kind="revolute"):
-    """Write a robot of one joint."""
-    box = '<collision><geometry><box size="0.1 0.1 0.1"/></geometry></collision>'
-    path = folder / "r.urdf"
-    path.write_text(
-        f'<robot name="r"><link name="base">{box}</link><link name="arm"><collision>'
-        '<origin xyz="0.3 0 0"/><geometry><box size="0.5 0.05 0.05"/></geometry></collision></link>'
-        f'<joint name="j" type="{kind}"><parent link="base"/><child link="arm"/>'
-        '<origin xyz="0 0 0.2"/><axis xyz="0 0 1"/>'
-        f'<limit lower="-3.1" upper="3.1" effort="1" velocity="{velocity}"/></joint>'
-        '<ros2_control name="x" type="system"><joint name="j"/></ros2_control></robot>'
-    )
-    return path
-
-
-def test_speeds_in_degrees_are_warned_of(tmp_path):
-    ((category, text),) = list_warnings(Arm.from_urdf, write_arm(tmp_path, 180))
-    assert category is AngleWarning and "velocity at the limit of joint 'j': 180" in text
-    assert "they are in rad" in text and text.endswith("/s, and 180 degrees are 3.14159 rad")
-    assert list_warnings(Arm.from_urdf, write_arm(tmp_path, 3.14)) == []
-    assert list_warnings(Arm.from_urdf, write_arm(tmp_path, 180, "prismatic")) == []
 
 
 # ---- units and sizes -----------------------------------------------------------------------------
@@ -500,23 +474,6 @@ def test_animations_are_warned_of(tmp_path, suffix):
         Workspace.from_mesh(path, 0.5, up="z")
 
 
-def test_groups_of_groups_are_read_once_each(tmp_path):
-    def count(levels):
-        groups = "".join(
-            f'<group name="g{k}"><group name="g{k - 1}"/><group name="g{k - 1}"/></group>'
-            for k in range(1, levels)
-        )
-        srdf = f'<robot name="r">{groups}<group name="g0"><joint name="j"/></group></robot>'
-        (tmp_path / "r.srdf").write_text(srdf)
-        return Arm.from_urdf(write_arm(tmp_path, 1), tmp_path / "r.srdf").groups
-
-    assert count(60)["g59"] == ("j",)
-    loop = '<group name="a"><group name="b"/></group><group name="b"><group name="a"/></group>'
-    (tmp_path / "r.srdf").write_text(f'<robot name="r">{loop}</robot>')
-    with pytest.raises(FileError, match="within itself"):
-        Arm.from_urdf(write_arm(tmp_path, 1), tmp_path / "r.srdf")
-
-
 def test_a_late_repeated_key_is_found_in_linear_time(tmp_path):
     def measure(count):
         table = ", ".join(f'"k{k}": 0' for k in range(count))
@@ -529,32 +486,6 @@ def test_a_late_repeated_key_is_found_in_linear_time(tmp_path):
 
     measure(100)
     assert measure(20_000) < 0.5  # of the process's CPU; in quadratic time, 4 s
-
-
-@pytest.mark.parametrize(
-    ("version", "rule", "turns"),
-    [
-        ("2.1.0", {"rotationAllowed": False}, False),
-        ("2.1.0", {}, True),
-        ("3.0.0", {"reachOrientationBeforeEntering": True}, False),
-        ("3.0.0", {"reachOrientationBeforeEntering": False}, True),
-        ("3.0.0", {}, True),
-    ],
-)
-def test_the_orientation_on_an_edge_is_read_in_every_version(tmp_path, version, rule, turns):
-    def make_node(name, number, x):
-        place = {"x": x, "y": 2.0, "mapId": "m"}
-        node = {"nodeId": name, "sequenceId": number, "released": True, "actions": []}
-        return node | {"nodePosition": place}
-
-    edge = {"edgeId": "e", "sequenceId": 1, "released": True, "actions": [], "orientation": 0.0}
-    edge |= {"startNodeId": "a", "endNodeId": "b"} | rule
-    order = {"version": version, "orderId": "o", "edges": [edge]}
-    order["nodes"] = [make_node("a", 0, 2.0), make_node("b", 2, 8.0)]
-    (tmp_path / "order.json").write_text(json.dumps(order))
-    with warnings.catch_warnings(action="error"):
-        lane = RouteGraph.open(tmp_path / "order.json").lanes[0]
-    assert lane.heading.frame == ("any" if turns else "lane")
 
 
 SQUARE = {"type": "Polygon", "coordinates": [[[0, 0], [1, 0], [1, 1], [0, 0]]]}
@@ -594,13 +525,6 @@ def test_offsets_of_features_are_warned_of(tmp_path):
         Workspace.from_polygons({**SQUARE, "offset": [1, 2]}, 0.1)
 
 
-def test_another_robots_srdf_is_warned_of(tmp_path):
-    group = '<group name="arm"><joint name="shoulder"/></group>'
-    (tmp_path / "a.srdf").write_text(f'<robot name="other">{group}</robot>')
-    with pytest.warns(UserWarning, match="describes the robot 'other', and the URDF 'small'"):
-        Arm.from_urdf(planar(tmp_path), tmp_path / "a.srdf")
-
-
 @pytest.mark.parametrize(
     "size", [{"robot_radius": 30.0}, {"footprint": "[[30, 20], [30, -20], [-30, -20], [-30, 20]]"}]
 )
@@ -608,15 +532,3 @@ def test_footprints_in_centimetres_are_warned_of(tmp_path, size):
     (tmp_path / "nav2.yaml").write_text(json.dumps({"local_costmap": size}))
     with pytest.warns(UnitWarning, match="in centimetres it would be 0.6 m"):
         Robot.from_nav2(tmp_path / "nav2.yaml")
-
-
-def test_units_of_lif_are_warned_of(tmp_path):
-    nodes = [
-        {"nodeId": name, "nodePosition": {"x": x, "y": 0.0}} for name, x in (("a", 0), ("b", 9))
-    ]
-    edges = [{"edgeId": "e", "startNodeId": "a", "endNodeId": "b"}]
-    meta = {"projectIdentification": "p", "creator": "c", "lifVersion": "1.0.0", "units": "mm"}
-    layout = {"layoutId": "l", "nodes": nodes, "edges": edges, "stations": []}
-    (tmp_path / "l.json").write_text(json.dumps({"metaInformation": meta, "layouts": [layout]}))
-    with pytest.warns(UserWarning, match=r"not read: units \(metaInformation\)"):
-        RouteGraph.open(tmp_path / "l.json")

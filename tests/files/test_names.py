@@ -102,10 +102,3 @@ def test_the_page_about_other_formats_is_named(tmp_path, name):
         options = {"spacing": 0.1} if reader == cspace.Workspace.open else {}
         with pytest.raises(InputError, match=r"suffix .*Bring your file"):
             reader(tmp_path / name, **options)
-
-
-@pytest.mark.parametrize(("tag", "page"), [("sdf", "Bring"), ("mujoco", "Bring"), ("x", "")])
-def test_robots_of_other_formats_are_named(tmp_path, tag, page):
-    (tmp_path / "robot.urdf").write_text(f"<{tag}><model/></{tag}>")
-    with pytest.raises(FileError, match=f"holds <{tag}>, not <robot>.*{page}"):
-        cspace.Robot.from_urdf(tmp_path / "robot.urdf")
