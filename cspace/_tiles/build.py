@@ -116,7 +116,7 @@ def estimate_tile_bytes(
     return copies + estimate(window, spacing, frame.robot, frame.rotations, frame.margin, slices)
 
 
-class Cells(Protocol):
+class CellSource(Protocol):
     """Cells of a workspace, read a box at a time."""
 
     def read(self, box: tuple[slice, ...]) -> tuple[Bools, Bools]:
@@ -128,7 +128,7 @@ class Cells(Protocol):
 
 
 def build_tile(
-    folder: TileFolder, source: Cells, build: Callable[..., tuple[Contents, Any]], tile: int
+    folder: TileFolder, source: CellSource, build: Callable[..., tuple[Contents, Any]], tile: int
 ) -> None:
     """Build and write a tile, unless it is there.
 
