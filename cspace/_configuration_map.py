@@ -492,20 +492,11 @@ class ConfigurationMap(ConfigurationSpace):
         else:
             problem = "is FREE but lies on the border of a cell that is not"
             rule = f"the {name} must lie inside a FREE cell, because motions touch both cells"
-        hint, nearest = self._suggest_endpoint(point)
+        hint, nearest = suggest_endpoint(self, point)
         if is_proven:
             hint = f"pass exact=True, which proves it free; {hint}"
         problem = f"{point} {problem}"
         return ConfigurationError(name, problem, rule, hint, nearest=nearest, reason=reason)
-
-    def _suggest_endpoint(self, point: Endpoint) -> tuple[str, Endpoint | None]:
-        """Return a hint for an invalid endpoint, and the nearest FREE configuration."""
-        try:
-            nearest = tuple(self.nearest_free(point).tolist())
-        except ConfigurationError:
-            where = "at all" if self.in_memory else "near there"
-            return f"the map has no FREE configuration {where}", None
-        return f"the nearest is {nearest}", nearest
 
     # ---- pictures --------------------------------------------------------------------------------
 
@@ -591,3 +582,13 @@ class ConfigurationMap(ConfigurationSpace):
         cells = self.grid.cell_of(points[..., : self.grid.dim])
         rotations = self.rotations._find_cells(points)[..., np.newaxis]
         return np.concatenate([rotations, cells], axis=-1)
+
+
+def suggest_endpoint(space: ConfigurationMap, point: Endpoint) -> tuple[str, Endpoint | None]:
+    """Return a hint for an invalid endpoint, and the nearest FREE configuration."""
+    try:
+        nearest = tuple(space.nearest_free(point).tolist())
+    except ConfigurationError:
+        where = "at all" if space.in_memory else "near there"
+        return f"the map has no FREE configuration {where}", None
+    return f"the nearest is {nearest}", nearest

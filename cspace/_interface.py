@@ -321,7 +321,7 @@ class Space(ABC):
         """
         firsts = check_rows(q0, "q0", self.axes)
         lasts = check_rows(q1, "q1", self.axes)
-        steps = self.rotations._steps_between(firsts, lasts)
+        steps = self.rotations.steps_between(firsts, lasts)
         return wrap_steps(steps, self.is_periodic) if any(self.is_periodic) else steps
 
     def distance(self, q0: Floats, q1: Floats) -> Floats:
@@ -336,7 +336,7 @@ class Space(ABC):
         steps = np.asarray(t) * self.steps_between(q0, q1)
         starts = check_rows(q0, "q0", self.axes)
         starts = np.broadcast_to(starts, (*steps.shape[:-1], self.size))
-        return self.rotations._add_steps(starts, steps)
+        return self.rotations.add_steps(starts, steps)
 
     # ---- convex regions of maps in memory --------------------------------------------------------
 
@@ -538,7 +538,7 @@ class Space(ABC):
         """Return whether a free path is proven, or disproven; None if undecided."""
         return None
 
-    def _keep(self, uprights: Sequence[Upright]) -> Space:
+    def keep(self, uprights: Sequence[Upright]) -> Space:
         """Return a space whose FREE motions also keep axes upright.
 
         Raises InputError if the space has no links, or none of that name.
@@ -572,7 +572,7 @@ class Space(ABC):
                 f"has shape {point.shape}",
                 f"it must be one configuration of {self.size} numbers: {', '.join(self.axes)}",
             )
-        return self.rotations._make_canonical(point, name)
+        return self.rotations.make_canonical(point, name)
 
     def check_endpoint(self, q: ArrayLike, name: str, exact: bool = False) -> Endpoint:
         """Return a canonical start or goal, with whole turns of joints.
@@ -644,12 +644,6 @@ class Space(ABC):
                 "the space of an arm is needed for that",
             )
         return [self.check_endpoint(cast("ArrayLike", goal), name, exact)]
-
-    def _read_message(self, q: ArrayLike | object) -> ArrayLike:
-        """Return the configuration of a message with a header, or anything else as it is."""
-        if not (hasattr(q, "header") or (isinstance(q, Mapping) and "header" in q)):
-            return cast("ArrayLike", q)
-        return self._convert_message(q)
 
     def _convert_message(self, msg: object) -> ArrayLike:
         """Return the configuration of a stamped pose."""
@@ -1181,6 +1175,13 @@ def cells_of(space: SpaceT) -> SpaceT:
     says nothing about the rest of its cell. A space without cells is returned as it is.
     """
     return cast(SpaceT, space._cells)
+
+
+def read_message(space: Space, q: ArrayLike | object) -> ArrayLike:
+    """Return the configuration of a message with a header, or anything else as it is."""
+    if not (hasattr(q, "header") or (isinstance(q, Mapping) and "header" in q)):
+        return cast("ArrayLike", q)
+    return space._convert_message(q)
 
 
 def tubes_are_free(space: ConfigurationSpace, starts: Floats, ends: Floats, radii: Floats) -> Bools:

@@ -1222,7 +1222,7 @@ class CSpace(ConfigurationMap):
         from cspace._queries.components import Components
 
         exterior_open = ~self._exterior.is_all_blocked(self.grid.shape)
-        return Components(self._states, self._slice_of, self.rotations._neighbors, exterior_open)
+        return Components(self._states, self._slice_of, self.rotations.neighbors, exterior_open)
 
     @lazy
     def _distances(self) -> DistanceMap:
@@ -1391,7 +1391,7 @@ class CSpace(ConfigurationMap):
         reach = np.ceil(distances / self.grid.spacing).astype(np.int64) + 1
         first = np.clip(cell - reach, 0, self.grid.shape)
         stop = np.clip(cell + reach + 1, 0, self.grid.shape)
-        _, rotation_cells = self.rotations._find_cells_within(q[np.newaxis], np.array([turn]))
+        _, rotation_cells = self.rotations.find_cells_within(q[np.newaxis], np.array([turn]))
         names = set[str]()
         for s in np.unique(self._slice_of[rotation_cells]).tolist():
             taken = np.argwhere(self._states[s][tuple(map(slice, first, stop))] != FREE) + first
@@ -1444,7 +1444,7 @@ class CSpace(ConfigurationMap):
         """
         values = check_points(q, name, self.axes)
         warn_of_degrees(values, self._angles, name)
-        point = self.rotations._make_canonical(values, name)
+        point = self.rotations.make_canonical(values, name)
         is_valid = bool(point.ndim == 1 and self.grid.contains(point[: self.grid.dim]))
         required = "configuration"
         if free:

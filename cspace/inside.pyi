@@ -5,6 +5,8 @@ from ._bodies import MAX_DISTANCES_PER_EDGE as MAX_DISTANCES_PER_EDGE
 from ._bodies.cores import Cores as Cores
 from ._bodies.triangle_proofs import build_boxes as build_boxes
 from ._configuration_map import ConfigurationMap as ConfigurationMap
+from ._configuration_map import suggest_endpoint as suggest_endpoint
+from ._engines.slices import list_slice_cells as list_slice_cells
 from ._engines.slices import slice_rasters as slice_rasters
 from ._files.access import ContentError as ContentError
 from ._files.access import check_output as check_output
@@ -27,10 +29,14 @@ from ._interface import PlaceLike as PlaceLike
 from ._interface import SearchOptions as SearchOptions
 from ._interface import cells_of as cells_of
 from ._interface import list_alternatives as list_alternatives
+from ._interface import read_message as read_message
 from ._interface import tubes_are_free as tubes_are_free
+from ._queries.any_angle import map_rectangles as map_rectangles
 from ._queries.batches import as_contiguous as as_contiguous
 from ._queries.callbacks import bind_kernel as bind_kernel
+from ._queries.components import find_cells as find_cells
 from ._queries.components import find_components as find_components
+from ._queries.distance import map_distances as map_distances
 from ._queries.upright import Upright as Upright
 from ._queries.vehicles import Car as Car
 from ._queries.vehicles import Differential as Differential

@@ -39,6 +39,8 @@ from cspace.inside import (
     check_not_negative,
     check_point,
     list_alternatives,
+    map_record,
+    suggest_endpoint,
     suggest_radians,
     turn_near,
     warn_of_degrees,
@@ -185,7 +187,7 @@ class Room:
         for part, limit in ((slice(None, dim), self.radius), (slice(dim, None), angle)):
             sizes = np.linalg.norm(steps[:, part], axis=1, keepdims=True)
             steps[:, part] *= np.minimum((1.0 - INSET) * limit / np.maximum(sizes, TINY), 1.0)
-        pulled = space.rotations._make_canonical(space.rotations._add_steps(middles, steps))
+        pulled = space.rotations.make_canonical(space.rotations.add_steps(middles, steps))
         if self.region is not None:
             inner_region = self.region.buffer(-INSET * space.grid.spacing)
             region = self.region if inner_region.is_empty else inner_region
@@ -256,7 +258,7 @@ class Room:
     def list_rotations(self, space: ConfigurationMap) -> Ints:
         """List the rotation cells that meet the room."""
         angles = np.array([self.angle + 2.0 * ANGLE_SLACK])
-        return space.rotations._find_cells_within(self.middle[np.newaxis], angles)[1]
+        return space.rotations.find_cells_within(self.middle[np.newaxis], angles)[1]
 
     def is_apart(self, space: ConfigurationMap, start: Endpoint) -> bool:
         """Return True if the map proves that no path from a start enters the room."""
@@ -346,7 +348,7 @@ class Room:
             where += ", at any rotation"
         elif len(rotation):
             where += f", within {self.angle:g} rad of {tuple(rotation.tolist())}"
-        hint, nearest = space._suggest_endpoint(self._find_nearest_to_free(space))
+        hint, nearest = suggest_endpoint(space, self._find_nearest_to_free(space))
         return ConfigurationError(
             self.name,
             f"has no configuration that is proven free {where}",
@@ -432,7 +434,7 @@ def _measure_lengths(edges: LocalPlanner, start: Endpoint, rows: Floats) -> Floa
     straight = np.linalg.norm(rows[:, :dim] - np.array(start)[:dim], axis=1)
     if len(rows) < 2 or not space.in_memory:
         return np.asarray(straight)
-    states = space._kernel_map.states
+    states = map_record(space).states
     side = 1 if math.prod(states.shape[1:]) <= MAX_POSITIONS_WITHOUT_BLOCKS else BLOCK_SIDE
     last = np.array(space.grid.shape) - 1
     cells = np.zeros((len(rows) + 1, 3), dtype=np.int64)
@@ -495,7 +497,7 @@ def _cut(edges: LocalPlanner, path: Floats, rooms: Sequence[Room]) -> Floats:
     step = 2.0 * space.resolution / STEPS_PER_CELL
     for number, (first, last) in enumerate(itertools.pairwise(path)):
         places = edges.split_edge(first, last, step, RADIANS_PER_STEP, 1.0).points
-        places = np.vstack([first, space.rotations._make_canonical(places[:-1]), last])
+        places = np.vstack([first, space.rotations.make_canonical(places[:-1]), last])
         inside = np.any([room.contains(space, places) for room in rooms], axis=0)
         if inside[0]:
             return path[: number + 1]
@@ -583,7 +585,7 @@ def _make_room(space: ConfigurationMap, parts: PlaceParts, name: str) -> Room:
     radians = parts.near.angle if parts.near and space.rotations.names else 0.0
     if parts.region is None and not parts.is_any:
         if isinstance(parts.configuration, Goal):
-            space._solve_goal(parts.configuration, name, (), None, False)  # raises
+            space.find_goals(parts.configuration, (0.0,) * space.size, None, name=name)  # raises
         middle = space.check_configuration(cast("ArrayLike", parts.configuration), name)
         return Room(name, middle, None, metres, radians)
     if parts.region is None:
@@ -593,7 +595,7 @@ def _make_room(space: ConfigurationMap, parts: PlaceParts, name: str) -> Room:
         shapely.prepare(parts.region)
         position = np.array(parts.region.representative_point().coords[0])
     rotation, angle = _find_rotation(space, parts.rotation, name)
-    middle = space.rotations._make_canonical(np.concatenate([position, rotation]), name)
+    middle = space.rotations.make_canonical(np.concatenate([position, rotation]), name)
     return Room(name, middle, parts.region, metres, min(angle + radians, math.pi))
 
 

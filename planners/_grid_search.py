@@ -12,7 +12,17 @@ import numpy as np
 
 from cspace import CSpace
 from cspace._queries.distance import Distances
-from cspace.inside import NEVER, Effort, Floats, check_memory, is_over, now
+from cspace.inside import (
+    NEVER,
+    Effort,
+    Floats,
+    check_memory,
+    find_cells,
+    is_over,
+    map_record,
+    map_rectangles,
+    now,
+)
 from planners._paths import (
     MAX_SHORTENING,
     Check,
@@ -39,7 +49,7 @@ def find_short_path(space: CSpace, endpoints: Floats, straight: bool, limit: Eff
     """
     start, goal = endpoints
     dim = space.dim
-    if not space.rotations._steps_between(start, goal)[dim:].any():
+    if not space.rotations.steps_between(start, goal)[dim:].any():
         # The same rotation may be given in other numbers, e.g. other signs.
         endpoints = np.stack([start, np.concatenate([goal[:dim], start[dim:]])])
     if straight and are_free(endpoints, space.edge_checker()):
@@ -123,8 +133,8 @@ def _find_path_along_chain(
         path = _find_taut_path(space, endpoints, until, may_exist)
         if len(path) and are_free(path, check):
             return path
-    map_ = space._kernel_map
-    first, last = space._cells_of(endpoints)
+    map_ = map_record(space)
+    first, last = find_cells(space, endpoints)
     cells = find_chain(
         map_.states.reshape(-1, *space.grid.shape),
         map_.rotations.slice_of,
@@ -161,10 +171,11 @@ def _find_taut_path(
 
     grid = space.grid
     start, goal = (endpoints - grid.lower) / grid.spacing
-    way = find_shortest_way(space._rectangles, start, goal, until, may_exist)
+    rectangles = map_rectangles(space)
+    way = find_shortest_way(rectangles, start, goal, until, may_exist)
     if not len(way.runs):
         return endpoints[:0]
-    taut = pull_taut(space._rectangles, way.runs, start, goal)
+    taut = pull_taut(rectangles, way.runs, start, goal)
     path: Floats = np.asarray(grid.lower) + grid.spacing * taut
     path[[0, -1]] = endpoints
     return path

@@ -16,7 +16,7 @@ from cspace._queries.points import slice_of
 from cspace._record.cells import Map
 from cspace._rotations.lookup import arc_angle_and_error, rotation_along
 from cspace._support.arrays import Numbers
-from cspace.inside import Floats, Row, bind_kernel, internal, kernel
+from cspace.inside import Floats, Row, bind_kernel, internal, kernel, map_record
 
 Field = DistanceMap | Floats | None
 """Source of a value at each configuration: the clearance, by distances; overlaps of cells; or none
@@ -151,5 +151,5 @@ def bind_cost(kernel: Any, space: CSpace, field: Field, *fixed: Any) -> Callable
             return Values(NO_VALUES, no_distances, np.empty(0))
         return Values(OVERLAPS, no_distances, field.reshape(-1))
 
-    integrate = bind_kernel(kernel, (space._kernel_map,), get_values(), *fixed, zeros)
+    integrate = bind_kernel(kernel, (map_record(space),), get_values(), *fixed, zeros)
     return lambda *ends: integrate(get_values(), *fixed, padding + ends)

@@ -46,6 +46,7 @@ from cspace.inside import (
     internal,
     is_over,
     kernel,
+    map_record,
     now,
     spend,
     wrap_angles,
@@ -304,7 +305,7 @@ def _make_guide(edges: LocalPlanner, endpoints: Endpoints, is_backwards: bool) -
         (direction, (0, i, j)) for direction, (i, j) in zip(nearest, cells.tolist(), strict=True)
     )
     return Guide(
-        edges.cells._kernel_map.states,
+        map_record(edges.cells).states,
         _list_directions(edges, is_backwards),
         start,
         goal,
@@ -356,7 +357,7 @@ def _list_directions(edges: LocalPlanner, is_backwards: bool) -> Directions:
 def _list_slices_near(edges: LocalPlanner, yaws: Floats) -> Ints:
     """List slices near each yaw, nearest first, shape (yaws, n)."""
     rotations = edges.space.rotations
-    slice_of: Ints = edges.cells._kernel_map.rotations.slice_of
+    slice_of: Ints = map_record(edges.cells).rotations.slice_of
     count = math.ceil(MAX_DEVIATION * len(rotations) / math.tau)
     deviations = MAX_DEVIATION * np.arange(-count, count + 1) / count
     deviations = deviations[np.argsort(np.abs(deviations))]

@@ -31,6 +31,7 @@ from cspace.inside import (
     Differential,
     Endpoint,
     Floats,
+    map_record,
     measure_steps,
     proofs_of,
 )
@@ -128,7 +129,7 @@ class LocalPlanner:
 
     def bounded_map(self) -> Map:
         """Return the map for kernels, MIXED outside."""
-        map_ = self.cells._kernel_map
+        map_ = map_record(self.cells)
         return map_._replace(exterior=np.full_like(map_.exterior, MIXED))
 
     def geometry(self) -> Geometry:
@@ -258,7 +259,7 @@ class LocalPlanner:
         for first, last, turn in zip(path[:-1], path[1:], turns, strict=True):
             if step is not None or turn.any() or isinstance(self.drive, Car):
                 points = self.split_edge(first, last, cell, MAX_RADIANS, at_end).points
-                rows.append(self.space.rotations._make_canonical(points[:-1]))
+                rows.append(self.space.rotations.make_canonical(points[:-1]))
             rows.append(last[np.newaxis])
         return np.concatenate(rows)
 
@@ -304,7 +305,7 @@ class LocalPlanner:
         pieces = self.split_path(path, self.space.resolution, MAX_RADIANS)
         rotations = self.cells.rotations
         max_turns = 0.5 * pieces.rotations + 2.0 * ANGLE_SLACK
-        rows, cells = rotations._find_cells_within(pieces.points, max_turns)
+        rows, cells = rotations.find_cells_within(pieces.points, max_turns)
         q = pieces.points[rows]
         # Clearance is constant in a rotation cell.
         q[:, self.space.dim :] = rotations.centers[cells]
@@ -401,10 +402,10 @@ class TurnDriveTurn(LocalPlanner):
         """Choose the yaw of a drive; ``yaw0`` for a pure turn."""
         if x0 == x1 and y0 == y1:
             return yaw0
-        ahead = _wrap_yaw(math.atan2(y1 - y0, x1 - x0))
+        ahead = wrap_yaw(math.atan2(y1 - y0, x1 - x0))
         if not self.reverses:
             return ahead
-        back = _wrap_yaw(ahead + math.pi)
+        back = wrap_yaw(ahead + math.pi)
 
         def rotation(yaw: float) -> float:
             """Return the radians of both turns."""
@@ -442,7 +443,7 @@ class TurnDriveTurn(LocalPlanner):
         return np.array(rows).reshape(-1, 3)
 
 
-def _wrap_yaw(yaw: float) -> float:
+def wrap_yaw(yaw: float) -> float:
     """Wrap a yaw from (-2 pi, 2 pi) into [-pi, pi)."""
     wrapped_yaw = math.remainder(yaw, math.tau)
     return wrapped_yaw if wrapped_yaw < math.pi else -math.pi

@@ -21,6 +21,7 @@ from cspace.inside import (
     check_not_negative,
     check_number,
     check_positive,
+    map_distances,
 )
 from planners._drives import local_planner
 from planners._integrals import CostDensity, Field
@@ -170,7 +171,7 @@ class ClearanceObjective(WeightedLength):
         super().__init__(
             si,
             space,
-            space._distances,
+            map_distances(space),
             offset=1.0,
             slope=-1.0 / threshold,
             weight=weight,
@@ -218,7 +219,7 @@ def find_clear_path(
         penalties = np.maximum(np.float32(0.0), 1.0 - clearances / threshold)
         return np.asarray(1.0 + DEFAULT_WEIGHT * penalties * penalties)
 
-    cost = edges.edge_cost(space._distances, density)
+    cost = edges.edge_cost(map_distances(space), density)
     return find_cheap_path(space, endpoints, find_factors, cost, straight, limit)
 
 

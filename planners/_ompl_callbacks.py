@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -11,11 +11,11 @@ import numpy as np
 from ompl import base as ob
 from ompl import util as ou
 
-from cspace import CSpace, Space
+from cspace import CSpace, Rotations, Space
 from cspace.errors import InputError
 from cspace.inside import Floats, check_rng, names_options
 from planners._drives import local_planner
-from planners._local_planner import Drive
+from planners._local_planner import Drive, wrap_yaw
 from planners._ompl_states import check_information, find_state_kind
 
 
@@ -215,12 +215,25 @@ class FreeStateSampler(ob.ValidStateSampler):
             return False
         for _ in range(max(1, self.getNrAttempts())):
             position = [min(low + next(numbers) * (high - low), high) for low, high in box]
-            rotation = self._rotations._sample_near(center_rotation, max_turn, numbers)
+            rotation = sample_rotation(self._rotations, center_rotation, max_turn, numbers)
             q = (*position, *rotation)
             if self._is_free(*q):
                 self._kind.write(state, *q)
                 return True
         return False
+
+
+def sample_rotation(
+    rotations: Rotations, center: Sequence[float], angle: float, numbers: Iterator[float]
+) -> Sequence[float]:
+    """Sample a rotation within an angle of another one, by uniform numbers from 0 to 1."""
+    if len(center) < 2:  # one yaw, or no rotation, in plain floats: samples are made one by one
+        return [wrap_yaw(yaw + (2.0 * next(numbers) - 1.0) * angle) for yaw in center]
+    # Draw from the largest cube of rotation vectors in the ball of that angle.
+    half_side = angle / math.sqrt(3.0)
+    vector = [(2.0 * next(numbers) - 1.0) * half_side for _ in range(3)]
+    rotated: list[float] = rotations.add_steps(np.array(center), np.array(vector)).tolist()
+    return rotated
 
 
 def _draw_batches(draw: Callable[[int], Floats]) -> Iterator[Any]:

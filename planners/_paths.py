@@ -126,7 +126,7 @@ def _measure(path: Floats, rotations: Rotations, cost: Cost | None) -> float:
 
 def path_length(path: Floats, rotations: Rotations) -> float:
     """Return a path's length, metres, by :data:`METRES_PER_RADIAN`."""
-    steps = rotations._steps_between(path[:-1], path[1:])
+    steps = rotations.steps_between(path[:-1], path[1:])
     dim = path.shape[1] - len(rotations.names)
     lengths, angles = measure_steps(steps, dim)
     return float((lengths + METRES_PER_RADIAN * angles).sum())
@@ -172,8 +172,8 @@ def _cut_corner(
     # Points at shares of both edges, counted from the corner.
     shares = np.linspace(0.0, 1.0, SHARES_PER_EDGE + 1)[:, np.newaxis]
     corners = np.repeat(corner[np.newaxis], len(shares), axis=0)
-    backward = rotations._add_steps(corners, shares * rotations._steps_between(corner, before))
-    forward = rotations._add_steps(corners, shares * rotations._steps_between(corner, after))
+    backward = rotations.add_steps(corners, shares * rotations.steps_between(corner, before))
+    forward = rotations.add_steps(corners, shares * rotations.steps_between(corner, after))
     low = 0
     high = SHARES_PER_EDGE
     while high - low > 1:

@@ -34,6 +34,7 @@ from cspace.inside import (
     limit_effort,
     names_options,
     now,
+    read_message,
 )
 from cspace.inside import Upright as Upright
 from planners._catalogue import (
@@ -272,7 +273,7 @@ def plan(
     kept = _check_keep(keep)
     if kept:
         check_support("`keep`", "keep", keep, space)
-        edges = replace(edges, space=space._keep(kept))
+        edges = replace(edges, space=space.keep(kept))
     name = default_planner(drive) if planner is None else planner_named(planner, space.searches)
     task = PlanTask(
         edges=edges,
@@ -287,7 +288,7 @@ def plan(
         previous=np.empty((0, space.size)),
         keep=kept,
     )
-    point = space.check_configuration(space._read_message(near.configuration), "start")
+    point = space.check_configuration(read_message(space, near.configuration), "start")
     if previous is not None:
         task = replace(task, previous=_check_previous(task, previous))
         if not edges.exact and _needs_geometry(space, point):
@@ -633,7 +634,7 @@ def _search_and_prove(task: PlanTask, may_exist: Callable[[], bool]) -> SearchRe
     if not space.in_memory:
         return _search_tiles(task, may_exist)
     result = _search(task, may_exist)
-    path = task.edges.insert_breakpoints(space.rotations._make_canonical(result.path))
+    path = task.edges.insert_breakpoints(space.rotations.make_canonical(result.path))
     return replace(result, path=path, proven=len(path) > 0 and task.edges.are_free(path))
 
 
@@ -644,7 +645,7 @@ def _search_tiles(task: PlanTask, may_exist: Callable[[], bool]) -> SearchResult
     """
     edges = task.edges
     is_holonomic = edges.drive is None
-    parts = edges.tiles._subproblems(*task.endpoints[:2])
+    parts = edges.tiles.subproblems(*task.endpoints[:2])
     paths: list[Floats] = []
     results: list[SearchResult] = []
     for open_part, *ends in parts:
@@ -886,7 +887,7 @@ def _find_path(task: PlanTask, may_exist: Callable[[], bool]) -> tuple[Floats, s
 def _check_ends(task: PlanTask, path: Floats) -> None:
     """Raise InputError unless a path of a space's own search leads from the start to a goal."""
     space = task.edges.space
-    rows = space.rotations._make_canonical(path)
+    rows = space.rotations.make_canonical(path)
     if find_state_kind(space).reached_goal(rows, task.endpoints):
         return
     first, last = map(tuple, rows[[0, -1]].tolist())
@@ -902,7 +903,7 @@ def _search_cells(task: PlanTask) -> Floats:
 
     edges = task.edges
     space = edges.cells
-    endpoints = space.rotations._make_canonical(np.array(task.endpoints))
+    endpoints = space.rotations.make_canonical(np.array(task.endpoints))
     options = task.simplify, task.limit
     with suppress(TimeoutError):
         if task.planner == MAX_CLEARANCE:

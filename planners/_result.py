@@ -269,7 +269,7 @@ class Plan:
     def _edges_on(self, space: Space) -> LocalPlanner:
         """Return the local planner on a map."""
         edges = local_planner(space, self.exact, self.drive)
-        return replace(edges, space=space._keep(self.keep)) if self.keep else edges
+        return replace(edges, space=space.keep(self.keep)) if self.keep else edges
 
     def _map(self) -> Space:
         """Return the map, or raise InputError after pickling."""
@@ -688,7 +688,7 @@ class Plan:
             max_angular_jerk,
         )
         path = DrivenPath(
-            space=None if self.space is None else self.space._keep(self.keep),
+            space=None if self.space is None else self.space.keep(self.keep),
             waypoints=self.waypoints,
             axes=self.axes,
             units=self.units,

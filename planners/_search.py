@@ -166,9 +166,9 @@ def list_turns(rotations: Rotations, spacing: float) -> Turns:
     Both have the shape (rotations, n). Missing neighbours are -1; costs are in cells of a side of
     ``spacing`` metres.
     """
-    neighbors = rotations._neighbors
+    neighbors = rotations.neighbors
     centers = rotations.centers
-    steps = rotations._steps_between(centers[:, np.newaxis], centers[neighbors])
+    steps = rotations.steps_between(centers[:, np.newaxis], centers[neighbors])
     angles = np.linalg.norm(steps, axis=-1)
     return neighbors, np.asarray(METRES_PER_RADIAN / spacing * angles)
 

@@ -87,7 +87,7 @@ def measure_sizes(rows: Floats, rotations: Rotations) -> Floats:
     sizes = np.abs(rows[:, :dim]).max(axis=0)
     if not rotations.names:
         return np.asarray(sizes)
-    angles = rotations._steps_between(rows[:1], rows[:1])[0, dim:]
+    angles = rotations.steps_between(rows[:1], rows[:1])[0, dim:]
     return np.concatenate([np.full(dim, sizes.max()), np.ones(len(angles))])
 
 
@@ -126,7 +126,7 @@ def place_along(
         first[arcs, :2] = turn_left(first[arcs, :2], 2.0 * half)
         sideways = np.column_stack([-first[arcs, 1], first[arcs, 0]])
         second[arcs, :2] = curvatures[:, np.newaxis] * sideways
-    q = rotations._add_steps(segments.starts, steps)
+    q = rotations.add_steps(segments.starts, steps)
     driven = np.flatnonzero(segments.drives)
     if len(driven):
         signs = segments.drives[driven, np.newaxis]

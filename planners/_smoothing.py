@@ -413,7 +413,7 @@ def make_curves(
     offsets, rates, bends, twists = np.tensordot(TO_POLYNOMIAL, spans, axes=1)
     offsets -= polyline.waypoints[section.first]
     start = polyline.edges.starts[[section.first]]
-    starts = rotations._add_steps(start.repeat(count, axis=0), offsets)
+    starts = rotations.add_steps(start.repeat(count, axis=0), offsets)
     sign = polyline.signs[section.first]
     if sign:
         starts[:, 2] = np.arctan2(sign * rates[:, 1], sign * rates[:, 0])

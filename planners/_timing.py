@@ -432,7 +432,7 @@ def is_motion(
     rows, rates, bends = place_along(parts, rotations, positions)
     before = np.concatenate([ends[:1], rows[count:]])
     after = np.concatenate([rows[:count], ends[-1:]])
-    gaps = np.abs(rotations._steps_between(before, after))
+    gaps = np.abs(rotations.steps_between(before, after))
     velocities = rates * speeds[:, np.newaxis]
     rest = np.zeros((1, rates.shape[1]))
     velocities_before = np.concatenate([rest + begin_velocity, velocities[count:]])

@@ -294,7 +294,7 @@ class Trajectory:
         route = self._route
         check_space(space)
         check_axes(space, self.axes, "trajectory")
-        space = space._keep(route.keep)
+        space = space.keep(route.keep)
         edges = local_planner(space, route.exact, route.drive)
         if self._segments.is_curve.any():
             driven = _cut_driven(self._segments, self._phases, self._rotations)
@@ -357,7 +357,7 @@ class Trajectory:
             phases = min(filter(None, (stop_phases, later)), key=_last_time)
         segments, phases = trim_segments(ahead, phases)
         cut = _cut_driven(segments, phases, self._rotations)
-        waypoints = self._rotations._make_canonical(_make_waypoints(cut, self._rotations))
+        waypoints = self._rotations.make_canonical(_make_waypoints(cut, self._rotations))
         ends = np.concatenate([place, waypoints[-1:]])
         timing = ends, segments, self._rotations, phases, self._bounds
         stop = replace(
@@ -863,7 +863,7 @@ def _start_at(path: DrivenPath, q: Floats, rotations: Rotations) -> DrivenPath |
         rows += math.tau * np.rint((q - rows[0]) / math.tau)
     elif "qw" in path.axes and q[-4:] @ rows[0, -4:] < 0.0:
         rows[:, -4:] *= -1.0
-    gaps = np.abs(rotations._steps_between(rows[0], q))
+    gaps = np.abs(rotations.steps_between(rows[0], q))
     if (gaps > MAX_BEGIN_GAP * np.maximum(measure_sizes(q[np.newaxis], rotations), 1.0)).any():
         return None
     rows[0] = q
@@ -1206,7 +1206,7 @@ def _split(path: DrivenPath, rotations: Rotations, bounds: MotionBounds) -> Segm
 def _split_edges(path: DrivenPath, rotations: Rotations, velocity: LimitRates) -> Segments:
     """Return the straight edges of a path, shape (n, size)."""
     starts = align_quaternions(path.waypoints, rotations)
-    steps = rotations._steps_between(starts[:-1], starts[1:])
+    steps = rotations.steps_between(starts[:-1], starts[1:])
     return _make_segments(starts, steps, np.zeros(len(steps)), rotations, velocity)
 
 

@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 
 from cspace import BLOCKED, FREE, MIXED, CSpace
-from cspace.inside import Bools, Effort, Floats, Ints, States, is_over, spend
+from cspace.inside import Bools, Effort, Floats, Ints, States, find_cells, is_over, spend
 from planners._paths import path_length, waypoints
 from planners._search import find_chain, list_turns
 
@@ -51,7 +51,7 @@ class MixedCellSearch:
         """
         no_path = np.empty((0, endpoints.shape[1]))
         space = self.space
-        cells = space._cells_of(endpoints)
+        cells = find_cells(space, endpoints)
         is_mixed = self.states == MIXED
         passable = np.where(is_mixed, FREE, self.states)
         # Start and goal are free whether or not the centers of their cells are.
@@ -119,7 +119,7 @@ class MixedCellSearch:
         They lie in the boxes around the edges. ``edges`` has shape (n, 2, size); ``candidates``,
         shape (rotations, ...), is a mask.
         """
-        cells = self.space._cells_of(edges)
+        cells = find_cells(self.space, edges)
         corners = np.sort(cells[..., 1:], axis=1)
         selected = []
         # Cells of the box between both ends, at the rotation of either end.

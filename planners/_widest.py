@@ -26,7 +26,20 @@ from cspace._queries.distance import Distances
 from cspace._queries.frontier import check_deadline
 from cspace._record.cells import Map, make_map_record
 from cspace._record.states import read_only
-from cspace.inside import Bools, Bytes, Effort, Floats, Ints, check_memory, kernel, now, spend
+from cspace.inside import (
+    Bools,
+    Bytes,
+    Effort,
+    Floats,
+    Ints,
+    check_memory,
+    find_cells,
+    kernel,
+    map_distances,
+    map_record,
+    now,
+    spend,
+)
 from planners._paths import MAX_SHORTENING, pulled_straight, waypoints
 from planners._search import Turns, find_chain, list_turns
 
@@ -243,7 +256,7 @@ def find_widest_path(space: CSpace, endpoints: Floats, straight: bool, limit: Ef
     """
     widths = WidthMap(
         measure_widths(space),
-        space._kernel_map.rotations.slice_of,
+        map_record(space).rotations.slice_of,
         list_turns(space.rotations, space.grid.spacing),
     )
     until = now() + limit
@@ -258,7 +271,7 @@ def measure_widths(space: CSpace) -> Distances:
     """
     needed = SEARCH_BYTES_PER_CELL * space.grid.size * len(space.rotations)
     check_memory(needed, "the map, to search it by clearance,", space.grid)
-    return space._distances.array()
+    return map_distances(space).array()
 
 
 def _find_wide_path(
@@ -270,7 +283,7 @@ def _find_wide_path(
     proven.
     """
     rotations = space.rotations
-    start, goal = space._cells_of(endpoints)
+    start, goal = find_cells(space, endpoints)
     # Climb from both ends, and connect the two local maxima.
     from_start = widths.climb(start)
     from_goal = widths.climb(goal)
@@ -313,7 +326,7 @@ def _cut_wide_map(widths: Distances, space: CSpace, positions: Ints, min_width: 
     It contains ``positions``; cells are FREE from ``min_width`` on. ``positions``, shape (n, d),
     are indices of cells along the axes.
     """
-    map_ = space._kernel_map
+    map_ = map_record(space)
     grid = space.grid
     # One more cell on each side, because edges may touch it.
     first = np.maximum(positions.min(axis=0) - 1, 0)

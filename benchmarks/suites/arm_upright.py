@@ -159,7 +159,7 @@ def draw_problem(files: Folder, carrier: Carrier, rng: np.random.Generator) -> U
         space = build_arm_space(our_solids(solids), files.arm)
         goals = [PoseGoal(carrier.frame, pose, (1e-3, 0.01)) for pose in poses]
         try:
-            kept = space._keep([keep])
+            kept = space.keep([keep])
             near = tuple(kept.sample_free(rng=rng).tolist())
             start = kept.find_goals(goals[0], near, seed=0)[0]
             kept.find_goals(goals[1], start, seed=0)

@@ -53,7 +53,7 @@ def at_half_a_cell(space: CSpace, si: Any) -> None:
 def states_of(space: CSpace, si: Any, q: Iterable[Floats]) -> list[Any]:
     """Return OMPL's states of configurations."""
     kind, states = find_state_kind(space), []
-    for numbers in space.rotations._make_canonical(np.asarray(q)).tolist():
+    for numbers in space.rotations.make_canonical(np.asarray(q)).tolist():
         states.append(si.getStateSpace().allocState())
         kind.write(states[-1], *numbers)
     return states

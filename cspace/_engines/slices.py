@@ -46,9 +46,9 @@ def slice_rasters(
     Rasters are made from the rotated geometry, unless a slice is the image of an earlier slice by
     quarter turns or mirrors. Then the raster is an image too.
     """
-    if rotations._preserves(robot.shape):
-        return [rasterize(robot, spacing, margin)]
-    rotation_cells = rotations._make_shape_cells(robot.dim)
+    slice_cells = list_slice_cells(robot, rotations)
+    if len(slice_cells) == 1:
+        return [rasterize(robot, spacing, margin, slice_cells[0])]
     slice_of = rotations._assign_slices(robot.shape)
     _, first_cells = np.unique(slice_of, return_index=True)
     # The source of a slice is the smallest of its images; the transposed matrix maps it back.
@@ -62,7 +62,7 @@ def slice_rasters(
     cells = float(np.prod(sides + 1.0))
     threads = count_cores() if len(originals) * cells > MIN_CELLS_FOR_THREADS else 1
     original_rasters = map_in_threads(
-        lambda number: rasterize(robot, spacing, margin, rotation_cells[first_cells[number]]),
+        lambda number: rasterize(robot, spacing, margin, slice_cells[number]),
         originals,
         threads,
     )
@@ -94,6 +94,15 @@ def rasterize(
         span *= math.sqrt(robot.dim)
     check_reach((span + growth) / side, "robot", "its reference point")
     return robot.shape.rasters(side, growth, rotation)
+
+
+def list_slice_cells(robot: Robot, rotations: Rotations) -> list[RotationCell]:
+    """Return the rotation cell of each slice, as shapes take it."""
+    if rotations._preserves(robot.shape):
+        return [NO_ROTATION]
+    cells = rotations._make_shape_cells(robot.dim)
+    _, first_cells = np.unique(rotations._assign_slices(robot.shape), return_index=True)
+    return [cells[number] for number in first_cells]
 
 
 def estimate_raster_bytes(

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Final, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
@@ -35,6 +35,9 @@ from cspace._queries.frontier import (
 from cspace._support.arrays import FREE, Floats, Ints, States
 from cspace._support.compiling import inlined, internal, kernel
 from cspace._support.deadlines import NEVER, Effort, spend
+
+if TYPE_CHECKING:
+    from cspace._space import CSpace
 
 INSET: Final = 2.0**-20
 """Distance in cells of ends from lines, so that no end is on a line."""
@@ -153,6 +156,11 @@ def list_rectangles(states: States) -> Rectangles:
     column = runs.starts // width
     first = np.searchsorted(column, np.arange(columns + 1))
     return Rectangles(first, column, runs.starts - column * width, runs.stops - column * width)
+
+
+def map_rectangles(space: CSpace) -> Rectangles:
+    """Return the runs of FREE cells of a plane map; they follow updates."""
+    return space._rectangles
 
 
 def find_shortest_way(

@@ -35,7 +35,7 @@ import math
 from collections.abc import Callable, Iterable
 from contextlib import AbstractContextManager
 from functools import partial
-from typing import Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,6 +48,9 @@ from cspace._record.cells import Map
 from cspace._support.arrays import FREE, Bools, Floats, Ints, Numbers, Row, States
 from cspace._support.compiling import internal, kernel
 from cspace._support.threads import count_cores, map_in_threads, run_in_chunks
+
+if TYPE_CHECKING:
+    from cspace._space import CSpace
 
 Distances = NDArray[np.float32]
 """Distances of cells, or their squares, in cells."""
@@ -150,6 +153,11 @@ class DistanceMap:
         table.boxes[number] = find_bounding_box(states, exterior)
         distances = table.cells.reshape(self._states.shape)
         compute_distances(states, exterior, distances[number])
+
+
+def map_distances(space: CSpace) -> DistanceMap:
+    """Return the distances of a map's cells from those that are not FREE; they follow updates."""
+    return space._distances
 
 
 # ---- the table -----------------------------------------------------------------------------------

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from cspace._grid import Grid
 from cspace._record.exterior import OUTSIDES, UNKNOWN, Exterior
 from cspace._rotations import Rotations
-from cspace._support.arrays import Ints, States
+from cspace._support.arrays import MIXED, Ints, States
 from cspace._support.check import check_word
 from cspace.errors import InputError
 
@@ -71,6 +71,16 @@ class Contents:
             object.__setattr__(self, "overlap_counts", counts)
         if self.outside != UNKNOWN:
             check_word(self.outside, "outside", OUTSIDES)
+
+    @classmethod
+    def undecided(
+        cls, workspace: Workspace, robot: Robot, rotations: Rotations, **options: Any
+    ) -> Contents:
+        """Return the contents of a map whose cells are all MIXED."""
+        slice_of = rotations._assign_slices(robot.shape)
+        shape = (int(slice_of.max()) + 1, *workspace.grid.shape)
+        states = np.full(shape, MIXED, dtype=np.uint8)
+        return cls(workspace, robot, rotations, slice_of, states, **options)
 
     @property
     def grid(self) -> Grid:

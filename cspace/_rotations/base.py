@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Final, NamedTuple, Protocol
 
@@ -311,7 +311,7 @@ class Rotations(ABC):
 
     # ---- rotations as numbers
 
-    def _make_canonical(self, q: Floats, name: str = "q") -> Floats:
+    def make_canonical(self, q: Floats, name: str = "q") -> Floats:
         """Wrap yaws to [-pi, pi), and normalise quaternions.
 
         Configurations have the shape (..., d + size). Coordinates that are canonical stay unchanged
@@ -323,7 +323,7 @@ class Rotations(ABC):
         position, rotation = self._split_configurations(q)
         return np.concatenate([position, self._canonical_rotation(rotation, name)], axis=-1)
 
-    def _steps_between(self, q0: Floats, q1: Floats) -> Floats:
+    def steps_between(self, q0: Floats, q1: Floats) -> Floats:
         """Return the steps between configurations, with the shorter rotation."""
         position0, rotation0 = self._split_configurations(q0)
         position1, rotation1 = self._split_configurations(q1)
@@ -331,7 +331,7 @@ class Rotations(ABC):
         rotation = self._rotation_between(rotation0, rotation1)
         return np.concatenate([translation, rotation], axis=-1)
 
-    def _add_steps(self, q: Floats, steps: Floats) -> Floats:
+    def add_steps(self, q: Floats, steps: Floats) -> Floats:
         """Return configurations after steps or fractions of steps.
 
         The rotation is even along a step.
@@ -357,15 +357,6 @@ class Rotations(ABC):
         canonical = self._canonical_rotation(numbers, name)
         warn_of_degrees(numbers, angle_axes(self.names), name)
         return canonical
-
-    def _sample_near(
-        self, rotation: Sequence[float], angle: float, numbers: Iterator[float]
-    ) -> Sequence[float]:
-        """Sample a rotation within an angle, from uniform numbers of [0, 1).
-
-        Uses plain floats, because samples are made one by one.
-        """
-        return rotation
 
     def _split_configurations(self, q: Floats) -> tuple[Floats, Floats]:
         """Split configurations into position and rotation."""
@@ -489,7 +480,7 @@ class Rotations(ABC):
         """
         return np.zeros((*q.shape[:-1], 1))
 
-    def _find_cells_within(self, q: Floats, angles: Floats) -> tuple[Ints, Ints]:
+    def find_cells_within(self, q: Floats, angles: Floats) -> tuple[Ints, Ints]:
         """Find the rotation cells within an angle of each configuration's rotation.
 
         ``q`` has the shape (n, d + size), ``angles``, in radians, the shape (n,). Returns pairs of
@@ -509,7 +500,7 @@ class Rotations(ABC):
         return np.concatenate(indices), np.concatenate(cells)
 
     @property
-    def _neighbors(self) -> Ints:
+    def neighbors(self) -> Ints:
         """Cells that share a boundary with each cell, shape (count, n).
 
         Missing neighbours are -1.

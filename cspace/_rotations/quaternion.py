@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, ClassVar, Final, NamedTuple
@@ -82,19 +82,6 @@ class QuaternionRotations(Rotations):
         cells_per_chart = len(coordinates["quaternion"]) / 4.0  # n^3 for each largest component
         return cls(max(1, round(cells_per_chart ** (1.0 / 3.0))))
 
-    def _sample_near(
-        self, rotation: Sequence[float], angle: float, numbers: Iterator[float]
-    ) -> Sequence[float]:
-        """Sample a rotation within an angle of another one.
-
-        ``angle`` is in radians; ``numbers`` yields numbers from 0 to 1.
-        """
-        # Draw from the largest cube of rotation vectors in the ball of that angle.
-        half_side = angle / math.sqrt(3.0)
-        vector = [(2.0 * next(numbers) - 1.0) * half_side for _ in range(3)]
-        rotated: list[float] = self._rotate(np.array(rotation), np.array(vector)).tolist()
-        return rotated
-
     def _canonical_rotation(self, rotation: Floats, name: str) -> Floats:
         """Return quaternions, shape (..., 4), with norm 1.
 
@@ -139,6 +126,7 @@ class QuaternionRotations(Rotations):
         """Convert quaternions to matrices, shape (..., 3, 3)."""
         from scipy.spatial.transform import Rotation
 
+        self._check_dimension(dim)
         matrices = Rotation.from_quat(rotation.reshape(-1, 4)).as_matrix()
         return np.asarray(matrices.reshape(*rotation.shape[:-1], 3, 3))
 
@@ -306,7 +294,7 @@ class QuaternionRotations(Rotations):
         return np.asarray(2.0 * np.arccos(np.minimum(cosines, 1.0)))
 
     @property
-    def _neighbors(self) -> Ints:
+    def neighbors(self) -> Ints:
         """Neighbors of each cell along its chart's axes.
 
         Their shape is (count, 6). They may lie in another chart, in which another component is

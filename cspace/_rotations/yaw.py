@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, Final
 
@@ -78,17 +77,6 @@ class YawRotations(Rotations):
         """Make cells from their stored boundaries."""
         starts, stops = coordinates["yaw_bounds"].T
         return cls._of_value([*starts.tolist(), float(stops[-1])])
-
-    def _sample_near(
-        self, rotation: Sequence[float], angle: float, numbers: Iterator[float]
-    ) -> Sequence[float]:
-        """Sample a rotation within an angle."""
-        turn = (2.0 * next(numbers) - 1.0) * angle
-        (center,) = rotation
-        yaw = math.remainder(center + turn, TWO_PI)
-        if yaw == math.pi:  # yaws lie in [-pi, pi)
-            yaw = -math.pi
-        return (yaw,)
 
     def _canonical_rotation(self, rotation: Floats, name: str) -> Floats:
         """Wrap yaws into [-pi, pi).
@@ -204,7 +192,7 @@ class YawRotations(Rotations):
         return np.abs(wrap_steps(self._yaws - q[..., -1:]))
 
     @property
-    def _neighbors(self) -> Ints:
+    def neighbors(self) -> Ints:
         """Cells before and after each cell, in a ring."""
         # One cell has no neighbor, and the neighbor of one of two cells is on both sides of it.
         steps = np.arange(1, len(self)) if len(self) <= 2 else np.array([-1, 1])

@@ -28,7 +28,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from cspace import BLOCKED, MIXED, Grid, Robot, Rotations, Workspace
+from cspace import BLOCKED, Grid, Robot, Rotations, Workspace
 from cspace.errors import FileError
 from cspace.inside import (
     UNKNOWN,
@@ -341,10 +341,7 @@ def make_frame(
     grid = Grid(whole.lower, whole.spacing, one_cell, whole.axes, whole.units, whole.frame_id)
     occupied = np.ones(one_cell, dtype=np.bool_)
     cell = Workspace(grid, occupied, occupied, source=workspace.source, shapes=workspace.shapes)
-    slice_of = rotations._assign_slices(robot.shape)
-    slices = int(slice_of.max()) + 1
-    states = np.full((slices, *one_cell), MIXED, dtype=np.uint8)
-    return Contents(cell, robot, rotations, slice_of, states, **options)
+    return Contents.undecided(cell, robot, rotations, **options)
 
 
 def _describe(contents: Contents) -> dict[str, Any]:

@@ -56,9 +56,9 @@ def cut_motions(
     each piece belongs to, and the starts and ends of the pieces.
     """
     dim = grid.dim
-    starts = rotations._make_canonical(starts)
-    ends = rotations._make_canonical(ends)
-    steps = rotations._steps_between(starts, ends)
+    starts = rotations.make_canonical(starts)
+    ends = rotations.make_canonical(ends)
+    steps = rotations.steps_between(starts, ends)
     angles = np.linalg.norm(steps[:, dim:], axis=1)
     half_turns = np.flatnonzero(angles >= HALF_TURN)
     # A half turn has a second arc, in the opposite direction by 2 pi less its angle.
@@ -77,7 +77,7 @@ def cut_motions(
     def interpolate(cuts: Ints) -> Floats:
         """Return the configuration of each piece at a cut of its arc."""
         shares = cuts / counts[arc_of_piece]
-        return rotations._add_steps(starts[motions], steps[arc_of_piece] * shares[:, np.newaxis])
+        return rotations.add_steps(starts[motions], steps[arc_of_piece] * shares[:, np.newaxis])
 
     first = interpolate(number)
     last = interpolate(number + 1)

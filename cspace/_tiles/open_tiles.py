@@ -65,7 +65,7 @@ def open_tile(folder: TileFolder, number: int) -> OpenTile:
     tile = folder.read_tile(number)
     # Components do not join through the exterior of the tile.
     closed = np.zeros(folder.slices, dtype=np.bool_)
-    components = Components(tile.states, tile.slice_of, tile.rotations._neighbors, closed)
+    components = Components(tile.states, tile.slice_of, tile.rotations.neighbors, closed)
     return OpenTile(folder.locate_tile(number)[0], tile, CSpace(tile), components)
 
 

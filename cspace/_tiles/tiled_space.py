@@ -252,7 +252,7 @@ class TiledCSpace(ConfigurationMap):
         self._labels = self._labels or TiledComponents(self._tiles)
         return self._labels
 
-    def _subproblems(
+    def subproblems(
         self, q0: ArrayLike, q1: ArrayLike
     ) -> list[tuple[Callable[[], CSpace], Floats, Floats]]:
         """Split a planning problem into one per tile.
@@ -271,7 +271,7 @@ class TiledCSpace(ConfigurationMap):
             it, shape (size,), yaw in [-pi, pi). Each goal is the start of the next tile. Empty if
             no FREE cells connect q0 and q1.
         """
-        make_canonical = self.rotations._make_canonical
+        make_canonical = self.rotations.make_canonical
         start = make_canonical(self._check_configurations(q0, "q0"), "q0")
         goal = make_canonical(self._check_configurations(q1, "q1"), "q1")
         with self._map_lock():

@@ -727,7 +727,7 @@ class ArmSpace(ConfigurationSpace):
             )
         return np.array(upright)
 
-    def _keep(self, uprights: Sequence[Upright]) -> ArmSpace:
+    def keep(self, uprights: Sequence[Upright]) -> ArmSpace:
         """Return a space whose FREE also keeps axes of frames upright; see the base class."""
         return ArmSpace(self.snapshot.keep(uprights), self._base) if uprights else self
 

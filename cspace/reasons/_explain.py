@@ -329,9 +329,9 @@ def _list_obstacles(
     everywhere in a cell. Returns the names of named obstacles, then descriptions of other
     obstacles, the nearest to ``position`` first.
     """
-    if not space.has_poses and space._has_bodies:
-        solids = space._name_obstacles(position, np.zeros(space.dim), 0.0)
-        return [], [*map(repr, solids)]
+    refusal = None if space.has_poses else space.certify_chunk(position, [position]).refusal
+    if refusal is not None and refusal.names:
+        return [], [*map(repr, refusal.names)]
     kind = "the obstacle" if space.has_poses else "the cells"
     touched = find_touched_cells(space, cells, proven)
     inside = (slice(1, -1),) * space.dim

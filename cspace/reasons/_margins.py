@@ -46,6 +46,7 @@ from cspace.inside import (
     Raster,
     States,
     cells_of,
+    list_slice_cells,
     map_record,
     slice_rasters,
 )
@@ -373,12 +374,7 @@ class ResizedRobot:
     @cached_property
     def _rotation_cells(self) -> list[RotationCell]:
         """Rotation cell of each slice."""
-        space = self.space
-        if space.rotations._preserves(space.robot.shape):
-            return [RotationCell()]
-        _, first_cells = np.unique(space.slice_of, return_index=True)
-        all_cells = space.rotations._make_shape_cells(space.dim)
-        return [all_cells[number] for number in first_cells]
+        return list_slice_cells(self.space.robot, self.space.rotations)
 
     @cached_property
     def outer_depths(self) -> list[Floats]:

@@ -147,7 +147,7 @@ def _find_regions(space: CSpace, names: Sequence[str]) -> Regions:
             labels, count = ndimage.label(members)
             out[members] = labels[members] + (len(region_masks) - 1)  # labels begin with 1
             region_masks += [mask] * count
-    pairs = np.concatenate([*_list_neighbors(numbers, space.rotations._neighbors)])
+    pairs = np.concatenate([*_list_neighbors(numbers, space.rotations.neighbors)])
     return Regions(numbers, np.array(region_masks, dtype=np.int64), np.unique(pairs, axis=0))
 
 

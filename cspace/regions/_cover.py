@@ -32,6 +32,7 @@ from cspace.inside import (
     find_components,
     is_over,
     limit_effort,
+    map_distances,
     names_options,
     now,
     read_document,
@@ -328,7 +329,7 @@ class BareCells:
         """
         space = self._space
         spacing = space.grid.spacing
-        clearances = space._distances.array()[space.slice_of]
+        clearances = map_distances(space).array()[space.slice_of]
         # Regions of almost no room are not worth their time.
         self._distances[clearances <= (1.0 + 1e-6) * margin / spacing + 1e-6] = 0.0
         if self._distances.any():

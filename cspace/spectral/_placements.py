@@ -171,7 +171,6 @@ def _list_rotations(rotations: int | Rotations | Rotates, dim: int) -> Iterable[
     """
     if isinstance(rotations, Rotations | int | np.integer):
         cells = Rotations.of(rotations)
-        cells._check_dimension(dim)
         return cells.make_matrices(cells.centers, dim)
     values = check_finite(as_matrices(rotations), "rotations")
     shape = values.shape[-2:] if values.ndim > 1 else ()

@@ -64,7 +64,7 @@ def test_a_motion_is_proven_if_it_stays_within_the_tolerance(
     assume(1e-6 < near * worst < math.pi)
     upright = Upright("tool0", axis, direction, near * worst, angle)
     space = build_arm_space({}, arm, allowed_collisions=_all_pairs(arm))
-    proven = space._keep([upright]).motion_is_free(*map(tuple, ends.tolist()))
+    proven = space.keep([upright]).motion_is_free(*map(tuple, ends.tolist()))
     if near < 1.0:
         # Between samples the angle may be larger still.
         assert not proven
@@ -94,7 +94,7 @@ def test_an_axis_that_rests_halfway_is_bounded_by_its_acceleration(tmp_path, siz
     wide = Upright("tool0", (1, 0, 1), (1, 0, 1), math.pi)
     worst = measure_deviations(path, arm.joints, wide, sample_path(ends)).max()
     upright = Upright("tool0", (1, 0, 1), (1, 0, 1), near * worst)
-    space = build_arm_space({}, arm, allowed_collisions=_all_pairs(arm))._keep([upright])
+    space = build_arm_space({}, arm, allowed_collisions=_all_pairs(arm)).keep([upright])
     assert space.motion_is_free(*map(tuple, ends.tolist())) == (near > 1.0)
 
 
@@ -110,7 +110,7 @@ def test_all_motions_near_a_proven_one_are_upright(tmp_path_factory, seed, count
     )
     deviation = rng.uniform(0.0, 0.1, arm.dof)
     upright = Upright("tool0", (0, 0, 1), arm.pose(middle, "tool0")[:3, 2], rng.uniform(0.1, 1.0))
-    space = build_arm_space({}, arm, allowed_collisions=_all_pairs(arm))._keep([upright])
+    space = build_arm_space({}, arm, allowed_collisions=_all_pairs(arm)).keep([upright])
     proven = space.certify_chunk(ends[0], ends[1:], deviation).is_proven
     signs = rng.choice([-1.0, 1.0], (30, 1, arm.dof))
     worst = measure_deviations(
@@ -209,8 +209,8 @@ def test_recheck_asks_for_the_axis_and_for_present_obstacles(space):
     assert not tilted.trajectory(max_velocity=1.0, max_acceleration=1.0).recheck(space).all()
     again = pickle.loads(pickle.dumps(plan))
     assert again.keep == plan.keep and again.recheck(space).all()
-    assert copy.copy(space._keep([GLASS])).is_free(GOAL)
-    assert not copy.copy(space._keep([GLASS])).is_free((*GOAL[:3], 0.6, 0.0))
+    assert copy.copy(space.keep([GLASS])).is_free(GOAL)
+    assert not copy.copy(space.keep([GLASS])).is_free((*GOAL[:3], 0.6, 0.0))
     space.add_obstacle("bar", Robot.box((0.05, 0.05, 2.0)), pose_at(0.5, -0.3))
     assert not plan.recheck().all()
     space.remove_obstacle("bar")

@@ -245,7 +245,7 @@ def test_tile_subproblems_are_connected_within_their_tiles(name, tmp_path):
     joined = [pair for pair in itertools.pairwise(q) if space.is_connected(*pair)][:4]
     assert joined
     for q0, q1 in joined:
-        subproblems = space._subproblems(q0, q1)
+        subproblems = space.subproblems(q0, q1)
         np.testing.assert_allclose(subproblems[0][1][: whole.dim], q0[: whole.dim])
         np.testing.assert_allclose(subproblems[-1][2][: whole.dim], q1[: whole.dim])
         for open_tile, start, goal in subproblems:
@@ -268,7 +268,7 @@ def test_returned_yaws_lie_from_minus_pi_to_below_pi(any_map):
     yaws += [space.nearest_free(q)[np.newaxis] for q in ends[:20]]
     for q0, q1 in itertools.pairwise(ends):
         if isinstance(space, cspace.TiledCSpace) and space.is_connected(q0, q1):
-            yaws += [np.array(part[1:]) for part in space._subproblems(q0, q1)]
+            yaws += [np.array(part[1:]) for part in space.subproblems(q0, q1)]
     returned = np.concatenate([rows[..., -1].ravel() for rows in yaws if len(rows)])
     assert (returned >= -np.pi).all() and (returned < np.pi).all()
 

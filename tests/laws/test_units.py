@@ -200,6 +200,7 @@ UNCHANGED = {
 NO_QUERIES = {
     *("add_obstacle", "allow_collisions", "attach", "detach", "forbid_collisions", "set_padding"),
     *("remove_obstacle", "update", "export", "open", "path", "plot", "save", "view"),
+    *("keep", "subproblems"),
     "follow_line",  # a motion, whose pose is given
 }
 """Calls that change, write or show."""

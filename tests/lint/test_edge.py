@@ -34,16 +34,16 @@ MOST_NAMES = {
 """Private names that a room imports from other rooms. These numbers only ever get smaller."""
 
 MOST_ATTRIBUTES = {
-    "planners": 15,
+    "planners": 0,
     "cspace/arms": 0,
     "cspace/_cli": 0,
     "cspace/export": 0,
     "cspace/lanes": 0,
     "cspace/plot": 0,
-    "cspace/reasons": 5,
+    "cspace/reasons": 0,
     "cspace/regions": 0,
-    "cspace/spectral": 1,
-    "cspace/_tiles": 5,
+    "cspace/spectral": 0,
+    "cspace/_tiles": 0,
     "cspace/view": 0,
 }
 """Private attributes of others' objects that a room uses. These numbers only ever get smaller."""

@@ -12,6 +12,7 @@ from scipy.sparse.csgraph import connected_components, dijkstra
 
 import planners
 from cspace import FREE, MIXED
+from cspace.inside import find_cells
 from tests.helpers import handmade
 from tests.helpers.oracles import link_cells, path_length
 from tests.helpers.planning import build_from_states, turn_between
@@ -101,7 +102,7 @@ def test_path_is_widest_then_shortest(name, seed):
         if not len(path):
             continue
         assert space.certify_path(path).all()
-        narrowest = clearances[numbers[tuple(space._cells_of(path).T)]].min()
+        narrowest = clearances[numbers[tuple(find_cells(space, path).T)]].min()
         assert narrowest == pytest.approx(best, abs=1 / 64 + 1e-5)
         if narrowest < min(clearances[start], clearances[goal]):  # without climbs
             wide = clearances >= narrowest - 1e-5
@@ -112,10 +113,10 @@ def test_path_is_widest_then_shortest(name, seed):
         assert compute_length(space, pulled) <= compute_length(space, path) + 1e-9
         shares = np.linspace(0.0, 1.0, 30)[:, None]
         parts = [
-            space.rotations._add_steps(
-                np.repeat(a[None], 30, axis=0), shares * space.rotations._steps_between(a, b)
+            space.rotations.add_steps(
+                np.repeat(a[None], 30, axis=0), shares * space.rotations.steps_between(a, b)
             )
             for a, b in itertools.pairwise(pulled)
         ]
-        passed = numbers[tuple(space._cells_of(np.concatenate([*parts, pulled])).T)]
+        passed = numbers[tuple(find_cells(space, np.concatenate([*parts, pulled])).T)]
         assert clearances[passed].min() >= best - 1 / 64 - 1e-5

@@ -63,12 +63,12 @@ def test_steps_rotate_the_shorter_way_at_constant_speed(name):
     kind, (_, dim) = find_kind(name), ROTATION_SPACES[name]
     q0 = draw(name, 40)
     q1 = draw(name, 40)
-    steps = kind._steps_between(q0, q1)
+    steps = kind.steps_between(q0, q1)
     np.testing.assert_allclose(steps[:, :dim], q1[:, :dim] - q0[:, :dim])
     angles = (to_scipy(name, q0).inv() * to_scipy(name, q1)).magnitude()
     np.testing.assert_allclose(np.linalg.norm(steps[:, dim:], axis=1), angles, atol=1e-9)
     for share in (0.0, 0.3, 1.0):
-        there = kind._add_steps(q0, share * steps)
+        there = kind.add_steps(q0, share * steps)
         np.testing.assert_allclose(
             there[:, :dim], q0[:, :dim] + share * (q1 - q0)[:, :dim], atol=1e-12
         )
@@ -76,47 +76,34 @@ def test_steps_rotate_the_shorter_way_at_constant_speed(name):
         for end, part in ((q0, share), (q1, 1.0 - share)):
             apart = (to_scipy(name, end).inv() * to_scipy(name, there)).magnitude()
             np.testing.assert_allclose(apart, part * angles, atol=1e-7)
-    assert kind._steps_between(q0[:0], q1[:0]).shape == (0, steps.shape[1])
+    assert kind.steps_between(q0[:0], q1[:0]).shape == (0, steps.shape[1])
 
 
 def test_steps_of_half_a_turn_and_none_are_exact():
     kind = QUATERNION
     still = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
     assert (
-        not kind._steps_between(still, -still).any() and not kind._steps_between(still, still).any()
+        not kind.steps_between(still, -still).any() and not kind.steps_between(still, still).any()
     )
-    half = kind._steps_between(still, np.array([0.0, 0.0, 0.0, 0.0, 0.6, 0.8, 0.0]))
+    half = kind.steps_between(still, np.array([0.0, 0.0, 0.0, 0.0, 0.6, 0.8, 0.0]))
     np.testing.assert_allclose(np.abs(half), [0.0, 0.0, 0.0, 0.0, 0.6 * math.pi, 0.8 * math.pi])
-    tiny = kind._add_steps(still, np.array([0.0, 0.0, 0.0, 1e-12, 0.0, 0.0]))
-    np.testing.assert_allclose(kind._steps_between(still, tiny)[3], 1e-12)
+    tiny = kind.add_steps(still, np.array([0.0, 0.0, 0.0, 1e-12, 0.0, 0.0]))
+    np.testing.assert_allclose(kind.steps_between(still, tiny)[3], 1e-12)
 
 
 @EVERY
 def test_canonical_numbers_give_the_same_rotation_and_are_stable(name):
     kind, (_, dim) = find_kind(name), ROTATION_SPACES[name]
     q = draw(name, 50)
-    result = kind._make_canonical(
+    result = kind.make_canonical(
         q * np.where(np.arange(q.shape[1]) < dim, 1.0, 1.0 + 4e-7 * (name == "SE(3)"))
     )
-    assert np.array_equal(kind._make_canonical(result), result) and np.array_equal(
+    assert np.array_equal(kind.make_canonical(result), result) and np.array_equal(
         result[:, :dim], q[:, :dim]
     )
     assert ((to_scipy(name, q).inv() * to_scipy(name, result)).magnitude() < 1e-9).all()
     if name == "SE(3)":
         np.testing.assert_allclose(np.linalg.norm(result[:, 3:], axis=1), 1.0, atol=4e-16)
-
-
-@EVERY
-def test_sample_near_stays_within_its_angle(name):
-    kind, (_, dim) = find_kind(name), ROTATION_SPACES[name]
-    q = kind._make_canonical(draw(name, 30))
-    numbers = iter(RNG.random(400).tolist())
-    near = np.array(
-        [[*row[:dim], *kind._sample_near(row[dim:].tolist(), 0.4, numbers)] for row in q]
-    )
-    apart = np.linalg.norm(kind._steps_between(q, near)[:, dim:], axis=1)
-    assert (apart <= 0.4 + 1e-12).all() and (not kind.names or apart.max() > 0.2)
-    np.testing.assert_allclose(kind._make_canonical(near), near, atol=1e-15)
 
 
 def test_wrapped_yaws_are_unchanged_and_others_are_wrapped():

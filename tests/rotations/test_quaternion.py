@@ -99,7 +99,7 @@ def test_neighbors_are_the_cells_across_a_boundary(n):
     there = cells.cell_of(steps / np.linalg.norm(steps, axis=1, keepdims=True))
     pairs, often = np.unique(np.stack([here, there])[:, here != there], axis=1, return_counts=True)
     met = dict(zip(zip(*pairs.tolist(), strict=True), often.tolist(), strict=True))
-    near = {(cell, other) for cell, row in enumerate(cells._neighbors.tolist()) for other in row}
+    near = {(cell, other) for cell, row in enumerate(cells.neighbors.tolist()) for other in row}
     assert near <= set(met)
     # Short steps rarely pass through an edge or a corner.
     assert sum(count for pair, count in met.items() if pair not in near) < 0.1 * sum(met.values())

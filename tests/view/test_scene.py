@@ -127,4 +127,4 @@ def test_poses_and_dials_give_back_the_configuration(dim, cells, angles):
         fixed_axes = Rotation.from_euler("xyz", degrees, degrees=True)
         np.testing.assert_allclose((turn.inv() * fixed_axes).magnitude(), 0.0, atol=1e-6)
         for again in (poses.configuration_of(dials), poses.nearest_configuration(position, wxyz)):
-            np.testing.assert_allclose(rotations._steps_between(q, again), 0.0, atol=1e-7)
+            np.testing.assert_allclose(rotations.steps_between(q, again), 0.0, atol=1e-7)

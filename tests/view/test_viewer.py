@@ -99,7 +99,7 @@ def test_a_page_shows_plans_proofs_and_errors(viewed):
     assert "certified" in page.panel.answer.content
     assert node(viewer, "/path")
     page.go(1.0)
-    steps = space.rotations._steps_between(viewer.canvas.robot, goal)
+    steps = space.rotations.steps_between(viewer.canvas.robot, goal)
     np.testing.assert_allclose(steps, 0.0, atol=1e-6)
     page.set_endpoint("goal", np.array([1e3, *goal[1:]]))
     page.search()

@@ -40,7 +40,7 @@ def test_checkers_answer_as_the_map_and_spaces_have_projections(tmp_path, progra
     queries = draw_queries(space, 600, np.random.default_rng(6))
     queries = queries[(np.abs(queries) < 1e3).all(axis=1)]
     first, last = np.split(queries, 2, axis=1)
-    first, last = (space.rotations._make_canonical(q) for q in (first, last))
+    first, last = (space.rotations.make_canonical(q) for q in (first, last))
     text = "\n".join(" ".join(map(repr, row)) for row in np.hstack([first, last]).tolist())
     done = subprocess.run(
         [str(program), str(tmp_path / "map")],
