@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from cspace._queries.chunks import Chunk
     from cspace._queries.vehicles import Drive
     from cspace._record.contents import Contents
-    from cspace.plot._picture import PlotOptions
+    from cspace.plot import PlotOptions
 
 
 class HasComponents(Protocol):

@@ -37,8 +37,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from cspace import TiledCSpace
-    from cspace.plot._animation import AnimationOptions
-    from cspace.plot._picture import PlotOptions
+    from cspace.plot import AnimationOptions, PlotOptions
     from cspace.reasons import Explanation
     from cspace.regions import Corridor
     from planners._trajectory import Trajectory
@@ -505,7 +504,7 @@ class Plan:
         >>> corridor, corridor.junctions.shape
         (Corridor(5 regions along 5 edges), (4, 2))
         """
-        from cspace.regions._corridor import make_corridor
+        from cspace.regions import make_corridor
 
         self._check_solved("a corridor follows a path")
         if not self.certified:
@@ -554,7 +553,7 @@ class Plan:
             and not above zero or so small that it makes a million poses, or given for a plan that
             was pickled, which leaves the map behind.
         """
-        from cspace.export._messages import fill_path
+        from cspace.export import fill_path
         from cspace.ros import Path
         from planners._trajectory import MAX_ROWS
 

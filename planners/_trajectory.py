@@ -73,7 +73,6 @@ from planners._timing import (
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 Limits = ArrayLike | Mapping[str, Any] | os.PathLike[str] | None
 """A limit: one number, or one for each axis."""
@@ -596,31 +595,21 @@ class Trajectory:
         ax : matplotlib.axes.Axes, optional
             By default of a new figure without a window. A second unit gets an axis on the right.
         """
-        from cspace.plot._artists import add_legend_below, new_figure
+        from cspace.plot import plot_rates
 
         dim = len(self.axes) - len(self._rotations.names)
         linear = self.velocities[:, :dim]
         angular = self.velocities[:, dim:]
-        curves = list(zip(self.axes, self.units, linear.T, strict=False))
+        labels = [f"velocity ({unit}/s)" for unit in self.units]
+        curves = list(zip(self.axes, labels, linear.T, strict=False))
         if not self._route.moves_joints:
-            curves = [("speed", "m", np.linalg.norm(linear, axis=1))]
+            curves = [("speed", "speed (m/s)", np.linalg.norm(linear, axis=1))]
             # The derivative of a quaternion is half as long as the angular velocity.
             factor = 2.0 if "qw" in self.axes else 1.0
             if angular.size:
-                curves.append(("angular speed", "rad", factor * np.linalg.norm(angular, axis=1)))
-        left = new_figure(7.5, 3.2).add_subplot() if ax is None else ax
-        left.set_xlabel("time (s)")
-        axes_by_unit: dict[str, Axes] = {}
-        handles: list[Any] = []
-        for k, (name, unit, curve) in enumerate(curves):
-            if unit not in axes_by_unit:
-                quantity = "velocity" if self._route.moves_joints else name
-                axes_by_unit[unit] = left.twinx() if axes_by_unit else left
-                axes_by_unit[unit].set_ylabel(f"{quantity} ({unit}/s)")
-            handles += axes_by_unit[unit].plot(self.times, curve, color=f"C{k}", label=name)
-        if ax is None:
-            add_legend_below(cast("Figure", left.figure), handles)
-        return left
+                turned = factor * np.linalg.norm(angular, axis=1)
+                curves.append(("angular speed", "angular speed (rad/s)", turned))
+        return plot_rates(self.times, curves, ax)
 
     def to_path(self, msg: Any = None, *, frame_id: str | None = None) -> Any:
         """Return the rows as a ``nav_msgs/Path`` of ROS.
@@ -628,7 +617,7 @@ class Trajectory:
         The stamp of each pose is the message's stamp plus the time of the row. Parameters, result
         and errors are as for :meth:`planners.Plan.to_path`.
         """
-        from cspace.export._messages import fill_path
+        from cspace.export import fill_path
         from cspace.ros import Path
 
         if self._route.moves_joints:
@@ -658,7 +647,7 @@ class Trajectory:
         InputError
             If the plan moves no joints, or the message lacks a field.
         """
-        from cspace.export._messages import fill_joint_trajectory
+        from cspace.export import fill_joint_trajectory
         from cspace.ros import JointTrajectory
 
         if not self._route.moves_joints:
@@ -687,7 +676,7 @@ class Trajectory:
         InputError
             If the robot does not drive, or a message lacks a field.
         """
-        from cspace.export._messages import make_twists
+        from cspace.export import make_twists
         from cspace.ros import Twist
 
         return make_twists(make or Twist, self.v, self.omega)

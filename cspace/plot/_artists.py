@@ -8,7 +8,7 @@ from __future__ import annotations
 import io
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -286,6 +286,24 @@ def extend_legend(axes: Axes, handles: Sequence[Any]) -> None:
     (legend,) = figure.legends
     legend.remove()
     add_legend_below(figure, [*legend.legend_handles, *handles])
+
+
+def plot_rates(
+    times: Floats, curves: Sequence[tuple[str, str, Floats]], ax: Axes | None = None
+) -> Axes:
+    """Draw curves over time, each with its name and the label of its axis, on at most two axes."""
+    left = new_figure(7.5, 3.2).add_subplot() if ax is None else ax
+    left.set_xlabel("time (s)")
+    axes_by_label: dict[str, Axes] = {}
+    handles: list[Any] = []
+    for k, (name, label, curve) in enumerate(curves):
+        if label not in axes_by_label:
+            axes_by_label[label] = left.twinx() if axes_by_label else left
+            axes_by_label[label].set_ylabel(label)
+        handles += axes_by_label[label].plot(times, curve, color=f"C{k}", label=name)
+    if ax is None:
+        add_legend_below(cast("Figure", left.figure), handles)
+    return left
 
 
 def annotate(
