@@ -49,6 +49,7 @@ from ._record.exterior import UNKNOWN as UNKNOWN
 from ._record.exterior import Exterior as Exterior
 from ._record.save import MAP_SUFFIXES as MAP_SUFFIXES
 from ._record.save import MapFolder as MapFolder
+from ._robot import robot_of as robot_of
 from ._rotations.base import ANGLE_SLACK as ANGLE_SLACK
 from ._rotations.base import METRES_PER_RADIAN as METRES_PER_RADIAN
 from ._rotations.base import measure_steps as measure_steps

@@ -1,14 +1,9 @@
 # Public names. Each is imported at its first use.
 
-from ._apart import Mover as Mover
-from ._apart import Separation as Separation
-from ._apart import apart as apart
 from ._catalogue import planner_names as planner_names
 from ._drives import Car as Car
 from ._drives import Differential as Differential
 from ._goals import Near as Near
-from ._lanes import audit as audit
-from ._lanes import conflicts as conflicts
 from ._objectives import ClearanceObjective as ClearanceObjective
 from ._objectives import WeightedLength as WeightedLength
 from ._ompl_callbacks import FreeStateSampler as FreeStateSampler

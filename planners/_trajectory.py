@@ -86,6 +86,9 @@ ROW_ERROR: Final = 1e-5
 MAX_EXPECTED_STOPS: Final = 10
 """Largest number of stops along rows that is no surprise."""
 
+SPEED_ROUNDING: Final = 1e-9
+"""Share of a bound of a speed by which it grows, for rounding."""
+
 MAX_ROWS: Final = 10**6
 """Largest number of rows of a trajectory."""
 
@@ -269,6 +272,50 @@ class Trajectory:
     def path(self) -> Floats:
         """The positions: rows of the curve that was proven, which pictures draw as a path."""
         return self.positions
+
+    @property
+    def frame_id(self) -> str:
+        """Frame of the positions in ROS, as of the plan."""
+        return self._route.frame_id
+
+    def bound_rates(self, lever: float) -> tuple[Floats, Floats]:
+        """Bound speeds and accelerations between times.
+
+        Parameters
+        ----------
+        lever : float
+            Largest distance of a point of the robot from its reference point, metres.
+
+        Returns
+        -------
+        ndarray of float64, shape (n,)
+            Times at which the bounds change, seconds.
+        ndarray of float64, shape (3, n + 1)
+            Bounds before, between and after these times: speed of the reference point, speed of any
+            other point around it, and acceleration of the reference point, m/s and m/s^2. They are
+            zero before the first time and after the last, because the robot rests.
+        """
+        dim = len(self.axes) - len(self._rotations.names)
+        phases = self._phases
+        numbers = np.arange(len(phases.times) - 1)
+        widths = np.diff(phases.times)
+        lengths, last_speeds, last_gains = phases.ends()
+        lengths = np.maximum(lengths - phases.positions[:-1], 0.0)
+        # With a constant jerk, the speed is largest at an end or where the acceleration passes
+        # zero.
+        with np.errstate(divide="ignore", invalid="ignore"):
+            turns = np.nan_to_num(-phases.accelerations[:-1] / phases.jerks[:-1])
+        turn_speeds = phases.at(numbers, np.clip(turns, 0.0, widths))[1]
+        speeds = np.max([phases.speeds[:-1], turn_speeds, last_speeds], axis=0)
+        gains = np.abs([phases.accelerations[:-1], last_gains]).max(axis=0)
+        segments = self._segments.select(phases.segments[:-1])
+        rates, bends = bound_derivatives(segments, phases.positions[:-1], lengths)
+        ahead = np.linalg.norm(rates[:, :dim], axis=1)
+        aside = np.linalg.norm(bends[:, :dim], axis=1) + np.abs(segments.curvatures) * ahead
+        around = lever * np.linalg.norm(rates[:, dim:], axis=1)
+        bounds = np.array([ahead * speeds, around * speeds, ahead * gains + aside * speeds**2])
+        bounds *= 1.0 + SPEED_ROUNDING
+        return phases.times, np.pad(bounds, ((0, 0), (1, 1)))
 
     def recheck(self, space: Space) -> Bools:
         """Prove each part of the curve again, among the present obstacles of a map.

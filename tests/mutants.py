@@ -744,22 +744,22 @@ MUTANTS = (
         "tests/planners/test_smoothing.py",
     ),
     Mutant(
-        "planners/_apart.py",
+        "cspace/lanes/_apart.py",
         "moved = halves * (np.minimum(speeds, relative) + turns) * (1.0 + SPEED_ROUNDING)",
         "moved = 0.4 * halves * (np.minimum(speeds, relative) + turns)",
-        "tests/planners/test_apart.py",
+        "tests/lanes/test_apart.py",
     ),
     Mutant(
-        "planners/_apart.py",
+        "cspace/lanes/_apart.py",
         "errors = one.bound_errors(highs) + other.bound_errors(highs)",
         "errors = one.bound_errors(highs)",
-        "tests/planners/test_apart.py",
+        "tests/lanes/test_apart.py",
     ),
     Mutant(
-        "planners/_apart.py",
-        "around = robot.shape.lever * np.linalg.norm(rates[:, robot.dim :], axis=1)",
+        "planners/_trajectory.py",
+        "around = lever * np.linalg.norm(rates[:, dim:], axis=1)",
         "around = 0.0 * ahead",
-        "tests/planners/test_apart.py",
+        "tests/lanes/test_apart.py",
     ),
     # Lanes.
     Mutant(

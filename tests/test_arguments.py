@@ -211,10 +211,10 @@ def test_labels_of_goals_updates_and_rows_in_other_words_are_heard():
     assert labelled == space.update(cells, (7, 3))
     with pytest.raises(InputError, match="its labels are not read"):
         space.update(pd.DataFrame(np.ones((1, 2), dtype=bool), index=["b"]), (0, 0))
-    moved = planners.Mover(Robot.disc(0.1), namedtuple("P", "y x")(1.0, 3.0))
-    still = planners.Mover(Robot.disc(0.1), (3.0, 1.0))
+    moved = cspace.lanes.Mover(Robot.disc(0.1), namedtuple("P", "y x")(1.0, 3.0))
+    still = cspace.lanes.Mover(Robot.disc(0.1), (3.0, 1.0))
     with pytest.raises(InputError, match="touches second at the start"):
-        planners.apart(moved, still, until=1.0)
+        cspace.lanes.apart(moved, still, until=1.0)
 
 
 def test_a_missing_yaw_hides_no_degrees():
@@ -404,7 +404,7 @@ def test_an_unknown_option_names_the_most_similar_one():
 
 def test_an_unlike_option_lists_those_that_can_be_given():
     with pytest.raises(TypeError, match=r"its options are exact, max_room$"):
-        planners.audit(turning(), None, heading="any")  # type: ignore[call-arg]
+        cspace.lanes.audit(turning(), None, heading="any")  # type: ignore[call-arg]
     with pytest.raises(TypeError, match=r"view\(\) .*options are block, frame, goal, host, path, "):
         turning().view(open_browser=False)  # type: ignore[call-arg]
     with pytest.raises(TypeError, match=r"Viewer\(\) .*its options are frame, goal, host, path, "):

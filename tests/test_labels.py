@@ -15,9 +15,9 @@ import cspace
 import planners
 from cspace import CspaceError, Grid, Robot, Rotations, Workspace
 from cspace.arms import ArmSpace, PosedShape, PoseGoal, build_arm_space
-from cspace.lanes import HeadingRule, RouteGraph
+from cspace.lanes import HeadingRule, Mover, RouteGraph
 from cspace.spectral import Bump, ball_spectrum
-from planners import Mover, Near, Trajectory, Upright
+from planners import Near, Trajectory, Upright
 from tests.helpers.urdfs import planar_arm, posed_box
 from tests.test_flags import list_functions
 
@@ -228,7 +228,7 @@ def measure(motion=(0.5, 0.75), velocity=None):
     """Return the distance of a thing that moves from one that stands."""
     still = Mover(Robot.disc(0.1), (3.0, 1.0))
     moving = Mover(Robot.disc(0.1), motion, velocity=velocity)
-    return planners.apart(moving, still, until=1.0).distance
+    return cspace.lanes.apart(moving, still, until=1.0).distance
 
 
 def arm_of(objects):

@@ -61,7 +61,7 @@ def _time_conflicts(report: Report, space: cspace.CSpace, graph: RouteGraph, mos
     """Time the conflicts of a graph, and count the pairs."""
     report.section(f"{graph} on the depot, a robot of 1.2 m by 0.8 m")
     for distance in (0.0, 0.1):
-        timing = once(lambda gap=distance: planners.conflicts(space, graph, distance=gap))
+        timing = once(lambda gap=distance: cspace.lanes.conflicts(space, graph, distance=gap))
         report.timing(f"conflicts, distance {distance:g} m", timing)
         counts = timing.value.counts
         report.note(", ".join(f"{count} {verdict}" for verdict, count in counts.items()))
@@ -83,7 +83,9 @@ def _time_pairs(report: Report, count: int, seed: int) -> None:
     ends: Floats = rng.uniform((1.0, 1.0, -3.0), (15.0, 9.0, 3.0), (count, 2, 3))
     plans = [planners.plan(space, *pair, drive=planners.Differential(), seed=seed) for pair in ends]
     movers = [
-        planners.Mover(space.robot, plan.trajectory(**LIMITS), 0.5 * k, error=0.05, growth=0.001)
+        cspace.lanes.Mover(
+            space.robot, plan.trajectory(**LIMITS), 0.5 * k, error=0.05, growth=0.001
+        )
         for k, plan in enumerate(plans)
         if plan
     ]
@@ -92,7 +94,7 @@ def _time_pairs(report: Report, count: int, seed: int) -> None:
     for pair in itertools.combinations(movers, 2):
         began = time.process_time()
         try:
-            verdicts[planners.apart(*pair).verdict] += 1
+            verdicts[cspace.lanes.apart(*pair).verdict] += 1
         except InputError:
             verdicts["touch at the start"] += 1
             continue

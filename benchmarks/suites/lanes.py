@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 import cspace
-import planners
 from benchmarks.report import Report
 from benchmarks.timing import Timing, once
 from cspace import Robot, Workspace
@@ -45,7 +44,7 @@ def run(report: Report, seed: int) -> None:
             for place, space in maps.items():
                 for exact in (True, False):
                     label = f"{place}, {'cells and geometry' if exact else 'cells alone'}"
-                    timing = _time(partial(planners.audit, space, graph, exact=exact))
+                    timing = _time(partial(cspace.lanes.audit, space, graph, exact=exact))
                     report.timing(label, timing)
                     if place == "memory" and not report.quick:
                         most = MAX_SECONDS

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import typer
 
+import cspace
 from cspace._cli.files import check_outputs
 from cspace._cli.options import (
     AS_JSON,
@@ -126,14 +127,12 @@ def _audit_maps(
     makers: dict[str, Callable[[], Any]], lanes: RouteGraph, exact: bool, clock: Stopwatch
 ) -> dict[str, Audit]:
     """Audit the lanes for each robot."""
-    import planners
-
     audits = {}
     for name, make in makers.items():
         with clock.step(f"build {name}".strip()):
             space = make()
         with clock.step(f"audit {name}".strip()):
-            audits[name] = planners.audit(space, lanes, exact=exact)
+            audits[name] = cspace.lanes.audit(space, lanes, exact=exact)
     return audits
 
 
@@ -149,11 +148,11 @@ def _show_reports(reports: dict[str, Any], clock: Stopwatch, as_json: bool) -> N
 
 def _find_conflicts(audits: dict[str, Audit], distance: float) -> Conflicts:
     """Find the conflicts of all audited robots."""
-    import planners
-
     (name, first), *others = audits.items()
     robots = {other: (audit.space, audit.graph) for other, audit in others}
-    return planners.conflicts(first.space, first.graph, others=robots, distance=distance, name=name)
+    return cspace.lanes.conflicts(
+        first.space, first.graph, others=robots, distance=distance, name=name
+    )
 
 
 def _choose_exit_code(counts: list[dict[str, int]], strict: bool) -> int:

@@ -1,4 +1,4 @@
-# The public names. Each is imported at its first use.
+# The public names, and those for planners. Each is imported at its first use.
 
 from ._messages import fill_joint_trajectory as fill_joint_trajectory
 from ._messages import fill_path as fill_path

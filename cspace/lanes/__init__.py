@@ -12,8 +12,9 @@ Words that the modules of this package share:
 
 from __future__ import annotations
 
-from cspace.lanes._audit import Audit, LaneVerdict, LostWay, NodeVerdict
-from cspace.lanes._conflicts import Conflict, Conflicts, Element, Zones
+from cspace.lanes._apart import Mover, Separation, apart
+from cspace.lanes._audit import Audit, LaneVerdict, LostWay, NodeVerdict, audit
+from cspace.lanes._conflicts import Conflict, Conflicts, Element, Zones, conflicts
 from cspace.lanes._headings import HeadingRule, Lane
 from cspace.lanes._route_graph import RouteGraph
 
@@ -26,7 +27,12 @@ __all__ = [
     "Lane",
     "LaneVerdict",
     "LostWay",
+    "Mover",
     "NodeVerdict",
     "RouteGraph",
+    "Separation",
     "Zones",
+    "apart",
+    "audit",
+    "conflicts",
 ]

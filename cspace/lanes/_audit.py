@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple, TypeAlias
 
@@ -20,7 +19,7 @@ from cspace.inside import (
     names_options,
 )
 from cspace.lanes._collisions import Hit, find_hits, sample_motions
-from cspace.lanes._lane_motions import check_map, list_legs, list_motions, list_parts, list_yaws
+from cspace.lanes._lane_motions import list_legs, list_motions, list_parts, list_yaws, open_graph
 from cspace.lanes._reach import Reach, judge_ways, prove_nodes
 from cspace.lanes._reports import (
     MAX_PRINTED_ROWS,
@@ -38,9 +37,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from cspace.inside import ConfigurationMap
-
-FindPath: TypeAlias = Callable[["ConfigurationMap", Floats, Floats], Floats]
-"""``find_path(space, start, goal)`` returns waypoints, shape (n, size); n is 0 without a path."""
 
 LaneState: TypeAlias = Literal["free", "blocked", "undecided"]
 """Verdicts about a lane."""
@@ -160,7 +156,6 @@ class Audit:
     nodes: list[NodeVerdict]
     parts: list[list[str]]
     lost: list[LostWay]
-    _find_path: FindPath
 
     @property
     def counts(self) -> dict[str, int]:
@@ -209,6 +204,8 @@ class Audit:
         ConfigurationError
             If the robot does not stand free at a node.
         """
+        from planners import plan
+
         ends = [
             _index_of(self.graph, name, word) for name, word in ((start, "start"), (end, "end"))
         ]
@@ -222,7 +219,7 @@ class Audit:
                     legs = list_legs(self.graph, lane)
                     yaws = [way.yaws(legs[0])[0], way.yaws(legs[-1])[1]]
             points = np.column_stack([points, yaws])
-        return self._find_path(self.space, *points)
+        return plan(self.space, *points, exact=self.space.in_memory).waypoints
 
     def plot(self) -> Axes:
         """Draw the map with lanes in their verdicts' colors.
@@ -312,29 +309,75 @@ class LaneProofs(NamedTuple):
     hits: dict[int, Hit]
 
 
-def audit_graph(
-    space: ConfigurationMap, graph: RouteGraph, exact: bool, max_room: float, find_path: FindPath
+@names_options
+def audit(
+    space: ConfigurationMap,
+    graph: RouteGraph | StrPath | Any,
+    *,
+    exact: bool = True,
+    max_room: float = 1.0,
 ) -> Audit:
-    """Audit a route graph, see :func:`planners.audit`; ``find_path`` finds ways beside lanes."""
+    """Prove the lanes of a graph free or blocked for a robot.
+
+    Every lane is proven along its whole length, at every yaw that its rule allows. See
+    :class:`cspace.lanes.Audit`.
+
+    Parameters
+    ----------
+    space : CSpace or TiledCSpace
+        A map with the axes x, y, or x, y, yaw.
+    graph : cspace.lanes.RouteGraph, str, Path or networkx graph
+        Lanes; a file is read by :meth:`cspace.lanes.RouteGraph.open`, a graph of networkx by
+        :meth:`cspace.lanes.RouteGraph.from_networkx`.
+    exact : bool
+        Decide by the geometry what cells do not.
+    max_room : float
+        Metres of room at a lane beyond which nothing is proven, because it takes time.
+
+    Returns
+    -------
+    cspace.lanes.Audit
+
+    Raises
+    ------
+    InputError
+        If the map has other axes, or a robot without a yaw turns on a lane; or the graph is none.
+    FileError
+        If a file is damaged, or asks for something that is not honoured.
+
+    Examples
+    --------
+    >>> import numpy as np, cspace
+    >>> from cspace.lanes import RouteGraph
+    >>> occupied = np.zeros((80, 60), dtype=bool)
+    >>> occupied[40:42, :30] = True
+    >>> workspace = cspace.Workspace.from_array(occupied, 0.1)
+    >>> space = cspace.build(workspace, "rect:0.6x0.4", rotations=72)
+    >>> graph = RouteGraph.from_arrays([(1, 2), (7, 2), (7, 5)], [(0, 1), (1, 2)])
+    >>> audit = cspace.lanes.audit(space, graph)
+    >>> audit
+    Audit(rectangle 0.6 m x 0.4 m: 1 free, 1 blocked, 0 undecided)
+    >>> audit.lanes[0].obstacle
+    'the obstacle at (4.05, 1.85)'
+    """
     room = check_not_negative(max_room, "max_room")
-    check_map(space, graph)
-    proofs = prove_lanes(space, graph, exact, room)
-    nodes = prove_nodes(space, graph.positions, exact)
+    lanes = open_graph(space, graph, "graph")
+    proofs = prove_lanes(space, lanes, exact, room)
+    nodes = prove_nodes(space, lanes.positions, exact)
     yaws = nodes.list_free()
-    reach = Reach(graph, proofs.is_free, yaws)
-    broken = (graph.lanes[k] for k in np.flatnonzero(~proofs.is_free))
+    reach = Reach(lanes, proofs.is_free, yaws)
+    broken = (lanes.lanes[k] for k in np.flatnonzero(~proofs.is_free))
     lost = reach.list_lost(list(dict.fromkeys((lane.start, lane.end) for lane in broken)))
     return Audit(
         space,
-        graph,
-        [_describe(space, graph, proofs, k) for k in range(len(graph.lanes))],
-        [NodeVerdict(*row) for row in zip(graph.names, graph.places, yaws, strict=True)],
-        [[graph.names[node] for node in part] for part in reach.list_parts()],
+        lanes,
+        [_describe(space, lanes, proofs, k) for k in range(len(lanes.lanes))],
+        [NodeVerdict(*row) for row in zip(lanes.names, lanes.places, yaws, strict=True)],
+        [[lanes.names[node] for node in part] for part in reach.list_parts()],
         [
-            LostWay(graph.names[first], graph.names[last], exists)
+            LostWay(lanes.names[first], lanes.names[last], exists)
             for (first, last), exists in zip(lost, judge_ways(space, nodes, lost), strict=True)
         ],
-        find_path,
     )
 
 

@@ -26,7 +26,7 @@ from cspace.inside import (
     wrap_angles,
 )
 from cspace.lanes._audit import line_of
-from cspace.lanes._lane_motions import check_map
+from cspace.lanes._lane_motions import open_graph
 from cspace.lanes._outlines import ROUNDING, Sweeper, find_touches, make_outlines, make_sweeper
 from cspace.lanes._reports import (
     JunitCase,
@@ -412,19 +412,69 @@ class Zones:
         return {"zoneSet": {**names, "zones": zones}}
 
 
-def find_conflicts(
-    robots: Mapping[str, tuple[ConfigurationMap, RouteGraph]], distance: float
+@names_options
+def conflicts(
+    space: ConfigurationMap,
+    graph: RouteGraph | StrPath | Any,
+    *,
+    others: Mapping[str, tuple[ConfigurationMap, RouteGraph | StrPath | Any]] | None = None,
+    distance: float = 0.0,
+    name: str = "",
 ) -> Conflicts:
-    """Find the pairs of elements on which robots can touch, see :func:`planners.conflicts`."""
+    """Prove which lanes and nodes two robots can use at once.
+
+    Two robots can touch on two elements, lanes with a direction or nodes with their turns, if and
+    only if the shapes that they sweep there meet. Each pair is proven apart, or has two poses that
+    touch, or is undecided. Robots are as of the map: grown by its margin, and off the lane by what
+    the graph allows. Robots of one kind also meet each other. See :class:`cspace.lanes.Conflicts`.
+
+    Parameters
+    ----------
+    space : CSpace or TiledCSpace
+        A map with the axes x, y, or x, y, yaw.
+    graph : cspace.lanes.RouteGraph, str, Path or networkx graph
+        Lanes, as for :func:`cspace.lanes.audit`.
+    others : mapping of str to tuple, optional
+        Map and graph of each other kind of robot, by its name.
+    distance : float
+        Distance that two robots must keep, metres.
+    name : str
+        Name of this robot, with which the names of its lanes and nodes then begin.
+
+    Returns
+    -------
+    cspace.lanes.Conflicts
+
+    Raises
+    ------
+    InputError
+        As for :func:`cspace.lanes.audit`; or if maps differ in their frame or extent.
+    FileError
+        If a file is damaged, or asks for something that is not honoured.
+
+    Examples
+    --------
+    >>> import numpy as np, cspace
+    >>> from cspace.lanes import RouteGraph
+    >>> workspace = cspace.Workspace.from_array(np.zeros((80, 60), dtype=bool), 0.1)
+    >>> space = cspace.build(workspace, "rect:0.6x0.4", rotations=72)
+    >>> nodes = [(1, 2), (7, 2), (1, 2.3), (7, 2.3), (1, 4), (7, 4)]
+    >>> graph = RouteGraph.from_arrays(nodes, [(0, 1), (2, 3), (4, 5)])
+    >>> conflicts = cspace.lanes.conflicts(space, graph)
+    >>> conflicts.between("0: 0 to 1", "1: 2 to 3").verdict
+    'touch'
+    >>> conflicts.between("0: 0 to 1", "2: 4 to 5").verdict
+    'apart'
+    """
     gap = check_not_negative(distance, "distance")
-    space, _ = next(iter(robots.values()))
-    for name, (other, graph) in robots.items():
-        check_map(other, graph)
-        _check_same_map(space, other, name)
+    robots = {name: (space, open_graph(space, graph, "graph"))}
+    for key, (other, lanes) in _check_robots({} if others is None else others, name).items():
+        robots[key] = other, open_graph(other, lanes, f"others[{key!r}]")
+        _check_same_map(space, other, key)
     sweepers = [make_sweeper(*each) for each in robots.values()]
     elements: dict[str, Element] = {}
-    for name, (_, graph) in robots.items():
-        _add_elements(elements, name, graph)
+    for key, (_, lanes) in robots.items():
+        _add_elements(elements, key, lanes)
     outlines: Any = np.concatenate([sweeper.outlines for sweeper in sweepers])
     stands = [
         pose
@@ -432,7 +482,7 @@ def find_conflicts(
         for pose in _list_poses(each, sweeper.pieces.starts[sweeper.begins[:-1]])
     ]
     return Conflicts(
-        robots=dict(robots),
+        robots=robots,
         distance=gap,
         elements=elements,
         outlines=dict(zip(elements, outlines.tolist(), strict=True)),
@@ -440,6 +490,19 @@ def find_conflicts(
         _sweepers=sweepers,
         _stands=dict(zip(elements, stands, strict=True)),
     )
+
+
+def _check_robots(others: Any, known: str) -> dict[str, tuple[Any, Any]]:
+    """Return other robots by name, or raise InputError."""
+    rule = "it must give a map and a graph by a name of each robot"
+    if not isinstance(others, Mapping):
+        raise InputError("others", f"is a {type(others).__name__}", rule)
+    for name, pair in others.items():
+        if not (isinstance(name, str) and name) or name == known:
+            raise InputError("others", f"has the name {name!r}", rule)
+        if not (isinstance(pair, tuple | list) and len(pair) == 2):
+            raise InputError(f"others[{name!r}]", f"is a {type(pair).__name__}", rule)
+    return dict(others)
 
 
 def _check_same_map(space: ConfigurationMap, other: ConfigurationMap, name: str) -> None:

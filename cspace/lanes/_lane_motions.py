@@ -9,20 +9,20 @@ from __future__ import annotations
 
 import itertools
 import math
+import os
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, cast
 
 import numpy as np
 
 from cspace.errors import InputError
-from cspace.inside import ANGLE_SLACK, Bools, Floats, Ints
+from cspace.inside import ANGLE_SLACK, Bools, ConfigurationMap, Floats, Ints
 from cspace.lanes._curves import Leg
 from cspace.lanes._headings import HeadingRule, Lane
 from cspace.lanes._route_graph import RouteGraph
 
 if TYPE_CHECKING:
     from cspace import CSpace, TiledCSpace
-    from cspace.inside import ConfigurationMap
 
 SAME_YAW: Final = 1e-9
 """Angle, radians, up to which two legs of a lane need no turn between them."""
@@ -102,6 +102,23 @@ def check_map(space: ConfigurationMap, graph: RouteGraph) -> None:
         if abs(math.remainder(yaw, math.tau)) > SAME_YAW:  # not of a yaw that is NaN
             problem = f"has no yaw, but {space.robot.name} has the yaw {yaw:g} at the node {name!r}"
             raise InputError("space", problem, "the shape at every yaw is needed")
+
+
+def open_graph(space: Any, graph: Any, name: str) -> RouteGraph:
+    """Return a graph, perhaps of a file or networkx; raise InputError if it is not for the map."""
+    lanes = graph
+    if isinstance(graph, str | os.PathLike):
+        lanes = RouteGraph.open(graph)
+    elif hasattr(graph, "is_directed"):
+        lanes = RouteGraph.from_networkx(graph)
+    if not isinstance(lanes, RouteGraph):
+        rule = "it must be a RouteGraph, a file or a graph of networkx"
+        raise InputError(name, f"is a {type(graph).__name__}", rule)
+    if not isinstance(space, ConfigurationMap):
+        place = "space" if name == "graph" else name
+        raise InputError(place, f"is a {type(space).__name__}", "it must be a map")
+    check_map(space, lanes)
+    return lanes
 
 
 def list_legs(graph: RouteGraph, lane: Lane) -> tuple[Leg, ...]:

@@ -300,7 +300,7 @@ def find_conflicts(n, folder):
     nodes = np.column_stack([np.tile([0.0, 2.0], n), y])
     edges = np.arange(2 * n).reshape(n, 2)
     graph = RouteGraph.from_arrays(nodes, edges, 0.0)
-    return lambda: planners.conflicts(space, graph)
+    return lambda: cspace.lanes.conflicts(space, graph)
 
 
 # Readers

@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 from shapely import affinity
 
 import cspace
-import planners
 from cspace.errors import AngleWarning, InputError
 from cspace.lanes import RouteGraph
 from tests.helpers.handmade import build_empty
@@ -105,7 +104,7 @@ def test_random_graphs_agree_with_swept_hulls(rooms):
     positions = rng.uniform((0.2, 0.2), (7.8, 4.8), (60, 2))
     edges = rng.integers(0, 60, (150, 2))
     edges = edges[edges[:, 0] != edges[:, 1]]
-    audit = planners.audit(rooms, RouteGraph.from_arrays(positions, edges))
+    audit = cspace.lanes.audit(rooms, RouteGraph.from_arrays(positions, edges))
     assert min(audit.counts["free"], audit.counts["blocked"]) > 10
     check(rooms, audit)
 
@@ -121,7 +120,7 @@ def test_depot_agrees_with_swept_hulls(data, exact):
     edges = [
         (a, b) for a in range(len(free)) for b in np.argsort(np.hypot(*(free - free[a]).T))[1:4]
     ]
-    audit = planners.audit(space, RouteGraph.from_arrays(free, edges), exact=exact)
+    audit = cspace.lanes.audit(space, RouteGraph.from_arrays(free, edges), exact=exact)
     assert audit.counts["free"] > 10
     assert audit.counts["blocked"] > 0
     if exact:
@@ -145,7 +144,7 @@ def test_lanes_near_contact_are_decided(rooms, x, y, angle, gap):
     if not 0.0 < room < 1.9:
         return
     ends = np.array([p + room * left, q + room * left])
-    audit = planners.audit(rooms, RouteGraph.from_arrays(ends, [(0, 1)]))
+    audit = cspace.lanes.audit(rooms, RouteGraph.from_arrays(ends, [(0, 1)]))
     check(rooms, audit)
     if gap == 0.05:
         assert audit.lanes[0].verdict == "free"
@@ -157,7 +156,7 @@ def test_lanes_near_contact_are_decided(rooms, x, y, angle, gap):
 def test_a_lane_pushed_into_a_wall_by_a_centimetre_is_blocked(rooms):
     for y, verdict in ((0.201, "free"), (0.19, "blocked")):
         graph = RouteGraph.from_arrays([(1, y), (3, y)], [(0, 1)])
-        (row,) = planners.audit(rooms, graph).lanes
+        (row,) = cspace.lanes.audit(rooms, graph).lanes
         assert row.verdict == verdict
     assert row.obstacle == "the border of the map"
     assert row.at[:2] == (1, 0.19)
@@ -172,7 +171,7 @@ def test_rooms_of_straight_lanes_are_within_two_cells_of_the_truth(rooms):
         ((1, 2.5), (7, 2.5)),
     ):
         graph = RouteGraph.from_arrays([p, q], [(0, 1)])
-        (row,) = planners.audit(rooms, graph, max_room=2.0).lanes
+        (row,) = cspace.lanes.audit(rooms, graph, max_room=2.0).lanes
         assert row.verdict == "free"
         yaw = math.atan2(q[1] - p[1], q[0] - p[0])
         for side, room in ((1, row.left), (-1, row.right)):
@@ -187,7 +186,7 @@ def test_no_post_is_skipped_beside_a_lane(row):
     occupied[30, row] = True
     space = cspace.build(cspace.Workspace.from_array(occupied, 0.1), "disc:0.02")
     graph = RouteGraph.from_arrays([(2, 2), (4, 2)], [(0, 1)])
-    (lane,) = planners.audit(space, graph).lanes
+    (lane,) = cspace.lanes.audit(space, graph).lanes
     beside = abs(0.1 * row + 0.05 - 2.0) - 0.05 - 0.02
     room = lane.left if row > 20 else lane.right
     assert beside - 0.2 <= room <= beside
@@ -202,7 +201,7 @@ def test_margins_hold_around_the_ends_of_diagonal_lanes(post):
         workspace = cspace.Workspace.from_polygons([box], spacing=0.05, bounds=(-1, -1, 6, 6))
     space = cspace.build(workspace, "disc:0.07")
     graph = RouteGraph.from_arrays([(2, 2), (3, 3)], [(0, 1)])
-    (row,) = planners.audit(space, graph, max_room=2.0).lanes
+    (row,) = cspace.lanes.audit(space, graph, max_room=2.0).lanes
     truth = shapely.LineString([(2, 2), (3, 3)]).distance(box) - 0.07
     assert truth - 0.15 <= row.margin <= truth
 
@@ -219,7 +218,7 @@ def test_headings_decide_the_yaw(rooms):
         (math.radians(45), "blocked"),
     ):
         graph = RouteGraph.from_arrays(nodes, [(0, 1)], heading)
-        (row,) = planners.audit(rooms, graph).lanes
+        (row,) = cspace.lanes.audit(rooms, graph).lanes
         assert row.verdict == verdict, heading
 
 
@@ -228,14 +227,14 @@ def test_an_asymmetric_robot_differs_backwards():
     space = build(occupied)
     for heading, verdict in (("forward", "blocked"), ("backward", "free"), ("both", "blocked")):
         graph = RouteGraph.from_arrays([(1, 1), (3.65, 1)], [(0, 1)], heading)
-        assert planners.audit(space, graph).lanes[0].verdict == verdict
+        assert cspace.lanes.audit(space, graph).lanes[0].verdict == verdict
 
 
 def test_a_node_with_a_yaw_needs_the_turn(rooms):
     nodes = [(1.0, 0.3), (3.0, 0.3)]
     for yaws, verdict in (((math.nan, math.nan), "free"), ((math.pi / 2, math.nan), "blocked")):
         graph = RouteGraph.from_arrays(nodes, [(0, 1)], yaws=yaws)
-        assert planners.audit(rooms, graph).lanes[0].verdict == verdict
+        assert cspace.lanes.audit(rooms, graph).lanes[0].verdict == verdict
 
 
 @pytest.mark.parametrize("turn", [0.0, math.pi / 2, math.pi, -math.pi / 2])
@@ -248,7 +247,7 @@ def test_lanes_join_at_one_yaw_however_it_is_written(turn):
     ahead = np.array([math.cos(turn), math.sin(turn)])
     nodes = [3.0 - 2.0 * ahead, (3.0, 3.0), 3.0 + 2.0 * ahead]
     edges, headings = [(0, 1), (1, 0), (1, 2), (2, 1)], ["forward", "backward", turn, turn]
-    audit = planners.audit(space, RouteGraph.from_arrays(nodes, edges, headings))
+    audit = cspace.lanes.audit(space, RouteGraph.from_arrays(nodes, edges, headings))
     assert audit.counts["free"] == 4
     assert not len(audit.nodes[1].free_yaws)
     assert audit.parts == [["0", "1", "2"]]
@@ -257,14 +256,14 @@ def test_lanes_join_at_one_yaw_however_it_is_written(turn):
 def test_lanes_without_length_and_loops_and_borders(rooms):
     nodes = [(2, 1), (0.0, 2.5), (8.0, 2.5), (20.0, 2.5), (2, 1)]
     edges = [(0, 0), (0, 4), (0, 1), (0, 2), (0, 3)]
-    audit = planners.audit(rooms, RouteGraph.from_arrays(nodes, edges))
+    audit = cspace.lanes.audit(rooms, RouteGraph.from_arrays(nodes, edges))
     verdicts = [row.verdict for row in audit.lanes]
     assert verdicts == ["free", "free", "blocked", "blocked", "blocked"]
     assert audit.nodes[0].turns_around
     assert not len(audit.nodes[1].free_yaws)
     fixed = RouteGraph.from_arrays(nodes, [(0, 0)], 1.0)
-    assert planners.audit(rooms, fixed).lanes[0].verdict == "free"
-    empty = planners.audit(rooms, RouteGraph.from_arrays(np.empty((0, 2)), np.empty((0, 2))))
+    assert cspace.lanes.audit(rooms, fixed).lanes[0].verdict == "free"
+    empty = cspace.lanes.audit(rooms, RouteGraph.from_arrays(np.empty((0, 2)), np.empty((0, 2))))
     assert empty.lanes == empty.parts == []
     assert "0 free" in str(empty)
 
@@ -272,7 +271,7 @@ def test_lanes_without_length_and_loops_and_borders(rooms):
 def test_nodes_turn_between_proven_yaws(rooms):
     walls = obstacles_of(rooms)
     nodes = [(4.1, 2.5), (2, 1), (0.35, 2.5), (1.0, 2.75)]
-    audit = planners.audit(rooms, RouteGraph.from_arrays(nodes, []))
+    audit = cspace.lanes.audit(rooms, RouteGraph.from_arrays(nodes, []))
     assert [row.turns_around for row in audit.nodes] == [False, True, False, False]
     for row in audit.nodes:
         for low, high in row.free_yaws:
@@ -284,7 +283,7 @@ def test_named_obstacles_are_named():
     space = build(np.zeros((60, 40), dtype=np.bool_))
     space.add_obstacle("crate", shapely.box(2.0, 1.5, 2.5, 2.5))
     graph = RouteGraph.from_arrays([(1, 2), (4, 2), (1, 3)], [(0, 1), (0, 2)])
-    first, second = planners.audit(space, graph).lanes
+    first, second = cspace.lanes.audit(space, graph).lanes
     assert first.obstacle == "'crate'"
     assert second.verdict == "free"
 
@@ -296,9 +295,9 @@ def test_polygons_are_exact_obstacles():
     space = cspace.build(workspace, cspace.Robot.rectangle(0.5, 0.4), rotations=36)
     for y, verdict in ((0.76, "free"), (0.715, "blocked"), (0.805, "blocked")):
         graph = RouteGraph.from_arrays([(1, y), (3, y)], [(0, 1)])
-        (row,) = planners.audit(space, graph).lanes
+        (row,) = cspace.lanes.audit(space, graph).lanes
         assert row.verdict == verdict, y
-        assert planners.audit(space, graph, exact=False).lanes[0].verdict == "undecided"
+        assert cspace.lanes.audit(space, graph, exact=False).lanes[0].verdict == "undecided"
 
 
 @pytest.mark.filterwarnings("ignore:the robot is")
@@ -307,7 +306,7 @@ def test_a_robot_without_an_inside_is_audited():
     workspace = cspace.Workspace.from_polygons([wall], spacing=0.1, bounds=(0, 0, 4, 3))
     space = cspace.build(workspace, cspace.Robot.disc(1e-8))
     graph = RouteGraph.from_arrays([(1, 1), (1.5, 1), (2.03, 1)], [(0, 1), (1, 2)])
-    verdicts = [row.verdict for row in planners.audit(space, graph).lanes]
+    verdicts = [row.verdict for row in cspace.lanes.audit(space, graph).lanes]
     assert verdicts == ["free", "undecided"]
 
 
@@ -323,24 +322,24 @@ def test_yaws_between_those_of_a_part_are_proven():
     for gap, is_free in ((0.05, True), (-2e-4, False), (-0.02, False)):
         y = 0.5 + reach + gap
         graph = RouteGraph.from_arrays([(1, y), (3, y)], [(0, 1), (0, 0)], "any")
-        lanes = planners.audit(space, graph).lanes
+        lanes = cspace.lanes.audit(space, graph).lanes
         assert [row.verdict == "free" for row in lanes] == [is_free] * 2, gap
 
 
 def test_a_map_without_a_yaw_is_for_a_round_robot_or_one_that_never_turns():
     disc = build_empty((40, 30), "disc:0.3")
     graph = RouteGraph.from_arrays([(1, 1), (3, 2)], [(0, 1)])
-    audit = planners.audit(disc, graph)
+    audit = cspace.lanes.audit(disc, graph)
     assert audit.lanes[0].verdict == "free"
     assert audit.nodes[0].turns_around
     bar = build_empty((40, 30), "rect:0.6x0.2")
     still = RouteGraph.from_arrays([(1, 1), (3, 2)], [(0, 1)], 0.0)
 
     def build_again():
-        return planners.audit(bar, still)
+        return cspace.lanes.audit(bar, still)
 
     check_refused(
-        lambda: planners.audit(bar, graph),
+        lambda: cspace.lanes.audit(bar, graph),
         "the shape at every yaw is needed",
     )
     standing = build_again()
@@ -349,8 +348,8 @@ def test_a_map_without_a_yaw_is_for_a_round_robot_or_one_that_never_turns():
     np.testing.assert_array_equal(standing.nodes[0].free_yaws, [[0.0, 0.0]])
     turned = RouteGraph.from_arrays([(1, 1), (3, 2)], [(0, 1)], 0.0, yaws=[0.0, 1.5])
     with pytest.raises(InputError, match=r"has the yaw 1.5 at the node '1'"):
-        planners.audit(bar, turned)
-    assert planners.audit(disc, turned).lanes[0].verdict == "free"
+        cspace.lanes.audit(bar, turned)
+    assert cspace.lanes.audit(disc, turned).lanes[0].verdict == "free"
 
 
 def test_tiles_give_the_verdicts_of_memory(tmp_path):
@@ -362,7 +361,7 @@ def test_tiles_give_the_verdicts_of_memory(tmp_path):
     tiled = cspace.build(workspace, robot, rotations=24, store=tmp_path / "map.zarr", tile=40)
     positions = rng.uniform((0, 0), (12, 9), (15, 2))
     graph = RouteGraph.from_arrays(positions, rng.integers(0, 15, (25, 2)), two_way=True)
-    one, other = planners.audit(whole, graph), planners.audit(tiled, graph)
+    one, other = cspace.lanes.audit(whole, graph), cspace.lanes.audit(tiled, graph)
     assert [row[3] for row in one.lanes] == [row[3] for row in other.lanes]
     assert one.parts == other.parts
     assert one.lost == other.lost
@@ -376,7 +375,7 @@ def test_a_node_far_outside_is_named_at_once(tmp_path, far, outside, tile):
     space = build_empty((60, 60), "rect:0.6x0.4", rotations=24, outside=outside, **options)
     for node in ((far, 5.0), (-far, far), (3.0, -far)):
         graph = RouteGraph.from_arrays([(1, 1), (5, 5), node], [(0, 1), (1, 2), (2, 0)])
-        audit = planners.audit(space, graph)
+        audit = cspace.lanes.audit(space, graph)
         near, *others = audit.lanes
         assert near.verdict == "free"
         if outside == "blocked":
@@ -388,7 +387,7 @@ def test_a_node_far_outside_is_named_at_once(tmp_path, far, outside, tile):
 
 def test_audits_are_pickled_and_copied(rooms):
     graph = RouteGraph.from_arrays([(1, 1), (3, 1), (7, 1)], [(0, 1), (1, 2)])
-    audit = planners.audit(rooms, graph)
+    audit = cspace.lanes.audit(rooms, graph)
     for twin in (pickle.loads(pickle.dumps(audit)), copy.deepcopy(audit)):
         assert str(twin) == str(audit)
         np.testing.assert_array_equal(twin.find_way("0", "1"), audit.find_way("0", "1"))
@@ -397,18 +396,18 @@ def test_audits_are_pickled_and_copied(rooms):
 def test_wrong_arguments_are_refused(rooms):
     graph = RouteGraph.from_arrays([(1, 1)], [])
     with pytest.raises(InputError, match="it must be a RouteGraph"):
-        planners.audit(rooms, [(0, 1)])
+        cspace.lanes.audit(rooms, [(0, 1)])
     with pytest.raises(InputError, match="it must be a map"):
-        planners.audit("map", graph)
+        cspace.lanes.audit("map", graph)
     with pytest.raises(InputError, match="there are"):
-        planners.audit(rooms, graph).find_way("0", "1")
+        cspace.lanes.audit(rooms, graph).find_way("0", "1")
     with pytest.raises(InputError, match="lanes are for maps of x, y"):
-        planners.audit(build_empty((9, 9, 9), "ball:0.1"), graph)
+        cspace.lanes.audit(build_empty((9, 9, 9), "ball:0.1"), graph)
 
 
 def test_yaws_in_degrees_are_named_once(rooms):
     with pytest.warns(AngleWarning) as caught:
         graph = RouteGraph.from_arrays([(1.0, 0.3), (3.0, 0.3)], [(0, 1)], 450.0, yaws=(90, 180))
-        planners.audit(rooms, graph)
+        cspace.lanes.audit(rooms, graph)
     assert [str(each.message).partition(":")[0] for each in caught] == ["headings", "yaws"]
     np.testing.assert_allclose(np.cos(graph.yaws), np.cos([90, 180]), atol=1e-12)

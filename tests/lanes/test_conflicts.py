@@ -15,7 +15,6 @@ from hypothesis import strategies as st
 from matplotlib import pyplot
 
 import cspace
-import planners
 from cspace.errors import FileError, InputError
 from cspace.lanes import RouteGraph
 from tests.helpers.commands import run
@@ -110,7 +109,7 @@ def test_random_graphs_agree_with_dense_poses(spaces, number):
         graphs = {"": draw_graph(rng), "b": draw_graph(rng)}
         distance = float(rng.choice([0.0, 0.15]))
         others = {"b": (spaces[other], graphs["b"])}
-        found = planners.conflicts(spaces[one], graphs[""], others=others, distance=distance)
+        found = cspace.lanes.conflicts(spaces[one], graphs[""], others=others, distance=distance)
         swept = {}
         for robot, graph in graphs.items():
             names = [name for name, row in found.elements.items() if row.robot == robot]
@@ -168,7 +167,7 @@ def test_parallel_lanes_near_contact_are_decided(spaces, angle, gap, distance, s
     other = start + (0.25 + 0.25 + distance + gap) * left
     nodes = [start - ahead, start + ahead, other + (slide + 1) * ahead, other + (slide - 1) * ahead]
     graph = RouteGraph.from_arrays(nodes, [(0, 1), (2, 3)])
-    row = planners.conflicts(space, graph, distance=distance).between("0: 0 to 1", "1: 2 to 3")
+    row = cspace.lanes.conflicts(space, graph, distance=distance).between("0: 0 to 1", "1: 2 to 3")
     assert row.verdict == ("apart" if gap > 0 else "touch")
 
 
@@ -187,7 +186,7 @@ def test_corners_that_meet_exactly_are_never_apart(numbers, pull):
         boxes.append((min(b, d) - Fraction(1, 4), max(b, d) + Fraction(1, 4)))
         nodes += [(float(a), float(b)), (float(c), float(d))]
     graph = RouteGraph.from_arrays(nodes, [(0, 1), (2, 3)], 0.0)
-    row = planners.conflicts(space, graph).between("0: 0 to 1", "1: 2 to 3")
+    row = cspace.lanes.conflicts(space, graph).between("0: 0 to 1", "1: 2 to 3")
     gaps = [max(boxes[2 + k][0] - boxes[k][1], boxes[k][0] - boxes[2 + k][1]) for k in (0, 1)]
     gap = max(gaps)
     assert row.verdict == ("apart" if gap > 0 else "touch" if gap < 0 else "undecided")
@@ -199,9 +198,9 @@ def test_larger_distances_and_robots_never_part_what_touches(spaces):
     for _ in range(8):
         graph = draw_graph(rng)
         found = [
-            planners.conflicts(spaces["arrow"], graph),
-            planners.conflicts(spaces["arrow"], graph, distance=0.1),
-            planners.conflicts(grown, graph),
+            cspace.lanes.conflicts(spaces["arrow"], graph),
+            cspace.lanes.conflicts(spaces["arrow"], graph, distance=0.1),
+            cspace.lanes.conflicts(grown, graph),
         ]
         for row in found[0].pairs:
             assert found[1].between(row.first, row.second).verdict != "apart"
@@ -214,8 +213,8 @@ def test_verdicts_are_symmetric_and_an_element_touches_itself(spaces):
     rng = np.random.default_rng(3)
     graph, other = draw_graph(rng), draw_graph(rng)
     pair = (spaces["notched"], other)
-    one = planners.conflicts(spaces["arrow"], graph, others={"b": pair}, name="a")
-    two = planners.conflicts(*pair, others={"a": (spaces["arrow"], graph)}, name="b")
+    one = cspace.lanes.conflicts(spaces["arrow"], graph, others={"b": pair}, name="a")
+    two = cspace.lanes.conflicts(*pair, others={"a": (spaces["arrow"], graph)}, name="b")
     for first, second in itertools.combinations(one.elements, 2):
         row, back = one.between(first, second), one.between(second, first)
         assert row.verdict == back.verdict == two.between(first, second).verdict
@@ -230,12 +229,12 @@ def test_round_robots_and_discs_have_their_exact_size():
     space = build("disc:0.3", rotations=None)
     for gap, verdict in ((1e-6, "apart"), (-1e-6, "touch")):
         graph = RouteGraph.from_arrays([(1, 1), (3, 1), (3.0, 1.6 + gap), (5, 4)], [(0, 1), (2, 3)])
-        found = planners.conflicts(space, graph)
+        found = cspace.lanes.conflicts(space, graph)
         assert found.between("0: 0 to 1", "node 2").verdict == verdict
     pair = cspace.Robot.from_balls([(0.0, 0.5), (0.0, -0.5)], [0.1, 0.2])
     space = build(pair)
     graph = RouteGraph.from_arrays([(1, 3), (3, 3), (1, 3.1), (3, 3.1)], [(0, 1), (2, 3)])
-    found = planners.conflicts(space, graph)
+    found = cspace.lanes.conflicts(space, graph)
     assert found.between("0: 0 to 1", "1: 2 to 3").verdict == "touch"
     assert found.outlines["0: 0 to 1"].geom_type == "MultiPolygon"
 
@@ -244,7 +243,7 @@ def test_nodes_have_the_turns_between_their_lanes():
     space = build("rect:1.0x0.2")
     nodes = [(1, 1), (3, 1), (3, 3), (3.4, 0.6), (5, 5)]
     graph = RouteGraph.from_arrays(nodes, [(0, 1), (1, 2)])
-    found = planners.conflicts(space, graph)
+    found = cspace.lanes.conflicts(space, graph)
     # The turn to the left sweeps from (3.5, 1) to (3, 1.5), and from (2.5, 1) to (3, 0.5).
     corner = found.outlines["node 1"]
     for angle, inside in ((45, True), (80, True), (135, False), (225, True), (-45, False)):
@@ -255,7 +254,7 @@ def test_nodes_have_the_turns_between_their_lanes():
     # Nothing says how the robot stands at a node without lanes, so it may stand in any way.
     assert found.outlines["node 4"].area == pytest.approx(math.pi * 0.26, rel=0.01)
     still = RouteGraph.from_arrays(nodes, [(0, 1), (1, 2)], yaws=[0.0] * 5)
-    outline = planners.conflicts(space, still).outlines["node 4"]
+    outline = cspace.lanes.conflicts(space, still).outlines["node 4"]
     assert outline.area == pytest.approx(0.2)
 
 
@@ -272,7 +271,7 @@ def test_a_lane_turns_the_shorter_way_from_the_yaw_of_its_node(spaces, first, di
     heading = "backward" if backward else "forward"
     ends = [(4.0, 3.0), (4.0 + 0.5 * math.cos(direction), 3.0 + 0.5 * math.sin(direction))]
     graph = RouteGraph.from_arrays(ends, [(0, 1)], heading, yaws=[first, math.nan])
-    outline = planners.conflicts(spaces["outside"], graph).outlines["0: 0 to 1"]
+    outline = cspace.lanes.conflicts(spaces["outside"], graph).outlines["0: 0 to 1"]
     last = direction + math.pi * backward
     step = math.remainder(last - first, math.tau)
     robot = shapely.Polygon(SHAPES["outside"])
@@ -318,14 +317,14 @@ def test_a_corner_is_turned_the_shorter_way_and_half_a_turn_both_ways(
         for yaw in (middle, middle + math.pi)
     ]
     others = {"cart": (build("disc:0.1", rotations=None), RouteGraph.from_arrays(places, []))}
-    found = planners.conflicts(build(robot), graph, others=others)
+    found = cspace.lanes.conflicts(build(robot), graph, others=others)
     verdicts = [found.between("lane: a to b", f"cart node {k}").verdict for k in range(2)]
     assert verdicts == ["touch"] * touched + ["apart"] * (2 - touched)
     # The audit finds a post on each way that the robot may turn.
     for k, place in enumerate(places):
         space = build(robot)
         space.add_obstacle("post", shapely.Point(place).buffer(0.1))
-        (lane,) = planners.audit(space, graph).lanes
+        (lane,) = cspace.lanes.audit(space, graph).lanes
         assert lane.verdict == ("blocked" if k < touched else "free")
 
 
@@ -337,7 +336,7 @@ def test_a_curve_at_any_yaw_sweeps_a_disc_at_once(spaces, tmp_path, monkeypatch)
     monkeypatch.setattr(
         shapely, "convex_hull", lambda shapes: counts.append(np.size(shapes)) or hull(shapes)
     )
-    found = planners.conflicts(spaces["notched"], graph)
+    found = cspace.lanes.conflicts(spaces["notched"], graph)
     # 2 for each leg, and 2 for each of 5 degrees in each of 2 nodes and 2 parts.
     assert sum(counts) < 2000
     reach = max(math.hypot(*corner) for corner in SHAPES["notched"])
@@ -377,7 +376,7 @@ def test_curves_and_deviations_count_as_the_audit_counts_them(tmp_path):
         for more, extra in ((0.0, {}), (0.2, corridor)):
             graph = order(radius + more, **extra)
             pair = (disc, RouteGraph.from_arrays([graph.positions[2]], []))
-            found = planners.conflicts(space, graph, others={"disc": pair})
+            found = cspace.lanes.conflicts(space, graph, others={"disc": pair})
             row = found.between("arc: a to b", "disc node 0")
             assert row.verdict == verdict, (radius, more)
             if verdict == "touch":
@@ -386,7 +385,7 @@ def test_curves_and_deviations_count_as_the_audit_counts_them(tmp_path):
                 assert body.distance(shapely.Point(graph.positions[2])) <= 0.05 + 1e-12
                 assert abs(math.hypot(x - 1, y - 1) - 1.0) <= more + 1e-6
     # The polygon of the outline holds the robot all along the circle.
-    outline = planners.conflicts(space, order(3.0)).outlines["arc: a to b"]
+    outline = cspace.lanes.conflicts(space, order(3.0)).outlines["arc: a to b"]
     for angle in np.linspace(0.0, math.pi / 2, 500):
         x, y = 1 + math.cos(angle), 1 + math.sin(angle)
         body = place(shapely.box(-0.2, -0.1, 0.2, 0.1), (x, y, angle + math.pi / 2))
@@ -401,7 +400,7 @@ def test_one_robot_in_each_zone_keeps_all_apart(spaces, distance, number):
     close = 0
     for _ in range(number):
         graph = draw_graph(rng)
-        found = planners.conflicts(spaces["notched"], graph, distance=distance)
+        found = cspace.lanes.conflicts(spaces["notched"], graph, distance=distance)
         zones = found.zones()
         shapes = list(zones.polygons)
         assert all(shape.is_valid and not shape.interiors for shape in shapes)
@@ -447,7 +446,7 @@ def test_mutex_groups_of_open_rmf_are_audited(spaces, tmp_path):
     graph = open_rmf(tmp_path)
     assert [lane.mutex for lane in graph.lanes] == ["hall", "hall", "hall", "far", "7"]
     assert graph.node_mutexes == {"d": "end"}
-    found = planners.conflicts(spaces["arrow"], graph)
+    found = cspace.lanes.conflicts(spaces["arrow"], graph)
     assert found.between("0: a to b", "1: c to d").groups == ("hall",)
     unguarded = {(row.first, row.second) for row in found.unguarded}
     assert ("0: a to b", "1: c to d") not in unguarded
@@ -463,7 +462,7 @@ def test_mutex_groups_of_open_rmf_are_audited(spaces, tmp_path):
         """Put the two lanes that are far from each other into one group."""
         lanes[0][2]["mutex"] = lanes[2][2]["mutex"] = "vain"
 
-    found = planners.conflicts(spaces["arrow"], open_rmf(tmp_path, move))
+    found = cspace.lanes.conflicts(spaces["arrow"], open_rmf(tmp_path, move))
     assert found.needless == ["vain"]
     assert "mutex groups that guard nothing: vain" in str(found)
     assert "0: a to b" in {name for row in found.failing() for name in (row.first, row.second)}
@@ -471,7 +470,7 @@ def test_mutex_groups_of_open_rmf_are_audited(spaces, tmp_path):
 
 def test_graphs_without_groups_do_not_fail(spaces):
     graph = RouteGraph.from_arrays([(1, 1), (3, 1), (1, 1.1), (3, 1.1)], [(0, 1), (2, 3)])
-    found = planners.conflicts(spaces["arrow"], graph)
+    found = cspace.lanes.conflicts(spaces["arrow"], graph)
     assert found.counts["touch"] > 0
     between = [row for row in found.pairs if row.verdict == "touch" and not row.shares_node]
     assert found.unguarded == between != []
@@ -479,7 +478,7 @@ def test_graphs_without_groups_do_not_fail(spaces):
 
 
 def test_reports_hold_every_pair(spaces, tmp_path):
-    found = planners.conflicts(spaces["arrow"], open_rmf(tmp_path))
+    found = cspace.lanes.conflicts(spaces["arrow"], open_rmf(tmp_path))
     found.to_csv(tmp_path / "a.csv")
     rows = list(csv.DictReader((tmp_path / "a.csv").read_text().splitlines()))
     assert [row["first"] for row in rows] == [row.first for row in found.pairs]
@@ -505,7 +504,7 @@ def test_reports_hold_every_pair(spaces, tmp_path):
 
 
 def test_zones_are_written_for_others(spaces, tmp_path):
-    found = planners.conflicts(spaces["arrow"], open_rmf(tmp_path))
+    found = cspace.lanes.conflicts(spaces["arrow"], open_rmf(tmp_path))
     zones = found.zones()
     assert len(zones) == len(zones.polygons) == len(zones.elements)
     assert {name for names in zones.elements for name in names} == set(found.elements)
@@ -523,7 +522,7 @@ def test_zones_are_written_for_others(spaces, tmp_path):
     assert {zone["zoneType"] for zone in zone_set["zones"]} == {"RELEASE"}
     corners = [(vertex["x"], vertex["y"]) for vertex in zone_set["zones"][0]["vertices"]]
     assert corners == first
-    alone = planners.conflicts(spaces["arrow"], RouteGraph.from_arrays([(1, 1), (4, 4)], []))
+    alone = cspace.lanes.conflicts(spaces["arrow"], RouteGraph.from_arrays([(1, 1), (4, 4)], []))
     assert (len(alone.zones()), alone.pairs) == (0, [])
     with pytest.raises(InputError, match="map_id"):
         zones.to_vda5050(3, "lanes")
@@ -534,7 +533,7 @@ def test_a_zone_of_most_elements_is_warned_of():
     nodes = [(0.5 + 0.3 * k, 3.0) for k in range(12)]
     graph = RouteGraph.from_arrays(nodes, [(k, k + 1) for k in range(11)], two_way=True)
     with pytest.warns(UserWarning, match="one zone has 34 of 34 elements"):
-        assert len(planners.conflicts(space, graph).zones()) == 1
+        assert len(cspace.lanes.conflicts(space, graph).zones()) == 1
 
 
 def test_tiles_and_graphs_with_names_that_repeat(tmp_path):
@@ -542,17 +541,17 @@ def test_tiles_and_graphs_with_names_that_repeat(tmp_path):
     graph = RouteGraph.from_arrays([(1, 1), (7, 4), (7, 1), (1, 4)], [(0, 1), (2, 3)])
     lanes = (graph.lanes[0], graph.lanes[0], graph.lanes[1])
     twice = RouteGraph(graph.names, graph.positions, lanes, graph.yaws)
-    found = planners.conflicts(tiled, twice)
+    found = cspace.lanes.conflicts(tiled, twice)
     assert list(found.elements)[:2] == ["0: 0 to 1", "0: 0 to 1 (2)"]
     assert found.between("0: 0 to 1 (2)", "1: 2 to 3").verdict == "touch"
-    assert found.counts == planners.conflicts(build("arrow"), twice).counts
+    assert found.counts == cspace.lanes.conflicts(build("arrow"), twice).counts
 
 
 @pytest.mark.parametrize("far", [1e6, 1e15, 1e100])
 def test_nodes_far_away_do_not_harm_near_pairs(spaces, far):
     nodes = [(1, 1), (3, 1), (1, 2), (3, 2), (far, 5.0)]
     graph = RouteGraph.from_arrays(nodes, [(0, 1), (2, 3), (3, 4)])
-    found = planners.conflicts(spaces["arrow"], graph)
+    found = cspace.lanes.conflicts(spaces["arrow"], graph)
     assert found.between("0: 0 to 1", "1: 2 to 3").verdict == "apart"
     assert found.between("1: 2 to 3", "2: 3 to 4").verdict != "apart"
 
@@ -584,11 +583,11 @@ LANES = RouteGraph.from_arrays([(1, 1), (3, 1)], [(0, 1)])
     ({"distance": math.nan}, "distance is nan"),
 )
 def test_wrong_arguments_are_refused_in_one_line(spaces, options, message):
-    check_refused(lambda: planners.conflicts(spaces["arrow"], LANES, **options), message)
+    check_refused(lambda: cspace.lanes.conflicts(spaces["arrow"], LANES, **options), message)
 
 
 def test_unknown_names_and_groups_are_refused(spaces, tmp_path):
-    found = planners.conflicts(spaces["arrow"], LANES)
+    found = cspace.lanes.conflicts(spaces["arrow"], LANES)
     with pytest.raises(InputError, match="did you mean 'node 0'"):
         found.between("0: 0 to 1", "node0")
     with pytest.raises(FileError, match="it must be the name of a group"):

@@ -13,7 +13,6 @@ from matplotlib import pyplot
 from shapely import affinity
 
 import cspace
-import planners
 from cspace.lanes import RouteGraph
 from tests.helpers.commands import run
 from tests.helpers.handmade import build_empty
@@ -66,7 +65,7 @@ def test_random_graphs_agree_with_networkx(floor, number):
         edges = edges[edges[:, 0] != edges[:, 1]]
         if not len(edges):
             continue  # a graph without lanes is refused
-        audit = planners.audit(floor, RouteGraph.from_arrays(positions, edges), exact=False)
+        audit = cspace.lanes.audit(floor, RouteGraph.from_arrays(positions, edges), exact=False)
         oracle = oracle_of(audit)
         parts = {
             tuple(sorted({node for node, _ in part}))
@@ -101,7 +100,7 @@ def test_random_graphs_agree_with_networkx(floor, number):
 
 def test_a_way_beside_the_lanes_is_found_or_disproven(floor):
     graph = RouteGraph.from_arrays([(1, 1), (3, 1), (6, 1)], [(0, 1), (1, 2)])
-    audit = planners.audit(floor, graph)
+    audit = cspace.lanes.audit(floor, graph)
     assert [(way.start, way.end, way.exists) for way in audit.lost] == [
         ("0", "1", True),
         ("1", "2", False),
@@ -151,7 +150,7 @@ def test_curves_agree_with_what_the_robot_sweeps(wall, exact, tmp_path):
         ],
     }
     graph = RouteGraph.open(write(tmp_path, "order.json", order))
-    (row,) = planners.audit(space, graph, exact=exact).lanes
+    (row,) = cspace.lanes.audit(space, graph, exact=exact).lanes
     if wall is None:
         assert row.verdict == "free"
         assert 0.4 < row.margin == row.left == row.right < 1.0
@@ -189,7 +188,7 @@ def test_a_corridor_widens_what_is_proven(tmp_path):
             ],
         }
         graph = RouteGraph.open(write(tmp_path, "order.json", order))
-        assert planners.audit(space, graph).lanes[0].verdict == verdict
+        assert cspace.lanes.audit(space, graph).lanes[0].verdict == verdict
 
 
 def test_reports_hold_every_lane(floor, tmp_path):
@@ -198,7 +197,7 @@ def test_reports_hold_every_lane(floor, tmp_path):
         [(0, 1), (0, 2), (2, 3)],
         edge_names=["a", "b & <c>", "d\x01"],
     )
-    audit = planners.audit(floor, graph)
+    audit = cspace.lanes.audit(floor, graph)
     assert audit.counts == {"free": 1, "blocked": 2, "undecided": 0}
     with pytest.raises(OSError, match="exists"):
         for _ in range(2):
@@ -229,7 +228,7 @@ def test_reports_hold_every_lane(floor, tmp_path):
 
 def test_undecided_lanes_are_skipped_or_fail(floor, tmp_path):
     graph = RouteGraph.from_arrays([(1, 0.23), (1.5, 0.23)], [(0, 1)])
-    audit = planners.audit(floor, graph, exact=False)
+    audit = cspace.lanes.audit(floor, graph, exact=False)
     assert audit.counts["undecided"] == 1
     for strict, tag in ((False, "skipped"), (True, "failure")):
         audit.to_junit(tmp_path / "a.xml", overwrite=True, strict=strict)

@@ -104,7 +104,7 @@ def test_tests_of_the_core_import_no_wing(tmp_path):
         ("arms", ["view"], "cspace.Arm.from_urdf"),
         ("_cli", [], "import cspace._cli"),
         ("export", [], "space.export('map.npz')"),
-        ("lanes", [], "planners.audit(space, 'graph.yaml')"),
+        ("lanes", [], "cspace.lanes.audit(space, 'graph.yaml')"),
         ("plot", ["view"], "space.plot()"),
         ("reasons", [], "space.explain(*ends)"),
         ("regions", [], "space.free_region(ends[0])"),

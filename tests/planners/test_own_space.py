@@ -349,7 +349,7 @@ def test_what_only_maps_and_arms_do_is_refused_for_a_space_that_wraps_a_map(hall
     with pytest.raises(InputError, match="must be the space of an arm"):
         planners.Trajectory.along(kind(hall), plan.path, max_acceleration=1.0)
     with pytest.raises(InputError, match=f"space is a {kind.__name__}; it must be a map"):
-        planners.audit(kind(hall), RouteGraph.from_arrays([(1, 1), (5, 1)], [(0, 1)]))
+        cspace.lanes.audit(kind(hall), RouteGraph.from_arrays([(1, 1), (5, 1)], [(0, 1)]))
 
 
 @pytest.mark.parametrize("name", ["classify", "is_free", "motion_is_free"])

@@ -16,9 +16,7 @@ from warnings import catch_warnings, simplefilter
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace import Robot
-from cspace._robot import robot_of
-from cspace._rotations.yaw import check_wrappable
+from cspace import Robot, Rotations, Workspace, build
 from cspace.errors import InputError
 from cspace.inside import (
     AXES,
@@ -31,16 +29,15 @@ from cspace.inside import (
     check_point,
     names_options,
     proofs_of,
+    robot_of,
     tell_apart,
-    warn_of_degrees,
     wrap_angles,
 )
-from planners._segments import bound_derivatives
-from planners._trajectory import Trajectory
 
 if TYPE_CHECKING:
     from cspace import CSpace
     from cspace.inside import Shape, ShapeLike
+    from planners import Trajectory
 
 MotionState: TypeAlias = Literal["apart", "touch", "undecided"]
 """Verdicts about two motions."""
@@ -149,10 +146,10 @@ def apart(
 
     Examples
     --------
-    >>> import planners
-    >>> person = planners.Mover("disc:0.3", (0.0, 2.0), velocity=(1.0, 0.0))
-    >>> crate = planners.Mover("rect:1x1", (3.0, 0.8, 0.5), error=0.05)
-    >>> separation = planners.apart(person, crate, until=10.0)
+    >>> import cspace
+    >>> person = cspace.lanes.Mover("disc:0.3", (0.0, 2.0), velocity=(1.0, 0.0))
+    >>> crate = cspace.lanes.Mover("rect:1x1", (3.0, 0.8, 0.5), error=0.05)
+    >>> separation = cspace.lanes.apart(person, crate, until=10.0)
     >>> separation.verdict, separation.distance > 0.1
     ('apart', True)
     """
@@ -234,6 +231,8 @@ class Timed(NamedTuple):
 
 def _read_mover(mover: object, name: str) -> Timed:
     """Check a mover."""
+    from planners import Trajectory
+
     if not isinstance(mover, Mover):
         raise InputError(name, f"is a {type(mover).__name__}", "it must be a Mover")
     robot = robot_of(mover.robot)
@@ -252,7 +251,7 @@ def _read_mover(mover: object, name: str) -> Timed:
             raise InputError(f"{name}.velocity", "is given", rule)
         _check_axes(mover.motion.axes, robot, name)
         pose = np.zeros(dim + 1)
-        times, bounds = _bound_trajectory(mover.motion, robot)
+        times, bounds = mover.motion.bound_rates(robot.shape.lever)
         return Timed(robot, mover.motion, pose, velocity, at, *numbers, times, bounds)
     names = (*AXES[:dim], "yaw")[: np.size(mover.motion)]
     row = check_finite(mover.motion, f"{name}.motion", names, largest=MAX_NUMBER)
@@ -260,9 +259,8 @@ def _read_mover(mover: object, name: str) -> Timed:
         axes = ", ".join(AXES[:dim])
         rule = f"it must be a trajectory, or {axes}, and perhaps a yaw, of {robot.name}"
         raise InputError(f"{name}.motion", f"has shape {row.shape}", rule)
-    yaws = dict.fromkeys(range(dim, len(row)), "its yaw")
-    warn_of_degrees(row[np.newaxis], yaws, f"{name}.motion")
-    check_wrappable(row[dim:], f"{name}.motion")
+    if len(row) > dim:
+        Rotations.of(1).check_rotation(row[dim:], f"{name}.motion")
     pose = np.append(row, np.zeros(dim + 1 - len(row)))
     speed = float(np.linalg.norm(velocity)) * (1.0 + SPEED_ROUNDING)
     bounds = np.array([[speed], [0.0], [0.0]])
@@ -277,38 +275,12 @@ def _check_axes(axes: tuple[str, ...], robot: Robot, name: str) -> None:
         raise InputError(f"{name}.motion", f"has the axes {', '.join(axes)}", rule)
 
 
-def _bound_trajectory(trajectory: Trajectory, robot: Robot) -> tuple[Floats, Floats]:
-    """Return the begins of phases, and bounds of rates between.
-
-    Both are as of :class:`Timed`. The robot rests before the first phase and after the last.
-    """
-    phases = trajectory._phases
-    numbers = np.arange(len(phases.times) - 1)
-    widths = np.diff(phases.times)
-    lengths, last_speeds, last_gains = phases.ends()
-    lengths = np.maximum(lengths - phases.positions[:-1], 0.0)
-    # With a constant jerk, the speed is largest at an end or where the acceleration passes zero.
-    with np.errstate(divide="ignore", invalid="ignore"):
-        turns = np.nan_to_num(-phases.accelerations[:-1] / phases.jerks[:-1])
-    turn_speeds = phases.at(numbers, np.clip(turns, 0.0, widths))[1]
-    speeds = np.max([phases.speeds[:-1], turn_speeds, last_speeds], axis=0)
-    gains = np.abs([phases.accelerations[:-1], last_gains]).max(axis=0)
-    segments = trajectory._segments.select(phases.segments[:-1])
-    rates, bends = bound_derivatives(segments, phases.positions[:-1], lengths)
-    ahead = np.linalg.norm(rates[:, : robot.dim], axis=1)
-    aside = np.linalg.norm(bends[:, : robot.dim], axis=1) + np.abs(segments.curvatures) * ahead
-    around = robot.shape.lever * np.linalg.norm(rates[:, robot.dim :], axis=1)
-    bounds = np.array([ahead * speeds, around * speeds, ahead * gains + aside * speeds**2])
-    bounds *= 1.0 + SPEED_ROUNDING
-    return phases.times, np.pad(bounds, ((0, 0), (1, 1)))
-
-
 def _check_pair(first: Timed, second: Timed) -> None:
     """Raise InputError unless two motions are in one space and frame."""
     if first.robot.dim != second.robot.dim:
         problem = f"moves in {second.robot.shape.place}, but first in {first.robot.shape.place}"
         raise InputError("second", problem, "both must move in one space")
-    frames = [each.trajectory and each.trajectory._route.frame_id for each in (first, second)]
+    frames = [each.trajectory and each.trajectory.frame_id for each in (first, second)]
     if None not in frames and frames[0] != frames[1]:
         problem = f"has the frame {frames[1]!r}, but first has {frames[0]!r}"
         raise InputError("second.motion", problem, "positions must be in one frame")
@@ -400,8 +372,6 @@ class SolidMeasure:
 
 def _build_around(first: Shape, second: Shape) -> CSpace:
     """Build a small map of two solids, with a yaw."""
-    from cspace import Workspace, build
-
     reach = 2.0 * float(np.linalg.norm(np.abs(first.outer.bounds).max(axis=0)))
     low, high = (np.asarray(corner) for corner in second.outer.bounds)
     spacing = (float((high - low).max()) + 2.0 * reach) / CELLS_PER_SIDE

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 import cspace
 import planners
 from cspace.errors import AngleWarning, InputError
-from planners import Mover, apart
+from cspace.lanes import Mover, apart
 from tests.helpers.drives import make_drive
 from tests.helpers.handmade import build_empty
 from tests.helpers.refusals import check_refused, refusals
