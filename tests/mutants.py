@@ -382,7 +382,7 @@ MUTANTS = (
     ),
     Mutant(
         "planners/_result.py",
-        "replace(edges, space=space._keep(self.keep)) if self.keep else edges",
+        "replace(edges, space=space.keep(self.keep)) if self.keep else edges",
         "edges",
         "tests/arms/test_upright.py",
     ),
