@@ -40,6 +40,7 @@ from ._queries.distance import map_distances as map_distances
 from ._queries.upright import Upright as Upright
 from ._queries.vehicles import Car as Car
 from ._queries.vehicles import Differential as Differential
+from ._queries.vehicles import check_drive as check_drive
 from ._raster import Raster as Raster
 from ._record.cells import map_record as map_record
 from ._record.contents import Contents as Contents

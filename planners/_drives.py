@@ -8,7 +8,7 @@ from cspace import Space
 from cspace.errors import InputError
 from cspace.inside import Car as Car
 from cspace.inside import Differential as Differential
-from cspace.inside import tell_apart
+from cspace.inside import check_drive, tell_apart
 from planners._local_planner import Drive, LocalPlanner, TurnDriveTurn
 from planners._ompl_states import check_space
 
@@ -30,11 +30,8 @@ def local_planner(
     """
     check_space(space)
     exact = bool(exact) or not space.has_cells
-    if drive is None:
+    if check_drive(drive) is None:
         return LocalPlanner(space, exact, drive, bidirectional)
-    if not isinstance(drive, Drive):
-        rule = "it must be a planners.Car(...), a planners.Differential(...) or None"
-        raise InputError("drive", f"is {drive!r}", rule)
     if not has_drives(space):
         raise InputError(
             "drive",

@@ -442,7 +442,8 @@ class Stage(NamedTuple):
 
     def asks_turn(self, edges: LocalPlanner, path: Floats, row: int) -> bool:
         """Return True if a robot turns on the spot at a row to reach a yaw that is asked for."""
-        if not isinstance(edges.drive, Differential) or self.takes_any_yaw(edges, path[row]):
+        turns = isinstance(edges.drive, Differential)
+        if not turns or self.takes_any_yaw(edges, path[row]):
             return False
         # The way may begin or end here, if start or goal is the place.
         beside = np.delete(path[max(row - 1, 0) : row + 2, :2], min(row, 1), axis=0)

@@ -89,6 +89,6 @@ def test_wrong_drives_of_parts_for_ompl_are_refused(space: cspace.CSpace) -> Non
 def test_names_of_the_library_pass_type_checks(space: cspace.CSpace) -> None:
     options = planners.choices(space)
     plan = planners.plan(
-        space, START, GOAL, planner=options.planners[-1], drive=options.drives[0]()
+        space, START, GOAL, planner=options.planners[-1], drive=planners.Differential()
     )
     assert planners.plan(space, START, GOAL, planner=plan.planner, drive=plan.drive).certified

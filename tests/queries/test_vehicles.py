@@ -1,0 +1,114 @@
+"""Drives as values: their checks, texts and copies, and the twists that a gate refuses for them."""
+
+import copy
+import math
+import pickle
+
+import numpy as np
+import pytest
+
+import cspace
+import planners
+from cspace import InputError
+from tests.helpers.handmade import build_empty
+
+DRIVES = (
+    planners.Differential(),
+    planners.Differential(reverse=True, max_lateral_acceleration=0.5),
+    planners.Car(turning_radius=2),
+    planners.Car(turning_radius=0.5, reverse=True),
+)
+START = (2.0, 2.0, 0.0)
+
+
+@pytest.fixture(scope="module")
+def room():
+    return build_empty((40, 40), cspace.Robot.rectangle(0.4, 0.2), rotations=8)
+
+
+@pytest.mark.parametrize("drive", DRIVES, ids=repr)
+def test_a_drive_equals_what_its_text_and_its_copies_make(drive):
+    assert eval(repr(drive), {"Car": planners.Car, "Differential": planners.Differential}) == drive
+    assert pickle.loads(pickle.dumps(drive)) == copy.deepcopy(drive) == drive
+    assert hash(copy.copy(drive)) == hash(drive)
+    assert [other == drive for other in DRIVES].count(True) == 1
+
+
+@pytest.mark.parametrize(
+    "make, message",
+    [
+        (lambda: planners.Car(turning_radius=0.0), "turning_radius is 0.0; it must be one number"),
+        (
+            lambda: planners.Car(turning_radius=-1.0),
+            "turning_radius is -1.0; it must be one number",
+        ),
+        (lambda: planners.Car(turning_radius=math.inf), "turning_radius is inf"),
+        (lambda: planners.Car(turning_radius=math.nan), "turning_radius is nan"),
+        (lambda: planners.Car(turning_radius="1"), "turning_radius is '1'; it must be numeric"),
+        (lambda: planners.Car(turning_radius=(1.0, 2.0)), "it must be one number above zero"),
+        (lambda: planners.Car(turning_radius=1.0, reverse=1), "reverse is 1; it must be True or"),
+        (lambda: planners.Differential(reverse="no"), "reverse is 'no'; it must be True or False"),
+        (
+            lambda: planners.Differential(max_lateral_acceleration=0),
+            "max_lateral_acceleration is 0",
+        ),
+    ],
+)
+def test_wrong_fields_are_refused_when_a_drive_is_made(make, message):
+    with pytest.raises(InputError) as caught:
+        make()
+    assert message in str(caught.value)
+
+
+def test_numpys_numbers_become_plain_fields():
+    drive = planners.Car(turning_radius=np.float32(0.5), reverse=np.True_)
+    assert repr(drive) == "Car(turning_radius=0.5, reverse=True)"
+
+
+@pytest.mark.parametrize("drive", ["dubins", planners.Car, 0.5, {"turning_radius": 0.5}], ids=repr)
+def test_what_is_no_drive_is_refused_everywhere(room, drive):
+    for call in (
+        lambda: planners.plan(room, START, START, drive=drive),
+        lambda: planners.state_space(room, drive=drive),
+        lambda: planners.warm_up(room, drive),
+        lambda: cspace.Gate(room, drive=drive),
+        lambda: room.certify_twists(START, [(0.1, 0.1)], 0.1, drive=drive),
+    ):
+        with pytest.raises(InputError) as caught:
+            call()
+        assert str(caught.value).startswith(f"drive is {drive!r}; it must be a planners.Car(...)")
+
+
+@pytest.mark.parametrize(
+    "drive, twist, names, text",
+    [
+        (planners.Car(turning_radius=0.5), (-0.1, 0.0), ("v",), "v reverses at 0.1"),
+        (planners.Differential(), (-0.1, 0.0), ("v",), "v reverses at 0.1"),
+        (planners.Car(turning_radius=0.5), (0.1, 0.3), ("omega",), "omega is 0.3"),
+        (
+            planners.Differential(max_lateral_acceleration=0.1),
+            (0.5, -0.4),
+            ("omega",),
+            "omega accelerates sideways by 0.2",
+        ),
+    ],
+)
+def test_a_gate_refuses_twists_that_a_drive_cannot_follow(room, drive, twist, names, text):
+    gate = cspace.Gate(room, dt=0.1, drive=drive)
+    passed = gate.check_twists(START, [(0.1, 0.01), twist, (0.0, 0.0)])
+    refusal = passed.chunk.refusal
+    assert (passed.state, refusal.row, refusal.cause) == ("shortened", 1, "limit")
+    assert refusal.names == names and text in refusal.message
+    assert cspace.Gate(room, dt=0.1).check_twists(START, [(0.1, 0.01), twist]).state == "go"
+
+
+@pytest.mark.parametrize(
+    "drive, twists",
+    [
+        (planners.Car(turning_radius=0.5, reverse=True), [(-0.1, 0.2), (0.1, -0.2), (0.0, 0.0)]),
+        (planners.Differential(reverse=True), [(-0.1, 2.0), (0.0, 3.0)]),
+        (planners.Differential(max_lateral_acceleration=0.1), [(0.0, 3.0), (0.5, 0.2)]),
+    ],
+)
+def test_a_gate_passes_twists_that_a_drive_can_follow(room, drive, twists):
+    assert cspace.Gate(room, dt=0.1, drive=drive).check_twists(START, twists).state == "go"
