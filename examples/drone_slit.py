@@ -43,7 +43,13 @@ space = cspace.build(
 )
 still = (0.0, 0.0, 0.0, 1.0)
 plan = planners.plan(
-    space, (*start, *still), (*goal, *still), exact=True, iterations=100_000, time_limit=600, seed=1
+    space,
+    (*start, *still),
+    (*goal, *still),
+    exact=True,
+    planner=planners.Search(iterations=100_000),
+    time_limit=600,
+    seed=1,
 )
 print(plan)
 up = Rotation.from_quat(plan.path[:, 3:]).apply((0.0, 0.0, 1.0))[:, 2]

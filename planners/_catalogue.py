@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import cache
 from typing import Final, Literal, NamedTuple, TypeAlias, cast, get_args
 
@@ -11,7 +12,7 @@ from ompl import geometric as og
 
 from cspace import Space
 from cspace.errors import InputError
-from cspace.inside import Car, ConfigurationSpace, Differential, suggest_name
+from cspace.inside import Car, ConfigurationSpace, Differential, check_count, suggest_name
 from planners._local_planner import Drive
 
 PlannerName: TypeAlias = Literal[
@@ -85,17 +86,19 @@ CLEARANCE: Final = "clearance"
 FUNCTION: Final = "a function"
 """Objectives of :func:`planners.plan`."""
 
-NUMBER: Final = "a number"
 SEVERAL: Final = "several"
 OWN_SEARCH: Final = "a search of your own space"
 GIVEN: Final = "given"
-"""Values of ``iterations``, ``goal``, ``planner`` and ``keep`` in :data:`REFUSALS`."""
+"""Values of ``goal``, ``planner`` and ``keep`` in :data:`REFUSALS`."""
 
 NO_DRIVE: Final = "None"
 DIFFERENTIAL: Final = "Differential"
 CAR: Final = "Car"
 FORWARD_CAR: Final = "Car(reverse=False)"
 """Values of ``drive`` in :data:`REFUSALS`."""
+
+WITHOUT_ITERATIONS: Final = (GRID, MAX_CLEARANCE, LATTICE, *THREADED_PLANNERS)
+"""Planners that count no iterations, or cannot call Python from their threads."""
 
 _NO_SECOND_THREAD: Final = "cannot call Python from its second thread"
 """What planners with threads must not do: it would wait for the first thread for ever."""
@@ -151,8 +154,6 @@ REFUSALS: Final = (
         },
         "uses FREE cells",
     ),
-    Refusal({"iterations": (NUMBER,), "planner": (GRID, MAX_CLEARANCE, LATTICE)}, "counts none"),
-    Refusal({"iterations": (NUMBER,), "planner": THREADED_PLANNERS}, _NO_SECOND_THREAD),
     Refusal({"goal": (SEVERAL,), "planner": THREADED_PLANNERS}, _NO_SECOND_THREAD),
     Refusal(
         {"goal": (SEVERAL,), "planner": ("BFMT",)},
@@ -164,6 +165,51 @@ REFUSALS: Final = (
     ),
 )
 """What :func:`planners.plan` refuses; the page on planning prints this table."""
+
+
+@dataclass(frozen=True, slots=True)
+class Search:
+    """A planner with settings of its own, as the ``planner`` of :func:`planners.plan`.
+
+    Attributes
+    ----------
+    name : str, optional
+        Name of the planner, in upper or lower case; by default that of the space and the drive.
+    iterations : int, optional
+        Largest number of iterations of a planner of OMPL, or of BiRRT's further searches.
+    simplify : bool
+        Whether to shorten the path.
+
+    Raises
+    ------
+    InputError
+        If a value is of another kind, or the planner counts no iterations.
+
+    Examples
+    --------
+    >>> import numpy as np, cspace, planners
+    >>> workspace = cspace.Workspace.from_array(np.zeros((40, 30), dtype=bool), 0.1)
+    >>> space = cspace.build(workspace, cspace.Robot.disc(0.3))
+    >>> search = planners.Search("RRTstar", iterations=500)
+    >>> planners.plan(space, (1.0, 1.5), (3.5, 1.5), planner=search, seed=1).length
+    2.5
+    """
+
+    name: PlannerName | None = None
+    iterations: int | None = None
+    simplify: bool = True
+
+    def __post_init__(self) -> None:
+        """Check the settings."""
+        if not isinstance(cast(object, self.simplify), bool):
+            raise InputError("simplify", f"is {self.simplify!r}", "it must be True or False")
+        if self.iterations is None:
+            return
+        object.__setattr__(self, "iterations", check_count(self.iterations, "iterations", 1, 2**62))
+        if str(self.name).lower() in map(str.lower, WITHOUT_ITERATIONS):
+            problem = f"is {self.iterations} and name is {self.name!r}"
+            raise InputError("iterations", problem, f"{self.name} counts none")
+
 
 MAPS: Final = "maps of poses"
 TILED_MAPS: Final = "tiled maps"
@@ -280,8 +326,8 @@ def planner_named(name: str, searches: Sequence[str] = ()) -> PlannerName:
 def check_options(values: Mapping[str, object], is_named: bool, n_goals: int = 1) -> None:
     """Raise InputError if options do not go together, by :data:`REFUSALS`.
 
-    ``values`` are those of planner, objective, drive, exact, iterations and keep; ``is_named``
-    tells whether the user chose the planner.
+    ``values`` are those of planner, objective, drive, exact and keep; ``is_named`` says that the
+    user chose the planner.
     """
     planner = values["planner"]
     kinds = {**values, "goal": SEVERAL if n_goals > 1 else None}
@@ -290,8 +336,6 @@ def check_options(values: Mapping[str, object], is_named: bool, n_goals: int = 1
         kinds["planner"] = OWN_SEARCH
     if callable(values["objective"]):
         kinds["objective"] = FUNCTION
-    if values["iterations"] is not None:
-        kinds["iterations"] = NUMBER
     kinds["keep"] = GIVEN if values.get("keep") else None
     for options, reason in REFUSALS:
         if not all(kinds[option] in refused for option, refused in options.items()):

@@ -46,6 +46,7 @@ from planners._catalogue import (
     MAX_CLEARANCE,
     NEAR_START,
     PlannerName,
+    Search,
     check_options,
     check_support,
     default_planner,
@@ -162,10 +163,8 @@ def plan(
     start: ArrayLike | Near,
     goal: PlaceLike,
     *,
-    planner: PlannerName | None = None,
+    planner: PlannerName | Search | None = None,
     time_limit: float | None = None,
-    iterations: int | None = None,
-    simplify: bool = True,
     seed: int | None = None,
     objective: str | MakeObjective = "length",
     exact: bool = False,
@@ -192,17 +191,14 @@ def plan(
         for any yaw, a polygon of shapely as a region of positions, or ``(polygon, yaw)``; or a list
         of alternatives. A list of numbers is one configuration, a region and a number are one
         place, and every other list is of alternatives.
-    planner : str, optional
+    planner : str or Search, optional
         Name, in upper or lower case, of a planner of OMPL (:func:`planners.planner_names`) or of a
         built-in search: "Grid", "MaxClearance" and "Lattice" on maps, "BiRRT" for arms.
+        :class:`planners.Search` is one with settings.
     time_limit : float, optional
         Seconds after which the search ends. Simplification then has another 0.1 s. Work that a map
         does once, and compiling, also by other threads of this process, come on top. By default,
         the search ends after counted work, of about a second on an idle machine.
-    iterations : int, optional
-        Largest number of iterations of a planner of OMPL, or of BiRRT's further searches.
-    simplify : bool
-        Whether to shorten the path.
     seed : int, optional
         From 0 to 2^32 - 2. The same call with the same seed gives the same path, unless a time
         limit ends the search. Default planners need none.
@@ -274,17 +270,18 @@ def plan(
     if kept:
         check_support("`keep`", "keep", keep, space)
         edges = replace(edges, space=space.keep(kept))
-    name = default_planner(drive) if planner is None else planner_named(planner, space.searches)
+    search = planner if isinstance(planner, Search) else Search(planner)
+    name = default_planner(drive) if search.name is None else search.name
     task = PlanTask(
         edges=edges,
-        planner=name,
+        planner=planner_named(name, space.searches),
         objective=objective,
         limit=limit_effort(time_limit, DEFAULT_SECONDS),
         time_limit=None if time_limit is None else float(time_limit),
-        iterations=None if iterations is None else check_count(iterations, "iterations", 1, 2**62),
-        simplify=simplify,
+        iterations=search.iterations,
+        simplify=search.simplify,
         seed=None if seed is None else check_count(seed, "seed", 0, 2**32 - 2),
-        is_named=planner is not None,
+        is_named=search.name is not None,
         previous=np.empty((0, space.size)),
         keep=kept,
     )
@@ -499,7 +496,6 @@ def _check_options(task: PlanTask, n_goals: int = 1) -> None:
         "objective": task.objective,
         "drive": edges.drive,
         "exact": edges.exact,
-        "iterations": task.iterations,
         "keep": task.keep,
     }
     check_options(values, task.is_named, n_goals)
@@ -960,14 +956,14 @@ def _list_hints(task: PlanTask, exists: bool | None, is_late: bool) -> list[str]
     seconds = DEFAULT_SECONDS if task.time_limit is None else task.time_limit
     more = f"more time (time_limit={10.0 * seconds:g})"
     if task.iterations is not None and not is_late:
-        more = f"more iterations (iterations={10 * task.iterations})"
+        search = Search(task.planner if task.is_named else None, 10 * task.iterations)
+        more = f"more iterations by planner=planners.{search}"
     if not edges.space.has_cells:
         return [more, "another seed", "a larger tolerance" if task.keep else "another planner"]
     if edges.drive is None and exists:
         if task.planner == GRID or callable(task.objective):
             return [more]
-        without = "" if task.iterations is None else " without iterations"
-        return [f"planner={GRID!r}{without}, which finds one", more]
+        return [f"planner={GRID!r}, which finds one", more]
     if options := _try_options(task, exists):
         return [f"{options}, which finds a path"]
     if not exists:

@@ -21,7 +21,7 @@ from cspace import Robot
 from cspace._support.arrays import Floats
 from cspace.arms import Arm, ArmSpace, PosedShape, build_arm_space
 from cspace.errors import ConfigurationError
-from planners import plan
+from planners import Search, plan
 from tests.helpers.urdfs import joint, link, pose_at, write_urdf
 
 PROBLEMS = 50
@@ -224,7 +224,11 @@ def _plan(report: Report, name: str, body: Body, seed: int) -> None:
     making.take(partial(build_arm_space, _make_shelf(body.front), body.arm))
     timing, solved, certified = Timing(None), 0, True
     for start, goal in _draw_problems(space, body, count, np.random.default_rng(seed)):
-        options = {"seed": seed, "time_limit": MAX_SEARCH_SECONDS, "simplify": False}
+        options = {
+            "seed": seed,
+            "time_limit": MAX_SEARCH_SECONDS,
+            "planner": Search(simplify=False),
+        }
         search = partial(plan, space, start, goal, **options)
         if not timing.seconds:
             search()  # compiles and loads

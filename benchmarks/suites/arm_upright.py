@@ -133,7 +133,7 @@ def _solve(problem: UprightProblem, simplify: bool) -> tuple[Plan, float]:
         problem.goal,
         keep=problem.keep,
         time_limit=UPRIGHT_SECONDS,
-        simplify=simplify,
+        planner=planners.Search(simplify=simplify),
         seed=1,
     )
     return plan, time.process_time() - began

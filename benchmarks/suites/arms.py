@@ -32,7 +32,7 @@ from benchmarks.timing import Timing
 from cspace._support.arrays import Floats
 from cspace.arms import Arm, ArmSpace
 from cspace.errors import ConfigurationError
-from planners import plan
+from planners import Search, plan
 
 MIN_SOLVED_SHARE = {"panda": 0.95, "ur5": 0.9}
 """Target share of solved problems, for each arm in the data folder."""
@@ -172,9 +172,10 @@ def _plan(report: Report, problems: list[ArmProblem], least: float, seed: int) -
 def _solve(
     space: ArmSpace, start: Floats, goals: Floats, seed: int, simplify: bool
 ) -> Floats | None:
-    options = {"seed": seed, "time_limit": ARM_SEARCH_SECONDS, "simplify": simplify}
+    search = Search(iterations=1, simplify=simplify)
+    options = {"seed": seed, "time_limit": ARM_SEARCH_SECONDS}
     try:
-        return plan(space, start, goals, iterations=1, **options).waypoints
+        return plan(space, start, goals, planner=search, **options).waypoints
     except ConfigurationError:  # the start or all goals are not proven free
         return None
 
@@ -191,15 +192,24 @@ def _shorten(report: Report, problems: list[ArmProblem], seed: int) -> None:
             continue
         endpoints = problem.start, goals[0]
         if not timing.seconds:
-            plan(space, *endpoints, iterations=2)  # compiles and loads
+            plan(space, *endpoints, planner=Search(iterations=2))  # compiles and loads
         short, first = (
             timing.take(partial(plan, space, *endpoints, seed=seed)),
-            plan(space, *endpoints, seed=seed, simplify=False, time_limit=ARM_SEARCH_SECONDS),
+            plan(
+                space,
+                *endpoints,
+                seed=seed,
+                planner=Search(simplify=False),
+                time_limit=ARM_SEARCH_SECONDS,
+            ),
         )
         if not (short.solved and first.solved):
             continue
         seconds, certified = 2.0 if report.quick else 20.0, certified and short.certified
-        options: dict[str, Any] = {"iterations": REFERENCE_SEARCHES, "time_limit": seconds}
+        options: dict[str, Any] = {
+            "planner": Search(iterations=REFERENCE_SEARCHES),
+            "time_limit": seconds,
+        }
         others = [plan(space, *endpoints, seed=seed + k, **options) for k in (1, 2)]
         best = min(short.length, *(other.length for other in others if other.solved))
         ratios.append(short.length / best)

@@ -192,9 +192,8 @@ def solve_by_plan(
     plan = planners.plan(
         space,
         *query,
-        planner=planner,
+        planner=planners.Search(planner, simplify=False),
         time_limit=SEARCH_SECONDS,
-        simplify=False,
         seed=seed,
         exact=exact,
     )

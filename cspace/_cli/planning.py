@@ -6,7 +6,7 @@ import math
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, Final, Literal, TypeAlias, cast
 
 import typer
 
@@ -138,9 +138,9 @@ def plan(
         goals = [planners.Near(each, *_parse_tolerance(goal_tolerance)) for each in goals]
     here = parse_configuration(start, "start", space.axes, space.units)
     options: dict[str, Any] = {"start": planners.Near(here, start_tolerance or 0.0), "goal": goals}
-    options |= {"planner": planner, "objective": objective, "seed": seed}
-    options |= {"exact": exact, "drive": moves}
-    options |= {"time_limit": time_limit, "simplify": simplify}
+    search = planners.Search(cast("Any", planner), simplify=simplify)
+    options |= {"planner": search, "objective": objective, "seed": seed}
+    options |= {"exact": exact, "drive": moves, "time_limit": time_limit}
     with clock.step("plan"):
         planned = planners.plan(space, **options)
     # The proven distance to obstacles may take as long as the search.

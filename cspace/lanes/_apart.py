@@ -161,7 +161,7 @@ def apart(
     one, other = (each._replace(at=each.at - begin) for each in movers)
     shapes = one.robot.shape, other.robot.shape
     measure = PlaneMeasure(*shapes) if shapes[0].dim == 2 else SolidMeasure(*shapes)
-    search = Search((one, other), measure, gap, end - begin)
+    search = ApartSearch((one, other), measure, gap, end - begin)
     if search.find_touch(np.zeros(1)) is not None:
         problem = f"touches second at the start, at {begin:g} s"
         rule = f"their distance must exceed {gap:g} m and their errors"
@@ -414,7 +414,7 @@ class Touch(NamedTuple):
     poses: tuple[Floats, Floats]
 
 
-class Search:
+class ApartSearch:
     """The search for an instant at which two robots are within a distance."""
 
     def __init__(

@@ -121,7 +121,7 @@ def test_a_plan_tries_further_configurations(tmp_path, planner, iterations):
     is_free = space.is_free(first)
     assert len(first) == 16 and is_free.sum() > 10
     assert not is_free[np.abs(first[:, 0] - 2.5) < 0.3].any()
-    options = {"planner": planner, "iterations": iterations, "time_limit": 20.0}
+    options = {"planner": planners.Search(planner, iterations=iterations), "time_limit": 20.0}
     plan, again = (planners.plan(space, (0.0, 0.0), goal, seed=1, **options) for _ in range(2))
     assert plan.certified and tuple(plan.path[-1]) == tuple(plan.goal)
     assert plan.goal[0] == pytest.approx(2.5, abs=0.3)

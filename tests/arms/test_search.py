@@ -27,9 +27,10 @@ def measure_path(path):
     return float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
 
 
-def find_path(space, start, goals, **options):
+def find_path(space, start, goals, iterations=None, simplify=True, **options):
     """Return the waypoints of a plan by BiRRT."""
-    return planners.plan(space, start, goals, planner="BiRRT", **OPTIONS | options).waypoints
+    search = planners.Search("BiRRT", iterations, simplify)
+    return planners.plan(space, start, goals, planner=search, **OPTIONS | options).waypoints
 
 
 @pytest.mark.parametrize("seed", [0, 2, 3])

@@ -176,7 +176,15 @@ def check_kept(waiter, arm, space, rows, upright=GLASS):
 def test_a_plan_and_its_trajectory_stay_upright(waiter, arm, space):
     free = planners.plan(space, START, GOAL, seed=1)
     assert measure_deviations(waiter, arm.joints, GLASS, sample_path(free.path)).max() > 0.3
-    plan = planners.plan(space, START, GOAL, keep=GLASS, seed=1, time_limit=20.0, iterations=8)
+    plan = planners.plan(
+        space,
+        START,
+        GOAL,
+        keep=GLASS,
+        seed=1,
+        time_limit=20.0,
+        planner=planners.Search(iterations=8),
+    )
     assert plan.certified and plan.keep == (GLASS,) and plan.space is space
     np.testing.assert_array_equal(plan.path[[0, -1], :4], np.array([START, GOAL])[:, :4])
     check_kept(waiter, arm, space, sample_path(plan.path))

@@ -468,8 +468,7 @@ def test_plan_passes_options_to_the_planner(room, monkeypatch):
         "drive": planners.Car(turning_radius=0.5, reverse=True),
         "exact": True,
         "objective": "clearance",
-        "planner": "PRM",
-        "simplify": False,
+        "planner": planners.Search("PRM", simplify=False),
         "seed": 3,
         "time_limit": 2.0,
     }

@@ -32,8 +32,8 @@ def path():
 def growth(name):
     occupied = np.zeros((60, 40, 12)[: 3 if name == "space" else 2], dtype=bool)
     occupied[30, :26] = True
-    heeding = dict(objective="clearance", planner="RRTstar", iterations=20, time_limit=0.002)
-    ways = [dict(), dict(planner="RRT"), dict(planner="KPIECE1"), dict(planner="BITstar", iterations=50), heeding]
+    heeding = dict(objective="clearance", planner=planners.Search("RRTstar", 20), time_limit=0.002)
+    ways = [dict(), dict(planner="RRT"), dict(planner="KPIECE1"), dict(planner=planners.Search("BITstar", 50)), heeding]
     robot, rotations = cspace.Robot.disc(0.15), None
     if name == "space":
         robot = cspace.Robot.box((0.3, 0.3, 0.1))

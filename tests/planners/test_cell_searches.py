@@ -53,7 +53,7 @@ def test_a_path_joins_exactly_the_connected_configurations(any_map, seed):
         for simplify in (True, False):
             # A plan refuses ends that another cell touches.
             with nullcontext() if is_connected else suppress(ConfigurationError):
-                options = {"planner": "Grid", "simplify": simplify}
+                options = {"planner": planners.Search("Grid", simplify=simplify)}
                 path = planners.plan(space, first, last, **options).waypoints
                 assert (len(path) > 0) == is_connected
                 assert not len(path) or space.certify_path(path).all()
@@ -68,6 +68,6 @@ def test_returned_yaws_lie_from_minus_pi_to_below_pi(any_map):
     ends[:, -1] += 2.0 * np.pi * rng.integers(-3, 4, 12)
     for q0, q1 in itertools.pairwise(ends):
         for name, simplify in itertools.product(SEARCHES, (True, False)):
-            plan = planners.plan(space, q0, q1, planner=name, simplify=simplify)
+            plan = planners.plan(space, q0, q1, planner=planners.Search(name, simplify=simplify))
             yaws = plan.waypoints[:, -1]
             assert (yaws >= -np.pi).all() and (yaws < np.pi).all()

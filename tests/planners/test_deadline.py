@@ -89,7 +89,7 @@ def test_shortening_a_path_of_the_lattice_keeps_the_time_limit(
     space = build_room("turning")
     lengths = []
     for simplify, limit in ((True, 1000.0), (True, 0.01), (False, 0.01)):
-        options |= {"planner": "Lattice", "simplify": simplify, "time_limit": limit}
+        options |= {"planner": planners.Search("Lattice", simplify=simplify), "time_limit": limit}
         plan = planners.plan(space, *ENDPOINTS["turning"], **options)
         assert plan.certified and (plan.times.planning < 0.01 + 0.25) == (limit < 1.0)
         lengths.append(weighted_length(plan))
@@ -157,7 +157,11 @@ def test_compiling_takes_no_time_from_the_search(iterations, monkeypatch):
             return super().checkMotion(first, second)
 
     monkeypatch.setattr("planners._setup.MotionValidator", Compiled)
-    options = {"planner": "RRTConnect", "iterations": iterations, "time_limit": 0.2, "seed": 1}
+    options = {
+        "planner": planners.Search("RRTConnect", iterations=iterations),
+        "time_limit": 0.2,
+        "seed": 1,
+    }
     query = build_room("plane"), *ENDPOINTS["plane"]
     plan, again = (planners.plan(*query, **options) for _ in range(2))
     assert not seconds and plan.solved == (iterations is None)

@@ -35,7 +35,7 @@ def count_cells(side, dim, monkeypatch):
     robot = cspace.Robot.disc(0.1) if dim == 2 else cspace.Robot.ball(0.1)
     space = cspace.build(cspace.Workspace.from_array(occupied, 1.0), robot)
     monkeypatch.setattr(planners._search, "_search_guided", run)
-    path = planners.plan(space, start, goal, simplify=False).waypoints
+    path = planners.plan(space, start, goal, planner=planners.Search(simplify=False)).waypoints
     monkeypatch.undo()
     assert all(space.motion_is_free(path[:-1], path[1:]))
     (count,) = examined

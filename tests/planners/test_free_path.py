@@ -19,9 +19,10 @@ from tests.helpers.strategies import examples, seeds
 from tests.planners.test_widest import compute_length
 
 
-def find_path(space, *endpoints, **options):
+def find_path(space, *endpoints, simplify=True, **options):
     """Return the waypoints of a plan by Grid."""
-    return planners.plan(space, *endpoints, planner="Grid", **options).waypoints
+    search = planners.Search("Grid", simplify=simplify)
+    return planners.plan(space, *endpoints, planner=search, **options).waypoints
 
 
 @pytest.mark.parametrize("name", ["Grid", "MaxClearance"])
@@ -36,7 +37,8 @@ def test_search_stops_at_its_time_limit(name):
 
 
 @pytest.mark.parametrize(
-    "options", [{"planner": "MaxClearance"}, {"exact": True, "simplify": False}]
+    "options",
+    [{"planner": "MaxClearance"}, {"exact": True, "planner": planners.Search(simplify=False)}],
 )
 def test_searches_beyond_memory_are_refused_and_answered_later(monkeypatch, options):
     states = np.zeros((30, 30), dtype=np.uint8)

@@ -35,8 +35,6 @@ def follow(hint, options):
     options = options | {name: eval(text) for name, text in changes.items()}
     if "default planner" in advice:
         del options["planner"]
-    if "without iterations" in advice:
-        del options["iterations"]
     return options
 
 
@@ -103,8 +101,8 @@ BAY_CART = BAY, Robot.rectangle(0.8, 0.3), 72
             (
                 DISC,
                 AHEAD,
-                {"planner": "RRT", "iterations": 1},
-                "planner='Grid' without iterations, wh",
+                {"planner": planners.Search("RRT", iterations=1)},
+                "planner='Grid', which finds one",
             ),
             (
                 DISC,
@@ -112,7 +110,12 @@ BAY_CART = BAY, Robot.rectangle(0.8, 0.3), 72
                 {"planner": "RRT", "time_limit": 1e-6},
                 "planner='Grid', which finds one",
             ),
-            (DISC, AHEAD, {"iterations": 1}, "planner='Grid' without iterations, which finds one"),
+            (
+                DISC,
+                AHEAD,
+                {"planner": planners.Search(iterations=1)},
+                "planner='Grid', which finds one",
+            ),
         ],
         3,
     ),
@@ -185,9 +188,13 @@ def test_a_smaller_turning_radius_gives_a_path():
 
 def test_more_iterations_give_a_path():
     space = build_room("turning")
-    options = {"planner": "RRT", "drive": planners.Differential(), "iterations": 1, "seed": 1}
+    options = {
+        "planner": planners.Search("RRT", iterations=1),
+        "drive": planners.Differential(),
+        "seed": 1,
+    }
     plan = planners.plan(space, *ENDPOINTS["turning"], **options)
-    assert plan.hint.startswith("more iterations (iterations=10)")
+    assert plan.hint.startswith("more iterations by planner=planners.Search(")
     for _ in range(6):
         if not plan.solved:
             options = follow(plan.hint, options)
@@ -290,14 +297,7 @@ def make_objective(si):
         "exact is True and planner is 'Grid', the default for objective='clearance'; Grid uses FREE cells for objective='clearance'",
     ),
     ("plane", {"planner": "MaxClearance", "exact": True}, "MaxClearance uses FREE cells"),
-    (
-        "plane",
-        {"planner": "Grid", "iterations": 9},
-        "iterations is 9 and planner is 'Grid'; Grid counts none",
-    ),
-    ("plane", {"planner": "PRM", "iterations": 9}, "cannot call Python"),
     ("turning", CAR | {"planner": "Grid"}, "Grid is for holonomic robots"),
-    ("turning", CAR | {"planner": "Lattice", "iterations": 9}, "Lattice counts none"),
     (
         "turning",
         {"drive": planners.Differential(), "objective": "clearance"},

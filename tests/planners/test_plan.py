@@ -49,7 +49,9 @@ def test_planners_find_certified_paths(planner, name, curve):
     limits = (20.0,) if planner == "FMT" else (0.1, 1.0, 20.0)
     simplify = planner not in ANYTIME_PLANNERS
     options = options_for(curve)
-    plan = plan_patiently(space, endpoints, limits, planner=planner, simplify=simplify, **options)
+    plan = plan_patiently(
+        space, endpoints, limits, planner=planners.Search(planner, simplify=simplify), **options
+    )
     check(space, plan, *endpoints)
     assert (plan.planner, plan.objective, plan.exact) == (planner, "length", False)
     assert plan.drive == make_drive(curve) and plan.is_connected
@@ -83,7 +85,9 @@ def test_simplified_paths_are_certified_and_no_longer(name, curve):
     gains = []
     for seed in range(3):
         options = {"planner": planner, "seed": seed, "time_limit": 20.0, **options_for(curve)}
-        rough = planners.plan(space, *endpoints, simplify=False, **options)
+        rough = planners.plan(
+            space, *endpoints, **options | {"planner": planners.Search(planner, simplify=False)}
+        )
         short = planners.plan(space, *endpoints, **options)
         check(space, short, *endpoints)
         lengths = [plan.length + weight * plan.total_rotation for plan in (rough, short)]
@@ -98,7 +102,7 @@ def test_a_path_with_false_motions_is_not_certified(name, curve, monkeypatch):
             return True
 
     monkeypatch.setattr("planners._setup.MotionValidator", Lenient)
-    options = {"planner": "RRT", "simplify": False, **options_for(curve)}
+    options = {"planner": planners.Search("RRT", simplify=False), **options_for(curve)}
     endpoints = endpoints_in(name, curve)
     plans = [planners.plan(build_room(name), *endpoints, seed=k, **options) for k in range(4)]
     assert all(plan.solved for plan in plans) and not all(plan.certified for plan in plans)
@@ -145,7 +149,7 @@ def test_an_unusable_endpoint_is_named_with_its_state_and_the_nearest_free_one(
 def test_a_seed_repeats_a_run_after_other_runs(planner, name, iterations):
     paths = []
     for seed in (7, 8, 7):
-        options = {"planner": planner, "iterations": iterations, "time_limit": 60.0}
+        options = {"planner": planners.Search(planner, iterations=iterations), "time_limit": 60.0}
         plan = planners.plan(build_room(name), *ENDPOINTS[name], seed=seed, **options)
         assert plan.seed == seed and plan.certified
         paths.append(plan.path.tolist())
@@ -177,7 +181,11 @@ def test_planners_with_an_objective_find_a_cheaper_path(planner, iterations):
     space = build_room("plane")
     si = planners.simple_setup(space).getSpaceInformation()
     objective = planners.ClearanceObjective(si, space)
-    options = {"planner": planner, "time_limit": 60.0, "iterations": iterations, "seed": 1}
+    options = {
+        "planner": planners.Search(planner, iterations=iterations),
+        "time_limit": 60.0,
+        "seed": 1,
+    }
     costs = []
     for minimised in ("length", "clearance"):
         plan = planners.plan(space, *ENDPOINTS["plane"], objective=minimised, **options)

@@ -43,7 +43,9 @@ def test_a_default_plan_is_no_longer_than_a_quick_one(name, drive, exact, seed):
     if space.is_disconnected(start, goal):
         return
     options = options_for(drive) | {"exact": exact, "seed": seed % 1000, "time_limit": 30.0}
-    quick = planners.plan(space, start, goal, planner="RRTConnect", iterations=500, **options)
+    quick = planners.plan(
+        space, start, goal, planner=planners.Search("RRTConnect", iterations=500), **options
+    )
     plan = planners.plan(space, start, goal, **options)
     if quick.certified:
         check(space, plan, start, goal)
@@ -152,7 +154,7 @@ def test_a_previous_plan_that_is_blocked_at_an_end_is_left_or_joined_there(block
 def test_a_previous_plan_without_a_path_counts_as_none():
     space = build_room("plane")
     start, goal = ENDPOINTS["plane"]
-    none = planners.plan(space, start, goal, planner="RRTConnect", iterations=1)
+    none = planners.plan(space, start, goal, planner=planners.Search("RRTConnect", iterations=1))
     assert not none.solved
     plan = planners.plan(space, start, goal, previous=none)
     assert plan.certified and plan.status == "path found"

@@ -15,7 +15,6 @@ from planners._catalogue import (
     FORWARD_CAR,
     FUNCTION,
     NO_DRIVE,
-    NUMBER,
     OWN_SEARCH,
     REFUSALS,
     check_options,
@@ -33,6 +32,7 @@ from tests.helpers.planning import (
     draw_edges,
     make_state,
 )
+from tests.helpers.refusals import check_refused, refusals
 
 STATE_SPACES = {
     "plane": ob.RealVectorStateSpace,
@@ -110,9 +110,8 @@ def test_choices_lists_planners_and_drives_of_a_map(name):
 @pytest.mark.parametrize("refusal", REFUSALS, ids=lambda refusal: refusal.reason)
 def test_each_row_of_the_table_refuses_its_options(refusal):
     allowed = {"planner": "RRTstar", "objective": "length", "drive": None, "exact": False}
-    allowed |= {"iterations": None}
     check_options(allowed, True)
-    functions = {FUNCTION: len, NUMBER: 5, OWN_SEARCH: "Walk", NO_DRIVE: None}
+    functions = {FUNCTION: len, OWN_SEARCH: "Walk", NO_DRIVE: None}
     functions[DIFFERENTIAL] = planners.Differential()
     functions[CAR] = make_drive("reeds-shepp")
     functions[FORWARD_CAR] = make_drive("dubins")
@@ -163,3 +162,14 @@ def test_states_hold_configurations_and_a_radian_counts_as_half_a_metre(name):
         assert find_state_kind(space).read(state) == tuple(q)
         assert states.satisfiesBounds(state) == space.grid.contains(q[: space.grid.dim])
         assert states.distance(made[0], state) == pytest.approx(space.distance(rows[0], q))
+
+
+@refusals(
+    "settings, message",
+    ({"name": "Grid", "iterations": 9}, "iterations is 9 and name is 'Grid'; Grid counts none"),
+    ({"name": "prm", "iterations": 9}, "prm counts none"),
+    ({"iterations": 0}, "iterations is 0"),
+    ({"simplify": "no"}, "simplify is 'no'; it must be True or False"),
+)
+def test_wrong_settings_of_a_search_are_refused_when_it_is_made(settings, message):
+    check_refused(lambda: planners.Search(**settings), message)

@@ -80,9 +80,10 @@ def compute_length(space, path):
     return path_length(path[:, :dim]) + 0.5 * float(turns)
 
 
-def find_widest_path(space, start, goal, **options):
+def find_widest_path(space, start, goal, simplify=True, **options):
     """Return the waypoints of a plan by MaxClearance."""
-    return planners.plan(space, start, goal, planner="MaxClearance", **options).waypoints
+    search = planners.Search("MaxClearance", simplify=simplify)
+    return planners.plan(space, start, goal, planner=search, **options).waypoints
 
 
 @pytest.mark.parametrize("name", WIDEST_SPACES)
