@@ -147,7 +147,7 @@ print("free again:", space.certify_path(before.path).all())
 # ------------
 #
 # A map is saved as a folder, and checked by digest when it is opened. The same on the command line:
-# ``cspace map flat.geojson --spacing 0.025 --robot disc:0.3`` and ``cspace plan flat.zarr --start
+# ``cspace build flat.geojson --spacing 0.025 --robot disc:0.3`` and ``cspace plan flat.zarr --start
 # ... --goal ...``.
 
 with tempfile.TemporaryDirectory() as folder:

@@ -136,7 +136,7 @@ def _options(
 
 _COMMANDS: dict[str, Callable[..., None]] = {
     "demo": demo,
-    "map": make,
+    "build": make,
     "plan": plan,
     "explain": explain,
     "audit": audit,

@@ -45,7 +45,7 @@ def audit(
     ),
     robot: list[str] | None = option(
         "[NAME=]SPEC",
-        "A robot, as of cspace map, or corners such as [[0.4,0.3],...]; may be given again, each "
+        "A robot, as of cspace build, or corners such as [[0.4,0.3],...]; may be given again, each "
         "with a name.",
         "--robot",
         "--footprint",

@@ -39,7 +39,7 @@ def folder(tmp_path_factory):
     (folder / "wall.wkt").write_text("POLYGON ((0 0, 1 0, 0 1, 0 0))")
     for name, command in MAPS.items():
         file, _, options = command.partition(" ")
-        made = run(f"map --spacing 0.1 {options}", folder / file, "-o", folder / f"{name}.zarr")
+        made = run(f"build --spacing 0.1 {options}", folder / file, "-o", folder / f"{name}.zarr")
         assert made.exit_code == 0, made.output
     return folder
 

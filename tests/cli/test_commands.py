@@ -193,7 +193,7 @@ def test_the_picture_of_the_readme_shows_the_path_of_the_demo(tmp_path):
 
 
 def test_map_writes_and_describes_a_map(room):
-    printed = document("map rooms.npy --robot box:0.2x0.2x0.2 --spacing 0.1")
+    printed = document("build rooms.npy --robot box:0.2x0.2x0.2 --spacing 0.1")
     space = cspace.open("rooms.zarr")  # named after the workspace
     free, mixed, blocked = space.count()
     assert (printed["map"], printed["shape"]) == ("rooms.zarr", [25, 12, 8])
@@ -207,7 +207,7 @@ def test_map_writes_and_describes_a_map(room):
 
 def test_options_of_map_reach_the_build(room):
     def build(options):
-        printed = document(f"map floor.npy --robot disc:0.15 --spacing 0.1 -o m.zarr {options}")
+        printed = document(f"build floor.npy --robot disc:0.15 --spacing 0.1 -o m.zarr {options}")
         return printed, cspace.open("m.zarr")
 
     plain, space = build("")
@@ -227,7 +227,7 @@ def test_options_of_workspaces_reach_their_readers(room):
     )
 
     def count_free(workspace, warning=""):
-        command = f"map {workspace} --outside free --overwrite -o m.zarr"
+        command = f"build {workspace} --outside free --overwrite -o m.zarr"
         return int(document(command, warning=warning)["cells"]["free"])
 
     unseen = "24 of 24 cells are unknown"
@@ -249,7 +249,7 @@ def test_options_of_workspaces_reach_their_readers(room):
 
 def test_axes_of_meshes_and_drawn_links_have_options(room):
     turned = "cube.obj --robot cube.obj --spacing 0.25 --bounds=-2,-2,-2,2,2,2"
-    document(f"map {turned} --up y --robot-up y -o m.zarr --overwrite")
+    document(f"build {turned} --up y --robot-up y -o m.zarr --overwrite")
     lower, upper = cspace.open("m.zarr").robot.shape.outer.bounds
     assert lower.tolist() == [0, -1, 0] and upper.tolist() == [1, 0, 1]
     box = '<{0}><geometry><box size="{1} 0.2 0.2"/></geometry></{0}>'
@@ -263,7 +263,7 @@ def test_axes_of_meshes_and_drawn_links_have_options(room):
 
 
 def test_warnings_are_printed_in_one_line(room):
-    common = "map rooms.3dmap --robot open.obj -o m.zarr --overwrite"
+    common = "build rooms.3dmap --robot open.obj -o m.zarr --overwrite"
     document(common, warning="solid='surface'")
     document(f"{common} --robot-solid surface")
     assert cspace.open("m.zarr").robot.spec["solid"] == "surface"

@@ -7,7 +7,7 @@ from typer.testing import CliRunner
 
 from tests.helpers.commands import run
 
-MAP = "map floor.npy --robot disc:0.05 --spacing 0.1 -o new.zarr"
+MAP = "build floor.npy --robot disc:0.05 --spacing 0.1 -o new.zarr"
 PLAN = "plan plane.zarr --start 0.35,0.65 --goal 2.15,0.95"
 
 
@@ -50,7 +50,7 @@ def test_interruptions_and_system_errors_end_in_one_line(room, monkeypatch, erro
 
 def test_an_unknown_option_names_a_similar_one(room):
     for option, similar in (("--resolution", "--spacing"), ("--rotation", "--rotations")):
-        result = run(f"map floor.npy --robot disc:0.05 {option} 0.1")
+        result = run(f"build floor.npy --robot disc:0.05 {option} 0.1")
         assert result.exit_code == 2 and f"did you mean '{similar}'?" in result.stderr
     assert "did you mean" not in run("info plane.zarr --unlike 1").stderr
 

@@ -13,9 +13,9 @@ from PIL import Image
 from tests.helpers.commands import document, run
 from tests.helpers.refusals import refusals
 
-MAP = "map floor.npy --robot disc:0.05 --spacing 0.1 -o new.zarr"
-MAP_CUBE = "map cube.obj --robot ball:0.1 -o new.zarr"
-MAP_WALL = "map wall.wkt --robot disc:0.05 --spacing 0.1"
+MAP = "build floor.npy --robot disc:0.05 --spacing 0.1 -o new.zarr"
+MAP_CUBE = "build cube.obj --robot ball:0.1 -o new.zarr"
+MAP_WALL = "build wall.wkt --robot disc:0.05 --spacing 0.1"
 PLAN = "plan plane.zarr --start 0.35,0.65 --goal 2.15,0.95"
 PLAN_TURNING = "plan turning.zarr --start 0.35,0.65,0 --goal 2.15,0.95,90deg"
 PLOT = "plot plane.zarr -o new.png"
@@ -126,7 +126,7 @@ FILES = {
     ("demo --output notes.txt", "folder"),
     ("demo --output notes.txt/demo", "folder"),
     # Inputs
-    ("map absent.yaml --robot disc:1 -o new.zarr", "absent.yaml"),
+    ("build absent.yaml --robot disc:1 -o new.zarr", "absent.yaml"),
     ("plan broken.zarr --start 0,0 --goal 1,1", "broken.zarr"),
     (f"{PLOT} --path notes.csv", "notes.csv: has no path"),
     (f"{PLOT} --path empty.csv", "empty.csv: has no configuration"),
@@ -136,7 +136,7 @@ FILES = {
     (f"{PLOT} --path wide.json", "wide.json: has an array (1, 5)"),
     # Usage
     ("fly", "No such command 'fly'; see "),
-    ("map", "Missing argument 'WORKSPACE'; see "),
+    ("build", "Missing argument 'WORKSPACE'; see "),
     (f"{MAP} --outside wet", "'wet'"),
 )
 def test_invalid_input_is_refused_in_one_line(command, message, room):
@@ -176,29 +176,29 @@ def files(room):
     "command, hint, followed",
     [
         (
-            "map small.glb --robot ball:0.01 --spacing 0.02",
+            "build small.glb --robot ball:0.01 --spacing 0.02",
             "pass --up='y' to turn it upright",
-            "map small.glb --robot ball:0.01 --spacing 0.02 --up='y'",
+            "build small.glb --robot ball:0.01 --spacing 0.02 --up='y'",
         ),
         (
-            "map rooms.npy --robot small.glb --spacing 0.1",
+            "build rooms.npy --robot small.glb --spacing 0.1",
             "or --robot-up='z' to keep them",
-            "map rooms.npy --robot small.glb --spacing 0.1 --robot-up='z'",
+            "build rooms.npy --robot small.glb --spacing 0.1 --robot-up='z'",
         ),
         (
-            "map rooms.npy --robot robot.urdf --spacing 0.1",
+            "build rooms.npy --robot robot.urdf --spacing 0.1",
             "pass --visuals to use <visual> there",
-            "map rooms.npy --robot robot.urdf --spacing 0.1 --visuals --package-dir=far",
+            "build rooms.npy --robot robot.urdf --spacing 0.1 --visuals --package-dir=far",
         ),
         (
-            "map map.yaml --robot disc:0.01",
+            "build map.yaml --robot disc:0.01",
             "unless you pass --unknown='free'",
-            "map map.yaml --robot disc:0.01 --unknown='free'",
+            "build map.yaml --robot disc:0.01 --unknown='free'",
         ),
         (
-            "map rooms.npy --robot open.obj --spacing 0.1",
+            "build rooms.npy --robot open.obj --spacing 0.1",
             "or --robot-solid='fill' to fill",
-            "map rooms.npy --robot open.obj --spacing 0.1 --robot-solid='fill'",
+            "build rooms.npy --robot open.obj --spacing 0.1 --robot-solid='fill'",
         ),
         (
             "info robot.urdf",
@@ -208,7 +208,7 @@ def files(room):
     ],
 )
 def test_messages_about_files_name_options_that_are_typed(command, hint, followed, files):
-    told = run(f"{command} -o a.zarr" if command.startswith("map") else command)
+    told = run(f"{command} -o a.zarr" if command.startswith("build") else command)
     assert hint in told.stderr, told.stderr
     result = run(f"{followed} -o b.zarr" if command.startswith("map") else followed)
     assert result.exit_code == 0, result.stderr
@@ -233,7 +233,7 @@ def test_the_hint_of_a_failed_plan_is_typed(room):
         shape = shapely.MultiPolygon([shapely.box(*wall) for wall in walls])
         (room / f"{name}.wkt").write_text(shape.wkt)
         box = "--bounds '(0, 0, 6, 4)' --spacing 0.1"
-        assert run(f"map {name}.wkt --robot rect:0.5x0.5 {box}").exit_code == 0
+        assert run(f"build {name}.wkt --robot rect:0.5x0.5 {box}").exit_code == 0
     ends = "--start 1,2 --goal 5,2"
     failed = run(f"plan narrow.zarr {ends}")
     assert failed.exit_code == 1 and "; try --exact, which finds a path" in failed.stderr
@@ -242,7 +242,7 @@ def test_the_hint_of_a_failed_plan_is_typed(room):
     assert "; try a smaller robot (see cspace explain), or a finer spacing" in failed.stderr
     low, _ = document(f"explain tight.zarr {ends}")["margin_m"]
     side = 0.5 + 2.0 * low
-    run(f"map tight.wkt --robot rect:{side}x{side} {box} --overwrite")
+    run(f"build tight.wkt --robot rect:{side}x{side} {box} --overwrite")
     assert run(f"plan tight.zarr {ends}").exit_code == 0
 
 

@@ -18,7 +18,7 @@ def city(tmp_path, monkeypatch):
     return cspace.Workspace.from_array(occupied, 0.1)
 
 
-BUILD = "map city.npy --robot rect:0.5x0.3 --rotations 8 --spacing 0.1 --tile 16 -o map.zarr"
+BUILD = "build city.npy --robot rect:0.5x0.3 --rotations 8 --spacing 0.1 --tile 16 -o map.zarr"
 
 
 def stop_after_five_tiles(done, total):
