@@ -57,7 +57,7 @@ def test_help_imports_no_heavy_module(tmp_path):
     code = """
 import sys
 from cspace._cli import app
-app(['map', '--help'], prog_name='cspace', standalone_mode=False)
+app(['build', '--help'], prog_name='cspace', standalone_mode=False)
 print({'numpy', 'numba', 'scipy', 'shapely', 'matplotlib', 'zarr', 'ompl'} & set(sys.modules))
 """
     done = spawn(code, cwd=tmp_path)

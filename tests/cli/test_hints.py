@@ -210,7 +210,7 @@ def files(room):
 def test_messages_about_files_name_options_that_are_typed(command, hint, followed, files):
     told = run(f"{command} -o a.zarr" if command.startswith("build") else command)
     assert hint in told.stderr, told.stderr
-    result = run(f"{followed} -o b.zarr" if command.startswith("map") else followed)
+    result = run(f"{followed} -o b.zarr" if command.startswith("build") else followed)
     assert result.exit_code == 0, result.stderr
     assert hint not in result.stderr
 
