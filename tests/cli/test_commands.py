@@ -454,7 +454,7 @@ def test_plan_passes_options_to_the_planner(room, monkeypatch):
     seen = {}
 
     def plan(_, start, goal, **options):
-        seen.update(options, start=start, goal=goal)
+        seen.update(options, start=start.configuration, goal=goal)
         raise InputError("enough")
 
     monkeypatch.setattr(planners, "plan", plan)
@@ -464,7 +464,7 @@ def test_plan_passes_options_to_the_planner(room, monkeypatch):
     assert result.stderr == "cspace: enough\n"
     assert seen == {
         "start": (1.0, 1.0, math.pi / 2),
-        "goal": (-1.0, -0.5, -1.5),
+        "goal": [(-1.0, -0.5, -1.5)],
         "drive": planners.Car(turning_radius=0.5, reverse=True),
         "exact": True,
         "objective": "clearance",
