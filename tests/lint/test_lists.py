@@ -105,7 +105,7 @@ def test_every_shorthand_is_parsed_and_listed_in_messages(name):
     assert kind.example.startswith(f"{name}:")
     assert Robot.parse(kind.example).dim == kind.dimension
     assert f"{name}:{kind.form}" in robot_hint()
-    assert f"{name}:{kind.form}" in run("map", "flat.geojson", "--robot", "help").stderr
+    assert f"{name}:{kind.form}" in run("build", "flat.geojson", "--robot", "help").stderr
 
 
 # ---- queries -------------------------------------------------------------------------------------
