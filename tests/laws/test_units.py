@@ -171,6 +171,7 @@ UNCHANGED = {
     "in_memory": lambda c: c.space.in_memory,
     "is_connected": lambda c: c.space.is_connected(c.q0, c.q1),
     "is_disconnected": lambda c: c.space.is_disconnected(c.q0, c.q1),
+    "is_exact": lambda c: c.space.is_exact,
     "is_free": lambda c: c.space.is_free([c.q0, c.q1]),
     "is_labelled": lambda c: c.space.is_labelled,
     "is_periodic": lambda c: c.space.is_periodic,
@@ -200,7 +201,7 @@ UNCHANGED = {
 NO_QUERIES = {
     *("add_obstacle", "allow_collisions", "attach", "detach", "forbid_collisions", "set_padding"),
     *("remove_obstacle", "update", "export", "open", "path", "plot", "save", "view"),
-    *("keep", "subproblems"),
+    *("exact", "keep", "subproblems"),
     "follow_line",  # a motion, whose pose is given
 }
 """Calls that change, write or show."""
