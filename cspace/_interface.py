@@ -602,7 +602,6 @@ class Space(ABC):
         goal: PlaceLike,
         start: Endpoint,
         seed: int | None,
-        exact: bool = False,
         name: str = "goal",
     ) -> list[Endpoint]:
         """Return the checked goals that a path may end at, nearest first.
@@ -617,7 +616,7 @@ class Space(ABC):
         goals = gather_goals(
             name,
             alternatives,
-            lambda alternative, label: self._solve_goal(alternative, label, start, seed, exact),
+            lambda alternative, label: self._solve_goal(alternative, label, start, seed),
         )
         return self.sort_goals(goals, start)
 
@@ -631,7 +630,7 @@ class Space(ABC):
         return [tuple(q) for q in turned.tolist()]
 
     def _solve_goal(
-        self, goal: PlaceLike, name: str, start: Endpoint, seed: int | None, exact: bool
+        self, goal: PlaceLike, name: str, start: Endpoint, seed: int | None
     ) -> list[Endpoint]:
         """Return a goal's configurations that are proven free.
 
@@ -643,7 +642,7 @@ class Space(ABC):
                 f"is a {type(goal).__name__}",
                 "the space of an arm is needed for that",
             )
-        return [self.check_endpoint(cast("ArrayLike", goal), name, exact)]
+        return [self.check_endpoint(cast("ArrayLike", goal), name)]
 
     def _convert_message(self, msg: object) -> ArrayLike:
         """Return the configuration of a stamped pose."""

@@ -99,7 +99,7 @@ class CarCurves(LocalPlanner):
             prove = self.bound_proof
             if not self.exact:
                 return partial(prove, None)
-            is_free = self.space.point_checker()
+            is_free = self.cells.point_checker()
 
             def prove_exactly(*q: float) -> float:
                 """Prove a curve among the present obstacles.

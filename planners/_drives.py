@@ -29,9 +29,9 @@ def local_planner(
     a space other than a map of x, y, yaw; or its turning radius is out of range.
     """
     check_space(space)
-    exact = bool(exact) or not space.has_cells
+    space = space.exact if exact else space
     if check_drive(drive) is None:
-        return LocalPlanner(space, exact, drive, bidirectional)
+        return LocalPlanner(space, drive, bidirectional)
     if not has_drives(space):
         raise InputError(
             "drive",
@@ -39,11 +39,11 @@ def local_planner(
             "it is for the axes (x, y, yaw) of a map",
         )
     if not isinstance(drive, Car):
-        return TurnDriveTurn(space, exact, drive, bidirectional)
+        return TurnDriveTurn(space, drive, bidirectional)
     _check_radius(space, drive.turning_radius)
     from planners._cars import CarCurves
 
-    return CarCurves(space, exact, drive, bidirectional)
+    return CarCurves(space, drive, bidirectional)
 
 
 def check_axes(space: Space, axes: tuple[str, ...], owner: str) -> None:

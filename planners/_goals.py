@@ -288,7 +288,7 @@ class Room:
         if self.contains(space, origin)[0]:
             return [start]
         if self.is_point:
-            return [space.check_endpoint(self.middle, self.name, edges.exact)]
+            return [edges.space.check_endpoint(self.middle, self.name)]
         positions = self.place_in_cells(space)
         lengths = _measure_lengths(edges, start, positions)
         centers = space.rotations.centers[self.list_rotations(space)]
@@ -330,7 +330,7 @@ class Room:
             costs = np.tile(positions.costs, len(batch))
             costs += METRES_PER_RADIAN * _measure_turns(space, start, rows)
             kept = self.contains(space, rows) & space.grid.contains(rows[:, : space.dim])
-            kept[kept] = space.motion_is_free(rows[kept], rows[kept], exact=edges.exact)
+            kept[kept] = edges.space.motion_is_free(rows[kept], rows[kept])
             candidates = Candidates(rows[kept], costs[kept])
             may_join = _may_join(edges, start, candidates.rows)
             joined.append(candidates.select(may_join).spread(space))

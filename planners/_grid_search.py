@@ -64,7 +64,7 @@ def find_exact_path(space: CSpace, endpoints: Floats, straight: bool, limit: Eff
     MIXED cells. Otherwise, arguments, result and errors are those of :func:`find_short_path`.
     """
     until = now() + limit
-    check = space.edge_checker(exact=True)
+    check = space.exact.edge_checker()
     if straight and are_free(endpoints, check):
         return endpoints
     measure = partial(path_length, rotations=space.rotations)

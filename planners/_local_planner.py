@@ -31,6 +31,7 @@ from cspace.inside import (
     Differential,
     Endpoint,
     Floats,
+    cells_of,
     map_record,
     measure_steps,
     proofs_of,
@@ -90,8 +91,6 @@ class LocalPlanner:
         Space that proves edges. On a :class:`cspace.TiledCSpace` only the methods that
         :func:`planners.plan` calls before and after its search work; the search runs on parts in
         memory.
-    exact : bool
-        Whether the geometry itself decides edges that a map does not; True for other spaces.
     drive : Drive or None
         None for a holonomic robot.
     bidirectional : bool
@@ -100,7 +99,6 @@ class LocalPlanner:
     """
 
     space: Space
-    exact: bool = False
     drive: Drive | None = None
     bidirectional: bool = False
 
@@ -108,9 +106,14 @@ class LocalPlanner:
     """Metres that a radian of rotation adds to an edge's length."""
 
     @property
+    def exact(self) -> bool:
+        """Whether more than cells decides edges, such as geometry."""
+        return self.space.is_exact
+
+    @property
     def cells(self) -> CSpace:
-        """The space as a map in memory, as known."""
-        return cast(CSpace, self.space)
+        """The space as a map in memory, as known, whose cells alone answer."""
+        return cast(CSpace, cells_of(self.space))
 
     @property
     def tiles(self) -> TiledCSpace:
@@ -146,11 +149,11 @@ class LocalPlanner:
 
     def point_checker(self) -> Callable[..., bool]:
         """Make ``check(*q)``, which proves a configuration free."""
-        return self.space.point_checker(exact=self.exact)
+        return self.space.point_checker()
 
     def edge_checker(self) -> Callable[..., bool]:
         """Make ``check(*q0, *q1)``, which proves the edge free."""
-        check = self.space.edge_checker(exact=self.exact)
+        check = self.space.edge_checker()
         return with_wrapped_angles(check, self.space.is_periodic)
 
     def motion_checker(self) -> Callable[[ob.State, ob.State], bool]:

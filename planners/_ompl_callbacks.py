@@ -46,7 +46,7 @@ class StateValidityChecker(ob.StateValidityChecker):
         super().__init__(si)
         self._kind = find_state_kind(space)
         self._space = space
-        self.is_free = self._kind.of_states(space.point_checker(exact=exact))
+        self.is_free = self._kind.of_states((space.exact if exact else space).point_checker())
 
     def isValid(self, state: ob.State) -> bool:  # noqa: N802 - OMPL's name
         """Return True if the state is proven free."""

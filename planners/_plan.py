@@ -265,6 +265,7 @@ def plan(
         rule = "it is called to ask whether the search ends"
         raise InputError("stop", f"is {stop!r}", rule)
     edges = local_planner(space, exact, drive)
+    space = edges.space
     near = start if isinstance(start, Near) else Near(start)
     kept = _check_keep(keep)
     if kept:
@@ -289,7 +290,8 @@ def plan(
     if previous is not None:
         task = replace(task, previous=_check_previous(task, previous))
         if not edges.exact and _needs_geometry(space, point):
-            edges = local_planner(space, True, drive)
+            space = space.exact
+            edges = replace(edges, space=space)
             task = replace(task, edges=edges)
     task = _choose_searches(task)
     places = _check_places(via, goal, task)
@@ -324,7 +326,7 @@ def _needs_geometry(space: Space, start: Floats) -> bool:
         space.check_endpoint(start, "start")
     except ConfigurationError:
         with suppress(ConfigurationError):
-            space.check_endpoint(start, "start", True)
+            space.exact.check_endpoint(start, "start")
             return True
     return False
 
@@ -412,14 +414,14 @@ def _check_start(task: PlanTask, start: Floats, near: Near) -> tuple[Endpoint, s
     if metres:
         check_support(NEAR_START, "start", near, space)
     try:
-        return space.check_endpoint(start, "start", task.edges.exact), ""
+        return space.check_endpoint(start, "start"), ""
     except ConfigurationError as error:
         if error.nearest is None or not metres:
             raise
         distance = float(space.distance(start, np.array(error.nearest)))
         if distance > metres:
             raise
-        moved = space.check_endpoint(error.nearest, "start", task.edges.exact)
+        moved = space.check_endpoint(error.nearest, "start")
     return moved, f"start moved by {distance:.3g} m to {moved}"
 
 
@@ -454,7 +456,7 @@ def _check_stage(task: PlanTask, name: str, place: PlaceLike, start: Endpoint) -
     if rooms:
         return Stage(name, find_room_goals(edges, rooms, name, start), tuple(rooms))
     options = {} if name == "goal" else {"name": name}
-    return Stage(name, edges.space.find_goals(place, start, task.seed, edges.exact, **options), ())
+    return Stage(name, edges.space.find_goals(place, start, task.seed, **options), ())
 
 
 def _choose_planner(task: PlanTask) -> PlannerName:
@@ -829,7 +831,7 @@ def _list_ways_beside(edges: LocalPlanner, way: Floats) -> Iterator[Floats]:
     part as that is long.
     """
     rows = edges.split_path(way, 2.0 * edges.space.resolution, MAX_RADIANS).points
-    blocked = np.flatnonzero(~edges.cells.is_free(rows, exact=edges.exact))
+    blocked = np.flatnonzero(~np.asarray(edges.space.is_free(rows)))
     if len(blocked):
         first, last = blocked[[0, -1]].tolist()
         count = last - first + 1

@@ -248,7 +248,7 @@ def _prove_lines(space: Space, exact: bool, lines: Segments) -> Bools:
     first_angle = space.dim if space.has_poses else steps.shape[1]
     turned = np.abs(steps[:, first_angle:]).max(axis=1, initial=0.0)
     middles = place_along(lines, space.rotations, 0.5 * lines.lengths)[0]
-    check = LocalPlanner(space, exact).edge_checker()
+    check = LocalPlanner(space.exact if exact else space).edge_checker()
     proven = np.zeros(len(turned), dtype=np.bool_)
     for k, turn in enumerate(turned.tolist()):
         rows = [lines.starts[k].tolist(), lines.ends[k].tolist()]

@@ -166,14 +166,13 @@ def make_setup(
     space = edges.space
     setup = _Setup(make_bounded_states(edges))
     si = setup.getSpaceInformation()
-    checker = StateValidityChecker(si, space, exact=edges.exact)
+    checker = StateValidityChecker(si, space)
     checker.is_free = find_state_kind(space).of_states(edges.point_checker())
     setup.setStateValidityChecker(checker)
     si.setMotionValidator(
         MotionValidator(
             si,
             space,
-            exact=edges.exact,
             drive=edges.drive,
             bidirectional=edges.bidirectional,
         )

@@ -1248,7 +1248,7 @@ def _split_edges(path: DrivenPath, rotations: Rotations, velocity: LimitRates) -
 
 def _split_curves(path: DrivenPath, rotations: Rotations, velocity: LimitRates) -> Segments:
     """Return the arcs and straights of a car's path."""
-    curves = CarCurves(cast("Space", path.space), False, path.drive)
+    curves = CarCurves(cast("Space", path.space), path.drive)
     parts = [Pieces(np.zeros((0, 3)), np.zeros(0), np.zeros(0))]
     for first, last in itertools.pairwise(path.waypoints):
         parts.append(curves.split_edge(first, last, np.inf, np.inf, 0.0))

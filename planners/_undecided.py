@@ -76,7 +76,7 @@ class MixedCellSearch:
                 # Decide the cells near the chain first; the chain may then lead elsewhere.
                 undecided[tuple(near.T)] = False
                 spend(NANOSECONDS_PER_PROOF * len(near))
-                is_free = space.is_free(self._find_centers(near), exact=True)
+                is_free = space.exact.is_free(self._find_centers(near))
                 failed = near[np.logical_not(is_free)]
             else:
                 # All cells are decided, so only edges may fail; avoid the MIXED cells beside them.

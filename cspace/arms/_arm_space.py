@@ -659,12 +659,12 @@ class ArmSpace(ConfigurationSpace):
         return tuple(point.tolist())
 
     def _solve_goal(
-        self, goal: PlaceLike, name: str, start: Endpoint, seed: int | None, exact: bool
+        self, goal: PlaceLike, name: str, start: Endpoint, seed: int | None
     ) -> list[Endpoint]:
         """Return the configurations of one goal that are proven free; a pose has several."""
         if isinstance(goal, PoseGoal):
             return self._solve_pose(goal, name, start, seed)
-        return super()._solve_goal(goal, name, start, seed, exact)
+        return super()._solve_goal(goal, name, start, seed)
 
     def _solve_pose(
         self, goal: PoseGoal, name: str, start: Endpoint, seed: int | None

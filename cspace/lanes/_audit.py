@@ -14,6 +14,7 @@ from cspace.inside import (
     Bools,
     Floats,
     StrPath,
+    cells_of,
     check_known,
     check_not_negative,
     names_options,
@@ -219,7 +220,8 @@ class Audit:
                     legs = list_legs(self.graph, lane)
                     yaws = [way.yaws(legs[0])[0], way.yaws(legs[-1])[1]]
             points = np.column_stack([points, yaws])
-        return plan(self.space, *points, exact=self.space.in_memory).waypoints
+        space = self.space.exact if self.space.in_memory else self.space
+        return plan(space, *points).waypoints
 
     def plot(self) -> Axes:
         """Draw the map with lanes in their verdicts' colors.
@@ -362,6 +364,8 @@ def audit(
     """
     room = check_not_negative(max_room, "max_room")
     lanes = open_graph(space, graph, "graph")
+    exact = exact or space.is_exact
+    space = cells_of(space)
     proofs = prove_lanes(space, lanes, exact, room)
     nodes = prove_nodes(space, lanes.positions, exact)
     yaws = nodes.list_free()

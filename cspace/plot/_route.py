@@ -21,6 +21,7 @@ from cspace.inside import (
     Contents,
     Floats,
     Surface,
+    cells_of,
     check_finite,
     measure_steps,
 )
@@ -300,7 +301,7 @@ def is_path_lost(space: Space, plan: Any) -> bool:
     planned = getattr(plan, "space", None)
     if planned is None or not getattr(plan, "certified", False):
         return False
-    same_kind = type(space) is type(planned)
+    same_kind = type(cells_of(space)) is type(cells_of(planned))
     is_same = same_kind and getattr(space, "grid", None) == getattr(planned, "grid", None)
     return not plan.recheck(space if is_same else planned).all()
 

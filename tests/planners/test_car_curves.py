@@ -37,7 +37,7 @@ def space():
 
 def make_curves(name, radius, space=None):
     """Return the edges of a car."""
-    return CarCurves(space, False, make_drive(name, radius))
+    return CarCurves(space, make_drive(name, radius))
 
 
 def measure(curves, first, last):

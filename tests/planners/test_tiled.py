@@ -72,7 +72,7 @@ def test_paths_through_tiles_are_certified_and_repeatable(options, car_maps):
     "options, message",
     ({"start": [-0.7, 0.7]}, r"start .* lies outside"),
     ({"goal": [1.55, 2.0]}, r"goal .*BLOCKED.*the nearest is"),
-    ({"exact": True}, "exact needs a map in memory"),
+    ({"exact": True}, "exact is that of a map in tiles"),
 )
 def test_plans_on_tiled_maps_reject_invalid_arguments(tiled_maze, options, message):
     with pytest.raises((InputError, ConfigurationError), match=message) as caught:

@@ -1,0 +1,83 @@
+"""Plans on the map whose MIXED cells the geometry decides."""
+
+import pickle
+
+import numpy as np
+import pytest
+import shapely
+
+import cspace
+import planners
+from cspace import Robot, Workspace
+
+SLIT = [shapely.box(1.0, 0.0, 1.3, 0.97), shapely.box(1.0, 1.41, 1.3, 2.4)]
+"""Walls with a slit, which cells of 0.1 m leave undecided for a disc 0.4 m wide."""
+
+START, GOAL = (0.5, 1.2), (1.9, 1.2)
+
+
+def build_slit():
+    workspace = Workspace.from_polygons(SLIT, 0.1, (0.0, 0.0, 2.4, 2.4))
+    return cspace.build(workspace, Robot.disc(0.2))
+
+
+def test_a_plan_on_the_exact_map_passes_where_cells_do_not():
+    space = build_slit()
+    assert not planners.plan(space, START, GOAL)
+    for name in (None, "RRTConnect"):
+        plan = planners.plan(space.exact, START, GOAL, planner=name, seed=1)
+        assert plan.certified and plan.exact and plan.space is space.exact
+        path = shapely.LineString(plan.waypoints)
+        assert path.distance(shapely.union_all(SLIT)) >= 0.2 - 1e-9
+        assert plan.recheck().all() and plan.recheck(build_slit()).all()
+        gap = path.distance(shapely.union_all(SLIT)) - 0.2
+        assert plan.clearance == 0.0 and 0.0 <= plan.obstacle_distance <= gap + 1e-9
+        trajectory = plan.trajectory(max_velocity=1.0, max_acceleration=1.0)
+        assert trajectory.certified and trajectory.recheck(plan.space).all()
+        assert pickle.loads(pickle.dumps(plan)).exact
+    space.add_obstacle("crate", shapely.box(1.1, 1.1, 1.2, 1.3))
+    assert not plan.recheck().all()
+
+
+def test_a_plan_on_the_exact_map_equals_that_with_the_option():
+    space = build_slit()
+    found = planners.plan(space.exact, START, GOAL)
+    other = planners.plan(space, START, GOAL, exact=True)
+    np.testing.assert_array_equal(found.waypoints, other.waypoints)
+    assert found.status == other.status and other.space is space.exact
+
+
+def test_a_previous_plan_from_a_mixed_start_is_on_the_exact_map():
+    space = build_slit()
+    previous = planners.plan(space.exact, START, GOAL)
+    middle = (1.15, 1.2)
+    assert not space.is_free(middle)
+    plan = planners.plan(space, middle, GOAL, previous=previous)
+    assert plan.certified and plan.exact and plan.space is space.exact
+
+
+@pytest.mark.parametrize("view", [False, True])
+def test_the_setup_of_ompl_asks_the_geometry(view):
+    space = build_slit()
+    asked = space.exact if view else space
+
+    def ask(q0, q1):
+        si = planners.simple_setup(asked).getSpaceInformation()
+        states = si.allocState(), si.allocState()
+        for state, q in zip(states, (q0, q1), strict=True):
+            state[0], state[1] = q
+        return si.isValid(states[0]), si.checkMotion(*states)
+
+    assert ask((1.15, 1.19), GOAL) == (view, view)
+
+
+@pytest.mark.parametrize(
+    "drive", [planners.Car(turning_radius=0.5, reverse=True), planners.Differential()]
+)
+def test_drives_plan_on_the_exact_map(drive):
+    workspace = Workspace.from_polygons(SLIT, 0.1, (0.0, 0.0, 2.4, 2.4))
+    space = cspace.build(workspace, Robot.rectangle(0.3, 0.38), rotations=24)
+    start, goal = (*START, 0.0), (*GOAL, 0.0)
+    assert not planners.plan(space, start, goal, drive=drive, time_limit=0.2)
+    plan = planners.plan(space.exact, start, goal, drive=drive)
+    assert plan.certified and plan.exact and plan.recheck().all()
