@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 
 import planners
-from cspace import Robot, Workspace, build
+from cspace import InputError, Robot, Workspace, build
 from planners._drives import local_planner
 from tests.helpers.drives import make_drive
 from tests.helpers.placements import collides, is_free_around
@@ -116,11 +116,12 @@ def test_a_reversing_robot_backs_out_of_a_narrow_corridor():
     plan = planners.plan(space, start, goal, drive=planners.Differential(reverse=True))
     assert plan.certified and plan.length == 2.0 and set(plan.direction.tolist()) == {-1}
     for bidirectional in (False, True):
-        options = {"drive": planners.Differential(), "bidirectional": bidirectional}
-        si = planners.simple_setup(space, **options).getSpaceInformation()
+        drive = planners.Differential()
+        si = planners.simple_setup(space, drive=drive).getSpaceInformation()
+        validator = planners.MotionValidator(si, space, drive=drive, bidirectional=bidirectional)
         ends = make_state(space, si, start), make_state(space, si, goal)
-        assert not si.checkMotion(*ends)
-        assert si.checkMotion(*reversed(ends)) == (not bidirectional)
+        assert not validator.checkMotion(*ends)
+        assert validator.checkMotion(*reversed(ends)) == (not bidirectional)
 
 
 @EACH_DRIVE
@@ -167,3 +168,12 @@ def test_remove_turns_keeps_the_yaw_of_arrival(drive):
     np.testing.assert_array_equal(settled[:, :2], path[:, :2])
     assert edges.measure(settled)[1] < edges.measure(path)[1] - 1.0 and edges.are_free(settled)
     assert len(edges.insert_breakpoints(settled)) == 8  # three lines, and four rotations
+
+
+@pytest.mark.parametrize("drive", ["dubins", planners.Car, 0.5], ids=repr)
+def test_what_is_no_drive_is_refused(drive):
+    room = build_room("turning")
+    for call in (planners.plan, planners.state_space, planners.warm_up):
+        ends = ENDPOINTS["turning"] if call is planners.plan else ()
+        with pytest.raises(InputError, match=r"drive is .*; it must be a planners\.Car\(\.\.\.\)"):
+            call(room, *ends, drive=drive)
