@@ -28,7 +28,7 @@ small = cspace.build(hall, cspace.Robot.disc(0.3))
 nodes = [(3, 2), (3, 13.8), (4.1, 12.6), (4.1, 2.9), (5.5, 6), (10.5, 12.4), (5.5, 12), (10.5, 6)]
 graph = RouteGraph.from_arrays(nodes, [(0, 1), (2, 3), (4, 5), (6, 7)])
 road = RouteGraph.from_arrays([(12, 1.4), (12, 9.2), (6.3, 9.2)], [(0, 1), (1, 2)], "any")
-conflicts = cspace.lanes.conflicts(space, graph, others={"small": (small, road)}, distance=0.1)
+conflicts = cspace.lanes.conflicts(space, graph, others={"small": (small, road)}, margin=0.1)
 print(conflicts)
 for number, names in enumerate(conflicts.zones().elements):
     print(f"zone {number}: one robot at a time of {', '.join(names)}")
@@ -44,6 +44,6 @@ for begin, (start, goal) in ((0.0, nodes[4:6]), (8.0, nodes[6:8])):
     plan = planners.plan(space, (*start, yaw), (*goal, yaw))
     trajectory = plan.trajectory(**limits, **turns)
     movers.append(cspace.lanes.Mover(space.robot, trajectory, at=begin, error=0.05))
-print(cspace.lanes.apart(*movers, distance=0.1))
+print(cspace.lanes.apart(*movers, margin=0.1))
 conflicts.plot().figure.savefig("fleets.png", dpi=90)
 print("wrote fleets.png")

@@ -61,7 +61,7 @@ def _time_conflicts(report: Report, space: cspace.CSpace, graph: RouteGraph, mos
     """Time the conflicts of a graph, and count the pairs."""
     report.section(f"{graph} on the depot, a robot of 1.2 m by 0.8 m")
     for distance in (0.0, 0.1):
-        timing = once(lambda gap=distance: cspace.lanes.conflicts(space, graph, distance=gap))
+        timing = once(lambda gap=distance: cspace.lanes.conflicts(space, graph, margin=gap))
         report.timing(f"conflicts, distance {distance:g} m", timing)
         counts = timing.value.counts
         report.note(", ".join(f"{count} {verdict}" for verdict, count in counts.items()))

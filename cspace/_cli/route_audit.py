@@ -70,8 +70,8 @@ def audit(
     conflicts: bool = flag(
         "--conflicts", "Also prove which lanes and nodes two robots can use at once."
     ),
-    distance: float = option(
-        "METRES", "With --conflicts, distance that two robots must keep.", default=0.0
+    conflicts_margin: float = option(
+        "METRES", "Distance that two robots must keep, with --conflicts.", default=0.0
     ),
     cells_only: bool = flag("--cells-only", "Do not ask the geometry where cells cannot decide."),
     strict: bool = flag("--strict", "Undecided lanes give the exit code 2, and fail in JUnit."),
@@ -88,7 +88,7 @@ def audit(
 
     options = drop_unset(spacing=spacing, unknown=unknown)
     makers = _list_maps(file, robot or [], rotations, margin, options)
-    _check_conflicts(conflicts, distance, makers)
+    _check_conflicts(conflicts, conflicts_margin, makers)
     names = [*makers, *([CONFLICTS] if conflicts else [])]
     outputs = _list_outputs(output or [], names)
     check_outputs([path for paths in outputs.values() for path in paths], _REPORTS, overwrite)
@@ -104,7 +104,7 @@ def audit(
     codes = [_choose_exit_code([audit.counts for audit in reports.values()], strict)]
     if conflicts:
         with clock.step(CONFLICTS):
-            reports[CONFLICTS] = found = _find_conflicts(reports, distance)
+            reports[CONFLICTS] = found = _find_conflicts(reports, conflicts_margin)
         codes.append(1 if found.failing() else 2 * bool(found.failing(strict)))
     for name, paths in outputs.items():
         for path in paths:
@@ -113,11 +113,11 @@ def audit(
     raise typer.Exit(1 if 1 in codes else max(codes))
 
 
-def _check_conflicts(conflicts: bool, distance: float, robots: Collection[str]) -> None:
-    """Raise InputError for a distance without conflicts, or a clashing name."""
-    if distance and not conflicts:
+def _check_conflicts(conflicts: bool, margin: float, robots: Collection[str]) -> None:
+    """Raise InputError for a margin without conflicts, or a clashing name."""
+    if margin and not conflicts:
         rule = "robots keep it where they are in conflict"
-        raise InputError("distance", f"is {distance:g}", rule)
+        raise InputError("conflicts_margin", f"is {margin:g}", rule)
     if conflicts and CONFLICTS in robots:
         rule = "the report of conflicts has that name"
         raise InputError("robot", f"has the name {CONFLICTS!r}", rule)
@@ -146,13 +146,11 @@ def _show_reports(reports: dict[str, Any], clock: Stopwatch, as_json: bool) -> N
     show({**counts, "reports": documents, "seconds": clock.seconds}, as_json)
 
 
-def _find_conflicts(audits: dict[str, Audit], distance: float) -> Conflicts:
+def _find_conflicts(audits: dict[str, Audit], margin: float) -> Conflicts:
     """Find the conflicts of all audited robots."""
     (name, first), *others = audits.items()
     robots = {other: (audit.space, audit.graph) for other, audit in others}
-    return cspace.lanes.conflicts(
-        first.space, first.graph, others=robots, distance=distance, name=name
-    )
+    return cspace.lanes.conflicts(first.space, first.graph, others=robots, margin=margin, name=name)
 
 
 def _choose_exit_code(counts: list[dict[str, int]], strict: bool) -> int:

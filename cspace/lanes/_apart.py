@@ -91,7 +91,7 @@ class Separation:
     Attributes
     ----------
     verdict : str
-        "apart": at every instant; "touch": the robots are within the distance at :attr:`time`;
+        "apart": at every instant; "touch": the robots are within the margin at :attr:`time`;
         otherwise "undecided".
     distance : float
         Lower bound of the distance of the robots at every instant, metres, if they are apart.
@@ -117,7 +117,7 @@ class Separation:
 
 @names_options
 def apart(
-    first: Mover, second: Mover, *, distance: float = 0.0, until: float | None = None
+    first: Mover, second: Mover, *, margin: float = 0.0, until: float | None = None
 ) -> Separation:
     """Prove two timed motions apart, or find when they touch.
 
@@ -128,7 +128,7 @@ def apart(
     Parameters
     ----------
     first, second : Mover
-    distance : float
+    margin : float
         Distance that the robots must keep, metres.
     until : float, optional
         Last instant, seconds; by default the end of the later trajectory. Things at a constant
@@ -154,7 +154,7 @@ def apart(
     ('apart', True)
     """
     movers = _read_mover(first, "first"), _read_mover(second, "second")
-    gap = check_not_negative(distance, "distance")
+    gap = check_not_negative(margin, "margin")
     _check_pair(*movers)
     begin, end = _find_interval(movers, until)
     # Times count from the first instant, because stamps of clocks have few digits of a second.
@@ -418,12 +418,12 @@ class ApartSearch:
     """The search for an instant at which two robots are within a distance."""
 
     def __init__(
-        self, movers: tuple[Timed, Timed], measure: Measure, distance: float, duration: float
+        self, movers: tuple[Timed, Timed], measure: Measure, margin: float, duration: float
     ) -> None:
         """Remember the motions, from 0 on, and their duration."""
         self._movers = movers
         self._measure = measure
-        self._distance = distance
+        self._margin = margin
         self._duration = duration
 
     def run(self) -> Separation:
@@ -438,15 +438,15 @@ class ApartSearch:
         while len(lows):
             middles = 0.5 * (lows + highs)
             gaps, bounds = self._bound(middles, lows, highs)
-            found = self.find_touch(middles[gaps <= self._distance])
+            found = self.find_touch(middles[gaps <= self._margin])
             if found is not None and (touch is None or found.time < touch.time):
                 touch = found
             least = min(least, float(gaps.min()))
             # Share of the least distance found that each interval is to prove.
-            enough = self._distance + 0.8 * max(least - self._distance, 0.0)
+            enough = self._margin + 0.8 * max(least - self._margin, 0.0)
             # Width of an interval, seconds, that is not halved; nor are those between two floats.
             is_narrow = highs - lows <= np.maximum(1e-6, np.spacing(highs))
-            settled = (bounds > enough) | (is_narrow & (bounds > self._distance))
+            settled = (bounds > enough) | (is_narrow & (bounds > self._margin))
             proven = min(proven, float(bounds[settled].min(initial=math.inf)))
             left = ~settled
             if touch is not None:
@@ -456,7 +456,7 @@ class ApartSearch:
             stuck = left & is_narrow
             if len(lows) > most:
                 # What proves enough for the distance settles, too.
-                stuck = left & (bounds <= self._distance)
+                stuck = left & (bounds <= self._margin)
                 proven = min(proven, float(bounds[left & ~stuck].min(initial=math.inf)))
                 left = stuck
             undecided = min(undecided, float(middles[stuck].min(initial=math.inf)))
@@ -508,15 +508,15 @@ class ApartSearch:
         (poses, _), (others, _) = one.place(t), other.place(t)
         bounds, steps = self._measure.bound_above(poses, others)
         errors, other_errors = one.bound_errors(t), other.bound_errors(t)
-        touching = np.flatnonzero(bounds <= self._distance + errors + other_errors)
+        touching = np.flatnonzero(bounds <= self._margin + errors + other_errors)
         if not len(touching):
             return None
         k = touching[np.argmin(t[touching])]
         # Errors bring the robots together along the line between near points.
         length = float(np.linalg.norm(steps[k]))
         ahead = steps[k] / length if length > 0.0 else steps[k]
-        share = min(float(errors[k]), max(float(bounds[k]) - self._distance, 0.0))
-        rest = min(float(other_errors[k]), max(float(bounds[k]) - self._distance - share, 0.0))
+        share = min(float(errors[k]), max(float(bounds[k]) - self._margin, 0.0))
+        rest = min(float(other_errors[k]), max(float(bounds[k]) - self._margin - share, 0.0))
         dim = len(ahead)
         poses[k, :dim] += share * ahead
         others[k, :dim] -= rest * ahead

@@ -95,7 +95,7 @@ class Conflict(NamedTuple):
         Names of the elements.
     verdict : str
         "apart": proven for all poses; "touch": two poses at which the robots overlap, or are within
-        the distance; otherwise "undecided".
+        the margin; otherwise "undecided".
     shares_node : bool
         Whether the elements have a node at the same position.
     groups : tuple of str
@@ -131,7 +131,7 @@ class Conflicts:
     ----------
     robots : dict of str to tuple
         The map and the graph of each robot by its name.
-    distance : float
+    margin : float
         Distance that two robots must keep, metres.
     elements : dict of str to Element
         Lanes and nodes by their names, such as "7: a to b" and "node a", or "tug node a" of a robot
@@ -144,7 +144,7 @@ class Conflicts:
     """
 
     robots: Mapping[str, tuple[ConfigurationMap, RouteGraph]]
-    distance: float
+    margin: float
     elements: dict[str, Element]
     outlines: dict[str, BaseGeometry]
     pairs: list[Conflict]
@@ -217,15 +217,15 @@ class Conflicts:
         """Return zones that keep robots apart, one robot in each.
 
         A robot is in a zone as long as any point of it, or of its margin, is. If two robots on
-        different elements are within the distance of each other, the line between their nearest
-        points lies where the outlines, grown by the distance, overlap. A zone is a connected part
+        different elements are within the margin of each other, the line between their nearest
+        points lies where the outlines, grown by the margin, overlap. A zone is a connected part
         of these overlaps, without holes, so both robots are in it.
         """
         outlines = list(self.outlines.values())
-        if self.distance > 0.0:
+        if self.margin > 0.0:
             outlines = []
             for sweeper in self._sweepers:
-                grown = sweeper.pieces._replace(growths=sweeper.pieces.growths + self.distance)
+                grown = sweeper.pieces._replace(growths=sweeper.pieces.growths + self.margin)
                 outlines += list(make_outlines(sweeper.body, grown, len(sweeper.outlines)))
         numbers = {name: k for k, name in enumerate(self.elements)}
         ends = np.array([(numbers[row.first], numbers[row.second]) for row in self.pairs])
@@ -418,7 +418,7 @@ def conflicts(
     graph: RouteGraph | StrPath | Any,
     *,
     others: Mapping[str, tuple[ConfigurationMap, RouteGraph | StrPath | Any]] | None = None,
-    distance: float = 0.0,
+    margin: float = 0.0,
     name: str = "",
 ) -> Conflicts:
     """Prove which lanes and nodes two robots can use at once.
@@ -436,7 +436,7 @@ def conflicts(
         Lanes, as for :func:`cspace.lanes.audit`.
     others : mapping of str to tuple, optional
         Map and graph of each other kind of robot, by its name.
-    distance : float
+    margin : float
         Distance that two robots must keep, metres.
     name : str
         Name of this robot, with which the names of its lanes and nodes then begin.
@@ -466,7 +466,7 @@ def conflicts(
     >>> conflicts.between("0: 0 to 1", "2: 4 to 5").verdict
     'apart'
     """
-    gap = check_not_negative(distance, "distance")
+    gap = check_not_negative(margin, "margin")
     robots = {name: (space, open_graph(space, graph, "graph"))}
     for key, (other, lanes) in _check_robots({} if others is None else others, name).items():
         robots[key] = other, open_graph(other, lanes, f"others[{key!r}]")
@@ -483,7 +483,7 @@ def conflicts(
     ]
     return Conflicts(
         robots=robots,
-        distance=gap,
+        margin=gap,
         elements=elements,
         outlines=dict(zip(elements, outlines.tolist(), strict=True)),
         pairs=_judge_pairs(list(robots.values()), sweepers, elements, gap),

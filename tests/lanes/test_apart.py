@@ -69,9 +69,9 @@ def test_trajectories_agree_with_every_millisecond(driven, count):
         )
         if gaps[0] <= distance:
             with pytest.raises(InputError, match="touches second at the start"):
-                apart(*movers, distance=distance)
+                apart(*movers, margin=distance)
             continue
-        found = apart(*movers, distance=distance)
+        found = apart(*movers, margin=distance)
         assert found.interval == pytest.approx((begin, end))
         assert found.verdict != "undecided"
         seen[found.verdict] += 1
@@ -175,8 +175,8 @@ def test_errors_grow_until_robots_may_touch():
     assert found.time == pytest.approx(11.0, abs=0.01)
     assert found.poses[1][0] == pytest.approx(1.0, abs=0.01)
     assert found.poses[0].tolist() == [0.0, 0.0, 0.0]
-    assert apart(still, drifting, until=6.9, distance=0.4)
-    assert apart(still, drifting, until=7.1, distance=0.4).verdict == "touch"
+    assert apart(still, drifting, until=6.9, margin=0.4)
+    assert apart(still, drifting, until=7.1, margin=0.4).verdict == "touch"
 
 
 def test_a_robot_stays_where_it_starts_and_where_it_ends():
@@ -245,8 +245,8 @@ def test_verdicts_are_symmetric_and_larger_robots_touch_too(driven):
         verdicts = []
         for distance in (0.0, 0.2, 0.5):
             try:
-                found = apart(*movers, distance=distance)
-                back = apart(*movers[::-1], distance=distance)
+                found = apart(*movers, margin=distance)
+                back = apart(*movers[::-1], margin=distance)
             except InputError:
                 break
             assert found.verdict == back.verdict
@@ -340,7 +340,7 @@ PERSON = Mover("disc:0.3", (3.0, 0.0), velocity=(1.0, 0.0))
     (Mover("disc:0.3", (0.1, 0.0)), {}, "first touches second at the start, at 0 s"),
     (
         Mover("disc:0.3", (0.7, 0.0)),
-        {"distance": 0.2},
+        {"margin": 0.2},
         "their distance must exceed 0.2 m and their errors",
     ),
     (Mover("disc:0.3", (0.7, 0.0), error=0.2), {}, "touches second at the start"),
@@ -373,7 +373,7 @@ PERSON = Mover("disc:0.3", (3.0, 0.0), velocity=(1.0, 0.0))
     (Mover("disc:0.3", (3.0, 1e101)), {}, "second.motion[1] is 1e+101"),
     (Mover("disc:0.3", (3.0, 0.0, 2e6)), {}, "at most 1048576 can be wrapped exactly"),
     (PERSON, {"until": -1.0}, "the motions begin at 0 s"),
-    (PERSON, {"until": 10.0, "distance": -1.0}, "distance is -1.0"),
+    (PERSON, {"until": 10.0, "margin": -1.0}, "margin is -1.0"),
 )
 def test_wrong_arguments_are_refused_in_one_line(second, options, message):
     check_refused(lambda: apart(**{"first": STILL, "second": second} | options), message)

@@ -109,7 +109,7 @@ def test_random_graphs_agree_with_dense_poses(spaces, number):
         graphs = {"": draw_graph(rng), "b": draw_graph(rng)}
         distance = float(rng.choice([0.0, 0.15]))
         others = {"b": (spaces[other], graphs["b"])}
-        found = cspace.lanes.conflicts(spaces[one], graphs[""], others=others, distance=distance)
+        found = cspace.lanes.conflicts(spaces[one], graphs[""], others=others, margin=distance)
         swept = {}
         for robot, graph in graphs.items():
             names = [name for name, row in found.elements.items() if row.robot == robot]
@@ -146,8 +146,8 @@ def check_touch(found, graphs, polygons, row):
             if lane.heading.frame != "any":
                 turns = [math.remainder(pose[2] - yaw, math.tau) for yaw in yaws_of(graph, lane)]
                 assert min(map(abs, turns)) < 1e-9
-    assert shapely.distance(*placed) <= found.distance
-    assert shapely.distance(placed[0], shapely.Point(row.at)) <= found.distance / 2 + 1e-9
+    assert shapely.distance(*placed) <= found.margin
+    assert shapely.distance(placed[0], shapely.Point(row.at)) <= found.margin / 2 + 1e-9
 
 
 @examples(150)
@@ -167,7 +167,7 @@ def test_parallel_lanes_near_contact_are_decided(spaces, angle, gap, distance, s
     other = start + (0.25 + 0.25 + distance + gap) * left
     nodes = [start - ahead, start + ahead, other + (slide + 1) * ahead, other + (slide - 1) * ahead]
     graph = RouteGraph.from_arrays(nodes, [(0, 1), (2, 3)])
-    row = cspace.lanes.conflicts(space, graph, distance=distance).between("0: 0 to 1", "1: 2 to 3")
+    row = cspace.lanes.conflicts(space, graph, margin=distance).between("0: 0 to 1", "1: 2 to 3")
     assert row.verdict == ("apart" if gap > 0 else "touch")
 
 
@@ -199,7 +199,7 @@ def test_larger_distances_and_robots_never_part_what_touches(spaces):
         graph = draw_graph(rng)
         found = [
             cspace.lanes.conflicts(spaces["arrow"], graph),
-            cspace.lanes.conflicts(spaces["arrow"], graph, distance=0.1),
+            cspace.lanes.conflicts(spaces["arrow"], graph, margin=0.1),
             cspace.lanes.conflicts(grown, graph),
         ]
         for row in found[0].pairs:
@@ -400,7 +400,7 @@ def test_one_robot_in_each_zone_keeps_all_apart(spaces, distance, number):
     close = 0
     for _ in range(number):
         graph = draw_graph(rng)
-        found = cspace.lanes.conflicts(spaces["notched"], graph, distance=distance)
+        found = cspace.lanes.conflicts(spaces["notched"], graph, margin=distance)
         zones = found.zones()
         shapes = list(zones.polygons)
         assert all(shape.is_valid and not shape.interiors for shape in shapes)
@@ -579,8 +579,8 @@ LANES = RouteGraph.from_arrays([(1, 1), (3, 1)], [(0, 1)])
         {"others": {"a": (elsewhere(count=90), LANES)}},
         "that of space is from [0.0, 0.0] to [8.0, 6.0]",
     ),
-    ({"distance": -0.1}, "distance is -0.1"),
-    ({"distance": math.nan}, "distance is nan"),
+    ({"margin": -0.1}, "margin is -0.1"),
+    ({"margin": math.nan}, "margin is nan"),
 )
 def test_wrong_arguments_are_refused_in_one_line(spaces, options, message):
     check_refused(lambda: cspace.lanes.conflicts(spaces["arrow"], LANES, **options), message)
@@ -620,7 +620,7 @@ def test_exit_codes_tell_of_unguarded_pairs(room):
     # Robots of 0.2 m by 0.1 m stay apart, except where they share a node.
     assert audit(room, "--robot=rect:0.2x0.1", "--conflicts").exit_code == 0
     # At a distance of 0.1 m the lanes touch within rounding.
-    tight = "--robot=disc:0.1", "--conflicts", "--distance=0.1"
+    tight = "--robot=disc:0.1", "--conflicts", "--conflicts-margin=0.1"
     assert audit(room, *tight).exit_code == 0
     assert audit(room, *tight, "--strict").exit_code == 2
 
@@ -628,7 +628,7 @@ def test_exit_codes_tell_of_unguarded_pairs(room):
 def test_conflicts_have_reports_of_their_own(room):
     outputs = [f"--output={room / name}" for name in ("a.csv", "a.xml", "a.geojson", "a.png")]
     robots = "--robot=slim=rect:0.4x0.2", "--robot=disc=disc:0.2"
-    result = audit(room, *robots, "--conflicts", "--distance=0.05", *outputs, "--json")
+    result = audit(room, *robots, "--conflicts", "--conflicts-margin=0.05", *outputs, "--json")
     assert result.exit_code == 1
     document = json.loads(result.stdout)
     assert document["conflicts"]["touch"] > 0
@@ -637,7 +637,7 @@ def test_conflicts_have_reports_of_their_own(room):
         assert {file.suffix for file in room.glob(f"a-{name}.*")} == {
             *(".csv", ".xml", ".geojson", ".png")
         }
-    refused = audit(room, "--robot=disc:0.2", "--distance=0.05")
+    refused = audit(room, "--robot=disc:0.2", "--conflicts-margin=0.05")
     assert refused.exit_code == 2
     assert "robots keep it where they are in conflict" in refused.stderr
     refused = audit(room, "--robot=conflicts=disc:0.2", "--conflicts")
