@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import cspace
-from cspace.errors import ConfigurationError
+from cspace.errors import InputError
 from tests.helpers.handmade import build_empty, fill_boxes
 from tests.helpers.maps import proven_paths
 from tests.helpers.placements import draw_configurations, is_free_around
@@ -214,7 +214,7 @@ def test_the_nearest_free_configuration_is_that_of_the_map_in_memory(walled):
 
 
 def test_geometry_needs_a_map_in_memory(walled):
-    with pytest.raises(ConfigurationError, match="exact needs a map in memory; this one stays"):
+    with pytest.raises(InputError, match="exact is that of a map in tiles"):
         walled.tiled.is_free((1.0, 1.0), exact=True)
-    with pytest.raises(ConfigurationError, match="exact needs a map in memory; this one stays"):
+    with pytest.raises(InputError, match="exact is that of a map in tiles"):
         walled.tiled.motion_is_free((1.0, 1.0), (2.0, 2.0), exact=True)
