@@ -451,7 +451,7 @@ class ConfigurationMap(ConfigurationSpace):
         warn_of_degrees(check_finite(q, name, self.axes), self._angles, name)
         return point
 
-    def check_endpoint(self, q: ArrayLike, name: str, exact: bool = False) -> Endpoint:
+    def check_endpoint(self, q: ArrayLike, name: str) -> Endpoint:
         """Return a start or goal in canonical form.
 
         Raises ConfigurationError unless the configuration lies in the grid and a motion that stays
@@ -459,8 +459,6 @@ class ConfigurationMap(ConfigurationSpace):
         """
         point: Endpoint = tuple(self.check_configuration(q, name).tolist())
         is_inside = bool(self.grid.contains(np.array(point[: self.dim])))
-        if exact:
-            return self.exact.check_endpoint(q, name)
         if is_inside and self.edge_checker()(*point, *point):
             return point
         raise self._make_endpoint_error(point, name, is_inside)
@@ -494,7 +492,7 @@ class ConfigurationMap(ConfigurationSpace):
             rule = f"the {name} must lie inside a FREE cell, because motions touch both cells"
         hint, nearest = suggest_endpoint(self, point)
         if is_proven:
-            hint = f"pass exact=True, which proves it free; {hint}"
+            hint = f"space.exact proves it free; {hint}"
         problem = f"{point} {problem}"
         return ConfigurationError(name, problem, rule, hint, nearest=nearest, reason=reason)
 

@@ -27,7 +27,6 @@ from cspace._rotations.base import (
 from cspace._support.arrays import FREE, MAX_EXPECTED_ANGLE, Bools, Floats, Ints, States
 from cspace._support.check import (
     check_finite,
-    check_flag,
     check_known,
     check_pairs,
     check_rows,
@@ -489,13 +488,11 @@ class Space(ABC):
         """Return a lower bound of the distance from collision, or NaN."""
         return math.nan
 
-    @names_options
-    def point_checker(self, *, exact: bool = False) -> Checker:
+    def point_checker(self) -> Checker:
         """Return ``check(*q)``, a fast :meth:`is_free`."""
         return lambda *q: bool(self.is_free(q))
 
-    @names_options
-    def edge_checker(self, *, exact: bool = False) -> Checker:
+    def edge_checker(self) -> Checker:
         """Return ``check(*q0, *q1)``, a fast :meth:`motion_is_free`."""
         size = self.size
 
@@ -574,7 +571,7 @@ class Space(ABC):
             )
         return self.rotations.make_canonical(point, name)
 
-    def check_endpoint(self, q: ArrayLike, name: str, exact: bool = False) -> Endpoint:
+    def check_endpoint(self, q: ArrayLike, name: str) -> Endpoint:
         """Return a canonical start or goal, with whole turns of joints.
 
         Raises InputError if it is no configuration, and ConfigurationError if no motion from it can
@@ -742,19 +739,17 @@ class ConfigurationSpace(Space):
         return states
 
     @overload
-    def is_free(self, q: Configuration, *, exact: bool = False) -> bool: ...  # type: ignore[overload-overlap]
+    def is_free(self, q: Configuration) -> bool: ...  # type: ignore[overload-overlap]
     @overload
-    def is_free(self, q: ArrayLike, *, exact: bool = False) -> Bools: ...
-    def is_free(self, q: ArrayLike, *, exact: bool = False) -> bool | Bools:
+    def is_free(self, q: ArrayLike) -> Bools: ...
+    def is_free(self, q: ArrayLike) -> bool | Bools:
         """Return True if configurations are proven collision-free.
 
         Arguments and errors as :meth:`classify`.
 
-        With ``exact``, geometry decides in MIXED cells of a map. For an arm it always does.
+        Cells decide on a map, and geometry on its view :attr:`exact`. For an arm, geometry always
+        does.
         """
-        check_flag(exact, "exact")
-        if exact:
-            return self.exact.is_free(q)
         state: int | None = self._ask_one(self._look_up_state, q)
         if state is not None:
             return state == FREE
@@ -762,12 +757,10 @@ class ConfigurationSpace(Space):
         return free
 
     @overload
-    def motion_is_free(  # type: ignore[overload-overlap]
-        self, q0: Configuration, q1: Configuration, *, exact: bool = False
-    ) -> bool: ...
+    def motion_is_free(self, q0: Configuration, q1: Configuration) -> bool: ...  # type: ignore[overload-overlap]
     @overload
-    def motion_is_free(self, q0: ArrayLike, q1: ArrayLike, *, exact: bool = False) -> Bools: ...
-    def motion_is_free(self, q0: ArrayLike, q1: ArrayLike, *, exact: bool = False) -> bool | Bools:
+    def motion_is_free(self, q0: ArrayLike, q1: ArrayLike) -> Bools: ...
+    def motion_is_free(self, q0: ArrayLike, q1: ArrayLike) -> bool | Bools:
         """Return True if straight motions are proven free throughout.
 
         On a map, a motion is proven if every closed cell that it touches, even in a corner, is
@@ -778,8 +771,6 @@ class ConfigurationSpace(Space):
         ----------
         q0, q1 : array-like, shape (size,) or (..., size)
             Endpoints of the motions, metres and radians; broadcast against each other.
-        exact : bool
-            Decide MIXED cells by the geometry. For an arm, geometry always decides.
 
         Returns
         -------
@@ -790,19 +781,13 @@ class ConfigurationSpace(Space):
         InputError, ConfigurationError
             As :meth:`classify`.
         """
-        check_flag(exact, "exact")
-        if exact:
-            return self.exact.motion_is_free(q0, q1)
         state: int | None = self._ask_one(self._look_up_motion, q0, q1)
         if state is not None:
             return state == FREE
         free: bool | Bools = evaluate_edges(q0, q1, self.axes, self._write_motions, self._angles)
         return free
 
-    @names_options
-    def certify_path(
-        self, path: ArrayLike, edges: ArrayLike | None = None, *, exact: bool = False
-    ) -> Bools:
+    def certify_path(self, path: ArrayLike, edges: ArrayLike | None = None) -> Bools:
         """Return whether each edge is proven collision-free.
 
         The edges belong to a path, to several paths, or to a roadmap. Edges are straight and rotate
@@ -817,8 +802,6 @@ class ConfigurationSpace(Space):
         edges : array-like of int, shape (m, 2), optional
             Indices of the two vertices of each edge; ``path`` must then have shape (n, size). If
             left out, edges join consecutive configurations.
-        exact : bool
-            As for :meth:`motion_is_free`.
 
         Returns
         -------
@@ -845,8 +828,6 @@ class ConfigurationSpace(Space):
         >>> space.certify_path(corners, [(0, 2), (2, 3)]).tolist()
         [True, False]
         """
-        if exact:
-            return self.exact.certify_path(path, edges)
         points = self._check_configurations(path, "path")
         write = self._write_motions
         if edges is not None:
@@ -923,21 +904,15 @@ class ConfigurationSpace(Space):
 
     # ---- for planners ----------------------------------------------------------------------------
 
-    @names_options
-    def point_checker(self, *, exact: bool = False) -> Checker:
+    def point_checker(self) -> Checker:
         """Return ``check(*q)``, a fast :meth:`is_free`; False beyond the limits of joints."""
-        if exact:
-            return self.exact.point_checker()
         look_up = self._look_up_state
         if look_up is None:
             return lambda *q: self.is_free(q)
         return lambda *q: look_up(*q) == FREE
 
-    @names_options
-    def edge_checker(self, *, exact: bool = False) -> Checker:
+    def edge_checker(self) -> Checker:
         """Return ``check(*q0, *q1)``, a fast :meth:`motion_is_free`; False beyond the limits."""
-        if exact:
-            return self.exact.edge_checker()
         look_up = self._look_up_motion
         size = self.size
         if look_up is None:

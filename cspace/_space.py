@@ -431,14 +431,8 @@ class CSpace(ConfigurationMap):
 
     # ---- for callbacks ---------------------------------------------------------------------------
 
-    @names_options
-    def point_checker(self, *, exact: bool = False) -> Callable[..., bool]:
+    def point_checker(self) -> Callable[..., bool]:
         """Return a fast ``is_free`` of floats, for callbacks.
-
-        Parameters
-        ----------
-        exact : bool
-            As for :meth:`is_free`.
 
         Returns
         -------
@@ -446,16 +440,10 @@ class CSpace(ConfigurationMap):
             ``check(*q) -> bool``. Takes the coordinates as floats; returns False for NaN or
             infinite input.
         """
-        return super().point_checker(exact=exact)
+        return super().point_checker()
 
-    @names_options
-    def edge_checker(self, *, exact: bool = False) -> Callable[..., bool]:
+    def edge_checker(self) -> Callable[..., bool]:
         """Return a fast ``motion_is_free`` of floats, for callbacks.
-
-        Parameters
-        ----------
-        exact : bool
-            As for :meth:`motion_is_free`.
 
         Returns
         -------
@@ -463,7 +451,7 @@ class CSpace(ConfigurationMap):
             ``check(*q0, *q1) -> bool``. Takes the coordinates of both configurations as floats;
             returns False for NaN or infinite input.
         """
-        return super().edge_checker(exact=exact)
+        return super().edge_checker()
 
     def clearance_checker(self) -> Callable[..., float]:
         """Return a fast ``clearance`` of floats, for callbacks.
@@ -650,13 +638,13 @@ class CSpace(ConfigurationMap):
 
         The first update copies the cells of the workspace, so that the :class:`cspace.Workspace`
         passed to the build, and other maps of it, do not change. :attr:`workspace` then has the
-        current cells; after a box, its ``shapes`` are None, and queries with ``exact=True`` use the
+        current cells; after a box, its ``shapes`` are None, and queries of :attr:`exact` use the
         outer cells instead. Named obstacles (:meth:`add_obstacle`) stay on top. Overlap counts are
         dropped, because they belong to the old obstacles. A map built without ``inner`` gets no
         BLOCKED cells, also after it is saved and opened.
 
         All data that the map derives from its cells, such as components, distances and the geometry
-        for ``exact=True``, are computed anew when next asked for.
+        for :attr:`exact`, are computed anew when next asked for.
 
         Updates wait for each other, and for :meth:`is_connected`, :meth:`is_disconnected`,
         :meth:`reachable_bounds`, :meth:`contains_robot`, :meth:`save`, :meth:`export`, copies and
@@ -736,7 +724,7 @@ class CSpace(ConfigurationMap):
         Obstacles may overlap. They are clipped to the grid; one that lies outside keeps its name,
         changes nothing, and raises a UnitWarning.
 
-        Queries with ``exact=True`` use the shape of the obstacle, not its cells. :meth:`update`
+        Queries of :attr:`exact` use the shape of the obstacle, not its cells. :meth:`update`
         changes the base, below all named obstacles; exact queries then use the cells of the base.
         All else is as for :meth:`update`. A move farther than the robot's size is two changes, the
         new position first, so that other threads may see the obstacle at both positions, but never

@@ -113,7 +113,9 @@ def list_refusals() -> Iterable[str]:
     for options, reason in REFUSALS:
         values = {option: ", ".join(map(str, refused)) for option, refused in options.items()}
         names = values.pop("planner")
-        refused = " with ".join(f"`{option}`: {value}" for option, value in values.items())
+        exact = ["`space.exact`"] if values.pop("exact", None) else []
+        named = [f"`{option}`: {value}" for option, value in values.items()]
+        refused = " with ".join([*exact, *named])
         yield f"| {names} | {refused or 'every plan'} | {reason} |"
 
 

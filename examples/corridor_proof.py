@@ -20,12 +20,12 @@ workspace = cspace.Workspace.from_polygons([walls], spacing=0.05)
 start, goal = (1.5, 2.0, 0.0), (8.5, 2.0, 0.0)
 
 # %% Three robots, each 1.3 m long. The first passes. For the second, 2 cm narrower than the
-# corridor, the cells cannot decide; with ``exact=True`` the geometry decides, and the proof is as
+# corridor, the cells cannot decide; with ``space.exact`` the geometry decides, and the proof is as
 # strong. The third is proven to be too wide.
 
 for width in (0.6, 0.98, 1.2):
     space = cspace.build(workspace, cspace.Robot.rectangle(1.3, width), rotations=72)
-    plan = planners.plan(space, start, goal, exact=True, time_limit=5, seed=1)
+    plan = planners.plan(space.exact, start, goal, time_limit=5, seed=1)
     print(f"robot {width:g} m wide, corridor 1 m")
     print(f"  a path is proven to exist: {space.is_connected(start, goal)}")
     print(f"  no path is proven to exist, at any yaw: {space.is_disconnected(start, goal)}")

@@ -43,10 +43,9 @@ space = cspace.build(
 )
 still = (0.0, 0.0, 0.0, 1.0)
 plan = planners.plan(
-    space,
+    space.exact,
     (*start, *still),
     (*goal, *still),
-    exact=True,
     planner=planners.Search(iterations=100_000),
     time_limit=600,
     seed=1,

@@ -31,9 +31,6 @@ plan = planners.plan(space, (0, 0, 1.5), (0, 0, -1.5), planner="Grid")
 print(plan)
 
 # %%
-# Three sections through the center of the path, and the half of the wall behind it, from the front.
+# Three sections through the center of the path.
 
 save_plot(space, "z_tunnel.png", True, path=plan)
-save_plot(
-    space, "z_tunnel_3d.png", True, path=plan, view="3d", center=(0, 1, 0), zoom=2, camera=(20, -70)
-)

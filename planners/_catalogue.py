@@ -341,7 +341,11 @@ def check_options(values: Mapping[str, object], is_named: bool, n_goals: int = 1
         if not all(kinds[option] in refused for option, refused in options.items()):
             continue
         option, *others = options
-        problem = f"has {n_goals} configurations" if option == "goal" else f"is {values[option]!r}"
+        problem = f"is {values.get(option)!r}"
+        if option == "goal":
+            problem = f"has {n_goals} configurations"
+        elif option == "exact":
+            option, problem = "space", "is space.exact"
         if others:
             problem += f" and {others[0]} is {values[others[0]]!r}"
         if not is_named:

@@ -19,7 +19,6 @@ MAX_RADIUS_CELLS: Final = 1e3
 
 def local_planner(
     space: Space,
-    exact: bool = False,
     drive: Drive | None = None,
     bidirectional: bool = False,
 ) -> LocalPlanner:
@@ -29,7 +28,6 @@ def local_planner(
     a space other than a map of x, y, yaw; or its turning radius is out of range.
     """
     check_space(space)
-    space = space.exact if exact else space
     if check_drive(drive) is None:
         return LocalPlanner(space, drive, bidirectional)
     if not has_drives(space):

@@ -95,7 +95,7 @@ class WeightedLength(ob.OptimizationObjective):
         check_has_cells(space)
         if field is not None and not isinstance(field, DistanceMap):
             field = _check_costs(field, space)
-        edges = local_planner(space, False, drive)
+        edges = local_planner(space, drive)
         self._field = field
         self._density = CostDensity(offset, slope, weight, edges.rotation_weight)
         self._kind = find_state_kind(space)

@@ -23,15 +23,13 @@ class StateValidityChecker(ob.StateValidityChecker):
     """Checker of OMPL's states, valid if proven free.
 
     A certified map, or the geometry of an arm, gives the proof. States in MIXED cells of a map are
-    invalid, unless ``exact`` is set and the geometry proves them free.
+    invalid, unless the space is ``space.exact`` and the geometry proves them free.
 
     Parameters
     ----------
     si : ompl.base.SpaceInformation
         Of a :func:`planners.state_space`.
     space : Space
-    exact : bool
-        Whether the geometry itself decides states that the map does not.
 
     Attributes
     ----------
@@ -40,13 +38,13 @@ class StateValidityChecker(ob.StateValidityChecker):
     """
 
     @names_options
-    def __init__(self, si: ob.SpaceInformation, space: Space, *, exact: bool = False) -> None:
+    def __init__(self, si: ob.SpaceInformation, space: Space) -> None:
         """Make the test of a state from that of a configuration."""
         check_information(si, space)
         super().__init__(si)
         self._kind = find_state_kind(space)
         self._space = space
-        self.is_free = self._kind.of_states((space.exact if exact else space).point_checker())
+        self.is_free = self._kind.of_states(space.point_checker())
 
     def isValid(self, state: ob.State) -> bool:  # noqa: N802 - OMPL's name
         """Return True if the state is proven free."""
@@ -83,8 +81,6 @@ class MotionValidator(ob.MotionValidator):
         Of a :func:`planners.state_space`. It is not kept: a validator that holds it would never be
         freed.
     space : Space
-    exact : bool
-        Whether the geometry itself decides motions that the map does not.
     drive
         As for :func:`planners.plan`.
     bidirectional : bool
@@ -126,14 +122,13 @@ class MotionValidator(ob.MotionValidator):
         si: ob.SpaceInformation,
         space: Space,
         *,
-        exact: bool = False,
         drive: Drive | None = None,
         bidirectional: bool = False,
     ) -> None:
         """Make an edge's proof by the robot's drive."""
         check_information(si, space)
         super().__init__(si)
-        edges = local_planner(space, exact, drive, bidirectional)
+        edges = local_planner(space, drive, bidirectional)
         self.is_free = edges.motion_checker()
 
     def checkMotion(self, first: ob.State, second: ob.State) -> bool:  # noqa: N802 - OMPL's name

@@ -167,7 +167,6 @@ def plan(
     time_limit: float | None = None,
     seed: int | None = None,
     objective: str | MakeObjective = "length",
-    exact: bool = False,
     drive: Drive | None = None,
     via: Sequence[PlaceLike] = (),
     previous: Plan | None = None,
@@ -183,6 +182,8 @@ def plan(
     Parameters
     ----------
     space : Space
+        With ``space.exact`` the geometry itself decides MIXED cells, which finds shorter paths, and
+        passages little wider than the robot; slower.
     start, goal : place
         A configuration by the axes of the space, such as ``(x, y, yaw)`` in metres and radians, or
         a number for each joint. The start may be a message that :func:`cspace.ros.configuration_of`
@@ -206,9 +207,6 @@ def plan(
         Quantity to minimise. "clearance" is :class:`planners.ClearanceObjective` with its defaults.
         A callable takes the space information and returns an ``ompl.base.OptimizationObjective``.
         The length counts a radian of rotation as half a metre, except along curves.
-    exact : bool
-        Whether the geometry itself decides MIXED cells, which finds shorter paths, and passages
-        little wider than the robot; slower. Not for tiled maps.
     drive : Car or Differential, optional
         :class:`planners.Car` or :class:`planners.Differential`, for maps of (x, y, yaw): the motion
         along an edge, which is proven along that motion. By default the robot moves in any
@@ -264,7 +262,7 @@ def plan(
     if stop is not None and not callable(cast(object, stop)):
         rule = "it is called to ask whether the search ends"
         raise InputError("stop", f"is {stop!r}", rule)
-    edges = local_planner(space, exact, drive)
+    edges = local_planner(space, drive)
     space = edges.space
     near = start if isinstance(start, Near) else Near(start)
     kept = _check_keep(keep)
@@ -1024,8 +1022,8 @@ def _list_trials(task: PlanTask, exists: bool | None) -> Iterator[tuple[PlanTask
     if edges.drive is not None and not edges.reverses:
         others.append(replace(edges.drive, reverse=True))
     for exact, drive in itertools.product(proofs, others if space.in_memory else ()):
-        other = local_planner(space, exact, drive)
-        changes = [] if exact == edges.exact else [f"exact={exact}"]
+        other = local_planner(space.exact if exact else space, drive)
+        changes = [] if exact == edges.exact else ["space.exact"]
         if drive != edges.drive:
             changes.append(f"drive=planners.{drive}")
         if not (changes and other.may_join(exists)):
@@ -1049,7 +1047,7 @@ def _list_exact_hints(task: PlanTask) -> list[str]:
     edges = task.edges
     if edges.exact or edges.cells.tries_exact or task.objective != LENGTH:
         return []
-    hint = "exact=True"
+    hint = "space.exact"
     if task.is_named:
         hint += " with the default planner"
     if not edges.space.in_memory:

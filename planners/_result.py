@@ -267,7 +267,7 @@ class Plan:
 
     def _edges_on(self, space: Space) -> LocalPlanner:
         """Return the local planner on a map."""
-        edges = local_planner(space, self.exact, self.drive)
+        edges = local_planner(space.exact if self.exact else space, self.drive)
         return replace(edges, space=space.keep(self.keep)) if self.keep else edges
 
     def _map(self) -> Space:

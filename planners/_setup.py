@@ -66,7 +66,7 @@ def state_space(space: Space, *, drive: Drive | None = None) -> ob.StateSpace:
         radius is too small or large for the cells; or the space is so small that OMPL takes its
         steps for zero.
     """
-    return make_bounded_states(local_planner(space, False, drive))
+    return make_bounded_states(local_planner(space, drive))
 
 
 def make_bounded_states(edges: LocalPlanner) -> ob.StateSpace:
@@ -115,7 +115,6 @@ def simple_setup(
     *,
     objective: MakeObjective | None = None,
     rng: np.random.Generator | None = None,
-    exact: bool = False,
     drive: Drive | None = None,
 ) -> og.SimpleSetup:
     """Create OMPL's SimpleSetup for a map, an arm or another space.
@@ -134,9 +133,6 @@ def simple_setup(
         is the length.
     rng : numpy.random.Generator, optional
         Source of randomness of the valid state sampler; see :class:`FreeStateSampler`.
-    exact : bool
-        Whether the geometry itself decides states and motions that the map does not. Valid states
-        are then drawn from the whole map and tested, because they need not lie in FREE cells.
     drive
         As for :func:`planners.plan`.
 
@@ -150,10 +146,10 @@ def simple_setup(
     Raises
     ------
     InputError
-        If ``objective`` is not of OMPL's type, or ``rng`` comes with ``exact``; and as
+        If ``objective`` is not of OMPL's type, or ``rng`` comes with ``space.exact``; and as
         :func:`state_space`.
     """
-    edges = local_planner(space, exact, drive)
+    edges = local_planner(space, drive)
     return make_setup(edges, objective, rng)
 
 
@@ -212,7 +208,7 @@ def _choose_sampler(
         check_rng(rng)
         if exact:
             rule = "it is for FreeStateSampler"
-            raise InputError("rng", "is given and exact is True", rule)
+            raise InputError("rng", f"is given and space is {space!r}", rule)
     # FREE cells give samples without rejection, unless geometry decides other cells too.
     if space.has_cells and space.in_memory and not exact:
         return lambda info: FreeStateSampler(info, edges.cells, rng)

@@ -341,7 +341,7 @@ class Trajectory:
         check_space(space)
         check_axes(space, self.axes, "trajectory")
         space = space.keep(route.keep)
-        edges = local_planner(space, route.exact, route.drive)
+        edges = local_planner(space.exact if route.exact else space, route.drive)
         if self._segments.is_curve.any():
             driven = _cut_driven(self._segments, self._phases, self._rotations)
             return prove_segments(space, route.exact, driven)

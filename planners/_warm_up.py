@@ -44,7 +44,7 @@ def warm_up(space: Space, drive: Drive | None = None) -> None:
     >>> workspace = cspace.Workspace.from_array(np.eye(30, dtype=bool), 0.1)
     >>> planners.warm_up(cspace.build(workspace, cspace.Robot.disc(0.2)))
     """
-    local_planner(space, False, drive)  # refuses what is no drive of the space
+    local_planner(space, drive)  # refuses what is no drive of the space
     if not (space.has_cells and space.has_poses):
         if isinstance(space, ConfigurationSpace):
             sampled = cast("CSpace | ArmSpace", space)  # all other maps are of poses

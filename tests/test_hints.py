@@ -188,7 +188,7 @@ def build_tiles(folder, **options):
         "it must be a positive integer, or one for each axis",
     ),
     (
-        lambda folder: build_tiles(folder).is_free((1.0, 0.5), exact=True),
+        lambda folder: build_tiles(folder).exact.is_free((1.0, 0.5)),
         "this one stays in its folder",
     ),
     (

@@ -110,13 +110,13 @@ def test_added_moved_and_removed_obstacles_equal_a_rebuild(world, queried):
 @given(worlds())
 def test_checkers_and_exact_queries_follow_obstacles(world):
     stage, space = Stage(world), world.build()
-    ours, exactly = checkers(space), checkers(space, exact=True)
+    ours, exactly = checkers(space), checkers(space.exact)
     for _ in range(2):
         fresh = stage.step(space)
         check_agreement(ours, checkers(fresh), world)
-        check_agreement(exactly, checkers(fresh, exact=True), world)
+        check_agreement(exactly, checkers(fresh.exact), world)
         q = world.points(20)
-        np.testing.assert_array_equal(space.is_free(q, exact=True), fresh.is_free(q, exact=True))
+        np.testing.assert_array_equal(space.exact.is_free(q), fresh.exact.is_free(q))
 
 
 def test_obstacles_and_updates_make_unknown_cells_known():

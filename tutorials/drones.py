@@ -76,12 +76,12 @@ save_plot(turning, "drones_3.png", True, path=plan, view="3d")
 # -----------------------------------
 #
 # For SE(3), ``rotations=cspace.Rotations.quaternions(n)``: configurations are ``(x, y, z, qx, qy,
-# qz, qw)``, w last. Such maps are coarse, because a rotation cell is large. With ``exact=True``, an
+# qz, qw)``, w last. Such maps are coarse, because a rotation cell is large. With ``space.exact``, an
 # exact check of the geometry decides MIXED cells, and the proof is as strong. The page on rotations
 # says which ``n`` to choose. In the gallery, a drone banks to pass a slit.
 
 free = cspace.build(house, drone, rotations=cspace.Rotations.quaternions(4))
 print(free)
 level = (0.0, 0.0, 0.0, 1.0)
-plan = planners.plan(free, (*start, *level), (*goal, *level), exact=True, time_limit=20, seed=1)
+plan = planners.plan(free.exact, (*start, *level), (*goal, *level), time_limit=20, seed=1)
 print(plan)

@@ -51,7 +51,7 @@ save_plot(space, "mobile_robots_1.png", True)
 # %% White cells are FREE: the robot touches nothing if its reference point is anywhere in such a
 # cell. Blue cells are BLOCKED: the robot collides. The thin orange band, MIXED, is undecided;
 # smaller cells make it thinner. Planners avoid it, unless an exact check of the geometry decides
-# there (``exact=True``).
+# there (``space.exact``).
 #
 # Query the map
 # -------------

@@ -146,7 +146,9 @@ def _park(space: CSpace, query: Any, radius: float, exact: bool) -> planners.Pla
         "time_limit": TIME_LIMIT,
     }
     try:
-        return planners.plan(space, *query, planner="Lattice", exact=exact, **options)
+        return planners.plan(
+            (space.exact if exact else space), *query, planner="Lattice", **options
+        )
     except ConfigurationError:
         return None
 

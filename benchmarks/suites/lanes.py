@@ -42,18 +42,15 @@ def run(report: Report, seed: int) -> None:
             }
             audits = {}
             for place, space in maps.items():
-                for exact in (True, False):
-                    label = f"{place}, {'cells and geometry' if exact else 'cells alone'}"
-                    timing = _time(partial(cspace.lanes.audit, space, graph, exact=exact))
-                    report.timing(label, timing)
-                    if place == "memory" and not report.quick:
-                        most = MAX_SECONDS
-                        report.figure(f"CPU time, {label}", timing.median_cpu, "s", most=most)
-                    audits[place, exact] = [row[3] for row in timing.value.lanes]
-        # Cells alone may read a configuration on a border of cells in either of them.
-        equal = audits["memory", True] == audits["tiles", True]
+                timing = _time(partial(cspace.lanes.audit, space, graph))
+                report.timing(place, timing)
+                if place == "memory" and not report.quick:
+                    most = MAX_SECONDS
+                    report.figure(f"CPU time, {place}", timing.median_cpu, "s", most=most)
+                audits[place] = [row[3] for row in timing.value.lanes]
+        equal = audits["memory"] == audits["tiles"]
         report.check(equal, "tiles and memory give the same verdicts")
-        blocked = audits["memory", True].count("blocked") / count
+        blocked = audits["memory"].count("blocked") / count
         report.figure("share of blocked lanes", blocked, "")
 
 

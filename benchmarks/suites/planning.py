@@ -190,12 +190,11 @@ def solve_by_plan(
     """Return the seconds to a first solution by ``plan``, and the path or None."""
     began = time.perf_counter()
     plan = planners.plan(
-        space,
+        (space.exact if exact else space),
         *query,
         planner=planners.Search(planner, simplify=False),
         time_limit=SEARCH_SECONDS,
         seed=seed,
-        exact=exact,
     )
     taken = time.perf_counter() - began
     return taken, plan.path if plan.solved else None

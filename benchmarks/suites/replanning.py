@@ -48,7 +48,6 @@ HOLONOMIC_WAYS: dict[str, dict[str, Any]] = {
     "RRTConnect": {"planner": "RRTConnect"},
     "default, objective='clearance'": {"objective": "clearance"},
     "MaxClearance": {"planner": "MaxClearance"},
-    "default, exact=True": {"exact": True},
 }
 """Options of :func:`planners.plan` for every robot, by name."""
 

@@ -133,7 +133,7 @@ def _fcl(report: Report, space: CSpace, scene: Scene, rng: np.random.Generator) 
         f"{wrong} of {len(blocked)} BLOCKED configurations do not collide by FCL and insides",
     )
     mixed = few[states[:CONTAINMENT_TESTS] == cspace.MIXED]
-    exact = space.is_free(mixed, exact=True) if len(mixed) else np.zeros(0, dtype=np.bool_)
+    exact = space.exact.is_free(mixed) if len(mixed) else np.zeros(0, dtype=np.bool_)
     wrong = sum(bool(ours) and fcl.meets(each) for ours, each in zip(exact, mixed, strict=True))
     report.check(
         not wrong,
@@ -171,7 +171,7 @@ def _look_ups(report: Report, space: CSpace, fcl: Fcl, rng: np.random.Generator)
     starts, goals = _edges(space, rng, 1000)
     space_informations = {
         "ours": planners.simple_setup(space).getSpaceInformation(),
-        "ours, exact": planners.simple_setup(space, exact=True).getSpaceInformation(),
+        "ours, exact": planners.simple_setup(space.exact).getSpaceInformation(),
         "FCL": planning.peer_setup(space, fcl.is_free)().getSpaceInformation(),
     }
     checker = planners.StateValidityChecker(space_informations["ours"], space)
@@ -256,10 +256,10 @@ def _plan(
     label = ", exact" if exact else ""
     ours: dict[str, planning.Solver] = {
         f"ours, planners.plan{label}": partial(
-            planning.solve_by_plan, space, "RRTConnect", exact=exact
+            planning.solve_by_plan, (space.exact if exact else space), "RRTConnect"
         ),
         f"ours, simple_setup and RRTConnect{label}": partial(
-            planning.solve, space, lambda: planners.simple_setup(space, exact=exact)
+            planning.solve, space, lambda: planners.simple_setup(space.exact if exact else space)
         ),
     }
     queries = scene.queries(space)

@@ -55,9 +55,10 @@ def plan_in_plane(folder: Path) -> planners.Plan:
     return planners.plan(map_flat(folder), (1.4, 8.6), (14.6, 1.2))
 
 
-def plan_with_yaw(folder: Path, **options: Any) -> planners.Plan:
-    """Plan a path in the plane for a robot that rotates."""
-    return planners.plan(map_flat(folder, 72), (2, 3, 0), (9, 1, 0), **options)
+def plan_with_yaw(folder: Path, tight: bool = False, **options: Any) -> planners.Plan:
+    """Plan a path in the plane for a robot that rotates, by geometry if places are tight."""
+    space = map_flat(folder, 72)
+    return planners.plan(space.exact if tight else space, (2, 3, 0), (9, 1, 0), **options)
 
 
 def plan_in_space(folder: Path) -> planners.Plan:
@@ -145,8 +146,8 @@ def _query_map(
         space.clearance(q)
         space.is_connected(q, last)
         space.is_disconnected(q, last)
-        for exact in (False, True):
-            space.motion_is_free(q, last, exact=exact)
+        for asked in (space, space.exact):
+            asked.motion_is_free(q, last)
     space.certify_path([first, last])
     space.sample_free(10)
     space.save(file, overwrite=True)
@@ -161,7 +162,7 @@ JOBS: Final[dict[str, Callable[[Path], object]]] = {
     "plan with a yaw": plan_with_yaw,
     "plan with a differential drive": partial(plan_with_yaw, drive=_DIFFERENTIAL),
     "plan for a car": partial(plan_with_yaw, drive=_CAR),
-    "plan for a car in a tight place": partial(plan_with_yaw, exact=True, drive=_CAR),
+    "plan for a car in a tight place": partial(plan_with_yaw, tight=True, drive=_CAR),
     "plan in space": plan_in_space,
     "queries and updates": query_maps,
     "trajectories and gates": time_drives,

@@ -140,9 +140,9 @@ def plan(
     options: dict[str, Any] = {"start": planners.Near(here, start_tolerance or 0.0), "goal": goals}
     search = planners.Search(cast("Any", planner), simplify=simplify)
     options |= {"planner": search, "objective": objective, "seed": seed}
-    options |= {"exact": exact, "drive": moves, "time_limit": time_limit}
+    options |= {"drive": moves, "time_limit": time_limit}
     with clock.step("plan"):
-        planned = planners.plan(space, **options)
+        planned = planners.plan(space.exact if exact else space, **options)
     # The proven distance to obstacles may take as long as the search.
     with clock.step("measure"):
         described = _describe(planned)
@@ -166,6 +166,7 @@ def plan(
     show({**described, "seconds": clock.seconds}, as_json)
     if not planned.solved:
         hint = planned.hint.replace("plan.explain()", "cspace explain")
+        hint = hint.replace("space.exact", "--exact")
         hint = re.sub(r"planners\.\w+\(.*?\)", _REVERSING.get(drive, drive), hint)
         hint = name_options(hint, list_option_names(context.command, context.meta))
         advice = f"; try {hint}" if hint else ""

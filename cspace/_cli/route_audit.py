@@ -73,7 +73,6 @@ def audit(
     conflicts_margin: float = option(
         "METRES", "Distance that two robots must keep, with --conflicts.", default=0.0
     ),
-    cells_only: bool = flag("--cells-only", "Do not ask the geometry where cells cannot decide."),
     strict: bool = flag("--strict", "Undecided lanes give the exit code 2, and fail in JUnit."),
     overwrite: bool = OVERWRITE,
     as_json: bool = AS_JSON,
@@ -100,7 +99,7 @@ def audit(
     if not lanes.lanes:
         rule = "an audit of nothing would say that no lane is blocked"
         raise InputError(str(graph), "has no lanes", rule)
-    reports: dict[str, Any] = _audit_maps(makers, lanes, not cells_only, clock)
+    reports: dict[str, Any] = _audit_maps(makers, lanes, clock)
     codes = [_choose_exit_code([audit.counts for audit in reports.values()], strict)]
     if conflicts:
         with clock.step(CONFLICTS):
@@ -124,7 +123,7 @@ def _check_conflicts(conflicts: bool, margin: float, robots: Collection[str]) ->
 
 
 def _audit_maps(
-    makers: dict[str, Callable[[], Any]], lanes: RouteGraph, exact: bool, clock: Stopwatch
+    makers: dict[str, Callable[[], Any]], lanes: RouteGraph, clock: Stopwatch
 ) -> dict[str, Audit]:
     """Audit the lanes for each robot."""
     audits = {}
@@ -132,7 +131,7 @@ def _audit_maps(
         with clock.step(f"build {name}".strip()):
             space = make()
         with clock.step(f"audit {name}".strip()):
-            audits[name] = cspace.lanes.audit(space, lanes, exact=exact)
+            audits[name] = cspace.lanes.audit(space, lanes)
     return audits
 
 

@@ -647,7 +647,7 @@ class ArmSpace(ConfigurationSpace):
         """
         return self._check_configurations(super().check_configuration(q, name), name)
 
-    def check_endpoint(self, q: ArrayLike, name: str, exact: bool = False) -> Endpoint:
+    def check_endpoint(self, q: ArrayLike, name: str) -> Endpoint:
         """Return a start or goal with joints clamped; continuous ones keep their whole turns.
 
         Raises ConfigurationError if it is beyond the limits or not proven free, and InputError if
@@ -905,10 +905,7 @@ class ArmSpace(ConfigurationSpace):
             raise _make_collision_error(snapshot, start, "q0")
         return follow_lines(snapshot, start, frame, corners, lines, max_deviation)
 
-    @names_options
-    def certify_path(
-        self, path: ArrayLike, edges: ArrayLike | None = None, *, exact: bool = False
-    ) -> Bools:
+    def certify_path(self, path: ArrayLike, edges: ArrayLike | None = None) -> Bools:
         """Return whether each edge is proven collision-free.
 
         The edges join the rows of a path, of several paths, or of a roadmap. Along an edge, all
@@ -926,8 +923,6 @@ class ArmSpace(ConfigurationSpace):
         edges : array-like of int, shape (m, 2), optional
             Indices, from 0, of the two vertices of each edge; ``path`` must then have shape (n,
             dof). By default each configuration is joined to the next.
-        exact : bool
-            Ignored, because the geometry of an arm always decides.
 
         Returns
         -------
@@ -942,7 +937,7 @@ class ArmSpace(ConfigurationSpace):
         ConfigurationError
             If a configuration is more than 1e-5 rad (m) beyond a limit.
         """
-        return super().certify_path(path, edges, exact=exact)
+        return super().certify_path(path, edges)
 
     def _list_images(self, start: Floats, goals: Floats) -> Floats:
         """Return the goals both ways around each continuous joint.

@@ -316,12 +316,12 @@ def audit(
     space: ConfigurationMap,
     graph: RouteGraph | StrPath | Any,
     *,
-    exact: bool = True,
     max_room: float = 1.0,
 ) -> Audit:
     """Prove the lanes of a graph free or blocked for a robot.
 
-    Every lane is proven along its whole length, at every yaw that its rule allows. See
+    Every lane is proven along its whole length, at every yaw that its rule allows; the geometry
+    decides what cells do not. See
     :class:`cspace.lanes.Audit`.
 
     Parameters
@@ -331,8 +331,6 @@ def audit(
     graph : cspace.lanes.RouteGraph, str, Path or networkx graph
         Lanes; a file is read by :meth:`cspace.lanes.RouteGraph.open`, a graph of networkx by
         :meth:`cspace.lanes.RouteGraph.from_networkx`.
-    exact : bool
-        Decide by the geometry what cells do not.
     max_room : float
         Metres of room at a lane beyond which nothing is proven, because it takes time.
 
@@ -364,10 +362,9 @@ def audit(
     """
     room = check_not_negative(max_room, "max_room")
     lanes = open_graph(space, graph, "graph")
-    exact = exact or space.is_exact
     space = cells_of(space)
-    proofs = prove_lanes(space, lanes, exact, room)
-    nodes = prove_nodes(space, lanes.positions, exact)
+    proofs = prove_lanes(space, lanes, room)
+    nodes = prove_nodes(space, lanes.positions)
     yaws = nodes.list_free()
     reach = Reach(lanes, proofs.is_free, yaws)
     broken = (lanes.lanes[k] for k in np.flatnonzero(~proofs.is_free))
@@ -385,9 +382,7 @@ def audit(
     )
 
 
-def prove_lanes(
-    space: ConfigurationMap, graph: RouteGraph, exact: bool, max_room: float
-) -> LaneProofs:
+def prove_lanes(space: ConfigurationMap, graph: RouteGraph, max_room: float) -> LaneProofs:
     """Prove lanes free or blocked, and measure their rooms."""
     count = len(graph.lanes)
     motions = list_motions(space, graph)
@@ -400,11 +395,10 @@ def prove_lanes(
         is_free = in_cells.copy()
         rest = np.isin(chosen.lanes, chosen.lanes[~in_cells])
         samples = sample_motions(part, chosen.take(rest))
-        if exact:
-            # A lane with a BLOCKED configuration is decided.
-            blocked = samples.lanes[samples.states == BLOCKED]
-            unsure = np.flatnonzero(~in_cells & ~np.isin(chosen.lanes, blocked))
-            is_free[unsure] = prove(part, chosen.take(unsure), by_geometry=True)
+        # A lane with a BLOCKED configuration is decided.
+        blocked = samples.lanes[samples.states == BLOCKED]
+        unsure = np.flatnonzero(~in_cells & ~np.isin(chosen.lanes, blocked))
+        is_free[unsure] = prove(part, chosen.take(unsure), by_geometry=True)
         unproven = chosen.take(~is_free)
         # A lane may be undecided though every configuration of it is FREE, at a border of cells.
         hits = {
@@ -412,7 +406,7 @@ def prove_lanes(
             for lane, point in zip(unproven.lanes.tolist(), unproven.starts.tolist(), strict=True)
         }
         samples = samples.take(np.isin(samples.lanes, unproven.lanes))
-        hits |= find_hits(space, part, samples, exact)
+        hits |= find_hits(space, part, samples)
         for lane, hit in hits.items():
             proofs.hits[lane] = min(hit, proofs.hits.get(lane, hit))
         by_cells[chosen.lanes[~in_cells]] = False

@@ -113,12 +113,10 @@ def sample_motions(space: CSpace, motions: LaneMotions) -> Samples:
     return joined.take(np.lexsort((joined.along, joined.lanes)))
 
 
-def find_hits(
-    space: ConfigurationMap, part: CSpace, samples: Samples, exact: bool
-) -> dict[int, Hit]:
+def find_hits(space: ConfigurationMap, part: CSpace, samples: Samples) -> dict[int, Hit]:
     """Find each sampled lane's hit in a part of a map.
 
-    Cells prove some; on the other lanes, the robot is laid over the obstacles if ``exact``.
+    Cells prove some; on the other lanes, the robot is laid over the obstacles.
     """
     obstacles = Obstacles(space, part)
     blocked = samples.take(samples.states == BLOCKED)
@@ -131,7 +129,7 @@ def find_hits(
     lanes, begins = np.unique(rest.lanes, return_index=True)
     stops = np.append(begins, len(rest.lanes))[1:]
     for lane, begin, stop in zip(lanes.tolist(), begins.tolist(), stops.tolist(), strict=True):
-        number, name = obstacles.find_overlap(rest.points[begin:stop]) if exact else (0, "")
+        number, name = obstacles.find_overlap(rest.points[begin:stop])
         hits[lane] = rest.hit(begin + number, name)
     return hits
 

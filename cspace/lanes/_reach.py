@@ -50,7 +50,7 @@ class NodeYaws(NamedTuple):
         return [_join_parts(free, self.parts) for free in self.is_free]
 
 
-def prove_nodes(space: ConfigurationMap, positions: Floats, exact: bool) -> NodeYaws:
+def prove_nodes(space: ConfigurationMap, positions: Floats) -> NodeYaws:
     """Prove at which yaws the robot may stand, shape (n, 2)."""
     parts = split_yaws(space)
     shape = len(positions), len(parts)
@@ -67,10 +67,9 @@ def prove_nodes(space: ConfigurationMap, positions: Floats, exact: bool) -> Node
     is_free = none > 0.0
     for part, chosen in list_parts(space, stands, 0.0):
         is_free[chosen] = prove(part, stands.take(chosen), by_geometry=False)
-        if exact:
-            rest = chosen[~is_free[chosen]]
-            rest = rest[np.asarray(part.classify(points[rest])) != BLOCKED]
-            is_free[rest] = prove(part, turns.take(rest), by_geometry=True)
+        rest = chosen[~is_free[chosen]]
+        rest = rest[np.asarray(part.classify(points[rest])) != BLOCKED]
+        is_free[rest] = prove(part, turns.take(rest), by_geometry=True)
     return NodeYaws(parts, is_free.reshape(shape), points.reshape(*shape, space.size))
 
 

@@ -162,7 +162,6 @@ class Panel:
         return {
             "planner": None if planner == AUTOMATIC else planner,
             "time_limit": float(self.time_limit.value),
-            "exact": bool(self.exact.value),
             "drive": self._read_drive(),
         }
 
@@ -430,9 +429,10 @@ class Page:
         panel.plan.disabled = True
         try:
             options = panel.read_options()
+            space = self._space.exact if panel.exact.value else self._space
             start = self.endpoints["start"]
             stop = self._closing.is_set
-            self.plan = plan = planners.plan(self._space, start, goal, stop=stop, **options)
+            self.plan = plan = planners.plan(space, start, goal, stop=stop, **options)
         finally:
             panel.plan.disabled = False
         self._prover.request()

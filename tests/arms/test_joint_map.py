@@ -259,25 +259,25 @@ def test_exact_queries_agree_with_the_arm(shoulder):
     moves = np.asarray(space.motion_is_free(q, targets))
     assert planar_arm_meets(q, POSTS).tolist() == (~free).tolist()
     for same in (joint_map, pickle.loads(pickle.dumps(joint_map))):
-        np.testing.assert_array_equal(same.is_free(q, exact=True), free)
-        np.testing.assert_array_equal(same.motion_is_free(q, targets, exact=True), moves)
-        walk = same.edge_checker(exact=True)
+        np.testing.assert_array_equal(same.exact.is_free(q), free)
+        np.testing.assert_array_equal(same.exact.motion_is_free(q, targets), moves)
+        walk = same.exact.edge_checker()
         motions = zip(q[:40], targets[:40], strict=True)
         assert [walk(*a, *b) for a, b in motions] == moves[:40].tolist()
     beyond_map = 1.5, 2.5
     beyond_joint = 1.5, 3.1
     for outside, is_free in ((beyond_map, True), (beyond_joint, False)):
         assert joint_map.classify(outside) == MIXED
-        assert joint_map.is_free(outside, exact=True) == is_free
-        assert joint_map.motion_is_free((1.5, 1.9), outside, exact=True) == is_free
+        assert joint_map.exact.is_free(outside) == is_free
+        assert joint_map.exact.motion_is_free((1.5, 1.9), outside) == is_free
     undecided = free & (joint_map.classify(q) == MIXED) & joint_map.grid.contains(q)
     assert undecided.sum() > 10
     center = q[undecided][0]
-    check = joint_map.point_checker(exact=True)
+    check = joint_map.exact.point_checker()
     assert check(*center)
     joint_map.add_obstacle("closed", [center], radius=0.01)
-    assert not check(*center) and not joint_map.is_free(center, exact=True)
-    assert not (joint_map.is_free(q, exact=True) & ~free).any()
+    assert not check(*center) and not joint_map.exact.is_free(center)
+    assert not (joint_map.exact.is_free(q) & ~free).any()
 
 
 @pytest.mark.parametrize("limits", [(-np.pi, np.pi), (-3.0, 9.0), (-9.0, 3.0)])

@@ -453,8 +453,8 @@ def test_plan_suggests_options_if_time_runs_out(room):
 def test_plan_passes_options_to_the_planner(room, monkeypatch):
     seen = {}
 
-    def plan(_, start, goal, **options):
-        seen.update(options, start=start.configuration, goal=goal)
+    def plan(space, start, goal, **options):
+        seen.update(options, start=start.configuration, goal=goal, is_exact=space.is_exact)
         raise InputError("enough")
 
     monkeypatch.setattr(planners, "plan", plan)
@@ -466,7 +466,7 @@ def test_plan_passes_options_to_the_planner(room, monkeypatch):
         "start": (1.0, 1.0, math.pi / 2),
         "goal": [(-1.0, -0.5, -1.5)],
         "drive": planners.Car(turning_radius=0.5, reverse=True),
-        "exact": True,
+        "is_exact": True,
         "objective": "clearance",
         "planner": planners.Search("PRM", simplify=False),
         "seed": 3,

@@ -92,5 +92,5 @@ def test_a_wall_a_sliver_beyond_its_own_grid_is_an_obstacle(excess):
     assert workspace.grid.upper == (1.0, 1.0, 1.0)
     space = cspace.build(workspace, Robot.ball(0.05), outside="free")
     near, far = (0.5, 0.98, 0.5), (0.5, 0.9, 0.5)
-    assert not space.is_free(near, exact=True) and space.is_free(far, exact=True)
+    assert not space.exact.is_free(near) and space.exact.is_free(far)
     assert space.obstacle_distance([far]) <= 0.05 + 1e-9

@@ -40,8 +40,8 @@ def test_points_and_edges_agree_with_shapely_near_the_origin(seed, signs, spacin
     obstacles = shapely.union_all(shapely.box(*(low - lower).T, *(high - lower).T))
     edges = shapely.linestrings(np.stack([q, other], axis=1) - lower)
     for gaps, is_free in (
-        (shapely.distance(shapely.points(q - lower), obstacles), space.is_free(q, exact=True)),
-        (shapely.distance(edges, obstacles), space.motion_is_free(q, other, exact=True)),
+        (shapely.distance(shapely.points(q - lower), obstacles), space.exact.is_free(q)),
+        (shapely.distance(edges, obstacles), space.exact.motion_is_free(q, other)),
     ):
         assert (gaps[is_free] > RADIUS - 1e-14).all()
         assert (gaps[~is_free] < RADIUS + 1e-3).all()

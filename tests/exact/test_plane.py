@@ -27,20 +27,18 @@ def test_only_exact_queries_pass_a_barely_wider_corridor(turns, yaw):
     wide = cspace.build(make_corridor(1.02), robot, rotations=turns)
     narrow = cspace.build(make_corridor(0.98), robot, rotations=turns)
     edge = ([1.0, 2.0], [5.0, 2.0]) if turns is None else ([1.0, 2.0, yaw], [5.0, 2.0, yaw])
-    assert wide.motion_is_free(*edge, exact=True) and not wide.motion_is_free(*edge)
-    assert wide.is_free(np.mean(edge, axis=0), exact=True) and not wide.is_free(
-        np.mean(edge, axis=0)
-    )
-    assert not narrow.motion_is_free(*edge, exact=True)
-    assert not narrow.is_free(np.mean(edge, axis=0), exact=True)
+    assert wide.exact.motion_is_free(*edge) and not wide.motion_is_free(*edge)
+    assert wide.exact.is_free(np.mean(edge, axis=0)) and not wide.is_free(np.mean(edge, axis=0))
+    assert not narrow.exact.motion_is_free(*edge)
+    assert not narrow.exact.is_free(np.mean(edge, axis=0))
 
 
 @pytest.mark.parametrize("share", [1.0, 1.0 + 1e-12])
 def test_corridor_as_wide_as_the_robot_is_blocked(share):
     """Include a corridor wider by the allowed rounding."""
     space = cspace.build(make_corridor(share), Robot.rectangle(0.9, SIDE))
-    assert not space.motion_is_free([1.0, 2.0], [5.0, 2.0], exact=True)
-    assert not space.is_free([3.0, 2.0], exact=True)
+    assert not space.exact.motion_is_free([1.0, 2.0], [5.0, 2.0])
+    assert not space.exact.is_free([3.0, 2.0])
 
 
 def test_containment_counts_as_collision():
@@ -50,21 +48,21 @@ def test_containment_counts_as_collision():
         Robot.disc(0.3),
         inner=False,
     )
-    assert not block.is_free([3.0, 3.0], exact=True)
-    assert not block.motion_is_free([2.9, 3.0], [3.1, 3.0], exact=True)
+    assert not block.exact.is_free([3.0, 3.0])
+    assert not block.exact.motion_is_free([2.9, 3.0], [3.1, 3.0])
     pillar = Workspace.from_polygons([shapely.Point(3, 3)], 0.5, (0, 0, 6, 6))
     frame = shapely.box(-2, -2, 2, 2)
     solid = cspace.build(pillar, Robot.polygon(frame), inner=False)
-    assert not solid.is_free([3.1, 3.0], exact=True)
-    assert not solid.motion_is_free([2.9, 3.0], [3.1, 3.0], exact=True)
+    assert not solid.exact.is_free([3.1, 3.0])
+    assert not solid.exact.motion_is_free([2.9, 3.0], [3.1, 3.0])
     hollow = cspace.build(
         pillar, Robot.polygon(frame.difference(shapely.box(-1, -1, 1, 1))), rotations=8, inner=False
     )
-    assert hollow.is_free([3.1, 3.0, 0.3], exact=True)
-    assert hollow.motion_is_free([2.9, 3.0, 0.0], [3.1, 3.0, 3.0], exact=True)
+    assert hollow.exact.is_free([3.1, 3.0, 0.3])
+    assert hollow.exact.motion_is_free([2.9, 3.0, 0.0], [3.1, 3.0, 3.0])
     yard = Workspace.from_polygons(shapely.box(0, 0, 6, 6).difference(shapely.box(2, 2, 4, 4)), 0.5)
     inside = cspace.build(yard, Robot.rectangle(1.98, 1.98))
-    assert inside.is_free([3.0, 3.0], exact=True) and not inside.is_free([3.02, 3.0], exact=True)
+    assert inside.exact.is_free([3.0, 3.0]) and not inside.exact.is_free([3.02, 3.0])
 
 
 @pytest.mark.parametrize("low", [-1e-310, -5e-324, 1e-310])
@@ -78,7 +76,7 @@ def test_denormal_bounds_clip_like_zero(low):
     gap = (
         shapely.distance(triangle.intersection(shapely.box(0, 0, 3, 3)), shapely.points(q)) - 0.004
     )
-    free = space.is_free(q, exact=True)
+    free = space.exact.is_free(q)
     assert not free[gap <= 0.0].any()
     assert free[gap > ORACLE_BAND].all()
 
@@ -89,10 +87,9 @@ def test_far_configurations_are_decided(outside):
         make_corridor(1.02), Robot.rectangle(0.9, SIDE), rotations=8, outside=outside
     )
     for far in (1e3, 1.7e308):
-        assert space.is_free([far, -far, 1.0], exact=True) == (outside == "free")
+        assert space.exact.is_free([far, -far, 1.0]) == (outside == "free")
         assert (
-            not space.motion_is_free([1.0, 2.0, 0.0], [far, -far, 1.0], exact=True)
-            or outside == "free"
+            not space.exact.motion_is_free([1.0, 2.0, 0.0], [far, -far, 1.0]) or outside == "free"
         )
 
 
@@ -106,4 +103,4 @@ def test_proofs_of_a_grown_robot_keep_its_distance():
     for growth, is_free in ((0.0, True), (0.79, True), (0.81, False), (9.0, False)):
         found = proofs_of(space).are_free(start, end, growth)
         assert found.tolist() == [is_free], growth
-    assert space.motion_is_free(start, end, exact=True).all()
+    assert space.exact.motion_is_free(start, end).all()

@@ -50,16 +50,16 @@ def test_batches_checkers_and_threads_agree_with_single_queries(make):
     rng = np.random.default_rng(1)
     q0 = draw_near_mixed(space, rng, 300, around=0.1)
     q1 = configurations(space, q0 + rng.normal(0.0, 0.2, q0.shape))
-    free = space.is_free(q0, exact=True)
-    edges = space.motion_is_free(q0, q1, exact=True)
+    free = space.exact.is_free(q0)
+    edges = space.exact.motion_is_free(q0, q1)
     assert 0 < free.sum() < 300 and 0 < edges.sum() < 300
     assert free.dtype == edges.dtype == np.bool_
     assert (
         free[np.asarray(space.is_free(q0))].all()
         and edges[np.asarray(space.motion_is_free(q0, q1))].all()
     )
-    point = other.point_checker(exact=True)
-    edge = other.edge_checker(exact=True)
+    point = other.exact.point_checker()
+    edge = other.exact.edge_checker()
     pairs = list(zip(q0.tolist(), q1.tolist(), strict=True))
     with ThreadPoolExecutor(8) as pool:
         parts = [pairs[k::8] for k in range(8)]
@@ -71,7 +71,7 @@ def test_batches_checkers_and_threads_agree_with_single_queries(make):
 def test_queries_refuse_shapes_that_depend_on_the_spacing():
     space = build_spatial(Robot.from_mesh(trimesh.creation.box((0.3, 0.3, 0.3)), solid="fill"))
     with pytest.raises(InputError, match="depends on the spacing"):
-        space.is_free([1.0, 1.0, 1.0], exact=True)
+        space.exact.is_free([1.0, 1.0, 1.0])
 
 
 @pytest.mark.parametrize("dim", [2, 3])
@@ -87,6 +87,6 @@ def test_obstacles_end_at_the_bounds_of_the_grid(dim):
     near = np.array([1.93, 5.0, 3.0])[:dim]
     space = cspace.build(workspace, robot, outside="free")
     assert space.classify(near) == MIXED
-    assert space.is_free(near, exact=True)
-    assert not space.is_free(near + np.eye(dim)[0] * 0.03, exact=True)
-    assert not cspace.build(workspace, robot, outside="blocked").is_free(near, exact=True)
+    assert space.exact.is_free(near)
+    assert not space.exact.is_free(near + np.eye(dim)[0] * 0.03)
+    assert not cspace.build(workspace, robot, outside="blocked").exact.is_free(near)

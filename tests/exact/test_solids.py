@@ -33,8 +33,8 @@ def test_containment_counts_as_collision(make):
         (4.0, Workspace.from_array(np.pad(np.ones((1, 1, 1), dtype=bool), 6), 6 / 13)),
     ):
         space = cspace.build(workspace, make((size,) * 3), inner=False)
-        assert not space.is_free([3.1, 3.0, 3.0], exact=True)
-        assert not space.motion_is_free([2.9, 3.0, 3.0], [3.1, 3.0, 3.0], exact=True)
+        assert not space.exact.is_free([3.1, 3.0, 3.0])
+        assert not space.exact.motion_is_free([2.9, 3.0, 3.0], [3.1, 3.0, 3.0])
 
 
 def test_hollows_are_free():
@@ -45,14 +45,14 @@ def test_hollows_are_free():
     hollow = trimesh.util.concatenate([shell, hole])
     pillar = Workspace.from_mesh(SPOT, 0.5, ROOM)
     carrier = cspace.build(pillar, Robot.from_mesh(hollow), inner=False)
-    assert carrier.motion_is_free([2.9, 3.0, 3.0], [3.1, 3.0, 3.1], exact=True)
-    assert not carrier.is_free([4.5, 3.0, 3.0], exact=True)
+    assert carrier.exact.motion_is_free([2.9, 3.0, 3.0], [3.1, 3.0, 3.1])
+    assert not carrier.exact.is_free([4.5, 3.0, 3.0])
     house = Workspace.from_mesh(hollow.copy().apply_translation((3, 3, 3)), 0.5, ROOM)
     guest = cspace.build(house, Robot.box((1.9, 1.9, 1.9)), inner=False)
-    assert guest.is_free([3.0, 3.0, 3.04], exact=True)
-    assert not guest.is_free([3.0, 3.0, 3.06], exact=True)
+    assert guest.exact.is_free([3.0, 3.0, 3.04])
+    assert not guest.exact.is_free([3.0, 3.0, 3.06])
     ball = cspace.build(house, Robot.ball(0.3), inner=False)
-    assert not ball.is_free([1.5, 3.0, 3.0], exact=True)
+    assert not ball.exact.is_free([1.5, 3.0, 3.0])
 
 
 def test_thin_robot_never_jumps_over_a_thin_obstacle():
@@ -62,9 +62,9 @@ def test_thin_robot_never_jumps_over_a_thin_obstacle():
     n = 400
     low = np.column_stack([rng.uniform(0.85, 1.15, (n, 2)), rng.uniform(0.7, 0.99, n)])
     high = np.column_stack([rng.uniform(0.85, 1.15, (n, 2)), rng.uniform(1.01, 1.3, n)])
-    assert space.is_free(low, exact=True).all() and space.is_free(high, exact=True).all()
-    assert not space.motion_is_free(low, high, exact=True).any()
-    assert not space.motion_is_free(high, low, exact=True).any()
+    assert space.exact.is_free(low).all() and space.exact.is_free(high).all()
+    assert not space.exact.motion_is_free(low, high).any()
+    assert not space.exact.motion_is_free(high, low).any()
 
 
 # ---- rotating robots -----------------------------------------------------------------------------
@@ -87,7 +87,7 @@ def test_half_turns_are_proven_along_both_arcs(turns):
             else Rotation.from_rotvec(yaws[:, None] * [0, 0, 1]).as_quat()
         )
         q0, q1 = np.hstack([np.ones((2, 3)) * (0.9, 0.9, 1.0), rotation])
-        return space.motion_is_free(q0, q1, exact=True)
+        return space.exact.motion_is_free(q0, q1)
 
     assert edge(-179.0) and not edge(179.0)
     assert not edge(180.0) and not edge(-180.0)
@@ -111,7 +111,7 @@ def test_rotation_jumps_of_ompl_count_as_whole_arcs():
     slice_of = rotations._assign_slices(robot.shape)
     states = np.full((slice_of.max() + 1, *workspace.grid.shape), MIXED, dtype=np.uint8)
     space = map_in(workspace, robot, states.copy(), rotations, outside="free")
-    assert space.motion_is_free(q0, [*q0[:3], *q1[3:]], exact=True)
+    assert space.exact.motion_is_free(q0, [*q0[:3], *q1[3:]])
     states[slice_of[rotations.cell_of(q1[3:])]] = FREE
     space = map_in(workspace, robot, states, rotations, outside="free")
-    assert space.is_free(q1) and not space.motion_is_free(q0, q1, exact=True)
+    assert space.is_free(q1) and not space.exact.motion_is_free(q0, q1)

@@ -47,7 +47,7 @@ def _check_curves(tally: Tally, case: Case, name: str, rng: Rng) -> None:
     space = case.space
     radius = space.grid.spacing * float(np.exp(rng.uniform(*np.log(RADII))))
     exact = bool(rng.integers(2))
-    planner: Any = local_planner(space, exact, make_drive(name, radius))
+    planner: Any = local_planner(space.exact if exact else space, make_drive(name, radius))
     starts, goals = _draw_ends(case, name, radius, rng)
     is_free, rows = planner.edge_checker(), np.concatenate([starts, goals], axis=1)
     pairs = rows[[is_free(*row) for row in rows.tolist()]].reshape(-1, 2, 3)
@@ -69,7 +69,9 @@ def _check_curves(tally: Tally, case: Case, name: str, rng: Rng) -> None:
         # OMPL's curve is sometimes longer than a shortest one, where rounding hides a straight line.
         longest = states.distance(*make_poses(states, first, last))
         missed |= lengths[edge] - longest > OFF * radius
-        tally.add_free(name, case, q, missed | ~np.asarray(space.is_free(q, exact=exact)))
+        tally.add_free(
+            name, case, q, missed | ~np.asarray((space.exact if exact else space).is_free(q))
+        )
 
 
 def _draw_ends(case: Case, name: str, radius: float, rng: Rng) -> tuple[Floats, Floats]:

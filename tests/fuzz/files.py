@@ -207,7 +207,7 @@ def _use_map(path: Path) -> object:
     space: Any = cspace.open(path)
     q = np.random.default_rng(0).uniform(-1.0, 2.0, (30, space.size))
     space.motion_is_free(q[0], q), space.clearance(q), space.is_disconnected(q[0], q)
-    return space.is_free(q[:5], exact=isinstance(space, cspace.CSpace))
+    return (space.exact if isinstance(space, cspace.CSpace) else space).is_free(q[:5])
 
 
 OPENERS: dict[str, Callable[[Path], object]] = {

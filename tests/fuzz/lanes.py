@@ -56,7 +56,7 @@ def draw_faults(seed: int, number: int, counts: Counter[str]) -> Iterator[str]:
     corners = shapely.MultiPoint(points).convex_hull
     space, walls = _draw_map(rng, corners)
     graph, controls = _draw_graph(rng, space)
-    audit = cspace.lanes.audit(space, graph, exact=bool(rng.random() < 0.8))
+    audit = cspace.lanes.audit(space, graph)
     for lane, row in zip(graph.lanes, audit.lanes, strict=True):
         counts[row.verdict] += 1
         poses = list(_list_poses(rng, graph, lane, controls.get(lane.name)))

@@ -72,13 +72,13 @@ def check_maps(report: Report, name: str, seed: int, answers: int, edges: int) -
 
 
 def check_exact(report: Report, seed: int, edges: int) -> None:
-    """Check what only ``exact=True`` proves, in each space."""
+    """Check what only ``space.exact`` proves, in each space."""
     for name in SPACES:
         check_exact_maps(report, name, seed, edges // SHARES.get(name, 1))
 
 
 def check_exact_maps(report: Report, name: str, seed: int, edges: int) -> None:
-    """Check what only ``exact=True`` proves in one space."""
+    """Check what only ``space.exact`` proves in one space."""
 
     def enough(tally: Tally) -> bool:
         return tally.checks[EXACT_EDGE] >= edges * POINTS_PER_EDGE
@@ -87,7 +87,7 @@ def check_exact_maps(report: Report, name: str, seed: int, edges: int) -> None:
         case = draw_case(name, seed, number)
         _check_exact(tally, case, np.random.default_rng([seed, number, 6]))
 
-    title = f"exact=True, {name}, {POINTS_PER_EDGE} points an edge"
+    title = f"space.exact, {name}, {POINTS_PER_EDGE} points an edge"
     draw_until(report, title, seed, enough, check_case)
 
 
@@ -172,34 +172,34 @@ def _check_walks(tally: Tally, case: Case, rng: Rng) -> None:
     """Check that no proven walk connects configurations that ``is_disconnected``."""
     space = case.space
     first = draw_near_mixed(space, rng, 10 * WALKS, share=0.0, around=0.0)
-    first = first[np.asarray(space.is_free(first, exact=True))][:WALKS]
+    first = first[np.asarray(space.exact.is_free(first))][:WALKS]
     last = first.copy()
     for _ in range(STEPS if len(first) else 0):
         goals = _draw_steps(case, last, rng.choice([0.3, 1.0, 3.0]), rng)
-        free = np.asarray(space.motion_is_free(last, goals, exact=True))
+        free = np.asarray(space.exact.motion_is_free(last, goals))
         last[free] = goals[free]
     tally.add("path", case.name, last, np.asarray(space.is_disconnected(first, last)))
 
 
 def _check_exact(tally: Tally, case: Case, rng: Rng) -> None:
-    """Check points and edges that are free only with ``exact=True``."""
+    """Check points and edges that are free only with ``space.exact``."""
     space = case.space
     around = 0.5 * (case.robot.reach + space.margin + space.grid.spacing)
     q = draw_near_mixed(space, rng, 4 * CANDIDATES, share=0.8, around=around)
-    known, free = np.asarray(space.is_free(q)), np.asarray(space.is_free(q, exact=True))
+    known, free = np.asarray(space.is_free(q)), np.asarray(space.exact.is_free(q))
     tally.add_free("point by geometry", case, q[free], ~free[free])
     refused = q[~free][:CANDIDATES]
     lost = ~case.meets(refused, space.margin + PROVABLE_CELLS * space.grid.spacing)
     tally.add("refused point", case.name, refused, lost | known[~free][:CANDIDATES])
     starts = q[free & ~known][:CANDIDATES]
     goals = _draw_steps(case, starts, rng.choice([0.1, 0.5, 2.0, 10.0]), rng)
-    by_geometry = np.asarray(space.motion_is_free(starts, goals, exact=True))
+    by_geometry = np.asarray(space.exact.motion_is_free(starts, goals))
     by_map = np.asarray(space.motion_is_free(starts, goals))
     tally.add("edge by the map alone", case.name, starts, by_map & ~by_geometry)
     picked = np.flatnonzero(by_geometry & ~by_map)[:FOLLOWED]
     shares = np.linspace(0.0, 1.0, POINTS_PER_EDGE)
     q = sample_edges(space, starts[picked], goals[picked], shares)[0]
-    tally.add_free(EXACT_EDGE, case, q, ~np.asarray(space.is_free(q, exact=True)))
+    tally.add_free(EXACT_EDGE, case, q, ~np.asarray(space.exact.is_free(q)))
     refused = np.flatnonzero(~by_geometry)[:FOLLOWED]
     q, radians = sample_edges(space, starts[refused], goals[refused], shares)
     metres = np.linalg.norm((goals - starts)[refused, : space.grid.dim], axis=1)

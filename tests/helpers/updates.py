@@ -144,11 +144,10 @@ def check(space, fresh, world):
         )
 
 
-def checkers(space, exact=False):
-    """Return point and edge checkers, and a clearance checker unless ``exact``."""
-    options = {"exact": True} if exact else {}
-    made = [space.point_checker(**options), space.edge_checker(**options)]
-    return made if exact else [*made, space.clearance_checker()]
+def checkers(space):
+    """Return point and edge checkers, and a clearance checker unless geometry decides."""
+    made = [space.point_checker(), space.edge_checker()]
+    return made if space.is_exact else [*made, space.clearance_checker()]
 
 
 def check_agreement(ours, theirs, world):

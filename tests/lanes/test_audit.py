@@ -110,8 +110,7 @@ def test_random_graphs_agree_with_swept_hulls(rooms):
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("exact", [True, False])
-def test_depot_agrees_with_swept_hulls(data, exact):
+def test_depot_agrees_with_swept_hulls(data):
     workspace = cspace.Workspace.open(data / "maps" / "depot.yaml", unknown="free")
     space = cspace.build(workspace, cspace.Robot.polygon(ROBOT), rotations=72)
     rng = np.random.default_rng(1)
@@ -120,11 +119,10 @@ def test_depot_agrees_with_swept_hulls(data, exact):
     edges = [
         (a, b) for a in range(len(free)) for b in np.argsort(np.hypot(*(free - free[a]).T))[1:4]
     ]
-    audit = cspace.lanes.audit(space, RouteGraph.from_arrays(free, edges), exact=exact)
+    audit = cspace.lanes.audit(space, RouteGraph.from_arrays(free, edges))
     assert audit.counts["free"] > 10
     assert audit.counts["blocked"] > 0
-    if exact:
-        check(space, audit)
+    check(space, audit)
 
 
 @given(
@@ -297,7 +295,6 @@ def test_polygons_are_exact_obstacles():
         graph = RouteGraph.from_arrays([(1, y), (3, y)], [(0, 1)])
         (row,) = cspace.lanes.audit(space, graph).lanes
         assert row.verdict == verdict, y
-        assert cspace.lanes.audit(space, graph, exact=False).lanes[0].verdict == "undecided"
 
 
 @pytest.mark.filterwarnings("ignore:the robot is")

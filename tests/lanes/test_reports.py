@@ -65,7 +65,7 @@ def test_random_graphs_agree_with_networkx(floor, number):
         edges = edges[edges[:, 0] != edges[:, 1]]
         if not len(edges):
             continue  # a graph without lanes is refused
-        audit = cspace.lanes.audit(floor, RouteGraph.from_arrays(positions, edges), exact=False)
+        audit = cspace.lanes.audit(floor, RouteGraph.from_arrays(positions, edges))
         oracle = oracle_of(audit)
         parts = {
             tuple(sorted({node for node, _ in part}))
@@ -107,14 +107,13 @@ def test_a_way_beside_the_lanes_is_found_or_disproven(floor):
     ]
     way = audit.find_way("0", "1")
     assert way[[0, -1]].tolist() == [[1, 1, 0], [3, 1, 0]]
-    assert floor.motion_is_free(way[:-1], way[1:], exact=True).all()
+    assert floor.exact.motion_is_free(way[:-1], way[1:]).all()
     assert "1 no longer reaches 2: there is no way at all, proven" in str(audit)
     assert "0 no longer reaches 1: there is a way beside the lanes" in str(audit)
 
 
-@pytest.mark.parametrize("exact", [True, False])
 @pytest.mark.parametrize("wall", [None, 1.26, 1.24, 1.1])
-def test_curves_agree_with_what_the_robot_sweeps(wall, exact, tmp_path):
+def test_curves_agree_with_what_the_robot_sweeps(wall, tmp_path):
     # A robot of 0.4 m by 0.2 m drives a quarter of a circle of 1 m: its outer corners reach
     # hypot(1.1, 0.2) = 1.118 m from the center, which is at (1, 1).
     space = build_empty((150, 150), "rect:0.4x0.2", 0.02, rotations=72)
@@ -150,16 +149,15 @@ def test_curves_agree_with_what_the_robot_sweeps(wall, exact, tmp_path):
         ],
     }
     graph = RouteGraph.open(write(tmp_path, "order.json", order))
-    (row,) = cspace.lanes.audit(space, graph, exact=exact).lanes
+    (row,) = cspace.lanes.audit(space, graph).lanes
     if wall is None:
         assert row.verdict == "free"
         assert 0.4 < row.margin == row.left == row.right < 1.0
     elif wall > 1.25:  # a centimetre of room
-        assert row.verdict == ("free" if exact else "undecided")
-        assert row.margin <= 0.01
-        assert not exact or row.margin > 0.002
+        assert row.verdict == "free"
+        assert 0.002 < row.margin <= 0.01
     else:
-        assert row.verdict == ("blocked" if exact or wall < 1.2 else "undecided")
+        assert row.verdict == "blocked"
         if row.verdict == "blocked":
             assert row.obstacle == "'pillar'"
             # The configuration lies on the circle, along its tangent.
@@ -227,8 +225,8 @@ def test_reports_hold_every_lane(floor, tmp_path):
 
 
 def test_undecided_lanes_are_skipped_or_fail(floor, tmp_path):
-    graph = RouteGraph.from_arrays([(1, 0.23), (1.5, 0.23)], [(0, 1)])
-    audit = cspace.lanes.audit(floor, graph, exact=False)
+    graph = RouteGraph.from_arrays([(1, 0.2), (1.5, 0.2)], [(0, 1)])  # it touches the wall
+    audit = cspace.lanes.audit(floor, graph)
     assert audit.counts["undecided"] == 1
     for strict, tag in ((False, "skipped"), (True, "failure")):
         audit.to_junit(tmp_path / "a.xml", overwrite=True, strict=strict)
@@ -260,9 +258,9 @@ def test_exit_codes_tell_what_is_blocked(folder):
     wide = audit(folder, "--footprint=[[0.4,0.8],[-0.4,0.8],[-0.4,-0.8],[0.4,-0.8]]")
     assert wide.exit_code == 1
     assert "1 blocked" in wide.stdout
-    tight = "--robot=rect:0.6x1.15", "--cells-only"
-    assert audit(folder, *tight).exit_code == 0
-    assert audit(folder, *tight, "--strict").exit_code == 2
+    tight = "--robot=rect:0.6x1.2"  # it touches the wall
+    assert audit(folder, tight).exit_code == 0
+    assert audit(folder, tight, "--strict").exit_code == 2
 
 
 def test_a_graph_without_lanes_does_not_pass(folder, tmp_path):

@@ -40,7 +40,7 @@ def growth(name):
     if name == "turning":
         robot, rotations = cspace.Robot.rectangle(0.4, 0.2), 12
         ahead, both = (planners.Car(turning_radius=0.3, reverse=each) for each in (False, True))
-        ways += [dict(exact=True), dict(drive=planners.Differential()),
+        ways += [dict(drive=planners.Differential()),
                  dict(drive=ahead, planner="RRT"), dict(drive=both),
                  dict(drive=both, **heeding)]
     space = cspace.build(cspace.Workspace.from_array(occupied, 0.1), robot, rotations=rotations)

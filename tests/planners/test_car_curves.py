@@ -152,7 +152,7 @@ def test_the_curve_that_ompl_interpolates_is_free(space, name):
 @pytest.mark.parametrize("exact", [False, True])
 def test_a_curve_that_leaves_the_map_or_has_no_number_is_not_proven(exact):
     space = build_empty((40, 40), Robot.disc(0.01), rotations=4, outside="free")
-    check = local_planner(space, exact, make_drive("dubins", 1.0)).edge_checker()
+    check = local_planner(space.exact if exact else space, make_drive("dubins", 1.0)).edge_checker()
     assert check(1.0, 2.0, 0.0, 3.0, 2.0, 0.0)
     assert not check(3.5, 2.0, 0.0, 3.5, 2.0, math.pi)  # turns around, beyond the border
     assert not check(1.0, 2.0, 0.0, 3.0, 2.0, math.nan)
@@ -213,7 +213,7 @@ def draw_curve(curves, rng):
 @given(seed=seeds)
 def test_exact_curves_keep_the_footprint_off_obstacles(posts, name, seed):
     rng = np.random.default_rng(seed)
-    curves = local_planner(posts, True, make_drive(name, float(rng.uniform(0.4, 2.0))))
+    curves = local_planner(posts.exact, make_drive(name, float(rng.uniform(0.4, 2.0))))
     first, last = draw_curve(curves, rng)
     if curves.edge_checker()(*first, *last):
         assert measure_distance(curves, first, last)[0] > 0.0
@@ -222,8 +222,8 @@ def test_exact_curves_keep_the_footprint_off_obstacles(posts, name, seed):
 @EVERY_CURVE
 def test_the_geometry_proves_curves_that_pass_obstacles_closely(posts, name):
     rng = np.random.default_rng(0)
-    curves = local_planner(posts, True, make_drive(name, 1.0))
-    by_cells = local_planner(posts, False, make_drive(name, 1.0)).edge_checker()
+    curves = local_planner(posts.exact, make_drive(name, 1.0))
+    by_cells = local_planner(posts, make_drive(name, 1.0)).edge_checker()
     check = curves.edge_checker()
     clear = missed = cells = 0
     for _ in range(100):
@@ -241,7 +241,7 @@ def test_the_geometry_proves_curves_that_pass_obstacles_closely(posts, name):
 def test_exact_checkers_follow_updates_within_ten_micrometres():
     workspace = Workspace.from_polygons(OBSTACLES, 0.5, (0, 0, 9, 9))
     space = build(workspace, Robot.disc(0.2), rotations=4)
-    check = local_planner(space, True, make_drive("dubins", 1.0)).edge_checker()
+    check = local_planner(space.exact, make_drive("dubins", 1.0)).edge_checker()
     quarter_circle = (3.0, 4.0, 0.0, 4.0, 5.0, 0.5 * math.pi)
     middle = np.array([math.sin(0.7), -math.cos(0.7)])  # seen from the center of the circle
     assert check(*quarter_circle)
@@ -265,18 +265,18 @@ def test_exact_checkers_follow_updates_within_ten_micrometres():
 )
 def test_a_curve_inside_an_obstacle_or_around_one_is_not_free(workspace, robot):
     space = build(workspace, robot, rotations=4, inner=False)
-    check = local_planner(space, True, make_drive("dubins", 1.0)).edge_checker()
+    check = local_planner(space.exact, make_drive("dubins", 1.0)).edge_checker()
     assert not check(3.0, 4.0, 0.0, 4.0, 5.0, 0.5 * math.pi)
 
 
 @EVERY_CURVE
 def test_states_of_exact_cars_are_valid_where_the_geometry_proves_it(posts, name):
-    setup = planners.simple_setup(posts, exact=True, drive=make_drive(name, 1.0))
+    setup = planners.simple_setup(posts.exact, drive=make_drive(name, 1.0))
     si = setup.getSpaceInformation()
     rng = np.random.default_rng(3)
     q = rng.uniform((3.0, 0.0, -3.0), (7.0, 3.0, 3.0), (300, 3))
     states = make_poses(setup.getStateSpace(), *q.tolist())
-    free = posts.is_free(q, exact=True)
+    free = posts.exact.is_free(q)
     assert [si.isValid(state) for state in states] == free.tolist()
     assert posts.is_free(q).mean() < free.mean() < 0.9
 
@@ -297,11 +297,11 @@ def test_states_of_exact_cars_are_valid_where_the_geometry_proves_it(posts, name
 def test_no_piece_steps_over_a_thin_obstacle(footprint, obstacle, radius, turn):
     workspace = Workspace.from_polygons([obstacle], 0.5, (-6, -6, 6, 6))
     space = build(workspace, Robot.polygon(footprint), rotations=8)
-    check = local_planner(space, True, make_drive("dubins", radius)).edge_checker()
+    check = local_planner(space.exact, make_drive("dubins", radius)).edge_checker()
     # The middle of the arc, which is one piece, lies at the origin.
     first, last = (
         (radius * math.sin(yaw), radius * (1.0 - math.cos(yaw)), yaw)
         for yaw in (-0.5 * turn, 0.5 * turn)
     )
-    assert space.is_free([first, (0.0, 0.0, 0.0), last], exact=True).all()
+    assert space.exact.is_free([first, (0.0, 0.0, 0.0), last]).all()
     assert not check(*first, *last)

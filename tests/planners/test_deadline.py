@@ -186,14 +186,14 @@ DEFAULT_PLANS = {
 }
 
 
-def plan_by_default(kind, **options):
+def plan_by_default(kind, exact=False, **options):
     """Plan in a room, or for an arm beside a post; return the plan and its work."""
     if kind in ENDPOINTS:
         space, (start, goal) = build_room(kind), ENDPOINTS[kind]
     else:
         space, start, goal = build_beside_post(kind), (-0.5, 0.3), (1.5, -0.4)
     began = now()
-    plan = planners.plan(space, start, **{"goal": goal, **options})
+    plan = planners.plan(space.exact if exact else space, start, **{"goal": goal, **options})
     return plan, (now() - began).work
 
 

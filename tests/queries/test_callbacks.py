@@ -42,8 +42,8 @@ def test_checkers_return_false_for_invalid_configurations(kind, exact):
     space = handmade.make_map(handmade.full_states(kind, 4, MIXED if exact else FREE), kind)
     dim, point, edge = (
         space.grid.dim,
-        space.point_checker(exact=exact),
-        space.edge_checker(exact=exact),
+        (space.exact if exact else space).point_checker(),
+        (space.exact if exact else space).edge_checker(),
     )
     both = handmade.configurations(space, np.full((2, space.size), 0.3)).ravel().tolist()
     assert point(*both[: space.size]) and edge(*both)

@@ -89,7 +89,7 @@ def test_a_map_takes_over_the_shapes_of_a_workspace():
     space = cspace.build(first, Robot.disc(0.3))
     space.update(second)
     beside = (1.5, 3.24)
-    assert space.is_free(beside, exact=True) and not space.is_free(beside)
+    assert space.exact.is_free(beside) and not space.is_free(beside)
     assert space.workspace.shapes is second.shapes
     labels = space.is_connected(beside, (4.0, 3.0))
     assert space.update(second).occupied == 0
@@ -138,7 +138,7 @@ def test_update_replaces_shapes_by_cells():
         shapely.Point(1.0, 1.0).buffer(0.32), 0.1, (0.0, 0.0, 4.0, 3.0)
     )
     space = cspace.build(workspace, Robot.disc(0.3))
-    is_free = space.point_checker(exact=True)
+    is_free = space.exact.point_checker()
     assert is_free(1.0, 1.63)  # free of the exact disc of 0.32 m
     space.update(OBSTACLE, (30, 20))
     assert workspace.shapes is not None and space.workspace.shapes is None
@@ -147,9 +147,7 @@ def test_update_replaces_shapes_by_cells():
         Robot.disc(0.3),
     )
     q = np.random.default_rng(0).uniform((0.3, 0.3), (3.7, 2.7), (400, 2))
-    np.testing.assert_array_equal(
-        [is_free(*one) for one in q.tolist()], cells.is_free(q, exact=True)
-    )
+    np.testing.assert_array_equal([is_free(*one) for one in q.tolist()], cells.exact.is_free(q))
 
 
 # ---- planning ------------------------------------------------------------------------------------

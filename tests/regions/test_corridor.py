@@ -162,7 +162,7 @@ def build_gap(spacing):
 def test_edges_outside_free_cells_are_named():
     space = build_gap(0.1)
     ends = (1.0, 4.0), (11.0, 4.0)
-    plan = planners.plan(space, *ends, exact=True)
+    plan = planners.plan(space.exact, *ends)
     assert plan.certified and not space.certify_path(plan.waypoints).all()
     wrong = np.flatnonzero(~space.certify_path(plan.waypoints))
     with pytest.raises(InputError, match=f"on edges {wrong[0]}"):

@@ -158,5 +158,5 @@ def test_exact_queries_use_the_outer_shape(kind):
     )
     space = cspace.build(around, make(RADIUS, LENGTH), outside="free")
     assert space.classify((RADIUS, 0.0, 0.0)) == cspace.MIXED
-    assert space.is_free((RADIUS, 0.0, 0.0), exact=True)
-    assert not space.is_free((RADIUS - 0.004, 0.0, 0.0), exact=True)
+    assert space.exact.is_free((RADIUS, 0.0, 0.0))
+    assert not space.exact.is_free((RADIUS - 0.004, 0.0, 0.0))

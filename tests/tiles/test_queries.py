@@ -215,6 +215,6 @@ def test_the_nearest_free_configuration_is_that_of_the_map_in_memory(walled):
 
 def test_geometry_needs_a_map_in_memory(walled):
     with pytest.raises(InputError, match="exact is that of a map in tiles"):
-        walled.tiled.is_free((1.0, 1.0), exact=True)
+        walled.tiled.exact.is_free((1.0, 1.0))
     with pytest.raises(InputError, match="exact is that of a map in tiles"):
-        walled.tiled.motion_is_free((1.0, 1.0), (2.0, 2.0), exact=True)
+        walled.tiled.exact.motion_is_free((1.0, 1.0), (2.0, 2.0))

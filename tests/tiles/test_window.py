@@ -33,10 +33,10 @@ def test_windows_use_exact_shapes(outside, tmp_path):
         q = draw_within(space, low, high, 400, rng)
         ends = draw_within(space, low, high, 400, rng)
         ends[:, :2] = q[:, :2] + 0.1 * (ends[:, :2] - q[:, :2])
-        is_free = space.is_free(q, exact=True)
-        np.testing.assert_array_equal(window.is_free(q, exact=True), is_free)
+        is_free = space.exact.is_free(q)
+        np.testing.assert_array_equal(window.exact.is_free(q), is_free)
         np.testing.assert_array_equal(
-            window.motion_is_free(q, ends, exact=True), space.motion_is_free(q, ends, exact=True)
+            window.exact.motion_is_free(q, ends), space.exact.motion_is_free(q, ends)
         )
         assert (is_free != space.is_free(q)).any()
 
