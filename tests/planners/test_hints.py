@@ -214,7 +214,7 @@ def test_more_iterations_give_a_path():
 def test_an_end_in_an_undecided_cell_is_accepted_with_exact_if_it_is_free():
     space = build_walls(CORRIDOR, SQUARE, 72)
     for ends in ((AHEAD[0], (2.5, 2.0, 0.0)), ((2.5, 2.0, 0.0), AHEAD[0])):
-        with pytest.raises(ConfigurationError, match=r"MIXED cell; .*; space.exact"):
+        with pytest.raises(ConfigurationError, match=r"MIXED cell; .*; space\.exact"):
             planners.plan(space, *ends)
         assert planners.plan(space.exact, *ends).certified
 
