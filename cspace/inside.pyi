@@ -1,6 +1,5 @@
 # Names of the core for packages that stand beside it. Each is imported at its first use.
 
-from ._bodies import ADVANCE_FACTOR as ADVANCE_FACTOR
 from ._bodies import MAX_DISTANCES_PER_EDGE as MAX_DISTANCES_PER_EDGE
 from ._bodies.cores import Cores as Cores
 from ._bodies.triangle_proofs import build_boxes as build_boxes
@@ -8,6 +7,8 @@ from ._configuration_map import ConfigurationMap as ConfigurationMap
 from ._configuration_map import suggest_endpoint as suggest_endpoint
 from ._engines.slices import list_slice_cells as list_slice_cells
 from ._engines.slices import slice_rasters as slice_rasters
+from ._exact.proofs import Geometry as Geometry
+from ._exact.proofs import poses_are_free as poses_are_free
 from ._files.access import ContentError as ContentError
 from ._files.access import check_output as check_output
 from ._files.access import check_suffix as check_suffix
@@ -31,17 +32,24 @@ from ._interface import cells_of as cells_of
 from ._interface import list_alternatives as list_alternatives
 from ._interface import read_message as read_message
 from ._interface import tubes_are_free as tubes_are_free
-from ._queries.any_angle import map_rectangles as map_rectangles
+from ._queries.any_angle import find_crossed_runs as find_crossed_runs
 from ._queries.batches import as_contiguous as as_contiguous
 from ._queries.callbacks import bind_kernel as bind_kernel
+from ._queries.callbacks import configuration_along as configuration_along
+from ._queries.callbacks import measure_edge as measure_edge
 from ._queries.components import find_cells as find_cells
 from ._queries.components import find_components as find_components
-from ._queries.distance import map_distances as map_distances
+from ._queries.distance import DistanceTable as DistanceTable
+from ._queries.distance import clearance_at as clearance_at
+from ._queries.edges import tube_is_free as tube_is_free
+from ._queries.heap import pop_first as pop_first
+from ._queries.heap import push as push
 from ._queries.upright import Upright as Upright
 from ._queries.vehicles import Car as Car
 from ._queries.vehicles import Differential as Differential
 from ._queries.vehicles import check_drive as check_drive
 from ._raster import Raster as Raster
+from ._record.cells import Map as Map
 from ._record.cells import map_record as map_record
 from ._record.contents import Contents as Contents
 from ._record.description import collect_arrays as collect_arrays
@@ -102,7 +110,6 @@ from ._support.compiling import kernel as kernel
 from ._support.deadlines import NEVER as NEVER
 from ._support.deadlines import Effort as Effort
 from ._support.deadlines import is_over as is_over
-from ._support.deadlines import limit_effort as limit_effort
 from ._support.deadlines import now as now
 from ._support.deadlines import spend as spend
 from ._support.limits import check_memory as check_memory

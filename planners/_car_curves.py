@@ -18,27 +18,22 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cspace._exact.proofs import BoundaryTrees, fraction_apart
-from cspace._queries.points import neighborhood_is_free, position_in_plane
-from cspace._record.cells import Map
-from cspace._rotations.lookup import matrix_rows
-from cspace._support.arrays import Numbers
 from cspace.inside import (
-    ADVANCE_FACTOR,
     MAX_DISTANCES_PER_EDGE,
     Floats,
+    Geometry,
     Ints,
+    Map,
+    Row,
     allocating,
     internal,
     kernel,
+    poses_are_free,
 )
-from planners._integrals import MAX_RADIANS_PER_STEP, CostDensity, Values, cost_at
+from planners._integrals import MAX_RADIANS_PER_STEP, CostDensity, Numbers, Values, cost_at
 
 Pose = tuple[float, float, float]
 Lengths = tuple[float, float, float, float, float]
-Geometry = tuple[BoundaryTrees, Ints] | None
-"""Boundaries of robot and obstacles, and scratch memory; None if only cells prove curves."""
-
 DUBINS = 0
 """Kind of curves that only go forwards."""
 
@@ -232,35 +227,18 @@ def piece_is_free(
     """Return True if a segment's piece and ``spare`` are free.
 
     From its center, the piece extends by ``half`` to both sides, in turning radii, and turns by
-    ``turn``. Either a box of FREE cells contains it, or the boundaries of robot and obstacles stay
-    apart: a point at distance rho from the reference point moves by at most the length of the arc
-    plus ``rho * turn``; see :mod:`cspace._exact`.
+    ``turn``.
     """
-    x, y, yaw = center
-    position = position_in_plane(map_, x, y)
-    reach = (half + spare) * radius
-    if neighborhood_is_free(map_, position, (yaw,), reach, turn + spare):
-        return True
-    # The branch of the geometry is left out if there is none.
-    if geometry is None:
-        return False
-    is_inside_x = map_.lower[1] + reach <= x <= map_.upper[1] - reach
-    is_inside_y = map_.lower[2] + reach <= y <= map_.upper[2] - reach
-    if not (is_inside_x and is_inside_y):
-        return False
-    boundaries, node_pairs = geometry
-    scale = boundaries.scale
-    ahead = scale * radius * half
     # An arc of an angle a leaves its tangent by at most a^2 / 2 turning radii.
-    drift = scale * radius * (0.5 * turn * turn + spare)
-    place = (scale * x, scale * y, 0.0)
-    step = (ahead * math.cos(yaw), ahead * math.sin(yaw), 0.0)
-    matrix = matrix_rows((yaw,))
-    enough = 1.0 / ADVANCE_FACTOR
-    proven = fraction_apart(
-        boundaries, place, matrix, step, turn + spare, drift, enough, node_pairs
-    )
-    return proven >= enough
+    drift = radius * (0.5 * turn * turn + spare)
+    reach = (half + spare) * radius
+    return poses_are_free(map_, geometry, center, reach, radius * half, drift, turn + spare)
+
+
+@internal
+def position_in_plane(map_: Map, x: float, y: float) -> Row:
+    """Return a plane position in space, in the middle of the layer."""
+    return 0.5 * map_.spacing, x, y
 
 
 @internal

@@ -10,19 +10,11 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace._queries.frontier import (
-    DONE,
-    GOES_ON,
-    Progress,
-    check_deadline,
-    double,
-    make_progress,
-    pop_first,
-    push,
-)
-from cspace._queries.points import Cell
-from cspace._support.compiling import inlined
-from cspace.inside import Effort, Floats, internal, spend
+from cspace.inside import Effort, Floats, internal, pop_first, push, spend
+from planners._frontier import Progress, check_deadline, double, make_progress
+
+Cell = tuple[int, int, int]
+"""A cell along three axes."""
 
 Costs = NDArray[np.float32]
 Nodes = NDArray[np.signedinteger[Any]]
@@ -41,6 +33,10 @@ labels whether a chain may exist."""
 NO_NODE: Final = -1
 UNKNOWN: Final = -2
 """Results of :func:`pop_best` other than a node: none is left, or its block is not reached yet."""
+
+DONE: Final = 0
+GOES_ON: Final = 1
+"""Results of kernels that expand nodes: they ended, or the next call goes on."""
 
 NEEDS_ESTIMATE: Final = 2
 """Result of a kernel that expands nodes, beside :data:`DONE` and :data:`GOES_ON`: the next call
@@ -161,7 +157,7 @@ def reach_cell(
     push(progress, expected_cost(estimate, progress, reached, rotation, u, v, w), reached)
 
 
-@inlined
+@internal
 def is_cheaper(progress: Progress, node: int, cost: float) -> bool:
     """Return True if a chain is the cheapest to an open node.
 

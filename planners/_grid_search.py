@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cspace import CSpace
-from cspace._queries.distance import Distances
 from cspace.inside import (
     NEVER,
     Effort,
@@ -20,7 +19,6 @@ from cspace.inside import (
     find_cells,
     is_over,
     map_record,
-    map_rectangles,
     now,
 )
 from planners._paths import (
@@ -166,16 +164,15 @@ def _find_taut_path(
     It is the shortest among those that pass obstacles as the shortest path without a margin. The
     length n is 0 if there is none.
     """
-    from cspace._queries.any_angle import find_shortest_way
+    from cspace.inside import find_crossed_runs
     from planners._taut import pull_taut
 
     grid = space.grid
     start, goal = (endpoints - grid.lower) / grid.spacing
-    rectangles = map_rectangles(space)
-    way = find_shortest_way(rectangles, start, goal, until, may_exist)
-    if not len(way.runs):
+    runs = find_crossed_runs(space, start, goal, until, may_exist)
+    if not len(runs):
         return endpoints[:0]
-    taut = pull_taut(rectangles, way.runs, start, goal)
+    taut = pull_taut(runs, start, goal)
     path: Floats = np.asarray(grid.lower) + grid.spacing * taut
     path[[0, -1]] = endpoints
     return path
@@ -184,7 +181,7 @@ def _find_taut_path(
 def find_cheap_path(
     space: CSpace,
     endpoints: Floats,
-    factor_at: Callable[[Distances], Costs],
+    factor_at: Callable[[Costs], Costs],
     cost: Cost,
     straight: bool,
     limit: Effort,

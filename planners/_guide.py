@@ -22,16 +22,16 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from cspace import FREE
-from cspace._queries.frontier import DONE, GOES_ON, Progress, sparse_zeros
-from cspace._queries.points import Cell
-from cspace._support.compiling import inlined
 from cspace.inside import Bools, Effort, Floats, Ints, States, internal, kernel
 from planners._estimate import (
     DEAD_END_COST,
+    DONE,
+    GOES_ON,
     NEEDS_ESTIMATE,
     NO_NODE,
     POPS_PER_CLOCK_CHECK,
     UNKNOWN,
+    Cell,
     Costs,
     Estimate,
     begin_at,
@@ -41,6 +41,7 @@ from planners._estimate import (
     pop_best,
     reach_cell,
 )
+from planners._frontier import Progress, sparse_zeros
 from planners._moves import list_moves
 
 POSITIONS_WEIGHT: Final = 1.1
@@ -482,7 +483,7 @@ def factor_of_any(blocks: Blocks, slices: Ints, u: int, v: int, w: int) -> np.fl
     return np.float32(math.inf)
 
 
-@inlined
+@internal
 def factor_at(factors: Costs, number: int, i: int, j: int, k: int) -> np.float32:
     """Return the cost factor of moves in a cell of a slice."""
     if factors.shape[0] == 0:

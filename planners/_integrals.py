@@ -4,23 +4,31 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
 from cspace import CSpace
-from cspace._queries.callbacks import MAX_SIZE, configuration_before
-from cspace._queries.distance import DistanceMap, DistanceTable, clearance_at
-from cspace._queries.edges import position_along
 from cspace._queries.points import slice_of
-from cspace._record.cells import Map
-from cspace._rotations.lookup import arc_angle_and_error, rotation_along
-from cspace._support.arrays import Numbers
-from cspace.inside import Floats, Row, bind_kernel, internal, kernel, map_record
+from cspace.inside import (
+    DistanceTable,
+    Floats,
+    Map,
+    Row,
+    bind_kernel,
+    clearance_at,
+    configuration_along,
+    internal,
+    kernel,
+    map_record,
+    measure_edge,
+)
 
-Field = DistanceMap | Floats | None
-"""Source of a value at each configuration: the clearance, by distances; overlaps of cells; or none
-(zero)."""
+Field: TypeAlias = Literal["clearance"] | Floats | None
+"""Source of a value at each configuration: the clearance; overlaps of cells; or none (zero)."""
+
+Numbers = tuple[float, ...]
+"""Coordinates of a rotation, or of configurations."""
 
 NO_VALUES = 0
 CLEARANCES = 1
@@ -106,22 +114,16 @@ def integrate_straight_edge(
 ) -> float:
     """Integrate the cost along a straight edge.
 
-    ``numbers`` are zeros and then the configurations of both ends, each of length ``size``. The
-    midpoint rule has steps of at most one cell and 5 degrees.
+    ``numbers`` are the configurations of both ends, each of length ``size``. The midpoint rule has
+    steps of at most one cell and 5 degrees.
     """
-    end = 2 * MAX_SIZE
-    p0, r0 = configuration_before(map_, numbers, end - size)
-    p1, r1 = configuration_before(map_, numbers, end)
-    # Length and rotation of the edge decide the number of steps.
-    metres = math.hypot(p1[0] - p0[0], math.hypot(p1[1] - p0[1], p1[2] - p0[2]))
-    radians, _ = arc_angle_and_error(r0, r1, 0)
+    metres, radians = measure_edge(map_, size, numbers)
     cells = metres / map_.spacing
     steps = max(1, math.ceil(max(cells, radians / MAX_RADIANS_PER_STEP)))
     total = 0.0
     for step in range(steps):
         share = (step + 0.5) / steps
-        position = position_along(p0, p1, share)
-        rotation = rotation_along(r0, r1, 0, share)
+        position, rotation = configuration_along(map_, size, numbers, share)
         total += cost_at(map_, values, density, position, rotation)
     mean_cost = total / steps
     if density.mean_per_metre:
@@ -132,7 +134,7 @@ def integrate_straight_edge(
 def bind_cost(kernel: Any, space: CSpace, field: Field, *fixed: Any) -> Callable[..., float]:
     """Make ``cost(*q0, *q1)`` from ``kernel(map, values, *fixed, numbers)``.
 
-    The numbers are zeros and then both configurations. The function follows changes of the map.
+    The numbers are both configurations. The function follows changes of the map.
     """
     # Kernels take one type of record, so what a field does not need is empty.
     no_distances = DistanceTable(
@@ -140,16 +142,15 @@ def bind_cost(kernel: Any, space: CSpace, field: Field, *fixed: Any) -> Callable
         np.empty((0, 2, space.grid.dim)),
         np.empty(0, dtype=np.bool_),
     )
-    zeros = (0.0,) * (2 * MAX_SIZE)
-    padding = zeros[2 * space.size :]
+    zeros = (0.0,) * (2 * space.size)
 
     def get_values() -> Values:
         """Return the field's present values."""
-        if isinstance(field, DistanceMap):
-            return Values(CLEARANCES, field.compute_all(), np.empty(0))
+        if isinstance(field, str):
+            return Values(CLEARANCES, DistanceTable.of(space), np.empty(0))
         if field is None:
             return Values(NO_VALUES, no_distances, np.empty(0))
         return Values(OVERLAPS, no_distances, field.reshape(-1))
 
     integrate = bind_kernel(kernel, (map_record(space),), get_values(), *fixed, zeros)
-    return lambda *ends: integrate(get_values(), *fixed, padding + ends)
+    return lambda *ends: integrate(get_values(), *fixed, ends)

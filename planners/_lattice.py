@@ -24,17 +24,6 @@ import numpy as np
 import shapely
 
 from cspace import FREE, MIXED, CSpace
-from cspace._queries.edges import NO_RADII, tube_is_free
-from cspace._queries.frontier import (
-    Progress,
-    check_deadline,
-    double,
-    make_progress,
-    pop_first,
-    push,
-)
-from cspace._queries.points import position_in_plane
-from cspace._record.cells import Map
 from cspace.inside import (
     METRES_PER_RADIAN,
     NEVER,
@@ -42,25 +31,31 @@ from cspace.inside import (
     Effort,
     Endpoint,
     Floats,
+    Geometry,
     Ints,
+    Map,
     internal,
     is_over,
     kernel,
     map_record,
     now,
+    pop_first,
+    push,
     spend,
+    tube_is_free,
     wrap_angles,
 )
 from planners._car_curves import (
     MAX_GAP,
     POINT_ERROR,
-    Geometry,
     Pose,
     advance,
     piece_is_free,
+    position_in_plane,
     segment_is_free,
 )
 from planners._estimate import NO_NODE, UNKNOWN, Estimate, is_known, remaining_cost
+from planners._frontier import Progress, check_deadline, double, make_progress
 from planners._guide import NARROW_COST, Directions, Guide
 from planners._local_planner import Endpoints, LocalPlanner
 from planners._moves import list_moves
@@ -775,7 +770,7 @@ def motion_is_free(
     if radius is None:
         start = position_in_plane(map_, x, y)
         end = position_in_plane(map_, q[0], q[1])
-        return tube_is_free(map_, start, (yaw,), end, (q[2],), NO_RADII, 0.0)
+        return tube_is_free(map_, start, (yaw,), end, (q[2],), (0.0, 0.0, 0.0), 0.0)
     steer = motions.steering[move]
     length = motions.lengths[0, move]  # at all headings
     geometry = motions.geometry

@@ -22,7 +22,6 @@ from numpy.typing import NDArray
 from ompl import base as ob
 
 from cspace import MIXED, CSpace, Space
-from cspace._record.cells import Map
 from cspace.inside import (
     ANGLE_SLACK,
     METRES_PER_RADIAN,
@@ -31,6 +30,7 @@ from cspace.inside import (
     Differential,
     Endpoint,
     Floats,
+    Map,
     cells_of,
     map_record,
     measure_steps,
@@ -41,7 +41,7 @@ from planners._ompl_states import find_state_kind, with_wrapped_angles
 
 if TYPE_CHECKING:
     from cspace import TiledCSpace
-    from planners._car_curves import Geometry
+    from cspace.inside import Geometry
 
 Endpoints = tuple[Endpoint, ...]
 """A start and its alternative goals. Only arms have several goals."""
@@ -139,9 +139,8 @@ class LocalPlanner:
         """Return the geometry that decides MIXED cells for kernels; None unless exact."""
         if not self.exact:
             return None
-        from cspace._exact.proofs import make_scratch
-
-        return proofs_of(self.cells).boundaries, make_scratch().node_pairs
+        geometry: Geometry = proofs_of(self.cells).geometry
+        return geometry
 
     def make_states(self) -> ob.StateSpace:
         """Make OMPL's state space, without bounds."""

@@ -5,13 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import cached_property
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from ompl import base as ob
 
 from cspace import CSpace, Space
-from cspace._queries.distance import DistanceMap, Distances
 from cspace.errors import InputError
 from cspace.inside import (
     Effort,
@@ -21,12 +20,14 @@ from cspace.inside import (
     check_not_negative,
     check_number,
     check_positive,
-    map_distances,
 )
 from planners._drives import local_planner
 from planners._integrals import CostDensity, Field
 from planners._local_planner import Drive, LocalPlanner
 from planners._ompl_states import check_information, find_state_kind
+
+if TYPE_CHECKING:
+    from planners._estimate import Costs
 
 DEFAULT_WEIGHT: Final = 10.0
 """Extra metres that a metre of path costs by default where the penalty is one."""
@@ -49,8 +50,8 @@ class WeightedLength(ob.OptimizationObjective):
     si : ompl.base.SpaceInformation
         From a :func:`planners.state_space`.
     space : CSpace
-    field : DistanceMap or ndarray of float64, optional
-        Source of the value. The distances of the map give the clearance. An array has a value for
+    field : "clearance" or ndarray of float64, optional
+        Source of the value. An array has a value for
         each cell of each slice, shape (slices, x, y) or (slices, x, y, z), without the first axis
         for a robot that does not turn. The default is the plain length.
     offset, slope : float
@@ -93,7 +94,7 @@ class WeightedLength(ob.OptimizationObjective):
         offset = check_number(offset, "offset")
         slope = check_number(slope, "slope")
         check_has_cells(space)
-        if field is not None and not isinstance(field, DistanceMap):
+        if field is not None and not isinstance(field, str):
             field = _check_costs(field, space)
         edges = local_planner(space, drive)
         self._field = field
@@ -171,7 +172,7 @@ class ClearanceObjective(WeightedLength):
         super().__init__(
             si,
             space,
-            map_distances(space),
+            "clearance",
             offset=1.0,
             slope=-1.0 / threshold,
             weight=weight,
@@ -214,12 +215,12 @@ def find_clear_path(
     threshold = default_clearance_threshold(space)
     density = CostDensity(1.0, -1.0 / threshold, DEFAULT_WEIGHT, edges.rotation_weight)
 
-    def find_factors(clearances: Distances) -> Distances:
+    def find_factors(clearances: Costs) -> Costs:
         """Return the cost of a metre at each clearance."""
         penalties = np.maximum(np.float32(0.0), 1.0 - clearances / threshold)
         return np.asarray(1.0 + DEFAULT_WEIGHT * penalties * penalties)
 
-    cost = edges.edge_cost(map_distances(space), density)
+    cost = edges.edge_cost("clearance", density)
     return find_cheap_path(space, endpoints, find_factors, cost, straight, limit)
 
 

@@ -21,15 +21,15 @@ from typing import Final, NamedTuple, TypeAlias
 import numpy as np
 
 from cspace import FREE, Rotations
-from cspace._queries.frontier import DONE, GOES_ON, Progress
-from cspace._queries.points import Cell
-from cspace._record.states import read_only
-from cspace.inside import METRES_PER_RADIAN, Effort, Floats, Ints, States, internal, kernel
+from cspace.inside import METRES_PER_RADIAN, Effort, Floats, Ints, States, frozen, internal, kernel
 from planners._estimate import (
+    DONE,
+    GOES_ON,
     NEEDS_ESTIMATE,
     NO_NODE,
     POPS_PER_CLOCK_CHECK,
     UNKNOWN,
+    Cell,
     Costs,
     Estimate,
     begin_at,
@@ -38,6 +38,7 @@ from planners._estimate import (
     pop_best,
     reach_cell,
 )
+from planners._frontier import Progress
 from planners._guide import (
     NARROW_COST,
     NO_FACTORS,
@@ -137,7 +138,7 @@ def find_chain(
     missing_axes = (1,) * (3 - dim)
     shape = (*missing_axes, *states.shape[1:])
     graph = Graph(
-        states=read_only(states.reshape(-1, *shape)),
+        states=frozen(np.ascontiguousarray(states.reshape(-1, *shape))),
         slice_of=slice_of,
         neighbors=neighbors,
         turns=costs,

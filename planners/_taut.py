@@ -13,32 +13,27 @@ from typing import Final
 
 import numpy as np
 
-from cspace._queries.any_angle import Rectangles
-from cspace._support.compiling import inlined
-from cspace.inside import Floats, Ints, kernel
+from cspace.inside import Floats, Ints, internal, kernel
 
 MARGIN: Final = 2.0**-8
 """Distance in cells that paths keep from obstacles along each axis. It is far above the rounding of
 proofs: a path rounded to 32 bits is still proven on maps of thousands of cells."""
 
 
-def pull_taut(rectangles: Rectangles, runs: Ints, start: Floats, goal: Floats) -> Floats:
+def pull_taut(runs: Ints, start: Floats, goal: Floats) -> Floats:
     """Return the shortest path through runs with a margin, shape (m, 2).
 
-    ``runs``, shape (n,), are crossed in turn; ``start`` and ``goal``, shape (2,), are in cells, in
-    the first and in the last run.
+    ``runs``, shape (n, 3), are crossed in turn: column, first cell, and the cell after the last
+    one. ``start`` and ``goal``, shape (2,), are in cells, in the first and in the last run.
     """
-    gates = list_gates(rectangles, runs)
+    gates = list_gates(runs)
     begin_before_gates(gates, float(start[0]))
     return pass_gates(start, goal, gates)
 
 
-def list_gates(rectangles: Rectangles, runs: Ints) -> Floats:
-    """List gates between runs: x, left y, right y, shape (m, 3)."""
-    crossed = np.stack([runs[:-1], runs[1:]])
-    columns = rectangles.column[crossed]
-    bottom = rectangles.low[crossed]
-    top = rectangles.high[crossed]
+def list_gates(runs: Ints) -> Floats:
+    """List gates between runs (n, 3): x, left y, right y, shape (m, 3)."""
+    columns, bottom, top = np.stack([runs[:-1], runs[1:]]).transpose(2, 0, 1)
     # Runs of the same rows make a rectangle, without corners between them.
     has_corner = (bottom[0] != bottom[1]) | (top[0] != top[1])
     before, after = columns[:, has_corner]
@@ -117,7 +112,7 @@ def move_funnel(points: Floats, funnel: Ints, path: Ints) -> int:
     return count
 
 
-@inlined
+@internal
 def turn(points: Floats, a: int, b: int, c: int) -> float:
     """Return twice a triangle's area, positive for left."""
     first_x = points[b, 0] - points[a, 0]

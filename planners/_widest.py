@@ -12,7 +12,7 @@ maxima. The result is still among the widest paths.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import product
 from typing import Final, NamedTuple
@@ -20,26 +20,25 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace import CSpace, Grid
-from cspace._queries.callbacks import edge_checker
-from cspace._queries.distance import Distances
-from cspace._queries.frontier import check_deadline
-from cspace._record.cells import Map, make_map_record
-from cspace._record.states import read_only
+from cspace import CSpace
+from cspace._queries.callbacks import window_checker
 from cspace.inside import (
     Bools,
     Bytes,
+    DistanceTable,
     Effort,
     Floats,
     Ints,
     check_memory,
     find_cells,
+    frozen,
     kernel,
-    map_distances,
     map_record,
     now,
     spend,
 )
+from planners._estimate import Costs
+from planners._frontier import check_deadline
 from planners._paths import MAX_SHORTENING, pulled_straight, waypoints
 from planners._search import Turns, find_chain, list_turns
 
@@ -76,7 +75,7 @@ class WidthMap:
         As of :func:`planners._search.list_turns`.
     """
 
-    widths: Distances
+    widths: Costs
     slice_of: Ints
     turns: Turns
 
@@ -143,13 +142,13 @@ class WidthMap:
         return find_chain(states, self.slice_of, self.turns, start, goal, until)
 
 
-def threshold_widths(widths: Distances, min_width: float) -> Bytes:
+def threshold_widths(widths: Costs, min_width: float) -> Bytes:
     """Return states that are FREE for cells wide enough, else MIXED.
 
     These cells have a width of ``min_width`` or above.
     """
     is_narrow = widths < np.float32(min_width)
-    return read_only(is_narrow.view(np.uint8))  # False is FREE, and True is MIXED
+    return frozen(is_narrow.view(np.uint8))  # False is FREE, and True is MIXED
 
 
 # ---- the bottleneck ------------------------------------------------------------------------------
@@ -264,14 +263,14 @@ def find_widest_path(space: CSpace, endpoints: Floats, straight: bool, limit: Ef
     return path if len(path) and space.certify_path(path).all() else path[:0]
 
 
-def measure_widths(space: CSpace) -> Distances:
+def measure_widths(space: CSpace) -> Costs:
     """Return the distance of each cell, by slice, for a search.
 
     Raises InputError if the search does not fit into memory.
     """
     needed = SEARCH_BYTES_PER_CELL * space.grid.size * len(space.rotations)
     check_memory(needed, "the map, to search it by clearance,", space.grid)
-    return map_distances(space).array()
+    return DistanceTable.of(space).cells.reshape(-1, *space.grid.shape)
 
 
 def _find_wide_path(
@@ -313,25 +312,23 @@ def _find_wide_path(
     for begin, stop, min_width in parts:
         if begin < stop:
             positions = cells[max(begin - 1, 0) : stop, 1:]
-            wide_map = _cut_wide_map(widths.widths, space, positions, min_width)
-            is_free = edge_checker(wide_map, path.shape[1])
+            is_free = _make_wide_checker(widths.widths, space, positions, min_width)
             piece = pulled_straight(path[begin : stop + 1], rotations, is_free, until=end_time)
             pieces.append(piece[1:])
     return np.concatenate(pieces)
 
 
-def _cut_wide_map(widths: Distances, space: CSpace, positions: Ints, min_width: float) -> Map:
-    """Cut out a map in which cells wide enough are FREE.
+def _make_wide_checker(
+    widths: Costs, space: CSpace, positions: Ints, min_width: float
+) -> Callable[..., bool]:
+    """Make ``check(*q0, *q1)``, which is True for motions through cells wide enough.
 
-    It contains ``positions``; cells are FREE from ``min_width`` on. ``positions``, shape (n, d),
+    They are those around ``positions`` from ``min_width`` on. ``positions``, shape (n, d),
     are indices of cells along the axes.
     """
-    map_ = map_record(space)
-    grid = space.grid
     # One more cell on each side, because edges may touch it.
     first = np.maximum(positions.min(axis=0) - 1, 0)
     stop = np.minimum(positions.max(axis=0) + 2, widths.shape[1:])
     window = (slice(None), *map(slice, first, stop))
     states = threshold_widths(widths[window], min_width)
-    window_grid = Grid(grid.lower + grid.spacing * first, grid.spacing, states.shape[1:])
-    return make_map_record(states, window_grid, map_.exterior, map_.rotations)
+    return window_checker(space, states, first)

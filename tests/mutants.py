@@ -473,8 +473,8 @@ MUTANTS = (
     ),
     Mutant(
         "planners/_car_curves.py",
-        "ahead = scale * radius * half",
-        "ahead = 0.9 * scale * radius * half",
+        "reach, radius * half, drift",
+        "reach, 0.9 * radius * half, drift",
         "tests/planners/test_car_curves.py",
     ),
     Mutant(

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Callable, Sequence
-from typing import Final, NamedTuple, cast
+from typing import Final, NamedTuple, TypeAlias, cast
 
 import numpy as np
 
@@ -26,7 +26,14 @@ from cspace._exact.boundaries import ObstacleBoundary, Problem, Proofs, obstacle
 from cspace._grid import MAX_COORDINATE
 from cspace._queries.batches import as_contiguous
 from cspace._queries.edges import NO_RADII, edges_are_free, position_along, tube_is_free
-from cspace._queries.points import classify, configuration_in, is_usable, state_at
+from cspace._queries.points import (
+    classify,
+    configuration_in,
+    is_usable,
+    neighborhood_is_free,
+    position_in_plane,
+    state_at,
+)
 from cspace._record.cells import Map, hide_cells
 from cspace._rotations.lookup import (
     arc_angle_and_error,
@@ -262,6 +269,11 @@ class BoundaryProofs:
         # Configurations whose anchors, of robot and obstacles, are tested at once.
         anchors_per_configuration = len(self._anchors) + len(containment.anchors)
         self._batch_size = 1 + ANCHORS_PER_BATCH // (1 + anchors_per_configuration)
+
+    @property
+    def geometry(self) -> Geometry:
+        """The boundaries with new scratch memory, for :func:`poses_are_free`."""
+        return self.boundaries, make_scratch().node_pairs
 
     def _make_containment(
         self, problem: Problem, boundary: RoundedSimplices, pieces: Sequence[RoundedSimplices]
@@ -713,6 +725,50 @@ def fraction_apart(
     return free_fraction(
         boundaries.trees, boundaries.robot, boundaries.others, motion, enough, scratch
     )
+
+
+Geometry: TypeAlias = tuple[BoundaryTrees, Ints] | None
+"""Boundaries of robot and obstacles with scratch memory, for compiled callers; None to prove by
+cells alone."""
+
+
+@internal
+def poses_are_free(
+    map_: Map,
+    geometry: Geometry,
+    pose: tuple[float, float, float],
+    reach: float,
+    ahead: float,
+    drift: float,
+    turn: float,
+) -> bool:
+    """Return True if all poses near one in the plane are free, for compiled callers.
+
+    They are at most ``reach`` metres away along each axis, and turned by at most ``turn`` radians.
+    FREE cells prove them, or boundaries of robot and obstacles that stay apart: then the robot gets
+    to the poses by at most ``ahead`` metres along its heading, forwards or backwards, and by
+    ``drift`` metres in any direction. Where boundaries stay apart, all poses are
+    free if one of them is known to be free. They prove nothing outside the grid.
+    """
+    x, y, yaw = pose
+    if neighborhood_is_free(map_, position_in_plane(map_, x, y), (yaw,), reach, turn):
+        return True
+    # The branch of the geometry is left out if there is none.
+    if geometry is None:
+        return False
+    is_inside_x = map_.lower[1] + reach <= x <= map_.upper[1] - reach
+    is_inside_y = map_.lower[2] + reach <= y <= map_.upper[2] - reach
+    if not (is_inside_x and is_inside_y):
+        return False
+    boundaries, node_pairs = geometry
+    scale = boundaries.scale
+    place = (scale * x, scale * y, 0.0)
+    step = (scale * ahead * math.cos(yaw), scale * ahead * math.sin(yaw), 0.0)
+    enough = 1.0 / ADVANCE_FACTOR
+    proven = fraction_apart(
+        boundaries, place, matrix_rows((yaw,)), step, turn, scale * drift, enough, node_pairs
+    )
+    return proven >= enough
 
 
 @internal

@@ -17,24 +17,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cspace._queries.components import list_runs
-from cspace._queries.frontier import (
-    DONE,
-    GOES_ON,
-    Progress,
-    check_deadline,
-    double,
-    make_progress,
-    pop_first,
-    push,
-)
+from cspace._queries.heap import pop_first, push
 from cspace._support.arrays import FREE, Floats, Ints, States
 from cspace._support.compiling import inlined, internal, kernel
-from cspace._support.deadlines import NEVER, Effort, spend
+from cspace._support.deadlines import NEVER, Effort, is_over, spend
 
 if TYPE_CHECKING:
     from cspace._space import CSpace
@@ -111,6 +103,14 @@ class SeenIntervals(NamedTuple):
     before: Ints
 
 
+class Waiting(NamedTuple):
+    """The intervals that wait, in a heap of :func:`push`, by bounds of the lengths of paths."""
+
+    keys: Floats
+    queue: Ints
+    length: Ints
+
+
 class Front(NamedTuple):
     """State of a search, which kernels change.
 
@@ -119,15 +119,14 @@ class Front(NamedTuple):
     intervals : SeenIntervals
     used : ndarray of int64, shape (1,)
         Number of intervals.
-    queue : Progress
-        Its heap holds the intervals that wait.
+    queue : Waiting
     least : ndarray of float64, shape (4 runs,)
         Length of the shortest path found to each corner.
     """
 
     intervals: SeenIntervals
     used: Ints
-    queue: Progress
+    queue: Waiting
     least: Floats
 
 
@@ -158,9 +157,38 @@ def list_rectangles(states: States) -> Rectangles:
     return Rectangles(first, column, runs.starts - column * width, runs.stops - column * width)
 
 
-def map_rectangles(space: CSpace) -> Rectangles:
-    """Return the runs of FREE cells of a plane map; they follow updates."""
-    return space._rectangles
+def find_crossed_runs(
+    space: CSpace,
+    start: Floats,
+    goal: Floats,
+    until: Effort = NEVER,
+    may_exist: Callable[[], bool] | None = None,
+) -> Ints:
+    """Find the runs of FREE cells that a shortest path in the plane crosses.
+
+    A run is a maximal row of FREE cells along y.
+
+    Parameters
+    ----------
+    space : CSpace
+        A map in memory of a robot that does not turn.
+    start, goal : ndarray of float64, shape (2,)
+        In cells, from the lower corner of the grid.
+    until : Effort
+        Reading of work and clock at which the search ends with a TimeoutError.
+    may_exist : callable, optional
+        Returns False if no path exists. It is asked once, if the search takes long.
+
+    Returns
+    -------
+    ndarray of int64, shape (n, 3)
+        Column of each run, its first cell, and the cell after its last one; n is 0 if there is no
+        path.
+    """
+    rectangles = space._rectangles
+    way = find_shortest_way(rectangles, start, goal, until, may_exist)
+    columns = (rectangles.column, rectangles.low, rectangles.high)
+    return np.stack([column[way.runs] for column in columns], axis=1)
 
 
 def find_shortest_way(
@@ -202,11 +230,12 @@ def find_shortest_way(
         )
     while True:
         used = int(front.used[0])
-        outcome = expand_intervals(rectangles, front, goal_point, last, room)
+        is_done = expand_intervals(rectangles, front, goal_point, last, room)
         spend(NANOSECONDS_PER_INTERVAL * (int(front.used[0]) - used))
-        if outcome == DONE:
+        if is_done:
             return trace_way(front, first)
-        check_deadline(until)
+        if is_over(until):
+            raise TimeoutError
         # Intervals after which a search asks the labels of the map whether a path may exist.
         if may_exist is not None and front.used[0] > 2**15:
             if not may_exist():
@@ -214,9 +243,14 @@ def find_shortest_way(
             may_exist = None
         if front.used[0] + room >= len(front.queue.keys):
             queue = front.queue
-            queue = queue._replace(keys=double(queue.keys), queue=double(queue.queue))
-            intervals = SeenIntervals._make(map(double, front.intervals))
+            queue = queue._replace(keys=_double(queue.keys), queue=_double(queue.queue))
+            intervals = SeenIntervals._make(map(_double, front.intervals))
             front = front._replace(intervals=intervals, queue=queue)
+
+
+def _double(array: NDArray[Any]) -> NDArray[Any]:
+    """Append as many zeros to an array."""
+    return np.concatenate([array, np.zeros_like(array)])
 
 
 def find_run(rectangles: Rectangles, point: Floats) -> tuple[int, Point]:
@@ -237,7 +271,11 @@ def make_front(runs: int, capacity: int) -> Front:
     return Front(
         intervals=SeenIntervals._make(np.empty(capacity, dtype=kind) for kind in kinds),
         used=np.zeros(1, dtype=np.int64),
-        queue=make_progress(0, capacity),
+        queue=Waiting(
+            keys=np.empty(capacity),
+            queue=np.empty(capacity, dtype=np.int64),
+            length=np.zeros(1, dtype=np.int64),
+        ),
         least=np.full(4 * runs, np.inf),
     )
 
@@ -272,26 +310,26 @@ def find_first_above(rectangles: Rectangles, column: int, y: float) -> int:
 @kernel
 def expand_intervals(
     rectangles: Rectangles, front: Front, goal: Point, goal_run: int, room: int
-) -> int:
-    """Expand intervals until the queue's first is the goal.
+) -> bool:
+    """Expand intervals; return True once the queue's first is the goal, or none is left.
 
-    Return :data:`GOES_ON` after many intervals, or if less than ``room`` is left for others.
+    Return False after many intervals, or if less than ``room`` is left for others.
     """
     queue = front.queue
     intervals = front.intervals
     # Intervals expanded between two checks of the time limit.
     for _ in range(2**13):
         if front.used[0] + room >= len(queue.keys):
-            return GOES_ON
+            return False
         if queue.length[0] == 0 or intervals.run[queue.queue[0]] == NONE:
-            return DONE
+            return True
         interval = queue.queue[0]
         pop_first(queue)
         root = intervals.root[interval]
         # A shorter path to the root may have been found since.
         if root == NONE or intervals.length[interval] <= front.least[root]:
             expand_interval(rectangles, front, goal, goal_run, interval)
-    return GOES_ON
+    return False
 
 
 @internal

@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from functools import partial
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numba
 
-from cspace._queries.edges import NO_RADII, tube_is_free
+from cspace._grid import Grid
+from cspace._queries.edges import NO_RADII, position_along, tube_is_free
 from cspace._queries.points import cell_of, is_usable, position_in_plane, state_at
-from cspace._record.cells import Map
-from cspace._rotations.lookup import rotation_cell
-from cspace._support.arrays import FREE, MIXED, Floats, Numbers, Row
-from cspace._support.compiling import inlined, kernel
+from cspace._record.cells import Map, make_map_record
+from cspace._rotations.lookup import arc_angle_and_error, rotation_along, rotation_cell
+from cspace._support.arrays import FREE, MIXED, Floats, Ints, Numbers, Row, States
+from cspace._support.compiling import inlined, internal, kernel
+
+if TYPE_CHECKING:
+    from cspace._space import CSpace
 
 MAX_SIZE: Final = 7
 """Largest length of a configuration, in SE(3)."""
@@ -30,9 +35,19 @@ def motion_lookup(map_: Map, size: int) -> Callable[..., int]:
     return bind_numbers(look_up_motion, (map_, size), 2 * size, 2 * MAX_SIZE)
 
 
-def edge_checker(map_: Map, size: int) -> Callable[..., bool]:
-    """Return a function ``check(*q0, *q1)`` that gives True for a FREE edge."""
-    look_up = motion_lookup(map_, size)
+def window_checker(space: CSpace, states: States, first: Ints) -> Callable[..., bool]:
+    """Return ``check(*q0, *q1)``, which is True for motions through FREE cells of other states.
+
+    ``states``, shape (slices, x, y) or (slices, x, y, z), stand for those of a window of a map in
+    memory, whose first cell along each axis is ``first``, shape (d,). Outside the window, the map's
+    states outside its own grid hold.
+    """
+    grid = space.grid
+    window = Grid(grid.lower + grid.spacing * first, grid.spacing, states.shape[1:])
+    map_ = space._kernel_map
+    look_up = motion_lookup(
+        make_map_record(states, window, map_.exterior, map_.rotations), space.size
+    )
     return lambda *endpoints: look_up(*endpoints) == FREE
 
 
@@ -84,6 +99,34 @@ def rotation_before(borders: Floats, numbers: Numbers, end: int) -> Numbers:
     if borders.ndim == 1:
         return (numbers[end - 1],)
     return ()
+
+
+@internal
+def measure_edge(map_: Map, size: int, numbers: Numbers) -> tuple[float, float]:
+    """Return the metres and the radians of a straight edge, for compiled callers.
+
+    The last ``2 * size`` of ``numbers`` are its two configurations.
+    """
+    end = len(numbers)
+    p0, r0 = configuration_before(map_, numbers, end - size)
+    p1, r1 = configuration_before(map_, numbers, end)
+    metres = math.hypot(p1[0] - p0[0], math.hypot(p1[1] - p0[1], p1[2] - p0[2]))
+    radians, _ = arc_angle_and_error(r0, r1, 0)
+    return metres, radians
+
+
+@internal
+def configuration_along(
+    map_: Map, size: int, numbers: Numbers, share: float
+) -> tuple[Row, Numbers]:
+    """Return position and rotation at a share of a straight edge, for compiled callers.
+
+    The last ``2 * size`` of ``numbers`` are its two configurations; ``share`` is from 0 to 1.
+    """
+    end = len(numbers)
+    p0, r0 = configuration_before(map_, numbers, end - size)
+    p1, r1 = configuration_before(map_, numbers, end)
+    return position_along(p0, p1, share), rotation_along(r0, r1, 0, share)
 
 
 @kernel

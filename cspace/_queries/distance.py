@@ -80,6 +80,14 @@ class DistanceTable(NamedTuple):
     boxes: Floats
     is_ready: Bools
 
+    @classmethod
+    def of(cls, space: CSpace) -> DistanceTable:
+        """Return the distances of all cells of a map in memory as they are now.
+
+        They are computed at the first call after a change of the map.
+        """
+        return space._distances.compute_all()
+
 
 class DistanceMap:
     """Distances of a map, computed slice by slice when needed.
@@ -153,11 +161,6 @@ class DistanceMap:
         table.boxes[number] = find_bounding_box(states, exterior)
         distances = table.cells.reshape(self._states.shape)
         compute_distances(states, exterior, distances[number])
-
-
-def map_distances(space: CSpace) -> DistanceMap:
-    """Return the distances of a map's cells from those that are not FREE; they follow updates."""
-    return space._distances
 
 
 # ---- the table -----------------------------------------------------------------------------------

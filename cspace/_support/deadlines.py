@@ -60,6 +60,17 @@ class Effort:
             return cls(work_seconds, seconds)
         return cls(float(round(NANOSECONDS * work_seconds)), seconds)
 
+    @classmethod
+    def within(cls, time_limit: float | None, default: float = math.inf) -> Effort:
+        """Return the limit of a search by a caller's seconds; without any, by ``default`` of work.
+
+        Raises InputError if the time limit is not positive.
+        """
+        if time_limit is None:
+            return cls.from_seconds(default, PATIENCE * default)
+        seconds = check_positive(time_limit, "time_limit", "seconds")
+        return cls.from_seconds(WORK_PER_LIMIT * seconds, seconds)
+
     def share(self, factor: float) -> Effort:
         """Return a share of both."""
         return Effort.from_seconds(factor * self.work_seconds, factor * self.seconds)
@@ -81,17 +92,6 @@ class Effort:
     def seconds_late(self) -> float:
         """Return the seconds of work, or of the clock, since this reading; negative before."""
         return max((_work.done - self.work) / NANOSECONDS, clock() - self.seconds)
-
-
-def limit_effort(time_limit: float | None, default: float = math.inf) -> Effort:
-    """Return the limit of a search by a caller's seconds; without any, by ``default`` of work.
-
-    Raises InputError if the time limit is not positive.
-    """
-    if time_limit is None:
-        return Effort.from_seconds(default, PATIENCE * default)
-    seconds = check_positive(time_limit, "time_limit", "seconds")
-    return Effort.from_seconds(WORK_PER_LIMIT * seconds, seconds)
 
 
 NEVER: Final = Effort(math.inf, math.inf)

@@ -32,6 +32,10 @@ import numpy as np
 
 from cspace.inside import Bools, Floats, Ints, Row, as_contiguous, internal, kernel, vectors
 
+ADVANCE_FACTOR: Final = 0.999
+"""Fraction of a proven distance by which a proof advances, so that the end of the step is proven
+too."""
+
 DISTANCE_ROUNDING: Final = 1e-12
 """Rounding allowance of a distance, relative to the largest coordinate."""
 

@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import numpy as np
 
 from cspace.arms._chain import (
+    ADVANCE_FACTOR,
     DISTANCE_ROUNDING,
     REVOLUTE,
     SPIN,
@@ -33,7 +34,6 @@ from cspace.arms._chain import (
     rotation_rows,
 )
 from cspace.inside import (
-    ADVANCE_FACTOR,
     Floats,
     Ints,
     Row,

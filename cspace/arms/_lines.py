@@ -30,6 +30,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace.arms._chain import (
+    ADVANCE_FACTOR,
     DISTANCE_ROUNDING,
     POSITION,
     REVOLUTE,
@@ -52,7 +53,6 @@ from cspace.arms._snapshots import Snapshot
 from cspace.arms._solids import check_rigid
 from cspace.errors import InputError
 from cspace.inside import (
-    ADVANCE_FACTOR,
     METRES_PER_RADIAN,
     Floats,
     Ints,

@@ -22,6 +22,7 @@ import numpy as np
 from cspace import BLOCKED, FREE, MIXED
 from cspace.arms._addresses import Address, call, find_address
 from cspace.arms._chain import (
+    ADVANCE_FACTOR,
     DISTANCE_ROUNDING,
     FIXED,
     POSITION,
@@ -57,7 +58,6 @@ from cspace.arms._crossings import (
 )
 from cspace.arms._hulls import Hulls, RelativeMotion, tree_slack
 from cspace.inside import (
-    ADVANCE_FACTOR,
     MAX_DISTANCES_PER_EDGE,
     Bools,
     Floats,

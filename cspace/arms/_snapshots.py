@@ -18,7 +18,7 @@ import scipy  # its parts are read when they are first used
 from numpy.typing import NDArray
 
 from cspace.arms._addresses import Address
-from cspace.arms._chain import DISTANCE_ROUNDING, FIXED, REVOLUTE, compute_poses
+from cspace.arms._chain import ADVANCE_FACTOR, DISTANCE_ROUNDING, FIXED, REVOLUTE, compute_poses
 from cspace.arms._cones import make_cones, move_into_cones
 from cspace.arms._hulls import node_corners
 from cspace.arms._model import CONTACT_SAMPLES, Arm, Names, always_touch, sort_pair
@@ -35,7 +35,6 @@ from cspace.arms._scenes import make_inner_scene, make_scene
 from cspace.arms._solids import PosedShape, Solid, StaticShape
 from cspace.errors import ConfigurationError
 from cspace.inside import (
-    ADVANCE_FACTOR,
     Bools,
     Floats,
     Ints,

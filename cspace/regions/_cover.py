@@ -20,6 +20,8 @@ from cspace.errors import ConfigurationError, InputError
 from cspace.inside import (
     MAX_NUMBER,
     Bools,
+    DistanceTable,
+    Effort,
     Fields,
     Floats,
     Ints,
@@ -31,8 +33,6 @@ from cspace.inside import (
     decoding,
     find_components,
     is_over,
-    limit_effort,
-    map_distances,
     names_options,
     now,
     read_document,
@@ -249,7 +249,7 @@ def find_free_regions(
         raise InputError("share", f"is {share!r}", rule)
     most = check_count(max_regions, "max_regions", 1)
     rng = np.random.default_rng(check_count(seed, "seed"))
-    until = now() + limit_effort(time_limit)
+    until = now() + Effort.within(time_limit)
     bare = BareCells(source, around)
     regions = list[ConvexRegion]()
     while bare.coverage < wanted and len(regions) < most and not is_over(until):
@@ -329,7 +329,7 @@ class BareCells:
         """
         space = self._space
         spacing = space.grid.spacing
-        clearances = map_distances(space).array()[space.slice_of]
+        clearances = DistanceTable.of(space).cells.reshape(-1, *space.grid.shape)[space.slice_of]
         # Regions of almost no room are not worth their time.
         self._distances[clearances <= (1.0 + 1e-6) * margin / spacing + 1e-6] = 0.0
         if self._distances.any():

@@ -9,7 +9,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
 from cspace import BLOCKED, FREE
-from cspace._queries.any_angle import find_shortest_way, list_rectangles
+from cspace.inside import find_crossed_runs
 from planners._taut import MARGIN, pull_taut
 from tests.helpers.handmade import map_of
 from tests.helpers.oracles import path_length
@@ -63,9 +63,8 @@ def measure_shortest(walls, start, goal):
 
 def find_taut_path(states, start, goal):
     """Return the shortest path that keeps the margin, in cells."""
-    rectangles = list_rectangles(states)
-    way = find_shortest_way(rectangles, start, goal)
-    return pull_taut(rectangles, way.runs, start, goal)
+    runs = find_crossed_runs(map_of(states, spacing=1.0), start, goal)
+    return pull_taut(runs, start, goal)
 
 
 @pytest.mark.parametrize("seed", few(range(6), 2))

@@ -4,18 +4,12 @@ from __future__ import annotations
 
 import mmap
 from contextlib import suppress
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace._support.arrays import Bools, Floats, Ints
-from cspace._support.compiling import internal, kernel
-from cspace._support.deadlines import Effort, is_over
-
-DONE: Final = 0
-GOES_ON: Final = 1
-"""Results of kernels that expand nodes: they ended, or the next call goes on."""
+from cspace.inside import Bools, Effort, Floats, Ints, is_over
 
 
 class Progress(NamedTuple):
@@ -83,47 +77,3 @@ def sparse_zeros(count: int, kind: type[np.generic]) -> NDArray[Any]:
 def double(array: NDArray[Any]) -> NDArray[Any]:
     """Double an array with zeros along its first axis."""
     return np.concatenate([array, np.zeros_like(array)])
-
-
-@kernel
-def push(progress: Progress, key: float, cell: int) -> None:
-    """Add a cell to the binary heap, with smaller keys first."""
-    keys = progress.keys
-    queue = progress.queue
-    position = progress.length[0]
-    progress.length[0] += 1
-    # Entries with larger keys move down, from the last place towards the root.
-    while position > 0:
-        parent = (position - 1) // 2
-        if keys[parent] <= key:
-            break
-        keys[position] = keys[parent]
-        queue[position] = queue[parent]
-        position = parent
-    keys[position] = key
-    queue[position] = cell
-
-
-@internal
-def pop_first(progress: Progress) -> None:
-    """Remove the heap's cell of the lowest key."""
-    keys = progress.keys
-    queue = progress.queue
-    progress.length[0] -= 1
-    count = progress.length[0]
-    # The last entry sinks from the root.
-    key = keys[count]
-    cell = queue[count]
-    position = 0
-    child = 1
-    while child < count:
-        if child + 1 < count and keys[child + 1] < keys[child]:
-            child += 1
-        if keys[child] >= key:
-            break
-        keys[position] = keys[child]
-        queue[position] = queue[child]
-        position = child
-        child = 2 * position + 1
-    keys[position] = key
-    queue[position] = cell
