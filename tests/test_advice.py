@@ -61,6 +61,8 @@ def read_advice(text):
         if ways[-1].get(name, value) != value:
             ways.append({})
         ways[-1][name] = value
+    if "space.exact" in text:
+        ways[-1]["exact"] = True
     return ways
 
 
@@ -207,10 +209,10 @@ def export_again(folder, **options):
 # ---- plans ---------------------------------------------------------------------------------------
 
 
-def start_beside(**options):
+def start_beside(exact=False):
     """Plan from a place beside the wall, in an undecided cell, and return where it starts."""
     space = build(Workspace.from_array(WALL, 0.1), Robot.disc(0.05))
-    plan = planners.plan(space, (0.345, 0.55), (0.15, 0.55), **options)
+    plan = planners.plan(space.exact if exact else space, (0.345, 0.55), (0.15, 0.55))
     return plan.waypoints[0]
 
 

@@ -189,7 +189,7 @@ def build_tiles(folder, **options):
     ),
     (
         lambda folder: build_tiles(folder).exact.is_free((1.0, 0.5)),
-        "this one stays in its folder",
+        "maps in memory, such as space.window",
     ),
     (
         lambda folder: build_tiles(folder) and build_tiles(folder, margin=0.1),

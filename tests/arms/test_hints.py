@@ -336,7 +336,7 @@ TENTH = {"limits": (0.1, 0.1)}
         "it must be one configuration: shoulder, elbow",
     ),
     (lambda f: space(f).set_padding("box", 9.0), "foot touches obstacle 'box', or comes nearer"),
-    (lambda f: planners.plan(space(f), ZERO, np.empty((0, 2))), "goal has shape (0, 2)"),
+    (lambda f: planners.plan(space(f), ZERO, np.empty((0, 2))), "goal has shape (0,)"),
     # Maps of joints.
     (
         lambda f: mapped(f, joints=("shoulder", "wrist")),

@@ -12,6 +12,7 @@ from cspace import BLOCKED, FREE, MIXED, Grid, Robot, Workspace
 from cspace._shapes import Voxels
 from cspace._shapes.mesh import Mesh
 from cspace.arms import Arm, PosedShape, build_arm_space
+from cspace.arms._solids import Part
 from cspace.errors import ConfigurationError, InputError, UnitWarning
 from tests.helpers.arm_oracle import ArmOracle, sample_configurations
 from tests.helpers.solids import ball, box
@@ -190,7 +191,7 @@ def test_surfaces_of_posed_soups_stay_closed_to_the_last_bit(angles, at, seed):
     triangles = np.concatenate([outer.triangles, cavity.triangles, sheet.triangles[:9] + 3.0])
     soup = np.random.default_rng(seed).permutation(triangles).reshape(-1, 3)
     mesh = Mesh(soup, np.arange(len(soup)).reshape(-1, 3), source="soup")
-    corners, windings = PosedShape(mesh, pose_at(*at, rotvec=angles)).surface
+    corners, windings = Part(mesh, pose_at(*at, rotvec=angles)).surface
     assert len(corners) == len(outer.faces) + len(cavity.faces)
     edges = Counter[tuple[float, ...]]()
     for (a, b, c), winding in zip(corners.tolist(), windings.tolist(), strict=True):

@@ -48,12 +48,12 @@ def test_planners_find_proven_paths(name):
     least = np.asarray(space.obstacle_distance(between)).min()
     assert least > 0.0 and 0.0 <= plan.obstacle_distance <= least + 1e-9
     assert plan.length == pytest.approx(np.linalg.norm(np.diff(plan.path, axis=0), axis=1).sum())
-    assert plan.length_unit == "rad" and plan.obstacle_distance > 0.0
+    assert plan.length_unit == "rad"
 
 
 def test_a_continuous_joint_takes_the_shorter_direction():
     space = space_of(kind="continuous", limits=None)
-    assert planners.choices(space) == ((*planners.planner_names(), "BiRRT"), ("holonomic",), ())
+    assert planners.choices(space) == ((*planners.planner_names(), "BiRRT"), ())
     plan = planners.plan(space, (3.0, 0.4), (-3.0 + 4 * np.pi, 0.4))
     # Rows are interpolated linearly, so the second angle exceeds half a turn.
     np.testing.assert_allclose(plan.path, [(3.0, 0.4), (2 * np.pi - 3.0, 0.4)])

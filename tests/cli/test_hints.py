@@ -53,7 +53,7 @@ FILES = {
     (f"{PLAN} --planner gird", "did you mean"),
     (
         f"{PLAN_TURNING} --drive dubins",
-        "needs the radius of its tightest curve",
+        "a car has a tightest curve",
     ),
     (
         f"{PLAN} --objective clearance --planner RRT",

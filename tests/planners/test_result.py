@@ -49,7 +49,7 @@ def test_the_clearance_of_a_path_bounds_the_clearance_of_its_points(seed, case):
     name, curve = case
     space = build_room(name)
     dim = space.grid.dim
-    edges = local_planner(space, False, make_drive(curve))
+    edges = local_planner(space, make_drive(curve))
     rng = np.random.default_rng(seed)
     first = space.sample_free(rng=rng)
     path = wrap_rotations(space, first + rng.uniform(-0.3, 0.3, (3, len(first))))
@@ -157,7 +157,7 @@ def test_the_obstacle_distance_is_the_minimum_along_the_path(drive):
     boxes = shapely.box(*corners.T, *(corners.T + grid.spacing))
     obstacles = shapely.union_all([*boxes, shapely.box(*grid.lower, *grid.upper).exterior])
     robot = shapely.get_coordinates(shapely.box(-0.3, -0.15, 0.3, 0.15))
-    edges = local_planner(plan.space, False, plan.drive)
+    edges = local_planner(plan.space, plan.drive)
     dense = edges.split_path(plan.waypoints, 0.02, 0.05)
     shapes = shapely.polygons(move_points(robot, dense.points))
     minimum = shapely.distance(shapes, obstacles).min()

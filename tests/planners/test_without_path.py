@@ -113,7 +113,7 @@ def test_an_edge_that_is_proven_free_never_leaves_a_component_of_free_cells(seed
     labels = components(states == FREE, kind)
     q0, q1 = draw_edges(space, rng, 40)
     for word in WORDS if kind == "turning" else WORDS[:1]:
-        check_edge = local_planner(space, False, make_drive(word, 0.3)).edge_checker()
+        check_edge = local_planner(space, make_drive(word, 0.3)).edge_checker()
         free = np.array([check_edge(*a, *b) for a, b in zip(q0.tolist(), q1.tolist(), strict=True)])
         first = find_labels(space, labels, q0)[free]
         assert (first >= 0).all() and (first == find_labels(space, labels, q1)[free]).all()

@@ -53,7 +53,7 @@ def test_rasters_bound_the_exact_shape(kind, angle):
     spacing = 0.07
     rng = np.random.default_rng(3)
     middle = Rotation.random(rng=rng)
-    outer, inner = make(RADIUS, LENGTH).rasters(
+    outer, inner = make(RADIUS, LENGTH).shape.rasters(
         spacing, 0.0, RotationCell(middle.as_matrix(), angle)
     )
     for _ in range(4):
