@@ -15,7 +15,7 @@ from cspace._queries.points import cell_of, is_usable, position_in_plane, state_
 from cspace._record.cells import Map, make_map_record
 from cspace._rotations.lookup import arc_angle_and_error, rotation_along, rotation_cell
 from cspace._support.arrays import FREE, MIXED, Floats, Ints, Numbers, Row, States
-from cspace._support.compiling import inlined, internal, kernel
+from cspace._support.compiling import inlined, kernel
 
 if TYPE_CHECKING:
     from cspace._space import CSpace
@@ -101,7 +101,7 @@ def rotation_before(borders: Floats, numbers: Numbers, end: int) -> Numbers:
     return ()
 
 
-@internal
+@inlined
 def measure_edge(map_: Map, size: int, numbers: Numbers) -> tuple[float, float]:
     """Return the metres and the radians of a straight edge, for compiled callers.
 
@@ -115,7 +115,7 @@ def measure_edge(map_: Map, size: int, numbers: Numbers) -> tuple[float, float]:
     return metres, radians
 
 
-@internal
+@inlined
 def configuration_along(
     map_: Map, size: int, numbers: Numbers, share: float
 ) -> tuple[Row, Numbers]:
