@@ -17,6 +17,7 @@ from cspace.inside import (
     Floats,
     as_contiguous,
     check_finite,
+    check_known,
     check_not_negative,
     check_number,
     check_positive,
@@ -51,9 +52,9 @@ class WeightedLength(ob.OptimizationObjective):
         From a :func:`planners.state_space`.
     space : CSpace
     field : "clearance" or ndarray of float64, optional
-        Source of the value. An array has a value for
-        each cell of each slice, shape (slices, x, y) or (slices, x, y, z), without the first axis
-        for a robot that does not turn. The default is the plain length.
+        Source of the value. An array has a value for each cell of each slice, shape (slices, x, y)
+        or (slices, x, y, z), without the first axis for a robot that does not turn. The default is
+        the plain length.
     offset, slope : float
         Penalty at value zero, and its change per unit of the value.
     weight : float
@@ -94,7 +95,9 @@ class WeightedLength(ob.OptimizationObjective):
         offset = check_number(offset, "offset")
         slope = check_number(slope, "slope")
         check_has_cells(space)
-        if field is not None and not isinstance(field, str):
+        if isinstance(field, str):
+            check_known(field, "field", ["clearance"])
+        elif field is not None:
             field = _check_costs(field, space)
         edges = local_planner(space, drive)
         self._field = field

@@ -362,7 +362,7 @@ def test_what_does_not_fit_into_memory_is_built_in_tiles_and_smaller_windows(tmp
             _ = lazy.outer
     tiled = cspace.build(lazy, "disc:0.1", store=tmp_path / "map.zarr", tile=512)
     with monkeypatch.context() as patch:
-        patch.setattr("cspace._support.limits.free_bytes", lambda: 10_000_000)
+        patch.setattr("cspace._support.limits.free_bytes", lambda: 4_000_000)
         with pytest.raises(InputError, match="the window has"):
             tiled.window((0, 0), (30, 30))
         assert tiled.window((0, 0), (1, 1)).grid.size
