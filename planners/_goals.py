@@ -121,7 +121,7 @@ class Near(Goal):
     >>> workspace = cspace.Workspace.from_array(np.zeros((40, 30), dtype=bool), 0.1)
     >>> space = cspace.build(workspace, cspace.Robot.disc(0.3))
     >>> round(planners.plan(space, (1.0, 1.5), planners.Near((3.5, 1.5), 0.5)).length, 3)
-    2.001
+    2.0
     """
 
     configuration: PlaceLike
