@@ -8,18 +8,17 @@ from typing import TYPE_CHECKING, Any, Final, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace._shapes import BallSet
 from cspace.errors import InputError
 from cspace.inside import Balls, Floats, check_finite
+from cspace.spectral._decompose import BallDecomposition
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
     from cspace import Robot
 
-BallsLike: TypeAlias = "BallSet | Robot | tuple[ArrayLike, ArrayLike]"
-"""Types that give balls: an object with ``centers`` and ``radii``, a robot of balls, or a pair of
-arrays."""
+BallsLike: TypeAlias = "BallDecomposition | Balls | Robot | tuple[ArrayLike, ArrayLike]"
+"""Types that give balls: a decomposition, a shape or robot of balls, or centers and radii."""
 
 Rotates: TypeAlias = "ArrayLike | Rotation"
 """Types of a rotation: an angle in the plane, radians, a matrix (d, d), or a scipy Rotation."""
@@ -36,7 +35,7 @@ def as_balls(source: BallsLike, name: str, dim: int | None = None) -> Balls:
     pair: Any = source
     if not isinstance(source, tuple):
         for balls in (source, getattr(source, "shape", None)):  # a robot's shape has its balls
-            if isinstance(balls, BallSet):
+            if isinstance(balls, BallDecomposition | Balls):
                 pair = (balls.centers, balls.radii)
                 break
     if not isinstance(pair, tuple | list) or len(pair) != 2:

@@ -17,9 +17,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace._support.check import check_unmasked
 from cspace.errors import InputError
-from cspace.inside import Floats, check_finite, check_word
+from cspace.inside import Floats, check_finite, check_real, check_word
 
 Radial = Callable[[Floats], Floats]
 """Function of the distance from the center, in radii, or of a frequency."""
@@ -69,11 +68,8 @@ class Bump:
 
     def __post_init__(self) -> None:
         """Check the exponent."""
-        check_unmasked(self.alpha, "alpha")
-        try:
-            alpha = float(self.alpha)
-        except (TypeError, ValueError):
-            alpha = math.nan
+        given = check_real(self.alpha, "alpha")
+        alpha = math.nan if given.ndim else float(given)
         # Smallest and largest finite exponent of a bump.
         low, high = 0.01, 1e4
         if not (low <= alpha <= high or alpha == math.inf):

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace import Grid
-from cspace._shapes import Polygons
 from cspace.errors import InputError
 from cspace.inside import (
     Balls,
@@ -21,6 +20,7 @@ from cspace.inside import (
     Row,
     Shape,
     allocating,
+    as_shape,
     build_boxes,
     check_memory,
     kernel,
@@ -92,9 +92,9 @@ class ShapeBoundary:
     def __init__(self, shape: ExactShape) -> None:
         """Take a shape's boundary; raise InputError for balls."""
         exact = shape
-        if isinstance(shape, Polygons):
+        if shape.kind == "polygon":
             # Unite overlapping polygons, so that only the boundary of the union remains.
-            exact = Polygons([shape.outline])
+            exact = as_shape(shape.outline).outer
         self.pieces, radii = exact.boundary()
         if radii.any():
             raise InputError(

@@ -27,7 +27,7 @@ MOST_NAMES = {
     "cspace/plot": 0,
     "cspace/reasons": 8,
     "cspace/regions": 0,
-    "cspace/spectral": 3,
+    "cspace/spectral": 0,
     "cspace/_tiles": 1,
     "cspace/view": 0,
 }
