@@ -2,8 +2,8 @@
 OMPL's planners on one map, side by side
 ========================================
 
-Every geometric planner that the installed OMPL binds is called by its name. The map answers them
-all, and proves each path anew when it is there.
+Each geometric planner of the installed OMPL, except AORRTC, is called by its name. The map answers
+them all, and proves each path anew when it is there.
 """
 
 import matplotlib.pyplot as plt

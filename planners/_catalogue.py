@@ -174,7 +174,8 @@ class Search:
     Attributes
     ----------
     name : str, optional
-        Name of the planner, in upper or lower case; by default that of the space and the drive.
+        Name of the planner, in upper or lower case; by default that of the space and the drive. On
+        a map, ``iterations`` alone are those of RRTConnect, or for a forward car of RRT.
     iterations : int, optional
         Largest number of iterations of a planner of OMPL, or of BiRRT's further searches.
     simplify : bool

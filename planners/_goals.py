@@ -97,8 +97,8 @@ class Near(Goal):
 
     As the goal or a place on the way of :func:`planners.plan`, the path ends where it first comes
     so near. A start that is not proven free is moved to the center of the nearest FREE cell, if
-    that is at most ``distance`` away, where a radian counts half a metre. :attr:`Plan.status` says
-    so. The robot's motion to that cell is not proven.
+    that is at most ``distance`` plus half of ``angle`` away, where a radian counts half a metre.
+    :attr:`Plan.status` says so. The robot's motion to that cell is not proven.
 
     Attributes
     ----------

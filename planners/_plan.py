@@ -186,7 +186,7 @@ def plan(
     start, goal : place
         A configuration by the axes of the space, such as ``(x, y, yaw)`` in metres and radians, or
         a number for each joint. The start may be a message that :func:`cspace.ros.configuration_of`
-        or :meth:`cspace.Arm.configuration` takes, and :class:`planners.Near`. The goal may be a
+        or :meth:`cspace.Arm.configuration` takes, or :class:`planners.Near`. The goal may be a
         :class:`cspace.PoseGoal` for an arm, and on a map :class:`planners.Near`, ``(x, y, None)``
         for any yaw, a polygon of shapely as a region of positions, or ``(polygon, yaw)``; or a list
         of alternatives. A list of numbers is one configuration, a region and a number are one
