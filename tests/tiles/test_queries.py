@@ -10,6 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import cspace
+from cspace._rotations.lookup import OMPL_EQUALITY_SLACK
+from cspace._tiles.motions import TINY_ARC_SLACK
 from cspace.errors import InputError
 from tests.helpers.handmade import build_empty, fill_boxes
 from tests.helpers.maps import proven_paths
@@ -177,6 +179,12 @@ def test_a_motion_between_nearly_equal_quaternions_is_free_at_both_everywhere(tm
         q[end, :, 3:] = quaternion / np.linalg.norm(quaternion)
     expected = space.motion_is_free(*q)
     assert expected.any() and not (tiled.motion_is_free(*q) & ~expected).any()
+
+
+def test_tiles_take_quaternions_as_equal_if_ompl_does_and_only_if_the_look_up_does():
+    # OMPL's 1e-9 is 3e-9 between unit quaternions, because the norms of its own are off by 1e-9.
+    rounding = 1e-14
+    assert 3e-9 + rounding < TINY_ARC_SLACK < OMPL_EQUALITY_SLACK - rounding
 
 
 def test_motions_read_only_the_tiles_they_cross(tmp_path):
