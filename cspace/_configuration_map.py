@@ -554,9 +554,11 @@ class ConfigurationMap(ConfigurationSpace):
         return bad
 
     def _explain_tube(self, rows: Floats, radii: Floats) -> tuple[tuple[str, ...], str]:
-        """Return obstacles near the first unproven row, shape (n, size), and a sentence."""
+        """Return obstacles near a tube's first unproven instant, and a sentence.
+
+        If all instants are proven, the tube fails between them, and the first one stands for it.
+        """
         are_free = tubes_are_free(self, rows, rows, np.tile(radii, (len(rows), 1)))
-        # If all of them are free, the tube is not somewhere between.
         q = rows[int(are_free.argmin())]
         names = self._name_obstacles(q, radii[: self.dim], float(radii[self.dim :].sum()))
         where = ", ".join(f"{value:.6g}" for value in q.tolist())

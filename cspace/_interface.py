@@ -1064,9 +1064,10 @@ class ConfigurationSpace(Space):
 
     @abstractmethod
     def _explain_tube(self, rows: Floats, radii: Floats) -> tuple[tuple[str, ...], str]:
-        """Return the names near an unproven tube, and a text.
+        """Return names of obstacles near an unproven tube, and a sentence.
 
-        ``rows``, shape (n, size), are instants of its motion.
+        A tube has all configurations within ``radii``, shape (k,), of a motion, in metres and
+        radians; a quaternion has one radius. ``rows``, shape (n, size), are instants of the motion.
         """
 
     def _find_unusable(self, rows: Floats) -> int:

@@ -48,26 +48,30 @@ a dead end last."""
 
 
 class Estimate(NamedTuple):
-    """Estimate of the remaining cost: that of positions, and that of rotations, in cells.
+    """Estimate of the cost from a node to the goal.
+
+    A node is a position and a rotation, and has the sum of their costs. The cost of a position is
+    that of its block, a cube of positions, as far as a guide has reached blocks.
 
     Attributes
     ----------
     weight : float
         Factor of the estimate.
     shape : tuple of int
-        Number of nodes along each axis.
+        Number of positions along each axis.
     goal : tuple of int
-        Node ``(x, y, z)`` of the goal.
+        Position ``(x, y, z)`` of the goal.
     positions : ndarray of float32, shape (directions, x, y, z), or empty
-        Cost from each reached block of nodes, in blocks; empty for the cost without obstacles.
+        Cost from each reached block to the goal, in blocks; empty for the cost without obstacles.
     reached : ndarray of int32 or int64, the shape of positions
         Nonzero for blocks that the guide has reached.
     side : int
-        Nodes along each side of a block.
+        Positions along each side of a block.
     bound : ndarray of float64, shape (1,)
-        Cost of the chains from the start to the goal through any other block, in blocks, at least;
-        -inf if no chain leads through these.
+        Lower bound of the cost, in blocks, of chains from start to goal through unreached blocks;
+        -inf if there are none.
     rotations : ndarray of float64, shape (rotations,)
+        Cost of turning from each rotation to that of the goal, in cells.
     """
 
     weight: float

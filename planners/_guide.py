@@ -219,9 +219,13 @@ class Guide:
             )
 
     def avoid(self, blocks: Bools) -> None:
-        """Make passable blocks (x, y, z) dear; measure all chains anew."""
+        """Raise the costs of blocks, and restart the search from the goal.
+
+        ``blocks``, shape (x, y, z), is True for those that a stalled search never entered.
+        """
         costs = self._blocks.costs[:, blocks]
-        # Factor of the cost in a block that a search found no way into.
+        # Almost any detour costs less than a block with this factor, which stays passable. Zero
+        # marks a block that is not examined yet.
         self._blocks.costs[:, blocks] = np.where(costs > 0.0, costs + 1e4, 0.0)
         if self._guide is not None:
             self._guide.avoid(blocks)

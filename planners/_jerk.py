@@ -417,12 +417,16 @@ def find_time(speed: float, acceleration: float, jerk: float, most: float, lengt
 
 
 @internal
-def lower_ramp(factors: Floats, number: int, by_acceleration: float, by_jerk: float) -> None:
-    """Lower a ramp's factors of acceleration and jerk, within what one round may change."""
+def lower_ramp(factors: Floats, ramp: int, by_acceleration: float, by_jerk: float) -> None:
+    """Lower the factors of a ramp's acceleration and jerk.
+
+    ``factors``, shape (5,), are those of the limits of :func:`fill_leg`; ``ramp`` is 0 or 1. One
+    round lowers a limit by a factor from MOST_LESS to LEAST_LESS.
+    """
     by_acceleration = min(max(by_acceleration, MOST_LESS), LEAST_LESS)
     by_jerk = min(max(by_jerk, MOST_LESS), LEAST_LESS)
-    factors[2 * number] = min(factors[2 * number], by_acceleration)
-    factors[2 * number + 1] = min(factors[2 * number + 1], by_jerk)
+    factors[2 * ramp] = min(factors[2 * ramp], by_acceleration)
+    factors[2 * ramp + 1] = min(factors[2 * ramp + 1], by_jerk)
 
 
 @internal

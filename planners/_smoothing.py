@@ -107,20 +107,20 @@ class Junction(NamedTuple):
 
 
 class Polyline(NamedTuple):
-    """A path without its turns on the spot, as m edges with times and waypoints.
+    """A path's m edges and m + 1 waypoints, without turns on the spot.
 
-    Coordinates are added like vectors: translations and angles, or only x and y of a robot that
-    drives. Times are seconds at full speed.
+    Its k coordinates are added like vectors: translations and angles, or only x and y of a robot
+    that drives. Times are seconds at full speed.
     """
 
-    edges: Segments
+    edges: Segments  # m straight ones
     numbers: Ints  # (m,), numbers of these edges in the path
     signs: Ints  # (m,), 1 if the robot drives ahead, -1 in reverse, 0 if it need not point ahead
     rates: Floats  # (m, k), changes of the coordinates per second
     ramps: Floats  # (m,), seconds in which the robot reaches full speed
     times: Floats  # (m + 1,), seconds from the start to each waypoint
     waypoints: Floats  # (m + 1, k), coordinates of the ends of the edges
-    outward: Floats  # (m + 1, k), unit vectors away from the inside of corners, per full speed
+    outward: Floats  # (m + 1, k), gradients of the time by which a point is outside a corner
     via_points: Floats  # (m + 1, k), points just outside the corners
     stops: Bools  # (m + 1,), True if the robot must stop at the waypoint
     held: Bools  # (m + 1,), True if it must pass through the waypoint

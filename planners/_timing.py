@@ -215,10 +215,10 @@ def find_phases(
     begin: float = 0.0,
     begin_speed: float = 0.0,
 ) -> Phases | None:
-    """Return the fastest motion along segments, as stretches of one acceleration each.
+    """Return the phases of the fastest motion along segments.
 
-    It begins at a length along the first segment, at a speed, and ends at rest. None if the robot
-    is too fast to stop.
+    It begins at the length ``begin`` along the first segment, with ``begin_speed``, a length per
+    second, and ends at rest. Returns None if the robot is too fast to stop.
     """
     intervals = measure_intervals(segments, rotations, bounds, begin)
     lengths = intervals.lengths

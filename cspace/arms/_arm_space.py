@@ -1004,7 +1004,7 @@ class ArmSpace(ConfigurationSpace):
         return self.arm.configuration(msg)
 
     def _explain_tube(self, rows: Floats, radii: Floats) -> tuple[tuple[str, ...], str]:
-        """Name the link that comes nearest to touching at instants of a tube, and the other."""
+        """Name the bodies that come nearest to touching in a tube."""
         snapshot = self.snapshot
         outer = snapshot.outer
         displacements = snapshot.bound_displacements(radii[np.newaxis])[0]

@@ -474,7 +474,7 @@ def conflicts(
     sweepers = [make_sweeper(*each) for each in robots.values()]
     elements: dict[str, Element] = {}
     for key, (_, lanes) in robots.items():
-        _add_elements(elements, key, lanes)
+        elements |= _list_elements(key, lanes)
     outlines: Any = np.concatenate([sweeper.outlines for sweeper in sweepers])
     stands = [
         pose
@@ -518,23 +518,28 @@ def _check_same_map(space: ConfigurationMap, other: ConfigurationMap, name: str)
         raise InputError(f"others[{name!r}]", problem, rule)
 
 
-def _add_elements(elements: dict[str, Element], robot: str, graph: RouteGraph) -> None:
-    """Add the lanes and nodes of a graph to the elements, each by a name of its own."""
+def _list_elements(robot: str, graph: RouteGraph) -> dict[str, Element]:
+    """Return a graph's lanes, then its nodes, by unique names.
+
+    Names begin with the name of the robot, unless it is empty.
+    """
+    elements: dict[str, Element] = {}
     prefix = f"{robot} " if robot else ""
-    twins: Counter[str] = Counter()
+    counts: Counter[str] = Counter()
     for number, lane in enumerate(graph.lanes):
         ends = lane.start, lane.end
         start, end = (graph.names[node] for node in ends)
         name = f"{prefix}{lane.name}: {start} to {end}"
-        twins[name] += 1
+        counts[name] += 1
+        if counts[name] > 1:  # another lane between the same nodes has this name
+            name = f"{name} ({counts[name]})"
         nodes = tuple(graph.places[node] for node in ends)
-        element = Element(robot, "lane", nodes, lane.mutex, line_of(graph, number))
-        elements[f"{name} ({twins[name]})" if twins[name] > 1 else name] = element
-    for name, place in zip(graph.names, graph.places, strict=True):
-        group = graph.node_mutexes.get(name, "")
-        elements[f"{prefix}node {name}"] = Element(
-            robot, "node", (place,), group, np.array([place])
-        )
+        elements[name] = Element(robot, "lane", nodes, lane.mutex, line_of(graph, number))
+    for node, place in zip(graph.names, graph.places, strict=True):
+        group = graph.node_mutexes.get(node, "")
+        line = np.array([place])
+        elements[f"{prefix}node {node}"] = Element(robot, "node", (place,), group, line)
+    return elements
 
 
 def _judge_pairs(

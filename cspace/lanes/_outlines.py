@@ -198,7 +198,7 @@ def _with_yaw(points: Floats) -> Floats:
 def _list_turns(space: ConfigurationMap, graph: RouteGraph) -> SweepPieces:
     """List each node's turns on the spot, or its pose."""
     rows = []
-    deviations = deviations_of(graph)[len(graph.lanes) :].tolist()
+    deviations = list_deviations(graph)[len(graph.lanes) :].tolist()
     for node, intervals in enumerate(_list_node_yaws(space, graph)):
         place = graph.places[node]
         number = len(graph.lanes) + node
@@ -210,8 +210,11 @@ def _list_turns(space: ConfigurationMap, graph: RouteGraph) -> SweepPieces:
     return SweepPieces(table[:, :3], table[:, 3:6], 0.0 * table[:, 6], table[:, 6], elements, is_on)
 
 
-def deviations_of(graph: RouteGraph) -> Floats:
-    """Return how far a robot may stray from each lane and node, metres."""
+def list_deviations(graph: RouteGraph) -> Floats:
+    """List how far a robot may stray from each element, metres.
+
+    Lanes come first, then nodes. A node has the largest deviation of the lanes that end there.
+    """
     lanes = np.array([lane.deviation for lane in graph.lanes], dtype=np.float64)
     nodes = np.zeros(len(graph.names))
     ends = np.array([(lane.start, lane.end) for lane in graph.lanes], dtype=np.int64)
@@ -381,7 +384,7 @@ def make_sweeper(space: ConfigurationMap, graph: RouteGraph) -> Sweeper:
     count = len(graph.lanes) + len(graph.names)
     begins = np.searchsorted(pieces.elements, np.arange(count + 1))
     outlines = make_outlines(body, pieces, count)
-    return Sweeper(body, pieces, begins, deviations_of(graph), outlines)
+    return Sweeper(body, pieces, begins, list_deviations(graph), outlines)
 
 
 class Touches(NamedTuple):

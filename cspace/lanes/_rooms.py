@@ -89,11 +89,16 @@ def measure_rooms(
         return prove_outline(rows, [*around, around[0]], 0.5 * (high - low) + height)
 
     def prove_strip(side: float, rows: Ints, low: Floats, high: Floats) -> Bools:
-        """Return whether cells prove strips beside motions free, by the strips' borders."""
-        first, last, none = motions.starts, motions.ends, 0.0 * low
-        corners = [(first, none, side * low), (first, none, side * high)]
-        corners += [(last, none, side * high), (last, none, side * low)]
-        # Width, in cells, of strips that cells prove by their outline.
+        """Return whether cells prove strips beside straight motions free.
+
+        Strip k lies between the distances ``low[k]`` and ``high[k]`` from motion ``rows[k]``,
+        metres, on its left if ``side`` is 1, on its right if it is -1.
+        """
+        start, end = motions.starts, motions.ends
+        along = np.zeros_like(low)
+        corners = [(start, along, side * low), (start, along, side * high)]
+        corners += [(end, along, side * high), (end, along, side * low)]
+        # No cell fits inside a strip this narrow: any that meets it meets its outline.
         is_narrow = high - low < 0.9 * space.grid.spacing
         return is_narrow & prove_outline(rows, corners, 0.0)
 

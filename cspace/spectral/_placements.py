@@ -409,11 +409,11 @@ class _Search:
             size += 2 * dim - 3
         spacing = float((1.0 / self.fields.cells_per_metre).min())
 
-        def move(x: Floats) -> tuple[Rotation, Placements]:
-            """Move the body's poses by steps x, in lattice spacings; return turns and poses.
+        def move_poses(x: Floats) -> tuple[Rotation, Placements]:
+            """Move all poses by steps; return their turns and the moved poses.
 
-            Each pose has the entries of a translation, then of a turn of A: arcs at its radius of
-            gyration.
+            ``x``, shape (n * size,), has for each pose a translation of A, and then its turn, as
+            arcs at its radius of gyration; all in lattice spacings.
             """
             steps = spacing * x.reshape(-1, size)
             # A turn in the plane is one about z.
@@ -424,7 +424,7 @@ class _Search:
 
         def evaluate(x: Floats) -> tuple[Floats, Floats]:
             """Return scores after steps x, and derivatives, (n, size)."""
-            turns, moved = move(x)
+            turns, moved = move_poses(x)
             arms = self.body.centers @ np.swapaxes(moved.rotations, 1, 2)
             sums = self.fields.evaluate(moved.translations[:, None] + arms)
             # The derivative by the center of a ball is a force on it; turns feel its moment.
@@ -444,4 +444,4 @@ class _Search:
         start = np.zeros(len(poses.scores) * size)
         # Relative rise of the summed scores at which an ascent ends.
         found = minimize(descend, start, jac=True, method="L-BFGS-B", tol=1e-5)
-        return move(found.x)[1]._replace(scores=evaluate(found.x)[0])
+        return move_poses(found.x)[1]._replace(scores=evaluate(found.x)[0])
