@@ -70,8 +70,8 @@ animate(space, plan, "cars_film.gif", True, seconds=8)
 # -----------------------
 #
 # Every curve of a certified plan is free along its whole length. ``is_connected`` is about a robot
-# that may rotate in place, so it need not hold for a car; ``is_disconnected`` holds for cars too. A
-# smaller turning radius allows more paths:
+# that moves in any direction, so it need not hold for a car; ``is_disconnected`` holds for cars too.
+# A smaller turning radius allows more paths:
 
 for radius in (3.0, 4.0, 7.0):
     plan = planners.plan(

@@ -3,7 +3,7 @@ First hour: a fleet
 ===================
 
 Two kinds of robots share a hall. Each pair of lanes and nodes is proven apart, or has two poses that
-touch. Then two motions on one crossing are proven apart in time. For Nav2's depot, give its file:
+touch, or is undecided. Then two motions on one crossing are proven apart in time. For Nav2's depot, give its file:
 ``python fleets.py depot.yaml``.
 """
 

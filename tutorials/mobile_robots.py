@@ -21,9 +21,9 @@ from cspace.plot import save_plot
 # -------
 #
 # A workspace holds the obstacles: here the floor plan of a flat, 16 m by 10 m, as polygons of
-# shapely. With your own map, write ``cspace.Workspace.from_ros_map("map.yaml")``, or ``Workspace.open`` for any
-# supported file. A robot is a shape whose reference point is the origin. ``build`` returns the map
-# of its configurations.
+# shapely. With your own map, write ``cspace.Workspace.from_ros_map("map.yaml")``, or
+# ``Workspace.open`` for any supported file. A robot is a shape whose reference point is the origin.
+# ``build`` returns the map of its configurations.
 
 walls = [  # x, y, width, height; a gap between two walls is a door
     (0.2, 5.0, 3.0, 0.15),
@@ -79,8 +79,8 @@ print(space.is_disconnected(start, store_room))
 # Plan
 # ----
 #
-# By default the map itself is searched; ``planner`` names any geometric planner of OMPL. The map checks the finished plan again: ``certified`` means that it proved each edge
-# free.
+# By default the map itself is searched; ``planner`` names another search, or a geometric planner of
+# OMPL. The map checks the finished plan again: ``certified`` means that it proved each edge free.
 
 plan = planners.plan(space, start, goal, seed=4)
 print(plan)
