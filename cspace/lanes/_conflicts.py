@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple, TypeAlias
@@ -135,7 +135,7 @@ class Conflicts:
         Distance that two robots must keep, metres.
     elements : dict of str to Element
         Lanes and nodes by their names, such as "7: a to b" and "node a", or "tug node a" of a robot
-        with a name.
+        with a name. Names that repeat are numbered, as "7: a to b (2)".
     outlines : dict of str to shapely geometry
         A polygon, in metres, proven to hold the robot, with its margin, everywhere on an element;
         of several polygons for a robot in several parts.
@@ -472,9 +472,7 @@ def conflicts(
         robots[key] = other, open_graph(other, lanes, f"others[{key!r}]")
         _check_same_map(space, other, key)
     sweepers = [make_sweeper(*each) for each in robots.values()]
-    elements: dict[str, Element] = {}
-    for key, (_, lanes) in robots.items():
-        elements |= _list_elements(key, lanes)
+    elements = _list_elements(robots)
     outlines: Any = np.concatenate([sweeper.outlines for sweeper in sweepers])
     stands = [
         pose
@@ -518,28 +516,32 @@ def _check_same_map(space: ConfigurationMap, other: ConfigurationMap, name: str)
         raise InputError(f"others[{name!r}]", problem, rule)
 
 
-def _list_elements(robot: str, graph: RouteGraph) -> dict[str, Element]:
-    """Return a graph's lanes, then its nodes, by unique names.
-
-    Names begin with the name of the robot, unless it is empty.
-    """
+def _list_elements(robots: Mapping[str, tuple[Any, RouteGraph]]) -> dict[str, Element]:
+    """List each robot's lanes, then its nodes, by unique names."""
     elements: dict[str, Element] = {}
-    prefix = f"{robot} " if robot else ""
-    counts: Counter[str] = Counter()
+    repeats: Counter[str] = Counter()
+    for robot, (_, graph) in robots.items():
+        for element_name, element in _name_elements(robot, graph):
+            name = f"{robot} {element_name}" if robot else element_name
+            unique = name
+            while unique in elements:
+                repeats[name] += 1
+                unique = f"{name} ({repeats[name] + 1})"
+            elements[unique] = element
+    return elements
+
+
+def _name_elements(robot: str, graph: RouteGraph) -> Iterator[tuple[str, Element]]:
+    """Yield the lanes of a graph, then its nodes, each after its name."""
     for number, lane in enumerate(graph.lanes):
         ends = lane.start, lane.end
         start, end = (graph.names[node] for node in ends)
-        name = f"{prefix}{lane.name}: {start} to {end}"
-        counts[name] += 1
-        if counts[name] > 1:  # another lane between the same nodes has this name
-            name = f"{name} ({counts[name]})"
         nodes = tuple(graph.places[node] for node in ends)
-        elements[name] = Element(robot, "lane", nodes, lane.mutex, line_of(graph, number))
+        element = Element(robot, "lane", nodes, lane.mutex, line_of(graph, number))
+        yield f"{lane.name}: {start} to {end}", element
     for node, place in zip(graph.names, graph.places, strict=True):
         group = graph.node_mutexes.get(node, "")
-        line = np.array([place])
-        elements[f"{prefix}node {node}"] = Element(robot, "node", (place,), group, line)
-    return elements
+        yield f"node {node}", Element(robot, "node", (place,), group, np.array([place]))
 
 
 def _judge_pairs(

@@ -547,6 +547,17 @@ def test_tiles_and_graphs_with_names_that_repeat(tmp_path):
     assert found.counts == cspace.lanes.conflicts(build("arrow"), twice).counts
 
 
+def test_names_that_repeat_between_robots_or_kinds_are_numbered(spaces):
+    space = spaces["arrow"]
+    nodes, names = [(1, 2), (4, 2), (1, 4)], ["a", "b", "x: a to b"]
+    first = RouteGraph.from_arrays(nodes, [(0, 1)], names=names, edge_names=["node x"])
+    second = RouteGraph.from_arrays(nodes, [(0, 1)], names=names, edge_names=["x"])
+    found = cspace.lanes.conflicts(space, first, others={"node": (space, second)})
+    alike = [name for name in found.elements if name.startswith("node x: a to b")]
+    assert alike == ["node x: a to b", "node x: a to b (2)", "node x: a to b (3)"]
+    assert [found.elements[name].kind for name in alike] == ["lane", "node", "lane"]
+
+
 @pytest.mark.parametrize("far", [1e6, 1e15, 1e100])
 def test_nodes_far_away_do_not_harm_near_pairs(spaces, far):
     nodes = [(1, 1), (3, 1), (1, 2), (3, 2), (far, 5.0)]
