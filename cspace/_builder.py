@@ -217,7 +217,7 @@ def build(
     """
     margin = check_not_negative(margin, "margin")
     cells = Rotations.of(rotations)
-    _check_types(workspace, robot, progress)
+    _check_types(workspace, progress)
     robot = robot_of(robot)
     _check_options(workspace, robot, cells, method, counts, outside, workers)
     explained = _warn_of_units(workspace.grid, robot, cells, margin, outside)
@@ -330,16 +330,14 @@ def build_contents(
     return contents, rasters
 
 
-def _check_types(workspace: object, robot: object, progress: object = None) -> None:
-    """Raise InputError unless the arguments of :func:`build` have their types and order."""
+def _check_types(workspace: object, progress: object = None) -> None:
+    """Raise InputError unless arguments of :func:`build` have their types."""
     if progress is not None and not callable(progress):
         rule = "it is called with the steps done and all steps"
         raise InputError("progress", f"is {progress!r}", rule)
     if not isinstance(workspace, Workspace):
         problem = f"is a {type(workspace).__name__}"
         raise InputError("workspace", problem, "it must be a Workspace")
-    if isinstance(robot, Workspace):
-        raise InputError("robot", "is a Workspace", "it must be a Robot")
 
 
 def _check_options(
@@ -537,7 +535,7 @@ def suggest(
     """
     gap = check_positive(gap, "gap")
     check_word(rotations, "rotations", tuple(_TURN_AXES))
-    _check_types(workspace, robot)
+    _check_types(workspace)
     robot = robot_of(robot)
     # The options are the defaults of ``build``, because only the dimensions need a check.
     _check_options(workspace, robot, Rotations.of(None), "auto", False, "blocked", None)

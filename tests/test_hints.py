@@ -35,7 +35,7 @@ def build_tiles(folder, **options):
     ),
     (
         lambda _: build(FLOOR, FLOOR),
-        "it must be a Robot",
+        "robot is a Workspace; a polygon or a mesh is needed",
     ),
     (
         lambda _: build(FLOOR, Robot.ball(0.1)),
