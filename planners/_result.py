@@ -138,7 +138,8 @@ class Plan:
     drive : Car, Differential or None
         Motion of the robot along edges; None for a holonomic robot.
     exact : bool
-        Whether the geometry itself decided edges in MIXED cells; for an arm it always does.
+        Whether the geometry itself decided edges in MIXED cells; True for an arm and a space of
+        your own.
     seed : int or None
         Seed of the random numbers.
     time_limit : float or None
