@@ -5,6 +5,7 @@ from ._bodies.cores import Cores as Cores
 from ._bodies.triangle_proofs import build_boxes as build_boxes
 from ._configuration_map import ConfigurationMap as ConfigurationMap
 from ._configuration_map import suggest_endpoint as suggest_endpoint
+from ._engines import find_overlaps as find_overlaps
 from ._engines.slices import list_slice_cells as list_slice_cells
 from ._engines.slices import slice_rasters as slice_rasters
 from ._exact.proofs import Geometry as Geometry
@@ -86,7 +87,6 @@ from ._support.arrays import frozen as frozen
 from ._support.arrays import number_parts as number_parts
 from ._support.arrays import reduce_blocks as reduce_blocks
 from ._support.check import AXES as AXES
-from ._support.check import MAX_NUMBER as MAX_NUMBER
 from ._support.check import check_count as check_count
 from ._support.check import check_finite as check_finite
 from ._support.check import check_known as check_known

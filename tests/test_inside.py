@@ -15,6 +15,7 @@ OF_ONE_ROOM = {
     "Cores",
     "Mesh",
     "cache_folder",
+    "find_overlaps",
     "list_slice_cells",
     "measure_shapes",
     "read_mesh",

@@ -88,6 +88,17 @@ def choose_engine(rasters: Sequence[Raster], *, counts: bool = False) -> str:
     return "direct" if rows <= max_rows else "fft"
 
 
+def find_overlaps(occupied: Bools, rasters: Sequence[Raster], *, outside: bool) -> Bools:
+    """Return a mask of the cells at which each raster meets occupied cells.
+
+    With ``outside``, all cells outside the map are occupied too.
+    """
+    hits = np.zeros((len(rasters), *occupied.shape), dtype=np.bool_)
+    engine = ENGINES[choose_engine(rasters)]
+    engine.write_overlaps(occupied, rasters, list(hits), outside=outside)
+    return hits
+
+
 def _count_rows(cells: Bools) -> int:
     """Return the number of runs of set entries along the last axis."""
     # A run begins at the first entry of a line, or after an entry that is not set.

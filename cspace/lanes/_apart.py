@@ -20,7 +20,6 @@ from cspace import Robot, Rotations, Workspace, build
 from cspace.errors import InputError
 from cspace.inside import (
     AXES,
-    MAX_NUMBER,
     Cores,
     Floats,
     check_finite,
@@ -254,7 +253,8 @@ def _read_mover(mover: object, name: str) -> Timed:
         times, bounds = mover.motion.bound_rates(robot.shape.lever)
         return Timed(robot, mover.motion, pose, velocity, at, *numbers, times, bounds)
     names = (*AXES[:dim], "yaw")[: np.size(mover.motion)]
-    row = check_finite(mover.motion, f"{name}.motion", names, largest=MAX_NUMBER)
+    # Squares of numbers up to this one are finite.
+    row = check_finite(mover.motion, f"{name}.motion", names, largest=1e100)
     if row.shape not in ((dim,), (dim + 1,)):
         axes = ", ".join(AXES[:dim])
         rule = f"it must be a trajectory, or {axes}, and perhaps a yaw, of {robot.name}"

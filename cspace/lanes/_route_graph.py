@@ -14,7 +14,6 @@ from numpy.typing import ArrayLike
 from cspace.errors import InputError
 from cspace.inside import (
     AXES,
-    MAX_NUMBER,
     ContentError,
     Floats,
     Ints,
@@ -145,7 +144,7 @@ class RouteGraph:
             If an argument has another shape, or names are not unique.
         """
         points = check_points(positions, "positions", AXES[:2])
-        check_finite(points, "positions", largest=MAX_NUMBER)
+        check_finite(points, "positions", largest=1e100)  # whose square is finite
         ends = _check_edges(edges, len(points))
         is_one = isinstance(headings, str | HeadingRule) or not np.iterable(headings)
         rules: Iterable[Any] = [headings] * len(ends) if is_one else list(headings)  # type: ignore[arg-type]

@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike
 from scipy import ndimage
 
 from cspace import FREE
-from cspace._obstacles import Obstacle
 from cspace.errors import InputError
 from cspace.inside import STATE_NAMES, Bools, Exterior, Floats, Ints, map_record, slice_rasters
 from cspace.reasons._margins import copy_with_ends, find_cells, find_way, states_of_slices
@@ -265,10 +264,9 @@ def explain(space: CSpace, start: ArrayLike, goal: ArrayLike, refine: bool) -> E
     first, second = points
     verdict = _decide(space, points)
     way = find_way(space, points)
-    named = {name: Obstacle.of(shape, space.grid) for name, shape in space.obstacles.items()}
     position = space.grid.center_of(way.bottleneck[1:])  # without the rotation cell
     # Obstacles at the barrier; if the start or goal is not FREE, those at that end instead.
-    touched, pieces = _list_obstacles(space, named, way.barrier, position)
+    touched, pieces = _list_obstacles(space, way.barrier, position)
     # Number of named obstacles that are removed one by one, to see if a path exists without.
     removed_alone = [
         name for name in touched[:4] if remove_obstacles(space, [name]).is_connected(first, second)
@@ -278,7 +276,7 @@ def explain(space: CSpace, start: ArrayLike, goal: ArrayLike, refine: bool) -> E
     if state:
         number = ("start", "goal").index(end)
         is_blocked = state == "BLOCKED"
-        touched, pieces = _list_obstacles(space, named, cells[[number]], points[number], is_blocked)
+        touched, pieces = _list_obstacles(space, cells[[number]], points[number], is_blocked)
     trial = None
     is_decided = verdict != "undecided"
     if refine:
@@ -318,7 +316,6 @@ def _decide(space: CSpace, points: Floats) -> Verdict:
 
 def _list_obstacles(
     space: CSpace,
-    named: dict[str, Obstacle],
     cells: Ints,
     position: Floats,
     proven: bool = False,
@@ -338,12 +335,12 @@ def _list_obstacles(
     in_grid = touched[inside]
     names = []
     unnamed = (space.workspace.inner if proven else space.workspace.outer).copy()
-    for name, obstacle in named.items():
-        window = tuple(map(slice, *obstacle.box))
-        occupied = obstacle.inner if proven else obstacle.outer
-        if (occupied & in_grid[window]).any():
+    for name, shape in space.obstacles.items():
+        outer, inner = shape.cells(space.grid)
+        occupied = inner if proven else outer
+        if (occupied & in_grid).any():
             names.append(name)
-        unnamed[window] &= ~obstacle.outer
+        unnamed &= ~outer
     # Cells without a name form connected pieces, diagonal neighbours included. A piece is described
     # by its touched cell nearest to the position.
     pieces, _ = ndimage.label(unnamed, structure=np.ones((3,) * unnamed.ndim))

@@ -22,7 +22,7 @@ from __future__ import annotations
 import copy
 import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import cache, cached_property
 from typing import Final, NamedTuple
 
@@ -31,9 +31,6 @@ from numpy.typing import ArrayLike
 from scipy import ndimage
 
 from cspace import BLOCKED, FREE, MIXED, CSpace
-from cspace._engines import ENGINES, choose_engine
-from cspace._queries.distance import ROUNDING_FACTOR, compute_distances
-from cspace._rotations import RotationCell
 from cspace.errors import ConfigurationError, InputError
 from cspace.inside import (
     NEVER,
@@ -46,6 +43,7 @@ from cspace.inside import (
     Raster,
     States,
     cells_of,
+    find_overlaps,
     list_slice_cells,
     map_record,
     slice_rasters,
@@ -251,6 +249,7 @@ class ResizedRobot:
         self.space = space
         self.step = space.grid.spacing / STEPS_PER_CELL
         self.rasters = slice_rasters(space.robot, space.grid.spacing, 0.0, space.rotations)
+        self._rotation_cells = list_slice_cells(space.robot, space.rotations)
         self._levels = cache(self._measure_levels)
 
     def search(
@@ -290,7 +289,7 @@ class ResizedRobot:
         occupied = space.workspace.outer
         if rest > 0.0:
             occupied = grow_cells(occupied, rest, outside, outwards=True)
-        is_free = ~self._collide(occupied, rasters, outside)
+        is_free = ~find_overlaps(occupied, rasters, outside=outside)
         if margin <= space.margin:
             # A window also knows what is FREE by the obstacles around it.
             is_free |= states_of_slices(space) == FREE
@@ -318,7 +317,7 @@ class ResizedRobot:
         occupied = space.workspace.inner
         if rest > 0.0:
             occupied = grow_cells(occupied, rest, outside, outwards=False)
-        hits = self._collide(occupied, rasters, outside)
+        hits = find_overlaps(occupied, rasters, outside=outside)
         if margin >= 0.0:  # as above
             hits |= states_of_slices(space) == BLOCKED
         states = np.where(hits, np.uint8(BLOCKED), np.uint8(MIXED))
@@ -343,16 +342,6 @@ class ResizedRobot:
             )
         )
 
-    def _collide(self, occupied: Bools, rasters: Sequence[Raster], outside: bool) -> Bools:
-        """Return a mask of cells whose raster meets occupied cells, by slice.
-
-        With ``outside``, all space outside the grid is occupied too.
-        """
-        hits = np.zeros((len(rasters), *occupied.shape), dtype=np.bool_)
-        engine = ENGINES[choose_engine(rasters)]
-        engine.write_overlaps(occupied, rasters, list(hits), outside=outside)
-        return hits
-
     def _split_margin(self, margin: float) -> tuple[float, float]:
         """Split a margin into metres of robot and cells of obstacles."""
         spacing = self.space.grid.spacing
@@ -372,18 +361,10 @@ class ResizedRobot:
         return max(float(depths.max(initial=0.0)) for depths in self._inner_depths)
 
     @cached_property
-    def _rotation_cells(self) -> list[RotationCell]:
-        """Rotation cell of each slice."""
-        return list_slice_cells(self.space.robot, self.space.rotations)
-
-    @cached_property
     def outer_depths(self) -> list[Floats]:
         """Upper bounds of depth in each outer offset's box, by slice."""
         planes = Planes.around(self.space.robot.shape.outer)
-        return [
-            bound_depths(planes, outer, cell, self.space.grid.spacing)
-            for (outer, _), cell in zip(self.rasters, self._rotation_cells, strict=True)
-        ]
+        return [self._bound_depths(planes, number) for number in range(len(self.rasters))]
 
     @cached_property
     def _inner_depths(self) -> list[Floats] | None:
@@ -399,10 +380,55 @@ class ResizedRobot:
             return None
         if n_points * n_pieces > MAX_PAIRS:
             return None
-        return [
-            measure_depths(shape, inner, cell, self.space.grid.spacing)
-            for (_, inner), cell in zip(self.rasters, self._rotation_cells, strict=True)
-        ]
+        return [self._measure_depths(shape, number) for number in range(len(self.rasters))]
+
+    def _bound_depths(self, planes: Planes, number: int) -> Floats:
+        """Return upper bounds of depth at the outer offsets of a slice, metres.
+
+        A bound holds in the whole box around an offset.
+
+        The bounds hold at all rotations of the slice, and have the shape of the raster's cells.
+        """
+        raster, _ = self.rasters[number]
+        cell = self._rotation_cells[number]
+        spacing = self.space.grid.spacing
+        # The first bound is the distance to the nearest box without a point of the shape.
+        padded: Floats = ndimage.distance_transform_edt(np.pad(raster.cells, 1), sampling=spacing)
+        bounds = padded[(slice(1, -1),) * padded.ndim]
+        # The second is the depth below each plane, at the corner of the box that is deepest.
+        points = spacing * (np.argwhere(raster.cells) + np.array(raster.lower))
+        normals = planes.normals
+        turned = normals if cell.matrix is None else normals @ cell.matrix.T
+        to_corners = spacing * np.abs(turned).sum(axis=1)
+        below = (planes.heights + to_corners - points @ turned.T).min(axis=1, initial=math.inf)
+        below += cell.displacement(np.abs(points) + spacing)
+        bounds[raster.cells] = np.minimum(bounds[raster.cells], below)
+        return bounds
+
+    def _measure_depths(self, shape: ExactShape, number: int) -> Floats:
+        """Bound the depths of a slice's inner offsets from below, metres.
+
+        The bounds hold at all rotations of the slice. They have the shape of the raster's cells,
+        and are -1 at offsets that the raster lacks.
+        """
+        _, raster = self.rasters[number]
+        cell = self._rotation_cells[number]
+        points = self.space.grid.spacing * (np.argwhere(raster.cells) + np.array(raster.lower))
+        # Points move into the robot's frame by the inverse rotation.
+        in_robot = points if cell.matrix is None else points @ cell.matrix
+        simplices, radii = shape.boundary()
+        if radii.any():
+            # A union of balls: the depth in one of them.
+            gaps = np.linalg.norm(in_robot[:, np.newaxis] - simplices[:, 0], axis=-1)
+            depths = (radii - gaps).max(axis=1, initial=-math.inf)
+        else:
+            depths = np.full(len(points), math.inf)
+            for simplex in simplices:
+                np.minimum(depths, distance_to_simplex(in_robot, simplex), out=depths)
+        depths = depths - cell.displacement(points) - DEPTH_SLACK * (1.0 + shape.span)
+        table = np.full(raster.cells.shape, -1.0)
+        table[raster.cells] = depths
+        return table
 
     def _measure_levels(self, added: int) -> list[Floats]:
         """Return the margins at which offsets enter the grown robot, by slice.
@@ -437,63 +463,23 @@ class ResizedRobot:
         return tables
 
 
-def bound_depths(planes: Planes, raster: Raster, cell: RotationCell, spacing: float) -> Floats:
-    """Return upper bounds of a shape's depth at outer offsets, metres.
-
-    A bound holds in the whole box around an offset.
-
-    The bounds hold at all rotations of the cell, and have the shape of the raster's cells.
-    """
-    # The first bound is the distance to the nearest box without a point of the shape.
-    padded: Floats = ndimage.distance_transform_edt(np.pad(raster.cells, 1), sampling=spacing)
-    bounds = padded[(slice(1, -1),) * padded.ndim]
-    # The second is the depth below each plane, at the corner of the box that is deepest.
-    points = spacing * (np.argwhere(raster.cells) + np.array(raster.lower))
-    normals = planes.normals
-    turned = normals if cell.matrix is None else normals @ cell.matrix.T
-    to_corners = spacing * np.abs(turned).sum(axis=1)
-    below = (planes.heights + to_corners - points @ turned.T).min(axis=1, initial=math.inf)
-    below += cell.displacement(np.abs(points) + spacing)
-    bounds[raster.cells] = np.minimum(bounds[raster.cells], below)
-    return bounds
-
-
 def grow_cells(cells: Bools, distance: float, outside: bool, *, outwards: bool) -> Bools:
     """Grow occupied cells by a distance, in cells.
 
     ``outwards``, the result has all cells that meet the grown region; otherwise, only cells that
     lie in it. With ``outside``, all space outside the grid is occupied too.
     """
-    # An empty box, from cell 0 to -1, and the state of all cells outside.
-    exterior = np.array([*[0] * cells.ndim, *[-1] * cells.ndim, MIXED if outside else FREE])
-    gaps = np.empty(cells.shape, dtype=np.float32)  # between centers
-    compute_distances(cells.view(np.uint8), exterior, gaps)
-    reach = math.sqrt(cells.ndim) / 2.0  # from the center of a cell to a corner
-    gaps = gaps * ROUNDING_FACTOR - reach if outwards else gaps / ROUNDING_FACTOR + reach
-    return np.asarray(gaps <= distance)
-
-
-def measure_depths(shape: ExactShape, raster: Raster, cell: RotationCell, spacing: float) -> Floats:
-    """Bound inner offsets' depths below a surface from below, metres.
-
-    The bounds hold at all rotations of the cell. They have the shape of the raster's cells, and are
-    -1 at offsets that the raster lacks.
-    """
-    points = spacing * (np.argwhere(raster.cells) + np.array(raster.lower))
-    in_robot = points if cell.matrix is None else points @ cell.matrix  # by the inverse rotation
-    simplices, radii = shape.boundary()
-    if radii.any():
-        # A union of balls: the depth in one of them.
-        gaps = np.linalg.norm(in_robot[:, np.newaxis] - simplices[:, 0], axis=-1)
-        depths = (radii - gaps).max(axis=1, initial=-math.inf)
-    else:
-        depths = np.full(len(points), math.inf)
-        for simplex in simplices:
-            np.minimum(depths, distance_to_simplex(in_robot, simplex), out=depths)
-    depths = depths - cell.displacement(points) - DEPTH_SLACK * (1.0 + shape.span)
-    table = np.full(raster.cells.shape, -1.0)
-    table[raster.cells] = depths
-    return table
+    near = np.pad(cells, 1, constant_values=outside)
+    # Each point of a cell has one of another cell as far away as their centers are. Their nearest
+    # points are as far away as the centers of neighbours of theirs, or touch.
+    slack = -1e-9
+    if outwards:
+        near = ndimage.binary_dilation(near, np.ones((3,) * near.ndim))
+        slack = 1e-9
+    if not near.any():  # nothing to measure distances from
+        return cells.copy()
+    gaps = ndimage.distance_transform_edt(~near)[(slice(1, -1),) * near.ndim]
+    return np.asarray(gaps <= distance * (1.0 + slack))
 
 
 def distance_to_simplex(points: Floats, simplex: Floats) -> Floats:

@@ -14,15 +14,13 @@ from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import ndimage, sparse
 from scipy.sparse import csgraph
 
 from cspace import FREE
-from cspace._engines import ENGINES, choose_engine
-from cspace._obstacles import Obstacle
 from cspace.errors import InputError
-from cspace.inside import Bools, Ints, slice_rasters
+from cspace.inside import Ints, find_overlaps, slice_rasters
 from cspace.reasons._margins import copy_with_ends, find_cells, states_of_slices
 
 if TYPE_CHECKING:
@@ -159,17 +157,11 @@ def _compute_masks(space: CSpace, names: Sequence[str]) -> Ints:
     """
     rasters = slice_rasters(space.robot, space.grid.spacing, space.margin, space.rotations)
     outer_rasters = [outer for outer, _ in rasters]
-    engine = ENGINES[choose_engine(outer_rasters)]
-    shape = (len(rasters), *space.grid.shape)
-    masks = np.zeros(shape, dtype=np.int64)
+    masks = np.zeros((len(rasters), *space.grid.shape), dtype=np.int64)
     named = space.obstacles
     for bit, name in enumerate(names):
-        obstacle = Obstacle.of(named[name], space.grid)
-        occupied: Bools = np.zeros(space.grid.shape, dtype=np.bool_)
-        occupied[tuple(map(slice, *obstacle.box))] = obstacle.outer
-        hits: NDArray[np.bool_] = np.zeros(shape, dtype=np.bool_)
-        engine.write_overlaps(occupied, outer_rasters, list(hits), outside=False)
-        masks[hits] |= 1 << bit
+        outer, _ = named[name].cells(space.grid)
+        masks[find_overlaps(outer, outer_rasters, outside=False)] |= 1 << bit
     without = remove_obstacles(space, names)
     masks[states_of_slices(without) != FREE] = NEVER
     return masks

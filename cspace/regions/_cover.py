@@ -18,7 +18,6 @@ from scipy.optimize import nnls
 from cspace import FREE
 from cspace.errors import ConfigurationError, InputError
 from cspace.inside import (
-    MAX_NUMBER,
     Bools,
     DistanceTable,
     Effort,
@@ -224,7 +223,7 @@ def _read_rows(numbers: Any, size: int) -> Floats:
     Raises an error unless they are finite, and not too large.
     """
     rows = np.array(numbers)
-    if rows.size and (rows.dtype.kind not in "if" or not np.abs(rows).max() <= MAX_NUMBER):
+    if rows.size and (rows.dtype.kind not in "if" or not np.abs(rows).max() <= 1e100):
         raise ValueError("an entry is no number, or not finite")
     return rows.astype(np.float64).reshape(-1, size)
 

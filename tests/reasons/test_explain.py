@@ -314,6 +314,15 @@ def test_margins_are_true_and_as_narrow_as_those_of_new_maps(seed):
     assert margin[1] <= refuted - radius + step
 
 
+def test_margins_of_many_cells_are_true_between_two_corners():
+    corners = shapely.box(0, 0, 4, 4), shapely.box(8, 8, 12, 12)
+    workspace = cspace.Workspace.from_polygons(corners, 0.1, bounds=(0, 0, 12, 12))
+    space = cspace.build(workspace, cspace.Robot.disc(0.1))
+    low, high = space.explain((4, 8), (8, 4)).margin
+    # The corners are 4 m apart along both axes.
+    assert low <= math.sqrt(8.0) - 0.1 <= high <= low + 0.7
+
+
 @pytest.mark.parametrize("spacing", [0.02, 0.05])
 def test_refining_narrows_margins(spacing):
     space = build_door(0.55, cspace.Robot.disc(0.3), spacing)
