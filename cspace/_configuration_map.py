@@ -447,6 +447,7 @@ class ConfigurationMap(ConfigurationSpace):
 
         Raises InputError if it is not one configuration, or not finite.
         """
+        q = self._read_message(q)
         point = super().check_configuration(q, name)
         warn_of_degrees(check_finite(q, name, self.axes), self._angles, name)
         return point

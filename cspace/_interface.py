@@ -558,11 +558,12 @@ class Space(ABC):
     def check_configuration(self, q: ArrayLike, name: str = "q") -> Floats:
         """Return one configuration in canonical form, shape (size,).
 
-        Its yaw is in [-pi, pi), and its quaternion has norm 1.
+        Its yaw is in [-pi, pi), and its quaternion has norm 1. ``q`` may be a message with a
+        header: a stamped pose, or the state of an arm's joints.
 
         Raises InputError if it is not one configuration, or not finite. ``name`` is for messages.
         """
-        point = check_finite(q, name, self.axes)
+        point = check_finite(self._read_message(q), name, self.axes)
         if point.shape != (self.size,):
             raise InputError(
                 name,
@@ -640,6 +641,12 @@ class Space(ABC):
                 "the space of an arm is needed for that",
             )
         return [self.check_endpoint(cast("ArrayLike", goal), name)]
+
+    def _read_message(self, q: ArrayLike | object) -> ArrayLike:
+        """Return the configuration of a message with a header, or anything else as it is."""
+        if not (hasattr(q, "header") or (isinstance(q, Mapping) and "header" in q)):
+            return cast("ArrayLike", q)
+        return self._convert_message(q)
 
     def _convert_message(self, msg: object) -> ArrayLike:
         """Return the configuration of a stamped pose."""
@@ -1150,13 +1157,6 @@ def cells_of(space: SpaceT) -> SpaceT:
     says nothing about the rest of its cell. A space without cells is returned as it is.
     """
     return cast(SpaceT, space._cells)
-
-
-def read_message(space: Space, q: ArrayLike | object) -> ArrayLike:
-    """Return the configuration of a message with a header, or anything else as it is."""
-    if not (hasattr(q, "header") or (isinstance(q, Mapping) and "header" in q)):
-        return cast("ArrayLike", q)
-    return space._convert_message(q)
 
 
 def tubes_are_free(space: ConfigurationSpace, starts: Floats, ends: Floats, radii: Floats) -> Bools:

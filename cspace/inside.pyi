@@ -1,6 +1,5 @@
 # Names of the core for packages that stand beside it. Each is imported at its first use.
 
-from ._bodies import MAX_DISTANCES_PER_EDGE as MAX_DISTANCES_PER_EDGE
 from ._bodies.cores import Cores as Cores
 from ._bodies.triangle_proofs import build_boxes as build_boxes
 from ._configuration_map import ConfigurationMap as ConfigurationMap
@@ -30,21 +29,20 @@ from ._interface import Endpoint as Endpoint
 from ._interface import PlaceLike as PlaceLike
 from ._interface import SearchOptions as SearchOptions
 from ._interface import cells_of as cells_of
+from ._interface import gather_goals as gather_goals
 from ._interface import list_alternatives as list_alternatives
-from ._interface import read_message as read_message
 from ._interface import tubes_are_free as tubes_are_free
 from ._queries.any_angle import find_crossed_runs as find_crossed_runs
 from ._queries.batches import as_contiguous as as_contiguous
 from ._queries.callbacks import bind_kernel as bind_kernel
 from ._queries.callbacks import configuration_along as configuration_along
 from ._queries.callbacks import measure_edge as measure_edge
-from ._queries.components import find_cells as find_cells
+from ._queries.components import Components as Components
 from ._queries.components import find_components as find_components
 from ._queries.distance import DistanceTable as DistanceTable
 from ._queries.distance import clearance_at as clearance_at
 from ._queries.edges import tube_is_free as tube_is_free
-from ._queries.heap import pop_first as pop_first
-from ._queries.heap import push as push
+from ._queries.points import slice_of as slice_of
 from ._queries.upright import Upright as Upright
 from ._queries.vehicles import Car as Car
 from ._queries.vehicles import Differential as Differential
@@ -55,11 +53,8 @@ from ._record.cells import map_record as map_record
 from ._record.contents import Contents as Contents
 from ._record.description import collect_arrays as collect_arrays
 from ._record.description import make_metadata as make_metadata
-from ._record.exterior import UNKNOWN as UNKNOWN
 from ._record.exterior import Exterior as Exterior
-from ._record.save import MAP_SUFFIXES as MAP_SUFFIXES
 from ._record.save import MapFolder as MapFolder
-from ._robot import robot_of as robot_of
 from ._rotations.base import ANGLE_SLACK as ANGLE_SLACK
 from ._rotations.base import METRES_PER_RADIAN as METRES_PER_RADIAN
 from ._rotations.base import measure_steps as measure_steps
@@ -73,6 +68,7 @@ from ._shapes import as_shape as as_shape
 from ._shapes.balls import Balls as Balls
 from ._shapes.mesh import Mesh as Mesh
 from ._space import proofs_of as proofs_of
+from ._support import heap as heap
 from ._support import vectors as vectors
 from ._support.arrays import STATE_NAMES as STATE_NAMES
 from ._support.arrays import Bools as Bools
@@ -88,6 +84,7 @@ from ._support.arrays import number_parts as number_parts
 from ._support.arrays import reduce_blocks as reduce_blocks
 from ._support.check import AXES as AXES
 from ._support.check import check_count as check_count
+from ._support.check import check_each as check_each
 from ._support.check import check_finite as check_finite
 from ._support.check import check_known as check_known
 from ._support.check import check_not_negative as check_not_negative

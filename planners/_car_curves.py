@@ -19,7 +19,6 @@ from typing import NamedTuple
 import numpy as np
 
 from cspace.inside import (
-    MAX_DISTANCES_PER_EDGE,
     Floats,
     Geometry,
     Ints,
@@ -47,6 +46,9 @@ it."""
 SNAP_RADIANS = 1e-6
 """Arcs within that many radians below 2 pi are tried as 0, because rounding turns empty arcs into
 loops."""
+
+MAX_UNPROVEN = 10_000
+"""Pieces of a curve that fail before it counts as not proven, because it grazes an obstacle."""
 
 TOUCH_TOLERANCE = 1e-7
 """Largest distance, in turning radii, between the circles of two adjoining arcs, which touch but
@@ -284,7 +286,7 @@ def segment_is_free(
             step = min(2.0 * step, longest)
             continue
         unproven += 1
-        is_too_near = piece <= shortest or unproven == MAX_DISTANCES_PER_EDGE
+        is_too_near = piece <= shortest or unproven == MAX_UNPROVEN
         if is_too_near or not piece_is_free(map_, geometry, radius, center, 0.0, 0.0, spare):
             return False
         step = half

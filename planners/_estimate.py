@@ -10,7 +10,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace.inside import Effort, Floats, internal, pop_first, push, spend
+from cspace.inside import Effort, Floats, heap, internal, spend
 from planners._frontier import Progress, check_deadline, double, make_progress
 
 Cell = tuple[int, int, int]
@@ -104,7 +104,7 @@ def begin_at(start: int, count: int) -> Progress:
     progress = make_progress(count, 2**14)
     # The start is its own predecessor.
     progress.previous[start] = start + 1
-    push(progress, 0.0, start)
+    heap.push(progress, 0.0, start)
     return progress
 
 
@@ -158,7 +158,7 @@ def reach_cell(
     reached = ((rotation * nx + u) * ny + v) * nz + w
     progress.cost[reached] = cost
     progress.previous[reached] = cell + 1
-    push(progress, expected_cost(estimate, progress, reached, rotation, u, v, w), reached)
+    heap.push(progress, expected_cost(estimate, progress, reached, rotation, u, v, w), reached)
 
 
 @internal
@@ -201,7 +201,7 @@ def pop_best(estimate: Estimate, progress: Progress) -> int:
         if not is_closed and not is_known(estimate, 0, u, v, w):
             return UNKNOWN
         former_key = progress.keys[0]
-        pop_first(progress)
+        heap.pop_first(progress)
         if is_closed:
             continue
         if len(estimate.positions) == 0:
@@ -210,7 +210,7 @@ def pop_best(estimate: Estimate, progress: Progress) -> int:
         key = expected_cost(estimate, progress, node, rotation, u, v, w)
         if key <= former_key:
             return node
-        push(progress, key, node)
+        heap.push(progress, key, node)
     return NO_NODE
 
 

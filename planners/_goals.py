@@ -22,7 +22,6 @@ from numpy.typing import ArrayLike
 from shapely.geometry import MultiPolygon, Polygon
 
 from cspace import FREE, MIXED, Goal, Space
-from cspace._interface import gather_goals
 from cspace.errors import ConfigurationError, InputError
 from cspace.inside import (
     ANGLE_SLACK,
@@ -38,6 +37,7 @@ from cspace.inside import (
     check_finite,
     check_not_negative,
     check_point,
+    gather_goals,
     list_alternatives,
     map_record,
     suggest_endpoint,

@@ -16,7 +16,6 @@ from cspace.inside import (
     Effort,
     Floats,
     check_memory,
-    find_cells,
     is_over,
     map_record,
     now,
@@ -114,7 +113,7 @@ def _find_path_along_chain(
     ``cost`` is that of an edge.
     """
     from planners._guide import NO_FACTORS
-    from planners._search import find_chain, list_turns
+    from planners._search import find_cells, find_chain, list_turns
 
     no_path = endpoints[:0]
     start, goal = map(tuple, endpoints.tolist())

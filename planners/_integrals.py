@@ -9,7 +9,6 @@ from typing import Any, Final, Literal, NamedTuple, TypeAlias
 import numpy as np
 
 from cspace import CSpace
-from cspace._queries.points import slice_of
 from cspace.inside import (
     DistanceTable,
     Floats,
@@ -22,6 +21,7 @@ from cspace.inside import (
     kernel,
     map_record,
     measure_edge,
+    slice_of,
 )
 
 Field: TypeAlias = Literal["clearance"] | Floats | None

@@ -34,13 +34,12 @@ from cspace.inside import (
     Geometry,
     Ints,
     Map,
+    heap,
     internal,
     is_over,
     kernel,
     map_record,
     now,
-    pop_first,
-    push,
     spend,
     tube_is_free,
     wrap_angles,
@@ -634,7 +633,7 @@ def expand_nodes(map_: Map, motions: Motions, target: Target, nodes: LatticeNode
             return FULL
         node: int = progress.queue[0]
         if progress.closed[node]:
-            pop_first(progress)
+            heap.pop_first(progress)
             continue
         x = poses[node, 0]
         y = poses[node, 1]
@@ -651,9 +650,9 @@ def expand_nodes(map_: Map, motions: Motions, target: Target, nodes: LatticeNode
         # The guide may have reached the node since it was queued.
         bound = cost + motions.greed * estimate_cost_to_goal(map_, target, cost, direction, x, y)
         is_outdated = bound > progress.keys[0]
-        pop_first(progress)
+        heap.pop_first(progress)
         if is_outdated:
-            push(progress, bound, node)
+            heap.push(progress, bound, node)
             continue
         progress.closed[node] = True
         nodes.counts[1] += 1
@@ -725,7 +724,7 @@ def add_node(
     nodes.motions[node, 1] = heading
     progress.cost[node] = cost
     progress.previous[node] = parent
-    push(progress, progress.cost[node] + motions.greed * left, node)
+    heap.push(progress, progress.cost[node] + motions.greed * left, node)
 
 
 @kernel

@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace import Space
-from cspace._support.deadlines import stopping
 from cspace.errors import ConfigurationError, InputError
 from cspace.inside import (
     METRES_PER_RADIAN,
@@ -33,7 +32,6 @@ from cspace.inside import (
     is_over,
     names_options,
     now,
-    read_message,
 )
 from cspace.inside import Upright as Upright
 from planners._catalogue import (
@@ -283,7 +281,7 @@ def plan(
         previous=np.empty((0, space.size)),
         keep=kept,
     )
-    point = space.check_configuration(read_message(space, near.configuration), "start")
+    point = space.check_configuration(cast("ArrayLike", near.configuration), "start")
     if previous is not None:
         task = replace(task, previous=_check_previous(task, previous))
         if not edges.exact and _needs_geometry(space, point):
@@ -301,7 +299,7 @@ def plan(
         import planners._lattice  # noqa: F401 - a search would import it later, on its time
     if task.seed is not None:
         set_seed(task.seed)
-    with stopping(stop):
+    with Effort.stopping(stop):
         journey = _search_stages(task, endpoint, stages)
         return _make_plan(journey, space, endpoint, moved, began)
 

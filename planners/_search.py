@@ -20,7 +20,7 @@ from typing import Final, NamedTuple, TypeAlias
 
 import numpy as np
 
-from cspace import FREE, Rotations
+from cspace import FREE, CSpace, Rotations
 from cspace.inside import METRES_PER_RADIAN, Effort, Floats, Ints, States, frozen, internal, kernel
 from planners._estimate import (
     DONE,
@@ -159,6 +159,17 @@ def find_chain(
         cells.append(cell)
     cells.reverse()
     return np.stack(np.unravel_index(cells, cells_shape), axis=1)
+
+
+def find_cells(space: CSpace, q: Floats) -> Ints:
+    """Return the cells ``(rotation, x, ...)`` of configurations, shape (..., 1 + d).
+
+    ``q`` has shape (..., size). Cells may lie outside the grid.
+    """
+    positions = space.grid.cell_of(q[..., : space.dim])
+    # Without rotations, the only cell is 0.
+    rotations = np.resize(space.rotations.cell_of(q[..., space.dim :]), (*q.shape[:-1], 1))
+    return np.concatenate([rotations, positions], axis=-1)
 
 
 def list_turns(rotations: Rotations, spacing: float) -> Turns:

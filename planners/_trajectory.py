@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace import Rotations, Space
-from cspace._support.check import check_each
 from cspace.errors import InputError
 from cspace.inside import (
     Bools,
@@ -24,6 +23,7 @@ from cspace.inside import (
     Floats,
     Ints,
     Upright,
+    check_each,
     check_finite,
     check_positive,
     frozen,

@@ -20,17 +20,17 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace import CSpace
-from cspace._queries.callbacks import window_checker
+from cspace import CSpace, Workspace
 from cspace.inside import (
     Bools,
     Bytes,
+    Contents,
     DistanceTable,
     Effort,
+    Exterior,
     Floats,
     Ints,
     check_memory,
-    find_cells,
     frozen,
     kernel,
     map_record,
@@ -40,7 +40,7 @@ from cspace.inside import (
 from planners._estimate import Costs
 from planners._frontier import check_deadline
 from planners._paths import MAX_SHORTENING, pulled_straight, waypoints
-from planners._search import Turns, find_chain, list_turns
+from planners._search import Turns, find_cells, find_chain, list_turns
 
 LEVELS_PER_CELL: Final = 64
 """Levels of width per cell."""
@@ -331,4 +331,14 @@ def _make_wide_checker(
     stop = np.minimum(positions.max(axis=0) + 2, widths.shape[1:])
     window = (slice(None), *map(slice, first, stop))
     states = threshold_widths(widths[window], min_width)
-    return window_checker(space, states, first)
+    grid = space.grid
+    lower = grid.lower + grid.spacing * first
+    workspace = Workspace.from_array(np.zeros(states.shape[1:], np.bool_), grid.spacing, lower)
+    map_ = map_record(space)
+    # Outside the window, the map's states outside its own grid hold.
+    exterior = Exterior(map_.exterior)
+    slice_of = map_.rotations.slice_of
+    contents = Contents(
+        workspace, space.robot, space.rotations, slice_of, states, exterior=exterior
+    )
+    return CSpace(contents).edge_checker()

@@ -12,6 +12,7 @@ MOST_NAMES = 120
 
 
 OF_ONE_ROOM = {
+    "Components",
     "Cores",
     "Mesh",
     "cache_folder",
@@ -19,7 +20,6 @@ OF_ONE_ROOM = {
     "list_slice_cells",
     "measure_shapes",
     "read_mesh",
-    "robot_of",
     "warn_of_size",
 }
 """Names that one room alone uses, and that planners do not; there only ever get fewer."""

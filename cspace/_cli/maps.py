@@ -112,13 +112,13 @@ def make(
 ) -> None:
     """Build the map of a robot in a workspace, and save it."""
     from cspace import Workspace, build
-    from cspace.inside import MAP_SUFFIXES
+    from cspace.inside import MapFolder
 
     # Check the options and the output before the long work of reading and building.
     cells = parse_rotation_cells(rotations)
     output = Path(workspace.with_suffix(".zarr").name) if output is None else output
     if tile is None:
-        check_outputs([output], MAP_SUFFIXES, overwrite)
+        check_outputs([output], MapFolder.SUFFIXES, overwrite)
     else:
         prepare_store(output, overwrite)
     box = None if bounds is None else parse_box(bounds, "bounds")

@@ -23,10 +23,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace._queries.components import list_runs
-from cspace._queries.heap import pop_first, push
 from cspace._support.arrays import FREE, Floats, Ints, States
 from cspace._support.compiling import inlined, internal, kernel
 from cspace._support.deadlines import NEVER, Effort, is_over, spend
+from cspace._support.heap import pop_first, push
 
 if TYPE_CHECKING:
     from cspace._space import CSpace

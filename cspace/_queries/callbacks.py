@@ -9,16 +9,15 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numba
 
-from cspace._grid import Grid
 from cspace._queries.edges import NO_RADII, position_along, tube_is_free
 from cspace._queries.points import cell_of, is_usable, position_in_plane, state_at
-from cspace._record.cells import Map, make_map_record
+from cspace._record.cells import Map
 from cspace._rotations.lookup import arc_angle_and_error, rotation_along, rotation_cell
-from cspace._support.arrays import FREE, MIXED, Floats, Ints, Numbers, Row, States
+from cspace._support.arrays import FREE, MIXED, Floats, Numbers, Row
 from cspace._support.compiling import inlined, kernel
 
 if TYPE_CHECKING:
-    from cspace._space import CSpace
+    pass
 
 MAX_SIZE: Final = 7
 """Largest length of a configuration, in SE(3)."""
@@ -33,22 +32,6 @@ def motion_lookup(map_: Map, size: int) -> Callable[..., int]:
     Otherwise it gives MIXED, or NO_ANSWER if an end is not usable.
     """
     return bind_numbers(look_up_motion, (map_, size), 2 * size, 2 * MAX_SIZE)
-
-
-def window_checker(space: CSpace, states: States, first: Ints) -> Callable[..., bool]:
-    """Return ``check(*q0, *q1)``, which is True for motions through FREE cells of other states.
-
-    ``states``, shape (slices, x, y) or (slices, x, y, z), stand for those of a window of a map in
-    memory, whose first cell along each axis is ``first``, shape (d,). Outside the window, the map's
-    states outside its own grid hold.
-    """
-    grid = space.grid
-    window = Grid(grid.lower + grid.spacing * first, grid.spacing, states.shape[1:])
-    map_ = space._kernel_map
-    look_up = motion_lookup(
-        make_map_record(states, window, map_.exterior, map_.rotations), space.size
-    )
-    return lambda *endpoints: look_up(*endpoints) == FREE
 
 
 def bind_kernel(kernel: Any, fixed: tuple[Any, ...], *examples: Any) -> Callable[..., Any]:

@@ -112,15 +112,7 @@ def find_components(space: ConfigurationMap, q: Floats, mixed: bool = False) -> 
     ``q`` has shape (n, size). Components consist of FREE cells, or with ``mixed`` of FREE and
     MIXED cells, that share sides.
     """
-    return space._components.find(find_cells(space, q), mixed)
-
-
-def find_cells(space: ConfigurationMap, q: Floats) -> Ints:
-    """Return the cells ``(rotation, x, ...)`` of configurations, shape (..., 1 + d).
-
-    ``q`` has shape (..., size). Cells may lie outside the grid.
-    """
-    return space._cells_of(q)
+    return space._components.find(space._cells_of(q), mixed)
 
 
 class Runs(NamedTuple):

@@ -53,9 +53,6 @@ from cspace._support.limits import check_bytes
 from cspace._workspace import Workspace
 from cspace.errors import FileError
 
-MAP_SUFFIXES: Final = (".zarr", "")
-"""Suffixes of saved maps."""
-
 NO_DIGEST: Final = "0" * 64
 """Placeholder of the digest in the attributes while the digest is computed."""
 
@@ -139,6 +136,9 @@ class MapFolder:
     form : str
         Format that the attributes declare.
     """
+
+    SUFFIXES: Final = (".zarr", "")
+    """Suffixes of saved maps."""
 
     def __init__(self, path: StrPath, tiles: bool = False) -> None:
         """Name a folder that may be missing."""
@@ -268,7 +268,7 @@ def save(
     ``derived`` are additional arrays, with names in ``DERIVED``.
     """
     rule = "a map is saved as a Zarr folder; space.export writes other formats"
-    check_suffix(path, MAP_SUFFIXES, rule, is_output=True)
+    check_suffix(path, MapFolder.SUFFIXES, rule, is_output=True)
     with replacing(path, overwrite, folder=is_map_folder) as temporary:
         MapFolder(temporary).write(contents, compress, derived)
 

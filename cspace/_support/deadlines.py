@@ -71,6 +71,16 @@ class Effort:
         seconds = check_positive(time_limit, "time_limit", "seconds")
         return cls.from_seconds(WORK_PER_LIMIT * seconds, seconds)
 
+    @staticmethod
+    @contextmanager
+    def stopping(function: Callable[[], bool] | None) -> Iterator[None]:
+        """End this thread's searches within the block once a function returns True."""
+        token = _stop.set(None if function is None else _Stop(function))
+        try:
+            yield
+        finally:
+            _stop.reset(token)
+
     def share(self, factor: float) -> Effort:
         """Return a share of both."""
         return Effort.from_seconds(factor * self.work_seconds, factor * self.seconds)
@@ -137,16 +147,6 @@ class _Stop:
 
 
 _stop: ContextVar[_Stop | None] = ContextVar("stop", default=None)
-
-
-@contextmanager
-def stopping(function: Callable[[], bool] | None) -> Iterator[None]:
-    """End this thread's searches within the block once a function returns True."""
-    token = _stop.set(None if function is None else _Stop(function))
-    try:
-        yield
-    finally:
-        _stop.reset(token)
 
 
 def is_over(until: Effort) -> bool:

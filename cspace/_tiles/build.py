@@ -26,7 +26,7 @@ from cspace._tiles.folder import (
 from cspace._tiles.tiled_space import TiledCSpace
 from cspace._tiles.work import run_tasks
 from cspace.errors import FileError, InputError
-from cspace.inside import UNKNOWN, Bools, Contents, MapFolder, StrPath
+from cspace.inside import Bools, Contents, MapFolder, StrPath
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -160,7 +160,7 @@ def build_tile(
     in_window = to_slices(cells - window[0])
     workspace = Workspace(folder.sub_grid(cells), outer[in_window], inner[in_window], source=name)
     states = built.states[:, *in_window]
-    contents = replace(frame, workspace=workspace, states=states, outside=UNKNOWN, exterior=None)
+    contents = replace(frame, workspace=workspace, states=states, outside="unknown", exterior=None)
     folder.write_tile(tile, contents)
 
 

@@ -31,7 +31,6 @@ import numpy as np
 from cspace import BLOCKED, Grid, Robot, Rotations, Workspace
 from cspace.errors import FileError
 from cspace.inside import (
-    UNKNOWN,
     Contents,
     Exterior,
     Ints,
@@ -211,7 +210,7 @@ class TileFolder:
         self._check_stamp(tile, attributes)
         # Stamps may be forged, and arrays of other sizes would raise any error later.
         grid = self.sub_grid(self.locate_tile(tile))
-        place = {"shape": list(grid.shape), "lower": list(grid.lower), "outside": UNKNOWN}
+        place = {"shape": list(grid.shape), "lower": list(grid.lower), "outside": "unknown"}
         if _describe(contents) != {**_describe(self.frame), **place}:
             raise saved.fail("its grid, robot or rotations are not those of its map")
         return contents

@@ -13,12 +13,11 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from cspace import BLOCKED, FREE, MIXED, CSpace, Grid, Workspace
-from cspace._queries.components import Components
 from cspace._tiles.folder import LAST_TO_STOP, WORKSPACE_CELL_BYTES, TileFolder, grow_box, to_slices
 from cspace._tiles.motions import cut_motions
 from cspace.inside import (
-    UNKNOWN,
     Bools,
+    Components,
     Contents,
     Exterior,
     Floats,
@@ -129,7 +128,7 @@ class OpenTiles:
     ) -> CSpace:
         """Return a map of this robot, MIXED outside without ``exterior``."""
         frame = self.folder.frame
-        outside = frame.outside if exterior else UNKNOWN
+        outside = frame.outside if exterior else "unknown"
         return CSpace(
             replace(frame, workspace=workspace, states=states, outside=outside, exterior=exterior)
         )

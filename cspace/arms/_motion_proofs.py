@@ -58,7 +58,6 @@ from cspace.arms._crossings import (
 )
 from cspace.arms._hulls import Hulls, RelativeMotion, tree_slack
 from cspace.inside import (
-    MAX_DISTANCES_PER_EDGE,
     Bools,
     Floats,
     Ints,
@@ -76,7 +75,11 @@ MIN_HALF: Final = 2.0**-44
 """Smallest half of a part of a motion, as a fraction of the motion."""
 
 
-MAX_MOTION_PARTS: Final = 2 * MAX_DISTANCES_PER_EDGE + 1
+MAX_DISTANCES: Final = 10_000
+"""Distances measured before a motion counts as not proven, because it grazes an obstacle."""
+
+
+MAX_MOTION_PARTS: Final = 2 * MAX_DISTANCES + 1
 """Largest number of parts of a motion; each distance adds two at most."""
 
 
@@ -380,7 +383,7 @@ def motion_is_free(scene: ArmScene, q0: Floats, q1: Floats, scratch: SceneScratc
     parts[0, 0] = 0.0
     parts[0, 1] = 1.0
     count = 1
-    for row in range(MAX_DISTANCES_PER_EDGE):
+    for row in range(MAX_DISTANCES):
         if row == count:
             return True
         start = parts[row, 0]

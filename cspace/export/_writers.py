@@ -19,9 +19,9 @@ from cspace.export._plane_images import write_geotiff, write_ros_map
 from cspace.export._vti import write_vti
 from cspace.inside import (
     AXES,
-    MAP_SUFFIXES,
     Contents,
     Ints,
+    MapFolder,
     StrPath,
     check_suffix,
     collect_arrays,
@@ -128,7 +128,8 @@ class ExportFormat(NamedTuple):
 
 EXPORT_FORMATS: Final[dict[str, ExportFormat]] = {
     **dict.fromkeys(
-        MAP_SUFFIXES, ExportFormat(_save, "all", None, "a saved map, which `cspace.open` reads")
+        MapFolder.SUFFIXES,
+        ExportFormat(_save, "all", None, "a saved map, which `cspace.open` reads"),
     ),
     ".npz": ExportFormat(write_npz, "all", None, "arrays for `numpy.load`"),
     ".vti": ExportFormat(

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace import FREE, Workspace, build
-from cspace.inside import UNKNOWN, Floats, Ints
+from cspace.inside import Floats, Ints
 from cspace.reasons._margins import Way, find_way
 
 if TYPE_CHECKING:
@@ -83,7 +83,7 @@ def refine_way(space: CSpace, points: Floats, way: Way, is_decided: bool) -> tup
         finer = 2 * factor
         n_cells = finer**space.dim * space.grid.size * _count_rotations(space, finer)
         # Maximum number of cells, over all rotations, of a finer map of the whole workspace.
-        is_whole = n_cells <= 2**22 and space.outside != UNKNOWN
+        is_whole = n_cells <= 2**22 and space.outside != "unknown"
         if is_decided and not is_whole:
             break
         factor = finer

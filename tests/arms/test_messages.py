@@ -94,6 +94,7 @@ def test_a_pose_of_ros_is_a_start():
         SimpleNamespace(header=header, pose={"pose": pose}, child_frame_id="base", twist={}),
     ):
         assert planners.plan(space, message, (4, 4)).path[0].tolist() == [1.0, 2.0]
+        assert space.check_configuration(message).tolist() == [1.0, 2.0]
     with pytest.raises(InputError, match="the frame of the map"):
         planners.plan(space, {"header": {"frame_id": "odom"}, "pose": pose}, (4, 4))
 

@@ -17,7 +17,7 @@ import planners
 from cspace import InputError, Robot, Workspace
 from cspace._files import point_clouds
 from cspace._files.formats import ROBOT_FORMATS, WORKSPACE_FORMATS
-from cspace._record.save import MAP_SUFFIXES
+from cspace._record.save import MapFolder
 from cspace._shapes import primitives
 from cspace._shapes.primitives import SHORTHANDS
 from tests.fuzz import files as fuzz
@@ -73,7 +73,7 @@ def test_every_reader_of_a_file_has_a_format():
 
 def test_every_format_has_a_family_of_damaged_files(families):
     suffixes = {Path(name).suffix for name in families}
-    read = {*WORKSPACE_FORMATS, *ROBOT_FORMATS, *MAP_SUFFIXES}
+    read = {*WORKSPACE_FORMATS, *ROBOT_FORMATS, *MapFolder.SUFFIXES}
     assert {SAME_CONTENT.get(suffix, suffix) for suffix in read} <= suffixes
 
 

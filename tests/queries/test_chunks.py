@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 import cspace
 from cspace import FREE, MIXED, Robot, Workspace
 from cspace.errors import InputError
-from cspace.inside import find_cells, tubes_are_free
+from cspace.inside import tubes_are_free
 from tests.helpers.handmade import (
     MAP_KINDS,
     build_empty,
@@ -132,7 +132,7 @@ def test_a_tube_is_not_proven_if_any_cell_within_it_is_taken(kind):
                 signs[:, :dim] * tracking[:dim],
                 angle * axis / np.linalg.norm(axis),
             )
-            cell = tuple(find_cells(space, inside)[0].tolist())
+            cell = tuple(space._cells_of(inside)[0].tolist())
             if not space.grid.contains(inside[0, :dim]):
                 continue
             taken = cells.copy()
@@ -165,7 +165,7 @@ def test_short_tubes_are_not_proven_from_the_first_that_meets_a_taken_cell_on(ki
         if not space.grid.contains(inside[:dim]):
             continue
         taken = cells.copy()
-        taken[tuple(find_cells(space, inside[np.newaxis])[0].tolist())] = MIXED
+        taken[tuple(space._cells_of(inside[np.newaxis])[0].tolist())] = MIXED
         one_taken = make_map(taken, kind, "free")
         proven = one_taken.certify_chunk(start, rows, tracking).proven
         assert proven <= row
@@ -359,7 +359,7 @@ def test_an_arc_is_not_proven_if_any_cell_on_it_is_taken():
         assert space.certify_twists(start, [twist], 1.0).is_proven
         poses = drive(start, twist, np.linspace(0.0, 1.0, 400))
         poses = poses[space.grid.contains(poses[:, :2])]
-        for cell in np.unique(find_cells(space, poses), axis=0).tolist():
+        for cell in np.unique(space._cells_of(poses), axis=0).tolist():
             taken = cells.copy()
             taken[tuple(cell)] = MIXED
             one_taken = make_map(taken, "turning", "free")
