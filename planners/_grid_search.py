@@ -113,7 +113,7 @@ def _find_path_along_chain(
     ``cost`` is that of an edge.
     """
     from planners._guide import NO_FACTORS
-    from planners._search import find_cells, find_chain, list_turns
+    from planners._search import find_cells, find_chain
 
     no_path = endpoints[:0]
     start, goal = map(tuple, endpoints.tolist())
@@ -133,9 +133,9 @@ def _find_path_along_chain(
     map_ = map_record(space)
     first, last = find_cells(space, endpoints)
     cells = find_chain(
+        space,
         map_.states.reshape(-1, *space.grid.shape),
         map_.rotations.slice_of,
-        list_turns(space.rotations, space.grid.spacing),
         first,
         last,
         until,

@@ -16,11 +16,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Final, NamedTuple, TypeAlias
+from typing import Final, NamedTuple
 
 import numpy as np
 
-from cspace import FREE, CSpace, Rotations
+from cspace import FREE, CSpace
 from cspace.inside import METRES_PER_RADIAN, Effort, Floats, Ints, States, frozen, internal, kernel
 from planners._estimate import (
     DONE,
@@ -49,9 +49,6 @@ from planners._guide import (
     measure_turns,
 )
 from planners._moves import Moves, list_moves
-
-Turns: TypeAlias = tuple[Ints, Floats]
-"""Neighbours of rotation cells, and the costs of rotating to them."""
 
 WEIGHT: Final = 1.2
 """Weight of the estimate; above 1, the search expands far fewer cells, for chains that are hardly
@@ -95,9 +92,9 @@ class Graph(NamedTuple):
 
 
 def find_chain(
+    space: CSpace,
     states: States,
     slice_of: Ints,
-    turns: Turns,
     start: Ints,
     goal: Ints,
     until: Effort,
@@ -108,15 +105,16 @@ def find_chain(
 
     Parameters
     ----------
+    space : CSpace
+        Map with the grid and the rotation cells of the chain; its states are not used.
     states : ndarray of uint8, shape (slices, nx, ny) or (slices, nx, ny, nz)
+        Passable cells are FREE.
     slice_of : ndarray of int64, shape (rotations,)
-        Slice of each rotation cell.
-    turns : tuple of ndarray
-        As of :func:`list_turns`.
+        Slice of each rotation cell, writeable.
     start, goal : ndarray of int64, shape (1 + d,)
         Cells ``(rotation, x, y)`` or ``(rotation, x, y, z)`` in the grid.
     until : Effort
-        Reading of :func:`cspace._support.deadlines.now` at which the search ends.
+        Reading of :func:`cspace.inside.now` at which the search ends.
     factors : ndarray of float32, the shape of states, optional
         Factor, 1 or above, of the cost of moves in each cell.
     may_exist : callable, optional
@@ -132,7 +130,11 @@ def find_chain(
     TimeoutError
         If time runs out.
     """
-    neighbors, costs = turns
+    # Rotations cost their angles as lengths, in cells.
+    neighbors = space.rotations.neighbors
+    centers = space.rotations.centers
+    steps = space.rotations.steps_between(centers[:, np.newaxis], centers[neighbors])
+    turns = METRES_PER_RADIAN / space.grid.spacing * np.linalg.norm(steps, axis=-1)
     dim = states.ndim - 1
     # Kernels see three axes.
     missing_axes = (1,) * (3 - dim)
@@ -141,7 +143,7 @@ def find_chain(
         states=frozen(np.ascontiguousarray(states.reshape(-1, *shape))),
         slice_of=slice_of,
         neighbors=neighbors,
-        turns=costs,
+        turns=np.asarray(turns),
         moves=list_moves(dim),
         factors=factors.reshape(-1, *shape) if factors.size else NO_FACTORS,
     )
@@ -170,19 +172,6 @@ def find_cells(space: CSpace, q: Floats) -> Ints:
     # Without rotations, the only cell is 0.
     rotations = np.resize(space.rotations.cell_of(q[..., space.dim :]), (*q.shape[:-1], 1))
     return np.concatenate([rotations, positions], axis=-1)
-
-
-def list_turns(rotations: Rotations, spacing: float) -> Turns:
-    """List the neighbours of rotation cells, and the costs of rotating to them.
-
-    Both have the shape (rotations, n). Missing neighbours are -1; costs are in cells of a side of
-    ``spacing`` metres.
-    """
-    neighbors = rotations.neighbors
-    centers = rotations.centers
-    steps = rotations.steps_between(centers[:, np.newaxis], centers[neighbors])
-    angles = np.linalg.norm(steps, axis=-1)
-    return neighbors, np.asarray(METRES_PER_RADIAN / spacing * angles)
 
 
 def _locate(index: int, shape: Cell) -> Cell:

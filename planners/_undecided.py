@@ -12,7 +12,7 @@ import numpy as np
 from cspace import BLOCKED, FREE, MIXED, CSpace
 from cspace.inside import Bools, Effort, Floats, Ints, States, is_over, spend
 from planners._paths import path_length, waypoints
-from planners._search import find_cells, find_chain, list_turns
+from planners._search import find_cells, find_chain
 
 UNDECIDED_BYTES_PER_CELL: Final = 8
 """Memory of a search for each cell of the map, bytes: states, marks, costs and predecessors."""
@@ -58,10 +58,9 @@ class MixedCellSearch:
         is_mixed[tuple(cells.T)] = False
         undecided = is_mixed.copy()
         slice_of = np.arange(len(space.rotations))
-        turns = list_turns(space.rotations, space.grid.spacing)
         while not is_over(until):
             try:
-                chain = find_chain(passable, slice_of, turns, cells[0], cells[1], until)
+                chain = find_chain(space, passable, slice_of, cells[0], cells[1], until)
             except TimeoutError:
                 return no_path
             if not len(chain):

@@ -40,7 +40,7 @@ from cspace.inside import (
 from planners._estimate import Costs
 from planners._frontier import check_deadline
 from planners._paths import MAX_SHORTENING, pulled_straight, waypoints
-from planners._search import Turns, find_cells, find_chain, list_turns
+from planners._search import find_cells, find_chain
 
 LEVELS_PER_CELL: Final = 64
 """Levels of width per cell."""
@@ -63,21 +63,20 @@ N_SIDE_STEPS: Final = 6
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WidthMap:
-    """Widths of the cells of a map, and turns between rotation cells.
+    """Widths of the cells of a map.
 
     Attributes
     ----------
+    space : CSpace
     widths : ndarray of float32, shape (slices, nx, ny) or (slices, nx, ny, nz)
         Width of each cell, in cells.
     slice_of : ndarray of int64, shape (rotations,)
         Slice of each rotation cell.
-    turns : tuple of ndarray
-        As of :func:`planners._search.list_turns`.
     """
 
+    space: CSpace
     widths: Costs
     slice_of: Ints
-    turns: Turns
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -94,7 +93,7 @@ class WidthMap:
         Return the cells ``(rotation, x, ...)``, from ``cell`` on, shape (n, 1 + d). Ties go to the
         larger cell index.
         """
-        neighbors, _ = self.turns
+        neighbors = self.space.rotations.neighbors
         path = [tuple(cell.tolist())]
         while True:
             # The cell itself, neighbouring rotations, and cells that share a side.
@@ -125,7 +124,7 @@ class WidthMap:
         queue = LevelQueue.of(math.prod(self.shape), first, start_level)
         missing_axes = (1,) * (4 - self.widths.ndim)
         layered = levels.reshape(len(levels), *missing_axes, *self.shape[1:])
-        neighbors, _ = self.turns
+        neighbors = self.space.rotations.neighbors
         is_done = False
         while not is_done:
             check_deadline(until)
@@ -139,7 +138,7 @@ class WidthMap:
         The chain has shape (n, 1 + d). Raises TimeoutError after ``until``.
         """
         states = threshold_widths(self.widths, min_width)
-        return find_chain(states, self.slice_of, self.turns, start, goal, until)
+        return find_chain(self.space, states, self.slice_of, start, goal, until)
 
 
 def threshold_widths(widths: Costs, min_width: float) -> Bytes:
@@ -253,11 +252,7 @@ def find_widest_path(space: CSpace, endpoints: Floats, straight: bool, limit: Ef
     its edges are not proven. If not ``straight``, waypoints are the centers of the cells passed.
     Raises TimeoutError at the limit.
     """
-    widths = WidthMap(
-        measure_widths(space),
-        map_record(space).rotations.slice_of,
-        list_turns(space.rotations, space.grid.spacing),
-    )
+    widths = WidthMap(space, measure_widths(space), map_record(space).rotations.slice_of)
     until = now() + limit
     path = _find_wide_path(space, widths, endpoints, straight, until)
     return path if len(path) and space.certify_path(path).all() else path[:0]

@@ -3,6 +3,7 @@
 import ast
 from collections import defaultdict
 
+import planners.inside
 from cspace import inside
 from tests.helpers.repository import ROOT
 from tests.lint.test_edge import ROOMS, parse_room
@@ -54,3 +55,17 @@ def test_each_name_of_the_door_is_described():
     page = (ROOT / "docs/reference/inside.md").read_text(encoding="utf-8")
     assert all(f"| `{name}` | " in page for name in inside.__all__)
     assert "| `kernel` | Compile a function" in page
+
+
+def test_the_door_of_planners_has_one_name_which_another_room_uses():
+    assert planners.inside.__all__ == ["find_chain"]
+    assert planners.inside.find_chain.__doc__
+    assert "`planners.inside`" in (ROOT / "docs/extending.md").read_text(encoding="utf-8")
+    users = [
+        room
+        for room in ROOMS
+        for tree in parse_room(room)
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ImportFrom) and node.module == "planners.inside"
+    ]
+    assert set(users) == {"cspace/reasons"}

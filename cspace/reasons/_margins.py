@@ -48,7 +48,7 @@ from cspace.inside import (
     map_record,
     slice_rasters,
 )
-from planners._search import find_chain, list_turns
+from planners.inside import find_chain
 
 DEPTH_SLACK: Final = 1e-9
 """Rounding of a depth below a surface, per metre of the shape's largest number."""
@@ -158,12 +158,11 @@ def find_way(space: CSpace, points: Floats) -> Way:
     # Search a chain through the FREE cells of the resized robot, preferring FREE cells of the map.
     is_free = robot.find_free(low)
     slice_of = space.slice_of.copy()  # writeable, as kernels are compiled for
-    turns = list_turns(space.rotations, space.grid.spacing)
     states = (~is_free).view(np.uint8)  # False is FREE, and True is MIXED
     # Cost of a cell that is not FREE, relative to a FREE one, so that a way passes few of them.
     costs = np.where(states_of_slices(space) == FREE, 1.0, 4.0).astype(np.float32)
     start, goal = find_cells(space, points)
-    cells = find_chain(states, slice_of, turns, start, goal, NEVER, costs)
+    cells = find_chain(space, states, slice_of, start, goal, NEVER, costs)
     # The narrowest cells are those that a robot one step larger cannot pass.
     wider = min(failed, low + robot.step)
     is_narrow = ~robot.find_free(wider)[slice_of[cells[:, 0]], *cells[:, 1:].T]

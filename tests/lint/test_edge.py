@@ -25,7 +25,7 @@ MOST_NAMES = {
     "cspace/export": 0,
     "cspace/lanes": 0,
     "cspace/plot": 0,
-    "cspace/reasons": 2,
+    "cspace/reasons": 0,
     "cspace/regions": 0,
     "cspace/spectral": 0,
     "cspace/_tiles": 0,

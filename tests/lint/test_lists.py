@@ -155,7 +155,8 @@ PUBLIC_MODULES = (
 def test_modules_without_underscore_are_on_the_api_page():
     public = {name for name in SOURCES if not re.search(r"\b_", name)}
     shown = {module.__name__ for module in PUBLIC_MODULES}
-    assert public == shown | {"cspace.inside"}  # which has a page of its own
+    # The inner door has a page of its own, and that of planners a sentence in "Extending".
+    assert public == shown | {"cspace.inside", "planners.inside"}
 
 
 def shown_in_api():
