@@ -55,6 +55,7 @@ from ._record.description import collect_arrays as collect_arrays
 from ._record.description import make_metadata as make_metadata
 from ._record.exterior import Exterior as Exterior
 from ._record.save import MapFolder as MapFolder
+from ._robot import robot_of as robot_of
 from ._rotations.base import ANGLE_SLACK as ANGLE_SLACK
 from ._rotations.base import METRES_PER_RADIAN as METRES_PER_RADIAN
 from ._rotations.base import measure_steps as measure_steps

@@ -21,6 +21,7 @@ OF_ONE_ROOM = {
     "list_slice_cells",
     "measure_shapes",
     "read_mesh",
+    "robot_of",
     "warn_of_size",
 }
 """Names that one room alone uses, and that planners do not; there only ever get fewer."""

@@ -28,13 +28,14 @@ from cspace.inside import (
     check_point,
     names_options,
     proofs_of,
+    robot_of,
     tell_apart,
     wrap_angles,
 )
 
 if TYPE_CHECKING:
     from cspace import CSpace
-    from cspace.inside import Shape
+    from cspace.inside import Shape, ShapeLike
     from planners import Trajectory
 
 MotionState: TypeAlias = Literal["apart", "touch", "undecided"]
@@ -59,8 +60,8 @@ class Mover:
 
     Attributes
     ----------
-    robot : Robot or str
-        Robot, or its shorthand, with its reference point at the origin, such as ``"rect:0.7x0.5"``.
+    robot : Robot, or what makes one
+        Shape, with its reference point at the origin, such as ``"rect:0.7x0.5"``.
     motion : Trajectory or array-like
         A trajectory of a rigid robot, or a configuration: x, y, or x, y, z, and perhaps a yaw;
         metres and radians.
@@ -74,7 +75,7 @@ class Mover:
         Growth of the error after ``at``, m/s.
     """
 
-    robot: Robot | str
+    robot: Robot | ShapeLike
     motion: Trajectory | ArrayLike
     at: float = 0.0
     velocity: ArrayLike | None = None
@@ -233,12 +234,7 @@ def _read_mover(mover: object, name: str) -> Timed:
 
     if not isinstance(mover, Mover):
         raise InputError(name, f"is a {type(mover).__name__}", "it must be a Mover")
-    robot: object = mover.robot
-    if isinstance(robot, str):
-        robot = Robot.parse(robot)
-    if not isinstance(robot, Robot):
-        rule = 'it must be a Robot, or its shorthand such as "disc:0.3"'
-        raise InputError(f"{name}.robot", f"is a {type(robot).__name__}", rule)
+    robot = robot_of(mover.robot)
     dim = robot.dim
     at = check_number(mover.at, f"{name}.at")
     numbers = (

@@ -379,6 +379,12 @@ def test_wrong_arguments_are_refused_in_one_line(second, options, message):
     check_refused(lambda: apart(**{"first": STILL, "second": second} | options), message)
 
 
+def test_a_shape_moves_like_the_robot_of_it():
+    square = shapely.box(-0.5, -0.5, 0.5, 0.5)
+    shape, robot = (apart(Mover(each, (9.0, 9.0)), STILL) for each in (square, "rect:1x1"))
+    assert shape.verdict == "apart" and shape.distance == pytest.approx(robot.distance)
+
+
 def test_wrong_trajectories(driven, tmp_path):
     robot, trajectories = driven
     solid = cspace.Robot.ball(0.3)
@@ -394,8 +400,6 @@ def test_wrong_trajectories(driven, tmp_path):
     moved = planners.Trajectory.along(space, [(0.0,), (1.0,)], max_acceleration=1.0)
     with pytest.raises(InputError, match=r"has the axes slide; that of disc 0\.3 m has x, y"):
         apart(Mover("disc:0.3", moved), STILL)
-    with pytest.raises(InputError, match=r"first\.robot is a Polygon; it must be a Robot, or"):
-        apart(Mover(shapely.box(0, 0, 1, 1), (9.0, 9.0)), STILL)
     with pytest.raises(InputError, match="a trajectory has its own"):
         apart(Mover(robot, trajectories[0], velocity=(1.0, 0.0)), STILL)
 
