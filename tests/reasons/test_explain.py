@@ -17,6 +17,7 @@ import cspace
 import planners
 from cspace import FREE
 from cspace.errors import ConfigurationError, InputError
+from cspace.reasons._margins import grow_cells
 from tests.helpers.commands import document
 from tests.helpers.handmade import build_empty, components
 from tests.helpers.refusals import check_refused
@@ -321,6 +322,24 @@ def test_margins_of_many_cells_are_true_between_two_corners():
     low, high = space.explain((4, 8), (8, 4)).margin
     # The corners are 4 m apart along both axes.
     assert low <= math.sqrt(8.0) - 0.1 <= high <= low + 0.7
+
+
+@examples(40)
+@given(seeds, st.sampled_from([0.0, 0.5, 1.0, math.sqrt(2.0), 2.0, 2.7]), st.booleans())
+def test_grown_cells_hold_and_lie_in_the_grown_region(seed, distance, outside):
+    cells = np.random.default_rng(seed).random((7, 6)) < 0.06
+    boxes = [shapely.box(x, y, x + 1, y + 1) for x, y in np.argwhere(cells).tolist()]
+    if outside:
+        boxes.append(shapely.box(-9, -9, 16, 15) - shapely.box(0, 0, 7, 6))
+    region = shapely.union_all(boxes)
+    outer, inner = (grow_cells(cells, distance, outside, outwards=each) for each in (True, False))
+    inside = np.linspace(0.0, 1.0, 6)
+    for x, y in np.ndindex(cells.shape):
+        gap = shapely.distance(shapely.box(x, y, x + 1, y + 1), region)
+        assert outer[x, y] == (gap <= distance + 1e-9)  # NaN, without any cell, is never near
+        points = shapely.points(*np.meshgrid(x + inside, y + inside))
+        assert not inner[x, y] or (shapely.distance(points, region) <= distance + 1e-9).all()
+    assert inner[cells].all()
 
 
 @pytest.mark.parametrize("spacing", [0.02, 0.05])
