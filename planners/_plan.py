@@ -471,6 +471,9 @@ def _choose_planner(task: PlanTask) -> PlannerName:
         searches = _list_searches(edges.space)
         return searches[0] if searches else task.planner
     if objective == CLEARANCE:
+        if task.iterations is not None:
+            problem = f"is {task.iterations} and objective is {objective!r}"
+            raise InputError("iterations", problem, f"{GRID}, its default planner, counts none")
         return GRID
     if task.iterations is not None or (edges.exact and isinstance(edges.drive, Differential)):
         return task.planner

@@ -303,6 +303,11 @@ def make_objective(si):
         "space is space.exact and planner is 'Grid', the default for objective='clearance'; Grid uses FREE cells for objective='clearance'",
     ),
     ("plane", {"planner": "MaxClearance", **EXACT}, "MaxClearance uses FREE cells"),
+    (
+        "plane",
+        {"objective": "clearance", "planner": planners.Search(iterations=5)},
+        "iterations is 5 and objective is 'clearance'; Grid, its default planner, counts none",
+    ),
     ("turning", CAR | {"planner": "Grid"}, "Grid is for holonomic robots"),
     (
         "turning",
@@ -348,7 +353,7 @@ def test_options_that_do_not_go_together_are_refused(name, options, hint):
     with pytest.raises(InputError) as caught:
         planners.plan(**given)
     assert hint in str(caught.value)
-    assert caught.value.argument.split()[0] in {*options, "space", "turning_radius"}
+    assert caught.value.argument.split()[0] in {*options, "space", "iterations", "turning_radius"}
 
 
 def test_goals_of_an_arm_are_for_some_planners():
