@@ -98,6 +98,7 @@ from ._support.check import check_rng as check_rng
 from ._support.check import check_text as check_text
 from ._support.check import check_word as check_word
 from ._support.check import names_options as names_options
+from ._support.check import parse_finite as parse_finite
 from ._support.check import suggest_name as suggest_name
 from ._support.check import suggest_radians as suggest_radians
 from ._support.check import warn_of_degrees as warn_of_degrees

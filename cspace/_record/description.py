@@ -23,9 +23,6 @@ FORMAT: Final = "cspace-map"
 VERSION: Final = 6
 """Version of the format, frozen by docs/reference/format.md; a reader refuses all others."""
 
-STACKED: Final = ("cell_states", "overlap_counts")
-"""Arrays with one entry for each slice."""
-
 
 class StoredArray(NamedTuple):
     """Type, axes and attributes of a stored array.

@@ -374,16 +374,6 @@ def check_each(
     return numbers
 
 
-def check_angle(value: ArrayLike, name: str) -> float:
-    """Return an angle, radians; warn beyond a whole turn.
-
-    Raises InputError if it is not one finite number.
-    """
-    radians = check_number(value, name)
-    warn_of_degrees([radians], {0: "it"}, name)
-    return radians
-
-
 def suggest_radians(value: float) -> str:
     """Return a hint for an angle outside [0, pi], radians, which may be in degrees."""
     if math.pi < value <= 180.0:

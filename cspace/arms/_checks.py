@@ -6,8 +6,6 @@ from collections import Counter
 from collections.abc import Collection, Iterable, Mapping
 from typing import Any
 
-import numpy as np
-
 from cspace.errors import InputError
 from cspace.inside import ContentError, check_known
 
@@ -31,12 +29,3 @@ def check_mapping(values: Any, name: str, known: Collection[str]) -> dict[str, A
     if not (isinstance(values, Mapping) or hasattr(values, "to_dict")):
         raise InputError(name, f"is {values!r}", "it must map names to numbers")
     return {check_known(key, name, known, "names"): value for key, value in values.items()}
-
-
-def parse_finite(text: str) -> list[float]:
-    """Parse finite numbers between blanks, or return an empty list."""
-    try:
-        numbers = [float(word) for word in text.split()]
-    except ValueError:
-        return []
-    return numbers if np.isfinite(numbers).all() else []

@@ -8,12 +8,12 @@ from collections.abc import Iterable, Mapping
 from typing import Any, Final, TypeAlias
 from xml.etree.ElementTree import Element, SubElement
 
-from cspace.arms._checks import parse_finite
 from cspace.inside import (
     Fields,
     Ledger,
     check_suffix,
     decoding,
+    parse_finite,
     read_document,
     read_xml,
     warn_user,

@@ -21,7 +21,7 @@ from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 
-from cspace.arms._checks import check_distinct, parse_finite
+from cspace.arms._checks import check_distinct
 from cspace.arms._sphere_files import read_spheres, replace_geometry
 from cspace.errors import FileError, InputError
 from cspace.inside import (
@@ -32,6 +32,7 @@ from cspace.inside import (
     StrPath,
     decoding,
     import_optional,
+    parse_finite,
     read_xml,
     warn_user,
 )
