@@ -1,6 +1,5 @@
 """Maps to plan on in every space, and checks of plans."""
 
-import dataclasses
 import math
 import time
 from functools import cache
@@ -291,7 +290,9 @@ def check(space, plan, start, goal):
         if space.size == dim:
             least = min_distance(space, points)
             assert max(0.0, least - 2.3 * space.grid.spacing) <= plan.clearance <= least
-    assert min(dataclasses.astuple(plan.times)) >= 0.0, plan.times
+    # Searches are timed by the CPU here, of which PRM's two threads may take more than passes.
+    times = plan.times
+    assert min(times.planning, times.simplification, times.checking) >= 0.0, times
 
 
 def check_failed(space, plan):
