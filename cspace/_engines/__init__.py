@@ -2,6 +2,13 @@
 
 There are two; they share no code and build the same map. The cost of transforms hardly depends on
 the robot; dilation handles 64 cells at a time, at the cost of one step for each row of the robot.
+
+Words that the modules of this package share:
+
+- *slice*: the map at one rotation cell, or at several where the robot covers the same cells.
+- *run*: consecutive cells of a row.
+- *tile*: a part of the map that one transform handles.
+- *window*: a box of indices, from its start to before its stop.
 """
 
 from __future__ import annotations

@@ -1,5 +1,13 @@
 """Exact queries: geometry decides wherever the map cannot.
 
+Words that the modules of this package share:
+
+- *boundary*: the triangles, segments and points between a solid and the rest, in parts that connect.
+- *anchor*: a point of a part, which shows on which side of another solid the part lies.
+- *cap*: what closes an obstacle where a side of the grid cuts it.
+- *wall*: a side of a grid whose exterior is blocked.
+- *advance*: the fraction of a motion that one distance proves.
+
 FREE and BLOCKED cells answer at once. In MIXED cells and outside the grid, the distance between the
 boundaries of robot and obstacles decides. If the boundaries are apart, one point of each connected
 part shows whether the part lies inside the other solid. A distance proves a whole neighbourhood: if

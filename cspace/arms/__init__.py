@@ -1,4 +1,16 @@
-"""Arms: robots with joints, whose configurations and motions are proven free (experimental)."""
+"""Arms: robots with joints, whose configurations and motions are proven free (experimental).
+
+Words that the modules of this package share:
+
+- *body*: links held together by fixed joints; *solid*: a body's surface, or an obstacle.
+- *chain*: the bodies of an arm, each after its parent.
+- *part*: a connected piece of a body's boundary.
+- *tube*: the motion of the joints between two configurations, from which each may deviate.
+- *slack*: by how much a distance exceeds the one that is required.
+- *cone*: the directions within an angle of one that a link keeps.
+- *inner ball*: a ball inside a solid, which proves collisions.
+- *block*: cells of a joint map that are tested as one.
+"""
 
 from cspace.arms._arm_space import ArmSpace, build_arm_space
 from cspace.arms._inverse import PoseGoal

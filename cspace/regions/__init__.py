@@ -1,4 +1,11 @@
-"""Convex regions of FREE configurations: one, along a path, or over a map (experimental)."""
+"""Convex regions of FREE configurations: one, along a path, or over a map (experimental).
+
+Words that the modules of this package share:
+
+- *core*: a point or segment that a polytope must contain.
+- *taken* cells: those that a region must not meet.
+- *arc*: an interval of yaws over which a region extends.
+"""
 
 from __future__ import annotations
 
