@@ -2,10 +2,10 @@
 
 Words that the modules of this package share:
 
-- *boundary*: the triangles, segments and points between a solid and the rest, in parts that connect.
+- *boundary*: triangles, segments and points between a solid and the rest, in connected parts.
 - *anchor*: a point of a part, which shows on which side of another solid the part lies.
 - *cap*: what closes an obstacle where a side of the grid cuts it.
-- *wall*: a side of a grid whose exterior is blocked.
+- *wall*: a side of the grid.
 - *advance*: the fraction of a motion that one distance proves.
 
 FREE and BLOCKED cells answer at once. In MIXED cells and outside the grid, the distance between the
