@@ -14,7 +14,7 @@ import cspace._files
 from cspace._files.formats import ROBOT_FORMATS, WORKSPACE_FORMATS
 from cspace._shapes.primitives import SHORTHANDS
 from cspace.export._writers import EXPORT_FORMATS
-from planners._catalogue import REFUSALS, SPACE_KINDS, SUPPORTED
+from planners._catalogue import SKILLS, SPACE_KINDS, SUPPORTED, Skills, has_range
 
 DOCS = Path(__file__).parent
 MARKED = re.compile(r"(<!-- list: (.+?) -->\n).*?(<!-- end of list -->)", re.DOTALL)
@@ -107,16 +107,19 @@ def list_fields() -> Iterable[str]:
             yield f"| {' | '.join(fields[:4])} |"
 
 
-def list_refusals() -> Iterable[str]:
-    """Yield the rows of the options that planners refuse."""
-    yield from ("| planner | refuses | because it |", "|---|---|---|")
-    for options, reason in REFUSALS:
-        values = {option: ", ".join(map(str, refused)) for option, refused in options.items()}
-        names = values.pop("planner")
-        exact = ["`space.exact`"] if values.pop("exact", None) else []
-        named = [f"`{option}`: {value}" for option, value in values.items()]
-        refused = " with ".join([*exact, *named])
-        yield f"| {names} | {refused or 'every plan'} | {reason} |"
+def list_skills() -> Iterable[str]:
+    """Yield the rows of the options that planners take, those alike in one row."""
+    yield from (
+        "| planner | `drive` | `objective` | `keep` | `iterations` | `range` |",
+        "|---|---|---|---|---|---|",
+    )
+    names: dict[tuple[Skills, bool], list[str]] = {}
+    for name, skills in SKILLS.items():
+        names.setdefault((skills, has_range(name)), []).append(name)
+    for (skills, ranges), alike in names.items():
+        options = [", ".join(words) for words in skills[:3]]
+        settings = ["yes" if taken else "no" for taken in (skills.iterations, ranges)]
+        yield f"| {' | '.join([', '.join(alike), *options, *settings])} |"
 
 
 def list_supported() -> Iterable[str]:
@@ -166,7 +169,7 @@ LISTS: dict[str, Callable[[], Iterable[str]]] = {
     "export formats": lambda: list_formats(EXPORT_FORMATS),
     "fields": list_fields,
     "inner door": list_inside,
-    "refusals of planners": list_refusals,
+    "options of planners": list_skills,
     "goals and options of spaces": list_supported,
 }
 """Functions that make the lists of pages, by name."""

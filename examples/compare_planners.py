@@ -2,7 +2,7 @@
 OMPL's planners on one map, side by side
 ========================================
 
-Each geometric planner of the installed OMPL, except AORRTC, is called by its name. The map answers
+Each geometric planner of OMPL that the library runs is called by its name. The map answers
 them all, and proves each path anew when it is there.
 """
 

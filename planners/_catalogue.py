@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
 from typing import Final, Literal, NamedTuple, TypeAlias, cast, get_args
 
 from ompl import base as ob
@@ -12,19 +11,23 @@ from ompl import geometric as og
 
 from cspace import Space
 from cspace.errors import InputError
-from cspace.inside import Car, ConfigurationSpace, Differential, check_count, suggest_name
+from cspace.inside import (
+    Car,
+    ConfigurationSpace,
+    Upright,
+    check_count,
+    check_positive,
+    suggest_name,
+)
 from planners._local_planner import Drive
 
 PlannerName: TypeAlias = Literal[
-    "BFMT",
     "BITstar",
     "BKPIECE1",
     "FMT",
     "InformedRRTstar",
     "KPIECE1",
     "LBKPIECE1",
-    "PRM",
-    "PRMstar",
     "RRT",
     "RRTConnect",
     "RRTstar",
@@ -34,7 +37,11 @@ PlannerName: TypeAlias = Literal[
     "Lattice",
     "BiRRT",
 ]
-"""Planners of OMPL 2.0.1 and built-in searches, as :func:`planners.plan` names them."""
+"""Planners of OMPL and built-in searches, as :func:`planners.plan` names them.
+
+Not all of OMPL 2.0.1 can run from Python. The threads of PRM and PRMstar wait for Python's lock for
+ever, AORRTC may read beyond the end of a list on paths of some 90 m, and BFMT with several goals.
+"""
 
 GRID: Final = "Grid"
 """Name by which :func:`planners.plan` searches a short or cheap chain of cells of a map."""
@@ -52,119 +59,62 @@ BIRRT: Final = "BiRRT"
 BUILT_IN_SEARCHES: Final = (GRID, MAX_CLEARANCE, LATTICE, BIRRT)
 """Names of the searches that run without OMPL."""
 
-PLANNERS_OF_OMPL: Final[tuple[PlannerName, ...]] = get_args(PlannerName)[: -len(BUILT_IN_SEARCHES)]
-"""Names of the planners that OMPL runs."""
-
-PLANNERS_WITHOUT_OBJECTIVE: Final = ("BKPIECE1", "KPIECE1", "LBKPIECE1", "RRT", "RRTConnect")
-"""Planners that stop at the first path and minimise nothing."""
-
-THREADED_PLANNERS: Final = ("PRM", "PRMstar")
-"""Planners that look for a solution from a second thread.
-
-The second thread needs Python's lock to call a Python objective or stopping rule, while the first
-thread holds the lock and waits for it: a deadlock. So these planners are refused with such
-callbacks. An exception of a callback would end the process, so a plan raises it after the search.
-"""
-
-BIDIRECTIONAL_PLANNERS: Final = ("BFMT", "BKPIECE1", "LBKPIECE1", "PRM", "PRMstar")
-"""Planners that also follow edges from end to start.
-
-A robot that turns on the spot only has to turn around for the way back, so its edges must be free
-both ways. The way back of a car is a loop, which is hardly ever free, so these planners are refused
-for Dubins curves.
-"""
-
-UNSAFE_PLANNER: Final = "AORRTC"
-"""Planner that is not offered.
-
-AORRTC looks for the root of a tree within a distance rounded to seven digits. If the root is
-farther away, AORRTC reads beyond the end of its list.
-"""
-
 LENGTH: Final = "length"
 CLEARANCE: Final = "clearance"
 FUNCTION: Final = "a function"
 """Objectives of :func:`planners.plan`."""
 
-SEVERAL: Final = "several"
-OWN_SEARCH: Final = "a search of your own space"
-GIVEN: Final = "given"
-"""Values of ``goal``, ``planner`` and ``keep`` in :data:`REFUSALS`."""
-
-NO_DRIVE: Final = "None"
+NONE: Final = "None"
+ANY: Final = "any"
 DIFFERENTIAL: Final = "Differential"
 CAR: Final = "Car"
-FORWARD_CAR: Final = "Car(reverse=False)"
-"""Values of ``drive`` in :data:`REFUSALS`."""
-
-WITHOUT_ITERATIONS: Final = (GRID, MAX_CLEARANCE, LATTICE, *THREADED_PLANNERS)
-"""Planners that count no iterations, or cannot call Python from their threads."""
-
-_NO_SECOND_THREAD: Final = "cannot call Python from its second thread"
-"""What planners with threads must not do: it would wait for the first thread for ever."""
+REVERSING_CAR: Final = "Car(reverse=True)"
+"""Values of ``drive`` and ``keep``, in messages."""
 
 
-class Refusal(NamedTuple):
-    """Options that :func:`planners.plan` refuses together."""
+class Skills(NamedTuple):
+    """What a planner supports; the page on planning prints these."""
 
-    options: Mapping[str, Sequence[object]]  # their values; errors are about the first one
-    reason: str  # after the name of the planner
+    drive: tuple[str, ...] = (NONE,)
+    objective: tuple[str, ...] = (LENGTH,)
+    keep: tuple[str, ...] = (NONE,)
+    iterations: bool = True  # whether it counts them
+
+    @property
+    def optimises(self) -> bool:
+        """Whether a planner of OMPL goes on after the first path."""
+        return FUNCTION in self.objective
+
+    @property
+    def is_bidirectional(self) -> bool:
+        """Whether a planner of OMPL also follows edges from end to start.
+
+        A robot that turns on the spot only has to turn around for the way back. That of a car is a
+        loop, which is hardly ever free.
+        """
+        return CAR not in self.drive
 
 
-REFUSALS: Final = (
-    Refusal(
-        {"planner": (UNSAFE_PLANNER,)},
-        "of OMPL 2.0.1 ends the process if a path is longer than some 90 m",
-    ),
-    Refusal(
-        {"planner": BIDIRECTIONAL_PLANNERS, "drive": (FORWARD_CAR,)},
-        "also follows edges from end to start, which no such car drives",
-    ),
-    Refusal(
-        {"planner": (LATTICE,), "drive": (NO_DRIVE,)},
-        "is for all other drives",
-    ),
-    Refusal(
-        {"drive": (FORWARD_CAR, CAR, DIFFERENTIAL), "planner": (GRID, MAX_CLEARANCE)},
-        "is for holonomic robots",
-    ),
-    Refusal(
-        {"objective": (CLEARANCE, FUNCTION), "planner": PLANNERS_WITHOUT_OBJECTIVE},
-        "ignores objectives",
-    ),
-    Refusal({"objective": (CLEARANCE, FUNCTION), "planner": THREADED_PLANNERS}, _NO_SECOND_THREAD),
-    Refusal({"objective": (FUNCTION,), "planner": (GRID,)}, "minimises length or clearance"),
-    Refusal(
-        {
-            "objective": (CLEARANCE, FUNCTION),
-            "planner": (MAX_CLEARANCE, LATTICE, BIRRT, OWN_SEARCH),
-        },
-        "minimises the length",
-    ),
-    Refusal(
-        {"exact": (True,), "planner": (GRID,), "objective": (CLEARANCE,)},
-        f"uses FREE cells for objective={CLEARANCE!r}",
-    ),
-    Refusal({"exact": (True,), "planner": (MAX_CLEARANCE,)}, "uses FREE cells"),
-    Refusal(
-        {
-            "exact": (True,),
-            "planner": (LATTICE,),
-            "drive": (DIFFERENTIAL,),
-        },
-        "uses FREE cells",
-    ),
-    Refusal({"goal": (SEVERAL,), "planner": THREADED_PLANNERS}, _NO_SECOND_THREAD),
-    Refusal(
-        {"goal": (SEVERAL,), "planner": ("BFMT",)},
-        "of OMPL 2.0.1 may end the process if it has several",
-    ),
-    Refusal(
-        {"keep": (GIVEN,), "planner": PLANNERS_OF_OMPL},
-        "samples configurations that are not upright",
-    ),
-)
-"""What :func:`planners.plan` refuses; the page on planning prints this table."""
+_DRIVES: Final = (NONE, DIFFERENTIAL, REVERSING_CAR, CAR)
+_OBJECTIVES: Final = (LENGTH, CLEARANCE, FUNCTION)
+
+SKILLS: Final[Mapping[str, Skills]] = {
+    "BITstar": Skills(_DRIVES, _OBJECTIVES),
+    "BKPIECE1": Skills(_DRIVES[:3]),
+    "FMT": Skills(_DRIVES, _OBJECTIVES),
+    "InformedRRTstar": Skills(_DRIVES, _OBJECTIVES),
+    "KPIECE1": Skills(_DRIVES),
+    "LBKPIECE1": Skills(_DRIVES[:3]),
+    "RRT": Skills(_DRIVES),
+    "RRTConnect": Skills(_DRIVES),
+    "RRTstar": Skills(_DRIVES, _OBJECTIVES),
+    "SORRTstar": Skills(_DRIVES, _OBJECTIVES),
+    GRID: Skills(objective=(LENGTH, CLEARANCE), iterations=False),
+    MAX_CLEARANCE: Skills(iterations=False),
+    LATTICE: Skills(_DRIVES[1:], iterations=False),
+    BIRRT: Skills(keep=(NONE, ANY)),
+}
+"""Skills of each planner."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,17 +124,21 @@ class Search:
     Attributes
     ----------
     name : str, optional
-        Name of the planner, in upper or lower case; by default that of the space and the drive. On
-        a map, ``iterations`` alone are those of RRTConnect, or for a forward car of RRT.
+        Name of the planner, in upper or lower case; by default that of the space and the drive, or
+        the first search of a space of your own. On a map, ``iterations`` alone are those of
+        RRTConnect, or for a forward car of RRT.
     iterations : int, optional
         Largest number of iterations of a planner of OMPL, or of BiRRT's further searches.
     simplify : bool
         Whether to shorten the path.
+    range : float, optional
+        Longest edge of the trees of a named planner of OMPL, metres, where a radian counts half a
+        metre except along curves; by default a fifth of the space's extent.
 
     Raises
     ------
     InputError
-        If a value is of another kind, or the planner counts no iterations.
+        If a value is of another kind, a name is unknown, or the planner has no such setting.
 
     Examples
     --------
@@ -199,17 +153,34 @@ class Search:
     name: PlannerName | None = None
     iterations: int | None = None
     simplify: bool = True
+    range: float | None = None
 
     def __post_init__(self) -> None:
         """Check the settings."""
         if not isinstance(cast(object, self.simplify), bool):
             raise InputError("simplify", f"is {self.simplify!r}", "it must be True or False")
-        if self.iterations is None:
-            return
-        object.__setattr__(self, "iterations", check_count(self.iterations, "iterations", 1, 2**62))
-        if str(self.name).lower() in map(str.lower, WITHOUT_ITERATIONS):
-            problem = f"is {self.iterations} and name is {self.name!r}"
-            raise InputError("iterations", problem, f"{self.name} counts none")
+        name = None if self.name is None else planner_named(self.name)
+        object.__setattr__(self, "name", name)
+        if self.iterations is not None:
+            count = check_count(self.iterations, "iterations", 1, 2**62)
+            object.__setattr__(self, "iterations", count)
+            self._require("iterations", name is None or SKILLS[name].iterations)
+        if self.range is not None:
+            object.__setattr__(self, "range", check_positive(self.range, "range"))
+            self._require("range", has_range(name))
+
+    def _require(self, setting: str, is_there: bool) -> None:
+        """Raise InputError for a setting that the planner does not have."""
+        if not is_there:
+            problem = f"is {getattr(self, setting)!r} and name is {self.name!r}"
+            raise InputError(
+                setting, problem, f"{self.name or 'the default planner'} has no {setting}"
+            )
+
+
+def has_range(name: str | None) -> bool:
+    """Return whether a planner is one of OMPL whose trees have a longest edge."""
+    return hasattr(getattr(og, str(name), None), "setRange")
 
 
 MAPS: Final = "maps of poses"
@@ -262,7 +233,7 @@ def check_support(option: str, argument: str, value: object, space: Space) -> No
 
 
 FMT_SAMPLES_ALONG_CURVES: Final = 300
-"""Initial number of samples of FMT and BFMT if edges are curves.
+"""Initial number of samples of FMT if edges are curves.
 
 OMPL's default is 1000. Within 8 s, both numbers gave as many paths of the same length, but 1000
 samples took four times as long. Within 2 s, 1000 samples gave a quarter as many paths along Dubins
@@ -271,10 +242,9 @@ curves.
 
 
 def planner_names() -> tuple[PlannerName, ...]:
-    """List the geometric planners of the installed OMPL.
+    """List the geometric planners of OMPL that :func:`planners.plan` runs.
 
-    The order is alphabetical. AORRTC is left out, because OMPL 2.0.1 ends the process on paths
-    longer than about 90 m.
+    The order is alphabetical.
 
     Returns
     -------
@@ -286,22 +256,21 @@ def planner_names() -> tuple[PlannerName, ...]:
     >>> "RRTConnect" in planners.planner_names()
     True
     """
-    safe = [name for name in _list_planners() if name != UNSAFE_PLANNER]
-    return cast(tuple[PlannerName, ...], tuple(sorted(safe, key=str.lower)))
+    return get_args(PlannerName)[: -len(BUILT_IN_SEARCHES)]
 
 
 def default_planner(drive: Drive | None) -> PlannerName:
     """Return the planner of OMPL that runs by default."""
     # RRTConnect's tree at the goal grows by curves that leave the goal; a Dubins car needs curves
     # that arrive.
-    return "RRT" if _name_drive(drive) == FORWARD_CAR else "RRTConnect"
+    return "RRT" if _name_drive(drive) == CAR else "RRTConnect"
 
 
-def _name_drive(drive: object) -> str:
-    """Return the value of a drive in :data:`REFUSALS`."""
+def _name_drive(drive: Drive | None) -> str:
+    """Return the name of a drive in :class:`Skills`."""
     if isinstance(drive, Car):
-        return CAR if drive.reverse else FORWARD_CAR
-    return DIFFERENTIAL if isinstance(drive, Differential) else NO_DRIVE
+        return REVERSING_CAR if drive.reverse else CAR
+    return NONE if drive is None else DIFFERENTIAL
 
 
 def planner_named(name: str, searches: Sequence[str] = ()) -> PlannerName:
@@ -309,72 +278,52 @@ def planner_named(name: str, searches: Sequence[str] = ()) -> PlannerName:
 
     The given name may be in any case. Raises InputError if it is unknown.
     """
-    known = {word.lower(): word for word in (*_list_planners(), *BUILT_IN_SEARCHES, *searches)}
+    known = {word.lower(): word for word in (*SKILLS, *searches)}
     if not isinstance(name, str) or name.lower() not in known:
         # Users of OMPL's documentation may write RRT*.
         hint = suggest_name(str(name).replace("*", "star"), known.values())
-        others = [word for word in searches if word not in BUILT_IN_SEARCHES]
-        choices = [*others, GRID, MAX_CLEARANCE, LATTICE, f"or for an arm {BIRRT}"]
-        raise InputError(
-            "planner",
-            f"is {name!r}",
-            f"it must be a geometric planner of the installed OMPL, {', '.join(choices)}",
-            hint,
-        )
+        rule = f"it must be {', '.join(known.values())}"
+        raise InputError("planner", f"is {name!r}", rule, hint)
     return cast(PlannerName, known[name.lower()])
 
 
-def check_options(values: Mapping[str, object], is_named: bool, n_goals: int = 1) -> None:
-    """Raise InputError if options do not go together, by :data:`REFUSALS`.
+def check_skills(
+    planner: PlannerName,
+    drive: Drive | None,
+    objective: object,
+    keep: Sequence[Upright],
+    is_named: bool,
+) -> None:
+    """Raise InputError if a planner lacks the skills for the options of a plan.
 
-    ``values`` are those of planner, objective, drive, exact and keep; ``is_named`` says that the
-    user chose the planner.
+    ``is_named`` says that the user chose the planner.
     """
-    planner = values["planner"]
-    kinds = {**values, "goal": SEVERAL if n_goals > 1 else None}
-    kinds["drive"] = _name_drive(values["drive"])
-    if planner not in (*_list_planners(), *BUILT_IN_SEARCHES):
-        kinds["planner"] = OWN_SEARCH
-    if callable(values["objective"]):
-        kinds["objective"] = FUNCTION
-    kinds["keep"] = GIVEN if values.get("keep") else None
-    for options, reason in REFUSALS:
-        if not all(kinds[option] in refused for option, refused in options.items()):
-            continue
-        option, *others = options
-        problem = f"is {values.get(option)!r}"
-        if option == "goal":
-            problem = f"has {n_goals} configurations"
-        elif option == "exact":
-            option, problem = "space", "is space.exact"
-        if others:
-            problem += f" and {others[0]} is {values[others[0]]!r}"
-        if not is_named:
-            problem += f", the default for objective={values['objective']!r}"
-        raise InputError(option, problem, f"{planner} {reason}")
+    skills = SKILLS.get(planner, Skills())
+    asked = (
+        ("drive", drive, _name_drive(drive), skills.drive),
+        ("objective", objective, FUNCTION if callable(objective) else objective, skills.objective),
+        ("keep", keep, ANY if keep else NONE, skills.keep),
+    )
+    for option, value, kind, possible in asked:
+        if kind not in possible:
+            problem = f"is {value!r} and planner is {planner!r}"
+            if not is_named:
+                problem += f", the default for objective={objective!r}"
+            raise InputError(option, problem, f"{planner} takes {option}: {', '.join(possible)}")
 
 
-def make_planner(name: str, si: ob.SpaceInformation) -> ob.Planner:
+def make_planner(name: str, si: ob.SpaceInformation, range_: float | None = None) -> ob.Planner:
     """Create an OMPL planner by name, with short steps."""
     planner = getattr(og, name)(si)
+    if range_ is not None:
+        planner.setRange(range_)
     if name == "BITstar":
         # Pruning rebuilds the search tree at every 500th sample. Along curves, one such step takes
         # minutes, so the planner would exceed its time limit.
         planner.setPruning(False)
     has_curves = isinstance(si.getStateSpace(), (ob.DubinsStateSpace, ob.ReedsSheppStateSpace))
-    if name in ("FMT", "BFMT") and has_curves:
+    if name == "FMT" and has_curves:
         # More are drawn if needed. A step measures from each neighbor to all samples, which takes
         # tenths of a second along curves.
         planner.setNumSamples(FMT_SAMPLES_ALONG_CURVES)
     return planner
-
-
-@cache
-def _list_planners() -> list[str]:
-    """List the names of OMPL's concrete geometric planners."""
-    # The bindings define no constructor for an abstract class.
-    return [
-        name
-        for name, kind in vars(og).items()
-        if isinstance(kind, type) and issubclass(kind, ob.Planner) and "__init__" in vars(kind)
-    ]

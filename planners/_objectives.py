@@ -44,7 +44,7 @@ class WeightedLength(ob.OptimizationObjective):
     and SE(3); along curves it counts nothing.
 
     OMPL calls this objective through Python at every step. PRM and PRMstar would call it from a
-    second thread and deadlock, so :func:`planners.plan` refuses them.
+    second thread, and wait for ever.
 
     Parameters
     ----------

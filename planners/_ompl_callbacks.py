@@ -85,8 +85,7 @@ class MotionValidator(ob.MotionValidator):
         As for :func:`planners.plan`.
     bidirectional : bool
         Whether an edge must also be free from its end to its start. Planners that follow edges both
-        ways (BFMT, BKPIECE1, LBKPIECE1, PRM, PRMstar) need it if the robot does not drive
-        backwards.
+        ways, such as BKPIECE1 and PRM, need it if the robot does not drive backwards.
 
     Attributes
     ----------

@@ -9,13 +9,10 @@ from __future__ import annotations
 
 import itertools
 import math
-import signal
-import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import partial
-from types import FrameType
 from typing import Any, Final
 
 import numpy as np
@@ -24,15 +21,7 @@ from ompl import geometric as og
 from ompl import util as ou
 
 from cspace.inside import NEVER, Differential, Effort, Floats, Upright, is_over, now, spend
-from planners._catalogue import (
-    BIDIRECTIONAL_PLANNERS,
-    LENGTH,
-    PLANNERS_WITHOUT_OBJECTIVE,
-    THREADED_PLANNERS,
-    PlannerName,
-    default_planner,
-    make_planner,
-)
+from planners._catalogue import LENGTH, SKILLS, PlannerName, default_planner, make_planner
 from planners._goals import Room
 from planners._local_planner import MAX_TURN, Endpoints, LocalPlanner
 from planners._objectives import ClearanceObjective, WeightedLength
@@ -79,28 +68,17 @@ class Deadline:
 
     Callbacks hold it, so it must not hold OMPL's objects, which would never be freed.
 
-    Parameters
-    ----------
-    raises : bool
-        Whether callbacks raise :class:`OutOfTime` if the work goes on for :data:`GRACE_SECONDS`.
-    step : int
-        Work of a call, nanoseconds.
-
     Attributes
     ----------
+    step : int
+        Work of a call, nanoseconds.
     end : Effort
         Never by default, and at once if the caller ends the search.
-    terminate : callable or None
-        Called if the caller ends the search, or a check of a planner with threads raises.
     """
 
-    terminate: Callable[[], None] | None = None
-    _error: BaseException | None = None
-
-    def __init__(self, raises: bool, step: int = NANOSECONDS_PER_STEP) -> None:
+    def __init__(self, step: int = NANOSECONDS_PER_STEP) -> None:
         self.step = step
         self.end = NEVER
-        self._raises = raises
 
     def check(self) -> bool:
         """Return True before the deadline; raise OutOfTime if it is long past."""
@@ -109,42 +87,17 @@ class Deadline:
         if seconds_late < 0.0 and is_over(NEVER):
             seconds_late = GRACE_SECONDS - STOP_GRACE_SECONDS
             self.end = now() - Effort.from_seconds(seconds_late, seconds_late)
-            if self.terminate is not None:
-                self.terminate()
-        if seconds_late > GRACE_SECONDS and self._raises:
+        if seconds_late > GRACE_SECONDS:
             raise OutOfTime
         return seconds_late < 0.0
 
     def refuse_late(self, check: Callable[..., bool]) -> Callable[..., bool]:
-        """Let a check refuse everything after the deadline.
-
-        In a planner with threads an exception would end the process, so it ends the search instead.
-        """
+        """Let a check refuse everything after the deadline."""
 
         def check_in_time(*states: Any) -> bool:
-            try:
-                return self.check() and check(*states)
-            except BaseException as error:
-                if self._raises:
-                    raise
-                self.fail(error)
-                return False
+            return self.check() and check(*states)
 
         return check_in_time
-
-    def fail(self, error: BaseException) -> None:
-        """End the search by an exception that is raised after it."""
-        self._error = self._error or error
-        self.end = NO_EFFORT - NEVER
-        if self.terminate is not None:
-            self.terminate()
-
-    def raise_error(self) -> None:
-        """Raise the exception that ended the search, if any."""
-        error = self._error
-        self._error = None  # its traceback holds OMPL's objects
-        if error is not None:
-            raise error
 
     def end_late(self, cost: Callable[..., float]) -> Callable[..., float]:
         """Let a cost end the work after the deadline."""
@@ -182,6 +135,7 @@ class PlanTask:
     limit: Effort
     time_limit: float | None  # seconds, if the user gave a limit
     iterations: int | None  # largest number of checks of OMPL's termination condition
+    range: float | None  # longest edge of a tree of OMPL, if given
     simplify: bool
     seed: int | None
     is_named: bool  # whether the user chose the planner
@@ -195,8 +149,6 @@ class PlanTask:
 def make_objective(task: PlanTask) -> MakeObjective | None:
     """Return the maker of OMPL's objective; None for OMPL's length."""
     edges = task.edges
-    if task.planner in THREADED_PLANNERS:
-        return None
     if callable(task.objective):
         return task.objective
     if task.objective == LENGTH and not isinstance(edges.drive, Differential):
@@ -238,7 +190,8 @@ def run_ompl(task: PlanTask, may_exist: Callable[[], bool]) -> SearchResult:
     with _silence():
         edges = task.edges
         ends = task.endpoints[:2]
-        if task.planner in BIDIRECTIONAL_PLANNERS and edges.drive and not edges.reverses:
+        is_one_way = edges.drive is not None and not edges.reverses
+        if is_one_way and SKILLS[task.planner].is_bidirectional:
             task = replace(task, edges=replace(edges, bidirectional=True))
         run = _Run(task, may_exist)
         # OMPL's SORRTstar never returns once it has found a path of the least possible length.
@@ -275,10 +228,9 @@ class _Run:
         self._may_exist = may_exist
         self._edges = task.edges
         self._kind = find_state_kind(task.edges.space)
-        self._is_threaded = task.planner in THREADED_PLANNERS
         is_holonomic = task.edges.drive is None
         step = NANOSECONDS_PER_STEP if is_holonomic else NANOSECONDS_PER_DRIVEN_STEP
-        self._deadline = deadline = Deadline(not self._is_threaded, step)
+        self._deadline = deadline = Deadline(step)
         make = make_objective(task)
         self._setup = setup = make_setup(task.edges, make)
         checker = setup.getStateValidityChecker()
@@ -291,7 +243,7 @@ class _Run:
             is_length = objective._is_length
             objective.edge_cost = deadline.end_late(objective.edge_cost)
         self.by_length = make is None or is_length
-        self._must_beat = make is not None and task.planner not in PLANNERS_WITHOUT_OBJECTIVE
+        self._must_beat = make is not None and SKILLS[task.planner].optimises
 
     def solve(self) -> SearchResult:
         """Search for a path and simplify it, within the time limit."""
@@ -299,9 +251,6 @@ class _Run:
         task = self._task
         note = ""
         self._set_endpoints()
-        # A planner with threads cannot ask while it searches.
-        if self._is_threaded and not self._may_exist():
-            return SearchResult(np.empty((0, self._edges.space.size)))
         self._began = now()
         first_planner = default_planner(self._edges.drive)
         best = None
@@ -383,21 +332,11 @@ class _Run:
             self._began += waited
             return False
 
-        if self._is_threaded:
-            # OMPL's own clock counts compilation, but its threads cannot call ours, nor count work.
-            seconds = min(limit.seconds, limit.work_seconds)
-            self._deadline.end = Effort(math.inf, began.seconds + seconds)
-            condition = ob.timedPlannerTerminationCondition(max(seconds, 0.0))
-            self._deadline.terminate = condition.terminate
-        else:
-            condition = ob.PlannerTerminationCondition(has_to_end)
+        condition = ob.PlannerTerminationCondition(has_to_end)
         status = "Timeout"
-        signals = _guard_signals(self._deadline) if self._is_threaded else nullcontext()
-        with suppress(OutOfTime), signals:
-            setup.setPlanner(make_planner(name, setup.getSpaceInformation()))
+        with suppress(OutOfTime):
+            setup.setPlanner(make_planner(name, setup.getSpaceInformation(), self._task.range))
             status = str(setup.solve(condition).asString())
-        self._deadline.terminate = None
-        self._deadline.raise_error()
         return "" if status in _USUAL_STATUSES else f"OMPL reports {status!r}"
 
     def _improve(self, path: og.PathGeometric) -> og.PathGeometric:
@@ -433,34 +372,6 @@ class _Run:
         """Return the configurations of OMPL's path, shape (n, size)."""
         rows = [self._kind.read(state) for state in path.getStates()]
         return self._kind.unwind(np.array(rows), self._task.endpoints[0])
-
-
-@contextmanager
-def _guard_signals(deadline: Deadline) -> Iterator[None]:
-    """Let an exception of a signal's handler end a search, and be raised after it.
-
-    Python may run a handler before the first line of a callback, where nothing catches it.
-    """
-    if threading.current_thread() is not threading.main_thread():
-        yield  # Python handles signals in the main thread
-        return
-    found = [(number, signal.getsignal(number)) for number in signal.valid_signals()]
-    handlers = {number: handler for number, handler in found if callable(handler)}
-
-    def handle(number: int, frame: FrameType | None) -> None:
-        """Run the handler, and keep its exception."""
-        try:
-            handlers[signal.Signals(number)](number, frame)
-        except BaseException as error:
-            deadline.fail(error)
-
-    for number in handlers:
-        signal.signal(number, handle)
-    try:
-        yield
-    finally:
-        for number, handler in handlers.items():
-            signal.signal(number, handler)
 
 
 @contextmanager

@@ -44,7 +44,7 @@ from planners._catalogue import (
     NEAR_START,
     PlannerName,
     Search,
-    check_options,
+    check_skills,
     check_support,
     default_planner,
     planner_named,
@@ -172,7 +172,7 @@ def plan(
 ) -> Plan:
     """Find and prove a path on a map or for an arm.
 
-    Any geometric planner of OMPL may search, or a search of our own. Every edge of the path is
+    A geometric planner of OMPL may search, or a search of our own. Every edge of the path is
     proven free by the map, or for an arm by the geometry. The page on planning describes defaults,
     time, refused options, previous plans, tiled maps and repeatable runs.
 
@@ -266,18 +266,19 @@ def plan(
     if kept:
         check_support("`keep`", "keep", keep, space)
         edges = replace(edges, space=space.keep(kept))
-    search = planner if isinstance(planner, Search) else Search(planner)
-    name = default_planner(drive) if search.name is None else search.name
+    search = planner if isinstance(planner, Search) else Search()
+    name = search.name if isinstance(planner, Search) else planner
     task = PlanTask(
         edges=edges,
-        planner=planner_named(name, space.searches),
+        planner=planner_named(default_planner(drive) if name is None else name, space.searches),
         objective=objective,
         limit=Effort.within(time_limit, DEFAULT_SECONDS),
         time_limit=None if time_limit is None else float(time_limit),
         iterations=search.iterations,
+        range=search.range,
         simplify=search.simplify,
         seed=None if seed is None else check_count(seed, "seed", 0, 2**32 - 2),
-        is_named=search.name is not None,
+        is_named=name is not None,
         previous=np.empty((0, space.size)),
         keep=kept,
     )
@@ -292,9 +293,6 @@ def plan(
     places = _check_places(via, goal, task)
     endpoint, moved = _check_start(task, point, near)
     stages = [_check_stage(task, name, place, endpoint) for name, place in places]
-    n_goals = 1 if space.has_cells else max(len(stage.goals) for stage in stages)
-    if n_goals > 1:
-        _check_options(task, n_goals)
     if edges.drive is not None:
         import planners._lattice  # noqa: F401 - a search would import it later, on its time
     if task.seed is not None:
@@ -377,7 +375,8 @@ def _choose_searches(task: PlanTask) -> PlanTask:
             f"is {name!r} and space is {space!r}",
             f"its built-in searches are {', '.join(searches) or 'none'}",
         )
-    _check_options(task)
+    _check_objective(task)
+    check_skills(name, task.edges.drive, task.objective, task.keep, task.is_named)
     if name not in searches:
         make_bounded_states(task.edges)  # refuses spaces that are too small for OMPL
     if name != default and task.objective == LENGTH and space.has_cells:
@@ -480,25 +479,16 @@ def _choose_planner(task: PlanTask) -> PlannerName:
     return GRID if edges.drive is None else LATTICE
 
 
-def _check_options(task: PlanTask, n_goals: int = 1) -> None:
-    """Raise InputError if the objective is unknown, or options do not go together."""
-    edges = task.edges
+def _check_objective(task: PlanTask) -> None:
+    """Raise InputError if the objective is unknown, or for maps and the space is none."""
     if task.objective == CLEARANCE:
-        check_has_cells(edges.space)
+        check_has_cells(task.edges.space)
     elif task.objective != LENGTH and not callable(task.objective):
         raise InputError(
             "objective",
             f"is {task.objective!r}",
             f"it must be {LENGTH!r}, {CLEARANCE!r}, or a function that makes OMPL's objective",
         )
-    values = {
-        "planner": task.planner,
-        "objective": task.objective,
-        "drive": edges.drive,
-        "exact": edges.exact,
-        "keep": task.keep,
-    }
-    check_options(values, task.is_named, n_goals)
 
 
 class Journey(NamedTuple):
@@ -902,17 +892,21 @@ def _search_cells(task: PlanTask) -> Floats:
     space = edges.cells
     endpoints = space.rotations.make_canonical(np.array(task.endpoints))
     options = task.simplify, task.limit
+    until = now() + task.limit
+    path = endpoints[:0]
     with suppress(TimeoutError):
         if task.planner == MAX_CLEARANCE:
             from planners._widest import find_widest_path
 
-            return find_widest_path(space, endpoints, *options)
-        if task.objective == CLEARANCE:
-            return find_clear_path(edges, endpoints, *options)
-        if edges.exact:
-            return find_exact_path(space, endpoints, *options)
-        return find_short_path(space, endpoints, *options)
-    return endpoints[:0]
+            path = find_widest_path(space, endpoints, *options)
+        elif task.objective == CLEARANCE:
+            path = find_clear_path(edges, endpoints, *options)
+        elif not edges.exact:
+            path = find_short_path(space, endpoints, *options)
+        # FREE cells are clear; if they give no path, the geometry may.
+        if edges.exact and not len(path):
+            path = find_exact_path(space, endpoints, task.simplify, until - now())
+    return path
 
 
 def _describe_outcome(task: PlanTask, result: SearchResult, exists: bool | None) -> tuple[str, str]:
@@ -956,7 +950,8 @@ def _list_hints(task: PlanTask, exists: bool | None, is_late: bool) -> list[str]
     seconds = DEFAULT_SECONDS if task.time_limit is None else task.time_limit
     more = f"more time (time_limit={10.0 * seconds:g})"
     if task.iterations is not None and not is_late:
-        search = Search(task.planner if task.is_named else None, 10 * task.iterations)
+        name = task.planner if task.is_named else None
+        search = Search(name, 10 * task.iterations, task.simplify, task.range)
         more = f"more iterations by planner=planners.{search}"
     if not edges.space.has_cells:
         return [more, "another seed", "a larger tolerance" if task.keep else "another planner"]

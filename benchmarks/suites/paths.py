@@ -38,7 +38,7 @@ NOTCHED = [(-0.3, -0.25), (0.4, -0.25), (0.4, 0.0), (0.05, 0.0), (0.05, 0.35), (
 OFFICE, DEPOT = "maps/willow-full-0.05.yaml", "maps/depot.yaml"
 """Real maps."""
 
-IMPROVING_PLANNERS = "RRTstar", "InformedRRTstar", "BITstar", "PRMstar"
+IMPROVING_PLANNERS = "RRTstar", "InformedRRTstar", "BITstar"
 """Planners of OMPL that go on improving their path until the time limit."""
 
 MAX_RATIO = 1.05

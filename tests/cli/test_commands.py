@@ -459,7 +459,7 @@ def test_plan_passes_options_to_the_planner(room, monkeypatch):
 
     monkeypatch.setattr(planners, "plan", plan)
     given = "--drive reeds-shepp --turning-radius 0.5 --exact --objective clearance"
-    given += " --planner PRM --no-simplify --seed 3 --time-limit 2"
+    given += " --planner KPIECE1 --no-simplify --seed 3 --time-limit 2"
     result = run(f"plan turning.zarr --start 1,1,90deg --goal -1,-.5,-1.5 {given}")
     assert result.stderr == "cspace: enough\n"
     assert seen == {
@@ -468,7 +468,7 @@ def test_plan_passes_options_to_the_planner(room, monkeypatch):
         "drive": planners.Car(turning_radius=0.5, reverse=True),
         "is_exact": True,
         "objective": "clearance",
-        "planner": planners.Search("PRM", simplify=False),
+        "planner": planners.Search("KPIECE1", simplify=False),
         "seed": 3,
         "time_limit": 2.0,
     }

@@ -16,11 +16,7 @@ from benchmarks import inputs
 from benchmarks.report import Report
 from cspace import FREE, CSpace, Robot, Workspace
 from cspace._support.arrays import Floats
-from planners._catalogue import (
-    BIDIRECTIONAL_PLANNERS,
-    PLANNERS_WITHOUT_OBJECTIVE,
-    THREADED_PLANNERS,
-)
+from planners._catalogue import SKILLS
 from tests.fuzz.scenes import Rng
 from tests.helpers.drives import WORDS, make_drive
 
@@ -90,15 +86,16 @@ def check_planners(report: Report, rng: Rng, worlds: int) -> None:
         drive = str(rng.choice(WORDS)) if planners.choices(space).drives else "holonomic"
         for name in names:
             plans += 1
-            if drive == "dubins" and name in BIDIRECTIONAL_PLANNERS:
+            if drive == "dubins" and SKILLS[name].is_bidirectional:
                 continue
-            minimises = name not in (*PLANNERS_WITHOUT_OBJECTIVE, *THREADED_PLANNERS)
             plan = planners.plan(
                 space,
                 start,
                 goal,
                 planner=name,
-                objective="clearance" if minimises and rng.random() < 0.5 else "length",
+                objective="clearance"
+                if SKILLS[name].optimises and rng.random() < 0.5
+                else "length",
                 drive=make_drive(drive, RADIUS),
                 time_limit=LIMIT,
                 seed=int(rng.integers(1000)),

@@ -30,7 +30,7 @@ ENDPOINTS = {
 }
 """Start and goal in each room."""
 
-ANYTIME_PLANNERS = {"BITstar", "InformedRRTstar", "PRMstar", "RRTstar", "SORRTstar"}
+ANYTIME_PLANNERS = {"BITstar", "InformedRRTstar", "RRTstar", "SORRTstar"}
 """Planners that improve their path until the time limit."""
 
 SPACES_WITH_CURVES = [*((name, None) for name in SPACES), *(("turning", curve) for curve in CURVES)]
@@ -290,7 +290,6 @@ def check(space, plan, start, goal):
         if space.size == dim:
             least = min_distance(space, points)
             assert max(0.0, least - 2.3 * space.grid.spacing) <= plan.clearance <= least
-    # Searches are timed by the CPU here, of which PRM's two threads may take more than passes.
     times = plan.times
     assert min(times.planning, times.simplification, times.checking) >= 0.0, times
 

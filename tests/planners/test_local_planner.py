@@ -146,7 +146,7 @@ def test_ompls_interpolation_lies_on_the_edge(drive):
 
 
 @EACH_DRIVE
-@pytest.mark.parametrize("planner", [None, "RRTConnect", "PRM"])
+@pytest.mark.parametrize("planner", [None, "RRTConnect", "LBKPIECE1"])
 def test_paths_can_be_driven_and_no_point_collides(drive, planner):
     # Rectangles along the path avoid every obstacle, by shapely.
     space = build_room("turning")

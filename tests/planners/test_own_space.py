@@ -59,7 +59,7 @@ START, GOAL = (-1.5, 0.0), (1.5, 0.1)
 
 
 @pytest.mark.parametrize(
-    "axes, planner", [(("a", "b"), None), (("x", "y"), "PRM"), (("x", "y", "yaw"), "RRTstar")]
+    "axes, planner", [(("a", "b"), None), (("x", "y"), "BKPIECE1"), (("x", "y", "yaw"), "RRTstar")]
 )
 def test_a_plan_follows_motions_that_the_space_proves(axes, planner):
     space = Disc(*axes)

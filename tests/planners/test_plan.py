@@ -35,7 +35,7 @@ def endpoints_in(name, curve):
     "planner, name, curve",
     [
         ("RRTConnect", "plane", None),
-        ("PRM", "space", None),
+        ("BKPIECE1", "space", None),
         ("KPIECE1", "yawing", None),
         ("BITstar", "floating", None),
         ("RRTstar", "turning", None),

@@ -1,30 +1,18 @@
 """Setups of OMPL: states, checkers, planner names, choices, refused options and memory."""
 
-import itertools
-import re
-
+import numpy as np
 import pytest
 from ompl import base as ob
 from ompl import geometric as og
 
 import planners
 from cspace import InputError
-from planners._catalogue import (
-    CAR,
-    DIFFERENTIAL,
-    FORWARD_CAR,
-    FUNCTION,
-    NO_DRIVE,
-    OWN_SEARCH,
-    REFUSALS,
-    check_options,
-    make_planner,
-    planner_named,
-)
+from planners._catalogue import SKILLS, make_planner, planner_named
 from planners._ompl_states import find_state_kind
 from tests.helpers.drives import WORDS, make_drive
 from tests.helpers.missing import output_without
 from tests.helpers.planning import (
+    ENDPOINTS,
     SPACES,
     bounds_of,
     build_room,
@@ -90,7 +78,7 @@ def test_every_constructible_geometric_planner_is_listed_in_any_case():
             made.add(name)
             thing.setProblemDefinition(setup.getProblemDefinition())
             thing.setup()  # freeing an AORRTC without a setup crashes the process
-    assert set(listed) == made - {"AORRTC"} and len(made) >= 14
+    assert set(listed) == made - {"AORRTC", "BFMT", "PRM", "PRMstar"} and len(made) >= 14
     for name in listed:
         assert planner_named(name.lower()) == planner_named(name.upper()) == name
         assert type(make_planner(name, si)) is getattr(og, name)
@@ -107,26 +95,26 @@ def test_choices_lists_planners_and_drives_of_a_map(name):
         assert planners.state_space(space, drive=make_drive(word)) is not None
 
 
-@pytest.mark.parametrize("refusal", REFUSALS, ids=lambda refusal: refusal.reason)
-def test_each_row_of_the_table_refuses_its_options(refusal):
-    allowed = {"planner": "RRTstar", "objective": "length", "drive": None, "exact": False}
-    check_options(allowed, True)
-    functions = {FUNCTION: len, OWN_SEARCH: "Walk", NO_DRIVE: None}
-    functions[DIFFERENTIAL] = planners.Differential()
-    functions[CAR] = make_drive("reeds-shepp")
-    functions[FORWARD_CAR] = make_drive("dubins")
-    for values in itertools.product(*refusal.options.values()):
-        options = {
-            option: functions.get(value, value)
-            for option, value in zip(refusal.options, values, strict=True)
-        }
-        if options["planner"] == "Lattice":
-            options.setdefault("drive", planners.Differential())
-        n_goals = 2 if options.pop("goal", None) else 1
-        with pytest.raises(InputError, match=re.escape(refusal.reason)) as caught:
-            check_options(allowed | options, True, n_goals)
-        first = next(iter(refusal.options))
-        assert caught.value.argument == ("space" if first == "exact" else first)
+@pytest.mark.parametrize("name", SKILLS)
+def test_a_planner_refuses_options_outside_its_skills(name):
+    if name not in planners.choices(space := build_room("turning")).planners:
+        pytest.skip("for arms")
+    words = {
+        "None": "holonomic",
+        "Differential": "differential",
+        "Car": "dubins",
+        "Car(reverse=True)": "reeds-shepp",
+    }
+    for drive, word in words.items():
+        for objective in ("length", "clearance", len):
+            options = {"drive": make_drive(word), "objective": objective, "planner": name}
+            skills = SKILLS[name]
+            kind = "a function" if callable(objective) else objective
+            if drive in skills.drive and kind in skills.objective:
+                continue
+            with pytest.raises(InputError, match=f"planner is '{name}'; {name} takes") as caught:
+                planners.plan(space, *ENDPOINTS["turning"], **options)
+            assert caught.value.argument == ("objective" if drive in skills.drive else "drive")
 
 
 @pytest.mark.thorough
@@ -167,10 +155,28 @@ def test_states_hold_configurations_and_a_radian_counts_as_half_a_metre(name):
 
 @refusals(
     "settings, message",
-    ({"name": "Grid", "iterations": 9}, "iterations is 9 and name is 'Grid'; Grid counts none"),
-    ({"name": "prm", "iterations": 9}, "prm counts none"),
+    (
+        {"name": "Grid", "iterations": 9},
+        "iterations is 9 and name is 'Grid'; Grid has no iterations",
+    ),
+    ({"name": "lattice", "iterations": 9}, "Lattice has no iterations"),
     ({"iterations": 0}, "iterations is 0"),
     ({"simplify": "no"}, "simplify is 'no'; it must be True or False"),
+    ({"name": "RTT*"}, "BiRRT; did you mean 'RRTstar'?"),
+    ({"name": "PRM"}, "planner is 'PRM'; it must be BITstar, "),
+    ({"name": "BITstar", "range": 1.0}, "range is 1.0 and name is 'BITstar'; BITstar has no range"),
+    ({"name": "Grid", "range": 1.0}, "Grid has no range"),
+    ({"range": 1.0}, "range is 1.0 and name is None; the default planner has no range"),
+    ({"name": "RRT", "range": -1.0}, "range is -1.0"),
 )
 def test_wrong_settings_of_a_search_are_refused_when_it_is_made(settings, message):
     check_refused(lambda: planners.Search(**settings), message)
+
+
+@pytest.mark.parametrize("name", ["RRT", "rrtconnect"])
+def test_no_edge_of_a_tree_is_longer_than_its_range(name):
+    space = build_room("plane")
+    search = planners.Search(name, simplify=False, range=0.2)
+    plan = planners.plan(space, *ENDPOINTS["plane"], planner=search, seed=1)
+    steps = np.linalg.norm(np.diff(plan.waypoints, axis=0), axis=1)
+    assert plan.certified and len(steps) > 5 and steps.max() <= 0.2 + 1e-9
