@@ -2,7 +2,6 @@
 
 from . import arms as arms
 from . import errors as errors
-from . import export as export
 from . import lanes as lanes
 from . import plot as plot
 from . import reasons as reasons

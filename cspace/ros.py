@@ -1,40 +1,25 @@
-"""ROS maps, footprints of Nav2, and messages as plain records."""
+"""Messages of ROS: poses as configurations, and grids."""
 
 from __future__ import annotations
 
 import math
 from typing import TYPE_CHECKING
 
-from cspace._files.ros_maps import (
-    Costmap,
-    JointTrajectory,
-    JointTrajectoryPoint,
-    OccupancyGrid,
-    OccupancyGridUpdate,
-    Path,
-    PoseStamped,
-    Twist,
-    read_pose,
-    update_occupancy_grid,
-)
+# Other records are filled where the caller gives no message: their fields are those of ROS.
+from cspace._files.ros_maps import Costmap as Costmap
+from cspace._files.ros_maps import JointTrajectory as JointTrajectory
+from cspace._files.ros_maps import JointTrajectoryPoint as JointTrajectoryPoint
+from cspace._files.ros_maps import OccupancyGrid, read_pose, update_occupancy_grid
+from cspace._files.ros_maps import Path as Path
+from cspace._files.ros_maps import PoseStamped as PoseStamped
+from cspace._files.ros_maps import Twist as Twist
 from cspace._support.check import check_not_negative
 from cspace.errors import InputError
 
 if TYPE_CHECKING:
     from cspace._interface import Space
 
-__all__ = [
-    "Costmap",
-    "JointTrajectory",
-    "JointTrajectoryPoint",
-    "OccupancyGrid",
-    "OccupancyGridUpdate",
-    "Path",
-    "PoseStamped",
-    "Twist",
-    "configuration_of",
-    "update_occupancy_grid",
-]
+__all__ = ["OccupancyGrid", "configuration_of", "update_occupancy_grid"]
 
 
 def configuration_of(
@@ -72,9 +57,9 @@ def configuration_of(
     >>> import numpy as np, cspace
     >>> workspace = cspace.Workspace.from_array(np.zeros((40, 30), dtype=bool), 0.1)
     >>> space = cspace.build(workspace, cspace.Robot.rectangle(0.5, 0.3), rotations=8)
-    >>> pose = cspace.ros.PoseStamped()
-    >>> pose.header.frame_id, pose.pose.position.x = "map", 1.5
-    >>> cspace.ros.configuration_of(pose, space)
+    >>> place = {"x": 1.5, "y": 0.0, "z": 0.0}, {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}
+    >>> pose = dict(zip(("position", "orientation"), place))
+    >>> cspace.ros.configuration_of({"header": {"frame_id": "map"}, "pose": pose}, space)
     (1.5, 0.0, 0.0)
     """
     if not space.has_poses:

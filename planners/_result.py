@@ -532,7 +532,7 @@ class Plan:
         ----------
         msg : object, optional
             A message to fill, of ROS 1 or 2: any object with the fields of ``nav_msgs/Path``. A new
-            :class:`cspace.ros.Path` if left out.
+            object with these if left out.
         frame_id : str, optional
             Frame of the header and of each pose; by default :attr:`frame_id`. The header keeps its
             stamp, and each pose gets it.

@@ -685,9 +685,8 @@ class Trajectory:
         join such points by cubic polynomials, which are this very motion on straight edges. On
         curves they deviate by some 1e-4 rad; at a higher rate by :meth:`sample_uniform`, less. With
         accelerations they would use quintic polynomials, which are another motion. ``msg`` is any
-        object with the fields of the message, of ROS 1 or 2; a new
-        :class:`cspace.ros.JointTrajectory` if left out. Its header keeps
-        its stamp.
+        object with the fields of the message, of ROS 1 or 2; a new one if left out. Its header
+        keeps its stamp.
 
         Raises
         ------
@@ -716,7 +715,7 @@ class Trajectory:
         Parameters
         ----------
         make : callable, optional
-            The class of the messages, of ROS 1 or 2; by default :class:`cspace.ros.Twist`.
+            The class of the messages, of ROS 1 or 2; by default objects with the same fields.
 
         Raises
         ------

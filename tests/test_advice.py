@@ -127,10 +127,9 @@ def open_points(path, **options):
 
 
 def tilted_pose():
-    pose = cspace.ros.PoseStamped()
-    pose.header.frame_id = "map"
-    pose.pose.orientation.x, pose.pose.orientation.w = np.sin(0.05), np.cos(0.05)
-    return pose
+    turn = {"x": np.sin(0.05), "y": 0.0, "z": 0.0, "w": np.cos(0.05)}
+    pose = {"position": dict.fromkeys("xyz", 0.0), "orientation": turn}
+    return {"header": {"frame_id": "map"}, "pose": pose}
 
 
 def write_grey_map(folder):

@@ -7,7 +7,6 @@ import pytest
 
 import cspace
 import cspace.arms
-import cspace.export
 import cspace.lanes
 import cspace.plot
 import cspace.reasons
@@ -17,7 +16,7 @@ import planners
 from cspace import InputError
 
 MODULES = (
-    *(cspace, planners, cspace.arms, cspace.export, cspace.lanes, cspace.plot),
+    *(cspace, planners, cspace.arms, cspace.lanes, cspace.plot),
     *(cspace.reasons, cspace.regions, cspace.spectral),
 )
 

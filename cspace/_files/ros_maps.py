@@ -334,21 +334,6 @@ class OccupancyGrid:
 
 
 @dataclass
-class OccupancyGridUpdate:
-    """map_msgs/OccupancyGridUpdate.
-
-    `x` and `y` are the first cell of a box of an OccupancyGrid, and `data` its new values.
-    """
-
-    header: Header = field(default_factory=Header)
-    x: int = 0
-    y: int = 0
-    width: int = 0
-    height: int = 0
-    data: array[int] = field(default_factory=lambda: array("b"), repr=False)
-
-
-@dataclass
 class CostmapMetaData:
     """nav2_msgs/CostmapMetaData."""
 
@@ -490,9 +475,10 @@ def update_occupancy_grid(msg: object, update: object) -> None:
     Examples
     --------
     >>> import cspace
-    >>> grid, update = cspace.ros.OccupancyGrid(), cspace.ros.OccupancyGridUpdate(x=1, width=2)
-    >>> grid.info.width, grid.info.height, update.height = 3, 1, 1
-    >>> grid.data.extend([0, 0, 0]); update.data.extend([100, -1])
+    >>> grid = cspace.ros.OccupancyGrid()
+    >>> grid.info.width, grid.info.height = 3, 1
+    >>> grid.data.extend([0, 0, 0])
+    >>> update = {"x": 1, "y": 0, "width": 2, "height": 1, "data": [100, -1]}
     >>> cspace.ros.update_occupancy_grid(grid, update); grid.data.tolist()
     [0, 100, -1]
     """

@@ -103,10 +103,10 @@ def catch_up(node):
 
 def make_update(x, y, cells):
     """Return an update of cells [x, y]."""
-    update = cspace.ros.OccupancyGridUpdate(x=x, y=y, width=cells.shape[0], height=cells.shape[1])
-    update.header.frame_id = "map"
-    update.data.extend(cells.T.ravel().tolist())
-    return update
+    width, height = cells.shape
+    box = {"x": x, "y": y, "width": width, "height": height}
+    data = cells.T.ravel().tolist()
+    return SimpleNamespace(header=SimpleNamespace(frame_id="map"), **box, data=data)
 
 
 def ask(node, **fields):
