@@ -1007,7 +1007,7 @@ MUTANTS = (
         "tests/plot/test_surface.py",
     ),
     Mutant(
-        "cspace/plot/_route.py",
+        "cspace/plot/scene.py",
         "return not plan.recheck(space if is_same else planned).all()",
         "return not plan.recheck(planned).all()",
         "tests/plot/test_picture.py",
@@ -1019,7 +1019,7 @@ MUTANTS = (
         "tests/view/test_viewer.py",
     ),
     Mutant(
-        "cspace/plot/_surface.py",
+        "cspace/plot/scene.py",
         "is_clockwise = (up == 1) == (axis == 1)",
         "is_clockwise = up == 1",
         "tests/view/test_scene.py",

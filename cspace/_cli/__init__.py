@@ -115,9 +115,9 @@ app = typer.Typer(
 def _print_version(wanted: bool) -> None:
     """Print the version and exit, if ``--version`` is given."""
     if wanted:
-        from cspace import __version__
+        import cspace
 
-        typer.echo(f"cspace {__version__}")
+        typer.echo(f"cspace {cspace.__version__}")
         raise typer.Exit
 
 

@@ -7,7 +7,8 @@ from concurrent.futures import CancelledError
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
-from cspace import Grid, __version__
+import cspace
+from cspace import Grid
 from cspace.errors import InputError
 from cspace.inside import check_memory, count_cores, map_in_threads
 
@@ -93,7 +94,7 @@ def _check_workers(client: Any) -> None:
     """Raise InputError unless there are workers, all with this version of cspace."""
     workers = client.get_versions(packages=["cspace"])["workers"].values()
     versions = {str(worker["packages"]["cspace"]) for worker in workers}
-    if versions != {__version__}:
+    if versions != {cspace.__version__}:
         problem = f"workers with cspace {', '.join(sorted(versions))}" if versions else "no workers"
-        rule = f"all must have cspace {__version__}, like this process"
+        rule = f"all must have cspace {cspace.__version__}, like this process"
         raise InputError("client", f"has {problem}", rule)

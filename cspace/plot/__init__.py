@@ -9,6 +9,6 @@ from cspace.plot._picture import PICTURE_SUFFIXES as PICTURE_SUFFIXES  # for the
 from cspace.plot._picture import PlotOptions as PlotOptions
 from cspace.plot._picture import plot, save_plot
 from cspace.plot._picture import save_figure as save_figure  # for the command line
-from cspace.plot._route import HasPath as HasPath
+from cspace.plot.scene import HasPath as HasPath
 
 __all__ = ["animate", "plot", "save_plot"]

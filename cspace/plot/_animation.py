@@ -20,16 +20,18 @@ from cspace.inside import (
     replacing,
 )
 from cspace.plot import _artists as artists
-from cspace.plot._arms import ArmFigure, draw_tip_path, paint_scene
+from cspace.plot._arms import draw_tip_path, paint_scene
 from cspace.plot._picture import make_title
-from cspace.plot._route import (
-    HasPath,
-    check_path,
-    interpolate_path,
-    make_scene,
-)
 from cspace.plot._sections import draw_plane
 from cspace.plot._surface import draw_surface, split_surface
+from cspace.plot.scene import (
+    ROBOT_FILL_COLOR,
+    ArmFigure,
+    HasPath,
+    Route,
+    classify_cells,
+    make_scene,
+)
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -108,26 +110,27 @@ def animate(
     """
     target = Path(file)
     check_suffix(target, (".gif",), "an animation is a GIF", "file", is_output=True)
-    points, plan = check_path(space, path)
-    if not len(points):
+    given = Route(space, path)
+    route = Route(space, given.points)  # a film shows no proofs
+    if not len(route.points):
         raise InputError(
             "path",
             "is empty",
             "an animation needs a path",
         )
-    motion = plan if hasattr(plan, "duration") else None
+    motion = given.plan if hasattr(given.plan, "duration") else None
     if seconds is None:
         seconds = getattr(motion, "duration", 0.0) or 6.0
     count = _count_frames(seconds)
-    is_still = (points == points[0]).all()
+    is_still = (route.points == route.points[0]).all()
     if is_still:
         count = 1
     shares = np.linspace(0.0, 1.0, count)
     with replacing(target, overwrite) as temporary:
         draw = _draw_map if isinstance(space, ConfigurationMap) else _draw_arm
-        axes, move, reach = draw(space, points, title, camera)
+        axes, move, reach = draw(route, title, camera)
         if motion is None:
-            rows = interpolate_path(space, points, shares, reach)
+            rows = route.interpolate(shares, reach)
         else:
             rows, *_ = motion.sample(shares * motion.duration)
         images: list[Any] = []
@@ -176,14 +179,13 @@ def _render_image(figure: Any, palette: Any = None) -> Any:
     return image.quantize(96, Image.Quantize.MAXCOVERAGE, palette=palette, dither=Image.Dither.NONE)
 
 
-def _draw_map(
-    space: Any, points: Floats, title: str | None, camera: ArrayLike | None
-) -> tuple[Any, Move, float]:
+def _draw_map(route: Route, title: str | None, camera: ArrayLike | None) -> tuple[Any, Move, float]:
     """Draw a map; return axes, mover of the robot, and reach.
 
-    The robot will move along ``points``, shape (n, size). In the plane, the slice of the map at the
-    robot's rotation is drawn.
+    In the plane, the slice of the map at the robot's rotation is drawn.
     """
+    space: Any = route.space
+    points = route.points
     dim = space.grid.dim
     if dim == 2 and camera is not None:
         raise InputError(
@@ -195,7 +197,7 @@ def _draw_map(
     scene = make_scene(space, path=points)
     body = scene.body
     scene = replace(scene, rotation=points[0, dim:], robots=points[:0])
-    robot = artists.make_patch("robot", artists.ROBOT_FILL_COLOR, artists.ROBOT_EDGE_COLOR)
+    robot = artists.make_patch("robot", ROBOT_FILL_COLOR, artists.ROBOT_EDGE_COLOR)
     if body.surface is not None:
         painting = draw_surface(scene, camera=camera)
         vertices, faces = split_surface(body.surface, body.size)
@@ -216,26 +218,25 @@ def _draw_map(
         for drawn in list(axes.collections):
             drawn.remove()
         artists.draw_robots(axes, body, q[np.newaxis], opacity=1.0)
-        classes = artists.classify_cells(space, q[2:])
+        classes = classify_cells(space, q[2:])
         image.set_data(artists.merge_cells(axes, classes)[0])
 
     return axes, move, body.reach
 
 
-def _draw_arm(
-    space: Any, points: Floats, title: str | None, camera: ArrayLike | None
-) -> tuple[Any, Move, float]:
+def _draw_arm(route: Route, title: str | None, camera: ArrayLike | None) -> tuple[Any, Move, float]:
     """Draw an arm; return axes, mover of the arm, and 0.
 
     The 0 is the reach, which lengths of paths of an arm ignore.
     """
+    space: Any = route.space
     figure = ArmFigure(space.arm)
     # The picture has space for the arm along the whole path, at 24 configurations.
-    framed = interpolate_path(space, points, np.linspace(0.0, 1.0, 24))
+    framed = route.interpolate(np.linspace(0.0, 1.0, 24))
     painting = paint_scene(space, figure, framed, camera)
     for name, link in figure.links.items():
         figure.links[name] = split_surface(link, painting.size)
-    draw_tip_path(painting, figure, space, points, is_lost=False)
-    painting.handles["arm"] = artists.make_patch("arm", artists.ROBOT_FILL_COLOR)
+    draw_tip_path(painting, figure, route)
+    painting.handles["arm"] = artists.make_patch("arm", ROBOT_FILL_COLOR)
     painting.annotate(True, title, space.arm.name)
     return painting.axes, lambda q: painting.show(figure.pose_links(q).values()), 0.0

@@ -1,7 +1,4 @@
-"""Parts of a picture: cells, paths, robots, markers, frame and legend.
-
-Each colour has one meaning everywhere.
-"""
+"""Parts of a picture: cells, paths, robots, markers, frame and legend."""
 
 from __future__ import annotations
 
@@ -11,11 +8,17 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Final, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
-from cspace import FREE, Grid
-from cspace.inside import Floats, reduce_blocks
-from cspace.plot._route import DrawnRobot, PictureContent
+from cspace import Grid
+from cspace.inside import Bytes, Floats, reduce_blocks
+from cspace.plot.scene import (
+    ENDPOINT_COLORS,
+    PATH_COLOR,
+    ROBOT_FILL_COLOR,
+    CellClass,
+    DrawnRobot,
+    PictureContent,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -23,43 +26,14 @@ if TYPE_CHECKING:
     from matplotlib.image import AxesImage
     from matplotlib.patches import Patch
 
-    from cspace import CSpace, Workspace
-
-Classes = NDArray[np.uint8]
-
-# Classes of cells with their label and colour, the most important last: a pixel that covers many
-# cells shows the largest class. Most hues are from Okabe and Ito (2008), safe for the colour-blind;
-# their lightness differs, so that they are distinct in grey print. Only unknown cells are brown.
-CLASSES: Final = (
-    ("free", "#ffffff"),
-    ("free at some rotations", "#f3e79b"),
-    ("unknown, taken as free", "#c8ab78"),
-    ("obstacle, free for the reference point", "#999999"),
-    ("undecided (MIXED)", "#d55e00"),
-    ("C-obstacle (BLOCKED)", "#a6d3ee"),
-    ("unknown, taken as obstacle", "#6f5320"),
-    ("obstacle", "#262626"),
-)
-OPEN, PARTLY, ASSUMED, HOLLOW, UNDECIDED, COLLIDES, UNSEEN, OBSTACLE = range(len(CLASSES))
-SOLIDS: Final = {
-    OBSTACLE: ("obstacle", "#7a7a7a"),
-    UNSEEN: (CLASSES[UNSEEN][0], "#c9a468"),
-}
-"""Legend label and colour of the cells that are drawn as solids, by class."""
 LABELS_OVER_ROTATIONS: Final = {
-    OPEN: "free at every rotation",
-    COLLIDES: "C-obstacle at every rotation",
+    CellClass.OPEN: "free at every rotation",
+    CellClass.COLLIDES: "C-obstacle at every rotation",
 }
 """Labels of classes in a picture of all rotations at once."""
 
-PATH_COLOR: Final = "#6a1b9a"
-"""Colour of a path. Purple, even when drawn faint, is not a colour of a map."""
-ROBOT_FILL_COLOR: Final = "#3fb795"
-"""Fill colour of a robot."""
 ROBOT_EDGE_COLOR: Final = "#00614a"
 """Colour of a robot's edge and heading."""
-GOAL_COLOR: Final = "#cc79a7"
-"""Colour of a goal."""
 OUTSIDE_STYLE: Final[dict[str, Any]] = {
     "facecolor": "#f2f2f2",
     "edgecolor": "#c4c4c4",
@@ -82,36 +56,12 @@ LOST_STYLE: Final[dict[str, Any]] = PATH_STYLE | {
 }
 """Line style of a path that is no longer proven free."""
 ENDPOINT_STYLES: Final[dict[str, dict[str, Any]]] = {
-    "start": {"marker": "o", "markersize": 7.0, "markerfacecolor": "white"},
-    "goal": {"marker": "*", "markersize": 12.0, "markerfacecolor": GOAL_COLOR},
+    "start": {"marker": "o", "markersize": 7.0},
+    "goal": {"marker": "*", "markersize": 12.0},
 }
 """Styles of the markers of start and goal."""
 MAX_ASPECT_RATIO: Final = 20.0
 """Largest ratio of the sides of axes drawn to scale; beyond it, the axes are not to scale."""
-
-
-def classify_cells(space: CSpace, rotation: Floats | None, layer: tuple[Any, ...] = ()) -> Classes:
-    """Return each cell's class, by obstacles and states.
-
-    ``rotation`` has shape (k,), or is None for all rotations; ``layer`` is an index into the
-    arrays of the grid.
-    """
-    ground = classify_ground(space.workspace, layer)
-    if not space.robot.shape.shown:
-        ground = np.zeros_like(ground)  # a map of joints has no obstacles of its own
-    # The lowest and the highest state of each cell over the rotations.
-    rotations = space.slice_rotations if rotation is None else [rotation]
-    slices = (space.states_at(center)[layer] for center in rotations)
-    lowest = highest = next(slices)
-    for states in slices:
-        lowest = np.minimum(lowest, states)
-        highest = np.maximum(highest, states)
-    # Obstacles show through, unless the robot is free there.
-    class_of_state = np.array([OPEN, UNDECIDED, COLLIDES], np.uint8)  # FREE, MIXED and BLOCKED
-    classes: Classes = np.maximum(ground, class_of_state[lowest])
-    classes[(ground >= UNSEEN) & (lowest == FREE)] = HOLLOW
-    classes[(classes <= ASSUMED) & (highest != FREE)] = PARTLY
-    return classes
 
 
 def label_axes(grid: Grid) -> list[str]:
@@ -119,17 +69,7 @@ def label_axes(grid: Grid) -> list[str]:
     return [f"{axis} ({unit})" for axis, unit in zip(grid.axes, grid.units, strict=True)]
 
 
-def classify_ground(workspace: Workspace, layer: tuple[Any, ...] = ()) -> Classes:
-    """Return the class of each workspace cell: obstacle, unknown or open."""
-    occupied = workspace.outer[layer]
-    classes = np.where(occupied, np.uint8(OBSTACLE), np.uint8(OPEN))
-    if workspace.unknown is not None:
-        unknown = np.where(occupied, np.uint8(UNSEEN), np.uint8(ASSUMED))
-        classes = np.where(workspace.unknown[layer], unknown, classes)
-    return classes
-
-
-def draw_cells(ax: Axes, grid: Grid, classes: Classes, pair: Sequence[int] = (0, 1)) -> AxesImage:
+def draw_cells(ax: Axes, grid: Grid, classes: Bytes, pair: Sequence[int] = (0, 1)) -> AxesImage:
     """Draw cells by class, on two axes."""
     from matplotlib.colors import ListedColormap
 
@@ -139,9 +79,9 @@ def draw_cells(ax: Axes, grid: Grid, classes: Classes, pair: Sequence[int] = (0,
     rows, columns = grid.spacing * side * np.array(blocks.shape)
     return ax.imshow(
         blocks,
-        ListedColormap([color for _, color in CLASSES]),
+        ListedColormap([each.color for each in CellClass]),
         vmin=0,
-        vmax=len(CLASSES) - 1,
+        vmax=len(CellClass) - 1,
         extent=(left, left + columns, bottom, bottom + rows),
         origin="lower",
         interpolation="nearest",
@@ -149,7 +89,7 @@ def draw_cells(ax: Axes, grid: Grid, classes: Classes, pair: Sequence[int] = (0,
     )
 
 
-def merge_cells(ax: Axes, classes: Classes) -> tuple[Classes, int]:
+def merge_cells(ax: Axes, classes: Bytes) -> tuple[Bytes, int]:
     """Merge cells into blocks no smaller than pixels.
 
     Returns the blocks as an image, its lowest row first, and the side of a block in cells. A block
@@ -160,15 +100,17 @@ def merge_cells(ax: Axes, classes: Classes) -> tuple[Classes, int]:
     return reduce_blocks(classes, side).T, side
 
 
-def make_cell_legend(scene: PictureContent, classes: Sequence[Classes]) -> list[Any]:
+def make_cell_legend(scene: PictureContent, classes: Sequence[Bytes]) -> list[Any]:
     """Create the legend entries of classes, obstacles first, and of the exterior."""
     entries = []
-    present = np.unique(np.concatenate([np.unique(section) for section in classes]))
-    for index in np.flip(present).tolist():
-        label, color = CLASSES[index]
+    present = set().union(*(np.unique(section).tolist() for section in classes))
+    for shown in reversed(CellClass):
+        if shown not in present:
+            continue
+        label = shown.label
         if scene.rotation is None:
-            label = LABELS_OVER_ROTATIONS.get(index, label)
-        entries.append(make_patch(label, color))
+            label = LABELS_OVER_ROTATIONS.get(shown, label)
+        entries.append(make_patch(label, shown.color))
     if not scene.space.grid.contains(scene.box).all():
         entries.append(make_patch("outside the grid", **OUTSIDE_STYLE))
     return entries
@@ -237,6 +179,7 @@ def draw_endpoints(
             *q[list(columns)],
             label=name,
             linestyle="none",
+            markerfacecolor=ENDPOINT_COLORS[name],
             markeredgecolor="black",
             clip_on=False,
             zorder=5,

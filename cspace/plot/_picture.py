@@ -11,9 +11,9 @@ from cspace import Workspace
 from cspace.errors import InputError
 from cspace.inside import check_positive, check_suffix, names_options, replacing
 from cspace.plot import _artists as artists
-from cspace.plot._route import HasPath, WorkspaceView, describe_rotation, make_scene
 from cspace.plot._sections import draw_plane, draw_sections
 from cspace.plot._surface import draw_surface
+from cspace.plot.scene import HasPath, WorkspaceView, make_scene
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -159,7 +159,7 @@ def plot(
         painting.show()
         axes = painting.axes
         handles = list(painting.handles.values())
-    rotation_text = describe_rotation(drawn_map.rotations, scene.rotation)
+    rotation_text = scene.body.describe_rotation(scene.rotation)
     heading = "\n".join(filter(None, [make_title(drawn_map), rotation_text]))
     artists.annotate(axes, ax is None, title, heading, handles if legend else [])
     return axes

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cspace.inside import Bools, Floats
+from cspace.inside import Bools, Bytes, Floats
 from cspace.plot import _artists as artists
-from cspace.plot._route import PictureContent, split_steps
+from cspace.plot.scene import PictureContent, classify_cells
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -21,13 +21,13 @@ def draw_plane(scene: PictureContent, ax: Axes | None) -> tuple[Axes, list[Any]]
     if ax is None:
         width, height = artists.choose_axes_size(box)
         ax = artists.new_figure(max(width + 0.9, 4.2), height + 1.6).add_subplot()
-    classes = artists.classify_cells(scene.space, scene.rotation)
+    classes = classify_cells(scene.space, scene.rotation)
     artists.set_up_axes(ax, box, (0, 1), artists.label_axes(grid))
     artists.draw_cells(ax, grid, classes)
     handles = artists.make_cell_legend(scene, [classes])
-    handles += artists.draw_path(ax, scene.points, scene.is_lost)
+    handles += artists.draw_path(ax, scene.route.points, scene.route.is_lost)
     handles += artists.draw_robots(ax, scene.body, scene.robots)
-    return ax, handles + artists.draw_endpoints(ax, scene.endpoints)
+    return ax, handles + artists.draw_endpoints(ax, scene.route.endpoints)
 
 
 def draw_sections(scene: PictureContent) -> tuple[Axes, list[Any]]:
@@ -48,7 +48,7 @@ def draw_sections(scene: PictureContent) -> tuple[Axes, list[Any]]:
     plan = figure.add_subplot(cells[1, 0])
     front = figure.add_subplot(cells[0, 0], sharex=plan)
     side = figure.add_subplot(cells[0, 1], sharey=front)
-    classes: list[artists.Classes] = []
+    classes: list[Bytes] = []
     entries: dict[str, Any] = {}
     for ax, pair, across in ((plan, (0, 1), 2), (front, (0, 2), 1), (side, (1, 2), 0)):
         classes.append(_draw_section(ax, scene, pair, across))
@@ -61,9 +61,7 @@ def draw_sections(scene: PictureContent) -> tuple[Axes, list[Any]]:
     return plan, artists.make_cell_legend(scene, classes) + list(entries.values())
 
 
-def _draw_section(
-    ax: Axes, scene: PictureContent, pair: tuple[int, int], across: int
-) -> artists.Classes:
+def _draw_section(ax: Axes, scene: PictureContent, pair: tuple[int, int], across: int) -> Bytes:
     """Draw the cells of a section; return their classes.
 
     Lines show where the other sections cut it. ``pair`` are the axes of the section, and ``across``
@@ -73,7 +71,7 @@ def _draw_section(
     # The section is the layer of cells that contains the center.
     layer: list[Any] = [slice(None)] * grid.dim
     layer[across] = int(grid.cell_of(scene.center)[across])
-    classes = artists.classify_cells(scene.space, scene.rotation, tuple(layer))
+    classes = classify_cells(scene.space, scene.rotation, tuple(layer))
     artists.set_up_axes(ax, scene.box, pair, artists.label_axes(grid))
     artists.draw_cells(ax, grid, classes, pair)
     trace: dict[str, Any] = {"color": "black", "linewidth": 0.7, "linestyle": "-.", "zorder": 2}
@@ -95,6 +93,7 @@ def _draw_route(ax: Axes, scene: PictureContent, pair: tuple[int, int], across: 
     """
     level = scene.center[across]
     body = scene.body
+    route = scene.route
 
     def meets(points: Floats) -> Bools:
         """Return a mask of the configurations whose robot reaches the section."""
@@ -102,12 +101,12 @@ def _draw_route(ax: Axes, scene: PictureContent, pair: tuple[int, int], across: 
         return np.asarray((low <= level) & (level <= high))
 
     faint = {"color": artists.FAINT_COLOR, "linestyle": "-", "zorder": 3}
-    handles = artists.draw_path(ax, scene.points, scene.is_lost, pair, **faint)
+    handles = artists.draw_path(ax, route.points, route.is_lost, pair, **faint)
     if handles:
         # Draw the path once more, solid, where the robot meets the section.
         handles[0].set_label("path, away from the section")
-        curve = split_steps(scene.space, scene.points)
+        curve = route.split()
         near = np.where(meets(curve)[:, np.newaxis], curve, np.nan)  # NaN makes gaps
-        handles = artists.draw_path(ax, near, scene.is_lost, pair) + handles
+        handles = artists.draw_path(ax, near, route.is_lost, pair) + handles
     handles += artists.draw_robots(ax, body, scene.robots[meets(scene.robots)], pair)
-    return handles + artists.draw_endpoints(ax, scene.endpoints, pair)
+    return handles + artists.draw_endpoints(ax, route.endpoints, pair)

@@ -19,7 +19,14 @@ from cspace.inside import (
     reduce_blocks,
 )
 from cspace.plot import _artists as artists
-from cspace.plot._route import PictureContent, simplify_surface, split_steps
+from cspace.plot.scene import (
+    ROBOT_FILL_COLOR,
+    CellClass,
+    PictureContent,
+    classify_ground,
+    find_faces,
+    simplify_surface,
+)
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -28,6 +35,8 @@ DEFAULT_CAMERA: Final = (40.0, -62.0)
 """Default elevation and azimuth of the camera, degrees."""
 MAX_FACES: Final = 20_000
 """Maximum number of faces of cells; cells are merged into blocks to reach it."""
+SOLIDS: Final = (CellClass.OBSTACLE, CellClass.UNSEEN)
+"""Classes of the cells that are drawn as solids."""
 
 
 class Painting:
@@ -104,7 +113,7 @@ class Painting:
         from matplotlib.colors import LightSource, to_rgb
         from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped]
 
-        painted = [*self._painted, (make_polygons(moving), artists.ROBOT_FILL_COLOR)]
+        painted = [*self._painted, (make_polygons(moving), ROBOT_FILL_COLOR)]
         polygons = np.concatenate([drawn for drawn, _ in painted])
         # Faces are lit on the side that the camera sees, so that those behind do not show through.
         first, second, third, _ = np.moveaxis(polygons, 1, 0)
@@ -167,28 +176,29 @@ def draw_surface(
     """
     grid = scene.space.grid
     body = scene.body
+    route = scene.route
     painting = Painting(scene.box, ax, camera, artists.label_axes(grid))
     top = np.inf
-    if len(scene.points):
-        top = body.extents(np.concatenate([scene.robots, scene.points]))[:, 1, 2].max()
+    if len(route.points):
+        top = body.extents(np.concatenate([scene.robots, route.points]))[:, 1, 2].max()
     corner = np.array(grid.lower)
-    classes = artists.classify_ground(scene.space.workspace)
-    solids = np.where(np.isin(classes, list(artists.SOLIDS)), classes, np.uint8(0))
+    classes = classify_ground(scene.space.workspace)
+    solids = np.where(np.isin(classes, SOLIDS), classes, np.uint8(0))
     # At least one layer is drawn; subtracting 1e-9 keeps rounding from adding one.
     layers = np.clip(np.ceil((top - corner[2]) / grid.spacing - 1e-9), 1, solids.shape[2])
     is_cut = layers < solids.shape[2]
     towards = camera_direction(painting.camera)
     faces, face_classes = find_border_faces(solids[..., : int(layers)], towards, is_cut)
-    for number, (label, color) in artists.SOLIDS.items():
-        chosen = faces[face_classes == number]
+    for solid in SOLIDS:
+        chosen = faces[face_classes == solid]
         if len(chosen):
-            painting.add(corner + grid.spacing * chosen, color, label)
+            painting.add(corner + grid.spacing * chosen, solid.solid_color, solid.label)
     if len(scene.robots) and body.surface is not None:
         vertices, triangles = split_surface(body.surface, body.size)
         robots = [(body.transform(vertices, q), triangles) for q in scene.robots]
-        painting.add(make_polygons(robots), artists.ROBOT_FILL_COLOR, "robot")
-    painting.draw_path(split_steps(scene.space, scene.points)[:, :3], scene.is_lost)
-    for marker in artists.draw_endpoints(painting.axes, scene.endpoints, (0, 1, 2)):
+        painting.add(make_polygons(robots), ROBOT_FILL_COLOR, "robot")
+    painting.draw_path(route.split()[:, :3], route.is_lost)
+    for marker in artists.draw_endpoints(painting.axes, route.endpoints, (0, 1, 2)):
         painting.handles[marker.get_label()] = marker
     return painting
 
@@ -215,10 +225,9 @@ def find_border_faces(solids: Bytes, towards: Floats, is_cut: bool) -> tuple[Int
         classes = []
         for axis in np.flatnonzero(towards).tolist():
             up = int(towards[axis] > 0.0)
-            exposed = find_exposed_cells(blocks > 0, axis, up)
-            cells = np.argwhere(exposed)
-            corners.append(make_faces(cells, cells + 1, axis, up))
-            classes.append(blocks[exposed])
+            faces, cells = find_faces(blocks > 0, axis, up)
+            corners.append(faces)
+            classes.append(blocks[tuple(cells.T)])
         if sum(map(len, classes)) <= MAX_FACES:
             break
         side += max(1, side // 4)  # a quarter more, so that few rounds are needed
@@ -241,34 +250,6 @@ def _find_inside(solid: Bools, towards: Floats, is_cut: bool) -> tuple[slice, ..
             layers = 0
         inside.append(slice(0, len(shares) - layers) if side > 0.0 else slice(layers, len(shares)))
     return tuple(inside)
-
-
-def make_faces(low: Ints, high: Ints, axis: int, up: int) -> Ints:
-    """Return boxes' lower (0) or upper (1) faces on an axis.
-
-    Faces have shape (n, 4, 3).
-
-    Boxes lie between the corners ``low`` and ``high``, shape (n, 3). The corners of a face are
-    counterclockwise, seen from outside.
-    """
-    # Corners of the face of a unit box.
-    face = np.insert([(0, 0), (1, 0), (1, 1), (0, 1)], axis, up, axis=1)
-    # The other axes turn counterclockwise around +x and +z, but around -y.
-    is_clockwise = (up == 1) == (axis == 1)
-    if is_clockwise:
-        face = np.flip(face, axis=0)
-    return np.asarray(low[:, np.newaxis] + (high - low)[:, np.newaxis] * face)
-
-
-def find_exposed_cells(solid: Bools, axis: int, up: int) -> Bools:
-    """Return a mask of cells exposed in one direction.
-
-    The direction is down (``up`` 0) or up (1) an axis.
-    """
-    # Padding with empty cells keeps opposite ends of the array from being neighbours.
-    shift = -1 if up else 1
-    neighbors = np.roll(np.pad(solid, 1), shift, axis)[1:-1, 1:-1, 1:-1]
-    return solid & ~neighbors
 
 
 def make_polygons(surfaces: Iterable[Surface]) -> Floats:

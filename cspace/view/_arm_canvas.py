@@ -12,10 +12,9 @@ import numpy as np
 from cspace import BLOCKED, FREE, MIXED
 from cspace.errors import InputError
 from cspace.inside import Balls, Floats, transform_surface, wrap_angles
-from cspace.plot._arms import ARM_CAMERA, GHOST_COLOR, GHOST_COUNT, ArmFigure
-from cspace.plot._artists import CLASSES, COLLIDES, ROBOT_FILL_COLOR, UNDECIDED
-from cspace.view._canvas import ENDPOINT_COLORS, STATES, Canvas, Dial, choose_endpoints
-from cspace.view._scene import KINDS, hex_to_rgb, to_quaternion
+from cspace.plot.scene import ENDPOINT_COLORS, GHOST_COLOR, ROBOT_FILL_COLOR, ArmFigure, CellClass
+from cspace.view._blocks import KINDS, hex_to_rgb, to_quaternion
+from cspace.view._canvas import STATES, Canvas, Dial, choose_endpoints
 from cspace.view._tool import ToolFrame
 
 if TYPE_CHECKING:
@@ -23,10 +22,12 @@ if TYPE_CHECKING:
 
 STATE_COLORS: Final = {
     FREE: ROBOT_FILL_COLOR,
-    MIXED: CLASSES[UNDECIDED][1],
-    BLOCKED: CLASSES[COLLIDES][1],
+    MIXED: CellClass.UNDECIDED.color,
+    BLOCKED: CellClass.COLLIDES.color,
 }
 """Colour of the arm, by state."""
+GHOST_COUNT: Final = 5
+"""Number of pale arms along a path."""
 CONTACT_COLOR: Final = "#262626"
 """Colour of the line between the closest pair."""
 
@@ -74,7 +75,8 @@ class ArmCanvas(Canvas):
         self._links_lock = threading.RLock()
         self.invalidate()
         # Axes of a fifth of the arm's size are easy to grab, and hide little of it.
-        self.tool = ToolFrame(space, server, 0.2 * self._aim_camera(), frame)
+        counts = self._figure.joint_counts
+        self.tool = ToolFrame(space, server, 0.2 * self._aim_camera(), counts, frame)
 
     def _describe_panel(self) -> None:
         """Set the title, the dials and the legend."""
@@ -301,9 +303,8 @@ class ArmCanvas(Canvas):
         """
         box, near = self._figure.measure(self.endpoints.values())
         corners = np.concatenate([box, *(points.clip(*near) for points in self._obstacle_points)])
-        # From the side of the pictures, looking a little down.
-        _, azimuth_degrees = ARM_CAMERA
-        azimuth = math.radians(azimuth_degrees)
+        # From the side of pictures on paper, looking a little down.
+        azimuth = math.radians(-40.0)
         back = np.array([math.cos(azimuth), math.sin(azimuth), 0.6])
         self._place_camera(corners.min(axis=0), corners.max(axis=0), back)
         return float(np.max(box[1] - box[0]))

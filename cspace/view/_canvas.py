@@ -12,17 +12,14 @@ import numpy as np
 from cspace import BLOCKED, FREE, MIXED
 from cspace.errors import ConfigurationError
 from cspace.inside import Floats, Surface
-from cspace.plot._artists import GOAL_COLOR, PATH_COLOR
-from cspace.plot._route import interpolate_path
-from cspace.view._scene import hex_to_rgb
+from cspace.plot.scene import PATH_COLOR, Route
+from cspace.view._blocks import hex_to_rgb
 
 if TYPE_CHECKING:
     from viser import GuiApi, ViserServer
 
     from cspace.view._tool import ToolFrame
 
-ENDPOINT_COLORS: Final = {"start": "#ffffff", "goal": GOAL_COLOR}
-"""Colours of start and goal."""
 FIELD_OF_VIEW: Final = math.radians(40.0)
 """Vertical field of view of the camera, radians."""
 
@@ -104,7 +101,7 @@ class Canvas:
 
     def interpolate(self, points: Floats, shares: Floats) -> Floats:
         """Interpolate a path at shares of its length; shape (n, size)."""
-        return interpolate_path(self._space, points, shares, self.robot_reach)
+        return Route(self._space, points).interpolate(shares, self.robot_reach)
 
     # ---- robot, endpoints and path ---------------------------------------------------------------
 

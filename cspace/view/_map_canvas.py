@@ -12,20 +12,9 @@ from scipy.spatial.transform import Rotation
 
 from cspace import Rotations
 from cspace.inside import Floats, wrap_angles
-from cspace.plot._artists import (
-    ASSUMED,
-    CLASSES,
-    COLLIDES,
-    OBSTACLE,
-    OPEN,
-    ROBOT_FILL_COLOR,
-    UNDECIDED,
-    UNSEEN,
-    label_axes,
-)
-from cspace.plot._route import DrawnRobot, describe_rotation
-from cspace.view._canvas import ENDPOINT_COLORS, STATES, Canvas, Dial, choose_endpoints
-from cspace.view._scene import KINDS, SECTION, Cells, lift, make_robot_surface, to_quaternion
+from cspace.plot.scene import ENDPOINT_COLORS, ROBOT_FILL_COLOR, CellClass, DrawnRobot
+from cspace.view._blocks import KINDS, SECTION, Cells, lift, make_robot_surface, to_quaternion
+from cspace.view._canvas import STATES, Canvas, Dial, choose_endpoints
 
 if TYPE_CHECKING:
     from viser import GuiApi, ViserServer
@@ -50,7 +39,7 @@ class MapCanvas(Canvas):
     ----------
     cells : Cells
     kinds : list of str
-        Names in :data:`cspace.view._scene.KINDS` that the map can have.
+        Names in :data:`cspace.view._blocks.KINDS` that the map can have.
     shown : set of str
         Names of the kinds to draw, and SECTION. :meth:`draw` applies this and the other attributes.
     cut : float
@@ -123,17 +112,20 @@ class MapCanvas(Canvas):
         self.about = f"{shape} cells of {grid.spacing:g} {grid.unit}{suffix}"
         # Coordinates in the unit of the grid, angles in degrees.
         self.dials = [
-            Dial(label, round(low, 9), round(high, 9), self._step)
-            for label, low, high in zip(label_axes(grid), grid.lower, grid.upper, strict=True)
+            Dial(f"{axis} ({unit})", round(low, 9), round(high, 9), self._step)
+            for axis, unit, low, high in zip(
+                grid.axes, grid.units, grid.lower, grid.upper, strict=True
+            )
         ]
         for angle in self.poses.angles:
             limit = 90.0 if angle == "pitch" else 180.0
             self.dials.append(Dial(f"{angle} (°)", -limit, limit, 1.0))
-        shown = [OPEN, COLLIDES, UNDECIDED, OBSTACLE]
+        shown = [CellClass.OPEN, CellClass.COLLIDES, CellClass.UNDECIDED, CellClass.OBSTACLE]
         unknown = self.cells.drawn.workspace.unknown
         if unknown is not None and unknown.any():
-            shown.append(UNSEEN if "unknown" in self.kinds else ASSUMED)
-        self.legend = [CLASSES[number] for number in shown]
+            is_solid = "unknown" in self.kinds
+            shown.append(CellClass.UNSEEN if is_solid else CellClass.ASSUMED)
+        self.legend = [(each.label, each.color) for each in shown]
         self.legend.append(("obstacle, in the light", KINDS["obstacles"].color))
         self.legend.append(("robot", ROBOT_FILL_COLOR))
 
@@ -154,7 +146,7 @@ class MapCanvas(Canvas):
         distance = float(space.clearance(q))
         if 0.0 < distance < math.inf:
             text += f", clearance at least {distance:.3f} {space.grid.unit}"
-        rotation = describe_rotation(space.rotations, q[space.grid.dim :])
+        rotation = self.body.describe_rotation(q[space.grid.dim :])
         return f"{text}  \n{rotation}"
 
     def prove(self, q0: Floats, q1: Floats) -> str:
@@ -207,7 +199,7 @@ class MapCanvas(Canvas):
         """
         added: dict[str, Any] = {}
         if self._has_height:
-            label = f"cut at {label_axes(self._space.grid)[2]}"
+            label = f"cut at {self.dials[2].label}"
             low = self.cells.lower[2] + self._space.grid.spacing
             numbers = np.round([low, self.cells.upper[2], self._step, self.cut], 9)
             cut = added[label] = gui.add_slider(label, *numbers.tolist())

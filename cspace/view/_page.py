@@ -20,7 +20,7 @@ import numpy as np
 
 from cspace.errors import CspaceError, InputError
 from cspace.inside import Floats
-from cspace.view._canvas import ENDPOINT_COLORS
+from cspace.plot.scene import ENDPOINT_COLORS
 
 if TYPE_CHECKING:
     from viser import GuiApi, ViserServer

@@ -13,8 +13,7 @@ from scipy.spatial.transform import Rotation
 from cspace.arms import PoseGoal
 from cspace.errors import ConfigurationError
 from cspace.inside import Floats, check_known
-from cspace.plot._arms import count_joints
-from cspace.view._scene import to_quaternion
+from cspace.view._blocks import to_quaternion
 
 if TYPE_CHECKING:
     from viser import ViserServer
@@ -29,6 +28,8 @@ class ToolFrame:
     server : viser.ViserServer
     size : float
         Length of the axes that users drag, metres.
+    joint_counts : dict of str to int
+        Number of joints that move each frame of the arm.
     name : str, optional
         Default: the frame that the most joints move; the last one in a tie. Attached objects are
         skipped.
@@ -51,17 +52,20 @@ class ToolFrame:
     """
 
     def __init__(
-        self, space: Any, server: ViserServer, size: float, name: str | None = None
+        self,
+        space: Any,
+        server: ViserServer,
+        size: float,
+        joint_counts: dict[str, int],
+        name: str | None = None,
     ) -> None:
         """Choose the frame, and add its axes to the scene."""
-        arm = space.arm
         self._space = space
         self.is_held = False
         self.pose = np.eye(4)
-        joint_counts = {frame: count_joints(arm, frame) for frame in arm.frames}
         moved = [frame for frame, count in joint_counts.items() if count]
         if name is None:
-            candidates = [frame for frame in moved if frame not in arm.carriers]
+            candidates = [frame for frame in moved if frame not in space.arm.carriers]
             # The last frame wins a tie.
             name = max(reversed(candidates), key=joint_counts.__getitem__)
         self.name = check_known(name, "frame", moved)

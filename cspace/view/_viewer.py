@@ -15,7 +15,7 @@ from urllib.parse import urlsplit
 from cspace.arms import ArmSpace
 from cspace.errors import InputError
 from cspace.inside import check_count, import_optional, names_options
-from cspace.plot._route import check_path, collect_endpoints
+from cspace.plot.scene import Route
 from cspace.view._arm_canvas import ArmCanvas
 from cspace.view._map_canvas import MapCanvas
 
@@ -72,17 +72,17 @@ class Viewer:
                 f"is {frame!r}",
                 "a map has no frames",
             )
-        points, plan = check_path(space, path)
-        endpoints = collect_endpoints(space, plan, points, start, goal)
+        route = Route(space, path, start, goal)
+        shown = route.points, route.endpoints
         self.server = serve(host, port)
         self._closed = threading.Event()
         try:
             self.canvas: ArmCanvas | MapCanvas
             if is_arm:
-                self.canvas = ArmCanvas(space, self.server, points, endpoints, frame)
+                self.canvas = ArmCanvas(space, self.server, *shown, frame)
             else:
-                self.canvas = MapCanvas(space, self.server, points, endpoints)
-            self.page = Page(self.server, space, self.canvas, points, plan)
+                self.canvas = MapCanvas(space, self.server, *shown)
+            self.page = Page(self.server, space, self.canvas, route.points, route.plan)
         except BaseException:
             stop(self.server)
             raise

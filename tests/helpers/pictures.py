@@ -4,11 +4,11 @@ import numpy as np
 from matplotlib.colors import to_rgb
 
 from cspace import BLOCKED, FREE, MIXED, Workspace, build
-from cspace.plot._artists import CLASSES
+from cspace.plot.scene import CellClass
 from tests.helpers.handmade import fill_boxes
 
 CLASS_NAMES = {FREE: "free", MIXED: "undecided (MIXED)", BLOCKED: "C-obstacle (BLOCKED)"}
-COLORS = {label: tuple(round(255 * part) for part in to_rgb(color)) for label, color in CLASSES}
+COLORS = {each.label: tuple(round(255 * part) for part in to_rgb(each.color)) for each in CellClass}
 TURNING_PATH = [(1.0, 1.0, 0.0), (1.5, 3.5, 1.5), (6.5, 4.0, 0.0)]
 
 

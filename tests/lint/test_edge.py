@@ -12,9 +12,6 @@ from tests.lint.test_wings import WINGS
 ROOMS = ("planners", *(f"cspace/{wing}" for wing in WINGS))
 """Folders outside the core."""
 
-PICTURES = ("cspace/plot", "cspace/view")
-"""One product in two rooms: pictures on paper and in a browser share colours, classes and faces."""
-
 NAMED_TUPLE = {"_asdict", "_fields", "_make", "_replace"}
 """Names of Python's named tuples, which their users are meant to call."""
 
@@ -56,14 +53,8 @@ def parse_all():
     return {str(file.relative_to(ROOT)): ast.parse(file.read_text()) for file in sorted(files)}
 
 
-def parse_room(*rooms):
-    folders = tuple(f"{room}/" for room in rooms)
-    return [tree for path, tree in parse_all().items() if path.startswith(folders)]
-
-
-def list_rooms(room):
-    """Return the rooms of the product that a room is part of."""
-    return PICTURES if room in PICTURES else (room,)
+def parse_room(room):
+    return [tree for path, tree in parse_all().items() if path.startswith(f"{room}/")]
 
 
 def is_private(name):
@@ -72,7 +63,7 @@ def is_private(name):
 
 def find_private_names(room):
     """Return the private names, with their modules, that a room imports from other rooms."""
-    own = tuple(f"{name.replace('/', '.')}." for name in list_rooms(room))
+    own = f"{room.replace('/', '.')}."
     found = set()
     for tree in parse_room(room):
         for node in ast.walk(tree):
@@ -103,7 +94,7 @@ def find_definitions(tree):
 
 def find_private_attributes(room):
     """Return the private attributes that a room uses, and that others alone define."""
-    trees = parse_room(*list_rooms(room))
+    trees = parse_room(room)
     own = set().union(*map(find_definitions, trees))
     others = [find_definitions(tree) for tree in parse_all().values() if tree not in trees]
     used = {

@@ -7,12 +7,10 @@ from matplotlib.figure import Figure
 
 import cspace
 from cspace.errors import InputError
-from cspace.plot._arms import GHOST_COLOR
-from cspace.plot._artists import OBSTACLE, PATH_COLOR, ROBOT_FILL_COLOR, SOLIDS
+from cspace.plot.scene import GHOST_COLOR, PATH_COLOR, ROBOT_FILL_COLOR, CellClass
 from tests.helpers.urdfs import planar_arm, posed_box
 
 pytest.importorskip("yourdfpy")
-_, OBSTACLE_COLOR = SOLIDS[OBSTACLE]
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +41,7 @@ def test_links_and_obstacles_are_drawn_where_they_are(space):
     ax = space.plot(q=(0.0, np.pi / 2))
     for color, lower, upper in (
         (ROBOT_FILL_COLOR, (-0.025, -0.05, -0.225), (1.05, 1.0, 0.05)),
-        (OBSTACLE_COLOR, (-0.6, 0.9, -0.5), (-0.2, 1.1, 0.5)),
+        (CellClass.OBSTACLE.solid_color, (-0.6, 0.9, -0.5), (-0.2, 1.1, 0.5)),
     ):
         corners = collect_corners(ax, color)
         extents = [corners.min(axis=0), corners.max(axis=0)]
@@ -74,7 +72,7 @@ def test_a_path_is_drawn_as_pale_arms_and_a_line(space):
 def test_floor_is_clipped_near_the_arm(space):
     floor = posed_box((100.0, 100.0, 0.1), 0.0, 0.0, -1.0)
     ax = cspace.build_arm_space({"floor": floor}, space.arm).plot()
-    corners = collect_corners(ax, OBSTACLE_COLOR)
+    corners = collect_corners(ax, CellClass.OBSTACLE.solid_color)
     assert np.ptp(corners, axis=0).max() < 6.0
     assert corners[:, 2].max() == pytest.approx(-0.95)
 

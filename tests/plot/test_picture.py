@@ -19,7 +19,7 @@ import cspace
 import planners
 from cspace import FREE, FileError, Robot, Workspace, build
 from cspace.plot import plot, save_plot
-from cspace.plot._artists import OBSTACLE
+from cspace.plot.scene import CellClass
 from tests.helpers.handmade import build_empty
 from tests.helpers.pictures import (
     COLORS,
@@ -133,7 +133,7 @@ def test_no_obstacle_vanishes_from_a_picture_of_a_large_map(shape):
     (image,) = ax.images
     pixels = np.asarray(image.get_array())
     assert len(pixels) < ax.bbox.height + 7 and len(pixels[0]) < ax.bbox.width
-    (dark,) = np.argwhere(pixels == OBSTACLE)
+    (dark,) = np.argwhere(pixels == CellClass.OBSTACLE)
     left, right, bottom, top = image.get_extent()
     size = np.array([right - left, top - bottom]) / pixels.shape[1::-1]
     corner = np.array([left, bottom]) + dark[::-1] * size

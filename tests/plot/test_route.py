@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from cspace import Robot
 from cspace._rotations import Rotations
-from cspace.plot._route import DrawnRobot
+from cspace.plot.scene import DrawnRobot
 from tests.helpers.regions import rotations_of
 from tests.helpers.strategies import seeds
 

@@ -10,9 +10,9 @@ from scipy.spatial.transform import Rotation
 
 import cspace
 from cspace.errors import ConfigurationError, InputError
-from cspace.plot._arms import GHOST_COUNT
-from cspace.plot._artists import CLASSES, COLLIDES, ROBOT_FILL_COLOR
-from cspace.view._scene import hex_to_rgb
+from cspace.plot.scene import ROBOT_FILL_COLOR, CellClass
+from cspace.view._arm_canvas import GHOST_COUNT
+from cspace.view._blocks import hex_to_rgb
 from tests.helpers.pages import connected, drag, node
 from tests.helpers.refusals import refusals
 from tests.helpers.urdfs import (
@@ -93,7 +93,7 @@ def test_links_follow_the_joints(viewer):
     "q, text, color",
     [
         (START, "**FREE**", ROBOT_FILL_COLOR),
-        ((0.35, 0.0), "**BLOCKED**", CLASSES[COLLIDES][1]),
+        ((0.35, 0.0), "**BLOCKED**", CellClass.COLLIDES.color),
     ],
 )
 def test_the_page_shows_state_and_closest_pair(space, viewer, q, text, color):

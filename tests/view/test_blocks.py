@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import cspace
-from cspace.plot._artists import OPEN, classify_cells
-from cspace.view import _scene as scene
-from cspace.view._scene import Cells
+from cspace.plot.scene import CellClass, classify_cells
+from cspace.view import _blocks
+from cspace.view._blocks import Cells
 
 
 @pytest.fixture(
@@ -38,7 +38,7 @@ def reduce_by_brute_force(classes, side):
 def test_blocks_show_the_largest_class_until_they_are_invalidated(parts, side, monkeypatch):
     workspace, robot, rotations = parts
     space = cspace.build(workspace, robot, rotations=rotations)
-    monkeypatch.setattr(scene, "MAX_BLOCKS", space.grid.size // side**space.grid.dim + 1)
+    monkeypatch.setattr(_blocks, "MAX_BLOCKS", space.grid.size // side**space.grid.dim + 1)
     cells = Cells(space, 1.0)
     last = len(space.rotations) - 1
     at_last = classify_cells(space, space.rotations.centers[last])
@@ -47,7 +47,9 @@ def test_blocks_show_the_largest_class_until_they_are_invalidated(parts, side, m
         expected = np.atleast_3d(reduce_by_brute_force(classes, side))
         np.testing.assert_array_equal(cells.make_blocks(cell), expected)
     before = cells.make_blocks(last)
-    space.update(np.ones((1,) * space.grid.dim, dtype=bool), np.argwhere(at_last == OPEN)[0])
+    space.update(
+        np.ones((1,) * space.grid.dim, dtype=bool), np.argwhere(at_last == CellClass.OPEN)[0]
+    )
     assert cells.make_blocks(last) is before
     cells.invalidate()
     assert (cells.make_blocks(last) != before).any()
@@ -59,9 +61,11 @@ def test_a_tiled_map_is_drawn_as_an_overview(parts, tmp_path, monkeypatch):
     tiled = cspace.build(workspace, robot, rotations=rotations, store=tmp_path / "m", tile=8)
     exact = Cells(space, 1.0).make_blocks(0)
     np.testing.assert_array_equal(Cells(tiled, 1.0).make_blocks(0), exact)
-    monkeypatch.setattr(scene, "MAX_BLOCKS", space.grid.size // 2**space.grid.dim)
+    monkeypatch.setattr(_blocks, "MAX_BLOCKS", space.grid.size // 2**space.grid.dim)
     coarse = Cells(tiled, 1.0)
     side = round(coarse.drawn.grid.spacing / space.grid.spacing)
     assert side > 1
-    is_open = reduce_by_brute_force(exact, np.where(np.array(exact.shape) > 1, side, 1)) == OPEN
-    assert (coarse.make_blocks(0)[~is_open] != OPEN).all()
+    is_open = (
+        reduce_by_brute_force(exact, np.where(np.array(exact.shape) > 1, side, 1)) == CellClass.OPEN
+    )
+    assert (coarse.make_blocks(0)[~is_open] != CellClass.OPEN).all()

@@ -10,8 +10,8 @@ import pytest
 from PIL import Image
 
 import cspace
-from cspace.plot._artists import CLASSES, COLLIDES
-from cspace.view._scene import hex_to_rgb
+from cspace.plot.scene import CellClass
+from cspace.view._blocks import hex_to_rgb
 from tests.helpers.waiting import until
 
 pytest.importorskip("viser")
@@ -68,7 +68,7 @@ def take_screenshot(browser):
 
 def shows_obstacles(browser):
     """Return True if the page has many pixels in the colour of C-obstacles."""
-    away = np.abs(take_screenshot(browser) - hex_to_rgb(CLASSES[COLLIDES][1])).max(axis=-1)
+    away = np.abs(take_screenshot(browser) - hex_to_rgb(CellClass.COLLIDES.color)).max(axis=-1)
     return bool((away < 12).mean() > 0.01)
 
 

@@ -14,9 +14,9 @@ from scipy.spatial.transform import Rotation
 
 import cspace
 from cspace._rotations import Rotations
-from cspace.plot._artists import CLASSES, OBSTACLE
+from cspace.plot.scene import CellClass
+from cspace.view._blocks import KINDS, Cells, extract_border, hex_to_rgb, make_robot_surface
 from cspace.view._map_canvas import PoseDials
-from cspace.view._scene import KINDS, Cells, extract_border, hex_to_rgb, make_robot_surface
 from tests.helpers.handmade import fill_boxes
 
 
@@ -78,7 +78,7 @@ def read_pixel(section, x, y):
 
 
 def test_sections_show_cells_at_their_positions():
-    obstacle = (*hex_to_rgb(CLASSES[OBSTACLE][1]), 255)
+    obstacle = (*hex_to_rgb(CellClass.OBSTACLE.color), 255)
     occupied = fill_boxes((9, 6, 4), np.s_[7, 1, 2])
     flat = cspace.Workspace.from_array(occupied[:, :, 2], 0.1)
     space = cspace.build(flat, cspace.Robot.disc(0.05))

@@ -15,25 +15,13 @@ from scipy.spatial.transform import Rotation
 from cspace import CSpace, Robot
 from cspace.inside import (
     Bools,
+    Bytes,
     Floats,
     Ints,
     Surface,
-    Voxels,
     reduce_blocks,
 )
-from cspace.plot._artists import (
-    CLASSES,
-    COLLIDES,
-    OBSTACLE,
-    PARTLY,
-    SOLIDS,
-    UNDECIDED,
-    UNSEEN,
-    Classes,
-    classify_cells,
-    classify_ground,
-)
-from cspace.plot._surface import find_exposed_cells, make_faces
+from cspace.plot.scene import CellClass, classify_cells, classify_ground, find_faces
 
 if TYPE_CHECKING:
     from cspace import TiledCSpace
@@ -65,13 +53,21 @@ class SolidKind(NamedTuple):
     has_boundary: bool
 
 
-_IN_THE_WAY: Final = (UNDECIDED, COLLIDES, UNSEEN, OBSTACLE)
+def _make_kind(shown: CellClass, opacity: float, rotates: bool) -> SolidKind:
+    """Make the closed solid of one class."""
+    return SolidKind(shown.label, shown.solid_color, opacity, (shown,), rotates, True)
+
+
+_IN_THE_WAY: Final = (
+    *(CellClass.UNDECIDED, CellClass.COLLIDES),
+    *(CellClass.UNSEEN, CellClass.OBSTACLE),
+)
 
 KINDS: Final = {
-    "obstacles": SolidKind(*SOLIDS[OBSTACLE], 1.0, (OBSTACLE,), False, True),
-    "unknown": SolidKind(*SOLIDS[UNSEEN], 1.0, (UNSEEN,), False, True),
-    "border": SolidKind("C-obstacle", CLASSES[COLLIDES][1], 0.5, _IN_THE_WAY, True, False),
-    "mixed": SolidKind(*CLASSES[UNDECIDED], 0.7, (UNDECIDED,), True, True),
+    "obstacles": _make_kind(CellClass.OBSTACLE, 1.0, rotates=False),
+    "unknown": _make_kind(CellClass.UNSEEN, 1.0, rotates=False),
+    "border": SolidKind("C-obstacle", CellClass.COLLIDES.color, 0.5, _IN_THE_WAY, True, False),
+    "mixed": _make_kind(CellClass.UNDECIDED, 0.7, rotates=True),
 }
 """Solids by name."""
 SECTION: Final = "section"
@@ -143,7 +139,7 @@ class Cells:
             share = (MAX_BLOCKS / grid.size) ** (1.0 / grid.dim)
             self.drawn = self._space.overview(max(1, math.floor(share * max(grid.shape))))
 
-    def _merge_cells(self, cell: int | None) -> Classes:
+    def _merge_cells(self, cell: int | None) -> Bytes:
         """Merge cells, at a rotation or of the workspace, into blocks."""
         space = self.drawn
         if cell is None:
@@ -172,9 +168,9 @@ class Cells:
         layer = self._blocks_below(cell, cut)[:, :, -1]
         lower = self.lower[:2]
         size = self._cell[:2] * self.side * layer.shape
-        colors = np.array([(*hex_to_rgb(color), 255) for _, color in CLASSES], dtype=np.uint8)
+        colors = np.array([(*hex_to_rgb(each.color), 255) for each in CellClass], dtype=np.uint8)
         if self.drawn.grid.dim == 3:
-            colors[: PARTLY + 1, 3] = 0  # free cells of a section are transparent
+            colors[: CellClass.PARTLY + 1, 3] = 0  # free cells of a section are transparent
         # Images are indexed [row, column], and their first row is the one with the largest y.
         image = np.flipud(colors[layer].transpose(1, 0, 2))
         # Browsers blur enlarged images, so each block gets several pixels along each side.
@@ -182,7 +178,7 @@ class Cells:
         image = image.repeat(repeat, axis=0).repeat(repeat, axis=1)
         return MapSection(image, lower, np.minimum(lower + size, self.upper[:2]))
 
-    def _blocks_below(self, cell: int | None, cut: float) -> Classes:
+    def _blocks_below(self, cell: int | None, cut: float) -> Bytes:
         """Return the classes of the blocks that begin below a height."""
         height = min(cut, self.upper[2]) - self.lower[2]
         # Subtracting 1e-9 keeps rounding from adding a layer; at least one layer is drawn.
@@ -201,16 +197,8 @@ def extract_border(solid: Bools, has_boundary: bool = True) -> Ints:
     """
     rectangles = []
     for axis, up in product(range(3), (0, 1)):
-        # The axis of the normal comes first, and each layer has rectangles of its own.
-        layers = np.moveaxis(find_exposed_cells(solid, axis, up), axis, 0)
-        if not has_boundary:
-            layers[-up] = False  # the first layer (0) if faces point down, the last (-1) if up
-        # Boxes are one layer thick.
-        boxes = Voxels(layers, 1.0, np.zeros(3)).boxes
-        low, high = (corners.astype(np.int64) for corners in (boxes.lows, boxes.highs))
-        # The columns of x, y and z in the corners, of which the normal is column 0.
-        columns = np.insert([1, 2], axis, 0)
-        rectangles.append(make_faces(low[:, columns], high[:, columns], axis, up))
+        faces, _ = find_faces(solid, axis, up, is_closed=has_boundary, is_merged=True)
+        rectangles.append(faces)
     return np.concatenate(rectangles)
 
 
