@@ -99,10 +99,10 @@ def capsule(radius: float, length: float, center: ArrayLike = (0.0, 0.0, 0.0)) -
 
 def _translate(bounds: BoundsPair, center: ArrayLike) -> BoundedShape:
     """Move the bounds of a solid of revolution to a center."""
-    from cspace._shapes.mesh import make_mesh
+    from cspace._shapes.mesh import Mesh
 
     shift = check_point(center, dim=3)
-    outer, inner = (make_mesh((vertices + shift, faces)) for vertices, faces in bounds)
+    outer, inner = (Mesh.convert((vertices + shift, faces)) for vertices, faces in bounds)
     is_on_axis = not shift[:2].any()
     return BoundedShape(outer, inner, is_round_about_z=is_on_axis)
 

@@ -70,6 +70,8 @@ class CellProofs:
     Attributes
     ----------
     snapshot : Snapshot
+    inner : ArmScene
+        That of the snapshot, which proves BLOCKED.
     balls : InnerBalls
         Those of its inner shapes.
     grid : Grid
@@ -80,6 +82,7 @@ class CellProofs:
     """
 
     snapshot: Snapshot
+    inner: ArmScene
     balls: InnerBalls
     grid: Grid
     joint_indices: Ints
@@ -93,9 +96,8 @@ class CellProofs:
 
     def select_pairs(self, which: Bools | slice) -> CellProofs:
         """Return the proofs of some pairs of solids."""
-        scenes = self.snapshot.outer, self.snapshot.inner
-        outer, inner = (scene.select_pairs(which) for scene in scenes)
-        return replace(self, snapshot=replace(self.snapshot, outer=outer, inner=inner))
+        outer, inner = (scene.select_pairs(which) for scene in (self.snapshot.outer, self.inner))
+        return replace(self, snapshot=replace(self.snapshot, outer=outer), inner=inner)
 
     def find_tubes(
         self, starts: Floats | Ints, stops: Floats | Ints
@@ -128,9 +130,11 @@ class CellProofs:
         sought only ``with_crossings``.
         """
         states = np.empty(len(starts), dtype=np.uint8)
-        prove, outer, inner = self.snapshot.proof, self.snapshot.outer, self.snapshot.inner
+        prove, outer = self.snapshot.proof, self.snapshot.outer
         tubes = self.find_tubes(starts, stops)
-        classify_tubes(prove, outer, inner, self.balls, *tubes, with_crossings, states, scratch)
+        classify_tubes(
+            prove, outer, self.inner, self.balls, *tubes, with_crossings, states, scratch
+        )
         return states
 
     def classify(self, start: Ints, stop: Ints, parts: Ints, out: States) -> None:

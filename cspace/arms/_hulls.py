@@ -225,16 +225,46 @@ def build_hulls(tree: PartTree, volume: float) -> Hulls:
             depth = fit.depth + fit.growth
             boxes[node, HULL_RADIUS] = fit.growth
             if fit.is_exact:
-                only_node = np.zeros((1, 5), dtype=np.int64)
-                only_node[0, STOP_CORNER] = len(hull)
-                only_node[0, IS_WHOLE] = 1
-                return Hulls(boxes[:1], only_node, np.ascontiguousarray(hull.T))
+                return _make_node(boxes[:1], hull)
         boxes[node, LOOSENESS] = depth
         nodes[node, FIRST_CORNER] = stop
         nodes[node, STOP_CORNER] = stop + len(hull)
         corners_of_hulls.append(hull)
         stop += len(hull)
     return Hulls(boxes, nodes, np.ascontiguousarray(np.concatenate(corners_of_hulls).T))
+
+
+def wrap_convex(triangles: Floats) -> Hulls | None:
+    """Wrap a convex body in one node; return None unless it is convex and has few corners.
+
+    ``triangles``, shape (n, 3, 3), are its closed surface, which faces outward.
+    """
+    corners, _ = distinct_rows(triangles.reshape(-1, 3))
+    if len(corners) > MAX_EXACT_CORNERS:
+        return None
+    first, second, third = triangles.swapaxes(0, 1)
+    normals = np.cross(second - first, third - first)
+    # No corner of a convex body lies beyond the plane of a triangle, but for rounding; a flat body
+    # has none below one either.
+    lower, upper = corners.min(axis=0), corners.max(axis=0)
+    tolerances = 1e-9 * (upper - lower).max() * np.linalg.norm(normals, axis=1)
+    heights = corners @ normals.T - (first * normals).sum(axis=1)
+    if (heights > tolerances).any() or not (heights < -tolerances).any():
+        return None
+    half_sides = 0.5 * (upper - lower)
+    box = [*(0.5 * (lower + upper)), *half_sides, np.linalg.norm(half_sides), 0.0, 0.0]
+    return _make_node(np.array([box]), corners)
+
+
+def _make_node(box: Floats, corners: Floats) -> Hulls:
+    """Make a tree of one node, which is a whole part.
+
+    ``box``, shape (1, 9), is its row of :attr:`Hulls.boxes`; its ``corners`` have shape (n, 3).
+    """
+    node = np.zeros((1, 5), dtype=np.int64)
+    node[0, STOP_CORNER] = len(corners)
+    node[0, IS_WHOLE] = 1
+    return Hulls(box, node, np.ascontiguousarray(corners.T))
 
 
 def _link_nodes(spans: Ints, first_corners: Ints) -> Ints:

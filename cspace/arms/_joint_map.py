@@ -158,8 +158,9 @@ def build_joint_map(
     still_pairs = np.flatnonzero(~moving.any(axis=1))
     _refuse_held_contact(snapshot, names, held, still_pairs)
 
-    balls = _find_inner_balls(snapshot.inner.solids)
-    proofs = CellProofs(snapshot, balls, grid, joint_indices, held)
+    inner = snapshot.inner
+    balls = _find_inner_balls(inner.solids)
+    proofs = CellProofs(snapshot, inner, balls, grid, joint_indices, held)
     states = _classify_cells(proofs, moving, workers or count_cores(), progress)
     # The last cells along an axis may exceed the joint's limit, beyond which nothing is FREE.
     last_ends = np.array(grid.lower) + side * np.array(shape)

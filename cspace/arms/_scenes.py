@@ -8,9 +8,9 @@ from typing import Final
 import numpy as np
 
 from cspace.arms._chain import DISTANCE_ROUNDING, Chain
-from cspace.arms._crossings import NO_TREE, SurfaceTree, join_trees
+from cspace.arms._crossings import NO_TREE, PartTree, SurfaceTree, join_trees
 from cspace.arms._hulls import FIRST_CORNER, STOP_CORNER, Hulls, join_roots
-from cspace.arms._motion_proofs import FIRST_PART, ArmScene, Solids
+from cspace.arms._motion_proofs import ArmScene, Solids
 from cspace.arms._solids import Part, Solid
 from cspace.inside import Floats, Ints
 
@@ -33,8 +33,11 @@ def make_scene(
     padding, shape (p,), both in metres.
     """
     parts = [outer for solid in solids for outer, _ in solid.bounds_pairs]
+    # Hulls prove parts apart, and nothing apart from a part's only hull can lie in the part.
+    trees = [part.tree if part.is_filled else NO_TREE for part in parts]
+    surfaces = [part.surface_tree if len(part.hulls.nodes) > 1 else _NO_SURFACE for part in parts]
     anchors = [part.anchors for part in parts]
-    packed = _pack(solids, parts, anchors, *_pack_hulls(solids))
+    packed = _pack(solids, parts, trees, surfaces, anchors, *_pack_hulls(solids))
     max_coordinate = _find_max_coordinate(chain, packed)
     required = margin + 2.0 * DISTANCE_ROUNDING * max_coordinate
     pair_indices = np.array(pairs, dtype=np.int64).reshape(-1, 2)
@@ -49,44 +52,44 @@ def make_inner_scene(scene: ArmScene, solids: Sequence[Solid]) -> ArmScene:
     much again for the rounding of :func:`cspace._support.vectors.triangle_distance`, which is below
     ``2^-38`` of the largest link or obstacle.
     """
-    bounds_pairs = [bounds for solid in solids for bounds in solid.bounds_pairs]
-    parts = [inner for _, inner in bounds_pairs]
+    parts = [inner for solid in solids for _, inner in solid.bounds_pairs]
+    trees = [part.tree for part in parts]
+    surfaces = [part.surface_tree for part in parts]
     probes = [part.probes for part in parts]
-    outer_solids = scene.solids
-    # Exact shapes are their own inner shapes, so only the points differ.
-    if all(inner is outer for outer, inner in bounds_pairs):
-        anchors, starts = _pack_points(solids, parts, probes)
-        packed = outer_solids._replace(anchors=anchors, starts=starts)
-    else:
-        hulls, roots, part_roots = outer_solids.hulls, outer_solids.roots, outer_solids.part_roots
-        packed = _pack(solids, parts, probes, hulls, roots, part_roots)
-    max_coordinate = _find_max_coordinate(scene.chain, packed)
-    required = 4.0 * DISTANCE_ROUNDING * max_coordinate
-    return ArmScene(
-        scene.chain, packed, scene.pairs, np.zeros(len(scene.pairs)), max_coordinate, required
-    )
+    outer = scene.solids
+    hulls = outer.hulls, outer.roots, outer.part_roots
+    packed = _pack(solids, parts, trees, surfaces, probes, *hulls)
+    required = 4.0 * DISTANCE_ROUNDING * scene.max_coordinate
+    no_padding = np.zeros(len(scene.pairs))
+    return ArmScene(scene.chain, packed, scene.pairs, no_padding, scene.max_coordinate, required)
 
 
 def _pack(
     solids: Sequence[Solid],
     parts: Sequence[Part],
+    trees: Sequence[PartTree],
+    surfaces: Sequence[SurfaceTree],
     points: Sequence[Floats],
     hulls: Hulls,
     roots: Ints,
     part_roots: Ints,
 ) -> Solids:
-    """Pack solids for kernels, with anchors (n, 3) of each part.
+    """Pack solids for kernels, with a tree, a surface and points (n, 3) of each part.
 
     ``parts`` are the outer or the inner parts of all solids. ``hulls``, the root of each solid and
     the root of each part there are given; see :class:`Solids`.
     """
-    trees, tree_roots = join_trees([part.tree for part in parts], NO_TREE)
-    closed_parts = [part for part in parts if _has_surface(part)]
-    surfaces, surface_roots = join_trees([part.surface_tree for part in closed_parts], _NO_SURFACE)
-    anchors, starts = _pack_points(solids, parts, points)
-    # Count the parts of boxes or balls that each solid has.
-    has_solid = [part.is_filled and len(part.tree.boxes) > 0 for part in parts]
-    solids_before = np.cumsum([0, *has_solid])
+    joined_trees, tree_roots = join_trees(trees, NO_TREE)
+    closed = [surface for surface in surfaces if len(surface.boxes)]
+    joined_surfaces, surface_roots = join_trees(closed, _NO_SURFACE)
+    # Surfaces, points, parts, and parts of boxes or balls, before each part.
+    counts = [
+        (len(surface.boxes) > 0, len(rows), 1, part.is_filled)
+        for part, surface, rows in zip(parts, surfaces, points, strict=True)
+    ]
+    before_parts = np.cumsum([(0, 0, 0, 0), *counts], axis=0, dtype=np.int64)
+    first_parts = np.cumsum([0, *(len(solid.parts) for solid in solids)])
+    *starts, filled_before = before_parts[first_parts].T
     # An empty solid has no root, and reaches nowhere.
     boxes = np.where(roots[:, np.newaxis] >= 0, hulls.boxes[roots], 0.0)
     return Solids(
@@ -95,37 +98,14 @@ def _pack(
         roots=roots,
         part_roots=part_roots,
         levers=np.linalg.norm(np.abs(boxes[:, :3]) + boxes[:, 3:6], axis=1),
-        trees=trees,
+        trees=joined_trees,
         tree_roots=tree_roots,
-        surfaces=surfaces,
+        surfaces=joined_surfaces,
         surface_roots=surface_roots,
-        anchors=anchors,
-        has_solids=np.diff(solids_before[starts[:, FIRST_PART]]) > 0,
-        starts=starts,
+        anchors=np.concatenate([np.empty((0, 3)), *points]),
+        has_solids=np.diff(filled_before) > 0,
+        starts=np.stack(starts, axis=1),
     )
-
-
-def _has_surface(part: Part) -> bool:
-    """Return True if a part has closed surfaces."""
-    triangles, _ = part.surface
-    return len(triangles) > 0
-
-
-def _pack_points(
-    solids: Sequence[Solid], parts: Sequence[Part], points: Sequence[Floats]
-) -> tuple[Floats, Ints]:
-    """Pack points (m, 3) of all parts, and where solids begin.
-
-    The second result has the first surface, point and part of each solid, shape (s + 1, 3); the
-    last row has their numbers.
-    """
-    # Surfaces, points and parts before each part.
-    counts = [(0, 0, 0)]
-    for part, part_points in zip(parts, points, strict=True):
-        counts.append((_has_surface(part), len(part_points), 1))
-    before_parts = np.cumsum(counts, axis=0, dtype=np.int64)
-    first_parts = np.cumsum([0, *(len(solid.parts) for solid in solids)])
-    return np.concatenate([np.empty((0, 3)), *points]), before_parts[first_parts]
 
 
 def _pack_hulls(solids: Sequence[Solid]) -> tuple[Hulls, Ints, Ints]:
@@ -178,8 +158,7 @@ def _pack_hulls(solids: Sequence[Solid]) -> tuple[Hulls, Ints, Ints]:
 
 def _find_max_coordinate(chain: Chain, solids: Solids) -> float:
     """Bound all coordinates at any configuration, metres."""
-    roots = solids.tree_roots[solids.tree_roots >= 0]
-    boxes = solids.trees.boxes[roots]
+    boxes = solids.hulls.boxes[solids.roots[solids.roots >= 0]]
     centers, half_sides = boxes[:, :3], boxes[:, 3:6]
     largest_in_body = (np.abs(centers) + half_sides).max(initial=0.0)
     return float(largest_in_body + chain.lengths.max())

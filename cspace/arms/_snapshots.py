@@ -109,8 +109,6 @@ class Snapshot:
         Those of links, then those of obstacles.
     outer : Scene
         It proves FREE by outer shapes.
-    inner : Scene
-        It proves BLOCKED by inner shapes.
     uprights : tuple of Upright
         What FREE keeps in addition; ``outer`` has their cones.
     """
@@ -124,7 +122,6 @@ class Snapshot:
     static: Mapping[str, Solid]
     groups: tuple[Group, ...]
     outer: ArmScene
-    inner: ArmScene
     uprights: tuple[Upright, ...] = ()
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -174,6 +171,11 @@ class Snapshot:
     def proof(self) -> Address:
         """Address of the proof of a motion."""
         return find_proof(self.outer)
+
+    @cached_property
+    def inner(self) -> ArmScene:
+        """Scene of inner shapes, which proves BLOCKED."""
+        return make_inner_scene(self.outer, [group.solid for group in self.groups])
 
     def are_free(self, firsts: Floats, lasts: Floats, scene: ArmScene | None = None) -> Bools:
         """Return whether motions, shapes (n, dof), are proven free, shape (n,).
@@ -346,7 +348,6 @@ def make_snapshot(
         static,
         tuple(groups),
         outer,
-        inner=make_inner_scene(outer, solids),
     )
     _refuse_fixed(snapshot, fixed)
     _refuse_always(snapshot)

@@ -23,7 +23,7 @@ from cspace.arms._crossings import (
     distinct_rows,
     pack_boxes,
 )
-from cspace.arms._hulls import Hulls, build_hulls
+from cspace.arms._hulls import Hulls, build_hulls, wrap_convex
 from cspace.errors import InputError, UnitWarning
 from cspace.inside import (
     Bools,
@@ -134,6 +134,10 @@ class Part(PosedShape):
     def hulls(self) -> Hulls:
         """Tree of hulls of the boundary, or of boxes and balls."""
         corners, windings = self.surface
+        if len(corners) == len(self.boundary.corners) > 0:
+            convex_hull = wrap_convex(corners)
+            if convex_hull is not None:
+                return convex_hull
         first, second, third = corners.swapaxes(0, 1)
         # The scalar triple product is six times the signed volume between triangle and origin.
         six_volumes = (np.cross(first, second) * third).sum(axis=1)
@@ -170,6 +174,8 @@ class Part(PosedShape):
         """One point of each connected part (n, 3), if hollow."""
         if self.is_filled:
             return np.empty((0, 3))
+        if len(self.hulls.nodes) == 1:
+            return self.hulls.corners.T[:1]
         from scipy.sparse import coo_array
         from scipy.sparse.csgraph import connected_components
 

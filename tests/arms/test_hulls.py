@@ -135,3 +135,59 @@ def test_many_turns_prove_nothing_below_their_rounding(tmp_path):
     )
     assert space.is_free((0.0,))
     assert not space.is_free((2e9 * np.pi,))
+
+
+def write_slider(folder):
+    """Write an arm that moves a cube of 2 mm along the axes."""
+    speck = ((0.002, 0.002, 0.002), (0, 0, 0))
+    axes = {"x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1)}
+    names = ["base", *axes]
+    return write_urdf(
+        folder,
+        *(link(name) for name in names[:-1]),
+        link("z", speck),
+        *(
+            joint(f"along {name}", before, name, axis=axis, kind="prismatic")
+            for before, (name, axis) in zip(names, axes.items(), strict=False)
+        ),
+    )
+
+
+def fold_sheet():
+    """Fold a sheet in the shape of an L, without a thickness."""
+    sheet = [(0, 0, 0), (2, 0, 0), (2, 1, 0), (1, 1, 0), (1, 2, 0), (0, 2, 0)]
+    upper = [(0, 1, 2), (0, 2, 3), (0, 3, 4), (0, 4, 5)]
+    lower = [(3, 1, 0), (3, 2, 1), (5, 3, 0), (5, 4, 3)]
+    return trimesh.Trimesh(0.5 * np.array(sheet), upper + lower, process=False)
+
+
+CONVEX = trimesh.convex.convex_hull(np.random.default_rng(0).normal(0.0, 0.4, (60, 3)))
+
+SOLIDS = {
+    "cylinder": trimesh.creation.cylinder(0.3, 0.8, sections=64),
+    "convex": CONVEX,
+    "inward": trimesh.Trimesh(CONVEX.vertices, CONVEX.faces[:, ::-1], process=False),
+    "folded": fold_sheet(),
+    "pierced": TOOLS[0],
+}
+
+
+@pytest.mark.filterwarnings("ignore:the windings of")
+@pytest.mark.parametrize("name", SOLIDS)
+def test_distances_of_meshes_agree_with_their_triangles(tmp_path, name):
+    """Compare distances of a small cube with those of its center from all triangles."""
+    mesh = SOLIDS[name]
+    arm = cspace.Arm.from_urdf(write_slider(tmp_path))
+    pose = pose_at(0.1, -0.2, 0.3, (0.4, 1.0, -0.3))
+    obstacle = cspace.arms.PosedShape(mesh, pose)
+    space = cspace.build_arm_space({"thing": obstacle}, arm)
+    points = np.random.default_rng(1).uniform(-0.8, 0.8, (400, 3))
+    _, distances, _ = trimesh.proximity.closest_point(mesh, points)
+    q = points @ pose[:3, :3].T + pose[:3, 3]
+    is_inside = mesh.contains(points) if name != "folded" else np.zeros(len(q), dtype=bool)
+    is_near = distances < 0.002
+    assert not space.is_free(q[is_inside]).any()
+    found = space.obstacle_distance(q[~is_inside & ~is_near])
+    expected = distances[~is_inside & ~is_near]
+    assert (found < expected).all()
+    assert (found > expected - 0.0018).all()
