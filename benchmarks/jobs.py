@@ -266,18 +266,19 @@ def save_and_open(quick: bool) -> Iterator[Run]:
 # Arms
 
 
-def read_arm() -> tuple[Any, list[Any]]:
-    folder = real_file("arms/ur5")
+def read_arm(name: str = "ur5", number: int = 1) -> tuple[Any, list[Any]]:
+    """Read an arm, and a number of problems of each set: obstacles, and start and goal."""
+    folder = real_file(f"arms/{name}")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # open meshes
-        arm = cspace.Arm.from_urdf(folder / "ur5.urdf", folder / "ur5.srdf")
+        arm = cspace.Arm.from_urdf(folder / f"{name}.urdf", folder / f"{name}.srdf")
     listed = json.loads((folder / "problems.json").read_text(encoding="utf-8"))
     order = [listed["joints"].index(name) for name in arm.joints]
     problems = []
     for rows in listed["problems"].values():
-        row = rows[0]
-        ends = np.array([row["start"], row["goals"][0]])[:, order].clip(arm.lower, arm.upper)
-        problems.append((make_solids(row), ends))
+        for row in rows[:number]:
+            ends = np.array([row["start"], row["goals"][0]])[:, order].clip(arm.lower, arm.upper)
+            problems.append((row, ends))
     return arm, problems
 
 
@@ -302,7 +303,23 @@ def make_solids(row: dict[str, Any]) -> dict[str, Any]:
 def set_up_arm(quick: bool) -> Iterator[Run]:
     def work() -> str:
         arm, problems = read_arm()
-        return f"{cspace.build_arm_space(problems[0][0], arm).arm.dof} joints"
+        return f"{make_arm_space(arm, problems[0][0]).arm.dof} joints"
+
+    while True:
+        yield work
+
+
+def make_arm_space(arm: Any, row: dict[str, Any]) -> Any:
+    return cspace.build_arm_space(make_solids(row), arm)
+
+
+def change_scenes(name: str, quick: bool) -> Iterator[Run]:
+    arm, problems = read_arm(name)
+    make_arm_space(arm, problems[0][0])
+
+    def work() -> str:
+        spaces = [make_arm_space(arm, row) for row, _ in problems]
+        return f"{sum(len(space.obstacles) for space in spaces)} obstacles"
 
     while True:
         yield work
@@ -310,7 +327,7 @@ def set_up_arm(quick: bool) -> Iterator[Run]:
 
 def query_arm(quick: bool) -> Iterator[Run]:
     arm, problems = read_arm()
-    space = cspace.build_arm_space(problems[0][0], arm)
+    space = make_arm_space(arm, problems[0][0])
     rng = np.random.default_rng(0)
     q = rng.uniform(arm.lower, arm.upper, (200 if quick else 5000, arm.dof))
     ends = (q + rng.normal(0.0, 0.1, q.shape)).clip(arm.lower, arm.upper)
@@ -325,15 +342,13 @@ def query_arm(quick: bool) -> Iterator[Run]:
         yield work
 
 
-def query_arm_singly(quick: bool) -> Iterator[Run]:
-    arm, problems = read_arm()
-    space = cspace.build_arm_space(problems[0][0], arm)
+def query_arm_singly(name: str, form: Callable[[Any], Any], quick: bool) -> Iterator[Run]:
+    arm, problems = read_arm(name)
+    space = make_arm_space(arm, problems[0][0])
     rng = np.random.default_rng(0)
     q = rng.uniform(arm.lower, arm.upper, (100 if quick else 2000, arm.dof))
     ends = (q + rng.normal(0.0, 0.1, q.shape)).clip(arm.lower, arm.upper)
-    pairs = [
-        (tuple(start), tuple(end)) for start, end in zip(q.tolist(), ends.tolist(), strict=True)
-    ]
+    pairs = [(form(start), form(end)) for start, end in zip(q, ends, strict=True)]
 
     def work() -> str:
         free = sum(space.is_free(start) for start, _ in pairs)
@@ -353,15 +368,15 @@ def prove_row(quick: bool) -> Iterator[Run]:
         yield lambda: f"{sum(space.certify_chunk(*pair).proven for pair in pairs)} rows"
 
 
-def plan_arm(quick: bool) -> Iterator[Run]:
-    arm, problems = read_arm()
-    spaces = [
-        (cspace.build_arm_space(solids, arm), q) for solids, q in problems[: 1 if quick else 3]
-    ]
+def plan_arm(name: str, number: int, quick: bool) -> Iterator[Run]:
+    arm, problems = read_arm(name, number)
+    made = [(make_arm_space(arm, row), q) for row, q in problems[: 1 if quick else None]]
+    spaces = [(space, q) for space, q in made if space.is_free(q).all()]
 
     def work() -> str:
         plans = [planners.plan(space, *q, seed=0, **PATIENCE) for space, q in spaces]
-        return f"{sum(bool(plan.certified) for plan in plans)} paths"
+        found = [plan for plan in plans if plan.certified]
+        return f"{len(found)} paths, {sum(plan.length for plan in found):.1f} rad"
 
     while True:
         yield work
@@ -434,8 +449,18 @@ JOBS: dict[str, Callable[[bool], Iterator[Run]]] = {
     "save and open, warehouse x 72": save_and_open,
     "UR5: read and set up": set_up_arm,
     "UR5: 5,000 configurations and 500 edges": query_arm,
-    "UR5: 2,000 configurations and edges, one by one": query_arm_singly,
-    "UR5: 3 default plans": plan_arm,
+    "UR5: seven more scenes": partial(change_scenes, "ur5"),
+    "Panda: seven more scenes": partial(change_scenes, "panda"),
+    "UR5: 2,000 configurations and edges, one by one": partial(
+        query_arm_singly, "ur5", lambda q: tuple(q.tolist())
+    ),
+    "UR5: the same, as rows of an array": partial(query_arm_singly, "ur5", np.asarray),
+    "Panda: 2,000 configurations and edges, as rows of an array": partial(
+        query_arm_singly, "panda", np.asarray
+    ),
+    "Panda: the same, as lists": partial(query_arm_singly, "panda", lambda q: q.tolist()),
+    "UR5: default plans, one of each set": partial(plan_arm, "ur5", 1),
+    "Panda: default plans, two of each set": partial(plan_arm, "panda", 2),
     "read a URDF of 20,000 links": read_chain,
     "read a PNG of 12,000^2 pixels": read_image,
 }
