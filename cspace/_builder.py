@@ -19,11 +19,11 @@ import numpy as np
 import scipy  # loads its submodules on first use
 from numpy.typing import ArrayLike
 
-from cspace._engines import ENGINES, METHODS, choose_engine
+from cspace._engines import ENGINES, METHODS
 from cspace._engines.slices import (
     Progress,
     RasterPair,
-    estimate_raster_bytes,
+    estimate_bytes,
     fill_states,
     group_rasters,
     slice_rasters,
@@ -46,7 +46,7 @@ from cspace._support.check import (
     check_word,
     names_options,
 )
-from cspace._support.limits import PlannedGrid, bytes_text, check_memory, map_bytes
+from cspace._support.limits import PlannedGrid, bytes_text, check_memory
 from cspace._support.reporting import format_sides, tell_apart, warn_user
 from cspace._support.words import Method, Outside
 from cspace._workspace import Workspace, covering_shape, load_workspace
@@ -267,20 +267,6 @@ def build(
     return space
 
 
-def estimate_bytes(
-    shape: Sequence[int],
-    spacing: float,
-    robot: Robot,
-    rotations: Rotations,
-    margin: float,
-    slices: int,
-    counts: bool = False,
-) -> float:
-    """Estimate the memory to build a map on a grid of a shape, in bytes."""
-    rasters = estimate_raster_bytes(robot, spacing, margin, rotations, slices)
-    return map_bytes(shape, slices, counts) + rasters
-
-
 def build_contents(
     workspace: Workspace,
     robot: Robot,
@@ -310,12 +296,10 @@ def build_contents(
     )
     rasters = slice_rasters(robot, grid.spacing, margin, rotations)
     groups = group_rasters(rasters, inner)
-    outer_rasters = groups[0]
-    name = choose_engine(outer_rasters, counts=counts) if method == "auto" else method
     states = np.empty((n_slices, *grid.shape), dtype=np.uint8)
     overlaps = np.empty(states.shape, dtype=np.int32) if counts else None
     cells = workspace.outer, workspace.inner
-    fill_states(ENGINES[name], outside, cells, groups, states, overlaps, workers, progress)
+    fill_states(method, outside, cells, groups, states, overlaps, workers, progress)
     contents = Contents(
         workspace,
         robot,

@@ -19,11 +19,10 @@ from cspace._interface import (
 )
 from cspace._queries.batches import Configuration, evaluate, evaluate_edges
 from cspace._queries.yaws import join_yaw_cells
-from cspace._record.states import read_only
 from cspace._robot import Robot
 from cspace._rotations import Rotations
 from cspace._shapes import OriginPoint
-from cspace._support.arrays import BLOCKED, FREE, MIXED, STATE_NAMES, Bools, Floats, Ints
+from cspace._support.arrays import BLOCKED, FREE, MIXED, STATE_NAMES, Bools, Floats, Ints, read_only
 from cspace._support.check import (
     check_finite,
     check_point,

@@ -28,10 +28,6 @@ from cspace._raster import Raster
 from cspace._record.cells import Map, make_map_record
 from cspace._record.contents import Contents
 from cspace._record.exterior import UNKNOWN, Exterior
-from cspace._record.states import (
-    count_states,
-    read_only,
-)
 from cspace._rotations.base import measure_steps
 from cspace._shapes import Shape, ShapeLike, as_shape
 from cspace._support.arrays import (
@@ -42,7 +38,9 @@ from cspace._support.arrays import (
     Floats,
     Ints,
     States,
+    count_states,
     number_parts,
+    read_only,
 )
 from cspace._support.check import (
     check_finite,

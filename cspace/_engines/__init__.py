@@ -80,7 +80,7 @@ METHODS: Final[tuple[Method, ...]] = get_args(Method)
 """Values of ``method`` in :func:`cspace.build`."""
 
 
-def choose_engine(rasters: Sequence[Raster], *, counts: bool = False) -> str:
+def choose_engine(rasters: Sequence[Raster], *, counts: bool = False) -> Method:
     """Return the name of the faster engine for a robot's rasters.
 
     That is dilation, unless overlaps are counted or the robot has very many rows.

@@ -14,15 +14,15 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace._engines import Engine
+from cspace._engines import ENGINES, choose_engine
 from cspace._grid import check_reach
 from cspace._raster import Raster
 from cspace._robot import Robot
 from cspace._rotations import NO_ROTATION, RotationCell, Rotations
 from cspace._support.arrays import Bools, States
-from cspace._support.check import check_not_negative, check_positive
-from cspace._support.limits import RASTER_CELL_BYTES, SLICE_BYTES
+from cspace._support.limits import RASTER_CELL_BYTES, SLICE_BYTES, map_bytes
 from cspace._support.threads import count_cores, map_in_threads
+from cspace._support.words import Method
 
 SAMPLED_ROTATIONS = 32
 """Approximate number of rotations at which the size of the robot's rasters is estimated."""
@@ -75,25 +75,20 @@ def slice_rasters(
     return [rasters[number] for number in range(len(sources))]
 
 
-def rasterize(
-    robot: Robot, spacing: float, margin: float = 0.0, rotation: RotationCell = NO_ROTATION
-) -> RasterPair:
+def rasterize(robot: Robot, spacing: float, margin: float, rotation: RotationCell) -> RasterPair:
     """Rasterize the robot at one rotation cell.
 
     Returns the outer and inner raster, as ``Shape.rasters`` does; metres.
 
-    Raises InputError if the spacing is not above zero, the margin is negative, or the robot is too
-    large or too far from its reference point for that spacing.
+    Raises InputError if the robot is too large or too far from its reference point for the spacing.
     """
-    side = check_positive(spacing, "spacing")
-    growth = check_not_negative(margin, "margin")
     span = robot.shape.span
     if rotation.matrix is not None:
         # A rotation may move a corner of the robot's box, which is farther from the origin than a
         # side, onto an axis.
         span *= math.sqrt(robot.dim)
-    check_reach((span + growth) / side, "robot", "its reference point")
-    return robot.shape.rasters(side, growth, rotation)
+    check_reach((span + margin) / spacing, "robot", "its reference point")
+    return robot.shape.rasters(spacing, margin, rotation)
 
 
 def list_slice_cells(robot: Robot, rotations: Rotations) -> list[RotationCell]:
@@ -103,6 +98,20 @@ def list_slice_cells(robot: Robot, rotations: Rotations) -> list[RotationCell]:
     cells = rotations._make_shape_cells(robot.dim)
     _, first_cells = np.unique(rotations._assign_slices(robot.shape), return_index=True)
     return [cells[number] for number in first_cells]
+
+
+def estimate_bytes(
+    shape: Sequence[int],
+    spacing: float,
+    robot: Robot,
+    rotations: Rotations,
+    margin: float,
+    slices: int,
+    counts: bool = False,
+) -> float:
+    """Estimate the memory to build a map on a grid of a shape, in bytes."""
+    rasters = estimate_raster_bytes(robot, spacing, margin, rotations, slices)
+    return map_bytes(shape, slices, counts) + rasters
 
 
 def estimate_raster_bytes(
@@ -149,7 +158,7 @@ def group_rasters(pairs: Sequence[RasterPair], inner: bool) -> RasterGroups:
 
 
 def fill_states(
-    engine: Engine,
+    method: Method,
     outside: str,
     cells: tuple[Bools, Bools],
     groups: RasterGroups,
@@ -162,7 +171,8 @@ def fill_states(
 
     Parameters
     ----------
-    engine : Engine
+    method : {"auto", "fft", "direct"}
+        The engine, or "auto" for the faster one.
     outside : str
         State of space outside the cells: "blocked" or "free".
     cells : tuple of ndarray of bool
@@ -176,13 +186,15 @@ def fill_states(
         Threads.
     progress : callable, optional
     """
+    if method == "auto":
+        method = choose_engine(groups[0], counts=overlaps is not None)
     # The outer rasters write 0 or 1 (FREE or MIXED); the inner rasters add 1 where they hit.
     hits = states.view(np.bool_)
     outer_output = hits if overlaps is None else overlaps
     outputs = [outer_output, states]
     for index, rasters in enumerate(groups):
-        advance = partial(_report_progress, progress, index, len(groups))
-        engine.write_overlaps(
+        advance = progress and partial(_report_progress, progress, index, len(groups))
+        ENGINES[method].write_overlaps(
             cells[index],
             rasters,
             list(outputs[index]),
@@ -191,16 +203,14 @@ def fill_states(
             workers=workers,
             progress=advance,
         )
-        advance(1, 1)  # even if there was nothing to do
+        if advance is not None:
+            advance(1, 1)  # even if there was nothing to do
         if overlaps is not None and index == 0:
             np.not_equal(overlaps, 0, out=hits)
 
 
-def _report_progress(
-    progress: Progress | None, index: int, count: int, done: int, total: int
-) -> None:
+def _report_progress(progress: Progress, index: int, count: int, done: int, total: int) -> None:
     """Report the progress of one of ``count`` correlations as that of all."""
-    if progress is not None:
-        steps_before = STEPS_PER_CORRELATION * index
-        steps = STEPS_PER_CORRELATION * done // total
-        progress(steps_before + steps, STEPS_PER_CORRELATION * count)
+    steps_before = STEPS_PER_CORRELATION * index
+    steps = STEPS_PER_CORRELATION * done // total
+    progress(steps_before + steps, STEPS_PER_CORRELATION * count)

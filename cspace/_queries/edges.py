@@ -31,7 +31,6 @@ from cspace._queries.points import (
     state_at,
 )
 from cspace._record.cells import Map
-from cspace._record.states import read_only
 from cspace._rotations.lookup import (
     arc_angle_and_error,
     arc_count,
@@ -43,7 +42,7 @@ from cspace._rotations.lookup import (
     widened_bounds,
     wrap_to_cells,
 )
-from cspace._support.arrays import FREE, MIXED, Bools, Floats, Ints, Numbers, Row
+from cspace._support.arrays import FREE, MIXED, Bools, Floats, Ints, Numbers, Row, read_only
 from cspace._support.compiling import inlined, internal, kernel
 
 MIN_EXTENT_CELLS: Final = 2.0**-500

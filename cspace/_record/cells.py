@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING, NamedTuple, cast
 import numpy as np
 
 from cspace._grid import Grid
-from cspace._record.states import read_only
 from cspace._rotations.base import RotationTable
-from cspace._support.arrays import MIXED, Ints, Row, States
+from cspace._support.arrays import MIXED, Ints, Row, States, read_only
 
 if TYPE_CHECKING:
     from cspace._space import CSpace

@@ -13,10 +13,9 @@ from numpy.typing import NDArray
 from cspace import __version__
 from cspace._grid import Grid
 from cspace._record.contents import Contents
-from cspace._record.states import read_only
 from cspace._rotations import Rotations
 from cspace._shapes import Shape, shape_from_spec
-from cspace._support.arrays import STATE_NAMES
+from cspace._support.arrays import STATE_NAMES, read_only
 from cspace._support.check import AXES
 
 FORMAT: Final = "cspace-map"

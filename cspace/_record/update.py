@@ -10,7 +10,6 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace._engines import dilation
 from cspace._engines.dilation import ClippedRuns, to_three_axes
 from cspace._engines.slices import RasterGroups, fill_states, group_rasters
 from cspace._grid import Grid
@@ -368,7 +367,7 @@ class Updater:
         is_plane = self._grid.dim == 2
         outer, inner = cells if is_plane else cells[:, 0]
         results = states if is_plane else states[:, 0]
-        fill_states(dilation, self._outside, (outer, inner), self._groups, results)
+        fill_states("direct", self._outside, (outer, inner), self._groups, results)
         found = []
         for layer, (first, stop) in enumerate(boxes):
             begin = first - firsts[layer]

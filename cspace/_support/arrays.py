@@ -65,6 +65,16 @@ def frozen(array: NDArray[Any]) -> NDArray[Any]:
     return array
 
 
+def read_only(array: NDArray[Any]) -> NDArray[Any]:
+    """Return a contiguous read-only view of an array."""
+    return frozen(np.ascontiguousarray(array).view())
+
+
+def count_states(states: States) -> Ints:
+    """Count each slice's FREE, MIXED and BLOCKED cells, shape (slices, 3)."""
+    return np.array([np.bincount(cells.ravel(), minlength=BLOCKED + 1) for cells in states])
+
+
 def number_parts(counts: Ints) -> tuple[Ints, Ints]:
     """Return the owner of each of several parts, and its number among those of the owner."""
     owners = np.repeat(np.arange(len(counts)), counts)
