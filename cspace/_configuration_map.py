@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from contextlib import AbstractContextManager
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any, Protocol, Unpack, overload
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Unpack, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -58,8 +58,7 @@ class ConfigurationMap(ConfigurationSpace):
     store.
     """
 
-    has_cells = True
-    is_exact = False
+    _has_cells: ClassVar[bool] = True
 
     # ---- what the map is -------------------------------------------------------------------------
 
@@ -438,8 +437,7 @@ class ConfigurationMap(ConfigurationSpace):
     @property
     def tries_exact(self) -> bool:
         """Whether messages try the geometry before they advise it, for about a second."""
-        # Largest number of workspace cells for which messages try the hints that they give.
-        return self.in_memory and self.grid.size <= 2**20
+        return False
 
     def check_configuration(self, q: ArrayLike, name: str = "q") -> Floats:
         """Return one configuration in canonical form; warn if an angle seems to be in degrees.
@@ -472,7 +470,8 @@ class ConfigurationMap(ConfigurationSpace):
         """
         # Find the reason. Only geometry can distinguish a collision from an undecided cell.
         state = self._cells.classify(point)
-        is_tried = is_inside and state != BLOCKED and not self.is_exact and self.tries_exact
+        is_exact = self._cells is not self
+        is_tried = is_inside and state != BLOCKED and not is_exact and self.tries_exact
         is_proven = is_tried and self.exact.edge_checker()(*point, *point)
         reason: EndReason = "blocked" if state == BLOCKED else "mixed"
         if not is_inside:
@@ -481,7 +480,7 @@ class ConfigurationMap(ConfigurationSpace):
             upper = ", ".join(f"{x:.6g}" for x in self.grid.upper)
             problem = f"lies outside the map, which reaches from ({lower}) to ({upper})"
             rule = "a path stays within the map"
-        elif state == MIXED and (self.is_exact or is_tried) and not is_proven:
+        elif state == MIXED and (is_exact or is_tried) and not is_proven:
             problem = "is in collision or too close to decide"
             rule = f"the {name} must be proven collision-free, by the map or by the geometry"
         elif state != FREE:
@@ -588,7 +587,6 @@ def suggest_endpoint(space: ConfigurationMap, point: Endpoint) -> tuple[str, End
     """Return a hint for an invalid endpoint, and the nearest FREE configuration."""
     try:
         nearest = tuple(space.nearest_free(point).tolist())
-    except ConfigurationError:
-        where = "at all" if space.in_memory else "near there"
-        return f"the map has no FREE configuration {where}", None
+    except ConfigurationError as error:
+        return f"{error.argument} {error.problem}", None
     return f"the nearest is {nearest}", nearest

@@ -6,7 +6,18 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Final, NamedTuple, Self, TypeAlias, TypeVar, cast, overload
+from typing import (
+    TYPE_CHECKING,
+    Any,
+    ClassVar,
+    Final,
+    NamedTuple,
+    Self,
+    TypeAlias,
+    TypeVar,
+    cast,
+    overload,
+)
 
 import numpy as np
 import shapely
@@ -168,25 +179,11 @@ class Space(ABC):
 
     Attributes
     ----------
-    has_cells : bool
-        Whether cells of a map prove motions: then a path leads through FREE cells, unless the
-        space :attr:`is_exact`. Other spaces decide every configuration.
-    in_memory : bool
-        Whether the cells are in memory; False for a :class:`cspace.TiledCSpace` alone.
-    is_exact : bool
-        Whether more than cells decides configurations, such as geometry; False for maps, unless
-        they are the :attr:`exact` of one.
-    is_labelled : bool
-        Whether :meth:`path_exists` answers at once; False for a map that has to label its cells.
     searches : tuple of str
         Names of the space's own searches, which :meth:`search` runs; the first is the default of
         :func:`planners.plan`.
     """
 
-    has_cells: bool = False
-    in_memory: bool = True
-    is_exact: bool = True
-    is_labelled: bool = True
     searches: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
@@ -300,18 +297,6 @@ class Space(ABC):
             rule = f"it must have names, or one bool for each of {', '.join(self.axes)}"
             raise InputError("periodic_axes", f"is {given!r}", rule)
         return tuple(parts)
-
-    def check_bounds(self) -> tuple[Floats, Floats]:
-        """Return :attr:`bounds` as arrays, or raise InputError."""
-        bounds: Any = self.bounds
-        rows = check_finite(bounds, "bounds")
-        if rows.shape != (2, self.dim) or (rows[0] > rows[1]).any():
-            raise InputError(
-                "bounds",
-                f"are {self.bounds!r}",
-                f"they must be two rows of {self.dim} numbers, the lower ones first",
-            )
-        return rows[0], rows[1]
 
     def steps_between(self, q0: Floats, q1: Floats) -> Floats:
         """Return the steps between configurations, with the shorter rotation.
@@ -476,7 +461,7 @@ class Space(ABC):
     @property
     def resolution(self) -> float:
         """Distance between states that OMPL checks along a motion itself."""
-        lower, upper = self.check_bounds()
+        lower, upper = map(np.asarray, self.bounds)
         return 0.01 * float(np.linalg.norm(upper - lower))
 
     @property
@@ -582,7 +567,7 @@ class Space(ABC):
         point = tuple(canonical.tolist())
         # Continuous joints have no bounds.
         position = canonical[: self.dim]
-        lower, upper = self.check_bounds()
+        lower, upper = map(np.asarray, self.bounds)
         is_bounded = ~np.array(self.is_periodic)[: self.dim]
         if (is_bounded & ((position < lower) | (position > upper))).any():
             problem = "lies outside the bounds"
@@ -602,7 +587,7 @@ class Space(ABC):
         seed: int | None,
         name: str = "goal",
     ) -> list[Endpoint]:
-        """Return the checked goals that a path may end at, nearest first.
+        """Return the checked goals that a path may end at.
 
         Of several goals, those that are not proven free are left out. Continuous joints are within
         half a turn of the start. ``seed`` is that of inverse kinematics; ``name`` is for messages.
@@ -616,15 +601,7 @@ class Space(ABC):
             alternatives,
             lambda alternative, label: self._solve_goal(alternative, label, start, seed),
         )
-        return self.sort_goals(goals, start)
-
-    def sort_goals(self, goals: Sequence[Endpoint], start: Endpoint) -> list[Endpoint]:
-        """Return goals, nearest first, within half a turn of the start."""
-        rows = np.array(goals)
-        here = check_finite(start, "start", self.axes)
-        if len(rows) > 1:
-            rows = rows[np.argsort(self.distance(here, rows), kind="stable")]
-        turned = turn_near(rows, here, self.is_periodic)
+        turned = turn_near(np.array(goals), np.array(start), self.is_periodic)
         return [tuple(q) for q in turned.tolist()]
 
     def _solve_goal(
@@ -662,6 +639,8 @@ class ConfigurationSpace(Space):
     tests the geometry. Each has its own kernels for batches of configurations, and proves tubes:
     chunks, gates and curves take no other space.
     """
+
+    _has_cells: ClassVar[bool] = False
 
     def __init_subclass__(cls) -> None:
         """Refuse a class with answers of its own, which the kernels would not ask."""
@@ -740,7 +719,7 @@ class ConfigurationSpace(Space):
         """
         state: int | None = self._ask_one(self._look_up_state, q)
         # Only the query of arrays tells whether an arm collides.
-        if state is not None and (self.has_cells or state == FREE):
+        if state is not None and (self._has_cells or state == FREE):
             return state
         states: int | States = evaluate(q, self.axes, self._write_states, np.uint8, self._angles)
         return states

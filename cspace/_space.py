@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cspace._configuration_map import ConfigurationMap
 from cspace._engines.slices import slice_rasters
-from cspace._interface import HALF_TURN, LookUp
+from cspace._interface import HALF_TURN, LookUp, Space
 from cspace._queries.batches import (
     MIN_EDGES_PER_THREAD,
     Configuration,
@@ -1268,9 +1268,10 @@ class CSpace(ConfigurationMap):
         )
 
     @property
-    def is_labelled(self) -> bool:  # type: ignore[override]
-        """Whether the components of cells have been computed."""
-        return "_components" in vars(self)
+    def tries_exact(self) -> bool:
+        """Whether messages try the geometry before they advise it, for about a second."""
+        # Largest number of workspace cells for which messages try the hints that they give.
+        return self.grid.size <= 2**20
 
     @derived
     def _components(self) -> Components:
@@ -1523,8 +1524,6 @@ class ExactCSpace(CSpace):
     to hold in whole cells asks :attr:`_cells`.
     """
 
-    is_exact = True
-
     @property
     def exact(self) -> ExactCSpace:
         """The map itself."""
@@ -1553,6 +1552,11 @@ class ExactCSpace(CSpace):
     def _edge_query(self) -> Callable[[Map, Floats, Floats, Bools], int]:
         """Query that writes whether motions are free."""
         return self._exact.write_edges
+
+
+def is_labelled(space: Space) -> bool:
+    """Return whether ``path_exists`` answers at once: a map in memory first labels its cells."""
+    return not isinstance(space, CSpace) or "_components" in vars(space)
 
 
 def proofs_of(space: CSpace) -> Any:

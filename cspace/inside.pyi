@@ -68,6 +68,7 @@ from ._shapes import Voxels as Voxels
 from ._shapes import as_shape as as_shape
 from ._shapes.balls import Balls as Balls
 from ._shapes.mesh import Mesh as Mesh
+from ._space import is_labelled as is_labelled
 from ._space import proofs_of as proofs_of
 from ._support import heap as heap
 from ._support import vectors as vectors

@@ -10,6 +10,7 @@ from functools import cached_property, partial
 import numpy as np
 from ompl import base as ob
 
+from cspace import CSpace
 from cspace.inside import Floats, bind_kernel, proofs_of
 from planners._car_curves import (
     DUBINS,
@@ -95,7 +96,7 @@ class CarCurves(LocalPlanner):
 
         It returns -1 unless the curve is proven free.
         """
-        if self.space.in_memory:
+        if isinstance(self.space, CSpace):
             prove = self.bound_proof
             if not self.exact:
                 return partial(prove, None)

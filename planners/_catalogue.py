@@ -9,10 +9,11 @@ from typing import Final, Literal, NamedTuple, TypeAlias, cast, get_args
 from ompl import base as ob
 from ompl import geometric as og
 
-from cspace import Space
+from cspace import CSpace, Space
 from cspace.errors import InputError
 from cspace.inside import (
     Car,
+    ConfigurationMap,
     ConfigurationSpace,
     Upright,
     check_count,
@@ -212,9 +213,9 @@ SUPPORTED: Final[Mapping[str, tuple[str, ...]]] = {
 
 def find_space_kind(space: Space) -> str:
     """Return the kind of a space, one of :data:`SPACE_KINDS`."""
-    if not space.has_cells:
+    if not isinstance(space, ConfigurationMap):
         return ARMS if isinstance(space, ConfigurationSpace) else OWN_SPACES
-    if not space.in_memory:
+    if not isinstance(space, CSpace):
         return TILED_MAPS
     return MAPS if space.has_poses else JOINT_MAPS
 

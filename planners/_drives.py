@@ -7,8 +7,8 @@ from typing import Final
 from cspace import Space
 from cspace.errors import InputError
 from cspace.inside import Car as Car
+from cspace.inside import ConfigurationMap, check_drive, tell_apart
 from cspace.inside import Differential as Differential
-from cspace.inside import check_drive, tell_apart
 from planners._local_planner import Drive, LocalPlanner, TurnDriveTurn
 from planners._ompl_states import check_space
 
@@ -56,7 +56,7 @@ def check_axes(space: Space, axes: tuple[str, ...], owner: str) -> None:
 
 def has_drives(space: Space) -> bool:
     """Return True if drives are for the space."""
-    return space.has_cells and space.axes == ("x", "y", "yaw")
+    return isinstance(space, ConfigurationMap) and space.axes == ("x", "y", "yaw")
 
 
 def _check_radius(space: Space, radius: float) -> None:

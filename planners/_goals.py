@@ -21,7 +21,7 @@ import shapely
 from numpy.typing import ArrayLike
 from shapely.geometry import MultiPolygon, Polygon
 
-from cspace import FREE, MIXED, Goal, Space
+from cspace import FREE, MIXED, CSpace, Goal, Space
 from cspace.errors import ConfigurationError, InputError
 from cspace.inside import (
     ANGLE_SLACK,
@@ -432,7 +432,7 @@ def _measure_lengths(edges: LocalPlanner, start: Endpoint, rows: Floats) -> Floa
     space = edges.cells
     dim = space.dim
     straight = np.linalg.norm(rows[:, :dim] - np.array(start)[:dim], axis=1)
-    if len(rows) < 2 or not space.in_memory:
+    if len(rows) < 2 or not isinstance(space, CSpace):
         return np.asarray(straight)
     states = map_record(space).states
     side = 1 if math.prod(states.shape[1:]) <= MAX_POSITIONS_WITHOUT_BLOCKS else BLOCK_SIDE
@@ -517,10 +517,17 @@ def list_rooms(space: Space, place: PlaceLike, name: str) -> list[Room]:
     places = list_alternatives(place, name, space.axes)
     names = [f"{name}[{k}]" if len(places) > 1 else name for k in range(len(places))]
     parts = [_split_place(space, *each) for each in zip(places, names, strict=True)]
-    if not space.has_cells or (len(parts) == 1 and parts[0].is_plain):
+    if not isinstance(space, ConfigurationMap) or (len(parts) == 1 and parts[0].is_plain):
         return []
-    cells = cast("ConfigurationMap", space)
-    return [_make_room(cells, *each) for each in zip(parts, names, strict=True)]
+    return [_make_room(space, *each) for each in zip(parts, names, strict=True)]
+
+
+def sort_goals(space: Space, goals: Sequence[Endpoint], start: Endpoint) -> list[Endpoint]:
+    """Return goals, nearest first, within half a turn of the start."""
+    rows, here = np.array(goals), np.array(start)
+    if len(rows) > 1:
+        rows = rows[np.argsort(space.distance(here, rows), kind="stable")]
+    return [tuple(q) for q in turn_near(rows, here, space.is_periodic).tolist()]
 
 
 def find_room_goals(

@@ -16,6 +16,7 @@ from cspace.inside import (
     Effort,
     Floats,
     check_memory,
+    is_labelled,
     is_over,
     map_record,
     now,
@@ -122,7 +123,7 @@ def _find_path_along_chain(
         return bool(space.is_connected(start, goal))
 
     # If components are computed already, they save a search that cannot succeed.
-    if space.is_labelled and not may_exist():
+    if is_labelled(space) and not may_exist():
         return no_path
     until = now() + limit
     check = space.edge_checker()

@@ -27,6 +27,7 @@ from cspace.inside import (
     METRES_PER_RADIAN,
     Bools,
     Car,
+    ConfigurationMap,
     Differential,
     Endpoint,
     Floats,
@@ -108,7 +109,8 @@ class LocalPlanner:
     @property
     def exact(self) -> bool:
         """Whether more than cells decides edges, such as geometry."""
-        return self.space.is_exact
+        space = self.space
+        return not isinstance(space, ConfigurationMap) or cells_of(space) is not space
 
     @property
     def cells(self) -> CSpace:
@@ -302,7 +304,7 @@ class LocalPlanner:
         So the clearance at the center minus half the length bounds the piece, in each rotation cell
         within half the piece's rotation.
         """
-        if not self.space.has_cells:
+        if not isinstance(self.space, ConfigurationMap):
             return math.nan
         pieces = self.split_path(path, self.space.resolution, MAX_RADIANS)
         rotations = self.cells.rotations
@@ -320,7 +322,7 @@ class LocalPlanner:
         See :attr:`planners.Plan.obstacle_distance`, and for the pieces of curves
         :meth:`cspace.CSpace.path_obstacle_distance`.
         """
-        if isinstance(self.drive, Car) and self.space.in_memory:
+        if isinstance(self.drive, Car) and isinstance(self.space, CSpace):
             step = 0.5 * self.space.resolution
             pieces = self.split_path(path, step, step / max(self.cells.robot.shape.span, step))
             # Proven edges keep the margin free, even if a piece has nothing left.

@@ -13,6 +13,7 @@ from ompl import base as ob
 from cspace import CSpace, Space
 from cspace.errors import InputError
 from cspace.inside import (
+    ConfigurationMap,
     Effort,
     Floats,
     as_contiguous,
@@ -229,7 +230,7 @@ def find_clear_path(
 
 def check_has_cells(space: Space) -> None:
     """Raise InputError for an objective in a space that is no map."""
-    if not space.has_cells:
+    if not isinstance(space, ConfigurationMap):
         raise InputError(
             "objective",
             f"is for maps, and space is {space!r}",

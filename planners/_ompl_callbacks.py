@@ -159,7 +159,7 @@ class FreeStateSampler(ob.ValidStateSampler):
     ) -> None:
         """Seed the draws; require a map in memory."""
         check_information(si, space)
-        if not (space.has_cells and space.in_memory):
+        if not isinstance(space, CSpace):
             raise InputError(
                 "space",
                 f"is a {type(space).__name__}",

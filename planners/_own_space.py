@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,12 +25,22 @@ def check_own_space(space: Space) -> None:
     """
     _check_axes(space)
     _check_rotation(space)
-    _check_flags(space)
-    space.check_bounds()
+    _check_searches(space)
+    read_bounds(space)
     count = np.shape(space.units)
     if count != (space.size,):
         rule = f"there is one text for each of {', '.join(space.axes)}"
         raise InputError("units", f"are {space.units!r}", rule)
+
+
+def read_bounds(space: Space) -> tuple[Floats, Floats]:
+    """Return the lower and upper bounds of a space, or raise InputError."""
+    bounds: Any = space.bounds
+    rows = check_finite(bounds, "bounds")
+    if rows.shape != (2, space.dim) or (rows[0] > rows[1]).any():
+        rule = f"they must be two rows of {space.dim} numbers, the lower ones first"
+        raise InputError("bounds", f"are {space.bounds!r}", rule)
+    return rows[0], rows[1]
 
 
 def check_found_path(space: Space, path: ArrayLike) -> Floats:
@@ -45,7 +55,7 @@ def check_found_path(space: Space, path: ArrayLike) -> Floats:
     if rows.ndim != 2 or rows.shape[1] != space.size:
         rule = f"it returns rows of {', '.join(space.axes)}"
         raise InputError("search", f"returned the shape {rows.shape}", rule)
-    lower, upper = space.check_bounds()
+    lower, upper = read_bounds(space)
     positions = rows[:, : space.dim]
     is_bounded = ~np.array(space.is_periodic)[: space.dim]
     slack = BOUNDS_SLACK * (upper - lower)
@@ -78,12 +88,8 @@ def _check_rotation(space: Space) -> None:
         raise InputError("axes", problem, rule)
 
 
-def _check_flags(space: Space) -> None:
-    """Raise InputError if a space says that it is a map, or names its searches badly."""
-    for name, default in (("has_cells", False), ("in_memory", True), ("is_labelled", True)):
-        if getattr(space, name) is not default:
-            problem = f"is {getattr(space, name)!r}"
-            raise InputError(name, problem, f"only a map has cells, so it is {default}")
+def _check_searches(space: Space) -> None:
+    """Raise InputError if a space names its searches badly."""
     names: object = space.searches
     if not (isinstance(names, tuple) and all(isinstance(name, str) for name in names)):
         rule = "they must be a tuple of names"

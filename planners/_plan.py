@@ -14,12 +14,13 @@ from typing import Final, NamedTuple, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace import Space
+from cspace import CSpace, Space
 from cspace.errors import ConfigurationError, InputError
 from cspace.inside import (
     METRES_PER_RADIAN,
     NEVER,
     Car,
+    ConfigurationMap,
     ConfigurationSpace,
     Differential,
     Effort,
@@ -29,6 +30,7 @@ from cspace.inside import (
     SearchOptions,
     check_count,
     frozen,
+    is_labelled,
     is_over,
     names_options,
     now,
@@ -42,16 +44,18 @@ from planners._catalogue import (
     LENGTH,
     MAX_CLEARANCE,
     NEAR_START,
+    TILED_MAPS,
     PlannerName,
     Search,
     check_skills,
     check_support,
     default_planner,
+    find_space_kind,
     planner_named,
     planner_names,
 )
 from planners._drives import has_drives, local_planner
-from planners._goals import Near, Room, end_in_rooms, find_room_goals, list_rooms
+from planners._goals import Near, Room, end_in_rooms, find_room_goals, list_rooms, sort_goals
 from planners._local_planner import MAX_RADIANS, Drive, Endpoints, LocalPlanner
 from planners._objectives import check_has_cells, find_clear_path
 from planners._ompl_search import (
@@ -147,8 +151,8 @@ def choices(space: Space) -> Choices:
 def _list_searches(space: Space) -> tuple[PlannerName, ...]:
     """List the built-in searches for a space."""
     names = space.searches
-    if space.has_cells:
-        names = (GRID, MAX_CLEARANCE) if space.in_memory else (GRID,)
+    if isinstance(space, ConfigurationMap):
+        names = (GRID, MAX_CLEARANCE) if isinstance(space, CSpace) else (GRID,)
     if has_drives(space):
         names = (*names, LATTICE)
     return cast(tuple[PlannerName, ...], names)
@@ -327,7 +331,7 @@ def _needs_geometry(space: Space, start: Floats) -> bool:
 def _decide_existence(task: PlanTask) -> bool | None:
     """Return whether a path exists; None if undecided, or if the caller ended the search."""
     space = task.edges.space
-    if is_over(NEVER) and not space.is_labelled:
+    if is_over(NEVER) and not is_labelled(space):
         return None
     if not task.rooms:
         return space.path_exists(*task.endpoints[:2])
@@ -346,7 +350,7 @@ def _check_previous(task: PlanTask, previous: Plan) -> Floats:
             f"is {previous!r}",
             "it is what planners.plan returned before",
         )
-    if previous.axes != space.axes or not space.in_memory:
+    if previous.axes != space.axes or find_space_kind(space) == TILED_MAPS:
         raise InputError(
             "previous",
             f"has the axes ({', '.join(previous.axes)}) and space is {space!r}",
@@ -379,7 +383,7 @@ def _choose_searches(task: PlanTask) -> PlanTask:
     check_skills(name, task.edges.drive, task.objective, task.keep, task.is_named)
     if name not in searches:
         make_bounded_states(task.edges)  # refuses spaces that are too small for OMPL
-    if name != default and task.objective == LENGTH and space.has_cells:
+    if name != default and task.objective == LENGTH and isinstance(space, ConfigurationMap):
         with suppress(InputError):  # the space may be too small for OMPL
             make_bounded_states(task.edges)
             task = replace(task, fallback=default)
@@ -450,7 +454,8 @@ def _check_stage(task: PlanTask, name: str, place: PlaceLike, start: Endpoint) -
     if rooms:
         return Stage(name, find_room_goals(edges, rooms, name, start), tuple(rooms))
     options = {} if name == "goal" else {"name": name}
-    return Stage(name, edges.space.find_goals(place, start, task.seed, **options), ())
+    goals = edges.space.find_goals(place, start, task.seed, **options)
+    return Stage(name, sort_goals(edges.space, goals, start), ())
 
 
 def _choose_planner(task: PlanTask) -> PlannerName:
@@ -466,7 +471,7 @@ def _choose_planner(task: PlanTask) -> PlannerName:
             "is a function and no planner is named",
             "the default planners minimise the length",
         )
-    if not edges.space.has_cells:
+    if not isinstance(edges.space, ConfigurationMap):
         searches = _list_searches(edges.space)
         return searches[0] if searches else task.planner
     if objective == CLEARANCE:
@@ -513,13 +518,13 @@ def _search_stages(task: PlanTask, start: Endpoint, stages: Sequence[Stage]) -> 
         if number and stage.rooms:
             goals = find_room_goals(edges, stage.rooms, stage.name, point)
         elif number:
-            goals = space.sort_goals(goals, point)
+            goals = sort_goals(space, goals, point)
         limit = _measure_left(task, results).share(1.0 / (len(stages) - number))
         part = replace(task, endpoints=(point, *goals), rooms=stage.rooms, limit=limit)
         path_exists = cache(partial(_decide_existence, part))
         onward = stages[number + 1].goals if number + 1 < len(stages) else []
         result = _search_goals(part, partial(_may_join, edges, path_exists), onward)
-        exists = True if space.has_cells and result.proven else path_exists()
+        exists = True if isinstance(space, ConfigurationMap) and result.proven else path_exists()
         results.append(result)
         if not len(result.path):
             break
@@ -616,9 +621,9 @@ def _search_and_prove(task: PlanTask, may_exist: Callable[[], bool]) -> SearchRe
     """Search for a path and prove its edges; a map in tiles is searched tile by tile."""
     space = task.edges.space
     # A proven path saves labelling the cells of a map, so a search goes first then.
-    if space.is_labelled and not may_exist():
+    if is_labelled(space) and not may_exist():
         return SearchResult(np.empty((0, space.size)))
-    if not space.in_memory:
+    if find_space_kind(space) == TILED_MAPS:
         return _search_tiles(task, may_exist)
     result = _search(task, may_exist)
     path = task.edges.insert_breakpoints(space.rotations.make_canonical(result.path))
@@ -731,7 +736,7 @@ def _run_planner(task: PlanTask, may_exist: Callable[[], bool]) -> SearchResult:
     if (edges.exact or not is_quick) and not may_exist():
         return SearchResult(np.empty((0, edges.space.size)), planner=name)
     is_by_length = is_quick and task.objective == LENGTH
-    if edges.space.has_cells and not is_by_length:
+    if isinstance(edges.space, ConfigurationMap) and not is_by_length:
         # A search from the start to itself fills the caches of the map, which the time limit leaves
         # out.
         start = task.endpoints[0]
@@ -793,7 +798,7 @@ def _find_detour(task: PlanTask, start: Floats, way: Floats) -> Floats:
     row if it takes too long.
     """
     edges = task.edges
-    if edges.space.has_cells and edges.space.dim == 2:
+    if isinstance(edges.space, ConfigurationMap) and edges.space.dim == 2:
         for beside in _list_ways_beside(edges, way):
             if edges.are_free(np.vstack([start, beside, way[-1]])):
                 return beside
@@ -859,7 +864,7 @@ def _find_path(task: PlanTask, may_exist: Callable[[], bool]) -> tuple[Floats, s
         from planners._lattice import find_lattice_path
 
         return find_lattice_path(edges, task.endpoints, task.simplify, limit, may_exist)
-    if edges.space.has_cells:
+    if isinstance(edges.space, ConfigurationMap):
         return _search_cells(task), ""
     options = SearchOptions(task.simplify, edges.exact, task.iterations, task.seed, limit)
     path = edges.space.search(task.planner, task.endpoints, options)
@@ -953,7 +958,7 @@ def _list_hints(task: PlanTask, exists: bool | None, is_late: bool) -> list[str]
         name = task.planner if task.is_named else None
         search = Search(name, 10 * task.iterations, task.simplify, task.range)
         more = f"more iterations by planner=planners.{search}"
-    if not edges.space.has_cells:
+    if not isinstance(edges.space, ConfigurationMap):
         return [more, "another seed", "a larger tolerance" if task.keep else "another planner"]
     if edges.drive is None and exists:
         if task.planner == GRID or callable(task.objective):
@@ -984,7 +989,7 @@ def _list_undecided_hints(task: PlanTask, more: str) -> list[str]:
     """List hints if the map does not decide whether a path exists; ``more`` extends the search."""
     edges = task.edges
     smaller = "a smaller robot"
-    if edges.space.in_memory and len(edges.space.rotations.names) < 2:
+    if isinstance(edges.space, CSpace) and len(edges.space.rotations.names) < 2:
         smaller += " (see plan.explain())"
     if edges.exact:
         return [smaller, more]
@@ -1016,7 +1021,7 @@ def _list_trials(task: PlanTask, exists: bool | None) -> Iterator[tuple[PlanTask
     others = [edges.drive]
     if edges.drive is not None and not edges.reverses:
         others.append(replace(edges.drive, reverse=True))
-    for exact, drive in itertools.product(proofs, others if space.in_memory else ()):
+    for exact, drive in itertools.product(proofs, others if isinstance(space, CSpace) else ()):
         other = local_planner(space.exact if exact else space, drive)
         changes = [] if exact == edges.exact else ["space.exact"]
         if drive != edges.drive:
@@ -1045,7 +1050,7 @@ def _list_exact_hints(task: PlanTask) -> list[str]:
     hint = "space.exact"
     if task.is_named:
         hint += " with the default planner"
-    if not edges.space.in_memory:
+    if not isinstance(edges.space, CSpace):
         hint += " on space.window(lower, upper)"
     return [hint]
 

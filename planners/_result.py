@@ -28,7 +28,7 @@ from cspace.inside import (
     names_options,
     replacing,
 )
-from planners._catalogue import PlannerName
+from planners._catalogue import TILED_MAPS, PlannerName, find_space_kind
 from planners._drives import check_axes, local_planner
 from planners._local_planner import Drive, LocalPlanner
 from planners._own_space import POSE_AXES
@@ -280,7 +280,7 @@ class Plan:
     def _picture(self) -> Any:
         """Return the space to draw, or raise InputError after pickling."""
         space = self._map()
-        if not space.in_memory:
+        if find_space_kind(space) == TILED_MAPS:
             return cast("TiledCSpace", space).overview()
         if not hasattr(type(space), "plot"):  # a space of the user's may have it
             raise InputError("plan", f"is in {space!r}", "only maps and arms are drawn")

@@ -8,8 +8,17 @@ from typing import Final, NamedTuple, TypeGuard
 import numpy as np
 
 from cspace import Rotations, Space
-from cspace.inside import Bools, ConfigurationSpace, Floats, Ints, number_parts, tubes_are_free
+from cspace.inside import (
+    Bools,
+    ConfigurationMap,
+    ConfigurationSpace,
+    Floats,
+    Ints,
+    number_parts,
+    tubes_are_free,
+)
 from planners._local_planner import LocalPlanner
+from planners._own_space import read_bounds
 
 MAX_TUBE_CELLS: Final = 4.0
 """Length of the first tubes that prove a curve on a map, along each axis, in cells."""
@@ -267,7 +276,7 @@ def _prove_curves(space: ConfigurationSpace, curves: Segments) -> Bools:
     others.
     """
     counts = np.ones(len(curves.lengths), dtype=np.int64)
-    if space.has_cells:
+    if isinstance(space, ConfigurationMap):
         rates, _ = bound_derivatives(curves, 0.0 * curves.lengths, curves.lengths)
         moved = rates * curves.lengths[:, np.newaxis]
         parts = moved[:, : space.dim].max(axis=1) / (MAX_TUBE_CELLS * 2.0 * space.resolution)
@@ -317,9 +326,9 @@ def _test_tubes(
         radii = np.column_stack([radii[:, :dim], 0.5 * turns])
     # A chord turns the shorter way.
     fits: Bools = turns <= MAX_EDGE_TURN
-    if not space.has_cells:
+    if not isinstance(space, ConfigurationMap):
         # Joints keep their limits.
-        lower, upper = space.check_bounds()
+        lower, upper = read_bounds(space)
         lowest = np.minimum(firsts, lasts) - radii + ROUNDING
         highest = np.maximum(firsts, lasts) + radii - ROUNDING
         is_inside = (lowest >= lower) & (highest <= upper) | np.array(space.is_periodic)

@@ -10,13 +10,14 @@ import numpy as np
 from ompl import base as ob
 from ompl import geometric as og
 
-from cspace import Space
+from cspace import CSpace, Space
 from cspace.errors import InputError
 from cspace.inside import check_rng, names_options, tell_apart
 from planners._drives import local_planner
 from planners._local_planner import Drive, LocalPlanner
 from planners._ompl_callbacks import FreeStateSampler, MotionValidator, StateValidityChecker
 from planners._ompl_states import find_state_kind
+from planners._own_space import read_bounds
 
 MakeObjective = Callable[[ob.SpaceInformation], ob.OptimizationObjective]
 
@@ -76,7 +77,7 @@ def make_bounded_states(edges: LocalPlanner) -> ob.StateSpace:
     """
     space = edges.space
     states = edges.make_states()
-    lower, upper = space.check_bounds()
+    lower, upper = read_bounds(space)
     find_state_kind(space).set_bounds(states, lower, upper)
     _check_extent(space, states)
     if not states.getType():
@@ -210,7 +211,7 @@ def _choose_sampler(
             rule = "it is for FreeStateSampler"
             raise InputError("rng", f"is given and space is {space!r}", rule)
     # FREE cells give samples without rejection, unless geometry decides other cells too.
-    if space.has_cells and space.in_memory and not exact:
+    if isinstance(space, CSpace) and not exact:
         return lambda info: FreeStateSampler(info, edges.cells, rng)
     return lambda info: ob.UniformValidStateSampler(info)
 

@@ -18,6 +18,7 @@ from cspace.errors import InputError
 from cspace.inside import (
     Bools,
     Car,
+    ConfigurationMap,
     ConfigurationSpace,
     Differential,
     Floats,
@@ -1127,7 +1128,7 @@ def _smooth(
     drives = path.drive is not None
     if drives and bounds.jerk is not None and bounds.jerk.angular is not None:
         return None  # The angular acceleration of a drive jumps along its curves.
-    gap = VIA_CELLS * 2.0 * space.resolution if space.has_cells else 0.0
+    gap = VIA_CELLS * 2.0 * space.resolution if isinstance(space, ConfigurationMap) else 0.0
     vias = align_quaternions(path.waypoints, rotations)[list(path.vias)]
     polyline = make_polyline(edges, rotations, bounds, drives, gap, junction, vias)
     return smooth_path(

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 
 from cspace import CSpace, Robot, Rotations, Space, Workspace, build
-from cspace.inside import Car, ConfigurationSpace
+from cspace.inside import Car, ConfigurationMap, ConfigurationSpace
 from planners._drives import local_planner
 from planners._local_planner import Drive
 from planners._plan import plan
@@ -45,7 +45,7 @@ def warm_up(space: Space, drive: Drive | None = None) -> None:
     >>> planners.warm_up(cspace.build(workspace, cspace.Robot.disc(0.2)))
     """
     local_planner(space, drive)  # refuses what is no drive of the space
-    if not (space.has_cells and space.has_poses):
+    if not (isinstance(space, ConfigurationMap) and space.has_poses):
         if isinstance(space, ConfigurationSpace):
             sampled = cast("CSpace | ArmSpace", space)  # all other maps are of poses
             samples = sampled.sample_free(2 * _SAMPLED_PAIRS, np.random.default_rng(0))

@@ -54,7 +54,6 @@ FILES = {"export", "save", "open", "to_csv"}
 
 ELSEWHERE = {
     "CSpace.free_regions around": "dear: tests/regions/test_cover.py",
-    "CSpace.sort_goals start": "called by plan",
     "CSpace.view path": "opens a page: tests/view",
     "CSpace.view start": "opens a page: tests/view",
     "CSpace.view goal": "opens a page: tests/view",

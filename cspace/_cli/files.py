@@ -125,7 +125,9 @@ def select_window(space: Any, box: Sequence[float] | None) -> Any:
     That is the window in ``box`` of a tiled map, or a map in memory itself. Raises InputError if a
     tiled map has no box, or a map in memory has one.
     """
-    if space.in_memory != (box is None):
+    from cspace import CSpace
+
+    if isinstance(space, CSpace) != (box is None):
         problem = "is missing" if box is None else "is given"
         rule = "export writes parts of tiled maps, and whole maps in memory"
         raise InputError("window", problem, rule)

@@ -65,8 +65,6 @@ class TiledCSpace(ConfigurationMap):
     True
     """
 
-    in_memory = False
-
     def __init__(self, folder: TileFolder, cache_bytes: int = DEFAULT_CACHE_BYTES) -> None:
         """Store the folder; queries read tiles when needed."""
         self._folder = folder

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
-from cspace import BLOCKED
+from cspace import BLOCKED, CSpace
 from cspace.inside import (
     Bools,
     Floats,
@@ -220,7 +220,7 @@ class Audit:
                     legs = list_legs(self.graph, lane)
                     yaws = [way.yaws(legs[0])[0], way.yaws(legs[-1])[1]]
             points = np.column_stack([points, yaws])
-        space = self.space.exact if self.space.in_memory else self.space
+        space = self.space.exact if isinstance(self.space, CSpace) else self.space
         return plan(space, *points).waypoints
 
     def plot(self) -> Axes:

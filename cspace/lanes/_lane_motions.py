@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple, cast
 
 import numpy as np
 
+from cspace import CSpace
 from cspace.errors import InputError
 from cspace.inside import ANGLE_SLACK, Bools, ConfigurationMap, Floats, Ints
 from cspace.lanes._curves import Leg
@@ -22,7 +23,7 @@ from cspace.lanes._headings import HeadingRule, Lane
 from cspace.lanes._route_graph import RouteGraph
 
 if TYPE_CHECKING:
-    from cspace import CSpace, TiledCSpace
+    from cspace import TiledCSpace
 
 SAME_YAW: Final = 1e-9
 """Angle, radians, up to which two legs of a lane need no turn between them."""
@@ -166,7 +167,7 @@ def list_motions(space: ConfigurationMap, graph: RouteGraph) -> LaneMotions:
     rows: list[tuple[float, ...]] = []
     for number, lane in enumerate(graph.lanes):
         legs = list_legs(graph, lane)
-        if not space.in_memory:
+        if not isinstance(space, CSpace):
             longest = min(cast("TiledCSpace", space).tile) * space.grid.spacing
             legs = tuple(part for leg in legs for part in _cut(space, leg, longest))
         ways = list_yaws(graph, lane) if has_yaw else []
@@ -268,8 +269,8 @@ def list_parts(
 
     A part also has what the robot touches within ``more`` metres beside the motions.
     """
-    if space.in_memory:
-        yield cast("CSpace", space), np.arange(len(motions.lanes))
+    if isinstance(space, CSpace):
+        yield space, np.arange(len(motions.lanes))
         return
     tiles = cast("TiledCSpace", space)
     spacing = space.grid.spacing

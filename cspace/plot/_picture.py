@@ -7,9 +7,9 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypedDict, Unpack
 
-from cspace import Workspace
+from cspace import CSpace, Workspace
 from cspace.errors import InputError
-from cspace.inside import check_positive, check_suffix, names_options, replacing
+from cspace.inside import ConfigurationMap, check_positive, check_suffix, names_options, replacing
 from cspace.plot import _artists as artists
 from cspace.plot._sections import draw_plane, draw_sections
 from cspace.plot._surface import draw_surface
@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from numpy.typing import ArrayLike
 
-    from cspace import CSpace
-    from cspace.inside import ConfigurationMap
 
 PICTURE_SUFFIXES: Final = (".png", ".pdf", ".svg", ".jpg")
 """Suffixes of the picture formats that can be written."""
@@ -138,7 +136,7 @@ def plot(
     drawn_map: Any = space
     if isinstance(space, Workspace):
         drawn_map = WorkspaceView(space)
-    elif not space.in_memory:
+    elif isinstance(space, ConfigurationMap) and not isinstance(space, CSpace):
         drawn_map = drawn_map.overview()
     options: dict[str, Any] = {"camera": camera, "ax": ax, "center": center}
     kind = _choose_view(drawn_map, view, options)

@@ -147,7 +147,7 @@ def check(space, fresh, world):
 def checkers(space):
     """Return point and edge checkers, and a clearance checker unless geometry decides."""
     made = [space.point_checker(), space.edge_checker()]
-    return made if space.is_exact else [*made, space.clearance_checker()]
+    return made if space.exact is space else [*made, space.clearance_checker()]
 
 
 def check_agreement(ours, theirs, world):

@@ -163,18 +163,9 @@ FORKED = ("x", "y", "yaw", "fork")
     (lambda: plan_own(bounds=((0.0, 0.0),)), "they must be two rows of 2 numbers"),
     (lambda: plan_own(bounds=((0.0, 0.0), (4.0, math.nan))), "bounds[1, 1] is nan"),
     (
-        lambda: plan_own(has_cells=True),
-        "only a map has cells",
-    ),
-    (
-        lambda: plan_own(in_memory=False),
-        "only a map has cells",
-    ),
-    (
         lambda: plan_own(searches="Around"),
         "they must be a tuple of names",
     ),
-    (lambda: plan_own(is_labelled=False), "only a map has cells, so it is True"),
     (lambda: plan_own(searches=("Around", 2)), "they must be a tuple of names"),
     (lambda: plan_own(units=("m",)), "there is one text for each of a, b"),
 )
