@@ -22,7 +22,8 @@ from cspace._cli import app, jobs
 from cspace._cli.report import progress_line
 from cspace._support.compiling import LOGGER, cache_folder
 from cspace.errors import InputError
-from cspace.plot import PATH_COLOR, animate
+from cspace.plot import animate
+from cspace.plot.scene import PATH_COLOR
 from cspace.view._blocks import hex_to_rgb
 from tests.helpers import urdfs
 from tests.helpers.commands import document, flatten, run
