@@ -140,17 +140,6 @@ def is_in_grid(map_: Map, u: float, v: float, w: float) -> bool:
     return bool((u >= 0.0) & (v >= 0.0) & (w >= 0.0) & (u < nx) & (v < ny) & (w < nz))
 
 
-@inlined
-def index_in_grid(map_: Map, position: Row, rotation: Numbers) -> int:
-    """Return the index of a configuration's cell among all states, or -1 outside the grid."""
-    u, v, w = position_in_cells(map_, position)
-    if not is_in_grid(map_, u, v, w):
-        return -1
-    _, nx, ny, nz = map_.states.shape
-    s = slice_of(map_, rotation)
-    return int(((s * nx + np.int64(u)) * ny + np.int64(v)) * nz + np.int64(w))
-
-
 @internal
 def state_outside(map_: Map, s: int, position: Row) -> int:
     """Return the state of a position outside the grid.
@@ -189,32 +178,44 @@ def classify(map_: Map, points: Floats, out: States) -> int:
     ``points`` has shape (n, size), ``out`` (n,). Returns the first unusable row, or -1.
     """
     # Number of configurations whose cells are found before their states are read.
-    return classify_blocks(map_, points, np.empty(512, dtype=np.int64), out)
+    block = 1024
+    return classify_blocks(map_, points, np.empty(block), np.empty(block, dtype=np.int64), out)
 
 
 @kernel
-def classify_blocks(map_: Map, points: Floats, indices: Ints, out: States) -> int:
-    """Write the states of configurations, like `classify`, by blocks as long as ``indices``.
+def classify_blocks(map_: Map, points: Floats, places: Floats, cells: Ints, out: States) -> int:
+    """Write the states of configurations, like `classify`, by blocks as long as ``places``.
 
-    All cells of a block are found before a state is read: processors wait for many states at once,
-    but not beyond as much code as finds a cell.
+    A processor computes many cells at once, and waits for many states at once, in loops that do
+    nothing else. ``places`` and ``cells``, shape (block,), are scratch.
     """
     states = map_.states.reshape(-1)
-    for start in range(0, points.shape[0], indices.shape[0]):
-        stop = min(start + indices.shape[0], points.shape[0])
-        for k in range(start, stop):
-            position, rotation = configuration_in(map_, points, k)
-            if not is_rotation(rotation):
-                return k
-            indices[k - start] = index_in_grid(map_, position, rotation)
-        for k in range(start, stop):
-            if indices[k - start] >= 0:
-                out[k] = states[indices[k - start]]
+    for start in range(0, points.shape[0], places.shape[0]):
+        rows = points[start : start + places.shape[0]]
+        answers = out[start : start + places.shape[0]]
+        # Index of the cell among the cells of all slices, axis by axis; -1 beyond the grid.
+        for k in range(rows.shape[0]):
+            rotation = rotation_in(map_.rotations.borders, rows[k])
+            cells[k] = slice_of(map_, rotation) if is_rotation(rotation) else -1
+        for axis in range(map_.dim):
+            lower = map_.lower[axis - map_.dim]
+            count = map_.states.shape[axis - map_.dim]
+            for k in range(rows.shape[0]):
+                places[k] = rows[k, axis]
+            for k in range(rows.shape[0]):
+                place = (places[k] - lower) / map_.spacing
+                is_inside = (cells[k] >= 0) & (place >= 0.0) & (place < count)
+                cells[k] = cells[k] * count + np.int64(place) if is_inside else -1
+        for k in range(rows.shape[0]):
+            answers[k] = states[cells[k]] if cells[k] >= 0 else NOT_USABLE
+        for k in range(rows.shape[0]):
+            if cells[k] >= 0:
                 continue
-            position, rotation = configuration_in(map_, points, k)
-            out[k] = state_outside(map_, slice_of(map_, rotation), position)
-            if out[k] == NOT_USABLE:
-                return k
+            position, rotation = configuration_in(map_, rows, k)
+            if is_rotation(rotation):
+                answers[k] = state_outside(map_, slice_of(map_, rotation), position)
+            if answers[k] == NOT_USABLE:
+                return start + k
     return -1
 
 

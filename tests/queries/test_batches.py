@@ -67,7 +67,7 @@ def test_threads_answer_large_batches_and_name_the_first_unusable_row(monkeypatc
     for value in (np.nan, -np.inf):
         for first in (0, MIN_ITEMS_PER_THREAD - 1, MIN_ITEMS_PER_THREAD + 1):
             wrong = q.copy()
-            wrong[[first, first + 1, -1], [0, 1, 2]] = value
+            wrong[[first, first + 1, first + 2], [0, 1, 2]] = value
             with pytest.raises(InputError, match=f"q number {first} is .*(nan|inf)"):
                 space.classify(wrong)
             with pytest.raises(InputError, match=f"edge number {first} is .*(nan|inf)"):
