@@ -1240,6 +1240,11 @@ class CSpace(ConfigurationMap):
         )
 
     @derived
+    def _edges_asked(self) -> int:
+        """Number of edges asked so far in batches, by which blocks become worth their making."""
+        return 0
+
+    @derived
     def _blocks(self) -> Map:
         """The map coarsened to blocks of cells, which test many edges faster."""
         from cspace._queries.edges import coarsen_map
@@ -1410,9 +1415,10 @@ class CSpace(ConfigurationMap):
         from cspace._queries import edges
 
         write = partial(self._edge_query, self._kernel_map)
-        min_edges = edges.MIN_EDGES_FOR_BLOCKS + self._states.size // edges.CELLS_PER_EDGE
-        if len(starts) >= min_edges:
-            write = partial(edges.edges_are_free_by_blocks, self._blocks, write)
+        if len(starts) >= edges.MIN_EDGES_FOR_BLOCKS:
+            self._edges_asked += len(starts)
+            if self._edges_asked * edges.CELLS_PER_EDGE >= self._states.size:
+                write = partial(edges.edges_are_free_by_blocks, self._blocks, write)
         return write_in_threads(write, starts, ends, out, min_items=MIN_EDGES_PER_THREAD)
 
     @property
