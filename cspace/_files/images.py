@@ -49,7 +49,7 @@ ratio."""
 _WHITE_8_BIT: Final = 2**8 - 1
 """Largest level of a channel of 8 bits."""
 
-_PIXELS_PER_PART: Final = 2**22
+_PIXELS_PER_PART: Final = 2**18
 """Approximate number of pixels that are converted at once."""
 
 _UNKNOWN_LEVEL: Final = 205
@@ -123,12 +123,21 @@ class Shades(NamedTuple):
 
     def select(self, levels: Bools) -> Bools:
         """Return a mask of the pixels whose level is set in `levels`."""
-        selected = np.empty(self.levels.shape, dtype=np.bool_)
-        # Part by part, because an index of all pixels would take eight bytes each.
+        selected = np.zeros(self.levels.shape, dtype=np.bool_)
         columns_at_once = max(1, _PIXELS_PER_PART // selected[0].size)
-        for first in range(0, len(selected), columns_at_once):
-            part = slice(first, first + columns_at_once)
-            selected[part] = levels[self.levels[part]]
+        # Comparisons with the ends of runs of levels are quicker than a look-up of each pixel.
+        borders = np.flatnonzero(np.diff(levels, prepend=False, append=False))
+        for column in range(0, len(selected), columns_at_once):
+            part = slice(column, column + columns_at_once)
+            for first, stop in borders.reshape(-1, 2).tolist():
+                selected[part] |= (self.levels[part] >= first) & (self.levels[part] < stop)
+        return selected
+
+    def select_opaque(self, levels: Bools) -> Bools:
+        """Return a mask of the opaque pixels whose level is set in `levels`."""
+        selected = self.select(levels)
+        if isinstance(self.opaque, np.ndarray):
+            selected &= self.opaque
         return selected
 
 
@@ -343,7 +352,7 @@ def _convert_image(image: Image, tags: dict[int, Any]) -> Shades:
         if is_deep and (pixels.min() < 0 or pixels.max() > white_level):
             raise _make_mode_error(image)
         colours = np.atleast_3d(pixels)[..., :3]
-        total = colours[..., 0].astype(levels.dtype)
+        total = colours[..., 0].astype(levels.dtype, copy=False)
         for channel in range(1, colours.shape[2]):
             total += colours[..., channel]
         # Rows count from the top, but y counts from the bottom.

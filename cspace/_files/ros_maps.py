@@ -234,9 +234,7 @@ def _classify_pixels(header: _MapHeader, image: Shades, warn: bool) -> tuple[Boo
         is_scale = header.mode == "scale"
         occupied_levels = ~free_levels if is_scale else probability >= header.occupied_thresh
         free_levels &= ~_find_doubtful_levels(header, image, free_levels, warn)
-    free = image.select(free_levels) & image.opaque
-    occupied = image.select(occupied_levels) & image.opaque
-    return free, occupied
+    return image.select_opaque(free_levels), image.select_opaque(occupied_levels)
 
 
 def _find_doubtful_levels(
@@ -257,7 +255,7 @@ def _find_doubtful_levels(
         if image.select(blurred & ~unknown).any():
             doubtful = blurred
             name = "of grey 205 or near it"
-    count = np.count_nonzero(image.select(doubtful) & image.opaque)
+    count = np.count_nonzero(image.select_opaque(doubtful))
     if count and warn:
         warn_user(
             f"{header.info.source}: {count:,} cells are {name}, which map savers write for unknown "

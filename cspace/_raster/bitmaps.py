@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cspace._grid import SLACK, Grid
 from cspace._raster.rounded_segments import outline_cells
-from cspace._support.arrays import Bools, Floats, Ints
+from cspace._support.arrays import Bools, Floats, Ints, frozen
 from cspace._support.limits import check_cells
 
 if TYPE_CHECKING:
@@ -294,9 +294,10 @@ def align_image(
     if quarters is None:
         return _rotate_image(info, solid, unknown_cells, exterior_solid)
     lower, _ = _rotated_bounds(info, solid.shape, *QUARTER_TURNS[quarters])
-    cells = np.rot90(solid, quarters)
-    grid = Grid(lower, info.resolution, cells.shape, frame_id=info.frame_id)
-    return grid, cells, cells, np.rot90(unknown_cells, quarters)
+    if quarters:
+        solid, unknown_cells = (np.rot90(each, quarters).copy() for each in (solid, unknown_cells))
+    grid = Grid(lower, info.resolution, solid.shape, frame_id=info.frame_id)
+    return grid, frozen(solid), frozen(solid), frozen(unknown_cells)
 
 
 def _count_quarter_turns(yaw: float, shape: tuple[int, ...]) -> int | None:
