@@ -167,34 +167,37 @@ def plan_from_previous(quick: bool) -> Iterator[Run]:
 # Queries
 
 
-def query_one(name: str, quick: bool) -> Iterator[Run]:
-    workspace = make_warehouse(quick)
-    space = cspace.build(workspace, Robot.disc(0.3))
-    points = [tuple(q) for q in draw_free(space, 100).tolist()] * 20
+def query_one(name: str, form: Callable[[Any], Any], yaw: bool, quick: bool) -> Iterator[Run]:
+    space = build_warehouse(quick) if yaw else cspace.build(make_warehouse(quick), Robot.disc(0.3))
+    rows = draw_free(space, 101, yaw)
+    ends = 2 if name == "motion_is_free" else 1
+    asked = [tuple(map(form, rows[k : k + ends])) for k in range(100)] * 20
 
     def ask() -> str:
         query = getattr(space, name)
-        return f"sum {sum(query(q) for q in points):.6g}"
+        return f"sum {sum(query(*each) for each in asked):.6g}"
 
     while True:
         yield ask
 
 
-def query_edges(yaw: bool, quick: bool) -> Iterator[Run]:
-    disc = Robot.disc(0.3)
-    space = build_warehouse(quick) if yaw else cspace.build(make_warehouse(quick), disc)
+def query_edges(robot: Robot, yaw: bool, quick: bool) -> Iterator[Run]:
+    options = {"rotations": YAW_CELLS} if yaw else {}
+    space = cspace.build(make_warehouse(quick), robot, **options)
     q = draw_free(space, 2000 if quick else 20000, yaw)
     steps = np.random.default_rng(2).uniform(-1.0, 1.0, q.shape)
     while True:
         yield lambda: f"{np.count_nonzero(space.motion_is_free(q, q + steps))} free edges"
 
 
-def query_batch(yaw: bool, quick: bool) -> Iterator[Run]:
+def query_batch(yaw: bool, in_order: bool, quick: bool) -> Iterator[Run]:
     disc = Robot.disc(0.3)
     space = build_warehouse(quick) if yaw else cspace.build(make_warehouse(quick), disc)
     lower, upper = np.array(space.grid.lower), np.array(space.grid.upper)
     rng = np.random.default_rng(0)
     q = rng.uniform(lower, upper, (10**5 if quick else 10**6, 2))
+    if in_order:
+        q = q[np.lexsort((q[:, 1], np.floor(q[:, 0] / SPACING)))]
     if yaw:
         q = np.column_stack([q, rng.uniform(-np.pi, np.pi, len(q))])
     while True:
@@ -406,6 +409,13 @@ def read_chain(quick: bool) -> Iterator[Run]:
             yield lambda: f"{cspace.Arm.from_urdf(path).dof} joints"
 
 
+def open_map(quick: bool) -> Iterator[Run]:
+    name = "depot" if quick else "stata_basement"
+    path = real_file(f"maps/{name}.yaml")
+    while True:
+        yield lambda: f"{Workspace.open(path).grid.shape} cells"
+
+
 def read_image(quick: bool) -> Iterator[Run]:
     size = 500 if quick else 12000
     with tempfile.TemporaryDirectory() as folder:
@@ -435,12 +445,24 @@ JOBS: dict[str, Callable[[bool], Iterator[Run]]] = {
         plan_with_yaw, {"drive": planners.Car(turning_radius=0.5, reverse=True)}
     ),
     "plan in SE(2) from a blocked previous one": plan_from_previous,
-    "is_free of one configuration, 2,000 times": partial(query_one, "is_free"),
-    "clearance of one configuration, 2,000 times": partial(query_one, "clearance"),
-    "20,000 edges in the plane": partial(query_edges, False),
-    "20,000 edges in SE(2)": partial(query_edges, True),
-    "is_free of 10^6 random points, plane": partial(query_batch, False),
-    "is_free of 10^6 random points, SE(2)": partial(query_batch, True),
+    "is_free of a tuple, plane, 2,000 times": partial(
+        query_one, "is_free", lambda q: tuple(q.tolist()), False
+    ),
+    "is_free of a list, plane, 2,000 times": partial(
+        query_one, "is_free", lambda q: q.tolist(), False
+    ),
+    "is_free of a row, plane, 2,000 times": partial(query_one, "is_free", np.asarray, False),
+    "is_free of a row, SE(2), 2,000 times": partial(query_one, "is_free", np.asarray, True),
+    "motion_is_free of rows, SE(2), 2,000 times": partial(
+        query_one, "motion_is_free", np.asarray, True
+    ),
+    "clearance of a row, plane, 2,000 times": partial(query_one, "clearance", np.asarray, False),
+    "20,000 edges in the plane": partial(query_edges, Robot.disc(0.3), False),
+    "20,000 edges in SE(2)": partial(query_edges, Robot.polygon(NOTCHED), True),
+    "20,000 edges in SE(2), rectangle": partial(query_edges, Robot.rectangle(0.9, 0.6), True),
+    "is_free of 10^6 random points, plane": partial(query_batch, False, False),
+    "is_free of 10^6 points in order, plane": partial(query_batch, False, True),
+    "is_free of 10^6 random points, SE(2)": partial(query_batch, True, False),
     "10 lower bounds of lengths, warehouse": bound_lengths,
     "build, plane, disc": build_disc,
     "move six obstacles, 286 x 423 x 72": move_six,
@@ -463,6 +485,7 @@ JOBS: dict[str, Callable[[bool], Iterator[Run]]] = {
     "Panda: default plans, two of each set": partial(plan_arm, "panda", 2),
     "read a URDF of 20,000 links": read_chain,
     "read a PNG of 12,000^2 pixels": read_image,
+    "open a ROS map": open_map,
 }
 """Jobs by name. Each yields calls to time, and prepares what is not timed between them."""
 
