@@ -44,9 +44,9 @@ Run = Callable[[], str]
 """One run of a job, which returns its result as a text."""
 
 
-def make_warehouse(quick: bool) -> Workspace:
+def make_warehouse(quick: bool, shape: tuple[int, int] = WAREHOUSE) -> Workspace:
     """Make racks of 10 m x 2 m with aisles of 2.4 m between them, and pallets in the aisles."""
-    shape = QUICK_WAREHOUSE if quick else WAREHOUSE
+    shape = QUICK_WAREHOUSE if quick else shape
     rng = np.random.default_rng(0)
     occupied = np.zeros(shape, dtype=np.bool_)
     for x, y in itertools.product(range(60, shape[0] - 100, 248), range(60, shape[1] - 90, 88)):
@@ -142,6 +142,13 @@ def plan_in_plane(name: str, robot: Robot, quick: bool) -> Iterator[Run]:
     pairs = draw_pairs(space, 2 if quick else 10)
     while True:
         yield lambda: plan_all(space, pairs, {})
+
+
+def plan_across(quick: bool) -> Iterator[Run]:
+    space = cspace.build(make_warehouse(quick, (4000, 4000)), Robot.disc(0.3))
+    corners = space.nearest_free((0.5, 0.5)), space.nearest_free(np.array(space.grid.upper) - 0.5)
+    while True:
+        yield lambda: plan_all(space, [corners], {})
 
 
 def plan_with_yaw(options: dict[str, Any], quick: bool) -> Iterator[Run]:
@@ -439,6 +446,7 @@ JOBS: dict[str, Callable[[bool], Iterator[Run]]] = {
     "10 plans in the plane, maze512-32": partial(
         plan_in_plane, "movingai/maze512-32-0.map", Robot.disc(2.0)
     ),
+    "a plan across a warehouse of 4000^2 cells": plan_across,
     "5 plans in SE(2), warehouse": partial(plan_with_yaw, {}),
     "5 plans in SE(2), differential": partial(plan_with_yaw, {"drive": planners.Differential()}),
     "5 plans in SE(2), Reeds-Shepp": partial(

@@ -1,16 +1,17 @@
 """Shortest paths in the plane at any angle.
 
-A *run* is a maximal row of passable cells along the last axis, y: a rectangle. Two runs of
-neighbouring columns share a *gate*, a part of their border at an integer x, the *line* of the gate.
-A shortest path crosses one run after the other, and turns only at corners, which are ends of gates.
+A *run* is a maximal row of passable cells along the last axis, y. Runs of the same rows in
+successive columns form a *rectangle*. Two rectangles share a *gate*, a part of their border at an
+integer x, the *line* of the gate. A shortest path crosses one rectangle after the other, and turns
+only at corners, which are ends of gates.
 
 A node of the search is an *interval*, the part of a gate that is seen from a *root*, the point at
-which the paths through it turned last. Behind an interval, a part of the next run is seen from the
-same root; the parts beside it are reached around the corners at the ends of the interval. Paths
-come in the order of lower bounds of their lengths, so the first that reaches the goal is the
-shortest (D. Harabor, A. Grastien, D. Oz and V. Aksakalli, "Optimal any-angle pathfinding in
-practice", 2016; M. Cui, D. Harabor and A. Grastien, "Compromise-free pathfinding on a navigation
-mesh", 2017).
+which the paths through it turned last. At the far line of the rectangle behind an interval, a part
+is seen from the same root; the parts beside it are reached around the corners at the ends of the
+interval. Paths come in the order of lower bounds of their lengths, so the first that reaches the
+goal is the shortest (D. Harabor, A. Grastien, D. Oz and V. Aksakalli, "Optimal any-angle
+pathfinding in practice", 2016; M. Cui, D. Harabor and A. Grastien, "Compromise-free pathfinding on
+a navigation mesh", 2017).
 """
 
 from __future__ import annotations
@@ -53,7 +54,7 @@ Point = tuple[float, float]
 
 
 class Rectangles(NamedTuple):
-    """Runs of passable cells in the order of their columns.
+    """Runs of passable cells in the order of their columns, and the rectangles that they form.
 
     Attributes
     ----------
@@ -61,12 +62,18 @@ class Rectangles(NamedTuple):
         Number of the first run of each column; the last entry is the number of all runs.
     column, low, high : ndarray of int64, shape (runs,)
         Column of a run, its first cell, and the cell after its last one.
+    begin : ndarray of int64, shape (runs,)
+        First run of the rectangle of each run.
+    end : ndarray of int64, shape (runs,)
+        Last run of the rectangle that begins with each run.
     """
 
     first: Ints
     column: Ints
     low: Ints
     high: Ints
+    begin: Ints
+    end: Ints
 
 
 class SeenIntervals(NamedTuple):
@@ -138,7 +145,7 @@ class ShortestWay(NamedTuple):
     length : float
         In cells, infinite if there is no path.
     runs : ndarray of int64, shape (n,)
-        Runs that the path crosses in turn.
+        Runs at which the path enters and leaves rectangles in turn.
     """
 
     length: float
@@ -154,7 +161,12 @@ def list_rectangles(states: States) -> Rectangles:
     columns, width = states.shape
     column = runs.starts // width
     first = np.searchsorted(column, np.arange(columns + 1))
-    return Rectangles(first, column, runs.starts - column * width, runs.stops - column * width)
+    low = runs.starts - column * width
+    high = runs.stops - column * width
+    # Each run is a rectangle, until those of the same rows are joined.
+    rectangles = Rectangles(first, column, low, high, runs.labels, runs.labels.copy())
+    join_runs(rectangles)
+    return rectangles
 
 
 def find_crossed_runs(
@@ -166,7 +178,8 @@ def find_crossed_runs(
 ) -> Ints:
     """Find the runs of FREE cells that a shortest path in the plane crosses.
 
-    A run is a maximal row of FREE cells along y.
+    A run is a maximal row of FREE cells along y. Of runs of the same rows in successive columns,
+    the first and the last one are listed, which may be the same.
 
     Parameters
     ----------
@@ -217,8 +230,8 @@ def find_shortest_way(
     last, goal_point = find_run(rectangles, goal)
     if NONE in (first, last):
         return NO_WAY
-    if first == last:
-        return ShortestWay(math.dist(start_point, goal_point), np.array([first]))
+    if rectangles.begin[first] == rectangles.begin[last]:
+        return ShortestWay(math.dist(start_point, goal_point), np.array([first, last]))
     # All gates of the start's run and of another one may be added at once.
     room = 8 + 4 * int(np.diff(rectangles.first).max())
     front = make_front(len(rectangles.low), 2**10 + room)
@@ -233,7 +246,7 @@ def find_shortest_way(
         is_done = expand_intervals(rectangles, front, goal_point, last, room)
         spend(NANOSECONDS_PER_INTERVAL * (int(front.used[0]) - used))
         if is_done:
-            return trace_way(front, first)
+            return trace_way(rectangles, front, first, last)
         if is_over(until):
             raise TimeoutError
         # Intervals after which a search asks the labels of the map whether a path may exist.
@@ -249,8 +262,10 @@ def find_shortest_way(
 
 
 def _double(array: NDArray[Any]) -> NDArray[Any]:
-    """Append as many zeros to an array."""
-    return np.concatenate([array, np.zeros_like(array)])
+    """Make room in an array for as many entries."""
+    longer = np.empty(2 * len(array), array.dtype)
+    longer[: len(array)] = array
+    return longer
 
 
 def find_run(rectangles: Rectangles, point: Floats) -> tuple[int, Point]:
@@ -280,17 +295,48 @@ def make_front(runs: int, capacity: int) -> Front:
     )
 
 
-def trace_way(front: Front, first: int) -> ShortestWay:
+def trace_way(rectangles: Rectangles, front: Front, first: int, last: int) -> ShortestWay:
     """Return the path by the queue's first interval."""
     intervals = front.intervals
     if front.queue.length[0] == 0:
         return NO_WAY
     interval = int(front.queue.queue[0])
     length = float(intervals.length[interval])
-    runs = []
+    passed = []
     while (interval := int(intervals.before[interval])) != NONE:
-        runs.append(int(intervals.run[interval]))
-    return ShortestWay(length, np.array([first, *reversed(runs)]))
+        passed.append(interval)
+    steps = intervals.step[passed[::-1]]
+    entered = intervals.run[passed[::-1]]
+    begins = rectangles.begin[[first, *entered[:-1]]]
+    left = np.where(steps > 0, rectangles.end[begins], begins)
+    return ShortestWay(length, np.array([first, *np.column_stack([left, entered]).ravel(), last]))
+
+
+@kernel
+def join_runs(rectangles: Rectangles) -> None:
+    """Join runs of the same rows in neighbouring columns."""
+    first, _, low, high, begin, end = rectangles
+    for column in range(len(first) - 2):
+        other = first[column + 1]
+        for run in range(first[column], first[column + 1]):
+            while other < first[column + 2] - 1 and low[other] < low[run]:
+                other += 1
+            if other < first[column + 2] and low[other] == low[run] and high[other] == high[run]:
+                begin[other] = begin[run]
+                end[begin[run]] = other
+
+
+@internal
+def find_end(rectangles: Rectangles, run: int, step: int) -> int:
+    """Return the run at which paths in a direction leave a run's rectangle."""
+    begin: int = rectangles.begin[run]
+    return rectangles.end[begin] if step > 0 else begin
+
+
+@inlined
+def find_line(rectangles: Rectangles, run: int, step: int) -> float:
+    """Return the line by which paths in a direction leave a run."""
+    return float(rectangles.column[run] + (1 if step > 0 else 0))
 
 
 @internal
@@ -343,21 +389,23 @@ def expand_interval(
     low = intervals.low[interval]
     high = intervals.high[interval]
     length = intervals.length[interval]
+    far_line = find_line(rectangles, find_end(rectangles, run, step), step)
     root = intervals.root_x[interval], intervals.root_y[interval]
     run_low = float(rectangles.low[run])
     run_high = float(rectangles.high[run])
-    line = float(rectangles.column[run] + (1 if step < 0 else 0))
+    line = find_line(rectangles, run, -step)
     seen_low = run_low
     seen_high = run_high
     crossing = root[1]
-    # From a root on the line, at an end of the interval, the whole run is seen.
+    # From a root on the line, at an end of the interval, the whole rectangle is seen.
     if root[0] != line:
-        stretch = (line + step - root[0]) / (line - root[0])
+        stretch = (far_line - root[0]) / (line - root[0])
         seen_low = min(max(snap(root[1] + (low - root[1]) * stretch), run_low), run_high)
         seen_high = min(max(snap(root[1] + (high - root[1]) * stretch), run_low), run_high)
         crossing = cross_line(root, goal, line)
     sees_goal = low - GRAZING <= crossing <= high + GRAZING
-    if run == goal_run and sees_goal:
+    has_goal = rectangles.begin[run] == rectangles.begin[goal_run]
+    if has_goal and sees_goal:
         add_goal(front, length + distance(root, goal), interval)
     corner = intervals.root[interval]
     add_gates(
@@ -372,7 +420,7 @@ def expand_interval(
         if corner == NONE or total >= front.least[corner]:
             continue
         front.least[corner] = total
-        if run == goal_run and not sees_goal and (crossing > y) == is_high:
+        if has_goal and not sees_goal and (crossing > y) == is_high:
             add_goal(front, total + distance(turn, goal), interval)
         for way, part in ((step, ahead), (-step, back)):
             add_gates(
@@ -394,15 +442,15 @@ def add_gates(
     low: float,
     high: float,
 ) -> None:
-    """Add gates of one side of a run between two points.
+    """Add gates of one side of a run's rectangle between two points.
 
     The side is that of ``step``. The path to ``root``, at a corner, has a length.
     """
-    column = rectangles.column[run]
-    beyond = column + step
+    run = find_end(rectangles, run, step)
+    beyond = rectangles.column[run] + step
     if low >= high or beyond < 0 or beyond >= len(rectangles.first) - 1:
         return
-    line = float(column + (1 if step > 0 else 0))
+    line = find_line(rectangles, run, step)
     other = find_first_above(rectangles, beyond, low)
     while other < rectangles.first[beyond + 1] and rectangles.low[other] < high:
         gate_low = max(rectangles.low[run], rectangles.low[other])

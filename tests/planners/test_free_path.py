@@ -28,6 +28,7 @@ def find_path(space, *endpoints, simplify=True, **options):
 @pytest.mark.parametrize("name", ["Grid", "MaxClearance"])
 def test_search_stops_at_its_time_limit(name):
     states = np.zeros((1500, 1500), dtype=np.uint8)
+    states[9:-9:90, 9:-9:90] = BLOCKED
     states[700, 9:-9] = BLOCKED
     space = map_of(states, outside="blocked", spacing=1.0)
     endpoints = (1.5, 1.5), (1498.5, 1498.5)
