@@ -374,8 +374,9 @@ def prove_row(quick: bool) -> Iterator[Run]:
     rows = draw_free(space, 500, yaw=True)
     step = np.array([0.01, 0.0, 0.01])
     pairs = [(q, (q + step)[np.newaxis]) for q in rows]
+    gate = cspace.Gate(space)
     while True:
-        yield lambda: f"{sum(space.certify_chunk(*pair).proven for pair in pairs)} rows"
+        yield lambda: f"{sum(gate.check_rows(*pair).chunk.proven for pair in pairs)} rows"
 
 
 def plan_arm(name: str, number: int, quick: bool) -> Iterator[Run]:

@@ -27,7 +27,6 @@ from cspace._support.check import (
     check_finite,
     check_point,
     check_rows,
-    names_options,
     warn_of_degrees,
 )
 from cspace.errors import ConfigurationError, EndReason, InputError
@@ -35,8 +34,6 @@ from cspace.errors import ConfigurationError, EndReason, InputError
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from cspace._queries.chunks import Chunk
-    from cspace._queries.vehicles import Drive
     from cspace._record.contents import Contents
     from cspace.plot import PlotOptions
 
@@ -295,61 +292,6 @@ class ConfigurationMap(ConfigurationSpace):
                 joined[joined] = touches_only_free
         np.not_equal(joined, apart, out=out)
         return -1
-
-    @names_options
-    def certify_twists(
-        self,
-        q: ArrayLike,
-        twists: ArrayLike,
-        dt: float,
-        tracking: ArrayLike = 0.0,
-        *,
-        max_velocity: ArrayLike | None = None,
-        drive: Drive | None = None,
-    ) -> Chunk:
-        """Prove arcs of twists, and all motions near them.
-
-        Each twist drives the robot along an arc. The arcs are proven as such: a tube around chords
-        that is wide enough to contain them, with the tracking error in addition.
-
-        Parameters
-        ----------
-        q : array-like, shape (3,) or (B, 3)
-            Pose of the robot: x, y, yaw.
-        twists : array-like, shape (n, 2) or (B, n, 2)
-            Velocities ahead, m/s, negative in reverse, and yaw rates, rad/s; or a batch of chunks.
-        dt : float
-            Seconds for which each twist is driven.
-        tracking : array-like, shape () or (3,)
-            As for :meth:`certify_chunk`.
-        max_velocity : array-like, shape (2,), optional
-            Largest speed and yaw rate; faster twists are refused.
-        drive : planners.Car or planners.Differential, optional
-            Twists that it cannot drive are refused: tighter than its turning radius, backwards if
-            it does not reverse, or with a larger lateral acceleration.
-
-        Returns
-        -------
-        Chunk
-            As of :meth:`certify_chunk`; its rows are the poses at the ends of the twists.
-
-        Raises
-        ------
-        InputError
-            If the axes of the map are not x, y, yaw; and as :meth:`certify_chunk`.
-
-        Examples
-        --------
-        >>> import numpy as np, cspace
-        >>> workspace = cspace.Workspace.from_array(np.eye(30, dtype=bool), 0.1)
-        >>> space = cspace.build(workspace, cspace.Robot.rectangle(0.3, 0.2), rotations=36)
-        >>> chunk = space.certify_twists((0.5, 1.5, 0.0), [(0.5, 0.2)] * 4, 0.5)
-        >>> chunk.proven, chunk.rows[1].round(2).tolist()
-        (2, [1.0, 1.55, 0.2])
-        """
-        from cspace._queries.chunks import certify_twists
-
-        return certify_twists(self, q, twists, dt, tracking, max_velocity, drive)
 
     def free_yaws(self, position: ArrayLike) -> Floats:
         """Return intervals of yaw proven free at a position.

@@ -50,7 +50,7 @@ from cspace._support.reporting import tell_apart
 from cspace.errors import ConfigurationError, InputError
 
 if TYPE_CHECKING:
-    from cspace._queries.chunks import Chunk, RowCheck
+    from cspace._queries.chunks import RowCheck
     from cspace.plot import HasPath
     from cspace.regions import ConvexRegion, FreeRegions
     from cspace.view import Viewer
@@ -829,64 +829,6 @@ class ConfigurationSpace(Space):
         self._check_spans(starts, ends)
         rows = evaluate_rows(starts.reshape(-1, self.size), ends.reshape(-1, self.size), write)
         return rows.reshape(starts.shape[:-1])
-
-    @names_options
-    def certify_chunk(
-        self,
-        q: ArrayLike,
-        rows: ArrayLike,
-        tracking: ArrayLike = 0.0,
-        *,
-        dt: float | None = None,
-        max_velocity: ArrayLike | None = None,
-    ) -> Chunk:
-        """Prove motions through a chunk of targets, and all near them.
-
-        The robot moves straight from where it is to the first row, and from each row to the next,
-        as for :meth:`certify_path`. A controller does not follow that exactly, so each row is
-        proven with the whole tube around the motion that leads to it.
-
-        Parameters
-        ----------
-        q : array-like, shape (size,) or (B, size)
-            Where the robot is, as measured; it may be beyond a limit of a joint.
-        rows : array-like, shape (n, size) or (B, n, size)
-            Next targets, metres and radians; or a batch of chunks. Continuous joints count whole
-            turns. Rows that are not finite are never proven.
-        tracking : array-like, shape () or (k,)
-            Largest error of the controller: one number for all coordinates, metres and radians, or
-            one for each. A quaternion counts as one rotation.
-        dt : float, optional
-            Seconds between rows. Then rows that need a higher speed than ``max_velocity`` are
-            refused.
-        max_velocity : array-like, shape () or (k,), optional
-            Largest speed of each coordinate, m/s and rad/s; by default that of an arm's URDF.
-
-        Returns
-        -------
-        Chunk
-            The number of rows that are proven, the first one that is not with its reason, and the
-            largest tracking error for which all are proven.
-
-        Raises
-        ------
-        InputError
-            If ``q`` is not finite, a shape is wrong, or an option is negative or missing.
-
-        Examples
-        --------
-        >>> import numpy as np, cspace
-        >>> workspace = cspace.Workspace.from_array(np.eye(30, dtype=bool), 0.1)
-        >>> space = cspace.build(workspace, cspace.Robot.disc(0.2))
-        >>> chunk = space.certify_chunk((0.5, 1.5), [(0.5, 2.0), (1.0, 2.0)], 0.05)
-        >>> chunk.proven, round(chunk.max_tracking, 2)
-        (2, 0.2)
-        >>> space.certify_chunk((0.5, 1.5), [(0.5, 2.0), (1.0, 2.0)], 0.5).proven
-        0
-        """
-        from cspace._queries.chunks import certify_rows
-
-        return certify_rows(self, q, rows, tracking, dt, max_velocity)
 
     # ---- for planners ----------------------------------------------------------------------------
 

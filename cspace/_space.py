@@ -1559,6 +1559,32 @@ class ExactCSpace(CSpace):
         """Query that writes whether motions are free."""
         return self._exact.write_edges
 
+    def _count_free_tubes(self, starts: Floats, ends: Floats, radii: Floats, counts: Ints) -> None:
+        """Lower counts to the number of tubes that are free, from the first on.
+
+        Arguments are as for the base class. The geometry proves the tube of a motion that is free
+        for the robot grown by as far as the tube moves any of its points. Maps of joints have no
+        such proof, so cells alone decide there.
+        """
+        asked = counts.copy()
+        super()._count_free_tubes(starts, ends, radii, counts)
+        for chunk in np.flatnonzero(counts < asked).tolist():
+            if self._own_proofs is not None:
+                break
+            tubes = slice(counts[chunk], asked[chunk])
+            firsts = np.concatenate([starts[[chunk]], ends[chunk]])[tubes]
+            lasts = ends[chunk, tubes]
+            is_free = np.ones(len(lasts), dtype=np.int64)
+            same_radii = np.repeat(radii[[chunk]], len(lasts), axis=0)
+            super()._count_free_tubes(firsts, lasts[:, np.newaxis], same_radii, is_free)
+            rest = np.flatnonzero(is_free == 0)
+            proofs = proofs_of(self)
+            # The motion itself is proven among the cells, too, of which some are BLOCKED.
+            for growth in (0.0, proofs.bound_growth(radii[chunk])):
+                rest = rest[proofs.are_free(firsts[rest], lasts[rest], growth)]
+            is_free[rest] = 1
+            counts[chunk] += np.logical_and.accumulate(is_free).sum()
+
 
 def is_labelled(space: Space) -> bool:
     """Return whether ``path_exists`` answers at once: a map in memory first labels its cells."""

@@ -14,6 +14,7 @@ from cspace.inside import (
     ConfigurationSpace,
     Floats,
     Ints,
+    cells_of,
     number_parts,
     tubes_are_free,
 )
@@ -333,5 +334,6 @@ def _test_tubes(
         highest = np.maximum(firsts, lasts) + radii - ROUNDING
         is_inside = (lowest >= lower) & (highest <= upper) | np.array(space.is_periodic)
         fits &= is_inside.all(axis=1)
+    space = cells_of(space)  # the geometry takes long for so many tubes
     fits[fits] = tubes_are_free(space, firsts[fits], lasts[fits], radii[fits] + ROUNDING)
     return fits

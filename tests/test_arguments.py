@@ -16,6 +16,7 @@ import cspace
 import planners
 from cspace import CspaceError, Grid, InputError, Robot, Workspace
 from cspace._support.check import check_count
+from tests.helpers.gates import certify_twists
 from tests.helpers.refusals import check_refused, refusals
 
 CELLS = np.zeros((40, 30), dtype=bool)
@@ -42,9 +43,7 @@ Backwards = namedtuple("Backwards", "yaw y x")
 QUERIES = {
     "check_configuration": lambda q: turning().check_configuration(q),
     "check_endpoint": lambda q: turning().check_endpoint(q, "q"),
-    "certify_chunk": lambda q: turning().certify_chunk(q, [Q]).proven,
     "certify_path": lambda q: turning().certify_path([q, P]),
-    "certify_twists": lambda q: turning().certify_twists(q, [(0.1, 0.1)], 0.1).proven,
     "classify": lambda q: turning().classify(q),
     "clearance": lambda q: turning().clearance(q),
     "contains_robot": lambda q: turning().contains_robot(q),
@@ -63,6 +62,7 @@ QUERIES = {
     "removals": lambda q: turning().removals(q, P),
     "planners.plan": lambda q: planners.plan(turning(), q, P).waypoints[0],
     "planners.plan to it": lambda q: planners.plan(turning(), P, q).waypoints[-1],
+    "Gate.check_twists": lambda q: certify_twists(turning(), q, [(0.1, 0.1)], 0.1).proven,
     "Gate.check_rows": lambda q: cspace.Gate(turning()).check_rows(q, [Q]).commands,
 }
 """Calls that take one configuration of the map."""

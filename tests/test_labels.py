@@ -175,7 +175,7 @@ def test_numbers_with_labels_in_any_order_have_one_answer(objects, owner, name, 
     others = {"Gate": "CSpace", "planners": "CSpace", "Trajectory": "ArmSpace"}
     space = objects[others.get(owner, owner)]
     names = dict.fromkeys(("twist", "twists", "max_deceleration"), ("v", "omega"))
-    if name in ("check_twists", "certify_twists"):
+    if name == "check_twists":
         names["before"] = names["max_velocity"] = names["twist"]
     given = {**ROWS, **TABLES, **OTHERS, argument: {**ROWS, **TABLES}[argument], "space": space}
     arguments = {}

@@ -5,6 +5,7 @@ import pytest
 
 import cspace
 import planners
+from tests.helpers.gates import certify_chunk
 from tests.helpers.urdfs import planar_arm, post
 
 WALL = (2.0, 1.5)
@@ -12,8 +13,8 @@ POST = (0.37, 0.0)
 YES = {
     "certify_path": lambda space, rows: space.certify_path(rows).all(),
     "paths": lambda space, rows: space.certify_path(rows[:, np.newaxis]).all(),
-    "certify_chunk": lambda space, rows: space.certify_chunk(rows[:1].sum(0), rows),
-    "chunks": lambda space, rows: space.certify_chunk(rows, rows[:, np.newaxis]).is_proven.all(),
+    "certify_chunk": lambda space, rows: certify_chunk(space, rows[:1].sum(0), rows),
+    "chunks": lambda space, rows: certify_chunk(space, rows, rows[:, np.newaxis]).is_proven.all(),
     "Gate": lambda space, rows: cspace.Gate(space).check_rows(rows[:1].sum(0), rows).state == "go",
     "distance": lambda space, rows: space.path_obstacle_distance(rows) > 0.0,
 }
@@ -51,11 +52,11 @@ def test_batches_have_an_answer_for_each_row_and_none_without_rows(spaces, kind,
     space, q = spaces[kind]
     starts, rows = np.full((batches, 2), q), np.full((batches, 2, 2), q)
     assert space.certify_path(rows).shape == (batches, 1)
-    assert space.certify_chunk(starts, rows).proven.tolist() == [0] * batches
+    assert certify_chunk(space, starts, rows).proven.tolist() == [0] * batches
     with pytest.raises(cspace.InputError, match=rf"has shape \({batches}, 0, 2\)"):
         space.certify_path(rows[:, :0])
     with pytest.raises(cspace.InputError, match=rf"has shape \({batches}, 0, 2\)"):
-        space.certify_chunk(starts, rows[:, :0])
+        certify_chunk(space, starts, rows[:, :0])
 
 
 def test_a_plan_without_a_path_is_false(spaces):

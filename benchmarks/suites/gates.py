@@ -58,12 +58,15 @@ def _time_batches(report: Report, seed: int) -> None:
         (ROLL_OUTS, POSES)
     )
     twists = np.stack([speeds, turns], axis=-1)
-    rows = space.certify_twists(start, twists, 0.05).rows
+    gate = cspace.Gate(space, dt=0.05)
+    rows = gate.check_twists(start, twists).chunk.rows
     path = np.concatenate([np.broadcast_to(start, (ROLL_OUTS, 1, 3)), rows], axis=1)
     calls = {
-        "rows": partial(space.certify_chunk, start, rows),
-        "rows, tracking 5 cm and 0.05 rad": partial(space.certify_chunk, start, rows, 0.05),
-        "twists": partial(space.certify_twists, start, twists, 0.05),
+        "rows": partial(cspace.Gate(space).check_rows, start, rows),
+        "rows, tracking 5 cm and 0.05 rad": partial(
+            cspace.Gate(space, tracking=0.05).check_rows, start, rows
+        ),
+        "twists": partial(gate.check_twists, start, twists),
         "all edges, certify_path": partial(space.certify_path, path),
     }
     timings = interleave(calls, 3 if report.quick else 25)
@@ -87,12 +90,13 @@ def _time_arm(report: Report, seed: int) -> None:
     space = build_arm_space(boxes, arm)
     chunks = [_draw_chunk(space, rng) for _ in range(20 if report.quick else 300)]
     for tracking in (0.0, 0.01):
-        space.certify_chunk(*chunks[0], tracking)
+        gate = cspace.Gate(space, tracking=tracking)
+        gate.check_rows(*chunks[0])
         seconds = []
         proven = 0
         for q, rows in chunks:
             began = time.process_time()
-            chunk = space.certify_chunk(q, rows, tracking)
+            chunk = gate.check_rows(q, rows).chunk
             seconds.append(time.process_time() - began)
             proven += bool(chunk.is_proven)
         report.note(f"tracking {tracking:g} rad: {proven} of {len(chunks)} chunks are proven")
@@ -138,7 +142,7 @@ def _count_missed(report: Report, wanted: int, seed: int) -> None:
         path = np.vstack([start, start + np.cumsum(rng.normal(0.0, 0.25, (10, 2)), axis=0)])
         if (_measure(path, posts) <= DISC_RADIUS + POST_RADIUS).any():
             continue
-        chunk = space.certify_chunk(path[0], path[1:])
+        chunk = cspace.Gate(space).check_rows(path[0], path[1:]).chunk
         if (_sweep(path, posts) > DISC_RADIUS + POST_RADIUS).all():
             free += 1
             proven += bool(chunk.is_proven)

@@ -57,6 +57,10 @@ from cspace._support.compiling import internal, kernel
 from cspace._support.threads import run_in_chunks
 from cspace._support.vectors import Matrix, apply_pose, dot, minus, rotate_back, row_at
 
+GROWTH_ROUNDING: Final = 1e-9
+"""Share by which the growth for errors is rounded up."""
+
+
 PIECE_CELLS: Final = 2.0
 """Length of the pieces of an edge, in cells; the tree search is slow for longer ones."""
 
@@ -353,6 +357,12 @@ class BoundaryProofs:
             batches = np.array_split(q0[undecided], 1 + len(undecided) // self._batch_size)
             is_free[undecided] = ~np.concatenate([self._are_nested(batch) for batch in batches])
         return is_free
+
+    def bound_growth(self, radii: Floats) -> float:
+        """Bound how far errors of coordinates, shape (k,), move points of the robot, metres."""
+        lever = self.boundaries.max_lever / self.boundaries.scale
+        moved = math.hypot(*radii[: self._dim]) + lever * float(radii[self._dim :].sum())
+        return (1.0 + GROWTH_ROUNDING) * moved
 
     def is_outside(self, *q: float) -> bool:
         """Return True if neither solid contains the other.

@@ -194,7 +194,7 @@ class ChunkMotions(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Chunk:
-    """A chunk of commands with its proof, as :meth:`cspace.CSpace.certify_chunk` makes it.
+    """A chunk of commands with its proof, as :class:`cspace.Gate` makes it.
 
     Attributes
     ----------
@@ -290,13 +290,10 @@ def certify_rows(
     tracking: ArrayLike,
     dt: float | None,
     max_velocity: ArrayLike | None,
-    max_jerk: JerkLimits | None = None,
-    before: ArrayLike | None = None,
+    max_jerk: JerkLimits | None,
+    before: ArrayLike | None,
 ) -> Chunk:
-    """Prove a chunk of targets; see :meth:`cspace.CSpace.certify_chunk`.
-
-    ``max_jerk`` and ``before`` are for a single chunk; see :meth:`Gate.check_rows`.
-    """
+    """Prove a chunk of targets; see :meth:`cspace.Gate.check_rows`."""
     starts, targets, is_batch = _check_chunk(space, q, rows, "rows", space.axes)
     errors = check_each(tracking, "tracking", list_steps(space))
     checks = list[RowCheck]()
@@ -312,7 +309,7 @@ def certify_rows(
             checks.append(RowCheck("speed", names, "changes per second by", speeds, limits))
             if max_jerk is not None:
                 limits = check_each(max_jerk, "max_jerk", names)
-                driven = _check_before(before, space.axes)
+                driven = _check_before(before, space.axes, is_batch)
                 warn_of_degrees(driven, space._angles, "before")
                 earlier = np.concatenate([driven, starts])
                 earlier = space.steps_between(earlier[:-1], earlier[1:]) / seconds
@@ -332,13 +329,10 @@ def certify_twists(
     tracking: ArrayLike,
     max_velocity: ArrayLike | None,
     drive: Drive | None,
-    max_jerk: JerkLimits | None = None,
-    before: ArrayLike | None = None,
+    max_jerk: JerkLimits | None,
+    before: ArrayLike | None,
 ) -> Chunk:
-    """Prove a chunk of twists; see :meth:`cspace.CSpace.certify_twists`.
-
-    ``max_jerk`` and ``before`` are for a single chunk; see :meth:`Gate.check_twists`.
-    """
+    """Prove a chunk of twists; see :meth:`cspace.Gate.check_twists`."""
     if space.axes != TWISTING_AXES:
         raise InputError(
             "space",
@@ -357,8 +351,9 @@ def certify_twists(
     checks += _list_drive_checks(check_drive(drive), commands)
     if max_jerk is not None:
         limits = check_each(max_jerk, "max_jerk", TWIST_NAMES)
+        driven = _check_before(before, TWIST_NAMES, is_batch)
         with np.errstate(all="ignore"):
-            jerks = np.abs(_differ_twice(_check_before(before, TWIST_NAMES), commands, seconds))
+            jerks = np.abs(_differ_twice(driven, commands, seconds))
         checks.append(RowCheck("jerk", TWIST_NAMES, "has a jerk of", jerks, limits))
     # Cut each twist into arcs that stay near their chords, and turn by at most a radian.
     lengths, angles = np.moveaxis(magnitudes * seconds, -1, 0)
@@ -464,8 +459,10 @@ def _check_chunk(
     return as_contiguous(starts), as_contiguous(chunks), array.ndim == 3
 
 
-def _check_before(before: ArrayLike | None, names: Sequence[str]) -> Floats:
+def _check_before(before: ArrayLike | None, names: Sequence[str], is_batch: bool) -> Floats:
     """Return the rows that were driven before a chunk, shape (m, len(names)); by default none."""
+    if is_batch:
+        raise InputError("max_jerk", "is that of a batch", "jerks are checked of a single chunk")
     if before is None:
         return np.zeros((0, len(names)))
     rows = check_finite(before, "before", names)

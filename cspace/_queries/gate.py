@@ -46,11 +46,12 @@ class GatedCommands(NamedTuple):
     ----------
     commands : ndarray of float64, shape (n, size) or (n, 2)
         The proven rows or twists, then rest: the last proven row, or where the robot is; zeros for
-        twists.
+        twists. Those of a batch have one more axis, the first.
     state : str
         "go" if all rows are proven, "shortened" if some are, "hold" if none is.
     chunk : Chunk
-        The proof, with the refusal.
+        The proof: the number of proven rows, the refusal of the next one, and the largest tracking
+        error.
     """
 
     commands: Floats
@@ -80,16 +81,27 @@ class SlowedCommand(NamedTuple):
 class Gate:
     """A gate for commands that others make, such as a policy.
 
-    It lets through the proven part of a chunk, then holds. A robot does not stop at once, so
-    ``tracking`` must cover the way that it needs to stop behind a row, as :meth:`stop_distance`
-    says. Or :meth:`slow_down` proves that way, too.
+    It lets through the proven part of a chunk, then holds. A controller does not follow commands
+    exactly, so each one is proven with the whole tube around the motion that it leads to. A robot
+    does not stop at once, so ``tracking`` must cover the way that it needs to stop behind a row, as
+    :meth:`stop_distance` says. Or :meth:`slow_down` proves that way, too.
 
     Parameters
     ----------
     space : CSpace, TiledCSpace or ArmSpace
-        Its obstacles may change at any time.
-    tracking, dt, max_velocity, drive
-        As for :meth:`cspace.CSpace.certify_chunk` and :meth:`cspace.CSpace.certify_twists`.
+        Its obstacles may change at any time. On ``space.exact`` the geometry proves tubes that
+        leave FREE cells, for the robot grown by as far as ``tracking`` moves its points.
+    tracking : array-like, shape () or (k,)
+        Largest error of the controller: one number for all coordinates, metres and radians, or one
+        for each. A quaternion counts as one rotation.
+    dt : float, optional
+        Seconds between rows, or for which each twist is driven.
+    max_velocity : array-like, shape () or (k,), optional
+        Largest speed of each coordinate, m/s and rad/s, by default that of an arm's URDF; for
+        twists the largest speed and yaw rate. Faster ones are refused.
+    drive : planners.Car or planners.Differential, optional
+        Twists that it cannot drive are refused: tighter than its turning radius, backwards if it
+        does not reverse, or with a larger lateral acceleration.
     max_deceleration : array-like, shape (2,), optional
         How fast the robot can brake along its way and in yaw, m/s^2 and rad/s^2.
     max_jerk : array-like or mapping, optional
@@ -101,8 +113,8 @@ class Gate:
     Raises
     ------
     InputError
-        If a limit is not one that a chunk of rows, or of twists, could have, or both
-        ``max_deceleration`` and ``max_jerk`` are passed.
+        If the space is one of your own, or a limit is not one that rows or twists could have, or
+        both ``max_deceleration`` and ``max_jerk`` are passed.
 
     Examples
     --------
@@ -189,10 +201,25 @@ class Gate:
     ) -> GatedCommands:
         """Let through the proven part of a chunk of targets.
 
-        Parameters and errors are those of :meth:`cspace.CSpace.certify_chunk`, for a single chunk.
-        A gate with ``max_jerk`` also takes the rows ``before``, shape (m, size): where the robot
-        was in steps of ``dt`` before it came to ``q``, the latest last. Two are enough; without
-        them jerks are checked from the third row on.
+        The robot moves straight from where it is to the first row, and from each row to the next,
+        as for :meth:`cspace.CSpace.certify_path`.
+
+        Parameters
+        ----------
+        q : array-like, shape (size,) or (B, size)
+            Where the robot is, as measured; it may be beyond a limit of a joint.
+        rows : array-like, shape (n, size) or (B, n, size)
+            Next targets, metres and radians; or a batch of chunks. Continuous joints count whole
+            turns. Rows that are not finite are never proven.
+        before : array-like, shape (m, size), optional
+            For ``max_jerk``: where the robot was in steps of ``dt`` before it came to ``q``, the
+            latest last. Two are enough; without them jerks are checked from the third row on.
+
+        Raises
+        ------
+        InputError
+            If ``q`` is not finite, a shape is wrong, a limit of speed is missing, or a gate with
+            ``max_jerk`` gets a batch.
 
         Examples
         --------
@@ -206,27 +233,50 @@ class Gate:
         """
         limits = self.dt, self.max_velocity, self.max_jerk
         chunk = certify_rows(self.space, q, rows, self.tracking, *limits, before)
-        chunk._check_alone()
-        commands = chunk.rows.copy()
-        proven = int(chunk.proven)
-        commands[proven:] = commands[proven - 1] if proven else chunk._tubes.starts[0]
-        return GatedCommands(commands, _name_state(chunk), chunk)
+        starts, targets = chunk._tubes.starts, chunk._tubes.ends
+        known = np.concatenate([starts[:, np.newaxis], targets], axis=1)
+        last = np.minimum(np.arange(targets.shape[1]) + 1, np.reshape(chunk.proven, (-1, 1)))
+        commands = np.take_along_axis(known, last[..., np.newaxis], axis=1)
+        return GatedCommands(commands.reshape(chunk.rows.shape), _name_state(chunk), chunk)
 
     def check_twists(
         self, q: ArrayLike, twists: ArrayLike, *, before: ArrayLike | None = None
     ) -> GatedCommands:
         """Let through the proven part of a chunk of twists.
 
-        Parameters and errors are those of :meth:`cspace.CSpace.certify_twists`, for a single chunk.
-        A gate with ``max_jerk`` also takes the twists ``before``, shape (m, 2): those that were
-        driven up to ``q``, the latest last. Two are enough; without them jerks are checked from the
-        third twist on.
+        Each twist drives the robot along an arc for ``dt``. The arcs are proven as such: a tube
+        around chords that is wide enough to contain them, with the tracking error in addition.
+
+        Parameters
+        ----------
+        q : array-like, shape (3,) or (B, 3)
+            Pose of the robot: x, y, yaw.
+        twists : array-like, shape (n, 2) or (B, n, 2)
+            Velocities ahead, m/s, negative in reverse, and yaw rates, rad/s; or a batch of chunks.
+        before : array-like, shape (m, 2), optional
+            For ``max_jerk``: twists driven up to ``q``, the latest last. Two are enough; without
+            them jerks are checked from the third twist on.
+
+        Raises
+        ------
+        InputError
+            If the gate has no ``dt``, or the axes of the map are not x, y, yaw; and as
+            :meth:`check_rows`.
+
+        Examples
+        --------
+        >>> import numpy as np, cspace
+        >>> workspace = cspace.Workspace.from_array(np.eye(30, dtype=bool), 0.1)
+        >>> space = cspace.build(workspace, cspace.Robot.rectangle(0.3, 0.2), rotations=36)
+        >>> gate = cspace.Gate(space, dt=0.5)
+        >>> chunk = gate.check_twists((0.5, 1.5, 0.0), [(0.5, 0.2)] * 4).chunk
+        >>> chunk.proven, chunk.rows[1].round(2).tolist()
+        (2, [1.0, 1.55, 0.2])
         """
         asked = check_columns(twists, "twists", TWIST_NAMES)
         chunk = self._certify(q, asked, before)
-        chunk._check_alone()
-        commands = np.array(asked, dtype=np.float64)
-        commands[int(chunk.proven) :] = 0.0
+        is_proven = np.arange(asked.shape[-2]) < np.asarray(chunk.proven)[..., np.newaxis]
+        commands = np.where(is_proven[..., np.newaxis], asked, 0.0)
         return GatedCommands(commands, _name_state(chunk), chunk)
 
     def slow_down(
@@ -251,8 +301,7 @@ class Gate:
         ------
         InputError
             If the gate has no ``dt`` or no ``max_deceleration``, or a twist is not two finite
-            numbers or needs over 100000 commands to stop; and as
-            :meth:`cspace.CSpace.certify_twists`.
+            numbers or needs over 100000 commands to stop; and as :meth:`check_twists`.
 
         Examples
         --------
@@ -342,10 +391,10 @@ class Gate:
 
 
 def _name_state(chunk: Chunk) -> GateState:
-    """Return how much of a single chunk may be executed."""
-    if chunk.is_proven:
+    """Return how much of a chunk, or of all of a batch, may be executed."""
+    if np.all(chunk.is_proven):
         return "go"
-    return "shortened" if chunk.proven else "hold"
+    return "shortened" if np.any(chunk.proven) else "hold"
 
 
 def _list_limited(space: ConfigurationSpace, limits: JerkLimits) -> tuple[str, ...]:

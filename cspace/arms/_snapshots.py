@@ -190,7 +190,7 @@ class Snapshot:
     def count_free(self, starts: Floats, ends: Floats, deviations: Floats, counts: Ints) -> None:
         """Lower counts to the number of motions that are free with any deviation.
 
-        Arguments are as for :meth:`cspace.ArmSpace.certify_chunk`; ``deviations``, shape (b, dof),
+        Arguments are as for :meth:`cspace.Gate.check_rows`; ``deviations``, shape (b, dof),
         bound that of each joint at each time. A motion proves it if all pairs stay apart by as much
         as such joint motions move them, in addition, and links keep their angles within the
         tolerances less as much as they turn.

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import ndimage
 
-from cspace import FREE
+from cspace import FREE, Gate
 from cspace.errors import InputError
 from cspace.inside import STATE_NAMES, Bools, Exterior, Floats, Ints, map_record, slice_rasters
 from cspace.reasons._margins import copy_with_ends, find_cells, find_way, states_of_slices
@@ -326,9 +326,10 @@ def _list_obstacles(
     everywhere in a cell. Returns the names of named obstacles, then descriptions of other
     obstacles, the nearest to ``position`` first.
     """
-    refusal = None if space.has_poses else space.certify_chunk(position, [position]).refusal
-    if refusal is not None and refusal.names:
-        return [], [*map(repr, refusal.names)]
+    if not space.has_poses:
+        refusal = Gate(space).check_rows(position, [position]).chunk.refusal
+        if refusal is not None and refusal.names:
+            return [], [*map(repr, refusal.names)]
     kind = "the obstacle" if space.has_poses else "the cells"
     touched = find_touched_cells(space, cells, proven)
     inside = (slice(1, -1),) * space.dim

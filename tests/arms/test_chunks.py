@@ -11,6 +11,7 @@ import cspace
 from cspace.arms import build_arm_space, build_joint_map
 from tests.arms.test_space import approach_contact, draw_scene
 from tests.helpers.arm_oracle import sample_configurations
+from tests.helpers.gates import certify_chunk
 from tests.helpers.strategies import examples, seeds
 from tests.helpers.urdfs import planar_arm, planar_arm_meets, posed_box
 
@@ -51,10 +52,10 @@ def test_no_tube_with_a_contact_is_proven_and_proven_tubes_have_none(scenes, num
         near = touching + (1.0 - 1e-9) * tracking * rng.choice([-1.0, 1.0], space.dof)
         step = 0.05 * rng.normal(size=space.dof)
         rows = [near - 0.5 * step, near + 0.5 * step, near]
-        assert space.certify_chunk(near - step, rows, tracking).proven <= 1
+        assert certify_chunk(space, near - step, rows, tracking).proven <= 1
     # Rows lead towards the contact.
     rows = free + np.linspace(-0.3, 0.0, 7)[1:, np.newaxis] * (touching - free + 0.2)
-    chunk = space.certify_chunk(free, rows, tracking)
+    chunk = certify_chunk(space, free, rows, tracking)
     if chunk.proven:
         points = np.vstack([free, rows[: chunk.proven]])
         for q in draw_instants(points, tracking, rng, 60):
@@ -73,7 +74,7 @@ def test_the_arm_meets_nothing_at_any_instant_within_proven_tubes(seed, center):
     start = rng.uniform(-2.0, 2.0, 2)
     rows = start + np.cumsum(rng.normal(0.0, 0.05, (12, 2)), axis=0)
     tracking = rng.choice([0.0, 0.01, 0.1], 2)
-    chunk = space.certify_chunk(start, rows, tracking)
+    chunk = certify_chunk(space, start, rows, tracking)
     points = np.vstack([start, rows])
     if chunk.proven:
         instants = draw_instants(points[: chunk.proven + 1], tracking, rng, INSTANTS)
@@ -84,10 +85,10 @@ def test_the_arm_meets_nothing_at_any_instant_within_proven_tubes(seed, center):
         tube = points[chunk.proven : chunk.proven + 2]
         assert planar_arm_meets(np.linspace(*tube, INSTANTS), [(*center, side)]).any()
     if not np.isnan(chunk.max_tracking).any():
-        assert space.certify_chunk(start, rows, chunk.max_tracking).is_proven
+        assert certify_chunk(space, start, rows, chunk.max_tracking).is_proven
         instants = draw_instants(points, chunk.max_tracking, rng, INSTANTS)
         assert not planar_arm_meets(instants, [(*center, 0.2)]).any()
-        assert not space.certify_chunk(start, rows, 1.02 * chunk.max_tracking + 1e-4).is_proven
+        assert not certify_chunk(space, start, rows, 1.02 * chunk.max_tracking + 1e-4).is_proven
 
 
 def test_without_tracking_as_many_rows_are_proven_as_edges(scenes):
@@ -99,40 +100,40 @@ def test_without_tracking_as_many_rows_are_proven_as_edges(scenes):
         rows = np.clip(rows, space.arm.lower, space.arm.upper)
         paths = np.concatenate([starts[:, np.newaxis], rows], axis=1)
         expected = np.logical_and.accumulate(space.certify_path(paths), axis=1).sum(axis=1)
-        assert space.certify_chunk(starts, rows).proven.tolist() == expected.tolist()
+        assert certify_chunk(space, starts, rows).proven.tolist() == expected.tolist()
         assert 0 < expected.sum() < expected.size * 8
 
 
 def test_a_refusal_names_the_pair_that_is_near():
     space = make_post(planar_arm(), 1.5, 0.5)
-    chunk = space.certify_chunk((-0.3, 0.0), [(-0.1, 0.0), (0.1, 0.0), (0.3, 0.0)], 0.01)
+    chunk = certify_chunk(space, (-0.3, 0.0), [(-0.1, 0.0), (0.1, 0.0), (0.3, 0.0)], 0.01)
     assert chunk.proven == 2
     assert chunk.refusal.row == 2
     assert set(chunk.refusal.names) == {"fore", "post"}
     assert chunk.refusal.message == "row 2: fore is not proven apart from post"
     # Elsewhere the largest error follows from the distance.
-    free = space.certify_chunk((-0.3, 0.0), [(-0.2, 0.0)])
+    free = certify_chunk(space, (-0.3, 0.0), [(-0.2, 0.0)])
     assert 0.1 < free.max_tracking < 0.3
 
 
 def test_rows_beyond_limits_or_too_fast_are_refused():
     space = make_post(planar_arm(), 0.0, 5.0)
-    past = space.certify_chunk((0.0, 0.0), [(0.0, 2.9), (0.0, 3.1)])
+    past = certify_chunk(space, (0.0, 0.0), [(0.0, 2.9), (0.0, 3.1)])
     assert past.proven == 1
     assert past.refusal[:3] == (1, "limit", ("elbow",))
     assert "exceeds its limits by 0.1," in past.refusal.message
     # The robot itself may be beyond a limit, and comes back.
-    assert space.certify_chunk((0.0, 3.05), [(0.0, 2.9)]).is_proven
+    assert certify_chunk(space, (0.0, 3.05), [(0.0, 2.9)]).is_proven
     # The velocity limits of the URDF are 1 rad/s.
     rows = [(0.09, 0.0), (0.18, 0.0), (0.30, 0.0)]
-    assert space.certify_chunk((0.0, 0.0), rows).is_proven
-    fast = space.certify_chunk((0.0, 0.0), rows, dt=0.1)
+    assert certify_chunk(space, (0.0, 0.0), rows).is_proven
+    fast = certify_chunk(space, (0.0, 0.0), rows, dt=0.1)
     assert fast.proven == 2
     assert fast.refusal[:3] == (2, "speed", ("shoulder",))
     assert math.isnan(fast.max_tracking)
-    assert space.certify_chunk((0.0, 0.0), rows, dt=0.1, max_velocity=1.3).is_proven
-    still = space.certify_chunk(
-        (0.1, 0.2), [(0.1, 0.2), (0.1, 0.2), (0.2, 0.2)], dt=0.1, max_velocity=0
+    assert certify_chunk(space, (0.0, 0.0), rows, dt=0.1, max_velocity=1.3).is_proven
+    still = certify_chunk(
+        space, (0.1, 0.2), [(0.1, 0.2), (0.1, 0.2), (0.2, 0.2)], dt=0.1, max_velocity=0
     )
     assert still.proven == 2
 
@@ -140,7 +141,7 @@ def test_rows_beyond_limits_or_too_fast_are_refused():
 def test_rows_that_are_no_numbers_are_refused():
     space = make_post(planar_arm(), 0.0, 5.0)
     for bad in (math.nan, math.inf, -math.inf, 1e300):
-        chunk = space.certify_chunk((0.0, 0.0), [(0.1, 0.0), (0.1, bad), (0.1, 0.0)], dt=1.0)
+        chunk = certify_chunk(space, (0.0, 0.0), [(0.1, 0.0), (0.1, bad), (0.1, 0.0)], dt=1.0)
         assert chunk.proven == 1
         assert chunk.refusal.cause == ("limit" if bad == 1e300 else "number")
 
@@ -169,10 +170,10 @@ def test_joint_maps_prove_chunks_and_name_pairs():
     rows = np.cumsum(rng.normal(0.0, 0.1, (200, 6, 2)), axis=1)
     starts = np.array([joint_map.sample_free(rng=rng) for _ in range(200)])
     batch = starts[:, np.newaxis] + rows
-    proven = joint_map.certify_chunk(starts, batch, (0.05, 0.02)).proven
-    assert (proven <= space.certify_chunk(starts, batch, (0.05, 0.02)).proven).all()
+    proven = certify_chunk(joint_map, starts, batch, (0.05, 0.02)).proven
+    assert (proven <= certify_chunk(space, starts, batch, (0.05, 0.02)).proven).all()
     assert 0 < proven.sum() < 1200
-    chunk = joint_map.certify_chunk((-0.3, 0.0), [(-0.1, 0.0), (0.1, 0.0), (0.3, 0.0)])
+    chunk = certify_chunk(joint_map, (-0.3, 0.0), [(-0.1, 0.0), (0.1, 0.0), (0.3, 0.0)])
     assert set(chunk.refusal.names) == {"fore", "post"}
 
 

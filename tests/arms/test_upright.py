@@ -15,6 +15,7 @@ import cspace
 import planners
 from cspace import Arm, ConfigurationError, InputError, PoseGoal, Robot, build_arm_space
 from planners import Upright
+from tests.helpers.gates import certify_chunk
 from tests.helpers.refusals import refusals
 from tests.helpers.strategies import examples, seeds
 from tests.helpers.urdfs import joint, link, pose_at, pose_of, posed_box, random_chain, write_urdf
@@ -111,7 +112,7 @@ def test_all_motions_near_a_proven_one_are_upright(tmp_path_factory, seed, count
     deviation = rng.uniform(0.0, 0.1, arm.dof)
     upright = Upright("tool0", (0, 0, 1), arm.pose(middle, "tool0")[:3, 2], rng.uniform(0.1, 1.0))
     space = build_arm_space({}, arm, allowed_collisions=_all_pairs(arm)).keep([upright])
-    proven = space.certify_chunk(ends[0], ends[1:], deviation).is_proven
+    proven = certify_chunk(space, ends[0], ends[1:], deviation).is_proven
     signs = rng.choice([-1.0, 1.0], (30, 1, arm.dof))
     worst = measure_deviations(
         path, arm.joints, upright, sample_path(ends) + signs * deviation

@@ -21,6 +21,7 @@ from tests.helpers.cpp import (
     slow_in_cpp,
     why_no_compiler,
 )
+from tests.helpers.gates import certify_chunk
 from tests.helpers.refusals import refusals
 from tests.record.test_format import FROZEN
 
@@ -99,7 +100,7 @@ def test_proven_prefixes_of_chunks_equal_those_of_python(tmp_path, program, name
         if name == "SE3":
             tracking[-1] = 0.0
         found = count_prefixes(program, tmp_path / "map", queries, tracking)
-        expected = space.certify_chunk(queries[:, 0], queries[:, 1:], tracking).proven
+        expected = certify_chunk(space, queries[:, 0], queries[:, 1:], tracking).proven
         assert list(map(int, found)) == expected.tolist()
         assert size > 1.0 or 0 < expected.sum() < 5 * len(queries)
 
@@ -113,7 +114,7 @@ def test_any_error_is_an_answer_at_once(tmp_path, program, name):
     for far in (1e6, 1e300, np.inf):
         found = count_prefixes(program, tmp_path / "map", rows, (0.0,) * space.dim + (far,) * turns)
         half_a_turn = (0.0,) * space.dim + (np.pi,) * turns
-        expected = space.certify_chunk(rows[:, 0], rows[:, 1:], half_a_turn).proven
+        expected = certify_chunk(space, rows[:, 0], rows[:, 1:], half_a_turn).proven
         assert list(map(int, found)) == expected.tolist()
         found = count_prefixes(program, tmp_path / "map", rows, (far,) * (space.dim + turns))
         assert set(found) == {"0"}
@@ -175,8 +176,8 @@ def test_wrong_tracking_is_refused(tmp_path, program):
         (answer,) = count_prefixes(program, tmp_path / "map", rows, tracking)
         assert "zero or above" in answer
     (answer,) = count_prefixes(program, tmp_path / "map", rows, (0.0, 0.0, 0.0, 0.1))
-    assert "use space.certify_chunk in Python" in answer
-    assert space.certify_chunk(rows[0, 0], rows[0, 1:], (0.0, 0.0, 0.0, 0.1)).proven in (0, 1)
+    assert "use cspace.Gate in Python" in answer
+    assert certify_chunk(space, rows[0, 0], rows[0, 1:], (0.0, 0.0, 0.0, 0.1)).proven in (0, 1)
 
 
 # ---- files that are no map -----------------------------------------------------------------------

@@ -10,6 +10,7 @@ from hypothesis import given
 
 import cspace
 from cspace import FREE, MIXED, InputError, Robot, Workspace
+from tests.helpers.gates import certify_chunk
 from tests.helpers.handmade import configurations
 from tests.helpers.placements import draw_near_mixed
 from tests.helpers.regions import place_polygon
@@ -127,7 +128,7 @@ def test_what_holds_in_whole_cells_is_that_of_the_cells():
                 view.free_regions(around=q)
             assert view.explain(q, goal).verdict == "start MIXED"
             assert not view.is_connected(q, goal)
-            assert view.certify_chunk(q, [q]).proven == 0
+            assert certify_chunk(space, q, [q]).proven == 0
         assert view.explain(start, goal).verdict == space.explain(start, goal).verdict
 
 
@@ -155,3 +156,58 @@ def test_maps_in_tiles_have_no_exact_map(tmp_path):
     assert len(str(refused.value)) < 120 and "maps in memory" in str(refused.value)
     window = tiled.window((0.0, 0.0), (2.4, 2.4))
     assert window.exact is not window
+
+
+@given(seeds)
+@examples(12)
+def test_gates_of_the_exact_map_prove_more_tubes_and_none_with_a_contact(seed):
+    space = build_slit(outside=("free", "blocked")[seed % 2])
+    rng = np.random.default_rng(seed)
+    walls = shapely.union_all(SLIT)
+    shapely.prepare(walls)
+    q, _ = draw_rows(space, seed, 30)
+    tracking = rng.choice([0.0, 0.01, 0.03], 3)
+    steps = rng.normal(0.0, 0.02, (30, 4, 3))
+    rows = q[:, np.newaxis] + np.cumsum(steps, axis=1)
+    by_cells = certify_chunk(space, q, rows, tracking).proven
+    proven = certify_chunk(space.exact, q, rows, tracking).proven
+    assert (proven >= by_cells).all()
+    for start, chunk, count in zip(q, rows, proven.tolist(), strict=True):
+        points = np.vstack([start, chunk[:count]])
+        if count:
+            k = rng.integers(0, count, 200)
+            instants = points[k] + rng.random((200, 1)) * (points[k + 1] - points[k])
+            instants += tracking * rng.choice([-1.0, 1.0, rng.uniform(-1.0, 1.0)], (200, 3))
+            assert not shapely.intersects(walls, place_polygon(BAR, instants)).any()
+        if not tracking.any():
+            free = space.exact.certify_path(np.vstack([start, chunk]))
+            assert count == np.logical_and.accumulate(free).sum()
+
+
+def test_a_gate_of_the_exact_map_passes_a_slit_that_cells_leave_undecided():
+    space = build_slit()
+    start, rows = (0.5, 1.19, 0.0), np.linspace((0.55, 1.19, 0.0), (1.9, 1.19, 0.0), 20)
+    for tracking, state in ((0.0, "go"), ((0.05, 0.005, 0.0), "shortened"), (0.3, "hold")):
+        gate = cspace.Gate(space, tracking=tracking)
+        exact_gate = cspace.Gate(space.exact, tracking=tracking)
+        assert gate.check_rows(start, rows).state != "go"
+        assert exact_gate.check_rows(start, rows).state == state
+    gate = cspace.Gate(space.exact, tracking=(0.005, 0.005, 0.001))
+    passed = gate.check_rows(start, rows)
+    assert passed.state == "go" and 0.005 <= passed.chunk.max_tracking[1] <= 0.02
+    gate = cspace.Gate(space.exact, dt=0.1, max_deceleration=(1.0, 1.0))
+    assert gate.slow_down(start, (0.5, 0.0)).share == 1.0
+    space.add_obstacle("cork", shapely.box(1.1, 1.1, 1.2, 1.2))
+    refused = gate.check_twists(start, [(1.0, 0.0)] * 10).chunk.refusal
+    assert refused.cause == "collision" and "cork" in refused.names
+
+
+@pytest.mark.parametrize("outside", ["free", "blocked"])
+def test_tubes_beyond_the_grid_are_proven_by_the_geometry_only_if_all_outside_is_free(outside):
+    workspace = Workspace.from_polygons([shapely.box(1, 1, 1.1, 1.1)], 0.1, (0, 0, 3, 3))
+    space = cspace.build(workspace, Robot.disc(0.1), outside=outside).exact
+    inside, near, beyond = (2.0, 2.0), (2.0, 2.895), (2.0, 3.5)
+    assert certify_chunk(space, inside, [near]).is_proven
+    for q in (near, beyond):
+        assert certify_chunk(space, q, [q], 0.01).is_proven == (outside == "free")
+    assert not certify_chunk(space, inside, [inside], 1e300).is_proven

@@ -5,6 +5,7 @@ import shapely
 from scipy.spatial.transform import Rotation
 
 from cspace import MIXED
+from tests.helpers.gates import certify_chunk
 from tests.helpers.handmade import configurations
 from tests.helpers.regions import Flat, cell_boxes, rotations_of
 
@@ -101,7 +102,7 @@ def is_free_around(space, q, distance, angle=0.0):
     """Return whether a gate lets a robot stay at configurations (n, size), with such errors."""
     q = np.asarray(q, dtype=float)
     tracking = [distance] * space.dim + [angle] * bool(space.rotations.names)
-    return space.certify_chunk(q, q[:, np.newaxis], tracking).is_proven
+    return certify_chunk(space, q, q[:, np.newaxis], tracking).is_proven
 
 
 def turn_between(first, second):

@@ -5,6 +5,7 @@ import pytest
 
 import cspace
 from cspace import FREE, Robot, Workspace
+from tests.helpers.gates import certify_chunk
 from tests.helpers.handmade import build_empty
 from tests.laws.any_map import MAP_INPUTS, build_map, reopen
 
@@ -71,9 +72,9 @@ def test_obstacles_of_a_map_go_in_again(space):
 def test_rows_and_errors_of_a_chunk_are_proven_again(space):
     tests = 0
     for q in space.sample_free(40, np.random.default_rng(1)):
-        first = space.certify_chunk(q, [q, space.nearest_free(q)], 0.001)
+        first = certify_chunk(space, q, [q, space.nearest_free(q)], 0.001)
         if first:
-            again = space.certify_chunk(q, first.rows, first.max_tracking)
+            again = certify_chunk(space, q, first.rows, first.max_tracking)
             assert again.is_proven and not np.isnan(again.max_tracking).any()
             tests += 1
     assert tests > 5

@@ -16,6 +16,7 @@ import planners
 from cspace import Robot, Workspace
 from cspace._interface import ConfigurationSpace
 from cspace.errors import CspaceError
+from tests.helpers.gates import certify_chunk, certify_twists
 from tests.helpers.urdfs import joint, link, posed_box, write_urdf
 
 
@@ -149,9 +150,7 @@ UNCHANGED = {
     "arm": lambda c: c.space.arm.joints,
     "axes": lambda c: c.space.axes,
     "cell_states": lambda c: c.space.cell_states,
-    "certify_chunk": lambda c: ask_chunk(c).proven,
     "certify_path": lambda c: c.space.certify_path([c.q0, c.q1]),
-    "certify_twists": lambda c: c.space.certify_twists(c.q0, [(0.1 * c.size, 0.1)], 0.5).proven,
     "classify": lambda c: c.space.classify([c.q0, c.q1]),
     "compute_components": lambda c: c.space.compute_components(),
     "contains_robot": lambda c: c.space.contains_robot(c.q0),
@@ -201,7 +200,6 @@ NO_QUERIES = {
 """Calls that change, write or show."""
 
 REFUSED = {
-    "certify_twists": {*KINDS} - {"plane with a yaw"},
     "contains_robot": JOINTS,
     "explain": {"SE(3)"},
     "free_region": {"SE(3)", "tiled", "arm"},
@@ -219,13 +217,6 @@ def ask_region(case):
     """Return a region, of the yaw alone if there is one."""
     width = {"yaw_width": 0.1} if case.space.axes[-1] == "yaw" else {}
     return case.space.free_region(case.q0, reach=case.unit, **width)
-
-
-def ask_chunk(case):
-    """Return the chunk of one row."""
-    turns = [0.01] * bool(case.space.rotations.names)
-    tracking = [0.01 * case.unit] * case.space.dim + turns
-    return case.space.certify_chunk(case.q0, [case.q1], tracking)
 
 
 def run_search(case):
@@ -303,6 +294,19 @@ def test_metres_double_with_the_world_and_all_else_stays(worlds):
         elif name in COORDINATES:
             factor = large.unit
         check_answers(name, kind, factor, small, large)
+
+
+def test_gates_prove_as_much_of_a_larger_world(worlds):
+    kind, small, large = worlds
+    answers = []
+    for case in (small, large):
+        turns = [0.01] * bool(case.space.rotations.names)
+        tracking = [0.01 * case.unit] * case.space.dim + turns
+        proven = certify_chunk(case.space, case.q0, [case.q1], tracking).proven
+        if kind == "plane with a yaw":
+            proven += certify_twists(case.space, case.q0, [(0.1 * case.size, 0.1)], 0.5).proven
+        answers.append(proven)
+    assert answers[0] == answers[1]
 
 
 LENGTHS = re.compile(r"(\d[\d.]*(?:e-?\d+)?) (m|rad)\b")

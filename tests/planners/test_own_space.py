@@ -297,13 +297,6 @@ class Forwarding(Zoned):
         return getattr(self.space, name)
 
 
-class Named(Zoned):
-    """A space with a helper of the name that a map's proof has."""
-
-    def certify_chunk(self, q, rows, tracking=0.0):
-        return self.space.certify_chunk(q, rows, tracking)
-
-
 @pytest.fixture(scope="module")
 def hall():
     """Return the map of an empty hall."""
@@ -311,7 +304,7 @@ def hall():
     return cspace.build(workspace, cspace.Robot.disc(0.2))
 
 
-@pytest.mark.parametrize("kind", [Zoned, Forwarding, Named])
+@pytest.mark.parametrize("kind", [Zoned, Forwarding])
 def test_trajectories_keep_out_of_the_zone_of_a_space_that_wraps_a_map(hall, kind):
     space = kind(hall)
     for seed in range(3):
@@ -326,7 +319,7 @@ def test_trajectories_keep_out_of_the_zone_of_a_space_that_wraps_a_map(hall, kin
     assert curved.recheck(hall).all() and not curved.recheck(space).all()
 
 
-@pytest.mark.parametrize("kind", [Zoned, Forwarding, Named])
+@pytest.mark.parametrize("kind", [Zoned, Forwarding])
 def test_what_only_maps_and_arms_do_is_refused_for_a_space_that_wraps_a_map(hall, kind):
     plan = planners.plan(kind(hall), (1.0, 3.0), (5.0, 3.0))
     with pytest.raises(InputError, match="a gate proves whole tubes"):

@@ -13,6 +13,7 @@ import cspace
 from cspace import FREE, MIXED, Robot, Workspace
 from cspace.errors import InputError
 from cspace.inside import tubes_are_free
+from tests.helpers.gates import certify_chunk, certify_twists
 from tests.helpers.handmade import (
     MAP_KINDS,
     build_empty,
@@ -74,9 +75,9 @@ def test_no_tube_with_a_contact_is_proven(any_map, seed):
         share = rng.choice([0.0, 0.5, 1.0, rng.random()])
         start = move(any_map.memory, near, -share * steps, -share * turns)
         end = move(any_map.memory, near, (1.0 - share) * steps, (1.0 - share) * turns)
-        chunk = space.certify_chunk(start[0], np.concatenate([end, end]), tracking)
+        chunk = certify_chunk(space, start[0], np.concatenate([end, end]), tracking)
         assert chunk.proven == 0
-        after = space.certify_chunk(start[0], np.concatenate([start, end, start]), tracking)
+        after = certify_chunk(space, start[0], np.concatenate([start, end, start]), tracking)
         assert after.proven <= 1
 
 
@@ -91,12 +92,12 @@ def test_without_tracking_as_many_rows_are_proven_as_edges(any_map, seed):
     rows = np.stack(paths[1:], axis=1)
     edges = space.certify_path(np.stack(paths, axis=1))
     expected = np.logical_and.accumulate(edges, axis=1).sum(axis=1)
-    batch = space.certify_chunk(starts, rows)
+    batch = certify_chunk(space, starts, rows)
     assert batch.proven.tolist() == expected.tolist()
     assert batch.is_proven.tolist() == (expected == 5).tolist()
     assert 0 < expected.sum() < expected.size * 5
     for start, chunk_rows, count in zip(starts[:5], rows, expected, strict=False):
-        chunk = space.certify_chunk(start, chunk_rows)
+        chunk = certify_chunk(space, start, chunk_rows)
         assert chunk.proven == count
         assert (chunk.refusal is None) == chunk.is_proven == (count == 5)
 
@@ -120,7 +121,7 @@ def test_a_tube_is_not_proven_if_any_cell_within_it_is_taken(kind):
         if rng.random() < 0.7:  # a short turn
             ends[1, dim:] = configurations(space, ends[:1] + 0.1 * (ends[1:] - ends[:1]))[0, dim:]
         tracking = rng.choice([0.0, 0.1, 0.5, 1.0], dim + turns) * (rng.random(dim + turns) < 0.7)
-        assert space.certify_chunk(ends[0], ends[1:], tracking).is_proven
+        assert certify_chunk(space, ends[0], ends[1:], tracking).is_proven
         for share in rng.choice([0.0, 0.5, 1.0, rng.random()], 6):
             exact = space.interpolate(ends[0], ends[1:], [[share]])
             signs = (1.0 - 1e-9) * rng.choice([-1.0, 0.0, 1.0, rng.random()], (1, dim + 1))
@@ -138,7 +139,7 @@ def test_a_tube_is_not_proven_if_any_cell_within_it_is_taken(kind):
             taken = cells.copy()
             taken[cell] = MIXED
             one_taken = make_map(taken, kind, "free")
-            assert one_taken.certify_chunk(ends[0], ends[1:], tracking).proven == 0
+            assert certify_chunk(one_taken, ends[0], ends[1:], tracking).proven == 0
             taken_by_errors += bool(one_taken.motion_is_free(ends[0], ends[1]))
     assert taken_by_errors > 20
 
@@ -157,7 +158,7 @@ def test_short_tubes_are_not_proven_from_the_first_that_meets_a_taken_cell_on(ki
         start = np.array([*rng.uniform(0.8, 1.7, dim), *rng.uniform(-4.0, 4.0, turns)])
         rows = start + np.cumsum(steps, axis=0)
         tracking = rng.choice([0.0, 0.1, 0.3], dim + turns)
-        assert space.certify_chunk(start, rows, tracking).is_proven
+        assert certify_chunk(space, start, rows, tracking).is_proven
         row = int(rng.integers(12))
         before = rows[row - 1] if row else start
         inside = before + rng.random() * (rows[row] - before)
@@ -167,9 +168,9 @@ def test_short_tubes_are_not_proven_from_the_first_that_meets_a_taken_cell_on(ki
         taken = cells.copy()
         taken[tuple(space._cells_of(inside[np.newaxis])[0].tolist())] = MIXED
         one_taken = make_map(taken, kind, "free")
-        proven = one_taken.certify_chunk(start, rows, tracking).proven
+        proven = certify_chunk(one_taken, start, rows, tracking).proven
         assert proven <= row
-        stopped_by_tracking += proven < one_taken.certify_chunk(start, rows).proven
+        stopped_by_tracking += proven < certify_chunk(one_taken, start, rows).proven
         proven_before += proven > 0
     assert min(stopped_by_tracking, proven_before) > 15
 
@@ -186,7 +187,7 @@ def test_a_tube_that_leaves_the_grid_is_proven_only_if_all_outside_is_free(kind)
             for radius in (0.9, 1.1):
                 tracking[:] = 0.0
                 tracking[axis] = radius * middle[axis]
-                proven = space.certify_chunk(q, [q], tracking).proven
+                proven = certify_chunk(space, q, [q], tracking).proven
                 assert proven == (radius < 1.0 or outside == "free")
 
 
@@ -218,7 +219,7 @@ def test_a_tube_in_the_plane_is_proven_exactly_if_no_cell_near_it_is_taken(seed)
         tube = shapely.MultiPoint(corners).convex_hull
         nearest = cells[tree.nearest(tube)].distance(tube)
         if nearest > 1e-9 or shapely.buffer(tube, -1e-6).intersects(cells[tree.nearest(tube)]):
-            proven = space.certify_chunk(ends[0], ends[1:], tracking).proven
+            proven = certify_chunk(space, ends[0], ends[1:], tracking).proven
             assert proven == (nearest > 1e-9)
 
 
@@ -230,15 +231,15 @@ def test_the_robot_meets_nothing_at_any_instant_within_proven_tubes(seed, tracki
     rng = np.random.default_rng(seed)
     start = space.sample_free(rng=rng)
     rows = start + np.cumsum(rng.normal(0.0, (0.05, 0.05, 0.1), (25, 3)), axis=0)
-    chunk = space.certify_chunk(start, rows, tracking)
+    chunk = certify_chunk(space, start, rows, tracking)
     check_instants(space, obstacles, np.vstack([start, rows[: chunk.proven]]), tracking, rng)
     largest = chunk.max_tracking
     if chunk.is_proven:
         assert np.all(np.asarray(largest) >= 0.99 * np.asarray(tracking))
     if not np.isnan(np.max(largest)):
-        assert space.certify_chunk(start, rows, largest).is_proven
+        assert certify_chunk(space, start, rows, largest).is_proven
         more = 1.02 * np.asarray(largest) + 1e-4 * (np.asarray(tracking) > 0.0)
-        assert not space.certify_chunk(start, rows, more + 1e-4 * (np.ndim(more) == 0)).is_proven
+        assert not certify_chunk(space, start, rows, more + 1e-4 * (np.ndim(more) == 0)).is_proven
         check_instants(space, obstacles, np.vstack([start, rows]), largest, rng)
 
 
@@ -288,7 +289,7 @@ def test_the_robot_meets_nothing_on_proven_arcs(seed, tracking, scale):
     dt, turn = scale
     start = space.sample_free(rng=rng)
     twists = rng.normal(0.0, (0.5, turn), (8, 2)) * (rng.random((8, 2)) < 0.8)
-    chunk = space.certify_twists(start, twists, dt, tracking)
+    chunk = certify_twists(space, start, twists, dt, tracking)
     pose = start
     for row in range(chunk.proven):
         exact = drive(pose, twists[row], dt * rng.random(INSTANTS // 8))
@@ -356,14 +357,14 @@ def test_an_arc_is_not_proven_if_any_cell_on_it_is_taken():
     for _ in range(60):
         start = np.array([*rng.uniform(1.0, 3.0, 2), rng.uniform(-3.0, 3.0)])
         twist = rng.uniform(-1.0, 1.0), rng.uniform(-1.0, 1.0)
-        assert space.certify_twists(start, [twist], 1.0).is_proven
+        assert certify_twists(space, start, [twist], 1.0).is_proven
         poses = drive(start, twist, np.linspace(0.0, 1.0, 400))
         poses = poses[space.grid.contains(poses[:, :2])]
         for cell in np.unique(space._cells_of(poses), axis=0).tolist():
             taken = cells.copy()
             taken[tuple(cell)] = MIXED
             one_taken = make_map(taken, "turning", "free")
-            chunk = one_taken.certify_twists(start, [twist], 1.0)
+            chunk = certify_twists(one_taken, start, [twist], 1.0)
             assert chunk.proven == 0
             points = np.vstack([chunk._tubes.starts, chunk._tubes.ends[0]])
             missed_by_chords += bool(one_taken.certify_path(points).all())
@@ -392,7 +393,7 @@ def test_no_arc_with_a_contact_is_proven(seed):
         turned = touching[0] * np.array([np.cos(at), np.sin(at)])
         turned += touching[1] * np.array([-np.sin(at), np.cos(at)])
         start = np.array([*(post - turned - path[:2] - errors[:2]), yaw])
-        assert space.certify_twists(start, [twist, twist], dt, tracking).proven == 0
+        assert certify_twists(space, start, [twist, twist], dt, tracking).proven == 0
 
 
 @pytest.fixture(scope="module")
@@ -411,26 +412,26 @@ def test_twists_that_exceed_limits_are_refused(room):
     import planners  # the core's tests run without it
 
     twists = [(0.5, 0.2), (0.5, 1.1), (0.2, 0.0)]
-    assert room.certify_twists(START, twists, 0.1).is_proven
+    assert certify_twists(room, START, twists, 0.1).is_proven
     car = planners.Car(turning_radius=0.5, reverse=True)
-    tight = room.certify_twists(START, twists, 0.1, drive=car)
+    tight = certify_twists(room, START, twists, 0.1, drive=car)
     assert tight.refusal[:3] == (1, "limit", ("omega",))
-    assert room.certify_twists(START, [(-0.5, 1.0)], 0.1, drive=car).is_proven
-    fast = room.certify_twists(START, twists, 0.1, max_velocity=(0.4, 9.0))
+    assert certify_twists(room, START, [(-0.5, 1.0)], 0.1, drive=car).is_proven
+    fast = certify_twists(room, START, twists, 0.1, max_velocity=(0.4, 9.0))
     assert fast.refusal[:3] == (0, "speed", ("v",))
     for bad in (math.nan, math.inf, 1e200):
-        chunk = room.certify_twists(START, [(0.5, 0.2), (0.5, bad), (0.1, 0.0)], 0.1)
+        chunk = certify_twists(room, START, [(0.5, 0.2), (0.5, bad), (0.1, 0.0)], 0.1)
         assert (chunk.proven, chunk.refusal.cause) == (1, "number")
     for bad in ((1e9, 1.0), (0.0, 1e3)):
-        chunk = room.certify_twists(START, [(0.5, 0.2), bad], 0.1)
+        chunk = certify_twists(room, START, [(0.5, 0.2), bad], 0.1)
         assert chunk.refusal[:3] == (1, "limit", ("twist",))
 
 
 def test_a_batch_of_twists_equals_single_chunks(room):
     rng = np.random.default_rng(0)
     twists = rng.normal(0.3, (0.3, 1.0), (100, 20, 2))
-    batch = room.certify_twists(START, twists, 0.2, 0.05)
-    single = [room.certify_twists(START, each, 0.2, 0.05).proven for each in twists]
+    batch = certify_twists(room, START, twists, 0.2, 0.05)
+    single = [certify_twists(room, START, each, 0.2, 0.05).proven for each in twists]
     # The arcs of a batch are as short as its tightest one needs.
     assert np.abs(batch.proven - single).max() <= 1
     assert 0 < batch.is_proven.sum() < 100
@@ -440,19 +441,19 @@ def test_a_batch_of_twists_equals_single_chunks(room):
 
 
 def test_a_refusal_names_the_obstacles_of_a_map(room):
-    chunk = room.certify_chunk(START, [(1.5, 2.5, 0.0), (2.0, 2.5, 0.0), (2.6, 2.5, 0.3)], 0.05)
+    chunk = certify_chunk(room, START, [(1.5, 2.5, 0.0), (2.0, 2.5, 0.0), (2.6, 2.5, 0.3)], 0.05)
     assert chunk.proven == 2
     assert chunk.refusal[:3] == (2, "collision", ("pallet",))
     assert "near pallet" in chunk.refusal.message
     assert math.isnan(chunk.max_tracking)
     # A robot that is in collision holds.
-    stuck = room.certify_chunk((1.0, 4.0, 0.0), [(1.0, 4.0, 0.0), START])
+    stuck = certify_chunk(room, (1.0, 4.0, 0.0), [(1.0, 4.0, 0.0), START])
     assert stuck.refusal[:3] == (0, "collision", ("post",))
     # At the edge of the map, there is no obstacle to name.
-    assert room.certify_chunk((0.6, 0.6, 0.0), [(0.1, 0.6, 0.0)]).refusal.names == ()
+    assert certify_chunk(room, (0.6, 0.6, 0.0), [(0.1, 0.6, 0.0)]).refusal.names == ()
     # An error that is larger than any clearance is never proven.
-    assert room.certify_chunk(START, [START], 50.0).proven == 0
-    assert 0.2 < room.certify_chunk(START, [START], 50.0).max_tracking < 1.0
+    assert certify_chunk(room, START, [START], 50.0).proven == 0
+    assert 0.2 < certify_chunk(room, START, [START], 50.0).max_tracking < 1.0
 
 
 @pytest.mark.parametrize("far", [4.0, 1e6, 1e300])
@@ -463,27 +464,27 @@ def test_an_error_of_half_a_turn_is_that_of_all_turns(any_map, far):
     for metres in (0.0, 0.1):
         errors = np.array([metres] * space.dim + [far] * turns)
         half_a_turn = np.minimum(errors, math.pi)
-        expected = space.certify_chunk(rows[:, 0], rows[:, 1:], half_a_turn).proven
-        found = space.certify_chunk(rows[:, 0], rows[:, 1:], errors).proven
+        expected = certify_chunk(space, rows[:, 0], rows[:, 1:], half_a_turn).proven
+        found = certify_chunk(space, rows[:, 0], rows[:, 1:], errors).proven
         assert found.tolist() == expected.tolist()
-    assert not space.certify_chunk(rows[:, 0], rows[:, 1:], 1e300).proven.any()
+    assert not certify_chunk(space, rows[:, 0], rows[:, 1:], 1e300).proven.any()
 
 
 def test_rows_that_are_no_configurations_are_refused(room, any_map):
     for bad in (math.nan, -math.inf):
-        chunk = room.certify_chunk(
-            START, [START, (1.0, bad, 0.0), START], 0.01, dt=1.0, max_velocity=1.0
+        chunk = certify_chunk(
+            room, START, [START, (1.0, bad, 0.0), START], 0.01, dt=1.0, max_velocity=1.0
         )
         assert (chunk.proven, chunk.refusal.cause) == (1, "number")
     for far in (1e9, 1e300):
-        chunk = room.certify_chunk(START, [START, (far, 2.5, 0.0)])
+        chunk = certify_chunk(room, START, [START, (far, 2.5, 0.0)])
         assert (chunk.proven, chunk.refusal.cause) == (1, "collision")
     if any_map.space.size == 7:
         q = any_map.draw_inside(np.random.default_rng(0), 300)[0]
-        q = q[any_map.space.certify_chunk(q, q[:, np.newaxis]).is_proven][0]
-        assert any_map.space.certify_chunk(q, [q, 1.1 * q]).refusal.cause == "number"
+        q = q[certify_chunk(any_map.space, q, q[:, np.newaxis]).is_proven][0]
+        assert certify_chunk(any_map.space, q, [q, 1.1 * q]).refusal.cause == "number"
         with pytest.raises(InputError, match="it must be where the robot is"):
-            any_map.space.certify_chunk(1.1 * q, [q])
+            certify_chunk(any_map.space, 1.1 * q, [q])
 
 
 def test_each_tube_has_radii_of_its_own(any_map):
@@ -495,14 +496,14 @@ def test_each_tube_has_radii_of_its_own(any_map):
         any_map, starts, np.full(any_map.dim + 1, 0.2), signs, draw_axes(any_map, rng, 200)
     )
     rows = zip(starts, ends, radii, strict=True)
-    alone = [space.certify_chunk(start, [end], row).is_proven for start, end, row in rows]
+    alone = [certify_chunk(space, start, [end], row).is_proven for start, end, row in rows]
     assert tubes_are_free(space, starts, ends, radii).tolist() == alone
     assert 0.02 < np.mean(alone) < 0.98
 
 
 def test_an_empty_batch_has_no_counts(any_map):
     size = any_map.space.size
-    batch = any_map.space.certify_chunk(np.empty((0, size)), np.empty((0, 5, size)), 0.01)
+    batch = certify_chunk(any_map.space, np.empty((0, size)), np.empty((0, 5, size)), 0.01)
     assert batch.proven.shape == batch.is_proven.shape == (0,)
 
 
@@ -520,19 +521,19 @@ def test_a_map_in_tiles_opens_no_part_for_refused_rows(tmp_path, monkeypatch):
     q = np.array([*(np.array(tiled.space.grid.lower) + 0.5), 0.0])
     for far in (2.0, 1e300):
         rows = q + np.array([(0.0, 0.0, 0.0), (far, 0.0, 0.0)])
-        tiled.space.certify_chunk(q, rows, 0.01, dt=1.0, max_velocity=1.0)
+        certify_chunk(tiled.space, q, rows, 0.01, dt=1.0, max_velocity=1.0)
     assert max(reaches) < 0.5 / tiled.space.grid.spacing
-    tiled.space.certify_chunk(q, q + np.array([(2.0, 0.0, 0.0)]), 0.01)
+    certify_chunk(tiled.space, q, q + np.array([(2.0, 0.0, 0.0)]), 0.01)
     assert reaches[-1] > 2.0 / tiled.space.grid.spacing
 
 
 def test_speeds_of_rows_are_limited(room):
     rows = [(1.1, 2.5, 0.0), (1.2, 2.5, 0.1), (1.3, 2.5, 0.4)]
-    chunk = room.certify_chunk(START, rows, dt=0.1, max_velocity=(1.0, 1.0, 2.0))
+    chunk = certify_chunk(room, START, rows, dt=0.1, max_velocity=(1.0, 1.0, 2.0))
     assert chunk.refusal[:3] == (2, "speed", ("yaw",))
     assert chunk.refusal.message == "row 2: yaw changes per second by 3, at most 2 is allowed"
-    assert room.certify_chunk(START, rows, dt=0.1, max_velocity=3.0).is_proven
-    assert room.certify_chunk(START, [START] * 2, dt=0.1, max_velocity=0.0).is_proven
+    assert certify_chunk(room, START, rows, dt=0.1, max_velocity=3.0).is_proven
+    assert certify_chunk(room, START, [START] * 2, dt=0.1, max_velocity=0.0).is_proven
 
 
 def find_jerk(known, limits, dt):
@@ -610,6 +611,24 @@ def test_a_gate_passes_the_proven_part_then_holds(room):
     assert rows.commands.tolist() == [list(START)] * 2
 
 
+def test_a_gate_passes_a_batch_as_it_passes_each_chunk(room):
+    rng = np.random.default_rng(1)
+    q = room.sample_free(30, rng)
+    twists = rng.normal(0.0, (0.8, 0.5), (30, 6, 2))
+    gate = cspace.Gate(room, tracking=0.01, dt=0.5, max_velocity=(1.5, 2.0))
+    rows = q[:, np.newaxis] + np.cumsum(rng.normal(0.0, 0.2, (30, 6, 3)), axis=1)
+    for check, each in ((cspace.Gate(room).check_rows, rows), (gate.check_twists, twists)):
+        batch = check(q, each)
+        single = [check(*pair) for pair in zip(q, each, strict=True)]
+        counts = [one.chunk.proven for one in single]
+        assert batch.chunk.proven.tolist() == counts and {0, 6} < set(counts)
+        assert batch.commands.tolist() == [one.commands.tolist() for one in single]
+        assert batch.state == "shortened"
+    assert cspace.Gate(room).check_rows(q, q[:, np.newaxis]).state == "go"
+    with pytest.raises(InputError, match="jerks are checked of a single chunk"):
+        gentle(room).check_rows(q, rows)
+
+
 def test_a_gate_returns_the_commands_that_it_proved_whatever_their_labels(room):
     gate = cspace.Gate(room, dt=0.2, max_velocity=(1.0, 1.0))
     table = pd.DataFrame({"omega": [0.5] * 3, "v": [0.0] * 3})
@@ -640,18 +659,18 @@ FLAT = (1.0, 2.5)
 @refusals(
     "call, message",
     (
-        lambda s: s.certify_chunk(START, np.empty((0, 3))),
+        lambda s: certify_chunk(s, START, np.empty((0, 3))),
         "a chunk has the shape (n, 3), or (B, n, 3) in a batch, with n above zero",
     ),
-    (lambda s: s.certify_chunk(START, [(1.0, 2.0)]), "last axis must be 3 long"),
-    (lambda s: s.certify_chunk((1.0, math.nan, 0.0), [START]), "q[1] is nan"),
-    (lambda s: s.certify_chunk(START, [START], -0.1), "zero or above"),
-    (lambda s: s.certify_chunk(START, [START], (0.1, 0.1)), "one for each of x, y, yaw"),
-    (lambda s: s.certify_chunk(START, [START], math.nan), "tracking is nan"),
-    (lambda s: s.certify_chunk(START, [START], dt=0.0, max_velocity=1.0), "above zero"),
-    (lambda s: s.certify_twists(START, [(0.1, 0.1)], 0.0), "dt"),
-    (lambda s: s.certify_twists(START, [(0.1, 0.1)], 0.1, max_velocity=(1, 1, 1)), "v, omega"),
-    (lambda s: s.certify_twists(START, [(0.1, 0.1)], 0.1, drive="dubins"), "drive is 'dubins'"),
+    (lambda s: certify_chunk(s, START, [(1.0, 2.0)]), "last axis must be 3 long"),
+    (lambda s: certify_chunk(s, (1.0, math.nan, 0.0), [START]), "q[1] is nan"),
+    (lambda s: certify_chunk(s, START, [START], -0.1), "zero or above"),
+    (lambda s: certify_chunk(s, START, [START], (0.1, 0.1)), "one for each of x, y, yaw"),
+    (lambda s: certify_chunk(s, START, [START], math.nan), "tracking is nan"),
+    (lambda s: certify_chunk(s, START, [START], dt=0.0, max_velocity=1.0), "above zero"),
+    (lambda s: certify_twists(s, START, [(0.1, 0.1)], 0.0), "dt"),
+    (lambda s: certify_twists(s, START, [(0.1, 0.1)], 0.1, max_velocity=(1, 1, 1)), "v, omega"),
+    (lambda s: certify_twists(s, START, [(0.1, 0.1)], 0.1, drive="dubins"), "drive is 'dubins'"),
     (lambda s: cspace.Gate(s, max_deceleration=(1.0, 0.0)), "max_deceleration of omega is 0"),
     (lambda s: cspace.Gate(s, max_deceleration=(1, 1, 1)), "one for each of v, omega"),
     (lambda s: cspace.Gate(s, dt=0.1, max_jerk=0.0), "max_jerk of x is 0.0"),
@@ -668,23 +687,23 @@ FLAT = (1.0, 2.5)
     (lambda s: braking(s).slow_down(START, (1e300, 0), twist_now=(1e300, 0)), "at most 100000"),
     (lambda s: braking(s).stop_distance((0, -1e16)), "at most 100000 commands"),
     (
-        lambda s: s.certify_chunk(START, [START], dt=0.1),
+        lambda s: certify_chunk(s, START, [START], dt=0.1),
         "it must be one number, or one for each of x, y, yaw",
     ),
     (
-        lambda s: s.certify_chunk(START, [START], max_velocity=1.0),
+        lambda s: certify_chunk(s, START, [START], max_velocity=1.0),
         "limits of speeds and jerks count the seconds between rows",
     ),
     (
-        lambda s: s.certify_chunk(START, START),
+        lambda s: certify_chunk(s, START, START),
         "a chunk has the shape (n, 3), or (B, n, 3) in a batch, with n above zero",
     ),
     (
-        lambda s: s.certify_chunk([START] * 2, [START]),
+        lambda s: certify_chunk(s, [START] * 2, [START]),
         "each chunk begins at one configuration of 3 numbers",
     ),
     (
-        lambda s: s.certify_chunk(START, [[START]] * 2).refusal,
+        lambda s: certify_chunk(s, START, [[START]] * 2).refusal,
         "only a single chunk has a truth, a refusal and a largest tracking error",
     ),
     (
@@ -716,7 +735,7 @@ FLAT = (1.0, 2.5)
         "a twist is a speed, m/s, and a yaw rate, rad/s",
     ),
     (
-        lambda s: make_flat(0)[0].certify_twists(FLAT, [(0.1, 0.1)], 0.1),
+        lambda s: certify_twists(make_flat(0)[0], FLAT, [(0.1, 0.1)], 0.1, max_velocity=1.0),
         "twists move a robot with x, y and yaw",
     ),
 )

@@ -10,6 +10,7 @@ import pytest
 import cspace
 from cspace import InputError
 from cspace._queries.vehicles import Car, Differential
+from tests.helpers.gates import certify_twists
 from tests.helpers.handmade import build_empty
 
 DRIVES = (
@@ -69,7 +70,7 @@ def test_numpys_numbers_become_plain_fields():
 def test_what_is_no_drive_is_refused_by_gates(room, drive):
     for call in (
         lambda: cspace.Gate(room, drive=drive),
-        lambda: room.certify_twists(START, [(0.1, 0.1)], 0.1, drive=drive),
+        lambda: certify_twists(room, START, [(0.1, 0.1)], 0.1, drive=drive),
     ):
         with pytest.raises(InputError) as caught:
             call()

@@ -527,7 +527,7 @@ class Map {
     std::copy(tracking.begin(), tracking.begin() + dim_, radii.end() - dim_);
     const double turn = kind_ == FIXED ? 0.0 : std::min(tracking.back(), detail::PI);  // half a turn leads to all rotations
     if (kind_ == QUATERNION && turn > 0.0)
-      throw InputError("cspace: the rotation of a quaternion may not stray; use space.certify_chunk in Python");
+      throw InputError("cspace: the rotation of a quaternion may not stray; use cspace.Gate in Python");
     std::size_t proven = 0;
     if (n == 0 || !is_usable(rows)) return proven;
     for (const double* q = rows; proven < n - 1; ++proven, q += size())
