@@ -110,6 +110,12 @@ def build_warehouse(quick: bool) -> CSpace:
     return cspace.build(make_warehouse(quick), Robot.polygon(NOTCHED), rotations=YAW_CELLS)
 
 
+def count_cells(quick: bool) -> Iterator[Run]:
+    space = build_warehouse(quick)
+    while True:
+        yield lambda: f"{space.count()} cells"
+
+
 def label_components(quick: bool) -> Iterator[Run]:
     q = draw_free(build_warehouse(quick), 2, yaw=True)
     while True:
@@ -222,6 +228,19 @@ def build_disc(quick: bool) -> Iterator[Run]:
     workspace = make_warehouse(quick)
     while True:
         yield lambda: f"{cspace.build(workspace, Robot.disc(0.3)).count()} cells"
+
+
+def build_in_tiles(quick: bool) -> Iterator[Run]:
+    workspace = make_warehouse(quick)
+    with tempfile.TemporaryDirectory() as folder:
+        for step in itertools.count():
+            store = f"{folder}/{step}.zarr"
+
+            def work(store: str = store) -> str:
+                space = cspace.build(workspace, Robot.disc(0.3), store=store, tile=512)
+                return f"{space.count()} cells"
+
+            yield work
 
 
 def move_six(quick: bool) -> Iterator[Run]:
@@ -474,6 +493,8 @@ JOBS: dict[str, Callable[[bool], Iterator[Run]]] = {
     "is_free of 10^6 random points, SE(2)": partial(query_batch, True, False),
     "10 lower bounds of lengths, warehouse": bound_lengths,
     "build, plane, disc": build_disc,
+    "build, plane, disc, in tiles of 512^2": build_in_tiles,
+    "count cells, warehouse x 72": count_cells,
     "move six obstacles, 286 x 423 x 72": move_six,
     "500 chunks of one row, SE(2)": prove_row,
     "print(plan) on an OctoMap": print_plan,

@@ -147,9 +147,10 @@ class Workspace:
                 problem = f"has shape {cells.shape} but the grid has {self.grid.shape}"
                 raise InputError(name, problem, "they must be equal")
         if inner is not outer:
-            not_outer = np.argwhere(inner > outer)
-            if len(not_outer):
-                problem = f"has cell {tuple(not_outer[0].tolist())}, which is not in outer"
+            not_outer = inner > outer
+            if not_outer.any():
+                cell = tuple(np.argwhere(not_outer)[0].tolist())
+                problem = f"has cell {cell}, which is not in outer"
                 rule = "it must be a subset of outer"
                 raise InputError("inner", problem, rule)
             if np.array_equal(inner, outer):

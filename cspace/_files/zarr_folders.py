@@ -13,6 +13,7 @@ import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, Final
 
@@ -137,7 +138,7 @@ class Layout:
             "attributes": attributes,
             "dimension_names": axes,
         }
-        return json.dumps(document, indent=2).encode()
+        return _indent(json.dumps(document)).encode()
 
     def iterate_chunks(self, box: Box | None = None) -> Iterator[tuple[str, Box]]:
         """Yield file name and cells of each chunk in a box.
@@ -182,6 +183,12 @@ class Layout:
         if self.compressed:
             raw = Zstd().decode(content, out=np.empty(self.chunk_bytes, dtype=np.uint8))
         return raw.view(self.dtype).reshape(self.chunks)
+
+
+@lru_cache
+def _indent(text: str) -> str:
+    """Return indented JSON; the metadata of an array are those of all tiles of a map."""
+    return json.dumps(json.loads(text), indent=2)
 
 
 def _zstd_size(content: bytes) -> int | None:

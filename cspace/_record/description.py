@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from functools import cache
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -119,6 +120,7 @@ DERIVED: Final = ("distances", "distance_boxes")
 """Arrays for readers without this package. This package ignores them, and computes them itself."""
 
 
+@cache
 def describe_arrays() -> dict[str, StoredArray]:
     """Describe all arrays of a map, by name.
 

@@ -15,11 +15,13 @@ from __future__ import annotations
 
 import hashlib
 import json
+import posixpath
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import lru_cache
-from pathlib import Path, PurePath
+from itertools import accumulate
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -93,12 +95,15 @@ def write_folder(
     root = json.dumps(document, indent=2).encode()
     digest = hashlib.sha256(root)
     folder.mkdir(exist_ok=True)
+    made = set[str]()
     for name, content in files:
         _add_file(digest, name, content)
         # Make the parent folders, outermost first, but not the folder itself: if another process
         # has removed it, writing must fail.
-        for parent in list(PurePath(name).parents)[-2::-1]:
-            (folder / parent).mkdir(exist_ok=True)
+        for parent in accumulate(name.split("/")[:-1], posixpath.join):
+            if parent not in made:
+                (folder / parent).mkdir(exist_ok=True)
+                made.add(parent)
         (folder / name).write_bytes(content)
     (folder / ROOT_FILE).write_bytes(_replace_digest(root, NO_DIGEST, digest.hexdigest()))
 

@@ -28,7 +28,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from cspace import BLOCKED, Grid, Robot, Rotations, Workspace
+from cspace import BLOCKED, FREE, MIXED, Grid, Robot, Rotations, Workspace
 from cspace.errors import FileError
 from cspace.inside import (
     Contents,
@@ -232,7 +232,8 @@ class TileFolder:
         """
         states = contents.states[:, *self.locate_interior_in_tile(tile)]
         rotations_of_slice = np.bincount(self.frame.slice_of)
-        counts_of_slice = [np.bincount(cells.ravel(), minlength=BLOCKED + 1) for cells in states]
+        kinds = FREE, MIXED, BLOCKED
+        counts_of_slice = [[np.count_nonzero(cells == kind) for kind in kinds] for cells in states]
         counts = rotations_of_slice @ np.array(counts_of_slice)
         first_cell = tuple(self.locate_tile(tile)[0].tolist())
         occupied = Raster.from_bitmap(contents.workspace.outer, first_cell)
