@@ -266,6 +266,20 @@ def move_six(quick: bool) -> Iterator[Run]:
         yield work
 
 
+def make_zones(quick: bool) -> Iterator[Run]:
+    from cspace.lanes import RouteGraph, conflicts
+
+    space = cspace.build(Workspace.open(real_file("maps/depot.yaml")), "rect:1.2x0.8", rotations=72)
+    places = draw_free(space, 20 if quick else 99, yaw=True)[:, :2]
+    gaps = np.linalg.norm(places[:, np.newaxis] - places, axis=-1)
+    near = np.argsort(gaps, axis=1)[:, 1:3]
+    pairs = np.unique([sorted((a, b)) for a, row in enumerate(near) for b in row], axis=0)
+    graph = RouteGraph.from_arrays(places, pairs[:100], two_way=True)
+    while True:
+        found = conflicts(space, graph, margin=0.1)
+        yield lambda found=found: f"{len(found.zones())} zones"
+
+
 def print_plan(quick: bool) -> Iterator[Run]:
     pair = None
     while True:
@@ -497,6 +511,7 @@ JOBS: dict[str, Callable[[bool], Iterator[Run]]] = {
     "count cells, warehouse x 72": count_cells,
     "move six obstacles, 286 x 423 x 72": move_six,
     "500 chunks of one row, SE(2)": prove_row,
+    "zones of 200 lanes, depot": make_zones,
     "print(plan) on an OctoMap": print_plan,
     "save and open, warehouse x 72": save_and_open,
     "UR5: read and set up": set_up_arm,
