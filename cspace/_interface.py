@@ -998,6 +998,16 @@ class ConfigurationSpace(Space):
         radians; a quaternion has one radius. ``rows``, shape (n, size), are instants of the motion.
         """
 
+    def _find_leaving_seconds(
+        self, q: Floats, twist: Floats, seconds: float, tracking: Floats
+    ) -> float:
+        """Return for how long a twist comes no nearer to anything; see :meth:`Gate.slow_down`."""
+        raise InputError(
+            "leaving",
+            f"is True, on {self!r}",
+            "distances that never fall are proven on maps in memory",
+        )
+
     def _find_unusable(self, rows: Floats) -> int:
         """Return the first unusable row's index, or -1.
 

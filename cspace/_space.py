@@ -1443,6 +1443,18 @@ class CSpace(ConfigurationMap):
         min_chunks = max(1, MIN_EDGES_PER_THREAD // ends.shape[1])
         write_in_threads(count, sizes, starts, ends, counts, min_items=min_chunks)
 
+    def _find_leaving_seconds(
+        self, q: Floats, twist: Floats, seconds: float, tracking: Floats
+    ) -> float:
+        """Return for how long a twist comes no nearer to anything.
+
+        Arguments are as for the base class.
+        """
+        from cspace._queries.leaving import find_leaving_seconds
+
+        with self.lock:
+            return find_leaving_seconds(self._contents, q, twist, seconds, tracking)
+
     def _name_obstacles(self, q: Floats, distances: Floats, turn: float) -> tuple[str, ...]:
         """Return obstacles that reach the nearest cells not FREE, or what own proofs name."""
         if self._own_proofs is not None:

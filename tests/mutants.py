@@ -1068,10 +1068,40 @@ MUTANTS = (
         "tests/cpp/nav2/test_nav2.py",
     ),
     Mutant(
-        "cspace/include/cspace/map.hpp",
+        "cspace/include/cspace/gate.hpp",
         "const double share = 1.0 - static_cast<double>(k) / steps;",
         "const double share = 1.0 - static_cast<double>(k + 1) / steps;",
-        "tests/cpp/test_map.py",
+        "tests/cpp/test_gate.py",
+    ),
+    Mutant(
+        "cspace/include/cspace/gate.hpp",
+        "double above = gap.distance - needed;",
+        "double above = gap.distance;",
+        "tests/cpp/test_gate.py",
+    ),
+    Mutant(
+        "cspace/_queries/leaving.py",
+        "np.where(rates >= 0.0, np.maximum",
+        "np.where(rates >= -0.1, np.maximum",
+        "tests/queries/test_leaving.py",
+    ),
+    Mutant(
+        "cspace/_queries/leaving.py",
+        "np.where(bends > 0.0, rates / bends, math.inf)",
+        "np.where(bends > 0.0, math.inf, math.inf)",
+        "tests/queries/test_leaving.py",
+    ),
+    Mutant(
+        "cspace/_queries/leaving.py",
+        "np.where(over >= -LEVEL_ROUNDING, flows @ normals.T, -math.inf)",
+        "flows @ normals.T",
+        "tests/queries/test_leaving.py",
+    ),
+    Mutant(
+        "cspace/_queries/leaving.py",
+        'contents.outside != "free")',
+        "False)",
+        "tests/queries/test_leaving.py",
     ),
 )
 

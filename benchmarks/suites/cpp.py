@@ -56,3 +56,23 @@ def run(report: Report, seed: int) -> None:
             )
             cpu = batch["Python"].median_cpu
             report.figure("Python, motion in a batch", 1e9 * cpu / number, "ns")
+        time_gate(report, program, path, space, rng)
+
+
+def time_gate(
+    report: Report, program: Path, path: Path, space: cspace.CSpace, rng: np.random.Generator
+) -> None:
+    """Time the cycles of a gate that leaves, in the map of a robot with yaw."""
+    number = 200 if report.quick else 2000
+    rows = np.zeros((number, 7))
+    rows[:, :3] = space.sample_free(number, rng) + rng.normal(0.0, 0.05, (number, 3))
+    rows[:, 3:] = rng.normal((0.4, 0.0, 0.0, 0.0), (0.3, 0.5, 0.01, 0.01), (number, 4))
+    (path.parent / "rows").write_bytes(rows.tobytes())
+    numbers = map(str, (0.05, 1.0, 2.0, 0.02, 0.02, 0.02, 0.02))
+    robot = "0 0 0 0.4 0 0 0.2"
+    command = [str(program), "cycles", str(path), str(path.parent / "rows"), robot, *numbers]
+    done = subprocess.run(command, text=True, capture_output=True, check=True)
+    alone, seeing = map(float, done.stdout.split())
+    report.section(f"{number} cycles of a gate that leaves")
+    report.figure("C++, a cycle", 1e-3 * alone, "ms", most=1.0)
+    report.figure("C++, a cycle with 360 points", 1e-3 * seeing, "ms", most=4.0)

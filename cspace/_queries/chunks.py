@@ -144,6 +144,12 @@ class ChunkMotions(NamedTuple):
     per_row: int = 1
     sag: float = 0.0
 
+    @property
+    def keep_limits(self) -> Bools:
+        """Whether all rows of chunks keep the limits, shape (B,)."""
+        exceed = [check.exceeds.any(axis=(1, 2)) for check in self.checks]
+        return np.asarray(~np.logical_or.reduce(exceed))
+
     def count_proven(self, tracking: Floats) -> Ints:
         """Count each chunk's proven rows, shape (B,).
 

@@ -24,8 +24,14 @@ from cspace._queries.chunks import (
     make_missing_dt,
 )
 from cspace._queries.vehicles import Drive, check_drive
-from cspace._support.arrays import Floats
-from cspace._support.check import check_each, check_finite, check_positive, names_options
+from cspace._support.arrays import Bools, Floats, Ints
+from cspace._support.check import (
+    check_each,
+    check_finite,
+    check_points,
+    check_positive,
+    names_options,
+)
 from cspace._support.check import check_rows as check_columns
 from cspace.errors import InputError
 
@@ -71,11 +77,14 @@ class SlowedCommand(NamedTuple):
     chunk : Chunk
         The proof of all commands. Where not even braking is proven, as behind an obstacle that has
         just come, it is not, and has the refusal.
+    leaves : bool
+        True if the commands are proven to come no nearer to what is near, but not by ``chunk``.
     """
 
     share: float
     commands: Floats
     chunk: Chunk
+    leaves: bool = False
 
 
 class Gate:
@@ -280,13 +289,24 @@ class Gate:
         return GatedCommands(commands, _name_state(chunk), chunk)
 
     def slow_down(
-        self, q: ArrayLike, twist: ArrayLike, *, twist_now: ArrayLike = (0.0, 0.0)
+        self,
+        q: ArrayLike,
+        twist: ArrayLike,
+        *,
+        twist_now: ArrayLike = (0.0, 0.0),
+        leaving: bool = False,
     ) -> SlowedCommand:
         """Let through the fastest share of a twist with a proven stop.
 
         The twist is driven for ``dt``, then the robot brakes along the same arc, as quickly as
         ``max_deceleration`` allows. All of that is proven. If no share is, the robot brakes at
         once, on the way that the call before has proven.
+
+        Where something is nearer than the margin, as after a person has stepped up, nothing is
+        free, so the robot would stand there for ever. With ``leaving``, it may also drive if
+        nothing comes nearer than the margin, than it is, or than what is nearest beside the same
+        side of the robot: the smallest proven distance never falls. Taken cells count as the discs
+        around them, and depths as negative distances.
 
         Parameters
         ----------
@@ -296,12 +316,15 @@ class Gate:
             The wanted speed, m/s, and yaw rate, rad/s.
         twist_now : array-like, shape (2,)
             What it drives now: the first command of the call before.
+        leaving : bool
+            Also let through commands that come no nearer to what is near.
 
         Raises
         ------
         InputError
             If the gate has no ``dt`` or no ``max_deceleration``, or a twist is not two finite
-            numbers or needs over 100000 commands to stop; and as :meth:`check_twists`.
+            numbers or needs over 100000 commands to stop; with ``leaving``, if the map is not in
+            memory or a part of the robot is neither a disc nor convex; and as :meth:`check_twists`.
 
         Examples
         --------
@@ -313,6 +336,10 @@ class Gate:
         1.0
         >>> gate.slow_down((5.0, 2.0, 0.0), (1.0, 0.0)).share
         0.75
+        >>> gate.slow_down((5.78, 2.0, 0.0), (-0.3, 0.0)).share  # it touches the border
+        0.0
+        >>> gate.slow_down((5.78, 2.0, 0.0), (-0.3, 0.0), leaving=True).share
+        1.0
         """
         wanted = _check_twist(twist, "twist")
         now = _check_twist(twist_now, "twist_now")
@@ -328,14 +355,40 @@ class Gate:
         chunks = np.zeros((len(ramps), max(rows, 1), 2))
         for padded, ramp in zip(chunks, ramps, strict=True):
             padded[: len(ramp)] = ramp
-        proven = np.asarray(self._certify(q, chunks).is_proven)
+        batch = self._certify(q, chunks)
+        passes = np.array(batch.is_proven)
+        leaves = np.zeros_like(passes)
+        if leaving:
+            lengths = np.array([*map(len, ramps[:-1]), 0])
+            leaves = self._find_leaving(q, wanted, now, shares, lengths) & batch._tubes.keep_limits
+            passes |= leaves
         # The arcs of one ramp may be cut into fewer pieces than in the batch, so it is asked again.
-        for best in (*np.flatnonzero(proven[:-1]).tolist(), len(ramps) - 1):
+        for best in (*np.flatnonzero(passes[:-1]).tolist(), len(ramps) - 1):
             commands = chunks[best, : max(len(ramps[best]), 1)]
             chunk = self._certify(q, commands)
-            if chunk:
+            if chunk or leaves[best]:
                 break
-        return SlowedCommand(float(shares[best]), commands, chunk)
+        leaves_alone = bool(leaves[best]) and not chunk
+        return SlowedCommand(float(shares[best]), commands, chunk, leaves_alone)
+
+    def _find_leaving(
+        self, q: ArrayLike, wanted: Floats, now: Floats, shares: Floats, lengths: Ints
+    ) -> Bools:
+        """Return which ramps come no nearer to what is near; the last one brakes at once.
+
+        ``shares`` are those of the first twists, and ``lengths`` the numbers of commands, shape
+        (n,) each.
+        """
+        pose = np.asarray(check_points(q, "q", TWISTING_AXES))
+        tracking = np.broadcast_to(self.tracking, len(TWISTING_AXES))
+        dt = self._check_dt()
+        # A ramp drives as far as its first twist in half the time, and half a command more.
+        seconds = np.where(lengths > 0, 0.5 * dt * shares * (lengths + 1), 0.0)
+        rest = 0.5 * dt * max(len(self._brake(now)) - 1, 0)
+        seconds_of = self.space._find_leaving_seconds
+        leaves = seconds <= seconds_of(pose, wanted, float(seconds.max()), tracking)
+        leaves[-1] = rest <= seconds_of(pose, now, rest, tracking)
+        return np.asarray(leaves)
 
     def stop_distance(self, twist: ArrayLike) -> float:
         """Return the way of one ``dt`` of a twist and braking, metres.

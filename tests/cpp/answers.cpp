@@ -2,7 +2,13 @@
 //
 //   answers query MAP QUERIES ANSWERS [unchecked]   rows of two configurations: states of the first, motions, clearances
 //   answers prefix MAP ROWS N TRACKING...           proven rows of chunks of N rows, a line a chunk
-//   answers slow MAP ROWS DT V OMEGA TRACKING...    shares, proofs and commands of slowed twists, a line each
+//   answers slow MAP ROWS LEAVING CORES DT V OMEGA TRACKING... RADIUS
+//                                                   shares, proofs and commands of slowed twists, a line each;
+//                                                   cores of a robot are "radius x y x y ...;radius x y ..."
+//   answers drive MAP LEAVING CORES DT V OMEGA TRACKING... RADIUS
+//                                                   the same of lines of a pose, two twists and points from the input
+//   answers cycles MAP ROWS CORES DT V OMEGA TRACKING... RADIUS
+//                                                   microseconds of CPU time a cycle that leaves, without points and with 360
 //   answers open MAP...                             one line a map: "opened", or the text of the error
 //   answers time MAP QUERIES                        nanoseconds of CPU time a state at random, a state in cache, and a motion
 #include <ctime>
@@ -11,7 +17,7 @@
 #include <iterator>
 #include <thread>
 
-#include <cspace/map.hpp>
+#include <cspace/gate.hpp>
 
 namespace {
 
@@ -66,23 +72,67 @@ void count_proven(const cspace::Map& map, const std::vector<double>& rows, std::
   }
 }
 
-/// Print what a gate lets through of each of the rows x, y, yaw, v, omega, v now, omega now.
-void slow_down(const cspace::Map& map, const std::vector<double>& rows, const std::vector<std::string>& numbers) {
-  const double dt = std::stod(numbers[0]), v = std::stod(numbers[1]), omega = std::stod(numbers[2]);
-  const std::vector<double> tracking = {std::stod(numbers[3]), std::stod(numbers[4]), std::stod(numbers[5])};
-  std::cout.precision(17);
-  for (std::size_t k = 0; k + 7 <= rows.size(); k += 7) {
-    try {
+/// Make a gate of texts: cores, seconds, brakes, tracking, and the radius of points.
+cspace::Gate make_gate(const std::string& map, const std::vector<std::string>& words) {
+  std::vector<cspace::Core> robot;
+  std::istringstream parts(words[0]);
+  for (std::string part; std::getline(parts, part, ';');) {
+    std::istringstream numbers(part);
+    robot.emplace_back();
+    numbers >> robot.back().radius;
+    for (cspace::Point corner; numbers >> corner.x >> corner.y;) robot.back().corners.push_back(corner);
+  }
+  std::vector<double> n;
+  for (auto word = words.begin() + 1; word != words.end(); ++word) n.push_back(std::stod(*word));
+  const cspace::GateOptions options{n[0], {n[1], n[2]}, {n[3], n[4], n[5]}, n[6]};
+  return cspace::Gate(std::make_shared<const cspace::Map>(cspace::Map::open(map)), robot, options);
+}
+
+/// Print what a gate lets through of a pose x, y, yaw, v, omega, v now, omega now, and the points that follow.
+void slow_down(const cspace::Gate& gate, const double* row, const std::vector<cspace::Point>& points, bool leaving) {
+  try {
+    const cspace::SlowedCommand slowed =
+        gate.slow_down({row[0], row[1], row[2]}, {row[3], row[4]}, {row[5], row[6]}, points, leaving);
+    std::cout << slowed.share << " " << slowed.is_proven << " " << slowed.leaves;
+    for (const cspace::Twist& twist : slowed.commands) std::cout << " " << twist.v << " " << twist.omega;
+    std::cout << std::endl;
+  } catch (const cspace::InputError& error) {
+    std::cout << error.what() << std::endl;
+  }
+}
+
+double nanoseconds(std::clock_t start, std::size_t n) {
+  const double spent = static_cast<double>(std::clock() - start) / CLOCKS_PER_SEC;
+  return 1e9 * spent / static_cast<double>(n);
+}
+
+/// Time the cycles of a gate, without points and with those of a scan of 360 rays.
+void time_cycles(const cspace::Gate& gate, const std::vector<double>& rows) {
+  for (const int rays : {0, 360}) {
+    const auto start = std::clock();
+    for (std::size_t k = 0; k + 7 <= rows.size(); k += 7) {
       const double* row = &rows[k];
-      const std::vector<double> q(row, row + 3);
-      const cspace::SlowedCommand slowed =
-          map.slow_down(q, {row[3], row[4]}, {row[5], row[6]}, dt, {v, omega}, tracking);
-      std::cout << slowed.share << " " << slowed.is_proven;
-      for (const cspace::Twist& twist : slowed.commands) std::cout << " " << twist.v << " " << twist.omega;
-      std::cout << "\n";
-    } catch (const cspace::InputError& error) {
-      std::cout << error.what() << "\n";
+      std::vector<cspace::Point> points;
+      for (int ray = 0; ray < rays; ++ray) {
+        const double angle = 2.0 * M_PI * ray / rays, range = 0.3 + 3.0 * std::fmod(0.618 * ray, 1.0);
+        points.push_back({row[0] + range * std::cos(angle), row[1] + range * std::sin(angle)});
+      }
+      gate.slow_down(row, {row[3], row[4]}, {row[5], row[6]}, points, true);
     }
+    std::cout << 1e-3 * nanoseconds(start, rows.size() / 7) << " ";
+  }
+  std::cout << "\n";
+}
+
+/// Answer lines of numbers as they come.
+void drive(const cspace::Gate& gate, bool leaving) {
+  for (std::string line; std::getline(std::cin, line);) {
+    std::istringstream numbers(line);
+    double row[7];
+    for (double& number : row) numbers >> number;
+    std::vector<cspace::Point> points;
+    for (cspace::Point point; numbers >> point.x >> point.y;) points.push_back(point);
+    slow_down(gate, row, points, leaving);
   }
 }
 
@@ -111,11 +161,6 @@ std::string open(const std::string& path) {
   return text;
 }
 
-double nanoseconds(std::clock_t start, std::size_t n) {
-  const double spent = static_cast<double>(std::clock() - start) / CLOCKS_PER_SEC;
-  return 1e9 * spent / static_cast<double>(n);
-}
-
 /// Time the states of the first configurations in their order, then 32 of them again and again, then the motions.
 void time(const cspace::Map& map, const std::vector<double>& rows) {
   const std::size_t size = map.size(), n = rows.size() / (2 * size);
@@ -140,8 +185,21 @@ int main(int count, char** arguments) {
   else if (words.size() >= 4 && words[0] == "prefix")
     count_proven(cspace::Map::open(words[1]), read_numbers(words[2]), std::stoul(words[3]),
                  {words.begin() + 4, words.end()});
-  else if (words.size() == 9 && words[0] == "slow")
-    slow_down(cspace::Map::open(words[1]), read_numbers(words[2]), {words.begin() + 3, words.end()});
+  else if (words.size() == 12 && words[0] == "slow") {
+    try {
+      const cspace::Gate gate = make_gate(words[1], {words.begin() + 4, words.end()});
+      const std::vector<double> rows = read_numbers(words[2]);
+      std::cout.precision(17);
+      for (std::size_t k = 0; k + 7 <= rows.size(); k += 7) slow_down(gate, &rows[k], {}, words[3] == "1");
+    } catch (const cspace::InputError& error) {
+      std::cout << error.what() << "\n";
+    }
+  } else if (words.size() == 11 && words[0] == "cycles") {
+    time_cycles(make_gate(words[1], {words.begin() + 3, words.end()}), read_numbers(words[2]));
+  } else if (words.size() == 11 && words[0] == "drive") {
+    std::cout.precision(17);
+    drive(make_gate(words[1], {words.begin() + 3, words.end()}), words[2] == "1");
+  }
   else if (words.size() == 3 && words[0] == "time")
     time(cspace::Map::open(words[1]), read_numbers(words[2]));
   else if (words.size() >= 2 && words[0] == "open")

@@ -18,7 +18,6 @@ from tests.helpers.cpp import (
     count_prefixes,
     draw_queries,
     open_in_cpp,
-    slow_in_cpp,
     why_no_compiler,
 )
 from tests.helpers.gates import certify_chunk
@@ -118,54 +117,6 @@ def test_any_error_is_an_answer_at_once(tmp_path, program, name):
         assert list(map(int, found)) == expected.tolist()
         found = count_prefixes(program, tmp_path / "map", rows, (far,) * (space.dim + turns))
         assert set(found) == {"0"}
-
-
-@pytest.mark.parametrize("tracking", [(0.0, 0.0, 0.0), (0.05, 0.02, 0.1)])
-def test_slowed_twists_equal_those_of_python(tmp_path, program, tracking):
-    space = build_space("SE2 uneven", "blocked")
-    space.save(tmp_path / "map")
-    rng = np.random.default_rng(6)
-    poses = space.sample_free(400, rng)
-    rows = np.hstack([poses, rng.normal(0.0, (0.6, 1.5, 0.4, 1.0), (400, 4))])
-    rows[::3, 5:] = 0.0
-    dt, brakes = 0.1, (1.0, 3.0)
-    gate = cspace.Gate(space, dt=dt, tracking=tracking, max_deceleration=brakes)
-    answers = slow_in_cpp(program, tmp_path / "map", rows, dt, *brakes, *tracking)
-    shares = set()
-    for row, answer in zip(rows, answers, strict=True):
-        share, is_proven, *numbers = map(float, answer.split())
-        expected = gate.slow_down(row[:3], row[3:5], twist_now=row[5:])
-        # Python cuts the arcs of all shares into equally many pieces, so it may prove one more or less.
-        assert abs(share - expected.share) <= 1.0 / 16.0 or not share * expected.share
-        if (share, is_proven) == (expected.share, expected.chunk.is_proven):
-            commands = np.reshape(numbers, (-1, 2))
-            np.testing.assert_allclose(commands, expected.commands, rtol=1e-12, atol=1e-12)
-            shares.add(share)
-    assert len(shares) > 4
-    same = [
-        float(answer.split()[0]) == gate.slow_down(row[:3], row[3:5], twist_now=row[5:]).share
-        for row, answer in zip(rows, answers, strict=True)
-    ]
-    assert np.mean(same) > 0.95
-
-
-def test_wrong_twists_are_refused(tmp_path, program):
-    space = build_space("SE2 uneven", "blocked")
-    space.save(tmp_path / "map")
-    row = np.append(space.sample_free(rng=np.random.default_rng(0)), (0.5, 0.1, 0.0, 0.0))
-    broken = row.copy()
-    broken[3] = np.nan
-    good = (0.1, 1.0, 1.0, 0.0, 0.0, 0.0)
-    for rows, numbers in ((broken, good), (row, (0.0, *good[1:])), (row, (0.1, -1.0, *good[2:]))):
-        (answer,) = slow_in_cpp(program, tmp_path / "map", rows, *numbers)
-        assert "finite twists, and dt and brakes above zero" in answer
-    for place in (3, 5):  # the wanted twist, and the one now
-        fast = row.copy()
-        fast[place] = 1e5
-        (answer,) = slow_in_cpp(program, tmp_path / "map", fast, 1e-3, *good[1:])
-        assert "at most 100000 commands" in answer
-    (answer,) = slow_in_cpp(program, tmp_path / "map", row, *good[:3], -0.1, 0.0, 0.0)
-    assert "zero or above" in answer
 
 
 def test_wrong_tracking_is_refused(tmp_path, program):

@@ -162,8 +162,8 @@ def _check_chunks(report: Report, folder: Path, rng: np.random.Generator) -> Non
     space = build_space("R3 yaw", "free")
     queries = draw_queries(space, 20_000, rng)
     header = folder / "include" / "cspace" / "map.hpp"
-    header.parent.mkdir(parents=True)
-    text = Path(cspace.get_include(), "cspace", "map.hpp").read_text(encoding="utf-8")
+    shutil.copytree(cspace.get_include(), folder / "include")
+    text = header.read_text(encoding="utf-8")
     for size in (20_000, 1000, 50):
         header.write_text(text.replace("= 1 << 24", f"= {size}"), encoding="utf-8")
         program = build_program(

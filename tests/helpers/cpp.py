@@ -1,10 +1,12 @@
 """The C++ header: compiled programs, queries near borders, and answers to compare with Python's."""
 
+from __future__ import annotations
+
 import shutil
 import subprocess
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -159,14 +161,62 @@ def count_prefixes(program: Path, map_: Path, chunks: Floats, tracking: Any) -> 
     return done.stdout.splitlines()
 
 
-def slow_in_cpp(program: Path, map_: Path, rows: Floats, *numbers: float) -> list[str]:
-    """Return a line for each slowed twist; ``rows`` are poses, wanted and present twists."""
+def slow_in_cpp(
+    program: Path, map_: Path, rows: Floats, robot: str, *numbers: float, leaving: bool = False
+) -> list[str]:
+    """Return a line for each slowed twist; ``rows`` are poses, wanted and present twists.
+
+    ``robot`` has the cores as the program reads them; numbers are the seconds of a command, brakes,
+    tracking, and the radius of points.
+    """
     file = map_.parent / "twists.bin"
     file.write_bytes(np.ascontiguousarray(rows).tobytes())
-    command = [str(program), "slow", str(map_), str(file), *map(repr, map(float, numbers))]
+    command = [str(program), "slow", str(map_), str(file), str(int(leaving)), robot]
+    command += map(repr, map(float, numbers))
     done = subprocess.run(command, text=True, capture_output=True, check=False)
     assert done.returncode == 0, done.stderr
     return done.stdout.splitlines()
+
+
+class GateInCpp:
+    """A gate of a running C++ program; it answers one situation at a time."""
+
+    def __init__(
+        self, program: Path, map_: Path, robot: str, *numbers: float, leaving: bool = False
+    ) -> None:
+        """Start the program; the arguments are those of :func:`slow_in_cpp`."""
+        command = [str(program), "drive", str(map_), str(int(leaving)), robot]
+        command += map(repr, map(float, numbers))
+        pipe = subprocess.PIPE
+        self.process = subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True)
+
+    def slow_down(self, pose: Any, twist: Any, now: Any, points: Any = ()) -> SlowedInCpp:
+        """Return what the gate lets through."""
+        assert self.process.stdin is not None and self.process.stdout is not None
+        numbers = [*pose, *twist, *now, *np.ravel(points)]
+        self.process.stdin.write(" ".join(repr(float(number)) for number in numbers) + "\n")
+        self.process.stdin.flush()
+        return read_slowed(self.process.stdout.readline())
+
+    def close(self) -> None:
+        """End the program."""
+        self.process.communicate()
+        assert self.process.returncode == 0
+
+
+class SlowedInCpp(NamedTuple):
+    """What a gate in C++ lets through."""
+
+    share: float
+    is_proven: bool
+    leaves: bool
+    commands: Floats
+
+
+def read_slowed(line: str) -> SlowedInCpp:
+    """Read a line of the program."""
+    share, is_proven, leaves, *numbers = map(float, line.split())
+    return SlowedInCpp(share, bool(is_proven), bool(leaves), np.reshape(numbers, (-1, 2)))
 
 
 def open_in_cpp(program: Path, *maps: Path) -> list[str]:

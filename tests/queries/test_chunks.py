@@ -329,10 +329,10 @@ def test_a_robot_that_a_gate_slows_down_stops_just_before_a_wall(room):
     pose, now = np.array(START), np.zeros(2)
     shares = []
     for _ in range(100):
-        share, commands, chunk = gate.slow_down(pose, (0.8, 0.0), twist_now=now)
-        assert chunk.is_proven
-        shares.append(share)
-        now = commands[0]
+        slowed = gate.slow_down(pose, (0.8, 0.0), twist_now=now)
+        assert slowed.chunk.is_proven
+        shares.append(slowed.share)
+        now = slowed.commands[0]
         pose[0] += 0.05 * now[0]
     assert shares[:5] == [1.0] * 5 and not now.any()
     # The pallet begins at 2.7 m, the robot ends 0.2 m ahead of its middle, and a cell has 0.05 m.

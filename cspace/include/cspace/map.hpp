@@ -346,7 +346,7 @@ class Folder {
     if (!has(name)) refuse("it lacks the array '" + name + "'");
     const std::vector<Bytes>& files = files_.at(name);
     const Json metadata(files[0].text());
-    Array array(shape, type == "uint8" ? 1 : type == "float32" ? 4 : 8);
+    Array array(shape, type == "uint8" || type == "bool" ? 1 : type == "float32" ? 4 : 8);
     const bool is_compressed = about["compressed"].word() == "true";
     const bool has_codec = (files[0].text().find("\"name\": \"zstd\"") != std::string::npos) == is_compressed;
     if (metadata["data_type"].text() != type || metadata["shape"].numbers<Index>() != shape || !has_codec ||
@@ -432,18 +432,6 @@ struct Walk {
 };
 }  // namespace detail
 
-/// A command of a robot that drives: its speed, m/s, and its yaw rate, rad/s.
-struct Twist {
-  double v, omega;
-};
-
-/// The fastest part of a twist after which a robot can still stop; see `Map::slow_down`.
-struct SlowedCommand {
-  double share;                 ///< of the twist, at most 1; 0 if the robot must brake
-  std::vector<Twist> commands;  ///< the twist to drive next, then those that bring the robot to rest
-  bool is_proven;               ///< false if not even braking is, as behind an obstacle that has just come
-};
-
 /// A saved map of R^2, R^3, SE(2), R^3 x yaw, SE(3) or joints, in memory or in tiles.
 ///
 /// A configuration has `size()` numbers, in the order of `axes()`: metres, radians, quaternions as x, y, z, w. Any
@@ -470,6 +458,15 @@ class Map {
   std::vector<double> lower() const { return {lower_.end() - dim_, lower_.end()}; }        ///< lower corner of the grid
   std::vector<double> upper() const { return {upper_.end() - dim_, upper_.end()}; }        ///< upper corner of the grid
   std::vector<std::int64_t> shape() const { return {cells_.end() - dim_, cells_.end()}; }  ///< number of cells
+
+  bool has_taken_cells() const { return has_taken_cells_; }        ///< true for x, y and yaw, unless in tiles
+
+  /// Return true if a cell may meet an obstacle; outside the grid, unless the outside is free.
+  /// The map must have taken cells.
+  bool is_taken(std::int64_t i, std::int64_t j) const {
+    const bool is_inside = i >= 0 && j >= 0 && i < cells_[1] && j < cells_[2];
+    return is_inside ? *taken_.at(i, j) != 0 : outside_ != "free";
+  }
 
   /// Return true if all numbers are finite, a yaw is at most 2^20 and the norm of a quaternion is 1 within 1e-6.
   bool is_usable(const double* q) const {
@@ -535,43 +532,6 @@ class Map {
     return proven;
   }
 
-  /// Return the fastest share of a twist after which the robot can still stop, as `cspace.Gate.slow_down` of Python.
-  ///
-  /// The twist is driven for `dt`, then the robot brakes along the same arc. If no share is proven, it brakes at once.
-  /// @param q                 where the robot is: x, y and yaw
-  /// @param twist_now         what it drives now: the first command of the call before
-  /// @param dt                seconds of a command
-  /// @param max_deceleration  m/s^2 and rad/s^2, above zero
-  /// @param tracking          as for `proven_prefix`
-  /// @throws InputError       if the map has other axes than x, y and yaw, or a number is not finite or out of range,
-  ///                          or a twist needs more than 100000 commands to come to rest
-  SlowedCommand slow_down(const double* q, Twist twist, Twist twist_now, double dt, Twist max_deceleration,
-                          const std::vector<double>& tracking) const {
-    const Twist most{dt * max_deceleration.v, dt * max_deceleration.omega};
-    const double sum = twist.v + twist.omega + twist_now.v + twist_now.omega + most.v + most.omega;
-    if (kind_ != YAW || dim_ != 2 || !std::isfinite(sum) || !(dt > 0.0 && most.v > 0.0 && most.omega > 0.0))
-      throw InputError("cspace: slow_down needs a map of x, y and yaw, finite twists, and dt and brakes above zero");
-    check_usable(q);
-    for (int part = SHARES; part > 0; --part) {
-      const double share = static_cast<double>(part) / SHARES;
-      const Twist first{share * twist.v, share * twist.omega};
-      // A share may not be slower than what the brakes can reach.
-      if (std::copysign(1.0, twist_now.v) * (twist_now.v - first.v) > most.v && twist_now.v != 0.0) continue;
-      if (std::copysign(1.0, twist_now.omega) * (twist_now.omega - first.omega) > most.omega && twist_now.omega != 0.0)
-        continue;
-      std::vector<Twist> commands = brake(first, most);
-      if (arcs_are_free(q, commands, dt, tracking)) return {share, at_rest(commands), true};
-    }
-    std::vector<Twist> commands = brake(twist_now, most);
-    if (!commands.empty()) commands.erase(commands.begin());
-    const bool is_proven = arcs_are_free(q, commands, dt, tracking);
-    return {0.0, at_rest(commands), is_proven};
-  }
-  SlowedCommand slow_down(const std::vector<double>& q, Twist twist, Twist twist_now, double dt, Twist max_deceleration,
-                          const std::vector<double>& tracking) const {
-    return slow_down(check_size(q), twist, twist_now, dt, max_deceleration, tracking);
-  }
-
   /// Return a lower bound of the distance, at this rotation, to the nearest position that is not FREE, in metres.
   /// @throws InputError if the configuration is not usable; std::logic_error without `clearance=True` in Python
   double clearance(const double* q) const {
@@ -587,60 +547,6 @@ class Map {
   using Cell = detail::Cell;
   using Quaternion = detail::Quaternion;
   enum Kind : std::size_t { FIXED = 0, YAW = 1, QUATERNION = 4 };  // numbers of a rotation
-
-  static constexpr int SHARES = 16;           ///< of a twist that are tried
-  static constexpr double MAX_RAMP = 100000;  ///< commands of braking
-
-  /// Return the twists that bring a robot to rest along an arc, the first one included.
-  static std::vector<Twist> brake(Twist twist, Twist most) {
-    // Rounded down, so that what is left of a ramp never gets longer.
-    const double ratio = std::max(std::abs(twist.v) / most.v, std::abs(twist.omega) / most.omega);
-    if (!(ratio <= MAX_RAMP)) throw InputError("cspace: a twist must come to rest within at most 100000 commands");
-    const int steps = static_cast<int>(std::ceil(ratio * (1.0 - 1e-9)));
-    std::vector<Twist> ramp;
-    for (int k = 0; k < steps; ++k) {
-      const double share = 1.0 - static_cast<double>(k) / steps;
-      ramp.push_back({share * twist.v, share * twist.omega});
-    }
-    return ramp;
-  }
-
-  static std::vector<Twist> at_rest(std::vector<Twist> commands) {
-    if (commands.empty()) commands.push_back({0.0, 0.0});
-    return commands;
-  }
-
-  /// Return true if the arcs of twists are FREE, with all near motions.
-  ///
-  /// Each arc is cut into pieces that stay within a sixteenth of a cell of their chords: a piece of length L that
-  /// turns by angle a lies within L a / 8 of even motion along its chord.
-  bool arcs_are_free(const double* q, const std::vector<Twist>& twists, double dt, std::vector<double> tracking) const {
-    double pose[] = {q[0], q[1], q[2]};
-    double rows[] = {q[0], q[1], q[2], q[0], q[1], q[2]};
-    if (proven_prefix(rows, 2, tracking) < 1) return false;  // a robot at rest, or tracking of another size
-    double pieces_so_far = 0.0;
-    for (const Twist& twist : twists) {
-      const double length = std::abs(twist.v) * dt, angle = std::abs(twist.omega) * dt;
-      const double pieces = std::max({1.0, std::ceil(angle), std::ceil(std::sqrt(2.0 * length * angle / spacing_))});
-      if (!(pieces <= 64.0)) return false;
-      pieces_so_far += pieces;
-      std::vector<double> radii = tracking;
-      const double sag = length * angle / (8.0 * pieces * pieces) + 0x1p-30 * spacing_ * pieces_so_far;
-      radii[0] += sag;
-      radii[1] += sag;
-      const double step = twist.v * dt / pieces, turn = twist.omega * dt / pieces;
-      for (int k = 0; k < static_cast<int>(pieces); ++k) {
-        const double half = 0.5 * turn, chord = half == 0.0 ? step : step * std::sin(half) / half;
-        std::copy(pose, pose + 3, rows);
-        pose[0] += chord * std::cos(pose[2] + half);
-        pose[1] += chord * std::sin(pose[2] + half);
-        pose[2] += turn;
-        std::copy(pose, pose + 3, rows + 3);
-        if (proven_prefix(rows, 2, radii) < 1) return false;
-      }
-    }
-    return true;
-  }
 
   /// What is outside the grid: a box of MIXED cells, from the first to the last, and a state beyond it.
   struct Exterior {
@@ -689,6 +595,8 @@ class Map {
     shape.insert(shape.begin(), slices_);
     states_ = folder.array("cell_states", "uint8", shape);
     if (check_digest) states_.check_states();
+    has_taken_cells_ = kind_ == YAW && dim_ == 2 && stamp.empty();
+    if (has_taken_cells_) taken_ = folder.array("outer", "bool", this->shape());
     if (!folder.has("distances")) return;
     distances_ = folder.array("distances", "float32", shape);
     distance_boxes_ = folder.array("distance_boxes", "float64", {slices_, 2, dim_}).numbers<double>();
@@ -1118,6 +1026,8 @@ class Map {
   std::vector<Exterior> exterior_;  ///< of each slice
   detail::Array states_;            ///< unless the map has tiles
   std::unique_ptr<Tiles> tiles_;
+  bool has_taken_cells_ = false;
+  detail::Array taken_;  ///< cells of the workspace that may meet obstacles
   detail::Array distances_;
   std::vector<double> distance_boxes_;  ///< lower and upper corner, of each slice
 };

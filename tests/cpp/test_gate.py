@@ -1,0 +1,289 @@
+"""The gate in C++ answers as Python's does, and keeps robots from what they see."""
+
+import math
+
+import numpy as np
+import pytest
+import shapely
+
+import cspace
+from tests.helpers.cpp import (
+    SANITIZERS,
+    GateInCpp,
+    build_program,
+    build_space,
+    read_slowed,
+    slow_in_cpp,
+    why_no_compiler,
+)
+from tests.helpers.leaving import bound_distances, place_along
+from tests.helpers.regions import place_polygon
+
+pytestmark = pytest.mark.skipif(bool(why_no_compiler()), reason=why_no_compiler())
+
+ROBOTS = {
+    "SE2 uneven": "0 0 0 0.4 0 0 0.2",
+    "SE2 shared": "0 0.25 0.1 -0.25 0.1 -0.25 -0.1 0.25 -0.1",
+    "SE2 one cell": "0.1 0 0",
+}
+"""The robot of each map, as the program reads it: a radius and the corners of a core."""
+
+DT, BRAKES = 0.1, (1.0, 3.0)
+"""Seconds of a command, and the brakes, m/s^2 and rad/s^2."""
+
+
+@pytest.fixture(scope="module")
+def program(tmp_path_factory):
+    return build_program(tmp_path_factory.mktemp("program") / "answers", "-O1")
+
+
+def draw_situations(space, count, rng):
+    """Draw poses, half of them near obstacles, with wanted and present twists."""
+    poses = space.sample_free(count, rng)
+    poses[::2, :2] += rng.normal(0.0, 0.1, poses[::2, :2].shape)
+    rows = np.hstack([poses, rng.normal(0.0, (0.6, 1.5, 0.4, 1.0), (count, 4))])
+    rows[::3, 5:] = 0.0
+    rows[::5, 4] = 0.0
+    return rows
+
+
+@pytest.mark.parametrize(
+    "count", [60, pytest.param(2000, marks=pytest.mark.thorough)], ids=["few", "many"]
+)
+@pytest.mark.parametrize("tracking", [(0.0, 0.0, 0.0), (0.05, 0.02, 0.1)], ids=["exact", "stray"])
+@pytest.mark.parametrize("name", ROBOTS)
+def test_slowed_twists_equal_those_of_python(tmp_path, program, name, tracking, count):
+    space = build_space(name, "blocked")
+    space.save(tmp_path / "map")
+    rows = draw_situations(space, count, np.random.default_rng(6))
+    gate = cspace.Gate(space, dt=DT, tracking=tracking, max_deceleration=BRAKES)
+    left = 0
+    for leaving in (False, True):
+        numbers = (DT, *BRAKES, *tracking, 0.0)
+        answers = slow_in_cpp(
+            program, tmp_path / "map", rows, ROBOTS[name], *numbers, leaving=leaving
+        )
+        shares = set()
+        for row, answer in zip(rows, answers, strict=True):
+            found = read_slowed(answer)
+            expected = gate.slow_down(row[:3], row[3:5], twist_now=row[5:], leaving=leaving)
+            proven = bool(expected.chunk)
+            assert found[:3] == (expected.share, proven, expected.leaves), row.tolist()
+            np.testing.assert_allclose(found.commands, expected.commands, rtol=1e-12, atol=1e-12)
+            shares.add(found.share)
+            left += found.leaves and found.share > 0.0
+        assert len(shares) > 2
+    assert left > count / 100
+
+
+GOOD = (0.1, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0)
+"""Seconds of a command, brakes, tracking, and the radius of points."""
+
+
+def change(place, value):
+    """Return good numbers with one that is not."""
+    return (*GOOD[:place], value, *GOOD[place + 1 :])
+
+
+@pytest.mark.parametrize(
+    "name, robot, numbers, message",
+    [
+        ("SE2 uneven", "0 0 0", change(0, 0.0), "finite and above zero"),
+        ("SE2 uneven", "0 0 0", change(1, -1.0), "finite and above zero"),
+        ("SE2 uneven", "0 0 0", change(2, math.inf), "finite and above zero"),
+        ("SE2 uneven", "0 0 0", change(3, -0.1), "zero or above"),
+        ("SE2 uneven", "0 0 0", change(5, math.nan), "zero or above"),
+        ("SE2 uneven", "0 0 0", change(6, math.inf), "zero or above"),
+        ("SE2 uneven", "", GOOD, "at least one part"),
+        ("SE2 uneven", "0 0 0 1 0", GOOD, "a convex polygon"),
+        ("SE2 uneven", "0 0 0 0 1 1 0", GOOD, "counterclockwise"),
+        ("SE2 uneven", "0 0 0 1 0 1 1 0.5 0.2", GOOD, "a convex polygon"),
+        ("SE2 uneven", "0 0 0 1 0 1 0 0 1", GOOD, "once each"),
+        ("SE2 uneven", "0 1 0 -0.8 0.6 0.3 -1 0.3 1 -0.8 -0.6", GOOD, "a convex polygon"),
+        ("SE2 uneven", "-1 0 0", GOOD, "a convex polygon"),
+        ("R2", "0 0 0", GOOD, "a map of x, y and yaw"),
+    ],
+)
+def test_wrong_options_are_refused(tmp_path, program, name, robot, numbers, message):
+    build_space(name, "blocked").save(tmp_path / "map")
+    (answer,) = slow_in_cpp(program, tmp_path / "map", np.zeros(7), robot, *numbers)
+    assert message in answer
+
+
+def test_wrong_twists_are_refused(tmp_path, program):
+    space = build_space("SE2 uneven", "blocked")
+    space.save(tmp_path / "map")
+    row = np.append(space.sample_free(rng=np.random.default_rng(0)), (0.5, 0.1, 0.0, 0.0))
+    for place in range(7):
+        broken = row.copy()
+        broken[place] = np.nan
+        (answer,) = slow_in_cpp(program, tmp_path / "map", broken, "0 0 0", *GOOD)
+        assert "must be finite" in answer
+    for place in (3, 5):  # the wanted twist, and the one now
+        fast = row.copy()
+        fast[place] = 1e5
+        (answer,) = slow_in_cpp(program, tmp_path / "map", fast, "0 0 0", 1e-3, *GOOD[1:])
+        assert "at most 100000 commands" in answer
+
+
+# ---- points that the robot sees ------------------------------------------------------------------
+
+
+ROOM_DT, ROOM_BRAKES, TRACKING = 0.05, np.array([1.0, 2.0]), 0.02
+"""Seconds of a cycle, m/s^2 and rad/s^2 of the brakes, and the margin, metres and radians."""
+
+BODY = shapely.box(-0.3, -0.2, 0.3, 0.2)
+BOX = "0 0.3 0.2 -0.3 0.2 -0.3 -0.2 0.3 -0.2"
+POINT_RADIUS = 0.02
+PERSON = 0.2
+"""Radius of a person, metres."""
+
+OUTLINE = shapely.get_coordinates(shapely.Point(0.0, 0.0).buffer(PERSON, quad_segs=12))[:-1]
+"""Points of a scan of a person, metres from its center; 2.6 cm apart."""
+
+WALLS = shapely.union_all(
+    [
+        shapely.box(0, 0, 6, 4).exterior.buffer(0.05, join_style="mitre"),
+        shapely.box(2.9, 0.0, 3.1, 2.4),
+        shapely.box(4.5, 2.5, 4.9, 2.9),
+    ]
+)
+
+
+@pytest.fixture(scope="module")
+def room(tmp_path_factory):
+    """Save a room whose map has walls and a crate, and no people."""
+    cells = np.zeros((120, 80), dtype=bool)
+    cells[[0, -1]] = cells[:, [0, -1]] = cells[58:62, :48] = cells[90:98, 50:58] = True
+    workspace = cspace.Workspace.from_array(cells, 0.05)
+    space = cspace.build(workspace, cspace.Robot.rectangle(0.6, 0.4), rotations=72)
+    path = tmp_path_factory.mktemp("room") / "map"
+    space.save(path)
+    return path
+
+
+def open_gate(program, room, leaving=True):
+    """Start a gate in the room."""
+    numbers = (ROOM_DT, *ROOM_BRAKES, *(TRACKING,) * 3, POINT_RADIUS)
+    return GateInCpp(program, room, BOX, *numbers, leaving=leaving)
+
+
+def find_margin():
+    """Return the margin of the gate's distances from the centers of points, metres."""
+    return math.hypot(TRACKING, TRACKING) + math.hypot(0.3, 0.2) * TRACKING + POINT_RADIUS
+
+
+@pytest.mark.parametrize(
+    "count", [60, pytest.param(3000, marks=pytest.mark.thorough)], ids=["few", "many"]
+)
+def test_points_stay_beyond_the_margin_and_near_ones_come_no_nearer(program, room, count):
+    rng = np.random.default_rng(count)
+    gates = [open_gate(program, room, leaving) for leaving in (False, True)]
+    free = left = 0
+    for _ in range(count):
+        pose = (*rng.uniform((3.5, 0.5), (5.5, 2.0)), rng.uniform(-math.pi, math.pi))
+        twist = rng.normal(0.0, (0.5, 1.0)) * (rng.random(2) < 0.7)
+        points = pose[:2] + rng.normal(0.0, 0.6, (rng.integers(1, 6), 2))
+        for gate in gates:
+            slowed = gate.slow_down(pose, twist, (0.0, 0.0), points)
+            if not (slowed.is_proven or slowed.leaves):
+                continue
+            poses = place_along(pose, slowed.commands, ROOM_DT)
+            distances = bound_distances([BODY], poses, points)
+            if slowed.is_proven:
+                assert distances.min() >= find_margin() - 1e-9
+                free += slowed.share > 0.0
+            else:
+                smallest = np.minimum(distances.min(axis=1), find_margin())
+                assert (smallest >= smallest[0] - 1e-9).all()
+                left += slowed.share > 0.0
+    assert min(free, left) > count / 10
+    for gate in gates:
+        gate.close()
+
+
+def sweep(pose, commands):
+    """Return robots along commands, at most 5 mm and half a degree apart."""
+    poses = place_along(pose, commands, ROOM_DT, instants=12)
+    return place_polygon(BODY, poses)
+
+
+class People:
+    """Two people who walk at random, or step up as near as the robot can still stop."""
+
+    def __init__(self, rng):
+        """Begin far from the room."""
+        self.rng = rng
+        self.places = np.array([(20.0, 20.0), (30.0, 20.0)])
+
+    def step(self, pose, ramp):
+        """Move each person, unless the robot could no more stop before them."""
+        braking = shapely.union_all(sweep(pose, ramp))
+        for k in range(len(self.places)):
+            kind = self.rng.integers(8)
+            place = self.places[k] + self.rng.normal(0.0, 0.04, 2)
+            if kind == 0:  # a person comes from behind a door
+                place = pose[:2] + self.rng.normal(0.0, 0.8, 2)
+            if kind <= 2:  # the person steps up to within millimetres
+                near = shapely.shortest_line(braking, shapely.Point(place))
+                touch, far = shapely.get_coordinates(near)
+                way = far - touch
+                gap = PERSON + self.rng.choice([0.001, 0.005, 0.02, 0.06])
+                if np.hypot(*way) > 0.0:
+                    place = touch + gap * way / np.hypot(*way)
+            if braking.distance(shapely.Point(place)) > PERSON:
+                self.places[k] = place
+
+    def list_points(self):
+        """Return points of a scan of all people."""
+        return (self.places[:, np.newaxis] + OUTLINE).reshape(-1, 2)
+
+    def measure_distances(self, bodies):
+        """Return the distances of bodies from each person, shape (n, 2)."""
+        outlines = shapely.polygons(self.places[:, np.newaxis] + OUTLINE)
+        return shapely.distance(np.array(bodies)[:, np.newaxis], outlines)
+
+
+def run_drive(program, room, seed, cycles=80):
+    """Drive among people; return the way, and the number of cycles near and of leaving."""
+    rng = np.random.default_rng(seed)
+    people, gate = People(rng), open_gate(program, room)
+    pose, now, ramp = np.array([1.5, 2.0, rng.uniform(-3.0, 3.0)]), np.zeros(2), np.zeros((1, 2))
+    way = near = left = 0
+    for cycle in range(cycles):
+        if cycle % 8 == 0:
+            wanted = rng.normal((0.4, 0.0), (0.5, 1.0)) * (rng.random(2) < 0.8)
+        people.step(pose, ramp[1:])
+        slowed = gate.slow_down(pose, wanted, now, people.list_points())
+        ramp, now = slowed.commands, slowed.commands[0]
+        driven = sweep(pose, ramp[:1])
+        distances = people.measure_distances(driven)
+        if now.any():
+            assert shapely.distance(np.array(driven), WALLS).min() > 0.0
+            assert distances.min() > 0.0
+        if slowed.leaves:
+            assert distances.min() >= min(distances[0].min(), TRACKING) - 1e-6
+        near += bool(distances[0].min() < 0.03)
+        left += slowed.leaves and slowed.share > 0.0 and bool(now.any())
+        pose = place_along(pose, ramp[:1], ROOM_DT)[-1]
+        way += ROOM_DT * abs(now[0])
+    gate.close()
+    return way, near, left
+
+
+@pytest.mark.parametrize(
+    "seeds",
+    [
+        pytest.param(range(3), id="3 drives"),
+        pytest.param(range(500), id="500 drives", marks=pytest.mark.thorough),
+    ],
+)
+def test_drives_among_people_who_step_in_touch_nothing(program, room, seeds):
+    way, near, left = np.sum([run_drive(program, room, seed) for seed in seeds], axis=0)
+    assert way > 0.3 * len(seeds) and near > 10 * len(seeds) and left > 2 * len(seeds)
+
+
+@pytest.mark.thorough
+def test_a_gate_runs_clean_under_sanitizers(tmp_path, room):
+    program = build_program(tmp_path / "answers", "-O1", *SANITIZERS, "-fno-sanitize-recover=all")
+    test_points_stay_beyond_the_margin_and_near_ones_come_no_nearer(program, room, 40)

@@ -1,0 +1,201 @@
+"""A gate lets a robot out of a touch, against distances by shapely."""
+
+import math
+
+import numpy as np
+import pytest
+import shapely
+
+import cspace
+from cspace import Robot, Workspace
+from tests.helpers.leaving import CELL, bound_distances, place_along
+from tests.helpers.refusals import check_refused, refusals
+
+DT, BRAKES = 0.1, (1.0, 2.0)
+"""Seconds of a command, and the brakes, m/s^2 and rad/s^2."""
+
+BODIES = {
+    "rectangle": ([shapely.box(-0.3, -0.2, 0.3, 0.2)], Robot.rectangle(0.6, 0.4)),
+    "wedge": (
+        [shapely.Polygon([(-0.1, -0.2), (0.5, 0.0), (-0.1, 0.2)])],
+        Robot.polygon([(-0.1, -0.2), (0.5, 0.0), (-0.1, 0.2)]),
+    ),
+    "disc": ([shapely.Point(0.1, 0.0)], Robot.disc(0.25, (0.1, 0.0))),
+    "tee": (
+        [shapely.box(-0.1, -0.3, 0.1, 0.3), shapely.box(0.1, -0.05, 0.4, 0.05)],
+        Robot.polygon([shapely.box(-0.1, -0.3, 0.1, 0.3), shapely.box(0.1, -0.05, 0.4, 0.05)]),
+    ),
+}
+"""Convex cores of each robot, and the robot; the core of the disc is grown by 0.25 m."""
+
+
+def build(name, occupied, **options):
+    """Build a map of occupied cells for a robot."""
+    workspace = Workspace.from_array(occupied, CELL)
+    return cspace.build(workspace, BODIES[name][1], rotations=36, **options)
+
+
+def make_gate(space, tracking=0.0):
+    """Return a gate that knows the brakes."""
+    return cspace.Gate(space, dt=DT, tracking=tracking, max_deceleration=BRAKES)
+
+
+def list_centers(space):
+    """Return the centers of all taken cells, with those around the grid if it is closed."""
+    padded = np.pad(space.workspace.outer, 12, constant_values=space.outside != "free")
+    return (np.argwhere(padded) - 11.5) * CELL
+
+
+@pytest.fixture(scope="module", params=[(n, o) for n in BODIES for o in ("blocked", "free")])
+def crowded(request):
+    """Return the name of a robot, and a map with cells taken at random."""
+    name, outside = request.param
+    occupied = np.random.default_rng(5).random((40, 30)) < 0.02
+    return name, build(name, occupied, outside=outside, margin=0.03 * (outside == "free"))
+
+
+@pytest.mark.parametrize("tracking", [0.0, (0.03, 0.02, 0.05)], ids=["exact", "straying"])
+@pytest.mark.parametrize(
+    "count", [25, pytest.param(2000, marks=pytest.mark.thorough)], ids=["few", "many"]
+)
+def test_what_leaves_comes_no_nearer_to_what_is_near(crowded, count, tracking):
+    name, space = crowded
+    cores = BODIES[name][0]
+    rng = np.random.default_rng(count)
+    gate, centers = make_gate(space, tracking), list_centers(space)
+    grown = 0.25 if name == "disc" else 0.0
+    errors = np.broadcast_to(tracking, 3)
+    farthest = max(float(np.hypot(*shapely.get_coordinates(core).T).max()) for core in cores)
+    margin = space.margin + math.hypot(*errors[:2]) + (farthest + grown) * errors[2]
+    left = 0
+    for _ in range(count):
+        pose = (*rng.uniform((0.0, 0.0), (4.0, 3.0)), rng.uniform(-math.pi, math.pi))
+        twist = rng.normal(0.0, (0.5, 1.0)) * (rng.random(2) < 0.7)
+        slowed = gate.slow_down(pose, twist, leaving=True)
+        assert not (slowed.leaves and slowed.chunk)
+        if not slowed.leaves or not slowed.share or not slowed.commands.any():
+            continue
+        left += 1
+        poses = place_along(pose, slowed.commands, DT, instants=9)
+        near = centers[np.hypot(*(centers - pose[:2]).T) < 1.2]
+        distances = bound_distances(cores, poses, near) - grown - 0.7072 * CELL
+        proven = np.minimum(distances, margin)
+        assert (proven.min(axis=1) >= proven[0].min() - 1e-9).all()
+        # Only another disc beside the same side lets a disc come nearer than it is.
+        is_nearer = (proven < proven[0] - 1e-9).any(axis=0)
+        assert not is_nearer.any() or name != "disc"
+    assert left > count / 20
+
+
+# ---- a wall in front -----------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def walls():
+    """Return a room whose wall begins at x = 3.0 m, for each robot."""
+    occupied = np.zeros((40, 30), dtype=bool)
+    occupied[30:] = True
+    return {name: build(name, occupied) for name in BODIES}
+
+
+@pytest.mark.parametrize("depth", [-0.03, 0.0, 0.04])
+@pytest.mark.parametrize("name", BODIES)
+def test_a_robot_that_touches_a_wall_may_back_away_from_it_and_not_press_on(walls, name, depth):
+    gate = make_gate(walls[name], 0.02)
+    front = max(float(core.bounds[2]) for core in BODIES[name][0]) + 0.25 * (name == "disc")
+    pose = (3.0 + depth - front, 1.5, 0.0)
+    assert not gate.slow_down(pose, (-0.4, 0.0)).share
+    backwards = gate.slow_down(pose, (-0.4, 0.0), leaving=True)
+    assert (backwards.share, backwards.leaves) == (1.0, True)
+    assert not gate.slow_down(pose, (0.1, 0.0), leaving=True).share
+    turning = gate.slow_down(pose, (0.1, 1.0), leaving=True)
+    assert not turning.share
+
+
+def test_a_robot_may_drive_along_a_wall_that_is_nearer_than_its_margin(walls):
+    gate = make_gate(walls["rectangle"], 0.02)
+    for turn in (0.0, 0.05, 0.4):
+        # Its rear corner is 5 mm from the wall.
+        reach = 0.2 * math.cos(turn) + 0.3 * math.sin(turn)
+        pose = (3.0 - reach - 0.005, 1.5, math.pi / 2.0 + turn)
+        assert not gate.slow_down(pose, (0.4, 0.0)).share
+        assert gate.slow_down(pose, (0.4, 0.0), leaving=True).share == 1.0
+    pose = (2.795, 1.5, math.pi / 2.0)
+    assert not gate.slow_down(pose, (0.4, -0.5), leaving=True).share
+
+
+@pytest.mark.parametrize("place", [(2.5, 2.05), (2.35, 1.5), (2.9, 2.0)])
+def test_a_robot_beside_a_wall_comes_to_others_no_nearer_than_its_margin(place):
+    occupied = np.zeros((40, 30), dtype=bool)
+    occupied[30:] = True
+    space = build("rectangle", occupied)
+    gate = make_gate(space, 0.02)
+    pose = (2.79, 1.4, math.pi / 2.0)
+    assert gate.slow_down(pose, (0.8, 0.0), leaving=True).share == 1.0
+    space.add_obstacle("post", [place], radius=0.01)
+    now = np.zeros(2)
+    margin = math.hypot(0.02, 0.02) + math.hypot(0.3, 0.2) * 0.02
+    before = shapely.Point(place).distance(shapely.box(2.59, 1.1, 2.99, 1.7))
+    for _ in range(15):
+        now = gate.slow_down(pose, (0.8, 0.0), twist_now=now, leaving=True).commands[0]
+        pose = (pose[0], pose[1] + DT * now[0], pose[2])
+        body = shapely.box(2.59, pose[1] - 0.3, 2.99, pose[1] + 0.3)
+        assert shapely.Point(place).distance(body) - 0.01 >= min(before - 0.01, margin) - 1e-9
+    assert pose[1] > 1.4 or before < 0.4
+
+
+def test_a_disc_may_turn_about_its_center_in_a_touch():
+    occupied = np.zeros((40, 30), dtype=bool)
+    occupied[30:] = True
+    space = cspace.build(Workspace.from_array(occupied, CELL), Robot.disc(0.25), rotations=8)
+    gate = make_gate(space)
+    assert not gate.slow_down((2.76, 1.5, 0.3), (0.0, 1.0)).share
+    assert gate.slow_down((2.76, 1.5, 0.3), (0.0, 1.0), leaving=True).share == 1.0
+
+
+def test_a_person_who_steps_up_behind_does_not_stop_a_robot_that_drives_away():
+    space = build("rectangle", np.zeros((60, 30), dtype=bool))
+    gate = make_gate(space, 0.02)
+    pose, now = (2.0, 1.5, 0.0), (0.5, 0.0)
+    space.add_obstacle("person", [(1.5, 1.5)], radius=0.18)
+    stopped = gate.slow_down(pose, now, twist_now=now)
+    assert not stopped.share and not stopped.chunk and not stopped.leaves
+    slowed = gate.slow_down(pose, now, twist_now=now, leaving=True)
+    assert (slowed.share, slowed.leaves) == (1.0, True)
+    space.add_obstacle("other", [(2.45, 1.5)], radius=0.1)
+    slowed = gate.slow_down(pose, now, twist_now=now, leaving=True)
+    assert slowed.share == 0.0 and not slowed.leaves
+
+
+def test_limits_of_the_gate_hold_while_a_robot_leaves(walls):
+    import planners
+
+    options = {"dt": DT, "max_deceleration": BRAKES}
+    pose = (2.75, 1.5, 0.0)
+    forward = cspace.Gate(walls["rectangle"], drive=planners.Car(turning_radius=0.5), **options)
+    assert not forward.slow_down(pose, (-0.4, 0.0), leaving=True).share
+    slow = cspace.Gate(walls["rectangle"], max_velocity=(0.1, 1.0), **options)
+    assert slow.slow_down(pose, (-0.4, 0.0), leaving=True).share == 0.25
+
+
+@refusals(
+    "robot, message",
+    (Robot.polygon([(0, 0), (1, 0), (1, 1), (0.5, 0.2)]), "has a part that is not convex"),
+    (
+        Robot.polygon(shapely.Point(0, 0).buffer(0.5).difference(shapely.Point(0, 0).buffer(0.3))),
+        "has a part that is not convex",
+    ),
+)
+def test_robots_that_are_not_convex_are_refused(robot, message):
+    workspace = Workspace.from_array(np.zeros((30, 30), dtype=bool), CELL)
+    gate = make_gate(cspace.build(workspace, robot, rotations=8))
+    check_refused(lambda: gate.slow_down((1.5, 1.5, 0.0), (0.1, 0.0), leaving=True), message)
+
+
+def test_maps_in_tiles_are_refused(tmp_path):
+    workspace = Workspace.from_array(np.zeros((30, 30), dtype=bool), CELL)
+    space = cspace.build(workspace, Robot.disc(0.2), rotations=8, store=tmp_path / "map")
+    gate = make_gate(space)
+    assert gate.slow_down((1.5, 1.5, 0.0), (0.1, 0.0)).share == 1.0
+    message = "distances that never fall are proven on maps in memory"
+    check_refused(lambda: gate.slow_down((1.5, 1.5, 0.0), (0.1, 0.0), leaving=True), message)
