@@ -219,8 +219,8 @@ class Robot:
         """Make an upright capsule around ``center``.
 
         It is ``length + 2 * radius`` high (metres). It contains all points within ``radius`` of a
-        vertical segment. Two polyhedra bound it, as a :meth:`cylinder`; the outer one reaches 0.24
-        % of the radius farther.
+        vertical segment; with a length of zero it is a ball. Two polyhedra bound it, as a
+        :meth:`cylinder`; the outer one reaches 0.24 % of the radius farther.
         """
         return cls(*primitives.capsule(radius, length, center))
 

@@ -530,6 +530,17 @@ def sort_goals(space: Space, goals: Sequence[Endpoint], start: Endpoint) -> list
     return [tuple(q) for q in turn_near(rows, here, space.is_periodic).tolist()]
 
 
+def check_start(space: Space, place: object) -> Floats:
+    """Return the configuration of a start; InputError for a place with others beside it."""
+    items = place if isinstance(place, (list, tuple)) else (place,)
+    if any(
+        item is None or isinstance(item, (list, tuple, shapely.Geometry, Goal)) for item in items
+    ):
+        rule = "a start is one configuration, or planners.Near one"
+        raise InputError("start", f"is {place!r}", rule)
+    return space.check_configuration(cast("ArrayLike", place), "start")
+
+
 def find_room_goals(
     edges: LocalPlanner, rooms: Sequence[Room], name: str, start: Endpoint
 ) -> list[Endpoint]:

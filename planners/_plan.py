@@ -55,7 +55,15 @@ from planners._catalogue import (
     planner_names,
 )
 from planners._drives import has_drives, local_planner
-from planners._goals import Near, Room, end_in_rooms, find_room_goals, list_rooms, sort_goals
+from planners._goals import (
+    Near,
+    Room,
+    check_start,
+    end_in_rooms,
+    find_room_goals,
+    list_rooms,
+    sort_goals,
+)
 from planners._local_planner import MAX_RADIANS, Drive, Endpoints, LocalPlanner
 from planners._objectives import check_has_cells, find_clear_path
 from planners._ompl_search import (
@@ -188,7 +196,7 @@ def plan(
     start, goal : place
         A configuration by the axes of the space, such as ``(x, y, yaw)`` in metres and radians, or
         a number for each joint. The start may be a message that :func:`cspace.ros.configuration_of`
-        or :meth:`cspace.Arm.configuration` takes, or :class:`planners.Near`. The goal may be a
+        or :meth:`cspace.Arm.configuration` takes, or :class:`planners.Near` one. The goal may be a
         :class:`cspace.PoseGoal` for an arm, and on a map :class:`planners.Near`, ``(x, y, None)``
         for any yaw, a polygon of shapely as a region of positions, or ``(polygon, yaw)``; or a list
         of alternatives. A list of numbers is one configuration, a region and a number are one
@@ -286,7 +294,7 @@ def plan(
         previous=np.empty((0, space.size)),
         keep=kept,
     )
-    point = space.check_configuration(cast("ArrayLike", near.configuration), "start")
+    point = check_start(space, near.configuration)
     if previous is not None:
         task = replace(task, previous=_check_previous(task, previous))
         if not edges.exact and _needs_geometry(space, point):

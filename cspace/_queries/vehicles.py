@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import KW_ONLY, dataclass, fields
 from typing import TypeAlias
 
 from cspace._support.check import check_flag, check_positive
@@ -51,7 +51,7 @@ class Differential:
         return _format(self)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+@dataclass(frozen=True, slots=True, repr=False)
 class Car:
     """A car, which follows curves no tighter than its turning radius.
 
@@ -82,6 +82,7 @@ class Car:
     """
 
     turning_radius: float
+    _: KW_ONLY
     reverse: bool = False
     max_lateral_acceleration: float | None = None
 

@@ -719,3 +719,23 @@ def test_states_that_touch_a_room_only_at_a_corner_count(flipped):
     # The room touches the start's cells in one corner.
     assert not planners.plan(space, start, shapely.box(*touching)).is_disconnected
     assert planners.plan(space, start, shapely.box(*apart)).is_disconnected
+
+
+POLYGON = shapely.box(0.5, 0.5, 1.0, 1.0)
+
+
+@refusals(
+    "start, message",
+    (planners.Near((1.0, 1.0, None), 0.3), "start is (1.0, 1.0, None); a start is one"),
+    ((1.0, 1.0, None), "None); a start is one configuration, or planners.Near one"),
+    ([(1.0, 1.0, 0.0), (2.0, 1.0, 0.0)], "a start is one configuration, or planners.Near one"),
+    ([planners.Near((1.0, 1.0, 0.0), 0.1)], "a start is one configuration"),
+    (planners.Near([(1.0, 1.0, 0.0), (2.0, 1.0, 0.0)], 0.1), "a start is one configuration"),
+    (POLYGON, "a start is one configuration, or planners.Near one"),
+    (planners.Near((POLYGON, 0.3)), "a start is one configuration"),
+    (cspace.PoseGoal("tool", np.eye(4)), "a start is one configuration"),
+    (None, "start is None; a start is one configuration"),
+    (np.zeros((2, 3)), "start has shape (2, 3); it must be one configuration of 3 numbers"),
+)
+def test_a_start_with_alternatives_is_refused(start, message):
+    check_refused(lambda: planners.plan(build_room("turning"), start, (2.0, 1.0, 0.0)), message)

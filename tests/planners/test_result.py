@@ -83,6 +83,18 @@ def test_distances_follow_the_map_and_pickles_keep_the_clearance(tmp_path):
     assert plan.clearance == plan.obstacle_distance == 0.0 and before.clearance == math.inf
 
 
+@pytest.mark.parametrize(
+    "drive",
+    [planners.Car(0.5, reverse=True, max_lateral_acceleration=1.0), planners.Differential()],
+)
+def test_the_drive_of_a_record_can_be_passed_again(drive, tmp_path):
+    space = build_empty((40, 30), Robot.rectangle(0.3, 0.2), rotations=8)
+    plan = planners.plan(space, (1.0, 1.0, 0.0), (2.0, 1.0, 0.0), drive=drive)
+    plan.to_json(tmp_path / "plan.json")
+    written = json.loads((tmp_path / "plan.json").read_text())["drive"]
+    assert getattr(planners, written.pop("type"))(**written) == drive
+
+
 # ---- proofs --------------------------------------------------------------------------------------
 
 

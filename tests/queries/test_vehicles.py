@@ -62,6 +62,7 @@ def test_wrong_fields_are_refused_when_a_drive_is_made(make, message):
 
 
 def test_numpys_numbers_become_plain_fields():
+    assert Car(0.5) == Car(turning_radius=0.5)
     drive = Car(turning_radius=np.float32(0.5), reverse=np.True_)
     assert repr(drive) == "Car(turning_radius=0.5, reverse=True)"
 

@@ -96,6 +96,14 @@ def test_outer_and_inner_shapes_enclose_exact_values(name, radius, length, cente
     assert flat.outer.inscribed_radius >= fits
 
 
+def test_a_capsule_without_length_is_a_ball():
+    shape = Robot.capsule(0.5, 0.0).shape
+    volume = 4.0 / 3.0 * math.pi * 0.5**3
+    assert shape.inner.measure < volume < shape.outer.measure < 1.01 * shape.inner.measure
+    radii = [np.linalg.norm(side.vertices, axis=1) for side in (shape.inner, shape.outer)]
+    assert 0.49 < radii[0].min() <= radii[0].max() <= 0.5 <= radii[1].max() < 0.51
+
+
 semi_axes = st.floats(1e-3, 1e3)
 coordinates = st.floats(-1e5, 1e5)
 
