@@ -753,7 +753,8 @@ class Plan:
     def to_json(self, path: str | os.PathLike[str], overwrite: bool = False) -> None:
         """Write all attributes except the map as JSON.
 
-        NaN and infinity become null; a drive is its fields and the ``type``. Parameters and errors are as for :meth:`to_csv`.
+        NaN and infinity become null; a drive is its ``type`` and its fields. Parameters and errors
+        are as for :meth:`to_csv`.
         """
         names = [
             field.name for field in fields(self) if field.name != "space" and field.name[0] != "_"
