@@ -140,7 +140,7 @@ class ConfigurationMap(ConfigurationSpace):
 
         They are "m", "rad", or "1" for a quaternion.
         """
-        return (*self.grid.units, *self.rotations.units)
+        return (*self.grid.units, *self.rotations._UNITS)
 
     @property
     def bounds(self) -> tuple[Floats, Floats]:

@@ -155,7 +155,7 @@ class Grid:
         """Upper corner, in metres."""
         return tuple(low + self.spacing * n for low, n in zip(self.lower, self.shape, strict=True))
 
-    def coordinates(self, points: ArrayLike, name: str = "points") -> Floats:
+    def _check(self, points: ArrayLike, name: str = "points") -> Floats:
         """Return points as an array of float64, shape (..., d), metres.
 
         Raises
@@ -176,7 +176,7 @@ class Grid:
         -------
         ndarray of bool, shape (...)
         """
-        array = self.coordinates(points)
+        array = self._check(points)
         inside = (array >= self.lower) & (array <= self.upper)
         return np.asarray(inside.all(axis=-1))
 
@@ -196,7 +196,7 @@ class Grid:
         -------
         ndarray of int64, shape (..., d)
         """
-        array = self.coordinates(points)
+        array = self._check(points)
         cells = np.floor((array - self.lower) / self.spacing)
         # Points on the upper boundary belong to the last cell.
         cells -= (cells == self.shape) & (array <= self.upper)

@@ -45,7 +45,7 @@ class CspaceError(Exception):
     cspace.errors.InputError: spacing is -1; it must be above zero; pass it in metres
     """
 
-    gap: ClassVar[str] = " "
+    _GAP: ClassVar[str] = " "
 
     def __init__(
         self,
@@ -60,7 +60,7 @@ class CspaceError(Exception):
             problem = " ".join(problem.split())  # arrays print in several lines
             if len(problem) > _MAX_PROBLEM_CHARACTERS:
                 problem = f"{problem[:_MAX_PROBLEM_CHARACTERS]} ..."
-            clauses = f"{argument}{self.gap}{problem}", rule, hint
+            clauses = f"{argument}{self._GAP}{problem}", rule, hint
             message = "; ".join(filter(None, clauses))
         super().__init__(message)
         self.argument = argument
@@ -80,7 +80,7 @@ class GeometryError(InputError):
 class FileError(CspaceError, OSError):
     """A file cannot be read or written; ``argument`` is its path."""
 
-    gap: ClassVar[str] = ": "
+    _GAP: ClassVar[str] = ": "
 
 
 class MissingPackageError(CspaceError, ImportError):

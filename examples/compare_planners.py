@@ -30,7 +30,7 @@ start, goal = (0.7, 0.7), (9.3, 5.3)
 planners.plan(space, start, goal)
 plans = [
     planners.plan(space, start, goal, planner=name, time_limit=0.3)
-    for name in planners.planner_names()
+    for name in planners.choices(space).planners
 ]
 print(f"{'planner':16} {'length':>8} {'clearance':>10} {'planning':>11}")
 for plan in sorted(plans, key=lambda plan: plan.length):

@@ -1,7 +1,6 @@
 # Public names. Each is imported at its first use.
 
 from ._catalogue import Search as Search
-from ._catalogue import planner_names as planner_names
 from ._drives import Car as Car
 from ._drives import Differential as Differential
 from ._goals import Near as Near

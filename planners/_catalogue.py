@@ -243,20 +243,7 @@ curves.
 
 
 def planner_names() -> tuple[PlannerName, ...]:
-    """List the geometric planners of OMPL that :func:`planners.plan` runs.
-
-    The order is alphabetical.
-
-    Returns
-    -------
-    tuple of PlannerName
-
-    Examples
-    --------
-    >>> import planners
-    >>> "RRTConnect" in planners.planner_names()
-    True
-    """
+    """List the planners of OMPL that :func:`planners.plan` runs, in alphabetical order."""
     return get_args(PlannerName)[: -len(BUILT_IN_SEARCHES)]
 
 

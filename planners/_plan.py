@@ -202,7 +202,7 @@ def plan(
         of alternatives. A list of numbers is one configuration, a region and a number are one
         place, and every other list is of alternatives.
     planner : str or Search, optional
-        Name, in upper or lower case, of a planner of OMPL (:func:`planners.planner_names`) or of a
+        Name, in upper or lower case, of a planner of OMPL (:func:`planners.choices`) or of a
         built-in search: "Grid", "MaxClearance" and "Lattice" on maps, "BiRRT" for arms.
         :class:`planners.Search` is one with settings.
     time_limit : float, optional

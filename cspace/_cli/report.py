@@ -16,7 +16,7 @@ from typing import Any, Final
 
 import typer
 
-from cspace.errors import CspaceError
+from cspace.errors import CspaceError, FileError
 
 _UNIT: Final = re.compile(r"_(m[23]?|rad[23]?|rad2?_m2?|rad_or_m|m_or_rad|deg|s|bytes)$")
 """Pattern of the unit at the end of a name such as ``length_m``."""
@@ -187,7 +187,8 @@ def format_error(error: CspaceError, options: Options) -> str:
         return join_lines(str(error))
     name, bracket, index = error.argument.partition("[")  # e.g. goal[0]
     option = options.get(name, name)
-    subject = f"{option}{bracket}{index}{error.gap}{error.problem}"
+    gap = ": " if isinstance(error, FileError) else " "
+    subject = f"{option}{bracket}{index}{gap}{error.problem}"
     clauses = subject, error.rule, name_options(error.hint, options)
     return join_lines("; ".join(filter(None, clauses)))
 

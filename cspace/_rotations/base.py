@@ -195,8 +195,6 @@ class Rotations(ABC):
     ----------
     names : tuple of str
         Names of the coordinates of a rotation.
-    units : tuple of str
-        Their units: "rad", or "1" for quaternions.
     """
 
     _KINDS: ClassVar[dict[str, type[Rotations]]] = {}
@@ -206,7 +204,7 @@ class Rotations(ABC):
     """Descriptions of ``stored_arrays`` by name; the first name is unique to the kind."""
 
     names: ClassVar[tuple[str, ...]] = ()
-    units: ClassVar[tuple[str, ...]] = ()
+    _UNITS: ClassVar[tuple[str, ...]] = ()
 
     _limits: ClassVar[str] = ""
     """Rule for the coordinates, for messages; empty if there is none."""
@@ -290,7 +288,7 @@ class Rotations(ABC):
         """Return units of coordinates of rotations, by name."""
         units: dict[str, str] = {}
         for kind in Rotations._KINDS.values():
-            units.update(zip(kind.names, kind.units, strict=True))
+            units.update(zip(kind.names, kind._UNITS, strict=True))
         return units
 
     @staticmethod

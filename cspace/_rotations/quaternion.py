@@ -59,7 +59,7 @@ class QuaternionRotations(Rotations):
 
     n: int
     names = ("qx", "qy", "qz", "qw")
-    units = ("1",) * 4
+    _UNITS = ("1",) * 4
     _limits = "a quaternion (qx, qy, qz, qw) of norm 1"
     _COORDINATES: ClassVar[Mapping[str, Coordinate]] = {
         "quaternion": Coordinate(

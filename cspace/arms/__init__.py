@@ -19,7 +19,6 @@ from cspace.arms._lines import LineMotion
 from cspace.arms._model import Arm, JointValues
 from cspace.arms._moveit import (
     AttachedObject,
-    JointGoal,
     MotionPlanRequest,
     PlanningScene,
     read_moveit_request,
@@ -36,7 +35,6 @@ __all__ = [
     "ArmSpace",
     "AttachedObject",
     "Contact",
-    "JointGoal",
     "JointValues",
     "LineMotion",
     "MotionPlanRequest",

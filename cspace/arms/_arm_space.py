@@ -1099,7 +1099,7 @@ def build_arm_space(
     if isinstance(obstacles, PlanningScene):
         scene = obstacles
         if base_pose is None:
-            pose = find_base_pose(scene.frame, arm, scene.source)
+            pose = find_base_pose(scene.frame, arm, scene._source)
         arm, pairs = scene._place(arm, pose)
         obstacles = scene.obstacles
     named = named_obstacles(obstacles)

@@ -195,11 +195,8 @@ class LineMotion:
 
     Attributes
     ----------
-    frame : str
     poses : ndarray of float64, shape (m + 1, 4, 4), read-only
         Corners of the line: the pose of the frame at the start, then the given ones.
-    tolerance : tuple of float
-        Metres and radians, as given.
     waypoints : ndarray of float64, shape (n, dof), read-only
         Configurations from the start on, radians and metres.
     parameters : ndarray of float64, shape (n,), read-only
@@ -225,9 +222,8 @@ class LineMotion:
         came.
     """
 
-    frame: str
+    _frame: str
     poses: Floats
-    tolerance: tuple[float, float]
     waypoints: Floats
     parameters: Floats
     certified: bool
@@ -249,7 +245,7 @@ class LineMotion:
     def __repr__(self) -> str:
         """Return status, bounds and number of waypoints."""
         near = f"within {self.deviation:.2g} m and {self.angle:.2g} rad of the line"
-        return f"LineMotion({self.frame}: {self.status}; {near}, {len(self.waypoints)} waypoints)"
+        return f"LineMotion({self._frame}: {self.status}; {near}, {len(self.waypoints)} waypoints)"
 
 
 def check_corners(poses: ArrayLike) -> Floats:
@@ -357,9 +353,8 @@ def follow_lines(
     joints, parameters, bounds = (np.array(column) for column in zip(*waypoints, strict=True))
     deviation, angle = bounds.max(axis=0).tolist()
     return LineMotion(
-        frame=frame,
+        _frame=frame,
         poses=frozen(corners),
-        tolerance=(max_distance, max_angle),
         waypoints=frozen(joints),
         parameters=frozen(parameters),
         certified=not stopped_by,

@@ -84,8 +84,6 @@ class PlanningScene:
 
     Attributes
     ----------
-    source : str
-        The file, or "planning scene".
     frame : str
         Frame of the obstacles; ``"world"`` if the file names none.
     obstacles : dict of str to PosedShape
@@ -97,7 +95,7 @@ class PlanningScene:
         Values of the robot's joints; empty if the file has none.
     """
 
-    source: str
+    _source: str
     frame: str
     obstacles: dict[str, PosedShape]
     attached: dict[str, AttachedObject]
@@ -108,7 +106,7 @@ class PlanningScene:
     def __repr__(self) -> str:
         """Return the file and the number of objects."""
         counts = f"{len(self.obstacles)} obstacles, {len(self.attached)} attached"
-        return f"PlanningScene({self.source}: {counts})"
+        return f"PlanningScene({self._source}: {counts})"
 
     def may_touch(self, one: str, other: str) -> bool:
         """Return True if the matrix lets two links or objects touch.
@@ -133,7 +131,7 @@ class PlanningScene:
         bare_arm = arm
         links = [frame for frame in arm.frames if frame not in arm.carriers]
         for name, carried in self.attached.items():
-            check_known(carried.link, f"{self.source}: link_name of {name!r}", links)
+            check_known(carried.link, f"{self._source}: link_name of {name!r}", links)
             touching = [link for link in carried.touch_links if link in links]
             pose = self._find_pose_on_link(bare_arm, carried, base_pose)
             arm = arm.attach(name, carried.shape.shape, carried.link, pose, touching)
@@ -160,7 +158,7 @@ class PlanningScene:
         for name in dict.fromkeys([*self._ids.values(), *self._ids]):
             if name in arm.frames:
                 raise InputError(
-                    self.source,
+                    self._source,
                     f"has the object {name!r}",
                     "the arm has a frame of that name",
                 )
@@ -168,7 +166,7 @@ class PlanningScene:
             value = self.robot_state.get(joint, held)
             if abs(value - held) > LIMIT_SLACK:
                 raise InputError(
-                    self.source,
+                    self._source,
                     f"has {joint} at {value:.12g}",
                     f"the arm holds it at {held:.12g}",
                 )
@@ -244,7 +242,7 @@ def read_moveit_scene(source: object, *, package_dirs: PackageDirs = ()) -> Plan
         else:
             obstacles[each.name] = shape
     return PlanningScene(
-        source=content.source,
+        _source=content.source,
         frame=content.frame,
         obstacles=obstacles,
         attached=attached,
@@ -275,33 +273,27 @@ class MotionPlanRequest:
 
     Attributes
     ----------
-    source : str
-        The file, or "motion plan request".
     group : str
         Group of the SRDF that moves, for ``Arm.from_urdf(joints=)``; empty if the file names none.
     start_state : JointValues
         Values of the robot's joints at the start; empty if the file has none.
-    goals : tuple of JointGoal and PoseGoal
-        A plan reaches one of them. Poses are in :attr:`frame`.
     frame : str
         Frame of the poses; ``"world"`` if the file names none.
     time_limit : float or None
         Seconds; None if the file has none.
-    keep : tuple of Upright
-        Directions that links keep on the way. They are in :attr:`frame`.
     """
 
-    source: str
+    _source: str
     group: str
     start_state: JointValues
-    goals: tuple[JointGoal | PoseGoal, ...]
+    _goals: tuple[JointGoal | PoseGoal, ...]
     frame: str
     time_limit: float | None
-    keep: tuple[Upright, ...]
+    _keep: tuple[Upright, ...]
 
     def __repr__(self) -> str:
         """Return file, group and number of goals."""
-        return f"MotionPlanRequest({self.source}: {self.group}, {len(self.goals)} goals)"
+        return f"MotionPlanRequest({self._source}: {self.group}, {len(self._goals)} goals)"
 
     def make_goals(
         self, arm: Arm, *, base_pose: ArrayLike | None = None
@@ -330,9 +322,9 @@ class MotionPlanRequest:
             If a value is beyond the limits of its joint by more than its tolerance.
         """
         goals: list[Floats | PoseGoal] = []
-        for number, goal in enumerate(self.goals):
+        for number, goal in enumerate(self._goals):
             if isinstance(goal, JointGoal):
-                argument = f"{self.source}: goal_constraints[{number}]"
+                argument = f"{self._source}: goal_constraints[{number}]"
                 goals.append(self._make_configuration(arm, goal, argument))
             else:
                 goals.append(self._place_pose_goal(arm, goal, base_pose))
@@ -349,8 +341,8 @@ class MotionPlanRequest:
             Empty if the request constrains no path.
         """
         kept = []
-        for upright in self.keep:
-            check_known(upright.frame, f"{self.source}: link_name", arm.frames)
+        for upright in self._keep:
+            check_known(upright.frame, f"{self._source}: link_name", arm.frames)
             to_base = np.linalg.inv(self._find_base(arm, base_pose))[:3, :3]
             direction = to_base @ np.asarray(upright.direction)
             kept.append(replace(upright, direction=tuple(direction.tolist())))
@@ -359,7 +351,7 @@ class MotionPlanRequest:
     def _find_base(self, arm: Arm, base_pose: ArrayLike | None) -> Floats:
         """Return the arm's base in the request's frame."""
         if base_pose is None:
-            return find_base_pose(self.frame, arm, self.source)
+            return find_base_pose(self.frame, arm, self._source)
         return check_rigid(base_pose, "base_pose")
 
     def _make_configuration(self, arm: Arm, goal: JointGoal, argument: str) -> Floats:
@@ -394,7 +386,7 @@ class MotionPlanRequest:
 
         ``base_pose`` is the pose of the base in the frame of the request; None if the arm knows it.
         """
-        check_known(goal.frame, f"{self.source}: link_name", arm.frames)
+        check_known(goal.frame, f"{self._source}: link_name", arm.frames)
         base = self._find_base(arm, base_pose)
         return replace(goal, pose=np.linalg.solve(base, np.asarray(goal.pose)))
 
@@ -434,8 +426,8 @@ def read_moveit_request(source: object) -> MotionPlanRequest:
     >>> request = read_moveit_request(
     ...     {"group_name": "arm", "start_state": start, "goal_constraints": [goal]}
     ... )
-    >>> request.group, request.start_state, request.goals[0].upper
-    ('arm', {'elbow': 0.5}, {'elbow': 1.01})
+    >>> request.group, request.start_state
+    ('arm', {'elbow': 0.5})
     """
     with Ledger.reading(source, "motion plan request", "request", FIELDS[1]) as (name, document):
         document.skip()  # each of its tables has a ledger of its own
@@ -446,13 +438,13 @@ def read_moveit_request(source: object) -> MotionPlanRequest:
         kept, path_frames = fields.path_constraints
         frames = path_frames.union(*(goal_frames for _, goal_frames in goals))
         return MotionPlanRequest(
-            source=name,
+            _source=name,
             group=fields.group_name,
             start_state=JointValues(fields.start_state.joint_state),
-            goals=tuple(goal for goal, _ in goals),
+            _goals=tuple(goal for goal, _ in goals),
             frame=find_frame(frames),
             time_limit=fields.allowed_planning_time or None,
-            keep=tuple(kept),
+            _keep=tuple(kept),
         )
 
 

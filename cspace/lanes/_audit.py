@@ -86,7 +86,7 @@ class LaneVerdict(NamedTuple):
     margin: float = 0.0
 
     @property
-    def cells(self) -> dict[str, Any]:
+    def _cells(self) -> dict[str, Any]:
         """Values of the table, by columns."""
         values = dict(zip(COLUMNS, self, strict=True))
         if self.verdict != "free":
@@ -178,7 +178,7 @@ class Audit:
         """Return a table of lanes, failed turns, and what is cut off."""
         order = sorted(self.lanes, key=lambda row: row.verdict == "free")
         lines = [repr(self)]
-        lines += format_table(COLUMNS, [list(row.cells.values()) for row in order], "lanes")
+        lines += format_table(COLUMNS, [list(row._cells.values()) for row in order], "lanes")
         stuck = [row.node for row in self.nodes if not row.turns_around]
         if stuck:
             lines.append(f"no turn all around at: {', '.join(stuck[:MAX_PRINTED_ROWS])}")
@@ -261,7 +261,7 @@ class Audit:
         shapes: list[tuple[dict[str, Any], dict[str, Any]]] = []
         for k, row in enumerate(self.lanes):
             line = {"type": "LineString", "coordinates": line_of(self.graph, k).tolist()}
-            shapes.append((line, row.cells))
+            shapes.append((line, row._cells))
         for node in self.nodes:
             properties = {
                 "node": node.node,
@@ -274,7 +274,7 @@ class Audit:
     @names_options
     def to_csv(self, path: StrPath, overwrite: bool = False) -> None:
         """Write one row for each lane and direction."""
-        write_csv(path, overwrite, COLUMNS, (row.cells for row in self.lanes))
+        write_csv(path, overwrite, COLUMNS, (row._cells for row in self.lanes))
 
     @names_options
     def to_junit(self, path: StrPath, overwrite: bool = False, strict: bool = False) -> None:
@@ -373,7 +373,7 @@ def audit(
         space,
         lanes,
         [_describe(space, lanes, proofs, k) for k in range(len(lanes.lanes))],
-        [NodeVerdict(*row) for row in zip(lanes.names, lanes.places, yaws, strict=True)],
+        [NodeVerdict(*row) for row in zip(lanes.names, lanes._places, yaws, strict=True)],
         [[lanes.names[node] for node in part] for part in reach.list_parts()],
         [
             LostWay(lanes.names[first], lanes.names[last], exists)

@@ -115,7 +115,7 @@ class Conflict(NamedTuple):
     poses: tuple[Pose, Pose] | None = None
 
     @property
-    def cells(self) -> dict[str, Any]:
+    def _cells(self) -> dict[str, Any]:
         """Values of the table, by columns."""
         poses = self.poses or (None, None)
         groups = " ".join(self.groups)
@@ -129,8 +129,6 @@ class Conflicts:
 
     Attributes
     ----------
-    robots : dict of str to tuple
-        The map and the graph of each robot by its name.
     margin : float
         Distance that two robots must keep, metres.
     elements : dict of str to Element
@@ -143,7 +141,7 @@ class Conflicts:
         All pairs of different elements that are not proven apart.
     """
 
-    robots: Mapping[str, tuple[ConfigurationMap, RouteGraph]]
+    _robots: Mapping[str, tuple[ConfigurationMap, RouteGraph]] = field(repr=False)
     margin: float
     elements: dict[str, Element]
     outlines: dict[str, BaseGeometry]
@@ -244,7 +242,7 @@ class Conflicts:
     @property
     def _summary(self) -> str:
         """Robots and numbers of pairs by verdict."""
-        names = " and ".join(space.robot.name for space, _ in self.robots.values())
+        names = " and ".join(space.robot.name for space, _ in self._robots.values())
         numbers = ", ".join(f"{count} {verdict}" for verdict, count in self.counts.items())
         return f"{names}: {numbers}"
 
@@ -256,7 +254,7 @@ class Conflicts:
         """Return tables of pairs that are not apart, and of mutexes."""
         order = sorted(self.pairs, key=lambda row: (bool(row.groups), row.shares_node))
         lines = [repr(self)]
-        lines += format_table(COLUMNS, [list(row.cells.values()) for row in order], "pairs")
+        lines += format_table(COLUMNS, [list(row._cells.values()) for row in order], "pairs")
         if self.groups:
             lines.append(f"{len(self.unguarded)} pairs touch and share no node and no mutex group")
         if self.needless:
@@ -274,7 +272,7 @@ class Conflicts:
         """
         from cspace.plot import extend_legend
 
-        space, _ = next(iter(self.robots.values()))
+        space, _ = next(iter(self._robots.values()))
         axes = space.plot(title=f"Pairs of lanes and nodes, {self._summary}")
         for element in self.elements.values():
             axes.plot(*element.line.T, ".-", color="#1f4e79", linewidth=1.0, ms=4, zorder=5)
@@ -304,14 +302,14 @@ class Conflicts:
             properties = {"element": name, "kind": element.kind, "group": element.group}
             shapes.append((shapely.geometry.mapping(shapely.orient_polygons(outline)), properties))
         shapes += [
-            ({"type": "Point", "coordinates": list(row.at or ())}, row.cells) for row in self.pairs
+            ({"type": "Point", "coordinates": list(row.at or ())}, row._cells) for row in self.pairs
         ]
         return make_features(shapes, path, overwrite)
 
     @names_options
     def to_csv(self, path: StrPath, overwrite: bool = False) -> None:
         """Write one row for each pair not apart."""
-        write_csv(path, overwrite, COLUMNS, (row.cells for row in self.pairs))
+        write_csv(path, overwrite, COLUMNS, (row._cells for row in self.pairs))
 
     @names_options
     def to_junit(self, path: StrPath, overwrite: bool = False, strict: bool = False) -> None:
@@ -473,7 +471,7 @@ def conflicts(
         for pose in _list_poses(each, sweeper.pieces.starts[sweeper.begins[:-1]])
     ]
     return Conflicts(
-        robots=robots,
+        _robots=robots,
         margin=gap,
         elements=elements,
         outlines=dict(zip(elements, outlines.tolist(), strict=True)),
@@ -528,10 +526,10 @@ def _name_elements(robot: str, graph: RouteGraph) -> Iterator[tuple[str, Element
     for number, lane in enumerate(graph.lanes):
         ends = lane.start, lane.end
         start, end = (graph.names[node] for node in ends)
-        nodes = tuple(graph.places[node] for node in ends)
+        nodes = tuple(graph._places[node] for node in ends)
         element = Element(robot, "lane", nodes, lane.mutex, line_of(graph, number))
         yield f"{lane.name}: {start} to {end}", element
-    for node, place in zip(graph.names, graph.places, strict=True):
+    for node, place in zip(graph.names, graph._places, strict=True):
         group = graph.node_mutexes.get(node, "")
         yield f"node {node}", Element(robot, "node", (place,), group, np.array([place]))
 

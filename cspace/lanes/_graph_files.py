@@ -29,7 +29,7 @@ from cspace.inside import (
     warn_user,
 )
 from cspace.lanes._curves import Leg, clamp_knots, cut_nurbs
-from cspace.lanes._headings import HEADINGS, HeadingRule, Lane, parse_heading
+from cspace.lanes._headings import HEADINGS, HeadingRule, Lane, parse_heading, reverse_lane
 
 SUFFIXES: Final = (".geojson", ".json", ".yaml", ".yml")
 """Suffixes of route graphs."""
@@ -284,7 +284,7 @@ def _read_rmf(
         allowed = HEADINGS[word] if word else None
         builder.add_lane(options, number, ends, allowed, mutex=_read_mutex(options))
         if options.flag("is_bidirectional"):
-            builder.lanes.append(builder.lanes[-1].reverse())
+            builder.lanes.append(reverse_lane(builder.lanes[-1]))
     return builder.build()
 
 

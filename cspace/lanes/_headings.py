@@ -81,9 +81,10 @@ class Lane(NamedTuple):
     deviation: float = 0.0
     mutex: str = ""
 
-    def reverse(self) -> Lane:
-        """Return the lane in the other direction, with the same rule."""
-        return self._replace(start=self.end, end=self.start, legs=reverse_legs(self.legs))
+
+def reverse_lane(lane: Lane) -> Lane:
+    """Return a lane in the other direction, with the same rule."""
+    return lane._replace(start=lane.end, end=lane.start, legs=reverse_legs(lane.legs))
 
 
 def find_repeated(values: Iterable[Any]) -> Any:

@@ -126,7 +126,7 @@ def list_legs(graph: RouteGraph, lane: Lane) -> tuple[Leg, ...]:
     """Return a lane's legs; a straight lane has one."""
     if lane.legs:
         return lane.legs
-    start, end = graph.places[lane.start], graph.places[lane.end]
+    start, end = graph._places[lane.start], graph._places[lane.end]
     direction = math.atan2(end[1] - start[1], end[0] - start[0])
     return (Leg(start, end, direction, direction),)
 
@@ -135,7 +135,7 @@ def list_yaws(graph: RouteGraph, lane: Lane) -> list[LaneYaw]:
     """Return ways to drive a lane, empty for any yaw."""
     frame, yaws = lane.heading
     # A straight lane without length has no direction.
-    is_point = not lane.legs and graph.places[lane.start] == graph.places[lane.end]
+    is_point = not lane.legs and graph._places[lane.start] == graph._places[lane.end]
     if frame == "any" or (frame == "lane" and is_point):
         return []
     return [LaneYaw(yaw, frame == "lane") for yaw in yaws]

@@ -200,7 +200,7 @@ def _list_turns(space: ConfigurationMap, graph: RouteGraph) -> SweepPieces:
     rows = []
     deviations = list_deviations(graph)[len(graph.lanes) :].tolist()
     for node, intervals in enumerate(_list_node_yaws(space, graph)):
-        place = graph.places[node]
+        place = graph._places[node]
         number = len(graph.lanes) + node
         for low, high in intervals:
             rows.append((*place, low, *place, high, deviations[node], number))

@@ -25,7 +25,14 @@ from cspace.inside import (
     warn_of_degrees,
     wrap_angles,
 )
-from cspace.lanes._headings import Heading, HeadingRule, Lane, find_repeated, parse_heading
+from cspace.lanes._headings import (
+    Heading,
+    HeadingRule,
+    Lane,
+    find_repeated,
+    parse_heading,
+    reverse_lane,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +70,7 @@ class RouteGraph:
     node_mutexes: Mapping[str, str] = field(default_factory=dict)
 
     @cached_property
-    def places(self) -> list[tuple[float, float]]:
+    def _places(self) -> list[tuple[float, float]]:
         """Positions of the nodes as numbers."""
         return [(x, y) for x, y in self.positions.tolist()]
 
@@ -159,7 +166,7 @@ class RouteGraph:
         ):
             heading = parse_heading(rule, "headings" if is_one else f"headings[{k}]")
             lane = Lane(label, start, end, heading)
-            lanes += [lane, lane.reverse()] if two_way else [lane]
+            lanes += [lane, reverse_lane(lane)] if two_way else [lane]
         for name, values in (("names", nodes), ("edge_names", labels)):
             twice = find_repeated(values)
             if twice is not None:

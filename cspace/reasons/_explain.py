@@ -134,11 +134,6 @@ class Explanation:
     passes_if_turning: bool
     moves_sideways: bool = True
 
-    @property
-    def spacing(self) -> float | None:
-        """Spacing that would decide, metres, or None."""
-        return None if self.trial is None else self.trial.spacing
-
     @cached_property
     def sentences(self) -> list[str]:
         """At most three sentences for a person, the reason first."""

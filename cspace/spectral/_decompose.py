@@ -91,11 +91,6 @@ class BallDecomposition:
         return len(self.radii)
 
     @property
-    def dim(self) -> int:
-        """Number of axes, 2 or 3."""
-        return int(self.centers.shape[1])
-
-    @property
     def volume_bounds(self) -> Bounds:
         """Bounds of the balls' measure divided by the shape's."""
         shape_low, shape_high = self._shape_measure

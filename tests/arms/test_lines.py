@@ -67,11 +67,11 @@ def sample_deviation(motion, poses, samples=33):
     return float(max(distances)), float(max(angles))
 
 
-def check_motion(motion, arm, poses):
+def check_motion(motion, arm, poses, tolerance):
     """Assert that a motion keeps its promises, except those on collisions."""
     deviation, angle = sample_deviation(motion, poses)
-    assert deviation - ROUNDING <= motion.deviation <= motion.tolerance[0]
-    assert angle - ROUNDING <= motion.angle <= motion.tolerance[1]
+    assert deviation - ROUNDING <= motion.deviation <= tolerance[0]
+    assert angle - ROUNDING <= motion.angle <= tolerance[1]
     assert ((motion.waypoints >= arm.lower) & (motion.waypoints <= arm.upper)).all()
     parameters = motion.parameters
     assert parameters[0] == 0.0 and (np.diff(parameters) > 0.0).all()
@@ -116,7 +116,7 @@ def test_motions_stay_within_their_bounds_and_free(tmp_path_factory, seed, count
     motion = space.follow_line(start, "tool0", corners, tolerance=tolerance)
     np.testing.assert_array_equal(motion.waypoints[0], start)
     np.testing.assert_allclose(motion.poses, [poses(start), *corners], atol=1e-6)
-    check_motion(motion, arm, poses)
+    check_motion(motion, arm, poses, tolerance)
     oracle = ArmOracle(path, arm, still, arm.allowed_collisions)
     rows = sample_motion(motion.waypoints, np.linspace(0.0, 1.0, 8)).reshape(-1, arm.dof)
     assert all(oracle.apart(row) > 0.0 for row in rows[:: 1 + len(rows) // 100])
@@ -147,9 +147,7 @@ def test_bounds_hold_for_lines_tangent_to_the_motion(tmp_path_factory, seed, cou
     (line,) = make_lines(corners)
     problem = LineProblem(line, pose, make_pose_scratch(branch), branch.joints, np.ones(2), 10.0)
     bounds, _ = bound_deviation(problem, (waypoints[0], waypoints[1]), 0.0, 1.0, 1)
-    motion = LineMotion(
-        "tool0", corners, (1.0, 1.0), waypoints, np.arange(2.0), False, 0.0, *bounds, "", ""
-    )
+    motion = LineMotion("tool0", corners, waypoints, np.arange(2.0), False, 0.0, *bounds, "", "")
     # Differences give the velocities up to 1e-9.
     assert (np.array(sample_deviation(motion, poses)) <= bounds + 1e-8).all()
 
@@ -266,7 +264,7 @@ def test_extreme_lines_are_refused_or_followed_in_part(open_polar, steps, tolera
         assert too_small or too_wide or math.isinf(min(tolerance)) or not size < 1e100
         return
     if max(tolerance) < 1e9:
-        check_motion(motion, arm, lambda q: arm.pose(q, "hand"))
+        check_motion(motion, arm, lambda q: arm.pose(q, "hand"), tolerance)
 
 
 @pytest.mark.filterwarnings("ignore::cspace.errors.AngleWarning")

@@ -232,7 +232,7 @@ def test_scenes_are_read_from_messages_and_mappings_as_from_files(tmp_path):
     assert 100 < expected.sum() <= 190
     for source in (mapping, mapping["world"], message):
         scene = read_moveit_scene(source)
-        assert scene.source == "planning scene"
+        assert repr(scene).startswith("PlanningScene(planning scene: ")
         assert (build_arm_space(scene, arm).is_free(rows) == expected).all()
     assert read_moveit_scene(message).robot_state == {"lift": 0.25}
     cells = Workspace.from_moveit_scene(message, 0.1)
@@ -263,7 +263,7 @@ def test_requests_are_read_from_mappings(tmp_path):
     given = {"group_name": "bars", "start_state": joint_state(STATE), "goal_constraints": [goal]}
     arm = read_arm(tmp_path)
     by_file, by_mapping = read_moveit_request(path), read_moveit_request(given)
-    assert by_mapping.source == "motion plan request"
+    assert repr(by_mapping).startswith("MotionPlanRequest(motion plan request: ")
     assert by_mapping.start_state == by_file.start_state
     np.testing.assert_array_equal(by_mapping.make_goals(arm), by_file.make_goals(arm))
 
@@ -432,7 +432,8 @@ def test_pose_goals_satisfy_the_constraints(
     for constraint in goal.get("orientation_constraints", ()):
         constraint["parameterization"] = parameterization
     try:
-        (made,) = read_moveit_request(write_request(tmp_path, goal)).goals
+        request = read_moveit_request(write_request(tmp_path, goal))
+        (made,) = request.make_goals(read_arm(tmp_path))
     except FileError as error:
         assert any(reason in str(error) for reason in ("any pose", "0 pose constraints"))
         return
@@ -454,14 +455,14 @@ def test_pose_goals_satisfy_the_constraints(
     turn=TURNS,
     seed=st.integers(0, 2**20),
 )
-def test_what_is_kept_satisfies_the_constraints_of_paths(tolerances, turn, seed):
+def test_what_is_kept_satisfies_the_constraints_of_paths(tmp_path_factory, tolerances, turn, seed):
     rng = np.random.default_rng(seed)
     wanted = Rotation.from_euler("xyz", turn)
     kept = pose_goal(None, (wanted.as_quat(), tolerances), link="fore")
     (constraint,) = kept["orientation_constraints"]
     constraint["parameterization"] = 0
     request = {"goal_constraints": [joint_goal(elbow=1.0)], "path_constraints": kept}
-    uprights = read_moveit_request(request).keep
+    uprights = read_moveit_request(request).make_keep(read_arm(tmp_path_factory.mktemp("arm")))
     angles = rng.uniform(-1.0, 1.0, (200, 3)) * np.minimum(1.1 * np.array(tolerances), math.pi)
     apart = Rotation.from_euler("XYZ", [(0.0, 0.0, 0.0), *angles, *(0.2 * angles)])
     is_kept = np.ones(len(apart), dtype=bool)
@@ -489,12 +490,12 @@ def test_what_is_kept_satisfies_the_constraints_of_paths(tolerances, turn, seed)
 @pytest.mark.parametrize(
     "tolerances, turn", [((6.3, 0.3, 0.3), (3.0, 0, 0)), ((0.3, 6.3, 0.3), (0, 1.0, 0))]
 )
-def test_a_link_may_turn_about_its_free_axis(tolerances, turn):
+def test_a_link_may_turn_about_its_free_axis(tmp_path, tolerances, turn):
     wanted = Rotation.from_euler("xyz", (0.3, 0.2, 0.1))
     kept = pose_goal(None, (wanted.as_quat(), tolerances), link="fore")
     request = {"goal_constraints": [joint_goal(elbow=1.0)], "path_constraints": kept}
     turned = wanted * Rotation.from_rotvec(turn)
-    for upright in read_moveit_request(request).keep:
+    for upright in read_moveit_request(request).make_keep(read_arm(tmp_path)):
         cosine = float(turned.apply(upright.axis) @ upright.direction)
         assert math.acos(min(cosine, 1.0)) <= upright.tolerance
 
@@ -557,4 +558,5 @@ def test_a_tolerance_in_degrees_warns(tmp_path):
     with pytest.warns(AngleWarning, match="axis_tolerance: 10; .* 10 degrees are 0.174533 rad"):
         read_moveit_request(path)
     path = write_request(tmp_path, pose_goal(SPHERE, ((0, 0, 0, 1), (0.174533,) * 3)))
-    assert read_moveit_request(path).goals[0].tolerance[1] < 0.2
+    (goal,) = read_moveit_request(path).make_goals(read_arm(tmp_path))
+    assert goal.tolerance[1] < 0.2

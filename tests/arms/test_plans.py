@@ -10,6 +10,7 @@ import cspace
 import planners
 from cspace import AngleWarning, InputError
 from planners import Trajectory
+from planners._catalogue import planner_names
 from planners._ompl_states import find_state_kind
 from tests.arms.test_joint_map import CONTINUOUS, build_plane_arm
 from tests.helpers.urdfs import (
@@ -53,7 +54,7 @@ def test_planners_find_proven_paths(name):
 
 def test_a_continuous_joint_takes_the_shorter_direction():
     space = space_of(kind="continuous", limits=None)
-    assert planners.choices(space) == ((*planners.planner_names(), "BiRRT"), ())
+    assert planners.choices(space) == ((*planner_names(), "BiRRT"), ())
     plan = planners.plan(space, (3.0, 0.4), (-3.0 + 4 * np.pi, 0.4))
     # Rows are interpolated linearly, so the second angle exceeds half a turn.
     np.testing.assert_allclose(plan.path, [(3.0, 0.4), (2 * np.pi - 3.0, 0.4)])

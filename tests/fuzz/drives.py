@@ -16,7 +16,7 @@ from benchmarks import inputs
 from benchmarks.report import Report
 from cspace import FREE, CSpace, Robot, Workspace
 from cspace._support.arrays import Floats
-from planners._catalogue import SKILLS
+from planners._catalogue import SKILLS, planner_names
 from tests.fuzz.scenes import Rng
 from tests.helpers.drives import WORDS, make_drive
 
@@ -75,7 +75,7 @@ def build_world(rng: Rng) -> CSpace:
 def check_planners(report: Report, rng: Rng, worlds: int) -> None:
     """Plan by every planner of OMPL in random worlds, with random drives and objectives."""
     report.section(f"plans by every planner of OMPL in {worlds} random worlds")
-    names = planners.planner_names()
+    names = planner_names()
     solved: Counter[str] = Counter()
     plans = late = wrong = 0
     while plans < worlds * len(names):

@@ -16,6 +16,7 @@ import planners
 from cspace import Robot, Workspace
 from cspace._interface import ConfigurationSpace
 from cspace.errors import CspaceError
+from planners._catalogue import planner_names
 from tests.helpers.gates import certify_chunk, certify_twists
 from tests.helpers.urdfs import joint, link, posed_box, write_urdf
 
@@ -221,7 +222,7 @@ def ask_region(case):
 
 def run_search(case):
     """Return the path of the first search of ours that plans in a space."""
-    name = planners.choices(case.space).planners[len(planners.planner_names())]
+    name = planners.choices(case.space).planners[len(planner_names())]
     return planners.plan(case.space, case.q0, case.q1, planner=name, time_limit=5.0).waypoints
 
 

@@ -11,6 +11,7 @@ import cspace
 import planners
 from cspace import InputError
 from cspace.lanes import RouteGraph
+from planners._catalogue import planner_names
 from tests.helpers.refusals import check_refused, refusals
 
 
@@ -80,7 +81,7 @@ def test_a_plan_follows_motions_that_the_space_proves(axes, planner):
 
 def test_a_search_of_the_space_is_the_default_planner():
     space = Searched("a", "b")
-    assert planners.choices(space).planners == (*planners.planner_names(), "Around")
+    assert planners.choices(space).planners == (*planner_names(), "Around")
     for planner in (None, "around"):
         plan = planners.plan(space, START, GOAL, planner=planner)
         assert plan.certified and plan.planner == "Around" and len(plan.waypoints) == 3

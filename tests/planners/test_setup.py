@@ -7,7 +7,7 @@ from ompl import geometric as og
 
 import planners
 from cspace import InputError
-from planners._catalogue import SKILLS, make_planner, planner_named
+from planners._catalogue import SKILLS, make_planner, planner_named, planner_names
 from planners._ompl_states import find_state_kind
 from tests.helpers.drives import WORDS, make_drive
 from tests.helpers.missing import output_without
@@ -67,7 +67,7 @@ def test_states_and_motions_are_checked_as_by_the_map(name):
 def test_every_constructible_geometric_planner_is_listed_in_any_case():
     setup = planners.simple_setup(build_room("plane"))
     si = setup.getSpaceInformation()
-    listed = planners.planner_names()
+    listed = planner_names()
     made = set()
     for name in dir(og):
         try:
@@ -89,7 +89,7 @@ def test_choices_lists_planners_and_drives_of_a_map(name):
     space = build_room(name)
     choices = planners.choices(space)
     searches = ("Grid", "MaxClearance", "Lattice")[: 3 if name == "turning" else 2]
-    assert choices.planners == (*planners.planner_names(), *searches)
+    assert choices.planners == (*planner_names(), *searches)
     assert choices.drives == ((planners.Differential, planners.Car) if name == "turning" else ())
     for word in WORDS if choices.drives else ():
         assert planners.state_space(space, drive=make_drive(word)) is not None

@@ -10,6 +10,7 @@ import pytest
 import cspace
 import planners
 from cspace import InputError, Robot, Workspace
+from planners._catalogue import planner_names
 from tests.helpers.drives import make_drive
 from tests.helpers.urdfs import planar_arm
 
@@ -38,7 +39,7 @@ def turning():
     return build_maze(8)
 
 
-NAMES = (*planners.planner_names(), "Grid", "MaxClearance", None)
+NAMES = (*planner_names(), "Grid", "MaxClearance", None)
 
 
 @pytest.mark.parametrize("calls", [1, 3])

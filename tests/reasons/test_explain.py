@@ -109,7 +109,7 @@ def test_windows_decide_a_door_that_the_map_leaves_undecided():
         explanation = space.explain(*ends, refine=True)
         assert explanation.verdict == "undecided"
         assert explanation.trial.decided == decided
-        finer = build_door(width, cspace.Robot.disc(0.19), explanation.spacing)
+        finer = build_door(width, cspace.Robot.disc(0.19), explanation.trial.spacing)
         assert finer.is_connected(*ends) == (decided == "open")
         assert finer.is_disconnected(*ends) == (decided == "shut")
         assert space.explain(*ends).trial.decided == "untried"
