@@ -268,9 +268,7 @@ def plan(
     4.0
     """
     began = time.monotonic()
-    if stop is not None and not callable(cast(object, stop)):
-        rule = "it is called to ask whether the search ends"
-        raise InputError("stop", f"is {stop!r}", rule)
+    _check_stop(stop)
     edges = local_planner(space, drive)
     space = edges.space
     near = start if isinstance(start, Near) else Near(start)
@@ -296,22 +294,27 @@ def plan(
     )
     point = check_start(space, near.configuration)
     if previous is not None:
-        task = replace(task, previous=_check_previous(task, previous))
-        if not edges.exact and _needs_geometry(space, point):
-            space = space.exact
-            edges = replace(edges, space=space)
-            task = replace(task, edges=edges)
+        task = _add_previous(task, previous, point)
+        if task.edges is not edges:  # the geometry proves the start
+            space = task.edges.space
     task = _choose_searches(task)
     places = _check_places(via, goal, task)
     endpoint, moved = _check_start(task, point, near)
     stages = [_check_stage(task, name, place, endpoint) for name, place in places]
-    if edges.drive is not None:
+    if drive is not None:
         import planners._lattice  # noqa: F401 - a search would import it later, on its time
     if task.seed is not None:
         set_seed(task.seed)
     with Effort.stopping(stop):
         journey = _search_stages(task, endpoint, stages)
         return _make_plan(journey, space, endpoint, moved, began)
+
+
+def _check_stop(stop: object) -> None:
+    """Raise InputError for a stopping rule that cannot be called."""
+    if stop is not None and not callable(stop):
+        rule = "it is called to ask whether the search ends"
+        raise InputError("stop", f"is {stop!r}", rule)
 
 
 def _check_keep(keep: Upright | Sequence[Upright] | None) -> tuple[Upright, ...]:
@@ -323,6 +326,15 @@ def _check_keep(keep: Upright | Sequence[Upright] | None) -> tuple[Upright, ...]
         return tuple(given)
     rule = "it must be an Upright, or a list of several"
     raise InputError("keep", f"is {keep!r}", rule)
+
+
+def _add_previous(task: PlanTask, previous: Plan, start: Floats) -> PlanTask:
+    """Let a task follow the previous plan, by the geometry if only this proves the start."""
+    task = replace(task, previous=_check_previous(task, previous))
+    edges = task.edges
+    if not edges.exact and _needs_geometry(edges.space, start):
+        task = replace(task, edges=replace(edges, space=edges.space.exact))
+    return task
 
 
 def _needs_geometry(space: Space, start: Floats) -> bool:
@@ -960,12 +972,7 @@ def _describe_limit(task: PlanTask) -> str:
 def _list_hints(task: PlanTask, exists: bool | None, is_late: bool) -> list[str]:
     """List hints for a failed search, which the time limit ended if ``is_late``."""
     edges = task.edges
-    seconds = DEFAULT_SECONDS if task.time_limit is None else task.time_limit
-    more = f"more time (time_limit={10.0 * seconds:g})"
-    if task.iterations is not None and not is_late:
-        name = task.planner if task.is_named else None
-        search = Search(name, 10 * task.iterations, task.simplify, task.range)
-        more = f"more iterations by planner=planners.{search}"
+    more = _name_more(task, is_late)
     if not isinstance(edges.space, ConfigurationMap):
         return [more, "another seed", "a larger tolerance" if task.keep else "another planner"]
     if edges.drive is None and exists:
@@ -981,6 +988,16 @@ def _list_hints(task: PlanTask, exists: bool | None, is_late: bool) -> list[str]
     if is_late or task.planner != LATTICE or task.fallback is not None:
         return [more, *hints]
     return hints
+
+
+def _name_more(task: PlanTask, is_late: bool) -> str:
+    """Name more time, or more iterations if these ended the search."""
+    if task.iterations is not None and not is_late:
+        name = task.planner if task.is_named else None
+        search = Search(name, 10 * task.iterations, task.simplify, task.range)
+        return f"more iterations by planner=planners.{search}"
+    seconds = DEFAULT_SECONDS if task.time_limit is None else task.time_limit
+    return f"more time (time_limit={10.0 * seconds:g})"
 
 
 def _list_drive_hints(task: PlanTask) -> list[str]:

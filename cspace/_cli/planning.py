@@ -133,9 +133,7 @@ def plan(
     clock = Stopwatch()
     with clock.step("read"):
         space: Any = open_map(file)
-    goals: list[Any] = [_parse_goal(text, space, any_yaw) for text in goal]
-    if goal_tolerance is not None:
-        goals = [planners.Near(each, *_parse_tolerance(goal_tolerance)) for each in goals]
+    goals = _parse_goals(goal, space, any_yaw, goal_tolerance)
     here = parse_configuration(start, "start", space.axes, space.units)
     options: dict[str, Any] = {"start": planners.Near(here, start_tolerance or 0.0), "goal": goals}
     search = planners.Search(cast("Any", planner), simplify=simplify)
@@ -150,9 +148,7 @@ def plan(
             described |= _describe_distance(planned)
     if planned.solved:
         with clock.step("write"):
-            for path in output or []:
-                write = planned.to_csv if path.suffix.lower() == ".csv" else planned.to_json
-                write(path, overwrite=overwrite)
+            _write_path(planned, output or [], overwrite)
             if trajectory:
                 motion = planned.trajectory(**{"max_acceleration": None, **limits})
                 motion.to_csv(trajectory, overwrite)
@@ -165,9 +161,7 @@ def plan(
             planned.animate(animate, overwrite, progress=progress)
     show({**described, "seconds": clock.seconds}, as_json)
     if not planned.solved:
-        hint = planned.hint.replace("plan.explain()", "cspace explain")
-        hint = hint.replace("space.exact", "--exact")
-        hint = re.sub(r"planners\.\w+\(.*?\)", _REVERSING.get(drive, drive), hint)
+        hint = _word_hint(planned.hint, drive)
         hint = name_options(hint, list_option_names(context.command, context.meta))
         advice = f"; try {hint}" if hint else ""
         typer.echo(
@@ -206,11 +200,19 @@ def _parse_goal(text: str, space: ConfigurationMap, any_yaw: bool) -> tuple[floa
     return (*parse_configuration(text, "goal", space.axes[:dim], space.units[:dim]), None)
 
 
-def _parse_tolerance(text: str) -> tuple[float, ...]:
-    """Parse ``--goal-tolerance``, metres and perhaps an angle; raise InputError otherwise."""
-    units = ("m", "rad")[: 1 + text.count(",")]
+def _parse_goals(
+    texts: list[str], space: ConfigurationMap, any_yaw: bool, tolerance: str | None
+) -> list[Any]:
+    """Parse each ``--goal``, and ``--goal-tolerance``, metres and perhaps an angle."""
+    from planners import Near
+
+    goals = [_parse_goal(text, space, any_yaw) for text in texts]
+    if tolerance is None:
+        return goals
+    units = ("m", "rad")[: 1 + tolerance.count(",")]
     names = ("metres", "angle")[: len(units)]
-    return parse_configuration(text, "goal_tolerance", names, units)
+    room = parse_configuration(tolerance, "goal_tolerance", names, units)
+    return [Near(goal, *room) for goal in goals]
 
 
 def explain(
@@ -302,6 +304,19 @@ def demo(
     document = {"map": describe_map(space), "proofs": proofs, "plan": _describe(planned)}
     document["files"] = {name: str(file) for name, file in files.items()}
     show({**document, "seconds": clock.seconds}, as_json)
+
+
+def _write_path(plan: Plan, files: list[Path], overwrite: bool) -> None:
+    """Write a path as tables and records."""
+    for file in files:
+        write = plan.to_csv if file.suffix.lower() == ".csv" else plan.to_json
+        write(file, overwrite=overwrite)
+
+
+def _word_hint(hint: str, drive: DriveName) -> str:
+    """Word the hint of a failed plan for the command line, but for names of options."""
+    hint = hint.replace("plan.explain()", "cspace explain").replace("space.exact", "--exact")
+    return re.sub(r"planners\.\w+\(.*?\)", _REVERSING.get(drive, drive), hint)
 
 
 def _describe_distance(plan: Plan) -> dict[str, float]:

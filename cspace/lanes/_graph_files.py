@@ -350,16 +350,23 @@ def _read_lif(
         if edge.where in leaving:
             for part in (edge, *entries):
                 part.skip()
-            continue
-        entry = _own_entry(entries, vehicle)
-        if entries and entry is None:
-            edge.skip()
-            continue  # not for this type of vehicle
-        entry = entry or edge
-        entry.refuse("rotationAtStartNodeAllowed", "BOTH")
-        entry.refuse("rotationAtEndNodeAllowed", "BOTH")
-        _add_edge(builder, edge, entry, "vehicleOrientation", _may_turn(entry, False))
+        else:
+            _add_lif_edge(builder, edge, entries, vehicle)
     return builder.build(_read_stations(builder, layout, leaving))
+
+
+def _add_lif_edge(
+    builder: GraphBuilder, edge: Ledger, entries: list[Ledger], vehicle: str | None
+) -> None:
+    """Add an edge of LIF, if it is for a type of vehicle."""
+    entry = _own_entry(entries, vehicle)
+    if entries and entry is None:
+        edge.skip()
+        return
+    entry = entry or edge
+    entry.refuse("rotationAtStartNodeAllowed", "BOTH")
+    entry.refuse("rotationAtEndNodeAllowed", "BOTH")
+    _add_edge(builder, edge, entry, "vehicleOrientation", _may_turn(entry, False))
 
 
 def _choose_layout(document: Ledger, level: str | None) -> tuple[Ledger, dict[str, Ledger]]:

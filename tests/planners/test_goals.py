@@ -565,7 +565,11 @@ BOX = shapely.box(4.5, 0.5, 5.5, 1.5)
         {"goal": planners.Near([START, START], 0.3)},
         "Near has one configuration",
     ),
-    ("turning", {"start": planners.Near([START, START], 0.3)}, "(0.8, 0.8, 0.0)]; a start is one configuration"),
+    (
+        "turning",
+        {"start": planners.Near([START, START], 0.3)},
+        "(0.8, 0.8, 0.0)]; a start is one configuration",
+    ),
     (
         "turning",
         {"goal": shapely.Polygon()},
