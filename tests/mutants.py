@@ -887,13 +887,13 @@ MUTANTS = (
         "cspace/export/_messages.py",
         "np.where(lowest == stack.max(axis=0), lowest, MIXED)",
         "lowest",
-        "tests/files/test_messages.py",
+        "tests/export/test_map_messages.py",
     ),
     Mutant(
         "cspace/export/_messages.py",
         "costs[clearance + inscribed > radius] = 0",
         "costs[clearance > radius - 2 * inscribed] = 0",
-        "tests/files/test_messages.py",
+        "tests/export/test_map_messages.py",
     ),
     # Spectral.
     Mutant(

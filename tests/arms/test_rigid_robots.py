@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 import cspace
 from cspace import AngleWarning, FileError, InputError, Robot
 from cspace._shapes.mesh import Mesh
+from tests.helpers.mesh_files import NOTES, measure, write_noted, write_plate
 from tests.helpers.refusals import refusals
 
 BASE = """
@@ -394,3 +395,28 @@ def test_a_link_in_millimetres_is_warned_of(tmp_path, attributes, warns):
     match = "link .a., collision 0: mesh is 300 m x 200 m x 100 m large"
     with pytest.warns(cspace.UnitWarning, match=match) if warns else nullcontext():
         Robot.from_urdf(path)
+
+
+def test_gltf_meshes_of_urdf_are_turned_upright_with_a_warning(tmp_path):
+    write_plate(tmp_path, "glb")
+    path = tmp_path / "robot.urdf"
+    geometry = '<collision><geometry><mesh filename="plate.glb"/></geometry></collision>'
+    path.write_text(f'<robot name="r"><link name="l">{geometry}</link></robot>')
+    with pytest.warns(UserWarning, match=r"y points up in the glTF file plate\.glb; it is turned"):
+        robot = Robot.from_urdf(path)
+    assert measure(robot.shape) == [1.2, 0.8, 0.3]
+    # Files of other formats keep their axes, whichever they call up.
+    write_plate(tmp_path, "Y_UP")
+    path.write_text(path.read_text().replace("plate.glb", "plate.dae"))
+    assert measure(Robot.from_urdf(path).shape) == [1.2, 0.3, 0.8]
+
+
+@pytest.mark.parametrize(
+    "form, note", [(form, note) for form, rows in NOTES.items() for note, _ in rows]
+)
+def test_the_scale_of_a_mesh_answers_in_which_unit_it_is(tmp_path, form, note):
+    write_noted(tmp_path, form, note)
+    mesh = f'<mesh filename="box.{form}" scale="0.001 0.001 0.001"/>'
+    body = f'<link name="l"><collision><geometry>{mesh}</geometry></collision></link>'
+    with warnings.catch_warnings(action="error"):
+        assert measure(Robot.from_urdf(write_urdf(tmp_path, body)).shape) == [0.004] * 3

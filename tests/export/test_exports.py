@@ -14,10 +14,13 @@ from hypothesis.extra import numpy as hnp
 from PIL import Image
 
 import cspace
-from cspace.errors import InputError, MissingPackageError
+from cspace import BLOCKED, FREE, MIXED, Grid, Workspace
+from cspace.errors import FileError, InputError, MissingPackageError
 from cspace.export._free_boundary import WRITERS, free_boundary
+from cspace.export._plane_images import write_ros_map
 from tests.helpers.handmade import build_empty
 from tests.helpers.maps import MAP_BUILDERS
+from tests.helpers.refusals import check_refused, refusals
 from tests.helpers.strategies import examples
 
 # ---- the border of the free space ----------------------------------------------------------------
@@ -265,3 +268,45 @@ def test_coordinates_too_long_for_stl_are_written_as_advised(tmp_path):
         space.export(tmp_path / "a.stl")
     for name in ("a.ply", "a.obj"):
         space.export(tmp_path / name)
+
+
+@refusals(
+    "name, hint",
+    ("a.yaml", "pass overwrite=True"),
+    ("new/a.yaml", "outputs go to an existing folder"),
+)
+def test_exports_over_files_and_into_missing_folders_are_refused(name, hint, tmp_path):
+    (tmp_path / "a.yaml").touch()
+    check_refused(lambda: build_empty((3, 3), "disc:0.01").export(tmp_path / name), hint)
+
+
+def test_an_export_is_not_taken_for_a_misspelt_input(tmp_path):
+    (tmp_path / "corridor.ply").touch()
+    with pytest.raises(InputError, match=r"known are \.zarr") as refused:
+        build_empty((9, 9), "disc:0.1").export(tmp_path / "corridor.csv")
+    assert "did you mean" not in str(refused.value)
+
+
+@given(
+    state=hnp.arrays(
+        np.uint8,
+        st.tuples(st.integers(1, 7), st.integers(1, 7)),
+        elements=st.sampled_from([FREE, MIXED, BLOCKED]),
+    ),
+    lower=st.tuples(st.floats(-1e3, 1e3), st.floats(-1e3, 1e3)),
+    spacing=st.floats(1e-3, 1e3) | st.just(1e-3 / 3.0),
+)
+def test_written_maps_read_back_identically(tmp_path_factory, state, lower, spacing):
+    path = tmp_path_factory.mktemp("written") / "a map.yaml"
+    grid = Grid(lower, spacing, state.shape)
+    (path.parent / "a map.pgm").write_text("precious")
+    with pytest.raises(FileError, match=r"a map\.pgm: exists"):
+        write_ros_map(state, grid, path)
+    assert [file.read_text() for file in path.parent.iterdir()] == ["precious"]
+    write_ros_map(state, grid, path, overwrite=True)
+    cautious = Workspace.from_ros_map(path)
+    bold = Workspace.from_ros_map(path, "free")
+    assert cautious.grid == bold.grid == grid
+    assert np.array_equal(cautious.outer, state != FREE)
+    assert np.array_equal(bold.outer, state == BLOCKED)
+    assert sorted(file.name for file in path.parent.iterdir()) == ["a map.pgm", "a map.yaml"]

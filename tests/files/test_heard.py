@@ -18,7 +18,6 @@ from PIL import Image
 import cspace
 from cspace import Robot, Workspace
 from cspace.errors import (
-    CspaceError,
     FileError,
     GeometryError,
     InputError,
@@ -435,10 +434,6 @@ def space():
 def test_class_variables_of_messages_are_no_fields(space):
     read = cspace.ros.configuration_of
     assert list_warnings(read, Stamped(Header("map"), POSE), space) == []
-    scene = {"world": {"collision_objects": []}, "robot_state": {"joint_state": Header("map")}}
-    with pytest.raises(CspaceError) as caught:
-        Workspace.from_moveit_scene(scene, 0.1)
-    assert "__msgtype__" not in str(caught.value)
 
 
 def test_poses_with_a_covariance_are_read(space):

@@ -25,7 +25,7 @@ from tests.helpers.strategies import examples
 
 @pytest.fixture(scope="module")
 def families(tmp_path_factory):
-    return fuzz.write_families(tmp_path_factory.mktemp("families"))
+    return fuzz.write_core_families(tmp_path_factory.mktemp("families"))
 
 
 def check_refused(path, message, **options):
@@ -47,33 +47,10 @@ def test_cut_files_are_refused_if_their_format_says_where_they_end(families):
     assert fuzz.open_cut_files(families, 8) == []
 
 
-AUDITED = """
-import sys
-from pathlib import Path
-from tests.fuzz import files as fuzz
-
-names = sorted(Path(sys.argv[1]).iterdir())
-assert all(fuzz.attempt(name) == "opened" for name in names)  # imports and compiles
-seen = set()
-STARTS = ("socket.", "subprocess.", "os.exec", "os.fork", "os.posix_spawn", "os.system", "import")
-CHANGES = ("os.mkdir", "os.rename", "os.remove", "os.rmdir", "os.link", "os.symlink", "os.truncate")
-
-def audit(event, arguments):
-    writes = event == "open" and (set(arguments[1] or "") & set("wax+") or (arguments[2] or 0) & 0o103)
-    if event.startswith(STARTS + CHANGES) or writes:
-        seen.add((event, str(arguments)[:100]))
-
-sys.addaudithook(audit)
-for name in names:
-    fuzz.attempt(name)
-print(sorted(seen))
-"""
-
-
 @pytest.mark.thorough
 def test_opening_starts_no_process_and_writes_sends_and_imports_nothing(families):
     folder = next(iter(families.values())).parent
-    code = [sys.executable, "-c", AUDITED, str(folder)]
+    code = [sys.executable, "-c", fuzz.AUDITED, str(folder)]
     done = subprocess.run(code, capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
 
@@ -156,39 +133,6 @@ def test_yaml_words_are_plain_values(tmp_path):
 def test_xml_is_refused_by_its_entities_and_its_depth(text, message):
     with pytest.raises(ContentError, match=message):
         parse_xml(text.encode())
-
-
-def list_places(value):
-    """Return the keys that lead to each value within nested tables and lists."""
-    items = value.items() if isinstance(value, dict) else enumerate(value)
-    places = []
-    for key, part in items:
-        inner = list_places(part) if isinstance(part, dict | list) else []
-        places += [[key], *([key, *rest] for rest in inner)]
-    return places
-
-
-@pytest.mark.parametrize("name", ["scene.yaml", "request.yaml"])
-def test_every_field_of_a_moveit_message_is_checked(tmp_path, families, name):
-    """Write a table with an unknown field in place of each value."""
-    content = json.loads(families[name].read_text())
-    if name == "scene.yaml":
-        content["world"]["collision_objects"][0] |= {"planes": [], "subframe_names": []}
-    else:
-        content["start_state"]["attached_collision_objects"] = []
-        content["path_constraints"] = {}
-    path = tmp_path / name
-    opened = []
-    for *place, last in list_places(content):
-        message = json.loads(json.dumps(content))
-        parent = message
-        for key in place:
-            parent = parent[key]
-        parent[last] = {"unknown": 1}
-        path.write_text(json.dumps(message))
-        if fuzz.attempt(path) != "refused":
-            opened.append(last)
-    assert set(opened) <= {"weight"}
 
 
 @pytest.mark.parametrize("levels", [65, 200_000])

@@ -5,7 +5,6 @@ from contextlib import nullcontext
 
 import numpy as np
 import pytest
-import trimesh
 
 from cspace import Robot, UnitWarning, Workspace, make_mesh
 from tests.helpers.mesh_files import (
@@ -13,13 +12,17 @@ from tests.helpers.mesh_files import (
     BOX_MESH,
     BOX_QUADS,
     BOX_SHIFT,
+    NOTES,
     PLACED,
     QUADS,
     check_boxes,
     check_refused,
     make_collada,
+    measure,
     read,
     write_gltf,
+    write_noted,
+    write_plate,
     write_primitives,
 )
 from tests.helpers.refusals import refusals
@@ -203,26 +206,6 @@ def test_unsupported_features_of_collada_are_refused(tmp_path, content, message)
 
 # Axes and units
 
-PLATE = trimesh.creation.box((1.2, 0.3, 0.8))
-"""A plate that lies flat where y points up."""
-
-
-def write_plate(folder, form):
-    """Write the plate as glTF, or as COLLADA whose axis ``form`` points up."""
-    if form == "glb":
-        path = folder / "plate.glb"
-        PLATE.export(path)
-        return path
-    path = folder / "plate.dae"
-    scale = "<scale>0.3 0.075 0.2</scale>" if form != "X_UP" else "<scale>0.075 0.3 0.2</scale>"
-    path.write_text(make_collada(nodes=scale + PLACED, unit=f"<up_axis>{form}</up_axis>"))
-    return path
-
-
-def measure(mesh):
-    lower, upper = mesh.bounds
-    return (upper - lower).round(6).tolist()
-
 
 @pytest.mark.parametrize("form, axis", [("glb", "y"), ("Y_UP", "y"), ("X_UP", "x")])
 def test_a_file_whose_y_or_x_is_up_is_warned_of_and_turned_on_demand(tmp_path, form, axis):
@@ -262,59 +245,15 @@ def test_turning_follows_the_right_hand_rule_of_the_format(form, axis):
     assert made.vertices.tolist() == [[1, 0, 0], [0, 0, 1], [0, -1, 0], [0, 0, 0]]
 
 
-def test_gltf_meshes_of_urdf_are_turned_upright_with_a_warning(tmp_path):
-    write_plate(tmp_path, "glb")
-    path = tmp_path / "robot.urdf"
-    geometry = '<collision><geometry><mesh filename="plate.glb"/></geometry></collision>'
-    path.write_text(f'<robot name="r"><link name="l">{geometry}</link></robot>')
-    with pytest.warns(UserWarning, match=r"y points up in the glTF file plate\.glb; it is turned"):
-        robot = Robot.from_urdf(path)
-    assert measure(robot.shape) == [1.2, 0.8, 0.3]
-    # Files of other formats keep their axes, whichever they call up.
-    write_plate(tmp_path, "Y_UP")
-    path.write_text(path.read_text().replace("plate.glb", "plate.dae"))
-    assert measure(Robot.from_urdf(path).shape) == [1.2, 0.3, 0.8]
-
-
 def test_a_z_up_file_is_read_without_a_warning(tmp_path):
     assert measure(make_mesh(write_plate(tmp_path, "Z_UP"))) == [1.2, 0.3, 0.8]
-
-
-NOTES = {
-    "obj": [
-        ("# File units = millimeters\n", True),
-        ("# units: mm\n", True),
-        ("o inches\n", False),
-        ("# Units: foot\n", True),
-        ("# kilometers\n", True),
-        ("# unit: m\n", False),
-        ("# units are metres\n", False),
-        ("# unit normals\n", False),
-    ],
-    "ply": [("comment exported in inches\n", True), ("comment unit: metre\n", False)],
-    "stl": [
-        ("units=mm", True),
-        ("part (mm)", True),
-        ("made in min", False),
-        ("within 2 mm", False),
-    ],
-}
 
 
 @pytest.mark.parametrize(
     "form, note, warns", [(form, *row) for form, rows in NOTES.items() for row in rows]
 )
 def test_a_comment_that_names_another_unit_is_warned_of(tmp_path, form, note, warns):
-    path = tmp_path / f"box.{form}"
-    data = BOX_MESH.export(file_type=form)
-    data = data if isinstance(data, bytes) else data.encode()
-    mark = note.encode()
-    start = data.index(b"element") if form == "ply" else 0
-    path.write_bytes(data[:start] + mark + data[start + (len(mark) if form == "stl" else 0) :])
-    scaled = tmp_path / "scaled.urdf"
-    mesh = f'<collision><geometry><mesh filename="box.{form}" scale="0.001 0.001 0.001"/></geometry></collision>'
-    scaled.write_text(f'<robot name="r"><link name="l">{mesh}</link></robot>')
-    assert measure(Robot.from_urdf(scaled).shape) == [0.004] * 3  # the scale answers the question
+    path = write_noted(tmp_path, form, note)
     with pytest.warns(UnitWarning, match="taken as metres") if warns else nullcontext():
         assert measure(make_mesh(path)) == [4.0] * 3
 

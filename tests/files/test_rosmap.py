@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from PIL import Image
 
-from cspace import BLOCKED, FREE, MIXED, Grid, Workspace
+from cspace import Grid, Workspace
 from cspace.errors import AngleWarning, FileError
 from tests.helpers.refusals import refusals
 from tests.helpers.strategies import seeds
@@ -163,33 +163,6 @@ def test_real_maps_have_the_cells_of_their_pixels(data, name):
     lower = tuple(header["origin"][:2])
     assert workspace.grid == Grid(lower, header["resolution"], occupied.T.shape)
     assert np.array_equal(workspace.outer, (occupied >= header["free_thresh"])[::-1].T)
-
-
-@given(
-    state=hnp.arrays(
-        np.uint8,
-        st.tuples(st.integers(1, 7), st.integers(1, 7)),
-        elements=st.sampled_from([FREE, MIXED, BLOCKED]),
-    ),
-    lower=st.tuples(st.floats(-1e3, 1e3), st.floats(-1e3, 1e3)),
-    spacing=st.floats(1e-3, 1e3) | st.just(1e-3 / 3.0),
-)
-def test_written_maps_read_back_identically(tmp_path_factory, state, lower, spacing):
-    from cspace.export._plane_images import write_ros_map
-
-    path = tmp_path_factory.mktemp("written") / "a map.yaml"
-    grid = Grid(lower, spacing, state.shape)
-    (path.parent / "a map.pgm").write_text("precious")
-    with pytest.raises(FileError, match=r"a map\.pgm: exists"):
-        write_ros_map(state, grid, path)
-    assert [file.read_text() for file in path.parent.iterdir()] == ["precious"]
-    write_ros_map(state, grid, path, overwrite=True)
-    cautious = Workspace.from_ros_map(path)
-    bold = Workspace.from_ros_map(path, "free")
-    assert cautious.grid == bold.grid == grid
-    assert np.array_equal(cautious.outer, state != FREE)
-    assert np.array_equal(bold.outer, state == BLOCKED)
-    assert sorted(file.name for file in path.parent.iterdir()) == ["a map.pgm", "a map.yaml"]
 
 
 def test_grey_of_unknown_cells_is_unknown_in_an_inverted_image_too(tmp_path):

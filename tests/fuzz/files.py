@@ -52,11 +52,60 @@ undetectable."""
 TRAILERS = {"image.png": 30, "image.bmp": 6}
 """Number of trailing bytes without values, such as checksums; at most two in other files."""
 
+OF_WINGS = ("tiles", "robot.urdf", "scene.yaml", "request.yaml")
+"""Families that wings read."""
+
+AUDITED = """
+import sys
+from pathlib import Path
+from tests.fuzz import files as fuzz
+
+names = sorted(Path(sys.argv[1]).iterdir())
+assert all(fuzz.attempt(name) == "opened" for name in names)  # imports and compiles
+seen = set()
+STARTS = ("socket.", "subprocess.", "os.exec", "os.fork", "os.posix_spawn", "os.system", "import")
+CHANGES = ("os.mkdir", "os.rename", "os.remove", "os.rmdir", "os.link", "os.symlink", "os.truncate")
+
+def audit(event, arguments):
+    writes = event == "open" and (set(arguments[1] or "") & set("wax+") or (arguments[2] or 0) & 0o103)
+    if event.startswith(STARTS + CHANGES) or writes:
+        seen.add((event, str(arguments)[:100]))
+
+sys.addaudithook(audit)
+for name in names:
+    fuzz.attempt(name)
+print(sorted(seen))
+"""
+"""Program that opens all files of a folder, and prints what it changes or starts."""
+
 Rng = np.random.Generator
 
 
 def write_families(folder: Path) -> dict[str, Path]:
-    """Write one small file of each family."""
+    """Write one small file of each family, those of wings too."""
+    write_core_families(folder)
+    joined = cspace.open(folder / "saved.zarr")
+    tiles = {"store": folder / "tiles", "tile": 4}
+    cspace.build(joined.workspace, joined.robot, rotations=4, **tiles).compute_components()
+    solids = (
+        '<box size="1 2 3"/>',
+        '<cylinder radius="0.5" length="2"/>',
+        '<mesh filename="box.stl" scale="1 1 0.5"/>',
+    )
+    parts = "".join(
+        f'<collision><origin xyz="0.5 0 0" rpy="0 0.3 0"/><geometry>{solid}</geometry></collision>'
+        for solid in solids
+    )
+    joint = '<joint name="j" type="fixed"><origin xyz="0 0 1"/><parent link="base"/><child link="top"/></joint>'
+    robot = f'<robot name="r"><link name="base">{parts}</link><link name="top"/>{joint}</robot>'
+    (folder / "robot.urdf").write_text(robot)
+    (folder / "scene.yaml").write_text(_write_scene())
+    (folder / "request.yaml").write_text(_write_request())
+    return {path.name: path for path in sorted(folder.iterdir())}
+
+
+def write_core_families(folder: Path) -> dict[str, Path]:
+    """Write one small file of each family that the core reads."""
     import trimesh
     import zarr
     from PIL import Image
@@ -66,12 +115,11 @@ def write_families(folder: Path) -> dict[str, Path]:
 
     cells = np.eye(6, 5, dtype=bool)
     plane = cspace.build(Workspace.from_array(cells, 0.1), Robot.rectangle(0.2, 0.1), rotations=4)
-    plane.export(folder / "map.yaml", rotation=0.0)
+    Image.fromarray(np.where(cells, 0, 254).astype(np.uint8)).save(folder / "map.pgm")
+    header = "image: map.pgm\nresolution: 0.1\norigin: [0.0, 0.0, 0.0]\nnegate: 0\n"
+    put("map.yaml", f"{header}occupied_thresh: 0.65\nfree_thresh: 0.196\n")
     for name in ("saved.zarr", "forged.zarr"):
         plane.save(folder / name)
-    cspace.build(
-        plane.workspace, plane.robot, rotations=4, store=folder / "tiles", tile=4
-    ).compute_components()
     zarr.create_array(
         str(folder / "cells.zarr"), data=cells, chunks=(4, 4), config={"write_empty_chunks": True}
     )
@@ -99,24 +147,8 @@ def write_families(folder: Path) -> dict[str, Path]:
     put("text.stl", trimesh.exchange.stl.export_stl_ascii(box))
     put("text.ply", trimesh.exchange.ply.export_ply(box, encoding="ascii"))
     put("box.dae", make_collada())
-    solids = (
-        '<box size="1 2 3"/>',
-        '<cylinder radius="0.5" length="2"/>',
-        '<mesh filename="box.stl" scale="1 1 0.5"/>',
-    )
-    parts = "".join(
-        f'<collision><origin xyz="0.5 0 0" rpy="0 0.3 0"/><geometry>{solid}</geometry></collision>'
-        for solid in solids
-    )
-    joint = '<joint name="j" type="fixed"><origin xyz="0 0 1"/><parent link="base"/><child link="top"/></joint>'
-    put(
-        "robot.urdf",
-        f'<robot name="r"><link name="base">{parts}</link><link name="top"/>{joint}</robot>',
-    )
     costmap = '  ros__parameters:\n    footprint: "[[0.3, 0.2], [0.3, -0.2], [-0.3, -0.2], [-0.3, 0.2]]"\n    footprint_padding: 0.02\n'
     put("robot.yaml", f"local_costmap:\n{costmap}global_costmap:\n{costmap}")
-    put("scene.yaml", _write_scene())
-    put("request.yaml", _write_request())
     put(
         "tree.bt",
         b"# Octomap OcTree binary file\nid OcTree\nsize 24\nres 0.1\ndata\n"

@@ -14,6 +14,25 @@ from tests.helpers.placements import draw_configurations
 
 MAP_SUFFIXES = [".zarr", ""]
 
+MOVINGAI_MAPS = [
+    *("AR0011SR", "Berlin_1_1024", "arena", "brc504d", "maze512-32-0", "random512-10-0"),
+]
+
+
+def read_problems(path):
+    """Return the map, starts, goals and published lengths of a benchmark of MovingAI.
+
+    The map is refined, because the grid cannot decide a corridor one cell wide.
+    """
+    outer = cspace.Workspace.from_movingai(path).outer
+    fine = np.repeat(np.repeat(outer, 3, axis=0), 3, axis=1)
+    space = cspace.build(cspace.Workspace.from_array(fine, 1 / 3), cspace.Robot.disc(0.01))
+    problems = path.with_suffix(".map.scen").read_text().splitlines()[1:]
+    numbers = np.array([line.split()[-5:] for line in problems], dtype=float)
+    ends, optimal = numbers[:, :4].reshape(-1, 2, 2), numbers[:, 4]
+    ends[..., 1] = outer.shape[1] - 1 - ends[..., 1]
+    return space, ends[:, 0] + 0.5, ends[:, 1] + 0.5, optimal
+
 
 def same(a, b):
     """Fail unless two maps are equal and give equal answers."""

@@ -149,3 +149,56 @@ def make_collada(primitives=QUADS, nodes=PLACED, unit="", body=""):
       <visual_scene id="scene"><node>{nodes}</node></visual_scene>
     </library_visual_scenes>
     <scene><instance_visual_scene url="#scene"/></scene></COLLADA>"""
+
+
+PLATE = trimesh.creation.box((1.2, 0.3, 0.8))
+"""A plate that lies flat where y points up."""
+
+
+def write_plate(folder, form):
+    """Write the plate as glTF, or as COLLADA whose axis ``form`` points up."""
+    if form == "glb":
+        path = folder / "plate.glb"
+        PLATE.export(path)
+        return path
+    path = folder / "plate.dae"
+    scale = "<scale>0.3 0.075 0.2</scale>" if form != "X_UP" else "<scale>0.075 0.3 0.2</scale>"
+    path.write_text(make_collada(nodes=scale + PLACED, unit=f"<up_axis>{form}</up_axis>"))
+    return path
+
+
+def measure(mesh):
+    lower, upper = mesh.bounds
+    return (upper - lower).round(6).tolist()
+
+
+NOTES = {
+    "obj": [
+        ("# File units = millimeters\n", True),
+        ("# units: mm\n", True),
+        ("o inches\n", False),
+        ("# Units: foot\n", True),
+        ("# kilometers\n", True),
+        ("# unit: m\n", False),
+        ("# units are metres\n", False),
+        ("# unit normals\n", False),
+    ],
+    "ply": [("comment exported in inches\n", True), ("comment unit: metre\n", False)],
+    "stl": [
+        ("units=mm", True),
+        ("part (mm)", True),
+        ("made in min", False),
+        ("within 2 mm", False),
+    ],
+}
+
+
+def write_noted(folder, form, note):
+    """Write a box of 4 m as a mesh file with a comment."""
+    path = folder / f"box.{form}"
+    data = BOX_MESH.export(file_type=form)
+    data = data if isinstance(data, bytes) else data.encode()
+    mark = note.encode()
+    start = data.index(b"element") if form == "ply" else 0
+    path.write_bytes(data[:start] + mark + data[start + (len(mark) if form == "stl" else 0) :])
+    return path

@@ -603,6 +603,16 @@ def blocked(space, rows):
         lambda f: planners.plan(read_arm_space(f), (0.3, 0.5), (0.4, 0.5)).to_path(),
         "a path holds poses",
     ),
+    (
+        lambda _: planners.plan(build_room("plane"), [(1.0, 1.0)], (2.0, 1.0)),
+        "start has shape (1, 2); it must be one configuration of 2 numbers",
+    ),
+    (
+        lambda _: planners.plan(
+            build_room("plane"), (1.0, 1.0), cspace.PoseGoal("fore", np.eye(4))
+        ),
+        "the space of an arm is needed for that",
+    ),
     (lambda _: plan_own("x", "y", start=(0.0, 0.0)), "is not free; a path starts and ends in free"),
     (lambda _: plan_own("x", "y", goal=(3.0, 0.0)), "goal (3.0, 0.0) lies outside the bounds"),
     (lambda _: plan_own("x", "y", goal=cspace.PoseGoal("tip", np.eye(4))), "goal is a PoseGoal"),

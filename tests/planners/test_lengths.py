@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+import pytest
 import shapely
 from hypothesis import example, given
 from hypothesis import strategies as st
@@ -12,6 +13,7 @@ from cspace import BLOCKED, FREE
 from planners._taut import MARGIN
 from tests.fuzz.lengths import shortest_length
 from tests.helpers.handmade import map_of
+from tests.helpers.maps import MOVINGAI_MAPS, read_problems
 from tests.helpers.oracles import path_length
 from tests.helpers.strategies import examples, seeds
 
@@ -66,3 +68,12 @@ def test_rays_that_graze_two_corners_meet_both():
     assert space.min_path_length(start, goal) <= expected * (1.0 + 1e-9)
     path = planners.plan(space, start, goal).waypoints
     assert path_length(path) <= expected + 4.0 * MARGIN
+
+
+@pytest.mark.parametrize("name", MOVINGAI_MAPS)
+def test_paths_on_real_maps_have_the_published_length(data, name):
+    space, starts, goals, optimal = read_problems(data / "movingai" / f"{name}.map")
+    # The published lengths are of paths along eight directions, at most 1.0824 of the shortest.
+    for problem in np.linspace(0, len(starts) // 2, 3, dtype=int):
+        path = planners.plan(space, starts[problem], goals[problem]).waypoints
+        assert optimal[problem] / 1.0824 <= path_length(path) <= optimal[problem] + 1e-6

@@ -2,8 +2,10 @@
 
 import itertools
 import math
+import pickle
 import re
 import threading
+from itertools import product
 
 import numpy as np
 import pytest
@@ -21,6 +23,7 @@ from cspace.reasons._margins import grow_cells
 from tests.helpers.commands import document
 from tests.helpers.handmade import build_empty, components
 from tests.helpers.refusals import check_refused
+from tests.helpers.slits import build_slit, draw_rows
 from tests.helpers.strategies import examples, seeds
 
 SIDE = 4.0
@@ -567,3 +570,14 @@ def test_the_solids_in_the_way_of_joints_are_named(tmp_path):
         lambda: made.explain(start, goal, refine=True),
         "finer maps of joints need their arm",
     )
+
+
+def test_the_exact_map_is_explained_by_whole_cells():
+    space = build_slit()
+    start, goal = (0.5, 1.2, 0.0), (1.9, 1.2, 0.0)
+    q, _ = draw_rows(space, 5)
+    only_exact = q[space.exact.is_free(q) & ~np.asarray(space.is_free(q))]
+    exact = pickle.loads(pickle.dumps(space.exact))
+    for view, row in product((space.exact, exact), only_exact[:20]):
+        assert view.explain(row, goal).verdict == "start MIXED"
+    assert exact.explain(start, goal).verdict == space.explain(start, goal).verdict

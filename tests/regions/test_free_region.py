@@ -1,6 +1,7 @@
 """Convex regions around configurations, against rational arithmetic and shapely."""
 
 import math
+import pickle
 import warnings
 from fractions import Fraction
 from itertools import product
@@ -20,6 +21,7 @@ from tests.helpers.handmade import build_empty
 from tests.helpers.placements import is_free_around
 from tests.helpers.refusals import check_refused, refusals
 from tests.helpers.regions import place_polygon
+from tests.helpers.slits import build_slit, draw_rows
 from tests.helpers.strategies import examples, exteriors, seeds
 
 CLEAR = 1e-10
@@ -505,3 +507,15 @@ def test_other_spaces_are_refused(tmp_path):
         lambda: tiled.free_region((2.0, 2.0)),
         "regions consist of cells of a map in memory",
     )
+
+
+def test_the_exact_map_grows_regions_of_whole_cells_alone():
+    space = build_slit()
+    q, _ = draw_rows(space, 5)
+    only_exact = q[space.exact.is_free(q) & ~np.asarray(space.is_free(q))]
+    exact = pickle.loads(pickle.dumps(space.exact))
+    for view, row in product((space.exact, exact), only_exact[:20]):
+        with pytest.raises(InputError, match="lies in a MIXED cell"):
+            view.free_region(row)
+        with pytest.raises(InputError, match="FREE"):
+            view.free_regions(around=row)

@@ -1,7 +1,6 @@
 """Hints about arguments, grids, batches, limits and memory: each is followed by code."""
 
 import re
-import tempfile
 import tomllib
 import warnings
 from functools import cache
@@ -15,11 +14,10 @@ from PIL import Image
 from scipy.spatial.transform import Rotation
 
 import cspace
-import planners
 from cspace import Grid, MeshWarning, Robot, Rotations, Workspace, build, make_mesh
 from cspace._support.limits import raised_limits
 from cspace._support.reporting import import_optional
-from cspace.errors import InputError, MissingPackageError
+from cspace.errors import MissingPackageError
 from tests.helpers.refusals import check_refused, refusals
 
 FLOOR = Workspace.from_array(np.eye(30, 20, dtype=bool), 0.1)
@@ -132,10 +130,6 @@ def cells(values, **options):
     (
         lambda: space().motion_is_free([HERE] * 2, [HERE] * 3),
         "q0 has shape (2, 2) and q1 (3, 2); they must broadcast",
-    ),
-    (
-        lambda: planners.plan(space(), [HERE], HERE),
-        "start has shape (1, 2); it must be one configuration of 2 numbers",
     ),
     (
         lambda: space().reachable_bounds((0.05, 0.05)),
@@ -279,14 +273,6 @@ def cells(values, **options):
         lambda: copy().add_obstacle("a", [(0, 0)], radius=-1.0),
         "none may be below zero",
     ),
-    (
-        lambda: planners.plan(space(), HERE, cspace.PoseGoal("fore", np.eye(4))),
-        "the space of an arm is needed for that",
-    ),
-    (
-        lambda: Robot.from_urdf(written_urdf(), 3),
-        "it must be a list of names",
-    ),
     # Shapes and messages.
     (
         lambda: Robot.polygon(shapely.box(0, 0, 1e-170, 1e-170)),
@@ -299,14 +285,6 @@ def cells(values, **options):
     (
         lambda: make_mesh(CUBE).boxes,
         "only boxes and cells in space are",
-    ),
-    (
-        lambda: space().to_costmap(cost_scaling_factor=-3.0),
-        "it must be one number, zero or above, in 1/m",
-    ),
-    (
-        lambda: floating().to_costmap(),
-        "the map is one in space; a costmap is plane",
     ),
     # Limits of files.
     (
@@ -336,14 +314,6 @@ def named():
     return space
 
 
-def written_urdf():
-    """Write a URDF of one link."""
-    file = Path(tempfile.mkdtemp()) / "r.urdf"
-    box = '<collision><geometry><box size="1 1 1"/></geometry></collision>'
-    file.write_text(f'<robot name="r"><link name="base">{box}</link></robot>')
-    return file
-
-
 def flat(axes=(0, 1, 2)):
     """Return a triangle that stands upright, with its axes in an order."""
     corners = np.array([(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)])
@@ -351,28 +321,6 @@ def flat(axes=(0, 1, 2)):
 
 
 BEAM = trimesh.creation.box((2, 1, 1))
-WALL = shapely.box(0.0, 0.0, 1.0, 0.2)
-
-
-def test_what_does_not_fit_into_memory_is_built_in_tiles_and_smaller_windows(tmp_path, monkeypatch):
-    lazy = Workspace.from_polygons([WALL], 0.02, bounds=(0, 0, 30, 30), lazy=True)
-    with monkeypatch.context() as patch:
-        patch.setattr("cspace._support.limits.free_bytes", lambda: 2**20)
-        with pytest.raises(InputError, match="the workspace has"):
-            _ = lazy.outer
-    tiled = cspace.build(lazy, "disc:0.1", store=tmp_path / "map.zarr", tile=512)
-    with monkeypatch.context() as patch:
-        patch.setattr("cspace._support.limits.free_bytes", lambda: 4_000_000)
-        with pytest.raises(InputError, match="the window has"):
-            tiled.window((0, 0), (30, 30))
-        assert tiled.window((0, 0), (1, 1)).grid.size
-    with pytest.raises(InputError, match="it must be a box in the map"):
-        tiled.window((900, 900), (1500, 1500))
-    with pytest.raises(InputError, match="max_cells is 0"):
-        tiled.overview(0)
-    assert tiled.overview(1024).grid.size
-    window = tiled.window(*tiled.grid.center_of([(900, 900), (1000, 1000)]))
-    assert planners.plan(window, (19.0, 19.0), (19.5, 19.5)).solved
 
 
 def open_box(size):

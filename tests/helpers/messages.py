@@ -1,0 +1,36 @@
+"""Messages of ROS, without ROS."""
+
+import json
+import math
+from array import array
+from types import SimpleNamespace
+
+import numpy as np
+
+import cspace
+
+
+def make_message(values, resolution=0.05, origin=(0.0, 0.0), yaw=0.0):
+    """Make a ROS message; values start at the lowest y."""
+    height, width = np.shape(values)
+    turn = SimpleNamespace(x=0.0, y=0.0, z=math.sin(yaw / 2), w=math.cos(yaw / 2))
+    corner = SimpleNamespace(x=origin[0], y=origin[1], z=0.0)
+    place = SimpleNamespace(position=corner, orientation=turn)
+    info = SimpleNamespace(resolution=resolution, width=width, height=height, origin=place)
+    return SimpleNamespace(info=info, data=array("b", np.ravel(values).tolist()))
+
+
+def make_grid(frame_id="odom", values=None):
+    """Make a grid message of cells of 0.1 m, shape (height, width); by default all are free."""
+    values = np.zeros((20, 30), int) if values is None else values
+    grid = cspace.ros.OccupancyGrid()
+    grid.header.frame_id = frame_id
+    grid.info.height, grid.info.width = np.shape(values)
+    grid.info.resolution = 0.1
+    grid.data.extend(np.ravel(values).tolist())
+    return grid
+
+
+def as_mapping(message):
+    """Return a message as rosbridge sends it."""
+    return json.loads(json.dumps(message, default=lambda x: getattr(x, "__dict__", None) or [*x]))
