@@ -9,7 +9,7 @@ import shapely
 from hypothesis import given
 
 import cspace
-from cspace import FREE, MIXED, InputError
+from cspace import FREE, MIXED, InputError, Robot, Workspace
 from tests.helpers.gates import certify_chunk
 from tests.helpers.regions import place_polygon
 from tests.helpers.slits import SLIT, build_slit, draw_rows
