@@ -605,7 +605,7 @@ def blocked(space, rows):
     ),
     (
         lambda _: planners.plan(build_room("plane"), [(1.0, 1.0)], (2.0, 1.0)),
-        "start has shape (1, 2); it must be one configuration of 2 numbers",
+        "start is [(1.0, 1.0)]; a start is one configuration, or planners.Near one",
     ),
     (
         lambda _: planners.plan(
