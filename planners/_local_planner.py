@@ -370,54 +370,56 @@ class TurnDriveTurn(LocalPlanner):
         return make_curve_states(self.reverses, PIVOT_RADIUS_PER_SIDE * longest_side)
 
     def edge_checker(self) -> Callable[..., bool]:
-        """Make ``check(*q0, *q1)``, which proves both turns and the drive free."""
+        """Make ``check(*q0, *q1)``, which proves both turns and the drive free.
+
+        The drive comes first: it is the longest motion and the likeliest to meet an obstacle. It
+        proves turns of zero, too.
+        """
         is_free = super().edge_checker()
-        return lambda *ends: all(is_free(*motion) for motion in self.find_motions(*ends))
+        choose_yaw = self.choose_yaw
+
+        def check(x0: float, y0: float, yaw0: float, x1: float, y1: float, yaw1: float) -> bool:
+            """Return True if both turns and the drive are proven free."""
+            yaw = choose_yaw(x0, y0, yaw0, x1, y1, yaw1)
+            return (
+                is_free(x0, y0, yaw, x1, y1, yaw)
+                and (yaw == yaw0 or is_free(x0, y0, yaw0, x0, y0, yaw))
+                and (yaw == yaw1 or is_free(x1, y1, yaw, x1, y1, yaw1))
+            )
+
+        return check
 
     def edge_cost(self, field: Field, density: CostDensity) -> Callable[..., float]:
         """Make ``cost(*q0, *q1)``, the cost of both turns and the drive."""
         cost = super().edge_cost(field, density)
-        return lambda *ends: sum(cost(*motion) for motion in self.find_motions(*ends))
 
-    def find_motions(
-        self, x0: float, y0: float, yaw0: float, x1: float, y1: float, yaw1: float
-    ) -> tuple[Endpoint, Endpoint, Endpoint]:
-        """Return the drive and both turns, by their ends.
+        def add(x0: float, y0: float, yaw0: float, x1: float, y1: float, yaw1: float) -> float:
+            """Return the cost of both turns and the drive."""
+            yaw = self.choose_yaw(x0, y0, yaw0, x1, y1, yaw1)
+            drive = cost(x0, y0, yaw, x1, y1, yaw)
+            return drive + cost(x0, y0, yaw0, x0, y0, yaw) + cost(x1, y1, yaw, x1, y1, yaw1)
 
-        The drive comes first: it is the longest motion and the likeliest to meet an obstacle.
-        """
-        yaw = self.choose_yaw(x0, y0, yaw0, x1, y1, yaw1)
-        drive = (x0, y0, yaw, x1, y1, yaw)
-        turn_before = (x0, y0, yaw0, x0, y0, yaw)
-        turn_after = (x1, y1, yaw, x1, y1, yaw1)
-        return drive, turn_before, turn_after
+        return add
 
     def edge_length(self, *ends: float) -> float:
         """Return an edge's metres plus half its radians."""
         x0, y0, yaw0, x1, y1, yaw1 = ends
-        yaw = self.choose_yaw(*ends)
-        turn_before = abs(math.remainder(yaw - yaw0, math.tau))
-        turn_after = abs(math.remainder(yaw1 - yaw, math.tau))
-        return math.hypot(x1 - x0, y1 - y0) + self.rotation_weight * (turn_before + turn_after)
+        yaw = self.choose_yaw(x0, y0, yaw0, x1, y1, yaw1)
+        turns = _turn_by_way_of(yaw, yaw0, yaw1)
+        return math.hypot(x1 - x0, y1 - y0) + METRES_PER_RADIAN * turns
 
     def choose_yaw(
         self, x0: float, y0: float, yaw0: float, x1: float, y1: float, yaw1: float
     ) -> float:
-        """Choose the yaw of a drive; ``yaw0`` for a pure turn."""
+        """Choose the yaw of a drive, with less rotation; ``yaw0`` for a pure turn."""
         if x0 == x1 and y0 == y1:
             return yaw0
         ahead = wrap_yaw(math.atan2(y1 - y0, x1 - x0))
         if not self.reverses:
             return ahead
         back = wrap_yaw(ahead + math.pi)
-
-        def rotation(yaw: float) -> float:
-            """Return the radians of both turns."""
-            return abs(math.remainder(yaw - yaw0, math.tau)) + abs(
-                math.remainder(yaw1 - yaw, math.tau)
-            )
-
-        return min(ahead, back, key=rotation)
+        is_less = _turn_by_way_of(back, yaw0, yaw1) < _turn_by_way_of(ahead, yaw0, yaw1)
+        return back if is_less else ahead
 
     def insert_breakpoints(self, path: Floats) -> Floats:
         """Insert the configurations at which turns and drives begin."""
@@ -445,6 +447,12 @@ class TurnDriveTurn(LocalPlanner):
             if check(*before, *arrival) and check(*arrival, *after):
                 rows[k] = arrival
         return np.array(rows).reshape(-1, 3)
+
+
+def _turn_by_way_of(yaw: float, before: float, after: float) -> float:
+    """Return the radians of two turns, to a yaw and on to another."""
+    first = math.remainder(yaw - before, math.tau)
+    return abs(first) + abs(math.remainder(after - yaw, math.tau))
 
 
 def wrap_yaw(yaw: float) -> float:

@@ -287,21 +287,27 @@ def _prove_curves(space: ConfigurationSpace, curves: Segments) -> Bools:
     widths = (curves.lengths / counts)[owners]
     begins = numbers * widths
     proven = np.ones(len(counts), dtype=np.bool_)
-    for level in range(CUT_LEVELS):
-        if not len(owners):
+    left = ~_test_tubes(space, curves.select(owners), begins, widths)
+    for _ in range(CUT_LEVELS - 1):
+        if not left.any():
             break
-        pieces = curves.select(owners)
-        if level:
-            middles = begins + 0.5 * widths
-            proven[owners[~_test_tubes(space, pieces, middles, 0.0 * widths)]] = False
-            left = proven[owners]
-            owners = np.repeat(owners[left], CUTS)
-            widths = np.repeat(widths[left], CUTS) / CUTS
-            begins = np.repeat(begins[left], CUTS) + np.arange(len(owners)) % CUTS * widths
-            pieces = curves.select(owners)
-        left = ~_test_tubes(space, pieces, begins, widths)
         owners, widths, begins = owners[left], widths[left], begins[left]
-    proven[owners] = False
+        middles = begins + 0.5 * widths
+        count = len(owners)
+        parts = np.repeat(owners, CUTS)
+        widths = np.repeat(widths, CUTS) / CUTS
+        begins = np.repeat(begins, CUTS) + np.arange(len(parts)) % CUTS * widths
+        # One call tests the middles, as tubes without length, and the parts.
+        is_free = _test_tubes(
+            space,
+            curves.select(np.append(owners, parts)),
+            np.append(middles, begins),
+            np.append(np.zeros(count), widths),
+        )
+        proven[owners[~is_free[:count]]] = False
+        owners = parts
+        left = ~is_free[count:] & proven[parts]
+    proven[owners[left]] = False
     return proven
 
 

@@ -296,6 +296,8 @@ class CurveSection:
         control points, axis by axis, and the sums: first for each waypoint and each axis.
         """
         count, size = self.points.shape
+        if not len(places):
+            return sparse.csc_array((0, size * (count - 2 * FIXED))), np.zeros(0)
         is_straight = (polyline.signs[places] != 0) & ~polyline.outward[places].any(axis=1)
         x, y = polyline.rates[places[is_straight], :2].T
         across = np.zeros((len(x), size))

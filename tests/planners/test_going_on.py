@@ -11,6 +11,7 @@ from functools import cache
 import numpy as np
 import pytest
 import shapely
+import shapely.affinity
 from scipy.spatial.transform import Rotation
 
 import cspace
@@ -502,3 +503,97 @@ def test_a_stop_says_why_it_is_one():
     motion = blocked.trajectory(**LIMITS, after=trajectory, at=t)
     np.testing.assert_array_equal(motion.positions, stop.positions)
     assert "proven" in motion.stop_reason
+
+
+# ---- motions whose rest is kept ------------------------------------------------------------------
+
+HELD_SIDE = 0.3
+"""Side of an obstacle that appears, metres."""
+
+
+def plan_with_rests(drives):
+    """Return a plan that rests at its corners, or where it reverses, and its limits and options."""
+    limits = {"max_velocity": 1.0, "max_acceleration": 1.0}
+    space = build_empty((120, 60), "rect:0.6x0.4" if drives else "disc:0.3", rotations=drives)
+    if drives:
+        limits |= TURNING_LIMITS
+        points = np.array([(1.0, 1.0), (9.0, 1.0), (3.0, 2.6), (6.0, 5.0), (10.5, 3.0)])
+        x, y = np.diff(points, axis=0).T
+        yaws = np.arctan2(y, x) - np.array([0.0, math.pi, 0.0, 0.0])
+        edges = zip(points[:-1], points[1:], yaws, strict=True)
+        rows = np.array([(*point, yaw) for *ends, yaw in edges for point in ends])
+    else:
+        limits["blend"] = False
+        rows = np.array([(1.0, 1.0), (9.0, 1.0), (9.0, 5.0), (3.0, 5.0), (3.0, 3.0)])
+    drive = make_drive("differential-reverse" if drives else None)
+    plan = planners.plan(space, rows[0], rows[0], drive=drive)
+    return dataclasses.replace(plan, waypoints=rows, path=rows), limits
+
+
+def start_at(plan, place):
+    """Return a plan from a place on the first edge, and on as before."""
+    rows = np.vstack([place, plan.waypoints[1:]])
+    return dataclasses.replace(plan, waypoints=rows, path=rows)
+
+
+def place_robot(q):
+    """Return the robot of :func:`plan_with_rests`, a little smaller, at a configuration."""
+    if len(q) == 2:
+        return shapely.Point(q).buffer(0.299)
+    turned = shapely.affinity.rotate(
+        shapely.box(-0.299, -0.199, 0.299, 0.199), q[2], (0, 0), use_radians=True
+    )
+    return shapely.affinity.translate(turned, *q[:2])
+
+
+def sample_end(motion, seconds):
+    """Return the configurations of the last seconds of a motion."""
+    return motion.sample(motion.duration - np.linspace(0.0, seconds, 200))[0]
+
+
+def test_far_rests_are_kept_and_near_ones_become_curves():
+    plan, limits = plan_with_rests(36)
+    wide = plan.trajectory(**limits)
+    plan.space.update({"post": shapely.box(5.9, 5.3, 6.1, 5.5)})
+    slow = plan.trajectory(**limits)  # it rests at the corner beside the post
+    plan.space.update({"post": None})
+    assert slow.duration > wide.duration + 1.0
+    for place in slow.starts_after(0.5):
+        motion = start_at(plan, place).trajectory(**limits, after=slow, at=0.5)
+        assert motion.certified
+        assert motion.duration == pytest.approx(slow.duration - 0.5, abs=1e-6)
+        np.testing.assert_allclose(sample_end(motion, 15.0), sample_end(slow, 15.0), atol=1e-9)
+    at = slow.duration - 10.0
+    rows = np.vstack([slow.starts_after(at)[-1], plan.waypoints[-3:]])
+    near = dataclasses.replace(plan, waypoints=rows, path=rows)
+    motion = near.trajectory(**limits, after=slow, at=at)
+    assert motion.certified
+    assert motion.duration < slow.duration - at - 1.0
+
+
+@pytest.mark.parametrize("drives", [None, 36])
+def test_no_kept_motion_passes_through_what_appeared(drives):
+    plan, limits = plan_with_rests(drives)
+    old = plan.trajectory(**limits)
+    place = old.starts_after(0.5)[0]
+    again = start_at(plan, place)
+    rng = np.random.default_rng(0)
+    refused = 0
+    for t in rng.uniform(3.0, old.duration, 25):
+        # The obstacle touches the robot's border, or stands in its way.
+        angle = rng.uniform(-math.pi, math.pi)
+        x, y = old.sample(t)[0][:2] + rng.uniform(0.0, 0.4) * np.array(
+            [math.cos(angle), math.sin(angle)]
+        )
+        half = 0.5 * HELD_SIDE
+        obstacle = shapely.box(x - half, y - half, x + half, y + half)
+        plan.space.update({"appeared": obstacle})
+        motion = again.trajectory(**limits, after=old, at=0.5)
+        rows = motion.sample(np.linspace(0.0, motion.duration, 600))[0]
+        assert not any(place_robot(q).intersects(obstacle) for q in rows)
+        assert motion.certified
+        assert motion.recheck(plan.space).all()
+        refused += bool(motion.stop_reason)
+        plan.space.update({"appeared": None})
+    assert refused
+    assert not again.trajectory(**limits, after=old, at=0.5).stop_reason
