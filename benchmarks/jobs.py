@@ -177,6 +177,52 @@ def plan_from_previous(quick: bool) -> Iterator[Run]:
         yield lambda: plan_all(space, [pair], {"previous": plan})
 
 
+def drive_at_speed(make_workspace: Callable[[bool], Workspace], quick: bool) -> Iterator[Run]:
+    """Drive 26 m at 10 Hz among six movers; each run is the first cycles of the same drive."""
+    robot = Robot.rectangle(0.6, 0.4)
+    drive = planners.Differential()
+    limits = {"max_velocity": 0.8, "max_acceleration": 0.8}
+    limits |= {"max_angular_velocity": 1.5, "max_angular_acceleration": 3.0}
+    space = cspace.build(make_workspace(quick), robot, rotations=YAW_CELLS)
+    pairs = draw_free(space, 4000, yaw=True).reshape(-1, 2, 3)
+    distances = np.hypot(*(pairs[:, 1] - pairs[:, 0])[:, :2].T)
+    for start, goal in pairs[np.abs(distances - (6.0 if quick else 22.0)) < 1.0]:
+        route = planners.plan(space, start, goal, drive=drive)
+        if route.certified:
+            break
+    # Movers sway across the way, away from its ends.
+    path = route.path[:, :2]
+    metres = np.append(0.0, np.cumsum(np.hypot(*np.diff(path, axis=0).T)))
+    shares = metres[-1] * np.linspace(0.25, 0.8, 6)
+    places = np.column_stack([np.interp(shares, metres, column) for column in path.T])
+
+    def work() -> str:
+        space.update({f"mover {k}": None for k in range(6) if f"mover {k}" in space.obstacles})
+        plan = planners.plan(space, start, start, drive=drive)
+        motion = plan.trajectory(**limits)
+        at = 0.1
+        for step in range(5 if quick else 40):
+            sway = 0.8 * np.sin(0.05 * step + np.arange(6))[:, np.newaxis]
+            corners = places + sway * [0.6, 0.8]
+            space.update(
+                {
+                    f"mover {k}": shapely.box(x - 0.2, y - 0.2, x + 0.2, y + 0.2)
+                    for k, (x, y) in enumerate(corners.tolist())
+                }
+            )
+            for q in motion.starts_after(at):
+                again = {"drive": drive, "previous": plan}
+                plan = planners.plan(space, q, goal, **again, **PATIENCE)
+                new = plan.trajectory(**limits, after=motion, at=at)
+                if not new.stop_reason:
+                    break
+            motion = new
+        return f"{motion.duration:.1f} s to go"
+
+    while True:
+        yield work
+
+
 # Queries
 
 
@@ -487,6 +533,10 @@ JOBS: dict[str, Callable[[bool], Iterator[Run]]] = {
         plan_with_yaw, {"drive": planners.Car(turning_radius=0.5, reverse=True)}
     ),
     "plan in SE(2) from a blocked previous one": plan_from_previous,
+    "40 cycles at 10 Hz, warehouse": partial(drive_at_speed, make_warehouse),
+    "40 cycles at 10 Hz, Nav2's depot": partial(
+        drive_at_speed, lambda _: Workspace.open(real_file("maps/depot.yaml"))
+    ),
     "is_free of a tuple, plane, 2,000 times": partial(
         query_one, "is_free", lambda q: tuple(q.tolist()), False
     ),
