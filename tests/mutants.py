@@ -443,8 +443,8 @@ MUTANTS = (
     # Planners: drives, states, results.
     Mutant(
         "planners/_local_planner.py",
-        "return drive, turn_before, turn_after",
-        "return drive, turn_before, turn_before",
+        "and (yaw == yaw1 or is_free(x1, y1, yaw, x1, y1, yaw1))",
+        "and (yaw == yaw1 or is_free(x0, y0, yaw0, x0, y0, yaw))",
         "tests/planners/test_local_planner.py",
     ),
     Mutant(
@@ -709,9 +709,15 @@ MUTANTS = (
     ),
     Mutant(
         "planners/_segments.py",
-        "np.repeat(begins[left], CUTS) + np.arange(len(owners)) % CUTS * widths",
-        "np.repeat(begins[left], CUTS)",
+        "np.repeat(begins, CUTS) + np.arange(len(parts)) % CUTS * widths",
+        "np.repeat(begins, CUTS)",
         "tests/planners/test_smoothing.py",
+    ),
+    Mutant(
+        "planners/_trajectory.py",
+        "firsts > first + np.flatnonzero(~proven).max(initial=-1)",
+        "firsts >= first",
+        "tests/planners/test_going_on.py",
     ),
     Mutant(
         "planners/_segments.py",
