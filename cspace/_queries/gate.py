@@ -242,11 +242,13 @@ class Gate:
         """
         limits = self.dt, self.max_velocity, self.max_jerk
         chunk = certify_rows(self.space, q, rows, self.tracking, *limits, before)
-        starts, targets = chunk._tubes.starts, chunk._tubes.ends
-        known = np.concatenate([starts[:, np.newaxis], targets], axis=1)
-        last = np.minimum(np.arange(targets.shape[1]) + 1, np.reshape(chunk.proven, (-1, 1)))
-        commands = np.take_along_axis(known, last[..., np.newaxis], axis=1)
-        return GatedCommands(commands.reshape(chunk.rows.shape), _name_state(chunk), chunk)
+        commands = chunk.rows.copy()
+        chunks = commands.reshape(chunk._tubes.ends.shape)  # a view
+        for one, start, proven in zip(
+            chunks, chunk._tubes.starts, np.ravel(chunk.proven), strict=True
+        ):
+            one[proven:] = one[proven - 1] if proven else start
+        return GatedCommands(commands, _name_state(chunk), chunk)
 
     def check_twists(
         self, q: ArrayLike, twists: ArrayLike, *, before: ArrayLike | None = None

@@ -79,8 +79,11 @@ def hide_cells(map_: Map) -> Map:
     exterior = np.zeros_like(map_.exterior[:1])
     exterior[:, -1] = MIXED
     slices = np.zeros_like(map_.rotations.slice_of)
+    x, y, z = map_.lower
+    spacing = map_.spacing
     return map_._replace(
         states=read_only(np.full((1, 1, 1, 1), MIXED, dtype=np.uint8)),
+        upper=(x + spacing, y + spacing, z + spacing),
         exterior=exterior,
         rotations=map_.rotations._replace(slice_of=slices),
     )

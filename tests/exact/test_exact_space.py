@@ -6,6 +6,7 @@ import pickle
 import numpy as np
 import pytest
 import shapely
+import trimesh
 from hypothesis import given
 
 import cspace
@@ -180,3 +181,20 @@ def test_tubes_beyond_the_grid_are_proven_by_the_geometry_only_if_all_outside_is
     for q in (near, beyond):
         assert certify_chunk(space, q, [q], 0.01).is_proven == (outside == "free")
     assert not certify_chunk(space, inside, [inside], 1e300).is_proven
+
+
+@pytest.mark.parametrize("kind", [None, 8, "quaternions"])
+def test_tubes_of_the_exact_map_in_space_end_where_the_grown_robot_touches(kind):
+    """The robot ends 0.2 m before the block; motions lead to it, and away from it."""
+    rotations = cspace.Rotations.quaternions(1) if kind == "quaternions" else kind
+    workspace = Workspace.from_array(np.zeros((20, 18, 10), dtype=bool), 0.1)
+    space = cspace.build(workspace, Robot.box((0.4, 0.2, 0.1)), rotations=rotations, outside="free")
+    place = trimesh.transformations.translation_matrix((1.5, 0.9, 0.5))
+    space.add_obstacle("block", trimesh.creation.box(extents=(0.2, 0.2, 0.2), transform=place))
+    turn = {None: (), 8: (0.0,), "quaternions": (0.0, 0.0, 0.0, 1.0)}[kind]
+    near, far = np.array([(1.0, 0.9, 0.5, *turn), (0.9, 0.9, 0.5, *turn)])
+    for start, end in ((near, near), (near, far), (far, near)):
+        for tracking, is_proven in ((0.19, True), (0.21, False)):
+            errors = [tracking, 0.0, 0.0, *turn[:1]]
+            chunk = certify_chunk(space.exact, start, [end], errors)
+            assert chunk.is_proven == is_proven
