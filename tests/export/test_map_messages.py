@@ -215,6 +215,7 @@ def test_a_map_file_warns_that_it_names_no_frame(tmp_path, odom):
     "robot, options, hint",
     ("disc:0.1", {"cost_scaling_factor": -3.0}, "it must be one number, zero or above, in 1/m"),
     ("ball:0.1", {}, "the map is one in space; a costmap is plane"),
+    ("disc:0.1", {"msg": make_grid()}, "nav2_msgs"),
 )
 def test_costs_of_other_kinds_are_refused(robot, options, hint):
     space = build_empty((9, 9, 9) if robot == "ball:0.1" else (9, 9), robot)

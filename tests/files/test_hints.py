@@ -4,7 +4,6 @@ import copy
 import json
 import re
 import struct
-from functools import cache
 
 import numpy as np
 import pytest
@@ -14,7 +13,7 @@ from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 
 import cspace
-from cspace import Robot, Workspace, build
+from cspace import Robot, Workspace
 from cspace._files.ros_maps import OccupancyGrid
 from tests.helpers.mesh_files import make_collada, write_gltf
 from tests.helpers.refusals import check_refused, refusals
@@ -235,12 +234,6 @@ MESSAGE.info.width = MESSAGE.info.height = 2
 MESSAGE.data.extend([0, 100, -1, 0])
 
 
-@cache
-def small_map():
-    """Build a small map."""
-    return build(Workspace.from_array(np.eye(2, dtype=bool), 0.1), "disc:0.01")
-
-
 CUBE = trimesh.creation.box((0.3, 0.3, 0.3))
 CLOUD = trimesh.PointCloud(CUBE.vertices)
 X = 0.05 + 0.1 * np.arange(4)
@@ -362,10 +355,6 @@ IMAGE_OF_MAP = ROS_MAP.replace("map.png", "a.png")
     (
         lambda f: Workspace.from_occupancy_grid(change(MESSAGE, origin=turned(1.57, 1.0))),
         "its norm must be 1",
-    ),
-    (
-        lambda f: small_map().to_costmap(MESSAGE),
-        "nav2_msgs",
     ),
     (
         lambda f: from_array(raster().transpose("y", "x").drop_vars(["x", "y"])),
