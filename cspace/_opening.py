@@ -8,13 +8,15 @@ from cspace._files.access import inspect_path, suggest_file
 from cspace._record.save import MapFolder
 from cspace._space import CSpace
 from cspace._support.arrays import StrPath
+from cspace._support.check import names_options
 from cspace.errors import FileError
 
 if TYPE_CHECKING:
     from cspace._tiles.tiled_space import TiledCSpace
 
 
-def open_map(path: StrPath) -> CSpace | TiledCSpace:
+@names_options
+def open_map(path: StrPath, *, cache_bytes: int = 2**30) -> CSpace | TiledCSpace:
     """Open a saved map, or a map in tiles.
 
     Parameters
@@ -22,6 +24,8 @@ def open_map(path: StrPath) -> CSpace | TiledCSpace:
     path : path-like
         A Zarr folder that :meth:`cspace.CSpace.save` or :func:`cspace.build` with a ``store``
         wrote.
+    cache_bytes : int
+        Memory for open tiles of a map in tiles; at least one stays open.
 
     Returns
     -------
@@ -45,9 +49,9 @@ def open_map(path: StrPath) -> CSpace | TiledCSpace:
     """
     _check_folder(path)
     if MapFolder(path, tiles=True).exists():
-        from cspace._tiles.tiled_space import TiledCSpace
+        from cspace._tiles.tiled_space import open_tiles
 
-        return TiledCSpace.open(path)
+        return open_tiles(path, cache_bytes)
     saved = MapFolder(path)
     contents, _ = saved.read()
     with saved.reporting_damage():

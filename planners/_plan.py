@@ -1140,7 +1140,6 @@ def _make_plan(journey: Journey, space: Space, start: Endpoint, moved: str, bega
         axes=edges.space.axes,
         units=edges.space.units,
         length_unit=length_unit,
-        clearance_unit=length_unit,
         direction=None if direction is None else frozen(direction),
         solved=len(waypoints) > 0,
         certified=reached > 0 and result.proven,

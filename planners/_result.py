@@ -100,10 +100,8 @@ class Plan:
     units : tuple of str
         Units of these columns: "m", "rad", or "1" for the numbers of a quaternion.
     length_unit : str
-        Unit of the length: "m"; for motions of joints "rad", or "rad or m" if some joints slide.
-    clearance_unit : str
-        Unit of :attr:`clearance`: "m", or on a map of joints the unit of the joints. That of
-        :attr:`obstacle_distance` is always metres.
+        Unit of :attr:`length` and :attr:`clearance`: "m"; for motions of joints "rad", or "rad or
+        m" if some joints slide. That of :attr:`obstacle_distance` is always metres.
     direction : ndarray of int8, shape (n,), read-only, or None
         Motion of the robot from the previous row to each row: 1 ahead, -1 in reverse, 0 turning on
         the spot. The first row repeats the second. None for a holonomic robot.
@@ -164,7 +162,6 @@ class Plan:
     axes: tuple[str, ...]
     units: tuple[str, ...]
     length_unit: str
-    clearance_unit: str
     direction: NDArray[np.int8] | None
     solved: bool
     certified: bool
@@ -199,7 +196,7 @@ class Plan:
 
     @property
     def clearance(self) -> float:
-        """Proven lower bound of the clearance along the path, in its :attr:`clearance_unit`.
+        """Proven lower bound of the clearance along the path, in :attr:`length_unit`.
 
         It holds in the map as it is now. Clearance is the distance from a configuration on the path
         to the nearest configuration that is not FREE, at the same rotation. Zero along a path

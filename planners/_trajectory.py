@@ -283,45 +283,6 @@ class Trajectory:
         """Frame of the positions in ROS, as of the plan."""
         return self._route.frame_id
 
-    def bound_rates(self, lever: float) -> tuple[Floats, Floats]:
-        """Bound speeds and accelerations between times.
-
-        Parameters
-        ----------
-        lever : float
-            Largest distance of a point of the robot from its reference point, metres.
-
-        Returns
-        -------
-        ndarray of float64, shape (n,)
-            Times at which the bounds change, seconds.
-        ndarray of float64, shape (3, n + 1)
-            Bounds before, between and after these times: speed of the reference point, speed of any
-            other point around it, and acceleration of the reference point, m/s and m/s^2. They are
-            zero before the first time and after the last, because the robot rests.
-        """
-        dim = len(self.axes) - len(self._rotations.names)
-        phases = self._phases
-        numbers = np.arange(len(phases.times) - 1)
-        widths = np.diff(phases.times)
-        lengths, last_speeds, last_gains = phases.ends()
-        lengths = np.maximum(lengths - phases.positions[:-1], 0.0)
-        # With a constant jerk, the speed is largest at an end or where the acceleration passes
-        # zero.
-        with np.errstate(divide="ignore", invalid="ignore"):
-            turns = np.nan_to_num(-phases.accelerations[:-1] / phases.jerks[:-1])
-        turn_speeds = phases.at(numbers, np.clip(turns, 0.0, widths))[1]
-        speeds = np.max([phases.speeds[:-1], turn_speeds, last_speeds], axis=0)
-        gains = np.abs([phases.accelerations[:-1], last_gains]).max(axis=0)
-        segments = self._segments.select(phases.segments[:-1])
-        rates, bends = bound_derivatives(segments, phases.positions[:-1], lengths)
-        ahead = np.linalg.norm(rates[:, :dim], axis=1)
-        aside = np.linalg.norm(bends[:, :dim], axis=1) + np.abs(segments.curvatures) * ahead
-        around = lever * np.linalg.norm(rates[:, dim:], axis=1)
-        bounds = np.array([ahead * speeds, around * speeds, ahead * gains + aside * speeds**2])
-        bounds *= 1.0 + SPEED_ROUNDING
-        return phases.times, np.pad(bounds, ((0, 0), (1, 1)))
-
     def recheck(self, space: Space) -> Bools:
         """Prove each part of the curve again, among the present obstacles of a map.
 
@@ -446,10 +407,6 @@ class Trajectory:
         """
         stop = self.braked(t)
         return stop.positions[[0, -1]] if stop.duration else stop.positions[:1]
-
-    def stop_time(self, t: float) -> float:
-        """Return the seconds of the stop from the state at a time; see :meth:`braked`."""
-        return self.braked(t).duration
 
     def stop_distance(self, t: float) -> float:
         """Return the distance of the stop from the state at a time; see :meth:`braked`.
@@ -755,6 +712,47 @@ class Trajectory:
             names.append("steering")
             columns.append(self.steering(wheelbase))
         write_csv(path, overwrite, names, np.column_stack(columns).tolist())
+
+
+def bound_rates(trajectory: Trajectory, lever: float) -> tuple[Floats, Floats]:
+    """Bound speeds and accelerations between times of a trajectory.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+    lever : float
+        Largest distance of a point of the robot from its reference point, metres.
+
+    Returns
+    -------
+    ndarray of float64, shape (n,)
+        Times at which the bounds change, seconds.
+    ndarray of float64, shape (3, n + 1)
+        Bounds before, between and after these times: speed of the reference point, speed of any
+        other point around it, and acceleration of the reference point, m/s and m/s^2. They are
+        zero before the first time and after the last, because the robot rests.
+    """
+    dim = len(trajectory.axes) - len(trajectory._rotations.names)
+    phases = trajectory._phases
+    numbers = np.arange(len(phases.times) - 1)
+    widths = np.diff(phases.times)
+    lengths, last_speeds, last_gains = phases.ends()
+    lengths = np.maximum(lengths - phases.positions[:-1], 0.0)
+    # With a constant jerk, the speed is largest at an end or where the acceleration passes
+    # zero.
+    with np.errstate(divide="ignore", invalid="ignore"):
+        turns = np.nan_to_num(-phases.accelerations[:-1] / phases.jerks[:-1])
+    turn_speeds = phases.at(numbers, np.clip(turns, 0.0, widths))[1]
+    speeds = np.max([phases.speeds[:-1], turn_speeds, last_speeds], axis=0)
+    gains = np.abs([phases.accelerations[:-1], last_gains]).max(axis=0)
+    segments = trajectory._segments.select(phases.segments[:-1])
+    rates, bends = bound_derivatives(segments, phases.positions[:-1], lengths)
+    ahead = np.linalg.norm(rates[:, :dim], axis=1)
+    aside = np.linalg.norm(bends[:, :dim], axis=1) + np.abs(segments.curvatures) * ahead
+    around = lever * np.linalg.norm(rates[:, dim:], axis=1)
+    bounds = np.array([ahead * speeds, around * speeds, ahead * gains + aside * speeds**2])
+    bounds *= 1.0 + SPEED_ROUNDING
+    return phases.times, np.pad(bounds, ((0, 0), (1, 1)))
 
 
 def write_csv(

@@ -59,10 +59,12 @@ def test_each_name_of_the_door_is_described():
     assert "| `kernel` | Compile a function" in page
 
 
-def test_the_door_of_planners_has_one_name_which_another_room_uses():
-    assert planners.inside.__all__ == ["find_chain"]
-    assert planners.inside.find_chain.__doc__
-    assert "`planners.inside`" in (ROOT / "docs/extending.md").read_text(encoding="utf-8")
+def test_the_door_of_planners_has_two_names_which_other_rooms_use():
+    page = (ROOT / "docs/extending.md").read_text(encoding="utf-8")
+    assert "`planners.inside`" in page
+    assert planners.inside.__all__ == ["bound_rates", "find_chain"]
+    for name in planners.inside.__all__:
+        assert getattr(planners.inside, name).__doc__ and f"`{name}`" in page
     users = [
         room
         for room in ROOMS
@@ -70,4 +72,4 @@ def test_the_door_of_planners_has_one_name_which_another_room_uses():
         for node in ast.walk(tree)
         if isinstance(node, ast.ImportFrom) and node.module == "planners.inside"
     ]
-    assert set(users) == {"cspace/reasons"}
+    assert set(users) == {"cspace/lanes", "cspace/reasons"}

@@ -340,7 +340,7 @@ def describe(case, kind):
         f"{case.space.robot.shape.span} m" if kind in JOINTS else "",
     ]
     if not math.isnan(plan.clearance):
-        lines.append(f"{plan.clearance} {plan.clearance_unit}")
+        lines.append(f"{plan.clearance} {plan.length_unit}")
     if hasattr(case.space, "explain") and kind != "SE(3)":
         lines += case.space.explain(case.q0, case.q1).sentences
     return "\n".join(lines)

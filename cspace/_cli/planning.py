@@ -322,7 +322,7 @@ def _word_hint(hint: str, drive: DriveName) -> str:
 def _describe_distance(plan: Plan) -> dict[str, float]:
     """Describe the obstacle distance of a path, or its clearance if it has none."""
     if math.isnan(plan.obstacle_distance):
-        return {with_unit("clearance", plan.clearance_unit): plan.clearance}
+        return {with_unit("clearance", plan.length_unit): plan.clearance}
     return {with_unit("obstacle_distance", "m"): plan.obstacle_distance}
 
 

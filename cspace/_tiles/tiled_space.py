@@ -73,14 +73,9 @@ class TiledCSpace(ConfigurationMap):
         self._tiles = OpenTiles(folder, self._cache_bytes)
         self._labels: TiledComponents | None = None
 
-    @classmethod
-    def open(cls, path: StrPath, cache_bytes: int = DEFAULT_CACHE_BYTES) -> TiledCSpace:
-        """Open a tiled map, complete or partial; see :func:`cspace.open`."""
-        return cls(TileFolder.open(path), cache_bytes)
-
     def __reduce__(self) -> tuple[Callable[..., TiledCSpace], tuple[str, int]]:
         """Pickle the path, not the tiles."""
-        return TiledCSpace.open, (self.path, self._cache_bytes)
+        return open_tiles, (self.path, self._cache_bytes)
 
     def _map_lock(self) -> AbstractContextManager[Any]:
         """Return the lock of a complete map, held while tiles are read.
@@ -365,3 +360,8 @@ class TiledCSpace(ConfigurationMap):
         count = check_count(max_cells, "max_cells", 1)
         with self._map_lock():
             return self._tiles.overview(count)
+
+
+def open_tiles(path: StrPath, cache_bytes: int) -> TiledCSpace:
+    """Open a tiled map, complete or partial; see :func:`cspace.open`."""
+    return TiledCSpace(TileFolder.open(path), cache_bytes)

@@ -231,6 +231,7 @@ class Timed(NamedTuple):
 def _read_mover(mover: object, name: str) -> Timed:
     """Check a mover."""
     from planners import Trajectory
+    from planners.inside import bound_rates
 
     if not isinstance(mover, Mover):
         raise InputError(name, f"is a {type(mover).__name__}", "it must be a Mover")
@@ -250,7 +251,7 @@ def _read_mover(mover: object, name: str) -> Timed:
             raise InputError(f"{name}.velocity", "is given", rule)
         _check_axes(mover.motion.axes, robot, name)
         pose = np.zeros(dim + 1)
-        times, bounds = mover.motion.bound_rates(robot.shape.lever)
+        times, bounds = bound_rates(mover.motion, robot.shape.lever)
         return Timed(robot, mover.motion, pose, velocity, at, *numbers, times, bounds)
     names = (*AXES[:dim], "yaw")[: np.size(mover.motion)]
     # Squares of numbers up to this one are finite.

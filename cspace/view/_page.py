@@ -533,7 +533,7 @@ def _describe_distance(plan: Plan) -> str:
     """Describe the obstacle distance of a path, or its clearance if it has none."""
     words, distance, unit = "obstacle distance", plan.obstacle_distance, "m"
     if math.isnan(distance):
-        words, distance, unit = "clearance", plan.clearance, plan.clearance_unit
+        words, distance, unit = "clearance", plan.clearance, plan.length_unit
     if math.isnan(distance):
         return ""
     if distance == 0.0:

@@ -166,7 +166,7 @@ def test_a_map_of_joints_without_its_arm_refuses_distances(tmp_path):
         assert np.isnan(other.path_obstacle_distance([q0, q1]))
         plan = planners.plan(other, q0, q1)
         assert np.isnan(plan.obstacle_distance)
-        assert plan.clearance_unit == "rad"
+        assert plan.length_unit == "rad"
     plan = planners.plan(joint_map, q0, q1)
     assert plan.obstacle_distance >= 0.0
     assert plan.obstacle_distance <= measure_distances(np.linspace(q0, q1, 99)).min() + 1e-9

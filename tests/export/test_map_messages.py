@@ -191,7 +191,7 @@ def test_the_frame_of_a_grid_is_that_of_what_is_made_from_it(tmp_path, odom):
         messages, "odom"
     )
     assert {pose.header.frame_id for pose in messages["path"].poses} == {"odom"}
-    assert cspace.TiledCSpace.open(tmp_path / "tiles.zarr").frame_id == tiled.frame_id == "odom"
+    assert cspace.open(tmp_path / "tiles.zarr").frame_id == tiled.frame_id == "odom"
     turned = make_grid()
     turned.info.origin.orientation.z, turned.info.origin.orientation.w = 0.6, 0.8
     assert Workspace.from_occupancy_grid(turned).grid.frame_id == "odom"

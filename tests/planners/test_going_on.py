@@ -109,18 +109,18 @@ def test_a_stop_is_a_part_of_the_curve_within_limits(drive, rotations, radius):
         assert not collides(1, stop.sample(shares * stop.duration)[0]).any()
         moved = np.linalg.norm(np.diff(rows, axis=0), axis=1).sum()
         assert trajectory.stop_distance(t) == pytest.approx(moved, abs=1e-3)
-        assert trajectory.stop_time(t) == stop.duration <= trajectory.duration - t + 1e-9
+        assert trajectory.braked(t).duration == stop.duration <= trajectory.duration - t + 1e-9
 
 
 def test_a_stop_on_a_line_takes_the_time_and_the_distance_of_the_formula():
     plan = plan_ahead()
     trajectory = plan.trajectory(max_velocity=1.5, max_acceleration=0.5)
     for t, speed in ((0.0, 0.0), (2.0, 1.0), (5.0, 1.5), (trajectory.duration - 1.0, 0.5)):
-        assert trajectory.stop_time(t) == pytest.approx(speed / 0.5, abs=1e-9)
+        assert trajectory.braked(t).duration == pytest.approx(speed / 0.5, abs=1e-9)
         assert trajectory.stop_distance(t) == pytest.approx(speed**2 / 1.0, abs=1e-9)
     slowed = plan.trajectory(max_velocity=1.5, max_acceleration=0.5, duration=20.0)
     speed = float(np.linalg.norm(slowed.sample(10.0)[1]))
-    assert slowed.stop_time(10.0) == pytest.approx(speed / 0.5, abs=1e-9)
+    assert slowed.braked(10.0).duration == pytest.approx(speed / 0.5, abs=1e-9)
 
 
 def test_a_stop_ends_before_what_the_curve_would_meet():
@@ -181,7 +181,7 @@ def test_stops_at_rest_and_beyond_the_ends_take_no_time():
             trajectory.braked(t)
     several = (1.0, 2.0)
     with pytest.raises(InputError, match="it is one time"):
-        trajectory.stop_time(several)
+        trajectory.braked(several)
 
 
 def test_an_arm_stops_and_goes_on_within_limits():
@@ -238,7 +238,7 @@ def test_a_motion_goes_on_at_once_or_stops(drive, rotations, radius):
             assert is_there or place is here
             if not is_there:
                 assert motion.positions[-1] == pytest.approx(rest, abs=1e-9)
-                assert motion.duration == trajectory.stop_time(t)
+                assert motion.duration == trajectory.braked(t).duration
     assert reached >= 9
     assert trajectory.starts_after(trajectory.duration).shape == (1, len(plan.goal))
 

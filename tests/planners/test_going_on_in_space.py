@@ -87,7 +87,7 @@ def test_a_robot_in_space_stops_and_goes_on_within_limits_and_proofs(kind):
             for before, after in zip(trajectory.sample(t)[:2], made.sample(0.0)[:2], strict=True):
                 assert after == pytest.approx(before, abs=1e-9)
             check_motion(made)
-        assert trajectory.stop_time(t) == stop.duration
+        assert trajectory.braked(t).duration == stop.duration
         rows = stop.sample(np.linspace(0.0, stop.duration, 400))[0][:, :3]
         moved = np.linalg.norm(np.diff(rows, axis=0), axis=1).sum()
         assert trajectory.stop_distance(t) == pytest.approx(moved, abs=1e-3)

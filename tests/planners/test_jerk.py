@@ -245,7 +245,7 @@ def test_a_stop_on_a_line_is_a_ramp():
     plan = planners.plan(space, (1.0, 3.0), (11.0, 3.0))
     trajectory = plan.trajectory(max_velocity=1.0, max_acceleration=0.5, max_jerk=1.0)
     # At full speed: 1 / 0.5 + 0.5 / 1 seconds, half as many metres.
-    assert trajectory.stop_time(5.0) == pytest.approx(2.5, rel=1e-6)
+    assert trajectory.braked(5.0).duration == pytest.approx(2.5, rel=1e-6)
     assert trajectory.stop_distance(5.0) == pytest.approx(1.25, rel=1e-6)
     # At the largest acceleration, after 1 s at 0.375 m/s, the speed rises by 0.125 m/s first.
     stop = trajectory.braked(1.0)
@@ -253,7 +253,7 @@ def test_a_stop_on_a_line_is_a_ramp():
     assert stop.duration == pytest.approx(0.5 + 2.0 * math.sqrt(0.5), abs=0.1)
     # On the way to rest, the stop is the motion itself.
     late = trajectory.duration - 0.2
-    assert trajectory.stop_time(late) == pytest.approx(0.2, rel=1e-4)
+    assert trajectory.braked(late).duration == pytest.approx(0.2, rel=1e-4)
 
 
 @pytest.mark.parametrize("metres", [100.0, 1e3, 1e5])
@@ -263,7 +263,7 @@ def test_ramps_and_stops_are_as_short_on_a_long_way(metres):
     # Full speed over the acceleration, and the acceleration over the jerk.
     shortest = 1.0 + 0.1
     assert trajectory.duration == pytest.approx(metres / 10.0 + shortest, abs=1e-2)
-    assert trajectory.stop_time(3.0) == pytest.approx(shortest, rel=1e-6)
+    assert trajectory.braked(3.0).duration == pytest.approx(shortest, rel=1e-6)
     assert trajectory.stop_distance(3.0) == pytest.approx(5.0 * shortest, rel=1e-6)
 
 

@@ -198,7 +198,7 @@ def test_motions_read_only_the_tiles_they_cross(tmp_path):
 @pytest.mark.parametrize("cache_bytes", [1, 20_000], ids=["one tile", "some tiles"])
 def test_threads_with_a_small_cache_equal_the_map_in_memory(tmp_path, cache_bytes):
     space, _ = build_kind("yaw", tmp_path / "m")
-    tiled = cspace.TiledCSpace.open(tmp_path / "m", cache_bytes)
+    tiled = cspace.open(tmp_path / "m", cache_bytes=cache_bytes)
     q = draw_configurations(space, np.random.default_rng(0), 400)
     with ThreadPoolExecutor(4) as threads:
         answers = list(threads.map(tiled.classify, np.split(q, 4)))
