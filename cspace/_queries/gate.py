@@ -306,9 +306,9 @@ class Gate:
 
         Where something is nearer than the margin, as after a person has stepped up, nothing is
         free, so the robot would stand there for ever. With ``leaving``, it may also drive if
-        nothing comes nearer than the margin, than it is, or than what is nearest beside the same
-        side of the robot: the smallest proven distance never falls. Taken cells count as the discs
-        around them, and depths as negative distances.
+        nothing comes nearer than the margin or than it is, and, straight on, than what is nearest
+        beside the same side of the robot: the smallest proven distance never falls. Taken cells
+        count as the discs around them, and depths as negative distances.
 
         Parameters
         ----------

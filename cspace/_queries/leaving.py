@@ -6,9 +6,9 @@ is the largest of ``normal @ center - support(normal)`` over all unit normals. S
 normal, that at the start of a piece of the motion, bounds it from below on the piece. A piece ends
 before this value begins to fall, unless the disc stays above the margin all along the piece.
 
-A robot beside a wall brings new parts of the wall beside it. So a disc may also come as near to the
-line of a side as the nearest disc beside this side is at the start, its level. Hence no disc comes
-nearer than the margin, than it is, or than another one is beside the same side.
+A robot that drives straight on beside a wall brings new parts of the wall beside it. So a disc may
+also come as near to the line of a side as the nearest disc beside this side is at the start, its
+level. Then no disc comes nearer than the margin, than it is, or than that one.
 """
 
 from __future__ import annotations
@@ -154,8 +154,10 @@ def follow(
     v, omega = float(twist[0]), float(twist[1])
     times = np.zeros(len(points))
     needed = margin + core.radius
-    levels = _find_levels(core, points, needed)
     normals = find_normals(core.corners)
+    levels = None
+    if omega == 0.0 and len(normals):
+        levels = _find_levels(core, points, needed)
     while len(points):
         places = see_from(v, omega, times, points)
         gaps = measure_gaps(core.corners, places)
@@ -167,7 +169,7 @@ def follow(
         rounding = STRAIGHT_ROUNDING * speeds if omega == 0.0 else 0.0
         rates = (gaps.directions * moving).sum(axis=1) + rounding
         above = gaps.distances - needed
-        if len(normals):
+        if levels is not None:
             over = gaps.heights - levels
             above = np.maximum(above, over.max(axis=1))
             # Behind the level of a side, the distance is that from the side.
@@ -178,9 +180,10 @@ def follow(
             rising = np.where(bends > 0.0, rates / bends, math.inf)
         steps = np.where(rates >= 0.0, np.maximum(steps, rising), steps)
         steps[speeds == 0.0] = math.inf
-        seconds = min(seconds, float(times[steps < least].min(initial=math.inf)))
+        is_proven = (steps >= least) & (steps > 0.0)
+        seconds = min(seconds, float(times[~is_proven].min(initial=math.inf)))
         times += steps
-        goes_on = (steps >= least) & (times < seconds)
+        goes_on = is_proven & (times < seconds)
         points, times = points[goes_on], times[goes_on]
     return seconds
 

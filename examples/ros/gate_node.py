@@ -121,7 +121,8 @@ class GateNode(Node):
         if late:
             raise TimeoutError(f"no {', '.join(late)}; {len(self.scans)} scans wait for tf")
         pose = self.locate(gate.space)
-        return gate.slow_down(pose, self.wanted, twist_now=self.ramp[0]).commands
+        options = {"twist_now": self.ramp[0], "leaving": True}
+        return gate.slow_down(pose, self.wanted, **options).commands
 
     def cycle(self):
         """Send the next command; brake along the proven ramp if anything fails."""

@@ -18,6 +18,7 @@ from tests.helpers.cpp import (
 )
 from tests.helpers.leaving import bound_distances, place_along
 from tests.helpers.regions import place_polygon
+from tests.queries.test_gate_drives import POSTS, make_cells, run_drive
 
 pytestmark = pytest.mark.skipif(bool(why_no_compiler()), reason=why_no_compiler())
 
@@ -244,7 +245,7 @@ class People:
         return shapely.distance(np.array(bodies)[:, np.newaxis], outlines)
 
 
-def run_drive(program, room, seed, cycles=80):
+def drive_among_people(program, room, seed, cycles=80):
     """Drive among people; return the way, and the number of cycles near and of leaving."""
     rng = np.random.default_rng(seed)
     people, gate = People(rng), open_gate(program, room)
@@ -279,8 +280,34 @@ def run_drive(program, room, seed, cycles=80):
     ],
 )
 def test_drives_among_people_who_step_in_touch_nothing(program, room, seeds):
-    way, near, left = np.sum([run_drive(program, room, seed) for seed in seeds], axis=0)
+    way, near, left = np.sum([drive_among_people(program, room, seed) for seed in seeds], axis=0)
     assert way > 0.3 * len(seeds) and near > 10 * len(seeds) and left > 2 * len(seeds)
+
+
+@pytest.mark.parametrize(
+    "seeds, share",
+    [
+        pytest.param(range(4), 0.75, id="4 drives"),
+        pytest.param(range(200), 0.85, id="200 drives", marks=pytest.mark.thorough),
+    ],
+)
+def test_drives_go_far_beside_the_fastest_safe_ones(program, tmp_path, seeds, share):
+    """Posts come as points; walls and crates are in the map."""
+    workspace = cspace.Workspace.from_array(make_cells(), 0.05)
+    space = cspace.build(workspace, cspace.Robot.rectangle(0.6, 0.4), rotations=72)
+    space.save(tmp_path / "map")
+    numbers = (ROOM_DT, *ROOM_BRAKES, *(TRACKING,) * 3, 0.05)
+    gate = GateInCpp(program, tmp_path / "map", BOX, *numbers, leaving=True)
+
+    def choose(pose, wanted, now):
+        return gate.slow_down(pose, wanted, now, POSTS).commands[0]
+
+    def may_stand(pose):
+        return gate.slow_down(pose, (0.0, 0.0), (0.0, 0.0), POSTS).is_proven
+
+    slowed, fastest = np.sum([run_drive(choose, space, may_stand, k) for k in seeds], axis=0)
+    assert slowed > share * fastest
+    gate.close()
 
 
 @pytest.mark.thorough

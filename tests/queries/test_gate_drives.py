@@ -29,14 +29,19 @@ OBSTACLES = shapely.union_all(
 shapely.prepare(OBSTACLES)
 
 
-@pytest.fixture(scope="module")
-def gate():
-    """Return a gate on a map of walls and crates, to which posts come as points of a scan."""
+def make_cells():
+    """Return the cells of walls and crates, 5 cm wide."""
     cells = np.zeros((120, 80), dtype=bool)
     cells[[0, -1]] = cells[:, [0, -1]] = cells[58:62, :52] = True
     for x, y in CRATES:
         cells[round(20 * x) : round(20 * x) + 6, round(20 * y) : round(20 * y) + 6] = True
-    workspace = cspace.Workspace.from_array(cells, DT)
+    return cells
+
+
+@pytest.fixture(scope="module")
+def gate():
+    """Return a gate on a map of walls and crates, to which posts come as points of a scan."""
+    workspace = cspace.Workspace.from_array(make_cells(), DT)
     space = cspace.build(workspace, cspace.Robot.rectangle(0.6, 0.4), rotations=72)
     space.add_obstacle("scan", POSTS, radius=0.05)
     return cspace.Gate(space, dt=DT, tracking=TRACKING, max_deceleration=BRAKES)
@@ -86,18 +91,17 @@ def find_fastest(pose, wanted, now):
     return low * wanted
 
 
-def run_drive(gate, seed):
-    """Drive behind the gate, and as fast as is safe, by the same commands; return both ways, metres."""
+def run_drive(choose_slower, space, may_stand, seed):
+    """Drive behind a gate, and as fast as is safe, by the same commands; return both ways, metres.
+
+    The gate chooses from a pose, the wanted twist and the present one.
+    """
     rng = np.random.default_rng(seed)
-    starts = gate.space.sample_free(100, rng)  # of which it may stand at some, with its margin
-    start = next(pose for pose in starts if gate.check_twists(pose, [(0.0, 0.0)]).state == "go")
+    starts = space.sample_free(100, rng)  # of which it may stand at some, with its margin
+    start = next(filter(may_stand, starts))
     commands = rng.normal((0.5, 0.0), (0.4, 1.0), (CYCLES // 10, 2)).repeat(10, axis=0)
-
-    def slow_down(pose, wanted, now):
-        return gate.slow_down(pose, wanted, twist_now=now).commands[0]
-
     ways = []
-    for choose in (slow_down, find_fastest):
+    for choose in (choose_slower, find_fastest):
         pose, now, way = start, np.zeros(2), 0.0
         for wanted in commands:
             now = choose(pose, wanted, now)
@@ -109,13 +113,21 @@ def run_drive(gate, seed):
     return ways
 
 
+@pytest.mark.parametrize("leaving, share", [(False, 0.5), (True, 0.75)], ids=["free", "leaving"])
 @pytest.mark.parametrize(
-    "seeds, share",
+    "seeds",
     [
-        pytest.param(range(4), 0.5, id="4 drives"),
-        pytest.param(range(200), 0.65, id="200 drives", marks=pytest.mark.thorough),
+        pytest.param(range(4), id="4 drives"),
+        pytest.param(range(200), id="200 drives", marks=pytest.mark.thorough),
     ],
 )
-def test_drives_touch_nothing_and_go_far_beside_the_fastest_safe_ones(gate, seeds, share):
-    slowed, fastest = np.sum([run_drive(gate, seed) for seed in seeds], axis=0)
-    assert slowed > share * fastest
+def test_drives_touch_nothing_and_go_far_beside_the_fastest_safe_ones(gate, seeds, leaving, share):
+    def choose(pose, wanted, now):
+        return gate.slow_down(pose, wanted, twist_now=now, leaving=leaving).commands[0]
+
+    def may_stand(pose):
+        return gate.check_twists(pose, [(0.0, 0.0)]).state == "go"
+
+    ways = [run_drive(choose, gate.space, may_stand, seed) for seed in seeds]
+    slowed, fastest = np.sum(ways, axis=0)
+    assert slowed > (share + 0.1 * (len(seeds) > 4)) * fastest

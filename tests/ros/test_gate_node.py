@@ -146,6 +146,21 @@ def test_nothing_is_touched_on_random_drives(node, robot, seed):
     assert moved > 0.1
 
 
+@pytest.mark.parametrize("x", [1.5 - 0.1 - 0.301, 1.5 - 0.1 - 0.32])
+def test_it_drives_away_from_what_it_nearly_touches_and_not_nearer(node, robot, x):
+    """A post is 1 and 20 mm ahead, as a person who has stepped up."""
+    robot.pose = np.array([x, 2.6, 0.0])
+    for twist in ((0.2, 0.0), (0.2, 0.5), (0.0, 0.5)):
+        for _ in range(4):
+            assert not step(node, robot, twist)
+            assert not robot.twist.any()
+    for _ in range(20):
+        assert not step(node, robot, (-0.2, 0.0))
+    assert robot.pose[0] < x - 0.15
+    for _ in range(100):
+        assert not step(node, robot, (0.2, 0.0))
+
+
 @pytest.mark.parametrize("silent", ["scan", "command", "cycle", "pose", "map"])
 def test_it_stops_without_an_input(node, robot, silent, monkeypatch):
     for _ in range(10):

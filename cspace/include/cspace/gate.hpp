@@ -153,7 +153,8 @@ inline Point see_from(const Twist& twist, double seconds, const Point& point) {
 inline double follow(const Body& body, const std::vector<Point>& points, double needed, const Twist& twist,
                      double seconds, double least, bool leaves) {
   const double rounding = twist.omega == 0.0 ? STRAIGHT_ROUNDING : 0.0;
-  const std::vector<double> levels = leaves ? body.find_levels(points, needed) : std::vector<double>();
+  std::vector<double> levels;
+  if (leaves && twist.omega == 0.0) levels = body.find_levels(points, needed);
   for (const Point& point : points) {
     for (double time = 0.0; time < seconds;) {
       const Point place = see_from(twist, time, point);
@@ -176,7 +177,7 @@ inline double follow(const Body& body, const std::vector<Point>& points, double 
       const double bend = std::abs(twist.omega) * std::hypot(moving.x, moving.y);
       if (leaves && rate >= 0.0) step = std::max(step, bend > 0.0 ? rate / bend : FOREVER);
       if (speed == 0.0 && (leaves || above >= 0.0)) step = FOREVER;
-      if (!(step >= least)) {
+      if (!(step >= least && step > 0.0)) {
         seconds = time;
         break;
       }
@@ -222,8 +223,8 @@ class Gate {
   /// Return the fastest share of a twist after which the robot can still stop.
   ///
   /// The twist is driven for `dt`, then the robot brakes along the same arc. If no share is proven, it brakes at once.
-  /// With `leaving`, it may also drive if no point or taken cell comes nearer than the margin, than it is, or than what
-  /// is nearest beside the same side of the robot: the smallest proven distance never falls.
+  /// With `leaving`, it may also drive if no point or taken cell comes nearer than the margin or than it is, and,
+  /// straight on, than what is nearest beside the same side of the robot: the smallest proven distance never falls.
   /// @param q            where the robot is: x, y and yaw
   /// @param twist_now    what it drives now: the first command of the call before
   /// @param points       what it sees, in the frame of the map
