@@ -51,11 +51,14 @@ MIN_PULL: Final = 1e-3
 """Length by which a pulled part must be shorter, radians or metres; less would only add waypoints.
 """
 
+MIN_PULL_SHARE: Final = 1e-3
+"""Share of the length by which a pulled part must be shorter while further searches follow."""
+
 MIN_GAIN: Final = 0.01
 """Share of the length that a batch of pulls, or MAX_VAIN_SEARCHES searches together, must gain for
 more to follow."""
 
-MAX_VAIN_SEARCHES: Final = 8
+MAX_VAIN_SEARCHES: Final = 3
 """Searches in a row that together may gain less than :data:`MIN_GAIN` before the search stops."""
 
 
@@ -311,14 +314,16 @@ def pull_parts(
     count: int,
     draws: Floats,
     spans: Floats,
+    min_gain: float,
     trial: Floats,
     scratch: SceneScratch,
 ) -> int:
     """Pull random parts of a path towards their straight motions, where these are proven free.
 
-    Each row of ``draws``, shape (n, 5), has random numbers in [0, 1) for one part. The path is the
-    first ``count`` rows of ``path``, shape (m, dof), which has 2 n more; ``trial`` is scratch of
-    the same shape. Returns the new number of rows.
+    Each row of ``draws``, shape (n, 5), has random numbers in [0, 1) for one part, which must
+    become shorter by ``min_gain``. The path is the first ``count`` rows of ``path``, shape (m,
+    dof), which has 2 n more; ``trial`` is scratch of the same shape. Returns the new number of
+    rows.
     """
     dof = path.shape[1]
     for k in range(len(draws)):
@@ -354,7 +359,7 @@ def pull_parts(
         before = path[math.floor(first) : math.ceil(last) + 1]
         pulled = trial[math.floor(first) : rows - (count - 1 - math.ceil(last))]
         gain = measure_length(before) - measure_length(pulled)
-        if gain >= MIN_PULL and path_is_free(prove, scene, pulled, spans, scratch):
+        if gain >= min_gain and path_is_free(prove, scene, pulled, spans, scratch):
             count = copy_distinct(trial[:rows], path)
     return count
 
@@ -417,17 +422,17 @@ class PathSearch:
         """Shorten a path by further searches, and by pulling its parts straight.
 
         It stops after ``searches``, or at the time limit; if the path is within :data:`MIN_GAIN` of
-        the straight motion to the nearest goal; or if the last :data:`MAX_VAIN_SEARCHES` searches
-        gained less than that.
+        the straight motion to the nearest goal; or, without a number of ``searches``, if the last
+        :data:`MAX_VAIN_SEARCHES` gained less than that.
         """
-        path = self._pull(path)
+        path = self._pull(path, MIN_PULL_SHARE)
         # Length before and after each search.
         lengths = [measure_length(path)]
         while searches is None or len(lengths) <= searches:
             length = lengths[-1]
             near_goals = self._goals[self._distances < (1.0 - MIN_GAIN) * length]
             is_vain = False
-            if len(lengths) > MAX_VAIN_SEARCHES:
+            if searches is None and len(lengths) > MAX_VAIN_SEARCHES:
                 is_vain = (1.0 - MIN_GAIN) * lengths[-1 - MAX_VAIN_SEARCHES] < length
             if not len(near_goals) or is_vain or is_over(self._end):
                 break
@@ -440,10 +445,11 @@ class PathSearch:
                 near_goals, _make_empty(near_goals), length, max_batches, straight=True
             )
             if len(other_path):
-                path = min(path, self._pull(other_path), key=measure_length)
-            path = self._pull(path)
+                other_path = self._pull(other_path, MIN_PULL_SHARE)
+                path = min(path, other_path, key=measure_length)
+            path = self._pull(path, MIN_PULL_SHARE)
             lengths.append(measure_length(path))
-        return path
+        return self._pull(path, 0.0)
 
     def _connect(
         self,
@@ -532,8 +538,11 @@ class PathSearch:
         inside = ((samples >= lowest) & (samples <= highest)).all(axis=1, keepdims=True)
         return np.where(inside, samples, uniform)
 
-    def _pull(self, path: Floats) -> Floats:
-        """Pull parts of a path straight while it gains :data:`MIN_GAIN`."""
+    def _pull(self, path: Floats, min_share: float) -> Floats:
+        """Pull parts of a path straight while it gains :data:`MIN_GAIN`.
+
+        Each part gains at least ``min_share`` of the length, and :data:`MIN_PULL`.
+        """
         length = measure_length(path)
         last = math.inf
         while len(path) > 2 and length < (1.0 - MIN_GAIN) * last and not is_over(self._end):
@@ -541,8 +550,17 @@ class PathSearch:
             # Each part may begin and end between waypoints, which adds two.
             rows = np.concatenate([path, np.empty((2 * PULLS_PER_BATCH, path.shape[1]))])
             trial = np.empty_like(rows)
+            min_gain = max(MIN_PULL, min_share * length)
             count = pull_parts(
-                self._prove, self._scene, rows, len(path), draws, self._spans, trial, self._scratch
+                self._prove,
+                self._scene,
+                rows,
+                len(path),
+                draws,
+                self._spans,
+                min_gain,
+                trial,
+                self._scratch,
             )
             spend(NANOSECONDS_PER_PULL * len(draws))
             path = rows[:count]
