@@ -1184,7 +1184,8 @@ def _smooth(
     """Return a proven smooth version of a path; None if it keeps its edges."""
     space = path.space
     is_car = isinstance(path.drive, Car)
-    if not path.blend or is_car or space is None or not can_prove_curves(space):
+    is_straight = junction is None and len(edges.lengths) == 1
+    if not path.blend or is_straight or is_car or space is None or not can_prove_curves(space):
         return None
     drives = path.drive is not None
     if drives and bounds.jerk is not None and bounds.jerk.angular is not None:

@@ -163,7 +163,7 @@ class ChunkMotions(NamedTuple):
                 is_refused.any(axis=1), is_refused.argmax(axis=1), tubes // self.per_row
             )
             np.minimum(counts, first_refused * self.per_row, out=counts)
-        radii = np.tile(self._find_radii(tracking), (chunks, 1))
+        radii = self._find_radii(tracking)[np.newaxis].repeat(chunks, axis=0)
         self.space._count_free_tubes(self.starts, self.ends, radii, counts)
         return counts // self.per_row
 
@@ -293,7 +293,7 @@ def certify_rows(
     space: ConfigurationSpace,
     q: ArrayLike,
     rows: ArrayLike,
-    tracking: ArrayLike,
+    tracking: Floats,
     dt: float | None,
     max_velocity: ArrayLike | None,
     max_jerk: JerkLimits | None,
@@ -301,7 +301,6 @@ def certify_rows(
 ) -> Chunk:
     """Prove a chunk of targets; see :meth:`cspace.Gate.check_rows`."""
     starts, targets, is_batch = _check_chunk(space, q, rows, "rows", space.axes)
-    errors = check_each(tracking, "tracking", list_steps(space))
     checks = list[RowCheck]()
     with np.errstate(all="ignore"):  # rows may hold any numbers
         firsts = np.concatenate([starts[:, np.newaxis], targets[:, :-1]], axis=1)
@@ -324,7 +323,7 @@ def certify_rows(
         elif max_velocity is not None:
             raise make_missing_dt()
     tubes = ChunkMotions(space, starts, targets, checks)
-    return _prove(tubes, targets, is_batch, errors)
+    return _prove(tubes, targets, is_batch, tracking)
 
 
 def certify_twists(
@@ -332,7 +331,7 @@ def certify_twists(
     q: ArrayLike,
     twists: ArrayLike,
     dt: float,
-    tracking: ArrayLike,
+    tracking: Floats,
     max_velocity: ArrayLike | None,
     drive: Drive | None,
     max_jerk: JerkLimits | None,
@@ -346,7 +345,6 @@ def certify_twists(
             "twists move a robot with x, y and yaw",
         )
     starts, commands, is_batch = _check_chunk(space, q, twists, "twists", TWIST_NAMES)
-    errors = check_each(tracking, "tracking", list_steps(space))
     seconds = check_dt(dt)
     magnitudes = np.abs(commands)
     # Largest speed of a twist that is a usable number, m/s and rad/s.
@@ -383,7 +381,7 @@ def certify_twists(
     # Rounding of a pose, in cells, for each arc that leads to it.
     sag += 2.0**-30 * spacing * poses.shape[1]
     tubes = ChunkMotions(space, starts, poses, checks, per_row, sag)
-    return _prove(tubes, poses[:, per_row - 1 :: per_row], is_batch, errors)
+    return _prove(tubes, poses[:, per_row - 1 :: per_row], is_batch, tracking)
 
 
 def _list_drive_checks(drive: Drive | None, twists: Floats) -> list[RowCheck]:
