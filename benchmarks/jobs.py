@@ -177,6 +177,22 @@ def plan_from_previous(quick: bool) -> Iterator[Run]:
         yield lambda: plan_all(space, [pair], {"previous": plan})
 
 
+def time_straight(quick: bool) -> Iterator[Run]:
+    space = cspace.build(
+        Workspace.from_array(np.zeros((220, 60), dtype=bool), 0.1), Robot.disc(0.3)
+    )
+    plan = planners.plan(space, (1.0, 3.0), (19.0, 3.0))
+    speeds = np.linspace(0.5, 2.0, 20 if quick else 200).tolist()
+
+    def work() -> str:
+        limits = {"max_acceleration": 0.5, "max_jerk": 1.0}
+        motions = [plan.trajectory(max_velocity=speed, **limits) for speed in speeds]
+        return f"{sum(motion.duration for motion in motions):.6f} s"
+
+    while True:
+        yield work
+
+
 def drive_at_speed(make_workspace: Callable[[bool], Workspace], quick: bool) -> Iterator[Run]:
     """Drive 26 m at 10 Hz among six movers; each run is the first cycles of the same drive."""
     robot = Robot.rectangle(0.6, 0.4)
@@ -533,6 +549,7 @@ JOBS: dict[str, Callable[[bool], Iterator[Run]]] = {
         plan_with_yaw, {"drive": planners.Car(turning_radius=0.5, reverse=True)}
     ),
     "plan in SE(2) from a blocked previous one": plan_from_previous,
+    "200 straight motions with limited jerk": time_straight,
     "40 cycles at 10 Hz, warehouse": partial(drive_at_speed, make_warehouse),
     "40 cycles at 10 Hz, Nav2's depot": partial(
         drive_at_speed, lambda _: Workspace.open(real_file("maps/depot.yaml"))
