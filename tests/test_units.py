@@ -194,7 +194,7 @@ UNCHANGED = {
 
 NO_QUERIES = {
     *("add_obstacle", "allow_collisions", "attach", "detach", "forbid_collisions", "set_padding"),
-    *("remove_obstacle", "update", "export", "open", "path", "plot", "save", "view"),
+    *("remove_obstacle", "update", "export", "path", "plot", "save", "view"),
     *("exact", "keep", "subproblems"),
     "follow_line",  # a motion, whose pose is given
 }
