@@ -333,7 +333,7 @@ def test_constraints_reject_invalid_fields(options, message):
     ({"keep": 0.1}, "keep is 0.1; it must be an Upright"),
     ({"keep": [GLASS, 0.1]}, "keep is .*it must be an Upright, or a list"),
     ({"keep": Upright("tool1")}, "frame is 'tool1'; .*did you mean 'tool0'"),
-    ({"planner": "RRTConnect"}, "keep is .*samples configurations"),
+    ({"planner": "RRTConnect"}, "RRTConnect takes keep: None"),
     (
         {"start": (*START[:3], 1.0, 0.0)},
         "start .* is not upright: the axis of tool0 is 0.5 rad from the direction .*0 rad, within",
