@@ -44,6 +44,9 @@ STRAIGHT_ROUNDING: Final = 1e-12
 LEVEL_ROUNDING: Final = 1e-12
 """Rounding of heights that are equal, metres."""
 
+CORNER_ROUNDING: Final = 1e-9
+"""Distance from a corner, metres, below which rounding would turn its direction."""
+
 
 class Core(NamedTuple):
     """A convex part of a robot.
@@ -235,7 +238,7 @@ def measure_gaps(corners: Floats, points: Floats) -> Gaps:
         return Gaps(distances, directions, np.full(len(points), -1), np.empty((len(points), 0)))
     heights = (offsets * normals).sum(axis=2)
     highest = heights.argmax(axis=1)
-    is_inside = heights[rows, highest] <= 0.0
+    is_inside = heights[rows, highest] <= CORNER_ROUNDING
     # The normal of a side has no rounding of a short distance.
     share = shares[rows, nearest]
     sides = np.where((share > 0.0) & (share < 1.0), nearest, -1)

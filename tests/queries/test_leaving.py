@@ -111,6 +111,19 @@ def test_a_robot_that_touches_a_wall_may_back_away_from_it_and_not_press_on(wall
     assert not turning.share
 
 
+def test_a_robot_with_a_corner_on_the_center_of_a_taken_cell_does_not_press_on():
+    occupied = np.zeros((40, 40), dtype=np.bool_)
+    occupied[20, 20] = True
+    corners = np.array([(2, -12), (28, -9), (-1, 25), (-23, 14)]) / 64.0
+    space = cspace.build(Workspace.from_array(occupied, 0.125), Robot.polygon(corners), rotations=4)
+    center = 20.5 * 0.125
+    gate = make_gate(space)
+    for pose in np.column_stack([center - corners, np.zeros(len(corners))]):
+        shares = [gate.slow_down(pose, (v, 0.0), leaving=True).share for v in (0.4, -0.4)]
+        # A convex robot leaves a corner in one of two opposite directions at most.
+        assert min(shares) == 0.0
+
+
 def test_a_robot_may_drive_along_a_wall_that_is_nearer_than_its_margin(walls):
     gate = make_gate(walls["rectangle"], 0.02)
     for turn in (0.0, 0.05, 0.4):

@@ -67,6 +67,7 @@ constexpr double MAX_NEAR_CELLS = 1 << 20;
 constexpr double PIECES = 1024;
 constexpr double STRAIGHT_ROUNDING = 1e-12;
 constexpr double LEVEL_ROUNDING = 1e-12;
+constexpr double CORNER_ROUNDING = 1e-9;
 constexpr double FOREVER = std::numeric_limits<double>::infinity();
 
 /// A distance, negative inside; the unit direction along which it rises fastest; the nearest side, or -1 at a corner.
@@ -115,7 +116,7 @@ struct Body {
       nearest = {length, direction, share > 0.0 && share < 1.0 ? static_cast<int>(k) : -1};
     }
     if (normals.empty()) return nearest;
-    if (measure_height(highest, point) <= 0.0) nearest.side = static_cast<int>(highest);
+    if (measure_height(highest, point) <= CORNER_ROUNDING) nearest.side = static_cast<int>(highest);
     if (nearest.side < 0) return nearest;
     // The normal of a side has no rounding of a short distance.
     return {measure_height(nearest.side, point), normals[nearest.side], nearest.side};
