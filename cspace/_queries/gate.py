@@ -290,6 +290,7 @@ class Gate:
         commands = np.where(is_proven[..., np.newaxis], asked, 0.0)
         return GatedCommands(commands, _name_state(chunk), chunk)
 
+    @names_options
     def slow_down(
         self,
         q: ArrayLike,
