@@ -643,10 +643,9 @@ class Plan:
             that state, with a continuous velocity and curvature. The plan starts at one of
             ``after.starts_after(at)``: the place of that state, or the end of
             ``after.braked(at)``, to which the robot follows the old curve. There it does not stop
-            if a curve goes on smoothly. A part of the old motion that begins at rest, beyond five
-            times the seconds to full speed, stays as it was if its waypoints do, and is proven
-            again. If the plan has no path, or none that is proven and that the speed allows, it is
-            ``after.braked(at)``, and ``stop_reason`` says why.
+            if a curve goes on smoothly. If the plan has no path, or none that is proven and that
+            the speed allows, it is ``after.braked(at)``, and ``stop_reason``
+            says why.
         at : float
             Seconds from the start of ``after``, time 0 of the new trajectory.
 
@@ -703,7 +702,7 @@ class Plan:
         if after is None:
             return make_trajectory(path, limits, duration, time_step)
         check_after(after, self.axes, duration)
-        return continue_trajectory(after, at, path, limits, time_step)
+        return continue_trajectory(after.braked(at), path, limits, time_step)
 
     @property
     def _moves_joints(self) -> bool:

@@ -113,10 +113,6 @@ MIN_FACTOR: Final = 1e-3
 STOP_NODES: Final = 8
 """Number of instants of each part of a stop at which its speed is summed."""
 
-HORIZON_RAMPS: Final = 5.0
-"""Time ahead in which curves are fitted anew as a motion goes on, relative to that in which the
-robot reaches full speed."""
-
 STOP_STEP: Final = 0.1
 """Largest time between rows of a stop, seconds."""
 
@@ -792,13 +788,6 @@ class TimedMotion(NamedTuple):
     olds: int = 0  # number of segments of the motion before, whose curves were proven then
 
 
-class KeptMotion(NamedTuple):
-    """The rest of a motion, which goes on as before."""
-
-    row: int  # of the waypoint where it begins at rest
-    motion: TimedMotion
-
-
 class DrivenPath(NamedTuple):
     """A path without times, and the robot's motion along it."""
 
@@ -827,9 +816,9 @@ def make_trajectory(
     step = check_positive(time_step, "time_step", "seconds")
     bounds = _check_bounds(path, limits)
     rotations = _rotations_along(path)
-    motion = _rest_between(
-        [_start(part, rotations, bounds) for part in _cut_at_stops(path, rotations)]
-    )
+    first, *others = _cut_at_stops(path, rotations)
+    motion = _start(first, _split(first, rotations, bounds), rotations, bounds)
+    motion = _rest_between(motion, others, rotations, bounds)
     phases = _stretch(motion.phases, duration)
     made = _make(path, motion._replace(phases=phases), rotations, bounds, step)
     if made is None:
@@ -858,13 +847,12 @@ def check_after(after: object, axes: tuple[str, ...], duration: float | None) ->
 
 
 def continue_trajectory(
-    after: Trajectory, at: float, path: DrivenPath, limits: MotionLimits, time_step: float
+    stop: Trajectory, path: DrivenPath, limits: MotionLimits, time_step: float
 ) -> Trajectory:
     """Make the fastest trajectory along a stop and on along a path, or the stop with its reason.
 
     See :meth:`planners.Plan.trajectory`.
     """
-    stop = after.braked(at)
     step = check_positive(time_step, "time_step", "seconds")
     bounds = _check_bounds(path, limits)
     if not len(path.waypoints):
@@ -880,78 +868,25 @@ def continue_trajectory(
             f"is a time at which the robot is at {next(places)}, and can rest at {next(places)}",
             f"the plan starts at {tuple(path.waypoints[0].tolist())}",
         )
-    kept = _keep_motion(after, at, onward, bounds)
-    motion = _continue_to(stop, onward, bounds, from_rest, kept)
-    if motion is None and kept is not None:
-        motion = _continue_to(stop, onward, bounds, from_rest, None)
+    path = onward
+    first, *others = _cut_at_stops(path, rotations)
+    edges = _split(first, rotations, bounds)
+    motion: TimedMotion | None
+    if stop.duration == 0.0:
+        motion = _start(first, edges, rotations, bounds)
+    else:
+        motion = _go_on(stop, first, edges, bounds, from_rest)
+        if from_rest:
+            rows = np.concatenate([stop._route.waypoints, path.waypoints[1:]])
+            path = path._replace(waypoints=rows)
     reason = "no curve along the plan is proven and allows the speed and the limits"
     if motion is not None:
-        if from_rest and stop.duration:
-            rows = np.concatenate([stop._route.waypoints, onward.waypoints[1:]])
-            onward = onward._replace(waypoints=rows)
-        made = _make(onward, motion, rotations, bounds, step)
+        motion = _rest_between(motion, others, rotations, bounds)
+        made = _make(path, motion, rotations, bounds, step)
         if made is not None and made.certified:
             return made
         reason = "the motion along the plan is not proven free, or rounding exceeds its limits"
     return replace(stop, stop_reason=reason)
-
-
-def _continue_to(
-    stop: Trajectory,
-    path: DrivenPath,
-    bounds: MotionBounds,
-    from_rest: bool,
-    kept: KeptMotion | None,
-) -> TimedMotion | None:
-    """Return the fastest motion on along a path, up to a waypoint and its kept motion, if any."""
-    rotations = stop._rotations
-    head = path if kept is None else path._replace(waypoints=path.waypoints[: kept.row + 1])
-    first, *others = _cut_at_stops(head, rotations)
-    if stop.duration == 0.0:
-        motion: TimedMotion | None = _start(first, rotations, bounds)
-    else:
-        motion = _go_on(stop, first, bounds, from_rest)
-    if motion is None:
-        return None
-    motions = [motion, *(_start(part, rotations, bounds) for part in others)]
-    return _rest_between(motions if kept is None else [*motions, kept.motion])
-
-
-def _keep_motion(
-    after: Trajectory, at: float, path: DrivenPath, bounds: MotionBounds
-) -> KeptMotion | None:
-    """Return the part of a motion that a path shares, from a rest beyond the horizon.
-
-    All of it is proven again on the present map.
-    """
-    route = after._route
-    is_same = (route.drive, route.blend) == (path.drive, path.blend)
-    count = min(len(route.waypoints), len(path.waypoints) - 1)
-    if count < 2 or path.space is None or path.vias or not is_same:
-        return None
-    if not are_same_bounds(bounds, after._bounds):
-        return None
-    differs = (route.waypoints[-count:] != path.waypoints[-count:]).any(axis=1)
-    begin = len(path.waypoints) - count + int(np.flatnonzero([True, *differs])[-1])
-    shared = path.waypoints[begin:-1]
-
-    ramp = float(np.max(bounds.velocity.linear / bounds.acceleration.linear))
-    segments = after._segments
-    phases = after._phases
-    rests = (phases.speeds[1:-1] == 0.0) & (np.diff(phases.segments[:-1]) > 0)
-    rests &= phases.times[1:-1] > at + HORIZON_RAMPS * ramp
-    firsts = phases.segments[1:-1][rests]
-    is_row = (segments.ends[firsts - 1, np.newaxis] == shared).all(axis=2)
-    firsts = firsts[is_row.any(axis=1)]
-    first = int(firsts.min(initial=len(segments.lengths)))
-    proven = prove_segments(path.space, path.exact, segments.select(slice(first, None)))
-    firsts = firsts[firsts > first + np.flatnonzero(~proven).max(initial=-1)]
-    if not len(firsts):
-        return None
-    kept = segments.select(slice(firsts[0], None))
-    row = begin + int((segments.ends[firsts[0] - 1] == shared).all(axis=1).argmax())
-    law = find_motion(kept, after._rotations, bounds)
-    return None if law is None else KeptMotion(row, TimedMotion(kept, law))
 
 
 def _start_at(path: DrivenPath, q: Floats, rotations: Rotations) -> DrivenPath | None:
@@ -1029,21 +964,24 @@ def _cut_at_stops(path: DrivenPath, rotations: Rotations) -> list[DrivenPath]:
     ]
 
 
-def _rest_between(motions: Sequence[TimedMotion]) -> TimedMotion:
-    """Join motions; the robot rests between them."""
-    joined, *others = motions
-    for other in others:
-        count = len(joined.segments.lengths)
-        joined = joined._replace(
-            segments=join_segments([joined.segments, other.segments]),
-            phases=join_motions(joined.phases, other.phases, count),
+def _rest_between(
+    motion: TimedMotion, others: Sequence[DrivenPath], rotations: Rotations, bounds: MotionBounds
+) -> TimedMotion:
+    """Return a motion that rests, and then goes on along other paths, from rest to rest."""
+    for path in others:
+        onward = _start(path, _split(path, rotations, bounds), rotations, bounds)
+        count = len(motion.segments.lengths)
+        motion = motion._replace(
+            segments=join_segments([motion.segments, onward.segments]),
+            phases=join_motions(motion.phases, onward.phases, count),
         )
-    return joined
+    return motion
 
 
-def _start(path: DrivenPath, rotations: Rotations, bounds: MotionBounds) -> TimedMotion:
+def _start(
+    path: DrivenPath, edges: Segments, rotations: Rotations, bounds: MotionBounds
+) -> TimedMotion:
     """Return the fastest motion along a path, from rest."""
-    edges = _split(path, rotations, bounds)
     smooth = _smooth(path, edges, rotations, bounds, None)
     motions: list[TimedMotion] = []
     for segments in (edges,) if smooth is None else (smooth, edges):
@@ -1054,7 +992,7 @@ def _start(path: DrivenPath, rotations: Rotations, bounds: MotionBounds) -> Time
 
 
 def _go_on(
-    stop: Trajectory, path: DrivenPath, bounds: MotionBounds, from_rest: bool
+    stop: Trajectory, path: DrivenPath, edges: Segments, bounds: MotionBounds, from_rest: bool
 ) -> TimedMotion | None:
     """Return the fastest motion on along a path, at once or from the end of a stop.
 
@@ -1062,7 +1000,6 @@ def _go_on(
     None if it cannot, at once or with other limits than before, which its stop does not keep.
     """
     rotations = stop._rotations
-    edges = _split(path, rotations, bounds)
     begin, end = stop._phases.positions[[0, -1]].tolist()
     speed = float(stop._phases.speeds[0])
     gain = float(stop._phases.accelerations[0])
@@ -1097,7 +1034,7 @@ def _go_on(
             motions.append(TimedMotion(segments, phases, *state, olds))
     may_stop = from_rest and are_same_bounds(bounds, stop._bounds)
     if may_stop and (smooth is None or not motions or is_slow):
-        rest = _start(path, rotations, bounds)
+        rest = _start(path, edges, rotations, bounds)
         segments = join_segments([head, rest.segments])
         phases = join_motions(stop._phases, rest.phases, olds)
         motions.append(TimedMotion(segments, phases, *state, olds))

@@ -714,12 +714,6 @@ MUTANTS = (
         "tests/planners/test_smoothing.py",
     ),
     Mutant(
-        "planners/_trajectory.py",
-        "firsts > first + np.flatnonzero(~proven).max(initial=-1)",
-        "firsts >= first",
-        "tests/planners/test_going_on.py",
-    ),
-    Mutant(
         "planners/_segments.py",
         "fits: Bools = turns <= MAX_EDGE_TURN",
         "fits: Bools = turns <= 9.0",

@@ -505,7 +505,7 @@ def test_a_stop_says_why_it_is_one():
     assert "proven" in motion.stop_reason
 
 
-# ---- motions whose rest is kept ------------------------------------------------------------------
+# ---- obstacles that appear ------------------------------------------------------------------------
 
 HELD_SIDE = 0.3
 """Side of an obstacle that appears, metres."""
@@ -546,33 +546,8 @@ def place_robot(q):
     return shapely.affinity.translate(turned, *q[:2])
 
 
-def sample_end(motion, seconds):
-    """Return the configurations of the last seconds of a motion."""
-    return motion.sample(motion.duration - np.linspace(0.0, seconds, 200))[0]
-
-
-def test_far_rests_are_kept_and_near_ones_become_curves():
-    plan, limits = plan_with_rests(36)
-    wide = plan.trajectory(**limits)
-    plan.space.update({"post": shapely.box(5.9, 5.3, 6.1, 5.5)})
-    slow = plan.trajectory(**limits)  # it rests at the corner beside the post
-    plan.space.update({"post": None})
-    assert slow.duration > wide.duration + 1.0
-    for place in slow.starts_after(0.5):
-        motion = start_at(plan, place).trajectory(**limits, after=slow, at=0.5)
-        assert motion.certified
-        assert motion.duration == pytest.approx(slow.duration - 0.5, abs=1e-6)
-        np.testing.assert_allclose(sample_end(motion, 15.0), sample_end(slow, 15.0), atol=1e-9)
-    at = slow.duration - 10.0
-    rows = np.vstack([slow.starts_after(at)[-1], plan.waypoints[-3:]])
-    near = dataclasses.replace(plan, waypoints=rows, path=rows)
-    motion = near.trajectory(**limits, after=slow, at=at)
-    assert motion.certified
-    assert motion.duration < slow.duration - at - 1.0
-
-
 @pytest.mark.parametrize("drives", [None, 36])
-def test_no_kept_motion_passes_through_what_appeared(drives):
+def test_no_motion_goes_on_through_what_appeared(drives):
     plan, limits = plan_with_rests(drives)
     old = plan.trajectory(**limits)
     place = old.starts_after(0.5)[0]
