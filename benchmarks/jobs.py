@@ -164,6 +164,24 @@ def plan_with_yaw(options: dict[str, Any], quick: bool) -> Iterator[Run]:
         yield lambda: plan_all(space, pairs, options)
 
 
+def plan_to_rooms(kind: str, quick: bool) -> Iterator[Run]:
+    space = build_warehouse(quick)
+    pairs = draw_pairs(space, 1 if quick else 5, yaw=True)
+    others = draw_free(space, 4000, yaw=True)
+
+    def make_goal(q: Any) -> Any:
+        if kind == "near":
+            return planners.Near(q, 0.25, 0.3)
+        if kind == "any yaw":
+            return (*q[:2].tolist(), None)
+        near = np.hypot(*(others - q)[:, :2].T)
+        return [q, *others[np.argsort(near)[:2]]]
+
+    goals = [(start, make_goal(goal)) for start, goal in pairs]
+    while True:
+        yield lambda: plan_all(space, goals, {})
+
+
 def plan_from_previous(quick: bool) -> Iterator[Run]:
     space = build_warehouse(quick)
     (pair,) = draw_pairs(space, 1, yaw=True)
@@ -544,6 +562,9 @@ JOBS: dict[str, Callable[[bool], Iterator[Run]]] = {
     ),
     "a plan across a warehouse of 4000^2 cells": plan_across,
     "5 plans in SE(2), warehouse": partial(plan_with_yaw, {}),
+    "5 plans in SE(2), near a goal": partial(plan_to_rooms, "near"),
+    "5 plans in SE(2), any yaw": partial(plan_to_rooms, "any yaw"),
+    "5 plans in SE(2), three goals": partial(plan_to_rooms, "three"),
     "5 plans in SE(2), differential": partial(plan_with_yaw, {"drive": planners.Differential()}),
     "5 plans in SE(2), Reeds-Shepp": partial(
         plan_with_yaw, {"drive": planners.Car(turning_radius=0.5, reverse=True)}

@@ -529,12 +529,10 @@ class CSpace(ConfigurationMap):
         from cspace._queries.lower_bound import min_length
 
         grid = self.grid
-        # Positions in cells, and the cells that are not BLOCKED at every rotation.
+        # Positions in cells.
         ends = self._check_in_grid(q0, "q0"), self._check_in_grid(q1, "q1")
         start, goal = ((q[: grid.dim] - grid.lower) / grid.spacing for q in ends)
-        passable = self._states.min(axis=0) < BLOCKED
-        is_open = not self._exterior.is_all_blocked(grid.shape).all()
-        return grid.spacing * min_length(passable, is_open, start, goal)
+        return grid.spacing * min_length(self._projections, self._is_open, start, goal)
 
     # ---- the set of FREE configurations ----------------------------------------------------------
 
@@ -1322,6 +1320,18 @@ class CSpace(ConfigurationMap):
         from cspace._queries.sampling import FreeCells
 
         return FreeCells(self._states)
+
+    @property
+    def _is_open(self) -> bool:
+        """Whether the exterior is not BLOCKED at every rotation."""
+        return not bool(self._exterior.is_all_blocked(self.grid.shape).all())
+
+    @derived
+    def _projections(self) -> list[Rectangles]:
+        """Cells of positions that are not BLOCKED at every rotation, for bounds of lengths."""
+        from cspace._queries.lower_bound import list_projections
+
+        return list_projections(self._states.min(axis=0) < BLOCKED, self._is_open)
 
     @derived
     def _rectangles(self) -> Rectangles:

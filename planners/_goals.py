@@ -551,8 +551,13 @@ def find_room_goals(
     goals = gather_goals(name, rooms, lambda room, _: room.find_goals(edges, start))
     space = edges.space
     rows = turn_near(np.array(goals), np.array(start), space.is_periodic)
-    costs = METRES_PER_RADIAN * _measure_turns(space, start, rows)
-    costs += _measure_lengths(edges, start, rows)
+    if edges.drive is None and len(rooms) == 1:
+        return [tuple(q) for q in rows.tolist()]
+    if edges.drive is None and all(room.is_point for room in rooms):
+        costs = np.array([edges.min_length(np.array(start), row) for row in rows])
+    else:
+        costs = METRES_PER_RADIAN * _measure_turns(space, start, rows)
+        costs += _measure_lengths(edges, start, rows)
     if isinstance(edges.drive, Car):
         ways = edges.edge_lengths(np.broadcast_to(start, rows.shape), rows)
         costs = np.maximum(costs, ways)

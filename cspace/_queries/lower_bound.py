@@ -14,13 +14,27 @@ import numpy as np
 from cspace._queries.any_angle import (
     INSET,
     MAX_ERROR_PER_CELL,
+    Rectangles,
     find_shortest_way,
     list_rectangles,
 )
 from cspace._support.arrays import BLOCKED, FREE, Bools, Floats
 
 
-def min_length(passable: Bools, is_open: bool, start: Floats, goal: Floats) -> float:
+def list_projections(passable: Bools, is_open: bool) -> list[Rectangles]:
+    """List passable cells of the plane, or in space of the projection along each axis.
+
+    ``passable`` has shape (nx, ny) or (nx, ny, nz); ``is_open`` says if paths may leave the grid.
+    """
+    planes = [passable]
+    if passable.ndim == 3:
+        planes = [np.asarray(passable.any(axis=axis)) for axis in range(3)]
+    # A shortest path outside leads along the border of the grid, through further cells.
+    padded = [np.pad(plane, int(is_open), constant_values=True) for plane in planes]
+    return [list_rectangles(np.where(plane, FREE, BLOCKED).astype(np.uint8)) for plane in padded]
+
+
+def min_length(projections: list[Rectangles], is_open: bool, start: Floats, goal: Floats) -> float:
     """Bound the length of paths through passable cells from below, in cells.
 
     In space, it is the largest bound of the three projections along an axis, with the difference
@@ -28,8 +42,8 @@ def min_length(passable: Bools, is_open: bool, start: Floats, goal: Floats) -> f
 
     Parameters
     ----------
-    passable : ndarray of bool, shape (nx, ny) or (nx, ny, nz)
-        Cells through which paths may lead.
+    projections : list of Rectangles
+        Cells through which paths may lead, by :func:`list_projections`.
     is_open : bool
         Whether paths may leave the grid.
     start, goal : ndarray of float64, shape (d,)
@@ -40,30 +54,24 @@ def min_length(passable: Bools, is_open: bool, start: Floats, goal: Floats) -> f
     float
         Infinite if no path exists.
     """
-    if passable.ndim == 2:
-        return _min_length_in_plane(passable, is_open, start, goal)
+    if len(start) == 2:
+        return _min_length_in_plane(projections[0], is_open, start, goal)
     bounds = []
-    for axis in range(3):
-        projected = np.asarray(passable.any(axis=axis))
+    for axis, projection in enumerate(projections):
         ends = np.delete(start, axis), np.delete(goal, axis)
-        across = _min_length_in_plane(projected, is_open, *ends)
+        across = _min_length_in_plane(projection, is_open, *ends)
         bounds.append(math.hypot(across, goal[axis] - start[axis]))
     return max(bounds)
 
 
-def _min_length_in_plane(passable: Bools, is_open: bool, start: Floats, goal: Floats) -> float:
+def _min_length_in_plane(
+    rectangles: Rectangles, is_open: bool, start: Floats, goal: Floats
+) -> float:
     """Bound lengths of paths in the plane from below, in cells.
 
-    ``passable``, shape (nx, ny), are the cells through which paths may lead; ``is_open`` says if
-    they may leave the grid. ``start`` and ``goal``, shape (2,), are positions in cells.
+    ``start`` and ``goal``, shape (2,), are positions in cells.
     """
-    if is_open:
-        # A shortest path outside leads along the border of the grid, through these cells.
-        passable = np.pad(passable, 1, constant_values=True)
-        start = start + 1.0
-        goal = goal + 1.0
-    states = np.where(passable, np.uint8(FREE), np.uint8(BLOCKED))
-    length = find_shortest_way(list_rectangles(states), start, goal).length
+    length = find_shortest_way(rectangles, start + float(is_open), goal + float(is_open)).length
     # Share by which a distance in double precision may exceed the exact one.
     straight = float(np.linalg.norm(goal - start)) * (1.0 - 1e-12)
     return max(straight, length * (1.0 - MAX_ERROR_PER_CELL) - 2.0 * (INSET + MAX_ERROR_PER_CELL))
