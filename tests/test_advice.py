@@ -253,7 +253,7 @@ def place_nodes(folder, *levels, **options):
     graph = {name: {"vertices": each, "lanes": [[0, 1, {}]]} for name, each in nodes.items()}
     file = folder / "rmf.yaml"
     file.write_text(yaml.safe_dump({"building_name": "b", "levels": graph}))
-    return np.array(cspace.lanes.RouteGraph.open(file, **options).places)
+    return np.array(cspace.lanes.RouteGraph.open(file, **options).positions)
 
 
 def parse_yaw(value="90"):

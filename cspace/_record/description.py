@@ -120,14 +120,19 @@ DERIVED: Final = ("distances", "distance_boxes")
 """Arrays for readers without this package. This package ignores them, and computes them itself."""
 
 
-@cache
 def describe_arrays() -> dict[str, StoredArray]:
     """Describe all arrays of a map, by name.
 
     They are :data:`ARRAYS`, and the arrays that describe rotation cells of every kind.
     """
+    return _describe_arrays(tuple(Rotations._KINDS.values()))
+
+
+@cache
+def _describe_arrays(kinds: tuple[type[Rotations], ...]) -> dict[str, StoredArray]:
+    """Describe all arrays of a map, with these kinds of rotation cells."""
     descriptions = dict(ARRAYS)
-    for kind in Rotations._KINDS.values():
+    for kind in kinds:
         for name, coordinate in kind._COORDINATES.items():
             # The first axis counts the rotation cells; the coordinate names and sizes the others.
             axes = " ".join(["rotation", *coordinate.axes])

@@ -310,7 +310,7 @@ TENTH = {"limits": (0.1, 0.1)}
     ),
     (
         lambda f: planners.plan(space(f), ZERO, (1.2, 0.3), keep=along(0.1), planner="RRT"),
-        "RRT samples configurations that are not upright",
+        "RRT takes keep: None",
     ),
     (
         lambda f: planners.plan(space(f), ZERO, (1.2, 0.3), keep=along(0.1)),

@@ -57,7 +57,7 @@ FILES = {
     ),
     (
         f"{PLAN} --objective clearance --planner RRT",
-        "RRT ignores objectives",
+        "RRT takes objective: length",
     ),
     (f"{PLAN} --max-velocity 1", "no --trajectory is"),
     (
