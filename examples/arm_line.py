@@ -49,13 +49,14 @@ space = cspace.build_arm_space(
 # The corners of the line. Poses without a rotation keep the hand along x.
 
 corners = [at(0.9, 0.7), at(1.4, 0.7), at(1.4, 0.35), at(0.7, 0.35)]
+tolerance = 2e-3, 0.01  # metres and radians
 
 # %%
 # Try each configuration at the first corner, until one reaches the last corner. Then plan to it.
 
 candidates = arm.inverse("hand", corners[0])
 for start in candidates[space.is_free(candidates)]:
-    motion = space.follow_line(start, "hand", corners[1:], tolerance=(2e-3, 0.01))
+    motion = space.follow_line(start, "hand", corners[1:], tolerance=tolerance)
     print(motion)
     if motion.certified:
         break
@@ -92,7 +93,7 @@ drawing.legend(loc="lower center")
 graph = figure.add_subplot(1, 2, 2)
 graph.plot(parameters, 1e3 * distances, color="#6a1b9a", label="sampled distance from the target")
 graph.axhline(1e3 * motion.deviation, color="#009e73", label="proven bound")
-graph.axhline(1e3 * motion.tolerance[0], color="#262626", linestyle=":", label="tolerance")
+graph.axhline(1e3 * tolerance[0], color="#262626", linestyle=":", label="tolerance")
 graph.plot(
     motion.parameters, np.zeros(len(motion.parameters)), "|", color="#d55e00", label="waypoints"
 )
