@@ -78,13 +78,13 @@ BAY_CART = BAY, Robot.rectangle(0.8, 0.3), 72
                 (CORRIDOR, SQUARE, None),
                 AHEAD,
                 {"planner": "MaxClearance"},
-                "space.exact, which finds a path",
+                "space.exact with the default planner, which finds a path",
             ),
             (
                 (CORRIDOR, SQUARE, 72),
                 AHEAD,
                 {"drive": planners.Differential(), "planner": "Lattice"},
-                "space.exact with the default planner, which finds a path",
+                "space.exact, which finds a path",
             ),
             # The robot passes sideways through FREE cells, but drives ahead only by the geometry.
             (
