@@ -2,6 +2,7 @@
 
 import os
 import signal
+from types import SimpleNamespace
 
 import pytest
 
@@ -70,7 +71,7 @@ def test_builds_resume_after_a_cluster_is_lost(tmp_path):
 
 @pytest.mark.parametrize("workers", [0, 1])
 def test_a_cluster_needs_workers_of_this_version(tmp_path, monkeypatch, workers):
-    monkeypatch.setattr("cspace._tiles.work.__version__", "0.0.9")
+    monkeypatch.setattr("cspace._tiles.work.cspace", SimpleNamespace(__version__="0.0.9"))
     problem = f"workers with cspace {cspace.__version__}" if workers else "no workers"
     with connect(workers) as client:
         with pytest.raises(InputError, match=f"client has {problem}; .* 0.0.9, like this process"):
