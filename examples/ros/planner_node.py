@@ -30,6 +30,7 @@ from rclpy.exceptions import ParameterException
 from rclpy.executors import MultiThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile
+from rclpy.signals import SignalHandlerOptions
 from scipy.spatial.transform import Rotation
 from shapely import affinity
 from std_msgs.msg import ColorRGBA
@@ -625,16 +626,21 @@ class PlannerNode(Node):
 
 def main():
     """Run the node until it is interrupted; an error after that is part of the end."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)  # rclpy takes it, and Python raises nothing
-    rclpy.init()
+    ended = threading.Event()  # after a signal, rclpy's own handlers may leave spin() asleep
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: ended.set())
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    executor = MultiThreadedExecutor(num_threads=4)
     node = None
     try:
         node = PlannerNode()
-        rclpy.spin(node, MultiThreadedExecutor(num_threads=4))
+        executor.add_node(node)
+        while not ended.is_set():
+            executor.spin_once(timeout_sec=0.1)
     except (CspaceError, ParameterException) as error:
         sys.exit(f"cspace_planner: {error}")
     except Exception:
-        if rclpy.ok():
+        if not ended.is_set():
             raise
     finally:
         rclpy.try_shutdown()
