@@ -15,21 +15,15 @@ from scipy.spatial.transform import Rotation
 
 import cspace
 from cspace import InputError, Robot, Workspace
-from tests.helpers.handmade import build_empty, fill_boxes
-from tests.helpers.messages import as_mapping, make_grid, make_message
+from tests.helpers.handmade import build_empty
+from tests.helpers.messages import as_mapping, build_spaces, make_grid, make_message
 from tests.helpers.refusals import refusals
 from tests.helpers.strategies import seeds
 
 
 @pytest.fixture(scope="module")
 def spaces():
-    cells = fill_boxes((40, 30), np.s_[20, :18], np.s_[5:8, 22:26])
-    workspace = Workspace.from_array(cells, 0.1, (-1.0, 2.0))
-    car = Robot.rectangle(0.5, 0.3)
-    return {
-        "disc": cspace.build(workspace, Robot.disc(0.23)),
-        "car": cspace.build(workspace, car, rotations=6),
-    }
+    return build_spaces()
 
 
 def test_values_become_cells():

@@ -8,6 +8,8 @@ from types import SimpleNamespace
 import numpy as np
 
 import cspace
+from cspace import Robot, Workspace
+from tests.helpers.handmade import fill_boxes
 
 
 def make_message(values, resolution=0.05, origin=(0.0, 0.0), yaw=0.0):
@@ -34,3 +36,14 @@ def make_grid(frame_id="odom", values=None):
 def as_mapping(message):
     """Return a message as rosbridge sends it."""
     return json.loads(json.dumps(message, default=lambda x: getattr(x, "__dict__", None) or [*x]))
+
+
+def build_spaces():
+    """Build the maps of a disc and of a car that turns, in a room."""
+    cells = fill_boxes((40, 30), np.s_[20, :18], np.s_[5:8, 22:26])
+    workspace = Workspace.from_array(cells, 0.1, (-1.0, 2.0))
+    car = Robot.rectangle(0.5, 0.3)
+    return {
+        "disc": cspace.build(workspace, Robot.disc(0.23)),
+        "car": cspace.build(workspace, car, rotations=6),
+    }
