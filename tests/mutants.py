@@ -1044,25 +1044,25 @@ MUTANTS = (
     ),
     # C++.
     Mutant(
-        "examples/nav2/include/cspace_nav2/surroundings.hpp",
+        "ros/cspace_nav2/include/cspace_nav2/surroundings.hpp",
         "if (a[1] <= middle && middle < b[1]) crossings.push_back(x_at(middle));",
         "if (a[1] <= middle && middle < a[1]) crossings.push_back(x_at(middle));",
         "tests/cpp/nav2/test_nav2.py",
     ),
     Mutant(
-        "examples/nav2/include/cspace_nav2/surroundings.hpp",
+        "ros/cspace_nav2/include/cspace_nav2/surroundings.hpp",
         "reach = radius_of_corners_ / side + 1e-6;",
         "reach = 0.7 * radius_of_corners_ / side;",
         "tests/cpp/nav2/test_nav2.py",
     ),
     Mutant(
-        "examples/nav2/include/cspace_nav2/drives.hpp",
+        "ros/cspace_nav2/include/cspace_nav2/drives.hpp",
         "(straight - segment(path.type_, k)) * path.length_[k]",
         "(segment(path.type_, k) - straight) * path.length_[k]",
         "tests/cpp/nav2/test_nav2.py",
     ),
     Mutant(
-        "examples/nav2/include/cspace_nav2/lattice.hpp",
+        "ros/cspace_nav2/include/cspace_nav2/lattice.hpp",
         "if (!is_shorter || !surroundings_.poses_are_free(poses)) continue;",
         "if (!is_shorter) continue;",
         "tests/cpp/nav2/test_nav2.py",

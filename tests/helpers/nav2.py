@@ -12,7 +12,7 @@ import cspace
 from tests.helpers.cpp import build_program, ompl_flags
 from tests.helpers.repository import ROOT
 
-PACKAGE = ROOT / "examples" / "nav2"
+PACKAGE = ROOT / "ros" / "cspace_nav2"
 ANSWERS = ROOT / "tests" / "cpp" / "nav2"
 HALF_SIDES = (0.3, 0.2)
 LETHAL = 254

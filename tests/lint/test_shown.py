@@ -44,9 +44,11 @@ BLOCK = re.compile(r"^```(\w*).*?\n(.*?)^```", re.MULTILINE | re.DOTALL)
 def find_words():
     """Return the words of all code that is shown, with flags of the command line as options.
 
-    That is the code of examples and how-tos, in their sentences too, and the Python of all pages.
+    That is the code of examples, nodes and how-tos, in their sentences too, and the Python of all pages.
     """
-    code = [path.read_text(encoding="utf-8") for path in (ROOT / "examples").rglob("*.py")]
+    folders = (ROOT / "examples", ROOT / "ros")
+    files = [path for folder in folders for path in folder.rglob("*.py")]
+    code = [path.read_text(encoding="utf-8") for path in files]
     code += [path.read_text(encoding="utf-8") for path in (ROOT / "tutorials").glob("*.py")]
     for page in (ROOT / "README.md", *(ROOT / "docs").rglob("*.md")):
         text = page.read_text(encoding="utf-8")

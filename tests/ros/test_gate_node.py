@@ -1,4 +1,4 @@
-"""The gate of examples/ros in lockstep with a simulated robot; run by ``nox -s ros``."""
+"""The gate node in lockstep with a simulated robot; run by ``nox -s ros``."""
 
 import importlib.util
 import math
@@ -22,9 +22,9 @@ from sensor_msgs.msg import LaserScan  # noqa: E402
 
 from cspace.errors import InputError  # noqa: E402
 from tests.helpers.repository import ROOT  # noqa: E402
-from tests.ros.test_planner_node import interrupt_node, make_grid, make_room  # noqa: E402
+from tests.ros.test_planner_node import PACKAGE, interrupt_node, make_grid, make_room  # noqa: E402
 
-SPEC = importlib.util.spec_from_file_location("gate_node", ROOT / "examples/ros/gate_node.py")
+SPEC = importlib.util.spec_from_file_location("gate_node", PACKAGE / "cspace_nav2_py/gate_node.py")
 gate_node = importlib.util.module_from_spec(SPEC)
 SPEC.loader.exec_module(gate_node)
 

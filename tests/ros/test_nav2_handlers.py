@@ -24,11 +24,21 @@ from trajectory_msgs.msg import JointTrajectory  # noqa: E402
 
 import cspace  # noqa: E402
 import planners  # noqa: E402
-from tests.helpers.repository import ROOT  # noqa: E402
 from tests.helpers.urdfs import planar, post  # noqa: E402
-from tests.ros.test_planner_node import GOAL, KEPT, START, build, make_grid, make_pose, make_room  # noqa: E402
+from tests.ros.test_planner_node import (  # noqa: E402
+    GOAL,
+    KEPT,
+    PACKAGE,
+    START,
+    build,
+    make_grid,
+    make_pose,
+    make_room,
+)
 
-SPEC = importlib.util.spec_from_file_location("planner_node", ROOT / "examples/ros/planner_node.py")
+SPEC = importlib.util.spec_from_file_location(
+    "planner_node", PACKAGE / "cspace_nav2_py/planner_node.py"
+)
 planner_node = importlib.util.module_from_spec(SPEC)
 SPEC.loader.exec_module(planner_node)
 

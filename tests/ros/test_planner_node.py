@@ -1,4 +1,4 @@
-"""The ROS 2 node of examples/ros, in a process of its own; run by ``nox -s ros``."""
+"""The planner node of ROS 2, in a process of its own; run by ``nox -s ros``."""
 
 import json
 import math
@@ -27,6 +27,7 @@ from visualization_msgs.msg import MarkerArray  # noqa: E402
 import cspace  # noqa: E402
 from tests.helpers.repository import ROOT  # noqa: E402
 
+PACKAGE = ROOT / "ros/cspace_nav2_py"
 FOOTPRINT = "[[0.3, 0.2], [0.3, -0.2], [-0.3, -0.2], [-0.3, 0.2]]"
 START, GOAL = (1.0, 1.0, 0.0), (5.0, 1.0, 0.0)
 KEPT = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -125,8 +126,8 @@ class Client:
 
 def start_node(*arguments, stderr=None, **variables):
     """Start the node in a process of its own, with some variables of the environment."""
-    command = [sys.executable, ROOT / "examples/ros/planner_node.py", "--ros-args"]
-    command += ["--params-file", ROOT / "examples/ros/params.yaml", "-p", "time_limit:=10.0"]
+    command = [sys.executable, PACKAGE / "cspace_nav2_py/planner_node.py", "--ros-args"]
+    command += ["--params-file", PACKAGE / "params.yaml", "-p", "time_limit:=10.0"]
     path = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
     environment = {**os.environ, "PYTHONPATH": path, **variables}
     return subprocess.Popen([*command, *arguments], env=environment, stderr=stderr)
@@ -168,7 +169,8 @@ runpy.run_path(file, run_name="__main__")
 
 def interrupt_node(name, moment, number, **variables):
     """Run a node that is interrupted in a call of rclpy; return its exit code and errors."""
-    command = [sys.executable, "-c", INTERRUPT, ROOT / "examples/ros" / name, *moment, str(number)]
+    command = [sys.executable, "-c", INTERRUPT, PACKAGE / "cspace_nav2_py" / name]
+    command += [*moment, str(number)]
     environment = {**os.environ, **variables}
     ended = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=600)
     return ended.returncode, ended.stderr

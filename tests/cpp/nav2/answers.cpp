@@ -15,7 +15,7 @@
 //
 // A pose is x, y and its quaternion x, y, z, w.
 #define main path_checker_main
-#include "../../../examples/nav2/src/path_checker.cpp"
+#include "../../../ros/cspace_nav2/src/path_checker.cpp"
 #undef main
 
 #include <iomanip>

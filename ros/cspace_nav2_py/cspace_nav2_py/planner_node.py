@@ -1,7 +1,6 @@
 """A ROS 2 node that plans proven paths on an occupancy grid, for Nav2 or by itself.
 
-Run it with ``python planner_node.py --ros-args --params-file params.yaml``; the page
-"Plan in ROS 2" describes topics, services and parameters.
+The page "Plan in ROS 2" describes topics, services and parameters.
 """
 
 import copy

@@ -1,0 +1,1 @@
+"""The planner node of cspace for Nav2."""
