@@ -112,7 +112,8 @@ def find_components(space: ConfigurationMap, q: Floats, mixed: bool = False) -> 
     ``q`` has shape (n, size). Components consist of FREE cells, or with ``mixed`` of FREE and
     MIXED cells, that share sides.
     """
-    return space._components.find(space._cells_of(q), mixed)
+    with space._map_lock():  # an update changes the components
+        return space._components.find(space._cells_of(q), mixed)
 
 
 class Runs(NamedTuple):
