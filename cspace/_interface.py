@@ -59,6 +59,7 @@ Endpoint = tuple[float, ...]
 """A start or goal in canonical form."""
 
 Alternative = TypeVar("Alternative")
+Found = TypeVar("Found")
 
 LookUp: TypeAlias = Callable[..., Any]
 """Compiled query of configurations given by their numbers; below 0 if it has no answer."""
@@ -138,14 +139,14 @@ def _is_place(item: object) -> bool:
 def gather_goals(
     name: str,
     alternatives: Sequence[Alternative],
-    find_goals: Callable[[Alternative, str], Sequence[Endpoint]],
-) -> list[Endpoint]:
-    """Return the configurations of all alternatives of a goal that are proven free.
+    find_goals: Callable[[Alternative, str], Sequence[Found]],
+) -> list[Found]:
+    """Return what all alternatives of a place have that is proven free, such as configurations.
 
-    ``find_goals`` returns those of an alternative, by its name in messages, or raises
+    ``find_goals`` returns that of an alternative, by its name in messages, or raises
     ConfigurationError if it has none. If all raise, so does this.
     """
-    goals: list[Endpoint] = []
+    goals: list[Found] = []
     errors: list[ConfigurationError] = []
     for number, alternative in enumerate(alternatives):
         label = f"{name}[{number}]" if len(alternatives) > 1 else name
@@ -160,7 +161,7 @@ def gather_goals(
     raise ConfigurationError(
         name,
         f"has {len(errors)} alternatives, none of them proven free",
-        "a path must end in FREE",
+        "a path must begin and end in FREE",
         str(errors[0]),
         nearest=errors[0].nearest,
     )

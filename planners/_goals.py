@@ -4,14 +4,14 @@ A room is a ball or a region of positions, with the rotations within an angle of
 free configurations become goals of searches. Then the path ends where it first enters a room, or at
 the nearest configuration of a room that a free edge from one of its waypoints leads to.
 
-No path exists if every cell that meets a room is proven disconnected from the start.
+No path exists if no component of cells that are not BLOCKED meets both a start and a goal.
 """
 
 from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Final, NamedTuple, cast
@@ -37,6 +37,7 @@ from cspace.inside import (
     check_finite,
     check_not_negative,
     check_point,
+    find_components,
     gather_goals,
     list_alternatives,
     map_record,
@@ -44,9 +45,17 @@ from cspace.inside import (
     suggest_radians,
     turn_near,
     warn_of_degrees,
+    wrap_angles,
 )
-from planners._catalogue import ANY_ROTATION, NEAR, REGION, check_support
-from planners._local_planner import LocalPlanner
+from planners._catalogue import (
+    ANY_ROTATION,
+    NEAR,
+    REGION,
+    SUPPORTED,
+    check_support,
+    find_space_kind,
+)
+from planners._local_planner import Endpoints, LocalPlanner
 
 REGIONS: Final = (Polygon, MultiPolygon)
 """Types of regions."""
@@ -96,9 +105,9 @@ class Near(Goal):
     """All configurations within a distance and an angle of one, as a place of a plan.
 
     As the goal or a place on the way of :func:`planners.plan`, the path ends where it first comes
-    so near. A start that is not proven free is moved to the center of the nearest FREE cell, if
-    that is at most ``distance`` plus half of ``angle`` away, where a radian counts half a metre.
-    :attr:`Plan.status` says so. The robot's motion to that cell is not proven.
+    so near. As a start, one configuration is where the robot stands: the path begins there, or if
+    it is not proven free, at nearly the nearest one that is, and :attr:`Plan.status` says so. The
+    robot's motion to that one is not proven.
 
     Attributes
     ----------
@@ -260,22 +269,19 @@ class Room:
         angles = np.array([self.angle + 2.0 * ANGLE_SLACK])
         return space.rotations.find_cells_within(self.middle[np.newaxis], angles)[1]
 
-    def is_apart(self, space: ConfigurationMap, start: Endpoint) -> bool:
-        """Return True if the map proves that no path from a start enters the room."""
+    def list_cells(self, space: ConfigurationMap) -> Iterator[Floats]:
+        """Yield a configuration in each cell that meets the room, shape (n, size)."""
         if self.is_point:
-            return bool(space.is_disconnected(start, tuple(self.middle.tolist())))
+            yield wrap_angles(self.middle[np.newaxis], space.is_periodic)
+            return
         centers = _find_centers(space, self.list_positions(space))
-        box = self.find_box(space)
-        if not space.grid.contains(box).all():
+        if not space.grid.contains(self.find_box(space)).all():
             # All cells outside the grid are alike.
             outside = np.array(space.grid.lower) - space.grid.spacing
             centers = np.vstack([centers, outside])
         for rotation in space.rotations.centers[self.list_rotations(space)]:
             turned = np.broadcast_to(rotation, (len(centers), len(rotation)))
-            rows = np.column_stack([centers, turned])
-            if not np.asarray(space.is_disconnected(np.array(start), rows)).all():
-                return False
-        return True
+            yield np.column_stack([centers, turned])
 
     def find_goals(self, edges: LocalPlanner, start: Endpoint) -> list[Endpoint]:
         """Find free configurations of the room, the most promising first.
@@ -285,7 +291,7 @@ class Room:
         """
         space = edges.cells
         origin = np.array([start])
-        if self.contains(space, origin)[0]:
+        if self.contains(space, origin)[0] and edges.are_free(origin):
             return [start]
         if self.is_point:
             return [edges.space.check_endpoint(self.middle, self.name)]
@@ -352,7 +358,7 @@ class Room:
         return ConfigurationError(
             self.name,
             f"has no configuration that is proven free {where}",
-            "a path must end in FREE",
+            "a path must begin and end in FREE",
             hint,
             nearest=nearest,
         )
@@ -407,6 +413,31 @@ def _join(parts: Sequence[Candidates]) -> Candidates:
 def _find_centers(space: ConfigurationMap, cells: Ints) -> Floats:
     """Return the centers of cells of positions, shape (n, dim)."""
     return np.asarray(np.array(space.grid.lower) + space.grid.spacing * (cells + 0.5))
+
+
+def find_joined(
+    space: ConfigurationMap, starts: Sequence[Room], goals: Sequence[Room], mixed: bool
+) -> Floats:
+    """Return a configuration in each component that meets rooms of both kinds, shape (n, size).
+
+    Components consist of FREE cells, or with ``mixed`` of all that are not BLOCKED. The
+    configurations lie in cells that meet ``starts``. If there is none with ``mixed``, no path leads
+    from a start to a goal.
+    """
+    first, last = (_find_components_met(space, rooms, mixed) for rooms in (starts, goals))
+    components = find_components(space, np.vstack([first, last]), mixed)
+    return first[np.isin(components[: len(first)], components[len(first) :])]
+
+
+def _find_components_met(space: ConfigurationMap, rooms: Sequence[Room], mixed: bool) -> Floats:
+    """Return a configuration in each component of cells that meet rooms, shape (n, size)."""
+
+    def take_one_each(rows: Floats) -> Floats:
+        components, first = np.unique(find_components(space, rows, mixed), return_index=True)
+        return rows[first[components >= 0]]
+
+    rows = [take_one_each(cells) for room in rooms for cells in room.list_cells(space)]
+    return take_one_each(np.concatenate(rows))
 
 
 def _may_join(edges: LocalPlanner, start: Endpoint, rows: Floats) -> Bools:
@@ -506,20 +537,41 @@ def _cut(edges: LocalPlanner, path: Floats, rooms: Sequence[Room]) -> Floats:
     return path
 
 
+def begin_in_rooms(edges: LocalPlanner, path: Floats, rooms: Sequence[Room]) -> Floats:
+    """Return a proven path that ends like another, and leaves a room where it begins.
+
+    Without a drive, it may begin anywhere in the rooms, as :func:`end_in_rooms` lets it end, and
+    otherwise at the last waypoint in a room. ``path`` has shape (n, size).
+    """
+    if all(room.is_point for room in rooms):
+        return path
+    if edges.drive is None:
+        cut = end_in_rooms(edges, path[::-1], rooms)[::-1]
+        return cut if edges.are_free(cut) else path
+    inside = np.any([room.contains(edges.space, path) for room in rooms], axis=0)
+    return path[inside.nonzero()[0].max(initial=0) :]
+
+
 # ---- places as users give them -------------------------------------------------------------------
 
 
-def list_rooms(space: Space, place: PlaceLike, name: str) -> list[Room]:
-    """List the rooms of a place; there are none if it is one configuration, or not on a map.
+def list_rooms(space: ConfigurationMap, places: Sequence[PlaceParts]) -> tuple[Room, ...]:
+    """Return the rooms of places on a map."""
+    return tuple(_make_room(space, each) for each in places)
 
-    Raises InputError if a place is of a kind that is not for the space.
+
+def list_all_rooms(
+    space: Space, places: Sequence[PlaceParts], found: Sequence[Endpoint]
+) -> tuple[Room, ...]:
+    """Return the rooms of all configurations of places, free or not.
+
+    They are none if not all can be listed, and ``found`` is those that are free.
     """
-    places = list_alternatives(place, name, space.axes)
-    names = [f"{name}[{k}]" if len(places) > 1 else name for k in range(len(places))]
-    parts = [_split_place(space, *each) for each in zip(places, names, strict=True)]
-    if not isinstance(space, ConfigurationMap) or (len(parts) == 1 and parts[0].is_plain):
-        return []
-    return [_make_room(space, *each) for each in zip(parts, names, strict=True)]
+    if isinstance(space, ConfigurationMap):
+        can_list = find_space_kind(space) in SUPPORTED[NEAR] or all(p.is_plain for p in places)
+        return list_rooms(space, places) if can_list else ()
+    rooms = tuple(Room("", np.array(q)) for q in found)
+    return rooms if len(found) == len(places) else ()
 
 
 def sort_goals(space: Space, goals: Sequence[Endpoint], start: Endpoint) -> list[Endpoint]:
@@ -528,17 +580,6 @@ def sort_goals(space: Space, goals: Sequence[Endpoint], start: Endpoint) -> list
     if len(rows) > 1:
         rows = rows[np.argsort(space.distance(here, rows), kind="stable")]
     return [tuple(q) for q in turn_near(rows, here, space.is_periodic).tolist()]
-
-
-def check_start(space: Space, place: object) -> Floats:
-    """Return the configuration of a start; InputError for a place with others beside it."""
-    items = place if isinstance(place, (list, tuple)) else (place,)
-    if any(
-        item is None or isinstance(item, (list, tuple, shapely.Geometry, Goal)) for item in items
-    ):
-        rule = "a start is one configuration, or planners.Near one"
-        raise InputError("start", f"is {place!r}", rule)
-    return space.check_configuration(cast("ArrayLike", place), "start")
 
 
 def find_room_goals(
@@ -564,9 +605,63 @@ def find_room_goals(
     return [tuple(q) for q in rows[np.argsort(costs, kind="stable")].tolist()]
 
 
+def find_routes(
+    edges: LocalPlanner, starts: Sequence[Room], goals: Sequence[Room], name: str
+) -> list[Endpoints]:
+    """Find pairs of free configurations of rooms, the most promising first.
+
+    ``name`` is that of the goals. Raises ConfigurationError if none is proven free in any room of
+    either kind.
+    """
+    middle = tuple(starts[0].middle.tolist())
+
+    def keep_usable(goal: Room, _: str) -> list[Room]:
+        """Return a room, or raise ConfigurationError if none of it is proven free."""
+        return [goal] if goal.find_goals(edges, middle) else []
+
+    usable = gather_goals(name, goals, keep_usable)
+
+    def find_from(start: Room, _: str) -> list[Endpoints]:
+        """Return pairs of configurations in one room and in those of the goals."""
+        pairs = [pair for goal in usable for pair in _pair_rooms(edges, start, goal)]
+        return [
+            (q, tuple(turn_near(np.array(goal), np.array(q), edges.space.is_periodic).tolist()))
+            for q, goal in pairs
+        ]
+
+    routes = list(dict.fromkeys(gather_goals("start", starts, find_from)))
+    return sorted(routes, key=lambda route: _estimate_length(edges, *np.array(route)))
+
+
+def _estimate_length(edges: LocalPlanner, start: Floats, goal: Floats) -> float:
+    """Estimate the length of a path, with weighted rotations."""
+    least = edges.min_length(start, goal)
+    if not isinstance(edges.drive, Car):
+        return least
+    return max(least, float(edges.edge_lengths(start[np.newaxis], goal[np.newaxis])[0]))
+
+
+def _pair_rooms(edges: LocalPlanner, start: Room, goal: Room) -> list[Endpoints]:
+    """Return pairs of free configurations in two rooms, some in each component that meets both."""
+    if start.is_point:
+        (q,) = start.find_goals(edges, tuple(start.middle.tolist()))
+        return [(q, end) for end in goal.find_goals(edges, q)]
+    if goal.is_point:
+        (q,) = goal.find_goals(edges, tuple(goal.middle.tolist()))
+        return [(begin, q) for begin in start.find_goals(edges, q)]
+    space = edges.cells
+    joined = find_joined(space, [start], [goal], mixed=edges.exact)
+    pairs: list[Endpoints] = []
+    for q in joined if len(joined) else start.middle[np.newaxis]:
+        ends = goal.find_goals(edges, tuple(q.tolist()))
+        pairs += itertools.product(start.find_goals(edges, ends[0]), ends)
+    return pairs
+
+
 class PlaceParts(NamedTuple):
     """A place in parts."""
 
+    name: str  # in messages
     configuration: object  # as it is given, if there is no other part
     region: Polygon | MultiPolygon | None = None
     rotation: object = None  # of a region; None for any
@@ -576,15 +671,32 @@ class PlaceParts(NamedTuple):
     @property
     def is_plain(self) -> bool:
         """Whether it is a configuration alone."""
-        return self.region is None and not self.is_any and self.near is None
+        return self.is_one and self.near is None
+
+    @property
+    def is_one(self) -> bool:
+        """Whether it is one configuration, or Near one."""
+        return self.region is None and not self.is_any
 
 
-def _split_place(space: Space, place: PlaceLike, name: str) -> PlaceParts:
+def split_places(
+    space: Space, place: PlaceLike, name: str, near_option: str = NEAR
+) -> list[PlaceParts]:
+    """Split the alternatives of a place into their parts.
+
+    Raises InputError if the space does not take one; ``near_option`` says what Near it takes.
+    """
+    places = list_alternatives(place, name, space.axes)
+    names = [f"{name}[{k}]" if len(places) > 1 else name for k in range(len(places))]
+    return [_split_place(space, *each, near_option) for each in zip(places, names, strict=True)]
+
+
+def _split_place(space: Space, place: PlaceLike, name: str, near_option: str) -> PlaceParts:
     """Split a place into its parts; raise InputError if the space does not take it."""
     near = None
     inner: object = place
     if isinstance(place, Near):
-        check_support(NEAR, name, place, space)
+        check_support(near_option, name, place, space)
         near = place
         inner, *others = list_alternatives(place.configuration, name, space.axes)
         if others or isinstance(inner, Goal):
@@ -592,18 +704,19 @@ def _split_place(space: Space, place: PlaceLike, name: str) -> PlaceParts:
     items = inner if isinstance(inner, (list, tuple)) and len(inner) else (inner,)
     if isinstance(items[0], REGIONS):
         check_support(REGION, name, place, space)
-        return PlaceParts(inner, items[0], (*items, None)[1], near=near)
+        return PlaceParts(name, inner, items[0], (*items, None)[1], near=near)
     if isinstance(items[0], shapely.Geometry):
         rule = "a region is a Polygon or a MultiPolygon"
         raise InputError(name, f"is a {items[0].geom_type}", rule)
     is_any = len(items) > 1 and items[-1] is None
     if is_any:
         check_support(ANY_ROTATION, name, place, space)
-    return PlaceParts(items[:-1] if is_any else inner, is_any=is_any, near=near)
+    return PlaceParts(name, items[:-1] if is_any else inner, is_any=is_any, near=near)
 
 
-def _make_room(space: ConfigurationMap, parts: PlaceParts, name: str) -> Room:
+def _make_room(space: ConfigurationMap, parts: PlaceParts) -> Room:
     """Make the room of one place."""
+    name = parts.name
     metres = parts.near.distance if parts.near else 0.0
     radians = parts.near.angle if parts.near and space.rotations.names else 0.0
     if parts.region is None and not parts.is_any:

@@ -142,7 +142,9 @@ class PlanTask:
     previous: Floats  # (n, size), waypoints of the plan before this one
     fallback: PlannerName | None = None  # planner that takes over if this one finds no path
     endpoints: Endpoints = ()  # start and goals as OMPL holds them, the nearest goal first
+    routes: tuple[Endpoints, ...] = ()  # starts, each with its goals, the most promising first
     keep: tuple[Upright, ...] = ()  # directions that links of an arm keep
+    starts: tuple[Room, ...] = ()  # of which a path may begin in any
     rooms: tuple[Room, ...] = ()  # of which a path may end in any, instead of one goal on a map
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import nullcontext, suppress
 from dataclasses import replace
 from functools import cache, partial
@@ -14,10 +14,9 @@ from typing import Final, NamedTuple, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace import CSpace, Space
+from cspace import CSpace, Goal, Space
 from cspace.errors import ConfigurationError, InputError
 from cspace.inside import (
-    METRES_PER_RADIAN,
     NEVER,
     Car,
     ConfigurationMap,
@@ -30,6 +29,7 @@ from cspace.inside import (
     SearchOptions,
     check_count,
     frozen,
+    gather_goals,
     is_labelled,
     is_over,
     names_options,
@@ -56,13 +56,19 @@ from planners._catalogue import (
 )
 from planners._drives import has_drives, local_planner
 from planners._goals import (
+    MAX_TRIED_GOALS,
     Near,
+    PlaceParts,
     Room,
-    check_start,
+    begin_in_rooms,
     end_in_rooms,
+    find_joined,
     find_room_goals,
+    find_routes,
+    list_all_rooms,
     list_rooms,
     sort_goals,
+    split_places,
 )
 from planners._local_planner import MAX_RADIANS, Drive, Endpoints, LocalPlanner
 from planners._objectives import check_has_cells, find_clear_path
@@ -169,7 +175,7 @@ def _list_searches(space: Space) -> tuple[PlannerName, ...]:
 @names_options
 def plan(
     space: Space,
-    start: ArrayLike | Near,
+    start: PlaceLike,
     goal: PlaceLike,
     *,
     planner: PlannerName | Search | None = None,
@@ -195,12 +201,13 @@ def plan(
         passages little wider than the robot; slower.
     start, goal : place
         A configuration by the axes of the space, such as ``(x, y, yaw)`` in metres and radians, or
-        a number for each joint. The start may be a message that :func:`cspace.ros.configuration_of`
-        or :meth:`cspace.Arm.configuration` takes, or :class:`planners.Near` one. The goal may be a
-        :class:`cspace.PoseGoal` for an arm, and on a map :class:`planners.Near`, ``(x, y, None)``
-        for any yaw, a polygon of shapely as a region of positions, or ``(polygon, yaw)``; or a list
-        of alternatives. A list of numbers is one configuration, a region and a number are one
-        place, and every other list is of alternatives.
+        a number for each joint, or a message that :func:`cspace.ros.configuration_of` or
+        :meth:`cspace.Arm.configuration` takes. It may be a :class:`cspace.PoseGoal` for an arm, and
+        on a map :class:`planners.Near`, ``(x, y, None)`` for any yaw, a polygon of shapely as a
+        region of positions, or ``(polygon, yaw)``; or a list of alternatives, of which the shortest
+        path found takes one. A list of numbers is one configuration, a region and a number are one
+        place, and every other list is of alternatives. A start Near one configuration moves only if
+        that is not free.
     planner : str or Search, optional
         Name, in upper or lower case, of a planner of OMPL (:func:`planners.choices`) or of a
         built-in search: "Grid", "MaxClearance" and "Lattice" on maps, "BiRRT" for arms.
@@ -271,7 +278,6 @@ def plan(
     _check_stop(stop)
     edges = local_planner(space, drive)
     space = edges.space
-    near = start if isinstance(start, Near) else Near(start)
     kept = _check_keep(keep)
     if kept:
         check_support("`keep`", "keep", keep, space)
@@ -292,22 +298,22 @@ def plan(
         previous=np.empty((0, space.size)),
         keep=kept,
     )
-    point = check_start(space, near.configuration)
+    origins = split_places(space, _drop_zeros(start), "start", NEAR_START)
     if previous is not None:
-        task = _add_previous(task, previous, point)
+        task = _add_previous(task, previous, origins)
         if task.edges is not edges:  # the geometry proves the start
             space = task.edges.space
     task = _choose_searches(task)
     places = _check_places(via, goal, task)
-    endpoint, moved = _check_start(task, point, near)
-    stages = [_check_stage(task, name, place, endpoint) for name, place in places]
+    origin, moved = _check_start(task, origins)
+    stages = [_check_stage(task, name, place, origin.rooms[0]) for name, place in places]
     if drive is not None:
         import planners._lattice  # noqa: F401 - a search would import it later, on its time
     if task.seed is not None:
         set_seed(task.seed)
     with Effort.stopping(stop):
-        journey = _search_stages(task, endpoint, stages)
-        return _make_plan(journey, space, endpoint, moved, began)
+        journey = _search_stages(task, origin, stages)
+        return _make_plan(journey, space, moved, began)
 
 
 def _check_stop(stop: object) -> None:
@@ -328,17 +334,20 @@ def _check_keep(keep: Upright | Sequence[Upright] | None) -> tuple[Upright, ...]
     raise InputError("keep", f"is {keep!r}", rule)
 
 
-def _add_previous(task: PlanTask, previous: Plan, start: Floats) -> PlanTask:
+def _add_previous(task: PlanTask, previous: Plan, starts: Sequence[PlaceParts]) -> PlanTask:
     """Let a task follow the previous plan, by the geometry if only this proves the start."""
     task = replace(task, previous=_check_previous(task, previous))
     edges = task.edges
-    if not edges.exact and _needs_geometry(edges.space, start):
-        task = replace(task, edges=replace(edges, space=edges.space.exact))
+    # A robot on its way cannot choose another start.
+    if len(starts) == 1 and starts[0].is_one and not edges.exact:
+        start = cast("ArrayLike", starts[0].configuration)
+        if _needs_geometry(edges.space, start):
+            task = replace(task, edges=replace(edges, space=edges.space.exact))
     return task
 
 
-def _needs_geometry(space: Space, start: Floats) -> bool:
-    """Return whether only the geometry proves a start; a robot on its way cannot choose another."""
+def _needs_geometry(space: Space, start: ArrayLike) -> bool:
+    """Return whether only the geometry proves a start."""
     try:
         space.check_endpoint(start, "start")
     except ConfigurationError:
@@ -348,17 +357,24 @@ def _needs_geometry(space: Space, start: Floats) -> bool:
     return False
 
 
-def _decide_existence(task: PlanTask) -> bool | None:
-    """Return whether a path exists; None if undecided, or if the caller ended the search."""
+def _decide_existence(task: PlanTask, starts: Sequence[Room], goals: Sequence[Room]) -> bool | None:
+    """Return whether a path from a start to a goal exists; None if undecided.
+
+    ``starts`` and ``goals`` hold all configurations, free or not, or are empty if not all can be
+    listed. It is None, too, if the caller ended the search.
+    """
     space = task.edges.space
     if is_over(NEVER) and not is_labelled(space):
         return None
-    if not task.rooms:
-        return space.path_exists(*task.endpoints[:2])
-    start, *goals = task.endpoints
-    if any(space.path_exists(start, goal) for goal in goals):
+    if any(space.path_exists(start, goal) for start, *ends in task.routes for goal in ends):
         return True
-    return False if all(room.is_apart(task.edges.cells, start) for room in task.rooms) else None
+    if not (starts and goals):
+        return None
+    if isinstance(space, ConfigurationMap):
+        return None if len(find_joined(task.edges.cells, starts, goals, mixed=True)) else False
+    pairs = itertools.product(starts, goals)
+    are_apart = all(space.path_exists(q.middle, goal.middle) is False for q, goal in pairs)
+    return False if are_apart else None
 
 
 def _check_previous(task: PlanTask, previous: Plan) -> Floats:
@@ -425,30 +441,13 @@ def _check_places(
     return [*((f"via[{k}]", place) for k, place in enumerate(via)), ("goal", goal)]
 
 
-def _check_start(task: PlanTask, start: Floats, near: Near) -> tuple[Endpoint, str]:
-    """Return the checked start, and a text if it was moved within its room."""
-    space = task.edges.space
-    metres = near.distance + METRES_PER_RADIAN * near.angle
-    if metres:
-        check_support(NEAR_START, "start", near, space)
-    try:
-        return space.check_endpoint(start, "start"), ""
-    except ConfigurationError as error:
-        if error.nearest is None or not metres:
-            raise
-        distance = float(space.distance(start, np.array(error.nearest)))
-        if distance > metres:
-            raise
-        moved = space.check_endpoint(error.nearest, "start")
-    return moved, f"start moved by {distance:.3g} m to {moved}"
-
-
 class Stage(NamedTuple):
-    """A place on the way, or the goal of a plan."""
+    """The start, a place on the way, or the goal of a plan."""
 
     name: str  # in messages
     goals: list[Endpoint]  # its configurations, the most promising from the plan's start first
-    rooms: tuple[Room, ...]  # of a map, unless it is one configuration
+    rooms: tuple[Room, ...]  # of a map, unless it is one goal; of a start always
+    whole: tuple[Room, ...] = ()  # of all its configurations, free or not, if they can be listed
 
     def takes_any_yaw(self, edges: LocalPlanner, q: Floats) -> bool:
         """Return True if a configuration lies in a room of any yaw."""
@@ -467,15 +466,68 @@ class Stage(NamedTuple):
         return bool((beside == path[row, :2]).all(axis=1).any())
 
 
-def _check_stage(task: PlanTask, name: str, place: PlaceLike, start: Endpoint) -> Stage:
+def _drop_zeros(start: PlaceLike) -> PlaceLike:
+    """Return the configuration of a start that is Near it by nothing, or the start as it is."""
+    if isinstance(start, Near) and not (start.distance or start.angle):
+        return start.configuration
+    return start
+
+
+def _check_start(task: PlanTask, places: Sequence[PlaceParts]) -> tuple[Stage, dict[Endpoint, str]]:
+    """Return the checked start, and texts for configurations that were moved.
+
+    Raises InputError or ConfigurationError if the start cannot be used.
+    """
+    space = task.edges.space
+    moved: dict[Endpoint, str] = {}
+
+    def find_rooms(place: PlaceParts, name: str) -> list[Room]:
+        """Return the room of a place, or those of its configurations."""
+        if isinstance(place.configuration, Goal):
+            near = tuple(np.clip(0.0, *space.bounds).tolist())
+            goals = space.find_goals(place.configuration, near, task.seed, name=name)
+            return [Room(name, np.array(q)) for q in goals[:MAX_TRIED_GOALS]]
+        if not place.is_one:
+            return list(list_rooms(task.edges.cells, [place]))
+        q, text = _move_start(task.edges, place)
+        moved[q] = text
+        return [Room(name, np.array(q))]
+
+    rooms = gather_goals("start", places, find_rooms)
+    goals = [tuple(room.middle.tolist()) for room in rooms]
+    whole = list_all_rooms(space, places, goals)
+    return Stage("start", goals, tuple(rooms), whole), moved
+
+
+def _move_start(edges: LocalPlanner, place: PlaceParts) -> tuple[Endpoint, str]:
+    """Return a checked configuration, and a text if it was moved near the given one."""
+    space = edges.space
+    start = space.check_configuration(cast("ArrayLike", place.configuration), place.name)
+    try:
+        return space.check_endpoint(start, place.name), ""
+    except ConfigurationError:
+        if place.near is None:
+            raise
+    (room,) = list_rooms(edges.cells, [place])
+    moved = room.find_goals(edges, tuple(start.tolist()))[0]
+    distance = float(space.distance(start, np.array(moved)))
+    return moved, f"{place.name} moved by {distance:.3g} m to {moved}"
+
+
+def _check_stage(task: PlanTask, name: str, place: PlaceLike, start: Room) -> Stage:
     """Return a checked place; raise InputError or ConfigurationError if it cannot be used."""
     edges = task.edges
-    rooms = list_rooms(edges.space, place, name)
-    if rooms:
-        return Stage(name, find_room_goals(edges, rooms, name, start), tuple(rooms))
+    space = edges.space
+    places = split_places(space, place, name)
+    near = tuple(start.middle.tolist())
+    if isinstance(space, ConfigurationMap) and not (len(places) == 1 and places[0].is_plain):
+        rooms = list_rooms(space, places)
+        goals = find_room_goals(edges, rooms, name, near)
+        return Stage(name, goals, rooms, list_all_rooms(space, places, goals))
     options = {} if name == "goal" else {"name": name}
-    goals = edges.space.find_goals(place, start, task.seed, **options)
-    return Stage(name, sort_goals(edges.space, goals, start), ())
+    goals = space.find_goals(place, near, task.seed, **options)
+    whole = tuple(Room(name, np.array(q)) for q in goals) if len(goals) == len(places) else ()
+    return Stage(name, sort_goals(space, goals, near), (), whole)
 
 
 def _choose_planner(task: PlanTask) -> PlannerName:
@@ -520,6 +572,7 @@ class Journey(NamedTuple):
     """The searches of all parts of a plan, up to the first one without a path."""
 
     task: PlanTask  # of the last part that was searched
+    start: Endpoint
     result: SearchResult  # the whole path
     exists: bool | None  # whether a path of that part exists
     name: str  # of the place at its end
@@ -527,34 +580,66 @@ class Journey(NamedTuple):
     via_stops: tuple[int, ...]  # those at which a robot turns on the spot to a given yaw
 
 
-def _search_stages(task: PlanTask, start: Endpoint, stages: Sequence[Stage]) -> Journey:
+def _search_stages(task: PlanTask, origin: Stage, stages: Sequence[Stage]) -> Journey:
     """Search for a path from place to place."""
     edges = task.edges
     space = edges.space
     results: list[SearchResult] = []
-    point = start
+    start = origin.goals[0]
     for number, stage in enumerate(stages):
-        goals = stage.goals
-        if number and stage.rooms:
-            goals = find_room_goals(edges, stage.rooms, stage.name, point)
-        elif number:
-            goals = sort_goals(space, goals, point)
         limit = _measure_left(task, results).share(1.0 / (len(stages) - number))
-        part = replace(task, endpoints=(point, *goals), rooms=stage.rooms, limit=limit)
-        path_exists = cache(partial(_decide_existence, part))
+        routes = _find_routes(edges, origin, stage, is_first=number == 0)
+        part = replace(
+            task,
+            endpoints=routes[0],
+            routes=tuple(routes),
+            starts=origin.rooms,
+            rooms=stage.rooms,
+            limit=limit,
+        )
+        path_exists = cache(partial(_decide_existence, part, origin.whole, stage.whole))
         onward = stages[number + 1].goals if number + 1 < len(stages) else []
         result = _search_goals(part, partial(_may_join, edges, path_exists), onward)
         exists = True if isinstance(space, ConfigurationMap) and result.proven else path_exists()
         results.append(result)
+        if number == 0:
+            start = _find_start(origin, routes, result)
         if not len(result.path):
             break
         point = tuple(result.path[-1].tolist())
+        room = Room(stage.name, result.path[-1])
+        origin = Stage(stage.name, [point], (room,), (room,))
     if len(stages) == 1:
-        return Journey(part, result, exists, stage.name, (), ())
+        return Journey(part, start, result, exists, stage.name, (), ())
     joined, vias = _join_results(results, stages)
     pairs = zip(vias, stages, strict=False)
     stops = [row for row, place in pairs if place.asks_turn(edges, joined.path, row)]
-    return Journey(part, joined, exists, stage.name, tuple(vias), tuple(stops))
+    return Journey(part, start, joined, exists, stage.name, tuple(vias), tuple(stops))
+
+
+def _find_routes(
+    edges: LocalPlanner, origin: Stage, stage: Stage, is_first: bool
+) -> list[Endpoints]:
+    """Return starts with their goals, the most promising first."""
+    starts = origin.rooms
+    is_map = isinstance(edges.space, ConfigurationMap)
+    if is_map and not (len(starts) == 1 and starts[0].is_point):
+        goals = stage.rooms or [Room(stage.name, np.array(q)) for q in stage.goals]
+        return find_routes(edges, starts, goals, stage.name)
+    if stage.rooms:
+        (start,) = origin.goals
+        ends = stage.goals  # they were found from the first start
+        if not is_first:
+            ends = find_room_goals(edges, stage.rooms, stage.name, start)
+        return [(start, goal) for goal in ends]
+    routes = [(start, *sort_goals(edges.space, stage.goals, start)) for start in origin.goals]
+    return sorted(routes, key=lambda route: edges.min_length(*np.array(route[:2])))
+
+
+def _find_start(origin: Stage, routes: Sequence[Endpoints], result: SearchResult) -> Endpoint:
+    """Return the start of a path, or if there is none the most promising one."""
+    is_given = len(origin.rooms) == 1 and origin.rooms[0].is_point
+    return routes[0][0] if is_given or not len(result.path) else tuple(result.path[0].tolist())
 
 
 def _join_results(
@@ -589,38 +674,41 @@ def _may_join(edges: LocalPlanner, path_exists: Callable[[], bool | None]) -> bo
 def _search_goals(
     task: PlanTask, may_exist: Callable[[], bool], onward: Sequence[Endpoint] = ()
 ) -> SearchResult:
-    """Search for a path to the rooms of a task, and keep the shortest of those found.
+    """Search for a path between the rooms of a task, and keep the shortest of those found.
 
     Before goals to go onward to, the way that counts goes on to the nearest of them, without
-    obstacles. Paths are searched to one goal after another, unless its lower bound is no shorter
-    than the best way. Each search but the last has half of the time left.
+    obstacles. Paths are searched along one route after another, unless its lower bound is no
+    shorter than the best way. Each search but the last has half of the time left.
     """
-    if not task.rooms:
+    if len(task.routes) == 1 and not task.rooms and all(room.is_point for room in task.starts):
         return _search_and_prove(task, may_exist)
     edges = task.edges
-    start, *goals = task.endpoints
     results: list[SearchResult] = []
     best = SearchResult(np.empty((0, edges.space.size)))
     best_length = math.inf
-    for number, goal in enumerate(goals):
-        ends = np.array([start, goal])
-        least = edges.min_length(*ends) + _measure_onward(edges, ends[1], onward)
+    for number, route in enumerate(task.routes):
+        start, *goals = np.array(route)
+        least = min(
+            edges.min_length(start, goal) + _measure_onward(edges, goal, onward) for goal in goals
+        )
         if best_length < math.inf and least >= best_length:
             continue
         limit = _measure_left(task, results)
         if not limit.is_left:
             break
-        if number < len(goals) - 1:
+        if number < len(task.routes) - 1:
             limit = limit.share(GOAL_SHARE)
         if best_length < math.inf and edges.drive is not None:
             work = max(FURTHER_FACTOR * best.planning.work, MIN_FURTHER.work)
             limit = limit.at_most(Effort(work, math.inf))
-        part = replace(task, endpoints=(start, goal), rooms=(), limit=limit)
-        decide = cache(partial(_decide_existence, part))
+        part = replace(task, endpoints=route, routes=(route,), limit=limit)
+        points = [Room("", q) for q in np.array(route)]
+        decide = cache(partial(_decide_existence, part, points[:1], points[1:]))
         found = _search_and_prove(part, partial(_may_join, edges, decide))
         results.append(found)
         if found.proven:
             path = end_in_rooms(edges, found.path, task.rooms)
+            path = begin_in_rooms(edges, path, task.starts)
             length = float(edges.edge_lengths(path[:-1], path[1:]).sum())
             length += _measure_onward(edges, path[-1], onward)
             if length < best_length:
@@ -1104,19 +1192,19 @@ def _describe_free_yaws(edges: LocalPlanner, endpoints: Endpoints) -> list[str]:
     return limits
 
 
-def _make_plan(journey: Journey, space: Space, start: Endpoint, moved: str, began: float) -> Plan:
-    """Make the plan of a search from a start, and measure its path.
+def _make_plan(journey: Journey, space: Space, moved: Mapping[Endpoint, str], began: float) -> Plan:
+    """Make the plan of a search, and measure its path.
 
     The plan has the living ``space``, of which the task may have a copy that keeps directions.
-    ``moved`` says how far the start was moved, if it was; ``began`` is a reading of the clock, with
-    compilations, before all checks.
+    ``moved`` says how far starts were moved, if they were; ``began`` is a reading of the clock,
+    with compilations, before all checks.
     """
-    task, result, exists, name, vias, via_stops = journey
+    task, start, result, exists, name, vias, via_stops = journey
     searched = time.monotonic()
     status, hint = _describe_outcome(task, result, exists)
     if name != "goal":
         status = f"{name} is not reached: {status}"
-    status = "; ".join(filter(None, [status, moved]))
+    status = "; ".join(filter(None, [status, moved.get(start)]))
     edges = task.edges
     endpoints = (start, *task.endpoints[1:])
     if len(result.path) and task.rooms:

@@ -93,8 +93,8 @@ class Plan:
     start, goal : ndarray of float64, shape (size,), read-only
         Endpoints of the search, as planners hold them: yaw in [-pi, pi), a quaternion of norm 1,
         the joints of an arm within their limits. A continuous joint starts at the given number, and
-        its goal is within half a turn; the path may end whole turns from that. Among several goals,
-        the goal that the path reaches, or if not solved the nearest.
+        its goal is within half a turn; the path may end whole turns from that. Among several, those
+        of the path, or if not solved the most promising.
     axes : tuple of str
         Names of the columns of the path, equal to :attr:`cspace.CSpace.axes`.
     units : tuple of str
@@ -231,10 +231,9 @@ class Plan:
         A radian of rotation counts as half a metre, but along curves nothing. On a map, the bound
         comes from :meth:`cspace.CSpace.min_path_length` and the rotation between start and goal. On
         a tiled map it is the straight distance, and for an arm the distance in the joints,
-        continuous ones the shorter way. Among several goals, the goal of the path counts; with
-        places on the way, the sum of their bounds. It holds
-        for the obstacles as they are now, and for a robot that may move in any direction. NaN if
-        not solved. Computed at each access.
+        continuous ones the shorter way. Among several starts and goals, those of the path count;
+        with places on the way, the sum of their bounds. It holds for the obstacles as they are now,
+        and for a robot that may move in any direction. NaN if not solved. Computed at each access.
         """
         edges = self._edges
         if edges is None:

@@ -569,10 +569,16 @@ MUTANTS = (
         "tests/planners/test_goals.py",
     ),
     Mutant(
-        "planners/_plan.py",
-        "return False if all(room.is_apart",
-        "return False if any(room.is_apart",
+        "planners/_goals.py",
+        "for room in rooms for cells in",
+        "for room in rooms[:1] for cells in",
         "tests/planners/test_goals.py",
+    ),
+    Mutant(
+        "planners/_plan.py",
+        "if len(goals) == len(places) else ()",
+        "",
+        "tests/planners/test_own_space.py",
     ),
     Mutant(
         "planners/_plan.py",

@@ -690,7 +690,9 @@ class ArmSpace(ConfigurationSpace):
             f"{link} is in collision with {other}, or nearly so, in {number} of them"
         )
         nearest = tuple(points[0].tolist())
-        raise ConfigurationError(name, problem, "a path must end in FREE", nearest=nearest)
+        raise ConfigurationError(
+            name, problem, "a path must begin and end in FREE", nearest=nearest
+        )
 
     def _find_upright(self, goal: PoseGoal, name: str, solutions: Floats) -> Floats:
         """Return upright configurations at a pose, shape (m, dof), that begin at ``solutions``.

@@ -18,6 +18,7 @@ from tests.helpers.strategies import examples, seeds
 from tests.helpers.urdfs import (
     joint,
     link,
+    planar,
     planar_with_tip,
     pose_at,
     pose_of,
@@ -161,3 +162,31 @@ def test_a_plan_prefers_the_nearest_goal(tmp_path):
     for goal in (cspace.PoseGoal("tip", space.arm.pose(START, "tip")), [GOAL, START]):
         still = planners.plan(space, START, goal)
         assert still.certified and still.length == 0.0 and "the start is the goal" in still.status
+
+
+def test_a_plan_begins_at_one_of_several_starts(tmp_path):
+    space = build_space(tmp_path, post=post())
+    near, far, inside = (1.2, -0.1), (-0.6, 0.3), (0.37, 0.0)
+    plan = planners.plan(space, [far, inside, near], GOAL)
+    assert plan.certified and tuple(plan.start) == near
+    with pytest.raises(ConfigurationError, match="start has 2 alternatives, none of them proven"):
+        planners.plan(space, [inside, inside], GOAL)
+    tip = space.arm.pose(far, "tip")[:2, 3]
+    plan = planners.plan(space, aim_at(*tip), [GOAL, (1.5, 0.2)], time_limit=5.0)
+    assert plan.certified and not plan.is_disconnected
+    np.testing.assert_allclose(space.arm.pose(plan.path[0], "tip")[:2, 3], tip, atol=2e-3)
+    assert plan.trajectory(max_velocity=1.0, max_acceleration=1.0).certified
+    both = planners.plan(space, aim_at(*tip), aim_at(1.2, 0.9), time_limit=5.0)
+    assert both.certified
+    with pytest.raises(InputError, match="start is out of reach"):
+        planners.plan(space, aim_at(9.0, 9.0), GOAL)
+
+
+def test_every_start_keeps_its_whole_turns(tmp_path):
+    arm = cspace.Arm.from_urdf(planar(tmp_path, kind="continuous", limits=None))
+    space = cspace.build_arm_space({}, arm)
+    starts = [(5.0 + 2.0 * math.tau, 0.1), (1.0 - math.tau, 0.1)]
+    for goal, start in (((0.9, 0.1), starts[1]), ((5.5, 0.1), starts[0])):
+        plan = planners.plan(space, starts, goal)
+        assert tuple(plan.path[0]) == tuple(plan.start) == start
+        assert abs(plan.path[-1, 0] - start[0]) < math.pi

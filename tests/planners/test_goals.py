@@ -223,6 +223,7 @@ def test_a_wider_wish_gets_no_less_than_a_narrower_one(seed, turns):
         except ConfigurationError:
             continue
         assert not found or planners.plan(space, start, wide).solved, (narrow, wide)
+        assert not found or planners.plan(space, wide, start).solved, (narrow, wide)
 
 
 def test_any_yaw_needs_no_turn_at_the_goal():
@@ -256,11 +257,16 @@ def test_a_room_around_a_blocked_goal_is_reached_and_without_one_the_nearest_is_
 
 @examples(60)
 @given(
-    seeds, st.sampled_from([None, 4]), st.sampled_from(["region", "ball", "goals"]), st.booleans()
+    seeds,
+    st.sampled_from([None, 4]),
+    st.sampled_from(["region", "ball", "goals"]),
+    st.booleans(),
+    st.booleans(),
 )
 def test_no_path_is_proven_if_and_only_if_all_cells_of_all_goals_are_apart(
-    seed, turns, kind, exact_border
+    seed, turns, kind, exact_border, is_start
 ):
+    """The place is the goal, or the start."""
     rng = np.random.default_rng(seed)
     shape = (turns or 1, *rng.integers(4, 12, 2))
     states = rng.choice([FREE, MIXED, BLOCKED], shape, p=[0.5, 0.15, 0.35]).astype(np.uint8)
@@ -292,7 +298,7 @@ def test_no_path_is_proven_if_and_only_if_all_cells_of_all_goals_are_apart(
         met = np.isin(np.arange(len(cells)), numbers)
         rotations = [rotation]
     try:
-        plan = planners.plan(space, start, goal)
+        plan = planners.plan(space, *((goal, start) if is_start else (start, goal)))
     except ConfigurationError:
         found = states[rotations][:, *cells[met].T] == FREE
         assert kind != "goals" or not found.any()
@@ -372,25 +378,172 @@ def test_without_a_free_configuration_the_free_cell_nearest_to_the_room_is_named
     assert best - 1e-9 <= named <= best + 0.1
 
 
+# ---- starts with alternatives and room ----------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", few(["plane", "turning", "space", "yawing", "floating"], 2))
+@examples(10)
+@given(seeds, st.integers(1, 3))
+def test_of_several_starts_and_goals_those_with_the_shortest_path_are_taken(name, seed, count):
+    space = build_room(name)
+    rng = np.random.default_rng(seed)
+    starts, goals = (
+        list(map(tuple, space.sample_free(number, rng).tolist())) for number in (count, 2)
+    )
+    blocked = (*space.grid.lower, *goals[0][space.dim :])
+    assume(not space.is_free(blocked))
+    plan = planners.plan(space, [blocked, *starts], goals, time_limit=20.0)
+    each = [
+        planners.plan(space, start, goal, time_limit=20.0) for start in starts for goal in goals
+    ]
+    lengths = [measure(single) for single in each]
+    assert measure(plan) == min(lengths)
+    best = each[int(np.argmin(lengths))]
+    np.testing.assert_allclose(plan.start, best.start, atol=1e-12)
+    np.testing.assert_allclose(plan.goal, best.goal, atol=1e-12)
+    check(space, plan, plan.start, plan.goal)
+    with_region = planners.plan(space, [blocked, *starts], goals[0], via=[goals[1]])
+    check(space, with_region, with_region.start, with_region.goal)
+
+
+def draw_start(space, rng):
+    """Draw a start with alternatives or room, and its test of configurations."""
+    if rng.random() < 0.3:
+        rows = space.sample_free(3, rng)
+        return rows, lambda q: (q[:, np.newaxis] == rows).all(axis=2).any(axis=1)
+    place, contains = draw_room(space, rng)
+    is_room = isinstance(place.configuration, shapely.Geometry) or place.configuration[-1] is None
+    if not is_room and not isinstance(place.configuration[0], shapely.Geometry):
+        # Near one configuration is where the robot stands.
+        box = shapely.box(*(np.array(place.configuration[:2]) - 0.2), *place.configuration[:2])
+        return box, lambda q: shapely.dwithin(box, shapely.points(q[:, :2]), 1e-9)
+    return place, contains
+
+
+@pytest.mark.parametrize("name", ["plane", "turning"])
+@examples(12)
+@given(seeds)
+def test_start_and_goal_may_change_places(name, seed):
+    """Without a drive, the way back is about as long; no search finds the very shortest."""
+    space = build_room(name)
+    rng = np.random.default_rng(seed)
+    (first, in_first), (last, in_last) = (draw_start(space, rng) for _ in range(2))
+    there, back = (
+        planners.plan(space, *ends, time_limit=5.0) for ends in ((first, last), (last, first))
+    )
+    assert there.certified and back.certified
+    for plan in (there, back):
+        check(space, plan, plan.start, plan.goal)
+    for start, goal in ((there.start, there.goal), (back.goal, back.start)):
+        assert in_first(start[np.newaxis])[0] and in_last(goal[np.newaxis])[0]
+    assert measure(there) == pytest.approx(measure(back), rel=0.05, abs=0.15)
+    # The robot is nowhere else in the start's room, and nowhere before in the goal's.
+    assert not in_first(there.waypoints[1:]).any() or there.length == 0.0
+    assert not in_last(there.waypoints[:-1]).any() or there.length == 0.0
+
+
+def test_a_path_between_regions_is_as_long_as_their_distance():
+    space = build_open_map("plane")
+    boxes = shapely.box(0.5, 0.5, 2.5, 4.5), shapely.box(5.5, 3.5, 8.5, 7.5)
+    triangle = shapely.Polygon([(1.0, 7.0), (3.0, 7.5), (1.5, 5.5)])
+    for ends in (boxes, boxes[::-1], (triangle, boxes[1]), (boxes[1], triangle)):
+        plan = planners.plan(space, *ends)
+        assert plan.length == pytest.approx(ends[0].distance(ends[1]), rel=0.02, abs=5e-3)
+    both = planners.plan(space, [boxes[0], triangle], boxes[1])
+    nearest = min(place.distance(boxes[1]) for place in (boxes[0], triangle))
+    assert both.length == pytest.approx(nearest, rel=0.02, abs=5e-3)
+    turning = build_open_map("turning")
+    plan = planners.plan(turning, (1.5, 1.5, None), (6.5, 1.5, 2.0))
+    assert plan.length == pytest.approx(5.0) and plan.total_rotation == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("drive", DRIVES[1:])
+def test_every_drive_takes_a_start_with_alternatives_and_room(drive):
+    space = build_field()
+    goal = (10.5, 2.0, None)
+    region = shapely.box(1.0, 1.0, 2.5, 3.0)
+    options = {"time_limit": 20.0, **options_for(drive)}
+    limits = LIMITS | ({} if drive in ("dubins", "reeds-shepp") else TURN_LIMITS)
+    for start, contains in (
+        ([(1.5, 1.5, math.pi), (1.5, 2.5, 0.0)], lambda q: q[1] in (1.5, 2.5)),
+        ((1.5, 1.5, None), lambda q: q[:2].tolist() == [1.5, 1.5]),
+        ((region, 0.0), lambda q: region.covers(shapely.Point(q[:2])) and q[2] == 0.0),
+    ):
+        plan = planners.plan(space, start, goal, **options)
+        check(space, plan, plan.start, plan.goal)
+        assert contains(plan.start)
+        assert plan.trajectory(**limits).certified
+        followed = planners.plan(space, start, goal, previous=plan, **options)
+        check(space, followed, followed.start, followed.goal)
+        assert contains(followed.start)
+        through = planners.plan(space, start, goal, via=[(6.0, 6.0, None)], **options)
+        check(space, through, through.start, through.goal)
+        assert contains(through.start)
+
+
+def test_a_start_in_two_rooms_begins_in_the_one_from_which_a_goal_is_reached():
+    states = np.full((9, 9), FREE, dtype=np.uint8)
+    states[4] = BLOCKED
+    space = map_of(states, None, "blocked", 1.0)
+    across, right = shapely.box(0.5, 0.5, 8.5, 2.5), shapely.box(6.0, 5.0, 8.0, 8.0)
+    left, point = shapely.box(0.5, 5.0, 2.5, 8.0), (7.5, 7.5)
+    for start, goal in ((across, right), (across, left), (across, point), (across, [left, right])):
+        for ends in ((start, goal), (goal, start)):
+            assert planners.plan(space, *ends).certified
+    apart = planners.plan(space, left, right)
+    assert apart.is_disconnected and "disconnected" in repr(apart.explain())
+    assert planners.plan(space, [left, (1.5, 1.5)], [right, point]).is_disconnected
+    assert planners.plan(space, [left, (5.5, 1.5)], [right, point]).certified
+
+
+def test_no_path_is_never_proven_for_the_cell_alone_that_a_start_is_moved_to():
+    states = np.full((7, 7), BLOCKED, dtype=np.uint8)
+    states[1, 3] = FREE  # a pocket
+    states[3, 3] = MIXED
+    states[4:6, 3] = FREE
+    space = map_of(states, None, "blocked", 1.0)
+    start = planners.Near((3.2, 3.5), 2.0)
+    moved = planners.plan(space, planners.Near((2.9, 3.5), 1.0), (5.5, 3.5))
+    assert moved.start[0] < 2.0 and not moved.certified and not moved.is_disconnected
+    assert planners.plan(space, (1.5, 3.5), (5.5, 3.5)).is_disconnected
+    assert not planners.plan(space, [(1.5, 3.5), (3.5, 3.5)], (5.5, 3.5)).is_disconnected
+    assert planners.plan(space, start, (5.5, 3.5)).certified
+
+
+def test_starts_are_tried_on_tiled_maps_and_maps_of_joints(tmp_path):
+    workspace = cspace.Workspace.from_array(np.zeros((60, 40), dtype=bool), 0.1)
+    tiled = cspace.build(workspace, cspace.Robot.disc(0.2), store=tmp_path / "m", tile=20)
+    plan = planners.plan(tiled, [(5.0, 3.0), (1.0, 3.5)], (1.0, 1.0))
+    assert plan.certified and plan.start.tolist() == [1.0, 3.5]
+    plan = planners.plan(tiled, shapely.box(4.0, 0.5, 5.0, 1.5), (1.0, 1.0))
+    assert plan.certified and plan.length == pytest.approx(3.0, abs=1e-3)
+
+
 # ---- a start that is not free --------------------------------------------------------------------
 
 
 def test_a_start_is_moved_within_its_tolerance_and_the_status_says_so():
+    """All FREE cells at the start's yaw are measured one by one."""
     space = build_room("turning")
     goal = ENDPOINTS["turning"][1]
     blocked = (1.7, 1.0, 0.5)
-    with pytest.raises(ConfigurationError, match=r"start .*nearest is") as caught:
-        planners.plan(space, blocked, goal)
-    nearest = np.array(caught.value.nearest)
-    away = math.dist(nearest[:2], blocked[:2]) + 0.5 * abs(turn_between(blocked[2], nearest[2]))
-    plan = planners.plan(space, planners.Near(blocked, away * 1.001), goal)
-    assert plan.certified and plan.start.tolist() == nearest.tolist()
+    centers = np.stack(np.meshgrid(*map(np.arange, space.grid.shape), indexing="ij"), axis=-1)
+    centers = space.grid.center_of(centers.reshape(-1, 2))
+    is_free = space.is_free(np.column_stack([centers, np.full(len(centers), blocked[2])]))
+    gaps = np.abs(centers[is_free] - blocked[:2]) - 0.5 * space.grid.spacing
+    away = np.linalg.norm(gaps.clip(0.0), axis=1).min()
+    plan = planners.plan(space, planners.Near(blocked, away * 1.1), goal)
+    assert plan.certified and plan.start[2] == blocked[2]
+    assert away <= math.dist(plan.start[:2], blocked[:2]) <= away * 1.1
     moved = re.search(r"; start moved by (\S+) m to ", plan.status)
-    assert float(moved[1]) == pytest.approx(away, rel=0.01)
-    with pytest.raises(ConfigurationError, match=r"start .*nearest is"):
-        planners.plan(space, planners.Near(blocked, away * 0.999), goal)
+    assert float(moved[1]) == pytest.approx(away, rel=0.02)
+    for start in (blocked, planners.Near(blocked, away * 0.99), planners.Near(blocked)):
+        with pytest.raises(ConfigurationError, match=r"start .*nearest is"):
+            planners.plan(space, start, goal)
     free = planners.plan(space, planners.Near(ENDPOINTS["turning"][0], 1.0), goal)
     assert "moved" not in free.status and tuple(free.start) == ENDPOINTS["turning"][0]
+    turned = planners.plan(space, planners.Near(blocked, away * 0.99, math.pi), goal)
+    assert turned.certified and turned.start[2] != blocked[2]
 
 
 # ---- places on the way ---------------------------------------------------------------------------
@@ -568,7 +721,7 @@ BOX = shapely.box(4.5, 0.5, 5.5, 1.5)
     (
         "turning",
         {"start": planners.Near([START, START], 0.3)},
-        "(0.8, 0.8, 0.0)]; a start is one configuration",
+        "Near has one configuration",
     ),
     (
         "turning",
@@ -725,21 +878,15 @@ def test_states_that_touch_a_room_only_at_a_corner_count(flipped):
     assert planners.plan(space, start, shapely.box(*apart)).is_disconnected
 
 
-POLYGON = shapely.box(0.5, 0.5, 1.0, 1.0)
-
-
 @refusals(
     "start, message",
-    (planners.Near((1.0, 1.0, None), 0.3), "start is (1.0, 1.0, None); a start is one"),
-    ((1.0, 1.0, None), "None); a start is one configuration, or planners.Near one"),
-    ([(1.0, 1.0, 0.0), (2.0, 1.0, 0.0)], "a start is one configuration, or planners.Near one"),
-    ([planners.Near((1.0, 1.0, 0.0), 0.1)], "a start is one configuration"),
-    (planners.Near([(1.0, 1.0, 0.0), (2.0, 1.0, 0.0)], 0.1), "a start is one configuration"),
-    (POLYGON, "a start is one configuration, or planners.Near one"),
-    (planners.Near((POLYGON, 0.3)), "a start is one configuration"),
-    (cspace.PoseGoal("tool", np.eye(4)), "a start is one configuration"),
-    (None, "start is None; a start is one configuration"),
-    (np.zeros((2, 3)), "start has shape (2, 3); it must be one configuration of 3 numbers"),
+    ([START, 3.0], "numbers are one configuration, places are alternatives"),
+    (planners.Near((BOX, 0.0), 0.3), "a region has its own room"),
+    (shapely.LineString([(4.5, 0.5), (5.5, 1.5)]), "a region is a Polygon or a MultiPolygon"),
+    (cspace.PoseGoal("tool", np.eye(4)), "the space of an arm is needed for that"),
+    (None, "start"),
+    ([START, (1.0, 1.0)], "start[1] has shape (2,); it must be one configuration of 3 numbers"),
+    (np.zeros((2, 3)), "start has 2 alternatives, none of them proven free; a path must begin"),
 )
-def test_a_start_with_alternatives_is_refused(start, message):
+def test_wrong_starts_are_refused_in_one_line(start, message):
     check_refused(lambda: planners.plan(build_room("turning"), start, (2.0, 1.0, 0.0)), message)

@@ -604,10 +604,6 @@ def blocked(space, rows):
         "a path holds poses",
     ),
     (
-        lambda _: planners.plan(build_room("plane"), [(1.0, 1.0)], (2.0, 1.0)),
-        "start is [(1.0, 1.0)]; a start is one configuration, or planners.Near one",
-    ),
-    (
         lambda _: planners.plan(
             build_room("plane"), (1.0, 1.0), cspace.PoseGoal("fore", np.eye(4))
         ),

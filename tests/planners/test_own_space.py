@@ -351,3 +351,17 @@ def test_a_map_with_answers_of_its_own_is_refused_when_it_is_defined(hall, name)
     with pytest.raises(InputError, match=f"CSpace has its own {name}; cells and geometry"):
         setattr(hall, name, lambda *q: False)
     assert issubclass(type("Named", (cspace.CSpace,), {"label": "hall"}), cspace.CSpace)
+
+
+def test_no_path_is_proven_only_if_every_start_is_apart_from_every_goal():
+    """Places that were dropped because they are not proven free count, too."""
+    space = Searched("a", "b")
+    apart, inside, beside = (0.0, 1.95), (0.0, 0.5), (-1.5, 0.2)
+    for goals in ([apart, GOAL], [GOAL, apart]):
+        plan = planners.plan(space, START, goals)
+        assert plan.certified and not plan.is_disconnected
+        assert planners.plan(space, goals, START).certified
+    assert planners.plan(space, [START, beside], apart).is_disconnected
+    assert planners.plan(space, [START, beside], [apart, (0.1, 1.95)]).is_disconnected
+    for start, goal in ((START, [apart, inside]), ([START, inside], apart)):
+        assert not planners.plan(space, start, goal).is_disconnected
