@@ -1074,6 +1074,36 @@ MUTANTS = (
         "tests/cpp/nav2/test_nav2.py",
     ),
     Mutant(
+        "ros/cspace_nav2/include/cspace_nav2/watch.hpp",
+        "return {at.x + p.x + 2.0 * (w * cross.x",
+        "return {at.x + p.x + 0.0 * (w * cross.x",
+        "tests/cpp/nav2/test_watch.py",
+    ),
+    Mutant(
+        "ros/cspace_nav2/include/cspace_nav2/watch.hpp",
+        "const Pose here = move(pose, seen, now);",
+        "const Pose here = pose;",
+        "tests/cpp/nav2/test_watch.py",
+    ),
+    Mutant(
+        "ros/cspace_nav2/include/cspace_nav2/watch.hpp",
+        "const auto sensor = look_up(options_.odom_frame, scan.frame, scan.stamp);",
+        "const auto sensor = look_up(options_.odom_frame, scan.frame, NEWEST);",
+        "tests/cpp/nav2/test_watch.py",
+    ),
+    Mutant(
+        "ros/cspace_nav2/include/cspace_nav2/watch.hpp",
+        "source.heard = now - std::max<Time>(clock - scan.stamp, 0);",
+        "source.heard = now;",
+        "tests/cpp/nav2/test_watch.py",
+    ),
+    Mutant(
+        "ros/cspace_nav2/include/cspace_nav2/footprint.hpp",
+        "if (first < last) return false;",
+        "",
+        "tests/cpp/nav2/test_watch.py",
+    ),
+    Mutant(
         "cspace/include/cspace/gate.hpp",
         "const double share = 1.0 - static_cast<double>(k) / steps;",
         "const double share = 1.0 - static_cast<double>(k + 1) / steps;",

@@ -9,6 +9,7 @@
 //                                                   the same of lines of a pose, two twists and points from the input
 //   answers cycles MAP ROWS CORES DT V OMEGA TRACKING... RADIUS
 //                                                   microseconds of CPU time a cycle that leaves, without points and with 360
+//   answers robot MAP                               frame of a map; then the parts of its robot, a line each: radius and corners
 //   answers open MAP...                             one line a map: "opened", or the text of the error
 //   answers time MAP QUERIES                        nanoseconds of CPU time a state at random, a state in cache, and a motion
 #include <ctime>
@@ -86,6 +87,19 @@ cspace::Gate make_gate(const std::string& map, const std::vector<std::string>& w
   for (auto word = words.begin() + 1; word != words.end(); ++word) n.push_back(std::stod(*word));
   const cspace::GateOptions options{n[0], {n[1], n[2]}, {n[3], n[4], n[5]}, n[6]};
   return cspace::Gate(std::make_shared<const cspace::Map>(cspace::Map::open(map)), robot, options);
+}
+
+void print_robot(const cspace::Map& map) {
+  std::cout << map.frame_id() << "\n";
+  try {
+    for (const cspace::Core& core : cspace::read_robot(map)) {
+      std::cout << core.radius;
+      for (const cspace::Point& corner : core.corners) std::cout << " " << corner.x << " " << corner.y;
+      std::cout << "\n";
+    }
+  } catch (const cspace::InputError& error) {
+    std::cout << error.what() << "\n";
+  }
 }
 
 /// Print what a gate lets through of a pose x, y, yaw, v, omega, v now, omega now, and the points that follow.
@@ -200,7 +214,10 @@ int main(int count, char** arguments) {
     std::cout.precision(17);
     drive(make_gate(words[1], {words.begin() + 3, words.end()}), words[2] == "1");
   }
-  else if (words.size() == 3 && words[0] == "time")
+  else if (words.size() == 2 && words[0] == "robot") {
+    std::cout.precision(17);
+    print_robot(cspace::Map::open(words[1]));
+  } else if (words.size() == 3 && words[0] == "time")
     time(cspace::Map::open(words[1]), read_numbers(words[2]));
   else if (words.size() >= 2 && words[0] == "open")
     for (std::size_t k = 1; k < words.size(); ++k) std::cout << open(words[k]) << "\n";

@@ -1,6 +1,7 @@
 """The gate in C++ answers as Python's does, and keeps robots from what they see."""
 
 import math
+import subprocess
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from tests.helpers.cpp import (
     why_no_compiler,
 )
 from tests.helpers.leaving import bound_distances, place_along
+from tests.helpers.messages import make_grid
 from tests.helpers.regions import place_polygon
 from tests.queries.test_gate_drives import POSTS, make_cells, run_drive
 
@@ -75,6 +77,68 @@ def test_slowed_twists_equal_those_of_python(tmp_path, program, name, tracking, 
             left += found.leaves and found.share > 0.0
         assert len(shares) > 2
     assert left > count / 100
+
+
+SQUARE = shapely.box(-0.2, -0.1, 0.3, 0.1)
+PARTS = shapely.MultiPolygon([SQUARE, shapely.box(0.5, 0.0, 0.6, 0.4)])
+ELL = [(0, 0), (0.5, 0), (0.5, 0.2), (0.2, 0.2), (0.2, 0.5), (0, 0.5)]
+NAME = 'a "kind": "balls", "outer": {"wkb": [ \\\u00e9'
+
+
+def read_parts(program, path):
+    """Return the frame of a map, and a part of its robot or the text of an error a line."""
+    done = subprocess.run([program, "robot", path], text=True, capture_output=True, check=True)
+    frame, *lines = done.stdout.splitlines()
+    return frame, lines
+
+
+@pytest.mark.parametrize(
+    "robot",
+    [
+        pytest.param(cspace.Robot.rectangle(0.5, 0.2, center=(0.1, 0.0)), id="rectangle"),
+        pytest.param(cspace.Robot(NAME, SQUARE.reverse()), id="clockwise, with a name"),
+        pytest.param(cspace.Robot("parts", PARTS), id="parts"),
+        pytest.param(cspace.Robot.polygon(ELL), id="not convex"),
+        pytest.param(cspace.Robot.disc(0.3, center=(0.05, -1e-7)), id="disc"),
+        pytest.param(cspace.Robot.from_balls([(0.1, 0.0), (-0.1, 0.0)], [0.2, 0.1]), id="discs"),
+        pytest.param(cspace.Robot.ellipse(0.4, 0.2), id="bounds"),
+    ],
+)
+def test_the_robot_of_a_map_is_the_one_that_it_was_built_for(tmp_path, program, robot):
+    workspace = cspace.Workspace.from_occupancy_grid(make_grid("hall"))
+    cspace.build(workspace, robot, rotations=4).save(tmp_path / "map")
+    frame, lines = read_parts(program, tmp_path / "map")
+    assert frame == "hall"
+    shapes = []
+    for line in lines:
+        radius, *numbers = map(float, line.split())
+        corners = np.reshape(numbers, (-1, 2))
+        if len(corners) > 1:
+            assert radius == 0.0 and shapely.LinearRing(corners).is_ccw
+            shapes.append(shapely.Polygon(corners))
+        else:
+            shapes.append(shapely.Point(*corners).buffer(radius, quad_segs=64))
+    found = shapely.union_all(shapes)
+    assert shapely.symmetric_difference(found, robot.geometry).area < 1e-3 * found.area
+    if "ellipse" in robot.name:
+        assert found.contains(robot.geometry.buffer(-1e-9))
+
+
+@pytest.mark.parametrize(
+    "robot, problem",
+    [
+        (cspace.Robot("ring", SQUARE.difference(SQUARE.buffer(-0.05))), "has holes"),
+        (
+            cspace.Robot.from_bitmap(np.ones((2, 3), dtype=bool), 0.1),
+            "not made of discs or polygons",
+        ),
+    ],
+)
+def test_a_robot_of_other_shapes_has_no_parts(tmp_path, program, robot, problem):
+    workspace = cspace.Workspace.from_array(np.zeros((20, 20), dtype=bool), 0.1)
+    cspace.build(workspace, robot, rotations=4).save(tmp_path / "map")
+    frame, (line,) = read_parts(program, tmp_path / "map")
+    assert frame == "" and problem in line
 
 
 GOOD = (0.1, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0)

@@ -2,7 +2,7 @@
 /// A gate for a robot that drives on a saved map among points that it sees, in C++17.
 ///
 ///     auto map = std::make_shared<const cspace::Map>(cspace::Map::open("map.zarr"));
-///     cspace::Gate gate(map, {{{{0.3, 0.2}, {-0.3, 0.2}, {-0.3, -0.2}, {0.3, -0.2}}}}, options);
+///     cspace::Gate gate(map, cspace::read_robot(*map), options);
 ///     cspace::SlowedCommand slowed = gate.slow_down({1.0, 2.0, 0.5}, {0.8, 0.3}, twist_now, points);
 ///
 /// Without points, it answers as `cspace.Gate.slow_down` of Python, whose statements it repeats: `cspace/_queries/gate.py`,
@@ -187,14 +187,103 @@ inline double follow(const Body& body, const std::vector<Point>& points, double 
   }
   return seconds;
 }
+
+/// Return the text of a list that follows a name in JSON, without brackets.
+inline std::string find_list(const std::string& text, const std::string& name) {
+  const std::size_t found = text.find('"' + name + "\": [");
+  if (found == std::string::npos) throw InputError("cspace: the map's robot has no " + name);
+  std::string list;
+  int depth = 0;
+  for (std::size_t k = text.find('[', found); k < text.size(); ++k) {
+    depth += text[k] == '[' ? 1 : text[k] == ']' ? -1 : 0;
+    if (depth == 0) break;
+    list += text[k] == '[' || text[k] == ']' || text[k] == ',' ? ' ' : text[k];
+  }
+  return list;
+}
+
+inline std::vector<double> read_numbers(const std::string& text) {
+  std::istringstream items(text);
+  items.imbue(std::locale::classic());
+  std::vector<double> list;
+  for (double number; items >> number;) list.push_back(number);
+  return list;
+}
+
+/// Return the bytes of a text in base64.
+inline std::string decode(const std::string& text) {
+  static const std::string digits = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+  std::string bytes;
+  std::uint32_t bits = 0;
+  int count = 0;
+  for (const char letter : text) {
+    const std::size_t digit = digits.find(letter);
+    if (digit == std::string::npos) continue;  // a quote, or "=" at the end
+    bits = (bits << 6) | static_cast<std::uint32_t>(digit);
+    count += 6;
+    if (count < 8) continue;
+    count -= 8;
+    bytes += static_cast<char>((bits >> count) & 255);
+  }
+  return bytes;
+}
+
+/// Order the corners of a polygon counterclockwise.
+inline void turn_left(std::vector<Point>& corners) {
+  double area = 0.0;
+  for (std::size_t k = 0; k < corners.size(); ++k) {
+    const Point &a = corners[k], &b = corners[(k + 1) % corners.size()];
+    area += a.x * b.y - b.x * a.y;
+  }
+  if (area < 0.0) std::reverse(corners.begin(), corners.end());
+}
+
+/// Return the corners, counterclockwise, of a polygon in well-known binary: little-endian, of two axes, without holes.
+inline std::vector<Point> read_polygon(const std::string& bytes) {
+  constexpr std::size_t HEADER = 13;
+  std::uint32_t type = 0, rings = 0, count = 0;
+  if (bytes.size() >= HEADER) {
+    std::memcpy(&type, &bytes[1], 4);
+    std::memcpy(&rings, &bytes[5], 4);
+    std::memcpy(&count, &bytes[9], 4);
+  }
+  if (type != 3 || rings != 1 || count < 4 || bytes.size() != HEADER + count * sizeof(Point))
+    throw InputError("cspace: the map's robot has a part that is no polygon, or has holes");
+  std::vector<Point> corners(count);
+  std::memcpy(corners.data(), &bytes[HEADER], count * sizeof(Point));
+  corners.pop_back();  // the first one again
+  turn_left(corners);
+  return corners;
+}
 }  // namespace detail
+
+/// Return the parts of the robot that a map of the plane was built for: discs, or polygons without holes.
+/// @throws InputError  if it has others
+inline std::vector<Core> read_robot(const Map& map) {
+  // A shape that is only bounded lies in the outer one of its bounds.
+  const std::size_t outer = map.robot().rfind("\"outer\": {");
+  const std::string text = outer == std::string::npos ? map.robot() : map.robot().substr(outer);
+  std::vector<Core> robot;
+  if (map.dim() == 2 && text.find("\"kind\": \"balls\"") != std::string::npos) {
+    const std::vector<double> centers = detail::read_numbers(detail::find_list(text, "centers"));
+    const std::vector<double> radii = detail::read_numbers(detail::find_list(text, "radii"));
+    if (radii.empty() || centers.size() != 2 * radii.size()) throw InputError("cspace: the map's robot has no discs");
+    for (std::size_t k = 0; k < radii.size(); ++k) robot.push_back({{{centers[2 * k], centers[2 * k + 1]}}, radii[k]});
+  } else if (map.dim() == 2 && text.find("\"kind\": \"polygon\"") != std::string::npos) {
+    std::istringstream words(detail::find_list(text, "wkb"));
+    for (std::string word; words >> word;) robot.push_back({detail::read_polygon(detail::decode(word))});
+  } else {
+    throw InputError("cspace: the map's robot is not made of discs or polygons");
+  }
+  return robot;
+}
 
 /// A gate between a controller and a robot on a map of x, y and yaw: what it lets through is proven, with a stop.
 ///
 /// Any number of threads may use it at once.
 class Gate {
  public:
-  /// Keep the map, and the convex parts of the robot that it was built for.
+  /// Keep the map, and the convex parts of the robot that it was built for, as `read_robot` has them.
   /// @throws InputError  if the map has other axes, a part is none, or an option is out of range
   Gate(std::shared_ptr<const Map> map, const std::vector<Core>& robot, const GateOptions& options)
       : map_(std::move(map)), options_(options) {

@@ -206,6 +206,8 @@ class Json {
     return Json(rest.substr(0, rest.find(line_ + '"')), line_ + "  ");  // up to the next member
   }
 
+  bool has(const std::string& name) const { return text_.find(line_ + '"' + name + "\": ") != std::string::npos; }
+
   /// Return a value as it is written.
   std::string word() const {
     const std::string line = text_.substr(0, text_.find('\n'));
@@ -454,6 +456,8 @@ class Map {
   double spacing() const { return spacing_; }                      ///< side of a cell, metres
   double margin() const { return margin_; }                        ///< by which the robot was grown, metres
   const std::string& outside() const { return outside_; }          ///< of the grid: "blocked", "free" or "unknown"
+  const std::string& frame_id() const { return frame_id_; }        ///< of the grid in ROS; empty if it is not known
+  const std::string& robot() const { return robot_; }              ///< the robot's shape in JSON
   bool has_clearance() const { return !distance_boxes_.empty(); }  ///< true if it was saved with `clearance=True`
   std::vector<double> lower() const { return {lower_.end() - dim_, lower_.end()}; }        ///< lower corner of the grid
   std::vector<double> upper() const { return {upper_.end() - dim_, upper_.end()}; }        ///< upper corner of the grid
@@ -590,6 +594,7 @@ class Map {
     slices_ = about["slices"].numbers<Index>()[0];
     if (stamp.empty()) read_rotations(folder, about["rotations"].numbers<Index>()[0]);
     if (stamp.empty()) read_exterior(folder);
+    if (stamp.empty()) read_robot(about);
     if (folder.is_tiled()) return read_tiles(path, about["tiles"], check_digest);
     std::vector<Index> shape = this->shape();
     shape.insert(shape.begin(), slices_);
@@ -668,6 +673,16 @@ class Map {
       if (!is_possible) detail::refuse("its exterior contradicts the space outside");
       exterior.beyond = static_cast<State>(beyond);
       exterior_.push_back(exterior);
+    }
+  }
+
+  /// Read the robot's shape, a text of JSON within a text, and the frame.
+  void read_robot(const detail::Json& about) {
+    if (about.has("frame_id")) frame_id_ = about["frame_id"].text();
+    const std::string quoted = about["robot"].text();
+    for (std::size_t k = 0; k < quoted.size(); ++k) {
+      if (quoted[k] == '\\' && k + 1 < quoted.size()) ++k;
+      robot_ += quoted[k];
     }
   }
 
@@ -1019,7 +1034,7 @@ class Map {
   Cell first_ = {0, 0, 0};  ///< of a tile: its first cell in the whole map
   Row lower_{}, upper_{};
   double spacing_ = 0.0, margin_ = 0.0;
-  std::string outside_;
+  std::string outside_, frame_id_, robot_;
   Index slices_ = 0;
   std::vector<double> borders_;     ///< of yaw cells, or of the quotients of quaternions
   std::vector<Index> slice_of_;     ///< of each rotation cell

@@ -1,0 +1,515 @@
+"""The watch of the gate for Nav2 keeps a robot from walls and people, whatever its inputs do."""
+
+import math
+import subprocess
+
+import numpy as np
+import pytest
+import shapely
+from scipy.spatial.transform import Rotation
+
+import cspace
+from tests.helpers.cpp import SANITIZERS, why_no_compiler
+from tests.helpers.watch import (
+    BRAKES,
+    CLOCK,
+    DT,
+    WALLS,
+    Frame,
+    People,
+    Robot,
+    WatchInCpp,
+    build_watch,
+    make_room,
+    send_scan,
+)
+from tests.queries.test_gate_drives import GROWN, POSTS, make_cells, run_drive, touches
+
+pytestmark = pytest.mark.skipif(bool(why_no_compiler()), reason=why_no_compiler())
+
+FREE = [math.inf] * 360
+"""A scan that sees nothing."""
+
+
+@pytest.fixture(scope="module")
+def program(tmp_path_factory):
+    return build_watch(tmp_path_factory.mktemp("program") / "watch", "-O1")
+
+
+@pytest.fixture(scope="module")
+def room(tmp_path_factory):
+    """Save a room whose map has walls and a crate, and no people."""
+    workspace = cspace.Workspace.from_array(make_room(), 0.05)
+    space = cspace.build(workspace, cspace.Robot.rectangle(0.6, 0.4), rotations=72)
+    path = tmp_path_factory.mktemp("room") / "map"
+    space.save(path, compress=False)
+    return path
+
+
+# ---- drives among people -------------------------------------------------------------------------
+
+
+MOUNTS = {
+    "upside down": Frame(Rotation.from_euler("x", math.pi), np.array((0.1, 0.0, 0.25))),
+    "tilted": Frame(Rotation.from_euler("yz", (0.08, 2.0)), np.array((-0.1, 0.05, 0.3))),
+}
+REACTIONS = {"late": 0.3, "stale": 0.4, "unknown": 0.4}
+"""Seconds after which the robot knows of a step at the latest, for kinds where that is not at once."""
+
+KINDS = ["random", "upside down", "tilted", "late", "stale", "unknown", "faults"]
+
+
+def disturb(kind, watch, robot, people, rng, cycle):
+    """Send what the laser sees, or what the kind of drive makes of it."""
+    ranges = robot.scan(people.places)
+    outage = cycle % 20 >= 10 and rng.random() < 0.9
+    if kind == "late":
+        robot.late = round(1e9 * rng.uniform(0.0, 0.25))
+    robot.unknown = ("laser",) if kind == "unknown" and outage else ()
+    if kind == "stale" and outage:
+        if rng.random() < 0.5:  # of long ago, or of a time to come
+            send_scan(watch, robot, FREE, robot.now + rng.choice([-2, 2]) * 10**9)
+        return
+    if kind == "faults" and rng.random() < 0.2:
+        send_scan(watch, robot, rng.choice([math.nan, 0.0, -1.0]) * np.ones(360))
+        return
+    send_scan(watch, robot, ranges)
+
+
+def drive_among_people(watch, kind, seed, cycles=80):
+    """Drive among people; return the way, and the numbers of cycles near people and without a way."""
+    rng = np.random.default_rng(seed)
+    people = People(rng, REACTIONS.get(kind, 0.0))
+    robot = Robot((1.5, 2.0, rng.uniform(-3.0, 3.0)), MOUNTS.get(kind))
+    watch.tell("new")
+    way = near = braked = 0.0
+    for cycle in range(cycles):
+        if cycle % 8 == 0:
+            wanted = rng.normal((0.4, 0.0), (0.5, 1.0)) * (rng.random(2) < 0.8)
+            wanted = np.clip(wanted, (-0.8, -1.5), (0.8, 1.5))
+        people.step(robot)
+        before = robot.twist
+        disturb(kind, watch, robot, people, rng, cycle)
+        silly = kind == "faults" and rng.random() < 0.1
+        watch.tell("command", robot.now, *(wanted + (math.nan if silly else 0.0)).tolist())
+        decided = watch.decide(robot.now, robot.now + CLOCK, robot.look_up)
+        assert (np.abs(before) - np.abs(decided.twist) <= DT * BRAKES + 1e-9).all()
+        bodies = robot.drive(decided.twist)
+        distance = people.measure_distance(bodies)
+        if decided.twist.any():
+            assert shapely.distance(np.array(bodies), WALLS).min() > 0.0
+            assert distance > 0.0, (kind, seed, cycle, decided)
+        near += distance < 0.03
+        way += DT * abs(decided.twist[0])
+        braked += bool(decided.reason)
+    return way, near, braked
+
+
+@pytest.mark.parametrize(
+    "count",
+    [1, pytest.param(72, id="504 drives", marks=pytest.mark.thorough)],
+)
+@pytest.mark.parametrize("kind", KINDS)
+def test_drives_among_people_who_step_in_touch_nothing(program, room, kind, count):
+    watch = WatchInCpp(program, room)
+    drives = [drive_among_people(watch, kind, seed) for seed in range(count)]
+    watch.close()
+    way, near, braked = np.sum(drives, axis=0)
+    assert way > 0.15 * count and braked > 2 * count
+    assert kind in REACTIONS or near > 3 * count
+
+
+@pytest.mark.parametrize(
+    "seeds, share",
+    [
+        pytest.param(range(4), 0.75, id="4 drives"),
+        pytest.param(range(200), 0.85, id="200 drives", marks=pytest.mark.thorough),
+    ],
+)
+def test_drives_go_far_beside_the_fastest_safe_ones(program, tmp_path, seeds, share):
+    """Posts come as clouds of points; walls and crates are in the map."""
+    workspace = cspace.Workspace.from_array(make_cells(), 0.05)
+    space = cspace.build(workspace, cspace.Robot.rectangle(0.6, 0.4), rotations=72)
+    space.save(tmp_path / "map")
+    watch = WatchInCpp(program, tmp_path / "map", point_radius=0.05)
+    cloud = " ".join(f"{x} {y} 0.3" for x, y in POSTS)
+    robot = Robot((0.0, 0.0, 0.0))
+
+    def choose(pose, wanted, now):
+        robot.cycles.append((robot.now, np.array(pose), now))
+        watch.tell("cloud", "scan", "map", robot.now + CLOCK, cloud)
+        watch.tell("command", robot.now, *np.asarray(wanted).tolist())
+        twist = watch.decide(robot.now, robot.now + CLOCK, robot.look_up).twist
+        robot.now += round(1e9 * DT)
+        return twist
+
+    def may_stand(pose):
+        watch.tell("new")
+        robot.cycles, robot.now = [(0, np.array(pose), np.zeros(2))], 0
+        return not touches(pose, np.zeros(2), DT, GROWN)
+
+    slowed, fastest = np.sum([run_drive(choose, space, may_stand, k) for k in seeds], axis=0)
+    watch.close()
+    assert slowed > share * fastest
+
+
+# ---- what is missing, late or wrong --------------------------------------------------------------
+
+
+def step(watch, robot, wanted=(0.6, 0.3), silent="", ranges=FREE):
+    """Go on by a cycle, in which one input may be silent; return what the watch decides."""
+    if silent != "scan":
+        send_scan(watch, robot, ranges)
+    if silent != "command":
+        watch.tell("command", robot.now, *wanted)
+    decided = watch.decide(robot.now, robot.now + CLOCK, robot.look_up)
+    bodies = robot.drive(decided.twist)
+    assert shapely.distance(np.array(bodies), WALLS).min() > 0.0
+    return decided
+
+
+@pytest.fixture
+def watch(program, room):
+    watch = WatchInCpp(program, room)
+    yield watch
+    watch.close()
+
+
+@pytest.fixture
+def robot(watch):
+    """Return a robot that drives ahead."""
+    robot = Robot((1.0, 1.0, 0.0))
+    for _ in range(6):
+        decided = step(watch, robot, (0.6, 0.0))
+    assert decided.twist.tolist() == [0.6, 0.0] and not decided.reason
+    return robot
+
+
+def brakes_at_once(robot, decided):
+    """Return whether the robot is slowed down as hard as it can be, and no harder."""
+    return decided.twist[0] == pytest.approx(robot.cycles[-2][2][0] - DT * BRAKES[0])
+
+
+def count_cycles(watch, robot, silent, reason):
+    """Return the number of cycles that drive on; then see the robot come to rest, and why."""
+    cycles = 0
+    while not (decided := step(watch, robot, (0.6, 0.0), silent)).reason:
+        cycles += 1
+    assert reason in decided.reason and brakes_at_once(robot, decided)
+    while decided.twist.any():
+        decided = step(watch, robot, (0.6, 0.0), silent)
+        assert reason in decided.reason
+    return cycles
+
+
+@pytest.mark.parametrize(
+    "silent, reason",
+    [
+        ("scan", "no scan of 'scan' within 0.3 s"),
+        ("command", "no command within 0.3 s"),
+    ],
+)
+def test_it_brakes_one_period_after_an_input_is_too_old(watch, robot, silent, reason):
+    assert count_cycles(watch, robot, silent, reason) == 6
+    step(watch, robot)
+    assert not step(watch, robot).reason
+
+
+def test_it_brakes_after_a_cycle_that_was_late(watch, robot):
+    robot.now += 310_000_000
+    decided = step(watch, robot, (0.6, 0.0))
+    assert decided.reason == "there was no cycle within 0.3 s" and brakes_at_once(robot, decided)
+    assert not step(watch, robot, (0.6, 0.0)).reason
+
+
+def test_it_brakes_without_a_map(program):
+    watch, robot = WatchInCpp(program, "none"), Robot((1.0, 1.0, 0.0))
+    for _ in range(3):
+        decided = step(watch, robot)
+        assert decided.reason == "there is no map" and not decided.twist.any()
+    watch.close()
+
+
+@pytest.mark.parametrize("frame", ["laser", "base_link", "odom", "map"])
+def test_it_brakes_at_once_if_a_frame_is_unknown(watch, robot, frame):
+    robot.unknown = (frame,)
+    assert count_cycles(watch, robot, "", f"tf has no frame {frame}") == 0
+    robot.unknown = ()
+    step(watch, robot)
+    assert not step(watch, robot).reason
+
+
+def test_it_brakes_at_once_if_a_scan_names_another_frame(watch, robot):
+    robot.unknown = ("camera",)
+    send_scan(watch, robot, FREE, frame="camera")
+    decided = step(watch, robot, (0.6, 0.0), "scan")
+    assert decided.reason == "tf has no frame camera" and brakes_at_once(robot, decided)
+
+
+@pytest.mark.parametrize("late, drives", [(0.29, True), (0.31, False)])
+def test_a_late_tf_counts_by_its_stamp(watch, robot, late, drives):
+    robot.late = round(late * 1e9)
+    decided = step(watch, robot, (0.6, 0.0))
+    assert not decided.reason if drives else "pose of base_link" in decided.reason
+
+
+def test_scans_wait_for_tf_and_are_placed_at_their_stamp(watch, robot):
+    """The robot drives on meanwhile, and a post is seen where it was."""
+    robot.late = 150_000_000
+    post = robot.pose[:2] + np.array((0.9, 0.0))
+    decided = step(watch, robot, (0.6, 0.0), ranges=robot.scan([post]))
+    while robot.now < 2_000_000_000:
+        decided = step(watch, robot, (0.6, 0.0), ranges=robot.scan([post]))
+        gap = post[0] - 0.2 - robot.pose[0] - 0.3
+        assert gap > 0.0 or not decided.twist.any()
+    assert not decided.twist.any() and gap < 0.12
+
+
+@pytest.mark.parametrize("jump", [(0.25, 0.0, 0.0), (0.0, 0.0, 0.25)])
+@pytest.mark.parametrize("correction", [True, False], ids=["map", "odom"])
+def test_it_brakes_for_a_while_if_the_pose_jumps(watch, robot, jump, correction):
+    if correction:
+        robot.odometry = make_moved(robot.odometry, jump)
+        robot.cycles.append((robot.now, robot.pose + jump, robot.twist))
+    else:
+        robot.cycles.append((robot.now, robot.pose + jump, robot.twist))
+    decided = [step(watch, robot, (0.6, 0.0)) for _ in range(8)]
+    assert brakes_at_once(robot, decided[-1]) or not decided[-1].reason
+    reasons = [each.reason for each in decided]
+    assert reasons[:7] == ["the pose jumped"] * 7 and not reasons[7]
+
+
+def make_moved(frame, jump):
+    """Return a frame of odometry with which the robot is elsewhere in the map."""
+    moved = Frame(Rotation.from_rotvec((0.0, 0.0, jump[2])), np.array((*jump[:2], 0.0)))
+    return moved.then(frame)
+
+
+def test_a_small_correction_moves_the_points_with_the_robot(watch, robot):
+    """Points that are right for the robot stay so if its place in the map is corrected."""
+    post = robot.pose[:2] + np.array((1.2, 0.0))
+    step(watch, robot, (0.0, 0.0), ranges=robot.scan([post]))
+    while step(watch, robot, (0.0, 0.0), ranges=robot.scan([post])).twist.any():
+        pass
+    # The map says that the robot stands 15 cm farther back: the post is back, too.
+    ranges, stamp = robot.scan([post]), robot.now
+    robot.odometry = make_moved(robot.odometry, (-0.15, 0.0, 0.0))
+    robot.cycles = [(0, robot.pose - (0.15, 0.0, 0.0), np.zeros(2))]
+    send_scan(watch, robot, ranges, stamp)
+    ways = 0.0
+    for _ in range(5):
+        watch.tell("command", robot.now, 0.6, 0.0)
+        decided = watch.decide(robot.now, robot.now + CLOCK, robot.look_up)
+        robot.drive(decided.twist)
+        ways += DT * decided.twist[0]
+    gap = post[0] - 0.15 - 0.2 - 0.3 - robot.pose[0]
+    assert 0.0 < gap < 0.6 and ways > 0.05
+
+
+@pytest.mark.parametrize(
+    "turn",
+    [(0.06, 0.0, 0.0, 1.0), (0.0, 0.0, 0.0, 0.0), (math.nan, 0.0, 0.0, 1.0)],
+    ids=["tilted", "zero", "nan"],
+)
+def test_it_brakes_if_the_robot_is_tilted_or_has_no_rotation(watch, robot, turn):
+    def look_up(target, frame, stamp):
+        words = robot.look_up(target, frame, stamp).split(" ")
+        if frame == "base_link" and target == "map":
+            words[3:7] = map(repr, turn)
+        return " ".join(words)
+
+    send_scan(watch, robot, FREE)
+    watch.tell("command", robot.now, 0.6, 0.0)
+    decided = watch.decide(robot.now, robot.now + CLOCK, look_up)
+    expected = "tilted" if turn[3] else "transform of base_link is none"
+    assert (expected if turn[0] == turn[0] else "is none") in decided.reason
+
+
+@pytest.mark.parametrize("command", [(math.nan, 0.0), (0.5, math.nan), (0.5, math.inf), (1e9, 0.0)])
+def test_it_brakes_on_commands_that_cannot_be(watch, robot, command):
+    decided = step(watch, robot, command)
+    assert "twist" in decided.reason and brakes_at_once(robot, decided)
+    assert not step(watch, robot, (0.3, 0.0)).reason
+
+
+@pytest.mark.parametrize("source", ["scan", "cloud"])
+def test_each_source_must_be_heard(program, room, source):
+    watch = WatchInCpp(program, room, sources="scan,cloud")
+    robot = Robot((1.0, 1.0, 0.0))
+    reasons = []
+    for _ in range(3):
+        if source == "cloud":
+            watch.tell("cloud", "cloud", "laser", robot.now + CLOCK, "9.0 0.0 0.0")
+        reasons.append(step(watch, robot, silent="" if source == "scan" else "scan").reason)
+    missing = {"scan": "cloud", "cloud": "scan"}[source]
+    assert f"no scan of '{missing}'" in reasons[-1]
+    watch.close()
+
+
+# ---- what sensors send ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "ranges, reason",
+    [
+        pytest.param(FREE, "", id="nothing is near"),
+        pytest.param([1e6] * 4, "", id="points beyond the range"),
+        pytest.param([0.01] * 300 + FREE, "", id="some below the least range"),
+        pytest.param([0.01] * 360, "no ray", id="all below the least range"),
+        pytest.param([math.nan] * 360, "no ray", id="no number"),
+        pytest.param([], "no ray", id="empty"),
+        pytest.param([-math.inf] * 360, "too near", id="all too near"),
+    ],
+)
+def test_scans_without_a_point_in_range(watch, robot, ranges, reason):
+    decided = step(watch, robot, (0.6, 0.0), ranges=ranges)
+    assert reason in decided.reason and bool(decided.reason) == bool(reason)
+    assert not reason or brakes_at_once(robot, decided)
+    assert not step(watch, robot, (0.6, 0.0)).reason
+
+
+@pytest.mark.parametrize(
+    "numbers",
+    [
+        (math.nan, 0.1, 0.0, 9.0),
+        (0.0, math.inf, 0.0, 9.0),
+        (0.0, 0.0, 0.0, 9.0),
+        (0.0, 0.1, math.nan, 9.0),
+        (0.0, 0.1, -1.0, 9.0),
+        (0.0, 0.1, 2.0, 1.0),
+        (0.0, 0.1, 0.0, math.nan),
+    ],
+)
+def test_scans_that_contradict_themselves_are_refused(watch, robot, numbers):
+    watch.tell("scan", "scan", "laser", robot.now + CLOCK, *numbers, "2.0 inf")
+    decided = step(watch, robot, (0.6, 0.0), "scan")
+    assert "of a scan are none" in decided.reason and brakes_at_once(robot, decided)
+
+
+@pytest.mark.parametrize(
+    "numbers, reason",
+    [
+        ((1, 2, 12, 24, 24), ""),
+        ((1, 2, 12, 24, 23), "shorter"),
+        ((2, 2, 12, 24, 24), "shorter"),
+        ((1, 3, 12, 24, 24), "shorter"),
+        ((2**32 - 1, 2**32 - 1, 12, 2**32 - 1, 24), "shorter"),
+        ((1, 2, 8, 24, 24), "no field z"),
+        ((0, 0, 12, 0, 0), "no point"),
+        ((1, 0, 12, 0, 0), "no point"),
+    ],
+)
+def test_clouds_that_contradict_themselves_are_refused(watch, robot, numbers, reason):
+    watch.tell("bytes", "scan", "laser", robot.now + CLOCK, *numbers)
+    decided = step(watch, robot, (0.6, 0.0), "scan")
+    # Zeros are where the camera is, inside the robot.
+    assert (reason or "too near") in decided.reason
+
+
+def test_points_of_the_floor_and_above_the_robot_do_not_count(watch, robot):
+    for height, counts in [(-0.25, False), (0.0, True), (1.7, True), (1.8, False)]:
+        watch.tell("cloud", "scan", "laser", robot.now + CLOCK, f"0.25 0.0 {height}")
+        decided = step(watch, robot, (0.6, 0.0), "scan")
+        assert ("too near" in decided.reason) == counts
+        for _ in range(12):
+            step(watch, robot, (0.0, 0.0))
+        step(watch, robot, (0.6, 0.0))
+
+
+@pytest.mark.parametrize("height", [0.0, 2.1])
+def test_a_laser_outside_the_heights_is_refused(watch, robot, height):
+    robot.mount = Frame(Rotation.identity(), np.array((0.1, 0.0, height)))
+    decided = step(watch, robot, (0.6, 0.0))
+    assert "min_height and max_height" in decided.reason and brakes_at_once(robot, decided)
+
+
+# ---- footprints ----------------------------------------------------------------------------------
+
+
+ELL = [(0, 0), (0.5, 0), (0.5, 0.2), (0.2, 0.2), (0.2, 0.5), (0, 0.5)]
+FLAT, UPRIGHT = [(0, 0), (0.5, 0), (0.5, 0.2), (0, 0.2)], [(0, 0), (0.2, 0), (0.2, 0.5), (0, 0.5)]
+UPPER = [(0, 0.2), (0.2, 0.2), (0.2, 0.5), (0, 0.5)]
+HULL = [(0, 0), (0.5, 0), (0.5, 0.2), (0.2, 0.5), (0, 0.5)]
+
+
+@pytest.fixture(scope="module")
+def maps(tmp_path_factory):
+    """Save a map of each robot."""
+    robots = {
+        "rectangle": cspace.Robot.rectangle(0.6, 0.4),
+        "ell": cspace.Robot.polygon(ELL),
+        "disc": cspace.Robot.disc(0.3),
+    }
+    folder = tmp_path_factory.mktemp("robots")
+    workspace = cspace.Workspace.from_array(np.zeros((20, 20), dtype=bool), 0.1)
+    for name, robot in robots.items():
+        cspace.build(workspace, robot, rotations=4).save(folder / name)
+    return folder
+
+
+def write_part(part):
+    return str([list(corner) for corner in part])
+
+
+SIDES = [(0.3, 0.2), (0.3, -0.2), (-0.3, -0.2), (-0.3, 0.2)]
+
+
+@pytest.mark.parametrize(
+    "name, parts, answer",
+    [
+        ("rectangle", [], "1 parts"),
+        ("rectangle", [SIDES], "1 parts"),
+        ("rectangle", [SIDES[::-1]], "1 parts"),
+        ("rectangle", [[(1.001 * x, y) for x, y in SIDES]], "not the robot"),
+        ("rectangle", [[(0.999 * x, y) for x, y in SIDES]], "not the robot"),
+        ("rectangle", [[(x + 0.01, y) for x, y in SIDES]], "not the robot"),
+        ("rectangle", [SIDES[:3]], "not the robot"),
+        ("rectangle", [SIDES, [(1, 1), (2, 1), (2, 2)]], "not the robot"),
+        ("rectangle", ["[[0.3, 0.2], [0.3, -0.2], [-0.3]]"], "no list of pairs"),
+        ("rectangle", ["[[0.3, 0.2], [0.3, -0.2], [nan, 0.2]]"], "no list of pairs"),
+        ("rectangle", ["[[0.3, 0.2], [0.3, -0.2]]"], "no list of pairs"),
+        ("rectangle", [""], "no list of pairs"),
+        ("ell", [FLAT, UPRIGHT], "2 parts"),
+        ("ell", [FLAT, UPPER], "2 parts"),
+        ("ell", [UPPER, FLAT, UPRIGHT], "3 parts"),
+        ("ell", [FLAT], "not the robot"),
+        ("ell", [HULL], "not the robot"),
+        ("disc", [], "1 parts"),
+        ("disc", [SIDES], "leave the footprint empty"),
+    ],
+)
+def test_a_footprint_is_the_robot_that_the_map_was_built_for(program, maps, name, parts, answer):
+    texts = [part if isinstance(part, str) else write_part(part) for part in parts]
+    command = [program, maps / name, "footprint", *texts]
+    done = subprocess.run(command, text=True, capture_output=True, check=True)
+    assert answer in done.stdout
+
+
+@pytest.mark.thorough
+def test_footprints_are_judged_as_by_shapely(program, maps):
+    rng = np.random.default_rng(1)
+    ell = shapely.Polygon(ELL)
+    same = 0
+    for _ in range(200):
+        parts = [FLAT, UPPER, UPRIGHT]
+        chosen = [parts[k] for k in rng.choice(3, rng.integers(1, 4), replace=False)]
+        k = rng.integers(len(chosen))
+        if rng.random() < 0.5:
+            corners = np.array(chosen[k], dtype=float)
+            corners[rng.integers(4)] += rng.choice([0.0, 1e-3, -1e-3, 0.05], 2)
+            chosen[k] = corners.tolist()
+        shape = shapely.union_all([shapely.Polygon(part) for part in chosen])
+        is_same = shapely.symmetric_difference(shape, ell).area < 1e-9
+        command = [program, maps / "ell", "footprint", *map(write_part, chosen)]
+        done = subprocess.run(command, text=True, capture_output=True, check=True)
+        assert ("parts" in done.stdout) == is_same, chosen
+        same += is_same
+    assert 20 < same < 180
+
+
+def test_a_watch_runs_clean_under_sanitizers(tmp_path, room):
+    program = build_watch(tmp_path / "watch", "-O1", *SANITIZERS, "-fno-sanitize-recover=all")
+    watch = WatchInCpp(program, room)
+    for kind in KINDS:
+        drive_among_people(watch, kind, 1, cycles=20)
+    watch.close()

@@ -1,0 +1,244 @@
+"""A watch of a gate in a C++ process, and a robot with a laser that it drives among people."""
+
+from __future__ import annotations
+
+import math
+import subprocess
+from typing import NamedTuple
+
+import numpy as np
+import shapely
+from scipy.spatial.transform import Rotation
+
+from tests.helpers.cpp import build_program
+from tests.helpers.leaving import place_along
+from tests.helpers.nav2 import ANSWERS, PACKAGE, list_stubs
+from tests.helpers.regions import place_polygon
+
+DT, BRAKES, TRACKING, POINT_RADIUS = 0.05, np.array([1.0, 2.0]), 0.02, 0.02
+"""Seconds of a cycle, m/s^2 and rad/s^2 of the brakes, metres and radians, metres."""
+
+MAX_AGE = 0.3
+"""Seconds that a command, scan, pose or cycle may be old."""
+
+BODY = shapely.box(-0.3, -0.2, 0.3, 0.2)
+MAX_SPEED = 0.8 + 1.5 * 0.36
+"""Of any point of the robot, m/s, if commands are at most 0.8 m/s and 1.5 rad/s."""
+
+PERSON, TALL = 0.2, 1.8
+"""Radius and height of a person, metres."""
+
+CLOCK = 1_700_000_000_000_000_000
+"""Nanoseconds by which the clock of stamps is ahead."""
+
+WALLS = shapely.union_all(
+    [
+        shapely.box(0, 0, 6, 4).exterior.buffer(0.05, join_style="mitre"),
+        shapely.box(2.9, 0.0, 3.1, 2.4),
+        shapely.box(4.5, 2.5, 4.9, 2.9),
+    ]
+)
+
+
+def make_room():
+    """Return the cells of the walls, 5 cm wide."""
+    cells = np.zeros((120, 80), dtype=bool)
+    cells[[0, -1]] = cells[:, [0, -1]] = cells[58:62, :48] = cells[90:98, 50:58] = True
+    return cells
+
+
+def build_watch(target, *flags):
+    """Compile the program over stubs of messages."""
+    folders = [PACKAGE / "include", *list_stubs("jazzy")]
+    return build_program(
+        target, *flags, *(f"-I{folder}" for folder in folders), source=ANSWERS / "watch.cpp"
+    )
+
+
+class Decided(NamedTuple):
+    """What the robot is to drive, why it brakes, and microseconds of CPU."""
+
+    twist: np.ndarray
+    reason: str
+    spent: float
+
+
+class WatchInCpp:
+    """A watch of a running program; ``look_up`` answers where frames are."""
+
+    def __init__(self, program, map_, point_radius=POINT_RADIUS, sources="scan"):
+        """Start the program."""
+        numbers = (DT, *BRAKES, *(TRACKING,) * 3, point_radius)
+        command = [str(program), str(map_), *map(repr, map(float, numbers)), sources]
+        pipe = subprocess.PIPE
+        self.process = subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True)
+
+    def tell(self, *words):
+        """Send a line."""
+        print(*words, file=self.process.stdin, flush=True)
+
+    def decide(self, now, clock, look_up):
+        """Return what it decides."""
+        self.tell("decide", now, clock)
+        while True:
+            word, *words = self.process.stdout.readline().split(" ")
+            if word != "look":
+                break
+            self.tell(look_up(words[0], words[1], int(words[2])))
+        twist = np.array([float(word), float(words[0])])
+        return Decided(twist, " ".join(words[2:]).strip(), float(words[1]))
+
+    def close(self):
+        """End the program."""
+        self.process.communicate()
+        assert self.process.returncode == 0
+
+
+class Frame(NamedTuple):
+    """A rigid motion: a rotation and a translation."""
+
+    turn: Rotation
+    at: np.ndarray
+
+    def then(self, other):
+        """Return this motion after another one, which is applied first."""
+        return Frame(self.turn * other.turn, self.at + self.turn.apply(other.at))
+
+    def invert(self):
+        """Return the inverse."""
+        turn = self.turn.inv()
+        return Frame(turn, -turn.apply(self.at))
+
+
+def make_frame(x, y, yaw, z=0.0):
+    """Return the frame at a pose."""
+    return Frame(Rotation.from_rotvec((0.0, 0.0, yaw)), np.array((x, y, z), dtype=float))
+
+
+class Robot:
+    """A robot that drives what it is told, and the frames that tf knows of it."""
+
+    def __init__(self, pose, mount=None):
+        """Stand at a pose at time 0; ``mount`` is the laser's frame on the robot."""
+        self.now, self.cycles = 0, [(0, np.array(pose, dtype=float), np.zeros(2))]
+        self.mount = mount or Frame(Rotation.identity(), np.array((0.1, 0.0, 0.25)))
+        self.odometry = make_frame(0.4, -0.3, 0.7)
+        self.late = 0  # nanoseconds by which tf lags
+        self.unknown = ()  # frames that tf does not have
+        self.asked = []
+
+    @property
+    def pose(self):
+        """Where it is now."""
+        return self.pose_at(self.now)
+
+    @property
+    def twist(self):
+        """What it drives now."""
+        return self.cycles[-1][2]
+
+    def pose_at(self, time):
+        """Return where it was."""
+        begin, pose, twist = next(c for c in reversed(self.cycles) if c[0] <= time or not c[0])
+        seconds = max(time - begin, 0) / 1e9
+        return place_along(pose, [twist], seconds, instants=2)[-1] if seconds else pose
+
+    def frame_at(self, frame, time):
+        """Return a frame in the map."""
+        if frame == "map":
+            return make_frame(0.0, 0.0, 0.0)
+        if frame == "odom":
+            return self.odometry
+        base = make_frame(*self.pose_at(time))
+        return base.then(self.mount) if frame == "laser" else base
+
+    def look_up(self, target, frame, stamp):
+        """Answer where a frame is in another one."""
+        self.asked.append((target, frame))
+        for name in {target, frame} & set(self.unknown):
+            return f"never {name}"
+        newest = self.now - self.late
+        time = newest if stamp == 0 else stamp - CLOCK
+        if time > newest:
+            return "later"
+        moved = self.frame_at(target, time).invert().then(self.frame_at(frame, time))
+        numbers = [*moved.at, *moved.turn.as_quat()]
+        return " ".join([*(repr(float(number)) for number in numbers), str(time + CLOCK)])
+
+    def drive(self, twist):
+        """Go on by a cycle; return the bodies on the way, at most 5 mm apart."""
+        self.cycles.append((self.now, self.pose, np.array(twist)))
+        self.now += round(1e9 * DT)
+        start = self.cycles[-1][1]
+        return place_polygon(BODY, place_along(start, [twist], DT, instants=12))
+
+    def scan(self, people, rays=360):
+        """Return the ranges of a laser that sees people, and the floor."""
+        laser = self.frame_at("laser", self.now)
+        angles = np.arange(rays) * 2.0 * math.pi / rays
+        ways = np.stack([np.cos(angles), np.sin(angles), 0.0 * angles], axis=1)
+        ways = laser.turn.apply(ways)
+        level = np.hypot(ways[:, 0], ways[:, 1])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ranges = np.where(ways[:, 2] < 0.0, -laser.at[2] / ways[:, 2], np.inf)
+            for person in np.reshape(people, (-1, 2)):
+                offset = person - laser.at[:2]
+                along = (ways[:, :2] @ offset) / level
+                half = PERSON**2 - (offset @ offset - along**2)
+                hit = np.where(half >= 0.0, (along - np.sqrt(half)) / level, np.inf)
+                height = laser.at[2] + hit * ways[:, 2]
+                seen = (hit > 0.0) & (height >= 0.0) & (height <= TALL)
+                ranges = np.where(seen, np.minimum(ranges, hit), ranges)
+        return np.where(ranges <= 20.0, ranges, np.inf)
+
+    def brake(self):
+        """Return the commands that bring it to rest after the present one."""
+        steps = math.ceil(float((np.abs(self.twist) / (DT * BRAKES)).max()) - 1e-9)
+        return [self.twist * (1.0 - k / steps) for k in range(1, steps)]
+
+
+def send_scan(watch, robot, ranges, stamp=None, name="scan", frame="laser"):
+    """Send a scan of a whole turn, of now if it has no stamp."""
+    step = 2.0 * math.pi / max(len(ranges), 1)
+    stamp = robot.now if stamp is None else stamp
+    words = " ".join(repr(float(number)) for number in ranges)
+    watch.tell("scan", name, frame, stamp + CLOCK, 0.0, step, 0.02, 25.0, words)
+
+
+def sweep(pose, commands):
+    """Return robots along commands, at most 5 mm apart."""
+    if not len(commands):
+        return place_polygon(BODY, np.array([pose]))
+    return place_polygon(BODY, place_along(pose, commands, DT, instants=12))
+
+
+class People:
+    """Two people who walk at random, or step up as near as the robot can still stop."""
+
+    def __init__(self, rng, reaction):
+        """Begin far from the room; ``reaction`` is how long the robot may not know, seconds."""
+        self.rng, self.reaction = rng, reaction
+        self.places = np.array([(20.0, 20.0), (30.0, 20.0)])
+
+    def step(self, robot):
+        """Move each person, unless the robot could no more stop before them."""
+        bodies = shapely.union_all(sweep(robot.pose, robot.brake()))
+        reach = bodies.buffer(self.reaction * MAX_SPEED) if self.reaction else bodies
+        for k, old in enumerate(self.places):
+            kind = self.rng.integers(8)
+            place = old + self.rng.normal(0.0, 0.04, 2)
+            if kind == 0:  # a person comes from behind a door
+                place = robot.pose[:2] + self.rng.normal(0.0, 0.8, 2)
+            if kind <= 2:  # the person steps up to within millimetres
+                near = shapely.shortest_line(reach, shapely.Point(place))
+                touch, far = shapely.get_coordinates(near)
+                gap = PERSON + self.rng.choice([0.001, 0.005, 0.02, 0.06])
+                if np.hypot(*(far - touch)) > 0.0:
+                    place = touch + gap * (far - touch) / np.hypot(*(far - touch))
+            if reach.distance(shapely.Point(place)) > PERSON:
+                self.places[k] = place
+
+    def measure_distance(self, bodies):
+        """Return the least distance of bodies from the people."""
+        points = shapely.points(self.places)
+        return float(shapely.distance(np.array(bodies)[:, np.newaxis], points).min()) - PERSON
