@@ -196,18 +196,15 @@ def keeps_jerk(segments: Segments, phases: Phases, bounds: MotionBounds) -> bool
         return True
     parts = segments.select(phases.segments[:-1])
     begins = phases.positions[:-1]
-    ends, end_speeds, end_gains = phases.ends()
+    ends, _, end_gains = phases.ends()
     rates, bends, borders = _bound_around(parts, 0.5 * (begins + ends))
     slack = measure_slack(segments, parts)
     if not ((borders[0] - slack <= begins) & (ends <= borders[1] + slack)).all():
         return False
-    gains = phases.accelerations[:-1]
     jerks = phases.jerks[:-1]
-    turns = gains * end_gains < 0.0
-    peaks = phases.speeds[:-1] - 0.5 * gains**2 / np.where(turns, jerks, 1.0)
-    speeds = np.maximum(phases.speeds[:-1], end_speeds)
-    speeds = np.maximum(speeds, np.where(turns, peaks, 0.0))[:, np.newaxis]
-    largest = np.maximum(np.abs(gains), np.abs(end_gains))[:, np.newaxis]
+    speeds = phases.peaks()[:, np.newaxis]
+    gains = np.abs(phases.accelerations[:-1])
+    largest = np.maximum(gains, np.abs(end_gains))[:, np.newaxis]
     shares = [
         bounds.velocity.shares(rates * speeds),
         bounds.acceleration.shares(rates) * largest + bounds.acceleration.shares(bends) * speeds**2,

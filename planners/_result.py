@@ -6,7 +6,7 @@ import itertools
 import json
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, Final, Unpack, cast
@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from cspace.plot import AnimationOptions, PlotOptions
     from cspace.reasons import Explanation
     from cspace.regions import Corridor
+    from planners._speed_limits import SlowNear, SpeedZones
     from planners._trajectory import Trajectory
 
 PRINTED_DECIMALS: Final = 9
@@ -581,6 +582,7 @@ class Plan:
         max_angular_acceleration: float | None = None,
         max_jerk: ArrayLike | Mapping[str, Any] | os.PathLike[str] | None = None,
         max_angular_jerk: float | None = None,
+        speed: SpeedZones | SlowNear | Sequence[SpeedZones | SlowNear] = (),
         duration: float | None = None,
         time_step: float = 0.1,
         blend: bool = True,
@@ -624,6 +626,9 @@ class Plan:
         max_angular_jerk : float, optional
             Of a robot that turns, but no car, rad/s^3; only with ``max_jerk``. A differential drive
             given one stops at corners, since its angular acceleration jumps along curves.
+        speed : SpeedZones, SlowNear, or a list of these
+            Largest speeds by places, which hold at every instant: in zones, and near obstacles. The
+            lowest one counts.
         duration : float, optional
             Seconds of the whole trajectory, to which the fastest one is slowed down evenly.
         time_step : float
@@ -652,7 +657,8 @@ class Plan:
         ------
         InputError
             If the plan has no path; a limit is missing, not above zero, or for another kind of
-            robot; the limits do not allow the duration; or the plan does not start at one of
+            robot; a zone lies off the map or in another frame; the limits do not allow the
+            duration; or the plan does not start at one of
             ``after.starts_after(at)``, or ``after`` has other axes.
 
         Examples
@@ -682,6 +688,7 @@ class Plan:
             max_angular_acceleration,
             max_jerk,
             max_angular_jerk,
+            speed,
         )
         path = DrivenPath(
             space=None if self.space is None else self.space.keep(self.keep),

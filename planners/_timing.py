@@ -9,13 +9,14 @@ time-optimal path parameterization based on reachability analysis", 2018).
 
 from __future__ import annotations
 
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple, cast
 
 import numpy as np
 
 from cspace import Rotations
 from cspace.inside import Bools, Floats, Ints, internal, kernel, number_parts
 from planners._segments import Segments, bound_derivatives, measure_sizes, place_along
+from planners._speed_limits import PlacedLimits, Stretches
 
 INTERVALS_PER_CURVE: Final = 4
 """Number of constant accelerations along each curve."""
@@ -71,6 +72,16 @@ class Phases(NamedTuple):
         mean_speeds = speeds + elapsed * (0.5 * accelerations + jerks / 6.0)
         lengths = self.positions[numbers] + elapsed * mean_speeds
         return lengths, speeds + elapsed * (accelerations + 0.5 * jerks), accelerations + jerks
+
+    def peaks(self) -> Floats:
+        """Return the largest speeds of all phases but the rest."""
+        _, end_speeds, end_gains = self.ends()
+        speeds = np.maximum(self.speeds[:-1], end_speeds)
+        gains, jerks = self.accelerations[:-1], self.jerks[:-1]
+        # Between its ends, the speed is largest where the acceleration passes zero.
+        turns = gains * end_gains < 0.0
+        inner = self.speeds[:-1] - 0.5 * gains**2 / np.where(turns, jerks, 1.0)
+        return np.asarray(np.maximum(speeds, np.where(turns, inner, 0.0)))
 
     def ends(self) -> tuple[Floats, Floats, Floats]:
         """Return lengths, speeds and accelerations at the ends of all phases but the rest."""
@@ -129,6 +140,7 @@ class MotionBounds(NamedTuple):
     lateral: float  # largest acceleration across the direction of driving
     gap: float  # largest relative gap between segments
     jerk: LimitRates | None = None
+    places: PlacedLimits | None = None
 
     def list_limits(self) -> list[Floats]:
         """Return the limits of velocity, acceleration and jerk; infinite ones if missing."""
@@ -148,7 +160,9 @@ class MotionBounds(NamedTuple):
 def are_same_bounds(first: MotionBounds, second: MotionBounds) -> bool:
     """Return True if two motions have the same limits."""
     pairs = zip(first.list_limits(), second.list_limits(), strict=True)
-    return first.lateral == second.lateral and all(np.array_equal(*pair) for pair in pairs)
+    rules = [each.places.rules if each.places is not None else () for each in (first, second)]
+    same = first.lateral == second.lateral and rules[0] == rules[1]
+    return same and all(np.array_equal(*pair) for pair in pairs)
 
 
 class Intervals(NamedTuple):
@@ -164,7 +178,8 @@ class Intervals(NamedTuple):
     is_curved: Bools  # (n,)
     rate_shares: Floats  # (n, c), the numbers p
     bend_shares: Floats  # (n, c), the numbers q
-    caps: Floats  # (n,), the largest squared speeds by the velocities
+    hard_caps: Floats  # (n,), the largest squared speeds by the velocities
+    caps: Floats  # (n,), those by limits of places, too
     end_caps: Floats  # (n + 1,), those at the ends; zero where the robot must stop
 
     def head(self, count: int) -> Intervals:
@@ -179,9 +194,24 @@ def measure_intervals(
     """Return the intervals of segments, with their limits.
 
     A straight segment or an arc has one largest speed and acceleration, so it is one interval. A
-    curve is cut into intervals, in each of which the limits hold for bounds of its derivatives. The
-    robot begins at a length along the first segment.
+    curve is cut into intervals, in each of which the limits hold for bounds of its derivatives.
+    Both are cut again where limits of places change. The robot begins at a length along the first
+    segment.
     """
+    whole = _find_intervals(segments, rotations, bounds)
+    # At the end of the first segment the robot begins in its last interval, without length.
+    is_before = (whole.owners[1:] == 0) & ((whole.begins + whole.lengths)[:-1] <= begin)
+    ahead = Intervals._make(column[np.count_nonzero(is_before) :].copy() for column in whole)
+    ahead.lengths[0] -= min(max(begin - ahead.begins[0], 0.0), ahead.lengths[0])
+    ahead.begins[0] = max(begin, ahead.begins[0])
+    return ahead
+
+
+def _find_intervals(segments: Segments, rotations: Rotations, bounds: MotionBounds) -> Intervals:
+    """Return all intervals of segments."""
+    places = bounds.places
+    if places is not None and places.found is not None and places.found[0] is segments:
+        return cast("Intervals", places.found[1])
     counts = np.where(segments.is_curve, INTERVALS_PER_CURVE, 1)
     owners, numbers = number_parts(counts)
     lengths = (segments.lengths / counts)[owners]
@@ -196,16 +226,40 @@ def measure_intervals(
     # Numbers for times resolve no larger accelerations.
     duration = (lengths + np.sqrt(lengths * rate_shares.max(axis=1))).sum()
     rate_shares = np.maximum(rate_shares, MIN_RAMP_SHARE * duration)
+    columns = owners, begins, lengths, parts.is_curve, rate_shares, bend_shares, caps, caps
+    if places is not None:
+        found = places.find_stretches(parts, begins, lengths, rates)
+        columns = _cut_intervals(columns, found)
+    owners, *_, caps = columns
     may_pass = np.ones(len(owners) - 1, dtype=np.bool_)
-    may_pass[np.cumsum(counts)[:-1] - 1] = find_passes(segments, rotations, bounds)
+    may_pass[owners[1:] != owners[:-1]] = find_passes(segments, rotations, bounds)
     end_caps = np.zeros(len(owners) + 1)
     end_caps[1:-1] = np.where(may_pass, np.minimum(caps[:-1], caps[1:]), 0.0)
-    # At the end of the first segment the robot begins in its last interval, without length.
-    first = np.count_nonzero((owners[1:] == 0) & ((begins + lengths)[:-1] <= begin))
-    lengths[first] -= min(max(begin - begins[first], 0.0), lengths[first])
-    begins[first] = max(begin, begins[first])
-    columns = (owners, begins, lengths, parts.is_curve, rate_shares, bend_shares, caps, end_caps)
-    return Intervals._make(column[first:] for column in columns)
+    intervals = Intervals(*columns, end_caps)
+    if places is not None:
+        # A motion is checked after it is made.
+        places.found = segments, intervals
+    return intervals
+
+
+def _cut_intervals(columns: tuple[Any, ...], found: Stretches) -> tuple[Any, ...]:
+    """Cut columns of intervals where limits of places change."""
+    begins, lengths, caps = columns[1], columns[2], columns[-1]
+    squares = found.tops**2
+    hard = caps[found.numbers]
+    squares = np.where(squares < (1.0 - MAX_ERROR) * hard, squares, hard)
+    is_new = np.ones(len(squares), dtype=np.bool_)
+    is_new[1:] = (np.diff(found.numbers) != 0) | (np.diff(squares) != 0.0)
+    numbers = found.numbers[is_new]
+    new_begins = found.begins[is_new]
+    new_lengths = lengths[numbers]
+    is_cut = np.bincount(numbers)[numbers] > 1
+    ends = (begins + lengths)[numbers]
+    inner = np.flatnonzero(numbers[1:] == numbers[:-1])
+    ends[inner] = new_begins[inner + 1]
+    new_lengths[is_cut] = (ends - new_begins)[is_cut]
+    owners, _, _, *others, _ = (column[numbers] for column in columns)
+    return owners, new_begins, new_lengths, *others, squares[is_new]
 
 
 def find_phases(
@@ -247,8 +301,11 @@ def find_stop(
     """
     intervals = measure_intervals(segments, rotations, bounds, begin)
     lengths = intervals.lengths.tolist()
-    # The caps at ends are where the motion itself stops; others are reached up to rounding.
-    speed_caps = np.sqrt(intervals.end_caps[1:]).tolist()
+    # The caps at ends are where the motion itself stops; others are reached up to rounding. Limits
+    # of places that came after the motion was made may be below its speed.
+    hard = intervals.hard_caps
+    end_caps = np.append(np.minimum(hard[:-1], hard[1:]), 0.0)
+    speed_caps = np.sqrt(np.where(intervals.end_caps[1:] > 0.0, end_caps, 0.0)).tolist()
     speeds: list[float] = []
     slowings: list[float] = []
     durations: list[float] = []
@@ -462,6 +519,30 @@ def is_motion(
     )
 
 
+def find_excess(
+    segments: Segments, rotations: Rotations, bounds: MotionBounds, phases: Phases
+) -> float:
+    """Return the time, seconds, from which on phases keep the limits of places.
+
+    These are found anew, for whole intervals of the segments.
+    """
+    if bounds.places is None:
+        return 0.0
+    intervals = measure_intervals(segments, rotations, bounds)
+    firsts = np.cumsum(segments.lengths) - segments.lengths
+    starts = firsts[intervals.owners] + intervals.begins
+    owners = phases.segments[:-1]
+    begins, ends = phases.positions[:-1], phases.ends()[0]
+    middles = firsts[owners] + 0.5 * (begins + ends)
+    numbers = np.maximum(np.searchsorted(starts, middles, side="right") - 1, 0)
+    borders = intervals.begins[numbers], (intervals.begins + intervals.lengths)[numbers]
+    slack = measure_slack(segments, segments.select(owners))
+    keeps = (intervals.owners[numbers] == owners) & (begins >= borders[0] - slack)
+    keeps &= ends <= borders[1] + slack
+    keeps &= phases.peaks() <= (1.0 + MAX_EXCESS) * np.sqrt(intervals.caps[numbers])
+    return float(phases.times[1:][~keeps].max(initial=0.0))
+
+
 def measure_slack(segments: Segments, parts: Segments) -> Floats:
     """Return by how much a motion may leave parts of a path, for rounding, shape (m,).
 
@@ -475,5 +556,7 @@ def measure_slack(segments: Segments, parts: Segments) -> Floats:
 def trim_segments(segments: Segments, phases: Phases) -> tuple[Segments, Phases]:
     """Leave out the segments before the first phase and after the last one."""
     first, last = phases.segments[[0, -1]].tolist()
+    if (first, last + 1) == (0, len(segments.lengths)):
+        return segments, phases
     kept = segments.select(slice(first, last + 1))
     return kept, phases._replace(segments=phases.segments - first)

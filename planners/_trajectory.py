@@ -57,6 +57,7 @@ from planners._segments import (
     scale_segments,
 )
 from planners._smoothing import VIA_CELLS, Junction, make_polyline, smooth_path
+from planners._speed_limits import PlacedLimits, place_limits
 from planners._timing import (
     MAX_ERROR,
     LimitRates,
@@ -64,6 +65,7 @@ from planners._timing import (
     Phases,
     are_same_bounds,
     cut_phases,
+    find_excess,
     find_passes,
     find_stop,
     is_motion,
@@ -360,9 +362,15 @@ class Trajectory:
         else:
             later = cut_phases(self._phases, float(clipped[0]))
             later = later._replace(segments=later.segments - first)
-            stop_phases = find_jerk_stop(*path, self._bounds.jerk, *state, float(gain))
+            jerk = self._bounds.jerk
+            stops = [find_jerk_stop(*path, jerk, *state, float(gain))]
+            if self._bounds.places is not None:
+                # Limits of places that came after the motion was made may be below its speed.
+                free = ahead, self._rotations, self._bounds._replace(places=None)
+                stops.append(find_jerk_stop(*free, jerk, *state, float(gain)))
             # The robot can also follow its motion until it rests.
-            phases = min(filter(None, (stop_phases, later)), key=_last_time)
+            found = [phases for phases in (*stops, later) if phases is not None]
+            phases = min(found, key=lambda each: (find_excess(*path, each), _last_time(each)))
         segments, phases = trim_segments(ahead, phases)
         cut = _cut_driven(segments, phases, self._rotations)
         waypoints = self._rotations.make_canonical(_make_waypoints(cut, self._rotations))
@@ -730,16 +738,9 @@ def bound_rates(trajectory: Trajectory, lever: float) -> tuple[Floats, Floats]:
     """
     dim = len(trajectory.axes) - len(trajectory._rotations.names)
     phases = trajectory._phases
-    numbers = np.arange(len(phases.times) - 1)
-    widths = np.diff(phases.times)
-    lengths, last_speeds, last_gains = phases.ends()
+    lengths, _, last_gains = phases.ends()
     lengths = np.maximum(lengths - phases.positions[:-1], 0.0)
-    # With a constant jerk, the speed is largest at an end or where the acceleration passes
-    # zero.
-    with np.errstate(divide="ignore", invalid="ignore"):
-        turns = np.nan_to_num(-phases.accelerations[:-1] / phases.jerks[:-1])
-    turn_speeds = phases.at(numbers, np.clip(turns, 0.0, widths))[1]
-    speeds = np.max([phases.speeds[:-1], turn_speeds, last_speeds], axis=0)
+    speeds = phases.peaks()
     gains = np.abs([phases.accelerations[:-1], last_gains]).max(axis=0)
     segments = trajectory._segments.select(phases.segments[:-1])
     rates, bends = bound_derivatives(segments, phases.positions[:-1], lengths)
@@ -776,6 +777,7 @@ class MotionLimits(NamedTuple):
     max_angular_acceleration: float | None = None
     max_jerk: Limits = None
     max_angular_jerk: float | None = None
+    speed: object = ()  # limits of places
 
 
 class TimedMotion(NamedTuple):
@@ -981,10 +983,24 @@ def _rest_between(
 def _start(
     path: DrivenPath, edges: Segments, rotations: Rotations, bounds: MotionBounds
 ) -> TimedMotion:
-    """Return the fastest motion along a path, from rest."""
+    """Return the fastest motion along a path, from rest.
+
+    Limits of places do not change its curve.
+    """
     smooth = _smooth(path, edges, rotations, bounds, None)
+    curves = [edges] if smooth is None else [smooth, edges]
+    if bounds.places is not None and smooth is not None:
+        free = bounds._replace(places=None)
+        curves = [_find_quickest(curves, rotations, free).segments]
+    return _find_quickest(curves, rotations, bounds)
+
+
+def _find_quickest(
+    curves: Sequence[Segments], rotations: Rotations, bounds: MotionBounds
+) -> TimedMotion:
+    """Return the fastest motion from rest along one of several curves."""
     motions: list[TimedMotion] = []
-    for segments in (edges,) if smooth is None else (smooth, edges):
+    for segments in curves:
         phases = find_motion(segments, rotations, bounds)
         if phases is not None:
             motions.append(TimedMotion(segments, phases))
@@ -1085,6 +1101,8 @@ def _make(
         return None
     if not keeps_jerk(segments, phases, bounds):
         return None
+    if find_excess(segments, rotations, bounds, phases):
+        return None
     none = np.zeros(0)
     made = Trajectory(
         times=none,
@@ -1180,6 +1198,7 @@ def _check_bounds(path: DrivenPath, limits: MotionLimits) -> MotionBounds:
             "is missing",
             "max_angular_jerk has a value",
         )
+    rules = place_limits(limits.speed, path.space, path.axes, path.frame_id)
     max_lateral = None if path.drive is None else path.drive.max_lateral_acceleration
     return MotionBounds(
         velocity=LimitRates(max_velocity, max_turn_rate, dim),
@@ -1187,6 +1206,7 @@ def _check_bounds(path: DrivenPath, limits: MotionLimits) -> MotionBounds:
         lateral=float(max_acceleration.min()) if max_lateral is None else max_lateral,
         gap=MAX_GAP if is_curved else MAX_ERROR,
         jerk=jerk,
+        places=PlacedLimits(rules, _rotations_along(path), dim) if rules else None,
     )
 
 

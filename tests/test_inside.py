@@ -14,7 +14,6 @@ MOST_NAMES = 120
 
 OF_ONE_ROOM = {
     "Components",
-    "Cores",
     "Mesh",
     "cache_folder",
     "find_overlaps",

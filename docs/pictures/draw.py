@@ -55,6 +55,7 @@ def draw_all(folder: Path) -> None:
             draw_spheres,
             draw_trajectory,
             draw_controller,
+            draw_speed_limits,
             draw_regions,
         ):
             figure = draw()
@@ -375,6 +376,42 @@ def draw_controller() -> Figure:
     right.plot(commands.times, commands.v, color=PATH, label="v (m/s)")
     right.plot(commands.times, commands.omega, color=ROBOT, label="omega (rad/s)")
     right.set(xlabel="time (s)", title=f"{trajectory.duration:.1f} s, no stop on the way")
+    right.legend(frameon=False)
+    return figure
+
+
+def draw_speed_limits() -> Figure:
+    """Draw a path that is coloured by speed: in a zone, and near a wall."""
+    walls = [shapely.box(0, 0, 16, 0.2), shapely.box(7, 0, 7.4, 6.5)]
+    hall = cspace.Workspace.from_polygons(walls, spacing=0.1, bounds=(0, 0, 16, 10))
+    space = cspace.build(hall, cspace.Robot.rectangle(0.9, 0.6), rotations=72)
+    drive = planners.Differential()
+    plan = planners.plan(space, (2.0, 2.0, 0.0), (14.0, 3.0, 0.0), drive=drive)
+    area = shapely.box(9.0, 4.0, 12.0, 9.0)
+    trajectory = plan.trajectory(
+        max_velocity=1.5,
+        max_acceleration=0.5,
+        max_angular_velocity=1.0,
+        max_angular_acceleration=1.5,
+        speed=[planners.SpeedZones([(area, 0.4)]), planners.SlowNear(space, 0.8, 0.5)],
+    )
+    rows = trajectory.sample_uniform(50.0)
+    figure, (left, right) = plt.subplots(1, 2, figsize=(9.6, 3.2), layout="constrained")
+    for wall in walls:
+        left.add_patch(polygon(wall, facecolor=OBSTACLE))
+    left.add_patch(polygon(area, facecolor=MIXED, alpha=0.2))
+    footprint = shapely.box(-0.45, -0.3, 0.45, 0.3)
+    for x, y, yaw in rows.positions[::75].tolist():
+        turned = affinity.rotate(footprint, yaw, origin=(0.0, 0.0), use_radians=True)
+        left.add_patch(polygon(affinity.translate(turned, x, y), facecolor="none", edgecolor=GRID))
+    left.set(xlim=(0.0, 16.0), ylim=(0.0, 10.0), aspect="equal", xlabel="x (m)", ylabel="y (m)")
+    speeds = np.abs(rows.v)
+    dots = left.scatter(*rows.positions[:, :2].T, c=speeds, s=5, cmap="viridis", zorder=3)
+    figure.colorbar(dots, ax=left, label="speed (m/s)")
+    right.plot(rows.times, speeds, color=PATH)
+    right.axhline(0.4, color=MIXED, linestyle="--", label="in the zone")
+    right.axhline(0.8, color=OBSTACLE, linestyle=":", label="near a wall")
+    right.set(xlabel="time (s)", ylabel="speed (m/s)", title=f"{trajectory.duration:.1f} s")
     right.legend(frameon=False)
     return figure
 

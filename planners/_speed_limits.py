@@ -1,0 +1,388 @@
+"""Largest speeds by places: zones, and the surroundings of obstacles.
+
+A limit holds at every instant, because it is found for whole stretches of a path. From the middle
+of a stretch, no point of the robot moves farther than the reach of the stretch. So a limit that
+holds nowhere within the reach of the middle holds nowhere on the stretch. Otherwise the stretch is
+cut, down to one cell of the map, and then the limit counts on all of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any, Final, Literal, NamedTuple, Protocol, TypeAlias
+
+import numpy as np
+import shapely
+from shapely.geometry.base import BaseGeometry
+
+from cspace import Rotations, Space
+from cspace.errors import InputError
+from cspace.inside import (
+    ConfigurationMap,
+    Cores,
+    Floats,
+    Ints,
+    as_shape,
+    check_positive,
+    check_text,
+    check_word,
+    number_parts,
+)
+from planners._segments import Segments, place_along
+
+Within: TypeAlias = Literal["contour", "point"]
+"""What must be in a zone for its limit to hold."""
+
+FIRST_CELLS: Final = 8
+"""Largest travel of the first stretches that are tested, in cells."""
+
+CUTS: Final = 8
+"""Number of stretches into which an undecided one is cut, so that they are a cell long."""
+
+MAX_STRETCHES: Final = 1000
+"""Largest number of stretches into which an interval is cut at first."""
+
+ROUNDING: Final = 1e-9
+"""Share by which the reach of a stretch grows, for rounding."""
+
+
+class ZoneLevel(NamedTuple):
+    """All areas with one speed, m/s."""
+
+    speed: float
+    area: BaseGeometry
+    border: BaseGeometry
+
+
+@dataclass(frozen=True, slots=True)
+class SpeedZones:
+    """Areas with a largest speed each, for trajectories of mobile robots.
+
+    The speed is that of the reference point. Where areas overlap, the lowest speed holds. In space,
+    an area reaches from the ground to the sky.
+
+    Attributes
+    ----------
+    zones : sequence of pairs
+        An area and its speed, m/s. An area is a shapely Polygon or MultiPolygon, or the vertices of
+        a polygon, shape (n, 2), metres.
+    within : str
+        "contour": a limit holds while any part of the robot is in the area, as in VDA 5050.
+        "point": while its reference point is, as in Nav2. For a robot that rotates about any axis,
+        the ball around its reference point counts as its contour.
+    frame_id : str
+        Frame of the areas; None for the frame of the plan.
+
+    Raises
+    ------
+    InputError
+        If a speed is not above zero, or there is no zone.
+    GeometryError
+        If an area is no valid polygon.
+
+    Examples
+    --------
+    >>> import numpy as np, shapely, cspace, planners
+    >>> workspace = cspace.Workspace.from_array(np.zeros((80, 30), dtype=bool), 0.1)
+    >>> space = cspace.build(workspace, cspace.Robot.disc(0.3))
+    >>> plan = planners.plan(space, (0.5, 1.5), (7.5, 1.5))
+    >>> limits = {"max_velocity": 1.0, "max_acceleration": 0.5}
+    >>> crossing = planners.SpeedZones([(shapely.box(3.0, 0.0, 5.0, 3.0), 0.4)])
+    >>> slow = plan.trajectory(**limits, speed=crossing)
+    >>> round(plan.trajectory(**limits).duration, 2), round(slow.duration, 2)
+    (9.0, 13.45)
+    """
+
+    zones: Sequence[tuple[Any, float]]
+    within: Within = "contour"
+    frame_id: str | None = None
+    _levels: list[ZoneLevel] = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        """Check the zones, and keep shapely geometries."""
+        zones: list[tuple[BaseGeometry, float]] = []
+        for number, (area, speed) in enumerate(self.zones):
+            name = f"zones[{number}]"
+            shape = as_shape(area, name=name)
+            if shape.dim != 2:
+                raise InputError(name, "is in space", "an area lies in the plane")
+            speed = check_positive(speed, f"speed of {name}", "m/s")
+            zones.append((shape.outer.outline, speed))
+        if not zones:
+            raise InputError("zones", "is empty", "it must have an area and its speed")
+        check_word(self.within, "within", ("contour", "point"))
+        if self.frame_id is not None:
+            check_text(self.frame_id, "frame_id")
+        levels = []
+        for speed in sorted({speed for _, speed in zones}):
+            area = shapely.union_all([area for area, each in zones if each == speed])
+            levels.append(ZoneLevel(speed, area, area.boundary))
+            shapely.prepare([area, levels[-1].border])
+        object.__setattr__(self, "zones", tuple(zones))
+        object.__setattr__(self, "_levels", levels)
+
+
+@dataclass(frozen=True, slots=True)
+class SlowNear:
+    """A largest speed near obstacles, for trajectories of mobile robots.
+
+    The distance is between the robot and the obstacles. Its bound is proven, by
+    :meth:`cspace.CSpace.clearance`, so the robot may slow down some 1.5 cells and the margin of the
+    map earlier, and as far as it turns within a rotation cell.
+
+    Attributes
+    ----------
+    space : CSpace
+        Map of the obstacles, such as ``plan.space``, or a map of people alone. They count as they
+        are when the trajectory is made.
+    speed : float
+        Largest speed of the reference point, m/s.
+    distance : float
+        Distance from obstacles below which it holds, metres.
+
+    Raises
+    ------
+    InputError
+        If the speed or the distance is not above zero, or the space is no map.
+
+    Examples
+    --------
+    >>> import numpy as np, shapely, cspace, planners
+    >>> workspace = cspace.Workspace.from_array(np.zeros((80, 30), dtype=bool), 0.1)
+    >>> space = cspace.build(workspace, cspace.Robot.disc(0.3))
+    >>> update = space.add_obstacle("shelf", shapely.box(3.0, 0.0, 5.0, 0.9))
+    >>> plan = planners.plan(space, (0.5, 1.5), (7.5, 1.5))
+    >>> limits = {"max_velocity": 1.0, "max_acceleration": 0.5}
+    >>> slow = plan.trajectory(**limits, speed=planners.SlowNear(space, 0.4, 0.5))
+    >>> float(np.linalg.norm(slow.sample(slow.duration / 2)[1])) <= 0.4
+    True
+    """
+
+    space: ConfigurationMap
+    speed: float
+    distance: float
+
+    def __post_init__(self) -> None:
+        """Check the numbers and the map."""
+        if not isinstance(self.space, ConfigurationMap) or not self.space.has_poses:
+            raise InputError("space", f"is {self.space!r}", "it must be a map of positions")
+        object.__setattr__(self, "speed", check_positive(self.speed, "speed", "m/s"))
+        object.__setattr__(self, "distance", check_positive(self.distance, "distance"))
+
+
+class SpeedRule(Protocol):
+    """A limit, placed on the map of a plan."""
+
+    @property
+    def lever(self) -> float:
+        """Largest distance of a point of the robot from its reference point, metres."""
+
+    @property
+    def step(self) -> float:
+        """Length of the smallest stretches, metres."""
+
+    def measure(self, q: Floats, reaches: Floats) -> tuple[Floats, Floats]:
+        """Return the lowest speeds that may hold within the reaches of rows, and that surely do.
+
+        The second ones only save work. An infinite speed is no limit.
+        """
+
+
+class ZoneRule(NamedTuple):
+    """Zones for one robot."""
+
+    levels: list[ZoneLevel]  # the lowest speed first
+    cores: Cores | None  # of the robot; None for a disc around the reference point
+    size: float  # radius of a disc around the reference point that holds it, metres
+    has_yaw: bool
+    lever: float
+    step: float
+
+    def measure(self, q: Floats, reaches: Floats) -> tuple[Floats, Floats]:
+        """Return the lowest speeds that may hold, and that surely do."""
+        lowest, surest = np.full((2, len(q)), np.inf)
+        reaches = reaches + Cores.bound_rounding(np.abs(q[:, :2]).max(axis=1) + self.size)
+        anchors = shapely.points(q[:, :2])
+        for speed, area, border in reversed(self.levels):
+            near = np.flatnonzero(shapely.dwithin(area, anchors, reaches + self.size))
+            if self.cores is not None and len(near):
+                touched = np.zeros(len(near), dtype=np.bool_)
+                poses = q[near][:, [0, 1, -1]] if self.has_yaw else q[near, :2]
+                for geometries, radius in self.cores.place(poses):
+                    touched |= shapely.dwithin(area, geometries, reaches[near] + radius)
+                near = near[touched]
+            lowest[near] = speed
+            held = near[shapely.intersects(area, anchors[near])]
+            deep = ~shapely.dwithin(border, anchors[held], reaches[held])
+            surest[held[deep]] = speed
+        return lowest, surest
+
+
+class NearRule(NamedTuple):
+    """The surroundings of obstacles for one robot."""
+
+    limit: SlowNear
+    lever: float
+    step: float
+
+    def measure(self, q: Floats, reaches: Floats) -> tuple[Floats, Floats]:
+        """Return the lowest speeds that may hold, and that surely do.
+
+        The clearance of a row is a bound of the robot's true distance there. That falls by at most
+        the reach, however the bound jumps between rotation cells.
+        """
+        space, speed, distance = self.limit.space, self.limit.speed, self.limit.distance
+        gaps = np.asarray(space.clearance(space.rotations.make_canonical(q)))
+        lowest = np.where(gaps - reaches < distance, speed, np.inf)
+        return lowest, np.where(gaps + reaches < distance, speed, np.inf)
+
+
+def place_limits(
+    given: object, space: Space | None, axes: tuple[str, ...], frame_id: str
+) -> tuple[SpeedRule, ...]:
+    """Check limits of a plan's speed, and place them on its map."""
+    limits = tuple(given) if isinstance(given, list | tuple) else (given,)
+    rules = []
+    for limit in limits:
+        if not isinstance(limit, SpeedZones | SlowNear):
+            rule = "it must be SpeedZones, SlowNear, or a list of these"
+            raise InputError("speed", f"is {limit!r}", rule)
+        if space is None:
+            raise InputError("plan", "has no map", "pickling leaves the map behind")
+        if not isinstance(space, ConfigurationMap) or not space.has_poses:
+            rule = "zones and distances are for robots on a map of positions"
+            raise InputError("speed", f"is given, and space is {space!r}", rule)
+        if isinstance(limit, SpeedZones):
+            rules.append(_place_zones(limit, space, frame_id))
+        else:
+            rules.append(_place_near(limit, space, axes, frame_id))
+    return tuple(rules)
+
+
+def _place_zones(zones: SpeedZones, space: ConfigurationMap, frame_id: str) -> SpeedRule:
+    """Check zones, and place them on a map."""
+    _check_frame("speed", zones.frame_id, frame_id)
+    grid = space.grid
+    size = _measure_size(space)
+    lower, upper = np.array(grid.lower[:2]), np.array(grid.upper[:2])
+    box = shapely.box(*lower - size, *upper + size)
+    areas = [area for area, _ in zones.zones]
+    for number in np.flatnonzero(~shapely.intersects(box, areas)).tolist():
+        problem = f"lies off the map: {_format_box(areas[number])}"
+        rule = f"the map has {_format_box(shapely.box(*lower, *upper))}"
+        raise InputError(f"zones[{number}]", problem, rule)
+    step = 2.0 * space.resolution
+    if zones.within == "point":
+        return ZoneRule(zones._levels, None, 0.0, False, 0.0, step)
+    names = space.rotations.names
+    if len(names) > 1:
+        return ZoneRule(zones._levels, None, size, False, 0.0, step)
+    cores = Cores(space.robot.shape.project_to_plane().outer)
+    return ZoneRule(zones._levels, cores, size, bool(names), size if names else 0.0, step)
+
+
+def _place_near(
+    near: SlowNear, space: ConfigurationMap, axes: tuple[str, ...], frame_id: str
+) -> SpeedRule:
+    """Check the surroundings of obstacles, and place them on a map."""
+    if near.space.axes != axes:
+        problem = f"is of a map of {', '.join(near.space.axes)}"
+        raise InputError("speed", problem, f"the plan has {', '.join(axes)}")
+    _check_frame("speed", near.space.frame_id, frame_id)
+    lever = _measure_size(near.space) if near.space.rotations.names else 0.0
+    return NearRule(near, lever, 2.0 * space.resolution)
+
+
+def _check_frame(name: str, frame_id: str | None, of_plan: str) -> None:
+    """Raise InputError if a frame is not that of a plan."""
+    if frame_id not in (None, of_plan):
+        raise InputError(name, f"has the frame {frame_id!r}", f"the plan has {of_plan!r}")
+
+
+def _format_box(area: BaseGeometry) -> str:
+    """Format the bounding box of an area."""
+    x0, y0, x1, y1 = area.bounds
+    return f"x {x0:g} to {x1:g} m, y {y0:g} to {y1:g} m"
+
+
+def _measure_size(space: ConfigurationMap) -> float:
+    """Return the largest distance of a point of the robot from its reference point."""
+    corner = np.abs(space.robot.shape.outer.bounds).max(axis=0)
+    return float(np.linalg.norm(corner)) * (1.0 + ROUNDING)
+
+
+class Stretches(NamedTuple):
+    """The n parts of intervals with one largest speed each."""
+
+    numbers: Ints  # (n,), the intervals
+    begins: Floats  # (n,), lengths along the segment
+    lengths: Floats  # (n,)
+    tops: Floats  # (n,), largest speeds along the segment
+
+
+class PlacedLimits:
+    """The limits of places that a motion keeps.
+
+    ``found`` are the last segments whose intervals were found, and these.
+    """
+
+    def __init__(self, rules: Sequence[SpeedRule], rotations: Rotations, dim: int) -> None:
+        """Keep the limits; ``dim`` is the number of axes of the translation."""
+        self.rules = tuple(rules)
+        self._rotations = rotations
+        self._dim = dim
+        self.found: tuple[Segments, object] | None = None
+
+    def find_stretches(
+        self, parts: Segments, begins: Floats, lengths: Floats, rates: Floats
+    ) -> Stretches:
+        """Cut n intervals, each of one of n segments, where limits change.
+
+        ``rates``, shape (n, k), bound the first derivatives in the intervals.
+        """
+        ahead = np.linalg.norm(rates[:, : self._dim], axis=1)
+        turning = np.linalg.norm(rates[:, self._dim :], axis=1)
+        found = Stretches(np.arange(len(begins)), begins, lengths, np.full(len(begins), np.inf))
+        for rule in self.rules:
+            found = self._cut(found, rule, parts, ahead, turning)
+        return found
+
+    def _cut(
+        self,
+        stretches: Stretches,
+        rule: SpeedRule,
+        parts: Segments,
+        ahead: Floats,
+        turning: Floats,
+    ) -> Stretches:
+        """Cut stretches where one limit changes.
+
+        ``ahead`` and ``turning`` bound metres and radians by the length of each interval, (n,).
+        """
+        travel = (ahead + rule.lever * turning) * (1.0 + ROUNDING)
+        numbers, begins, lengths, tops = stretches
+        firsts = travel[numbers] * lengths / (FIRST_CELLS * rule.step)
+        counts = np.ceil(np.clip(firsts, 1.0, MAX_STRETCHES)).astype(np.int64)
+        done = []
+        for is_last in (False, True):
+            owners, places = number_parts(counts)
+            lengths = (lengths / counts)[owners]
+            begins = begins[owners] + places * lengths
+            numbers, tops = numbers[owners], tops[owners]
+            middles = begins + 0.5 * lengths
+            q, _, _ = place_along(parts.select(numbers), self._rotations, middles)
+            lowest, surest = rule.measure(q, 0.5 * lengths * travel[numbers])
+            with np.errstate(divide="ignore"):
+                limits = lowest / ahead[numbers]
+            is_open = (lowest < surest) & (limits < tops) & (not is_last)
+            found = Stretches(numbers, begins, lengths, np.minimum(tops, limits))
+            done.append(Stretches._make(column[~is_open] for column in found))
+            if not is_open.any():
+                break
+            numbers, begins, lengths = numbers[is_open], begins[is_open], lengths[is_open]
+            tops = tops[is_open]
+            counts = np.full(len(numbers), CUTS)
+        joined = Stretches._make(np.concatenate(columns) for columns in zip(*done, strict=True))
+        order = np.lexsort((joined.begins, joined.numbers))
+        return Stretches._make(column[order] for column in joined)

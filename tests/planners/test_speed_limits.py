@@ -1,0 +1,283 @@
+"""Largest speeds by places: zones and surroundings of obstacles, at every instant.
+
+Oracles: shapely places the robot in the zones and among the occupied cells at thousands of
+instants, and the times of trapezoids.
+"""
+
+import pickle
+from functools import cache
+
+import numpy as np
+import pytest
+import shapely
+from shapely import affinity, box
+
+import cspace
+import planners
+from tests.helpers.refusals import check_refused, refusals
+from tests.helpers.regions import place_polygon
+from tests.planners.test_smoothing import (
+    FOOTPRINT,
+    LIMITS,
+    SPACING,
+    TURNING_LIMITS,
+    build_plan,
+    draw_occupied,
+)
+
+SLACK = 1.0 + 1e-6
+INSTANTS = 4001
+JERK = {"max_jerk": 4.0}
+DRIVES = [("holonomic", None), ("holonomic", 36), ("differential", 36), ("reeds-shepp", 36)]
+
+
+def make_limits(rotations, drive="holonomic", **others):
+    """Return the hard limits of a robot."""
+    turns = rotations and drive != "reeds-shepp"
+    return LIMITS | (TURNING_LIMITS if turns else {}) | others
+
+
+def find_plan(drive, rotations):
+    """Return a plan on the map of occupied cells 1."""
+    return build_plan(1, drive, rotations, 0.6 if drive == "reeds-shepp" else None)
+
+
+def draw_zones(plan, seed, count=6):
+    """Draw turned rectangles, triangles and rings near the path of a plan, with speeds."""
+    rng = np.random.default_rng(seed)
+    zones = []
+    for k in range(count):
+        x, y = plan.path[rng.integers(len(plan.path)), :2] + rng.normal(0.0, 0.3, 2)
+        area = box(x - rng.uniform(0.05, 0.8), y - 0.2, x + 0.2, y + rng.uniform(0.05, 1.0))
+        if k % 3 == 1:
+            area = shapely.Polygon(rng.normal((x, y), 0.6, (3, 2)))
+        if k % 3 == 2:
+            area = shapely.Point(x, y).buffer(0.8) - shapely.Point(x, y).buffer(0.5)
+        zones.append((affinity.rotate(area, rng.uniform(0.0, 90.0)), float(rng.uniform(0.1, 0.9))))
+    return zones
+
+
+@cache
+def gather_cells():
+    """Return the occupied cells as one geometry."""
+    cells = np.argwhere(draw_occupied(1)) * SPACING
+    return shapely.union_all(shapely.box(*cells.T, *(cells.T + SPACING)))
+
+
+def place_robots(q):
+    """Return the robot at configurations, by shapely."""
+    if q.shape[1] == 2:
+        return shapely.buffer(shapely.points(q), 0.3)
+    return place_polygon(shapely.Polygon(FOOTPRINT), q)
+
+
+def sample_speeds(trajectory):
+    """Return configurations and speeds of the reference point at instants."""
+    q, velocities, _ = trajectory.sample(np.linspace(0.0, trajectory.duration, INSTANTS))
+    return q, np.linalg.norm(velocities[:, :2], axis=1)
+
+
+def allow_in_zones(q, zones, within="contour"):
+    """Return the lowest speeds of zones at configurations."""
+    bodies = place_robots(q) if within == "contour" else shapely.points(q[:, :2])
+    allowed = np.full(len(q), np.inf)
+    for area, speed in zones:
+        allowed[shapely.intersects(area, bodies) & (allowed > speed)] = speed
+    return allowed
+
+
+@pytest.mark.parametrize("within", ["contour", "point"])
+@pytest.mark.parametrize("jerk", [{}, JERK], ids=["", "jerk"])
+@pytest.mark.parametrize("drive, rotations", DRIVES)
+def test_zones_hold_at_every_instant(drive, rotations, jerk, within):
+    plan = find_plan(drive, rotations)
+    limits = make_limits(rotations, drive, **jerk)
+    free = plan.trajectory(**limits)
+    for seed in range(2):
+        zones = draw_zones(plan, seed)
+        trajectory = plan.trajectory(**limits, speed=planners.SpeedZones(zones, within=within))
+        q, speeds = sample_speeds(trajectory)
+        allowed = allow_in_zones(q, zones, within)
+        assert np.isfinite(allowed).any()
+        assert (speeds <= SLACK * allowed).all()
+        assert trajectory.certified and trajectory.recheck(plan.space).all()
+        assert trajectory.duration > free.duration
+        # Their curve is the same, and their limits are reached.
+        assert trajectory.positions[-1] == pytest.approx(free.positions[-1], abs=1e-9)
+        assert (speeds / allowed).max() > 0.99
+
+
+def test_a_part_that_only_sweeps_a_zone_counts():
+    workspace = cspace.Workspace.from_array(np.zeros((60, 60), dtype=bool), 0.1)
+    space = cspace.build(workspace, cspace.Robot.rectangle(2.0, 0.1), rotations=36)
+    plan = planners.plan(space, (3.0, 3.0, 0.0), (3.3, 3.0, 2.0))
+    bar = box(-1.0, -0.05, 1.0, 0.05)
+    for angle in (0.4, 1.0, 1.6):
+        tip = 3.0 + 0.15 * angle + 0.98 * np.cos(angle), 3.0 + 0.98 * np.sin(angle)
+        zones = [(shapely.Point(tip).buffer(0.02), 0.01)]
+        trajectory = plan.trajectory(**make_limits(36), speed=planners.SpeedZones(zones))
+        q, speeds = sample_speeds(trajectory)
+        touches = shapely.intersects(zones[0][0], place_polygon(bar, q))
+        assert touches.any() and not touches[[0, -1]].any()
+        assert speeds[touches].max() <= 0.01 * SLACK < speeds.max()
+
+
+@pytest.mark.parametrize("jerk", [{}, JERK], ids=["", "jerk"])
+@pytest.mark.parametrize("drive, rotations", DRIVES)
+def test_robots_are_slow_near_obstacles(drive, rotations, jerk):
+    plan = find_plan(drive, rotations)
+    limits = make_limits(rotations, drive, **jerk)
+    trajectory = plan.trajectory(**limits, speed=planners.SlowNear(plan.space, 0.3, 0.25))
+    q, speeds = sample_speeds(trajectory)
+    distances = shapely.distance(gather_cells(), place_robots(q))
+    assert (speeds[distances < 0.25] <= 0.3 * SLACK).all()
+    assert (speeds > 0.3 * SLACK).any()
+
+
+def test_a_straight_line_takes_the_times_of_trapezoids():
+    space = cspace.build(
+        cspace.Workspace.from_array(np.zeros((200, 40), dtype=bool), 0.05), cspace.Robot.disc(0.3)
+    )
+    plan = planners.plan(space, (1.0, 1.0), (9.0, 1.0))
+    limits = {"max_velocity": 1.0, "max_acceleration": 0.5}
+    crossing = [(box(4.0, 0.5, 6.0, 1.5), 0.4)]
+    for within, ends in (("point", (4.0, 6.0)), ("contour", (3.7, 6.3))):
+        trajectory = plan.trajectory(**limits, speed=planners.SpeedZones(crossing, within=within))
+        q, speeds = sample_speeds(trajectory)
+        inside = (q[:, 0] >= ends[0]) & (q[:, 0] <= ends[1])
+        assert speeds[inside] == pytest.approx(0.4, rel=1e-9)
+        # 0.4 m/s within the zone, 1 m/s before and after it, and ramps of 0.5 m/s^2.
+        length = ends[1] - ends[0]
+        ramp = (1.0**2 - 0.4**2) / (2 * 0.5)
+        outside = 8.0 - length - 2 * 1.0 - 2 * ramp
+        seconds = length / 0.4 + 2 * (1.0 - 0.4) / 0.5 + outside + 2 * 1.0 / 0.5
+        # At each border the limit holds at most a cell too early.
+        assert seconds <= trajectory.duration <= seconds + 2 * 0.05 * (1 / 0.4 - 1 / 1.0)
+
+
+@pytest.mark.parametrize("jerk", [{}, JERK], ids=["", "jerk"])
+@pytest.mark.parametrize("drive, rotations", DRIVES)
+def test_zones_with_the_full_speed_change_nothing(drive, rotations, jerk):
+    plan = find_plan(drive, rotations)
+    limits = make_limits(rotations, drive, **jerk)
+    zones = [(area, LIMITS["max_velocity"]) for area, _ in draw_zones(plan, 1)]
+    free = plan.trajectory(**limits)
+    zoned = plan.trajectory(**limits, speed=[planners.SpeedZones(zones)])
+    for name in ("times", "positions", "velocities", "accelerations"):
+        np.testing.assert_array_equal(getattr(free, name), getattr(zoned, name))
+
+
+@pytest.mark.parametrize("jerk", [{}, JERK], ids=["", "jerk"])
+@pytest.mark.parametrize("drive, rotations", DRIVES)
+def test_a_lower_limit_never_shortens_a_motion(drive, rotations, jerk):
+    plan = find_plan(drive, rotations)
+    limits = make_limits(rotations, drive, **jerk)
+    zones = draw_zones(plan, 2)
+    durations = [plan.trajectory(**limits).duration]
+    for share in (1.0, 0.7, 0.4, 0.1):
+        slower = planners.SpeedZones([(area, share * speed) for area, speed in zones])
+        durations.append(plan.trajectory(**limits, speed=slower).duration)
+    assert (np.diff(durations) > 0.0).all()
+
+
+def test_overlapping_zones_equal_their_lowest():
+    plan = find_plan("differential", 36)
+    limits = make_limits(36)
+    (first, _), (second, _), *_ = draw_zones(plan, 3)
+    middle = plan.path[len(plan.path) // 2, :2]
+    second = affinity.translate(second, *(np.array(first.centroid.coords[0]) - middle))
+    first = affinity.translate(first, *(middle - np.array(first.centroid.coords[0])))
+    both = planners.SpeedZones([(first, 0.3), (first, 0.6)])
+    lowest = planners.SpeedZones([(first, 0.3)])
+    np.testing.assert_array_equal(
+        plan.trajectory(**limits, speed=both).velocities,
+        plan.trajectory(**limits, speed=lowest).velocities,
+    )
+    # Two limits are both kept, in any order.
+    one = planners.SpeedZones([(first, 0.3)])
+    other = planners.SlowNear(plan.space, 0.5, 0.3)
+    durations = [plan.trajectory(**limits, speed=each).duration for each in (one, other)]
+    for pair in ([one, other], (other, one)):
+        assert plan.trajectory(**limits, speed=pair).duration >= max(durations)
+
+
+@pytest.mark.parametrize("jerk", [{}, JERK], ids=["", "jerk"])
+@pytest.mark.parametrize("drive, rotations", DRIVES)
+def test_stops_keep_the_limits(drive, rotations, jerk):
+    plan = find_plan(drive, rotations)
+    zones = draw_zones(plan, 4)
+    speed = [planners.SpeedZones(zones), planners.SlowNear(plan.space, 0.4, 0.2)]
+    trajectory = plan.trajectory(**make_limits(rotations, drive, **jerk), speed=speed)
+    for t in np.linspace(0.0, trajectory.duration, 6):
+        stop = trajectory.braked(t)
+        assert stop.certified
+        q, speeds = sample_speeds(stop)
+        assert (speeds <= SLACK * allow_in_zones(q, zones)).all()
+
+
+def test_starts_and_goals_lie_in_zones():
+    plan = find_plan("holonomic", None)
+    zones = [(shapely.Point(row[:2]).buffer(0.5), 0.2) for row in plan.path[[0, -1]]]
+    trajectory = plan.trajectory(**LIMITS, speed=planners.SpeedZones(zones))
+    q, speeds = sample_speeds(trajectory)
+    assert (speeds <= SLACK * allow_in_zones(q, zones)).all()
+    everywhere = planners.SpeedZones([(box(-1.0, -1.0, 9.0, 9.0), 0.2)])
+    slow = plan.trajectory(**LIMITS, speed=everywhere)
+    assert slow.duration == pytest.approx(
+        plan.trajectory(**LIMITS | {"max_velocity": 0.2}, blend=True).duration, rel=0.05
+    )
+    copied = pickle.loads(pickle.dumps(slow))
+    assert copied.braked(1.0).duration == pytest.approx(0.2 / 0.8, rel=0.01)
+
+
+def test_a_duration_is_at_least_that_of_the_zones():
+    plan = find_plan("holonomic", None)
+    zones = draw_zones(plan, 5)
+    speed = planners.SpeedZones(zones)
+    fastest = plan.trajectory(**LIMITS, speed=speed).duration
+    slowed = plan.trajectory(**LIMITS, speed=speed, duration=1.5 * fastest)
+    assert slowed.duration == pytest.approx(1.5 * fastest)
+    q, speeds = sample_speeds(slowed)
+    assert (speeds <= SLACK * allow_in_zones(q, zones)).all()
+    free = plan.trajectory(**LIMITS).duration
+    check_refused(lambda: plan.trajectory(**LIMITS, speed=speed, duration=free), "the limits need")
+
+
+AREA = box(1.0, 1.0, 2.0, 2.0)
+
+
+@refusals(
+    "call, message",
+    (lambda plan: planners.SpeedZones([(AREA, 0.0)]), "speed of zones[0] is 0.0"),
+    (lambda plan: planners.SpeedZones([(AREA, 1.0), (AREA, -1.0)]), "speed of zones[1] is -1.0"),
+    (lambda plan: planners.SpeedZones([(AREA, np.nan)]), "speed of zones[0]"),
+    (lambda plan: planners.SpeedZones([]), "zones is empty"),
+    (lambda plan: planners.SpeedZones([(box(0, 0, 0, 1), 1.0)]), "is not valid"),
+    (lambda plan: planners.SpeedZones([(AREA, 1.0)], within="outline"), "within is 'outline'"),
+    (lambda plan: planners.SlowNear(plan.space, 0.0, 1.0), "speed is 0.0"),
+    (lambda plan: planners.SlowNear(plan.space, 1.0, np.inf), "distance"),
+    (lambda plan: planners.SlowNear("map", 1.0, 1.0), "space is 'map'"),
+    (lambda plan: drive(plan, 0.5), "speed is 0.5"),
+    (lambda plan: drive(plan, planners.SpeedZones([(box(90, 0, 91, 1), 1.0)])), "lies off the map"),
+    (
+        lambda plan: drive(plan, planners.SpeedZones([(AREA, 1.0)], frame_id="odom")),
+        "speed has the frame 'odom'",
+    ),
+    (
+        lambda plan: drive(plan, planners.SlowNear(find_plan("holonomic", 36).space, 1.0, 1.0)),
+        "is of a map of x, y, yaw",
+    ),
+    (
+        lambda plan: drive(
+            pickle.loads(pickle.dumps(plan)), planners.SpeedZones([(AREA, 1.0)], within="point")
+        ),
+        "plan has no map",
+    ),
+)
+def test_limits_that_mean_nothing_are_refused(call, message):
+    check_refused(lambda: call(find_plan("holonomic", None)), message)
+
+
+def drive(plan, speed):
+    """Make a trajectory with limits of places."""
+    return plan.trajectory(**LIMITS, speed=speed)
