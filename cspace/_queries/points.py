@@ -19,12 +19,14 @@ from cspace._rotations.lookup import (
     QUOTIENT_SLACK,
     cell_index,
     first_widened_cell,
+    guess_cell,
     is_rotation,
     normalise,
     parts_around,
     rotation_cell,
     rotation_in,
     widened_bounds,
+    wrap_near,
     wrap_to_cells,
 )
 from cspace._support.arrays import (
@@ -36,7 +38,7 @@ from cspace._support.arrays import (
     Row,
     States,
 )
-from cspace._support.compiling import inlined, internal, kernel
+from cspace._support.compiling import inlined, internal, kernel, prefetch
 
 Cell = tuple[int, int, int]
 """A cell along three axes."""
@@ -187,16 +189,15 @@ def classify_blocks(map_: Map, points: Floats, places: Floats, cells: Ints, out:
     """Write the states of configurations, like `classify`, by blocks as long as ``places``.
 
     A processor computes many cells at once, and waits for many states at once, in loops that do
-    nothing else. ``places`` and ``cells``, shape (block,), are scratch.
+    nothing else, and waits least for what it was asked for before. ``places`` and ``cells``, shape
+    (block,), are scratch.
     """
     states = map_.states.reshape(-1)
     for start in range(0, points.shape[0], places.shape[0]):
         rows = points[start : start + places.shape[0]]
         answers = out[start : start + places.shape[0]]
         # Index of the cell among the cells of all slices, axis by axis; -1 beyond the grid.
-        for k in range(rows.shape[0]):
-            rotation = rotation_in(map_.rotations.borders, rows[k])
-            cells[k] = slice_of(map_, rotation) if is_rotation(rotation) else -1
+        find_slices(map_.rotations.borders, map_.rotations.slice_of, rows, cells)
         for axis in range(map_.dim):
             lower = map_.lower[axis - map_.dim]
             count = map_.states.shape[axis - map_.dim]
@@ -206,6 +207,10 @@ def classify_blocks(map_: Map, points: Floats, places: Floats, cells: Ints, out:
                 place = (places[k] - lower) / map_.spacing
                 is_inside = (cells[k] >= 0) & (place >= 0.0) & (place < count)
                 cells[k] = cells[k] * count + np.int64(place) if is_inside else -1
+        # A processor's cache has the cells of smaller maps.
+        if states.size > 2**22:
+            for k in range(rows.shape[0]):
+                prefetch(states, cells[k])
         for k in range(rows.shape[0]):
             answers[k] = states[cells[k]] if cells[k] >= 0 else NOT_USABLE
         for k in range(rows.shape[0]):
@@ -217,6 +222,24 @@ def classify_blocks(map_: Map, points: Floats, places: Floats, cells: Ints, out:
             if answers[k] == NOT_USABLE:
                 return start + k
     return -1
+
+
+@inlined
+def find_slices(borders: Floats, slice_of: Ints, rows: Floats, slices: Ints) -> None:
+    """Write the slices of the rotations of configurations, or -1 for one that is not usable.
+
+    ``borders`` and ``slice_of`` are those of the map's rotations; ``rows`` has shape (n, size).
+    """
+    if borders.ndim == 1:
+        # A processor guesses many yaws at once, and few of them wrong.
+        for k in range(rows.shape[0]):
+            cell = guess_cell(borders, wrap_near(borders, rows[k, -1]))
+            slices[k] = slice_of[cell] if cell >= 0 else -1
+    for k in range(rows.shape[0]):
+        if borders.ndim == 1 and slices[k] >= 0:
+            continue
+        rotation = rotation_in(borders, rows[k])
+        slices[k] = slice_of[rotation_cell(borders, rotation)] if is_rotation(rotation) else -1
 
 
 # ---- boxes of cells ------------------------------------------------------------------------------

@@ -164,22 +164,40 @@ def wrap_to_cells(borders: Floats, yaw: float) -> float:
 
 
 @inlined
-def find_cell(borders: Floats, yaw: float) -> int:
-    """Return the cell of a yaw.
+def wrap_near(borders: Floats, yaw: float) -> float:
+    """Return what `wrap_to_cells` does, without a division; NaN beyond a turn from the cells."""
+    turn = yaw - borders[0]
+    wrapped = yaw if turn >= 0.0 else yaw + TWO_PI
+    return wrapped if abs(turn) < TWO_PI else math.nan
 
-    The first guess assumes that all cells have one width. A boundary belongs to the cell above it.
-    A wrong guess is followed by bisection.
+
+@inlined
+def guess_cell(borders: Floats, yaw: float) -> int:
+    """Return the cell of a wrapped yaw, without a branch, or -1 if a guess fails.
+
+    The guess assumes that all cells have one width.
     """
-    yaw = wrap_to_cells(borders, yaw)
     count = borders.shape[0] - 1
     # The number of cells of equal width below the yaw.
     guess = (yaw - borders[0]) * (count / TWO_PI)
-    low = int(guess) if 0.0 <= guess < count else 0
-    if borders[low] <= yaw < borders[low + 1]:
-        return low
+    cell = int(guess) if (guess >= 0.0) & (guess < count) else 0
+    is_inside = (borders[cell] <= yaw) & (yaw < borders[cell + 1])
+    return cell if is_inside else -1
+
+
+@inlined
+def find_cell(borders: Floats, yaw: float) -> int:
+    """Return the cell of a yaw.
+
+    A boundary belongs to the cell above it. A wrong guess is followed by bisection.
+    """
+    yaw = wrap_to_cells(borders, yaw)
+    cell = guess_cell(borders, yaw)
+    if cell >= 0:
+        return cell
     # Bisect between the boundaries ``low`` and ``high``.
     low = 0
-    high = count
+    high = borders.shape[0] - 1
     while high - low > 1:
         center = (low + high) // 2
         if yaw >= borders[center]:

@@ -48,6 +48,21 @@ def test_boundary_belongs_to_the_cell_above(state, outside, seed):
     ]
 
 
+@examples(50)
+@given(rotation_cells(), seeds)
+def test_batches_find_the_cell_of_each_yaw(cells, seed):
+    """Ask at borders and on both sides of them, also beyond a turn."""
+    rng, rotations = np.random.default_rng(seed), Rotations.of(cells)
+    state = rng.integers(0, 3, (len(rotations), 1, 1))
+    borders = rng.choice(rotations.borders, 300) + TWO_PI * rng.integers(-2, 3, 300)
+    sides = np.nextafter(borders, rng.choice([-math.inf, math.inf], 300))
+    yaws = np.concatenate([borders, sides, rng.uniform(-9.0, 9.0, 300)])
+    q = np.column_stack([np.full((len(yaws), 2), 0.1), yaws])
+    np.testing.assert_array_equal(
+        map_of(state, cells).classify(q), state[rotations.cell_of(yaws), 0, 0]
+    )
+
+
 # ---- boxes of configurations ---------------------------------------------------------------------
 
 coordinates = st.one_of(
