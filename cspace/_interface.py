@@ -62,7 +62,7 @@ Alternative = TypeVar("Alternative")
 Found = TypeVar("Found")
 
 LookUp: TypeAlias = Callable[..., Any]
-"""Compiled query of configurations given by their numbers; below 0 if it has no answer."""
+"""Compiled query of configurations, given by a tuple of their numbers; below 0 without answer."""
 
 SpaceT = TypeVar("SpaceT", bound="Space")
 """A kind of space."""
@@ -838,7 +838,7 @@ class ConfigurationSpace(Space):
         look_up = self._look_up_state
         if look_up is None:
             return lambda *q: self.is_free(q)
-        return lambda *q: look_up(*q) == FREE
+        return lambda *q: look_up(q) == FREE
 
     def edge_checker(self) -> Checker:
         """Return ``check(*q0, *q1)``, a fast :meth:`motion_is_free`; False beyond the limits."""
@@ -846,7 +846,7 @@ class ConfigurationSpace(Space):
         size = self.size
         if look_up is None:
             return lambda *q: self.motion_is_free(q[:size], q[size:])
-        return lambda *endpoints: look_up(*endpoints) == FREE
+        return lambda *endpoints: look_up(endpoints) == FREE
 
     # ---- pages -----------------------------------------------------------------------------------
 
@@ -932,22 +932,24 @@ class ConfigurationSpace(Space):
         is_array = False
         try:
             for q in points:
-                kind = type(q)
-                if kind is np.ndarray and q.ndim == 1:
-                    is_array = True
-                    q = q.tolist()
-                elif kind is not tuple and kind is not list:
-                    return None
+                if type(q) is not tuple:  # as planners give them, so tested first
+                    if type(q) is np.ndarray and q.ndim == 1:
+                        is_array = True
+                        q = q.tolist()
+                    elif type(q) is not list:
+                        return None
+                    q = tuple(q)
                 if len(q) != self.size:
                     return None
+                # Compiled look-ups parse texts, and drop the labels, units and masks of entries.
+                for x in q:
+                    if type(x) not in NUMBERS:
+                        return None
                 for axis in self._angles:
                     if abs(q[axis]) > MAX_EXPECTED_ANGLE:
                         return None
-                numbers += tuple(q)
-            # Compiled look-ups parse texts, and drop the labels, units and masks of entries.
-            if not NUMBERS.issuperset(map(type, numbers)):
-                return None
-            answer = look_up(*numbers)
+                numbers += q
+            answer = look_up(numbers)
         except (TypeError, ValueError, OverflowError):  # the type of entries is wrong
             return None
         if not answer >= 0:

@@ -461,13 +461,12 @@ class CSpace(ConfigurationMap):
         callable
             ``check(*q) -> float``. Takes the coordinates as finite floats, without a check.
         """
-        distances = self._distances
-        distances.compute_all()
-        look_up = self._measure_clearance
+        self._distances.compute_all()
 
         def check(*q: float) -> float:
             """Return the clearance, metres; 0 for an unusable configuration."""
-            return max(look_up(distances.compute_all(), *q), 0.0)
+            self._distances.compute_all()  # which is at hand, except after an update
+            return max(float(self._measure_clearance(q)), 0.0)
 
         return check
 
@@ -1341,57 +1340,59 @@ class CSpace(ConfigurationMap):
         return list_rectangles(self._states[0])
 
     @lazy
-    def _look_up_state(self) -> Callable[..., int]:
+    def _look_up_state(self) -> LookUp:
         """Look-up of one configuration's state."""
         from cspace._queries.callbacks import bind_numbers, look_up_state
 
         return bind_numbers(look_up_state, (self._kernel_map,), self.size)
 
     @lazy
-    def _look_up_flat_cell(self) -> Callable[..., int]:
+    def _look_up_flat_cell(self) -> LookUp:
         """Look-up of the flat index of one configuration's cell."""
         from cspace._queries.callbacks import bind_numbers, look_up_flat_cell
 
         return bind_numbers(look_up_flat_cell, (self._kernel_map,), self.size)
 
     @lazy
-    def _look_up_motion(self) -> Callable[..., int]:
+    def _look_up_motion(self) -> LookUp:
         """Look-up of whether one motion is proven free."""
-        from cspace._queries.callbacks import motion_lookup
+        from cspace._queries.callbacks import MAX_SIZE, bind_numbers, look_up_motion
 
-        return motion_lookup(self._kernel_map, self.size)
+        fixed = self._kernel_map, self.size
+        return bind_numbers(look_up_motion, fixed, 2 * self.size, 2 * MAX_SIZE)
 
-    def _look_up_connection(self, apart: bool) -> Callable[..., int]:
+    def _look_up_connection(self, apart: bool) -> LookUp:
         """Return the look-up of whether two configurations are proven connected, or apart."""
         find_cell = self._look_up_flat_cell
         size = self.size
 
-        def look_up(*numbers: float) -> int:
+        def look_up(numbers: tuple[float, ...]) -> int:
             """Return 1 if it is proven, else 0."""
             ends = numbers[:size], numbers[size:]
-            first, second = (find_cell(*q) for q in ends)
+            first, second = map(find_cell, ends)
             if NO_ANSWER in (first, second):
                 return NO_ANSWER
             joined = self._components.are_joined(first, second)
             if apart:
                 return not (joined or self._components.are_joined(first, second, mixed=True))
             # As for a motion that stays where it is, no cell that is not FREE may touch them.
-            return joined and all(self._look_up_motion(*q, *q) == FREE for q in ends)
+            return joined and all(self._look_up_motion(q + q) == FREE for q in ends)
 
         return look_up
 
     @property
-    def _look_up_clearance(self) -> Callable[..., float] | None:
+    def _look_up_clearance(self) -> LookUp | None:
         """Look-up of one configuration's clearance; None before distances are computed."""
-        table = self._distances.table
-        return None if table is None else partial(self._measure_clearance, table)
+        return None if self._distances.table is None else self._measure_clearance
 
-    @lazy
-    def _measure_clearance(self) -> Callable[..., float]:
-        """Look-up of one configuration's clearance in a table of distances."""
-        from cspace._queries.distance import clearance_lookup
+    @derived
+    def _measure_clearance(self) -> LookUp:
+        """Look-up of one configuration's clearance in the table of distances."""
+        from cspace._queries.callbacks import bind_numbers
+        from cspace._queries.distance import look_up_clearance
 
-        return clearance_lookup(self._kernel_map, self._distances.compute_slices([]), self.size)
+        table = self._distances.compute_slices([])
+        return bind_numbers(look_up_clearance, (self._kernel_map, table), self.size)
 
     # ---- queries of rows -------------------------------------------------------------------------
 

@@ -145,9 +145,9 @@ class ExactQueries:
         """
         self.current_proofs()  # made now, not at the first call
 
-        def decide(*numbers: float) -> int:
+        def decide(numbers: tuple[float, ...]) -> int:
             """Return the state, FREE if cells or the geometry prove that."""
-            state = look_up(*numbers)
+            state = look_up(numbers)
             if state == MIXED and self.current_proofs().edge(*repeats * numbers):
                 return FREE
             return state

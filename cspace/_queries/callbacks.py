@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numba
 
@@ -16,22 +16,11 @@ from cspace._rotations.lookup import arc_angle_and_error, rotation_along, rotati
 from cspace._support.arrays import FREE, MIXED, Floats, Numbers, Row
 from cspace._support.compiling import inlined, kernel
 
-if TYPE_CHECKING:
-    pass
-
 MAX_SIZE: Final = 7
 """Largest length of a configuration, in SE(3)."""
 
 NO_ANSWER: Final = -1
 """Answer of look-ups if a coordinate is not finite, a rotation is invalid, or only arrays serve."""
-
-
-def motion_lookup(map_: Map, size: int) -> Callable[..., int]:
-    """Return a function ``look_up(*q0, *q1)`` that gives FREE for a proven motion.
-
-    Otherwise it gives MIXED, or NO_ANSWER if an end is not usable.
-    """
-    return bind_numbers(look_up_motion, (map_, size), 2 * size, 2 * MAX_SIZE)
 
 
 def bind_kernel(kernel: Any, fixed: tuple[Any, ...], *examples: Any) -> Callable[..., Any]:
@@ -51,12 +40,12 @@ def bind_numbers(
 ) -> Callable[..., Any]:
     """Bind a kernel to its arguments before a tuple of numbers.
 
-    Calls give the last ``given`` numbers, and zeros precede them. So a kernel is compiled once for
-    configurations of all sizes.
+    Calls give a tuple of the last ``given`` numbers, and zeros precede them. So a kernel is
+    compiled once for configurations of all sizes.
     """
     look_up = bind_kernel(kernel, fixed, (0.0,) * total)
     padding = (0.0,) * (total - given)
-    return lambda *numbers: look_up((*padding, *numbers))
+    return lambda numbers: look_up(padding + numbers)
 
 
 @inlined

@@ -32,7 +32,7 @@ distance.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from contextlib import AbstractContextManager
 from functools import partial
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
@@ -42,7 +42,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from cspace._grid import SLACK
-from cspace._queries.callbacks import MAX_SIZE, NO_ANSWER, bind_kernel, configuration_before
+from cspace._queries.callbacks import MAX_SIZE, NO_ANSWER, configuration_before
 from cspace._queries.points import MAX_CELL, configuration_in, is_usable, slice_of, state_at
 from cspace._record.cells import Map
 from cspace._support.arrays import FREE, Bools, Floats, Ints, Numbers, Row, States
@@ -422,14 +422,3 @@ def look_up_clearance(map_: Map, table: DistanceTable, numbers: Numbers) -> floa
     if not is_usable(position, rotation) or not table.is_ready[slice_of(map_, rotation)]:
         return float(NO_ANSWER)
     return clearance_at(map_, table, position, rotation)
-
-
-def clearance_lookup(map_: Map, table: DistanceTable, size: int) -> Callable[..., float]:
-    """Return a function ``look_up(table, *q)`` of clearance, or NO_ANSWER.
-
-    ``table`` is any table of the map, which determines types.
-    """
-    # The kernel is compiled once for configurations of all sizes, so it takes MAX_SIZE numbers.
-    padding = (0.0,) * (MAX_SIZE - size)
-    measure = bind_kernel(look_up_clearance, (map_,), table, (0.0,) * MAX_SIZE)
-    return lambda table, *q: measure(table, (*padding, *q))

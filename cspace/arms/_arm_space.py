@@ -547,7 +547,7 @@ class ArmSpace(ConfigurationSpace):
     def _look_up_state(self) -> Callable[..., int]:
         """Look-up of one configuration; see the base class."""
         prove = self._look_up_motion
-        return lambda *q: prove(*q, *q)
+        return lambda q: prove(q + q)
 
     @cached_property
     def _look_up_motion(self) -> Callable[..., int]:
@@ -557,7 +557,7 @@ class ArmSpace(ConfigurationSpace):
         lower = (self.arm.lower - LIMIT_SLACK).tolist() * 2
         upper = (self.arm.upper + LIMIT_SLACK).tolist() * 2
 
-        def prove(*endpoints: float) -> int:
+        def prove(endpoints: tuple[float, ...]) -> int:
             """Prove the motion between two configurations, given as their numbers in a row."""
             for low, x, high in zip(lower, endpoints, upper, strict=True):
                 if not low <= x <= high:
