@@ -1100,7 +1100,7 @@ MUTANTS = (
     Mutant(
         "ros/cspace_nav2/include/cspace_nav2/footprint.hpp",
         "if (first < last) return false;",
-        "",
+        "if (last < first) return false;",
         "tests/cpp/nav2/test_watch.py",
     ),
     Mutant(

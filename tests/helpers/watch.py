@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 import subprocess
+import sys
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -48,11 +50,13 @@ def make_room():
 
 
 def build_watch(target, *flags):
-    """Compile the program over stubs of messages."""
-    folders = [PACKAGE / "include", *list_stubs("jazzy")]
-    return build_program(
-        target, *flags, *(f"-I{folder}" for folder in folders), source=ANSWERS / "watch.cpp"
-    )
+    """Compile the program over messages that are installed beside Python, else over stubs."""
+    installed = Path(sys.prefix, "include")
+    has_messages = (installed / "sensor_msgs").is_dir()
+    folders = list(installed.iterdir()) if has_messages else list_stubs("jazzy")
+    options = [option for folder in folders for option in ("-isystem", str(folder))]
+    own = f"-I{PACKAGE / 'include'}"
+    return build_program(target, *flags, own, *options, source=ANSWERS / "watch.cpp")
 
 
 class Decided(NamedTuple):

@@ -132,7 +132,10 @@ int main() {
     }
     if (command == "frame") line >> frame;
     if (command == "path_frame") line >> path_frame;
-    if (command == "seconds") line >> rclcpp::stub_seconds();
+    if (command == "seconds") {
+      line >> rclcpp::stub_nanoseconds();
+      rclcpp::stub_nanoseconds() *= 1000000000;
+    }
     if (command == "writable") {
       std::cout << "[";
       for (const std::string& parameter : rclcpp::Node::stub_writable()) std::cout << std::quoted(parameter) << ",";

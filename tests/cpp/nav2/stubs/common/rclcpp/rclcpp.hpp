@@ -14,6 +14,8 @@
 #include <geometry_msgs/msg/pose.hpp>
 #include <rcl_interfaces/msg/parameter_descriptor.hpp>
 
+#define RCLCPP_INFO(logger, ...) rclcpp::stub_log("INFO", logger, __VA_ARGS__)
+#define RCLCPP_WARN(logger, ...) rclcpp::stub_log("WARN", logger, __VA_ARGS__)
 #define RCLCPP_ERROR(logger, ...) rclcpp::stub_log("ERROR", logger, __VA_ARGS__)
 #define RCLCPP_FATAL(logger, ...) rclcpp::stub_log("FATAL", logger, __VA_ARGS__)
 
@@ -22,6 +24,8 @@ namespace rclcpp {
 struct Logger {
   std::string name;
 };
+
+inline Logger get_logger(const std::string& name) { return {name}; }
 
 template <typename... Values>
 void stub_log(const char* level, const Logger& logger, const char* format, Values... values) {
@@ -51,24 +55,28 @@ struct StubService {
 
 class Time {
  public:
-  explicit Time(std::int32_t seconds) : seconds_(seconds) {}
-  operator builtin_interfaces::msg::Time() const { return {seconds_, 0}; }
+  explicit Time(std::int64_t nanoseconds) : nanoseconds_(nanoseconds) {}
+  std::int64_t nanoseconds() const { return nanoseconds_; }
+  operator builtin_interfaces::msg::Time() const {
+    return {static_cast<std::int32_t>(nanoseconds_ / 1000000000), static_cast<std::uint32_t>(nanoseconds_ % 1000000000)};
+  }
 
  private:
-  std::int32_t seconds_;
+  std::int64_t nanoseconds_;
 };
 
-inline std::int32_t& stub_seconds() {
-  static std::int32_t seconds = 0;
-  return seconds;
+inline std::int64_t& stub_nanoseconds() {
+  static std::int64_t nanoseconds = 0;
+  return nanoseconds;
 }
 
 class Clock {
  public:
   using SharedPtr = std::shared_ptr<Clock>;
-  Time now() const { return Time(stub_seconds()); }
+  Time now() const { return Time(stub_nanoseconds()); }
 };
 
+/// A parameter as a text; a list has one item a line.
 class Parameter {
  public:
   explicit Parameter(const std::string& text) : text_(text) {}
@@ -76,11 +84,35 @@ class Parameter {
   template <typename Value>
   Value get_value() const {
     Value value{};
-    std::istringstream(text_) >> std::boolalpha >> value;
+    read(text_, value);
     return value;
   }
 
+  template <typename Value>
+  static std::string write(const Value& value) {
+    std::ostringstream text;
+    text << std::boolalpha << value;
+    return text.str();
+  }
+  template <typename Item>
+  static std::string write(const std::vector<Item>& list) {
+    std::string text;
+    for (const Item& item : list) text += write(item) + "\n";
+    return text;
+  }
+
  private:
+  template <typename Value>
+  static void read(const std::string& text, Value& value) {
+    std::istringstream(text) >> std::boolalpha >> value;
+  }
+  static void read(const std::string& text, std::string& value) { value = text; }
+  template <typename Item>
+  static void read(const std::string& text, std::vector<Item>& list) {
+    std::istringstream lines(text);
+    for (std::string line; std::getline(lines, line);) read(line, list.emplace_back());
+  }
+
   std::string text_;
 };
 
@@ -94,16 +126,24 @@ class Node {
   Value declare_parameter(const std::string& name, const Value& otherwise,
                           const rcl_interfaces::msg::ParameterDescriptor& rule = {}) {
     if (has_parameter(name)) throw std::runtime_error("parameter '" + name + "' has already been declared");
-    std::ostringstream text;
-    text << std::boolalpha << otherwise;
     const auto found = stub_parameters().find(name);
     if (!rule.read_only) stub_writable().push_back(name);
-    declared_.emplace(name, found == stub_parameters().end() ? text.str() : found->second);
+    stub_rules()[name] = rule;
+    declared_.emplace(name, found == stub_parameters().end() ? Parameter::write(otherwise) : found->second);
+    for (const auto& range : rule.floating_point_range) {
+      const double number = get_parameter(name).get_value<double>();
+      if (number < range.from_value || number > range.to_value)
+        throw std::runtime_error("parameter '" + name + "' is not in its range");
+    }
     return get_parameter(name).get_value<Value>();
   }
   static std::vector<std::string>& stub_writable() {
     static std::vector<std::string> names;
     return names;
+  }
+  static std::map<std::string, rcl_interfaces::msg::ParameterDescriptor>& stub_rules() {
+    static std::map<std::string, rcl_interfaces::msg::ParameterDescriptor> rules;
+    return rules;
   }
   Clock::SharedPtr get_clock() const { return std::make_shared<Clock>(); }
   bool has_parameter(const std::string& name) const { return declared_.count(name) > 0; }
@@ -120,7 +160,47 @@ class Node {
   std::map<std::string, Parameter> declared_;
 };
 
-inline void init(int, char**) {}
+struct QoS {
+  explicit QoS(std::size_t) {}
+};
+struct SensorDataQoS : QoS {
+  SensorDataQoS() : QoS(5) {}
+};
+
+struct SubscriptionBase {
+  using SharedPtr = std::shared_ptr<SubscriptionBase>;
+  virtual ~SubscriptionBase() = default;
+};
+
+/// The one timer, which the program fires.
+struct TimerBase {
+  using SharedPtr = std::shared_ptr<TimerBase>;
+  void cancel() { stub_callback() = [] {}; }
+  static std::function<void()>& stub_callback() {
+    static std::function<void()> callback = [] {};
+    return callback;
+  }
+};
+
+struct InitOptions {};
+enum class SignalHandlerOptions { None };
+
+namespace executors {
+struct SingleThreadedExecutor {
+  template <typename Node>
+  void add_node(Node* node) {
+    spin = [node] { stub_spin_once(*node); };
+  }
+  template <typename Duration>
+  void spin_once(Duration) {
+    spin();
+  }
+  std::function<void()> spin;
+};
+}  // namespace executors
+
+inline bool ok() { return true; }
+inline void init(int, char**, InitOptions = {}, SignalHandlerOptions = SignalHandlerOptions::None) {}
 inline void spin(const std::shared_ptr<Node>&) { stub_spin()(); }
 inline void shutdown() {}
 

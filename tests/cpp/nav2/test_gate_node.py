@@ -1,0 +1,231 @@
+"""The gate node drives as its messages say, over stubs of ROS 2, and refuses parameters that cannot be."""
+
+import re
+import subprocess
+
+import numpy as np
+import pytest
+
+import cspace
+from tests.helpers.cpp import build_program, why_no_compiler
+from tests.helpers.messages import make_grid
+from tests.helpers.nav2 import ANSWERS, PACKAGE, list_stubs
+
+pytestmark = pytest.mark.skipif(bool(why_no_compiler()), reason=why_no_compiler())
+
+FREE = " ".join(["inf"] * 36)
+SIDES = "[[0.3, 0.2], [-0.3, 0.2], [-0.3, -0.2], [0.3, -0.2]]"
+
+
+@pytest.fixture(scope="module", params=["jazzy", "main"])
+def program(request, tmp_path_factory):
+    folder = tmp_path_factory.mktemp(request.param)
+    folders = [f"-I{name}" for name in (PACKAGE / "include", *list_stubs(request.param))]
+    return build_program(folder / "node", "-O1", *folders, source=ANSWERS / "gate_node.cpp")
+
+
+@pytest.fixture(scope="module")
+def maps(tmp_path_factory):
+    """Save the map of a room that is 6 m x 4 m, with yaw, without, and of another frame."""
+    folder = tmp_path_factory.mktemp("maps")
+    cells = np.zeros((60, 40), dtype=bool)
+    cells[[0, -1]] = cells[:, [0, -1]] = True
+    workspace = cspace.Workspace.from_array(cells, 0.1)
+    robot = cspace.Robot.rectangle(0.6, 0.4)
+    cspace.build(workspace, robot, rotations=36).save(folder / "room")
+    cspace.build(workspace, robot).save(folder / "flat")
+    hall = cspace.Workspace.from_occupancy_grid(make_grid("hall"))
+    cspace.build(hall, robot, rotations=4).save(folder / "hall")
+    return folder
+
+
+class Node:
+    """A node of a running program."""
+
+    def __init__(self, program, log, **parameters):
+        """Start the node."""
+        self.log_file = log
+        with log.open("w") as stderr:
+            pipe = subprocess.PIPE
+            self.process = subprocess.Popen(
+                [str(program)], stdin=pipe, stdout=pipe, stderr=stderr, text=True
+            )
+        for name, value in parameters.items():
+            self.tell("set", name, value)
+        self.tell("start")
+
+    def tell(self, *words):
+        """Send a line."""
+        print(*words, file=self.process.stdin, flush=True)
+
+    def ask(self, *words):
+        """Send a line and return the answer."""
+        self.tell(*words)
+        return self.process.stdout.readline().strip()
+
+    def cycle(self, command="command 0.6 0.0", scan=f"laser {FREE}"):
+        """Go on by a cycle; return what is published."""
+        if command:
+            self.tell(command)
+        if scan:
+            self.tell("scan", scan)
+        kind, *words = self.ask("cycle").split()
+        assert self.process.stdout.readline() == ".\n"
+        return tuple(map(float, words[-2:])) if kind == "twist" else (kind, *words)
+
+    def end(self):
+        """Send SIGTERM; return what is published from then on, and the exit status."""
+        self.tell("end")
+        rest, _ = self.process.communicate()
+        return rest.splitlines(), self.process.returncode
+
+    def read_log(self):
+        """Return the log."""
+        return self.log_file.read_text(encoding="utf-8")
+
+
+@pytest.fixture
+def start(program, maps, tmp_path):
+    """Return a function that starts a node in the room."""
+    nodes = []
+
+    def start(**parameters):
+        options = {"map": maps / "room", "leaving": "true", **parameters}
+        nodes.append(Node(program, tmp_path / f"log{len(nodes)}", **options))
+        nodes[-1].tell("place 3.0 2.0")
+        return nodes[-1]
+
+    yield start
+    for node in nodes:
+        node.process.communicate()
+
+
+@pytest.fixture
+def node(start):
+    """Return a node that drives."""
+    node = start()
+    assert [node.ask("configure"), node.ask("activate")] == ["success", "success"]
+    node.cycle()
+    assert node.cycle() == (0.6, 0.0)
+    return node
+
+
+def test_it_drives_and_brakes_as_told(node):
+    assert node.cycle("command 0.5 0.1") == (0.55, 0.0)
+    assert node.cycle("command 0.5 0.1") == (0.5, 0.1)
+    node.tell("place 5.4 2.0")
+    assert node.cycle()[0] < 0.5  # the pose jumped, to before a wall
+    assert "stops: the pose jumped" in node.read_log()
+
+
+@pytest.mark.parametrize(
+    "scan, reason",
+    [
+        ("laser", "'scan': a scan has no ray that was measured"),
+        ("laser nan nan", "'scan': a scan has no ray that was measured"),
+        ("camera inf", '"camera" does not exist'),
+        ("odom inf", "the laser of 'scan' is not between min_height and max_height"),
+    ],
+)
+def test_it_brakes_within_a_period_and_says_why(node, scan, reason):
+    assert node.cycle(scan=scan) == (0.55, 0.0)
+    assert f"[WARN] [cspace_gate]: stops: {reason}" in node.read_log()
+    node.cycle()
+    assert node.read_log().endswith("drives\n") and node.cycle() == (0.6, 0.0)
+
+
+@pytest.mark.parametrize("command", ["command nan 0", "command 0 inf"])
+def test_it_brakes_on_commands_that_are_not_finite(node, command):
+    assert node.cycle(command) == (0.55, 0.0)
+    assert "a command is not finite" in node.read_log()
+
+
+def test_stamped_commands_count_by_their_stamp_and_stamped_ones_are_sent(start):
+    node = start(stamped="true", base_frame="base_link")
+    assert [node.ask("configure"), node.ask("activate")] == ["success", "success"]
+    for _ in range(2):
+        kind, seconds, frame, *twist = node.cycle("stamped 0.6 0.0 0.2")
+    assert (kind, frame, twist) == ("stamped", "base_link", ["twist", "0.6", "0"])
+    assert float(seconds) == 1.7e9
+    for age in (0.5, -0.5):
+        assert node.cycle(f"stamped 0.6 0.0 {age}")[-2] == "0.55"
+        assert node.read_log().endswith("no command within 0.3 s\n")
+        for _ in range(2):
+            node.cycle("stamped 0.6 0.0 0.2")
+
+
+@pytest.mark.parametrize("way", ["deactivate", "shutdown", "end"])
+def test_it_comes_to_rest_before_it_goes(node, way):
+    if way == "end":
+        lines, code = node.end()
+        assert code == 0
+    else:
+        lines = [node.ask(way)]
+        while lines[-1] != "success":
+            lines.append(node.process.stdout.readline().strip())
+        lines.pop()
+    speeds = [float(line.split()[1]) for line in lines]
+    assert len(speeds) == 12 and speeds[-1] == 0.0
+    np.testing.assert_allclose(-np.diff([0.6, *speeds]), 0.05)
+
+
+def test_it_can_be_configured_anew(node):
+    steps = ["deactivate", "cleanup", "configure", "activate"]
+    node.cycle("command 0 0")
+    for _ in range(12):
+        node.cycle("command 0 0")
+    node.tell("deactivate")
+    while node.process.stdout.readline().strip() != "success":
+        pass
+    assert [node.ask(step) for step in steps[1:]] == ["success"] * 3
+    node.cycle()
+    assert node.cycle() == (0.6, 0.0)
+
+
+@pytest.mark.parametrize(
+    "parameters, message",
+    [
+        ({"map": ""}, "the parameter 'map' is missing"),
+        ({"map": "/nowhere"}, "/nowhere/zarr.json"),
+        ({"map": "flat"}, "leaving' needs a map of x, y and yaw"),
+        ({"map": "flat", "leaving": "false"}, "a gate needs a map of x, y and yaw"),
+        ({"map": "hall"}, "the parameter 'map_frame' is 'map'; the map is in 'hall'"),
+        ({"footprint": SIDES.replace("0.3", "0.31")}, "not the robot that the map was built for"),
+        ({"footprint": "0.3"}, "no list of pairs"),
+        ({"max_deceleration": "1.0"}, "'max_deceleration' has 1 numbers; it must have 2"),
+        ({"max_deceleration": "0.0|1.0"}, "max_deceleration must be finite and above zero"),
+        ({"tracking": "0.1|0.1"}, "'tracking' has 2 numbers; it must have 3"),
+        ({"tracking": "0.1|0.1|-1"}, "zero or above"),
+        ({"max_age": "0.02"}, "'max_age' is below 'period'"),
+        ({"min_height": "2.5"}, "'min_height' must be below 'max_height'"),
+        ({"scans": ""}, "name no topic"),
+    ],
+)
+def test_parameters_that_cannot_be_are_refused_when_configured(start, maps, parameters, message):
+    if parameters.get("map") in ("flat", "hall"):
+        parameters = {**parameters, "map": maps / parameters["map"]}
+    node = start(**parameters)
+    assert node.ask("configure") == "failure"
+    assert message in node.read_log()
+
+
+def test_a_footprint_that_is_the_maps_robot_passes(start):
+    assert start(footprint=SIDES).ask("configure") == "success"
+
+
+@pytest.mark.parametrize("name, value", [("period", 0.6), ("period", 0.0), ("max_tilt", 1.0)])
+def test_parameters_out_of_their_range_end_the_node(start, name, value):
+    node = start(**{name: value})
+    assert node.end()[1] == 1
+    assert f"'{name}' is not in its range" in node.read_log()
+
+
+def test_each_parameter_is_described(start):
+    node = start()
+    lines = [node.ask("rules")]
+    while lines[-1] != ".":
+        lines.append(node.process.stdout.readline().strip())
+    source = (PACKAGE / "src/gate_node.cpp").read_text()
+    names = re.findall(r'declare\("(\w+)"', source)
+    assert sorted(names) == [re.split(r"[ :]", line)[0] for line in lines[:-1]]
+    assert all(len(line.split(": ")[1]) > 10 for line in lines[:-1])
