@@ -16,7 +16,6 @@ second and third derivatives of the path, the limits are
 
 from __future__ import annotations
 
-import itertools
 import math
 from typing import Final, NamedTuple
 
@@ -24,9 +23,8 @@ import numpy as np
 
 from cspace import Rotations
 from cspace.inside import Floats, Ints, internal, kernel
-from planners._segments import Segments, bound_derivatives
+from planners._segments import Segments
 from planners._timing import (
-    INTERVALS_PER_CURVE,
     MAX_ERROR,
     Intervals,
     LimitRates,
@@ -36,7 +34,6 @@ from planners._timing import (
     find_phases,
     join_phases,
     measure_intervals,
-    measure_slack,
     slow_down,
 )
 
@@ -106,24 +103,22 @@ def find_motion(
     if bounds.jerk is None:
         return find_phases(segments, rotations, bounds, begin, begin_speed)
     intervals = measure_intervals(segments, rotations, bounds, begin)
-    limited = _limit_jerk(intervals, segments, bounds.jerk)
+    limited = _limit_jerk(intervals, bounds.jerk)
     squares = intervals.end_caps
     squares[0] = min(begin_speed**2, intervals.caps[0])
-    rooms = np.column_stack([limited.bends / BEND_ROOM, limited.speeds**-2.0])
-    caps = 1.0 / rooms.max(axis=1)
+    caps = 1.0 / np.maximum(limited.bends.max(axis=1) / BEND_ROOM, limited.speeds**-2.0)
     squares[1:-1] = np.minimum(squares[1:-1], np.minimum(caps[:-1], caps[1:]))
     tops = squares.copy()
     bound_squares(intervals.lengths, limited.rates, limited.bends, squares)
     keys = _choose_keys(squares, tops, caps, limited, begin_speed, begin_acceleration)
     speeds = np.sqrt(squares[keys])
     speeds[0] = begin_speed
-    legs = [slice(*pair) for pair in itertools.pairwise(keys.tolist())]
     gains = 1.0 / limited.rates.max(axis=1)
     jerks = 1.0 / limited.jerk_rates.max(axis=1)
-    most = [(gains[leg].max(), jerks[leg].max()) * 2 + (limited.speeds[leg].max(),) for leg in legs]
-    limits = (1.0 - SLACK) * np.array(most)
-    least = [(gains[leg].min(), jerks[leg].min()) * 2 for leg in legs]
-    floors = RAMP_FLOOR * np.array(least)
+    legs = keys[:-1]
+    most = np.column_stack([gains, jerks, gains, jerks, limited.speeds])
+    limits = (1.0 - SLACK) * np.maximum.reduceat(most, legs)
+    floors = RAMP_FLOOR * np.minimum.reduceat(most[:, :4], legs)
     pieces = np.zeros((LEG_PHASES * len(legs) + len(gains), 6))
     work = np.zeros(LEG_PHASES), np.zeros(LEG_PHASES), np.zeros(LEG_PHASES)
     start = keys, speeds, begin_acceleration
@@ -151,7 +146,7 @@ def find_jerk_stop(
     intervals = measure_intervals(segments, rotations, bounds, begin)
     stops = np.flatnonzero(intervals.end_caps[1:] == 0.0)
     intervals = intervals.head(int(stops[0]) + 1)
-    limited = _limit_jerk(intervals, segments, jerk)
+    limited = _limit_jerk(intervals, jerk)
     limits = 1.0 / np.array([limited.rates.max(axis=1).min(), limited.jerk_rates.max(axis=1).min()])
     limits *= 1.0 - SLACK
     pieces = np.zeros((LEG_PHASES + len(limited.speeds), 6))
@@ -160,73 +155,27 @@ def find_jerk_stop(
     return _join_pieces(intervals, limited, pieces[:count]) if excess <= 1.0 + ROUNDING else None
 
 
-def _limit_jerk(intervals: Intervals, segments: Segments, jerk: LimitRates) -> JerkIntervals:
+def _limit_jerk(intervals: Intervals, jerk: LimitRates) -> JerkIntervals:
     """Return the limits of intervals, with those of jerk."""
-    parts = segments.select(intervals.owners)
-    middles = intervals.begins + 0.5 * intervals.lengths
-    rates, bends, _ = _bound_around(parts, middles)
-    jerk_rates = jerk.shares(rates)
-    jerk_twists = jerk.shares(np.abs(parts.twists))
+    derivatives = np.array([intervals.rates, intervals.bends, intervals.twists])
+    jerk_rates, jerk_bends, jerk_twists = jerk.shares(derivatives)
     lengths = intervals.lengths
     # Numbers for times resolve no larger jerks.
-    duration = (lengths + np.sqrt(lengths * intervals.rate_shares.max(axis=1))).sum()
-    least = MIN_JERK_SHARE * duration * intervals.rate_shares.max(axis=1, keepdims=True)
-    jerk_rates = np.maximum(jerk_rates, least)
+    rates = intervals.rate_shares.max(axis=1, keepdims=True)
+    duration = (lengths + np.sqrt(lengths * rates[:, 0])).sum()
+    jerk_rates = np.maximum(jerk_rates, MIN_JERK_SHARE * duration * rates)
     with np.errstate(divide="ignore"):
         speeds = np.minimum(np.sqrt(intervals.caps), jerk_twists.max(axis=1) ** (-1.0 / 3.0))
     grown = 1.0 + SLACK
     return JerkIntervals(
-        borders=np.append(0.0, np.cumsum(lengths)),
+        borders=np.cumsum(np.concatenate([np.zeros(1), lengths])),
         speeds=speeds / grown,
         rates=grown * intervals.rate_shares,
         bends=grown * intervals.bend_shares,
         jerk_rates=grown * jerk_rates,
-        jerk_bends=grown * jerk.shares(bends),
+        jerk_bends=grown * jerk_bends,
         jerk_twists=grown * jerk_twists,
     )
-
-
-def keeps_jerk(segments: Segments, phases: Phases, bounds: MotionBounds) -> bool:
-    """Return True if limits hold at each instant of each phase, or if the jerk has none.
-
-    Bounds hold for all derivatives of the path in the length of a phase. Along it the acceleration
-    is largest at an end, and the speed there or where the acceleration is zero.
-    """
-    if bounds.jerk is None:
-        return True
-    parts = segments.select(phases.segments[:-1])
-    begins = phases.positions[:-1]
-    ends, _, end_gains = phases.ends()
-    rates, bends, borders = _bound_around(parts, 0.5 * (begins + ends))
-    slack = measure_slack(segments, parts)
-    if not ((borders[0] - slack <= begins) & (ends <= borders[1] + slack)).all():
-        return False
-    jerks = phases.jerks[:-1]
-    speeds = phases.peaks()[:, np.newaxis]
-    gains = np.abs(phases.accelerations[:-1])
-    largest = np.maximum(gains, np.abs(end_gains))[:, np.newaxis]
-    shares = [
-        bounds.velocity.shares(rates * speeds),
-        bounds.acceleration.shares(rates) * largest + bounds.acceleration.shares(bends) * speeds**2,
-        bounds.jerk.shares(rates) * np.abs(jerks)[:, np.newaxis]
-        + 3.0 * bounds.jerk.shares(bends) * speeds * largest
-        + bounds.jerk.shares(np.abs(parts.twists)) * speeds**3,
-        *bounds.lateral_shares(parts, rates * speeds),
-    ]
-    return all(bool((share <= 1.0).all()) for share in shares)
-
-
-def _bound_around(parts: Segments, lengths: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return bounds of derivatives in the intervals around lengths along segments.
-
-    The last array holds the borders of the intervals, shape (2, m).
-    """
-    counts = np.where(parts.is_curve, INTERVALS_PER_CURVE, 1)
-    widths = parts.lengths / counts
-    numbers = np.clip(lengths // np.where(widths > 0.0, widths, 1.0), 0, counts - 1)
-    borders = np.stack([numbers * widths, (numbers + 1.0) * widths])
-    rates, bends = bound_derivatives(parts, borders[0], widths)
-    return rates, bends, borders
 
 
 def _choose_keys(
@@ -268,10 +217,12 @@ def _join_pieces(intervals: Intervals, limited: JerkIntervals, pieces: Floats) -
     """Return phases of pieces that follow each other, and then rest."""
     numbers = pieces[:, 0].astype(np.int64)
     _, places, speeds, accelerations, jerks, durations = pieces.T
-    positions = np.append(intervals.begins[numbers] + places - limited.borders[numbers], 0.0)
+    begins = intervals.begins - limited.borders[:-1]
+    positions = np.append(places + begins[numbers], intervals.begins[0])
     owners = intervals.owners[np.append(numbers, numbers[-1:] if len(numbers) else 0)]
     phases = join_phases(durations, owners, positions, speeds, accelerations, jerks)
-    phases.positions[-1] = phases.ends()[0][-1] if len(numbers) else intervals.begins[0]
+    if len(numbers):
+        phases.positions[-1] = phases.ends()[0][-1]
     return phases
 
 

@@ -67,6 +67,9 @@ class Segments(NamedTuple):
 
     def select(self, index: Ints | Bools | list[int] | slice) -> Segments:
         """Return some of the segments."""
+        if isinstance(index, np.ndarray) and index.dtype == np.int64:
+            # Rows are taken by numbers in a fifth of the time.
+            return Segments._make(column.take(index, axis=0) for column in self)
         return Segments._make(column[index] for column in self)
 
     @property
@@ -188,7 +191,7 @@ def bound_derivatives(segments: Segments, begins: Floats, widths: Floats) -> tup
     A polynomial of degree 2 or 3 deviates from its chord by at most 1/8 of the squared width times
     its largest second derivative. The bounds of an arc are those of its tangent.
     """
-    s = np.stack([begins, begins + widths])[:, :, np.newaxis]
+    s = np.array([begins, begins + widths])[:, :, np.newaxis]
     both_bends = segments.bends + s * segments.twists
     both_rates = segments.rates + 0.5 * s * (segments.bends + both_bends)
     eighths = widths[:, np.newaxis] ** 2 / 8.0

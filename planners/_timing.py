@@ -64,7 +64,12 @@ class Phases(NamedTuple):
     accelerations: Floats
     jerks: Floats
 
-    def at(self, numbers: Ints, elapsed: Floats) -> tuple[Floats, Floats, Floats]:
+    @property
+    def durations(self) -> Floats:
+        """Seconds of all phases but the rest."""
+        return self.times[1:] - self.times[:-1]
+
+    def at(self, numbers: Ints | slice, elapsed: Floats) -> tuple[Floats, Floats, Floats]:
         """Return lengths, speeds and accelerations at times after the starts of phases."""
         speeds = self.speeds[numbers]
         accelerations = self.accelerations[numbers]
@@ -85,8 +90,7 @@ class Phases(NamedTuple):
 
     def ends(self) -> tuple[Floats, Floats, Floats]:
         """Return lengths, speeds and accelerations at the ends of all phases but the rest."""
-        durations = np.diff(self.times)
-        return self.at(np.arange(len(durations)), durations)
+        return self.at(slice(-1), self.durations)
 
 
 def cut_phases(phases: Phases, t: float) -> Phases:
@@ -117,8 +121,15 @@ class LimitRates(NamedTuple):
             return np.asarray(1.0 / self.shares(rates).max(axis=1))
 
     def shares(self, rates: Floats) -> Floats:
-        """Return the shares of the limits that rates use, shape (m, limits)."""
-        return np.sqrt(self.multiply(rates, rates))
+        """Return the shares of the limits that rates use, shape (..., limits)."""
+        linear = np.abs(rates[..., : self.dim])
+        if not self.linear.ndim:
+            linear = np.linalg.norm(linear, axis=-1, keepdims=True)
+        shares = np.asarray(linear / self.linear)
+        if self.angular is None:
+            return shares
+        angular = np.linalg.norm(rates[..., self.dim :], axis=-1, keepdims=True) / self.angular
+        return np.concatenate([shares, angular], axis=-1)
 
     def multiply(self, first: Floats, second: Floats) -> Floats:
         """Return the products of rates over the squares of their limits, shape (m, limits)."""
@@ -176,6 +187,9 @@ class Intervals(NamedTuple):
     begins: Floats  # (n,), lengths along these
     lengths: Floats  # (n,)
     is_curved: Bools  # (n,)
+    rates: Floats  # (n, k), bounds of the derivatives of the path
+    bends: Floats  # (n, k), of the second ones
+    twists: Floats  # (n, k), of the third ones
     rate_shares: Floats  # (n, c), the numbers p
     bend_shares: Floats  # (n, c), the numbers q
     hard_caps: Floats  # (n,), the largest squared speeds by the velocities
@@ -212,21 +226,24 @@ def _find_intervals(segments: Segments, rotations: Rotations, bounds: MotionBoun
     places = bounds.places
     if places is not None and places.found is not None and places.found[0] is segments:
         return cast("Intervals", places.found[1])
-    counts = np.where(segments.is_curve, INTERVALS_PER_CURVE, 1)
+    is_curve = segments.is_curve
+    counts = np.where(is_curve, INTERVALS_PER_CURVE, 1)
     owners, numbers = number_parts(counts)
     lengths = (segments.lengths / counts)[owners]
     begins = numbers * lengths
     parts = segments.select(owners)
     rates, bends = bound_derivatives(parts, begins, lengths)
-    rate_shares = bounds.acceleration.shares(rates)
-    bend_shares = bounds.acceleration.shares(bends)
+    rate_shares, bend_shares = bounds.acceleration.shares(np.array([rates, bends]))
     shares = [bounds.velocity.shares(rates) ** 2, bend_shares]
     shares += bounds.lateral_shares(parts, rates)
-    caps = 1.0 / np.column_stack(shares).max(axis=1)
+    caps = 1.0 / np.concatenate(shares, axis=1).max(axis=1)
     # Numbers for times resolve no larger accelerations.
     duration = (lengths + np.sqrt(lengths * rate_shares.max(axis=1))).sum()
     rate_shares = np.maximum(rate_shares, MIN_RAMP_SHARE * duration)
-    columns = owners, begins, lengths, parts.is_curve, rate_shares, bend_shares, caps, caps
+    columns = (
+        *(owners, begins, lengths, is_curve[owners], rates, bends, np.abs(parts.twists)),
+        *(rate_shares, bend_shares, caps, caps),
+    )
     if places is not None:
         found = places.find_stretches(parts, begins, lengths, rates)
         columns = _cut_intervals(columns, found)
@@ -407,14 +424,12 @@ def join_phases(
 
     ``segments`` and ``positions``, shape (n + 1,), have the place of the rest.
     """
-    kept = np.append(durations > MIN_PHASE_SHARE * durations.sum(), True)
-    columns = speeds, accelerations, jerks
-    return Phases(
-        np.append(0.0, np.cumsum(durations[kept[:-1]])),
-        segments[kept],
-        positions[kept],
-        *(np.append(column, 0.0)[kept] for column in columns),
-    )
+    kept = durations > MIN_PHASE_SHARE * durations.sum()
+    rest = np.zeros(1)
+    times = np.cumsum(np.concatenate([rest, durations[kept]]))
+    columns = [np.concatenate([column[kept], rest]) for column in (speeds, accelerations, jerks)]
+    kept = np.concatenate([kept, [True]])
+    return Phases(times, segments[kept], positions[kept], *columns)
 
 
 def join_motions(first: Phases, second: Phases, segments: int) -> Phases:
@@ -445,6 +460,8 @@ def find_passes(segments: Segments, rotations: Rotations, bounds: MotionBounds) 
     derivatives continue, too.
     """
     numbers = np.arange(len(segments.lengths))
+    if len(numbers) == 1:
+        return np.ones(0, dtype=np.bool_)
     parts = segments.select(np.concatenate([numbers[:-1], numbers[1:]]))
     places = np.concatenate([segments.lengths[:-1], 0.0 * segments.lengths[1:]])
     _, rates, bends = place_along(parts, rotations, places)
@@ -476,47 +493,90 @@ def is_motion(
 
     It begins with a velocity and an acceleration, shape (k,), and ends at rest. Phases take time
     and stay on their segments, configurations, velocities and, if the jerk has a limit,
-    accelerations do not jump between them, and limits hold at their ends. Comparisons are False for
-    NaN.
+    accelerations do not jump between them, and limits hold: with a limit of jerk at each instant,
+    otherwise at the ends of phases. Comparisons are False for NaN.
     """
-    durations = np.diff(phases.times)
-    count = len(durations)
-    begin_speeds = phases.speeds[:-1]
-    lasts, end_speeds, end_gains = phases.ends()
-    speeds = np.concatenate([begin_speeds, end_speeds])
-    positions = np.concatenate([phases.positions[:-1], lasts])
-    parts = segments.select(np.tile(phases.segments[:-1], 2))
+    positions, speeds, gains = (
+        np.concatenate([begins[:-1], ends])
+        for begins, ends in zip(phases[2:5], phases.ends(), strict=True)
+    )
+    numbers = phases.segments[:-1]
+    parts = segments.select(np.concatenate([numbers, numbers]))
     rows, rates, bends = place_along(parts, rotations, positions)
-    before = np.concatenate([ends[:1], rows[count:]])
-    after = np.concatenate([rows[:count], ends[-1:]])
+    before, after = _pair(rows, ends[:1], ends[-1:])
     gaps = np.abs(rotations.steps_between(before, after))
     velocities = rates * speeds[:, np.newaxis]
     rest = np.zeros((1, rates.shape[1]))
-    velocities_before = np.concatenate([rest + begin_velocity, velocities[count:]])
-    velocities_after = np.concatenate([velocities[:count], rest])
+    velocities_before, velocities_after = _pair(velocities, rest + begin_velocity, rest)
     jumps = bounds.acceleration.shares(velocities_after - velocities_before)
     largest = bounds.acceleration.shares(velocities_before).max()
-    # The acceleration across an arc has a limit of its own.
-    bends = np.where(parts.curvatures[:, np.newaxis], 0.0, bends)
-    gains = np.concatenate([phases.accelerations[:-1], end_gains])
-    accelerations = rates * gains[:, np.newaxis] + bends * (speeds**2)[:, np.newaxis]
-    shares = [bounds.velocity.shares(velocities), bounds.acceleration.shares(accelerations)]
-    shares += bounds.lateral_shares(parts, velocities)
     slack = measure_slack(segments, parts)
-    if bounds.jerk is not None:
-        gains_before = np.concatenate([rest + begin_acceleration, accelerations[count:]])
-        gains_after = np.concatenate([accelerations[:count], rest])
-        steps = bounds.jerk.shares(gains_after - gains_before)
-        if not (steps <= MAX_GAIN_GAP * bounds.jerk.shares(gains_before).max()).all():
-            return False
-    return bool(
-        (durations > 0.0).all()
-        and (positions >= -slack).all()
-        and (positions <= parts.lengths + slack).all()
+    is_one = (
+        (phases.durations > 0.0).all()
+        and ((-slack <= positions) & (positions <= parts.lengths + slack)).all()
         and (gaps <= bounds.gap * measure_sizes(before, rotations)).all()
         and (jumps <= MAX_SPEED_GAP * largest).all()
-        and all((share <= 1.0 + MAX_EXCESS).all() for share in shares)
     )
+    # The acceleration across an arc has a limit of its own.
+    bends = np.where(parts.curvatures[:, np.newaxis], 0.0, bends)
+    accelerations = rates * gains[:, np.newaxis] + bends * (speeds**2)[:, np.newaxis]
+    if bounds.jerk is None:
+        shares = [bounds.velocity.shares(velocities), bounds.acceleration.shares(accelerations)]
+        shares += bounds.lateral_shares(parts, velocities)
+        return bool(is_one and (np.concatenate(shares, axis=1) <= 1.0 + MAX_EXCESS).all())
+    gains_before, gains_after = _pair(accelerations, rest + begin_acceleration, rest)
+    jumps = bounds.jerk.shares(gains_after - gains_before)
+    is_even = (jumps <= MAX_GAIN_GAP * bounds.jerk.shares(gains_before).max()).all()
+    return bool(is_one and is_even and keeps_jerk(segments, phases, bounds, bounds.jerk))
+
+
+def _pair(values: Floats, first: Floats, last: Floats) -> tuple[Floats, Floats]:
+    """Return values before and after n + 1 instants.
+
+    ``values``, shape (2 n, k), are those at the begins of n phases, and at their ends.
+    """
+    count = len(values) // 2
+    before = np.concatenate([first, values[count:]])
+    return before, np.concatenate([values[:count], last])
+
+
+def keeps_jerk(segments: Segments, phases: Phases, bounds: MotionBounds, jerk: LimitRates) -> bool:
+    """Return True if all limits hold at each instant of each phase, those of jerk included.
+
+    Bounds hold for all derivatives of the path in the length of a phase. Along it the acceleration
+    is largest at an end, and the speed there or where the acceleration is zero.
+    """
+    parts = segments.select(phases.segments[:-1])
+    begins, _, begin_gains, jerks = (column[:-1] for column in phases[2:])
+    ends, _, end_gains = phases.ends()
+    *derivatives, borders = _bound_around(parts, 0.5 * (begins + ends))
+    slack = measure_slack(segments, parts)
+    if not ((borders[0] - slack <= begins) & (ends <= borders[1] + slack)).all():
+        return False
+    speeds = phases.peaks()[:, np.newaxis]
+    gains = np.abs([begin_gains, end_gains]).max(axis=0)[:, np.newaxis]
+    velocities = derivatives[0] * speeds
+    rates, bends = bounds.acceleration.shares(np.array(derivatives))
+    shares = [bounds.velocity.shares(velocities), rates * gains + bends * speeds**2]
+    shares += bounds.lateral_shares(parts, velocities)
+    rates, bends, twists = jerk.shares(np.array([*derivatives, np.abs(parts.twists)]))
+    along = rates * np.abs(jerks)[:, np.newaxis]
+    shares.append(along + 3.0 * bends * speeds * gains + twists * speeds**3)
+    return bool((np.concatenate(shares, axis=1) <= 1.0).all())
+
+
+def _bound_around(parts: Segments, lengths: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return bounds of derivatives in the intervals around lengths along segments.
+
+    The last array holds the borders of the intervals, shape (2, m).
+    """
+    counts = np.where(parts.is_curve, INTERVALS_PER_CURVE, 1)
+    widths = parts.lengths / counts
+    numbers = lengths // np.where(widths > 0.0, widths, 1.0)
+    numbers = np.minimum(np.maximum(numbers, 0.0), counts - 1)
+    borders = np.array([numbers * widths, (numbers + 1.0) * widths])
+    rates, bends = bound_derivatives(parts, borders[0], widths)
+    return rates, bends, borders
 
 
 def find_excess(

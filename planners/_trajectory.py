@@ -38,7 +38,7 @@ from cspace.inside import (
 from planners._car_curves import MAX_GAP
 from planners._cars import CarCurves
 from planners._drives import check_axes, local_planner
-from planners._jerk import find_jerk_stop, find_motion, keeps_jerk
+from planners._jerk import find_jerk_stop, find_motion
 from planners._joint_limits import read_joint_limits
 from planners._local_planner import Drive, Pieces
 from planners._ompl_states import check_space
@@ -378,9 +378,7 @@ class Trajectory:
         timing = ends, segments, self._rotations, phases, self._bounds
         stop = replace(
             self,
-            certified=self.certified
-            and is_motion(*timing, velocity, acceleration)
-            and keeps_jerk(segments, phases, self._bounds),
+            certified=self.certified and is_motion(*timing, velocity, acceleration),
             stop_reason="braked() was called",
             _route=self._route._replace(waypoints=waypoints),
             _segments=segments,
@@ -421,7 +419,7 @@ class Trajectory:
         stop = self.braked(t)
         nodes, weights = np.polynomial.legendre.leggauss(STOP_NODES)
         begins = stop._phases.times[:-1, np.newaxis]
-        halves = 0.5 * np.diff(stop._phases.times)[:, np.newaxis]
+        halves = 0.5 * stop._phases.durations[:, np.newaxis]
         _, velocities, _ = stop.sample(begins + halves * (1.0 + nodes))
         dim = len(self.axes) - len(self._rotations.names)
         speeds = np.linalg.norm(velocities[..., :dim], axis=-1)
@@ -506,8 +504,8 @@ class Trajectory:
     def _row_times(self, time_step: float) -> Floats:
         """Return row times, at most ``time_step`` apart, with phase starts."""
         phases = self._phases
-        step = self._largest_step(time_step)
-        counts = np.maximum(np.ceil(np.diff(phases.times) / step), 1.0)
+        durations = phases.durations
+        counts = np.maximum(np.ceil(durations / self._largest_step(time_step)), 1.0)
         total = counts.sum()
         if total >= MAX_ROWS:
             raise InputError(
@@ -516,7 +514,7 @@ class Trajectory:
                 f"it makes {total:.2g} rows; at most {MAX_ROWS} are possible",
             )
         owners, numbers = number_parts(counts.astype(np.int64))
-        rows = phases.times[owners] + numbers / counts[owners] * np.diff(phases.times)[owners]
+        rows = phases.times[owners] + numbers / counts[owners] * durations[owners]
         return np.append(rows, phases.times[-1])
 
     def _largest_step(self, step: float) -> float:
@@ -1099,8 +1097,6 @@ def _make(
     timing = path.waypoints, segments, rotations, phases, bounds
     if not is_motion(*timing, motion.begin_velocity, motion.begin_acceleration):
         return None
-    if not keeps_jerk(segments, phases, bounds):
-        return None
     if find_excess(segments, rotations, bounds, phases):
         return None
     none = np.zeros(0)
@@ -1228,7 +1224,7 @@ def _check_limits(
         check_positive(limit, name, "metres, radians, seconds")
     if isinstance(path.drive, Car) and limits.ndim:
         raise InputError(name, "differs by axis", "a car turns")
-    return np.broadcast_to(limits, dim) if path.moves_joints else limits
+    return limits + np.zeros(dim) if path.moves_joints else limits
 
 
 def _check_option(

@@ -238,11 +238,13 @@ def check_positive(value: Any, name: str, unit: str = "metres") -> float:
     Raises InputError if it is not one number, not finite, not above zero, or outside [1e-100,
     1e100].
     """
+    # Squares and cubes of numbers in this range do not overflow or underflow float64.
+    if type(value) is float and 1.0 / MAX_NUMBER < value < MAX_NUMBER:
+        return value
     array = check_finite(value, name)
     problem = f"is {value!r}"
     if array.ndim or array <= 0.0:
         raise InputError(name, problem, f"it must be one number above zero, in {unit}")
-    # Squares and cubes of numbers in this range do not overflow or underflow float64.
     if not 1.0 / MAX_NUMBER < array < MAX_NUMBER:
         raise InputError(name, problem, f"it must be in [1e-100, 1e100] {unit}")
     return float(array)
