@@ -1,6 +1,7 @@
 """``build``: from a workspace and a robot to the certified map of the robot's configurations.
 
-``suggest`` returns the spacing and the rotation cells with which a map decides passages of a width.
+``suggest`` returns the spacing and the rotation cells with which a map decides passages of a width,
+and ``open_map`` opens a saved map.
 
 A cell is proven FREE if the outer raster of the robot, moved there, overlaps no outer cell of the
 workspace, and BLOCKED if the inner raster overlaps an inner cell (see
@@ -28,7 +29,7 @@ from cspace._engines.slices import (
     group_rasters,
     slice_rasters,
 )
-from cspace._files.access import check_name
+from cspace._files.access import check_name, inspect_path, suggest_file
 from cspace._grid import MAX_COORDINATE, SLACK, Grid
 from cspace._record.contents import Contents
 from cspace._record.exterior import OUTSIDES
@@ -38,7 +39,7 @@ from cspace._rotations.base import ANGLE_SLACK
 from cspace._rotations.quaternion import MAX_ANGLE_TIMES_PARTS, MAX_PARTS_PER_AXIS
 from cspace._rotations.yaw import MAX_YAW_CELLS
 from cspace._space import CSpace
-from cspace._support.arrays import Floats
+from cspace._support.arrays import Floats, StrPath
 from cspace._support.check import (
     check_count,
     check_not_negative,
@@ -50,7 +51,7 @@ from cspace._support.limits import PlannedGrid, bytes_text, check_memory
 from cspace._support.reporting import format_sides, tell_apart, warn_user
 from cspace._support.words import Method, Outside
 from cspace._workspace import Workspace, covering_shape, load_workspace
-from cspace.errors import InputError, UnitWarning
+from cspace.errors import FileError, InputError, UnitWarning
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -604,3 +605,64 @@ def _choose_rotations(turn_axes: int, chord: float) -> Rotations:
         return Rotations.quaternions(math.ceil(parts / angle))
     # With a multiple of 4 cells, robots with symmetries share slices.
     return Rotations.of(4 * math.ceil(parts / angle / 4.0))
+
+
+@names_options
+def open_map(path: StrPath, *, cache_bytes: int = 2**30) -> CSpace | TiledCSpace:
+    """Open a saved map, or a map in tiles.
+
+    Parameters
+    ----------
+    path : path-like
+        A Zarr folder that :meth:`cspace.CSpace.save` or :func:`cspace.build` with a ``store``
+        wrote.
+    cache_bytes : int
+        Memory for open tiles of a map in tiles; at least one stays open.
+
+    Returns
+    -------
+    CSpace or TiledCSpace
+        Equal to the map that was saved or built. A map in tiles stays in its folder.
+
+    Raises
+    ------
+    FileError
+        If the map is missing, unreadable, truncated or changed, of another version of the format,
+        or replaced by another process while it is read; then open it again.
+
+    Examples
+    --------
+    >>> import numpy as np, cspace
+    >>> field = cspace.Workspace.from_array(np.eye(30, dtype=bool), 0.1)
+    >>> space = cspace.build(field, cspace.Robot.disc(0.2))
+    >>> space.save("map.zarr")
+    >>> cspace.open("map.zarr").count() == space.count()
+    True
+    """
+    from cspace._record.save import MapFolder
+
+    _check_folder(path)
+    if MapFolder(path, tiles=True).exists():
+        from cspace._tiles.tiled_space import open_tiles
+
+        return open_tiles(path, cache_bytes)
+    saved = MapFolder(path)
+    contents, _ = saved.read()
+    with saved.reporting_damage():
+        return CSpace(contents)
+
+
+open = open_map  # noqa: A001 - its public name, cspace.open
+
+
+def _check_folder(path: StrPath) -> None:
+    """Raise FileError unless a path is a folder."""
+    file, what = inspect_path(path, "saved map")
+    if what == "a folder":
+        return
+    problem = "is not a saved map" if what else "does not exist"
+    rule = "a saved map is a Zarr folder"
+    hint = suggest_file(file)
+    if file.suffix.lower() == ".npz":
+        rule = f"{rule}; .npz is an export, for numpy.load"
+    raise FileError(str(file), problem, rule, hint)

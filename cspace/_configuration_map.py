@@ -5,11 +5,12 @@ from __future__ import annotations
 from abc import abstractmethod
 from contextlib import AbstractContextManager
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Unpack, overload
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cspace import _outside
 from cspace._grid import Grid
 from cspace._interface import (
     ConfigurationSpace,
@@ -32,10 +33,7 @@ from cspace._support.check import (
 from cspace.errors import ConfigurationError, EndReason, InputError
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
     from cspace._record.contents import Contents
-    from cspace.plot import PlotOptions
 
 
 class HasComponents(Protocol):
@@ -431,7 +429,7 @@ class ConfigurationMap(ConfigurationSpace):
         else:
             problem = "is FREE but lies on the border of a cell that is not"
             rule = f"the {name} must lie inside a FREE cell, because motions touch both cells"
-        hint, nearest = suggest_endpoint(self, point)
+        hint, nearest = _suggest_endpoint(self, point)
         if is_proven:
             hint = f"space.exact proves it free; {hint}"
         problem = f"{point} {problem}"
@@ -439,16 +437,7 @@ class ConfigurationMap(ConfigurationSpace):
 
     # ---- pictures --------------------------------------------------------------------------------
 
-    def plot(self, **options: Unpack[PlotOptions]) -> Axes:
-        """Draw the map, with the options of :func:`cspace.plot.plot`.
-
-        Of a tiled map, an overview is drawn. No window opens; notebooks show the axes as the
-        picture. If a path crosses the seam of continuous joints, the picture extends as far as the
-        path.
-        """
-        from cspace.plot import plot
-
-        return plot(self, **options)
+    plot = _outside.plot
 
     # ---- what differs ----------------------------------------------------------------------------
 
@@ -525,7 +514,7 @@ class ConfigurationMap(ConfigurationSpace):
         return np.concatenate([rotations, cells], axis=-1)
 
 
-def suggest_endpoint(space: ConfigurationMap, point: Endpoint) -> tuple[str, Endpoint | None]:
+def _suggest_endpoint(space: ConfigurationMap, point: Endpoint) -> tuple[str, Endpoint | None]:
     """Return a hint for an invalid endpoint, and the nearest FREE configuration."""
     try:
         nearest = tuple(space.nearest_free(point).tolist())

@@ -24,6 +24,7 @@ import shapely
 from numpy.typing import ArrayLike
 from shapely.geometry import MultiPolygon, Polygon
 
+from cspace import _outside
 from cspace._queries.batches import Configuration, evaluate, evaluate_edges, evaluate_rows
 from cspace._queries.upright import Upright
 from cspace._rotations import Rotations
@@ -41,7 +42,6 @@ from cspace._support.check import (
     check_known,
     check_pairs,
     check_rows,
-    names_options,
     order_labels,
 )
 from cspace._support.deadlines import Effort
@@ -51,9 +51,6 @@ from cspace.errors import ConfigurationError, InputError
 
 if TYPE_CHECKING:
     from cspace._queries.chunks import RowCheck
-    from cspace.plot import HasPath
-    from cspace.regions import ConvexRegion, FreeRegions
-    from cspace.view import Viewer
 
 Endpoint = tuple[float, ...]
 """A start or goal in canonical form."""
@@ -325,137 +322,8 @@ class Space(ABC):
 
     # ---- convex regions of maps in memory --------------------------------------------------------
 
-    @names_options
-    def free_region(
-        self,
-        q: ArrayLike,
-        *,
-        reach: float = 5.0,
-        margin: float = 0.0,
-        yaw_width: float | None = None,
-    ) -> ConvexRegion:
-        """Find a convex region around a configuration that is proven FREE.
-
-        Each configuration of the region lies in FREE cells, and so does each straight motion
-        between two of them. For maps in memory of positions, with or without a yaw, and of joints.
-        A region of a map with a yaw is a polytope of positions times an arc of yaws, at each of
-        which all its positions are FREE. Spacing and rotations of the map limit how near the region
-        comes to obstacles. See ``cspace.regions`` for the method.
-
-        Parameters
-        ----------
-        q : array-like, shape (size,)
-            A FREE configuration, which the region contains; metres, and radians.
-        reach : float
-            Half the side of the box around it that the region stays in, metres; for a map of joints
-            in the joints' units. The time grows with the number of cells in this box.
-        margin : float
-            Distance of the region's positions from cells that are not FREE, in the same unit.
-        yaw_width : float, optional
-            Width of the arc of yaws around that of ``q``, radians. By default, the arc is as wide
-            as possible, but so that the positions keep half the volume that they have in the yaw
-            cell of ``q``.
-
-        Returns
-        -------
-        cspace.regions.ConvexRegion
-
-        Raises
-        ------
-        InputError
-            If the space is no such map; a number is not finite or out of range; or the robot is not
-            FREE at all yaws of ``yaw_width``.
-        ConfigurationError
-            If the configuration is not FREE, or lies on the border of a cell that is not FREE or
-            within the margin of it.
-
-        Examples
-        --------
-        >>> import numpy as np, cspace
-        >>> workspace = cspace.Workspace.from_array(np.eye(30, dtype=bool), 0.1)
-        >>> space = cspace.build(workspace, cspace.Robot.disc(0.2))
-        >>> region = space.free_region((0.5, 2.0))
-        >>> region.contains([(0.5, 2.0), (1.5, 1.5)]).tolist()
-        [True, False]
-        >>> round(region.volume, 1), len(region.b)
-        (1.7, 10)
-        """
-        from cspace.regions._free_region import find_free_region
-
-        return find_free_region(self, q, reach, margin, yaw_width)
-
-    @names_options
-    def free_regions(
-        self,
-        share: float = 0.9,
-        *,
-        around: ArrayLike | None = None,
-        reach: float = 5.0,
-        margin: float = 0.0,
-        max_regions: int = 1000,
-        time_limit: float | None = None,
-        seed: int = 0,
-        progress: Callable[[int, float], None] | None = None,
-    ) -> FreeRegions:
-        """Find convex regions that cover the FREE configurations of the map.
-
-        Each region grows around a cell that is among the farthest from all covered ones, until a
-        share of the volume of FREE cells is covered, or a limit ends it. The cells of a region are
-        those whose centers it contains. See :meth:`free_region`.
-
-        Parameters
-        ----------
-        share : float
-            Share of the FREE volume to cover, above 0 and at most 1.
-        around : array-like, shape (size,), optional
-            A FREE configuration; then only the cells that FREE cells join to it count.
-        reach, margin : float
-            As for :meth:`free_region`.
-        max_regions : int
-            Largest number of regions.
-        time_limit : float, optional
-            Seconds after which no further region is found.
-        seed : int
-            Seed of the random choice among the farthest cells.
-        progress : callable, optional
-            Called with (regions so far, share covered).
-
-        Returns
-        -------
-        cspace.regions.FreeRegions
-            The regions, the graph of their overlaps, and the share covered, which is below
-            ``share`` if a limit ended the search.
-
-        Raises
-        ------
-        InputError
-            If the space is no such map, or a number is out of range.
-        ConfigurationError
-            If the map has no FREE cell, ``around`` is not FREE, or no region was found.
-
-        Examples
-        --------
-        >>> import numpy as np, cspace
-        >>> occupied = np.zeros((60, 40), dtype=bool)
-        >>> occupied[30, :25] = True
-        >>> space = cspace.build(cspace.Workspace.from_array(occupied, 0.1), cspace.Robot.disc(0.3))
-        >>> regions = space.free_regions(0.9)
-        >>> regions.coverage >= 0.9, len(regions.regions) < 5
-        (True, True)
-        """
-        from cspace.regions._cover import find_free_regions
-
-        return find_free_regions(
-            self,
-            share,
-            around=around,
-            reach=reach,
-            margin=margin,
-            max_regions=max_regions,
-            time_limit=time_limit,
-            seed=seed,
-            progress=progress,
-        )
+    free_region = _outside.free_region
+    free_regions = _outside.free_regions
 
     # ---- what some spaces know better ------------------------------------------------------------
 
@@ -850,63 +718,7 @@ class ConfigurationSpace(Space):
 
     # ---- pages -----------------------------------------------------------------------------------
 
-    @names_options
-    def view(
-        self,
-        *,
-        block: bool = True,
-        path: ArrayLike | HasPath | None = None,
-        start: ArrayLike | None = None,
-        goal: ArrayLike | None = None,
-        frame: str | None = None,
-        host: str = "127.0.0.1",
-        port: int | None = None,
-    ) -> Viewer:
-        """Show the space on a page in the browser, and plan there.
-
-        Needs the extra ``view``. The page shows the obstacles, the robot, and the
-        border of a map's C-obstacle or the closest pair of an arm. On it one sets start and goal,
-        or drags an arm's tool to a pose, plans and plays paths, and reads what is proven. It is
-        served on this machine alone, unless ``host`` says otherwise.
-
-        Parameters
-        ----------
-        block : bool
-            Print the address and wait for Ctrl-C. Otherwise :meth:`cspace.view.Viewer.close` ends
-            the page.
-        path : array-like, shape (n, size), or Plan, optional
-            A path to show. Trajectories, and plans of arms, are played at true speed.
-        start, goal : array-like, shape (size,), optional
-            Initial start and goal; by default the endpoints of the path, or FREE configurations far
-            apart. An arm with a start alone has no goal until one is set on the page.
-        frame : str, optional
-            Frame of an arm that users drag, such as ``"tool0"``; by default the frame that the most
-            joints move.
-        host : str
-            Address to serve on. Whoever can reach it can plan on the page and move it.
-        port : int, optional
-            Default: the first free port from 8080 on.
-
-        Returns
-        -------
-        cspace.view.Viewer
-            The page, with its ``url``, its ``plan``, ``refresh()`` for a map that was updated, and
-            ``close()``.
-
-        Raises
-        ------
-        InputError
-            If the path or a configuration has the wrong shape, no joint moves the frame, the port
-            is taken, or this machine lacks the address.
-        MissingPackageError
-            If viser is not installed.
-        """
-        from cspace.view._viewer import Viewer, show_viewer
-
-        return show_viewer(
-            Viewer(self, path=path, start=start, goal=goal, frame=frame, host=host, port=port),
-            block,
-        )
+    view = _outside.view
 
     # ---- one configuration, given as a plain row: the same look-ups, without arrays --------------
 

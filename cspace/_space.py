@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cspace import _outside
 from cspace._configuration_map import ConfigurationMap
 from cspace._engines.slices import slice_rasters
 from cspace._interface import HALF_TURN, LookUp, Space
@@ -60,18 +61,15 @@ from cspace.errors import ConfigurationError, InputError
 if TYPE_CHECKING:
     from pathlib import Path
 
-    import xarray
-
     from cspace._exact.boundaries import OwnProofs, Problem
     from cspace._exact.proofs import ExactQueries
     from cspace._obstacles import ObstacleLayers
     from cspace._queries.any_angle import Rectangles
     from cspace._queries.components import Components
-    from cspace._queries.distance import DistanceMap, Distances
+    from cspace._queries.distance import DistanceMap
     from cspace._queries.overlaps import RobotRows
     from cspace._queries.sampling import FreeCells
     from cspace._record.update import Update, Updater
-    from cspace.reasons import Explanation, Removals
 
 
 Shared = TypeVar("Shared", bound="CSpace")
@@ -851,176 +849,17 @@ class CSpace(ConfigurationMap):
 
     # ---- reasons ---------------------------------------------------------------------------------
 
-    @names_options
-    def explain(self, start: ArrayLike, goal: ArrayLike, *, refine: bool = False) -> Explanation:
-        """Explain why a path between two configurations exists, or does not.
-
-        For maps in the plane and in space, with or without a yaw, and of joints. It takes some
-        seconds for a map of ten million cells.
-
-        Parameters
-        ----------
-        start, goal : array-like, shape (size,)
-            Configurations in the grid, FREE or not; metres, and radians.
-        refine : bool
-            Build finer maps while they are small, which narrow the margins. If the map leaves it
-            undecided, they or finer windows around the MIXED cells on the way may decide. Not for
-            joints.
-
-        Returns
-        -------
-        cspace.reasons.Explanation
-            ``print`` it for at most three sentences; it has the verdict, the cells and obstacles in
-            the way, where the way is narrowest, and by how much the robot may grow or must shrink.
-
-        Raises
-        ------
-        InputError
-            If the map is tiled or of SE(3), or of joints with ``refine``, or a number is not
-            finite.
-        ConfigurationError
-            If start or goal lies outside the grid.
-
-        Examples
-        --------
-        >>> import numpy as np, cspace
-        >>> occupied = np.zeros((80, 60), dtype=bool)
-        >>> occupied[40:42, :26] = occupied[40:42, 30:] = True
-        >>> space = cspace.build(cspace.Workspace.from_array(occupied, 0.1), cspace.Robot.disc(0.3))
-        >>> space.explain((1.0, 1.0), (7.0, 1.0)).verdict
-        'disconnected'
-        """
-        from cspace.reasons._explain import explain
-
-        return explain(self, start, goal, refine)
-
-    def removals(self, start: ArrayLike, goal: ArrayLike) -> Removals | None:
-        """Find fewest named obstacles whose removal gives a path.
-
-        See :attr:`cspace.CSpace.obstacles`. The map itself does not change.
-
-        Parameters
-        ----------
-        start, goal : array-like, shape (size,)
-            Configurations in the grid; metres, and radians.
-
-        Returns
-        -------
-        cspace.reasons.Removals or None
-            A list of names; a map without them proves that a path exists. It is empty if one exists
-            already. No fewer obstacles give one, for up to 12 of them; for more, ``at_least`` is a
-            lower bound of their number. None if a path is not proven without all of them either.
-
-        Raises
-        ------
-        InputError
-            As :meth:`explain`, and if there are over 62 named obstacles.
-        ConfigurationError
-            If start or goal lies outside the grid.
-
-        References
-        ----------
-        K. Hauser, "The minimum constraint removal problem with three robotics applications", 2014.
-
-        Examples
-        --------
-        >>> import numpy as np, shapely, cspace
-        >>> workspace = cspace.Workspace.from_array(np.zeros((40, 20), dtype=bool), 0.1)
-        >>> space = cspace.build(workspace, cspace.Robot.disc(0.2))
-        >>> _ = space.add_obstacle("crate", shapely.box(2.0, 0.0, 2.2, 1.2))
-        >>> _ = space.add_obstacle("shelf", shapely.box(2.0, 1.2, 2.2, 2.0))
-        >>> space.removals((0.5, 0.5), (3.5, 0.5))
-        ['crate']
-        """
-        from cspace.reasons._removals import find_removals
-
-        return find_removals(self, start, goal)
+    explain = _outside.explain
+    removals = _outside.removals
 
     # ---- for files and messages ------------------------------------------------------------------
-
-    def _call_with_contents(
-        self, write: Callable[[Contents], None], *, exterior: bool = False
-    ) -> None:
-        """Call ``write`` with the contents, between updates.
-
-        With ``exterior``, the exterior's states are included.
-        """
-        with self.lock:
-            contents = self._contents
-            if exterior:
-                contents = replace(contents, exterior=self._exterior)
-            write(contents)
 
     def _distance_arrays(self) -> dict[str, NDArray[Any]]:
         """Return distances of cells as named arrays of a saved map."""
         boxes = self._distances.compute_all().boxes
         return {"distances": self._distances.array(), "distance_boxes": boxes}
 
-    def _clearances_of_cells(self, number: int | None) -> Floats:
-        """Return clearances at centers, metres, of slice ``number``.
-
-        If that is None, return the largest clearance among all slices.
-        """
-        from cspace._queries.distance import ROUNDING_FACTOR
-
-        if number is None:
-            cells: Distances = self._distances.array().max(axis=0)
-        else:
-            cells = self._distances.array_of(number)
-        return cells.astype(np.float64) * (ROUNDING_FACTOR * self.grid.spacing)
-
     # ---- files and messages ----------------------------------------------------------------------
-
-    def to_xarray(self) -> xarray.Dataset:
-        """Return the map as an xarray Dataset that can rebuild it.
-
-        It has named dimensions, coordinates and units. It needs the extra ``xarray``.
-
-        Returns
-        -------
-        xarray.Dataset
-            Dimensions ``x``, ``y`` and in space ``z``, or the joints of an arm, with the centers of
-            the cells, in metres or radians. Variables ``cell_states`` (uint8, flags free, mixed and
-            blocked), ``outer`` and ``inner`` (bool, the workspace) and, if the map has them,
-            ``overlap_counts`` (int32) and ``shapes`` (bytes of JSON text from which the obstacles
-            are made). The arrays are read-only; copy the Dataset to change it. Attributes are text,
-            numbers and lists of numbers: ``lower``, ``spacing``, ``outside``, ``margin_m``,
-            ``inner``, ``rotations`` (their number), ``robot`` (JSON text for ``Robot.from_spec``),
-            ``workspace_source``, ``frame_id`` if it is known, and the versions.
-
-            For a robot that turns, ``cell_states`` and ``overlap_counts`` have the leading
-            dimension ``rotation``, with the coordinates ``yaw`` (the representative, radians),
-            ``yaw_bounds`` (the ends of the interval), ``covering_angle`` and ``slice_of``. A state
-            holds for all yaw angles between the bounds. Yaws lie in [-pi, pi) and ascend, so that
-            ``.sel(yaw=0.3, method="nearest")`` and slices of yaws work; the map itself, and other
-            files, count rotation cells from that of yaw 0 on. Above the last yaw, the cell around
-            -pi may be nearer.
-
-        Raises
-        ------
-        MissingPackageError
-            If xarray is not installed.
-
-        Notes
-        -----
-        Arrays are shared with the map, with one exception: if the robot turns and is not round
-        about its reference point, its slices are copied in the order of the yaws.
-
-        Examples
-        --------
-        >>> import numpy as np, cspace
-        >>> workspace = cspace.Workspace.from_array(np.eye(30, dtype=bool), 0.1)
-        >>> space = cspace.build(workspace, cspace.Robot.rectangle(0.4, 0.2), rotations=8)
-        >>> dataset = space.to_xarray()
-        >>> free = (dataset.cell_states == cspace.FREE).mean("y")
-        >>> dict(free.sizes)
-        {'rotation': 8, 'x': 30}
-        >>> float(dataset.cell_states.sel(yaw=0.3, method="nearest").yaw)
-        0.0
-        """
-        from cspace.export._writers import to_xarray
-
-        return to_xarray(self._contents)
 
     @names_options
     def save(
@@ -1057,147 +896,15 @@ class CSpace(ConfigurationMap):
         """
         from cspace._record.save import save
 
-        def write(contents: Contents) -> None:
+        with self.lock:  # an update waits
+            contents = replace(self._contents, exterior=self._exterior)
             derived = self._distance_arrays() if clearance else None
             save(contents, path, overwrite, compress, derived)
 
-        self._call_with_contents(write, exterior=True)
-
-    @names_options
-    def export(
-        self, path: str | Path, *, overwrite: bool = False, rotation: ArrayLike | None = None
-    ) -> None:
-        """Write the map for other programs, in the format of the suffix.
-
-        Parameters
-        ----------
-        path : path-like
-            ``.zarr`` or no suffix: a Zarr folder, as :meth:`save` writes it. ``.npz``: a compressed
-            archive for ``numpy.load``, with ``cell_states`` (uint8 [slice, x, y] or [slice, x, y,
-            z]: 0 free, 1 mixed, 2 blocked), ``slice_of`` (``cell_states[slice_of]`` are the states
-            by rotation), ``x``, ``y`` and in space ``z`` (centers of the cells, metres), ``outer``,
-            the other arrays of the map, ``lower``, ``spacing`` and ``metadata`` (JSON). ``.vti``:
-            cells for ParaView, with the arrays ``cell_states``, ``outer``, and, if the map has
-            them, ``inner``, ``unknown`` and ``overlap_counts``. For a robot that turns, each
-            rotation cell has its own arrays, ``cell_states_00`` and so on; the field data ``yaw``,
-            or ``qx`` to ``qw``, hold the rotations. ``.nc``: netCDF-3, by xarray, with the
-            variables of :meth:`to_xarray`, indexed ``[rotation, z, y, x]``. ``.tif``, ``.tiff``: a
-            plane map as a GeoTIFF in its own metres, 0 FREE, 1 MIXED, 2 BLOCKED. ``.yaml``,
-            ``.yml``: a plane map as a ROS map, with its image beside it. ``.ply``, ``.obj``,
-            ``.stl``: the boundary of the free space of a map in space; STL in single precision.
-        overwrite : bool
-            True to replace an existing output.
-        rotation : array-like, shape (k,), optional
-            Rotation to write, as in a configuration, for a robot that turns. It is required for
-            formats of one slice, and selects one rotation cell for ``.vti`` and ``.nc``. Its free
-            cells are proven for the whole rotation cell that contains it, and for no other.
-
-        Raises
-        ------
-        InputError
-            If the suffix is unknown, the format cannot hold the map, or ``rotation`` is missing or
-            not applicable.
-        FileError
-            If the output exists and may not be replaced, or cannot be written.
-        MissingPackageError
-            If netCDF is asked for, and xarray is not installed.
-        """
-        from cspace.export._writers import export
-
-        self._call_with_contents(partial(export, path=path, overwrite=overwrite, rotation=rotation))
-
-    @names_options
-    def to_occupancy_grid(
-        self, msg: Any = None, *, rotation: ArrayLike | None = None, frame_id: str | None = None
-    ) -> Any:
-        """Return a plane map as a ROS occupancy grid.
-
-        FREE is 0, BLOCKED 100 and MIXED -1 (unknown). :meth:`cspace.Workspace.from_occupancy_grid`
-        reads it back: as the cells that are not FREE, or, with ``unknown="free"``, as the BLOCKED
-        cells.
-
-        Parameters
-        ----------
-        msg : object, optional
-            A message of ROS 1 or 2 to fill: any object with the fields of
-            ``nav_msgs/OccupancyGrid``. Default: a new :class:`cspace.ros.OccupancyGrid`.
-        rotation : array-like, shape (k,), optional
-            Rotation of the robot. Default: 0 means free, and 100 blocked, at every rotation.
-        frame_id : str, optional
-            Frame in the header, whose stamp stays as it is; by default :attr:`frame_id`.
-
-        Returns
-        -------
-        object
-            The message.
-
-        Raises
-        ------
-        InputError
-            If the map is in space or in radians, the message lacks a field, or the map does not
-            have the ``rotation``.
-        """
-        from cspace.export._messages import fill_occupancy_grid
-
-        return fill_occupancy_grid(self, msg, rotation, frame_id or self.frame_id)
-
-    @names_options
-    def to_costmap(
-        self,
-        msg: Any = None,
-        *,
-        inflation_radius: float = 0.55,
-        cost_scaling_factor: float = 10.0,
-        rotation: ArrayLike | None = None,
-        frame_id: str | None = None,
-    ) -> Any:
-        """Return a plane map as a Nav2 costmap.
-
-        It is inflated by the robot itself. 254 is an obstacle, 255 unknown, 253 not proven free for
-        the robot. A FREE cell costs ``252 * exp(-cost_scaling_factor * clearance)``, rounded down,
-        and 0 if it is farther than ``inflation_radius`` from the obstacles. Its clearance, taken at
-        its center, stands for Nav2's distance less the inscribed radius.
-
-        Parameters
-        ----------
-        msg : object, optional
-            A message to fill: any object with the fields of ``nav2_msgs/Costmap``. Default: a new
-            object with these.
-        inflation_radius : float
-            Metres from the obstacles, zero or above; compared with the clearance plus the radius of
-            the robot's inscribed circle, margin included. The defaults of this and of
-            ``cost_scaling_factor`` are Nav2's.
-        cost_scaling_factor : float
-            Per metre, zero or above.
-        rotation : array-like, shape (k,), optional
-            Rotation of the robot. Default: in each cell, the rotation of the largest clearance;
-            this takes some 20 nanoseconds for each cell and slice at the first call, and after an
-            update.
-        frame_id : str, optional
-            Frame in the header, whose stamp stays as it is; by default :attr:`frame_id`.
-
-        Returns
-        -------
-        object
-            The message.
-
-        Raises
-        ------
-        InputError
-            If the map is in space or of joints, the message lacks a field, or an argument is not
-            usable.
-        """
-        from cspace.export._messages import fill_costmap
-
-        return fill_costmap(
-            self,
-            self._clearances_of_cells,
-            msg,
-            inflation_radius,
-            cost_scaling_factor,
-            rotation,
-            frame_id or self.frame_id,
-        )
+    export = _outside.export
+    to_occupancy_grid = _outside.to_occupancy_grid
+    to_costmap = _outside.to_costmap
+    to_xarray = _outside.to_xarray
 
     # ---- caches ----------------------------------------------------------------------------------
 
@@ -1612,6 +1319,11 @@ class ExactCSpace(CSpace):
 def is_labelled(space: Space) -> bool:
     """Return whether ``path_exists`` answers at once: a map in memory first labels its cells."""
     return not isinstance(space, CSpace) or "_components" in vars(space)
+
+
+def contents_of(space: CSpace) -> Contents:
+    """Return the contents of a map in memory; an update changes them."""
+    return space._contents
 
 
 def proofs_of(space: CSpace) -> Any:

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeAlias, TypedDict, Unpack
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cspace import _outside
 from cspace._files.access import UNKNOWNS
 from cspace._grid import FARTHEST_CELL, SLACK, Grid
 from cspace._shapes import Balls, Polygons, Shape, ShapeLike, Voxels, as_shape
@@ -41,14 +42,12 @@ from cspace._support.reporting import warn_user
 from cspace.errors import FileError, InputError, UnitWarning
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from shapely.geometry.base import BaseGeometry
 
     from cspace._files.meshes import Up
     from cspace._obstacles import Source
     from cspace._shapes.balls import BallSet
     from cspace._shapes.mesh import MeshLike, Solid
-    from cspace.plot._picture import WorkspaceOptions
 
 Geometries: TypeAlias = "BaseGeometry | Mapping[str, object] | StrPath | Iterable[Geometries]"
 
@@ -874,29 +873,7 @@ class Workspace:
                 raise InputError(name, problem, "the file does not contain it, in metres")
         return reader(path, **options)
 
-    def plot(self, **options: Unpack[WorkspaceOptions]) -> Axes:
-        """Draw the obstacles; open no window.
-
-        Parameters
-        ----------
-        **options
-            Options of :func:`cspace.plot.plot`: ``view``, ``center``,
-            ``camera``, ``ax``, ``legend`` and ``title``. The title defaults to the source and the
-            length of a cell.
-
-        Returns
-        -------
-        matplotlib.axes.Axes
-            Notebooks show the axes as the picture; ``ax.figure`` is the figure.
-
-        Raises
-        ------
-        InputError
-            For the reasons of :func:`cspace.plot.plot`.
-        """
-        from cspace.plot import plot
-
-        return plot(self, **options)
+    plot = _outside.plot
 
 
 class LazyWorkspace(Workspace):

@@ -3,7 +3,6 @@
 from ._bodies.cores import Cores as Cores
 from ._bodies.triangle_proofs import build_boxes as build_boxes
 from ._configuration_map import ConfigurationMap as ConfigurationMap
-from ._configuration_map import suggest_endpoint as suggest_endpoint
 from ._engines import find_overlaps as find_overlaps
 from ._engines.slices import list_slice_cells as list_slice_cells
 from ._engines.slices import slice_rasters as slice_rasters
@@ -68,6 +67,7 @@ from ._shapes import Voxels as Voxels
 from ._shapes import as_shape as as_shape
 from ._shapes.balls import Balls as Balls
 from ._shapes.mesh import Mesh as Mesh
+from ._space import contents_of as contents_of
 from ._space import is_labelled as is_labelled
 from ._space import proofs_of as proofs_of
 from ._support import heap as heap

@@ -41,7 +41,6 @@ from cspace.inside import (
     gather_goals,
     list_alternatives,
     map_record,
-    suggest_endpoint,
     suggest_radians,
     turn_near,
     warn_of_degrees,
@@ -354,12 +353,12 @@ class Room:
             where += ", at any rotation"
         elif len(rotation):
             where += f", within {self.angle:g} rad of {tuple(rotation.tolist())}"
-        hint, nearest = suggest_endpoint(space, self._find_nearest_to_free(space))
+        nearest = tuple(space.nearest_free(self._find_nearest_to_free(space)).tolist())
         return ConfigurationError(
             self.name,
             f"has no configuration that is proven free {where}",
             "a path must begin and end in FREE",
-            hint,
+            f"the nearest is {nearest}",
             nearest=nearest,
         )
 
@@ -372,10 +371,7 @@ class Room:
             few = values[:: len(values) // MAX_PLACES_WITHOUT_FREE + 1]
             rows = np.tile(best, (len(few) + 1, 1))
             rows[1:, part] = few
-            try:
-                free = np.array([space.nearest_free(row) for row in self.pull(space, rows)])
-            except ConfigurationError:  # there is no FREE cell
-                break
+            free = np.array([space.nearest_free(row) for row in self.pull(space, rows)])
             rows = self.pull(space, free)
             best = rows[int(space.distance(rows, free).argmin())]
         return tuple(best.tolist())

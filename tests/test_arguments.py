@@ -80,6 +80,7 @@ OTHER_ARRAYS = {
     "find_goals": "called by plan",
     "interpolate": "takes fractions",
     "view": "takes a path: tests/view",
+    "plot": "takes a path: tests/plot",
 }
 """Other methods of maps with arrays, and where these are checked."""
 

@@ -32,7 +32,7 @@ distance.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from contextlib import AbstractContextManager
 from functools import partial
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
@@ -81,12 +81,14 @@ class DistanceTable(NamedTuple):
     is_ready: Bools
 
     @classmethod
-    def of(cls, space: CSpace) -> DistanceTable:
-        """Return the distances of all cells of a map in memory as they are now.
+    def of(cls, space: CSpace, slices: Sequence[int] | None = None) -> DistanceTable:
+        """Return the distances of cells of a map in memory as they are now.
 
-        They are computed at the first call after a change of the map.
+        Those of the given slices, or of all, are computed at the first call after a change of the
+        map.
         """
-        return space._distances.compute_all()
+        distances = space._distances
+        return distances.compute_all() if slices is None else distances.compute_slices(slices)
 
 
 class DistanceMap:

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cspace import BLOCKED, FREE, MIXED, Grid
 from cspace.errors import InputError
-from cspace.inside import Bools, Floats, check_not_negative
+from cspace.inside import Bools, DistanceTable, Floats, check_not_negative
 from cspace.ros import Costmap, JointTrajectoryPoint, OccupancyGrid, PoseStamped
 
 if TYPE_CHECKING:
@@ -37,12 +37,39 @@ OCCUPANCY: Final = {FREE: 0, MIXED: -1, BLOCKED: 100}
 """Occupancy of each state, in per cent; -1 is unknown."""
 
 
-def fill_occupancy_grid(
-    space: CSpace, msg: Message | None, rotation: ArrayLike | None, frame_id: str
-) -> Message | OccupancyGrid:
-    """Fill an occupancy grid with a map's states.
+def to_occupancy_grid(
+    space: CSpace,
+    msg: Any = None,
+    *,
+    rotation: ArrayLike | None = None,
+    frame_id: str | None = None,
+) -> Any:
+    """Return a plane map as a ROS occupancy grid.
 
-    See :meth:`cspace.CSpace.to_occupancy_grid`.
+    FREE is 0, BLOCKED 100 and MIXED -1 (unknown). :meth:`cspace.Workspace.from_occupancy_grid`
+    reads it back: as the cells that are not FREE, or, with ``unknown="free"``, as the BLOCKED
+    cells.
+
+    Parameters
+    ----------
+    msg : object, optional
+        A message of ROS 1 or 2 to fill: any object with the fields of
+        ``nav_msgs/OccupancyGrid``. Default: a new :class:`cspace.ros.OccupancyGrid`.
+    rotation : array-like, shape (k,), optional
+        Rotation of the robot. Default: 0 means free, and 100 blocked, at every rotation.
+    frame_id : str, optional
+        Frame in the header, whose stamp stays as it is; by default :attr:`cspace.CSpace.frame_id`.
+
+    Returns
+    -------
+    object
+        The message.
+
+    Raises
+    ------
+    InputError
+        If the map is in space or in radians, the message lacks a field, or the map does not
+        have the ``rotation``.
     """
     grid = space.grid
     if rotation is None:
@@ -57,22 +84,54 @@ def fill_occupancy_grid(
     percent = percent_of_state[states]
     size = {"info.width": grid.shape[0], "info.height": grid.shape[1]}
     filled = OccupancyGrid() if msg is None else msg
-    return _fill_grid(filled, "nav_msgs/OccupancyGrid", percent, grid, "info", size, frame_id)
+    frame = frame_id or space.frame_id
+    return _fill_grid(filled, "nav_msgs/OccupancyGrid", percent, grid, "info", size, frame)
 
 
-def fill_costmap(
+def to_costmap(
     space: CSpace,
-    clearances: Callable[[int | None], Floats],
-    msg: Message | None,
-    inflation_radius: float,
-    cost_scaling_factor: float,
-    rotation: ArrayLike | None,
-    frame_id: str,
-) -> Message | Costmap:
-    """Fill a costmap with the clearances of a map; see :meth:`cspace.CSpace.to_costmap`.
+    msg: Any = None,
+    *,
+    inflation_radius: float = 0.55,
+    cost_scaling_factor: float = 10.0,
+    rotation: ArrayLike | None = None,
+    frame_id: str | None = None,
+) -> Any:
+    """Return a plane map as a Nav2 costmap.
 
-    ``clearances`` takes the number of a slice and returns the clearance of each cell; for None, it
-    returns the largest clearance over all slices.
+    It is inflated by the robot itself. 254 is an obstacle, 255 unknown, 253 not proven free for
+    the robot. A FREE cell costs ``252 * exp(-cost_scaling_factor * clearance)``, rounded down,
+    and 0 if it is farther than ``inflation_radius`` from the obstacles. Its clearance, taken at
+    its center, stands for Nav2's distance less the inscribed radius.
+
+    Parameters
+    ----------
+    msg : object, optional
+        A message to fill: any object with the fields of ``nav2_msgs/Costmap``. Default: a new
+        object with these.
+    inflation_radius : float
+        Metres from the obstacles, zero or above; compared with the clearance plus the radius of
+        the robot's inscribed circle, margin included. The defaults of this and of
+        ``cost_scaling_factor`` are Nav2's.
+    cost_scaling_factor : float
+        Per metre, zero or above.
+    rotation : array-like, shape (k,), optional
+        Rotation of the robot. Default: in each cell, the rotation of the largest clearance;
+        this takes some 20 nanoseconds for each cell and slice at the first call, and after an
+        update.
+    frame_id : str, optional
+        Frame in the header, whose stamp stays as it is; by default :attr:`cspace.CSpace.frame_id`.
+
+    Returns
+    -------
+    object
+        The message.
+
+    Raises
+    ------
+    InputError
+        If the map is in space or of joints, the message lacks a field, or an argument is not
+        usable.
     """
     radius = check_not_negative(inflation_radius, "inflation_radius")
     scaling = check_not_negative(cost_scaling_factor, "cost_scaling_factor", "1/m")
@@ -82,17 +141,25 @@ def fill_costmap(
         raise _make_joints_error("a costmap")
     if grid.dim == 3:
         raise InputError("the map", "is one in space", "a costmap is plane")
-    slice_number = None  # without a rotation, costs are those of the best rotation of each cell
-    if rotation is not None:
+    if rotation is None:  # costs are those of the best rotation of each cell
+        distances = _distances_of(space, None).max(axis=0)
+    else:
         cell = space.rotations.cell_of(space.rotations.check_rotation(rotation))
-        slice_number = int(space.slice_of[cell.item()])
+        number = int(space.slice_of[cell.item()])
+        distances = _distances_of(space, [number])[number]
+    clearance = grid.spacing * distances.astype(np.float64)
     inscribed = space.robot.shape.inner.inscribed_radius + space.margin
-    clearance = clearances(slice_number)
     costs = compute_costs(clearance, workspace.outer, workspace.unknown, inscribed, scaling, radius)
     nx, ny = grid.shape
     size = {"metadata.size_x": nx, "metadata.size_y": ny}
     filled = Costmap() if msg is None else msg
-    return _fill_grid(filled, "nav2_msgs/Costmap", costs, grid, "metadata", size, frame_id)
+    frame = frame_id or space.frame_id
+    return _fill_grid(filled, "nav2_msgs/Costmap", costs, grid, "metadata", size, frame)
+
+
+def _distances_of(space: CSpace, slices: Sequence[int] | None) -> NDArray[np.float32]:
+    """Return distances of cells, in cells, shape (slices, nx, ny); by default of all slices."""
+    return DistanceTable.of(space, slices).cells.reshape(-1, *space.grid.shape)
 
 
 def fill_path(

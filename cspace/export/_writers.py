@@ -25,10 +25,10 @@ from cspace.inside import (
     StrPath,
     check_suffix,
     collect_arrays,
+    contents_of,
     frozen,
     import_optional,
     make_metadata,
-    names_options,
     replacing,
 )
 
@@ -75,7 +75,7 @@ def _write_netcdf(contents: Contents, cells: Sequence[int], path: StrPath, overw
 
     Arrays are indexed ``[rotation, z, y, x]``.
     """
-    dataset = to_xarray(contents).drop_vars(["shapes", "slice_of"], errors="ignore")
+    dataset = make_dataset(contents).drop_vars(["shapes", "slice_of"], errors="ignore")
     if "rotation" in dataset.dims and len(cells) == 1:
         place = _sort_rotations(contents).tolist().index(cells[0])
         dataset = dataset.isel(rotation=place)
@@ -156,15 +156,54 @@ EXPORT_FORMATS: Final[dict[str, ExportFormat]] = {
 """Formats of exports, by suffix."""
 
 
-@names_options
 def export(
-    contents: Contents,
+    space: CSpace,
     path: StrPath,
-    overwrite: bool = False,
     *,
+    overwrite: bool = False,
     rotation: ArrayLike | None = None,
 ) -> None:
-    """Write a map for other software; see :meth:`cspace.CSpace.export`."""
+    """Write the map for other programs, in the format of the suffix.
+
+    Parameters
+    ----------
+    path : path-like
+        ``.zarr`` or no suffix: a Zarr folder, as ``space.save`` writes it. ``.npz``: a compressed
+        archive for ``numpy.load``, with ``cell_states`` (uint8 [slice, x, y] or [slice, x, y, z]: 0
+        free, 1 mixed, 2 blocked), ``slice_of`` (``cell_states[slice_of]`` are the states by
+        rotation), ``x``, ``y`` and in space ``z`` (centers of the cells, metres), ``outer``, the
+        other arrays of the map, ``lower``, ``spacing`` and ``metadata`` (JSON). ``.vti``: cells for
+        ParaView, with the arrays ``cell_states``, ``outer``, and, if the map has them, ``inner``,
+        ``unknown`` and ``overlap_counts``. For a robot that turns, each rotation cell has its own
+        arrays, ``cell_states_00`` and so on; the field data ``yaw``, or ``qx`` to ``qw``, hold the
+        rotations. ``.nc``: netCDF-3, by xarray, with the variables of ``space.to_xarray()``,
+        indexed ``[rotation, z, y, x]``. ``.tif``, ``.tiff``: a plane map as a GeoTIFF in its own
+        metres, 0 FREE, 1 MIXED, 2 BLOCKED. ``.yaml``, ``.yml``: a plane map as a ROS map, with its
+        image beside it. ``.ply``, ``.obj``, ``.stl``: the boundary of the free space of a map in
+        space; STL in single precision.
+    overwrite : bool
+        True to replace an existing output.
+    rotation : array-like, shape (k,), optional
+        Rotation to write, as in a configuration, for a robot that turns. It is required for
+        formats of one slice, and selects one rotation cell for ``.vti`` and ``.nc``. Its free
+        cells are proven for the whole rotation cell that contains it, and for no other.
+
+    Raises
+    ------
+    InputError
+        If the suffix is unknown, the format cannot hold the map, or ``rotation`` is missing or
+        not applicable.
+    FileError
+        If the output exists and may not be replaced, or cannot be written.
+    MissingPackageError
+        If netCDF is asked for, and xarray is not installed.
+    """
+    with space.lock:  # an update waits
+        _write(contents_of(space), path, overwrite, rotation)
+
+
+def _write(contents: Contents, path: StrPath, overwrite: bool, rotation: ArrayLike | None) -> None:
+    """Write a map in the format of a path's suffix."""
     suffix = check_suffix(path, EXPORT_FORMATS, "the suffix selects the format", is_output=True)
     form = EXPORT_FORMATS[suffix]
     if form.dimension not in (None, contents.grid.dim):
@@ -203,8 +242,58 @@ def _find_cell(rotations: Rotations, rotation: ArrayLike | None, path: StrPath) 
     return 0
 
 
-def to_xarray(contents: Contents) -> xarray.Dataset:
-    """Return a map as a labelled Dataset; see :meth:`cspace.CSpace.to_xarray`."""
+def to_xarray(space: CSpace) -> xarray.Dataset:
+    """Return the map as an xarray Dataset that can rebuild it.
+
+    It has named dimensions, coordinates and units. It needs the extra ``xarray``.
+
+    Returns
+    -------
+    xarray.Dataset
+        Dimensions ``x``, ``y`` and in space ``z``, or the joints of an arm, with the centers of
+        the cells, in metres or radians. Variables ``cell_states`` (uint8, flags free, mixed and
+        blocked), ``outer`` and ``inner`` (bool, the workspace) and, if the map has them,
+        ``overlap_counts`` (int32) and ``shapes`` (bytes of JSON text from which the obstacles
+        are made). The arrays are read-only; copy the Dataset to change it. Attributes are text,
+        numbers and lists of numbers: ``lower``, ``spacing``, ``outside``, ``margin_m``,
+        ``inner``, ``rotations`` (their number), ``robot`` (JSON text for ``Robot.from_spec``),
+        ``workspace_source``, ``frame_id`` if it is known, and the versions.
+
+        For a robot that turns, ``cell_states`` and ``overlap_counts`` have the leading
+        dimension ``rotation``, with the coordinates ``yaw`` (the representative, radians),
+        ``yaw_bounds`` (the ends of the interval), ``covering_angle`` and ``slice_of``. A state
+        holds for all yaw angles between the bounds. Yaws lie in [-pi, pi) and ascend, so that
+        ``.sel(yaw=0.3, method="nearest")`` and slices of yaws work; the map itself, and other
+        files, count rotation cells from that of yaw 0 on. Above the last yaw, the cell around
+        -pi may be nearer.
+
+    Raises
+    ------
+    MissingPackageError
+        If xarray is not installed.
+
+    Notes
+    -----
+    Arrays are shared with the map, with one exception: if the robot turns and is not round
+    about its reference point, its slices are copied in the order of the yaws.
+
+    Examples
+    --------
+    >>> import numpy as np, cspace
+    >>> workspace = cspace.Workspace.from_array(np.eye(30, dtype=bool), 0.1)
+    >>> space = cspace.build(workspace, cspace.Robot.rectangle(0.4, 0.2), rotations=8)
+    >>> dataset = space.to_xarray()
+    >>> free = (dataset.cell_states == cspace.FREE).mean("y")
+    >>> dict(free.sizes)
+    {'rotation': 8, 'x': 30}
+    >>> float(dataset.cell_states.sel(yaw=0.3, method="nearest").yaw)
+    0.0
+    """
+    return make_dataset(contents_of(space))
+
+
+def make_dataset(contents: Contents) -> xarray.Dataset:
+    """Return the contents of a map as a labelled Dataset."""
     package = import_optional("xarray", "it holds arrays with named axes", "xarray")
     rotation_shape = (len(contents.rotations),) if contents.rotations.names else ()
     coordinate_names = (*AXES, *contents.rotations._COORDINATES, "slice_of")

@@ -33,9 +33,13 @@ VIEW_OPTIONS: Final = {
 """Kinds of picture that take an option, if not all do."""
 
 
-class WorkspaceOptions(TypedDict, total=False):
-    """Options of :meth:`cspace.Workspace.plot`."""
+class PlotOptions(TypedDict, total=False):
+    """Options of :func:`plot`."""
 
+    rotation: ArrayLike
+    path: ArrayLike | HasPath | None
+    start: ArrayLike
+    goal: ArrayLike
     ax: Axes
     legend: bool
     title: str
@@ -44,16 +48,6 @@ class WorkspaceOptions(TypedDict, total=False):
     camera: ArrayLike
 
 
-class PlotOptions(WorkspaceOptions, total=False):
-    """Options of :func:`plot`."""
-
-    rotation: ArrayLike
-    path: ArrayLike | HasPath | None
-    start: ArrayLike
-    goal: ArrayLike
-
-
-@names_options
 def plot(
     space: ConfigurationMap | Workspace,
     *,

@@ -14,7 +14,15 @@ from scipy import ndimage
 
 from cspace import FREE, Gate
 from cspace.errors import InputError
-from cspace.inside import STATE_NAMES, Bools, Exterior, Floats, Ints, map_record, slice_rasters
+from cspace.inside import (
+    STATE_NAMES,
+    Bools,
+    Exterior,
+    Floats,
+    Ints,
+    map_record,
+    slice_rasters,
+)
 from cspace.reasons._margins import copy_with_ends, find_cells, find_way, states_of_slices
 from cspace.reasons._removals import remove_obstacles
 from cspace.reasons._windows import Trial, refine_way, suggest_finer
@@ -250,8 +258,46 @@ class Explanation:
         return axes
 
 
-def explain(space: CSpace, start: ArrayLike, goal: ArrayLike, refine: bool) -> Explanation:
-    """Explain a path or its absence; see :meth:`cspace.CSpace.explain`."""
+def explain(
+    space: CSpace, start: ArrayLike, goal: ArrayLike, *, refine: bool = False
+) -> Explanation:
+    """Explain why a path between two configurations exists, or does not.
+
+    For maps in the plane and in space, with or without a yaw, and of joints. It takes some
+    seconds for a map of ten million cells.
+
+    Parameters
+    ----------
+    start, goal : array-like, shape (size,)
+        Configurations in the grid, FREE or not; metres, and radians.
+    refine : bool
+        Build finer maps while they are small, which narrow the margins. If the map leaves it
+        undecided, they or finer windows around the MIXED cells on the way may decide. Not for
+        joints.
+
+    Returns
+    -------
+    cspace.reasons.Explanation
+        ``print`` it for at most three sentences; it has the verdict, the cells and obstacles in
+        the way, where the way is narrowest, and by how much the robot may grow or must shrink.
+
+    Raises
+    ------
+    InputError
+        If the map is tiled or of SE(3), or of joints with ``refine``, or a number is not
+        finite.
+    ConfigurationError
+        If start or goal lies outside the grid.
+
+    Examples
+    --------
+    >>> import numpy as np, cspace
+    >>> occupied = np.zeros((80, 60), dtype=bool)
+    >>> occupied[40:42, :26] = occupied[40:42, 30:] = True
+    >>> space = cspace.build(cspace.Workspace.from_array(occupied, 0.1), cspace.Robot.disc(0.3))
+    >>> space.explain((1.0, 1.0), (7.0, 1.0)).verdict
+    'disconnected'
+    """
     space, points = copy_with_ends(space, start, goal)
     if refine and not space.has_poses:
         rule = "finer maps of joints need their arm"

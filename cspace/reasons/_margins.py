@@ -23,6 +23,7 @@ import copy
 import itertools
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache, cached_property
 from typing import Final, NamedTuple
 
@@ -35,7 +36,6 @@ from cspace.errors import ConfigurationError, InputError
 from cspace.inside import (
     NEVER,
     Bools,
-    Contents,
     ExactShape,
     Exterior,
     Floats,
@@ -43,6 +43,7 @@ from cspace.inside import (
     Raster,
     States,
     cells_of,
+    contents_of,
     find_overlaps,
     list_slice_cells,
     map_record,
@@ -328,18 +329,8 @@ class ResizedRobot:
 
     def _make_map(self, states: States, exterior: Exterior) -> CSpace:
         """Return a map with other states, in the grid and outside."""
-        space = self.space
-        return CSpace(
-            Contents(
-                space.workspace,
-                space.robot,
-                space.rotations,
-                space.slice_of,
-                states,
-                space.outside,
-                exterior=exterior,
-            )
-        )
+        contents = replace(contents_of(self.space), states=states, exterior=exterior)
+        return CSpace(replace(contents, margin=0.0, overlap_counts=None))
 
     def _split_margin(self, margin: float) -> tuple[float, float]:
         """Split a margin into metres of robot and cells of obstacles."""

@@ -86,8 +86,44 @@ class Regions(NamedTuple):
         return bool(components[start] == components[goal])
 
 
-def find_removals(space: CSpace, start: ArrayLike, goal: ArrayLike) -> Removals | None:
-    """Find the fewest named obstacles to remove; see :meth:`cspace.CSpace.removals`."""
+def removals(space: CSpace, start: ArrayLike, goal: ArrayLike) -> Removals | None:
+    """Find fewest named obstacles whose removal gives a path.
+
+    See :attr:`cspace.CSpace.obstacles`. The map itself does not change.
+
+    Parameters
+    ----------
+    start, goal : array-like, shape (size,)
+        Configurations in the grid; metres, and radians.
+
+    Returns
+    -------
+    cspace.reasons.Removals or None
+        A list of names; a map without them proves that a path exists. It is empty if one exists
+        already. No fewer obstacles give one, for up to 12 of them; for more, ``at_least`` is a
+        lower bound of their number. None if a path is not proven without all of them either.
+
+    Raises
+    ------
+    InputError
+        As :meth:`cspace.CSpace.explain`, and if there are over 62 named obstacles.
+    ConfigurationError
+        If start or goal lies outside the grid.
+
+    References
+    ----------
+    K. Hauser, "The minimum constraint removal problem with three robotics applications", 2014.
+
+    Examples
+    --------
+    >>> import numpy as np, shapely, cspace
+    >>> workspace = cspace.Workspace.from_array(np.zeros((40, 20), dtype=bool), 0.1)
+    >>> space = cspace.build(workspace, cspace.Robot.disc(0.2))
+    >>> _ = space.add_obstacle("crate", shapely.box(2.0, 0.0, 2.2, 1.2))
+    >>> _ = space.add_obstacle("shelf", shapely.box(2.0, 1.2, 2.2, 2.0))
+    >>> space.removals((0.5, 0.5), (3.5, 0.5))
+    ['crate']
+    """
     space, points = copy_with_ends(space, start, goal)
     names = list(space.obstacles)
     if len(names) > MAX_NAMES:

@@ -228,19 +228,64 @@ def _read_rows(numbers: Any, size: int) -> Floats:
     return rows.astype(np.float64).reshape(-1, size)
 
 
-def find_free_regions(
+def free_regions(
     space: Space,
-    share: float,
+    share: float = 0.9,
     *,
-    around: ArrayLike | None,
-    reach: float,
-    margin: float,
-    max_regions: int,
-    time_limit: float | None,
-    seed: int,
-    progress: Callable[[int, float], None] | None,
+    around: ArrayLike | None = None,
+    reach: float = 5.0,
+    margin: float = 0.0,
+    max_regions: int = 1000,
+    time_limit: float | None = None,
+    seed: int = 0,
+    progress: Callable[[int, float], None] | None = None,
 ) -> FreeRegions:
-    """Cover a map by regions; see :meth:`cspace.Space.free_regions`."""
+    """Find convex regions that cover the FREE configurations of the map.
+
+    Each region grows around a cell that is among the farthest from all covered ones, until a
+    share of the volume of FREE cells is covered, or a limit ends it. The cells of a region are
+    those whose centers it contains. See :meth:`cspace.CSpace.free_region`.
+
+    Parameters
+    ----------
+    share : float
+        Share of the FREE volume to cover, above 0 and at most 1.
+    around : array-like, shape (size,), optional
+        A FREE configuration; then only the cells that FREE cells join to it count.
+    reach, margin : float
+        As for :meth:`cspace.CSpace.free_region`.
+    max_regions : int
+        Largest number of regions.
+    time_limit : float, optional
+        Seconds after which no further region is found.
+    seed : int
+        Seed of the random choice among the farthest cells.
+    progress : callable, optional
+        Called with (regions so far, share covered).
+
+    Returns
+    -------
+    cspace.regions.FreeRegions
+        The regions, the graph of their overlaps, and the share covered, which is below
+        ``share`` if a limit ended the search.
+
+    Raises
+    ------
+    InputError
+        If the space is no such map, or a number is out of range.
+    ConfigurationError
+        If the map has no FREE cell, ``around`` is not FREE, or no region was found.
+
+    Examples
+    --------
+    >>> import numpy as np, cspace
+    >>> occupied = np.zeros((60, 40), dtype=bool)
+    >>> occupied[30, :25] = True
+    >>> space = cspace.build(cspace.Workspace.from_array(occupied, 0.1), cspace.Robot.disc(0.3))
+    >>> regions = space.free_regions(0.9)
+    >>> regions.coverage >= 0.9, len(regions.regions) < 5
+    (True, True)
+    """
     source = RegionSource.of(space, reach, margin)
     wanted = check_number(share, "share")
     if not 0.0 < wanted <= 1.0:

@@ -49,10 +49,60 @@ class YawArc(NamedTuple):
     high: float
 
 
-def find_free_region(
-    space: Space, q: ArrayLike, reach: float, margin: float, yaw_width: float | None
+def free_region(
+    space: Space,
+    q: ArrayLike,
+    *,
+    reach: float = 5.0,
+    margin: float = 0.0,
+    yaw_width: float | None = None,
 ) -> ConvexRegion:
-    """Find the region around a configuration; see :meth:`cspace.Space.free_region`."""
+    """Find a convex region around a configuration that is proven FREE.
+
+    Each configuration of the region lies in FREE cells, and so does each straight motion
+    between two of them. For maps in memory of positions, with or without a yaw, and of joints.
+    A region of a map with a yaw is a polytope of positions times an arc of yaws, at each of
+    which all its positions are FREE. Spacing and rotations of the map limit how near the region
+    comes to obstacles. See ``cspace.regions`` for the method.
+
+    Parameters
+    ----------
+    q : array-like, shape (size,)
+        A FREE configuration, which the region contains; metres, and radians.
+    reach : float
+        Half the side of the box around it that the region stays in, metres; for a map of joints
+        in the joints' units. The time grows with the number of cells in this box.
+    margin : float
+        Distance of the region's positions from cells that are not FREE, in the same unit.
+    yaw_width : float, optional
+        Width of the arc of yaws around that of ``q``, radians. By default, the arc is as wide
+        as possible, but so that the positions keep half the volume that they have in the yaw
+        cell of ``q``.
+
+    Returns
+    -------
+    cspace.regions.ConvexRegion
+
+    Raises
+    ------
+    InputError
+        If the space is no such map; a number is not finite or out of range; or the robot is not
+        FREE at all yaws of ``yaw_width``.
+    ConfigurationError
+        If the configuration is not FREE, or lies on the border of a cell that is not FREE or
+        within the margin of it.
+
+    Examples
+    --------
+    >>> import numpy as np, cspace
+    >>> workspace = cspace.Workspace.from_array(np.eye(30, dtype=bool), 0.1)
+    >>> space = cspace.build(workspace, cspace.Robot.disc(0.2))
+    >>> region = space.free_region((0.5, 2.0))
+    >>> region.contains([(0.5, 2.0), (1.5, 1.5)]).tolist()
+    [True, False]
+    >>> round(region.volume, 1), len(region.b)
+    (1.7, 10)
+    """
     source = RegionSource.of(space, reach, margin)
     point = source.space.check_configuration(q)
     if yaw_width is not None:

@@ -138,8 +138,57 @@ class Viewer:
         return f'<iframe src="{html.escape(self.url)}" {look}></iframe>'
 
 
-def show_viewer(viewer: Viewer, block: bool) -> Viewer:
-    """Print the address of a page and wait until it is closed, if ``block`` is set."""
+def view(
+    space: Space,
+    *,
+    block: bool = True,
+    path: ArrayLike | HasPath | None = None,
+    start: ArrayLike | None = None,
+    goal: ArrayLike | None = None,
+    frame: str | None = None,
+    host: str = "127.0.0.1",
+    port: int | None = None,
+) -> Viewer:
+    """Show the space on a page in the browser, and plan there.
+
+    Needs the extra ``view``. The page shows the obstacles, the robot, and the
+    border of a map's C-obstacle or the closest pair of an arm. On it one sets start and goal,
+    or drags an arm's tool to a pose, plans and plays paths, and reads what is proven. It is
+    served on this machine alone, unless ``host`` says otherwise.
+
+    Parameters
+    ----------
+    block : bool
+        Print the address and wait for Ctrl-C. Otherwise :meth:`cspace.view.Viewer.close` ends
+        the page.
+    path : array-like, shape (n, size), or Plan, optional
+        A path to show. Trajectories, and plans of arms, are played at true speed.
+    start, goal : array-like, shape (size,), optional
+        Initial start and goal; by default the endpoints of the path, or FREE configurations far
+        apart. An arm with a start alone has no goal until one is set on the page.
+    frame : str, optional
+        Frame of an arm that users drag, such as ``"tool0"``; by default the frame that the most
+        joints move.
+    host : str
+        Address to serve on. Whoever can reach it can plan on the page and move it.
+    port : int, optional
+        Default: the first free port from 8080 on.
+
+    Returns
+    -------
+    cspace.view.Viewer
+        The page, with its ``url``, its ``plan``, ``refresh()`` for a map that was updated, and
+        ``close()``.
+
+    Raises
+    ------
+    InputError
+        If the path or a configuration has the wrong shape, no joint moves the frame, the port
+        is taken, or this machine lacks the address.
+    MissingPackageError
+        If viser is not installed.
+    """
+    viewer = Viewer(space, path=path, start=start, goal=goal, frame=frame, host=host, port=port)
     if block:
         print(f"{viewer.url}  Ctrl-C closes it", flush=True)  # noqa: T201
         viewer.wait()

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 import planners
 from cspace import Robot, Workspace
-from cspace._opening import open_map
+from cspace._builder import open_map
 from cspace.arms import (
     Arm,
     PosedShape,

@@ -10,16 +10,15 @@ from typing import NamedTuple
 
 import pytest
 
+import cspace
+from cspace.errors import InputError
 from tests.helpers.repository import ROOT, SOURCES
 from tests.lint.test_wings import DOCS, WINGS
 
-UPWARD_METHODS = {
-    *("plot", "view", "explain", "removals", "free_region", "free_regions"),
-    *("export", "to_xarray", "to_occupancy_grid", "to_costmap", "from_urdf", "from_moveit_scene"),
-}
-"""Methods of classes that hand their object to a wing: one import and one call."""
+UPWARD_METHODS = {"from_urdf", "from_moveit_scene"}
+"""Methods of classes that let a wing read a file: one import and one call."""
 
-HANDED_UP = {("_queries/", "_interface"), ("_builder", "_tiles/"), ("_opening", "_tiles/")}
+HANDED_UP = {("_queries/", "_interface"), ("_builder", "_tiles/")}
 """Imports of a row above: a gate takes any space; `build` and `open` hand large maps over."""
 
 
@@ -114,12 +113,17 @@ def test_files_and_classes_have_names_of_their_own():
     assert [name for name, count in counts.items() if count > 1] == []
 
 
+OUTSIDE = ("planners", *(f"cspace.{wing}" for wing in WINGS))
+"""Packages and folders beside the core."""
+
+CORE_FILES = [path for name, path in SOURCES.items() if not name.startswith(OUTSIDE)]
+"""Files of the core."""
+
+
 def test_upward_methods_hold_one_import_and_one_statement():
-    outside = ("planners", *(f"cspace.{wing}" for wing in WINGS))
-    core = [path for name, path in SOURCES.items() if not name.startswith(outside)]
     methods = [
         node
-        for path in core
+        for path in CORE_FILES
         for owner in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
         if isinstance(owner, ast.ClassDef)
         for node in owner.body
@@ -129,6 +133,30 @@ def test_upward_methods_hold_one_import_and_one_statement():
     for method in methods:
         _, *statements = map(type, method.body)  # the first one is the docstring
         assert statements == [ast.ImportFrom, statements[-1]], method.name
+
+
+def test_each_function_of_the_outer_door_is_a_method_of_a_class_of_the_core():
+    taken = {
+        (node.targets[0].id, node.value.attr)
+        for path in CORE_FILES
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.Assign) and ast.unparse(node.value).startswith("_outside.")
+    }
+    assert taken == {(name, name) for name in read_stub(ROOT / "cspace/_outside.pyi")}
+    space = cspace.build(cspace.Workspace.from_array([[False]], 1.0), "disc:0.2")
+    for _, name in taken:
+        method = getattr(space, name)
+        assert method.__self__ is space and method.__doc__ == getattr(cspace.CSpace, name).__doc__
+
+
+def test_a_method_of_a_wing_checks_names_and_truth_values_of_options():
+    space = cspace.build(cspace.Workspace.from_array([[False]], 1.0), "disc:0.2")
+    with pytest.raises(
+        TypeError, match=r"explain\(\) has no option 'refin'; did you mean 'refine'"
+    ):
+        space.explain((0.05, 0.05), (0.05, 0.05), refin=True)
+    with pytest.raises(InputError, match="overwrite is 1; it must be True or False"):
+        space.export("map.npz", overwrite=1)
 
 
 def run_python(code):

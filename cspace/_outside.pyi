@@ -1,0 +1,12 @@
+# Functions of wings that are methods of the core's classes.
+
+from .export._messages import to_costmap as to_costmap
+from .export._messages import to_occupancy_grid as to_occupancy_grid
+from .export._writers import export as export
+from .export._writers import to_xarray as to_xarray
+from .plot._picture import plot as plot
+from .reasons._explain import explain as explain
+from .reasons._removals import removals as removals
+from .regions._cover import free_regions as free_regions
+from .regions._free_region import free_region as free_region
+from .view._viewer import view as view
