@@ -119,14 +119,10 @@ def ros(session: nox.Session) -> None:
     number = str(1 + os.getpid() % 100)  # runs beside this one have others
     domain = {"ROS_DOMAIN_ID": number, "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
     options = ("-q", "-n0", "--noconftest", "-W", "ignore::DeprecationWarning", *session.posargs)
-    for name in (
-        "planner_node",
-        "nav2_handlers",
-        "nav2_costmap",
-        "gate_node",
-    ):  # rclpy starts once in a process
-        file = f"tests/ros/test_{name}.py"
-        session.run("python", "-m", "pytest", *options, file, env=domain)
+    # rclpy starts once in a process. The gate's watch is compiled over the messages of the wheels.
+    nodes = [f"ros/test_{name}" for name in ("planner_node", "nav2_handlers", "nav2_costmap")]
+    for name in (*nodes, "cpp/nav2/test_watch"):
+        session.run("python", "-m", "pytest", *options, f"tests/{name}.py", env=domain)
 
 
 @nox.session

@@ -12,10 +12,5 @@ setup(
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml", "params.yaml"]),
     ],
-    entry_points={
-        "console_scripts": [
-            f"planner_node = {NAME}.planner_node:main",
-            f"gate_node = {NAME}.gate_node:main",
-        ]
-    },
+    entry_points={"console_scripts": [f"planner_node = {NAME}.planner_node:main"]},
 )
