@@ -1062,6 +1062,12 @@ MUTANTS = (
         "tests/cpp/nav2/test_nav2.py",
     ),
     Mutant(
+        "ros/cspace_nav2/include/cspace_nav2/surroundings.hpp",
+        "if (!is_round_ && !is_valid_in_nav2(q)) return false;",
+        "",
+        "tests/cpp/nav2/test_nav2.py",
+    ),
+    Mutant(
         "ros/cspace_nav2/include/cspace_nav2/drives.hpp",
         "(straight - segment(path.type_, k)) * path.length_[k]",
         "(segment(path.type_, k) - straight) * path.length_[k]",
@@ -1069,8 +1075,8 @@ MUTANTS = (
     ),
     Mutant(
         "ros/cspace_nav2/include/cspace_nav2/lattice.hpp",
-        "if (!is_shorter || !surroundings_.poses_are_free(poses)) continue;",
-        "if (!is_shorter) continue;",
+        "if (surroundings_.cost(poses) >= target || !surroundings_.poses_are_free(poses)) continue;",
+        "if (surroundings_.cost(poses) >= target) continue;",
         "tests/cpp/nav2/test_nav2.py",
     ),
     Mutant(

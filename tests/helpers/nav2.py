@@ -62,7 +62,8 @@ class Nav2:
         self.tell(*(f"set plan.{name} {value}" for name, value in parameters.items()))
 
     def configure(self, room, **parameters):
-        self.set(map=room, **{"time_limit": 5, "tolerance": 0, **parameters})
+        usual = {"drive": "holonomic", "time_limit": 5, "tolerance": 0, "start_tolerance": 0}
+        self.set(map=room, **{**usual, **parameters})
         assert self.ask("configure") == {"code": 0}
 
     def add_cost(self, low, high, cost=LETHAL):
@@ -81,8 +82,39 @@ class Nav2:
     def check(self, *poses):
         return self.ask(" ".join(["check", *(write_pose(*pose) for pose in poses)]))
 
+    def send_grid(self, cells, file, side=0.1, frame="map"):
+        """Publish a grid of cells [x, y], 0 for free, 1 for occupied, 2 for unknown."""
+        file.write_text("".join(map(str, np.asarray(cells, dtype=int).T.ravel())))
+        self.tell(f"grid {frame} {cells.shape[0]} {cells.shape[1]} {side} 0 0 {file}")
+
     def read_log(self):
         return self.log_file.read_text(encoding="utf-8")
+
+
+def outline_cells(pose, side):
+    """Return the cells of a costmap that Nav2's footprint checker tests at a pose."""
+    x, y, yaw = pose
+    turn = np.array([[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]])
+    corners = np.multiply([(1, 1), (1, -1), (-1, -1), (-1, 1)], HALF_SIDES) @ turn.T + (x, y)
+    cells = np.floor(corners / side).astype(int)
+    # The line from the last corner to the first is drawn from the first.
+    ends = [(cells[0], cells[1]), (cells[1], cells[2]), (cells[2], cells[3]), (cells[0], cells[3])]
+    return {cell for first, last in ends for cell in line_cells(first, last)}
+
+
+def line_cells(first, last):
+    """Return the cells of a line between two cells, by Bresenham's rule with halves rounded as in Nav2."""
+    steps = int(np.abs(last - first).max())
+    minor = int(np.abs(last - first).argmin()) if steps else 0
+    gain = abs(int(last[minor] - first[minor]))
+    cells = []
+    for k in range(steps + 1):
+        cell = first + np.sign(last - first) * k
+        cell[minor] = first[minor] + np.sign(last - first)[minor] * (
+            (steps // 2 + k * gain) // max(steps, 1)
+        )
+        cells.append(tuple(cell.tolist()))
+    return cells
 
 
 def list_stubs(version):

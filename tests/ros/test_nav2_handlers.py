@@ -53,12 +53,22 @@ class Result:
         self.error_msg = ""
 
 
+KIND = SimpleNamespace(Result=Result)
+"""nav2_msgs/ComputePathToPose, or ComputePathThroughPoses."""
+
+
 class Goal:
     """The handle of a goal, which is cancelled once the node has asked some times."""
 
-    def __init__(self, start=START, goal=GOAL, max_asks=math.inf, frame="map", use_start=True):
+    def __init__(
+        self, start=START, goal=GOAL, max_asks=math.inf, frame="map", use_start=True, via=None
+    ):
         poses = make_pose(*start, frame), make_pose(*goal)
-        self.request = SimpleNamespace(start=poses[0], goal=poses[1], use_start=use_start)
+        self.request = SimpleNamespace(start=poses[0], use_start=use_start)
+        if via is None:
+            self.request.goal = poses[1]
+        else:
+            self.request.goals = [*(make_pose(*place) for place in via), poses[1]]
         self.max_asks = max_asks
         self.asked = []  # the thread's CPU seconds, which other processes do not lengthen
         self.state = ""
@@ -82,12 +92,12 @@ class Goal:
 def node():
     parameters = [
         "footprint:='[[0.3, 0.2], [0.3, -0.2], [-0.3, -0.2], [-0.3, 0.2]]'",
+        "drive:=holonomic",
         "time_limit:=30.0",
     ]
     arguments = [word for each in parameters for word in ("-p", each)]
     rclpy.init(args=["--ros-args", *arguments])
     node = planner_node.PlannerNode()
-    node.compute_path = SimpleNamespace(Result=Result)
     yield node
     node.destroy_node()
     rclpy.shutdown()
@@ -122,7 +132,7 @@ def make_update(x, y, cells):
 def ask(node, **fields):
     """Execute a goal; return its state and result."""
     goal = Goal(**fields)
-    return goal, node.compute_path_to_pose(goal)
+    return goal, node.compute_path(KIND, goal)
 
 
 def test_without_a_map_there_is_a_reason(node):
@@ -150,6 +160,36 @@ def test_goals_succeed_and_codes_say_why_not(node):
     give(node, make_room(gap=3))
     assert ask(node)[1].error_code == 208
     give(node, make_room())
+
+
+def test_a_path_goes_through_poses_or_near_them(node):
+    give(node, make_room())
+    beside = (5.0, 3.0, 0.0)
+    _, result = ask(node, goal=(1.0, 3.0, 0.0), via=[beside, GOAL])
+    assert result.error_code == 0
+    places = [(each.pose.position.x, each.pose.position.y) for each in result.path.poses]
+    away = [min(math.dist(place, stop[:2]) for place in places) for stop in (beside, GOAL)]
+    assert max(away) < 0.26 and away[0] > 0.01
+    node.set_parameters([rclpy.parameter.Parameter("via_tolerance", value=0.0)])
+    _, result = ask(node, goal=(1.0, 3.0, 0.0), via=[beside, GOAL])
+    places = [(each.pose.position.x, each.pose.position.y) for each in result.path.poses]
+    assert (
+        max(min(math.dist(place, stop[:2]) for place in places) for stop in (beside, GOAL)) < 1e-6
+    )
+    node.set_parameters([rclpy.parameter.Parameter("via_tolerance", value=0.25)])
+    assert ask(node, via=[(30.0, 1.0, 0.0)])[1].error_code in (304, 306)
+    goal = Goal(via=[])
+    goal.request.goals = []
+    assert node.compute_path(KIND, goal).error_code == 309
+    node.last = None
+
+
+def test_each_parameter_says_what_it_is(node):
+    for name in planner_node.PARAMETERS:
+        rule = node.describe_parameter(name)
+        assert rule.description
+        is_number = isinstance(node.option(name), (int, float))
+        assert is_number == bool(rule.floating_point_range or rule.integer_range)
 
 
 @pytest.fixture
@@ -201,7 +241,7 @@ def test_a_robot_on_a_ramp_is_projected(node, tilt, code):
     goal = Goal()
     turn = goal.request.start.pose.orientation
     turn.x, turn.w = math.sin(tilt / 2), math.cos(tilt / 2)
-    assert node.compute_path_to_pose(goal).error_code == code
+    assert node.compute_path(KIND, goal).error_code == code
 
 
 def test_parameters_change_if_they_may(node):
@@ -246,7 +286,7 @@ def test_a_new_goal_ends_the_one_before(node, monkeypatch):
     node.last = None
     first = Goal()
     found = []
-    thread = threading.Thread(target=lambda: found.append(node.compute_path_to_pose(first)))
+    thread = threading.Thread(target=lambda: found.append(node.compute_path(KIND, first)))
     thread.start()
     assert searching.wait(300.0)
     goal, _ = ask(node)

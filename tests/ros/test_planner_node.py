@@ -408,11 +408,18 @@ def test_an_interrupt_ends_it_while_the_first_map_compiles(client, tmp_path):
 
 @pytest.mark.parametrize(
     "setting, message",
-    [("drive:=nonsense", "drive is 'nonsense'; it must be"), ("time_limit:=-1.0", "time_limit")],
+    [
+        ("drive:=''", "drive is missing; it must be"),
+        ("drive:=nonsense", "drive is 'nonsense'; it must be"),
+        ("drive:=dubins", "turning_radius is 0.0"),
+        ("rotations:=0", "rotations"),
+        ("time_limit:=-1.0", "time_limit"),
+        ("free_thresh:=0.9", "free_thresh"),
+    ],
 )
 def test_a_wrong_parameter_ends_it_with_one_line(ros, setting, message, tmp_path):
     with (tmp_path / "log").open("w+") as log:
-        process = start_node("-p", setting, "-r", "__node:=third", stderr=log)
+        process = start_node("-p", setting, stderr=log)
         assert process.wait(600) == 1
     last = (tmp_path / "log").read_text().strip().splitlines()[-1]
     assert last.startswith("cspace_planner: ") and message in last

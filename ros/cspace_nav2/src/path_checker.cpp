@@ -6,6 +6,9 @@
 #include <nav2_msgs/srv/is_path_valid.hpp>
 #include <rclcpp/rclcpp.hpp>
 
+#include <optional>
+
+#include "cspace_nav2/parameters.hpp"
 #include "cspace_nav2/poses.hpp"
 
 namespace {
@@ -21,8 +24,9 @@ auto set_success(Response& response, int) -> decltype(static_cast<void>(response
 template <typename Response>
 void set_success(Response&, long) {}
 
-/// Return a pose of a path as a configuration; empty if it is in another frame or no pose of the plane.
-Configuration read_pose(const cspace::Map& map, const std::string& frame, const geometry_msgs::msg::PoseStamped& pose) {
+/// Return a pose of a path as a configuration; nothing if it is in another frame or no pose of the plane.
+std::optional<Configuration> read_pose(const cspace::Map& map, const std::string& frame,
+                                       const geometry_msgs::msg::PoseStamped& pose) {
   // Nav2's planners leave the frames of poses empty, or repeat that of the path.
   if (!pose.header.frame_id.empty() && pose.header.frame_id != frame) return {};
   try {
@@ -38,9 +42,9 @@ void check_path(const cspace::Map& map, const std::string& frame, const nav_msgs
   const std::size_t count = path.poses.size();
   response.is_valid = count > 0;
   for (std::size_t k = 0; k < count; ++k) {
-    const Configuration q = read_pose(map, frame, path.poses[k]);
-    const Configuration next = read_pose(map, frame, path.poses[std::min(k + 1, count - 1)]);
-    if (!q.empty() && !next.empty() && map.motion_is_free(q, next)) continue;
+    const auto q = read_pose(map, frame, path.poses[k]);
+    const auto next = read_pose(map, frame, path.poses[std::min(k + 1, count - 1)]);
+    if (q && next && map.motion_is_free(q->data(), next->data())) continue;
     response.is_valid = false;
     response.invalid_pose_indices.push_back(static_cast<std::int32_t>(k));
   }
@@ -51,10 +55,13 @@ void check_path(const cspace::Map& map, const std::string& frame, const nav_msgs
 int main(int count, char** arguments) {
   rclcpp::init(count, arguments);
   const auto node = std::make_shared<rclcpp::Node>("path_checker");
-  const std::string frame = node->declare_parameter<std::string>("frame", "map");
+  cspace_nav2::Parameters<rclcpp::Node> parameters(*node);
+  const std::string frame = parameters.text("frame", "map", "frame of the map, which paths must have");
   std::shared_ptr<const cspace::Map> map;
   try {
-    map = cspace_nav2::open_plane_map(node->declare_parameter<std::string>("map", ""));
+    const std::string folder = parameters.text("map", "", "folder of a map that space.save wrote");
+    if (folder.empty()) throw std::invalid_argument("the parameter 'map' is missing; it names the folder that space.save wrote");
+    map = cspace_nav2::open_plane_map(folder);
   } catch (const std::exception& error) {
     RCLCPP_FATAL(node->get_logger(), "%s", error.what());
     rclcpp::shutdown();

@@ -21,7 +21,7 @@ import shapely
 from geometry_msgs.msg import Point, Polygon, PoseStamped, Quaternion
 from nav_msgs.msg import OccupancyGrid, Path
 from nav_msgs.srv import GetPlan
-from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
 from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks
@@ -39,45 +39,44 @@ import cspace
 import planners
 from cspace.errors import ConfigurationError, CspaceError, InputError
 
-PARAMETERS = {
-    "footprint": "[]",
-    "robot_radius": 0.2,
-    "footprint_padding": 0.01,
-    "rotations": 72,
-    "drive": "holonomic",
-    "turning_radius": 0.0,
-    "unknown": "occupied",
-    "free_thresh": 0.25,
-    "occupied_thresh": 0.65,
-    "time_limit": 1.0,
-    "step": 0.05,
-    "tilt_tolerance": 0.05,
-    "tolerance": 0.0,
-    "robot_base_frame": "base_link",
-}
-"""Parameters and their defaults, in metres, radians and seconds."""
+DRIVES = ("holonomic", "differential", "differential-reverse", "dubins", "reeds-shepp")
+WORDS = {"drive": DRIVES, "unknown": ("occupied", "free")}
+"""Values of the parameters that are words."""
 
-AT_RUN_TIME = {
-    "time_limit": FloatingPointRange(from_value=0.001, to_value=3600.0),
-    "step": FloatingPointRange(from_value=0.001, to_value=10.0),
-    "tilt_tolerance": FloatingPointRange(from_value=0.0, to_value=3.2),
-    "tolerance": FloatingPointRange(from_value=0.0, to_value=100.0),
+PARAMETERS = {
+    "footprint": ("[]", "corners of the robot, as Nav2 writes them; [] for a disc", None),
+    "robot_radius": (0.2, "metres, without a footprint", (0.001, 100.0)),
+    "footprint_padding": (0.01, "metres by which the robot is grown", (0.0, 10.0)),
+    "rotations": (72, "cells of yaw", (1, 1000)),
+    "drive": ("", f"how the robot moves: {', '.join(DRIVES)}", None),
+    "turning_radius": (0.0, "least turning radius of a car, metres", (0.0, 1000.0)),
+    "unknown": ("occupied", "what unknown cells are: occupied, free", None),
+    "free_thresh": (0.25, "share of 100 below which cells are free; 0.995 on costmaps", (0.0, 1.0)),
+    "occupied_thresh": (
+        0.65,
+        "share of 100 from which cells are occupied; 1.0 on costmaps",
+        (0.0, 1.0),
+    ),
+    "time_limit": (1.0, "seconds of a request", (0.001, 3600.0)),
+    "step": (0.05, "metres between poses of a path", (0.001, 10.0)),
+    "tilt_tolerance": (0.05, "radians of a pose's roll and pitch that are ignored", (0.0, 3.2)),
+    "tolerance": (0.0, "metres from a start or goal that cannot be used", (0.0, 100.0)),
+    "via_tolerance": (0.25, "metres around a pose on the way; 0 for exactly there", (0.0, 100.0)),
+    "robot_base_frame": ("base_link", "frame of the robot", None),
 }
-"""Parameters that may change while the node runs, and the range of each; the rest is read-only."""
+"""Parameters: their defaults, what they are, and their ranges."""
+
+AT_RUN_TIME = {"time_limit", "step", "tilt_tolerance", "tolerance", "via_tolerance"}
+"""Parameters that may change while the node runs; the rest is read-only."""
 
 OCCUPANCY = np.array([0, -1, 100], dtype=np.int8)
 """Occupancy of the states FREE, MIXED and BLOCKED, in per cent."""
 
-WORDS = {
-    "drive": ("holonomic", "differential", "differential-reverse", "dubins", "reeds-shepp"),
-    "unknown": ("occupied", "free"),
-}
-"""Values of the parameters that are words."""
-
 UNKNOWN, TF_ERROR, TIMEOUT, NO_VALID_PATH = 200, 202, 207, 208
 OUTSIDE = {"start": 203, "goal": 204}
 OCCUPIED = {"start": 205, "goal": 206}
-"""Error codes of nav2_msgs/ComputePathToPose."""
+THROUGH_POSES, NO_VIAPOINTS = 100, 309
+"""Error codes of nav2_msgs/ComputePathToPose, and what ComputePathThroughPoses adds to them."""
 
 
 class NoPlanError(Exception):
@@ -113,14 +112,13 @@ class PlannerNode(Node):
 
     def __init__(self):
         super().__init__("cspace_planner")
-        for name, default in PARAMETERS.items():
-            ranges = [AT_RUN_TIME[name]] if name in AT_RUN_TIME else []
-            rule = ParameterDescriptor(read_only=not ranges, floating_point_range=ranges)
-            word = self.declare_parameter(name, default, rule).value
-            if word not in WORDS.get(name, (word,)):
-                raise InputError(
-                    name, f"is {word!r}", f"it must be one of {WORDS[name]}", "correct it"
-                )
+        for name in PARAMETERS:
+            self.declare(name)
+        self.read_drive()
+        cell = OccupancyGrid(data=[0])
+        cell.info.width = cell.info.height = 1
+        cell.info.resolution = 1.0
+        self.read_grid(cell)  # wrong thresholds end the node now
         self.lock = threading.Condition()  # of the map, and of what it follows
         self.planning = threading.Lock()
         self.explaining = threading.Thread()
@@ -157,6 +155,21 @@ class PlannerNode(Node):
         self.news = threading.Event()
         threading.Thread(target=self.keep_up, daemon=True).start()
 
+    def declare(self, name):
+        """Declare a parameter; InputError if it is no word that it may be."""
+        default, about, bounds = PARAMETERS[name]
+        rule = ParameterDescriptor(description=about, read_only=name not in AT_RUN_TIME)
+        if isinstance(default, float):
+            rule.floating_point_range = [
+                FloatingPointRange(from_value=bounds[0], to_value=bounds[1])
+            ]
+        elif isinstance(default, int):
+            rule.integer_range = [IntegerRange(from_value=bounds[0], to_value=bounds[1], step=1)]
+        word = self.declare_parameter(name, default, rule).value
+        if word not in WORDS.get(name, (word,)):
+            problem = f"is {word!r}" if word else "is missing"
+            raise InputError(name, problem, f"it must be one of {WORDS[name]}", "correct it")
+
     def subscribe(self, kept):
         """Subscribe to the world; these callbacks only store, and wait for nothing else."""
         group = MutuallyExclusiveCallbackGroup()
@@ -181,19 +194,24 @@ class PlannerNode(Node):
 
     def serve_nav2(self, group):
         """Serve Nav2's action and service under private names."""
-        from nav2_msgs.action import ComputePathToPose
+        from nav2_msgs.action import ComputePathThroughPoses, ComputePathToPose
         from nav2_msgs.srv import IsPathValid
         from rclpy.action import ActionServer, CancelResponse
 
-        self.compute_path = ComputePathToPose
-        self.action = ActionServer(
-            self,
-            ComputePathToPose,
-            "~/compute_path_to_pose",
-            self.compute_path_to_pose,
-            cancel_callback=lambda goal: CancelResponse.ACCEPT,
-            callback_group=group,
-        )
+        self.actions = [
+            ActionServer(
+                self,
+                kind,
+                f"~/{name}",
+                partial(self.compute_path, kind),
+                cancel_callback=lambda goal: CancelResponse.ACCEPT,
+                callback_group=group,
+            )
+            for name, kind in (
+                ("compute_path_to_pose", ComputePathToPose),
+                ("compute_path_through_poses", ComputePathThroughPoses),
+            )
+        ]
         self.create_service(
             IsPathValid, "~/is_path_valid", self.is_path_valid, callback_group=group
         )
@@ -279,17 +297,21 @@ class PlannerNode(Node):
                 rule = f"it must be {frame!r}, the frame of the map"
                 raise InputError("update.header.frame_id", problem, rule, "send both in one")
             cspace.ros.update_occupancy_grid(grid, update)
-        workspace = cspace.Workspace.from_occupancy_grid(
-            grid,
-            self.option("unknown"),
-            free_thresh=self.option("free_thresh"),
-            occupied_thresh=self.option("occupied_thresh"),
-        )
+        workspace = self.read_grid(grid)
         self.find_doubt()  # a publisher of updates that ends later counts
         with self.lock:
             self.grid, self.workspace = grid, workspace
             self.arrived += 1
         self.news.set()
+
+    def read_grid(self, grid):
+        """Return the workspace of a grid."""
+        return cspace.Workspace.from_occupancy_grid(
+            grid,
+            self.option("unknown"),
+            free_thresh=self.option("free_thresh"),
+            occupied_thresh=self.option("occupied_thresh"),
+        )
 
     def find_doubt(self):
         """Return why the grid may lack obstacles, or an empty text.
@@ -401,8 +423,8 @@ class PlannerNode(Node):
 
     # ---- plans -----------------------------------------------------------------------------------
 
-    def find_plan(self, start, goal, is_cancelled=lambda: False):
-        """Return a plan between stamped poses that is proven on the newest map.
+    def find_plan(self, start, goals, is_cancelled=lambda: False):
+        """Return a plan through stamped poses that is proven on the newest map.
 
         Raises NoPlanError with the reason, also if the request is cancelled.
         """
@@ -417,7 +439,7 @@ class PlannerNode(Node):
                     self.wait_for_map(stop)
                     version, frame, last = self.version, self.frame, self.last
                     space = copy.copy(self.space)
-                plan = self.plan_once(space, frame, last, (start, goal), stop)
+                plan = self.plan_once(space, frame, last, (start, *goals), stop)
                 with self.lock:
                     self.wait_for_map(stop)  # it may have changed since
                     if plan.solved and plan.recheck(self.space).all():
@@ -432,13 +454,13 @@ class PlannerNode(Node):
     def plan_once(self, space, frame, last, poses, stop):
         """Plan on a map that does not change; go on along the last plan if its goal is the same."""
         try:
-            start, goal = (self.configure(pose, space, frame) for pose in poses)
+            start, *via, goal = (self.configure(pose, space, frame) for pose in poses)
         except CspaceError as error:
             code = TF_ERROR if "frame_id" in error.argument else UNKNOWN
             raise NoPlanError(str(error), code) from error
-        if last is not None and not np.allclose(last.goal, goal):
+        if last is not None and (via or not np.allclose(last.goal, goal)):
             last = None
-        tolerance = self.option("tolerance")
+        tolerance, room = self.option("tolerance"), self.option("via_tolerance")
         find = partial(
             planners.plan,
             space,
@@ -447,12 +469,13 @@ class PlannerNode(Node):
             time_limit=self.option("time_limit"),
             previous=last,
             stop=stop,
+            via=[planners.Near(q, room, math.pi) for q in via] if room else via,
         )
         try:
             return find(goal) if not tolerance else self.find_near(find, goal, tolerance, stop)
         except ConfigurationError as error:
             codes = OUTSIDE if error.reason == "outside" else OCCUPIED
-            raise NoPlanError(str(error), codes[error.end]) from error
+            raise NoPlanError(str(error), codes.get(error.end, codes["goal"])) from error
 
     def find_near(self, find, goal, tolerance, stop):
         """Plan to the goal, or if it is not reached to a place within a tolerance, metres."""
@@ -465,7 +488,7 @@ class PlannerNode(Node):
                 raise
         return find(planners.Near(goal, tolerance))
 
-    def answer(self, start, goal, is_cancelled=lambda: False):
+    def answer(self, start, goals, is_cancelled=lambda: False):
         """Plan, and publish the path and what shows it; return the path, a code and the reason.
 
         Without a start, the plan begins where the robot is.
@@ -475,7 +498,7 @@ class PlannerNode(Node):
         path.header.stamp = self.get_clock().now().to_msg()
         code, reason = 0, ""
         try:
-            plan = self.find_plan(start or self.locate_robot(), goal, is_cancelled)
+            plan = self.find_plan(start or self.locate_robot(), goals, is_cancelled)
             plan.to_path(path, frame_id=self.frame, step=self.option("step"))
             self.marker_publisher.publish(self.mark_path(plan))
         except NoPlanError as error:
@@ -490,14 +513,16 @@ class PlannerNode(Node):
 
     def make_plan(self, request, response):
         """Answer nav_msgs/GetPlan; without a path, it has no poses."""
-        response.plan, _, _ = self.answer(request.start, request.goal)
+        response.plan, _, _ = self.answer(request.start, [request.goal])
         return response
 
-    def compute_path_to_pose(self, goal_handle):
-        """Execute nav2_msgs/ComputePathToPose."""
-        request = goal_handle.request
-        result = self.compute_path.Result()
+    def compute_path(self, kind, goal_handle):
+        """Execute nav2_msgs/ComputePathToPose, or ComputePathThroughPoses."""
+        request, result = goal_handle.request, kind.Result()
         began = time.monotonic()
+        goals, shift = [getattr(request, "goal", None)], 0
+        if hasattr(request, "goals"):
+            goals, shift = list(getattr(request.goals, "goals", request.goals)), THROUGH_POSES
         start = request.start if request.use_start else None
         self.newest = goal_handle
 
@@ -505,9 +530,13 @@ class PlannerNode(Node):
             """Return True if the goal is cancelled, or a newer one came."""
             return goal_handle.is_cancel_requested or self.newest is not goal_handle
 
-        result.path, result.error_code, reason = self.answer(start, request.goal, is_cancelled)
+        if goals:
+            result.path, code, reason = self.answer(start, goals, is_cancelled)
+            result.error_code = code and code + shift
+        else:
+            result.error_code, reason = NO_VIAPOINTS, "there is no goal"
         if result.error_code and self.newest is not goal_handle:
-            result.error_code, reason = UNKNOWN, "a newer goal came"
+            result.error_code, reason = UNKNOWN + shift, "a newer goal came"
         if hasattr(result, "error_msg"):  # since Kilted
             result.error_msg = reason
         result.planning_time = Duration(seconds=time.monotonic() - began).to_msg()

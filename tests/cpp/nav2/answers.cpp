@@ -7,6 +7,8 @@
 //   seconds N                  the time of the node's clock
 //   writable                   the parameters that may be set while the node runs
 //   footprint X Y              half the sides of the rectangle that the costmap has as its footprint
+//   round                      the costmap's robot is a disc
+//   grid FRAME COLUMNS ROWS SIDE X Y FILE  a message of the map's topic, with cells of 0, 1 and 2 for free, occupied, unknown
 //   costs X0 Y0 X1 Y1 COST     the cost of all cells of a box
 //   cancel N                   the cancel checker says true from its call N on
 //   configure | cleanup        of the planner
@@ -18,6 +20,7 @@
 #include "../../../ros/cspace_nav2/src/path_checker.cpp"
 #undef main
 
+#include <fstream>
 #include <iomanip>
 #include <iostream>
 
@@ -114,6 +117,19 @@ void check(const std::vector<Pose>& poses) {
   if (code != 0) std::cout << "{\"code\": " << code << "}\n";
 }
 
+void send_grid(std::istream& line) {
+  using Grid = nav_msgs::msg::OccupancyGrid;
+  const auto grid = std::make_shared<Grid>();
+  std::string file;
+  auto& info = grid->info;
+  line >> grid->header.frame_id >> info.width >> info.height >> info.resolution;
+  line >> info.origin.position.x >> info.origin.position.y >> file;
+  std::ifstream cells(file);
+  for (char cell; cells >> cell;) grid->data.push_back(cell == '1' ? 100 : cell == '2' ? -1 : 0);
+  for (const auto& [topic, callback] : rclcpp::StubTopic<Grid>::callbacks())
+    if (const auto kept = callback.lock()) (*kept)(grid);
+}
+
 }  // namespace
 
 int main() {
@@ -147,6 +163,8 @@ int main() {
       line >> x >> y;
       costmap_ros->stub_footprint = {{x, y, 0.0}, {x, -y, 0.0}, {-x, -y, 0.0}, {-x, y, 0.0}};
     }
+    if (command == "round") costmap_ros->stub_is_round = true;
+    if (command == "grid") send_grid(line);
     if (command == "costs") {
       double x0, y0, x1, y1, cost;
       line >> x0 >> y0 >> x1 >> y1 >> cost;

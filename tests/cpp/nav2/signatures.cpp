@@ -36,11 +36,18 @@ HAS_TYPE(std::declval<const Costmap2D&>().getCost(0u, 0u), unsigned char);
 HAS_TYPE(&Costmap2D::setCost, void (Costmap2D::*)(unsigned int, unsigned int, unsigned char));
 static_assert(std::is_same_v<Costmap2D::mutex_t, std::recursive_mutex>);
 static_assert(nav2_costmap_2d::NO_INFORMATION == 255 && nav2_costmap_2d::LETHAL_OBSTACLE == 254);
+static_assert(nav2_costmap_2d::INSCRIBED_INFLATED_OBSTACLE == 253 && nav2_costmap_2d::MAX_NON_OBSTACLE == 252);
 static_assert(nav2_costmap_2d::FREE_SPACE == 0);
 HAS_TYPE(&Costmap2DROS::getCostmap, Costmap2D* (Costmap2DROS::*)());
 HAS_TYPE(&Costmap2DROS::getGlobalFrameID, std::string (Costmap2DROS::*)());
 HAS_TYPE(&Costmap2DROS::getRobotFootprint, std::vector<Point> (Costmap2DROS::*)());
+HAS_TYPE(&Costmap2DROS::getUseRadius, bool (Costmap2DROS::*)());
 HAS_TYPE(&nav2_costmap_2d::makeFootprintFromRadius, std::vector<Point> (*)(double));
+static_assert(std::is_same_v<nav2_costmap_2d::Footprint, std::vector<Point>>);
+using Checker = nav2_costmap_2d::FootprintCollisionChecker<Costmap2D*>;
+HAS_TYPE(&Checker::footprintCostAtPose,
+         double (Checker::*)(double, double, double, const nav2_costmap_2d::Footprint&));
+static_assert(std::is_constructible_v<Checker, Costmap2D*>);
 
 // ---- the planner ----
 
@@ -78,6 +85,13 @@ HAS_TYPE(std::declval<PoseStamped>().header.stamp.sec, std::int32_t);
 HAS_TYPE(std::declval<PoseStamped>().pose, Pose);
 HAS_TYPE(std::declval<Path>().header.frame_id, std::string);
 HAS_TYPE(std::declval<Path>().poses, std::vector<PoseStamped>);
+using nav_msgs::msg::OccupancyGrid;
+HAS_TYPE(std::declval<OccupancyGrid>().header.frame_id, std::string);
+HAS_TYPE(std::declval<OccupancyGrid>().info.resolution, float);
+HAS_TYPE(std::declval<OccupancyGrid>().info.width, std::uint32_t);
+HAS_TYPE(std::declval<OccupancyGrid>().info.height, std::uint32_t);
+HAS_TYPE(std::declval<OccupancyGrid>().info.origin, Pose);
+HAS_TYPE(std::declval<OccupancyGrid>().data, std::vector<std::int8_t>);
 HAS_TYPE(std::declval<IsPathValid::Request>().path, Path);
 HAS_TYPE(std::declval<IsPathValid::Response>().is_valid, bool);
 HAS_TYPE(std::declval<IsPathValid::Response>().invalid_pose_indices, std::vector<std::int32_t>);
@@ -86,6 +100,16 @@ HAS_TYPE(std::declval<IsPathValid::Response>().invalid_pose_indices, std::vector
 
 using rcl_interfaces::msg::ParameterDescriptor;
 HAS_TYPE(std::declval<ParameterDescriptor>().read_only, bool);
+HAS_TYPE(std::declval<ParameterDescriptor>().description, std::string);
+BECOMES(std::declval<ParameterDescriptor>().floating_point_range[0].from_value, double);
+BECOMES(std::declval<ParameterDescriptor>().floating_point_range[0].to_value, double);
+BECOMES(std::declval<ParameterDescriptor>().integer_range[0].from_value, std::int64_t);
+BECOMES(std::declval<ParameterDescriptor>().integer_range[0].to_value, std::int64_t);
+BECOMES(std::declval<ParameterDescriptor>().integer_range[0].step, std::uint64_t);
+using Callback = std::function<void(std::shared_ptr<const OccupancyGrid>)>;
+BECOMES(rclcpp::create_subscription<OccupancyGrid>(std::declval<Node&>(), std::string(), rclcpp::QoS(1).transient_local(),
+                                                   Callback()),
+        std::shared_ptr<void>);
 BECOMES(std::declval<Node&>().get_clock(), rclcpp::Clock::SharedPtr);
 BECOMES(std::declval<rclcpp::Clock&>().now(), builtin_interfaces::msg::Time);
 HAS_TYPE(std::declval<const Node&>().has_parameter(std::string()), bool);

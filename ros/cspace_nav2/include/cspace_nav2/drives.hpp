@@ -20,6 +20,7 @@ namespace cspace_nav2 {
 /// A drive at one curvature: metres, negative in reverse, and radians to the left; without length, a turn on the spot.
 struct Arc {
   double length, angle;
+  double aside = 0.0;  ///< radians from ahead to where a holonomic robot moves
 };
 
 /// Cost of a radian turned on the spot, metres.
@@ -37,7 +38,8 @@ inline double cost_of(const Arc& arc) {
 inline Configuration advance(const Configuration& q, const Arc& arc) {
   const double half = 0.5 * arc.angle;
   const double chord = half == 0.0 ? arc.length : arc.length * std::sin(half) / half;
-  return {q[0] + chord * std::cos(q[2] + half), q[1] + chord * std::sin(q[2] + half), q[2] + arc.angle};
+  const double heading = q[2] + half + arc.aside;
+  return {q[0] + chord * std::cos(heading), q[1] + chord * std::sin(heading), q[2] + arc.angle};
 }
 
 /// Return the arc between two poses of which each lies on it: its chord, and the shorter turn.
@@ -48,17 +50,17 @@ inline Arc arc_between(const Configuration& from, const Configuration& to) {
   return {half == 0.0 ? chord : chord * half / std::sin(half), 2.0 * half};
 }
 
+/// Names of drives.
+constexpr std::array<const char*, 5> DRIVES = {"holonomic", "differential", "differential-reverse", "dubins", "reeds-shepp"};
+
 /// The way a robot moves, with the names of `planners.plan(drive=)` in Python.
 class Drive {
  public:
   /// @param turning_radius  metres, of a car; 0 for other robots
-  /// @throws std::invalid_argument if the drive is unknown or the radius does not fit it
-  explicit Drive(const std::string& name = "holonomic", double turning_radius = 0.0)
+  /// @throws std::invalid_argument if the radius does not fit the drive
+  explicit Drive(const std::string& name, double turning_radius = 0.0)
       : is_holonomic(name == "holonomic"), is_car(name == "dubins" || name == "reeds-shepp"),
         reverses(name == "differential-reverse" || name == "reeds-shepp"), radius_(turning_radius) {
-    if (!is_holonomic && !is_car && name != "differential" && name != "differential-reverse")
-      throw std::invalid_argument("the parameter 'drive' is '" + name + "'; it must be holonomic, differential, "
-                                  "differential-reverse, dubins or reeds-shepp");
     if (is_car ? !(radius_ > 0.0 && std::isfinite(radius_)) : radius_ != 0.0)
       throw std::invalid_argument("the parameter 'turning_radius' is " + std::to_string(radius_) +
                                   "; it must be positive for dubins and reeds-shepp, and 0 for other drives");
@@ -73,6 +75,8 @@ class Drive {
   /// Return the moves of a lattice: at least as long as given, and turning by whole steps of yaw.
   std::vector<Arc> moves(double length, double yaw_step) const {
     std::vector<Arc> arcs = {{length, 0.0}};
+    if (is_holonomic)
+      for (int k = 1; k < 8; ++k) arcs.push_back({length, 0.0, k * M_PI_4});
     if (is_car) {
       const double angle = yaw_step * std::ceil(length / (radius_ * yaw_step));
       // An arc of more than a quarter turn leads around most obstacles, and so do several shorter ones.
@@ -97,6 +101,16 @@ class Drive {
     return total_cost(backward) < total_cost(forward) ? backward : forward;
   }
 
+  /// Return the cost of the shortest motion between two poses without obstacles.
+  double least_cost(const Configuration& from, const Configuration& to) const {
+    return is_holonomic ? straight_cost(from, to) : total_cost(curve(from, to));
+  }
+
+  /// Return the cost of a motion between two near poses, as it is driven.
+  double step_cost(const Configuration& from, const Configuration& to) const {
+    return is_holonomic ? straight_cost(from, to) : cost_of(arc_between(from, to));
+  }
+
   static double total_cost(const std::vector<Arc>& arcs) {
     double sum = 0.0;
     for (const Arc& arc : arcs) sum += cost_of(arc);
@@ -104,6 +118,11 @@ class Drive {
   }
 
  private:
+  static double straight_cost(const Configuration& from, const Configuration& to) {
+    const double turn = std::abs(std::remainder(to[2] - from[2], 2.0 * M_PI));
+    return std::hypot(to[0] - from[0], to[1] - from[1]) + SPOT_TURN_COST * turn;
+  }
+
   static std::vector<Arc> turn_and_drive(double yaw, double ahead, double length, double last_yaw) {
     const double first = std::remainder(ahead - yaw, 2.0 * M_PI);
     return {{0.0, first}, {length, 0.0}, {0.0, std::remainder(last_yaw - yaw - first, 2.0 * M_PI)}};

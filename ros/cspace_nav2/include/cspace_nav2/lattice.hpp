@@ -21,62 +21,49 @@ using IsOver = std::function<bool()>;
 using Queue = std::priority_queue<std::pair<double, std::int64_t>, std::vector<std::pair<double, std::int64_t>>,
                                   std::greater<>>;
 
-/// Lengths of the shortest ways to a goal through blocks of cells that are free at some yaw, computed when asked.
-class Guide {
+/// Blocks of cells of a map, and which of them have a cell that is free at some yaw, found when asked and kept.
+class Blocks {
  public:
-  /// @param block_side  number of cells along each side of a block
-  Guide(const cspace::Map& map, const Configuration& goal, int block_side, const IsOver& is_over)
-      : map_(map), side_(block_side), is_over_(is_over) {
-    for (std::size_t axis = 0; axis < 2; ++axis) blocks_[axis] = (map.shape()[axis] - 1) / side_ + 1;
-    lengths_.assign(blocks_[0] * blocks_[1], std::numeric_limits<double>::infinity());
-    is_settled_.assign(lengths_.size(), false);
-    lengths_[block_of(goal)] = 0.0;
-    queue_.push({0.0, block_of(goal)});
+  static constexpr std::int64_t SIDE = 4;  ///< cells
+
+  explicit Blocks(const cspace::Map& map) : map_(map) {
+    for (std::size_t axis = 0; axis < 2; ++axis) shape_[axis] = (map.shape()[axis] - 1) / SIDE + 1;
+    states_.assign(shape_[0] * shape_[1], UNKNOWN);
   }
 
-  /// Return the length of the way, metres; infinity if there is none.
-  double length(const Configuration& q) {
-    const std::int64_t wanted = block_of(q);
-    while (!is_settled_[wanted] && !queue_.empty() && !is_over_()) settle();
-    return lengths_[wanted];
-  }
+  std::int64_t rows() const { return shape_[1]; }
+  std::int64_t size() const { return shape_[0] * shape_[1]; }
+  double side() const { return SIDE * map_.spacing(); }  ///< metres
 
- private:
   std::int64_t block_of(const Configuration& q) const {
     std::int64_t index[2];
     for (std::size_t axis = 0; axis < 2; ++axis) {
-      const double place = std::floor((q[axis] - map_.lower()[axis]) / (map_.spacing() * side_));
-      index[axis] = static_cast<std::int64_t>(std::clamp(place, 0.0, static_cast<double>(blocks_[axis] - 1)));
+      const double place = std::floor((q[axis] - map_.lower()[axis]) / side());
+      index[axis] = static_cast<std::int64_t>(std::clamp(place, 0.0, static_cast<double>(shape_[axis] - 1)));
     }
-    return index[0] * blocks_[1] + index[1];
+    return index[0] * rows() + index[1];
   }
 
-  /// Settle the nearest block of the queue, and look at its neighbours.
-  void settle() {
-    const std::int64_t block = queue_.top().second;
-    queue_.pop();
-    if (is_settled_[block]) return;
-    is_settled_[block] = true;
-    const std::int64_t i = block / blocks_[1], j = block % blocks_[1];
-    for (std::int64_t x = std::max<std::int64_t>(i - 1, 0); x <= std::min(i + 1, blocks_[0] - 1); ++x)
-      for (std::int64_t y = std::max<std::int64_t>(j - 1, 0); y <= std::min(j + 1, blocks_[1] - 1); ++y) {
-        const std::int64_t next = x * blocks_[1] + y;
-        const double length = lengths_[block] + std::hypot(x - i, y - j) * side_ * map_.spacing();
-        if (is_settled_[next] || length >= lengths_[next]) continue;
-        is_settled_[next] = !is_open(x, y);  // at infinity, and not asked again
-        if (is_settled_[next]) continue;
-        lengths_[next] = length;
-        queue_.push({length, next});
-      }
+  Configuration center_of(std::int64_t block) const {
+    return {map_.lower()[0] + (static_cast<double>(block / rows()) + 0.5) * side(),
+            map_.lower()[1] + (static_cast<double>(block % rows()) + 0.5) * side(), 0.0};
   }
 
-  /// Return true if some cell of a block is free at some yaw.
-  bool is_open(std::int64_t x, std::int64_t y) const {
+  bool is_open(std::int64_t block) {
+    if (states_[block] == UNKNOWN) states_[block] = has_free_cell(block) ? OPEN : CLOSED;
+    return states_[block] == OPEN;
+  }
+
+ private:
+  enum State : unsigned char { UNKNOWN, OPEN, CLOSED };
+
+  bool has_free_cell(std::int64_t block) const {
     const auto turns = static_cast<double>(map_.rotations());
-    for (std::int64_t cell = 0; cell < side_ * side_; ++cell)
-      for (double turn = 0.5; turn < turns; ++turn) {
-        const double q[] = {map_.lower()[0] + (static_cast<double>(x * side_ + cell / side_) + 0.5) * map_.spacing(),
-                            map_.lower()[1] + (static_cast<double>(y * side_ + cell % side_) + 0.5) * map_.spacing(),
+    const Configuration center = center_of(block);
+    for (double turn = 0.5; turn < turns; ++turn)
+      for (std::int64_t cell = 0; cell < SIDE * SIDE; ++cell) {
+        const double q[] = {center[0] + (static_cast<double>(cell / SIDE) - 0.5 * (SIDE - 1)) * map_.spacing(),
+                            center[1] + (static_cast<double>(cell % SIDE) - 0.5 * (SIDE - 1)) * map_.spacing(),
                             turn / turns * 2.0 * M_PI};
         if (map_.is_free(q)) return true;
       }
@@ -84,35 +71,89 @@ class Guide {
   }
 
   const cspace::Map& map_;
-  std::int64_t side_;
-  IsOver is_over_;
-  std::int64_t blocks_[2];
-  std::vector<double> lengths_;
+  std::int64_t shape_[2];
+  std::vector<State> states_;
+};
+
+/// Costs of the cheapest ways to a goal through open blocks, computed when asked.
+class Guide {
+ public:
+  Guide(Blocks& blocks, const Surroundings& surroundings, const Configuration& goal, const IsOver& is_over)
+      : blocks_(blocks), surroundings_(surroundings), is_over_(is_over) {
+    costs_.assign(blocks.size(), std::numeric_limits<double>::infinity());
+    is_settled_.assign(blocks.size(), false);
+    costs_[blocks.block_of(goal)] = 0.0;
+    queue_.push({0.0, blocks.block_of(goal)});
+  }
+
+  /// Return the cost of the way from a pose; infinity if there is none.
+  double cost(const Configuration& q) {
+    const std::int64_t wanted = blocks_.block_of(q);
+    while (!is_settled_[wanted] && !queue_.empty() && !is_over_()) settle();
+    return costs_[wanted];
+  }
+
+ private:
+  /// Settle the nearest block of the queue, and look at its neighbours.
+  void settle() {
+    const std::int64_t block = queue_.top().second, rows = blocks_.rows(), columns = blocks_.size() / rows;
+    queue_.pop();
+    if (is_settled_[block]) return;
+    is_settled_[block] = true;
+    const std::int64_t i = block / rows, j = block % rows;
+    for (std::int64_t x = std::max<std::int64_t>(i - 1, 0); x <= std::min(i + 1, columns - 1); ++x)
+      for (std::int64_t y = std::max<std::int64_t>(j - 1, 0); y <= std::min(j + 1, rows - 1); ++y) {
+        const std::int64_t next = x * rows + y;
+        if (is_settled_[next]) continue;
+        is_settled_[next] = !blocks_.is_open(next);  // at infinity, and not asked again
+        if (is_settled_[next]) continue;
+        const double cost = costs_[block] + std::hypot(x - i, y - j) * blocks_.side() * surroundings_.weight(blocks_.center_of(next));
+        if (cost >= costs_[next]) continue;
+        costs_[next] = cost;
+        queue_.push({cost, next});
+      }
+  }
+
+  Blocks& blocks_;
+  const Surroundings& surroundings_;
+  const IsOver& is_over_;
+  std::vector<double> costs_;
   std::vector<bool> is_settled_;
   Queue queue_;
 };
 
-/// Finds paths of robots that are not holonomic: poses between which they drive arcs.
+/// Finds paths: poses between which the robot drives arcs, or straight motions of a holonomic one.
 class Lattice {
  public:
-  Lattice(const Surroundings& surroundings, const IsOver& is_over) : surroundings_(surroundings), is_over_(is_over) {}
+  Lattice(const Surroundings& surroundings, Blocks& blocks, const IsOver& is_over)
+      : surroundings_(surroundings), blocks_(blocks), is_over_(is_over) {}
 
   /// Return the poses of a path, both ends included; empty if none is found.
   std::vector<Configuration> find_path(const Configuration& start, const Configuration& goal) const {
-    const cspace::Map& map = surroundings_.map();
-    Guide guide(map, goal, BLOCK_SIDE, is_over_);
+    Guide guide(blocks_, surroundings_, goal, is_over_);
     std::vector<Configuration> path;
-    // From coarse to fine.
-    for (int level = 2; level >= 0 && path.empty() && !is_over_(); --level)
-      path = search(start, goal, guide, map.spacing() * (1 << level), FINEST_YAWS >> level);
-    for (int round = 0; round < SHORTENING_ROUNDS; ++round) shorten(path);
+    for (int level = COARSEST; level >= 0 && path.empty() && !is_over_(); --level)
+      path = search(start, goal, guide, level, std::numeric_limits<double>::infinity());
+    shorten(path);
+    return path;
+  }
+
+  /// Return the poses of a path that costs less than a bound, by a coarse search; empty if it finds none.
+  std::vector<Configuration> find_cheaper(const Configuration& start, const Configuration& goal, double bound) const {
+    Guide guide(blocks_, surroundings_, goal, is_over_);
+    if (guide.cost(start) >= bound) return {};
+    std::vector<Configuration> path = search(start, goal, guide, COARSEST, bound);
+    shorten(path);
     return path;
   }
 
  private:
-  static constexpr int BLOCK_SIDE = 4;
+  static constexpr int COARSEST = 2;
   static constexpr int FINEST_YAWS = 96;
   static constexpr int SHORTENING_ROUNDS = 3;
+  static constexpr double SUFFICIENT = 1.05;   ///< a path may cost more than the bound of all others by this factor
+  static constexpr double MIN_GAIN = 1e-3;     ///< metres
+  static constexpr double NEAR = 3.0;          ///< metres to the goal within which curves bound costs
 
   /// A pose that a search has reached, and the arc that leads to it from its parent.
   struct Node {
@@ -122,41 +163,53 @@ class Lattice {
     double cost;
   };
 
-  /// Search with one pose for each cell of a lattice, with a side in metres, and each of a number of yaws.
-  std::vector<Configuration> search(const Configuration& start, const Configuration& goal, Guide& guide, double side,
-                                    int yaws) const {
+  /// Search with one pose for each cell of a lattice of a level, and each of a number of yaws.
+  std::vector<Configuration> search(const Configuration& start, const Configuration& goal, Guide& guide, int level,
+                                    double bound) const {
     const Drive& drive = surroundings_.drive();
+    const double side = surroundings_.map().spacing() * (1 << level);
+    const int yaws = FINEST_YAWS >> level;
     const std::vector<Arc> moves = drive.moves(std::sqrt(2.0) * side, 2.0 * M_PI / yaws);
     std::vector<Node> nodes = {{start, -1, {}, 0.0}};
     std::unordered_map<std::int64_t, std::int64_t> node_of;  // by cell and yaw
+    std::vector<Configuration> end;                          // of the cheapest path found
+    std::int64_t last = 0;
     Queue queue;
     queue.push({0.0, 0});
     for (double wait = 0.0; !queue.empty() && !is_over_(); --wait) {
-      const std::int64_t number = queue.top().second;
+      const auto [least, number] = queue.top();
       queue.pop();
+      if (least * SUFFICIENT >= bound) break;
       const Node node = nodes[number];
       const std::int64_t key = key_of(node.q, side, yaws);
       const auto known = node_of.find(key);
       if (known != node_of.end() && known->second != number) continue;  // a cheaper node is there
       if (wait <= 0.0) {
-        const std::vector<Configuration> end = surroundings_.connect(node.q, goal);
-        if (surroundings_.poses_are_free(end)) return trace(nodes, number, end);
-        wait = guide.length(node.q) / (4.0 * side);
+        const std::vector<Configuration> way = surroundings_.connect(node.q, goal);
+        const double cost = node.cost + surroundings_.cost(way);
+        if (cost < bound && surroundings_.poses_are_free(way)) {
+          end = way;
+          last = number;
+          bound = cost;
+        }
+        wait = guide.cost(node.q) / (4.0 * side);
       }
       for (const Arc& move : moves) {
         const Configuration next = advance(node.q, move);
-        const double cost = node.cost + cost_of(move), rest = guide.length(next);
+        const double cost = node.cost + cost_of(move) * surroundings_.weight(next);
+        if (cost >= bound) continue;
         const std::int64_t next_key = key_of(next, side, yaws);
         const auto found = node_of.find(next_key);
-        if (next_key == key || std::isinf(rest) || (found != node_of.end() && nodes[found->second].cost <= cost)) continue;
-        if (!surroundings_.poses_are_free(surroundings_.poses_along(node.q, {move}))) continue;
+        if (next_key == key || (found != node_of.end() && nodes[found->second].cost <= cost)) continue;
+        double rest = guide.cost(next);
+        if (std::hypot(goal[0] - next[0], goal[1] - next[1]) < NEAR) rest = std::max(rest, drive.least_cost(next, goal));
+        if (cost + rest >= bound || !surroundings_.poses_are_free(surroundings_.poses_along(node.q, {move}))) continue;
         node_of[next_key] = static_cast<std::int64_t>(nodes.size());
-        const double bound = std::max(rest, Drive::total_cost(drive.curve(next, goal)));
-        queue.push({cost + bound, static_cast<std::int64_t>(nodes.size())});
+        queue.push({cost + rest, static_cast<std::int64_t>(nodes.size())});
         nodes.push_back({next, number, move, cost});
       }
     }
-    return {};
+    return end.empty() ? end : trace(nodes, last, end);
   }
 
   std::int64_t key_of(const Configuration& q, double side, int yaws) const {
@@ -181,29 +234,40 @@ class Lattice {
     return path;
   }
 
-  static double length(const std::vector<Configuration>& poses, std::size_t first, std::size_t last) {
-    double sum = 0.0;
-    for (std::size_t k = first; k < last; ++k) sum += cost_of(arc_between(poses[k], poses[k + 1]));
-    return sum;
+  /// Replace parts of a path by cheaper curves, long parts first.
+  void shorten(std::vector<Configuration>& path) const {
+    for (int round = 0; round < SHORTENING_ROUNDS; ++round)
+      if (!shorten_once(path)) return;
   }
 
-  /// Replace parts of a path by shorter curves, long parts first.
-  void shorten(std::vector<Configuration>& path) const {
+  bool shorten_once(std::vector<Configuration>& path) const {
+    bool is_changed = false;
+    std::vector<double> costs = list_costs(path);
     for (std::size_t reach = path.size(); reach >= 4; reach = reach * 2 / 3)
       for (std::size_t first = 0; first + 2 < path.size() && !is_over_(); first += std::max<std::size_t>(1, reach / 4)) {
         const std::size_t last = std::min(first + reach, path.size() - 1);
+        const double target = costs[last] - costs[first] - MIN_GAIN;
+        if (surroundings_.drive().least_cost(path[first], path[last]) >= target) continue;
         const std::vector<Configuration> poses = surroundings_.connect(path[first], path[last]);
-        const bool is_shorter = length(poses, 0, poses.size() - 1) < length(path, first, last) - MIN_GAIN;
-        if (!is_shorter || !surroundings_.poses_are_free(poses)) continue;
+        if (surroundings_.cost(poses) >= target || !surroundings_.poses_are_free(poses)) continue;
         path.erase(path.begin() + first + 1, path.begin() + last + 1);
         path.insert(path.begin() + first + 1, poses.begin() + 1, poses.end());
+        costs = list_costs(path);
+        is_changed = true;
       }
+    return is_changed;
   }
 
-  static constexpr double MIN_GAIN = 1e-3;  ///< metres
+  /// Return the costs of a path from its first pose to each one.
+  std::vector<double> list_costs(const std::vector<Configuration>& path) const {
+    std::vector<double> costs(path.size(), 0.0);
+    for (std::size_t k = 1; k < path.size(); ++k) costs[k] = costs[k - 1] + surroundings_.cost(path[k - 1], path[k]);
+    return costs;
+  }
 
   const Surroundings& surroundings_;
-  IsOver is_over_;
+  Blocks& blocks_;
+  const IsOver& is_over_;
 };
 
 }  // namespace cspace_nav2

@@ -12,7 +12,8 @@
 #include <nav2_core/global_planner.hpp>
 #include <rclcpp/rclcpp.hpp>
 
-#include "cspace_nav2/surroundings.hpp"
+#include "cspace_nav2/lattice.hpp"
+#include "cspace_nav2/map_maker.hpp"
 
 #if __has_include(<nav2_ros_common/lifecycle_node.hpp>)
 #include <nav2_ros_common/lifecycle_node.hpp>
@@ -29,20 +30,16 @@ using Node = rclcpp_lifecycle::LifecycleNode;
 using Buffer = tf2_ros::Buffer;
 #endif
 
-/// Plans with RRTConnect, or on a lattice for a robot that cannot move aside, then shortens the path.
+/// Plans on a lattice, then shortens the path.
 ///
-/// The saved map proves every edge free along its whole length, as it is driven. In the live costmap, poses along the
-/// path are tested.
-///
-/// Parameters, which are read-only while the node runs: `<name>.map`, the folder that `space.save` wrote, in the
-/// costmap's global frame; `<name>.drive` and `<name>.turning_radius`, metres; `<name>.time_limit`, seconds;
-/// `<name>.step`, metres between poses of the path; `<name>.tolerance`, metres, within which another goal is taken if
-/// the goal is not free; `<name>.allow_unknown`, of the costmap.
+/// The map proves every edge free along its whole length, as it is driven. In the live costmap, poses along the path are
+/// tested, and their costs count. Without the parameter `<name>.map`, the map is made of the topic `<name>.map_topic`. All
+/// parameters say what they are, and are read-only while the node runs.
 class CspacePlanner : public nav2_core::GlobalPlanner {
  public:
   using Pose = geometry_msgs::msg::PoseStamped;
 
-  /// @throws nav2_core::PlannerException if the map is missing or not of the plane, or a parameter is not positive
+  /// @throws nav2_core::PlannerException if a parameter is wrong, or the map is missing or not of the plane
   void configure(const Node::WeakPtr& parent, std::string name, std::shared_ptr<Buffer> tf,
                  std::shared_ptr<nav2_costmap_2d::Costmap2DROS> costmap_ros) override;
   void cleanup() override;
@@ -65,27 +62,35 @@ class CspacePlanner : public nav2_core::GlobalPlanner {
   struct Route {
     std::vector<Configuration> goals;
     std::vector<std::vector<Configuration>> legs;
-    double saving;  ///< largest share of a leg that a single motion saved when it was found
   };
 
+  void read_parameters(Node& node, const std::string& name);
+  /// Take the newest map; throw a `nav2_core::PlannerException` that says why there is none.
+  void update_map();
   /// Return a path through all viapoints; throw a `nav2_core::PlannerException` that says why there is none.
   nav_msgs::msg::Path plan(const Pose& start, const std::vector<Pose>& viapoints, const Pose& goal,
                            const std::function<bool()>& cancel_checker);
+  nav_msgs::msg::Path write_path(const Route& route, const Pose& goal) const;
   Route find_kept_route(const Surroundings& surroundings, const Configuration& start,
                         const std::vector<Configuration>& goals) const;
-  /// Return the free configuration nearest to a goal within the tolerance; the goal if there is none.
-  Configuration find_free_goal(const Surroundings& surroundings, const Configuration& goal) const;
-  Route search_route(const Surroundings& surroundings, const Configuration& start,
-                     const std::vector<Configuration>& goals, const std::function<bool()>& cancel_checker) const;
+  /// Replace legs of a route by ones that a search finds much cheaper; return true if there are any.
+  bool improve(const Surroundings& surroundings, Route& route, const IsOver& is_over) const;
+  /// Return the free configuration nearest to another one within a distance; that one if there is none.
+  Configuration find_free(const Surroundings& surroundings, const Configuration& q, double tolerance) const;
+  Route search_route(const Surroundings& surroundings, const Configuration& start, const std::vector<Configuration>& goals,
+                     const IsOver& is_over) const;
 
   std::shared_ptr<const cspace::Map> map_;
+  std::unique_ptr<Blocks> blocks_;   ///< of the map
+  std::shared_ptr<MapMaker> maker_;  ///< without one, the map is that of a folder
+  std::shared_ptr<void> subscription_;
   std::shared_ptr<nav2_costmap_2d::Costmap2DROS> costmap_ros_;
   std::unique_ptr<const Drive> drive_;
   rclcpp::Clock::SharedPtr clock_;
+  std::unique_ptr<const rclcpp::Logger> logger_;
+  Rules rules_{};
   double time_limit_ = 1.0;
-  double step_ = 0.05;
-  double tolerance_ = 0.25;
-  bool allow_unknown_ = true;
+  double tolerance_ = 0.25, start_tolerance_ = 0.1;
   std::list<Route> kept_routes_;  ///< the newest first
 };
 

@@ -3,18 +3,19 @@
 #ifndef CSPACE_NAV2_POSES_HPP
 #define CSPACE_NAV2_POSES_HPP
 
+#include <array>
 #include <cmath>
 #include <memory>
 #include <stdexcept>
 #include <string>
-#include <vector>
 
 #include <cspace/map.hpp>
 #include <geometry_msgs/msg/pose.hpp>
 
 namespace cspace_nav2 {
 
-using Configuration = std::vector<double>;
+/// x, y and yaw, which is 0 on a map without one.
+using Configuration = std::array<double, 3>;
 
 /// Deviation of a quaternion's norm from 1, and sine of half the tilt, that pass as rounding.
 constexpr double POSE_SLACK = 1e-3;
@@ -33,8 +34,7 @@ inline Configuration configuration_of(const cspace::Map& map, const geometry_msg
   // NaN fails each of these comparisons.
   if (!(std::abs(norm - 1.0) <= POSE_SLACK)) throw std::invalid_argument("its quaternion does not have norm 1");
   if (!(std::hypot(r.x, r.y) <= POSE_SLACK)) throw std::invalid_argument("it is tilted; the map is for a level robot");
-  Configuration q = {pose.position.x, pose.position.y};
-  if (map.size() == 3) q.push_back(yaw_of(pose));
+  const Configuration q = {pose.position.x, pose.position.y, map.size() == 3 ? yaw_of(pose) : 0.0};
   if (!map.is_usable(q.data())) throw std::invalid_argument("its position is not finite");
   return q;
 }
@@ -42,7 +42,6 @@ inline Configuration configuration_of(const cspace::Map& map, const geometry_msg
 /// Open a map of the plane.
 /// @throws std::runtime_error if there is none at this path
 inline std::shared_ptr<const cspace::Map> open_plane_map(const std::string& path) {
-  if (path.empty()) throw std::runtime_error("the parameter 'map' is missing; it names the folder that space.save wrote");
   const auto map = std::make_shared<const cspace::Map>(cspace::Map::open(path));
   if (map->dim() != 2 || map->axes()[0] != "x" || map->axes()[1] != "y")
     throw std::runtime_error(path + ": is not a map of x, y, or of x, y, yaw");

@@ -12,6 +12,7 @@
 #include <nav2_costmap_2d/cost_values.hpp>
 #include <nav2_costmap_2d/costmap_2d_ros.hpp>
 #include <nav2_costmap_2d/footprint.hpp>
+#include <nav2_costmap_2d/footprint_collision_checker.hpp>
 
 #include "cspace_nav2/drives.hpp"
 
@@ -20,16 +21,21 @@ namespace cspace_nav2 {
 /// Distance beside the end of an arc, in cells, that passes as rounding of a curve.
 constexpr double MAX_GAP_CELLS = 1e-3;
 
+/// How poses are tested and weighed in the costmap.
+struct Rules {
+  double step;          ///< metres that no point of the robot exceeds between two tested poses
+  double cost_penalty;  ///< share by which a metre at the highest cost below a collision costs more
+  bool allow_unknown;   ///< whether the footprint may touch unknown cells
+};
+
 /// A map and a costmap, which stays locked as long as this object lives.
 class Surroundings {
  public:
-  /// @param step           metres that no point of the robot exceeds between two tested poses
-  /// @param allow_unknown  whether the footprint may touch unknown cells of the costmap
-  Surroundings(const cspace::Map& map, nav2_costmap_2d::Costmap2DROS& costmap_ros, const Drive& drive, double step,
-               bool allow_unknown)
-      : map_(map), drive_(drive), costmap_(*costmap_ros.getCostmap()), lock_(*costmap_.getMutex()), step_(step),
+  Surroundings(const cspace::Map& map, nav2_costmap_2d::Costmap2DROS& costmap_ros, const Drive& drive, const Rules& rules)
+      : map_(map), drive_(drive), costmap_(*costmap_ros.getCostmap()), lock_(*costmap_.getMutex()), rules_(rules),
+        footprint_(costmap_ros.getRobotFootprint()), checker_(&costmap_), is_round_(costmap_ros.getUseRadius()),
         columns_(costmap_.getSizeInCellsX()), rows_(costmap_.getSizeInCellsY()) {
-    for (const auto& corner : costmap_ros.getRobotFootprint()) corners_.push_back({corner.x, corner.y});
+    for (const auto& corner : footprint_) corners_.push_back({corner.x, corner.y});
     if (corners_.empty()) throw std::runtime_error("cspace_nav2: the costmap has no footprint");
     for (const auto& [x, y] : corners_) radius_ = std::max(radius_, std::hypot(x, y));
     // A map without yaw allows any heading, so a polygon around the circle around the footprint is tested.
@@ -45,7 +51,7 @@ class Surroundings {
       for (unsigned int column = 0; column < columns_; ++column) {
         const unsigned char cost = costmap_.getCost(column, row);
         in_row += cost == nav2_costmap_2d::LETHAL_OBSTACLE ||
-                  (cost == nav2_costmap_2d::NO_INFORMATION && !allow_unknown);
+                  (cost == nav2_costmap_2d::NO_INFORMATION && !rules.allow_unknown);
         occupied_before_[index_of(row + 1, column + 1)] = occupied_before_[index_of(row, column + 1)] + in_row;
       }
     }
@@ -65,11 +71,33 @@ class Surroundings {
     return costmap_.worldToMap(q[0], q[1], column, row);
   }
 
+  /// Return by how much a metre costs more at a pose than where nothing is near, as SMAC weighs it.
+  double weight(const Configuration& q) const { return weight_at(q[0], q[1]); }
+  double weight_at(double x, double y) const {
+    unsigned int column, row;
+    if (!costmap_.worldToMap(x, y, column, row)) return 1.0 + rules_.cost_penalty;
+    constexpr unsigned char highest = nav2_costmap_2d::MAX_NON_OBSTACLE;
+    return 1.0 + rules_.cost_penalty * std::min(costmap_.getCost(column, row), highest) / highest;
+  }
+
+  /// Return the cost of a way through poses: its metres, weighed by the costmap.
+  double cost(const std::vector<Configuration>& poses) const {
+    double sum = 0.0;
+    for (std::size_t k = 1; k < poses.size(); ++k) sum += cost(poses[k - 1], poses[k]);
+    return sum;
+  }
+  double cost(const Configuration& from, const Configuration& to) const {
+    return drive_.step_cost(from, to) * weight(to);
+  }
+
   /// Return true if the footprint is in the costmap and meets no lethal, and if not allowed no unknown, cell.
   ///
-  /// A cell meets it if an edge passes through the cell, or if it contains the cell's center.
+  /// A cell meets it if an edge passes through the cell, or if it contains the cell's center; or by the rule of Nav2's
+  /// service is_path_valid, which rounds corners to cells.
   bool is_clear(const Configuration& q) const {
+    if (is_round_ && !is_valid_in_nav2(q)) return false;
     if (square_is_clear(q)) return true;
+    if (!is_round_ && !is_valid_in_nav2(q)) return false;
     const std::vector<Point> body = place(q);
     const auto lower = [](const Point& a, const Point& b) { return a[1] < b[1]; };
     const auto [lowest, highest] = std::minmax_element(body.begin(), body.end(), lower);
@@ -81,15 +109,17 @@ class Surroundings {
   }
 
   /// Return true if a configuration is proven free by the map and clear in the costmap.
-  bool is_free(const Configuration& q) const { return map_.is_free(q) && is_clear(q); }
+  bool is_free(const Configuration& q) const { return map_.is_free(q.data()) && is_clear(q); }
 
   /// Return true if a whole motion is proven free by the map, and its poses after the first are clear in the costmap.
   ///
   /// A robot that is not holonomic drives the arc between the poses.
   bool motion_is_free(const Configuration& from, const Configuration& to) const {
-    if (drive_.is_holonomic ? !map_.motion_is_free(from, to) : !arc_is_free(from, to)) return false;
-    const std::vector<Configuration> poses = poses_between(from, to);
-    return std::all_of(poses.begin(), poses.end(), [&](const Configuration& q) { return is_clear(q); });
+    if (drive_.is_holonomic ? !map_.motion_is_free(from.data(), to.data()) : !arc_is_free(from, to)) return false;
+    const double count = count_steps(from, to);
+    for (double k = 1.0; k < count; ++k)
+      if (!is_clear(mix(from, to, k / count))) return false;
+    return is_clear(to);
   }
 
   /// Return true if all motions between poses that follow each other are free.
@@ -111,16 +141,11 @@ class Surroundings {
     return sum;
   }
 
-  /// Return the poses of a straight motion at most `step` apart, the last included and the first not.
+  /// Return the poses of a straight motion at most `step` apart, both ends included.
   std::vector<Configuration> poses_between(const Configuration& from, const Configuration& to) const {
-    // A motion of one step stays one step, whatever rounding does.
-    const double count = std::ceil(distance(from, to) / step_ - 1e-6);
-    std::vector<Configuration> poses;
-    for (double k = 1.0; k < count; ++k) {
-      const double t = k / count;
-      poses.push_back({from[0] + t * (to[0] - from[0]), from[1] + t * (to[1] - from[1])});
-      if (from.size() == 3) poses.back().push_back(from[2] + t * turn(from, to));
-    }
+    const double count = count_steps(from, to);
+    std::vector<Configuration> poses = {from};
+    for (double k = 1.0; k < count; ++k) poses.push_back(mix(from, to, k / count));
     poses.push_back(to);
     return poses;
   }
@@ -131,26 +156,22 @@ class Surroundings {
     for (const Arc& arc : arcs) {
       const double length = std::abs(arc.length), angle = std::abs(arc.angle);
       // The second bound keeps a piece within a sixteenth of a cell of its chord.
-      const double steps = (length + radius_ * angle) / step_, bends = std::sqrt(2.0 * length * angle / map_.spacing());
+      const double steps = (length + radius_ * angle) / rules_.step, bends = std::sqrt(2.0 * length * angle / map_.spacing());
       const double count = std::ceil(std::max({steps, bends, angle}) - 1e-6);
       const Configuration begin = poses.back();
       for (double k = 1.0; k <= count; ++k)
-        poses.push_back(advance(begin, {k / count * arc.length, k / count * arc.angle}));
+        poses.push_back(advance(begin, {k / count * arc.length, k / count * arc.angle, arc.aside}));
     }
     return poses;
   }
 
   /// Return the poses of the shortest motion between two poses without obstacles, both included.
   std::vector<Configuration> connect(const Configuration& from, const Configuration& to) const {
-    if (!drive_.is_holonomic) {
-      std::vector<Configuration> poses = poses_along(from, drive_.curve(from, to));
-      // The curve ends where it should, up to rounding.
-      if (poses.size() > 1) poses.pop_back();
-      poses.push_back(to);
-      return poses;
-    }
-    std::vector<Configuration> poses = poses_between(from, to);
-    poses.insert(poses.begin(), from);
+    if (drive_.is_holonomic) return poses_between(from, to);
+    std::vector<Configuration> poses = poses_along(from, drive_.curve(from, to));
+    // The curve ends where it should, up to rounding.
+    if (poses.size() > 1) poses.pop_back();
+    poses.push_back(to);
     return poses;
   }
 
@@ -159,7 +180,30 @@ class Surroundings {
 
   /// Return the shorter turn between two configurations.
   static double turn(const Configuration& from, const Configuration& to) {
-    return from.size() == 3 ? std::remainder(to[2] - from[2], 2.0 * M_PI) : 0.0;
+    return std::remainder(to[2] - from[2], 2.0 * M_PI);
+  }
+
+  /// Return the number of steps of a straight motion; one of one step stays so, whatever rounding does.
+  double count_steps(const Configuration& from, const Configuration& to) const {
+    return std::ceil(distance(from, to) / rules_.step - 1e-6);
+  }
+
+  static Configuration mix(const Configuration& from, const Configuration& to, double t) {
+    return {from[0] + t * (to[0] - from[0]), from[1] + t * (to[1] - from[1]), from[2] + t * turn(from, to)};
+  }
+
+  /// Return true if Nav2's service is_path_valid accepts a pose, as far as lethal cells are concerned.
+  bool is_valid_in_nav2(const Configuration& q) const {
+    if (is_round_) {
+      unsigned int column, row;
+      if (!costmap_.worldToMap(q[0], q[1], column, row)) return false;
+      const unsigned char cost = costmap_.getCost(column, row);
+      return cost < nav2_costmap_2d::INSCRIBED_INFLATED_OBSTACLE || cost == nav2_costmap_2d::NO_INFORMATION;
+    }
+    // The yaw as it is read from the path: rounding may move a corner into the next cell.
+    const double half = 0.5 * q[2], sine = std::sin(half), cosine = std::cos(half);
+    const double yaw = std::atan2(2.0 * cosine * sine, cosine * cosine - sine * sine);
+    return checker_.footprintCostAtPose(q[0], q[1], yaw, footprint_) != nav2_costmap_2d::LETHAL_OBSTACLE;
   }
 
   /// Return true if the map proves the arc between two poses free.
@@ -178,8 +222,7 @@ class Surroundings {
 
   /// Return the corners of the footprint at a pose, in cells of the costmap.
   std::vector<Point> place(const Configuration& q) const {
-    const double yaw = q.size() == 3 ? q[2] : 0.0;
-    const double cosine = std::cos(yaw), sine = std::sin(yaw), side = costmap_.getResolution();
+    const double cosine = std::cos(q[2]), sine = std::sin(q[2]), side = costmap_.getResolution();
     std::vector<Point> body;
     for (const auto& [x, y] : corners_)
       body.push_back({(q[0] + x * cosine - y * sine - costmap_.getOriginX()) / side,
@@ -230,7 +273,10 @@ class Surroundings {
   const Drive& drive_;
   nav2_costmap_2d::Costmap2D& costmap_;
   std::unique_lock<nav2_costmap_2d::Costmap2D::mutex_t> lock_;
-  double step_;
+  const Rules rules_;
+  nav2_costmap_2d::Footprint footprint_;
+  mutable nav2_costmap_2d::FootprintCollisionChecker<nav2_costmap_2d::Costmap2D*> checker_;
+  bool is_round_;  ///< Nav2 tests the cell below the robot's center
   unsigned int columns_, rows_;
   double radius_ = 0.0, radius_of_corners_ = 0.0;  ///< of the footprint, and of the polygon that is tested
   std::vector<Point> corners_;

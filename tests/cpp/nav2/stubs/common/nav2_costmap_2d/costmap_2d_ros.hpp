@@ -14,9 +14,11 @@ class Costmap2DROS {
   Costmap2D* getCostmap() { return &stub_costmap; }
   std::string getGlobalFrameID() { return "map"; }
   std::vector<geometry_msgs::msg::Point> getRobotFootprint() { return stub_footprint; }
+  bool getUseRadius() { return stub_is_round; }
 
   Costmap2D stub_costmap{60, 40, 0.1, 0.0, 0.0};
   std::vector<geometry_msgs::msg::Point> stub_footprint;
+  bool stub_is_round = false;
 };
 }  // namespace nav2_costmap_2d
 

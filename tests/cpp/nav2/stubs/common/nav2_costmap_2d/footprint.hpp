@@ -8,6 +8,8 @@
 #include <geometry_msgs/msg/pose.hpp>
 
 namespace nav2_costmap_2d {
+using Footprint = std::vector<geometry_msgs::msg::Point>;
+
 inline std::vector<geometry_msgs::msg::Point> makeFootprintFromRadius(double radius) {
   std::vector<geometry_msgs::msg::Point> points(16);
   for (int k = 0; k < 16; ++k) {

@@ -162,6 +162,7 @@ class Node {
 
 struct QoS {
   explicit QoS(std::size_t) {}
+  QoS& transient_local() { return *this; }
 };
 struct SensorDataQoS : QoS {
   SensorDataQoS() : QoS(5) {}
@@ -198,6 +199,23 @@ struct SingleThreadedExecutor {
   std::function<void()> spin;
 };
 }  // namespace executors
+
+template <typename Message>
+struct StubTopic {
+  using Callback = std::function<void(std::shared_ptr<const Message>)>;
+  static std::map<std::string, std::weak_ptr<Callback>>& callbacks() {
+    static std::map<std::string, std::weak_ptr<Callback>> callbacks;
+    return callbacks;
+  }
+};
+
+/// Subscribe as long as the answer lives.
+template <typename Message, typename Callback>
+std::shared_ptr<void> create_subscription(Node&, const std::string& topic, const QoS&, Callback callback) {
+  const auto kept = std::make_shared<typename StubTopic<Message>::Callback>(callback);
+  StubTopic<Message>::callbacks()[topic] = kept;
+  return kept;
+}
 
 inline bool ok() { return true; }
 inline void init(int, char**, InitOptions = {}, SignalHandlerOptions = SignalHandlerOptions::None) {}

@@ -1,0 +1,278 @@
+/// @file map_maker.hpp
+/// Maps of occupancy grids: the command `cspace build` makes each once, in a thread, and a folder keeps it.
+#ifndef CSPACE_NAV2_MAP_MAKER_HPP
+#define CSPACE_NAV2_MAP_MAKER_HPP
+
+#include <fcntl.h>
+#include <signal.h>
+#include <spawn.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <chrono>
+#include <condition_variable>
+#include <cstdint>
+#include <cstdlib>
+#include <cstring>
+#include <filesystem>
+#include <fstream>
+#include <functional>
+#include <iomanip>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <sstream>
+#include <stdexcept>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include <nav_msgs/msg/occupancy_grid.hpp>
+
+#include "cspace_nav2/poses.hpp"
+
+extern char** environ;
+
+namespace cspace_nav2 {
+
+/// Return the folder in which maps are kept unless a parameter names another one; empty if the user has no home.
+inline std::string default_folder() {
+  const char* cache = std::getenv("XDG_CACHE_HOME");
+  if (cache != nullptr && *cache == '/') return std::string(cache) + "/cspace_nav2";
+  const char* home = std::getenv("HOME");
+  return home != nullptr && *home == '/' ? std::string(home) + "/.cache/cspace_nav2" : "";
+}
+
+/// What a map is made of, besides the grid.
+struct Recipe {
+  std::string builder = "cspace";   ///< the command of the library
+  std::string folder;               ///< that keeps maps
+  std::string frame;                ///< that grids must have
+  std::int64_t rotations = 72;      ///< cells of yaw
+  bool unknown_is_free = false;     ///< else unknown cells are obstacles
+  std::function<std::string()> robot;  ///< returns the robot in words of `cspace build --robot`
+};
+
+/// Follows a topic of grids with maps. While a newer map is built, there is none.
+class MapMaker {
+ public:
+  /// Takes what happens, and whether it is a fault.
+  using Log = std::function<void(const std::string&, bool)>;
+
+  MapMaker(const Recipe& recipe, const Log& log) : recipe_(recipe), log_(log), worker_([this] { work(); }) {}
+
+  /// End a build that runs, and wait for it.
+  ~MapMaker() {
+    {
+      const std::lock_guard<std::mutex> lock(mutex_);
+      has_ended_ = true;
+    }
+    news_.notify_all();
+    worker_.join();
+  }
+
+  MapMaker(const MapMaker&) = delete;
+  MapMaker& operator=(const MapMaker&) = delete;
+
+  /// Take a grid; the same one again changes nothing.
+  void take(const nav_msgs::msg::OccupancyGrid& grid) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    grid_ = std::make_shared<const nav_msgs::msg::OccupancyGrid>(grid);
+    order();
+  }
+
+  /// Return the map of the newest grid and the robot as it is now.
+  /// @throws std::runtime_error that says why there is none yet
+  std::shared_ptr<const cspace::Map> map() {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    if (grid_ && recipe_.robot() != wanted_.robot) order();
+    if (!map_) throw std::runtime_error(problem_);
+    return map_;
+  }
+
+ private:
+  static constexpr std::size_t MAX_KEPT = 8;  ///< maps in the folder
+
+  /// The input of a build, as files.
+  struct Order {
+    std::string image, header, robot, options;
+    bool operator==(const Order& other) const {
+      return image == other.image && header == other.header && robot == other.robot && options == other.options;
+    }
+  };
+
+  /// Want the map of the grid; hold the lock.
+  void order() {
+    try {
+      Order wanted = write_order();
+      if (wanted == wanted_) return;
+      wanted_ = std::move(wanted);
+      problem_ = "the map is being built";
+      log_(std::string(map_ ? "a new map came" : "a map came") + "; there are no plans until it is built", false);
+    } catch (const std::exception& error) {
+      wanted_ = {};
+      problem_ = error.what();
+      log_(problem_, true);
+    }
+    map_.reset();
+    ++number_;
+    news_.notify_all();
+  }
+
+  /// Return the grid as a ROS map of occupancies in per cent, its top row first.
+  /// @throws std::runtime_error if it is in another frame or has no cells
+  Order write_order() const {
+    const auto& info = grid_->info;
+    if (grid_->header.frame_id != recipe_.frame)
+      throw std::runtime_error("the map is in '" + grid_->header.frame_id + "', not in '" + recipe_.frame + "'");
+    const std::size_t width = info.width, height = info.height;
+    const bool is_usable = std::isfinite(info.resolution) && info.resolution > 0.0F;
+    if (width == 0 || height == 0 || grid_->data.size() / width != height || grid_->data.size() % width != 0 || !is_usable)
+      throw std::runtime_error("the map has " + std::to_string(width) + " x " + std::to_string(height) + " cells of " +
+                               write(info.resolution) + " m, and data of " + std::to_string(grid_->data.size()));
+    Order order;
+    order.image = "P5\n" + std::to_string(width) + " " + std::to_string(height) + "\n255\n";
+    for (std::size_t row = height; row-- > 0;)
+      for (std::size_t column = 0; column < width; ++column) {
+        const int occupancy = grid_->data[row * width + column];
+        order.image += static_cast<char>(occupancy < 0 || occupancy > 100 ? 255 : occupancy);
+      }
+    std::ostringstream header;
+    header << std::setprecision(17) << "image: map.pgm\nmode: raw\nresolution: " << write(info.resolution) << "\norigin: ["
+           << info.origin.position.x << ", " << info.origin.position.y << ", " << yaw_of(info.origin)
+           << "]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.25\n";
+    order.header = header.str();
+    order.robot = recipe_.robot();
+    order.options = std::to_string(recipe_.rotations) + (recipe_.unknown_is_free ? " free" : " occupied");
+    return order;
+  }
+
+  /// Return the shortest decimal number that a single one stands for.
+  static std::string write(float number) {
+    for (int digits = 1;; ++digits) {
+      std::ostringstream text;
+      text << std::setprecision(digits) << number;
+      if (digits == 9 || std::strtof(text.str().c_str(), nullptr) == number) return text.str();
+    }
+  }
+
+  void work() {
+    std::unique_lock<std::mutex> lock(mutex_);
+    for (std::uint64_t done = 0;;) {
+      news_.wait(lock, [&] { return has_ended_ || number_ != done; });
+      if (has_ended_) return;
+      done = number_;
+      if (wanted_.image.empty()) continue;
+      const Order order = wanted_;
+      lock.unlock();
+      std::shared_ptr<const cspace::Map> map;
+      std::string problem;
+      try {
+        map = make(order, done);
+      } catch (const std::exception& error) {
+        problem = error.what();
+      }
+      lock.lock();
+      if (has_ended_ || number_ != done) continue;
+      map_ = map;
+      if (!map) problem_ = "there is no map: " + problem;
+      log_(map ? "the map is ready" : problem_, !map);
+    }
+  }
+
+  /// Return the kept map of an order, which is built if it is not there.
+  std::shared_ptr<const cspace::Map> make(const Order& order, std::uint64_t number) {
+    namespace fs = std::filesystem;
+    const std::vector<std::pair<std::string, std::string>> files = {
+        {"/map.pgm", order.image}, {"/map.yaml", order.header}, {"/robot", order.robot}, {"/options", order.options}};
+    std::uint64_t digest = 0xcbf29ce484222325;  // FNV-1a
+    for (const auto& [name, text] : files)
+      for (const char byte : text + '\n') digest = (digest ^ static_cast<unsigned char>(byte)) * 0x100000001b3;
+    std::ostringstream name;
+    name << recipe_.folder << "/" << std::hex << std::setw(16) << std::setfill('0') << digest;
+    const std::string kept = name.str(), part = kept + "." + std::to_string(::getpid()) + ".part";
+    const auto is_same = [&](const auto& file) { return read(kept + file.first) == file.second; };
+    if (std::all_of(files.begin(), files.end(), is_same)) {
+      try {
+        return open_plane_map(kept + "/map.zarr");
+      } catch (const std::runtime_error&) {  // of another version, or damaged
+      }
+    }
+    fs::remove_all(part);
+    fs::create_directories(part);
+    for (const auto& [file, text] : files)
+      if (!(std::ofstream(part + file, std::ios::binary) << text).flush()) throw std::runtime_error("cannot write " + part + file);
+    const auto middle = order.options.find(' ');
+    run({recipe_.builder, "build", part + "/map.yaml", "--robot", order.robot, "--rotations", order.options.substr(0, middle),
+         "--unknown", order.options.substr(middle + 1), "-o", part + "/map.zarr"},
+        part + "/log", number);
+    fs::remove_all(kept);
+    fs::rename(part, kept);
+    forget_oldest();
+    return open_plane_map(kept + "/map.zarr");
+  }
+
+  /// Run a command whose output goes to a file; end it when a newer order comes.
+  void run(const std::vector<std::string>& words, const std::string& log, std::uint64_t number) {
+    std::vector<char*> arguments;
+    for (const std::string& word : words) arguments.push_back(const_cast<char*>(word.c_str()));
+    arguments.push_back(nullptr);
+    posix_spawn_file_actions_t actions;
+    posix_spawn_file_actions_init(&actions);
+    posix_spawn_file_actions_addopen(&actions, 1, log.c_str(), O_WRONLY | O_CREAT | O_TRUNC, 0644);
+    posix_spawn_file_actions_adddup2(&actions, 1, 2);
+    pid_t child = 0;
+    const int fault = posix_spawnp(&child, arguments[0], &actions, nullptr, arguments.data(), environ);
+    posix_spawn_file_actions_destroy(&actions);
+    if (fault != 0) throw std::runtime_error("the command '" + words[0] + "' does not start: " + std::strerror(fault));
+    int status = 0;
+    while (::waitpid(child, &status, WNOHANG) == 0) {
+      std::unique_lock<std::mutex> lock(mutex_);
+      if (!news_.wait_for(lock, std::chrono::milliseconds(50), [&] { return has_ended_ || number_ != number; })) continue;
+      ::kill(child, SIGKILL);
+      ::waitpid(child, &status, 0);
+      throw std::runtime_error("a newer map came");
+    }
+    if (!WIFEXITED(status) || WEXITSTATUS(status) != 0) throw std::runtime_error("'" + words[0] + " build' failed: " + last_line(read(log)));
+  }
+
+  static std::string last_line(const std::string& text) {
+    std::istringstream lines(text);
+    std::string last;
+    for (std::string line; std::getline(lines, line);)
+      if (!line.empty()) last = line;
+    return last;
+  }
+
+  /// Remove all but the newest maps of the folder.
+  void forget_oldest() const {
+    namespace fs = std::filesystem;
+    std::vector<std::pair<fs::file_time_type, fs::path>> maps;
+    for (const auto& entry : fs::directory_iterator(recipe_.folder))
+      if (entry.is_directory()) maps.emplace_back(entry.last_write_time(), entry.path());
+    std::sort(maps.rbegin(), maps.rend());
+    for (std::size_t k = MAX_KEPT; k < maps.size(); ++k) fs::remove_all(maps[k].second);
+  }
+
+  static std::string read(const std::string& path) {
+    std::ifstream file(path, std::ios::binary);
+    return {std::istreambuf_iterator<char>(file), {}};
+  }
+
+  const Recipe recipe_;
+  const Log log_;
+  std::mutex mutex_;
+  std::condition_variable news_;
+  std::shared_ptr<const nav_msgs::msg::OccupancyGrid> grid_;
+  Order wanted_;
+  std::uint64_t number_ = 0;  ///< of orders
+  std::shared_ptr<const cspace::Map> map_;
+  std::string problem_ = "no map has come";
+  bool has_ended_ = false;
+  std::thread worker_;  // last, as it uses all others
+};
+
+}  // namespace cspace_nav2
+
+#endif  // CSPACE_NAV2_MAP_MAKER_HPP
