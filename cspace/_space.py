@@ -1132,15 +1132,16 @@ class CSpace(ConfigurationMap):
         """
         from cspace._queries import edges
 
-        write = partial(self._edge_query, self._kernel_map)
+        blocks = self._kernel_map
         if len(starts) >= edges.MIN_EDGES_FOR_BLOCKS:
             self._edges_asked += len(starts)
             if self._edges_asked * edges.CELLS_PER_EDGE >= self._states.size:
-                write = partial(edges.edges_are_free_by_blocks, self._blocks, write)
+                blocks = self._blocks
+        write = partial(self._edge_query, self._kernel_map, blocks)
         return write_in_threads(write, starts, ends, out, min_items=MIN_EDGES_PER_THREAD)
 
     @property
-    def _edge_query(self) -> Callable[[Map, Floats, Floats, Bools], int]:
+    def _edge_query(self) -> Callable[[Map, Map, Floats, Floats, Bools], int]:
         """Query that writes whether motions are free."""
         from cspace._queries.edges import edges_are_free
 
@@ -1285,7 +1286,7 @@ class ExactCSpace(CSpace):
         return write_in_threads(partial(self._exact.write_states, self._kernel_map), rows, out)
 
     @property
-    def _edge_query(self) -> Callable[[Map, Floats, Floats, Bools], int]:
+    def _edge_query(self) -> Callable[[Map, Map, Floats, Floats, Bools], int]:
         """Query that writes whether motions are free."""
         return self._exact.write_edges
 

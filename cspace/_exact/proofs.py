@@ -114,13 +114,13 @@ class ExactQueries:
             out[undecided[proofs.are_free(ends, ends)]] = FREE
         return bad
 
-    def write_edges(self, map_: Map, q0: Floats, q1: Floats, out: Bools) -> int:
+    def write_edges(self, map_: Map, blocks: Map, q0: Floats, q1: Floats, out: Bools) -> int:
         """Write whether edges, shapes (n, size), are free to ``out``, shape (n,).
 
         Edges rotate along the shorter arc. Returns the index of the first invalid edge, or -1.
         """
         proofs = self.current_proofs()
-        bad = edges_are_free(map_, q0, q1, out)
+        bad = edges_are_free(map_, blocks, q0, q1, out)
         undecided = np.flatnonzero(~out)
         if bad < 0 and len(undecided):
             out[undecided] = proofs.are_free(q0[undecided], q1[undecided])

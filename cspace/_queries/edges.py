@@ -1,8 +1,8 @@
 """Compiled tests whether an edge is FREE.
 
 An edge is cut at the borders of rotation cells. Each piece lies in one slice of the map and is
-walked slab by slab. Positions and rotations are as in :mod:`cspace._queries.points`. Many edges are
-tested on a map of blocks of cells first.
+walked slab by slab. Positions and rotations are as in :mod:`cspace._queries.points`. Each piece of
+many edges is tested on a map of blocks of cells first.
 
 A tube is an edge with all configurations near it: each coordinate of the position may differ by a
 radius of its own, and the rotation by an angle. The walk is that of an edge, with wider cells.
@@ -11,13 +11,11 @@ radius of its own, and the rotation by an angle. The walk is that of an edge, wi
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import Final
 
 import numpy as np
 
 from cspace._grid import SLACK
-from cspace._queries.batches import evaluate_rows
 from cspace._queries.points import (
     MAX_POSITION,
     box_to_test,
@@ -59,7 +57,7 @@ CELLS_AT_ONCE: Final = 2**22
 """About the number of cells that are joined at once, so that a processor's cache holds them."""
 
 MIN_EDGES_FOR_BLOCKS: Final = 100
-"""Edges below which the second call costs more than blocks save."""
+"""Edges of a batch below which blocks save too little."""
 
 TUBES_PER_BOX: Final = 4
 """Number of short tubes that are tested together."""
@@ -107,34 +105,19 @@ def _join_cells(states: States, dim: int) -> States:
     return states
 
 
-def edges_are_free_by_blocks(
-    blocks: Map, test_edges: Callable[..., int], starts: Floats, ends: Floats, out: Bools
-) -> int:
-    """Write which edges are FREE, testing them in ``blocks`` before ``test_edges``.
-
-    Only edges that are not FREE in ``blocks`` are tested by ``test_edges``. Returns the index of
-    the first unusable edge, or -1.
-    """
-    bad = edges_are_free(blocks, starts, ends, out)
-    if bad < 0:
-        rest = np.flatnonzero(~out)
-        out[rest] = evaluate_rows(starts[rest], ends[rest], test_edges)
-    return bad
-
-
 @kernel
-def edges_are_free(map_: Map, starts: Floats, ends: Floats, out: Bools) -> int:
+def edges_are_free(map_: Map, blocks: Map, starts: Floats, ends: Floats, out: Bools) -> int:
     """Write which edges are FREE.
 
     Returns the index of the first unusable edge, or -1. Edges lead from `starts` to `ends`, shape
-    (n, size); ``out`` has shape (n,).
+    (n, size); ``out`` has shape (n,). ``blocks`` are those of `coarsen_map`, or ``map_`` itself.
     """
     for k in range(starts.shape[0]):
         p0, r0 = configuration_in(map_, starts, k)
         p1, r1 = configuration_in(map_, ends, k)
         if not (is_usable(p0, r0) and is_usable(p1, r1)):
             return k
-        out[k] = tube_is_free(map_, p0, r0, p1, r1, NO_RADII, 0.0)
+        out[k] = tube_is_free(map_, p0, r0, p1, r1, NO_RADII, 0.0, blocks)
     return -1
 
 
@@ -202,7 +185,14 @@ def short_tubes_are_free(
 
 @inlined
 def tube_is_free(
-    map_: Map, p0: Row, r0: Numbers, p1: Row, r1: Numbers, radii: Row, turn: float
+    map_: Map,
+    p0: Row,
+    r0: Numbers,
+    p1: Row,
+    r1: Numbers,
+    radii: Row,
+    turn: float,
+    blocks: Map | None = None,
 ) -> bool:
     """Return True if an edge is FREE with all configurations near it.
 
@@ -210,16 +200,17 @@ def tube_is_free(
     and the rotation takes the shortest arc; if two arcs are equally short up to rounding, both must
     be FREE. Configurations near it differ from those of the edge by at most ``radii`` along each
     axis, metres, and are rotated by at most ``turn``. In the plane, the first radius is zero.
+    ``blocks`` are those of `coarsen_map`, which prove most of an edge.
     """
     if len(r0) == 4:
         if turn > 0.0:
             return quaternion_tube_is_free(map_, p0, r0, p1, r1, max(radii), turn)
-        return quaternion_edge_is_free(map_, p0, r0, p1, r1, radii)
+        return quaternion_edge_is_free(map_, p0, r0, p1, r1, radii, blocks)
     # Most edges of a planner that collide do so at their end.
-    if state_at(map_, p1, r1) != FREE:
+    if (blocks is None or state_at(blocks, p1, r1) != FREE) and state_at(map_, p1, r1) != FREE:
         return False
     if len(r0) == 0:
-        return segment_is_free(map_, int(map_.rotations.slice_of[0]), p0, p1, radii)
+        return piece_is_free(map_, int(map_.rotations.slice_of[0]), p0, p1, radii, blocks)
     borders = map_.rotations.borders
     # Cut the edge at the borders of rotation cells, from the lowest yaw on.
     start = wrap_to_cells(borders, r0[0])
@@ -234,7 +225,7 @@ def tube_is_free(
             s = int(map_.rotations.slice_of[index])
             first = position_along(p0, p1, enter)
             last = position_along(p0, p1, leave)
-            if not segment_is_free(map_, s, first, last, radii):
+            if not piece_is_free(map_, s, first, last, radii, blocks):
                 return False
             cell += 1
             index, low, high = widened_bounds(borders, cell)
@@ -257,7 +248,7 @@ def turn_fractions(start: float, angle: float, low: float, high: float) -> tuple
 
 @internal
 def quaternion_edge_is_free(
-    map_: Map, p0: Row, r0: Numbers, p1: Row, r1: Numbers, radii: Row
+    map_: Map, p0: Row, r0: Numbers, p1: Row, r1: Numbers, radii: Row, blocks: Map | None
 ) -> bool:
     """Return True if an edge of a robot with quaternions is FREE, with all positions near it.
 
@@ -283,7 +274,7 @@ def quaternion_edge_is_free(
                 first = position_along(p0, p1, enter)
                 last = position_along(p0, p1, leave)
             s = int(map_.rotations.slice_of[cell])
-            if not segment_is_free(map_, s, first, last, radii):
+            if not piece_is_free(map_, s, first, last, radii, blocks):
                 return False
             enter = leave
     return True
@@ -337,6 +328,14 @@ def interpolate(first: float, second: float, t: float) -> float:
         return second
     value = first + t * (second - first)
     return min(max(value, min(first, second)), max(first, second))
+
+
+@inlined
+def piece_is_free(map_: Map, s: int, first: Row, last: Row, radii: Row, blocks: Map | None) -> bool:
+    """Return True if a segment touches only FREE cells, as blocks of these may tell sooner."""
+    if blocks is not None and segment_is_free(blocks, s, first, last, radii):
+        return True
+    return segment_is_free(map_, s, first, last, radii)
 
 
 @internal
