@@ -1093,8 +1093,8 @@ MUTANTS = (
     ),
     Mutant(
         "ros/cspace_nav2/include/cspace_nav2/watch.hpp",
-        "const auto sensor = look_up(options_.odom_frame, scan.frame, scan.stamp);",
-        "const auto sensor = look_up(options_.odom_frame, scan.frame, NEWEST);",
+        "const auto first = look_up(options_.odom_frame, scan.frame, scan.stamp);",
+        "const auto first = look_up(options_.odom_frame, scan.frame, NEWEST);",
         "tests/cpp/nav2/test_watch.py",
     ),
     Mutant(

@@ -176,10 +176,19 @@ class Robot:
         start = self.cycles[-1][1]
         return place_polygon(BODY, place_along(start, [twist], DT, instants=12))
 
-    def scan(self, people, rays=360):
-        """Return the ranges of a laser that sees people, and the floor."""
-        laser = self.frame_at("laser", self.now)
-        angles = np.arange(rays) * 2.0 * math.pi / rays
+    def scan(self, people, rays=360, sweep=0):
+        """Return the ranges of a laser that sees people, and the floor, since ``sweep`` nanoseconds."""
+        if sweep:
+            times = self.now - sweep + sweep * np.arange(rays) / (rays - 1)
+            parts = [self.see(people, rays, int(time), ray) for ray, time in enumerate(times)]
+            return np.concatenate(parts)
+        return self.see(people, rays, self.now)
+
+    def see(self, people, rays, time, ray=None):
+        """Return the ranges of all rays, or of one."""
+        laser = self.frame_at("laser", time)
+        numbers = np.arange(rays) if ray is None else np.array([ray])
+        angles = numbers * 2.0 * math.pi / rays
         ways = np.stack([np.cos(angles), np.sin(angles), 0.0 * angles], axis=1)
         ways = laser.turn.apply(ways)
         level = np.hypot(ways[:, 0], ways[:, 1])
@@ -201,12 +210,13 @@ class Robot:
         return [self.twist * (1.0 - k / steps) for k in range(1, steps)]
 
 
-def send_scan(watch, robot, ranges, stamp=None, name="scan", frame="laser"):
-    """Send a scan of a whole turn, of now if it has no stamp."""
+def send_scan(watch, robot, ranges, stamp=None, name="scan", frame="laser", sweep=0):
+    """Send a scan of a whole turn, of now if it has no stamp; its rays take ``sweep`` nanoseconds."""
     step = 2.0 * math.pi / max(len(ranges), 1)
     stamp = robot.now if stamp is None else stamp
     words = " ".join(repr(float(number)) for number in ranges)
-    watch.tell("scan", name, frame, stamp + CLOCK, 0.0, step, 0.02, 25.0, words)
+    seconds = sweep / 1e9 / max(len(ranges) - 1, 1)
+    watch.tell("scan", name, frame, stamp + CLOCK, 0.0, step, 0.02, 25.0, seconds, words)
 
 
 def sweep(pose, commands):

@@ -10,7 +10,9 @@ from scipy.spatial.transform import Rotation
 
 import cspace
 from tests.helpers.cpp import SANITIZERS, why_no_compiler
+from tests.helpers.regions import place_polygon
 from tests.helpers.watch import (
+    BODY,
     BRAKES,
     CLOCK,
     DT,
@@ -26,6 +28,9 @@ from tests.helpers.watch import (
 from tests.queries.test_gate_drives import GROWN, POSTS, make_cells, run_drive, touches
 
 pytestmark = pytest.mark.skipif(bool(why_no_compiler()), reason=why_no_compiler())
+
+SWEEP = 100_000_000
+"""Nanoseconds of a turn of a laser."""
 
 FREE = [math.inf] * 360
 """A scan that sees nothing."""
@@ -53,7 +58,7 @@ MOUNTS = {
     "upside down": Frame(Rotation.from_euler("x", math.pi), np.array((0.1, 0.0, 0.25))),
     "tilted": Frame(Rotation.from_euler("yz", (0.08, 2.0)), np.array((-0.1, 0.05, 0.3))),
 }
-REACTIONS = {"late": 0.3, "delayed": 0.3, "stale": 0.4, "unknown": 0.4}
+REACTIONS = {"sweep": 0.15, "late": 0.3, "delayed": 0.3, "stale": 0.4, "unknown": 0.4}
 """Seconds after which the robot knows of a step at the latest, for kinds where that is not at once."""
 
 KINDS = ["random", "upside down", "tilted", *REACTIONS, "faults"]
@@ -72,6 +77,10 @@ def disturb(kind, watch, robot, people, rng, cycle, scans):
         return
     if kind == "faults" and rng.random() < 0.2:
         send_scan(watch, robot, rng.choice([math.nan, 0.0, -1.0]) * np.ones(360))
+        return
+    if kind == "sweep":
+        ranges = robot.scan(people.places, 120, SWEEP)
+        send_scan(watch, robot, ranges, robot.now - SWEEP, sweep=SWEEP)
         return
     scans.append((ranges, robot.now))
     if kind != "delayed" or len(scans) > 4:
@@ -109,7 +118,7 @@ def drive_among_people(watch, kind, seed, cycles=80):
 
 @pytest.mark.parametrize(
     "count",
-    [1, pytest.param(63, id="504 drives", marks=pytest.mark.thorough)],
+    [1, pytest.param(56, id="504 drives", marks=pytest.mark.thorough)],
 )
 @pytest.mark.parametrize("kind", KINDS)
 def test_drives_among_people_who_step_in_touch_nothing(program, room, kind, count):
@@ -117,7 +126,7 @@ def test_drives_among_people_who_step_in_touch_nothing(program, room, kind, coun
     drives = [drive_among_people(watch, kind, seed) for seed in range(count)]
     watch.close()
     way, near, braked = np.sum(drives, axis=0)
-    assert way > 0.15 * count and braked > 2 * count
+    assert way > 0.15 * count and braked > count
     assert kind in REACTIONS or near > 3 * count
 
 
@@ -279,6 +288,19 @@ def test_scans_are_placed_at_their_stamp(watch, robot, late):
     assert not decided.twist.any() and 0.0 < gap < 0.1
 
 
+def test_rays_of_a_sweep_are_placed_where_the_laser_was(watch, robot):
+    """The robot turns towards a post, which the rays of a sweep see from different yaws."""
+    robot.cycles = [(0, np.array((1.0, 1.0, 0.0)), np.array((0.0, 1.5)))]
+    post = np.array((1.0 + 0.55 * math.cos(2.0), 1.0 + 0.55 * math.sin(2.0)))
+    while robot.now < 3_000_000_000:
+        ranges = robot.scan([post], 180, SWEEP)
+        send_scan(watch, robot, ranges, robot.now - SWEEP, sweep=SWEEP)
+        decided = step(watch, robot, (0.0, 1.5), "scan")
+        gap = place_polygon(BODY, np.array([robot.pose]))[0].distance(shapely.Point(post)) - 0.2
+        assert gap > 0.0 or not decided.twist.any()
+    assert not decided.twist.any() and 0.0 < gap < 0.12
+
+
 @pytest.mark.parametrize("jump", [(0.25, 0.0, 0.0), (0.0, 0.0, 0.25)])
 @pytest.mark.parametrize("correction", [True, False], ids=["map", "odom"])
 def test_it_brakes_for_a_while_if_the_pose_jumps(watch, robot, jump, correction):
@@ -392,9 +414,13 @@ def test_scans_without_a_point_in_range(watch, robot, ranges, reason):
         (0.0, 0.1, -1.0, 9.0),
         (0.0, 0.1, 2.0, 1.0),
         (0.0, 0.1, 0.0, math.nan),
+        (0.0, 0.1, 0.0, 9.0, -0.1),
+        (0.0, 0.1, 0.0, 9.0, 2.0),
+        (0.0, 0.1, 0.0, 9.0, math.nan),
     ],
 )
 def test_scans_that_contradict_themselves_are_refused(watch, robot, numbers):
+    numbers = (*numbers, 0.0)[:5]
     watch.tell("scan", "scan", "laser", robot.now + CLOCK, *numbers, "2.0 inf")
     decided = step(watch, robot, (0.6, 0.0), "scan")
     assert "of a scan are none" in decided.reason and brakes_at_once(robot, decided)

@@ -6,7 +6,7 @@
 //
 //   new                                        forgets all
 //   command NOW V OMEGA
-//   scan NAME FRAME STAMP ANGLE STEP LEAST MOST RANGES...
+//   scan NAME FRAME STAMP ANGLE STEP LEAST MOST SECONDS RANGES...   SECONDS from a ray to the next one
 //   cloud NAME FRAME STAMP NUMBERS...          x, y and z of points
 //   bytes NAME FRAME STAMP HEIGHT WIDTH STEP ROW LENGTH  a cloud of zeros, which may contradict itself
 //   decide NOW CLOCK                           prints "look TARGET FRAME STAMP" as often as it asks, and reads a place, "later"
@@ -100,7 +100,8 @@ class Session {
     msg.angle_increment = std::stof(words[5]);
     msg.range_min = std::stof(words[6]);
     msg.range_max = std::stof(words[7]);
-    for (std::size_t k = 8; k < words.size(); ++k) msg.ranges.push_back(std::stof(words[k]));
+    msg.time_increment = std::stof(words[8]);
+    for (std::size_t k = 9; k < words.size(); ++k) msg.ranges.push_back(std::stof(words[k]));
     watch_.hear_scan(words[1], cspace_nav2::read_scan(msg));
   }
 

@@ -15,6 +15,9 @@ namespace cspace_nav2 {
 /// Metres from a sensor beyond which no point can matter before the next scan.
 constexpr double MAX_RANGE = 30.0;
 
+/// Longest sweep of a laser, seconds.
+constexpr double MAX_SWEEP = 1.0;
+
 template <typename Stamp>
 Time time_of(const Stamp& stamp) {
   return 1000000000 * Time{stamp.sec} + Time{stamp.nanosec};
@@ -28,7 +31,9 @@ inline Scan read_scan(const sensor_msgs::msg::LaserScan& msg) {
     throw std::runtime_error("the angles of a scan are none");
   if (!(msg.range_min >= 0.0f && msg.range_min <= msg.range_max && std::isfinite(msg.range_min)))
     throw std::runtime_error("the ranges of a scan are none");
-  Scan scan{msg.header.frame_id, time_of(msg.header.stamp), {}, true};
+  const double last = std::max<double>(static_cast<double>(msg.ranges.size()) - 1.0, 1.0), sweep = last * msg.time_increment;
+  if (!(sweep >= 0.0 && sweep <= MAX_SWEEP)) throw std::runtime_error("the times of a scan are none");
+  Scan scan{msg.header.frame_id, time_of(msg.header.stamp), {}, true, to_time(sweep)};
   bool is_measured = false;
   for (std::size_t k = 0; k < msg.ranges.size(); ++k) {
     const float least = msg.range_min;
@@ -37,7 +42,7 @@ inline Scan read_scan(const sensor_msgs::msg::LaserScan& msg) {
     is_measured = true;
     if (range > msg.range_max || range > MAX_RANGE) continue;
     const double angle = msg.angle_min + step * static_cast<double>(k);
-    scan.points.push_back({range * std::cos(angle), range * std::sin(angle), 0.0});
+    scan.points.push_back({{range * std::cos(angle), range * std::sin(angle), 0.0}, static_cast<double>(k) / last});
   }
   if (!is_measured) throw std::runtime_error("a scan has no ray that was measured");
   return scan;
@@ -74,7 +79,7 @@ inline Scan read_cloud(const sensor_msgs::msg::PointCloud2& msg) {
       }
       const double range = std::hypot(point[0], point[1], point[2]);
       is_measured = is_measured || std::isfinite(range);
-      if (range <= MAX_RANGE) scan.points.push_back({point[0], point[1], point[2]});
+      if (range <= MAX_RANGE) scan.points.push_back({{point[0], point[1], point[2]}, 0.0});
     }
   if (!is_measured) throw std::runtime_error("a cloud has no point");
   return scan;

@@ -53,12 +53,19 @@ struct Placement {
 /// Says where a frame is in another one, at a time or `NEWEST`: nothing if that is not known yet; throws if it never will be.
 using LookUp = std::function<std::optional<Placement>(const std::string& target, const std::string& frame, Time stamp)>;
 
+/// A point in the frame of a sensor, and the share of the sweep at which it was seen, from 0 to 1.
+struct SeenSpot {
+  Spot at;
+  double share;
+};
+
 /// What a sensor saw, in its own frame.
 struct Scan {
   std::string frame;
   Time stamp;
-  std::vector<Spot> points;
+  std::vector<SeenSpot> points;
   bool is_flat = false;  ///< of a laser in one plane, which must be within the heights
+  Time sweep = 0;        ///< from the first point, at the stamp, to the last one
 };
 
 /// What a watch knows of its inputs.
@@ -218,10 +225,11 @@ class Watch {
     for (std::size_t k = source.waiting.size(); k-- > 0;) {
       const Scan& scan = source.waiting[k];
       check_age(clock - scan.stamp, name);
-      const auto sensor = look_up(options_.odom_frame, scan.frame, scan.stamp);
+      const auto first = look_up(options_.odom_frame, scan.frame, scan.stamp);
+      const auto last = look_up(options_.odom_frame, scan.frame, scan.stamp + scan.sweep);
       const auto base = look_up(options_.odom_frame, options_.base_frame, scan.stamp);
-      if (!sensor || !base) continue;
-      source.points = place_points(name, scan, normalise(*sensor, scan.frame), base->at.z);
+      if (!first || !last || !base) continue;
+      source.points = place_points(name, scan, normalise(*first, scan.frame), normalise(*last, scan.frame), base->at.z);
       source.heard = now - std::max<Time>(clock - scan.stamp, 0);
       source.waiting.erase(source.waiting.begin(), source.waiting.begin() + static_cast<std::ptrdiff_t>(k) + 1);
       return;
@@ -229,13 +237,16 @@ class Watch {
   }
 
   /// Return the points of a scan that are neither floor nor above the robot, in the odometry's frame.
-  std::vector<Spot> place_points(const std::string& name, const Scan& scan, const Placement& sensor, double floor) const {
+  std::vector<Spot> place_points(const std::string& name, const Scan& scan, const Placement& first, const Placement& last,
+                                 double floor) const {
     const auto is_between = [&](double z) { return z - floor >= options_.min_height && z - floor <= options_.max_height; };
-    if (scan.is_flat && !is_between(sensor.at.z))
+    if (scan.is_flat && !is_between(first.at.z))
       throw std::runtime_error("the laser of '" + name + "' is not between min_height and max_height");
     std::vector<Spot> points;
-    for (const Spot& point : scan.points) {
-      const Spot placed = sensor.place(point);
+    for (const auto& [seen, share] : scan.points) {
+      // The sensor moves on during the sweep.
+      const Spot a = first.place(seen), b = last.place(seen);
+      const Spot placed{a.x + share * (b.x - a.x), a.y + share * (b.y - a.y), a.z + share * (b.z - a.z)};
       if (is_between(placed.z)) points.push_back(placed);
     }
     return points;

@@ -12,6 +12,7 @@ struct LaserScan {
   using ConstSharedPtr = std::shared_ptr<const LaserScan>;
   std_msgs::msg::Header header;
   float angle_min = 0.0f, angle_increment = 0.0f;
+  float time_increment = 0.0f;
   float range_min = 0.0f, range_max = 0.0f;
   std::vector<float> ranges;
 };
