@@ -31,13 +31,14 @@ from cspace._engines.slices import (
 )
 from cspace._files.access import check_name, inspect_path, suggest_file
 from cspace._grid import MAX_COORDINATE, SLACK, Grid
-from cspace._record.contents import Contents
+from cspace._record.contents import Contents, check_floor
 from cspace._record.exterior import OUTSIDES
 from cspace._robot import Robot, robot_of
 from cspace._rotations import Rotations
 from cspace._rotations.base import ANGLE_SLACK
 from cspace._rotations.quaternion import MAX_ANGLE_TIMES_PARTS, MAX_PARTS_PER_AXIS
 from cspace._rotations.yaw import MAX_YAW_CELLS
+from cspace._shapes.layers import Heights
 from cspace._space import CSpace
 from cspace._support.arrays import Floats, StrPath
 from cspace._support.check import (
@@ -92,6 +93,7 @@ class BuildOptions(TypedDict, total=False):
     method: Method
     outside: Outside
     margin: float
+    floor: float | None
     workers: int | None
     progress: Progress | None
 
@@ -125,6 +127,7 @@ def build(
     method: Method = "auto",
     outside: Outside = "blocked",
     margin: float = 0.0,
+    floor: float | None = None,
     workers: int | None = None,
     progress: Progress | None = None,
     store: str | os.PathLike[str] | None = None,
@@ -162,7 +165,11 @@ def build(
         State of all space outside the workspace's bounds.
     margin : float
         Growth of the robot for FREE, metres; BLOCKED is proven for the robot without the
-        margin.
+        margin. On a floor, the robot grows sideways.
+    floor : float, optional
+        Height of the reference point of a robot in space that drives on a floor, metres, in a
+        workspace in space. The map is one in the plane: the robot keeps its heights, and passes
+        under and over obstacles; see ``docs/howto/floor.md``.
     workers : int, optional
         Threads; by default one for each core that the process may use.
     progress : callable, optional
@@ -221,7 +228,10 @@ def build(
     _check_types(workspace, progress)
     robot = robot_of(robot)
     _check_options(workspace, robot, cells, method, counts, outside, workers)
-    explained = _warn_of_units(workspace.grid, robot, cells, margin, outside)
+    if floor is not None:
+        floor = check_floor(floor, workspace.grid, robot, outside)
+        _refuse_on_floor(cells, counts, store)
+    explained = _warn_of_units(workspace.grid, robot, cells, margin, outside, floor)
     if store is not None:  # build tile by tile, into a folder
         from cspace._tiles.build import build_tiles
 
@@ -259,6 +269,7 @@ def build(
         method=method,
         outside=outside,
         margin=margin,
+        floor=floor,
         workers=workers,
         progress=progress,
     )
@@ -278,6 +289,7 @@ def build_contents(
     method: Method,
     outside: Outside,
     margin: float,
+    floor: float | None = None,
     workers: int | None,
     progress: Progress | None = None,
 ) -> tuple[Contents, list[RasterPair]]:
@@ -287,17 +299,18 @@ def build_contents(
     not fit into memory.
     """
     grid = workspace.grid
+    shape = grid.shape if floor is None else grid.shape[:2]
     slice_of = rotations._assign_slices(robot.shape)
     n_slices = int(slice_of.max()) + 1
     check_memory(
-        estimate_bytes(grid.shape, grid.spacing, robot, rotations, margin, n_slices, counts),
+        estimate_bytes(shape, grid.spacing, robot, rotations, margin, n_slices, counts),
         "the map",
-        PlannedGrid(grid.shape, grid.spacing),
+        PlannedGrid(shape, grid.spacing),
         slices=n_slices,
     )
-    rasters = slice_rasters(robot, grid.spacing, margin, rotations)
+    rasters = slice_rasters(robot, grid.spacing, margin, rotations, Heights.of(grid, floor))
     groups = group_rasters(rasters, inner)
-    states = np.empty((n_slices, *grid.shape), dtype=np.uint8)
+    states = np.empty((n_slices, *shape), dtype=np.uint8)
     overlaps = np.empty(states.shape, dtype=np.int32) if counts else None
     cells = workspace.outer, workspace.inner
     fill_states(method, outside, cells, groups, states, overlaps, workers, progress)
@@ -311,6 +324,7 @@ def build_contents(
         margin,
         overlap_counts=overlaps,
         proves_blocked=inner,
+        floor=floor,
     )
     return contents, rasters
 
@@ -349,20 +363,34 @@ def _check_options(
     check_word(outside, "outside", OUTSIDES)
 
 
+def _refuse_on_floor(rotations: Rotations, counts: bool, store: object) -> None:
+    """Raise InputError for options that maps with a floor lack."""
+    if "qw" in rotations.names:
+        rule = "a robot on a floor turns by its yaw alone"
+        raise InputError("rotations", "are those of space", rule)
+    if counts:
+        raise InputError("counts", "is True with a floor", "such a map has no counts")
+    if store is not None:
+        raise InputError("store", "is given with a floor", "such a map has no tiles yet")
+
+
 def _warn_of_units(
     grid: Grid,
     robot: Robot,
     rotations: Rotations,
     margin: float,
     outside: Outside,
+    floor: float | None,
 ) -> bool:
     """Warn if a robot's size or position suggests a wrong unit.
 
-    Returns True if the robot fits nowhere, so that the warning explains why no cell is FREE.
+    On a floor, its sides along the floor count. Returns True if the robot fits nowhere, so that the
+    warning explains why no cell is FREE.
     """
-    lower, upper = robot.shape.outer.bounds
+    axes = slice(robot.dim if floor is None else 2)
+    lower, upper = (corner[axes] for corner in robot.shape.outer.bounds)
     sides = upper - lower
-    workspace_sides = grid.spacing * np.array(grid.shape)
+    workspace_sides = grid.spacing * np.array(grid.shape[axes])
     size = float(sides.max())
     distance = float(np.linalg.norm(np.maximum(np.maximum(lower, -upper), 0.0)))
     fits = _may_fit(sides + 2.0 * margin, workspace_sides, rotations)
@@ -405,6 +433,8 @@ def _warn_of_nothing_free(space: CSpace | TiledCSpace, margin: float) -> None:
 def _find_obstruction(space: CSpace, margin: float) -> str:
     """Find the reason why no cell of a map can be FREE, or an empty text."""
     workspace = space.workspace
+    if space.floor is not None:
+        return _find_ground(space, space.floor)
     if workspace.outer.all():
         if workspace.unknown is None:
             return "every cell of the workspace is occupied"
@@ -422,6 +452,31 @@ def _find_obstruction(space: CSpace, margin: float) -> str:
     return (
         f"the widest free disc has a radius of {widest_text} m, and the robot with its margin "
         f"needs {needed_text} m"
+    )
+
+
+def _find_ground(space: CSpace, floor: float) -> str:
+    """Find the layers of a scene that hold its floor, or return an empty text.
+
+    They are the robot's lowest layers while half of the cells of each are occupied.
+    """
+    grid = space.workspace.grid
+    bottom = float(space.robot.shape.outer.bounds[0][2])
+    room = SLACK * grid.spacing
+    first = math.floor((floor + bottom - room - grid.lower[2]) / grid.spacing)
+    shares = space.workspace.outer.mean(axis=(0, 1))
+    stop = first = max(first, 0)
+    while stop < grid.shape[2] and shares[stop] >= 0.5:
+        stop += 1
+    if stop == first:
+        return ""
+    low, high = (grid.lower[2] + grid.spacing * layer for layer in (first, stop))
+    # Touching counts as a collision, so the robot has to stand a little above.
+    clear_floor = math.floor(1000.0 * (high - bottom) + 1.0) / 1000.0
+    percent = 100.0 * shares[first:stop].min()
+    return (
+        f"the robot stands in layers of the workspace from {low:g} m to {high:g} m, of which at "
+        f"least {percent:.0f} % is occupied; floor={clear_floor:g} clears them"
     )
 
 

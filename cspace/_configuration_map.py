@@ -77,6 +77,11 @@ class ConfigurationMap(ConfigurationSpace):
         """The robot."""
         return self._map_contents.robot
 
+    @cached_property
+    def drawn_robot(self) -> Robot:
+        """The robot as pictures on the grid show it; its footprint if it drives on a floor."""
+        return self.robot if self.robot.dim == self.grid.dim else self.robot.footprint()
+
     @property
     def rotations(self) -> Rotations:
         """Rotation cells; a single one if the robot does not rotate."""

@@ -31,6 +31,7 @@ from cspace._record.contents import Contents
 from cspace._record.exterior import UNKNOWN, Exterior
 from cspace._rotations.base import measure_steps
 from cspace._shapes import Shape, ShapeLike, as_shape
+from cspace._shapes.layers import Heights
 from cspace._support.arrays import (
     BLOCKED,
     FREE,
@@ -153,8 +154,25 @@ class CSpace(ConfigurationMap):
 
     @property
     def workspace(self) -> Workspace:
-        """The obstacles, with all updates so far."""
+        """The obstacles, with all updates so far; in space if the map has a :attr:`floor`."""
         return self._contents.workspace
+
+    @property
+    def drawn_workspace(self) -> Workspace:
+        """The obstacles as pictures on the grid show them.
+
+        With a :attr:`floor`, they are the cells of :attr:`workspace` at the heights of the robot,
+        seen from above.
+        """
+        return self._contents.ground
+
+    @property
+    def floor(self) -> float | None:
+        """Height of the reference point of a robot in space that drives on a floor, metres.
+
+        None for all other maps. See :func:`cspace.build`.
+        """
+        return self._contents.floor
 
     @property
     def _map_contents(self) -> Contents:
@@ -256,6 +274,7 @@ class CSpace(ConfigurationMap):
             facts["slices"] = len(states)
         return {
             **facts,
+            **({} if self.floor is None else {"floor_m": self.floor}),
             "workspace": self.workspace.source,
             "cells": dict(zip(STATE_NAMES, self.count(), strict=True)),
             free_name: mean_cells * grid.spacing**grid.dim,
@@ -689,8 +708,9 @@ class CSpace(ConfigurationMap):
                 raise InputError("lower", "is for names of obstacles", rule)
             return self._set_obstacles(cells)
         if isinstance(cells, Workspace):
-            if cells.grid != self.grid or lower is not None or inner is not None:
-                problem = f"is a workspace of {cells.grid}, and the map has {self.grid}"
+            grid = self.workspace.grid
+            if cells.grid != grid or lower is not None or inner is not None:
+                problem = f"is a workspace of {cells.grid}, and the map has {grid}"
                 rule = "the grids must be equal, without lower and inner"
                 raise InputError("cells", problem, rule)
             if cells.grid.frame_id not in ("", self.frame_id):
@@ -702,7 +722,7 @@ class CSpace(ConfigurationMap):
         if lower is None:
             rule = "it is the index of the first cell of the box"
             raise InputError("lower", "is missing", rule)
-        patch = Patch.of(self.grid, cells, lower, inner)
+        patch = Patch.of(self.workspace.grid, cells, lower, inner)
         with self.lock:
             return self._updates.update(patch)
 
@@ -774,12 +794,11 @@ class CSpace(ConfigurationMap):
         for name, shape in shapes.items():
             check_text(name, "name")
             obstacle = None if shape is None else as_shape(shape, None, "shape")
-            if obstacle is not None and obstacle.dim != self.grid.dim:
-                place = "the plane" if self.grid.dim == 2 else "space"
+            if obstacle is not None and obstacle.dim != self.robot.dim:
                 raise InputError(
                     "shape",
                     f"is in {obstacle.place}",
-                    f"it must be in {place}, as the map is",
+                    f"it must be in {self.robot.shape.place}, as the robot is",
                 )
             obstacles[name] = obstacle
         with self.lock:
@@ -820,6 +839,11 @@ class CSpace(ConfigurationMap):
         return Updater(
             self._contents, self._layers, self._rasters, self._exterior, self._drop_derived
         )
+
+    def _refuse_on_floor(self, results: str) -> None:
+        """Raise InputError if the robot drives on a floor, for which results are not proven yet."""
+        if self.floor is not None:
+            raise InputError("the map", "has a floor", f"{results} are for maps without one")
 
     def _check_not_window(self) -> None:
         """Raise ConfigurationError if the map is a window of a larger one."""
@@ -911,13 +935,14 @@ class CSpace(ConfigurationMap):
     @lazy
     def _rasters(self) -> list[tuple[Raster, Raster]]:
         """Outer and inner rasters of each slice."""
-        return slice_rasters(self.robot, self.grid.spacing, self.margin, self.rotations)
+        heights = Heights.of(self.workspace.grid, self.floor)
+        return slice_rasters(self.robot, self.grid.spacing, self.margin, self.rotations, heights)
 
     @lazy
     def _exterior(self) -> Exterior:
         """States of the cells outside the grid."""
         return self._contents.exterior or Exterior.of(
-            self.workspace.outer, self._rasters, self.outside
+            self.workspace.outer, self._rasters, self.outside, self.floor is not None
         )
 
     @property
@@ -974,6 +999,7 @@ class CSpace(ConfigurationMap):
             self.robot,
             self.margin,
             exterior_blocked,
+            self.floor,
         )
 
     @property
@@ -1171,6 +1197,7 @@ class CSpace(ConfigurationMap):
         """
         from cspace._queries.leaving import find_leaving_seconds
 
+        self._refuse_on_floor("motions that leave obstacles")
         with self.lock:
             return find_leaving_seconds(self._contents, q, twist, seconds, tracking)
 
@@ -1192,7 +1219,9 @@ class CSpace(ConfigurationMap):
             if len(taken):
                 nearest = taken[np.abs(taken - cell).max(axis=1).argmin()]
                 outer, _ = self._rasters[s]
-                names |= layers.find_names(nearest + outer.lower + np.argwhere(outer.cells))
+                offsets = np.argwhere(outer.cells) + outer.lower
+                offsets[:, : self.dim] += nearest  # on a floor, layers are those of the scene
+                names |= layers.find_names(offsets)
         return tuple(sorted(names))
 
     def _write_clearances(self, rows: Floats, out: Floats) -> int:
@@ -1220,6 +1249,7 @@ class CSpace(ConfigurationMap):
         """
         from cspace._queries.overlaps import count_overlaps
 
+        self._refuse_on_floor("counts of overlaps")
         # An unknown exterior counts as occupied in the outer sum and as free in the inner sum.
         exterior_counts = self.outside == "blocked" or (side == "outer" and self.outside == UNKNOWN)
         has_one_side = self.workspace.inner is self.workspace.outer

@@ -315,7 +315,7 @@ def _measure_block_side(space: CSpace) -> int:
     No chain leads across a wall of blocks, because an obstacle blocks two radii of a circle in the
     robot. A circle away from the reference point moves as the robot turns, so it counts for less.
     """
-    robot = space.robot
+    robot = space.drawn_robot
     circle = shapely.maximum_inscribed_circle(robot.geometry)  # a line from its center
     # Half its shift as the robot turns to the next direction of the guide, deviations included.
     radius = circle.length - 0.5 * math.hypot(*circle.coords[0])

@@ -135,7 +135,7 @@ def build_tiles(folder, **options):
     ),
     (
         lambda _: build(FLOOR, CART).add_obstacle("box", Robot.ball(0.3)),
-        "it must be in the plane, as the map is",
+        "it must be in the plane, as the robot is",
     ),
     (
         lambda _: build(FLOOR, CART).reachable_bounds((0.55, 0.55)),

@@ -102,6 +102,9 @@ def make(
         None, "What lies beyond the workspace.", default="blocked"
     ),
     margin: float = option("METRES", "Grow the robot by this much.", default=0.0),
+    floor: float | None = option(
+        "METRES", "Height at which a robot in space drives through a workspace in space."
+    ),
     tile: int | None = option(
         "CELLS",
         "Build tile by tile, each so many cells along an axis, for maps larger than memory; the "
@@ -141,7 +144,12 @@ def make(
             )
         read = Workspace.open if tile is None else open_lazily
         obstacles = read(workspace, **options)
-    settings: dict[str, Any] = {"rotations": cells, "outside": outside, "margin": margin}
+    settings: dict[str, Any] = {
+        "rotations": cells,
+        "outside": outside,
+        "margin": margin,
+        "floor": floor,
+    }
     if tile is not None:
         settings |= {"store": output, "tile": tile}
     with clock.step("build") as progress:

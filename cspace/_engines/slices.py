@@ -19,6 +19,7 @@ from cspace._grid import check_reach
 from cspace._raster import Raster
 from cspace._robot import Robot
 from cspace._rotations import NO_ROTATION, RotationCell, Rotations
+from cspace._shapes.layers import Heights, LayeredShape
 from cspace._support.arrays import Bools, States
 from cspace._support.limits import RASTER_CELL_BYTES, SLICE_BYTES, map_bytes
 from cspace._support.threads import count_cores, map_in_threads
@@ -39,13 +40,17 @@ def slice_rasters(
     spacing: float,
     margin: float,
     rotations: Rotations,
+    heights: Heights | None = None,
 ) -> list[RasterPair]:
     """Rasterize the robot for each slice.
 
     Returns the outer and inner raster of each slice; ``spacing`` and ``margin`` are in metres.
+    With ``heights``, the robot drives on a floor, and offsets are (x, y, layer of the scene).
     Rasters are made from the rotated geometry, unless a slice is the image of an earlier slice by
     quarter turns or mirrors. Then the raster is an image too.
     """
+    if heights is not None:
+        robot = Robot(robot.name, LayeredShape(robot.shape, heights, spacing))
     slice_cells = list_slice_cells(robot, rotations)
     if len(slice_cells) == 1:
         return [rasterize(robot, spacing, margin, slice_cells[0])]
@@ -144,6 +149,9 @@ Progress = Callable[[int, int], None]
 RasterGroups = Sequence[Sequence[Raster]]
 """Outer rasters of all slices and, if BLOCKED is to be proven, inner rasters of all slices."""
 
+_LAYERS_FIRST: Final = np.eye(3)[[2, 0, 1]]
+"""Matrix that turns offsets (x, y, layer) into (layer, x, y)."""
+
 STEPS_PER_CORRELATION: Final = 1000
 """Number of progress steps of one correlation."""
 
@@ -179,13 +187,22 @@ def fill_states(
         Cells that touch an obstacle, and cells inside one.
     groups : sequence of sequence of Raster
     states : ndarray of uint8, shape (slices, ...)
-        Receives the states. Slices smaller than the workspace get its first cells.
+        Receives the states. Slices smaller than the workspace get its first cells. Slices of a
+        robot on a floor are plane, and the cells and rasters are in space.
     overlaps : ndarray of int32, the shape of states, optional
         Receives the overlap counts.
     workers : int, optional
         Threads.
     progress : callable, optional
     """
+    if states.ndim == cells[0].ndim:
+        # On a floor, states are those of one layer. Layers come first, so that runs lie along y.
+        outer, inner = cells
+        layers = np.ascontiguousarray(np.moveaxis(outer, 2, 0))
+        is_one = inner is outer
+        cells = layers, layers if is_one else np.ascontiguousarray(np.moveaxis(inner, 2, 0))
+        groups = [[raster.rotate(_LAYERS_FIRST) for raster in rasters] for rasters in groups]
+        states = states[:, np.newaxis]
     if method == "auto":
         method = choose_engine(groups[0], counts=overlaps is not None)
     # The outer rasters write 0 or 1 (FREE or MIXED); the inner rasters add 1 where they hit.

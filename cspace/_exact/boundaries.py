@@ -14,6 +14,7 @@ from cspace._record.cells import Map
 from cspace._robot import Robot
 from cspace._rotations import Rotations
 from cspace._shapes import ExactShape, RoundedSimplices
+from cspace._shapes.shape import clip_to_half_space
 from cspace._support.arrays import Bools, Floats
 from cspace._workspace import Workspace
 
@@ -62,6 +63,8 @@ class Problem(NamedTuple):
         Metres.
     exterior_blocked : bool
         True if everything outside the grid is an obstacle.
+    floor : float or None
+        Height of the reference point in a workspace in space, metres, if the map is plane.
     """
 
     map: Map
@@ -70,17 +73,24 @@ class Problem(NamedTuple):
     robot: Robot
     margin: float
     exterior_blocked: bool
+    floor: float | None = None
 
     @property
     def size(self) -> int:
         """Length of a configuration."""
-        return self.workspace.grid.dim + len(self.rotations.names)
+        return self.map.dim + len(self.rotations.names)
+
+    @property
+    def lift(self) -> Floats:
+        """Vector from the reference point in the plane at z = 0 to that on the floor, metres."""
+        return np.array([0.0, 0.0, self.floor or 0.0])
 
     @property
     def max_coordinate(self) -> float:
         """Largest coordinate of a placed robot point in the grid, metres."""
         grid = self.workspace.grid
-        return float(np.abs([*grid.lower, *grid.upper]).max()) + self.robot.shape.span
+        height = float(np.abs(self.lift).max())
+        return float(np.abs([*grid.lower, *grid.upper]).max()) + self.robot.shape.span + height
 
     @property
     def required_distance(self) -> float:
@@ -149,47 +159,8 @@ def clip_to_grid(border: RoundedSimplices, grid: Grid) -> RoundedSimplices:
         return RoundedSimplices(simplices[is_near], border.radii[is_near])
     for axis in range(grid.dim):
         for wall, sign in ((lower[axis], 1.0), (upper[axis], -1.0)):
-            simplices = _clip_to_half_space(simplices, axis, wall, sign, slack)
+            simplices = clip_to_half_space(simplices, axis, wall, sign, slack)
     return _make_boundary(simplices)
-
-
-def _clip_to_half_space(
-    simplices: Floats, axis: int, wall: float, sign: float, slack: float
-) -> Floats:
-    """Clip segments or triangles to a wall's side.
-
-    The side is that of ``sign * (coordinate - wall) >= 0`` along the axis. ``simplices`` have shape
-    (n, corners, d), with two or three corners. Those beyond by more than ``slack`` are dropped.
-    """
-    corners = simplices.shape[1]
-    heights = sign * (simplices[:, :, axis] - wall)
-    is_above = heights >= -slack
-    corners_above = is_above.sum(axis=1)
-    clipped = [simplices[corners_above == corners]]
-    for count in range(1, corners):
-        cut = np.flatnonzero(corners_above == count)
-        # Rotate the corners so that the only corner on its side of the wall comes first.
-        alone = np.argmax(is_above[cut] == (count == 1), axis=1)
-        order = (alone[:, None] + np.arange(corners)) % corners
-        first, *others = np.moveaxis(simplices[cut[:, None], order], 1, 0)
-        first_height, *other_heights = np.moveaxis(heights[cut[:, None], order], 1, 0)
-        # Where the edges from that corner cross the wall.
-        crossings = []
-        for other, other_height in zip(others, other_heights, strict=True):
-            # A corner beyond the wall by less than the slack counts as on the wall.
-            fraction = np.clip(first_height / (first_height - other_height), 0.0, 1.0)
-            crossing = first + fraction[:, None] * (other - first)
-            crossing[:, axis] = wall
-            crossings.append(crossing)
-        if count == 1:
-            clipped.append(np.stack([first, *crossings], axis=1))
-        else:
-            # What is left of the triangle (a, b, c) is a quadrilateral: two triangles.
-            ab, ac = crossings
-            b, c = others
-            clipped.append(np.stack([ab, b, c], axis=1))
-            clipped.append(np.stack([ab, c, ac], axis=1))
-    return np.concatenate(clipped)
 
 
 def _make_caps(shape: ExactShape, workspace: Workspace) -> Iterator[Floats]:

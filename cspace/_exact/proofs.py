@@ -256,8 +256,9 @@ class BoundaryProofs:
         self._robot = problem.robot.shape.outer
         self._size = problem.size
         self._rotations = problem.rotations
+        self._dim = problem.map.dim
         grid = problem.workspace.grid
-        self._dim = grid.dim
+        self._lift = problem.lift
         self._bounds = (np.asarray(grid.lower), np.asarray(grid.upper))
         walls = obstacle_boundary(problem.workspace, exterior_blocked=problem.exterior_blocked)
         # Balls and points need no containment test, because the distance from their center decides.
@@ -266,7 +267,9 @@ class BoundaryProofs:
             has_faces = pieces.simplices.shape[1] == grid.dim
             if obstacle.outer.encloses and has_faces:
                 self._shapes.append(obstacle.outer)
+        # On a floor, the robot is lifted, so that the plane at z = 0 is that of its positions.
         boundary = as_triangles([self._robot.boundary()])
+        boundary = boundary._replace(simplices=boundary.simplices + self._lift)
         self.boundaries = _build_boundary_trees(problem, boundary, walls)
         containment = self._make_containment(problem, boundary, walls.pieces)
         self._inputs = ProofInputs(problem.map, self.boundaries, containment)
@@ -305,16 +308,22 @@ class BoundaryProofs:
             for part in pieces:
                 points, sizes = part_anchors(as_triangles([part]))
                 anchors.append(points[sizes <= diameter])
-        low, high = (np.pad(corner, missing_axis) for corner in robot.bounds)
+        low, high = (np.pad(corner, missing_axis) + self._lift for corner in robot.bounds)
         # Without shapes, the obstacles are exactly the outer cells.
-        inner = workspace.inner if workspace.shapes else workspace.outer
-        shape_in_space = grid.shape if grid.dim == 3 else (*grid.shape, 1)
+        outer = workspace.outer
+        inner = workspace.inner if workspace.shapes else outer
+        lower = np.pad(grid.lower, missing_axis)
+        if problem.floor is not None:
+            # A robot that keeps its heights touches no ceiling or ground of the grid.
+            outer, inner = (np.pad(cells, ((0, 0), (0, 0), (1, 1))) for cells in (outer, inner))
+            lower[2] -= grid.spacing
+        shape_in_space = outer.shape if grid.dim == 3 else (*grid.shape, 1)
         return Containment(
             corners=np.column_stack([corners, stop_of_corners]),
             exterior_blocked=problem.exterior_blocked,
-            lower=tuple(np.pad(grid.lower, missing_axis).tolist()),
+            lower=tuple(lower.tolist()),
             spacing=grid.spacing,
-            outer=workspace.outer.reshape(shape_in_space),
+            outer=outer.reshape(shape_in_space),
             inner=inner.reshape(shape_in_space),
             anchors=np.concatenate(anchors),
             low=tuple(low.tolist()),
@@ -416,8 +425,9 @@ class BoundaryProofs:
         robot_points = self._anchors @ matrices.swapaxes(1, 2) + positions[:, None]
         # Points of obstacles in the robot's frame, shape (n, obstacle anchors, 3).
         obstacle_points = (self._inputs.containment.anchors - positions[:, None]) @ matrices
-        dim = self._dim
-        is_nested = _contain_any(self._robot, self._robot.bounds, obstacle_points[..., :dim])
+        dim = self._robot.dim
+        obstacle_points = (obstacle_points - self._lift)[..., :dim]
+        is_nested = _contain_any(self._robot, self._robot.bounds, obstacle_points)
         for shape in self._shapes:
             # Obstacles end at the bounds of the grid.
             is_nested |= _contain_any(shape, self._bounds, robot_points[..., :dim])
@@ -438,6 +448,8 @@ def _build_boundary_trees(
     # Walls of a plane grid are so high that their sides, not their tops, are nearest.
     sides = np.pad(np.subtract(grid.upper, grid.lower), missing_axis, mode="maximum")
     center = np.pad(np.add(grid.lower, grid.upper) / 2.0, missing_axis)
+    if problem.floor is not None:
+        sides[2] += 2.0 * sides[:2].max()  # so that neither ground nor ceiling is nearest
     faces = [Box.of(sides, center).boundary()] if problem.exterior_blocked else []
     largest = np.abs(obstacles.simplices).max(initial=0.0) + obstacles.radii.max(initial=0.0)
     max_coordinate = problem.max_coordinate + float(largest)

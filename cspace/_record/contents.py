@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace._grid import Grid
+from cspace._grid import SLACK, Grid, check_reach
 from cspace._record.exterior import OUTSIDES, UNKNOWN, Exterior
 from cspace._rotations import Rotations
-from cspace._support.arrays import MIXED, Ints, States
-from cspace._support.check import check_word
+from cspace._shapes.layers import Heights
+from cspace._support.arrays import MIXED, Bools, Ints, States
+from cspace._support.check import check_finite, check_word
 from cspace.errors import InputError
 
 if TYPE_CHECKING:
@@ -44,6 +45,11 @@ class Contents:
         States outside the grid; if None, computed from the robot's rasters when needed.
     proves_blocked : bool
         True if updates prove BLOCKED, as the build did.
+    floor : float or None
+        Height of the reference point of a robot in space that drives on a floor, metres. The
+        workspace is then in space, and grid and states in the plane.
+    grid : Grid
+        Grid of positions: the workspace's, with a floor without its heights.
 
     Raises InputError if an array has another shape or type than stated, or ``outside`` is another
     word.
@@ -59,9 +65,16 @@ class Contents:
     overlap_counts: NDArray[np.int32] | None = None
     exterior: Exterior | None = None
     proves_blocked: bool = True
+    floor: float | None = None
+    grid: Grid = field(init=False)
 
     def __post_init__(self) -> None:
-        """Check the arrays."""
+        """Check the arrays, and derive the grid."""
+        grid = self.workspace.grid
+        if self.floor is not None:
+            check_floor(self.floor, grid, self.robot, self.outside)
+            grid = Grid(grid.lower[:2], grid.spacing, grid.shape[:2], frame_id=grid.frame_id)
+        object.__setattr__(self, "grid", grid)
         n_slices = int(self.slice_of.max()) + 1
         shape = (n_slices, *self.grid.shape)
         states = _check_array("states", self.states, shape, np.uint8)
@@ -83,9 +96,23 @@ class Contents:
         return cls(workspace, robot, rotations, slice_of, states, **options)
 
     @property
-    def grid(self) -> Grid:
-        """Grid of positions, which is the workspace's grid."""
-        return self.workspace.grid
+    def ground(self) -> Workspace:
+        """The workspace on the map's grid; with a floor, seen from above at the robot's heights."""
+        scene = self.workspace
+        heights = Heights.of(scene.grid, self.floor)
+        if heights is None:
+            return scene
+        from cspace._workspace import Workspace
+
+        layers = heights.find_layers(self.robot.shape, scene.grid.spacing)
+
+        def project(cells: Bools) -> Bools:
+            """Return cells seen from above."""
+            return np.asarray(cells[:, :, layers].any(axis=2))
+
+        outer, inner = project(scene.outer), project(scene.inner)
+        unknown = None if scene.unknown is None else project(scene.unknown)
+        return Workspace(self.grid, outer, inner, source=scene.source, unknown=unknown)
 
     @property
     def axes(self) -> tuple[str, ...]:
@@ -109,6 +136,29 @@ class Contents:
             overlap_counts=counts,
             exterior=exterior,
         )
+
+
+def check_floor(floor: float, grid: Grid, robot: Robot, outside: str) -> float:
+    """Return the height of a floor, or raise InputError unless the robot keeps to the scene.
+
+    ``grid`` is that of the scene. Nothing is known of obstacles at other heights, unless the
+    ``outside`` is free.
+    """
+    if grid.dim != 3:
+        rule = "a robot on a floor needs a workspace in space"
+        raise InputError("floor", "is given for a plane workspace", rule)
+    if robot.dim != 3:
+        raise InputError("floor", "is given for a plane robot", "a robot in space has heights")
+    height = float(check_finite(floor, "floor"))
+    check_reach(abs(height) / grid.spacing, "floor", "the origin")
+    lowest, highest = (height + float(corner[2]) for corner in robot.shape.outer.bounds)
+    bottom, top = grid.lower[2], grid.upper[2]
+    room = SLACK * grid.spacing
+    if outside == "free" or (bottom - room <= lowest and highest <= top + room):
+        return height
+    problem = f"is {height:g} m, so the robot reaches from {lowest:g} m to {highest:g} m"
+    rule = f"the workspace has only heights from {bottom:g} m to {top:g} m"
+    raise InputError("floor", problem, rule, 'outside="free" leaves all other heights free')
 
 
 def _check_array(

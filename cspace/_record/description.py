@@ -72,6 +72,9 @@ ARRAYS: Final[dict[str, StoredArray]] = {
     "outer": _describe("cells", "bool", True, "workspace cells that meet an obstacle"),
     "inner": _describe("cells", "bool", True, "workspace cells that lie in obstacles"),
     "unknown": _describe("cells", "bool", True, "workspace cells that nothing is known of"),
+    "scene_outer": _describe("x y z", "bool", True, "cells in space that meet an obstacle"),
+    "scene_inner": _describe("x y z", "bool", True, "cells in space that lie in obstacles"),
+    "scene_unknown": _describe("x y z", "bool", True, "cells in space that nothing is known of"),
     "overlap_counts": _describe(
         "slice cells",
         "int32",
@@ -161,6 +164,15 @@ def make_grid(metadata: Mapping[str, Any]) -> Grid:
     return Grid(metadata["lower"], metadata["spacing"], shape, axes, units, frame_id)
 
 
+def make_scene_grid(metadata: Mapping[str, Any], grid: Grid) -> Grid:
+    """Return the grid of the workspace of a map on a grid; with a floor, it is in space."""
+    if "floor_m" not in metadata:
+        return grid
+    lower = (*grid.lower, metadata["scene_lowest_m"])
+    shape = (*grid.shape, metadata["scene_layers"])
+    return Grid(lower, grid.spacing, shape, frame_id=grid.frame_id)
+
+
 class NamedArray(NamedTuple):
     """An array of a map, with its axes by name.
 
@@ -182,7 +194,7 @@ def describe_array(name: str, values: Any, grid: Grid) -> NamedArray:
     The centers along an axis get the name and unit of the axis.
     """
     attributes = dict(describe_arrays()[name].attributes)
-    if name in AXES:
+    if name in AXES[: grid.dim]:
         number = AXES.index(name)
         attributes["long_name"] = f"{grid.axes[number]} of the middle of a cell"
         attributes["units"] = grid.units[number]
@@ -195,10 +207,15 @@ def make_metadata(contents: Contents) -> dict[str, Any]:
     ``lower`` and ``spacing`` are in the ``units`` of the cells; ``axes`` names the numbers of a
     configuration; ``rotations`` is the number of rotation cells; ``robot`` is JSON text for
     ``Robot.from_spec``. ``inner`` is 1 if BLOCKED is proven, else 0. ``frame_id`` is left out if it
-    is not known.
+    is not known. With a floor, ``floor_m`` is its height, and the scene in space has
+    ``scene_layers`` layers of cells from the height ``scene_lowest_m`` on.
     """
     grid = contents.grid
-    frame = {"frame_id": grid.frame_id} if grid.frame_id else {}
+    more: dict[str, Any] = {"frame_id": grid.frame_id} if grid.frame_id else {}
+    if contents.floor is not None:
+        scene = contents.workspace.grid
+        more |= {"floor_m": contents.floor}
+        more |= {"scene_lowest_m": scene.lower[2], "scene_layers": scene.shape[2]}
     return {
         "format": FORMAT,
         "format_version": VERSION,
@@ -215,7 +232,7 @@ def make_metadata(contents: Contents) -> dict[str, Any]:
         "robot": json.dumps(contents.robot.spec, sort_keys=True),
         "workspace_source": contents.workspace.source,
         "inner": int(contents.proves_blocked),
-        **frame,
+        **more,
     }
 
 
@@ -226,10 +243,11 @@ def collect_arrays(contents: Contents, with_inner: bool = False) -> dict[str, Na
 
     Optional arrays are ``inner`` if it differs from ``outer`` or is wanted, ``unknown`` if there
     are such cells, ``overlap_counts`` if the map has them, the arrays of rotation cells if the
-    robot rotates, and ``shapes`` if the obstacles have shapes.
+    robot rotates, and ``shapes`` if the obstacles have shapes. With a floor, the workspace is that
+    seen from above, and arrays ``scene_...`` hold that in space.
     """
     # Arrays that every map has come first.
-    workspace = contents.workspace
+    workspace = contents.ground
     grid = contents.grid
     arrays: dict[str, Any] = {
         "cell_states": read_only(contents.states),
@@ -245,7 +263,14 @@ def collect_arrays(contents: Contents, with_inner: bool = False) -> dict[str, Na
     if contents.overlap_counts is not None:
         arrays["overlap_counts"] = read_only(contents.overlap_counts)
     arrays |= {axis: grid.centers(i) for i, axis in enumerate(AXES[: grid.dim])}
-    arrays |= {**contents.rotations._stored_arrays, **encode_shapes(workspace.shapes)}
+    scene = contents.workspace
+    if contents.floor is not None:
+        arrays |= {"z": scene.grid.centers(2), "scene_outer": scene.outer}
+        if scene.inner is not scene.outer:
+            arrays["scene_inner"] = scene.inner
+        if scene.unknown is not None:
+            arrays["scene_unknown"] = scene.unknown
+    arrays |= {**contents.rotations._stored_arrays, **encode_shapes(scene.shapes)}
     return {name: describe_array(name, array, grid) for name, array in arrays.items()}
 
 

@@ -31,23 +31,32 @@ class Exterior:
     ----------
     table : ndarray of int64, shape (slices, 2 d + 1)
         First cell of the box, its last cell, and the state of cells outside both grid and box. A
-        box is empty if first > last along an axis. Workspace updates change the table in place.
+        box is empty if first > last along an axis. Workspace updates change the table in place. On
+        a floor, d is 2, and the box is that of all heights.
     """
 
     table: Ints
 
     @classmethod
-    def of(cls, occupied: Bools, rasters: Sequence[tuple[Raster, Raster]], policy: str) -> Exterior:
+    def of(
+        cls,
+        occupied: Bools,
+        rasters: Sequence[tuple[Raster, Raster]],
+        policy: str,
+        on_floor: bool = False,
+    ) -> Exterior:
         """Compute the exterior from a workspace's outer cells.
 
         ``rasters`` are the outer and inner raster of each slice. ``policy`` is the state of the
-        space outside the workspace: "blocked", "free" or "unknown".
+        space outside the workspace: "blocked", "free" or "unknown". ``on_floor`` says whether the
+        robot keeps its heights, the third axis.
         """
         box = np.zeros((2, occupied.ndim), dtype=np.int64)
         if policy == "free":
             cells = Raster.from_bitmap(occupied, (0,) * occupied.ndim)
             box = np.array([cells.lower, cells.upper])
-        return cls.around(occupied.shape, box, rasters, policy)
+        table = cls.around(occupied.shape, box, rasters, policy).table
+        return cls(np.delete(table, [2, 5], axis=1) if on_floor else table)
 
     @classmethod
     def around(

@@ -45,6 +45,7 @@ from cspace._record.description import (
     list_axes,
     make_grid,
     make_metadata,
+    make_scene_grid,
 )
 from cspace._record.exterior import UNKNOWN, Exterior
 from cspace._robot import Robot
@@ -301,7 +302,16 @@ def _expect_layouts(attributes: Mapping[str, Any], grid: Grid) -> dict[str, Layo
     names = attributes["arrays"].split()
     known = describe_arrays()
     arrays = {name: known[name] for name in names if name in known and name not in DERIVED}
-    required = ("cell_states", "outer", "slice_of", *AXES[: grid.dim], *find_rotation_arrays(names))
+    scene = make_scene_grid(attributes, grid)
+    required = (
+        "cell_states",
+        "outer",
+        "slice_of",
+        *AXES[: scene.dim],
+        *find_rotation_arrays(names),
+    )
+    if scene is not grid:
+        required += ("scene_outer",)
     missing = [name for name in required if name not in names]
     unknown = sorted(name for name in names if not _LATER_ARRAY.fullmatch(name))
     if missing or unknown or len(set(names)) < len(names):
@@ -312,7 +322,7 @@ def _expect_layouts(attributes: Mapping[str, Any], grid: Grid) -> dict[str, Layo
         "rotation": attributes["rotations"],
         "corner": 2 * grid.dim + 1,
         "byte": attributes["shapes_bytes"],
-        **dict(zip(AXES, grid.shape, strict=False)),
+        **dict(zip(AXES, scene.shape, strict=False)),
     }
     layouts = {}
     for name, expected in arrays.items():
@@ -375,13 +385,16 @@ def _make_contents(
     if states.max() > BLOCKED:
         raise ValueError(f"it holds the state {states.max()}, but states are 0 to 2")
     robot = _read_robot(attributes["robot"])
-    rotations, slice_of = _check_rotations(attributes, grid, robot, arrays)
+    scene = make_scene_grid(attributes, grid)
+    rotations, slice_of = _check_rotations(attributes, scene, robot, arrays)
     shapes = decode_shapes(arrays["shapes"]) if "shapes" in arrays else None
-    if robot.dim != grid.dim or any(shape.dim != grid.dim for shape in shapes or ()):
+    if robot.dim != scene.dim or any(shape.dim != scene.dim for shape in shapes or ()):
         raise ValueError("its robot, obstacles and grid differ in dimension")
     outside = attributes["outside"]
-    outer = arrays["outer"]
-    inner = arrays.get("inner", outer)
+    floor = attributes.get("floor_m")
+    prefix = "" if floor is None else "scene_"
+    outer = arrays[f"{prefix}outer"]
+    inner = arrays.get(f"{prefix}inner", outer)
     source = str(attributes["workspace_source"])
     margin = check_not_negative(attributes["margin_m"], "margin_m")
     check_reach(margin / grid.spacing, "margin_m", "the robot")
@@ -389,7 +402,7 @@ def _make_contents(
     if "exterior" in arrays:
         exterior = check_exterior(arrays["exterior"], outside)
     return Contents(
-        Workspace(grid, outer, inner, source, arrays.get("unknown"), shapes),
+        Workspace(scene, outer, inner, source, arrays.get(f"{prefix}unknown"), shapes),
         robot,
         rotations,
         slice_of,
@@ -399,6 +412,7 @@ def _make_contents(
         overlap_counts=arrays.get("overlap_counts"),
         exterior=exterior,
         proves_blocked=attributes["inner"] == 1,
+        floor=floor,
     )
 
 

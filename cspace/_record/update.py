@@ -127,7 +127,7 @@ def _check_first_cell(lower: Sequence[int], axes: Sequence[str]) -> tuple[int, .
 def _combine_updates(updates: Sequence[Update], dim: int) -> Update:
     """Combine updates of disjoint sets of workspace cells.
 
-    The box is that around the boxes of all updates, and numbers are added.
+    The box is that around the boxes of all updates, along ``dim`` axes, and numbers are added.
     """
     nothing = Update(0, (0,) * dim, (0,) * dim, 0)
     # Empty boxes do not extend the combined box.
@@ -137,11 +137,13 @@ def _combine_updates(updates: Sequence[Update], dim: int) -> Update:
     upper = np.max([update.upper for update in boxes], axis=0)
     occupied = sum(update.occupied for update in updates)
     changed = sum(update.changed for update in updates)
-    return Update(occupied, tuple(lower.tolist()), tuple(upper.tolist()), changed)
+    return Update(occupied, tuple(lower[:dim].tolist()), tuple(upper[:dim].tolist()), changed)
 
 
 class Updater:
     """Update a map in place when cells of its workspace change.
+
+    On a floor, the workspace is in space, and the map is one layer of cells of positions.
 
     The state of a cell depends on the workspace cells under the robot's rasters, so changed cells
     affect only windows around them, in all slices. The engine computes each window from the part of
@@ -172,16 +174,20 @@ class Updater:
         drop_derived: Callable[[Workspace, ObstacleLayers | None], None],
     ) -> None:
         """Copy the workspace, and measure the reach of the robot's rasters."""
-        self._grid = contents.grid
+        self._grid = contents.workspace.grid
         self._layers = layers
-        self._states = contents.states
+        self._on_floor = contents.floor is not None
+        self._dim = contents.grid.dim
+        # On a floor, the map is one layer of positions.
+        self._shape = (*contents.grid.shape, 1)[: self._grid.dim]
+        self._states = contents.states.reshape(-1, *self._shape)
         self._outside = contents.outside
         self._rasters = rasters
         self._exterior = exterior
         self._drop_derived = drop_derived
         groups = group_rasters(rasters, contents.proves_blocked)
         is_blocked = contents.outside == "blocked"
-        self._offset_range = _measure_offsets(groups, contents.grid.shape, is_blocked)
+        self._offset_range = _measure_offsets(groups, self._grid.shape, is_blocked)
         # Bitmaps begin at the first cell that decides a state, so rasters move to the state.
         shift = -self._offset_range[0]
         self._groups = [[raster.translate(shift) for raster in group] for group in groups]
@@ -201,7 +207,8 @@ class Updater:
         is_same_outer = np.array_equal(base.outer[window], patch.outer)
         if were_known and is_same_outer and np.array_equal(base.inner[window], patch.inner):
             # Nothing changes, so the workspace keeps its shapes.
-            return Update(0, patch.lower, patch.lower, 0)
+            first_cell = patch.lower[: self._dim]
+            return Update(0, first_cell, first_cell, 0)
         if self._layers is None:
             # Without named obstacles, the base is the workspace. Its shapes no longer describe its
             # cells.
@@ -224,7 +231,7 @@ class Updater:
         )
         first = np.zeros(self._grid.dim, dtype=np.int64)
         if same_cells and same_unknown and base.shapes is workspace.shapes:
-            return Update(0, tuple(first.tolist()), tuple(first.tolist()), 0)
+            return _combine_updates([], self._dim)
         unknown = None if workspace.unknown is None else frozen(workspace.unknown.copy())
         object.__setattr__(self._workspace, "unknown", unknown)
         if self._layers is None:
@@ -329,16 +336,17 @@ class Updater:
             Update(self._write_cells(patch), patch.lower, patch.lower, 0) for patch in patches
         ]
         if self._outside == "free" and any(update.occupied for update in updates):
-            exterior = Exterior.of(self._workspace.outer, self._rasters, "free")
+            outer = self._workspace.outer
+            exterior = Exterior.of(outer, self._rasters, "free", self._on_floor)
             self._exterior.table[...] = exterior.table
-        return _combine_updates(updates, self._grid.dim)
+        return _combine_updates(updates, self._dim)
 
     def _find_dependent(self, changed_first: Ints, changed_stop: Ints) -> CellBox:
         """Find the map's box that changed workspace cells affect."""
         lowest_offset, highest_offset = self._offset_range
         # Cell k depends on the cells k + m, where m is an offset of the robot.
         first = np.maximum(changed_first - highest_offset, 0)
-        stop = np.minimum(changed_stop - lowest_offset, self._grid.shape)
+        stop = np.minimum(changed_stop - lowest_offset, self._shape)
         # The box is empty if no cell of the grid depends on the changes.
         return first, np.maximum(stop, first)
 
@@ -352,7 +360,7 @@ class Updater:
         if len(boxes) > 1 and not (is_small and self._grid.dim == 2):
             return [states for box in boxes for states in self._compute(patches, [box])]
         # Boxes of one size, with all cells that decide them, are layers of one bitmap.
-        firsts = [np.minimum(first, self._grid.shape - size) for first, _ in boxes]
+        firsts = [np.minimum(first, self._shape - size) for first, _ in boxes]
         lowest_offset, highest_offset = self._offset_range
         shape = (2, len(boxes), *(size + highest_offset - lowest_offset).tolist())
         cells = np.full(shape, self._outside == "blocked")
@@ -367,6 +375,8 @@ class Updater:
         is_plane = self._grid.dim == 2
         outer, inner = cells if is_plane else cells[:, 0]
         results = states if is_plane else states[:, 0]
+        if self._on_floor:
+            results = results[..., 0]
         fill_states("direct", self._outside, (outer, inner), self._groups, results)
         found = []
         for layer, (first, stop) in enumerate(boxes):

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from cspace._grid import Grid
 from cspace._raster import Raster
 from cspace._rotations import NO_ROTATION, RotationCell
-from cspace._shapes.shape import ExactShape, RoundedSimplices
+from cspace._shapes.shape import ExactShape, RoundedSimplices, Slab
 from cspace._support.arrays import Bools, Floats, Surface, frozen
 from cspace._support.check import AXES, check_finite, check_points, select_positions
 from cspace.errors import InputError
@@ -177,6 +177,17 @@ class Balls(ExactShape):
     def project_to_plane(self) -> Balls:
         """Project the balls onto the xy plane."""
         return Balls(self.centers[:, :2].copy(), self.radii)
+
+    def slab(self, low: float, high: float, slack: float) -> Slab:
+        """Return the part between two heights, seen from above; see ``Shape.slab``."""
+        discs = []
+        heights = self.centers[:, 2]
+        for room in (slack, -slack):
+            gaps = np.maximum(np.maximum(low - room - heights, heights - high - room), 0.0)
+            meets = gaps <= self.radii
+            radii = np.sqrt((self.radii + gaps) * (self.radii - gaps), where=meets, out=gaps)
+            discs.append(Balls(self.centers[meets, :2], radii[meets]) if meets.any() else None)
+        return discs[0], discs[1]
 
     @property
     def is_round(self) -> bool:

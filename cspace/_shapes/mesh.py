@@ -18,7 +18,15 @@ from cspace._raster import Raster
 from cspace._rotations import NO_ROTATION, RotationCell
 from cspace._shapes.bodies import MeshBody, find_bodies
 from cspace._shapes.polygon import Polygons
-from cspace._shapes.shape import BoundedShape, ExactShape, RoundedSimplices, Shape, unique_rows
+from cspace._shapes.shape import (
+    BoundedShape,
+    ExactShape,
+    RoundedSimplices,
+    Shape,
+    Slab,
+    clip_to_half_space,
+    unique_rows,
+)
 from cspace._support.arrays import Bools, Floats, Ints, Surface, frozen
 from cspace._support.check import (
     AXES,
@@ -244,35 +252,56 @@ class Mesh(ExactShape):
         The result is the union of its triangles' shadows, grown and shrunk by a micrometre. The
         micrometre covers the rounding of the union.
         """
-        import shapely
-
-        # Triangles seen from above: corners (x, y), shape (F, 3, 2).
-        corners = self.boundary().simplices[..., :2]
-        sides = np.roll(corners, -1, axis=1) - corners
-        longest_side = np.linalg.norm(sides, axis=-1).max(axis=1)
-        first_x, first_y = sides[:, 0].T
-        second_x, second_y = sides[:, 1].T
-        twice_area = np.abs(first_x * second_y - first_y * second_x)
-        # Unions and buffers lose triangles seen edge-on, so their sides stand for them. They are at
-        # most a quarter of the margin wide.
-        is_line = 4.0 * twice_area <= _SHADOW_MARGIN * longest_side
-        union = shapely.union_all(shapely.polygons(corners[~is_line]))
-        # Maximum width, relative to the span, of a hole in a mesh's shadow that counts as
-        # rounding.
-        shadow = _fill_cracks(union, 2.0**-40 * self.span)
+        outer, shadow = _cast_shadow(self.boundary().simplices[..., :2], self.span)
         inner = shadow.buffer(-_SHADOW_MARGIN, join_style="mitre")
         if inner.is_empty:
             rule = "it must have an area there"
             raise GeometryError(self.source, "is flat, seen from above", rule)
-        lines = shapely.linestrings(corners[is_line][:, [0, 1, 2, 0]])
-        # Lines well inside the shadow add nothing.
-        near_shadow = shadow.buffer(_SHADOW_MARGIN / 2.0, join_style="mitre")
-        shapely.prepare(near_shadow)
-        lines_beside = lines[~shapely.covers(near_shadow, lines)]
-        grown_lines = shapely.buffer(lines_beside, _SHADOW_MARGIN)
-        grown_shadow = shadow.buffer(_SHADOW_MARGIN, join_style="mitre")
-        outer = shapely.union_all([grown_shadow, *grown_lines])
         return BoundedShape(Polygons.of(outer), Polygons.of(inner))
+
+    def slab(self, low: float, high: float, slack: float) -> Slab:
+        """Return the part between two heights, seen from above; see ``Shape.slab``.
+
+        The shadow of the triangles there, with the holes that lie in a body, grown and shrunk by a
+        micrometre: where no triangle crosses a vertical line between the heights, one of its points
+        decides for all of them.
+        """
+        import shapely
+
+        outer, _ = self._cast_shadow_between(low - slack, high + slack)
+        grown, shadow = self._cast_shadow_between(low + slack, high - slack)
+        # Holes stay a micrometre away from all triangles, so they may grow by less.
+        holes = shapely.buffer(self._find_filled_holes(grown, low, high), 0.9 * _SHADOW_MARGIN)
+        inner = shapely.union_all([shadow, *holes]).buffer(-_SHADOW_MARGIN, join_style="mitre")
+        outer = shapely.union_all([outer, *self._find_filled_holes(outer, low, high)])
+        return (
+            None if outer.is_empty else Polygons.of(outer),
+            None if inner.is_empty else Polygons.of(inner),
+        )
+
+    def _cast_shadow_between(self, low: float, high: float) -> tuple[BaseGeometry, BaseGeometry]:
+        """Return the grown shadow and the shadow of the triangles between two heights."""
+        triangles = self.boundary().simplices
+        heights = triangles[..., 2]
+        triangles = triangles[(heights.max(axis=1) >= low) & (heights.min(axis=1) <= high)]
+        for height, sign in ((low, 1.0), (high, -1.0)):
+            triangles = clip_to_half_space(triangles, 2, height, sign, 0.0)
+        return _cast_shadow(triangles[..., :2], self.span)
+
+    def _find_filled_holes(
+        self, shadow: BaseGeometry, low: float, high: float
+    ) -> list[BaseGeometry]:
+        """Return the holes of a grown shadow between two heights that lie in a body."""
+        import shapely
+
+        parts = shapely.get_parts(shadow)
+        holes = [shapely.Polygon(ring) for part in parts for ring in part.interiors]
+        if not holes:
+            return []
+        points = shapely.get_coordinates(shapely.point_on_surface(holes))
+        heights = np.full(len(points), 0.5 * (low + high))
+        is_filled = self.contains(np.column_stack([points, heights]))
+        return [hole for hole, fills in zip(holes, is_filled.tolist(), strict=True) if fills]
 
     def check_origin(self, warn: bool = False) -> None:
         """Raise GeometryError far from the origin; see ``Shape.check_origin``."""
@@ -479,6 +508,35 @@ def make_mesh(shape: MeshLike, solid: Solid = "auto", up: Up | None = None) -> M
     mesh = Mesh.convert(shape, solid, up)
     mesh.warn_if_open()
     return mesh
+
+
+def _cast_shadow(corners: Floats, span: float) -> tuple[BaseGeometry, BaseGeometry]:
+    """Return the shadow of triangles, grown by a micrometre, and as it is up to rounding.
+
+    ``corners`` are those of triangles seen from above, shape (n, 3, 2), metres; ``span`` is their
+    largest coordinate.
+    """
+    import shapely
+
+    sides = np.roll(corners, -1, axis=1) - corners
+    longest_side = np.linalg.norm(sides, axis=-1).max(axis=1)
+    first_x, first_y = sides[:, 0].T
+    second_x, second_y = sides[:, 1].T
+    twice_area = np.abs(first_x * second_y - first_y * second_x)
+    # Unions and buffers lose triangles seen edge-on, so their sides stand for them. They are at
+    # most a quarter of the margin wide.
+    is_line = 4.0 * twice_area <= _SHADOW_MARGIN * longest_side
+    union = shapely.union_all(shapely.polygons(corners[~is_line]))
+    # Maximum width, relative to the span, of a hole in a mesh's shadow that counts as rounding.
+    shadow = _fill_cracks(union, 2.0**-40 * span)
+    lines = shapely.linestrings(corners[is_line][:, [0, 1, 2, 0]])
+    # Lines well inside the shadow add nothing.
+    near_shadow = shadow.buffer(_SHADOW_MARGIN / 2.0, join_style="mitre")
+    shapely.prepare(near_shadow)
+    lines_beside = lines[~shapely.covers(near_shadow, lines)]
+    grown_lines = shapely.buffer(lines_beside, _SHADOW_MARGIN)
+    grown_shadow = shadow.buffer(_SHADOW_MARGIN, join_style="mitre")
+    return shapely.union_all([grown_shadow, *grown_lines]), shadow
 
 
 def _fill_cracks(shadow: BaseGeometry, width: float) -> BaseGeometry:

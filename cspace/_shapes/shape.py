@@ -7,7 +7,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from functools import cache, cached_property
 from itertools import permutations, product
-from typing import TYPE_CHECKING, Any, ClassVar, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, Final, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -157,6 +157,27 @@ class Shape(ABC):
         A shape in the plane is returned unchanged.
         """
         return self
+
+    def slab(self, low: float, high: float, slack: float) -> Slab:
+        """Return the part between two heights, seen from above.
+
+        Parameters
+        ----------
+        low, high : float
+            Heights, metres, farther apart than twice the slack.
+        slack : float
+            Rounding allowance of heights, metres. What only touches a height counts for the outer
+            shape, and not for the inner one.
+
+        Returns
+        -------
+        outer, inner : ExactShape or None
+            Plane shapes outside and inside the part's shadow; None where there is none.
+
+        Raises GeometryError for a shape in the plane, and InputError for a mesh whose inside
+        depends on the spacing.
+        """
+        raise GeometryError("shape", "is in the plane", "a shape in space has heights")
 
     @property
     def is_round(self) -> bool:
@@ -371,6 +392,45 @@ class ExactShape(Shape):
         raise GeometryError("shape", "is in the plane", rule)
 
 
+def clip_to_half_space(
+    simplices: Floats, axis: int, wall: float, sign: float, slack: float
+) -> Floats:
+    """Clip segments or triangles to one side of a wall.
+
+    The side is that of ``sign * (coordinate - wall) >= 0`` along the axis. ``simplices`` have shape
+    (n, corners, d), with two or three corners. Those beyond by more than ``slack`` are dropped.
+    """
+    corners = simplices.shape[1]
+    heights = sign * (simplices[:, :, axis] - wall)
+    is_above = heights >= -slack
+    corners_above = is_above.sum(axis=1)
+    clipped = [simplices[corners_above == corners]]
+    for count in range(1, corners):
+        cut = np.flatnonzero(corners_above == count)
+        # Rotate the corners so that the only corner on its side of the wall comes first.
+        alone = np.argmax(is_above[cut] == (count == 1), axis=1)
+        order = (alone[:, None] + np.arange(corners)) % corners
+        first, *others = np.moveaxis(simplices[cut[:, None], order], 1, 0)
+        first_height, *other_heights = np.moveaxis(heights[cut[:, None], order], 1, 0)
+        # Where the edges from that corner cross the wall.
+        crossings = []
+        for other, other_height in zip(others, other_heights, strict=True):
+            # A corner beyond the wall by less than the slack counts as on the wall.
+            fraction = np.clip(first_height / (first_height - other_height), 0.0, 1.0)
+            crossing = first + fraction[:, None] * (other - first)
+            crossing[:, axis] = wall
+            crossings.append(crossing)
+        if count == 1:
+            clipped.append(np.stack([first, *crossings], axis=1))
+        else:
+            # What is left of the triangle (a, b, c) is a quadrilateral: two triangles.
+            ab, ac = crossings
+            b, c = others
+            clipped.append(np.stack([ab, b, c], axis=1))
+            clipped.append(np.stack([ab, c, ac], axis=1))
+    return np.concatenate(clipped)
+
+
 @cache
 def _signed_permutations(dim: int) -> Floats:
     """Return all signed permutation matrices, shape (n, dim, dim)."""
@@ -408,6 +468,9 @@ corners."""
 
 _MAX_ELLIPSE_SLACK: Final = 2.0**-20
 """Maximum relative growth of an ellipse's bounds that covers rounding."""
+
+Slab: TypeAlias = tuple["ExactShape | None", "ExactShape | None"]
+"""Plane shapes outside and inside a part between two heights, seen from above."""
 
 BoundsPair = tuple[Surface, Surface]
 """An outer and an inner surface; the outer solid contains the inner one."""
@@ -478,6 +541,12 @@ class BoundedShape(Shape):
         outer_rows = np.insert(self.outer.transform_features(matrix), 0, 0, axis=1)
         inner_rows = np.insert(self.inner.transform_features(matrix), 0, 1, axis=1)
         return np.concatenate([outer_rows, inner_rows])
+
+    def slab(self, low: float, high: float, slack: float) -> Slab:
+        """Return the part between two heights, seen from above; see ``Shape.slab``."""
+        outer, _ = self.outer.slab(low, high, slack)
+        _, inner = self.inner.slab(low, high, slack)
+        return outer, inner
 
     def project_to_plane(self) -> Shape:
         """Project both bounds onto the xy plane."""

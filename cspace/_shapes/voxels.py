@@ -23,7 +23,7 @@ from cspace._raster.bitmaps import (
 )
 from cspace._rotations import NO_ROTATION, RotationCell
 from cspace._shapes.polygon import Polygons
-from cspace._shapes.shape import Boxes, ExactShape, RoundedSimplices
+from cspace._shapes.shape import Boxes, ExactShape, RoundedSimplices, Slab
 from cspace._support.arrays import Bools, Floats, Surface, frozen
 from cspace._support.check import AXES, check_cells, check_point, check_points, check_positive
 from cspace.errors import GeometryError
@@ -125,6 +125,14 @@ class Box(ExactShape):
     def surface(self) -> Surface:
         """Vertices and triangles, facing outward."""
         return self.lower + _UNIT_CORNERS * (self.upper - self.lower), _BOX_TRIANGLES.copy()
+
+    def slab(self, low: float, high: float, slack: float) -> Slab:
+        """Return the part between two heights, seen from above; see ``Shape.slab``."""
+        rectangle = self.project_to_plane()
+        bottom, top = float(self.lower[2]), float(self.upper[2])
+        outer = rectangle if bottom <= high + slack and top >= low - slack else None
+        inner = rectangle if bottom <= high - slack and top >= low + slack else None
+        return outer, inner
 
     def project_to_plane(self) -> Polygons:
         """Project the box onto the xy plane."""
@@ -320,6 +328,19 @@ class Voxels(ExactShape):
         vertices, faces, windings = boundary_mesh(self.occupied, self.side, self.lower)
         # Reversing the order of its corners reverses the normal of a face.
         return vertices, np.where(windings[:, None] < 0, faces[:, ::-1], faces)
+
+    def slab(self, low: float, high: float, slack: float) -> Slab:
+        """Return the part between two heights, seen from above; see ``Shape.slab``."""
+        if self.dim == 2:
+            return super().slab(low, high, slack)
+        bottoms = self.lower[2] + self.side * np.arange(self.occupied.shape[2])
+        tops = self.lower[2] + self.side * np.arange(1, self.occupied.shape[2] + 1)
+        parts = []
+        for room in (slack, -slack):
+            meets = (bottoms <= high + room) & (tops >= low - room)
+            cells = np.asarray(self.occupied[:, :, meets].any(axis=2))
+            parts.append(Voxels(cells, self.side, self.lower[:2].copy()) if cells.any() else None)
+        return parts[0], parts[1]
 
     def project_to_plane(self) -> Voxels:
         """Project the cells onto the xy plane."""

@@ -136,7 +136,7 @@ def to_costmap(
     radius = check_not_negative(inflation_radius, "inflation_radius")
     scaling = check_not_negative(cost_scaling_factor, "cost_scaling_factor", "1/m")
     grid = space.grid
-    workspace = space.workspace
+    workspace = space.drawn_workspace
     if not space.has_poses:
         raise _make_joints_error("a costmap")
     if grid.dim == 3:
@@ -148,7 +148,7 @@ def to_costmap(
         number = int(space.slice_of[cell.item()])
         distances = _distances_of(space, [number])[number]
     clearance = grid.spacing * distances.astype(np.float64)
-    inscribed = space.robot.shape.inner.inscribed_radius + space.margin
+    inscribed = space.drawn_robot.shape.inner.inscribed_radius + space.margin
     costs = compute_costs(clearance, workspace.outer, workspace.unknown, inscribed, scaling, radius)
     nx, ny = grid.shape
     size = {"metadata.size_x": nx, "metadata.size_y": ny}

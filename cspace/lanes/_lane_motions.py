@@ -93,6 +93,8 @@ def check_map(space: ConfigurationMap, graph: RouteGraph) -> None:
     if space.axes not in (("x", "y"), ("x", "y", "yaw")):
         rule = "lanes are for maps of x, y, or of x, y, yaw"
         raise InputError("space", f"has the axes {', '.join(space.axes)}", rule)
+    if isinstance(space, CSpace) and space.floor is not None:
+        raise InputError("space", "has a floor", "lanes are for maps without one")
     if space.rotations.names or space.robot.shape.is_round:
         return
     for lane in graph.lanes:

@@ -96,7 +96,7 @@ def classify_cells(space: CSpace, rotation: Floats | None, layer: tuple[Any, ...
     ``rotation`` has shape (k,), or is None for all rotations; ``layer`` is an index into the
     arrays of the grid.
     """
-    ground = classify_ground(space.workspace, layer)
+    ground = classify_ground(space.drawn_workspace, layer)
     if not space.robot.shape.shown:
         ground = np.zeros_like(ground)  # a map of joints has no obstacles of its own
     # The lowest and the highest state of each cell over the rotations.
@@ -473,7 +473,7 @@ def make_scene(
     if rotation is not None:
         drawn_rotation = space.rotations.check_rotation(rotation)
     route = Route(space, path, start, goal)
-    body = DrawnRobot(space.robot, space.rotations)
+    body = DrawnRobot(space.drawn_robot, space.rotations)
     point = _choose_center(space, center, body, route)
     # Robots stand along the path, at the start and at the goal.
     robots = np.vstack([_choose_robots(body, route), *route.endpoints.values()])

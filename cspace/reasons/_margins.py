@@ -112,6 +112,8 @@ def copy_with_ends(space: CSpace, start: ArrayLike, goal: ArrayLike) -> tuple[CS
         problem = f"has the axes {', '.join(space.axes)}"
         rule = "reasons are for maps of positions, with or without a yaw"
         raise InputError("space", problem, rule)
+    if space.floor is not None:
+        raise InputError("space", "has a floor", "reasons are for maps without one")
     points = [space.check_configuration(q, name) for q, name in ((start, "start"), (goal, "goal"))]
     for q, name in zip(points, ("start", "goal"), strict=True):
         if not space.grid.contains(q[: space.dim]):

@@ -143,7 +143,7 @@ class Cells:
         """Merge cells, at a rotation or of the workspace, into blocks."""
         space = self.drawn
         if cell is None:
-            classes = classify_ground(space.workspace)
+            classes = classify_ground(space.drawn_workspace)
         else:
             classes = classify_cells(space, space.rotations.centers[cell])
         return np.atleast_3d(reduce_blocks(classes, self.side))

@@ -52,7 +52,7 @@ class MapCanvas(Canvas):
         """Draw the robot and both ends; :meth:`draw` draws cells."""
         grid = space.grid
         rotations = space.rotations
-        self.body = DrawnRobot(space.robot, rotations)
+        self.body = DrawnRobot(space.drawn_robot, rotations)
         self.robot_reach = self.body.reach
         self.poses = PoseDials(grid.dim, rotations)
         # Sizes stay visible on the page: walls half as high as the robot is long, but 0.1 % to
@@ -72,15 +72,16 @@ class MapCanvas(Canvas):
         # Sliders have steps of a power of ten, at most the side of a cell.
         self._step = 10.0 ** math.floor(math.log10(grid.spacing))
         self.kinds = [*KINDS]
-        unknown = drawn.workspace.unknown
-        if unknown is None or not drawn.workspace.outer[unknown].any():
+        ground = drawn.drawn_workspace
+        unknown = ground.unknown
+        if unknown is None or not ground.outer[unknown].any():
             self.kinds.remove("unknown")
         hidden = {"mixed"} if self._has_height else {"border", "mixed"}
         self.shown = {*self.kinds, SECTION} - hidden
         self.cut = self._choose_cut(points)
         self._drawn: dict[str, Any] = {}
         self._drawing = threading.Lock()
-        self._surface = make_robot_surface(space.robot, self._wall_height)
+        self._surface = make_robot_surface(space.drawn_robot, self._wall_height)
         self._robot = server.scene.add_frame(
             "/robot",
             show_axes=bool(self.poses.angles),
@@ -121,7 +122,7 @@ class MapCanvas(Canvas):
             limit = 90.0 if angle == "pitch" else 180.0
             self.dials.append(Dial(f"{angle} (°)", -limit, limit, 1.0))
         shown = [CellClass.OPEN, CellClass.COLLIDES, CellClass.UNDECIDED, CellClass.OBSTACLE]
-        unknown = self.cells.drawn.workspace.unknown
+        unknown = self.cells.drawn.drawn_workspace.unknown
         if unknown is not None and unknown.any():
             is_solid = "unknown" in self.kinds
             shown.append(CellClass.UNSEEN if is_solid else CellClass.ASSUMED)

@@ -326,7 +326,7 @@ class Gate {
       throw InputError("cspace: configurations and twists must be finite, and a yaw at most 2^20");
     for (const Point& point : points)
       if (!std::isfinite(point.x + point.y)) throw InputError("cspace: points must be finite");
-    if (leaving && !map_->has_taken_cells()) throw InputError("cspace: leaving needs a map in memory, not in tiles");
+    if (leaving && !map_->has_taken_cells()) throw InputError("cspace: leaving needs a map in memory, not in tiles or on a floor");
     std::vector<Ramp> ramps;
     for (int part = detail::SHARES; part > 0; --part) {
       const double share = static_cast<double>(part) / detail::SHARES;

@@ -463,7 +463,7 @@ class Map {
   std::vector<double> upper() const { return {upper_.end() - dim_, upper_.end()}; }        ///< upper corner of the grid
   std::vector<std::int64_t> shape() const { return {cells_.end() - dim_, cells_.end()}; }  ///< number of cells
 
-  bool has_taken_cells() const { return has_taken_cells_; }        ///< true for x, y and yaw, unless in tiles
+  bool has_taken_cells() const { return has_taken_cells_; }        ///< true for x, y and yaw, unless in tiles or on a floor
 
   /// Return true if a cell may meet an obstacle; outside the grid, unless the outside is free.
   /// The map must have taken cells.
@@ -600,7 +600,8 @@ class Map {
     shape.insert(shape.begin(), slices_);
     states_ = folder.array("cell_states", "uint8", shape);
     if (check_digest) states_.check_states();
-    has_taken_cells_ = kind_ == YAW && dim_ == 2 && stamp.empty();
+    // On a floor, the cells seen from above are not those that the robot may touch.
+    has_taken_cells_ = kind_ == YAW && dim_ == 2 && stamp.empty() && !about.has("floor_m");
     if (has_taken_cells_) taken_ = folder.array("outer", "bool", this->shape());
     if (!folder.has("distances")) return;
     distances_ = folder.array("distances", "float32", shape);

@@ -1,0 +1,434 @@
+"""Robots with a shape in space that drive on a floor, against exact geometry of their parts.
+
+The oracle takes the robot as pieces whose part between two heights, seen from above, has a formula,
+and the obstacles as prisms.
+"""
+
+import math
+
+import numpy as np
+import pytest
+import shapely
+import trimesh
+from hypothesis import given
+from hypothesis import strategies as st
+from shapely import affinity
+
+import cspace
+from cspace import BLOCKED, FREE, MIXED, Robot, Workspace
+from tests.helpers.refusals import check_refused, refusals
+from tests.helpers.strategies import examples, exteriors, few, seeds
+
+ROUNDING = 1e-12
+"""Metres by which the oracle's heights may be rounded; far below the slack of rasters."""
+
+BASE = shapely.box(-0.4, -0.25, 0.5, 0.25)
+
+
+def cut_prism(outline, bottom, top):
+    """Return the part of a prism between two heights, seen from above."""
+    return lambda low, high: [(outline, 0.0)] if bottom <= high and top >= low else []
+
+
+def cut_pyramid(outline, bottom, top):
+    """Return the part of a pyramid, whose apex is above the origin."""
+
+    def cut(low, high):
+        if bottom > high or top < low:
+            return []
+        factor = (top - max(low, bottom)) / (top - bottom)
+        return [(affinity.scale(outline, factor, factor, origin=(0.0, 0.0)), 0.0)]
+
+    return cut
+
+
+def cut_ball(center, radius):
+    """Return the part of a ball, as a point and a radius."""
+
+    def cut(low, high):
+        gap = max(low - center[2], center[2] - high, 0.0)
+        if gap > radius:
+            return []
+        return [(shapely.Point(center[:2]), math.sqrt(radius**2 - gap**2))]
+
+    return cut
+
+
+def cut_cylinder(center, radius, height):
+    """Return the part of an upright cylinder."""
+    bottom, top = center[2] - height / 2.0, center[2] + height / 2.0
+    point = shapely.Point(center[:2])
+    return lambda low, high: [(point, radius)] if bottom <= high and top >= low else []
+
+
+def extrude(outline, bottom, top):
+    """Return a closed mesh of a prism."""
+    mesh = trimesh.creation.extrude_polygon(outline, top - bottom)
+    return mesh.apply_translation((0.0, 0.0, bottom))
+
+
+def make_pyramid(bottom, top):
+    corners = shapely.get_coordinates(BASE.exterior)[:4]
+    points = [*[(*corner, bottom) for corner in corners], (0.0, 0.0, top)]
+    return trimesh.Trimesh(points, trimesh.convex.convex_hull(points).faces, process=False)
+
+
+RING = (
+    shapely.Point(0.1, 0.0).buffer(0.4, quad_segs=3).difference(shapely.Point(0.1, 0.0).buffer(0.3))
+)
+
+
+def make_robots(bottom):
+    """Return a robot of every kind by name, with its pieces; they stand at a height."""
+    mast = shapely.box(0.1, -0.1, 0.3, 0.1)
+    top = bottom + 0.2
+    bits = np.zeros((6, 4, 5), dtype=bool)
+    bits[:, :, :2] = bits[2, 1, 2:] = True
+    side = 0.13
+    cells = [
+        cut_prism(
+            shapely.box(*(side * np.array([i - 3, j - 2, i - 2, j - 1]))),
+            bottom + side * k,
+            bottom + side * (k + 1),
+        )
+        for i, j, k in np.argwhere(bits).tolist()
+    ]
+    balls = [(0.0, 0.0, bottom + 0.25), (0.3, 0.1, bottom + 0.55)]
+    pyramid = make_pyramid(bottom, bottom + 0.73)
+    low_box, high_box = extrude(BASE, bottom, top), extrude(mast, top - 0.05, bottom + 0.8)
+    return {
+        "box": (
+            Robot.box((0.9, 0.5, 0.37), (0.05, 0.0, bottom + 0.185)),
+            [cut_prism(BASE, bottom, bottom + 0.37)],
+        ),
+        "balls": (
+            Robot.from_balls(balls, [0.25, 0.15]),
+            [cut_ball(center, radius) for center, radius in zip(balls, [0.25, 0.15], strict=True)],
+        ),
+        "cylinder": (
+            Robot.cylinder(0.3, 0.5, (0.0, 0.0, bottom + 0.25)),
+            [cut_cylinder((0.0, 0.0, bottom + 0.25), 0.3, 0.5)],
+        ),
+        "capsule": (
+            Robot.capsule(0.2, 0.3, (0.1, 0.0, bottom + 0.351)),
+            [
+                cut_cylinder((0.1, 0.0, bottom + 0.351), 0.2, 0.3),
+                cut_ball((0.1, 0.0, bottom + 0.201), 0.2),
+                cut_ball((0.1, 0.0, bottom + 0.501), 0.2),
+            ],
+        ),
+        "cells": (Robot.from_bitmap(bits, side, (-3 * side, -2 * side, bottom)), cells),
+        "mast": (
+            Robot.from_mesh(trimesh.util.concatenate([low_box, high_box])),
+            [cut_prism(BASE, bottom, top), cut_prism(mast, top - 0.05, bottom + 0.8)],
+        ),
+        "pyramid": (Robot.from_mesh(pyramid), [cut_pyramid(BASE, bottom, bottom + 0.73)]),
+        "ring": (
+            Robot.from_mesh(extrude(RING, bottom, bottom + 0.45)),
+            [cut_prism(RING, bottom, bottom + 0.45)],
+        ),
+        "sheet": (
+            Robot.from_mesh(pyramid, solid="surface"),
+            [cut_pyramid(BASE, bottom, bottom + 0.73)],  # its surface hits what it contains or less
+        ),
+    }
+
+
+KINDS = tuple(make_robots(0.0))
+TURNING = ("box", "balls", "mast", "pyramid", "sheet")
+"""Robots whose parts are round no more than they are themselves."""
+
+
+def list_prisms(workspace):
+    """Return the occupied cells of each layer as prisms: outline, lowest and highest point."""
+    grid, prisms = workspace.grid, []
+    (x, y, z), h = grid.lower, grid.spacing
+    for k in range(grid.shape[2]):
+        i, j = np.nonzero(workspace.outer[:, :, k])
+        squares = shapely.box(x + h * i, y + h * j, x + h * (i + 1), y + h * (j + 1))
+        if len(squares):
+            prisms.append((shapely.union_all(squares), z + h * k, z + h * (k + 1)))
+    return prisms
+
+
+def collides(pieces, prisms, q, floor, room=0.0):
+    """Return True if a robot on a floor touches a prism; heights are grown by ``room``."""
+    x, y, yaw = q
+    for outline, low, high in prisms:
+        for cut in pieces:
+            for part, radius in cut(low - floor - room, high - floor + room):
+                turned = affinity.rotate(part, yaw, origin=(0.0, 0.0), use_radians=True)
+                if shapely.distance(affinity.translate(turned, x, y), outline) <= radius + ROUNDING:
+                    return True
+    return False
+
+
+def draw_scene(rng, spacing=0.1, lower=0.0, shape=(30, 26, 12)):
+    """Draw boxes of cells at all heights, as of tables, shelves and beams."""
+    cells = np.zeros(shape, dtype=bool)
+    for _ in range(7):
+        first = rng.integers(0, shape)
+        stop = first + rng.integers(1, (9, 9, 3))
+        cells[tuple(map(slice, first, stop))] = True
+    return Workspace.from_array(cells, spacing, (-0.7, 0.4, lower))
+
+
+def draw_rows(rng, space, count):
+    lower, upper = space.bounds
+    rows = rng.uniform((*lower, -math.pi), (*upper, math.pi), (count, 3))
+    return rows[:, : space.size] if space.size == 3 else rows
+
+
+def check_states(space, pieces, prisms, rows, states):
+    """Compare states with the oracle, and return how many of each it confirmed."""
+    counts = [0, 0, 0]
+    for q, state in zip(rows, states, strict=True):
+        pose = q if len(q) == 3 else (*q, 0.0)
+        counts[state] += 1
+        if state == FREE:
+            assert not collides(pieces, prisms, pose, space.floor, ROUNDING)
+        elif state == BLOCKED:
+            assert collides(pieces, prisms, pose, space.floor, -ROUNDING)
+    return counts
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("rotations", few([12, None]))
+def test_states_hold_for_the_parts_of_robots_of_every_kind(kind, rotations):
+    rng = np.random.default_rng(7)
+    robot, pieces = make_robots(0.05)[kind]
+    for _ in range(2):
+        workspace = draw_scene(rng)
+        space = cspace.build(workspace, robot, rotations=rotations, floor=0.1, outside="free")
+        rows = draw_rows(rng, space, 150)[:, : space.size]
+        counts = check_states(space, pieces, list_prisms(workspace), rows, space.classify(rows))
+        assert counts[FREE] > 20
+        exact = space.exact.classify(rows)
+        check_states(space, pieces, list_prisms(workspace), rows, exact)
+        assert (exact == FREE).sum() >= counts[FREE]
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("kind", KINDS)
+def test_states_hold_at_many_configurations(kind):
+    rng = np.random.default_rng(8)
+    robot, pieces = make_robots(0.013)[kind]
+    for spacing, outside in ((0.1, "blocked"), (0.05, "free"), (0.07, "blocked")):
+        workspace = draw_scene(rng, spacing, shape=(60, 52, 24))
+        space = cspace.build(workspace, robot, rotations=36, floor=0.21, outside=outside)
+        rows = draw_rows(rng, space, 3000)
+        check_states(space, pieces, list_prisms(workspace), rows, space.classify(rows))
+
+
+@examples(40)
+@given(seeds, st.integers(3, 6), st.integers(-1, 1), st.integers(-1, 1), st.floats(-3.0, 3.0))
+def test_heights_on_layers_and_one_ulp_beside_them_are_decided(seed, layer, ulps, side, lower):
+    """The top of a robot lies on the lower border of a beam, or one ulp beside it."""
+    spacing, floor = 0.1, lower + 0.1
+    border = lower + spacing * layer
+    top = border - floor
+    for _ in range(abs(ulps)):
+        top = float(np.nextafter(top, ulps * math.inf))
+    cells = np.zeros((12, 10, 8), dtype=bool)
+    cells[4:6, :, layer:] = True
+    workspace = Workspace.from_array(cells, spacing, (0.0, 0.0, lower))
+    bottom = 0.05
+    robot = Robot.box((0.3, 0.2, top - bottom), (0.0, 0.0, (top + bottom) / 2.0))
+    beam = cspace.build(workspace, robot, floor=floor)
+    # What touches a layer, up to rounding, counts for FREE, and not for BLOCKED.
+    middle = beam.classify((0.5, 0.5))
+    assert middle == MIXED
+    clear = top - 1e-6
+    robot = Robot.box((0.3, 0.2, clear - bottom), (0.0, 0.0, (clear + bottom) / 2.0))
+    assert cspace.build(workspace, robot, floor=floor).classify((0.5, 0.5)) == FREE
+    high = top + 1e-6
+    robot = Robot.box((0.3, 0.2, high - bottom), (0.0, 0.0, (high + bottom) / 2.0))
+    assert cspace.build(workspace, robot, floor=floor).classify((0.5, 0.5)) == BLOCKED
+
+
+@examples(16)
+@given(seeds, exteriors, st.sampled_from(TURNING), st.sampled_from([None, 7]), st.booleans())
+def test_a_map_on_a_floor_is_the_worst_of_its_layers(seed, outside, kind, rotations, margin):
+    rng = np.random.default_rng(seed)
+    workspace = draw_scene(rng)
+    robot, _ = make_robots(0.05)[kind]
+    options = {"rotations": rotations, "outside": outside, "margin": 0.07 * margin}
+    space = cspace.build(workspace, robot, floor=0.1, **options)
+    worst = np.zeros_like(space.cell_states)
+    grid = workspace.grid
+    for k in range(grid.shape[2]):
+        low = grid.lower[2] + grid.spacing * k - 0.1
+        outer, inner = robot.shape.slab(low, low + grid.spacing, 2.0**-26 * grid.spacing)
+        cells = np.ascontiguousarray(workspace.outer[:, :, k])
+        plane = Workspace.from_array(cells, grid.spacing, grid.lower[:2])
+        if outer is None:
+            continue
+        first = cspace.build(plane, Robot("outer", outer), inner=False, **options).cell_states
+        worst = np.maximum(worst, first)
+        if inner is not None:
+            states = cspace.build(plane, Robot("inner", inner), **options).cell_states
+            worst[states == BLOCKED] = BLOCKED
+    # Slices that are mirror images have rasters that are, too, unlike those of rounded parts.
+    assert (worst != space.cell_states).mean() < 0.001
+    for method in ("fft", "direct"):
+        again = cspace.build(workspace, robot, floor=0.1, method=method, **options)
+        assert (again.cell_states == space.cell_states).all()
+
+
+@examples(12)
+@given(seeds, exteriors, st.integers(-2, 2))
+def test_laws_of_heights(seed, outside, height):
+    rng = np.random.default_rng(seed)
+    workspace = draw_scene(rng, 0.125)
+    options = {"rotations": 5, "outside": outside}
+
+    def build(bottom, top, scene=workspace, floor=0.25):
+        box = Robot.box((0.9, 0.5, top - bottom), (0.05, 0.1, (top + bottom) / 2.0))
+        return cspace.build(scene, box, floor=floor, **options).cell_states
+
+    whole = build(0.0625, 0.75)
+    # A robot cut in two at a height is the union of its parts.
+    for cut in (0.375, 0.45):
+        assert (np.maximum(build(0.0625, cut), build(cut, 0.75)) == whole).all()
+    # Raising the world and the floor together changes nothing.
+    grid = workspace.grid
+    raised = Workspace.from_array(
+        workspace.outer, grid.spacing, (*grid.lower[:2], grid.lower[2] + height)
+    )
+    assert (build(0.0625, 0.75, raised, 0.25 + height) == whole).all()
+    # A robot in a prismatic world is the plane robot in the plane world.
+    ground = workspace.outer.any(axis=2)
+    prisms = Workspace.from_array(np.repeat(ground[:, :, None], 12, axis=2), 0.125, grid.lower)
+    plane = Workspace.from_array(ground, 0.125, grid.lower[:2])
+    flat = cspace.build(plane, Robot.rectangle(0.9, 0.5, (0.05, 0.1)), **options)
+    assert (build(0.0625, 0.75, prisms) == flat.cell_states).all()
+
+
+@pytest.mark.parametrize("kind", few(["mast", "balls", "cells", "pyramid"]))
+def test_a_map_on_a_floor_decides_what_a_map_of_space_decides(kind):
+    rng = np.random.default_rng(3)
+    workspace = draw_scene(rng)
+    robot, _ = make_robots(0.05)[kind]
+    floor = 0.15  # in the middle of a cell
+    for rotations in (None, 6):
+        space = cspace.build(workspace, robot, rotations=rotations, floor=floor, outside="free")
+        solid = cspace.build(workspace, robot, rotations=rotations, outside="free")
+        layer = solid.cell_states[..., int(floor / 0.1)]
+        # Rasters of surfaces and of outlines grow by other bounds of the same rotations.
+        assert (space.cell_states[layer == FREE] != BLOCKED).all()
+        assert (space.cell_states[layer == BLOCKED] != FREE).all()
+        if rotations is None:
+            assert (space.cell_states[layer == FREE] == FREE).all()
+            assert (space.cell_states == FREE).sum() >= (layer == FREE).sum()
+
+
+def make_shelf(rng):
+    center = (*rng.uniform((-0.5, 0.6), (2.0, 2.6)), rng.uniform(0.2, 1.1))
+    return extrude(shapely.box(-0.3, -0.2, 0.3, 0.2), 0.0, 0.15).apply_translation(center)
+
+
+@examples(8)
+@given(seeds, exteriors, st.sampled_from([None, 6]), st.booleans())
+def test_a_map_on_a_floor_follows_its_scene(seed, outside, rotations, saved):
+    """Solids at any height, boxes of cells and whole workspaces, also after a map is opened."""
+    rng = np.random.default_rng(seed)
+    robot, _ = make_robots(0.05)["mast"]
+    options = {"rotations": rotations, "floor": 0.1, "outside": outside}
+    space = cspace.build(draw_scene(rng), robot, **options)
+
+    def check():
+        again = cspace.build(space.workspace, robot, **options)
+        assert (again.cell_states == space.cell_states).all()
+        rows = draw_rows(rng, space, 300)[:, : space.size]
+        wide = 3.0 * rows
+        assert (again.classify(wide) == space.classify(wide)).all()
+        assert (again.exact.classify(rows) == space.exact.classify(rows)).all()
+
+    update = space.add_obstacle("shelf", make_shelf(rng))
+    assert len(update.lower) == len(update.upper) == 2
+    check()
+    space.update({"shelf": make_shelf(rng), "ball": Robot.ball(0.2, (1.0, 1.0, 0.7))})
+    check()
+    first = rng.integers(0, (24, 20, 9))
+    space.update(rng.random((5, 5, 3)) < 0.4, first.tolist())
+    check()
+    space.remove_obstacle("shelf")
+    space.update(draw_scene(rng))
+    check()
+
+
+def test_a_saved_map_keeps_its_scene(tmp_path):
+    rng = np.random.default_rng(5)
+    robot, _ = make_robots(0.05)["mast"]
+    shapes = [cspace.make_mesh(make_shelf(rng)) for _ in range(3)]
+    workspace = Workspace.from_shapes(shapes, 0.1, bounds=(-0.7, 0.4, 0.0, 2.3, 3.0, 1.2))
+    space = cspace.build(workspace, robot, rotations=6, floor=0.1)
+    space.save(tmp_path / "map.zarr")
+    opened = cspace.open(tmp_path / "map.zarr")
+    assert opened.floor == 0.1 and opened.grid == space.grid
+    assert opened.workspace.grid == workspace.grid and len(opened.workspace.shapes) == 3
+    rows = draw_rows(rng, space, 300)
+    for each in (space, opened):
+        each.update(np.ones((2, 2, 2), dtype=bool), (10, 10, 6))
+    again = cspace.build(space.workspace, robot, rotations=6, floor=0.1)
+    for each in (opened, again):
+        assert (each.cell_states == space.cell_states).all()
+        assert (each.exact.classify(rows) == space.exact.classify(rows)).all()
+        assert (each.obstacle_distance(rows) == space.obstacle_distance(rows)).all()
+
+
+def test_distances_are_those_in_space():
+    cells = np.zeros((40, 30, 10), dtype=bool)
+    cells[20:, :, 7:] = True  # a ceiling at 0.7 m
+    workspace = Workspace.from_array(cells, 0.1)
+    robot = Robot.box((0.4, 0.4, 0.3), (0.0, 0.0, 0.15))
+    space = cspace.build(workspace, robot, rotations=8, floor=0.2, outside="free")
+    under = (3.0, 1.5, 0.0)
+    assert space.is_free(under)
+    assert space.obstacle_distance(under) == pytest.approx(0.2, abs=1e-6)
+    assert space.obstacle_distance((1.5, 1.5, 0.0)) == pytest.approx(math.hypot(0.3, 0.2), abs=1e-6)
+    # A robot that keeps its heights comes no nearer to ground or ceiling of the grid.
+    walled = cspace.build(Workspace.from_array(np.zeros_like(cells), 0.1), robot, floor=0.0)
+    assert walled.obstacle_distance((2.0, 1.5)) == pytest.approx(1.3, abs=1e-6)
+
+
+def test_scans_with_a_floor_name_the_layers_that_hold_it():
+    cells = np.zeros((20, 20, 12), dtype=bool)
+    cells[:, :, 1:3] = True
+    workspace = Workspace.from_array(cells, 0.1, (0.0, 0.0, -0.2))
+    robot = Robot.box((0.4, 0.4, 0.5), (0.0, 0.0, 0.25))
+    message = "layers of the workspace from -0.1 m to 0.1 m.*floor=0.101 clears them"
+    with pytest.warns(UserWarning, match=message):
+        cspace.build(workspace, robot, floor=0.0)
+    assert cspace.build(workspace, robot, floor=0.101).count()[0]
+
+
+SCENE = Workspace.from_array(np.zeros((20, 20, 10), dtype=bool), 0.1)
+CRATE = Robot.box((0.4, 0.4, 0.5), (0.0, 0.0, 0.25))
+PLANE = Workspace.from_array(np.zeros((20, 20), dtype=bool), 0.1)
+HIGH = "floor is 0.6 m, so the robot reaches from 0.6 m to 1.1 m; the workspace has only heights"
+
+
+@refusals(
+    "workspace, robot, options, message",
+    (PLANE, Robot.disc(0.2), {}, "floor is given for a plane workspace"),
+    (SCENE, Robot.disc(0.2), {}, "robot has 2 dimensions but the workspace has 3"),
+    (SCENE, CRATE, {"floor": math.nan}, "floor"),
+    (SCENE, CRATE, {"floor": 0.6}, HIGH),
+    (SCENE, CRATE, {"floor": -0.1}, "reaches from -0.1 m to 0.4 m"),
+    (
+        SCENE,
+        CRATE,
+        {"rotations": cspace.Rotations.quaternions(2)},
+        "a robot on a floor turns by its yaw alone",
+    ),
+    (SCENE, CRATE, {"counts": True}, "counts is True with a floor"),
+    (SCENE, CRATE, {"store": "tiles"}, "store is given with a floor"),
+)
+def test_bad_floors_are_refused(workspace, robot, options, message):
+    check_refused(lambda: cspace.build(workspace, robot, **{"floor": 0.0, **options}), message)
+
+
+def test_a_robot_may_stick_out_of_a_free_outside():
+    space = cspace.build(SCENE, CRATE, floor=0.8, outside="free")
+    assert space.is_free((1.0, 1.0)) and space.exact.is_free((1.0, 1.0))
