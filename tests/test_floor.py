@@ -15,6 +15,8 @@ from hypothesis import strategies as st
 from shapely import affinity
 
 import cspace
+import cspace.lanes
+import planners
 from cspace import BLOCKED, FREE, MIXED, Robot, Workspace
 from tests.helpers.refusals import check_refused, refusals
 from tests.helpers.strategies import examples, exteriors, few, seeds
@@ -432,3 +434,51 @@ def test_bad_floors_are_refused(workspace, robot, options, message):
 def test_a_robot_may_stick_out_of_a_free_outside():
     space = cspace.build(SCENE, CRATE, floor=0.8, outside="free")
     assert space.is_free((1.0, 1.0)) and space.exact.is_free((1.0, 1.0))
+
+
+ENDS = (0.5, 0.5, 0.0), (1.5, 1.5, 0.0)
+
+
+@refusals(
+    "call, message",
+    (lambda space: space.explain(*ENDS), "space has a floor; reasons are for maps without one"),
+    (lambda space: space.removals(*ENDS), "has a floor; reasons are for maps without"),
+    (lambda space: space.overlap_count(ENDS[0]), "counts of overlaps are for maps without one"),
+    (lambda space: space.contains_robot(ENDS[0]), "has a floor; counts of overlaps"),
+    (
+        lambda space: cspace.Gate(space, dt=0.1, max_deceleration=(0.5, 1.0)).slow_down(
+            (0.15, 1.0, 0.0), (0.3, 0.0), leaving=True
+        ),
+        "motions that leave obstacles are for maps without one",
+    ),
+    (
+        lambda space: cspace.lanes.audit(
+            space, cspace.lanes.RouteGraph.from_arrays([ENDS[0][:2], ENDS[1][:2]], [(0, 1)])
+        ),
+        "space has a floor; lanes are for maps without one",
+    ),
+    (lambda space: space.update(PLANE), "is a workspace of"),
+    (lambda space: space.update(np.ones((2, 2), dtype=bool), (0, 0)), "it must be 3 integers"),
+    (lambda space: space.add_obstacle("a", shapely.box(0, 0, 1, 1)), "it must be in space"),
+)
+def test_what_knows_no_heights_is_refused(call, message):
+    cells = np.zeros((20, 20, 10), dtype=bool)
+    cells[4:6, 4:6, 2:] = True
+    space = cspace.build(Workspace.from_array(cells, 0.1), CRATE, rotations=4, floor=0.0)
+    check_refused(lambda: call(space), message)
+
+
+def test_drives_pictures_and_messages_take_a_floor():
+    cells = np.zeros((40, 30, 10), dtype=bool)
+    cells[18:22, :, 6:] = True  # a beam across the hall
+    space = cspace.build(Workspace.from_array(cells, 0.1), CRATE, rotations=16, floor=0.0)
+    start, goal = (0.55, 1.45, 0.0), (3.45, 1.45, 0.0)
+    plan = planners.plan(space, start, goal, drive=planners.Differential(), seed=1)
+    assert plan.certified and plan.recheck().all()
+    assert cspace.Gate(space, dt=0.5).check_twists(start, [(0.5, 0.2)] * 2).chunk.proven == 2
+    assert space.drawn_workspace.grid == space.grid and not space.drawn_workspace.outer.any()
+    assert space.drawn_robot.dim == 2 and space.floor == space.facts["floor_m"] == 0.0
+    assert space.plot(path=plan.path) is not None
+    assert (np.array(space.to_costmap().data) < 254).all()
+    beam = cspace.build(Workspace.from_array(cells, 0.1), CRATE, rotations=16, floor=0.3)
+    assert beam.drawn_workspace.outer[20].all() and beam.is_disconnected(start, goal)
