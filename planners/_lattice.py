@@ -105,6 +105,13 @@ NEAR_BLOCKS: Final = 3
 """Distance, in blocks, from the node nearest to the goal, within which a stalled search avoids
 blocks that it has not entered."""
 
+EDGE_COST: Final = 1e-6
+"""Cost of an edge beside its length when a path is shortened, metres; it makes collinear drives one
+edge."""
+
+MIN_ROUND_GAIN: Final = 1e-7
+"""Share of a path by which a round must shorten it for another to follow."""
+
 NANOSECONDS_PER_NODE: Final = 2_000
 NANOSECONDS_PER_CAR_NODE: Final = 5_000
 """Work of adding a node, and of expanding it; a car's motions are curves."""
@@ -586,11 +593,22 @@ def _trace_path(nodes: LatticeNodes, node: int, endpoints: Endpoints, merges: bo
 
 def shorten_path(edges: LocalPlanner, path: Floats, until: Effort) -> Floats:
     """Shorten a path (n, 3) until the end of the search."""
+    length = _measure(edges, path)
     # Without cut corners, a second round of skipping gains little.
     for _ in range(1 if edges.turning_radius is not None else 3):
-        if not is_over(until):
-            path = _shorten_once(edges, path, until)
+        if is_over(until):
+            break
+        path = _shorten_once(edges, path, until)
+        before = length
+        length = _measure(edges, path)
+        if length > (1.0 - MIN_ROUND_GAIN) * before:
+            break
     return path
+
+
+def _measure(edges: LocalPlanner, path: Floats) -> float:
+    """Return the length of a path, shape (n, 3), with weighted rotations."""
+    return float(edges.edge_lengths(path[:-1], path[1:]).sum())
 
 
 def _shorten_once(edges: LocalPlanner, path: Floats, until: Effort) -> Floats:
@@ -598,8 +616,8 @@ def _shorten_once(edges: LocalPlanner, path: Floats, until: Effort) -> Floats:
     is_free = edges.edge_checker()
 
     def measure(*q: float) -> float:
-        # Cost of an edge when a path is shortened, metres; it makes collinear drives one edge.
-        return edges.edge_length(*q) + 1e-6
+        """Return the cost of an edge."""
+        return edges.edge_length(*q) + EDGE_COST
 
     strides = np.unique(np.geomspace(1, len(path), 24).astype(np.int64)).tolist()
     paths = [path, find_cheapest_subpath(path, 2, is_free, measure, strides, until)]
@@ -610,7 +628,7 @@ def _shorten_once(edges: LocalPlanner, path: Floats, until: Effort) -> Floats:
         return path
     # Cutting a corner may add turns, and rounding may make a part of an edge fail.
     paths += [edges.remove_turns(candidate) for candidate in paths]
-    paths.sort(key=lambda rows: float(edges.edge_lengths(rows[:-1], rows[1:]).sum()))
+    paths.sort(key=lambda rows: _measure(edges, rows) + EDGE_COST * len(rows))
     return next(filter(edges.are_free, paths), path)
 
 

@@ -116,6 +116,27 @@ def test_a_plan_goes_on_along_the_previous_one(drive):
     assert again.status.endswith("previous plan")
 
 
+def test_a_path_that_cannot_be_shortened_is_tried_once(monkeypatch):
+    space = build_walls(100, np.s_[48:52, :40])
+    start, goal = (1.0, 2.0, 0.0), (9.0, 2.0, 0.0)
+    options = options_for("differential")
+    plan = planners.plan(space, start, goal, **options)
+    for _ in range(10):
+        before, plan = plan, go_on(space, start, goal, plan, **options)
+    assert weighted_length(plan) == pytest.approx(weighted_length(before), rel=1e-9)
+    lattice = importlib.import_module("planners._lattice")
+    shorten_once = lattice._shorten_once
+    rounds = []
+
+    def count(*arguments):
+        rounds.append(arguments)
+        return shorten_once(*arguments)
+
+    monkeypatch.setattr(lattice, "_shorten_once", count)
+    go_on(space, start, goal, plan, **options)
+    assert len(rounds) == 1
+
+
 def build_corridor():
     """Build a corridor with bends, 40 m long and 3 m wide."""
     return build_walls(400, np.s_[80:83, :25], np.s_[320:323, 35:])
