@@ -151,7 +151,8 @@ def find_jerk_stop(
     limits *= 1.0 - SLACK
     pieces = np.zeros((LEG_PHASES + len(limited.speeds), 6))
     work = np.zeros(3), np.zeros(3), np.zeros(3)
-    count, excess = solve_stop(pieces, limits, *work, speed, acceleration, limited)
+    ends = np.array([0, len(limited.speeds)])
+    count, excess = solve_stop(pieces, limits, *work, ends, speed, acceleration, limited)
     return _join_pieces(intervals, limited, pieces[:count]) if excess <= 1.0 + ROUNDING else None
 
 
@@ -365,34 +366,13 @@ def find_time(speed: float, acceleration: float, jerk: float, most: float, lengt
 
 
 @internal
-def lower_ramp(factors: Floats, ramp: int, by_acceleration: float, by_jerk: float) -> None:
-    """Lower the factors of a ramp's acceleration and jerk.
-
-    ``factors``, shape (5,), are those of the limits of :func:`fill_leg`; ``ramp`` is 0 or 1. One
-    round lowers a limit by a factor from MOST_LESS to LEAST_LESS.
-    """
-    by_acceleration = min(max(by_acceleration, MOST_LESS), LEAST_LESS)
-    by_jerk = min(max(by_jerk, MOST_LESS), LEAST_LESS)
-    factors[2 * ramp] = min(factors[2 * ramp], by_acceleration)
-    factors[2 * ramp + 1] = min(factors[2 * ramp + 1], by_jerk)
-
-
-@internal
 def check_piece(
-    k: int,
-    phase: int,
-    speed: float,
-    acceleration: float,
-    jerk: float,
-    top: float,
-    factors: Floats,
-    limited: JerkIntervals,
-) -> float:
-    """Return the factor of time that a piece needs, and lower factors of its leg if above 1.
+    k: int, speed: float, acceleration: float, jerk: float, limited: JerkIntervals
+) -> tuple[float, float, float]:
+    """Return the factor of time that a piece in interval ``k`` needs, and two other ways.
 
-    ``top`` is the largest speed of the leg.
-
-    Speed, acceleration and jerk are the largest in the piece, in interval ``k``.
+    These are the factors, up to 1, that lower its acceleration and its jerk enough instead. Speed,
+    acceleration and jerk are the largest ones in the piece.
     """
     excess = speed / limited.speeds[k]
     by_acceleration, by_jerk = 1.0, 1.0
@@ -416,16 +396,31 @@ def check_piece(
             by_jerk = min(by_jerk, max(1.0 - bend - twist, 0.0) / max(along, TINY))
             if bend > along:
                 by_acceleration = min(by_acceleration, max(1.0 - twist - along, 0.0) / bend)
-    if excess > 1.0 + ROUNDING:
-        if phase == 3 and speed >= (1.0 - MAX_ERROR) * top:
-            factors[4] = min(factors[4], max(1.0 / excess, MOST_LESS))
-        elif phase == 3:
-            # The even speed is that at an end.
-            lower_ramp(factors, 0, by_acceleration, by_jerk)
-            lower_ramp(factors, 1, by_acceleration, by_jerk)
-        else:
-            lower_ramp(factors, 0 if phase < 3 else 1, by_acceleration, by_jerk)
-    return float(excess)
+    return excess, by_acceleration, by_jerk
+
+
+@internal
+def lower_limits(
+    factors: Floats, phase: int, is_fastest: bool, excess: float, by_gain: float, by_jerk: float
+) -> None:
+    """Lower the factors of a leg's limits, because a piece of a phase exceeds one.
+
+    ``factors`` are those of the acceleration and jerk of the first ramp, phases 0 to 2; of the
+    second one, phases 4 to 6; and of the largest speed. In the even phase 3 between the ramps, the
+    speed is the largest one, or else both ramps reach it. ``excess``, ``by_gain`` and ``by_jerk``
+    are what :func:`check_piece` returns. One round lowers a limit by MOST_LESS to LEAST_LESS.
+    """
+    if phase == 3 and is_fastest:
+        factors[4] = min(factors[4], max(1.0 / excess, MOST_LESS))
+        return
+    by_gain = min(max(by_gain, MOST_LESS), LEAST_LESS)
+    by_jerk = min(max(by_jerk, MOST_LESS), LEAST_LESS)
+    if phase <= 3:
+        factors[0] = min(factors[0], by_gain)
+        factors[1] = min(factors[1], by_jerk)
+    if phase >= 3:
+        factors[2] = min(factors[2], by_gain)
+        factors[3] = min(factors[3], by_jerk)
 
 
 @internal
@@ -475,8 +470,11 @@ def lay_leg(
             pieces[count, 5] = time
             count += 1
             gain = max(abs(acceleration), abs(later))
-            share = check_piece(k, phase, most, gain, abs(jerk), top, factors, limited)
-            excess = max(excess, share)
+            need, by_gain, by_jerk = check_piece(k, most, gain, abs(jerk), limited)
+            excess = max(excess, need)
+            if need > 1.0 + ROUNDING:
+                is_fastest = most >= (1.0 - MAX_ERROR) * top
+                lower_limits(factors, phase, is_fastest, need, by_gain, by_jerk)
             place += move(speed, acceleration, jerk, time)
             speed = after
             acceleration = later
@@ -585,26 +583,39 @@ def solve_stop(
     durations: Floats,
     jerks: Floats,
     factors: Floats,
+    ends: Ints,
     speed: float,
     acceleration: float,
     limited: JerkIntervals,
 ) -> tuple[int, float]:
     """Lay the pieces of one ramp to rest; otherwise as :func:`solve_legs`.
 
-    ``limits`` are its acceleration and jerk.
+    ``limits`` are its acceleration and jerk, and ``ends``, shape (2,), the first and the last
+    border.
     """
-    count = 0
+    # Numba would compile its callees anew for a literal zero.
+    first = ends[0]
+    count = first
     excess = math.inf
-    last = len(limited.speeds) - 1
     least = 0.5 * acceleration**2 / max(speed, TINY)
     for _ in range(MAX_ROUNDS):
         if acceleration < 0.0:
             # A slower change would turn the robot back.
             limits[1] = max(limits[1], least)
-        if fill_ramp(durations, jerks, speed, acceleration, 0.0, limits) > limited.borders[-1]:
+        if fill_ramp(durations, jerks, speed, acceleration, 0.0, limits) > limited.borders[ends[1]]:
             return 0, math.inf
         count, excess = lay_leg(
-            pieces, 0, durations, jerks, speed, acceleration, 0, last, limits, factors, limited
+            pieces,
+            first,
+            durations,
+            jerks,
+            speed,
+            acceleration,
+            first,
+            ends[1] - 1,
+            limits,
+            factors,
+            limited,
         )
         if excess <= 1.0 + ROUNDING:
             break
