@@ -22,7 +22,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from cspace import Rotations
-from cspace.inside import Floats, Ints, internal, kernel
+from cspace.inside import Bools, Floats, Ints, internal, kernel
 from planners._segments import Segments
 from planners._timing import (
     MAX_ERROR,
@@ -31,6 +31,7 @@ from planners._timing import (
     MotionBounds,
     Phases,
     bound_squares,
+    cut_interval,
     find_phases,
     join_phases,
     measure_intervals,
@@ -42,6 +43,12 @@ BEND_ROOM: Final = 0.85
 
 MAX_ROUNDS: Final = 100
 """Largest number of times that ramps are lowered."""
+
+BORDER_RATIO: Final = 1.2
+"""Least ratio of the largest squared speeds at a border of places where a leg ends."""
+
+BRAKING_STEPS: Final = 12
+"""Number of halvings that find where limits of places hold again."""
 
 LEAST_LESS, MOST_LESS = 0.98, 0.85
 """Factors of a ramp's limits in a round: the largest and the smallest."""
@@ -103,14 +110,64 @@ def find_motion(
     if bounds.jerk is None:
         return find_phases(segments, rotations, bounds, begin, begin_speed)
     intervals = measure_intervals(segments, rotations, bounds, begin)
-    limited = _limit_jerk(intervals, bounds.jerk)
-    squares = intervals.end_caps
+    state = begin_speed, begin_acceleration
+    phases = _solve(intervals, bounds.jerk, *state)
+    if phases is not None or begin_speed == 0.0 or bounds.places is None:
+        return phases
+    # Limits of places do not hold up to a border, which is brought as near as a motion allows.
+    near, far = 0.0, float(intervals.lengths.sum())
+    phases = _solve(_raise_caps(intervals, far), bounds.jerk, *state)
+    for _ in range(BRAKING_STEPS if phases is not None else 0):
+        middle = 0.5 * (near + far)
+        raised = _raise_caps(intervals, middle)
+        found = _solve(raised, bounds.jerk, *state, middle)
+        if found is None:
+            found = _solve(raised, bounds.jerk, *state)
+        if found is None:
+            near = middle
+        else:
+            phases, far = found, middle
+    return phases
+
+
+def _raise_caps(intervals: Intervals, length: float) -> Intervals:
+    """Return intervals without limits of places up to a length from their begin."""
+    borders = np.cumsum(intervals.lengths)
+    number = min(int(np.searchsorted(borders, length)), len(borders) - 1)
+    most = float(intervals.lengths[number])
+    place = min(max(length - float(borders[number]) + most, 0.0), most)
+    raised = cut_interval(intervals, number, place)
+    raised.caps[: number + 1] = raised.hard_caps[: number + 1]
+    ends = np.minimum(raised.caps[:-1], raised.caps[1:])
+    raised.end_caps[1:-1] = np.where(raised.end_caps[1:-1] > 0.0, ends, 0.0)
+    return raised
+
+
+def _solve(
+    intervals: Intervals,
+    jerk: LimitRates,
+    begin_speed: float,
+    begin_acceleration: float,
+    first_length: float = 0.0,
+) -> Phases | None:
+    """Return a fast motion through intervals to rest; None if the state is too fast.
+
+    The first leg has at least a length.
+    """
+    limited = _limit_jerk(intervals, jerk)
+    squares = intervals.end_caps.copy()
     squares[0] = min(begin_speed**2, intervals.caps[0])
     caps = 1.0 / np.maximum(limited.bends.max(axis=1) / BEND_ROOM, limited.speeds**-2.0)
     squares[1:-1] = np.minimum(squares[1:-1], np.minimum(caps[:-1], caps[1:]))
     tops = squares.copy()
     bound_squares(intervals.lengths, limited.rates, limited.bends, squares)
-    keys = _choose_keys(squares, tops, caps, limited, begin_speed, begin_acceleration)
+    is_soft = intervals.caps < intervals.hard_caps
+    ratios = np.abs(np.diff(np.log(intervals.caps)))
+    is_border = (is_soft[1:] | is_soft[:-1]) & (ratios > math.log(BORDER_RATIO))
+    is_border &= squares[1:-1] >= (1.0 - MAX_ERROR) * tops[1:-1]
+    keys = _choose_keys(
+        squares, tops, caps, limited, begin_speed, begin_acceleration, is_border, first_length
+    )
     speeds = np.sqrt(squares[keys])
     speeds[0] = begin_speed
     gains = 1.0 / limited.rates.max(axis=1)
@@ -186,12 +243,16 @@ def _choose_keys(
     limited: JerkIntervals,
     speed: float,
     acceleration: float,
+    is_border: Bools,
+    reach: float,
 ) -> Ints:
     """Return the numbers of the borders between legs.
 
     There the fastest motion without a limit of jerk, with given squared speeds, is slowest, or it
     begins or ends to follow the largest squared speeds, ``tops``, or it is faster between two
-    borders of one speed. ``caps``, shape (n,), are the largest squared speeds of intervals.
+    borders of one speed, or it reaches one of the borders of places. ``caps``, shape (n,), are the
+    largest squared speeds of intervals, and ``is_border``, shape (n - 1,), those borders. The first
+    leg has at least the length ``reach``, unless the robot must stop before.
     """
     steps = np.diff(squares)
     flat = np.abs(steps) <= MAX_ERROR * np.maximum(squares[1:], squares[:-1])
@@ -200,15 +261,15 @@ def _choose_keys(
     is_key = squares == 0.0
     is_key[1:-1] |= (falls[:-1] & ~falls[1:]) | (rises[1:] & ~rises[:-1])
     is_top = squares >= (1.0 - MAX_ERROR) * tops
-    is_key[1:-1] |= is_top[1:-1] & ~(is_top[:-2] & is_top[2:])
+    is_key[1:-1] |= is_top[1:-1] & ~(is_top[:-2] & is_top[2:]) | is_border
     is_faster = flat & is_top[:-1] & is_top[1:] & (caps > (1.0 + MAX_ERROR) * tops[1:])
     is_key[:-1] |= is_faster
     is_key[1:] |= is_faster
     if acceleration:
         # The robot first brings its acceleration to zero.
         time = abs(acceleration) * float(limited.jerk_rates[0].max())
-        reach = time * (speed + acceleration * time / 3.0)
-        is_key[(limited.borders < reach) & (squares > 0.0)] = False
+        reach = max(reach, time * (speed + acceleration * time / 3.0))
+    is_key[(limited.borders < (1.0 - MAX_ERROR) * reach) & (squares > 0.0)] = False
     is_key[0] = True
     is_key[-1] = True
     return np.flatnonzero(is_key)

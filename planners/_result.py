@@ -628,7 +628,8 @@ class Plan:
             given one stops at corners, since its angular acceleration jumps along curves.
         speed : SpeedZones, SlowNear, or a list of these
             Largest speeds by places, which hold at every instant: in zones, and near obstacles. The
-            lowest one counts.
+            lowest one counts. If a motion is too fast as it goes on after another one, it brakes
+            at once, and :attr:`planners.Trajectory.exceeds_until` says until when.
         duration : float, optional
             Seconds of the whole trajectory, to which the fastest one is slowed down evenly.
         time_step : float

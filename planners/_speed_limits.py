@@ -334,6 +334,10 @@ class PlacedLimits:
         self._dim = dim
         self.found: tuple[Segments, object] | None = None
 
+    def renew(self) -> PlacedLimits:
+        """Return the same limits, which ask anew."""
+        return PlacedLimits(self.rules, self._rotations, self._dim)
+
     def find_stretches(
         self, parts: Segments, begins: Floats, lengths: Floats, rates: Floats
     ) -> Stretches:

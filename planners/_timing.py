@@ -292,6 +292,8 @@ def find_phases(
     second, and ends at rest. Returns None if the robot is too fast to stop.
     """
     intervals = measure_intervals(segments, rotations, bounds, begin)
+    if begin_speed > 0.0 and bounds.places is not None:
+        intervals = _allow_braking(intervals, begin_speed**2)
     lengths = intervals.lengths
     squares = intervals.end_caps
     squares[0] = min(begin_speed**2, intervals.caps[0])
@@ -305,6 +307,42 @@ def find_phases(
     gains = np.where(is_curved, changes, 1.0 / intervals.rate_shares.max(axis=1))
     caps = np.where(is_curved, 0.0, intervals.caps)
     return _make_phases(intervals.owners, intervals.begins, lengths, caps, gains, squares)
+
+
+def _allow_braking(intervals: Intervals, square: float) -> Intervals:
+    """Raise the limits of places to the speeds of the quickest stop from a squared speed.
+
+    No motion from there is slower. An interval in which the stop comes below its limit is cut.
+    """
+    k = 0
+    while k < len(intervals.lengths):
+        cap, hard = float(intervals.caps[k]), float(intervals.hard_caps[k])
+        room = np.maximum(1.0 - intervals.bend_shares[k] * square, 0.0)
+        slowing = 2.0 * float((room / np.maximum(intervals.rate_shares[k], MIN_SPEED)).min())
+        if square > (1.0 + MAX_ERROR) * cap:
+            place = (square - cap) / max(slowing, MIN_SPEED)
+            if place < intervals.lengths[k]:
+                intervals = cut_interval(intervals, k, place)
+            intervals.caps[k] = min(square, hard)
+        square -= slowing * float(intervals.lengths[k])
+        if square <= 0.0 or intervals.end_caps[k + 1] == 0.0:
+            break
+        square = min(square, float(intervals.hard_caps[k : k + 2].min()))
+        intervals.end_caps[k + 1] = max(float(intervals.end_caps[k + 1]), square)
+        k += 1
+    return intervals
+
+
+def cut_interval(intervals: Intervals, number: int, length: float) -> Intervals:
+    """Cut one interval at a length from its begin."""
+    rows = np.insert(np.arange(len(intervals.lengths)), number, number)
+    end_caps = np.insert(intervals.end_caps, number + 1, intervals.caps[number])
+    cut = Intervals._make(column[rows] for column in intervals._replace(end_caps=intervals.caps))
+    cut = cut._replace(end_caps=end_caps)
+    cut.lengths[number] = length
+    cut.lengths[number + 1] -= length
+    cut.begins[number + 1] += length
+    return cut
 
 
 def find_stop(
@@ -582,12 +620,17 @@ def _bound_around(parts: Segments, lengths: Floats) -> tuple[Floats, Floats, Flo
 def find_excess(
     segments: Segments, rotations: Rotations, bounds: MotionBounds, phases: Phases
 ) -> float:
-    """Return the time, seconds, from which on phases keep the limits of places.
+    """Return the time, seconds, from which on phases keep the limits of places."""
+    exceeds = find_excesses(segments, rotations, bounds, phases)
+    return float(phases.times[1:][exceeds].max(initial=0.0))
 
-    These are found anew, for whole intervals of the segments.
-    """
+
+def find_excesses(
+    segments: Segments, rotations: Rotations, bounds: MotionBounds, phases: Phases
+) -> Bools:
+    """Return which phases exceed the limits of places somewhere, by those of whole intervals."""
     if bounds.places is None:
-        return 0.0
+        return np.zeros(len(phases.times) - 1, dtype=np.bool_)
     intervals = measure_intervals(segments, rotations, bounds)
     firsts = np.cumsum(segments.lengths) - segments.lengths
     starts = firsts[intervals.owners] + intervals.begins
@@ -600,7 +643,7 @@ def find_excess(
     keeps = (intervals.owners[numbers] == owners) & (begins >= borders[0] - slack)
     keeps &= ends <= borders[1] + slack
     keeps &= phases.peaks() <= (1.0 + MAX_EXCESS) * np.sqrt(intervals.caps[numbers])
-    return float(phases.times[1:][~keeps].max(initial=0.0))
+    return np.asarray(~keeps)
 
 
 def measure_slack(segments: Segments, parts: Segments) -> Floats:

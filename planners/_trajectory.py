@@ -66,6 +66,7 @@ from planners._timing import (
     are_same_bounds,
     cut_phases,
     find_excess,
+    find_excesses,
     find_passes,
     find_stop,
     is_motion,
@@ -148,6 +149,10 @@ class Trajectory:
     certified : bool
         Whether every part was proven free when the trajectory was made: edges as
         :meth:`planners.Plan.recheck` proves them, and curves. Without a map, as the plan says.
+    exceeds_until : float
+        Seconds until which it exceeds limits of places. It goes on after a motion that was faster
+        than these, or too near to brake in time, and brakes as quickly as its other limits allow;
+        with limited jerk nearly so. Otherwise zero.
     stop_reason : str
         Why the trajectory is only a stop, as :meth:`braked` returns it. Empty if it ends at the
         goal of a plan.
@@ -166,6 +171,7 @@ class Trajectory:
     _phases: Phases
     _bounds: MotionBounds
     stop_reason: str = ""
+    exceeds_until: float = 0.0
 
     @classmethod
     @names_options
@@ -284,6 +290,10 @@ class Trajectory:
     def recheck(self, space: Space) -> Bools:
         """Prove each part of the curve again, among the present obstacles of a map.
 
+        Limits of places are asked again, too, :class:`planners.SlowNear` on its own map. A part of
+        a smooth path that exceeds them after :attr:`exceeds_until` is False; without curves, all
+        parts are.
+
         Parameters
         ----------
         space : Space
@@ -292,9 +302,9 @@ class Trajectory:
         Returns
         -------
         ndarray of bool, shape (m,)
-            True if a part is proven free now. The parts of a smooth path are its straight lines,
-            its turns on the spot, and the spans of its curves. Without curves they are those of
-            :meth:`planners.Plan.recheck`.
+            True if a part is proven free now, and slow enough. The parts of a smooth path are its
+            straight lines, its turns on the spot, and the spans of its curves. Without curves they
+            are those of :meth:`planners.Plan.recheck`.
 
         Raises
         ------
@@ -306,10 +316,22 @@ class Trajectory:
         check_axes(space, self.axes, "trajectory")
         space = space.keep(route.keep)
         edges = local_planner(space.exact if route.exact else space, route.drive)
+        fast = self._find_fast()
         if self._segments.is_curve.any():
             driven = _cut_driven(self._segments, self._phases, self._rotations)
-            return prove_segments(space, route.exact, driven)
-        return edges.edges_are_free(route.waypoints)
+            return prove_segments(space, route.exact, driven) & ~fast
+        return np.asarray(edges.edges_are_free(route.waypoints) & ~fast.any())
+
+    def _find_fast(self) -> Bools:
+        """Return which segments exceed present limits of places, shape (m,)."""
+        fast = np.zeros(len(self._segments.lengths), dtype=np.bool_)
+        bounds = self._bounds
+        if bounds.places is not None:
+            bounds = bounds._replace(places=bounds.places.renew())
+        exceeds = find_excesses(self._segments, self._rotations, bounds, self._phases)
+        later = self._phases.times[:-1] >= self.exceeds_until
+        fast[self._phases.segments[:-1][exceeds & later]] = True
+        return fast
 
     def braked(self, t: float) -> Trajectory:
         """Return a stop on this curve from the state at a time.
@@ -380,6 +402,7 @@ class Trajectory:
             self,
             certified=self.certified and is_motion(*timing, velocity, acceleration),
             stop_reason="braked() was called",
+            exceeds_until=find_excess(segments, self._rotations, self._bounds, phases),
             _route=self._route._replace(waypoints=waypoints),
             _segments=segments,
             _phases=phases,
@@ -1097,7 +1120,8 @@ def _make(
     timing = path.waypoints, segments, rotations, phases, bounds
     if not is_motion(*timing, motion.begin_velocity, motion.begin_acceleration):
         return None
-    if find_excess(segments, rotations, bounds, phases):
+    exceeds_until = find_excess(segments, rotations, bounds, phases)
+    if exceeds_until and not np.any(motion.begin_velocity):
         return None
     none = np.zeros(0)
     made = Trajectory(
@@ -1113,6 +1137,7 @@ def _make(
         _segments=segments,
         _phases=phases,
         _bounds=bounds,
+        exceeds_until=exceeds_until,
     )
     made = made._set_rows(made._row_times(time_step))
     space = path.space

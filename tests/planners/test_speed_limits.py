@@ -243,6 +243,132 @@ def test_a_duration_is_at_least_that_of_the_zones():
     check_refused(lambda: plan.trajectory(**LIMITS, speed=speed, duration=free), "the limits need")
 
 
+def test_limited_jerk_loses_little_between_zones():
+    limits = {"max_velocity": 2.0, "max_acceleration": 0.5}
+    ways = zip((5.0, 8.0, 11.0), (1.0, 0.6, 0.3), strict=True)
+    speed = planners.SpeedZones([(box(x, 0.0, x + 3.0, 4.0), top) for x, top in ways])
+    plan = plan_along_hall()
+    fastest = plan.trajectory(**limits, speed=speed).duration
+    assert fastest < plan.trajectory(**limits, max_jerk=1.0, speed=speed).duration < 1.05 * fastest
+
+
+# ---- limits that come while the robot moves ------------------------------------------------------
+
+
+@cache
+def plan_along_hall():
+    """Plan along a hall of 20 m without obstacles."""
+    workspace = cspace.Workspace.from_array(np.zeros((220, 40), dtype=bool), 0.1)
+    space = cspace.build(workspace, cspace.Robot.disc(0.3))
+    return planners.plan(space, (1.0, 2.0), (21.0, 2.0))
+
+
+def go_on(limits, at, speed, later=()):
+    """Return the motion after one that is driven until a time, with new limits of places."""
+    plan = plan_along_hall()
+    motion = plan.trajectory(**limits, speed=later)
+    onward = planners.plan(plan.space, motion.starts_after(at)[0], plan.goal)
+    return motion, onward.trajectory(**limits, after=motion, at=at, speed=speed)
+
+
+@pytest.mark.parametrize("at", [3.0, 5.0, 6.0])
+def test_a_lower_limit_is_reached_by_the_quickest_braking(at):
+    limits = {"max_velocity": 2.0, "max_acceleration": 0.5}
+    everywhere = planners.SpeedZones([(box(0.0, 0.0, 22.0, 4.0), 0.5)])
+    motion, slower = go_on(limits, at, everywhere)
+    speed = float(np.linalg.norm(motion.sample(at)[1]))
+    assert not slower.stop_reason and slower.certified
+    assert slower.recheck(plan_along_hall().space).all()
+    assert slower.exceeds_until == pytest.approx((speed - 0.5) / 0.5, rel=1e-6)
+    t = np.linspace(0.0, slower.duration, INSTANTS)
+    _, velocities, gains = slower.sample(t)
+    assert np.linalg.norm(gains, axis=1).max() <= 0.5 * SLACK
+    speeds = np.linalg.norm(velocities, axis=1)
+    assert speeds[0] == pytest.approx(speed)
+    assert (speeds[t >= slower.exceeds_until] <= 0.5 * SLACK).all()
+    # It goes on at the limit, and what follows does not exceed it any more.
+    assert np.median(speeds) == pytest.approx(0.5)
+    assert slower.braked(slower.exceeds_until + 0.1).exceeds_until == 0.0
+
+
+@pytest.mark.parametrize("at", [3.0, 5.0, 7.0])
+def test_limited_jerk_brakes_nearly_as_quickly(at):
+    limits = {"max_velocity": 2.0, "max_acceleration": 0.5, "max_jerk": 1.0}
+    everywhere = planners.SpeedZones([(box(0.0, 0.0, 22.0, 4.0), 0.5)])
+    motion, slower = go_on(limits, at, everywhere)
+    _, velocity, gain = motion.sample(at)
+    speed, gain = float(velocity[0]), float(gain[0])
+    # The acceleration falls to zero, then braking ramps up and down.
+    least = gain / 1.0
+    speed += gain**2 / 2.0
+    least += (speed - 0.5) / 0.5 + 0.5 / 1.0
+    assert not slower.stop_reason and slower.certified
+    assert 0.9 * least <= slower.exceeds_until <= 1.05 * least
+    t = np.linspace(0.0, slower.duration, INSTANTS)
+    _, velocities, gains = slower.sample(t)
+    assert np.linalg.norm(gains, axis=1).max() <= 0.5 * SLACK
+    assert np.abs(np.diff(gains[:, 0])).max() <= 1.0 * SLACK * t[1] + 1e-9
+    assert (velocities[t >= slower.exceeds_until, 0] <= 0.5 * SLACK).all()
+
+
+@pytest.mark.parametrize("jerk", [{}, {"max_jerk": 1.0}], ids=["", "jerk"])
+def test_a_zone_too_near_to_brake_is_entered_as_slowly_as_possible(jerk):
+    limits = {"max_velocity": 2.0, "max_acceleration": 0.5, **jerk}
+    at = 5.5
+    x = float(plan_along_hall().trajectory(**limits).sample(at)[0][0])
+    zones = [(box(x + 0.8, 0.0, x + 6.0, 4.0), 0.3)]
+    _, slower = go_on(limits, at, planners.SpeedZones(zones))
+    q, speeds = sample_speeds(slower)
+    t = np.linspace(0.0, slower.duration, INSTANTS)
+    exceeds = speeds > SLACK * allow_in_zones(q, zones)
+    assert not slower.stop_reason and exceeds.any()
+    assert t[exceeds].max() <= slower.exceeds_until < 6.0
+    # What was to be expected is no surprise: a limit from the start on is never exceeded.
+    _, same = go_on(limits, at, planners.SpeedZones(zones), planners.SpeedZones(zones))
+    assert not same.stop_reason and same.exceeds_until == 0.0
+
+
+@pytest.mark.parametrize("jerk", [{}, JERK], ids=["", "jerk"])
+@pytest.mark.parametrize("drive, rotations", DRIVES)
+def test_motions_go_on_with_new_limits_as_without(drive, rotations, jerk):
+    plan = find_plan(drive, rotations)
+    limits = make_limits(rotations, drive, **jerk)
+    motion = plan.trajectory(**limits)
+    zones = draw_zones(plan, 6)
+    speed = planners.SpeedZones(zones)
+    for at in np.linspace(0.1, 0.8, 5) * motion.duration:
+        start = motion.starts_after(at)[0]
+        onward = planners.plan(plan.space, start, plan.goal, drive=plan.drive, previous=plan)
+        free = onward.trajectory(**limits, after=motion, at=at)
+        slower = onward.trajectory(**limits, after=motion, at=at, speed=speed)
+        assert free.stop_reason or not slower.stop_reason
+        q, speeds = sample_speeds(slower)
+        t = np.linspace(0.0, slower.duration, INSTANTS)
+        exceeds = speeds > SLACK * allow_in_zones(q, zones)
+        if not slower.stop_reason:
+            assert t[exceeds].max(initial=0.0) <= slower.exceeds_until
+            assert slower.recheck(plan.space).all()
+
+
+def test_a_recheck_asks_limits_near_obstacles_again():
+    workspace = cspace.Workspace.from_array(np.zeros((80, 40), dtype=bool), 0.1)
+    space = cspace.build(workspace, cspace.Robot.disc(0.3))
+    plan = planners.plan(space, (1.0, 2.0), (7.0, 2.0))
+    near = planners.SlowNear(space, 0.3, 1.0)
+    trajectory = plan.trajectory(**LIMITS, speed=near)
+    assert trajectory.recheck(space).all()
+    space.add_obstacle("cart", box(3.5, 2.8, 4.5, 3.5))
+    assert plan.recheck().all() and not trajectory.recheck(space).all()
+    slower = plan.trajectory(**LIMITS, speed=near)
+    assert slower.recheck(space).all() and slower.duration > trajectory.duration
+    # A stop brakes as quickly as before, and tells until when it is too fast.
+    stop = trajectory.braked(trajectory.duration / 2)
+    assert stop.certified and stop.duration == pytest.approx(1.2 / 0.8)
+    assert 0.9 / 0.8 <= stop.exceeds_until <= stop.duration
+    space.update({"cart": None})
+    assert trajectory.recheck(space).all()
+
+
 AREA = box(1.0, 1.0, 2.0, 2.0)
 
 
