@@ -14,6 +14,7 @@ from typing import Any, Final, Literal, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 import shapely
+from numpy.typing import ArrayLike
 from shapely.geometry.base import BaseGeometry
 
 from cspace import Rotations, Space
@@ -24,11 +25,14 @@ from cspace.inside import (
     Floats,
     Ints,
     as_shape,
+    check_finite,
+    check_points,
     check_positive,
     check_text,
     check_word,
     number_parts,
 )
+from planners._ompl_states import check_space
 from planners._segments import Segments, place_along
 
 Within: TypeAlias = Literal["contour", "point"]
@@ -122,6 +126,33 @@ class SpeedZones:
         object.__setattr__(self, "zones", tuple(zones))
         object.__setattr__(self, "_levels", levels)
 
+    def largest_speed(
+        self, space: Space, q: ArrayLike, lengths: ArrayLike = 0.0, turns: ArrayLike = 0.0
+    ) -> Floats:
+        """Return the largest speeds at configurations of a map's robot.
+
+        Parameters
+        ----------
+        space : CSpace or TiledCSpace
+        q : array-like, shape (..., size)
+            Configurations, or the centers of pieces of a path; metres, and radians.
+        lengths, turns : array-like, shape () or (...)
+            Length and rotation of each piece, metres and radians. The speeds hold for all
+            configurations within half of them from the center.
+
+        Returns
+        -------
+        ndarray of float64, shape (...)
+            m/s; infinite where no limit holds.
+
+        Raises
+        ------
+        InputError
+            If a zone lies off the map or in another frame, the space is no map of positions, or a
+            number is not finite.
+        """
+        return _find_largest(self, space, q, lengths, turns)
+
 
 @dataclass(frozen=True, slots=True)
 class SlowNear:
@@ -169,6 +200,12 @@ class SlowNear:
             raise InputError("space", f"is {self.space!r}", "it must be a map of positions")
         object.__setattr__(self, "speed", check_positive(self.speed, "speed", "m/s"))
         object.__setattr__(self, "distance", check_positive(self.distance, "distance"))
+
+    def largest_speed(
+        self, space: Space, q: ArrayLike, lengths: ArrayLike = 0.0, turns: ArrayLike = 0.0
+    ) -> Floats:
+        """Return the largest speeds at configurations; see :meth:`SpeedZones.largest_speed`."""
+        return _find_largest(self, space, q, lengths, turns)
 
 
 class SpeedRule(Protocol):
@@ -258,6 +295,20 @@ def place_limits(
         else:
             rules.append(_place_near(limit, space, axes, frame_id))
     return tuple(rules)
+
+
+def _find_largest(
+    limit: SpeedZones | SlowNear, space: Space, q: ArrayLike, lengths: ArrayLike, turns: ArrayLike
+) -> Floats:
+    """Return the largest speeds by one limit around configurations, shape (...)."""
+    check_space(space)
+    (rule,) = place_limits(limit, space, space.axes, space.frame_id)
+    points = np.asarray(check_points(q, "q", space.axes))
+    sizes = check_finite(lengths, "lengths"), check_finite(turns, "turns")
+    reaches = 0.5 * (1.0 + ROUNDING) * (sizes[0] + rule.lever * sizes[1])
+    reaches = np.broadcast_to(reaches, points.shape[:-1]).reshape(-1)
+    found, _ = rule.measure(points.reshape(-1, space.size), reaches)
+    return found.reshape(points.shape[:-1])
 
 
 def _place_zones(zones: SpeedZones, space: ConfigurationMap, frame_id: str) -> SpeedRule:

@@ -14,7 +14,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Final, Literal, NamedTuple
+from typing import TYPE_CHECKING, Final, Literal, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -58,6 +58,10 @@ changes."""
 
 MAX_DT: Final = 10.0
 """Smallest time between rows, seconds, that is probably in milliseconds."""
+
+
+MAX_PLACE: Final = 1e9
+"""Coordinate from which on a row is in no place, metres."""
 
 
 class RowRefusal(NamedTuple):
@@ -118,6 +122,18 @@ class RowCheck(NamedTuple):
             message = f"row {row}: {name} {self.verb} {number}, at most {most} is allowed"
             return RowRefusal(row, self.cause, (name,), message)
         return None
+
+
+class SpeedLimit(Protocol):
+    """A largest speed by places, such as :class:`planners.SpeedZones`."""
+
+    def largest_speed(
+        self, space: ConfigurationSpace, q: ArrayLike, lengths: ArrayLike, turns: ArrayLike
+    ) -> Floats:
+        """Return the largest speeds around configurations, shape (...), m/s.
+
+        They hold within half of the lengths and turns, metres and radians.
+        """
 
 
 class ChunkMotions(NamedTuple):
@@ -297,6 +313,7 @@ def certify_rows(
     dt: float | None,
     max_velocity: ArrayLike | None,
     max_jerk: JerkLimits | None,
+    places: Sequence[SpeedLimit],
     before: ArrayLike | None,
 ) -> Chunk:
     """Prove a chunk of targets; see :meth:`cspace.Gate.check_rows`."""
@@ -312,6 +329,11 @@ def certify_rows(
             speeds = _measure(space, rates)
             limits = check_velocities(space, max_velocity)
             checks.append(RowCheck("speed", names, "changes per second by", speeds, limits))
+            if places:
+                steps = space.steps_between(firsts, targets)
+                middles = space.interpolate(firsts, targets, 0.5)
+                sizes = [np.linalg.norm(each, axis=-1) for each in _split_axes(space, steps)]
+                checks.append(_check_places(space, places, middles, sizes, tracking, seconds))
             if max_jerk is not None:
                 limits = check_each(max_jerk, "max_jerk", names)
                 driven = _check_before(before, space.axes, is_batch)
@@ -335,6 +357,7 @@ def certify_twists(
     max_velocity: ArrayLike | None,
     drive: Drive | None,
     max_jerk: JerkLimits | None,
+    places: Sequence[SpeedLimit],
     before: ArrayLike | None,
 ) -> Chunk:
     """Prove a chunk of twists; see :meth:`cspace.Gate.check_twists`."""
@@ -359,6 +382,12 @@ def certify_twists(
         with np.errstate(all="ignore"):
             jerks = np.abs(_differ_twice(driven, commands, seconds))
         checks.append(RowCheck("jerk", TWIST_NAMES, "has a jerk of", jerks, limits))
+    if places:
+        is_number = ~checks[0].exceeds.any(axis=2, keepdims=True)
+        halves = np.where(is_number, commands, 0.0) * (0.5 * seconds)
+        middles = _roll_out(starts, np.repeat(halves, 2, axis=1))[:, ::2]
+        sizes = [magnitudes[..., 0] * seconds, magnitudes[..., 1] * seconds]
+        checks.append(_check_places(space, places, middles, sizes, tracking, seconds))
     # Cut each twist into arcs that stay near their chords, and turn by at most a radian.
     lengths, angles = np.moveaxis(magnitudes * seconds, -1, 0)
     spacing = 2.0 * space.resolution
@@ -382,6 +411,37 @@ def certify_twists(
     sag += 2.0**-30 * spacing * poses.shape[1]
     tubes = ChunkMotions(space, starts, poses, checks, per_row, sag)
     return _prove(tubes, poses[:, per_row - 1 :: per_row], is_batch, tracking)
+
+
+def _split_axes(space: ConfigurationSpace, values: Floats) -> tuple[Floats, Floats]:
+    """Return the translations and the rotations in steps or errors of coordinates."""
+    return values[..., : space.dim], values[..., space.dim :]
+
+
+def _check_places(
+    space: ConfigurationSpace,
+    places: Sequence[SpeedLimit],
+    middles: Floats,
+    sizes: Sequence[Floats],
+    tracking: Floats,
+    dt: float,
+) -> RowCheck:
+    """Limit the speeds of motions by places.
+
+    Their ``sizes`` are metres and radians, shape (B, n) each, around ``middles``, (B, n, size).
+    """
+    errors = np.full(len(list_steps(space)), tracking)
+    lengths, turns = (
+        size + 2.0 * float(np.linalg.norm(part))
+        for size, part in zip(sizes, _split_axes(space, errors), strict=True)
+    )
+    # Motions of other rows, such as of far ones, are refused for other reasons.
+    usable = np.isfinite(middles).all(axis=-1) & np.isfinite(lengths) & np.isfinite(turns)
+    usable &= np.abs(middles).max(axis=-1) < MAX_PLACE
+    limits = np.zeros(usable.shape)
+    rows = middles[usable], lengths[usable], turns[usable]
+    limits[usable] = np.min([limit.largest_speed(space, *rows) for limit in places], axis=0)
+    return RowCheck("speed", ("v",), "is", sizes[0][..., np.newaxis] / dt, limits[..., np.newaxis])
 
 
 def _list_drive_checks(drive: Drive | None, twists: Floats) -> list[RowCheck]:

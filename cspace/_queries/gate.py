@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
@@ -16,6 +16,7 @@ from cspace._queries.chunks import (
     TWISTING_AXES,
     Chunk,
     JerkLimits,
+    SpeedLimit,
     certify_rows,
     certify_twists,
     check_dt,
@@ -118,6 +119,9 @@ class Gate:
         twists, over ``dt``. They need as many rows before, as :meth:`check_rows` says. What holds
         behind a chunk is not checked, and :meth:`slow_down` brakes with a jump of the acceleration,
         so a gate has ``max_deceleration`` or ``max_jerk``.
+    speed : planners.SpeedZones, planners.SlowNear, or a list of these, optional
+        Largest speeds by places. A row or twist is refused if the tube around its motion touches a
+        place where it is too fast.
 
     Raises
     ------
@@ -149,6 +153,7 @@ class Gate:
         drive: Drive | None = None,
         max_deceleration: ArrayLike | None = None,
         max_jerk: JerkLimits | None = None,
+        speed: SpeedLimit | Sequence[SpeedLimit] = (),
     ) -> None:
         """Check and keep the limits; InputError for a space of your own."""
         # A proxy of a map may have that map's __class__, and answers of its own.
@@ -165,8 +170,14 @@ class Gate:
         self.max_velocity = max_velocity
         self.drive = check_drive(drive)
         self.max_jerk = max_jerk
-        if dt is None and not (max_velocity is None and max_jerk is None):
+        self.speed = tuple(speed) if isinstance(speed, Sequence) else (speed,)
+        if dt is None and not (max_velocity is None and max_jerk is None and not self.speed):
             raise make_missing_dt()
+        for limit in self.speed:
+            if not hasattr(limit, "largest_speed"):
+                rule = "it must be planners.SpeedZones, planners.SlowNear, or a list of these"
+                raise InputError("speed", f"is {limit!r}", rule)
+            limit.largest_speed(space, np.zeros((0, space.size)), 0.0, 0.0)  # it checks the space
         if max_velocity is not None and _list_limited(space, max_velocity) == TWIST_NAMES:
             self.max_velocity = check_each(max_velocity, "max_velocity", TWIST_NAMES)
         elif max_velocity is not None:
@@ -187,9 +198,12 @@ class Gate:
         """Return the space and the limits that are given."""
         parts = [repr(self.space)]
         for name, value in vars(self).items():
-            if name == "space" or value is None:
+            if name == "speed" and value:
+                parts.append(f"speed={list(value)!r}")
+            elif name in ("space", "speed") or value is None:
                 continue
-            parts.append(f"{name}={np.asarray(value).tolist()!r}")
+            else:
+                parts.append(f"{name}={np.asarray(value).tolist()!r}")
         return f"Gate({', '.join(parts)})"
 
     def _check_jerk(self, limits: JerkLimits, max_deceleration: ArrayLike | None) -> None:
@@ -240,7 +254,7 @@ class Gate:
         >>> gate.check_rows((1.0, 2.0), rows).chunk.refusal.message
         'row 3: x has a jerk of 40, at most 20 is allowed'
         """
-        limits = self.dt, self.max_velocity, self.max_jerk
+        limits = self.dt, self.max_velocity, self.max_jerk, self.speed
         chunk = certify_rows(self.space, q, rows, self.tracking, *limits, before)
         commands = chunk.rows.copy()
         chunks = commands.reshape(chunk._tubes.ends.shape)  # a view
@@ -432,7 +446,7 @@ class Gate:
 
     def _certify(self, q: ArrayLike, twists: ArrayLike, before: ArrayLike | None = None) -> Chunk:
         """Prove twists with the limits of the gate."""
-        limits = self.max_velocity, self.drive, self.max_jerk, before
+        limits = self.max_velocity, self.drive, self.max_jerk, self.speed, before
         return certify_twists(self.space, q, twists, self._check_dt(), self.tracking, *limits)
 
     def _check_dt(self) -> float:

@@ -369,6 +369,75 @@ def test_a_recheck_asks_limits_near_obstacles_again():
     assert trajectory.recheck(space).all()
 
 
+# ---- gates ---------------------------------------------------------------------------------------
+
+
+@cache
+def build_hall():
+    """Build a hall of 12 m by 4 m for a rectangle that turns."""
+    workspace = cspace.Workspace.from_array(np.zeros((120, 40), dtype=bool), 0.1)
+    return cspace.build(workspace, cspace.Robot.polygon(FOOTPRINT), rotations=36)
+
+
+@pytest.mark.parametrize("exact", [False, True])
+@pytest.mark.parametrize("omega", [0.0, 0.5])
+def test_a_gate_slows_down_before_a_zone(omega, exact):
+    space = build_hall().exact if exact else build_hall()
+    zones = [(box(4.0, 0.0, 6.0, 4.0), 0.3), (shapely.Point(8.0, 2.4).buffer(0.4), 0.5)]
+    options = {"dt": 0.1, "max_deceleration": (1.0, 2.0), "tracking": 0.01}
+    gate = cspace.Gate(space, **options, speed=planners.SpeedZones(zones))
+    pose, twist, driven = np.array([1.0, 1.5, 0.0]), np.zeros(2), []
+    for _ in range(300):
+        # The robot weaves.
+        wanted = np.array([1.2, omega * (np.sin(2.0 * pose[0]) - 2.0 * pose[2])])
+        slowed = gate.slow_down(pose, wanted, twist_now=twist)
+        assert slowed.chunk.is_proven
+        twist = slowed.commands[0]
+        for share in np.linspace(0.0, 0.1, 9):
+            yaw = pose[2] + 0.5 * share * twist[1]
+            step = share * twist[0] * np.array([np.cos(yaw), np.sin(yaw)])
+            driven.append([*(pose[:2] + step), pose[2] + share * twist[1], twist[0]])
+        pose = np.array(driven[-1][:3])
+        if pose[0] > 9.0:
+            break
+    rows = np.array(driven)
+    assert pose[0] > 9.0
+    allowed = allow_in_zones(rows[:, :3], zones)
+    assert (rows[:, 3] <= allowed + 1e-9).all()
+    # It passes the zone at nearly its speed, and is quick beside it.
+    assert rows[np.isfinite(allowed), 3].max() > 0.25 and rows[:, 3].max() > 1.1
+
+
+def test_a_gate_refuses_rows_that_are_too_quick():
+    space = build_hall()
+    zones = planners.SpeedZones([(box(4.0, 0.0, 6.0, 4.0), 0.4)], within="point")
+    near = planners.SlowNear(space, 0.9, 0.5)
+    gate = cspace.Gate(space, dt=0.5, max_velocity=2.0, speed=[zones, near])
+    rows = [(3.5, 2.0, 0.0), (3.9, 2.0, 0.0), (4.2, 2.0, 0.0), (4.5, 2.0, 0.0)]
+    passed = gate.check_rows((3.0, 2.0, 0.0), rows)
+    assert passed.chunk.proven == 2 and passed.chunk.refusal.cause == "speed"
+    assert passed.chunk.refusal.message == "row 2: v is 0.6, at most 0.4 is allowed"
+    slower = [(3.5, 2.0, 0.0), (3.9, 2.0, 0.0), (4.09, 2.0, 0.0), (4.28, 2.0, 0.0)]
+    assert gate.check_rows((3.0, 2.0, 0.0), slower).state == "go"
+    batch = gate.check_rows((3.0, 2.0, 0.0), [rows, slower])
+    assert batch.chunk.proven.tolist() == [2, 4]
+    twists = [(1.0, 0.0), (0.8, 0.0), (0.6, 0.0)]
+    assert gate.check_twists((3.0, 2.0, 0.0), twists).chunk.proven == 2
+    assert gate.check_twists((3.0, 0.6, 0.0), twists).chunk.refusal.row == 0  # near the wall
+    assert not gate.check_rows((3.0, 2.0, 0.0), [(np.nan, 2.0, 0.0)]).chunk
+    assert not gate.check_rows((3.0, 2.0, 0.0), [(1e300, 2.0, 0.0)]).chunk
+    assert "speed=[SpeedZones" in repr(gate)
+
+
+def test_largest_speeds_hold_around_configurations():
+    space = build_hall()
+    zones = planners.SpeedZones([(box(4.0, 0.0, 6.0, 4.0), 0.4)])
+    q = [[(2.0, 2.0, 0.0), (3.7, 2.0, 0.0)], [(3.7, 2.0, 1.571), (5.0, 2.0, 0.0)]]
+    assert zones.largest_speed(space, q).tolist() == [[np.inf, 0.4], [np.inf, 0.4]]
+    assert zones.largest_speed(space, q, [3.4, 0.0], 2.0).tolist() == [[0.4, 0.4], [0.4, 0.4]]
+    assert zones.largest_speed(space, (2.0, 2.0, 0.0)) == np.inf
+
+
 AREA = box(1.0, 1.0, 2.0, 2.0)
 
 
@@ -384,6 +453,21 @@ AREA = box(1.0, 1.0, 2.0, 2.0)
     (lambda plan: planners.SlowNear(plan.space, 1.0, np.inf), "distance"),
     (lambda plan: planners.SlowNear("map", 1.0, 1.0), "space is 'map'"),
     (lambda plan: drive(plan, 0.5), "speed is 0.5"),
+    (lambda plan: cspace.Gate(plan.space, dt=0.1, speed=0.5), "speed is 0.5"),
+    (
+        lambda plan: cspace.Gate(plan.space, speed=planners.SpeedZones([(AREA, 1.0)])),
+        "dt is missing",
+    ),
+    (
+        lambda plan: cspace.Gate(
+            plan.space, dt=0.1, speed=[planners.SpeedZones([(box(90, 0, 91, 1), 1.0)])]
+        ),
+        "lies off the map",
+    ),
+    (
+        lambda plan: planners.SpeedZones([(AREA, 1.0)]).largest_speed(plan.space, (1.0, np.nan)),
+        "q",
+    ),
     (lambda plan: drive(plan, planners.SpeedZones([(box(90, 0, 91, 1), 1.0)])), "lies off the map"),
     (
         lambda plan: drive(plan, planners.SpeedZones([(AREA, 1.0)], frame_id="odom")),
