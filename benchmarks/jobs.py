@@ -373,6 +373,13 @@ def print_plan(quick: bool) -> Iterator[Run]:
         yield lambda plan=plan: f"{len(str(plan).splitlines())} lines"
 
 
+def build_on_floor(quick: bool) -> Iterator[Run]:
+    scene = Workspace.open(real_file("voxels/geb079.bt"), unknown="free")
+    base = Robot.from_balls([(0.0, 0.0, 0.3), (0.2, 0.0, 0.3), (0.0, 0.0, 0.7)], [0.3, 0.3, 0.15])
+    while True:
+        yield lambda: f"{cspace.build(scene, base, rotations=72, floor=0.0).count()}"
+
+
 def save_and_open(quick: bool) -> Iterator[Run]:
     space = build_warehouse(quick)
     with tempfile.TemporaryDirectory() as folder:
@@ -601,6 +608,7 @@ JOBS: dict[str, Callable[[bool], Iterator[Run]]] = {
     "500 chunks of one row, SE(2)": prove_row,
     "zones of 200 lanes, depot": make_zones,
     "print(plan) on an OctoMap": print_plan,
+    "build on a floor, OctoMap x 72": build_on_floor,
     "save and open, warehouse x 72": save_and_open,
     "UR5: read and set up": set_up_arm,
     "UR5: 5,000 configurations and 500 edges": query_arm,

@@ -141,9 +141,12 @@ TURNING = ("box", "balls", "mast", "pyramid", "sheet")
 """Robots whose parts are round no more than they are themselves."""
 
 
-def list_prisms(workspace):
+def list_prisms(workspace, outside="free"):
     """Return the occupied cells of each layer as prisms: outline, lowest and highest point."""
     grid, prisms = workspace.grid, []
+    if outside == "blocked":
+        hall = shapely.box(*grid.lower[:2], *grid.upper[:2])
+        prisms.append((hall.buffer(10.0).difference(hall), -100.0, 100.0))
     (x, y, z), h = grid.lower, grid.spacing
     for k in range(grid.shape[2]):
         i, j = np.nonzero(workspace.outer[:, :, k])
@@ -219,7 +222,7 @@ def test_states_hold_at_many_configurations(kind):
         workspace = draw_scene(rng, spacing, shape=(60, 52, 24))
         space = cspace.build(workspace, robot, rotations=36, floor=0.21, outside=outside)
         rows = draw_rows(rng, space, 3000)
-        check_states(space, pieces, list_prisms(workspace), rows, space.classify(rows))
+        check_states(space, pieces, list_prisms(workspace, outside), rows, space.classify(rows))
 
 
 @examples(40)

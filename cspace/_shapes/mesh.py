@@ -272,7 +272,8 @@ class Mesh(ExactShape):
         grown, shadow = self._cast_shadow_between(low + slack, high - slack)
         # Holes stay a micrometre away from all triangles, so they may grow by less.
         holes = shapely.buffer(self._find_filled_holes(grown, low, high), 0.9 * _SHADOW_MARGIN)
-        inner = shapely.union_all([shadow, *holes]).buffer(-_SHADOW_MARGIN, join_style="mitre")
+        with np.errstate(all="ignore"):  # GEOS tries mitres of sides without length
+            inner = shapely.union_all([shadow, *holes]).buffer(-_SHADOW_MARGIN, join_style="mitre")
         outer = shapely.union_all([outer, *self._find_filled_holes(outer, low, high)])
         return (
             None if outer.is_empty else Polygons.of(outer),
@@ -531,11 +532,12 @@ def _cast_shadow(corners: Floats, span: float) -> tuple[BaseGeometry, BaseGeomet
     shadow = _fill_cracks(union, 2.0**-40 * span)
     lines = shapely.linestrings(corners[is_line][:, [0, 1, 2, 0]])
     # Lines well inside the shadow add nothing.
-    near_shadow = shadow.buffer(_SHADOW_MARGIN / 2.0, join_style="mitre")
+    with np.errstate(all="ignore"):  # GEOS tries mitres of sides without length
+        near_shadow = shadow.buffer(_SHADOW_MARGIN / 2.0, join_style="mitre")
+        grown_shadow = shadow.buffer(_SHADOW_MARGIN, join_style="mitre")
     shapely.prepare(near_shadow)
     lines_beside = lines[~shapely.covers(near_shadow, lines)]
     grown_lines = shapely.buffer(lines_beside, _SHADOW_MARGIN)
-    grown_shadow = shadow.buffer(_SHADOW_MARGIN, join_style="mitre")
     return shapely.union_all([grown_shadow, *grown_lines]), shadow
 
 

@@ -56,6 +56,7 @@ def draw_all(folder: Path) -> None:
             draw_trajectory,
             draw_controller,
             draw_speed_limits,
+            draw_floor,
             draw_regions,
         ):
             figure = draw()
@@ -413,6 +414,25 @@ def draw_speed_limits() -> Figure:
     right.axhline(0.8, color=OBSTACLE, linestyle=":", label="near a wall")
     right.set(xlabel="time (s)", ylabel="speed (m/s)", title=f"{trajectory.duration:.1f} s")
     right.legend(frameon=False)
+    return figure
+
+
+def draw_floor() -> Figure:
+    """Draw a hall with a beam: the map of a robot's heights beside that of its projection."""
+    cells = np.zeros((80, 60, 24), dtype=bool)
+    cells[38:42, :, 15:] = True
+    cells[20:24, :36] = True
+    scene = cspace.Workspace.from_array(cells, 0.05)
+    robot = cspace.Robot.box((0.7, 0.5, 0.7), (0.0, 0.0, 0.36))
+    space = cspace.build(scene, robot, rotations=72, floor=0.0)
+    ground = cspace.Workspace.from_array(cells.any(axis=2), 0.05)
+    flat = cspace.build(ground, robot.footprint(), rotations=72)
+    plan = planners.plan(
+        space, (0.52, 0.62, 0.0), (3.32, 0.62, 0.0), drive=planners.Differential(), seed=1
+    )
+    figure, (left, right) = plt.subplots(1, 2, figsize=(9.6, 3.6), layout="constrained")
+    space.plot(ax=left, path=plan.path, title="floor=0.0: under the beam", legend=False)
+    flat.plot(ax=right, title="projected: the beam is a wall", legend=False)
     return figure
 
 
