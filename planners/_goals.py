@@ -89,6 +89,9 @@ MAX_POSITIONS_WITHOUT_BLOCKS: Final = 2**16
 BLOCK_SIDE: Final = 4
 """Cells along each side of the blocks that are measured on larger maps."""
 
+MAX_SPAN_WITHOUT_BLOCKS: Final = 16
+"""Cells along each axis across which straight lines tell which position is nearest to a start."""
+
 NEAREST_FIRST: Final = 1e-9
 """Weight of the estimate in a search that reaches the nearest blocks first."""
 
@@ -314,7 +317,12 @@ class Room:
         pool = pool if len(pool.rows) else apart
         if not len(pool.rows):
             raise self._make_error(space)
-        return [tuple(q) for q in pool.spread(space).rows.tolist()]
+        goals = [tuple(q) for q in pool.spread(space).rows.tolist()]
+        if self.region is None and self.angle < math.pi:
+            # With room around the middle, a path is no longer than to the middle alone.
+            with suppress(ConfigurationError):
+                goals.insert(0, edges.space.check_endpoint(self.middle, self.name))
+        return list(dict.fromkeys(goals))
 
     def test_candidates(
         self, edges: LocalPlanner, start: Endpoint, positions: Candidates, rotations: Floats
@@ -459,7 +467,8 @@ def _measure_lengths(edges: LocalPlanner, start: Endpoint, rows: Floats) -> Floa
     space = edges.cells
     dim = space.dim
     straight = np.linalg.norm(rows[:, :dim] - np.array(start)[:dim], axis=1)
-    if len(rows) < 2 or not isinstance(space, CSpace):
+    span = np.ptp(rows[:, :dim], axis=0).max()
+    if span <= MAX_SPAN_WITHOUT_BLOCKS * space.grid.spacing or not isinstance(space, CSpace):
         return np.asarray(straight)
     states = map_record(space).states
     side = 1 if math.prod(states.shape[1:]) <= MAX_POSITIONS_WITHOUT_BLOCKS else BLOCK_SIDE

@@ -104,6 +104,10 @@ SHARES_BESIDE: Final = [sign * step / 64 for step in range(1, 33) for sign in (1
 """Distances beside a way that are tried for a detour, as shares of its length; positive to the
 left."""
 
+MAX_SAVING: Final = 0.01
+"""Share by which the lower bound of another path between the same two rooms must be less, for a
+further search: a path begins and ends where it leaves and enters rooms."""
+
 GOAL_SHARE: Final = 0.5
 """Share of the effort left for the search to one of several goals, except the last one."""
 
@@ -685,14 +689,18 @@ def _search_goals(
     edges = task.edges
     results: list[SearchResult] = []
     best = SearchResult(np.empty((0, edges.space.size)))
-    best_length = math.inf
+    best_length = best_least = math.inf
     for number, route in enumerate(task.routes):
         start, *goals = np.array(route)
         least = min(
             edges.min_length(start, goal) + _measure_onward(edges, goal, onward) for goal in goals
         )
-        if best_length < math.inf and least >= best_length:
-            continue
+        if best_length < math.inf:
+            bound = best_length
+            if edges.drive is None and not onward and _share_rooms(task, route, best.path):
+                bound = min(bound, (1.0 - MAX_SAVING) * best_least)
+            if least >= bound:
+                continue
         limit = _measure_left(task, results)
         if not limit.is_left:
             break
@@ -712,10 +720,20 @@ def _search_goals(
             length = float(edges.edge_lengths(path[:-1], path[1:]).sum())
             length += _measure_onward(edges, path[-1], onward)
             if length < best_length:
-                best, best_length = replace(found, path=path), length
+                best, best_length, best_least = replace(found, path=path), length, least
         elif not len(best.path):
             best = found
     return _sum_times(best, results) if results else best
+
+
+def _share_rooms(task: PlanTask, route: Endpoints, path: Floats) -> bool:
+    """Return True if a route leads from and to the same rooms as a path."""
+    space = task.edges.space
+    ends = np.array([route[0], path[0]]), np.array([route[-1], path[-1]])
+    return all(
+        any(room.contains(space, rows).all() for room in rooms)
+        for rooms, rows in zip((task.starts, task.rooms), ends, strict=True)
+    )
 
 
 def _measure_onward(edges: LocalPlanner, end: Floats, goals: Sequence[Endpoint]) -> float:

@@ -582,8 +582,8 @@ MUTANTS = (
     ),
     Mutant(
         "planners/_plan.py",
-        "if best_length < math.inf and least >= best_length:",
-        "if best_length < math.inf:",
+        "if least >= bound:",
+        "if least > 0.0:",
         "tests/planners/test_goals.py",
     ),
     Mutant(

@@ -19,6 +19,7 @@ from scipy import ndimage
 import cspace
 import planners
 from cspace import BLOCKED, FREE, MIXED, ConfigurationError, InputError
+from cspace.inside import now
 from planners._catalogue import SUPPORTED
 from tests.helpers.drives import is_car
 from tests.helpers.handmade import map_of
@@ -224,6 +225,22 @@ def test_a_wider_wish_gets_no_less_than_a_narrower_one(seed, turns):
             continue
         assert not found or planners.plan(space, start, wide).solved, (narrow, wide)
         assert not found or planners.plan(space, wide, start).solved, (narrow, wide)
+
+
+def test_room_around_a_goal_costs_little_more_work_and_never_a_longer_path():
+    space = build_room("turning")
+    start, goal = ENDPOINTS["turning"]
+
+    def search(place):
+        """Return a plan's length, and the counted work of its searches."""
+        began = now()
+        plan = planners.plan(space, start, place)
+        return measure(plan), (now() - began).work
+
+    length, work = search(goal)
+    for place in (planners.Near(goal, 0.2, 0.3), planners.Near(goal, 1e-3), (*goal[:2], None)):
+        shorter, more = search(place)
+        assert shorter <= length and more <= 2.0 * work
 
 
 def test_any_yaw_needs_no_turn_at_the_goal():
