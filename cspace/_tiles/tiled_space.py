@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from contextlib import AbstractContextManager
-from functools import partial
+from functools import cached_property, partial
 from threading import RLock
 from typing import TYPE_CHECKING, Any, Final, NoReturn
 
@@ -18,6 +18,7 @@ from cspace._tiles.labels import TiledComponents
 from cspace._tiles.open_tiles import OpenTiles
 from cspace.errors import FileError, InputError
 from cspace.inside import (
+    FARTHEST_CELL,
     STATE_NAMES,
     Bools,
     ConfigurationMap,
@@ -177,6 +178,39 @@ class TiledCSpace(ConfigurationMap):
             return space.classify(self._centers_of(self._cells_of(points)))
 
         return self._query_parts(classify, rows, out, reach=0)
+
+    @cached_property
+    def _look_up_state(self) -> Callable[[tuple[float, ...]], int]:
+        """Look-up of one configuration's state, as of many, but without arrays."""
+        grid = self.grid
+        axes = list(zip(grid.lower, grid.upper, grid.shape, strict=True))
+        tiles = list(zip(self.tile, self._folder.counts, strict=True))
+
+        def look_up(numbers: tuple[float, ...]) -> int:
+            """Return the state; below 0 if the numbers are not usable."""
+            with self._map_lock():
+                space = self._tiles.frame
+                state: int = space._look_up_state(numbers)
+                if state < 0:
+                    return state
+                cells = []
+                for x, (lower, upper, count) in zip(map(float, numbers), axes, strict=False):
+                    place = min(max((x - lower) / grid.spacing, -FARTHEST_CELL), FARTHEST_CELL)
+                    cell = math.floor(place)
+                    cells.append(cell - 1 if cell == count and x <= upper else cell)
+                if all(0 <= cell < count for cell, count in zip(cells, grid.shape, strict=True)):
+                    number = 0
+                    for cell, (side, count) in zip(cells, tiles, strict=True):
+                        number = number * count + cell // side
+                    space = self._tiles.tile(number).space
+                # As of many, a part is asked for the center of the cell of the whole map.
+                centers = [
+                    lower + grid.spacing * (cell + 0.5)
+                    for cell, lower in zip(cells, grid.lower, strict=True)
+                ]
+                return int(space._look_up_state((*centers, *numbers[len(cells) :])))
+
+        return look_up
 
     def _centers_of(self, cells: Ints) -> Floats:
         """Return the configurations at the centers of cells, shape (n, size).

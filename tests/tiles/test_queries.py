@@ -30,6 +30,12 @@ def check_lookups(pair, rng, n):
         expected = is_free_around(pair.space, q[:300], distance, angle)
         actual = is_free_around(pair.tiled, q[:300], distance, angle)
         np.testing.assert_array_equal(actual, expected)
+    # One at a time, a tile is asked without arrays.
+    few = q[:300].tolist()
+    states = pair.space.classify(q[:300])
+    assert [pair.tiled.classify(tuple(one)) for one in few] == states.tolist()
+    check = pair.tiled.point_checker()
+    assert [check(*one) for one in few] == (states == cspace.FREE).tolist()
 
 
 def draw_motions(space, rng, n):
