@@ -28,6 +28,9 @@ Cost = Callable[..., float]
 SHARES_PER_EDGE: Final = 64
 """Number of parts of an edge that a cut corner may reach."""
 
+SHARES: Final = np.linspace(0.0, 1.0, SHARES_PER_EDGE + 1)[:, np.newaxis]
+"""Ends of these parts, as shares of the edge, shape (n, 1)."""
+
 STRIDES: Final = (1, 2, 4, 8, 16, 32, 64)
 """Numbers of edges that an edge may replace at a time, if edges have costs."""
 
@@ -170,10 +173,9 @@ def _cut_corner(
     if check(*first, *last) and _saves(cost, first, corner.tolist(), last):
         return []
     # Points at shares of both edges, counted from the corner.
-    shares = np.linspace(0.0, 1.0, SHARES_PER_EDGE + 1)[:, np.newaxis]
-    corners = np.repeat(corner[np.newaxis], len(shares), axis=0)
-    backward = rotations.add_steps(corners, shares * rotations.steps_between(corner, before))
-    forward = rotations.add_steps(corners, shares * rotations.steps_between(corner, after))
+    steps = rotations.steps_between(np.stack([corner, corner]), np.stack([before, after]))
+    corners = np.broadcast_to(corner, (2, len(SHARES), len(corner)))
+    backward, forward = rotations.add_steps(corners, SHARES * steps[:, np.newaxis])
     low = 0
     high = SHARES_PER_EDGE
     while high - low > 1:
