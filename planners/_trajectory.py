@@ -311,16 +311,22 @@ class Trajectory:
         InputError
             If ``space`` is no :class:`cspace.Space`, or has other axes.
         """
-        route = self._route
         check_space(space)
         check_axes(space, self.axes, "trajectory")
+        is_slow = ~self._find_fast()
+        if not self._segments.is_curve.any():
+            is_slow = np.asarray(is_slow.all())
+        return np.asarray(self._prove_parts(space) & is_slow)
+
+    def _prove_parts(self, space: Space) -> Bools:
+        """Prove each part of the curve, whatever its speed."""
+        route = self._route
         space = space.keep(route.keep)
         edges = local_planner(space.exact if route.exact else space, route.drive)
-        fast = self._find_fast()
         if self._segments.is_curve.any():
             driven = _cut_driven(self._segments, self._phases, self._rotations)
-            return prove_segments(space, route.exact, driven) & ~fast
-        return np.asarray(edges.edges_are_free(route.waypoints) & ~fast.any())
+            return prove_segments(space, route.exact, driven)
+        return edges.edges_are_free(route.waypoints)
 
     def _find_fast(self) -> Bools:
         """Return which segments exceed present limits of places, shape (m,)."""
@@ -1144,7 +1150,7 @@ def _make(
     if space is None:
         return made
     if not segments.is_curve.any():
-        return replace(made, certified=bool(made.recheck(space).all()))
+        return replace(made, certified=bool(made._prove_parts(space).all()))
     is_old = np.arange(len(segments.lengths)) < motion.olds - motion.phases.segments[0]
     left = _cut_driven(segments, phases, rotations).select(is_old | ~segments.is_curve)
     return replace(made, certified=bool(prove_segments(space, path.exact, left).all()))
