@@ -118,24 +118,23 @@ def build_tree(rows: Floats, levers: Floats) -> PartTree:
     return PartTree(boxes, spans, rows[order])
 
 
-def join_trees(trees: Sequence[AnyTree], empty: AnyTree) -> tuple[AnyTree, Ints]:
-    """Join trees in one record.
+def join_trees(trees: Sequence[AnyTree], before: AnyTree) -> tuple[AnyTree, Ints]:
+    """Join trees in one record, after those joined ``before``.
 
-    Returns the record, and the root of each tree in it, -1 if the tree is empty. ``empty`` is a
-    tree of the same type without triangles.
+    Returns the record, and the root of each tree in it, -1 if the tree is empty.
     """
     # Spans name triangles by their index, which moves up by the triangles of the trees before.
-    shifted = [empty]
+    shifted = [before]
     roots = []
-    node = 0
-    triangle = 0
+    node = len(before.boxes)
+    triangle = len(before.triangles)
     for tree in trees:
         roots.append(node if len(tree.boxes) else -1)
         shifted.append(tree._replace(spans=tree.spans + np.array([triangle, 0])))
         node += len(tree.boxes)
         triangle += len(tree.triangles)
     joined = map(np.concatenate, zip(*shifted, strict=True))
-    return type(empty)(*joined), np.array(roots, dtype=np.int64)
+    return type(before)(*joined), np.array(roots, dtype=np.int64)
 
 
 class Triangles(NamedTuple):

@@ -19,7 +19,7 @@ from cspace.arms._checks import check_mapping
 from cspace.arms._inverse import DEFAULT_TOLERANCE, Branch, PoseGoal, branch_to, solve_pose
 from cspace.arms._motion_proofs import ArmScene, are_free
 from cspace.arms._moveit_messages import read_joint_state
-from cspace.arms._scenes import make_scene
+from cspace.arms._scenes import PackedParts, make_scene, pack_parts
 from cspace.arms._solids import Part, Solid, check_names, check_rigid
 from cspace.errors import ConfigurationError, InputError
 from cspace.inside import (
@@ -759,6 +759,15 @@ class Arm:
                 reasons[pair] = reason
         return reasons
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Pickle the arm without what its links are packed into, which is large."""
+        return {name: value for name, value in vars(self).items() if name != "_packed"}
+
+    @cached_property
+    def _packed(self) -> PackedParts:
+        """The outer parts of all links, for scenes."""
+        return pack_parts([outer for link in self.links for outer, _ in link.bounds_pairs])
+
     def _moving_pairs(self) -> dict[Names, ArmScene]:
         """Return a scene of each two links that move mutually, by name."""
         links = self.links
@@ -766,7 +775,7 @@ class Arm:
         pairs = [
             (i, j) for i, j in permutations(range(len(links)), 2) if links[i].body > links[j].body
         ]
-        scene = make_scene(self.chain, links, pairs)
+        scene = make_scene(self.chain, links, pairs, self._packed)
         scenes = {}
         for number, (i, j) in enumerate(pairs):
             names = sort_pair(links[i].name, links[j].name)

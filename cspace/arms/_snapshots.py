@@ -335,7 +335,7 @@ def make_snapshot(
     moved_pairs, fixed_pairs = _pair_groups(groups, may_touch)
     pairs = moved_pairs + fixed_pairs
     solids = [group.solid for group in groups]
-    scene = make_scene(arm.chain, solids, pairs, _pad_pairs(groups, pairs), margin)
+    scene = make_scene(arm.chain, solids, pairs, arm._packed, _pad_pairs(groups, pairs), margin)
     outer = scene.select_pairs(slice(len(moved_pairs)))
     fixed = scene.select_pairs(slice(len(moved_pairs), None))
     snapshot = Snapshot(
