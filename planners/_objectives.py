@@ -202,7 +202,7 @@ def default_clearance_threshold(space: CSpace) -> float:
 
     It is in metres, and at least one cell.
     """
-    lower, upper = space.robot.shape.outer.bounds
+    lower, upper = space.drawn_robot.shape.outer.bounds
     return max(float((upper - lower).max()), space.grid.spacing)
 
 
