@@ -82,10 +82,11 @@ class Nav2:
     def check(self, *poses):
         return self.ask(" ".join(["check", *(write_pose(*pose) for pose in poses)]))
 
-    def send_grid(self, cells, file, side=0.1, frame="map"):
+    def send_grid(self, cells, file, side=0.1, frame="map", origin=(0, 0)):
         """Publish a grid of cells [x, y], 0 for free, 1 for occupied, 2 for unknown."""
         file.write_text("".join(map(str, np.asarray(cells, dtype=int).T.ravel())))
-        self.tell(f"grid {frame} {cells.shape[0]} {cells.shape[1]} {side} 0 0 {file}")
+        columns, rows = cells.shape
+        self.tell(f"grid {frame} {columns} {rows} {side} {origin[0]} {origin[1]} {file}")
 
     def read_log(self):
         return self.log_file.read_text(encoding="utf-8")

@@ -9,6 +9,7 @@
 //   footprint X Y              half the sides of the rectangle that the costmap has as its footprint
 //   round                      the costmap's robot is a disc
 //   grid FRAME COLUMNS ROWS SIDE X Y FILE  a message of the map's topic, with cells of 0, 1 and 2 for free, occupied, unknown
+//   static                     the costmap becomes that grid, with lethal cells where it is occupied
 //   costs X0 Y0 X1 Y1 COST     the cost of all cells of a box
 //   cancel N                   the cancel checker says true from its call N on
 //   configure | cleanup        of the planner
@@ -117,8 +118,9 @@ void check(const std::vector<Pose>& poses) {
   if (code != 0) std::cout << "{\"code\": " << code << "}\n";
 }
 
-void send_grid(std::istream& line) {
-  using Grid = nav_msgs::msg::OccupancyGrid;
+using Grid = nav_msgs::msg::OccupancyGrid;
+
+std::shared_ptr<const Grid> send_grid(std::istream& line) {
   const auto grid = std::make_shared<Grid>();
   std::string file;
   auto& info = grid->info;
@@ -128,6 +130,16 @@ void send_grid(std::istream& line) {
   for (char cell; cells >> cell;) grid->data.push_back(cell == '1' ? 100 : cell == '2' ? -1 : 0);
   for (const auto& [topic, callback] : rclcpp::StubTopic<Grid>::callbacks())
     if (const auto kept = callback.lock()) (*kept)(grid);
+  return grid;
+}
+
+void copy_grid(const Grid& grid, nav2_costmap_2d::Costmap2D& costmap) {
+  const auto& info = grid.info;
+  costmap.resizeMap(info.width, info.height, info.resolution, info.origin.position.x, info.origin.position.y);
+  for (std::size_t k = 0; k < grid.data.size(); ++k)
+    if (grid.data[k] == 100)
+      costmap.setCost(static_cast<unsigned int>(k % info.width), static_cast<unsigned int>(k / info.width),
+                      nav2_costmap_2d::LETHAL_OBSTACLE);
 }
 
 }  // namespace
@@ -138,6 +150,7 @@ int main() {
   const auto costmap_ros = std::make_shared<nav2_costmap_2d::Costmap2DROS>();
   nav2_costmap_2d::Costmap2D& costmap = costmap_ros->stub_costmap;
   const auto planner = stub_plugin();
+  std::shared_ptr<const Grid> grid;
   for (std::string text; std::getline(std::cin, text);) {
     std::istringstream line(text);
     std::string command, name;
@@ -164,7 +177,8 @@ int main() {
       costmap_ros->stub_footprint = {{x, y, 0.0}, {x, -y, 0.0}, {-x, -y, 0.0}, {-x, y, 0.0}};
     }
     if (command == "round") costmap_ros->stub_is_round = true;
-    if (command == "grid") send_grid(line);
+    if (command == "grid") grid = send_grid(line);
+    if (command == "static") copy_grid(*grid, costmap);
     if (command == "costs") {
       double x0, y0, x1, y1, cost;
       line >> x0 >> y0 >> x1 >> y1 >> cost;

@@ -2,6 +2,7 @@
 
 import itertools
 import math
+import re
 import sys
 import time
 from pathlib import Path
@@ -9,12 +10,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 import shapely
+import yaml
 
 import cspace
 from tests.helpers.cpp import ompl_flags, why_no_compiler
 from tests.helpers.nav2 import (
     DRIVES,
     HALF_SIDES,
+    PACKAGE,
     WALLS,
     Nav2,
     build_room,
@@ -23,6 +26,7 @@ from tests.helpers.nav2 import (
     outline_cells,
     place_body,
 )
+from tests.helpers.repository import ROOT
 
 pytestmark = [
     pytest.mark.skipif(bool(why_no_compiler()), reason=why_no_compiler()),
@@ -563,9 +567,9 @@ def follow_topic(nav2, folder, builder, **parameters):
     assert nav2.ask("configure") == {"code": 0}
 
 
-def plan_when_built(nav2):
+def plan_when_built(nav2, start=START, goal=GOAL):
     while True:
-        answer = nav2.plan(START, GOAL)
+        answer = nav2.plan(start, goal)
         if "is being built" not in answer.get("text", ""):
             return answer
         time.sleep(0.05)
@@ -586,6 +590,22 @@ def test_a_map_is_made_of_the_topic_once_and_kept(nav2, builder, tmp_path):
     nav2.send_grid(make_room(), tmp_path / "grid")
     assert plan_when_built(nav2)["code"] == 0
     assert len((tmp_path / "calls").read_text()) == 1
+
+
+def test_the_request_of_the_page_gets_a_path_on_depot(nav2, builder, data, tmp_path):
+    page = (ROOT / "docs/howto/nav2.md").read_text(encoding="utf-8")
+    ends = re.findall(r"position: {x: ([-\d.]+), y: ([-\d.]+)}", page)
+    start, goal = ((float(x), float(y), 0.0) for x, y in ends)
+    params = yaml.safe_load((PACKAGE / "params/navigation.yaml").read_text(encoding="utf-8"))
+    options = params["planner_server"]["ros__parameters"]["GridBased"]
+    del options["plugin"]
+    nav2.tell("footprint 0.325 0.225")  # padded
+    follow_topic(nav2, tmp_path / "maps", builder, **{**options, "allow_unknown": "false"})
+    workspace = cspace.Workspace.from_ros_map(data / "maps/depot.yaml", unknown="free")
+    nav2.send_grid(workspace.outer, tmp_path / "grid", 0.05, origin=(-7.14, -7.83))
+    nav2.tell("static")
+    answer = plan_when_built(nav2, start, goal)
+    assert answer["code"] == 0 and len(answer["path"]) > 300
 
 
 def test_a_new_map_or_footprint_is_built_before_the_next_plan(nav2, builder, tmp_path):

@@ -29,6 +29,14 @@ class Costmap2D {
     my = static_cast<unsigned int>((wy - y_) / resolution_);
     return mx < columns_ && my < rows_;
   }
+  void resizeMap(unsigned int size_x, unsigned int size_y, double resolution, double origin_x, double origin_y) {
+    columns_ = size_x;
+    rows_ = size_y;
+    resolution_ = resolution;
+    x_ = origin_x;
+    y_ = origin_y;
+    costs_.assign(std::size_t{size_x} * size_y, 0);
+  }
   mutex_t* getMutex() { return &mutex_; }
 
  private:

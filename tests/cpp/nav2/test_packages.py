@@ -1,0 +1,136 @@
+"""The packages of the workspace for ROS 2 name what they need, and their files fit each other."""
+
+import ast
+import re
+import runpy
+import sys
+from types import ModuleType
+from xml.etree import ElementTree
+
+import pytest
+import yaml
+
+from tests.helpers.repository import ROOT
+
+CPP, PYTHON = ROOT / "ros/cspace_nav2", ROOT / "ros/cspace_nav2_py"
+SYSTEM = {"ompl": "ompl", "Eigen3": "eigen", "cspace": None, "ament_cmake": "ament_cmake"}
+"""Packages of CMake, and the key of rosdep for each."""
+
+
+def list_needs(folder):
+    """Return the keys that a package gives to rosdep."""
+    tags = ("depend", "buildtool_depend", "build_depend", "exec_depend")
+    return {
+        each.text
+        for each in ElementTree.parse(folder / "package.xml").getroot()
+        if each.tag in tags
+    }
+
+
+def test_the_cpp_package_names_what_cmake_finds():
+    text = (CPP / "CMakeLists.txt").read_text()
+    found = set(re.findall(r"find_package\((\w+) REQUIRED", text))
+    found |= set(re.search(r"set\(dependencies (.*)\)", text)[1].split())
+    found.discard("${dependency}")
+    assert {SYSTEM.get(name, name) for name in found} - {None} <= list_needs(CPP)
+
+
+def test_the_python_package_names_what_its_node_imports():
+    tree = ast.parse((PYTHON / "cspace_nav2_py/planner_node.py").read_text())
+    modules = {
+        each.module.split(".")[0] for each in ast.walk(tree) if isinstance(each, ast.ImportFrom)
+    }
+    modules = {"tf2_ros_py" if name == "tf2_ros" else name for name in modules}
+    assert {
+        name for name in modules if name.endswith(("_msgs", "_interfaces", "_py"))
+    } <= list_needs(PYTHON)
+
+
+def test_each_folder_that_the_launch_file_reads_is_installed():
+    text = (CPP / "CMakeLists.txt").read_text()
+    (folders,) = re.findall(r"install\(DIRECTORY (.*) DESTINATION share", text)
+    assert all((CPP / folder).is_dir() for folder in folders.split())
+    assert {"launch", "params", "behavior_trees"} <= set(folders.split())
+
+
+def test_each_parameter_of_the_params_file_is_declared():
+    params = yaml.safe_load((CPP / "params/navigation.yaml").read_text())
+    planner = (CPP / "src/planner.cpp").read_text()
+    declared = set(re.findall(r'parameters\.\w+\("(\w+)"', planner)) | {"plugin"}
+    assert set(params["planner_server"]["ros__parameters"]["GridBased"]) <= declared
+    gate = (CPP / "src/gate_node.cpp").read_text()
+    assert set(params["cspace_gate"]["ros__parameters"]) <= set(
+        re.findall(r'declare\("(\w+)"', gate)
+    )
+    node = ast.parse((PYTHON / "cspace_nav2_py/planner_node.py").read_text())
+    (table,) = (
+        each.value
+        for each in node.body
+        if isinstance(each, ast.Assign) and ast.unparse(each.targets[0]) == "PARAMETERS"
+    )
+    names = {key.value for key in table.keys}
+    assert set(params["cspace_planner"]["ros__parameters"]) <= names
+    own = yaml.safe_load((PYTHON / "params.yaml").read_text())
+    assert set(own["cspace_planner"]["ros__parameters"]) <= names
+
+
+class Recorded:
+    """A class of launch that keeps what it is made of."""
+
+    def __init__(self, *arguments, **options):
+        self.arguments, self.options = arguments, options
+
+
+@pytest.fixture
+def launch(monkeypatch):
+    """Run the launch file over stand-ins; return its description."""
+    for name in ("launch", "launch.actions", "launch.conditions", "launch.substitutions"):
+        monkeypatch.setitem(sys.modules, name, ModuleType(name))
+    for name in ("launch_ros", "launch_ros.actions", "launch_ros.substitutions"):
+        monkeypatch.setitem(sys.modules, name, ModuleType(name))
+    for name in ("LaunchDescription",):
+        setattr(sys.modules["launch"], name, Recorded)
+    for module, names in {
+        "launch.actions": ["DeclareLaunchArgument"],
+        "launch.conditions": ["IfCondition"],
+        "launch.substitutions": ["LaunchConfiguration", "PathJoinSubstitution", "PythonExpression"],
+        "launch_ros.actions": ["Node"],
+        "launch_ros.substitutions": ["FindPackageShare"],
+    }.items():
+        for name in names:
+            setattr(sys.modules[module], name, type(name, (Recorded,), {}))
+    found = runpy.run_path(str(CPP / "launch/navigation.launch.py"))
+    return found["generate_launch_description"]().arguments[0]
+
+
+def test_the_launch_file_starts_programs_that_are_installed(launch):
+    nodes = [each for each in launch if type(each).__name__ == "Node"]
+    started = {(each.options["package"], each.options["executable"]) for each in nodes}
+    installed = re.search(
+        r"install\(TARGETS ([\w ]+) DESTINATION lib/", (CPP / "CMakeLists.txt").read_text()
+    )
+    for package, program in started:
+        if package == "cspace_nav2":
+            assert program in installed[1].split()
+        elif package == "cspace_nav2_py":
+            assert f'f"{program} = ' in (PYTHON / "setup.py").read_text()
+        else:
+            assert package in list_needs(CPP)
+    managed = [
+        own["node_names"]
+        for each in nodes
+        for own in each.options["parameters"]
+        if isinstance(own, dict) and "node_names" in own
+    ]
+    assert managed == [["map_server", "planner_server"], ["cspace_gate"]]
+
+
+def test_the_tree_plans_only_if_the_path_is_not_valid():
+    root = ElementTree.parse(CPP / "behavior_trees/replan_if_invalid.xml").getroot()
+    fallback = root.find(".//Fallback")
+    keep, plan = list(fallback)
+    assert [each.tag for each in keep] == [
+        "Inverter",
+        "IsPathValid",
+    ] and plan.tag == "ComputePathToPose"
+    assert {each.get("planner_id") for each in root.iter("ComputePathToPose")} == {"GridBased"}

@@ -1,0 +1,40 @@
+"""The commands of the page "On a Nav2 robot", word for word, where ROS 2 with Nav2 and colcon are installed."""
+
+import os
+import re
+import shutil
+import signal
+import subprocess
+import time
+
+import pytest
+
+from tests.helpers.repository import ROOT
+
+NEEDS = ("/opt/ros/jazzy/share/nav2_bringup", "/opt/ros/jazzy/bin/ros2")
+pytestmark = pytest.mark.skipif(
+    not all(map(os.path.exists, NEEDS)) or not shutil.which("colcon"),
+    reason="no ROS 2 with Nav2 and colcon is installed",
+)
+
+
+def test_a_first_path_from_a_clone(tmp_path):
+    page = (ROOT / "docs/howto/nav2.md").read_text(encoding="utf-8")
+    build, launch, ask = re.findall(r"^```sh\n(.*?)^```", page, re.MULTILINE | re.DOTALL)
+    clone = tmp_path / "clone"
+    subprocess.run(["git", "clone", "-q", ROOT, clone], check=True)
+    run = {"cwd": clone, "executable": "/bin/bash", "shell": True, "text": True}
+    subprocess.run("set -e\n" + build, check=True, **run)
+    server = subprocess.Popen(launch, start_new_session=True, **run)
+    try:
+        for _ in range(20):
+            answer = subprocess.run(
+                ask + "kill %1\n", capture_output=True, timeout=120, **run
+            ).stdout
+            if "SUCCEEDED" in answer:
+                break
+            time.sleep(5)
+        assert "SUCCEEDED" in answer and answer.count("position:") > 100, answer
+    finally:
+        os.killpg(server.pid, signal.SIGINT)
+        assert server.wait(60) == 0
