@@ -170,7 +170,7 @@ runpy.run_path(file, run_name="__main__")
 def interrupt_node(name, moment, number, **variables):
     """Run a node that is interrupted in a call of rclpy; return its exit code and errors."""
     command = [sys.executable, "-c", INTERRUPT, PACKAGE / "cspace_nav2_py" / name]
-    command += [*moment, str(number)]
+    command += [*moment, str(number), "--ros-args", "-p", "drive:=holonomic"]
     environment = {**os.environ, **variables}
     ended = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=600)
     return ended.returncode, ended.stderr
@@ -391,7 +391,8 @@ def measure_cpu(pid):
 def test_an_interrupt_ends_it_while_the_first_map_compiles(client, tmp_path):
     client.send(make_room())
     with (tmp_path / "log").open("w+") as log:
-        process = start_node("-r", "__node:=second", stderr=log, XDG_CACHE_HOME=str(tmp_path))
+        options = ("-r", "__node:=second", "-p", "drive:=differential")
+        process = start_node(*options, stderr=log, XDG_CACHE_HOME=str(tmp_path))
         client.wait(lambda: "building the first map" in (tmp_path / "log").read_text(), 300.0)
         before = measure_cpu(process.pid)
         process.send_signal(signal.SIGINT)
