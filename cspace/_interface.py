@@ -164,6 +164,15 @@ def gather_goals(
     )
 
 
+def _take_row(q: Any) -> tuple[Any, ...]:
+    """Return a list, or an array of one axis, as a tuple; raise TypeError for anything else."""
+    if type(q) is np.ndarray and q.ndim == 1:
+        return tuple(q.tolist())
+    if type(q) is not list:
+        raise TypeError(type(q))
+    return tuple(q)
+
+
 class Space(ABC):
     """A space of configurations that ``planners`` searches.
 
@@ -745,12 +754,8 @@ class ConfigurationSpace(Space):
         try:
             for q in points:
                 if type(q) is not tuple:  # as planners give them, so tested first
-                    if type(q) is np.ndarray and q.ndim == 1:
-                        is_array = True
-                        q = q.tolist()
-                    elif type(q) is not list:
-                        return None
-                    q = tuple(q)
+                    is_array |= type(q) is np.ndarray
+                    q = _take_row(q)
                 if len(q) != self.size:
                     return None
                 # Compiled look-ups parse texts, and drop the labels, units and masks of entries.
@@ -762,7 +767,7 @@ class ConfigurationSpace(Space):
                         return None
                 numbers += q
             answer = look_up(numbers)
-        except (TypeError, ValueError, OverflowError):  # the type of entries is wrong
+        except (TypeError, ValueError, OverflowError):  # the type of rows or entries is wrong
             return None
         if not answer >= 0:
             return None
