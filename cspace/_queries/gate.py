@@ -170,14 +170,10 @@ class Gate:
         self.max_velocity = max_velocity
         self.drive = check_drive(drive)
         self.max_jerk = max_jerk
-        self.speed = tuple(speed) if isinstance(speed, Sequence) else (speed,)
-        if dt is None and not (max_velocity is None and max_jerk is None and not self.speed):
+        self.speed = self._check_places(speed)
+        per_second = max_velocity, max_jerk, self.speed or None
+        if dt is None and any(limit is not None for limit in per_second):
             raise make_missing_dt()
-        for limit in self.speed:
-            if not hasattr(limit, "largest_speed"):
-                rule = "it must be planners.SpeedZones, planners.SlowNear, or a list of these"
-                raise InputError("speed", f"is {limit!r}", rule)
-            limit.largest_speed(space, np.zeros((0, space.size)), 0.0, 0.0)  # it checks the space
         if max_velocity is not None and _list_limited(space, max_velocity) == TWIST_NAMES:
             self.max_velocity = check_each(max_velocity, "max_velocity", TWIST_NAMES)
         elif max_velocity is not None:
@@ -205,6 +201,16 @@ class Gate:
             else:
                 parts.append(f"{name}={np.asarray(value).tolist()!r}")
         return f"Gate({', '.join(parts)})"
+
+    def _check_places(self, speed: SpeedLimit | Sequence[SpeedLimit]) -> tuple[SpeedLimit, ...]:
+        """Return limits of places; raise InputError if one is none, or not for the space."""
+        limits = tuple(speed) if isinstance(speed, Sequence) else (speed,)
+        for limit in limits:
+            if not hasattr(limit, "largest_speed"):
+                rule = "it must be planners.SpeedZones, planners.SlowNear, or a list of these"
+                raise InputError("speed", f"is {limit!r}", rule)
+            limit.largest_speed(self.space, np.zeros((0, self.space.size)), 0.0, 0.0)
+        return limits
 
     def _check_jerk(self, limits: JerkLimits, max_deceleration: ArrayLike | None) -> None:
         """Raise InputError if limits of jerk are none, or the gate cannot keep them."""
