@@ -120,7 +120,10 @@ def ros(session: nox.Session) -> None:
     domain = {"ROS_DOMAIN_ID": number, "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
     options = ("-q", "-n0", "--noconftest", "-W", "ignore::DeprecationWarning", *session.posargs)
     # rclpy starts once in a process. The gate's watch is compiled over the messages of the wheels.
-    nodes = [f"ros/test_{name}" for name in ("planner_node", "nav2_handlers", "nav2_costmap")]
+    nodes = [
+        f"ros/test_{name}"
+        for name in ("planner_node", "nav2_handlers", "nav2_costmap", "nav2_page")
+    ]
     for name in (*nodes, "cpp/nav2/test_watch"):
         session.run("python", "-m", "pytest", *options, f"tests/{name}.py", env=domain)
 
