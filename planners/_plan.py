@@ -686,44 +686,65 @@ def _search_goals(
     """
     if len(task.routes) == 1 and not task.rooms and all(room.is_point for room in task.starts):
         return _search_and_prove(task, may_exist)
-    edges = task.edges
     results: list[SearchResult] = []
-    best = SearchResult(np.empty((0, edges.space.size)))
+    best = SearchResult(np.empty((0, task.edges.space.size)))
     best_length = best_least = math.inf
     for number, route in enumerate(task.routes):
-        start, *goals = np.array(route)
-        least = min(
-            edges.min_length(start, goal) + _measure_onward(edges, goal, onward) for goal in goals
-        )
-        if best_length < math.inf:
+        least = _bound_route(task.edges, route, onward)
+        if best.proven:
             bound = best_length
-            if edges.drive is None and not onward and _share_rooms(task, route, best.path):
+            if task.edges.drive is None and not onward and _share_rooms(task, route, best.path):
                 bound = min(bound, (1.0 - MAX_SAVING) * best_least)
             if least >= bound:
                 continue
-        limit = _measure_left(task, results)
-        if not limit.is_left:
+        if not _measure_left(task, results).is_left:
             break
-        if number < len(task.routes) - 1:
-            limit = limit.share(GOAL_SHARE)
-        if best_length < math.inf and edges.drive is not None:
-            work = max(FURTHER_FACTOR * best.planning.work, MIN_FURTHER.work)
-            limit = limit.at_most(Effort(work, math.inf))
-        part = replace(task, endpoints=route, routes=(route,), limit=limit)
-        points = [Room("", q) for q in np.array(route)]
-        decide = cache(partial(_decide_existence, part, points[:1], points[1:]))
-        found = _search_and_prove(part, partial(_may_join, edges, decide))
+        limit = _limit_route(task, results, best, is_last=number == len(task.routes) - 1)
+        found = _search_route(task, route, limit)
         results.append(found)
-        if found.proven:
-            path = end_in_rooms(edges, found.path, task.rooms)
-            path = begin_in_rooms(edges, path, task.starts)
-            length = float(edges.edge_lengths(path[:-1], path[1:]).sum())
-            length += _measure_onward(edges, path[-1], onward)
-            if length < best_length:
-                best, best_length, best_least = replace(found, path=path), length, least
-        elif not len(best.path):
-            best = found
+        length = _measure_way(task.edges, found.path, onward) if found.proven else math.inf
+        if length < best_length or not (found.proven or len(best.path)):
+            best, best_length, best_least = found, length, least
     return _sum_times(best, results) if results else best
+
+
+def _bound_route(edges: LocalPlanner, route: Endpoints, onward: Sequence[Endpoint]) -> float:
+    """Return a lower bound of the ways along a route, and onward from its goals."""
+    start, *goals = np.array(route)
+    return min(
+        edges.min_length(start, goal) + _measure_onward(edges, goal, onward) for goal in goals
+    )
+
+
+def _limit_route(
+    task: PlanTask, results: Sequence[SearchResult], best: SearchResult, is_last: bool
+) -> Effort:
+    """Return the limit of the search of a route, after those before and the best of them."""
+    limit = _measure_left(task, results)
+    if not is_last:
+        limit = limit.share(GOAL_SHARE)
+    if best.proven and task.edges.drive is not None:
+        work = max(FURTHER_FACTOR * best.planning.work, MIN_FURTHER.work)
+        limit = limit.at_most(Effort(work, math.inf))
+    return limit
+
+
+def _search_route(task: PlanTask, route: Endpoints, limit: Effort) -> SearchResult:
+    """Search along one route, and end a proven path where it first enters the rooms."""
+    part = replace(task, endpoints=route, routes=(route,), limit=limit)
+    points = [Room("", q) for q in np.array(route)]
+    decide = cache(partial(_decide_existence, part, points[:1], points[1:]))
+    found = _search_and_prove(part, partial(_may_join, task.edges, decide))
+    if not found.proven:
+        return found
+    path = end_in_rooms(task.edges, found.path, task.rooms)
+    return replace(found, path=begin_in_rooms(task.edges, path, task.starts))
+
+
+def _measure_way(edges: LocalPlanner, path: Floats, onward: Sequence[Endpoint]) -> float:
+    """Return the length of a path, and onward from its end."""
+    length = float(edges.edge_lengths(path[:-1], path[1:]).sum())
+    return length + _measure_onward(edges, path[-1], onward)
 
 
 def _share_rooms(task: PlanTask, route: Endpoints, path: Floats) -> bool:
