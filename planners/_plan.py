@@ -687,25 +687,38 @@ def _search_goals(
     if len(task.routes) == 1 and not task.rooms and all(room.is_point for room in task.starts):
         return _search_and_prove(task, may_exist)
     results: list[SearchResult] = []
-    best = SearchResult(np.empty((0, task.edges.space.size)))
-    best_length = best_least = math.inf
+    best = Way(SearchResult(np.empty((0, task.edges.space.size))), math.inf, math.inf)
     for number, route in enumerate(task.routes):
         least = _bound_route(task.edges, route, onward)
-        if best.proven:
-            bound = best_length
-            if task.edges.drive is None and not onward and _share_rooms(task, route, best.path):
-                bound = min(bound, (1.0 - MAX_SAVING) * best_least)
-            if least >= bound:
-                continue
+        if best.result.proven and not _may_be_shorter(task, route, least, best, onward):
+            continue
         if not _measure_left(task, results).is_left:
             break
-        limit = _limit_route(task, results, best, is_last=number == len(task.routes) - 1)
-        found = _search_route(task, route, limit)
+        is_last = number == len(task.routes) - 1
+        found = _search_route(task, route, _limit_route(task, results, best.result, is_last))
         results.append(found)
         length = _measure_way(task.edges, found.path, onward) if found.proven else math.inf
-        if length < best_length or not (found.proven or len(best.path)):
-            best, best_length, best_least = found, length, least
-    return _sum_times(best, results) if results else best
+        if length < best.length or not (found.proven or len(best.result.path)):
+            best = Way(found, length, least)
+    return _sum_times(best.result, results) if results else best.result
+
+
+class Way(NamedTuple):
+    """What the search along a route found, with its length and the lower bound of all its paths."""
+
+    result: SearchResult
+    length: float
+    least: float
+
+
+def _may_be_shorter(
+    task: PlanTask, route: Endpoints, least: float, best: Way, onward: Sequence[Endpoint]
+) -> bool:
+    """Return False if a route is not worth a search after the best way that was found."""
+    bound = best.length
+    if task.edges.drive is None and not onward and _share_rooms(task, route, best.result.path):
+        bound = min(bound, (1.0 - MAX_SAVING) * best.least)
+    return least < bound
 
 
 def _bound_route(edges: LocalPlanner, route: Endpoints, onward: Sequence[Endpoint]) -> float:

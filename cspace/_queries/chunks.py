@@ -14,7 +14,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Final, Literal, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Final, Literal, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -124,6 +124,7 @@ class RowCheck(NamedTuple):
         return None
 
 
+@runtime_checkable
 class SpeedLimit(Protocol):
     """A largest speed by places, such as :class:`planners.SpeedZones`."""
 

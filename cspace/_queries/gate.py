@@ -206,9 +206,10 @@ class Gate:
         """Return limits of places; raise InputError if one is none, or not for the space."""
         limits = tuple(speed) if isinstance(speed, Sequence) else (speed,)
         for limit in limits:
-            if not hasattr(limit, "largest_speed"):
+            given: object = limit
+            if not isinstance(given, SpeedLimit):
                 rule = "it must be planners.SpeedZones, planners.SlowNear, or a list of these"
-                raise InputError("speed", f"is {limit!r}", rule)
+                raise InputError("speed", f"is {given!r}", rule)
             limit.largest_speed(self.space, np.zeros((0, self.space.size)), 0.0, 0.0)
         return limits
 

@@ -107,14 +107,8 @@ def make_scene(
     """
     bodies = [[outer for outer, _ in solid.bounds_pairs] for solid in solids]
     parts = [part for body in bodies for part in body]
-    others = [part for part in parts if part not in packed.roots]
-    surfaces, surface_roots = join_trees(_list_surfaces(others), packed.surfaces)
     hulls = _HullList(packed.hulls)
-    added = (
-        (hulls.add(part.hulls), root)
-        for part, root in zip(others, surface_roots.tolist(), strict=True)
-    )
-    roots = packed.roots | dict(zip(others, added, strict=True))
+    surfaces, roots = _add_parts(hulls, parts, packed)
     solid_roots = list[int]()
     for body in bodies:
         filled = [part for part in body if roots[part][0] >= 0]
@@ -139,6 +133,19 @@ def make_scene(
     pair_indices = np.array(pairs, dtype=np.int64).reshape(-1, 2)
     extra = np.zeros(len(pair_indices)) if padding is None else padding
     return ArmScene(chain, scene, pair_indices, extra, max_coordinate, required)
+
+
+def _add_parts(
+    hulls: _HullList, parts: Sequence[Part], packed: PackedParts
+) -> tuple[SurfaceTree, dict[Part, tuple[int, int]]]:
+    """Add parts that are not packed yet; return all surfaces, and the roots of all parts."""
+    others = [part for part in parts if part not in packed.roots]
+    surfaces, surface_roots = join_trees(_list_surfaces(others), packed.surfaces)
+    added = (
+        (hulls.add(part.hulls), root)
+        for part, root in zip(others, surface_roots.tolist(), strict=True)
+    )
+    return surfaces, packed.roots | dict(zip(others, added, strict=True))
 
 
 def make_inner_scene(scene: ArmScene, solids: Sequence[Solid]) -> ArmScene:

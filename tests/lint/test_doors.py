@@ -12,6 +12,7 @@ OTHERS = {
     "cspace/_support/limits.py": "the memory of a container",
     "cspace/_files/lazy_arrays.py": "an array of the caller in memory, mapped again in another process",
     "cspace/_support/compiling.py": "the library's own sources",
+    "cspace/_outside.py": "the stub beside it",
 }
 """Files that read what no user passes, each with what it is."""
 
