@@ -593,16 +593,17 @@ def _trace_path(nodes: LatticeNodes, node: int, endpoints: Endpoints, merges: bo
 
 def shorten_path(edges: LocalPlanner, path: Floats, until: Effort) -> Floats:
     """Shorten a path (n, 3) until the end of the search."""
-    length = _measure(edges, path)
     # Without cut corners, a second round of skipping gains little.
-    for _ in range(1 if edges.turning_radius is not None else 3):
+    rounds = 1 if edges.turning_radius is not None else 3
+    for number in range(rounds):
         if is_over(until):
             break
+        before = path
         path = _shorten_once(edges, path, until)
-        before = length
-        length = _measure(edges, path)
-        if length > (1.0 - MIN_ROUND_GAIN) * before:
-            break
+        if number < rounds - 1:
+            most = (1.0 - MIN_ROUND_GAIN) * _measure(edges, before)
+            if _measure(edges, path) > most:
+                break
     return path
 
 

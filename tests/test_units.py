@@ -110,6 +110,8 @@ JOINTS = {"joints", "joints from a file"}
 
 METRES = {
     "closest": lambda c: c.space.closest(c.q0).distance,
+    "drawn_robot": lambda c: c.space.drawn_robot.shape.span,
+    "floor": lambda c: c.space.floor,
     "margin": lambda c: c.space.margin,
     "obstacle_distance": lambda c: c.space.obstacle_distance(c.q0),
     "padding": lambda c: list(c.space.padding.values()),
@@ -126,6 +128,7 @@ COORDINATES = {
     "check_endpoint": lambda c: c.space.check_endpoint(c.q0, "q")[: c.space.dim],
     "clearance": lambda c: c.space.clearance(c.q0),
     "clearance_checker": lambda c: c.space.clearance_checker()(*c.q0),
+    "drawn_workspace": lambda c: c.space.drawn_workspace.grid.spacing,
     "distance": lambda c: c.space.distance(np.array(c.q0), np.array(c.q1)),
     "explain": lambda c: c.space.explain(c.q0, c.q1).margin,
     "find_goals": lambda c: np.array(c.space.find_goals(c.q1, c.q0, 0))[:, : c.space.dim],

@@ -158,7 +158,7 @@ def check_floor(floor: float, grid: Grid, robot: Robot, outside: str) -> float:
         return height
     problem = f"is {height:g} m, so the robot reaches from {lowest:g} m to {highest:g} m"
     rule = f"the workspace has only heights from {bottom:g} m to {top:g} m"
-    raise InputError("floor", problem, rule, 'outside="free" leaves all other heights free')
+    raise InputError("floor", problem, rule)
 
 
 def _check_array(
