@@ -687,7 +687,7 @@ def _search_goals(
     if len(task.routes) == 1 and not task.rooms and all(room.is_point for room in task.starts):
         return _search_and_prove(task, may_exist)
     results: list[SearchResult] = []
-    best = Way(SearchResult(np.empty((0, task.edges.space.size))), math.inf, math.inf)
+    best = RoutedPath(SearchResult(np.empty((0, task.edges.space.size))), math.inf, math.inf)
     for number, route in enumerate(task.routes):
         least = _bound_route(task.edges, route, onward)
         if best.result.proven and not _may_be_shorter(task, route, least, best, onward):
@@ -699,11 +699,11 @@ def _search_goals(
         results.append(found)
         length = _measure_way(task.edges, found.path, onward) if found.proven else math.inf
         if length < best.length or not (found.proven or len(best.result.path)):
-            best = Way(found, length, least)
+            best = RoutedPath(found, length, least)
     return _sum_times(best.result, results) if results else best.result
 
 
-class Way(NamedTuple):
+class RoutedPath(NamedTuple):
     """What the search along a route found, with its length and the lower bound of all its paths."""
 
     result: SearchResult
@@ -712,7 +712,7 @@ class Way(NamedTuple):
 
 
 def _may_be_shorter(
-    task: PlanTask, route: Endpoints, least: float, best: Way, onward: Sequence[Endpoint]
+    task: PlanTask, route: Endpoints, least: float, best: RoutedPath, onward: Sequence[Endpoint]
 ) -> bool:
     """Return False if a route is not worth a search after the best way that was found."""
     bound = best.length

@@ -38,7 +38,7 @@ from cspace._support.arrays import (
     Row,
     States,
 )
-from cspace._support.compiling import inlined, internal, kernel, prefetch
+from cspace._support.compiling import inlined, internal, kernel
 
 Cell = tuple[int, int, int]
 """A cell along three axes."""
@@ -189,8 +189,7 @@ def classify_blocks(map_: Map, points: Floats, places: Floats, cells: Ints, out:
     """Write the states of configurations, like `classify`, by blocks as long as ``places``.
 
     A processor computes many cells at once, and waits for many states at once, in loops that do
-    nothing else, and waits least for what it was asked for before. ``places`` and ``cells``, shape
-    (block,), are scratch.
+    nothing else. ``places`` and ``cells``, shape (block,), are scratch.
     """
     states = map_.states.reshape(-1)
     for start in range(0, points.shape[0], places.shape[0]):
@@ -207,10 +206,6 @@ def classify_blocks(map_: Map, points: Floats, places: Floats, cells: Ints, out:
                 place = (places[k] - lower) / map_.spacing
                 is_inside = (cells[k] >= 0) & (place >= 0.0) & (place < count)
                 cells[k] = cells[k] * count + np.int64(place) if is_inside else -1
-        # A processor's cache has the cells of smaller maps.
-        if states.size > 2**22:
-            for k in range(rows.shape[0]):
-                prefetch(states, cells[k])
         for k in range(rows.shape[0]):
             answers[k] = states[cells[k]] if cells[k] >= 0 else NOT_USABLE
         for k in range(rows.shape[0]):

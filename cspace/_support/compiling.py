@@ -31,13 +31,10 @@ from pathlib import Path
 from typing import Any, Final, TypeVar
 
 import numba
-from llvmlite import ir
-from numba import types
 from numba.core import event
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
 from numba.core.compiler_lock import global_compiler_lock
-from numba.extending import intrinsic
 
 from cspace.errors import InputError
 
@@ -125,27 +122,6 @@ def inlined(function: F) -> F:
 def allocating(function: F) -> F:
     """Compile a kernel that allocates arrays."""
     return _compile(function, _nrt=True)  # numba takes options that are not given from the caller
-
-
-def _type_prefetch(_: Any, array: Any, index: Any) -> Any:
-    """Return the signature of :data:`prefetch`, and its code generator."""
-
-    def generate(context: Any, builder: Any, _: Any, values: Any) -> Any:
-        """Generate the processor's own instruction."""
-        entry = builder.gep(context.make_array(array)(context, builder, values[0]).data, values[1:])
-        number = ir.IntType(32)
-        kind = ir.FunctionType(ir.VoidType(), [entry.type, *[number] * 3])
-        function = builder.module.declare_intrinsic("llvm.prefetch", [entry.type], kind)
-        # To read, soon again, from data.
-        builder.call(function, [entry, number(0), number(2), number(1)])
-
-    return types.void(array, index), generate
-
-
-prefetch: Final[Any] = intrinsic(_type_prefetch)
-"""``prefetch(array, index)``, in kernels, asks memory for an entry of an array of bytes.
-
-The processor does not wait for it. Any index will do, even one beyond the array."""
 
 
 def _compile(function: F, **options: Any) -> F:
