@@ -582,14 +582,14 @@ MUTANTS = (
     ),
     Mutant(
         "planners/_plan.py",
-        "if least >= bound:",
-        "if least > 0.0:",
+        "return least < bound",
+        "return least <= 0.0",
         "tests/planners/test_goals.py",
     ),
     Mutant(
         "planners/_plan.py",
-        "length += _measure_onward(edges, path[-1], onward)",
-        "length += 0.0",
+        "return length + _measure_onward(edges, path[-1], onward)",
+        "return length",
         "tests/planners/test_goals.py",
     ),
     Mutant(
