@@ -37,7 +37,6 @@ from cspace.inside import (
     check_finite,
     check_not_negative,
     check_point,
-    find_components,
     gather_goals,
     list_alternatives,
     map_record,
@@ -428,6 +427,8 @@ def find_joined(
     configurations lie in cells that meet ``starts``. If there is none with ``mixed``, no path leads
     from a start to a goal.
     """
+    from cspace.inside import find_components
+
     first, last = (_find_components_met(space, rooms, mixed) for rooms in (starts, goals))
     components = find_components(space, np.vstack([first, last]), mixed)
     return first[np.isin(components[: len(first)], components[len(first) :])]
@@ -435,6 +436,7 @@ def find_joined(
 
 def _find_components_met(space: ConfigurationMap, rooms: Sequence[Room], mixed: bool) -> Floats:
     """Return a configuration in each component of cells that meet rooms, shape (n, size)."""
+    from cspace.inside import find_components
 
     def take_one_each(rows: Floats) -> Floats:
         components, first = np.unique(find_components(space, rows, mixed), return_index=True)

@@ -637,6 +637,8 @@ def _find_routes(
             ends = find_room_goals(edges, stage.rooms, stage.name, start)
         return [(start, goal) for goal in ends]
     routes = [(start, *sort_goals(edges.space, stage.goals, start)) for start in origin.goals]
+    if len(routes) == 1:
+        return routes
     return sorted(routes, key=lambda route: edges.min_length(*np.array(route[:2])))
 
 
