@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cspace import _outside
 from cspace._configuration_map import ConfigurationMap
-from cspace._engines.slices import slice_rasters
+from cspace._engines.slices import rasters_of
 from cspace._interface import HALF_TURN, LookUp, Space
 from cspace._queries.batches import (
     MIN_EDGES_PER_THREAD,
@@ -31,7 +31,6 @@ from cspace._record.contents import Contents
 from cspace._record.exterior import UNKNOWN, Exterior
 from cspace._rotations.base import measure_steps
 from cspace._shapes import Shape, ShapeLike, as_shape
-from cspace._shapes.layers import Heights
 from cspace._support.arrays import (
     BLOCKED,
     FREE,
@@ -935,8 +934,7 @@ class CSpace(ConfigurationMap):
     @lazy
     def _rasters(self) -> list[tuple[Raster, Raster]]:
         """Outer and inner rasters of each slice."""
-        heights = Heights.of(self.workspace.grid, self.floor)
-        return slice_rasters(self.robot, self.grid.spacing, self.margin, self.rotations, heights)
+        return rasters_of(self._contents, self.margin)
 
     @lazy
     def _exterior(self) -> Exterior:

@@ -5,7 +5,7 @@ from ._bodies.triangle_proofs import build_boxes as build_boxes
 from ._configuration_map import ConfigurationMap as ConfigurationMap
 from ._engines import find_overlaps as find_overlaps
 from ._engines.slices import list_slice_cells as list_slice_cells
-from ._engines.slices import slice_rasters as slice_rasters
+from ._engines.slices import rasters_of as rasters_of
 from ._exact.proofs import Geometry as Geometry
 from ._exact.proofs import poses_are_free as poses_are_free
 from ._files.access import ContentError as ContentError

@@ -15,7 +15,6 @@ from hypothesis import strategies as st
 from shapely import affinity
 
 import cspace
-import cspace.lanes
 import planners
 from cspace import BLOCKED, FREE, MIXED, Robot, Workspace
 from tests.helpers.refusals import check_refused, refusals
@@ -444,8 +443,6 @@ ENDS = (0.5, 0.5, 0.0), (1.5, 1.5, 0.0)
 
 @refusals(
     "call, message",
-    (lambda space: space.explain(*ENDS), "space has a floor; reasons are for maps without one"),
-    (lambda space: space.removals(*ENDS), "has a floor; reasons are for maps without"),
     (lambda space: space.overlap_count(ENDS[0]), "counts of overlaps are for maps without one"),
     (lambda space: space.contains_robot(ENDS[0]), "has a floor; counts of overlaps"),
     (
@@ -453,12 +450,6 @@ ENDS = (0.5, 0.5, 0.0), (1.5, 1.5, 0.0)
             (0.15, 1.0, 0.0), (0.3, 0.0), leaving=True
         ),
         "motions that leave obstacles are for maps without one",
-    ),
-    (
-        lambda space: cspace.lanes.audit(
-            space, cspace.lanes.RouteGraph.from_arrays([ENDS[0][:2], ENDS[1][:2]], [(0, 1)])
-        ),
-        "space has a floor; lanes are for maps without one",
     ),
     (lambda space: space.update(PLANE), "is a workspace of"),
     (lambda space: space.update(np.ones((2, 2), dtype=bool), (0, 0)), "it must be 3 integers"),

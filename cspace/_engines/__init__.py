@@ -95,15 +95,32 @@ def choose_engine(rasters: Sequence[Raster], *, counts: bool = False) -> Method:
     return "direct" if rows <= max_rows else "fft"
 
 
-def find_overlaps(occupied: Bools, rasters: Sequence[Raster], *, outside: bool) -> Bools:
+def put_layers_first(cells: Bools) -> Bools:
+    """Return cells (x, y, layer) as (layer, x, y), so that runs of rasters lie along y."""
+    return np.ascontiguousarray(np.moveaxis(cells, 2, 0))
+
+
+def put_offsets_first(rasters: Sequence[Raster]) -> list[Raster]:
+    """Return rasters of offsets (x, y, layer) as (layer, x, y)."""
+    return [raster.rotate(np.eye(3)[[2, 0, 1]]) for raster in rasters]
+
+
+def find_overlaps(
+    occupied: Bools, rasters: Sequence[Raster], *, outside: bool, on_floor: bool = False
+) -> Bools:
     """Return a mask of the cells at which each raster meets occupied cells.
 
-    With ``outside``, all cells outside the map are occupied too.
+    With ``outside``, all cells outside the map are occupied too. With ``on_floor``, the robot keeps
+    its heights, the third axis, which the mask then lacks.
     """
-    hits = np.zeros((len(rasters), *occupied.shape), dtype=np.bool_)
+    shape = occupied.shape
+    if on_floor:
+        occupied, rasters = put_layers_first(occupied), put_offsets_first(rasters)
+        shape = (1, *shape[:2])
+    hits = np.zeros((len(rasters), *shape), dtype=np.bool_)
     engine = ENGINES[choose_engine(rasters)]
     engine.write_overlaps(occupied, rasters, list(hits), outside=outside)
-    return hits
+    return hits[:, 0] if on_floor else hits
 
 
 def _count_rows(cells: Bools) -> int:

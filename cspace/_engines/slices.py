@@ -9,12 +9,12 @@ import itertools
 import math
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace._engines import ENGINES, choose_engine
+from cspace._engines import ENGINES, choose_engine, put_layers_first, put_offsets_first
 from cspace._grid import check_reach
 from cspace._raster import Raster
 from cspace._robot import Robot
@@ -24,6 +24,9 @@ from cspace._support.arrays import Bools, States
 from cspace._support.limits import RASTER_CELL_BYTES, SLICE_BYTES, map_bytes
 from cspace._support.threads import count_cores, map_in_threads
 from cspace._support.words import Method
+
+if TYPE_CHECKING:
+    from cspace._record.contents import Contents
 
 SAMPLED_ROTATIONS = 32
 """Approximate number of rotations at which the size of the robot's rasters is estimated."""
@@ -78,6 +81,12 @@ def slice_rasters(
             matrix, _ = images[image_of_source[number]]
             rasters[number] = outer.rotate(matrix.T), inner.rotate(matrix.T)
     return [rasters[number] for number in range(len(sources))]
+
+
+def rasters_of(contents: Contents, margin: float) -> list[RasterPair]:
+    """Return the outer and inner raster of each slice, for the robot grown by a margin, metres."""
+    heights = Heights.of(contents.workspace.grid, contents.floor)
+    return slice_rasters(contents.robot, contents.grid.spacing, margin, contents.rotations, heights)
 
 
 def rasterize(robot: Robot, spacing: float, margin: float, rotation: RotationCell) -> RasterPair:
@@ -149,9 +158,6 @@ Progress = Callable[[int, int], None]
 RasterGroups = Sequence[Sequence[Raster]]
 """Outer rasters of all slices and, if BLOCKED is to be proven, inner rasters of all slices."""
 
-_LAYERS_FIRST: Final = np.eye(3)[[2, 0, 1]]
-"""Matrix that turns offsets (x, y, layer) into (layer, x, y)."""
-
 STEPS_PER_CORRELATION: Final = 1000
 """Number of progress steps of one correlation."""
 
@@ -196,12 +202,11 @@ def fill_states(
     progress : callable, optional
     """
     if states.ndim == cells[0].ndim:
-        # On a floor, states are those of one layer. Layers come first, so that runs lie along y.
+        # On a floor, states are those of one layer.
         outer, inner = cells
-        layers = np.ascontiguousarray(np.moveaxis(outer, 2, 0))
-        is_one = inner is outer
-        cells = layers, layers if is_one else np.ascontiguousarray(np.moveaxis(inner, 2, 0))
-        groups = [[raster.rotate(_LAYERS_FIRST) for raster in rasters] for rasters in groups]
+        layers = put_layers_first(outer)
+        cells = layers, layers if inner is outer else put_layers_first(inner)
+        groups = [put_offsets_first(rasters) for rasters in groups]
         states = states[:, np.newaxis]
     if method == "auto":
         method = choose_engine(groups[0], counts=overlaps is not None)

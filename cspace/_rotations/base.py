@@ -105,6 +105,12 @@ class RotationCell:
             rotated += points[..., k, None] * column
         return rotated
 
+    @property
+    def in_plane(self) -> RotationCell:
+        """The cell of rotations about z for points in the plane."""
+        matrix = None if self.matrix is None else self.matrix[:2, :2]
+        return RotationCell(matrix, self.covering_angle, self.about_z)
+
     def displacement(self, points: Floats) -> Floats:
         """Return the maximum displacement of points, shape (..., d), within the cell."""
         offsets = points[..., :2] if self.about_z else points

@@ -73,8 +73,6 @@ class LayeredShape(BoundedShape):
         self, spacing: float, margin: float = 0.0, rotation: RotationCell = NO_ROTATION
     ) -> tuple[Raster, Raster]:
         """Stack the rasters of the layers; see ``Shape.rasters``."""
-        matrix = None if rotation.matrix is None else rotation.matrix[:2, :2]
-        turn = RotationCell(matrix, rotation.covering_angle, rotation.about_z)
         pairs: dict[ExactShape, tuple[Raster, Raster]] = {}
         sides: tuple[list[tuple[int, Raster]], ...] = ([], [])
         for layer, parts in self._slabs:
@@ -82,7 +80,7 @@ class LayeredShape(BoundedShape):
                 if part is None:
                     continue
                 if part not in pairs:
-                    pairs[part] = part.rasters(spacing, margin, turn)
+                    pairs[part] = part.rasters(spacing, margin, rotation.in_plane)
                 sides[side].append((layer, pairs[part][side]))
         outer, inner = map(_stack, sides)
         return outer, inner

@@ -39,8 +39,8 @@ from cspace.inside import (
     StrPath,
     collect_arrays,
     make_metadata,
+    rasters_of,
     replacing,
-    slice_rasters,
 )
 
 MIN_HALO_CELLS: Final = 4
@@ -293,7 +293,7 @@ class TileFolder:
                 if summary["obstacles"]:
                     boxes.append(np.reshape(summary["obstacles"], (2, len(shape))).tolist())
         obstacles = np.stack([np.min(boxes, axis=0)[0], np.max(boxes, axis=0)[1]])
-        rasters = slice_rasters(frame.robot, frame.grid.spacing, frame.margin, frame.rotations)
+        rasters = rasters_of(frame, frame.margin)
         exterior = Exterior.around(shape, obstacles, rasters, frame.outside)
         layout = {**self.layout, "counts": counts.tolist()}
         complete_frame = replace(frame, exterior=exterior)

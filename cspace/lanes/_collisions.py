@@ -2,13 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 import shapely
 
 from cspace import BLOCKED, FREE, Rotations
-from cspace.inside import Bools, Floats, Ints, States, number_parts
+from cspace.inside import (
+    Bools,
+    Floats,
+    Ints,
+    Raster,
+    States,
+    contents_of,
+    number_parts,
+    rasters_of,
+)
 from cspace.lanes._lane_motions import LaneMotions, find_shares_near_map
 
 if TYPE_CHECKING:
@@ -118,6 +128,8 @@ def find_hits(space: ConfigurationMap, part: CSpace, samples: Samples) -> dict[i
 
     Cells prove some; on the other lanes, the robot is laid over the obstacles.
     """
+    if part.floor is not None:
+        return _find_floor_hits(part, samples)
     obstacles = Obstacles(space, part)
     blocked = samples.take(samples.states == BLOCKED)
     blocked = blocked.take(np.unique(blocked.lanes, return_index=True)[1])
@@ -132,6 +144,47 @@ def find_hits(space: ConfigurationMap, part: CSpace, samples: Samples) -> dict[i
         number, name = obstacles.find_overlap(rest.points[begin:stop])
         hits[lane] = rest.hit(begin + number, name)
     return hits
+
+
+def _find_floor_hits(space: CSpace, samples: Samples) -> dict[int, Hit]:
+    """Find each sampled lane's hit for a robot on a floor, which may pass under obstacles.
+
+    Cells prove some; on the other lanes, the shapes in space.
+    """
+    in_cells = np.isin(samples.lanes, samples.lanes[samples.states == BLOCKED])
+    states = samples.states.copy()
+    states[~in_cells] = space.exact.classify(samples.points[~in_cells])
+    # The first collision of each lane, or else its first configuration that is undecided.
+    order = np.lexsort((samples.along, -states.astype(np.int64), samples.lanes))
+    lanes, begins = np.unique(samples.lanes[order], return_index=True)
+    rasters = rasters_of(contents_of(space), 0.0)
+    hits = {}
+    for lane, row in zip(lanes.tolist(), order[begins].tolist(), strict=True):
+        is_blocked = states[row] == BLOCKED
+        text = _name_touched(space, rasters, samples.points[row]) if is_blocked else ""
+        hits[lane] = samples.hit(row, text)
+    return hits
+
+
+def _name_touched(space: CSpace, rasters: Sequence[tuple[Raster, Raster]], point: Floats) -> str:
+    """Name an obstacle that a robot on a floor touches from everywhere in a cell."""
+    scene = space.workspace
+    cell = space.rotations.cell_of(point[2:]).item() if space.rotations.names else 0
+    _, inner = rasters[space.slice_of[cell]]
+    touched = np.argwhere(inner.cells) + inner.lower
+    touched[:, :2] += space.grid.cell_of(point[:2])
+    in_grid = ((touched >= 0) & (touched < scene.grid.shape)).all(axis=1)
+    hits = touched[in_grid]
+    hits = hits[scene.inner[tuple(hits.T)]]
+    for name, shape in space.obstacles.items():
+        _, cells = shape.cells(scene.grid)
+        if cells[tuple(hits.T)].any():
+            return repr(name)
+    if len(hits):
+        place = ", ".join(f"{x:.2f}" for x in scene.grid.center_of(hits[0]).tolist())
+        return f"the obstacle at ({place})"
+    is_border = space.outside == "blocked" and not in_grid.all()
+    return BORDER if is_border else "an obstacle"
 
 
 class Obstacles:

@@ -13,6 +13,7 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
+from cspace import CSpace
 from cspace.errors import InputError
 from cspace.inside import (
     Floats,
@@ -417,7 +418,8 @@ def conflicts(
     Two robots can touch on two elements, lanes with a direction or nodes with their turns, if and
     only if the shapes that they sweep there meet. Each pair is proven apart, or has two poses that
     touch, or is undecided. Robots are as of the map: grown by its margin, and off the lane by what
-    the graph allows. Robots of one kind also meet each other. See :class:`cspace.lanes.Conflicts`.
+    the graph allows. Robots of one kind also meet each other. A robot on a floor is apart where its
+    footprint is, and else undecided. See :class:`cspace.lanes.Conflicts`.
 
     Parameters
     ----------
@@ -542,18 +544,21 @@ def _judge_pairs(
 ) -> list[Conflict]:
     """Return verdicts about all pairs that are not apart."""
     begins = np.cumsum([0, *(len(sweeper.outlines) for sweeper in sweepers)])
+    # Where footprints meet, a robot on a floor may still pass under the other.
+    has_floor = [isinstance(space, CSpace) and space.floor is not None for space, _ in robots]
     names, kinds = list(elements), list(elements.values())
     pairs: list[Conflict] = []
     for one, other in itertools.combinations_with_replacement(range(len(sweepers)), 2):
         first, second = _find_near(sweepers[one], sweepers[other], distance)
         touches = find_touches(sweepers[one], first, sweepers[other], second, distance)
+        proven = touches.found & (not (has_floor[one] or has_floor[other]))
         poses = zip(
             _list_poses(robots[one][0], touches.first),
             _list_poses(robots[other][0], touches.second),
             strict=True,
         )
         places = (first + begins[one]).tolist(), (second + begins[other]).tolist()
-        ends = touches.found.tolist(), touches.points.tolist()
+        ends = proven.tolist(), touches.points.tolist()
         for a, b, found, (x, y), both in zip(*places, *ends, poses, strict=True):
             verdict: PairState = "touch" if found else "undecided"
             shared = _share_node(kinds[a], kinds[b]), _share_groups(kinds[a], kinds[b])

@@ -93,9 +93,7 @@ def check_map(space: ConfigurationMap, graph: RouteGraph) -> None:
     if space.axes not in (("x", "y"), ("x", "y", "yaw")):
         rule = "lanes are for maps of x, y, or of x, y, yaw"
         raise InputError("space", f"has the axes {', '.join(space.axes)}", rule)
-    if isinstance(space, CSpace) and space.floor is not None:
-        raise InputError("space", "has a floor", "lanes are for maps without one")
-    if space.rotations.names or space.robot.shape.is_round:
+    if space.rotations.names or space.robot.shape.is_round_about_z:
         return
     for lane in graph.lanes:
         if lane.heading != HeadingRule("map", (0.0,)):
@@ -149,7 +147,7 @@ def split_yaws(space: ConfigurationMap) -> Floats:
     Without a yaw, a round robot has all yaws, and another one only zero.
     """
     if not space.rotations.names:
-        return np.array([[-math.pi, math.pi]]) * space.robot.shape.is_round
+        return np.array([[-math.pi, math.pi]]) * space.robot.shape.is_round_about_z
     borders = np.asarray(cast("Any", space.rotations).borders)
     # Largest part of a rotation cell of which all yaws are proven at once, radians.
     count = math.ceil(np.diff(borders).max() / math.radians(5.0) - SAME_YAW)

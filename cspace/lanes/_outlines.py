@@ -105,7 +105,7 @@ class Body:
 
     def __init__(self, space: ConfigurationMap) -> None:
         """Split the robot of a map into parts."""
-        shape = space.robot.shape
+        shape = space.drawn_robot.shape
         self.hulls = list(_list_hulls(shape.outer))
         self.cores = Cores(shape.inner)
         self.lever = space.robot.shape.lever

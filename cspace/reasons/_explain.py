@@ -20,10 +20,17 @@ from cspace.inside import (
     Exterior,
     Floats,
     Ints,
+    contents_of,
     map_record,
-    slice_rasters,
+    rasters_of,
 )
-from cspace.reasons._margins import copy_with_ends, find_cells, find_way, states_of_slices
+from cspace.reasons._margins import (
+    copy_with_ends,
+    find_cells,
+    find_way,
+    pad_cells,
+    states_of_slices,
+)
 from cspace.reasons._removals import remove_obstacles
 from cspace.reasons._windows import Trial, refine_way, suggest_finer
 
@@ -204,13 +211,14 @@ class Explanation:
         low, high = self.margin
         if not self.space.has_poses:
             return self._describe_distance()
+        around = "all around" if self.space.floor is None else "sideways"
         if low >= 0.0:
             more = "" if math.isinf(high) else f", but not by {high:.3g} m"
-            return [f"The robot may grow by {low:.3g} m all around{more}."]
+            return [f"The robot may grow by {low:.3g} m {around}{more}."]
         if math.isinf(low):
             return ["No shrinking of the robot is known to give a path."]
         less = f", but not by {-high:.3g} m" if high < 0.0 else ""
-        return [f"{self._robot_text} passes if it shrinks by {-low:.3g} m all around{less}."]
+        return [f"{self._robot_text} passes if it shrinks by {-low:.3g} m {around}{less}."]
 
     def _describe_distance(self) -> list[str]:
         """Return at most one sentence, on the distance that a path of joints keeps."""
@@ -378,7 +386,7 @@ def _list_obstacles(
     names = []
     unnamed = (space.workspace.inner if proven else space.workspace.outer).copy()
     for name, shape in space.obstacles.items():
-        outer, inner = shape.cells(space.grid)
+        outer, inner = shape.cells(space.workspace.grid)
         occupied = inner if proven else outer
         if (occupied & in_grid).any():
             names.append(name)
@@ -387,8 +395,8 @@ def _list_obstacles(
     # by its touched cell nearest to the position.
     pieces, _ = ndimage.label(unnamed, structure=np.ones((3,) * unnamed.ndim))
     hits = np.argwhere(in_grid & unnamed)
-    centers = space.grid.center_of(hits)
-    gaps = np.linalg.norm(centers - position[: space.dim], axis=1)
+    centers = space.workspace.grid.center_of(hits)
+    gaps = np.linalg.norm(centers[:, : space.dim] - position[: space.dim], axis=1)
     order = np.argsort(gaps, kind="stable")
     _, nearest = np.unique(pieces[tuple(hits[order].T)], return_index=True)
     descriptions = []
@@ -405,16 +413,17 @@ def find_touched_cells(space: CSpace, cells: Ints, proven: bool) -> Bools:
     """Return a mask of workspace cells that a robot may touch.
 
     With ``proven``, return only cells that it touches from everywhere in a configuration cell.
-    ``cells`` has shape (n, 1 + d). The mask has one more layer on each side, for the space outside
-    the grid: shape (nx + 2, ny + 2, ...).
+    ``cells`` has shape (n, 1 + d). The mask has one more cell on each side along the axes of the
+    grid, for the space outside: shape (nx + 2, ny + 2, ...).
     """
-    touched = np.zeros(np.array(space.grid.shape) + 2, dtype=np.bool_)
-    rasters = slice_rasters(space.robot, space.grid.spacing, space.margin, space.rotations)
+    touched = pad_cells(np.zeros_like(space.workspace.outer), 1, space.dim, value=False)
+    rasters = rasters_of(contents_of(space), space.margin)
     last = np.array(touched.shape) - 1
     for rotation, *position in cells.tolist():
         outer, inner = rasters[space.slice_of[rotation]]
         raster = inner if proven else outer
-        offsets = np.argwhere(raster.cells) + raster.lower + position + 1
+        offsets = np.argwhere(raster.cells) + raster.lower
+        offsets[:, : space.dim] += np.array(position) + 1
         touched[tuple(np.clip(offsets, 0, last).T)] = True
     return touched
 

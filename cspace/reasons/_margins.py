@@ -15,6 +15,9 @@ which may separate them. Let h be the spacing.
   the slice. An inner offset of the grown robot lies within m of one of A, less the depth of that.
 
 The robot of FREE states is grown by the map's margin, the robot of BLOCKED states is not.
+
+A robot on a floor grows and shrinks sideways. Then all of this holds in each layer, where planes
+are upright, depths are those below the side of the part in the layer, and inner depths unknown.
 """
 
 from __future__ import annotations
@@ -25,10 +28,10 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache, cached_property
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage
 
 from cspace import BLOCKED, FREE, MIXED, CSpace
@@ -47,9 +50,11 @@ from cspace.inside import (
     find_overlaps,
     list_slice_cells,
     map_record,
-    slice_rasters,
+    rasters_of,
 )
 from planners.inside import find_chain
+
+Number = TypeVar("Number", bound=np.generic)
 
 DEPTH_SLACK: Final = 1e-9
 """Rounding of a depth below a surface, per metre of the shape's largest number."""
@@ -63,6 +68,10 @@ STEPS_PER_CELL: Final = 8
 
 DIRECTION_STEPS: Final = {2: range(-5, 6), 3: range(-2, 3)}
 """Coordinates of the integer vectors that are normals of bounding planes, by dimension."""
+
+
+LAYER_GAP: Final = 2.0**30
+"""Distance of layers for a robot on a floor, in cells, so that nothing grows beyond its own."""
 
 
 class Way(NamedTuple):
@@ -112,8 +121,6 @@ def copy_with_ends(space: CSpace, start: ArrayLike, goal: ArrayLike) -> tuple[CS
         problem = f"has the axes {', '.join(space.axes)}"
         rule = "reasons are for maps of positions, with or without a yaw"
         raise InputError("space", problem, rule)
-    if space.floor is not None:
-        raise InputError("space", "has a floor", "reasons are for maps without one")
     points = [space.check_configuration(q, name) for q, name in ((start, "start"), (goal, "goal"))]
     for q, name in zip(points, ("start", "goal"), strict=True):
         if not space.grid.contains(q[: space.dim]):
@@ -250,8 +257,11 @@ class ResizedRobot:
         """Compute the rasters of the robot without a margin."""
         self.space = space
         self.step = space.grid.spacing / STEPS_PER_CELL
-        self.rasters = slice_rasters(space.robot, space.grid.spacing, 0.0, space.rotations)
-        self._rotation_cells = list_slice_cells(space.robot, space.rotations)
+        self.rasters = rasters_of(contents_of(space), 0.0)
+        self._on_floor = space.floor is not None
+        self._sides = space.grid.spacing * measure_sides(space.workspace.grid.dim, space.dim)
+        cells = list_slice_cells(space.robot, space.rotations)
+        self._rotation_cells = [cell.in_plane for cell in cells] if self._on_floor else cells
         self._levels = cache(self._measure_levels)
 
     def search(
@@ -279,8 +289,7 @@ class ResizedRobot:
         space = self.space
         own, rest = self._split_margin(margin)
         if margin >= 0.0:
-            pairs = slice_rasters(space.robot, space.grid.spacing, own, space.rotations)
-            rasters = [outer for outer, _ in pairs]
+            rasters = [outer for outer, _ in rasters_of(contents_of(space), own)]
         else:
             rasters = [
                 Raster.from_bitmap(outer.cells & (depths >= -margin), outer.lower)
@@ -290,8 +299,8 @@ class ResizedRobot:
         outside = space.outside != "free"
         occupied = space.workspace.outer
         if rest > 0.0:
-            occupied = grow_cells(occupied, rest, outside, outwards=True)
-        is_free = ~find_overlaps(occupied, rasters, outside=outside)
+            occupied = grow_cells(occupied, rest, outside, space.dim, outwards=True)
+        is_free = ~find_overlaps(occupied, rasters, outside=outside, on_floor=self._on_floor)
         if margin <= space.margin:
             # A window also knows what is FREE by the obstacles around it.
             is_free |= states_of_slices(space) == FREE
@@ -310,23 +319,25 @@ class ResizedRobot:
         added = 0
         while added * space.grid.spacing < own:
             added = max(2 * added, 4)
+        shift = added * (np.arange(space.workspace.grid.dim) < space.dim)
         rasters = [
-            Raster.from_bitmap(levels <= own, tuple(low - added for low in inner.lower))
+            Raster.from_bitmap(levels <= own, tuple((inner.lower - shift).tolist()))
             for levels, (_, inner) in zip(self._levels(added), self.rasters, strict=True)
         ]
         # Joints may go on beyond the mapped part of their ranges.
         outside = space.outside == "blocked" and space.has_poses
         occupied = space.workspace.inner
         if rest > 0.0:
-            occupied = grow_cells(occupied, rest, outside, outwards=False)
-        hits = find_overlaps(occupied, rasters, outside=outside)
+            occupied = grow_cells(occupied, rest, outside, space.dim, outwards=False)
+        hits = find_overlaps(occupied, rasters, outside=outside, on_floor=self._on_floor)
         if margin >= 0.0:  # as above
             hits |= states_of_slices(space) == BLOCKED
         states = np.where(hits, np.uint8(BLOCKED), np.uint8(MIXED))
         exterior = Exterior(map_record(space).exterior)
         if space.has_poses:
             pairs = [(raster, raster) for raster in rasters]
-            exterior = Exterior.of(space.workspace.outer, pairs, space.outside)
+            outer = space.workspace.outer
+            exterior = Exterior.of(outer, pairs, space.outside, self._on_floor)
         return self._make_map(states, exterior)
 
     def _make_map(self, states: States, exterior: Exterior) -> CSpace:
@@ -349,21 +360,24 @@ class ResizedRobot:
         That is about the inradius. Without a surface, it is half the shortest side of the robot.
         """
         if self._inner_depths is None:
-            return float(np.ptp(self.space.robot.shape.inner.bounds, axis=0).min()) / 2.0
+            sides = np.ptp(self.space.robot.shape.inner.bounds, axis=0)[: self.space.dim]
+            return float(sides.min()) / 2.0
         return max(float(depths.max(initial=0.0)) for depths in self._inner_depths)
 
     @cached_property
     def outer_depths(self) -> list[Floats]:
         """Upper bounds of depth in each outer offset's box, by slice."""
-        planes = Planes.around(self.space.robot.shape.outer)
+        planes = Planes.around(self.space.drawn_robot.shape.outer)
         return [self._bound_depths(planes, number) for number in range(len(self.rasters))]
 
     @cached_property
     def _inner_depths(self) -> list[Floats] | None:
         """Lower bounds of the depth of each inner offset, by slice.
 
-        None for a robot whose surface has too many pieces, and for a filled mesh.
+        None for a robot whose surface has too many pieces, for a filled mesh, and on a floor.
         """
+        if self._on_floor:
+            return None
         shape = self.space.robot.shape.inner
         n_points = sum(inner.count for _, inner in self.rasters)
         try:
@@ -385,10 +399,12 @@ class ResizedRobot:
         cell = self._rotation_cells[number]
         spacing = self.space.grid.spacing
         # The first bound is the distance to the nearest box without a point of the shape.
-        padded: Floats = ndimage.distance_transform_edt(np.pad(raster.cells, 1), sampling=spacing)
+        cells = np.pad(raster.cells, 1)
+        padded: Floats = ndimage.distance_transform_edt(cells, sampling=self._sides)
         bounds = padded[(slice(1, -1),) * padded.ndim]
         # The second is the depth below each plane, at the corner of the box that is deepest.
         points = spacing * (np.argwhere(raster.cells) + np.array(raster.lower))
+        points = points[:, : self.space.dim]
         normals = planes.normals
         turned = normals if cell.matrix is None else normals @ cell.matrix.T
         to_corners = spacing * np.abs(turned).sum(axis=1)
@@ -427,50 +443,59 @@ class ResizedRobot:
 
         Tables have the shapes of the inner rasters with ``added`` offsets on each side.
         """
-        spacing = self.space.grid.spacing
+        dim = self.space.dim
         inner_depths = self._inner_depths
         tables = []
         for number, (_, inner) in enumerate(self.rasters):
             depths = np.where(inner.cells, 0.0, -math.inf)
             if inner_depths is not None:
                 depths = np.maximum(depths, inner_depths[number])
-            cells = np.pad(inner.cells, added)
-            depths = np.pad(depths, added)
+            cells = pad_cells(inner.cells, added, dim, value=False)
+            depths = pad_cells(depths, added, dim, value=0.0)
             if not inner.count:
                 tables.append(np.full(cells.shape, math.inf))
                 continue
             # An inner offset, deep below the surface by d, puts all offsets within m + d of it in
             # the robot grown by m. Take the better of two: the nearest and the deepest one.
             gaps, nearest = ndimage.distance_transform_edt(
-                ~cells, sampling=spacing, return_indices=True
+                ~cells, sampling=self._sides, return_indices=True
             )
             deepest = np.argwhere(cells)[np.argmax(depths[cells])]
-            far_gaps = np.linalg.norm(
-                np.moveaxis(np.indices(cells.shape), 0, -1) - deepest, axis=-1
-            )
-            levels = np.minimum(
-                gaps - depths[tuple(nearest)], spacing * far_gaps - depths[tuple(deepest)]
-            )
+            steps = np.moveaxis(np.indices(cells.shape), 0, -1) - deepest
+            far_gaps = np.linalg.norm(steps * self._sides, axis=-1)
+            levels = np.minimum(gaps - depths[tuple(nearest)], far_gaps - depths[tuple(deepest)])
             tables.append(levels)
         return tables
 
 
-def grow_cells(cells: Bools, distance: float, outside: bool, *, outwards: bool) -> Bools:
-    """Grow occupied cells by a distance, in cells.
+def measure_sides(axes: int, dim: int) -> Floats:
+    """Return the side of a cell along each axis, in cells; only the first ``dim`` axes can grow."""
+    return np.where(np.arange(axes) < dim, 1.0, LAYER_GAP)
+
+
+def pad_cells(values: NDArray[Number], count: int, dim: int, *, value: float) -> NDArray[Number]:
+    """Pad an array by a value on both sides of its first ``dim`` axes."""
+    widths = [(count, count)] * dim + [(0, 0)] * (values.ndim - dim)
+    return np.pad(values, widths, constant_values=value)
+
+
+def grow_cells(cells: Bools, distance: float, outside: bool, dim: int, *, outwards: bool) -> Bools:
+    """Grow occupied cells by a distance, in cells, along the first ``dim`` axes.
 
     ``outwards``, the result has all cells that meet the grown region; otherwise, only cells that
     lie in it. With ``outside``, all space outside the grid is occupied too.
     """
-    near = np.pad(cells, 1, constant_values=outside)
+    near = pad_cells(cells, 1, dim, value=outside)
+    sides = measure_sides(cells.ndim, dim)
     # Each point of a cell has one of another cell as far away as their centers are. Their nearest
     # points are as far away as the centers of neighbours of theirs, or touch.
     slack = -1e-9
     if outwards:
-        near = ndimage.binary_dilation(near, np.ones((3,) * near.ndim))
+        near = ndimage.binary_dilation(near, np.ones(np.where(sides > 1.0, 1, 3)))
         slack = 1e-9
     if not near.any():  # nothing to measure distances from
         return cells.copy()
-    gaps = ndimage.distance_transform_edt(~near)[(slice(1, -1),) * near.ndim]
+    gaps = ndimage.distance_transform_edt(~near, sampling=sides)[(slice(1, -1),) * dim]
     return np.asarray(gaps <= distance * (1.0 + slack))
 
 

@@ -20,7 +20,7 @@ from scipy.sparse import csgraph
 
 from cspace import FREE
 from cspace.errors import InputError
-from cspace.inside import Ints, find_overlaps, slice_rasters
+from cspace.inside import Ints, contents_of, find_overlaps, rasters_of
 from cspace.reasons._margins import copy_with_ends, find_cells, states_of_slices
 
 if TYPE_CHECKING:
@@ -191,13 +191,13 @@ def _compute_masks(space: CSpace, names: Sequence[str]) -> Ints:
     Bit k is set if the robot may touch the obstacle ``names[k]``; the mask is ``NEVER`` if the cell
     is not FREE without named obstacles either.
     """
-    rasters = slice_rasters(space.robot, space.grid.spacing, space.margin, space.rotations)
-    outer_rasters = [outer for outer, _ in rasters]
-    masks = np.zeros((len(rasters), *space.grid.shape), dtype=np.int64)
+    outer_rasters = [outer for outer, _ in rasters_of(contents_of(space), space.margin)]
+    masks = np.zeros((len(outer_rasters), *space.grid.shape), dtype=np.int64)
     named = space.obstacles
     for bit, name in enumerate(names):
-        outer, _ = named[name].cells(space.grid)
-        masks[find_overlaps(outer, outer_rasters, outside=False)] |= 1 << bit
+        outer, _ = named[name].cells(space.workspace.grid)
+        hits = find_overlaps(outer, outer_rasters, outside=False, on_floor=space.floor is not None)
+        masks[hits] |= 1 << bit
     without = remove_obstacles(space, names)
     masks[states_of_slices(without) != FREE] = NEVER
     return masks

@@ -82,6 +82,8 @@ def refine_way(space: CSpace, points: Floats, way: Way, is_decided: bool) -> tup
     for _ in range(MAX_HALVINGS):
         finer = 2 * factor
         n_cells = finer**space.dim * space.grid.size * _count_rotations(space, finer)
+        scene = space.workspace.grid
+        n_cells = max(n_cells, finer**scene.dim * scene.size)
         # Maximum number of cells, over all rotations, of a finer map of the whole workspace.
         is_whole = n_cells <= 2**22 and space.outside != "unknown"
         if is_decided and not is_whole:
@@ -127,15 +129,22 @@ def _build_finer(space: CSpace, factor: int, first: Ints, stop: ArrayLike) -> CS
     The box is from cell ``first`` to before cell ``stop``. The cells are those of a finer map of
     the whole grid, because the box begins at a corner of a cell.
     """
-    grid = space.grid
-    lower = grid.lower + grid.spacing * first
-    upper = grid.lower + grid.spacing * np.asarray(stop)
-    bounds = np.concatenate([lower, upper])
+    grid = space.workspace.grid  # that of a robot on a floor has heights, which all stay
+    starts, stops = np.zeros(grid.dim, np.int64), np.array(grid.shape)
+    starts[: space.dim], stops[: space.dim] = first, stop
+    bounds = np.concatenate([grid.lower + grid.spacing * starts, grid.lower + grid.spacing * stops])
     fine = Workspace.from_shapes(space.workspace.obstacles, grid.spacing / factor, bounds)
     count = _count_rotations(space, factor)
     outside: Literal["free", "blocked"] = "free" if space.outside == "free" else "blocked"
     rotations = None if count == 1 else count
-    return build(fine, space.robot, rotations=rotations, margin=space.margin, outside=outside)
+    return build(
+        fine,
+        space.robot,
+        rotations=rotations,
+        margin=space.margin,
+        outside=outside,
+        floor=space.floor,
+    )
 
 
 def _decide(space: CSpace, finer: CSpace, ends: ArrayLike) -> Decision:

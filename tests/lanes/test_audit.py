@@ -3,10 +3,12 @@
 import copy
 import math
 import pickle
+import re
 
 import numpy as np
 import pytest
 import shapely
+import trimesh
 from hypothesis import given
 from hypothesis import strategies as st
 from shapely import affinity
@@ -107,6 +109,67 @@ def test_random_graphs_agree_with_swept_hulls(rooms):
     audit = cspace.lanes.audit(rooms, RouteGraph.from_arrays(positions, edges))
     assert min(audit.counts["free"], audit.counts["blocked"]) > 10
     check(rooms, audit)
+
+
+def build_on_floor(seed):
+    """Return the map of a prism on a floor, and that of its footprint at its heights."""
+    rng = np.random.default_rng(seed)
+    occupied = rng.random((80, 50, 8)) < 0.002
+    occupied[:, :, 5:] |= rng.random((80, 50, 3)) < 0.2  # above the robot
+    prism = trimesh.creation.extrude_polygon(shapely.Polygon(ROBOT), 0.3)
+    robot = cspace.Robot.from_mesh(prism.apply_translation((0.0, 0.0, 0.1)))
+    workspace = cspace.Workspace.from_array(occupied, 0.1)
+    space = cspace.build(workspace, robot, rotations=72, floor=0.05)
+    return space, build(occupied[:, :, 1:5].any(axis=2))
+
+
+def test_lanes_on_a_floor_agree_with_swept_hulls_at_the_heights_of_the_robot():
+    space, flat = build_on_floor(3)
+    rng = np.random.default_rng(0)
+    positions = rng.uniform((0.2, 0.2), (7.8, 4.8), (40, 2))
+    edges = rng.integers(0, 40, (60, 2))
+    edges = edges[edges[:, 0] != edges[:, 1]]
+    audit = cspace.lanes.audit(space, RouteGraph.from_arrays(positions, edges), max_room=0.4)
+    assert min(audit.counts["free"], audit.counts["blocked"]) > 5
+    check(flat, audit)
+    named = [row.obstacle for row in audit.lanes if row.verdict == "blocked"]
+    places = [re.findall(r"-?[0-9.]+", text) for text in named if "obstacle at" in text]
+    assert places
+    for place_ in places:
+        assert space.workspace.outer[tuple(space.workspace.grid.cell_of(list(map(float, place_))))]
+        assert 0.1 < float(place_[2]) < 0.5
+    space.update(cspace.Workspace.from_array(np.zeros((80, 50, 8), dtype=bool), 0.1))
+    space.add_obstacle("lamp", trimesh.creation.box(bounds=[(2, 0, 0.55), (3, 5, 0.7)]))
+    space.add_obstacle("shelf", trimesh.creation.box(bounds=[(3, 0, 0.3), (4, 5, 0.6)]))
+    lane = RouteGraph.from_arrays([(1.0, 2.5), (7.0, 2.5)], [(0, 1)])
+    (row,) = cspace.lanes.audit(space, lane).lanes
+    assert (row.verdict, row.obstacle) == ("blocked", "'shelf'")
+    assert 2.6 <= row.at[0] <= 4.3
+
+
+def test_conflicts_on_a_floor_are_where_footprints_meet():
+    space, flat = build_on_floor(3)
+    nodes = np.random.default_rng(4).uniform((0.5, 0.5), (7.5, 4.5), (8, 2))
+    graph = RouteGraph.from_arrays(nodes, [(0, 1), (2, 3), (4, 5), (6, 7)])
+    found, expected = (cspace.lanes.conflicts(each, graph) for each in (space, flat))
+    meeting = {(row.first, row.second) for row in expected.pairs}
+    assert {(row.first, row.second) for row in found.pairs} == meeting and meeting
+    # A robot may pass under another, so that nothing is proven where footprints meet.
+    assert {row.verdict for row in found.pairs} == {"undecided"}
+
+
+def test_a_robot_without_a_yaw_that_is_round_from_above_alone_has_no_lanes():
+    base = trimesh.creation.cylinder(0.4, 0.2, sections=64)
+    mast = trimesh.creation.box((0.5, 0.1, 0.3))
+    mast.apply_translation((0.0, 0.0, 0.2))
+    robot = cspace.Robot.from_mesh(trimesh.util.concatenate([base, mast]))
+    workspace = cspace.Workspace.from_array(np.zeros((40, 40, 8), dtype=bool), 0.1)
+    graph = RouteGraph.from_arrays([(1.0, 1.0), (3.0, 3.0)], [(0, 1)])
+    space = cspace.build(workspace, robot, floor=0.2)
+    check_refused(lambda: cspace.lanes.audit(space, graph), "turns on the lane")
+    round_robot = cspace.Robot.cylinder(0.3, 0.4)
+    space = cspace.build(workspace, round_robot, floor=0.3)
+    assert cspace.lanes.audit(space, graph).counts["free"] == 1
 
 
 @pytest.mark.thorough

@@ -335,7 +335,9 @@ def test_grown_cells_hold_and_lie_in_the_grown_region(seed, distance, outside):
     if outside:
         boxes.append(shapely.box(-9, -9, 16, 15) - shapely.box(0, 0, 7, 6))
     region = shapely.union_all(boxes)
-    outer, inner = (grow_cells(cells, distance, outside, outwards=each) for each in (True, False))
+    outer, inner = (
+        grow_cells(cells, distance, outside, 2, outwards=each) for each in (True, False)
+    )
     inside = np.linspace(0.0, 1.0, 6)
     for x, y in np.ndindex(cells.shape):
         gap = shapely.distance(shapely.box(x, y, x + 1, y + 1), region)
@@ -581,3 +583,106 @@ def test_the_exact_map_is_explained_by_whole_cells():
     for view, row in product((space.exact, exact), only_exact[:20]):
         assert view.explain(row, goal).verdict == "start MIXED"
     assert exact.explain(start, goal).verdict == space.explain(start, goal).verdict
+
+
+# ---- robots on a floor ---------------------------------------------------------------------------
+
+
+def stand(low, high):
+    """Return a box from its lower to its upper corner."""
+    low, high = np.array(low), np.array(high)
+    return cspace.Robot.box(high - low, (low + high) / 2.0).shape
+
+
+def build_gate(low_width, high_width, spacing, **options):
+    """Build the map of a hall with a door for the base, one for the mast, and a beam above."""
+    walls = [stand((1.85, -1.0, 1.0), (2.15, SIDE + 1.0, 1.2))]
+    for width, bottom, top in ((low_width, -0.5, 0.3), (high_width, 0.55, 0.9)):
+        walls.append(stand((1.85, -1.0, bottom), (2.15, (SIDE - width) / 2.0, top)))
+        walls.append(stand((1.85, (SIDE + width) / 2.0, bottom), (2.15, SIDE + 1.0, top)))
+    bounds = (0.0, 0.0, 0.0, SIDE, SIDE, 1.2)
+    workspace = cspace.Workspace.from_shapes(walls, spacing, bounds)
+    base = trimesh.creation.box((0.4, 0.6, 0.4))
+    mast = trimesh.creation.box((0.1, 0.2, 0.5))
+    mast.apply_translation((0.0, 0.0, 0.4))
+    robot = cspace.Robot.from_mesh(trimesh.util.concatenate([base, mast]))
+    return cspace.build(workspace, robot, floor=0.2, **options)
+
+
+@examples(12)
+@given(
+    low_width=st.floats(0.15, 1.4),
+    high_width=st.floats(0.06, 1.2),
+    spacing=st.sampled_from([0.05, 0.08]),
+    margin=st.sampled_from([0.0, 0.07]),
+)
+def test_margins_on_a_floor_are_those_of_each_height(low_width, high_width, spacing, margin):
+    space = build_gate(low_width, high_width, spacing, margin=margin)
+    explanation = space.explain((0.8, 2.0), (3.2, 2.0))
+    low, high = explanation.margin
+    true = min(low_width / 2.0 - 0.3, high_width / 2.0 - 0.1)
+    assert low <= true <= high
+    if true > 2.0 * spacing + margin:
+        assert true - 2.0 * spacing < low and high < true + 2.0 * spacing
+        assert "sideways" in str(explanation)
+    else:
+        assert low == -math.inf or true - 3.0 * spacing < low
+    assert joins(space, explanation.barrier, (0.8, 2.0), (3.2, 2.0))
+
+
+@examples(8)
+@given(seed=st.integers(0, 2**32 - 1), rotations=st.sampled_from([None, 8]))
+def test_explanations_on_a_floor_hold_for_grown_and_shrunk_robots(seed, rotations):
+    rng = np.random.default_rng(seed)
+    occupied = rng.random((24, 20, 8)) < 0.012
+    occupied[:, :, 6:] = True  # a ceiling
+    workspace = cspace.Workspace.from_array(occupied, 0.1)
+
+    def build(growth):
+        size = 2.0 * growth + np.array((0.3, 0.12))
+        robot = cspace.Robot.box((*size, 0.39), (0.0, 0.0, 0.2))
+        return cspace.build(workspace, robot, rotations=rotations, floor=0.1)
+
+    space = build(0.0)
+    angles = () if rotations is None else (float(rng.uniform(-3.0, 3.0)),)
+    ends = [(*rng.uniform((0.0, 0.0), (2.4, 2.0)).tolist(), *angles) for _ in range(2)]
+    explanation = space.explain(*ends)
+    assert joins(space, explanation.barrier, *ends)
+    low, high = explanation.margin
+    assert low <= high
+    # A box grown on all four sides contains the grown robot; one shrunk is the shrunk robot.
+    if -0.06 < low <= 0.0:
+        assert not build(low).is_disconnected(*ends)
+    if math.isfinite(high):
+        assert not build(high).is_connected(*ends)
+    if low >= 0.0:
+        again = cspace.build(workspace, space.robot, rotations=rotations, margin=low, floor=0.1)
+        assert again.is_connected(*ends)
+
+
+def test_obstacles_on_a_floor_are_named_with_their_height():
+    space = build_gate(1.2, 0.04, 0.05)
+    explanation = space.explain((0.8, 2.0), (3.2, 2.0))
+    assert explanation.verdict == "disconnected"
+    heights = [float(re.findall(r"-?\d+\.\d+", text)[2]) for text in explanation.obstacles]
+    assert heights and all(0.5 <= height <= 0.9 for height in heights)
+    assert explanation.plot() is not None
+    open_gate = build_gate(1.2, 0.9, 0.05)
+    for name, bottom in (("lamp", 0.95), ("crate", 0.0)):
+        box = trimesh.creation.box(bounds=[(1.8, 0.1, bottom), (2.2, 3.9, bottom + 0.2)])
+        open_gate.add_obstacle(name, box)
+    named = open_gate.explain((0.8, 2.0), (3.2, 2.0))
+    assert "'crate'" in named.obstacles and "'lamp'" not in named.obstacles
+    assert named.passes_without == ("crate",)
+    blocked = open_gate.explain((2.0, 2.0), (3.2, 2.0))
+    assert blocked.verdict == "start BLOCKED" and blocked.obstacles == ("'crate'",)
+
+
+@pytest.mark.parametrize("width, spacing, decided", [(0.31, 0.08, "open"), (0.15, 0.1, "shut")])
+def test_finer_maps_decide_on_a_floor(width, spacing, decided):
+    space = build_gate(1.2, width, spacing)
+    explanation = space.explain((0.8, 2.0), (3.2, 2.0), refine=True)
+    assert explanation.verdict == "undecided"
+    assert explanation.trial.decided == decided
+    finer = build_gate(1.2, width, explanation.trial.spacing)
+    assert finer.is_connected((0.8, 2.0), (3.2, 2.0)) == (decided == "open")

@@ -4,6 +4,7 @@ import itertools
 
 import numpy as np
 import shapely
+import trimesh
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -68,3 +69,41 @@ def test_nothing_is_removed_if_a_path_exists():
     removals = space.removals((0.3, 0.8), (1.6, 0.8))
     assert removals == []
     assert removals.is_fewest
+
+
+@examples(5)
+@given(seed=st.integers(0, 2**32 - 1), rotations=st.sampled_from([None, 6]))
+def test_removals_on_a_floor_leave_what_the_robot_passes_under(seed, rotations):
+    rng = np.random.default_rng(seed)
+    base = rng.random((24, 16, 8)) < 0.004
+    corners = rng.uniform((0.3, 0.0, 0.0), (2.0, 1.5, 0.6), (4, 3))
+    sizes = rng.uniform(0.1, (0.5, 1.4, 0.2), (4, 3))
+    robot = cspace.Robot.box((0.3, 0.2, 0.3), (0.0, 0.0, 0.15))
+
+    def build(numbers):
+        space = cspace.build(
+            cspace.Workspace.from_array(base, 0.1), robot, rotations=rotations, floor=0.1
+        )
+        for number in numbers:
+            box = trimesh.creation.box(bounds=[corners[number], corners[number] + sizes[number]])
+            space.add_obstacle(f"box {number}", box)
+        return space
+
+    angles = () if rotations is None else (0.0,)
+    ends = (0.2, 0.8, *angles), (2.2, 0.8, *angles)
+    removals = build(range(4)).removals(*ends)
+    # Solids above the robot never need to leave.
+    high = [number for number in range(4) if corners[number, 2] > 0.45]
+    sizes_that_give = [
+        size
+        for size in range(5)
+        for removed in itertools.combinations(range(4), size)
+        if build(set(range(4)) - set(removed)).is_connected(*ends)
+    ]
+    if removals is None:
+        assert not sizes_that_give
+        return
+    assert removals.is_fewest and len(removals) == min(sizes_that_give)
+    assert not set(removals) & {f"box {number}" for number in high}
+    rest = [number for number in range(4) if f"box {number}" not in removals]
+    assert build(rest).is_connected(*ends)

@@ -54,7 +54,7 @@ def test_maps_of_every_kind_open_equal(tmp_path, space, monkeypatch):
     space.save(path)
     assert list(tmp_path.iterdir()) == [path]
     with monkeypatch.context() as patch:
-        patch.setattr("cspace._space.slice_rasters", None)  # which look-ups of a saved map need not
+        patch.setattr("cspace._space.rasters_of", None)  # which look-ups of a saved map need not
         opened = cspace.open(str(path))
         same(space, opened)
         np.testing.assert_array_equal(opened._exterior.table, space._exterior.table)
