@@ -11,7 +11,6 @@ MAPS = {
     "plane": "floor.npy --robot rect:0.1x0.05",
     "turning": "floor.npy --robot rect:0.1x0.05 --rotations 8",
     "space": "rooms.npy --robot box:0.1x0.1x0.1",
-    "floor": "rooms.npy --robot box:0.1x0.1x0.1 --rotations 8 --floor 0.35",
     "free": "rooms.npy --robot box:0.06x0.04x0.06 --rotations quaternions:2",
 }
 """Workspace and robot of each map, by its name."""

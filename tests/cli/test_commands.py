@@ -205,6 +205,26 @@ def test_map_writes_and_describes_a_map(room):
     assert f"free {free}" in lines
 
 
+def test_commands_take_a_robot_that_drives_on_a_floor(room):
+    """The window between the rooms lies from 0.2 m to 0.6 m, and a low robot does not reach it."""
+    command = "build rooms.npy --robot box:0.1x0.1x0.1 --spacing 0.1 --rotations 8 --floor"
+    ends = "--start 0.35,0.65,0 --goal 2.05,0.65,0"
+    printed = document(f"{command} 0.35 -o high.zarr")
+    assert (printed["floor_m"], printed["shape"]) == (0.35, [25, 12])
+    space = cspace.open("high.zarr")
+    assert space.floor == 0.35 and space.workspace.grid.dim == 3
+    again = cspace.build(space.workspace, "box:0.1x0.1x0.1", rotations=8, floor=0.35)
+    assert (again.cell_states == space.cell_states).all()
+    assert document("info high.zarr")["floor_m"] == 0.35
+    assert document(f"plan high.zarr {ends}")["certified"]
+    document(f"plot high.zarr {ends} -o high.png")
+    document("export high.zarr high.yaml --rotation 0")
+    document(f"{command} 0.1 -o low.zarr")
+    assert document(f"explain low.zarr {ends}")["verdict"] == "disconnected"
+    refused = run(f"{command} 0.9 -o none.zarr")
+    assert refused.exit_code == 2 and "--floor is 0.9 m" in refused.stderr
+
+
 def test_options_of_map_reach_the_build(room):
     def build(options):
         printed = document(f"build floor.npy --robot disc:0.15 --spacing 0.1 -o m.zarr {options}")

@@ -233,6 +233,32 @@ def open_gate(program, room, leaving=True):
     return GateInCpp(program, room, BOX, *numbers, leaving=leaving)
 
 
+def test_a_gate_on_a_floor_stops_and_leaves_nothing(program, tmp_path):
+    """What a robot on a floor touches depends on heights, which the map in C++ lacks."""
+    cells = np.zeros((60, 40, 6), dtype=bool)
+    cells[30:32, :, 3:] = True
+    robot = cspace.Robot.box((0.6, 0.4, 0.2), (0.0, 0.0, 0.1))
+    workspace = cspace.Workspace.from_array(cells, 0.1)
+    cspace.build(workspace, robot, rotations=72, floor=0.05).save(tmp_path / "map")
+    numbers = (ROOM_DT, *ROOM_BRAKES, *(TRACKING,) * 3, POINT_RADIUS)
+    gate = GateInCpp(program, tmp_path / "map", BOX, *numbers)
+    for x, share in ((3.05, 1.0), (5.6, 0.0)):  # under the beam, and at the border
+        slowed = gate.slow_down((x, 2.0, 0.0), (0.3, 0.0), (0.0, 0.0))
+        assert slowed.is_proven == (share > 0.0) and slowed.share == share
+    gate.close()
+    row = "3.0 2.0 0.0 0.3 0.0 0.0 0.0\n"
+    command = [
+        str(program),
+        "drive",
+        str(tmp_path / "map"),
+        "1",
+        BOX,
+        *map(repr, map(float, numbers)),
+    ]
+    done = subprocess.run(command, input=row, text=True, capture_output=True, check=False)
+    assert "not in tiles or on a floor" in done.stdout
+
+
 def find_margin():
     """Return the margin of the gate's distances from the centers of points, metres."""
     return math.hypot(TRACKING, TRACKING) + math.hypot(0.3, 0.2) * TRACKING + POINT_RADIUS

@@ -5,6 +5,7 @@ import shutil
 
 import numpy as np
 import pytest
+import trimesh
 
 import cspace
 from tests.fuzz.cpp import build_tiles, write_damaged
@@ -62,6 +63,21 @@ def test_a_window_with_an_unknown_outside_answers_equally(tmp_path, program):
     queries = draw_queries(window, N, np.random.default_rng(1))
     found = count_differences(window, program, tmp_path / "map", queries, "unchecked")
     assert (found["states"], found["motions"]) == (0, 0)
+
+
+@pytest.mark.parametrize("outside", ["blocked", "free"])
+@pytest.mark.parametrize("rotations", [None, 16])
+def test_maps_on_a_floor_answer_as_in_python(tmp_path, program, rotations, outside):
+    cells = np.random.default_rng(0).random((60, 50, 9)) < 0.004
+    workspace = cspace.Workspace.from_array(cells, 0.1, lower=(-1.3, 0.7, 0.2))
+    corners = [(0, 0, 0), (0.4, 0, 0), (0, 0.2, 0), (0, 0, 0.5)]
+    robot = cspace.Robot.from_mesh(trimesh.convex.convex_hull(np.array(corners)))
+    space = cspace.build(workspace, robot, rotations=rotations, outside=outside, floor=0.33)
+    space.save(tmp_path / "map", compress=outside == "free", clearance=True)
+    queries = draw_queries(space, N, np.random.default_rng(1))
+    found = count_differences(space, program, tmp_path / "map", queries)
+    assert found.pop("motions that are free") > 0
+    assert found == {"states": 0, "motions": 0, "clearances": 0}
 
 
 @pytest.mark.parametrize("outside", ["blocked", "free"])

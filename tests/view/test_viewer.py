@@ -28,6 +28,7 @@ KINDS = {
     "SE2": (NOSED, 12),
     "R3": (cspace.Robot.ball(0.1), None),
     "SE3": (cspace.Robot.box((0.2, 0.1, 0.1)), cspace.Rotations.quaternions(2)),
+    "floor": (cspace.Robot.box((0.2, 0.1, 0.3)), 12),
 }
 """Robot and rotation cells of each kind of map."""
 
@@ -37,7 +38,9 @@ def build_room(kind):
     robot, rotations = KINDS[kind]
     occupied = np.zeros((24, 20, 12)[: robot.dim], dtype=bool)
     occupied[11:13, 9:12] = True
-    return cspace.build(cspace.Workspace.from_array(occupied, 0.1), robot, rotations=rotations)
+    floor = 0.5 if kind == "floor" else None
+    workspace = cspace.Workspace.from_array(occupied, 0.1)
+    return cspace.build(workspace, robot, rotations=rotations, floor=floor)
 
 
 @pytest.fixture(scope="module", params=KINDS)
