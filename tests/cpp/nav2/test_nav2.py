@@ -115,7 +115,7 @@ def test_paths_avoid_crates_that_only_the_costmap_knows(nav2, space, room):
         nav2.add_cost(low, high)
         answer = nav2.plan(START, GOAL)
         nav2.add_cost(low, high, 0)
-        assert answer["code"] in (0, 207)
+        assert answer["code"] in (0, 207, 208)  # within the time limit, or there is none
         if answer["code"] == 0:
             path = np.array(answer["path"])
             assert not touches(path, low, high)
@@ -272,10 +272,10 @@ def test_a_search_ends_at_its_limit_or_when_cancelled(nav2, room):
     "parameters, message",
     [
         ({"map": "/no/map"}, "/no/map"),
-        ({"step": 0}, "'step' is 0.000000; it must be from 0.001000 to 10.000000"),
-        ({"time_limit": -1}, "'time_limit' is -1.000000; it must be from 0.001000"),
-        ({"tolerance": -0.1}, "'tolerance' is -0.100000; it must be from 0.000000"),
-        ({"start_tolerance": 0.6}, "'start_tolerance' is 0.600000; it must be from 0.000000 to"),
+        ({"step": 0}, "'plan.step' is not in its range"),
+        ({"time_limit": -1}, "'plan.time_limit' is not in its range"),
+        ({"tolerance": -0.1}, "'plan.tolerance' is not in its range"),
+        ({"start_tolerance": 0.6}, "'plan.start_tolerance' is not in its range"),
         ({"rotations": 0}, "'rotations' is 0; it must be from 1 to 1000"),
         ({"drive": "tank"}, "'drive' is 'tank'; it must be holonomic, differential"),
         ({"drive": "dubins"}, "'turning_radius' is 0.000000; it must be positive for dubins"),
