@@ -19,5 +19,6 @@ from ._setup import simple_setup as simple_setup
 from ._setup import state_space as state_space
 from ._speed_limits import SlowNear as SlowNear
 from ._speed_limits import SpeedZones as SpeedZones
+from ._speed_limits import ToolSpeed as ToolSpeed
 from ._trajectory import Trajectory as Trajectory
 from ._warm_up import warm_up as warm_up

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from cspace.plot import AnimationOptions, PlotOptions
     from cspace.reasons import Explanation
     from cspace.regions import Corridor
-    from planners._speed_limits import SlowNear, SpeedZones
+    from planners._speed_limits import SlowNear, SpeedZones, ToolSpeed
     from planners._trajectory import Trajectory
 
 PRINTED_DECIMALS: Final = 9
@@ -582,7 +582,7 @@ class Plan:
         max_angular_acceleration: float | None = None,
         max_jerk: ArrayLike | Mapping[str, Any] | os.PathLike[str] | None = None,
         max_angular_jerk: float | None = None,
-        speed: SpeedZones | SlowNear | Sequence[SpeedZones | SlowNear] = (),
+        speed: SpeedZones | SlowNear | ToolSpeed | Sequence[SpeedZones | SlowNear | ToolSpeed] = (),
         duration: float | None = None,
         time_step: float = 0.1,
         blend: bool = True,
@@ -626,10 +626,10 @@ class Plan:
         max_angular_jerk : float, optional
             Of a robot that turns, but no car, rad/s^3; only with ``max_jerk``. A differential drive
             given one stops at corners, since its angular acceleration jumps along curves.
-        speed : SpeedZones, SlowNear, or a list of these
-            Largest speeds by places, which hold at every instant: in zones, and near obstacles. The
-            lowest one counts. If a motion is too fast as it goes on after another one, it brakes
-            at once, and :attr:`planners.Trajectory.exceeds_until` says until when.
+        speed : SpeedZones, SlowNear, ToolSpeed, or a list of these
+            Largest speeds, which hold at every instant: in zones and near obstacles, or of links of
+            an arm. The lowest one counts. If a motion is too fast as it goes on after another one,
+            it brakes at once, and :attr:`planners.Trajectory.exceeds_until` says until when.
         duration : float, optional
             Seconds of the whole trajectory, to which the fastest one is slowed down evenly.
         time_step : float
@@ -658,8 +658,8 @@ class Plan:
         ------
         InputError
             If the plan has no path; a limit is missing, not above zero, or for another kind of
-            robot; a zone lies off the map or in another frame; the limits do not allow the
-            duration; or the plan does not start at one of
+            robot; a zone lies off the map or in another frame, or an arm has no such link; the
+            limits do not allow the duration; or the plan does not start at one of
             ``after.starts_after(at)``, or ``after`` has other axes.
 
         Examples

@@ -1,16 +1,28 @@
-"""Largest speeds by places: zones, and the surroundings of obstacles.
+"""Largest speeds by places, in zones and near obstacles, and of the links of arms.
 
 A limit holds at every instant, because it is found for whole stretches of a path. From the middle
 of a stretch, no point of the robot moves farther than the reach of the stretch. So a limit that
 holds nowhere within the reach of the middle holds nowhere on the stretch. Otherwise the stretch is
 cut, down to one cell of the map, and then the limit counts on all of it.
+
+The speed of a link by the length of a path changes along it. It is bounded on a stretch by that in
+the middle, and by how much it changes; the bound is cut until it is near that in the middle.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, Final, Literal, NamedTuple, Protocol, TypeAlias
+from typing import (
+    TYPE_CHECKING,
+    Any,
+    Final,
+    Literal,
+    NamedTuple,
+    Protocol,
+    TypeAlias,
+    runtime_checkable,
+)
 
 import numpy as np
 import shapely
@@ -26,6 +38,7 @@ from cspace.inside import (
     Ints,
     as_shape,
     check_finite,
+    check_known,
     check_points,
     check_positive,
     check_text,
@@ -34,6 +47,9 @@ from cspace.inside import (
 )
 from planners._ompl_states import check_space
 from planners._segments import Segments, place_along
+
+if TYPE_CHECKING:
+    from cspace import Arm
 
 Within: TypeAlias = Literal["contour", "point"]
 """What must be in a zone for its limit to hold."""
@@ -49,6 +65,14 @@ MAX_STRETCHES: Final = 1000
 
 ROUNDING: Final = 1e-9
 """Share by which the reach of a stretch grows, for rounding."""
+
+JOINT_STEP: Final = 0.02
+"""Length of the smallest stretches of an arm, radians or metres of its joints."""
+
+GRADE: Final = 1.1
+"""Ratio of neighbouring speeds to which those of an arm are rounded down, so that few change.
+
+Its square is above :data:`planners._jerk.BORDER_RATIO`, so that legs of limited jerk end there."""
 
 
 class ZoneLevel(NamedTuple):
@@ -95,7 +119,7 @@ class SpeedZones:
     >>> crossing = planners.SpeedZones([(shapely.box(3.0, 0.0, 5.0, 3.0), 0.4)])
     >>> slow = plan.trajectory(**limits, speed=crossing)
     >>> round(plan.trajectory(**limits).duration, 2), round(slow.duration, 2)
-    (9.0, 13.45)
+    (9.0, 13.8)
     """
 
     zones: Sequence[tuple[Any, float]]
@@ -208,6 +232,50 @@ class SlowNear:
         return _find_largest(self, space, q, lengths, turns)
 
 
+@dataclass(frozen=True, slots=True)
+class ToolSpeed:
+    """A largest speed of a link of an arm, for trajectories.
+
+    No point of the link, nor the origin of its frame, is faster at any instant. The bound is
+    proven, by :meth:`cspace.Arm.link_speed`, so the link may be some percent slower.
+
+    Attributes
+    ----------
+    link : str
+        One of :attr:`cspace.Arm.frames`: a link, with geometry or without, or an attached object.
+    speed : float
+        Largest speed, m/s, in the frame of the arm's base.
+
+    Raises
+    ------
+    InputError
+        If the speed is not above zero, or the link is no text.
+
+    Examples
+    --------
+    >>> import planners
+    >>> planners.ToolSpeed("tool0", 0.25)
+    ToolSpeed(link='tool0', speed=0.25)
+    """
+
+    link: str
+    speed: float
+
+    def __post_init__(self) -> None:
+        """Check the name and the number."""
+        check_text(self.link, "link")
+        object.__setattr__(self, "speed", check_positive(self.speed, "speed", "m/s"))
+
+
+@runtime_checkable
+class LinkedSpace(Protocol):
+    """The configurations of an arm."""
+
+    @property
+    def arm(self) -> Arm:
+        """The arm."""
+
+
 class SpeedRule(Protocol):
     """A limit, placed on the map of a plan."""
 
@@ -275,18 +343,45 @@ class NearRule(NamedTuple):
         return lowest, np.where(gaps + reaches < distance, speed, np.inf)
 
 
+class ToolRule(NamedTuple):
+    """The largest speed of a link of an arm."""
+
+    arm: Arm
+    limit: ToolSpeed
+    lever: float = 0.0
+    step: float = JOINT_STEP
+
+    def measure_along(
+        self, q: Floats, firsts: Floats, halves: Floats, rates: Floats, bends: Floats
+    ) -> tuple[Floats, Floats]:
+        """Return the largest speeds along n stretches, and those beyond which no cut leads.
+
+        ``firsts`` are the derivatives in the middles ``q``, and ``rates`` and ``bends`` bound the
+        first and second ones, shapes (n, k), within ``halves``, shape (n,), from these.
+        """
+        link, speed = self.limit.link, self.limit.speed
+        bounds = self.arm.link_speed(link, q, firsts, halves, rates, bends)
+        middles = self.arm.link_speed(link, q, firsts)
+        with np.errstate(divide="ignore"):
+            grades = np.floor(np.log(speed / bounds) / np.log(GRADE))
+            return (1.0 - ROUNDING) * GRADE**grades, speed / middles / GRADE
+
+
 def place_limits(
     given: object, space: Space | None, axes: tuple[str, ...], frame_id: str
-) -> tuple[SpeedRule, ...]:
+) -> tuple[SpeedRule | ToolRule, ...]:
     """Check limits of a plan's speed, and place them on its map."""
     limits = tuple(given) if isinstance(given, list | tuple) else (given,)
-    rules = []
+    rules: list[SpeedRule | ToolRule] = []
     for limit in limits:
-        if not isinstance(limit, SpeedZones | SlowNear):
-            rule = "it must be SpeedZones, SlowNear, or a list of these"
+        if not isinstance(limit, SpeedZones | SlowNear | ToolSpeed):
+            rule = "it must be SpeedZones, SlowNear, ToolSpeed, or a list of these"
             raise InputError("speed", f"is {limit!r}", rule)
         if space is None:
             raise InputError("plan", "has no map", "pickling leaves the map behind")
+        if isinstance(limit, ToolSpeed):
+            rules.append(_place_tool(limit, space))
+            continue
         if not isinstance(space, ConfigurationMap) or not space.has_poses:
             rule = "zones and distances are for robots on a map of positions"
             raise InputError("speed", f"is given, and space is {space!r}", rule)
@@ -303,6 +398,8 @@ def _find_largest(
     """Return the largest speeds by one limit around configurations, shape (...)."""
     check_space(space)
     (rule,) = place_limits(limit, space, space.axes, space.frame_id)
+    if isinstance(rule, ToolRule):
+        raise TypeError("a limit of a link is none of a place")
     points = np.asarray(check_points(q, "q", space.axes))
     sizes = check_finite(lengths, "lengths"), check_finite(turns, "turns")
     reaches = 0.5 * (1.0 + ROUNDING) * (sizes[0] + rule.lever * sizes[1])
@@ -345,6 +442,14 @@ def _place_near(
     return NearRule(near, lever, 2.0 * space.resolution)
 
 
+def _place_tool(tool: ToolSpeed, space: Space) -> ToolRule:
+    """Check a limit of a link, and give it the arm."""
+    if not isinstance(space, LinkedSpace):
+        raise InputError("speed", f"is {tool}, and space is {space!r}", "links are those of an arm")
+    check_known(tool.link, "link", space.arm.frames)
+    return ToolRule(space.arm, tool)
+
+
 def _check_frame(name: str, frame_id: str | None, of_plan: str) -> None:
     """Raise InputError if a frame is not that of a plan."""
     if frame_id not in (None, of_plan):
@@ -373,12 +478,14 @@ class Stretches(NamedTuple):
 
 
 class PlacedLimits:
-    """The limits of places that a motion keeps.
+    """The limits of places and links that a motion keeps.
 
     ``found`` are the last segments whose intervals were found, and these.
     """
 
-    def __init__(self, rules: Sequence[SpeedRule], rotations: Rotations, dim: int) -> None:
+    def __init__(
+        self, rules: Sequence[SpeedRule | ToolRule], rotations: Rotations, dim: int
+    ) -> None:
         """Keep the limits; ``dim`` is the number of axes of the translation."""
         self.rules = tuple(rules)
         self._rotations = rotations
@@ -390,31 +497,34 @@ class PlacedLimits:
         return PlacedLimits(self.rules, self._rotations, self._dim)
 
     def find_stretches(
-        self, parts: Segments, begins: Floats, lengths: Floats, rates: Floats
+        self,
+        parts: Segments,
+        intervals: tuple[Floats, Floats, Floats],
+        rates: Floats,
+        bends: Floats,
     ) -> Stretches:
         """Cut n intervals, each of one of n segments, where limits change.
 
-        ``rates``, shape (n, k), bound the first derivatives in the intervals.
+        Intervals are begins and lengths along the segments, and largest speeds along these, shapes
+        (n,). ``rates`` and ``bends``, shapes (n, k), bound the first and second derivatives.
         """
-        ahead = np.linalg.norm(rates[:, : self._dim], axis=1)
-        turning = np.linalg.norm(rates[:, self._dim :], axis=1)
-        found = Stretches(np.arange(len(begins)), begins, lengths, np.full(len(begins), np.inf))
+        found = Stretches(np.arange(len(rates)), *intervals)
         for rule in self.rules:
-            found = self._cut(found, rule, parts, ahead, turning)
+            found = self._cut(found, rule, parts, rates, bends)
         return found
 
     def _cut(
         self,
         stretches: Stretches,
-        rule: SpeedRule,
+        rule: SpeedRule | ToolRule,
         parts: Segments,
-        ahead: Floats,
-        turning: Floats,
+        rates: Floats,
+        bends: Floats,
     ) -> Stretches:
-        """Cut stretches where one limit changes.
-
-        ``ahead`` and ``turning`` bound metres and radians by the length of each interval, (n,).
-        """
+        """Cut stretches where one limit changes."""
+        # They bound metres and radians by the length of each interval.
+        ahead = np.linalg.norm(rates[:, : self._dim], axis=1)
+        turning = np.linalg.norm(rates[:, self._dim :], axis=1)
         travel = (ahead + rule.lever * turning) * (1.0 + ROUNDING)
         numbers, begins, lengths, tops = stretches
         firsts = travel[numbers] * lengths / (FIRST_CELLS * rule.step)
@@ -425,13 +535,17 @@ class PlacedLimits:
             lengths = (lengths / counts)[owners]
             begins = begins[owners] + places * lengths
             numbers, tops = numbers[owners], tops[owners]
-            middles = begins + 0.5 * lengths
-            q, _, _ = place_along(parts.select(numbers), self._rotations, middles)
-            lowest, surest = rule.measure(q, 0.5 * lengths * travel[numbers])
-            with np.errstate(divide="ignore"):
-                limits = lowest / ahead[numbers]
-            is_open = (lowest < surest) & (limits < tops) & (not is_last)
-            found = Stretches(numbers, begins, lengths, np.minimum(tops, limits))
+            halves = 0.5 * lengths
+            q, first, _ = place_along(parts.select(numbers), self._rotations, begins + halves)
+            if isinstance(rule, ToolRule):
+                slopes = rates[numbers], bends[numbers]
+                lowest, surest = rule.measure_along(q, first, halves, *slopes)
+            else:
+                speeds = rule.measure(q, halves * travel[numbers])
+                with np.errstate(divide="ignore"):
+                    lowest, surest = speeds / ahead[numbers]
+            is_open = (lowest < surest) & (lowest < tops) & (not is_last)
+            found = Stretches(numbers, begins, lengths, np.minimum(tops, lowest))
             done.append(Stretches._make(column[~is_open] for column in found))
             if not is_open.any():
                 break

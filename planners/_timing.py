@@ -245,7 +245,8 @@ def _find_intervals(segments: Segments, rotations: Rotations, bounds: MotionBoun
         *(rate_shares, bend_shares, caps, caps),
     )
     if places is not None:
-        found = places.find_stretches(parts, begins, lengths, rates)
+        ends = begins, lengths, np.sqrt(caps)
+        found = places.find_stretches(parts, ends, rates, bends)
         columns = _cut_intervals(columns, found)
     owners, *_, caps = columns
     may_pass = np.ones(len(owners) - 1, dtype=np.bool_)

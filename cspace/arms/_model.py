@@ -348,6 +348,60 @@ class Arm:
             name: poses[..., body, :, :] @ pose for name, (body, pose) in self.placements.items()
         }
 
+    def link_speed(
+        self,
+        link: str,
+        q: ArrayLike,
+        velocity: ArrayLike,
+        within: ArrayLike = 0.0,
+        max_velocity: ArrayLike | None = None,
+        max_acceleration: ArrayLike | None = None,
+    ) -> Floats:
+        """Return the largest speed of a point of a link, or a bound for a while.
+
+        Parameters
+        ----------
+        link : str
+            One of :attr:`frames`. Its points are those of its geometry, and the origin of its
+            frame.
+        q, velocity : array-like, shape (..., dof)
+            Configurations, and the velocities of the joints there, rad/s and m/s.
+        within : array-like, shape () or (...)
+            Seconds before and after for which the bound holds, while the joints keep their limits.
+        max_velocity, max_acceleration : array-like, shape (..., dof), optional
+            Largest ones of the joints in that time; by default those of ``velocity``, and none.
+
+        Returns
+        -------
+        ndarray of float64, shape (...)
+            m/s, in the frame of the base.
+
+        Raises
+        ------
+        InputError
+            If the link is unknown, or a number is not finite or has another shape.
+        """
+        from cspace.arms._link_speeds import bound_speeds
+
+        check_known(link, "link", self.placements)
+        names = "q", "velocity", "max_velocity", "max_acceleration"
+        given = (
+            q,
+            velocity,
+            velocity if max_velocity is None else max_velocity,
+            np.zeros(self.dof) if max_acceleration is None else max_acceleration,
+        )
+        rows = [check_points(*each, self.joints) for each in zip(given, names, strict=True)]
+        seconds = check_finite(within, "within")
+        shapes = [*(each.shape for each in rows), (*seconds.shape, 1)]
+        try:
+            shape = np.broadcast_shapes(*shapes)
+        except ValueError as error:
+            rule = f"those of {', '.join(names[1:])} and within must fit: {shapes[1:]}"
+            raise InputError("q", f"has shape {shapes[0]}", rule) from error
+        motion = np.array([np.broadcast_to(each, shape) for each in rows])
+        return bound_speeds(self, link, motion, np.broadcast_to(seconds, shape[:-1]))
+
     @names_options
     def inverse(
         self,

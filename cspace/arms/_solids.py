@@ -188,6 +188,17 @@ class Part(PosedShape):
         return points[first_of_part]
 
     @cached_property
+    def extremes(self) -> Floats:
+        """Corners of the convex hull of the boundary's corners, shape (n, 3)."""
+        from scipy.spatial import ConvexHull, QhullError
+
+        corners, _ = distinct_rows(self.boundary.corners.reshape(-1, 3))
+        try:
+            return np.asarray(corners[ConvexHull(corners).vertices])
+        except QhullError:  # they are flat, or few
+            return corners
+
+    @cached_property
     def probes(self) -> Floats:
         """Some corners of the boundary, and lattice points inside, shape (n, 3).
 

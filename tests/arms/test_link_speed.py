@@ -1,0 +1,146 @@
+"""Speeds of links: by finite differences of poses by yourdfpy, and by pinocchio."""
+
+import itertools
+
+import numpy as np
+import pytest
+import yourdfpy
+
+import cspace
+from tests.helpers.refusals import check_refused, refusals
+from tests.helpers.urdfs import collision, joint, link, planar_arm, write_urdf
+
+SIDES, CENTER = (0.4, 0.1, 0.2), (0.3, 0.0, 0.1)
+BALL, RADIUS = (0.1, 0.2, 0.0), 0.15
+CORNERS = np.array(CENTER) + 0.5 * np.array(list(itertools.product((-1, 1), repeat=3))) * SIDES
+STEP = 1e-5
+
+
+def write_crane(folder):
+    """Write an arm that turns, lifts, slides and rolls, the last by half of its lift."""
+    ball = collision("sphere", (RADIUS,), BALL)
+    return write_urdf(
+        folder,
+        link("base", ((0.1, 0.1, 0.1), (0, 0, -0.3))),
+        link("mast"),
+        link("boom", ((0.5, 0.1, 0.1), (0.3, 0, 0))),
+        link("hand", (SIDES, CENTER)),
+        link("ball", extra=ball),
+        link("tip"),
+        joint("turn", "base", "mast", at=(0.1, 0, 0)),
+        joint("lift", "mast", "boom", at=(0.2, 0, 1.0), axis=(0, 1, 0)),
+        joint("slide", "boom", "hand", at=(0.5, 0, 0), axis=(0.8, 0, 0.6), kind="prismatic"),
+        joint(
+            *("roll", "hand", "ball", (0.3, 0, 0), (1, 0, 0)),
+            extra='<mimic joint="lift" multiplier="0.5"/>',
+        ),
+        joint("end", "hand", "tip", at=(0.6, 0, 0), kind="fixed"),
+    )
+
+
+def place(urdf, arm, name, points, q):
+    """Return points of a link at a configuration, by yourdfpy."""
+    urdf.update_cfg(dict(zip(arm.joints, q, strict=True)))
+    pose = urdf.get_transform(name)
+    return points @ pose[:3, :3].T + pose[:3, 3]
+
+
+def list_points(name):
+    """Return points of a link of the crane, among which is nearly the fastest."""
+    if name == "hand":
+        return np.vstack([CORNERS, np.zeros(3)])
+    if name == "ball":
+        ways = np.random.default_rng(0).normal(size=(4000, 3))
+        return BALL + RADIUS * ways / np.linalg.norm(ways, axis=1, keepdims=True)
+    return np.zeros((1, 3))
+
+
+@pytest.mark.parametrize("name, gap", [("hand", 1e-6), ("tip", 1e-6), ("ball", 0.06)])
+def test_links_are_as_fast_as_their_fastest_points(tmp_path, name, gap):
+    path = write_crane(tmp_path)
+    arm = cspace.Arm.from_urdf(path)
+    urdf = yourdfpy.URDF.load(str(path), load_meshes=False)
+    rng = np.random.default_rng(1)
+    rows, rates = rng.uniform(-1.0, 1.0, (2, 20, arm.dof))
+    points = list_points(name)
+    for q, rate, speed in zip(rows, rates, arm.link_speed(name, rows, rates), strict=True):
+        ends = [place(urdf, arm, name, points, q + side * STEP * rate) for side in (-1, 1)]
+        fastest = np.linalg.norm(ends[1] - ends[0], axis=1).max() / (2.0 * STEP)
+        # A link of balls counts the farthest point of a ball for each of its corners.
+        assert fastest * (1.0 - 1e-6) <= speed <= fastest * (1.0 + gap) + 1e-9
+    assert arm.link_speed("base", rows, rates).max() == 0.0
+
+
+@pytest.mark.parametrize("share", [0.0, 1.0])
+def test_bounds_hold_for_a_while(tmp_path, share):
+    path = write_crane(tmp_path)
+    arm = cspace.Arm.from_urdf(path)
+    rng = np.random.default_rng(2)
+    for name in ("boom", "hand", "tip", "ball"):
+        q, rate, gain = rng.uniform(-0.8, 0.8, (3, 30, arm.dof))
+        gain *= share
+        within = rng.uniform(0.0, 0.5, 30)
+        most = np.abs(rate) + within[:, np.newaxis] * np.abs(gain)
+        bounds = arm.link_speed(name, q, rate, within, most, np.abs(gain))
+        t = np.linspace(-1.0, 1.0, 101)[:, np.newaxis, np.newaxis] * within[:, np.newaxis]
+        speeds = arm.link_speed(name, q + t * (rate + 0.5 * t * gain), rate + t * gain)
+        assert (speeds <= bounds * (1.0 + 1e-12)).all()
+        # They are not much larger for short times.
+        short = arm.link_speed(name, q, rate, 1e-6, most, np.abs(gain))
+        np.testing.assert_allclose(short, arm.link_speed(name, q, rate), atol=1e-4)
+
+
+def test_attached_objects_and_bases_count():
+    arm = planar_arm()
+    box = cspace.Robot.box((0.2, 0.2, 0.2)).shape
+    pose = np.eye(4)
+    pose[0, 3] = 1.4
+    held = arm.attach("box", box, "fore", pose)
+    # Both joints turn at 1 rad/s with the arm straight.
+    rate = (1.0, 1.0)
+    assert held.link_speed("fore", (0, 0), rate) == pytest.approx(np.hypot(3.0, 0.1), rel=1e-12)
+    assert held.link_speed("box", (0, 0), rate) == pytest.approx(np.hypot(4.0, 0.2), rel=1e-12)
+    assert held.link_speed("upper", (0, 0), rate) == pytest.approx(np.hypot(1.0, 0.05), rel=1e-12)
+
+
+@pytest.mark.filterwarnings("ignore::cspace.MeshWarning", "ignore:.*without collision geometry")
+@pytest.mark.parametrize("name", ["panda", "ur5"])
+def test_real_links_are_as_fast_as_by_pinocchio(data, name):
+    pinocchio = pytest.importorskip("pinocchio")
+    path = data / "arms" / name / f"{name}.urdf"
+    arm = cspace.Arm.from_urdf(path, path.with_suffix(".srdf"))
+    model = pinocchio.buildModelFromUrdf(str(path))
+    state = model.createData()
+    rng = np.random.default_rng(3)
+    for _ in range(10):
+        q = rng.uniform(arm.lower, arm.upper)
+        rate = rng.uniform(-1.0, 1.0, arm.dof)
+        positions, rates = pinocchio.neutral(model), np.zeros(model.nv)
+        for k, each in enumerate(arm.joints):
+            positions[model.joints[model.getJointId(each)].idx_q] = q[k]
+            rates[model.joints[model.getJointId(each)].idx_v] = rate[k]
+        pinocchio.forwardKinematics(model, state, positions, rates)
+        for solid in arm.links:
+            frame = model.getFrameId(solid.name)
+            twist = pinocchio.getFrameVelocity(model, state, frame, pinocchio.ReferenceFrame.LOCAL)
+            to_link = np.linalg.inv(arm.placements[solid.name].pose)
+            parts = [part.bounds_pair[0].boundary.corners.reshape(-1, 3) for part in solid.parts]
+            points = np.vstack(parts) @ to_link[:3, :3].T + to_link[:3, 3]
+            points = np.vstack([points, np.zeros(3)])
+            speeds = np.linalg.norm(twist.linear + np.cross(twist.angular, points), axis=1)
+            found = arm.link_speed(solid.name, q, rate)
+            assert found == pytest.approx(speeds.max(), rel=1e-9, abs=1e-12)
+
+
+@refusals(
+    "call, message",
+    (lambda arm: arm.link_speed("four", (0, 0), (0, 0)), "link is 'four'"),
+    (lambda arm: arm.link_speed("fore", (0, 0), (0, np.nan)), "velocity"),
+    (lambda arm: arm.link_speed("fore", (0, 0, 0), (0, 0)), "q"),
+    (lambda arm: arm.link_speed("fore", (0, 0), (0, 0), np.inf), "within"),
+    (lambda arm: arm.link_speed("fore", (0, 0), (0, 0), 1.0, (1,)), "max_velocity"),
+    (lambda arm: arm.link_speed("fore", (0, 0), (0, 0), 1.0, None, (1, 1, 1)), "max_acceleration"),
+    (lambda arm: arm.link_speed("fore", [(0, 0)] * 2, [(0, 0)] * 3), "q has shape (2, 2)"),
+)
+def test_speeds_of_what_is_no_motion_are_refused(call, message):
+    check_refused(lambda: call(planar_arm()), message)

@@ -1,0 +1,165 @@
+"""Largest speeds of links of arms, at every instant.
+
+Oracle: corners of links move, in closed form, no farther between instants than the limit allows.
+"""
+
+import itertools
+import pickle
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+import pytest
+
+import cspace
+import planners
+from tests.arms.test_link_speed import CORNERS, write_crane
+from tests.arms.test_plans import space_of
+from tests.helpers.refusals import check_refused, refusals
+from tests.planners.test_speed_limits import AREA
+
+INSTANTS = 4001
+LIMITS = {"max_velocity": 1.0, "max_acceleration": 1.5}
+JERK = {"max_jerk": 10.0}
+PLACES = [(-1.2, 0.2, 0.1), (0.3, -0.5, -0.4), (1.5, 0.6, 0.3)]
+TOOLS = ["hand", "tip"]
+
+
+@cache
+def find_plan():
+    """Return a plan of the crane by a place between start and goal."""
+    with TemporaryDirectory() as folder:
+        arm = cspace.Arm.from_urdf(write_crane(Path(folder)))
+    pairs = itertools.combinations([each.name for each in arm.links], 2)
+    space = cspace.build_arm_space({}, arm, allowed_collisions=pairs)
+    return planners.plan(space, PLACES[0], PLACES[2], via=[PLACES[1]], seed=1)
+
+
+def place_points(name, q):
+    """Return points of a link at configurations, shape (n, points, 3)."""
+    turn, lift, slide = q.T[:, :, np.newaxis]
+    points = np.vstack([CORNERS, np.zeros(3)]) if name == "hand" else np.array([[0.6, 0.0, 0.0]])
+    x, y, z = (points + slide[..., np.newaxis] * (0.8, 0.0, 0.6)).transpose(2, 0, 1)
+    x = x + 0.5
+    x, z = x * np.cos(lift) + z * np.sin(lift), z * np.cos(lift) - x * np.sin(lift)
+    x, z = x + 0.2, z + 1.0
+    x, y = x * np.cos(turn) - y * np.sin(turn), x * np.sin(turn) + y * np.cos(turn)
+    return np.stack([x + 0.1, y, z], axis=-1)
+
+
+def find_fastest(trajectory, name):
+    """Return the largest mean speed of points between instants, and all of these."""
+    t = np.linspace(0.0, trajectory.duration, INSTANTS)
+    points = place_points(name, trajectory.sample(t)[0])
+    speeds = np.linalg.norm(np.diff(points, axis=0), axis=2).max(axis=1) / t[1]
+    return speeds.max(), speeds
+
+
+def test_the_oracle_places_the_crane():
+    plan = find_plan()
+    pose = plan.space.arm.pose(plan.path, "hand")
+    tips = pose[:, :3, :3] @ (0.6, 0.0, 0.0) + pose[:, :3, 3]
+    np.testing.assert_allclose(place_points("tip", plan.path)[:, 0], tips, atol=1e-9)
+
+
+@pytest.mark.parametrize("blend", [True, False])
+@pytest.mark.parametrize("jerk", [{}, JERK], ids=["", "jerk"])
+@pytest.mark.parametrize("name", TOOLS)
+def test_no_point_of_a_link_is_faster(name, jerk, blend):
+    plan = find_plan()
+    free = plan.trajectory(**LIMITS, **jerk, blend=blend)
+    top, _ = find_fastest(free, name)
+    for share in (0.7, 0.3):
+        tool = planners.ToolSpeed(name, share * top)
+        slow = plan.trajectory(**LIMITS, **jerk, blend=blend, speed=tool)
+        fastest, speeds = find_fastest(slow, name)
+        assert 0.85 * tool.speed < fastest <= tool.speed
+        assert slow.certified and slow.recheck(plan.space).all()
+        # It is near its limit most of the time, so it takes little longer than it must.
+        length = speeds.sum() * slow.duration / (INSTANTS - 1)
+        assert free.duration < slow.duration < 1.25 * length / tool.speed + 2.0
+        for t in np.linspace(0.0, slow.duration, 4):
+            stop = slow.braked(t)
+            assert stop.certified and stop.exceeds_until == 0.0
+            assert stop.duration == 0.0 or find_fastest(stop, name)[0] <= tool.speed
+
+
+@pytest.mark.parametrize("jerk", [{}, JERK], ids=["", "jerk"])
+def test_a_limit_above_any_speed_changes_nothing(jerk):
+    plan = find_plan()
+    free = plan.trajectory(**LIMITS, **jerk)
+    top, _ = find_fastest(free, "hand")
+    same = plan.trajectory(**LIMITS, **jerk, speed=[planners.ToolSpeed("hand", 2.0 * top)])
+    for name in ("times", "positions", "velocities", "accelerations"):
+        np.testing.assert_array_equal(getattr(free, name), getattr(same, name))
+
+
+@pytest.mark.parametrize("jerk", [{}, JERK], ids=["", "jerk"])
+def test_a_lower_limit_never_shortens_a_motion(jerk):
+    plan = find_plan()
+    tools = [planners.ToolSpeed("hand", speed) for speed in (4.0, 1.5, 0.9, 0.5, 0.3, 0.1)]
+    durations = [plan.trajectory(**LIMITS, **jerk, speed=tool).duration for tool in tools]
+    assert (np.diff(durations) >= 0.0).all() and durations[-1] > 5.0 * durations[0]
+    # The link that is slower by another limit counts, in any order.
+    pair = [planners.ToolSpeed("tip", 0.3), tools[2]]
+    for speed in (pair, pair[::-1]):
+        both = plan.trajectory(**LIMITS, **jerk, speed=speed)
+        assert find_fastest(both, "tip")[0] <= 0.3
+
+
+@pytest.mark.parametrize("jerk", [{}, JERK], ids=["", "jerk"])
+def test_a_motion_goes_on_below_a_new_limit(jerk):
+    plan = planners.plan(find_plan().space, PLACES[0], PLACES[2], seed=1)
+    motion = plan.trajectory(**LIMITS, **jerk)
+    at = 0.3 * motion.duration
+    onward = planners.plan(plan.space, motion.starts_after(at)[0], plan.goal, seed=1)
+    tool = planners.ToolSpeed("hand", 0.2)
+    slower = onward.trajectory(**LIMITS, **jerk, after=motion, at=at, speed=tool)
+    assert not slower.stop_reason and slower.certified
+    assert 0.0 < slower.exceeds_until < 2.0
+    t = np.linspace(0.0, slower.duration, INSTANTS)
+    _, speeds = find_fastest(slower, "hand")
+    assert speeds[0] > 0.2 >= speeds[t[:-1] >= slower.exceeds_until].max()
+
+
+def test_pickled_motions_brake():
+    plan = find_plan()
+    slow = plan.trajectory(**LIMITS, speed=planners.ToolSpeed("hand", 0.3))
+    copied = pickle.loads(pickle.dumps(slow))
+    assert copied.braked(1.0).duration == slow.braked(1.0).duration
+
+
+def drive(speed, plan=None):
+    """Make a trajectory of an arm with limits of speed."""
+    return (plan or find_plan()).trajectory(**LIMITS, speed=speed)
+
+
+def plan_on_map():
+    """Plan on a map of positions."""
+    workspace = cspace.Workspace.from_array(np.zeros((40, 30), dtype=bool), 0.1)
+    space = cspace.build(workspace, cspace.Robot.disc(0.3))
+    return planners.plan(space, (0.5, 1.5), (3.5, 1.5))
+
+
+@refusals(
+    "call, message",
+    (lambda: planners.ToolSpeed("tip", 0.0), "speed is 0.0"),
+    (lambda: planners.ToolSpeed("tip", -0.2), "speed is -0.2"),
+    (lambda: planners.ToolSpeed("tip", np.nan), "speed is nan"),
+    (lambda: planners.ToolSpeed(3, 1.0), "link is 3"),
+    (lambda: drive(planners.ToolSpeed("tipp", 1.0)), "link is 'tipp'"),
+    (lambda: drive(planners.ToolSpeed("tip", 1.0), plan_on_map()), "links are those of an arm"),
+    (lambda: drive(planners.SpeedZones([(AREA, 1.0)])), "robots on a map of positions"),
+    (lambda: drive("tip"), "speed is 'tip'"),
+    (
+        lambda: drive(planners.ToolSpeed("tip", 1.0), pickle.loads(pickle.dumps(find_plan()))),
+        "plan has no map",
+    ),
+    (
+        lambda: cspace.Gate(space_of(), dt=0.1, speed=planners.ToolSpeed("fore", 1.0)),
+        "speed is ToolSpeed",
+    ),
+)
+def test_limits_that_mean_nothing_are_refused(call, message):
+    check_refused(call, message)
