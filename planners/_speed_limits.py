@@ -309,19 +309,28 @@ class ZoneRule(NamedTuple):
         lowest, surest = np.full((2, len(q)), np.inf)
         reaches = reaches + Cores.bound_rounding(np.abs(q[:, :2]).max(axis=1) + self.size)
         anchors = shapely.points(q[:, :2])
-        for speed, area, border in reversed(self.levels):
-            near = np.flatnonzero(shapely.dwithin(area, anchors, reaches + self.size))
-            if self.cores is not None and len(near):
-                touched = np.zeros(len(near), dtype=np.bool_)
-                poses = q[near][:, [0, 1, -1]] if self.has_yaw else q[near, :2]
-                for geometries, radius in self.cores.place(poses):
-                    touched |= shapely.dwithin(area, geometries, reaches[near] + radius)
-                near = near[touched]
+        areas = np.array([area for _, area, _ in self.levels])
+        is_near = shapely.dwithin(areas[:, np.newaxis], anchors, reaches + self.size)
+        rows = np.flatnonzero(is_near.any(axis=0))
+        placed = self._place(q[rows], anchors[rows])
+        for (speed, area, border), nearby in zip(self.levels, is_near[:, rows], strict=True):
+            # No higher limit counts where a lower one may hold.
+            near = np.flatnonzero(nearby & np.isinf(lowest[rows]))
+            touched = np.zeros(len(near), dtype=np.bool_)
+            for geometries, radius in placed:
+                touched |= shapely.dwithin(area, geometries[near], reaches[rows[near]] + radius)
+            near = rows[near[touched]]
             lowest[near] = speed
             held = near[shapely.intersects(area, anchors[near])]
             deep = ~shapely.dwithin(border, anchors[held], reaches[held])
             surest[held[deep]] = speed
         return lowest, surest
+
+    def _place(self, q: Floats, anchors: Any) -> list[tuple[Any, float]]:
+        """Return arrays of the robot's parts at configurations, with their radii."""
+        if self.cores is None or not len(q):
+            return [(anchors, self.size)]
+        return self.cores.place(q[:, [0, 1, -1]] if self.has_yaw else q[:, :2])
 
 
 class NearRule(NamedTuple):
