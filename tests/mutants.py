@@ -90,6 +90,12 @@ MUTANTS = (
         "tests/reasons/test_explain.py",
     ),
     Mutant(
+        "cspace/reasons/_margins.py",
+        "return np.where(np.arange(axes) < dim, 1.0, LAYER_GAP)",
+        "return np.ones(axes)",
+        "tests/reasons/test_explain.py",
+    ),
+    Mutant(
         "cspace/reasons/_windows.py",
         "if _has_known_solids(space) and finer.is_disconnected(start, goal)",
         "if finer.is_disconnected(start, goal)",
@@ -325,6 +331,18 @@ MUTANTS = (
         "tests/exact/test_boundaries.py",
     ),
     # Shapes and bodies.
+    Mutant(
+        "cspace/_shapes/layers.py",
+        "SLACK * spacing)",
+        "0.0)",
+        "tests/test_floor.py",
+    ),
+    Mutant(
+        "cspace/_shapes/layers.py",
+        "last = math.floor((top - self.lowest) / spacing + SLACK)",
+        "last = math.floor((top - self.lowest) / spacing) - 1",
+        "tests/test_floor.py",
+    ),
     Mutant(
         "cspace/_bodies/triangle_proofs.py",
         "gap_below = min(a1, a2, 0.0) - max(b0, b1, b2)",
@@ -768,6 +786,12 @@ MUTANTS = (
         "tests/lanes/test_apart.py",
     ),
     # Lanes.
+    Mutant(
+        "cspace/lanes/_conflicts.py",
+        "touches.found & (not (has_floor[one] or has_floor[other]))",
+        "touches.found",
+        "tests/lanes/test_audit.py",
+    ),
     Mutant(
         "cspace/lanes/_outlines.py",
         "bulges = body.lever * (turns**2 + (2.0 * pieces.half_widths) ** 2) / 8.0",

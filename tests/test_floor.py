@@ -476,3 +476,104 @@ def test_drives_pictures_and_messages_take_a_floor():
     assert (np.array(space.to_costmap().data) < 254).all()
     beam = cspace.build(Workspace.from_array(cells, 0.1), CRATE, rotations=16, floor=0.3)
     assert beam.drawn_workspace.outer[20].all() and beam.is_disconnected(start, goal)
+
+
+# ---- many states against points of the robot -----------------------------------------------------
+
+
+def fill_box(lower, upper, step):
+    """Return points of a box, on its faces and inside, at most a step apart along each axis."""
+    axes = [
+        np.linspace(a, b, max(2, math.ceil((b - a) / step) + 1))
+        for a, b in zip(lower, upper, strict=True)
+    ]
+    return np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 3)
+
+
+PARTS = (((-0.4, -0.25, 0.05), (0.4, 0.25, 0.2)), ((-0.35, -0.05, 0.5), (0.45, 0.05, 0.66)))
+"""Corners of the base and of the top of a robot whose mast is a pyramid."""
+
+
+def make_tower(step):
+    """Return the robot with points of it."""
+    corners = [(x, y, 0.2) for x in (-0.2, 0.1) for y in (-0.15, 0.15)]
+    mast = trimesh.convex.convex_hull(np.array([*corners, (-0.1, 0.0, 0.55)]))
+    boxes = [trimesh.creation.box(bounds=part) for part in PARTS]
+    # Horizontal sections of the mast shrink towards its apex.
+    unit = fill_box((0.0, 0.0, 0.0), (1.0, 1.0, 1.0), step / 0.35)
+    flat = np.array([-0.2, -0.15]) + unit[:, :2] * np.array([0.3, 0.3])
+    apex = np.array([-0.1, 0.0])
+    inside = np.column_stack([apex + (1.0 - unit[:, 2:]) * (flat - apex), 0.2 + 0.35 * unit[:, 2]])
+    points = np.concatenate([*(fill_box(*part, step) for part in PARTS), inside])
+    return Robot.from_mesh(trimesh.util.concatenate([*boxes, mast])), points
+
+
+def find_hits(points, rows, floor, is_solid):
+    """Return for each configuration whether a point of the robot lies in an obstacle."""
+    hits = np.zeros(len(rows), dtype=bool)
+    for part in np.array_split(np.arange(len(rows)), max(1, len(rows) * len(points) // 10**6)):
+        cos, sin = np.cos(rows[part, 2:]), np.sin(rows[part, 2:])
+        x = rows[part, :1] + cos * points[:, 0] - sin * points[:, 1]
+        y = rows[part, 1:2] + sin * points[:, 0] + cos * points[:, 1]
+        z = np.broadcast_to(points[:, 2] + floor, x.shape)
+        hits[part] = is_solid(np.stack([x, y, z], axis=-1)).any(axis=1)
+    return hits
+
+
+def check_many_states(space, is_solid, count):
+    """Compare drawn FREE and BLOCKED states with points of the robot."""
+    rng = np.random.default_rng(11)
+    rows = rng.uniform((*space.bounds[0], -math.pi), (*space.bounds[1], math.pi), (6 * count, 3))
+    states = space.classify(rows)
+    _, coarse = make_tower(0.08)
+    free, blocked = (rows[states == state][:count] for state in (FREE, BLOCKED))
+    assert min(len(free), len(blocked)) > count // 2
+    assert not find_hits(coarse, free, space.floor, is_solid).any()
+    rest = blocked[~find_hits(coarse, blocked, space.floor, is_solid)]
+    _, fine = make_tower(0.012)
+    assert find_hits(fine, rest, space.floor, is_solid).all()
+
+
+@pytest.mark.thorough
+def test_many_states_of_a_scanned_building_hold_for_points_of_the_robot(data):
+    scene = Workspace.open(data / "voxels" / "geb079.bt", unknown="free")
+    grid = scene.grid
+    robot, _ = make_tower(0.1)
+    space = cspace.build(scene, robot, rotations=72, floor=0.021)
+    lower, shape = np.array(grid.lower), np.array(grid.shape)
+
+    def is_solid(points):
+        cells = np.floor((points - lower) / grid.spacing).astype(int)
+        inside = ((cells >= 0) & (cells < shape)).all(axis=-1)
+        near = np.clip(cells, 0, shape - 1)
+        return ~inside | scene.outer[near[..., 0], near[..., 1], near[..., 2]]
+
+    check_many_states(space, is_solid, 100_000)
+
+
+@pytest.mark.thorough
+def test_many_states_among_meshes_hold_for_points_of_the_robot():
+    rng = np.random.default_rng(12)
+    boxes = []
+    for _ in range(60):
+        turn = trimesh.transformations.random_rotation_matrix(rng.random(3))
+        turn[:3, 3] = rng.uniform((0.0, 0.0, 0.0), (12.0, 9.0, 1.2))
+        boxes.append((rng.uniform(0.15, 0.7, 3), turn))
+    meshes = [cspace.make_mesh(trimesh.creation.box(*box)) for box in boxes]
+    bounds = (0.0, 0.0, 0.0, 12.0, 9.0, 1.2)
+    workspace = Workspace.from_shapes(meshes, 0.05, bounds)
+    robot, _ = make_tower(0.1)
+    space = cspace.build(workspace, robot, rotations=72, floor=0.13, outside="free")
+
+    def is_solid(points):
+        hits = np.zeros(points.shape[:-1], dtype=bool)
+        for sides, turn in boxes:
+            # No point of the robot is farther than 1.3 m from its first one.
+            reach = 1.3 + np.linalg.norm(sides) / 2.0
+            near = np.linalg.norm(points[:, 0] - turn[:3, 3], axis=1) < reach
+            local = (points[near] - turn[:3, 3]) @ turn[:3, :3]
+            hits[near] |= (np.abs(local) <= sides / 2.0).all(axis=-1)
+        # What leaves the workspace is not known to it.
+        return hits & ((points >= bounds[:3]) & (points <= bounds[3:])).all(axis=-1)
+
+    check_many_states(space, is_solid, 100_000)

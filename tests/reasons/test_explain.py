@@ -630,6 +630,20 @@ def test_margins_on_a_floor_are_those_of_each_height(low_width, high_width, spac
     assert joins(space, explanation.barrier, (0.8, 2.0), (3.2, 2.0))
 
 
+def test_robots_on_a_floor_grow_and_shrink_sideways_alone():
+    """A flat robot shrinks by more than its height, and one below a ceiling grows far."""
+    occupied = np.zeros((100, 100, 8), dtype=bool)
+    occupied[:, :, 6:] = True
+    occupied[49:51] = True
+    for half, height, side in ((2, 0.06, 0.8), (25, 0.26, 0.4)):
+        occupied[49:51, 50 - half : 50 + half, :6] = False
+        robot = cspace.Robot.box((side, side, height), (0.0, 0.0, 0.17))
+        space = cspace.build(cspace.Workspace.from_array(occupied, 0.1), robot, floor=0.1)
+        low, high = space.explain((2.5, 5.0), (7.5, 5.0)).margin
+        true = 0.1 * half - side / 2.0
+        assert low <= true <= high and true - low < 0.25
+
+
 @examples(8)
 @given(seed=st.integers(0, 2**32 - 1), rotations=st.sampled_from([None, 8]))
 def test_explanations_on_a_floor_hold_for_grown_and_shrunk_robots(seed, rotations):
