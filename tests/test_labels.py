@@ -352,6 +352,11 @@ MAKERS = {
         COLUMNS,
     ),
     "Arm.pose q": (lambda made, v: arm_of(made).pose(v, "fore"), (0.5, 0.75), JOINTS),
+    "Arm.link_speed velocity": (
+        lambda made, v: arm_of(made).link_speed("fore", (0.5, 0.75), v),
+        (0.5, 0.25),
+        JOINTS,
+    ),
     "Arm.poses q": (lambda made, v: str(arm_of(made).poses(v)), (0.5, 0.75), JOINTS),
     "Arm.configuration base": (
         lambda made, v: arm_of(made).configuration({}, base=v),
@@ -418,7 +423,7 @@ def test_what_is_made_of_numbers_with_labels_is_one_thing(objects, maker):
 
 NAMELESS = {
     *("cells", "occupied", "inner"),  # arrays of cells: tests/test_arguments.py
-    *("radius", "rotations", "lengths", "turns", "deviation", "held_joints", "max_jerk"),
+    *("radius", "rotations", "lengths", "turns", "within", "deviation", "held_joints", "max_jerk"),
     *("camera", "center", "t", "distance", "frequency", "counts", "chosen", "step"),
     *("starts", "ends", "poses", "pose", "base_pose", "tolerance", "near", "edges"),
 }
