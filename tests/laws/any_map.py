@@ -4,6 +4,8 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
+import shapely
+import trimesh
 
 import cspace
 from cspace import Robot, Rotations, Workspace
@@ -29,13 +31,15 @@ TIP = np.array([(1.1, -1.1, 0.0)])
 class Inputs(NamedTuple):
     """Cells of the workspace, corners of the robot, rotation cells and number of obstacles.
 
-    One corner is the center of a small ball, two or more those of a polygon or box.
+    One corner is the center of a small ball, two or more those of a polygon or box. A robot on a
+    floor is a prism over its corners, and meets each obstacle at some height.
     """
 
     shape: tuple[int, ...]
     corners: Floats
     rotations: Any
     obstacles: int
+    on_floor: bool = False
 
 
 LONG_INPUTS = {
@@ -51,6 +55,9 @@ MAP_INPUTS = {
     "yaw in space": Inputs((15, 15, 9), PLANK, 6, 1),
     "quaternions": Inputs((14, 13, 12), PLANK, Rotations.quaternions(2), 1),
 }
+
+ON_FLOOR = Inputs((30, 27), WEDGE, 8, 5, on_floor=True)
+"""Inputs of a map in the plane whose workspace is in space."""
 
 ALL_KINDS = [
     *((space, "memory") for space in MAP_INPUTS),
@@ -84,6 +91,11 @@ class AnyMap(NamedTuple):
     occupied: Bools
     corners: Floats
     rebuild: Callable[[Bools], cspace.CSpace]
+
+    @property
+    def on_floor(self):
+        """Whether the robot drives on a floor, where overlaps are not counted."""
+        return self.memory.floor is not None
 
     @property
     def dim(self):
@@ -139,15 +151,19 @@ def build_map(space, storage, outside, seed, folder, thin=False):
 
     If ``thin``, the obstacles fill only half of the cells that they touch.
     """
-    return build_of(MAP_INPUTS[space], storage, outside, seed, folder, thin)
+    inputs = ON_FLOOR if space == "floor" else MAP_INPUTS[space]
+    return build_of(inputs, storage, outside, seed, folder, thin)
 
 
 def build_of(inputs, storage, outside, seed, folder, thin=False):
     """Build a map as :func:`build_map`, of given inputs."""
-    shape, corners, rotations, number = inputs
+    shape, corners, rotations, number, on_floor = inputs
     low, high = corners.min(axis=0), corners.max(axis=0)
     if len(corners) == 1:
         robot = Robot.ball(0.01, corners[0])
+    elif on_floor:
+        prism = trimesh.creation.extrude_polygon(shapely.Polygon(corners), 0.2)
+        robot = Robot.from_mesh(prism)
     elif len(shape) == 2:
         robot = Robot.polygon(corners)
     else:
@@ -155,8 +171,18 @@ def build_of(inputs, storage, outside, seed, folder, thin=False):
     rng = np.random.default_rng(seed)
     lower = rng.uniform(-1.0, 1.0, len(shape))
     filled = rng.random(shape) < 0.5
+    heights = np.random.default_rng(seed).integers(2, 5, shape)  # layers that the robot meets
 
     def rebuild(occupied, **options):
+        if on_floor:
+            # Each obstacle stands at one of the robot's heights, and others stand beyond them.
+            layers = np.arange(8)
+            cells = (heights[..., np.newaxis] == layers) & occupied[..., np.newaxis]
+            cells[..., [0, 6, 7]] = rng.random((*shape, 3)) < 0.3
+            scene = Workspace.from_array(cells, SPACING, (*lower, 0.0))
+            return cspace.build(
+                scene, robot, rotations=rotations, outside=outside, floor=0.25, **options
+            )
         inner = occupied & filled if thin else None
         workspace = Workspace.from_array(occupied, SPACING, lower, inner=inner)
         return cspace.build(workspace, robot, rotations=rotations, outside=outside, **options)
