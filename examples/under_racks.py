@@ -40,12 +40,11 @@ high = cspace.Robot.from_mesh(trimesh.util.concatenate([base, mast]))
 # The base alone drives below the racks. With its mast, it drives around them, and below the gantry.
 
 start, goal = (0.8, 2.5, 0.0), (7.2, 2.5, 0.0)
-figure, axes = plt.subplots(1, 3, figsize=(13.0, 3.4), layout="constrained")
-for ax, robot, name in zip(axes, (low, high), ("base", "base with a mast"), strict=False):
+plans = {}
+for name, robot in (("base", low), ("base with a mast", high)):
     space = cspace.build(store, robot, rotations=72, floor=0.0)
-    plan = planners.plan(space, start, goal, drive=planners.Differential(), seed=1)
-    print(f"{name}: {plan.length:.2f} m")
-    space.plot(ax=ax, path=plan.path, title=f"{name}: {plan.length:.1f} m", legend=False)
+    plans[name] = planners.plan(space, start, goal, drive=planners.Differential(), seed=1)
+    print(f"{name}: {plans[name].length:.2f} m")
 
 # %%
 # Seen from above, as a costmap has it, racks and gantry are walls.
@@ -53,6 +52,10 @@ for ax, robot, name in zip(axes, (low, high), ("base", "base with a mast"), stri
 ground = cspace.Workspace.from_array(cells.any(axis=2), 0.05)
 flat = cspace.build(ground, high.footprint(), rotations=72)
 print("projected, no path exists:", flat.is_disconnected(start, goal))
+
+figure, axes = plt.subplots(1, 3, figsize=(13.0, 3.4), layout="constrained")
+for ax, (name, plan) in zip(axes, plans.items(), strict=False):
+    plan.plot(ax=ax, title=f"{name}: {plan.length:.1f} m", legend=False)
 flat.plot(ax=axes[2], title="projected: no path", legend=False)
 figure.savefig("under_racks.png", dpi=100)
 plt.close(figure)
