@@ -108,6 +108,9 @@ MAX_SAVING: Final = 0.01
 """Share by which the lower bound of another path between the same two rooms must be less, for a
 further search: a path begins and ends where it leaves and enters rooms."""
 
+MAX_DETOUR: Final = 1.5
+"""Length of a path by its lower bound, up to which the bounds of others tell whether to search."""
+
 GOAL_SHARE: Final = 0.5
 """Share of the effort left for the search to one of several goals, except the last one."""
 
@@ -718,7 +721,10 @@ def _may_be_shorter(
 ) -> bool:
     """Return False if a route is not worth a search after the best way that was found."""
     bound = best.length
-    if task.edges.drive is None and not onward and _share_rooms(task, route, best.result.path):
+    is_holonomic = task.edges.drive is None
+    # Lower bounds say little of ways that obstacles make much longer.
+    is_told = best.length < MAX_DETOUR * best.least
+    if is_holonomic and is_told and not onward and _share_rooms(task, route, best.result.path):
         bound = min(bound, (1.0 - MAX_SAVING) * best.least)
     return least < bound
 
