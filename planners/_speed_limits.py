@@ -21,7 +21,7 @@ from typing import (
     NamedTuple,
     Protocol,
     TypeAlias,
-    runtime_checkable,
+    cast,
 )
 
 import numpy as np
@@ -45,11 +45,12 @@ from cspace.inside import (
     check_word,
     number_parts,
 )
+from planners._catalogue import ARMS, find_space_kind
 from planners._ompl_states import check_space
 from planners._segments import Segments, place_along
 
 if TYPE_CHECKING:
-    from cspace import Arm
+    from cspace import Arm, ArmSpace
 
 Within: TypeAlias = Literal["contour", "point"]
 """What must be in a zone for its limit to hold."""
@@ -267,15 +268,6 @@ class ToolSpeed:
         object.__setattr__(self, "speed", check_positive(self.speed, "speed", "m/s"))
 
 
-@runtime_checkable
-class LinkedSpace(Protocol):
-    """The configurations of an arm."""
-
-    @property
-    def arm(self) -> Arm:
-        """The arm."""
-
-
 class SpeedRule(Protocol):
     """A limit, placed on the map of a plan."""
 
@@ -453,10 +445,11 @@ def _place_near(
 
 def _place_tool(tool: ToolSpeed, space: Space) -> ToolRule:
     """Check a limit of a link, and give it the arm."""
-    if not isinstance(space, LinkedSpace):
+    if find_space_kind(space) != ARMS:
         raise InputError("speed", f"is {tool}, and space is {space!r}", "links are those of an arm")
-    check_known(tool.link, "link", space.arm.frames)
-    return ToolRule(space.arm, tool)
+    arm = cast("ArmSpace", space).arm
+    check_known(tool.link, "link", arm.frames)
+    return ToolRule(arm, tool)
 
 
 def _check_frame(name: str, frame_id: str | None, of_plan: str) -> None:

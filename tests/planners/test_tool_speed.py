@@ -142,6 +142,25 @@ def plan_on_map():
     return planners.plan(space, (0.5, 1.5), (3.5, 1.5))
 
 
+class Carrying(cspace.Space):
+    """A space of one's own that has an arm, and says nothing about its links."""
+
+    axes = ("x", "y")
+    bounds = (0.0, 0.0), (4.0, 4.0)
+    arm = property(lambda self: space_of().arm)
+
+    def is_free(self, q):
+        return True
+
+    def motion_is_free(self, q0, q1):
+        return True
+
+
+def plan_on_own_space():
+    """Plan on a space of one's own."""
+    return planners.plan(Carrying(), (0.5, 1.5), (3.5, 1.5), time_limit=0.5)
+
+
 @refusals(
     "call, message",
     (lambda: planners.ToolSpeed("tip", 0.0), "speed is 0.0"),
@@ -150,6 +169,7 @@ def plan_on_map():
     (lambda: planners.ToolSpeed(3, 1.0), "link is 3"),
     (lambda: drive(planners.ToolSpeed("tipp", 1.0)), "link is 'tipp'"),
     (lambda: drive(planners.ToolSpeed("tip", 1.0), plan_on_map()), "links are those of an arm"),
+    (lambda: drive(planners.ToolSpeed("fore", 1.0), plan_on_own_space()), "links are those of"),
     (lambda: drive(planners.SpeedZones([(AREA, 1.0)])), "robots on a map of positions"),
     (lambda: drive("tip"), "speed is 'tip'"),
     (
