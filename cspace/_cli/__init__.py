@@ -88,6 +88,7 @@ class _Commands(TyperGroup):
         except MemoryError as error:
             problem = f"out of memory: {error}; a map must fit in memory"
         except KeyboardInterrupt:
+            signal.signal(signal.SIGINT, signal.SIG_IGN)  # a second one would end the message
             typer.echo("cspace: interrupted", err=True)
             raise typer.Exit(130) from None
         typer.echo(f"cspace: {problem}", err=True)

@@ -598,8 +598,10 @@ import signal
 signal.signal(signal.SIGINT, signal.default_int_handler)
 from numba.core.codegen import CPUCodeLibrary
 look_up = CPUCodeLibrary.__dict__["_object_getbuffer_hook"].__func__
+waiting = [signal.SIGINT]
 def interrupted(*arguments):
-    signal.raise_signal(signal.SIGINT)
+    while waiting:  # one signal: a second may come before the first has been told
+        signal.raise_signal(waiting.pop())
     return look_up(*arguments)
 CPUCodeLibrary._object_getbuffer_hook = classmethod(interrupted)
 from cspace._cli import main
