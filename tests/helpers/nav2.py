@@ -3,6 +3,7 @@
 import json
 import math
 import subprocess
+from xml.etree import ElementTree
 
 import numpy as np
 import shapely
@@ -116,6 +117,16 @@ def line_cells(first, last):
         )
         cells.append(tuple(cell.tolist()))
     return cells
+
+
+def list_needs(folder):
+    """Return the keys that a package gives to rosdep."""
+    tags = ("depend", "buildtool_depend", "build_depend", "exec_depend")
+    return {
+        each.text
+        for each in ElementTree.parse(folder / "package.xml").getroot()
+        if each.tag in tags
+    }
 
 
 def list_stubs(version):

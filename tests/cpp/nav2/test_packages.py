@@ -10,21 +10,12 @@ from xml.etree import ElementTree
 import pytest
 import yaml
 
+from tests.helpers.nav2 import list_needs
 from tests.helpers.repository import ROOT
 
 CPP, PYTHON = ROOT / "ros/cspace_nav2", ROOT / "ros/cspace_nav2_py"
 SYSTEM = {"ompl": "ompl", "Eigen3": "eigen", "cspace": None, "ament_cmake": "ament_cmake"}
 """Packages of CMake, and the key of rosdep for each."""
-
-
-def list_needs(folder):
-    """Return the keys that a package gives to rosdep."""
-    tags = ("depend", "buildtool_depend", "build_depend", "exec_depend")
-    return {
-        each.text
-        for each in ElementTree.parse(folder / "package.xml").getroot()
-        if each.tag in tags
-    }
 
 
 def test_the_cpp_package_names_what_cmake_finds():
