@@ -67,6 +67,7 @@ if TYPE_CHECKING:
     from cspace._queries.any_angle import Rectangles
     from cspace._queries.components import Components
     from cspace._queries.distance import DistanceMap
+    from cspace._queries.leaving import RobotPart
     from cspace._queries.overlaps import RobotRows
     from cspace._queries.sampling import FreeCells
     from cspace._record.update import Update, Updater
@@ -943,6 +944,13 @@ class CSpace(ConfigurationMap):
             self.workspace.outer, self._rasters, self.outside, self.floor is not None
         )
 
+    @lazy
+    def _robot_parts(self) -> list[RobotPart]:
+        """Convex parts of the robot, for motions that leave what is near."""
+        from cspace._queries.leaving import split_robot
+
+        return split_robot(self._contents)
+
     @property
     def _spans(self) -> Floats:
         """Largest motion of each coordinate between path rows; see the base class.
@@ -1195,9 +1203,9 @@ class CSpace(ConfigurationMap):
         """
         from cspace._queries.leaving import find_leaving_seconds
 
-        self._refuse_on_floor("motions that leave obstacles")
         with self.lock:
-            return find_leaving_seconds(self._contents, q, twist, seconds, tracking)
+            parts = self._robot_parts
+            return find_leaving_seconds(self._contents, parts, q, twist, seconds, tracking)
 
     def _name_obstacles(self, q: Floats, distances: Floats, turn: float) -> tuple[str, ...]:
         """Return obstacles that reach the nearest cells not FREE, or what own proofs name."""

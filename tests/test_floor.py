@@ -446,12 +446,6 @@ ENDS = (0.5, 0.5, 0.0), (1.5, 1.5, 0.0)
     "call, message",
     (lambda space: space.overlap_count(ENDS[0]), "counts of overlaps are for maps without one"),
     (lambda space: space.contains_robot(ENDS[0]), "has a floor; counts of overlaps"),
-    (
-        lambda space: cspace.Gate(space, dt=0.1, max_deceleration=(0.5, 1.0)).slow_down(
-            (0.15, 1.0, 0.0), (0.3, 0.0), leaving=True
-        ),
-        "motions that leave obstacles are for maps without one",
-    ),
     (lambda space: space.update(PLANE), "is a workspace of"),
     (lambda space: space.update(np.ones((2, 2), dtype=bool), (0, 0)), "it must be 3 integers"),
     (lambda space: space.add_obstacle("a", shapely.box(0, 0, 1, 1)), "it must be in space"),

@@ -330,7 +330,8 @@ class Gate:
         free, so the robot would stand there for ever. With ``leaving``, it may also drive if
         nothing comes nearer than the margin or than it is, and, straight on, than what is nearest
         beside the same side of the robot: the smallest proven distance never falls. Taken cells
-        count as the discs around them, and depths as negative distances.
+        count as the discs around them, and depths as negative distances. On a floor, the distances
+        are those sideways, of each part of the robot from the cells at its heights.
 
         Parameters
         ----------

@@ -9,24 +9,29 @@ before this value begins to fall, unless the disc stays above the margin all alo
 A robot that drives straight on beside a wall brings new parts of the wall beside it. So a disc may
 also come as near to the line of a side as the nearest disc beside this side is at the start, its
 level. Then no disc comes nearer than the margin, than it is, or than that one.
+
+A robot on a floor keeps its heights, so each of its parts meets only the cells of its layers. These
+discs and parts are those seen from above, and so are their distances.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 import shapely
 
 from cspace._shapes.balls import Balls
+from cspace._shapes.layers import Heights, LayeredShape
 from cspace._shapes.polygon import Polygons
 from cspace._support.arrays import Floats, Ints
 from cspace.errors import InputError
 
 if TYPE_CHECKING:
     from cspace._record.contents import Contents
-    from cspace._shapes import Shape
+    from cspace._shapes.shape import ExactShape
 
 CELL_REACH: Final = 0.7072
 """Radius of a disc that covers a cell of the plane, in cells, rounded up."""
@@ -43,6 +48,9 @@ STRAIGHT_ROUNDING: Final = 1e-12
 
 LEVEL_ROUNDING: Final = 1e-12
 """Rounding of heights that are equal, metres."""
+
+HULL_ROUNDING: Final = 1e-5
+"""Distance from a convex polygon, metres, within which its hull may differ by rounding."""
 
 CORNER_ROUNDING: Final = 1e-9
 """Distance from a corner, metres, below which rounding would turn its direction."""
@@ -61,6 +69,20 @@ class Core(NamedTuple):
 
     corners: Floats
     radius: float
+
+
+class RobotPart(NamedTuple):
+    """Cores that meet the same layers of a scene.
+
+    Attributes
+    ----------
+    cores : list of Core
+    layers : list of int or None
+        Layers of a workspace in space; None in the plane.
+    """
+
+    cores: list[Core]
+    layers: list[int] | None
 
 
 class Gaps(NamedTuple):
@@ -84,19 +106,27 @@ class Gaps(NamedTuple):
     heights: Floats
 
 
-def split_robot(shape: Shape) -> list[Core]:
-    """Return the convex parts of a robot's shape; InputError if a part is not convex."""
-    exact = shape.outer
-    if isinstance(exact, Balls):
+def split_robot(contents: Contents) -> list[RobotPart]:
+    """Return the convex parts of a map's robot; InputError if a part is not convex."""
+    grid, shape = contents.workspace.grid, contents.robot.shape
+    heights = Heights.of(grid, contents.floor)
+    if heights is None:
+        return [RobotPart(split_shape(shape.outer), None)]
+    parts = LayeredShape(shape, heights, grid.spacing).layers_of_parts
+    return [RobotPart(split_shape(part), layers) for part, layers in parts.items()]
+
+
+def split_shape(shape: ExactShape) -> list[Core]:
+    """Return the convex parts of a plane shape; InputError if a part is not convex."""
+    if isinstance(shape, Balls):
         return [
             Core(center[np.newaxis], radius)
-            for center, radius in zip(exact.centers, exact.radii.tolist(), strict=True)
+            for center, radius in zip(shape.centers, shape.radii.tolist(), strict=True)
         ]
-    geometries = exact.geometries if isinstance(exact, Polygons) else ()
+    geometries = shape.geometries if isinstance(shape, Polygons) else ()
     hulls = shapely.convex_hull(geometries)
-    areas = shapely.area(geometries)
-    # Hulls of convex polygons differ by rounding.
-    if not len(hulls) or not (shapely.area(hulls) <= areas * (1.0 + 1e-9)).all():
+    near = shapely.buffer(geometries, HULL_ROUNDING)
+    if not len(hulls) or not shapely.covers(near, hulls).all():
         problem = "has a part that is not convex"
         rule = "leaving is proven for discs and convex polygons, which may overlap"
         raise InputError("robot", problem, rule)
@@ -105,34 +135,50 @@ def split_robot(shape: Shape) -> list[Core]:
 
 
 def find_leaving_seconds(
-    contents: Contents, q: Floats, twist: Floats, seconds: float, tracking: Floats
+    contents: Contents,
+    parts: Sequence[RobotPart],
+    q: Floats,
+    twist: Floats,
+    seconds: float,
+    tracking: Floats,
 ) -> float:
-    """Return for how long, at most ``seconds``, a twist from ``q`` comes no nearer to anything.
+    """Return for how long, at most ``seconds``, a twist comes no nearer to anything.
 
-    Distances above the margin and the reach of ``tracking``, shape (3,), may fall to these.
+    ``parts`` are those of :func:`split_robot`. Distances above the margin and the reach of
+    ``tracking``, shape (3,), may fall to these.
     """
-    cores = split_robot(contents.robot.shape)
-    size = max(float(np.hypot(*core.corners.T).max()) + core.radius for core in cores)
+    all_cores = [core for part in parts for core in part.cores]
+    size = max((_find_reach(core) for core in all_cores), default=0.0)
     # A point of the robot moves by at most its distance from the origin for each radian.
     stray = math.hypot(tracking[0], tracking[1]) + size * min(float(tracking[2]), 2.0)
     margin = contents.margin + stray + CELL_REACH * contents.workspace.grid.spacing
-    centers = list_taken_cells(contents, q, size + margin + abs(float(twist[0])) * seconds)
-    if centers is None:
-        return 0.0
+    reach = size + margin + abs(float(twist[0])) * seconds
     cos, sin = math.cos(q[2]), math.sin(q[2])
-    offsets = (centers - q[:2]) @ np.array([(cos, -sin), (sin, cos)])
     least = seconds / PIECES
-    for core in cores:
-        seconds = follow(core, offsets, margin, twist, seconds, least)
+    for cores, layers in parts:
+        centers = list_taken_cells(contents, layers, q, reach)
+        if centers is None:
+            return 0.0
+        offsets = (centers - q[:2]) @ np.array([(cos, -sin), (sin, cos)])
+        for core in cores:
+            seconds = follow(core, offsets, margin, twist, seconds, least)
     return seconds
 
 
-def list_taken_cells(contents: Contents, q: Floats, reach: float) -> Floats | None:
+def _find_reach(core: Core) -> float:
+    """Return the largest distance of a core's points from the origin, metres."""
+    return float(np.hypot(*core.corners.T).max()) + core.radius
+
+
+def list_taken_cells(
+    contents: Contents, layers: list[int] | None, q: Floats, reach: float
+) -> Floats | None:
     """Return centers of taken cells within ``reach`` along each axis; None if cells are too many.
 
-    Cells outside the grid are taken unless the outside is free.
+    With ``layers``, cells are those seen from above. Cells outside the grid are taken unless the
+    outside is free.
     """
-    grid = contents.workspace.grid
+    grid = contents.grid
     lower, shape = np.asarray(grid.lower), np.asarray(grid.shape)
     if not 2.0 * reach / grid.spacing + 2.0 <= math.sqrt(MAX_NEAR_CELLS):
         return None
@@ -141,7 +187,8 @@ def list_taken_cells(contents: Contents, q: Floats, reach: float) -> Floats | No
     taken = np.full(stop - first, contents.outside != "free")
     low, high = np.clip(first, 0, shape), np.clip(stop, 0, shape)
     inside = tuple(map(slice, low - first, high - first))
-    taken[inside] = contents.workspace.outer[tuple(map(slice, low, high))]
+    near = contents.workspace.outer[tuple(map(slice, low, high))]
+    taken[inside] = near if layers is None else near[:, :, layers].any(axis=2)
     centers: Floats = lower + (first + np.argwhere(taken) + 0.5) * grid.spacing
     return centers
 

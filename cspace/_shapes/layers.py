@@ -69,6 +69,15 @@ class LayeredShape(BoundedShape):
             outer, inner = shape.slab(low, heights.lowest + spacing * (layer + 1), SLACK * spacing)
             self._slabs.append((layer, (share(outer), share(inner))))
 
+    @property
+    def layers_of_parts(self) -> dict[ExactShape, list[int]]:
+        """Layers of each part that contains the shape between their heights, seen from above."""
+        layers: dict[ExactShape, list[int]] = {}
+        for layer, (outer, _) in self._slabs:
+            if outer is not None:
+                layers.setdefault(outer, []).append(layer)
+        return layers
+
     def rasters(
         self, spacing: float, margin: float = 0.0, rotation: RotationCell = NO_ROTATION
     ) -> tuple[Raster, Raster]:

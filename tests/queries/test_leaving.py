@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 import shapely
+import trimesh
 
 import cspace
 from cspace import Robot, Workspace
@@ -84,6 +85,118 @@ def test_what_leaves_comes_no_nearer_to_what_is_near(crowded, count, tracking):
         if twist[1] or name == "disc":
             assert (proven >= proven[0] - 1e-9).all()
     assert left > count / 20
+
+
+# ---- robots on a floor ---------------------------------------------------------------------------
+
+BOXES = (((-0.3, -0.2, 0.05), (0.3, 0.2, 0.35)), ((-0.1, -0.35, 0.55), (0.45, 0.35, 0.75)))
+"""Corners of the base and of the top of a robot on a floor; layers are 0.1 m high."""
+
+BALLS = ((0.0, 0.1, 0.35), (0.25, 0.0, 0.8))
+"""Centers of the balls of a robot on a floor, 0.3 m in radius."""
+
+FLOOR = 0.1
+
+
+def cut_boxes(low, high):
+    """Return the parts of the boxes between two heights above the floor."""
+    return [(shapely.box(*a[:2], *b[:2]), 0.0) for a, b in BOXES if a[2] <= high and b[2] >= low]
+
+
+def cut_balls(low, high):
+    """Return the parts of the balls between two heights above the floor."""
+    parts = []
+    for x, y, z in BALLS:
+        gap = max(low - z, z - high, 0.0)
+        if gap < 0.3:
+            parts.append((shapely.Point(x, y), math.sqrt(0.09 - gap**2)))
+    return parts
+
+
+ON_FLOORS = {
+    "boxes": (
+        cut_boxes,
+        Robot.from_mesh(
+            trimesh.util.concatenate([trimesh.creation.box(bounds=box) for box in BOXES])
+        ),
+    ),
+    "balls": (cut_balls, Robot.from_balls(BALLS, 0.3)),
+}
+"""Parts of each robot on a floor between two heights, and the robot."""
+
+
+def build_on_floor(name, occupied, **options):
+    """Build a map with a floor for a robot."""
+    workspace = Workspace.from_array(occupied, CELL)
+    return cspace.build(workspace, ON_FLOORS[name][1], rotations=36, floor=FLOOR, **options)
+
+
+@pytest.mark.parametrize("outside", ["blocked", "free"])
+@pytest.mark.parametrize("name", ON_FLOORS)
+@pytest.mark.parametrize(
+    "count", [25, pytest.param(1000, marks=pytest.mark.thorough)], ids=["few", "many"]
+)
+def test_no_part_of_a_robot_on_a_floor_comes_nearer_to_cells_at_its_heights(name, outside, count):
+    occupied = np.random.default_rng(6).random((40, 30, 13)) < 0.005
+    space = build_on_floor(name, occupied, outside=outside, margin=0.03 * (outside == "free"))
+    cut, rng, gate, left = ON_FLOORS[name][0], np.random.default_rng(count), make_gate(space), 0
+    padding = ((12, 12), (12, 12), (0, 0))
+    padded = np.pad(occupied, padding, constant_values=outside == "blocked")
+    layers = []
+    for layer in range(13):
+        centers = (np.argwhere(padded[:, :, layer]) - 11.5) * CELL
+        low = CELL * layer - FLOOR
+        layers += [(centers, *part) for part in cut(low, low + CELL)]
+    for _ in range(count):
+        pose = (*rng.uniform((0.0, 0.0), (4.0, 3.0)), rng.uniform(-math.pi, math.pi))
+        twist = rng.normal(0.0, (0.5, 1.0)) * (rng.random(2) < 0.7)
+        slowed = gate.slow_down(pose, twist, leaving=True)
+        if not slowed.leaves or not slowed.share or not slowed.commands.any():
+            continue
+        left += 1
+        poses = place_along(pose, slowed.commands, DT, instants=9)
+        for centers, core, radius in layers:
+            near = centers[np.hypot(*(centers - pose[:2]).T) < 1.2]
+            if not len(near):
+                continue
+            distances = bound_distances([core], poses, near) - radius - 0.7072 * CELL
+            proven = np.minimum(distances, space.margin)
+            # A mesh seen from above is grown by a micrometre.
+            assert (proven.min(axis=1) >= proven[0].min() - 1e-5).all()
+            if twist[1] or name == "balls":
+                assert (proven >= proven[0] - 1e-5).all()
+    assert left > count / 20
+
+
+def test_a_robot_on_a_floor_leaves_a_touch_under_a_beam():
+    occupied = np.zeros((40, 30, 13), dtype=bool)
+    occupied[23, 15, 1:4] = True  # a post before the base, which ends at 2.3 m
+    occupied[8:19, :, 6] = True  # a beam behind the top, above the base
+    pose = (2.03, 1.55, 0.0)
+    gate = make_gate(build_on_floor("boxes", occupied))
+    assert not gate.slow_down(pose, (0.2, 0.0), leaving=True).share
+    assert gate.slow_down(pose, (-0.2, 0.0), leaving=True).share < 1.0
+    occupied[8:19, :, 6] = False
+    occupied[8:19, :, 5] = occupied[8:19, :, 9:] = True  # between the parts, and above them
+    gate = make_gate(build_on_floor("boxes", occupied))
+    assert not gate.slow_down(pose, (-0.5, 0.0)).share
+    slowed = gate.slow_down(pose, (-0.5, 0.0), leaving=True)
+    assert (slowed.share, slowed.leaves) == (1.0, True)
+
+
+def test_a_robot_among_prisms_leaves_as_in_the_plane():
+    rng = np.random.default_rng(8)
+    ground = rng.random((40, 30)) < 0.02
+    plane = make_gate(build("rectangle", ground))
+    prisms = Workspace.from_array(np.repeat(ground[:, :, None], 6, axis=2), CELL)
+    box = Robot.box((0.6, 0.4, 0.31), (0.0, 0.0, 0.2))
+    gate = make_gate(cspace.build(prisms, box, rotations=36, floor=0.03))
+    for _ in range(25):
+        pose = (*rng.uniform((0.0, 0.0), (4.0, 3.0)), rng.uniform(-math.pi, math.pi))
+        twist = rng.normal(0.0, (0.5, 1.0)) * (rng.random(2) < 0.7)
+        one, other = (each.slow_down(pose, twist, leaving=True) for each in (plane, gate))
+        assert (one.share, one.leaves) == (other.share, other.leaves)
+        assert (one.commands == other.commands).all()
 
 
 # ---- a wall in front -----------------------------------------------------------------------------

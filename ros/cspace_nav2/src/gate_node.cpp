@@ -186,7 +186,7 @@ class GateNode : public rclcpp_lifecycle::LifecycleNode {
     if (!map->frame_id().empty() && map->frame_id() != options.map_frame)
       throw std::invalid_argument("the parameter 'map_frame' is '" + options.map_frame + "'; the map is in '" + map->frame_id() + "'");
     if (options.leaving && !map->has_taken_cells())
-      throw std::invalid_argument("the parameter 'leaving' needs a map of x, y and yaw in one piece, not in tiles");
+      throw std::invalid_argument("the parameter 'leaving' needs a map of x, y and yaw in one piece, not in tiles or on a floor");
     const std::vector<double> brakes = get_list("max_deceleration", 2), tracking = get_list("tracking", 3);
     cspace::GateOptions gate;
     gate.dt = period_;
