@@ -103,6 +103,43 @@ def node():
     rclpy.shutdown()
 
 
+def open_node(monkeypatch, path):
+    """Return a node with a saved map, and the start and goal poses of a plan on it."""
+    monkeypatch.setitem(planner_node.PARAMETERS, "saved_map", (str(path), "", None))
+    return planner_node.PlannerNode()
+
+
+def test_a_saved_map_with_a_floor_is_planned_on(node, monkeypatch, tmp_path):
+    cells = np.repeat((make_room() > 0)[:, :, None], 8, axis=2)
+    cells[58:62, :, :6] = False  # the wall is a beam, 0.3 m above the ground
+    workspace = cspace.Workspace.from_array(cells, 0.05)
+    robot = cspace.Robot.box((0.6, 0.4, 0.25), (0.0, 0.0, 0.125))
+    space = cspace.build(workspace, robot, rotations=72, floor=0.01)
+    space.save(tmp_path / "hall")
+    other = open_node(monkeypatch, tmp_path / "hall")
+    try:
+        catch_up(other)
+        path, code, reason = other.answer(make_pose(*START), [make_pose(*GOAL)])
+        assert (code, reason) == (0, "")
+        places = [(each.pose.position.x, each.pose.position.y) for each in path.poses]
+        assert max(x for x, _ in places) > 1.0 and max(abs(y - 1.0) for _, y in places) < 0.1
+        assert other.outline.bounds == (-0.3, -0.2, 0.3, 0.2)
+        expected = space.to_occupancy_grid(rotation=0.0)
+        assert list(other.shown.data) == list(expected.data)
+        assert other.count_subscribers("footprint") == 1  # of the other node
+    finally:
+        other.destroy_node()
+
+
+def test_saved_maps_that_are_none_end_the_node(node, monkeypatch, tmp_path):
+    with pytest.raises(cspace.errors.CspaceError, match="nowhere"):
+        open_node(monkeypatch, tmp_path / "nowhere")
+    workspace = cspace.Workspace.from_array(np.zeros((9, 9), dtype=bool), 0.1)
+    cspace.build(workspace, cspace.Robot.disc(0.1)).save(tmp_path / "plane")
+    with pytest.raises(cspace.errors.InputError, match=r"saved_map .* it must be of x, y and yaw"):
+        open_node(monkeypatch, tmp_path / "plane")
+
+
 TIMES = itertools.count(1)
 """When messages were sent."""
 

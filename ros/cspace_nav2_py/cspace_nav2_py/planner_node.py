@@ -44,6 +44,7 @@ WORDS = {"drive": DRIVES, "unknown": ("occupied", "free")}
 """Values of the parameters that are words."""
 
 PARAMETERS = {
+    "saved_map": ("", "folder of a saved map, instead of the topics map and footprint", None),
     "footprint": ("[]", "corners of the robot, as Nav2 writes them; [] for a disc", None),
     "robot_radius": (0.2, "metres, without a footprint", (0.001, 100.0)),
     "footprint_padding": (0.01, "metres by which the robot is grown", (0.0, 10.0)),
@@ -133,9 +134,16 @@ class PlannerNode(Node):
         self.number = 0  # of the newest update
         self.complaints = set()
         self.corners = self.option("footprint")
-        self.robot, self.outline = self.make_robot(self.corners)
         kept = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        self.subscribe(kept)
+        self.window_publisher = None
+        self.saved = self.open_map(self.option("saved_map"))
+        if self.saved is None:
+            self.robot, self.outline = self.make_robot(self.corners)
+            self.subscribe(kept)
+        else:
+            self.robot = self.saved.drawn_robot
+            self.outline = self.robot.shape.outer.outline
+            self.arrived = 1
         readers = PublisherEventCallbacks(matched=self.on_reader)
         self.map_publisher = self.create_publisher(
             OccupancyGrid, "~/map", kept, event_callbacks=readers
@@ -153,6 +161,8 @@ class PlannerNode(Node):
             self.transforms = tf2_ros.Buffer()
             self.listener = tf2_ros.TransformListener(self.transforms, self)
         self.news = threading.Event()
+        if self.saved is not None:
+            self.news.set()
         threading.Thread(target=self.keep_up, daemon=True).start()
 
     def declare(self, name):
@@ -175,7 +185,7 @@ class PlannerNode(Node):
         group = MutuallyExclusiveCallbackGroup()
         subscribe = partial(self.create_subscription, callback_group=group)
         self.update_topic = self.resolve_topic_name("map") + "_updates"
-        self.update_subscription = self.window_publisher = None
+        self.update_subscription = None
         if find_spec("map_msgs"):
             from map_msgs.msg import OccupancyGridUpdate
 
@@ -239,6 +249,17 @@ class PlannerNode(Node):
             self.get_logger().warning(problem)
 
     # ---- the world -------------------------------------------------------------------------------
+
+    def open_map(self, path):
+        """Return a saved map, or None without a path; InputError if the node cannot plan on it."""
+        if not path:
+            return None
+        space = cspace.open(path)
+        if not isinstance(space, cspace.CSpace) or space.axes != ("x", "y", "yaw"):
+            raise InputError(
+                "saved_map", f"is {space!r}", "it must be of x, y and yaw, and no tiles"
+            )
+        return space
 
     def make_robot(self, footprint):
         """Return the robot of a footprint, or of the radius if it is empty, and its outline."""
@@ -318,6 +339,8 @@ class PlannerNode(Node):
 
         A grid is whole without a publisher of updates, or if it came live and all updates since.
         """
+        if self.saved is not None:
+            return ""
         publishers = self.count_publishers(self.update_topic)
         self.has_updates = self.has_updates or publishers > 0
         listener = self.update_subscription
@@ -339,18 +362,15 @@ class PlannerNode(Node):
                 self.complain(f"the map is not built: {error!r}")
 
     def follow(self):
-        """Make the map equal to the newest grid, for the newest footprint."""
+        """Make the map equal to the newest grid, for the newest footprint; or take a saved one."""
         with self.lock:
             grid, workspace, robot, arrived = self.grid, self.workspace, self.robot, self.arrived
-        if grid is None or robot is None:
+        if self.saved is None and (grid is None or robot is None):
             return
-        space = self.space
-        if space is None:
+        if self.space is None:
             self.get_logger().info("building the first map, which may compile for minutes")
-        frame = workspace.grid.frame_id or "map"
-        is_same = space is not None and space.frame_id == frame and space.grid == workspace.grid
-        if not is_same or space.robot is not robot:
-            space = cspace.build(workspace, robot, rotations=self.option("rotations"))
+        space = self.make_map(workspace, robot)
+        frame = space.frame_id or "map"
         if self.space is None:
             planners.warm_up(space, self.read_drive())
             self.get_logger().info("ready to plan")
@@ -361,13 +381,23 @@ class PlannerNode(Node):
             else:
                 self.space, self.last = space, None
                 self.shown = space.to_occupancy_grid(OccupancyGrid(), rotation=0.0, frame_id=frame)
-            self.frame, self.version = grid.header.frame_id or "map", arrived
+            self.frame, self.version = frame, arrived
             self.lock.notify_all()
         doubt = self.find_doubt()
         if doubt:
             self.complain(doubt)
         with self.lock:
             self.publish_map(window, doubt)
+
+    def make_map(self, workspace, robot):
+        """Return the saved map, the node's map if it can follow a workspace, or a new one."""
+        if self.saved is not None:
+            return self.saved
+        space, frame = self.space, workspace.grid.frame_id or "map"
+        is_same = space is not None and space.frame_id == frame and space.grid == workspace.grid
+        if is_same and space.robot is robot:
+            return space
+        return cspace.build(workspace, robot, rotations=self.option("rotations"))
 
     def publish_map(self, window, doubt):
         """Publish a window that changed, or the whole map to readers that need it; hold the lock."""
@@ -411,7 +441,7 @@ class PlannerNode(Node):
 
     def wait_for_map(self, stop):
         """Wait, with the lock, until the map holds all that came before; raise NoPlanError if not."""
-        if self.grid is None:
+        if self.grid is None and self.saved is None:
             raise NoPlanError(self.find_doubt() or "there is no good map yet", UNKNOWN)
         if self.robot is None:
             raise NoPlanError("the newest footprint was refused", UNKNOWN)

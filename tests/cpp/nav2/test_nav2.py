@@ -102,6 +102,23 @@ def test_python_certifies_the_path_that_follows_at_the_step(nav2, space, room):
     assert nav2.read_log() == ""
 
 
+@pytest.mark.parametrize("drive, floor", [("differential", 0.04), ("holonomic", 0.06)])
+def test_a_robot_on_a_floor_passes_under_a_beam(nav2, tmp_path, drive, floor):
+    cells = np.zeros((70, 38, 8), dtype=bool)
+    cells[28:32, :, 4:] = True  # a beam at 0.4 m, all across
+    box = cspace.Robot.box((0.6, 0.4, 0.35), (0.0, 0.0, 0.175))
+    workspace = cspace.Workspace.from_array(cells, 0.1)
+    space = cspace.build(workspace, box, rotations=36, floor=floor)
+    space.save(tmp_path / "hall")
+    nav2.configure(tmp_path / "hall", drive=drive)
+    answer = nav2.plan(START, GOAL)
+    if floor > 0.05:
+        assert answer["code"] == 208  # there is no path
+        return
+    assert answer["code"] == 0
+    assert np.all(space.certify_path(np.array(answer["path"])))
+
+
 # ---- the live costmap ----------------------------------------------------------------------------
 
 
