@@ -62,6 +62,8 @@ BUILT_IN_SEARCHES: Final = (GRID, MAX_CLEARANCE, LATTICE, BIRRT)
 
 LENGTH: Final = "length"
 CLEARANCE: Final = "clearance"
+TIME: Final = "time"
+COSTS: Final = "WeightedLength"
 FUNCTION: Final = "a function"
 """Objectives of :func:`planners.plan`."""
 
@@ -97,7 +99,8 @@ class Skills(NamedTuple):
 
 
 _DRIVES: Final = (NONE, DIFFERENTIAL, REVERSING_CAR, CAR)
-_OBJECTIVES: Final = (LENGTH, CLEARANCE, FUNCTION)
+_WEIGHTED: Final = (LENGTH, CLEARANCE, TIME, COSTS)
+_OBJECTIVES: Final = (*_WEIGHTED, FUNCTION)
 
 SKILLS: Final[Mapping[str, Skills]] = {
     "BITstar": Skills(_DRIVES, _OBJECTIVES),
@@ -110,7 +113,7 @@ SKILLS: Final[Mapping[str, Skills]] = {
     "RRTConnect": Skills(_DRIVES),
     "RRTstar": Skills(_DRIVES, _OBJECTIVES),
     "SORRTstar": Skills(_DRIVES, _OBJECTIVES),
-    GRID: Skills(objective=(LENGTH, CLEARANCE), iterations=False),
+    GRID: Skills(objective=_WEIGHTED, iterations=False),
     MAX_CLEARANCE: Skills(iterations=False),
     LATTICE: Skills(_DRIVES[1:], iterations=False),
     BIRRT: Skills(keep=(NONE, ANY)),
@@ -279,21 +282,22 @@ def check_skills(
     planner: PlannerName,
     drive: Drive | None,
     objective: object,
+    kind: str,
     keep: Sequence[Upright],
     is_named: bool,
 ) -> None:
     """Raise InputError if a planner lacks the skills for the options of a plan.
 
-    ``is_named`` says that the user chose the planner.
+    ``kind`` is that of the objective, and ``is_named`` says that the user chose the planner.
     """
     skills = SKILLS.get(planner, Skills())
     asked = (
         ("drive", drive, _name_drive(drive), skills.drive),
-        ("objective", objective, FUNCTION if callable(objective) else objective, skills.objective),
+        ("objective", objective, kind, skills.objective),
         ("keep", keep, ANY if keep else NONE, skills.keep),
     )
-    for option, value, kind, possible in asked:
-        if kind not in possible:
+    for option, value, asked_kind, possible in asked:
+        if asked_kind not in possible:
             problem = f"is {value!r} and planner is {planner!r}"
             if not is_named:
                 problem += f", the default for objective={objective!r}"

@@ -510,10 +510,10 @@ def end_in_rooms(edges: LocalPlanner, path: Floats, rooms: Sequence[Room]) -> Fl
     if all(room.is_point for room in rooms):
         return path
     space = edges.cells
-    done = np.append(0.0, np.cumsum(edges.edge_lengths(path[:-1], path[1:])))
+    done = np.append(0.0, np.cumsum(edges.edge_costs(path[:-1], path[1:])))
     starts = np.tile(path[:-1], (len(rooms), 1))
     ends = np.concatenate([room.pull(space, path[:-1]) for room in rooms])
-    totals = np.tile(done[:-1], len(rooms)) + edges.edge_lengths(starts, ends)
+    totals = np.tile(done[:-1], len(rooms)) + edges.edge_costs(starts, ends)
     is_free = edges.edge_checker()
     ways = [path]
     for k in np.argsort(totals, kind="stable").tolist():

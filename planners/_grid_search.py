@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
@@ -26,7 +26,6 @@ from planners._paths import (
     Check,
     Cost,
     are_free,
-    edge_costs,
     keep_rotation,
     path_length,
     pulled_straight,
@@ -35,6 +34,10 @@ from planners._paths import (
 
 if TYPE_CHECKING:
     from planners._estimate import Costs
+    from planners._local_planner import LocalPlanner
+
+MAX_RATIO: Final = 1.001
+"""Cost of a short path by its length, up to which no path of lower cost is searched."""
 
 
 def find_short_path(space: CSpace, endpoints: Floats, straight: bool, limit: Effort) -> Floats:
@@ -179,31 +182,21 @@ def _find_taut_path(
 
 
 def find_cheap_path(
-    space: CSpace,
-    endpoints: Floats,
-    factor_at: Callable[[Costs], Costs],
-    cost: Cost,
-    straight: bool,
-    limit: Effort,
+    edges: LocalPlanner, endpoints: Floats, straight: bool, limit: Effort
 ) -> Floats:
-    """Find a path through FREE cells of low cost, the cheapest of up to three.
+    """Find a path through FREE cells of low cost by the weights of edges.
 
-    Otherwise, arguments, result and errors are those of :func:`find_short_path`.
-
-    Parameters
-    ----------
-    factor_at : callable
-        Returns the cost of a metre at an array of clearances in metres; it does not increase.
-    cost : callable
-        Integrates it along an edge, given by the coordinates of two configurations.
+    It is the cheapest of up to three. Otherwise, arguments, result and errors are those of
+    :func:`find_short_path`.
     """
-    from planners._widest import measure_widths
-
-    clearances = measure_widths(space) * np.float32(space.grid.spacing)
-    factors = factor_at(clearances)
+    space = edges.cells
+    cost = edges.weigh()
+    factors = None if edges.weights is None else edges.weights.factors
     until = now() + limit
     # A short path, the same path changed to cost less, and the path of a search by cost.
     short_path = find_short_path(space, endpoints, straight, limit)
+    if len(short_path) and edges.path_cost(short_path) <= MAX_RATIO * edges.path_length(short_path):
+        return short_path
     paths = [short_path]
     if straight and len(short_path):
         check = space.edge_checker()
@@ -213,9 +206,4 @@ def find_cheap_path(
         remaining = until - now()
         paths.append(_find_path_along_chain(space, endpoints, straight, remaining, factors, cost))
     paths = [path for path in paths if len(path)]
-
-    def measure(path: Floats) -> float:
-        """Return the cost of a path."""
-        return float(edge_costs(path, cost).sum())
-
-    return min(paths, key=measure, default=endpoints[:0])
+    return min(paths, key=edges.path_cost, default=endpoints[:0])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any, Final, Literal, NamedTuple, TypeAlias
 
 import numpy as np
@@ -11,7 +12,6 @@ import numpy as np
 from cspace import CSpace
 from cspace.inside import (
     DistanceTable,
-    Floats,
     Map,
     Row,
     bind_kernel,
@@ -23,9 +23,10 @@ from cspace.inside import (
     measure_edge,
     slice_of,
 )
+from planners._estimate import Costs
 
-Field: TypeAlias = Literal["clearance"] | Floats | None
-"""Source of a value at each configuration: the clearance; overlaps of cells; or none (zero)."""
+Field: TypeAlias = Literal["clearance"] | Costs | None
+"""Source of a value at each configuration: the clearance; values of cells; or none (zero)."""
 
 Numbers = tuple[float, ...]
 """Coordinates of a rotation, or of configurations."""
@@ -44,7 +45,7 @@ class Values(NamedTuple):
 
     kind: int
     distances: DistanceTable
-    overlaps: Floats
+    overlaps: Costs
 
 
 class CostDensity(NamedTuple):
@@ -58,8 +59,25 @@ class CostDensity(NamedTuple):
     offset: float
     slope: float
     weight: float
-    rotation_weight: float
+    rotation_weight: float = 0.0
     mean_per_metre: bool = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CellCost:
+    """What a metre costs in the cells of a map, and along edges.
+
+    Attributes
+    ----------
+    factors : ndarray of float32, shape (slices, nx, ny) or (slices, nx, ny, nz)
+        Cost of a metre in each cell, 1 or above.
+    field, density
+        Cost of a metre at each configuration; the rotation weight is that of the edges.
+    """
+
+    factors: Costs
+    field: Field
+    density: CostDensity
 
 
 @internal
@@ -77,7 +95,7 @@ def cost_at(
 
 
 @internal
-def field_at(map_: Map, values: Floats, position: Row, rotation: Numbers) -> float:
+def field_at(map_: Map, values: Costs, position: Row, rotation: Numbers) -> float:
     """Interpolate a field at a configuration, for compiled callers.
 
     ``values``, shape (cells,), are the overlaps of all cells of all slices in C order, and
@@ -142,14 +160,15 @@ def bind_cost(kernel: Any, space: CSpace, field: Field, *fixed: Any) -> Callable
         np.empty((0, 2, space.grid.dim)),
         np.empty(0, dtype=np.bool_),
     )
+    no_overlaps = np.empty(0, dtype=np.float32)
     zeros = (0.0,) * (2 * space.size)
 
     def get_values() -> Values:
         """Return the field's present values."""
         if isinstance(field, str):
-            return Values(CLEARANCES, DistanceTable.of(space), np.empty(0))
+            return Values(CLEARANCES, DistanceTable.of(space), no_overlaps)
         if field is None:
-            return Values(NO_VALUES, no_distances, np.empty(0))
+            return Values(NO_VALUES, no_distances, no_overlaps)
         return Values(OVERLAPS, no_distances, field.reshape(-1))
 
     integrate = bind_kernel(kernel, (map_record(space),), get_values(), *fixed, zeros)

@@ -37,7 +37,7 @@ from cspace.inside import (
     measure_steps,
     proofs_of,
 )
-from planners._integrals import CostDensity, Field, bind_cost, integrate_straight_edge
+from planners._integrals import CellCost, CostDensity, Field, bind_cost, integrate_straight_edge
 from planners._ompl_states import find_state_kind, with_wrapped_angles
 
 if TYPE_CHECKING:
@@ -97,11 +97,14 @@ class LocalPlanner:
     bidirectional : bool
         Whether an edge that OMPL checks must also be free from its end to its start. The two differ
         if the robot does not reverse.
+    weights : CellCost or None
+        What a metre costs on a map in memory; None if it is the length.
     """
 
     space: Space
     drive: Drive | None = None
     bidirectional: bool = False
+    weights: CellCost | None = None
 
     rotation_weight: ClassVar[float] = METRES_PER_RADIAN
     """Metres that a radian of rotation adds to an edge's length."""
@@ -187,6 +190,28 @@ class LocalPlanner:
     def edge_cost(self, field: Field, density: CostDensity) -> Callable[..., float]:
         """Make ``cost(*q0, *q1)``, the cost of the edge on a map."""
         return bind_cost(integrate_straight_edge, self.cells, field, density, self.space.size)
+
+    def weigh(self) -> Callable[..., float] | None:
+        """Make ``cost(*q0, *q1)``, the cost of the edge; None if it is the length."""
+        if self.weights is None:
+            return None
+        density = self.weights.density._replace(rotation_weight=self.rotation_weight)
+        return self.edge_cost(self.weights.field, density)
+
+    def edge_costs(self, starts: Floats, ends: Floats) -> Floats:
+        """Return the costs of edges, shape (n,), at least their lengths."""
+        cost = self.weigh()
+        if cost is None:
+            return self.edge_lengths(starts, ends)
+        return np.array([cost(*row) for row in np.hstack([starts, ends]).tolist()])
+
+    def path_cost(self, path: Floats) -> float:
+        """Return the cost of a path, shape (n, size)."""
+        return float(self.edge_costs(path[:-1], path[1:]).sum())
+
+    def path_length(self, path: Floats) -> float:
+        """Return the length of a path, shape (n, size), with weighted rotations."""
+        return float(self.edge_lengths(path[:-1], path[1:]).sum())
 
     def edge_lengths(self, starts: Floats, ends: Floats) -> Floats:
         """Return the lengths of edges, shape (n,), with weighted rotations."""

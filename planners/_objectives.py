@@ -1,122 +1,284 @@
-"""Objectives of OMPL that weight length by clearance, or by any values on the cells of a map."""
+"""Objectives: what a metre of path costs, by clearance, by values on the cells, or by time.
+
+Each becomes a cost on the cells of a map, 1 or above for a metre, which searches over cells take,
+and the same cost along edges.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from functools import cached_property
-from typing import TYPE_CHECKING, Final
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property, partial
+from typing import TYPE_CHECKING, Final, Literal, TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike
 from ompl import base as ob
 
 from cspace import CSpace, Space
 from cspace.errors import InputError
 from cspace.inside import (
     ConfigurationMap,
-    Effort,
+    DistanceTable,
     Floats,
     as_contiguous,
     check_finite,
     check_known,
+    check_memory,
     check_not_negative,
     check_number,
     check_positive,
 )
-from planners._drives import local_planner
-from planners._integrals import CostDensity, Field
-from planners._local_planner import Drive, LocalPlanner
-from planners._ompl_states import check_information, find_state_kind
+from planners._catalogue import CLEARANCE, COSTS, FUNCTION, LENGTH, TIME
+from planners._integrals import CellCost, CostDensity, Field
+from planners._local_planner import LocalPlanner
+from planners._ompl_states import find_state_kind
 
 if TYPE_CHECKING:
-    from planners._estimate import Costs
+    from planners._speed_limits import SpeedLike
+
+MakeObjective: TypeAlias = Callable[[ob.SpaceInformation], ob.OptimizationObjective]
 
 DEFAULT_WEIGHT: Final = 10.0
 """Extra metres that a metre of path costs by default where the penalty is one."""
 
+BYTES_PER_CELL: Final = 16
+"""Memory of the costs of a cell, bytes, with what makes them."""
 
-class WeightedLength(ob.OptimizationObjective):
-    """Length with a cost of each metre.
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WeightedLength:
+    """Length with a cost of each metre, as the ``objective`` of :func:`planners.plan`.
 
     A metre costs ``1 + weight * max(0, penalty)**2``, integrated along each edge. The penalty of a
     configuration is ``offset + slope * value``, for the value of a field. The integral uses the
-    midpoint rule in steps of at most one cell and 5 degrees. The cost is never below the length,
-    which OMPL may use as a bound. A radian of rotation counts as half a metre, as in OMPL's SE(2)
-    and SE(3); along curves it counts nothing.
+    midpoint rule in steps of at most one cell and 5 degrees. A radian of rotation counts as half a
+    metre; along curves it counts nothing.
 
-    OMPL calls this objective through Python at every step. PRM and PRMstar would call it from a
-    second thread, and wait for ever.
-
-    Parameters
+    Attributes
     ----------
-    si : ompl.base.SpaceInformation
-        From a :func:`planners.state_space`.
-    space : CSpace
-    field : "clearance" or ndarray of float64, optional
+    field : "clearance" or array-like
         Source of the value. An array has a value for each cell of each slice, shape (slices, x, y)
-        or (slices, x, y, z), without the first axis for a robot that does not turn. The default is
-        the plain length.
+        or (slices, x, y, z), without the first axis for a robot that does not turn. Between the
+        centers of cells it is linear; below zero it counts as zero.
     offset, slope : float
         Penalty at value zero, and its change per unit of the value.
     weight : float
         Extra metres that a metre of path costs at penalty one.
-    drive
-        As for :func:`planners.plan`.
+
+    Raises
+    ------
+    InputError
+        If ``weight`` is negative, or a number is not finite; by a plan, if the array has another
+        shape than its map.
+
+    Examples
+    --------
+    >>> import numpy as np, cspace, planners
+    >>> workspace = cspace.Workspace.from_array(np.zeros((60, 40), dtype=bool), 0.1)
+    >>> space = cspace.build(workspace, cspace.Robot.disc(0.2))
+    >>> slippery = np.zeros(space.grid.shape)
+    >>> slippery[20:40, :25] = 1.0
+    >>> dry = planners.WeightedLength(slippery)
+    >>> plan = planners.plan(space, (1.0, 1.5), (5.0, 1.5), objective=dry)
+    >>> bool(plan.path[:, 1].max() > 2.4), plan.objective
+    (True, 'WeightedLength')
+    """
+
+    field: Literal["clearance"] | ArrayLike
+    offset: float = 0.0
+    slope: float = 1.0
+    weight: float = DEFAULT_WEIGHT
+
+    def __post_init__(self) -> None:
+        """Check the numbers, and keep an array of floats."""
+        weight = check_not_negative(self.weight, "weight", "")
+        object.__setattr__(self, "weight", weight)
+        object.__setattr__(self, "offset", check_number(self.offset, "offset"))
+        object.__setattr__(self, "slope", check_number(self.slope, "slope"))
+        if isinstance(self.field, str):
+            check_known(self.field, "field", ["clearance"])
+        else:
+            field = as_contiguous(check_finite(self.field, "field"))
+            object.__setattr__(self, "field", field)
+
+
+@dataclass(frozen=True, slots=True)
+class ClearanceObjective:
+    """Length whose metres cost more near obstacles, as the ``objective`` of :func:`planners.plan`.
+
+    A metre of path at clearance c costs ``1 + weight * max(0, 1 - c / clearance_threshold)**2``.
+    The clearance is the distance, in the translation alone, to the nearest configuration that is
+    not FREE.
+
+    Attributes
+    ----------
+    weight : float
+        Extra metres that a metre of path costs at clearance zero.
+    clearance_threshold : float, optional
+        Clearance, in metres, above which a path costs its length. The default is the longest side
+        of the robot's bounding box.
+
+    Raises
+    ------
+    InputError
+        If ``weight`` is negative, or ``clearance_threshold`` is not above zero.
+
+    Examples
+    --------
+    >>> import numpy as np, cspace, planners
+    >>> workspace = cspace.Workspace.from_array(np.eye(60, dtype=bool), 0.1)
+    >>> space = cspace.build(workspace, cspace.Robot.disc(0.2))
+    >>> far = planners.ClearanceObjective(clearance_threshold=1.0)
+    >>> planners.plan(space, (2.0, 1.0), (5.0, 4.0), objective=far).clearance > 0.6
+    True
+    """
+
+    weight: float = DEFAULT_WEIGHT
+    clearance_threshold: float | None = None
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        object.__setattr__(self, "weight", check_not_negative(self.weight, "weight", ""))
+        if self.clearance_threshold is not None:
+            threshold = check_positive(self.clearance_threshold, "clearance_threshold")
+            object.__setattr__(self, "clearance_threshold", threshold)
+
+
+ObjectiveLike: TypeAlias = str | WeightedLength | ClearanceObjective | MakeObjective
+"""Objectives of :func:`planners.plan`."""
+
+Weigh: TypeAlias = Callable[[CSpace], CellCost | None]
+"""Maker of what a metre costs on a map in memory; None if each one costs its length."""
+
+
+def read_objective(
+    objective: object, speed: SpeedLike | Sequence[SpeedLike] | None, space: Space
+) -> Weigh | None:
+    """Check an objective of a plan; None for the length, and for a function.
+
+    Raises InputError if it is unknown, or does not go with the space or the speed.
+    """
+    if speed is not None and objective != TIME:
+        problem = f"is {speed!r}, and objective is {objective!r}"
+        raise InputError("speed", problem, f"it is for objective={TIME!r}")
+    if objective == LENGTH or callable(objective):
+        return None
+    if objective == CLEARANCE:
+        objective = ClearanceObjective()
+    values = WeightedLength, ClearanceObjective
+    if objective != TIME and not isinstance(objective, values):
+        rule = (
+            f"it must be {LENGTH!r}, {CLEARANCE!r}, {TIME!r}, a WeightedLength, a "
+            "ClearanceObjective, or a function that makes OMPL's objective"
+        )
+        raise InputError("objective", f"is {objective!r}", rule)
+    if not isinstance(space, ConfigurationMap):
+        problem = f"is {objective!r}, and space is {space!r}"
+        raise InputError("objective", problem, "it weighs the cells of a map")
+    if isinstance(objective, ClearanceObjective):
+        return partial(_weigh_clearance, objective)
+    if isinstance(objective, WeightedLength):
+        if not isinstance(objective.field, str):
+            _check_shape(np.asarray(objective.field), space)
+        return partial(_weigh_length, objective)
+    from planners._travel_time import read_speeds
+
+    return read_speeds(speed, space)
+
+
+def name_kind(objective: object) -> str:
+    """Return the kind of an objective, one of those that planners take."""
+    if callable(objective):
+        return FUNCTION
+    if isinstance(objective, ClearanceObjective):
+        return CLEARANCE
+    return COSTS if isinstance(objective, WeightedLength) else str(objective)
+
+
+def _check_shape(field: Floats, space: ConfigurationMap) -> None:
+    """Raise InputError unless a field has a value for each cell of each slice."""
+    if not isinstance(space, CSpace):
+        rule = "costs of cells are for maps in memory"
+        raise InputError("objective", f"has a field, and space is {space!r}", rule)
+    shape = len(space.slice_rotations), *space.grid.shape
+    if field.shape != shape and (1, *field.shape) != shape:
+        problem = f"has shape {field.shape}"
+        raise InputError("field", problem, f"the map has slices and cells of shape {shape}")
+
+
+def check_costs_fit(space: CSpace) -> None:
+    """Raise InputError if the costs of all cells do not fit into memory."""
+    needed = BYTES_PER_CELL * len(space.slice_rotations) * space.grid.size
+    check_memory(needed, "the map, to weigh its cells,", space.grid)
+
+
+def _weigh_clearance(objective: ClearanceObjective, space: CSpace) -> CellCost:
+    """Return what a metre costs by clearance."""
+    threshold = objective.clearance_threshold
+    if threshold is None:
+        threshold = default_clearance_threshold(space)
+    slope = -1.0 / threshold
+    length = WeightedLength("clearance", offset=1.0, slope=slope, weight=objective.weight)
+    return _weigh_length(length, space)
+
+
+def _weigh_length(objective: WeightedLength, space: CSpace) -> CellCost:
+    """Return what a metre costs by a field."""
+    check_costs_fit(space)
+    density = CostDensity(objective.offset, objective.slope, objective.weight)
+    shape = -1, *space.grid.shape
+    field: Field
+    if isinstance(objective.field, str):
+        field = "clearance"
+        values = DistanceTable.of(space).cells.reshape(shape) * np.float32(space.grid.spacing)
+    else:
+        field = values = np.asarray(objective.field, dtype=np.float32).reshape(shape)
+    penalties = objective.offset + objective.slope * np.maximum(values, np.float32(0.0))
+    np.maximum(penalties, np.float32(0.0), out=penalties)
+    factors = 1.0 + objective.weight * penalties * penalties
+    return CellCost(factors, field, density)
+
+
+def default_clearance_threshold(space: CSpace) -> float:
+    """Return the default clearance threshold, the robot's longest side.
+
+    It is in metres, and at least one cell.
+    """
+    lower, upper = space.drawn_robot.shape.outer.bounds
+    return max(float((upper - lower).max()), space.grid.spacing)
+
+
+class EdgeCosts(ob.OptimizationObjective):
+    """Costs of edges, for planners of OMPL.
+
+    OMPL calls it through Python at every step. PRM and PRMstar would call it from a second thread,
+    and wait for ever.
 
     Attributes
     ----------
     edge_cost : callable
         Cost of the edge between two states; a plan replaces it by one that ends at its time limit.
-
-    Raises
-    ------
-    InputError
-        If ``weight`` is negative, a number is not finite, the array has another shape, or ``si``
-        has states of another space; and as :func:`planners.state_space`.
+    is_length : bool
+        Whether the cost of each edge is its length.
     """
 
     # A StateCostIntegralObjective would do the integral, but the bindings never call its Python
     # subclasses.
 
-    def __init__(
-        self,
-        si: ob.SpaceInformation,
-        space: CSpace,
-        field: Field = None,
-        *,
-        offset: float = 0.0,
-        slope: float = 1.0,
-        weight: float = DEFAULT_WEIGHT,
-        drive: Drive | None = None,
-    ) -> None:
+    def __init__(self, si: ob.SpaceInformation, edges: LocalPlanner) -> None:
         """Make an edge's cost by the robot's drive."""
-        check_information(si, space)
         super().__init__(si)
-        weight = check_not_negative(weight, "weight", "")
-        offset = check_number(offset, "offset")
-        slope = check_number(slope, "slope")
-        check_has_cells(space)
-        if isinstance(field, str):
-            check_known(field, "field", ["clearance"])
-        elif field is not None:
-            field = _check_costs(field, space)
-        edges = local_planner(space, drive)
-        self._field = field
-        self._density = CostDensity(offset, slope, weight, edges.rotation_weight)
-        self._kind = find_state_kind(space)
-        self._space = space
+        self._edges = edges
+        self._kind = find_state_kind(edges.space)
+        self.is_length = edges.weights is None
+        self.edge_cost = self._kind.of_states(edges.weigh() or edges.edge_length)
         # Positions of both ends among their numbers.
-        dim = space.dim
-        size = space.size
+        dim, size = edges.space.dim, edges.space.size
         self._measure_line = self._kind.of_states(
             lambda *ends: math.dist(ends[:dim], ends[size : size + dim])
         )
-        self.edge_cost = self._kind.of_states(edges.edge_cost(field, self._density))
-
-    @property
-    def _is_length(self) -> bool:
-        """Whether a metre costs the same at every configuration."""
-        return self._field is None or self._density.weight == 0.0
 
     def stateCost(self, state: ob.State) -> ob.Cost:  # noqa: N802 - OMPL's name
         """Return the cost per metre at a state."""
@@ -134,105 +296,8 @@ class WeightedLength(ob.OptimizationObjective):
     @cached_property
     def _cost_per_metre(self) -> Callable[..., float]:
         """Cost per metre at a configuration, as a function."""
-        density = self._density._replace(mean_per_metre=True)
-        return LocalPlanner(self._space).edge_cost(self._field, density)
-
-
-class ClearanceObjective(WeightedLength):
-    """Length whose metres cost more near obstacles.
-
-    A metre of path at clearance c costs ``1 + weight * max(0, 1 - c / clearance_threshold)**2``.
-    The clearance is the distance, in the translation alone, to the nearest configuration that is
-    not FREE.
-
-    Parameters
-    ----------
-    si, space, weight, drive
-        As for :class:`WeightedLength`; the penalty is one at clearance zero.
-    clearance_threshold : float, optional
-        Clearance, in metres, above which a path costs its length. The default is the longest side
-        of the robot's bounding box.
-
-    Raises
-    ------
-    InputError
-        If ``clearance_threshold`` is not above zero; and as :class:`WeightedLength`.
-    """
-
-    def __init__(
-        self,
-        si: ob.SpaceInformation,
-        space: CSpace,
-        *,
-        weight: float = DEFAULT_WEIGHT,
-        clearance_threshold: float | None = None,
-        drive: Drive | None = None,
-    ) -> None:
-        """Choose the threshold, where the penalty becomes zero."""
-        check_information(si, space)
-        if clearance_threshold is None:
-            clearance_threshold = default_clearance_threshold(space)
-        threshold = check_positive(clearance_threshold, "clearance_threshold")
-        super().__init__(
-            si,
-            space,
-            "clearance",
-            offset=1.0,
-            slope=-1.0 / threshold,
-            weight=weight,
-            drive=drive,
-        )
-
-
-def _check_costs(field: Floats, space: CSpace) -> Floats:
-    """Return a value for each cell, shape (slices, ...)."""
-    costs = check_finite(field, "field")
-    shape = len(space.slice_rotations), *space.grid.shape
-    if costs.shape != shape and (1, *costs.shape) != shape:
-        raise InputError(
-            "field",
-            f"has shape {costs.shape}",
-            f"the map has slices and cells of shape {shape}",
-        )
-    return as_contiguous(costs)
-
-
-def default_clearance_threshold(space: CSpace) -> float:
-    """Return the default clearance threshold, the robot's longest side.
-
-    It is in metres, and at least one cell.
-    """
-    lower, upper = space.drawn_robot.shape.outer.bounds
-    return max(float((upper - lower).max()), space.grid.spacing)
-
-
-def find_clear_path(
-    edges: LocalPlanner, endpoints: Floats, straight: bool, limit: Effort
-) -> Floats:
-    """Find a path through FREE cells, cheap by :class:`ClearanceObjective`.
-
-    Arguments, result and errors are those of :func:`planners._grid_search.find_short_path`.
-    """
-    from planners._grid_search import find_cheap_path
-
-    space = edges.cells
-    threshold = default_clearance_threshold(space)
-    density = CostDensity(1.0, -1.0 / threshold, DEFAULT_WEIGHT, edges.rotation_weight)
-
-    def find_factors(clearances: Costs) -> Costs:
-        """Return the cost of a metre at each clearance."""
-        penalties = np.maximum(np.float32(0.0), 1.0 - clearances / threshold)
-        return np.asarray(1.0 + DEFAULT_WEIGHT * penalties * penalties)
-
-    cost = edges.edge_cost("clearance", density)
-    return find_cheap_path(space, endpoints, find_factors, cost, straight, limit)
-
-
-def check_has_cells(space: Space) -> None:
-    """Raise InputError for an objective in a space that is no map."""
-    if not isinstance(space, ConfigurationMap):
-        raise InputError(
-            "objective",
-            f"is for maps, and space is {space!r}",
-            "it weighs cells",
-        )
+        weights = self._edges.weights
+        if weights is None:
+            return lambda *_: 1.0
+        density = weights.density._replace(mean_per_metre=True)
+        return LocalPlanner(self._edges.space).edge_cost(weights.field, density)

@@ -21,13 +21,13 @@ from ompl import geometric as og
 from ompl import util as ou
 
 from cspace.inside import NEVER, Differential, Effort, Floats, Upright, is_over, now, spend
-from planners._catalogue import LENGTH, SKILLS, PlannerName, default_planner, make_planner
+from planners._catalogue import SKILLS, PlannerName, default_planner, make_planner
 from planners._goals import Room
 from planners._local_planner import MAX_TURN, Endpoints, LocalPlanner
-from planners._objectives import ClearanceObjective, WeightedLength
+from planners._objectives import EdgeCosts, MakeObjective, ObjectiveLike, Weigh
 from planners._ompl_states import find_state_kind
 from planners._paths import MAX_SHORTENING, pulled_straight
-from planners._setup import MakeObjective, make_setup
+from planners._setup import make_setup
 
 GRACE_SECONDS: Final = 0.1
 """Seconds from a deadline until callbacks raise an exception."""
@@ -131,7 +131,8 @@ class PlanTask:
 
     edges: LocalPlanner
     planner: PlannerName  # name of a planner of OMPL, or of a built-in search
-    objective: str | MakeObjective  # LENGTH, CLEARANCE, or a maker of OMPL's objective
+    objective: ObjectiveLike
+    weigh: Weigh | None  # makes what a metre costs on a map in memory, unless it is the length
     limit: Effort
     time_limit: float | None  # seconds, if the user gave a limit
     iterations: int | None  # largest number of checks of OMPL's termination condition
@@ -153,10 +154,11 @@ def make_objective(task: PlanTask) -> MakeObjective | None:
     edges = task.edges
     if callable(task.objective):
         return task.objective
-    if task.objective == LENGTH and not isinstance(edges.drive, Differential):
+    if not SKILLS[task.planner].optimises:  # its path is shortened by cost
+        edges = replace(edges, weights=None)
+    if edges.weights is None and not isinstance(edges.drive, Differential):
         return None
-    make = WeightedLength if task.objective == LENGTH else ClearanceObjective
-    return partial(make, space=edges.cells, drive=edges.drive)
+    return partial(EdgeCosts, edges=edges)
 
 
 def set_seed(seed: int) -> None:
@@ -197,14 +199,14 @@ def run_ompl(task: PlanTask, may_exist: Callable[[], bool]) -> SearchResult:
             task = replace(task, edges=replace(edges, bidirectional=True))
         run = _Run(task, may_exist)
         # OMPL's SORRTstar never returns once it has found a path of the least possible length.
-        if run.by_length and edges.edge_checker()(*ends[0], *ends[1]):
+        if run.by_length and edges.weights is None and edges.edge_checker()(*ends[0], *ends[1]):
             path = find_state_kind(edges.space).unwind(np.array(ends))
             return SearchResult(path, NO_SEARCH)
         return run.solve()
 
 
 def shorten(edges: LocalPlanner, path: Floats, until: Effort) -> Floats:
-    """Shorten a path, shape (n, size), by proven edges, until the end of the search."""
+    """Make a path, shape (n, size), cost less by proven edges, until the end of the search."""
     if edges.drive is not None:
         from planners._lattice import shorten_path
 
@@ -219,7 +221,7 @@ def shorten(edges: LocalPlanner, path: Floats, until: Effort) -> Floats:
         steps = np.abs(np.subtract(ends[size:], ends[:size]))
         return bool((steps < longest).all()) and check(*ends)
 
-    return pulled_straight(path, edges.space.rotations, is_free, until=until)
+    return pulled_straight(path, edges.space.rotations, is_free, edges.weigh(), until)
 
 
 class _Run:
@@ -241,8 +243,8 @@ class _Run:
         validator.is_free = deadline.refuse_late(validator.is_free)
         self._objective = objective = setup.getOptimizationObjective()
         is_length = isinstance(objective, ob.PathLengthOptimizationObjective)
-        if isinstance(objective, WeightedLength):
-            is_length = objective._is_length
+        if isinstance(objective, EdgeCosts):
+            is_length = objective.is_length
             objective.edge_cost = deadline.end_late(objective.edge_cost)
         self.by_length = make is None or is_length
         self._must_beat = make is not None and SKILLS[task.planner].optimises

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import nullcontext, suppress
 from dataclasses import replace
 from functools import cache, partial
-from typing import Final, NamedTuple, cast
+from typing import TYPE_CHECKING, Final, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -38,7 +38,6 @@ from cspace.inside import (
 from cspace.inside import Upright as Upright
 from planners._catalogue import (
     BUILT_IN_SEARCHES,
-    CLEARANCE,
     GRID,
     LATTICE,
     LENGTH,
@@ -71,7 +70,7 @@ from planners._goals import (
     split_places,
 )
 from planners._local_planner import MAX_RADIANS, Drive, Endpoints, LocalPlanner
-from planners._objectives import check_has_cells, find_clear_path
+from planners._objectives import ObjectiveLike, name_kind, read_objective
 from planners._ompl_search import (
     NO_EFFORT,
     NO_SEARCH,
@@ -88,7 +87,10 @@ from planners._ompl_states import check_space, find_state_kind
 from planners._own_space import check_found_path
 from planners._paths import drop_repeats, skip_points
 from planners._result import Plan, Times
-from planners._setup import MakeObjective, make_bounded_states
+from planners._setup import make_bounded_states
+
+if TYPE_CHECKING:
+    from planners._speed_limits import SpeedLike
 
 QUICK_PLANNER: Final[PlannerName] = "RRTConnect"
 """Planner of the first path of robots that rotate, except along Dubins curves."""
@@ -188,7 +190,8 @@ def plan(
     planner: PlannerName | Search | None = None,
     time_limit: float | None = None,
     seed: int | None = None,
-    objective: str | MakeObjective = "length",
+    objective: ObjectiveLike = "length",
+    speed: SpeedLike | Sequence[SpeedLike] | None = None,
     drive: Drive | None = None,
     via: Sequence[PlaceLike] = (),
     previous: Plan | None = None,
@@ -226,10 +229,14 @@ def plan(
     seed : int, optional
         From 0 to 2^32 - 2. The same call with the same seed gives the same path, unless a time
         limit ends the search. Default planners need none.
-    objective : {"length", "clearance"} or callable
-        Quantity to minimise. "clearance" is :class:`planners.ClearanceObjective` with its defaults.
-        A callable takes the space information and returns an ``ompl.base.OptimizationObjective``.
-        The length counts a radian of rotation as half a metre, except along curves.
+    objective : {"length", "clearance", "time"}, WeightedLength, ClearanceObjective or callable
+        Quantity to minimise. "clearance" is :class:`planners.ClearanceObjective` with its defaults,
+        "time" that of driving as fast as ``speed`` allows. A callable takes the space information
+        and returns an ``ompl.base.OptimizationObjective``. The length counts a radian of rotation
+        as half a metre, except along curves; so do the others, at the cost of a metre there.
+    speed : number, SpeedZones, SlowNear, or a list of these, optional
+        Largest speeds, for the objective "time": a number for all places, m/s, and
+        limits of places. Trajectories get theirs by :meth:`planners.Plan.trajectory`.
     drive : Car or Differential, optional
         :class:`planners.Car` or :class:`planners.Differential`, for maps of (x, y, yaw): the motion
         along an edge, which is proven along that motion. By default the robot moves in any
@@ -240,7 +247,7 @@ def plan(
     previous : Plan, optional
         The last plan for a space with these axes, in memory. The path joins it and follows it; only
         a blocked part of it is searched anew. If a start lies in a MIXED cell and the geometry
-        proves it free, the plan is ``exact``. Not for other objectives than the length.
+        proves it free, the plan is ``exact``. Not for objectives that are functions.
     stop : callable, optional
         Called without arguments every 5 ms or more, in this thread, until it returns True, which
         ends the search soon after: for a request to cancel, or a deadline of all work, such as
@@ -295,6 +302,7 @@ def plan(
         edges=edges,
         planner=planner_named(default_planner(drive) if name is None else name, space.searches),
         objective=objective,
+        weigh=read_objective(objective, speed, space),
         limit=Effort.within(time_limit, DEFAULT_SECONDS),
         time_limit=None if time_limit is None else float(time_limit),
         iterations=search.iterations,
@@ -316,11 +324,19 @@ def plan(
     stages = [_check_stage(task, name, place, origin.rooms[0]) for name, place in places]
     if drive is not None:
         import planners._lattice  # noqa: F401 - a search would import it later, on its time
+    task = replace(task, edges=_weigh_edges(task, task.edges))
     if task.seed is not None:
         set_seed(task.seed)
     with Effort.stopping(stop):
         journey = _search_stages(task, origin, stages)
         return _make_plan(journey, space, moved, began)
+
+
+def _weigh_edges(task: PlanTask, edges: LocalPlanner) -> LocalPlanner:
+    """Return edges with the costs of a task; a map in tiles has them tile by tile."""
+    if task.weigh is None or find_space_kind(edges.space) == TILED_MAPS:
+        return edges
+    return replace(edges, weights=task.weigh(edges.cells))
 
 
 def _check_stop(stop: object) -> None:
@@ -399,11 +415,11 @@ def _check_previous(task: PlanTask, previous: Plan) -> Floats:
             f"has the axes ({', '.join(previous.axes)}) and space is {space!r}",
             "it is a plan for the axes of the space, which is in memory",
         )
-    if task.objective != LENGTH or task.planner == MAX_CLEARANCE:
+    if callable(task.objective) or task.planner == MAX_CLEARANCE:
         raise InputError(
             "previous",
             f"is a plan, the objective {task.objective!r} and the planner {task.planner!r}",
-            "a path along a previous one is short, whatever its clearance or cost",
+            "a path along a previous one is short, or cheap by the cost of cells",
         )
     return previous.waypoints
 
@@ -422,11 +438,12 @@ def _choose_searches(task: PlanTask) -> PlanTask:
             f"is {name!r} and space is {space!r}",
             f"its built-in searches are {', '.join(searches) or 'none'}",
         )
-    _check_objective(task)
-    check_skills(name, task.edges.drive, task.objective, task.keep, task.is_named)
+    objective = task.objective
+    kind = name_kind(objective)
+    check_skills(name, task.edges.drive, objective, kind, task.keep, task.is_named)
     if name not in searches:
         make_bounded_states(task.edges)  # refuses spaces that are too small for OMPL
-    if name != default and task.objective == LENGTH and isinstance(space, ConfigurationMap):
+    if name != default and not callable(objective) and isinstance(space, ConfigurationMap):
         with suppress(InputError):  # the space may be too small for OMPL
             make_bounded_states(task.edges)
             task = replace(task, fallback=default)
@@ -548,31 +565,20 @@ def _choose_planner(task: PlanTask) -> PlannerName:
         raise InputError(
             "objective",
             "is a function and no planner is named",
-            "the default planners minimise the length",
+            "the default planners take no function",
         )
     if not isinstance(edges.space, ConfigurationMap):
         searches = _list_searches(edges.space)
         return searches[0] if searches else task.planner
-    if objective == CLEARANCE:
+    search: PlannerName = GRID if edges.drive is None else LATTICE
+    if objective != LENGTH:
         if task.iterations is not None:
             problem = f"is {task.iterations} and objective is {objective!r}"
-            raise InputError("iterations", problem, f"{GRID}, its default planner, counts none")
-        return GRID
+            raise InputError("iterations", problem, f"{search}, its default planner, counts none")
+        return search
     if task.iterations is not None or (edges.exact and isinstance(edges.drive, Differential)):
         return task.planner
-    return GRID if edges.drive is None else LATTICE
-
-
-def _check_objective(task: PlanTask) -> None:
-    """Raise InputError if the objective is unknown, or for maps and the space is none."""
-    if task.objective == CLEARANCE:
-        check_has_cells(task.edges.space)
-    elif task.objective != LENGTH and not callable(task.objective):
-        raise InputError(
-            "objective",
-            f"is {task.objective!r}",
-            f"it must be {LENGTH!r}, {CLEARANCE!r}, or a function that makes OMPL's objective",
-        )
+    return search
 
 
 class Journey(NamedTuple):
@@ -683,7 +689,7 @@ def _may_join(edges: LocalPlanner, path_exists: Callable[[], bool | None]) -> bo
 def _search_goals(
     task: PlanTask, may_exist: Callable[[], bool], onward: Sequence[Endpoint] = ()
 ) -> SearchResult:
-    """Search for a path between the rooms of a task, and keep the shortest of those found.
+    """Search for a path between the rooms of a task, and keep the cheapest of those found.
 
     Before goals to go onward to, the way that counts goes on to the nearest of them, without
     obstacles. Paths are searched along one route after another, unless its lower bound is no
@@ -695,35 +701,40 @@ def _search_goals(
     best = RoutedPath(SearchResult(np.empty((0, task.edges.space.size))), math.inf, math.inf)
     for number, route in enumerate(task.routes):
         least = _bound_route(task.edges, route, onward)
-        if best.result.proven and not _may_be_shorter(task, route, least, best, onward):
+        if best.result.proven and not _may_cost_less(task, route, least, best, onward):
             continue
         if not _measure_left(task, results).is_left:
             break
         is_last = number == len(task.routes) - 1
         found = _search_route(task, route, _limit_route(task, results, best.result, is_last))
         results.append(found)
-        length = _measure_way(task.edges, found.path, onward) if found.proven else math.inf
-        if length < best.length or not (found.proven or len(best.result.path)):
-            best = RoutedPath(found, length, least)
+        cost = _measure_way(task.edges, found.path, onward) if found.proven else math.inf
+        if cost < best.cost or not (found.proven or len(best.result.path)):
+            best = RoutedPath(found, cost, least)
     return _sum_times(best.result, results) if results else best.result
 
 
 class RoutedPath(NamedTuple):
-    """What the search along a route found, with its length and the lower bound of all its paths."""
+    """What the search along a route found, with its cost and a lower bound of all its paths."""
 
     result: SearchResult
-    length: float
+    cost: float
     least: float
 
 
-def _may_be_shorter(
+def _may_cost_less(
     task: PlanTask, route: Endpoints, least: float, best: RoutedPath, onward: Sequence[Endpoint]
 ) -> bool:
     """Return False if a route is not worth a search after the best way that was found."""
-    bound = best.length
-    is_holonomic = task.edges.drive is None
-    # Lower bounds say little of ways that obstacles make much longer.
-    is_told = best.length < MAX_DETOUR * best.least
+    bound = best.cost
+    edges = task.edges
+    # Lower bounds are lengths. They say little of ways that obstacles make much longer, and of
+    # places with other costs.
+    is_told = best.cost < MAX_DETOUR * best.least
+    if edges.weights is not None:
+        path = best.result.path
+        is_told &= (1.0 - MAX_SAVING) * edges.path_cost(path) <= edges.path_length(path)
+    is_holonomic = edges.drive is None
     if is_holonomic and is_told and not onward and _share_rooms(task, route, best.result.path):
         bound = min(bound, (1.0 - MAX_SAVING) * best.least)
     return least < bound
@@ -763,9 +774,8 @@ def _search_route(task: PlanTask, route: Endpoints, limit: Effort) -> SearchResu
 
 
 def _measure_way(edges: LocalPlanner, path: Floats, onward: Sequence[Endpoint]) -> float:
-    """Return the length of a path, and onward from its end."""
-    length = float(edges.edge_lengths(path[:-1], path[1:]).sum())
-    return length + _measure_onward(edges, path[-1], onward)
+    """Return the cost of a path, and the length onward from its end."""
+    return edges.path_cost(path) + _measure_onward(edges, path[-1], onward)
 
 
 def _share_rooms(task: PlanTask, route: Endpoints, path: Floats) -> bool:
@@ -809,7 +819,7 @@ def _search_tiles(task: PlanTask, may_exist: Callable[[], bool]) -> SearchResult
     paths: list[Floats] = []
     results: list[SearchResult] = []
     for open_part, *ends in parts:
-        part = replace(edges, space=open_part())
+        part = _weigh_edges(task, replace(edges, space=open_part()))
         start, goal = (tuple(q.tolist()) for q in ends)
         part_task = replace(task, edges=part, endpoints=(start, goal))
         results.append(_search_and_prove(part_task, may_exist))
@@ -841,7 +851,7 @@ def _sum_times(result: SearchResult, results: Sequence[SearchResult]) -> SearchR
 
 
 def _search(task: PlanTask, may_exist: Callable[[], bool]) -> SearchResult:
-    """Search for a path in a space in memory; of several, take the shortest."""
+    """Search for a path in a space in memory; of several, take the cheapest."""
     start, *goals = task.endpoints
     if start in goals:
         return SearchResult(np.array([start]), "the start is the goal")
@@ -864,7 +874,7 @@ def _search(task: PlanTask, may_exist: Callable[[], bool]) -> SearchResult:
     if task.fallback is not None and limit.is_left and not is_found and may_exist():
         last_task = replace(task, planner=task.fallback, is_named=False, limit=limit)
         results.append(_run_planner(last_task, may_exist))
-    return _choose_shortest(task, results)
+    return _choose_cheapest(task, results)
 
 
 def _search_quickly(task: PlanTask) -> SearchResult:
@@ -903,7 +913,7 @@ def _run_planner(task: PlanTask, may_exist: Callable[[], bool]) -> SearchResult:
     is_quick = name in (GRID, LATTICE)
     if (edges.exact or not is_quick) and not may_exist():
         return SearchResult(np.empty((0, edges.space.size)), planner=name)
-    is_by_length = is_quick and task.objective == LENGTH
+    is_by_length = is_quick and edges.weights is None
     if isinstance(edges.space, ConfigurationMap) and not is_by_length:
         # A search from the start to itself fills the caches of the map, which the time limit leaves
         # out.
@@ -918,20 +928,19 @@ def _run_planner(task: PlanTask, may_exist: Callable[[], bool]) -> SearchResult:
     return SearchResult(path, note, planning, lattice=proof, planner=name)
 
 
-def _choose_shortest(task: PlanTask, results: Sequence[SearchResult]) -> SearchResult:
-    """Choose the shortest path of several searches; its times are those of all."""
+def _choose_cheapest(task: PlanTask, results: Sequence[SearchResult]) -> SearchResult:
+    """Choose the cheapest path of several searches; its times are those of all."""
 
     def measure(result: SearchResult) -> tuple[float, bool]:
-        """Return the length of a path, and whether another planner than the task's found it."""
-        rows = result.path
-        length = task.edges.edge_lengths(rows[:-1], rows[1:]).sum()
-        return float(length), result.planner != task.planner
+        """Return the cost of a path, and whether another planner than the task's found it."""
+        return task.edges.path_cost(result.path), result.planner != task.planner
 
     found = [result for result in results if len(result.path)]
     best = min(found, key=measure, default=results[-1])
     note = best.note
     if found and best.planner != task.planner:
-        others = "found a longer one" if len(found) > 1 else "found none"
+        worse = "a longer one" if task.edges.weights is None else "one that costs more"
+        others = f"found {worse}" if len(found) > 1 else "found none"
         note = f"by {best.planner}, as {task.planner} {others}"
     lattice = "".join(result.lattice for result in results)
     return _sum_times(replace(best, note=note, lattice=lattice), results)
@@ -1006,13 +1015,13 @@ def _list_ways_beside(edges: LocalPlanner, way: Floats) -> Iterator[Floats]:
 
 
 def _join_way(edges: LocalPlanner, start: Floats, way: Floats) -> Floats:
-    """Join a configuration to a free way, shape (n, size), by the free edge of the shortest total.
+    """Join a configuration to a free way, shape (n, size), by the free edge of the least total.
 
     Returns the path from the configuration to the end of the way, or no row if no edge is free.
     """
-    lengths = edges.edge_lengths(way[:-1], way[1:])
-    left = np.append(np.cumsum(lengths[::-1])[::-1], 0.0)
-    totals = edges.edge_lengths(np.broadcast_to(start, way.shape), way) + left
+    costs = edges.edge_costs(way[:-1], way[1:])
+    left = np.append(np.cumsum(costs[::-1])[::-1], 0.0)
+    totals = edges.edge_costs(np.broadcast_to(start, way.shape), way) + left
     is_free = edges.edge_checker()
     for k in np.argsort(totals, kind="stable").tolist():
         if is_free(*start.tolist(), *way[k].tolist()):
@@ -1059,7 +1068,7 @@ def _check_ends(task: PlanTask, path: Floats) -> None:
 
 def _search_cells(task: PlanTask) -> Floats:
     """Find a path by "Grid" or "MaxClearance", shape (n, size); n is 0 if none is found in time."""
-    from planners._grid_search import find_exact_path, find_short_path
+    from planners._grid_search import find_cheap_path, find_exact_path, find_short_path
 
     edges = task.edges
     space = edges.cells
@@ -1072,8 +1081,8 @@ def _search_cells(task: PlanTask) -> Floats:
             from planners._widest import find_widest_path
 
             path = find_widest_path(space, endpoints, *options)
-        elif task.objective == CLEARANCE:
-            path = find_clear_path(edges, endpoints, *options)
+        elif edges.weights is not None:
+            path = find_cheap_path(edges, endpoints, *options)
         elif not edges.exact:
             path = find_short_path(space, endpoints, *options)
         # FREE cells are clear; if they give no path, the geometry may.
@@ -1196,6 +1205,7 @@ def _list_trials(task: PlanTask, exists: bool | None) -> Iterator[tuple[PlanTask
         others.append(replace(edges.drive, reverse=True))
     for exact, drive in itertools.product(proofs, others if isinstance(space, CSpace) else ()):
         other = local_planner(space.exact if exact else space, drive)
+        other = replace(other, weights=edges.weights)
         changes = [] if exact == edges.exact else ["space.exact"]
         if drive != edges.drive:
             changes.append(f"drive=planners.{drive}")
@@ -1298,7 +1308,7 @@ def _make_plan(journey: Journey, space: Space, moved: Mapping[Endpoint, str], be
         is_connected=exists is True,
         is_disconnected=exists is False,
         planner=task.planner,
-        objective=task.objective if isinstance(task.objective, str) else "custom",
+        objective="custom" if callable(task.objective) else name_kind(task.objective),
         drive=edges.drive,
         exact=edges.exact,
         seed=task.seed,

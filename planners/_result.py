@@ -133,7 +133,8 @@ class Plan:
     planner : str
         Name of the planner.
     objective : str
-        Quantity that was minimised: ``"length"``, ``"clearance"`` or ``"custom"``.
+        Quantity that was minimised: ``"length"``, ``"clearance"``, ``"time"``,
+        ``"WeightedLength"``, or ``"custom"`` by a function.
     drive : Car, Differential or None
         Motion of the robot along edges; None for a holonomic robot.
     exact : bool

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -15,11 +17,16 @@ from cspace.errors import InputError
 from cspace.inside import check_rng, names_options, tell_apart
 from planners._drives import local_planner
 from planners._local_planner import Drive, LocalPlanner
+from planners._objectives import (
+    ClearanceObjective,
+    EdgeCosts,
+    MakeObjective,
+    WeightedLength,
+    read_objective,
+)
 from planners._ompl_callbacks import FreeStateSampler, MotionValidator, StateValidityChecker
 from planners._ompl_states import find_state_kind
 from planners._own_space import read_bounds
-
-MakeObjective = Callable[[ob.SpaceInformation], ob.OptimizationObjective]
 
 MIN_CHECKING_SHARE: Final = 1e-6
 """Smallest distance between states that OMPL itself checks along a motion, as a share of the
@@ -114,7 +121,7 @@ def _check_extent(space: Space, states: ob.StateSpace) -> None:
 def simple_setup(
     space: Space,
     *,
-    objective: MakeObjective | None = None,
+    objective: MakeObjective | WeightedLength | ClearanceObjective | None = None,
     rng: np.random.Generator | None = None,
     drive: Drive | None = None,
 ) -> og.SimpleSetup:
@@ -129,9 +136,9 @@ def simple_setup(
     Parameters
     ----------
     space : Space
-    objective : callable, optional
-        Given the space information, returns an ``ompl.base.OptimizationObjective``. OMPL's default
-        is the length.
+    objective : callable, WeightedLength or ClearanceObjective, optional
+        A callable takes the space information and returns an ``ompl.base.OptimizationObjective``.
+        OMPL's default is the length. The others weigh the cells of a map in memory.
     rng : numpy.random.Generator, optional
         Source of randomness of the valid state sampler; see :class:`FreeStateSampler`.
     drive
@@ -151,6 +158,10 @@ def simple_setup(
         :func:`state_space`.
     """
     edges = local_planner(space, drive)
+    if objective is not None and not callable(objective):
+        weigh = read_objective(objective, None, space)
+        edges = replace(edges, weights=weigh(edges.cells) if weigh is not None else None)
+        objective = partial(EdgeCosts, edges=edges)
     return make_setup(edges, objective, rng)
 
 

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from numbers import Real
 from typing import (
     TYPE_CHECKING,
     Any,
@@ -84,7 +85,7 @@ class ZoneLevel(NamedTuple):
     border: BaseGeometry
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, weakref_slot=True)
 class SpeedZones:
     """Areas with a largest speed each, for trajectories of mobile robots.
 
@@ -268,6 +269,10 @@ class ToolSpeed:
         object.__setattr__(self, "speed", check_positive(self.speed, "speed", "m/s"))
 
 
+SpeedLike: TypeAlias = float | SpeedZones | SlowNear | ToolSpeed
+"""A limit: a number of m/s holds everywhere."""
+
+
 class SpeedRule(Protocol):
     """A limit, placed on the map of a plan."""
 
@@ -289,6 +294,7 @@ class SpeedRule(Protocol):
 class ZoneRule(NamedTuple):
     """Zones for one robot."""
 
+    zones: SpeedZones
     levels: list[ZoneLevel]  # the lowest speed first
     cores: Cores | None  # of the robot; None for a disc around the reference point
     size: float  # radius of a disc around the reference point that holds it, metres
@@ -344,6 +350,19 @@ class NearRule(NamedTuple):
         return lowest, np.where(gaps + reaches < distance, speed, np.inf)
 
 
+class EverywhereRule(NamedTuple):
+    """One largest speed."""
+
+    speed: float
+    step: float
+    lever: float = 0.0
+
+    def measure(self, q: Floats, reaches: Floats) -> tuple[Floats, Floats]:
+        """Return the speed for each row, twice."""
+        speeds = np.full(len(q), self.speed)
+        return speeds, speeds
+
+
 class ToolRule(NamedTuple):
     """The largest speed of a link of an arm."""
 
@@ -375,8 +394,8 @@ def place_limits(
     limits = tuple(given) if isinstance(given, list | tuple) else (given,)
     rules: list[SpeedRule | ToolRule] = []
     for limit in limits:
-        if not isinstance(limit, SpeedZones | SlowNear | ToolSpeed):
-            rule = "it must be SpeedZones, SlowNear, ToolSpeed, or a list of these"
+        if not (is_number(limit) or isinstance(limit, SpeedZones | SlowNear | ToolSpeed)):
+            rule = "it must be a number, SpeedZones, SlowNear, ToolSpeed, or a list of these"
             raise InputError("speed", f"is {limit!r}", rule)
         if space is None:
             raise InputError("plan", "has no map", "pickling leaves the map behind")
@@ -384,13 +403,21 @@ def place_limits(
             rules.append(_place_tool(limit, space))
             continue
         if not isinstance(space, ConfigurationMap) or not space.has_poses:
-            rule = "zones and distances are for robots on a map of positions"
+            rule = "limits of places are for robots on a map of positions"
             raise InputError("speed", f"is given, and space is {space!r}", rule)
         if isinstance(limit, SpeedZones):
             rules.append(_place_zones(limit, space, frame_id))
-        else:
+        elif isinstance(limit, SlowNear):
             rules.append(_place_near(limit, space, axes, frame_id))
+        else:
+            speed = check_positive(cast(float, limit), "speed", "m/s")
+            rules.append(EverywhereRule(speed, 2.0 * space.resolution))
     return tuple(rules)
+
+
+def is_number(limit: object) -> bool:
+    """Return whether a limit is one number, m/s."""
+    return isinstance(limit, Real) and not isinstance(limit, bool)
 
 
 def _find_largest(
@@ -423,12 +450,12 @@ def _place_zones(zones: SpeedZones, space: ConfigurationMap, frame_id: str) -> S
         raise InputError(f"zones[{number}]", problem, rule)
     step = 2.0 * space.resolution
     if zones.within == "point":
-        return ZoneRule(zones._levels, None, 0.0, False, 0.0, step)
+        return ZoneRule(zones, zones._levels, None, 0.0, False, 0.0, step)
     names = space.rotations.names
     if len(names) > 1:
-        return ZoneRule(zones._levels, None, size, False, 0.0, step)
+        return ZoneRule(zones, zones._levels, None, size, False, 0.0, step)
     cores = Cores(space.robot.shape.project_to_plane().outer)
-    return ZoneRule(zones._levels, cores, size, bool(names), size if names else 0.0, step)
+    return ZoneRule(zones, zones._levels, cores, size, bool(names), size if names else 0.0, step)
 
 
 def _place_near(

@@ -606,8 +606,8 @@ MUTANTS = (
     ),
     Mutant(
         "planners/_plan.py",
-        "return length + _measure_onward(edges, path[-1], onward)",
-        "return length",
+        "return edges.path_cost(path) + _measure_onward(edges, path[-1], onward)",
+        "return edges.path_cost(path)",
         "tests/planners/test_goals.py",
     ),
     Mutant(

@@ -276,8 +276,6 @@ STATES = [
         planners.StateValidityChecker,
         planners.MotionValidator,
         planners.FreeStateSampler,
-        planners.WeightedLength,
-        planners.ClearanceObjective,
     ],
 )
 def test_states_of_another_space_are_refused(make, number):
@@ -288,25 +286,26 @@ def test_states_of_another_space_are_refused(make, number):
 
 
 def test_costs_of_another_shape_are_refused():
-    si = planners.simple_setup(turning()).getSpaceInformation()
     shape = len(turning().slice_rotations), *turning().grid.shape
     others = [shape[1:], (3, 3), (*shape, 1), shape[::-1], (shape[0] + 1, *shape[1:])]
     for other in others:
         check_refused(
-            lambda other=other: planners.WeightedLength(si, turning(), np.ones(other)),
+            lambda other=other: planners.simple_setup(
+                turning(), objective=planners.WeightedLength(np.ones(other))
+            ),
             "the map has slices and cells of shape (4, 30, 30)",
         )
     for costs in (np.full(shape, np.nan), np.full(shape, np.inf), np.full(shape, "a"), "costs"):
         with pytest.raises(InputError):
-            planners.WeightedLength(si, turning(), costs)  # type: ignore[arg-type]
-    state = si.allocState()
-    state.setXY(0.7, 0.6)
-    state.setYaw(0.3)
+            planners.WeightedLength(costs)  # type: ignore[arg-type]
     costs = np.random.default_rng(0).random(shape)
-    found = [
-        planners.WeightedLength(si, turning(), same).stateCost(state).value()
-        for same in (costs, np.asfortranarray(costs), costs.astype(">f8"), costs.tolist())
-    ]
+    found = []
+    for same in (costs, np.asfortranarray(costs), costs.astype(">f8"), costs.tolist()):
+        setup = planners.simple_setup(turning(), objective=planners.WeightedLength(same))
+        state = setup.getSpaceInformation().allocState()
+        state.setXY(0.7, 0.6)
+        state.setYaw(0.3)
+        found.append(setup.getOptimizationObjective().stateCost(state).value())
     assert len(set(found)) == 1 < found[0]
 
 

@@ -79,8 +79,6 @@ def test_wrong_drives_of_parts_for_ompl_are_refused(space: cspace.CSpace) -> Non
         lambda: planners.state_space(space, drive="sideways"),  # type: ignore[arg-type]
         lambda: planners.simple_setup(space, drive="sideways"),  # type: ignore[arg-type]
         lambda: planners.MotionValidator(si, space, drive="sideways"),  # type: ignore[arg-type]
-        lambda: planners.WeightedLength(si, space, drive="sideways"),  # type: ignore[arg-type]
-        lambda: planners.ClearanceObjective(si, space, drive="sideways"),  # type: ignore[arg-type]
     ):
         with pytest.raises(cspace.InputError, match="drive is 'sideways'"):
             make()

@@ -172,12 +172,13 @@ def test_wider_bounds_give_a_path_around_a_wall_in_an_open_map():
         assert plan.hint.startswith("a workspace with wider bounds") != is_solved
 
 
-def test_a_finer_spacing_gives_a_path_of_cells_where_the_geometry_is_not_tried():
+def test_a_finer_spacing_gives_a_path_of_cells_where_the_geometry_is_not_tried(tmp_path):
     walls = [shapely.box(2.0, 0.0, 3.0, 1.7), shapely.box(2.0, 2.3, 3.0, 4.0)]
     ends = [end[:2] for end in AHEAD]
     for spacing, is_solved in ((0.1, False), (0.02, True)):
         workspace = Workspace.from_polygons(walls, spacing, bounds=(0.0, 0.0, 6.0, 4.0))
-        plan = planners.plan(build(workspace, SQUARE), *ends, objective="clearance")
+        tiled = build(workspace, SQUARE, store=tmp_path / f"{spacing}.zarr")
+        plan = planners.plan(tiled, *ends, objective="clearance")
         assert plan.solved == is_solved
         assert ("a finer spacing" in plan.hint) != is_solved
 
@@ -252,10 +253,9 @@ CAR = {"drive": planners.Car(turning_radius=0.4)}
 
 
 def penalize(name, weight):
-    """Make the objective of a map that penalizes small clearances."""
-    space = build_room(name)
-    si = planners.simple_setup(space).getSpaceInformation()
-    return planners.ClearanceObjective(si, space, clearance_threshold=0.5, weight=weight)
+    """Make an objective that penalizes small clearances on a map."""
+    objective = planners.ClearanceObjective(weight, 0.5)
+    return planners.simple_setup(build_room(name), objective=objective)
 
 
 def make_objective(si):
@@ -268,7 +268,7 @@ def make_objective(si):
     (
         "plane",
         {"objective": make_objective},
-        "objective is a function and no planner is named; the default planners minimise the length",
+        "objective is a function and no planner is named; the default planners take no function",
     ),
     ("plane", {"planner": "lattice"}, "its built-in searches are"),
     (
@@ -314,7 +314,7 @@ def make_objective(si):
     (
         "turning",
         {"drive": planners.Differential(), "objective": "clearance"},
-        "planner is 'Grid', the default for objective='clearance'; Grid takes drive: None",
+        "planner is 'Lattice', the default for objective='clearance'; Lattice takes objective: length",
     ),
     # Drives.
     (

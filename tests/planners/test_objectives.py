@@ -34,10 +34,13 @@ def test_the_cost_of_an_edge_is_the_integral_along_it(name, curve):
     dim = space.grid.dim
     read = find_state_kind(space).read
     options = options_for(curve)
-    setup = planners.simple_setup(space, **options)
+    by_clearance = planners.ClearanceObjective(**PENALTIES)
+    setup = planners.simple_setup(space, objective=by_clearance, **options)
     si, states = setup.getSpaceInformation(), setup.getStateSpace()
-    objective = planners.ClearanceObjective(si, space, **PENALTIES, **options)
-    plain = planners.WeightedLength(si, space, **options)
+    objective = setup.getOptimizationObjective()
+    no_costs = planners.WeightedLength(np.zeros((len(space.slice_rotations), *space.grid.shape)))
+    plain_setup = planners.simple_setup(space, objective=no_costs, **options)
+    plain = plain_setup.getOptimizationObjective()
     between = si.allocState()
 
     def find_costs(q):
@@ -86,8 +89,9 @@ def test_costs_on_cells_are_linear_between_cell_centers(name):
         max(0.0, RegularGridInterpolator(axes, costs[number])(position)[0])
         for number, position in zip(slices, inside, strict=True)
     ]
-    si = planners.simple_setup(space).getSpaceInformation()
-    objective = planners.WeightedLength(si, space, costs, slope=2.0, weight=4.0)
+    weighted = planners.WeightedLength(costs, slope=2.0, weight=4.0)
+    setup = planners.simple_setup(space, objective=weighted)
+    si, objective = setup.getSpaceInformation(), setup.getOptimizationObjective()
     states = [make_state(space, si, q) for q in configurations]
     found = [objective.stateCost(state).value() for state in states]
     assert found == pytest.approx(1.0 + 4.0 * (2.0 * np.array(expected)) ** 2)
@@ -127,10 +131,15 @@ def test_no_certified_path_is_shorter_than_the_bound(seed, name):
 @pytest.mark.parametrize("drive", ["differential", "differential-reverse"])
 def test_a_differential_drive_pays_for_each_turn_and_each_straight(drive):
     space = build_room("turning")
-    si = planners.simple_setup(space, **options_for(drive)).getSpaceInformation()
-    length = planners.WeightedLength(si, space, drive=make_drive(drive))
-    driven = planners.ClearanceObjective(si, space, **PENALTIES, drive=make_drive(drive))
-    straight = planners.ClearanceObjective(si, space, **PENALTIES)
+    no_costs = planners.WeightedLength(np.zeros((len(space.slice_rotations), *space.grid.shape)))
+    by_clearance = planners.ClearanceObjective(**PENALTIES)
+    setups = [
+        planners.simple_setup(space, objective=no_costs, **options_for(drive)),
+        planners.simple_setup(space, objective=by_clearance, **options_for(drive)),
+        planners.simple_setup(space, objective=by_clearance),
+    ]
+    si = setups[0].getSpaceInformation()
+    length, driven, straight = (setup.getOptimizationObjective() for setup in setups)
     edges = local_planner(space, drive=make_drive(drive))
     for a, b in zip(*draw_edges(space, 25, 5, 1.0), strict=True):
         ends = make_state(space, si, a), make_state(space, si, b)
@@ -140,4 +149,4 @@ def test_a_differential_drive_pays_for_each_turn_and_each_straight(drive):
         parts = [straight.motionCost(p, q).value() for p, q in itertools.pairwise(rows)]
         assert driven.motionCost(*ends).value() == pytest.approx(sum(parts))
     with pytest.raises(InputError, match="weight"):
-        planners.ClearanceObjective(si, space, weight=math.nan)
+        planners.ClearanceObjective(weight=math.nan)

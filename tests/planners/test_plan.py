@@ -4,6 +4,7 @@ import itertools
 
 import numpy as np
 import pytest
+from ompl import base as ob
 from ompl import util as ou
 
 import planners
@@ -159,7 +160,7 @@ def test_a_seed_repeats_a_run_after_other_runs(planner, name, iterations):
 def test_ompl_is_silent_and_errors_in_callbacks_are_raised(
     capfd,
 ):
-    class Broken(planners.ClearanceObjective):
+    class Broken(ob.OptimizationObjective):
         def motionCost(self, first, second):  # noqa: N802 - OMPL's name
             raise KeyError("broken")
 
@@ -168,7 +169,7 @@ def test_ompl_is_silent_and_errors_in_callbacks_are_raised(
     try:
         planners.plan(space, *ENDPOINTS["plane"], planner="RRTConnect", seed=3)
         with pytest.raises(KeyError, match="broken"):
-            options = {"planner": "RRTstar", "objective": lambda si: Broken(si, space)}
+            options = {"planner": "RRTstar", "objective": Broken}
             planners.plan(space, *ENDPOINTS["plane"], **options)
         assert ou.getLogLevel() == ou.LOG_INFO
     finally:
@@ -179,8 +180,8 @@ def test_ompl_is_silent_and_errors_in_callbacks_are_raised(
 @pytest.mark.parametrize("planner, iterations", [("RRTstar", 200), ("BITstar", 2000)])
 def test_planners_with_an_objective_find_a_cheaper_path(planner, iterations):
     space = build_room("plane")
-    si = planners.simple_setup(space).getSpaceInformation()
-    objective = planners.ClearanceObjective(si, space)
+    setup = planners.simple_setup(space, objective=planners.ClearanceObjective())
+    si, objective = setup.getSpaceInformation(), setup.getOptimizationObjective()
     options = {
         "planner": planners.Search(planner, iterations=iterations),
         "time_limit": 60.0,

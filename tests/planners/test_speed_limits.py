@@ -452,7 +452,8 @@ AREA = box(1.0, 1.0, 2.0, 2.0)
     (lambda plan: planners.SlowNear(plan.space, 0.0, 1.0), "speed is 0.0"),
     (lambda plan: planners.SlowNear(plan.space, 1.0, np.inf), "distance"),
     (lambda plan: planners.SlowNear("map", 1.0, 1.0), "space is 'map'"),
-    (lambda plan: drive(plan, 0.5), "speed is 0.5"),
+    (lambda plan: drive(plan, "fast"), "speed is 'fast'"),
+    (lambda plan: drive(plan, -0.5), "speed is -0.5"),
     (lambda plan: cspace.Gate(plan.space, dt=0.1, speed=0.5), "speed is 0.5"),
     (
         lambda plan: cspace.Gate(plan.space, speed=planners.SpeedZones([(AREA, 1.0)])),
