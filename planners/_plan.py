@@ -247,7 +247,8 @@ def plan(
     previous : Plan, optional
         The last plan for a space with these axes, in memory. The path joins it and follows it; only
         a blocked part of it is searched anew. If a start lies in a MIXED cell and the geometry
-        proves it free, the plan is ``exact``. Not for objectives that are functions.
+        proves it free, the plan is ``exact``. By another objective than the length it was a plan
+        by that one, too; not for functions.
     stop : callable, optional
         Called without arguments every 5 ms or more, in this thread, until it returns True, which
         ends the search soon after: for a request to cancel, or a deadline of all work, such as
@@ -421,6 +422,10 @@ def _check_previous(task: PlanTask, previous: Plan) -> Floats:
             f"is a plan, the objective {task.objective!r} and the planner {task.planner!r}",
             "a path along a previous one is short, or cheap by the cost of cells",
         )
+    kind = name_kind(task.objective)
+    if task.weigh is not None and previous.objective != kind:
+        problem = f"is a plan by {previous.objective!r}, and the objective is {kind!r}"
+        raise InputError("previous", problem, "a path along a previous one is cheap as that was")
     return previous.waypoints
 
 

@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 from hypothesis import given
+from ompl import base as ob
 from ompl import util as ou
 from shapely.geometry import box
 
@@ -182,13 +183,23 @@ def test_a_previous_plan_without_a_path_counts_as_none():
     assert plan.certified and plan.status == "path found"
 
 
-@pytest.mark.parametrize("options", [{"objective": "clearance"}, {"planner": "maxclearance"}])
-def test_paths_far_from_obstacles_do_not_go_on_along_a_previous_plan(options):
+@pytest.mark.parametrize(
+    "options, message",
+    [
+        ({"planner": "maxclearance"}, "is short, or cheap by the cost of cells"),
+        (
+            {"planner": "RRTstar", "objective": ob.PathLengthOptimizationObjective},
+            "is short, or cheap by the cost of cells",
+        ),
+        ({"objective": "clearance"}, "is a plan by 'length', and the objective is 'clearance'"),
+        ({"objective": "time", "speed": 1.0}, "a plan by 'length', and the objective is 'time'"),
+    ],
+)
+def test_plans_by_another_quantity_do_not_go_on_along_a_previous_plan(options, message):
     space = build_room("plane")
     before = planners.plan(space, *ENDPOINTS["plane"])
     check_refused(
-        lambda: planners.plan(space, *ENDPOINTS["plane"], previous=before, **options),
-        "whatever its clearance or cost",
+        lambda: planners.plan(space, *ENDPOINTS["plane"], previous=before, **options), message
     )
 
 
