@@ -397,6 +397,49 @@ def test_distances_are_those_in_space():
     assert walled.obstacle_distance((2.0, 1.5)) == pytest.approx(1.3, abs=1e-6)
 
 
+def make_posts(rng, bottom, top):
+    """Return the outlines of some posts, and the posts as meshes between two heights."""
+    centers, sides = rng.uniform((0.0, 0.0), (4.0, 3.0), (12, 2)), rng.uniform(0.05, 0.4, (12, 2))
+    outlines = shapely.box(*(centers - sides).T, *(centers + sides).T)
+    return outlines, [cspace.make_mesh(extrude(outline, bottom, top)) for outline in outlines]
+
+
+@examples(6)
+@given(seeds, st.sampled_from([(0.0, 0.8), (0.05, 0.8), (-0.2, 1.0)]))
+def test_obstacles_that_leave_the_heights_of_a_scene_decide_as_in_the_plane(seed, heights):
+    rng = np.random.default_rng(seed)
+    outlines, posts = make_posts(rng, -0.5, 2.0)
+    outside = "free" if heights[0] < 0.0 else ["free", "blocked"][seed % 2]
+    options = {"rotations": 6, "outside": outside}
+    flat = Workspace.from_shapes(list(outlines), 0.1, bounds=(0.0, 0.0, 4.0, 3.0))
+    plane = cspace.build(flat, Robot.rectangle(0.6, 0.4), **options).exact
+    bottom, top = heights
+    box = Robot.box((0.6, 0.4, top - bottom), (0.0, 0.0, (bottom + top) / 2.0))
+    scene = Workspace.from_shapes(posts, 0.1, bounds=(0.0, 0.0, 0.0, 4.0, 3.0, 0.8))
+    space = cspace.build(scene, box, floor=0.0, **options).exact
+    rows = rng.uniform((0.5, 0.5, -3.0), (3.5, 2.5, 3.0), (300, 3))
+    # Posts that leave the sides are capped by cells.
+    assert (space.classify(rows) != plane.classify(rows)).mean() < 0.03
+    assert not (space.is_free(rows) & ~plane.is_free(rows)).any()
+
+
+@pytest.mark.parametrize("outside", ["blocked", "free"])
+@pytest.mark.parametrize("room", [0.0, 1e-16, 1e-11])
+@pytest.mark.parametrize("kind", ["box", "mesh"])
+def test_thin_robots_inside_an_obstacle_are_never_free(kind, room, outside):
+    """An obstacle leaves the heights of the scene, and the robot does so within rounding."""
+    block = cspace.make_mesh(trimesh.creation.box(bounds=[(0.5, 0.5, -1.0), (2.5, 2.5, 3.0)]))
+    scene = Workspace.from_shapes([block], 0.1, bounds=(0.0, 0.0, 0.0, 3.0, 3.0, 0.6))
+    rows = np.random.default_rng(0).uniform((0.55, 0.55, -3.0), (2.45, 2.45, 3.0), (200, 3))
+    for bottom, top in ((-room, 0.6 + room), (0.1, 0.6 + room), (-room, 0.5)):
+        robot = Robot.box((0.03, 0.02, top - bottom), (0.0, 0.0, (bottom + top) / 2.0))
+        if kind == "mesh":
+            corners = [(-0.015, -0.01, bottom), (0.015, 0.01, top)]
+            robot = Robot.from_mesh(trimesh.creation.box(bounds=corners))
+        space = cspace.build(scene, robot, rotations=4, floor=0.0, outside=outside)
+        assert not space.exact.is_free(rows).any()
+
+
 def test_scans_with_a_floor_name_the_layers_that_hold_it():
     cells = np.zeros((20, 20, 12), dtype=bool)
     cells[:, :, 1:3] = True

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import Final, NamedTuple, Protocol
 
 import numpy as np
@@ -110,15 +110,22 @@ class ObstacleBoundary(NamedTuple):
     error: float
 
 
-def obstacle_boundary(workspace: Workspace, *, exterior_blocked: bool) -> ObstacleBoundary:
+def obstacle_boundary(
+    workspace: Workspace, *, exterior_blocked: bool, on_floor: bool = False
+) -> ObstacleBoundary:
     """Return boundaries of all obstacles, clipped to the grid.
 
-    Clipped solids get caps on the faces of the grid, unless the exterior is blocked anyway.
+    Clipped solids get caps on the faces of the grid, unless the exterior is blocked anyway. A robot
+    ``on_floor`` may end at ground and ceiling, which get caps, too.
 
     Raises InputError if an obstacle is a mesh whose inside depends on the spacing.
     """
     pieces_of_obstacles = []
     error = 0.0
+    first_axis = 0
+    if exterior_blocked:
+        first_axis = 2 if on_floor else workspace.grid.dim
+    capped_axes = range(first_axis, workspace.grid.dim)
     for obstacle in workspace.obstacles:
         shape = obstacle.outer
         boundary = shape.boundary()
@@ -128,8 +135,8 @@ def obstacle_boundary(workspace: Workspace, *, exterior_blocked: bool) -> Obstac
             error = max(error, CLIP_ROUNDING * float(np.abs(boundary.simplices).max()))
         # Balls stay whole, so only triangles and segments leave a hole.
         has_inside = shape.encloses and boundary.simplices.shape[1] > 1
-        if is_clipped and has_inside and not exterior_blocked:
-            caps = _make_caps(shape, workspace)
+        if is_clipped and has_inside and capped_axes:
+            caps = _make_caps(shape, workspace, capped_axes)
             pieces = _make_boundary(np.concatenate([pieces.simplices, *caps]))
         pieces_of_obstacles.append(pieces)
     return ObstacleBoundary(pieces_of_obstacles, error)
@@ -163,22 +170,23 @@ def clip_to_grid(border: RoundedSimplices, grid: Grid) -> RoundedSimplices:
     return _make_boundary(simplices)
 
 
-def _make_caps(shape: ExactShape, workspace: Workspace) -> Iterator[Floats]:
-    """Yield a shape's caps on the crossed sides of the grid.
+def _make_caps(shape: ExactShape, workspace: Workspace, axes: Iterable[int]) -> Iterator[Floats]:
+    """Yield a shape's caps on the crossed sides of the grid across some axes.
 
-    They are triangles of outer cells in space, shape (n, 3, 3), and segments in the plane, shape
-    (n, 2, 2).
+    They are triangles in space, shape (n, 3, 3), and segments in the plane, shape (n, 2, 2).
     """
     grid = workspace.grid
     low, high = shape.bounds
-    for axis in range(grid.dim):
+    for axis in axes:
         sides = []
         if low[axis] < grid.lower[axis]:
             sides.append(_Side(axis, is_upper=False))
         if high[axis] > grid.upper[axis]:
             sides.append(_Side(axis, is_upper=True))
         for side in sides:
-            if grid.dim == 3:
+            if axis == 2:
+                yield _cap_section(shape, grid, side)
+            elif grid.dim == 3:
                 yield _cap_cells(workspace, side)
             else:
                 yield from (_cap_region(region, grid, side) for region in shape.filled_boundaries)
@@ -203,6 +211,23 @@ def _cap_cells(workspace: Workspace, side: _Side) -> Floats:
     faces[outermost] = layers[outermost]
     grid = workspace.grid
     return rectangle_triangles(faces, side.axis, grid.spacing, grid.lower)
+
+
+def _cap_section(shape: ExactShape, grid: Grid, side: _Side) -> Floats:
+    """Triangulate a shape's section at the ground or ceiling of the grid.
+
+    The result has shape (n, 3, 3).
+    """
+    import shapely
+
+    wall = grid.upper[2] if side.is_upper else grid.lower[2]
+    room = SLACK * grid.spacing
+    section, _ = shape.slab(wall - room, wall + room, room / 4.0)
+    if section is None:
+        return np.empty((0, 3, 3))
+    parts = shapely.get_parts(shapely.constrained_delaunay_triangles(section.outline))
+    corners = shapely.get_coordinates(parts).reshape(-1, 4, 2)[:, :3]
+    return np.insert(corners, 2, wall, axis=2)
 
 
 def _cap_region(region: Floats, grid: Grid, side: _Side) -> Floats:

@@ -260,7 +260,11 @@ class BoundaryProofs:
         grid = problem.workspace.grid
         self._lift = problem.lift
         self._bounds = (np.asarray(grid.lower), np.asarray(grid.upper))
-        walls = obstacle_boundary(problem.workspace, exterior_blocked=problem.exterior_blocked)
+        walls = obstacle_boundary(
+            problem.workspace,
+            exterior_blocked=problem.exterior_blocked,
+            on_floor=problem.floor is not None,
+        )
         # Balls and points need no containment test, because the distance from their center decides.
         self._shapes = []
         for obstacle, pieces in zip(problem.workspace.shapes or (), walls.pieces, strict=False):
