@@ -566,7 +566,8 @@ class Workspace:
         ----------
         polygons : shapely geometry, GeoJSON mapping, WKT string, path-like, or iterable of these
             Closed sets, in metres, without z; files end in ``.geojson``, ``.json`` or ``.wkt``.
-            Also objects with ``__geo_interface__``, such as a GeoDataFrame.
+            Also objects with ``__geo_interface__``, such as a GeoDataFrame, and zone sets of VDA
+            5050, of which zones of type BLOCKED are read.
         spacing : float
             Side of a cell, in metres.
         bounds : array-like, shape (4,) or (2, 2), optional

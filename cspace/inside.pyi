@@ -21,6 +21,7 @@ from ._files.plain import read_xml as read_xml
 from ._files.polygons import join_surfaces as join_surfaces
 from ._files.polygons import transform_surface as transform_surface
 from ._files.unit_notes import warn_of_size as warn_of_size
+from ._files.vector import read_zones as read_zones
 from ._grid import FARTHEST_CELL as FARTHEST_CELL
 from ._grid import SLACK as SLACK
 from ._interface import ConfigurationSpace as ConfigurationSpace
@@ -99,7 +100,6 @@ from ._support.check import check_rng as check_rng
 from ._support.check import check_text as check_text
 from ._support.check import check_word as check_word
 from ._support.check import names_options as names_options
-from ._support.check import parse_finite as parse_finite
 from ._support.check import suggest_name as suggest_name
 from ._support.check import suggest_radians as suggest_radians
 from ._support.check import warn_of_degrees as warn_of_degrees

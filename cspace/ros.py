@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
 
 # Other records are filled where the caller gives no message: their fields are those of ROS.
 from cspace._files.ros_maps import Costmap as Costmap
 from cspace._files.ros_maps import JointTrajectory as JointTrajectory
 from cspace._files.ros_maps import JointTrajectoryPoint as JointTrajectoryPoint
-from cspace._files.ros_maps import OccupancyGrid, read_pose, update_occupancy_grid
+from cspace._files.ros_maps import (
+    OccupancyGrid,
+    read_mask_values,
+    read_pose,
+    update_occupancy_grid,
+)
 from cspace._files.ros_maps import Path as Path
 from cspace._files.ros_maps import PoseStamped as PoseStamped
 from cspace._files.ros_maps import Twist as Twist
@@ -17,9 +24,70 @@ from cspace._support.check import check_not_negative
 from cspace.errors import InputError
 
 if TYPE_CHECKING:
+    from shapely.geometry.base import BaseGeometry
+
     from cspace._interface import Space
 
-__all__ = ["OccupancyGrid", "configuration_of", "update_occupancy_grid"]
+__all__ = ["Mask", "OccupancyGrid", "configuration_of", "read_mask", "update_occupancy_grid"]
+
+
+class Mask(NamedTuple):
+    """Cells of a mask of Nav2, as polygons.
+
+    Attributes
+    ----------
+    areas : dict of int to shapely geometry
+        All cells of each value that occurs, except 0; metres. -1 is unknown.
+    frame_id : str
+        Frame of the areas; empty if none is named.
+    """
+
+    areas: dict[int, BaseGeometry]
+    frame_id: str
+
+
+def read_mask(mask: object) -> Mask:
+    """Read a mask of Nav2's costmap filters.
+
+    The areas are exactly its cells.
+
+    Parameters
+    ----------
+    mask : path-like, object or mapping
+        A ROS map in the mode ``trinary``, ``scale`` or ``raw``, read as Nav2's map server does, or
+        a message with the fields of ``nav_msgs/OccupancyGrid``. The yaw of its origin applies.
+
+    Returns
+    -------
+    Mask
+
+    Raises
+    ------
+    FileError
+        If the YAML or its image is missing or malformed.
+    InputError
+        If a field of the message is missing or malformed.
+
+    Examples
+    --------
+    >>> import cspace
+    >>> grid = cspace.ros.OccupancyGrid()
+    >>> grid.info.width, grid.info.height, grid.info.resolution = 3, 1, 0.5
+    >>> grid.data.extend([0, 100, 100])
+    >>> mask = cspace.ros.read_mask(grid)
+    >>> {value: area.bounds for value, area in mask.areas.items()}
+    {100: (0.5, 0.0, 1.5, 0.5)}
+    """
+    from shapely import affinity
+
+    from cspace._shapes import Voxels
+
+    info, values = read_mask_values(mask)
+    areas = {}
+    for value in np.unique(values[values != 0]).tolist():
+        area = Voxels(values == value, info.resolution, np.array(info.origin)).outline
+        areas[value] = affinity.rotate(area, info.yaw, info.origin, use_radians=True)
+    return Mask(areas, info.frame_id)
 
 
 def configuration_of(

@@ -31,12 +31,13 @@ from numpy.typing import ArrayLike
 from shapely.geometry.base import BaseGeometry
 
 from cspace import Rotations, Space
-from cspace.errors import InputError
+from cspace.errors import GeometryError, InputError
 from cspace.inside import (
     ConfigurationMap,
     Cores,
     Floats,
     Ints,
+    StrPath,
     as_shape,
     check_finite,
     check_known,
@@ -52,6 +53,7 @@ from planners._segments import Segments, place_along
 
 if TYPE_CHECKING:
     from cspace import Arm, ArmSpace
+    from planners._zone_files import Unit
 
 Within: TypeAlias = Literal["contour", "point"]
 """What must be in a zone for its limit to hold."""
@@ -137,6 +139,9 @@ class SpeedZones:
             shape = as_shape(area, name=name)
             if shape.dim != 2:
                 raise InputError(name, "is in space", "an area lies in the plane")
+            parts = shapely.get_parts(shape.outer.outline)
+            if (shapely.get_dimensions(parts) < 2).any():
+                raise GeometryError(name, "has a part without area", "a zone is of polygons")
             speed = check_positive(speed, f"speed of {name}", "m/s")
             zones.append((shape.outer.outline, speed))
         if not zones:
@@ -151,6 +156,80 @@ class SpeedZones:
             shapely.prepare([area, levels[-1].border])
         object.__setattr__(self, "zones", tuple(zones))
         object.__setattr__(self, "_levels", levels)
+
+    @classmethod
+    def open(
+        cls,
+        path: StrPath,
+        speed: str | None = None,
+        within: Within = "contour",
+        frame_id: str | None = None,
+    ) -> SpeedZones:
+        """Read zones from GeoJSON, or from a zone set of VDA 5050.
+
+        Parameters
+        ----------
+        path : path-like
+            A file that ends in ``.geojson`` or ``.json``; metres. Of a zone set, the zones of type
+            SPEED_LIMIT are read, and a warning counts the others.
+        speed : str, optional
+            Name of the property of GeoJSON's features with the largest speed, m/s.
+        within, frame_id
+            As for the class.
+
+        Raises
+        ------
+        FileError
+            If the file is missing or malformed.
+        GeometryError
+            If an area is no valid polygon, or not in metres.
+        InputError
+            If a speed is missing or not above zero, or ``speed`` is not given for GeoJSON.
+        """
+        from planners._zone_files import read_zone_file
+
+        return cls(read_zone_file(path, speed), within, frame_id)
+
+    @classmethod
+    def from_mask(
+        cls,
+        mask: object,
+        unit: Unit,
+        base: float = 0.0,
+        multiplier: float = 1.0,
+        max_velocity: float | None = None,
+        within: Within = "point",
+    ) -> SpeedZones:
+        """Read zones from a speed mask of Nav2.
+
+        A cell of value v from 1 to 100 has the limit ``base + multiplier * v``. Cells of value 0 or
+        -1 have none, and as in Nav2, neither have those whose limit is not above zero, or above 100
+        per cent; a warning names such values.
+
+        Parameters
+        ----------
+        mask : path-like, object or mapping
+            A ROS map or message, as for :func:`cspace.ros.read_mask`.
+        unit : {"percent", "m/s"}
+            Unit of the limits: Nav2's types 1 and 2 of filters.
+        base, multiplier : float
+            Those of Nav2's ``CostmapFilterInfo``.
+        max_velocity : float, optional
+            Speed, m/s, of 100 per cent.
+        within : str
+            As for the class.
+
+        Raises
+        ------
+        FileError
+            If the mask's YAML or image is missing or malformed.
+        InputError
+            If an argument is missing or invalid, or no cell has a limit.
+        """
+        from planners._zone_files import read_mask_zones
+
+        zones, frame_id = read_mask_zones(mask, unit, base, multiplier, max_velocity)
+        return cls(zones, within, frame_id)
 
     def largest_speed(
         self, space: Space, q: ArrayLike, lengths: ArrayLike = 0.0, turns: ArrayLike = 0.0

@@ -19,7 +19,6 @@ OF_ONE_ROOM = {
     "find_overlaps",
     "list_slice_cells",
     "measure_shapes",
-    "parse_finite",
     "read_mesh",
     "robot_of",
     "warn_of_size",

@@ -10,6 +10,7 @@ import ast
 import base64
 import itertools
 import math
+import os
 import pathlib
 from array import array
 from collections.abc import Iterator, Mapping, MutableMapping
@@ -122,6 +123,13 @@ def read_ros_map(path: StrPath, unknown: str = "occupied") -> tuple[MapInfo, Boo
     UserWarning
         If a field is not read, the image is a JPEG, or free cells may be unknown.
     """
+    header, image = _open_map(path)
+    free, occupied = _classify_pixels(header, image, unknown == "occupied")
+    return header.info, free, occupied
+
+
+def _open_map(path: StrPath) -> tuple[_MapHeader, Shades]:
+    """Read the YAML file and the image of a ROS map; warn of a JPEG."""
     header = _read_header(path)
     image = read_shades(header.image, "ROS map's image", header.info.resolution, may_turn=False)
     if image.is_lossy:  # whatever the caller takes unknown cells for
@@ -129,8 +137,30 @@ def read_ros_map(path: StrPath, unknown: str = "occupied") -> tuple[MapInfo, Boo
             f"{path}: its image is a JPEG, which changes shades, so that walls and unknown cells "
             "may be lost"
         )
-    free, occupied = _classify_pixels(header, image, unknown == "occupied")
-    return header.info, free, occupied
+    return header, image
+
+
+def read_mask_values(mask: object) -> tuple[MapInfo, NDArray[np.int8]]:
+    """Read the placement and values of a mask, shape (nx, ny).
+
+    Parameters are as for :func:`cspace.ros.read_mask`. Values are 0 to 100, or -1 for unknown.
+    """
+    if not isinstance(mask, str | os.PathLike):
+        info, percent = _read_message(mask, "mask")
+        return info, np.where((percent >= 0) & (percent <= 100), percent, -1).astype(np.int8)
+    header, image = _open_map(mask)
+    shades = image.shades
+    if header.mode == "raw":
+        values = np.floor(255.0 * shades + 0.5)
+        values[values > 100.0] = -1.0
+    else:
+        probability = shades if header.negate else 1.0 - shades
+        share = (probability - header.free_thresh) / (header.occupied_thresh - header.free_thresh)
+        values = np.floor(100.0 * np.clip(share, 0.0, 1.0) + 0.5)
+        if header.mode != "scale":
+            values[(share > 0.0) & (share < 1.0)] = -1.0
+    cells = values.astype(np.int8)[image.levels]
+    return header.info, np.where(image.opaque, cells, np.int8(-1))
 
 
 class MapInfo(NamedTuple):
@@ -423,7 +453,18 @@ def read_occupancy_grid(
         problem = f"is {low:g} and occupied_thresh is {high:g}"
         rule = "free_thresh must be below occupied_thresh, both from 0 to 1"
         raise InputError("free_thresh", problem, rule)
-    with Ledger.reading(msg, "occupancy grid", "msg", FIELDS[1]) as (_, grid):
+    info, percent = _read_message(msg, "msg")
+    if percent.max() == 1:
+        warn_user("msg.data: no value is above 1 per cent, so all cells are free or unknown")
+    is_known = (percent >= 0) & (percent <= 100)
+    free = is_known & (percent / 100.0 < low)
+    occupied = is_known & (percent / 100.0 >= high)
+    return info, free, occupied
+
+
+def _read_message(msg: object, name: str) -> tuple[MapInfo, NDArray[Any]]:
+    """Read the placement and data of an occupancy grid, shape (nx, ny); warn of other numbers."""
+    with Ledger.reading(msg, "occupancy grid", name, FIELDS[1]) as (_, grid):
         if "metadata" in grid.fields:
             rule = "its data are costs; those of an OccupancyGrid are per cent"
             raise grid.fail("is a Costmap", rule, "")
@@ -435,23 +476,18 @@ def read_occupancy_grid(
         x, y = origin.child("position").numbers("xy")
         yaw = _read_yaw(origin.child("orientation"))
         resolution = info.number("resolution", lowest=1.0 / _MAX_METRES, highest=_MAX_METRES)
-    is_known = (percent >= 0) & (percent <= 100)
-    others = np.count_nonzero(~is_known & (percent != -1))
+    others = np.count_nonzero((percent < -1) | (percent > 100))
     if others:
         warn_user(
-            f"msg.data: {others:,} values are beyond -1 to 100 and count as unknown; they are "
+            f"{name}.data: {others:,} values are beyond -1 to 100 and count as unknown; they are "
             "per cent"
         )
-    if percent.max() == 1:
-        warn_user("msg.data: no value is above 1 per cent, so all cells are free or unknown")
-    free = is_known & (percent / 100.0 < low)
-    occupied = is_known & (percent / 100.0 >= high)
     single = np.float32(resolution)
     if float(single) == resolution:
         # Messages store single precision. The shortest text of a float32 is the decimal number that
         # was rounded to it.
         resolution = float(str(single))
-    return MapInfo("msg", resolution, (x, y), yaw, frame_id), free, occupied
+    return MapInfo(name, resolution, (x, y), yaw, frame_id), percent
 
 
 def update_occupancy_grid(msg: object, update: object) -> None:

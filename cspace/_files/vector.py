@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -18,6 +19,7 @@ from cspace._files.plain import check_nesting, read_json
 from cspace._support.arrays import StrPath
 from cspace._support.check import find_sizes
 from cspace._support.limits import check_file_memory
+from cspace._support.reporting import warn_user
 from cspace.errors import FileError, GeometryError, InputError
 
 if TYPE_CHECKING:
@@ -61,6 +63,21 @@ FIELDS: Final = (
         refused="SRID in degrees, or web Mercator; Z; curves; surfaces",
         warned="other SRID",
     ),
+    Fields(
+        "VDA 5050 zone sets, `.json`",
+        honoured=(
+            "`zoneSet`, `zones`, `zoneId`, `zoneType`; `vertices`, `x`, `y`; `maximumSpeed` in "
+            "`planners.SpeedZones`"
+        ),
+        refused="fewer than three `vertices`",
+        warned="zones of other types; unknown fields",
+        harmless=(
+            "headerId timestamp version manufacturer serialNumber mapId zoneSetId "
+            "zoneSetDescriptor zoneDescriptor maximumSpeed releaseLossBehavior entryActions "
+            "duringActions exitActions priorityFactor penaltyFactor direction directedLimitation "
+            "bidirectedLimitation"
+        ),
+    ),
 )
 
 
@@ -71,7 +88,8 @@ def read_shapes(source: Any) -> list[BaseGeometry]:
     Feature or FeatureCollection); a WKT string; a file that ends in ``.geojson``, ``.json``
     (GeoJSON) or ``.wkt`` (one geometry, or one per line; truncation between two lines cannot be
     detected); an object with ``__geo_interface__``; or an iterable of these. Coordinates are
-    metres. Polygons are filled; lines, rings and points are obstacles without an interior.
+    metres. Polygons are filled; lines, rings and points are obstacles without an interior. In a
+    zone set of VDA 5050, the zones of type BLOCKED are obstacles.
 
     Raises GeometryError if there is no geometry, or one is malformed, empty, self-crossing, curved,
     has coordinates that are not finite or three-dimensional, or a coordinate reference system in
@@ -192,6 +210,10 @@ def _read_geojson(document: Mapping[str, Any], name: str) -> Iterator[tuple[str,
     """Yield the geometries of GeoJSON; warn of likely degrees."""
     import shapely
 
+    if "zoneSet" in document:
+        for zone, area in read_zones(document, name, "BLOCKED"):
+            yield f"{name}, {zone.where}", area
+        return
     ledger = _open_part(document, name)
     named_shapes = list(_parse_geojson(ledger))
     ledger.close(name)
@@ -200,6 +222,39 @@ def _read_geojson(document: Mapping[str, Any], name: str) -> Iterator[tuple[str,
         return
     corners = shapely.total_bounds([shape for _, shape in named_shapes]).reshape(2, 2)
     warn_of_likely_degrees(corners, name)
+
+
+def read_zones(
+    document: Mapping[str, Any], name: str, kind: str
+) -> list[tuple[Ledger, BaseGeometry]]:
+    """Return the zones of one type in a zone set of VDA 5050, with their areas.
+
+    ``name`` is that of the document in messages. Warns once of zones of other types.
+
+    Raises FileError if a field is missing or malformed, or no zone is of this type.
+    """
+    import shapely
+
+    found: list[tuple[Ledger, BaseGeometry]] = []
+    others: Counter[str] = Counter()
+    with decoding(name, "zone set"):
+        whole = Ledger(document, "the zone set", FIELDS[2])
+        for zone in whole.child("zoneSet").children("zones", "zone", name="zoneId"):
+            corners = [vertex.numbers("xy") for vertex in zone.children("vertices", "vertex")]
+            if len(corners) < 3:
+                raise zone.fail(f"has {len(corners)} vertices", "it must have at least three")
+            word = zone.need("zoneType")
+            if word == kind:
+                found.append((zone, shapely.Polygon(corners)))
+            else:
+                others[word] += 1
+        listed = ", ".join(f"{count} {word}" for word, count in sorted(others.items()))
+        if not found:
+            raise whole.fail(f"has no zone of type {kind}", f"its zones are {listed or 'none'}")
+        whole.close(name)
+    if others:
+        warn_user(f"{name}: only zones of type {kind} are read here, not {listed}")
+    return found
 
 
 _MEMBERS: Final = {

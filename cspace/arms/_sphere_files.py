@@ -13,7 +13,6 @@ from cspace.inside import (
     Ledger,
     check_suffix,
     decoding,
-    parse_finite,
     read_document,
     read_xml,
     warn_user,
@@ -111,14 +110,23 @@ def _list_srdf_links(root: Element) -> dict[str, list[dict[str, Any]]]:
     for approximation in root.findall("link_sphere_approximation"):
         spheres = links.setdefault(approximation.get("link", ""), [])
         for sphere in approximation.findall("sphere"):
-            radius = parse_finite(sphere.get("radius", ""))
+            radius = parse_numbers(sphere.get("radius", ""))
             spheres.append(
                 {
-                    "center": parse_finite(sphere.get("center", "")),
+                    "center": parse_numbers(sphere.get("center", "")),
                     "radius": radius[0] if len(radius) == 1 else sphere.get("radius"),
                 }
             )
     return links
+
+
+def parse_numbers(text: str) -> list[float]:
+    """Parse finite numbers between blanks, or return an empty list."""
+    try:
+        numbers = [float(word) for word in text.split()]
+    except ValueError:
+        return []
+    return numbers if all(map(math.isfinite, numbers)) else []
 
 
 def _read_link(table: Ledger, name: str, lowest: float) -> list[Sphere]:

@@ -22,7 +22,7 @@ from xml.etree.ElementTree import Element, SubElement
 import numpy as np
 
 from cspace.arms._checks import check_distinct
-from cspace.arms._sphere_files import read_spheres, replace_geometry
+from cspace.arms._sphere_files import parse_numbers, read_spheres, replace_geometry
 from cspace.errors import FileError, InputError
 from cspace.inside import (
     ContentError,
@@ -32,7 +32,6 @@ from cspace.inside import (
     StrPath,
     decoding,
     import_optional,
-    parse_finite,
     read_xml,
     warn_user,
 )
@@ -468,7 +467,7 @@ def _check_numbers(element: Element, place: str) -> list[tuple[str, str, float]]
             text = member.get(name)
             if text is None:
                 continue
-            numbers = parse_finite(text)
+            numbers = parse_numbers(text)
             attribute = f"{name}={text!r} at the {member.tag} of {place}"
             is_scalar = name == "scale" and len(numbers) == 1
             if len(numbers) != count and not is_scalar:
@@ -878,7 +877,7 @@ def _parse_value(text: str, state: str, joint: str) -> float:
 
     Raises ContentError if it is not a finite number.
     """
-    numbers = parse_finite(text)
+    numbers = parse_numbers(text)
     if len(numbers) != 1:
         raise ContentError(
             f"has {joint} at {text!r} in the state {state!r}",

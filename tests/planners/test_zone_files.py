@@ -1,0 +1,242 @@
+"""Zones of speed from files: GeoJSON, zone sets of VDA 5050, and masks of Nav2.
+
+Oracles: shapely on the plain content of the files, and Nav2's formula for each cell of a mask.
+"""
+
+import json
+
+import numpy as np
+import pytest
+import shapely
+
+import cspace
+import planners
+from cspace.errors import FileError, UnitWarning
+from tests.files.test_rosmap import write_map
+from tests.files.test_zone_sets import make_zone, make_zone_set
+from tests.helpers.refusals import check_refused, refusals
+from tests.planners.test_speed_limits import SLACK, allow_in_zones, sample_speeds
+
+LIMITS = {"max_velocity": 1.0, "max_acceleration": 0.8}
+AREAS = [
+    shapely.box(2.0, 1.0, 4.0, 5.0) - shapely.box(2.5, 1.5, 3.0, 4.5),
+    shapely.MultiPolygon([shapely.box(5.0, 2.0, 6.0, 4.0), shapely.box(8.0, 0.0, 9.0, 3.0)]),
+    shapely.Polygon([(3.5, 3.0), (3.5, 4.0), (5.5, 3.5)]),  # clockwise
+]
+SPEEDS = [0.4, 0.2, 0.6]
+
+
+def build_hall(robot=None):
+    """Return the map of an empty hall of 10 m x 6 m."""
+    hall = cspace.Workspace.from_array(np.zeros((100, 60), dtype=bool), 0.1)
+    return cspace.build(hall, robot or cspace.Robot.disc(0.3))
+
+
+def write_json(path, document):
+    """Write a document, and return its path."""
+    path.write_text(json.dumps(document))
+    return path
+
+
+def make_features(areas=AREAS, speeds=SPEEDS, **members):
+    """Return GeoJSON of areas with speeds."""
+    features = [
+        {
+            "type": "Feature",
+            "properties": {"name": "z", "top": speed},
+            "geometry": shapely.geometry.mapping(area),
+        }
+        for area, speed in zip(areas, speeds, strict=True)
+    ]
+    return {"type": "FeatureCollection", "features": features, **members}
+
+
+def check_trajectory(zones, expected):
+    """Check that a trajectory keeps the speeds of areas, and reaches them."""
+    plan = planners.plan(build_hall(), (0.5, 3.3), (9.5, 3.3))
+    q, speeds = sample_speeds(plan.trajectory(**LIMITS, speed=zones))
+    allowed = allow_in_zones(q, expected, zones.within)
+    assert len(set(allowed)) > 2
+    assert (speeds <= SLACK * allowed).all() and (speeds / allowed).max() > 0.99
+
+
+@pytest.mark.parametrize("within", ["contour", "point"])
+def test_geojson_has_the_speed_of_a_property(tmp_path, within):
+    path = write_json(tmp_path / "zones.geojson", make_features())
+    zones = planners.SpeedZones.open(path, speed="top", within=within, frame_id="map")
+    assert [speed for _, speed in zones.zones] == SPEEDS
+    assert all(mine.equals(area) for (mine, _), area in zip(zones.zones, AREAS, strict=True))
+    assert (zones.within, zones.frame_id) == (within, "map")
+    check_trajectory(zones, list(zip(AREAS, SPEEDS, strict=True)))
+    # One feature is a document as well.
+    single = write_json(tmp_path / "zone.json", make_features()["features"][0])
+    assert planners.SpeedZones.open(single, speed="top").zones == zones.zones[:1]
+
+
+def test_speed_limits_of_a_zone_set_are_read(tmp_path):
+    corners = [area.exterior.coords[:-1] for area in (AREAS[0], AREAS[2])]
+    document = make_zone_set(
+        make_zone("a", "SPEED_LIMIT", corners[0], maximumSpeed=0.4),
+        make_zone("b", "BLOCKED", [(7.0, 5.0), (8.0, 5.0), (8.0, 6.0)]),
+        make_zone("c", "SPEED_LIMIT", corners[1], maximumSpeed=0.6),
+        make_zone("d", "DIRECTED", corners[1], direction=0.0, directedLimitation="SOFT"),
+    )
+    path = write_json(tmp_path / "zones.json", document)
+    with pytest.warns(UserWarning, match="of type SPEED_LIMIT are read here, not 1 BLOCKED, 1 DIR"):
+        zones = planners.SpeedZones.open(path)
+    expected = [(shapely.Polygon(corners[0]), 0.4), (shapely.Polygon(corners[1]), 0.6)]
+    assert zones.within == "contour" and zones.zones == tuple(expected)
+    check_trajectory(zones, expected)
+
+
+def find_limit(value, unit, base, multiplier):
+    """Return the limit that Nav2's speed filter publishes for a cell, and 0 for none."""
+    if value in (0, -1):
+        return 0.0
+    limit = value * multiplier + base
+    if limit < 0.0 or (unit == "percent" and limit > 100.0):
+        return 0.0
+    return limit
+
+
+@pytest.mark.parametrize(
+    "unit, base, multiplier",
+    [("percent", 0.0, 1.0), ("percent", 100.0, -1.0), ("percent", -20.0, 2.0), ("m/s", 0.1, 0.015)],
+)
+def test_each_cell_of_a_mask_has_the_limit_of_nav2(tmp_path, unit, base, multiplier):
+    values = np.random.default_rng(7).integers(0, 106, (12, 20), dtype=np.uint8)
+    path = write_map(tmp_path, values, mode="raw", origin=[0.0, 0.0, 0.0])
+    top = 1.5 if unit == "percent" else None
+    given = {"unit": unit, "base": base, "multiplier": multiplier, "max_velocity": top}
+    with pytest.warns(UserWarning, match=r"^mask: cells without a limit, as in Nav2, are unknown"):
+        zones = planners.SpeedZones.from_mask(path, **given)
+    assert zones.within == "point"
+    rows, columns = np.indices(values.shape).reshape(2, -1)
+    centers = np.column_stack([0.5 * (columns + 0.5), 0.5 * (12 - rows - 0.5)])
+    seen = np.where(values <= 100, values.astype(int), -1).ravel().tolist()
+    limits = np.array([find_limit(value, unit, base, multiplier) for value in seen])
+    expected = np.where(limits > 0.0, limits * (0.015 if top else 1.0), np.inf)
+    found = zones.largest_speed(build_hall(), centers)
+    np.testing.assert_allclose(found, expected, rtol=1e-12)
+    # A message says the same.
+    msg = cspace.ros.OccupancyGrid()
+    msg.header.frame_id = "map"
+    msg.info.height, msg.info.width, msg.info.resolution = 12, 20, 0.5
+    msg.data.extend(np.reshape(seen, (12, 20))[::-1].ravel().tolist())
+    with pytest.warns(UserWarning, match="cells without a limit"):
+        same = planners.SpeedZones.from_mask(msg, **given)
+    assert same.frame_id == "map" and same.zones == zones.zones
+
+
+def test_a_trajectory_keeps_the_limits_of_a_mask(tmp_path):
+    y, x = np.mgrid[:60, :100]
+    values = np.zeros((60, 100), dtype=np.uint8)
+    values[(x - 40) ** 2 + (y - 30) ** 2 < 200] = 40
+    values[:, 70:80] = 25
+    path = write_map(tmp_path, values, mode="raw", resolution=0.1, origin=[0.0, 0.0, 0.0])
+    zones = planners.SpeedZones.from_mask(path, "percent", max_velocity=1.0)
+    expected = []
+    for value in (25, 40):
+        row, column = np.nonzero(values == value)
+        x, y = 0.1 * column, 0.1 * (59 - row)
+        cells = shapely.union_all(shapely.box(x, y, x + 0.1, y + 0.1))
+        expected.append((cells.buffer(-1e-9), value / 100))
+    check_trajectory(zones, expected)
+
+
+def test_zones_of_a_mask_are_in_its_frame():
+    msg = cspace.ros.OccupancyGrid()
+    msg.header.frame_id = "odom"
+    msg.info.height, msg.info.width, msg.info.resolution = 1, 2, 3.0
+    msg.data.extend([50, 0])
+    zones = planners.SpeedZones.from_mask(msg, "percent", max_velocity=1.0)
+    plan = planners.plan(build_hall(), (0.5, 3.3), (9.5, 3.3))
+    check_refused(lambda: plan.trajectory(**LIMITS, speed=zones), "speed has the frame 'odom'")
+
+
+def test_coordinates_like_degrees_are_warned_of_once(tmp_path):
+    areas = [shapely.box(8.54 + x, 47.37, 8.5403 + x, 47.3702) for x in (0.0, 0.01, 0.02)]
+    path = write_json(tmp_path / "zones.geojson", make_features(areas))
+    with pytest.warns(UnitWarning) as caught:
+        planners.SpeedZones.open(path, speed="top")
+    assert len(caught) == 1
+
+
+def change(index=0, **properties):
+    """Return features, one with other properties."""
+    document = make_features()
+    document["features"][index]["properties"] |= properties
+    return document
+
+
+def open_zones(path, document, name="zones.geojson", **options):
+    """Write and open zones."""
+    return planners.SpeedZones.open(write_json(path / name, document), **options)
+
+
+@refusals(
+    "document, speed, message",
+    (make_features(), None, "speed is missing; it names the property in m/s; "),
+    (make_features(), "Top", "there are name, top; did you mean 'top'?"),
+    (change(1, top=0.0), "top", "feature 1, is 0.0; it must be one number above zero, in m/s"),
+    (change(2, top=-0.4), "top", "feature 2, is -0.4"),
+    (change(top=float("nan")), "top", "feature 0, is nan"),
+    (change(top=None), "top", "feature 0, is None"),
+    (change(top="0.4"), "top", "feature 0, is '0.4'"),
+    (change(top=True), "top", "feature 0, is True"),
+    (make_features(crs={"properties": {"name": "EPSG:4326"}}), "top", "not metres on the ground"),
+    (make_features([shapely.LineString([(0, 0), (1, 1)])], [0.4]), "top", "part without area"),
+    (make_features([shapely.Polygon([(0, 0), (1, 1), (0, 1), (1, 0)])], [0.4]), "top", "feature 0"),
+    (make_features([], []), "top", "holds no geometry"),
+    (shapely.geometry.mapping(AREAS[0]), "top", "there is none"),
+    ({"type": "FeatureCollection", "features": {}}, "top", "they must be a list"),
+    ([1, 2], "top", "holds a JSON list"),
+    (make_zone_set(make_zone("a", "SPEED_LIMIT", maximumSpeed=1.0)), "top", "have maximumSpeed"),
+    (make_zone_set(make_zone("a", "SPEED_LIMIT", maximumSpeed=0)), None, "of zone 'a' is 0; it"),
+    (make_zone_set(make_zone("a", "SPEED_LIMIT", maximumSpeed="1")), None, "of zone 'a' is '1'"),
+    (make_zone_set(make_zone("a", "SPEED_LIMIT")), None, "zone 'a' has no maximumSpeed"),
+)
+def test_zones_without_a_good_speed_are_refused(tmp_path, document, speed, message):
+    check_refused(lambda: open_zones(tmp_path, document, speed=speed), message)
+
+
+def test_files_of_other_kinds_are_refused(tmp_path):
+    message = "with suffix '.yaml'; the suffix selects the format, and from_mask reads masks"
+    check_refused(lambda: planners.SpeedZones.open(tmp_path / "mask.yaml"), message)
+    check_refused(lambda: planners.SpeedZones.open(tmp_path / "a.json"), "does not exist")
+    far = open_zones(tmp_path, make_features([shapely.box(300, 0, 301, 1)], [0.4]), speed="top")
+    plan = planners.plan(build_hall(), (0.5, 3.3), (9.5, 3.3))
+    check_refused(lambda: plan.trajectory(**LIMITS, speed=far), "zones[0] lies off the map")
+
+
+@refusals(
+    "options, message",
+    ({"unit": "mph"}, "unit is 'mph'; it must be 'percent' or 'm/s'"),
+    ({"unit": "percent"}, "max_velocity is missing; per cent are those of the largest speed"),
+    ({"unit": "percent", "max_velocity": 0.0}, "max_velocity is 0.0"),
+    ({"unit": "percent", "max_velocity": np.nan}, "max_velocity is nan"),
+    ({"unit": "m/s", "max_velocity": 1.0}, "max_velocity is 1.0; it is for per cent"),
+    ({"unit": "m/s", "base": np.nan}, "base is nan"),
+    ({"unit": "m/s", "multiplier": np.inf}, "multiplier is inf"),
+    (
+        {"unit": "m/s", "multiplier": -1.0},
+        "mask has no cell with a limit; a value above 0 gives 0 + -1 * value in m/s; "
+        "cells without a limit, as in Nav2, are 60 (-60 m/s)",
+    ),
+    (
+        {"unit": "percent", "max_velocity": 1.0, "multiplier": 2.0},
+        "cells without a limit, as in Nav2, are 60 (120 percent)",
+    ),
+)
+def test_masks_without_a_good_limit_are_refused(tmp_path, options, message):
+    pixels = np.array([[60, 0], [0, 0]], dtype=np.uint8)
+    path = write_map(tmp_path, pixels, mode="raw")
+    check_refused(lambda: planners.SpeedZones.from_mask(path, **options), message)
+
+
+def test_a_mask_without_its_image_is_refused(tmp_path):
+    path = write_map(tmp_path, np.zeros((2, 2), np.uint8), mode="raw", image="gone.pgm")
+    with pytest.raises(FileError, match=r"gone\.pgm: does not exist"):
+        planners.SpeedZones.from_mask(path, "m/s")
+    path = write_map(tmp_path, np.zeros((2, 2), np.uint8), mode="raw")
+    check_refused(lambda: planners.SpeedZones.from_mask(path, "m/s"), "has no cell with a limit")
