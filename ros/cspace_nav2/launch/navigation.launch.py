@@ -3,7 +3,7 @@
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument
 from launch.conditions import IfCondition
-from launch.substitutions import LaunchConfiguration, PathJoinSubstitution, PythonExpression
+from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
 from launch_ros.substitutions import FindPackageShare
 
@@ -12,7 +12,7 @@ ARGUMENTS = [
     ("map", "", "The yaml file of the map."),
     ("params_file", PARAMETERS, "Parameters of all nodes."),
     ("builder", "cspace", "The command that builds maps, in the environment of the library."),
-    ("space", "", "Folder of a saved map for the gate, which is started with it."),
+    ("gate", "false", "true starts the gate, between cmd_vel_smoothed and cmd_vel."),
     ("node", "false", "true starts the planner node in Python, on the costmap."),
     ("use_sim_time", "false", "true for a simulator's clock."),
 ]
@@ -22,7 +22,7 @@ def generate_launch_description():
     """Return what `ros2 launch` starts."""
     argument = {name: LaunchConfiguration(name) for name, _, _ in ARGUMENTS}
     common = [argument["params_file"], {"use_sim_time": argument["use_sim_time"]}]
-    has_gate = IfCondition(PythonExpression(["'", argument["space"], "' != ''"]))
+    has_gate = IfCondition(argument["gate"])
 
     def start(package, executable, name, own=None, **options):
         options = {"output": "screen", **options}
@@ -36,8 +36,8 @@ def generate_launch_description():
         return start("nav2_lifecycle_manager", "lifecycle_manager", name, own, **options)
 
     server = {"yaml_filename": argument["map"]}
-    builder = {"GridBased.builder": argument["builder"]}
-    space = {"map": argument["space"]}
+    planner = {"GridBased.builder": argument["builder"]}
+    gate = {"builder": argument["builder"]}
     costmap = [("map", "/global_costmap/costmap")]
     return LaunchDescription(
         [
@@ -47,9 +47,9 @@ def generate_launch_description():
             ),
             start("nav2_map_server", "map_server", "map_server", server),
             # Without a name, which would also name the costmap's node in this process.
-            start("nav2_planner", "planner_server", None, builder),
+            start("nav2_planner", "planner_server", None, planner),
             manage("lifecycle_manager_navigation", ["map_server", "planner_server"]),
-            start("cspace_nav2", "gate_node", "cspace_gate", space, condition=has_gate),
+            start("cspace_nav2", "gate_node", "cspace_gate", gate, condition=has_gate),
             # The gate has no bond with its manager.
             manage("lifecycle_manager_gate", ["cspace_gate"], bond=0.0, condition=has_gate),
             start(

@@ -73,11 +73,7 @@ void CspacePlanner::read_parameters(Node& node, const std::string& name) {
   start_tolerance_ = parameters.number("start_tolerance", 0.1, 0.0, 0.5, "metres to a free place if the start is not free");
   rules_.allow_unknown = parameters.flag("allow_unknown", false, "whether the robot may drive through unknown cells");
   const std::string folder = parameters.text("map", "", "folder of a map that space.save wrote; empty: made of map_topic");
-  const std::string topic = parameters.text("map_topic", "map", "grids of which maps are made");
-  Recipe recipe;
-  recipe.builder = parameters.text("builder", "cspace", "command of the library that builds maps");
-  recipe.folder = parameters.text("map_folder", default_folder(), "folder that keeps maps made of map_topic");
-  recipe.rotations = parameters.count("rotations", 72, 1, 1000, "cells of yaw of a map made of map_topic");
+  Recipe recipe = read_recipe(parameters);
   drive_ = std::make_unique<const Drive>(drive, radius);
   if (!folder.empty()) {
     map_ = open_plane_map(folder);
@@ -86,24 +82,13 @@ void CspacePlanner::read_parameters(Node& node, const std::string& name) {
     blocks_ = std::make_unique<Blocks>(*map_);
     return;
   }
-  if (recipe.folder.empty()) throw std::invalid_argument("the parameter 'map_folder' is empty, and there is no home");
   recipe.frame = costmap_ros_->getGlobalFrameID();
   recipe.unknown_is_free = rules_.allow_unknown;
   recipe.robot = [costmap_ros = costmap_ros_] { return describe_robot(*costmap_ros); };
-  const auto log = [logger = *logger_, name](const std::string& text, bool is_fault) {
-    if (is_fault)
-      RCLCPP_ERROR(logger, "%s: %s", name.c_str(), text.c_str());
-    else
-      RCLCPP_INFO(logger, "%s: %s", name.c_str(), text.c_str());
-  };
-  maker_ = std::make_shared<MapMaker>(recipe, log);
-  using Grid = nav_msgs::msg::OccupancyGrid;
-  const auto take = [maker = maker_](std::shared_ptr<const Grid> grid) { maker->take(*grid); };
-  subscription_ = rclcpp::create_subscription<Grid>(node, topic, rclcpp::QoS(1).transient_local(), take);
+  maker_ = follow_topic(node, recipe, name);
 }
 
 void CspacePlanner::cleanup() {
-  subscription_.reset();
   maker_.reset();
   blocks_.reset();
   map_.reset();

@@ -7,6 +7,7 @@
 //   place X Y             of the robot in the map
 //   command V OMEGA       or "stamped V OMEGA AGE", seconds
 //   scan FRAME RANGES...  of now
+//   grid FRAME COLUMN     the map's topic: a room of 60 x 40 cells of 0.1 m, with a wall in a column; none in column 0
 //   cycle                 fires the timer, after 0.05 s of the clock of stamps; prints what is published, and "."
 //   end                   sends SIGTERM
 #include <algorithm>
@@ -56,6 +57,21 @@ void print_rules() {
   std::cout << "." << std::endl;
 }
 
+void send_grid(std::istream& line) {
+  const auto grid = std::make_shared<nav_msgs::msg::OccupancyGrid>();
+  std::size_t wall = 0;
+  line >> grid->header.frame_id >> wall;
+  grid->info.width = 60;
+  grid->info.height = 40;
+  grid->info.resolution = 0.1f;
+  for (std::size_t k = 0; k < 2400; ++k) {
+    const std::size_t column = k % 60, row = k / 60;
+    grid->data.push_back(column == wall || column % 59 == 0 || row % 39 == 0 ? 100 : 0);
+  }
+  const auto& callbacks = rclcpp::StubTopic<nav_msgs::msg::OccupancyGrid>::callbacks();
+  if (const auto kept = callbacks.at("map").lock()) (*kept)(grid);
+}
+
 Twist read_twist(std::istream& line) {
   std::string v, omega;
   line >> v >> omega;
@@ -102,6 +118,7 @@ void stub_spin_once(LifecycleNode& node) {
     for (std::string range; line >> range;) scan.ranges.push_back(std::stof(range));
     deliver(scan, "scan");
   }
+  if (command == "grid") send_grid(line);
   if (command == "cycle") {
     rclcpp::stub_nanoseconds() += 50000000;
     rclcpp::TimerBase::stub_callback()();

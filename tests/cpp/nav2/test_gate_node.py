@@ -2,6 +2,8 @@
 
 import re
 import subprocess
+import sys
+import time
 
 import numpy as np
 import pytest
@@ -185,7 +187,9 @@ def test_it_can_be_configured_anew(node):
 @pytest.mark.parametrize(
     "parameters, message",
     [
-        ({"map": ""}, "the parameter 'map' is missing"),
+        ({"map": ""}, "the parameters 'map' and 'robot' are missing"),
+        ({"map": "", "robot": "disc:0.3", "rotations": "0"}, "'rotations' is 0; it must be from 1"),
+        ({"map": "", "robot": "disc:0.3", "map_folder": ""}, "'map_folder' is empty"),
         ({"map": "/nowhere"}, "/nowhere/zarr.json"),
         ({"map": "flat"}, "leaving' needs a map of x, y and yaw"),
         ({"map": "flat", "leaving": "false"}, "a gate needs a map of x, y and yaw"),
@@ -209,23 +213,114 @@ def test_parameters_that_cannot_be_are_refused_when_configured(start, maps, para
     assert message in node.read_log()
 
 
+# ---- the map of the topic ------------------------------------------------------------------------
+
+
+@pytest.fixture
+def follow(start, tmp_path):
+    """Return a function that starts a node on the topic of grids."""
+    script = tmp_path / "builder"
+    script.write_text(
+        f'#!/bin/sh\necho >> {tmp_path}/calls\nexec {sys.executable} -m cspace "$@"\n'
+    )
+    script.chmod(0o755)
+
+    def follow(**parameters):
+        options = {"map": "", "robot": f"footprint:{SIDES}", "rotations": 36, "builder": script}
+        node = start(map_folder=tmp_path / "maps", **{**options, **parameters})
+        assert [node.ask("configure"), node.ask("activate")] == ["success", "success"]
+        return node
+
+    return follow
+
+
+def cycle_until(node, pattern):
+    """Go on by cycles until the last line of the log has a pattern; return the commands."""
+    commands = []
+    while not re.search(pattern, (node.read_log().splitlines() or [""])[-1]):
+        time.sleep(0.02)
+        commands.append(node.cycle())
+    return commands
+
+
+def test_it_drives_on_the_map_of_the_topic_and_brakes_for_a_new_one(follow, tmp_path):
+    node = follow()
+    assert node.cycle() == (0.0, 0.0) and "stops: no map has come" in node.read_log()
+    node.tell("grid map 0")
+    commands = cycle_until(node, "drives")
+    assert not np.any(commands[:-1]) and "stops: the map is being built" in node.read_log()
+    node.tell("grid map 0")
+    assert node.cycle() == (0.6, 0.0)
+    node.tell("grid map 40")
+    speeds = [node.cycle()[0] for _ in range(12)]
+    np.testing.assert_allclose(-np.diff([0.6, *speeds]), 0.05)
+    cycle_until(node, "drives")
+    node.tell("place 3.68 2.0")  # 2 cm before the wall
+    cycle_until(node, "no part of the command is proven free")
+    assert len((tmp_path / "calls").read_text()) == 2
+    again = follow(builder="/no/cspace")
+    again.tell("grid map 40")
+    cycle_until(again, "drives")
+
+
+@pytest.mark.parametrize(
+    "parameters, message",
+    [
+        ({"map_frame": "world"}, "the map is in 'map', not in 'world'"),
+        ({"builder": "/no/cspace"}, "the command '/no/cspace' does not start"),
+        ({"robot": "disc:-1"}, "build' failed: "),
+        ({"footprint": SIDES.replace("0.3", "0.31")}, "not the robot that the map was built for"),
+    ],
+)
+def test_it_stands_and_says_why_there_is_no_gate(follow, parameters, message):
+    node = follow(**parameters)
+    node.tell("grid map 0")
+    assert not np.any(cycle_until(node, f"stops: .*{re.escape(message)}"))
+    lines = node.read_log().splitlines()
+    assert len(lines) == len(set(lines)) < 6
+
+
+def test_a_map_that_another_process_has_kept_meanwhile_stays(follow, tmp_path):
+    script = tmp_path / "faster"
+    script.write_text(
+        f'#!/bin/sh\n{sys.executable} -m cspace "$@" || exit 1\n'
+        f"part=$(echo {tmp_path}/maps/*.part)\nkept=${{part%%.*.part}}\n"
+        'cp -r "$part" "$kept"\ntouch "$kept/other"\n'
+    )
+    script.chmod(0o755)
+    node = follow(builder=script)
+    node.tell("grid map 0")
+    cycle_until(node, "drives")
+    (kept,) = (tmp_path / "maps").iterdir()
+    assert (kept / "other").exists()
+
+
 def test_a_footprint_that_is_the_maps_robot_passes(start):
     assert start(footprint=SIDES).ask("configure") == "success"
 
 
-@pytest.mark.parametrize("name, value", [("period", 0.6), ("period", 0.0), ("max_tilt", 1.0)])
-def test_parameters_out_of_their_range_end_the_node(start, name, value):
+@pytest.mark.parametrize(
+    "name, value, message",
+    [
+        ("period", 0.6, "'period' is not in its range"),
+        ("period", 0.0, "'period' is not in its range"),
+        ("max_tilt", 1.0, "'max_tilt' is not in its range"),
+    ],
+)
+def test_numbers_out_of_their_range_are_refused_when_configured(start, name, value, message):
     node = start(**{name: value})
-    assert node.end()[1] == 1
-    assert f"'{name}' is not in its range" in node.read_log()
+    assert node.ask("configure") == "failure"
+    assert message in node.read_log()
 
 
 def test_each_parameter_is_described(start):
     node = start()
+    node.ask("configure")
     lines = [node.ask("rules")]
     while lines[-1] != ".":
         lines.append(node.process.stdout.readline().strip())
-    source = (PACKAGE / "src/gate_node.cpp").read_text()
-    names = re.findall(r'declare\("(\w+)"', source)
+    sources = (PACKAGE / "src/gate_node.cpp", PACKAGE / "include/cspace_nav2/map_maker.hpp")
+    text = "".join(source.read_text() for source in sources)
+    names = re.findall(r'parameters\.\w+\("(\w+)"', text)
     assert sorted(names) == [re.split(r"[ :]", line)[0] for line in lines[:-1]]
     assert all(len(line.split(": ")[1]) > 10 for line in lines[:-1])

@@ -633,7 +633,7 @@ def test_a_new_map_or_footprint_is_built_before_the_next_plan(nav2, builder, tmp
     cells[28:32] = True
     nav2.send_grid(cells, tmp_path / "grid")
     assert plan_when_built(nav2)["code"] == 208
-    assert "a new map came; there are no plans until it is built" in nav2.read_log()
+    assert "a new map came; nothing is proven until it is built" in nav2.read_log()
     nav2.send_grid(make_room(), tmp_path / "grid")
     assert plan_when_built(nav2)["code"] == 0
     nav2.tell("footprint 1.2 0.2")

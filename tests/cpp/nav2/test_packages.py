@@ -46,13 +46,13 @@ def test_each_folder_that_the_launch_file_reads_is_installed():
 
 def test_each_parameter_of_the_params_file_is_declared():
     params = yaml.safe_load((CPP / "params/navigation.yaml").read_text())
-    planner = (CPP / "src/planner.cpp").read_text()
-    declared = set(re.findall(r'parameters\.\w+\("(\w+)"', planner)) | {"plugin"}
-    assert set(params["planner_server"]["ros__parameters"]["GridBased"]) <= declared
-    gate = (CPP / "src/gate_node.cpp").read_text()
-    assert set(params["cspace_gate"]["ros__parameters"]) <= set(
-        re.findall(r'declare\("(\w+)"', gate)
-    )
+    maker = (CPP / "include/cspace_nav2/map_maker.hpp").read_text()
+    for own, file in (
+        (params["planner_server"]["ros__parameters"]["GridBased"], "src/planner.cpp"),
+        (params["cspace_gate"]["ros__parameters"], "src/gate_node.cpp"),
+    ):
+        text = (CPP / file).read_text() + maker
+        assert set(own) <= set(re.findall(r'parameters\.\w+\("(\w+)"', text)) | {"plugin"}
     node = ast.parse((PYTHON / "cspace_nav2_py/planner_node.py").read_text())
     (table,) = (
         each.value

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import shapely
 from scipy.spatial.transform import Rotation
+from shapely import affinity
 
 import cspace
 from tests.helpers.cpp import SANITIZERS, why_no_compiler
@@ -29,6 +30,9 @@ pytestmark = pytest.mark.skipif(bool(why_no_compiler()), reason=why_no_compiler(
 
 SWEEP = 100_000_000
 """Nanoseconds of a turn of a laser."""
+
+CELLS = 0.05 * np.stack(np.meshgrid(np.arange(120), np.arange(80), indexing="ij"), axis=-1)
+"""Lower corners of the cells of a room, metres."""
 
 FREE = [math.inf] * 360
 """A scan that sees nothing."""
@@ -160,6 +164,33 @@ def test_drives_go_far_beside_the_fastest_safe_ones(program, tmp_path, seeds, sh
     slowed, fastest = np.sum([run_drive(choose, space, may_stand, k) for k in seeds], axis=0)
     watch.close()
     assert slowed > share * fastest
+
+
+@pytest.mark.parametrize(
+    "width, tilt, passes",
+    [(0.5, 0, True), (0.45, 0, False), (0.62, 20, True), (0.55, 20, False)],
+)
+def test_the_narrowest_doors_that_it_lets_through(program, tmp_path, width, tilt, passes):
+    """A robot 0.40 m wide drives straight through the middle of a door of the map."""
+    middle, way = (
+        np.array((3.0, 2.0)),
+        np.array((math.cos(math.radians(tilt)), math.sin(math.radians(tilt)))),
+    )
+    wall = [shapely.box(2.9, -9, 3.1, 2 - width / 2), shapely.box(2.9, 2 + width / 2, 3.1, 9)]
+    wall = affinity.rotate(shapely.union_all(wall), tilt, (3.0, 2.0))
+    cells = shapely.box(*np.moveaxis(CELLS, -1, 0), *np.moveaxis(CELLS + 0.05, -1, 0))
+    taken = shapely.area(shapely.intersection(cells, wall)) > 1e-9
+    workspace = cspace.Workspace.from_array(taken, 0.05)
+    cspace.build(workspace, cspace.Robot.rectangle(0.6, 0.4), rotations=72).save(tmp_path / "map")
+    watch = WatchInCpp(program, tmp_path / "map")
+    robot = Robot((*(middle - way), math.radians(tilt)))
+    for _ in range(100):
+        send_scan(watch, robot, FREE)
+        watch.tell("command", robot.now, 0.5, 0.0)
+        decided = watch.decide(robot.now, robot.now + CLOCK, robot.look_up)
+        assert shapely.distance(np.array(robot.drive(decided.twist)), wall).min() > 0.0
+    watch.close()
+    assert ((robot.pose[:2] - middle) @ way > 0.5) == passes
 
 
 # ---- what is missing, late or wrong --------------------------------------------------------------

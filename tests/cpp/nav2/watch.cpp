@@ -69,11 +69,11 @@ sensor_msgs::msg::PointCloud2 write_cloud(const std::vector<std::string>& words,
 class Session {
  public:
   Session(std::shared_ptr<const cspace::Gate> gate, const cspace_nav2::WatchOptions& options)
-      : gate_(std::move(gate)), options_(options), watch_(gate_, options_) {}
+      : gate_(std::move(gate)), options_(options), watch_(make_watch()) {}
 
   void answer(const std::string& line) {
     const std::vector<std::string> words = split(line, ' ');
-    if (words[0] == "new") watch_ = cspace_nav2::Watch(gate_, options_);
+    if (words[0] == "new") watch_ = make_watch();
     if (words[0] == "command") watch_.hear_command({std::stod(words[2]), std::stod(words[3])}, std::stoll(words[1]));
     if (words[0] == "decide") decide(std::stoll(words[1]), std::stoll(words[2]));
     try {
@@ -86,6 +86,14 @@ class Session {
   }
 
  private:
+  cspace_nav2::Watch make_watch() const {
+    const auto find_gate = [gate = gate_] {
+      if (!gate) throw std::runtime_error("there is no map");
+      return gate;
+    };
+    return {find_gate, options_};
+  }
+
   void decide(Time now, Time clock) {
     const auto start = std::clock();
     const cspace_nav2::Decision decision = watch_.decide(now, clock, ask);

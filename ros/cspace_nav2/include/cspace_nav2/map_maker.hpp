@@ -29,7 +29,9 @@
 #include <vector>
 
 #include <nav_msgs/msg/occupancy_grid.hpp>
+#include <rclcpp/rclcpp.hpp>
 
+#include "cspace_nav2/parameters.hpp"
 #include "cspace_nav2/poses.hpp"
 
 extern char** environ;
@@ -46,6 +48,7 @@ inline std::string default_folder() {
 
 /// What a map is made of, besides the grid.
 struct Recipe {
+  std::string topic;                ///< of grids
   std::string builder = "cspace";   ///< the command of the library
   std::string folder;               ///< that keeps maps
   std::string frame;                ///< that grids must have
@@ -74,6 +77,8 @@ class MapMaker {
 
   MapMaker(const MapMaker&) = delete;
   MapMaker& operator=(const MapMaker&) = delete;
+
+  std::shared_ptr<void> subscription;  ///< that calls `take`
 
   /// Take a grid; the same one again changes nothing.
   void take(const nav_msgs::msg::OccupancyGrid& grid) {
@@ -109,11 +114,11 @@ class MapMaker {
       if (wanted == wanted_) return;
       wanted_ = std::move(wanted);
       problem_ = "the map is being built";
-      log_(std::string(map_ ? "a new map came" : "a map came") + "; there are no plans until it is built", false);
+      log_(std::string(map_ ? "a new map came" : "a map came") + "; nothing is proven until it is built", false);
     } catch (const std::exception& error) {
+      if (problem_ != error.what()) log_(error.what(), true);
       wanted_ = {};
       problem_ = error.what();
-      log_(problem_, true);
     }
     map_.reset();
     ++number_;
@@ -193,7 +198,9 @@ class MapMaker {
     name << recipe_.folder << "/" << std::hex << std::setw(16) << std::setfill('0') << digest;
     const std::string kept = name.str(), part = kept + "." + std::to_string(::getpid()) + ".part";
     const auto is_same = [&](const auto& file) { return read(kept + file.first) == file.second; };
-    if (std::all_of(files.begin(), files.end(), is_same)) {
+    const auto is_kept = [&] { return std::all_of(files.begin(), files.end(), is_same); };
+    const bool was_kept = is_kept();
+    if (was_kept) {
       try {
         return open_plane_map(kept + "/map.zarr");
       } catch (const std::runtime_error&) {  // of another version, or damaged
@@ -207,8 +214,11 @@ class MapMaker {
     run({recipe_.builder, "build", part + "/map.yaml", "--robot", order.robot, "--rotations", order.options.substr(0, middle),
          "--unknown", order.options.substr(middle + 1), "-o", part + "/map.zarr"},
         part + "/log", number);
-    fs::remove_all(kept);
-    fs::rename(part, kept);
+    if (was_kept || !is_kept()) {
+      fs::remove_all(kept);
+      fs::rename(part, kept);
+    }
+    fs::remove_all(part);  // if another process was faster
     forget_oldest();
     return open_plane_map(kept + "/map.zarr");
   }
@@ -272,6 +282,36 @@ class MapMaker {
   bool has_ended_ = false;
   std::thread worker_;  // last, as it uses all others
 };
+
+/// Return what maps of a topic are made of, besides frame and robot.
+template <typename Node>
+Recipe read_recipe(Parameters<Node>& parameters) {
+  Recipe recipe;
+  recipe.topic = parameters.text("map_topic", "map", "grids of which maps are made");
+  recipe.builder = parameters.text("builder", "cspace", "command of the library that builds maps");
+  recipe.folder = parameters.text("map_folder", default_folder(), "folder that keeps maps made of map_topic");
+  recipe.rotations = parameters.count("rotations", 72, 1, 1000, "cells of yaw of a map made of map_topic");
+  return recipe;
+}
+
+/// Make maps of the grids of a topic, as long as the answer lives; `name` begins lines of the log.
+template <typename Node>
+std::shared_ptr<MapMaker> follow_topic(Node& node, const Recipe& recipe, const std::string& name) {
+  if (recipe.folder.empty()) throw std::invalid_argument("the parameter 'map_folder' is empty, and there is no home");
+  const auto log = [logger = node.get_logger(), name](const std::string& text, bool is_fault) {
+    if (is_fault)
+      RCLCPP_ERROR(logger, "%s: %s", name.c_str(), text.c_str());
+    else
+      RCLCPP_INFO(logger, "%s: %s", name.c_str(), text.c_str());
+  };
+  const auto maker = std::make_shared<MapMaker>(recipe, log);
+  using Grid = nav_msgs::msg::OccupancyGrid;
+  const auto take = [kept = std::weak_ptr<MapMaker>(maker)](std::shared_ptr<const Grid> grid) {
+    if (const auto living = kept.lock()) living->take(*grid);
+  };
+  maker->subscription = rclcpp::create_subscription<Grid>(node, recipe.topic, rclcpp::QoS(1).transient_local(), take);
+  return maker;
+}
 
 }  // namespace cspace_nav2
 

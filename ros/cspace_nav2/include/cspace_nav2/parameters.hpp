@@ -48,6 +48,18 @@ class Parameters {
     return read(name, otherwise, describe(about));
   }
 
+  std::vector<std::string> texts(const std::string& name, const std::vector<std::string>& otherwise, const std::string& about) {
+    return read(name, otherwise, describe(about));
+  }
+
+  /// Return as many numbers as there are defaults.
+  std::vector<double> numbers(const std::string& name, const std::vector<double>& otherwise, const std::string& about) {
+    const std::vector<double> list = read(name, otherwise, describe(about));
+    if (list.size() == otherwise.size()) return list;
+    throw std::invalid_argument("the parameter '" + name + "' has " + std::to_string(list.size()) + " numbers; it must have " +
+                                std::to_string(otherwise.size()));
+  }
+
   /// Return one of some words, which must be given.
   std::string word(const std::string& name, const std::string& about, const std::vector<std::string>& words) {
     std::string rule;

@@ -83,7 +83,6 @@ class CspacePlanner : public nav2_core::GlobalPlanner {
   std::shared_ptr<const cspace::Map> map_;
   std::unique_ptr<Blocks> blocks_;   ///< of the map
   std::shared_ptr<MapMaker> maker_;  ///< without one, the map is that of a folder
-  std::shared_ptr<void> subscription_;
   std::shared_ptr<nav2_costmap_2d::Costmap2DROS> costmap_ros_;
   std::unique_ptr<const Drive> drive_;
   rclcpp::Clock::SharedPtr clock_;

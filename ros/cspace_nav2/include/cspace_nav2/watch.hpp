@@ -2,7 +2,7 @@
 /// The watch of a gate: the newest command and scans with their ages, where the robot is, and what it may drive. It
 /// needs no ROS.
 ///
-///     cspace_nav2::Watch watch(gate, options);
+///     cspace_nav2::Watch watch([gate] { return gate; }, options);
 ///     watch.hear_command({0.5, 0.1}, now);
 ///     watch.hear_scan("scan", scan);
 ///     cspace_nav2::Decision decision = watch.decide(now, clock, look_up);  // once in each period
@@ -79,6 +79,8 @@ struct WatchOptions {
   bool leaving = true;                          ///< see `cspace::Gate::slow_down`
 };
 
+using FindGate = std::function<std::shared_ptr<const cspace::Gate>()>;
+
 /// What the robot is to drive now.
 struct Decision {
   cspace::Twist command;
@@ -91,9 +93,8 @@ struct Decision {
 /// Calls must not overlap.
 class Watch {
  public:
-  /// @param gate  may be null, as long as there is no map
-  Watch(std::shared_ptr<const cspace::Gate> gate, const WatchOptions& options)
-      : gate_(std::move(gate)), options_(options) {
+  /// @param find_gate  returns the gate of now; throws what says why there is none
+  Watch(FindGate find_gate, const WatchOptions& options) : find_gate_(std::move(find_gate)), options_(options) {
     for (const std::string& name : options_.sources) sources_[name];
   }
 
@@ -167,7 +168,7 @@ class Watch {
   /// Take what the gate lets through as the new way; return why it stands, if it does.
   std::string slow_down(Time now, Time clock, const LookUp& look_up) {
     const Time max_age = to_time(options_.max_age);
-    if (!gate_) throw std::runtime_error("there is no map");
+    const std::shared_ptr<const cspace::Gate> gate = find_gate_();
     for (auto& [name, source] : sources_) place_scans(name, source, now, clock, look_up);
     const Placement found = find(options_.base_frame, NEWEST, look_up);
     const Time seen = now - (clock - found.stamp);
@@ -190,7 +191,7 @@ class Watch {
     }
     const Pose here = move(pose, seen, now);
     const double q[] = {here.x, here.y, here.yaw};
-    const cspace::SlowedCommand slowed = gate_->slow_down(q, wanted_, ramp_.front(), points, options_.leaving);
+    const cspace::SlowedCommand slowed = gate->slow_down(q, wanted_, ramp_.front(), points, options_.leaving);
     ramp_ = slowed.commands;
     if (!slowed.is_proven && !slowed.leaves) return "something is too near to stop before it";
     const bool stands = is_rest(ramp_.front()) && !is_rest(wanted_);
@@ -294,7 +295,7 @@ class Watch {
     return pose;
   }
 
-  std::shared_ptr<const cspace::Gate> gate_;
+  FindGate find_gate_;
   WatchOptions options_;
   cspace::Twist wanted_{};
   Time command_heard_ = NEVER, cycle_ = NEVER, jumped_ = NEVER, last_seen_ = NEVER;
