@@ -100,11 +100,6 @@ def put_layers_first(cells: Bools) -> Bools:
     return np.ascontiguousarray(np.moveaxis(cells, 2, 0))
 
 
-def put_offsets_first(rasters: Sequence[Raster]) -> list[Raster]:
-    """Return rasters of offsets (x, y, layer) as (layer, x, y)."""
-    return [raster.rotate(np.eye(3)[[2, 0, 1]]) for raster in rasters]
-
-
 def find_overlaps(
     occupied: Bools, rasters: Sequence[Raster], *, outside: bool, on_floor: bool = False
 ) -> Bools:
@@ -115,7 +110,8 @@ def find_overlaps(
     """
     shape = occupied.shape
     if on_floor:
-        occupied, rasters = put_layers_first(occupied), put_offsets_first(rasters)
+        occupied = put_layers_first(occupied)
+        rasters = [raster.layers_first for raster in rasters]
         shape = (1, *shape[:2])
     hits = np.zeros((len(rasters), *shape), dtype=np.bool_)
     engine = ENGINES[choose_engine(rasters)]

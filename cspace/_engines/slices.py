@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace._engines import ENGINES, choose_engine, put_layers_first, put_offsets_first
+from cspace._engines import ENGINES, choose_engine, put_layers_first
 from cspace._grid import check_reach
 from cspace._raster import Raster
 from cspace._robot import Robot
@@ -206,7 +206,7 @@ def fill_states(
         outer, inner = cells
         layers = put_layers_first(outer)
         cells = layers, layers if inner is outer else put_layers_first(inner)
-        groups = [put_offsets_first(rasters) for rasters in groups]
+        groups = [[raster.layers_first for raster in rasters] for rasters in groups]
         states = states[:, np.newaxis]
     if method == "auto":
         method = choose_engine(groups[0], counts=overlaps is not None)

@@ -66,6 +66,11 @@ class Raster:
         lower = np.where(signs > 0, low, -high)
         return Raster(np.ascontiguousarray(cells), tuple(lower.tolist()))
 
+    @cached_property
+    def layers_first(self) -> Raster:
+        """The set with offsets (x, y, layer) as (layer, x, y), so that runs lie along y."""
+        return self.rotate(np.eye(3)[[2, 0, 1]])
+
     def translate(self, offset: Sequence[int]) -> Raster:
         """Add an offset to every offset of the set."""
         steps = zip(self.lower, offset, strict=True)
