@@ -115,7 +115,7 @@ SKILLS: Final[Mapping[str, Skills]] = {
     "SORRTstar": Skills(_DRIVES, _OBJECTIVES),
     GRID: Skills(objective=_WEIGHTED, iterations=False),
     MAX_CLEARANCE: Skills(iterations=False),
-    LATTICE: Skills(_DRIVES[1:], iterations=False),
+    LATTICE: Skills(_DRIVES[1:], _WEIGHTED, iterations=False),
     BIRRT: Skills(keep=(NONE, ANY)),
 }
 """Skills of each planner."""

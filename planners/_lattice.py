@@ -6,6 +6,9 @@ rounded, and map or geometry prove each motion. From nodes near the goal, and fr
 edge may lead to the goal itself. For a car that reverses, start and goal change roles if there is
 less room at the goal. Then :func:`shorten_path` shortens the path.
 
+If metres cost more in some cells, a second search minimises the cost. It goes on after the first
+edge to the goal, until no other node promises a cheaper path.
+
 References
 ----------
 M. Pivtoraiko and A. Kelly, "Efficient constrained path planning via search in state
@@ -17,7 +20,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Final, NamedTuple, cast
 
 import numpy as np
@@ -40,6 +44,7 @@ from cspace.inside import (
     kernel,
     map_record,
     now,
+    slice_of,
     spend,
     tube_is_free,
     wrap_angles,
@@ -53,15 +58,17 @@ from planners._car_curves import (
     position_in_plane,
     segment_is_free,
 )
-from planners._estimate import NO_NODE, UNKNOWN, Estimate, is_known, remaining_cost
+from planners._estimate import NO_NODE, UNKNOWN, Costs, Estimate, is_known, remaining_cost
 from planners._frontier import Progress, check_deadline, double, make_progress
-from planners._guide import NARROW_COST, Directions, Guide
+from planners._guide import NARROW_COST, NO_FACTORS, Directions, Guide, factor_at
 from planners._local_planner import Endpoints, LocalPlanner
 from planners._moves import list_moves
 from planners._paths import (
     MAX_SHORTENING,
+    Cost,
     drop_repeats,
     find_cheapest_subpath,
+    path_cost,
     pulled_straight,
 )
 
@@ -112,6 +119,11 @@ edge."""
 MIN_ROUND_GAIN: Final = 1e-7
 """Share of a path by which a round must shorten it for another to follow."""
 
+FURTHER_FACTOR: Final = 4.0
+MIN_FURTHER: Final = Effort.from_seconds(0.25, math.inf)
+"""Work of a search by cost, relative to that of the search by length, and its least value: a cheap
+way may lead where the robot cannot drive."""
+
 NANOSECONDS_PER_NODE: Final = 2_000
 NANOSECONDS_PER_CAR_NODE: Final = 5_000
 """Work of adding a node, and of expanding it; a car's motions are curves."""
@@ -153,6 +165,7 @@ class Motions(NamedTuple):
     greed: float  # weight of the remaining cost; above 1, paths are found sooner but may be longer
     near: float  # distance from the goal within which each node tries an edge to the goal
     geometry: Geometry  # proves motions of a car that cells do not prove
+    factors: Costs  # (slices, 1, x, y), factors of the cost in each cell, or NO_FACTORS
 
 
 class Target(NamedTuple):
@@ -188,15 +201,36 @@ def find_lattice_path(
     """Find a path on a lattice, and shorten it.
 
     The map is in memory. A long search asks once whether a path ``may_exist``; the answer takes no
-    time of the limit. Returns configurations (x, y, yaw), shape (n, 3), and a note. If the
+    time of the limit. If edges have weights, a search by cost follows that by length, and the
+    cheaper path is taken. Returns configurations (x, y, yaw), shape (n, 3), and a note. If the
     search finds no path, n is 0, and the note says what ended it before its time.
     """
-    if edges.edge_checker()(*endpoints[0], *endpoints[1]):
-        return np.array(endpoints), ""
+    began = now()
+    limit = _Limit(began + effort, may_exist)
+    plain = replace(edges, weights=None)
+    path, reason = np.array(endpoints), ""
+    if not edges.edge_checker()(*endpoints[0], *endpoints[1]):
+        path, reason = _find_path(plain, endpoints, simplify, limit)
+    if edges.weights is None or not len(path):
+        return path, reason
+    # No path costs less than a short one whose metres cost nothing extra.
+    cost = edges.weigh() or edges.edge_length
+    if path_cost(path, cost) <= (1.0 + MIN_ROUND_GAIN) * edges.path_length(path):
+        return path, reason
+    work = max(FURTHER_FACTOR * (now() - began).work, MIN_FURTHER.work)
+    limit.until = limit.until.at_most(now() + Effort(work, math.inf))
+    cheap_path, _ = _find_path(edges, endpoints, simplify, limit)
+    paths = [path, cheap_path] if len(cheap_path) else [path]
+    return min(paths, key=partial(path_cost, cost=cost)), reason
+
+
+def _find_path(
+    edges: LocalPlanner, endpoints: Endpoints, simplify: bool, limit: _Limit
+) -> tuple[Floats, str]:
+    """Find a path as :func:`find_lattice_path` does, by one search."""
     is_backwards = _starts_at_goal(edges, endpoints)
     if is_backwards:
         endpoints = endpoints[::-1]
-    limit = _Limit(now() + effort, may_exist)
     try:
         path, reason = _search_levels(edges, endpoints, is_backwards, limit)
     except TimeoutError:
@@ -312,8 +346,16 @@ def _make_guide(edges: LocalPlanner, endpoints: Endpoints, is_backwards: bool) -
         goal,
         _measure_block_side(edges.cells),
         narrow_cost=NARROW_COST if edges.turning_radius is None else NARROW_CAR_COST,
+        factors=_list_factors(edges),
         worst_state=_find_worst_state(edges),
     )
+
+
+def _list_factors(edges: LocalPlanner) -> Costs:
+    """List the factors of the cost in each cell, as kernels take them."""
+    if edges.weights is None:
+        return NO_FACTORS
+    return edges.weights.factors.reshape(map_record(edges.cells).states.shape)
 
 
 def _measure_block_side(space: CSpace) -> int:
@@ -419,6 +461,7 @@ def _list_spot_motions(edges: LocalPlanner, endpoints: Endpoints, count: int) ->
         greed=1.2,
         near=8.0 * spacing,
         geometry=None,
+        factors=_list_factors(edges),
     )
 
 
@@ -463,6 +506,7 @@ def _list_car_motions(
         greed=1.5,
         near=max(4.0 * radius, 8.0 * spacing),
         geometry=edges.geometry(),
+        factors=_list_factors(edges),
     )
 
 
@@ -486,7 +530,7 @@ def _search(
     target = Target(goal, guide.estimate)
     heading = int(np.abs(wrap_angles(motions.headings - start[2])).argmin())
     add_node(map_, motions, target, nodes, start, heading, 0.0, NO_NODE, 0)
-    is_free = edges.edge_checker()
+    arrival = _Arrival(edges, goal)
     nanoseconds = NANOSECONDS_PER_NODE if motions.radius is None else NANOSECONDS_PER_CAR_NODE
     reason = f"the lattice search ended at its limit of {motions.max_nodes:,} nodes"
     may_fail = True
@@ -494,7 +538,8 @@ def _search(
         before = nodes.counts.sum()
         node = expand_nodes(map_, motions, target, nodes)
         spend(nanoseconds * int(nodes.counts.sum() - before))
-        check_deadline(limit.until)
+        if arrival.node == NO_NODE:
+            check_deadline(limit.until)
         # Nodes expanded until a search asks whether a path may exist.
         if may_fail and nodes.counts[1] >= 2**12:
             if not limit.admits_path():
@@ -505,15 +550,50 @@ def _search(
             guide.reach(direction, (0, i, j), limit.until)
         elif node == FULL:
             vain = _find_vain_blocks(map_, motions, target, nodes)
-            if len(nodes.keys) >= min_stalled and vain.any():
+            is_stalled = len(nodes.keys) >= min_stalled and arrival.node == NO_NODE
+            if is_stalled and vain.any():
                 return np.empty((0, 3)), "the lattice search stalled", vain
             nodes = _enlarge(nodes)
         elif node == NO_NODE:
             reason = "the lattice search reached no more nodes"
             break
-        elif node != TIME_CHECK and is_free(*nodes.poses[node].tolist(), *goal):
-            return _trace_path(nodes, node, endpoints, motions.radius is None), "", None
+        elif node != TIME_CHECK:
+            arrival.try_edge(nodes, node)
+        if arrival.is_settled(nodes, limit.until):
+            break
+    if arrival.node != NO_NODE:
+        return _trace_path(nodes, arrival.node, endpoints, motions.radius is None), "", None
     return np.empty((0, 3)), reason, None
+
+
+class _Arrival:
+    """The best path to the goal so far: to a node, and by an edge from it.
+
+    By length it is the first one, and by cost the cheapest one.
+    """
+
+    def __init__(self, edges: LocalPlanner, goal: Pose) -> None:
+        self._is_free = edges.edge_checker()
+        self._measure = edges.weigh()
+        self._goal = goal
+        self._cost = math.inf
+        self.node = NO_NODE
+
+    def try_edge(self, nodes: LatticeNodes, node: int) -> None:
+        """Take the edge from a node if it is free, and the path by it better."""
+        edge = *nodes.poses[node].tolist(), *self._goal
+        cost = -math.inf
+        if self._measure is not None:
+            cost = float(nodes.progress.cost[node]) + self._measure(*edge)
+        if cost < self._cost and self._is_free(*edge):
+            self._cost = cost
+            self.node = node
+
+    def is_settled(self, nodes: LatticeNodes, until: Effort) -> bool:
+        """Return True if there is a path, and none promises to cost less or time runs out."""
+        if self.node == NO_NODE:
+            return False
+        return self._cost <= nodes.progress.keys[0] or is_over(until)
 
 
 def _make_nodes(capacity: int) -> LatticeNodes:
@@ -592,33 +672,29 @@ def _trace_path(nodes: LatticeNodes, node: int, endpoints: Endpoints, merges: bo
 
 
 def shorten_path(edges: LocalPlanner, path: Floats, until: Effort) -> Floats:
-    """Shorten a path (n, 3) until the end of the search."""
+    """Shorten a path (n, 3), or lower its cost, until the end of the search."""
     # Without cut corners, a second round of skipping gains little.
     rounds = 1 if edges.turning_radius is not None else 3
+    cost = edges.weigh() or edges.edge_length
     for number in range(rounds):
         if is_over(until):
             break
         before = path
-        path = _shorten_once(edges, path, until)
+        path = _shorten_once(edges, path, cost, until)
         if number < rounds - 1:
-            most = (1.0 - MIN_ROUND_GAIN) * _measure(edges, before)
-            if _measure(edges, path) > most:
+            most = (1.0 - MIN_ROUND_GAIN) * path_cost(before, cost)
+            if path_cost(path, cost) > most:
                 break
     return path
 
 
-def _measure(edges: LocalPlanner, path: Floats) -> float:
-    """Return the length of a path, shape (n, 3), with weighted rotations."""
-    return float(edges.edge_lengths(path[:-1], path[1:]).sum())
-
-
-def _shorten_once(edges: LocalPlanner, path: Floats, until: Effort) -> Floats:
+def _shorten_once(edges: LocalPlanner, path: Floats, cost: Cost, until: Effort) -> Floats:
     """Skip waypoints of a path, and cut corners between straights."""
     is_free = edges.edge_checker()
 
     def measure(*q: float) -> float:
-        """Return the cost of an edge."""
-        return edges.edge_length(*q) + EDGE_COST
+        """Return the cost of an edge, so that few edges are cheap."""
+        return cost(*q) + EDGE_COST
 
     strides = np.unique(np.geomspace(1, len(path), 24).astype(np.int64)).tolist()
     paths = [path, find_cheapest_subpath(path, 2, is_free, measure, strides, until)]
@@ -629,7 +705,7 @@ def _shorten_once(edges: LocalPlanner, path: Floats, until: Effort) -> Floats:
         return path
     # Cutting a corner may add turns, and rounding may make a part of an edge fail.
     paths += [edges.remove_turns(candidate) for candidate in paths]
-    paths.sort(key=lambda rows: _measure(edges, rows) + EDGE_COST * len(rows))
+    paths.sort(key=lambda rows: path_cost(rows, cost) + EDGE_COST * len(rows))
     return next(filter(edges.are_free, paths), path)
 
 
@@ -678,7 +754,8 @@ def expand_nodes(map_: Map, motions: Motions, target: Target, nodes: LatticeNode
         for move in range(len(motions.steering)):
             after = motions.next_heading[heading, move]
             length = motions.lengths[heading, move]
-            total = cost + motions.costs[heading, move]
+            factor = mean_factor(map_, motions, target, x, y, heading, move)
+            total = cost + motions.costs[heading, move] * factor
             if motions.lengths[heading, last] * length < 0.0:
                 total += motions.switch_cost
             begin = (0.0, 0.0, motions.headings[heading])
@@ -751,6 +828,26 @@ def fill_table(nodes: LatticeNodes) -> None:
     """Enter each cell and heading's last node."""
     for node in range(nodes.counts[0]):
         nodes.table[find_slot(nodes, nodes.keys[node])] = node + 1
+
+
+@internal
+def mean_factor(
+    map_: Map, motions: Motions, target: Target, x: float, y: float, heading: int, move: int
+) -> float:
+    """Return the mean factor of the cost along a motion from a position, by the midpoint rule."""
+    if motions.factors.shape[0] == 0:
+        return 1.0
+    length = motions.lengths[heading, move]
+    steps = max(math.ceil(motions.unit * abs(length) / map_.spacing), 1)
+    begin = (0.0, 0.0, motions.headings[heading])
+    total = 0.0
+    for step in range(steps):
+        u, v, yaw = advance(begin, motions.steering[move], length * (step + 0.5) / steps)
+        i, j = find_cell(map_, target, x + motions.unit * u, y + motions.unit * v)
+        number = slice_of(map_, (yaw,))
+        total += float(factor_at(motions.factors, number, 0, max(i, 0), max(j, 0)))
+    mean: float = total / steps
+    return mean
 
 
 @internal

@@ -421,8 +421,13 @@ class TurnDriveTurn(LocalPlanner):
         def add(x0: float, y0: float, yaw0: float, x1: float, y1: float, yaw1: float) -> float:
             """Return the cost of both turns and the drive."""
             yaw = self.choose_yaw(x0, y0, yaw0, x1, y1, yaw1)
-            drive = cost(x0, y0, yaw, x1, y1, yaw)
-            return drive + cost(x0, y0, yaw0, x0, y0, yaw) + cost(x1, y1, yaw, x1, y1, yaw1)
+            total = cost(x0, y0, yaw, x1, y1, yaw)
+            # Most edges have few turns.
+            if yaw != yaw0:
+                total += cost(x0, y0, yaw0, x0, y0, yaw)
+            if yaw != yaw1:
+                total += cost(x1, y1, yaw, x1, y1, yaw1)
+            return total
 
         return add
 

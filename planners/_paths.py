@@ -120,11 +120,14 @@ def edge_costs(path: Floats, cost: Cost) -> Floats:
     return np.array([cost(*first, *last) for first, last in itertools.pairwise(path.tolist())])
 
 
+def path_cost(path: Floats, cost: Cost) -> float:
+    """Return the sum of the costs of all edges."""
+    return float(edge_costs(path, cost).sum())
+
+
 def _measure(path: Floats, rotations: Rotations, cost: Cost | None) -> float:
     """Return the cost of a path; without a cost, its length."""
-    if cost is None:
-        return path_length(path, rotations)
-    return float(edge_costs(path, cost).sum())
+    return path_length(path, rotations) if cost is None else path_cost(path, cost)
 
 
 def path_length(path: Floats, rotations: Rotations) -> float:

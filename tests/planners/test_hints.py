@@ -313,8 +313,8 @@ def make_objective(si):
     ("turning", CAR | {"planner": "Grid"}, "Grid takes drive: None"),
     (
         "turning",
-        {"drive": planners.Differential(), "objective": "clearance"},
-        "planner is 'Lattice', the default for objective='clearance'; Lattice takes objective: length",
+        {"drive": planners.Differential(), "planner": "Lattice", "objective": make_objective},
+        "Lattice takes objective: length, clearance, time, WeightedLength",
     ),
     # Drives.
     (
