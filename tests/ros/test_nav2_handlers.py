@@ -140,6 +140,54 @@ def test_saved_maps_that_are_none_end_the_node(node, monkeypatch, tmp_path):
         open_node(monkeypatch, tmp_path / "plane")
 
 
+def make_filter(kind=1):
+    """Return the information of a speed filter, whose lowest value is the quickest."""
+    return SimpleNamespace(type=kind, base=100.0, multiplier=-1.0, filter_mask_topic="speed_mask")
+
+
+def find_highest(node):
+    """Return the largest y of a path between two places at y = 1."""
+    path, code, reason = node.answer(make_pose(*START), [make_pose(*GOAL)])
+    assert (code, reason) == (0, "")
+    return max(each.pose.position.y for each in path.poses)
+
+
+@pytest.mark.parametrize("drive", ["holonomic", "differential"])
+def test_a_speed_mask_makes_plans_the_quickest(node, monkeypatch, drive):
+    monkeypatch.setitem(planner_node.PARAMETERS, "max_velocity", (1.0, "", (0.0, 100.0)))
+    slow = np.zeros((120, 80), dtype=np.int8)
+    slow[50:70, :48] = 92  # 8 per cent up to y = 2.4 m
+    other = planner_node.PlannerNode()
+    try:
+        monkeypatch.setattr(
+            other, "read_drive", {"holonomic": lambda: None}.get(drive, planners.Differential)
+        )
+        give(other, make_room(gap=80))
+        assert find_highest(other) < 1.2
+        other.on_speed_filter(make_filter())
+        assert other.mask_subscription.topic_name == "/speed_mask"
+        assert find_highest(other) < 1.2  # the mask has not come yet
+        other.on_speed_mask(make_grid(slow))
+        assert 2.4 < find_highest(other) < 2.8
+        assert 2.4 < find_highest(other) < 2.8  # along the last plan
+        other.on_speed_mask(make_grid(slow[:, ::-1]))
+        assert find_highest(other) < 1.5
+        # A mask in another frame, and one that is malformed.
+        turned = make_grid(slow)
+        turned.header.frame_id = "odom"
+        other.on_speed_mask(turned)
+        _, code, reason = other.answer(make_pose(*START), [make_pose(*GOAL)])
+        assert code == planner_node.UNKNOWN and "speed has the frame 'odom'" in reason
+        other.on_speed_mask(make_grid(0 * slow))
+        assert other.zones is None and "has no cell with a limit" in str(other.complaints)
+        other.on_speed_filter(make_filter(kind=0))
+        assert "speed_filter_info.type" in str(other.complaints)
+    finally:
+        other.destroy_node()
+    node.on_speed_filter(make_filter())
+    assert node.mask_subscription is None and "max_velocity" in str(node.complaints)
+
+
 TIMES = itertools.count(1)
 """When messages were sent."""
 

@@ -58,6 +58,7 @@ PARAMETERS = {
         "share of 100 from which cells are occupied; 1.0 on costmaps",
         (0.0, 1.0),
     ),
+    "max_velocity": (0.0, "m/s, for quickest ways by a speed mask; 0 without one", (0.0, 100.0)),
     "time_limit": (1.0, "seconds of a request", (0.001, 3600.0)),
     "step": (0.05, "metres between poses of a path", (0.001, 10.0)),
     "tilt_tolerance": (0.05, "radians of a pose's roll and pitch that are ignored", (0.0, 3.2)),
@@ -69,6 +70,9 @@ PARAMETERS = {
 
 AT_RUN_TIME = {"time_limit", "step", "tilt_tolerance", "tolerance", "via_tolerance"}
 """Parameters that may change while the node runs; the rest is read-only."""
+
+UNITS = {1: "percent", 2: "m/s"}
+"""Units of Nav2's speed masks, by the type of their filter."""
 
 OCCUPANCY = np.array([0, -1, 100], dtype=np.int8)
 """Occupancy of the states FREE, MIXED and BLOCKED, in per cent."""
@@ -124,6 +128,7 @@ class PlannerNode(Node):
         self.planning = threading.Lock()
         self.explaining = threading.Thread()
         self.space = self.last = self.shown = None
+        self.zones = self.mask_subscription = None  # of the newest speed mask
         self.lags = True  # readers of the shown map need all of it
         self.frame = "map"
         self.grid = self.workspace = None  # the newest, which the map follows
@@ -134,7 +139,7 @@ class PlannerNode(Node):
         self.number = 0  # of the newest update
         self.complaints = set()
         self.corners = self.option("footprint")
-        kept = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        self.kept = kept = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self.window_publisher = None
         self.saved = self.open_map(self.option("saved_map"))
         if self.saved is None:
@@ -205,6 +210,7 @@ class PlannerNode(Node):
     def serve_nav2(self, group):
         """Serve Nav2's action and service under private names."""
         from nav2_msgs.action import ComputePathThroughPoses, ComputePathToPose
+        from nav2_msgs.msg import CostmapFilterInfo
         from nav2_msgs.srv import IsPathValid
         from rclpy.action import ActionServer, CancelResponse
 
@@ -224,6 +230,9 @@ class PlannerNode(Node):
         ]
         self.create_service(
             IsPathValid, "~/is_path_valid", self.is_path_valid, callback_group=group
+        )
+        self.create_subscription(
+            CostmapFilterInfo, "speed_filter_info", self.on_speed_filter, self.kept
         )
 
     def option(self, name):
@@ -305,6 +314,35 @@ class PlannerNode(Node):
             self.robot, self.outline, self.corners = robot, outline, corners
             self.arrived += 1
         self.news.set()
+
+    @guard("zones", "last")
+    def on_speed_filter(self, info):
+        """Subscribe to the mask of a speed filter, whose cells have a largest speed."""
+        if info.type not in UNITS:
+            rule = f"it must be one of {UNITS}"
+            raise InputError("speed_filter_info.type", f"is {info.type}", rule)
+        unit, speed = UNITS[info.type], self.option("max_velocity")
+        if not speed:
+            raise InputError("max_velocity", "is 0", "quickest ways by a speed mask need it")
+        self.read_mask = partial(
+            planners.SpeedZones.from_mask,
+            unit=unit,
+            base=info.base,
+            multiplier=info.multiplier,
+            max_velocity=speed if unit == "percent" else None,
+        )
+        if self.mask_subscription is not None:
+            self.destroy_subscription(self.mask_subscription)
+        self.mask_subscription = self.create_subscription(
+            OccupancyGrid, info.filter_mask_topic, self.on_speed_mask, self.kept
+        )
+
+    @guard("zones", "last")
+    def on_speed_mask(self, mask):
+        """Take a speed mask; a plan by others is not gone on with."""
+        zones = self.read_mask(mask)
+        with self.lock:
+            self.zones, self.last = zones, None
 
     def take(self, grid, updates):
         """Let the map follow a grid with the updates that were sent after it."""
@@ -468,12 +506,12 @@ class PlannerNode(Node):
                 with self.lock:
                     self.wait_for_map(stop)
                     version, frame, last = self.version, self.frame, self.last
-                    space = copy.copy(self.space)
-                plan = self.plan_once(space, frame, last, (start, *goals), stop)
+                    space, zones = copy.copy(self.space), self.zones
+                plan = self.plan_once(space, frame, last, zones, (start, *goals), stop)
                 with self.lock:
                     self.wait_for_map(stop)  # it may have changed since
                     if plan.solved and plan.recheck(self.space).all():
-                        self.last = plan
+                        self.last = plan if zones is self.zones else None
                         return plan
                     if version == self.version and not plan.solved:
                         code = TIMEOUT if stop() else NO_VALID_PATH
@@ -481,7 +519,7 @@ class PlannerNode(Node):
                 if stop():
                     raise NoPlanError("the map changed, and time is over", TIMEOUT)
 
-    def plan_once(self, space, frame, last, poses, stop):
+    def plan_once(self, space, frame, last, zones, poses, stop):
         """Plan on a map that does not change; go on along the last plan if its goal is the same."""
         try:
             start, *via, goal = (self.configure(pose, space, frame) for pose in poses)
@@ -491,6 +529,9 @@ class PlannerNode(Node):
         if last is not None and (via or not np.allclose(last.goal, goal)):
             last = None
         tolerance, room = self.option("tolerance"), self.option("via_tolerance")
+        quickest = {}
+        if zones is not None:
+            quickest = {"objective": "time", "speed": [self.option("max_velocity"), zones]}
         find = partial(
             planners.plan,
             space,
@@ -500,6 +541,7 @@ class PlannerNode(Node):
             previous=last,
             stop=stop,
             via=[planners.Near(q, room, math.pi) for q in via] if room else via,
+            **quickest,
         )
         try:
             return find(goal) if not tolerance else self.find_near(find, goal, tolerance, stop)
