@@ -158,6 +158,70 @@ def test_conflicts_on_a_floor_are_where_footprints_meet():
     assert {row.verdict for row in found.pairs} == {"undecided"}
 
 
+PORTAL = (
+    ((-0.4, -0.5, 0.0), (0.4, -0.4, 0.5)),
+    ((-0.4, 0.4, 0.0), (0.4, 0.5, 0.5)),
+    ((-0.4, -0.5, 0.5), (0.4, 0.5, 0.7)),
+)
+CART = (((-0.3, -0.2, 0.02), (0.3, 0.2, 0.3)),)
+"""Corners of the boxes of two robots; the cart fits between the legs of the portal."""
+
+
+def share_a_point(first, second):
+    """Return whether two robots, boxes and a pose each, meet at some height."""
+    for low, high in first[0]:
+        for under, over in second[0]:
+            if low[2] <= over[2] and under[2] <= high[2]:
+                outlines = shapely.box(*low[:2], *high[:2]), shapely.box(*under[:2], *over[:2])
+                poses = np.array([first[1]]), np.array([second[1]])
+                if shapely.intersects(*map(place_polygon, outlines, poses))[0]:
+                    return True
+    return False
+
+
+def test_robots_whose_footprints_meet_at_different_heights_are_not_said_to_touch():
+    scene = cspace.Workspace.from_array(np.zeros((80, 50, 8), dtype=bool), 0.1)
+    graph = RouteGraph.from_arrays(
+        [(1.0, 2.5), (7.0, 2.5), (4.0, 1.0), (4.0, 4.0), (1.0, 4.0), (3.0, 4.0)],
+        [(0, 1), (2, 3), (4, 5)],
+    )
+    spaces = []
+    for boxes in (PORTAL, CART):
+        mesh = trimesh.util.concatenate([trimesh.creation.box(bounds=box) for box in boxes])
+        spaces.append(cspace.build(scene, cspace.Robot.from_mesh(mesh), rotations=72, floor=0.01))
+    plane = cspace.Workspace.from_array(np.zeros((80, 50), dtype=bool), 0.1)
+    spaces.append(cspace.build(plane, cspace.Robot.rectangle(0.6, 0.4), rotations=72))
+    portal, cart, flat = spaces
+    # The cart drives along the portal's lane, between its legs.
+    assert not share_a_point((PORTAL, (4.0, 2.5, 0.0)), (CART, (4.0, 2.5, 0.0)))
+    for others in ({"cart": (cart, graph)}, {"flat": (flat, graph)}):
+        found = cspace.lanes.conflicts(portal, graph, others=others, name="portal")
+        meeting = {frozenset((row.first, row.second)): row for row in found.pairs}
+        of_both = [
+            row
+            for row in found.pairs
+            if row.first.startswith("portal") and row.second.startswith(tuple(others))
+        ]
+        assert {row.verdict for row in of_both} == {"undecided"}
+        assert all(row.poses is None for row in of_both)
+        # Pairs that are not listed are apart at every height.
+        rng = np.random.default_rng(3)
+        names = [name for name in found.elements if ": " in name]
+        for one in names:
+            for other in names:
+                kinds = [PORTAL if name.startswith("portal") else CART for name in (one, other)]
+                if one == other or frozenset((one, other)) in meeting:
+                    continue
+                for _ in range(20):
+                    poses = []
+                    for name in (one, other):
+                        (x0, y0), (x1, y1) = found.elements[name].nodes
+                        share = rng.random()
+                        yaw = math.atan2(y1 - y0, x1 - x0)
+                        poses.append((x0 + share * (x1 - x0), y0 + share * (y1 - y0), yaw))
+                    assert not share_a_point(*zip(kinds, poses, strict=True))
+
+
 def test_a_robot_without_a_yaw_that_is_round_from_above_alone_has_no_lanes():
     base = trimesh.creation.cylinder(0.4, 0.2, sections=64)
     mast = trimesh.creation.box((0.5, 0.1, 0.3))
