@@ -157,6 +157,11 @@ def draw_robots(
     colors = {"facecolor": entry.get_facecolor(), "edgecolor": ROBOT_EDGE_COLOR}
     drawn = PathCollection(outlines, **colors, linewidth=0.9, transform=ax.transData, zorder=3)
     ax.add_collection(drawn, autolim=False)
+    if body.levels:
+        rings = [Path(body.transform(ring, q), closed=True) for q in robots for ring in body.levels]
+        levels = PathCollection(rings, linewidth=0.4, transform=ax.transData, zorder=3)
+        levels.set(facecolor="none", edgecolor=ROBOT_EDGE_COLOR)
+        ax.add_collection(levels, autolim=False)
     if "yaw" in body.rotations.names and tuple(pair) == (0, 1):
         x, y, yaws = robots[:, 0], robots[:, 1], robots[:, -1]
         length = 0.6 * body.reach

@@ -10,6 +10,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import cached_property
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Protocol
 
@@ -47,6 +48,8 @@ ROBOT_FILL_COLOR: Final = "#3fb795"
 """Fill colour of a robot."""
 GHOST_COLOR: Final = "#c3e6da"
 """Colour of the arms along a path."""
+LEVELS: Final = 8
+"""Number of parts, equally high, of a robot on a floor that have outlines of their own."""
 ENDPOINT_COLORS: Final = {"start": "#ffffff", "goal": "#cc79a7"}
 """Colours of start and goal."""
 
@@ -148,7 +151,9 @@ class DrawnRobot:
     points : ndarray of float64, shape (n, d)
         Corners and the reference point, in the robot's frame.
     rings : list of ndarray of float64, shape (n, 2)
-        Closed outlines of a robot in the plane.
+        Closed outlines of a robot in the plane, or of the footprint of a robot on a floor.
+    levels : list of ndarray of float64, shape (n, 2)
+        Closed outlines of the parts of a robot on a floor at its heights.
     surface : Surface or None
         Simplified surface of a robot in space.
     reach : float
@@ -157,11 +162,15 @@ class DrawnRobot:
         Diagonal of the box around the robot and its reference point, metres.
     """
 
-    def __init__(self, robot: Robot, rotations: Rotations) -> None:
-        """Extract the outlines or the surface of a robot, and measure them."""
+    def __init__(self, robot: Robot, rotations: Rotations, solid: Robot | None = None) -> None:
+        """Extract the outlines or the surface of a robot, and measure them.
+
+        ``solid`` is the robot in space of a footprint.
+        """
         self.dim = robot.dim
         self.rotations = rotations
         self.rings: list[Floats] = []
+        self.levels = [] if solid is None else _cut_levels(solid)
         self.surface: Surface | None = None
         if robot.dim == 2:
             self.rings = extract_rings(robot.shape.outer.outline)
@@ -216,6 +225,19 @@ class DrawnRobot:
         if np.ptp(angles) >= 1e-6:
             widths = f"{widths} to {angles.max():.3g}°"
         return f"over all rotations, {len(rotations)} rotation cells of {widths}"
+
+
+def _cut_levels(robot: Robot) -> list[Floats]:
+    """Return the outlines of a robot in space at some heights, seen from above."""
+    bottom, top = (float(corner[2]) for corner in robot.shape.outer.bounds)
+    heights = np.linspace(bottom, top, LEVELS + 1).tolist()
+    outlines = {}
+    for low, high in pairwise(heights):
+        part, _ = robot.shape.slab(low, high, 0.01 * (high - low))
+        if part is not None:
+            outline = shapely.set_precision(part.outline, 1e-4 * (high - low))
+            outlines[shapely.normalize(outline).wkb] = part.outline
+    return [ring for outline in outlines.values() for ring in extract_rings(outline)]
 
 
 def _format_rotation(rotation: Floats) -> str:
@@ -473,7 +495,8 @@ def make_scene(
     if rotation is not None:
         drawn_rotation = space.rotations.check_rotation(rotation)
     route = Route(space, path, start, goal)
-    body = DrawnRobot(space.drawn_robot, space.rotations)
+    solid = None if space.floor is None else space.robot
+    body = DrawnRobot(space.drawn_robot, space.rotations, solid)
     point = _choose_center(space, center, body, route)
     # Robots stand along the path, at the start and at the goal.
     robots = np.vstack([_choose_robots(body, route), *route.endpoints.values()])

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from cspace import CSpace, Robot
+from cspace import CSpace, Grid, Robot
 from cspace.inside import (
     Bools,
     Bytes,
@@ -90,11 +90,44 @@ class MapSection(NamedTuple):
     upper: Floats
 
 
+class Lattice(NamedTuple):
+    """Blocks of the cells of a grid.
+
+    Attributes
+    ----------
+    side : int
+        Cells along each axis of a block; blocks at the upper border of the grid may be smaller.
+    shape : ndarray of int64, shape (3,)
+        Number of cells.
+    cell : ndarray of float64, shape (3,)
+        Sides of a cell, metres.
+    lower, upper : ndarray of float64, shape (3,)
+        Corners, metres.
+    """
+
+    side: int
+    shape: Ints
+    cell: Floats
+    lower: Floats
+    upper: Floats
+
+    @classmethod
+    def of(cls, grid: Grid, wall: float, floor: float) -> Lattice:
+        """Make blocks of a grid; cells of a plane grid are walls on a floor, metres."""
+        side = math.ceil((grid.size / MAX_BLOCKS) ** (1.0 / grid.dim))
+        shape = np.ones(3, dtype=np.int64)
+        shape[: grid.dim] = grid.shape
+        cell = lift([grid.spacing] * grid.dim, wall)
+        lower = lift(grid.lower, floor)
+        return cls(side, shape, cell, lower, lower + cell * shape)
+
+
 class Cells:
     """Solids and sections of the cells of a map.
 
     Cells are merged into blocks, few enough for a browser; a block has the most important class of
-    its cells. Cells of a plane map become low walls on the ground, a tiled map an overview.
+    its cells. Cells of a plane map become low walls on the ground, a tiled map an overview. With a
+    floor, obstacles are those in space.
 
     Parameters
     ----------
@@ -106,10 +139,10 @@ class Cells:
     ----------
     drawn : CSpace
         The map that is drawn.
-    side : int
-        Cells along each axis of a block; blocks at the upper border of the map may be smaller.
-    lower, upper : ndarray of float64, shape (3,)
-        Corners of the scene, metres.
+    floor : float
+        Height of the ground of a plane map, metres.
+    scene : Lattice
+        Blocks of the obstacles.
     make_blocks : callable
         Return the classes of the blocks at a rotation cell, or those of the workspace if it is
         None, shape (nx, ny, nz).
@@ -120,13 +153,9 @@ class Cells:
         self._space = space
         self.make_blocks = lru_cache(24)(self._merge_cells)
         self.invalidate()
-        grid = self.drawn.grid
-        self.side = math.ceil((grid.size / MAX_BLOCKS) ** (1.0 / grid.dim))
-        self._shape = np.ones(3, dtype=np.int64)
-        self._shape[: grid.dim] = grid.shape
-        self._cell = lift([grid.spacing] * grid.dim, wall)
-        self.lower = lift(grid.lower, 0.0)
-        self.upper = self.lower + self._cell * self._shape
+        self.floor = self.drawn.floor or 0.0
+        self.scene = Lattice.of(self.drawn.workspace.grid, wall, self.floor)
+        self._states = Lattice.of(self.drawn.grid, wall, self.floor)
 
     def invalidate(self) -> None:
         """Clear the cache, because the map has changed."""
@@ -143,18 +172,23 @@ class Cells:
         """Merge cells, at a rotation or of the workspace, into blocks."""
         space = self.drawn
         if cell is None:
-            classes = classify_ground(space.drawn_workspace)
+            classes = classify_ground(space.workspace)
         else:
             classes = classify_cells(space, space.rotations.centers[cell])
-        return np.atleast_3d(reduce_blocks(classes, self.side))
+        return np.atleast_3d(reduce_blocks(classes, self._lattice(cell).side))
+
+    def _lattice(self, cell: int | None) -> Lattice:
+        """Return the blocks at a rotation, or those of the workspace."""
+        return self.scene if cell is None else self._states
 
     def make_solid(self, cell: int | None, kind: SolidKind, cut: float) -> Surface:
         """Return the surface of a kind's blocks below the height ``cut``, metres."""
         solid = np.isin(self._blocks_below(cell, cut), kind.classes)
         # Corners of rectangles in cells; the last blocks may reach beyond the map.
-        corners = self.side * extract_border(solid, kind.has_boundary)
-        lattice = np.minimum(corners, self._shape).reshape(-1, 3)
-        vertices = self.lower + self._cell * lattice
+        blocks = self._lattice(cell)
+        corners = blocks.side * extract_border(solid, kind.has_boundary)
+        nodes = np.minimum(corners, blocks.shape).reshape(-1, 3)
+        vertices = blocks.lower + blocks.cell * nodes
         vertices[:, 2] = np.minimum(vertices[:, 2], cut)
         # Each rectangle becomes two triangles.
         rectangles = np.arange(len(vertices)).reshape(-1, 4)
@@ -166,8 +200,9 @@ class Cells:
         In space, it shows the blocks at the height ``cut``, metres; in the plane, all blocks.
         """
         layer = self._blocks_below(cell, cut)[:, :, -1]
-        lower = self.lower[:2]
-        size = self._cell[:2] * self.side * layer.shape
+        blocks = self._states
+        lower = blocks.lower[:2]
+        size = blocks.cell[:2] * blocks.side * layer.shape
         colors = np.array([(*hex_to_rgb(each.color), 255) for each in CellClass], dtype=np.uint8)
         if self.drawn.grid.dim == 3:
             colors[: CellClass.PARTLY + 1, 3] = 0  # free cells of a section are transparent
@@ -176,13 +211,14 @@ class Cells:
         # Browsers blur enlarged images, so each block gets several pixels along each side.
         repeat = max(1, 1024 // max(layer.shape))
         image = image.repeat(repeat, axis=0).repeat(repeat, axis=1)
-        return MapSection(image, lower, np.minimum(lower + size, self.upper[:2]))
+        return MapSection(image, lower, np.minimum(lower + size, blocks.upper[:2]))
 
     def _blocks_below(self, cell: int | None, cut: float) -> Bytes:
         """Return the classes of the blocks that begin below a height."""
-        height = min(cut, self.upper[2]) - self.lower[2]
+        blocks = self._lattice(cell)
+        height = min(cut, blocks.upper[2]) - blocks.lower[2]
         # Subtracting 1e-9 keeps rounding from adding a layer; at least one layer is drawn.
-        layers = math.ceil(height / self._cell[2] / self.side - 1e-9)
+        layers = math.ceil(height / blocks.cell[2] / blocks.side - 1e-9)
         return self.make_blocks(cell)[..., : max(1, layers)]
 
 

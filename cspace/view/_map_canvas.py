@@ -54,7 +54,6 @@ class MapCanvas(Canvas):
         rotations = space.rotations
         self.body = DrawnRobot(space.drawn_robot, rotations)
         self.robot_reach = self.body.reach
-        self.poses = PoseDials(grid.dim, rotations)
         # Sizes stay visible on the page: walls half as high as the robot is long, but 0.1 % to
         # 3 % of the map's longest side, and gizmos at least 1.2 % of it.
         longest = grid.spacing * max(grid.shape)
@@ -62,6 +61,7 @@ class MapCanvas(Canvas):
         self._gizmo_size = max(self.body.size, 0.012 * longest)
         self.cells = Cells(space, self._wall_height)
         drawn = self.cells.drawn
+        self.poses = PoseDials(grid.dim, rotations, self.cells.floor)
         center = np.add(grid.lower, grid.upper) / 2
         not_turned = np.array([1.0, 0.0, 0.0, 0.0])
         fallback = self.poses.nearest_configuration(center, not_turned)
@@ -69,19 +69,19 @@ class MapCanvas(Canvas):
         given = {name: space.check_configuration(q, name) for name, q in endpoints.items()}
         super().__init__(server, space, chosen | given)
         self._has_height = grid.dim == 3
+        self._is_solid = drawn.workspace.grid.dim == 3
         # Sliders have steps of a power of ten, at most the side of a cell.
         self._step = 10.0 ** math.floor(math.log10(grid.spacing))
         self.kinds = [*KINDS]
-        ground = drawn.drawn_workspace
-        unknown = ground.unknown
-        if unknown is None or not ground.outer[unknown].any():
+        unknown = drawn.workspace.unknown
+        if unknown is None or not drawn.workspace.outer[unknown].any():
             self.kinds.remove("unknown")
         hidden = {"mixed"} if self._has_height else {"border", "mixed"}
         self.shown = {*self.kinds, SECTION} - hidden
         self.cut = self._choose_cut(points)
         self._drawn: dict[str, Any] = {}
         self._drawing = threading.Lock()
-        self._surface = make_robot_surface(space.drawn_robot, self._wall_height)
+        self._surface = make_robot_surface(space.robot, self._wall_height)
         self._robot = server.scene.add_frame(
             "/robot",
             show_axes=bool(self.poses.angles),
@@ -90,18 +90,22 @@ class MapCanvas(Canvas):
         )
         self._add_mesh("/robot/body", self._surface, ROBOT_FILL_COLOR)
         self._gizmos = {name: self._add_gizmo(name) for name in ENDPOINT_COLORS}
-        back = np.array([-0.5, -1.0, 0.9] if self._has_height else [0.0, -0.45, 1.0])
-        self._place_camera(self.cells.lower, self.cells.upper, back)
+        back = np.array([-0.5, -1.0, 0.9] if self._is_solid else [0.0, -0.45, 1.0])
+        self._place_camera(self.cells.scene.lower, self.cells.scene.upper, back)
         self._describe_panel()
 
     def _choose_cut(self, points: Floats) -> float:
         """Choose a height above the robot at start, goal and path, metres."""
-        highest = float(self.cells.upper[2])
-        if not self._has_height:
+        scene = self.cells.scene
+        highest = float(scene.upper[2])
+        if not self._is_solid:
             return highest
-        rows = np.concatenate([[*self.endpoints.values()], points])
-        top = self.body.extents(rows)[:, 1, 2].max()
-        return float(np.clip(top, self.cells.lower[2] + self._space.grid.spacing, highest))
+        if self._has_height:
+            rows = np.concatenate([[*self.endpoints.values()], points])
+            top = self.body.extents(rows)[:, 1, 2].max()
+        else:
+            top = self.cells.floor + self._space.robot.shape.outer.bounds[1][2]
+        return float(np.clip(top, scene.lower[2] + self._space.grid.spacing, highest))
 
     def _describe_panel(self) -> None:
         """Set the title, the dials and the legend."""
@@ -122,7 +126,7 @@ class MapCanvas(Canvas):
             limit = 90.0 if angle == "pitch" else 180.0
             self.dials.append(Dial(f"{angle} (°)", -limit, limit, 1.0))
         shown = [CellClass.OPEN, CellClass.COLLIDES, CellClass.UNDECIDED, CellClass.OBSTACLE]
-        unknown = self.cells.drawn.drawn_workspace.unknown
+        unknown = self.cells.drawn.workspace.unknown
         if unknown is not None and unknown.any():
             is_solid = "unknown" in self.kinds
             shown.append(CellClass.UNSEEN if is_solid else CellClass.ASSUMED)
@@ -187,7 +191,8 @@ class MapCanvas(Canvas):
     def _path_positions(self, q: Floats) -> Floats:
         """Return a drawn path's positions, shape (n, 3)."""
         dim = self._space.grid.dim
-        positions = np.full((len(q), 3), 0.6 * self._wall_height)  # the height in the plane
+        height = self.cells.floor + 0.6 * self._wall_height  # in the plane
+        positions = np.full((len(q), 3), height)
         positions[:, :dim] = q[:, :dim]
         return positions
 
@@ -199,10 +204,11 @@ class MapCanvas(Canvas):
         The inputs call ``changed`` when a user sets them. Returns them by label.
         """
         added: dict[str, Any] = {}
-        if self._has_height:
-            label = f"cut at {self.dials[2].label}"
-            low = self.cells.lower[2] + self._space.grid.spacing
-            numbers = np.round([low, self.cells.upper[2], self._step, self.cut], 9)
+        if self._is_solid:
+            label = f"cut at z ({self._space.grid.unit})"
+            scene = self.cells.scene
+            low = scene.lower[2] + self._space.grid.spacing
+            numbers = np.round([low, scene.upper[2], self._step, self.cut], 9)
             cut = added[label] = gui.add_slider(label, *numbers.tolist())
         labels = {name: KINDS[name].label for name in self.kinds}
         labels[SECTION] = "section" if self._has_height else "ground"
@@ -211,7 +217,7 @@ class MapCanvas(Canvas):
 
         def choose(_: Any) -> None:
             """Apply the inputs, and report the change."""
-            if self._has_height:
+            if self._is_solid:
                 self.cut = float(cut.value)
             self.shown = {name for name, label in labels.items() if added[label].value}
             changed()
@@ -248,7 +254,7 @@ class MapCanvas(Canvas):
             return
         section = self.cells.make_section(cell, cut)
         # The section lies on top of the solids that it cuts.
-        height = cut + 1e-3 * self._gizmo_size if self._has_height else 0.0
+        height = cut + 1e-3 * self._gizmo_size if self._has_height else self.cells.floor
         width, depth = section.upper - section.lower
         center = (section.lower + section.upper) / 2
         self._server.scene.add_image(
@@ -295,9 +301,13 @@ class PoseDials:
         Elements of :data:`ANGLES` that the robot can turn by.
     """
 
-    def __init__(self, dim: int, rotations: Rotations) -> None:
-        """Choose the angles that a robot of a dimension can change."""
+    def __init__(self, dim: int, rotations: Rotations, height: float = 0.0) -> None:
+        """Choose the angles that a robot of a dimension can change.
+
+        ``height`` is that of a plane map's robots in space, metres.
+        """
         self.dim = dim
+        self._height = height
         self._rotations = rotations
         # A configuration without rotation coordinates has no angles, with one it has a yaw, and
         # with the four of a quaternion it has all three.
@@ -318,7 +328,7 @@ class PoseDials:
 
     def pose(self, q: Floats) -> tuple[Floats, Floats]:
         """Convert a configuration to position and quaternion, w first."""
-        return lift(q[: self.dim].tolist(), 0.0), to_quaternion(self._rotation_matrix(q))
+        return lift(q[: self.dim].tolist(), self._height), to_quaternion(self._rotation_matrix(q))
 
     def nearest_configuration(self, position: Floats, wxyz: Floats) -> Floats:
         """Return the configuration nearest to a pose in space."""

@@ -124,6 +124,24 @@ def test_robots_are_drawn_along_the_path_and_turned(flat, turning):
     assert (arrows.V > 0.3).all()
 
 
+def test_a_robot_on_a_floor_is_drawn_with_the_outlines_of_its_heights():
+    balls = cspace.Robot.from_balls([(0.0, 0.0, 0.3), (0.2, 0.0, 0.7)], [0.3, 0.1])
+    workspace = cspace.Workspace.from_array(np.zeros((20, 20, 10), dtype=bool), 0.1)
+    space = cspace.build(workspace, balls, rotations=8, floor=0.01)
+    axes = space.plot(path=[(1.0, 1.0, 0.5)])
+    _, levels, *_ = axes.collections
+    boxes = [path.get_extents() for path in levels.get_paths()]
+    place = np.array([1.0, 1.0]) + 0.2 * np.array([np.cos(0.5), np.sin(0.5)])
+    centers = np.array([(box.x0 + box.x1, box.y0 + box.y1) for box in boxes]) / 2.0
+    at_ball = np.hypot(*(centers - (1.0, 1.0)).T) < 1e-3
+    at_top = np.hypot(*(centers - place).T) < 1e-3
+    widths = np.array([box.width for box in boxes])
+    assert (at_ball | at_top).all() and at_top.any()
+    assert len(np.unique(widths[at_ball].round(3))) > 2
+    assert widths[at_ball].max() == pytest.approx(0.6, abs=0.01)
+    assert widths[at_top].max() == pytest.approx(0.2, abs=0.01)
+
+
 @pytest.mark.parametrize("shape", [(3000, 2000), (5000, 7)])
 def test_no_obstacle_vanishes_from_a_picture_of_a_large_map(shape):
     occupied = np.zeros(shape, bool)

@@ -43,7 +43,7 @@ def test_blocks_show_the_largest_class_until_they_are_invalidated(parts, side, m
     last = len(space.rotations) - 1
     at_last = classify_cells(space, space.rotations.centers[last])
     for cell, classes in ((last, at_last), (None, 7 * workspace.outer)):
-        assert cells.side == side
+        assert cells.scene.side == side
         expected = np.atleast_3d(reduce_by_brute_force(classes, side))
         np.testing.assert_array_equal(cells.make_blocks(cell), expected)
     before = cells.make_blocks(last)

@@ -70,6 +70,21 @@ def test_solids_end_at_the_cut(cut):
     assert mesh.volume == pytest.approx(0.5**3 * (occupied * heights).sum())
 
 
+def test_obstacles_of_a_robot_on_a_floor_are_those_in_space():
+    occupied = fill_boxes((12, 10, 8), np.s_[:, :, 0], np.s_[3, 4:6, :], np.s_[8, :, 6:])
+    workspace = cspace.Workspace.from_array(occupied, 0.5, lower=(-1.0, 2.0, 0.5))
+    robot = cspace.Robot.box((0.4, 0.4, 0.6))
+    cells = Cells(cspace.build(workspace, robot, floor=1.4), 0.2)
+    for cut in (1.75, 9.0):
+        mesh = trimesh.Trimesh(*cells.make_solid(None, KINDS["obstacles"], cut))
+        heights = np.clip((cut - 0.5) / 0.5 - np.arange(8), 0.0, 1.0)
+        assert mesh.volume == pytest.approx(0.5**3 * (occupied * heights).sum())
+    # States are walls on the floor.
+    walls, _ = cells.make_solid(0, KINDS["border"], 9.0)
+    assert np.ptp(walls, axis=0)[2] == pytest.approx(0.2)
+    assert walls[:, 2].min() == pytest.approx(1.4)
+
+
 def read_pixel(section, x, y):
     """Return the pixel at a position; the first row has the largest y."""
     rows, columns = section.image.shape[:2]

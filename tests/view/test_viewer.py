@@ -91,6 +91,19 @@ def test_the_scene_follows_the_robot_and_the_choices(viewed):
     until(lambda: node(viewer, "/mixed") and not node(viewer, "/obstacles"))
 
 
+def test_a_robot_on_a_floor_stands_in_its_scene():
+    space = build_room("floor")
+    with space.view(block=False, port=0, path=[(0.5, 0.5, 0.0), (2.0, 0.5, 0.0)]) as viewer:
+        canvas = viewer.canvas
+        assert viewer.page.wait(600.0)
+        assert node(viewer, "/robot").position[2] == node(viewer, "/start").position[2] == 0.5
+        heights = node(viewer, "/robot/body").vertices[:, 2]
+        np.testing.assert_allclose((heights.min(), heights.max()), (-0.15, 0.15), atol=1e-6)
+        assert (canvas._path_positions(np.zeros((1, 3)))[:, 2] > 0.5).all()
+        assert canvas.cut == pytest.approx(0.65)  # the top of the robot
+        assert "cut at z (m)" in viewer.page.panel.shown
+
+
 def test_a_page_shows_plans_proofs_and_errors(viewed):
     _, space, viewer = viewed
     page = viewer.page
