@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from numbers import Real
 from typing import (
     TYPE_CHECKING,
@@ -30,9 +31,10 @@ import shapely
 from numpy.typing import ArrayLike
 from shapely.geometry.base import BaseGeometry
 
-from cspace import Rotations, Space
+from cspace import Robot, Rotations, Space
 from cspace.errors import GeometryError, InputError
 from cspace.inside import (
+    Bools,
     ConfigurationMap,
     Cores,
     Floats,
@@ -61,9 +63,6 @@ Within: TypeAlias = Literal["contour", "point"]
 FIRST_CELLS: Final = 8
 """Largest travel of the first stretches that are tested, in cells."""
 
-CUTS: Final = 8
-"""Number of stretches into which an undecided one is cut, so that they are a cell long."""
-
 MAX_STRETCHES: Final = 1000
 """Largest number of stretches into which an interval is cut at first."""
 
@@ -79,12 +78,14 @@ GRADE: Final = 1.1
 Its square is above :data:`planners._jerk.BORDER_RATIO`, so that legs of limited jerk end there."""
 
 
-class ZoneLevel(NamedTuple):
-    """All areas with one speed, m/s."""
+class ZoneLevels(NamedTuple):
+    """The n unions of areas with one speed each, the lowest speed first."""
 
-    speed: float
-    area: BaseGeometry
-    border: BaseGeometry
+    speeds: Floats  # (n,), m/s
+    areas: Any  # (n,), prepared geometries
+    borders: Any  # (n,), those around the areas
+    lower: Floats  # (n, 2), corners of the areas' bounding boxes
+    upper: Floats
 
 
 @dataclass(frozen=True, slots=True, weakref_slot=True)
@@ -129,7 +130,7 @@ class SpeedZones:
     zones: Sequence[tuple[Any, float]]
     within: Within = "contour"
     frame_id: str | None = None
-    _levels: list[ZoneLevel] = field(init=False, repr=False, compare=False)
+    _levels: ZoneLevels = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         """Check the zones, and keep shapely geometries."""
@@ -149,11 +150,14 @@ class SpeedZones:
         check_word(self.within, "within", ("contour", "point"))
         if self.frame_id is not None:
             check_text(self.frame_id, "frame_id")
-        levels = []
-        for speed in sorted({speed for _, speed in zones}):
-            area = shapely.union_all([area for area, each in zones if each == speed])
-            levels.append(ZoneLevel(speed, area, area.boundary))
-            shapely.prepare([area, levels[-1].border])
+        speeds = sorted({speed for _, speed in zones})
+        areas = np.array(
+            [shapely.union_all([area for area, each in zones if each == speed]) for speed in speeds]
+        )
+        borders = shapely.boundary(areas)
+        shapely.prepare([areas, borders])
+        boxes = shapely.bounds(areas)
+        levels = ZoneLevels(np.array(speeds), areas, borders, boxes[:, :2], boxes[:, 2:])
         object.__setattr__(self, "zones", tuple(zones))
         object.__setattr__(self, "_levels", levels)
 
@@ -363,10 +367,13 @@ class SpeedRule(Protocol):
     def step(self) -> float:
         """Length of the smallest stretches, metres."""
 
-    def measure(self, q: Floats, reaches: Floats) -> tuple[Floats, Floats]:
-        """Return the lowest speeds that may hold within the reaches of rows, and that surely do.
+    def measure(self, q: Floats, reaches: Floats) -> Floats:
+        """Return the lowest speeds that may hold within the reaches of rows; infinity for none."""
 
-        The second ones only save work. An infinite speed is no limit.
+    def estimate(self, q: Floats, reaches: Floats) -> tuple[Floats, Floats]:
+        """Return lower speeds, in less time, and speeds that surely hold within the reaches.
+
+        Where both are equal, no cut leads to a higher speed.
         """
 
 
@@ -374,40 +381,72 @@ class ZoneRule(NamedTuple):
     """Zones for one robot."""
 
     zones: SpeedZones
-    levels: list[ZoneLevel]  # the lowest speed first
     cores: Cores | None  # of the robot; None for a disc around the reference point
-    size: float  # radius of a disc around the reference point that holds it, metres
+    inner: float  # radius of a disc around the reference point within the robot, metres
+    size: float  # radius of one that holds it
     has_yaw: bool
     lever: float
     step: float
 
-    def measure(self, q: Floats, reaches: Floats) -> tuple[Floats, Floats]:
-        """Return the lowest speeds that may hold, and that surely do."""
-        lowest, surest = np.full((2, len(q)), np.inf)
-        reaches = reaches + Cores.bound_rounding(np.abs(q[:, :2]).max(axis=1) + self.size)
-        anchors = shapely.points(q[:, :2])
-        areas = np.array([area for _, area, _ in self.levels])
-        is_near = shapely.dwithin(areas[:, np.newaxis], anchors, reaches + self.size)
-        rows = np.flatnonzero(is_near.any(axis=0))
-        placed = self._place(q[rows], anchors[rows])
-        for (speed, area, border), nearby in zip(self.levels, is_near[:, rows], strict=True):
-            # No higher limit counts where a lower one may hold.
-            near = np.flatnonzero(nearby & np.isinf(lowest[rows]))
-            touched = np.zeros(len(near), dtype=np.bool_)
-            for geometries, radius in placed:
-                touched |= shapely.dwithin(area, geometries[near], reaches[rows[near]] + radius)
-            near = rows[near[touched]]
-            lowest[near] = speed
-            held = near[shapely.intersects(area, anchors[near])]
-            deep = ~shapely.dwithin(border, anchors[held], reaches[held])
-            surest[held[deep]] = speed
-        return lowest, surest
+    @property
+    def levels(self) -> ZoneLevels:
+        """The areas by their speeds."""
+        return self.zones._levels
 
-    def _place(self, q: Floats, anchors: Any) -> list[tuple[Any, float]]:
-        """Return arrays of the robot's parts at configurations, with their radii."""
-        if self.cores is None or not len(q):
-            return [(anchors, self.size)]
-        return self.cores.place(q[:, [0, 1, -1]] if self.has_yaw else q[:, :2])
+    def measure(self, q: Floats, reaches: Floats) -> Floats:
+        """Return the lowest speeds that may hold."""
+        levels, rows, anchors, reached = self._find_near(q, reaches)
+        if self.cores is not None:
+            touches = shapely.dwithin(self.levels.areas[levels], anchors, reached + self.inner)
+            left = np.flatnonzero(~touches)
+            touches[left] = self._touch(q, levels[left], rows[left], reached[left])
+            levels, rows = levels[touches], rows[touches]
+        return self._find_lowest(levels, rows, len(q))
+
+    def estimate(self, q: Floats, reaches: Floats) -> tuple[Floats, Floats]:
+        """Return the lowest speeds near areas, and those that surely hold."""
+        levels, rows, anchors, reached = self._find_near(q, reaches)
+        lowest = self._find_lowest(levels, rows, len(q))
+        # One point of the robot is in the area all the while.
+        areas, borders = self.levels.areas, self.levels.borders
+        depths = reached - self.inner
+        is_sure = shapely.dwithin(areas[levels], anchors, np.maximum(-depths, 0.0))
+        is_sure &= (depths < 0.0) | ~shapely.dwithin(borders[levels], anchors, depths)
+        return lowest, self._find_lowest(levels[is_sure], rows[is_sure], len(q))
+
+    def _find_near(self, q: Floats, reaches: Floats) -> tuple[Ints, Ints, Any, Floats]:
+        """Return pairs of areas and rows whose robot may reach these, the lowest speeds first.
+
+        They are the levels, rows, reference points, and reaches, shape (m,) each.
+        """
+        points = q[:, :2]
+        largest = np.abs(points).max(axis=1, initial=0.0) + self.size
+        reaches = reaches + Cores.bound_rounding(largest)
+        lower, upper = self.levels.lower[:, np.newaxis], self.levels.upper[:, np.newaxis]
+        gaps = np.maximum(lower - points, points - upper).max(axis=2)
+        levels, rows = np.nonzero(gaps <= reaches + self.size)
+        used, numbers = _number(rows, len(q))
+        anchors = shapely.points(points[used])[numbers]
+        reached = reaches[rows]
+        is_near = shapely.dwithin(self.levels.areas[levels], anchors, reached + self.size)
+        return levels[is_near], rows[is_near], anchors[is_near], reached[is_near]
+
+    def _find_lowest(self, levels: Ints, rows: Ints, count: int) -> Floats:
+        """Return the lowest speed of each of ``count`` rows in pairs, those first; or infinity."""
+        lowest = np.full(count, np.inf)
+        # A row keeps what is written last.
+        lowest[rows[::-1]] = self.levels.speeds[levels[::-1]]
+        return lowest
+
+    def _touch(self, q: Floats, levels: Ints, rows: Ints, reached: Floats) -> Bools:
+        """Return whether the robot is within reaches of areas, for pairs, shape (m,)."""
+        touches = np.zeros(len(rows), dtype=np.bool_)
+        poses = q[:, [0, 1, -1]] if self.has_yaw else q[:, :2]
+        used, numbers = _number(rows, len(q))
+        for bodies, radius in self.cores.place(poses[used]) if self.cores and len(used) else ():
+            areas = self.levels.areas[levels]
+            touches |= shapely.dwithin(areas, bodies[numbers], reached + radius)
+        return touches
 
 
 class NearRule(NamedTuple):
@@ -417,8 +456,12 @@ class NearRule(NamedTuple):
     lever: float
     step: float
 
-    def measure(self, q: Floats, reaches: Floats) -> tuple[Floats, Floats]:
-        """Return the lowest speeds that may hold, and that surely do.
+    def measure(self, q: Floats, reaches: Floats) -> Floats:
+        """Return the lowest speeds that may hold."""
+        return self.estimate(q, reaches)[0]
+
+    def estimate(self, q: Floats, reaches: Floats) -> tuple[Floats, Floats]:
+        """Return the lowest speeds that may hold, and those that surely do.
 
         The clearance of a row is a bound of the robot's true distance there. That falls by at most
         the reach, however the bound jumps between rotation cells.
@@ -436,9 +479,13 @@ class EverywhereRule(NamedTuple):
     step: float
     lever: float = 0.0
 
-    def measure(self, q: Floats, reaches: Floats) -> tuple[Floats, Floats]:
+    def measure(self, q: Floats, reaches: Floats) -> Floats:
+        """Return the speed for each row."""
+        return np.full(len(q), self.speed)
+
+    def estimate(self, q: Floats, reaches: Floats) -> tuple[Floats, Floats]:
         """Return the speed for each row, twice."""
-        speeds = np.full(len(q), self.speed)
+        speeds = self.measure(q, reaches)
         return speeds, speeds
 
 
@@ -511,7 +558,7 @@ def _find_largest(
     sizes = check_finite(lengths, "lengths"), check_finite(turns, "turns")
     reaches = 0.5 * (1.0 + ROUNDING) * (sizes[0] + rule.lever * sizes[1])
     reaches = np.broadcast_to(reaches, points.shape[:-1]).reshape(-1)
-    found, _ = rule.measure(points.reshape(-1, space.size), reaches)
+    found = rule.measure(points.reshape(-1, space.size), reaches)
     return found.reshape(points.shape[:-1])
 
 
@@ -529,12 +576,12 @@ def _place_zones(zones: SpeedZones, space: ConfigurationMap, frame_id: str) -> S
         raise InputError(f"zones[{number}]", problem, rule)
     step = 2.0 * space.resolution
     if zones.within == "point":
-        return ZoneRule(zones, zones._levels, None, 0.0, False, 0.0, step)
+        return ZoneRule(zones, None, 0.0, 0.0, False, 0.0, step)
     names = space.rotations.names
     if len(names) > 1:
-        return ZoneRule(zones, zones._levels, None, size, False, 0.0, step)
-    cores = Cores(space.robot.shape.project_to_plane().outer)
-    return ZoneRule(zones, zones._levels, cores, size, bool(names), size if names else 0.0, step)
+        return ZoneRule(zones, None, size, size, False, 0.0, step)
+    cores, inner = _split_robot(space.robot)
+    return ZoneRule(zones, cores, inner, size, bool(names), size if names else 0.0, step)
 
 
 def _place_near(
@@ -570,9 +617,34 @@ def _format_box(area: BaseGeometry) -> str:
     return f"x {x0:g} to {x1:g} m, y {y0:g} to {y1:g} m"
 
 
+def _number(rows: Ints, count: int) -> tuple[Ints, Ints]:
+    """Return the distinct rows of range(count) in a list, and the number of each one of it."""
+    is_used = np.zeros(count, dtype=np.bool_)
+    is_used[rows] = True
+    return np.flatnonzero(is_used), (np.cumsum(is_used) - 1)[rows]
+
+
+@lru_cache(maxsize=16)
+def _split_robot(robot: Robot) -> tuple[Cores, float]:
+    """Return a robot seen from above, and its largest disc's radius around the reference point."""
+    cores = Cores(robot.shape.project_to_plane().outer)
+    origin = shapely.Point(0.0, 0.0)
+    largest = 0.0
+    for geometry, radius in cores.parts:
+        if radius:
+            largest = max(largest, radius - geometry.distance(origin))
+        elif geometry.contains(origin):
+            largest = max(largest, geometry.boundary.distance(origin))
+    return cores, (1.0 - ROUNDING) * largest
+
+
 def _measure_size(space: ConfigurationMap) -> float:
-    """Return the largest distance of a point of the robot from its reference point."""
-    corner = np.abs(space.robot.shape.outer.bounds).max(axis=0)
+    """Return the largest distance of a point of the robot from its reference point.
+
+    Heights count only if the robot rotates about any axis.
+    """
+    dim = space.dim if len(space.rotations.names) > 1 else 2
+    corner = np.abs(space.robot.shape.outer.bounds)[:, :dim].max(axis=0)
     return float(np.linalg.norm(corner)) * (1.0 + ROUNDING)
 
 
@@ -585,24 +657,12 @@ class Stretches(NamedTuple):
     tops: Floats  # (n,), largest speeds along the segment
 
 
-class PlacedLimits:
-    """The limits of places and links that a motion keeps.
+class PlacedLimits(NamedTuple):
+    """The limits of places and links that a motion keeps."""
 
-    ``found`` are the last segments whose intervals were found, and these.
-    """
-
-    def __init__(
-        self, rules: Sequence[SpeedRule | ToolRule], rotations: Rotations, dim: int
-    ) -> None:
-        """Keep the limits; ``dim`` is the number of axes of the translation."""
-        self.rules = tuple(rules)
-        self._rotations = rotations
-        self._dim = dim
-        self.found: tuple[Segments, object] | None = None
-
-    def renew(self) -> PlacedLimits:
-        """Return the same limits, which ask anew."""
-        return PlacedLimits(self.rules, self._rotations, self._dim)
+    rules: tuple[SpeedRule | ToolRule, ...]
+    rotations: Rotations
+    dim: int  # number of axes of the translation
 
     def find_stretches(
         self,
@@ -631,27 +691,31 @@ class PlacedLimits:
     ) -> Stretches:
         """Cut stretches where one limit changes."""
         # They bound metres and radians by the length of each interval.
-        ahead = np.linalg.norm(rates[:, : self._dim], axis=1)
-        turning = np.linalg.norm(rates[:, self._dim :], axis=1)
+        ahead = np.linalg.norm(rates[:, : self.dim], axis=1)
+        turning = np.linalg.norm(rates[:, self.dim :], axis=1)
         travel = (ahead + rule.lever * turning) * (1.0 + ROUNDING)
         numbers, begins, lengths, tops = stretches
-        firsts = travel[numbers] * lengths / (FIRST_CELLS * rule.step)
-        counts = np.ceil(np.clip(firsts, 1.0, MAX_STRETCHES)).astype(np.int64)
         done = []
-        for is_last in (False, True):
+        for step in (FIRST_CELLS * rule.step, rule.step):
+            is_last = step == rule.step
+            least = np.ceil(np.minimum(travel[numbers] * lengths / step, MAX_STRETCHES))
+            counts = np.maximum(least, 1.0).astype(np.int64)
             owners, places = number_parts(counts)
             lengths = (lengths / counts)[owners]
             begins = begins[owners] + places * lengths
             numbers, tops = numbers[owners], tops[owners]
             halves = 0.5 * lengths
-            q, first, _ = place_along(parts.select(numbers), self._rotations, begins + halves)
+            q, first, _ = place_along(parts.select(numbers), self.rotations, begins + halves)
+            reaches = halves * travel[numbers]
             if isinstance(rule, ToolRule):
                 slopes = rates[numbers], bends[numbers]
                 lowest, surest = rule.measure_along(q, first, halves, *slopes)
             else:
-                speeds = rule.measure(q, halves * travel[numbers])
                 with np.errstate(divide="ignore"):
-                    lowest, surest = speeds / ahead[numbers]
+                    if is_last:
+                        lowest = surest = rule.measure(q, reaches) / ahead[numbers]
+                    else:
+                        lowest, surest = rule.estimate(q, reaches) / ahead[numbers]
             is_open = (lowest < surest) & (lowest < tops) & (not is_last)
             found = Stretches(numbers, begins, lengths, np.minimum(tops, lowest))
             done.append(Stretches._make(column[~is_open] for column in found))
@@ -659,7 +723,6 @@ class PlacedLimits:
                 break
             numbers, begins, lengths = numbers[is_open], begins[is_open], lengths[is_open]
             tops = tops[is_open]
-            counts = np.full(len(numbers), CUTS)
         joined = Stretches._make(np.concatenate(columns) for columns in zip(*done, strict=True))
         order = np.lexsort((joined.begins, joined.numbers))
         return Stretches._make(column[order] for column in joined)

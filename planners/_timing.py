@@ -9,7 +9,7 @@ time-optimal path parameterization based on reachability analysis", 2018).
 
 from __future__ import annotations
 
-from typing import Any, Final, NamedTuple, cast
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -152,6 +152,7 @@ class MotionBounds(NamedTuple):
     gap: float  # largest relative gap between segments
     jerk: LimitRates | None = None
     places: PlacedLimits | None = None
+    memo: IntervalMemo | None = None
 
     def list_limits(self) -> list[Floats]:
         """Return the limits of velocity, acceleration and jerk; infinite ones if missing."""
@@ -166,6 +167,21 @@ class MotionBounds(NamedTuple):
             return []
         sideways = turns_ahead * np.abs(rates[:, 2]) * np.linalg.norm(rates[:, :2], axis=1)
         return [sideways[:, np.newaxis] / self.lateral]
+
+
+class IntervalMemo:
+    """The last intervals, because a motion is made, limited and checked on the same ones.
+
+    ``known`` are segments, limits of places, and the intervals.
+    """
+
+    def __init__(self) -> None:
+        """Begin without intervals."""
+        self.known: tuple[tuple[Segments, PlacedLimits | None, Intervals], ...] = ()
+
+    def __reduce__(self) -> tuple[type[IntervalMemo], tuple[()]]:
+        """Pickle no intervals."""
+        return IntervalMemo, ()
 
 
 def are_same_bounds(first: MotionBounds, second: MotionBounds) -> bool:
@@ -224,8 +240,27 @@ def measure_intervals(
 def _find_intervals(segments: Segments, rotations: Rotations, bounds: MotionBounds) -> Intervals:
     """Return all intervals of segments."""
     places = bounds.places
-    if places is not None and places.found is not None and places.found[0] is segments:
-        return cast("Intervals", places.found[1])
+    known = bounds.memo.known if bounds.memo is not None else ()
+    for others, limits, intervals in known:
+        if others is segments and limits is places:
+            return intervals
+    if places is None:
+        intervals = _find_hard_intervals(segments, rotations, bounds)
+    else:
+        hard = _find_intervals(segments, rotations, bounds._replace(places=None))
+        parts = segments.select(hard.owners)
+        ends = hard.begins, hard.lengths, np.sqrt(hard.caps)
+        found = places.find_stretches(parts, ends, hard.rates, hard.bends)
+        intervals = _cut_intervals(hard, found)
+    if bounds.memo is not None:
+        bounds.memo.known = (*known[-2:], (segments, places, intervals))
+    return intervals
+
+
+def _find_hard_intervals(
+    segments: Segments, rotations: Rotations, bounds: MotionBounds
+) -> Intervals:
+    """Return all intervals of segments, without limits of places."""
     is_curve = segments.is_curve
     counts = np.where(is_curve, INTERVALS_PER_CURVE, 1)
     owners, numbers = number_parts(counts)
@@ -240,44 +275,38 @@ def _find_intervals(segments: Segments, rotations: Rotations, bounds: MotionBoun
     # Numbers for times resolve no larger accelerations.
     duration = (lengths + np.sqrt(lengths * rate_shares.max(axis=1))).sum()
     rate_shares = np.maximum(rate_shares, MIN_RAMP_SHARE * duration)
-    columns = (
-        *(owners, begins, lengths, is_curve[owners], rates, bends, np.abs(parts.twists)),
-        *(rate_shares, bend_shares, caps, caps),
-    )
-    if places is not None:
-        ends = begins, lengths, np.sqrt(caps)
-        found = places.find_stretches(parts, ends, rates, bends)
-        columns = _cut_intervals(columns, found)
-    owners, *_, caps = columns
     may_pass = np.ones(len(owners) - 1, dtype=np.bool_)
     may_pass[owners[1:] != owners[:-1]] = find_passes(segments, rotations, bounds)
     end_caps = np.zeros(len(owners) + 1)
     end_caps[1:-1] = np.where(may_pass, np.minimum(caps[:-1], caps[1:]), 0.0)
-    intervals = Intervals(*columns, end_caps)
-    if places is not None:
-        # A motion is checked after it is made.
-        places.found = segments, intervals
-    return intervals
+    return Intervals(
+        *(owners, begins, lengths, is_curve[owners], rates, bends, np.abs(parts.twists)),
+        *(rate_shares, bend_shares, caps, caps, end_caps),
+    )
 
 
-def _cut_intervals(columns: tuple[Any, ...], found: Stretches) -> tuple[Any, ...]:
-    """Cut columns of intervals where limits of places change."""
-    begins, lengths, caps = columns[1], columns[2], columns[-1]
+def _cut_intervals(hard: Intervals, found: Stretches) -> Intervals:
+    """Cut intervals where limits of places change."""
     squares = found.tops**2
-    hard = caps[found.numbers]
-    squares = np.where(squares < (1.0 - MAX_ERROR) * hard, squares, hard)
+    caps = hard.caps[found.numbers]
+    squares = np.where(squares < (1.0 - MAX_ERROR) * caps, squares, caps)
     is_new = np.ones(len(squares), dtype=np.bool_)
     is_new[1:] = (np.diff(found.numbers) != 0) | (np.diff(squares) != 0.0)
     numbers = found.numbers[is_new]
-    new_begins = found.begins[is_new]
-    new_lengths = lengths[numbers]
+    cut = Intervals._make(column[numbers] for column in hard)
+    begins = found.begins[is_new]
+    lengths = cut.lengths.copy()
     is_cut = np.bincount(numbers)[numbers] > 1
-    ends = (begins + lengths)[numbers]
-    inner = np.flatnonzero(numbers[1:] == numbers[:-1])
-    ends[inner] = new_begins[inner + 1]
-    new_lengths[is_cut] = (ends - new_begins)[is_cut]
-    owners, _, _, *others, _ = (column[numbers] for column in columns)
-    return owners, new_begins, new_lengths, *others, squares[is_new]
+    ends = cut.begins + lengths
+    is_inner = numbers[1:] == numbers[:-1]
+    inner = np.flatnonzero(is_inner)
+    ends[inner] = begins[inner + 1]
+    lengths[is_cut] = (ends - begins)[is_cut]
+    caps = squares[is_new]
+    may_pass = is_inner | (cut.end_caps[1:] > 0.0)
+    end_caps = np.zeros(len(caps) + 1)
+    end_caps[1:-1] = np.where(may_pass, np.minimum(caps[:-1], caps[1:]), 0.0)
+    return cut._replace(begins=begins, lengths=lengths, caps=caps, end_caps=end_caps)
 
 
 def find_phases(
@@ -622,8 +651,22 @@ def find_excess(
     segments: Segments, rotations: Rotations, bounds: MotionBounds, phases: Phases
 ) -> float:
     """Return the time, seconds, from which on phases keep the limits of places."""
-    exceeds = find_excesses(segments, rotations, bounds, phases)
-    return float(phases.times[1:][exceeds].max(initial=0.0))
+    exceeds = np.flatnonzero(find_excesses(segments, rotations, bounds, phases))
+    if not len(exceeds):
+        return 0.0
+    # In the last phase that exceeds them, the speed falls below the lowest of its limits.
+    last = exceeds[-1]
+    intervals = measure_intervals(segments, rotations, bounds)
+    is_met = intervals.owners == phases.segments[last]
+    is_met &= intervals.begins < phases.ends()[0][last]
+    is_met &= intervals.begins + intervals.lengths > phases.positions[last]
+    lowest = (1.0 + MAX_EXCESS) * float(np.sqrt(intervals.caps[is_met].min(initial=np.inf)))
+    duration = float(phases.durations[last])
+    if phases.ends()[1][last] <= lowest:
+        speed, gain, jerk = (float(column[last]) for column in phases[3:])
+        times = np.roots([0.5 * jerk, gain, speed - lowest])
+        duration = float(times.real[(times.imag == 0.0) & (times.real < duration)].max(initial=0.0))
+    return float(phases.times[last]) + duration
 
 
 def find_excesses(

@@ -60,6 +60,7 @@ from planners._smoothing import VIA_CELLS, Junction, make_polyline, smooth_path
 from planners._speed_limits import PlacedLimits, place_limits
 from planners._timing import (
     MAX_ERROR,
+    IntervalMemo,
     LimitRates,
     MotionBounds,
     Phases,
@@ -331,9 +332,7 @@ class Trajectory:
     def _find_fast(self) -> Bools:
         """Return which segments exceed present limits of places, shape (m,)."""
         fast = np.zeros(len(self._segments.lengths), dtype=np.bool_)
-        bounds = self._bounds
-        if bounds.places is not None:
-            bounds = bounds._replace(places=bounds.places.renew())
+        bounds = self._bounds._replace(memo=None)
         exceeds = find_excesses(self._segments, self._rotations, bounds, self._phases)
         later = self._phases.times[:-1] >= self.exceeds_until
         fast[self._phases.segments[:-1][exceeds & later]] = True
@@ -885,7 +884,7 @@ def continue_trajectory(
     step = check_positive(time_step, "time_step", "seconds")
     bounds = _check_bounds(path, limits)
     if not len(path.waypoints):
-        return replace(stop, stop_reason="the plan has no path")
+        return _rest(stop, bounds, "the plan has no path")
     rotations = stop._rotations
     onward = _start_at(path, stop.positions[-1], rotations)
     from_rest = onward is not None
@@ -915,7 +914,14 @@ def continue_trajectory(
         if made is not None and made.certified:
             return made
         reason = "the motion along the plan is not proven free, or rounding exceeds its limits"
-    return replace(stop, stop_reason=reason)
+    return _rest(stop, bounds, reason)
+
+
+def _rest(stop: Trajectory, bounds: MotionBounds, reason: str) -> Trajectory:
+    """Return a stop with its reason, and with the limits of places of another motion."""
+    bounds = stop._bounds._replace(places=bounds.places, memo=None)
+    exceeds_until = find_excess(stop._segments, stop._rotations, bounds, stop._phases)
+    return replace(stop, stop_reason=reason, exceeds_until=exceeds_until, _bounds=bounds)
 
 
 def _start_at(path: DrivenPath, q: Floats, rotations: Rotations) -> DrivenPath | None:
@@ -1234,6 +1240,7 @@ def _check_bounds(path: DrivenPath, limits: MotionLimits) -> MotionBounds:
         gap=MAX_GAP if is_curved else MAX_ERROR,
         jerk=jerk,
         places=PlacedLimits(rules, _rotations_along(path), dim) if rules else None,
+        memo=IntervalMemo(),
     )
 
 

@@ -115,7 +115,9 @@ def _raster_zones(rule: ZoneRule, space: CSpace) -> Costs:
     """
     count = len(space.slice_rotations) if rule.has_yaw else 1
     speeds = np.full((count, *space.grid.shape[:2]), np.inf, dtype=np.float32)
-    for speed, area, _ in reversed(rule.levels):  # the lowest last
+    levels = rule.levels
+    pairs = zip(levels.speeds.tolist(), levels.areas, strict=True)
+    for speed, area in reversed(list(pairs)):  # the lowest last
         _mark_zone(rule, area, space, speeds, speed)
     return speeds
 

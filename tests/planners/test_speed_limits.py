@@ -4,6 +4,7 @@ Oracles: shapely places the robot in the zones and among the occupied cells at t
 instants, and the times of trapezoids.
 """
 
+import dataclasses
 import pickle
 from functools import cache
 
@@ -350,6 +351,25 @@ def test_motions_go_on_with_new_limits_as_without(drive, rotations, jerk):
             assert slower.recheck(plan.space).all()
 
 
+@pytest.mark.parametrize("jerk", [{}, {"max_jerk": 1.0}], ids=["", "jerk"])
+def test_a_stop_says_until_when_it_exceeds_new_limits(jerk):
+    plan = plan_along_hall()
+    motion = plan.trajectory(max_velocity=2.0, max_acceleration=0.5, **jerk)
+    at = 5.5
+    assert motion.braked(at).exceeds_until == 0.0
+    unsolved = dataclasses.replace(plan, solved=False, waypoints=plan.waypoints[:0])
+    everywhere = planners.SpeedZones([(box(0.0, 0.0, 22.0, 4.0), 0.5)])
+    limits = {"max_velocity": 2.0, "max_acceleration": 0.5, **jerk, "speed": everywhere}
+    stop = unsolved.trajectory(**limits, after=motion, at=at)
+    assert stop.stop_reason == "the plan has no path"
+    t = np.linspace(0.0, stop.duration, INSTANTS)
+    speeds = np.linalg.norm(stop.sample(t)[1], axis=1)
+    slow = t[speeds <= 0.5][0]
+    assert slow - t[1] <= stop.exceeds_until <= slow + t[1]
+    assert stop.recheck(plan.space).all()
+    assert stop.braked(stop.exceeds_until + t[1]).exceeds_until == 0.0
+
+
 def test_a_recheck_asks_limits_near_obstacles_again():
     workspace = cspace.Workspace.from_array(np.zeros((80, 40), dtype=bool), 0.1)
     space = cspace.build(workspace, cspace.Robot.disc(0.3))
@@ -364,7 +384,7 @@ def test_a_recheck_asks_limits_near_obstacles_again():
     # A stop brakes as quickly as before, and tells until when it is too fast.
     stop = trajectory.braked(trajectory.duration / 2)
     assert stop.certified and stop.duration == pytest.approx(1.2 / 0.8)
-    assert 0.9 / 0.8 <= stop.exceeds_until <= stop.duration
+    assert stop.exceeds_until == pytest.approx(0.9 / 0.8, rel=1e-5)
     space.update({"cart": None})
     assert trajectory.recheck(space).all()
 
