@@ -60,9 +60,13 @@ def _iterate_features(document: dict[str, Any], file: str, speed: str | None) ->
     """Yield the areas and speeds of GeoJSON whose geometries are good."""
     for number, feature in enumerate(document.get("features", [document])):
         name = f"{file}, feature {number}"
-        properties = feature.get("properties") or {}
+        properties = feature.get("properties")
+        if not isinstance(properties, dict):
+            properties = {}
         if speed is None:
-            rule = f"it names the property in m/s; {name}, has {', '.join(properties) or 'none'}"
+            rule = (
+                f"it names the property in m/s; {name}, has {', '.join(properties) or 'none':.200}"
+            )
             raise InputError("speed", "is missing", rule)
         check_known(speed, f"property of {name},", properties)
         value = check_positive(properties[speed], f"{speed} of {name},", "m/s")

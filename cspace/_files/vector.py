@@ -81,8 +81,8 @@ FIELDS: Final = (
 )
 
 
-def read_shapes(source: Any) -> list[BaseGeometry]:
-    """Return the simple geometries of all obstacles in `source`.
+def read_shapes(source: Any, name: str = "polygons") -> list[BaseGeometry]:
+    """Return the simple geometries of all obstacles in `source`, which is `name` in messages.
 
     Each is valid and not empty. `source` is a shapely geometry; GeoJSON as a mapping (geometry,
     Feature or FeatureCollection); a WKT string; a file that ends in ``.geojson``, ``.json``
@@ -98,15 +98,15 @@ def read_shapes(source: Any) -> list[BaseGeometry]:
     # Each simple geometry has a name for messages, such as "polygons[2], part 0".
     names: list[str] = []
     shapes: list[BaseGeometry] = []
-    for name, shape in _iterate_geometries(source, "polygons"):
-        parts = split_parts(shape, name)
+    for each, shape in _iterate_geometries(source, name):
+        parts = split_parts(shape, each)
         shapes += parts
         if len(parts) == 1:
-            names.append(name)
+            names.append(each)
         else:
-            names += [f"{name}, part {index}" for index in range(len(parts))]
+            names += [f"{each}, part {index}" for index in range(len(parts))]
     if not shapes:
-        raise GeometryError("polygons", "holds no geometry", "obstacles must cover some ground")
+        raise GeometryError(name, "holds no geometry", "obstacles must cover some ground")
     check_shapes(shapes, names)
     return shapes
 
@@ -246,6 +246,7 @@ def read_zones(
             word = zone.need("zoneType")
             if word == kind:
                 found.append((zone, shapely.Polygon(corners)))
+                check_shapes([found[-1][1]], [f"{name}, {zone.where}"])
             else:
                 others[word] += 1
         listed = ", ".join(f"{count} {word}" for word, count in sorted(others.items()))

@@ -93,7 +93,7 @@ def as_shape(source: ShapeLike, radius: ArrayLike | None = None, name: str = "sh
     if isinstance(value, Mapping) or hasattr(value, "__geo_interface__"):
         from cspace._files.vector import read_shapes
 
-        return Polygons(read_shapes(value))
+        return Polygons(read_shapes(value, name))
     if hasattr(value, "vertices") or hasattr(value, "geometry"):
         return _make_mesh(value)
     raise InputError(name, f"is a {type(value).__name__}", _SHAPE_NEEDED)
@@ -114,7 +114,7 @@ def _convert_sequence(values: Any, name: str) -> Shape:
         raise InputError(name, "is an array of cells", "their size must be given")
     first: Any = next(iter(values), {})  # read_shapes refuses an empty list
     if isinstance(first, Mapping) or hasattr(first, "__geo_interface__"):
-        return Polygons(read_shapes(values))
+        return Polygons(read_shapes(values, name))
     # The shape of a row tells points from vertices and faces; () is a plain number.
     row_shape = np.shape(first)
     if row_shape == (2,) and len(values) > 2:

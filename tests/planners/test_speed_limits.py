@@ -467,7 +467,7 @@ AREA = box(1.0, 1.0, 2.0, 2.0)
     (lambda plan: planners.SpeedZones([(AREA, 1.0), (AREA, -1.0)]), "speed of zones[1] is -1.0"),
     (lambda plan: planners.SpeedZones([(AREA, np.nan)]), "speed of zones[0]"),
     (lambda plan: planners.SpeedZones([]), "zones is empty"),
-    (lambda plan: planners.SpeedZones([(box(0, 0, 0, 1), 1.0)]), "is not valid"),
+    (lambda plan: planners.SpeedZones([(AREA, 1.0), (box(0, 0, 0, 1), 1.0)]), "zones[1] is not"),
     (lambda plan: planners.SpeedZones([(AREA, 1.0)], within="outline"), "within is 'outline'"),
     (lambda plan: planners.SlowNear(plan.space, 0.0, 1.0), "speed is 0.0"),
     (lambda plan: planners.SlowNear(plan.space, 1.0, np.inf), "distance"),

@@ -169,6 +169,13 @@ def change(index=0, **properties):
     return document
 
 
+def replace_properties(properties):
+    """Return features, the first one with malformed properties."""
+    document = make_features()
+    document["features"][0]["properties"] = properties
+    return document
+
+
 def open_zones(path, document, name="zones.geojson", **options):
     """Write and open zones."""
     return planners.SpeedZones.open(write_json(path / name, document), **options)
@@ -184,6 +191,9 @@ def open_zones(path, document, name="zones.geojson", **options):
     (change(top=None), "top", "feature 0, is None"),
     (change(top="0.4"), "top", "feature 0, is '0.4'"),
     (change(top=True), "top", "feature 0, is True"),
+    (replace_properties(["top"]), "top", "there is none"),
+    (replace_properties("top"), "top", "there is none"),
+    (replace_properties(None), None, "feature 0, has none"),
     (make_features(crs={"properties": {"name": "EPSG:4326"}}), "top", "not metres on the ground"),
     (make_features([shapely.LineString([(0, 0), (1, 1)])], [0.4]), "top", "part without area"),
     (make_features([shapely.Polygon([(0, 0), (1, 1), (0, 1), (1, 0)])], [0.4]), "top", "feature 0"),
@@ -195,6 +205,14 @@ def open_zones(path, document, name="zones.geojson", **options):
     (make_zone_set(make_zone("a", "SPEED_LIMIT", maximumSpeed=0)), None, "of zone 'a' is 0; it"),
     (make_zone_set(make_zone("a", "SPEED_LIMIT", maximumSpeed="1")), None, "of zone 'a' is '1'"),
     (make_zone_set(make_zone("a", "SPEED_LIMIT")), None, "zone 'a' has no maximumSpeed"),
+    (
+        make_zone_set(
+            make_zone("a", "SPEED_LIMIT", maximumSpeed=1.0),
+            make_zone("b", "SPEED_LIMIT", [(0, 0), (1, 1), (0, 1), (1, 0)], maximumSpeed=1.0),
+        ),
+        None,
+        "zone 'b' is not valid",
+    ),
 )
 def test_zones_without_a_good_speed_are_refused(tmp_path, document, speed, message):
     check_refused(lambda: open_zones(tmp_path, document, speed=speed), message)
