@@ -29,7 +29,7 @@ from cspace.errors import InputError
 
 if TYPE_CHECKING:
     from cspace.inside import ConfigurationMap
-    from planners import Car, Differential, Plan
+    from planners import Car, Differential, Plan, SpeedZones
 
 DriveName: TypeAlias = Literal[
     "holonomic", "differential", "differential-reverse", "dubins", "reeds-shepp"
@@ -87,7 +87,15 @@ def plan(
     ),
     seed: int | None = option(None, "Makes the run repeatable."),
     simplify: bool = option(None, "Shorten the path.", "--simplify/--no-simplify", default=True),
-    objective: str = option(None, "What to optimise: length or clearance.", default="length"),
+    objective: str = option(
+        None,
+        "What to optimise: length, clearance, or the time by --max-velocity and --speed-zones.",
+        default="length",
+    ),
+    speed_zones: str | None = option(
+        "FILE[#PROPERTY]",
+        "Zones with a largest speed: a zone set of VDA 5050, or GeoJSON with a property in m/s.",
+    ),
     exact: bool = flag("--exact", "Ask the geometry itself where the grid cannot decide."),
     drive: DriveName = option(None, "How a robot with a yaw moves.", default="holonomic"),
     turning_radius: float | None = option(
@@ -127,8 +135,11 @@ def plan(
         max_jerk=max_jerk,
         max_angular_jerk=max_angular_jerk,
     )
+    speeds = _list_speeds(objective, max_velocity)
     if trajectory is None:
-        refuse_options(limits, (), "no --trajectory is")
+        given = limits | drop_unset(speed_zones=speed_zones)
+        refuse_options(given, speeds, "no --trajectory is")
+    zones = _open_zones(speed_zones)
     moves = _read_drive(drive, turning_radius, limits.pop("max_lateral_acceleration", None))
     clock = Stopwatch()
     with clock.step("read"):
@@ -138,6 +149,8 @@ def plan(
     options: dict[str, Any] = {"start": planners.Near(here, start_tolerance or 0.0), "goal": goals}
     search = planners.Search(cast("Any", planner), simplify=simplify)
     options |= {"planner": search, "objective": objective, "seed": seed}
+    if speeds:
+        options["speed"] = [*zones, max_velocity]
     options |= {"drive": moves, "time_limit": time_limit}
     with clock.step("plan"):
         planned = planners.plan(space.exact if exact else space, **options)
@@ -150,7 +163,7 @@ def plan(
         with clock.step("write"):
             _write_path(planned, output or [], overwrite)
             if trajectory:
-                motion = planned.trajectory(**{"max_acceleration": None, **limits})
+                motion = planned.trajectory(**{"max_acceleration": None, **limits}, speed=zones)
                 motion.to_csv(trajectory, overwrite)
                 described["duration_s"] = motion.duration
     if picture:
@@ -168,6 +181,27 @@ def plan(
             f"cspace: from {start} to {' or '.join(goal)}: {planned.status}{advice}", err=True
         )
         raise typer.Exit(1)
+
+
+def _list_speeds(objective: str, max_velocity: float | None) -> tuple[str, ...]:
+    """Return the names of the options of speeds that the search takes."""
+    if objective != "time":
+        return ()
+    if max_velocity is None:
+        raise InputError("max_velocity", "is missing", "the quickest way needs a largest speed")
+    return "max_velocity", "speed_zones"
+
+
+def _open_zones(text: str | None) -> list[SpeedZones]:
+    """Read the file of ``--speed-zones``, with the property that it names."""
+    from planners import SpeedZones
+
+    if text is None:
+        return []
+    file, mark, name = text.rpartition("#")
+    if not mark or Path(text).suffix in (".json", ".geojson"):  # the mark is part of its name
+        return [SpeedZones.open(text)]
+    return [SpeedZones.open(file, name)]
 
 
 def _read_drive(

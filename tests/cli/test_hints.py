@@ -1,6 +1,7 @@
 """Refusals and hints of the command line: each hint is followed, as typed."""
 
 import csv
+import json
 import re
 from pathlib import Path
 
@@ -60,6 +61,11 @@ FILES = {
         "RRT takes objective: length",
     ),
     (f"{PLAN} --max-velocity 1", "no --trajectory is"),
+    (f"{PLAN} --speed-zones zones.json", "--speed-zones is given, but no --trajectory is"),
+    (f"{PLAN} --objective time --speed-zones zones.json", "--max-velocity is missing"),
+    (f"{PLAN} {MOTION} --speed-zones none.json", "none.json: does not exist"),
+    (f"{PLAN} {MOTION} --speed-zones list.json#top", "holds a JSON list"),
+    (f"{PLAN} {MOTION} --speed-zones notes.txt", "with suffix '.txt'"),
     (
         f"{PLAN} --trajectory t.csv --max-velocity 1",
         "--max-acceleration lacks x, y",
@@ -263,3 +269,23 @@ def test_a_trajectory_is_written_within_its_limits(room):
     assert re.search(r"\nduration +[\d.]+ s\n", run(f"{PLAN} {MOTION} --overwrite").stdout)
     smooth = document(f"{PLAN} {MOTION} --max-jerk 0.5 --overwrite")
     assert smooth["duration_s"] > document(f"{PLAN} {MOTION} --overwrite")["duration_s"]
+
+
+def test_zones_of_speed_slow_a_trajectory_and_turn_a_way(room):
+    area = shapely.geometry.mapping(shapely.box(0.6, 0.5, 0.9, 2.0))
+    feature = {"type": "Feature", "properties": {"top": 0.02}, "geometry": area}
+    (room / "zones.geojson").write_text(json.dumps(feature))
+    plain = document(f"{PLAN} {MOTION} --overwrite")
+    slow = document(f"{PLAN} {MOTION} --speed-zones zones.geojson#top --overwrite")
+    assert slow["path"] == plain["path"]
+    assert slow["duration_s"] > plain["duration_s"] + 0.3 / 0.02 - 0.3 / 0.5
+    quick = f"{PLAN} {MOTION} --objective time --overwrite"
+    around = document(f"{quick} --speed-zones zones.geojson#top")
+    assert around["length_m"] > plain["length_m"]
+    assert around["duration_s"] < slow["duration_s"]
+    assert document(quick)["length_m"] == pytest.approx(plain["length_m"], rel=1e-3)
+    vertices = [{"x": x, "y": y} for x, y in shapely.get_coordinates(shapely.box(0.6, 0.5, 0.9, 2))]
+    zone = {"zoneId": "a", "zoneType": "SPEED_LIMIT", "vertices": vertices, "maximumSpeed": 0.02}
+    (room / "zones.json").write_text(json.dumps({"zoneSet": {"zones": [zone]}}))
+    same = document(f"{PLAN} {MOTION} --speed-zones zones.json --overwrite")
+    assert same["duration_s"] == pytest.approx(slow["duration_s"])
