@@ -155,16 +155,17 @@ def test_no_part_of_a_robot_on_a_floor_comes_nearer_to_cells_at_its_heights(name
             continue
         left += 1
         poses = place_along(pose, slowed.commands, DT, instants=9)
+        smallest = np.full(len(poses), space.margin)
         for centers, core, radius in layers:
             near = centers[np.hypot(*(centers - pose[:2]).T) < 1.2]
             if not len(near):
                 continue
             distances = bound_distances([core], poses, near) - radius - 0.7072 * CELL
             proven = np.minimum(distances, space.margin)
+            smallest = np.minimum(smallest, proven.min(axis=1))
             # A mesh seen from above is grown by a micrometre.
-            assert (proven.min(axis=1) >= proven[0].min() - 1e-5).all()
-            if twist[1] or name == "balls":
-                assert (proven >= proven[0] - 1e-5).all()
+            assert not (twist[1] or name == "balls") or (proven >= proven[0] - 1e-5).all()
+        assert (smallest >= smallest[0] - 1e-5).all()
     assert left > count / 20
 
 
