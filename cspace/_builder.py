@@ -68,6 +68,18 @@ probably wrong."""
 MIN_ROBOT_CELLS: Final = 0.02
 """Longest side of a robot, in cells, below which its unit is probably wrong."""
 
+MAX_GROUND_LAYERS: Final = 4
+"""Number of a robot's lowest layers that a scan of the ground may fill in part."""
+
+MIN_GROUND_SHARE: Final = 0.1
+"""Share of occupied cells below which a layer is not the ground."""
+
+MIN_GROUND_COLUMNS: Final = 0.4
+"""Share of the places with anything above them below which the lowest things are no ground."""
+
+GROUND_RATIO: Final = 3.0
+"""Ratio of occupied cells in the highest layer of the ground and in the one above."""
+
 MAX_ORIGIN_SIZES: Final = 10.0
 """Distance of a robot from its reference point, relative to its longest side, above which its
 origin is probably wrong."""
@@ -274,8 +286,13 @@ def build(
         progress=progress,
     )
     space = CSpace(contents, rasters)
-    if not explained and contents.states.view(np.bool_).all():  # FREE is 0
+    is_free_nowhere = contents.states.view(np.bool_).all()  # FREE is 0
+    if not explained and is_free_nowhere:
         _warn_of_nothing_free(space, margin)
+    elif floor is not None and not is_free_nowhere:
+        ground = _find_ground(space, floor, is_free_nowhere=False)
+        if ground:
+            warn_user(f"{ground}, if they are the ground")
     return space
 
 
@@ -434,7 +451,7 @@ def _find_obstruction(space: CSpace, margin: float) -> str:
     """Find the reason why no cell of a map can be FREE, or an empty text."""
     workspace = space.workspace
     if space.floor is not None:
-        return _find_ground(space, space.floor)
+        return _find_ground(space, space.floor, is_free_nowhere=True)
     if workspace.outer.all():
         if workspace.unknown is None:
             return "every cell of the workspace is occupied"
@@ -455,19 +472,29 @@ def _find_obstruction(space: CSpace, margin: float) -> str:
     )
 
 
-def _find_ground(space: CSpace, floor: float) -> str:
-    """Find the layers of a scene that hold its floor, or return an empty text.
+def _find_ground(space: CSpace, floor: float, *, is_free_nowhere: bool) -> str:
+    """Find the layers of a scene that hold its ground, or return an empty text.
 
-    They are the robot's lowest layers while half of the cells of each are occupied.
+    They are the robot's lowest layers that hold far more cells than the layers above, as in a scan
+    of rooms, or, if nothing is free, while half of the cells of each are occupied.
     """
     grid = space.workspace.grid
     bottom = float(space.robot.shape.outer.bounds[0][2])
     room = SLACK * grid.spacing
-    first = math.floor((floor + bottom - room - grid.lower[2]) / grid.spacing)
-    shares = space.workspace.outer.mean(axis=(0, 1))
-    stop = first = max(first, 0)
-    while stop < grid.shape[2] and shares[stop] >= 0.5:
+    first = max(math.floor((floor + bottom - room - grid.lower[2]) / grid.spacing), 0)
+    outer = space.workspace.outer
+    shares = outer.mean(axis=(0, 1))
+    stop = first
+    while is_free_nowhere and stop < grid.shape[2] and shares[stop] >= 0.5:
         stop += 1
+    near = shares[first : first + MAX_GROUND_LAYERS + 1]
+    is_last = (near[:-1] >= MIN_GROUND_SHARE) & (near[:-1] >= GROUND_RATIO * near[1:])
+    if stop == first and is_last.any():
+        last = first + int(np.flatnonzero(is_last)[-1])
+        # Low things stand at few of the places that hold anything.
+        columns = outer.any(axis=2)
+        if outer[:, :, first : last + 1].any(axis=2).sum() >= MIN_GROUND_COLUMNS * columns.sum():
+            stop = last + 1
     if stop == first:
         return ""
     low, high = (grid.lower[2] + grid.spacing * layer for layer in (first, stop))

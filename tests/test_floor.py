@@ -5,6 +5,8 @@ and the obstacles as prisms.
 """
 
 import math
+import re
+import warnings
 
 import numpy as np
 import pytest
@@ -449,6 +451,43 @@ def test_scans_with_a_floor_name_the_layers_that_hold_it():
     with pytest.warns(UserWarning, match=message):
         cspace.build(workspace, robot, floor=0.0)
     assert cspace.build(workspace, robot, floor=0.101).count()[0]
+
+
+def make_scans():
+    """Return scans of one hall: points with a radius, cells of a sensor, and a mesh."""
+    rng = np.random.default_rng(1)
+    ground = np.column_stack([rng.uniform((0.0, 0.0), (4.0, 3.0), (20000, 2)), np.zeros(20000)])
+    wall = np.column_stack([np.full(8000, 2.0), rng.uniform((0.0, 0.0), (1.5, 1.0), (8000, 2))])
+    bounds = (0.0, 0.0, -0.25, 8.0, 3.0, 1.15)
+    plate = trimesh.creation.box(bounds=[(0.0, 0.0, -0.03), (4.0, 3.0, 0.02)])
+    wall_mesh = trimesh.creation.box(bounds=[(2.0, 0.0, 0.0), (2.05, 1.5, 1.0)])
+    hall = trimesh.util.concatenate([plate, wall_mesh])
+    points = Workspace.from_points(np.vstack([ground, wall]), 0.1, bounds, radius=0.02)
+    cells = Workspace.from_array(points.outer, 0.1, points.grid.lower)
+    return points, cells, Workspace.from_mesh(hall, 0.1, bounds)
+
+
+def test_scans_of_every_kind_name_the_ground_also_if_something_is_free():
+    robot = Robot.box((0.3, 0.3, 0.5), (0.0, 0.0, 0.25))
+    for scene in make_scans():
+        with pytest.warns(UserWarning, match="the robot stands in layers.*clears them") as caught:
+            low = cspace.build(scene, robot, floor=0.0, outside="free")
+        assert low.count()[0]  # beside the hall
+        (found,) = re.findall("floor=([0-9.]+)", str(caught[0].message))
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            high = cspace.build(scene, robot, floor=float(found), outside="free")
+        assert high.count()[0] > 1.5 * low.count()[0]
+
+
+@pytest.mark.thorough
+def test_a_floor_a_little_too_low_in_a_scanned_building_is_named(data):
+    scene = Workspace.open(data / "voxels" / "geb079.bt", unknown="free")
+    robot = Robot.box((0.8, 0.5, 0.6), (0.0, 0.0, 0.305))
+    with pytest.warns(UserWarning, match="to 0 m, .* floor=-0.005 clears them"):
+        low = cspace.build(scene, robot, rotations=24, floor=-0.02)
+    high = cspace.build(scene, robot, rotations=24, floor=-0.004)
+    assert high.count()[0] > 1.2 * low.count()[0]
 
 
 SCENE = Workspace.from_array(np.zeros((20, 20, 10), dtype=bool), 0.1)
