@@ -9,6 +9,7 @@ time-optimal path parameterization based on reachability analysis", 2018).
 
 from __future__ import annotations
 
+import math
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -20,6 +21,9 @@ from planners._speed_limits import PlacedLimits, Stretches
 
 INTERVALS_PER_CURVE: Final = 4
 """Number of constant accelerations along each curve."""
+
+ROOT_STEPS: Final = 60
+"""Number of halvings that find a time."""
 
 MIN_RAMP_SHARE: Final = 1e-6
 """Smallest share of the duration in which the robot reaches full speed. Numbers for times resolve
@@ -654,19 +658,31 @@ def find_excess(
     exceeds = np.flatnonzero(find_excesses(segments, rotations, bounds, phases))
     if not len(exceeds):
         return 0.0
-    # In the last phase that exceeds them, the speed falls below the lowest of its limits.
     last = exceeds[-1]
     intervals = measure_intervals(segments, rotations, bounds)
     is_met = intervals.owners == phases.segments[last]
     is_met &= intervals.begins < phases.ends()[0][last]
     is_met &= intervals.begins + intervals.lengths > phases.positions[last]
-    lowest = (1.0 + MAX_EXCESS) * float(np.sqrt(intervals.caps[is_met].min(initial=np.inf)))
-    duration = float(phases.durations[last])
-    if phases.ends()[1][last] <= lowest:
-        speed, gain, jerk = (float(column[last]) for column in phases[3:])
-        times = np.roots([0.5 * jerk, gain, speed - lowest])
-        duration = float(times.real[(times.imag == 0.0) & (times.real < duration)].max(initial=0.0))
-    return float(phases.times[last]) + duration
+    squared = float(intervals.caps[is_met].min(initial=np.inf))
+    return float(phases.times[last]) + _find_slow(phases, last, math.sqrt(squared))
+
+
+def _find_slow(phases: Phases, number: int, speed: float) -> float:
+    """Return the seconds after which a phase stays below a speed; all of it if it does not."""
+    duration = float(phases.durations[number])
+    begin, gain, jerk = (float(column[number]) for column in phases[3:])
+    if not phases.ends()[1][number] <= speed < math.inf:
+        return duration
+    # From its largest speed on, it falls below once.
+    peak = -gain / jerk if jerk < 0.0 < gain else 0.0
+    low, high = min(peak, duration), duration
+    for _ in range(ROOT_STEPS):
+        middle = 0.5 * (low + high)
+        if begin + middle * (gain + 0.5 * middle * jerk) > (1.0 + MAX_EXCESS) * speed:
+            low = middle
+        else:
+            high = middle
+    return high
 
 
 def find_excesses(
