@@ -39,6 +39,9 @@ CELL_REACH: Final = 0.7072
 MAX_NEAR_CELLS: Final = 1 << 20
 """Largest number of cells around a robot; no motion near more is proven."""
 
+FARTHEST_CELL: Final = 2.0**31
+"""Number of cells from a grid's corner beyond which rounding could move a cell out of its disc."""
+
 PIECES: Final = 1024
 """Number of pieces of a motion, of equal length, below which a piece ends the proof."""
 
@@ -173,7 +176,7 @@ def _find_reach(core: Core) -> float:
 def list_taken_cells(
     contents: Contents, layers: list[int] | None, q: Floats, reach: float
 ) -> Floats | None:
-    """Return centers of taken cells within ``reach`` along each axis; None if cells are too many.
+    """Return centers of taken cells within ``reach`` along each axis; None if too many or too far.
 
     With ``layers``, cells are those seen from above. Cells outside the grid are taken unless the
     outside is free.
@@ -181,6 +184,8 @@ def list_taken_cells(
     grid = contents.grid
     lower, shape = np.asarray(grid.lower), np.asarray(grid.shape)
     if not 2.0 * reach / grid.spacing + 2.0 <= math.sqrt(MAX_NEAR_CELLS):
+        return None
+    if not np.abs(q[:2] - lower).max() / grid.spacing <= FARTHEST_CELL:
         return None
     first = np.floor((q[:2] - reach - lower) / grid.spacing).astype(np.int64)
     stop = np.floor((q[:2] + reach - lower) / grid.spacing).astype(np.int64) + 1

@@ -233,6 +233,13 @@ def open_gate(program, room, leaving=True):
     return GateInCpp(program, room, BOX, *numbers, leaving=leaving)
 
 
+def test_a_robot_at_a_place_that_rounding_swallows_leaves_nowhere(program, room):
+    gate = open_gate(program, room)
+    for x in (1e9, 1e12, 1e17, 1e19, -1e19, 1e300):
+        assert gate.slow_down((x, 1.0, 0.0), (0.4, 0.0), (0.0, 0.0)).share == 0.0
+    gate.close()
+
+
 def test_a_gate_on_a_floor_stops_and_leaves_nothing(program, tmp_path):
     """What a robot on a floor touches depends on heights, which the map in C++ lacks."""
     cells = np.zeros((60, 40, 6), dtype=bool)
@@ -404,3 +411,4 @@ def test_drives_go_far_beside_the_fastest_safe_ones(program, tmp_path, seeds, sh
 def test_a_gate_runs_clean_under_sanitizers(tmp_path, room):
     program = build_program(tmp_path / "answers", "-O1", *SANITIZERS, "-fno-sanitize-recover=all")
     test_points_stay_beyond_the_margin_and_near_ones_come_no_nearer(program, room, 40)
+    test_a_robot_at_a_place_that_rounding_swallows_leaves_nowhere(program, room)

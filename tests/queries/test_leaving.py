@@ -238,6 +238,15 @@ def test_a_robot_with_a_corner_on_the_center_of_a_taken_cell_does_not_press_on()
         assert min(shares) == 0.0
 
 
+@pytest.mark.parametrize("outside", ["free", "blocked"])
+def test_a_robot_at_a_place_that_rounding_swallows_leaves_nowhere(outside):
+    occupied = np.zeros((20, 20), dtype=np.bool_)
+    space = build("rectangle", occupied, outside=outside)
+    gate = make_gate(space)
+    for x in (1e9, 1e12, 1e17, 1e19, -1e19, 1e300):
+        assert gate.slow_down((x, 1.0, 0.0), (0.4, 0.0), leaving=True).share == 0.0
+
+
 def test_a_robot_may_drive_along_a_wall_that_is_nearer_than_its_margin(walls):
     gate = make_gate(walls["rectangle"], 0.02)
     for turn in (0.0, 0.05, 0.4):

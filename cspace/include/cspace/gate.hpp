@@ -64,6 +64,7 @@ constexpr double MAX_RAMP = 100000;
 constexpr double MAX_ARCS = 64.0 * (1.0 + 1e-9);
 constexpr double CELL_REACH = 0.7072;
 constexpr double MAX_NEAR_CELLS = 1 << 20;
+constexpr double FARTHEST_CELL = 0x1p31;
 constexpr double PIECES = 1024;
 constexpr double STRAIGHT_ROUNDING = 1e-12;
 constexpr double LEVEL_ROUNDING = 1e-12;
@@ -512,6 +513,8 @@ class Gate {
     const double range = size_ + margin + std::abs(twist.v) * seconds, least = seconds / detail::PIECES;
     if (!(2.0 * range / spacing + 2.0 <= std::sqrt(detail::MAX_NEAR_CELLS))) return 0.0;
     const std::vector<double> lower = map_->lower();
+    for (int axis = 0; axis < 2; ++axis)
+      if (!(std::abs(q[axis] - lower[axis]) / spacing <= detail::FARTHEST_CELL)) return 0.0;
     const auto find_cell = [&](int axis, double offset) {
       return static_cast<std::int64_t>(std::floor((q[axis] + offset - lower[axis]) / spacing));
     };

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import cspace
-from tests.helpers.cpp import build_program, why_no_compiler
+from tests.helpers.cpp import SANITIZERS, build_program, why_no_compiler
 from tests.helpers.messages import make_grid
 from tests.helpers.nav2 import ANSWERS, PACKAGE, list_stubs
 
@@ -23,7 +23,8 @@ SIDES = "[[0.3, 0.2], [-0.3, 0.2], [-0.3, -0.2], [0.3, -0.2]]"
 def program(tmp_path_factory):
     target = tmp_path_factory.mktemp("program") / "node"
     folders = [f"-I{name}" for name in (PACKAGE / "include", *list_stubs("jazzy"))]
-    return build_program(target, "-O1", *folders, source=ANSWERS / "gate_node.cpp")
+    flags = ("-O1", *SANITIZERS, "-fno-sanitize-recover=all", *folders)
+    return build_program(target, *flags, source=ANSWERS / "gate_node.cpp")
 
 
 @pytest.fixture(scope="module")
@@ -100,6 +101,7 @@ def start(program, maps, tmp_path):
     yield start
     for node in nodes:
         node.process.communicate()
+        assert node.process.returncode == 0
 
 
 @pytest.fixture

@@ -44,6 +44,13 @@ def program(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
+def careful(tmp_path_factory):
+    """Return the program with the sanitizers, which end it at the first fault."""
+    target = tmp_path_factory.mktemp("program") / "careful"
+    return build_watch(target, "-O1", *SANITIZERS, "-fno-sanitize-recover=all")
+
+
+@pytest.fixture(scope="module")
 def room(tmp_path_factory):
     """Save a room whose map has walls and a crate, and no people."""
     workspace = cspace.Workspace.from_array(make_room(), 0.05)
@@ -209,8 +216,8 @@ def step(watch, robot, wanted=(0.6, 0.3), silent="", ranges=FREE):
 
 
 @pytest.fixture
-def watch(program, room):
-    watch = WatchInCpp(program, room)
+def watch(careful, room):
+    watch = WatchInCpp(careful, room)
     yield watch
     watch.close()
 
@@ -577,9 +584,104 @@ def test_footprints_are_judged_as_by_shapely(program, maps):
     assert 20 < same < 180
 
 
-def test_a_watch_runs_clean_under_sanitizers(tmp_path, room):
-    program = build_watch(tmp_path / "watch", "-O1", *SANITIZERS, "-fno-sanitize-recover=all")
-    watch = WatchInCpp(program, room)
+# ---- anything ------------------------------------------------------------------------------------
+
+
+ODD = [math.nan, math.inf, -math.inf, -1.0, 0.0, 1e-30, 1e30, 3e38]
+STAMPS = [0, 10**8, -(10**8), 10**9, 10**17, -CLOCK]
+SIZES = [0, 1, 3, 4, 12, 16, 100, 2**16, 2**31, 2**32 - 1]
+
+
+def send_anything(watch, robot, rng):
+    """Send a message that may contradict itself, or be of another time or frame."""
+    frame = rng.choice(["laser", "base_link", "map", "camera"])
+    stamp = robot.now + CLOCK - int(rng.choice(STAMPS, p=[0.5, 0.2, 0.1, 0.1, 0.05, 0.05]))
+    kind = rng.choice(["scan", "bytes", "command"])
+    if kind == "command":
+        watch.tell(kind, robot.now, *rng.choice(ODD, 2).tolist())
+    if kind == "scan":
+        numbers = np.array([0.0, 0.02, 0.02, 25.0, 0.0])
+        odd = rng.random(5) < 0.3
+        numbers[odd] = rng.choice(ODD, odd.sum())
+        ranges = rng.uniform(0.0, 30.0, rng.choice([0, 1, 2, 360]))
+        odd = rng.random(len(ranges)) < 0.2
+        ranges[odd] = rng.choice(ODD, odd.sum())
+        watch.tell("scan", "scan", frame, stamp, *numbers.tolist(), *ranges.tolist())
+    if kind == "bytes":
+        height, width, step = rng.choice(SIZES, 3) if rng.random() < 0.3 else (2, 5, 12)
+        row = int(rng.choice([*SIZES, int(step) * int(width) % 2**32]))
+        length = min(int(rng.choice([0, 7, 120, 1000])), 1000)
+        fields = []
+        for name in "xyz":
+            offset = rng.choice([*SIZES, 4, 8], p=[0.04] * 10 + [0.3, 0.3])
+            fields += [name, offset, rng.choice([7, 8, 6, 0, 255], p=[0.6, 0.2, 0.1, 0.05, 0.05])]
+        big = int(rng.random() < 0.1)
+        fields = fields[: rng.choice([0, 6, 9], p=[0.1, 0.1, 0.8])]
+        watch.tell("bytes", "scan", frame, stamp, height, width, step, row, length, big, *fields)
+
+
+def drive_with_anything(watch, seed):
+    """Drive while messages and transforms are odd; return the numbers of cycles that brake and drive."""
+    rng = np.random.default_rng(seed)
+    robot = Robot((1.5, 1.0, 0.0))
+    watch.tell("new")
+
+    def look_up(target, frame, stamp):
+        words = robot.look_up(target, frame, stamp).split(" ")
+        if len(words) == 8 and rng.random() < 0.05:
+            k = rng.integers(9)
+            if k == 8:
+                return "later"
+            odd = repr(float(rng.choice([*ODD, 1e10, 1e19, 1e300, 0.3])))
+            words[k] = odd if k < 7 else str(int(words[7]) - int(rng.choice(STAMPS)))
+        return " ".join(words)
+
+    braked = drove = 0
+    for _ in range(100):
+        if rng.random() < 0.3:
+            send_anything(watch, robot, rng)
+        else:
+            send_scan(watch, robot, FREE)
+            watch.tell("command", robot.now, *rng.uniform((-0.3, -0.5), (0.6, 0.5)).tolist())
+        before = robot.twist
+        decided = watch.decide(robot.now, robot.now + CLOCK, look_up)
+        assert (np.abs(decided.twist) <= 0.61).all()
+        assert (np.abs(before) - np.abs(decided.twist) <= DT * BRAKES + 1e-9).all()
+        bodies = robot.drive(decided.twist)
+        assert shapely.distance(np.array(bodies), WALLS).min() > 0.0
+        braked += bool(decided.reason)
+        drove += decided.twist.any() and not decided.reason
+    return braked, drove
+
+
+@pytest.mark.parametrize(
+    "seeds", [range(2), pytest.param(range(2, 60), marks=pytest.mark.thorough)], ids=["2", "58"]
+)
+def test_messages_and_transforms_of_any_kind_only_let_it_brake(careful, room, seeds):
+    watch = WatchInCpp(careful, room)
+    counts = [drive_with_anything(watch, seed) for seed in seeds]
+    watch.close()
+    braked, drove = np.sum(counts, axis=0)
+    assert braked > 30 * len(seeds) and drove > 5 * len(seeds)
+
+
+@pytest.mark.parametrize("place", [1e8, 1e10, 1e15, 1e19, -1e19, 1e300])
+def test_it_stands_at_a_place_that_no_robot_is_at(watch, place):
+    robot = Robot((1.0, 1.0, 0.0))
+
+    def look_up(target, frame, stamp):
+        words = robot.look_up(target, frame, stamp).split(" ")
+        return " ".join([repr(place), *words[1:]]) if target == "map" else " ".join(words)
+
+    for _ in range(3):
+        send_scan(watch, robot, FREE)
+        watch.tell("command", robot.now, 0.5, 0.1)
+        decided = watch.decide(robot.now, robot.now + CLOCK, look_up)
+        assert not decided.twist.any() and decided.reason == "the transform of base_link is none"
+
+
+def test_drives_among_people_run_clean_under_sanitizers(careful, room):
+    watch = WatchInCpp(careful, room)
     for kind in KINDS:
         drive_among_people(watch, kind, 1, cycles=20)
     watch.close()

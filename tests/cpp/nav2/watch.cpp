@@ -9,6 +9,7 @@
 //   scan NAME FRAME STAMP ANGLE STEP LEAST MOST SECONDS RANGES...   SECONDS from a ray to the next one
 //   cloud NAME FRAME STAMP NUMBERS...          x, y and z of points
 //   bytes NAME FRAME STAMP HEIGHT WIDTH STEP ROW LENGTH  a cloud of zeros, which may contradict itself
+//         [BIG FIELD OFFSET TYPE ...]          or of other bytes, big-endian or not, with fields
 //   decide NOW CLOCK                           prints "look TARGET FRAME STAMP" as often as it asks, and reads a place, "later"
 //                                              or "never FRAME"; then prints V, OMEGA and the reason
 #include <ctime>
@@ -129,12 +130,23 @@ class Session {
   void hear_bytes(const std::vector<std::string>& words) {
     auto msg = write_cloud(words, PointField::FLOAT32, 4);
     std::vector<std::uint32_t> n;
-    for (std::size_t k = 4; k < words.size(); ++k) n.push_back(static_cast<std::uint32_t>(std::stoul(words[k])));
+    for (std::size_t k = 4; k < 9; ++k) n.push_back(static_cast<std::uint32_t>(std::stoul(words[k])));
     msg.height = n[0];
     msg.width = n[1];
     msg.point_step = n[2];
     msg.row_step = n[3];
     msg.data.resize(n[4]);
+    if (words.size() > 9) {
+      msg.is_bigendian = words[9] == "1";
+      msg.fields.clear();
+      for (std::size_t k = 0; k < msg.data.size(); ++k) msg.data[k] = static_cast<std::uint8_t>(37 * k * k + n[4]);
+    }
+    for (std::size_t k = 10; k + 2 < words.size(); k += 3) {
+      msg.fields.emplace_back();
+      msg.fields.back().name = words[k];
+      msg.fields.back().offset = static_cast<std::uint32_t>(std::stoul(words[k + 1]));
+      msg.fields.back().datatype = static_cast<std::uint8_t>(std::stoul(words[k + 2]));
+    }
     watch_.hear_scan(words[1], cspace_nav2::read_cloud(msg));
   }
 

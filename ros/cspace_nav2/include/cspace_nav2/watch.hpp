@@ -147,6 +147,7 @@ class Watch {
   static constexpr std::size_t MAX_WAITING = 10;
   static constexpr Time NEVER = std::numeric_limits<Time>::min() / 4;
   static constexpr double NORM_SLACK = 1e-2;
+  static constexpr double MAX_WAY = 1e7;  ///< metres between two frames
 
   struct Pose {
     double x, y, yaw;
@@ -191,10 +192,11 @@ class Watch {
     }
     const Pose here = move(pose, seen, now);
     const double q[] = {here.x, here.y, here.yaw};
+    const bool stood = is_rest(ramp_.front());
     const cspace::SlowedCommand slowed = gate->slow_down(q, wanted_, ramp_.front(), points, options_.leaving);
     ramp_ = slowed.commands;
     if (!slowed.is_proven && !slowed.leaves) return "something is too near to stop before it";
-    const bool stands = is_rest(ramp_.front()) && !is_rest(wanted_);
+    const bool stands = stood && is_rest(ramp_.front()) && !is_rest(wanted_);
     return stands ? "no part of the command is proven free" : "";
   }
 
@@ -214,8 +216,8 @@ class Watch {
   static Placement normalise(Placement placement, const std::string& frame) {
     double square = 0.0;
     for (const double part : placement.turn) square += part * part;
-    const bool is_finite = std::isfinite(placement.at.x + placement.at.y + placement.at.z);
-    if (!is_finite || !(std::abs(square - 1.0) <= NORM_SLACK))
+    const double way = std::hypot(placement.at.x, placement.at.y, placement.at.z);
+    if (!(way <= MAX_WAY) || !(std::abs(square - 1.0) <= NORM_SLACK))
       throw std::runtime_error("the transform of " + frame + " is none");
     for (double& part : placement.turn) part /= std::sqrt(square);
     return placement;
