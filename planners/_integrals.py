@@ -1,4 +1,4 @@
-"""Kernels that integrate a cost density along straight edges."""
+"""Costs on the cells of a map, and kernels that integrate them along straight edges."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from cspace.inside import (
     Map,
     Row,
     bind_kernel,
+    check_memory,
     clearance_at,
     configuration_along,
     internal,
@@ -38,6 +39,9 @@ OVERLAPS = 2
 
 MAX_RADIANS_PER_STEP: Final = math.radians(5.0)
 """Largest rotation of an integration step, in radians (5 degrees)."""
+
+BYTES_PER_CELL: Final = 16
+"""Memory of the costs of a cell, bytes, with what makes them."""
 
 
 class Values(NamedTuple):
@@ -78,6 +82,16 @@ class CellCost:
     factors: Costs
     field: Field
     density: CostDensity
+
+
+Weigh: TypeAlias = Callable[[CSpace], CellCost | None]
+"""Maker of what a metre costs on a map in memory; None if each one costs its length."""
+
+
+def check_costs_fit(space: CSpace) -> None:
+    """Raise InputError if the costs of all cells do not fit into memory."""
+    needed = BYTES_PER_CELL * len(space.slice_rotations) * space.grid.size
+    check_memory(needed, "the map, to weigh its cells,", space.grid)
 
 
 @internal

@@ -25,13 +25,12 @@ from cspace.inside import (
     as_contiguous,
     check_finite,
     check_known,
-    check_memory,
     check_not_negative,
     check_number,
     check_positive,
 )
 from planners._catalogue import CLEARANCE, COSTS, FUNCTION, LENGTH, TIME
-from planners._integrals import CellCost, CostDensity, Field
+from planners._integrals import CellCost, CostDensity, Field, Weigh, check_costs_fit
 from planners._local_planner import LocalPlanner
 from planners._ompl_states import find_state_kind
 
@@ -42,9 +41,6 @@ MakeObjective: TypeAlias = Callable[[ob.SpaceInformation], ob.OptimizationObject
 
 DEFAULT_WEIGHT: Final = 10.0
 """Extra metres that a metre of path costs by default where the penalty is one."""
-
-BYTES_PER_CELL: Final = 16
-"""Memory of the costs of a cell, bytes, with what makes them."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -149,9 +145,6 @@ class ClearanceObjective:
 ObjectiveLike: TypeAlias = str | WeightedLength | ClearanceObjective | MakeObjective
 """Objectives of :func:`planners.plan`."""
 
-Weigh: TypeAlias = Callable[[CSpace], CellCost | None]
-"""Maker of what a metre costs on a map in memory; None if each one costs its length."""
-
 
 def read_objective(
     objective: object, speed: SpeedLike | Sequence[SpeedLike] | None, space: Space
@@ -206,12 +199,6 @@ def _check_shape(field: Floats, space: ConfigurationMap) -> None:
     if field.shape != shape and (1, *field.shape) != shape:
         problem = f"has shape {field.shape}"
         raise InputError("field", problem, f"the map has slices and cells of shape {shape}")
-
-
-def check_costs_fit(space: CSpace) -> None:
-    """Raise InputError if the costs of all cells do not fit into memory."""
-    needed = BYTES_PER_CELL * len(space.slice_rotations) * space.grid.size
-    check_memory(needed, "the map, to weigh its cells,", space.grid)
 
 
 def _weigh_clearance(objective: ClearanceObjective, space: CSpace) -> CellCost:

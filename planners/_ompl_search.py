@@ -23,8 +23,9 @@ from ompl import util as ou
 from cspace.inside import NEVER, Differential, Effort, Floats, Upright, is_over, now, spend
 from planners._catalogue import SKILLS, PlannerName, default_planner, make_planner
 from planners._goals import Room
+from planners._integrals import Weigh
 from planners._local_planner import MAX_TURN, Endpoints, LocalPlanner
-from planners._objectives import EdgeCosts, MakeObjective, ObjectiveLike, Weigh
+from planners._objectives import EdgeCosts, MakeObjective, ObjectiveLike
 from planners._ompl_states import find_state_kind
 from planners._paths import MAX_SHORTENING, pulled_straight
 from planners._setup import make_setup

@@ -21,8 +21,7 @@ from cspace.errors import InputError
 from cspace.inside import ConfigurationMap, DistanceTable, States, map_record
 from planners._catalogue import TIME
 from planners._estimate import Costs
-from planners._integrals import CellCost, CostDensity
-from planners._objectives import Weigh, check_costs_fit
+from planners._integrals import CellCost, CostDensity, Weigh, check_costs_fit
 from planners._speed_limits import (
     EverywhereRule,
     NearRule,
