@@ -119,6 +119,9 @@ edge."""
 MIN_ROUND_GAIN: Final = 1e-7
 """Share of a path by which a round must shorten it for another to follow."""
 
+COST_GREED: Final = 1.1
+"""Weight of the remaining cost in a search by cost, whose paths lead past the places that cost."""
+
 FURTHER_FACTOR: Final = 4.0
 MIN_FURTHER: Final = Effort.from_seconds(0.25, math.inf)
 """Work of a search by cost, relative to that of the search by length, and its least value: a cheap
@@ -458,7 +461,7 @@ def _list_spot_motions(edges: LocalPlanner, endpoints: Endpoints, count: int) ->
         costs=METRES_PER_RADIAN * radians + np.abs(lengths),
         side=spacing,
         switch_cost=0.0,
-        greed=1.2,
+        greed=1.2 if edges.weights is None else COST_GREED,
         near=8.0 * spacing,
         geometry=None,
         factors=_list_factors(edges),
@@ -503,7 +506,7 @@ def _list_car_motions(
         costs=np.tile(costs, (count, 1)),
         side=side,
         switch_cost=0.5 * radius,
-        greed=1.5,
+        greed=1.5 if edges.weights is None else COST_GREED,
         near=max(4.0 * radius, 8.0 * spacing),
         geometry=edges.geometry(),
         factors=_list_factors(edges),
