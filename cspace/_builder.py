@@ -242,7 +242,7 @@ def build(
     _check_options(workspace, robot, cells, method, counts, outside, workers)
     if floor is not None:
         floor = check_floor(floor, workspace.grid, robot, outside)
-        _refuse_on_floor(cells, counts, store)
+        _refuse_on_floor(cells, store)
     explained = _warn_of_units(workspace.grid, robot, cells, margin, outside, floor)
     if store is not None:  # build tile by tile, into a folder
         from cspace._tiles.build import build_tiles
@@ -380,13 +380,11 @@ def _check_options(
     check_word(outside, "outside", OUTSIDES)
 
 
-def _refuse_on_floor(rotations: Rotations, counts: bool, store: object) -> None:
+def _refuse_on_floor(rotations: Rotations, store: object) -> None:
     """Raise InputError for options that maps with a floor lack."""
     if "qw" in rotations.names:
         rule = "a robot on a floor turns by its yaw alone"
         raise InputError("rotations", "are those of space", rule)
-    if counts:
-        raise InputError("counts", "is True with a floor", "such a map has no counts")
     if store is not None:
         raise InputError("store", "is given with a floor", "such a map has no tiles yet")
 

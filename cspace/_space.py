@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cspace import _outside
 from cspace._configuration_map import ConfigurationMap
+from cspace._engines import put_layers_first
 from cspace._engines.slices import rasters_of
 from cspace._interface import HALF_TURN, LookUp, Space
 from cspace._queries.batches import (
@@ -31,6 +32,7 @@ from cspace._record.contents import Contents
 from cspace._record.exterior import UNKNOWN, Exterior
 from cspace._rotations.base import measure_steps
 from cspace._shapes import Shape, ShapeLike, as_shape
+from cspace._shapes.layers import Heights
 from cspace._support.arrays import (
     BLOCKED,
     FREE,
@@ -349,6 +351,9 @@ class CSpace(ConfigurationMap):
         rotation_cells = self.rotations._find_cells(q)
         robot_cells = np.array([outer.count for outer, _ in self._rasters])
         is_inside: Bools = sums == robot_cells[self._slice_of[rotation_cells]]
+        heights = Heights.of(self.workspace.grid, self.floor)
+        if heights is not None:
+            is_inside &= heights.contain(self.robot.shape, self.grid.spacing)
         return is_inside if is_inside.ndim else bool(is_inside)
 
     def obstacle_distance(
@@ -840,11 +845,6 @@ class CSpace(ConfigurationMap):
             self._contents, self._layers, self._rasters, self._exterior, self._drop_derived
         )
 
-    def _refuse_on_floor(self, results: str) -> None:
-        """Raise InputError if the robot drives on a floor, for which results are not proven yet."""
-        if self.floor is not None:
-            raise InputError("the map", "has a floor", f"{results} are for maps without one")
-
     def _check_not_window(self) -> None:
         """Raise ConfigurationError if the map is a window of a larger one."""
         if self.outside == UNKNOWN:
@@ -1036,21 +1036,24 @@ class CSpace(ConfigurationMap):
         """Rows of the robot's outer raster in each slice, for overlap counts."""
         from cspace._queries.overlaps import RobotRows
 
-        return RobotRows.of([outer for outer, _ in self._rasters])
+        outer = [outer for outer, _ in self._rasters]
+        return RobotRows.of(outer if self.floor is None else [each.layers_first for each in outer])
 
     @derived
     def _outer_sums(self) -> NDArray[np.int32]:
         """Running counts of the outer cells, for overlap counts."""
         from cspace._queries.overlaps import sum_columns
 
-        return sum_columns(self.workspace.outer)
+        cells = self.workspace.outer
+        return sum_columns(cells if self.floor is None else put_layers_first(cells))
 
     @derived
     def _inner_sums(self) -> NDArray[np.int32]:
         """Running counts of the inner cells, for overlap counts."""
         from cspace._queries.overlaps import sum_columns
 
-        return sum_columns(self.workspace.inner)
+        cells = self.workspace.inner
+        return sum_columns(cells if self.floor is None else put_layers_first(cells))
 
     @derived
     def _free_cells(self) -> FreeCells:
@@ -1255,7 +1258,6 @@ class CSpace(ConfigurationMap):
         """
         from cspace._queries.overlaps import count_overlaps
 
-        self._refuse_on_floor("counts of overlaps")
         # An unknown exterior counts as occupied in the outer sum and as free in the inner sum.
         exterior_counts = self.outside == "blocked" or (side == "outer" and self.outside == UNKNOWN)
         has_one_side = self.workspace.inner is self.workspace.outer

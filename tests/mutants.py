@@ -339,8 +339,8 @@ MUTANTS = (
     ),
     Mutant(
         "cspace/_shapes/layers.py",
-        "last = math.floor((top - self.lowest) / spacing + SLACK)",
-        "last = math.floor((top - self.lowest) / spacing) - 1",
+        "math.floor((top - self.lowest) / spacing + SLACK) + 1",
+        "math.floor((top - self.lowest) / spacing)",
         "tests/test_floor.py",
     ),
     Mutant(

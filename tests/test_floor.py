@@ -384,6 +384,47 @@ def test_a_saved_map_keeps_its_scene(tmp_path):
         assert (each.obstacle_distance(rows) == space.obstacle_distance(rows)).all()
 
 
+@examples(10)
+@given(seeds, exteriors, st.sampled_from(TURNING), st.sampled_from([None, 6]))
+def test_overlaps_are_counted_over_all_layers(seed, outside, kind, rotations):
+    rng = np.random.default_rng(seed)
+    robot, _ = make_robots(0.05)[kind]
+    options = {"rotations": rotations, "outside": outside, "floor": 0.1}
+    space = cspace.build(draw_scene(rng), robot, counts=True, **options)
+    counts = np.asarray(space.overlap_counts).reshape(-1, *space.grid.shape)
+    by_rotation = counts[space.slice_of].reshape(space.cell_states.shape)
+    assert ((by_rotation == 0) == (space.cell_states == FREE)).all()
+    rows = draw_rows(rng, space, 60)[:, : space.size]
+    cells = space.grid.cell_of(rows[:, :2])
+    slices = space.slice_of[np.ravel(space.rotations.cell_of(rows[:, 2:]))] if rotations else 0
+    found = counts[slices, cells[:, 0], cells[:, 1]]
+    assert (space.overlap_count(rows) == found).all()
+    space.update(draw_scene(rng))
+    again = cspace.build(space.workspace, robot, counts=True, **options)
+    assert (space.overlap_count(rows) == again.overlap_count(rows)).all()
+
+
+@pytest.mark.parametrize("outside", ["blocked", "free"])
+def test_robots_are_contained_only_with_all_of_their_heights(outside):
+    cells = np.zeros((30, 30, 10), dtype=bool)
+    cells[5:25, 5:25] = True
+    middle, aside = (1.5, 1.5, 0.3), (0.72, 1.5, 0.3)
+
+    def build(bottom, top):
+        box = Robot.box((0.4, 0.4, top - bottom), (0.0, 0.0, (bottom + top) / 2.0))
+        scene = Workspace.from_array(cells, 0.1)
+        return cspace.build(scene, box, rotations=8, floor=0.0, outside=outside)
+
+    space = build(0.05, 0.95)
+    assert space.contains_robot([middle, aside]).tolist() == [True, False]
+    cells[15, 15, 4] = False  # a hole at one height
+    assert not build(0.05, 0.95).contains_robot(middle)
+    assert build(0.55, 0.95).contains_robot(middle)
+    assert not build(0.55, 1.0).contains_robot(middle)  # it touches the ceiling
+    if outside == "free":
+        assert not build(0.55, 1.5).contains_robot(middle)
+
+
 def test_distances_are_those_in_space():
     cells = np.zeros((40, 30, 10), dtype=bool)
     cells[20:, :, 7:] = True  # a ceiling at 0.7 m
@@ -509,7 +550,6 @@ HIGH = "floor is 0.6 m, so the robot reaches from 0.6 m to 1.1 m; the workspace 
         {"rotations": cspace.Rotations.quaternions(2)},
         "a robot on a floor turns by its yaw alone",
     ),
-    (SCENE, CRATE, {"counts": True}, "counts is True with a floor"),
     (SCENE, CRATE, {"store": "tiles"}, "store is given with a floor"),
 )
 def test_bad_floors_are_refused(workspace, robot, options, message):
@@ -521,13 +561,8 @@ def test_a_robot_may_stick_out_of_a_free_outside():
     assert space.is_free((1.0, 1.0)) and space.exact.is_free((1.0, 1.0))
 
 
-ENDS = (0.5, 0.5, 0.0), (1.5, 1.5, 0.0)
-
-
 @refusals(
     "call, message",
-    (lambda space: space.overlap_count(ENDS[0]), "counts of overlaps are for maps without one"),
-    (lambda space: space.contains_robot(ENDS[0]), "has a floor; counts of overlaps"),
     (lambda space: space.update(PLANE), "is a workspace of"),
     (lambda space: space.update(np.ones((2, 2), dtype=bool), (0, 0)), "it must be 3 integers"),
     (lambda space: space.add_obstacle("a", shapely.box(0, 0, 1, 1)), "it must be in space"),
@@ -611,21 +646,51 @@ def check_many_states(space, is_solid, count):
     assert find_hits(fine, rest, space.floor, is_solid).all()
 
 
-@pytest.mark.thorough
-def test_many_states_of_a_scanned_building_hold_for_points_of_the_robot(data):
-    scene = Workspace.open(data / "voxels" / "geb079.bt", unknown="free")
+def find_solid(scene, outside):
+    """Return a function that says whether points lie in occupied cells, or outside if it counts."""
     grid = scene.grid
-    robot, _ = make_tower(0.1)
-    space = cspace.build(scene, robot, rotations=72, floor=0.021)
     lower, shape = np.array(grid.lower), np.array(grid.shape)
 
     def is_solid(points):
         cells = np.floor((points - lower) / grid.spacing).astype(int)
         inside = ((cells >= 0) & (cells < shape)).all(axis=-1)
         near = np.clip(cells, 0, shape - 1)
-        return ~inside | scene.outer[near[..., 0], near[..., 1], near[..., 2]]
+        taken = scene.outer[near[..., 0], near[..., 1], near[..., 2]]
+        return np.where(inside, taken, outside == "blocked")
 
-    check_many_states(space, is_solid, 100_000)
+    return is_solid
+
+
+@pytest.mark.thorough
+def test_many_states_of_a_scanned_building_hold_for_points_of_the_robot(data):
+    scene = Workspace.open(data / "voxels" / "geb079.bt", unknown="free")
+    robot, _ = make_tower(0.1)
+    space = cspace.build(scene, robot, rotations=72, floor=0.021)
+    check_many_states(space, find_solid(scene, "blocked"), 100_000)
+
+
+def make_racks():
+    """Return a hall with racks whose lowest shelves are at many heights, and with tables."""
+    rng = np.random.default_rng(4)
+    cells = np.zeros((240, 180, 24), dtype=bool)
+    for x in range(20, 220, 40):
+        for y in range(15, 160, 25):
+            shelf = int(rng.integers(4, 15))
+            cells[x : x + 16, y : y + 20, shelf : shelf + 2] = True
+            cells[x : x + 16, y : y + 20, 20:] = True
+            cells[x : x + 16 : 15, y : y + 20 : 19] = True  # posts
+        table = rng.integers((0, 0), (200, 150))
+        top = int(rng.integers(5, 18))
+        cells[table[0] : table[0] + 14, table[1] : table[1] + 24, top] = True
+    return Workspace.from_array(cells, 0.05)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("floor", [0.1, 0.1 + 1e-9, 0.127])
+def test_many_states_among_racks_and_tables_hold_for_points_of_the_robot(floor):
+    scene, (robot, _) = make_racks(), make_tower(0.1)
+    space = cspace.build(scene, robot, rotations=72, floor=floor, outside="free")
+    check_many_states(space, find_solid(scene, "free"), 100_000)
 
 
 @pytest.mark.thorough

@@ -208,6 +208,7 @@ def fill_states(
         cells = layers, layers if inner is outer else put_layers_first(inner)
         groups = [[raster.layers_first for raster in rasters] for rasters in groups]
         states = states[:, np.newaxis]
+        overlaps = None if overlaps is None else overlaps[:, np.newaxis]
     if method == "auto":
         method = choose_engine(groups[0], counts=overlaps is not None)
     # The outer rasters write 0 or 1 (FREE or MIXED); the inner rasters add 1 where they hit.

@@ -39,12 +39,20 @@ class Heights(NamedTuple):
 
     def find_layers(self, shape: Shape, spacing: float) -> slice:
         """Return the layers that a shape may touch, ``spacing`` high each."""
+        first, stop = np.clip(self._find_range(shape, spacing), 0, self.layers).tolist()
+        return slice(first, stop)
+
+    def contain(self, shape: Shape, spacing: float) -> bool:
+        """Return True if a shape touches nothing above or below the layers."""
+        first, stop = self._find_range(shape, spacing)
+        return first >= 0 and stop <= self.layers
+
+    def _find_range(self, shape: Shape, spacing: float) -> tuple[int, int]:
+        """Return the first layer that a shape may touch, and that after the last one."""
         bottom, top = (float(corner[2]) for corner in shape.outer.bounds)
         first = math.floor((bottom - self.lowest) / spacing - SLACK)
-        last = math.floor((top - self.lowest) / spacing + SLACK)
         # A border of two layers belongs to both.
-        first, stop = np.clip([first, last + 1], 0, self.layers).tolist()
-        return slice(first, stop)
+        return first, math.floor((top - self.lowest) / spacing + SLACK) + 1
 
 
 class LayeredShape(BoundedShape):
