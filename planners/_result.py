@@ -659,7 +659,7 @@ class Plan:
         ------
         InputError
             If the plan has no path; a limit is missing, not above zero, or for another kind of
-            robot; a zone lies off the map or in another frame, or an arm has no such link; the
+            robot; all zones lie off the map, or in another frame, or an arm has no such link; the
             limits do not allow the duration; or the plan does not start at one of
             ``after.starts_after(at)``, or ``after`` has other axes.
 

@@ -32,7 +32,7 @@ from numpy.typing import ArrayLike
 from shapely.geometry.base import BaseGeometry
 
 from cspace import Robot, Rotations, Space
-from cspace.errors import GeometryError, InputError
+from cspace.errors import GeometryError, InputError, UnitWarning
 from cspace.inside import (
     Bools,
     ConfigurationMap,
@@ -48,6 +48,7 @@ from cspace.inside import (
     check_text,
     check_word,
     number_parts,
+    warn_user,
 )
 from planners._catalogue import ARMS, find_space_kind
 from planners._ompl_states import check_space
@@ -257,8 +258,8 @@ class SpeedZones:
         Raises
         ------
         InputError
-            If a zone lies off the map or in another frame, the space is no map of positions, or a
-            number is not finite.
+            If all zones lie off the map, or in another frame, the space is no map of positions, or
+            a number is not finite.
         """
         return _find_largest(self, space, q, lengths, turns)
 
@@ -570,10 +571,14 @@ def _place_zones(zones: SpeedZones, space: ConfigurationMap, frame_id: str) -> S
     lower, upper = np.array(grid.lower[:2]), np.array(grid.upper[:2])
     box = shapely.box(*lower - size, *upper + size)
     areas = [area for area, _ in zones.zones]
-    for number in np.flatnonzero(~shapely.intersects(box, areas)).tolist():
-        problem = f"lies off the map: {_format_box(areas[number])}"
+    away = np.flatnonzero(~shapely.intersects(box, areas)).tolist()
+    if away:
+        name, problem = f"zones[{away[0]}]", f"lies off the map: {_format_box(areas[away[0]])}"
         rule = f"the map has {_format_box(shapely.box(*lower, *upper))}"
-        raise InputError(f"zones[{number}]", problem, rule)
+        if len(away) == len(areas):
+            raise InputError(name, problem, rule)
+        count = f"{len(away)} of {len(areas)} zones are left out"
+        warn_user(f"{name} {problem}; {rule}; {count}", UnitWarning)
     step = 2.0 * space.resolution
     if zones.within == "point":
         return ZoneRule(zones, None, 0.0, 0.0, False, 0.0, step)

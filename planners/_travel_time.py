@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Final, cast
 from weakref import WeakKeyDictionary
 
 import numpy as np
+import shapely
 from shapely.geometry.base import BaseGeometry
 
 from cspace import FREE, CSpace, Robot, Workspace, build
@@ -130,6 +131,9 @@ def _mark_zone(
     lower = np.array(grid.lower[:2])
     # Cells of the window, which reaches beyond the map as far as the robot.
     beyond = math.ceil(rule.size / grid.spacing) + 1
+    reach = lower - grid.spacing * beyond, lower + grid.spacing * (shape + beyond)
+    if not shapely.intersects(area, shapely.box(*reach[0], *reach[1])):
+        return
     corners = np.floor((np.reshape(area.bounds, (2, 2)) - lower) / grid.spacing)
     low, high = corners.astype(np.int64)
     first, last = np.maximum(low - beyond, -beyond), np.minimum(high + beyond + 1, shape + beyond)

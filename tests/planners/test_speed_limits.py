@@ -15,6 +15,7 @@ from shapely import affinity, box
 
 import cspace
 import planners
+from cspace.errors import UnitWarning
 from tests.helpers.refusals import check_refused, refusals
 from tests.helpers.regions import place_polygon
 from tests.planners.test_smoothing import (
@@ -456,6 +457,25 @@ def test_largest_speeds_hold_around_configurations():
     assert zones.largest_speed(space, q).tolist() == [[np.inf, 0.4], [np.inf, 0.4]]
     assert zones.largest_speed(space, q, [3.4, 0.0], 2.0).tolist() == [[0.4, 0.4], [0.4, 0.4]]
     assert zones.largest_speed(space, (2.0, 2.0, 0.0)) == np.inf
+
+
+def test_zones_that_reach_no_map_are_left_out_with_a_warning():
+    plan = find_plan("holonomic", 36)
+    limits = make_limits(36)
+    inner = (shapely.Point(plan.path[len(plan.path) // 2, :2]).buffer(0.5), 0.3)
+    sides = shapely.MultiPolygon([box(-50, 0, -49, 1), box(90, 0, 91, 1)])
+    both = planners.SpeedZones([(box(90, 0, 91, 1), 0.2), inner, (sides, 0.1)])
+    with pytest.warns(
+        UnitWarning, match=r"^zones\[0\] lies off the map: x 90 to 91 m.*; 2 of 3 zo"
+    ):
+        trajectory = plan.trajectory(**limits, speed=both)
+    alone = plan.trajectory(**limits, speed=planners.SpeedZones([inner]))
+    np.testing.assert_array_equal(trajectory.velocities, alone.velocities)
+    quickest = {"objective": "time", "start": plan.start, "goal": plan.goal}
+    with pytest.warns(UnitWarning, match="lies off the map"):
+        found = planners.plan(plan.space, speed=[0.8, both], **quickest)
+    same = planners.plan(plan.space, speed=[0.8, planners.SpeedZones([inner])], **quickest)
+    np.testing.assert_array_equal(found.path, same.path)
 
 
 AREA = box(1.0, 1.0, 2.0, 2.0)
