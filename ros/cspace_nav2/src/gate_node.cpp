@@ -110,8 +110,8 @@ class GateNode : public rclcpp_lifecycle::LifecycleNode {
     Recipe recipe = read_recipe(parameters);
     const std::string robot = parameters.text("robot", "", "robot of a map made of map_topic, as for cspace build: disc:0.3, or "
                                               "footprint:[[0.3, 0.2], [-0.3, 0.2], [-0.3, -0.2], [0.3, -0.2]], metres");
-    footprint_ = parameters.texts("footprint", none, "convex parts of the map's robot, such as '[[0.3, 0.2], [-0.3, 0.2], [0, -0.2]]', "
-                                  "metres; it is taken without them");
+    footprint_ = parameters.texts("footprint", none, "convex parts that the map's robot must have, such as "
+                                  "'[[0.3, 0.2], [-0.3, 0.2], [0, -0.2]]', metres");
     gate_options_.dt = parameters.number("period", 0.05, 0.005, 0.5, "seconds between two commands");
     const std::vector<double> brakes = parameters.numbers("max_deceleration", {1.0, 2.0}, "what the brakes reach, m/s^2 and rad/s^2");
     const std::vector<double> tracking =

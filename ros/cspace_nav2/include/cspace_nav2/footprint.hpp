@@ -4,7 +4,6 @@
 #define CSPACE_NAV2_FOOTPRINT_HPP
 
 #include <string>
-#include <utility>
 #include <vector>
 
 #include <cspace/gate.hpp>
@@ -33,64 +32,32 @@ inline cspace::Core read_part(const std::string& text) {
   return part;
 }
 
-/// Return the part of a segment, shares from 0 to 1, that is in a convex body grown by some metres; empty if first >= second.
-inline std::pair<double, double> clip(const cspace::detail::Body& body, const cspace::Point& from, const cspace::Point& to,
-                                      double growth) {
-  std::pair<double, double> inside(0.0, 1.0);
-  for (std::size_t side = 0; side < body.normals.size(); ++side) {
-    const double begin = body.measure_height(side, from) - growth, end = body.measure_height(side, to) - growth;
-    if (begin > 0.0 && end > 0.0) return {1.0, 0.0};
-    if (begin > 0.0) inside.first = std::max(inside.first, begin / (begin - end));
-    if (end > 0.0) inside.second = std::min(inside.second, begin / (begin - end));
+/// Return true if two convex parts are the same polygon, whatever its first corner.
+inline bool are_same(const cspace::Core& part, const cspace::Core& other) {
+  const std::size_t count = part.corners.size();
+  for (std::size_t shift = 0; count == other.corners.size() && shift < count; ++shift) {
+    double most = 0.0;
+    for (std::size_t k = 0; k < count; ++k) {
+      const cspace::Point &a = part.corners[k], &b = other.corners[(k + shift) % count];
+      most = std::max(most, std::hypot(a.x - b.x, a.y - b.y));
+    }
+    if (most <= SAME) return true;
   }
-  return inside;
+  return false;
 }
 
-/// Return true if convex parts make a polygon: they cover its outline, which is inside none of them, and lie in it.
-inline bool is_made_of(const std::vector<cspace::Point>& outline, const std::vector<cspace::Core>& parts) {
-  std::vector<cspace::detail::Body> bodies(parts.begin(), parts.end());
-  for (std::size_t k = 0; k < outline.size(); ++k) {
-    const cspace::Point &from = outline[k], &to = outline[(k + 1) % outline.size()];
-    std::vector<std::pair<double, double>> covered;
-    for (const cspace::detail::Body& body : bodies) {
-      const auto [first, last] = clip(body, from, to, -SAME);
-      if (first < last) return false;
-      covered.push_back(clip(body, from, to, SAME));
-    }
-    std::sort(covered.begin(), covered.end());
-    double done = 0.0;
-    for (const auto& [first, last] : covered)
-      if (first <= done) done = std::max(done, last);
-    if (done < 1.0) return false;
-  }
-  return std::all_of(parts.begin(), parts.end(), [&](const cspace::Core& part) {
-    // A ray to the right from the middle of the part crosses the outline an odd number of times.
-    cspace::Point middle{0.0, 0.0};
-    for (const cspace::Point& corner : part.corners) {
-      middle.x += corner.x / static_cast<double>(part.corners.size());
-      middle.y += corner.y / static_cast<double>(part.corners.size());
-    }
-    bool is_inside = false;
-    for (std::size_t k = 0; k < outline.size(); ++k) {
-      const cspace::Point &a = outline[k], &b = outline[(k + 1) % outline.size()];
-      if ((a.y > middle.y) == (b.y > middle.y)) continue;
-      if (a.x + (middle.y - a.y) / (b.y - a.y) * (b.x - a.x) > middle.x) is_inside = !is_inside;
-    }
-    return is_inside;
-  });
-}
-
-/// Return the convex parts of a map's robot; a footprint, if there is one, must be the same robot.
+/// Return the convex parts of a map's robot; a footprint, if there is one, must have the same.
 /// @throws cspace::InputError  if the footprint is none, or of another robot
 inline std::vector<cspace::Core> read_footprint(const cspace::Map& map, const std::vector<std::string>& texts) {
   const std::vector<cspace::Core> robot = cspace::read_robot(map);
-  if (texts.empty()) return robot;
   std::vector<cspace::Core> parts;
   for (const std::string& text : texts) parts.push_back(read_part(text));
-  if (robot.size() > 1 || robot[0].corners.size() < 3)
-    throw cspace::InputError("the map's robot has discs or several parts: leave the footprint empty");
-  if (!is_made_of(robot[0].corners, parts)) throw cspace::InputError("the footprint is not the robot that the map was built for");
-  return parts;
+  const auto is_given = [&](const cspace::Core& part) {
+    return std::any_of(parts.begin(), parts.end(), [&](const cspace::Core& given) { return are_same(part, given); });
+  };
+  const bool is_same = parts.size() == robot.size() && std::all_of(robot.begin(), robot.end(), is_given);
+  if (!texts.empty() && !is_same) throw cspace::InputError("the footprint is not the robot that the map was built for");
+  return robot;
 }
 
 }  // namespace cspace_nav2
