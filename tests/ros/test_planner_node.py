@@ -183,6 +183,12 @@ def test_an_interrupt_ends_it_at_any_moment(moment, number):
     assert code == 0 and "Traceback" not in errors, errors
 
 
+def test_an_interrupt_ends_it_while_a_callback_takes_long():
+    moment = ("Executor", "get_nodes")
+    code, errors = interrupt_node("planner_node.py", moment, int(signal.SIGINT), BUSY="1")
+    assert (code, errors) == (0, "")
+
+
 def test_a_fault_ends_it_loudly():
     code, errors = interrupt_node("planner_node.py", ("Executor", "get_nodes"), 0)
     assert code == 1 and "RuntimeError: a fault" in errors, errors
@@ -399,7 +405,7 @@ def test_an_interrupt_ends_it_while_the_first_map_compiles(client, tmp_path):
         try:
             while os.waitid(os.P_PID, process.pid, END) is None:
                 time.sleep(0.1)
-            assert measure_cpu(process.pid) - before < 2.0  # other processes do not lengthen it
+            assert measure_cpu(process.pid) - before < 1.0  # other processes do not lengthen it
             assert process.wait() == 0
         finally:
             process.kill()

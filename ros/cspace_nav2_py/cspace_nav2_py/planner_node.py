@@ -4,8 +4,10 @@ The page "Plan in ROS 2" describes topics, services and parameters.
 """
 
 import copy
+import io
 import itertools
 import math
+import os
 import signal
 import sys
 import threading
@@ -743,9 +745,13 @@ def main():
         if not ended.is_set():
             raise
     finally:
+        if ended.is_set():  # what callbacks say from now on is of the end, too
+            sys.stderr = io.StringIO()
         rclpy.try_shutdown()
         if node is not None:
             node.destroy_node()
+        if ended.is_set():
+            os._exit(0)  # else Python waits for threads that plan or compile
 
 
 if __name__ == "__main__":
