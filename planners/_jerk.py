@@ -72,8 +72,8 @@ SLACK: Final = 1e-7
 LEG_ERROR: Final = 1e-10
 """Largest relative excess of a leg's length, for rounding."""
 
-ROUNDING: Final = 1e-12
-"""Excess over a limit that is a rounding error, far below the slack."""
+ROUNDING: Final = 1e-8
+"""Excess of a factor of time that is a rounding error; its third power is below the slack."""
 
 TINY: Final = 1e-300
 """Smallest divisor."""
@@ -115,11 +115,19 @@ def find_motion(
     if phases is not None or begin_speed == 0.0 or bounds.places is None:
         return phases
     # Limits of places do not hold up to a border, which is brought as near as a motion allows.
-    near, far = 0.0, float(intervals.lengths.sum())
-    phases = _solve(_raise_caps(intervals, far), bounds.jerk, *state)
+    # Before it, the robot becomes as fast as it must until its acceleration is zero, if it can.
+    shares = bounds.jerk.shares(intervals.rates[0])
+    square = (begin_speed + 0.5 * max(begin_acceleration, 0.0) ** 2 * float(shares.max())) ** 2
+    length = float(intervals.lengths.sum())
+    for top in ((1.0 + SLACK) ** 3 * square, math.inf):
+        far = length
+        phases = _solve(_raise_caps(intervals, far, top), bounds.jerk, *state)
+        if phases is not None:
+            break
+    near = 0.0
     for _ in range(BRAKING_STEPS if phases is not None else 0):
         middle = 0.5 * (near + far)
-        raised = _raise_caps(intervals, middle)
+        raised = _raise_caps(intervals, middle, top)
         found = _solve(raised, bounds.jerk, *state, middle)
         if found is None:
             found = _solve(raised, bounds.jerk, *state)
@@ -130,14 +138,15 @@ def find_motion(
     return phases
 
 
-def _raise_caps(intervals: Intervals, length: float) -> Intervals:
-    """Return intervals without limits of places up to a length from their begin."""
+def _raise_caps(intervals: Intervals, length: float, top: float) -> Intervals:
+    """Raise the limits of places, up to a length from the begin, to at least a squared speed."""
     borders = np.cumsum(intervals.lengths)
     number = min(int(np.searchsorted(borders, length)), len(borders) - 1)
     most = float(intervals.lengths[number])
     place = min(max(length - float(borders[number]) + most, 0.0), most)
     raised = cut_interval(intervals, number, place)
-    raised.caps[: number + 1] = raised.hard_caps[: number + 1]
+    caps = raised.caps[: number + 1]
+    caps[:] = np.minimum(raised.hard_caps[: number + 1], np.maximum(caps, top))
     ends = np.minimum(raised.caps[:-1], raised.caps[1:])
     raised.end_caps[1:-1] = np.where(raised.end_caps[1:-1] > 0.0, ends, 0.0)
     return raised
@@ -380,16 +389,16 @@ def fill_leg(
     ``limits`` are the acceleration and jerk of both ramps, and the largest speed.
     """
     eased = max(speed + acceleration * abs(acceleration) / (2.0 * limits[1]), 0.0)
-    low = max(eased, to)
-    even = max(limits[4], low)
+    even = max(limits[4], to)
+    low = max(min(eased, even), to)
     moved = fill_ramps(durations, jerks, speed, acceleration, even, to, limits)
     if moved > length:
         high = even
         least = fill_ramps(durations, jerks, speed, acceleration, low, to, limits)
-        if least > (1.0 + LEG_ERROR) * length and eased > to:
+        if least > (1.0 + LEG_ERROR) * length and low > to:
             # The robot slows down at once, and again from the even speed.
+            high = low
             low = to
-            high = eased
         for _ in range(ROOT_STEPS):
             even = 0.5 * (low + high)
             if fill_ramps(durations, jerks, speed, acceleration, even, to, limits) <= length:
@@ -620,6 +629,10 @@ def solve_legs(
                 laid[i, 0] = speed
                 laid[i, 1] = after
                 laid[i, 2] = need
+                # The ends of a leg are no faster than it may be between them.
+                for end in (i, i + 1):
+                    if end > 0:
+                        key_speeds[end] = min(key_speeds[end], limits[i, 4])
                 # If slower ramps do not help, the robot must be slower at the ends.
                 is_low = False
                 for column in range(4):

@@ -352,6 +352,27 @@ def test_motions_go_on_with_new_limits_as_without(drive, rotations, jerk):
             assert slower.recheck(plan.space).all()
 
 
+@pytest.mark.parametrize("drive, rotations", DRIVES[:3])
+def test_limits_that_were_kept_are_kept_on_with_limited_jerk(drive, rotations):
+    plan = find_plan(drive, rotations)
+    limits = make_limits(rotations, drive, **JERK)
+    zones = draw_zones(plan, 3)
+    speed = planners.SpeedZones(zones)
+    motion = plan.trajectory(**limits, speed=speed)
+    moving = 0
+    for at in np.linspace(0.05, 0.85, 9) * motion.duration:
+        for start in motion.starts_after(at):
+            onward = planners.plan(plan.space, start, plan.goal, drive=plan.drive, previous=plan)
+            same = onward.trajectory(**limits, after=motion, at=at, speed=speed)
+            # The bound of a zone may begin a cell earlier along another curve.
+            assert same.exceeds_until < 0.02
+            moving += not same.stop_reason
+            q, speeds = sample_speeds(same)
+            later = np.linspace(0.0, same.duration, INSTANTS) >= same.exceeds_until
+            assert (speeds <= SLACK * allow_in_zones(q, zones))[later].all()
+    assert moving >= 8
+
+
 @pytest.mark.parametrize("jerk", [{}, {"max_jerk": 1.0}], ids=["", "jerk"])
 def test_a_stop_says_until_when_it_exceeds_new_limits(jerk):
     plan = plan_along_hall()
