@@ -1321,6 +1321,8 @@ def _make_segments(
     ``radians`` turn the direction of motion.
     """
     moves = np.abs(steps) > ROUNDING * measure_sizes(points, rotations)
+    if velocity.angular is None:  # a car only turns as it moves
+        moves &= moves[:, : velocity.dim].any(axis=1, keepdims=True)
     steps = np.where(moves, steps, 0.0)
     kept = moves.any(axis=1)
     if not kept.any():  # a plan without motion becomes a segment without length

@@ -509,3 +509,17 @@ def test_what_is_no_motion_from_start_to_goal_is_found(change):
     assert is_motion(*path, trajectory._phases, bounds)
     with np.errstate(invalid="ignore"):
         assert not is_motion(*path, change(trajectory._phases), bounds)
+
+
+def test_a_car_far_away_passes_steps_that_are_rounding_errors():
+    lower = (200000.0, -190000.0)
+    workspace = cspace.Workspace.from_array(np.zeros((60, 40), dtype=bool), 0.1, lower=lower)
+    space = cspace.build(workspace, cspace.Robot.rectangle(0.6, 0.4), rotations=36)
+    start, goal = (200001.0, -189998.0, 0.0), (200005.0, -189998.0, 0.0)
+    plan = planners.plan(space, start, goal, drive=planners.Car(1.0))
+    limits = {"max_velocity": 1.0, "max_acceleration": 0.5, "max_jerk": 2.0}
+    fastest = plan.trajectory(**limits).duration
+    near = plan.waypoints[0] + (9e-10, 1e-9, -3e-9)
+    rows = np.insert(plan.waypoints, 1, near, axis=0)
+    bent = replace(plan, waypoints=rows)
+    assert bent.trajectory(**limits).duration == pytest.approx(fastest, rel=1e-6)
