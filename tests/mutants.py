@@ -332,6 +332,24 @@ MUTANTS = (
     ),
     # Shapes and bodies.
     Mutant(
+        "cspace/_queries/leaving.py",
+        "near[:, :, layers].any(axis=2)",
+        "near.any(axis=2)",
+        "tests/queries/test_leaving.py",
+    ),
+    Mutant(
+        "cspace/_exact/boundaries.py",
+        "first_axis = 2 if on_floor else workspace.grid.dim",
+        "first_axis = workspace.grid.dim",
+        "tests/test_floor.py",
+    ),
+    Mutant(
+        "cspace/_shapes/layers.py",
+        "return first >= 0 and stop <= self.layers",
+        "return True",
+        "tests/test_floor.py",
+    ),
+    Mutant(
         "cspace/_shapes/layers.py",
         "SLACK * spacing)",
         "0.0)",

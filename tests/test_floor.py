@@ -253,6 +253,21 @@ def test_heights_on_layers_and_one_ulp_beside_them_are_decided(seed, layer, ulps
     assert cspace.build(workspace, robot, floor=floor).classify((0.5, 0.5)) == BLOCKED
 
 
+@pytest.mark.parametrize("top", [0.68, 68 * 0.01, 0.17 * 4.0, 0.98 - 0.3])
+@pytest.mark.parametrize("lower", [0.0, 0.1, -0.7])
+def test_only_contact_within_rounding_is_undecided(top, lower):
+    """A beam begins at 0.68 m, on cells of 1 cm; contact is decided within 1 nm."""
+    cells = np.zeros((30, 20, 75), dtype=bool)
+    cells[10:15, :, 68:] = True
+    workspace = Workspace.from_array(cells, 0.01, (0.0, 0.0, lower))
+
+    def classify(height):
+        box = Robot.box((0.04, 0.04, height), (0.0, 0.0, height / 2.0))
+        return cspace.build(workspace, box, floor=lower, outside="free").classify((0.125, 0.1))
+
+    assert [classify(top + step) for step in (-1e-9, 0.0, 1e-9)] == [FREE, MIXED, BLOCKED]
+
+
 @examples(16)
 @given(seeds, exteriors, st.sampled_from(TURNING), st.sampled_from([None, 7]), st.booleans())
 def test_a_map_on_a_floor_is_the_worst_of_its_layers(seed, outside, kind, rotations, margin):
