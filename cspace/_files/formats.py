@@ -56,7 +56,8 @@ WORKSPACE_FORMATS: Final[dict[str, Format]] = {
     ".map": Format("from_movingai", 2, "a MovingAI map"),
     ".3dmap": Format("from_movingai", 3, "a MovingAI map of voxels"),
     **dict.fromkeys(
-        vector.POLYGON_SUFFIXES, Format("from_polygons", 2, "polygons, lines and points")
+        vector.POLYGON_SUFFIXES,
+        Format("from_polygons", 2, "polygons, lines and points; zones of type BLOCKED of VDA 5050"),
     ),
     **dict.fromkeys(
         meshes.MESH_SUFFIXES,

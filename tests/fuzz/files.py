@@ -125,6 +125,9 @@ def write_core_families(folder: Path) -> dict[str, Path]:
     )
     for suffix in ("png", "bmp", "tif", "jpg"):
         Image.fromarray(np.where(cells, 0, 255).astype(np.uint8)).save(folder / f"image.{suffix}")
+    corners = [{"x": x, "y": y} for x, y in ((0.0, 0.0), (0.5, 0.0), (0.25, 0.5))]
+    zone = {"zoneId": "a", "zoneType": "BLOCKED", "vertices": corners}
+    put("zones.json", json.dumps({"zoneSet": {"mapId": "m", "zoneSetId": "z", "zones": [zone]}}))
     put("grid.map", "type octile\nheight 3\nwidth 4\nmap\n.@@.\n....\nT.GW\n")
     put("voxels.3dmap", "voxel 4 3 2\n0 0 0\n1 2 1\n3 0 1\n")
     shapes = [
