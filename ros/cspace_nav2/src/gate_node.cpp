@@ -113,9 +113,11 @@ class GateNode : public rclcpp_lifecycle::LifecycleNode {
     footprint_ = parameters.texts("footprint", none, "convex parts that the map's robot must have, such as "
                                   "'[[0.3, 0.2], [-0.3, 0.2], [0, -0.2]]', metres");
     gate_options_.dt = parameters.number("period", 0.05, 0.005, 0.5, "seconds between two commands");
-    const std::vector<double> brakes = parameters.numbers("max_deceleration", {1.0, 2.0}, "what the brakes reach, m/s^2 and rad/s^2");
-    const std::vector<double> tracking =
-        parameters.numbers("tracking", {0.02, 0.02, 0.02}, "how far the robot may stray: x and y, metres, and yaw, radians");
+    for (const std::string& part : footprint_) read_part(part);  // the map may come later
+    const std::vector<double> brakes =
+        parameters.numbers("max_deceleration", {1.0, 2.0}, 0.001, 1000.0, "what the brakes reach, m/s^2 and rad/s^2");
+    const std::vector<double> tracking = parameters.numbers("tracking", {0.02, 0.02, 0.02}, 0.0, 10.0,
+                                                            "how far the robot may stray: x and y, metres, and yaw, radians");
     gate_options_.max_deceleration = {brakes[0], brakes[1]};
     gate_options_.tracking = {tracking[0], tracking[1], tracking[2]};
     gate_options_.point_radius = parameters.number("point_radius", 0.03, 0.0, 1.0, "what is around each point, metres");
@@ -255,7 +257,14 @@ int main(int count, char** arguments) {
   // The robot is brought to rest before the node goes, which the handlers of rclcpp would not wait for.
   rclcpp::init(count, arguments, rclcpp::InitOptions(), rclcpp::SignalHandlerOptions::None);
   for (const int number : {SIGINT, SIGTERM}) std::signal(number, [](int) { is_ended = 1; });
-  const auto node = std::make_shared<cspace_nav2::GateNode>();
+  std::shared_ptr<cspace_nav2::GateNode> node;
+  try {
+    node = std::make_shared<cspace_nav2::GateNode>();
+  } catch (const std::exception& error) {  // of an empty list as a parameter, for one
+    RCLCPP_FATAL(rclcpp::get_logger("cspace_gate"), "%s", error.what());
+    rclcpp::shutdown();
+    return 1;
+  }
   rclcpp::executors::SingleThreadedExecutor executor;
   executor.add_node(node->get_node_base_interface());
   while (is_ended == 0 && rclcpp::ok()) executor.spin_once(std::chrono::milliseconds(100));

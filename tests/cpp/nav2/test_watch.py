@@ -262,6 +262,12 @@ def test_it_brakes_one_period_after_an_input_is_too_old(watch, robot, silent, re
     assert not step(watch, robot).reason
 
 
+def test_a_robot_that_turns_round_has_no_reason_to_stand(watch, robot):
+    decided = [step(watch, robot, (-0.4, 0.0)) for _ in range(24)]
+    assert [each.reason for each in decided] == [""] * 24
+    assert decided[-1].twist.tolist() == [-0.4, 0.0]
+
+
 def test_a_scan_is_as_old_as_its_stamp(watch, robot):
     """Of 0.3 s, a scan from 0.25 s ago leaves a cycle more."""
     for _ in range(6):

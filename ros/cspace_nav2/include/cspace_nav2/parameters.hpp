@@ -52,9 +52,11 @@ class Parameters {
     return read(name, otherwise, describe(about));
   }
 
-  /// Return as many numbers as there are defaults.
-  std::vector<double> numbers(const std::string& name, const std::vector<double>& otherwise, const std::string& about) {
+  /// Return as many numbers as there are defaults, each within bounds.
+  std::vector<double> numbers(const std::string& name, const std::vector<double>& otherwise, double lowest, double highest,
+                              const std::string& about) {
     const std::vector<double> list = read(name, otherwise, describe(about));
+    for (const double number : list) check(name, number, lowest, highest);
     if (list.size() == otherwise.size()) return list;
     throw std::invalid_argument("the parameter '" + name + "' has " + std::to_string(list.size()) + " numbers; it must have " +
                                 std::to_string(otherwise.size()));
