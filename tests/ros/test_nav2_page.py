@@ -9,6 +9,7 @@ import shutil
 import signal
 import subprocess
 import time
+from pathlib import Path
 
 import pytest
 
@@ -16,9 +17,9 @@ from tests.helpers.repository import ROOT
 
 USUAL = "/opt/ros/jazzy"
 PREFIX = os.environ.get("CSPACE_ROS_PREFIX", USUAL)
-NEEDS = ("share/nav2_bringup", "bin/ros2")
+NEEDS = (Path(PREFIX, "share/nav2_bringup"), Path(PREFIX, "bin/ros2"))
 pytestmark = pytest.mark.skipif(
-    not all(os.path.exists(f"{PREFIX}/{each}") for each in NEEDS) or not shutil.which("colcon"),
+    not all(map(Path.exists, NEEDS)) or not shutil.which("colcon"),
     reason="no ROS 2 with Nav2 and colcon is installed",
 )
 
