@@ -1147,8 +1147,8 @@ MUTANTS = (
     ),
     Mutant(
         "ros/cspace_nav2/include/cspace_nav2/footprint.hpp",
-        "if (first < last) return false;",
-        "if (last < first) return false;",
+        "if (most <= SAME) return true;",
+        "return true;",
         "tests/cpp/nav2/test_watch.py",
     ),
     Mutant(
