@@ -90,7 +90,7 @@ class MapSection(NamedTuple):
     upper: Floats
 
 
-class Lattice(NamedTuple):
+class BlockGrid(NamedTuple):
     """Blocks of the cells of a grid.
 
     Attributes
@@ -112,7 +112,7 @@ class Lattice(NamedTuple):
     upper: Floats
 
     @classmethod
-    def of(cls, grid: Grid, wall: float, floor: float) -> Lattice:
+    def of(cls, grid: Grid, wall: float, floor: float) -> BlockGrid:
         """Make blocks of a grid; cells of a plane grid are walls on a floor, metres."""
         side = math.ceil((grid.size / MAX_BLOCKS) ** (1.0 / grid.dim))
         shape = np.ones(3, dtype=np.int64)
@@ -141,7 +141,7 @@ class Cells:
         The map that is drawn.
     floor : float
         Height of the ground of a plane map, metres.
-    scene : Lattice
+    scene : BlockGrid
         Blocks of the obstacles.
     make_blocks : callable
         Return the classes of the blocks at a rotation cell, or those of the workspace if it is
@@ -154,8 +154,8 @@ class Cells:
         self.make_blocks = lru_cache(24)(self._merge_cells)
         self.invalidate()
         self.floor = self.drawn.floor or 0.0
-        self.scene = Lattice.of(self.drawn.workspace.grid, wall, self.floor)
-        self._states = Lattice.of(self.drawn.grid, wall, self.floor)
+        self.scene = BlockGrid.of(self.drawn.workspace.grid, wall, self.floor)
+        self._states = BlockGrid.of(self.drawn.grid, wall, self.floor)
 
     def invalidate(self) -> None:
         """Clear the cache, because the map has changed."""
@@ -175,9 +175,9 @@ class Cells:
             classes = classify_ground(space.workspace)
         else:
             classes = classify_cells(space, space.rotations.centers[cell])
-        return np.atleast_3d(reduce_blocks(classes, self._lattice(cell).side))
+        return np.atleast_3d(reduce_blocks(classes, self._block_grid(cell).side))
 
-    def _lattice(self, cell: int | None) -> Lattice:
+    def _block_grid(self, cell: int | None) -> BlockGrid:
         """Return the blocks at a rotation, or those of the workspace."""
         return self.scene if cell is None else self._states
 
@@ -185,7 +185,7 @@ class Cells:
         """Return the surface of a kind's blocks below the height ``cut``, metres."""
         solid = np.isin(self._blocks_below(cell, cut), kind.classes)
         # Corners of rectangles in cells; the last blocks may reach beyond the map.
-        blocks = self._lattice(cell)
+        blocks = self._block_grid(cell)
         corners = blocks.side * extract_border(solid, kind.has_boundary)
         nodes = np.minimum(corners, blocks.shape).reshape(-1, 3)
         vertices = blocks.lower + blocks.cell * nodes
@@ -215,7 +215,7 @@ class Cells:
 
     def _blocks_below(self, cell: int | None, cut: float) -> Bytes:
         """Return the classes of the blocks that begin below a height."""
-        blocks = self._lattice(cell)
+        blocks = self._block_grid(cell)
         height = min(cut, blocks.upper[2]) - blocks.lower[2]
         # Subtracting 1e-9 keeps rounding from adding a layer; at least one layer is drawn.
         layers = math.ceil(height / blocks.cell[2] / blocks.side - 1e-9)
