@@ -119,9 +119,6 @@ edge."""
 MIN_ROUND_GAIN: Final = 1e-7
 """Share of a path by which a round must shorten it for another to follow."""
 
-COST_GREED: Final = 1.1
-"""Weight of the remaining cost in a search by cost, whose paths lead past the places that cost."""
-
 FURTHER_FACTOR: Final = 4.0
 MIN_FURTHER: Final = Effort.from_seconds(0.25, math.inf)
 """Work of a search by cost, relative to that of the search by length, and its least value: a cheap
@@ -461,7 +458,7 @@ def _list_spot_motions(edges: LocalPlanner, endpoints: Endpoints, count: int) ->
         costs=METRES_PER_RADIAN * radians + np.abs(lengths),
         side=spacing,
         switch_cost=0.0,
-        greed=1.2 if edges.weights is None else COST_GREED,
+        greed=1.2,
         near=8.0 * spacing,
         geometry=None,
         factors=_list_factors(edges),
@@ -506,7 +503,8 @@ def _list_car_motions(
         costs=np.tile(costs, (count, 1)),
         side=side,
         switch_cost=0.5 * radius,
-        greed=1.5 if edges.weights is None else COST_GREED,
+        # A car by cost loses no time if it is less greedy.
+        greed=1.5 if edges.weights is None else 1.2,
         near=max(4.0 * radius, 8.0 * spacing),
         geometry=edges.geometry(),
         factors=_list_factors(edges),
@@ -699,7 +697,9 @@ def _shorten_once(edges: LocalPlanner, path: Floats, cost: Cost, until: Effort) 
         """Return the cost of an edge, so that few edges are cheap."""
         return cost(*q) + EDGE_COST
 
-    strides = np.unique(np.geomspace(1, len(path), 24).astype(np.int64)).tolist()
+    # A cost takes longer to measure than a length.
+    count = 24 if edges.weights is None else 12
+    strides = np.unique(np.geomspace(1, len(path), count).astype(np.int64)).tolist()
     paths = [path, find_cheapest_subpath(path, 2, is_free, measure, strides, until)]
     # A part of a curve need not be a shortest curve.
     if edges.turning_radius is None and not is_over(until):
