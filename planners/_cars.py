@@ -20,7 +20,7 @@ from planners._car_curves import (
     find_shortest_words,
     prove_length,
 )
-from planners._integrals import CostDensity, Field, bind_cost
+from planners._integrals import CellCost, bind_cost
 from planners._local_planner import MAX_RADIANS, LocalPlanner, Pieces, make_curve_states
 from planners._ompl_states import find_state_kind
 
@@ -71,9 +71,10 @@ class CarCurves(LocalPlanner):
         prove = self.length_prover()
         return lambda *q: prove(*q) >= 0.0
 
-    def edge_cost(self, field: Field, density: CostDensity) -> Callable[..., float]:
+    def edge_cost(self, weights: CellCost) -> Callable[..., float]:
         """Make ``cost(*q0, *q1)``, the cost of the shortest curve."""
-        return bind_cost(curve_cost, self.cells, field, density, (self.kind, self.radius))
+        curve = self.kind, self.radius
+        return bind_cost(curve_cost, self.cells, weights, self.rotation_weight, curve)
 
     def motion_checker(self) -> Callable[[ob.State, ob.State], bool]:
         """Make ``check(first, second)``, which proves a curve between OMPL states free.

@@ -27,8 +27,10 @@ from planners._paths import (
     Cost,
     are_free,
     keep_rotation,
+    move_points,
     path_length,
     pulled_straight,
+    thin_chain,
     waypoints,
 )
 
@@ -148,6 +150,8 @@ def _find_path_along_chain(
     )
     if not len(cells):
         return no_path
+    if cost is not None:
+        cells = thin_chain(cells)
     path = waypoints(space, endpoints, cells)
     end = until + MAX_SHORTENING
     if is_over(NEVER):  # before thousands of edges are proven
@@ -156,7 +160,12 @@ def _find_path_along_chain(
     # Only the edges from start and to goal may fail, if they touch cells that are not FREE.
     if not are_free(path, check):
         return no_path
-    return pulled_straight(path, space.rotations, check, cost, end) if straight else path
+    if not straight:
+        return path
+    path = pulled_straight(path, space.rotations, check, cost, end)
+    if cost is None or is_over(end):
+        return path
+    return move_points(path, space.dim, space.grid.spacing, check, cost)
 
 
 def _find_taut_path(
@@ -190,20 +199,19 @@ def find_cheap_path(
     :func:`find_short_path`.
     """
     space = edges.cells
-    cost = edges.weigh()
     factors = None if edges.weights is None else edges.weights.factors
     until = now() + limit
-    # A short path, the same path changed to cost less, and the path of a search by cost.
-    short_path = find_short_path(space, endpoints, straight, limit)
-    if len(short_path) and edges.path_cost(short_path) <= MAX_RATIO * edges.path_length(short_path):
-        return short_path
-    paths = [short_path]
-    if straight and len(short_path):
-        check = space.edge_checker()
-        end = until + MAX_SHORTENING
-        paths.append(pulled_straight(short_path, space.rotations, check, cost, end))
+    paths: list[Floats] = []
+    if space.size == 2:
+        paths.append(find_short_path(space, endpoints, straight, limit))
+    elif are_free(endpoints, space.edge_checker()):
+        paths.append(endpoints)
+    for path in paths:
+        if len(path) and edges.path_cost(path) <= MAX_RATIO * edges.path_length(path):
+            return path
     with suppress(TimeoutError):
-        remaining = until - now()
-        paths.append(_find_path_along_chain(space, endpoints, straight, remaining, factors, cost))
+        left = until - now()
+        cost = edges.weigh()
+        paths.append(_find_path_along_chain(space, endpoints, straight, left, factors, cost))
     paths = [path for path in paths if len(path)]
     return min(paths, key=edges.path_cost, default=endpoints[:0])

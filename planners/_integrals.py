@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any, Final, Literal, NamedTuple, TypeAlias
+from dataclasses import dataclass, field
+from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -26,16 +26,8 @@ from cspace.inside import (
 )
 from planners._estimate import Costs
 
-Field: TypeAlias = Literal["clearance"] | Costs | None
-"""Source of a value at each configuration: the clearance; values of cells; or none (zero)."""
-
 Numbers = tuple[float, ...]
 """Coordinates of a rotation, or of configurations."""
-
-NO_VALUES = 0
-CLEARANCES = 1
-OVERLAPS = 2
-"""Kinds of :class:`Values`."""
 
 MAX_RADIANS_PER_STEP: Final = math.radians(5.0)
 """Largest rotation of an integration step, in radians (5 degrees)."""
@@ -44,27 +36,24 @@ BYTES_PER_CELL: Final = 16
 """Memory of the costs of a cell, bytes, with what makes them."""
 
 
-class Values(NamedTuple):
-    """A field as kernels take it; what its kind does not need is empty."""
-
-    kind: int
-    distances: DistanceTable
-    overlaps: Costs
-
-
 class CostDensity(NamedTuple):
-    """Cost of a metre, by the value of a field.
+    """Cost of a metre, by a clearance.
 
-    It is ``1 + weight * max(0, offset + slope * value)**2``. A radian of rotation counts as
-    ``rotation_weight`` metres. ``mean_per_metre`` selects the mean cost of a metre, instead of the
-    cost of the whole edge.
+    It is ``1 + weight * max(0, offset + slope * clearance)**2``. A radian of rotation counts as
+    ``rotation_weight`` metres.
     """
 
-    offset: float
-    slope: float
-    weight: float
+    offset: float = 0.0
+    slope: float = 0.0
+    weight: float = 0.0
     rotation_weight: float = 0.0
-    mean_per_metre: bool = False
+
+
+class Values(NamedTuple):
+    """What the cost of a metre depends on, as kernels take it: factors of cells, or clearances."""
+
+    distances: DistanceTable
+    factors: Costs  # (cells,), those of all cells of all slices in C order; empty for clearances
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,14 +63,16 @@ class CellCost:
     Attributes
     ----------
     factors : ndarray of float32, shape (slices, nx, ny) or (slices, nx, ny, nz)
-        Cost of a metre in each cell, 1 or above.
-    field, density
-        Cost of a metre at each configuration; the rotation weight is that of the edges.
+        Cost of a metre in each cell, 1 or above. Along edges it is linear between their centers.
+    density : CostDensity, optional
+        Cost of a metre along edges by the clearance, instead.
+    of_edges : dict
+        Cost of an edge, by the drive, once it is made: that takes longer than hundreds of edges.
     """
 
     factors: Costs
-    field: Field
-    density: CostDensity
+    density: CostDensity | None = None
+    of_edges: dict[object, Callable[..., float]] = field(default_factory=dict)
 
 
 Weigh: TypeAlias = Callable[[CSpace], CellCost | None]
@@ -98,23 +89,20 @@ def check_costs_fit(space: CSpace) -> None:
 def cost_at(
     map_: Map, values: Values, density: CostDensity, position: Row, rotation: Numbers
 ) -> float:
-    """Return a metre's cost at a configuration, from the field."""
-    value = 0.0
-    if values.kind == CLEARANCES:
-        value = clearance_at(map_, values.distances, position, rotation)
-    elif values.kind == OVERLAPS:
-        value = field_at(map_, values.overlaps, position, rotation)
-    penalty = max(0.0, density.offset + density.slope * value)
+    """Return a metre's cost at a configuration."""
+    if len(values.factors) > 0:
+        return factor_between(map_, values.factors, position, rotation)
+    clearance = clearance_at(map_, values.distances, position, rotation)
+    penalty = max(0.0, density.offset + density.slope * clearance)
     return 1.0 + density.weight * penalty * penalty
 
 
 @internal
-def field_at(map_: Map, values: Costs, position: Row, rotation: Numbers) -> float:
-    """Interpolate a field at a configuration, for compiled callers.
+def factor_between(map_: Map, factors: Costs, position: Row, rotation: Numbers) -> float:
+    """Interpolate factors of cells at a configuration, for compiled callers.
 
-    ``values``, shape (cells,), are the overlaps of all cells of all slices in C order, and
-    ``position`` has three coordinates, metres. The weights are those of linear interpolation
-    between the eight cell centers around the position.
+    ``factors`` are those of :class:`Values`, and ``position`` has three coordinates, metres. The
+    weights are those of linear interpolation between the eight cell centers around the position.
     """
     s = slice_of(map_, rotation)
     total = 0.0
@@ -136,8 +124,8 @@ def field_at(map_: Map, values: Costs, position: Row, rotation: Numbers) -> floa
                 weight *= 1.0 - share
             cell = cell * count + k
         if weight > 0.0:
-            total += weight * values[cell]
-    return max(total, 0.0)
+            total += weight * factors[cell]
+    return max(total, 1.0)
 
 
 @kernel
@@ -157,33 +145,35 @@ def integrate_straight_edge(
         share = (step + 0.5) / steps
         position, rotation = configuration_along(map_, size, numbers, share)
         total += cost_at(map_, values, density, position, rotation)
-    mean_cost = total / steps
-    if density.mean_per_metre:
-        return mean_cost
-    return mean_cost * (metres + density.rotation_weight * radians)
+    return total / steps * (metres + density.rotation_weight * radians)
 
 
-def bind_cost(kernel: Any, space: CSpace, field: Field, *fixed: Any) -> Callable[..., float]:
-    """Make ``cost(*q0, *q1)`` from ``kernel(map, values, *fixed, numbers)``.
+def bind_cost(
+    kernel: Any, space: CSpace, weights: CellCost, rotation_weight: float, *fixed: Any
+) -> Callable[..., float]:
+    """Make ``cost(*q0, *q1)`` from ``kernel(map, values, density, *fixed, numbers)``.
 
     The numbers are both configurations. The function follows changes of the map.
     """
-    # Kernels take one type of record, so what a field does not need is empty.
+    # Kernels take one type of record, so what they do not need is empty.
     no_distances = DistanceTable(
         np.empty(0, dtype=np.float32),
         np.empty((0, 2, space.grid.dim)),
         np.empty(0, dtype=np.bool_),
     )
-    no_overlaps = np.empty(0, dtype=np.float32)
+    by_clearance = weights.density is not None
+    factors = np.empty(0, dtype=np.float32) if by_clearance else weights.factors.reshape(-1)
+    density = (weights.density or CostDensity())._replace(rotation_weight=rotation_weight)
+    values = Values(no_distances, factors)
     zeros = (0.0,) * (2 * space.size)
+    integrate = bind_kernel(kernel, (map_record(space),), values, density, *fixed, zeros)
+    if not by_clearance:
+        return lambda *ends: integrate(values, density, *fixed, ends)
 
-    def get_values() -> Values:
-        """Return the field's present values."""
-        if isinstance(field, str):
-            return Values(CLEARANCES, DistanceTable.of(space), no_overlaps)
-        if field is None:
-            return Values(NO_VALUES, no_distances, no_overlaps)
-        return Values(OVERLAPS, no_distances, field.reshape(-1))
+    def measure(*ends: float) -> float:
+        """Return the cost by the present distances."""
+        present = Values(DistanceTable.of(space), factors)
+        cost: float = integrate(present, density, *fixed, ends)
+        return cost
 
-    integrate = bind_kernel(kernel, (map_record(space),), get_values(), *fixed, zeros)
-    return lambda *ends: integrate(get_values(), *fixed, ends)
+    return measure

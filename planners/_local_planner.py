@@ -37,7 +37,7 @@ from cspace.inside import (
     measure_steps,
     proofs_of,
 )
-from planners._integrals import CellCost, CostDensity, Field, bind_cost, integrate_straight_edge
+from planners._integrals import CellCost, bind_cost, integrate_straight_edge
 from planners._ompl_states import find_state_kind, with_wrapped_angles
 
 if TYPE_CHECKING:
@@ -187,16 +187,20 @@ class LocalPlanner:
         for first, last in itertools.pairwise(rows):
             yield check(*first, *last)
 
-    def edge_cost(self, field: Field, density: CostDensity) -> Callable[..., float]:
+    def edge_cost(self, weights: CellCost) -> Callable[..., float]:
         """Make ``cost(*q0, *q1)``, the cost of the edge on a map."""
-        return bind_cost(integrate_straight_edge, self.cells, field, density, self.space.size)
+        size = self.space.size
+        weight = self.rotation_weight
+        return bind_cost(integrate_straight_edge, self.cells, weights, weight, size)
 
     def weigh(self) -> Callable[..., float] | None:
         """Make ``cost(*q0, *q1)``, the cost of the edge; None if it is the length."""
         if self.weights is None:
             return None
-        density = self.weights.density._replace(rotation_weight=self.rotation_weight)
-        return self.edge_cost(self.weights.field, density)
+        made = self.weights.of_edges
+        if self.drive not in made:
+            made[self.drive] = self.edge_cost(self.weights)
+        return made[self.drive]
 
     def edge_costs(self, starts: Floats, ends: Floats) -> Floats:
         """Return the costs of edges, shape (n,), at least their lengths."""
@@ -414,9 +418,9 @@ class TurnDriveTurn(LocalPlanner):
 
         return check
 
-    def edge_cost(self, field: Field, density: CostDensity) -> Callable[..., float]:
+    def edge_cost(self, weights: CellCost) -> Callable[..., float]:
         """Make ``cost(*q0, *q1)``, the cost of both turns and the drive."""
-        cost = super().edge_cost(field, density)
+        cost = super().edge_cost(weights)
 
         def add(x0: float, y0: float, yaw0: float, x1: float, y1: float, yaw1: float) -> float:
             """Return the cost of both turns and the drive."""

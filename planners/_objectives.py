@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import partial
 from typing import TYPE_CHECKING, Final, Literal, TypeAlias
 
 import numpy as np
@@ -30,9 +30,10 @@ from cspace.inside import (
     check_positive,
 )
 from planners._catalogue import CLEARANCE, COSTS, FUNCTION, LENGTH, TIME
-from planners._integrals import CellCost, CostDensity, Field, Weigh, check_costs_fit
+from planners._integrals import CellCost, CostDensity, Weigh, check_costs_fit
 from planners._local_planner import LocalPlanner
 from planners._ompl_states import find_state_kind
+from planners._search import find_cells
 
 if TYPE_CHECKING:
     from planners._speed_limits import SpeedLike
@@ -56,8 +57,8 @@ class WeightedLength:
     ----------
     field : "clearance" or array-like
         Source of the value. An array has a value for each cell of each slice, shape (slices, x, y)
-        or (slices, x, y, z), without the first axis for a robot that does not turn. Between the
-        centers of cells it is linear; below zero it counts as zero.
+        or (slices, x, y, z), without the first axis for a robot that does not turn. Values below
+        zero count as zero. Between the centers of cells the cost of a metre is linear.
     offset, slope : float
         Penalty at value zero, and its change per unit of the value.
     weight : float
@@ -214,18 +215,16 @@ def _weigh_clearance(objective: ClearanceObjective, space: CSpace) -> CellCost:
 def _weigh_length(objective: WeightedLength, space: CSpace) -> CellCost:
     """Return what a metre costs by a field."""
     check_costs_fit(space)
-    density = CostDensity(objective.offset, objective.slope, objective.weight)
-    shape = -1, *space.grid.shape
-    field: Field
+    density = None
     if isinstance(objective.field, str):
-        field = "clearance"
-        values = DistanceTable.of(space).cells.reshape(shape) * np.float32(space.grid.spacing)
+        density = CostDensity(objective.offset, objective.slope, objective.weight)
+        values = DistanceTable.of(space).cells * np.float32(space.grid.spacing)
     else:
-        field = values = np.asarray(objective.field, dtype=np.float32).reshape(shape)
+        values = np.asarray(objective.field, dtype=np.float32)
     penalties = objective.offset + objective.slope * np.maximum(values, np.float32(0.0))
     np.maximum(penalties, np.float32(0.0), out=penalties)
     factors = 1.0 + objective.weight * penalties * penalties
-    return CellCost(factors, field, density)
+    return CellCost(factors.reshape(-1, *space.grid.shape), density)
 
 
 def default_clearance_threshold(space: CSpace) -> float:
@@ -268,9 +267,13 @@ class EdgeCosts(ob.OptimizationObjective):
         )
 
     def stateCost(self, state: ob.State) -> ob.Cost:  # noqa: N802 - OMPL's name
-        """Return the cost per metre at a state."""
-        q = self._kind.read(state)
-        return ob.Cost(self._cost_per_metre(*q, *q))
+        """Return the cost of a metre in the cell of a state."""
+        weights = self._edges.weights
+        if weights is None:
+            return ob.Cost(1.0)
+        cells = self._edges.cells
+        rotation, *position = find_cells(cells, np.array(self._kind.read(state)))
+        return ob.Cost(float(weights.factors[cells.slice_of[rotation], *position]))
 
     def motionCost(self, first: ob.State, second: ob.State) -> ob.Cost:  # noqa: N802 - OMPL's name
         """Return the cost of an edge."""
@@ -279,12 +282,3 @@ class EdgeCosts(ob.OptimizationObjective):
     def motionCostHeuristic(self, first: ob.State, second: ob.State) -> ob.Cost:  # noqa: N802 - OMPL's name
         """Return the straight length, which bounds the cost."""
         return ob.Cost(self._measure_line(first, second))
-
-    @cached_property
-    def _cost_per_metre(self) -> Callable[..., float]:
-        """Cost per metre at a configuration, as a function."""
-        weights = self._edges.weights
-        if weights is None:
-            return lambda *_: 1.0
-        density = weights.density._replace(mean_per_metre=True)
-        return LocalPlanner(self._edges.space).edge_cost(weights.field, density)

@@ -34,6 +34,12 @@ SHARES: Final = np.linspace(0.0, 1.0, SHARES_PER_EDGE + 1)[:, np.newaxis]
 STRIDES: Final = (1, 2, 4, 8, 16, 32, 64)
 """Numbers of edges that an edge may replace at a time, if edges have costs."""
 
+CELLS_PER_RUN: Final = 8
+"""Cells between those that stay on a straight run of a chain."""
+
+MOVE_SHARES: Final = np.array([1.0, 0.5, 0.25])
+"""Steps by which waypoints move to where a path costs less, in cells."""
+
 MAX_SHORTENING: Final = Effort.from_seconds(0.1, 0.1)
 """Effort after the limit by which a path found in time may still be shortened."""
 
@@ -53,6 +59,18 @@ def waypoints(space: CSpace, endpoints: Floats, cells: Ints) -> Floats:
     rotation_cells = cells[:, 0]
     centers = [space.grid.center_of(cells[:, 1:]), space.rotations.centers[rotation_cells]]
     return np.vstack([start, np.column_stack(centers), goal])
+
+
+def thin_chain(cells: Ints) -> Ints:
+    """Leave out cells of a chain, shape (n, 1 + d), on straight runs, except every few."""
+    steps = np.diff(cells, axis=0)
+    turns = np.flatnonzero((steps[1:] != steps[:-1]).any(axis=1)) + 1
+    begins = np.concatenate([[0], turns])
+    places = np.arange(len(cells))
+    in_run = places - begins[np.searchsorted(begins, places, side="right") - 1]
+    in_run[-1] = 0
+    kept: Ints = cells[in_run % CELLS_PER_RUN == 0]
+    return kept
 
 
 def drop_repeats(path: Floats) -> Floats:
@@ -192,6 +210,28 @@ def _cut_corner(
         else:
             high = center
     return [backward[low], forward[low]] if low else [corner]
+
+
+def move_points(path: Floats, dim: int, step: float, check: Check, cost: Cost) -> Floats:
+    """Move waypoints of a path, shape (n, size), to where it costs less.
+
+    Each one moves in its first ``dim`` coordinates, by at most a few times ``step``, metres, while
+    both its edges pass.
+    """
+    rows = path.tolist()
+    ways = [way for way in itertools.product((-1.0, 0.0, 1.0), repeat=dim) if any(way)]
+    for size in step * MOVE_SHARES:
+        for k in range(1, len(rows) - 1):
+            before, here, after = rows[k - 1 : k + 2]
+            least = cost(*before, *here) + cost(*here, *after)
+            for way in ways:
+                moved = [x + size * unit for x, unit in zip(here, way, strict=False)] + here[dim:]
+                total = cost(*before, *moved) + cost(*moved, *after)
+                spend(2 * NANOSECONDS_PER_EDGE)
+                if total < least and check(*before, *moved) and check(*moved, *after):
+                    least = total
+                    rows[k] = moved
+    return np.array(rows)
 
 
 def find_cheapest_subpath(

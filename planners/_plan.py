@@ -922,8 +922,7 @@ def _run_planner(task: PlanTask, may_exist: Callable[[], bool]) -> SearchResult:
     is_quick = name in (GRID, LATTICE)
     if (edges.exact or not is_quick) and not may_exist():
         return SearchResult(np.empty((0, edges.space.size)), planner=name)
-    is_by_length = is_quick and edges.weights is None
-    if isinstance(edges.space, ConfigurationMap) and not is_by_length:
+    if name == MAX_CLEARANCE:
         # A search from the start to itself fills the caches of the map, which the time limit leaves
         # out.
         start = task.endpoints[0]
@@ -933,7 +932,7 @@ def _run_planner(task: PlanTask, may_exist: Callable[[], bool]) -> SearchResult:
     if len(path) > 2 and is_over(NEVER):
         path = path[:0]  # to prove and measure thousands of edges takes long
     planning = now() - began
-    note = NO_SEARCH if len(path) == 2 and is_by_length else ""
+    note = NO_SEARCH if len(path) == 2 and is_quick and edges.weights is None else ""
     return SearchResult(path, note, planning, lattice=proof, planner=name)
 
 

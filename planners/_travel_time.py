@@ -10,19 +10,19 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Final, cast
+from typing import TYPE_CHECKING, Final, NamedTuple, cast
 from weakref import WeakKeyDictionary
 
 import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from cspace import FREE, CSpace, Robot, Workspace, build
+from cspace import BLOCKED, FREE, MIXED, CSpace, Robot, Workspace, build
 from cspace.errors import InputError
 from cspace.inside import ConfigurationMap, DistanceTable, States, map_record
 from planners._catalogue import TIME
 from planners._estimate import Costs
-from planners._integrals import CellCost, CostDensity, Weigh, check_costs_fit
+from planners._integrals import CellCost, Weigh, check_costs_fit
 from planners._speed_limits import (
     EverywhereRule,
     NearRule,
@@ -38,6 +38,18 @@ if TYPE_CHECKING:
     from cspace import TiledCSpace
 
 PlaceRule = ZoneRule | NearRule
+
+
+class LastCosts(NamedTuple):
+    """The last costs on the cells of a map, and what they were made of."""
+
+    limits: list[object]
+    tables: list[DistanceTable]
+    factors: Costs
+
+
+LAST_COSTS: Final[WeakKeyDictionary[CSpace, LastCosts]] = WeakKeyDictionary()
+"""The last costs of each map, as long as it lives."""
 
 ZONE_SPEEDS: Final[WeakKeyDictionary[CSpace, WeakKeyDictionary[SpeedZones, Costs]]] = (
     WeakKeyDictionary()
@@ -61,9 +73,27 @@ def read_speeds(speed: SpeedLike | Sequence[SpeedLike] | None, space: Configurat
 
 def _weigh_time(full: float, rules: Sequence[PlaceRule], space: CSpace) -> CellCost | None:
     """Return what a metre costs by its time; None if all cells have the full speed."""
+    limits: list[object] = [full]
+    tables: list[DistanceTable] = []
+    for rule in rules:
+        if isinstance(rule, NearRule):
+            tables.append(DistanceTable.of(_find_cells(rule.limit, space)))
+            limits += [rule.limit.speed, rule.limit.distance, id(tables[-1].cells)]
+        else:
+            limits.append(rule.zones)
+    known = LAST_COSTS.get(space)
+    if known is None or known.limits != limits:
+        factors = _find_factors(full, rules, space)
+        known = LAST_COSTS[space] = LastCosts(limits, tables, factors)
+    if not known.factors.size:
+        return None
+    return CellCost(known.factors)
+
+
+def _find_factors(full: float, rules: Sequence[PlaceRule], space: CSpace) -> Costs:
+    """Return the cost of a metre in each cell, shape (slices, ...); empty if all are 1."""
     check_costs_fit(space)
-    shape = len(space.slice_rotations), *space.grid.shape
-    speeds = np.full(shape, full, dtype=np.float32)
+    speeds = np.full((len(space.slice_rotations), *space.grid.shape), full, dtype=np.float32)
     for rule in rules:
         if isinstance(rule, NearRule):
             found = _measure_near(rule.limit, space)
@@ -71,17 +101,21 @@ def _weigh_time(full: float, rules: Sequence[PlaceRule], space: CSpace) -> CellC
             found = _measure_zones(rule, space)
         np.minimum(speeds, found, out=speeds)
     factors = np.float32(full) / speeds
-    if not (factors > 1.0).any():
-        return None
-    return CellCost(factors, np.sqrt(factors - np.float32(1.0)), CostDensity(0.0, 1.0, 1.0))
+    return factors if (factors > 1.0).any() else factors[:0]
+
+
+def _find_cells(near: SlowNear, space: CSpace) -> CSpace:
+    """Return the map of the obstacles of a limit, in memory."""
+    cells = near.space
+    if isinstance(cells, CSpace):
+        return cells
+    return cast("TiledCSpace", cells).window(space.grid.lower, space.grid.upper)
 
 
 def _measure_near(near: SlowNear, space: CSpace) -> Costs:
     """Return the largest speeds near obstacles in each cell of each slice, infinite elsewhere."""
     grid = space.grid
-    cells = near.space
-    if not isinstance(cells, CSpace):
-        cells = cast("TiledCSpace", cells).window(grid.lower, grid.upper)
+    cells = _find_cells(near, space)
     widths = DistanceTable.of(cells).cells.reshape(-1, *cells.grid.shape)
     # The map may be another one, with other cells and rotations.
     last = np.array(cells.grid.shape) - 1
@@ -111,50 +145,65 @@ def _measure_zones(rule: ZoneRule, space: CSpace) -> Costs:
 def _raster_zones(rule: ZoneRule, space: CSpace) -> Costs:
     """Return the largest speeds in zones for each slice and cell of the plane, shape (s, nx, ny).
 
-    There is one slice if a disc stands for the robot.
+    There is one slice if a disc stands for the robot. A zone counts in the cells at whose center
+    the robot meets it.
     """
-    count = len(space.slice_rotations) if rule.has_yaw else 1
-    speeds = np.full((count, *space.grid.shape[:2]), np.inf, dtype=np.float32)
+    rotations = space.slice_rotations if rule.has_yaw else np.empty((1, 0))
+    speeds = np.full((len(rotations), *space.grid.shape[:2]), np.inf, dtype=np.float32)
     levels = rule.levels
-    pairs = zip(levels.speeds.tolist(), levels.areas, strict=True)
-    for speed, area in reversed(list(pairs)):  # the lowest last
-        _mark_zone(rule, area, space, speeds, speed)
+    for speed, area in zip(levels.speeds.tolist(), levels.areas, strict=True):
+        found = _map_zone(rule, area, space)
+        if found is None:
+            continue
+        window, states = found
+        part = speeds[:, *window]
+        part[states == BLOCKED] = np.minimum(part[states == BLOCKED], speed)
+        undecided = np.argwhere(states == MIXED)
+        cells = undecided[:, 1:] + [each.start for each in window]
+        centers = np.array(space.grid.lower[:2]) + space.grid.spacing * (cells + 0.5)
+        q = np.column_stack([centers, rotations[undecided[:, 0]]])
+        lowest = rule.measure(q, np.zeros(len(q)))
+        part[states == MIXED] = np.minimum(part[states == MIXED], lowest)
     return speeds
 
 
-def _mark_zone(
-    rule: ZoneRule, area: BaseGeometry, space: CSpace, speeds: Costs, speed: float
-) -> None:
-    """Enter a speed in all cells in which the robot may meet an area."""
+def _map_zone(
+    rule: ZoneRule, area: BaseGeometry, space: CSpace
+) -> tuple[tuple[slice, slice], States] | None:
+    """Return a window of cells, and states that are FREE where the robot does not meet an area.
+
+    The states, shape (s, x, y), are BLOCKED where it meets the area. It is None for an area off the
+    map.
+    """
     grid = space.grid
     shape = np.array(grid.shape[:2])
     lower = np.array(grid.lower[:2])
-    # Cells of the window, which reaches beyond the map as far as the robot.
+    # The map of the zone reaches beyond that of the plan as far as the robot.
     beyond = math.ceil(rule.size / grid.spacing) + 1
     reach = lower - grid.spacing * beyond, lower + grid.spacing * (shape + beyond)
     if not shapely.intersects(area, shapely.box(*reach[0], *reach[1])):
-        return
+        return None
     corners = np.floor((np.reshape(area.bounds, (2, 2)) - lower) / grid.spacing)
     low, high = corners.astype(np.int64)
     first, last = np.maximum(low - beyond, -beyond), np.minimum(high + beyond + 1, shape + beyond)
     bounds = lower + grid.spacing * np.stack([first, last])
     workspace = Workspace.from_polygons(area, grid.spacing, bounds)
-    states = _map_zone(rule, workspace, space)
+    states = _map_area(rule, workspace, space)
     begin, end = np.maximum(first, 0), np.minimum(last, shape)
-    inner = states[:, *map(slice, begin - first, end - first)] != FREE
-    part = speeds[:, *map(slice, begin, end)]
-    part[inner] = speed
+    x, y = map(slice, begin.tolist(), end.tolist())
+    return (x, y), states[:, *map(slice, begin - first, end - first)]
 
 
-def _map_zone(rule: ZoneRule, workspace: Workspace, space: CSpace) -> States:
-    """Return states of cells that are FREE where the robot does not meet an area, by slice."""
+def _map_area(rule: ZoneRule, workspace: Workspace, space: CSpace) -> States:
+    """Return the states of a robot among zones as obstacles, in the slices of a map."""
     if rule.size == 0.0:
-        return workspace.outer.view(np.uint8)[np.newaxis]  # False is FREE
+        states = np.where(workspace.inner, BLOCKED, np.where(workspace.outer, MIXED, FREE))
+        return states[np.newaxis].astype(np.uint8)
     robot = Robot.disc(rule.size)
     if rule.cores is not None:
         robot = Robot.polygon(space.robot.shape.project_to_plane().outer.outline)
     rotations = space.rotations if rule.has_yaw else None
-    zone = build(workspace, robot, rotations=rotations, inner=False, outside="free")
+    zone = build(workspace, robot, rotations=rotations, outside="free")
     states = map_record(zone).states.reshape(-1, *zone.grid.shape)
     if not rule.has_yaw:
         return states
