@@ -545,6 +545,12 @@ class ConfigurationSpace(Space):
         """Names of wrapped angles, by index."""
         return angle_axes(self.axes, self.is_periodic)
 
+    def _bound_link_speeds(
+        self, link: str, q: Floats, velocity: Floats, within: Floats, max_velocity: Floats
+    ) -> Floats:
+        """Bound the speed of a link, as :meth:`cspace.Arm.link_speed`; InputError for a map."""
+        raise InputError("speed", f"is one of the link {link!r}", "links are those of an arm")
+
     @abstractmethod
     def _check_configurations(self, q: ArrayLike, name: str = "q") -> Floats:
         """Check configurations; return an array of floats.

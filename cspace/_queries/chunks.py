@@ -137,6 +137,14 @@ class SpeedLimit(Protocol):
         """
 
 
+@runtime_checkable
+class LinkLimit(Protocol):
+    """A largest speed of a link, such as :class:`planners.ToolSpeed`."""
+
+    link: str
+    speed: float  # m/s
+
+
 class ChunkMotions(NamedTuple):
     """The motions that chunks stand for.
 
@@ -314,7 +322,7 @@ def certify_rows(
     dt: float | None,
     max_velocity: ArrayLike | None,
     max_jerk: JerkLimits | None,
-    places: Sequence[SpeedLimit],
+    places: Sequence[SpeedLimit | LinkLimit],
     before: ArrayLike | None,
 ) -> Chunk:
     """Prove a chunk of targets; see :meth:`cspace.Gate.check_rows`."""
@@ -330,11 +338,14 @@ def certify_rows(
             speeds = _measure(space, rates)
             limits = check_velocities(space, max_velocity)
             checks.append(RowCheck("speed", names, "changes per second by", speeds, limits))
-            if places:
-                steps = space.steps_between(firsts, targets)
-                middles = space.interpolate(firsts, targets, 0.5)
-                sizes = [np.linalg.norm(each, axis=-1) for each in _split_axes(space, steps)]
-                checks.append(_check_places(space, places, middles, sizes, tracking, seconds))
+            middles = space.interpolate(firsts, targets, 0.5) if places else firsts
+            if found := [limit for limit in places if isinstance(limit, SpeedLimit)]:
+                steps = _split_axes(space, space.steps_between(firsts, targets))
+                sizes = [np.linalg.norm(each, axis=-1) for each in steps]
+                checks.append(_check_places(space, found, middles, sizes, tracking, seconds))
+            for limit in places:
+                if isinstance(limit, LinkLimit):
+                    checks.append(_check_link(space, limit, middles, rates, tracking, seconds))
             if max_jerk is not None:
                 limits = check_each(max_jerk, "max_jerk", names)
                 driven = _check_before(before, space.axes, is_batch)
@@ -443,6 +454,29 @@ def _check_places(
     rows = middles[usable], lengths[usable], turns[usable]
     limits[usable] = np.min([limit.largest_speed(space, *rows) for limit in places], axis=0)
     return RowCheck("speed", ("v",), "is", sizes[0][..., np.newaxis] / dt, limits[..., np.newaxis])
+
+
+def _check_link(
+    space: ConfigurationSpace,
+    limit: LinkLimit,
+    middles: Floats,
+    rates: Floats,
+    tracking: Floats,
+    dt: float,
+) -> RowCheck:
+    """Limit the speed of a link, at rates of the joints around configurations, (B, n, size)."""
+    usable = np.isfinite(middles).all(axis=-1) & np.isfinite(rates).all(axis=-1)
+    usable &= np.maximum(np.abs(middles), np.abs(rates)).max(axis=-1) < MAX_PLACE
+    speeds = np.full(usable.shape, np.inf)
+    sizes = np.abs(rates[usable])
+    reaches = 0.5 * dt * sizes + tracking
+    # In these seconds, rates that are no lower lead to all places in the tube.
+    seconds = np.divide(reaches, sizes, out=np.full(sizes.shape, MAX_DT), where=sizes > 0.0)
+    seconds = np.minimum(seconds.min(axis=1), MAX_DT)
+    rows = middles[usable], rates[usable], seconds, reaches / seconds[:, np.newaxis]
+    speeds[usable] = space._bound_link_speeds(limit.link, *rows)
+    values, limits = speeds[..., np.newaxis], np.array([limit.speed])
+    return RowCheck("speed", (limit.link,), "moves at up to", values, limits)
 
 
 def _list_drive_checks(drive: Drive | None, twists: Floats) -> list[RowCheck]:

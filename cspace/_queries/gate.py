@@ -16,6 +16,7 @@ from cspace._queries.chunks import (
     TWISTING_AXES,
     Chunk,
     JerkLimits,
+    LinkLimit,
     SpeedLimit,
     certify_rows,
     certify_twists,
@@ -119,9 +120,10 @@ class Gate:
         twists, over ``dt``. They need as many rows before, as :meth:`check_rows` says. What holds
         behind a chunk is not checked, and :meth:`slow_down` brakes with a jump of the acceleration,
         so a gate has ``max_deceleration`` or ``max_jerk``.
-    speed : planners.SpeedZones, planners.SlowNear, or a list of these, optional
-        Largest speeds by places. A row or twist is refused if the tube around its motion touches a
-        place where it is too fast.
+    speed : planners.SpeedZones, planners.SlowNear, planners.ToolSpeed, or a list, optional
+        Largest speeds by places, or of links of an arm. A row or twist is refused if the tube
+        around its motion touches a place where it is too fast, or if a link is too fast in that
+        tube at the mean velocities of the joints.
 
     Raises
     ------
@@ -153,7 +155,7 @@ class Gate:
         drive: Drive | None = None,
         max_deceleration: ArrayLike | None = None,
         max_jerk: JerkLimits | None = None,
-        speed: SpeedLimit | Sequence[SpeedLimit] = (),
+        speed: SpeedLimit | LinkLimit | Sequence[SpeedLimit | LinkLimit] = (),
     ) -> None:
         """Check and keep the limits; InputError for a space of your own."""
         # A proxy of a map may have that map's __class__, and answers of its own.
@@ -202,15 +204,21 @@ class Gate:
                 parts.append(f"{name}={np.asarray(value).tolist()!r}")
         return f"Gate({', '.join(parts)})"
 
-    def _check_places(self, speed: SpeedLimit | Sequence[SpeedLimit]) -> tuple[SpeedLimit, ...]:
-        """Return limits of places; raise InputError if one is none, or not for the space."""
+    def _check_places(
+        self, speed: SpeedLimit | LinkLimit | Sequence[SpeedLimit | LinkLimit]
+    ) -> tuple[SpeedLimit | LinkLimit, ...]:
+        """Return limits of speed; raise InputError if one is none, or not for the space."""
         limits = tuple(speed) if isinstance(speed, Sequence) else (speed,)
+        rows = np.zeros((0, self.space.size))
         for limit in limits:
             given: object = limit
-            if not isinstance(given, SpeedLimit):
-                rule = "it must be planners.SpeedZones, planners.SlowNear, or a list of these"
+            if isinstance(given, SpeedLimit):
+                given.largest_speed(self.space, rows, 0.0, 0.0)
+            elif isinstance(given, LinkLimit):
+                self.space._bound_link_speeds(given.link, rows, rows, rows[:, 0], rows)
+            else:
+                rule = "it must be planners.SpeedZones, SlowNear, ToolSpeed, or a list of these"
                 raise InputError("speed", f"is {given!r}", rule)
-            limit.largest_speed(self.space, np.zeros((0, self.space.size)), 0.0, 0.0)
         return limits
 
     def _check_jerk(self, limits: JerkLimits, max_deceleration: ArrayLike | None) -> None:
@@ -454,7 +462,8 @@ class Gate:
 
     def _certify(self, q: ArrayLike, twists: ArrayLike, before: ArrayLike | None = None) -> Chunk:
         """Prove twists with the limits of the gate."""
-        limits = self.max_velocity, self.drive, self.max_jerk, self.speed, before
+        places = [limit for limit in self.speed if isinstance(limit, SpeedLimit)]
+        limits = self.max_velocity, self.drive, self.max_jerk, places, before
         return certify_twists(self.space, q, twists, self._check_dt(), self.tracking, *limits)
 
     def _check_dt(self) -> float:

@@ -996,6 +996,12 @@ class ArmSpace(ConfigurationSpace):
         """
         self.snapshot.count_free(starts, ends, radii, counts)
 
+    def _bound_link_speeds(
+        self, link: str, q: Floats, velocity: Floats, within: Floats, max_velocity: Floats
+    ) -> Floats:
+        """Bound the speed of a link; see the base class."""
+        return self.arm.link_speed(link, q, velocity, within, max_velocity)
+
     def _excesses(self, targets: Floats) -> Floats:
         """Return by how much targets exceed the limits of the joints; see the base class."""
         excesses = np.maximum(self.arm.lower - targets, targets - self.arm.upper)

@@ -130,6 +130,45 @@ def test_pickled_motions_brake():
     assert copied.braked(1.0).duration == slow.braked(1.0).duration
 
 
+@pytest.mark.parametrize("tracking", [0.0, (0.02, 0.01, 0.03)])
+def test_a_gate_refuses_rows_at_which_a_link_is_too_quick(tracking):
+    space = find_plan().space
+    top, dt = 0.4, 0.05
+    tool = planners.ToolSpeed("hand", top)
+    gate = cspace.Gate(space, dt=dt, max_velocity=9.0, tracking=tracking, speed=[tool])
+    rng = np.random.default_rng(4)
+    shares = np.linspace(0.0, 1.0, 51)[:, np.newaxis]
+    refused = 0
+    for start in rng.uniform(-0.3, 0.3, (60, 3)):
+        step = rng.normal(size=3) * rng.uniform(0.0, 0.02)
+        chunk = gate.check_rows(start, [start + step]).chunk
+        errors = rng.uniform(-1.0, 1.0, (9, 1, 3)) * tracking
+        rates = [
+            np.linalg.norm(
+                np.diff(place_points("hand", start + error + shares * step), axis=0), axis=2
+            )
+            for error in errors
+        ]
+        fastest = 50.0 / dt * np.max(rates)
+        assert fastest <= top or not chunk
+        if chunk.refusal is not None:
+            refused += 1
+            assert chunk.refusal.cause == "speed" and chunk.refusal.names == ("hand",)
+            assert fastest > (0.9 if tracking == 0.0 else 0.5) * top
+    assert 10 < refused < 50
+
+
+def test_a_gate_with_a_link_refuses_rows_that_are_no_configurations():
+    gate = cspace.Gate(
+        find_plan().space, dt=0.1, speed=planners.ToolSpeed("tip", 0.5), max_velocity=9
+    )
+    for row in ((np.nan, 0.0, 0.0), (1e300, 0.0, 0.0), (0.0, np.inf, 0.0)):
+        assert not gate.check_rows((0.0, 0.0, 0.0), [row]).chunk
+    still = [(0.0, 0.0, 0.0)] * 2
+    assert gate.check_rows((0.0, 0.0, 0.0), [still, still]).chunk.proven.tolist() == [2, 2]
+    assert "ToolSpeed(link='tip', speed=0.5)" in repr(gate)
+
+
 def drive(speed, plan=None):
     """Make a trajectory of an arm with limits of speed."""
     return (plan or find_plan()).trajectory(**LIMITS, speed=speed)
@@ -177,8 +216,16 @@ def plan_on_own_space():
         "plan has no map",
     ),
     (
-        lambda: cspace.Gate(space_of(), dt=0.1, speed=planners.ToolSpeed("fore", 1.0)),
-        "speed is ToolSpeed",
+        lambda: cspace.Gate(space_of(), dt=0.1, speed=planners.ToolSpeed("four", 1.0)),
+        "link is 'four'",
+    ),
+    (
+        lambda: cspace.Gate(plan_on_map().space, dt=0.1, speed=[planners.ToolSpeed("tip", 1.0)]),
+        "speed is one of the link 'tip'; links are those of an arm",
+    ),
+    (
+        lambda: cspace.Gate(space_of(), dt=0.1, speed=planners.SpeedZones([(AREA, 1.0)])),
+        "robots on a map of positions",
     ),
 )
 def test_limits_that_mean_nothing_are_refused(call, message):
