@@ -135,7 +135,7 @@ def test_drives_among_people_who_step_in_touch_nothing(program, room, kind, coun
     drives = [drive_among_people(watch, kind, seed) for seed in range(count)]
     watch.close()
     way, near, braked = np.sum(drives, axis=0)
-    assert way > 0.15 * count and braked > count
+    assert way > 0.15 * count and braked >= count
     assert kind in REACTIONS or near > 3 * count
 
 
@@ -437,7 +437,8 @@ def test_each_source_must_be_heard(program, room, source):
         pytest.param([0.01] * 360, "no ray", id="all below the least range"),
         pytest.param([math.nan] * 360, "no ray", id="no number"),
         pytest.param([], "no ray", id="empty"),
-        pytest.param([-math.inf] * 360, "too near", id="all too near"),
+        pytest.param([-math.inf] * 360, "no ray", id="all too near"),
+        pytest.param([-math.inf] * 90 + FREE[90:], "too near", id="those ahead too near"),
     ],
 )
 def test_scans_without_a_point_in_range(watch, robot, ranges, reason):
@@ -451,6 +452,8 @@ def test_scans_without_a_point_in_range(watch, robot, ranges, reason):
     "numbers",
     [
         (math.nan, 0.1, 0.0, 9.0),
+        (1e30, 0.1, 0.0, 9.0),
+        (0.0, 30.0, 0.0, 9.0),
         (0.0, math.inf, 0.0, 9.0),
         (0.0, 0.0, 0.0, 9.0),
         (0.0, 0.1, math.nan, 9.0),

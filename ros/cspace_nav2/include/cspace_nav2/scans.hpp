@@ -15,6 +15,9 @@ namespace cspace_nav2 {
 /// Metres from a sensor beyond which no point can matter before the next scan.
 constexpr double MAX_RANGE = 30.0;
 
+/// Largest angle of a ray, radians; those of a laser that sends degrees are larger.
+constexpr double MAX_TURN = 20.0;
+
 /// Longest sweep of a laser, seconds.
 constexpr double MAX_SWEEP = 1.0;
 
@@ -27,7 +30,8 @@ Time time_of(const Stamp& stamp) {
 /// @throws std::runtime_error  if no ray is measured, or the message contradicts itself
 inline Scan read_scan(const sensor_msgs::msg::LaserScan& msg) {
   const double step = msg.angle_increment;
-  if (!std::isfinite(msg.angle_min + step) || (step == 0.0 && msg.ranges.size() > 1))
+  const double turn = std::abs(msg.angle_min) + std::abs(step) * static_cast<double>(msg.ranges.size());
+  if (!(turn <= MAX_TURN) || (step == 0.0 && msg.ranges.size() > 1))
     throw std::runtime_error("the angles of a scan are none");
   if (!(msg.range_min >= 0.0f && msg.range_min <= msg.range_max && std::isfinite(msg.range_min)))
     throw std::runtime_error("the ranges of a scan are none");
@@ -39,7 +43,7 @@ inline Scan read_scan(const sensor_msgs::msg::LaserScan& msg) {
     const float least = msg.range_min;
     const float range = msg.ranges[k] == -std::numeric_limits<float>::infinity() ? least : msg.ranges[k];
     if (!(range >= least)) continue;  // not a number, or an invalid one
-    is_measured = true;
+    is_measured = is_measured || range == msg.ranges[k];
     if (range > msg.range_max || range > MAX_RANGE) continue;
     const double angle = msg.angle_min + step * static_cast<double>(k);
     scan.points.push_back({{range * std::cos(angle), range * std::sin(angle), 0.0}, static_cast<double>(k) / last});
