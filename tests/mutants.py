@@ -563,6 +563,18 @@ MUTANTS = (
     ),
     Mutant(
         "planners/_lattice.py",
+        "return self._cost <= nodes.progress.keys[0] or is_over(until)",
+        "return True",
+        "tests/planners/test_cheap_drives.py",
+    ),
+    Mutant(
+        "planners/_lattice.py",
+        "return min(paths, key=partial(path_cost, cost=cost)), reason",
+        "return path, reason",
+        "tests/planners/test_cheap_drives.py",
+    ),
+    Mutant(
+        "planners/_lattice.py",
         "return room_at_goal < room_at_start",
         "return False",
         "tests/planners/test_lattice.py",
