@@ -251,8 +251,8 @@ GOALS = pytest.mark.parametrize("goal", [(6.0, 3.0, 0.0), (7.2, 3.0, 0.0)], ids=
 
 
 def touches(plan):
-    """Return whether the reference point passes the zone, farther in than half a cell."""
-    return shapely.LineString(plan.path[:, :2]).intersects(ZONE.buffer(-0.05))
+    """Return whether the reference point passes the zone, farther in than a cell."""
+    return shapely.LineString(plan.path[:, :2]).intersects(ZONE.buffer(-SPACING))
 
 
 @EVERY_DRIVE
