@@ -128,7 +128,8 @@ class ClearanceObjective:
     >>> workspace = cspace.Workspace.from_array(np.eye(60, dtype=bool), 0.1)
     >>> space = cspace.build(workspace, cspace.Robot.disc(0.2))
     >>> far = planners.ClearanceObjective(clearance_threshold=1.0)
-    >>> planners.plan(space, (2.0, 1.0), (5.0, 4.0), objective=far).clearance > 0.6
+    >>> shortest = planners.plan(space, (2.0, 1.0), (5.0, 4.0)).length
+    >>> planners.plan(space, (2.0, 1.0), (5.0, 4.0), objective=far).length > 1.05 * shortest
     True
     """
 
