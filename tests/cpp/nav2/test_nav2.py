@@ -203,6 +203,15 @@ def test_costs_below_lethal_count(nav2, room, drive, penalty, least, most):
     assert least <= np.abs(path[:, 0] - 1.4).max() <= most
 
 
+@pytest.mark.parametrize("drive", ["holonomic", "reeds-shepp"])
+def test_a_path_keeps_away_from_what_is_near_where_that_costs_little(nav2, room, drive):
+    nav2.add_cost((2.6, 2.5), (3.4, 3.1), 30)
+    nav2.configure(room, drive=drive, turning_radius=DRIVES.get(drive, 0))
+    path = nav2.find_path((1.0, 3.08, 0.0), (5.5, 3.08, 0.0))
+    beside = path[(path[:, 0] > 2.7) & (path[:, 0] < 3.3)]
+    assert np.all(beside[:, 1] > 3.1)
+
+
 def test_unknown_cells_count_by_the_parameter(nav2, room):
     nav2.configure(room, time_limit=0.3)
     nav2.add_cost((2.7, 0.0), (3.3, 4.0), UNKNOWN)

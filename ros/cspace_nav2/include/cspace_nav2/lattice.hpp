@@ -153,6 +153,8 @@ class Lattice {
   static constexpr int SHORTENING_ROUNDS = 3;
   static constexpr double SUFFICIENT = 1.05;   ///< a path may cost more than the bound of all others by this factor
   static constexpr double MIN_GAIN = 1e-3;     ///< metres
+  static constexpr double SIDESTEP = 0.1;      ///< metres by which a path is moved away from what is near
+  static constexpr std::size_t MIN_SIDESTEP_POSES = 16;  ///< of a part that is moved
   static constexpr double NEAR = 3.0;          ///< metres to the goal within which curves bound costs
 
   /// A pose that a search has reached, and the arc that leads to it from its parent.
@@ -183,7 +185,10 @@ class Lattice {
       const Node node = nodes[number];
       const std::int64_t key = key_of(node.q, side, yaws);
       const auto known = node_of.find(key);
-      if (known != node_of.end() && known->second != number) continue;  // a cheaper node is there
+      if (known != node_of.end() && nodes[known->second].cost <= node.cost) continue;
+      // Only now, as most nodes are never taken from the queue.
+      if (number > 0 && !surroundings_.poses_are_free(surroundings_.poses_along(nodes[node.parent].q, {node.arc}))) continue;
+      node_of[key] = number;
       if (wait <= 0.0) {
         const std::vector<Configuration> way = surroundings_.connect(node.q, goal);
         const double cost = node.cost + surroundings_.cost(way);
@@ -203,8 +208,7 @@ class Lattice {
         if (next_key == key || (found != node_of.end() && nodes[found->second].cost <= cost)) continue;
         double rest = guide.cost(next);
         if (std::hypot(goal[0] - next[0], goal[1] - next[1]) < NEAR) rest = std::max(rest, drive.least_cost(next, goal));
-        if (cost + rest >= bound || !surroundings_.poses_are_free(surroundings_.poses_along(node.q, {move}))) continue;
-        node_of[next_key] = static_cast<std::int64_t>(nodes.size());
+        if (cost + rest >= bound) continue;
         queue.push({cost + rest, static_cast<std::int64_t>(nodes.size())});
         nodes.push_back({next, number, move, cost});
       }
@@ -248,14 +252,30 @@ class Lattice {
         const std::size_t last = std::min(first + reach, path.size() - 1);
         const double target = costs[last] - costs[first] - MIN_GAIN;
         if (surroundings_.drive().least_cost(path[first], path[last]) >= target) continue;
-        const std::vector<Configuration> poses = surroundings_.connect(path[first], path[last]);
-        if (surroundings_.cost(poses) >= target || !surroundings_.poses_are_free(poses)) continue;
-        path.erase(path.begin() + first + 1, path.begin() + last + 1);
-        path.insert(path.begin() + first + 1, poses.begin() + 1, poses.end());
-        costs = list_costs(path);
-        is_changed = true;
+        for (const double aside : {0.0, SIDESTEP, -SIDESTEP}) {
+          if (aside != 0.0 && last - first < MIN_SIDESTEP_POSES) break;
+          const std::vector<Configuration> poses = pass(path[first], path[(first + last) / 2], path[last], aside);
+          if (surroundings_.cost(poses) >= target || !surroundings_.poses_are_free(poses)) continue;
+          path.erase(path.begin() + first + 1, path.begin() + last + 1);
+          path.insert(path.begin() + first + 1, poses.begin() + 1, poses.end());
+          costs = list_costs(path);
+          is_changed = true;
+          break;
+        }
       }
     return is_changed;
+  }
+
+  /// Return the shortest way between two poses, or that past a middle one which is moved aside.
+  std::vector<Configuration> pass(const Configuration& from, Configuration middle, const Configuration& to, double aside) const {
+    if (aside == 0.0) return surroundings_.connect(from, to);
+    const double heading = std::atan2(to[1] - from[1], to[0] - from[0]);
+    middle[0] -= aside * std::sin(heading);
+    middle[1] += aside * std::cos(heading);
+    std::vector<Configuration> poses = surroundings_.connect(from, middle);
+    const std::vector<Configuration> rest = surroundings_.connect(middle, to);
+    poses.insert(poses.end(), rest.begin() + 1, rest.end());
+    return poses;
   }
 
   /// Return the costs of a path from its first pose to each one.
