@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Final, Literal, TypeAlias
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -30,6 +31,7 @@ from cspace.inside import (
     check_positive,
 )
 from planners._catalogue import CLEARANCE, COSTS, FUNCTION, LENGTH, TIME
+from planners._estimate import Costs
 from planners._integrals import CellCost, CostDensity, Weigh, check_costs_fit
 from planners._local_planner import LocalPlanner
 from planners._ompl_states import find_state_kind
@@ -213,19 +215,35 @@ def _weigh_clearance(objective: ClearanceObjective, space: CSpace) -> CellCost:
     return _weigh_length(length, space)
 
 
+LAST_FACTORS: Final[WeakKeyDictionary[CSpace, tuple[Costs, CostDensity, Costs]]] = (
+    WeakKeyDictionary()
+)
+"""Distances of each map, and the last costs by them: of a metre, and in cells."""
+
+
 def _weigh_length(objective: WeightedLength, space: CSpace) -> CellCost:
     """Return what a metre costs by a field."""
     check_costs_fit(space)
-    density = None
-    if isinstance(objective.field, str):
-        density = CostDensity(objective.offset, objective.slope, objective.weight)
-        values = DistanceTable.of(space).cells * np.float32(space.grid.spacing)
-    else:
-        values = np.asarray(objective.field, dtype=np.float32)
+    if not isinstance(objective.field, str):
+        field = np.asarray(objective.field, dtype=np.float32)
+        return CellCost(_find_factors(objective, field, space), None)
+    density = CostDensity(objective.offset, objective.slope, objective.weight)
+    distances = DistanceTable.of(space).cells
+    known = LAST_FACTORS.get(space)
+    # Distances are new after each change of the map.
+    if known is None or known[0] is not distances or known[1] != density:
+        clearances = distances * np.float32(space.grid.spacing)
+        factors = _find_factors(objective, clearances, space)
+        known = LAST_FACTORS[space] = distances, density, factors
+    return CellCost(known[2], density)
+
+
+def _find_factors(objective: WeightedLength, values: Costs, space: CSpace) -> Costs:
+    """Return the cost of a metre at values of cells, shape (slices, ...)."""
     penalties = objective.offset + objective.slope * np.maximum(values, np.float32(0.0))
     np.maximum(penalties, np.float32(0.0), out=penalties)
     factors = 1.0 + objective.weight * penalties * penalties
-    return CellCost(factors.reshape(-1, *space.grid.shape), density)
+    return np.asarray(factors.reshape(-1, *space.grid.shape))
 
 
 def default_clearance_threshold(space: CSpace) -> float:

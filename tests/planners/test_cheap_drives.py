@@ -296,3 +296,17 @@ def test_clearance_keeps_drives_in_the_middle_of_a_corridor(drive):
     assert plan.certified and plan.planner == "Lattice"
     assert plan.clearance > short.clearance + 0.1
     assert plan.length < 1.3 * short.length
+
+
+def test_clearance_counts_obstacles_of_an_update():
+    workspace = Workspace.from_array(np.zeros((80, 60), dtype=bool), 0.1)
+    space = build(workspace, Robot.polygon(ROBOT), rotations=72)
+    query = (1.0, 3.0, 0.0), (7.0, 3.0, 0.0)
+    options = {"drive": planners.Differential(), "objective": "clearance"}
+    before = planners.plan(space, *query, **options)
+    space.add_obstacle("crate", shapely.box(3.5, 2.0, 4.5, 2.75))
+    plan = planners.plan(space, *query, **options)
+    space.remove_obstacle("crate")
+    after = planners.plan(space, *query, **options)
+    assert plan.path[:, 1].max() > before.path[:, 1].max() + 0.1
+    np.testing.assert_array_equal(after.waypoints, before.waypoints)
