@@ -110,7 +110,10 @@ def wing(session: nox.Session) -> None:
 
 @nox.session(python="3.12")
 def ros(session: nox.Session) -> None:
-    """Test the nodes of cspace_nav2_py with ROS 2, whose wheels are for Python 3.12 on Linux."""
+    """Test the nodes of cspace_nav2_py with ROS 2, whose wheels are for Python 3.12 on Linux.
+
+    If `CSPACE_ROS_PREFIX` or /opt/ros/jazzy is a ROS 2 with Nav2, the page "On a Nav2 robot" is followed there.
+    """
     try:
         session.install(*(f"ros-jazzy-{name}" for name in ROS_PACKAGES))
     except nox.command.CommandFailed:
