@@ -11,6 +11,7 @@ import math
 from collections.abc import Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Final, NamedTuple, cast
+from warnings import catch_warnings, simplefilter
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -203,7 +204,9 @@ def _map_area(rule: ZoneRule, workspace: Workspace, space: CSpace) -> States:
     if rule.cores is not None:
         robot = Robot.polygon(space.robot.shape.project_to_plane().outer.outline)
     rotations = space.rotations if rule.has_yaw else None
-    zone = build(workspace, robot, rotations=rotations, outside="free")
+    with catch_warnings():
+        simplefilter("ignore")  # a zone may cover the whole map
+        zone = build(workspace, robot, rotations=rotations, outside="free")
     states = map_record(zone).states.reshape(-1, *zone.grid.shape)
     if not rule.has_yaw:
         return states

@@ -15,6 +15,7 @@ from shapely.geometry import box
 import cspace
 import planners
 from cspace import FREE
+from planners._travel_time import read_speeds
 from tests.helpers.refusals import check_refused, refusals
 from tests.helpers.strategies import examples, seeds
 from tests.helpers.urdfs import planar_arm
@@ -242,6 +243,32 @@ def test_a_zone_off_the_map_changes_nothing():
     both = planners.SpeedZones([*LOWER_WAY, (box(90, 90, 99, 99), 0.1)])
     with pytest.warns(UserWarning, match="off the map"):
         assert goes_above(plan_around(space, both))
+
+
+def test_a_zone_of_the_whole_map_leaves_the_shortest_way(recwarn):
+    for robot, rotations in ((cspace.Robot.disc(0.3), None), (cspace.Robot.rectangle(1, 0.5), 8)):
+        space = hall(*DOORS, robot=robot, rotations=rotations)
+        whole = planners.SpeedZones([(box(-99, -99, 99, 99), 0.5)])
+        assert not goes_above(plan_around(space, whole))
+    assert not recwarn.list
+
+
+@pytest.mark.parametrize("within", ["contour", "point"])
+def test_a_zone_counts_in_the_cells_at_whose_center_the_robot_meets_it(within):
+    outline = np.array([(-0.4, -0.2), (0.5, -0.2), (0.3, 0.3), (-0.4, 0.2)])
+    space = hall(robot=cspace.Robot.polygon(outline), rotations=24)
+    area = shapely.Polygon([(2.013, 1.0), (5.0, 1.31), (4.0, 4.02), (3.0, 2.027)])
+    costs = read_speeds([FULL, planners.SpeedZones([(area, 0.3)], within)], space)(space)
+    rng = np.random.default_rng(0)
+    for number in rng.integers(len(space.slice_rotations), size=400):
+        cell = rng.integers(0, space.grid.shape)
+        yaw = space.slice_rotations[number][0]
+        turn = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
+        center = np.array(space.grid.lower) + space.grid.spacing * (cell + 0.5)
+        body = shapely.Polygon(outline @ turn.T + center)
+        met = body if within == "contour" else shapely.Point(center)
+        factor = FULL / 0.3 if met.intersects(area) else 1.0
+        assert costs.factors[number][tuple(cell)] == pytest.approx(factor)
 
 
 def test_start_and_goal_may_lie_in_a_zone():
