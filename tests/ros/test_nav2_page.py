@@ -34,9 +34,12 @@ def test_a_first_path_from_a_clone(tmp_path):
     server = subprocess.Popen(launch, start_new_session=True, **run)
     try:
         for _ in range(20):
-            answer = subprocess.run(
-                ask + "kill %1\n", capture_output=True, timeout=120, **run
-            ).stdout
+            # A file, as the transform's publisher outlives `ros2 run` and would keep a pipe open.
+            with (tmp_path / "answer").open("w") as file:
+                client = subprocess.Popen(ask, start_new_session=True, stdout=file, **run)
+                client.wait(120)
+                os.killpg(client.pid, signal.SIGTERM)
+            answer = (tmp_path / "answer").read_text(encoding="utf-8")
             if "SUCCEEDED" in answer:
                 break
             time.sleep(5)
