@@ -29,7 +29,7 @@ space = cspace.build(workspace, cspace.Robot.polygon(cart))
 # are FREE.
 
 x, y = np.meshgrid(space.grid.centers(0), space.grid.centers(1), indexing="ij")
-costs = np.exp(-((x - 6.2) ** 2 + (y - 3.6) ** 2) / 0.8)
+costs = 10.0 * np.exp(-((x - 6.2) ** 2 + (y - 3.6) ** 2) / 0.4)
 by_costs = planners.WeightedLength(costs)
 
 # %% The map's own search takes milliseconds, whatever it minimises.

@@ -559,6 +559,24 @@ def lay_leg(
     return count, excess
 
 
+@internal
+def slow_ends(key_speeds: Floats, leg: int, limits: Floats, floors: Floats, faster: float) -> None:
+    """Lower the speeds at the ends of a leg to its own, and more if its ramps may not be slower.
+
+    ``faster`` is the higher speed of its ends. Limits below their floors are raised to these.
+    """
+    is_low = False
+    for column in range(4):
+        is_low = is_low or limits[column] < floors[column]
+        limits[column] = max(limits[column], floors[column])
+    most = limits[4]
+    if is_low:
+        most = min(most, SLOWER_KEY * faster)
+    for end in (leg, leg + 1):
+        if end > 0:
+            key_speeds[end] = min(key_speeds[end], most)
+
+
 @kernel
 def solve_legs(
     pieces: Floats,
@@ -629,20 +647,7 @@ def solve_legs(
                 laid[i, 0] = speed
                 laid[i, 1] = after
                 laid[i, 2] = need
-                # The ends of a leg are no faster than it may be between them.
-                for end in (i, i + 1):
-                    if end > 0:
-                        key_speeds[end] = min(key_speeds[end], limits[i, 4])
-                # If slower ramps do not help, the robot must be slower at the ends.
-                is_low = False
-                for column in range(4):
-                    is_low = is_low or limits[i, column] < floors[i, column]
-                    limits[i, column] = max(limits[i, column], floors[i, column])
-                if is_low:
-                    faster = max(speed, after)
-                    for end in (i, i + 1):
-                        if end > 0 and key_speeds[end] > SLOWER_KEY * faster:
-                            key_speeds[end] = SLOWER_KEY * faster
+                slow_ends(key_speeds, i, limits[i], floors[i], max(speed, after))
             excess = max(excess, laid[i, 2])
             begin = 0.0
         if excess <= 1.0 + ROUNDING:

@@ -532,13 +532,12 @@ def _search(
     heading = int(np.abs(wrap_angles(motions.headings - start[2])).argmin())
     add_node(map_, motions, target, nodes, start, heading, 0.0, NO_NODE, 0)
     arrival = _Arrival(edges, goal)
-    nanoseconds = NANOSECONDS_PER_NODE if motions.radius is None else NANOSECONDS_PER_CAR_NODE
     reason = f"the lattice search ended at its limit of {motions.max_nodes:,} nodes"
     may_fail = True
     while nodes.counts[0] < motions.max_nodes:
         before = nodes.counts.sum()
         node = expand_nodes(map_, motions, target, nodes)
-        spend(nanoseconds * int(nodes.counts.sum() - before))
+        _spend_on_nodes(motions, int(nodes.counts.sum() - before))
         if arrival.node == NO_NODE:
             check_deadline(limit.until)
         # Nodes expanded until a search asks whether a path may exist.
@@ -565,6 +564,12 @@ def _search(
     if arrival.node != NO_NODE:
         return _trace_path(nodes, arrival.node, endpoints, motions.radius is None), "", None
     return np.empty((0, 3)), reason, None
+
+
+def _spend_on_nodes(motions: Motions, count: int) -> None:
+    """Spend the work of nodes that are added, and of those expanded."""
+    nanoseconds = NANOSECONDS_PER_NODE if motions.radius is None else NANOSECONDS_PER_CAR_NODE
+    spend(nanoseconds * count)
 
 
 class _Arrival:

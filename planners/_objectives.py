@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Final, Literal, TypeAlias
+from typing import TYPE_CHECKING, Final, TypeAlias
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -25,9 +25,7 @@ from cspace.inside import (
     Floats,
     as_contiguous,
     check_finite,
-    check_known,
     check_not_negative,
-    check_number,
     check_positive,
 )
 from planners._catalogue import CLEARANCE, COSTS, FUNCTION, LENGTH, TIME
@@ -48,29 +46,23 @@ DEFAULT_WEIGHT: Final = 10.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WeightedLength:
-    """Length with a cost of each metre, as the ``objective`` of :func:`planners.plan`.
+    """Length with costs of your own, as the ``objective`` of :func:`planners.plan`.
 
-    A metre costs ``1 + weight * max(0, penalty)**2``, integrated along each edge. The penalty of a
-    configuration is ``offset + slope * value``, for the value of a field. The integral uses the
-    midpoint rule in steps of at most one cell and 5 degrees. A radian of rotation counts as half a
-    metre; along curves it counts nothing.
+    A metre costs ``1 + cost``, integrated along each edge by the midpoint rule in steps of at most
+    one cell and 5 degrees. A radian of rotation counts as half a metre; along curves it counts
+    nothing.
 
     Attributes
     ----------
-    field : "clearance" or array-like
-        Source of the value. An array has a value for each cell of each slice, shape (slices, x, y)
-        or (slices, x, y, z), without the first axis for a robot that does not turn. Values below
-        zero count as zero. Between the centers of cells the cost of a metre is linear.
-    offset, slope : float
-        Penalty at value zero, and its change per unit of the value.
-    weight : float
-        Extra metres that a metre of path costs at penalty one.
+    costs : array-like
+        Extra metres that a metre of path costs in each cell of each slice, shape (slices, x, y) or
+        (slices, x, y, z), without the first axis for a robot that does not turn. Values below zero
+        count as zero. Between the centers of cells the cost is linear.
 
     Raises
     ------
     InputError
-        If ``weight`` is negative, or a number is not finite; by a plan, if the array has another
-        shape than its map.
+        If a number is not finite; by a plan, if the array has another shape than its map.
 
     Examples
     --------
@@ -78,29 +70,19 @@ class WeightedLength:
     >>> workspace = cspace.Workspace.from_array(np.zeros((60, 40), dtype=bool), 0.1)
     >>> space = cspace.build(workspace, cspace.Robot.disc(0.2))
     >>> slippery = np.zeros(space.grid.shape)
-    >>> slippery[20:40, :25] = 1.0
+    >>> slippery[20:40, :25] = 10.0
     >>> dry = planners.WeightedLength(slippery)
     >>> plan = planners.plan(space, (1.0, 1.5), (5.0, 1.5), objective=dry)
     >>> bool(plan.path[:, 1].max() > 2.4), plan.objective
     (True, 'WeightedLength')
     """
 
-    field: Literal["clearance"] | ArrayLike
-    offset: float = 0.0
-    slope: float = 1.0
-    weight: float = DEFAULT_WEIGHT
+    costs: ArrayLike
 
     def __post_init__(self) -> None:
-        """Check the numbers, and keep an array of floats."""
-        weight = check_not_negative(self.weight, "weight", "")
-        object.__setattr__(self, "weight", weight)
-        object.__setattr__(self, "offset", check_number(self.offset, "offset"))
-        object.__setattr__(self, "slope", check_number(self.slope, "slope"))
-        if isinstance(self.field, str):
-            check_known(self.field, "field", ["clearance"])
-        else:
-            field = as_contiguous(check_finite(self.field, "field"))
-            object.__setattr__(self, "field", field)
+        """Keep an array of floats."""
+        costs = as_contiguous(check_finite(self.costs, "costs"))
+        object.__setattr__(self, "costs", costs)
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,8 +159,7 @@ def read_objective(
     if isinstance(objective, ClearanceObjective):
         return partial(_weigh_clearance, objective)
     if isinstance(objective, WeightedLength):
-        if not isinstance(objective.field, str):
-            _check_shape(np.asarray(objective.field), space)
+        _check_shape(np.asarray(objective.costs), space)
         return partial(_weigh_length, objective)
     from planners._travel_time import read_speeds
 
@@ -194,25 +175,15 @@ def name_kind(objective: object) -> str:
     return COSTS if isinstance(objective, WeightedLength) else str(objective)
 
 
-def _check_shape(field: Floats, space: ConfigurationMap) -> None:
-    """Raise InputError unless a field has a value for each cell of each slice."""
+def _check_shape(costs: Floats, space: ConfigurationMap) -> None:
+    """Raise InputError unless costs have a value for each cell of each slice."""
     if not isinstance(space, CSpace):
         rule = "costs of cells are for maps in memory"
-        raise InputError("objective", f"has a field, and space is {space!r}", rule)
+        raise InputError("objective", f"has costs, and space is {space!r}", rule)
     shape = len(space.slice_rotations), *space.grid.shape
-    if field.shape != shape and (1, *field.shape) != shape:
-        problem = f"has shape {field.shape}"
-        raise InputError("field", problem, f"the map has slices and cells of shape {shape}")
-
-
-def _weigh_clearance(objective: ClearanceObjective, space: CSpace) -> CellCost:
-    """Return what a metre costs by clearance."""
-    threshold = objective.clearance_threshold
-    if threshold is None:
-        threshold = default_clearance_threshold(space)
-    slope = -1.0 / threshold
-    length = WeightedLength("clearance", offset=1.0, slope=slope, weight=objective.weight)
-    return _weigh_length(length, space)
+    if costs.shape != shape and (1, *costs.shape) != shape:
+        problem = f"has shape {costs.shape}"
+        raise InputError("costs", problem, f"the map has slices and cells of shape {shape}")
 
 
 LAST_FACTORS: Final[WeakKeyDictionary[CSpace, tuple[Costs, CostDensity, Costs]]] = (
@@ -221,29 +192,30 @@ LAST_FACTORS: Final[WeakKeyDictionary[CSpace, tuple[Costs, CostDensity, Costs]]]
 """Distances of each map, and the last costs by them: of a metre, and in cells."""
 
 
-def _weigh_length(objective: WeightedLength, space: CSpace) -> CellCost:
-    """Return what a metre costs by a field."""
+def _weigh_clearance(objective: ClearanceObjective, space: CSpace) -> CellCost:
+    """Return what a metre costs by clearance."""
     check_costs_fit(space)
-    if not isinstance(objective.field, str):
-        field = np.asarray(objective.field, dtype=np.float32)
-        return CellCost(_find_factors(objective, field, space), None)
-    density = CostDensity(objective.offset, objective.slope, objective.weight)
+    threshold = objective.clearance_threshold
+    if threshold is None:
+        threshold = default_clearance_threshold(space)
+    density = CostDensity(1.0, -1.0 / threshold, objective.weight)
     distances = DistanceTable.of(space).cells
     known = LAST_FACTORS.get(space)
     # Distances are new after each change of the map.
     if known is None or known[0] is not distances or known[1] != density:
-        clearances = distances * np.float32(space.grid.spacing)
-        factors = _find_factors(objective, clearances, space)
-        known = LAST_FACTORS[space] = distances, density, factors
+        shares = distances.reshape(-1, *space.grid.shape) * (space.grid.spacing / threshold)
+        penalties = np.clip(1.0 - shares, 0.0, 1.0)
+        factors = 1.0 + objective.weight * penalties * penalties
+        known = distances, density, factors.astype(np.float32, copy=False)
+        LAST_FACTORS[space] = known
     return CellCost(known[2], density)
 
 
-def _find_factors(objective: WeightedLength, values: Costs, space: CSpace) -> Costs:
-    """Return the cost of a metre at values of cells, shape (slices, ...)."""
-    penalties = objective.offset + objective.slope * np.maximum(values, np.float32(0.0))
-    np.maximum(penalties, np.float32(0.0), out=penalties)
-    factors = 1.0 + objective.weight * penalties * penalties
-    return np.asarray(factors.reshape(-1, *space.grid.shape))
+def _weigh_length(objective: WeightedLength, space: CSpace) -> CellCost:
+    """Return what a metre costs by costs of one's own."""
+    check_costs_fit(space)
+    costs = np.asarray(objective.costs, dtype=np.float32).reshape(-1, *space.grid.shape)
+    return CellCost(np.float32(1.0) + np.maximum(costs, np.float32(0.0)), None)
 
 
 def default_clearance_threshold(space: CSpace) -> float:

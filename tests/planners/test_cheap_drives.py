@@ -30,14 +30,14 @@ class Costs:
         rng = np.random.default_rng(seed)
         self.field = np.zeros((60, 50))
         for i, j in rng.integers((5, 0), (45, 40), (3, 2)):
-            self.field[i : i + rng.integers(8, 20), j : j + rng.integers(8, 25)] = 2.0
+            self.field[i : i + rng.integers(8, 20), j : j + rng.integers(8, 25)] = 4.0
         axes = [SPACING * (np.arange(n) + 0.5) for n in self.field.shape]
         self._values = RegularGridInterpolator(axes, self.field, bounds_error=False)
 
     def at(self, points):
         """Return the cost of a metre at points of the plane, shape (..., 2)."""
         lowest = 0.5 * SPACING
-        return 1.0 + self._values(np.clip(points, lowest, np.array(SIDES) - lowest)) ** 2
+        return 1.0 + self._values(np.clip(points, lowest, np.array(SIDES) - lowest))
 
     def along(self, plan):
         """Integrate the cost along a path; half a metre for each radian that is turned on the
@@ -55,7 +55,7 @@ class Costs:
     def objective(self, space):
         """Return these costs on all slices of a map."""
         field = np.broadcast_to(self.field, (len(space.slice_rotations), *self.field.shape))
-        return planners.WeightedLength(field, weight=1.0)
+        return planners.WeightedLength(field)
 
 
 def build_world(seed):

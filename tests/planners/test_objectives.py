@@ -84,12 +84,12 @@ def test_costs_on_cells_are_linear_between_cell_centers(name):
     axes = [grid.centers(axis) for axis in range(grid.dim)]
     inside = positions.clip([axis[0] for axis in axes], [axis[-1] for axis in axes])
     slices = space.slice_of[space.rotations._find_cells(configurations)]
-    factors = 1.0 + 4.0 * (2.0 * np.maximum(costs, 0.0)) ** 2
+    factors = 1.0 + np.maximum(costs, 0.0)
     expected = [
         RegularGridInterpolator(axes, factors[number])(position)[0]
         for number, position in zip(slices, inside, strict=True)
     ]
-    weighted = planners.WeightedLength(costs, slope=2.0, weight=4.0)
+    weighted = planners.WeightedLength(costs)
     setup = planners.simple_setup(space, objective=weighted)
     si, objective = setup.getSpaceInformation(), setup.getOptimizationObjective()
     short = 1e-4 * grid.spacing

@@ -336,8 +336,8 @@ def test_costs_of_cells_are_avoided(rotations):
     costs[:, 30:50, :16] = 1.0
     rest = (0.0,) * (space.size - 2)
     ends = (1.0, 2.0, *rest), (7.0, 2.0, *rest)
-    for weight, is_above in ((10.0, True), (0.0, False)):
-        objective = planners.WeightedLength(costs, weight=weight)
+    for cost, is_above in ((10.0, True), (0.0, False)):
+        objective = planners.WeightedLength(cost * costs)
         plan = planners.plan(space, *ends, objective=objective)
         assert plan.certified and goes_above(plan) == is_above
         assert plan.objective == "WeightedLength"
@@ -393,7 +393,7 @@ def test_costs_live_as_long_as_map_and_zones():
         "has the frame 'odom'",
     ),
     ({"objective": "times", "speed": None}, "objective is 'times'; it must be 'length', "),
-    ({"objective": planners.WeightedLength(np.zeros((3, 3)))}, "field has shape (3, 3); "),
+    ({"objective": planners.WeightedLength(np.zeros((3, 3)))}, "costs has shape (3, 3); "),
     (
         {"objective": "time", "speed": 1.0, "planner": "RRTConnect"},
         "objective is 'time' and planner is 'RRTConnect'; RRTConnect takes objective: length",
