@@ -66,13 +66,13 @@ class CellCost:
         Cost of a metre in each cell, 1 or above. Along edges it is linear between their centers.
     density : CostDensity, optional
         Cost of a metre along edges by the clearance, instead.
-    of_edges : dict
-        Cost of an edge, by the drive, once it is made: that takes longer than hundreds of edges.
+    bound : dict
+        Kernels of edges, once they are bound: that takes longer than hundreds of edges.
     """
 
     factors: Costs
     density: CostDensity | None = None
-    of_edges: dict[object, Callable[..., float]] = field(default_factory=dict)
+    bound: dict[object, Callable[..., float]] = field(default_factory=dict)
 
 
 Weigh: TypeAlias = Callable[[CSpace], CellCost | None]
@@ -165,8 +165,11 @@ def bind_cost(
     factors = np.empty(0, dtype=np.float32) if by_clearance else weights.factors.reshape(-1)
     density = (weights.density or CostDensity())._replace(rotation_weight=rotation_weight)
     values = Values(no_distances, factors)
-    zeros = (0.0,) * (2 * space.size)
-    integrate = bind_kernel(kernel, (map_record(space),), values, density, *fixed, zeros)
+    integrate = weights.bound.get((kernel, fixed))
+    if integrate is None:
+        zeros = (0.0,) * (2 * space.size)
+        integrate = bind_kernel(kernel, (map_record(space),), values, density, *fixed, zeros)
+        weights.bound[kernel, fixed] = integrate
     if not by_clearance:
         return lambda *ends: integrate(values, density, *fixed, ends)
 

@@ -195,12 +195,7 @@ class LocalPlanner:
 
     def weigh(self) -> Callable[..., float] | None:
         """Make ``cost(*q0, *q1)``, the cost of the edge; None if it is the length."""
-        if self.weights is None:
-            return None
-        made = self.weights.of_edges
-        if self.drive not in made:
-            made[self.drive] = self.edge_cost(self.weights)
-        return made[self.drive]
+        return None if self.weights is None else self.edge_cost(self.weights)
 
     def edge_costs(self, starts: Floats, ends: Floats) -> Floats:
         """Return the costs of edges, shape (n,), at least their lengths."""

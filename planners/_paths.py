@@ -226,8 +226,11 @@ def move_points(path: Floats, dim: int, step: float, check: Check, cost: Cost) -
             least = cost(*before, *here) + cost(*here, *after)
             for way in ways:
                 moved = [x + size * unit for x, unit in zip(here, way, strict=False)] + here[dim:]
-                total = cost(*before, *moved) + cost(*moved, *after)
+                bound = math.dist(before[:dim], moved[:dim]) + math.dist(moved[:dim], after[:dim])
+                if bound >= least:
+                    continue
                 spend(2 * NANOSECONDS_PER_EDGE)
+                total = cost(*before, *moved) + cost(*moved, *after)
                 if total < least and check(*before, *moved) and check(*moved, *after):
                     least = total
                     rows[k] = moved
@@ -249,17 +252,18 @@ def find_cheapest_subpath(
     ``until`` the end of the search keep the waypoints before them.
     """
     rows = points.tolist()
-    positions = points[:, :dim]
-    least = np.zeros(len(points))
-    previous = np.arange(-1, len(points) - 1)
+    positions = points[:, :dim].tolist()
+    least = [0.0] * len(points)
+    previous = list(range(-1, len(points) - 1))
     for here in range(1, len(points)):
         if is_over(until):
             break
         least[here] = math.inf
-        earlier = here - np.array([stride for stride in strides if stride <= here])
-        bounds = least[earlier] + np.hypot.reduce(positions[earlier] - positions[here], axis=1)
-        order = np.argsort(bounds, kind="stable")
-        for before, bound in zip(earlier[order].tolist(), bounds[order].tolist(), strict=True):
+        position = positions[here]
+        earlier = [here - stride for stride in strides if stride <= here]
+        options = [(least[k] + math.dist(positions[k], position), -k) for k in earlier]
+        for bound, number in sorted(options):
+            before = -number
             if bound >= least[here]:
                 break  # so are those of all other waypoints
             edge = *rows[before], *rows[here]
@@ -271,7 +275,7 @@ def find_cheapest_subpath(
                 previous[here] = before
     kept = [len(points) - 1]
     while kept[-1] > 0:
-        kept.append(int(previous[kept[-1]]))
+        kept.append(previous[kept[-1]])
     kept.reverse()
     return points[kept]
 

@@ -883,13 +883,10 @@ def _search(task: PlanTask, may_exist: Callable[[], bool]) -> SearchResult:
 
 
 def _search_quickly(task: PlanTask) -> SearchResult:
-    """Search for a first path, with a drive for a short one."""
-    edges = task.edges
-    if edges.drive is not None:
-        edges = replace(edges, weights=None)
+    """Search for a first path, a short one."""
     task = replace(
         task,
-        edges=edges,
+        edges=replace(task.edges, weights=None),
         planner=QUICK_PLANNER,
         is_named=False,
         iterations=QUICK_ITERATIONS,

@@ -46,7 +46,7 @@ class LastCosts(NamedTuple):
 
     limits: list[object]
     tables: list[DistanceTable]
-    factors: Costs
+    costs: CellCost
 
 
 LAST_COSTS: Final[WeakKeyDictionary[CSpace, LastCosts]] = WeakKeyDictionary()
@@ -84,11 +84,9 @@ def _weigh_time(full: float, rules: Sequence[PlaceRule], space: CSpace) -> CellC
             limits.append(rule.zones)
     known = LAST_COSTS.get(space)
     if known is None or known.limits != limits:
-        factors = _find_factors(full, rules, space)
-        known = LAST_COSTS[space] = LastCosts(limits, tables, factors)
-    if not known.factors.size:
-        return None
-    return CellCost(known.factors)
+        costs = CellCost(_find_factors(full, rules, space))
+        known = LAST_COSTS[space] = LastCosts(limits, tables, costs)
+    return known.costs if known.costs.factors.size else None
 
 
 def _find_factors(full: float, rules: Sequence[PlaceRule], space: CSpace) -> Costs:
