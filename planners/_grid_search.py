@@ -15,6 +15,7 @@ from cspace.inside import (
     NEVER,
     Effort,
     Floats,
+    Ints,
     check_memory,
     is_labelled,
     is_over,
@@ -30,7 +31,7 @@ from planners._paths import (
     move_points,
     path_length,
     pulled_straight,
-    thin_chain,
+    thin_path,
     waypoints,
 )
 
@@ -118,9 +119,6 @@ def _find_path_along_chain(
     cells, shape (slices, ...), the length of a move is multiplied by those of its cells, and
     ``cost`` is that of an edge.
     """
-    from planners._guide import NO_FACTORS
-    from planners._search import find_cells, find_chain
-
     no_path = endpoints[:0]
     start, goal = map(tuple, endpoints.tolist())
 
@@ -136,36 +134,45 @@ def _find_path_along_chain(
         path = _find_taut_path(space, endpoints, until, may_exist)
         if len(path) and are_free(path, check):
             return path
-    map_ = map_record(space)
-    first, last = find_cells(space, endpoints)
-    cells = find_chain(
-        space,
-        map_.states.reshape(-1, *space.grid.shape),
-        map_.rotations.slice_of,
-        first,
-        last,
-        until,
-        NO_FACTORS if factors is None else factors,
-        may_exist,
-    )
-    if not len(cells):
+    cells = _find_chain_between(space, endpoints, until, factors, may_exist)
+    if not len(cells) or is_over(NEVER):  # before thousands of edges are proven
         return no_path
-    if cost is not None:
-        cells = thin_chain(cells)
-    path = waypoints(space, endpoints, cells)
-    end = until + MAX_SHORTENING
-    if is_over(NEVER):  # before thousands of edges are proven
-        return no_path
-    path = keep_rotation(path, cells[:, 0], space.dim, check)
+    path = keep_rotation(waypoints(space, endpoints, cells), cells[:, 0], space.dim, check)
     # Only the edges from start and to goal may fail, if they touch cells that are not FREE.
     if not are_free(path, check):
         return no_path
     if not straight:
         return path
+    end = until + MAX_SHORTENING
+    if factors is None or cost is None:
+        return pulled_straight(path, space.rotations, check, until=end)
+    numbers, *positions = cells[[0, *range(len(cells)), -1]].T  # those of start and goal, too
+    along = factors[map_record(space).rotations.slice_of[numbers], *positions]
+    path = thin_path(path, along, space.rotations, check, cost)
     path = pulled_straight(path, space.rotations, check, cost, end)
-    if cost is None or is_over(end):
+    if is_over(end):
         return path
     return move_points(path, space.dim, space.grid.spacing, check, cost)
+
+
+def _find_chain_between(
+    space: CSpace,
+    endpoints: Floats,
+    until: Effort,
+    factors: Costs | None,
+    may_exist: Callable[[], bool],
+) -> Ints:
+    """Find a short chain of FREE cells between configurations, shape (n, 1 + d)."""
+    from planners._guide import NO_FACTORS
+    from planners._search import find_cells, find_chain
+
+    map_ = map_record(space)
+    states = map_.states.reshape(-1, *space.grid.shape)
+    first, last = find_cells(space, endpoints)
+    weights = NO_FACTORS if factors is None else factors
+    return find_chain(
+        space, states, map_.rotations.slice_of, first, last, until, weights, may_exist
+    )
 
 
 def _find_taut_path(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Sequence
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
@@ -22,6 +22,9 @@ from cspace.inside import (
     wrap_angles,
 )
 
+if TYPE_CHECKING:
+    from planners._estimate import Costs
+
 Check = Callable[..., bool]
 Cost = Callable[..., float]
 
@@ -34,11 +37,15 @@ SHARES: Final = np.linspace(0.0, 1.0, SHARES_PER_EDGE + 1)[:, np.newaxis]
 STRIDES: Final = (1, 2, 4, 8, 16, 32, 64)
 """Numbers of edges that an edge may replace at a time, if edges have costs."""
 
-CELLS_PER_RUN: Final = 8
-"""Cells between those that stay on a straight run of a chain."""
+CELLS_PER_EDGE: Final = 8
+"""Cells of a chain that an edge replaces before others are tried, if it costs no more."""
 
 MOVE_SHARES: Final = np.array([1.0, 0.5, 0.25])
 """Steps by which waypoints move to where a path costs less, in cells."""
+
+MIN_GAIN: Final = 1e-3
+MIN_GAIN_OF_COST: Final = 3e-3
+"""Shares of a length, and of a cost, that a round of cutting corners gains if another follows."""
 
 MAX_SHORTENING: Final = Effort.from_seconds(0.1, 0.1)
 """Effort after the limit by which a path found in time may still be shortened."""
@@ -61,16 +68,26 @@ def waypoints(space: CSpace, endpoints: Floats, cells: Ints) -> Floats:
     return np.vstack([start, np.column_stack(centers), goal])
 
 
-def thin_chain(cells: Ints) -> Ints:
-    """Leave out cells of a chain, shape (n, 1 + d), on straight runs, except every few."""
-    steps = np.diff(cells, axis=0)
-    turns = np.flatnonzero((steps[1:] != steps[:-1]).any(axis=1)) + 1
-    begins = np.concatenate([[0], turns])
-    places = np.arange(len(cells))
-    in_run = places - begins[np.searchsorted(begins, places, side="right") - 1]
-    in_run[-1] = 0
-    kept: Ints = cells[in_run % CELLS_PER_RUN == 0]
-    return kept
+def thin_path(
+    path: Floats, factors: Costs, rotations: Rotations, check: Check, cost: Cost
+) -> Floats:
+    """Keep every few waypoints of a path, shape (n, size), where the edges between cost no more.
+
+    ``factors``, shape (n,), are what a metre costs at the waypoints.
+    """
+    means = 0.5 * (factors[1:] + factors[:-1])
+    costs = np.concatenate([[0.0], np.cumsum(means * _edge_lengths(path, rotations))]).tolist()
+    rows = path.tolist()
+    last = len(rows) - 1
+    kept = [0]
+    for before in range(0, last, CELLS_PER_EDGE):
+        after = min(before + CELLS_PER_EDGE, last)
+        edge = *rows[before], *rows[after]
+        spend(NANOSECONDS_PER_EDGE)
+        if cost(*edge) > costs[after] - costs[before] or not check(*edge):
+            kept += range(before + 1, after)
+        kept.append(after)
+    return path[kept]
 
 
 def drop_repeats(path: Floats) -> Floats:
@@ -88,7 +105,7 @@ def keep_rotation(path: Floats, rotation_cells: Ints, dim: int, check: Check) ->
     that is not FREE, the path stays as it is.
     """
     turns = (rotation_cells != rotation_cells[0]).any()
-    if turns or (path[0, dim:] != path[-1, dim:]).any():
+    if turns or dim == path.shape[1] or (path[0, dim:] != path[-1, dim:]).any():
         return path
     still = path.copy()
     still[:, dim:] = path[0, dim:]
@@ -115,15 +132,18 @@ def pulled_straight(
         dim = path.shape[1] - len(rotations.names)
         path = find_cheapest_subpath(path, dim, check, cost, until=until)
     total = _measure(path, rotations, cost)
+    min_gain = MIN_GAIN if cost is None else MIN_GAIN_OF_COST
     # Number of times the corners of a path are cut.
     for _ in range(10):
         if is_over(until):
             break
-        path = _cut_corners(path, rotations, check, cost, until)
+        cut = _cut_corners(path, rotations, check, cost, until)
         before = total
-        total = _measure(path, rotations, cost)
-        # Share of the length that a round of cutting corners must gain for another to follow.
-        if total > (1.0 - 1e-3) * before:
+        total = _measure(cut, rotations, cost)
+        if total > before:  # sums along parts of an edge differ a little from that along all of it
+            break
+        path = cut
+        if total > (1.0 - min_gain) * before:
             break
     return np.ascontiguousarray(path)
 
@@ -150,10 +170,15 @@ def _measure(path: Floats, rotations: Rotations, cost: Cost | None) -> float:
 
 def path_length(path: Floats, rotations: Rotations) -> float:
     """Return a path's length, metres, by :data:`METRES_PER_RADIAN`."""
+    return float(_edge_lengths(path, rotations).sum())
+
+
+def _edge_lengths(path: Floats, rotations: Rotations) -> Floats:
+    """Return each edge's length, shape (n - 1,)."""
     steps = rotations.steps_between(path[:-1], path[1:])
     dim = path.shape[1] - len(rotations.names)
     lengths, angles = measure_steps(steps, dim)
-    return float((lengths + METRES_PER_RADIAN * angles).sum())
+    return np.asarray(lengths + METRES_PER_RADIAN * angles)
 
 
 def _cut_corners(
@@ -226,11 +251,15 @@ def move_points(path: Floats, dim: int, step: float, check: Check, cost: Cost) -
             least = cost(*before, *here) + cost(*here, *after)
             for way in ways:
                 moved = [x + size * unit for x, unit in zip(here, way, strict=False)] + here[dim:]
-                bound = math.dist(before[:dim], moved[:dim]) + math.dist(moved[:dim], after[:dim])
-                if bound >= least:
+                # An edge costs at least its length.
+                rest = math.dist(moved[:dim], after[:dim])
+                if math.dist(before[:dim], moved[:dim]) + rest >= least:
                     continue
                 spend(2 * NANOSECONDS_PER_EDGE)
-                total = cost(*before, *moved) + cost(*moved, *after)
+                total = cost(*before, *moved)
+                if total + rest >= least:
+                    continue
+                total += cost(*moved, *after)
                 if total < least and check(*before, *moved) and check(*moved, *after):
                     least = total
                     rows[k] = moved
