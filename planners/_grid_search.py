@@ -24,6 +24,7 @@ from cspace.inside import (
 )
 from planners._paths import (
     MAX_SHORTENING,
+    MIN_GAIN_BEFORE_MOVES,
     Check,
     Cost,
     are_free,
@@ -149,7 +150,7 @@ def _find_path_along_chain(
     numbers, *positions = cells[[0, *range(len(cells)), -1]].T  # those of start and goal, too
     along = factors[map_record(space).rotations.slice_of[numbers], *positions]
     path = thin_path(path, along, space.rotations, check, cost)
-    path = pulled_straight(path, space.rotations, check, cost, end)
+    path = pulled_straight(path, space.rotations, check, cost, end, MIN_GAIN_BEFORE_MOVES)
     if is_over(end):
         return path
     return move_points(path, space.dim, space.grid.spacing, check, cost)

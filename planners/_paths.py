@@ -44,8 +44,8 @@ MOVE_SHARES: Final = np.array([1.0, 0.5, 0.25])
 """Steps by which waypoints move to where a path costs less, in cells."""
 
 MIN_GAIN: Final = 1e-3
-MIN_GAIN_OF_COST: Final = 3e-3
-"""Shares of a length, and of a cost, that a round of cutting corners gains if another follows."""
+MIN_GAIN_BEFORE_MOVES: Final = 3e-3
+"""Shares of a length or cost that a round of cutting corners gains if another one follows."""
 
 MAX_SHORTENING: Final = Effort.from_seconds(0.1, 0.1)
 """Effort after the limit by which a path found in time may still be shortened."""
@@ -118,13 +118,15 @@ def pulled_straight(
     check: Check,
     cost: Cost | None = None,
     until: Effort = NEVER,
+    min_gain: float = MIN_GAIN,
 ) -> Floats:
     """Shorten a path by skipping waypoints and cutting corners.
 
     Every edge of ``path``, shape (n, size), passes ``check``, which takes the coordinates of two
     configurations. So does every edge of the result. With a ``cost`` of edges, which takes the same
     coordinates, each change lowers the cost of the path instead of its length. From ``until`` on,
-    the path is left as it is.
+    the path is left as it is. Rounds of cutting corners end with one that gains less than
+    ``min_gain``.
     """
     if cost is None:
         path = _skip_points_both_ways(path, check, until)
@@ -132,17 +134,13 @@ def pulled_straight(
         dim = path.shape[1] - len(rotations.names)
         path = find_cheapest_subpath(path, dim, check, cost, until=until)
     total = _measure(path, rotations, cost)
-    min_gain = MIN_GAIN if cost is None else MIN_GAIN_OF_COST
     # Number of times the corners of a path are cut.
     for _ in range(10):
         if is_over(until):
             break
-        cut = _cut_corners(path, rotations, check, cost, until)
+        path = _cut_corners(path, rotations, check, cost, until)
         before = total
-        total = _measure(cut, rotations, cost)
-        if total > before:  # sums along parts of an edge differ a little from that along all of it
-            break
-        path = cut
+        total = _measure(path, rotations, cost)
         if total > (1.0 - min_gain) * before:
             break
     return np.ascontiguousarray(path)
