@@ -90,7 +90,7 @@ def draw_world(rng):
     return space, zones, far[:2]
 
 
-@pytest.mark.parametrize("seed", [3, 4])
+@pytest.mark.parametrize("seed", [pytest.param(3, marks=pytest.mark.thorough), 4])
 def test_the_time_is_hardly_above_the_least_along_cells(seed):
     space, zones, pairs = draw_world(np.random.default_rng(seed))
     for start, goal in pairs:
@@ -200,7 +200,10 @@ def test_the_contour_counts_or_the_reference_point():
     assert not goes_above(plan_around(space, planners.SpeedZones(beside, "point")))
 
 
-@pytest.mark.parametrize("rotations", [None, 8, cspace.Rotations.quaternions(1)])
+QUATERNIONS = pytest.param(cspace.Rotations.quaternions(1), marks=pytest.mark.thorough)
+
+
+@pytest.mark.parametrize("rotations", [None, 8, QUATERNIONS])
 def test_in_space_a_zone_reaches_from_the_ground_to_the_sky(rotations):
     walls = np.zeros((40, 30, 10), dtype=np.bool_)
     walls[19:21, 7:23] = True
