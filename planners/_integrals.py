@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, Final, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -24,7 +24,9 @@ from cspace.inside import (
     measure_edge,
     slice_of,
 )
-from planners._estimate import Costs
+
+if TYPE_CHECKING:
+    from planners._estimate import Costs
 
 Numbers = tuple[float, ...]
 """Coordinates of a rotation, or of configurations."""

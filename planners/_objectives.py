@@ -29,13 +29,12 @@ from cspace.inside import (
     check_positive,
 )
 from planners._catalogue import CLEARANCE, COSTS, FUNCTION, LENGTH, TIME
-from planners._estimate import Costs
 from planners._integrals import CellCost, CostDensity, Weigh, check_costs_fit
 from planners._local_planner import LocalPlanner
 from planners._ompl_states import find_state_kind
-from planners._search import find_cells
 
 if TYPE_CHECKING:
+    from planners._estimate import Costs
     from planners._speed_limits import SpeedLike
 
 MakeObjective: TypeAlias = Callable[[ob.SpaceInformation], ob.OptimizationObjective]
@@ -262,6 +261,8 @@ class EdgeCosts(ob.OptimizationObjective):
         weights = self._edges.weights
         if weights is None:
             return ob.Cost(1.0)
+        from planners._search import find_cells
+
         cells = self._edges.cells
         rotation, *position = find_cells(cells, np.array(self._kind.read(state)))
         return ob.Cost(float(weights.factors[cells.slice_of[rotation], *position]))
