@@ -134,12 +134,12 @@ def list_stubs(version):
     return [ANSWERS / "stubs" / version, ANSWERS / "stubs" / "common"]
 
 
-def build_server(target, version, optimization):
+def build_server(target, version, *flags):
     """Compile the package over the stubs of a version, "jazzy" or "main"."""
     folders = [PACKAGE / "include", *list_stubs(version)]
     return build_program(
         target,
-        optimization,
+        *flags,
         str(PACKAGE / "src" / "planner.cpp"),
         *(f"-I{folder}" for folder in folders),
         *ompl_flags(),

@@ -13,7 +13,7 @@ import shapely
 import yaml
 
 import cspace
-from tests.helpers.cpp import ompl_flags, why_no_compiler
+from tests.helpers.cpp import SANITIZERS, ompl_flags, why_no_compiler
 from tests.helpers.nav2 import (
     DRIVES,
     HALF_SIDES,
@@ -46,7 +46,8 @@ def version(request):
 
 @pytest.fixture(scope="module")
 def program(version, tmp_path_factory):
-    return build_server(tmp_path_factory.mktemp(version) / "answers", version, "-O0")
+    careful = (*SANITIZERS, "-fno-sanitize-recover=all") if version == "jazzy" else ()
+    return build_server(tmp_path_factory.mktemp(version) / "answers", version, "-O0", *careful)
 
 
 @pytest.fixture
