@@ -203,7 +203,7 @@ def find_cheap_path(
 ) -> Floats:
     """Find a path through FREE cells of low cost by the weights of edges.
 
-    It is the cheapest of up to three. Otherwise, arguments, result and errors are those of
+    It is the cheaper of up to two. Otherwise, arguments, result and errors are those of
     :func:`find_short_path`.
     """
     space = edges.cells
