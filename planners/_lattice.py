@@ -119,8 +119,8 @@ edge."""
 MIN_ROUND_GAIN: Final = 1e-7
 """Share of a path by which a round must shorten it for another to follow."""
 
-FURTHER_FACTOR: Final = 4.0
-MIN_FURTHER: Final = Effort.from_seconds(0.25, math.inf)
+SECOND_FACTOR: Final = 4.0
+MIN_SECOND: Final = Effort.from_seconds(0.25, math.inf)
 """Work of a search by cost, relative to that of the search by length, and its least value: a cheap
 way may lead where the robot cannot drive."""
 
@@ -217,7 +217,7 @@ def find_lattice_path(
     cost = edges.weigh() or edges.edge_length
     if path_cost(path, cost) <= (1.0 + MIN_ROUND_GAIN) * edges.path_length(path):
         return path, reason
-    work = max(FURTHER_FACTOR * (now() - began).work, MIN_FURTHER.work)
+    work = max(SECOND_FACTOR * (now() - began).work, MIN_SECOND.work)
     limit.until = limit.until.at_most(now() + Effort(work, math.inf))
     cheap_path, _ = _find_path(edges, endpoints, simplify, limit)
     paths = [path, cheap_path] if len(cheap_path) else [path]

@@ -23,6 +23,21 @@ SIDES = 6.0, 5.0
 HEADINGS = 8
 
 
+def sample_edges(plan):
+    """Return the lengths of a path's edges, and 50 points along each, shape (n, 50, 2).
+
+    A radian that is turned on the spot counts as half a metre.
+    """
+    rows = plan.path
+    steps = np.diff(rows, axis=0)
+    steps[:, 2] = (steps[:, 2] + math.pi) % math.tau - math.pi
+    lengths = np.linalg.norm(steps[:, :2], axis=1)
+    if not is_car(plan):
+        lengths = lengths + 0.5 * np.abs(steps[:, 2])
+    shares = (np.arange(50) + 0.5) / 50
+    return lengths, rows[:-1, None, :2] + steps[:, None, :2] * shares[:, None]
+
+
 class Costs:
     """Costs of a metre at the centers of cells, linear between them."""
 
@@ -42,14 +57,7 @@ class Costs:
     def along(self, plan):
         """Integrate the cost along a path; half a metre for each radian that is turned on the
         spot."""
-        rows = plan.path
-        steps = np.diff(rows, axis=0)
-        steps[:, 2] = (steps[:, 2] + math.pi) % math.tau - math.pi
-        lengths = np.linalg.norm(steps[:, :2], axis=1)
-        if not is_car(plan):
-            lengths = lengths + 0.5 * np.abs(steps[:, 2])
-        shares = (np.arange(50) + 0.5) / 50
-        points = rows[:-1, None, :2] + steps[:, None, :2] * shares[:, None]
+        lengths, points = sample_edges(plan)
         return float((lengths * self.at(points).mean(axis=1)).sum())
 
     def objective(self, space):
@@ -183,14 +191,7 @@ def test_no_plan_by_cost_costs_more_than_the_one_by_length(drive):
 def measure_time(plan, zones):
     """Return the seconds of a path at 1 m/s and in zones at their speeds; turns on the spot take
     half a second for each radian."""
-    rows = plan.path
-    steps = np.diff(rows, axis=0)
-    steps[:, 2] = (steps[:, 2] + math.pi) % math.tau - math.pi
-    lengths = np.linalg.norm(steps[:, :2], axis=1)
-    if not is_car(plan):
-        lengths = lengths + 0.5 * np.abs(steps[:, 2])
-    shares = (np.arange(20) + 0.5) / 20
-    points = rows[:-1, None, :2] + steps[:, None, :2] * shares[:, None]
+    lengths, points = sample_edges(plan)
     speeds = np.ones(points.shape[:2])
     for zone, speed in zones:
         is_inside = shapely.contains_xy(zone, points[..., 0], points[..., 1])
