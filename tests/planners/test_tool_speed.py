@@ -130,7 +130,7 @@ def test_pickled_motions_brake():
     assert copied.braked(1.0).duration == slow.braked(1.0).duration
 
 
-@pytest.mark.parametrize("tracking", [0.0, (0.02, 0.01, 0.03)])
+@pytest.mark.parametrize("tracking", [0.0, (0.02, 0.01, 0.03), (0.1, 0.1, 0.15)])
 def test_a_gate_refuses_rows_at_which_a_link_is_too_quick(tracking):
     space = find_plan().space
     top, dt = 0.4, 0.05
@@ -142,7 +142,8 @@ def test_a_gate_refuses_rows_at_which_a_link_is_too_quick(tracking):
     for start in rng.uniform(-0.3, 0.3, (60, 3)):
         step = rng.normal(size=3) * rng.uniform(0.0, 0.02)
         chunk = gate.check_rows(start, [start + step]).chunk
-        errors = rng.uniform(-1.0, 1.0, (9, 1, 3)) * tracking
+        corners = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
+        errors = corners[:, np.newaxis] * tracking
         rates = [
             np.linalg.norm(
                 np.diff(place_points("hand", start + error + shares * step), axis=0), axis=2
@@ -154,8 +155,8 @@ def test_a_gate_refuses_rows_at_which_a_link_is_too_quick(tracking):
         if chunk.refusal is not None:
             refused += 1
             assert chunk.refusal.cause == "speed" and chunk.refusal.names == ("hand",)
-            assert fastest > (0.9 if tracking == 0.0 else 0.5) * top
-    assert 10 < refused < 50
+            assert fastest > (0.9 if tracking == 0.0 else 0.3) * top
+    assert 10 < refused < 60
 
 
 def test_a_gate_with_a_link_refuses_rows_that_are_no_configurations():
