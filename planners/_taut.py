@@ -27,7 +27,7 @@ def pull_taut(runs: Ints, start: Floats, goal: Floats) -> Floats:
     one. ``start`` and ``goal``, shape (2,), are in cells, in the first and in the last run.
     """
     gates = list_gates(runs)
-    begin_before_gates(gates, float(start[0]))
+    move_outer_gates(gates, start, goal)
     return pass_gates(start, goal, gates)
 
 
@@ -48,14 +48,19 @@ def list_gates(runs: Ints) -> Floats:
     return np.array(gates).transpose(2, 0, 1).reshape(-1, 3)
 
 
-def begin_before_gates(gates: Floats, start: float) -> None:
-    """Move the first gate to a start beside it.
+def move_outer_gates(gates: Floats, start: Floats, goal: Floats) -> None:
+    """Move the first gate to a start behind it, the last gate to a goal before it.
 
-    ``start`` is along x; ``gates``, shape (m, 3), come in pairs around a border.
+    ``gates``, shape (m, 3), come in pairs around a border.
     """
     if len(gates):
         farther = np.maximum if gates[1, 0] > gates[0, 0] else np.minimum
-        gates[0, 0] = farther(gates[0, 0], start)
+        gates[0, 0] = farther(gates[0, 0], start[0])
+        nearer = np.minimum if gates[-1, 0] > gates[-2, 0] else np.maximum
+        # A goal beside an obstacle is reached along the obstacle, past its corner.
+        lower, upper = sorted(gates[-1, 1:])
+        if lower <= goal[1] <= upper:
+            gates[-1, 0] = nearer(gates[-1, 0], goal[0])
 
 
 def pass_gates(start: Floats, goal: Floats, gates: Floats) -> Floats:

@@ -31,6 +31,7 @@ def find_shortest_length(blocked, start, goal):
 @examples(150)
 @example(seed=514, share=0.375, block=3)  # begins between a border and the margin before it
 @example(seed=2495, share=0.2633594727491589, block=3)  # blocks of 4 cells hide a shorter way
+@example(seed=97638, share=0.25, block=1)  # ends between a margin and the border behind it
 @given(seeds, st.floats(0.0, 0.5), st.sampled_from([1, 3]))
 def test_paths_and_bounds_are_near_the_shortest_length(seed, share, block):
     rng = np.random.default_rng(seed)
