@@ -36,7 +36,6 @@ from cspace._record.exterior import OUTSIDES
 from cspace._robot import Robot, robot_of
 from cspace._rotations import Rotations
 from cspace._rotations.base import ANGLE_SLACK
-from cspace._rotations.quaternion import MAX_ANGLE_TIMES_PARTS, MAX_PARTS_PER_AXIS
 from cspace._rotations.yaw import MAX_YAW_CELLS
 from cspace._shapes.layers import Heights
 from cspace._space import CSpace
@@ -672,12 +671,15 @@ def _choose_rotations(turn_axes: int, chord: float) -> Rotations:
     """Choose the fewest rotation cells that limit displacements.
 
     Within a cell, a point at distance 1 from the axis of rotation moves by at most ``chord``.
-
-    The point is at distance 1 from the axis of rotation.
     """
     angle = 2.0 * math.asin(min(chord / 2.0, 1.0)) - 2.0 * ANGLE_SLACK
-    most = MAX_YAW_CELLS if turn_axes == 1 else MAX_PARTS_PER_AXIS
-    parts = math.pi if turn_axes == 1 else MAX_ANGLE_TIMES_PARTS
+    most = MAX_YAW_CELLS
+    parts = math.pi
+    if turn_axes == 3:
+        from cspace._rotations.quaternion import MAX_ANGLE_TIMES_PARTS, MAX_PARTS_PER_AXIS
+
+        most = MAX_PARTS_PER_AXIS
+        parts = MAX_ANGLE_TIMES_PARTS
     if parts > most * angle:
         problem = f"needs rotation cells smaller than {math.degrees(parts / most):.2g} degrees"
         raise InputError("gap", problem, "these are the smallest")

@@ -22,6 +22,7 @@ from cspace._queries.batches import Configuration, evaluate, evaluate_edges
 from cspace._queries.yaws import join_yaw_cells
 from cspace._robot import Robot
 from cspace._rotations import Rotations
+from cspace._rotations.base import ROTATION_UNITS
 from cspace._shapes import OriginPoint
 from cspace._support.arrays import BLOCKED, FREE, MIXED, STATE_NAMES, Bools, Floats, Ints, read_only
 from cspace._support.check import (
@@ -143,7 +144,7 @@ class ConfigurationMap(ConfigurationSpace):
 
         They are "m", "rad", or "1" for a quaternion.
         """
-        return (*self.grid.units, *self.rotations._UNITS)
+        return (*self.grid.units, *(ROTATION_UNITS[name] for name in self.rotations.names))
 
     @property
     def bounds(self) -> tuple[Floats, Floats]:

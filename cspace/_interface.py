@@ -30,6 +30,7 @@ from cspace._queries.upright import Upright
 from cspace._rotations import Rotations
 from cspace._rotations.base import (
     METRES_PER_RADIAN,
+    ROTATION_UNITS,
     angle_axes,
     measure_steps,
     turn_near,
@@ -237,7 +238,7 @@ class Space(ABC):
 
         They are "m", "rad", or "1" for a quaternion; by default "m" except for rotations.
         """
-        return tuple(Rotations._all_units().get(axis, "m") for axis in self.axes)
+        return tuple(ROTATION_UNITS.get(axis, "m") for axis in self.axes)
 
     @cached_property
     def size(self) -> int:
@@ -250,7 +251,7 @@ class Space(ABC):
     @cached_property
     def has_poses(self) -> bool:
         """Whether configurations are poses of a rigid body."""
-        are_names = set(self.axes) <= {"x", "y", "z", *Rotations._all_names()}
+        are_names = set(self.axes) <= {"x", "y", "z", *ROTATION_UNITS}
         return are_names and not any(self.is_periodic)
 
     @property

@@ -128,7 +128,7 @@ def describe_arrays() -> dict[str, StoredArray]:
 
     They are :data:`ARRAYS`, and the arrays that describe rotation cells of every kind.
     """
-    return _describe_arrays(tuple(Rotations._KINDS.values()))
+    return _describe_arrays(Rotations._list_kinds())
 
 
 @cache
@@ -299,7 +299,7 @@ def find_rotation_arrays(names: Iterable[str]) -> tuple[str, ...]:
     ``names`` are those of all arrays of a map. The result is empty if the robot does not rotate.
     """
     all_names = set(names)
-    for kind in Rotations._KINDS.values():
+    for kind in Rotations._list_kinds():
         coordinates = tuple(kind._COORDINATES)
         # The first name of a kind of rotation cells is that of no other kind.
         if coordinates and coordinates[0] in all_names:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Final, NamedTuple, Protocol
 
@@ -26,6 +26,9 @@ MAX_ANGLE: Final = 2.0**20
 
 ANGLE_SLACK: Final = 1e-9
 """Rounding allowance in radians, by which rotation cells are widened on both sides."""
+
+ROTATION_UNITS: Final = {"yaw": "rad", "qx": "1", "qy": "1", "qz": "1", "qw": "1"}
+"""Units of the coordinates of rotations, whose names no other coordinate of a pose has."""
 
 
 def angle_axes(axes: Sequence[str], periodic_axes: Sequence[bool] = ()) -> dict[int, str]:
@@ -203,14 +206,13 @@ class Rotations(ABC):
         Names of the coordinates of a rotation.
     """
 
-    _KINDS: ClassVar[dict[str, type[Rotations]]] = {}
-    """Classes of rotation cells by name, see ``cspace._rotations``."""
+    _KINDS: ClassVar[dict[str, Callable[[], type[Rotations]]]] = {}
+    """Functions by name that return classes of rotation cells, see ``cspace._rotations``."""
 
     _COORDINATES: ClassVar[Mapping[str, Coordinate]] = {}
     """Descriptions of ``stored_arrays`` by name; the first name is unique to the kind."""
 
     names: ClassVar[tuple[str, ...]] = ()
-    _UNITS: ClassVar[tuple[str, ...]] = ()
 
     _limits: ClassVar[str] = ""
     """Rule for the coordinates, for messages; empty if there is none."""
@@ -241,7 +243,7 @@ class Rotations(ABC):
         if isinstance(value, Rotations):
             return value
         kind = "fixed" if value is None else "yaw"
-        return Rotations._KINDS[kind]._of_value(value)
+        return Rotations._KINDS[kind]()._of_value(value)
 
     @staticmethod
     def quaternions(n: int) -> Rotations:
@@ -268,7 +270,7 @@ class Rotations(ABC):
         >>> len(cspace.Rotations.quaternions(8))
         2048
         """
-        return Rotations._KINDS["quaternions"]._of_value(n)
+        return Rotations._KINDS["quaternions"]()._of_value(n)
 
     @staticmethod
     def _from_stored_arrays(coordinates: Mapping[str, NDArray[Any]]) -> Rotations:
@@ -279,28 +281,20 @@ class Rotations(ABC):
         # OneRotation, the first kind, has no arrays, so it always matches; a later match wins.
         matching = [
             kind
-            for kind in Rotations._KINDS.values()
+            for kind in Rotations._list_kinds()
             if coordinates.keys() >= kind._COORDINATES.keys()
         ]
         return matching[-1]._of_stored_arrays(coordinates)
 
     @staticmethod
-    def _all_names() -> list[str]:
-        """Return reserved names for coordinates of rotations."""
-        return list(Rotations._all_units())
-
-    @staticmethod
-    def _all_units() -> dict[str, str]:
-        """Return units of coordinates of rotations, by name."""
-        units: dict[str, str] = {}
-        for kind in Rotations._KINDS.values():
-            units.update(zip(kind.names, kind._UNITS, strict=True))
-        return units
+    def _list_kinds() -> tuple[type[Rotations], ...]:
+        """List the classes of rotation cells."""
+        return tuple(load() for load in Rotations._KINDS.values())
 
     @staticmethod
     def _all_limits() -> str:
         """Return the rule for configurations of all kinds, for messages."""
-        limits = (kind._limits for kind in Rotations._KINDS.values() if kind._limits)
+        limits = (kind._limits for kind in Rotations._list_kinds() if kind._limits)
         return f"numbers must be finite, {', '.join(limits)}"
 
     @classmethod

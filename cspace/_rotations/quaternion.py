@@ -59,7 +59,6 @@ class QuaternionRotations(Rotations):
 
     n: int
     names = ("qx", "qy", "qz", "qw")
-    _UNITS = ("1",) * 4
     _limits = "a quaternion (qx, qy, qz, qw) of norm 1"
     _COORDINATES: ClassVar[Mapping[str, Coordinate]] = {
         "quaternion": Coordinate(

@@ -50,7 +50,6 @@ class YawRotations(Rotations):
 
     borders: tuple[float, ...]
     names = ("yaw",)
-    _UNITS = ("rad",)
     _about_z = True
     _limits = f"a yaw at most {MAX_ANGLE:.0f} rad"
     _COORDINATES: ClassVar[Mapping[str, Coordinate]] = {

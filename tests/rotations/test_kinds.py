@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 import cspace
 from cspace._rotations import Rotations
-from cspace._rotations.base import COVERING_ANGLE, Coordinate
+from cspace._rotations.base import COVERING_ANGLE, ROTATION_UNITS, Coordinate
 from cspace._rotations.yaw import YawRotations
 
 COUNT = 8
@@ -55,7 +55,8 @@ def space():
     occupied[7:9, :, 2:14] = False
     occupied[4:7, :, 9] = True
     with pytest.MonkeyPatch.context() as patch:
-        patch.setitem(Rotations._KINDS, "pitch", PitchRotations)
+        patch.setitem(Rotations._KINDS, "pitch", lambda: PitchRotations)
+        patch.setitem(ROTATION_UNITS, "pitch", "rad")
         workspace = cspace.Workspace.from_array(occupied, 0.1)
         robot = cspace.Robot.box((0.5, 0.12, 0.06))
         yield cspace.build(workspace, robot, rotations=PitchRotations._of_value(COUNT))
