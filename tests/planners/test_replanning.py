@@ -3,6 +3,7 @@
 import importlib
 import itertools
 import math
+from operator import attrgetter
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ import cspace
 import planners
 from cspace import InputError, Robot, Workspace, build
 from tests.fuzz.drives import weighted_length
+from tests.helpers.drives import is_car
 from tests.helpers.handmade import fill_boxes
 from tests.helpers.planning import ENDPOINTS, build_room, check, options_for
 from tests.helpers.refusals import check_refused
@@ -51,7 +53,9 @@ def test_a_default_plan_is_no_longer_than_a_quick_one(name, drive, exact, seed):
     plan = planners.plan(space, start, goal, **options)
     if quick.certified:
         check(space, plan, start, goal)
-        assert weighted_length(plan) <= weighted_length(quick) + 1e-9
+        # A car turns as it moves, so that its ways are compared by their metres alone.
+        measure = attrgetter("length") if is_car(plan) else weighted_length
+        assert measure(plan) <= measure(quick) + 1e-9
 
 
 def test_default_plans_without_a_seed_are_repeatable_and_leave_ompl_its_own_seeds():
