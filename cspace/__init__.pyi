@@ -37,7 +37,6 @@ from .arms import ArmSpace as ArmSpace
 from .arms import PoseGoal as PoseGoal
 from .arms import build_arm_space as build_arm_space
 from .arms import build_joint_map as build_joint_map
-from .arms import undecided_pairs as undecided_pairs
 from .errors import AngleWarning as AngleWarning
 from .errors import ConfigurationError as ConfigurationError
 from .errors import CspaceError as CspaceError

@@ -494,33 +494,6 @@ class CSpace(ConfigurationMap):
 
     # ---- bounds of paths -------------------------------------------------------------------------
 
-    def reachable_bounds(self, q: ArrayLike) -> tuple[Floats, Floats]:
-        """Return the bounding box of FREE cells that can be reached.
-
-        No path through FREE cells of the grid leaves the box, so that a planner need not sample
-        outside of it.
-
-        Parameters
-        ----------
-        q : array-like, shape (size,)
-            Metres, and radians.
-
-        Returns
-        -------
-        lower, upper : ndarray of float64, shape (d,)
-            Corners in the plane or in space, metres.
-
-        Raises
-        ------
-        ConfigurationError
-            If the configuration is not FREE, or not in the grid.
-        """
-        with self.lock:  # an update changes the components
-            cell = self._cells_of(self._check_in_grid(q, "q", free=True))
-            first, last = self._components.bounding_box(cell)
-        lower = np.asarray(self.grid.lower)
-        return lower + self.grid.spacing * first, lower + self.grid.spacing * (last + 1)
-
     def min_path_length(self, q0: ArrayLike, q1: ArrayLike) -> float:
         """Bound the length of every collision-free path between two configurations from below.
 
@@ -664,9 +637,9 @@ class CSpace(ConfigurationMap):
         for :attr:`exact`, are computed anew when next asked for.
 
         Updates wait for each other, and for :meth:`is_connected`, :meth:`is_disconnected`,
-        :meth:`reachable_bounds`, :meth:`contains_robot`, :meth:`save`, :meth:`export`, copies and
-        pickles. Any other query of another thread during an update reads each cell either before or
-        after it; an :meth:`overlap_count` may be neither the old nor the new count.
+        :meth:`contains_robot`, :meth:`save`, :meth:`export`, copies and pickles. Any other query of
+        another thread during an update reads each cell either before or after it; an
+        :meth:`overlap_count` may be neither the old nor the new count.
 
         Parameters
         ----------
@@ -1269,24 +1242,17 @@ class CSpace(ConfigurationMap):
         counts: int | Ints = evaluate(q, self.axes, write, np.int64, self._angles)
         return counts
 
-    def _check_in_grid(self, q: ArrayLike, name: str, *, free: bool = False) -> Floats:
-        """Return a canonical configuration, if in the grid.
-
-        With ``free`` it must be FREE. Raises ConfigurationError otherwise.
-        """
+    def _check_in_grid(self, q: ArrayLike, name: str) -> Floats:
+        """Return a canonical configuration in the grid, or raise ConfigurationError."""
         values = check_points(q, name, self.axes)
         warn_of_degrees(values, self._angles, name)
         point = self.rotations.make_canonical(values, name)
         is_valid = bool(point.ndim == 1 and self.grid.contains(point[: self.grid.dim]))
-        required = "configuration"
-        if free:
-            is_valid = is_valid and bool(self._cells.is_free(point))
-            required = "FREE configuration"
         if not is_valid:
             raise ConfigurationError(
                 name,
                 f"is {q!r}",
-                f"it must be one {required} in the grid, from {self.grid.lower} to "
+                f"it must be one configuration in the grid, from {self.grid.lower} to "
                 f"{self.grid.upper}",
             )
         return point

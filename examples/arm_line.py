@@ -60,15 +60,15 @@ for start in candidates[space.is_free(candidates)]:
     print(motion)
     if motion.certified:
         break
-plan = planners.plan(space, (-1.5, 1.0, 0.0), motion.waypoints[0], time_limit=5.0, seed=1)
+plan = planners.plan(space, (-1.5, 1.0, 0.0), motion.path[0], time_limit=5.0, seed=1)
 print(plan)
 
 # %% Left: the arm from above, at the waypoints. Right: the distance from the line, sampled, below
 # its proven bound.
 
 times = np.linspace(0.0, 1.0, 40)[:, np.newaxis]
-steps = np.diff(motion.waypoints, axis=0)
-q = (motion.waypoints[:-1, np.newaxis] + times * steps[:, np.newaxis]).reshape(-1, arm.dof)
+steps = np.diff(motion.path, axis=0)
+q = (motion.path[:-1, np.newaxis] + times * steps[:, np.newaxis]).reshape(-1, arm.dof)
 parameters = (motion.parameters[:-1] + times * np.diff(motion.parameters)).T.ravel()
 number = np.minimum(parameters.astype(int), len(motion.poses) - 2)
 first, last = motion.poses[number, :3, 3], motion.poses[number + 1, :3, 3]
@@ -77,7 +77,7 @@ distances = np.linalg.norm(arm.pose(q, "hand")[:, :3, 3] - targets, axis=1)
 
 figure = plt.figure(figsize=(11, 4.6), layout="constrained")
 drawing = figure.add_subplot(1, 2, 1)
-poses = arm.poses(motion.waypoints)
+poses = arm.poses(motion.path)
 joints = np.stack([poses[link][:, :2, 3] for link in ("upper", "fore", "hand")], axis=1)
 tips = (poses["hand"] @ (0.3, 0.0, 0.0, 1.0))[:, np.newaxis, :2]
 for chain in np.concatenate([joints, tips], axis=1):

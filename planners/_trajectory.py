@@ -124,7 +124,7 @@ STOP_STEP: Final = 0.1
 class LinearMotion(Protocol):
     """A motion along straight lines, as :meth:`cspace.ArmSpace.follow_line` makes it."""
 
-    waypoints: Floats
+    path: Floats
     certified: bool
 
 
@@ -239,7 +239,7 @@ class Trajectory:
                 "a trajectory follows the whole line",
             )
         rows: Any = path
-        given = check_finite(getattr(path, "waypoints", rows), "path", space.axes)
+        given = check_finite(getattr(path, "path", rows), "path", space.axes)
         if given.ndim != 2 or not len(given):
             raise InputError(
                 "path",
@@ -254,7 +254,7 @@ class Trajectory:
                 "a trajectory follows proven motions",
             )
         waypoints = given
-        if not hasattr(path, "waypoints"):  # those of a line are as near to it as was proven
+        if not hasattr(path, "path"):  # those of a line are as near to it as was proven
             joined = _join_rows(space, given)
             waypoints = joined if np.asarray(space.certify_path(joined)).all() else given
             _warn_of_stops(waypoints, given)

@@ -58,7 +58,6 @@ QUERIES = {
     "overlap_count": lambda q: turning().overlap_count(q),
     "path_exists": lambda q: turning().path_exists(q, P),
     "path_obstacle_distance": lambda q: turning().path_obstacle_distance([q, P]),
-    "reachable_bounds": lambda q: turning().reachable_bounds(q),
     "removals": lambda q: turning().removals(q, P),
     "planners.plan": lambda q: planners.plan(turning(), q, P).waypoints[0],
     "planners.plan to it": lambda q: planners.plan(turning(), P, q).waypoints[-1],

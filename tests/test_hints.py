@@ -138,10 +138,6 @@ def build_tiles(folder, **options):
         "it must be in the plane, as the robot is",
     ),
     (
-        lambda _: build(FLOOR, CART).reachable_bounds((0.55, 0.55)),
-        "it must be one FREE configuration in the grid",
-    ),
-    (
         lambda _: build(FLOOR, CART).explain((9.0, 9.0), (2.5, 0.5)),
         "it must be one configuration in the grid",
     ),

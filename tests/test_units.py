@@ -138,7 +138,6 @@ COORDINATES = {
     "min_path_length": lambda c: c.space.min_path_length(c.q0, c.q1),
     "nearest_free": lambda c: c.space.nearest_free(c.q0)[: c.space.dim],
     "overview": lambda c: c.space.overview(100).grid.spacing,
-    "reachable_bounds": lambda c: c.space.reachable_bounds(c.q0),
     "resolution": lambda c: c.space.resolution,
     "sample_free": lambda c: c.space.sample_free(5, np.random.default_rng(1))[:, : c.space.dim],
     "search": lambda c: run_search(c)[:, : c.space.dim],

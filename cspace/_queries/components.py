@@ -97,14 +97,6 @@ class Components:
         component = joined.component_at(flat_cell)
         return component != -1 and component == joined.component_at(other)
 
-    def bounding_box(self, cell: Ints) -> Ints:
-        """Return the first and last cell of a FREE component's box.
-
-        ``cell``, shape (1 + d,), is one cell of the component; the result has shape (2, d).
-        """
-        boxes: Ints = self._free.boxes[int(self.find(cell))]
-        return boxes
-
 
 def find_components(space: ConfigurationMap, q: Floats, mixed: bool = False) -> Ints:
     """Return the number of the connected component of each configuration's cell, or -1.
@@ -157,7 +149,6 @@ class JoinedCells:
         Component of each node.
     outside : ndarray of int64, shape (rotations,)
         Component of all space outside the grid at each rotation cell, or -1.
-    label_of_node : ndarray of int64, shape (nodes,)
     """
 
     shape: tuple[int, ...]
@@ -166,7 +157,6 @@ class JoinedCells:
     first_node: Ints
     components: Ints
     outside: Ints
-    label_of_node: Ints
 
     @classmethod
     def of(
@@ -214,8 +204,7 @@ class JoinedCells:
             join_nodes(nodes, np.full_like(nodes, outside[rotation]), parents)
         components, components_outside = np.split(number_components(parents), [number_of_nodes])
         components_outside[~is_open] = -1
-        label_of_node = np.arange(number_of_nodes) - np.repeat(first_node, label_counts)
-        return cls(shape, runs, slice_of, first_node, components, components_outside, label_of_node)
+        return cls(shape, runs, slice_of, first_node, components, components_outside)
 
     @cached_property
     def count(self) -> int:
@@ -269,25 +258,6 @@ class JoinedCells:
         nodes = self.first_node[rotations[is_member]] + self.runs.labels[runs[is_member]]
         components[is_member] = self.components[nodes]
         return components
-
-    @cached_property
-    def boxes(self) -> Ints:
-        """First and last cell of each component, shape (components, 2, d)."""
-        # Find the box of each label.
-        runs = self.runs
-        dim = len(self.shape) - 1
-        number_of_labels = int(runs.labels.max(initial=-1)) + 1
-        label_low = np.full((number_of_labels, dim), max(self.shape))
-        label_high = np.full((number_of_labels, dim), -1)
-        low, high = find_corners(runs, self.shape[1:])
-        np.minimum.at(label_low, runs.labels, low)
-        np.maximum.at(label_high, runs.labels, high)
-        # The box of a component contains the boxes of its labels at all rotation cells.
-        lowest = np.full((self.count, dim), max(self.shape))
-        highest = np.full((self.count, dim), -1)
-        np.minimum.at(lowest, self.components, label_low[self.label_of_node])
-        np.maximum.at(highest, self.components, label_high[self.label_of_node])
-        return np.stack([lowest, highest], axis=1)
 
 
 def list_runs(states: States, highest: int) -> Runs:

@@ -14,7 +14,7 @@ Words that the modules of this package share:
 
 from cspace.arms._arm_space import ArmSpace, build_arm_space
 from cspace.arms._inverse import PoseGoal
-from cspace.arms._joint_map import build_joint_map, undecided_pairs
+from cspace.arms._joint_map import build_joint_map
 from cspace.arms._lines import LineMotion
 from cspace.arms._model import Arm, JointValues
 from cspace.arms._moveit import (
@@ -46,5 +46,4 @@ __all__ = [
     "build_joint_map",
     "read_moveit_request",
     "read_moveit_scene",
-    "undecided_pairs",
 ]

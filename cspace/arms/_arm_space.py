@@ -886,7 +886,7 @@ class ArmSpace(ConfigurationSpace):
         >>> corner = np.eye(4)
         >>> corner[:2, 3] = 0.5, 0.5
         >>> motion = space.follow_line((0.0, 0.0), "bar", corner)
-        >>> motion.certified, motion.waypoints[-1].round(3).tolist(), motion.deviation < 1e-3
+        >>> motion.certified, motion.path[-1].round(3).tolist(), motion.deviation < 1e-3
         (True, [0.5, 0.5], True)
         >>> corner[1, 3] = 2.0
         >>> motion = space.follow_line((0.0, 0.0), "bar", corner)

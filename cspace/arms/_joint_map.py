@@ -8,7 +8,6 @@ consists of these cells.
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -26,7 +25,6 @@ from cspace.arms._crossings import MAX_PENDING_PAIRS, SurfaceTree
 from cspace.arms._model import Arm
 from cspace.arms._motion_proofs import (
     Solids,
-    make_scene_scratch,
     nearest_triangle,
     winding_number,
 )
@@ -43,12 +41,10 @@ from cspace.inside import (
     check_finite,
     check_known,
     check_memory,
-    check_points,
     check_positive,
     count_cores,
     map_in_threads,
     names_options,
-    proofs_of,
     warn_of_degrees,
     warn_user,
 )
@@ -260,75 +256,6 @@ def _cut_blocks(sides: Ints) -> Iterator[tuple[Ints, Ints]]:
         yield start, np.minimum(start + length, sides)
 
 
-@names_options
-def undecided_pairs(
-    joint_map: CSpace,
-    q: ArrayLike | None = None,
-    *,
-    progress: Callable[[int, int], None] | None = None,
-) -> dict[tuple[str, str], int]:
-    """Return the pairs of links and obstacles that keep cells MIXED.
-
-    Parameters
-    ----------
-    joint_map : CSpace
-        A map of :func:`build_joint_map`, not from a file, and without changes of its cells.
-    q : array-like, shape (..., d), optional
-        Configurations of the map; only their cells count. The default is all cells.
-    progress : callable, optional
-        Called with (pairs done, all pairs).
-
-    Returns
-    -------
-    dict of (str, str) to int
-        The number of MIXED cells of each pair, the largest first. A cell counts for one pair, even
-        if several keep it MIXED. Cells that are MIXED only because they exceed a limit do not
-        count.
-
-    Raises
-    ------
-    InputError
-        If the map has no geometry of an arm, or ``q`` is no configuration of the map.
-
-    Examples
-    --------
-    >>> import cspace, tempfile, pathlib
-    >>> box = '<geometry><box size="1 0.1 0.1"/></geometry>'
-    >>> bar = f'<collision><origin xyz="0.5 0 0"/>{box}</collision>'
-    >>> turn = '<joint name="{}" type="revolute"><parent link="{}"/><child link="{}"/>'
-    >>> turn += '<origin xyz="{} 0 0"/>'
-    >>> turn += '<axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>'
-    >>> path = pathlib.Path(tempfile.mkdtemp()) / "two.urdf"
-    >>> links = f'<link name="foot"/><link name="upper">{bar}</link><link name="fore">{bar}</link>'
-    >>> joints = turn.format("shoulder", "foot", "upper", 0)
-    >>> joints += turn.format("elbow", "upper", "fore", 1)
-    >>> _ = path.write_text(f'<robot name="two">{links}{joints}</robot>')
-    >>> post = cspace.Robot.box((0.2, 0.2, 0.2), (1.5, 0.8, 0.0)).shape
-    >>> space = cspace.build_arm_space({"post": post}, cspace.Arm.from_urdf(path))
-    >>> joint_map = cspace.build_joint_map(space, 0.1)
-    >>> list(cspace.undecided_pairs(joint_map))
-    [('fore', 'post')]
-    """
-    proofs = proofs_of(joint_map) if isinstance(joint_map, CSpace) else None
-    if not isinstance(proofs, JointProofs):
-        raise InputError(
-            "joint_map",
-            "has no geometry of an arm",
-            "maps from files and maps with changed cells have none",
-        )
-    grid = joint_map.grid
-    cells = np.argwhere(joint_map.cell_states == MIXED)
-    if q is not None:
-        # Keep only the MIXED cells that contain one of the configurations.
-        points = check_points(q, "q", joint_map.axes).reshape(-1, grid.dim)
-        indices = grid.cell_of(points)
-        is_inside = ((indices >= 0) & (indices < grid.shape)).all(axis=1)
-        is_queried = np.zeros(grid.shape, dtype=np.bool_)
-        is_queried[tuple(indices[is_inside].T)] = True
-        cells = cells[is_queried[tuple(cells.T)]]
-    return dict(proofs.count_pairs(cells, progress).most_common())
-
-
 def _check_held_joints(arm: Arm, joint_indices: Ints, held_joints: ArrayLike | None) -> Floats:
     """Return a configuration, shape (dof,), with the values of the held joints.
 
@@ -535,26 +462,6 @@ class JointProofs:
         rows = np.tile(self.cells.held, (len(q), 1))
         rows[:, self.cells.joint_indices] = q
         return rows
-
-    def count_pairs(
-        self, cells: Ints, progress: Callable[[int, int], None] | None
-    ) -> Counter[tuple[str, str]]:
-        """Count cells, shape (n, d), by the names of the first pair not proven apart there."""
-        counts = Counter[tuple[str, str]]()
-        snapshot = self.cells.snapshot
-        total = len(snapshot.outer.pairs)
-        for pair in range(total):
-            if progress is not None:
-                progress(pair, total)
-            proofs = self.cells.select_pairs(slice(pair, pair + 1))
-            scratch = make_scene_scratch(proofs.snapshot.outer)
-            is_free = proofs.find_states(cells, cells + 1, False, scratch) == FREE
-            firsts, lasts, _ = proofs.find_tubes(cells[~is_free], cells[~is_free] + 1)
-            counts.update(snapshot.nearest_parts(pair, 0.5 * (firsts + lasts)))
-            cells = cells[is_free]
-        if progress is not None:
-            progress(total, total)
-        return counts
 
     def name_nearest(self, q: Floats) -> tuple[str, str]:
         """Name the two solids nearest to touching at a configuration of the map."""

@@ -197,8 +197,8 @@ class LineMotion:
     ----------
     poses : ndarray of float64, shape (m + 1, 4, 4), read-only
         Corners of the line: the pose of the frame at the start, then the given ones.
-    waypoints : ndarray of float64, shape (n, dof), read-only
-        Configurations from the start on, radians and metres.
+    path : ndarray of float64, shape (n, dof), read-only
+        Waypoints: configurations from the start on, radians and metres.
     parameters : ndarray of float64, shape (n,), read-only
         Target of each waypoint on the line: 1.25 is a quarter of the way from ``poses[1]`` to
         ``poses[2]``. Between two waypoints, the target moves evenly.
@@ -224,7 +224,7 @@ class LineMotion:
 
     _frame: str
     poses: Floats
-    waypoints: Floats
+    path: Floats
     parameters: Floats
     certified: bool
     fraction: float
@@ -233,11 +233,6 @@ class LineMotion:
     stopped_by: str
     status: str
 
-    @property
-    def path(self) -> Floats:
-        """The waypoints, which pictures and the viewer draw as a path."""
-        return self.waypoints
-
     def __bool__(self) -> bool:
         """Return :attr:`certified`."""
         return self.certified
@@ -245,7 +240,7 @@ class LineMotion:
     def __repr__(self) -> str:
         """Return status, bounds and number of waypoints."""
         near = f"within {self.deviation:.2g} m and {self.angle:.2g} rad of the line"
-        return f"LineMotion({self._frame}: {self.status}; {near}, {len(self.waypoints)} waypoints)"
+        return f"LineMotion({self._frame}: {self.status}; {near}, {len(self.path)} waypoints)"
 
 
 def check_corners(poses: ArrayLike) -> Floats:
@@ -355,7 +350,7 @@ def follow_lines(
     return LineMotion(
         _frame=frame,
         poses=frozen(corners),
-        waypoints=frozen(joints),
+        path=frozen(joints),
         parameters=frozen(parameters),
         certified=not stopped_by,
         fraction=fraction,

@@ -44,7 +44,7 @@ from cspace.inside import (
 
 if TYPE_CHECKING:
     from cspace.arms._sphere_models import SphereModel
-    from cspace.arms._urdf import EndEffector, PackageDirs, Srdf
+    from cspace.arms._urdf import PackageDirs, Srdf
 
 Names = tuple[str, str]
 """Two link names in alphabetical order."""
@@ -160,8 +160,6 @@ class Arm:
         exceeds the velocity limit of the URDF; infinite if the URDF has none, or zero.
     groups : dict of str to tuple of str
         Joints of each group of the SRDF, in the order of a configuration.
-    end_effectors : dict of str to EndEffector
-        End effectors of the SRDF, each with ``parent_link``, ``group`` and ``parent_group``.
     held_joints : dict of str to float
         Values of joints that do not move, radians or metres, without joints that mimic others.
     placements : dict of str to Frame
@@ -180,7 +178,6 @@ class Arm:
     units: tuple[str, ...]
     max_velocity: Floats
     groups: dict[str, tuple[str, ...]]
-    end_effectors: dict[str, EndEffector]
     held_joints: dict[str, float]
     placements: dict[str, Frame]
     carriers: dict[str, str]
@@ -215,9 +212,8 @@ class Arm:
         path : path-like
             The URDF, or its text. Meshes are found as in :meth:`cspace.Robot.from_urdf`.
         srdf : path-like, optional
-            An SRDF file, or its text, with groups, group states, end effectors, and the links that
-            may touch: pairs of ``disable_collisions``, and all of a link of
-            ``disable_default_collisions``
+            An SRDF file, or its text, with groups, group states, and the links that may touch:
+            pairs of ``disable_collisions``, and all of a link of ``disable_default_collisions``
             except those of ``enable_collisions``. Links and joints missing from the URDF are
             skipped with one warning. Without an SRDF, links may touch if they belong to one body,
             if a joint connects them, directly or over links without geometry, or if they touch in
@@ -281,7 +277,7 @@ class Arm:
         base = base or root_link(urdf)
         read_joints = [_read_joint(joint, file) for joint in _sort_joints(urdf.robot.joints, base)]
         joints_below = {joint.name: joint for joint in read_joints}
-        semantics = Srdf({}, {}, {}, {}, set()) if srdf is None else read_srdf(srdf, urdf)
+        semantics = Srdf({}, {}, {}, set()) if srdf is None else read_srdf(srdf, urdf)
         chosen = None if joints is None else _choose_joints(joints, semantics.groups, joints_below)
         builder = _ArmBuilder(file, urdf, joints_below, base, tip, chosen)
         builder.hold_joints({} if held_joints is None else held_joints)
@@ -1188,7 +1184,6 @@ class _ArmBuilder:
             units=tuple("m" if joint.kind == PRISMATIC else "rad" for joint in moving),
             max_velocity=np.array([self._limit_velocity(name) for name in self._moving_names]),
             groups=groups,
-            end_effectors=srdf.end_effectors,
             held_joints=self._held,
             placements=placements,
             carriers={},

@@ -6,7 +6,7 @@ A living :class:`cspace.ArmSpace` replaces its own.
 from __future__ import annotations
 
 import math
-from collections import Counter, defaultdict
+from collections import defaultdict
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -266,19 +266,6 @@ class Snapshot:
             radii.append(radius)
         link, other = self._name_parts(pair, nodes)
         return Contact(link, other, float(distances[0]), _find_nearest(*hulls, *radii))
-
-    def nearest_parts(self, pair: int, points: Floats) -> Counter[tuple[str, str]]:
-        """Count the names of the nearest parts of a pair of solids at configurations.
-
-        ``pair`` is its index in the outer scene; the configurations have shape (n, dof).
-        """
-        _, nearest = self.distances(points, self.outer.select_pairs(slice(pair, pair + 1)))
-        # Configurations with the same nearest nodes have the same names.
-        node_pairs, counts = np.unique(nearest[:, 1:], axis=0, return_counts=True)
-        counter = Counter[tuple[str, str]]()
-        for nodes, count in zip(node_pairs.tolist(), counts.tolist(), strict=True):
-            counter[self._name_parts(self.outer.pairs[pair], nodes)] += count
-        return counter
 
     def _name_parts(self, pair: Ints, nodes: Sequence[int]) -> tuple[str, str]:
         """Return the names of the links or obstacles at hull nodes of a pair of solids.

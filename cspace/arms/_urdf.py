@@ -72,7 +72,7 @@ FIELDS: Final = (
         "`.srdf`",
         honoured=(
             "`disable_collisions`, `enable_collisions`, `disable_default_collisions`; `group`, "
-            "`group_state`, `end_effector`"
+            "`group_state`"
         ),
         warned=(
             "names that the URDF lacks; another robot's name; joints that move though they are "
@@ -651,24 +651,6 @@ _MOVING_TYPES: Final = ("revolute", "continuous", "prismatic")
 """Types of joints with one value."""
 
 
-class EndEffector(NamedTuple):
-    """An end effector of an SRDF.
-
-    Attributes
-    ----------
-    parent_link : str
-        Link that carries it.
-    group : str
-        Group of the effector's joints.
-    parent_group : str
-        Group of the joints that move it; empty if undeclared.
-    """
-
-    parent_link: str
-    group: str
-    parent_group: str
-
-
 class Srdf(NamedTuple):
     """The content of an SRDF.
 
@@ -681,7 +663,6 @@ class Srdf(NamedTuple):
     states : dict of str to dict of str to float
         Values of the revolute and prismatic joints, by ``GROUP/STATE``, or by ``STATE`` without a
         group. States without known joints are omitted.
-    end_effectors : dict of str to EndEffector
     passive_joints : set of str
         Joints without a motor.
     """
@@ -689,7 +670,6 @@ class Srdf(NamedTuple):
     allowed: dict[tuple[str, str], str]
     groups: dict[str, set[str]]
     states: dict[str, dict[str, float]]
-    end_effectors: dict[str, EndEffector]
     passive_joints: set[str]
 
 
@@ -714,7 +694,6 @@ def read_srdf(path: str | os.PathLike[str], urdf: URDF) -> Srdf:
             reader.read_allowed(),
             reader.read_groups(),
             reader.read_states(),
-            reader.read_end_effectors(),
             {_get_attribute(element, "name") for element in root.findall("passive_joint")},
         )
     ledger.angles = reader.angles
@@ -859,17 +838,6 @@ class _Reader:
                 if self._joint_types[joint] != "prismatic":
                     self.angles.append((f"{joint} of the state {name!r}", value))
         return states
-
-    def read_end_effectors(self) -> dict[str, EndEffector]:
-        """Return the end effectors by name."""
-        effectors = {}
-        for element in self._root.findall("end_effector"):
-            link = _get_attribute(element, "parent_link")
-            group = _get_attribute(element, "group")
-            if self._check_known([link], self._links):
-                name = _get_attribute(element, "name")
-                effectors[name] = EndEffector(link, group, element.get("parent_group", ""))
-        return effectors
 
 
 def _parse_value(text: str, state: str, joint: str) -> float:

@@ -9,7 +9,6 @@ from scipy.spatial.transform import Rotation
 
 import planners
 from cspace import Robot, Workspace
-from cspace._builder import open_map
 from cspace.arms import (
     Arm,
     PosedShape,
@@ -18,7 +17,6 @@ from cspace.arms import (
     build_joint_map,
     read_moveit_request,
     read_moveit_scene,
-    undecided_pairs,
 )
 from tests.helpers.refusals import check_refused, refusals
 from tests.helpers.urdfs import joint, link, planar, planar_arm, pose_at, posed_box, write_urdf
@@ -366,10 +364,6 @@ TENTH = {"limits": (0.1, 0.1)}
     (
         lambda f: build_joint_map(geared(f), 0.5),
         "limits are missing for 'j0', which is continuous",
-    ),
-    (
-        lambda f: [mapped(f).save(f / "a.zarr"), undecided_pairs(open_map(f / "a.zarr"))],
-        "maps from files and maps with changed cells have none",
     ),
     # Lines.
     (

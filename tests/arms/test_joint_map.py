@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 import cspace
 import planners
 from cspace import BLOCKED, FREE, MIXED
-from cspace.arms import Arm, build_arm_space, build_joint_map, undecided_pairs
+from cspace.arms import Arm, build_arm_space, build_joint_map
 from cspace.errors import ConfigurationError, InputError
 from tests.arms.test_space import draw_scene
 from tests.helpers.refusals import check_refused
@@ -107,12 +107,11 @@ def test_progress_begins_at_once_and_ends_with_all_steps():
     def note(done, total):
         told.append((done, total))
 
-    joint_map = build_joint_map(space, 0.2, progress=note)
-    undecided_pairs(joint_map, progress=note)
+    build_joint_map(space, 0.2, progress=note)
     space.arm.spheres(number=2, progress=note)
     ends = [k for k, (done, total) in enumerate(told) if done == total]
     begins = [0, *(k + 1 for k in ends[:-1])]
-    assert len(ends) == 3 and all(told[k][0] == 0 for k in begins)
+    assert len(ends) == 2 and all(told[k][0] == 0 for k in begins)
 
 
 def measure_distances(q, posts=POSTS):
@@ -222,28 +221,6 @@ def test_joints_named_as_axes_are_no_poses(tmp_path):
             each.to_costmap()
     # The tool is 0.5 m long, so that its tip is nearer to the post than the joints are.
     assert joint_map.obstacle_distance((0.5, 0.5)) == pytest.approx(0.55, abs=1e-3)
-
-
-def test_undecided_pairs_are_those_that_touch_in_the_cell():
-    space = build_plane_arm()
-    joint_map = build_joint_map(space, 0.1)
-    grid = joint_map.grid
-    pairs = undecided_pairs(joint_map)
-    mixed = np.argwhere(joint_map.cell_states == MIXED)
-    assert sum(pairs.values()) == len(mixed)
-    assert list(pairs.values()) == sorted(pairs.values(), reverse=True)
-    within = np.stack(np.meshgrid(*[np.linspace(0.0, 1.0, 5)] * 2), axis=-1).reshape(-1, 2)
-    for cell in mixed[:: len(mixed) // 30]:
-        center = grid.lower + grid.spacing * (cell + 0.5)
-        (((bar, post), count),) = undecided_pairs(joint_map, center).items()
-        x, y, side = POSTS[int(post[-1])]
-        # The nearest pair at the center may touch only just outside.
-        wider = ((x, y, side + 0.04),)
-        assert count == 1
-        assert planar_arm_meets(
-            grid.lower + grid.spacing * (cell + within), wider, bars=(bar,)
-        ).any()
-    assert undecided_pairs(joint_map, joint_map.sample_free(20)) == {}
 
 
 @pytest.mark.parametrize("shoulder", [CONTINUOUS, LIMITED], ids=["continuous", "limited"])

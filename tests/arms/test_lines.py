@@ -52,7 +52,7 @@ def sample_deviation(motion, poses, samples=33):
     times = np.linspace(0.0, 1.0, samples)
     distances = [0.0]
     angles = [0.0]
-    rows = sample_motion(motion.waypoints, times)
+    rows = sample_motion(motion.path, times)
     for number, row in enumerate(rows):
         first, last = motion.parameters[number : number + 2]
         line = min(int(first), len(motion.poses) - 2)
@@ -72,7 +72,7 @@ def check_motion(motion, arm, poses, tolerance):
     deviation, angle = sample_deviation(motion, poses)
     assert deviation - ROUNDING <= motion.deviation <= tolerance[0]
     assert angle - ROUNDING <= motion.angle <= tolerance[1]
-    assert ((motion.waypoints >= arm.lower) & (motion.waypoints <= arm.upper)).all()
+    assert ((motion.path >= arm.lower) & (motion.path <= arm.upper)).all()
     parameters = motion.parameters
     assert parameters[0] == 0.0 and (np.diff(parameters) > 0.0).all()
     # Each pose that it reaches is a waypoint.
@@ -114,13 +114,13 @@ def test_motions_stay_within_their_bounds_and_free(tmp_path_factory, seed, count
     if rng.random() < 0.5:
         corners[:, :3, 3] += rng.normal(scale=0.15, size=(len(corners), 3))
     motion = space.follow_line(start, "tool0", corners, tolerance=tolerance)
-    np.testing.assert_array_equal(motion.waypoints[0], start)
+    np.testing.assert_array_equal(motion.path[0], start)
     np.testing.assert_allclose(motion.poses, [poses(start), *corners], atol=1e-6)
     check_motion(motion, arm, poses, tolerance)
     oracle = ArmOracle(path, arm, still, arm.allowed_collisions)
-    rows = sample_motion(motion.waypoints, np.linspace(0.0, 1.0, 8)).reshape(-1, arm.dof)
+    rows = sample_motion(motion.path, np.linspace(0.0, 1.0, 8)).reshape(-1, arm.dof)
     assert all(oracle.apart(row) > 0.0 for row in rows[:: 1 + len(rows) // 100])
-    assert np.asarray(space.certify_path(motion.waypoints)).all()
+    assert np.asarray(space.certify_path(motion.path)).all()
 
 
 @examples(25)
@@ -274,11 +274,11 @@ def test_a_line_goes_on_after_a_plan_that_ends_whole_turns_further(tmp_path):
     space = build_arm_space({}, Arm.from_urdf(path))
     pose = space.arm.pose((0.1, 1.0), "fore")
     motion = space.follow_line((0.2, 0.9), "fore", pose, tolerance=(2.0, 2.0))
-    plan = planners.plan(space, (4.0, 7.0), motion.waypoints[0], seed=1)
-    turns = plan.waypoints[-1] - motion.waypoints[0]
+    plan = planners.plan(space, (4.0, 7.0), motion.path[0], seed=1)
+    turns = plan.waypoints[-1] - motion.path[0]
     np.testing.assert_allclose(turns, 2.0 * math.pi, atol=1e-9)
     with pytest.raises(InputError, match="turns shoulder by"):
-        space.certify_path(np.concatenate([plan.waypoints, motion.waypoints[1:]]))
-    rows = np.concatenate([plan.waypoints, (motion.waypoints + turns)[1:]])
+        space.certify_path(np.concatenate([plan.waypoints, motion.path[1:]]))
+    rows = np.concatenate([plan.waypoints, (motion.path + turns)[1:]])
     assert space.certify_path(rows).all()
     assert planners.Trajectory.along(space, rows, max_velocity=1.0, max_acceleration=1.0).certified

@@ -260,7 +260,6 @@ def test_srdf_names_are_read_and_missing_ones_skipped_with_one_warning(tmp_path)
     assert arm.allowed_collisions == {("a", "b"): "SRDF"}
     whole = ("one", "two", "three")
     assert arm.groups == {"arm": whole[:2], "hand": whole[2:], "all": whole, "none": ()}
-    assert arm.end_effectors == {"gripper": ("c", "hand", "arm")}
     named = {name: q.tolist() for name, q in arm.named_configurations.items()}
     assert named == {
         "arm/home": [0.2, 0.7, 0.0],

@@ -23,11 +23,10 @@ def any_map(request, tmp_path_factory):
     return build_kind(request.param, tmp_path_factory.mktemp("any"))
 
 
-def test_paths_are_certified_and_stay_within_the_bounds(any_map):
+def test_paths_are_certified_and_no_shorter_than_the_bound(any_map):
     space, rng, dim = any_map.space, np.random.default_rng(11), any_map.dim
     found = 0
     for start, goal in space.sample_free(16, rng).reshape(8, 2, -1):
-        lower, upper = space.reachable_bounds(start)
         for name in SEARCHES:
             path = planners.plan(space, start, goal, planner=name).waypoints
             if not len(path):
@@ -35,7 +34,6 @@ def test_paths_are_certified_and_stay_within_the_bounds(any_map):
             found += 1
             assert space.certify_path(path).all()
             np.testing.assert_allclose(path[[0, -1]], [start, goal], atol=1e-9)
-            assert (lower - 1e-9 <= path[:, :dim]).all() and (path[:, :dim] <= upper + 1e-9).all()
             metres = np.linalg.norm(np.diff(path[:, :dim], axis=0), axis=1).sum()
             assert space.min_path_length(start, goal) <= metres * (1.0 + 1e-9)
     assert found

@@ -122,7 +122,6 @@ def test_queries_refuse_invalid_configurations(q, message):
 @refusals(
     "call, message",
     (lambda space: space.min_path_length(Q, (99, 0, 0)), "q1 is .* configuration in the grid"),
-    (lambda space: space.reachable_bounds((99, 0, 0)), "q is .* FREE configuration in the grid"),
 )
 def test_queries_refuse_invalid_arguments(call, message):
     with pytest.raises(InputError, match=message):

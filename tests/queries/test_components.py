@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cspace import BLOCKED, FREE, MIXED, ConfigurationError, Robot, Workspace
+from cspace import BLOCKED, FREE, MIXED, Robot, Workspace
 from cspace._rotations import Rotations
 from tests.helpers import handmade
 from tests.helpers.maps import proven_paths
@@ -24,8 +24,6 @@ def test_maps_may_have_more_components_than_two_bytes_can_count():
     assert (proven_paths(space, q[:, None], q[None]) == np.eye(4, dtype=bool)).all()
     assert space.is_disconnected(q[0], q[1:]).all()
     assert not space.is_connected(q[0], q[1:]).any()
-    lower, upper = space.reachable_bounds(handmade.cell_centers(space, np.array([[0, 3, 1]]))[0])
-    assert np.rint((upper - lower) / space.grid.spacing).tolist() == [1, 5]
 
 
 @examples(60)
@@ -54,23 +52,6 @@ def test_connectivity_agrees_with_components_of_a_graph(seed, kind, outside, mix
     assert proven_paths(space, q[:, None], q[None]).tolist() == expected.tolist()
     for one, other in itertools.pairwise(range(min(len(q), 6))):
         assert proven_paths(space, q[one], q[other]) is expected[one, other]
-
-
-@examples(10)
-@given(seeds, st.sampled_from(handmade.MAP_KINDS))
-def test_reachable_bounds_are_the_box_of_the_component(seed, kind):
-    """Compare with the box of all connected cells."""
-    states = handmade.random_states(np.random.default_rng(seed), kind)
-    space = handmade.make_map(states, kind, spacing=1.0)
-    numbers = handmade.components(states == FREE, kind)
-    for cell in np.argwhere(states == FREE)[:8]:
-        joined = np.argwhere(numbers == numbers[tuple(cell)])[:, 1:]
-        lower, upper = space.reachable_bounds(handmade.cell_centers(space, cell[None])[0])
-        assert lower.tolist() == joined.min(axis=0).tolist()
-        assert upper.tolist() == (joined.max(axis=0) + 1).tolist()
-    for cell in np.argwhere(states != FREE)[:1]:
-        with pytest.raises(ConfigurationError, match="FREE"):
-            space.reachable_bounds(handmade.cell_centers(space, cell[None])[0])
 
 
 TINY_BAR = Robot.rectangle(1e-6, 1e-7)

@@ -131,10 +131,6 @@ def cells(values, **options):
         lambda: space().motion_is_free([HERE] * 2, [HERE] * 3),
         "q0 has shape (2, 2) and q1 (3, 2); they must broadcast",
     ),
-    (
-        lambda: space().reachable_bounds((0.05, 0.05)),
-        "it must be one FREE configuration in the grid",
-    ),
     # Cells.
     (lambda: cells([[1], [1, 0]]), "its rows must have one length"),
     (
