@@ -891,12 +891,14 @@ class CSpace(ConfigurationMap):
         FileError
             If the output exists and may not be replaced, or cannot be written.
         """
+        from cspace._queries.leaving import describe_floor_parts
         from cspace._record.save import save
 
         with self.lock:  # an update waits
             contents = replace(self._contents, exterior=self._exterior)
             derived = self._distance_arrays() if clearance else None
-            save(contents, path, overwrite, compress, derived)
+            more = describe_floor_parts(contents)
+            save(contents, path, overwrite, compress, derived, **more)
 
     export = _outside.export
     to_occupancy_grid = _outside.to_occupancy_grid

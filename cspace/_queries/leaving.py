@@ -16,6 +16,7 @@ discs and parts are those seen from above, and so are their distances.
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Final, NamedTuple
@@ -117,6 +118,24 @@ def split_robot(contents: Contents) -> list[RobotPart]:
         return [RobotPart(split_shape(shape.outer), None)]
     parts = LayeredShape(shape, heights, grid.spacing).layers_of_parts
     return [RobotPart(split_shape(part), layers) for part, layers in parts.items()]
+
+
+def describe_floor_parts(contents: Contents) -> dict[str, str]:
+    """Return the attribute ``floor_parts`` of a saved map, for gates in C++.
+
+    It is left out without a floor, or if a part of the robot is not convex.
+    """
+    if contents.floor is None:
+        return {}
+    try:
+        parts = split_robot(contents)
+    except InputError:
+        return {}
+    lists = []
+    for cores, layers in parts:
+        head = [len(layers or ()), *(layers or ())]
+        lists += [[*head, core.radius, *core.corners.ravel().tolist()] for core in cores]
+    return {"floor_parts": json.dumps(lists)}
 
 
 def split_shape(shape: ExactShape) -> list[Core]:

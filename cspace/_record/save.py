@@ -268,15 +268,16 @@ def save(
     overwrite: bool = False,
     compress: bool = True,
     derived: Mapping[str, NDArray[Any]] | None = None,
+    **extra: str,
 ) -> None:
     """Save a map as a whole Zarr folder; see :meth:`cspace.CSpace.save`.
 
-    ``derived`` are additional arrays, with names in ``DERIVED``.
+    ``derived`` are additional arrays, with names in ``DERIVED``, and ``extra`` attributes.
     """
     rule = "a map is saved as a Zarr folder; space.export writes other formats"
     check_suffix(path, MapFolder.SUFFIXES, rule, is_output=True)
     with replacing(path, overwrite, folder=is_map_folder) as temporary:
-        MapFolder(temporary).write(contents, compress, derived)
+        MapFolder(temporary).write(contents, compress, derived, **extra)
 
 
 def _iterate_files(arrays: Mapping[str, NamedArray], compress: bool) -> Iterator[tuple[str, bytes]]:

@@ -4,7 +4,8 @@
 //   answers prefix MAP ROWS N TRACKING...           proven rows of chunks of N rows, a line a chunk
 //   answers slow MAP ROWS LEAVING CORES DT V OMEGA TRACKING... RADIUS
 //                                                   shares, proofs and commands of slowed twists, a line each;
-//                                                   cores of a robot are "radius x y x y ...;radius x y ..."
+//                                                   cores of a robot are "radius x y x y ...;radius x y ...", or "map"
+//                                                   for those of the map
 //   answers drive MAP LEAVING CORES DT V OMEGA TRACKING... RADIUS
 //                                                   the same of lines of a pose, two twists and points from the input
 //   answers cycles MAP ROWS CORES DT V OMEGA TRACKING... RADIUS
@@ -74,9 +75,11 @@ void count_proven(const cspace::Map& map, const std::vector<double>& rows, std::
 }
 
 /// Make a gate of texts: cores, seconds, brakes, tracking, and the radius of points.
-cspace::Gate make_gate(const std::string& map, const std::vector<std::string>& words) {
+cspace::Gate make_gate(const std::string& path, const std::vector<std::string>& words) {
+  const auto map = std::make_shared<const cspace::Map>(cspace::Map::open(path));
   std::vector<cspace::Core> robot;
-  std::istringstream parts(words[0]);
+  if (words[0] == "map") robot = cspace::read_robot(*map);
+  std::istringstream parts(robot.empty() ? words[0] : "");
   for (std::string part; std::getline(parts, part, ';');) {
     std::istringstream numbers(part);
     robot.emplace_back();
@@ -86,7 +89,7 @@ cspace::Gate make_gate(const std::string& map, const std::vector<std::string>& w
   std::vector<double> n;
   for (auto word = words.begin() + 1; word != words.end(); ++word) n.push_back(std::stod(*word));
   const cspace::GateOptions options{n[0], {n[1], n[2]}, {n[3], n[4], n[5]}, n[6]};
-  return cspace::Gate(std::make_shared<const cspace::Map>(cspace::Map::open(map)), robot, options);
+  return cspace::Gate(map, robot, options);
 }
 
 void print_robot(const cspace::Map& map) {

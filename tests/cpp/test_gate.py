@@ -6,6 +6,7 @@ import subprocess
 import numpy as np
 import pytest
 import shapely
+import trimesh
 
 import cspace
 from tests.helpers.cpp import (
@@ -21,6 +22,7 @@ from tests.helpers.leaving import bound_distances, place_along
 from tests.helpers.messages import make_grid
 from tests.helpers.regions import place_polygon
 from tests.queries.test_gate_drives import POSTS, make_cells, run_drive
+from tests.queries.test_leaving import ON_FLOORS, build_on_floor
 
 pytestmark = pytest.mark.skipif(bool(why_no_compiler()), reason=why_no_compiler())
 
@@ -240,30 +242,54 @@ def test_a_robot_at_a_place_that_rounding_swallows_leaves_nowhere(program, room)
     gate.close()
 
 
-def test_a_gate_on_a_floor_stops_and_leaves_nothing(program, tmp_path):
-    """What a robot on a floor touches depends on heights, which the map in C++ lacks."""
-    cells = np.zeros((60, 40, 6), dtype=bool)
-    cells[30:32, :, 3:] = True
-    robot = cspace.Robot.box((0.6, 0.4, 0.2), (0.0, 0.0, 0.1))
-    workspace = cspace.Workspace.from_array(cells, 0.1)
-    cspace.build(workspace, robot, rotations=72, floor=0.05).save(tmp_path / "map")
-    numbers = (ROOM_DT, *ROOM_BRAKES, *(TRACKING,) * 3, POINT_RADIUS)
-    gate = GateInCpp(program, tmp_path / "map", BOX, *numbers)
-    for x, share in ((3.05, 1.0), (5.6, 0.0)):  # under the beam, and at the border
-        slowed = gate.slow_down((x, 2.0, 0.0), (0.3, 0.0), (0.0, 0.0))
-        assert slowed.is_proven == (share > 0.0) and slowed.share == share
-    gate.close()
-    row = "3.0 2.0 0.0 0.3 0.0 0.0 0.0\n"
-    command = [
-        str(program),
-        "drive",
-        str(tmp_path / "map"),
-        "1",
-        BOX,
-        *map(repr, map(float, numbers)),
-    ]
-    done = subprocess.run(command, input=row, text=True, capture_output=True, check=False)
-    assert "not in tiles or on a floor" in done.stdout
+@pytest.mark.parametrize("outside", ["blocked", "free"])
+@pytest.mark.parametrize("name", ON_FLOORS)
+@pytest.mark.parametrize(
+    "count", [60, pytest.param(2500, marks=pytest.mark.thorough)], ids=["few", "many"]
+)
+def test_a_robot_on_a_floor_leaves_part_by_part_as_in_python(
+    tmp_path, program, name, outside, count
+):
+    occupied = np.random.default_rng(6).random((40, 30, 13)) < 0.005
+    space = build_on_floor(name, occupied, outside=outside, margin=0.03 * (outside == "free"))
+    space.save(tmp_path / "map")
+    rows = draw_situations(space, count, np.random.default_rng(7))
+    tracking = (0.02, 0.02, 0.02)
+    gate = cspace.Gate(space, dt=DT, tracking=tracking, max_deceleration=BRAKES)
+    numbers = (DT, *BRAKES, *tracking, 0.0)
+    answers = slow_in_cpp(program, tmp_path / "map", rows, "map", *numbers, leaving=True)
+    left = 0
+    for row, answer in zip(rows, answers, strict=True):
+        found = read_slowed(answer)
+        expected = gate.slow_down(row[:3], row[3:5], twist_now=row[5:], leaving=True)
+        assert found[:3] == (expected.share, bool(expected.chunk), expected.leaves), row.tolist()
+        left += found.leaves and found.share > 0.0
+    assert left > count / 20
+
+
+def test_a_robot_on_a_floor_leaves_a_touch_under_a_beam_in_cpp(program, tmp_path):
+    occupied = np.zeros((40, 30, 13), dtype=bool)
+    occupied[23, 15, 1:4] = True  # a post before the base, which ends at 2.3 m
+    occupied[8:19, :, 5] = occupied[8:19, :, 9:] = True  # between the parts, and above them
+    build_on_floor("boxes", occupied).save(tmp_path / "map")
+    numbers = (DT, *BRAKES, 0.0, 0.0, 0.0, 0.0)
+    pose, back, rest = (2.03, 1.55, 0.0), (-0.5, 0.0), (0.0, 0.0)
+    for robot, share in (("map", 1.0), ("0 0.45 0.35 -0.3 0.35 -0.3 -0.35 0.45 -0.35", 0.0)):
+        gate = GateInCpp(program, tmp_path / "map", robot, *numbers, leaving=True)
+        slowed = gate.slow_down(pose, back, rest)
+        assert (slowed.share, slowed.leaves) == (share, True)
+        # Points have no height.
+        assert gate.slow_down(pose, back, rest, [(1.729, 1.55)]).share == 0.0
+        gate.close()
+
+
+def test_a_robot_that_is_not_convex_on_a_floor_has_no_parts(program, tmp_path):
+    workspace = cspace.Workspace.from_array(np.zeros((20, 20, 6), dtype=bool), 0.1)
+    ell = trimesh.creation.extrude_polygon(shapely.Polygon(ELL), 0.2)
+    space = cspace.build(workspace, cspace.Robot.from_mesh(ell), rotations=4, floor=0.1)
+    space.save(tmp_path / "map")
+    _, (line,) = read_parts(program, tmp_path / "map")
+    assert "no convex parts at the heights of its layers" in line
 
 
 def find_margin():

@@ -34,10 +34,11 @@ struct Point {
 };
 
 /// A convex part of a robot in its own frame: corners of a polygon, counterclockwise, or a single point, grown by a
-/// radius, metres.
+/// radius, metres. On a floor, it is the part in some layers of the workspace; without a list, in all.
 struct Core {
   std::vector<Point> corners;
   double radius = 0.0;
+  std::vector<std::int64_t> layers = {};
 };
 
 /// What a gate knows of a robot's drive and sensors.
@@ -82,8 +83,9 @@ struct Gap {
 struct Body {
   std::vector<Point> corners, normals;
   double radius;
+  std::vector<std::int64_t> layers;
 
-  explicit Body(const Core& core) : corners(core.corners), radius(core.radius) {
+  explicit Body(const Core& core) : corners(core.corners), radius(core.radius), layers(core.layers) {
     for (std::size_t k = 0; k < corners.size() && corners.size() > 1; ++k) {
       const Point edge = find_edge(k);
       const double length = std::sqrt(edge.x * edge.x + edge.y * edge.y);
@@ -256,11 +258,32 @@ inline std::vector<Point> read_polygon(const std::string& bytes) {
   turn_left(corners);
   return corners;
 }
+
+/// Return the parts of a robot on a floor: of each a number of layers, the layers, its radius, and x and y of its corners.
+inline std::vector<Core> read_floor_parts(const std::string& text) {
+  std::vector<Core> robot;
+  std::istringstream lists(text);
+  for (std::string list; std::getline(lists, list, ']');) {
+    std::replace_if(list.begin(), list.end(), [](char letter) { return letter == '[' || letter == ','; }, ' ');
+    const std::vector<double> numbers = read_numbers(list);
+    if (numbers.empty()) continue;  // at the end
+    const auto first = numbers.begin() + 1;
+    const auto left = static_cast<double>(numbers.end() - first);
+    if (!(numbers[0] >= 1.0 && numbers[0] < left)) throw InputError("cspace: the map's floor_parts are none");
+    const auto radius = first + static_cast<std::ptrdiff_t>(numbers[0]);
+    robot.push_back({{}, *radius, {first, radius}});
+    for (auto corner = radius + 1; numbers.end() - corner > 1; corner += 2) robot.back().corners.push_back({corner[0], corner[1]});
+  }
+  if (robot.empty()) throw InputError("cspace: the map's robot has no convex parts at the heights of its layers");
+  return robot;
+}
 }  // namespace detail
 
-/// Return the parts of the robot that a map of the plane was built for: discs, or polygons without holes.
+/// Return the parts of the robot that a map of the plane was built for: discs, or polygons without holes; on a floor, those
+/// at the heights of its layers.
 /// @throws InputError  if it has others
 inline std::vector<Core> read_robot(const Map& map) {
+  if (map.has_floor()) return detail::read_floor_parts(map.floor_parts());
   // A shape that is only bounded lies in the outer one of its bounds.
   const std::size_t outer = map.robot().rfind("\"outer\": {");
   const std::string text = outer == std::string::npos ? map.robot() : map.robot().substr(outer);
@@ -327,7 +350,7 @@ class Gate {
       throw InputError("cspace: configurations and twists must be finite, and a yaw at most 2^20");
     for (const Point& point : points)
       if (!std::isfinite(point.x + point.y)) throw InputError("cspace: points must be finite");
-    if (leaving && !map_->has_taken_cells()) throw InputError("cspace: leaving needs a map in memory, not in tiles or on a floor");
+    if (leaving && !map_->has_taken_cells()) throw InputError("cspace: leaving needs a map in memory, not in tiles");
     std::vector<Ramp> ramps;
     for (int part = detail::SHARES; part > 0; --part) {
       const double share = static_cast<double>(part) / detail::SHARES;
@@ -519,17 +542,23 @@ class Gate {
       return static_cast<std::int64_t>(std::floor((q[axis] + offset - lower[axis]) / spacing));
     };
     const std::int64_t last_x = find_cell(0, range), last_y = find_cell(1, range);
-    std::vector<Point> centers;
-    for (std::int64_t i = find_cell(0, -range); i <= last_x; ++i) {
-      for (std::int64_t j = find_cell(1, -range); j <= last_y; ++j) {
-        if (!map_->is_taken(i, j)) continue;
-        const double x = static_cast<double>(i) + 0.5, y = static_cast<double>(j) + 0.5;
-        const Point seen = see(q, {lower[0] + x * spacing, lower[1] + y * spacing});
-        if (std::hypot(seen.x, seen.y) <= range) centers.push_back(seen);
+    const auto list_near = [&](const std::vector<std::int64_t>& layers) {
+      std::vector<Point> centers;
+      for (std::int64_t i = find_cell(0, -range); i <= last_x; ++i) {
+        for (std::int64_t j = find_cell(1, -range); j <= last_y; ++j) {
+          if (!map_->is_taken(i, j, layers)) continue;
+          const double x = static_cast<double>(i) + 0.5, y = static_cast<double>(j) + 0.5;
+          const Point seen = see(q, {lower[0] + x * spacing, lower[1] + y * spacing});
+          if (std::hypot(seen.x, seen.y) <= range) centers.push_back(seen);
+        }
       }
+      return centers;
+    };
+    std::vector<Point> centers = list_near(robot_.front().layers);
+    for (std::size_t k = 0; k < robot_.size(); ++k) {
+      if (k > 0 && robot_[k].layers != robot_[k - 1].layers) centers = list_near(robot_[k].layers);
+      seconds = detail::follow(robot_[k], centers, margin + robot_[k].radius, twist, seconds, least, true);
     }
-    for (const detail::Body& body : robot_)
-      seconds = detail::follow(body, centers, margin + body.radius, twist, seconds, least, true);
     return seconds;
   }
 

@@ -463,13 +463,18 @@ class Map {
   std::vector<double> upper() const { return {upper_.end() - dim_, upper_.end()}; }        ///< upper corner of the grid
   std::vector<std::int64_t> shape() const { return {cells_.end() - dim_, cells_.end()}; }  ///< number of cells
 
-  bool has_taken_cells() const { return has_taken_cells_; }        ///< true for x, y and yaw, unless in tiles or on a floor
+  bool has_taken_cells() const { return has_taken_cells_; }        ///< true for x, y and yaw, unless in tiles
+  bool has_floor() const { return has_floor_; }                    ///< true if the workspace has layers of cells
+  const std::string& floor_parts() const { return floor_parts_; }  ///< of a robot on a floor, as JSON; empty if not convex
 
-  /// Return true if a cell may meet an obstacle; outside the grid, unless the outside is free.
-  /// The map must have taken cells.
-  bool is_taken(std::int64_t i, std::int64_t j) const {
-    const bool is_inside = i >= 0 && j >= 0 && i < cells_[1] && j < cells_[2];
-    return is_inside ? *taken_.at(i, j) != 0 : outside_ != "free";
+  /// Return true if a cell may meet an obstacle in one of some layers, or in any; outside the grid, unless the outside
+  /// is free. The map must have taken cells.
+  bool is_taken(std::int64_t i, std::int64_t j, const std::vector<std::int64_t>& layers = {}) const {
+    if (i < 0 || j < 0 || i >= cells_[1] || j >= cells_[2]) return outside_ != "free";
+    const unsigned char* column = taken_.at(i, j * layers_);
+    const auto is_in = [&](std::int64_t k) { return k < 0 || k >= layers_ || column[k] != 0; };
+    if (!layers.empty()) return std::any_of(layers.begin(), layers.end(), is_in);
+    return std::any_of(column, column + layers_, [](unsigned char cell) { return cell != 0; });
   }
 
   /// Return true if all numbers are finite, a yaw is at most 2^20 and the norm of a quaternion is 1 within 1e-6.
@@ -600,9 +605,15 @@ class Map {
     shape.insert(shape.begin(), slices_);
     states_ = folder.array("cell_states", "uint8", shape);
     if (check_digest) states_.check_states();
-    // On a floor, the cells seen from above are not those that the robot may touch.
-    has_taken_cells_ = kind_ == YAW && dim_ == 2 && stamp.empty() && !about.has("floor_m");
-    if (has_taken_cells_) taken_ = folder.array("outer", "bool", this->shape());
+    has_floor_ = about.has("floor_m");
+    if (about.has("floor_parts")) floor_parts_ = about["floor_parts"].text();
+    has_taken_cells_ = kind_ == YAW && dim_ == 2 && stamp.empty();
+    if (has_taken_cells_) {
+      // On a floor, the cells seen from above are not those that the robot may touch.
+      std::vector<Index> cells = this->shape();
+      if (has_floor_) cells.push_back(layers_ = about["scene_layers"].numbers<Index>()[0]);
+      taken_ = folder.array(has_floor_ ? "scene_outer" : "outer", "bool", cells);
+    }
     if (!folder.has("distances")) return;
     distances_ = folder.array("distances", "float32", shape);
     distance_boxes_ = folder.array("distance_boxes", "float64", {slices_, 2, dim_}).numbers<double>();
@@ -1042,7 +1053,9 @@ class Map {
   std::vector<Exterior> exterior_;  ///< of each slice
   detail::Array states_;            ///< unless the map has tiles
   std::unique_ptr<Tiles> tiles_;
-  bool has_taken_cells_ = false;
+  bool has_taken_cells_ = false, has_floor_ = false;
+  std::string floor_parts_;
+  Index layers_ = 1;      ///< of the workspace
   detail::Array taken_;  ///< cells of the workspace that may meet obstacles
   detail::Array distances_;
   std::vector<double> distance_boxes_;  ///< lower and upper corner, of each slice
