@@ -272,7 +272,7 @@ event.register("numba:compile", Stop())
 
 def test_only_kernels_become_machine_code_and_no_garbage_is_collected_meanwhile(monkeypatch):
     # An earlier run may have kept the code.
-    monkeypatch.setattr("cspace._support.compiling.cache_folder", lambda: None)
+    monkeypatch.setattr("cspace._support.compiling._code_folder", lambda package: None)
 
     @internal
     def add_one(x):
@@ -365,9 +365,8 @@ def test_the_clock_stops_while_a_function_is_compiled_or_refused(
 ):
     from numba import TypingError
 
-    monkeypatch.setattr(
-        "cspace._support.compiling.cache_folder", lambda: None
-    )  # nothing is compiled yet
+    # Nothing is compiled yet.
+    monkeypatch.setattr("cspace._support.compiling._code_folder", lambda package: None)
 
     def good(x):
         return 2.0 * x + 1.0
