@@ -21,8 +21,8 @@ from planners._car_curves import (
     prove_length,
 )
 from planners._integrals import CellCost, bind_cost
-from planners._local_planner import MAX_RADIANS, LocalPlanner, Pieces, make_curve_states
-from planners._ompl_states import find_state_kind
+from planners._local_planner import MAX_RADIANS, LocalPlanner, Pieces
+from planners._ompl_states import find_state_kind, make_curve_states
 
 
 class CarCurves(LocalPlanner):

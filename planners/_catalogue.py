@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final, Literal, NamedTuple, TypeAlias, cast, get_args
 
-from ompl import base as ob
 from ompl import geometric as og
 
 from cspace import CSpace, Space
@@ -236,15 +235,6 @@ def check_support(option: str, argument: str, value: object, space: Space) -> No
         raise InputError(argument, problem, "the robot does not turn")
 
 
-FMT_SAMPLES_ALONG_CURVES: Final = 300
-"""Initial number of samples of FMT if edges are curves.
-
-OMPL's default is 1000. Within 8 s, both numbers gave as many paths of the same length, but 1000
-samples took four times as long. Within 2 s, 1000 samples gave a quarter as many paths along Dubins
-curves.
-"""
-
-
 def planner_names() -> tuple[PlannerName, ...]:
     """List the planners of OMPL that :func:`planners.plan` runs, in alphabetical order."""
     return get_args(PlannerName)[: -len(BUILT_IN_SEARCHES)]
@@ -302,20 +292,3 @@ def check_skills(
             if not is_named:
                 problem += f", the default for objective={objective!r}"
             raise InputError(option, problem, f"{planner} takes {option}: {', '.join(possible)}")
-
-
-def make_planner(name: str, si: ob.SpaceInformation, range_: float | None = None) -> ob.Planner:
-    """Create an OMPL planner by name, with short steps."""
-    planner = getattr(og, name)(si)
-    if range_ is not None:
-        planner.setRange(range_)
-    if name == "BITstar":
-        # Pruning rebuilds the search tree at every 500th sample. Along curves, one such step takes
-        # minutes, so the planner would exceed its time limit.
-        planner.setPruning(False)
-    has_curves = isinstance(si.getStateSpace(), (ob.DubinsStateSpace, ob.ReedsSheppStateSpace))
-    if name == "FMT" and has_curves:
-        # More are drawn if needed. A step measures from each neighbor to all samples, which takes
-        # tenths of a second along curves.
-        planner.setNumSamples(FMT_SAMPLES_ALONG_CURVES)
-    return planner

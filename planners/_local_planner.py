@@ -1,25 +1,19 @@
 """Local planners: edges between two configurations, by the robot's drive.
 
-A holonomic robot follows the straight edge. A differential drive turns on the spot, drives straight
-on and turns again. A car follows a curve.
-
-References
-----------
-L. E. Dubins, "On curves of minimal length with a constraint on average curvature", 1957;
-J. A. Reeds and L. A. Shepp, "Optimal paths for a car that goes both forwards and backwards", 1990.
+A holonomic robot follows the straight edge. The edges of drives are in modules of their own, which
+:func:`planners._drives.local_planner` loads.
 """
 
 from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Final, NamedTuple, TypeAlias, cast
 
 import numpy as np
 from numpy.typing import NDArray
-from ompl import base as ob
 
 from cspace import MIXED, CSpace, Space
 from cspace.inside import (
@@ -36,11 +30,13 @@ from cspace.inside import (
     map_record,
     measure_steps,
     proofs_of,
+    wrap_angles,
 )
 from planners._integrals import CellCost, bind_cost, integrate_straight_edge
-from planners._ompl_states import find_state_kind, with_wrapped_angles
 
 if TYPE_CHECKING:
+    from ompl import base as ob
+
     from cspace import TiledCSpace
     from cspace.inside import Geometry
 
@@ -56,19 +52,6 @@ Drive: TypeAlias = Car | Differential
 MAX_TURN: Final = 0.499 * math.tau
 """Largest turn of a joint along an edge, radians; below half a turn, so that rounding does not
 decide its direction."""
-
-PIVOT_RADIUS_PER_SIDE: Final = 1e-9
-"""OMPL's pivot radius, as a share of the map's longest side.
-
-Curves of this radius stand for turning on the spot, and leave the driven edge by at most two radii.
-With a radius a hundred times smaller, rounding would decide the direction of a turn.
-"""
-
-
-def make_curve_states(reverses: bool, radius: float) -> ob.StateSpace:
-    """Make OMPL's state space of curves of a turning radius, metres."""
-    kind = ob.ReedsSheppStateSpace if reverses else ob.DubinsStateSpace
-    return kind(radius)
 
 
 class Pieces(NamedTuple):
@@ -149,6 +132,8 @@ class LocalPlanner:
 
     def make_states(self) -> ob.StateSpace:
         """Make OMPL's state space, without bounds."""
+        from planners._ompl_states import find_state_kind
+
         return find_state_kind(self.space).make()
 
     def point_checker(self) -> Callable[..., bool]:
@@ -158,10 +143,12 @@ class LocalPlanner:
     def edge_checker(self) -> Callable[..., bool]:
         """Make ``check(*q0, *q1)``, which proves the edge free."""
         check = self.space.edge_checker()
-        return with_wrapped_angles(check, self.space.is_periodic)
+        return _wrap_arguments(check, self.space.is_periodic)
 
     def motion_checker(self) -> Callable[[ob.State, ob.State], bool]:
         """Make ``check(first, second)``, which proves a motion between OMPL states free."""
+        from planners._ompl_states import find_state_kind
+
         check = find_state_kind(self.space).of_states(self.edge_checker())
         if not self.bidirectional:
             return check
@@ -375,113 +362,27 @@ class LocalPlanner:
         return exists is True
 
 
-class TurnDriveTurn(LocalPlanner):
-    """Edges of a differential drive: turn, drive straight, turn.
+def _wrap_arguments(
+    check: Callable[..., bool], periodic_axes: Sequence[bool]
+) -> Callable[..., bool]:
+    """Wrap a function of two configurations to get angles in [-pi, pi).
 
-    It turns on the spot, the shorter way, and drives with its x axis ahead. If it reverses, it
-    drives backwards when that takes less rotation. Each of the three motions is proven as a
-    straight edge; :meth:`insert_breakpoints` gives their endpoints.
-
-    OMPL gets curves with a turning radius of almost zero (:data:`PIVOT_RADIUS_PER_SIDE`). Its
-    interpolation stays within 1e-8 of the map's side of the line, and its distance counts metres
-    alone.
+    Angles of the second configuration are within half a turn of the first.
     """
-
-    def make_states(self) -> ob.StateSpace:
-        """Make OMPL's state space of curves with a tiny turning radius."""
-        grid = self.cells.grid
-        longest_side = grid.spacing * max(grid.shape)
-        return make_curve_states(self.reverses, PIVOT_RADIUS_PER_SIDE * longest_side)
-
-    def edge_checker(self) -> Callable[..., bool]:
-        """Make ``check(*q0, *q1)``, which proves both turns and the drive free.
-
-        The drive comes first: it is the longest motion and the likeliest to meet an obstacle. It
-        proves turns of zero, too.
-        """
-        is_free = super().edge_checker()
-        choose_yaw = self.choose_yaw
-
-        def check(x0: float, y0: float, yaw0: float, x1: float, y1: float, yaw1: float) -> bool:
-            """Return True if both turns and the drive are proven free."""
-            yaw = choose_yaw(x0, y0, yaw0, x1, y1, yaw1)
-            return (
-                is_free(x0, y0, yaw, x1, y1, yaw)
-                and (yaw == yaw0 or is_free(x0, y0, yaw0, x0, y0, yaw))
-                and (yaw == yaw1 or is_free(x1, y1, yaw, x1, y1, yaw1))
-            )
-
+    if not any(periodic_axes):
         return check
 
-    def edge_cost(self, weights: CellCost) -> Callable[..., float]:
-        """Make ``cost(*q0, *q1)``, the cost of both turns and the drive."""
-        cost = super().edge_cost(weights)
+    def check_wrapped(*ends: float) -> bool:
+        """Call the function with wrapped angles."""
+        q0, q1 = np.reshape(ends, (2, -1))
+        first = wrap_angles(q0, periodic_axes)
+        steps = zip((q1 - q0).tolist(), periodic_axes, strict=True)
+        # The same half turns as along edges, which are proven the shorter way.
+        shortest = [math.remainder(step, math.tau) if turns else step for step, turns in steps]
+        last = first + shortest
+        return check(*first.tolist(), *last.tolist())
 
-        def add(x0: float, y0: float, yaw0: float, x1: float, y1: float, yaw1: float) -> float:
-            """Return the cost of both turns and the drive."""
-            yaw = self.choose_yaw(x0, y0, yaw0, x1, y1, yaw1)
-            total = cost(x0, y0, yaw, x1, y1, yaw)
-            # Most edges have few turns.
-            if yaw != yaw0:
-                total += cost(x0, y0, yaw0, x0, y0, yaw)
-            if yaw != yaw1:
-                total += cost(x1, y1, yaw, x1, y1, yaw1)
-            return total
-
-        return add
-
-    def edge_length(self, *ends: float) -> float:
-        """Return an edge's metres plus half its radians."""
-        x0, y0, yaw0, x1, y1, yaw1 = ends
-        yaw = self.choose_yaw(x0, y0, yaw0, x1, y1, yaw1)
-        turns = _turn_by_way_of(yaw, yaw0, yaw1)
-        return math.hypot(x1 - x0, y1 - y0) + METRES_PER_RADIAN * turns
-
-    def choose_yaw(
-        self, x0: float, y0: float, yaw0: float, x1: float, y1: float, yaw1: float
-    ) -> float:
-        """Choose the yaw of a drive, with less rotation; ``yaw0`` for a pure turn."""
-        if x0 == x1 and y0 == y1:
-            return yaw0
-        ahead = wrap_yaw(math.atan2(y1 - y0, x1 - x0))
-        if not self.reverses:
-            return ahead
-        back = wrap_yaw(ahead + math.pi)
-        is_less = _turn_by_way_of(back, yaw0, yaw1) < _turn_by_way_of(ahead, yaw0, yaw1)
-        return back if is_less else ahead
-
-    def insert_breakpoints(self, path: Floats) -> Floats:
-        """Insert the configurations at which turns and drives begin."""
-        rows = path.tolist()
-        waypoints = rows[:1]
-        for first, last in itertools.pairwise(rows):
-            yaw = self.choose_yaw(*first, *last)
-            drive_start = [*first[:2], yaw]
-            drive_end = [*last[:2], yaw]
-            # Turns of zero add no row.
-            for q in (drive_start, drive_end, last):
-                if q != waypoints[-1]:
-                    waypoints.append(q)
-        return np.array(waypoints).reshape(-1, 3)
-
-    def remove_turns(self, path: Floats) -> Floats:
-        """Give waypoints the yaw of arrival, if their edges remain proven free."""
-        check = self.edge_checker()
-        rows = path.tolist()
-        for k in range(1, len(rows) - 1):
-            before = rows[k - 1]
-            after = rows[k + 1]
-            x, y, _ = rows[k]
-            arrival = [x, y, self.choose_yaw(*before, *rows[k])]
-            if check(*before, *arrival) and check(*arrival, *after):
-                rows[k] = arrival
-        return np.array(rows).reshape(-1, 3)
-
-
-def _turn_by_way_of(yaw: float, before: float, after: float) -> float:
-    """Return the radians of two turns, to a yaw and on to another."""
-    first = math.remainder(yaw - before, math.tau)
-    return abs(first) + abs(math.remainder(after - yaw, math.tau))
+    return check_wrapped
 
 
 def wrap_yaw(yaw: float) -> float:

@@ -1,4 +1,4 @@
-"""OMPL's callbacks: validity of states and motions, and FREE samples."""
+"""OMPL's callbacks: validity of states and motions, FREE samples and costs."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from cspace import CSpace, Rotations, Space
 from cspace.errors import InputError
 from cspace.inside import Floats, check_rng, names_options
 from planners._drives import local_planner
-from planners._local_planner import Drive, wrap_yaw
+from planners._local_planner import Drive, LocalPlanner, wrap_yaw
 from planners._ompl_states import check_information, find_state_kind
 
 
@@ -235,3 +235,53 @@ def _draw_batches(draw: Callable[[int], Floats]) -> Iterator[Any]:
     while True:
         # Random draws per call of numpy.
         yield from draw(256).tolist()
+
+
+class EdgeCosts(ob.OptimizationObjective):
+    """Costs of edges, for planners of OMPL.
+
+    OMPL calls it through Python at every step. PRM and PRMstar would call it from a second thread,
+    and wait for ever.
+
+    Attributes
+    ----------
+    edge_cost : callable
+        Cost of the edge between two states; a plan replaces it by one that ends at its time limit.
+    is_length : bool
+        Whether the cost of each edge is its length.
+    """
+
+    # A StateCostIntegralObjective would do the integral, but the bindings never call its Python
+    # subclasses.
+
+    def __init__(self, si: ob.SpaceInformation, edges: LocalPlanner) -> None:
+        """Make an edge's cost by the robot's drive."""
+        super().__init__(si)
+        self._edges = edges
+        self._kind = find_state_kind(edges.space)
+        self.is_length = edges.weights is None
+        self.edge_cost = self._kind.of_states(edges.weigh() or edges.edge_length)
+        # Positions of both ends among their numbers.
+        dim, size = edges.space.dim, edges.space.size
+        self._measure_line = self._kind.of_states(
+            lambda *ends: math.dist(ends[:dim], ends[size : size + dim])
+        )
+
+    def stateCost(self, state: ob.State) -> ob.Cost:  # noqa: N802 - OMPL's name
+        """Return the cost of a metre in the cell of a state."""
+        weights = self._edges.weights
+        if weights is None:
+            return ob.Cost(1.0)
+        from planners._search import find_cells
+
+        cells = self._edges.cells
+        rotation, *position = find_cells(cells, np.array(self._kind.read(state)))
+        return ob.Cost(float(weights.factors[cells.slice_of[rotation], *position]))
+
+    def motionCost(self, first: ob.State, second: ob.State) -> ob.Cost:  # noqa: N802 - OMPL's name
+        """Return the cost of an edge."""
+        return ob.Cost(self.edge_cost(first, second))
+
+    def motionCostHeuristic(self, first: ob.State, second: ob.State) -> ob.Cost:  # noqa: N802 - OMPL's name
+        """Return the straight length, which bounds the cost."""
+        return ob.Cost(self._measure_line(first, second))

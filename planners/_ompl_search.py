@@ -11,7 +11,7 @@ import itertools
 import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import Any, Final
 
@@ -20,15 +20,15 @@ from ompl import base as ob
 from ompl import geometric as og
 from ompl import util as ou
 
-from cspace.inside import NEVER, Differential, Effort, Floats, Upright, is_over, now, spend
-from planners._catalogue import SKILLS, PlannerName, default_planner, make_planner
-from planners._goals import Room
-from planners._integrals import Weigh
-from planners._local_planner import MAX_TURN, Endpoints, LocalPlanner
-from planners._objectives import EdgeCosts, MakeObjective, ObjectiveLike
+from cspace.inside import NEVER, Differential, Effort, Floats, is_over, now, spend
+from planners._catalogue import SKILLS, PlannerName, default_planner
+from planners._objectives import MakeObjective
+from planners._ompl_callbacks import EdgeCosts
 from planners._ompl_states import find_state_kind
-from planners._paths import MAX_SHORTENING, pulled_straight
+from planners._paths import MAX_SHORTENING, reached_goal, unwind
 from planners._setup import make_setup
+from planners._shortening import shorten
+from planners._task import NO_SEARCH, PlanTask, SearchResult, is_certain
 
 GRACE_SECONDS: Final = 0.1
 """Seconds from a deadline until callbacks raise an exception."""
@@ -39,18 +39,9 @@ STOP_GRACE_SECONDS: Final = 0.01
 _USUAL_STATUSES: Final = ("Timeout", "Exact solution", "Approximate solution", "Unknown status")
 """Outcomes that OMPL's planners report if nothing is wrong."""
 
-NO_SEARCH: Final = "a single edge is free; no search needed"
-"""Note of a path that is a single edge."""
-
-QUICK_ITERATIONS: Final = 500
-"""Iterations of the quick first search of a default plan, which take about 10 ms."""
-
 PERTURBATION_SHARE: Final = 0.05
 """Distance by which waypoints are moved to make a path cheaper, as a fraction of the state space's
 extent."""
-
-NO_EFFORT: Final = Effort(0.0, 0.0)
-"""Planning of a search that did no work."""
 
 NANOSECONDS_PER_STEP: Final = 10_000
 NANOSECONDS_PER_DRIVEN_STEP: Final = 30_000
@@ -58,6 +49,15 @@ NANOSECONDS_PER_DRIVEN_STEP: Final = 30_000
 
 ATTEMPTS_PER_ROUND: Final = 100
 """Attempts to move waypoints or cut corners between two checks of the time limit."""
+
+
+FMT_SAMPLES_ALONG_CURVES: Final = 300
+"""Initial number of samples of FMT if edges are curves.
+
+OMPL's default is 1000. Within 8 s, both numbers gave as many paths of the same length, but 1000
+samples took four times as long. Within 2 s, 1000 samples gave a quarter as many paths along Dubins
+curves.
+"""
 
 
 class OutOfTime(Exception):  # noqa: N818 - it ends a search, and is no error
@@ -110,46 +110,6 @@ class Deadline:
         return cost_in_time
 
 
-@dataclass(frozen=True, slots=True)
-class SearchResult:
-    """Outcome of a search."""
-
-    path: Floats  # (n, size), configurations that edges join; n is 0 if the goal was not reached
-    note: str = ""  # source of the path, or reason of the failure
-    planning: Effort = NO_EFFORT
-    simplification: float = 0.0  # seconds
-    proven: bool = False  # whether all edges were proven free in a final check
-    lattice: str = ""  # proof by a lattice of headings, in words
-    where: str = (
-        ""  # part of the path that was not found, " from ... to ...", if the map has several tiles
-    )
-    planner: PlannerName | None = None  # that searched
-
-
-@dataclass(frozen=True, slots=True)
-class PlanTask:
-    """The checked arguments of a plan, or of its search in a part of a space."""
-
-    edges: LocalPlanner
-    planner: PlannerName  # name of a planner of OMPL, or of a built-in search
-    objective: ObjectiveLike
-    weigh: Weigh | None  # makes what a metre costs on a map in memory, unless it is the length
-    limit: Effort
-    time_limit: float | None  # seconds, if the user gave a limit
-    iterations: int | None  # largest number of checks of OMPL's termination condition
-    range: float | None  # longest edge of a tree of OMPL, if given
-    simplify: bool
-    seed: int | None
-    is_named: bool  # whether the user chose the planner
-    previous: Floats  # (n, size), waypoints of the plan before this one
-    fallback: PlannerName | None = None  # planner that takes over if this one finds no path
-    endpoints: Endpoints = ()  # start and goals as OMPL holds them, the nearest goal first
-    routes: tuple[Endpoints, ...] = ()  # starts, each with its goals, the most promising first
-    keep: tuple[Upright, ...] = ()  # directions that links of an arm keep
-    starts: tuple[Room, ...] = ()  # of which a path may begin in any
-    rooms: tuple[Room, ...] = ()  # of which a path may end in any, instead of one goal on a map
-
-
 def make_objective(task: PlanTask) -> MakeObjective | None:
     """Return the maker of OMPL's objective; None for OMPL's length."""
     edges = task.edges
@@ -180,11 +140,6 @@ def repeat_draws() -> Iterator[None]:
         set_seed(next_seed)
 
 
-def is_certain() -> bool:
-    """Return True: a path may exist, because a search found one."""
-    return True
-
-
 def run_ompl(task: PlanTask, may_exist: Callable[[], bool]) -> SearchResult:
     """Search by OMPL for a path from start to goal.
 
@@ -201,28 +156,9 @@ def run_ompl(task: PlanTask, may_exist: Callable[[], bool]) -> SearchResult:
         run = _Run(task, may_exist)
         # OMPL's SORRTstar never returns once it has found a path of the least possible length.
         if run.by_length and edges.weights is None and edges.edge_checker()(*ends[0], *ends[1]):
-            path = find_state_kind(edges.space).unwind(np.array(ends))
+            path = unwind(np.array(ends), edges.space.is_periodic)
             return SearchResult(path, NO_SEARCH)
         return run.solve()
-
-
-def shorten(edges: LocalPlanner, path: Floats, until: Effort) -> Floats:
-    """Make a path, shape (n, size), cost less by proven edges, until the end of the search."""
-    if edges.drive is not None:
-        from planners._lattice import shorten_path
-
-        return shorten_path(edges, path, until)
-    check = edges.edge_checker()
-    size = edges.space.size
-    # Edges take the shorter way, so a longer turn would be another motion.
-    longest = np.where(edges.space.is_periodic, MAX_TURN, math.inf)
-
-    def is_free(*ends: float) -> bool:
-        """Return True if an edge is short enough and proven free."""
-        steps = np.abs(np.subtract(ends[size:], ends[:size]))
-        return bool((steps < longest).all()) and check(*ends)
-
-    return pulled_straight(path, edges.space.rotations, is_free, edges.weigh(), until)
 
 
 class _Run:
@@ -363,7 +299,8 @@ class _Run:
                 simplifier.partialShortcutPath(better, ATTEMPTS_PER_ROUND, ATTEMPTS_PER_ROUND)
                 simplifier.perturbPath(better, step, ATTEMPTS_PER_ROUND, ATTEMPTS_PER_ROUND)
             rows = self._rows(better)
-            reaches_goal = self._kind.reached_goal(rows, self._task.endpoints)
+            ends = self._task.endpoints
+            reaches_goal = reached_goal(rows, ends, self._edges.space.is_periodic)
             if self._is_cheaper(better, path) and reaches_goal and self._edges.are_free(rows):
                 return better
         return og.PathGeometric(path)
@@ -376,7 +313,25 @@ class _Run:
     def _rows(self, path: og.PathGeometric) -> Floats:
         """Return the configurations of OMPL's path, shape (n, size)."""
         rows = [self._kind.read(state) for state in path.getStates()]
-        return self._kind.unwind(np.array(rows), self._task.endpoints[0])
+        is_periodic = self._edges.space.is_periodic
+        return unwind(np.array(rows), is_periodic, self._task.endpoints[0])
+
+
+def make_planner(name: str, si: ob.SpaceInformation, range_: float | None = None) -> ob.Planner:
+    """Create an OMPL planner by name, with short steps."""
+    planner = getattr(og, name)(si)
+    if range_ is not None:
+        planner.setRange(range_)
+    if name == "BITstar":
+        # Pruning rebuilds the search tree at every 500th sample. Along curves, one such step takes
+        # minutes, so the planner would exceed its time limit.
+        planner.setPruning(False)
+    has_curves = isinstance(si.getStateSpace(), (ob.DubinsStateSpace, ob.ReedsSheppStateSpace))
+    if name == "FMT" and has_curves:
+        # More are drawn if needed. A step measures from each neighbor to all samples, which takes
+        # tenths of a second along curves.
+        planner.setNumSamples(FMT_SAMPLES_ALONG_CURVES)
+    return planner
 
 
 @contextmanager

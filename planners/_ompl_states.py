@@ -4,25 +4,21 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Sequence
-from typing import Final, NamedTuple, TypeVar, cast
+from collections.abc import Callable
+from typing import Final, NamedTuple, TypeVar
 
 import numpy as np
 from ompl import base as ob
 
 from cspace import Space
 from cspace.errors import InputError
-from cspace.inside import METRES_PER_RADIAN, ConfigurationSpace, Floats, wrap_angles
-from planners._own_space import check_own_space
+from cspace.inside import METRES_PER_RADIAN, Floats
+from planners._own_space import check_space
 
 Configuration = tuple[float, ...]
 """Numbers of a configuration."""
 
 Value = TypeVar("Value")
-
-WRAP_TOLERANCE: Final = 1e-12
-"""Rounding error, in radians, allowed between angles that are equal modulo 2 pi; relative to angles
-beyond 1."""
 
 
 class StateKind(NamedTuple):
@@ -58,39 +54,6 @@ class StateKind(NamedTuple):
         read = self.read
         return lambda *states: query(*itertools.chain.from_iterable(map(read, states)))
 
-    def unwind(self, path: Floats, start: Configuration | None = None) -> Floats:
-        """Unwrap continuous joints of a path (n, size).
-
-        A path from ``start``, or whole turns from it, then begins there.
-        """
-        unwound = path.copy()
-        if start is not None and len(path) and self.are_equal(path[0], np.array(start)):
-            unwound[0] = start
-        joints = np.flatnonzero(self.periodic_axes)
-        unwound[:, joints] = np.unwrap(unwound[:, joints], axis=0)
-        return unwound
-
-    def are_equal(self, first: Floats, second: Floats) -> bool:
-        """Return True if all configurations (..., size) are equal.
-
-        Continuous joints are compared modulo 2 pi.
-        """
-        gaps = np.abs(wrap_angles(first - second, self.periodic_axes))
-        rounding = WRAP_TOLERANCE * np.maximum(1.0, np.abs(first))
-        return bool((gaps <= rounding * np.array(self.periodic_axes)).all())
-
-    def reached_goal(self, path: Floats, endpoints: Sequence[Configuration]) -> int:
-        """Return the endpoint's index that a path reaches.
-
-        It is 0 if the path does not lead from the first endpoint to another.
-        """
-        if not self.are_equal(path[0], np.array(endpoints[0])):
-            return 0
-        for k, goal in enumerate(endpoints[1:], 1):
-            if self.are_equal(path[-1], np.array(goal)):
-                return k
-        return 0
-
 
 def find_state_kind(space: Space) -> StateKind:
     """Return the conversions between configurations of ``space`` and OMPL's states.
@@ -110,6 +73,12 @@ def find_state_kind(space: Space) -> StateKind:
             f"planners take {', '.join(' '.join(axes) for axes in _STATE_KINDS)}, and joints",
         )
     return kind._replace(periodic_axes=space.is_periodic)
+
+
+def make_curve_states(reverses: bool, radius: float) -> ob.StateSpace:
+    """Make OMPL's state space of curves of a turning radius, metres."""
+    kind = ob.ReedsSheppStateSpace if reverses else ob.DubinsStateSpace
+    return kind(radius)
 
 
 def check_information(si: object, space: Space) -> None:
@@ -141,19 +110,6 @@ def _list_parts(states: ob.StateSpace) -> list[str]:
         return [text for part in parts for text in _list_parts(part)]
     kind = _PART_NAMES.get(states.getType(), f"type {states.getType()}")
     return [f"{kind}({states.getDimension()})"]
-
-
-def check_space(space: object) -> None:
-    """Raise InputError unless ``space`` is a :class:`cspace.Space` that is well described."""
-    # Proxies have the class of another object, and answers of their own.
-    if not issubclass(type(space), Space):
-        raise InputError(
-            "space",
-            f"is a {type(space).__name__}",
-            "it must be a cspace.Space, as the results of cspace.build and cspace.open are",
-        )
-    if not isinstance(space, ConfigurationSpace):
-        check_own_space(cast(Space, space))
 
 
 def _write_vector(state: ob.State, *q: float) -> None:
@@ -244,26 +200,3 @@ _STATE_KINDS: Final[dict[tuple[str, ...], StateKind]] = {
     ("x", "y", "z", "qx", "qy", "qz", "qw"): StateKind(ob.SE3StateSpace, _read_se3, _write_se3),
 }
 """Conversions for rigid bodies, by the axes of the space."""
-
-
-def with_wrapped_angles(
-    check: Callable[..., Value], periodic_axes: Sequence[bool]
-) -> Callable[..., Value]:
-    """Wrap a function of two configurations to get angles in [-pi, pi).
-
-    Angles of the second configuration are within half a turn of the first.
-    """
-    if not any(periodic_axes):
-        return check
-
-    def check_wrapped(*ends: float) -> Value:
-        """Call the function with wrapped angles."""
-        q0, q1 = np.reshape(ends, (2, -1))
-        first = wrap_angles(q0, periodic_axes)
-        steps = zip((q1 - q0).tolist(), periodic_axes, strict=True)
-        # The same half turns as along edges, which are proven the shorter way.
-        shortest = [math.remainder(step, math.tau) if turns else step for step, turns in steps]
-        last = first + shortest
-        return check(*first.tolist(), *last.tolist())
-
-    return check_wrapped

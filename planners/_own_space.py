@@ -1,21 +1,34 @@
-"""Checks of what a space of the user's says about its configurations."""
+"""Checks of spaces, and of what one of the user's says about its configurations."""
 
 from __future__ import annotations
 
-from typing import Any, Final
+from typing import Any, Final, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace import Space
 from cspace.errors import InputError
-from cspace.inside import AXES, Floats, check_finite
+from cspace.inside import AXES, ConfigurationSpace, Floats, check_finite
 
 POSE_AXES: Final = frozenset({*AXES, "yaw", "qx", "qy", "qz", "qw"})
 """Names of the coordinates of a rigid body's pose."""
 
 BOUNDS_SLACK: Final = 1e-9
 """Rounding by which a found path may leave the bounds, as a share of their width."""
+
+
+def check_space(space: object) -> None:
+    """Raise InputError unless ``space`` is a :class:`cspace.Space` that is well described."""
+    # Proxies have the class of another object, and answers of their own.
+    if not issubclass(type(space), Space):
+        raise InputError(
+            "space",
+            f"is a {type(space).__name__}",
+            "it must be a cspace.Space, as the results of cspace.build and cspace.open are",
+        )
+    if not isinstance(space, ConfigurationSpace):
+        check_own_space(cast(Space, space))
 
 
 def check_own_space(space: Space) -> None:

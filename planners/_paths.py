@@ -14,6 +14,7 @@ from cspace.inside import (
     METRES_PER_RADIAN,
     NEVER,
     Effort,
+    Endpoint,
     Floats,
     Ints,
     is_over,
@@ -24,9 +25,14 @@ from cspace.inside import (
 
 if TYPE_CHECKING:
     from planners._estimate import Costs
+    from planners._local_planner import Endpoints
 
 Check = Callable[..., bool]
 Cost = Callable[..., float]
+
+WRAP_TOLERANCE: Final = 1e-12
+"""Rounding error, in radians, allowed between angles that are equal modulo 2 pi; relative to angles
+beyond 1."""
 
 SHARES_PER_EDGE: Final = 64
 """Number of parts of an edge that a cut corner may reach."""
@@ -144,6 +150,42 @@ def pulled_straight(
         if total > (1.0 - min_gain) * before:
             break
     return np.ascontiguousarray(path)
+
+
+def unwind(path: Floats, periodic_axes: Sequence[bool], start: Endpoint | None = None) -> Floats:
+    """Unwrap continuous joints of a path (n, size).
+
+    A path from ``start``, or whole turns from it, then begins there.
+    """
+    unwound = path.copy()
+    if start is not None and len(path) and are_equal(path[0], np.array(start), periodic_axes):
+        unwound[0] = start
+    joints = np.flatnonzero(periodic_axes)
+    unwound[:, joints] = np.unwrap(unwound[:, joints], axis=0)
+    return unwound
+
+
+def are_equal(first: Floats, second: Floats, periodic_axes: Sequence[bool]) -> bool:
+    """Return True if all configurations (..., size) are equal.
+
+    Continuous joints are compared modulo 2 pi.
+    """
+    gaps = np.abs(wrap_angles(first - second, periodic_axes))
+    rounding = WRAP_TOLERANCE * np.maximum(1.0, np.abs(first))
+    return bool((gaps <= rounding * np.array(periodic_axes)).all())
+
+
+def reached_goal(path: Floats, endpoints: Endpoints, periodic_axes: Sequence[bool]) -> int:
+    """Return the endpoint's index that a path reaches.
+
+    It is 0 if the path does not lead from the first endpoint to another.
+    """
+    if not are_equal(path[0], np.array(endpoints[0]), periodic_axes):
+        return 0
+    for k, goal in enumerate(endpoints[1:], 1):
+        if are_equal(path[-1], np.array(goal), periodic_axes):
+            return k
+    return 0
 
 
 def are_free(path: Floats, check: Check) -> bool:

@@ -43,6 +43,7 @@ from planners._catalogue import (
     LENGTH,
     MAX_CLEARANCE,
     NEAR_START,
+    OWN_SPACES,
     TILED_MAPS,
     PlannerName,
     Search,
@@ -71,29 +72,20 @@ from planners._goals import (
 )
 from planners._local_planner import MAX_RADIANS, Drive, Endpoints, LocalPlanner
 from planners._objectives import ObjectiveLike, name_kind, read_objective
-from planners._ompl_search import (
-    NO_EFFORT,
-    NO_SEARCH,
-    QUICK_ITERATIONS,
-    PlanTask,
-    SearchResult,
-    is_certain,
-    repeat_draws,
-    run_ompl,
-    set_seed,
-    shorten,
-)
-from planners._ompl_states import check_space, find_state_kind
-from planners._own_space import check_found_path
-from planners._paths import drop_repeats, skip_points
+from planners._own_space import check_found_path, check_space
+from planners._paths import drop_repeats, reached_goal, skip_points, unwind
 from planners._result import Plan, Times
-from planners._setup import make_bounded_states
+from planners._shortening import shorten
+from planners._task import NO_EFFORT, NO_SEARCH, PlanTask, SearchResult, is_certain
 
 if TYPE_CHECKING:
     from planners._speed_limits import SpeedLike
 
 QUICK_PLANNER: Final[PlannerName] = "RRTConnect"
 """Planner of the first path of robots that rotate, except along Dubins curves."""
+
+QUICK_ITERATIONS: Final = 500
+"""Iterations of the quick first search of a default plan, which take about 10 ms."""
 
 DEFAULT_SECONDS: Final = 1.0
 """Work of a plan without a time limit, seconds on an idle machine."""
@@ -327,6 +319,8 @@ def plan(
         import planners._lattice  # noqa: F401 - a search would import it later, on its time
     task = replace(task, edges=_weigh_edges(task, task.edges))
     if task.seed is not None:
+        from planners._ompl_search import set_seed
+
         set_seed(task.seed)
     with Effort.stopping(stop):
         journey = _search_stages(task, origin, stages)
@@ -447,12 +441,25 @@ def _choose_searches(task: PlanTask) -> PlanTask:
     kind = name_kind(objective)
     check_skills(name, task.edges.drive, objective, kind, task.keep, task.is_named)
     if name not in searches:
-        make_bounded_states(task.edges)  # refuses spaces that are too small for OMPL
-    if name != default and not callable(objective) and isinstance(space, ConfigurationMap):
+        _check_states(task.edges)
+    elif find_space_kind(space) == OWN_SPACES:
+        from planners._ompl_states import find_state_kind
+
+        find_state_kind(space)  # refuses poses whose axes are in another order
+    # Grid finds each path of a robot that does not turn through FREE cells.
+    may_fail = task.edges.exact or bool(space.rotations.names)
+    if name != default and may_fail and isinstance(space, ConfigurationMap):
         with suppress(InputError):  # the space may be too small for OMPL
-            make_bounded_states(task.edges)
+            _check_states(task.edges)
             task = replace(task, fallback=default)
     return task
+
+
+def _check_states(edges: LocalPlanner) -> None:
+    """Raise InputError for poses and extents that OMPL has no states for."""
+    from planners._setup import make_bounded_states
+
+    make_bounded_states(edges)
 
 
 def _check_places(
@@ -912,6 +919,8 @@ def _run_planner(task: PlanTask, may_exist: Callable[[], bool]) -> SearchResult:
     edges = task.edges
     name = task.planner
     if name not in _list_searches(edges.space):
+        from planners._ompl_search import repeat_draws, run_ompl
+
         # Without a seed, the searches of a default plan draw the same numbers each time.
         is_default = task.seed is None and not task.is_named
         with repeat_draws() if is_default else nullcontext():
@@ -967,7 +976,7 @@ def _follow_previous(task: PlanTask) -> SearchResult:
         detour = _find_detour(task, head[-1], way[blocked[0] : blocked[-1] + 2])
         path = np.concatenate([head, detour, tail]) if len(detour) else detour
     if len(path):
-        path = drop_repeats(find_state_kind(edges.space).unwind(path))
+        path = drop_repeats(unwind(path, edges.space.is_periodic))
         if task.simplify:
             path = shorten(edges, path, began + task.limit)
     return SearchResult(path, "along the previous plan", now() - began)
@@ -1062,7 +1071,7 @@ def _check_ends(task: PlanTask, path: Floats) -> None:
     """Raise InputError unless a path of a space's own search leads from the start to a goal."""
     space = task.edges.space
     rows = space.rotations.make_canonical(path)
-    if find_state_kind(space).reached_goal(rows, task.endpoints):
+    if reached_goal(rows, task.endpoints, space.is_periodic):
         return
     first, last = map(tuple, rows[[0, -1]].tolist())
     start, *goals = map(str, task.endpoints)
@@ -1288,7 +1297,7 @@ def _make_plan(journey: Journey, space: Space, moved: Mapping[Endpoint, str], be
     reached = 0
     length = rotation = math.nan
     if len(waypoints):
-        reached = find_state_kind(edges.space).reached_goal(waypoints, endpoints)
+        reached = reached_goal(waypoints, endpoints, edges.space.is_periodic)
         length, rotation = edges.measure(waypoints)
     path = edges.resample(waypoints)
     direction = edges.find_directions(path)

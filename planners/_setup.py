@@ -19,12 +19,16 @@ from planners._drives import local_planner
 from planners._local_planner import Drive, LocalPlanner
 from planners._objectives import (
     ClearanceObjective,
-    EdgeCosts,
     MakeObjective,
     WeightedLength,
     read_objective,
 )
-from planners._ompl_callbacks import FreeStateSampler, MotionValidator, StateValidityChecker
+from planners._ompl_callbacks import (
+    EdgeCosts,
+    FreeStateSampler,
+    MotionValidator,
+    StateValidityChecker,
+)
 from planners._ompl_states import find_state_kind
 from planners._own_space import read_bounds
 

@@ -51,7 +51,7 @@ from cspace.inside import (
     warn_user,
 )
 from planners._catalogue import ARMS, find_space_kind
-from planners._ompl_states import check_space
+from planners._own_space import check_space
 from planners._segments import Segments, place_along
 
 if TYPE_CHECKING:

@@ -41,7 +41,7 @@ from planners._drives import check_axes, local_planner
 from planners._jerk import find_jerk_stop, find_motion
 from planners._joint_limits import read_joint_limits
 from planners._local_planner import Drive, Pieces
-from planners._ompl_states import check_space
+from planners._own_space import check_space
 from planners._segments import (
     MAX_EDGE_TURN,
     Segments,

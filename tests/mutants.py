@@ -478,7 +478,7 @@ MUTANTS = (
     ),
     # Planners: drives, states, results.
     Mutant(
-        "planners/_local_planner.py",
+        "planners/_differential.py",
         "and (yaw == yaw1 or is_free(x1, y1, yaw, x1, y1, yaw1))",
         "and (yaw == yaw1 or is_free(x0, y0, yaw0, x0, y0, yaw))",
         "tests/planners/test_local_planner.py",

@@ -13,7 +13,7 @@ from cspace import MIXED, Robot, Workspace, build, build_arm_space, build_joint_
 from cspace._support.compiling import clock
 from cspace._support.deadlines import Effort, now
 from planners._cars import CarCurves
-from planners._local_planner import TurnDriveTurn
+from planners._differential import TurnDriveTurn
 from planners._ompl_search import GRACE_SECONDS, Deadline, OutOfTime
 from tests.fuzz.drives import weighted_length
 from tests.helpers.planning import (

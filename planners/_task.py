@@ -1,0 +1,64 @@
+"""Task and result of a search."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+from cspace.inside import Effort, Floats, Upright
+from planners._catalogue import PlannerName
+from planners._goals import Room
+from planners._integrals import Weigh
+from planners._local_planner import Endpoints, LocalPlanner
+from planners._objectives import ObjectiveLike
+
+NO_SEARCH: Final = "a single edge is free; no search needed"
+"""Note of a path that is a single edge."""
+
+NO_EFFORT: Final = Effort(0.0, 0.0)
+"""Planning of a search that did no work."""
+
+
+@dataclass(frozen=True, slots=True)
+class SearchResult:
+    """Outcome of a search."""
+
+    path: Floats  # (n, size), configurations that edges join; n is 0 if the goal was not reached
+    note: str = ""  # source of the path, or reason of the failure
+    planning: Effort = NO_EFFORT
+    simplification: float = 0.0  # seconds
+    proven: bool = False  # whether all edges were proven free in a final check
+    lattice: str = ""  # proof by a lattice of headings, in words
+    where: str = (
+        ""  # part of the path that was not found, " from ... to ...", if the map has several tiles
+    )
+    planner: PlannerName | None = None  # that searched
+
+
+@dataclass(frozen=True, slots=True)
+class PlanTask:
+    """The checked arguments of a plan, or of its search in a part of a space."""
+
+    edges: LocalPlanner
+    planner: PlannerName  # name of a planner of OMPL, or of a built-in search
+    objective: ObjectiveLike
+    weigh: Weigh | None  # makes what a metre costs on a map in memory, unless it is the length
+    limit: Effort
+    time_limit: float | None  # seconds, if the user gave a limit
+    iterations: int | None  # largest number of checks of OMPL's termination condition
+    range: float | None  # longest edge of a tree of OMPL, if given
+    simplify: bool
+    seed: int | None
+    is_named: bool  # whether the user chose the planner
+    previous: Floats  # (n, size), waypoints of the plan before this one
+    fallback: PlannerName | None = None  # planner that takes over if this one finds no path
+    endpoints: Endpoints = ()  # start and goals as OMPL holds them, the nearest goal first
+    routes: tuple[Endpoints, ...] = ()  # starts, each with its goals, the most promising first
+    keep: tuple[Upright, ...] = ()  # directions that links of an arm keep
+    starts: tuple[Room, ...] = ()  # of which a path may begin in any
+    rooms: tuple[Room, ...] = ()  # of which a path may end in any, instead of one goal on a map
+
+
+def is_certain() -> bool:
+    """Return True: a path may exist, because a search found one."""
+    return True
