@@ -2,7 +2,6 @@
 
 import math
 import warnings
-from collections.abc import Callable
 from functools import cache
 
 import numpy as np
@@ -10,9 +9,7 @@ import pytest
 
 import cspace
 import planners
-from cspace import AngleWarning, CSpace, Robot, Workspace
-
-Call = Callable[[CSpace, tuple[float, ...]], object]
+from cspace import AngleWarning, Robot, Workspace
 
 FREE_Q = 1.0, 1.0, 0.5
 ANGLE_CALLS = {

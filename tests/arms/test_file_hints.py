@@ -6,17 +6,10 @@ import re
 import pytest
 import trimesh
 
-import cspace
 from cspace import Robot, Workspace
-from tests.helpers.refusals import check_refused, refusals
+from tests.helpers.refusals import check_refused, refusals, write
 
 CUBE = trimesh.creation.box((0.3, 0.3, 0.3))
-
-
-def write(folder, name, text):
-    """Write a text, and return its path."""
-    (folder / name).write_text(text)
-    return folder / name
 
 
 def read(path):
@@ -217,13 +210,7 @@ def write_package(folder):
 @pytest.mark.filterwarnings("ignore::UserWarning")
 def test_a_wrong_file_is_refused(name, wrong, hint, tmp_path):
     trimesh.creation.box().export(tmp_path / "a.stl")
-    file = tmp_path / name
-
-    def read_text(text):
-        file.write_text(text)
-        read(file)
-
-    check_refused(lambda: read_text(wrong), hint)
+    check_refused(lambda: read(write(tmp_path, name, wrong)), hint)
 
 
 @refusals(
@@ -240,10 +227,8 @@ def test_a_wrong_file_is_refused(name, wrong, hint, tmp_path):
     ),
 )
 def test_what_a_file_says_oddly_is_warned_of(name, wrong, hint, tmp_path):
-    file = tmp_path / name
-    file.write_text(wrong)
     with pytest.warns(UserWarning, match=re.escape(hint)):
-        read(file)
+        read(write(tmp_path, name, wrong))
 
 
 @refusals(
@@ -312,14 +297,6 @@ CARRIED = scene(
 
 
 SWINGING = TURNING.replace('<mimic joint="j"/>', "")
-
-
-def read_scene(file):
-    """Attach the objects of a scene to an arm."""
-    arm = cspace.Arm.from_urdf(write(file.parent, "a.urdf", URDF.replace("JOINT", SWINGING)))
-    for name, carried in cspace.arms.read_moveit_scene(file).attached.items():
-        arm = arm.attach(name, carried.shape.shape, carried.link, carried.shape.pose)
-    return arm
 
 
 def write_elsewhere(folder):

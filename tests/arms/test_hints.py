@@ -53,12 +53,6 @@ def space(folder, *, near=FAR, **options):
     return build_arm_space({"box": near}, arm(folder), **options)
 
 
-def with_srdf(folder, **options):
-    """Read an arm with an SRDF."""
-    (folder / "arm.srdf").write_text(f'<robot name="small">{GROUP}</robot>')
-    return arm(folder, srdf=folder / "arm.srdf", **options)
-
-
 def chain(folder, *joints):
     """Read an arm of one more link for each joint, given by their options."""
     bar = ((0.3, 0.1, 0.1), (0.2, 0, 0))
@@ -502,13 +496,6 @@ def bare(folder):
 def along(tolerance, frame="fore"):
     """Keep a bar along x."""
     return planners.Upright(frame, (1, 0, 0), (1, 0, 0), tolerance)
-
-
-def touching(folder):
-    """Build the space of an arm whose fore arm may touch the box."""
-    made = space(folder, near=NEAR)
-    made.allow_collisions([("fore", "box")])
-    return made
 
 
 def wound():

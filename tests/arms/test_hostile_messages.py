@@ -1,13 +1,11 @@
 """Damaged files of wings, refused quickly: robots, scenes, requests and tiled maps."""
 
 import json
-import subprocess
-import sys
-from collections import Counter
 
 import pytest
 
 from tests.fuzz import files as fuzz
+from tests.helpers.hostile import DamagedFiles
 
 
 @pytest.fixture(scope="module")
@@ -16,24 +14,8 @@ def families(tmp_path_factory):
     return {name: every[name] for name in fuzz.OF_WINGS}
 
 
-def test_every_family_opens_and_its_mutants_open_or_are_refused(families):
-    outcomes = Counter()
-    for name, path in families.items():
-        assert fuzz.attempt(path) == "opened", name
-        outcomes += fuzz.count_outcomes(7, families, name, 0, 12)
-    assert set(outcomes) == {"opened", "refused"}
-
-
-def test_cut_files_are_refused_if_their_format_says_where_they_end(families):
-    assert fuzz.open_cut_files(families, 8) == []
-
-
-@pytest.mark.thorough
-def test_opening_starts_no_process_and_writes_sends_and_imports_nothing(families):
-    folder = next(iter(families.values())).parent
-    code = [sys.executable, "-c", fuzz.AUDITED, str(folder)]
-    done = subprocess.run(code, capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"
+class TestFilesOfWings(DamagedFiles):
+    """Damaged files of wings."""
 
 
 def list_places(value):

@@ -8,8 +8,9 @@ import pytest
 
 import cspace
 import planners
-from cspace import Arm, Robot, Workspace
+from cspace import Arm, Robot
 from cspace.errors import AngleWarning, ConfigurationError, FileError, InputError
+from tests.helpers.handmade import build_empty
 
 BOX = '<collision><geometry><box size="0.1 0.1 0.1"/></geometry></collision>'
 
@@ -84,8 +85,7 @@ def test_values_that_are_no_mapping_are_refused(arm):
 
 
 def test_a_pose_of_ros_is_a_start():
-    workspace = Workspace.from_array(np.zeros((60, 60), dtype=bool), 0.1)
-    space = cspace.build(workspace, Robot.disc(0.2))
+    space = build_empty((60, 60), Robot.disc(0.2))
     pose = {"position": {"x": 1, "y": 2, "z": 0}, "orientation": {"x": 0, "y": 0, "z": 0, "w": 1}}
     header = {"frame_id": "map"}
     for message in (

@@ -292,9 +292,6 @@ LINKS = '<link name="l"/><link name="m"/>'
 JOINT = '<joint name="j" type="fixed"><parent link="{}"/><child link="{}"/></joint>'
 
 
-BACK = JOINT.format("m", "l").replace('"j"', '"k"')
-
-
 def make_link(geometry):
     """Return a link of one geometry."""
     return f'<link name="l"><collision><geometry>{geometry}</geometry></collision></link>'

@@ -16,6 +16,7 @@ import planners
 from cspace import Arm, ConfigurationError, InputError, PoseGoal, Robot, build_arm_space
 from planners import Upright
 from tests.helpers.gates import certify_chunk
+from tests.helpers.handmade import build_empty
 from tests.helpers.refusals import refusals
 from tests.helpers.strategies import examples, seeds
 from tests.helpers.urdfs import joint, link, pose_at, pose_of, posed_box, random_chain, write_urdf
@@ -375,8 +376,7 @@ def test_a_space_without_links_proves_nothing_that_is_kept(space):
 
 
 def test_maps_keep_nothing():
-    workspace = cspace.Workspace.from_array(np.zeros((30, 30), dtype=bool), 0.1)
-    space = cspace.build(workspace, cspace.Robot.disc(0.2))
+    space = build_empty((30, 30), cspace.Robot.disc(0.2))
     with pytest.raises(InputError, match=r"^keep is Upright\(.*; it is for arms"):
         planners.plan(space, (1, 1), (2, 2), keep=GLASS)
     assert planners.plan(space, (1, 1), (2, 2), keep=[]).certified

@@ -9,6 +9,7 @@ import shapely
 import trimesh
 
 import cspace
+from tests.helpers import watch
 from tests.helpers.cpp import (
     SANITIZERS,
     GateInCpp,
@@ -18,9 +19,19 @@ from tests.helpers.cpp import (
     slow_in_cpp,
     why_no_compiler,
 )
+from tests.helpers.handmade import build_empty
 from tests.helpers.leaving import bound_distances, place_along
 from tests.helpers.messages import make_grid
-from tests.helpers.regions import place_polygon
+from tests.helpers.watch import (
+    BODY,
+    PERSON,
+    POINT_RADIUS,
+    TRACKING,
+    WALLS,
+    People,
+    save_room,
+    sweep,
+)
 from tests.queries.test_gate_drives import POSTS, make_cells, run_drive
 from tests.queries.test_leaving import ON_FLOORS, build_on_floor
 
@@ -137,8 +148,7 @@ def test_the_robot_of_a_map_is_the_one_that_it_was_built_for(tmp_path, program, 
     ],
 )
 def test_a_robot_of_other_shapes_has_no_parts(tmp_path, program, robot, problem):
-    workspace = cspace.Workspace.from_array(np.zeros((20, 20), dtype=bool), 0.1)
-    cspace.build(workspace, robot, rotations=4).save(tmp_path / "map")
+    build_empty((20, 20), robot, rotations=4).save(tmp_path / "map")
     frame, (line,) = read_parts(program, tmp_path / "map")
     assert frame == "" and problem in line
 
@@ -196,42 +206,19 @@ def test_wrong_twists_are_refused(tmp_path, program):
 # ---- points that the robot sees ------------------------------------------------------------------
 
 
-ROOM_DT, ROOM_BRAKES, TRACKING = 0.05, np.array([1.0, 2.0]), 0.02
-"""Seconds of a cycle, m/s^2 and rad/s^2 of the brakes, and the margin, metres and radians."""
-
-BODY = shapely.box(-0.3, -0.2, 0.3, 0.2)
 BOX = "0 0.3 0.2 -0.3 0.2 -0.3 -0.2 0.3 -0.2"
-POINT_RADIUS = 0.02
-PERSON = 0.2
-"""Radius of a person, metres."""
-
 OUTLINE = shapely.get_coordinates(shapely.Point(0.0, 0.0).buffer(PERSON, quad_segs=12))[:-1]
 """Points of a scan of a person, metres from its center; 2.6 cm apart."""
-
-WALLS = shapely.union_all(
-    [
-        shapely.box(0, 0, 6, 4).exterior.buffer(0.05, join_style="mitre"),
-        shapely.box(2.9, 0.0, 3.1, 2.4),
-        shapely.box(4.5, 2.5, 4.9, 2.9),
-    ]
-)
 
 
 @pytest.fixture(scope="module")
 def room(tmp_path_factory):
-    """Save a room whose map has walls and a crate, and no people."""
-    cells = np.zeros((120, 80), dtype=bool)
-    cells[[0, -1]] = cells[:, [0, -1]] = cells[58:62, :48] = cells[90:98, 50:58] = True
-    workspace = cspace.Workspace.from_array(cells, 0.05)
-    space = cspace.build(workspace, cspace.Robot.rectangle(0.6, 0.4), rotations=72)
-    path = tmp_path_factory.mktemp("room") / "map"
-    space.save(path)
-    return path
+    return save_room(tmp_path_factory.mktemp("room"))
 
 
 def open_gate(program, room, leaving=True):
     """Start a gate in the room."""
-    numbers = (ROOM_DT, *ROOM_BRAKES, *(TRACKING,) * 3, POINT_RADIUS)
+    numbers = (watch.DT, *watch.BRAKES, *(TRACKING,) * 3, POINT_RADIUS)
     return GateInCpp(program, room, BOX, *numbers, leaving=leaving)
 
 
@@ -312,7 +299,7 @@ def test_points_stay_beyond_the_margin_and_near_ones_come_no_nearer(program, roo
             slowed = gate.slow_down(pose, twist, (0.0, 0.0), points)
             if not (slowed.is_proven or slowed.leaves):
                 continue
-            poses = place_along(pose, slowed.commands, ROOM_DT)
+            poses = place_along(pose, slowed.commands, watch.DT)
             distances = bound_distances([BODY], poses, points)
             if slowed.is_proven:
                 assert distances.min() >= find_margin() - 1e-9
@@ -326,46 +313,15 @@ def test_points_stay_beyond_the_margin_and_near_ones_come_no_nearer(program, roo
         gate.close()
 
 
-def sweep(pose, commands):
-    """Return robots along commands, at most 5 mm and half a degree apart."""
-    poses = place_along(pose, commands, ROOM_DT, instants=12)
-    return place_polygon(BODY, poses)
+def list_outlines(people):
+    """Return points of a scan of each person, shape (2, n, 2)."""
+    return people.places[:, np.newaxis] + OUTLINE
 
 
-class People:
-    """Two people who walk at random, or step up as near as the robot can still stop."""
-
-    def __init__(self, rng):
-        """Begin far from the room."""
-        self.rng = rng
-        self.places = np.array([(20.0, 20.0), (30.0, 20.0)])
-
-    def step(self, pose, ramp):
-        """Move each person, unless the robot could no more stop before them."""
-        braking = shapely.union_all(sweep(pose, ramp))
-        for k in range(len(self.places)):
-            kind = self.rng.integers(8)
-            place = self.places[k] + self.rng.normal(0.0, 0.04, 2)
-            if kind == 0:  # a person comes from behind a door
-                place = pose[:2] + self.rng.normal(0.0, 0.8, 2)
-            if kind <= 2:  # the person steps up to within millimetres
-                near = shapely.shortest_line(braking, shapely.Point(place))
-                touch, far = shapely.get_coordinates(near)
-                way = far - touch
-                gap = PERSON + self.rng.choice([0.001, 0.005, 0.02, 0.06])
-                if np.hypot(*way) > 0.0:
-                    place = touch + gap * way / np.hypot(*way)
-            if braking.distance(shapely.Point(place)) > PERSON:
-                self.places[k] = place
-
-    def list_points(self):
-        """Return points of a scan of all people."""
-        return (self.places[:, np.newaxis] + OUTLINE).reshape(-1, 2)
-
-    def measure_distances(self, bodies):
-        """Return the distances of bodies from each person, shape (n, 2)."""
-        outlines = shapely.polygons(self.places[:, np.newaxis] + OUTLINE)
-        return shapely.distance(np.array(bodies)[:, np.newaxis], outlines)
+def measure_distances(people, bodies):
+    """Return the distances of bodies from each person, shape (n, 2)."""
+    outlines = shapely.polygons(list_outlines(people))
+    return shapely.distance(np.array(bodies)[:, np.newaxis], outlines)
 
 
 def drive_among_people(program, room, seed, cycles=80):
@@ -378,10 +334,10 @@ def drive_among_people(program, room, seed, cycles=80):
         if cycle % 8 == 0:
             wanted = rng.normal((0.4, 0.0), (0.5, 1.0)) * (rng.random(2) < 0.8)
         people.step(pose, ramp[1:])
-        slowed = gate.slow_down(pose, wanted, now, people.list_points())
+        slowed = gate.slow_down(pose, wanted, now, list_outlines(people))
         ramp, now = slowed.commands, slowed.commands[0]
         driven = sweep(pose, ramp[:1])
-        distances = people.measure_distances(driven)
+        distances = measure_distances(people, driven)
         if now.any():
             assert shapely.distance(np.array(driven), WALLS).min() > 0.0
             assert distances.min() > 0.0
@@ -389,8 +345,8 @@ def drive_among_people(program, room, seed, cycles=80):
             assert distances.min() >= min(distances[0].min(), TRACKING) - 1e-6
         near += bool(distances[0].min() < 0.03)
         left += slowed.leaves and slowed.share > 0.0 and bool(now.any())
-        pose = place_along(pose, ramp[:1], ROOM_DT)[-1]
-        way += ROOM_DT * abs(now[0])
+        pose = place_along(pose, ramp[:1], watch.DT)[-1]
+        way += watch.DT * abs(now[0])
     gate.close()
     return way, near, left
 
@@ -419,7 +375,7 @@ def test_drives_go_far_beside_the_fastest_safe_ones(program, tmp_path, seeds, sh
     workspace = cspace.Workspace.from_array(make_cells(), 0.05)
     space = cspace.build(workspace, cspace.Robot.rectangle(0.6, 0.4), rotations=72)
     space.save(tmp_path / "map")
-    numbers = (ROOM_DT, *ROOM_BRAKES, *(TRACKING,) * 3, 0.05)
+    numbers = (watch.DT, *watch.BRAKES, *(TRACKING,) * 3, 0.05)
     gate = GateInCpp(program, tmp_path / "map", BOX, *numbers, leaving=True)
 
     def choose(pose, wanted, now):

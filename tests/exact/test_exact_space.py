@@ -12,6 +12,7 @@ from hypothesis import given
 import cspace
 from cspace import FREE, MIXED, Robot, Workspace
 from tests.helpers.gates import certify_chunk
+from tests.helpers.handmade import build_empty
 from tests.helpers.regions import place_polygon
 from tests.helpers.slits import SLIT, build_slit, draw_rows
 from tests.helpers.strategies import examples, seeds
@@ -185,8 +186,9 @@ def test_tubes_beyond_the_grid_are_proven_by_the_geometry_only_if_all_outside_is
 def test_tubes_of_the_exact_map_in_space_end_where_the_grown_robot_touches(kind):
     """The robot ends 0.2 m before the block; motions lead to it, and away from it."""
     rotations = cspace.Rotations.quaternions(1) if kind == "quaternions" else kind
-    workspace = Workspace.from_array(np.zeros((20, 18, 10), dtype=bool), 0.1)
-    space = cspace.build(workspace, Robot.box((0.4, 0.2, 0.1)), rotations=rotations, outside="free")
+    space = build_empty(
+        (20, 18, 10), Robot.box((0.4, 0.2, 0.1)), rotations=rotations, outside="free"
+    )
     place = trimesh.transformations.translation_matrix((1.5, 0.9, 0.5))
     space.add_obstacle("block", trimesh.creation.box(extents=(0.2, 0.2, 0.2), transform=place))
     turn = {None: (), 8: (0.0,), "quaternions": (0.0, 0.0, 0.0, 1.0)}[kind]

@@ -23,6 +23,7 @@ from cspace.errors import (
     InputError,
     UnitWarning,
 )
+from tests.helpers.handmade import build_empty
 
 xarray = pytest.importorskip("xarray")
 
@@ -427,8 +428,7 @@ POSE = {
 
 @pytest.fixture(scope="module")
 def space():
-    workspace = Workspace.from_array(np.zeros((9, 9), dtype=bool), 0.1)
-    return cspace.build(workspace, Robot.disc(0.1), rotations=8)
+    return build_empty((9, 9), Robot.disc(0.1), rotations=8)
 
 
 def test_class_variables_of_messages_are_no_fields(space):

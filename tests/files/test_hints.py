@@ -16,7 +16,7 @@ import cspace
 from cspace import Robot, Workspace
 from cspace._files.ros_maps import OccupancyGrid
 from tests.helpers.mesh_files import make_collada, write_gltf
-from tests.helpers.refusals import check_refused, refusals
+from tests.helpers.refusals import check_refused, refusals, write
 
 
 def read(path):
@@ -40,10 +40,8 @@ def feature(geometry, **more):
 OCTILE = "type octile\nheight 1\nwidth 1\nmap\n"
 
 POINT = {"type": "Point", "coordinates": [1.0, 2.0]}
-FAR = {"type": "Polygon", "coordinates": [[[9.1, 48.1], [9.2, 48.1], [9.1, 48.2], [9.1, 48.1]]]}
 BOW = "POLYGON ((0 0, 1 1, 1 0, 0 1, 0 0))"
 LEVEL = "POLYGON Z ((0 0 1, 1 0 1, 0 1 1, 0 0 1))"
-UTM = {"type": "name", "properties": {"name": "EPSG:32632"}}
 DEGREES = {"type": "name", "properties": {"name": "EPSG:4326"}}
 
 
@@ -74,9 +72,6 @@ POINTS 1
 DATA ascii
 0 0 0
 """
-
-
-CORNERS = "[[0.3, 0.2], [0.3, -0.2], [-0.3, 0]]"
 
 
 def write_old_version(header, _):
@@ -201,13 +196,7 @@ NAV2 = "local_costmap: {robot_radius: 0.2}\nglobal_costmap: {robot_radius: RADIU
 def test_a_wrong_file_is_refused(name, wrong, hint, tmp_path):
     Image.fromarray(np.full((3, 4), 254, dtype=np.uint8)).save(tmp_path / "map.png")
     trimesh.creation.box().export(tmp_path / "a.stl")
-    file = tmp_path / name
-
-    def read_text(text):
-        file.write_text(text)
-        read(file)
-
-    check_refused(lambda: read_text(wrong), hint)
+    check_refused(lambda: read(write(tmp_path, name, wrong)), hint)
 
 
 @refusals(
@@ -220,10 +209,8 @@ def test_a_wrong_file_is_refused(name, wrong, hint, tmp_path):
     ),
 )
 def test_what_a_file_says_oddly_is_warned_of(name, wrong, hint, tmp_path):
-    file = tmp_path / name
-    file.write_text(wrong)
     with pytest.warns(UserWarning, match=re.escape(hint)):
-        read(file)
+        read(write(tmp_path, name, wrong))
 
 
 # ---- calls ---------------------------------------------------------------------------------------
@@ -271,12 +258,6 @@ def raster(x=X, **attributes):
 def save_image(folder, pixels, name="a.png", **options):
     """Save an image, and return its path."""
     Image.fromarray(np.asarray(pixels)).save(folder / name, **options)
-    return folder / name
-
-
-def write(folder, name, text):
-    """Write a text, and return its path."""
-    (folder / name).write_text(text)
     return folder / name
 
 

@@ -2,10 +2,7 @@
 
 import json
 import os
-import subprocess
-import sys
 import tracemalloc
-from collections import Counter
 
 import numpy as np
 import pytest
@@ -18,6 +15,7 @@ from cspace._files.plain import parse_xml, read_yaml
 from cspace._support.limits import raised_limits
 from cspace.errors import CspaceError
 from tests.fuzz import files as fuzz
+from tests.helpers.hostile import DamagedFiles
 from tests.helpers.mesh_files import PLACED, lines, make_collada, write_gltf
 from tests.helpers.refusals import refusals
 from tests.helpers.strategies import examples
@@ -35,24 +33,8 @@ def check_refused(path, message, **options):
     assert "\n" not in str(caught.value)
 
 
-def test_every_family_opens_and_its_mutants_open_or_are_refused(families):
-    outcomes = Counter()
-    for name, path in families.items():
-        assert fuzz.attempt(path) == "opened", name
-        outcomes += fuzz.count_outcomes(7, families, name, 0, 12)
-    assert set(outcomes) == {"opened", "refused"}
-
-
-def test_cut_files_are_refused_if_their_format_says_where_they_end(families):
-    assert fuzz.open_cut_files(families, 8) == []
-
-
-@pytest.mark.thorough
-def test_opening_starts_no_process_and_writes_sends_and_imports_nothing(families):
-    folder = next(iter(families.values())).parent
-    code = [sys.executable, "-c", fuzz.AUDITED, str(folder)]
-    done = subprocess.run(code, capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"
+class TestFilesOfTheCore(DamagedFiles):
+    """Damaged files of the core."""
 
 
 # ---- YAML, XML and nesting -----------------------------------------------------------------------

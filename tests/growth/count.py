@@ -14,9 +14,7 @@ import sys
 import tempfile
 import tracemalloc
 import warnings
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 from unittest.mock import Mock
 
 import numba
@@ -48,6 +46,7 @@ import planners  # noqa: E402
 from cspace import Robot, Workspace  # noqa: E402
 from cspace.arms import PosedShape  # noqa: E402
 from cspace.lanes import RouteGraph  # noqa: E402
+from tests.helpers.handmade import build_empty  # noqa: E402
 
 for module in [each for name, each in sys.modules.items() if name.startswith("cspace.arms.")]:
     if hasattr(module, "call"):
@@ -56,8 +55,6 @@ for module in [each for name, each in sys.modules.items() if name.startswith("cs
         module.find_address = lambda function, *_: function
 
 BYTES_PER_NUMBER = 8
-
-Job = Callable[[], Any]
 
 
 class Reductions:
@@ -202,8 +199,7 @@ def build_balls(n, folder):
 
 
 def add_obstacles(n, folder):
-    workspace = Workspace.from_array(np.zeros((80, 80), dtype=np.bool_), 0.25)
-    space = cspace.build(workspace, Robot.disc(0.05), outside="blocked")
+    space = build_empty((80, 80), Robot.disc(0.05), outside="blocked", spacing=0.25)
     squares = list_squares(n)
 
     def job():
@@ -294,8 +290,7 @@ def export_map(n, folder):
 
 def find_conflicts(n, folder):
     """Lanes side by side, of which each meets its neighbours."""
-    floor = Workspace.from_array(np.zeros((30, 30), dtype=np.bool_), 0.1)
-    space = cspace.build(floor, Robot.rectangle(0.6, 0.4))
+    space = build_empty((30, 30), Robot.rectangle(0.6, 0.4))
     y = 0.35 * np.repeat(np.arange(n), 2)
     nodes = np.column_stack([np.tile([0.0, 2.0], n), y])
     edges = np.arange(2 * n).reshape(n, 2)

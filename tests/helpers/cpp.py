@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import shutil
 import subprocess
 from functools import cache
@@ -178,30 +179,52 @@ def slow_in_cpp(
     return done.stdout.splitlines()
 
 
-class GateInCpp:
+class Program:
+    """A running C++ program that is told lines."""
+
+    def __init__(self, command: list[Any], log: Path | None = None) -> None:
+        """Start the program; what it logs goes to a file, if there is one."""
+        pipe = subprocess.PIPE
+        self.log_file = log
+        with contextlib.nullcontext() if log is None else log.open("w") as stderr:
+            self.process = subprocess.Popen(
+                list(map(str, command)), stdin=pipe, stdout=pipe, stderr=stderr, text=True
+            )
+
+    def tell(self, *words: Any) -> None:
+        """Send a line."""
+        print(*words, file=self.process.stdin, flush=True)
+
+    def read_line(self) -> str:
+        """Return the next line of the program."""
+        assert self.process.stdout is not None
+        return self.process.stdout.readline().strip()
+
+    def read_log(self) -> str:
+        """Return what the program has logged."""
+        assert self.log_file is not None
+        return self.log_file.read_text(encoding="utf-8")
+
+    def close(self) -> str:
+        """End the program; return what it still says."""
+        rest, _ = self.process.communicate()
+        assert self.process.returncode == 0
+        return rest
+
+
+class GateInCpp(Program):
     """A gate of a running C++ program; it answers one situation at a time."""
 
     def __init__(
         self, program: Path, map_: Path, robot: str, *numbers: float, leaving: bool = False
     ) -> None:
         """Start the program; the arguments are those of :func:`slow_in_cpp`."""
-        command = [str(program), "drive", str(map_), str(int(leaving)), robot]
-        command += map(repr, map(float, numbers))
-        pipe = subprocess.PIPE
-        self.process = subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True)
+        super().__init__([program, "drive", map_, int(leaving), robot, *map(float, numbers)])
 
     def slow_down(self, pose: Any, twist: Any, now: Any, points: Any = ()) -> SlowedInCpp:
         """Return what the gate lets through."""
-        assert self.process.stdin is not None and self.process.stdout is not None
-        numbers = [*pose, *twist, *now, *np.ravel(points)]
-        self.process.stdin.write(" ".join(repr(float(number)) for number in numbers) + "\n")
-        self.process.stdin.flush()
-        return read_slowed(self.process.stdout.readline())
-
-    def close(self) -> None:
-        """End the program."""
-        self.process.communicate()
-        assert self.process.returncode == 0
+        self.tell(*map(float, (*pose, *twist, *now, *np.ravel(points))))
+        return read_slowed(self.read_line())
 
 
 class SlowedInCpp(NamedTuple):

@@ -2,7 +2,6 @@
 
 import json
 import math
-import subprocess
 from xml.etree import ElementTree
 
 import numpy as np
@@ -10,7 +9,7 @@ import shapely
 from shapely import affinity
 
 import cspace
-from tests.helpers.cpp import build_program, ompl_flags
+from tests.helpers.cpp import Program, build_program, ompl_flags
 from tests.helpers.repository import ROOT
 
 PACKAGE = ROOT / "ros" / "cspace_nav2"
@@ -33,34 +32,21 @@ def write_pose(x, y, yaw, tilt=0.0):
     return " ".join(map(repr, (float(x), float(y), *sines, *rest)))
 
 
-class Nav2:
+class Nav2(Program):
     """A planner server and a path checker in one process."""
 
     def __init__(self, program, log):
-        self.log_file = log
-        with log.open("w") as stderr:
-            self.process = subprocess.Popen(
-                [str(program)],
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                stderr=stderr,
-                text=True,
-            )
-        self.tell("footprint {} {}".format(*HALF_SIDES))
-
-    def tell(self, *commands):
-        assert self.process.stdin is not None
-        for command in commands:
-            print(command, file=self.process.stdin, flush=True)
+        super().__init__([program], log)
+        self.tell("footprint", *HALF_SIDES)
 
     def ask(self, command):
         self.tell(command)
-        assert self.process.stdout is not None
         # A line of OMPL would not be JSON.
-        return json.loads(self.process.stdout.readline())
+        return json.loads(self.read_line())
 
     def set(self, **parameters):
-        self.tell(*(f"set plan.{name} {value}" for name, value in parameters.items()))
+        for name, value in parameters.items():
+            self.tell(f"set plan.{name}", value)
 
     def configure(self, room, **parameters):
         usual = {"drive": "holonomic", "time_limit": 5, "tolerance": 0, "start_tolerance": 0}
@@ -70,7 +56,7 @@ class Nav2:
     def add_cost(self, low, high, cost=LETHAL):
         """Give cells of 0.1 m from one corner to another a cost."""
         inner = [*np.add(low, 0.05), *np.subtract(high, 0.05)]
-        self.tell(" ".join(map(str, ["costs", *inner, cost])))
+        self.tell("costs", *inner, cost)
 
     def plan(self, *poses):
         return self.ask(" ".join(["plan", *(write_pose(*pose) for pose in poses)]))
@@ -88,9 +74,6 @@ class Nav2:
         file.write_text("".join(map(str, np.asarray(cells, dtype=int).T.ravel())))
         columns, rows = cells.shape
         self.tell(f"grid {frame} {columns} {rows} {side} {origin[0]} {origin[1]} {file}")
-
-    def read_log(self):
-        return self.log_file.read_text(encoding="utf-8")
 
 
 def outline_cells(pose, side):

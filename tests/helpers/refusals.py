@@ -1,6 +1,7 @@
-"""Tables of refused calls and their messages."""
+"""Tables of refused calls and files, and their messages."""
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -19,3 +20,9 @@ def check_refused(call: Callable[[], Any], message: str) -> None:
         call()
     line = str(caught.value)
     assert message in line and "\n" not in line, line
+
+
+def write(folder: Path, name: str, text: str) -> Path:
+    """Write a text, and return its path."""
+    (folder / name).write_text(text)
+    return folder / name

@@ -11,10 +11,12 @@ from tests.helpers.placements import draw_near_mixed
 SLIT = [shapely.box(1.0, 0.0, 1.3, 0.97), shapely.box(1.0, 1.41, 1.3, 2.4)]
 """Walls with a slit, which cells of 0.1 m leave undecided for a robot 0.4 m wide."""
 
+RECTANGLE = Robot.rectangle(0.6, 0.4)
 
-def build_slit(**options):
+
+def build_slit(robot=RECTANGLE, rotations=24, **options):
     workspace = Workspace.from_polygons(SLIT, 0.1, (0.0, 0.0, 2.4, 2.4))
-    return cspace.build(workspace, Robot.rectangle(0.6, 0.4), rotations=24, **options)
+    return cspace.build(workspace, robot, rotations=rotations, **options)
 
 
 def draw_rows(space, seed, count=300):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import subprocess
 import sys
 from pathlib import Path
 from typing import NamedTuple
@@ -12,16 +11,14 @@ import numpy as np
 import shapely
 from scipy.spatial.transform import Rotation
 
-from tests.helpers.cpp import build_program
+import cspace
+from tests.helpers.cpp import Program, build_program
 from tests.helpers.leaving import place_along
 from tests.helpers.nav2 import ANSWERS, PACKAGE, list_stubs
 from tests.helpers.regions import place_polygon
 
 DT, BRAKES, TRACKING, POINT_RADIUS = 0.05, np.array([1.0, 2.0]), 0.02, 0.02
 """Seconds of a cycle, m/s^2 and rad/s^2 of the brakes, metres and radians, metres."""
-
-MAX_AGE = 0.3
-"""Seconds that a command, scan, pose or cycle may be old."""
 
 BODY = shapely.box(-0.3, -0.2, 0.3, 0.2)
 MAX_SPEED = 0.8 + 1.5 * 0.36
@@ -42,11 +39,14 @@ WALLS = shapely.union_all(
 )
 
 
-def make_room():
-    """Return the cells of the walls, 5 cm wide."""
+def save_room(folder):
+    """Save the map of a room that has the walls, and no people; return its path."""
     cells = np.zeros((120, 80), dtype=bool)
     cells[[0, -1]] = cells[:, [0, -1]] = cells[58:62, :48] = cells[90:98, 50:58] = True
-    return cells
+    workspace = cspace.Workspace.from_array(cells, 0.05)
+    space = cspace.build(workspace, cspace.Robot.rectangle(0.6, 0.4), rotations=72)
+    space.save(folder / "map", compress=False)
+    return folder / "map"
 
 
 def build_watch(target, *flags):
@@ -67,35 +67,24 @@ class Decided(NamedTuple):
     spent: float
 
 
-class WatchInCpp:
+class WatchInCpp(Program):
     """A watch of a running program; ``look_up`` answers where frames are."""
 
     def __init__(self, program, map_, point_radius=POINT_RADIUS, sources="scan"):
         """Start the program."""
         numbers = (DT, *BRAKES, *(TRACKING,) * 3, point_radius)
-        command = [str(program), str(map_), *map(repr, map(float, numbers)), sources]
-        pipe = subprocess.PIPE
-        self.process = subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True)
-
-    def tell(self, *words):
-        """Send a line."""
-        print(*words, file=self.process.stdin, flush=True)
+        super().__init__([program, map_, *map(float, numbers), sources])
 
     def decide(self, now, clock, look_up):
         """Return what it decides."""
         self.tell("decide", now, clock)
         while True:
-            word, *words = self.process.stdout.readline().split(" ")
+            word, *words = self.read_line().split(" ")
             if word != "look":
                 break
             self.tell(look_up(words[0], words[1], int(words[2])))
         twist = np.array([float(word), float(words[0])])
-        return Decided(twist, " ".join(words[2:]).strip(), float(words[1]))
-
-    def close(self):
-        """End the program."""
-        self.process.communicate()
-        assert self.process.returncode == 0
+        return Decided(twist, " ".join(words[2:]), float(words[1]))
 
 
 class Frame(NamedTuple):
@@ -229,20 +218,20 @@ def sweep(pose, commands):
 class People:
     """Two people who walk at random, or step up as near as the robot can still stop."""
 
-    def __init__(self, rng, reaction):
+    def __init__(self, rng, reaction=0.0):
         """Begin far from the room; ``reaction`` is how long the robot may not know, seconds."""
         self.rng, self.reaction = rng, reaction
         self.places = np.array([(20.0, 20.0), (30.0, 20.0)])
 
-    def step(self, robot):
-        """Move each person, unless the robot could no more stop before them."""
-        bodies = shapely.union_all(sweep(robot.pose, robot.brake()))
+    def step(self, pose, brake):
+        """Move each person, unless a robot with commands that brake could not stop before them."""
+        bodies = shapely.union_all(sweep(pose, brake))
         reach = bodies.buffer(self.reaction * MAX_SPEED) if self.reaction else bodies
         for k, old in enumerate(self.places):
             kind = self.rng.integers(8)
             place = old + self.rng.normal(0.0, 0.04, 2)
             if kind == 0:  # a person comes from behind a door
-                place = robot.pose[:2] + self.rng.normal(0.0, 0.8, 2)
+                place = pose[:2] + self.rng.normal(0.0, 0.8, 2)
             if kind <= 2:  # the person steps up to within millimetres
                 near = shapely.shortest_line(reach, shapely.Point(place))
                 touch, far = shapely.get_coordinates(near)

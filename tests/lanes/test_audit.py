@@ -189,8 +189,7 @@ def test_robots_whose_footprints_meet_at_different_heights_are_not_said_to_touch
     for boxes in (PORTAL, CART):
         mesh = trimesh.util.concatenate([trimesh.creation.box(bounds=box) for box in boxes])
         spaces.append(cspace.build(scene, cspace.Robot.from_mesh(mesh), rotations=72, floor=0.01))
-    plane = cspace.Workspace.from_array(np.zeros((80, 50), dtype=bool), 0.1)
-    spaces.append(cspace.build(plane, cspace.Robot.rectangle(0.6, 0.4), rotations=72))
+    spaces.append(build_empty((80, 50), cspace.Robot.rectangle(0.6, 0.4), rotations=72))
     portal, cart, flat = spaces
     # The cart drives along the portal's lane, between its legs.
     assert not share_a_point((PORTAL, (4.0, 2.5, 0.0)), (CART, (4.0, 2.5, 0.0)))

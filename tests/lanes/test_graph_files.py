@@ -528,13 +528,6 @@ def test_a_curve_that_turns_back_jumps_there():
 ENDS = [(1.0, 1.0), (3.0, 2.0)]
 
 
-def draw_graph():
-    """Draw a graph of networkx with positions."""
-    graph = networkx.Graph([("a", "b")])
-    networkx.set_node_attributes(graph, dict(zip("ab", ENDS, strict=True)), "pos")
-    return graph
-
-
 YAWS = pd.Series([0.0, 1.0], index=["a", "b"])
 
 

@@ -8,7 +8,6 @@ import ast
 from collections.abc import Iterator
 from typing import get_args
 
-import numpy as np
 import pytest
 
 import cspace
@@ -19,6 +18,7 @@ from cspace._record.exterior import OUTSIDES
 from cspace._support.words import Method, Outside
 from planners._catalogue import BUILT_IN_SEARCHES, PlannerName, planner_names
 from tests.helpers.drives import WORDS
+from tests.helpers.handmade import build_empty
 from tests.helpers.repository import SOURCES
 
 TYPES = {"drive": "DriveName", "planner": "PlannerName", "method": "Method", "outside": "Outside"}
@@ -29,8 +29,7 @@ START, GOAL = (0.5, 0.5, 0.0), (1.5, 0.5, 0.0)
 
 @pytest.fixture(scope="module")
 def space() -> cspace.CSpace:
-    workspace = cspace.Workspace.from_array(np.zeros((20, 10), dtype=bool), 0.1)
-    return cspace.build(workspace, cspace.Robot.rectangle(0.2, 0.1), rotations=8)
+    return build_empty((20, 10), cspace.Robot.rectangle(0.2, 0.1), rotations=8)
 
 
 def test_the_types_list_the_words_that_the_library_accepts() -> None:

@@ -6,30 +6,23 @@ import numpy as np
 import pytest
 import shapely
 
-import cspace
 import planners
-from cspace import Robot, Workspace
-
-SLIT = [shapely.box(1.0, 0.0, 1.3, 0.97), shapely.box(1.0, 1.41, 1.3, 2.4)]
-"""Walls with a slit, which cells of 0.1 m leave undecided for a disc 0.4 m wide."""
+from cspace import Robot
+from tests.helpers.slits import SLIT, build_slit
 
 START, GOAL = (0.5, 1.2), (1.9, 1.2)
-
-
-def build_slit():
-    workspace = Workspace.from_polygons(SLIT, 0.1, (0.0, 0.0, 2.4, 2.4))
-    return cspace.build(workspace, Robot.disc(0.2))
+DISC = Robot.disc(0.2)
 
 
 def test_a_plan_on_the_exact_map_passes_where_cells_do_not():
-    space = build_slit()
+    space = build_slit(DISC, None)
     assert not planners.plan(space, START, GOAL)
     for name in (None, "RRTConnect"):
         plan = planners.plan(space.exact, START, GOAL, planner=name, seed=1)
         assert plan.certified and plan.exact and plan.space is space.exact
         path = shapely.LineString(plan.waypoints)
         assert path.distance(shapely.union_all(SLIT)) >= 0.2 - 1e-9
-        assert plan.recheck().all() and plan.recheck(build_slit()).all()
+        assert plan.recheck().all() and plan.recheck(build_slit(DISC, None)).all()
         gap = path.distance(shapely.union_all(SLIT)) - 0.2
         assert plan.clearance == 0.0 and 0.0 <= plan.obstacle_distance <= gap + 1e-9
         trajectory = plan.trajectory(max_velocity=1.0, max_acceleration=1.0)
@@ -40,7 +33,7 @@ def test_a_plan_on_the_exact_map_passes_where_cells_do_not():
 
 
 def test_a_plan_on_the_exact_map_equals_that_with_the_option():
-    space = build_slit()
+    space = build_slit(DISC, None)
     found = planners.plan(space.exact, START, GOAL)
     other = planners.plan(space.exact, START, GOAL)
     np.testing.assert_array_equal(found.waypoints, other.waypoints)
@@ -48,7 +41,7 @@ def test_a_plan_on_the_exact_map_equals_that_with_the_option():
 
 
 def test_a_previous_plan_from_a_mixed_start_is_on_the_exact_map():
-    space = build_slit()
+    space = build_slit(DISC, None)
     previous = planners.plan(space.exact, START, GOAL)
     middle = (1.15, 1.2)
     assert not space.is_free(middle)
@@ -58,7 +51,7 @@ def test_a_previous_plan_from_a_mixed_start_is_on_the_exact_map():
 
 @pytest.mark.parametrize("view", [False, True])
 def test_the_setup_of_ompl_asks_the_geometry(view):
-    space = build_slit()
+    space = build_slit(DISC, None)
     asked = space.exact if view else space
 
     def ask(q0, q1):
@@ -75,8 +68,7 @@ def test_the_setup_of_ompl_asks_the_geometry(view):
     "drive", [planners.Car(turning_radius=0.5, reverse=True), planners.Differential()]
 )
 def test_drives_plan_on_the_exact_map(drive):
-    workspace = Workspace.from_polygons(SLIT, 0.1, (0.0, 0.0, 2.4, 2.4))
-    space = cspace.build(workspace, Robot.rectangle(0.3, 0.38), rotations=24)
+    space = build_slit(Robot.rectangle(0.3, 0.38))
     start, goal = (*START, 0.0), (*GOAL, 0.0)
     assert not planners.plan(space, start, goal, drive=drive, time_limit=0.2)
     plan = planners.plan(space.exact, start, goal, drive=drive)

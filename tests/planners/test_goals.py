@@ -22,7 +22,7 @@ from cspace import BLOCKED, FREE, MIXED, ConfigurationError, InputError
 from cspace.inside import now
 from planners._catalogue import SUPPORTED
 from tests.helpers.drives import is_car
-from tests.helpers.handmade import map_of
+from tests.helpers.handmade import build_empty, map_of
 from tests.helpers.placements import turn_between
 from tests.helpers.planning import (
     ENDPOINTS,
@@ -528,8 +528,7 @@ def test_no_path_is_never_proven_for_the_cell_alone_that_a_start_is_moved_to():
 
 
 def test_starts_are_tried_on_tiled_maps_and_maps_of_joints(tmp_path):
-    workspace = cspace.Workspace.from_array(np.zeros((60, 40), dtype=bool), 0.1)
-    tiled = cspace.build(workspace, cspace.Robot.disc(0.2), store=tmp_path / "m", tile=20)
+    tiled = build_empty((60, 40), cspace.Robot.disc(0.2), store=tmp_path / "m", tile=20)
     plan = planners.plan(tiled, [(5.0, 3.0), (1.0, 3.5)], (1.0, 1.0))
     assert plan.certified and plan.start.tolist() == [1.0, 3.5]
     plan = planners.plan(tiled, shapely.box(4.0, 0.5, 5.0, 1.5), (1.0, 1.0))

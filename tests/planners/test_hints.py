@@ -49,8 +49,6 @@ OUT_OF_BAY = (1.0, 3.0, 0.0), (3.6, 0.8, math.pi / 2.0)
 """From the room into the bay, to face out."""
 
 SQUARE = Robot.rectangle(0.5, 0.5)
-EXACT = {"exact": True}
-"""Marks the options of a plan on a map's exact view."""
 DISC = BAY, Robot.disc(0.2), None
 BAY_CART = BAY, Robot.rectangle(0.8, 0.3), 72
 

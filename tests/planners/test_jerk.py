@@ -18,6 +18,7 @@ import planners
 from cspace import InputError
 from planners._timing import keeps_jerk
 from tests.helpers.drives import make_drive
+from tests.helpers.handmade import build_empty
 from tests.helpers.refusals import refusals
 from tests.helpers.strategies import seeds
 from tests.helpers.urdfs import planar, post
@@ -237,8 +238,7 @@ def test_stops_and_going_on_keep_the_limit(drive, rotations):
 
 
 def test_a_stop_on_a_line_is_a_ramp():
-    workspace = cspace.Workspace.from_array(np.zeros((120, 60), dtype=bool), 0.1)
-    space = cspace.build(workspace, cspace.Robot.disc(0.3))
+    space = build_empty((120, 60), cspace.Robot.disc(0.3))
     plan = planners.plan(space, (1.0, 3.0), (11.0, 3.0))
     trajectory = plan.trajectory(max_velocity=1.0, max_acceleration=0.5, max_jerk=1.0)
     # At full speed: 1 / 0.5 + 0.5 / 1 seconds, half as many metres.
@@ -265,8 +265,7 @@ def test_ramps_and_stops_are_as_short_on_a_long_way(metres):
 
 
 def test_planning_anew_on_the_way_costs_little_time():
-    workspace = cspace.Workspace.from_array(np.zeros((120, 60), dtype=bool), 0.1)
-    space = cspace.build(workspace, cspace.Robot.disc(0.3))
+    space = build_empty((120, 60), cspace.Robot.disc(0.3))
     plan = planners.plan(space, (1.0, 3.0), (11.0, 3.0))
     limits = {"max_velocity": 1.0, "max_acceleration": 0.5, "max_jerk": 2.0}
     motion = plan.trajectory(**limits)

@@ -12,6 +12,7 @@ import planners
 from cspace import InputError
 from cspace.lanes import RouteGraph
 from planners._catalogue import planner_names
+from tests.helpers.handmade import build_empty
 from tests.helpers.refusals import check_refused, refusals
 
 
@@ -301,8 +302,7 @@ class Forwarding(Zoned):
 @pytest.fixture(scope="module")
 def hall():
     """Return the map of an empty hall."""
-    workspace = cspace.Workspace.from_array(np.zeros((60, 40), dtype=bool), 0.1)
-    return cspace.build(workspace, cspace.Robot.disc(0.2))
+    return build_empty((60, 40), cspace.Robot.disc(0.2))
 
 
 @pytest.mark.parametrize("kind", [Zoned, Forwarding])

@@ -155,8 +155,7 @@ def test_a_plan_without_a_path_writes_no_table(tmp_path):
 
 
 def test_a_plan_is_printed_without_rounding_errors():
-    workspace = cspace.Workspace.from_array(np.zeros((40, 30), dtype=bool), 0.1)
-    space = cspace.build(workspace, cspace.Robot.disc(0.1))
+    space = build_empty((40, 30), cspace.Robot.disc(0.1))
     text = repr(planners.plan(space, (0.72 + 0.1, 2 / 3), (3.33, 1.62)))
     assert "from (0.82, 0.666666667) to (3.33, 1.62)" in text
 

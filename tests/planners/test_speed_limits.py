@@ -16,6 +16,7 @@ from shapely import affinity, box
 import cspace
 import planners
 from cspace.errors import UnitWarning
+from tests.helpers.handmade import build_empty
 from tests.helpers.refusals import check_refused, refusals
 from tests.helpers.regions import place_polygon
 from tests.planners.test_smoothing import (
@@ -110,8 +111,7 @@ def test_zones_hold_at_every_instant(drive, rotations, jerk, within):
 
 
 def test_a_part_that_only_sweeps_a_zone_counts():
-    workspace = cspace.Workspace.from_array(np.zeros((60, 60), dtype=bool), 0.1)
-    space = cspace.build(workspace, cspace.Robot.rectangle(2.0, 0.1), rotations=36)
+    space = build_empty((60, 60), cspace.Robot.rectangle(2.0, 0.1), rotations=36)
     plan = planners.plan(space, (3.0, 3.0, 0.0), (3.3, 3.0, 2.0))
     bar = box(-1.0, -0.05, 1.0, 0.05)
     for angle in (0.4, 1.0, 1.6):
@@ -260,8 +260,7 @@ def test_limited_jerk_loses_little_between_zones():
 @cache
 def plan_along_hall():
     """Plan along a hall of 20 m without obstacles."""
-    workspace = cspace.Workspace.from_array(np.zeros((220, 40), dtype=bool), 0.1)
-    space = cspace.build(workspace, cspace.Robot.disc(0.3))
+    space = build_empty((220, 40), cspace.Robot.disc(0.3))
     return planners.plan(space, (1.0, 2.0), (21.0, 2.0))
 
 
@@ -393,8 +392,7 @@ def test_a_stop_says_until_when_it_exceeds_new_limits(jerk):
 
 
 def test_a_recheck_asks_limits_near_obstacles_again():
-    workspace = cspace.Workspace.from_array(np.zeros((80, 40), dtype=bool), 0.1)
-    space = cspace.build(workspace, cspace.Robot.disc(0.3))
+    space = build_empty((80, 40), cspace.Robot.disc(0.3))
     plan = planners.plan(space, (1.0, 2.0), (7.0, 2.0))
     near = planners.SlowNear(space, 0.3, 1.0)
     trajectory = plan.trajectory(**LIMITS, speed=near)
@@ -417,8 +415,7 @@ def test_a_recheck_asks_limits_near_obstacles_again():
 @cache
 def build_hall():
     """Build a hall of 12 m by 4 m for a rectangle that turns."""
-    workspace = cspace.Workspace.from_array(np.zeros((120, 40), dtype=bool), 0.1)
-    return cspace.build(workspace, cspace.Robot.polygon(FOOTPRINT), rotations=36)
+    return build_empty((120, 40), cspace.Robot.polygon(FOOTPRINT), rotations=36)
 
 
 @pytest.mark.parametrize("exact", [False, True])

@@ -16,6 +16,7 @@ import cspace
 import planners
 from tests.arms.test_link_speed import CORNERS, write_crane
 from tests.arms.test_plans import space_of
+from tests.helpers.handmade import build_empty
 from tests.helpers.refusals import check_refused, refusals
 from tests.planners.test_speed_limits import AREA
 
@@ -177,8 +178,7 @@ def drive(speed, plan=None):
 
 def plan_on_map():
     """Plan on a map of positions."""
-    workspace = cspace.Workspace.from_array(np.zeros((40, 30), dtype=bool), 0.1)
-    space = cspace.build(workspace, cspace.Robot.disc(0.3))
+    space = build_empty((40, 30), cspace.Robot.disc(0.3))
     return planners.plan(space, (0.5, 1.5), (3.5, 1.5))
 
 

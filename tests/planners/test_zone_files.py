@@ -14,6 +14,7 @@ import planners
 from cspace.errors import FileError, UnitWarning
 from tests.files.test_rosmap import write_map
 from tests.files.test_zone_sets import make_zone, make_zone_set
+from tests.helpers.handmade import build_empty
 from tests.helpers.refusals import check_refused, refusals
 from tests.planners.test_speed_limits import SLACK, allow_in_zones, sample_speeds
 
@@ -28,8 +29,7 @@ SPEEDS = [0.4, 0.2, 0.6]
 
 def build_hall(robot=None):
     """Return the map of an empty hall of 10 m x 6 m."""
-    hall = cspace.Workspace.from_array(np.zeros((100, 60), dtype=bool), 0.1)
-    return cspace.build(hall, robot or cspace.Robot.disc(0.3))
+    return build_empty((100, 60), robot or cspace.Robot.disc(0.3))
 
 
 def write_json(path, document):

@@ -126,8 +126,7 @@ def test_robots_are_drawn_along_the_path_and_turned(flat, turning):
 
 def test_a_robot_on_a_floor_is_drawn_with_the_outlines_of_its_heights():
     balls = cspace.Robot.from_balls([(0.0, 0.0, 0.3), (0.2, 0.0, 0.7)], [0.3, 0.1])
-    workspace = cspace.Workspace.from_array(np.zeros((20, 20, 10), dtype=bool), 0.1)
-    space = cspace.build(workspace, balls, rotations=8, floor=0.01)
+    space = build_empty((20, 20, 10), balls, rotations=8, floor=0.01)
     axes = space.plot(path=[(1.0, 1.0, 0.5)])
     _, levels, *_ = axes.collections
     boxes = [path.get_extents() for path in levels.get_paths()]

@@ -9,6 +9,7 @@ import trimesh
 
 import cspace
 from cspace import Robot, Workspace
+from tests.helpers.handmade import build_empty
 from tests.helpers.leaving import CELL, bound_distances, place_along
 from tests.helpers.refusals import check_refused, refusals
 
@@ -322,14 +323,14 @@ def test_limits_of_the_gate_hold_while_a_robot_leaves(walls):
     ),
 )
 def test_robots_that_are_not_convex_are_refused(robot, message):
-    workspace = Workspace.from_array(np.zeros((30, 30), dtype=bool), CELL)
-    gate = make_gate(cspace.build(workspace, robot, rotations=8))
+    gate = make_gate(build_empty((30, 30), robot, rotations=8, spacing=CELL))
     check_refused(lambda: gate.slow_down((1.5, 1.5, 0.0), (0.1, 0.0), leaving=True), message)
 
 
 def test_maps_in_tiles_are_refused(tmp_path):
-    workspace = Workspace.from_array(np.zeros((30, 30), dtype=bool), CELL)
-    space = cspace.build(workspace, Robot.disc(0.2), rotations=8, store=tmp_path / "map")
+    space = build_empty(
+        (30, 30), Robot.disc(0.2), rotations=8, store=tmp_path / "map", spacing=CELL
+    )
     gate = make_gate(space)
     assert gate.slow_down((1.5, 1.5, 0.0), (0.1, 0.0)).share == 1.0
     message = "distances that never fall are proven on maps in memory"

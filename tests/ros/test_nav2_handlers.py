@@ -24,6 +24,7 @@ from trajectory_msgs.msg import JointTrajectory  # noqa: E402
 
 import cspace  # noqa: E402
 import planners  # noqa: E402
+from tests.helpers.handmade import build_empty  # noqa: E402
 from tests.helpers.urdfs import planar, post  # noqa: E402
 from tests.ros.test_planner_node import (  # noqa: E402
     GOAL,
@@ -134,8 +135,7 @@ def test_a_saved_map_with_a_floor_is_planned_on(node, monkeypatch, tmp_path):
 def test_saved_maps_that_are_none_end_the_node(node, monkeypatch, tmp_path):
     with pytest.raises(cspace.errors.CspaceError, match="nowhere"):
         open_node(monkeypatch, tmp_path / "nowhere")
-    workspace = cspace.Workspace.from_array(np.zeros((9, 9), dtype=bool), 0.1)
-    cspace.build(workspace, cspace.Robot.disc(0.1)).save(tmp_path / "plane")
+    build_empty((9, 9), cspace.Robot.disc(0.1)).save(tmp_path / "plane")
     with pytest.raises(cspace.errors.InputError, match=r"saved_map .* it must be of x, y and yaw"):
         open_node(monkeypatch, tmp_path / "plane")
 

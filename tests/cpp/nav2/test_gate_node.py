@@ -1,7 +1,6 @@
 """The gate node drives as its messages say, over stubs of ROS 2, and refuses parameters that cannot be."""
 
 import re
-import subprocess
 import sys
 import time
 
@@ -9,7 +8,7 @@ import numpy as np
 import pytest
 
 import cspace
-from tests.helpers.cpp import SANITIZERS, build_program, why_no_compiler
+from tests.helpers.cpp import SANITIZERS, Program, build_program, why_no_compiler
 from tests.helpers.messages import make_grid
 from tests.helpers.nav2 import ANSWERS, PACKAGE, list_stubs
 
@@ -42,29 +41,20 @@ def maps(tmp_path_factory):
     return folder
 
 
-class Node:
+class Node(Program):
     """A node of a running program."""
 
     def __init__(self, program, log, **parameters):
         """Start the node."""
-        self.log_file = log
-        with log.open("w") as stderr:
-            pipe = subprocess.PIPE
-            self.process = subprocess.Popen(
-                [str(program)], stdin=pipe, stdout=pipe, stderr=stderr, text=True
-            )
+        super().__init__([program], log)
         for name, value in parameters.items():
             self.tell("set", name, value)
         self.tell("start")
 
-    def tell(self, *words):
-        """Send a line."""
-        print(*words, file=self.process.stdin, flush=True)
-
     def ask(self, *words):
         """Send a line and return the answer."""
         self.tell(*words)
-        return self.process.stdout.readline().strip()
+        return self.read_line()
 
     def cycle(self, command="command 0.6 0.0", scan=f"laser {FREE}"):
         """Go on by a cycle; return what is published."""
@@ -73,18 +63,13 @@ class Node:
         if scan:
             self.tell("scan", scan)
         kind, *words = self.ask("cycle").split()
-        assert self.process.stdout.readline() == ".\n"
+        assert self.read_line() == "."
         return tuple(map(float, words[-2:])) if kind == "twist" else (kind, *words)
 
     def end(self):
-        """Send SIGTERM; return what is published from then on, and the exit status."""
+        """Send SIGTERM; return what is published from then on."""
         self.tell("end")
-        rest, _ = self.process.communicate()
-        return rest.splitlines(), self.process.returncode
-
-    def read_log(self):
-        """Return the log."""
-        return self.log_file.read_text(encoding="utf-8")
+        return self.close().splitlines()
 
 
 @pytest.fixture
@@ -100,8 +85,7 @@ def start(program, maps, tmp_path):
 
     yield start
     for node in nodes:
-        node.process.communicate()
-        assert node.process.returncode == 0
+        node.close()
 
 
 @pytest.fixture
@@ -161,12 +145,11 @@ def test_stamped_commands_count_by_their_stamp_and_stamped_ones_are_sent(start):
 @pytest.mark.parametrize("way", ["deactivate", "shutdown", "end"])
 def test_it_comes_to_rest_before_it_goes(node, way):
     if way == "end":
-        lines, code = node.end()
-        assert code == 0
+        lines = node.end()
     else:
         lines = [node.ask(way)]
         while lines[-1] != "success":
-            lines.append(node.process.stdout.readline().strip())
+            lines.append(node.read_line())
         lines.pop()
     speeds = [float(line.split()[1]) for line in lines]
     assert len(speeds) == 12 and speeds[-1] == 0.0
@@ -179,7 +162,7 @@ def test_it_can_be_configured_anew(node):
     for _ in range(12):
         node.cycle("command 0 0")
     node.tell("deactivate")
-    while node.process.stdout.readline().strip() != "success":
+    while node.read_line() != "success":
         pass
     assert [node.ask(step) for step in steps[1:]] == ["success"] * 3
     node.cycle()
@@ -321,7 +304,7 @@ def test_each_parameter_is_described(start):
     node.ask("configure")
     lines = [node.ask("rules")]
     while lines[-1] != ".":
-        lines.append(node.process.stdout.readline().strip())
+        lines.append(node.read_line())
     sources = (PACKAGE / "src/gate_node.cpp", PACKAGE / "include/cspace_nav2/map_maker.hpp")
     text = "".join(source.read_text() for source in sources)
     names = re.findall(r'parameters\.\w+\("(\w+)"', text)

@@ -21,7 +21,7 @@ from tests.helpers.watch import (
     Robot,
     WatchInCpp,
     build_watch,
-    make_room,
+    save_room,
     send_scan,
 )
 from tests.queries.test_gate_drives import GROWN, POSTS, make_cells, run_drive, touches
@@ -52,12 +52,7 @@ def careful(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def room(tmp_path_factory):
-    """Save a room whose map has walls and a crate, and no people."""
-    workspace = cspace.Workspace.from_array(make_room(), 0.05)
-    space = cspace.build(workspace, cspace.Robot.rectangle(0.6, 0.4), rotations=72)
-    path = tmp_path_factory.mktemp("room") / "map"
-    space.save(path, compress=False)
-    return path
+    return save_room(tmp_path_factory.mktemp("room"))
 
 
 # ---- drives among people -------------------------------------------------------------------------
@@ -107,7 +102,7 @@ def drive_among_people(watch, kind, seed, cycles=80):
         if cycle % 8 == 0:
             wanted = rng.normal((0.4, 0.0), (0.5, 1.0)) * (rng.random(2) < 0.8)
             wanted = np.clip(wanted, (-0.8, -1.5), (0.8, 1.5))
-        people.step(robot)
+        people.step(robot.pose, robot.brake())
         before = robot.twist
         disturb(kind, watch, robot, people, rng, cycle, scans)
         silly = kind == "faults" and rng.random() < 0.1
