@@ -545,7 +545,7 @@ MUTANTS = (
     ),
     Mutant(
         "planners/_taut.py",
-        "gates[0, 0] = farther(gates[0, 0], start)",
+        "gates[0, 0] = farther(gates[0, 0], start[0])",
         "gates[0, 0] += 0.0",
         "tests/planners/test_taut.py",
     ),
