@@ -181,8 +181,10 @@ def _find_regions(space: CSpace, names: Sequence[str]) -> Regions:
             labels, count = ndimage.label(members)
             out[members] = labels[members] + (len(region_masks) - 1)  # labels begin with 1
             region_masks += [mask] * count
-    pairs = np.concatenate([*_list_neighbors(numbers, space.rotations.neighbors)])
-    return Regions(numbers, np.array(region_masks, dtype=np.int64), np.unique(pairs, axis=0))
+    count = len(region_masks)
+    pairs = np.unique(np.concatenate([*_list_neighbors(numbers, space.rotations.neighbors, count)]))
+    first_and_second = np.stack(np.divmod(pairs, count), axis=1)
+    return Regions(numbers, np.array(region_masks, dtype=np.int64), first_and_second)
 
 
 def _compute_masks(space: CSpace, names: Sequence[str]) -> Ints:
@@ -203,22 +205,23 @@ def _compute_masks(space: CSpace, names: Sequence[str]) -> Ints:
     return masks
 
 
-def _list_neighbors(numbers: Ints, neighbors: Ints) -> Iterator[Ints]:
-    """Yield pairs of neighbouring regions, shape (n, 2).
+def _list_neighbors(numbers: Ints, neighbors: Ints, count: int) -> Iterator[Ints]:
+    """Yield pairs of neighbouring regions of ``count``, each pair as one number.
 
     Regions are neighbours along an axis, or at neighbouring rotations.
     """
     for axis in range(1, numbers.ndim):
         along = np.moveaxis(numbers, axis, 0)
-        yield _distinct_pairs(along[:-1], along[1:])
+        yield _distinct_pairs(along[:-1], along[1:], count)
     for rotation, others in enumerate(neighbors.tolist()):
         for other in others:
             if other >= 0:  # -1 fills rows of rotations with fewer neighbours
-                yield _distinct_pairs(numbers[rotation], numbers[other])
+                yield _distinct_pairs(numbers[rotation], numbers[other], count)
 
 
-def _distinct_pairs(first: Ints, second: Ints) -> Ints:
-    """Return distinct unequal pairs of arrays, shape (n, 2)."""
+def _distinct_pairs(first: Ints, second: Ints, count: int) -> Ints:
+    """Return distinct unequal pairs, each as the smaller times ``count`` plus the larger."""
     differs = first != second
-    pairs = np.stack([first[differs], second[differs]], axis=1)
-    return np.unique(np.sort(pairs, axis=1), axis=0)
+    first, second = first[differs], second[differs]
+    # Numbers are made distinct some twenty times faster than rows.
+    return np.unique(np.minimum(first, second) * count + np.maximum(first, second))
