@@ -500,7 +500,7 @@ def _find_ground(space: CSpace, floor: float, *, is_free_nowhere: bool) -> str:
     percent = 100.0 * shares[first:stop].min()
     return (
         f"the robot stands in layers of the workspace from {low:g} m to {high:g} m, of which at "
-        f"least {percent:.0f} % is occupied; floor={clear_floor:g} clears them"
+        f"least {percent:.2g} % is occupied; floor={clear_floor:g} clears them"
     )
 
 

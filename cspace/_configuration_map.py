@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections.abc import Iterable
 from contextlib import AbstractContextManager
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol, overload
@@ -31,6 +32,7 @@ from cspace._support.check import (
     check_rows,
     warn_of_degrees,
 )
+from cspace._support.reporting import format_point
 from cspace.errors import ConfigurationError, EndReason, InputError
 
 if TYPE_CHECKING:
@@ -422,23 +424,22 @@ class ConfigurationMap(ConfigurationSpace):
         reason: EndReason = "blocked" if state == BLOCKED else "mixed"
         if not is_inside:
             reason = "outside"
-            lower = ", ".join(f"{x:.6g}" for x in self.grid.lower)
-            upper = ", ".join(f"{x:.6g}" for x in self.grid.upper)
-            problem = f"lies outside the map, which reaches from ({lower}) to ({upper})"
+            lower, upper = format_point(self.grid.lower), format_point(self.grid.upper)
+            problem = f"lies outside the map, which reaches from {lower} to {upper}"
             rule = "a path stays within the map"
         elif state == MIXED and (is_exact or is_tried) and not is_proven:
             problem = "is in collision or too close to decide"
-            rule = f"the {name} must be proven collision-free, by the map or by the geometry"
+            rule = "it must be proven collision-free, by the map or by the geometry"
         elif state != FREE:
             problem = f"lies in a {STATE_NAMES[state].upper()} cell"
-            rule = f"the {name} must be FREE, that is proven collision-free"
+            rule = "it must be FREE, that is proven collision-free"
         else:
             problem = "is FREE but lies on the border of a cell that is not"
-            rule = f"the {name} must lie inside a FREE cell, because motions touch both cells"
+            rule = "it must lie inside a FREE cell, because motions touch both cells"
         hint, nearest = _suggest_endpoint(self, point)
         if is_proven:
             hint = f"space.exact proves it free; {hint}"
-        problem = f"{point} {problem}"
+        problem = f"{_drop_noise(point)} {problem}"
         return ConfigurationError(name, problem, rule, hint, nearest=nearest, reason=reason)
 
     # ---- pictures --------------------------------------------------------------------------------
@@ -520,10 +521,15 @@ class ConfigurationMap(ConfigurationSpace):
         return np.concatenate([rotations, cells], axis=-1)
 
 
+def _drop_noise(q: Iterable[float]) -> Endpoint:
+    """Return a configuration as messages show it, with 12 digits."""
+    return tuple(float(f"{value:.12g}") for value in q)
+
+
 def _suggest_endpoint(space: ConfigurationMap, point: Endpoint) -> tuple[str, Endpoint | None]:
     """Return a hint for an invalid endpoint, and the nearest FREE configuration."""
     try:
         nearest = tuple(space.nearest_free(point).tolist())
     except ConfigurationError as error:
         return f"{error.argument} {error.problem}", None
-    return f"the nearest is {nearest}", nearest
+    return f"the nearest is {_drop_noise(nearest)}", nearest

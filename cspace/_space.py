@@ -57,6 +57,7 @@ from cspace._support.check import (
 )
 from cspace._support.derived import derived, lazy
 from cspace._support.limits import check_memory
+from cspace._support.reporting import format_point
 from cspace._workspace import Workspace, copy_workspace
 from cspace.errors import ConfigurationError, InputError
 
@@ -1251,12 +1252,9 @@ class CSpace(ConfigurationMap):
         point = self.rotations.make_canonical(values, name)
         is_valid = bool(point.ndim == 1 and self.grid.contains(point[: self.grid.dim]))
         if not is_valid:
-            raise ConfigurationError(
-                name,
-                f"is {q!r}",
-                f"it must be one configuration in the grid, from {self.grid.lower} to "
-                f"{self.grid.upper}",
-            )
+            lower, upper = format_point(self.grid.lower), format_point(self.grid.upper)
+            rule = f"it must be one configuration in the grid, from {lower} to {upper}"
+            raise ConfigurationError(name, f"is {q!r}", rule)
         return point
 
 

@@ -747,7 +747,7 @@ class Workspace:
 
         if isinstance(points, str | os.PathLike):
             bounds = check_extent(spacing, bounds, 3)
-            cloud = Balls.of(read_points(points, drop_missing), radius)
+            cloud = Balls.of(read_points(points, drop_missing), radius, ("points", "radius"))
             source = str(points)
         else:
             check_positive(spacing, "spacing")
@@ -755,7 +755,7 @@ class Workspace:
             centers = select_positions(points, "points")
             if drop_missing:
                 centers = centers[np.isfinite(centers).all(axis=-1)]
-            cloud = Balls.of(centers, radius)
+            cloud = Balls.of(centers, radius, ("points", "radius"))
             source = f"{len(cloud.radii)} points"
             points = centers
         warn_of_rounding(points, cloud.centers, spacing)
@@ -871,7 +871,7 @@ class Workspace:
         for name, parameter in _options_of(reader).items():
             if parameter.default is parameter.empty and name not in options:
                 problem = f"is missing for {os.fspath(path)}"
-                raise InputError(name, problem, "the file does not contain it, in metres")
+                raise InputError(name, problem, "it is in metres, and not in the file")
         return reader(path, **options)
 
     plot = _outside.plot

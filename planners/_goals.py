@@ -359,13 +359,13 @@ class Room:
         if self.angle >= math.pi:
             where += ", at any rotation"
         elif len(rotation):
-            where += f", within {self.angle:g} rad of {tuple(rotation.tolist())}"
+            where += f", within {self.angle:g} rad of {', '.join(f'{x:g}' for x in rotation)}"
         nearest = tuple(space.nearest_free(self._find_nearest_to_free(space)).tolist())
         return ConfigurationError(
             self.name,
             f"has no configuration that is proven free {where}",
             "a path must begin and end in FREE",
-            f"the nearest is {nearest}",
+            f"the nearest is {tuple(float(f'{x:.12g}') for x in nearest)}",
             nearest=nearest,
         )
 

@@ -136,8 +136,11 @@ class SpeedZones:
     def __post_init__(self) -> None:
         """Check the zones, and keep shapely geometries."""
         zones: list[tuple[BaseGeometry, float]] = []
-        for number, (area, speed) in enumerate(self.zones):
+        for number, zone in enumerate(self.zones):
             name = f"zones[{number}]"
+            if not isinstance(zone, tuple | list) or len(zone) != 2:
+                raise InputError(name, f"is {zone!r}", "it must be an area and its speed, m/s")
+            area, speed = zone
             shape = as_shape(area, name=name)
             if shape.dim != 2:
                 raise InputError(name, "is in space", "an area lies in the plane")

@@ -1261,7 +1261,7 @@ def _check_limits(
     for limit in limits.ravel().tolist():
         check_positive(limit, name, "metres, radians, seconds")
     if isinstance(path.drive, Car) and limits.ndim:
-        raise InputError(name, "differs by axis", "a car turns")
+        raise InputError(name, f"has shape {limits.shape}", "a car has one for its way ahead")
     return limits + np.zeros(dim) if path.moves_joints else limits
 
 

@@ -35,6 +35,11 @@ def flat():
     return cspace.build(WALLS, Robot.disc(0.1))
 
 
+def find_way():
+    """Plan between two places on the map of a disc."""
+    return planners.plan(flat(), (0.8, 0.6), (0.9, 0.6))
+
+
 Q = (0.6, 0.6, 0.3)
 P = (0.8, 0.6, 0.3)
 
@@ -352,6 +357,22 @@ def test_costs_of_another_shape_are_refused():
     (lambda: cspace.open(7), "path is 7; it must be a file name"),
     (lambda: flat().add_obstacle("a", [(1e9, 0.0)], radius=0.1), "reaches 1e+10 cells"),
     (lambda: turning().remove_obstacle("cart"), "there is none"),
+    (lambda: turning().add_obstacle("cart", (1.0, 1.0), radius=0.2), "shape has shape (2,)"),
+    (lambda: turning().add_obstacle("cart", [(1.0, 1.0)], radius=-0.2), "radius holds -0.2"),
+    (lambda: Workspace.from_points(np.zeros((3, 9)), 0.1), "points has shape (3, 9)"),
+    (lambda: Workspace.from_points(np.zeros((9, 3)), 0.1, radius=-1.0), "radius holds -1"),
+    (lambda: cspace.build(WALLS, 0.25), "robot is 0.25; a polygon or a mesh is needed"),
+    (lambda: cspace.build(WALLS, None), "robot is None; a polygon or a mesh is needed"),
+    (
+        lambda: cspace.build(Workspace.from_array(CELLS[:3, :3], 0.1), "disc:0.1").min_path_length(
+            (9.0, 9.0), (0.1, 0.1)
+        ),
+        "from (0, 0) to (0.3, 0.3)",
+    ),
+    # What is ours, where numbers are meant.
+    (lambda: flat().certify_path(find_way()), "path is a Plan; it must be numeric"),
+    (lambda: flat().is_free(flat()), "q is CSpace(30 x 30 cells"),
+    (lambda: cspace.Gate(find_way()), "space is a Plan; a gate proves"),
     # Gates, plans and arms.
     (lambda: cspace.Gate(turning(), tracking=(0.1, 0.1)), "has shape (2,)"),
     (lambda: cspace.Gate(turning(), dt=0.1, max_velocity={"x": 1.0, "y": 1.0, "Yaw": 1}), "'yaw'?"),
@@ -382,6 +403,12 @@ def test_wrong_arguments_are_refused_in_one_line(call, message):
 def test_changes_instead_of_rows_are_named():
     passed = cspace.Gate(turning()).check_rows((2.5, 2.5, 0.0), [(0.01, 0.0, 0.0)] * 3)
     assert "rows are targets, not changes" in passed.chunk.refusal.message
+    for q, rows in (
+        ((0.05, 0.05, 0.0), [(0.1, 0.05, 0.0)]),
+        ((2.5, 2.5, 0.0), [(1.0, 1.0, 0.0)] * 3),
+    ):
+        refused = cspace.Gate(turning()).check_rows(q, rows)
+        assert "rows are" not in refused.chunk.refusal.message
 
 
 def test_an_unknown_option_names_the_most_similar_one():
@@ -399,6 +426,24 @@ def test_an_unknown_option_names_the_most_similar_one():
         with pytest.raises(TypeError, match=f"{option}'; did you mean '{similar}'"):
             call(**{option: 1})  # type: ignore[operator]
     assert "rotations" in inspect.signature(cspace.build).parameters
+
+
+def test_an_unlike_name_suggests_nothing():
+    with pytest.raises(TypeError, match="'resolution'; its options are"):
+        cspace.build(WALLS, "disc:0.1", resolution=0.1)  # type: ignore[call-arg]
+    with pytest.raises(InputError) as refused:
+        planners.plan(flat(), (0.8, 0.6), (0.9, 0.6), planner="hybrid")
+    assert not refused.value.hint
+
+
+def test_refused_ends_are_written_without_noise():
+    floor = cspace.build(Workspace.from_array(CELLS, 0.1), Robot.disc(0.1))
+    with pytest.raises(InputError) as refused:
+        planners.plan(floor, (0.1 + 0.2, 0.03), (1.0, 1.0))
+    assert str(refused.value).startswith("start (0.3, 0.03) is in collision")
+    with pytest.raises(InputError) as refused:
+        planners.plan(floor, (1.0, 1.0), [(0.1 + 0.2, 0.03)])
+    assert "goal[0]" not in refused.value.rule
 
 
 def test_an_unlike_option_lists_those_that_can_be_given():

@@ -211,7 +211,9 @@ class ChunkMotions(NamedTuple):
         if row == 0:
             with np.errstate(all="ignore"):  # later rows may hold any numbers
                 lengths = self.space.distance(points[:-1], points[1:])
-            if lengths[0] > FAR_RATIO * lengths[1:].max(initial=0.0):
+            # A change is short, and so are the ways between changes.
+            longest = max(np.linalg.norm(points[1]), lengths[1:].max(initial=0.0))
+            if lengths[0] > FAR_RATIO * longest:
                 far = f"it is far from q, by {lengths[0]:.3g}; rows are targets, not changes"
                 text = f"{far}; {text}"
         return RowRefusal(row, "collision", names, f"row {row}: {text}")

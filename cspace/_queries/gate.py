@@ -162,7 +162,7 @@ class Gate:
         if not issubclass(type(space), ConfigurationSpace):
             raise InputError(
                 "space",
-                f"is {space!r}",
+                f"is a {type(space).__name__}",
                 "a gate proves whole tubes, on a map or for an arm",
             )
         names = list_steps(space)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numbers
 import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -79,7 +80,7 @@ def as_shape(source: ShapeLike, radius: ArrayLike | None = None, name: str = "sh
         return source
     value: Any = source
     if radius is not None or isinstance(source, BallSet):
-        return Balls.of(value, radius)
+        return Balls.of(value, radius, (name, "radius"))
     if isinstance(source, str | os.PathLike):
         return _read_text(source, name)
     shape = getattr(source, "shape", None)
@@ -96,7 +97,9 @@ def as_shape(source: ShapeLike, radius: ArrayLike | None = None, name: str = "sh
         return Polygons(read_shapes(value, name))
     if hasattr(value, "vertices") or hasattr(value, "geometry"):
         return _make_mesh(value)
-    raise InputError(name, f"is a {type(value).__name__}", _SHAPE_NEEDED)
+    is_plain = value is None or (np.ndim(value) == 0 and isinstance(value, numbers.Number))
+    problem = f"is {value!r}" if is_plain else f"is a {type(value).__name__}"
+    raise InputError(name, problem, _SHAPE_NEEDED)
 
 
 _SHAPE_NEEDED: Final = "a polygon or a mesh is needed"

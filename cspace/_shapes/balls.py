@@ -58,16 +58,21 @@ class Balls(ExactShape):
         self.dim = centers.shape[1]
 
     @classmethod
-    def of(cls, centers: ArrayLike | BallSet, radii: ArrayLike | None = None) -> Balls:
+    def of(
+        cls,
+        centers: ArrayLike | BallSet,
+        radii: ArrayLike | None = None,
+        names: tuple[str, str] = ("centers", "radii"),
+    ) -> Balls:
         """Make balls from centers and radii, or from a decomposition; metres.
 
         `centers` has shape (n, dim); `radii` has shape (n,), or is one number, or None for a
-        decomposition.
+        decomposition. `names` are the caller's arguments, for messages.
 
         Raises InputError if there is no ball, the shapes do not match, a value is not finite, or a
         radius is negative.
         """
-        return cls(*check_balls(centers, radii))
+        return cls(*check_balls(centers, radii, names))
 
     @property
     def noun(self) -> str:
@@ -259,34 +264,39 @@ class OriginPoint(Balls):
         return cls.at_origin(int(spec["dim"]))
 
 
-def check_balls(centers: ArrayLike | BallSet, radii: ArrayLike | None) -> tuple[Floats, Floats]:
+def check_balls(
+    centers: ArrayLike | BallSet,
+    radii: ArrayLike | None,
+    names: tuple[str, str] = ("centers", "radii"),
+) -> tuple[Floats, Floats]:
     """Check centers and radii of balls; return copies.
 
     Centers have shape (n, 2) or (n, 3), radii (n,).
 
     Raises InputError as :meth:`Balls.of`.
     """
+    name, radii_name = names
     if isinstance(centers, BallSet):
         if radii is not None:
             problem = "is given besides a decomposition"
             rule = "a decomposition has its own"
-            raise InputError("radii", problem, rule)
+            raise InputError(radii_name, problem, rule)
         radii = centers.radii
         centers = centers.centers
     elif radii is None:
         rule = "balls need one number, or one per center"
-        raise InputError("radii", "is missing", rule)
+        raise InputError(radii_name, "is missing", rule)
     # From here on, the radii are given: one for all balls, or one for each.
-    points = check_finite(select_positions(centers, "centers"), "centers")
-    sizes = check_finite(radii, "radii")
+    points = check_finite(select_positions(centers, name), name)
+    sizes = check_finite(radii, radii_name)
     if points.ndim != 2 or points.shape[1] not in (2, 3) or not len(points):
         problem = f"has shape {points.shape}"
         rule = "it must be (n, 2) or (n, 3) with n at least 1"
-        raise InputError("centers", problem, rule)
+        raise InputError(name, problem, rule)
     if sizes.shape not in {(), (len(points),)}:
         rule = f"it must be one number or ({len(points)},)"
-        raise InputError("radii", f"has shape {sizes.shape}", rule)
+        raise InputError(radii_name, f"has shape {sizes.shape}", rule)
     if (sizes < 0).any():
         problem = f"holds {sizes.min():g}"
-        raise InputError("radii", problem, "none may be below zero")
+        raise InputError(radii_name, problem, "none may be below zero")
     return points.copy(), np.broadcast_to(sizes, len(points)).copy()

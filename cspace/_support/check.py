@@ -84,7 +84,9 @@ def check_real(values: ArrayLike, name: str, axes: Sequence[str] = ()) -> NDArra
         if array.dtype.kind not in "fiubc":
             array = np.asarray(array, dtype=np.float64)
     except (TypeError, ValueError) as error:
-        raise InputError(name, f"is {values!r}", "it must be numeric") from error
+        text = repr(values)
+        problem = f"is {text}" if len(text) < 100 else f"is a {type(values).__name__}"
+        raise InputError(name, problem, "it must be numeric") from error
     except OverflowError as error:
         problem = "has too large an integer"
         raise InputError(name, problem, "it must fit a float") from error
@@ -94,14 +96,15 @@ def check_real(values: ArrayLike, name: str, axes: Sequence[str] = ()) -> NDArra
 
 
 def _check_unit(values: Any, name: str) -> None:
-    """Raise InputError for values in another unit, as of pint."""
+    """Raise InputError for values in another unit, as of pint; units of plans are tuples."""
     attributes = getattr(values, "attrs", None)
     unit = None
     for name_of_unit in ("units", "unit"):
         unit = unit or (attributes.get(name_of_unit) if isinstance(attributes, Mapping) else None)
         if not hasattr(values, "columns"):  # which may be called so
             unit = unit or getattr(values, name_of_unit, None)
-    if unit is not None and not callable(unit) and not _SI_UNIT.fullmatch(str(unit).lower()):
+    has_unit = not (unit is None or callable(unit) or isinstance(unit, tuple))
+    if has_unit and not _SI_UNIT.fullmatch(str(unit).lower()):
         rule = "numbers are in metres, radians and seconds"
         raise InputError(name, f"has the unit {unit}", rule)
 
@@ -310,14 +313,14 @@ def check_known(value: object, name: str, known: Collection[str], verb: str = "i
 
 
 def suggest_name(value: object, known: Collection[str]) -> str:
-    """Return "did you mean ...?" with a similar name, or ""."""
-    lower_names = {name.lower(): name for name in known}
-    word = str(value).lower()
+    """Return "did you mean ...?" with a name that is similar or contains the value, or ""."""
     # What ROS calls resolution is our spacing.
-    words = word.replace("resolution", "spacing"), word
-    matches = [difflib.get_close_matches(each, lower_names, n=1) for each in words]
-    similar = next(filter(None, matches), None)
-    return f"did you mean {lower_names[similar[0]]!r}?" if similar else ""
+    names = {name.lower().replace("resolution", "spacing"): name for name in known}
+    word = str(value).lower().replace("resolution", "spacing")
+    longer = [name for name in names if len(word) > 2 and word in name]
+    similar = difflib.get_close_matches(word, names, 1, 0.65)
+    similar = similar or difflib.get_close_matches(word, longer, 1, 0.0)
+    return f"did you mean {names[similar[0]]!r}?" if similar else ""
 
 
 def names_options(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import sys
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from importlib import import_module
 from typing import Any, Final
 
@@ -67,6 +67,11 @@ def tell_apart(
     if texts[0] == texts[1] and digits < 17 and value != limit:
         return tell_apart(value, limit, digits + 1, write)
     return texts
+
+
+def format_point(point: Iterable[float]) -> str:
+    """Return coordinates in brackets, of six digits: (0, 30.2)."""
+    return f"({', '.join(f'{value:.6g}' for value in point)})"
 
 
 def format_sides(sides: Floats) -> str:

@@ -387,7 +387,7 @@ IMAGE_OF_MAP = ROS_MAP.replace("map.png", "a.png")
     ),
     (
         lambda f: Workspace.open(f / "a.xyz"),
-        "the file does not contain it, in metres",
+        "it is in metres, and not in the file",
     ),
     (
         lambda f: Workspace.open(write(f, "a.map", f"{OCTILE}."), unknown="free"),

@@ -455,7 +455,7 @@ def plan_in(name, **options):
     ),
     (
         lambda: plan_in("turning", **CAR).trajectory(max_velocity=(1.0, 2.0), max_acceleration=1.0),
-        "max_velocity differs by axis",
+        "max_velocity has shape (2,); a car has one",
     ),
     (
         lambda: plan_in("plane").trajectory(max_velocity=1.0, max_acceleration=math.nan),
