@@ -14,9 +14,8 @@ from ompl import base as ob
 
 import cspace
 import planners
-from cspace import CspaceError, Grid, InputError, Robot, Workspace
+from cspace import Grid, InputError, Robot, Workspace
 from cspace._support.check import check_count
-from tests.helpers.gates import certify_twists
 from tests.helpers.refusals import check_refused, refusals
 
 CELLS = np.zeros((40, 30), dtype=bool)
@@ -42,113 +41,6 @@ def find_way():
 
 Q = (0.6, 0.6, 0.3)
 P = (0.8, 0.6, 0.3)
-
-Backwards = namedtuple("Backwards", "yaw y x")
-
-QUERIES = {
-    "check_configuration": lambda q: turning().check_configuration(q),
-    "check_endpoint": lambda q: turning().check_endpoint(q, "q"),
-    "certify_path": lambda q: turning().certify_path([q, P]),
-    "classify": lambda q: turning().classify(q),
-    "clearance": lambda q: turning().clearance(q),
-    "contains_robot": lambda q: turning().contains_robot(q),
-    "explain": lambda q: turning().explain(q, P).verdict,
-    "free_region": lambda q: turning().free_region(q, reach=0.5).b,
-    "is_connected": lambda q: turning().is_connected(q, P),
-    "is_disconnected": lambda q: turning().is_disconnected(P, q),
-    "is_free": lambda q: turning().is_free(q),
-    "motion_is_free": lambda q: turning().motion_is_free(P, q),
-    "nearest_free": lambda q: turning().nearest_free(q),
-    "obstacle_distance": lambda q: turning().obstacle_distance(q),
-    "overlap_count": lambda q: turning().overlap_count(q),
-    "path_exists": lambda q: turning().path_exists(q, P),
-    "path_obstacle_distance": lambda q: turning().path_obstacle_distance([q, P]),
-    "removals": lambda q: turning().removals(q, P),
-    "planners.plan": lambda q: planners.plan(turning(), q, P).waypoints[0],
-    "planners.plan to it": lambda q: planners.plan(turning(), P, q).waypoints[-1],
-    "Gate.check_twists": lambda q: certify_twists(turning(), q, [(0.1, 0.1)], 0.1).proven,
-    "Gate.check_rows": lambda q: cspace.Gate(turning()).check_rows(q, [Q]).commands,
-}
-"""Calls that take one configuration of the map."""
-
-OTHER_ARRAYS = {
-    "min_path_length": "a bound of a length, without a kernel",
-    "states_at": "takes a rotation: tests/test_angle_warning.py",
-    "export": "takes a rotation",
-    "to_costmap": "takes a rotation",
-    "to_occupancy_grid": "takes a rotation",
-    "add_obstacle": "takes points: tests/test_obstacles.py",
-    "update": "takes cells: tests/record/test_update.py",
-    "free_regions": "takes a configuration in around: tests/regions/test_cover.py",
-    "free_yaws": "takes a position: tests/queries/test_yaws.py",
-    "find_goals": "called by plan",
-    "interpolate": "takes fractions",
-    "view": "takes a path: tests/view",
-    "plot": "takes a path: tests/plot",
-}
-"""Other methods of maps with arrays, and where these are checked."""
-
-WRONG = {
-    "short": Q[:2],
-    "long": (*Q, 0.0),
-    "number": 0.6,
-    "empty": (),
-    "text": "0.6,0.6,0.3",
-    "texts": tuple(map(str, Q)),
-    "None": None,
-    "NaN": (0.6, np.nan, 0.3),
-    "infinite": (np.inf, 0.6, 0.3),
-    "NaN yaw": (0.6, 0.6, np.nan),
-    "ragged": [Q, Q[:2]],
-    "complex": (0.6 + 0j, 0.6, 0.3),
-    "masked": np.ma.array(Q, mask=(0, 1, 0)),
-    "objects": (object(), 0.6, 0.3),
-    "set": set(Q),
-    "column": np.array(Q)[:, np.newaxis],
-    "dates": np.array(["2020-01-01"] * 3, dtype="M8[D]"),
-    "other labels": pd.Series(Q, ["a", "b", "c"]),
-    "large": (10**400, 0, 0),
-}
-
-RIGHT = {
-    "list": list(Q),
-    "array": np.array(Q),
-    "reversed view": np.array(Q[::-1])[::-1],
-    "every other": np.repeat(Q, 2)[::2],
-    "objects": np.array(Q, dtype=object),
-    "big endian": np.array(Q, dtype=">f8"),
-    "read-only": np.frombuffer(np.array(Q).tobytes()),
-    "masked without a mask": np.ma.array(Q),
-    "Series in another order": pd.Series(Q[::-1], ["yaw", "y", "x"]),
-    "named tuple in another order": Backwards(*Q[::-1]),
-    "DataArray in another order": xr.DataArray(
-        list(Q[::-1]), dims="axis", coords={"axis": ["yaw", "y", "x"]}
-    ),
-}
-
-
-@pytest.mark.parametrize("call", QUERIES)
-def test_what_is_no_configuration_is_refused(call):
-    for name, values in WRONG.items():
-        with pytest.raises(CspaceError):
-            print(name, QUERIES[call](values))
-
-
-@pytest.mark.parametrize("call", QUERIES)
-def test_equal_configurations_of_all_types_have_one_answer(call):
-    expected = np.asarray(QUERIES[call](Q), dtype=object)
-    for name, values in RIGHT.items():
-        found = np.asarray(QUERIES[call](values), dtype=object)
-        assert str(found.tolist()) == str(expected.tolist()), name
-
-
-def test_all_methods_of_maps_that_take_arrays_are_in_the_table():
-    taking = {
-        name
-        for name, method in inspect.getmembers(cspace.CSpace, inspect.isfunction)
-        if not name.startswith("_") and "ArrayLike" in str(inspect.signature(method))
-    }
-    assert taking <= QUERIES.keys() | OTHER_ARRAYS.keys(), taking - QUERIES.keys()
 
 
 def test_texts_are_no_numbers_in_the_plane():
