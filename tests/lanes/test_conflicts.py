@@ -643,6 +643,7 @@ def test_conflicts_have_reports_of_their_own(room):
     assert result.exit_code == 1
     document = json.loads(result.stdout)
     assert document["conflicts"]["touch"] > 0
+    assert document["slim"]["free"] == document["disc"]["free"] > 0
     assert len(document["reports"]) == 3
     for name in ("slim", "disc", "conflicts"):
         assert {file.suffix for file in room.glob(f"a-{name}.*")} == {

@@ -112,6 +112,17 @@ def test_a_way_beside_the_lanes_is_found_or_disproven(floor):
     assert "0 no longer reaches 1: there is a way beside the lanes" in str(audit)
 
 
+def open_order(folder, *places, **fields):
+    """Open an order of VDA 5050 with an edge between two places, and its fields."""
+    nodes = [
+        {"nodeId": name, "nodePosition": {"x": x, "y": y}}
+        for name, (x, y) in zip("ab", places, strict=True)
+    ]
+    edge = {"edgeId": "e", "startNodeId": "a", "endNodeId": "b", "orientation": 0.0}
+    edge |= {"rotationAllowed": False, **fields}
+    return RouteGraph.open(write(folder, "order.json", {"nodes": nodes, "edges": [edge]}))
+
+
 @pytest.mark.parametrize("wall", [None, 1.26, 1.24, 1.1])
 def test_curves_agree_with_what_the_robot_sweeps(wall, tmp_path):
     # A robot of 0.4 m by 0.2 m drives a quarter of a circle of 1 m: its outer corners reach
@@ -132,23 +143,7 @@ def test_curves_agree_with_what_the_robot_sweeps(wall, tmp_path):
             {**point, "x": point["x"] + 1, "y": point["y"] + 1} for point in ARC["controlPoints"]
         ],
     }
-    order = {
-        "nodes": [
-            {"nodeId": "a", "nodePosition": {"x": 2, "y": 1}},
-            {"nodeId": "b", "nodePosition": {"x": 1, "y": 2}},
-        ],
-        "edges": [
-            {
-                "edgeId": "arc",
-                "startNodeId": "a",
-                "endNodeId": "b",
-                "orientation": 0.0,
-                "rotationAllowed": False,
-                "trajectory": arc,
-            }
-        ],
-    }
-    graph = RouteGraph.open(write(tmp_path, "order.json", order))
+    graph = open_order(tmp_path, (2, 1), (1, 2), trajectory=arc)
     (row,) = cspace.lanes.audit(space, graph).lanes
     if wall is None:
         assert row.verdict == "free"
@@ -157,35 +152,18 @@ def test_curves_agree_with_what_the_robot_sweeps(wall, tmp_path):
         assert row.verdict == "free"
         assert 0.002 < row.margin <= 0.01
     else:
-        assert row.verdict == "blocked"
-        if row.verdict == "blocked":
-            assert row.obstacle == "'pillar'"
-            # The configuration lies on the circle, along its tangent.
-            x, y, yaw = row.at
-            assert math.hypot(x - 1, y - 1) == pytest.approx(1.0)
-            assert math.cos(yaw - math.atan2(y - 1, x - 1) - math.pi / 2) == pytest.approx(1.0)
+        assert row.verdict == "blocked" and row.obstacle == "'pillar'"
+        # The configuration lies on the circle, along its tangent.
+        x, y, yaw = row.at
+        assert math.hypot(x - 1, y - 1) == pytest.approx(1.0)
+        assert math.cos(yaw - math.atan2(y - 1, x - 1) - math.pi / 2) == pytest.approx(1.0)
 
 
 def test_a_corridor_widens_what_is_proven(tmp_path):
     space = build_empty((60, 40), "rect:0.6x0.4", rotations=36)
     for width, verdict in ((0.0, "free"), (0.25, "free"), (0.35, "undecided")):
-        order = {
-            "nodes": [
-                {"nodeId": "a", "nodePosition": {"x": 1, "y": 0.5}},
-                {"nodeId": "b", "nodePosition": {"x": 5, "y": 0.5}},
-            ],
-            "edges": [
-                {
-                    "edgeId": "e",
-                    "startNodeId": "a",
-                    "endNodeId": "b",
-                    "orientation": 0.0,
-                    "rotationAllowed": False,
-                    "corridor": {"leftWidth": width, "rightWidth": 0.1},
-                }
-            ],
-        }
-        graph = RouteGraph.open(write(tmp_path, "order.json", order))
+        corridor = {"leftWidth": width, "rightWidth": 0.1}
+        graph = open_order(tmp_path, (1, 0.5), (5, 0.5), corridor=corridor)
         assert cspace.lanes.audit(space, graph).lanes[0].verdict == verdict
 
 
@@ -268,19 +246,6 @@ def test_a_graph_without_lanes_does_not_pass(folder, tmp_path):
     empty.write_text('{"type": "FeatureCollection", "features": []}')
     result = run("audit", folder / "room.npy", empty, "--spacing=0.1", "--robot=disc:0.2")
     assert result.exit_code == 2 and "empty.geojson has no lanes" in result.stderr
-
-
-def test_several_robots_have_reports_of_their_own(folder):
-    outputs = [f"--output={folder / name}" for name in ("a.csv", "a.xml", "a.geojson", "a.png")]
-    robots = "--robot=slim=rect:0.6x0.4", "--robot=disc=disc:0.7"
-    result = audit(folder, *robots, *outputs, "--json")
-    assert result.exit_code == 1
-    counts = json.loads(result.stdout)
-    assert counts["slim"]["free"] == counts["disc"]["blocked"] == 1
-    for name in ("slim", "disc"):
-        assert {file.suffix for file in folder.glob(f"a-{name}.*")} == {
-            *(".csv", ".xml", ".geojson", ".png")
-        }
 
 
 def test_a_saved_map_has_its_robot(folder):
