@@ -292,7 +292,8 @@ class Room:
         """
         space = edges.cells
         origin = np.array([start])
-        if self.contains(space, origin)[0] and edges.are_free(origin):
+        is_here = self.contains(space, origin) & space.grid.contains(origin[:, : space.dim])
+        if is_here[0] and edges.are_free(origin):
             return [start]
         if self.is_point:
             return [edges.space.check_endpoint(self.middle, self.name)]
@@ -514,6 +515,7 @@ def end_in_rooms(edges: LocalPlanner, path: Floats, rooms: Sequence[Room]) -> Fl
     starts = np.tile(path[:-1], (len(rooms), 1))
     ends = np.concatenate([room.pull(space, path[:-1]) for room in rooms])
     totals = np.tile(done[:-1], len(rooms)) + edges.edge_costs(starts, ends)
+    totals[~space.grid.contains(ends[:, : space.dim])] = np.inf
     is_free = edges.edge_checker()
     ways = [path]
     for k in np.argsort(totals, kind="stable").tolist():

@@ -49,18 +49,18 @@ def list_gates(runs: Ints) -> Floats:
 
 
 def move_outer_gates(gates: Floats, start: Floats, goal: Floats) -> None:
-    """Move the first gate to a start behind it, the last gate to a goal before it.
+    """Move the first gate if the start is past it, the last gate if the goal is not.
 
     ``gates``, shape (m, 3), come in pairs around a border.
     """
-    if len(gates):
-        farther = np.maximum if gates[1, 0] > gates[0, 0] else np.minimum
-        gates[0, 0] = farther(gates[0, 0], start[0])
-        nearer = np.minimum if gates[-1, 0] > gates[-2, 0] else np.maximum
-        # A goal beside an obstacle is reached along the obstacle, past its corner.
-        lower, upper = sorted(gates[-1, 1:])
-        if lower <= goal[1] <= upper:
-            gates[-1, 0] = nearer(gates[-1, 0], goal[0])
+    for end, inner, point in ((0, 1, start), (-1, -2, goal)) if len(gates) else ():
+        if (point[0] - gates[end, 0]) * (gates[inner, 0] - gates[end, 0]) <= 0.0:
+            continue
+        nearest = point[1].clip(*sorted(gates[end, 1:]))
+        if nearest == point[1]:
+            gates[end, 0] = point[0]
+        else:  # beside an obstacle, whose corner is on the path
+            gates[end, 1:] = nearest
 
 
 def pass_gates(start: Floats, goal: Floats, gates: Floats) -> Floats:

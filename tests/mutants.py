@@ -545,9 +545,9 @@ MUTANTS = (
     ),
     Mutant(
         "planners/_taut.py",
-        "gates[0, 0] = farther(gates[0, 0], start[0])",
-        "gates[0, 0] += 0.0",
-        "tests/planners/test_taut.py",
+        "gates[end, 0] = point[0]",
+        "gates[end, 0] += 0.0",
+        "tests/planners/test_lengths.py",
     ),
     Mutant(
         "planners/_taut.py",

@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cspace._grid import SLACK
 from cspace._queries.components import list_runs
 from cspace._support.arrays import FREE, Floats, Ints, States
 from cspace._support.compiling import inlined, internal, kernel
@@ -273,8 +274,10 @@ def find_run(rectangles: Rectangles, point: Floats) -> tuple[int, Point]:
     x, y = point.tolist()
     column = min(math.floor(x), len(rectangles.first) - 2)
     first, stop = rectangles.first[column : column + 2].tolist()
-    run = first + int(np.searchsorted(rectangles.high[first:stop], y))
+    # Rounding may lift a point on the upper border of the grid above it.
+    run = first + int(np.searchsorted(rectangles.high[first:stop], y - SLACK))
     contains = run < stop and rectangles.low[run] <= y
+    y = min(y, float(rectangles.high[run])) if contains else y
     x = min(max(x, column + INSET), column + 1 - INSET)
     return (run if contains else NONE), (x, y)
 

@@ -323,6 +323,20 @@ def test_rooms_on_both_sides_of_a_wall_are_not_all_proven_out_of_reach(name):
     assert not planners.plan(undecided, near, [far, (14.5, *rest)]).is_disconnected
 
 
+@pytest.mark.parametrize("place", ["near", "region", "start"])
+def test_paths_to_places_that_leave_the_map_stay_in_it(place):
+    free = np.full((18, 18), FREE, dtype=np.uint8)
+    space = map_of(free, outside="free", spacing=0.25)
+    inside, beyond = (2.25, 4.4999), (0.5625, 4.501)
+    room = planners.Near(beyond, 0.53)
+    if place == "region":
+        room = shapely.Polygon([(0.2, 4.3), (1.0, 4.6), (0.2, 4.6)])
+    ends = (room, inside) if place == "start" else (inside, room)
+    plan = planners.plan(space, *ends)
+    assert space.grid.contains(plan.path).all()
+    assert 0.0 <= plan.gap < 1e-3
+
+
 def test_an_open_exterior_may_lead_to_a_region_that_leaves_the_map():
     states = np.full((9, 9), FREE, dtype=np.uint8)
     states[4:] = BLOCKED

@@ -57,6 +57,57 @@ def test_paths_and_bounds_are_near_the_shortest_length(seed, share, block):
         assert space.certify_path(0.25 * path).all()
 
 
+BESIDE_BORDERS = (0.0, 1e-12, 1e-3, MARGIN / 2.0, MARGIN, 0.25)
+"""Distances in cells of starts and goals from the borders of their cells."""
+
+
+@examples(150)
+@example(seed=24, share=0.25, spacing=0.1)  # on the upper border, where 3 * 0.1 / 0.1 > 3
+@given(seeds, st.floats(0.0, 0.5), st.sampled_from([1.0, 0.25, 0.1, 0.05]))
+def test_paths_that_end_beside_borders_take_no_detour(seed, share, spacing):
+    rng = np.random.default_rng(seed)
+    blocked = rng.random(rng.integers(1, 9, 2)) < share
+    cells = np.argwhere(~blocked)
+    if not len(cells):
+        return
+    cells = cells[rng.integers(len(cells), size=2)]
+    places = np.abs(rng.integers(2, size=(2, 2)) - rng.choice(BESIDE_BORDERS, (2, 2)))
+    states = np.where(blocked, BLOCKED, FREE).astype(np.uint8)
+    space = map_of(states, outside="blocked", spacing=spacing)
+    start, goal = spacing * (cells + places)
+    if not space.motion_is_free([start, goal], [start, goal]).all():
+        return  # they touch a blocked cell
+    # The oracle's walls are wider.
+    expected = find_shortest_length(blocked, *(cells + places.clip(3e-6, 1.0 - 3e-6)))
+    for ends in ((start, goal), (goal, start)):
+        path = planners.plan(space, *ends).waypoints / spacing
+        bound = space.min_path_length(*ends) / spacing
+        assert math.isinf(expected) == math.isinf(bound) == (len(path) == 0)
+        if len(path):
+            assert expected - 1e-3 <= bound <= expected + 2e-5
+            assert path_length(path) <= expected + 2.0 * MARGIN * len(path) + 2e-5
+
+
+HALL = ("#..#.", ".....", "..#..", ".....", "...#.", ".....", "..#..")
+SHELF = ("###......", "######...", ".........", "###......")
+"""Blocked cells, the uppermost row first."""
+
+
+@pytest.mark.parametrize(
+    "rows, start, goal",
+    [(HALL, (2.0 - 1e-12, 6.001), (4.0, 1e-6)), (SHELF, (6.0, 4.0), (3.25, 1.998))],
+)
+def test_a_path_past_a_corner_beside_its_end_takes_no_detour(rows, start, goal):
+    """One end is nearer to the border than the margin, beside an obstacle behind the border."""
+    blocked = np.array([list(row) for row in rows[::-1]]).T == "#"
+    states = np.where(blocked, BLOCKED, FREE).astype(np.uint8)
+    space = map_of(states, outside="blocked", spacing=1.0)
+    shortest = find_shortest_length(blocked, *np.clip((start, goal), 3e-6, 6.9))
+    for ends in ((start, goal), (goal, start)):
+        path = planners.plan(space, *ends).waypoints
+        assert path_length(path) <= shortest + 2.0 * MARGIN * len(path)
+
+
 def test_rays_that_graze_two_corners_meet_both():
     """A corner of each cell and the start are on one line, which rounding bends."""
     start, goal = np.array([28.7, 21.3]), np.array([44.0, 5.0]) + 1.0 / 3.0
