@@ -8,7 +8,7 @@ import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, Literal, TypeAlias
+from typing import TYPE_CHECKING, Final, Literal
 from xml.etree import ElementTree
 
 import numpy as np
@@ -20,6 +20,7 @@ from cspace.inside import (
     Balls,
     Mesh,
     Shape,
+    StrPath,
     check_known,
     check_output,
     join_surfaces,
@@ -34,8 +35,6 @@ if TYPE_CHECKING:
     from cspace.arms._model import Arm
     from cspace.arms._solids import Solid
     from cspace.spectral import BallDecomposition
-
-PathLike: TypeAlias = str | os.PathLike[str]
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +81,7 @@ class SphereModel:
 
     @names_options
     def save(
-        self, path: PathLike, template: PathLike | None = None, *, overwrite: bool = False
+        self, path: StrPath, template: StrPath | None = None, *, overwrite: bool = False
     ) -> None:
         """Write the balls to a file whose suffix says the format.
 
@@ -106,24 +105,15 @@ class SphereModel:
             If the file exists and ``overwrite`` is not set, it cannot be written, or the template
             is missing or malformed.
         """
-        write = check_target(path, overwrite)
-        text = write(self, template)
+        suffix = Path(path).suffix.lower()
+        check_known(suffix, f"suffix of {os.fspath(path)}", _WRITERS)
+        check_output(Path(path), overwrite)
+        text = _WRITERS[suffix](self, template)
         with replacing(path, overwrite) as temporary:
             temporary.write_text(text, encoding="utf-8")
 
 
-def check_target(path: PathLike, overwrite: bool) -> Callable[..., str]:
-    """Return a file's writer, or raise InputError or FileError.
-
-    The writer takes a sphere model and the template.
-    """
-    suffix = Path(path).suffix.lower()
-    check_known(suffix, f"suffix of {os.fspath(path)}", _WRITERS)
-    check_output(Path(path), overwrite)
-    return _WRITERS[suffix]
-
-
-def _write_urdf(model: SphereModel, template: PathLike | None) -> str:
+def _write_urdf(model: SphereModel, template: StrPath | None) -> str:
     """Return the template with balls as the collision geometry of its links."""
     if template is None:
         raise InputError(
@@ -131,17 +121,17 @@ def _write_urdf(model: SphereModel, template: PathLike | None) -> str:
             "is missing",
             "a URDF keeps the joints of its source",
         )
-    root = _read_template(template)
+    root = read_xml(template, "template")
     links = {name: _list_balls(balls) for name, balls in model.links.items()}
     replace_geometry(root, links)
     return _format_xml(root)
 
 
-def _write_srdf(model: SphereModel, template: PathLike | None) -> str:
+def _write_srdf(model: SphereModel, template: StrPath | None) -> str:
     """Return an SRDF with each link's balls."""
     root = ElementTree.Element("robot", name=model.name)
     if template is not None:
-        root = _read_template(template)
+        root = read_xml(template, "template")
     for old in root.findall("link_sphere_approximation"):
         if old.get("link") in model.links:
             root.remove(old)
@@ -153,7 +143,7 @@ def _write_srdf(model: SphereModel, template: PathLike | None) -> str:
     return _format_xml(root)
 
 
-def _write_curobo(model: SphereModel, _: PathLike | None) -> str:
+def _write_curobo(model: SphereModel, _: StrPath | None) -> str:
     """Return the balls as a sphere file of cuRobo."""
     lines = ["collision_spheres:"]
     for name, balls in model.links.items():
@@ -164,7 +154,7 @@ def _write_curobo(model: SphereModel, _: PathLike | None) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _write_foam(model: SphereModel, _: PathLike | None) -> str:
+def _write_foam(model: SphereModel, _: StrPath | None) -> str:
     """Return the balls as JSON of foam."""
     links = {}
     for name, balls in model.links.items():
@@ -175,7 +165,7 @@ def _write_foam(model: SphereModel, _: PathLike | None) -> str:
     return json.dumps(links, indent=1) + "\n"
 
 
-_WRITERS: Final[dict[str, Callable[[SphereModel, PathLike | None], str]]] = {
+_WRITERS: Final[dict[str, Callable[[SphereModel, StrPath | None], str]]] = {
     ".urdf": _write_urdf,
     ".srdf": _write_srdf,
     ".yaml": _write_curobo,
@@ -188,11 +178,6 @@ _WRITERS: Final[dict[str, Callable[[SphereModel, PathLike | None], str]]] = {
 def _list_balls(balls: BallDecomposition) -> list[Sphere]:
     """Return the center and radius of each ball."""
     return list(zip(balls.centers.tolist(), balls.radii.tolist(), strict=True))
-
-
-def _read_template(path: PathLike) -> ElementTree.Element:
-    """Read a URDF or SRDF as XML."""
-    return read_xml(path, "template")
 
 
 def _format_xml(root: ElementTree.Element) -> str:
@@ -217,7 +202,10 @@ def find_spheres(
     for done, link in enumerate(arm.links):
         if progress is not None:
             progress(done, len(arm.links))
-        count = _find_number(number, link.name) if isinstance(number, Mapping) else number
+        if isinstance(number, Mapping) and link.name not in number:
+            rule = "each link with geometry needs one"
+            raise InputError("number", f"lacks {link.name!r}", rule)
+        count = number[link.name] if isinstance(number, Mapping) else number
         shape = _join_parts(arm, link)
         if kind == "inner" and not shape.inner.encloses:
             warn_user(f"link {link.name!r} has no inside, so it gets no balls")
@@ -238,13 +226,6 @@ def find_spheres(
             "inner balls need one",
         )
     return SphereModel(arm.name, kind, links)
-
-
-def _find_number(numbers: Mapping[str, int], link: str) -> int:
-    """Return a link's number of balls, or raise InputError."""
-    if link not in numbers:
-        raise InputError("number", f"lacks {link!r}", "each link with geometry needs one")
-    return numbers[link]
 
 
 def _join_parts(arm: Arm, link: Solid) -> Shape:

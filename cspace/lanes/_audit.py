@@ -207,8 +207,10 @@ class Audit:
         """
         from planners import plan
 
+        names = self.graph.names
         ends = [
-            _index_of(self.graph, name, word) for name, word in ((start, "start"), (end, "end"))
+            names.index(check_known(name, word, names))
+            for name, word in ((start, "start"), (end, "end"))
         ]
         points = self.graph.positions[ends]
         if self.space.rotations.names:
@@ -437,11 +439,6 @@ def _describe(
     return LaneVerdict(
         *ends, "undecided" if hit.is_open else "blocked", at=hit.point, obstacle=obstacle
     )
-
-
-def _index_of(graph: RouteGraph, name: str, argument: str) -> int:
-    """Return the index of a node; raise InputError if there is none."""
-    return graph.names.index(check_known(name, argument, graph.names))
 
 
 def line_of(graph: RouteGraph, number: int) -> Floats:

@@ -611,10 +611,15 @@ def _grow(outlines: Any, margin: float) -> Any:
     return np.where(holds, grown, shapely.box(*(shapely.bounds(outlines) + sides).T))
 
 
+def _list_polygons(shapes: Any) -> Any:
+    """Return the polygons of the union of shapes, shape (n,)."""
+    parts = shapely.get_parts(shapely.union_all(shapes))
+    return parts[shapely.get_type_id(parts) == shapely.GeometryType.POLYGON]
+
+
 def _fill(shapes: Any) -> Any:
     """Return a union's polygons without holes, shape (n,)."""
-    parts = shapely.get_parts(shapely.union_all(shapes))
-    polygons = parts[shapely.get_type_id(parts) == shapely.GeometryType.POLYGON]
+    polygons = _list_polygons(shapes)
     # RFC 7946 and VDA 5050 list corners counterclockwise.
     return shapely.orient_polygons(shapely.polygons(shapely.get_exterior_ring(polygons)))
 
@@ -628,8 +633,7 @@ def _fill_shapes(axes: Axes, shapes: Sequence[BaseGeometry], color: str, label: 
     """Fill the union of shapes with a color."""
     from shapely.plotting import patch_from_polygon
 
-    parts = shapely.get_parts(shapely.union_all(shapes))
-    polygons = parts[shapely.get_type_id(parts) == shapely.GeometryType.POLYGON]
+    polygons = _list_polygons(shapes)
     if len(polygons):
         union = shapely.multipolygons(polygons)
         axes.add_patch(patch_from_polygon(union, color=color, alpha=0.6, label=label, zorder=4))
