@@ -169,8 +169,9 @@ class Ledger:
         """Take a field that must be there."""
         value = self.get(key)
         if value is None:
-            present = ", ".join(map(str, self.fields)) or "nothing"
-            raise self.fail(f"has no {key}", f"it must have one, besides {present:.200}")
+            present = ", ".join(map(str, self.fields))
+            others = f", besides {present:.200}" if present else "; it has no field at all"
+            raise self.fail(f"has no {key}", f"it must have one{others}")
         return value
 
     def number(

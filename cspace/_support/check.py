@@ -313,7 +313,7 @@ def check_known(value: object, name: str, known: Collection[str], verb: str = "i
 
 
 def suggest_name(value: object, known: Collection[str]) -> str:
-    """Return "did you mean ...?" with a name that is similar or contains the value, or ""."""
+    """Return "did you mean ...?" with a similar or longer name, or ""."""
     # What ROS calls resolution is our spacing.
     names = {name.lower().replace("resolution", "spacing"): name for name in known}
     word = str(value).lower().replace("resolution", "spacing")

@@ -108,7 +108,7 @@ def test_an_unset_quaternion_is_no_rotation():
     (change("info.resolution", "5 cm"), {}, "resolution '5 cm'; .*"),
     (change("info.width", True), {}, "has the width True"),
     (change("info.width", 2.5), {}, "has the width 2.5; it must be a whole number"),
-    ({}, {}, "msg has no info; it must have one, besides nothing"),
+    ({}, {}, "msg has no info; it must have one; it has no field at all"),
     ({"metadata": {}}, {}, "msg is a Costmap; its data are costs"),
     (make_message([[0]]), {"unknown": "maybe"}, "unknown is 'maybe'"),
 )
