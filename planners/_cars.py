@@ -76,6 +76,19 @@ class CarCurves(LocalPlanner):
         curve = self.kind, self.radius
         return bind_cost(curve_cost, self.cells, weights, self.rotation_weight, curve)
 
+    def measure_distance(self, path: Floats) -> float:
+        """Bound the obstacle distance along proven curves from below.
+
+        See :meth:`cspace.CSpace.path_obstacle_distance` for the pieces of curves.
+        """
+        if not isinstance(self.space, CSpace):
+            return super().measure_distance(path)
+        step = 0.5 * self.space.resolution
+        pieces = self.split_path(path, step, step / max(self.cells.robot.shape.span, step))
+        # Proven edges keep the margin free, even if a piece has nothing left.
+        distances = self.cells.obstacle_distance(*pieces)
+        return max(self.cells.margin, float(np.min(distances)))
+
     def motion_checker(self) -> Callable[[ob.State, ob.State], bool]:
         """Make ``check(first, second)``, which proves a curve between OMPL states free.
 

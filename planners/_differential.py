@@ -112,6 +112,12 @@ class TurnDriveTurn(LocalPlanner):
                     waypoints.append(q)
         return np.array(waypoints).reshape(-1, 3)
 
+    def turns_at(self, path: Floats, row: int) -> bool:
+        """Return True if a row next to a row of a path differs by the yaw alone."""
+        # The way may begin or end here, if start or goal is the place.
+        beside = np.delete(path[max(row - 1, 0) : row + 2, :2], min(row, 1), axis=0)
+        return bool((beside == path[row, :2]).all(axis=1).any())
+
     def remove_turns(self, path: Floats) -> Floats:
         """Give waypoints the yaw of arrival, if their edges remain proven free."""
         check = self.edge_checker()

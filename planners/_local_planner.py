@@ -229,6 +229,10 @@ class LocalPlanner:
         """Remove needless turns while all edges remain proven free."""
         return path
 
+    def turns_at(self, path: Floats, row: int) -> bool:
+        """Return True if a robot that drives turns on the spot at a row of a path."""
+        return False
+
     def split_edge(
         self, first: Floats, last: Floats, step: float, rotation: float, share: float
     ) -> Pieces:
@@ -330,20 +334,16 @@ class LocalPlanner:
     def obstacle_distance(self, path: Floats) -> float:
         """Bound the obstacle distance along a path from below.
 
-        See :attr:`planners.Plan.obstacle_distance`, and for the pieces of curves
-        :meth:`cspace.CSpace.path_obstacle_distance`.
+        See :attr:`planners.Plan.obstacle_distance`.
         """
-        if isinstance(self.drive, Car) and isinstance(self.space, CSpace):
-            step = 0.5 * self.space.resolution
-            pieces = self.split_path(path, step, step / max(self.cells.robot.shape.span, step))
-            # Proven edges keep the margin free, even if a piece has nothing left.
-            distances = self.cells.obstacle_distance(*pieces)
-            distance = max(self.cells.margin, float(np.min(distances)))
-        else:
-            distance = self.space.path_obstacle_distance(self.insert_breakpoints(path))
+        distance = self.measure_distance(path)
         if math.isnan(distance) or self.are_free(path):
             return distance
         return 0.0
+
+    def measure_distance(self, path: Floats) -> float:
+        """Bound the obstacle distance along a proven path from below."""
+        return self.space.path_obstacle_distance(self.insert_breakpoints(path))
 
     def may_join(self, exists: bool | None) -> bool:
         """Return False if no proven edges can join start and goal.

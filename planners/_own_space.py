@@ -28,10 +28,10 @@ def check_space(space: object) -> None:
             "it must be a cspace.Space, as the results of cspace.build and cspace.open are",
         )
     if not isinstance(space, ConfigurationSpace):
-        check_own_space(cast(Space, space))
+        _check_own_space(cast(Space, space))
 
 
-def check_own_space(space: Space) -> None:
+def _check_own_space(space: Space) -> None:
     """Raise InputError unless axes, bounds and other members fit each other.
 
     Searches and trajectories would take a wrong one for another space, without a word.

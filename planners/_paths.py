@@ -158,14 +158,14 @@ def unwind(path: Floats, periodic_axes: Sequence[bool], start: Endpoint | None =
     A path from ``start``, or whole turns from it, then begins there.
     """
     unwound = path.copy()
-    if start is not None and len(path) and are_equal(path[0], np.array(start), periodic_axes):
+    if start is not None and len(path) and _are_equal(path[0], np.array(start), periodic_axes):
         unwound[0] = start
     joints = np.flatnonzero(periodic_axes)
     unwound[:, joints] = np.unwrap(unwound[:, joints], axis=0)
     return unwound
 
 
-def are_equal(first: Floats, second: Floats, periodic_axes: Sequence[bool]) -> bool:
+def _are_equal(first: Floats, second: Floats, periodic_axes: Sequence[bool]) -> bool:
     """Return True if all configurations (..., size) are equal.
 
     Continuous joints are compared modulo 2 pi.
@@ -180,10 +180,10 @@ def reached_goal(path: Floats, endpoints: Endpoints, periodic_axes: Sequence[boo
 
     It is 0 if the path does not lead from the first endpoint to another.
     """
-    if not are_equal(path[0], np.array(endpoints[0]), periodic_axes):
+    if not _are_equal(path[0], np.array(endpoints[0]), periodic_axes):
         return 0
     for k, goal in enumerate(endpoints[1:], 1):
-        if are_equal(path[-1], np.array(goal), periodic_axes):
+        if _are_equal(path[-1], np.array(goal), periodic_axes):
             return k
     return 0
 

@@ -76,7 +76,7 @@ from planners._own_space import check_found_path, check_space
 from planners._paths import drop_repeats, reached_goal, skip_points, unwind
 from planners._result import Plan, Times
 from planners._shortening import shorten
-from planners._task import NO_EFFORT, NO_SEARCH, PlanTask, SearchResult, is_certain
+from planners._task import DEFAULT_SECONDS, NO_EFFORT, NO_SEARCH, PlanTask, SearchResult, is_certain
 
 if TYPE_CHECKING:
     from planners._speed_limits import SpeedLike
@@ -86,9 +86,6 @@ QUICK_PLANNER: Final[PlannerName] = "RRTConnect"
 
 QUICK_ITERATIONS: Final = 500
 """Iterations of the quick first search of a default plan, which take about 10 ms."""
-
-DEFAULT_SECONDS: Final = 1.0
-"""Work of a plan without a time limit, seconds on an idle machine."""
 
 EXACT_SHARE: Final = 0.5
 """Share of the effort left for the quick search, and then for the built-in one, if geometry decides
@@ -112,11 +109,6 @@ FURTHER_FACTOR: Final = 2.0
 MIN_FURTHER: Final = Effort.from_seconds(0.05, math.inf)
 """Work of a further search to a room for a drive, relative to that of the best one, and its least
 value: configurations of a room may be free, and yet out of the drive's reach."""
-
-TRIAL_SHARE: Final = 0.1
-MAX_TRIAL: Final = Effort.from_seconds(0.5, math.inf)
-"""Share of the plan's work, and the largest one, of a search around a blocked part of a previous
-plan, and of one that tries what a failed plan may advise."""
 
 
 class Choices(NamedTuple):
@@ -494,12 +486,7 @@ class Stage(NamedTuple):
 
     def asks_turn(self, edges: LocalPlanner, path: Floats, row: int) -> bool:
         """Return True if a robot turns on the spot at a row to reach a yaw that is asked for."""
-        turns = isinstance(edges.drive, Differential)
-        if not turns or self.takes_any_yaw(edges, path[row]):
-            return False
-        # The way may begin or end here, if start or goal is the place.
-        beside = np.delete(path[max(row - 1, 0) : row + 2, :2], min(row, 1), axis=0)
-        return bool((beside == path[row, :2]).all(axis=1).any())
+        return edges.turns_at(path, row) and not self.takes_any_yaw(edges, path[row])
 
 
 def _drop_zeros(start: PlaceLike) -> PlaceLike:
@@ -556,14 +543,14 @@ def _check_stage(task: PlanTask, name: str, place: PlaceLike, start: Room) -> St
     space = edges.space
     places = split_places(space, place, name)
     near = tuple(start.middle.tolist())
+    rooms: tuple[Room, ...] = ()
     if isinstance(space, ConfigurationMap) and not (len(places) == 1 and places[0].is_plain):
         rooms = list_rooms(space, places)
         goals = find_room_goals(edges, rooms, name, near)
-        return Stage(name, goals, rooms, list_all_rooms(space, places, goals))
-    options = {} if name == "goal" else {"name": name}
-    goals = space.find_goals(place, near, task.seed, **options)
-    whole = tuple(Room(name, np.array(q)) for q in goals) if len(goals) == len(places) else ()
-    return Stage(name, sort_goals(space, goals, near), (), whole)
+    else:
+        options = {} if name == "goal" else {"name": name}
+        goals = sort_goals(space, space.find_goals(place, near, task.seed, **options), near)
+    return Stage(name, goals, rooms, list_all_rooms(space, places, goals))
 
 
 def _choose_planner(task: PlanTask) -> PlannerName:
@@ -996,16 +983,10 @@ def _find_detour(task: PlanTask, start: Floats, way: Floats) -> Floats:
     gap_task = replace(
         task,
         endpoints=(tuple(start.tolist()), tuple(way[-1].tolist())),
-        limit=_limit_trial(task),
+        limit=task.limit_trial(),
         simplify=False,  # the whole path is shortened later
     )
     return _run_planner(gap_task, is_certain).path
-
-
-def _limit_trial(task: PlanTask) -> Effort:
-    """Return the limit of a search beside those of a plan."""
-    work = task.limit.share(TRIAL_SHARE).work
-    return Effort(work, task.limit.seconds).at_most(MAX_TRIAL)
 
 
 def _list_ways_beside(edges: LocalPlanner, way: Floats) -> Iterator[Floats]:
@@ -1107,173 +1088,19 @@ def _search_cells(task: PlanTask) -> Floats:
 
 def _describe_outcome(task: PlanTask, result: SearchResult, exists: bool | None) -> tuple[str, str]:
     """Return a plan's status, and a hint if a search failed."""
-    edges = task.edges
     if len(result.path):
         return ": ".join(filter(None, ["path found", result.note])), ""
     if exists is False:
         return "no path exists: proven", ""
     if is_over(NEVER):
         return f"no path found: stopped after {result.planning.seconds:.2g} s{result.where}", ""
-    existence = "a path exists" if exists else "undecided whether one exists"
-    limits: list[str] = []
-    if edges.drive is not None:
-        limits = _describe_free_yaws(edges, task.endpoints)
-        if exists:
-            existence = "one exists for a robot that also moves sideways"
-    left = task.limit.share(0.95) - result.planning
-    is_late = not left.is_left
-    *hints, last_hint = _list_hints(task, exists, is_late)
-    hint = ", or ".join(filter(None, [", ".join(hints), last_hint]))
-    if not edges.may_join(exists):
-        return f"no chain of FREE cells joins start and goal; {existence}", hint
-    reason = result.note or "the planner gave up"
-    failure = f"no path found: {reason} after {result.planning.seconds:.2g} s{result.where}"
-    if is_late:
-        failure = f"no path found within {_describe_limit(task)}{result.where}"
-    return "; ".join(filter(None, [failure, result.lattice, existence, *limits])), hint
+    from planners._advice import describe_failure
 
+    def finds_path(trial: PlanTask) -> bool:
+        """Return True if a task with other options finds a path."""
+        return _search_goals(_choose_searches(trial), is_certain).proven
 
-def _describe_limit(task: PlanTask) -> str:
-    """Describe the limit of a search: a given one by the clock, the default one by its work."""
-    if task.time_limit is None:
-        return f"{task.limit.work_seconds:g} s of work"
-    return f"{task.limit.seconds:g} s"
-
-
-def _list_hints(task: PlanTask, exists: bool | None, is_late: bool) -> list[str]:
-    """List hints for a failed search, which the time limit ended if ``is_late``."""
-    edges = task.edges
-    more = _name_more(task, is_late)
-    if not isinstance(edges.space, ConfigurationMap):
-        return [more, "another seed", "a larger tolerance" if task.keep else "another planner"]
-    if edges.drive is None and exists:
-        if task.planner == GRID or callable(task.objective):
-            return [more]
-        return [f"planner={GRID!r}, which finds one", more]
-    if options := _try_options(task, exists):
-        return [f"{options}, which finds a path"]
-    if not exists:
-        return _list_undecided_hints(task, more)
-    hints = _list_drive_hints(task)
-    # More time does not help Lattice if its search ended before.
-    if is_late or task.planner != LATTICE or task.fallback is not None:
-        return [more, *hints]
-    return hints
-
-
-def _name_more(task: PlanTask, is_late: bool) -> str:
-    """Name more time, or more iterations if these ended the search."""
-    if task.iterations is not None and not is_late:
-        name = task.planner if task.is_named else None
-        search = Search(name, 10 * task.iterations, task.simplify, task.range)
-        return f"more iterations by planner=planners.{search}"
-    seconds = DEFAULT_SECONDS if task.time_limit is None else task.time_limit
-    return f"more time (time_limit={10.0 * seconds:g})"
-
-
-def _list_drive_hints(task: PlanTask) -> list[str]:
-    """List hints, except more time, for a drive that is not holonomic."""
-    hints = [_name_finer(task.edges.space), *_list_exact_hints(task)]
-    if isinstance(task.edges.drive, Car):
-        hints.append("a smaller turning_radius")
-    if task.is_named:
-        hints.append("the default planner")
-    return hints
-
-
-def _list_undecided_hints(task: PlanTask, more: str) -> list[str]:
-    """List hints if the map does not decide whether a path exists; ``more`` extends the search."""
-    edges = task.edges
-    smaller = "a smaller robot"
-    if isinstance(edges.space, CSpace) and len(edges.space.rotations.names) < 2:
-        smaller += " (see plan.explain())"
-    if edges.exact:
-        return [smaller, more]
-    hints = [*_list_exact_hints(task), smaller, _name_finer(edges.space)]
-    if edges.cells.outside == "free":  # a path may lead around all obstacles
-        hints.insert(0, "a workspace with wider bounds")
-    return hints
-
-
-def _name_finer(space: Space) -> str:
-    """Name finer cells of a map."""
-    return "a finer spacing" + (" or more rotations" if space.rotations.names else "")
-
-
-def _try_options(task: PlanTask, exists: bool | None) -> str:
-    """Return options with which a short search finds a path; an empty text if none does."""
-    for trial, hint in _list_trials(task, exists):
-        with suppress(InputError):  # options may not go together
-            if _search_goals(_choose_searches(trial), is_certain).proven:
-                return hint
-    return ""
-
-
-def _list_trials(task: PlanTask, exists: bool | None) -> Iterator[tuple[PlanTask, str]]:
-    """Yield short searches of a map with other options, and hints that name these."""
-    edges = task.edges
-    space = edges.space
-    proofs = dict.fromkeys([edges.exact, edges.exact or edges.cells.tries_exact])
-    others = [edges.drive]
-    if edges.drive is not None and not edges.reverses:
-        others.append(replace(edges.drive, reverse=True))
-    for exact, drive in itertools.product(proofs, others if isinstance(space, CSpace) else ()):
-        other = local_planner(space.exact if exact else space, drive)
-        other = replace(other, weights=edges.weights)
-        changes = [] if exact == edges.exact else ["space.exact"]
-        if drive != edges.drive:
-            changes.append(f"drive=planners.{drive}")
-        if not (changes and other.may_join(exists)):
-            continue
-        trial = replace(
-            task,
-            edges=other,
-            fallback=None,
-            limit=_limit_trial(task),
-            simplify=False,
-            previous=task.previous[:0],
-        )
-        if task.is_named:
-            yield trial, " with ".join(changes)
-            changes.append("the default planner")
-        yield replace(trial, planner=default_planner(drive), is_named=False), " with ".join(changes)
-
-
-def _list_exact_hints(task: PlanTask) -> list[str]:
-    """List the hint to let the geometry decide, if it can and was not tried."""
-    edges = task.edges
-    if edges.exact or edges.cells.tries_exact or task.objective != LENGTH:
-        return []
-    hint = "space.exact"
-    if task.is_named:
-        hint += " with the default planner"
-    if not isinstance(edges.space, CSpace):
-        hint += " on space.window(lower, upper)"
-    return [hint]
-
-
-def _describe_free_yaws(edges: LocalPlanner, endpoints: Endpoints) -> list[str]:
-    """Name the yaws proven free at start and goal.
-
-    The robot reaches these on the spot through FREE cells. If it reaches all, nothing is named.
-    """
-    limits = []
-    for name, (x, y, yaw) in zip(("start", "goal"), endpoints[:2], strict=True):
-        intervals = edges.cells.free_yaws((x, y))
-        widths = np.ptp(intervals, axis=1)
-        beyond_lower = (yaw - intervals[:, 0]) % math.tau
-        around_yaw = np.flatnonzero(beyond_lower <= widths)
-        if not len(around_yaw) or widths[around_yaw[0]] >= math.tau:
-            continue
-        low = yaw - beyond_lower[around_yaw[0]]
-        high = low + widths[around_yaw[0]]
-        # Bounds are rounded inwards, to milliradians.
-        interval = f"{math.ceil(1e3 * low) / 1e3:g} to {math.floor(1e3 * high) / 1e3:g} rad"
-        limit = f"at the {name} only yaws {interval} are proven free"
-        if isinstance(edges.drive, Differential):
-            limit += ", too few to turn around"
-        limits.append(limit)
-    return limits
+    return describe_failure(task, result, exists, finds_path)
 
 
 def _make_plan(journey: Journey, space: Space, moved: Mapping[Endpoint, str], began: float) -> Plan:

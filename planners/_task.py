@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Final
 
@@ -17,6 +18,14 @@ NO_SEARCH: Final = "a single edge is free; no search needed"
 
 NO_EFFORT: Final = Effort(0.0, 0.0)
 """Planning of a search that did no work."""
+
+DEFAULT_SECONDS: Final = 1.0
+"""Work of a plan without a time limit, seconds on an idle machine."""
+
+TRIAL_SHARE: Final = 0.1
+MAX_TRIAL: Final = Effort.from_seconds(0.5, math.inf)
+"""Share of the plan's work, and the largest one, of a search around a blocked part of a previous
+plan, and of one that tries what a failed plan may advise."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,6 +66,11 @@ class PlanTask:
     keep: tuple[Upright, ...] = ()  # directions that links of an arm keep
     starts: tuple[Room, ...] = ()  # of which a path may begin in any
     rooms: tuple[Room, ...] = ()  # of which a path may end in any, instead of one goal on a map
+
+    def limit_trial(self) -> Effort:
+        """Return the limit of a search beside those of the plan."""
+        work = self.limit.share(TRIAL_SHARE).work
+        return Effort(work, self.limit.seconds).at_most(MAX_TRIAL)
 
 
 def is_certain() -> bool:

@@ -623,9 +623,9 @@ MUTANTS = (
         "tests/planners/test_goals.py",
     ),
     Mutant(
-        "planners/_plan.py",
-        "if len(goals) == len(places) else ()",
-        "",
+        "planners/_goals.py",
+        "return rooms if len(found) == len(places) else ()",
+        "return rooms",
         "tests/planners/test_own_space.py",
     ),
     Mutant(
@@ -641,7 +641,7 @@ MUTANTS = (
         "tests/planners/test_goals.py",
     ),
     Mutant(
-        "planners/_plan.py",
+        "planners/_differential.py",
         "path[max(row - 1, 0) : row + 2, :2], min(row, 1)",
         "path[row - 1 : row + 2, :2], 1",
         "tests/planners/test_goals.py",

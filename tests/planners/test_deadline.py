@@ -228,7 +228,8 @@ def test_planners_that_improve_a_path_end_by_their_work(planner, monkeypatch):
 def test_a_plan_that_fails_ends_by_its_work(monkeypatch):
     # A clock that stands still ends nothing.
     monkeypatch.setattr(type(clock), "read", staticmethod(lambda: 0.0))
-    monkeypatch.setattr("planners._plan.DEFAULT_SECONDS", 0.05)
+    for module in ("_plan", "_advice"):
+        monkeypatch.setattr(f"planners.{module}.DEFAULT_SECONDS", 0.05)
     options = {"planner": "RRT", "drive": planners.Car(turning_radius=3.0), "seed": 1}
     plans = [planners.plan(build_room("turning"), *ENDPOINTS["turning"], **options) for _ in "ab"]
     assert plans[0].status == plans[1].status and plans[0].hint == plans[1].hint

@@ -1,0 +1,196 @@
+"""Reasons and hints of plans without a path."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from dataclasses import replace
+
+import numpy as np
+
+from cspace import CSpace, Space
+from cspace.errors import InputError
+from cspace.inside import Car, ConfigurationMap, Differential
+from planners._catalogue import GRID, LATTICE, LENGTH, Search, default_planner
+from planners._drives import local_planner
+from planners._local_planner import Endpoints, LocalPlanner
+from planners._task import DEFAULT_SECONDS, PlanTask, SearchResult
+
+
+def describe_failure(
+    task: PlanTask,
+    result: SearchResult,
+    exists: bool | None,
+    finds_path: Callable[[PlanTask], bool],
+) -> tuple[str, str]:
+    """Return the status of a plan whose search found no path, and a hint.
+
+    ``exists`` says whether there is one, and ``finds_path`` tries other options.
+    """
+    edges = task.edges
+    existence = "a path exists" if exists else "undecided whether one exists"
+    limits: list[str] = []
+    if edges.drive is not None:
+        limits = _describe_free_yaws(edges, task.endpoints)
+        if exists:
+            existence = "one exists for a robot that also moves sideways"
+    left = task.limit.share(0.95) - result.planning
+    is_late = not left.is_left
+    *hints, last_hint = _list_hints(task, exists, is_late, finds_path)
+    hint = ", or ".join(filter(None, [", ".join(hints), last_hint]))
+    if not edges.may_join(exists):
+        return f"no chain of FREE cells joins start and goal; {existence}", hint
+    reason = result.note or "the planner gave up"
+    failure = f"no path found: {reason} after {result.planning.seconds:.2g} s{result.where}"
+    if is_late:
+        failure = f"no path found within {_describe_limit(task)}{result.where}"
+    return "; ".join(filter(None, [failure, result.lattice, existence, *limits])), hint
+
+
+def _describe_limit(task: PlanTask) -> str:
+    """Describe the limit of a search: a given one by the clock, the default one by its work."""
+    if task.time_limit is None:
+        return f"{task.limit.work_seconds:g} s of work"
+    return f"{task.limit.seconds:g} s"
+
+
+def _list_hints(
+    task: PlanTask, exists: bool | None, is_late: bool, finds_path: Callable[[PlanTask], bool]
+) -> list[str]:
+    """List hints for a failed search, which the time limit ended if ``is_late``."""
+    edges = task.edges
+    more = _name_more(task, is_late)
+    if not isinstance(edges.space, ConfigurationMap):
+        return [more, "another seed", "a larger tolerance" if task.keep else "another planner"]
+    if edges.drive is None and exists:
+        if task.planner == GRID or callable(task.objective):
+            return [more]
+        return [f"planner={GRID!r}, which finds one", more]
+    if options := _try_options(task, exists, finds_path):
+        return [f"{options}, which finds a path"]
+    if not exists:
+        return _list_undecided_hints(task, more)
+    hints = _list_drive_hints(task)
+    # More time does not help Lattice if its search ended before.
+    if is_late or task.planner != LATTICE or task.fallback is not None:
+        return [more, *hints]
+    return hints
+
+
+def _name_more(task: PlanTask, is_late: bool) -> str:
+    """Name more time, or more iterations if these ended the search."""
+    if task.iterations is not None and not is_late:
+        name = task.planner if task.is_named else None
+        search = Search(name, 10 * task.iterations, task.simplify, task.range)
+        return f"more iterations by planner=planners.{search}"
+    seconds = DEFAULT_SECONDS if task.time_limit is None else task.time_limit
+    return f"more time (time_limit={10.0 * seconds:g})"
+
+
+def _list_drive_hints(task: PlanTask) -> list[str]:
+    """List hints, except more time, for a drive that is not holonomic."""
+    hints = [_name_finer(task.edges.space), *_list_exact_hints(task)]
+    if isinstance(task.edges.drive, Car):
+        hints.append("a smaller turning_radius")
+    if task.is_named:
+        hints.append("the default planner")
+    return hints
+
+
+def _list_undecided_hints(task: PlanTask, more: str) -> list[str]:
+    """List hints if the map does not decide whether a path exists; ``more`` extends the search."""
+    edges = task.edges
+    smaller = "a smaller robot"
+    if isinstance(edges.space, CSpace) and len(edges.space.rotations.names) < 2:
+        smaller += " (see plan.explain())"
+    if edges.exact:
+        return [smaller, more]
+    hints = [*_list_exact_hints(task), smaller, _name_finer(edges.space)]
+    if edges.cells.outside == "free":  # a path may lead around all obstacles
+        hints.insert(0, "a workspace with wider bounds")
+    return hints
+
+
+def _name_finer(space: Space) -> str:
+    """Name finer cells of a map."""
+    return "a finer spacing" + (" or more rotations" if space.rotations.names else "")
+
+
+def _try_options(
+    task: PlanTask, exists: bool | None, finds_path: Callable[[PlanTask], bool]
+) -> str:
+    """Return options with which a short search finds a path; an empty text if none does."""
+    for trial, hint in _list_trials(task, exists):
+        with suppress(InputError):  # options may not go together
+            if finds_path(trial):
+                return hint
+    return ""
+
+
+def _list_trials(task: PlanTask, exists: bool | None) -> Iterator[tuple[PlanTask, str]]:
+    """Yield short searches of a map with other options, and hints that name these."""
+    edges = task.edges
+    space = edges.space
+    proofs = dict.fromkeys([edges.exact, edges.exact or edges.cells.tries_exact])
+    others = [edges.drive]
+    if edges.drive is not None and not edges.reverses:
+        others.append(replace(edges.drive, reverse=True))
+    for exact, drive in itertools.product(proofs, others if isinstance(space, CSpace) else ()):
+        other = local_planner(space.exact if exact else space, drive)
+        other = replace(other, weights=edges.weights)
+        changes = [] if exact == edges.exact else ["space.exact"]
+        if drive != edges.drive:
+            changes.append(f"drive=planners.{drive}")
+        if not (changes and other.may_join(exists)):
+            continue
+        trial = replace(
+            task,
+            edges=other,
+            fallback=None,
+            limit=task.limit_trial(),
+            simplify=False,
+            previous=task.previous[:0],
+        )
+        if task.is_named:
+            yield trial, " with ".join(changes)
+            changes.append("the default planner")
+        yield replace(trial, planner=default_planner(drive), is_named=False), " with ".join(changes)
+
+
+def _list_exact_hints(task: PlanTask) -> list[str]:
+    """List the hint to let the geometry decide, if it can and was not tried."""
+    edges = task.edges
+    if edges.exact or edges.cells.tries_exact or task.objective != LENGTH:
+        return []
+    hint = "space.exact"
+    if task.is_named:
+        hint += " with the default planner"
+    if not isinstance(edges.space, CSpace):
+        hint += " on space.window(lower, upper)"
+    return [hint]
+
+
+def _describe_free_yaws(edges: LocalPlanner, endpoints: Endpoints) -> list[str]:
+    """Name the yaws proven free at start and goal.
+
+    The robot reaches these on the spot through FREE cells. If it reaches all, nothing is named.
+    """
+    limits = []
+    for name, (x, y, yaw) in zip(("start", "goal"), endpoints[:2], strict=True):
+        intervals = edges.cells.free_yaws((x, y))
+        widths = np.ptp(intervals, axis=1)
+        beyond_lower = (yaw - intervals[:, 0]) % math.tau
+        around_yaw = np.flatnonzero(beyond_lower <= widths)
+        if not len(around_yaw) or widths[around_yaw[0]] >= math.tau:
+            continue
+        low = yaw - beyond_lower[around_yaw[0]]
+        high = low + widths[around_yaw[0]]
+        # Bounds are rounded inwards, to milliradians.
+        interval = f"{math.ceil(1e3 * low) / 1e3:g} to {math.floor(1e3 * high) / 1e3:g} rad"
+        limit = f"at the {name} only yaws {interval} are proven free"
+        if isinstance(edges.drive, Differential):
+            limit += ", too few to turn around"
+        limits.append(limit)
+    return limits
