@@ -591,7 +591,6 @@ LANES = RouteGraph.from_arrays([(1, 1), (3, 1)], [(0, 1)])
         "that of space is from [0.0, 0.0] to [8.0, 6.0]",
     ),
     ({"margin": -0.1}, "margin is -0.1"),
-    ({"margin": math.nan}, "margin is nan"),
 )
 def test_wrong_arguments_are_refused_in_one_line(spaces, options, message):
     check_refused(lambda: cspace.lanes.conflicts(spaces["arrow"], LANES, **options), message)

@@ -878,7 +878,6 @@ def test_states_that_touch_a_room_only_at_a_corner_count(flipped):
 
 @refusals(
     "start, message",
-    ([START, 3.0], "numbers are one configuration, places are alternatives"),
     (None, "start"),
     ([START, (1.0, 1.0)], "start[1] has shape (2,); it must be one configuration of 3 numbers"),
     (np.zeros((2, 3)), "start has 2 alternatives, none of them proven free; a path must begin"),

@@ -503,7 +503,6 @@ AREA = box(1.0, 1.0, 2.0, 2.0)
     "call, message",
     (lambda plan: planners.SpeedZones([(AREA, 0.0)]), "speed of zones[0] is 0.0"),
     (lambda plan: planners.SpeedZones([(AREA, 1.0), (AREA, -1.0)]), "speed of zones[1] is -1.0"),
-    (lambda plan: planners.SpeedZones([(AREA, np.nan)]), "speed of zones[0]"),
     (lambda plan: planners.SpeedZones([]), "zones is empty"),
     (lambda plan: planners.SpeedZones((AREA, 1.0)), "zones[0] is <POLYGON"),
     (lambda plan: planners.SpeedZones({"aisle": 1.0}), "zones[0] is 'aisle'; it must be an area"),

@@ -204,8 +204,6 @@ def plan_on_own_space():
 @refusals(
     "call, message",
     (lambda: planners.ToolSpeed("tip", 0.0), "speed is 0.0"),
-    (lambda: planners.ToolSpeed("tip", -0.2), "speed is -0.2"),
-    (lambda: planners.ToolSpeed("tip", np.nan), "speed is nan"),
     (lambda: planners.ToolSpeed(3, 1.0), "link is 3"),
     (lambda: drive(planners.ToolSpeed("tipp", 1.0)), "link is 'tipp'"),
     (lambda: drive(planners.ToolSpeed("tip", 1.0), plan_on_map()), "links are those of an arm"),

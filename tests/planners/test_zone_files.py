@@ -186,13 +186,7 @@ def open_zones(path, document, name="zones.geojson", **options):
     (make_features(), None, "speed is missing; it names the property in m/s; "),
     (make_features(), "Top", "there are name, top; did you mean 'top'?"),
     (change(1, top=0.0), "top", "feature 1, is 0.0; it must be one number above zero, in m/s"),
-    (change(2, top=-0.4), "top", "feature 2, is -0.4"),
-    (change(top=float("nan")), "top", "feature 0, is nan"),
-    (change(top=None), "top", "feature 0, is None"),
-    (change(top="0.4"), "top", "feature 0, is '0.4'"),
-    (change(top=True), "top", "feature 0, is True"),
     (replace_properties(["top"]), "top", "there is none"),
-    (replace_properties("top"), "top", "there is none"),
     (replace_properties(None), None, "feature 0, has none"),
     (make_features(crs={"properties": {"name": "EPSG:4326"}}), "top", "not metres on the ground"),
     (make_features([shapely.LineString([(0, 0), (1, 1)])], [0.4]), "top", "part without area"),
@@ -203,7 +197,6 @@ def open_zones(path, document, name="zones.geojson", **options):
     ([1, 2], "top", "holds a JSON list"),
     (make_zone_set(make_zone("a", "SPEED_LIMIT", maximumSpeed=1.0)), "top", "have maximumSpeed"),
     (make_zone_set(make_zone("a", "SPEED_LIMIT", maximumSpeed=0)), None, "of zone 'a' is 0; it"),
-    (make_zone_set(make_zone("a", "SPEED_LIMIT", maximumSpeed="1")), None, "of zone 'a' is '1'"),
     (make_zone_set(make_zone("a", "SPEED_LIMIT")), None, "zone 'a' has no maximumSpeed"),
     (
         make_zone_set(
@@ -222,9 +215,6 @@ def test_files_of_other_kinds_are_refused(tmp_path):
     message = "with suffix '.yaml'; the suffix selects the format, and from_mask reads masks"
     check_refused(lambda: planners.SpeedZones.open(tmp_path / "mask.yaml"), message)
     check_refused(lambda: planners.SpeedZones.open(tmp_path / "a.json"), "does not exist")
-    far = open_zones(tmp_path, make_features([shapely.box(300, 0, 301, 1)], [0.4]), speed="top")
-    plan = planners.plan(build_hall(), (0.5, 3.3), (9.5, 3.3))
-    check_refused(lambda: plan.trajectory(**LIMITS, speed=far), "zones[0] lies off the map")
 
 
 @refusals(
@@ -232,7 +222,6 @@ def test_files_of_other_kinds_are_refused(tmp_path):
     ({"unit": "mph"}, "unit is 'mph'; it must be 'percent' or 'm/s'"),
     ({"unit": "percent"}, "max_velocity is missing; per cent are those of the largest speed"),
     ({"unit": "percent", "max_velocity": 0.0}, "max_velocity is 0.0"),
-    ({"unit": "percent", "max_velocity": np.nan}, "max_velocity is nan"),
     ({"unit": "m/s", "max_velocity": 1.0}, "max_velocity is 1.0; it is for per cent"),
     ({"unit": "m/s", "base": np.nan}, "base is nan"),
     ({"unit": "m/s", "multiplier": np.inf}, "multiplier is inf"),
@@ -256,5 +245,3 @@ def test_a_mask_without_its_image_is_refused(tmp_path):
     path = write_map(tmp_path, np.zeros((2, 2), np.uint8), mode="raw", image="gone.pgm")
     with pytest.raises(FileError, match=r"gone\.pgm: does not exist"):
         planners.SpeedZones.from_mask(path, "m/s")
-    path = write_map(tmp_path, np.zeros((2, 2), np.uint8), mode="raw")
-    check_refused(lambda: planners.SpeedZones.from_mask(path, "m/s"), "has no cell with a limit")

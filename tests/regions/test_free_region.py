@@ -454,7 +454,6 @@ def test_regions_are_drawn_over_a_map():
 @refusals(
     "options, message",
     ({"reach": 0.0}, "reach is 0.0; it must be one number above zero"),
-    ({"reach": math.nan}, "reach is nan; it must be finite"),
     ({"margin": -1.0}, "margin is -1.0; it must be one number, zero or above"),
     ({"yaw_width": 0.1}, "only a yaw has a width"),
     ({"q": (math.nan, 1.0)}, "q[0] is nan; it must be finite"),
