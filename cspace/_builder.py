@@ -483,10 +483,10 @@ def _find_ground(space: CSpace, floor: float, *, is_free_nowhere: bool) -> str:
     low, high = (grid.lower[2] + grid.spacing * layer for layer in (first, stop))
     # Touching counts as a collision, so the robot has to stand a little above.
     clear_floor = math.floor(1000.0 * (high - bottom) + 1.0) / 1000.0
-    percent = 100.0 * shares[first:stop].min()
+    percent = 100.0 * shares[first:stop].max()
     return (
-        f"the robot stands in layers of the workspace from {low:g} m to {high:g} m, of which at "
-        f"least {percent:.2g} % is occupied; floor={clear_floor:g} clears them"
+        f"the robot stands in layers of the workspace from {low:g} m to {high:g} m, of which up "
+        f"to {percent:.3g} % is occupied; floor={clear_floor:g} clears them"
     )
 
 

@@ -338,7 +338,8 @@ def is_count(word: str) -> bool:
 
 def _with_article(kind: str) -> str:
     """Return the kind of a file with its article."""
-    article = "an" if kind[:1].lower() in "aeio" else "a"  # no kind begins with a vowel u
+    # No kind begins with a vowel u; SRDF is spelt.
+    article = "an" if kind[:1].lower() in "aeio" or kind.startswith("SRDF") else "a"
     return f"{article} {kind}"
 
 
