@@ -179,7 +179,6 @@ def write_package(folder):
         scene({"id": "a"}, THING),
         "has no shape at object 'a'; it must have primitives or meshes",
     ),
-    ("scene.yaml", scene({"id": "a"}, THING), "it must have primitives or meshes"),
     (
         "scene.yaml",
         scene({"id": "a", "meshes": [MESH | {"resource": "a.stl"}]}),

@@ -32,7 +32,7 @@ def test_tiny_maps_are_read(tmp_path, end):
     "read, text, message",
     (read_movingai_map, TINY_MAP.replace("width", "height"), "'height H', 'width W'"),
     (read_movingai_voxels, VOXELS + "1 2\n", "line 5 is '1 2'; it must hold 'x y z'"),
-    (read_movingai_voxels, VOXELS + "\n\n2 0 0\n", "line 7 is .* inside 2 x 3 x 4"),
+    (read_movingai_voxels, VOXELS + "\n\n2 0 0\n", "line 7 is .* inside 2 x 3 x 4, counted from 0"),
 )
 def test_malformed_maps_are_refused(tmp_path, read, text, message):
     (tmp_path / "bad.map").write_text(text, encoding="utf-8", errors="surrogateescape")

@@ -123,7 +123,7 @@ def test_truncated_pcd_is_refused(tmp_path):
 
 @refusals(
     "old, new, message",
-    ("DATA binary", "DATA zip", "DATA 'zip'"),
+    ("DATA binary", "DATA zip", "DATA 'zip'; it must be ascii or binary"),
     ("DATA binary", "DATA binary_compressed", "only ascii and binary are read"),
     ("WIDTH 4\n", "WEITE 4\n", "line 7 is 'WEITE 4'"),
     ("TYPE U F U F F", "TYPE U F U F X", "types"),
@@ -145,9 +145,12 @@ def test_further_columns_and_comments_of_a_text_are_skipped(tmp_path):
 @refusals(
     "text, message",
     ("1 2 3\n\n1 2 3 4", "line 3 is '1 2 3 4'; it must hold 3 columns"),
-    ("1 2 3\nx y z", "line 2 is 'x y z'; it must hold only numbers"),
+    ("1 2 3\nx y z", "line 2 is 'x y z'; it must hold only numbers, with decimal points"),
     ("x_mm y_mm z_mm\n1 2 3", "3 columns under the heading x_mm y_mm z_mm"),
-    ("x,y,z,x\n1,2,3,4", "4 columns under the heading x y z x"),
+    (
+        "x,y,z,x\n1,2,3,4",
+        "4 columns under the heading x y z x; it must name every column, and x, y and z once each",
+    ),
     ("x [mm],y [mm],z [mm]\n1,2,3", "3 columns under the heading x [mm] y [mm] z [mm]"),
     ("# x_cm y_cm z_cm\n1 2 3", "3 columns under the heading x_cm y_cm z_cm"),
     ("1,2,3\n4,,6", "line 2 is '4,,6'"),

@@ -300,7 +300,7 @@ def test_a_blurred_image_of_a_map_is_recognised_as_an_image(tmp_path):
     ({"origin": [0.0, 0.0]}, r"has the origin \[0.0, 0.0\]; it must be x, y and yaw"),
     ({"origin": {"x": 0, "y": 0}}, "has the origin .*; it must be x, y and yaw"),
     ({"origin": [0.0, 0.0, None]}, r"has the origin\[2\] None"),
-    ({"negate": "no"}, "has negate 'no'; it must be 0 or 1"),
+    ({"negate": "no"}, "has negate 'no'; it must be 0 or 1: 0 if dark pixels are obstacles"),
     ({"free_thresh": 19.6}, "has the free_thresh 19.6; it must be a finite number, .* at most 1"),
     ({"mode": "Trinary"}, "has mode 'Trinary'; it must be one of trinary, scale, raw"),
     ({"image": "absent.pgm"}, r"absent\.pgm: does not exist; a ROS map's image"),
