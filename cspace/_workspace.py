@@ -39,7 +39,7 @@ from cspace._support.limits import (
     check_memory,
 )
 from cspace._support.reporting import warn_user
-from cspace.errors import FileError, InputError, UnitWarning
+from cspace.errors import CspaceError, FileError, InputError, UnitWarning
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
@@ -870,8 +870,8 @@ class Workspace:
         reader = reader_of(path, options)
         for name, parameter in _options_of(reader).items():
             if parameter.default is parameter.empty and name not in options:
-                problem = f"is missing for {os.fspath(path)}"
-                raise InputError(name, problem, "it is in metres, and not in the file")
+                rule = "it is in metres, and not in the file"
+                raise _make_option_error(path, name, "is missing", rule)
         return reader(path, **options)
 
     plot = _outside.plot
@@ -992,8 +992,18 @@ def reader_of(path: StrPath, options: Iterable[str] = ()) -> Callable[..., Works
     for name in options:
         if name not in accepted:
             rule = f"its format takes {', '.join(accepted)}"
-            raise InputError(name, f"is given for {path}", rule)
+            raise _make_option_error(path, name, "is given", rule)
     return reader
+
+
+def _make_option_error(path: StrPath, name: str, problem: str, rule: str) -> CspaceError:
+    """Make the error for an option of a file, or for the file if it is missing."""
+    from cspace._files.access import suggest_file
+
+    file = Path(path)
+    if not file.exists():
+        return FileError(str(file), "does not exist", "it must be a plain file", suggest_file(file))
+    return InputError(name, f"{problem} for {file}", rule)
 
 
 def measure_shapes(path: StrPath, **options: Any) -> tuple[Floats, dict[str, object]] | None:

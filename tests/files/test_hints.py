@@ -361,8 +361,16 @@ IMAGE_OF_MAP = ROS_MAP.replace("map.png", "a.png")
         "it must be a file name",
     ),
     (
-        lambda f: Workspace.open(f / "a.xyz"),
+        lambda f: Workspace.open(write(f, "a.xyz", "0 0 0")),
         "it is in metres, and not in the file",
+    ),
+    (
+        lambda f: Workspace.open(write(f, "depot.xyz", "0 0 0").with_stem("depott")),
+        "depott.xyz: does not exist; it must be a plain file; did you mean",
+    ),
+    (
+        lambda f: Workspace.open(f / "a.map", unknown="free"),
+        "a.map: does not exist",
     ),
     (
         lambda f: Workspace.open(write(f, "a.map", f"{OCTILE}."), unknown="free"),
