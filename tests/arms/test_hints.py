@@ -24,10 +24,6 @@ from tests.helpers.urdfs import joint, link, planar, planar_arm, pose_at, posed_
 pytest.importorskip("yourdfpy")
 
 ZERO = (0.0, 0.0)
-GROUP = (
-    '<group name="arm"><joint name="shoulder"/><joint name="elbow"/></group>'
-    '<group_state name="home" group="arm"><joint name="elbow" value="1"/></group_state>'
-)
 CONTINUOUS = {"kind": "continuous", "limits": None}
 NEAR = posed_box((0.2, 0.2, 0.2), 1.5, 0.0)
 """A box that the outstretched arm touches."""

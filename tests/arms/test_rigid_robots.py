@@ -289,7 +289,6 @@ def test_a_robot_without_a_name_has_the_name_of_its_file(tmp_path):
 
 
 LINKS = '<link name="l"/><link name="m"/>'
-JOINT = '<joint name="j" type="fixed"><parent link="{}"/><child link="{}"/></joint>'
 
 
 def make_link(geometry):

@@ -325,7 +325,6 @@ def make_objective(si):
         {"drive": "dubins"},
         "drive is 'dubins'; it must be a planners.Car(...), a planners.Differential(...) or None",
     ),
-    ("turning", {"drive": planners.Differential}, "a planners.Differential(...) or None"),
     (
         "turning",
         {"drive": planners.Car(turning_radius=1e-9)},
@@ -467,7 +466,6 @@ def plan_in(name, **options):
         "space has the axes x, y, yaw",
     ),
     (lambda: plan_in("plane").trajectory(**LIMITS).sample_uniform(math.nan), "rate is nan"),
-    (lambda: plan_in("plane").trajectory(**LIMITS).to_twists(), "a robot without a drive"),
     (lambda: plan_in("plane").trajectory(**LIMITS).sample(math.nan), "t is nan"),
 )
 def test_wrong_calls_are_refused_in_one_line(make, hint):
@@ -600,12 +598,6 @@ def blocked(space, rows):
     (
         lambda f: planners.plan(read_arm_space(f), (0.3, 0.5), (0.4, 0.5)).to_path(),
         "a path holds poses",
-    ),
-    (
-        lambda _: planners.plan(
-            build_room("plane"), (1.0, 1.0), cspace.PoseGoal("fore", np.eye(4))
-        ),
-        "the space of an arm is needed for that",
     ),
     (lambda _: plan_own("x", "y", start=(0.0, 0.0)), "is not free; a path starts and ends in free"),
     (lambda _: plan_own("x", "y", goal=(3.0, 0.0)), "goal (3.0, 0.0) lies outside the bounds"),
