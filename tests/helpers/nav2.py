@@ -33,7 +33,7 @@ def write_pose(x, y, yaw, tilt=0.0):
 
 
 class Nav2(Program):
-    """A planner server and a path checker in one process."""
+    """A planner server in a process."""
 
     def __init__(self, program, log):
         super().__init__([program], log)
@@ -65,9 +65,6 @@ class Nav2(Program):
         answer = self.plan(*poses)
         assert answer["code"] == 0, answer
         return np.array(answer["path"])
-
-    def check(self, *poses):
-        return self.ask(" ".join(["check", *(write_pose(*pose) for pose in poses)]))
 
     def send_grid(self, cells, file, side=0.1, frame="map", origin=(0, 0)):
         """Publish a grid of cells [x, y], 0 for free, 1 for occupied, 2 for unknown."""

@@ -78,7 +78,7 @@ def built(tmp_path_factory):
 
 def test_what_is_launched_is_installed(built):
     programs = built / "cspace_nav2/lib/cspace_nav2"
-    assert {file.name for file in programs.iterdir()} == {"gate_node", "path_checker"}
+    assert {file.name for file in programs.iterdir()} == {"gate_node"}
     assert (built / "cspace_nav2/lib/libcspace_nav2.so").exists()
     shared = built / "cspace_nav2/share/cspace_nav2"
     for name in ("planner.xml", "package.xml", "launch/navigation.launch.py"):

@@ -1,9 +1,8 @@
 // Answers of the Nav2 package, as Nav2 would ask for them. Each line of standard input is a command, and each answer is a
 // line of JSON:
 //
-//   set NAME VALUE             a parameter, for the next configure or check
+//   set NAME VALUE             a parameter, for the next configure
 //   frame NAME                 the frame of the poses that follow
-//   path_frame NAME            the frame of the paths that follow
 //   seconds N                  the time of the node's clock
 //   writable                   the parameters that may be set while the node runs
 //   footprint X Y              half the sides of the rectangle that the costmap has as its footprint
@@ -14,13 +13,8 @@
 //   cancel N                   the cancel checker says true from its call N on
 //   configure | cleanup        of the planner
 //   plan POSE ... POSE         from the first to the last pose, through the others
-//   check POSE ... POSE        whether the path is valid
 //
 // A pose is x, y and its quaternion x, y, z, w.
-#define main path_checker_main
-#include "../../../ros/cspace_nav2/src/path_checker.cpp"
-#undef main
-
 #include <fstream>
 #include <iomanip>
 #include <iostream>
@@ -34,7 +28,7 @@ namespace {
 
 using Pose = geometry_msgs::msg::PoseStamped;
 
-std::string frame = "map", path_frame = "map";
+std::string frame = "map";
 std::size_t cancelled_call = 1 << 30;
 
 std::vector<Pose> read_poses(std::istream& line) {
@@ -90,34 +84,6 @@ void plan(nav2_core::GlobalPlanner& planner, const std::vector<Pose>& stops) {
   }
 }
 
-template <typename Response>
-auto success_of(const Response& response, int) -> decltype(static_cast<void>(response.success), std::string()) {
-  return response.success ? "true" : "false";
-}
-template <typename Response>
-std::string success_of(const Response&, long) {
-  return "null";
-}
-
-void check(const std::vector<Pose>& poses) {
-  rclcpp::stub_spin() = [&] {
-    const auto request = std::make_shared<Service::Request>();
-    const auto response = std::make_shared<Service::Response>();
-    request->path.header.frame_id = path_frame;
-    request->path.poses = poses;
-    for (const auto& [name, callback] : rclcpp::StubService<Service>::callbacks()) {
-      callback(request, response);
-      std::cout << "{\"service\": " << std::quoted(name) << ", \"valid\": " << (response->is_valid ? "true" : "false")
-                << ", \"success\": " << success_of(*response, 0) << ", \"indices\": [";
-      for (std::size_t k = 0; k < response->invalid_pose_indices.size(); ++k)
-        std::cout << (k > 0 ? ", " : "") << response->invalid_pose_indices[k];
-      std::cout << "]}\n";
-    }
-  };
-  const int code = path_checker_main(0, nullptr);
-  if (code != 0) std::cout << "{\"code\": " << code << "}\n";
-}
-
 using Grid = nav_msgs::msg::OccupancyGrid;
 
 std::shared_ptr<const Grid> send_grid(std::istream& line) {
@@ -160,7 +126,6 @@ int main() {
       line >> rclcpp::stub_parameters()[name];
     }
     if (command == "frame") line >> frame;
-    if (command == "path_frame") line >> path_frame;
     if (command == "seconds") {
       line >> rclcpp::stub_nanoseconds();
       rclcpp::stub_nanoseconds() *= 1000000000;
@@ -198,6 +163,5 @@ int main() {
     }
     if (command == "cleanup") planner->cleanup();
     if (command == "plan") plan(*planner, read_poses(line));
-    if (command == "check") check(read_poses(line));
   }
 }

@@ -4,7 +4,6 @@
 #include <type_traits>
 
 #include <nav2_core/planner_exceptions.hpp>
-#include <nav2_msgs/srv/is_path_valid.hpp>
 #include <rcl_interfaces/msg/parameter_descriptor.hpp>
 
 #include "cspace_nav2/planner.hpp"
@@ -17,7 +16,6 @@ using geometry_msgs::msg::PoseStamped;
 using nav2_core::GlobalPlanner;
 using nav2_costmap_2d::Costmap2D;
 using nav2_costmap_2d::Costmap2DROS;
-using nav2_msgs::srv::IsPathValid;
 using nav_msgs::msg::Path;
 
 #define HAS_TYPE(expression, ...) static_assert(std::is_same_v<decltype(expression), __VA_ARGS__>, #expression)
@@ -59,7 +57,6 @@ HAS_TYPE(&GlobalPlanner::deactivate, void (GlobalPlanner::*)());
 #ifdef CSPACE_NAV2_HAS_VIAPOINTS
 HAS_TYPE(&GlobalPlanner::createPlan, Path (GlobalPlanner::*)(const PoseStamped&, const PoseStamped&,
                                                             const std::vector<PoseStamped>&, std::function<bool()>));
-HAS_TYPE(std::declval<IsPathValid::Response>().success, bool);
 #else
 HAS_TYPE(&GlobalPlanner::createPlan,
          Path (GlobalPlanner::*)(const PoseStamped&, const PoseStamped&, std::function<bool()>));
@@ -92,9 +89,6 @@ HAS_TYPE(std::declval<OccupancyGrid>().info.width, std::uint32_t);
 HAS_TYPE(std::declval<OccupancyGrid>().info.height, std::uint32_t);
 HAS_TYPE(std::declval<OccupancyGrid>().info.origin, Pose);
 HAS_TYPE(std::declval<OccupancyGrid>().data, std::vector<std::int8_t>);
-HAS_TYPE(std::declval<IsPathValid::Request>().path, Path);
-HAS_TYPE(std::declval<IsPathValid::Response>().is_valid, bool);
-HAS_TYPE(std::declval<IsPathValid::Response>().invalid_pose_indices, std::vector<std::int32_t>);
 
 // ---- nodes ----
 

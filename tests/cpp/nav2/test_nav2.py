@@ -710,38 +710,3 @@ def test_paths_pass_all_viapoints_in_order(nav2, version, space, room):
     assert np.abs(again - ABOVE).max(axis=1).min() < 1e-9
     blocked = nav2.plan(START, ABOVE, (3.0, 1.0, 0.0), GOAL)
     assert (blocked["code"], blocked["calls"]) == (206, 0) and "viapoint 2" in blocked["text"]
-
-
-# ---- the path checker ----------------------------------------------------------------------------
-
-
-def test_the_checker_finds_the_poses_from_which_a_path_is_not_proven(nav2, version, room):
-    nav2.configure(room)
-    nav2.tell(f"set map {room}")
-    path = [tuple(pose) for pose in nav2.find_path(START, GOAL).tolist()]
-    success = {"jazzy": None, "main": True}[version]
-    answer = {"success": success, "indices": []}
-    answer["service"] = "path_checker/is_path_valid"
-    assert nav2.check(*path) == {**answer, "valid": True}
-    assert nav2.check(START) == {**answer, "valid": True}
-    assert nav2.check() == {**answer, "valid": False}
-    blocked = {**answer, "valid": False}
-    assert nav2.check(ABOVE, START, GOAL) == {**blocked, "indices": [1]}
-    assert nav2.check(START, (1.0, 1.1, 0.0, 0.1), START) == {**blocked, "indices": [0, 1]}
-    assert nav2.ask("check 1 1 0 0 0 0") == {**blocked, "indices": [0]}
-    nav2.tell("frame odom")
-    assert nav2.check(START) == {**blocked, "indices": [0]}
-
-
-def test_the_checker_refuses_paths_in_another_frame(nav2, version, room):
-    nav2.tell(f"set map {room}")
-    nav2.tell("path_frame odom")
-    answer = nav2.check(START)
-    assert not answer["valid"]
-    assert answer["success"] is {"jazzy": None, "main": False}[version]
-    assert "[ERROR] [path_checker]: the path is in 'odom', not in 'map'" in nav2.read_log()
-
-
-def test_a_checker_without_a_map_logs_why_and_ends(nav2):
-    assert nav2.check(START) == {"code": 1}
-    assert "[FATAL] [path_checker]: the parameter 'map' is missing" in nav2.read_log()

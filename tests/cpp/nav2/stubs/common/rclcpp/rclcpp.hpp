@@ -1,4 +1,4 @@
-// Stub of rclcpp/rclcpp.hpp: a node whose parameters are a map, and whose services are called by spin.
+// Stub of rclcpp/rclcpp.hpp: a node whose parameters are a map.
 #ifndef RCLCPP_STUB_HPP
 #define RCLCPP_STUB_HPP
 
@@ -38,20 +38,6 @@ inline std::map<std::string, std::string>& stub_parameters() {
   static std::map<std::string, std::string> parameters;
   return parameters;
 }
-
-inline std::function<void()>& stub_spin() {
-  static std::function<void()> spin = [] {};
-  return spin;
-}
-
-template <typename Service>
-struct StubService {
-  using Callback = std::function<void(std::shared_ptr<typename Service::Request>, std::shared_ptr<typename Service::Response>)>;
-  static std::map<std::string, Callback>& callbacks() {
-    static std::map<std::string, Callback> callbacks;
-    return callbacks;
-  }
-};
 
 class Time {
  public:
@@ -149,12 +135,6 @@ class Node {
   bool has_parameter(const std::string& name) const { return declared_.count(name) > 0; }
   Parameter get_parameter(const std::string& name) const { return declared_.at(name); }
 
-  template <typename Service, typename Callback>
-  std::shared_ptr<StubService<Service>> create_service(const std::string& name, Callback callback) {
-    StubService<Service>::callbacks()[name.substr(0, 2) == "~/" ? name_ + name.substr(1) : name] = callback;
-    return std::make_shared<StubService<Service>>();
-  }
-
  private:
   std::string name_;
   std::map<std::string, Parameter> declared_;
@@ -219,7 +199,6 @@ std::shared_ptr<void> create_subscription(Node&, const std::string& topic, const
 
 inline bool ok() { return true; }
 inline void init(int, char**, InitOptions = {}, SignalHandlerOptions = SignalHandlerOptions::None) {}
-inline void spin(const std::shared_ptr<Node>&) { stub_spin()(); }
 inline void shutdown() {}
 
 }  // namespace rclcpp
