@@ -366,18 +366,6 @@ class Space(ABC):
 
         return check
 
-    def clearance_checker(self) -> Callable[..., float]:
-        """Return ``clearance(*q)``, a fast :meth:`clearance`; 0 beyond the limits of joints."""
-
-        def clearance(*q: float) -> float:
-            """Return the clearance of a configuration, metres."""
-            try:
-                return float(self.clearance(q))
-            except ConfigurationError:
-                return 0.0
-
-        return clearance
-
     def path_obstacle_distance(self, path: ArrayLike) -> float:
         """Return a lower bound of a path's distance from obstacles, or NaN.
 

@@ -37,8 +37,8 @@ if TYPE_CHECKING:
 class Robot:
     """A rigid robot in the plane or in space.
 
-    Make one with :meth:`polygon`, :meth:`rectangle`, :meth:`disc`, :meth:`ellipse`,
-    :meth:`from_footprint` or :meth:`from_nav2` in the plane, :meth:`from_mesh`, :meth:`box`,
+    Make one with :meth:`polygon`, :meth:`rectangle`, :meth:`disc`, :meth:`ellipse` or
+    :meth:`from_footprint` in the plane, :meth:`from_mesh`, :meth:`box`,
     :meth:`ball`, :meth:`cylinder`, :meth:`capsule` or :meth:`from_urdf` in space, and
     :meth:`from_balls`, :meth:`from_bitmap`, :meth:`parse` or :meth:`open` in either. A
     configuration is the position of the reference point, which is the origin of the robot's frame.
@@ -325,37 +325,6 @@ class Robot:
 
     @classmethod
     @names_options
-    def from_nav2(cls, path: str | os.PathLike[str], costmap: str | None = None) -> Robot:
-        """Read the robot of Nav2's YAML parameters.
-
-        A ``costmap_common_params.yaml`` of ROS 1 is read too. A ``footprint`` becomes a polygon, as
-        in :meth:`from_footprint`; otherwise ``robot_radius`` becomes a disc. Both are padded by
-        ``footprint_padding``, which is 0.01 m by default, as in Nav2.
-
-        Parameters
-        ----------
-        path : path-like
-        costmap : str, optional
-            Name of a costmap, such as "local_costmap"; needed if the costmaps of the file have
-            different robots.
-
-        Raises
-        ------
-        FileError
-            If the file is missing or malformed, or has no robot, several, or none for that costmap.
-        GeometryError
-            If the corners make no polygon.
-        """
-        from cspace._files.ros_maps import read_nav2
-
-        base = read_nav2(path, costmap)
-        if base.corners:
-            name = f"footprint of {Path(path).name}"
-            return cls.from_footprint(base.corners, padding=base.padding, name=name)
-        return cls.disc(base.radius + base.padding)
-
-    @classmethod
-    @names_options
     def from_urdf(
         cls,
         path: str | os.PathLike[str],
@@ -494,9 +463,12 @@ class Robot:
         Parameters
         ----------
         path : path-like
-            Polygons, a mesh, a URDF, or Nav2's parameters. ``FILE.urdf#LINK,LINK`` selects links,
-            and ``FILE.yaml#COSTMAP`` a costmap. The page on files (docs/reference/files.md) has a
-            table of all suffixes.
+            Polygons, a mesh, a URDF, or the YAML of Nav2's parameters, or of a costmap of ROS 1.
+            ``FILE.urdf#LINK,LINK`` selects links, and ``FILE.yaml#COSTMAP`` one of costmaps that
+            have different robots. A ``footprint`` is read as by :meth:`from_footprint`; otherwise
+            ``robot_radius`` is that of a disc. Both are padded by ``footprint_padding``, 0.01 m by
+            default, as in Nav2. The page on files (docs/reference/files.md) has a table of all
+            suffixes.
         solid : {"auto", "surface", "fill"}, optional
             Parts of a mesh, or of the meshes of a URDF, with an interior; "auto" if left out.
         up : {"x", "y", "z"}, optional
@@ -594,6 +566,12 @@ def _read_robot(method: str, path: Path, part: str, options: dict[str, Any]) -> 
         return Robot.polygon(read_shapes(path), name=f"polygon {path.name}")
     if method == "from_mesh":
         return Robot.from_mesh(path, name=f"mesh {path.name}", **options)
-    if method == "from_nav2":
-        return Robot.from_nav2(path, part or None)
+    if method == "nav2":
+        from cspace._files.ros_maps import read_nav2
+
+        base = read_nav2(path, part or None)
+        if base.corners:
+            name = f"footprint of {path.name}"
+            return Robot.from_footprint(base.corners, padding=base.padding, name=name)
+        return Robot.disc(base.radius + base.padding)
     return Robot.from_urdf(path, part.split(",") if part else None, **options)

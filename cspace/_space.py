@@ -58,7 +58,7 @@ from cspace._support.check import (
 from cspace._support.derived import derived, lazy
 from cspace._support.limits import check_memory
 from cspace._support.reporting import format_point
-from cspace._workspace import Workspace, copy_workspace
+from cspace._workspace import LiveWorkspace, Workspace, copy_workspace
 from cspace.errors import ConfigurationError, InputError
 
 if TYPE_CHECKING:
@@ -141,7 +141,7 @@ class CSpace(ConfigurationMap):
 
         Everything else is computed when it is first needed.
         """
-        if contents.workspace.live:  # updates of another map write to it
+        if isinstance(contents.workspace, LiveWorkspace):  # updates of another map write to it
             contents = replace(contents, workspace=copy_workspace(contents.workspace))
         self._contents = contents
         self._layers = layers
@@ -474,25 +474,6 @@ class CSpace(ConfigurationMap):
         """
         return super().edge_checker()
 
-    def clearance_checker(self) -> Callable[..., float]:
-        """Return a fast ``clearance`` of floats, for callbacks.
-
-        It computes the distances of all cells, and again at its first call after an update.
-
-        Returns
-        -------
-        callable
-            ``check(*q) -> float``. Takes the coordinates as finite floats, without a check.
-        """
-        self._distances.compute_all()
-
-        def check(*q: float) -> float:
-            """Return the clearance, metres; 0 for an unusable configuration."""
-            self._distances.compute_all()  # which is at hand, except after an update
-            return max(float(self._measure_clearance(q)), 0.0)
-
-        return check
-
     # ---- bounds of paths -------------------------------------------------------------------------
 
     def min_path_length(self, q0: ArrayLike, q1: ArrayLike) -> float:
@@ -624,7 +605,7 @@ class CSpace(ConfigurationMap):
 
         The map becomes equal to a new build. The cost grows with the cells that differ, in boxes
         around them, and with the robot, not with the map. Existing checkers (:meth:`point_checker`,
-        :meth:`edge_checker`, :meth:`clearance_checker`, and those of the ``planners`` package)
+        :meth:`edge_checker`, and those of the ``planners`` package)
         follow the update.
 
         The first update copies the cells of the workspace, so that the :class:`cspace.Workspace`

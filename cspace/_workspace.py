@@ -111,9 +111,6 @@ class Workspace:
     shapes : tuple or None
         The obstacles as shapes, metres, unclipped; exact queries use them. None if the obstacles
         are given as cells.
-    live : bool
-        True if a map that can be updated owns these cells and writes to them; other maps copy them
-        first.
 
     Raises
     ------
@@ -134,7 +131,6 @@ class Workspace:
     source: str = "array"
     unknown: Bools | None = field(default=None, repr=False)
     shapes: tuple[Shape, ...] | None = field(default=None, repr=False)
-    live: bool = field(default=False, repr=False)
 
     def __post_init__(self) -> None:
         """Check and freeze the arrays."""
@@ -250,42 +246,8 @@ class Workspace:
         return cls(grid, cells, inside, source=source)
 
     @classmethod
-    @names_options
-    def from_ros_map(cls, path: StrPath, unknown: str = "occupied") -> Workspace:
-        """Read a ROS map.
-
-        It is a YAML file, with a PGM or PNG image beside it.
-
-        The image becomes cells as in map_server of ROS 1 and Navigation2. Here *shade* is the mean
-        of the colour channels from 0 (black) to 1 (white); ``p = 1 - shade``, or ``p = shade`` if
-        ``negate`` is 1:
-
-        * ``trinary`` (the default): ``p >= occupied_thresh`` is occupied, ``p < free_thresh`` is
-          free, the rest is unknown. Grey 205, which map savers write for unknown cells, is unknown
-          also if it is below ``free_thresh``, and in a JPEG, or beside grey 205, so are greys up to
-          229; a warning counts such cells;
-        * ``scale``: ``p < free_thresh`` is free, except grey 205 as in ``trinary``, and the rest is
-          occupied, because a cell with some probability of being occupied is not proven free;
-        * ``raw``: ``round(255 * shade)`` is the occupancy in per cent; below ``100 * free_thresh``
-          is free, up to 100 is occupied, above is unknown.
-
-        A pixel that is not fully opaque is unknown, as in Navigation2 since 2025, and in ``raw``
-        mode too. Releases disagree about ``p`` equal to a threshold; here it is never free.
-
-        Parameters
-        ----------
-        path : path-like
-            The YAML file.
-        unknown : {"occupied", "free"}
-            State of unknown cells.
-
-        Raises
-        ------
-        InputError
-            If ``unknown`` is neither word.
-        FileError
-            If the YAML or its image is missing or malformed.
-        """
+    def _from_ros_map(cls, path: StrPath, unknown: str = "occupied") -> Workspace:
+        """Read the YAML file of a ROS map; see :meth:`open`."""
         from cspace._files.ros_maps import read_ros_map
         from cspace._raster.bitmaps import align_image
 
@@ -340,8 +302,7 @@ class Workspace:
         return cls(grid, outer, inner, source="occupancy grid", unknown=unseen)
 
     @classmethod
-    @names_options
-    def from_image(
+    def _from_image(
         cls,
         path: StrPath,
         spacing: float,
@@ -350,37 +311,7 @@ class Workspace:
         threshold: float = 0.5,
         dark: str = "occupied",
     ) -> Workspace:
-        """Read an image, one cell per pixel.
-
-        The first row of the image is the top, after its EXIF orientation.
-
-        Parameters
-        ----------
-        path : path-like
-            A PNG, PGM, PPM, PBM, BMP, JPEG or TIFF.
-        spacing : float
-            Side of a pixel, in metres.
-        lower : array-like, shape (2,), optional
-            Lower left corner of the image, in metres; the origin if left out.
-        threshold : float
-            Pixels are dark if the mean of their colour channels, from 0 (black) to 1 (white), is
-            below this.
-        dark : {"occupied", "free"}
-            State of dark pixels; bright pixels have the other. Pixels that are not fully opaque are
-            unknown, and always occupied.
-
-        Raises
-        ------
-        InputError
-            If a number or word is invalid.
-        FileError
-            If the file is missing or cannot be decoded.
-
-        Warns
-        -----
-        UnitWarning
-            If a GeoTIFF states its placement, which is not read.
-        """
+        """Read an image, one cell per pixel; see :meth:`open`."""
         from cspace._files.images import read_image
 
         check_positive(spacing, "spacing")
@@ -389,27 +320,8 @@ class Workspace:
         return cls(grid, cells, cells, source=str(path), unknown=unseen)
 
     @classmethod
-    @names_options
-    def from_movingai(cls, path: StrPath, spacing: float = 1.0) -> Workspace:
-        """Read a map of the MovingAI benchmarks.
-
-        It is a ``.map`` in the plane, or a ``.3dmap`` of voxels in space. In a ``.map``, ``.``,
-        ``G`` and ``S`` are passable, ``@``, ``O``, ``T`` and ``W`` blocked.
-
-        Parameters
-        ----------
-        path : path-like
-            The first row of a ``.map`` is the top; the lower corner of the map is the origin.
-        spacing : float
-            Side of a cell, in metres.
-
-        Raises
-        ------
-        InputError
-            If ``spacing`` is not above zero.
-        FileError
-            If the file is missing, truncated or malformed; the message names the line.
-        """
+    def _from_movingai(cls, path: StrPath, spacing: float = 1.0) -> Workspace:
+        """Read a map of the MovingAI benchmarks, whose lower corner is the origin."""
         from cspace._files.images import read_movingai_map, read_movingai_voxels
 
         is_in_space = Path(path).suffix.lower() == ".3dmap"
@@ -765,29 +677,10 @@ class Workspace:
         return cls._of([cloud], spacing, bounds, source, "cloud", cloud.centers)
 
     @classmethod
-    @names_options
-    def from_octomap(
+    def _from_octomap(
         cls, path: StrPath, unknown: str = "occupied", bounds: ArrayLike | None = None
     ) -> Workspace:
-        """Read an OctoMap, ``.bt`` or ``.ot``, at finest resolution.
-
-        Parameters
-        ----------
-        path : path-like
-        unknown : {"occupied", "free"}
-            State of unknown cells.
-        bounds : array-like, shape (6,) or (2, 3), optional
-            Lower, then upper corner of the map, in metres, which covers them with whole cells of
-            the OctoMap; the bounding box of the known cells if left out. **Obstacles are clipped to
-            it.**
-
-        Raises
-        ------
-        InputError
-            If ``unknown`` is neither word, or ``bounds`` is reversed.
-        FileError
-            If the file is missing, truncated or malformed.
-        """
+        """Read an OctoMap at finest resolution; see :meth:`open`."""
         from cspace._files.octomap import read_octomap
 
         check_word(unknown, "unknown", UNKNOWNS)
@@ -849,23 +742,63 @@ class Workspace:
     def open(cls, path: StrPath, **options: Unpack[OpenOptions]) -> Workspace:
         """Read a workspace from a file, in the format of its suffix.
 
+        The image of a ROS map becomes cells as in map_server of ROS 1 and Navigation2. Here *shade*
+        is the mean of the colour channels from 0 (black) to 1 (white); ``p = 1 - shade``, or ``p =
+        shade`` if ``negate`` is 1:
+
+        * ``trinary`` (the default): ``p >= occupied_thresh`` is occupied, ``p < free_thresh`` is
+          free, the rest is unknown. Grey 205, which map savers write for unknown cells, is unknown
+          also if it is below ``free_thresh``, and in a JPEG, or beside grey 205, so are greys up to
+          229; a warning counts such cells;
+        * ``scale``: ``p < free_thresh`` is free, except grey 205 as in ``trinary``, and the rest is
+          occupied, because a cell with some probability of being occupied is not proven free;
+        * ``raw``: ``round(255 * shade)`` is the occupancy in per cent; below ``100 * free_thresh``
+          is free, up to 100 is occupied, above is unknown.
+
+        A pixel that is not fully opaque is unknown, as in Navigation2 since 2025, and in ``raw``
+        mode too. Releases disagree about ``p`` equal to a threshold; here it is never free.
+
+        An image has one cell per pixel; its first row is the top, after its EXIF orientation, and
+        pixels that are not fully opaque are occupied. In a ``.map`` of MovingAI, ``.``, ``G`` and
+        ``S`` are passable, ``@``, ``O``, ``T`` and ``W`` blocked, and the first row is the top.
+
         Parameters
         ----------
         path : path-like
             A map, an image, polygons, a mesh, an OctoMap, a point cloud or an array. The page on
             files (docs/reference/files.md) has a table of all suffixes.
+        unknown : {"occupied", "free"}
+            State of unknown cells of a ROS map or an OctoMap.
+        spacing : float
+            Side of a cell or pixel, in metres; not for ROS maps and OctoMaps, and 1 m by default
+            for MovingAI.
+        lower : array-like, shape (d,), optional
+            Lower corner of an image or an array, in metres; by default the origin.
+        threshold : float
+            Pixels of an image are dark if the mean of their colour channels, from 0 (black) to 1
+            (white), is below this; 0.5 by default.
+        dark : {"occupied", "free"}
+            State of dark pixels of an image; bright pixels have the other.
+        bounds : array-like, shape (2 d,) or (2, d), optional
+            Lower, then upper corner of the map, in metres, for polygons, meshes and points, and for
+            an OctoMap, whose whole cells cover them; by default those of what is known. **Obstacles
+            are clipped to it.**
         **options
-            Those of the method for that format: ``spacing`` except for ROS maps and OctoMaps
-            (optional for MovingAI), ``unknown``, ``threshold``, ``dark``, ``lower``, ``bounds``,
-            ``offset``, ``solid``, ``up``, ``radius``, ``drop_missing``.
+            ``offset``, ``solid``, ``up``, ``radius``, ``drop_missing``, ``inner`` and ``lazy``: of
+            :meth:`from_polygons`, :meth:`from_mesh`, :meth:`from_points` and :meth:`from_array`.
 
         Raises
         ------
         InputError
-            If the suffix is unknown, an option does not apply to the format, or ``spacing`` is
-            missing.
+            If the suffix is unknown, an option does not apply to the format, ``spacing`` is
+            missing, or a value is invalid.
         FileError
-            If the file is missing or malformed.
+            If the file is missing, truncated or malformed.
+
+        Warns
+        -----
+        UnitWarning
+            If a GeoTIFF states its placement, which is not read.
         """
         reader = reader_of(path, options)
         for name, parameter in _options_of(reader).items():
@@ -875,6 +808,12 @@ class Workspace:
         return reader(path, **options)
 
     plot = _outside.plot
+
+
+class LiveWorkspace(Workspace):
+    """A workspace to whose cells a map's updates write, so that other maps copy them first."""
+
+    __slots__ = ()
 
 
 class LazyWorkspace(Workspace):
@@ -906,7 +845,6 @@ class LazyWorkspace(Workspace):
         object.__setattr__(self, "source", source)
         object.__setattr__(self, "shapes", shapes)
         object.__setattr__(self, "unknown", None)
-        object.__setattr__(self, "live", False)
         object.__setattr__(self, "_cells", cells)
         object.__setattr__(self, "_whole", [])
 
@@ -969,14 +907,12 @@ def _naming_file(path: StrPath) -> Iterator[None]:
         raise FileError(os.fspath(path), problem, error.rule, error.hint) from error
 
 
-def copy_workspace(workspace: Workspace, live: bool = False) -> Workspace:
-    """Copy a workspace and its arrays, ``live`` for a map's updates."""
+def copy_workspace(workspace: Workspace, kind: type[Workspace] = Workspace) -> Workspace:
+    """Copy a workspace and its arrays, as one of this kind."""
     outer = frozen(workspace.outer.copy())
     inner = outer if workspace.inner is workspace.outer else frozen(workspace.inner.copy())
     unknown = None if workspace.unknown is None else frozen(workspace.unknown.copy())
-    return Workspace(
-        workspace.grid, outer, inner, workspace.source, unknown, workspace.shapes, live
-    )
+    return kind(workspace.grid, outer, inner, workspace.source, unknown, workspace.shapes)
 
 
 def reader_of(path: StrPath, options: Iterable[str] = ()) -> Callable[..., Workspace]:

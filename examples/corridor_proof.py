@@ -34,7 +34,7 @@ for width in (0.6, 0.98, 1.2):
         space,
         f"corridor_{width:g}.png",
         True,
-        path=plan if plan.solved else None,
+        path=plan if plan else None,
         start=start,
         goal=goal,
     )

@@ -55,7 +55,7 @@ start, goal = np.diff(zigzag, prepend=0.0), np.zeros(LINKS)
 # Sampling alone, for five seconds.
 
 plan = planners.plan(space, start, goal, planner="RRTConnect", time_limit=5.0, seed=1)
-print(f"RRTConnect: {'solved' if plan.solved else 'no path'}")
+print(f"RRTConnect: {'solved' if plan else 'no path'}")
 
 # %%
 # Balls that cover a bar, and balls that cover the blocks.

@@ -36,7 +36,7 @@ file.write_text(
 # %%
 # Unknown cells count as occupied unless you say ``unknown="free"``.
 
-workspace = cspace.Workspace.from_ros_map(file)
+workspace = cspace.Workspace.open(file)
 folder.cleanup()
 space = cspace.build(workspace, cspace.Robot.disc(0.25))
 plan = planners.plan(space, (-3.0, -2.0), (3.0, -2.0), seed=1)

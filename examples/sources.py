@@ -31,8 +31,8 @@ np.save(here / "scan.npy", np.column_stack([4 + 3 * np.cos(angle), 1 + 3 * np.si
 np.save(here / "cells.npy", np.indices((80, 60)).sum(axis=0) % 40 == 0)
 
 workspaces = [
-    cspace.Workspace.from_image(here / "floor.png", spacing=0.05),
-    cspace.Workspace.from_movingai(here / "arena.map", spacing=0.5),
+    cspace.Workspace.open(here / "floor.png", spacing=0.05),
+    cspace.Workspace.open(here / "arena.map", spacing=0.5),
     cspace.Workspace.from_points(
         np.load(here / "scan.npy"), radius=0.1, spacing=0.05, bounds=(0, 0, 8, 6)
     ),

@@ -41,7 +41,7 @@ for name, sides in (("plank", (1.4, 0.3, 0.3)), ("cube", (1.2, 1.2, 1.2))):
     )
     plan = planners.plan(space.exact, (*start, *along_y), (*goal, *along_y), time_limit=20, seed=1)
     print(f"{name}: {plan.status}; certified: {plan.certified}")
-    path = plan if plan.solved else None
+    path = plan if plan else None
     save_plot(
         space,
         f"window_{name}.png",

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -12,7 +11,7 @@ from ompl import base as ob
 from ompl import util as ou
 
 from cspace import CSpace, Rotations, Space
-from cspace.errors import InputError
+from cspace.errors import ConfigurationError, InputError
 from cspace.inside import Floats, check_rng, names_options
 from planners._drives import local_planner
 from planners._local_planner import Drive, LocalPlanner, wrap_yaw
@@ -42,9 +41,17 @@ class StateValidityChecker(ob.StateValidityChecker):
         """Make the test of a state from that of a configuration."""
         check_information(si, space)
         super().__init__(si)
-        self._kind = find_state_kind(space)
-        self._space = space
-        self.is_free = self._kind.of_states(space.point_checker())
+        kind = find_state_kind(space)
+        self.is_free = kind.of_states(space.point_checker())
+
+        def clearance(*q: float) -> float:
+            """Return the clearance of a configuration; 0 beyond the limits of joints."""
+            try:
+                return float(space.clearance(q))
+            except ConfigurationError:
+                return 0.0
+
+        self._clearance = kind.of_states(clearance)
 
     def isValid(self, state: ob.State) -> bool:  # noqa: N802 - OMPL's name
         """Return True if the state is proven free."""
@@ -56,11 +63,6 @@ class StateValidityChecker(ob.StateValidityChecker):
         It is :meth:`cspace.Space.clearance`; for an arm, the obstacle distance.
         """
         return self._clearance(state)
-
-    @cached_property
-    def _clearance(self) -> Callable[[ob.State], float]:
-        """Clearance of a state, by a pass over the map."""
-        return self._kind.of_states(self._space.clearance_checker())
 
 
 class MotionValidator(ob.MotionValidator):

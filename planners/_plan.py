@@ -1129,8 +1129,8 @@ def _make_plan(journey: Journey, space: Space, moved: Mapping[Endpoint, str], be
     path = edges.resample(waypoints)
     direction = edges.find_directions(path)
     length_unit = " or ".join(dict.fromkeys(edges.space.units[: edges.space.dim]))
-    planning = result.planning.seconds
-    setup = searched - began - planning - result.simplification
+    planning = result.planning.seconds + result.simplification
+    setup = searched - began - planning
     return Plan(
         path=frozen(path),
         waypoints=frozen(waypoints),
@@ -1140,7 +1140,6 @@ def _make_plan(journey: Journey, space: Space, moved: Mapping[Endpoint, str], be
         units=edges.space.units,
         length_unit=length_unit,
         direction=None if direction is None else frozen(direction),
-        solved=len(waypoints) > 0,
         certified=reached > 0 and result.proven,
         status=status,
         hint=hint,
@@ -1152,9 +1151,7 @@ def _make_plan(journey: Journey, space: Space, moved: Mapping[Endpoint, str], be
         objective="custom" if callable(task.objective) else name_kind(task.objective),
         drive=edges.drive,
         exact=edges.exact,
-        seed=task.seed,
-        time_limit=task.time_limit,
-        times=Times(setup, planning, result.simplification, time.monotonic() - searched),
+        times=Times(setup, planning, time.monotonic() - searched),
         frame_id=edges.space.frame_id,
         keep=task.keep,
         space=space,

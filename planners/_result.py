@@ -51,9 +51,9 @@ PRINTED_DECIMALS: Final = 9
 class Times:
     """Durations of the steps of :func:`planners.plan`, in seconds.
 
-    The time limit applies to planning and simplification. The first plan on a map also computes the
-    caches that all later plans use, such as components and, for "MaxClearance", the clearance of
-    every cell. That takes seconds on a map of 10^8 cells.
+    The time limit applies to planning. The first plan on a map also computes the caches that all
+    later plans use, such as components and, for "MaxClearance", the clearance of every cell. That
+    takes seconds on a map of 10^8 cells.
 
     Attributes
     ----------
@@ -61,16 +61,13 @@ class Times:
         Checks of the input, the test whether a path exists, OMPL's set-up, caches of the map, and
         compilation.
     planning : float
-        The search, as the time limit counts it, without compilation.
-    simplification : float
-        Shortening the path; built-in searches count it as planning.
+        The search, and shortening the path, as the time limit counts them, without compilation.
     checking : float
         The final check of every edge; without a path, the searches that try what the hint says.
     """
 
     setup: float = 0.0
     planning: float = 0.0
-    simplification: float = 0.0
     checking: float = 0.0
 
 
@@ -106,9 +103,6 @@ class Plan:
     direction : ndarray of int8, shape (n,), read-only, or None
         Motion of the robot from the previous row to each row: 1 ahead, -1 in reverse, 0 turning on
         the spot. The first row repeats the second. None for a holonomic robot.
-    solved : bool
-        Whether the path reaches the goal, as ``bool(plan)`` says. Approximate solutions of OMPL are
-        discarded.
     certified : bool
         Whether every edge between the waypoints was proven free **when it was planned**, by the
         map, or with ``exact`` by the map and the geometry, checked again after OMPL was done;
@@ -140,10 +134,6 @@ class Plan:
     exact : bool
         Whether the geometry itself decided edges in MIXED cells; True for an arm and a space of
         your own.
-    seed : int or None
-        Seed of the random numbers.
-    time_limit : float or None
-        Time limit of the search, seconds; None if none was given.
     times : Times
     frame_id : str
         Frame of the map in ROS, :attr:`cspace.CSpace.frame_id`.
@@ -165,7 +155,6 @@ class Plan:
     units: tuple[str, ...]
     length_unit: str
     direction: NDArray[np.int8] | None
-    solved: bool
     certified: bool
     status: str
     hint: str
@@ -177,8 +166,6 @@ class Plan:
     objective: str
     drive: Drive | None
     exact: bool
-    seed: int | None
-    time_limit: float | None
     times: Times
     frame_id: str = "map"
     keep: tuple[Upright, ...] = ()
@@ -260,7 +247,7 @@ class Plan:
     @property
     def _edges(self) -> LocalPlanner | None:
         """Local planner on the map; None without path or map."""
-        if self.space is None or not self.solved:
+        if self.space is None or not self:
             return None
         return self._edges_on(self.space)
 
@@ -350,8 +337,8 @@ class Plan:
         return replace(explanation, moves_sideways=self.drive is None)
 
     def __bool__(self) -> bool:
-        """Return :attr:`solved`."""
-        return self.solved
+        """Return whether the path reaches the goal; approximate solutions are discarded."""
+        return len(self.waypoints) > 0
 
     def __repr__(self) -> str:
         """Return a summary in a few lines.
@@ -365,9 +352,9 @@ class Plan:
         """Return the lines of the summary."""
         axes = ", ".join(self.axes)
         result = f"{self.planner}: {self.status}"
-        ends = self.waypoints[[0, -1]] if self.solved else np.array([self.start, self.goal])
+        ends = self.waypoints[[0, -1]] if self else np.array([self.start, self.goal])
         between = " to ".join(str(tuple(q)) for q in np.round(ends, PRINTED_DECIMALS).tolist())
-        if not self.solved:
+        if not self:
             hints = [f"try {self.hint}"] if self.hint else []
             return [result, f"from {between} ({axes})", *self._reasons, *hints]
         measures = [f"{self.length:.3f} {self.length_unit}"]
@@ -378,7 +365,7 @@ class Plan:
         return [
             f"{result}, {self._proof}; {', '.join(measures)}",
             f"{len(self.waypoints)} waypoints ({axes}) from {between}, {edges}",
-            f"planned in {_format_seconds(times.planning + times.simplification)}, "
+            f"planned in {_format_seconds(times.planning)}, "
             f"set up in {_format_seconds(times.setup)}, "
             f"checked in {_format_seconds(times.checking)}",
         ]
@@ -415,7 +402,7 @@ class Plan:
         Parameters
         ----------
         **options
-            Of :func:`cspace.plot.plot`, e.g. ``zoom=8`` for a part.
+            Of :meth:`cspace.CSpace.plot`, e.g. ``view="3d"``.
 
         Returns
         -------
@@ -425,7 +412,8 @@ class Plan:
         Raises
         ------
         InputError
-            If the plan was pickled, which leaves the map behind; or as :func:`cspace.plot.plot`.
+            If the plan was pickled, which leaves the map behind; or as
+            :meth:`cspace.CSpace.plot`.
         """
         options.setdefault("path", self)
         axes: Axes = self._picture().plot(**options)
@@ -721,7 +709,7 @@ class Plan:
 
     def _check_solved(self, rule: str) -> None:
         """Raise InputError with `rule` without a path."""
-        if not self.solved:
+        if not self:
             raise InputError("plan", f"has no path: {self.status}", rule)
 
     @names_options

@@ -270,8 +270,8 @@ ROWS = [
         id="the spacing of labelled cells",
     ),
     pytest.param(
-        lambda folder, **options: Workspace.from_image(write_ros_image(folder), 0.1, **options),
-        lambda folder: Workspace.from_ros_map(write_ros_image(folder).with_suffix(".yaml")),
+        lambda folder, **options: Workspace.open(write_ros_image(folder), spacing=0.1, **options),
+        lambda folder: Workspace.open(write_ros_image(folder).with_suffix(".yaml")),
         id="the threshold of a picture with unknown cells",
     ),
     pytest.param(
@@ -280,7 +280,7 @@ ROWS = [
         id="points without coordinates",
     ),
     pytest.param(
-        lambda folder, **options: Robot.from_nav2(write_nav2(folder), **options),
+        lambda folder, path=None: Robot.open(path or write_nav2(folder)),
         lambda _: Robot.disc(0.2),
         id="one of two costmaps",
     ),
@@ -300,8 +300,8 @@ ROWS = [
         id="milliseconds",
     ),
     pytest.param(
-        lambda folder, **options: Workspace.from_ros_map(write_grey_map(folder), **options),
-        lambda folder: Workspace.from_image(write_ros_image(folder), 0.1, threshold=0.1),
+        lambda folder, **options: Workspace.open(write_grey_map(folder), **options),
+        lambda folder: Workspace.open(write_ros_image(folder), spacing=0.1, threshold=0.1),
         id="unknown cells of a map as free",
     ),
     pytest.param(

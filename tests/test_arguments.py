@@ -337,8 +337,6 @@ def test_an_unlike_option_lists_those_that_can_be_given():
         cspace.lanes.audit(turning(), None, heading="any")  # type: ignore[call-arg]
     with pytest.raises(TypeError, match=r"view\(\) .*options are block, frame, goal, host, path, "):
         turning().view(open_browser=False)  # type: ignore[call-arg]
-    with pytest.raises(TypeError, match=r"Viewer\(\) .*its options are frame, goal, host, path, "):
-        cspace.view.Viewer(turning(), open_browser=False)  # type: ignore[call-arg]
     with pytest.raises(TypeError, match="its options are ax, camera, center, goal, legend, "):
         turning().plot(quiet=True)  # type: ignore[call-arg]
     with pytest.raises(

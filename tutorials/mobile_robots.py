@@ -21,7 +21,7 @@ from cspace.plot import save_plot
 # -------
 #
 # A workspace holds the obstacles: here the floor plan of a flat, 16 m by 10 m, as polygons of
-# shapely. With your own map, write ``cspace.Workspace.from_ros_map("map.yaml")``, or
+# shapely. With your own map, write ``cspace.Workspace.open("map.yaml")``, or
 # ``Workspace.open`` for any supported file. A robot is a shape whose reference point is the origin.
 # ``build`` returns the map of its configurations.
 

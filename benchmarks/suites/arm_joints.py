@@ -233,7 +233,7 @@ def _plan(report: Report, name: str, body: Body, seed: int) -> None:
         if not timing.seconds:
             search()  # compiles and loads
         found = timing.take(search)
-        solved += found.solved
+        solved += bool(found)
         certified &= bool(space.certify_path(found.waypoints).all())
     report.timing(
         "a first path", timing, solved=f"{solved} of {count}", max=f"{max(timing.seconds):.3g} s"

@@ -108,7 +108,7 @@ def compare(
         before = time.process_time()
         plan = planners.plan(space, start, goal, **options, time_limit=TIME_LIMIT_S)
         seconds[1] += time.process_time() - before
-        if plan.solved:
+        if plan:
             lengths[1, k] = plan.length
     both = np.isfinite(lengths).all(axis=0)
     solved = np.isfinite(lengths).sum(axis=1)

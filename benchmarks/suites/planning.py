@@ -197,7 +197,7 @@ def solve_by_plan(
         seed=seed,
     )
     taken = time.perf_counter() - began
-    return taken, plan.path if plan.solved else None
+    return taken, plan.path if plan else None
 
 
 def _measure_length(space: CSpace, path: Floats) -> float:

@@ -122,7 +122,7 @@ class Driver:
                 plan = planners.plan(self.space, place, goal, drive=self.drive, previous=self.plan)
             except ConfigurationError:  # a crate is near that place
                 continue
-            self.plan = plan if plan.solved else self.plan
+            self.plan = plan if plan else self.plan
             new = plan.trajectory(**self.limits, after=old, at=at)
             is_quicker = is_for(new, goal) and new.duration < left
             if left > 0.0 and not is_quicker and old.recheck(self.space).all():

@@ -261,7 +261,7 @@ def building(
     path = _data(report, BUILDING)
     if path is None:
         return
-    half, workspace = 0.5 * np.array(DRONE), Workspace.from_octomap(path, unknown)
+    half, workspace = 0.5 * np.array(DRONE), Workspace.open(path, unknown=unknown)
     grid, body = workspace.grid, np.array([[-half, half]])
     boxes = np.asarray(grid.lower) + grid.spacing * inputs.merge_cells(workspace.outer)
     models = {

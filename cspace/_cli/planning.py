@@ -157,9 +157,9 @@ def plan(
     # The proven distance to obstacles may take as long as the search.
     with clock.step("measure"):
         described = _describe(planned)
-        if planned.solved:
+        if planned:
             described |= _describe_distance(planned)
-    if planned.solved:
+    if planned:
         with clock.step("write"):
             _write_path(planned, output or [], overwrite)
             if trajectory:
@@ -169,11 +169,11 @@ def plan(
     if picture:
         with clock.step("draw"):
             save_plot(space, picture, overwrite, path=planned)
-    if animate and planned.solved:
+    if animate and planned:
         with clock.step("animate") as progress:
             planned.animate(animate, overwrite, progress=progress)
     show({**described, "seconds": clock.seconds}, as_json)
-    if not planned.solved:
+    if not planned:
         hint = _word_hint(planned.hint, drive)
         hint = name_options(hint, list_option_names(context.command, context.meta))
         advice = f"; try {hint}" if hint else ""
@@ -362,9 +362,10 @@ def _describe_distance(plan: Plan) -> dict[str, float]:
 
 def _describe(plan: Plan) -> dict[str, Any]:
     """Describe a plan: its outcome, its proofs and its path."""
-    names = ["planner", "solved", "status", "is_connected", "is_disconnected"]
-    described = {name: getattr(plan, name) for name in names}
-    if plan.solved:
+    names = ["status", "is_connected", "is_disconnected"]
+    described: dict[str, Any] = {"planner": plan.planner, "solved": bool(plan)}
+    described |= {name: getattr(plan, name) for name in names}
+    if plan:
         described["configurations"] = len(plan.path)
         described[with_unit("length", plan.length_unit)] = plan.length
         if plan.total_rotation:

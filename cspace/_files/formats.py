@@ -49,12 +49,12 @@ WORKSPACE_FORMATS: Final[dict[str, Format]] = {
     **dict.fromkeys(
         ros_maps.YAML_SUFFIXES,
         Format(
-            "from_ros_map", 2, "a ROS map with its PGM or PNG, all three modes, turned origins too"
+            "_from_ros_map", 2, "a ROS map with its PGM or PNG, all three modes, turned origins too"
         ),
     ),
-    **dict.fromkeys(_IMAGE_SUFFIXES, Format("from_image", 2, "an image, dark pixels occupied")),
-    ".map": Format("from_movingai", 2, "a MovingAI map"),
-    ".3dmap": Format("from_movingai", 3, "a MovingAI map of voxels"),
+    **dict.fromkeys(_IMAGE_SUFFIXES, Format("_from_image", 2, "an image, dark pixels occupied")),
+    ".map": Format("_from_movingai", 2, "a MovingAI map"),
+    ".3dmap": Format("_from_movingai", 3, "a MovingAI map of voxels"),
     **dict.fromkeys(
         vector.POLYGON_SUFFIXES,
         Format("from_polygons", 2, "polygons, lines and points; zones of type BLOCKED of VDA 5050"),
@@ -63,7 +63,7 @@ WORKSPACE_FORMATS: Final[dict[str, Format]] = {
         meshes.MESH_SUFFIXES,
         Format("from_mesh", 3, "a mesh; a `.ply` without faces is a point cloud"),
     ),
-    **dict.fromkeys((".bt", ".ot"), Format("from_octomap", 3, "an OctoMap")),
+    **dict.fromkeys((".bt", ".ot"), Format("_from_octomap", 3, "an OctoMap")),
     **dict.fromkeys(
         (".xyz", ".txt", ".csv", ".pcd"),
         Format(
@@ -92,9 +92,7 @@ ROBOT_FORMATS: Final[dict[str, Format]] = {
     ),
     **dict.fromkeys(
         ros_maps.YAML_SUFFIXES,
-        Format(
-            "from_nav2", 2, "the footprint in Nav2's parameters, or that of `FILE.yaml#COSTMAP`"
-        ),
+        Format("nav2", 2, "the footprint in Nav2's parameters, or that of `FILE.yaml#COSTMAP`"),
     ),
 }
 """Formats of robot files, by suffix."""

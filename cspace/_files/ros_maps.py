@@ -97,7 +97,7 @@ FIELDS: Final = (
 def read_ros_map(path: StrPath, unknown: str = "occupied") -> tuple[MapInfo, Bools, Bools]:
     """Read the placement and cells of a ROS map.
 
-    :meth:`cspace.Workspace.from_ros_map` says how the image becomes cells.
+    :meth:`cspace.Workspace.open` says how the image becomes cells.
 
     Parameters
     ----------
@@ -248,7 +248,7 @@ def _find_image(header: Ledger, path: pathlib.Path) -> pathlib.Path:
 def _classify_pixels(header: _MapHeader, image: Shades, warn: bool) -> tuple[Bools, Bools]:
     """Return masks of a map's free and occupied pixels.
 
-    The modes are documented at :meth:`cspace.Workspace.from_ros_map`. All pixels of a level are
+    The modes are documented at :meth:`cspace.Workspace.open`. All pixels of a level are
     alike, so levels are classified first. With `warn`, warn of unknown pixels below
     ``free_thresh``.
     """
@@ -700,7 +700,7 @@ def read_nav2(path: StrPath, costmap: str | None) -> CostmapRobot:
     name, robot = next(iter(robots.items()))
     if len(set(robots.values())) > 1:
         listed = "; ".join(f"{name} has {robot}" for name, robot in robots.items())
-        hint = f"pass e.g. costmap={name!r}"
+        hint = f"pass e.g. path={f'{file}#{name}'!r}"
         raise FileError(file, f"describes several robots: {listed}", "a map has one robot", hint)
     return robot
 

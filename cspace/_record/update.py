@@ -21,7 +21,7 @@ from cspace._shapes import Shape
 from cspace._support.arrays import Bools, Bytes, Floats, Ints, frozen, intersect_boxes
 from cspace._support.check import check_cells, check_real
 from cspace._support.reporting import warn_user
-from cspace._workspace import Workspace, copy_workspace, in_metres
+from cspace._workspace import LiveWorkspace, Workspace, copy_workspace, in_metres
 from cspace.errors import InputError, UnitWarning
 
 _INFINITY: Final = 2**62
@@ -194,7 +194,7 @@ class Updater:
         # Cells of the largest raster along each axis, and number of rotation cells of each slice.
         self._raster_size = np.max([outer.cells.shape for outer, _ in rasters], axis=0)
         self._weights = np.bincount(contents.slice_of, minlength=len(contents.states))
-        self._workspace = copy_workspace(contents.workspace, live=True)
+        self._workspace = copy_workspace(contents.workspace, LiveWorkspace)
 
     def update(self, patch: Patch) -> Update:
         """Write a box of cells, and update the map.
@@ -428,7 +428,7 @@ class Updater:
             outer[window] = patch.outer
             inner[window] = patch.inner
             parts = frozen(outer), frozen(inner), old.source, old.unknown, old.shapes
-            self._workspace = Workspace(old.grid, *parts, live=True)
+            self._workspace = LiveWorkspace(old.grid, *parts)
         if self._workspace.unknown is not None:
             _overwrite(self._workspace.unknown, window, patch.unknown)
         return int(np.count_nonzero(differs))

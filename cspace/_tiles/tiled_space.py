@@ -104,11 +104,6 @@ class TiledCSpace(ConfigurationMap):
         return self._folder.tile
 
     @property
-    def halo(self) -> int:
-        """Cells around each tile that are saved with it."""
-        return self._folder.halo
-
-    @property
     def progress(self) -> float:
         """Fraction of tiles built; open a complete map again."""
         return self._folder.progress
@@ -250,8 +245,8 @@ class TiledCSpace(ConfigurationMap):
     def _write_clearances(self, rows: Floats, out: Floats) -> int:
         # Cells beyond the halo of a tile count as not FREE, and a clearance may be two cells too
         # small. So a value above the halo less two cells would depend on the tile.
-        bad = self._query_parts(CSpace.clearance, rows, out, self.halo - 1)
-        np.minimum(out, (self.halo - 2) * self.grid.spacing, out=out)
+        bad = self._query_parts(CSpace.clearance, rows, out, self._folder.halo - 1)
+        np.minimum(out, (self._folder.halo - 2) * self.grid.spacing, out=out)
         return bad
 
     # ---- connectivity ----------------------------------------------------------------------------

@@ -431,8 +431,7 @@ def _place_workspace(obstacle: Workspace, name: str, base: Floats) -> PosedShape
 
     def make_voxels(cells: Bools) -> Voxels:
         """Return cells as a shape that no update changes."""
-        own_cells = cells.copy() if obstacle.live else cells
-        return Voxels(own_cells, grid.spacing, np.asarray(grid.lower))
+        return Voxels(cells.copy(), grid.spacing, np.asarray(grid.lower))
 
     if inner is outer:
         return PosedShape(make_voxels(outer), base)

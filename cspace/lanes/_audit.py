@@ -9,18 +9,17 @@ from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
-from cspace import BLOCKED, CSpace
+from cspace import BLOCKED
 from cspace.inside import (
     Bools,
     Floats,
     StrPath,
     cells_of,
-    check_known,
     check_not_negative,
     names_options,
 )
 from cspace.lanes._collisions import Hit, find_hits, sample_motions
-from cspace.lanes._lane_motions import list_legs, list_motions, list_parts, list_yaws, open_graph
+from cspace.lanes._lane_motions import list_legs, list_motions, list_parts, open_graph
 from cspace.lanes._reach import Reach, judge_ways, prove_nodes
 from cspace.lanes._reports import (
     MAX_PRINTED_ROWS,
@@ -46,7 +45,7 @@ COLORS: Final = {"free": "#1a7f37", "blocked": "#c4161c", "undecided": "#e08a00"
 """Colors of lanes in pictures, by verdict."""
 
 COLUMNS: Final = (
-    *("lane", "start", "end", "verdict", "proven_by", "at", "obstacle"),
+    *("lane", "start", "end", "verdict", "at", "obstacle"),
     *("left_m", "right_m", "margin_m"),
 )
 """Columns of tables, for each lane."""
@@ -62,8 +61,6 @@ class LaneVerdict(NamedTuple):
     verdict : str
         "free": proven all along, at every yaw that its rule allows; "blocked": a configuration that
         the rule allows is proven in collision; otherwise "undecided".
-    proven_by : str
-        "cells" or "geometry", if free.
     at : tuple of float or None
         First configuration proven in collision, or the first one that is not proven free.
     obstacle : str
@@ -78,7 +75,6 @@ class LaneVerdict(NamedTuple):
     start: str
     end: str
     verdict: LaneState
-    proven_by: str = ""
     at: tuple[float, ...] | None = None
     obstacle: str = ""
     left: float = 0.0
@@ -188,43 +184,6 @@ class Audit:
             lines.append(f"{start} no longer reaches {end}: {text}")
         return "\n".join(lines)
 
-    def find_way(self, start: str, end: str) -> Floats:
-        """Find a way beside the lanes, from one node to another.
-
-        Its ends have the yaws of a lane between the two, otherwise yaws that are free there.
-
-        Returns
-        -------
-        ndarray of float64, shape (n, size)
-            Waypoints, between which straight motions are proven free; n is 0 if none are found.
-
-        Raises
-        ------
-        InputError
-            If the graph has no such node.
-        ConfigurationError
-            If the robot does not stand free at a node.
-        """
-        from planners import plan
-
-        names = self.graph.names
-        ends = [
-            names.index(check_known(name, word, names))
-            for name, word in ((start, "start"), (end, "end"))
-        ]
-        points = self.graph.positions[ends]
-        if self.space.rotations.names:
-            free = [self.nodes[node].free_yaws for node in ends]
-            yaws = [float(row[0].mean()) if len(row) else 0.0 for row in free]
-            for lane in self.graph.lanes:
-                if [lane.start, lane.end] == ends and list_yaws(self.graph, lane):
-                    way = list_yaws(self.graph, lane)[0]
-                    legs = list_legs(self.graph, lane)
-                    yaws = [way.yaws(legs[0])[0], way.yaws(legs[-1])[1]]
-            points = np.column_stack([points, yaws])
-        space = self.space.exact if isinstance(self.space, CSpace) else self.space
-        return plan(space, *points).waypoints
-
     def plot(self) -> Axes:
         """Draw the map with lanes in their verdicts' colors.
 
@@ -299,8 +258,8 @@ class LaneProofs(NamedTuple):
 
     Attributes
     ----------
-    is_free, by_cells : ndarray of bool, shape (n,)
-        Whether a lane is free, and whether cells prove it.
+    is_free : ndarray of bool, shape (n,)
+        Whether a lane is free.
     rooms : ndarray of float64, shape (n, 3)
         Room on the left and on the right, and margin, metres.
     hits : dict of int to Hit
@@ -308,7 +267,6 @@ class LaneProofs(NamedTuple):
     """
 
     is_free: Bools
-    by_cells: Bools
     rooms: Floats
     hits: dict[int, Hit]
 
@@ -390,7 +348,7 @@ def prove_lanes(space: ConfigurationMap, graph: RouteGraph, max_room: float) -> 
     motions = list_motions(space, graph)
     is_straight = np.array([not lane.legs for lane in graph.lanes], dtype=np.bool_)
     is_free, by_cells = np.ones((2, count), dtype=np.bool_)
-    proofs = LaneProofs(is_free, by_cells, np.full((count, 3), max_room), {})
+    proofs = LaneProofs(is_free, np.full((count, 3), max_room), {})
     for part, rows in list_parts(space, motions, max_room):
         chosen = motions.take(rows)
         in_cells = prove(part, chosen, by_geometry=False)
@@ -428,9 +386,7 @@ def _describe(
     lane = graph.lanes[number]
     ends = lane.name, graph.names[lane.start], graph.names[lane.end]
     if proofs.is_free[number]:
-        proven_by = "cells" if proofs.by_cells[number] else "geometry"
-        rooms = proofs.rooms[number].tolist()
-        return LaneVerdict(*ends, "free", proven_by, None, "", *rooms)
+        return LaneVerdict(*ends, "free", None, "", *proofs.rooms[number].tolist())
     hit = proofs.hits[number]
     obstacle = hit.obstacle
     for node in (lane.end, lane.start):

@@ -205,12 +205,6 @@ class Conflicts:
             if row.verdict == "touch" and not (row.groups or row.shares_node)
         ]
 
-    @property
-    def needless(self) -> list[str]:
-        """Mutex groups of several elements that are all proven apart."""
-        used = {group for row in self.pairs for group in row.groups}
-        return [name for name, members in self.groups.items() if len(members) > 1 > (name in used)]
-
     def zones(self) -> Zones:
         """Return zones that keep robots apart, one robot in each.
 
@@ -258,8 +252,11 @@ class Conflicts:
         lines += format_table(COLUMNS, [list(row._cells.values()) for row in order], "pairs")
         if self.groups:
             lines.append(f"{len(self.unguarded)} pairs touch and share no node and no mutex group")
-        if self.needless:
-            lines.append(f"mutex groups that guard nothing: {', '.join(self.needless)}")
+        used = {group for row in self.pairs for group in row.groups}
+        shared = (name for name, members in self.groups.items() if len(members) > 1)
+        needless = [name for name in shared if name not in used]
+        if needless:
+            lines.append(f"mutex groups that guard nothing: {', '.join(needless)}")
         return "\n".join(lines)
 
     def plot(self) -> Axes:

@@ -485,7 +485,7 @@ def make_scene(
     goal: ArrayLike | None = None,
     center: ArrayLike | None = None,
 ) -> PictureContent:
-    """Check the arguments of :func:`cspace.plot.plot` and return what to draw.
+    """Check the arguments of :meth:`cspace.CSpace.plot` and return what to draw.
 
     Raises InputError if an argument has the wrong shape or value.
     """

@@ -250,14 +250,14 @@ class Explanation:
         -------
         matplotlib.axes.Axes
         """
-        from cspace.plot import extend_legend, plot
+        from cspace.plot import extend_legend
 
         space = self.space
         way = self.bottleneck[np.newaxis]
         # Number of characters of a line in a picture's title.
         title = textwrap.fill(self.sentences[0], 64)
         view = "3d" if space.dim == 3 else None
-        axes = plot(space, start=self.start, goal=self.goal, path=way, title=title, view=view)
+        axes: Axes = space.plot(start=self.start, goal=self.goal, path=way, title=title, view=view)
         handles = axes.plot(*way[:, : space.dim].T, **BOTTLENECK_STYLE)
         if len(self.barrier):
             centers = space.grid.center_of(self.barrier[:, 1:])

@@ -438,9 +438,9 @@ class Page:
         self._prover.request()
         if pose is None:
             self._show_path(plan.path, plan)
-            if plan.solved:
+            if plan:
                 self.move(plan.path[0])
-        elif plan.solved:
+        elif plan:
             self._show_plan_of_tool(plan)
         panel.answer.content = _describe_plan(plan)
 
@@ -517,13 +517,13 @@ class Page:
 def _describe_plan(plan: Plan) -> str:
     """Describe a plan and its proof in Markdown."""
     status = _capitalize(plan.status)
-    if not plan.solved:
+    if not plan:
         hint = f"  \nTry {plan.hint}." if plan.hint else ""
         return f"**{status}.**{hint}"
     proof = "certified: every edge is proven free" if plan.certified else "not certified"
     length = f"{plan.length:.3f} {plan.length_unit}"
     distance = _describe_distance(plan)
-    seconds = plan.times.planning + plan.times.simplification
+    seconds = plan.times.planning
     duration = f"{1e3 * seconds:.3g} ms" if seconds < 1.0 else f"{seconds:.3g} s"
     lines = [f"**{status}**, {proof}.", length + distance, f"{plan.planner}, {duration}"]
     return "  \n".join(lines)

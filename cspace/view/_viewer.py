@@ -14,7 +14,7 @@ from urllib.parse import urlsplit
 
 from cspace.arms import ArmSpace
 from cspace.errors import InputError
-from cspace.inside import check_count, import_optional, names_options
+from cspace.inside import check_count, import_optional
 from cspace.plot.scene import Route
 from cspace.view._arm_canvas import ArmCanvas
 from cspace.view._map_canvas import MapCanvas
@@ -34,12 +34,6 @@ class Viewer:
     :meth:`cspace.CSpace.view` opens it. Notebooks show the page if ``block=False``. All users of
     the page share its state.
 
-    Parameters
-    ----------
-    space : ConfigurationSpace
-    path, start, goal, frame, host, port
-        See :meth:`cspace.CSpace.view`.
-
     Attributes
     ----------
     server : viser.ViserServer
@@ -50,42 +44,16 @@ class Viewer:
         The drawing.
     """
 
-    @names_options
     def __init__(
-        self,
-        space: Space,
-        *,
-        path: ArrayLike | HasPath | None = None,
-        start: ArrayLike | None = None,
-        goal: ArrayLike | None = None,
-        frame: str | None = None,
-        host: str = "127.0.0.1",
-        port: int | None = None,
+        self, server: ViserServer, space: Space, canvas: ArmCanvas | MapCanvas, route: Route
     ) -> None:
-        """Check arguments, start a server, and open the page."""
+        """Open the page on a server."""
         from cspace.view._page import Page
 
-        is_arm = isinstance(space, ArmSpace)
-        if frame is not None and not is_arm:
-            raise InputError(
-                "frame",
-                f"is {frame!r}",
-                "a map has no frames",
-            )
-        route = Route(space, path, start, goal)
-        shown = route.points, route.endpoints
-        self.server = serve(host, port)
+        self.server = server
+        self.canvas = canvas
+        self.page = Page(server, space, canvas, route.points, route.plan)
         self._closed = threading.Event()
-        try:
-            self.canvas: ArmCanvas | MapCanvas
-            if is_arm:
-                self.canvas = ArmCanvas(space, self.server, *shown, frame)
-            else:
-                self.canvas = MapCanvas(space, self.server, *shown)
-            self.page = Page(self.server, space, self.canvas, route.points, route.plan)
-        except BaseException:
-            stop(self.server)
-            raise
 
     @property
     def url(self) -> str:
@@ -107,15 +75,6 @@ class Viewer:
             self._closed.set()
             self.page.close()
             stop(self.server)
-
-    def wait(self) -> None:
-        """Wait until the page or Ctrl-C closes it."""
-        try:
-            self._closed.wait()
-        except KeyboardInterrupt:
-            pass
-        finally:
-            self.close()
 
     def __enter__(self) -> Viewer:
         """Return the viewer."""
@@ -188,10 +147,25 @@ def view(
     MissingPackageError
         If viser is not installed.
     """
-    viewer = Viewer(space, path=path, start=start, goal=goal, frame=frame, host=host, port=port)
+    if frame is not None and not isinstance(space, ArmSpace):
+        raise InputError("frame", f"is {frame!r}", "a map has no frames")
+    route = Route(space, path, start, goal)
+    shown = route.points, route.endpoints
+    server = serve(host, port)
+    try:
+        canvas: ArmCanvas | MapCanvas
+        if isinstance(space, ArmSpace):
+            canvas = ArmCanvas(space, server, *shown, frame)
+        else:
+            canvas = MapCanvas(space, server, *shown)
+        viewer = Viewer(server, space, canvas, route)
+    except BaseException:
+        stop(server)
+        raise
     if block:
         print(f"{viewer.url}  Ctrl-C closes it", flush=True)  # noqa: T201
-        viewer.wait()
+        with viewer, suppress(KeyboardInterrupt):
+            viewer._closed.wait()
     return viewer
 
 

@@ -157,13 +157,13 @@ def test_unknown_cells_are_obstacles_that_prove_no_collision(arm):
     assert space.classify(points).tolist() == [FREE, MIXED, BLOCKED]
 
 
-def test_live_workspaces_are_copied_and_lazy_ones_are_read(arm, tmp_path):
+def test_workspaces_are_copied_and_lazy_ones_are_read(arm, tmp_path):
     cells = np.zeros((20, 20, 20), dtype=bool)
     cells[14] = True
     lower = (0.0, -1.0, -1.0)
     np.save(tmp_path / "cells.npy", cells)
     lazy = Workspace.from_array(tmp_path / "cells.npy", 0.1, lower, lazy=True)
-    live = Workspace(Grid(lower, 0.1, cells.shape), cells, cells, live=True)
+    live = Workspace(Grid(lower, 0.1, cells.shape), cells, cells)
     for workspace in (lazy, live):
         space = build_arm_space(workspace, arm)
         cells[:] = False

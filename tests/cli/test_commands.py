@@ -551,7 +551,7 @@ def test_export_writes_every_format(room):
     with np.load("copy.npz") as arrays:
         np.testing.assert_array_equal(arrays["cell_states"][0], states)
     document("export turning.zarr slice.yaml --rotation 90deg")
-    image = cspace.Workspace.from_ros_map("slice.yaml", unknown="occupied")
+    image = cspace.Workspace.open("slice.yaml", unknown="occupied")
     is_free = cspace.open("turning.zarr").states_at(math.pi / 2) == cspace.FREE
     np.testing.assert_array_equal(~image.outer, is_free)
 

@@ -189,7 +189,7 @@ def test_a_geotiff_and_a_ros_map_place_every_cell(tmp_path, name, rotation):
     assert (np.diff(brightness) < 0).all()
     space.export(tmp_path / "map.yml", rotation=rotation)
     for unknown, highest in (("occupied", cspace.FREE), ("free", cspace.MIXED)):
-        workspace = cspace.Workspace.from_ros_map(tmp_path / "map.yml", unknown)
+        workspace = cspace.Workspace.open(tmp_path / "map.yml", unknown=unknown)
         np.testing.assert_array_equal(workspace.outer, states > highest)
 
 
@@ -304,8 +304,8 @@ def test_written_maps_read_back_identically(tmp_path_factory, state, lower, spac
         write_ros_map(state, grid, path)
     assert [file.read_text() for file in path.parent.iterdir()] == ["precious"]
     write_ros_map(state, grid, path, overwrite=True)
-    cautious = Workspace.from_ros_map(path)
-    bold = Workspace.from_ros_map(path, "free")
+    cautious = Workspace.open(path)
+    bold = Workspace.open(path, unknown="free")
     assert cautious.grid == bold.grid == grid
     assert np.array_equal(cautious.outer, state != FREE)
     assert np.array_equal(bold.outer, state == BLOCKED)

@@ -187,15 +187,15 @@ def test_another_spacing_in_a_comment_is_warned_of(tmp_path):
         "occupied_thresh: 0.65\nfree_thresh: 0.196\n"
     )
     for use in (
-        lambda: Workspace.from_image(path, 0.1),
-        lambda: Workspace.from_ros_map(tmp_path / "map.yaml"),
+        lambda: Workspace.open(path, spacing=0.1),
+        lambda: Workspace.open(tmp_path / "map.yaml"),
     ):
         with pytest.warns(UnitWarning, match=r"says 0.05 m a pixel, and 0.1 m is taken"):
             use()
-    assert list_warnings(Workspace.from_image, path, 0.05) == []
+    assert list_warnings(Workspace.open, path, spacing=0.05) == []
     path.write_bytes(b"P5\n# 2.5 cm per pixel\n1 1\n255\n\0")
     with pytest.warns(UnitWarning, match=r"says 0.025 m a pixel"):
-        Workspace.from_image(path, 0.05)
+        Workspace.open(path, spacing=0.05)
 
 
 # ---- names of dimensions -------------------------------------------------------------------------
@@ -332,7 +332,7 @@ def test_grey_205_is_unknown_in_scale_mode(tmp_path):
         "occupied_thresh: 0.65\nfree_thresh: 0.25\n"
     )
     with pytest.warns(UserWarning, match="1 cells are of grey 205"):
-        workspace = Workspace.from_ros_map(tmp_path / "map.yaml")
+        workspace = Workspace.open(tmp_path / "map.yaml")
     assert workspace.outer[:, 0].tolist() == [True, False, False]
 
 
@@ -526,4 +526,4 @@ def test_offsets_of_features_are_warned_of(tmp_path):
 def test_footprints_in_centimetres_are_warned_of(tmp_path, size):
     (tmp_path / "nav2.yaml").write_text(json.dumps({"local_costmap": size}))
     with pytest.warns(UnitWarning, match="in centimetres it would be 0.6 m"):
-        Robot.from_nav2(tmp_path / "nav2.yaml")
+        Robot.open(tmp_path / "nav2.yaml")

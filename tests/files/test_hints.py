@@ -254,7 +254,7 @@ def write_array(folder, options=None):
 
 def from_image(path, **options):
     """Read an image."""
-    return Workspace.from_image(path, 0.1, **options)
+    return Workspace.open(path, spacing=0.1, **options)
 
 
 def from_array(array, **options):
@@ -348,12 +348,9 @@ IMAGE_OF_MAP = ROS_MAP.replace("map.png", "a.png")
         lambda f: [np.save(f / "a.npy", np.eye(2)), Workspace.from_points(f / "a.npy", 0.1)],
         "a cloud is one array of numbers of shape (n, 3)",
     ),
+    (lambda f: Robot.open(write(f, "a.yaml", SEVERAL)), "a.yaml#local_costmap'"),
     (
-        lambda f: Robot.open(write(f, "a.yaml", SEVERAL)),
-        "pass e.g. costmap='local_costmap'",
-    ),
-    (
-        lambda f: Robot.from_nav2(write(f, "a.yaml", SEVERAL), "near"),
+        lambda f: Robot.open(f"{write(f, 'a.yaml', SEVERAL)}#near"),
         "it has local_costmap, global_costmap",
     ),
     (

@@ -65,7 +65,7 @@ def test_cells_agree_with_the_pixels_that_pillow_returns(
     drawn.save(path)
     width, height = drawn.size
     colours = drawn.convert("RGBA")
-    workspace = Workspace.from_image(path, 0.1, lower=(2.0, 3.0), threshold=threshold, dark=dark)
+    workspace = Workspace.open(path, spacing=0.1, lower=(2.0, 3.0), threshold=threshold, dark=dark)
     assert workspace.grid == Grid((2.0, 3.0), 0.1, drawn.size)
     occupied = workspace.outer
     for column, row in np.ndindex(width, height):
@@ -83,7 +83,7 @@ def test_plain_text_jpeg_and_transparent_palettes_are_read(tmp_path):
     assert shades.levels[:, 0].tolist() == [0, 65535, 13107]
     large = PIXELS.repeat(16, axis=0).repeat(16, axis=1)
     Image.fromarray(large).save(tmp_path / "map.jpg", quality=95)
-    occupied = Workspace.from_image(tmp_path / "map.jpg", 1.0).outer
+    occupied = Workspace.open(tmp_path / "map.jpg", spacing=1.0).outer
     assert occupied[::16, ::16].tolist() == [[True, True], [True, False], [False, False]]
     Image.fromarray(PIXELS).convert("P").save(tmp_path / "map.png", transparency=255)
     opaque = read_shades(tmp_path / "map.png", "image", 0.1).opaque
@@ -94,7 +94,7 @@ def test_plain_text_jpeg_and_transparent_palettes_are_read(tmp_path):
 def test_pixels_of_an_unknown_kind_are_refused(tmp_path, mode, pixel):
     Image.new(mode, (2, 1), pixel).save(tmp_path / "odd.tif")
     with pytest.raises(FileError, match=f"image mode '{mode}'"):
-        Workspace.from_image(tmp_path / "odd.tif", 1.0)
+        Workspace.open(tmp_path / "odd.tif", spacing=1.0)
 
 
 def test_a_chunk_that_claims_gigabytes_takes_little_memory(image):
@@ -105,7 +105,7 @@ def test_a_chunk_that_claims_gigabytes_takes_little_memory(image):
     tracemalloc.start()
     try:
         with suppress(FileError):
-            Workspace.from_image(image, 0.1)
+            Workspace.open(image, spacing=0.1)
         assert tracemalloc.get_traced_memory()[1] < 50e6
     finally:
         tracemalloc.stop()
@@ -120,7 +120,7 @@ WALL[2, 3:6] = 0
 
 def occupied_cells(path, **options):
     """Return the indices of the occupied cells of an image of 0.1 m pixels."""
-    return np.argwhere(Workspace.from_image(path, 0.1, **options).outer).tolist()
+    return np.argwhere(Workspace.open(path, spacing=0.1, **options).outer).tolist()
 
 
 WALL_CELLS = [[3, 5], [4, 5], [5, 5]]
@@ -184,7 +184,7 @@ def test_signed_samples_of_a_tiff_are_refused(tmp_path):
     rows = pack_levels(WALL, 8, "<")
     path = write_tiff(tmp_path / "wall.tif", rows, 8, {262: (3, 1), 339: (3, 2)})
     with pytest.raises(FileError, match="has image mode"):
-        Workspace.from_image(path, 0.1)
+        Workspace.open(path, spacing=0.1)
 
 
 TURNS = {
@@ -208,7 +208,7 @@ def test_the_exif_orientation_of_every_format_is_applied(tmp_path, orientation, 
     path = tmp_path / f"turned{suffix}"
     Image.fromarray(large).save(path, exif=exif)
     shown = TURNS[orientation](large)
-    assert (Workspace.from_image(path, 0.1).outer == (shown < 128)[::-1].T).all()
+    assert (Workspace.open(path, spacing=0.1).outer == (shown < 128)[::-1].T).all()
 
 
 @pytest.mark.parametrize("header", ["P5 10 8 {}\n", "P6 10 8 {}\n", "P4\n10 8\n"])
@@ -226,7 +226,7 @@ def test_netpbm_of_any_maximum_ends_with_its_last_pixel(tmp_path, header, white)
     for content in (header[:-1] + b"\r\n" + rows, header + rows + b"\0"):
         path.write_bytes(content)
         with pytest.raises(FileError, match="1 bytes or numbers more"):
-            Workspace.from_image(path, 0.1)
+            Workspace.open(path, spacing=0.1)
 
 
 @pytest.mark.thorough
@@ -237,14 +237,14 @@ def test_the_placement_of_a_geotiff_warns_and_rioxarray_places_it(tmp_path):
     tags = {262: (3, 1), 33550: (12, 0.1, 0.1, 0.0), 33922: tie}
     path = write_tiff(tmp_path / "geo.tif", pack_levels(WALL, 8, "<"), 8, tags)
     with pytest.warns(UnitWarning, match='not read; the page "Bring your file" says how'):
-        workspace = Workspace.from_image(path, 0.1, lower=(5, 6.2))
+        workspace = Workspace.open(path, spacing=0.1, lower=(5, 6.2))
     placed = Workspace.from_array(rioxarray.open_rasterio(path)[0] < 128, 0.1)
     assert placed.grid.lower == pytest.approx(workspace.grid.lower)
     assert (placed.outer == workspace.outer).all()
     tags = {262: (3, 1), 34264: (12, *range(16))}
     path = write_tiff(tmp_path / "turned.tif", pack_levels(WALL, 8, "<"), 8, tags)
     with pytest.warns(UnitWarning, match="the placement of a GeoTIFF is not read"):
-        Workspace.from_image(path, 0.1)
+        Workspace.open(path, spacing=0.1)
 
 
 @pytest.mark.parametrize("name", ["map.pgw", "map.pngw", "map.wld"])
@@ -252,14 +252,14 @@ def test_a_world_file_is_named(tmp_path, name):
     Image.fromarray(WALL.astype(np.uint8)).save(tmp_path / "map.png")
     (tmp_path / name).write_text("0.1\n0\n0\n-0.1\n5.05\n6.95\n")
     with pytest.warns(UnitWarning, match=f"the placement of {name} is not read"):
-        Workspace.from_image(tmp_path / "map.png", 0.1)
+        Workspace.open(tmp_path / "map.png", spacing=0.1)
 
 
 def test_a_value_for_no_data_is_refused(tmp_path):
     tags = {262: (3, 1), 42113: (2, "255")}
     path = write_tiff(tmp_path / "gaps.tif", pack_levels(WALL, 8, "<"), 8, tags)
     with pytest.raises(FileError, match="has a value for no data"):
-        Workspace.from_image(path, 0.1)
+        Workspace.open(path, spacing=0.1)
 
 
 def test_further_pages_and_an_unusual_gamma_warn(tmp_path):
@@ -292,7 +292,7 @@ def test_a_transparent_ground_is_unknown_and_the_warning_says_what_to_do(tmp_pat
         (picture if mode == "P" else picture.convert(mode)).save(path, **options)
     except OSError:
         pytest.skip("Pillow writes no such file")
-    workspace = Workspace.from_image(path, 0.05)
+    workspace = Workspace.open(path, spacing=0.05)
     assert (workspace.unknown == (WALL > 0)[::-1].T).all()
     with pytest.warns(UserWarning, match="77 of 80 cells are unknown"):
         cspace.build(workspace, Robot.disc(0.02))
@@ -308,7 +308,7 @@ def test_reading_takes_few_bytes_for_each_pixel(tmp_path):
     Image.fromarray(pixels).save(tmp_path / "large.png", compress_level=1)
     tracemalloc.start()
     try:
-        workspace = Workspace.from_image(tmp_path / "large.png", 0.05)
+        workspace = Workspace.open(tmp_path / "large.png", spacing=0.05)
         peak = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()
@@ -331,7 +331,7 @@ def test_numbers_that_a_header_does_not_allow_are_refused(tmp_path, content):
     path = tmp_path / "wall.pgm"
     path.write_bytes(content)
     with pytest.raises(FileError, match=r"more than its pixels|its header says that white is"):
-        Workspace.from_image(path, 0.1)
+        Workspace.open(path, spacing=0.1)
 
 
 @pytest.mark.parametrize(
@@ -348,19 +348,19 @@ def test_numbers_that_a_header_does_not_allow_are_refused(tmp_path, content):
 def test_the_maximum_and_comments_of_a_pgm_are_read(tmp_path, content, occupied):
     path = tmp_path / "wall.pgm"
     path.write_bytes(content)
-    assert Workspace.from_image(path, 0.1).outer[:, 0].tolist() == occupied
+    assert Workspace.open(path, spacing=0.1).outer[:, 0].tolist() == occupied
 
 
 def test_the_image_of_a_ros_map_warns_and_both_hints_are_followed(tmp_path):
     path = tmp_path / "map.pgm"
     Image.fromarray(np.array([[0, 205, 254]], np.uint8)).save(path)
     with pytest.warns(UserWarning, match="pass threshold=0.81"):
-        assert Workspace.from_image(path, 0.1).outer.sum() == 1
+        assert Workspace.open(path, spacing=0.1).outer.sum() == 1
     header = "resolution: 0.1\norigin: [0, 0, 0]\nnegate: 0\noccupied_thresh: 0.65\n"
     yaml = tmp_path / "map.yaml"
     yaml.write_text(f"image: map.pgm\n{header}free_thresh: 0.196\n")
     with warnings.catch_warnings(action="error"):
-        assert Workspace.from_image(path, 0.1, threshold=0.81).outer.sum() == 2
-        assert Workspace.from_ros_map(yaml).outer.sum() == 2
+        assert Workspace.open(path, spacing=0.1, threshold=0.81).outer.sum() == 2
+        assert Workspace.open(yaml).outer.sum() == 2
         Image.fromarray(np.array([[0, *[205] * 2, *[255] * 98]], np.uint8)).save(path)
-        assert Workspace.from_image(path, 0.1).outer.sum() == 1
+        assert Workspace.open(path, spacing=0.1).outer.sum() == 1

@@ -116,7 +116,7 @@ def test_a_mask_keeps_a_robot_out(tmp_path):
     distances = shapely.distance(shapely.box(13.0, 2.0, 15.0, 18.0), shapely.points(q))
     is_free = space.is_free(q)
     assert (distances[is_free] > 0.4).all() and is_free[distances > 1.5].all()
-    wall = cspace.Workspace.from_ros_map(tmp_path / "map.yaml")
+    wall = cspace.Workspace.open(tmp_path / "map.yaml")
     assert (space.workspace.outer >= wall.outer).all()
 
 

@@ -62,7 +62,7 @@ def test_a_message_agrees_with_the_map_file(tmp_path_factory, yaw, unknown, seed
         f"image: map.pgm\nresolution: 0.05\norigin: [-1.5, 2.5, {yaw!r}]\nnegate: 0\n"
         "occupied_thresh: 0.65\nfree_thresh: 0.19\n"
     )
-    saved = Workspace.from_ros_map(folder / "map.yaml", unknown)
+    saved = Workspace.open(folder / "map.yaml", unknown=unknown)
     single = float(np.float32(0.05))  # the type on the wire
     message = make_message(values, single, (-1.5, 2.5), yaw)
     workspace = Workspace.from_occupancy_grid(message, unknown)

@@ -45,7 +45,7 @@ def test_problems_of_real_maps_have_paths_and_bounds_near_the_published_length(d
     path = data / "movingai" / f"{name}.map"
     rows = path.read_text().splitlines()[4:]
     blocked = np.isin(np.array(list(map(list, rows))), list("@OTW"))
-    assert np.array_equal(Workspace.from_movingai(path).outer, np.flipud(blocked).T)
+    assert np.array_equal(Workspace.open(path).outer, np.flipud(blocked).T)
     space, starts, goals, optimal = read_problems(path)
     assert space.is_free(starts).all()
     assert space.is_free(goals).all()

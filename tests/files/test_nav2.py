@@ -110,7 +110,7 @@ def test_a_rectangle_around_the_origin_is_padded_as_in_nav2():
 )
 def test_robots_are_read_from_both_costmaps(tmp_path, table, reach):
     path = write_parameters(tmp_path, table, table)
-    for robot in (Robot.from_nav2(path), Robot.open(path), Robot.open(f"{path}#local_costmap")):
+    for robot in (Robot.open(path), Robot.open(f"{path}#local_costmap")):
         assert get_reach(robot) == reach
     path.write_text(table)  # a file of ROS 1
     assert get_reach(Robot.open(path)) == reach
@@ -120,14 +120,14 @@ def test_costmaps_that_differ_are_both_named(tmp_path):
     path = write_parameters(tmp_path, "{robot_radius: 0.2}", f'{{footprint: "{FOOTPRINT}"}}')
     message = (
         "local_costmap has a robot_radius of 0.2 m.*; "
-        r"global_costmap has a footprint of 4 corners.*; pass e.g. costmap='local_costmap'"
+        r"global_costmap has a footprint of 4 corners.*; pass e.g. path='.*#local_costmap'"
     )
     with pytest.raises(FileError, match=message):
-        Robot.from_nav2(path)
-    assert get_reach(Robot.from_nav2(path, "local_costmap")) == 0.21
+        Robot.open(path)
+    assert get_reach(Robot.open(f"{path}#local_costmap")) == 0.21
     assert get_reach(Robot.open(f"{path}#global_costmap")) == 0.31
     with pytest.raises(FileError, match="no costmap 'third'; it has local_costmap, global_costmap"):
-        Robot.from_nav2(path, "third")
+        Robot.open(f"{path}#third")
 
 
 @refusals(
@@ -146,7 +146,7 @@ def test_costmaps_that_differ_are_both_named(tmp_path):
 )
 def test_bad_parameters_are_named(tmp_path, table, error, message):
     with pytest.raises(error, match=message):
-        Robot.from_nav2(write_parameters(tmp_path, table, table))
+        Robot.open(write_parameters(tmp_path, table, table))
 
 
 @pytest.mark.parametrize(

@@ -30,8 +30,8 @@ def iterate_leaves(tree):
 
 def check_agreement(path, tree):
     """Fail unless the cells of a file agree with the library."""
-    cautious = Workspace.from_octomap(path)
-    bold = Workspace.from_octomap(path, "free")
+    cautious = Workspace.open(path)
+    bold = Workspace.open(path, unknown="free")
     grid = cautious.grid
     assert bold.grid == grid
     assert grid.spacing == tree.getResolution()
@@ -86,7 +86,7 @@ def test_a_leaf_is_occupied_from_even_odds_on(tmp_path):
     nodes = [(0.0, 1)] * 15 + [(0.0, 7), (0.0, 0), (1e-3, 0), (-1e-3, 0)]
     content = b"".join(struct.pack("<fB", odds, children) for odds, children in nodes)
     (tmp_path / "odds.ot").write_bytes(FULL.format(19).encode() + content)
-    workspace = Workspace.from_octomap(tmp_path / "odds.ot", "free")
+    workspace = Workspace.open(tmp_path / "odds.ot", unknown="free")
     assert workspace.outer[:, :, 0].tolist() == [[True, False], [True, False]]
     assert workspace.grid.lower == pytest.approx((-3276.8,) * 3)
 
@@ -112,24 +112,24 @@ def make_binary(nodes, size, old="", new=""):
 def test_malformed_octomaps_are_refused(tmp_path, content, message):
     (tmp_path / "bad.bt").write_bytes(content)
     with pytest.raises(FileError, match=message):
-        Workspace.from_octomap(tmp_path / "bad.bt")
+        Workspace.open(tmp_path / "bad.bt")
 
 
 def test_headers_that_are_wrong_are_refused(tmp_path):
     path = tmp_path / "a.bt"
     path.write_bytes(make_binary(CHAIN, 0))  # as octomap-python users write it
     with pytest.raises(FileError, match="holds 17 nodes but its header says 0; "):
-        Workspace.from_octomap(path)
+        Workspace.open(path)
     path.write_bytes(make_binary(CHAIN, 17, "OcTree\n", "OcTreeStamped\n"))
     with pytest.raises(
         FileError, match=r"id 'OcTreeStamped'; only OcTree and ColorOcTree are read"
     ):
-        Workspace.from_octomap(path)
+        Workspace.open(path)
     path.write_bytes(make_binary(CHAIN, 17, "res", "prob_hit 0.7\nres"))
     with pytest.warns(UserWarning, match="are not read: prob_hit"):
-        Workspace.from_octomap(path)
+        Workspace.open(path)
     path.write_bytes(make_binary(CHAIN, 17))
-    assert Workspace.from_octomap(path).outer.any()
+    assert Workspace.open(path).outer.any()
 
 
 @examples(15)
@@ -138,14 +138,14 @@ def test_bounds_cut_the_same_cells_out_of_an_octomap(tmp_path_factory, seed, unk
     octomap = pytest.importorskip("octomap")
     path = tmp_path_factory.getbasetemp() / "tree.bt"
     draw_tree(octomap, seed, "OcTree").writeBinary(os.fsencode(path))
-    whole = Workspace.from_octomap(path, unknown)
+    whole = Workspace.open(path, unknown=unknown)
     side = whole.grid.spacing
     rng = np.random.default_rng(seed)
     first = np.round(np.array(whole.grid.lower) / side).astype(int)
     low = first + rng.integers(-5, 10, 3)
     high = low + rng.integers(1, 25, 3)
     inset = rng.uniform(0.0, 0.9, (2, 3)) * [[1], [-1]] * (high - low > 1)
-    cut = Workspace.from_octomap(path, unknown, (np.array([low, high]) + inset) * side)
+    cut = Workspace.open(path, unknown=unknown, bounds=(np.array([low, high]) + inset) * side)
     assert cut.grid.lower == pytest.approx(tuple(low * side))
     assert cut.grid.shape == tuple(high - low)
     seen = np.zeros(whole.grid.shape, bool) if whole.unknown is None else whole.unknown

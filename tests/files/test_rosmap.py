@@ -47,14 +47,14 @@ def write_map(folder, pixels, **changes):
 )
 def test_maps_are_read_exactly_at_quarter_turns(tmp_path, turns, lower, cells):
     path = write_map(tmp_path, PIXELS, origin=[-1.0, 2.0, turns * math.pi / 2])
-    workspace = Workspace.from_ros_map(path)
+    workspace = Workspace.open(path)
     assert workspace.grid == Grid(lower, 0.5, np.shape(cells))
     assert workspace.outer.tolist() == np.array(cells, dtype=bool).tolist()
     assert workspace.inner is workspace.outer
     assert workspace.unknown is not None
     assert workspace.unknown.sum() == 1
     assert workspace.source == str(path)
-    assert Workspace.from_ros_map(path, "free").outer.sum() == 2
+    assert Workspace.open(path, unknown="free").outer.sum() == 2
 
 
 SIX = np.array([0, 89, 90, 204, 206, 255], np.uint8)
@@ -83,9 +83,9 @@ def test_pixels_become_occupied_unknown_or_free_cells(tmp_path, pixels, changes,
     if row.dtype != np.uint16:
         row = row.astype(np.uint8)
     path = write_map(tmp_path, row[np.newaxis], **changes)
-    cautious = Workspace.from_ros_map(path)
+    cautious = Workspace.open(path)
     assert cautious.outer[:, 0].tolist() == [cell != "." for cell in cells]
-    bold = Workspace.from_ros_map(path, "free")
+    bold = Workspace.open(path, unknown="free")
     assert bold.outer[:, 0].tolist() == [cell == "#" for cell in cells]
 
 
@@ -94,7 +94,7 @@ def test_the_image_is_found_from_any_working_folder(tmp_path, monkeypatch):
     path = write_map(tmp_path / "maps", PIXELS, image="images/m.pgm")
     (tmp_path / "maps" / "images" / "m.pgm").write_text("P2\n# made by hand\n2 1\n255\n0 255\n")
     monkeypatch.chdir(tmp_path)
-    assert Workspace.from_ros_map(path.relative_to(tmp_path)).outer.tolist() == [[True], [False]]
+    assert Workspace.open(path.relative_to(tmp_path)).outer.tolist() == [[True], [False]]
     outside = path.with_name("other.yml")
     outside.write_text(path.read_text().replace("images/m.pgm", f"{tmp_path}/maps/../m.pgm"))
     (tmp_path / "m.pgm").write_text("P2\n1 1\n255\n255\n")
@@ -114,7 +114,7 @@ def test_the_image_is_found_from_any_working_folder(tmp_path, monkeypatch):
 )
 def test_rotated_maps_agree_with_shapely(tmp_path_factory, pixels, yaw, unknown, seed):
     path = write_map(tmp_path_factory.getbasetemp(), pixels, origin=[-1.0, 2.0, yaw])
-    workspace = Workspace.from_ros_map(path, unknown)
+    workspace = Workspace.open(path, unknown=unknown)
     grid = workspace.grid
     turn = np.array([[math.cos(yaw), math.sin(yaw)], [-math.sin(yaw), math.cos(yaw)]])
     values = pixels[::-1].T
@@ -168,7 +168,7 @@ def test_real_maps_have_the_cells_of_their_pixels(data, name):
 def test_grey_of_unknown_cells_is_unknown_in_an_inverted_image_too(tmp_path):
     path = write_map(tmp_path, 255 - PIXELS, free_thresh=0.25, negate=1)
     with pytest.warns(UserWarning, match="1 cells are of grey 205"):
-        workspace = Workspace.from_ros_map(path)
+        workspace = Workspace.open(path)
     assert np.argwhere(workspace.unknown).tolist() == [[1, 0]]
 
 
@@ -177,14 +177,14 @@ def test_grey_of_unknown_cells_below_the_threshold_is_unknown(tmp_path, mode):
     path = write_map(tmp_path, PIXELS, free_thresh=0.25)
     Image.fromarray(PIXELS).convert(mode).save(tmp_path / "map.png")
     with pytest.warns(UserWarning, match="1 cells are of grey 205") as caught:
-        workspace = Workspace.from_ros_map(path)
+        workspace = Workspace.open(path)
     assert workspace.outer.sum() == 3
     assert np.argwhere(workspace.unknown).tolist() == [[1, 0]]
     message = str(caught[0].message)
     assert "unless you pass unknown='free'" in message
-    assert Workspace.from_ros_map(path, unknown="free").outer.sum() == 2
+    assert Workspace.open(path, unknown="free").outer.sum() == 2
     path.write_text(path.read_text().replace("free_thresh: 0.25", "free_thresh: 0.196"))
-    assert Workspace.from_ros_map(path).outer.sum() == 3
+    assert Workspace.open(path).outer.sum() == 3
 
 
 def test_other_greys_and_other_modes_keep_their_threshold(tmp_path):
@@ -195,27 +195,27 @@ def test_other_greys_and_other_modes_keep_their_threshold(tmp_path):
         ([0, 1, 24], {"mode": "raw"}),
     ):
         path = write_map(tmp_path, np.array([pixels], np.uint8), free_thresh=0.25, **changes)
-        assert not Workspace.from_ros_map(path).outer.any()
+        assert not Workspace.open(path).outer.any()
 
 
 @pytest.mark.parametrize("yaw", [90.0, -180.0, 7.0])
 def test_a_yaw_beyond_a_whole_turn_warns_with_the_radians(tmp_path, yaw):
     path = write_map(tmp_path, PIXELS, origin=[-1.0, 2.0, yaw])
     with pytest.warns(AngleWarning, match="beyond a whole turn") as caught:
-        Workspace.from_ros_map(path)
+        Workspace.open(path)
     radians = float(str(caught[0].message).partition("degrees are ")[2].split()[0])
     assert radians == pytest.approx(math.radians(yaw), rel=1e-5)
     path = write_map(tmp_path, PIXELS, origin=[-1.0, 2.0, radians])
     for near in (radians, 2 * math.pi, -6.2831853):
         path = write_map(tmp_path, PIXELS, origin=[-1.0, 2.0, near])
         with warnings.catch_warnings(action="error"):
-            Workspace.from_ros_map(path)
+            Workspace.open(path)
 
 
 def test_keys_that_are_not_read_warn(tmp_path):
     path = write_map(tmp_path, PIXELS, modes="raw", unknown_thresh=0.5)
     with pytest.warns(UserWarning, match="are not read: modes; did you mean 'mode'.*, unknown_thr"):
-        Workspace.from_ros_map(path)
+        Workspace.open(path)
 
 
 @pytest.mark.parametrize("suffix", [".png", ".jpg", ".tif"])
@@ -225,17 +225,17 @@ def test_an_image_that_viewers_turn_is_refused_in_a_map(tmp_path, suffix):
     exif[274] = 6
     Image.fromarray(PIXELS).save(tmp_path / f"map{suffix}", exif=exif)
     with pytest.raises(FileError, match="EXIF orientation 6; map servers ignore it"):
-        Workspace.from_ros_map(path)
+        Workspace.open(path)
     Image.fromarray(PIXELS).save(tmp_path / f"map{suffix}")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore" if suffix == ".jpg" else "error")
-        assert Workspace.from_ros_map(path).grid.shape == (3, 2)
+        assert Workspace.open(path).grid.shape == (3, 2)
 
 
 def test_transparent_pixels_are_unknown_in_every_mode(tmp_path):
     pixels = np.array([[(10, 10, 10, 255), (10, 10, 10, 0)]], np.uint8)
     path = write_map(tmp_path, pixels, mode="raw")
-    workspace = Workspace.from_ros_map(path)
+    workspace = Workspace.open(path)
     assert workspace.outer[:, 0].tolist() == [False, True]
     assert workspace.unknown[:, 0].tolist() == [False, True]
 
@@ -270,7 +270,7 @@ def test_greys_that_were_blurred_are_not_free(tmp_path, name, kind, options, fre
     path = write_map(tmp_path, PIXELS, image=name, free_thresh=free_thresh)
     image.save(tmp_path / name, **options)
     with pytest.warns(UserWarning, match="near it|is a JPEG|of grey 205"):
-        workspace = Workspace.from_ros_map(path)
+        workspace = Workspace.open(path)
     free = ~workspace.outer
     # Beside a wall, a JPEG lifts a few pixels above any bound.
     assert (free & (pixels[::-1].T == 205)).sum() <= (0 if kind else 10)
@@ -278,7 +278,7 @@ def test_greys_that_were_blurred_are_not_free(tmp_path, name, kind, options, fre
     assert not (free & (pixels[::-1].T == 0)).any()  # the walls are not free either
     Image.fromarray(pixels).save(tmp_path / "map.png")
     path = write_map(tmp_path, pixels, free_thresh=0.196)
-    assert np.array_equal(Workspace.from_ros_map(path).outer, pixels[::-1].T != 254)
+    assert np.array_equal(Workspace.open(path).outer, pixels[::-1].T != 254)
 
 
 def test_a_blurred_image_of_a_map_is_recognised_as_an_image(tmp_path):
@@ -286,8 +286,8 @@ def test_a_blurred_image_of_a_map_is_recognised_as_an_image(tmp_path):
     for name, options in (("a.jpg", {"quality": 50}), ("a.jpg", {"quality": 90}), ("a.png", {})):
         image.save(tmp_path / name, **options)
         with pytest.warns(UserWarning, match="looks like the image of a ROS map"):
-            Workspace.from_image(tmp_path / name, 0.1)
-        workspace = Workspace.from_image(tmp_path / name, 0.1, threshold=0.9)
+            Workspace.open(tmp_path / name, spacing=0.1)
+        workspace = Workspace.open(tmp_path / name, spacing=0.1, threshold=0.9)
         assert (~workspace.outer & (pixels[::-1].T < 254)).sum() <= 10
 
 
@@ -309,7 +309,7 @@ def test_a_blurred_image_of_a_map_is_recognised_as_an_image(tmp_path):
 )
 def test_values_of_another_kind_are_named(tmp_path, changes, message):
     with pytest.raises(FileError, match=message):
-        Workspace.from_ros_map(write_map(tmp_path, PIXELS, **changes))
+        Workspace.open(write_map(tmp_path, PIXELS, **changes))
 
 
 def test_the_message_of_a_map_is_no_map_file(tmp_path):
@@ -326,7 +326,7 @@ def test_the_line_after_an_echo_is_no_second_document(tmp_path):
     text = path.read_text()
     for whole in (f"{text}---\n", f"---\n{text}---\n", f"{text}---\n---\n"):
         path.write_text(whole)
-        assert Workspace.from_ros_map(path).outer.sum() == 3
+        assert Workspace.open(path).outer.sum() == 3
     path.write_text("---\n---\n")
     with pytest.raises(FileError, match="holds None; it must hold fields"):
-        Workspace.from_ros_map(path)
+        Workspace.open(path)

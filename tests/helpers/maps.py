@@ -24,7 +24,7 @@ def read_problems(path):
 
     The map is refined, because the grid cannot decide a corridor one cell wide.
     """
-    outer = cspace.Workspace.from_movingai(path).outer
+    outer = cspace.Workspace.open(path).outer
     fine = np.repeat(np.repeat(outer, 3, axis=0), 3, axis=1)
     space = cspace.build(cspace.Workspace.from_array(fine, 1 / 3), cspace.Robot.disc(0.01))
     problems = path.with_suffix(".map.scen").read_text().splitlines()[1:]

@@ -235,7 +235,7 @@ def plan_patiently(space, endpoints, limits, **options):
     """Plan with growing time limits until a plan is solved."""
     for seed, limit in enumerate(limits, 1):
         plan = planners.plan(space, *endpoints, time_limit=limit, seed=seed, **options)
-        if plan.solved:
+        if plan:
             break
     return plan
 
@@ -243,7 +243,7 @@ def plan_patiently(space, endpoints, limits, **options):
 def check(space, plan, start, goal):
     """Check a solved plan by look-ups of configurations."""
     dim, path, waypoints = space.grid.dim, plan.path, plan.waypoints
-    assert plan.solved and plan.certified and plan.status.startswith("path found") and not plan.hint
+    assert plan and plan.certified and plan.status.startswith("path found") and not plan.hint
     for rows in (path, waypoints):
         assert (
             rows.dtype == np.float64
@@ -292,13 +292,13 @@ def check(space, plan, start, goal):
             least = min_distance(space, points)
             assert max(0.0, least - 2.3 * space.grid.spacing) <= plan.clearance <= least
     times = plan.times
-    assert min(times.planning, times.simplification, times.checking) >= 0.0, times
+    assert min(times.planning, times.checking) >= 0.0, times
 
 
 def check_failed(space, plan):
     """Check a plan without a path."""
     assert (
-        not plan.solved
+        not plan
         and not plan.certified
         and plan.path.shape == plan.waypoints.shape == (0, space.size)
     )
@@ -324,7 +324,7 @@ def plan_in_time(space, endpoints, limit, **options):
     began = clock()
     plan = planners.plan(space, *endpoints, time_limit=limit, **options)
     assert clock() - began < limit + 0.25, plan
-    assert plan.times.planning + plan.times.simplification < limit + 0.25, plan
+    assert plan.times.planning < limit + 0.25, plan
     return plan
 
 

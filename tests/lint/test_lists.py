@@ -65,7 +65,7 @@ def test_every_reader_of_a_file_has_a_format():
     readers = {
         name
         for name, method in inspect.getmembers(Workspace, inspect.ismethod)
-        if name.startswith("from_") and "path" in inspect.signature(method).parameters
+        if "from_" in name and "path" in inspect.signature(method).parameters
     }
     methods = {known.method for known in WORKSPACE_FORMATS.values()}
     assert readers - {"from_moveit_scene"} <= methods  # scenes are YAML, as ROS maps are

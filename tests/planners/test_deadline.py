@@ -42,7 +42,7 @@ def test_planners_of_ompl_end_in_time(planner, name, curve, objective):
         space.clearance(endpoints[0])
         options = {"planner": planner, "objective": objective, **options_for(curve)}
         plan = plan_in_time(space, endpoints, 0.015, **options)
-        assert space is not parted or not plan.solved
+        assert space is not parted or not plan
 
 
 def test_built_in_searches_keep_the_time_limit():
@@ -60,8 +60,8 @@ def test_built_in_searches_keep_the_time_limit():
         planners.plan(space, start, start, planner=planner)
         plan = plan_in_time(space, (start, goal), 1e-3, planner=planner)
         assert plan.status == "no path found within 0.001 s; a path exists" and plan.hint == hint
-        limit = plan.time_limit
-        while not plan.solved and limit < 100.0:  # follow the hint about time
+        limit = 1e-3
+        while not plan and limit < 100.0:  # follow the hint about time
             limit *= 10.0
             plan = planners.plan(space, start, goal, planner=planner, time_limit=limit)
         assert plan.certified
@@ -162,8 +162,8 @@ def test_compiling_takes_no_time_from_the_search(iterations, monkeypatch):
     }
     query = build_room("plane"), *ENDPOINTS["plane"]
     plan, again = (planners.plan(*query, **options) for _ in range(2))
-    assert not seconds and plan.solved == (iterations is None)
-    assert plan.times.setup >= 0.4 and plan.times.planning + plan.times.simplification < 0.45
+    assert not seconds and bool(plan) == (iterations is None)
+    assert plan.times.setup >= 0.4 and plan.times.planning < 0.45
     np.testing.assert_array_equal(plan.path, again.path)
 
 
@@ -234,4 +234,4 @@ def test_a_plan_that_fails_ends_by_its_work(monkeypatch):
     plans = [planners.plan(build_room("turning"), *ENDPOINTS["turning"], **options) for _ in "ab"]
     assert plans[0].status == plans[1].status and plans[0].hint == plans[1].hint
     assert plans[0].status.startswith("no path found within 0.05 s of work; one exists for")
-    assert plans[0].time_limit is None and "time_limit=0.5" in plans[0].hint
+    assert "time_limit=0.5" in plans[0].hint

@@ -100,7 +100,7 @@ def test_path_message_holds_the_poses_of_the_plan(name):
 
 def test_plans_without_a_path_and_other_messages_are_refused():
     plan = planners.plan(build_room("plane"), *ENDPOINTS["plane"])
-    lost = replace(plan, solved=False, status="no path exists: proven")
+    lost = replace(plan, waypoints=plan.waypoints[:0], status="no path exists: proven")
     with pytest.raises(InputError, match="plan has no path: no path exists: proven"):
         lost.to_path()
     with pytest.raises(InputError, match="msg has no poses"):

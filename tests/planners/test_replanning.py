@@ -182,7 +182,7 @@ def test_a_previous_plan_without_a_path_counts_as_none():
     space = build_room("plane")
     start, goal = ENDPOINTS["plane"]
     none = planners.plan(space, start, goal, planner=planners.Search("RRTConnect", iterations=1))
-    assert not none.solved
+    assert not none
     plan = planners.plan(space, start, goal, previous=none)
     assert plan.certified and plan.status == "path found"
 

@@ -219,7 +219,7 @@ def test_start_and_goal_of_a_printed_plan_are_taken_when_typed_back(spacing):
     for goal in ((21.0 * spacing + 1e-7, 4.5 * spacing), (spacing, spacing)):
         plan = planners.plan(space, start, goal)
         first, last = read_configurations(repr(plan))[:2]  # a reason may name places after them
-        assert planners.plan(space, first, last).solved == plan.solved
+        assert bool(planners.plan(space, first, last)) == bool(plan)
         without_map = pickle.loads(pickle.dumps(plan))
         printed = read_configurations(repr(without_map))
         np.testing.assert_allclose(printed, [plan.start, plan.goal], rtol=0.0, atol=1e-9)
@@ -236,4 +236,4 @@ def test_times_add_up_to_the_time_that_passes():
     plan = planners.plan(space, SlowStart(), space.sample_free(rng=np.random.default_rng(2)))
     total = time.monotonic() - before
     times = plan.times
-    assert times.setup + times.planning + times.simplification + times.checking <= total
+    assert times.setup + times.planning + times.checking <= total

@@ -72,7 +72,7 @@ def build_plan(seed, drive, rotations, turning_radius=None):
             )
         except cspace.ConfigurationError:  # on the border of a cell
             continue
-        if plan.solved:
+        if plan:
             return plan
     raise AssertionError("no path found")
 

@@ -378,7 +378,7 @@ def test_a_stop_says_until_when_it_exceeds_new_limits(jerk):
     motion = plan.trajectory(max_velocity=2.0, max_acceleration=0.5, **jerk)
     at = 5.5
     assert motion.braked(at).exceeds_until == 0.0
-    unsolved = dataclasses.replace(plan, solved=False, waypoints=plan.waypoints[:0])
+    unsolved = dataclasses.replace(plan, waypoints=plan.waypoints[:0])
     everywhere = planners.SpeedZones([(box(0.0, 0.0, 22.0, 4.0), 0.5)])
     limits = {"max_velocity": 2.0, "max_acceleration": 0.5, **jerk, "speed": everywhere}
     stop = unsolved.trajectory(**limits, after=motion, at=at)

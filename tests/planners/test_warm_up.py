@@ -32,7 +32,7 @@ plan = planners.plan(space, *ends, drive=drive, time_limit=20.0)
 cells[30:33, 50:] = True
 space.update(cspace.Workspace.from_array(cells, 0.1))
 planners.plan(space, *ends, drive=drive, time_limit=20.0, previous=plan)
-print(plan.solved, Recorder.names)
+print(bool(plan), Recorder.names)
 """
 
 

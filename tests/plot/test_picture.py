@@ -18,7 +18,7 @@ from PIL import Image
 import cspace
 import planners
 from cspace import FREE, FileError, Robot, Workspace, build
-from cspace.plot import plot, save_plot
+from cspace.plot import save_plot
 from cspace.plot.scene import CellClass
 from tests.helpers.handmade import build_empty
 from tests.helpers.pictures import (
@@ -42,19 +42,19 @@ def test_each_pixel_shows_the_state_of_its_cell(flat, turning, yaw):
         "no rotations": [()],
         "all rotations": [(center,) for center in turning.rotations.centers[:, 0]],
     }.get(yaw, [(yaw,)])
-    ax = plot(space, rotation=yaw if yaw == 1.2 else None)
+    ax = space.plot(rotation=yaw if yaw == 1.2 else None)
     cells = np.random.default_rng(2).integers(0, space.grid.shape, (300, 2))
     seen = check_cells(space, ax, rendered(ax), cells, rotations)
     assert len(seen) == (5 if yaw == "all rotations" else 4)
 
 
 def test_texts_name_axes_rotations_and_colours(flat, turning):
-    ax = plot(flat, path=[(1, 1), (1, 4), (7, 4)])
+    ax = flat.plot(path=[(1, 1), (1, 4), (7, 4)])
     assert (ax.get_xlim(), ax.get_ylim(), ax.get_aspect()) == ((0.0, 8.0), (0.0, 5.0), 1.0)
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("x (m)", "y (m)")
     assert {"obstacle", "undecided (MIXED)", "path", "goal"} < set(labels(ax))
-    assert {"C-obstacle at every rotation", "free at every rotation"} < set(labels(plot(turning)))
-    assert "yaw -90°" in heading(plot(turning, rotation=1.5 * math.pi))
+    assert {"C-obstacle at every rotation", "free at every rotation"} < set(labels(turning.plot()))
+    assert "yaw -90°" in heading(turning.plot(rotation=1.5 * math.pi))
 
 
 @pytest.mark.parametrize("taken", ["free", "obstacle"])
@@ -94,12 +94,12 @@ def test_a_path_that_an_update_blocks_is_dashed():
     workspace = Workspace.from_polygons([wall], 0.05, (0.0, 0.0, 4.0, 3.0))
     space = build(workspace, Robot.disc(0.2))
     plan = planners.plan(space, (0.5, 0.5), (3.5, 0.5), planner="Grid")
-    assert {"path", "start", "goal"} == set(collect_lines(plot(space, path=plan)))
+    assert {"path", "start", "goal"} == set(collect_lines(space.plot(path=plan)))
     other = build(workspace, Robot.disc(0.2))
     space.add_obstacle("cart", shapely.box(0.9, 0.7, 1.4, 1.2))
-    lost = collect_lines(plot(space, path=plan))["path, no longer proven free"]
+    lost = collect_lines(space.plot(path=plan))["path, no longer proven free"]
     np.testing.assert_array_equal(lost, plan.path)
-    assert "path" in collect_lines(plot(other, path=plan))  # which has no cart
+    assert "path" in collect_lines(other.plot(path=plan))  # which has no cart
 
 
 def collect_boxes(ax):
@@ -109,13 +109,13 @@ def collect_boxes(ax):
 
 
 def test_robots_are_drawn_along_the_path_and_turned(flat, turning):
-    boxes = collect_boxes(plot(flat, path=[(1, 1), (1, 4), (7, 4)]))
+    boxes = collect_boxes(flat.plot(path=[(1, 1), (1, 4), (7, 4)]))
     upwards = [(1.0, 1.0 + 0.9 * k) for k in range(1, 4)]
     between = [*upwards, *((1.6 + 0.9 * k, 4.0) for k in range(6))]
     expected = np.array([*between, (1, 1), (7, 4)])
     np.testing.assert_allclose(boxes, np.hstack([expected - 0.32, expected + 0.32]), atol=1e-9)
     # The reference point is 0.3 m behind the center; the robots at the endpoints come last.
-    ax = plot(turning, path=[(2, 1, math.pi / 2), (2, 4, math.pi / 2)])
+    ax = turning.plot(path=[(2, 1, math.pi / 2), (2, 4, math.pi / 2)])
     rows = [(1.8, y - 0.3, 2.2, y + 0.9) for y in (2.0, 3.0, 1.0, 4.0)]
     np.testing.assert_allclose(collect_boxes(ax), rows, atol=1e-9)
     # Arrows show the yaw.
@@ -162,7 +162,7 @@ def test_no_obstacle_vanishes_from_a_picture_of_a_large_map(shape):
 def test_text_and_panels_fit_the_figure_without_overlap(shape):
     robot = Robot.ball(0.01) if len(shape) == 3 else Robot.rectangle(0.2, 0.1, center=(0.03, 0.0))
     space = build_empty(shape, robot, outside="free")
-    figure = plot(space, path=[space.grid.lower, space.grid.upper]).figure
+    figure = space.plot(path=[space.grid.lower, space.grid.upper]).figure
     assert max(figure.get_size_inches()) < 20
     figure.draw_without_rendering()
     words = [figure.legends[0].get_window_extent(), heading_box(figure)]

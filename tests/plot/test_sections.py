@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from cspace import Robot, Workspace, build
-from cspace.plot import plot
 from tests.helpers import handmade
 from tests.helpers.pictures import COLORS, class_of, labels, pixel, rendered
 
@@ -23,7 +22,7 @@ def test_sections_show_the_cells_of_the_map(shape):
     lower = np.array([-3.0, 7.0, 1.0])
     space = build(Workspace.from_array(occupied, 0.5, lower), Robot.ball(0.4))
     center = lower + 0.5 * np.multiply(shape, (0.31, 0.62, 0.43))
-    ax = plot(space, center=center)
+    ax = space.plot(center=center)
     image = rendered(ax)
     for panel, pair in zip(ax.figure.axes, PAIRS, strict=True):
         (across,) = {0, 1, 2} - set(pair)
@@ -47,7 +46,7 @@ def test_path_and_robots_are_drawn_where_they_meet_sections(hall):
     """Draw the path faintly outside the robot's reach."""
     center = np.array([3.0, 1.2, 1.0])
     half = np.array([0.25, 0.2, 0.15])
-    ax = plot(hall, path=SECTION_PATH, center=center)
+    ax = hall.plot(path=SECTION_PATH, center=center)
     shares = np.linspace(0.0, 1.0, 400)[:, None]
     steps = pairwise(SECTION_PATH)
     points = np.concatenate([start + shares * (end - start) for start, end in steps])
@@ -78,7 +77,7 @@ def test_path_and_robots_are_drawn_where_they_meet_sections(hall):
     ],
 )
 def test_sections_run_through_the_path_or_the_middle(hall, options, center):
-    panels = plot(hall, **options).figure.axes
+    panels = hall.plot(**options).figure.axes
     assert [float(panel.get_title(loc="left")[4:-2]) for panel in reversed(panels)] == center
 
 
@@ -88,7 +87,7 @@ def test_sections_show_one_rotation_or_all(yaw, slices):
     states = np.random.default_rng(0).integers(0, 3, (4, 12, 10, 8)).astype(np.uint8)
     robot = Robot.box((1.6, 0.4, 0.8), center=(0.2, 0.0, 0.0))
     space = handmade.map_in(workspace, robot, states, 4, outside="free")
-    ax = plot(space, center=(3.1, 2.6, 1.8), rotation=yaw)
+    ax = space.plot(center=(3.1, 2.6, 1.8), rotation=yaw)
     image = rendered(ax)
     for i, j in np.ndindex(6, 5):
         name = class_of(space, set(states[slices, i, j, 3].tolist()), False)

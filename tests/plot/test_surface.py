@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from cspace.plot import _surface as surface
-from cspace.plot import plot
 from cspace.plot._surface import find_border_faces
 from tests.helpers.pictures import labels
 from tests.helpers.strategies import examples
@@ -81,7 +80,7 @@ def collect_polygons(ax):
 
 def test_faces_separate_solid_cells_from_others(hall):
     """Test the cells behind and before each face."""
-    corners, colors = collect_polygons(plot(hall, view="3d"))
+    corners, colors = collect_polygons(hall.plot(view="3d"))
     assert len(corners) > 500
     normal = np.argmin(np.ptp(corners, axis=1), axis=1)
     towards = surface.camera_direction(np.array(surface.DEFAULT_CAMERA))
@@ -95,7 +94,7 @@ def test_faces_separate_solid_cells_from_others(hall):
 
 
 def test_robots_are_sorted_with_the_faces(hall):
-    ax = plot(hall, view="3d", path=SURFACE_PATH)
+    ax = hall.plot(view="3d", path=SURFACE_PATH)
     corners, colors = collect_polygons(ax)
     robots = corners[colors[:, 1] > colors[:, 0] + 0.1]
     first = robots[(np.abs(robots - SURFACE_PATH[0]) < (0.251, 0.201, 0.151)).all(axis=(1, 2))]
@@ -107,5 +106,5 @@ def test_robots_are_sorted_with_the_faces(hall):
 
 
 def test_the_cut_is_above_the_path(hall):
-    corners, _ = collect_polygons(plot(hall, view="3d", path=SURFACE_PATH))
+    corners, _ = collect_polygons(hall.plot(view="3d", path=SURFACE_PATH))
     assert corners[..., 2].max() == pytest.approx(1.4)

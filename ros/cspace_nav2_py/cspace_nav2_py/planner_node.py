@@ -512,10 +512,10 @@ class PlannerNode(Node):
                 plan = self.plan_once(space, frame, last, zones, (start, *goals), stop)
                 with self.lock:
                     self.wait_for_map(stop)  # it may have changed since
-                    if plan.solved and plan.recheck(self.space).all():
+                    if plan and plan.recheck(self.space).all():
                         self.last = plan if zones is self.zones else None
                         return plan
-                    if version == self.version and not plan.solved:
+                    if version == self.version and not plan:
                         code = TIMEOUT if stop() else NO_VALID_PATH
                         raise NoPlanError(plan.status, code, plan)
                 if stop():
@@ -555,7 +555,7 @@ class PlannerNode(Node):
         """Plan to the goal, or if it is not reached to a place within a tolerance, metres."""
         try:
             plan = find(goal)
-            if plan.solved or stop():
+            if plan or stop():
                 return plan
         except ConfigurationError as error:
             if error.end != "goal":

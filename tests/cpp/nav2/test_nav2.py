@@ -627,7 +627,7 @@ def test_the_request_of_the_page_gets_a_path_on_depot(nav2, builder, data, tmp_p
     del options["plugin"]
     nav2.tell("footprint 0.325 0.225")  # padded
     follow_topic(nav2, tmp_path / "maps", builder, **{**options, "allow_unknown": "false"})
-    workspace = cspace.Workspace.from_ros_map(data / "maps/depot.yaml", unknown="free")
+    workspace = cspace.Workspace.open(data / "maps/depot.yaml", unknown="free")
     nav2.send_grid(workspace.outer, tmp_path / "grid", 0.05, origin=(-7.14, -7.83))
     nav2.tell("static")
     answer = plan_when_built(nav2, start, goal)
