@@ -401,7 +401,7 @@ class CSpace(ConfigurationMap):
             # The center is proven free, margin included. A piece is not, if its bound leaves
             # nothing beyond the margin.
             extends = row_lengths[k] > 0.0 or row_turns[k] > 0.0
-            distances[k] = 0.0 if extends and distance <= self.margin else distance
+            distances[k] = 0.0 if extends and distance <= self._sure_distance else distance
         return distances.reshape(points.shape[:-1]) if points.ndim > 1 else float(distances[0])
 
     def path_obstacle_distance(self, path: ArrayLike) -> float:
@@ -441,9 +441,14 @@ class CSpace(ConfigurationMap):
         try:
             if not np.all(self.exact.motion_is_free(starts, ends)):
                 return 0.0
-            return max(self.margin, self._exact.distance(centers, *pieces))
+            return max(self._sure_distance, self._exact.distance(centers, *pieces))
         except InputError:
             return math.nan
+
+    @property
+    def _sure_distance(self) -> float:
+        """Distance from obstacles that each free configuration has, metres."""
+        return self.margin if self.floor is None else 0.0
 
     @property
     def _has_bodies(self) -> bool:

@@ -85,9 +85,10 @@ class CarCurves(LocalPlanner):
             return super().measure_distance(path)
         step = 0.5 * self.space.resolution
         pieces = self.split_path(path, step, step / max(self.cells.robot.shape.span, step))
-        # Proven edges keep the margin free, even if a piece has nothing left.
-        distances = self.cells.obstacle_distance(*pieces)
-        return max(self.cells.margin, float(np.min(distances)))
+        distance = float(np.min(self.cells.obstacle_distance(*pieces)))
+        # Proven edges keep the margin free, even if a piece has nothing left; on a floor, they keep
+        # it sideways alone.
+        return distance if self.cells.floor is not None else max(self.cells.margin, distance)
 
     def motion_checker(self) -> Callable[[ob.State, ob.State], bool]:
         """Make ``check(first, second)``, which proves a curve between OMPL states free.

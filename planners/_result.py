@@ -203,8 +203,9 @@ class Plan:
         now. These are their shapes if the map has them, otherwise the outer cells; and, unless the
         map is open, its border. For an arm and a map of joints, distances between links count too.
         The bound is at most a quarter of a cell below the true minimum, on a map of joints what
-        they move the links in it, and at least the margin. It is infinite if there is no obstacle,
-        and zero if the path is no longer proven free.
+        they move the links in it, and at least the margin, which a map on a floor keeps sideways
+        alone. It is infinite if there is no obstacle, and zero if the path is no longer proven
+        free.
 
         NaN if not solved, or if the map was left behind (except for an arm) or is tiled, or one of
         joints from a file. Also NaN if the interior of a mesh depends on the spacing. Computed at

@@ -455,6 +455,27 @@ def test_distances_are_those_in_space():
     assert walled.obstacle_distance((2.0, 1.5)) == pytest.approx(1.3, abs=1e-6)
 
 
+@pytest.mark.parametrize("drive", [None, planners.Differential(), planners.Car(0.4)])
+def test_distances_above_and_below_may_be_less_than_the_margin(drive):
+    cells = np.zeros((40, 30, 10), dtype=bool)
+    cells[:, :, 7:] = True  # a ceiling at 0.7 m
+    scene = Workspace.from_array(cells, 0.1)
+    robot = Robot.box((0.4, 0.4, 0.48), (0.0, 0.0, 0.44))
+    space = cspace.build(scene, robot, rotations=8, floor=0.0, margin=0.15)
+    start, goal = (1.05, 1.45, 0.0), (2.95, 1.45, 0.0)
+    assert space.obstacle_distance(start) == pytest.approx(0.02, abs=1e-6)
+    assert 0.0 <= space.obstacle_distance(start, 0.01, 0.01) <= 0.02
+    assert space.path_obstacle_distance([start, goal]) <= 0.02 + 1e-6
+    plan = planners.plan(space, start, goal, drive=drive)
+    assert plan.certified and plan.obstacle_distance <= 0.02 + 1e-6
+    assert planners.plan(space.exact, start, goal).obstacle_distance <= 0.02 + 1e-6
+    # Sideways, the margin is kept.
+    low = Robot.box((0.4, 0.4, 0.3), (0.0, 0.0, 0.35))
+    assert cspace.build(scene, low, rotations=8, floor=0.0, margin=0.15).obstacle_distance(
+        start
+    ) == pytest.approx(0.2, abs=1e-6)
+
+
 def make_posts(rng, bottom, top):
     """Return the outlines of some posts, and the posts as meshes between two heights."""
     centers, sides = rng.uniform((0.0, 0.0), (4.0, 3.0), (12, 2)), rng.uniform(0.05, 0.4, (12, 2))

@@ -93,6 +93,14 @@ class Problem(NamedTuple):
         return float(np.abs([*grid.lower, *grid.upper]).max()) + self.robot.shape.span + height
 
     @property
+    def sure_distance(self) -> float:
+        """Distance that each free configuration has, metres.
+
+        On a floor, cells keep the margin sideways, and above and below nothing.
+        """
+        return self.margin if self.floor is None else 0.0
+
+    @property
     def required_distance(self) -> float:
         """Distance that proves a configuration free, metres.
 

@@ -135,7 +135,7 @@ class ExactQueries:
         counts as an obstacle. The bound is infinite if there are no obstacles.
         """
         slack = self.current_proofs().slack(as_contiguous(points), lengths, angles)
-        return self._make_problem().margin + slack
+        return self._make_problem().sure_distance + slack
 
     def refine(self, look_up: Callable[..., int], repeats: int) -> Callable[..., int]:
         """Make a look-up that asks the geometry if another look-up, by cells, gives MIXED.
@@ -259,6 +259,8 @@ class BoundaryProofs:
         self._dim = problem.map.dim
         grid = problem.workspace.grid
         self._lift = problem.lift
+        # Part of the margin that a free configuration may lack.
+        self._unsure = problem.margin - problem.sure_distance
         self._bounds = (np.asarray(grid.lower), np.asarray(grid.upper))
         walls = obstacle_boundary(
             problem.workspace,
@@ -392,11 +394,13 @@ class BoundaryProofs:
     def slack(self, points: Floats, lengths: Floats, angles: Floats) -> float:
         """Return a path's lower bound of (distance - required distance), metres.
 
+        On a floor, the required distance is taken without what the margin asks for above and below.
         The path is given in pieces: their midpoints, shape (n, size), their lengths and their
         rotation angles, shape (n,).
         """
         boundaries = self.boundaries
         scale = boundaries.scale
+        boundaries = boundaries._replace(required=boundaries.required - scale * self._unsure)
         positions, matrices = self._place_robot(points)
         # Largest displacement of a point of the robot from its place at the midpoint.
         spans = 0.5 * (scale * lengths + boundaries.max_lever * angles)
