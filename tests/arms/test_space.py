@@ -99,7 +99,8 @@ def test_motions_agree_with_fcl(scenes, number, seed, size):
     space, oracle = scenes[number]
     rng = np.random.default_rng(seed)
     q0 = space.sample_free(rng=rng)
-    q1 = np.clip(q0 + size * rng.normal(size=q0.shape), space.arm.lower, space.arm.upper)
+    turns = np.clip(size * rng.normal(size=q0.shape), -3.0, 3.0)  # at most half a turn
+    q1 = np.clip(q0 + turns, space.arm.lower, space.arm.upper)
     q1 = approach_contact(oracle, q0, q1)[0]
     apart = [oracle.apart(q0 + t * (q1 - q0)) for t in np.linspace(0.0, 1.0, 60)]
     proven = space.motion_is_free(q0, q1)
