@@ -258,6 +258,7 @@ def test_costs_of_another_shape_are_refused():
         ),
         "from (0, 0) to (0.3, 0.3)",
     ),
+    (lambda: flat().is_free((1.0, np.nan)), "q is (1.0, nan); numbers must be finite"),
     # What is ours, where numbers are meant.
     (lambda: flat().certify_path(find_way()), "path is a Plan; it must be numeric"),
     (lambda: flat().is_free(flat()), "q is CSpace(30 x 30 cells"),

@@ -72,7 +72,7 @@ def check_shapes(shapes: Sequence[BaseGeometry], names: Sequence[str]) -> None:
     reason = shapely.is_valid_reason(array[is_invalid.argmax()])
     # For each reason, the mask of the shapes to refuse, and the parts of the message.
     for refused, problem, rule in (
-        (shapely.is_empty(array), "is empty", "an obstacle must cover some ground"),
+        (shapely.is_empty(array), "is empty", "it must cover some ground"),
         (shapely.has_z(array), "has z coordinates", "obstacles in the plane have two"),
         (
             is_invalid,

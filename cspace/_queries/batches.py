@@ -74,7 +74,8 @@ def evaluate(
     out = np.empty(len(rows), dtype=dtype)
     bad = write(rows, out)  # index of the first unusable row, or -1
     if bad >= 0:
-        raise _make_unusable_error(rows[bad], name, bad)
+        number = f"number {bad} " if points.ndim > 1 else ""
+        raise _make_unusable_error(rows[bad], name, number)
     warn_of_degrees(rows, angles, name)
     return _shape_answers(out, points.shape[:-1], is_array)
 
@@ -124,7 +125,9 @@ def evaluate_rows(starts: Floats, ends: Floats, write: Write) -> Bools:
     out = np.empty(len(starts), dtype=np.bool_)
     bad = write(as_contiguous(starts), as_contiguous(ends), out)
     if bad >= 0:
-        raise _make_unusable_error(np.concatenate([starts[bad], ends[bad]]), "edge", bad)
+        raise _make_unusable_error(
+            np.concatenate([starts[bad], ends[bad]]), "edge", f"number {bad} "
+        )
     return out
 
 
@@ -168,8 +171,7 @@ def _shape_answers(answers: NDArray[Any], shape: tuple[int, ...], is_array: bool
     return answers.item()
 
 
-def _make_unusable_error(values: NDArray[Any], name: str, index: int) -> InputError:
-    """Make the error for an unusable row of a batch."""
+def _make_unusable_error(values: NDArray[Any], name: str, number: str) -> InputError:
+    """Make the error for an unusable row, with its number in a batch."""
     numbers = tuple(values.astype(np.float64).tolist())
-    problem = f"number {index} is {numbers}"
-    return InputError(name, problem, Rotations._all_limits())
+    return InputError(name, f"{number}is {numbers}", Rotations._all_limits())

@@ -108,7 +108,7 @@ NAV2 = "local_costmap: {robot_radius: 0.2}\nglobal_costmap: {robot_radius: RADIU
         "POINT (nan 0)\nPOINT (0 0)",
         "a.wkt, geometry 1 has a vertex at (nan, 0.0); coordinates must be finite, and at most 1e+100",
     ),
-    ("a.wkt", "POLYGON EMPTY\nPOINT (0 0)", "an obstacle must cover some ground"),
+    ("a.wkt", "POLYGON EMPTY\nPOINT (0 0)", "it must cover some ground"),
     (
         "a.wkt",
         LEVEL,

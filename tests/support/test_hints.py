@@ -190,7 +190,7 @@ def cells(values, **options):
     ),
     (
         lambda: Robot.polygon([shapely.Polygon()]),
-        "an obstacle must cover some ground",
+        "it must cover some ground",
     ),
     (
         lambda: copy().add_obstacle("a", [(0, 0), (1, 1)]),
