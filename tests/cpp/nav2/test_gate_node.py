@@ -36,6 +36,11 @@ def maps(tmp_path_factory):
     robot = cspace.Robot.rectangle(0.6, 0.4)
     cspace.build(workspace, robot, rotations=36).save(folder / "room")
     cspace.build(workspace, robot).save(folder / "flat")
+    scene = np.repeat(cells[:, :, np.newaxis], 6, axis=2)
+    scene[:, :, 4:] = True  # a ceiling
+    box = cspace.Robot.box((0.6, 0.4, 0.3), (0.0, 0.0, 0.2))
+    scene = cspace.Workspace.from_array(scene, 0.1)
+    cspace.build(scene, box, rotations=36, floor=0.01).save(folder / "floor")
     hall = cspace.Workspace.from_occupancy_grid(make_grid("hall"))
     cspace.build(hall, robot, rotations=4).save(folder / "hall")
     return folder
@@ -140,6 +145,16 @@ def test_stamped_commands_count_by_their_stamp_and_stamped_ones_are_sent(start):
         assert node.read_log().endswith("no command within 0.3 s\n")
         for _ in range(2):
             node.cycle("stamped 0.6 0.0 0.2")
+
+
+@pytest.mark.parametrize("name", ["room", "floor"])
+def test_it_leaves_a_wall_that_it_is_too_near_to(start, maps, name):
+    for leaving, speed in (("true", 0.6), ("false", 0.0)):
+        node = start(map=maps / name, leaving=leaving)
+        node.tell("place 0.45 2.0")  # 5 cm from the wall behind
+        assert [node.ask("configure"), node.ask("activate")] == ["success", "success"]
+        node.cycle()
+        assert node.cycle() == (speed, 0.0), node.read_log()
 
 
 @pytest.mark.parametrize("way", ["deactivate", "shutdown", "end"])
