@@ -20,7 +20,6 @@ from cspace.inside import (
     METRES_PER_RADIAN,
     Bools,
     Car,
-    ConfigurationSpace,
     Differential,
     Floats,
     Upright,
@@ -37,7 +36,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from cspace import TiledCSpace
-    from cspace.plot import AnimationOptions, PlotOptions
+    from cspace.plot import PlotOptions
     from cspace.reasons import Explanation
     from cspace.regions import Corridor
     from planners._speed_limits import SlowNear, SpeedZones, ToolSpeed
@@ -419,41 +418,6 @@ class Plan:
         options.setdefault("path", self)
         axes: Axes = self._picture().plot(**options)
         return axes
-
-    @names_options
-    def animate(
-        self,
-        file: str | os.PathLike[str],
-        overwrite: bool = False,
-        **options: Unpack[AnimationOptions],
-    ) -> None:
-        """Draw the motion along the path as a GIF.
-
-        Parameters
-        ----------
-        file : path-like
-            A name that ends in .gif.
-        overwrite : bool
-            Whether an existing file may be replaced.
-        **options
-            Of :func:`cspace.plot.animate`: ``seconds``, ``rate``, ``title``, ``camera`` and
-            ``progress``.
-
-        Raises
-        ------
-        InputError
-            If the plan has no path, or was pickled, which leaves the map behind; or as
-            :func:`cspace.plot.animate`.
-        FileError
-            If the file exists and may not be replaced, or cannot be written.
-        """
-        from cspace.plot import animate
-
-        self._check_solved("an animation shows a path")
-        drawn = self._picture()
-        if not isinstance(drawn, ConfigurationSpace):
-            raise InputError("plan", f"is in {drawn!r}", "only maps and arms are drawn")
-        animate(drawn, self.path, file, overwrite, **options)
 
     @names_options
     def corridor(self, *, reach: float = 5.0, margin: float = 0.0) -> Corridor:

@@ -118,8 +118,10 @@ def plan(
 ) -> None:
     """Plan a path on a saved map; exit with 1 if there is none."""
     import planners
+    from cspace import TiledCSpace
     from cspace import open as open_map
     from cspace.plot import PICTURE_SUFFIXES, save_plot
+    from cspace.plot import animate as draw_film
 
     # Check all outputs before the search, so that no result is lost.
     check_outputs(output or [], (".csv", ".json"), overwrite)
@@ -171,7 +173,8 @@ def plan(
             save_plot(space, picture, overwrite, path=planned)
     if animate and planned:
         with clock.step("animate") as progress:
-            planned.animate(animate, overwrite, progress=progress)
+            drawn = space.overview() if isinstance(space, TiledCSpace) else space
+            draw_film(drawn, planned, animate, overwrite, progress=progress)
     show({**described, "seconds": clock.seconds}, as_json)
     if not planned:
         hint = _word_hint(planned.hint, drive)

@@ -75,13 +75,12 @@ def spheres(
 
 def describe_links(model: SphereModel) -> dict[str, Any]:
     """Describe what is proven for each link."""
-    distance = "sticks_out_m" if model.kind == "outer" else "leaves_bare_m"
     links = {}
     for name, balls in model.links.items():
         links[name] = {
             "spheres": len(balls),
-            "covered": model.kind == "outer",
-            distance: balls.hausdorff.upper,
+            "covered": balls.kind == "outer",
+            "sticks_out_m" if balls.kind == "outer" else "leaves_bare_m": balls.hausdorff.upper,
             "volume_ratio": balls.volume_ratio,
         }
     return links

@@ -47,27 +47,25 @@ class SphereModel:
     ----------
     name : str
         Name of the robot.
-    kind : {"outer", "inner"}
-        Whether the balls of a link cover its collision geometry, or each lies inside it.
     links : dict of str to BallDecomposition
         The balls of each link, in the frame of the link, metres. ``hausdorff.upper`` bounds how far
         outer balls stick out of the link, or the distance of a point of the link from inner balls.
     """
 
     name: str
-    kind: Literal["inner", "outer"]
     links: Mapping[str, BallDecomposition] = field(repr=False)
 
     def __str__(self) -> str:
         """Return a table with a row for each link."""
-        if self.kind == "outer":
+        kind = next(iter(self.links.values())).kind
+        if kind == "outer":
             proof, distance = "covered", "sticks out"
         else:
             proof, distance = "inside", "leaves bare"
         width = max(map(len, self.links))
         count = sum(map(len, self.links.values()))
         lines = [
-            f"{self.name}: {count} {self.kind} spheres on {len(self.links)} links",
+            f"{self.name}: {count} {kind} spheres on {len(self.links)} links",
             f"{'link':{width}}  spheres  {proof:>7}  {distance:>11}  volume ratio",
         ]
         for name, balls in self.links.items():
@@ -225,7 +223,7 @@ def find_spheres(
             "is 'inner', but no link has an inside",
             "inner balls need one",
         )
-    return SphereModel(arm.name, kind, links)
+    return SphereModel(arm.name, links)
 
 
 def _join_parts(arm: Arm, link: Solid) -> Shape:

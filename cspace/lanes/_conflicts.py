@@ -371,16 +371,6 @@ class Zones:
         )
         return make_features(shapes, path, overwrite)
 
-    @names_options
-    def to_csv(self, path: StrPath, overwrite: bool = False) -> None:
-        """Write a row for each zone corner: zone, x, y."""
-        rows = (
-            {"zone": k, "x": x, "y": y}
-            for k, polygon in enumerate(self.polygons)
-            for x, y in _corners_of(polygon)
-        )
-        write_csv(path, overwrite, ("zone", "x", "y"), rows)
-
     def to_vda5050(self, map_id: str, zone_set_id: str) -> dict[str, Any]:
         """Return the ``zoneSet`` of VDA 5050, version 3, with release zones.
 

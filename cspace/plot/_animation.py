@@ -13,6 +13,7 @@ import numpy as np
 from cspace.errors import InputError
 from cspace.inside import (
     ConfigurationMap,
+    ConfigurationSpace,
     Floats,
     check_positive,
     check_suffix,
@@ -110,6 +111,8 @@ def animate(
     """
     target = Path(file)
     check_suffix(target, (".gif",), "an animation is a GIF", "file", is_output=True)
+    if not isinstance(space, ConfigurationSpace):
+        raise InputError("space", f"is {space!r}", "only maps and arms are drawn")
     given = Route(space, path)
     route = Route(space, given.points)  # a film shows no proofs
     if not len(route.points):

@@ -238,10 +238,20 @@ class Explanation:
             names = " or ".join(map(repr, self.passes_without))
             sentences.append(f"{self._robot_text} passes without {names}.")
         if self.trial is not None:
-            sentences.append(str(self.trial))
+            sentences.append(self._describe_trial(self.trial))
         if self.verdict != "connected" and self.passes_if_turning and self.space.rotations.names:
             sentences.append(f"{self._robot_text} would pass if it could turn anywhere.")
         return sentences
+
+    def _describe_trial(self, trial: Trial) -> str:
+        """Return a sentence on the finer map and what it decides."""
+        turns = f" and {trial.rotations} rotations" if trial.rotations > 1 else ""
+        settings = f"a spacing of {trial.spacing:.3g} {self.space.grid.unit}{turns}"
+        if trial.decided == "untried":
+            return f"Perhaps {settings} would decide."
+        if trial.decided == "nothing":
+            return f"Even {settings} would not decide."
+        return f"With {settings}, the way there is proven {trial.decided}."
 
     def plot(self) -> Axes:
         """Draw the map with ends, barrier, and robot at the bottleneck.

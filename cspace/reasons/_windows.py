@@ -34,24 +34,11 @@ class Trial(NamedTuple):
     decided : {"open", "shut", "nothing", "untried"}
         Result of the finer map, or of a window of it around the MIXED cells: the way is proven open
         or shut; "nothing" if no spacing down to a sixteenth of the map's decides.
-    unit : str
-        Unit of the spacing: "m", or that of joints.
     """
 
     spacing: float
     rotations: int
     decided: Decision
-    unit: str = "m"
-
-    def __str__(self) -> str:
-        """Return a sentence on the finer map and what it decides."""
-        turns = f" and {self.rotations} rotations" if self.rotations > 1 else ""
-        settings = f"a spacing of {self.spacing:.3g} {self.unit}{turns}"
-        if self.decided == "untried":
-            return f"Perhaps {settings} would decide."
-        if self.decided == "nothing":
-            return f"Even {settings} would not decide."
-        return f"With {settings}, the way there is proven {self.decided}."
 
 
 def suggest_finer(space: CSpace, way: Way) -> Trial:
@@ -105,7 +92,7 @@ def refine_way(space: CSpace, points: Floats, way: Way, is_decided: bool) -> tup
 def _describe_trial(space: CSpace, factor: int, decided: Decision) -> Trial:
     """Describe a finer map, and what it decided."""
     grid = space.grid
-    return Trial(grid.spacing / factor, _count_rotations(space, factor), decided, grid.unit)
+    return Trial(grid.spacing / factor, _count_rotations(space, factor), decided)
 
 
 def _count_rotations(space: CSpace, factor: int) -> int:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from cspace.errors import InputError
-from cspace.inside import ANGLE_SLACK, Floats, Ints, frozen
+from cspace.inside import ANGLE_SLACK, Floats, frozen
 from cspace.regions._convex_region import ConvexRegion, plot_regions
 from cspace.regions._free_region import RegionSource, YawArc
 
@@ -33,22 +33,17 @@ class Corridor:
         Rows of the path; its yaws are unwrapped. An edge that turns in a narrow place is divided
         into edges of fewer yaws. Between two rows, a car follows its curve, which the regions
         contain as well.
-    region_of_edge : ndarray of int64, shape (n - 1,), read-only
-        Index of the region that contains the edge from each row to the next.
+    junctions : ndarray of float64, shape (regions - 1, size), read-only
+        Rows in two regions that follow each other. Up to the next one, edges lie in one region.
     """
 
     regions: tuple[ConvexRegion, ...]
     path: Floats
-    region_of_edge: Ints
+    junctions: Floats
 
     def __repr__(self) -> str:
         """Return the numbers of regions and edges."""
-        return f"Corridor({len(self.regions)} regions along {len(self.region_of_edge)} edges)"
-
-    @property
-    def junctions(self) -> Floats:
-        """Rows in two regions that follow, shape (regions - 1, size)."""
-        return self.path[1:-1][np.diff(self.region_of_edge) > 0]
+        return f"Corridor({len(self.regions)} regions along {len(self.path) - 1} edges)"
 
     def plot(self, ax: Axes | None = None, **style: Any) -> Axes:
         """Draw all regions, as :meth:`ConvexRegion.plot` draws one."""
@@ -88,7 +83,7 @@ def make_corridor(
     path = np.concatenate([rows[:1], rows[0] + np.cumsum(steps, axis=0)])
     path[:, : source.space.dim] = rows[:, : source.space.dim]
     regions = list[ConvexRegion]()
-    region_of_edge = list[int]()
+    starts = list[int]()  # of regions, in the rows of the path
     numbers = list(range(len(rows) - 1))  # of the given edge that each edge is part of
     first = 0
     while first < len(path) - 1:
@@ -96,7 +91,7 @@ def make_corridor(
         edge = path[first : first + 2]
         if found is not None:
             region, last = found
-            region_of_edge += [len(regions)] * (last - first)
+            starts.append(first)
             regions.append(region)
             first = last
         elif source.has_yaw and abs(edge[1, -1] - edge[0, -1]) > ANGLE_SLACK:
@@ -105,7 +100,7 @@ def make_corridor(
             numbers.insert(first, numbers[first])
         else:
             raise _make_edge_error(rows[numbers[first] :][:2], source.margin)
-    return Corridor(tuple(regions), frozen(path), frozen(np.array(region_of_edge)))
+    return Corridor(tuple(regions), frozen(path), frozen(path[starts[1:]]))
 
 
 def _find_longest(

@@ -475,7 +475,7 @@ def test_wrong_calls_are_refused_in_one_line(make, hint):
 def test_a_copied_plan_is_drawn_on_its_map(tmp_path):
     plan = copy.copy(plan_in("plane"))
     with pytest.raises(InputError, match="pickling leaves the map behind"):
-        plan.animate(tmp_path / "a.gif")
+        plan.plot()
     cspace.plot.animate(build_room("plane"), plan, tmp_path / "a.gif", seconds=0.1)
 
 

@@ -330,7 +330,7 @@ def test_what_only_maps_and_arms_do_is_refused_for_a_space_that_wraps_a_map(hall
     with pytest.raises(InputError, match="only maps and arms are drawn"):
         plan.plot()
     with pytest.raises(InputError, match="only maps and arms are drawn"):
-        plan.animate("never.gif")
+        cspace.plot.animate(plan.space, plan, "never.gif")
     with pytest.raises(InputError, match="must be the space of an arm"):
         planners.Trajectory.along(kind(hall), plan.path, max_acceleration=1.0)
     with pytest.raises(InputError, match=f"space is a {kind.__name__}; it must be a map"):
