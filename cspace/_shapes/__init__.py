@@ -97,13 +97,18 @@ def as_shape(source: ShapeLike, radius: ArrayLike | None = None, name: str = "sh
         return Polygons(read_shapes(value, name))
     if hasattr(value, "vertices") or hasattr(value, "geometry"):
         return _make_mesh(value)
-    is_plain = value is None or (np.ndim(value) == 0 and isinstance(value, numbers.Number))
-    problem = f"is {value!r}" if is_plain else f"is a {type(value).__name__}"
-    raise InputError(name, problem, _SHAPE_NEEDED)
+    raise _make_shape_error(value, name)
 
 
 _SHAPE_NEEDED: Final = "a polygon or a mesh is needed"
 """Rule of messages about a value that is no shape."""
+
+
+def _make_shape_error(value: object, name: str) -> InputError:
+    """Make the error for a value that is no shape; only numbers are quoted."""
+    is_plain = value is None or isinstance(value, numbers.Number)
+    problem = f"is {value!r}" if is_plain else f"is a {type(value).__name__}"
+    return InputError(name, problem, _SHAPE_NEEDED)
 
 
 def _convert_sequence(values: Any, name: str) -> Shape:

@@ -84,15 +84,19 @@ def check_real(values: ArrayLike, name: str, axes: Sequence[str] = ()) -> NDArra
         if array.dtype.kind not in "fiubc":
             array = np.asarray(array, dtype=np.float64)
     except (TypeError, ValueError) as error:
-        text = repr(values)
-        problem = f"is {text}" if len(text) < 100 else f"is a {type(values).__name__}"
-        raise InputError(name, problem, "it must be numeric") from error
+        raise InputError(name, f"is {_quote(values)}", "it must be numeric") from error
     except OverflowError as error:
         problem = "has too large an integer"
         raise InputError(name, problem, "it must fit a float") from error
     if array.dtype.kind == "c":
         raise InputError(name, "has complex values", "it must be real")
     return array
+
+
+def _quote(value: object) -> str:
+    """Return a value as text, or its type if the text is long."""
+    text = repr(value)
+    return text if len(text) < 100 else f"a {type(value).__name__}"
 
 
 def _check_unit(values: Any, name: str) -> None:
