@@ -120,7 +120,7 @@ def to_costmap(
         this takes some 20 nanoseconds for each cell and slice at the first call, and after an
         update.
     frame_id : str, optional
-        Frame in the header, whose stamp stays as it is; by default :attr:`cspace.CSpace.frame_id`.
+        As for :meth:`cspace.CSpace.to_occupancy_grid`.
 
     Returns
     -------
