@@ -9,8 +9,10 @@ from . import regions as regions
 from . import ros as ros
 from . import spectral as spectral
 from . import view as view
+from ._builder import Suggestion as Suggestion
 from ._builder import build as build
 from ._builder import open as open  # noqa: A004
+from ._builder import suggest as suggest
 from ._grid import Grid as Grid
 from ._interface import Goal as Goal
 from ._interface import Space as Space
@@ -22,8 +24,6 @@ from ._rotations import Rotations as Rotations
 from ._shapes.mesh import MeshWarning as MeshWarning
 from ._shapes.mesh import make_mesh as make_mesh
 from ._space import CSpace as CSpace
-from ._suggestion import Suggestion as Suggestion
-from ._suggestion import suggest as suggest
 from ._support.arrays import BLOCKED as BLOCKED
 from ._support.arrays import FREE as FREE
 from ._support.arrays import MIXED as MIXED

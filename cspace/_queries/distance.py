@@ -131,12 +131,6 @@ class DistanceMap:
         """
         return self.compute_all().cells.reshape(self._states.shape)
 
-    def array_of(self, number: int) -> Distances:
-        """Return a slice's distances, shape (x, y) or (x, y, z)."""
-        table = self.compute_slices([number])
-        distances: Distances = table.cells.reshape(self._states.shape)[number]
-        return distances
-
     def compute_slices(self, slices: Iterable[int]) -> DistanceTable:
         """Compute missing distances of the given slices, and return the table.
 
