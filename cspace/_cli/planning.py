@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Literal, TypeAlias, cast
 
@@ -28,6 +28,7 @@ from cspace._cli.report import Stopwatch, list_option_names, name_options, show,
 from cspace.errors import InputError
 
 if TYPE_CHECKING:
+    from cspace import CSpace, TiledCSpace
     from cspace.inside import ConfigurationMap
     from planners import Car, Differential, Plan, SpeedZones
 
@@ -118,10 +119,8 @@ def plan(
 ) -> None:
     """Plan a path on a saved map; exit with 1 if there is none."""
     import planners
-    from cspace import TiledCSpace
     from cspace import open as open_map
     from cspace.plot import PICTURE_SUFFIXES, save_plot
-    from cspace.plot import animate as draw_film
 
     # Check all outputs before the search, so that no result is lost.
     check_outputs(output or [], (".csv", ".json"), overwrite)
@@ -173,8 +172,7 @@ def plan(
             save_plot(space, picture, overwrite, path=planned)
     if animate and planned:
         with clock.step("animate") as progress:
-            drawn = space.overview() if isinstance(space, TiledCSpace) else space
-            draw_film(drawn, planned, animate, overwrite, progress=progress)
+            _draw_film(space, planned, animate, overwrite, progress)
     show({**described, "seconds": clock.seconds}, as_json)
     if not planned:
         hint = _word_hint(planned.hint, drive)
@@ -184,6 +182,21 @@ def plan(
             f"cspace: from {start} to {' or '.join(goal)}: {planned.status}{advice}", err=True
         )
         raise typer.Exit(1)
+
+
+def _draw_film(
+    space: CSpace | TiledCSpace,
+    planned: Plan,
+    file: Path,
+    overwrite: bool,
+    progress: Callable[[int, int], None] | None,
+) -> None:
+    """Draw the robot on its way; a map in tiles is drawn coarsely."""
+    from cspace import TiledCSpace
+    from cspace.plot import animate
+
+    drawn = space.overview() if isinstance(space, TiledCSpace) else space
+    animate(drawn, planned, file, overwrite, progress=progress)
 
 
 def _list_speeds(objective: str, max_velocity: float | None) -> tuple[str, ...]:
