@@ -294,7 +294,7 @@ def test_clearance_keeps_drives_in_the_middle_of_a_corridor(drive):
     ends = (1.0, 1.0, 0.0), (7.0, 1.0, 0.0)
     short = planners.plan(space, *ends, drive=make_drive(drive))
     plan = planners.plan(space, *ends, drive=make_drive(drive), objective="clearance")
-    assert plan.certified and plan.planner == "Lattice" and plan.objective == "time"
+    assert plan.certified and plan.planner == "Lattice"
     assert plan.clearance > short.clearance + 0.1
     assert plan.length < 1.3 * short.length
 
