@@ -68,7 +68,7 @@ def ellipse(radius_x: float, radius_y: float, center: ArrayLike = (0.0, 0.0)) ->
     radii = check_positive(radius_x, "radius_x"), check_positive(radius_y, "radius_y")
     center_point = check_point(center)
     outer, inner = ellipse_bounds(radii, center_point)
-    is_disc = radius_x == radius_y and not center_point.any()
+    is_disc = radii[0] == radii[1] and not center_point.any()
     shape = BoundedShape(Polygons.of(outer), Polygons.of(inner), is_round_about_z=is_disc)
     return NamedShape(f"ellipse {radius_x:g} m x {radius_y:g} m", shape)
 

@@ -1,5 +1,6 @@
 """Cylinders, capsules and ellipses, which have outer and inner bounds."""
 
+import json
 import math
 from fractions import Fraction
 
@@ -138,6 +139,11 @@ def test_an_ellipse_has_two_mirror_axes():
     assert Robot.ellipse(0.5, 0.3, (0.1, 0)).shape.symmetry == 1
     again = Robot.from_spec(Robot.ellipse(0.5, 0.5).spec)
     assert again.shape.is_round
+
+
+def test_an_ellipse_of_numbers_of_numpy_has_a_description_in_plain_ones():
+    radii = np.float64(0.5), np.float64(0.3)
+    assert json.dumps(Robot.ellipse(*radii).spec) == json.dumps(Robot.ellipse(0.5, 0.3).spec)
 
 
 def test_an_upright_solid_needs_one_slice_unless_off_its_axis(kind):
