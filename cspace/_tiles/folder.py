@@ -98,7 +98,10 @@ class TileFolder:
         """Return the grid of a box of cells, inside or not."""
         cell = self.frame.grid
         first, stop = corners
-        lower = np.array(cell.lower) + cell.spacing * first
+        lower, upper = cell.lower + cell.spacing * corners
+        # Rounding may put the upper corner below that of these cells in the whole map.
+        missing = upper - (lower + cell.spacing * (stop - first))
+        lower += 2.0 * np.maximum(missing, 0.0)
         return Grid(lower, cell.spacing, stop - first, cell.axes, cell.units, cell.frame_id)
 
     @property

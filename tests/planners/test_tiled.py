@@ -36,6 +36,20 @@ def car_maps(tmp_path_factory):
     return tiled, cspace.build(build_maze(), SMALL_CAR, rotations=16)
 
 
+@pytest.mark.parametrize("low, spacing", [(0.0, 0.3), (0.3, 0.1), (-1.2, 0.07), (33333.1, 0.05)])
+def test_paths_end_on_the_upper_border_of_a_tiled_map(low, spacing, tmp_path):
+    walls = np.zeros((19, 19), dtype=bool)
+    walls[8:10, 3:16] = True
+    workspace = cspace.Workspace.from_array(walls, spacing, (low, low))
+    disc = cspace.Robot.disc(1.83 * spacing)
+    space = cspace.build(workspace, disc, outside="free", store=tmp_path / "m", tile=8)
+    lower, upper = np.array(space.bounds)
+    for ends in ((lower, upper), (upper, lower), ((upper[0], lower[1]), (lower[0], upper[1]))):
+        plan = planners.plan(space, *ends, planner="Grid")
+        assert plan.certified
+        assert np.array_equal(plan.waypoints[[0, -1]], ends)
+
+
 @pytest.mark.parametrize(
     "options",
     [
