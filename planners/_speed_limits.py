@@ -599,6 +599,10 @@ def _place_near(
     if near.space.axes != axes:
         problem = f"is of a map of {', '.join(near.space.axes)}"
         raise InputError("speed", problem, f"the plan has {', '.join(axes)}")
+    robots = near.space.drawn_robot, space.drawn_robot
+    if robots[0] is not robots[1] and robots[0].shape.spec != robots[1].shape.spec:
+        problem = f"is of a map for a {robots[0].name}"
+        raise InputError("speed", problem, f"the plan is for a {robots[1].name}")
     _check_frame("speed", near.space.frame_id, frame_id)
     lever = _measure_size(near.space) if near.space.rotations.names else 0.0
     return NearRule(near, lever, 2.0 * space.resolution)

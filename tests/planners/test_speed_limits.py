@@ -540,6 +540,12 @@ AREA = box(1.0, 1.0, 2.0, 2.0)
     ),
     (
         lambda plan: drive(
+            plan, planners.SlowNear(build_empty((220, 40), cspace.Robot.disc(0.1)), 1.0, 1.0)
+        ),
+        "is of a map for a disc 0.1 m",
+    ),
+    (
+        lambda plan: drive(
             pickle.loads(pickle.dumps(plan)), planners.SpeedZones([(AREA, 1.0)], within="point")
         ),
         "plan has no map",
