@@ -458,7 +458,7 @@ def _check_places(
     via: Sequence[PlaceLike], goal: PlaceLike, task: PlanTask
 ) -> list[tuple[str, PlaceLike]]:
     """Return the places on the way and the goal, with their names in messages."""
-    if not isinstance(via, (tuple, list, np.ndarray)):
+    if not isinstance(via, (tuple, list, np.ndarray)) or any(map(np.isscalar, via)):
         raise InputError("via", f"is {via!r}", "it lists places on the way")
     if len(via) and len(task.previous):
         raise InputError(

@@ -636,6 +636,8 @@ class Plan:
 
         if after is None:
             self._check_solved("a trajectory follows a path")
+            if at != 0.0:
+                raise InputError("at", f"is {at!r}", "it is a time of the motion given as after")
         limits = MotionLimits(
             max_velocity,
             max_acceleration,

@@ -765,7 +765,7 @@ BOX = shapely.box(4.5, 0.5, 5.5, 1.5)
     ),
     (
         "turning",
-        {"via": 3},
+        {"via": (1.0, 1.0, 0.0)},
         "it lists places on the way",
     ),
 )

@@ -425,6 +425,10 @@ def plan_in(name, **options):
         "max_angular_jerk has a value",
     ),
     (
+        lambda: plan_in("plane").trajectory(**LIMITS, at=1.0),
+        "at is 1.0; it is a time of the motion given as after",
+    ),
+    (
         lambda: planners.Trajectory.along(build_room("plane"), [(1, 1)], max_acceleration=1.0),
         "it must be the space of an arm",
     ),
