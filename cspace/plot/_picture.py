@@ -34,7 +34,7 @@ VIEW_OPTIONS: Final = {
 
 
 class PlotOptions(TypedDict, total=False):
-    """Options of :func:`plot`."""
+    """Options of :meth:`cspace.CSpace.plot`."""
 
     rotation: ArrayLike
     path: ArrayLike | HasPath | None
@@ -210,7 +210,7 @@ def save_plot(
     dpi : float
         Pixels per inch, at most 2400; pictures are about eight inches wide.
     **options
-        Options of :func:`plot`; with ``ax``, the figure of these axes is saved.
+        Options of :meth:`cspace.CSpace.plot`; with ``ax``, the figure of these axes is saved.
 
     Returns
     -------
@@ -220,7 +220,7 @@ def save_plot(
     Raises
     ------
     InputError
-        If the suffix is another one, or for the reasons of :func:`plot`.
+        If the suffix is another one, or for the reasons of :meth:`cspace.CSpace.plot`.
     FileError
         If the file exists and ``overwrite`` is not set, or if it cannot be written.
 
