@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import nullcontext, suppress
 from dataclasses import replace
 from functools import cache, partial
+from numbers import Number
 from typing import TYPE_CHECKING, Final, NamedTuple, cast
 
 import numpy as np
@@ -458,7 +459,8 @@ def _check_places(
     via: Sequence[PlaceLike], goal: PlaceLike, task: PlanTask
 ) -> list[tuple[str, PlaceLike]]:
     """Return the places on the way and the goal, with their names in messages."""
-    if not isinstance(via, (tuple, list, np.ndarray)) or any(map(np.isscalar, via)):
+    is_list = isinstance(via, (tuple, list, np.ndarray))
+    if not is_list or any(isinstance(place, Number) for place in via):
         raise InputError("via", f"is {via!r}", "it lists places on the way")
     if len(via) and len(task.previous):
         raise InputError(
