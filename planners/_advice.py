@@ -14,8 +14,8 @@ from cspace import CSpace, Space
 from cspace.errors import InputError
 from cspace.inside import Car, ConfigurationMap, Differential
 from planners._catalogue import GRID, LATTICE, LENGTH, Search, default_planner
-from planners._drives import local_planner
-from planners._local_planner import Endpoints, LocalPlanner
+from planners._edges.drives import local_planner
+from planners._edges.local_planner import Endpoints, LocalPlanner
 from planners._task import DEFAULT_SECONDS, PlanTask, SearchResult
 
 

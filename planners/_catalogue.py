@@ -19,7 +19,7 @@ from cspace.inside import (
     check_positive,
     suggest_name,
 )
-from planners._local_planner import Drive
+from planners._edges.local_planner import Drive
 
 PlannerName: TypeAlias = Literal[
     "BITstar",

@@ -53,7 +53,7 @@ from planners._catalogue import (
     check_support,
     find_space_kind,
 )
-from planners._local_planner import Endpoints, LocalPlanner
+from planners._edges.local_planner import Endpoints, LocalPlanner
 
 REGIONS: Final = (Polygon, MultiPolygon)
 """Types of regions."""
@@ -465,7 +465,7 @@ def _measure_lengths(edges: LocalPlanner, start: Endpoint, rows: Floats) -> Floa
 
     They are those of chains of blocks of cells in which the robot passes at some rotation.
     """
-    from planners._guide import Guide, any_direction
+    from planners._searches.guide import Guide, any_direction
 
     space = edges.cells
     dim = space.dim

@@ -55,7 +55,9 @@ from planners._catalogue import (
     planner_named,
     planner_names,
 )
-from planners._drives import has_drives, local_planner
+from planners._edges.drives import has_drives, local_planner
+from planners._edges.local_planner import MAX_RADIANS, Drive, Endpoints, LocalPlanner
+from planners._edges.own_space import check_found_path, check_space
 from planners._goals import (
     MAX_TRIED_GOALS,
     Near,
@@ -71,16 +73,14 @@ from planners._goals import (
     sort_goals,
     split_places,
 )
-from planners._local_planner import MAX_RADIANS, Drive, Endpoints, LocalPlanner
-from planners._objectives import ObjectiveLike, name_kind, read_objective
-from planners._own_space import check_found_path, check_space
-from planners._paths import drop_repeats, reached_goal, skip_points, unwind
 from planners._result import Plan, Times
-from planners._shortening import shorten
+from planners._searches.objectives import ObjectiveLike, name_kind, read_objective
+from planners._searches.paths import drop_repeats, reached_goal, skip_points, unwind
+from planners._searches.shortening import shorten
 from planners._task import DEFAULT_SECONDS, NO_EFFORT, NO_SEARCH, PlanTask, SearchResult, is_certain
 
 if TYPE_CHECKING:
-    from planners._speed_limits import SpeedLike
+    from planners._motion.speed_limits import SpeedLike
 
 QUICK_PLANNER: Final[PlannerName] = "RRTConnect"
 """Planner of the first path of robots that rotate, except along Dubins curves."""
@@ -309,10 +309,10 @@ def plan(
     origin, moved = _check_start(task, origins)
     stages = [_check_stage(task, name, place, origin.rooms[0]) for name, place in places]
     if drive is not None:
-        import planners._lattice  # noqa: F401 - a search would import it later, on its time
+        import planners._searches.lattice  # noqa: F401 - a search would import it later, on its time
     task = replace(task, edges=_weigh_edges(task, task.edges))
     if task.seed is not None:
-        from planners._ompl_search import set_seed
+        from planners._ompl.search import set_seed
 
         set_seed(task.seed)
     with Effort.stopping(stop):
@@ -436,7 +436,7 @@ def _choose_searches(task: PlanTask) -> PlanTask:
     if name not in searches:
         _check_states(task.edges)
     elif find_space_kind(space) == OWN_SPACES:
-        from planners._ompl_states import find_state_kind
+        from planners._ompl.states import find_state_kind
 
         find_state_kind(space)  # refuses poses whose axes are in another order
     # Grid finds each path of a robot that does not turn through FREE cells.
@@ -450,7 +450,7 @@ def _choose_searches(task: PlanTask) -> PlanTask:
 
 def _check_states(edges: LocalPlanner) -> None:
     """Raise InputError for poses and extents that OMPL has no states for."""
-    from planners._setup import make_bounded_states
+    from planners._ompl.setup import make_bounded_states
 
     make_bounded_states(edges)
 
@@ -908,7 +908,7 @@ def _run_planner(task: PlanTask, may_exist: Callable[[], bool]) -> SearchResult:
     edges = task.edges
     name = task.planner
     if name not in _list_searches(edges.space):
-        from planners._ompl_search import repeat_draws, run_ompl
+        from planners._ompl.search import repeat_draws, run_ompl
 
         # Without a seed, the searches of a default plan draw the same numbers each time.
         is_default = task.seed is None and not task.is_named
@@ -1035,7 +1035,7 @@ def _find_path(task: PlanTask, may_exist: Callable[[], bool]) -> tuple[Floats, s
     edges = task.edges
     limit = task.limit
     if task.planner == LATTICE:
-        from planners._lattice import find_lattice_path
+        from planners._searches.lattice import find_lattice_path
 
         return find_lattice_path(edges, task.endpoints, task.simplify, limit, may_exist)
     if isinstance(edges.space, ConfigurationMap):
@@ -1065,7 +1065,7 @@ def _check_ends(task: PlanTask, path: Floats) -> None:
 
 def _search_cells(task: PlanTask) -> Floats:
     """Find a path by "Grid" or "MaxClearance", shape (n, size); n is 0 if none is found in time."""
-    from planners._grid_search import find_cheap_path, find_exact_path, find_short_path
+    from planners._searches.shortest import find_cheap_path, find_exact_path, find_short_path
 
     edges = task.edges
     space = edges.cells
@@ -1075,7 +1075,7 @@ def _search_cells(task: PlanTask) -> Floats:
     path = endpoints[:0]
     with suppress(TimeoutError):
         if task.planner == MAX_CLEARANCE:
-            from planners._widest import find_widest_path
+            from planners._searches.widest import find_widest_path
 
             path = find_widest_path(space, endpoints, *options)
         elif edges.weights is not None:

@@ -28,9 +28,9 @@ from cspace.inside import (
     replacing,
 )
 from planners._catalogue import TILED_MAPS, PlannerName, find_space_kind
-from planners._drives import check_axes, local_planner
-from planners._local_planner import Drive, LocalPlanner
-from planners._own_space import POSE_AXES
+from planners._edges.drives import check_axes, local_planner
+from planners._edges.local_planner import Drive, LocalPlanner
+from planners._edges.own_space import POSE_AXES
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -39,8 +39,8 @@ if TYPE_CHECKING:
     from cspace.plot import PlotOptions
     from cspace.reasons import Explanation
     from cspace.regions import Corridor
-    from planners._speed_limits import SlowNear, SpeedZones, ToolSpeed
-    from planners._trajectory import Trajectory
+    from planners._motion.speed_limits import SlowNear, SpeedZones, ToolSpeed
+    from planners._motion.trajectory import Trajectory
 
 PRINTED_DECIMALS: Final = 9
 """Number of decimals of printed configurations, nanometres and nanoradians."""
@@ -507,7 +507,7 @@ class Plan:
         """
         from cspace.export import fill_path
         from cspace.ros import Path
-        from planners._trajectory import MAX_ROWS
+        from planners._motion.trajectory import MAX_ROWS
 
         if self._moves_joints:
             raise InputError(
@@ -626,7 +626,7 @@ class Plan:
         >>> trajectory.duration, trajectory.sample(2.0)[0].tolist()
         (5.0, [1.5, 1.5])
         """
-        from planners._trajectory import (
+        from planners._motion.trajectory import (
             DrivenPath,
             MotionLimits,
             check_after,
@@ -699,7 +699,7 @@ class Plan:
         FileError
             If the file exists and may not be replaced, or cannot be written.
         """
-        from planners._trajectory import write_csv
+        from planners._motion.trajectory import write_csv
 
         self._check_solved("a table has the rows of a path")
         names = self.axes

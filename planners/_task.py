@@ -8,10 +8,10 @@ from typing import Final
 
 from cspace.inside import Effort, Floats, Upright
 from planners._catalogue import PlannerName
+from planners._edges.integrals import Weigh
+from planners._edges.local_planner import Endpoints, LocalPlanner
 from planners._goals import Room
-from planners._integrals import Weigh
-from planners._local_planner import Endpoints, LocalPlanner
-from planners._objectives import ObjectiveLike
+from planners._searches.objectives import ObjectiveLike
 
 NO_SEARCH: Final = "a single edge is free; no search needed"
 """Note of a path that is a single edge."""

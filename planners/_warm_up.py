@@ -9,8 +9,8 @@ import numpy as np
 
 from cspace import CSpace, Robot, Rotations, Space, Workspace, build
 from cspace.inside import Car, ConfigurationMap, ConfigurationSpace
-from planners._drives import local_planner
-from planners._local_planner import Drive
+from planners._edges.drives import local_planner
+from planners._edges.local_planner import Drive
 from planners._plan import plan
 
 if TYPE_CHECKING:

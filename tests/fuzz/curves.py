@@ -9,7 +9,7 @@ import numpy as np
 from benchmarks.report import Report
 from cspace import FREE
 from cspace._support.arrays import Floats
-from planners._drives import local_planner
+from planners._edges.drives import local_planner
 from tests.fuzz.maps import POINTS_PER_EDGE
 from tests.fuzz.scenes import Case, Rng, draw_case
 from tests.fuzz.tally import Tally, draw_until, pick_close

@@ -10,8 +10,8 @@ from ompl import base as ob
 
 import planners
 from cspace import Robot, Workspace, build
-from planners._cars import CarCurves
-from planners._drives import local_planner
+from planners._edges.cars import CarCurves
+from planners._edges.drives import local_planner
 from tests.fuzz.curves import drive
 from tests.helpers.drives import CURVES, make_drive
 from tests.helpers.handmade import build_empty

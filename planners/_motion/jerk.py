@@ -23,8 +23,8 @@ import numpy as np
 
 from cspace import Rotations
 from cspace.inside import Bools, Floats, Ints, internal, kernel
-from planners._segments import Segments
-from planners._timing import (
+from planners._motion.segments import Segments
+from planners._motion.timing import (
     MAX_ERROR,
     Intervals,
     LimitRates,

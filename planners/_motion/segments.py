@@ -18,8 +18,8 @@ from cspace.inside import (
     number_parts,
     tubes_are_free,
 )
-from planners._local_planner import LocalPlanner
-from planners._own_space import read_bounds
+from planners._edges.local_planner import LocalPlanner
+from planners._edges.own_space import read_bounds
 
 MAX_TUBE_CELLS: Final = 4.0
 """Length of the first tubes that prove a curve on a map, along each axis, in cells."""

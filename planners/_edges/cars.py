@@ -12,7 +12,7 @@ from ompl import base as ob
 
 from cspace import CSpace
 from cspace.inside import Floats, bind_kernel, proofs_of
-from planners._car_curves import (
+from planners._edges.car_curves import (
     DUBINS,
     REEDS_SHEPP,
     advance,
@@ -20,9 +20,9 @@ from planners._car_curves import (
     find_shortest_words,
     prove_length,
 )
-from planners._integrals import CellCost, bind_cost
-from planners._local_planner import MAX_RADIANS, LocalPlanner, Pieces
-from planners._ompl_states import find_state_kind, make_curve_states
+from planners._edges.integrals import CellCost, bind_cost
+from planners._edges.local_planner import MAX_RADIANS, LocalPlanner, Pieces
+from planners._ompl.states import find_state_kind, make_curve_states
 
 
 class CarCurves(LocalPlanner):
@@ -30,8 +30,8 @@ class CarCurves(LocalPlanner):
 
     The map has the axes x, y, yaw. Each edge is proven along the curve itself, which is split into
     pieces. All cells that meet the box around a piece must be FREE, or with ``exact`` the geometry
-    proves the piece (:mod:`planners._car_curves`). A curve that leaves the grid is not proven. If
-    several curves are equally short, OMPL may drive any of these, so all are proven.
+    proves the piece (:mod:`planners._edges.car_curves`). A curve that leaves the grid is not
+    proven. If several curves are equally short, OMPL may drive any of these, so all are proven.
     """
 
     rotation_weight = 0.0

@@ -7,14 +7,14 @@ import math
 import numpy as np
 
 from cspace.inside import Effort, Floats
-from planners._local_planner import MAX_TURN, LocalPlanner
-from planners._paths import pulled_straight
+from planners._edges.local_planner import MAX_TURN, LocalPlanner
+from planners._searches.paths import pulled_straight
 
 
 def shorten(edges: LocalPlanner, path: Floats, until: Effort) -> Floats:
     """Make a path, shape (n, size), cost less by proven edges, until the end of the search."""
     if edges.drive is not None:
-        from planners._lattice import shorten_path
+        from planners._searches.lattice import shorten_path
 
         return shorten_path(edges, path, until)
     check = edges.edge_checker()

@@ -16,8 +16,8 @@ import numpy as np
 
 from cspace import Rotations
 from cspace.inside import Bools, Floats, Ints, internal, kernel, number_parts
-from planners._segments import Segments, bound_derivatives, measure_sizes, place_along
-from planners._speed_limits import PlacedLimits, Stretches
+from planners._motion.segments import Segments, bound_derivatives, measure_sizes, place_along
+from planners._motion.speed_limits import PlacedLimits, Stretches
 
 INTERVALS_PER_CURVE: Final = 4
 """Number of constant accelerations along each curve."""

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace.inside import Effort, Floats, heap, internal, spend
-from planners._frontier import Progress, check_deadline, double, make_progress
+from planners._searches.frontier import Progress, check_deadline, double, make_progress
 
 Cell = tuple[int, int, int]
 """A cell along three axes."""

@@ -5,7 +5,7 @@ center of a cell to that of a near cell, and all closed cells that the move touc
 one position, a chain rotates between neighbouring rotation cells.
 
 The estimate of the remaining cost is the length of a chain over positions that are passable at any
-rotation (:mod:`planners._guide`), and the cost of rotating to the goal's rotation cell (P.
+rotation (:mod:`planners._searches.guide`), and the cost of rotating to the goal's rotation cell (P.
 Hart, N. Nilsson and B. Raphael, "A formal basis for the heuristic determination of minimum cost
 paths", 1968).
 
@@ -22,7 +22,7 @@ import numpy as np
 
 from cspace import FREE, CSpace
 from cspace.inside import METRES_PER_RADIAN, Effort, Floats, Ints, States, frozen, internal, kernel
-from planners._estimate import (
+from planners._searches.estimate import (
     DONE,
     GOES_ON,
     NEEDS_ESTIMATE,
@@ -38,8 +38,8 @@ from planners._estimate import (
     pop_best,
     reach_cell,
 )
-from planners._frontier import Progress
-from planners._guide import (
+from planners._searches.frontier import Progress
+from planners._searches.guide import (
     NARROW_COST,
     NO_FACTORS,
     POSITIONS_WEIGHT,
@@ -48,7 +48,7 @@ from planners._guide import (
     factor_at,
     measure_turns,
 )
-from planners._moves import Moves, list_moves
+from planners._searches.moves import Moves, list_moves
 
 WEIGHT: Final = 1.2
 """Weight of the estimate; above 1, the search expands far fewer cells, for chains that are hardly

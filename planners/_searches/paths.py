@@ -24,8 +24,8 @@ from cspace.inside import (
 )
 
 if TYPE_CHECKING:
-    from planners._estimate import Costs
-    from planners._local_planner import Endpoints
+    from planners._edges.local_planner import Endpoints
+    from planners._searches.estimate import Costs
 
 Check = Callable[..., bool]
 Cost = Callable[..., float]

@@ -36,8 +36,8 @@ from scipy.sparse.linalg import splu
 
 from cspace import Rotations
 from cspace.inside import Bools, Floats, Ints, wrap_angles
-from planners._segments import Segments, join_segments
-from planners._timing import MotionBounds
+from planners._motion.segments import Segments, join_segments
+from planners._motion.timing import MotionBounds
 
 FIRST_STEPS: Final = 8
 """Number of spans of a curve, beside those for its edges."""

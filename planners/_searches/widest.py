@@ -37,10 +37,10 @@ from cspace.inside import (
     now,
     spend,
 )
-from planners._estimate import Costs
-from planners._frontier import check_deadline
-from planners._paths import MAX_SHORTENING, pulled_straight, waypoints
-from planners._search import find_cells, find_chain
+from planners._searches.chains import find_cells, find_chain
+from planners._searches.estimate import Costs
+from planners._searches.frontier import check_deadline
+from planners._searches.paths import MAX_SHORTENING, pulled_straight, waypoints
 
 LEVELS_PER_CELL: Final = 64
 """Levels of width per cell."""

@@ -9,8 +9,8 @@ from cspace.errors import InputError
 from cspace.inside import Car as Car
 from cspace.inside import ConfigurationMap, check_drive, tell_apart
 from cspace.inside import Differential as Differential
-from planners._local_planner import Drive, LocalPlanner
-from planners._own_space import check_space
+from planners._edges.local_planner import Drive, LocalPlanner
+from planners._edges.own_space import check_space
 
 MIN_RADIUS_CELLS: Final = 1e-3
 MAX_RADIUS_CELLS: Final = 1e3
@@ -37,11 +37,11 @@ def local_planner(
             "it is for the axes (x, y, yaw) of a map",
         )
     if not isinstance(drive, Car):
-        from planners._differential import TurnDriveTurn
+        from planners._edges.differential import TurnDriveTurn
 
         return TurnDriveTurn(space, drive, bidirectional)
     _check_radius(space, drive.turning_radius)
-    from planners._cars import CarCurves
+    from planners._edges.cars import CarCurves
 
     return CarCurves(space, drive, bidirectional)
 

@@ -26,7 +26,7 @@ from cspace.inside import (
 )
 
 if TYPE_CHECKING:
-    from planners._estimate import Costs
+    from planners._searches.estimate import Costs
 
 Numbers = tuple[float, ...]
 """Coordinates of a rotation, or of configurations."""

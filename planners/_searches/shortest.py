@@ -22,7 +22,7 @@ from cspace.inside import (
     map_record,
     now,
 )
-from planners._paths import (
+from planners._searches.paths import (
     MAX_SHORTENING,
     MIN_GAIN_BEFORE_MOVES,
     Check,
@@ -37,8 +37,8 @@ from planners._paths import (
 )
 
 if TYPE_CHECKING:
-    from planners._estimate import Costs
-    from planners._local_planner import LocalPlanner
+    from planners._edges.local_planner import LocalPlanner
+    from planners._searches.estimate import Costs
 
 MAX_RATIO: Final = 1.001
 """Cost of a short path by its length, up to which no path of lower cost is searched."""
@@ -97,7 +97,7 @@ def _find_path_through_mixed(
     ``endpoints`` has shape (2, size), the path (n, size). It is empty if no path promises to be
     shorter than ``max_length``, or after ``until``.
     """
-    from planners._undecided import UNDECIDED_BYTES_PER_CELL, MixedCellSearch
+    from planners._searches.undecided import UNDECIDED_BYTES_PER_CELL, MixedCellSearch
 
     needed = UNDECIDED_BYTES_PER_CELL * space.grid.size * len(space.rotations)
     check_memory(needed, "the map, to search its MIXED cells,", space.grid)
@@ -164,8 +164,8 @@ def _find_chain_between(
     may_exist: Callable[[], bool],
 ) -> Ints:
     """Find a short chain of FREE cells between configurations, shape (n, 1 + d)."""
-    from planners._guide import NO_FACTORS
-    from planners._search import find_cells, find_chain
+    from planners._searches.chains import find_cells, find_chain
+    from planners._searches.guide import NO_FACTORS
 
     map_ = map_record(space)
     states = map_.states.reshape(-1, *space.grid.shape)
@@ -185,7 +185,7 @@ def _find_taut_path(
     length n is 0 if there is none.
     """
     from cspace.inside import find_crossed_runs
-    from planners._taut import pull_taut
+    from planners._searches.taut import pull_taut
 
     grid = space.grid
     start, goal = (endpoints - grid.lower) / grid.spacing

@@ -15,22 +15,22 @@ from ompl import geometric as og
 from cspace import CSpace, Space
 from cspace.errors import InputError
 from cspace.inside import check_rng, names_options, tell_apart
-from planners._drives import local_planner
-from planners._local_planner import Drive, LocalPlanner
-from planners._objectives import (
-    ClearanceObjective,
-    MakeObjective,
-    WeightedLength,
-    read_objective,
-)
-from planners._ompl_callbacks import (
+from planners._edges.drives import local_planner
+from planners._edges.local_planner import Drive, LocalPlanner
+from planners._edges.own_space import read_bounds
+from planners._ompl.checkers import (
     EdgeCosts,
     FreeStateSampler,
     MotionValidator,
     StateValidityChecker,
 )
-from planners._ompl_states import find_state_kind
-from planners._own_space import read_bounds
+from planners._ompl.states import find_state_kind
+from planners._searches.objectives import (
+    ClearanceObjective,
+    MakeObjective,
+    WeightedLength,
+    read_objective,
+)
 
 MIN_CHECKING_SHARE: Final = 1e-6
 """Smallest distance between states that OMPL itself checks along a motion, as a share of the

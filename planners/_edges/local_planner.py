@@ -1,7 +1,7 @@
 """Local planners: edges between two configurations, by the robot's drive.
 
 A holonomic robot follows the straight edge. The edges of drives are in modules of their own, which
-:func:`planners._drives.local_planner` loads.
+:func:`planners._edges.drives.local_planner` loads.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from cspace.inside import (
     proofs_of,
     wrap_angles,
 )
-from planners._integrals import CellCost, bind_cost, integrate_straight_edge
+from planners._edges.integrals import CellCost, bind_cost, integrate_straight_edge
 
 if TYPE_CHECKING:
     from ompl import base as ob
@@ -132,7 +132,7 @@ class LocalPlanner:
 
     def make_states(self) -> ob.StateSpace:
         """Make OMPL's state space, without bounds."""
-        from planners._ompl_states import find_state_kind
+        from planners._ompl.states import find_state_kind
 
         return find_state_kind(self.space).make()
 
@@ -147,7 +147,7 @@ class LocalPlanner:
 
     def motion_checker(self) -> Callable[[ob.State, ob.State], bool]:
         """Make ``check(first, second)``, which proves a motion between OMPL states free."""
-        from planners._ompl_states import find_state_kind
+        from planners._ompl.states import find_state_kind
 
         check = find_state_kind(self.space).of_states(self.edge_checker())
         if not self.bidirectional:

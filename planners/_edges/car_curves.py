@@ -29,7 +29,7 @@ from cspace.inside import (
     kernel,
     poses_are_free,
 )
-from planners._integrals import MAX_RADIANS_PER_STEP, CostDensity, Numbers, Values, cost_at
+from planners._edges.integrals import MAX_RADIANS_PER_STEP, CostDensity, Numbers, Values, cost_at
 
 Pose = tuple[float, float, float]
 Lengths = tuple[float, float, float, float, float]

@@ -23,7 +23,7 @@ import numpy as np
 
 from cspace import FREE
 from cspace.inside import Bools, Effort, Floats, Ints, States, internal, kernel
-from planners._estimate import (
+from planners._searches.estimate import (
     DEAD_END_COST,
     DONE,
     GOES_ON,
@@ -41,8 +41,8 @@ from planners._estimate import (
     pop_best,
     reach_cell,
 )
-from planners._frontier import Progress, sparse_zeros
-from planners._moves import list_moves
+from planners._searches.frontier import Progress, sparse_zeros
+from planners._searches.moves import list_moves
 
 POSITIONS_WEIGHT: Final = 1.1
 DIRECTIONS_WEIGHT: Final = 1.05

@@ -49,7 +49,7 @@ from cspace.inside import (
     tube_is_free,
     wrap_angles,
 )
-from planners._car_curves import (
+from planners._edges.car_curves import (
     MAX_GAP,
     POINT_ERROR,
     Pose,
@@ -58,12 +58,12 @@ from planners._car_curves import (
     position_in_plane,
     segment_is_free,
 )
-from planners._estimate import NO_NODE, UNKNOWN, Costs, Estimate, is_known, remaining_cost
-from planners._frontier import Progress, check_deadline, double, make_progress
-from planners._guide import NARROW_COST, NO_FACTORS, Directions, Guide, factor_at
-from planners._local_planner import Endpoints, LocalPlanner
-from planners._moves import list_moves
-from planners._paths import (
+from planners._edges.local_planner import Endpoints, LocalPlanner
+from planners._searches.estimate import NO_NODE, UNKNOWN, Costs, Estimate, is_known, remaining_cost
+from planners._searches.frontier import Progress, check_deadline, double, make_progress
+from planners._searches.guide import NARROW_COST, NO_FACTORS, Directions, Guide, factor_at
+from planners._searches.moves import list_moves
+from planners._searches.paths import (
     MAX_SHORTENING,
     Cost,
     drop_repeats,
@@ -95,7 +95,7 @@ MIN_STRAIGHT_RADII: Final = 0.07
 """Shortest straight drive of a car, in turning radii.
 
 On shorter drives, curves that turn to and fro are as short up to
-:data:`planners._car_curves.TIE_TOLERANCE`, and the proof of an edge needs these, too.
+:data:`planners._edges.car_curves.TIE_TOLERANCE`, and the proof of an edge needs these, too.
 """
 
 KNOWN_TOLERANCE: Final = 0.01

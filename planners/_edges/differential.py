@@ -11,9 +11,9 @@ import numpy as np
 from ompl import base as ob
 
 from cspace.inside import METRES_PER_RADIAN, Floats
-from planners._integrals import CellCost
-from planners._local_planner import LocalPlanner, wrap_yaw
-from planners._ompl_states import make_curve_states
+from planners._edges.integrals import CellCost
+from planners._edges.local_planner import LocalPlanner, wrap_yaw
+from planners._ompl.states import make_curve_states
 
 PIVOT_RADIUS_PER_SIDE: Final = 1e-9
 """OMPL's pivot radius, as a share of the map's longest side.

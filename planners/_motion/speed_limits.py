@@ -51,12 +51,12 @@ from cspace.inside import (
     warn_user,
 )
 from planners._catalogue import ARMS, find_space_kind
-from planners._own_space import check_space
-from planners._segments import Segments, place_along
+from planners._edges.own_space import check_space
+from planners._motion.segments import Segments, place_along
 
 if TYPE_CHECKING:
     from cspace import Arm, ArmSpace
-    from planners._zone_files import Unit
+    from planners._motion.zone_files import Unit
 
 Within: TypeAlias = Literal["contour", "point"]
 """What must be in a zone for its limit to hold."""
@@ -76,7 +76,8 @@ JOINT_STEP: Final = 0.02
 GRADE: Final = 1.1
 """Ratio of neighbouring speeds to which those of an arm are rounded down, so that few change.
 
-Its square is above :data:`planners._jerk.BORDER_RATIO`, so that legs of limited jerk end there."""
+Its square is above :data:`planners._motion.jerk.BORDER_RATIO`, so that legs of limited jerk end
+there."""
 
 
 class ZoneLevels(NamedTuple):
@@ -194,7 +195,7 @@ class SpeedZones:
         InputError
             If a speed is missing or not above zero, or ``speed`` is not given for GeoJSON.
         """
-        from planners._zone_files import read_zone_file
+        from planners._motion.zone_files import read_zone_file
 
         return cls(read_zone_file(path, speed), within, frame_id)
 
@@ -234,7 +235,7 @@ class SpeedZones:
         InputError
             If an argument is missing or invalid, or no cell has a limit.
         """
-        from planners._zone_files import read_mask_zones
+        from planners._motion.zone_files import read_mask_zones
 
         zones, frame_id = read_mask_zones(mask, unit, base, multiplier, max_velocity)
         return cls(zones, within, frame_id)

@@ -35,14 +35,14 @@ from cspace.inside import (
     warn_user,
     wrap_angles,
 )
-from planners._car_curves import MAX_GAP
-from planners._cars import CarCurves
-from planners._drives import check_axes, local_planner
-from planners._jerk import find_jerk_stop, find_motion
-from planners._joint_limits import read_joint_limits
-from planners._local_planner import Drive, Pieces
-from planners._own_space import check_space
-from planners._segments import (
+from planners._edges.car_curves import MAX_GAP
+from planners._edges.cars import CarCurves
+from planners._edges.drives import check_axes, local_planner
+from planners._edges.local_planner import Drive, Pieces
+from planners._edges.own_space import check_space
+from planners._motion.jerk import find_jerk_stop, find_motion
+from planners._motion.joint_limits import read_joint_limits
+from planners._motion.segments import (
     MAX_EDGE_TURN,
     Segments,
     align_quaternions,
@@ -56,9 +56,9 @@ from planners._segments import (
     prove_segments,
     scale_segments,
 )
-from planners._smoothing import VIA_CELLS, Junction, make_polyline, smooth_path
-from planners._speed_limits import PlacedLimits, place_limits
-from planners._timing import (
+from planners._motion.smoothing import VIA_CELLS, Junction, make_polyline, smooth_path
+from planners._motion.speed_limits import PlacedLimits, place_limits
+from planners._motion.timing import (
     MAX_ERROR,
     IntervalMemo,
     LimitRates,

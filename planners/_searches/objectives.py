@@ -28,11 +28,11 @@ from cspace.inside import (
     check_positive,
 )
 from planners._catalogue import CLEARANCE, COSTS, FUNCTION, LENGTH, TIME
-from planners._integrals import CellCost, CostDensity, Weigh, check_costs_fit
+from planners._edges.integrals import CellCost, CostDensity, Weigh, check_costs_fit
 
 if TYPE_CHECKING:
-    from planners._estimate import Costs
-    from planners._speed_limits import SpeedLike
+    from planners._motion.speed_limits import SpeedLike
+    from planners._searches.estimate import Costs
 
 MakeObjective: TypeAlias = Callable[[ob.SpaceInformation], ob.OptimizationObjective]
 
@@ -157,7 +157,7 @@ def read_objective(
     if isinstance(objective, WeightedLength):
         _check_shape(np.asarray(objective.costs), space)
         return partial(_weigh_length, objective)
-    from planners._travel_time import read_speeds
+    from planners._searches.travel_time import read_speeds
 
     return read_speeds(speed, space)
 

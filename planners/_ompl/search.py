@@ -22,12 +22,12 @@ from ompl import util as ou
 
 from cspace.inside import NEVER, Differential, Effort, Floats, is_over, now, spend
 from planners._catalogue import SKILLS, PlannerName, default_planner
-from planners._objectives import MakeObjective
-from planners._ompl_callbacks import EdgeCosts
-from planners._ompl_states import find_state_kind
-from planners._paths import MAX_SHORTENING, reached_goal, unwind
-from planners._setup import make_setup
-from planners._shortening import shorten
+from planners._ompl.checkers import EdgeCosts
+from planners._ompl.setup import make_setup
+from planners._ompl.states import find_state_kind
+from planners._searches.objectives import MakeObjective
+from planners._searches.paths import MAX_SHORTENING, reached_goal, unwind
+from planners._searches.shortening import shorten
 from planners._task import NO_SEARCH, PlanTask, SearchResult, is_certain
 
 GRACE_SECONDS: Final = 0.1

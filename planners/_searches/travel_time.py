@@ -22,9 +22,8 @@ from cspace import BLOCKED, FREE, MIXED, CSpace, Robot, Workspace, build
 from cspace.errors import InputError
 from cspace.inside import ConfigurationMap, DistanceTable, States, map_record
 from planners._catalogue import TIME
-from planners._estimate import Costs
-from planners._integrals import CellCost, Weigh, check_costs_fit
-from planners._speed_limits import (
+from planners._edges.integrals import CellCost, Weigh, check_costs_fit
+from planners._motion.speed_limits import (
     EverywhereRule,
     NearRule,
     SlowNear,
@@ -34,6 +33,7 @@ from planners._speed_limits import (
     is_number,
     place_limits,
 )
+from planners._searches.estimate import Costs
 
 if TYPE_CHECKING:
     from cspace import TiledCSpace

@@ -13,9 +13,9 @@ from ompl import util as ou
 from cspace import CSpace, Rotations, Space
 from cspace.errors import ConfigurationError, InputError
 from cspace.inside import Floats, check_rng, names_options
-from planners._drives import local_planner
-from planners._local_planner import Drive, LocalPlanner, wrap_yaw
-from planners._ompl_states import check_information, find_state_kind
+from planners._edges.drives import local_planner
+from planners._edges.local_planner import Drive, LocalPlanner, wrap_yaw
+from planners._ompl.states import check_information, find_state_kind
 
 
 class StateValidityChecker(ob.StateValidityChecker):
@@ -274,7 +274,7 @@ class EdgeCosts(ob.OptimizationObjective):
         weights = self._edges.weights
         if weights is None:
             return ob.Cost(1.0)
-        from planners._search import find_cells
+        from planners._searches.chains import find_cells
 
         cells = self._edges.cells
         rotation, *position = find_cells(cells, np.array(self._kind.read(state)))

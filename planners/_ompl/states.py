@@ -13,7 +13,7 @@ from ompl import base as ob
 from cspace import Space
 from cspace.errors import InputError
 from cspace.inside import METRES_PER_RADIAN, Floats
-from planners._own_space import check_space
+from planners._edges.own_space import check_space
 
 Configuration = tuple[float, ...]
 """Numbers of a configuration."""

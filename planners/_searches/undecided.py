@@ -11,8 +11,8 @@ import numpy as np
 
 from cspace import BLOCKED, FREE, MIXED, CSpace
 from cspace.inside import Bools, Effort, Floats, Ints, States, is_over, spend
-from planners._paths import path_length, waypoints
-from planners._search import find_cells, find_chain
+from planners._searches.chains import find_cells, find_chain
+from planners._searches.paths import path_length, waypoints
 
 UNDECIDED_BYTES_PER_CELL: Final = 8
 """Memory of a search for each cell of the map, bytes: states, marks, costs and predecessors."""
