@@ -46,6 +46,7 @@ from ._queries.points import slice_of as slice_of
 from ._queries.upright import Upright as Upright
 from ._queries.vehicles import Car as Car
 from ._queries.vehicles import Differential as Differential
+from ._queries.vehicles import Drive as Drive
 from ._queries.vehicles import check_drive as check_drive
 from ._raster import Raster as Raster
 from ._record.cells import Map as Map

@@ -13,7 +13,7 @@ import numpy as np
 from cspace import CSpace, Space
 from cspace.errors import InputError
 from cspace.inside import Car, ConfigurationMap, Differential
-from planners._catalogue import GRID, LATTICE, LENGTH, Search, default_planner
+from planners._catalogue import GRID, LATTICE, LENGTH, Search
 from planners._edges.drives import local_planner
 from planners._edges.local_planner import Endpoints, LocalPlanner
 from planners._task import DEFAULT_SECONDS, PlanTask, SearchResult
@@ -156,7 +156,7 @@ def _list_trials(task: PlanTask, exists: bool | None) -> Iterator[tuple[PlanTask
         if task.is_named:
             yield trial, " with ".join(changes)
             changes.append("the default planner")
-        yield replace(trial, planner=default_planner(drive), is_named=False), " with ".join(changes)
+        yield replace(trial, planner=other.tree_planner, is_named=False), " with ".join(changes)
 
 
 def _list_exact_hints(task: PlanTask) -> list[str]:

@@ -23,6 +23,7 @@ from cspace.inside import (
     ConfigurationMap,
     ConfigurationSpace,
     Differential,
+    Drive,
     Effort,
     Endpoint,
     Floats,
@@ -50,13 +51,12 @@ from planners._catalogue import (
     Search,
     check_skills,
     check_support,
-    default_planner,
     find_space_kind,
     planner_named,
     planner_names,
 )
 from planners._edges.drives import has_drives, local_planner
-from planners._edges.local_planner import MAX_RADIANS, Drive, Endpoints, LocalPlanner
+from planners._edges.local_planner import MAX_RADIANS, Endpoints, LocalPlanner
 from planners._edges.own_space import check_found_path, check_space
 from planners._goals import (
     MAX_TRIED_GOALS,
@@ -80,6 +80,7 @@ from planners._searches.shortening import shorten
 from planners._task import DEFAULT_SECONDS, NO_EFFORT, NO_SEARCH, PlanTask, SearchResult, is_certain
 
 if TYPE_CHECKING:
+    from planners._edges.driven import DrivenEdges
     from planners._motion.speed_limits import SpeedLike
 
 QUICK_PLANNER: Final[PlannerName] = "RRTConnect"
@@ -286,7 +287,7 @@ def plan(
     name = search.name if isinstance(planner, Search) else planner
     task = PlanTask(
         edges=edges,
-        planner=planner_named(default_planner(drive) if name is None else name, space.searches),
+        planner=planner_named(edges.tree_planner if name is None else name, space.searches),
         objective=objective,
         weigh=read_objective(objective, speed, space),
         limit=Effort.within(time_limit, DEFAULT_SECONDS),
@@ -432,7 +433,7 @@ def _choose_searches(task: PlanTask) -> PlanTask:
         )
     objective = task.objective
     kind = name_kind(objective)
-    check_skills(name, task.edges.drive, objective, kind, task.keep, task.is_named)
+    check_skills(name, task.edges, objective, kind, task.keep, task.is_named)
     if name not in searches:
         _check_states(task.edges)
     elif find_space_kind(space) == OWN_SPACES:
@@ -571,7 +572,7 @@ def _choose_planner(task: PlanTask) -> PlannerName:
     if not isinstance(edges.space, ConfigurationMap):
         searches = _list_searches(edges.space)
         return searches[0] if searches else task.planner
-    search: PlannerName = GRID if edges.drive is None else LATTICE
+    search: PlannerName = edges.search
     if objective != LENGTH:
         if task.iterations is not None:
             problem = f"is {task.iterations} and objective is {objective!r}"
@@ -1037,7 +1038,8 @@ def _find_path(task: PlanTask, may_exist: Callable[[], bool]) -> tuple[Floats, s
     if task.planner == LATTICE:
         from planners._searches.lattice import find_lattice_path
 
-        return find_lattice_path(edges, task.endpoints, task.simplify, limit, may_exist)
+        driven = cast("DrivenEdges", edges)
+        return find_lattice_path(driven, task.endpoints, task.simplify, limit, may_exist)
     if isinstance(edges.space, ConfigurationMap):
         return _search_cells(task), ""
     options = SearchOptions(task.simplify, edges.exact, task.iterations, task.seed, limit)

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace._queries.batches import as_contiguous
-from cspace._queries.vehicles import Car, Drive, check_drive
+from cspace._queries.vehicles import Drive, check_drive
 from cspace._rotations.base import TWO_PI, wrap_angles
 from cspace._support.arrays import Bools, Floats, Ints, frozen
 from cspace._support.check import (
@@ -490,8 +490,8 @@ def _list_drive_checks(drive: Drive | None, twists: Floats) -> list[RowCheck]:
     if not drive.reverse:
         backwards = np.maximum(-twists[..., :1], 0.0)
         checks.append(RowCheck("limit", ("v",), "reverses at", backwards, np.zeros(1)))
-    if isinstance(drive, Car):
-        largest = speeds / drive.turning_radius
+    largest = drive._limit_yaw_rates(speeds)
+    if largest is not None:
         checks.append(RowCheck("limit", ("omega",), "is", rates, largest))
     if drive.max_lateral_acceleration is not None:
         limit = np.array([drive.max_lateral_acceleration])

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Final
 
 import numpy as np
-from ompl import base as ob
 
-from cspace.inside import METRES_PER_RADIAN, Floats
+from cspace.inside import METRES_PER_RADIAN, Endpoint, Floats, wrap_angles
+from planners._edges.driven import DrivenEdges, Motions
 from planners._edges.integrals import CellCost
-from planners._edges.local_planner import LocalPlanner, wrap_yaw
-from planners._ompl.states import make_curve_states
+from planners._edges.local_planner import wrap_yaw
 
 PIVOT_RADIUS_PER_SIDE: Final = 1e-9
 """OMPL's pivot radius, as a share of the map's longest side.
@@ -23,7 +22,7 @@ With a radius a hundred times smaller, rounding would decide the direction of a 
 """
 
 
-class TurnDriveTurn(LocalPlanner):
+class TurnDriveTurn(DrivenEdges):
     """Edges of a differential drive: turn, drive straight, turn.
 
     It turns on the spot, the shorter way, and drives with its x axis ahead. If it reverses, it
@@ -35,11 +34,14 @@ class TurnDriveTurn(LocalPlanner):
     alone.
     """
 
-    def make_states(self) -> ob.StateSpace:
-        """Make OMPL's state space of curves with a tiny turning radius."""
+    turns_on_spot = True
+
+    @property
+    def curve_states(self) -> tuple[bool, float]:
+        """Whether OMPL's curves reverse, and their radius in metres, which is tiny."""
         grid = self.cells.grid
         longest_side = grid.spacing * max(grid.shape)
-        return make_curve_states(self.reverses, PIVOT_RADIUS_PER_SIDE * longest_side)
+        return self.reverses, PIVOT_RADIUS_PER_SIDE * longest_side
 
     def edge_checker(self) -> Callable[..., bool]:
         """Make ``check(*q0, *q1)``, which proves both turns and the drive free.
@@ -130,6 +132,67 @@ class TurnDriveTurn(LocalPlanner):
             if check(*before, *arrival) and check(*arrival, *after):
                 rows[k] = arrival
         return np.array(rows).reshape(-1, 3)
+
+    def list_lattices(
+        self, ends: Sequence[Endpoint], yaws: Floats, lengths: Floats, is_backwards: bool
+    ) -> list[Motions]:
+        """List the motions of each lattice, coarse to fine."""
+        # Headings for each direction from a cell to others near it.
+        return [self._list_motions(ends, yaws, lengths, count) for count in (1, 4)]
+
+    def _list_motions(
+        self, ends: Sequence[Endpoint], yaws: Floats, lengths: Floats, count: int
+    ) -> Motions:
+        """List turns to the next headings, and drives ahead and perhaps in reverse."""
+        spacing = self.cells.grid.spacing
+        headings, ahead = _list_headings(ends, yaws, lengths, count)
+        turns = [1, -1, 0]
+        directions = [0.0, 0.0, 1.0]
+        if self.reverses:
+            turns.append(0)
+            directions.append(-1.0)
+        metres = spacing * np.outer(ahead, directions)
+        next_heading = (np.arange(len(headings))[:, None] + turns) % len(headings)
+        radians = np.abs(wrap_angles(headings[next_heading] - headings[:, None]))
+        return Motions(
+            headings=headings,
+            next_heading=next_heading,
+            steering=np.zeros(len(turns), dtype=np.int64),
+            lengths=metres,
+            unit=1.0,
+            radius=None,
+            max_nodes=1_000_000,
+            nanoseconds=2_000,
+            costs=METRES_PER_RADIAN * radians + np.abs(metres),
+            side=spacing,
+            switch_cost=0.0,
+            greed=1.2,
+            near=8.0 * spacing,
+            geometry=None,
+        )
+
+
+def _list_headings(
+    ends: Sequence[Endpoint], yaws: Floats, lengths: Floats, count: int
+) -> tuple[Floats, Floats]:
+    """List headings by ascending yaw, and lengths of drives along.
+
+    These are the directions from a cell to others near it, and the yaws of the ends. From each to
+    the next there are ``count`` steps; at headings between, the robot comes close to a wall.
+    Lengths are in cells.
+    """
+    own_yaws = np.unique([q[2] for q in ends])
+    is_new = np.abs(wrap_angles(yaws - own_yaws[:, None])).min(axis=1) > 1e-9
+    all_yaws = np.concatenate([wrap_angles(yaws), own_yaws[is_new]])
+    order = np.argsort(all_yaws)
+    first = all_yaws[order]
+    gaps = np.diff(first, append=first[0] + math.tau)
+    shares = np.arange(count) / count
+    # A drive as long as a cell's diagonal leaves the cell.
+    drives = np.full((len(order), count), math.sqrt(2.0))
+    is_move = order < len(yaws)
+    drives[is_move, 0] = lengths[order[is_move]]
+    return wrap_angles(first[:, None] + np.outer(gaps, shares)).ravel(), drives.ravel()
 
 
 def _turn_by_way_of(yaw: float, before: float, after: float) -> float:

@@ -1,20 +1,36 @@
-"""Choice of the edges of a drive, and checks of its options."""
+"""The drives, and the choice of edges by a drive."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from typing import Final
 
 from cspace import Space
 from cspace.errors import InputError
 from cspace.inside import Car as Car
-from cspace.inside import ConfigurationMap, check_drive, tell_apart
+from cspace.inside import ConfigurationMap, Drive, check_drive
 from cspace.inside import Differential as Differential
-from planners._edges.local_planner import Drive, LocalPlanner
+from planners._edges.local_planner import LocalPlanner
 from planners._edges.own_space import check_space
 
-MIN_RADIUS_CELLS: Final = 1e-3
-MAX_RADIUS_CELLS: Final = 1e3
-"""Smallest and largest turning radius, in cells, for which rounding errors stay small."""
+
+def _load_differential() -> type[LocalPlanner]:
+    from planners._edges.differential import TurnDriveTurn
+
+    return TurnDriveTurn
+
+
+def _load_car() -> type[LocalPlanner]:
+    from planners._edges.cars import CarCurves
+
+    return CarCurves
+
+
+DRIVES: Final[Mapping[type[Drive], Callable[[], type[LocalPlanner]]]] = {
+    Differential: _load_differential,
+    Car: _load_car,
+}
+"""Drives, and the class of the edges of each, which is loaded when it is needed."""
 
 
 def local_planner(
@@ -28,22 +44,22 @@ def local_planner(
     a space other than a map of x, y, yaw; or its turning radius is out of range.
     """
     check_space(space)
-    if check_drive(drive) is None:
-        return LocalPlanner(space, drive, bidirectional)
-    if not has_drives(space):
+    edges = edges_of(check_drive(drive))(space, drive, bidirectional)
+    if edges.has_heading and not has_drives(space):
         raise InputError(
             "drive",
             f"is {drive!r} and the axes are ({', '.join(space.axes)})",
             "it is for the axes (x, y, yaw) of a map",
         )
-    if not isinstance(drive, Car):
-        from planners._edges.differential import TurnDriveTurn
+    edges.check_drive()
+    return edges
 
-        return TurnDriveTurn(space, drive, bidirectional)
-    _check_radius(space, drive.turning_radius)
-    from planners._edges.cars import CarCurves
 
-    return CarCurves(space, drive, bidirectional)
+def edges_of(drive: Drive | None) -> type[LocalPlanner]:
+    """Return the class of the edges of a drive; None stands for a holonomic robot."""
+    if drive is None:
+        return LocalPlanner
+    return next(load() for kind, load in DRIVES.items() if isinstance(drive, kind))
 
 
 def check_axes(space: Space, axes: tuple[str, ...], owner: str) -> None:
@@ -59,18 +75,3 @@ def check_axes(space: Space, axes: tuple[str, ...], owner: str) -> None:
 def has_drives(space: Space) -> bool:
     """Return True if drives are for the space."""
     return isinstance(space, ConfigurationMap) and space.axes == ("x", "y", "yaw")
-
-
-def _check_radius(space: Space, radius: float) -> None:
-    """Raise InputError if a turning radius is too small or large for the cells of a map."""
-    # Rounding errors of curves grow with the radius in cells, and with its inverse.
-    spacing = 2.0 * space.resolution
-    lowest = MIN_RADIUS_CELLS * spacing
-    highest = MAX_RADIUS_CELLS * spacing
-    if not lowest <= radius <= highest:
-        least, most = tell_apart(radius, lowest)[1], tell_apart(radius, highest)[1]
-        raise InputError(
-            "turning_radius",
-            f"is {radius!r}",
-            f"it must be {least} to {most} m, to keep rounding errors small",
-        )

@@ -10,19 +10,18 @@ import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, Final, NamedTuple, TypeAlias, cast
+from typing import TYPE_CHECKING, ClassVar, Final, Literal, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace import MIXED, CSpace, Space
+from cspace import MIXED, CSpace, Rotations, Space
 from cspace.inside import (
     ANGLE_SLACK,
     METRES_PER_RADIAN,
     Bools,
-    Car,
     ConfigurationMap,
-    Differential,
+    Drive,
     Endpoint,
     Floats,
     Map,
@@ -35,8 +34,6 @@ from cspace.inside import (
 from planners._edges.integrals import CellCost, bind_cost, integrate_straight_edge
 
 if TYPE_CHECKING:
-    from ompl import base as ob
-
     from cspace import TiledCSpace
     from cspace.inside import Geometry
 
@@ -45,9 +42,6 @@ Endpoints = tuple[Endpoint, ...]
 
 MAX_RADIANS: Final = math.radians(5.0)
 """Largest rotation between rows of a resampled path, and of a piece of a path, radians."""
-
-Drive: TypeAlias = Car | Differential
-"""A robot that drives along its x axis; others move in any direction."""
 
 MAX_TURN: Final = 0.499 * math.tau
 """Largest turn of a joint along an edge, radians; below half a turn, so that rounding does not
@@ -65,6 +59,9 @@ class Pieces(NamedTuple):
 @dataclass(frozen=True, slots=True)
 class LocalPlanner:
     """Straight edges between configurations of a space: their proofs, lengths and costs.
+
+    A class for each drive derives from it, and says what searches and trajectories need to know of
+    the drive.
 
     Poses rotate evenly the shorter way, as in OMPL's SE(2) and SE(3); continuous joints turn the
     shorter way. Paths have shape (n, size).
@@ -92,6 +89,37 @@ class LocalPlanner:
     rotation_weight: ClassVar[float] = METRES_PER_RADIAN
     """Metres that a radian of rotation adds to an edge's length."""
 
+    search: ClassVar[Literal["Grid", "Lattice"]] = "Grid"
+    """Built-in search of a default plan on a map."""
+
+    has_heading: ClassVar[bool] = False
+    """Whether the robot moves along its x axis alone."""
+
+    has_curves: ClassVar[bool] = False
+    """Whether edges are curves, on which the robot turns only as it moves.
+
+    A part of such an edge need not be an edge.
+    """
+
+    max_gap: ClassVar[float] = 0.0
+    """Largest distance between the end of an arc and the start of the next one, metres."""
+
+    turns_on_spot: ClassVar[bool] = False
+    """Whether a robot that drives turns on the spot to the yaw of each motion."""
+
+    hints: ClassVar[tuple[str, ...]] = ()
+    """Changes of the drive that may give a plan a path."""
+
+    @property
+    def name(self) -> str:
+        """Name of the drive, in messages."""
+        return "None"
+
+    @property
+    def tree_planner(self) -> Literal["RRT", "RRTConnect"]:
+        """Planner of OMPL that runs by default."""
+        return "RRTConnect"
+
     @property
     def exact(self) -> bool:
         """Whether more than cells decides edges, such as geometry."""
@@ -109,14 +137,32 @@ class LocalPlanner:
         return cast("TiledCSpace", self.space)
 
     @property
-    def turning_radius(self) -> float | None:
-        """Turning radius of a car, metres; None for other robots."""
-        return self.drive.turning_radius if isinstance(self.drive, Car) else None
+    def reverses(self) -> bool:
+        """Whether the robot also moves backwards."""
+        return True
 
     @property
-    def reverses(self) -> bool:
-        """Whether the robot also drives backwards."""
-        return self.drive is not None and self.drive.reverse
+    def max_lateral_acceleration(self) -> float | None:
+        """Largest acceleration across the way, m/s^2, if the drive has one."""
+        return None
+
+    @property
+    def metres_per_radian(self) -> float:
+        """Metres that turning by a radian costs, or the turning radius of curves."""
+        return METRES_PER_RADIAN
+
+    @property
+    def sample_drive(self) -> Drive | None:
+        """A drive of the same kind, for cells of 0.1 m."""
+        return self.drive
+
+    @property
+    def curve_states(self) -> tuple[bool, float] | None:
+        """Whether OMPL's curves reverse, and their radius in metres; None for straight edges."""
+        return None
+
+    def check_drive(self) -> None:
+        """Raise InputError unless the drive is for the cells of the space."""
 
     def bounded_map(self) -> Map:
         """Return the map for kernels, MIXED outside."""
@@ -130,12 +176,6 @@ class LocalPlanner:
         geometry: Geometry = proofs_of(self.cells).geometry
         return geometry
 
-    def make_states(self) -> ob.StateSpace:
-        """Make OMPL's state space, without bounds."""
-        from planners._ompl.states import find_state_kind
-
-        return find_state_kind(self.space).make()
-
     def point_checker(self) -> Callable[..., bool]:
         """Make ``check(*q)``, which proves a configuration free."""
         return self.space.point_checker()
@@ -145,14 +185,12 @@ class LocalPlanner:
         check = self.space.edge_checker()
         return _wrap_arguments(check, self.space.is_periodic)
 
-    def motion_checker(self) -> Callable[[ob.State, ob.State], bool]:
-        """Make ``check(first, second)``, which proves a motion between OMPL states free."""
-        from planners._ompl.states import find_state_kind
+    def curve_prover(self) -> Callable[..., float] | None:
+        """Make ``prove(*q0, *q1)``, the metres of a curve, or -1 unless it is proven free.
 
-        check = find_state_kind(self.space).of_states(self.edge_checker())
-        if not self.bidirectional:
-            return check
-        return lambda first, second: check(first, second) and check(second, first)
+        None if edges are no curves.
+        """
+        return None
 
     def edges_are_free(self, path: Floats) -> Bools:
         """Return whether each edge is proven free, shape (n - 1,).
@@ -201,10 +239,11 @@ class LocalPlanner:
 
     def edge_lengths(self, starts: Floats, ends: Floats) -> Floats:
         """Return the lengths of edges, shape (n,), with weighted rotations."""
-        if self.drive is None:
-            return self.space.distance(starts, ends)
-        rows = np.hstack([starts, ends]).tolist()
-        return np.array([self.edge_length(*row) for row in rows])
+        return self.space.distance(starts, ends)
+
+    def curve_lengths(self, starts: Floats, ends: Floats) -> Floats:
+        """Bound lengths from below by the shortest curves, shape (n,); 0 without curves."""
+        return np.zeros(len(starts))
 
     def edge_length(self, *ends: float) -> float:
         """Return an edge's length, from numbers of both ends."""
@@ -276,7 +315,7 @@ class LocalPlanner:
         turns = self.space.steps_between(path[:-1], path[1:])[:, self.space.dim :]
         rows = [path[:1]]
         for first, last, turn in zip(path[:-1], path[1:], turns, strict=True):
-            if step is not None or turn.any() or isinstance(self.drive, Car):
+            if step is not None or turn.any() or self.has_curves:
                 points = self.split_edge(first, last, cell, MAX_RADIANS, at_end).points
                 rows.append(self.space.rotations.make_canonical(points[:-1]))
             rows.append(last[np.newaxis])
@@ -287,15 +326,24 @@ class LocalPlanner:
 
         None for a holonomic robot; see :attr:`planners.Plan.direction`.
         """
-        if self.drive is None:
-            return None
-        if len(rows) < 2:
-            return np.ones(len(rows), dtype=np.int8)
-        dx, dy = np.diff(rows[:, :2], axis=0).T
-        yaws = rows[1:, 2]
-        # The sign of the step along the heading; the first row has that of the second.
-        signs = np.sign(dx * np.cos(yaws) + dy * np.sin(yaws)).astype(np.int8)
-        return np.concatenate([signs[:1], signs])
+        return None
+
+    def list_drives(self) -> list[Drive | None]:
+        """List the drive, and others that a plan without a path may try."""
+        return [self.drive]
+
+    def list_chords(self, path: Floats) -> tuple[Floats, float]:
+        """Return rows of a path, and the distance that its motion stays from the lines between."""
+        return self.insert_breakpoints(path), 0.0
+
+    def list_segments(self, path: Floats, rotations: Rotations) -> tuple[Floats, Floats, Floats]:
+        """Return the straights and arcs of a path: starts and its end, steps, and turns.
+
+        Their shapes are (m + 1, size), (m, size) and (m,). A turn is that of the direction of
+        motion, radians. It needs no space.
+        """
+        steps = rotations.steps_between(path[:-1], path[1:])
+        return path, steps, np.zeros(len(steps))
 
     def measure(self, path: Floats) -> tuple[float, float]:
         """Measure ``length`` and ``total_rotation`` of a path, as of :class:`planners.Plan`."""

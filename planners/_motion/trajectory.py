@@ -17,10 +17,9 @@ from cspace import Rotations, Space
 from cspace.errors import InputError
 from cspace.inside import (
     Bools,
-    Car,
     ConfigurationMap,
     ConfigurationSpace,
-    Differential,
+    Drive,
     Floats,
     Ints,
     Upright,
@@ -35,10 +34,8 @@ from cspace.inside import (
     warn_user,
     wrap_angles,
 )
-from planners._edges.car_curves import MAX_GAP
-from planners._edges.cars import CarCurves
-from planners._edges.drives import check_axes, local_planner
-from planners._edges.local_planner import Drive, Pieces
+from planners._edges.drives import check_axes, edges_of, local_planner
+from planners._edges.local_planner import LocalPlanner
 from planners._edges.own_space import check_space
 from planners._motion.jerk import find_jerk_stop, find_motion
 from planners._motion.joint_limits import read_joint_limits
@@ -598,7 +595,7 @@ class Trajectory:
         InputError
             If the robot is no car, or the wheelbase is not above zero.
         """
-        if not isinstance(self._route.drive, Car):
+        if not self._route.edges.has_curves:
             raise InputError(
                 "trajectory",
                 f"is of a robot with drive {self._route.drive!r}",
@@ -612,7 +609,7 @@ class Trajectory:
 
     def _check_drives(self) -> None:
         """Raise InputError if the robot does not drive along its x axis."""
-        if self._route.drive is None:
+        if not self._route.edges.has_heading:
             raise InputError(
                 "trajectory",
                 "is of a robot without a drive",
@@ -735,7 +732,7 @@ class Trajectory:
         """
         names = ["time", *self.axes, *(f"{axis}_velocity" for axis in self.axes)]
         columns = [self.times, self.positions, self.velocities]
-        if self._route.drive is not None:
+        if self._route.edges.has_heading:
             names += ["v", "omega"]
             columns += [self.v, self.omega]
         if wheelbase is not None:
@@ -832,6 +829,11 @@ class DrivenPath(NamedTuple):
     keep: tuple[Upright, ...] = ()  # directions that links of an arm keep, as ``space`` proves
     vias: tuple[int, ...] = ()  # waypoints that curves pass through
     stops: tuple[int, ...] = ()  # waypoints at which the robot rests
+
+    @property
+    def edges(self) -> LocalPlanner:
+        """Edges of the drive, which prove nothing without a space."""
+        return edges_of(self.drive)(cast("Space", self.space), self.drive)
 
 
 def make_trajectory(
@@ -1171,16 +1173,16 @@ def _smooth(
 ) -> Segments | None:
     """Return a proven smooth version of a path; None if it keeps its edges."""
     space = path.space
-    is_car = isinstance(path.drive, Car)
+    drive = path.edges
     is_straight = junction is None and len(edges.lengths) == 1
-    if not path.blend or is_straight or is_car or space is None or not can_prove_curves(space):
+    keeps_edges = not path.blend or is_straight or drive.has_curves
+    if keeps_edges or space is None or not can_prove_curves(space):
         return None
-    drives = path.drive is not None
-    if drives and bounds.jerk is not None and bounds.jerk.angular is not None:
+    if drive.has_heading and bounds.jerk is not None and bounds.jerk.angular is not None:
         return None  # The angular acceleration of a drive jumps along its curves.
     gap = VIA_CELLS * 2.0 * space.resolution if isinstance(space, ConfigurationMap) else 0.0
     vias = align_quaternions(path.waypoints, rotations)[list(path.vias)]
-    polyline = make_polyline(edges, rotations, bounds, drives, gap, junction, vias)
+    polyline = make_polyline(edges, rotations, bounds, drive.has_heading, gap, junction, vias)
     return smooth_path(
         edges, polyline, rotations, lambda parts: prove_segments(space, path.exact, parts)
     )
@@ -1195,7 +1197,7 @@ def _make_junction(
     derivatives.
     """
     rates, bends = rates.copy(), bends.copy()
-    if isinstance(path.drive, Differential):
+    if path.edges.turns_on_spot:
         # The yaw follows the curve.
         rates[:, 2] = bends[:, 2] = 0.0
     full = float(bounds.velocity.shares(rates).max())
@@ -1212,9 +1214,9 @@ def _make_junction(
 def _check_bounds(path: DrivenPath, limits: MotionLimits) -> MotionBounds:
     """Return checked limits of a motion."""
     dim = len(path.axes) - len(_rotations_along(path).names)
-    is_curved = isinstance(path.drive, Car)
+    drive = path.edges
     rotates = dim < len(path.axes)
-    needs_angular = rotates and not is_curved
+    needs_angular = rotates and not drive.has_curves
     known = path.space.max_velocity if path.space is not None else {}
     max_velocity = _check_limits(path, dim, limits.max_velocity, "max_velocity", known)
     max_acceleration = _check_limits(path, dim, limits.max_acceleration, "max_acceleration", {})
@@ -1232,12 +1234,12 @@ def _check_bounds(path: DrivenPath, limits: MotionLimits) -> MotionBounds:
             "max_angular_jerk has a value",
         )
     rules = place_limits(limits.speed, path.space, path.axes, path.frame_id)
-    max_lateral = None if path.drive is None else path.drive.max_lateral_acceleration
+    max_lateral = drive.max_lateral_acceleration
     return MotionBounds(
         velocity=LimitRates(max_velocity, max_turn_rate, dim),
         acceleration=LimitRates(max_acceleration, max_turn_gain, dim),
         lateral=float(max_acceleration.min()) if max_lateral is None else max_lateral,
-        gap=MAX_GAP if is_curved else MAX_ERROR,
+        gap=max(drive.max_gap, MAX_ERROR),
         jerk=jerk,
         places=PlacedLimits(rules, _rotations_along(path), dim) if rules else None,
         memo=IntervalMemo(),
@@ -1260,7 +1262,7 @@ def _check_limits(
     limits = check_each({} if value is None else value, name, axes, finite)
     for limit in limits.ravel().tolist():
         check_positive(limit, name, "metres, radians, seconds")
-    if isinstance(path.drive, Car) and limits.ndim:
+    if path.edges.has_curves and limits.ndim:
         raise InputError(name, f"has shape {limits.shape}", "a car has one for its way ahead")
     return limits + np.zeros(dim) if path.moves_joints else limits
 
@@ -1288,28 +1290,8 @@ def _rotations_along(path: DrivenPath) -> Rotations:
 
 def _split(path: DrivenPath, rotations: Rotations, bounds: MotionBounds) -> Segments:
     """Return the straights and arcs of a path."""
-    split = _split_curves if isinstance(path.drive, Car) else _split_edges
-    return split(path, rotations, bounds.velocity)
-
-
-def _split_edges(path: DrivenPath, rotations: Rotations, velocity: LimitRates) -> Segments:
-    """Return the straight edges of a path, shape (n, size)."""
-    starts = align_quaternions(path.waypoints, rotations)
-    steps = rotations.steps_between(starts[:-1], starts[1:])
-    return _make_segments(starts, steps, np.zeros(len(steps)), rotations, velocity)
-
-
-def _split_curves(path: DrivenPath, rotations: Rotations, velocity: LimitRates) -> Segments:
-    """Return the arcs and straights of a car's path."""
-    curves = CarCurves(cast("Space", path.space), path.drive)
-    parts = [Pieces(np.zeros((0, 3)), np.zeros(0), np.zeros(0))]
-    for first, last in itertools.pairwise(path.waypoints):
-        parts.append(curves.split_edge(first, last, np.inf, np.inf, 0.0))
-    starts, metres, radians = map(np.concatenate, zip(*parts, strict=True))
-    yaws = starts[:, 2]
-    steps = np.column_stack([metres * np.cos(yaws), metres * np.sin(yaws), radians])
-    points = np.concatenate([starts, path.waypoints[-1:]])
-    return _make_segments(points, steps, radians, rotations, velocity)
+    rows = align_quaternions(path.waypoints, rotations)
+    return _make_segments(*path.edges.list_segments(rows, rotations), rotations, bounds.velocity)
 
 
 def _make_segments(

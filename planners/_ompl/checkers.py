@@ -12,10 +12,10 @@ from ompl import util as ou
 
 from cspace import CSpace, Rotations, Space
 from cspace.errors import ConfigurationError, InputError
-from cspace.inside import Floats, check_rng, names_options
+from cspace.inside import Drive, Floats, check_rng, names_options
 from planners._edges.drives import local_planner
-from planners._edges.local_planner import Drive, LocalPlanner, wrap_yaw
-from planners._ompl.states import check_information, find_state_kind
+from planners._edges.local_planner import LocalPlanner, wrap_yaw
+from planners._ompl.states import check_information, find_state_kind, make_states
 
 
 class StateValidityChecker(ob.StateValidityChecker):
@@ -130,11 +130,35 @@ class MotionValidator(ob.MotionValidator):
         check_information(si, space)
         super().__init__(si)
         edges = local_planner(space, drive, bidirectional)
-        self.is_free = edges.motion_checker()
+        self.is_free = make_motion_checker(edges)
 
     def checkMotion(self, first: ob.State, second: ob.State) -> bool:  # noqa: N802 - OMPL's name
         """Return True if a whole motion is proven free."""
         return self.is_free(first, second)
+
+
+def make_motion_checker(edges: LocalPlanner) -> Callable[[ob.State, ob.State], bool]:
+    """Make ``check(first, second)``, which proves a motion between OMPL's states free.
+
+    OMPL's curve must be as short as ours, because only the shortest curves are proven.
+    """
+    kind = find_state_kind(edges.space)
+    prover = edges.curve_prover()
+    if prover is None:
+        check = kind.of_states(edges.edge_checker())
+        if not edges.bidirectional:
+            return check
+        return lambda first, second: check(first, second) and check(second, first)
+    prove = kind.of_states(prover)
+    states = make_states(edges)
+    tolerance = 1e-6 * edges.metres_per_radian
+
+    def check_curve(first: ob.State, second: ob.State) -> bool:
+        """Prove our shortest curves free, and OMPL's curve as short as those."""
+        length = prove(first, second)
+        return length >= 0.0 and bool(states.distance(first, second) <= length + tolerance)
+
+    return check_curve
 
 
 class FreeStateSampler(ob.ValidStateSampler):

@@ -20,8 +20,8 @@ from ompl import base as ob
 from ompl import geometric as og
 from ompl import util as ou
 
-from cspace.inside import NEVER, Differential, Effort, Floats, is_over, now, spend
-from planners._catalogue import SKILLS, PlannerName, default_planner
+from cspace.inside import NEVER, Effort, Floats, is_over, now, spend
+from planners._catalogue import SKILLS, PlannerName
 from planners._ompl.checkers import EdgeCosts
 from planners._ompl.setup import make_setup
 from planners._ompl.states import find_state_kind
@@ -117,7 +117,7 @@ def make_objective(task: PlanTask) -> MakeObjective | None:
         return task.objective
     if not SKILLS[task.planner].optimises:  # its path is shortened by cost
         edges = replace(edges, weights=None)
-    if edges.weights is None and not isinstance(edges.drive, Differential):
+    if edges.weights is None and not edges.turns_on_spot:  # OMPL measures metres alone
         return None
     return partial(EdgeCosts, edges=edges)
 
@@ -150,8 +150,7 @@ def run_ompl(task: PlanTask, may_exist: Callable[[], bool]) -> SearchResult:
     with _silence():
         edges = task.edges
         ends = task.endpoints[:2]
-        is_one_way = edges.drive is not None and not edges.reverses
-        if is_one_way and SKILLS[task.planner].is_bidirectional:
+        if not edges.reverses and SKILLS[task.planner].is_bidirectional:
             task = replace(task, edges=replace(edges, bidirectional=True))
         run = _Run(task, may_exist)
         # OMPL's SORRTstar never returns once it has found a path of the least possible length.
@@ -169,8 +168,8 @@ class _Run:
         self._may_exist = may_exist
         self._edges = task.edges
         self._kind = find_state_kind(task.edges.space)
-        is_holonomic = task.edges.drive is None
-        step = NANOSECONDS_PER_STEP if is_holonomic else NANOSECONDS_PER_DRIVEN_STEP
+        drives = task.edges.has_heading
+        step = NANOSECONDS_PER_DRIVEN_STEP if drives else NANOSECONDS_PER_STEP
         self._deadline = deadline = Deadline(step)
         make = make_objective(task)
         self._setup = setup = make_setup(task.edges, make)
@@ -193,7 +192,7 @@ class _Run:
         note = ""
         self._set_endpoints()
         self._began = now()
-        first_planner = default_planner(self._edges.drive)
+        first_planner = self._edges.tree_planner
         best = None
         self._deadline.end = self._began + task.limit
         if self._must_beat:

@@ -14,9 +14,9 @@ from ompl import geometric as og
 
 from cspace import CSpace, Space
 from cspace.errors import InputError
-from cspace.inside import check_rng, names_options, tell_apart
+from cspace.inside import Drive, check_rng, names_options, tell_apart
 from planners._edges.drives import local_planner
-from planners._edges.local_planner import Drive, LocalPlanner
+from planners._edges.local_planner import LocalPlanner
 from planners._edges.own_space import read_bounds
 from planners._ompl.checkers import (
     EdgeCosts,
@@ -24,7 +24,7 @@ from planners._ompl.checkers import (
     MotionValidator,
     StateValidityChecker,
 )
-from planners._ompl.states import find_state_kind
+from planners._ompl.states import find_state_kind, make_states
 from planners._searches.objectives import (
     ClearanceObjective,
     MakeObjective,
@@ -87,7 +87,7 @@ def make_bounded_states(edges: LocalPlanner) -> ob.StateSpace:
     Raises InputError if the space is so large that OMPL rounds its steps to zero.
     """
     space = edges.space
-    states = edges.make_states()
+    states = make_states(edges)
     lower, upper = read_bounds(space)
     find_state_kind(space).set_bounds(states, lower, upper)
     _check_extent(space, states)

@@ -13,6 +13,7 @@ from ompl import base as ob
 from cspace import Space
 from cspace.errors import InputError
 from cspace.inside import METRES_PER_RADIAN, Floats
+from planners._edges.local_planner import LocalPlanner
 from planners._edges.own_space import check_space
 
 Configuration = tuple[float, ...]
@@ -75,8 +76,11 @@ def find_state_kind(space: Space) -> StateKind:
     return kind._replace(periodic_axes=space.is_periodic)
 
 
-def make_curve_states(reverses: bool, radius: float) -> ob.StateSpace:
-    """Make OMPL's state space of curves of a turning radius, metres."""
+def make_states(edges: LocalPlanner) -> ob.StateSpace:
+    """Make OMPL's state space of edges, without bounds."""
+    if edges.curve_states is None:
+        return find_state_kind(edges.space).make()
+    reverses, radius = edges.curve_states
     kind = ob.ReedsSheppStateSpace if reverses else ob.DubinsStateSpace
     return kind(radius)
 

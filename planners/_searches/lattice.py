@@ -29,13 +29,11 @@ import shapely
 
 from cspace import FREE, MIXED, CSpace
 from cspace.inside import (
-    METRES_PER_RADIAN,
     NEVER,
     Bools,
     Effort,
     Endpoint,
     Floats,
-    Geometry,
     Ints,
     Map,
     heap,
@@ -58,10 +56,11 @@ from planners._edges.car_curves import (
     position_in_plane,
     segment_is_free,
 )
+from planners._edges.driven import FINE_HEADINGS, DrivenEdges, Motions
 from planners._edges.local_planner import Endpoints, LocalPlanner
 from planners._searches.estimate import NO_NODE, UNKNOWN, Costs, Estimate, is_known, remaining_cost
 from planners._searches.frontier import Progress, check_deadline, double, make_progress
-from planners._searches.guide import NARROW_COST, NO_FACTORS, Directions, Guide, factor_at
+from planners._searches.guide import NO_FACTORS, Directions, Guide, factor_at
 from planners._searches.moves import list_moves
 from planners._searches.paths import (
     MAX_SHORTENING,
@@ -72,31 +71,9 @@ from planners._searches.paths import (
     pulled_straight,
 )
 
-NARROW_CAR_COST: Final = 0.3
-"""Share by which blocks cost more for a car where it passes at few rotations; it need not turn
-there on the spot."""
-
 MAX_DEVIATION: Final = math.radians(14.0)
 """Largest angle between a move of the guide and the robot's yaw on it; beyond it, another move is
 nearer."""
-
-CAR_LATTICES: Final = {24: 100_000, 48: 200_000, 96: 800_000, 192: 800_000, 384: 800_000}
-"""Numbers of headings of the lattices for a car, coarse to fine, and of nodes after which a search
-tries the next finer one. An arc leads from one heading to the next."""
-
-FINE_HEADINGS: Final = 96
-"""Number of headings of the finest lattice of a car that does not reverse; finer ones move to and
-fro in slots. Searches that stall on a lattice as fine begin anew around the blocks in vain."""
-
-REVERSE_WEIGHT: Final = 1.5
-"""Cost of a metre that a car drives in reverse, in metres driven ahead."""
-
-MIN_STRAIGHT_RADII: Final = 0.07
-"""Shortest straight drive of a car, in turning radii.
-
-On shorter drives, curves that turn to and fro are as short up to
-:data:`planners._edges.car_curves.TIE_TOLERANCE`, and the proof of an edge needs these, too.
-"""
 
 KNOWN_TOLERANCE: Final = 0.01
 """Fraction of a cell's side by which a path into a cell must be cheaper to replace the known path.
@@ -124,10 +101,6 @@ MIN_SECOND: Final = Effort.from_seconds(0.25, math.inf)
 """Work of a search by cost, relative to that of the search by length, and its least value: a cheap
 way may lead where the robot cannot drive."""
 
-NANOSECONDS_PER_NODE: Final = 2_000
-NANOSECONDS_PER_CAR_NODE: Final = 5_000
-"""Work of adding a node, and of expanding it; a car's motions are curves."""
-
 TIME_CHECK: Final = -3
 FULL: Final = -4
 """Results of :func:`expand_nodes` other than a node, :data:`NO_NODE` and :data:`UNKNOWN`."""
@@ -148,31 +121,13 @@ class _Limit:
         return answer
 
 
-class Motions(NamedTuple):
-    """The m motions of a robot at each of h headings. Costs are in metres."""
-
-    headings: Floats  # (h,), yaws, radians
-    nearest: Ints  # (h,), the nearest direction of the guide
-    next_heading: Ints  # (h, m), the heading after each motion
-    steering: Ints  # (m,), 1 to the left, -1 to the right, 0 straight on or on the spot
-    lengths: Floats  # (h, m), negative in reverse, zero on the spot
-    unit: float  # of the lengths, metres: the turning radius of a car, otherwise 1
-    radius: float | None  # turning radius of a car
-    costs: Floats  # (h, m)
-    max_nodes: int  # after which the search ends
-    side: float  # of the cells that hold one configuration for each heading
-    switch_cost: float  # of a change between driving ahead and in reverse
-    greed: float  # weight of the remaining cost; above 1, paths are found sooner but may be longer
-    near: float  # distance from the goal within which each node tries an edge to the goal
-    geometry: Geometry  # proves motions of a car that cells do not prove
-    factors: Costs  # (slices, 1, x, y), factors of the cost in each cell, or NO_FACTORS
-
-
 class Target(NamedTuple):
-    """The goal, and an estimate of the cost to it from positions and directions."""
+    """The goal, and the costs on the way to it."""
 
     goal: Pose
-    estimate: Estimate
+    estimate: Estimate  # of the cost to the goal, from positions and directions of the guide
+    nearest: Ints  # (h,), the direction of the guide nearest to each heading
+    factors: Costs  # (slices, 1, x, y), factors of the cost in each cell, or NO_FACTORS
 
 
 class LatticeNodes(NamedTuple):
@@ -192,7 +147,7 @@ class LatticeNodes(NamedTuple):
 
 
 def find_lattice_path(
-    edges: LocalPlanner,
+    edges: DrivenEdges,
     endpoints: Endpoints,
     simplify: bool,
     effort: Effort,
@@ -225,7 +180,7 @@ def find_lattice_path(
 
 
 def _find_path(
-    edges: LocalPlanner, endpoints: Endpoints, simplify: bool, limit: _Limit
+    edges: DrivenEdges, endpoints: Endpoints, simplify: bool, limit: _Limit
 ) -> tuple[Floats, str]:
     """Find a path as :func:`find_lattice_path` does, by one search."""
     is_backwards = _starts_at_goal(edges, endpoints)
@@ -241,7 +196,7 @@ def _find_path(
 
 
 def _search_levels(
-    edges: LocalPlanner,
+    edges: DrivenEdges,
     endpoints: Endpoints,
     is_backwards: bool,
     limit: _Limit,
@@ -251,7 +206,8 @@ def _search_levels(
     Returns and raises as :func:`_search` does, without blocks.
     """
     guide = _make_guide(edges, endpoints, is_backwards)
-    levels = _list_levels(edges, endpoints, is_backwards)
+    yaws, _, lengths = _list_moves_by_yaw()
+    levels = edges.list_lattices(endpoints[:2], yaws, lengths, is_backwards)
     # Number of nodes at which a search may count as stalled; twice as many after each stall.
     min_stalled = 2**14
     while True:
@@ -273,25 +229,21 @@ def _search_levels(
         min_stalled *= 2
 
 
-def _starts_at_goal(edges: LocalPlanner, endpoints: Endpoints) -> bool:
+def _starts_at_goal(edges: DrivenEdges, endpoints: Endpoints) -> bool:
     """Return True to search from the goal, and drive backwards.
 
-    A search out of a tight place is shorter than one into it, because few motions are free there. A
-    car that reverses can drive its paths both ways.
+    A search out of a tight place is shorter than one into it, because few motions are free there.
     """
-    if edges.turning_radius is None or not edges.reverses:
+    if not edges.escape_reach:
         return False
     room_at_start, room_at_goal = (_measure_room(edges, q) for q in endpoints)
     return room_at_goal < room_at_start
 
 
-def _measure_room(edges: LocalPlanner, q: Endpoint) -> int:
-    """Count passable cells within a quarter of the radius.
-
-    These are its own and those half a radian to either side.
-    """
+def _measure_room(edges: DrivenEdges, q: Endpoint) -> int:
+    """Count passable cells around a configuration, at its yaw and half a radian to either side."""
     grid = edges.cells.grid
-    reach = math.ceil(0.25 * float(edges.turning_radius or 0.0) / grid.spacing)
+    reach = math.ceil(edges.escape_reach / grid.spacing)
     center = grid.cell_of(q[:2])
     low = np.maximum(center - reach, 0)
     high = center + reach + 1
@@ -299,28 +251,6 @@ def _measure_room(edges: LocalPlanner, q: Endpoint) -> int:
     yaws = (q[2] - 0.5, q[2], q[2] + 0.5)
     worst = _find_worst_state(edges)
     return sum(int((edges.cells.states_at(yaw)[window] <= worst).sum()) for yaw in yaws)
-
-
-def _list_headings(endpoints: Endpoints, count: int) -> tuple[Floats, Floats]:
-    """List headings by ascending yaw, and lengths of drives along.
-
-    These are the directions from a cell to others near it, and the yaws of start and goal. From
-    each to the next there are ``count`` steps; at headings between, the robot comes close to a
-    wall. Lengths are in cells.
-    """
-    yaws, _, move_lengths = _list_moves_by_yaw()
-    own_yaws = np.unique([q[2] for q in endpoints])
-    is_new = np.abs(wrap_angles(yaws - own_yaws[:, None])).min(axis=1) > 1e-9
-    all_yaws = np.concatenate([wrap_angles(yaws), own_yaws[is_new]])
-    order = np.argsort(all_yaws)
-    first = all_yaws[order]
-    gaps = np.diff(first, append=first[0] + math.tau)
-    shares = np.arange(count) / count
-    # A drive as long as a cell's diagonal leaves the cell.
-    lengths = np.full((len(order), count), math.sqrt(2.0))
-    is_move = order < len(yaws)
-    lengths[is_move, 0] = move_lengths[order[is_move]]
-    return wrap_angles(first[:, None] + np.outer(gaps, shares)).ravel(), lengths.ravel()
 
 
 def _list_moves_by_yaw() -> tuple[Floats, Ints, Floats]:
@@ -331,7 +261,7 @@ def _list_moves_by_yaw() -> tuple[Floats, Ints, Floats]:
     return yaws[order], moves.steps[order], moves.lengths[order]
 
 
-def _make_guide(edges: LocalPlanner, endpoints: Endpoints, is_backwards: bool) -> Guide:
+def _make_guide(edges: DrivenEdges, endpoints: Endpoints, is_backwards: bool) -> Guide:
     """Make the guide over blocks of cells."""
     grid = edges.cells.grid
     nearest = _find_nearest(np.array([q[2] for q in endpoints])).tolist()
@@ -345,7 +275,7 @@ def _make_guide(edges: LocalPlanner, endpoints: Endpoints, is_backwards: bool) -
         start,
         goal,
         _measure_block_side(edges.cells),
-        narrow_cost=NARROW_COST if edges.turning_radius is None else NARROW_CAR_COST,
+        narrow_cost=edges.narrow_cost,
         factors=_list_factors(edges),
         worst_state=_find_worst_state(edges),
     )
@@ -373,21 +303,22 @@ def _measure_block_side(space: CSpace) -> int:
     return min(max(cells_per_radius, 1), 8)
 
 
-def _list_directions(edges: LocalPlanner, is_backwards: bool) -> Directions:
+def _list_directions(edges: DrivenEdges, is_backwards: bool) -> Directions:
     """List what the robot may do in each direction of the guide."""
     yaws, steps, lengths = _list_moves_by_yaw()
     moves = steps[:, np.newaxis]
     costs = lengths[:, np.newaxis]
     if edges.reverses:
-        weight = REVERSE_WEIGHT if edges.turning_radius is not None else 1.0
         # What a search backwards drives ahead, the robot will drive in reverse.
-        weights = (weight, 1.0) if is_backwards else (1.0, weight)
+        weights = (1.0, edges.reverse_weight)
+        if is_backwards:
+            weights = weights[::-1]
         moves = np.concatenate([moves, -moves], axis=1)
         costs = costs * weights
     numbers = np.arange(len(yaws))
     neighbors = np.stack([numbers - 1, numbers + 1], axis=1) % len(yaws)
     turns = np.abs(wrap_angles(yaws[neighbors] - yaws[:, np.newaxis]))
-    cells_per_radian = (edges.turning_radius or METRES_PER_RADIAN) / edges.cells.grid.spacing
+    cells_per_radian = edges.metres_per_radian / edges.cells.grid.spacing
     return Directions(
         slices=_list_slices_near(edges, yaws),
         moves=moves,
@@ -420,97 +351,6 @@ def _find_nearest(yaws: Floats) -> Ints:
     return np.asarray(turns.argmin(axis=1))
 
 
-def _list_levels(edges: LocalPlanner, endpoints: Endpoints, is_backwards: bool) -> list[Motions]:
-    """List the motions of each lattice, coarse to fine."""
-    if edges.turning_radius is None:
-        # Headings for each direction from a cell to others near it.
-        return [_list_spot_motions(edges, endpoints, count) for count in (1, 4)]
-    reverses = edges.reverses
-    counts = [count for count in CAR_LATTICES if reverses or count <= FINE_HEADINGS]
-    return [_list_car_motions(edges, endpoints[0], count, is_backwards) for count in counts]
-
-
-def _list_spot_motions(edges: LocalPlanner, endpoints: Endpoints, count: int) -> Motions:
-    """List the motions of a robot that turns on the spot.
-
-    These are turns to the next headings, and drives ahead and perhaps in reverse.
-    """
-    spacing = edges.cells.grid.spacing
-    yaws, ahead = _list_headings(endpoints, count)
-    turns = [1, -1, 0]
-    directions = [0.0, 0.0, 1.0]
-    if edges.reverses:
-        turns.append(0)
-        directions.append(-1.0)
-    lengths = spacing * np.outer(ahead, directions)
-    next_heading = (np.arange(len(yaws))[:, None] + turns) % len(yaws)
-    radians = np.abs(wrap_angles(yaws[next_heading] - yaws[:, None]))
-    # Number of nodes after which the search of a robot that turns on the spot ends.
-    return Motions(
-        headings=yaws,
-        nearest=_find_nearest(yaws),
-        next_heading=next_heading,
-        steering=np.zeros(len(turns), dtype=np.int64),
-        lengths=lengths,
-        unit=1.0,
-        radius=None,
-        max_nodes=1_000_000,
-        costs=METRES_PER_RADIAN * radians + np.abs(lengths),
-        side=spacing,
-        switch_cost=0.0,
-        greed=1.2,
-        near=8.0 * spacing,
-        geometry=None,
-        factors=_list_factors(edges),
-    )
-
-
-def _list_car_motions(
-    edges: LocalPlanner, start: Endpoint, count: int, is_backwards: bool
-) -> Motions:
-    """List the motions of a car.
-
-    These are arcs to the next of ``count`` headings, and drives straight on, ahead or in reverse.
-    The first heading is the start's.
-    """
-    radius = float(edges.turning_radius or math.nan)
-    arc = math.tau / count
-    spacing = edges.cells.grid.spacing
-    yaws = wrap_angles(np.asarray(start[2] + arc * np.arange(count), dtype=np.float64))
-    # The chord of an arc is twice as long as the diagonal of a cell. In larger cells, one
-    # configuration often replaces another that alone leads into a tight slot.
-    side = 0.5 * max(2.0 * radius * math.sin(0.5 * arc), spacing) / math.sqrt(2.0)
-    straight = max(arc, MIN_STRAIGHT_RADII, 1.01 * math.sqrt(2.0) * side / radius)
-    steering = np.array([1, -1, 0])
-    lengths = np.array([arc, arc, straight])
-    if edges.reverses:
-        steering = np.tile(steering, 2)
-        lengths = np.concatenate([lengths, -lengths])
-    costs = radius * np.abs(lengths) * np.where(lengths < 0.0, REVERSE_WEIGHT, 1.0)
-    if is_backwards:
-        # The costs are of the motions as the robot will drive them.
-        lengths = -lengths
-    turns = np.where(lengths < 0.0, -steering, steering)
-    return Motions(
-        headings=yaws,
-        nearest=_find_nearest(yaws),
-        next_heading=(np.arange(count)[:, None] + turns) % count,
-        steering=steering,
-        lengths=np.tile(lengths, (count, 1)),
-        unit=radius,
-        radius=radius,
-        max_nodes=CAR_LATTICES[count],
-        costs=np.tile(costs, (count, 1)),
-        side=side,
-        switch_cost=0.5 * radius,
-        # A car by cost loses no time if it is less greedy.
-        greed=1.5 if edges.weights is None else 1.2,
-        near=max(4.0 * radius, 8.0 * spacing),
-        geometry=edges.geometry(),
-        factors=_list_factors(edges),
-    )
-
-
 def _search(
     edges: LocalPlanner,
     motions: Motions,
@@ -528,7 +368,8 @@ def _search(
     start, goal = cast(tuple[Pose, Pose], endpoints)
     map_ = edges.bounded_map()
     nodes = _make_nodes(2**13)
-    target = Target(goal, guide.estimate)
+    nearest = _find_nearest(motions.headings)
+    target = Target(goal, guide.estimate, nearest, _list_factors(edges))
     heading = int(np.abs(wrap_angles(motions.headings - start[2])).argmin())
     add_node(map_, motions, target, nodes, start, heading, 0.0, NO_NODE, 0)
     arrival = _Arrival(edges, goal)
@@ -537,7 +378,7 @@ def _search(
     while nodes.counts[0] < motions.max_nodes:
         before = nodes.counts.sum()
         node = expand_nodes(map_, motions, target, nodes)
-        _spend_on_nodes(motions, int(nodes.counts.sum() - before))
+        spend(motions.nanoseconds * int(nodes.counts.sum() - before))
         if arrival.node == NO_NODE:
             check_deadline(limit.until)
         # Nodes expanded until a search asks whether a path may exist.
@@ -549,7 +390,7 @@ def _search(
             direction, i, j = nodes.place.tolist()
             guide.reach(direction, (0, i, j), limit.until)
         elif node == FULL:
-            vain = _find_vain_blocks(map_, motions, target, nodes)
+            vain = _find_vain_blocks(map_, target, nodes)
             is_stalled = len(nodes.keys) >= min_stalled and arrival.node == NO_NODE
             if is_stalled and vain.any():
                 return np.empty((0, 3)), "the lattice search stalled", vain
@@ -562,14 +403,8 @@ def _search(
         if arrival.is_settled(nodes, limit.until):
             break
     if arrival.node != NO_NODE:
-        return _trace_path(nodes, arrival.node, endpoints, motions.radius is None), "", None
+        return _trace_path(nodes, arrival.node, endpoints, not edges.has_curves), "", None
     return np.empty((0, 3)), reason, None
-
-
-def _spend_on_nodes(motions: Motions, count: int) -> None:
-    """Spend the work of nodes that are added, and of those expanded."""
-    nanoseconds = NANOSECONDS_PER_NODE if motions.radius is None else NANOSECONDS_PER_CAR_NODE
-    spend(nanoseconds * count)
 
 
 class _Arrival:
@@ -635,7 +470,7 @@ def _enlarge(nodes: LatticeNodes) -> LatticeNodes:
     return larger
 
 
-def _find_vain_blocks(map_: Map, motions: Motions, target: Target, nodes: LatticeNodes) -> Bools:
+def _find_vain_blocks(map_: Map, target: Target, nodes: LatticeNodes) -> Bools:
     """Find blocks that a stalled search never entered, (1, x, y).
 
     These are near the node that the guide takes for the nearest to the goal. There are none if that
@@ -647,7 +482,7 @@ def _find_vain_blocks(map_: Map, motions: Motions, target: Target, nodes: Lattic
     offsets = nodes.poses[:count, :2] - map_.lower[1:3]
     blocks = (offsets / (estimate.side * map_.spacing)).astype(np.int64)
     columns, rows = np.minimum(blocks, np.array(shape) - 1).T
-    states = motions.nearest[nodes.motions[:count, 1]], 0, columns, rows
+    states = target.nearest[nodes.motions[:count, 1]], 0, columns, rows
     left = np.where(estimate.reached[states] > 0, estimate.positions[states], math.inf)
     best = int(left.argmin())
     vain = np.zeros(vain_shape, dtype=np.bool_)
@@ -680,7 +515,7 @@ def _trace_path(nodes: LatticeNodes, node: int, endpoints: Endpoints, merges: bo
 def shorten_path(edges: LocalPlanner, path: Floats, until: Effort) -> Floats:
     """Shorten a path (n, 3), or lower its cost, until the end of the search."""
     # Without cut corners, a second round of skipping gains little.
-    rounds = 1 if edges.turning_radius is not None else 3
+    rounds = 1 if edges.has_curves else 3
     cost = edges.weigh() or edges.edge_length
     for number in range(rounds):
         if is_over(until):
@@ -707,7 +542,7 @@ def _shorten_once(edges: LocalPlanner, path: Floats, cost: Cost, until: Effort) 
     strides = np.unique(np.geomspace(1, len(path), count).astype(np.int64)).tolist()
     paths = [path, find_cheapest_subpath(path, 2, is_free, measure, strides, until)]
     # A part of a curve need not be a shortest curve.
-    if edges.turning_radius is None and not is_over(until):
+    if not edges.has_curves and not is_over(until):
         paths.append(pulled_straight(paths[-1], edges.space.rotations, is_free, measure, until))
     if is_over(NEVER):
         return path
@@ -743,7 +578,7 @@ def expand_nodes(map_: Map, motions: Motions, target: Target, nodes: LatticeNode
         cost = progress.cost[node]
         last = nodes.motions[node, 0]
         heading = nodes.motions[node, 1]
-        direction = motions.nearest[heading]
+        direction = target.nearest[heading]
         i, j = find_cell(map_, target, x, y)
         if not is_known(target.estimate, direction, 0, i, j):
             nodes.place[0] = direction
@@ -809,7 +644,7 @@ def add_node(
     known = nodes.table[slot] - 1
     if known >= 0 and progress.cost[known] <= cost + KNOWN_TOLERANCE * motions.side:
         return
-    left = estimate_cost_to_goal(map_, target, cost, motions.nearest[heading], q[0], q[1])
+    left = estimate_cost_to_goal(map_, target, cost, target.nearest[heading], q[0], q[1])
     bound = cost + motions.greed * left
     if not bound < math.inf:
         return
@@ -843,7 +678,7 @@ def mean_factor(
     map_: Map, motions: Motions, target: Target, x: float, y: float, heading: int, move: int
 ) -> float:
     """Return the mean factor of the cost along a motion from a position, by the midpoint rule."""
-    if motions.factors.shape[0] == 0:
+    if target.factors.shape[0] == 0:
         return 1.0
     length = motions.lengths[heading, move]
     steps = max(math.ceil(motions.unit * abs(length) / map_.spacing), 1)
@@ -853,7 +688,7 @@ def mean_factor(
         u, v, yaw = advance(begin, motions.steering[move], length * (step + 0.5) / steps)
         i, j = find_cell(map_, target, x + motions.unit * u, y + motions.unit * v)
         number = slice_of(map_, (yaw,))
-        total += float(factor_at(motions.factors, number, 0, max(i, 0), max(j, 0)))
+        total += float(factor_at(target.factors, number, 0, max(i, 0), max(j, 0)))
     mean: float = total / steps
     return mean
 
