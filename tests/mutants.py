@@ -368,13 +368,13 @@ MUTANTS = (
         "tests/bodies/test_triangles.py",
     ),
     Mutant(
-        "cspace/arms/_crossings.py",
+        "cspace/arms/_proofs/crossings.py",
         "        and _side_of_plane(p, (q, b[2], b[0]), tolerance) == turn\n",
         "",
         "tests/arms/test_crossings.py",
     ),
     Mutant(
-        "cspace/arms/_hulls.py",
+        "cspace/arms/_proofs/hulls.py",
         "slack = math.sqrt(squared_distance) - ball_radius - motion.required - speed",
         "slack = math.sqrt(squared_distance) - ball_radius - motion.required",
         "tests/arms/test_hulls.py",
@@ -399,13 +399,13 @@ MUTANTS = (
     ),
     # Arms.
     Mutant(
-        "cspace/arms/_cones.py",
+        "cspace/arms/_proofs/cones.py",
         "speed + 0.5 * half * turn * turn",
         "speed + 0.1 * half * turn * turn",
         "tests/arms/test_upright.py",
     ),
     Mutant(
-        "cspace/arms/_cones.py",
+        "cspace/arms/_proofs/cones.py",
         "min(turn, speed + ",
         "min(0.5 * turn, speed + ",
         "tests/arms/test_upright.py",
@@ -423,19 +423,19 @@ MUTANTS = (
         "tests/arms/test_upright.py",
     ),
     Mutant(
-        "cspace/arms/_chain.py",
+        "cspace/arms/_proofs/chain.py",
         "rate = chain.factors[b] * motion",
         "rate = motion",
         "tests/arms/test_space.py",
     ),
     Mutant(
-        "cspace/arms/_chain.py",
+        "cspace/arms/_proofs/chain.py",
         "curvature += (0.5 * rate + rotation) * travel",
         "curvature += 0.5 * rate * travel",
         "tests/arms/test_space.py",
     ),
     Mutant(
-        "cspace/arms/_scenes.py",
+        "cspace/arms/_proofs/scenes.py",
         "levers=np.linalg.norm(np.abs(boxes[:, :3]) + boxes[:, 3:6], axis=1)",
         "levers=np.linalg.norm(boxes[:, 3:6], axis=1)",
         "tests/arms/test_space.py",
@@ -453,19 +453,19 @@ MUTANTS = (
         "tests/arms/test_living.py",
     ),
     Mutant(
-        "cspace/arms/_hulls.py",
+        "cspace/arms/_proofs/hulls.py",
         "away = joint_displacement(axes, center, ball_radius + limit)",
         "away = 0.0",
         "tests/arms/test_joint_map.py",
     ),
     Mutant(
-        "cspace/arms/_joint_map.py",
+        "cspace/arms/_joint_maps/joint_map.py",
         "last_cells[last_cells == FREE] = MIXED",
         "last_cells[last_cells == FREE] = FREE",
         "tests/arms/test_joint_map.py",
     ),
     Mutant(
-        "cspace/arms/_joint_map.py",
+        "cspace/arms/_joint_maps/joint_map.py",
         "last = np.where(upper_limits > highest, FARTHEST_CELL, np.array(grid.shape) - 1)",
         "last = np.array(grid.shape) - 1",
         "tests/arms/test_joint_map.py",
