@@ -51,7 +51,7 @@ from cspace._support.reporting import tell_apart
 from cspace.errors import ConfigurationError, InputError
 
 if TYPE_CHECKING:
-    from cspace._queries.chunks import RowCheck
+    from cspace._gates.chunks import RowCheck
 
 Endpoint = tuple[float, ...]
 """A start or goal in canonical form."""
@@ -875,7 +875,7 @@ class ConfigurationSpace(Space):
 
     def _check_targets(self, before: Floats, targets: Floats) -> list[RowCheck]:
         """Return checks of targets (b, n, size) and of steps between them."""
-        from cspace._queries.chunks import RowCheck
+        from cspace._gates.chunks import RowCheck
 
         checks = []
         excesses = self._excesses(targets)

@@ -9,8 +9,7 @@ from typing import Any, Final, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace._interface import ConfigurationSpace
-from cspace._queries.chunks import (
+from cspace._gates.chunks import (
     LIMIT_ROUNDING,
     TWIST_NAMES,
     TWISTING_AXES,
@@ -25,6 +24,7 @@ from cspace._queries.chunks import (
     list_steps,
     make_missing_dt,
 )
+from cspace._interface import ConfigurationSpace
 from cspace._queries.vehicles import Drive, check_drive
 from cspace._support.arrays import Bools, Floats, Ints
 from cspace._support.check import (
