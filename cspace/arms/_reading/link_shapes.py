@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple
 import numpy as np
 
 from cspace import Robot, make_mesh
-from cspace.arms._checks import check_distinct
-from cspace.arms._moveit_messages import (
+from cspace.arms._proofs.solids import check_names
+from cspace.arms._reading.checks import check_distinct
+from cspace.arms._reading.moveit_messages import (
     FIELDS,
     SCENE,
     WORLD,
@@ -21,8 +22,7 @@ from cspace.arms._moveit_messages import (
     parse,
     wrong_value,
 )
-from cspace.arms._solids import check_names
-from cspace.arms._urdf import (
+from cspace.arms._reading.urdf import (
     GEOMETRIES,
     PackageDirs,
     find_meshes,

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
-from cspace.arms._chain import (
+from cspace.arms._proofs.chain import (
     ADVANCE_FACTOR,
     DISTANCE_ROUNDING,
     REVOLUTE,
@@ -118,7 +118,7 @@ def measure_angle(cones: Cones, k: int, poses: Floats) -> tuple[float, Row]:
     """Return the angle of cone k, and its axis in the base.
 
     The poses of all bodies have shape (b, 3, 6), as in
-    :func:`cspace.arms._chain.forward_kinematics`.
+    :func:`cspace.arms._proofs.chain.forward_kinematics`.
     """
     axis = vectors.rotate(rotation_rows(poses[cones.bodies[k]]), vectors.row_at(cones.axes[k], 0))
     direction = vectors.row_at(cones.directions[k], 0)

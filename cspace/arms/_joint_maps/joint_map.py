@@ -19,15 +19,15 @@ from numpy.typing import ArrayLike
 
 from cspace import BLOCKED, FREE, MIXED, CSpace, Grid, Robot, Rotations, Workspace
 from cspace.arms._arm_space import ArmSpace
-from cspace.arms._boxes import CellProofs, InnerBalls
-from cspace.arms._checks import check_mapping
-from cspace.arms._crossings import MAX_PENDING_PAIRS, SurfaceTree
+from cspace.arms._joint_maps.boxes import CellProofs, InnerBalls
 from cspace.arms._model import Arm
-from cspace.arms._motion_proofs import (
+from cspace.arms._proofs.crossings import MAX_PENDING_PAIRS, SurfaceTree
+from cspace.arms._proofs.motion_proofs import (
     Solids,
     nearest_triangle,
     winding_number,
 )
+from cspace.arms._reading.checks import check_mapping
 from cspace.arms._snapshots import Snapshot, find_bodies_between
 from cspace.errors import ConfigurationError, InputError
 from cspace.inside import (

@@ -332,7 +332,7 @@ def certify_rows(
     checks = list[RowCheck]()
     with np.errstate(all="ignore"):  # rows may hold any numbers
         firsts = np.concatenate([starts[:, np.newaxis], targets[:, :-1]], axis=1)
-        checks += space._check_targets(firsts, targets)
+        checks += _check_targets(space, firsts, targets)
         if dt is not None:
             seconds = check_dt(dt)
             names = list_steps(space)
@@ -344,7 +344,7 @@ def certify_rows(
             if found := [limit for limit in places if isinstance(limit, SpeedLimit)]:
                 steps = _split_axes(space, space.steps_between(firsts, targets))
                 sizes = [np.linalg.norm(each, axis=-1) for each in steps]
-                checks.append(_check_places(space, found, middles, sizes, tracking, seconds))
+                checks.append(_check_speeds(space, found, middles, sizes, tracking, seconds))
             for limit in places:
                 if isinstance(limit, LinkLimit):
                     checks.append(_check_link(space, limit, middles, rates, tracking, seconds))
@@ -401,7 +401,7 @@ def certify_twists(
         halves = np.where(is_number, commands, 0.0) * (0.5 * seconds)
         middles = _roll_out(starts, np.repeat(halves, 2, axis=1))[:, ::2]
         sizes = [magnitudes[..., 0] * seconds, magnitudes[..., 1] * seconds]
-        checks.append(_check_places(space, places, middles, sizes, tracking, seconds))
+        checks.append(_check_speeds(space, places, middles, sizes, tracking, seconds))
     # Cut each twist into arcs that stay near their chords, and turn by at most a radian.
     lengths, angles = np.moveaxis(magnitudes * seconds, -1, 0)
     spacing = 2.0 * space.resolution
@@ -432,7 +432,20 @@ def _split_axes(space: ConfigurationSpace, values: Floats) -> tuple[Floats, Floa
     return values[..., : space.dim], values[..., space.dim :]
 
 
-def _check_places(
+def _check_targets(space: ConfigurationSpace, before: Floats, targets: Floats) -> list[RowCheck]:
+    """Check targets, shape (B, n, size), by limits of joints, and steps to them by half a turn."""
+    checks = []
+    excesses = space._excesses(targets)
+    if excesses.any():
+        none = np.zeros(space.size)
+        checks.append(RowCheck("limit", space.axes, "exceeds its limits by", excesses, none))
+    if not np.isinf(space._spans).all():
+        turns = np.abs(targets - before)
+        checks.append(RowCheck("limit", space.axes, "turns by", turns, space._spans))
+    return checks
+
+
+def _check_speeds(
     space: ConfigurationSpace,
     places: Sequence[SpeedLimit],
     middles: Floats,

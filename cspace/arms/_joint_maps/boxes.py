@@ -1,7 +1,7 @@
 """Proofs about boxes of configurations, in which each joint varies within an interval.
 
 *FREE.* A box is a tube: the motion of one joint through its interval, from which the other joints
-deviate by at most half of theirs; see :func:`cspace.arms._motion_proofs.motion_is_free`.
+deviate by at most half of theirs; see :func:`cspace.arms._proofs.motion_proofs.motion_is_free`.
 
 *BLOCKED.* A ball inside one solid moves by at most :func:`joint_displacement`. If the ball is
 shrunk by the bound, the remaining ball, where it is, lies in the solid at every configuration of
@@ -23,10 +23,10 @@ from typing import NamedTuple
 import numpy as np
 
 from cspace import BLOCKED, FREE, MIXED, Grid
-from cspace.arms._addresses import Address, call
-from cspace.arms._chain import forward_kinematics, relative_pose
-from cspace.arms._crossings import CENTER, HALF_SIDES, joint_displacement, piece_depth
-from cspace.arms._motion_proofs import (
+from cspace.arms._proofs.addresses import Address, call
+from cspace.arms._proofs.chain import forward_kinematics, relative_pose
+from cspace.arms._proofs.crossings import CENTER, HALF_SIDES, joint_displacement, piece_depth
+from cspace.arms._proofs.motion_proofs import (
     FIRST_PART,
     FIRST_SURFACE,
     NO_MOTION,

@@ -6,8 +6,8 @@ Schwarzer, M. Saha and J.-C. Latombe, "Adaptive dynamic collision checking for s
 articulated robots in complex environments", 2005). Longer parts come first, so that a collision is
 found early, and in each part the pair that last was not proven.
 
-Links and obstacles are trees of convex hulls, grown by radii (:mod:`cspace.arms._hulls`). If no
-boundaries meet, a connected part lies entirely inside or outside a closed surface, so a single
+Links and obstacles are trees of convex hulls, grown by radii (:mod:`cspace.arms._proofs.hulls`). If
+no boundaries meet, a connected part lies entirely inside or outside a closed surface, so a single
 point of it decides, once for a whole motion. If hulls of whole parts are apart, this test is not
 needed.
 """
@@ -20,8 +20,8 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from cspace import BLOCKED, FREE, MIXED
-from cspace.arms._addresses import Address, call, find_address
-from cspace.arms._chain import (
+from cspace.arms._proofs.addresses import Address, call, find_address
+from cspace.arms._proofs.chain import (
     ADVANCE_FACTOR,
     DISTANCE_ROUNDING,
     FIXED,
@@ -37,8 +37,8 @@ from cspace.arms._chain import (
     rotation_columns,
     rotation_rows,
 )
-from cspace.arms._cones import NO_CONES, Cones, stays_in_cones
-from cspace.arms._crossings import (
+from cspace.arms._proofs.cones import NO_CONES, Cones, stays_in_cones
+from cspace.arms._proofs.crossings import (
     AXIS_POINT,
     CENTER,
     CHORD,
@@ -56,7 +56,7 @@ from cspace.arms._crossings import (
     joint_displacement,
     pierces,
 )
-from cspace.arms._hulls import Hulls, RelativeMotion, tree_slack
+from cspace.arms._proofs.hulls import Hulls, RelativeMotion, tree_slack
 from cspace.inside import (
     Bools,
     Floats,
@@ -224,7 +224,7 @@ class SceneScratch(NamedTuple):
         Pair that last was not apart, which is tested first.
     axes : ndarray of float64, shape (b, 8)
         Joints that move a pair away from a motion; see
-        :func:`cspace.arms._crossings.joint_displacement`.
+        :func:`cspace.arms._proofs.crossings.joint_displacement`.
     nodes : ndarray of int64, shape (MAX_PENDING_PAIRS, 2)
     slopes : ndarray of float64, shape (dof,)
         Derivatives of an angle by the joints.
@@ -481,7 +481,7 @@ def write_axes(
 
     Each joint deviates by at most its entry of ``deviations``, shape (dof,); there are none if that
     has shape (0,). Returns the number of rows written to ``scratch.axes``. They are those of
-    :func:`cspace.arms._crossings.joint_displacement`, in the frame of b, and include the
+    :func:`cspace.arms._proofs.crossings.joint_displacement`, in the frame of b, and include the
     rounding of points, ``required``.
     """
     if len(deviations) == 0:
@@ -528,10 +528,10 @@ def bound_slack(
 ) -> float:
     """Bound (distance - required distance) of pair n from below, up to ``enough``.
 
-    It is inf if one solid is empty; see :func:`cspace.arms._hulls.tree_slack`. The pair's padding
-    is required in addition. ``bounds`` are the time to either side, the largest deviation from the
-    linear motion, and the largest displacement. ``axes``, shape (k, 8), are those of joints that
-    deviate.
+    It is inf if one solid is empty; see :func:`cspace.arms._proofs.hulls.tree_slack`. The pair's
+    padding is required in addition. ``bounds`` are the time to either side, the largest deviation
+    from the linear motion, and the largest displacement. ``axes``, shape (k, 8), are those of
+    joints that deviate.
     """
     solids = scene.solids
     half, deviation, displacement = bounds
@@ -757,7 +757,7 @@ def boundaries_cross(
 
     It crosses a triangle, or enters a box or ball. ``required`` must be at least four times the
     rounding of a point. With ``axes``, shape (k, 8), the proof holds in a whole box of
-    configurations; see :func:`cspace.arms._crossings.joint_displacement`.
+    configurations; see :func:`cspace.arms._proofs.crossings.joint_displacement`.
     """
     solids = scene.solids
     starts = solids.starts

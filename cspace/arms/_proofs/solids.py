@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace import Workspace
-from cspace.arms._crossings import (
+from cspace.arms._proofs.crossings import (
     PartTree,
     SurfaceTree,
     Triangles,
@@ -23,7 +23,7 @@ from cspace.arms._crossings import (
     distinct_rows,
     pack_boxes,
 )
-from cspace.arms._hulls import Hulls, build_hulls, wrap_convex
+from cspace.arms._proofs.hulls import Hulls, build_hulls, wrap_convex
 from cspace.errors import InputError, UnitWarning
 from cspace.inside import (
     Bools,

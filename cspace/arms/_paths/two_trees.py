@@ -13,9 +13,9 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from cspace.arms._addresses import Address, call
-from cspace.arms._cones import move_into_cones, stays_in_cones
-from cspace.arms._motion_proofs import ArmScene, SceneScratch, find_proof, make_scene_scratch
+from cspace.arms._proofs.addresses import Address, call
+from cspace.arms._proofs.cones import move_into_cones, stays_in_cones
+from cspace.arms._proofs.motion_proofs import ArmScene, SceneScratch, find_proof, make_scene_scratch
 from cspace.inside import Effort, Floats, Ints, internal, is_over, kernel, now, spend
 
 MAX_STRIDE: Final = 1.0

@@ -9,8 +9,7 @@ from typing import Any, Final, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace._interface import ConfigurationSpace
-from cspace._queries.chunks import (
+from cspace._gates.chunks import (
     LIMIT_ROUNDING,
     TWIST_NAMES,
     TWISTING_AXES,
@@ -25,6 +24,7 @@ from cspace._queries.chunks import (
     list_steps,
     make_missing_dt,
 )
+from cspace._interface import ConfigurationSpace
 from cspace._queries.vehicles import Drive, check_drive
 from cspace._support.arrays import Bools, Floats, Ints
 from cspace._support.check import (
@@ -172,7 +172,7 @@ class Gate:
         self.max_velocity = max_velocity
         self.drive = check_drive(drive)
         self.max_jerk = max_jerk
-        self.speed = self._check_places(speed)
+        self.speed = self._check_speed_limits(speed)
         per_second = max_velocity, max_jerk, self.speed or None
         if dt is None and any(limit is not None for limit in per_second):
             raise make_missing_dt()
@@ -204,7 +204,7 @@ class Gate:
                 parts.append(f"{name}={np.asarray(value).tolist()!r}")
         return f"Gate({', '.join(parts)})"
 
-    def _check_places(
+    def _check_speed_limits(
         self, speed: SpeedLimit | LinkLimit | Sequence[SpeedLimit | LinkLimit]
     ) -> tuple[SpeedLimit | LinkLimit, ...]:
         """Return limits of speed; raise InputError if one is none, or not for the space."""

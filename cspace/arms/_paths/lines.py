@@ -9,8 +9,9 @@ free and within the tolerance. Otherwise the step shrinks.
 *Deviation.* Let a motion last from time 0 to 1, while the parameter grows at a constant rate. Cut
 it into parts. Let e be the vector from the target to the frame's origin, halfway through a part
 that lasts from h before to h after, and e' its derivative. The target does not accelerate, so e''
-is the acceleration of the frame's origin, at most 2 c by :func:`cspace.arms._chain.motion_bounds`.
-By Taylor's theorem, ``|e| <= max |e +- h e'| + c h^2`` during the part.
+is the acceleration of the frame's origin, at most 2 c by
+:func:`cspace.arms._proofs.chain.motion_bounds`. By Taylor's theorem, ``|e| <= max |e +- h e'| + c
+h^2`` during the part.
 
 *Angle.* Let w and v be the angular velocities of the frame and of the target. The angle between
 frame and target changes at most at the rate |w - v|. The axis of a joint turns with the joints
@@ -29,16 +30,6 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace.arms._chain import (
-    ADVANCE_FACTOR,
-    DISTANCE_ROUNDING,
-    POSITION,
-    REVOLUTE,
-    SPIN,
-    VELOCITY,
-    forward_kinematics,
-    motion_bounds,
-)
 from cspace.arms._inverse import (
     TINY,
     Branch,
@@ -48,9 +39,19 @@ from cspace.arms._inverse import (
     make_pose_problem,
     make_pose_scratch,
 )
-from cspace.arms._motion_proofs import ArmScene, are_free
+from cspace.arms._proofs.chain import (
+    ADVANCE_FACTOR,
+    DISTANCE_ROUNDING,
+    POSITION,
+    REVOLUTE,
+    SPIN,
+    VELOCITY,
+    forward_kinematics,
+    motion_bounds,
+)
+from cspace.arms._proofs.motion_proofs import ArmScene, are_free
+from cspace.arms._proofs.solids import check_rigid
 from cspace.arms._snapshots import Snapshot
-from cspace.arms._solids import check_rigid
 from cspace.errors import InputError
 from cspace.inside import (
     METRES_PER_RADIAN,

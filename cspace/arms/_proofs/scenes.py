@@ -7,11 +7,11 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from cspace.arms._chain import DISTANCE_ROUNDING, Chain
-from cspace.arms._crossings import NO_TREE, PartTree, SurfaceTree, join_trees
-from cspace.arms._hulls import FIRST_CORNER, STOP_CORNER, Hulls, join_roots
-from cspace.arms._motion_proofs import ArmScene, Solids
-from cspace.arms._solids import Part, Solid
+from cspace.arms._proofs.chain import DISTANCE_ROUNDING, Chain
+from cspace.arms._proofs.crossings import NO_TREE, PartTree, SurfaceTree, join_trees
+from cspace.arms._proofs.hulls import FIRST_CORNER, STOP_CORNER, Hulls, join_roots
+from cspace.arms._proofs.motion_proofs import ArmScene, Solids
+from cspace.arms._proofs.solids import Part, Solid
 from cspace.inside import Floats, Ints
 
 _NO_SURFACE: Final = SurfaceTree(

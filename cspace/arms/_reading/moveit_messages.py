@@ -15,7 +15,7 @@ from typing import Any, Final, TypeAlias
 
 import numpy as np
 
-from cspace.arms._checks import check_distinct
+from cspace.arms._reading.checks import check_distinct
 from cspace.errors import AngleWarning
 from cspace.inside import ContentError, Fields, Floats, Ledger, warn_user
 
@@ -26,7 +26,8 @@ MAX_POSITION_METRES: Final = 1e3
 """Largest coordinate of a position, metres.
 
 There, rounding is 1e-13 m, less than that of a distance of a metre
-(:data:`cspace.arms._chain.DISTANCE_ROUNDING`): a pose in a far frame may lead back to the arm.
+(:data:`cspace.arms._proofs.chain.DISTANCE_ROUNDING`): a pose in a far frame may lead back to the
+arm.
 """
 
 FIELDS: Final = (
