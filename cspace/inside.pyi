@@ -87,6 +87,7 @@ from ._support.arrays import number_parts as number_parts
 from ._support.arrays import reduce_blocks as reduce_blocks
 from ._support.check import AXES as AXES
 from ._support.check import check_count as check_count
+from ._support.check import check_dims as check_dims
 from ._support.check import check_each as check_each
 from ._support.check import check_finite as check_finite
 from ._support.check import check_known as check_known
