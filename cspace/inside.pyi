@@ -13,6 +13,7 @@ from ._files.access import check_output as check_output
 from ._files.access import check_suffix as check_suffix
 from ._files.access import decoding as decoding
 from ._files.access import replacing as replacing
+from ._files.crs import warn_of_likely_degrees as warn_of_likely_degrees
 from ._files.fields import Fields as Fields
 from ._files.fields import Ledger as Ledger
 from ._files.meshes import read_mesh as read_mesh
