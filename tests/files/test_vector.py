@@ -312,9 +312,9 @@ IN_DEGREES = {
 
 @pytest.mark.parametrize("call", IN_DEGREES)
 def test_coordinates_like_degrees_are_warned_of_once_at_every_door(call, tmp_path):
-    with pytest.warns(UnitWarning, match="look like degrees") as caught:
+    with pytest.warns(UnitWarning) as caught:
         IN_DEGREES[call](tmp_path)
-    assert len(caught) == 1
+    assert ["look like degrees" in str(each.message) for each in caught].count(True) == 1
 
 
 def test_small_shapes_far_from_the_origin_of_a_map_are_metres():
