@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from cspace import _outside
 from cspace._files.access import UNKNOWNS
-from cspace._files.crs import warn_of_likely_degrees
+from cspace._files.crs import check_own_crs, warn_of_likely_degrees
 from cspace._grid import FARTHEST_CELL, SLACK, Grid
 from cspace._shapes import Balls, Polygons, Shape, ShapeLike, Voxels, as_shape
 from cspace._support.arrays import Bools, Floats, StrPath, frozen
@@ -430,6 +430,7 @@ class Workspace:
         if isinstance(shapes, Mapping | str) or not isinstance(shapes, Iterable):
             problem = f"is a {type(shapes).__name__}"
             raise InputError("shapes", problem, "it must be a list of shapes")
+        check_own_crs(shapes, "shapes")
         made = [as_shape(shape, name=f"shapes[{index}]") for index, shape in enumerate(shapes)]
         if not made:
             raise InputError("shapes", "is empty", "at least one shape is needed")

@@ -61,6 +61,13 @@ def check_crs(crs: Any, name: str) -> None:
     )
 
 
+def check_own_crs(source: Any, name: str) -> None:
+    """Check the reference system of an object that has one, as those of geopandas."""
+    crs = getattr(source, "crs", None)
+    if crs is not None:
+        check_crs(crs, name)
+
+
 def _may_be_metres(text: str) -> bool:
     """Return False if pyproj is installed, and knows the system in other units."""
     try:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from cspace._files.access import decoding, read_text
-from cspace._files.crs import check_crs
+from cspace._files.crs import check_crs, check_own_crs
 from cspace._files.fields import Fields, Ledger
 from cspace._files.geometries import check_shapes, make_curve_error, split_parts
 from cspace._files.plain import check_nesting, read_json
@@ -120,9 +120,7 @@ def _iterate_geometries(source: Any, name: str) -> Iterator[tuple[str, BaseGeome
     """Yield name and shape of every geometry in `source`."""
     import shapely
 
-    crs = getattr(source, "crs", None)  # of geopandas
-    if crs is not None:
-        check_crs(crs, name)
+    check_own_crs(source, name)
     if isinstance(source, shapely.Geometry):
         yield name, source
     elif isinstance(source, Mapping):

@@ -343,8 +343,9 @@ class Geometries:
 
 
 def test_a_column_of_geometries_is_read_with_its_reference_system():
-    with pytest.raises(GeometryError, match="reference system EPSG:4326"):
-        Workspace.from_polygons(Geometries(HOUSES, "EPSG:4326"), 1e-4)
+    for read in (Workspace.from_polygons, Workspace.from_shapes):
+        with pytest.raises(GeometryError, match="reference system EPSG:4326"):
+            read(Geometries(HOUSES, "EPSG:4326"), 1e-4)
     assert read_shapes(Geometries([L_SHAPE], "EPSG:32632")) == [L_SHAPE]
 
 
