@@ -13,6 +13,7 @@ from ._files.access import check_output as check_output
 from ._files.access import check_suffix as check_suffix
 from ._files.access import decoding as decoding
 from ._files.access import replacing as replacing
+from ._files.crs import warn_of_likely_degrees as warn_of_likely_degrees
 from ._files.fields import Fields as Fields
 from ._files.fields import Ledger as Ledger
 from ._files.meshes import read_mesh as read_mesh
@@ -88,6 +89,7 @@ from ._support.arrays import number_parts as number_parts
 from ._support.arrays import reduce_blocks as reduce_blocks
 from ._support.check import AXES as AXES
 from ._support.check import check_count as check_count
+from ._support.check import check_dims as check_dims
 from ._support.check import check_each as check_each
 from ._support.check import check_finite as check_finite
 from ._support.check import check_known as check_known

@@ -1254,9 +1254,10 @@ def _check_limits(
     Shape () is for the whole translation. ``known`` are the defaults of axes.
     """
     axes = path.axes[:dim]
-    if isinstance(value, str | os.PathLike) or (
-        isinstance(value, Mapping) and "joint_limits" in value
-    ):
+    holds_tables = isinstance(value, Mapping) and any(
+        isinstance(each, Mapping) for each in value.values()
+    )
+    if holds_tables or isinstance(value, str | os.PathLike):
         value = read_joint_limits(value, name, dict(zip(axes, path.units, strict=False)))
     finite = {axis: known[axis] for axis in axes if math.isfinite(known.get(axis, math.inf))}
     limits = check_each({} if value is None else value, name, axes, finite)

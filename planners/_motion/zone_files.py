@@ -20,6 +20,7 @@ from cspace.inside import (
     decoding,
     read_document,
     read_zones,
+    warn_of_likely_degrees,
     warn_user,
 )
 from cspace.ros import read_mask
@@ -43,7 +44,8 @@ def read_zone_file(path: StrPath, speed: str | None) -> list[Zone]:
     file = os.fspath(path)
     document = read_document(path, "file of zones")
     if not isinstance(document, dict) or "zoneSet" not in document:
-        as_shape(path)  # refuses all that is wrong with its coordinates
+        areas = as_shape(path)  # refuses all that is wrong with its coordinates
+        warn_of_likely_degrees(areas.outer.bounds, file)
         return list(_iterate_features(document, file, speed))
     if speed is not None:
         rule = "zone sets of VDA 5050 have maximumSpeed"

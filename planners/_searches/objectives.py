@@ -23,6 +23,7 @@ from cspace.inside import (
     DistanceTable,
     Floats,
     as_contiguous,
+    check_dims,
     check_finite,
     check_not_negative,
     check_positive,
@@ -58,7 +59,8 @@ class WeightedLength:
     Raises
     ------
     InputError
-        If a number is not finite; by a plan, if the array has another shape than its map.
+        If a number is not finite, or dimensions with names are not x, y (and z); by a plan, if the
+        array has another shape than its map.
 
     Examples
     --------
@@ -77,6 +79,7 @@ class WeightedLength:
 
     def __post_init__(self) -> None:
         """Keep an array of floats."""
+        check_dims(self.costs, "costs")
         costs = as_contiguous(check_finite(self.costs, "costs"))
         object.__setattr__(self, "costs", costs)
 
