@@ -170,14 +170,6 @@ class CSpace(ConfigurationMap):
         return self._contents.ground
 
     @property
-    def floor(self) -> float | None:
-        """Height of the reference point of a robot in space that drives on a floor, metres.
-
-        None for all other maps. See :func:`cspace.build`.
-        """
-        return self._contents.floor
-
-    @property
     def _map_contents(self) -> Contents:
         """The contents of the map."""
         return self._contents

@@ -600,10 +600,15 @@ def _place_near(
     if near.space.axes != axes:
         problem = f"is of a map of {', '.join(near.space.axes)}"
         raise InputError("speed", problem, f"the plan has {', '.join(axes)}")
-    robots = near.space.drawn_robot, space.drawn_robot
-    if robots[0] is not robots[1] and robots[0].shape.spec != robots[1].shape.spec:
-        problem = f"is of a map for a {robots[0].name}"
-        raise InputError("speed", problem, f"the plan is for a {robots[1].name}")
+    # Obstacles in the plane meet the footprint of a robot on a floor, whatever their heights.
+    own = space.drawn_robot if near.space.floor is None else space.robot
+    other = near.space.robot
+    if other is not own and other.shape.spec != own.shape.spec:
+        problem = f"is of a map for another robot, a {other.name}"
+        raise InputError("speed", problem, f"the plan is for a {own.name}")
+    if near.space.floor not in (None, space.floor):
+        problem = f"is of a map with floor={near.space.floor!r}"
+        raise InputError("speed", problem, f"the plan has floor={space.floor!r}")
     _check_frame("speed", near.space.frame_id, frame_id)
     lever = _measure_size(near.space) if near.space.rotations.names else 0.0
     return NearRule(near, lever, 2.0 * space.resolution)
