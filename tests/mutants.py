@@ -1122,10 +1122,16 @@ MUTANTS = (
         "tests/cpp/nav2/test_nav2.py",
     ),
     Mutant(
-        "ros/cspace_nav2/include/cspace_nav2/drives.hpp",
-        "(straight - segment(path.type_, k)) * path.length_[k]",
-        "(segment(path.type_, k) - straight) * path.length_[k]",
-        "tests/cpp/nav2/test_nav2.py",
+        "ros/cspace_nav2/include/cspace_nav2/curves.hpp",
+        "sign * mirror * steering * length",
+        "sign * steering * length",
+        "tests/cpp/nav2/test_curves.py",
+    ),
+    Mutant(
+        "ros/cspace_nav2/include/cspace_nav2/curves.hpp",
+        "return Lengths{t, -quarter, 2.0 - straight, phi - quarter - t};",
+        "return Lengths{t, -quarter, straight - 2.0, phi - quarter - t};",
+        "tests/cpp/nav2/test_curves.py",
     ),
     Mutant(
         "ros/cspace_nav2/include/cspace_nav2/lattice.hpp",
