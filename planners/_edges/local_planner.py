@@ -393,22 +393,6 @@ class LocalPlanner:
         """Bound the obstacle distance along a proven path from below."""
         return self.space.path_obstacle_distance(self.insert_breakpoints(path))
 
-    def may_join(self, exists: bool | None) -> bool:
-        """Return False if no proven edges can join start and goal.
-
-        ``exists`` is what :meth:`cspace.Space.path_exists` says. Unless the geometry decides, an
-        edge of any drive is proven only if every closed cell that it touches is FREE. The cells of
-        the grid that contain a point of the edge form a block in position and rotation, so they are
-        joined through sides. Along the edge, the cells change only at points that lie in both the
-        old and the new cells. So all cells of a path, start and goal included, belong to one
-        component of FREE cells, and ``exists`` is True. No path leaves the grid, even if the
-        outside is free. Start and goal lie in the grid, straight edges between such points stay
-        there, and curves that leave it are not proven.
-        """
-        if self.exact:
-            return exists is not False
-        return exists is True
-
 
 def _wrap_arguments(
     check: Callable[..., bool], periodic_axes: Sequence[bool]

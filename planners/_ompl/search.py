@@ -28,7 +28,7 @@ from planners._ompl.states import find_state_kind
 from planners._searches.objectives import MakeObjective
 from planners._searches.paths import MAX_SHORTENING, reached_goal, unwind
 from planners._searches.shortening import shorten
-from planners._task import NO_SEARCH, PlanTask, SearchResult, is_certain
+from planners._task import NO_SEARCH, PlanTask, SearchResult
 
 GRACE_SECONDS: Final = 0.1
 """Seconds from a deadline until callbacks raise an exception."""
@@ -140,19 +140,19 @@ def repeat_draws() -> Iterator[None]:
         set_seed(next_seed)
 
 
-def run_ompl(task: PlanTask, may_exist: Callable[[], bool]) -> SearchResult:
+def run_ompl(task: PlanTask) -> SearchResult:
     """Search by OMPL for a path from start to goal.
 
-    The path leads from the first configuration to any other. A long search asks once whether a path
-    ``may_exist``. The limit covers the search and the simplification, but neither
-    caches of the map, that answer nor compilation.
+    The path leads from the first configuration to any other. A long search asks the task once
+    whether it may succeed. The limit covers the search and the simplification, but neither caches
+    of the map, that answer nor compilation.
     """
     with _silence():
         edges = task.edges
         ends = task.endpoints[:2]
         if not edges.reverses and SKILLS[task.planner].is_bidirectional:
             task = replace(task, edges=replace(edges, bidirectional=True))
-        run = _Run(task, may_exist)
+        run = _Run(task)
         # OMPL's SORRTstar never returns once it has found a path of the least possible length.
         if run.by_length and edges.weights is None and edges.edge_checker()(*ends[0], *ends[1]):
             path = unwind(np.array(ends), edges.space.is_periodic)
@@ -163,9 +163,8 @@ def run_ompl(task: PlanTask, may_exist: Callable[[], bool]) -> SearchResult:
 class _Run:
     """OMPL's objects for one search, and its deadline."""
 
-    def __init__(self, task: PlanTask, may_exist: Callable[[], bool]) -> None:
+    def __init__(self, task: PlanTask) -> None:
         self._task = task
-        self._may_exist = may_exist
         self._edges = task.edges
         self._kind = find_state_kind(task.edges.space)
         drives = task.edges.has_heading
@@ -200,7 +199,7 @@ class _Run:
             self._run_planner(first_planner, task.limit.share(0.1), None)
             if setup.haveExactSolutionPath():
                 best = self._improve(setup.getSolutionPath())
-                self._may_exist = is_certain
+                self._task = replace(task, existence=None)
             setup.getProblemDefinition().clearSolutionPaths()
         left = self._deadline.end - now()
         if best is None or left.is_left:
@@ -264,7 +263,7 @@ class _Run:
             # The answer takes no time of the limit.
             asks_at = NEVER
             asked = now()
-            if not self._may_exist():
+            if not self._task.may_succeed():
                 return True
             waited = now() - asked
             end += waited

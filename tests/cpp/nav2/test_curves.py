@@ -5,8 +5,8 @@ import subprocess
 import numpy as np
 import pytest
 
-from planners._car_curves import MAX_GAP
-from planners._cars import CarCurves
+from planners._edges.car_curves import MAX_GAP
+from planners._edges.cars import CarCurves
 from tests.fuzz.curves import drive
 from tests.helpers.cpp import SANITIZERS, build_program, why_no_compiler
 from tests.helpers.drives import CURVES, make_drive

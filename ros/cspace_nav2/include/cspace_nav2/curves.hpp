@@ -1,7 +1,7 @@
 /// @file curves.hpp
 /// Arcs that robots drive, and the shortest curves of cars (L. E. Dubins, 1957; J. A. Reeds and L. A. Shepp, 1990).
 ///
-/// The curves are those of `planners/_car_curves.py`, with its names.
+/// The curves are those of `planners/_edges/car_curves.py`, with its names.
 #ifndef CSPACE_NAV2_CURVES_HPP
 #define CSPACE_NAV2_CURVES_HPP
 
