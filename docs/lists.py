@@ -7,14 +7,14 @@ from collections.abc import Callable, Iterable, Mapping
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import Any, get_args
 
 import cspace
 import cspace._files
 from cspace._files.formats import ROBOT_FORMATS, WORKSPACE_FORMATS
 from cspace._shapes.primitives import SHORTHANDS
 from cspace.export._writers import EXPORT_FORMATS
-from planners._catalogue import SKILLS, SPACE_KINDS, SUPPORTED, Skills, has_range
+from planners._catalogue import SPACE_KINDS, SUPPORTED, PlannerName, find_planner
 
 DOCS = Path(__file__).parent
 MARKED = re.compile(r"(<!-- list: (.+?) -->\n).*?(<!-- end of list -->)", re.DOTALL)
@@ -114,13 +114,14 @@ def list_skills() -> Iterable[str]:
         "| planner | `drive` | `objective` | `keep` | `iterations` | `range` |",
         "|---|---|---|---|---|---|",
     )
-    names: dict[tuple[Skills, bool], list[str]] = {}
-    for name, skills in SKILLS.items():
-        names.setdefault((skills, has_range(name)), []).append(name)
-    for (skills, ranges), alike in names.items():
-        options = [", ".join(words) for words in skills[:3]]
-        settings = ["yes" if taken else "no" for taken in (skills.iterations, ranges)]
-        yield f"| {' | '.join([', '.join(alike), *options, *settings])} |"
+    alike: dict[str, list[str]] = {}
+    for planner in map(find_planner, get_args(PlannerName)):
+        options = [", ".join(words) for words in planner.list_taken().values()]
+        settings = [planner.counts_iterations, planner.has_range]
+        row = [*options, *("yes" if setting else "no" for setting in settings)]
+        alike.setdefault(" | ".join(row), []).append(planner.name)
+    for row, names in alike.items():
+        yield f"| {', '.join(names)} | {row} |"
 
 
 def list_supported() -> Iterable[str]:

@@ -7,15 +7,17 @@ import math
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import replace
+from typing import cast
 
 import numpy as np
 
 from cspace import CSpace, Space
 from cspace.errors import InputError
-from cspace.inside import Car, ConfigurationMap, Differential
-from planners._catalogue import GRID, LATTICE, LENGTH, Search
+from cspace.inside import ConfigurationMap
+from planners._catalogue import PlannerName, Search
 from planners._edges.drives import local_planner
 from planners._edges.local_planner import Endpoints, LocalPlanner
+from planners._searches.objectives import LENGTH
 from planners._task import DEFAULT_SECONDS, PlanTask, SearchResult
 
 
@@ -33,7 +35,7 @@ def describe_failure(
     edges = task.edges
     existence = "a path exists" if is_connected else "undecided whether one exists"
     limits: list[str] = []
-    if edges.drive is not None:
+    if edges.has_heading:
         limits = _describe_free_yaws(edges, task.endpoints)
         if is_connected:
             existence = "one exists for a robot that also moves sideways"
@@ -65,17 +67,17 @@ def _list_hints(
     more = _name_more(task, is_late)
     if not isinstance(edges.space, ConfigurationMap):
         return [more, "another seed", "a larger tolerance" if task.keep else "another planner"]
-    if edges.drive is None and is_connected:
-        if task.planner == GRID or callable(task.objective):
+    if is_connected and not edges.has_heading:
+        if task.planner.name == edges.search or callable(task.objective):
             return [more]
-        return [f"planner={GRID!r}, which finds one", more]
+        return [f"planner={edges.search!r}, which finds one", more]
     if options := _try_options(task, is_connected, finds_path):
         return [f"{options}, which finds a path"]
     if not is_connected:
         return _list_undecided_hints(task, more)
     hints = _list_drive_hints(task)
     # More time does not help Lattice if its search ended before.
-    if is_late or task.planner != LATTICE or task.fallback is not None:
+    if is_late or task.planner.name != edges.search or task.fallback is not None:
         return [more, *hints]
     return hints
 
@@ -83,7 +85,7 @@ def _list_hints(
 def _name_more(task: PlanTask, is_late: bool) -> str:
     """Name more time, or more iterations if these ended the search."""
     if task.iterations is not None and not is_late:
-        name = task.planner if task.is_named else None
+        name = cast(PlannerName, task.planner.name) if task.is_named else None
         search = Search(name, 10 * task.iterations, task.simplify, task.range)
         return f"more iterations by planner=planners.{search}"
     seconds = DEFAULT_SECONDS if task.time_limit is None else task.time_limit
@@ -93,8 +95,7 @@ def _name_more(task: PlanTask, is_late: bool) -> str:
 def _list_drive_hints(task: PlanTask) -> list[str]:
     """List hints, except more time, for a drive that is not holonomic."""
     hints = [_name_finer(task.edges.space), *_list_exact_hints(task)]
-    if isinstance(task.edges.drive, Car):
-        hints.append("a smaller turning_radius")
+    hints += task.edges.hints
     if task.is_named:
         hints.append("the default planner")
     return hints
@@ -133,9 +134,7 @@ def _list_trials(task: PlanTask, is_connected: bool) -> Iterator[tuple[PlanTask,
     edges = task.edges
     space = edges.space
     proofs = dict.fromkeys([edges.exact, edges.exact or edges.cells.tries_exact])
-    others = [edges.drive]
-    if edges.drive is not None and not edges.reverses:
-        others.append(replace(edges.drive, reverse=True))
+    others = edges.list_drives()
     for exact, drive in itertools.product(proofs, others if isinstance(space, CSpace) else ()):
         other = local_planner(space.exact if exact else space, drive)
         other = replace(other, weights=edges.weights)
@@ -155,7 +154,7 @@ def _list_trials(task: PlanTask, is_connected: bool) -> Iterator[tuple[PlanTask,
         if task.is_named:
             yield trial, " with ".join(changes)
             changes.append("the default planner")
-        yield replace(trial, planner=other.tree_planner, is_named=False), " with ".join(changes)
+        yield replace(trial, is_named=False), " with ".join(changes)
 
 
 def _list_exact_hints(task: PlanTask) -> list[str]:
@@ -189,7 +188,7 @@ def _describe_free_yaws(edges: LocalPlanner, endpoints: Endpoints) -> list[str]:
         # Bounds are rounded inwards, to milliradians.
         interval = f"{math.ceil(1e3 * low) / 1e3:g} to {math.floor(1e3 * high) / 1e3:g} rad"
         limit = f"at the {name} only yaws {interval} are proven free"
-        if isinstance(edges.drive, Differential):
+        if edges.turns_on_spot:
             limit += ", too few to turn around"
         limits.append(limit)
     return limits

@@ -30,7 +30,6 @@ from cspace.inside import (
     METRES_PER_RADIAN,
     NEVER,
     Bools,
-    Car,
     ConfigurationMap,
     Endpoint,
     Floats,
@@ -560,7 +559,7 @@ def begin_in_rooms(edges: LocalPlanner, path: Floats, rooms: Sequence[Room]) -> 
     """
     if all(room.is_point for room in rooms):
         return path
-    if edges.drive is None:
+    if not edges.has_heading:
         cut = end_in_rooms(edges, path[::-1], rooms)[::-1]
         return cut if edges.are_free(cut) else path
     inside = np.any([room.contains(edges.space, path) for room in rooms], axis=0)
@@ -607,16 +606,14 @@ def find_room_goals(
     goals = gather_goals(name, rooms, lambda room, _: room.find_goals(edges, start))
     space = edges.space
     rows = turn_near(np.array(goals), np.array(start), space.is_periodic)
-    if edges.drive is None and len(rooms) == 1:
+    if not edges.has_heading and len(rooms) == 1:
         return [tuple(q) for q in rows.tolist()]
-    if edges.drive is None and all(room.is_point for room in rooms):
+    if not edges.has_heading and all(room.is_point for room in rooms):
         costs = np.array([edges.min_length(np.array(start), row) for row in rows])
     else:
         costs = METRES_PER_RADIAN * _measure_turns(space, start, rows)
         costs += _measure_lengths(edges, start, rows)
-    if isinstance(edges.drive, Car):
-        ways = edges.edge_lengths(np.broadcast_to(start, rows.shape), rows)
-        costs = np.maximum(costs, ways)
+    costs = np.maximum(costs, edges.curve_lengths(np.broadcast_to(start, rows.shape), rows))
     return [tuple(q) for q in rows[np.argsort(costs, kind="stable")].tolist()]
 
 
@@ -650,10 +647,8 @@ def find_routes(
 
 def _estimate_length(edges: LocalPlanner, start: Floats, goal: Floats) -> float:
     """Estimate the length of a path, with weighted rotations."""
-    least = edges.min_length(start, goal)
-    if not isinstance(edges.drive, Car):
-        return least
-    return max(least, float(edges.edge_lengths(start[np.newaxis], goal[np.newaxis])[0]))
+    curve = edges.curve_lengths(start[np.newaxis], goal[np.newaxis])[0]
+    return max(edges.min_length(start, goal), float(curve))
 
 
 def _pair_rooms(edges: LocalPlanner, start: Room, goal: Room) -> list[Endpoints]:

@@ -6,7 +6,7 @@ import math
 import time
 from bisect import bisect_left
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import nullcontext, suppress
+from contextlib import suppress
 from dataclasses import replace
 from numbers import Number
 from typing import TYPE_CHECKING, Final, NamedTuple, cast
@@ -14,20 +14,16 @@ from typing import TYPE_CHECKING, Final, NamedTuple, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace import CSpace, Goal, Space
+from cspace import Goal, Space
 from cspace.errors import ConfigurationError, InputError
 from cspace.inside import (
     NEVER,
-    Car,
     ConfigurationMap,
-    ConfigurationSpace,
-    Differential,
     Drive,
     Effort,
     Endpoint,
     Floats,
     PlaceLike,
-    SearchOptions,
     check_count,
     frozen,
     gather_goals,
@@ -38,27 +34,20 @@ from cspace.inside import (
 )
 from cspace.inside import Upright as Upright
 from planners._catalogue import (
-    BUILT_IN_SEARCHES,
-    GRID,
-    LATTICE,
-    LENGTH,
-    MAX_CLEARANCE,
     NEAR_START,
-    OWN_SPACES,
-    SKILLS,
     TILED_MAPS,
     PlannerName,
     Search,
-    Skills,
-    check_skills,
     check_support,
+    find_planner,
     find_space_kind,
+    list_searches,
     planner_named,
     planner_names,
 )
-from planners._edges.drives import has_drives, local_planner
+from planners._edges.drives import DRIVES, has_drives, local_planner
 from planners._edges.local_planner import MAX_RADIANS, Endpoints, LocalPlanner
-from planners._edges.own_space import check_found_path, check_space
+from planners._edges.own_space import check_space
 from planners._goals import (
     MAX_TRIED_GOALS,
     Near,
@@ -74,14 +63,13 @@ from planners._goals import (
     split_places,
 )
 from planners._result import Plan, Times
-from planners._searches.objectives import ObjectiveLike, name_kind, read_objective
+from planners._searches.objectives import LENGTH, ObjectiveLike, name_kind, read_objective
 from planners._searches.paths import drop_repeats, reached_goal, skip_points, unwind
 from planners._searches.shortening import shorten
 from planners._stages import Existence, Stage
-from planners._task import DEFAULT_SECONDS, NO_EFFORT, NO_SEARCH, PlanTask, SearchResult
+from planners._task import DEFAULT_SECONDS, NO_EFFORT, Planner, PlanTask, SearchResult
 
 if TYPE_CHECKING:
-    from planners._edges.driven import DrivenEdges
     from planners._motion.speed_limits import SpeedLike
 
 QUICK_PLANNER: Final[PlannerName] = "RRTConnect"
@@ -151,21 +139,11 @@ def choices(space: Space) -> Choices:
     >>> workspace = cspace.Workspace.from_array(np.eye(30, dtype=bool), 0.1)
     >>> choices = planners.choices(cspace.build(workspace, cspace.Robot.disc(0.2)))
     >>> choices.planners[-2:], choices.drives
-    (('Grid', 'MaxClearance'), ())
+    (('SORRTstar', 'Grid'), ())
     """
     check_space(space)
-    planners = (*planner_names(), *_list_searches(space))
-    return Choices(planners, (Differential, Car) if has_drives(space) else ())
-
-
-def _list_searches(space: Space) -> tuple[PlannerName, ...]:
-    """List the built-in searches for a space."""
-    names = space.searches
-    if isinstance(space, ConfigurationMap):
-        names = (GRID, MAX_CLEARANCE) if isinstance(space, CSpace) else (GRID,)
-    if has_drives(space):
-        names = (*names, LATTICE)
-    return cast(tuple[PlannerName, ...], names)
+    planners = (*planner_names(), *list_searches(space))
+    return Choices(planners, tuple(DRIVES) if has_drives(space) else ())
 
 
 @names_options
@@ -207,7 +185,7 @@ def plan(
         that is not free.
     planner : str or Search, optional
         Name, in upper or lower case, of a planner of OMPL (:func:`planners.choices`) or of a
-        built-in search: "Grid", "MaxClearance" and "Lattice" on maps, "BiRRT" for arms.
+        built-in search: "Grid" and "Lattice" on maps, "BiRRT" for arms.
         :class:`planners.Search` is one with settings.
     time_limit : float, optional
         Seconds after which the search ends. Simplification then has another 0.1 s. Work that a map
@@ -286,11 +264,16 @@ def plan(
         edges = replace(edges, space=space.keep(kept))
     search = planner if isinstance(planner, Search) else Search()
     name = search.name if isinstance(planner, Search) else planner
+    weigh = read_objective(objective, speed, space)
+    if name is None:
+        chosen = _choose_planner(edges, objective, search)
+    else:
+        chosen = planner_named(name, space.searches)
     task = PlanTask(
         edges=edges,
-        planner=planner_named(edges.tree_planner if name is None else name, space.searches),
+        planner=find_planner(chosen),
         objective=objective,
-        weigh=read_objective(objective, speed, space),
+        weigh=weigh,
         limit=Effort.within(time_limit, DEFAULT_SECONDS),
         time_limit=None if time_limit is None else float(time_limit),
         iterations=search.iterations,
@@ -310,8 +293,6 @@ def plan(
     places = _check_places(via, goal, task)
     origin, moved = _check_start(task, origins)
     ends = [_check_stage(task, name, place, origin.rooms[0]) for name, place in places]
-    if drive is not None:
-        import planners._searches.lattice  # noqa: F401 - a search would import it later, on its time
     task = replace(task, edges=_weigh_edges(task, task.edges))
     if task.seed is not None:
         from planners._ompl.search import set_seed
@@ -385,10 +366,10 @@ def _check_previous(task: PlanTask, previous: Plan) -> Floats:
             f"has the axes ({', '.join(previous.axes)}) and space is {space!r}",
             "it is a plan for the axes of the space, which is in memory",
         )
-    if callable(task.objective) or task.planner == MAX_CLEARANCE:
+    if callable(task.objective):
         raise InputError(
             "previous",
-            f"is a plan, the objective {task.objective!r} and the planner {task.planner!r}",
+            f"is a plan, and the objective {task.objective!r}",
             "a path along a previous one is short, or cheap by the cost of cells",
         )
     kind = name_kind(task.objective)
@@ -400,41 +381,29 @@ def _check_previous(task: PlanTask, previous: Plan) -> Floats:
 
 def _choose_searches(task: PlanTask) -> PlanTask:
     """Choose a planner if none is named, and a fallback; check the options of the planner."""
-    space = task.edges.space
-    default = task.planner
+    edges = task.edges
+    space = edges.space
     if not task.is_named:
-        task = replace(task, planner=_choose_planner(task))
-    searches = _list_searches(space)
-    name = task.planner
-    if name in BUILT_IN_SEARCHES and name not in searches:
+        search = Search(iterations=task.iterations)
+        task = replace(task, planner=find_planner(_choose_planner(edges, task.objective, search)))
+    planner = task.planner
+    if not planner.takes_space(space):
         raise InputError(
             "planner",
-            f"is {name!r} and space is {space!r}",
-            f"its built-in searches are {', '.join(searches) or 'none'}",
+            f"is {planner.name!r} and space is {space!r}",
+            f"its built-in searches are {', '.join(list_searches(space)) or 'none'}",
         )
-    objective = task.objective
-    kind = name_kind(objective)
-    check_skills(name, task.edges, objective, kind, task.keep, task.is_named)
-    if name not in searches:
-        _check_states(task.edges)
-    elif find_space_kind(space) == OWN_SPACES:
-        from planners._ompl.states import find_state_kind
-
-        find_state_kind(space)  # refuses poses whose axes are in another order
+    planner.check(task)
+    planner.prepare(task)
     # Grid finds each path of a robot that does not turn through FREE cells.
-    may_fail = task.edges.exact or bool(space.rotations.names)
-    if name != default and may_fail and isinstance(space, ConfigurationMap):
+    may_fail = edges.exact or bool(space.rotations.names)
+    is_default = not task.is_named and planner.name != edges.tree_planner
+    if is_default and may_fail and isinstance(space, ConfigurationMap):
         with suppress(InputError):  # the space may be too small for OMPL
-            _check_states(task.edges)
-            task = replace(task, fallback=default)
+            fallback = find_planner(edges.tree_planner)
+            fallback.prepare(task)
+            task = replace(task, fallback=fallback)
     return task
-
-
-def _check_states(edges: LocalPlanner) -> None:
-    """Raise InputError for poses and extents that OMPL has no states for."""
-    from planners._ompl.setup import make_bounded_states
-
-    make_bounded_states(edges)
 
 
 def _check_places(
@@ -517,13 +486,11 @@ def _check_stage(task: PlanTask, name: str, place: PlaceLike, start: Room) -> St
     return Stage(name, goals, rooms, list_all_rooms(space, places, goals))
 
 
-def _choose_planner(task: PlanTask) -> PlannerName:
+def _choose_planner(edges: LocalPlanner, objective: ObjectiveLike, search: Search) -> str:
     """Choose the planner of a plan that names none.
 
     Raises InputError for a function, which no default planner minimises.
     """
-    edges = task.edges
-    objective = task.objective
     if callable(objective):
         raise InputError(
             "objective",
@@ -531,17 +498,17 @@ def _choose_planner(task: PlanTask) -> PlannerName:
             "the default planners take no function",
         )
     if not isinstance(edges.space, ConfigurationMap):
-        searches = _list_searches(edges.space)
-        return searches[0] if searches else task.planner
-    search: PlannerName = edges.search
+        return next(iter(edges.space.searches), edges.tree_planner)
     if objective != LENGTH:
-        if task.iterations is not None:
-            problem = f"is {task.iterations} and objective is {objective!r}"
-            raise InputError("iterations", problem, f"{search}, its default planner, counts none")
-        return search
-    if task.iterations is not None or (edges.exact and isinstance(edges.drive, Differential)):
-        return task.planner
-    return search
+        if search.iterations is not None:
+            problem = f"is {search.iterations} and objective is {objective!r}"
+            rule = f"{edges.search}, its default planner, counts none"
+            raise InputError("iterations", problem, rule)
+        return edges.search
+    # The lattice proves turns on the spot by cells alone.
+    if search.iterations is not None or (edges.exact and edges.turns_on_spot):
+        return edges.tree_planner
+    return edges.search
 
 
 class Journey(NamedTuple):
@@ -597,7 +564,7 @@ def _find_legs(
     stages = existence.stages
     starts = stages[0].rooms
     # FREE cells tell at once that an end leads no further; other searches take long to end.
-    is_slow = task.edges.exact or task.edges.drive is not None
+    is_slow = task.edges.exact or task.edges.has_heading
     legs: list[Leg] = []
     best: list[Leg] = []
     searched: list[SearchResult] = []
@@ -644,7 +611,7 @@ def _limit_leg(task: PlanTask, limit: Effort, hurries: bool) -> PlanTask:
 
     It has no fallback then, or half of the time unless the planner would use all of it anyway.
     """
-    if hurries and task.fallback is None and not SKILLS.get(task.planner, Skills()).optimises:
+    if hurries and task.fallback is None and not task.planner.optimises:
         limit = limit.share(GOAL_SHARE)
     return replace(task, limit=limit, fallback=None if hurries else task.fallback)
 
@@ -766,8 +733,12 @@ def _may_cost_less(
     if edges.weights is not None:
         path = best.result.path
         is_told &= (1.0 - MAX_SAVING) * edges.path_cost(path) <= edges.path_length(path)
-    is_holonomic = edges.drive is None
-    if is_holonomic and is_told and not onward and _share_rooms(task, route, best.result.path):
+    if (
+        not edges.has_heading
+        and is_told
+        and not onward
+        and _share_rooms(task, route, best.result.path)
+    ):
         bound = min(bound, (1.0 - MAX_SAVING) * best.least)
     return least < bound
 
@@ -787,7 +758,7 @@ def _limit_route(
     limit = _measure_left(task, results)
     if not is_last:
         limit = limit.share(GOAL_SHARE)
-    if best.proven and task.edges.drive is not None:
+    if best.proven and task.edges.has_heading:
         work = max(FURTHER_FACTOR * best.planning.work, MIN_FURTHER.work)
         limit = limit.at_most(Effort(work, math.inf))
     return limit
@@ -849,7 +820,7 @@ def _search_tiles(task: PlanTask) -> SearchResult:
     Grid takes over in a tile where a planner of OMPL finds no path of a holonomic robot.
     """
     edges = task.edges
-    is_holonomic = edges.drive is None
+    is_holonomic = not edges.has_heading
     parts = edges.tiles.subproblems(*task.endpoints[:2])
     paths: list[Floats] = []
     results: list[SearchResult] = []
@@ -861,9 +832,10 @@ def _search_tiles(task: PlanTask) -> SearchResult:
         if (
             not results[-1].proven
             and is_holonomic
-            and task.planner not in _list_searches(part.space)
+            and task.planner.name not in list_searches(part.space)
         ):
-            results.append(_search_and_prove(replace(part_task, planner=GRID)))
+            grid = find_planner("Grid")
+            results.append(_search_and_prove(replace(part_task, planner=grid)))
         paths.append(results[-1].path if not paths else results[-1].path[1:])
         if len(parts) == 1:
             return _sum_times(results[-1], results)
@@ -895,8 +867,10 @@ def _search(task: PlanTask) -> SearchResult:
         results.append(_follow_previous(task))
         if len(results[0].path):
             return results[0]
-    if task.fallback == QUICK_PLANNER and task.edges.space.rotations.names:
-        results.append(_search_quickly(task))
+    fallback = task.fallback
+    is_quick = fallback is not None and fallback.name == QUICK_PLANNER
+    if fallback is not None and is_quick and task.edges.space.rotations.names:
+        results.append(_search_quickly(task, fallback))
         if len(results[-1].path):
             task = replace(task, existence=None)  # a quick path saves labelling the cells
     limit = _measure_left(task, results)
@@ -912,12 +886,12 @@ def _search(task: PlanTask) -> SearchResult:
     return _choose_cheapest(task, results)
 
 
-def _search_quickly(task: PlanTask) -> SearchResult:
+def _search_quickly(task: PlanTask, planner: Planner) -> SearchResult:
     """Search for a first path, a short one."""
     task = replace(
         task,
         edges=replace(task.edges, weights=None),
-        planner=QUICK_PLANNER,
+        planner=planner,
         is_named=False,
         iterations=QUICK_ITERATIONS,
         limit=task.limit.share(EXACT_SHARE),
@@ -940,30 +914,7 @@ def _sum_planning(results: Sequence[SearchResult]) -> Effort:
 
 def _run_planner(task: PlanTask) -> SearchResult:
     """Search by the planner of a task alone."""
-    edges = task.edges
-    name = task.planner
-    if name not in _list_searches(edges.space):
-        from planners._ompl.search import repeat_draws, run_ompl
-
-        # Without a seed, the searches of a default plan draw the same numbers each time.
-        is_default = task.seed is None and not task.is_named
-        with repeat_draws() if is_default else nullcontext():
-            return replace(run_ompl(task), planner=name)
-    is_quick = name in (GRID, LATTICE)
-    if (edges.exact or not is_quick) and not task.may_succeed():
-        return SearchResult(np.empty((0, edges.space.size)), planner=name)
-    if name == MAX_CLEARANCE:
-        # A search from the start to itself fills the caches of the map, which the time limit leaves
-        # out.
-        start = task.endpoints[0]
-        _find_path(replace(task, endpoints=(start, start), simplify=False))
-    began = now()
-    path, proof = _find_path(task)
-    if len(path) > 2 and is_over(NEVER):
-        path = path[:0]  # to prove and measure thousands of edges takes long
-    planning = now() - began
-    note = NO_SEARCH if len(path) == 2 and is_quick and edges.weights is None else ""
-    return SearchResult(path, note, planning, lattice=proof, planner=name)
+    return replace(task.planner.find(task), planner=task.planner.name)
 
 
 def _choose_cheapest(task: PlanTask, results: Sequence[SearchResult]) -> SearchResult:
@@ -971,15 +922,15 @@ def _choose_cheapest(task: PlanTask, results: Sequence[SearchResult]) -> SearchR
 
     def measure(result: SearchResult) -> tuple[float, bool]:
         """Return the cost of a path, and whether another planner than the task's found it."""
-        return task.edges.path_cost(result.path), result.planner != task.planner
+        return task.edges.path_cost(result.path), result.planner != task.planner.name
 
     found = [result for result in results if len(result.path)]
     best = min(found, key=measure, default=results[-1])
     note = best.note
-    if found and best.planner != task.planner:
+    if found and best.planner != task.planner.name:
         worse = "a longer one" if task.edges.weights is None else "one that costs more"
         others = f"found {worse}" if len(found) > 1 else "found none"
-        note = f"by {best.planner}, as {task.planner} {others}"
+        note = f"by {best.planner}, as {task.planner.name} {others}"
     lattice = "".join(result.lattice for result in results)
     return _sum_times(replace(best, note=note, lattice=lattice), results)
 
@@ -1062,69 +1013,6 @@ def _join_way(edges: LocalPlanner, start: Floats, way: Floats) -> Floats:
     return way[:0]
 
 
-def _find_path(task: PlanTask) -> tuple[Floats, str]:
-    """Find a path by a built-in search.
-
-    Returns its waypoints, shape (n, size), and what a lattice proves, in words. If no path is
-    found, n is 0.
-    """
-    edges = task.edges
-    limit = task.limit
-    if task.planner == LATTICE:
-        from planners._searches.lattice import find_lattice_path
-
-        driven = cast("DrivenEdges", edges)
-        return find_lattice_path(driven, task.endpoints, task.simplify, limit, task.may_succeed)
-    if isinstance(edges.space, ConfigurationMap):
-        return _search_cells(task), ""
-    options = SearchOptions(task.simplify, edges.exact, task.iterations, task.seed, limit)
-    path = edges.space.search(task.planner, task.endpoints, options)
-    if isinstance(edges.space, ConfigurationSpace):
-        return path, ""
-    path = check_found_path(edges.space, path)
-    if len(path):
-        _check_ends(task, path)
-    return path, ""
-
-
-def _check_ends(task: PlanTask, path: Floats) -> None:
-    """Raise InputError unless a path of a space's own search leads from the start to a goal."""
-    space = task.edges.space
-    rows = space.rotations.make_canonical(path)
-    if reached_goal(rows, task.endpoints, space.is_periodic):
-        return
-    first, last = map(tuple, rows[[0, -1]].tolist())
-    start, *goals = map(str, task.endpoints)
-    problem = f"returned a path from {first} to {last}"
-    rule = f"a path leads from {start} to {' or '.join(goals[:3])}, or has no row"
-    raise InputError("search", problem, rule)
-
-
-def _search_cells(task: PlanTask) -> Floats:
-    """Find a path by "Grid" or "MaxClearance", shape (n, size); n is 0 if none is found in time."""
-    from planners._searches.shortest import find_cheap_path, find_exact_path, find_short_path
-
-    edges = task.edges
-    space = edges.cells
-    endpoints = space.rotations.make_canonical(np.array(task.endpoints))
-    options = task.simplify, task.limit
-    until = now() + task.limit
-    path = endpoints[:0]
-    with suppress(TimeoutError):
-        if task.planner == MAX_CLEARANCE:
-            from planners._searches.widest import find_widest_path
-
-            path = find_widest_path(space, endpoints, *options)
-        elif edges.weights is not None:
-            path = find_cheap_path(edges, endpoints, *options)
-        elif not edges.exact:
-            path = find_short_path(space, endpoints, *options)
-        # FREE cells are clear; if they give no path, the geometry may.
-        if edges.exact and not len(path):
-            path = find_exact_path(space, endpoints, task.simplify, until - now())
-    return path
-
-
 def _describe_outcome(
     task: PlanTask, result: SearchResult, existence: Existence
 ) -> tuple[str, str]:
@@ -1190,7 +1078,7 @@ def _make_plan(journey: Journey, space: Space, moved: Mapping[Endpoint, str], be
         total_rotation=rotation,
         is_connected=is_proven or existence.is_connected,
         is_disconnected=not is_proven and existence.is_disconnected,
-        planner=task.planner,
+        planner=cast(PlannerName, task.planner.name),
         objective="custom" if callable(task.objective) else name_kind(task.objective),
         drive=edges.drive,
         exact=edges.exact,

@@ -49,7 +49,7 @@ class Times:
     """Durations of the steps of :func:`planners.plan`, in seconds.
 
     The time limit applies to planning. The first plan on a map also computes the caches that all
-    later plans use, such as components and, for "MaxClearance", the clearance of every cell. That
+    later plans use, such as components and, for the objective "clearance", that of every cell. That
     takes seconds on a map of 10^8 cells.
 
     Attributes

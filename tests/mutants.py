@@ -299,12 +299,6 @@ MUTANTS = (
         "return y",
         "tests/planners/test_lengths.py",
     ),
-    Mutant(
-        "planners/_searches/widest.py",
-        "near_level = min(level, levels[slice_of[other], i, j, k])",
-        "near_level = levels[slice_of[other], i, j, k]",
-        "tests/planners/test_widest.py",
-    ),
     # Exact geometry.
     Mutant(
         "cspace/_exact/proofs.py",

@@ -80,7 +80,7 @@ def plan(
     ),
     planner: str | None = option(
         None,
-        "Grid, Lattice, MaxClearance, or a planner of OMPL; a wrong name lists them all  [default: "
+        "Grid, Lattice, or a planner of OMPL; a wrong name lists them all  [default: "
         "Grid, or Lattice for other drives than holonomic].",
     ),
     time_limit: float | None = option(

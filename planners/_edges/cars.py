@@ -62,6 +62,7 @@ class CarCurves(DrivenEdges):
     """
 
     drive: Car
+    examples = (Car(1.0, reverse=True), Car(1.0))
     rotation_weight = 0.0
     has_curves = True
     max_gap = MAX_GAP

@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from cspace.inside import METRES_PER_RADIAN, Endpoint, Floats, wrap_angles
+from cspace.inside import METRES_PER_RADIAN, Differential, Endpoint, Floats, wrap_angles
 from planners._edges.driven import DrivenEdges, Motions
 from planners._edges.integrals import CellCost
 from planners._edges.local_planner import wrap_yaw
@@ -34,6 +34,7 @@ class TurnDriveTurn(DrivenEdges):
     alone.
     """
 
+    examples = (Differential(),)
     turns_on_spot = True
 
     @property

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Final
+from typing import Final, cast
 
 from cspace import Space
 from cspace.errors import InputError
@@ -60,6 +60,12 @@ def edges_of(drive: Drive | None) -> type[LocalPlanner]:
     if drive is None:
         return LocalPlanner
     return next(load() for kind, load in DRIVES.items() if isinstance(drive, kind))
+
+
+def list_examples() -> list[LocalPlanner]:
+    """List edges of examples of each drive, without a space, for messages and pages."""
+    kinds: list[type[LocalPlanner]] = [LocalPlanner, *(load() for load in DRIVES.values())]
+    return [kind(cast(Space, None), drive) for kind in kinds for drive in kind.examples]
 
 
 def check_axes(space: Space, axes: tuple[str, ...], owner: str) -> None:

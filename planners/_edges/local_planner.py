@@ -89,6 +89,9 @@ class LocalPlanner:
     rotation_weight: ClassVar[float] = METRES_PER_RADIAN
     """Metres that a radian of rotation adds to an edge's length."""
 
+    examples: ClassVar[tuple[Drive | None, ...]] = (None,)
+    """Drives of this kind, for messages and pages."""
+
     search: ClassVar[Literal["Grid", "Lattice"]] = "Grid"
     """Built-in search of a default plan on a map."""
 

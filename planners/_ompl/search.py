@@ -10,25 +10,27 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import replace
 from functools import partial
-from typing import Any, Final
+from typing import Any, Final, cast
 
 import numpy as np
 from ompl import base as ob
 from ompl import geometric as og
 from ompl import util as ou
 
+from cspace import Space
 from cspace.inside import NEVER, Effort, Floats, is_over, now, spend
-from planners._catalogue import SKILLS, PlannerName
+from planners._catalogue import OmplName
+from planners._edges.local_planner import LocalPlanner
 from planners._ompl.checkers import EdgeCosts
-from planners._ompl.setup import make_setup
+from planners._ompl.setup import make_bounded_states, make_setup
 from planners._ompl.states import find_state_kind
-from planners._searches.objectives import MakeObjective
+from planners._searches.objectives import FUNCTION, MakeObjective
 from planners._searches.paths import MAX_SHORTENING, reached_goal, unwind
 from planners._searches.shortening import shorten
-from planners._task import NO_SEARCH, PlanTask, SearchResult
+from planners._task import NO_SEARCH, WEIGHTED, Planner, PlanTask, SearchResult
 
 GRACE_SECONDS: Final = 0.1
 """Seconds from a deadline until callbacks raise an exception."""
@@ -115,7 +117,7 @@ def make_objective(task: PlanTask) -> MakeObjective | None:
     edges = task.edges
     if callable(task.objective):
         return task.objective
-    if not SKILLS[task.planner].optimises:  # its path is shortened by cost
+    if not task.planner.optimises:  # its path is shortened by cost
         edges = replace(edges, weights=None)
     if edges.weights is None and not edges.turns_on_spot:  # OMPL measures metres alone
         return None
@@ -150,7 +152,7 @@ def run_ompl(task: PlanTask) -> SearchResult:
     with _silence():
         edges = task.edges
         ends = task.endpoints[:2]
-        if not edges.reverses and SKILLS[task.planner].is_bidirectional:
+        if not edges.reverses and cast(OmplPlanner, task.planner).drives_back:
             task = replace(task, edges=replace(edges, bidirectional=True))
         run = _Run(task)
         # OMPL's SORRTstar never returns once it has found a path of the least possible length.
@@ -182,7 +184,7 @@ class _Run:
             is_length = objective.is_length
             objective.edge_cost = deadline.end_late(objective.edge_cost)
         self.by_length = make is None or is_length
-        self._must_beat = make is not None and SKILLS[task.planner].optimises
+        self._must_beat = make is not None and task.planner.optimises
 
     def solve(self) -> SearchResult:
         """Search for a path and simplify it, within the time limit."""
@@ -203,13 +205,13 @@ class _Run:
             setup.getProblemDefinition().clearSolutionPaths()
         left = self._deadline.end - now()
         if best is None or left.is_left:
-            note = self._run_planner(task.planner, left, task.iterations)
+            note = self._run_planner(task.planner.name, left, task.iterations)
         self._deadline.end = NEVER
         solution = setup.getSolutionPath() if setup.haveExactSolutionPath() else None
         if solution is not None and (best is None or self._is_cheaper(solution, best)):
             best = solution
         elif best is not None:
-            note = f"the first one, by {first_planner}, as {task.planner} found none better"
+            note = f"the first one, by {first_planner}, as {task.planner.name} found none better"
         planning = now() - self._began
         if best is None:
             return SearchResult(np.empty((0, self._edges.space.size)), note, planning)
@@ -242,7 +244,7 @@ class _Run:
         setup.setStartState(states[0])
         setup.setGoal(alternatives)
 
-    def _run_planner(self, name: PlannerName, limit: Effort, iterations: int | None) -> str:
+    def _run_planner(self, name: str, limit: Effort, iterations: int | None) -> str:
         """Run a planner of OMPL; return a note if its outcome is unusual."""
         setup = self._setup
         began = now()
@@ -341,3 +343,68 @@ def _silence() -> Iterator[None]:
         yield
     finally:
         ou.setLogLevel(level)
+
+
+class OmplPlanner(Planner):
+    """A planner of OMPL.
+
+    Attributes
+    ----------
+    drives_back : bool
+        Whether it also follows edges from end to start. A robot that turns on the spot only has to
+        turn around for the way back. That of a car is a loop, which is hardly ever free.
+    """
+
+    counts_iterations = True
+
+    def __init__(
+        self, name: OmplName, *, optimises: bool = False, drives_back: bool = False
+    ) -> None:
+        """Declare what OMPL says of the planner."""
+        self.name = name
+        self.drives_back = drives_back
+        self.has_range = hasattr(getattr(og, name), "setRange")
+        if optimises:
+            self.objectives = (*WEIGHTED, FUNCTION)
+
+    @property
+    def optimises(self) -> bool:
+        """Whether it goes on after the first path."""
+        return FUNCTION in self.objectives
+
+    def takes_space(self, space: Space) -> bool:
+        """Return True; :meth:`prepare` refuses poses and extents that OMPL has no states for."""
+        return True
+
+    def takes_drive(self, edges: LocalPlanner) -> bool:
+        """Return whether it searches along the edges of a drive."""
+        return edges.reverses or not (self.drives_back and edges.has_curves)
+
+    def prepare(self, task: PlanTask) -> None:
+        """Raise InputError for poses and extents that OMPL has no states for."""
+        make_bounded_states(task.edges)
+
+    def find(self, task: PlanTask) -> SearchResult:
+        """Search for a path between the endpoints of a task."""
+        # Without a seed, the searches of a default plan draw the same numbers each time.
+        is_default = task.seed is None and not task.is_named
+        with repeat_draws() if is_default else nullcontext():
+            return run_ompl(task)
+
+
+PLANNERS: Final = {
+    planner.name: planner
+    for planner in (
+        OmplPlanner("BITstar", optimises=True),
+        OmplPlanner("BKPIECE1", drives_back=True),
+        OmplPlanner("FMT", optimises=True),
+        OmplPlanner("InformedRRTstar", optimises=True),
+        OmplPlanner("KPIECE1"),
+        OmplPlanner("LBKPIECE1", drives_back=True),
+        OmplPlanner("RRT"),
+        OmplPlanner("RRTConnect"),
+        OmplPlanner("RRTstar", optimises=True),
+        OmplPlanner("SORRTstar", optimises=True),
+    )
+}
+"""Planners of OMPL, in alphabetical order."""

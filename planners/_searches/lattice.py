@@ -27,7 +27,7 @@ from typing import Final, NamedTuple, cast
 import numpy as np
 import shapely
 
-from cspace import FREE, MIXED, CSpace
+from cspace import FREE, MIXED, CSpace, Space
 from cspace.inside import (
     NEVER,
     Bools,
@@ -57,7 +57,9 @@ from planners._edges.car_curves import (
     segment_is_free,
 )
 from planners._edges.driven import FINE_HEADINGS, DrivenEdges, Motions
+from planners._edges.drives import has_drives
 from planners._edges.local_planner import Endpoints, LocalPlanner
+from planners._searches.built_in import BuiltInSearch
 from planners._searches.estimate import NO_NODE, UNKNOWN, Costs, Estimate, is_known, remaining_cost
 from planners._searches.frontier import Progress, check_deadline, double, make_progress
 from planners._searches.guide import NO_FACTORS, Directions, Guide, factor_at
@@ -70,6 +72,7 @@ from planners._searches.paths import (
     path_cost,
     pulled_straight,
 )
+from planners._task import WEIGHTED, PlanTask
 
 MAX_DEVIATION: Final = math.radians(14.0)
 """Largest angle between a move of the guide and the robot's yaw on it; beyond it, another move is
@@ -760,3 +763,27 @@ def find_cell(map_: Map, target: Target, x: float, y: float) -> tuple[int, int]:
     i = min(math.floor((x - map_.lower[1]) / map_.spacing), nx - 1)
     j = min(math.floor((y - map_.lower[2]) / map_.spacing), ny - 1)
     return i, j
+
+
+class LatticeSearch(BuiltInSearch):
+    """Search on a lattice of headings, for drives."""
+
+    name = "Lattice"
+    objectives = WEIGHTED
+
+    def takes_space(self, space: Space) -> bool:
+        """Return True for maps of x, y and yaw."""
+        return has_drives(space)
+
+    def takes_drive(self, edges: LocalPlanner) -> bool:
+        """Return True for robots that drive along their x axis."""
+        return edges.has_heading
+
+    def find_path(self, task: PlanTask) -> tuple[Floats, str]:
+        """Return waypoints, shape (n, 3), and a note; n is 0 if none is found in time."""
+        edges = cast(DrivenEdges, task.edges)
+        return find_lattice_path(edges, task.endpoints, task.simplify, task.limit, task.may_succeed)
+
+
+PLANNERS: Final = {LatticeSearch.name: LatticeSearch()}
+"""Searches of this module."""

@@ -14,7 +14,6 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import ArrayLike
-from ompl import base as ob
 
 from cspace import CSpace, Space
 from cspace.errors import InputError
@@ -28,14 +27,22 @@ from cspace.inside import (
     check_not_negative,
     check_positive,
 )
-from planners._catalogue import CLEARANCE, COSTS, FUNCTION, LENGTH, TIME
 from planners._edges.integrals import CellCost, CostDensity, Weigh, check_costs_fit
 
 if TYPE_CHECKING:
+    from ompl import base as ob
+
     from planners._motion.speed_limits import SpeedLike
     from planners._searches.estimate import Costs
 
-MakeObjective: TypeAlias = Callable[[ob.SpaceInformation], ob.OptimizationObjective]
+MakeObjective: TypeAlias = "Callable[[ob.SpaceInformation], ob.OptimizationObjective]"
+
+LENGTH: Final = "length"
+CLEARANCE: Final = "clearance"
+TIME: Final = "time"
+COSTS: Final = "WeightedLength"
+FUNCTION: Final = "a function"
+"""Kinds of objectives of :func:`planners.plan`."""
 
 DEFAULT_WEIGHT: Final = 10.0
 """Extra metres that a metre of path costs by default where the penalty is one."""
@@ -127,7 +134,7 @@ class ClearanceObjective:
             object.__setattr__(self, "clearance_threshold", threshold)
 
 
-ObjectiveLike: TypeAlias = str | WeightedLength | ClearanceObjective | MakeObjective
+ObjectiveLike: TypeAlias = "str | WeightedLength | ClearanceObjective | MakeObjective"
 """Objectives of :func:`planners.plan`."""
 
 

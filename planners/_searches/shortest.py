@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from cspace import CSpace
+from cspace import CSpace, Space
 from cspace.inside import (
     NEVER,
+    ConfigurationMap,
     Effort,
     Floats,
     Ints,
@@ -22,6 +23,7 @@ from cspace.inside import (
     map_record,
     now,
 )
+from planners._searches.built_in import BuiltInSearch
 from planners._searches.paths import (
     MAX_SHORTENING,
     MIN_GAIN_BEFORE_MOVES,
@@ -35,6 +37,7 @@ from planners._searches.paths import (
     thin_path,
     waypoints,
 )
+from planners._task import WEIGHTED, PlanTask
 
 if TYPE_CHECKING:
     from planners._edges.local_planner import LocalPlanner
@@ -223,3 +226,35 @@ def find_cheap_path(
         paths.append(_find_path_along_chain(space, endpoints, straight, left, factors, cost))
     paths = [path for path in paths if len(path)]
     return min(paths, key=edges.path_cost, default=endpoints[:0])
+
+
+class GridSearch(BuiltInSearch):
+    """Search of a short or cheap chain of cells of a map, for robots that move in any direction."""
+
+    name = "Grid"
+    objectives = WEIGHTED
+
+    def takes_space(self, space: Space) -> bool:
+        """Return True for maps."""
+        return isinstance(space, ConfigurationMap)
+
+    def find_path(self, task: PlanTask) -> tuple[Floats, str]:
+        """Return waypoints, shape (n, size), and no proof; n is 0 if none is found in time."""
+        edges = task.edges
+        space = edges.cells
+        endpoints = space.rotations.make_canonical(np.array(task.endpoints))
+        until = now() + task.limit
+        path = endpoints[:0]
+        with suppress(TimeoutError):
+            if edges.weights is not None:
+                path = find_cheap_path(edges, endpoints, task.simplify, task.limit)
+            elif not edges.exact:
+                path = find_short_path(space, endpoints, task.simplify, task.limit)
+            # FREE cells are clear; if they give no path, the geometry may.
+            if edges.exact and not len(path):
+                path = find_exact_path(space, endpoints, task.simplify, until - now())
+        return path, ""
+
+
+PLANNERS: Final = {GridSearch.name: GridSearch()}
+"""Searches of this module."""

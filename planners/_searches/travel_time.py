@@ -21,7 +21,6 @@ from shapely.geometry.base import BaseGeometry
 from cspace import BLOCKED, FREE, MIXED, CSpace, Robot, Workspace, build
 from cspace.errors import InputError
 from cspace.inside import ConfigurationMap, DistanceTable, States, map_record
-from planners._catalogue import TIME
 from planners._edges.integrals import CellCost, Weigh, check_costs_fit
 from planners._motion.speed_limits import (
     EverywhereRule,
@@ -34,6 +33,7 @@ from planners._motion.speed_limits import (
     place_limits,
 )
 from planners._searches.estimate import Costs
+from planners._searches.objectives import TIME
 
 if TYPE_CHECKING:
     from cspace import TiledCSpace

@@ -55,7 +55,7 @@ def test_a_goal_behind_a_wall_is_not_taken_for_near():
     behind, around = (3.6, 1.0), (2.0, 4.0)
     goals = [behind, around]
     assert planners.plan(space, (2.6, 1.0), goals).goal.tolist() == list(around)
-    for planner in ("MaxClearance", "RRTConnect", "FMT"):
+    for planner in ("Grid", "RRTConnect", "FMT"):
         plan = planners.plan(space, (2.6, 1.0), goals, planner=planner, seed=1, time_limit=4.0)
         assert plan.certified and plan.goal.tolist() in ([*behind], [*around])
 
