@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Final, cast
 
 from cspace import Space
@@ -26,7 +26,7 @@ def _load_car() -> type[LocalPlanner]:
     return CarCurves
 
 
-DRIVES: Final[Mapping[type[Drive], Callable[[], type[LocalPlanner]]]] = {
+DRIVES: Final[dict[type[Drive], Callable[[], type[LocalPlanner]]]] = {
     Differential: _load_differential,
     Car: _load_car,
 }
