@@ -29,8 +29,8 @@ from cspace.errors import CspaceError, FileError, InputError
 _MAX_HEADER_BYTES: Final = 2**16
 """Maximum size, in bytes, of a text header before binary data."""
 
-_TEMPORARY_PREFIX: Final = ".cspace-"
-"""Prefix of the names of outputs that are incomplete or being replaced."""
+TEMPORARY_NAME: Final = r"\.cspace-[0-9a-f]{12}(\..*)?"
+"""Pattern of the names of outputs that are incomplete or being replaced."""
 
 _LFS_POINTER_START: Final = b"version https://git-lfs.github.com/spec/v1"
 """First bytes of a git-lfs pointer file."""
@@ -424,7 +424,7 @@ def _make_temporary_name(target: Path) -> Path:
 
     A rename is atomic only within one folder.
     """
-    return target.with_name(f"{_TEMPORARY_PREFIX}{uuid.uuid4().hex[:12]}{target.suffix}")
+    return target.with_name(f".cspace-{uuid.uuid4().hex[:12]}{target.suffix}")
 
 
 def _move(temporary: Path, target: Path, check: Callable[[], None]) -> None:
@@ -454,6 +454,17 @@ def _move(temporary: Path, target: Path, check: Callable[[], None]) -> None:
             aside.rename(target)
         raise
     finally:
+        _remove(aside)
+
+
+def discard(path: Path) -> None:
+    """Remove our file or folder, even while another process writes.
+
+    It is renamed first, so the writer fails, and never puts the rest in place.
+    """
+    aside = _make_temporary_name(path)
+    with suppress(FileNotFoundError):  # another process discards it too
+        path.rename(aside)
         _remove(aside)
 
 

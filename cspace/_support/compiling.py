@@ -388,10 +388,11 @@ def is_private(folder: Path) -> bool:
 
 def _remove_unused(parent: Path) -> None:
     """Remove compiled code of versions unused for a week."""
-    for lock in parent.glob("*/lock"):
+    for lock in parent.glob("numba-*/lock"):
         with suppress(OSError):
+            is_ours = re.fullmatch("numba-.+-[0-9a-f]{16}", lock.parent.name)
             # Seconds after its last use for which compiled code of other versions is kept.
-            if time.time() - lock.stat().st_mtime > 7 * 24 * 3600.0:
+            if is_ours and time.time() - lock.stat().st_mtime > 7 * 24 * 3600.0:
                 shutil.rmtree(lock.parent)
 
 

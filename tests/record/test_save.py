@@ -256,6 +256,39 @@ def test_overwriting_removes_nothing_but_a_map(tmp_path, small):
             space.save(tmp_path / name)
 
 
+@pytest.mark.parametrize(
+    "names",
+    [
+        ["frame0001.png", "frame0002.png"],
+        ["x", "y", "geometry"],
+        ["1.0/report", "1.1/report"],
+        ["zarr.json", "x/zarr.json", "x/c/0"],
+        [".cspace-notes"],
+    ],
+    ids=["film", "tables", "versions", "Zarr", "hidden"],
+)
+def test_folders_with_names_as_of_maps_are_no_maps(tmp_path, small, names):
+    for name in names:
+        (tmp_path / "map" / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / "map" / name).write_text("{}")
+    with pytest.raises(FileError, match="holds more than an earlier output"):
+        cspace.open(small / "map.zarr").save(tmp_path / "map", overwrite=True)
+    assert all((tmp_path / "map" / name).read_text() == "{}" for name in names)
+
+
+@pytest.mark.parametrize(
+    "name", ["notes", "cell_states/notes", "cell_states/c/notes", ".cspace-notes", "frame1.png"]
+)
+def test_a_map_with_other_files_in_it_is_kept(tmp_path, small, name):
+    space = cspace.open(small / "map.zarr")
+    space.save(tmp_path / "map")
+    for write in (Path.touch, lambda path: path.unlink() or path.mkdir()):
+        write(tmp_path / "map" / name)
+        with pytest.raises(FileError, match="holds more than an earlier output"):
+            space.save(tmp_path / "map", overwrite=True)
+        assert (tmp_path / "map" / name).exists()
+
+
 # ---- what other software finds -------------------------------------------------------------------
 
 

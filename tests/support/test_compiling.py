@@ -198,6 +198,24 @@ def test_a_process_that_keeps_others_waiting_is_named_and_then_left(monkeypatch,
     assert f"waiting for process {other.pid}, which compiles {__name__}.double;" in line
 
 
+def test_only_code_that_nobody_has_used_for_a_week_is_removed(tmp_path, monkeypatch):
+    monkeypatch.setattr("numba.config.CACHE_DIR", str(tmp_path))
+    own = cache_folder.__wrapped__()
+    digest = own.name[-16:]
+    old = [own.with_name(f"numba-0.1.dev2+a-cpython-39-{digest}")]
+    others = ["robots", "numba-notes", own.name[:-1], f"{own.name}0", f"{own.name}.mine"]
+    kept = [own, own.with_name(f"{own.name[:-16]}{digest[::-1]}"), *map(own.with_name, others)]
+    for folder in old + kept:
+        folder.mkdir(exist_ok=True)
+        for name in ("lock", "work"):
+            (folder / name).touch()
+    for folder in old + kept[2:]:
+        os.utime(folder / "lock", (0, 0))
+    assert cache_folder.__wrapped__() == own
+    assert all((folder / "work").exists() for folder in kept)
+    assert not any(folder.exists() for folder in old)
+
+
 def test_code_is_kept_in_memory_if_the_disk_is_full(monkeypatch, caplog):
     def fail(*_):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
