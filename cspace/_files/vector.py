@@ -17,7 +17,7 @@ from cspace._files.fields import Fields, Ledger
 from cspace._files.geometries import check_shapes, make_curve_error, split_parts
 from cspace._files.plain import check_nesting, read_json
 from cspace._support.arrays import StrPath
-from cspace._support.check import find_sizes
+from cspace._support.check import check_known, find_sizes
 from cspace._support.limits import check_file_memory
 from cspace._support.reporting import warn_user
 from cspace.errors import FileError, GeometryError, InputError
@@ -210,6 +210,12 @@ def _read_geojson(document: Mapping[str, Any], name: str) -> Iterator[tuple[str,
     ledger.close(name)
 
 
+_ZONE_TYPES: Final = (
+    *("BLOCKED", "LINE_GUIDED", "RELEASE", "COORDINATED_REPLANNING", "SPEED_LIMIT", "ACTION"),
+    *("PRIORITY", "PENALTY", "DIRECTED", "BIDIRECTED"),
+)
+
+
 def read_zones(
     document: Mapping[str, Any], name: str, kind: str
 ) -> list[tuple[Ledger, BaseGeometry]]:
@@ -229,7 +235,7 @@ def read_zones(
             corners = [vertex.numbers("xy") for vertex in zone.children("vertices", "vertex")]
             if len(corners) < 3:
                 raise zone.fail(f"has {len(corners)} vertices", "it must have at least three")
-            word = zone.need("zoneType")
+            word = check_known(zone.need("zoneType"), f"{name}, {zone.where}", _ZONE_TYPES)
             if word == kind:
                 found.append((zone, shapely.Polygon(corners)))
                 check_shapes([found[-1][1]], [f"{name}, {zone.where}"])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations, product
+from itertools import chain, combinations, product
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -38,7 +38,7 @@ from cspace.arms._reading.moveit_messages import (
 )
 from cspace.arms._reading.urdf import PackageDirs
 from cspace.errors import InputError
-from cspace.inside import ContentError, Floats, Ledger, Upright, check_known
+from cspace.inside import ContentError, Floats, Ledger, Upright, check_known, warn_user
 
 _MAX_EULER_TOLERANCE: Final = 0.5 * math.pi
 """Largest angle, radians, up to which each Euler angle of a rotation is at most the rotation's
@@ -170,6 +170,15 @@ class PlanningScene:
                     f"has {joint} at {value:.12g}",
                     f"the arm holds it at {held:.12g}",
                 )
+
+        named = set(chain(*(self._contacts or {}), self.robot_state))
+        named.update(*(carried.touch_links for carried in self.attached.values()))
+        known = {*arm.frames, *arm.joints, *arm.held_joints, *arm._passive, "<octomap>"}
+        unknown = named.difference(known, self._ids.values(), self.obstacles, self.attached)
+        if unknown:
+            listed = ", ".join(sorted(unknown))
+            problem = f"names {listed:.200}, which neither the arm nor the scene has"
+            warn_user(f"{self._source}: {problem}; such entries are skipped")
 
     def _find_pose_on_link(self, arm: Arm, carried: AttachedObject, base_pose: Floats) -> Floats:
         """Return an attached object's pose in its link's frame, shape (4, 4)."""

@@ -330,18 +330,15 @@ def _read_lif(
     layout, others = _choose_layout(document, level)
     for element in (document, layout):
         element.refuse("origins", [])  # places of other frames
-    # Field of a LIF edge with its rules for each type of vehicle.
-    edges = [
-        (edge, list(edge.children("vehicleTypeEdgeProperties")))
-        for edge in layout.children("edges", "edge", "edgeId")
-    ]
-    types = {name for _, entries in edges for entry in entries for name in _types_of(entry) if name}
+    nodes, edges = _list_parts(layout, "Node"), _list_parts(layout, "Edge")
+    rules = [entry for _, entries in (*nodes, *edges) for entry in entries]
+    types = {name for entry in rules for name in _types_of(entry) if name}
     if types or vehicle:
         vehicle = _choose(layout, sorted(types), vehicle, "vehicle")
     builder = GraphBuilder(heading, "any")
     maps = set()
-    for node in layout.children("nodes", "node", "nodeId"):
-        entry = _own_entry(list(node.children("vehicleTypeNodeProperties")), vehicle)
+    for node, entries in nodes:
+        entry = _own_entry(entries, vehicle)
         maps.add(str(node.get("mapId")))
         _add_place(builder, node, entry or node)
     _check_map(layout, maps, None)
@@ -353,6 +350,15 @@ def _read_lif(
         else:
             _add_lif_edge(builder, edge, entries, vehicle)
     return builder.build(_read_stations(builder, layout, leaving))
+
+
+def _list_parts(layout: Ledger, kind: str) -> list[tuple[Ledger, list[Ledger]]]:
+    """Return a LIF layout's nodes or edges, each with its rules for types of vehicles."""
+    name = kind.lower()
+    return [
+        (part, list(part.children(f"vehicleType{kind}Properties")))
+        for part in layout.children(f"{name}s", name, f"{name}Id")
+    ]
 
 
 def _add_lif_edge(

@@ -338,6 +338,9 @@ def test_joints_without_motors_are_warned_of_unless_named(tmp_path):
         Arm.from_urdf(path, srdf)
     with warnings.catch_warnings(action="error"):
         assert Arm.from_urdf(path, srdf, joints=["one", "three"]).dof == 2
+    srdf = write_srdf(tmp_path, '<passive_joint name="tow"/>')
+    with pytest.warns(UserWarning, match="names tow, which the URDF does not have"):
+        Arm.from_urdf(path, srdf)
 
 
 @IGNORE_NAMES

@@ -265,6 +265,12 @@ CROOKED = {
     ("lif.json", (*ENTRY, "vehicleTypeId"), "tug", "pass e.g. vehicle="),
     (
         "lif.json",
+        ("layouts", 0, "nodes", 0, "vehicleTypeNodeProperties", 0, "vehicleTypeId"),
+        "Fork",
+        "the layout has the vehicles 'Fork', 'fork'; one of them must be chosen",
+    ),
+    (
+        "lif.json",
         (*ENTRY, "trajectory", "knotVector"),
         [0, 1],
         "vehicleTypeEdgeProperties[0].trajectory has 2 knots",

@@ -694,7 +694,7 @@ def read_srdf(path: str | os.PathLike[str], urdf: URDF) -> Srdf:
             reader.read_allowed(),
             reader.read_groups(),
             reader.read_states(),
-            {_get_attribute(element, "name") for element in root.findall("passive_joint")},
+            reader.read_passive_joints(),
         )
     ledger.angles = reader.angles
     ledger.close(os.fspath(path))
@@ -815,6 +815,13 @@ class _Reader:
             joints.add(joint.name)
             link = joint.parent
         return joints
+
+    def read_passive_joints(self) -> set[str]:
+        """Return the joints without a motor."""
+        joints = self._root.findall("passive_joint")
+        names = {_get_attribute(joint, "name") for joint in joints}
+        self._check_known(names, self._joint_types)
+        return names
 
     def read_states(self) -> dict[str, dict[str, float]]:
         """Return the named states, without unknown joints."""
