@@ -170,6 +170,7 @@ class PlanningScene:
                     f"has {joint} at {value:.12g}",
                     f"the arm holds it at {held:.12g}",
                 )
+        arm._warn_of_followers(self.robot_state, self._source)
 
     def _find_pose_on_link(self, arm: Arm, carried: AttachedObject, base_pose: Floats) -> Floats:
         """Return an attached object's pose in its link's frame, shape (4, 4)."""
