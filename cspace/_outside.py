@@ -14,6 +14,7 @@ from pathlib import Path
 from types import MethodType
 from typing import Any, Final
 
+from cspace._support import import_in_turn
 from cspace._support.check import names_options
 
 HOMES: Final = {
@@ -40,7 +41,7 @@ class WingMethod:
 @cache
 def _load(name: str) -> Callable[..., Any]:
     """Import a function, and let it check names and truth values of its options."""
-    return names_options(getattr(import_module(HOMES[name]), name))
+    return names_options(getattr(import_in_turn(import_module, HOMES[name]), name))
 
 
 def __getattr__(name: str) -> WingMethod:

@@ -75,6 +75,7 @@ from ._space import is_labelled as is_labelled
 from ._space import proofs_of as proofs_of
 from ._support import heap as heap
 from ._support import vectors as vectors
+from ._support.arrays import AXES as AXES
 from ._support.arrays import STATE_NAMES as STATE_NAMES
 from ._support.arrays import Bools as Bools
 from ._support.arrays import Bytes as Bytes
@@ -87,7 +88,6 @@ from ._support.arrays import Surface as Surface
 from ._support.arrays import frozen as frozen
 from ._support.arrays import number_parts as number_parts
 from ._support.arrays import reduce_blocks as reduce_blocks
-from ._support.check import AXES as AXES
 from ._support.check import check_count as check_count
 from ._support.check import check_dims as check_dims
 from ._support.check import check_each as check_each

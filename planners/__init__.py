@@ -10,11 +10,10 @@ Rooms: ``_edges`` (motions of drives), ``_motion`` (times), ``_searches`` (our o
 from importlib import import_module
 from typing import Any
 
-import lazy_loader
-
+from cspace._support import attach_stub
 from cspace.errors import MissingPackageError
 
-_import_name, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+_import_name, __dir__, __all__ = attach_stub(__name__, __file__)
 
 
 def __getattr__(name: str) -> Any:

@@ -58,8 +58,8 @@ from cspace._record.description import (
 from cspace._record.exterior import UNKNOWN, Exterior
 from cspace._robot import Robot
 from cspace._rotations import Rotations
-from cspace._support.arrays import BLOCKED, FREE, MIXED, Ints, StrPath
-from cspace._support.check import AXES, check_not_negative
+from cspace._support.arrays import AXES, BLOCKED, FREE, MIXED, Ints, StrPath
+from cspace._support.check import check_not_negative
 from cspace._support.limits import check_bytes
 from cspace._workspace import Workspace
 from cspace.errors import FileError

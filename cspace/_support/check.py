@@ -15,7 +15,7 @@ from typing import Any, Final, ParamSpec, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace._support.arrays import MAX_EXPECTED_ANGLE, Bools, Floats, Ints, frozen
+from cspace._support.arrays import AXES, MAX_EXPECTED_ANGLE, Bools, Floats, Ints, frozen
 from cspace._support.reporting import warn_user
 from cspace.errors import AngleWarning, InputError
 
@@ -30,9 +30,6 @@ MAX_COUNT: Final = 2**53
 
 UNKNOWN_CELL: Final = -1
 """Value of unknown cells in occupancy grids of ROS."""
-
-AXES: Final = ("x", "y", "z")
-"""Names of the axes of space; a plane has the first two."""
 
 _ROW_ATTRIBUTES: Final = ("to_numpy", "mask", "_fields", "units", "unit")
 """Attributes of rows with labels, masks or units."""

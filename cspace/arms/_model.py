@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence, Set
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations, permutations
@@ -74,8 +74,8 @@ class JointValues(dict[str, float]):
     """Values of a robot's joints by name, radians or metres.
 
     :meth:`cspace.Arm.configuration` takes those of joints that move, and
-    ``Arm.from_urdf(held_joints=)`` those of others. Both skip joints that mimic others, and refuse
-    unknown joints.
+    ``Arm.from_urdf(held_joints=)`` those of others. Both refuse unknown joints, and warn of joints
+    elsewhere than the joints that they mimic put them.
     """
 
 
@@ -182,6 +182,7 @@ class Arm:
     placements: dict[str, Frame]
     carriers: dict[str, str]
     _base_is_root: bool
+    _followers: tuple[Joint, ...]
     _passive: frozenset[str]
     _states: dict[str, dict[str, float]]
 
@@ -286,6 +287,8 @@ class Arm:
         if srdf is None:
             arm = replace(arm, allowed_collisions=builder.find_allowed_pairs(arm))
         passive = [joint for joint in arm.joints if joint in semantics.passive_joints]
+        if isinstance(held_joints, JointValues):
+            arm._warn_of_followers(held_joints, "held_joints")
         if passive:
             warn_user(f"{srdf}: says that {', '.join(passive)} have no motor, and plans move them")
         return arm
@@ -582,25 +585,52 @@ class Arm:
         """
         # The base gives the values of all joints that are not named.
         if isinstance(base, str):
-            q = self._move_joints(self._rest, self._find_group_state(base, "base"))
+            state = self._find_group_state(base, "base")
+            q = self._move_joints(self._rest, state)
             self._check_limits(q, "base")
+            self._warn_of_followers(state, "base", q)
         else:
             q = self._rest if base is None else self._check_configuration(base, "base")
         is_empty = values is None or (isinstance(values, dict) and not values)
         given: Any = {} if is_empty else values
         if hasattr(given, "to_dict"):  # a Series of pandas
             given = given.to_dict()
+        named: Mapping[str, float] = {}
         if isinstance(values, str):
-            given = self._find_group_state(values, "values")
+            named = self._find_group_state(values, "values")
+            given = {joint: value for joint, value in named.items() if joint in self.joints}
         fields = Ledger.list_fields(given, ("name", "position")) or {}
         if {"name", "position"} <= fields.keys():
             given = JointValues(read_joint_state(fields, "values"))
         if isinstance(given, JointValues):
+            named = given
             given = self._select_moving_joints(given, needs_all=base is None)
         moved = self._move_joints(q, check_joint_values(given, "values", self.joints))
         self._check_limits(moved, "values")
         warn_of_degrees(moved, self._angles, "values")
+        self._warn_of_followers(named, "values", moved)
         return moved
+
+    def _warn_of_followers(
+        self, values: Mapping[str, float], argument: str, q: Floats | None = None
+    ) -> None:
+        """Warn of values of joints elsewhere than the joints that they mimic put them.
+
+        These are where a configuration ``q`` puts them, or else at their own values.
+        """
+        leaders = {} if q is None else dict(zip(self.joints, q.tolist(), strict=True))
+        values = {**values, **leaders}
+        for joint in self._followers:
+            leader = values.get(joint.leader, math.nan) if joint.factor else 0.0
+            place = joint.factor * leader + joint.offset
+            gap = values.get(joint.name, math.nan) - place
+            if joint.kind == REVOLUTE:
+                gap = math.remainder(gap, math.tau)
+            if abs(gap) > LIMIT_SLACK:
+                warn_user(
+                    f"{argument}: {joint.name} is at {values[joint.name]:.6g}, but it mimics "
+                    f"{joint.leader}, which puts it at {place:.6g}; proofs are for that place"
+                )
 
     def _select_moving_joints(self, values: JointValues, needs_all: bool) -> dict[str, float]:
         """Select the arm's joint values from a whole robot's.
@@ -638,7 +668,7 @@ class Arm:
         return np.array([values.get(joint, before[joint]) for joint in self.joints])
 
     def _find_group_state(self, name: str, argument: str) -> dict[str, float]:
-        """Find an SRDF group state's values of the arm's joints.
+        """Find an SRDF group state's values of joints.
 
         The name is ``"GROUP/STATE"``, or ``"STATE"`` if only one group of the arm has it. Raises
         InputError that blames ``argument`` if no state has the name, or several have.
@@ -659,8 +689,7 @@ class Arm:
             full_names = [name]
         if len(full_names) != 1:
             check_known(name, argument, full_names or self._states)  # raises InputError
-        state = self._states[full_names[0]]
-        return {joint: value for joint, value in state.items() if joint in self.joints}
+        return self._states[full_names[0]]
 
     @names_options
     def spheres(
@@ -1188,6 +1217,7 @@ class _ArmBuilder:
             placements=placements,
             carriers={},
             _base_is_root=len(placements) == len(self._urdf.link_map),
+            _followers=tuple(self._list_followers()),
             _passive=frozenset(self._urdf.joint_map.keys() - {*self._moving_names, *self._held}),
             _states=srdf.states,
         )
@@ -1223,15 +1253,27 @@ class _ArmBuilder:
         moved = [joint for joint in self._order if joint.leader == leader and self._is_moved(joint)]
         return min(joint.max_velocity / abs(joint.factor) for joint in moved)
 
+    def _list_followers(self) -> Iterator[Joint]:
+        """Yield the joints that mimic others; those that stand still have no factor."""
+        for joint in self._order:
+            if self._is_moved(joint) and joint.leader != joint.name:
+                yield joint
+            elif joint.leader != joint.name:
+                yield joint._replace(factor=0.0, offset=self._find_fixed_value(joint))
+
+    def _find_fixed_value(self, joint: Joint) -> float:
+        """Return the position of a joint that the arm's configuration does not move."""
+        leader = self._joints[joint.leader]
+        position = self._held.get(leader.name, _find_rest_value(leader))
+        return joint.factor * position + joint.offset
+
     def _compute_fixed_pose(self, joint: Joint) -> Floats:
         """Compute the pose (4, 4) of a still joint's child link."""
         from cspace.arms._reading.urdf import make_motion
 
         if joint.kind == FIXED:
             return np.eye(4)
-        leader = self._joints[joint.leader]
-        position = self._held.get(leader.name, _find_rest_value(leader))
-        value = joint.factor * position + joint.offset
+        value = self._find_fixed_value(joint)
         return make_motion(value * joint.axis, slides=joint.kind == PRISMATIC)
 
     def _read_links(

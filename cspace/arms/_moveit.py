@@ -170,6 +170,7 @@ class PlanningScene:
                     f"has {joint} at {value:.12g}",
                     f"the arm holds it at {held:.12g}",
                 )
+        arm._warn_of_followers(self.robot_state, self._source)
 
         named = set(chain(*(self._contacts or {}), self.robot_state))
         named.update(*(carried.touch_links for carried in self.attached.values()))

@@ -173,6 +173,60 @@ assert all(hasattr(cspace, name) for name in cspace.__all__) and not hasattr(csp
 """)
 
 
+@pytest.mark.thorough
+def test_threads_ask_for_all_names_at_once():
+    run_python("""
+import threading, cspace, planners
+failed = []
+names = [(door, name) for door in (cspace, planners) for name in door.__all__]
+together = threading.Barrier(len(names))
+def ask(door, name):
+    together.wait()
+    try:
+        getattr(door, name)
+    except BaseException as error:
+        failed.append((name, repr(error)))
+threads = [threading.Thread(target=ask, args=pair) for pair in names]
+for thread in threads:
+    thread.start()
+for thread in threads:
+    thread.join()
+assert not failed, failed
+""")
+
+
+DOOR_FILES = {
+    "events.py": "from threading import Event\nbegan, asked = Event(), Event()\n",
+    "door/__init__.py": """
+from cspace._support import attach_stub
+__getattr__, __dir__, __all__ = attach_stub(__name__, __file__)
+""",
+    "door/__init__.pyi": "from ._one import one as one\nfrom ._two import two as two\n",
+    "door/_one.py": "import events\nevents.asked.set()\nimport door.wing\none = 1\n",
+    "door/_two.py": "two = 2\n",
+    "door/wing.py": "import events\nevents.began.set()\nevents.asked.wait()\nfrom door import two\n",
+}
+"""A package whose name `one` needs a module that asks the package for its name `two`."""
+
+
+def test_a_module_that_is_imported_waits_for_no_other_thread(tmp_path):
+    (tmp_path / "door").mkdir()
+    for name, text in DOOR_FILES.items():
+        (tmp_path / name).write_text(text, encoding="utf-8")
+    run_python(f"""
+import faulthandler, importlib, sys, threading
+faulthandler.dump_traceback_later(60.0, exit=True)
+sys.path.insert(0, {str(tmp_path)!r})
+import door, events
+other = threading.Thread(target=importlib.import_module, args=("door.wing",), daemon=True)
+other.start()
+events.began.wait()
+assert door.one == 1
+other.join()
+assert door.wing.two == 2
+""")
+
+
 def test_names_of_subpackages_need_no_import_of_their_own():
     for package in ("arms", "plot", "regions", "spectral", "view"):
         run_python(f"""
