@@ -80,10 +80,18 @@ class ConfigurationMap(ConfigurationSpace):
         """The robot."""
         return self._map_contents.robot
 
+    @property
+    def floor(self) -> float | None:
+        """Height of the reference point of a robot in space that drives on a floor, metres.
+
+        None for all other maps. See :func:`cspace.build`.
+        """
+        return self._map_contents.floor
+
     @cached_property
     def drawn_robot(self) -> Robot:
         """The robot as pictures on the grid show it; its footprint if it drives on a floor."""
-        return self.robot if self.robot.dim == self.grid.dim else self.robot.footprint()
+        return self.robot if self.floor is None else self.robot.footprint()
 
     @property
     def rotations(self) -> Rotations:

@@ -7,7 +7,6 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from typing import (
-    TYPE_CHECKING,
     Any,
     ClassVar,
     Final,
@@ -49,9 +48,6 @@ from cspace._support.deadlines import Effort
 from cspace._support.limits import check_samples
 from cspace._support.reporting import tell_apart
 from cspace.errors import ConfigurationError, InputError
-
-if TYPE_CHECKING:
-    from cspace._queries.chunks import RowCheck
 
 Endpoint = tuple[float, ...]
 """A start or goal in canonical form."""
@@ -872,20 +868,6 @@ class ConfigurationSpace(Space):
                 f"{turn} from row {first} to row {last}",
                 "a joint turns by at most half a turn, so that the edge is the shorter way",
             )
-
-    def _check_targets(self, before: Floats, targets: Floats) -> list[RowCheck]:
-        """Return checks of targets (b, n, size) and of steps between them."""
-        from cspace._queries.chunks import RowCheck
-
-        checks = []
-        excesses = self._excesses(targets)
-        if excesses.any():
-            none = np.zeros(self.size)
-            checks.append(RowCheck("limit", self.axes, "exceeds its limits by", excesses, none))
-        if not np.isinf(self._spans).all():
-            turns = np.abs(targets - before)
-            checks.append(RowCheck("limit", self.axes, "turns by", turns, self._spans))
-        return checks
 
     def _excesses(self, targets: Floats) -> Floats:
         """Return by how much targets, shape (b, n, size), exceed limits; 0 where they do not."""

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, cast
 from numpy.typing import ArrayLike
 
 from cspace._files.access import check_suffix
+from cspace._files.crs import warn_of_likely_degrees
 from cspace._shapes import (
     Balls,
     Polygons,
@@ -104,6 +105,7 @@ class Robot:
             If a coordinate is NaN or infinite.
         """
         polygons = Polygons.of(shape)
+        warn_of_likely_degrees(polygons.bounds, "robot")
         count = len(polygons.geometries)
         parts = f" in {count} parts" if count > 1 else ""
         return cls(name or f"polygon with {polygons.corners} corners{parts}", polygons)
@@ -383,7 +385,7 @@ class Robot:
         MissingPackageError
             If yourdfpy is not installed.
         """
-        from cspace.arms._link_shapes import read_rigid_links
+        from cspace.arms._reading.link_shapes import read_rigid_links
 
         return cls(*read_rigid_links(path, link, solid, package_dirs, visuals, spheres))
 

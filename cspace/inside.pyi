@@ -13,6 +13,7 @@ from ._files.access import check_output as check_output
 from ._files.access import check_suffix as check_suffix
 from ._files.access import decoding as decoding
 from ._files.access import replacing as replacing
+from ._files.crs import warn_of_likely_degrees as warn_of_likely_degrees
 from ._files.fields import Fields as Fields
 from ._files.fields import Ledger as Ledger
 from ._files.meshes import read_mesh as read_mesh
@@ -46,6 +47,7 @@ from ._queries.points import slice_of as slice_of
 from ._queries.upright import Upright as Upright
 from ._queries.vehicles import Car as Car
 from ._queries.vehicles import Differential as Differential
+from ._queries.vehicles import Drive as Drive
 from ._queries.vehicles import check_drive as check_drive
 from ._raster import Raster as Raster
 from ._record.cells import Map as Map
@@ -87,6 +89,7 @@ from ._support.arrays import number_parts as number_parts
 from ._support.arrays import reduce_blocks as reduce_blocks
 from ._support.check import AXES as AXES
 from ._support.check import check_count as check_count
+from ._support.check import check_dims as check_dims
 from ._support.check import check_each as check_each
 from ._support.check import check_finite as check_finite
 from ._support.check import check_known as check_known

@@ -100,8 +100,9 @@ def list_fields() -> Iterable[str]:
     """Yield the rows of the table of fields, in the order of the readers' modules."""
     yield from ("| file | honoured | refused | warned of |", "|---|---|---|---|")
     modules = pkgutil.iter_modules(cspace._files.__path__, "cspace._files.")
-    arms = (f"cspace.arms.{name}" for name in ("_moveit_messages", "_sphere_files", "_urdf"))
-    others = "cspace.lanes._graph_files", "cspace.regions._cover", "planners._joint_limits"
+    readers = ("moveit_messages", "sphere_files", "urdf")
+    arms = (f"cspace.arms._reading.{name}" for name in readers)
+    others = "cspace.lanes._graph_files", "cspace.regions._cover", "planners._motion.joint_limits"
     for name in (*(module.name for module in modules), *arms, *others):
         for fields in getattr(import_module(name), "FIELDS", ()):
             yield f"| {' | '.join(fields[:4])} |"

@@ -11,7 +11,6 @@ from ompl import geometric as og
 from cspace import CSpace, Space
 from cspace.errors import InputError
 from cspace.inside import (
-    Car,
     ConfigurationMap,
     ConfigurationSpace,
     Upright,
@@ -19,7 +18,7 @@ from cspace.inside import (
     check_positive,
     suggest_name,
 )
-from planners._local_planner import Drive
+from planners._edges.local_planner import LocalPlanner
 
 PlannerName: TypeAlias = Literal[
     "BITstar",
@@ -240,20 +239,6 @@ def planner_names() -> tuple[PlannerName, ...]:
     return get_args(PlannerName)[: -len(BUILT_IN_SEARCHES)]
 
 
-def default_planner(drive: Drive | None) -> PlannerName:
-    """Return the planner of OMPL that runs by default."""
-    # RRTConnect's tree at the goal grows by curves that leave the goal; a Dubins car needs curves
-    # that arrive.
-    return "RRT" if _name_drive(drive) == CAR else "RRTConnect"
-
-
-def _name_drive(drive: Drive | None) -> str:
-    """Return the name of a drive in :class:`Skills`."""
-    if isinstance(drive, Car):
-        return REVERSING_CAR if drive.reverse else CAR
-    return NONE if drive is None else DIFFERENTIAL
-
-
 def planner_named(name: str, searches: Sequence[str] = ()) -> PlannerName:
     """Return a planner's or search's name as it is spelled.
 
@@ -270,7 +255,7 @@ def planner_named(name: str, searches: Sequence[str] = ()) -> PlannerName:
 
 def check_skills(
     planner: PlannerName,
-    drive: Drive | None,
+    edges: LocalPlanner,
     objective: object,
     kind: str,
     keep: Sequence[Upright],
@@ -282,7 +267,7 @@ def check_skills(
     """
     skills = SKILLS.get(planner, Skills())
     asked = (
-        ("drive", drive, _name_drive(drive), skills.drive),
+        ("drive", edges.drive, edges.name, skills.drive),
         ("objective", objective, kind, skills.objective),
         ("keep", keep, ANY if keep else NONE, skills.keep),
     )

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 import time
+from bisect import bisect_left
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import nullcontext, suppress
 from dataclasses import replace
-from functools import cache, partial
 from numbers import Number
 from typing import TYPE_CHECKING, Final, NamedTuple, cast
 
@@ -23,6 +22,7 @@ from cspace.inside import (
     ConfigurationMap,
     ConfigurationSpace,
     Differential,
+    Drive,
     Effort,
     Endpoint,
     Floats,
@@ -45,17 +45,20 @@ from planners._catalogue import (
     MAX_CLEARANCE,
     NEAR_START,
     OWN_SPACES,
+    SKILLS,
     TILED_MAPS,
     PlannerName,
     Search,
+    Skills,
     check_skills,
     check_support,
-    default_planner,
     find_space_kind,
     planner_named,
     planner_names,
 )
-from planners._drives import has_drives, local_planner
+from planners._edges.drives import has_drives, local_planner
+from planners._edges.local_planner import MAX_RADIANS, Endpoints, LocalPlanner
+from planners._edges.own_space import check_found_path, check_space
 from planners._goals import (
     MAX_TRIED_GOALS,
     Near,
@@ -63,7 +66,6 @@ from planners._goals import (
     Room,
     begin_in_rooms,
     end_in_rooms,
-    find_joined,
     find_room_goals,
     find_routes,
     list_all_rooms,
@@ -71,16 +73,16 @@ from planners._goals import (
     sort_goals,
     split_places,
 )
-from planners._local_planner import MAX_RADIANS, Drive, Endpoints, LocalPlanner
-from planners._objectives import ObjectiveLike, name_kind, read_objective
-from planners._own_space import check_found_path, check_space
-from planners._paths import drop_repeats, reached_goal, skip_points, unwind
 from planners._result import Plan, Times
-from planners._shortening import shorten
-from planners._task import DEFAULT_SECONDS, NO_EFFORT, NO_SEARCH, PlanTask, SearchResult, is_certain
+from planners._searches.objectives import ObjectiveLike, name_kind, read_objective
+from planners._searches.paths import drop_repeats, reached_goal, skip_points, unwind
+from planners._searches.shortening import shorten
+from planners._stages import Existence, Stage
+from planners._task import DEFAULT_SECONDS, NO_EFFORT, NO_SEARCH, PlanTask, SearchResult
 
 if TYPE_CHECKING:
-    from planners._speed_limits import SpeedLike
+    from planners._edges.driven import DrivenEdges
+    from planners._motion.speed_limits import SpeedLike
 
 QUICK_PLANNER: Final[PlannerName] = "RRTConnect"
 """Planner of the first path of robots that rotate, except along Dubins curves."""
@@ -286,7 +288,7 @@ def plan(
     name = search.name if isinstance(planner, Search) else planner
     task = PlanTask(
         edges=edges,
-        planner=planner_named(default_planner(drive) if name is None else name, space.searches),
+        planner=planner_named(edges.tree_planner if name is None else name, space.searches),
         objective=objective,
         weigh=read_objective(objective, speed, space),
         limit=Effort.within(time_limit, DEFAULT_SECONDS),
@@ -307,16 +309,16 @@ def plan(
     task = _choose_searches(task)
     places = _check_places(via, goal, task)
     origin, moved = _check_start(task, origins)
-    stages = [_check_stage(task, name, place, origin.rooms[0]) for name, place in places]
+    ends = [_check_stage(task, name, place, origin.rooms[0]) for name, place in places]
     if drive is not None:
-        import planners._lattice  # noqa: F401 - a search would import it later, on its time
+        import planners._searches.lattice  # noqa: F401 - a search would import it later, on its time
     task = replace(task, edges=_weigh_edges(task, task.edges))
     if task.seed is not None:
-        from planners._ompl_search import set_seed
+        from planners._ompl.search import set_seed
 
         set_seed(task.seed)
     with Effort.stopping(stop):
-        journey = _search_stages(task, origin, stages)
+        journey = _search_stages(task, [origin, *ends])
         return _make_plan(journey, space, moved, began)
 
 
@@ -368,26 +370,6 @@ def _needs_geometry(space: Space, start: ArrayLike) -> bool:
     return False
 
 
-def _decide_existence(task: PlanTask, starts: Sequence[Room], goals: Sequence[Room]) -> bool | None:
-    """Return whether a path from a start to a goal exists; None if undecided.
-
-    ``starts`` and ``goals`` hold all configurations, free or not, or are empty if not all can be
-    listed. It is None, too, if the caller ended the search.
-    """
-    space = task.edges.space
-    if is_over(NEVER) and not is_labelled(space):
-        return None
-    if any(space.path_exists(start, goal) for start, *ends in task.routes for goal in ends):
-        return True
-    if not (starts and goals):
-        return None
-    if isinstance(space, ConfigurationMap):
-        return None if len(find_joined(task.edges.cells, starts, goals, mixed=True)) else False
-    pairs = itertools.product(starts, goals)
-    are_apart = all(space.path_exists(q.middle, goal.middle) is False for q, goal in pairs)
-    return False if are_apart else None
-
-
 def _check_previous(task: PlanTask, previous: Plan) -> Floats:
     """Return the waypoints of the previous plan, shape (n, size); n is 0 if there are none."""
     space = task.edges.space
@@ -432,11 +414,11 @@ def _choose_searches(task: PlanTask) -> PlanTask:
         )
     objective = task.objective
     kind = name_kind(objective)
-    check_skills(name, task.edges.drive, objective, kind, task.keep, task.is_named)
+    check_skills(name, task.edges, objective, kind, task.keep, task.is_named)
     if name not in searches:
         _check_states(task.edges)
     elif find_space_kind(space) == OWN_SPACES:
-        from planners._ompl_states import find_state_kind
+        from planners._ompl.states import find_state_kind
 
         find_state_kind(space)  # refuses poses whose axes are in another order
     # Grid finds each path of a robot that does not turn through FREE cells.
@@ -450,7 +432,7 @@ def _choose_searches(task: PlanTask) -> PlanTask:
 
 def _check_states(edges: LocalPlanner) -> None:
     """Raise InputError for poses and extents that OMPL has no states for."""
-    from planners._setup import make_bounded_states
+    from planners._ompl.setup import make_bounded_states
 
     make_bounded_states(edges)
 
@@ -469,26 +451,6 @@ def _check_places(
             "a previous plan is followed to one goal",
         )
     return [*((f"via[{k}]", place) for k, place in enumerate(via)), ("goal", goal)]
-
-
-class Stage(NamedTuple):
-    """The start, a place on the way, or the goal of a plan."""
-
-    name: str  # in messages
-    goals: list[Endpoint]  # its configurations, the most promising from the plan's start first
-    rooms: tuple[Room, ...]  # of a map, unless it is one goal; of a start always
-    whole: tuple[Room, ...] = ()  # of all its configurations, free or not, if they can be listed
-
-    def takes_any_yaw(self, edges: LocalPlanner, q: Floats) -> bool:
-        """Return True if a configuration lies in a room of any yaw."""
-        return any(
-            room.angle >= math.pi and room.contains(edges.space, q[np.newaxis])[0]
-            for room in self.rooms
-        )
-
-    def asks_turn(self, edges: LocalPlanner, path: Floats, row: int) -> bool:
-        """Return True if a robot turns on the spot at a row to reach a yaw that is asked for."""
-        return edges.turns_at(path, row) and not self.takes_any_yaw(edges, path[row])
 
 
 def _drop_zeros(start: PlaceLike) -> PlaceLike:
@@ -544,7 +506,7 @@ def _check_stage(task: PlanTask, name: str, place: PlaceLike, start: Room) -> St
     edges = task.edges
     space = edges.space
     places = split_places(space, place, name)
-    near = tuple(start.middle.tolist())
+    near = start.find_inner(space)
     rooms: tuple[Room, ...] = ()
     if isinstance(space, ConfigurationMap) and not (len(places) == 1 and places[0].is_plain):
         rooms = list_rooms(space, places)
@@ -571,7 +533,7 @@ def _choose_planner(task: PlanTask) -> PlannerName:
     if not isinstance(edges.space, ConfigurationMap):
         searches = _list_searches(edges.space)
         return searches[0] if searches else task.planner
-    search: PlannerName = GRID if edges.drive is None else LATTICE
+    search: PlannerName = edges.search
     if objective != LENGTH:
         if task.iterations is not None:
             problem = f"is {task.iterations} and objective is {objective!r}"
@@ -583,56 +545,138 @@ def _choose_planner(task: PlanTask) -> PlannerName:
 
 
 class Journey(NamedTuple):
-    """The searches of all parts of a plan, up to the first one without a path."""
+    """The search of a plan, up to a stage that is not reached."""
 
-    task: PlanTask  # of the last part that was searched
+    task: PlanTask  # of the last part
     start: Endpoint
     result: SearchResult  # the whole path
-    exists: bool | None  # whether a path of that part exists
-    name: str  # of the place at its end
-    vias: tuple[int, ...]  # rows of the path at the places on the way
-    via_stops: tuple[int, ...]  # those at which a robot turns on the spot to a given yaw
+    existence: Existence  # of a path through all stages of the plan
+    number: int  # of the last stage
+    vias: list[int]  # rows of the path at the places on the way
 
 
-def _search_stages(task: PlanTask, origin: Stage, stages: Sequence[Stage]) -> Journey:
-    """Search for a path from place to place."""
+def _search_stages(task: PlanTask, stages: Sequence[Stage]) -> Journey:
+    """Search for a path from stage to stage."""
     edges = task.edges
-    space = edges.space
-    results: list[SearchResult] = []
-    start = origin.goals[0]
-    for number, stage in enumerate(stages):
-        limit = _measure_left(task, results).share(1.0 / (len(stages) - number))
-        routes = _find_routes(edges, origin, stage, is_first=number == 0)
-        part = replace(
-            task,
-            endpoints=routes[0],
-            routes=tuple(routes),
-            starts=origin.rooms,
-            rooms=stage.rooms,
-            limit=limit,
-        )
-        path_exists = cache(partial(_decide_existence, part, origin.whole, stage.whole))
-        onward = stages[number + 1].goals if number + 1 < len(stages) else []
-        result = _search_goals(part, partial(_may_join, edges, path_exists), onward)
-        exists = True if isinstance(space, ConfigurationMap) and result.proven else path_exists()
-        results.append(result)
-        if number == 0:
-            start = _find_start(origin, routes, result)
-        if not len(result.path):
-            break
-        point = tuple(result.path[-1].tolist())
-        room = Room(stage.name, result.path[-1])
-        origin = Stage(stage.name, [point], (room,), (room,))
-    if len(stages) == 1:
-        return Journey(part, start, result, exists, stage.name, (), ())
-    joined, vias = _join_results(results, stages)
-    pairs = zip(vias, stages, strict=False)
-    stops = [row for row, place in pairs if place.asks_turn(edges, joined.path, row)]
-    return Journey(part, start, joined, exists, stage.name, tuple(vias), tuple(stops))
+    origin, first, *rest = stages
+    routes = _find_routes(edges, origin, first, is_first=True)
+    existence = Existence(edges, stages, routes)
+    if rest and isinstance(edges.space, ConfigurationMap) and len(routes) > 1:
+        routes = existence.select_routes() or routes
+    legs, searched = _find_legs(task, existence, routes)
+    part = replace(legs[-1].task, limit=task.limit, fallback=task.fallback)
+    result, vias = _join_legs(legs, searched)
+    start = _find_start(origin, routes, legs[0].result)
+    number = len(legs)
+    if not len(result.path) and existence.is_disconnected:
+        # No path leads through the first so many stages.
+        counts = range(2, len(stages))
+        number = 1 + bisect_left(counts, True, key=lambda k: existence.upto(k).is_disconnected)
+        if number > len(legs):
+            part = replace(part, endpoints=(start, *stages[number].goals))
+    return Journey(part, start, result, existence, number, vias)
+
+
+class Leg(NamedTuple):
+    """The search from a stage to the next."""
+
+    task: PlanTask
+    result: SearchResult
+    others: list[Endpoints]  # routes to other goals
+
+
+def _find_legs(
+    task: PlanTask, existence: Existence, routes: Sequence[Endpoints]
+) -> tuple[list[Leg], list[SearchResult]]:
+    """Search from stage to stage, at first along routes; return the legs and all results.
+
+    If an end leads no further, another one of its stage is tried, or of those before. While there
+    are others, searches hurry; if all fail, the best one is repeated with the time left. The legs
+    are all, or those up to the farthest stage that was not reached.
+    """
+    stages = existence.stages
+    starts = stages[0].rooms
+    # FREE cells tell at once that an end leads no further; other searches take long to end.
+    is_slow = task.edges.exact or task.edges.drive is not None
+    legs: list[Leg] = []
+    best: list[Leg] = []
+    searched: list[SearchResult] = []
+    tried: set[tuple[int, Endpoint]] = set()
+    has_others = is_last_try = False
+    while True:
+        number = len(legs) + 1
+        missing = len(stages) - number
+        has_others |= is_slow and any(leg.others for leg in legs)
+        limit = _measure_left(task, searched).share(1.0 / missing)
+        limited = _limit_leg(task, limit, hurries=has_others and not is_last_try)
+        leg = _search_leg(limited, stages, number, starts, routes)
+        searched.append(leg.result)
+        tip = [*legs, leg]
+        if len(leg.result.path):
+            legs = tip
+            end = tuple(leg.result.path[-1].tolist())
+            if missing == 1:
+                return legs, searched
+            if (number, end) not in tried:
+                tried.add((number, end))
+                origin = Stage.of(stages[number].name, [end])
+                starts = origin.rooms
+                routes = _find_routes(task.edges, origin, stages[number + 1])
+                continue
+        best = max(best, tip, key=len)
+        while legs and not legs[-1].others:
+            legs.pop()
+        is_left = _measure_left(task, searched).is_left
+        if is_last_try or not (is_left and existence.may_join and (legs or has_others)):
+            return best, searched
+        if legs:
+            leg = legs.pop()
+            routes = leg.others
+        else:
+            is_last_try = True
+            *legs, leg = best
+            routes = leg.task.routes
+        starts = leg.task.starts
+
+
+def _limit_leg(task: PlanTask, limit: Effort, hurries: bool) -> PlanTask:
+    """Return a task with a limit; if it hurries, time is left for others.
+
+    It has no fallback then, or half of the time unless the planner would use all of it anyway.
+    """
+    if hurries and task.fallback is None and not SKILLS.get(task.planner, Skills()).optimises:
+        limit = limit.share(GOAL_SHARE)
+    return replace(task, limit=limit, fallback=None if hurries else task.fallback)
+
+
+def _search_leg(
+    task: PlanTask,
+    stages: Sequence[Stage],
+    number: int,
+    starts: tuple[Room, ...],
+    routes: Sequence[Endpoints],
+) -> Leg:
+    """Search for the best path along routes to a stage, whose end leads on to the next."""
+    onward = stages[number + 1].goals if number + 1 < len(stages) else ()
+    task = replace(
+        task,
+        endpoints=routes[0],
+        routes=tuple(routes),
+        starts=starts,
+        rooms=stages[number].rooms,
+    )
+    result = _search_goals(task, onward)
+    return Leg(task, result, _leave_out(routes, result.goal))
+
+
+def _leave_out(routes: Sequence[Endpoints], goal: Endpoint) -> list[Endpoints]:
+    """Return routes without a goal."""
+    kept = ((start, *(q for q in goals if q != goal)) for start, *goals in routes)
+    return [route for route in kept if len(route) > 1]
 
 
 def _find_routes(
-    edges: LocalPlanner, origin: Stage, stage: Stage, is_first: bool
+    edges: LocalPlanner, origin: Stage, stage: Stage, is_first: bool = False
 ) -> list[Endpoints]:
     """Return starts with their goals, the most promising first."""
     starts = origin.rooms
@@ -642,9 +686,8 @@ def _find_routes(
         return find_routes(edges, starts, goals, stage.name)
     if stage.rooms:
         (start,) = origin.goals
-        ends = stage.goals  # they were found from the first start
-        if not is_first:
-            ends = find_room_goals(edges, stage.rooms, stage.name, start)
+        # They were found from the first start.
+        ends = stage.goals if is_first else stage.find_goals(edges, start)
         return [(start, goal) for goal in ends]
     routes = [(start, *sort_goals(edges.space, stage.goals, start)) for start in origin.goals]
     if len(routes) == 1:
@@ -658,38 +701,26 @@ def _find_start(origin: Stage, routes: Sequence[Endpoints], result: SearchResult
     return routes[0][0] if is_given or not len(result.path) else tuple(result.path[0].tolist())
 
 
-def _join_results(
-    results: Sequence[SearchResult], stages: Sequence[Stage]
+def _join_legs(
+    legs: Sequence[Leg], searched: Sequence[SearchResult]
 ) -> tuple[SearchResult, list[int]]:
-    """Return the whole way, and its rows at places on the way.
+    """Return the whole way with the times of all searches, and its rows at places on the way.
 
-    If a place is not reached, it is the result of the last search, without rows.
+    If a place is not reached, it is the result of the last leg, without rows.
     """
-    last = results[-1]
+    results = [leg.result for leg in legs]
     proven = all(each.proven for each in results)
-    if not len(last.path):
-        return replace(_sum_times(last, results), proven=proven), []
+    whole = replace(_sum_times(results[-1], searched), proven=proven)
+    if len(legs) == 1 or not len(whole.path):
+        return whole, []
     # Each path begins where the one before ends.
     paths = [results[0].path, *(each.path[1:] for each in results[1:])]
     ends = np.cumsum(list(map(len, paths))) - 1
-    through = f"{len(stages) - 1} places" if len(stages) > 2 else "1 place"
-    whole = replace(
-        _sum_times(last, results),
-        path=np.concatenate(paths),
-        proven=proven,
-        note=f"through {through}",
-    )
-    return whole, ends[:-1].tolist()
+    through = f"{len(legs) - 1} places" if len(legs) > 2 else "1 place"
+    return replace(whole, path=np.concatenate(paths), note=f"through {through}"), ends[:-1].tolist()
 
 
-def _may_join(edges: LocalPlanner, path_exists: Callable[[], bool | None]) -> bool:
-    """Return False if no proven edges can join start and goal."""
-    return edges.may_join(path_exists())
-
-
-def _search_goals(
-    task: PlanTask, may_exist: Callable[[], bool], onward: Sequence[Endpoint] = ()
-) -> SearchResult:
+def _search_goals(task: PlanTask, onward: Sequence[Endpoint] = ()) -> SearchResult:
     """Search for a path between the rooms of a task, and keep the cheapest of those found.
 
     Before goals to go onward to, the way that counts goes on to the nearest of them, without
@@ -697,7 +728,7 @@ def _search_goals(
     shorter than the best way. Each search but the last has half of the time left.
     """
     if len(task.routes) == 1 and not task.rooms and all(room.is_point for room in task.starts):
-        return _search_and_prove(task, may_exist)
+        return _search_route(task, task.routes[0], task.limit)
     results: list[SearchResult] = []
     best = RoutedPath(SearchResult(np.empty((0, task.edges.space.size))), math.inf, math.inf)
     for number, route in enumerate(task.routes):
@@ -764,14 +795,17 @@ def _limit_route(
 
 def _search_route(task: PlanTask, route: Endpoints, limit: Effort) -> SearchResult:
     """Search along one route, and end a proven path where it first enters the rooms."""
-    part = replace(task, endpoints=route, routes=(route,), limit=limit)
-    points = [Room("", q) for q in np.array(route)]
-    decide = cache(partial(_decide_existence, part, points[:1], points[1:]))
-    found = _search_and_prove(part, partial(_may_join, task.edges, decide))
+    edges = task.edges
+    existence = Existence.along(edges, route)
+    found = _search_and_prove(replace(task, endpoints=route, limit=limit, existence=existence))
+    if not len(found.path):
+        return found
+    reached = reached_goal(found.path, route, edges.space.is_periodic)
+    found = replace(found, goal=route[max(reached, 1)])
     if not found.proven:
         return found
-    path = end_in_rooms(task.edges, found.path, task.rooms)
-    return replace(found, path=begin_in_rooms(task.edges, path, task.starts))
+    path = end_in_rooms(edges, found.path, task.rooms)
+    return replace(found, path=begin_in_rooms(edges, path, task.starts))
 
 
 def _measure_way(edges: LocalPlanner, path: Floats, onward: Sequence[Endpoint]) -> float:
@@ -796,20 +830,20 @@ def _measure_onward(edges: LocalPlanner, end: Floats, goals: Sequence[Endpoint])
     return float(lengths.min()) if len(rows) else 0.0
 
 
-def _search_and_prove(task: PlanTask, may_exist: Callable[[], bool]) -> SearchResult:
+def _search_and_prove(task: PlanTask) -> SearchResult:
     """Search for a path and prove its edges; a map in tiles is searched tile by tile."""
     space = task.edges.space
     # A proven path saves labelling the cells of a map, so a search goes first then.
-    if is_labelled(space) and not may_exist():
+    if is_labelled(space) and not task.may_succeed():
         return SearchResult(np.empty((0, space.size)))
     if find_space_kind(space) == TILED_MAPS:
-        return _search_tiles(task, may_exist)
-    result = _search(task, may_exist)
+        return _search_tiles(task)
+    result = _search(task)
     path = task.edges.insert_breakpoints(space.rotations.make_canonical(result.path))
     return replace(result, path=path, proven=len(path) > 0 and task.edges.are_free(path))
 
 
-def _search_tiles(task: PlanTask, may_exist: Callable[[], bool]) -> SearchResult:
+def _search_tiles(task: PlanTask) -> SearchResult:
     """Search the tiles on the way, and join their paths; a tile without one ends the search.
 
     Grid takes over in a tile where a planner of OMPL finds no path of a holonomic robot.
@@ -823,13 +857,13 @@ def _search_tiles(task: PlanTask, may_exist: Callable[[], bool]) -> SearchResult
         part = _weigh_edges(task, replace(edges, space=open_part()))
         start, goal = (tuple(q.tolist()) for q in ends)
         part_task = replace(task, edges=part, endpoints=(start, goal))
-        results.append(_search_and_prove(part_task, may_exist))
+        results.append(_search_and_prove(part_task))
         if (
             not results[-1].proven
             and is_holonomic
             and task.planner not in _list_searches(part.space)
         ):
-            results.append(_search_and_prove(replace(part_task, planner=GRID), may_exist))
+            results.append(_search_and_prove(replace(part_task, planner=GRID)))
         paths.append(results[-1].path if not paths else results[-1].path[1:])
         if len(parts) == 1:
             return _sum_times(results[-1], results)
@@ -851,7 +885,7 @@ def _sum_times(result: SearchResult, results: Sequence[SearchResult]) -> SearchR
     return replace(result, planning=_sum_planning(results), simplification=simplification)
 
 
-def _search(task: PlanTask, may_exist: Callable[[], bool]) -> SearchResult:
+def _search(task: PlanTask) -> SearchResult:
     """Search for a path in a space in memory; of several, take the cheapest."""
     start, *goals = task.endpoints
     if start in goals:
@@ -864,17 +898,17 @@ def _search(task: PlanTask, may_exist: Callable[[], bool]) -> SearchResult:
     if task.fallback == QUICK_PLANNER and task.edges.space.rotations.names:
         results.append(_search_quickly(task))
         if len(results[-1].path):
-            may_exist = is_certain  # a quick path saves labelling the cells
+            task = replace(task, existence=None)  # a quick path saves labelling the cells
     limit = _measure_left(task, results)
     if task.edges.exact and task.fallback is not None:
         limit = limit.share(EXACT_SHARE)
     if limit.is_left:
-        results.append(_run_planner(replace(task, limit=limit), may_exist))
+        results.append(_run_planner(replace(task, limit=limit)))
     limit = _measure_left(task, results)
     is_found = any(len(result.path) for result in results)
-    if task.fallback is not None and limit.is_left and not is_found and may_exist():
+    if task.fallback is not None and limit.is_left and not is_found and task.may_succeed():
         last_task = replace(task, planner=task.fallback, is_named=False, limit=limit)
-        results.append(_run_planner(last_task, may_exist))
+        results.append(_run_planner(last_task))
     return _choose_cheapest(task, results)
 
 
@@ -887,8 +921,9 @@ def _search_quickly(task: PlanTask) -> SearchResult:
         is_named=False,
         iterations=QUICK_ITERATIONS,
         limit=task.limit.share(EXACT_SHARE),
+        existence=None,
     )
-    return _run_planner(task, is_certain)
+    return _run_planner(task)
 
 
 def _measure_left(task: PlanTask, results: Sequence[SearchResult]) -> Effort:
@@ -903,27 +938,27 @@ def _sum_planning(results: Sequence[SearchResult]) -> Effort:
     return sum((result.planning for result in results), NO_EFFORT)
 
 
-def _run_planner(task: PlanTask, may_exist: Callable[[], bool]) -> SearchResult:
+def _run_planner(task: PlanTask) -> SearchResult:
     """Search by the planner of a task alone."""
     edges = task.edges
     name = task.planner
     if name not in _list_searches(edges.space):
-        from planners._ompl_search import repeat_draws, run_ompl
+        from planners._ompl.search import repeat_draws, run_ompl
 
         # Without a seed, the searches of a default plan draw the same numbers each time.
         is_default = task.seed is None and not task.is_named
         with repeat_draws() if is_default else nullcontext():
-            return replace(run_ompl(task, may_exist), planner=name)
+            return replace(run_ompl(task), planner=name)
     is_quick = name in (GRID, LATTICE)
-    if (edges.exact or not is_quick) and not may_exist():
+    if (edges.exact or not is_quick) and not task.may_succeed():
         return SearchResult(np.empty((0, edges.space.size)), planner=name)
     if name == MAX_CLEARANCE:
         # A search from the start to itself fills the caches of the map, which the time limit leaves
         # out.
         start = task.endpoints[0]
-        _find_path(replace(task, endpoints=(start, start), simplify=False), may_exist)
+        _find_path(replace(task, endpoints=(start, start), simplify=False))
     began = now()
-    path, proof = _find_path(task, may_exist)
+    path, proof = _find_path(task)
     if len(path) > 2 and is_over(NEVER):
         path = path[:0]  # to prove and measure thousands of edges takes long
     planning = now() - began
@@ -987,8 +1022,9 @@ def _find_detour(task: PlanTask, start: Floats, way: Floats) -> Floats:
         endpoints=(tuple(start.tolist()), tuple(way[-1].tolist())),
         limit=task.limit_trial(),
         simplify=False,  # the whole path is shortened later
+        existence=None,
     )
-    return _run_planner(gap_task, is_certain).path
+    return _run_planner(gap_task).path
 
 
 def _list_ways_beside(edges: LocalPlanner, way: Floats) -> Iterator[Floats]:
@@ -1026,7 +1062,7 @@ def _join_way(edges: LocalPlanner, start: Floats, way: Floats) -> Floats:
     return way[:0]
 
 
-def _find_path(task: PlanTask, may_exist: Callable[[], bool]) -> tuple[Floats, str]:
+def _find_path(task: PlanTask) -> tuple[Floats, str]:
     """Find a path by a built-in search.
 
     Returns its waypoints, shape (n, size), and what a lattice proves, in words. If no path is
@@ -1035,9 +1071,10 @@ def _find_path(task: PlanTask, may_exist: Callable[[], bool]) -> tuple[Floats, s
     edges = task.edges
     limit = task.limit
     if task.planner == LATTICE:
-        from planners._lattice import find_lattice_path
+        from planners._searches.lattice import find_lattice_path
 
-        return find_lattice_path(edges, task.endpoints, task.simplify, limit, may_exist)
+        driven = cast("DrivenEdges", edges)
+        return find_lattice_path(driven, task.endpoints, task.simplify, limit, task.may_succeed)
     if isinstance(edges.space, ConfigurationMap):
         return _search_cells(task), ""
     options = SearchOptions(task.simplify, edges.exact, task.iterations, task.seed, limit)
@@ -1065,7 +1102,7 @@ def _check_ends(task: PlanTask, path: Floats) -> None:
 
 def _search_cells(task: PlanTask) -> Floats:
     """Find a path by "Grid" or "MaxClearance", shape (n, size); n is 0 if none is found in time."""
-    from planners._grid_search import find_cheap_path, find_exact_path, find_short_path
+    from planners._searches.shortest import find_cheap_path, find_exact_path, find_short_path
 
     edges = task.edges
     space = edges.cells
@@ -1075,7 +1112,7 @@ def _search_cells(task: PlanTask) -> Floats:
     path = endpoints[:0]
     with suppress(TimeoutError):
         if task.planner == MAX_CLEARANCE:
-            from planners._widest import find_widest_path
+            from planners._searches.widest import find_widest_path
 
             path = find_widest_path(space, endpoints, *options)
         elif edges.weights is not None:
@@ -1088,11 +1125,13 @@ def _search_cells(task: PlanTask) -> Floats:
     return path
 
 
-def _describe_outcome(task: PlanTask, result: SearchResult, exists: bool | None) -> tuple[str, str]:
+def _describe_outcome(
+    task: PlanTask, result: SearchResult, existence: Existence
+) -> tuple[str, str]:
     """Return a plan's status, and a hint if a search failed."""
     if len(result.path):
         return ": ".join(filter(None, ["path found", result.note])), ""
-    if exists is False:
+    if existence.is_disconnected:
         return "no path exists: proven", ""
     if is_over(NEVER):
         return f"no path found: stopped after {result.planning.seconds:.2g} s{result.where}", ""
@@ -1100,9 +1139,9 @@ def _describe_outcome(task: PlanTask, result: SearchResult, exists: bool | None)
 
     def finds_path(trial: PlanTask) -> bool:
         """Return True if a task with other options finds a path."""
-        return _search_goals(_choose_searches(trial), is_certain).proven
+        return _search_goals(_choose_searches(trial)).proven
 
-    return describe_failure(task, result, exists, finds_path)
+    return describe_failure(task, result, existence.is_connected, finds_path)
 
 
 def _make_plan(journey: Journey, space: Space, moved: Mapping[Endpoint, str], began: float) -> Plan:
@@ -1112,13 +1151,15 @@ def _make_plan(journey: Journey, space: Space, moved: Mapping[Endpoint, str], be
     ``moved`` says how far starts were moved, if they were; ``began`` is a reading of the clock,
     with compilations, before all checks.
     """
-    task, start, result, exists, name, vias, via_stops = journey
+    task, start, result, existence, number, vias = journey
+    stages = existence.stages
     searched = time.monotonic()
-    status, hint = _describe_outcome(task, result, exists)
-    if name != "goal":
-        status = f"{name} is not reached: {status}"
+    status, hint = _describe_outcome(task, result, existence.upto(number + 1))
+    if number + 1 < len(stages):
+        status = f"{stages[number].name} is not reached: {status}"
     status = "; ".join(filter(None, [status, moved.get(start)]))
     edges = task.edges
+    is_proven = isinstance(space, ConfigurationMap) and result.proven
     endpoints = (start, *task.endpoints[1:])
     if len(result.path) and task.rooms:
         endpoints = (start, tuple(result.path[-1].tolist()))
@@ -1147,8 +1188,8 @@ def _make_plan(journey: Journey, space: Space, moved: Mapping[Endpoint, str], be
         hint=hint,
         length=length,
         total_rotation=rotation,
-        is_connected=exists is True,
-        is_disconnected=exists is False,
+        is_connected=is_proven or existence.is_connected,
+        is_disconnected=not is_proven and existence.is_disconnected,
         planner=task.planner,
         objective="custom" if callable(task.objective) else name_kind(task.objective),
         drive=edges.drive,
@@ -1158,6 +1199,10 @@ def _make_plan(journey: Journey, space: Space, moved: Mapping[Endpoint, str], be
         keep=task.keep,
         space=space,
         via_rows=tuple(len(edges.resample(waypoints[: row + 1])) - 1 for row in vias),
-        _vias=vias,
-        _via_stops=via_stops,
+        _vias=tuple(vias),
+        _via_stops=tuple(
+            row
+            for row, stage in zip(vias, stages[1:], strict=False)
+            if stage.asks_turn(edges, waypoints, row)
+        ),
     )

@@ -6,12 +6,13 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
-from cspace.inside import Effort, Floats, Upright
+from cspace.inside import Effort, Endpoint, Floats, Upright
 from planners._catalogue import PlannerName
+from planners._edges.integrals import Weigh
+from planners._edges.local_planner import Endpoints, LocalPlanner
 from planners._goals import Room
-from planners._integrals import Weigh
-from planners._local_planner import Endpoints, LocalPlanner
-from planners._objectives import ObjectiveLike
+from planners._searches.objectives import ObjectiveLike
+from planners._stages import Existence
 
 NO_SEARCH: Final = "a single edge is free; no search needed"
 """Note of a path that is a single edge."""
@@ -42,6 +43,7 @@ class SearchResult:
         ""  # part of the path that was not found, " from ... to ...", if the map has several tiles
     )
     planner: PlannerName | None = None  # that searched
+    goal: Endpoint = ()  # reached; the path may end before it in its room
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,13 +68,13 @@ class PlanTask:
     keep: tuple[Upright, ...] = ()  # directions that links of an arm keep
     starts: tuple[Room, ...] = ()  # of which a path may begin in any
     rooms: tuple[Room, ...] = ()  # of which a path may end in any, instead of one goal on a map
+    existence: Existence | None = None  # of a path between the endpoints; None if nobody asks
+
+    def may_succeed(self) -> bool:
+        """Return False if no path of proven edges joins the endpoints."""
+        return self.existence is None or self.existence.may_join
 
     def limit_trial(self) -> Effort:
         """Return the limit of a search beside those of the plan."""
         work = self.limit.share(TRIAL_SHARE).work
         return Effort(work, self.limit.seconds).at_most(MAX_TRIAL)
-
-
-def is_certain() -> bool:
-    """Return True: a path may exist, because a search found one."""
-    return True

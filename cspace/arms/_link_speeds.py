@@ -3,7 +3,7 @@
 The velocity of a point is linear in it, so the speed is largest at a corner of the link's convex
 hull. Over a time it changes at most by the largest acceleration of the body's points times the
 time: that by the rates of the joints, and that by their accelerations, each by the distances from
-their axes (:mod:`cspace.arms._chain`).
+their axes (:mod:`cspace.arms._proofs.chain`).
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cspace.arms._chain import SPIN, VELOCITY, forward_kinematics, motion_bounds
+from cspace.arms._proofs.chain import SPIN, VELOCITY, forward_kinematics, motion_bounds
 from cspace.inside import Floats
 
 if TYPE_CHECKING:

@@ -14,13 +14,13 @@ from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace.arms._chain import FIXED, MAX_BODIES, PRISMATIC, REVOLUTE, Chain, compute_poses
-from cspace.arms._checks import check_mapping
 from cspace.arms._inverse import DEFAULT_TOLERANCE, Branch, PoseGoal, branch_to, solve_pose
-from cspace.arms._motion_proofs import ArmScene, are_free
-from cspace.arms._moveit_messages import read_joint_state
-from cspace.arms._scenes import PackedParts, make_scene, pack_parts
-from cspace.arms._solids import Part, Solid, check_names, check_rigid
+from cspace.arms._proofs.chain import FIXED, MAX_BODIES, PRISMATIC, REVOLUTE, Chain, compute_poses
+from cspace.arms._proofs.motion_proofs import ArmScene, are_free
+from cspace.arms._proofs.scenes import PackedParts, make_scene, pack_parts
+from cspace.arms._proofs.solids import Part, Solid, check_names, check_rigid
+from cspace.arms._reading.checks import check_mapping
+from cspace.arms._reading.moveit_messages import read_joint_state
 from cspace.errors import ConfigurationError, InputError
 from cspace.inside import (
     Bools,
@@ -43,8 +43,8 @@ from cspace.inside import (
 )
 
 if TYPE_CHECKING:
+    from cspace.arms._reading.urdf import PackageDirs, Srdf
     from cspace.arms._sphere_models import SphereModel
-    from cspace.arms._urdf import PackageDirs, Srdf
 
 Names = tuple[str, str]
 """Two link names in alphabetical order."""
@@ -252,7 +252,7 @@ class Arm:
         MissingPackageError
             If yourdfpy is not installed.
         """
-        from cspace.arms._urdf import (
+        from cspace.arms._reading.urdf import (
             Srdf,
             load_urdf,
             name_description,
@@ -1225,7 +1225,7 @@ class _ArmBuilder:
 
     def _compute_fixed_pose(self, joint: Joint) -> Floats:
         """Compute the pose (4, 4) of a still joint's child link."""
-        from cspace.arms._urdf import make_motion
+        from cspace.arms._reading.urdf import make_motion
 
         if joint.kind == FIXED:
             return np.eye(4)
@@ -1241,8 +1241,8 @@ class _ArmBuilder:
         inside: SolidMode,
     ) -> Iterable[Solid]:
         """Read links with collision geometry, on their bodies."""
-        from cspace.arms._link_shapes import link_shapes
-        from cspace.arms._urdf import find_meshes, warn_of_visuals
+        from cspace.arms._reading.link_shapes import link_shapes
+        from cspace.arms._reading.urdf import find_meshes, warn_of_visuals
 
         warn_of_visuals(self._urdf, placements, self._file)
         meshes = find_meshes(self._urdf, placements, self._file, package_dirs)

@@ -11,10 +11,11 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace.arms._checks import check_distinct
 from cspace.arms._inverse import PoseGoal
 from cspace.arms._model import LIMIT_SLACK, Arm, JointValues, Names, sort_pair
-from cspace.arms._moveit_messages import (
+from cspace.arms._proofs.solids import PosedShape, check_rigid
+from cspace.arms._reading.checks import check_distinct
+from cspace.arms._reading.moveit_messages import (
     FIELDS,
     HEADER,
     STATE,
@@ -35,8 +36,7 @@ from cspace.arms._moveit_messages import (
     refuse,
     wrong_value,
 )
-from cspace.arms._solids import PosedShape, check_rigid
-from cspace.arms._urdf import PackageDirs
+from cspace.arms._reading.urdf import PackageDirs
 from cspace.errors import InputError
 from cspace.inside import ContentError, Floats, Ledger, Upright, check_known
 
@@ -230,7 +230,7 @@ def read_moveit_scene(source: object, *, package_dirs: PackageDirs = ()) -> Plan
         As :meth:`cspace.Workspace.from_moveit_scene`. Also if the state of the robot moves its
         base, or only changes another state.
     """
-    from cspace.arms._link_shapes import read_scene
+    from cspace.arms._reading.link_shapes import read_scene
 
     content = read_scene(source, package_dirs)
     obstacles = {}

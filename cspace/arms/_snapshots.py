@@ -17,12 +17,18 @@ import numpy as np
 import scipy  # its parts are read when they are first used
 from numpy.typing import NDArray
 
-from cspace.arms._addresses import Address
-from cspace.arms._chain import ADVANCE_FACTOR, DISTANCE_ROUNDING, FIXED, REVOLUTE, compute_poses
-from cspace.arms._cones import make_cones, move_into_cones
-from cspace.arms._hulls import node_corners
 from cspace.arms._model import CONTACT_SAMPLES, Arm, Names, always_touch, sort_pair
-from cspace.arms._motion_proofs import (
+from cspace.arms._proofs.addresses import Address
+from cspace.arms._proofs.chain import (
+    ADVANCE_FACTOR,
+    DISTANCE_ROUNDING,
+    FIXED,
+    REVOLUTE,
+    compute_poses,
+)
+from cspace.arms._proofs.cones import make_cones, move_into_cones
+from cspace.arms._proofs.hulls import node_corners
+from cspace.arms._proofs.motion_proofs import (
     ArmScene,
     are_blocked,
     bound_distances,
@@ -31,8 +37,8 @@ from cspace.arms._motion_proofs import (
     make_scene_scratch,
     motions_are_free,
 )
-from cspace.arms._scenes import make_inner_scene, make_scene
-from cspace.arms._solids import PosedShape, Solid, StaticShape
+from cspace.arms._proofs.scenes import make_inner_scene, make_scene
+from cspace.arms._proofs.solids import PosedShape, Solid, StaticShape
 from cspace.errors import ConfigurationError
 from cspace.inside import (
     Bools,

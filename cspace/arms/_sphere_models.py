@@ -13,8 +13,8 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from cspace.arms._checks import check_mapping
-from cspace.arms._sphere_files import Sphere, join_numbers, replace_geometry
+from cspace.arms._reading.checks import check_mapping
+from cspace.arms._reading.sphere_files import Sphere, join_numbers, replace_geometry
 from cspace.errors import GeometryError, InputError
 from cspace.inside import (
     Balls,
@@ -33,7 +33,7 @@ from cspace.inside import (
 
 if TYPE_CHECKING:
     from cspace.arms._model import Arm
-    from cspace.arms._solids import Solid
+    from cspace.arms._proofs.solids import Solid
     from cspace.spectral import BallDecomposition
 
 

@@ -6,7 +6,7 @@ import trimesh
 
 import cspace
 from cspace import Robot
-from cspace.arms._chain import motion_bounds
+from cspace.arms._proofs.chain import motion_bounds
 from tests.helpers.strategies import few
 from tests.helpers.urdfs import joint, link, pose_at, posed_box, random_arm, write_urdf
 

@@ -18,8 +18,8 @@ from tests.lint.test_wings import DOCS, WINGS
 UPWARD_METHODS = {"from_urdf", "from_moveit_scene"}
 """Methods of classes that let a wing read a file: one import and one call."""
 
-HANDED_UP = {("_queries/", "_interface"), ("_builder", "_tiles/")}
-"""Imports of a row above: a gate takes any space; `build` and `open` hand large maps over."""
+HANDED_UP = {("_builder", "_tiles/")}
+"""Imports of a row above: `build` and `open` hand large maps over."""
 
 
 class Import(NamedTuple):

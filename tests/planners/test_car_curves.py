@@ -10,8 +10,9 @@ from ompl import base as ob
 
 import planners
 from cspace import Robot, Workspace, build
-from planners._cars import CarCurves
-from planners._drives import local_planner
+from planners._edges.cars import CarCurves
+from planners._edges.drives import local_planner
+from planners._ompl.states import make_states
 from tests.fuzz.curves import drive
 from tests.helpers.drives import CURVES, make_drive
 from tests.helpers.handmade import build_empty
@@ -181,7 +182,7 @@ def measure_distance(curves, first, last, count=2000):
     Also return the distance by which it may be smaller between the points, and the nearest points
     of robot and obstacles.
     """
-    states = curves.make_states()
+    states = make_states(curves)
     shares = np.linspace(0.0, 1.0, count)
     q = interpolate_poses(states, *make_poses(states, first, last), shares)
     cos, sin = np.cos(q[:, 2]), np.sin(q[:, 2])

@@ -12,9 +12,9 @@ import planners
 from cspace import MIXED, Robot, Workspace, build, build_arm_space, build_joint_map
 from cspace._support.compiling import clock
 from cspace._support.deadlines import Effort, now
-from planners._cars import CarCurves
-from planners._differential import TurnDriveTurn
-from planners._ompl_search import GRACE_SECONDS, Deadline, OutOfTime
+from planners._edges.cars import CarCurves
+from planners._edges.differential import TurnDriveTurn
+from planners._ompl.search import GRACE_SECONDS, Deadline, OutOfTime
 from tests.fuzz.drives import weighted_length
 from tests.helpers.planning import (
     ENDPOINTS,
@@ -154,7 +154,7 @@ def test_compiling_takes_no_time_from_the_search(iterations, monkeypatch):
                 compile_for(seconds.pop())
             return super().checkMotion(first, second)
 
-    monkeypatch.setattr("planners._setup.MotionValidator", Compiled)
+    monkeypatch.setattr("planners._ompl.setup.MotionValidator", Compiled)
     options = {
         "planner": planners.Search("RRTConnect", iterations=iterations),
         "time_limit": 0.2,

@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 import cspace
 import planners
 from cspace import InputError
-from planners._timing import find_stop
+from planners._motion.timing import find_stop
 from tests.helpers.drives import CURVES, is_car, make_drive
 from tests.helpers.handmade import build_empty
 from tests.helpers.planning import build_open_map

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 import cspace
 import planners
 from cspace import InputError
-from planners._timing import keeps_jerk
+from planners._motion.timing import keeps_jerk
 from tests.helpers.drives import make_drive
 from tests.helpers.handmade import build_empty
 from tests.helpers.refusals import refusals

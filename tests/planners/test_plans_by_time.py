@@ -15,7 +15,7 @@ from shapely.geometry import box
 import cspace
 import planners
 from cspace import FREE
-from planners._travel_time import read_speeds
+from planners._searches.travel_time import read_speeds
 from tests.helpers.refusals import check_refused, refusals
 from tests.helpers.strategies import examples, few, seeds
 from tests.helpers.urdfs import planar_arm

@@ -8,8 +8,8 @@ from ompl import geometric as og
 import planners
 from cspace import InputError
 from planners._catalogue import SKILLS, planner_named, planner_names
-from planners._ompl_search import make_planner
-from planners._ompl_states import find_state_kind
+from planners._ompl.search import make_planner
+from planners._ompl.states import find_state_kind
 from tests.helpers.drives import WORDS, make_drive
 from tests.helpers.missing import output_without
 from tests.helpers.planning import (

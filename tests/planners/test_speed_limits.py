@@ -11,11 +11,12 @@ from functools import cache
 import numpy as np
 import pytest
 import shapely
+import trimesh
 from shapely import affinity, box
 
 import cspace
 import planners
-from cspace.errors import UnitWarning
+from cspace.errors import InputError, UnitWarning
 from tests.helpers.handmade import build_empty
 from tests.helpers.refusals import check_refused, refusals
 from tests.helpers.regions import place_polygon
@@ -505,6 +506,37 @@ def test_zones_that_reach_no_map_are_left_out_with_a_warning():
 AREA = box(1.0, 1.0, 2.0, 2.0)
 
 
+def test_a_map_near_obstacles_on_a_floor_is_of_the_robot_in_space():
+    cells = np.zeros((40, 20, 20), dtype=bool)
+    cells[15:25, 11:, 8:10] = True  # a table, 0.8 to 1.0 m high
+    scene = cspace.Workspace.from_array(cells, 0.2)
+    tall, low = (
+        cspace.Robot.from_mesh(trimesh.creation.box(bounds=[(-0.3, -0.2, 0.1), (0.3, 0.2, top)]))
+        for top in (1.8, 0.9)
+    )
+    space = cspace.build(scene, tall, floor=0.0)
+    plan = planners.plan(space, (1.0, 1.5), (7.0, 1.5))
+    for robot, floor, message in (
+        (low, 0.0, "is of a map for another robot"),
+        (tall, 0.5, r"is of a map with floor=0\.5; the plan has floor=0\.0"),
+    ):
+        near = planners.SlowNear(cspace.build(scene, robot, floor=floor), 0.2, 0.8)
+        with pytest.raises(InputError, match=message):
+            drive(plan, near)
+        with pytest.raises(InputError, match=message):
+            near.largest_speed(space, (1.0, 1.5))
+    # The same robot made anew is the same, and obstacles in the plane meet its footprint.
+    flat = cspace.Workspace.from_array(cells.any(axis=2), 0.2)
+    again = cspace.Robot.from_spec(tall.spec)
+    free = drive(plan, 1.0).duration
+    for other in (cspace.build(scene, again, floor=0.0), cspace.build(flat, again.footprint())):
+        assert drive(plan, planners.SlowNear(other, 0.2, 0.8)).duration > free + 1.0
+    # In the plane, the robot has no height at which obstacles would be missed.
+    below = planners.plan(cspace.build(flat, tall.footprint()), (1.0, 1.5), (7.0, 1.5))
+    with pytest.raises(InputError, match="is of a map for another robot"):
+        drive(below, planners.SlowNear(space, 0.2, 0.8))
+
+
 @refusals(
     "call, message",
     (lambda plan: planners.SpeedZones([(AREA, 0.0)]), "speed of zones[0] is 0.0"),
@@ -548,7 +580,7 @@ AREA = box(1.0, 1.0, 2.0, 2.0)
         lambda plan: drive(
             plan, planners.SlowNear(build_empty((220, 40), cspace.Robot.disc(0.1)), 1.0, 1.0)
         ),
-        "is of a map for a disc 0.1 m",
+        "is of a map for another robot, a disc 0.1 m",
     ),
     (
         lambda plan: drive(

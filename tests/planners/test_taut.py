@@ -10,7 +10,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from cspace import BLOCKED, FREE
 from cspace.inside import find_crossed_runs
-from planners._taut import MARGIN, pull_taut
+from planners._searches.taut import MARGIN, pull_taut
 from tests.helpers.handmade import map_of
 from tests.helpers.oracles import path_length
 from tests.helpers.strategies import few

@@ -6,7 +6,7 @@ import pytest
 import cspace
 import planners
 from cspace.errors import ConfigurationError, InputError
-from planners._drives import local_planner
+from planners._edges.drives import local_planner
 from tests.helpers.refusals import refusals
 
 SMALL_CAR = cspace.Robot.rectangle(0.5, 0.2)

@@ -12,7 +12,7 @@ from scipy.sparse.csgraph import connected_components, dijkstra
 
 import planners
 from cspace import FREE, MIXED
-from planners._search import find_cells
+from planners._searches.chains import find_cells
 from tests.helpers import handmade
 from tests.helpers.oracles import link_cells, path_length
 from tests.helpers.planning import build_from_states, turn_between
