@@ -186,7 +186,7 @@ def test_the_work_of_a_long_chain_grows_as_its_length(tmp_path, kind):
         return count_instructions(lambda: Arm.from_urdf(path))
 
     read(10)  # the first call imports and compiles
-    work = [read(count) for count in (50, 200, 800)]
+    work = [read(count) for count in (25, 100, 400)]
     assert work[1] < 4.4 * work[0] and work[2] < 4.4 * work[1]
 
 

@@ -117,7 +117,7 @@ def run_drive(choose_slower, space, may_stand, seed):
 @pytest.mark.parametrize(
     "seeds",
     [
-        pytest.param(range(4), id="4 drives"),
+        pytest.param(range(2), id="2 drives"),
         pytest.param(range(200), id="200 drives", marks=pytest.mark.thorough),
     ],
 )

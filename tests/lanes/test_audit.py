@@ -19,6 +19,7 @@ from cspace.lanes import RouteGraph
 from tests.helpers.handmade import build_empty
 from tests.helpers.refusals import check_refused
 from tests.helpers.regions import place_polygon
+from tests.helpers.strategies import few
 
 ROBOT = [(0.4, 0.2), (-0.3, 0.25), (-0.3, -0.2), (0.4, -0.2)]
 
@@ -222,7 +223,7 @@ def test_robots_whose_footprints_meet_at_different_heights_are_not_said_to_touch
 
 
 def test_a_robot_without_a_yaw_that_is_round_from_above_alone_has_no_lanes():
-    base = trimesh.creation.cylinder(0.4, 0.2, sections=64)
+    base = trimesh.creation.cylinder(0.4, 0.2, sections=24)
     mast = trimesh.creation.box((0.5, 0.1, 0.3))
     mast.apply_translation((0.0, 0.0, 0.2))
     robot = cspace.Robot.from_mesh(trimesh.util.concatenate([base, mast]))
@@ -490,9 +491,9 @@ def test_tiles_give_the_verdicts_of_memory(tmp_path):
     assert one.lost == other.lost
 
 
-@pytest.mark.parametrize("far", [20.0, 1e6, 1e15, 1e100])
+@pytest.mark.parametrize("far", few([20.0, 1e100, 1e6, 1e15], 2))
 @pytest.mark.parametrize("outside", ["blocked", "free"])
-@pytest.mark.parametrize("tile", [None, 32])
+@pytest.mark.parametrize("tile", few([None, 32]))
 def test_a_node_far_outside_is_named_at_once(tmp_path, far, outside, tile):
     options = {"store": tmp_path / "map", "tile": tile} if tile else {}
     space = build_empty((60, 60), "rect:0.6x0.4", rotations=24, outside=outside, **options)

@@ -99,7 +99,7 @@ def draw_graph(rng, side=4.0):
     return RouteGraph.from_arrays(positions, edges, headings)
 
 
-@pytest.mark.parametrize("number", few([12, 100]))
+@pytest.mark.parametrize("number", few([4, 100]))
 def test_random_graphs_agree_with_dense_poses(spaces, number):
     rng = np.random.default_rng(5)
     seen = {"apart": 0, "touch": 0, "undecided": 0}
@@ -192,10 +192,11 @@ def test_corners_that_meet_exactly_are_never_apart(numbers, pull):
     assert row.verdict == ("apart" if gap > 0 else "touch" if gap < 0 else "undecided")
 
 
-def test_larger_distances_and_robots_never_part_what_touches(spaces):
+@pytest.mark.parametrize("rounds", few([3, 8]))
+def test_larger_distances_and_robots_never_part_what_touches(spaces, rounds):
     rng = np.random.default_rng(2)
     grown = build("arrow", margin=0.05)
-    for _ in range(8):
+    for _ in range(rounds):
         graph = draw_graph(rng)
         found = [
             cspace.lanes.conflicts(spaces["arrow"], graph),
@@ -392,7 +393,7 @@ def test_curves_and_deviations_count_as_the_audit_counts_them(tmp_path):
         assert outline.covers(body)
 
 
-@pytest.mark.parametrize("number", few([6, 30]))
+@pytest.mark.parametrize("number", few([2, 30]))
 @pytest.mark.parametrize("distance", [0.0, 0.2])
 def test_one_robot_in_each_zone_keeps_all_apart(spaces, distance, number):
     rng = np.random.default_rng(8)
@@ -413,7 +414,7 @@ def test_one_robot_in_each_zone_keeps_all_apart(spaces, distance, number):
                     close += 1
                     both = [zone for zone in shapes if shapely.intersects(zone, bodies).all()]
                     assert both
-    assert close > 100
+    assert close > 15 * number
 
 
 RMF = {

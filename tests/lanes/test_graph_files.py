@@ -429,12 +429,13 @@ def test_graphs_of_other_formats_are_refused(wrong, message, tmp_path):
     check_refused(lambda: RouteGraph.open(file), message)
 
 
+@pytest.mark.parametrize("rounds", few([60, 300]))
 @pytest.mark.filterwarnings("ignore:.*these fields are not read")
 @pytest.mark.parametrize("name", FILES)
-def test_no_damage_gives_another_error(name, tmp_path):
+def test_no_damage_gives_another_error(name, tmp_path, rounds):
     rng = np.random.default_rng(0)
     text = write(tmp_path, name, FILES[name]).read_text()
-    for _ in range(300):
+    for _ in range(rounds):
         first, last = np.sort(rng.integers(0, len(text), 2))
         middle = rng.choice(["", "null", "-1", '"x"', "[]", "1e999"])
         (tmp_path / name).write_text(text[:first] + middle + text[min(last, first + 9) :])
@@ -471,10 +472,11 @@ def test_a_graph_of_networkx_has_the_same_lanes():
         RouteGraph.from_networkx(graph)
 
 
+@pytest.mark.parametrize("rounds", few([3, 10]))
 @pytest.mark.parametrize("degree", few([3, 1, 2, 5]))
-def test_legs_contain_a_random_curve_and_its_directions(degree):
+def test_legs_contain_a_random_curve_and_its_directions(degree, rounds):
     rng = np.random.default_rng(degree)
-    for _ in range(10):
+    for _ in range(rounds):
         count = degree + int(rng.integers(1, 6))
         points = np.cumsum(rng.uniform(0.1, 1.0, (count, 2)), axis=0) * rng.choice([-1, 1], 2)
         weights = rng.uniform(0.3, 3.0, count)

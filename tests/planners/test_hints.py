@@ -66,7 +66,7 @@ BAY_CART = BAY, Robot.rectangle(0.8, 0.3), 72
             (
                 BAY_CART,
                 OUT_OF_BAY,
-                {"drive": planners.Car(turning_radius=0.5), "planner": "RRT"},
+                {"drive": planners.Car(turning_radius=0.5), "planner": "RRT", "time_limit": 0.3},
                 "drive=planners.Car(turning_radius=0.5, reverse=True) with the default planner, which finds a path",
             ),
             ((CORRIDOR, SQUARE, None), AHEAD, {}, "space.exact, which finds a path"),

@@ -20,6 +20,7 @@ from cspace.errors import InputError, UnitWarning
 from tests.helpers.handmade import build_empty
 from tests.helpers.refusals import check_refused, refusals
 from tests.helpers.regions import place_polygon
+from tests.helpers.strategies import few
 from tests.planners.test_smoothing import (
     FOOTPRINT,
     LIMITS,
@@ -90,14 +91,15 @@ def allow_in_zones(q, zones, within="contour"):
     return allowed
 
 
+@pytest.mark.parametrize("rounds", few([1, 2]))
 @pytest.mark.parametrize("within", ["contour", "point"])
 @pytest.mark.parametrize("jerk", [{}, JERK], ids=["", "jerk"])
 @pytest.mark.parametrize("drive, rotations", DRIVES)
-def test_zones_hold_at_every_instant(drive, rotations, jerk, within):
+def test_zones_hold_at_every_instant(drive, rotations, jerk, within, rounds):
     plan = find_plan(drive, rotations)
     limits = make_limits(rotations, drive, **jerk)
     free = plan.trajectory(**limits)
-    for seed in range(2):
+    for seed in range(rounds):
         zones = draw_zones(plan, seed)
         trajectory = plan.trajectory(**limits, speed=planners.SpeedZones(zones, within=within))
         q, speeds = sample_speeds(trajectory)
@@ -204,14 +206,15 @@ def test_overlapping_zones_equal_their_lowest():
         assert plan.trajectory(**limits, speed=pair).duration >= max(durations)
 
 
+@pytest.mark.parametrize("rounds", few([3, 6]))
 @pytest.mark.parametrize("jerk", [{}, JERK], ids=["", "jerk"])
 @pytest.mark.parametrize("drive, rotations", DRIVES)
-def test_stops_keep_the_limits(drive, rotations, jerk):
+def test_stops_keep_the_limits(drive, rotations, jerk, rounds):
     plan = find_plan(drive, rotations)
     zones = draw_zones(plan, 4)
     speed = [planners.SpeedZones(zones), planners.SlowNear(plan.space, 0.4, 0.2)]
     trajectory = plan.trajectory(**make_limits(rotations, drive, **jerk), speed=speed)
-    for t in np.linspace(0.0, trajectory.duration, 6):
+    for t in np.linspace(0.0, trajectory.duration, rounds):
         stop = trajectory.braked(t)
         assert stop.certified
         q, speeds = sample_speeds(stop)
@@ -330,15 +333,16 @@ def test_a_zone_too_near_to_brake_is_entered_as_slowly_as_possible(jerk):
     assert not same.stop_reason and same.exceeds_until == 0.0
 
 
+@pytest.mark.parametrize("rounds", few([2, 5]))
 @pytest.mark.parametrize("jerk", [{}, JERK], ids=["", "jerk"])
 @pytest.mark.parametrize("drive, rotations", DRIVES)
-def test_motions_go_on_with_new_limits_as_without(drive, rotations, jerk):
+def test_motions_go_on_with_new_limits_as_without(drive, rotations, jerk, rounds):
     plan = find_plan(drive, rotations)
     limits = make_limits(rotations, drive, **jerk)
     motion = plan.trajectory(**limits)
     zones = draw_zones(plan, 6)
     speed = planners.SpeedZones(zones)
-    for at in np.linspace(0.1, 0.8, 5) * motion.duration:
+    for at in np.linspace(0.1, 0.8, rounds) * motion.duration:
         start = motion.starts_after(at)[0]
         onward = planners.plan(plan.space, start, plan.goal, drive=plan.drive, previous=plan)
         free = onward.trajectory(**limits, after=motion, at=at)
@@ -352,15 +356,16 @@ def test_motions_go_on_with_new_limits_as_without(drive, rotations, jerk):
             assert slower.recheck(plan.space).all()
 
 
+@pytest.mark.parametrize("rounds", few([3, 9]))
 @pytest.mark.parametrize("drive, rotations", DRIVES[:3])
-def test_limits_that_were_kept_are_kept_on_with_limited_jerk(drive, rotations):
+def test_limits_that_were_kept_are_kept_on_with_limited_jerk(drive, rotations, rounds):
     plan = find_plan(drive, rotations)
     limits = make_limits(rotations, drive, **JERK)
     zones = draw_zones(plan, 3)
     speed = planners.SpeedZones(zones)
     motion = plan.trajectory(**limits, speed=speed)
     moving = 0
-    for at in np.linspace(0.05, 0.85, 9) * motion.duration:
+    for at in np.linspace(0.05, 0.85, rounds) * motion.duration:
         for start in motion.starts_after(at):
             onward = planners.plan(plan.space, start, plan.goal, drive=plan.drive, previous=plan)
             same = onward.trajectory(**limits, after=motion, at=at, speed=speed)
@@ -370,7 +375,7 @@ def test_limits_that_were_kept_are_kept_on_with_limited_jerk(drive, rotations):
             q, speeds = sample_speeds(same)
             later = np.linspace(0.0, same.duration, INSTANTS) >= same.exceeds_until
             assert (speeds <= SLACK * allow_in_zones(q, zones))[later].all()
-    assert moving >= 8
+    assert moving >= rounds - 1
 
 
 @pytest.mark.parametrize("jerk", [{}, {"max_jerk": 1.0}], ids=["", "jerk"])
@@ -419,8 +424,9 @@ def build_hall():
     return build_empty((120, 40), cspace.Robot.polygon(FOOTPRINT), rotations=36)
 
 
-@pytest.mark.parametrize("exact", [False, True])
-@pytest.mark.parametrize("omega", [0.0, 0.5])
+@pytest.mark.parametrize(
+    "omega, exact", few([(0.5, True), (0.0, False), (0.5, False), (0.0, True)], 2)
+)
 def test_a_gate_slows_down_before_a_zone(omega, exact):
     space = build_hall().exact if exact else build_hall()
     zones = [(box(4.0, 0.0, 6.0, 4.0), 0.3), (shapely.Point(8.0, 2.4).buffer(0.4), 0.5)]

@@ -17,6 +17,7 @@ import shapely
 import cspace
 from cspace.errors import FileError, InputError
 from tests.fuzz.files import reseal
+from tests.helpers.strategies import few
 from tests.helpers.waiting import until
 from tests.tiles.worlds import (
     CAR,
@@ -291,7 +292,7 @@ def test_queries_refuse_tiles_of_other_places_and_maps(built, path, source):
     ],
     ids=["changed", "cut", "missing", "another"],
 )
-@pytest.mark.parametrize("is_complete", [False, True])
+@pytest.mark.parametrize("is_complete", few([False, True]))
 def test_a_build_mends_damaged_tiles(built, path, damage, is_complete):
     workspace = cspace.Workspace.from_array(random_workspace((20, 33)).outer, 0.1)
     damage(path / "0.1", built / "other" / "0.1")
