@@ -725,8 +725,9 @@ class CSpace(ConfigurationMap):
         InputError
             If the name is empty or no string, or the obstacle is of another type or dimension, has
             points without a radius, is so far away that rounding could matter, or is in the plane
-            and the robot leaves the heights of the workspace; nothing changes then. A :class:`cspace.errors.GeometryError` if it is empty, not finite, or a polygon
-            that crosses itself.
+            and the robot leaves the heights of the workspace; nothing changes then. A
+            :class:`cspace.errors.GeometryError` if it is empty, not finite, or a polygon that
+            crosses itself.
 
         Examples
         --------

@@ -14,8 +14,8 @@ from cspace._raster import Raster
 from cspace._rotations import NO_ROTATION, RotationCell
 from cspace._shapes.polygon import Polygons
 from cspace._shapes.shape import ExactShape, RoundedSimplices, Shape, Slab
-from cspace._support.arrays import Bools, Floats, Surface
-from cspace._support.check import AXES, check_finite, check_points
+from cspace._support.arrays import AXES, Bools, Floats, Surface
+from cspace._support.check import check_finite, check_points
 from cspace.errors import GeometryError
 
 

@@ -108,9 +108,9 @@ def _follow(value: Any, path: str) -> Any:
 
 def _check_unit(values: Any, name: str) -> None:
     """Raise InputError for values in another unit, as of pint; units of plans are tuples."""
-    paths = ("attrs.units", "attrs.unit", "units", "unit")
+    paths = ["attrs.units", "attrs.unit", "units", "unit"]
     if hasattr(values, "columns"):  # which may be called so
-        paths = paths[:2]
+        del paths[2:]
     unit = next(filter(None, (_follow(values, path) for path in paths)), None)
     has_unit = not (unit is None or callable(unit) or isinstance(unit, tuple))
     if has_unit and not _SI_UNIT.fullmatch(str(unit).lower()):

@@ -14,6 +14,7 @@ import logging
 import os
 import pickle
 import platform
+import re
 import shutil
 import stat
 import struct

@@ -105,7 +105,7 @@ def test_constants_and_records_of_kernels_are_in_files_that_the_folder_depends_o
             assert SOURCES[module] in known, f"{name} of {module} is compiled into a kernel"
             pending += [(module, each) for each in names_read(place)]
     assert len(seen) > 900
-    assert {("cspace._record.cells", "Map"), ("planners._frontier", "Progress")} < seen
+    assert {("cspace._record.cells", "Map"), ("planners._searches.frontier", "Progress")} < seen
     assert len(known) < len(SOURCES) / 3  # other files change, and no kernel is compiled again
 
 

@@ -125,7 +125,7 @@ def test_a_change_of_kernels_their_constants_or_records_changes_the_folder(tmp_p
         ("cspace/_support/vectors.py", "MORE = 1", True),
         ("cspace/_grid.py", "MORE = 1", True),
         ("cspace/_record/cells.py", "MORE = 1", True),
-        ("planners/_frontier.py", "MORE = 1", True),
+        ("planners/_searches/frontier.py", "MORE = 1", True),
         ("cspace/_support/second.py", "AREA = SIDE**2", True),
         ("cspace/_support/first.py", "SIDE = 2", True),
         ("cspace/__init__.py", "__version__ = '9.9.9'", True),
