@@ -934,6 +934,11 @@ class CSpace(ConfigurationMap):
         return np.where(goes_on, HALF_TURN, math.inf)
 
     @lazy
+    def _kept_values(self) -> dict[str, Any]:
+        """Values that packages beside the core keep with the map."""
+        return {}
+
+    @lazy
     def _kernel_map(self) -> Map:
         """Map for compiled functions, which follows updates."""
         return make_map_record(

@@ -51,6 +51,7 @@ from ._queries.vehicles import Drive as Drive
 from ._queries.vehicles import check_drive as check_drive
 from ._raster import Raster as Raster
 from ._record.cells import Map as Map
+from ._record.cells import kept_values as kept_values
 from ._record.cells import map_record as map_record
 from ._record.contents import Contents as Contents
 from ._record.description import collect_arrays as collect_arrays

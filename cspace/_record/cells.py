@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import numpy as np
 
@@ -67,6 +67,11 @@ def make_map_record(states: States, grid: Grid, exterior: Ints, rotations: Rotat
         exterior=exterior,
         rotations=rotations,
     )
+
+
+def kept_values(space: CSpace) -> dict[str, Any]:
+    """Return what packages beside the core keep with a map, by names; updates do not drop it."""
+    return space._kept_values
 
 
 def map_record(space: CSpace) -> Map:

@@ -10,7 +10,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Final, TypeAlias
-from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -26,6 +25,7 @@ from cspace.inside import (
     check_finite,
     check_not_negative,
     check_positive,
+    kept_values,
 )
 from planners._edges.integrals import CellCost, CostDensity, Weigh, check_costs_fit
 
@@ -33,7 +33,6 @@ if TYPE_CHECKING:
     from ompl import base as ob
 
     from planners._motion.speed_limits import SpeedLike
-    from planners._searches.estimate import Costs
 
 MakeObjective: TypeAlias = "Callable[[ob.SpaceInformation], ob.OptimizationObjective]"
 
@@ -192,12 +191,6 @@ def _check_shape(costs: Floats, space: ConfigurationMap) -> None:
         raise InputError("costs", problem, f"the map has slices and cells of shape {shape}")
 
 
-LAST_FACTORS: Final[WeakKeyDictionary[CSpace, tuple[Costs, CostDensity, Costs]]] = (
-    WeakKeyDictionary()
-)
-"""Distances of each map, and the last costs by them: of a metre, and in cells."""
-
-
 def _weigh_clearance(objective: ClearanceObjective, space: CSpace) -> CellCost:
     """Return what a metre costs by clearance."""
     check_costs_fit(space)
@@ -206,14 +199,15 @@ def _weigh_clearance(objective: ClearanceObjective, space: CSpace) -> CellCost:
         threshold = default_clearance_threshold(space)
     density = CostDensity(1.0, -1.0 / threshold, objective.weight)
     distances = DistanceTable.of(space).cells
-    known = LAST_FACTORS.get(space)
+    kept = kept_values(space)
+    known = kept.get("clearance costs")
     # Distances are new after each change of the map.
     if known is None or known[0] is not distances or known[1] != density:
         shares = distances.reshape(-1, *space.grid.shape) * (space.grid.spacing / threshold)
         penalties = np.clip(1.0 - shares, 0.0, 1.0)
         factors = 1.0 + objective.weight * penalties * penalties
         known = distances, density, factors.astype(np.float32, copy=False)
-        LAST_FACTORS[space] = known
+        kept["clearance costs"] = known
     return CellCost(known[2], density)
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Final, NamedTuple, cast
+from typing import TYPE_CHECKING, NamedTuple, cast
 from warnings import catch_warnings, simplefilter
 from weakref import WeakKeyDictionary
 
@@ -20,7 +20,7 @@ from shapely.geometry.base import BaseGeometry
 
 from cspace import BLOCKED, FREE, MIXED, CSpace, Robot, Workspace, build
 from cspace.errors import InputError
-from cspace.inside import ConfigurationMap, DistanceTable, States, map_record
+from cspace.inside import ConfigurationMap, DistanceTable, States, kept_values, map_record
 from planners._edges.integrals import CellCost, Weigh, check_costs_fit
 from planners._motion.speed_limits import (
     EverywhereRule,
@@ -49,15 +49,6 @@ class LastCosts(NamedTuple):
     costs: CellCost
 
 
-LAST_COSTS: Final[WeakKeyDictionary[CSpace, LastCosts]] = WeakKeyDictionary()
-"""The last costs of each map, as long as it lives."""
-
-ZONE_SPEEDS: Final[WeakKeyDictionary[CSpace, WeakKeyDictionary[SpeedZones, Costs]]] = (
-    WeakKeyDictionary()
-)
-"""Largest speeds in zones of maps, as long as map and zones live."""
-
-
 def read_speeds(speed: SpeedLike | Sequence[SpeedLike] | None, space: ConfigurationMap) -> Weigh:
     """Check largest speeds, and return the maker of costs by them."""
     limits = list(speed) if isinstance(speed, list | tuple) else [speed]
@@ -82,10 +73,11 @@ def _weigh_time(full: float, rules: Sequence[PlaceRule], space: CSpace) -> CellC
             limits += [rule.limit.speed, rule.limit.distance, id(tables[-1].cells)]
         else:
             limits.append(rule.zones)
-    known = LAST_COSTS.get(space)
+    kept = kept_values(space)
+    known: LastCosts | None = kept.get("costs of time")
     if known is None or known.limits != limits:
         costs = CellCost(_find_factors(full, rules, space))
-        known = LAST_COSTS[space] = LastCosts(limits, tables, costs)
+        known = kept["costs of time"] = LastCosts(limits, tables, costs)
     return known.costs if known.costs.factors.size else None
 
 
@@ -134,7 +126,9 @@ def _measure_near(near: SlowNear, space: CSpace) -> Costs:
 
 def _measure_zones(rule: ZoneRule, space: CSpace) -> Costs:
     """Return the largest speeds in zones, infinite elsewhere, in an array that fits the cells."""
-    known = ZONE_SPEEDS.setdefault(space, WeakKeyDictionary())
+    kept = kept_values(space)
+    known: WeakKeyDictionary[SpeedZones, Costs]
+    known = kept.setdefault("speeds in zones", WeakKeyDictionary())
     if rule.zones not in known:
         known[rule.zones] = _raster_zones(rule, space)
     speeds = known[rule.zones]
