@@ -450,9 +450,11 @@ class ConfigurationMap(ConfigurationSpace):
         problem = f"{_drop_noise(point)} {problem}"
         return ConfigurationError(name, problem, rule, hint, nearest=nearest, reason=reason)
 
-    # ---- pictures --------------------------------------------------------------------------------
+    # ---- pictures, and convex regions ------------------------------------------------------------
 
     plot = _outside.plot
+    free_region = _outside.free_region
+    free_regions = _outside.free_regions
 
     # ---- what differs ----------------------------------------------------------------------------
 

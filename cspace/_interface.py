@@ -7,6 +7,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from typing import (
+    TYPE_CHECKING,
     Any,
     ClassVar,
     Final,
@@ -48,6 +49,9 @@ from cspace._support.deadlines import Effort
 from cspace._support.limits import check_samples
 from cspace._support.reporting import tell_apart
 from cspace.errors import ConfigurationError, InputError
+
+if TYPE_CHECKING:
+    from cspace._record.cells import Map
 
 Endpoint = tuple[float, ...]
 """A start or goal in canonical form."""
@@ -264,6 +268,11 @@ class Space(ABC):
         return self
 
     @property
+    def _kernel_map(self) -> Map:
+        """Cells of a map in memory, as compiled functions take them."""
+        raise InputError("space", f"is {self!r}", "it must be a map in memory")
+
+    @property
     def frame_id(self) -> str:
         """Frame of the coordinates in ROS; "map" if it is not known."""
         return "map"
@@ -325,11 +334,6 @@ class Space(ABC):
         starts = check_rows(q0, "q0", self.axes)
         starts = np.broadcast_to(starts, (*steps.shape[:-1], self.size))
         return self.rotations.add_steps(starts, steps)
-
-    # ---- convex regions of maps in memory --------------------------------------------------------
-
-    free_region = _outside.free_region
-    free_regions = _outside.free_regions
 
     # ---- what some spaces know better ------------------------------------------------------------
 

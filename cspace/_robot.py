@@ -385,7 +385,7 @@ class Robot:
         MissingPackageError
             If yourdfpy is not installed.
         """
-        from cspace.arms._reading.link_shapes import read_rigid_links
+        from cspace._files.formats import read_rigid_links
 
         return cls(*read_rigid_links(path, link, solid, package_dirs, visuals, spheres))
 

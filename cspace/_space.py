@@ -1311,7 +1311,7 @@ class ExactCSpace(CSpace):
             same_radii = np.repeat(radii[[chunk]], len(lasts), axis=0)
             super()._count_free_tubes(firsts, lasts[:, np.newaxis], same_radii, is_free)
             rest = np.flatnonzero(is_free == 0)
-            proofs = proofs_of(self)
+            proofs: Any = self._exact.current_proofs()
             # The motion itself is proven among the cells, too, of which some are BLOCKED.
             for growth in (0.0, proofs.bound_growth(radii[chunk])):
                 rest = rest[proofs.are_free(firsts[rest], lasts[rest], growth)]
@@ -1322,20 +1322,6 @@ class ExactCSpace(CSpace):
 def is_labelled(space: Space) -> bool:
     """Return whether ``path_exists`` answers at once: a map in memory first labels its cells."""
     return not isinstance(space, CSpace) or "_components" in vars(space)
-
-
-def contents_of(space: CSpace) -> Contents:
-    """Return the contents of a map in memory; an update changes them."""
-    return space._contents
-
-
-def proofs_of(space: CSpace) -> Any:
-    """Return the proofs by the present geometry, which decide MIXED cells of a map in memory.
-
-    They are :class:`cspace._exact.proofs.BoundaryProofs` of robot and obstacles, unless the map has
-    proofs of its own.
-    """
-    return space._exact.current_proofs()
 
 
 def _share(space: CSpace, kind: type[Shared]) -> Shared:

@@ -738,7 +738,7 @@ class Workspace:
         --------
         cspace.arms.read_moveit_scene : The same obstacles for an arm.
         """
-        from cspace.arms._reading.link_shapes import read_obstacles
+        from cspace._files.formats import read_obstacles
 
         return cls._of_scene(partial(read_obstacles, source, package_dirs), spacing, bounds)
 

@@ -53,7 +53,9 @@ from ._raster import Raster as Raster
 from ._record.cells import Map as Map
 from ._record.cells import kept_values as kept_values
 from ._record.cells import map_record as map_record
+from ._record.cells import proofs_of as proofs_of
 from ._record.contents import Contents as Contents
+from ._record.contents import contents_of as contents_of
 from ._record.description import collect_arrays as collect_arrays
 from ._record.description import make_metadata as make_metadata
 from ._record.exterior import Exterior as Exterior
@@ -71,9 +73,7 @@ from ._shapes import Voxels as Voxels
 from ._shapes import as_shape as as_shape
 from ._shapes.balls import Balls as Balls
 from ._shapes.mesh import Mesh as Mesh
-from ._space import contents_of as contents_of
 from ._space import is_labelled as is_labelled
-from ._space import proofs_of as proofs_of
 from ._support import heap as heap
 from ._support import vectors as vectors
 from ._support.arrays import AXES as AXES

@@ -422,12 +422,12 @@ class Plan:
 
         Each edge lies in one region, as it is driven: a car's curve, too. Each region overlaps the
         next in a row of the path. From the start on, each region has as many edges as the search
-        finds. See :meth:`cspace.Space.free_region` for the maps that have regions.
+        finds. See :meth:`cspace.CSpace.free_region` for the maps that have regions.
 
         Parameters
         ----------
         reach, margin : float
-            As for :meth:`cspace.Space.free_region`, around edges. Shortest paths pass corners of
+            As for :meth:`cspace.CSpace.free_region`, around edges. Shortest paths pass corners of
             cells nearer than a hundredth of a cell, so plan with ``objective="clearance"`` for a
             larger margin.
 

@@ -11,6 +11,7 @@ from cspace._rotations.base import RotationTable
 from cspace._support.arrays import MIXED, Ints, Row, States, read_only
 
 if TYPE_CHECKING:
+    from cspace._interface import Space
     from cspace._space import CSpace
 
 
@@ -74,9 +75,21 @@ def kept_values(space: CSpace) -> dict[str, Any]:
     return space._kept_values
 
 
-def map_record(space: CSpace) -> Map:
-    """Return a map's cells as compiled functions take them; they follow updates."""
+def map_record(space: Space) -> Map:
+    """Return a map's cells as compiled functions take them; they follow updates.
+
+    Raises InputError if the space is no map in memory.
+    """
     return space._kernel_map
+
+
+def proofs_of(space: CSpace) -> Any:
+    """Return the proofs by the present geometry, which decide MIXED cells of a map in memory.
+
+    They are :class:`cspace._exact.proofs.BoundaryProofs` of robot and obstacles, unless the map has
+    proofs of its own.
+    """
+    return space._exact.current_proofs()
 
 
 def hide_cells(map_: Map) -> Map:
