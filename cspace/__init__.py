@@ -6,6 +6,9 @@ importing the package costs next to nothing.
 
 import lazy_loader
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+try:
+    __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+except ValueError as error:
+    raise ImportError(f"{__file__} is in an archive; cspace runs only from a folder") from error
 
 __version__ = "0.2.0"
