@@ -69,7 +69,7 @@ FIELDS: Final = (
             "`zoneSet`, `zones`, `zoneId`, `zoneType`; `vertices`, `x`, `y`; `maximumSpeed` in "
             "`planners.SpeedZones`"
         ),
-        refused="fewer than three `vertices`",
+        refused="fewer than three `vertices`; unknown types",
         warned="zones of other types; unknown fields",
         harmless=(
             "headerId timestamp version manufacturer serialNumber mapId zoneSetId "

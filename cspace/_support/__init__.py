@@ -21,7 +21,10 @@ def attach_stub(
     package: str, file: str
 ) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
     """Return ``__getattr__``, ``__dir__`` and ``__all__`` of a package with a stub of its names."""
-    import_name, list_names, names = lazy_loader.attach_stub(package, file)
+    try:
+        import_name, list_names, names = lazy_loader.attach_stub(package, file)
+    except ValueError as error:
+        raise ImportError(f"{file} is in an archive; cspace runs only from a folder") from error
     return lambda name: import_in_turn(import_name, name), list_names, names
 
 
