@@ -348,7 +348,8 @@ class Robot:
         1. each of ``package_dirs``;
         2. the folder of the URDF, then those above it, the nearest first;
         3. each of the environment variable ``ROS_PACKAGE_PATH``;
-        4. ``share`` in each of ``AMENT_PREFIX_PATH``.
+        4. the package of that name, by its ``package.xml``, at any depth below 1 and 3;
+        5. ``share`` in each of ``AMENT_PREFIX_PATH``.
 
         A mesh named ``REST`` or ``file://REST`` is that file, relative to the folder of the URDF.
         If no such file exists, but exactly one ``REST`` in 1 and 2 does, that file is read and a

@@ -12,6 +12,7 @@ import os
 from collections import Counter
 from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
+from functools import cached_property
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeAlias
@@ -307,16 +308,16 @@ def locate_meshes(
     """
     # Files under a mesh's full name come first. Else one file with the rest of its name is a guess.
     folder = Path(path).resolve().parent
+    search = _MeshSearch(folder, package_dirs)
     meshes: dict[str, Path] = {}
     guesses: dict[str, Path] = {}
     for name, place in places.items():
-        exact, elsewhere = _list_candidates(name, folder, package_dirs)
-        files = _find_existing(exact)
-        if not files:
-            files = _find_existing(elsewhere)
+        file = next(_find_existing(search.list_exact(name)), None)
+        if file is None:
+            files = list(_find_existing(search.list_guesses(name)))
             _check_single(files, f"{os.fspath(path)}: {place}: mesh {name}", folder)
-            guesses[name] = files[0]
-        meshes[name] = files[0]
+            file = guesses[name] = files[0]
+        meshes[name] = file
     if guesses:
         listed = [f"{name} from {file}" for name, file in guesses.items()]
         shown = ", ".join(listed[:_MAX_LISTED_MESHES])
@@ -591,27 +592,72 @@ def package_folders(package_dirs: PackageDirs) -> list[Path]:
     return folders
 
 
-def _list_candidates(
-    name: str, folder: Path, package_dirs: Sequence[Path]
-) -> tuple[list[Path], list[Path]]:
-    """Return the candidate paths of a mesh.
+class _MeshSearch:
+    """Candidate paths of meshes that a URDF in a folder names, in order of preference."""
 
-    The first list has the paths for its full name, in order of preference; the second list has
-    paths for a part of the name. `folder` is the folder of the URDF.
-    """
-    scheme, _, escaped = name.rpartition("://")
-    # A URI may write %20 for a blank.
-    relatives = dict.fromkeys([escaped, unquote(escaped)])
-    near = [*package_dirs, folder, *folder.parents]
-    if scheme not in ("package", "model"):  # these start with the name of a package
-        exact = [folder / relative for relative in relatives]
-        return exact, [base / relative for base in near for relative in relatives]
-    ros_folders = _list_folders("ROS_PACKAGE_PATH")
-    ament_folders = [prefix / "share" for prefix in _list_folders("AMENT_PREFIX_PATH")]
-    bases = [*near, *ros_folders, *ament_folders]
-    exact = [base / relative for base in bases for relative in relatives]
-    inside_package = [relative.partition("/")[2] for relative in relatives]
-    return exact, [base / relative for base in near for relative in inside_package]
+    def __init__(self, folder: Path, package_dirs: Sequence[Path]) -> None:
+        """Remember the folder of the URDF, and those of packages."""
+        self._folder = folder
+        self._near = [*package_dirs, folder, *folder.parents]
+        self._roots = [*package_dirs, *_list_folders("ROS_PACKAGE_PATH")]
+
+    def list_exact(self, name: str) -> Iterator[Path]:
+        """Yield the paths for a mesh's full name."""
+        relatives = _list_relatives(name)
+        if not _has_package(name):
+            yield from (self._folder / relative for relative in relatives)
+            return
+        bases = [*self._near, *self._roots]
+        yield from (base / relative for base in bases for relative in relatives)
+        for relative in relatives:
+            package, _, rest = relative.partition("/")
+            if package in self._packages:
+                yield self._packages[package] / rest
+        for prefix in _list_folders("AMENT_PREFIX_PATH"):
+            yield from (prefix / "share" / relative for relative in relatives)
+
+    def list_guesses(self, name: str) -> Iterator[Path]:
+        """Yield paths for a part of a mesh's name."""
+        for relative in _list_relatives(name):
+            rest = relative.partition("/")[2] if _has_package(name) else relative
+            yield from (base / rest for base in self._near)
+
+    @cached_property
+    def _packages(self) -> dict[str, Path]:
+        """Folders of packages at any depth, by name, as ROS finds them.
+
+        A package has no other packages in its folder.
+        """
+        packages: dict[str, Path] = {}
+        seen = set[str]()
+        for root in self._roots:
+            for place, folders, files in os.walk(root, followlinks=True):
+                real = os.path.realpath(place)
+                if "package.xml" in files:
+                    packages.setdefault(_read_package_name(Path(place)), Path(place))
+                if real in seen or not _CRAWL_ENDS.isdisjoint(files):
+                    folders.clear()
+                seen.add(real)
+                folders[:] = sorted(name for name in folders if not name.startswith("."))
+        return packages
+
+
+def _has_package(name: str) -> bool:
+    """Return True if a mesh's name starts with that of a package."""
+    return name.startswith(("package://", "model://"))
+
+
+def _list_relatives(name: str) -> list[str]:
+    """Return a mesh's name without its scheme, as it is and with %20 as a blank."""
+    escaped = name.rpartition("://")[2]
+    return list(dict.fromkeys([escaped, unquote(escaped)]))
+
+
+def _read_package_name(folder: Path) -> str:
+    """Return the name in a package's manifest, or that of its folder."""
+    with suppress(FileError):
+        return read_xml(folder / "package.xml", "package").findtext("name", folder.name).strip()
+    return folder.name
 
 
 def _list_folders(variable: str) -> list[Path]:
@@ -620,14 +666,14 @@ def _list_folders(variable: str) -> list[Path]:
     return [Path(name) for name in names if name]
 
 
-def _find_existing(places: Iterable[Path]) -> list[Path]:
-    """Return the paths that are files, without duplicates."""
-    files: dict[Path, Path] = {}
+def _find_existing(places: Iterable[Path]) -> Iterator[Path]:
+    """Yield the paths that are files, without duplicates."""
+    found = set[Path]()
     for place in places:
         with suppress(OSError):  # a name that no file can have
-            if place.is_file():
-                files.setdefault(place.resolve(), place)
-    return list(files.values())
+            if place.is_file() and place.resolve() not in found:
+                found.add(place.resolve())
+                yield place
 
 
 def _check_single(files: Sequence[Path], place: str, folder: Path) -> None:
@@ -636,13 +682,19 @@ def _check_single(files: Sequence[Path], place: str, folder: Path) -> None:
     if not files:
         rule = (
             f"the search covers package_dirs, {folder} and the folders above it, "
-            "ROS_PACKAGE_PATH and AMENT_PREFIX_PATH"
+            "ROS_PACKAGE_PATH and AMENT_PREFIX_PATH, and packages below the first and the third"
         )
         raise FileError(place, "does not exist", rule)
     if len(files) > 1:
         rule = f"several files match a part of it: {', '.join(map(str, files))}"
         raise FileError(place, "does not exist under its full name", rule)
 
+
+_CRAWL_ENDS: Final = {
+    *("package.xml", "manifest.xml"),
+    *("AMENT_IGNORE", "CATKIN_IGNORE", "COLCON_IGNORE"),
+}
+"""Files of folders below which ROS searches for no package."""
 
 _SRDF_KIND: Final = "SRDF"
 """Kind of file, for messages."""
