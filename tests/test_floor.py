@@ -532,6 +532,18 @@ def test_thin_robots_inside_an_obstacle_are_never_free(kind, room, outside):
         assert not space.exact.is_free(rows).any()
 
 
+@pytest.mark.parametrize("lower, room", [(0.0, 1e-9), (-1e4, 6e-8), (1e4, 6e-8)])
+@pytest.mark.parametrize("rotations", [None, 4])
+def test_contact_sideways_is_decided_near_and_far_from_the_origin(lower, room, rotations):
+    cells = np.zeros((40, 30, 12), dtype=bool)
+    cells[20:24, 10:20, 4:] = True
+    scene = Workspace.from_array(cells, 0.05, (0.0, 0.0, lower))
+    robot = Robot.box((0.3, 0.2, 0.3), (0.0, 0.0, 0.35))
+    space = cspace.build(scene, robot, floor=lower, rotations=rotations).exact
+    near = np.array([(0.85 - room, 0.75, 0.0), (0.85 + 1e-12, 0.75, 0.0)])[:, : space.size]
+    assert space.is_free(near).tolist() == [True, False]
+
+
 # ---- plane shapes at all heights -----------------------------------------------------------------
 
 
