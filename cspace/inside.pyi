@@ -74,6 +74,7 @@ from ._shapes import as_shape as as_shape
 from ._shapes.balls import Balls as Balls
 from ._shapes.mesh import Mesh as Mesh
 from ._space import is_labelled as is_labelled
+from ._support import attach_stub as attach_stub
 from ._support import heap as heap
 from ._support import vectors as vectors
 from ._support.arrays import AXES as AXES

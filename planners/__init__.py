@@ -10,8 +10,8 @@ Rooms: ``_edges`` (motions of drives), ``_motion`` (times), ``_searches`` (our o
 from importlib import import_module
 from typing import Any
 
-from cspace._support import attach_stub
 from cspace.errors import MissingPackageError
+from cspace.inside import attach_stub
 
 _import_name, __dir__, __all__ = attach_stub(__name__, __file__)
 

@@ -3,6 +3,6 @@
 They are listed in ``inside.pyi``.
 """
 
-from cspace._support import attach_stub
+from cspace.inside import attach_stub
 
 __getattr__, __dir__, __all__ = attach_stub("planners", __file__)

@@ -18,8 +18,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from resource import RLIMIT_CPU, setrlimit
 
-from cspace._support.compiling import _KERNELS
-
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("cspace", "planners")
 COPIED = (*PACKAGES, "benchmarks", "examples", "tests")
@@ -1211,6 +1209,10 @@ def find_stale() -> list[str]:
     ]
 
 
+KERNELS = re.compile(rb"^@(kernel|internal|inlined|allocating)\b|= intrinsic\(", re.MULTILINE)
+"""Marks of a file with compiled functions."""
+
+
 def find_dependents(file: str) -> set[str]:
     """Return the names of the modules into which code of a file may be compiled.
 
@@ -1219,7 +1221,7 @@ def find_dependents(file: str) -> set[str]:
     imported = {}
     for path in (path for part in COPIED for path in (ROOT / part).rglob("*.py")):
         source = path.read_bytes()
-        if path.name == "__init__.py" or _KERNELS.search(source):
+        if path.name == "__init__.py" or KERNELS.search(source):
             nodes = [each for each in ast.walk(ast.parse(source)) if isinstance(each, IMPORTS)]
             names = [getattr(node, "module", "") for node in nodes]
             names += [alias.name for node in nodes for alias in node.names]

@@ -1,6 +1,6 @@
 """Maps for other software: files, labelled arrays and messages, a module each (experimental)."""
 
-from cspace._support import attach_stub
+from cspace.inside import attach_stub
 
 __getattr__, __dir__, _ = attach_stub(__name__, __file__)
 
