@@ -531,9 +531,11 @@ def _search_stages(task: PlanTask, stages: Sequence[Stage]) -> Journey:
     if rest and isinstance(edges.space, ConfigurationMap) and len(routes) > 1:
         routes = existence.select_routes() or routes
     legs, searched = _find_legs(task, existence, routes)
-    part = replace(legs[-1].task, limit=task.limit, fallback=task.fallback)
     result, vias = _join_legs(legs, searched)
-    start = _find_start(origin, routes, legs[0].result)
+    limit = legs[-1].task.limit + (result.planning - legs[-1].result.planning)
+    part = replace(legs[-1].task, limit=limit, fallback=task.fallback)
+    path = legs[0].result.path
+    start = tuple(path[0].tolist()) if len(path) else routes[0][0]
     number = len(legs)
     if not len(result.path) and existence.is_disconnected:
         # No path leads through the first so many stages.
@@ -569,21 +571,20 @@ def _find_legs(
     best: list[Leg] = []
     searched: list[SearchResult] = []
     tried: set[tuple[int, Endpoint]] = set()
-    has_others = is_last_try = False
+    hurries = is_last_try = False
     while True:
         number = len(legs) + 1
         missing = len(stages) - number
-        has_others |= is_slow and any(leg.others for leg in legs)
         limit = _measure_left(task, searched).share(1.0 / missing)
-        limited = _limit_leg(task, limit, hurries=has_others and not is_last_try)
-        leg = _search_leg(limited, stages, number, starts, routes)
+        leg = _search_leg(_limit_leg(task, limit, hurries), stages, number, starts, routes)
         searched.append(leg.result)
         tip = [*legs, leg]
         if len(leg.result.path):
-            legs = tip
-            end = tuple(leg.result.path[-1].tolist())
             if missing == 1:
-                return legs, searched
+                return tip, searched
+            legs.append(leg)
+            hurries |= is_slow and not is_last_try and bool(leg.others)
+            end = tuple(leg.result.path[-1].tolist())
             if (number, end) not in tried:
                 tried.add((number, end))
                 origin = Stage.of(stages[number].name, [end])
@@ -591,19 +592,26 @@ def _find_legs(
                 routes = _find_routes(task.edges, origin, stages[number + 1])
                 continue
         best = max(best, tip, key=len)
-        while legs and not legs[-1].others:
-            legs.pop()
-        is_left = _measure_left(task, searched).is_left
-        if is_last_try or not (is_left and existence.may_join and (legs or has_others)):
+        if is_last_try or not (existence.may_join and _measure_left(task, searched).is_left):
             return best, searched
-        if legs:
-            leg = legs.pop()
-            routes = leg.others
-        else:
-            is_last_try = True
+        choice = _pop_choice(legs)
+        if choice is not None:
+            starts, routes = choice.task.starts, choice.others
+        elif hurries:
+            hurries, is_last_try = False, True
             *legs, leg = best
-            routes = leg.task.routes
-        starts = leg.task.starts
+            starts, routes = leg.task.starts, leg.task.routes
+        else:
+            return best, searched
+
+
+def _pop_choice(legs: list[Leg]) -> Leg | None:
+    """Remove legs up to the last one with other routes, and return that."""
+    while legs:
+        leg = legs.pop()
+        if leg.others:
+            return leg
+    return None
 
 
 def _limit_leg(task: PlanTask, limit: Effort, hurries: bool) -> PlanTask:
@@ -660,12 +668,6 @@ def _find_routes(
     if len(routes) == 1:
         return routes
     return sorted(routes, key=lambda route: edges.min_length(*np.array(route[:2])))
-
-
-def _find_start(origin: Stage, routes: Sequence[Endpoints], result: SearchResult) -> Endpoint:
-    """Return the start of a path, or if there is none the most promising one."""
-    is_given = len(origin.rooms) == 1 and origin.rooms[0].is_point
-    return routes[0][0] if is_given or not len(result.path) else tuple(result.path[0].tolist())
 
 
 def _join_legs(
