@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import math
 import time
-from bisect import bisect_left
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from numbers import Number
-from typing import TYPE_CHECKING, Final, NamedTuple, cast
+from typing import TYPE_CHECKING, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -27,10 +26,8 @@ from cspace.inside import (
     check_count,
     frozen,
     gather_goals,
-    is_labelled,
     is_over,
     names_options,
-    now,
 )
 from cspace.inside import Upright as Upright
 from planners._catalogue import (
@@ -46,60 +43,29 @@ from planners._catalogue import (
     planner_names,
 )
 from planners._edges.drives import DRIVES, has_drives, local_planner
-from planners._edges.local_planner import MAX_RADIANS, Endpoints, LocalPlanner
+from planners._edges.local_planner import LocalPlanner
 from planners._edges.own_space import check_space
 from planners._goals import (
     MAX_TRIED_GOALS,
     Near,
     PlaceParts,
     Room,
-    begin_in_rooms,
-    end_in_rooms,
     find_room_goals,
-    find_routes,
     list_all_rooms,
     list_rooms,
     sort_goals,
     split_places,
 )
+from planners._journey import Journey, search_goals, search_stages
 from planners._result import Plan, Times
+from planners._route_search import weigh_edges
 from planners._searches.objectives import LENGTH, ObjectiveLike, name_kind, read_objective
-from planners._searches.paths import drop_repeats, reached_goal, skip_points, unwind
-from planners._searches.shortening import shorten
+from planners._searches.paths import reached_goal
 from planners._stages import Existence, Stage
-from planners._task import DEFAULT_SECONDS, NO_EFFORT, Planner, PlanTask, SearchResult
+from planners._task import DEFAULT_SECONDS, PlanTask, SearchResult
 
 if TYPE_CHECKING:
     from planners._motion.speed_limits import SpeedLike
-
-QUICK_PLANNER: Final[PlannerName] = "RRTConnect"
-"""Planner of the first path of robots that rotate, except along Dubins curves."""
-
-QUICK_ITERATIONS: Final = 500
-"""Iterations of the quick first search of a default plan, which take about 10 ms."""
-
-EXACT_SHARE: Final = 0.5
-"""Share of the effort left for the quick search, and then for the built-in one, if geometry decides
-MIXED cells: a search through many such cells may not end."""
-
-SHARES_BESIDE: Final = [sign * step / 64 for step in range(1, 33) for sign in (1.0, -1.0)]
-"""Distances beside a way that are tried for a detour, as shares of its length; positive to the
-left."""
-
-MAX_SAVING: Final = 0.01
-"""Share by which the lower bound of another path between the same two rooms must be less, for a
-further search: a path begins and ends where it leaves and enters rooms."""
-
-MAX_DETOUR: Final = 1.5
-"""Length of a path by its lower bound, up to which the bounds of others tell whether to search."""
-
-GOAL_SHARE: Final = 0.5
-"""Share of the effort left for the search to one of several goals, except the last one."""
-
-FURTHER_FACTOR: Final = 2.0
-MIN_FURTHER: Final = Effort.from_seconds(0.05, math.inf)
-"""Work of a further search to a room for a drive, relative to that of the best one, and its least
-value: configurations of a room may be free, and yet out of the drive's reach."""
 
 
 class Choices(NamedTuple):
@@ -293,21 +259,14 @@ def plan(
     places = _check_places(via, goal, task)
     origin, moved = _check_start(task, origins)
     ends = [_check_stage(task, name, place, origin.rooms[0]) for name, place in places]
-    task = replace(task, edges=_weigh_edges(task, task.edges))
+    task = replace(task, edges=weigh_edges(task, task.edges))
     if task.seed is not None:
         from planners._ompl.search import set_seed
 
         set_seed(task.seed)
     with Effort.stopping(stop):
-        journey = _search_stages(task, [origin, *ends])
+        journey = search_stages(task, [origin, *ends])
         return _make_plan(journey, space, moved, began)
-
-
-def _weigh_edges(task: PlanTask, edges: LocalPlanner) -> LocalPlanner:
-    """Return edges with the costs of a task; a map in tiles has them tile by tile."""
-    if task.weigh is None or find_space_kind(edges.space) == TILED_MAPS:
-        return edges
-    return replace(edges, weights=task.weigh(edges.cells))
 
 
 def _check_stop(stop: object) -> None:
@@ -511,510 +470,6 @@ def _choose_planner(edges: LocalPlanner, objective: ObjectiveLike, search: Searc
     return edges.search
 
 
-class Journey(NamedTuple):
-    """The search of a plan, up to a stage that is not reached."""
-
-    task: PlanTask  # of the last part
-    start: Endpoint
-    result: SearchResult  # the whole path
-    existence: Existence  # of a path through all stages of the plan
-    number: int  # of the last stage
-    vias: list[int]  # rows of the path at the places on the way
-
-
-def _search_stages(task: PlanTask, stages: Sequence[Stage]) -> Journey:
-    """Search for a path from stage to stage."""
-    edges = task.edges
-    origin, first, *rest = stages
-    routes = _find_routes(edges, origin, first, is_first=True)
-    existence = Existence(edges, stages, routes)
-    if rest and isinstance(edges.space, ConfigurationMap) and len(routes) > 1:
-        routes = existence.select_routes() or routes
-    legs, searched = _find_legs(task, existence, routes)
-    result, vias = _join_legs(legs, searched)
-    limit = legs[-1].task.limit + (result.planning - legs[-1].result.planning)
-    part = replace(legs[-1].task, limit=limit, fallback=task.fallback)
-    path = legs[0].result.path
-    start = tuple(path[0].tolist()) if len(path) else routes[0][0]
-    number = len(legs)
-    if not len(result.path) and existence.is_disconnected:
-        # No path leads through the first so many stages.
-        counts = range(2, len(stages))
-        number = 1 + bisect_left(counts, True, key=lambda k: existence.upto(k).is_disconnected)
-        if number > len(legs):
-            part = replace(part, endpoints=(start, *stages[number].goals))
-    return Journey(part, start, result, existence, number, vias)
-
-
-class Leg(NamedTuple):
-    """The search from a stage to the next."""
-
-    task: PlanTask
-    result: SearchResult
-    others: list[Endpoints]  # routes to other goals
-
-
-def _find_legs(
-    task: PlanTask, existence: Existence, routes: Sequence[Endpoints]
-) -> tuple[list[Leg], list[SearchResult]]:
-    """Search from stage to stage, at first along routes; return the legs and all results.
-
-    If an end leads no further, another one of its stage is tried, or of those before. While there
-    are others, searches hurry; if all fail, the best one is repeated with the time left. The legs
-    are all, or those up to the farthest stage that was not reached.
-    """
-    stages = existence.stages
-    starts = stages[0].rooms
-    # FREE cells tell at once that an end leads no further; other searches take long to end.
-    is_slow = task.edges.exact or task.edges.has_heading
-    legs: list[Leg] = []
-    best: list[Leg] = []
-    searched: list[SearchResult] = []
-    tried: set[tuple[int, Endpoint]] = set()
-    hurries = is_last_try = False
-    while True:
-        number = len(legs) + 1
-        missing = len(stages) - number
-        limit = _measure_left(task, searched).share(1.0 / missing)
-        leg = _search_leg(_limit_leg(task, limit, hurries), stages, number, starts, routes)
-        searched.append(leg.result)
-        tip = [*legs, leg]
-        if len(leg.result.path):
-            if missing == 1:
-                return tip, searched
-            legs.append(leg)
-            hurries |= is_slow and not is_last_try and bool(leg.others)
-            end = tuple(leg.result.path[-1].tolist())
-            if (number, end) not in tried:
-                tried.add((number, end))
-                origin = Stage.of(stages[number].name, [end])
-                starts = origin.rooms
-                routes = _find_routes(task.edges, origin, stages[number + 1])
-                continue
-        best = max(best, tip, key=len)
-        if is_last_try or not (existence.may_join and _measure_left(task, searched).is_left):
-            return best, searched
-        choice = _pop_choice(legs)
-        if choice is not None:
-            starts, routes = choice.task.starts, choice.others
-        elif hurries:
-            hurries, is_last_try = False, True
-            *legs, leg = best
-            starts, routes = leg.task.starts, leg.task.routes
-        else:
-            return best, searched
-
-
-def _pop_choice(legs: list[Leg]) -> Leg | None:
-    """Remove legs up to the last one with other routes, and return that."""
-    while legs:
-        leg = legs.pop()
-        if leg.others:
-            return leg
-    return None
-
-
-def _limit_leg(task: PlanTask, limit: Effort, hurries: bool) -> PlanTask:
-    """Return a task with a limit; if it hurries, time is left for others.
-
-    It has no fallback then, or half of the time unless the planner would use all of it anyway.
-    """
-    if hurries and task.fallback is None and not task.planner.optimises:
-        limit = limit.share(GOAL_SHARE)
-    return replace(task, limit=limit, fallback=None if hurries else task.fallback)
-
-
-def _search_leg(
-    task: PlanTask,
-    stages: Sequence[Stage],
-    number: int,
-    starts: tuple[Room, ...],
-    routes: Sequence[Endpoints],
-) -> Leg:
-    """Search for the best path along routes to a stage, whose end leads on to the next."""
-    onward = stages[number + 1].goals if number + 1 < len(stages) else ()
-    task = replace(
-        task,
-        endpoints=routes[0],
-        routes=tuple(routes),
-        starts=starts,
-        rooms=stages[number].rooms,
-    )
-    result = _search_goals(task, onward)
-    return Leg(task, result, _leave_out(routes, result.goal))
-
-
-def _leave_out(routes: Sequence[Endpoints], goal: Endpoint) -> list[Endpoints]:
-    """Return routes without a goal."""
-    kept = ((start, *(q for q in goals if q != goal)) for start, *goals in routes)
-    return [route for route in kept if len(route) > 1]
-
-
-def _find_routes(
-    edges: LocalPlanner, origin: Stage, stage: Stage, is_first: bool = False
-) -> list[Endpoints]:
-    """Return starts with their goals, the most promising first."""
-    starts = origin.rooms
-    is_map = isinstance(edges.space, ConfigurationMap)
-    if is_map and not (len(starts) == 1 and starts[0].is_point):
-        goals = stage.rooms or [Room(stage.name, np.array(q)) for q in stage.goals]
-        return find_routes(edges, starts, goals, stage.name)
-    if stage.rooms:
-        (start,) = origin.goals
-        # They were found from the first start.
-        ends = stage.goals if is_first else stage.find_goals(edges, start)
-        return [(start, goal) for goal in ends]
-    routes = [(start, *sort_goals(edges.space, stage.goals, start)) for start in origin.goals]
-    if len(routes) == 1:
-        return routes
-    return sorted(routes, key=lambda route: edges.min_length(*np.array(route[:2])))
-
-
-def _join_legs(
-    legs: Sequence[Leg], searched: Sequence[SearchResult]
-) -> tuple[SearchResult, list[int]]:
-    """Return the whole way with the times of all searches, and its rows at places on the way.
-
-    If a place is not reached, it is the result of the last leg, without rows.
-    """
-    results = [leg.result for leg in legs]
-    proven = all(each.proven for each in results)
-    whole = replace(_sum_times(results[-1], searched), proven=proven)
-    if len(legs) == 1 or not len(whole.path):
-        return whole, []
-    # Each path begins where the one before ends.
-    paths = [results[0].path, *(each.path[1:] for each in results[1:])]
-    ends = np.cumsum(list(map(len, paths))) - 1
-    through = f"{len(legs) - 1} places" if len(legs) > 2 else "1 place"
-    return replace(whole, path=np.concatenate(paths), note=f"through {through}"), ends[:-1].tolist()
-
-
-def _search_goals(task: PlanTask, onward: Sequence[Endpoint] = ()) -> SearchResult:
-    """Search for a path between the rooms of a task, and keep the cheapest of those found.
-
-    Before goals to go onward to, the way that counts goes on to the nearest of them, without
-    obstacles. Paths are searched along one route after another, unless its lower bound is no
-    shorter than the best way. Each search but the last has half of the time left.
-    """
-    if len(task.routes) == 1 and not task.rooms and all(room.is_point for room in task.starts):
-        return _search_route(task, task.routes[0], task.limit)
-    results: list[SearchResult] = []
-    best = RoutedPath(SearchResult(np.empty((0, task.edges.space.size))), math.inf, math.inf)
-    for number, route in enumerate(task.routes):
-        least = _bound_route(task.edges, route, onward)
-        if best.result.proven and not _may_cost_less(task, route, least, best, onward):
-            continue
-        if not _measure_left(task, results).is_left:
-            break
-        is_last = number == len(task.routes) - 1
-        found = _search_route(task, route, _limit_route(task, results, best.result, is_last))
-        results.append(found)
-        cost = _measure_way(task.edges, found.path, onward) if found.proven else math.inf
-        if cost < best.cost or not (found.proven or len(best.result.path)):
-            best = RoutedPath(found, cost, least)
-    return _sum_times(best.result, results) if results else best.result
-
-
-class RoutedPath(NamedTuple):
-    """What the search along a route found, with its cost and a lower bound of all its paths."""
-
-    result: SearchResult
-    cost: float
-    least: float
-
-
-def _may_cost_less(
-    task: PlanTask, route: Endpoints, least: float, best: RoutedPath, onward: Sequence[Endpoint]
-) -> bool:
-    """Return False if a route is not worth a search after the best way that was found."""
-    bound = best.cost
-    edges = task.edges
-    # Lower bounds are lengths. They say little of ways that obstacles make much longer, and of
-    # places with other costs.
-    is_told = best.cost < MAX_DETOUR * best.least
-    if edges.weights is not None:
-        path = best.result.path
-        is_told &= (1.0 - MAX_SAVING) * edges.path_cost(path) <= edges.path_length(path)
-    if (
-        not edges.has_heading
-        and is_told
-        and not onward
-        and _share_rooms(task, route, best.result.path)
-    ):
-        bound = min(bound, (1.0 - MAX_SAVING) * best.least)
-    return least < bound
-
-
-def _bound_route(edges: LocalPlanner, route: Endpoints, onward: Sequence[Endpoint]) -> float:
-    """Return a lower bound of the ways along a route, and onward from its goals."""
-    start, *goals = np.array(route)
-    return min(
-        edges.min_length(start, goal) + _measure_onward(edges, goal, onward) for goal in goals
-    )
-
-
-def _limit_route(
-    task: PlanTask, results: Sequence[SearchResult], best: SearchResult, is_last: bool
-) -> Effort:
-    """Return the limit of the search of a route, after those before and the best of them."""
-    limit = _measure_left(task, results)
-    if not is_last:
-        limit = limit.share(GOAL_SHARE)
-    if best.proven and task.edges.has_heading:
-        work = max(FURTHER_FACTOR * best.planning.work, MIN_FURTHER.work)
-        limit = limit.at_most(Effort(work, math.inf))
-    return limit
-
-
-def _search_route(task: PlanTask, route: Endpoints, limit: Effort) -> SearchResult:
-    """Search along one route, and end a proven path where it first enters the rooms."""
-    edges = task.edges
-    existence = Existence.along(edges, route)
-    found = _search_and_prove(replace(task, endpoints=route, limit=limit, existence=existence))
-    if not len(found.path):
-        return found
-    reached = reached_goal(found.path, route, edges.space.is_periodic)
-    found = replace(found, goal=route[max(reached, 1)])
-    if not found.proven:
-        return found
-    path = end_in_rooms(edges, found.path, task.rooms)
-    return replace(found, path=begin_in_rooms(edges, path, task.starts))
-
-
-def _measure_way(edges: LocalPlanner, path: Floats, onward: Sequence[Endpoint]) -> float:
-    """Return the cost of a path, and the length onward from its end."""
-    return edges.path_cost(path) + _measure_onward(edges, path[-1], onward)
-
-
-def _share_rooms(task: PlanTask, route: Endpoints, path: Floats) -> bool:
-    """Return True if a route leads from and to the same rooms as a path."""
-    space = task.edges.space
-    ends = np.array([route[0], path[0]]), np.array([route[-1], path[-1]])
-    return all(
-        any(room.contains(space, rows).all() for room in rooms)
-        for rooms, rows in zip((task.starts, task.rooms), ends, strict=True)
-    )
-
-
-def _measure_onward(edges: LocalPlanner, end: Floats, goals: Sequence[Endpoint]) -> float:
-    """Return the length of the shortest edge from a configuration to goals; 0 without any."""
-    rows = np.reshape(goals, (-1, len(end)))
-    lengths = edges.edge_lengths(np.broadcast_to(end, rows.shape), rows)
-    return float(lengths.min()) if len(rows) else 0.0
-
-
-def _search_and_prove(task: PlanTask) -> SearchResult:
-    """Search for a path and prove its edges; a map in tiles is searched tile by tile."""
-    space = task.edges.space
-    # A proven path saves labelling the cells of a map, so a search goes first then.
-    if is_labelled(space) and not task.may_succeed():
-        return SearchResult(np.empty((0, space.size)))
-    if find_space_kind(space) == TILED_MAPS:
-        return _search_tiles(task)
-    result = _search(task)
-    path = task.edges.insert_breakpoints(space.rotations.make_canonical(result.path))
-    return replace(result, path=path, proven=len(path) > 0 and task.edges.are_free(path))
-
-
-def _search_tiles(task: PlanTask) -> SearchResult:
-    """Search the tiles on the way, and join their paths; a tile without one ends the search.
-
-    Grid takes over in a tile where a planner of OMPL finds no path of a holonomic robot.
-    """
-    edges = task.edges
-    is_holonomic = not edges.has_heading
-    parts = edges.tiles.subproblems(*task.endpoints[:2])
-    paths: list[Floats] = []
-    results: list[SearchResult] = []
-    for open_part, *ends in parts:
-        part = _weigh_edges(task, replace(edges, space=open_part()))
-        start, goal = (tuple(q.tolist()) for q in ends)
-        part_task = replace(task, edges=part, endpoints=(start, goal))
-        results.append(_search_and_prove(part_task))
-        if (
-            not results[-1].proven
-            and is_holonomic
-            and task.planner.name not in list_searches(part.space)
-        ):
-            grid = find_planner("Grid")
-            results.append(_search_and_prove(replace(part_task, planner=grid)))
-        paths.append(results[-1].path if not paths else results[-1].path[1:])
-        if len(parts) == 1:
-            return _sum_times(results[-1], results)
-        if not results[-1].proven:
-            where = f" from {start} to {goal}"
-            return replace(_sum_times(results[-1], results), where=where)
-    began = now()
-    path = np.concatenate(paths)
-    if task.simplify and task.objective == LENGTH and is_holonomic:
-        path = skip_points(path, edges.tiles.edge_checker())
-    total = _sum_times(results[-1], results)
-    seconds = total.simplification + (now() - began).seconds
-    return SearchResult(path, f"through {len(parts)} tiles", total.planning, seconds, True)
-
-
-def _sum_times(result: SearchResult, results: Sequence[SearchResult]) -> SearchResult:
-    """Return a result with the times of several."""
-    simplification = sum(each.simplification for each in results)
-    return replace(result, planning=_sum_planning(results), simplification=simplification)
-
-
-def _search(task: PlanTask) -> SearchResult:
-    """Search for a path in a space in memory; of several, take the cheapest."""
-    start, *goals = task.endpoints
-    if start in goals:
-        return SearchResult(np.array([start]), "the start is the goal")
-    results: list[SearchResult] = []
-    if len(task.previous):
-        results.append(_follow_previous(task))
-        if len(results[0].path):
-            return results[0]
-    fallback = task.fallback
-    is_quick = fallback is not None and fallback.name == QUICK_PLANNER
-    if fallback is not None and is_quick and task.edges.space.rotations.names:
-        results.append(_search_quickly(task, fallback))
-        if len(results[-1].path):
-            task = replace(task, existence=None)  # a quick path saves labelling the cells
-    limit = _measure_left(task, results)
-    if task.edges.exact and task.fallback is not None:
-        limit = limit.share(EXACT_SHARE)
-    if limit.is_left:
-        results.append(_run_planner(replace(task, limit=limit)))
-    limit = _measure_left(task, results)
-    is_found = any(len(result.path) for result in results)
-    if task.fallback is not None and limit.is_left and not is_found and task.may_succeed():
-        last_task = replace(task, planner=task.fallback, is_named=False, limit=limit)
-        results.append(_run_planner(last_task))
-    return _choose_cheapest(task, results)
-
-
-def _search_quickly(task: PlanTask, planner: Planner) -> SearchResult:
-    """Search for a first path, a short one."""
-    task = replace(
-        task,
-        edges=replace(task.edges, weights=None),
-        planner=planner,
-        is_named=False,
-        iterations=QUICK_ITERATIONS,
-        limit=task.limit.share(EXACT_SHARE),
-        existence=None,
-    )
-    return _run_planner(task)
-
-
-def _measure_left(task: PlanTask, results: Sequence[SearchResult]) -> Effort:
-    """Return the effort left after some searches; none if the caller ended them."""
-    if results and is_over(NEVER):
-        return NO_EFFORT
-    return task.limit - _sum_planning(results)
-
-
-def _sum_planning(results: Sequence[SearchResult]) -> Effort:
-    """Return the effort of several searches."""
-    return sum((result.planning for result in results), NO_EFFORT)
-
-
-def _run_planner(task: PlanTask) -> SearchResult:
-    """Search by the planner of a task alone."""
-    return replace(task.planner.find(task), planner=task.planner.name)
-
-
-def _choose_cheapest(task: PlanTask, results: Sequence[SearchResult]) -> SearchResult:
-    """Choose the cheapest path of several searches; its times are those of all."""
-
-    def measure(result: SearchResult) -> tuple[float, bool]:
-        """Return the cost of a path, and whether another planner than the task's found it."""
-        return task.edges.path_cost(result.path), result.planner != task.planner.name
-
-    found = [result for result in results if len(result.path)]
-    best = min(found, key=measure, default=results[-1])
-    note = best.note
-    if found and best.planner != task.planner.name:
-        worse = "a longer one" if task.edges.weights is None else "one that costs more"
-        others = f"found {worse}" if len(found) > 1 else "found none"
-        note = f"by {best.planner}, as {task.planner.name} {others}"
-    lattice = "".join(result.lattice for result in results)
-    return _sum_times(replace(best, note=note, lattice=lattice), results)
-
-
-def _follow_previous(task: PlanTask) -> SearchResult:
-    """Go along the previous plan; search only around the part that is blocked."""
-    began = now()
-    edges = task.edges
-    start, goal = np.array(task.endpoints[:2])
-    way = edges.insert_breakpoints(np.vstack([task.previous, goal]))
-    blocked = np.flatnonzero(~edges.edges_are_free(way))
-    tail = way[blocked[-1] + 1 :] if len(blocked) else way
-    path = _join_way(edges, start, tail)
-    if not len(path) and len(blocked):
-        head = _join_way(edges, start, way[: blocked[0] + 1])
-        # If no free edge leads to the way before, the detour begins at the start.
-        head = head if len(head) else start[np.newaxis]
-        detour = _find_detour(task, head[-1], way[blocked[0] : blocked[-1] + 2])
-        path = np.concatenate([head, detour, tail]) if len(detour) else detour
-    if len(path):
-        path = drop_repeats(unwind(path, edges.space.is_periodic))
-        if task.simplify:
-            path = shorten(edges, path, began + task.limit)
-    return SearchResult(path, "along the previous plan", now() - began)
-
-
-def _find_detour(task: PlanTask, start: Floats, way: Floats) -> Floats:
-    """Find a path from a configuration to the end of a blocked way; both have shape (n, size).
-
-    A way past the middle of the blocked part is tried first. Otherwise there is a search, and no
-    row if it takes too long.
-    """
-    edges = task.edges
-    if isinstance(edges.space, ConfigurationMap) and edges.space.dim == 2:
-        for beside in _list_ways_beside(edges, way):
-            if edges.are_free(np.vstack([start, beside, way[-1]])):
-                return beside
-    gap_task = replace(
-        task,
-        endpoints=(tuple(start.tolist()), tuple(way[-1].tolist())),
-        limit=task.limit_trial(),
-        simplify=False,  # the whole path is shortened later
-        existence=None,
-    )
-    return _run_planner(gap_task).path
-
-
-def _list_ways_beside(edges: LocalPlanner, way: Floats) -> Iterator[Floats]:
-    """Yield detours around the blocked part of a way in the plane, near ones first.
-
-    Each has three rows, shape (3, size). It begins and ends on the way, as far from the blocked
-    part as that is long.
-    """
-    rows = edges.split_path(way, 2.0 * edges.space.resolution, MAX_RADIANS).points
-    blocked = np.flatnonzero(~np.asarray(edges.space.is_free(rows)))
-    if len(blocked):
-        first, last = blocked[[0, -1]].tolist()
-        count = last - first + 1
-        places = np.clip([first - count, (first + last) // 2, last + count], 0, len(rows) - 1)
-        beside = rows[places]
-        x, y = beside[2, :2] - beside[0, :2]
-        middle = beside[1, :2].copy()
-        for share in SHARES_BESIDE:
-            beside[1, :2] = middle + share * np.array([-y, x])
-            yield beside.copy()
-
-
-def _join_way(edges: LocalPlanner, start: Floats, way: Floats) -> Floats:
-    """Join a configuration to a free way, shape (n, size), by the free edge of the least total.
-
-    Returns the path from the configuration to the end of the way, or no row if no edge is free.
-    """
-    costs = edges.edge_costs(way[:-1], way[1:])
-    left = np.append(np.cumsum(costs[::-1])[::-1], 0.0)
-    totals = edges.edge_costs(np.broadcast_to(start, way.shape), way) + left
-    is_free = edges.edge_checker()
-    for k in np.argsort(totals, kind="stable").tolist():
-        if is_free(*start.tolist(), *way[k].tolist()):
-            return np.vstack([start, way[k:]])
-    return way[:0]
-
-
 def _describe_outcome(
     task: PlanTask, result: SearchResult, existence: Existence
 ) -> tuple[str, str]:
@@ -1029,7 +484,7 @@ def _describe_outcome(
 
     def finds_path(trial: PlanTask) -> bool:
         """Return True if a task with other options finds a path."""
-        return _search_goals(_choose_searches(trial)).proven
+        return search_goals(_choose_searches(trial)).proven
 
     return describe_failure(task, result, existence.is_connected, finds_path)
 

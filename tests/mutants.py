@@ -482,9 +482,9 @@ MUTANTS = (
         "tests/planners/test_result.py",
     ),
     Mutant(
-        "planners/_edges/local_planner.py",
-        "return exists is True",
-        "return exists is not False",
+        "planners/_stages.py",
+        "return not self.is_disconnected if self.edges.exact else self.is_connected",
+        "return not self.is_disconnected",
         "tests/planners/test_without_path.py",
     ),
     Mutant(
@@ -572,19 +572,19 @@ MUTANTS = (
         "tests/planners/test_lattice.py",
     ),
     Mutant(
-        "planners/_plan.py",
+        "planners/_route_search.py",
         "best = min(found",
         "best = max(found",
         "tests/planners/test_replanning.py",
     ),
     Mutant(
-        "planners/_plan.py",
+        "planners/_replanning.py",
         "tail = way[blocked[-1] + 1 :]",
         "tail = way[blocked[-1] :]",
         "tests/planners/test_replanning.py",
     ),
     Mutant(
-        "planners/_plan.py",
+        "planners/_route_search.py",
         "proven=len(path) > 0 and task.edges.are_free(path)",
         "proven=len(path) > 0",
         "tests/planners/test_plan.py",
@@ -621,13 +621,13 @@ MUTANTS = (
         "tests/planners/test_own_space.py",
     ),
     Mutant(
-        "planners/_plan.py",
+        "planners/_journey.py",
         "return least < bound",
         "return least <= 0.0",
         "tests/planners/test_goals.py",
     ),
     Mutant(
-        "planners/_plan.py",
+        "planners/_journey.py",
         "return edges.path_cost(path) + _measure_onward(edges, path[-1], onward)",
         "return edges.path_cost(path)",
         "tests/planners/test_goals.py",
