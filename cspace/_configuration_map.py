@@ -531,6 +531,11 @@ class ConfigurationMap(ConfigurationSpace):
         return np.concatenate([rotations, cells], axis=-1)
 
 
+def contents_of(space: ConfigurationMap) -> Contents:
+    """Return the contents of a map, without cells if it is tiled; an update changes them."""
+    return space._map_contents
+
+
 def _drop_noise(q: Iterable[float]) -> Endpoint:
     """Return a configuration as messages show it, with 12 digits."""
     return tuple(float(f"{value:.12g}") for value in q)

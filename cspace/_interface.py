@@ -891,6 +891,14 @@ def cells_of(space: SpaceT) -> SpaceT:
     return cast(SpaceT, space._cells)
 
 
+def map_record(space: Space) -> Map:
+    """Return a map's cells as compiled functions take them; they follow updates.
+
+    Raises InputError if the space is no map in memory.
+    """
+    return space._kernel_map
+
+
 def tubes_are_free(space: ConfigurationSpace, starts: Floats, ends: Floats, radii: Floats) -> Bools:
     """Return whether the tube around each straight motion is proven free, shape (n,).
 

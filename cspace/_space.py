@@ -1311,12 +1311,26 @@ class ExactCSpace(CSpace):
             same_radii = np.repeat(radii[[chunk]], len(lasts), axis=0)
             super()._count_free_tubes(firsts, lasts[:, np.newaxis], same_radii, is_free)
             rest = np.flatnonzero(is_free == 0)
-            proofs: Any = self._exact.current_proofs()
+            proofs = proofs_of(self)
             # The motion itself is proven among the cells, too, of which some are BLOCKED.
             for growth in (0.0, proofs.bound_growth(radii[chunk])):
                 rest = rest[proofs.are_free(firsts[rest], lasts[rest], growth)]
             is_free[rest] = 1
             counts[chunk] += np.logical_and.accumulate(is_free).sum()
+
+
+def proofs_of(space: CSpace) -> Any:
+    """Return the proofs by the present geometry, which decide MIXED cells of a map in memory.
+
+    They are :class:`cspace._exact.proofs.BoundaryProofs` of robot and obstacles, unless the map has
+    proofs of its own.
+    """
+    return space._exact.current_proofs()
+
+
+def kept_values(space: CSpace) -> dict[str, Any]:
+    """Return what packages beside the core keep with a map, by names; updates do not drop it."""
+    return space._kept_values
 
 
 def is_labelled(space: Space) -> bool:

@@ -3,6 +3,7 @@
 from ._bodies.cores import Cores as Cores
 from ._bodies.triangle_proofs import build_boxes as build_boxes
 from ._configuration_map import ConfigurationMap as ConfigurationMap
+from ._configuration_map import contents_of as contents_of
 from ._engines import find_overlaps as find_overlaps
 from ._engines.slices import list_slice_cells as list_slice_cells
 from ._engines.slices import rasters_of as rasters_of
@@ -32,6 +33,7 @@ from ._interface import SearchOptions as SearchOptions
 from ._interface import cells_of as cells_of
 from ._interface import gather_goals as gather_goals
 from ._interface import list_alternatives as list_alternatives
+from ._interface import map_record as map_record
 from ._interface import tubes_are_free as tubes_are_free
 from ._queries.any_angle import find_crossed_runs as find_crossed_runs
 from ._queries.batches import as_contiguous as as_contiguous
@@ -51,11 +53,7 @@ from ._queries.vehicles import Drive as Drive
 from ._queries.vehicles import check_drive as check_drive
 from ._raster import Raster as Raster
 from ._record.cells import Map as Map
-from ._record.cells import kept_values as kept_values
-from ._record.cells import map_record as map_record
-from ._record.cells import proofs_of as proofs_of
 from ._record.contents import Contents as Contents
-from ._record.contents import contents_of as contents_of
 from ._record.description import collect_arrays as collect_arrays
 from ._record.description import make_metadata as make_metadata
 from ._record.exterior import Exterior as Exterior
@@ -74,6 +72,8 @@ from ._shapes import as_shape as as_shape
 from ._shapes.balls import Balls as Balls
 from ._shapes.mesh import Mesh as Mesh
 from ._space import is_labelled as is_labelled
+from ._space import kept_values as kept_values
+from ._space import proofs_of as proofs_of
 from ._support import attach_stub as attach_stub
 from ._support import heap as heap
 from ._support import vectors as vectors

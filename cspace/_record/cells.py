@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple, cast
+from typing import NamedTuple, cast
 
 import numpy as np
 
 from cspace._grid import Grid
 from cspace._rotations.base import RotationTable
 from cspace._support.arrays import MIXED, Ints, Row, States, read_only
-
-if TYPE_CHECKING:
-    from cspace._interface import Space
-    from cspace._space import CSpace
 
 
 class Map(NamedTuple):
@@ -68,28 +64,6 @@ def make_map_record(states: States, grid: Grid, exterior: Ints, rotations: Rotat
         exterior=exterior,
         rotations=rotations,
     )
-
-
-def kept_values(space: CSpace) -> dict[str, Any]:
-    """Return what packages beside the core keep with a map, by names; updates do not drop it."""
-    return space._kept_values
-
-
-def map_record(space: Space) -> Map:
-    """Return a map's cells as compiled functions take them; they follow updates.
-
-    Raises InputError if the space is no map in memory.
-    """
-    return space._kernel_map
-
-
-def proofs_of(space: CSpace) -> Any:
-    """Return the proofs by the present geometry, which decide MIXED cells of a map in memory.
-
-    They are :class:`cspace._exact.proofs.BoundaryProofs` of robot and obstacles, unless the map has
-    proofs of its own.
-    """
-    return space._exact.current_proofs()
 
 
 def hide_cells(map_: Map) -> Map:

@@ -18,7 +18,6 @@ from cspace.errors import InputError
 
 if TYPE_CHECKING:
     from cspace._robot import Robot
-    from cspace._space import CSpace
     from cspace._workspace import Workspace
 
 
@@ -137,11 +136,6 @@ class Contents:
             overlap_counts=counts,
             exterior=exterior,
         )
-
-
-def contents_of(space: CSpace) -> Contents:
-    """Return the contents of a map in memory; an update changes them."""
-    return space._contents
 
 
 def check_floor(floor: float, grid: Grid, robot: Robot, outside: str) -> float:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace import BLOCKED, FREE, MIXED, Workspace
+from cspace.arms._checks import check_mapping, check_names, check_rigid
 from cspace.arms._inverse import (
     PoseGoal,
     check_pose_tolerance,
@@ -34,13 +35,10 @@ from cspace.arms._paths.two_trees import PathSearch
 from cspace.arms._proofs.motion_proofs import make_scene_scratch, motion_is_free
 from cspace.arms._proofs.solids import (
     PosedShape,
-    check_names,
-    check_rigid,
     named_obstacles,
     place_obstacle,
     place_shape,
 )
-from cspace.arms._reading.checks import check_mapping
 from cspace.arms._snapshots import Contact, Snapshot, make_snapshot
 from cspace.errors import ConfigurationError, InputError
 from cspace.inside import (

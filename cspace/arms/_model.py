@@ -9,17 +9,26 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations, permutations
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cspace.arms._checks import check_mapping, check_names, check_rigid
 from cspace.arms._inverse import DEFAULT_TOLERANCE, Branch, PoseGoal, branch_to, solve_pose
-from cspace.arms._proofs.chain import FIXED, MAX_BODIES, PRISMATIC, REVOLUTE, Chain, compute_poses
+from cspace.arms._proofs.chain import (
+    FIXED,
+    MAX_BODIES,
+    PRISMATIC,
+    REVOLUTE,
+    Chain,
+    Frame,
+    compute_poses,
+)
+from cspace.arms._proofs.link_speeds import bound_speeds
 from cspace.arms._proofs.motion_proofs import ArmScene, are_free
 from cspace.arms._proofs.scenes import PackedParts, make_scene, pack_parts
-from cspace.arms._proofs.solids import Part, Solid, check_names, check_rigid
-from cspace.arms._reading.checks import check_mapping
+from cspace.arms._proofs.solids import Part, Solid
 from cspace.arms._reading.moveit_messages import read_joint_state
 from cspace.errors import ConfigurationError, InputError
 from cspace.inside import (
@@ -43,14 +52,12 @@ from cspace.inside import (
 )
 
 if TYPE_CHECKING:
+    from cspace.arms._reading.link_shapes import SolidMode
     from cspace.arms._reading.urdf import PackageDirs, Srdf
     from cspace.arms._sphere_models import SphereModel
 
 Names = tuple[str, str]
 """Two link names in alphabetical order."""
-
-SolidMode: TypeAlias = Literal["auto", "surface"]
-"""Parts of a link's mesh that are solid: its closed bodies, or none."""
 
 _JOINT_KINDS: Final = {
     "fixed": FIXED,
@@ -77,20 +84,6 @@ class JointValues(dict[str, float]):
     ``Arm.from_urdf(held_joints=)`` those of others. Both refuse unknown joints, and warn of joints
     elsewhere than the joints that they mimic put them.
     """
-
-
-class Frame(NamedTuple):
-    """The frame of a link or an attached object.
-
-    Attributes
-    ----------
-    body : int
-    pose : ndarray of float64, shape (4, 4)
-        From the frame to that of its body.
-    """
-
-    body: int
-    pose: Floats
 
 
 class Joint(NamedTuple):
@@ -380,8 +373,6 @@ class Arm:
         InputError
             If the link is unknown, or a number is not finite or has another shape.
         """
-        from cspace.arms._link_speeds import bound_speeds
-
         check_known(link, "link", self.placements)
         names = "q", "velocity", "max_velocity", "max_acceleration"
         given = (
@@ -399,7 +390,9 @@ class Arm:
             rule = f"those of {', '.join(names[1:])} and within must fit: {shapes[1:]}"
             raise InputError("q", f"has shape {shapes[0]}", rule) from error
         motion = np.array([np.broadcast_to(each, shape) for each in rows])
-        return bound_speeds(self, link, motion, np.broadcast_to(seconds, shape[:-1]))
+        solids = [solid for solid in self.links if solid.name == link]
+        times = np.broadcast_to(seconds, shape[:-1])
+        return bound_speeds(self.chain, self.placements[link], solids, motion, times)
 
     @names_options
     def inverse(
@@ -732,7 +725,8 @@ class Arm:
         """
         from cspace.arms._sphere_models import find_spheres
 
-        return find_spheres(self, number, tolerance, kind, progress)
+        links = [(link, self.placements[link.name].pose) for link in self.links]
+        return find_spheres(self.name, links, number, tolerance, kind, progress)
 
     @names_options
     def attach(

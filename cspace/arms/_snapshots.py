@@ -26,7 +26,7 @@ from cspace.arms._proofs.chain import (
     REVOLUTE,
     compute_poses,
 )
-from cspace.arms._proofs.cones import make_cones, move_into_cones
+from cspace.arms._proofs.cones import Cones, move_into_cones
 from cspace.arms._proofs.hulls import node_corners
 from cspace.arms._proofs.motion_proofs import (
     ArmScene,
@@ -142,7 +142,7 @@ class Snapshot:
         """
         for upright in uprights:
             check_known(upright.frame, "frame", self.arm.placements)
-        outer = self.outer._replace(cones=make_cones(self.arm, uprights))
+        outer = self.outer._replace(cones=_make_cones(self.arm, uprights))
         return replace(self, outer=outer, uprights=tuple(uprights))
 
     def move_upright(self, points: Floats) -> Floats:
@@ -345,6 +345,24 @@ def make_snapshot(
     _refuse_fixed(snapshot, fixed)
     _refuse_always(snapshot)
     return snapshot.keep(uprights) if uprights else snapshot
+
+
+def _make_cones(arm: Arm, uprights: Sequence[Upright]) -> Cones:
+    """Make the cones of an arm's frames, which it must have."""
+    placed = [arm.placements[upright.frame] for upright in uprights]
+    axes = [
+        frame.pose[:3, :3] @ np.asarray(upright.axis)
+        for frame, upright in zip(placed, uprights, strict=True)
+    ]
+    return Cones(
+        bodies=np.array([frame.body for frame in placed], dtype=np.int64),
+        axes=np.array(axes).reshape(-1, 3),
+        directions=np.array([upright.direction for upright in uprights]).reshape(-1, 3),
+        angles=np.array([upright.angle for upright in uprights]),
+        tolerances=np.array([upright.tolerance for upright in uprights]),
+        lower=arm.lower,
+        upper=arm.upper,
+    )
 
 
 def _measure_reach(arm: Arm) -> float:

@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike
 
 from cspace import BLOCKED, FREE, MIXED, CSpace, Grid, Robot, Rotations, Workspace
 from cspace.arms._arm_space import ArmSpace
+from cspace.arms._checks import check_mapping
 from cspace.arms._joint_maps.boxes import CellProofs, InnerBalls
 from cspace.arms._model import Arm
 from cspace.arms._proofs.crossings import MAX_PENDING_PAIRS, SurfaceTree
@@ -27,7 +28,6 @@ from cspace.arms._proofs.motion_proofs import (
     nearest_triangle,
     winding_number,
 )
-from cspace.arms._reading.checks import check_mapping
 from cspace.arms._snapshots import Snapshot, find_bodies_between
 from cspace.errors import ConfigurationError, InputError
 from cspace.inside import (

@@ -30,6 +30,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cspace.arms._checks import check_rigid
 from cspace.arms._inverse import (
     TINY,
     Branch,
@@ -50,7 +51,6 @@ from cspace.arms._proofs.chain import (
     motion_bounds,
 )
 from cspace.arms._proofs.motion_proofs import ArmScene, are_free
-from cspace.arms._proofs.solids import check_rigid
 from cspace.arms._snapshots import Snapshot
 from cspace.errors import InputError
 from cspace.inside import (

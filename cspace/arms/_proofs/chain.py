@@ -58,6 +58,20 @@ the base.
 """
 
 
+class Frame(NamedTuple):
+    """The frame of a link or an attached object.
+
+    Attributes
+    ----------
+    body : int
+    pose : ndarray of float64, shape (4, 4)
+        From the frame to that of its body.
+    """
+
+    body: int
+    pose: Floats
+
+
 class Chain(NamedTuple):
     """Bodies, each after its parent; the first is the base.
 

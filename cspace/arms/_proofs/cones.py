@@ -17,8 +17,7 @@ of both bounds and the rounding, is within the cone. Otherwise it is halved.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -37,14 +36,10 @@ from cspace.inside import (
     Floats,
     Ints,
     Row,
-    Upright,
     internal,
     kernel,
     vectors,
 )
-
-if TYPE_CHECKING:
-    from cspace.arms._model import Arm
 
 ANGLE_ROUNDING: Final = 4.0 * DISTANCE_ROUNDING
 """Rounding allowance of an angle, radians."""
@@ -81,24 +76,6 @@ class Cones(NamedTuple):
     tolerances: Floats
     lower: Floats
     upper: Floats
-
-
-def make_cones(arm: Arm, uprights: Sequence[Upright]) -> Cones:
-    """Make the cones of an arm's frames, which it must have."""
-    placed = [arm.placements[upright.frame] for upright in uprights]
-    axes = [
-        frame.pose[:3, :3] @ np.asarray(upright.axis)
-        for frame, upright in zip(placed, uprights, strict=True)
-    ]
-    return Cones(
-        bodies=np.array([frame.body for frame in placed], dtype=np.int64),
-        axes=np.array(axes).reshape(-1, 3),
-        directions=np.array([upright.direction for upright in uprights]).reshape(-1, 3),
-        angles=np.array([upright.angle for upright in uprights]),
-        tolerances=np.array([upright.tolerance for upright in uprights]),
-        lower=arm.lower,
-        upper=arm.upper,
-    )
 
 
 NO_CONES: Final[Cones] = Cones(

@@ -6,7 +6,7 @@ They are trees of boundaries, closed surfaces, and anchors of parts.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final, NamedTuple, cast
@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace import Workspace
+from cspace.arms._checks import check_rigid
 from cspace.arms._proofs.crossings import (
     PartTree,
     SurfaceTree,
@@ -36,7 +37,6 @@ from cspace.inside import (
     Voxels,
     as_shape,
     build_boxes,
-    check_finite,
     check_memory,
     frozen,
     warn_user,
@@ -280,49 +280,6 @@ class Solid(NamedTuple):
 
 
 # ---- obstacles -----------------------------------------------------------------------------------
-
-
-def check_rigid(pose: ArrayLike, name: str) -> Floats:
-    """Return a rigid motion, shape (4, 4), with its rotation orthonormalised.
-
-    Raises
-    ------
-    InputError
-        If it is no rigid motion.
-    """
-    matrix = check_finite(pose, name)
-    problem = f"has shape {matrix.shape}"
-    if matrix.shape == (4, 4):
-        # Digits of a file are few, so take the nearest rotation, by a singular value decomposition.
-        left, _, right = np.linalg.svd(matrix[:3, :3])
-        rigid = np.eye(4)
-        rigid[:3, :3] = left @ right
-        rigid[:3, 3] = matrix[:3, 3]
-        # Largest error of an entry of a rotation matrix, because files round them to five digits.
-        is_near = np.abs(rigid - matrix).max() < 1e-5
-        if is_near and np.linalg.det(rigid) > 0.0:
-            return rigid
-        problem = f"has R = {matrix[:3, :3].tolist()} and the last row {matrix[3].tolist()}"
-    raise InputError(
-        name,
-        problem,
-        "it must be [[R, t], [0, 0, 0, 1]], shape (4, 4), with a rotation matrix R",
-    )
-
-
-def check_names(values: Iterable[str], name: str) -> list[str]:
-    """Return names as a list, also a single string.
-
-    Raises InputError if the values are not iterable.
-    """
-    if isinstance(values, str):
-        return [values]
-    try:
-        return list(values)
-    except TypeError as error:
-        problem = f"is {values!r}"
-        rule = "it must be a list of names"
-        raise InputError(name, problem, rule) from error
 
 
 def named_obstacles(obstacles: object) -> Mapping[str, object]:

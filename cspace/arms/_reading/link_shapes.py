@@ -5,13 +5,12 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
 from cspace import Robot, make_mesh
-from cspace.arms._proofs.solids import check_names
-from cspace.arms._reading.checks import check_distinct
+from cspace.arms._checks import check_distinct, check_names
 from cspace.arms._reading.moveit_messages import (
     FIELDS,
     SCENE,
@@ -59,7 +58,9 @@ from cspace.inside import (
 if TYPE_CHECKING:
     from yourdfpy import URDF
 
-    from cspace.arms._model import SolidMode
+
+SolidMode: TypeAlias = Literal["auto", "surface"]
+"""Parts of a link's mesh that are solid: its closed bodies, or none."""
 
 
 def read_rigid_links(

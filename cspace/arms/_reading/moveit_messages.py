@@ -15,7 +15,7 @@ from typing import Any, Final, TypeAlias
 
 import numpy as np
 
-from cspace.arms._reading.checks import check_distinct
+from cspace.arms._checks import check_distinct
 from cspace.errors import AngleWarning
 from cspace.inside import ContentError, Fields, Floats, Ledger, warn_user
 

@@ -22,7 +22,7 @@ from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 
-from cspace.arms._reading.checks import check_distinct
+from cspace.arms._checks import check_distinct
 from cspace.arms._reading.sphere_files import parse_numbers, read_spheres, replace_geometry
 from cspace.errors import FileError, InputError
 from cspace.inside import (
