@@ -36,6 +36,4 @@ def read_joint_limits(source: object, kind: str, units: Mapping[str, str]) -> di
             if table.get(kind) is None or table.get(flag) is False:
                 continue
             limits[joint] = table.number(kind, lowest=0.0)
-            if units[joint] == "rad" and kind == "max_velocity":
-                document.speeds.append((f"max_velocity of {joint!r}", limits[joint]))
     return limits

@@ -15,8 +15,9 @@ from typing import Any, Final, ParamSpec, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace._support.arrays import MAX_EXPECTED_ANGLE, Bools, Floats, Ints, frozen
+from cspace._support.arrays import Bools, Floats, Ints, frozen
 from cspace._support.reporting import warn_user
+from cspace._support.units import check_unit, warn_of_large
 from cspace.errors import AngleWarning, InputError
 
 Arguments = ParamSpec("Arguments")
@@ -36,11 +37,6 @@ AXES: Final = ("x", "y", "z")
 
 _ROW_ATTRIBUTES: Final = ("to_numpy", "mask", "_fields", "units", "unit")
 """Attributes of rows with labels, masks or units."""
-
-_SI_UNIT: Final = re.compile(
-    r"(\b(m|met(re|er)s?|rad(ian)?s?|s|seconds?|kg|n|per|dimensionless|unitless)\b|[-\s/*^.()\d])*"
-)
-"""Names of units that numbers are in, and of their quotients, in lower case."""
 
 _SIZE: Final = re.compile(
     r"^(?!(stroke|marker|font|icon|text|label)_)(.*_)?"
@@ -69,7 +65,7 @@ def check_real(values: ArrayLike, name: str, axes: Sequence[str] = ()) -> NDArra
         values = order_labels(values, name, axes)
     elif kind is not np.ndarray and kind is not float:
         check_unmasked(values, name)
-        _check_unit(values, name)
+        check_unit(values, name)
         values = order_labels(values, name, axes)
     # Refuse None and texts, because numpy would turn None into NaN and parse texts as numbers.
     # Arrays of objects, such as fractions, are converted if they hold numbers.
@@ -97,20 +93,6 @@ def _quote(value: object) -> str:
     """Return a value as text, or its type if the text is long."""
     text = repr(value)
     return text if len(text) < 100 else f"a {type(value).__name__}"
-
-
-def _check_unit(values: Any, name: str) -> None:
-    """Raise InputError for values in another unit, as of pint; units of plans are tuples."""
-    attributes = getattr(values, "attrs", None)
-    unit = None
-    for name_of_unit in ("units", "unit"):
-        unit = unit or (attributes.get(name_of_unit) if isinstance(attributes, Mapping) else None)
-        if not hasattr(values, "columns"):  # which may be called so
-            unit = unit or getattr(values, name_of_unit, None)
-    has_unit = not (unit is None or callable(unit) or isinstance(unit, tuple))
-    if has_unit and not _SI_UNIT.fullmatch(str(unit).lower()):
-        rule = "numbers are in metres, radians and seconds"
-        raise InputError(name, f"has the unit {unit}", rule)
 
 
 def order_labels(values: Any, name: str, axes: Sequence[str]) -> Any:
@@ -240,13 +222,14 @@ def check_number(value: Any, name: str) -> float:
 
 
 def check_positive(value: Any, name: str, unit: str = "metres") -> float:
-    """Return a positive number as a float.
+    """Return a positive number as a float; warn if it is larger than its unit suggests.
 
     Raises InputError if it is not one number, not finite, not above zero, or outside [1e-100,
     1e100].
     """
     # Squares and cubes of numbers in this range do not overflow or underflow float64.
     if type(value) is float and 1.0 / MAX_NUMBER < value < MAX_NUMBER:
+        warn_of_large(value, unit, name)
         return value
     array = check_finite(value, name)
     problem = f"is {value!r}"
@@ -254,11 +237,12 @@ def check_positive(value: Any, name: str, unit: str = "metres") -> float:
         raise InputError(name, problem, f"it must be one number above zero, in {unit}")
     if not 1.0 / MAX_NUMBER < array < MAX_NUMBER:
         raise InputError(name, problem, f"it must be in [1e-100, 1e100] {unit}")
+    warn_of_large(array, unit, name)
     return float(array)
 
 
 def check_not_negative(value: Any, name: str, unit: str = "metres") -> float:
-    """Return a number that is zero or above as a float.
+    """Return a number that is zero or above as a float; warn as :func:`check_positive`.
 
     Raises InputError if it is not one number, not finite, negative, or above 1e100.
     """
@@ -268,6 +252,7 @@ def check_not_negative(value: Any, name: str, unit: str = "metres") -> float:
         raise InputError(name, f"is {value!r}", rule)
     if array > MAX_NUMBER:
         raise InputError(name, f"is {value!r}", f"it must be at most {MAX_NUMBER:g}")
+    warn_of_large(array, unit, name)
     return float(array)
 
 
@@ -359,12 +344,14 @@ def check_each(
     values: ArrayLike | Mapping[str, Any],
     name: str,
     names: Sequence[str],
+    units: Sequence[str] = (),
     defaults: Mapping[str, float] = MappingProxyType({}),
 ) -> Floats:
     """Return one number for all ``names``, or one each, shape (k,).
 
     A mapping gives numbers by name, and may leave out those with a default. Raises InputError if a
-    number is missing, negative or not finite, a name is unknown, or the shape differs.
+    number is missing, negative or not finite, a name is unknown, or the shape differs. Warns if a
+    number is larger than its unit or its default suggests.
     """
     rule = f"it must be one number, or one for each of {', '.join(names)}"
     if isinstance(values, Mapping):
@@ -380,28 +367,17 @@ def check_each(
         raise InputError(name, f"has shape {numbers.shape}", rule)
     if (numbers < 0.0).any():
         raise InputError(name, f"is {values!r}", "it must be zero or above")
+    spread = np.broadcast_to(numbers, len(names))
+    for unit in dict.fromkeys(units):
+        warn_of_large(spread[np.array(units) == unit], unit, name)
+    for each, number in zip(names, spread.tolist(), strict=True):
+        # A number of degrees is 57 times that of radians.
+        if number > 5.0 * defaults.get(each, math.inf):
+            warn_user(
+                f"{name} of {each} is {number:g}, {number / defaults[each]:.3g} times what it has",
+                AngleWarning,
+            )
     return numbers
-
-
-def suggest_radians(value: float) -> str:
-    """Return a hint for an angle outside [0, pi], radians, which may be in degrees."""
-    if math.pi < value <= 180.0:
-        return f"pass {math.radians(value):.6g} for {value:g} degrees"
-    return ""
-
-
-def warn_of_degrees(q: ArrayLike, angles: Mapping[int, str], name: str) -> None:
-    """Warn if an angle of configurations is beyond a whole turn.
-
-    ``angles`` are the names of angles, by index. The text leaves out the value, so that Python
-    prints it once for each line of the user's program.
-    """
-    rows = np.asarray(q)
-    for k, axis in angles.items():
-        if (np.abs(rows[..., k]) > MAX_EXPECTED_ANGLE).any():  # whatever else is NaN
-            problem = f"{axis} is beyond a whole turn"
-            rule = "angles are in radians, and whole turns are ignored"
-            warn_user(f"{name}: {problem}; {rule}", AngleWarning)
 
 
 def check_text(value: object, name: str) -> str:
