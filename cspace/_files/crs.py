@@ -9,8 +9,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from cspace._files.access import BRING_YOUR_FILE, ContentError
+from cspace._files.access import ContentError
 from cspace._support.arrays import Floats
+from cspace._support.kinds import BRING_YOUR_FILE
 from cspace._support.reporting import warn_user
 from cspace.errors import GeometryError, UnitWarning
 

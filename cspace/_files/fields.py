@@ -15,6 +15,7 @@ from cspace._files.access import ContentError, decoding
 from cspace._files.crs import check_crs
 from cspace._files.plain import read_yaml
 from cspace._support.check import MAX_NUMBER, parse_finite, suggest_name
+from cspace._support.kinds import suggest_call
 from cspace._support.reporting import warn_user
 from cspace._support.units import is_expected, warn_of_large
 from cspace.errors import InputError
@@ -82,10 +83,12 @@ class Ledger:
         formats: Fields,
         kind: str = "",
         document: Ledger | None = None,
+        file: str = "",
     ) -> None:
-        """Check that it is a mapping; ``document`` is the outermost one."""
+        """Check that it is a mapping; ``document`` is the outermost one, of a ``file``."""
         self.where = where
         self.kind = kind
+        self.given = fields, file or where
         self.formats = formats
         self.document = document or self
         self.members: list[Ledger] = []
@@ -95,7 +98,7 @@ class Ledger:
         found = self.list_fields(fields, formats.list_known())
         if found is None:
             rule = f"it must hold fields and values, not a {type(fields).__name__}"
-            raise self.fail(f"is {fields!r:.60}", rule)
+            raise self.fail(f"is {fields!r:.60}", rule, self.hint)
         self.fields = found
 
     @staticmethod
@@ -112,9 +115,7 @@ class Ledger:
             file = os.fspath(source)
             content = read_yaml(source, kind)
             with decoding(source, kind):
-                if Ledger.list_fields(content) is None:
-                    raise ContentError(f"holds {content!r:.60}", "it must hold fields and values")
-                document = Ledger(content, name, formats)
+                document = Ledger(content, name, formats, file=file)
                 yield file, document
                 document.close(file)
             return
@@ -138,7 +139,8 @@ class Ledger:
         if isinstance(value, Mapping):
             return value
         # Arrays have data, and texts have a center, but they are no messages.
-        if hasattr(value, "tolist") or type(value).__module__ == "builtins":
+        is_geometry = hasattr(value, "__geo_interface__")  # whose z may raise an error
+        if is_geometry or hasattr(value, "tolist") or type(value).__module__ == "builtins":
             return None
         # Messages list their fields in ROS 2, in rosbags and in ROS 1.
         list_names = getattr(value, "get_fields_and_field_types", tuple)
@@ -166,8 +168,13 @@ class Ledger:
         if value is None:
             present = ", ".join(map(str, self.fields))
             others = f", besides {present:.200}" if present else "; it has no field at all"
-            raise self.fail(f"has no {key}", f"it must have one{others}")
+            raise self.fail(f"has no {key}", f"it must have one{others}", self.hint)
         return value
+
+    @property
+    def hint(self) -> str:
+        """The call that takes a mapping or message of another kind, or ""."""
+        return suggest_call(*self.given)
 
     def number(
         self,

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cspace._support.arrays import Bools, Floats, Ints, frozen
+from cspace._support.kinds import make_kind_error
 from cspace._support.reporting import warn_user
 from cspace._support.units import check_unit, warn_of_large
 from cspace.errors import AngleWarning, InputError
@@ -31,6 +32,9 @@ MAX_COUNT: Final = 2**53
 
 UNKNOWN_CELL: Final = -1
 """Value of unknown cells in occupancy grids of ROS."""
+
+_NUMERIC: Final = "it must be numeric"
+"""Rule of messages about values that are no numbers."""
 
 AXES: Final = ("x", "y", "z")
 """Names of the axes of space; a plane has the first two."""
@@ -63,7 +67,7 @@ def check_real(values: ArrayLike, name: str, axes: Sequence[str] = ()) -> NDArra
     kind: type[Any] = type(values)
     if kind is tuple or kind is list:
         values = order_labels(values, name, axes)
-    elif kind is not np.ndarray and kind is not float:
+    elif kind is not float and (kind is not np.ndarray or values.dtype.names):  # type: ignore[union-attr]
         check_unmasked(values, name)
         check_unit(values, name)
         values = order_labels(values, name, axes)
@@ -71,28 +75,20 @@ def check_real(values: ArrayLike, name: str, axes: Sequence[str] = ()) -> NDArra
     # Arrays of objects, such as fractions, are converted if they hold numbers.
     try:
         array = np.asarray(values)
-        if array.dtype.names:
-            array = np.asarray(order_labels(array, name, axes))
         if values is None or array.dtype.kind in "USMm":
             raise TypeError("texts, dates and None are no numbers")
         if array.dtype.kind == "O" and any(isinstance(each, str | bytes) for each in array.flat):
             raise TypeError("a text is no number")
         if array.dtype.kind not in "fiubc":
             array = np.asarray(array, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputError(name, f"is {_quote(values)}", "it must be numeric") from error
+    except (TypeError, ValueError, RuntimeError) as error:
+        raise make_kind_error(values, name, _NUMERIC) from error
     except OverflowError as error:
         problem = "has too large an integer"
         raise InputError(name, problem, "it must fit a float") from error
     if array.dtype.kind == "c":
         raise InputError(name, "has complex values", "it must be real")
     return array
-
-
-def _quote(value: object) -> str:
-    """Return a value as text, or its type if the text is long."""
-    text = repr(value)
-    return text if len(text) < 100 else f"a {type(value).__name__}"
 
 
 def order_labels(values: Any, name: str, axes: Sequence[str]) -> Any:
@@ -129,7 +125,7 @@ def _order_rows(values: Any, name: str, axes: Sequence[str]) -> Any:
     # Long lists hold few types, and numpy would drop the labels, units and masks of rows.
     kinds = set(map(type, values))
     if bool in kinds and len(kinds) > 1:  # numpy would turn them into numbers
-        raise InputError(name, f"is {values!r}", "it must be numeric")
+        raise make_kind_error(values, name, _NUMERIC)
     if any(hasattr(kind, each) for kind in kinds for each in _ROW_ATTRIBUTES):
         return [check_real(row, name, axes) for row in values]
     fields = getattr(values, "_fields", ())
@@ -153,7 +149,8 @@ def _check_labels(labels: Iterable[Any], name: str, axes: Sequence[str]) -> None
     if not axes:
         raise InputError(name, problem, "they have no effect here")
     rule = f"they must be {', '.join(axes)}"
-    raise InputError(name, problem, rule)
+    wrong = next((label for label in given if label not in axes), "")
+    raise InputError(name, problem, rule, suggest_name(wrong, axes))
 
 
 def parse_finite(text: str, separator: str | None = None) -> list[float]:
@@ -178,7 +175,7 @@ def check_finite(
     """
     numbers = check_real(values, name, axes)
     if numbers.dtype.kind == "b":
-        raise InputError(name, f"is {values!r}", "it must be numeric")
+        raise make_kind_error(values, name, _NUMERIC)
     array = np.asarray(numbers, dtype=np.float64)
     is_within = np.abs(array) <= largest
     if not is_within.all():
@@ -415,7 +412,7 @@ def check_rows(values: ArrayLike, name: str, axes: Sequence[str]) -> NDArray[Any
     """
     array = check_real(values, name, axes)
     if array.dtype.kind == "b":
-        raise InputError(name, f"is {values!r}", "it must be numeric")
+        raise make_kind_error(values, name, _NUMERIC)
     if array.ndim == 0 or array.shape[-1] != len(axes):
         rule = f"its last axis must be {len(axes)} long, for {', '.join(axes)}"
         raise InputError(name, f"has shape {array.shape}", rule)
@@ -461,11 +458,9 @@ def select_positions(values: Any, name: str) -> NDArray[Any]:
     axes = [axis for axis in AXES if axis in columns]
     if {"x", "y"} <= set(axes):
         values = values[axes]
-    coordinates = getattr(values, "coords", {})
-    if not isinstance(coordinates, Mapping):
-        coordinates = {}
+    coordinates = values.coords if hasattr(values, "sel") else {}
     labels = {label for each in coordinates.values() for label in each.values.flat}
-    return check_real(values, name, axes or [axis for axis in AXES if axis in labels])
+    return check_real(values, name, axes or [axis for axis in AXES if axis in labels] or AXES)
 
 
 def check_point(value: ArrayLike, name: str = "center", dim: int = 2) -> Floats:
@@ -568,8 +563,7 @@ def check_dims(array: Any, name: str) -> None:
     if any(dims) and dims != tuple(AXES[k] if dim else "" for k, dim in enumerate(dims[:3])):
         rule = "they must be x, y (and z), in this order"
         raise InputError(name, f"has the dimensions {dims}", rule)
-    coordinates = getattr(array, "coords", ())
-    if isinstance(coordinates, Mapping) and set(dims) & set(coordinates):
+    if hasattr(array, "sel") and set(dims) & set(array.coords):
         raise InputError(name, "has coordinates", "they have no effect here")
 
 
@@ -581,20 +575,21 @@ def check_cells(values: ArrayLike, name: str) -> Bools:
     """
     check_dims(values, name)
     check_unmasked(values, name)
-    if hasattr(values, "toarray"):  # a sparse array of scipy
-        problem = f"is a {type(values).__name__}"
-        raise InputError(name, problem, "it must have a value for each cell")
     if hasattr(values, "iloc"):
         raise InputError(name, f"is a {type(values).__name__}", "its labels are not read")
+    rule = "it must have the axes x, y (and z), and at least one cell"
     try:
         array = np.asarray(values)
+    except RuntimeError as error:
+        raise make_kind_error(values, name, rule) from error
     except ValueError as error:
         problem = f"is ragged: {error}"
         rule = "its rows must have one length"
         raise InputError(name, problem, rule) from error
-    if array.ndim not in (2, 3) or array.size == 0:
-        rule = "it must have the axes x, y (and z), and at least one cell"
-        problem = f"is a {type(values).__name__} of {array.ndim} axes and {array.size} entries"
+    if not array.ndim:
+        raise make_kind_error(values, name, rule)
+    if array.ndim > 3 or array.ndim < 2 or array.size == 0:
+        problem = f"has {array.ndim} axes and {array.size} entries"
         raise InputError(name, problem, rule)
     if array.dtype.kind == "f":
         check_finite(array, name)

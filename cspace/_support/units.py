@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,48 +23,20 @@ _SI_UNIT: Final = re.compile(
 """Names of units that numbers are in, and of their quotients, in lower case."""
 
 
-class Expectation(NamedTuple):
-    """The largest number that is not suspected to be in another unit.
+_FAST_TURN: Final = (8.0 * MAX_EXPECTED_ANGLE, "8 turns a second", AngleWarning)
 
-    Attributes
-    ----------
-    largest : float
-    words : str
-        The same in words.
-    rule : str
-    category : type
-        Category of the warning.
-    """
-
-    largest: float
-    words: str
-    rule: str
-    category: type[UserWarning]
-
-
-_TURNS: Final = 8
-"""Rate, turns a second, above which it is probably in degrees."""
-
-_EXPECTATIONS: Final = {
-    "rad": Expectation(MAX_EXPECTED_ANGLE, "a whole turn", "angles are in radians", AngleWarning),
-    **dict.fromkeys(
-        ("rad/s", "rad/s^2"),
-        Expectation(
-            _TURNS * MAX_EXPECTED_ANGLE,
-            f"{_TURNS} turns a second",
-            "rates are in radians",
-            AngleWarning,
-        ),
-    ),
-    "m/s": Expectation(100.0, "100 m/s", "speeds are in metres a second", UnitWarning),
+_EXPECTATIONS: Final[Mapping[str, tuple[float, str, type[UserWarning]]]] = {
+    "rad": (MAX_EXPECTED_ANGLE, "a whole turn", AngleWarning),
+    "rad/s": _FAST_TURN,
+    "rad/s^2": _FAST_TURN,
+    "m/s": (100.0, "100 m/s", UnitWarning),
 }
-"""Expectations by unit; other units have none."""
+"""Largest number that is not suspected to be in another unit, as number and words, by unit."""
 
 
 def is_expected(values: ArrayLike, unit: str) -> bool:
     """Return False if a number is larger than its unit suggests."""
-    expectation = _EXPECTATIONS.get(unit)
-    return expectation is None or not (np.abs(values) > expectation.largest).any()
+    return unit not in _EXPECTATIONS or not (np.abs(values) > _EXPECTATIONS[unit][0]).any()
 
 
 def warn_of_large(
@@ -82,7 +54,8 @@ def warn_of_large(
     for part, numbers in parts.items():
         if is_expected(numbers, unit):
             continue
-        _, words, rule, category = _EXPECTATIONS[unit]
+        _, words, category = _EXPECTATIONS[unit]
+        rule = f"it is in {unit}"
         if category is AngleWarning and columns is None and not np.ndim(numbers):
             degrees = float(np.asarray(numbers))
             rule += f", and {degrees:g} degrees are {math.radians(degrees):.6g} rad"

@@ -28,7 +28,7 @@ def test_speeds_in_degrees_are_warned_of(tmp_path):
         Arm.from_urdf(write_arm(tmp_path, 180))
     text = str(caught[0].message)
     assert "velocity at the limit of joint 'j', the first of 1, is beyond 8 turns a second" in text
-    assert text.endswith("rates are in radians, and 180 degrees are 3.14159 rad")
+    assert text.endswith("; it is in rad/s, and 180 degrees are 3.14159 rad")
     with warnings.catch_warnings(action="error"):
         Arm.from_urdf(write_arm(tmp_path, 3.14))
         Arm.from_urdf(write_arm(tmp_path, 180, "prismatic"))
