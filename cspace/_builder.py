@@ -48,6 +48,7 @@ from cspace._support.check import (
     check_word,
     names_options,
 )
+from cspace._support.kinds import make_kind_error
 from cspace._support.limits import PlannedGrid, bytes_text, check_memory
 from cspace._support.reporting import format_sides, tell_apart, warn_user
 from cspace._support.words import Method, Outside
@@ -350,8 +351,7 @@ def _check_types(workspace: object, progress: object = None) -> None:
         rule = "it is called with the steps done and all steps"
         raise InputError("progress", f"is {progress!r}", rule)
     if not isinstance(workspace, Workspace):
-        problem = f"is a {type(workspace).__name__}"
-        raise InputError("workspace", problem, "it must be a Workspace")
+        raise make_kind_error(workspace, "workspace", "it must be a Workspace")
 
 
 def _check_options(

@@ -30,9 +30,9 @@ from cspace._support.check import (
     check_finite,
     check_point,
     check_rows,
-    warn_of_degrees,
 )
 from cspace._support.reporting import format_point
+from cspace._support.units import warn_of_large
 from cspace.errors import ConfigurationError, EndReason, InputError
 
 if TYPE_CHECKING:
@@ -402,7 +402,7 @@ class ConfigurationMap(ConfigurationSpace):
         """
         q = self._read_message(q)
         point = super().check_configuration(q, name)
-        warn_of_degrees(check_finite(q, name, self.axes), self._angles, name)
+        warn_of_large(check_finite(q, name, self.axes), "rad", name, self._angles)
         return point
 
     def check_endpoint(self, q: ArrayLike, name: str) -> Endpoint:

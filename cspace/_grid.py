@@ -29,15 +29,15 @@ FARTHEST_CELL: Final = 2**62
 """Largest index of a cell; farther points get this index, and boxes that reach it have no end."""
 
 
-def check_reach(far: float, name: str, origin: str) -> None:
+def check_reach(far: float, name: str, origin: str, hint: str = "") -> None:
     """Raise InputError if a shape is too far from an origin.
 
     ``far``, in cells, must be at most :data:`MAX_COORDINATE`, beyond which rounding could exceed
-    :data:`SLACK`. ``name`` and ``origin`` are for the message.
+    :data:`SLACK`. ``name``, ``origin`` and ``hint`` are for the message.
     """
     if not far <= MAX_COORDINATE:
         rule = f"beyond {MAX_COORDINATE:.0f} cells rounding invalidates proofs"
-        raise InputError(name, f"reaches {far:.3g} cells from {origin}", rule)
+        raise InputError(name, f"reaches {far:.3g} cells from {origin}", rule, hint)
 
 
 @dataclass(frozen=True, slots=True)

@@ -53,11 +53,11 @@ from cspace._support.check import (
     check_rows,
     check_text,
     names_options,
-    warn_of_degrees,
 )
 from cspace._support.derived import derived, lazy
 from cspace._support.limits import check_memory
 from cspace._support.reporting import format_point
+from cspace._support.units import warn_of_large
 from cspace._workspace import LiveWorkspace, Workspace, copy_workspace
 from cspace.errors import ConfigurationError, InputError
 
@@ -386,6 +386,7 @@ class CSpace(ConfigurationMap):
         rows = as_contiguous(points.reshape(-1, self.size))
         row_lengths = _broadcast_spans(lengths, "lengths", points.shape[:-1])
         row_turns = _broadcast_spans(turns, "turns", points.shape[:-1])
+        warn_of_large(row_turns, "rad", "turns")
         distances = np.zeros(len(rows))
         for k in np.flatnonzero(self.exact.is_free(points)):
             piece = slice(k, k + 1)
@@ -1246,7 +1247,7 @@ class CSpace(ConfigurationMap):
     def _check_in_grid(self, q: ArrayLike, name: str) -> Floats:
         """Return a canonical configuration in the grid, or raise ConfigurationError."""
         values = check_points(q, name, self.axes)
-        warn_of_degrees(values, self._angles, name)
+        warn_of_large(values, "rad", name, self._angles)
         point = self.rotations.make_canonical(values, name)
         is_valid = bool(point.ndim == 1 and self.grid.contains(point[: self.grid.dim]))
         if not is_valid:

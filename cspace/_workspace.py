@@ -6,7 +6,7 @@ import inspect
 import math
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from cspace import _outside
 from cspace._files.access import UNKNOWNS
 from cspace._files.crs import check_own_crs, warn_of_likely_degrees
-from cspace._grid import FARTHEST_CELL, SLACK, Grid
+from cspace._grid import FARTHEST_CELL, MAX_COORDINATE, SLACK, Grid, check_reach
 from cspace._shapes import Balls, Polygons, Shape, ShapeLike, Voxels, as_shape
 from cspace._support.arrays import Bools, Floats, StrPath, frozen
 from cspace._support.check import (
@@ -32,6 +32,7 @@ from cspace._support.check import (
     names_options,
     select_positions,
 )
+from cspace._support.kinds import make_kind_error, suggest_call
 from cspace._support.limits import (
     MESH_CELL_BYTES,
     SHAPE_CELL_BYTES,
@@ -62,6 +63,9 @@ _ZERO_BOUND: Final = SLACK / 2**14
 
 _SINGLE_SUFFIXES: Final = (".stl", ".ply", ".pcd", ".glb", ".gltf")
 """Suffixes of files of points whose numbers often have 32 bits."""
+
+_MOVABLE: Final = ("set of polygons", "mesh", "cloud")
+"""Kinds of obstacles of the methods that take an offset."""
 
 _MIN_EXTENT: Final = 1.0 - 2.0**-20
 """Extent of all obstacles, in cells, below which their unit is probably wrong."""
@@ -354,6 +358,9 @@ class Workspace:
         box = corners if bounds is None else check_bounds(bounds, shapes[0].dim)
         is_simple = len(shapes) == 1 and shapes[0].kind != "mesh"
         cost = SHAPE_CELL_BYTES if is_simple else MESH_CELL_BYTES
+        if kind in _MOVABLE:
+            hint = _suggest_offset(box, spacing, bounds is not None)
+            check_reach(float(np.abs(box).max()) / spacing, "grid", "the origin", hint)
         grid = covering_grid(box, spacing, 0 if lazy else cost)
         if kind:
             extent = corners
@@ -428,8 +435,7 @@ class Workspace:
         Workspace(3 shapes: 40 x 30 cells of 0.1 m, 42.5 % occupied)
         """
         if isinstance(shapes, Mapping | str) or not isinstance(shapes, Iterable):
-            problem = f"is a {type(shapes).__name__}"
-            raise InputError("shapes", problem, "it must be a list of shapes")
+            raise make_kind_error(shapes, "shapes", "it must be a list of shapes")
         check_own_crs(shapes, "shapes")
         made = [as_shape(shape, name=f"shapes[{index}]") for index, shape in enumerate(shapes)]
         if not made:
@@ -939,11 +945,15 @@ def reader_of(path: StrPath, options: Iterable[str] = ()) -> Callable[..., Works
 def _make_option_error(path: StrPath, name: str, problem: str, rule: str) -> CspaceError:
     """Make the error for an option of a file, or for the file if it is missing."""
     from cspace._files.access import suggest_file
+    from cspace._files.plain import read_document
 
     file = Path(path)
     if not file.exists():
         return FileError(str(file), "does not exist", "it must be a plain file", suggest_file(file))
-    return InputError(name, f"{problem} for {file}", rule)
+    hint = ""
+    with suppress(CspaceError):
+        hint = suggest_call(read_document(path, "file"), str(file))
+    return InputError(name, f"{problem} for {file}", rule, hint)
 
 
 def measure_shapes(path: StrPath, **options: Any) -> tuple[Floats, dict[str, object]] | None:
@@ -1009,6 +1019,15 @@ def covering_grid(corners: Floats, spacing: float, bytes_a_cell: int) -> Grid:
     shape = covering_shape(corners, spacing)
     check_memory(bytes_a_cell * float(math.prod(shape)), "the map", PlannedGrid(shape, spacing))
     return Grid(corners[0], spacing, shape)
+
+
+def _suggest_offset(corners: Floats, spacing: float, bounded: bool) -> str:
+    """Return a hint that moves the corners of a map, shape (2, d), to the origin, or ""."""
+    lower, upper = corners
+    if (upper - lower).max() > 0.5 * MAX_COORDINATE * spacing:
+        return ""
+    hint = f"pass offset=({', '.join(f'{-x:.0f}' for x in lower)})"
+    return f"{hint}, with bounds that are moved so, too" if bounded else hint
 
 
 def warn_of_units(corners: Floats, spacing: float, what: str, bounded: bool) -> None:

@@ -106,8 +106,6 @@ from ._support.check import check_text as check_text
 from ._support.check import check_word as check_word
 from ._support.check import names_options as names_options
 from ._support.check import suggest_name as suggest_name
-from ._support.check import suggest_radians as suggest_radians
-from ._support.check import warn_of_degrees as warn_of_degrees
 from ._support.compiling import allocating as allocating
 from ._support.compiling import cache_folder as cache_folder
 from ._support.compiling import internal as internal
@@ -124,4 +122,6 @@ from ._support.reporting import warn_user as warn_user
 from ._support.threads import count_cores as count_cores
 from ._support.threads import map_in_threads as map_in_threads
 from ._support.threads import run_in_chunks as run_in_chunks
+from ._support.units import suggest_radians as suggest_radians
+from ._support.units import warn_of_large as warn_of_large
 from ._workspace import measure_shapes as measure_shapes

@@ -134,7 +134,7 @@ def configuration_of(
         rule = "it must be a map of a rigid robot"
         raise InputError("space", f"is {space!r}", rule)
     # Tilt, radians, that passes as rounding.
-    tolerance = max(check_not_negative(tilt_tolerance, "tilt_tolerance"), 2e-3)
+    tolerance = max(check_not_negative(tilt_tolerance, "tilt_tolerance", "rad"), 2e-3)
     position, turn = read_pose(msg, frame_id or space.frame_id)
     x, y, z, w = turn
     names = space.rotations.names

@@ -43,7 +43,7 @@ from cspace.inside import (
     map_record,
     suggest_radians,
     turn_near,
-    warn_of_degrees,
+    warn_of_large,
     wrap_angles,
 )
 from planners._catalogue import (
@@ -763,5 +763,5 @@ def _find_rotation(space: ConfigurationMap, rotation: object, name: str) -> tupl
     if names != ("yaw",):
         raise InputError(name, f"has the rotation {rotation!r}", "the robot does not turn")
     yaw = np.atleast_1d(check_finite(cast("ArrayLike", rotation), name))
-    warn_of_degrees(yaw[:, np.newaxis], {0: "yaw"}, name)
+    warn_of_large(yaw, "rad", f"{name}: yaw")
     return yaw, 0.0

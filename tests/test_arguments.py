@@ -300,7 +300,7 @@ def test_costs_of_another_shape_are_refused():
     (lambda: Grid((0, 0), 1.0, (2, 2)).cell_of((1.0, 2.0, 3.0)), "points has shape (3,)"),
     (lambda: flat().grid.center_of([10**400, 1]), "cells has too large an integer"),
     # Workspaces and robots.
-    (lambda: Workspace.from_array(0.1, CELLS), "spacing is array([[False"),
+    (lambda: Workspace.from_array(0.1, CELLS), "spacing is a ndarray; it must be numeric"),
     (
         lambda: Workspace.from_array(np.zeros((0, 3), bool), 1.0),
         "it must have the axes x, y (and z), and at least one cell",
@@ -342,8 +342,11 @@ def test_costs_of_another_shape_are_refused():
     ),
     (lambda: flat().is_free((1.0, np.nan)), "q is (1.0, nan); numbers must be finite"),
     # What is ours, where numbers are meant.
-    (lambda: flat().certify_path(find_way()), "path is a Plan; it must be numeric"),
-    (lambda: flat().is_free(flat()), "q is CSpace(30 x 30 cells"),
+    (
+        lambda: flat().certify_path(find_way()),
+        "path is a Plan; it must be numeric; use path.path for rows",
+    ),
+    (lambda: flat().is_free(flat()), "q is a CSpace; it must be numeric; use q.workspace"),
     (lambda: cspace.Gate(find_way()), "space is a Plan; a gate proves"),
     # Gates, plans and arms.
     (lambda: cspace.Gate(turning(), dt=0.1, max_velocity={"x": 1.0, "y": 1.0, "Yaw": 1}), "'yaw'?"),

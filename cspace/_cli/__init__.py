@@ -28,7 +28,7 @@ from cspace._cli.planning import demo, explain, plan
 from cspace._cli.report import Options, format_error, format_warning, join_lines, list_option_names
 from cspace._cli.route_audit import audit
 from cspace._cli.spheres import spheres
-from cspace.errors import AngleWarning, CspaceError
+from cspace.errors import CspaceError
 
 _USAGE_ERRORS: tuple[Any, ...] = typer.BadParameter.__mro__[1:2]
 """The base class of typer's usage errors, taken from a subclass because its module depends on the
@@ -65,8 +65,6 @@ class _Commands(TyperGroup):
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("default", UserWarning)
-                # Options state the unit of an angle; files do not.
-                warnings.filterwarnings("ignore", r".*numpy\.radians", AngleWarning)
                 warnings.showwarning = print_warning
                 return super().invoke(ctx)
         except BrokenPipeError:

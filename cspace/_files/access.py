@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from cspace._support.arrays import Floats, StrPath
 from cspace._support.check import suggest_name
+from cspace._support.kinds import BRING_YOUR_FILE, make_kind_error
 from cspace._support.limits import SizeLimit, check_bytes
 from cspace.errors import CspaceError, FileError, InputError
 
@@ -34,9 +35,6 @@ TEMPORARY_NAME: Final = r"\.cspace-[0-9a-f]{12}(\..*)?"
 
 _LFS_POINTER_START: Final = b"version https://git-lfs.github.com/spec/v1"
 """First bytes of a git-lfs pointer file."""
-
-BRING_YOUR_FILE: Final = 'the page "Bring your file" says how'
-"""Hint for files and arrays that other packages convert."""
 
 _MALFORMED: Final = "it is malformed or truncated"
 """Rule of a file's content if no other is known."""
@@ -131,7 +129,7 @@ def check_name(path: StrPath) -> Path:
     Raises InputError if it is not one.
     """
     if not isinstance(path, str | os.PathLike) or "\0" in str(path):
-        raise InputError("path", f"is {path!r}", "it must be a file name")
+        raise make_kind_error(path, "path", "it must be a file name")
     return Path(path)
 
 

@@ -10,7 +10,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace._files.access import BRING_YOUR_FILE, ContentError
+from cspace._files.access import ContentError
+from cspace._support.kinds import BRING_YOUR_FILE
 from cspace._support.reporting import warn_user
 from cspace.errors import GeometryError, UnitWarning
 

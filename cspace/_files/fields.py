@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 import os
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -15,16 +14,14 @@ from typing import Any, Final, NamedTuple
 from cspace._files.access import ContentError, decoding
 from cspace._files.crs import check_crs
 from cspace._files.plain import read_yaml
-from cspace._support.arrays import MAX_EXPECTED_ANGLE
 from cspace._support.check import MAX_NUMBER, parse_finite, suggest_name
+from cspace._support.kinds import suggest_call
 from cspace._support.reporting import warn_user
-from cspace.errors import AngleWarning, InputError
+from cspace._support.units import is_expected, warn_of_large
+from cspace.errors import InputError
 
 _MAX_LISTED_NAMES: Final = 10
 """Largest number of names that a warning lists."""
-
-_MAX_TURNS_PER_SECOND: Final = 8
-"""Speed of a joint above which it is probably in degrees."""
 
 UNKNOWN_FIELDS: Final = "unknown fields"
 """Words in :attr:`Fields.refused` of a format whose unknown fields are refused."""
@@ -86,21 +83,22 @@ class Ledger:
         formats: Fields,
         kind: str = "",
         document: Ledger | None = None,
+        file: str = "",
     ) -> None:
-        """Check that it is a mapping; ``document`` is the outermost one."""
+        """Check that it is a mapping; ``document`` is the outermost one, of a ``file``."""
         self.where = where
         self.kind = kind
+        self.given = fields, file or where
         self.formats = formats
         self.document = document or self
         self.members: list[Ledger] = []
-        self.angles: list[tuple[str, float]] = []
-        self.speeds: list[tuple[str, float]] = []
+        self.noted: list[tuple[str, float, str]] = []  # places, numbers and their units
         self.taken: set[str] = set()
         self.document.members.append(self)
         found = self.list_fields(fields, formats.list_known())
         if found is None:
             rule = f"it must hold fields and values, not a {type(fields).__name__}"
-            raise self.fail(f"is {fields!r:.60}", rule)
+            raise self.fail(f"is {fields!r:.60}", rule, self.hint)
         self.fields = found
 
     @staticmethod
@@ -117,9 +115,7 @@ class Ledger:
             file = os.fspath(source)
             content = read_yaml(source, kind)
             with decoding(source, kind):
-                if Ledger.list_fields(content) is None:
-                    raise ContentError(f"holds {content!r:.60}", "it must hold fields and values")
-                document = Ledger(content, name, formats)
+                document = Ledger(content, name, formats, file=file)
                 yield file, document
                 document.close(file)
             return
@@ -143,7 +139,8 @@ class Ledger:
         if isinstance(value, Mapping):
             return value
         # Arrays have data, and texts have a center, but they are no messages.
-        if hasattr(value, "tolist") or type(value).__module__ == "builtins":
+        is_geometry = hasattr(value, "__geo_interface__")  # whose z may raise an error
+        if is_geometry or hasattr(value, "tolist") or type(value).__module__ == "builtins":
             return None
         # Messages list their fields in ROS 2, in rosbags and in ROS 1.
         list_names = getattr(value, "get_fields_and_field_types", tuple)
@@ -171,8 +168,13 @@ class Ledger:
         if value is None:
             present = ", ".join(map(str, self.fields))
             others = f", besides {present:.200}" if present else "; it has no field at all"
-            raise self.fail(f"has no {key}", f"it must have one{others}")
+            raise self.fail(f"has no {key}", f"it must have one{others}", self.hint)
         return value
+
+    @property
+    def hint(self) -> str:
+        """The call that takes a mapping or message of another kind, or ""."""
+        return suggest_call(*self.given)
 
     def number(
         self,
@@ -216,7 +218,7 @@ class Ledger:
 
     def note_angle(self, name: str, angle: float) -> float:
         """Note an angle, radians, for the document's warning."""
-        self.document.angles.append((f"{self.where}.{name}", angle))
+        self.document.noted.append((f"{self.where}.{name}", angle, "rad"))
         return angle
 
     def check_number(
@@ -302,7 +304,7 @@ class Ledger:
         self.taken.update(self.fields)
 
     def close(self, source: str) -> None:
-        """Warn once of fields that nobody took, and of large angles.
+        """Warn once of fields that nobody took, and of numbers larger than their unit suggests.
 
         Raises ContentError for such fields if the format refuses them.
         """
@@ -323,8 +325,10 @@ class Ledger:
                 name = f"{key} ({member.kind})" if member.kind else str(key)
                 ignored[name] = "" if key in known else str(key)
         warn_of_names(source, ignored, read)
-        warn_of_large_angles(source, self.angles)
-        warn_of_large_angles(source, self.speeds, _MAX_TURNS_PER_SECOND, "/s")
+        for unit in dict.fromkeys(unit for *_, unit in self.noted):
+            large = [each for each in self.noted if each[2] == unit and not is_expected(*each[1:])]
+            for place, number, _ in large[:1]:
+                warn_of_large(number, unit, f"{source}: {place}, the first of {len(large)},")
 
 
 def warn_of_names(source: str, ignored: Mapping[str, str], known: Collection[str]) -> None:
@@ -343,23 +347,3 @@ def warn_of_names(source: str, ignored: Mapping[str, str], known: Collection[str
     if len(ignored) > _MAX_LISTED_NAMES:
         listed.append(f"{len(ignored) - _MAX_LISTED_NAMES} more")
     warn_user(f"{source}: these fields are not read: {', '.join(listed)}")
-
-
-def warn_of_large_angles(
-    source: str, angles: Sequence[tuple[str, float]], turns: int = 1, unit: str = ""
-) -> None:
-    """Warn once of angles, each with its place, beyond whole turns.
-
-    They are speeds if ``unit`` is "/s".
-    """
-    # Excess, as a share, of a whole turn that a file writes with few digits.
-    limit = (1.0 + 0.01) * turns * MAX_EXPECTED_ANGLE
-    large = [(place, angle) for place, angle in angles if abs(angle) > limit]
-    if large:
-        place, angle = large[0]
-        most = "a whole turn" if turns == 1 else f"{turns} turns a second"
-        warn_user(
-            f"{source}: {len(large)} angles{unit} are beyond {most}, first {place}: {angle:g}; "
-            f"they are in rad{unit}, and {angle:g} degrees are {math.radians(angle):.6g} rad",
-            AngleWarning,
-        )

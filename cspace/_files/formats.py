@@ -115,7 +115,7 @@ def find_constructor(path: StrPath) -> str:
     suffix = check_suffix(path, WORKSPACE_FORMATS, "the suffix selects the format")
     if suffix == ".npy":
         array = read_npy(path)
-        holds_points = array.dtype.kind == "f" and array.shape[1:] == (3,)
+        holds_points = array.dtype.kind == "f" and array.ndim == 2
         return "from_points" if holds_points else "from_array"
     if suffix == ".ply":
         header = read_ply_header(path)

@@ -18,7 +18,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace._files.access import (
-    BRING_YOUR_FILE,
     ContentError,
     decoding,
     is_count,
@@ -28,6 +27,7 @@ from cspace._files.access import (
 from cspace._files.fields import Fields
 from cspace._support.arrays import Bools, Floats, StrPath, frozen
 from cspace._support.check import check_finite, check_word
+from cspace._support.kinds import BRING_YOUR_FILE
 from cspace._support.limits import check_cells
 from cspace._support.reporting import warn_user
 from cspace.errors import InputError, UnitWarning

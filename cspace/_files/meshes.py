@@ -51,9 +51,11 @@ from cspace._files.polygons import (
 from cspace._files.unit_notes import warn_of_notes, warn_of_units
 from cspace._support.arrays import Floats, Ints, StrPath, Surface
 from cspace._support.check import check_finite, check_word
+from cspace._support.kinds import make_kind_error
 from cspace._support.limits import check_bytes
 from cspace._support.reporting import warn_user
-from cspace.errors import GeometryError, InputError
+from cspace._support.units import METRES
+from cspace.errors import GeometryError
 
 Json = dict[str, Any]
 """An object of a glTF header."""
@@ -834,10 +836,6 @@ MESH_SUFFIXES: Final = tuple(_READERS)
 """Suffixes of the files that :func:`read_mesh` reads."""
 
 
-_METRES: Final = ("m", "meter", "meters", "metre", "metres")
-"""Names of the metre in trimesh."""
-
-
 def flatten_trimesh(shape: Any) -> Surface:
     """Join the meshes of a trimesh object.
 
@@ -848,15 +846,15 @@ def flatten_trimesh(shape: Any) -> Surface:
     """
     import trimesh
 
-    if getattr(shape, "units", None) not in (None, *_METRES):
-        warn_of_units("mesh", f"units = {shape.units}")
     if isinstance(shape, trimesh.Scene):
         placed = map(shape.graph.get, shape.graph.nodes_geometry)
         parts = [(shape.geometry[mesh], transform) for transform, mesh in placed]
     elif isinstance(shape, trimesh.parent.Geometry):
         parts = [(shape, np.eye(4))]
     else:
-        raise InputError("mesh", f"is a {type(shape).__name__}", "a mesh is needed")
+        raise make_kind_error(shape, "mesh", "a mesh is needed")
+    if shape.units not in (None, *METRES):
+        warn_of_units("mesh", f"units = {shape.units}")
     # Refuse what has no triangles instead of leaving it out.
     surfaces = []
     for geometry, transform in parts:

@@ -16,7 +16,6 @@ from typing import Final
 import numpy as np
 
 from cspace._files.access import (
-    BRING_YOUR_FILE,
     ContentError,
     check_suffix,
     decoding,
@@ -32,6 +31,7 @@ from cspace._files.polygons import read_ply, read_ply_header
 from cspace._files.unit_notes import warn_of_notes
 from cspace._support.arrays import Floats, StrPath
 from cspace._support.check import find_sizes
+from cspace._support.kinds import BRING_YOUR_FILE
 from cspace._support.reporting import warn_user
 from cspace.errors import GeometryError
 
@@ -107,7 +107,7 @@ def _read_npy(path: StrPath) -> Floats:
     array = read_npy(path)
     if array.ndim != 2 or array.shape[1] != 3 or array.dtype.kind not in "fiu":
         problem = f"holds shape {array.shape} and type {array.dtype}"
-        rule = "a cloud is one array of numbers of shape (n, 3)"
+        rule = "a cloud is one array of points of shape (n, 3), and cells are boolean"
         raise ContentError(problem, rule)
     _refuse_cells(array)
     return np.array(array, dtype=np.float64, order="C")
@@ -121,11 +121,9 @@ def _read_text(path: StrPath) -> Floats:
     text = read_text(path, "point cloud", memory=12.0)
     names, lines = _find_rows(text)
     rows = read_columns(text.split("\n", lines)[-1], lines + 1)  # shape (n, columns)
-    if not len(rows):
-        return np.zeros((0, 3))
     if rows.shape[1] < 3:
-        problem = f"has {rows.shape[1]} columns"
-        raise ContentError(problem, "points have x, y and z")
+        problem = f"has {rows.shape[1]} columns" if len(rows) else "holds no point"
+        raise ContentError(problem, "points have x, y and z", BRING_YOUR_FILE, kind=GeometryError)
     if not names:
         _check_unnamed(rows)
         return np.ascontiguousarray(rows[:, :3])
@@ -163,7 +161,8 @@ def _refuse_cells(rows: Floats) -> None:
         # Values that programs write for cells.
         levels = (-1, 0, 1, 100, 254, 255)
         if np.isin(rows[0], levels).all() and np.isin(rows, levels).all():
-            raise ContentError("holds the values of cells", "a cloud has points, in metres", "")
+            rule = "a cloud has points, in metres"
+            raise ContentError("holds the values of cells", rule, BRING_YOUR_FILE)
 
 
 _BRACKETS: Final = re.compile(r"[\[(][^\])]*[\])]")

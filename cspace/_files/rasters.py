@@ -8,16 +8,14 @@ from typing import Any, Final
 
 import numpy as np
 
-from cspace._files.access import BRING_YOUR_FILE
 from cspace._files.crs import check_crs
 from cspace._files.fields import Fields, Ledger
 from cspace._support.arrays import Floats
 from cspace._support.check import check_dims, check_finite, check_kind
+from cspace._support.kinds import BRING_YOUR_FILE
 from cspace._support.reporting import tell_apart
+from cspace._support.units import METRES
 from cspace.errors import InputError
-
-_METRES: Final = ("", "m", "metre", "metres", "meter", "meters")
-"""Values of the attribute ``units`` of a coordinate in metres."""
 
 _CRS_ATTRIBUTES: Final = ("crs_wkt", "spatial_ref", "grid_mapping_name")
 """Attributes of a coordinate that name a reference system; the first one counts."""
@@ -76,7 +74,7 @@ def place_raster(array: Any, spacing: float, name: str = "occupied") -> tuple[An
     _check_meaning(array, attributes, name)
     # Cells have no unit, and their name does not matter; positions are in those of coordinates.
     attributes.taken.add("standard_name")
-    if attributes.fields.get("units") in (*_METRES, "1"):
+    if attributes.fields.get("units") in (*METRES, "1"):
         attributes.taken.add("units")
     attributes.close(attributes.where)
     array = _drop_other_dimensions(array)
@@ -185,7 +183,7 @@ def _check_axis(coordinate: Any, axis: str, label: str) -> None:
         raise InputError(label, f"says that it is {own_axis}", "names must agree")
     if positive.lower() == "down" or name == "depth":
         raise InputError(label, "is positive downwards", "z must point up")
-    if units not in _METRES:
+    if units not in METRES:
         raise InputError(label, f"is in {units!r:.40}", "it must be in metres", BRING_YOUR_FILE)
 
 

@@ -203,8 +203,6 @@ def _read_header(path: StrPath) -> _MapHeader:
     Raises FileError, which names the key, if a value is missing or wrong.
     """
     with Ledger.reading(path, "ROS map", "map", FIELDS[0]) as (source, header):
-        if {"info", "data"} <= header.fields.keys():
-            raise header.fail("is an occupancy grid", "a ROS map has an image")
         image = _find_image(header, pathlib.Path(path))
         resolution = header.number("resolution", lowest=1.0 / _MAX_METRES, highest=_MAX_METRES)
         origin = header.need("origin")
@@ -596,8 +594,8 @@ def read_pose(msg: object, frame_id: str) -> tuple[list[float], list[float]]:
     the quaternion is not of norm 1.
     """
     with Ledger.reading(msg, "pose", "msg", FIELDS[2]) as (_, stamped):
-        check_frame(stamped, frame_id)
         pose = stamped.child("pose")
+        check_frame(stamped, frame_id)
         if "pose" in pose.fields:  # of a pose with a covariance, or an odometry
             pose = pose.child("pose")
         return pose.child("position").numbers("xyz"), _read_turn(pose.child("orientation"))

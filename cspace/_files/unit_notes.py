@@ -9,9 +9,9 @@ from typing import Final
 
 import numpy as np
 
-from cspace._files.access import BRING_YOUR_FILE
 from cspace._support.arrays import Floats, StrPath
 from cspace._support.check import MAX_NUMBER
+from cspace._support.kinds import BRING_YOUR_FILE
 from cspace._support.reporting import format_sides, warn_user
 from cspace.errors import UnitWarning
 

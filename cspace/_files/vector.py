@@ -18,6 +18,7 @@ from cspace._files.geometries import check_shapes, make_curve_error, split_parts
 from cspace._files.plain import check_nesting, read_json
 from cspace._support.arrays import StrPath
 from cspace._support.check import check_known, find_sizes
+from cspace._support.kinds import make_kind_error, suggest_call
 from cspace._support.limits import check_file_memory
 from cspace._support.reporting import warn_user
 from cspace.errors import FileError, GeometryError, InputError
@@ -129,12 +130,12 @@ def _iterate_geometries(source: Any, name: str) -> Iterator[tuple[str, BaseGeome
         yield from _read_geojson(source.__geo_interface__, name)
     elif isinstance(source, str | os.PathLike):
         yield from _read_text_geometries(source, name)
-    elif isinstance(source, Iterable):  # of any of these
+    elif isinstance(source, Iterable) and not suggest_call(source, name):  # of any of these
         for index, item in enumerate(source):
             yield from _iterate_geometries(item, f"{name}[{index}]")
     else:
         rule = "it must be a shapely geometry, GeoJSON, WKT or a file of them"
-        raise InputError(name, f"is {source!r:.60}", rule)
+        raise make_kind_error(source, name, rule)
 
 
 def _read_text_geometries(source: StrPath, name: str) -> Iterator[tuple[str, BaseGeometry]]:
@@ -148,7 +149,7 @@ def _read_text_geometries(source: StrPath, name: str) -> Iterator[tuple[str, Bas
         document = read_json(source, _POLYGONS_KIND, each_list=_BYTES_PER_POINT)
         if not isinstance(document, dict):
             problem = f"holds a JSON {type(document).__name__}"
-            raise FileError(file, problem, "GeoJSON is an object")
+            raise FileError(file, problem, "GeoJSON is an object", suggest_call(document, file))
         yield from _read_geojson(document, file)
     elif isinstance(source, str) and is_wkt(source):
         yield name, _parse_wkt(source, name)
@@ -282,7 +283,7 @@ def _parse_geojson(part: Ledger) -> Iterator[tuple[str, BaseGeometry]]:
     elif not isinstance(kind, str):
         fields = ", ".join(map(str, part.fields)) or "nothing"
         rule = "GeoJSON has 'type' and 'coordinates', as RFC 7946 says"
-        raise GeometryError(name, f"has no type, only {fields:.100}", rule)
+        raise GeometryError(name, f"has no type, only {fields:.100}", rule, part.hint)
     elif "coordinates" not in part.fields:
         rule = "GeoJSON has geometries, features and collections of them, as RFC 7946 says"
         raise GeometryError(name, f"is of type {kind!r:.40}, without coordinates", rule, "")

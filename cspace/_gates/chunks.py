@@ -29,9 +29,9 @@ from cspace._support.check import (
     check_points,
     check_positive,
     check_rows,
-    warn_of_degrees,
 )
 from cspace._support.reporting import tell_apart
+from cspace._support.units import warn_of_large
 from cspace.errors import InputError
 
 if TYPE_CHECKING:
@@ -47,7 +47,10 @@ LIMIT_ROUNDING: Final = 1e-9
 """Rounding of values that are compared with limits, relative to these."""
 
 TWIST_NAMES: Final = ("v", "omega")
-"""Names of the numbers of a twist, m/s and rad/s."""
+"""Names of the numbers of a twist."""
+
+TWIST_UNITS: Final = ("m/s", "rad/s")
+"""Units of the numbers of a twist."""
 
 TWISTING_AXES: Final = ("x", "y", "yaw")
 """Axes of the maps of robots that are driven by twists."""
@@ -351,7 +354,7 @@ def certify_rows(
             if max_jerk is not None:
                 limits = check_each(max_jerk, "max_jerk", names)
                 driven = _check_before(before, space.axes, is_batch)
-                warn_of_degrees(driven, space._angles, "before")
+                warn_of_large(driven, "rad", "before", space._angles)
                 earlier = np.concatenate([driven, starts])
                 earlier = space.steps_between(earlier[:-1], earlier[1:]) / seconds
                 jerks = _measure(space, _differ_twice(earlier, rates, seconds))
@@ -393,6 +396,7 @@ def certify_twists(
     if max_jerk is not None:
         limits = check_each(max_jerk, "max_jerk", TWIST_NAMES)
         driven = _check_before(before, TWIST_NAMES, is_batch)
+        warn_of_twists(driven, "before")
         with np.errstate(all="ignore"):
             jerks = np.abs(_differ_twice(driven, commands, seconds))
         checks.append(RowCheck("jerk", TWIST_NAMES, "has a jerk of", jerks, limits))
@@ -566,11 +570,19 @@ def _check_chunk(
             f"is {q!r}",
             "it must be where the robot is",
         )
-    warn_of_degrees(points, space._angles, "q")
+    warn_of_large(points, "rad", "q", space._angles)
     if columns == space.axes:
-        warn_of_degrees(chunks, space._angles, name)
+        warn_of_large(chunks, "rad", name, space._angles)
+    else:
+        warn_of_twists(chunks, name)
     starts = np.repeat(points[np.newaxis], len(chunks), axis=0) if points.ndim == 1 else points
     return as_contiguous(starts), as_contiguous(chunks), array.ndim == 3
+
+
+def warn_of_twists(twists: Floats, name: str) -> None:
+    """Warn of speeds and rates, shape (..., 2), that are larger than their units suggest."""
+    for k, unit in enumerate(TWIST_UNITS):
+        warn_of_large(twists, unit, name, {k: TWIST_NAMES[k]})
 
 
 def _check_before(before: ArrayLike | None, names: Sequence[str], is_batch: bool) -> Floats:
@@ -612,6 +624,12 @@ def list_steps(space: ConfigurationSpace) -> tuple[str, ...]:
     return (*space.axes[: space.dim], *(("rotation",) if len(names) == 4 else names))
 
 
+def list_units(space: ConfigurationSpace) -> list[str]:
+    """Return the units of coordinates that stray, m or rad."""
+    pairs = zip(list_steps(space), space.units, strict=False)  # a quaternion strays as one
+    return ["m" if unit == "m" else "rad" for _, unit in pairs]
+
+
 def check_dt(dt: float) -> float:
     """Return the seconds between rows, which are few."""
     seconds = check_positive(dt, "dt", "seconds")
@@ -631,7 +649,9 @@ def make_missing_dt() -> InputError:
 def check_velocities(space: ConfigurationSpace, max_velocity: ArrayLike | None) -> Floats:
     """Return the largest speeds, by default those of the space."""
     if max_velocity is not None:
-        return check_each(max_velocity, "max_velocity", list_steps(space), space.max_velocity)
+        units = [f"{unit}/s" for unit in list_units(space)]
+        defaults = space.max_velocity
+        return check_each(max_velocity, "max_velocity", list_steps(space), units, defaults)
     if not space.max_velocity:
         raise InputError(
             "max_velocity",

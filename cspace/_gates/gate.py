@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from cspace._gates.chunks import (
     LIMIT_ROUNDING,
     TWIST_NAMES,
+    TWIST_UNITS,
     TWISTING_AXES,
     Chunk,
     JerkLimits,
@@ -22,7 +23,9 @@ from cspace._gates.chunks import (
     check_dt,
     check_velocities,
     list_steps,
+    list_units,
     make_missing_dt,
+    warn_of_twists,
 )
 from cspace._interface import ConfigurationSpace
 from cspace._queries.vehicles import Drive, check_drive
@@ -167,7 +170,7 @@ class Gate:
             )
         names = list_steps(space)
         self.space = space
-        self.tracking = check_each(tracking, "tracking", names)
+        self.tracking = check_each(tracking, "tracking", names, list_units(space))
         self.dt = None if dt is None else check_dt(dt)
         self.max_velocity = max_velocity
         self.drive = check_drive(drive)
@@ -177,7 +180,7 @@ class Gate:
         if dt is None and any(limit is not None for limit in per_second):
             raise make_missing_dt()
         if max_velocity is not None and _list_limited(space, max_velocity) == TWIST_NAMES:
-            self.max_velocity = check_each(max_velocity, "max_velocity", TWIST_NAMES)
+            self.max_velocity = check_each(max_velocity, "max_velocity", TWIST_NAMES, TWIST_UNITS)
         elif max_velocity is not None:
             self.max_velocity = check_velocities(space, max_velocity)
         elif not (space.axes == TWISTING_AXES or dt is None):
@@ -186,7 +189,8 @@ class Gate:
             self._check_jerk(max_jerk, max_deceleration)
         self.max_deceleration = max_deceleration
         if max_deceleration is not None:
-            given = check_each(max_deceleration, "max_deceleration", TWIST_NAMES)
+            units = [f"{unit}^2" for unit in TWIST_UNITS]
+            given = check_each(max_deceleration, "max_deceleration", TWIST_NAMES, units)
             rates = np.broadcast_to(given, len(TWIST_NAMES))
             for name, rate in zip(TWIST_NAMES, rates.tolist(), strict=True):
                 check_positive(rate, f"max_deceleration of {name}")
@@ -497,4 +501,5 @@ def _check_twist(twist: ArrayLike, name: str) -> Floats:
     if values.shape != (2,):
         rule = "a twist is a speed, m/s, and a yaw rate, rad/s"
         raise InputError(name, f"has shape {values.shape}", rule)
+    warn_of_twists(values, name)
     return values

@@ -10,8 +10,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from cspace._rotations import Rotations
 from cspace._support.arrays import Bools, Floats
-from cspace._support.check import check_rows, list_dimensions, warn_of_degrees
+from cspace._support.check import check_rows, list_dimensions
 from cspace._support.threads import MIN_ITEMS_PER_THREAD, run_in_chunks
+from cspace._support.units import warn_of_large
 from cspace.errors import InputError
 
 Write = Callable[..., int]
@@ -76,7 +77,7 @@ def evaluate(
     if bad >= 0:
         number = f"number {bad} " if points.ndim > 1 else ""
         raise _make_unusable_error(rows[bad], name, number)
-    warn_of_degrees(rows, angles, name)
+    warn_of_large(rows, "rad", name, angles)
     return _shape_answers(out, points.shape[:-1], is_array)
 
 
@@ -112,8 +113,8 @@ def evaluate_edges(
     first_rows = np.broadcast_to(starts, shape).reshape(-1, size)
     second_rows = np.broadcast_to(ends, shape).reshape(-1, size)
     out = evaluate_rows(first_rows, second_rows, write)
-    warn_of_degrees(starts, angles, "q0")
-    warn_of_degrees(ends, angles, "q1")
+    warn_of_large(starts, "rad", "q0", angles)
+    warn_of_large(ends, "rad", "q1", angles)
     return _shape_answers(out, shape[:-1], has_array)
 
 

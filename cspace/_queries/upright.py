@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace._support.arrays import AXES
-from cspace._support.check import check_finite, check_positive, check_text, suggest_radians
+from cspace._support.check import check_finite, check_positive, check_text
+from cspace._support.units import suggest_radians
 from cspace.errors import InputError
 
 

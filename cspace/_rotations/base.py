@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cspace._support.arrays import Floats, Ints
-from cspace._support.check import check_finite, warn_of_degrees
+from cspace._support.check import check_finite
+from cspace._support.units import warn_of_large
 from cspace.errors import InputError
 
 METRES_PER_RADIAN: Final = 0.5
@@ -353,7 +354,7 @@ class Rotations(ABC):
             problem = f"has shape {numbers.shape}"
             raise InputError(name, problem, rule)
         canonical = self._canonical_rotation(numbers, name)
-        warn_of_degrees(numbers, angle_axes(self.names), name)
+        warn_of_large(numbers, "rad", name, angle_axes(self.names))
         return canonical
 
     def _split_configurations(self, q: Floats) -> tuple[Floats, Floats]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import numbers
 import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -25,6 +24,7 @@ from cspace._shapes.shape import RoundedSimplices as RoundedSimplices
 from cspace._shapes.shape import Shape as Shape
 from cspace._shapes.voxels import Box as Box
 from cspace._shapes.voxels import Voxels as Voxels
+from cspace._support.kinds import make_kind_error
 from cspace.errors import InputError
 
 if TYPE_CHECKING:
@@ -98,18 +98,11 @@ def as_shape(source: ShapeLike, radius: ArrayLike | None = None, name: str = "sh
         return Polygons(read_shapes(value, name))
     if hasattr(value, "vertices") or hasattr(value, "geometry"):
         return _make_mesh(value)
-    raise _make_shape_error(value, name)
+    raise make_kind_error(value, name, _SHAPE_NEEDED)
 
 
 _SHAPE_NEEDED: Final = "a polygon or a mesh is needed"
 """Rule of messages about a value that is no shape."""
-
-
-def _make_shape_error(value: object, name: str) -> InputError:
-    """Make the error for a value that is no shape; only numbers are quoted."""
-    is_plain = value is None or isinstance(value, numbers.Number)
-    problem = f"is {value!r}" if is_plain else f"is a {type(value).__name__}"
-    return InputError(name, problem, _SHAPE_NEEDED)
 
 
 def _convert_sequence(values: Any, name: str) -> Shape:
@@ -125,7 +118,10 @@ def _convert_sequence(values: Any, name: str) -> Shape:
     if isinstance(first, Mapping) or hasattr(first, "__geo_interface__"):
         return Polygons(read_shapes(values, name))
     # The shape of a row tells points from vertices and faces; () is a plain number.
-    row_shape = np.shape(first)
+    try:
+        row_shape = np.shape(first)
+    except ValueError as error:  # of rows of different lengths
+        raise make_kind_error(values, name, _SHAPE_NEEDED) from error
     if row_shape == (2,) and len(values) > 2:
         return Polygons.of(values)
     is_one_point = row_shape == () and len(values) in (2, 3)
@@ -134,6 +130,8 @@ def _convert_sequence(values: Any, name: str) -> Shape:
         raise InputError(name, "is points", rule)
     if row_shape == ():
         raise InputError(name, f"is {len(values)} numbers", _SHAPE_NEEDED)
+    if len(values) != 2 or row_shape[-1] != 3:
+        raise make_kind_error(values, name, _SHAPE_NEEDED)
     return _make_mesh(values)
 
 

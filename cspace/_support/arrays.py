@@ -58,8 +58,11 @@ AXES: Final = ("x", "y", "z")
 STATE_NAMES: Final = ("free", "mixed", "blocked")
 """Names of the states, in the order of their values."""
 
-MAX_EXPECTED_ANGLE: Final = math.tau * (1.0 + 1e-9)
-"""Largest angle, in radians, that is not suspected to be in degrees."""
+MAX_EXPECTED_ANGLE: Final = math.tau * (1.0 + 0.01)
+"""Largest angle, in radians, that is not suspected to be in degrees.
+
+It exceeds a whole turn, because files have few digits.
+"""
 
 
 def frozen(array: NDArray[Any]) -> NDArray[Any]:

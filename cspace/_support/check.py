@@ -15,8 +15,10 @@ from typing import Any, Final, ParamSpec, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace._support.arrays import AXES, MAX_EXPECTED_ANGLE, Bools, Floats, Ints, frozen
+from cspace._support.arrays import AXES, Bools, Floats, Ints, frozen
+from cspace._support.kinds import make_kind_error
 from cspace._support.reporting import warn_user
+from cspace._support.units import check_unit, warn_of_large
 from cspace.errors import AngleWarning, InputError
 
 Arguments = ParamSpec("Arguments")
@@ -31,13 +33,11 @@ MAX_COUNT: Final = 2**53
 UNKNOWN_CELL: Final = -1
 """Value of unknown cells in occupancy grids of ROS."""
 
+_NUMERIC: Final = "it must be numeric"
+"""Rule of messages about values that are no numbers."""
+
 _ROW_ATTRIBUTES: Final = ("to_numpy", "mask", "_fields", "units", "unit")
 """Attributes of rows with labels, masks or units."""
-
-_SI_UNIT: Final = re.compile(
-    r"(\b(m|met(re|er)s?|rad(ian)?s?|s|seconds?|kg|n|per|dimensionless|unitless)\b|[-\s/*^.()\d])*"
-)
-"""Names of units that numbers are in, and of their quotients, in lower case."""
 
 _SIZE: Final = re.compile(
     r"^(?!(stroke|marker|font|icon|text|label)_)(.*_)?"
@@ -64,16 +64,14 @@ def check_real(values: ArrayLike, name: str, axes: Sequence[str] = ()) -> NDArra
     kind: type[Any] = type(values)
     if kind is tuple or kind is list:
         values = order_labels(values, name, axes)
-    elif kind is not np.ndarray and kind is not float:
+    elif kind is not float and (kind is not np.ndarray or values.dtype.names):  # type: ignore[union-attr]
         check_unmasked(values, name)
-        _check_unit(values, name)
+        check_unit(values, name)
         values = order_labels(values, name, axes)
     # Refuse None and texts, because numpy would turn None into NaN and parse texts as numbers.
     # Arrays of objects, such as fractions, are converted if they hold numbers.
     try:
         array = np.asarray(values)
-        if array.dtype.names:
-            array = np.asarray(order_labels(array, name, axes))
         if values is None or array.dtype.kind in "USMm":
             raise TypeError("texts, dates and None are no numbers")
         if array.dtype.kind == "O" and any(isinstance(each, str | bytes) for each in array.flat):
@@ -81,19 +79,13 @@ def check_real(values: ArrayLike, name: str, axes: Sequence[str] = ()) -> NDArra
         if array.dtype.kind not in "fiubc":
             array = np.asarray(array, dtype=np.float64)
     except (TypeError, ValueError, RuntimeError) as error:  # the last one of sparse arrays
-        raise InputError(name, f"is {_quote(values)}", "it must be numeric") from error
+        raise make_kind_error(values, name, _NUMERIC) from error
     except OverflowError as error:
         problem = "has too large an integer"
         raise InputError(name, problem, "it must fit a float") from error
     if array.dtype.kind == "c":
         raise InputError(name, "has complex values", "it must be real")
     return array
-
-
-def _quote(value: object) -> str:
-    """Return a value as text, or its type if the text is long."""
-    text = repr(value)
-    return text if len(text) < 100 else f"a {type(value).__name__}"
 
 
 def _follow(value: Any, path: str) -> Any:
@@ -104,18 +96,6 @@ def _follow(value: Any, path: str) -> Any:
         if isinstance(value, Mapping):
             return value.get(name)
     return getattr(value, name, None)
-
-
-def _check_unit(values: Any, name: str) -> None:
-    """Raise InputError for values in another unit, as of pint; units of plans are tuples."""
-    paths = ["attrs.units", "attrs.unit", "units", "unit"]
-    if hasattr(values, "columns"):  # which may be called so
-        del paths[2:]
-    unit = next(filter(None, (_follow(values, path) for path in paths)), None)
-    has_unit = not (unit is None or callable(unit) or isinstance(unit, tuple))
-    if has_unit and not _SI_UNIT.fullmatch(str(unit).lower()):
-        rule = "numbers are in metres, radians and seconds"
-        raise InputError(name, f"has the unit {unit}", rule)
 
 
 def order_labels(values: Any, name: str, axes: Sequence[str]) -> Any:
@@ -152,7 +132,7 @@ def _order_rows(values: Any, name: str, axes: Sequence[str]) -> Any:
     # Long lists hold few types, and numpy would drop the labels, units and masks of rows.
     kinds = set(map(type, values))
     if bool in kinds and len(kinds) > 1:  # numpy would turn them into numbers
-        raise InputError(name, f"is {values!r}", "it must be numeric")
+        raise make_kind_error(values, name, _NUMERIC)
     if any(hasattr(kind, each) for kind in kinds for each in _ROW_ATTRIBUTES):
         return [check_real(row, name, axes) for row in values]
     fields = getattr(values, "_fields", ())
@@ -176,7 +156,8 @@ def _check_labels(labels: Iterable[Any], name: str, axes: Sequence[str]) -> None
     if not axes:
         raise InputError(name, problem, "they have no effect here")
     rule = f"they must be {', '.join(axes)}"
-    raise InputError(name, problem, rule)
+    wrong = next((label for label in given if label not in axes), "")
+    raise InputError(name, problem, rule, suggest_name(wrong, axes))
 
 
 def parse_finite(text: str, separator: str | None = None) -> list[float]:
@@ -201,7 +182,7 @@ def check_finite(
     """
     numbers = check_real(values, name, axes)
     if numbers.dtype.kind == "b":
-        raise InputError(name, f"is {values!r}", "it must be numeric")
+        raise make_kind_error(values, name, _NUMERIC)
     array = np.asarray(numbers, dtype=np.float64)
     is_within = np.abs(array) <= largest
     if not is_within.all():
@@ -245,13 +226,14 @@ def check_number(value: Any, name: str) -> float:
 
 
 def check_positive(value: Any, name: str, unit: str = "metres") -> float:
-    """Return a positive number as a float.
+    """Return a positive number as a float; warn if it is larger than its unit suggests.
 
     Raises InputError if it is not one number, not finite, not above zero, or outside [1e-100,
     1e100].
     """
     # Squares and cubes of numbers in this range do not overflow or underflow float64.
     if type(value) is float and 1.0 / MAX_NUMBER < value < MAX_NUMBER:
+        warn_of_large(value, unit, name)
         return value
     array = check_finite(value, name)
     problem = f"is {value!r}"
@@ -259,11 +241,12 @@ def check_positive(value: Any, name: str, unit: str = "metres") -> float:
         raise InputError(name, problem, f"it must be one number above zero, in {unit}")
     if not 1.0 / MAX_NUMBER < array < MAX_NUMBER:
         raise InputError(name, problem, f"it must be in [1e-100, 1e100] {unit}")
+    warn_of_large(array, unit, name)
     return float(array)
 
 
 def check_not_negative(value: Any, name: str, unit: str = "metres") -> float:
-    """Return a number that is zero or above as a float.
+    """Return a number that is zero or above as a float; warn as :func:`check_positive`.
 
     Raises InputError if it is not one number, not finite, negative, or above 1e100.
     """
@@ -273,6 +256,7 @@ def check_not_negative(value: Any, name: str, unit: str = "metres") -> float:
         raise InputError(name, f"is {value!r}", rule)
     if array > MAX_NUMBER:
         raise InputError(name, f"is {value!r}", f"it must be at most {MAX_NUMBER:g}")
+    warn_of_large(array, unit, name)
     return float(array)
 
 
@@ -364,12 +348,14 @@ def check_each(
     values: ArrayLike | Mapping[str, Any],
     name: str,
     names: Sequence[str],
+    units: Sequence[str] = (),
     defaults: Mapping[str, float] = MappingProxyType({}),
 ) -> Floats:
     """Return one number for all ``names``, or one each, shape (k,).
 
     A mapping gives numbers by name, and may leave out those with a default. Raises InputError if a
-    number is missing, negative or not finite, a name is unknown, or the shape differs.
+    number is missing, negative or not finite, a name is unknown, or the shape differs. Warns if a
+    number is larger than its unit or its default suggests.
     """
     rule = f"it must be one number, or one for each of {', '.join(names)}"
     if isinstance(values, Mapping):
@@ -385,28 +371,17 @@ def check_each(
         raise InputError(name, f"has shape {numbers.shape}", rule)
     if (numbers < 0.0).any():
         raise InputError(name, f"is {values!r}", "it must be zero or above")
+    spread = np.broadcast_to(numbers, len(names))
+    for unit in dict.fromkeys(units):
+        warn_of_large(spread[np.array(units) == unit], unit, name)
+    for each, number in zip(names, spread.tolist(), strict=True):
+        # A number of degrees is 57 times that of radians.
+        if number > 5.0 * defaults.get(each, math.inf):
+            warn_user(
+                f"{name} of {each} is {number:g}, {number / defaults[each]:.3g} times what it has",
+                AngleWarning,
+            )
     return numbers
-
-
-def suggest_radians(value: float) -> str:
-    """Return a hint for an angle outside [0, pi], radians, which may be in degrees."""
-    if math.pi < value <= 180.0:
-        return f"pass {math.radians(value):.6g} for {value:g} degrees"
-    return ""
-
-
-def warn_of_degrees(q: ArrayLike, angles: Mapping[int, str], name: str) -> None:
-    """Warn if an angle of configurations is beyond a whole turn.
-
-    ``angles`` are the names of angles, by index. The text leaves out the value, so that Python
-    prints it once for each line of the user's program.
-    """
-    rows = np.asarray(q)
-    for k, axis in angles.items():
-        if (np.abs(rows[..., k]) > MAX_EXPECTED_ANGLE).any():  # whatever else is NaN
-            problem = f"{axis} is beyond a whole turn"
-            rule = "angles are in radians, and whole turns are ignored"
-            warn_user(f"{name}: {problem}; {rule}", AngleWarning)
 
 
 def check_text(value: object, name: str) -> str:
@@ -444,7 +419,7 @@ def check_rows(values: ArrayLike, name: str, axes: Sequence[str]) -> NDArray[Any
     """
     array = check_real(values, name, axes)
     if array.dtype.kind == "b":
-        raise InputError(name, f"is {values!r}", "it must be numeric")
+        raise make_kind_error(values, name, _NUMERIC)
     if array.ndim == 0 or array.shape[-1] != len(axes):
         rule = f"its last axis must be {len(axes)} long, for {', '.join(axes)}"
         raise InputError(name, f"has shape {array.shape}", rule)
@@ -490,11 +465,9 @@ def select_positions(values: Any, name: str) -> NDArray[Any]:
     axes = [axis for axis in AXES if axis in columns]
     if {"x", "y"} <= set(axes):
         values = values[axes]
-    coordinates = getattr(values, "coords", {})
-    if not isinstance(coordinates, Mapping):
-        coordinates = {}
+    coordinates = values.coords if hasattr(values, "sel") else {}
     labels = {label for each in coordinates.values() for label in each.values.flat}
-    return check_real(values, name, axes or [axis for axis in AXES if axis in labels])
+    return check_real(values, name, axes or [axis for axis in AXES if axis in labels] or AXES)
 
 
 def check_point(value: ArrayLike, name: str = "center", dim: int = 2) -> Floats:
@@ -612,8 +585,7 @@ def check_dims(array: Any, name: str) -> None:
     if any(dims) and dims != tuple(AXES[k] if dim else "" for k, dim in enumerate(dims[:3])):
         rule = "they must be x, y (and z), in this order"
         raise InputError(name, f"has the dimensions {dims}", rule)
-    coordinates = getattr(array, "coords", ())
-    if isinstance(coordinates, Mapping) and set(dims) & set(coordinates):
+    if hasattr(array, "sel") and set(dims) & set(array.coords):
         raise InputError(name, "has coordinates", "they have no effect here")
 
 
@@ -624,13 +596,15 @@ def check_cells(values: ArrayLike, name: str) -> Bools:
     cells, or values other than 0 and 1.
     """
     check_dims(values, name)
+    rule = "it must have the axes x, y (and z), and at least one cell"
     try:
         array = np.asarray(values)
     except (ValueError, RuntimeError) as error:
         problem = f"is ragged, or sparse within: {error}"
         raise InputError(name, problem, "it must have a value for each cell") from error
-    if array.ndim not in (2, 3) or array.size == 0:
-        rule = "it must have the axes x, y (and z), and at least one cell"
+    if not array.ndim:
+        raise make_kind_error(values, name, rule)
+    if array.ndim > 3 or array.ndim < 2 or array.size == 0:
         problem = f"is a {type(values).__name__} of {array.ndim} axes and {array.size} entries"
         raise InputError(name, problem, rule)
     if array.dtype.kind == "f":

@@ -46,7 +46,7 @@ from cspace.inside import (
     frozen,
     names_options,
     tell_apart,
-    warn_of_degrees,
+    warn_of_large,
     warn_of_size,
     warn_user,
 )
@@ -382,6 +382,8 @@ class Arm:
             np.zeros(self.dof) if max_acceleration is None else max_acceleration,
         )
         rows = [check_points(*each, self.joints) for each in zip(given, names, strict=True)]
+        turns = np.array(self.units) == "rad"
+        warn_of_large(rows[1][..., turns], "rad/s", "velocity")
         seconds = check_finite(within, "within")
         shapes = [*(each.shape for each in rows), (*seconds.shape, 1)]
         try:
@@ -600,7 +602,7 @@ class Arm:
             given = self._select_moving_joints(given, needs_all=base is None)
         moved = self._move_joints(q, check_joint_values(given, "values", self.joints))
         self._check_limits(moved, "values")
-        warn_of_degrees(moved, self._angles, "values")
+        warn_of_large(moved, "rad", "values", self._angles)
         self._warn_of_followers(named, "values", moved)
         return moved
 
@@ -899,7 +901,7 @@ class Arm:
             If the last axis is not dof long, labels are not the joints, or a value is not finite.
         """
         points = check_points(q, name, self.joints)
-        warn_of_degrees(points, self._angles, name)
+        warn_of_large(points, "rad", name, self._angles)
         return points
 
     def _check_configuration(self, q: ArrayLike | None, name: str) -> Floats:
@@ -1155,7 +1157,7 @@ class _ArmBuilder:
                     f"its limits are {joint.lower:.12g} and {joint.upper:.12g}",
                 )
             if joint.kind == REVOLUTE:
-                warn_of_degrees([value], {0: name}, "held_joints")
+                warn_of_large(value, "rad", f"held_joints: {name}")
 
     def build_arm(self, srdf: Srdf, package_dirs: Sequence[Path], inside: SolidMode) -> Arm:
         """Build the arm from joints, links and SRDF groups.

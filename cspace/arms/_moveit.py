@@ -38,7 +38,15 @@ from cspace.arms._reading.moveit_messages import (
 )
 from cspace.arms._reading.urdf import PackageDirs
 from cspace.errors import InputError
-from cspace.inside import ContentError, Floats, Ledger, Upright, check_known, warn_user
+from cspace.inside import (
+    ContentError,
+    Floats,
+    Ledger,
+    Upright,
+    check_known,
+    warn_of_large,
+    warn_user,
+)
 
 _MAX_EULER_TOLERANCE: Final = 0.5 * math.pi
 """Largest angle, radians, up to which each Euler angle of a rotation is at most the rotation's
@@ -469,9 +477,7 @@ def _parse_tolerance(value: Any, place: str) -> float:
 def _parse_angle(value: Any, place: str) -> float:
     """Parse an angle, radians, by default zero; warn beyond a turn."""
     angle: float = _parse_optional(value, place)
-    ledger = Ledger({}, place, FIELDS[1])
-    ledger.angles.append((place, angle))
-    ledger.close("motion plan request")
+    warn_of_large(angle, "rad", f"motion plan request: {place}")
     return angle
 
 

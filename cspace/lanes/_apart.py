@@ -30,6 +30,7 @@ from cspace.inside import (
     proofs_of,
     robot_of,
     tell_apart,
+    warn_of_large,
     wrap_angles,
 )
 
@@ -245,6 +246,7 @@ def _read_mover(mover: object, name: str) -> Timed:
     velocity = np.zeros(dim)
     if mover.velocity is not None:
         velocity = check_point(mover.velocity, f"{name}.velocity", dim)
+        warn_of_large(velocity, "m/s", f"{name}.velocity")
     if isinstance(mover.motion, Trajectory):
         if mover.velocity is not None:
             rule = "a trajectory has its own"

@@ -9,7 +9,7 @@ from typing import Any, Final, Literal, NamedTuple, TypeAlias
 import numpy as np
 
 from cspace.errors import InputError
-from cspace.inside import check_finite, warn_of_degrees, wrap_angles
+from cspace.inside import check_finite, warn_of_large, wrap_angles
 from cspace.lanes._curves import Leg, reverse_legs
 
 Heading: TypeAlias = Literal["forward", "backward", "both", "any"] | float
@@ -45,7 +45,7 @@ def parse_heading(value: Any, name: str = "heading") -> HeadingRule:
     """Return a word's or a yaw's rule, or raise InputError."""
     if isinstance(value, HeadingRule):
         yaws = check_finite(value.yaws, name).reshape(-1)
-        warn_of_degrees(yaws[:, np.newaxis], {0: "its yaw"}, name)
+        warn_of_large(yaws, "rad", f"{name}: its yaw")
         return value._replace(yaws=tuple(wrap_angles(yaws).tolist()))
     if isinstance(value, str) and value in HEADINGS:
         return HEADINGS[value]

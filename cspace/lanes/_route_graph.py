@@ -22,7 +22,7 @@ from cspace.inside import (
     check_points,
     check_real,
     names_options,
-    warn_of_degrees,
+    warn_of_large,
     wrap_angles,
 )
 from cspace.lanes._headings import (
@@ -178,7 +178,7 @@ class RouteGraph:
                 rule = f"it must have {len(points)} numbers, one for each node"
                 raise InputError("yaws", f"has shape {still.shape}", rule)
             check_finite(still[~np.isnan(still)], "yaws")
-            warn_of_degrees(still[:, np.newaxis], {0: "one"}, "yaws")
+            warn_of_large(still, "rad", "yaws: one")
             still = wrap_angles(still)
         return cls(tuple(nodes), points, tuple(lanes), still)
 

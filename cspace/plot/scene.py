@@ -36,6 +36,7 @@ from cspace.inside import (
     join_surfaces,
     measure_steps,
     transform_surface,
+    warn_of_large,
 )
 
 if TYPE_CHECKING:
@@ -529,6 +530,8 @@ def _check_coordinates(values: Any, name: str, axes: Sequence[str], ndim: int = 
             f"has shape {points.shape}",
             f"it must be {shape}: {', '.join(axes)}",
         )
+    if "yaw" in axes:
+        warn_of_large(points[..., -1], "rad", f"{name}: yaw")
     return points
 
 

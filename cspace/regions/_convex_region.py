@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace.errors import InputError
-from cspace.inside import Bools, Floats, check_points, frozen, turn_near, warn_of_degrees
+from cspace.inside import Bools, Floats, check_points, frozen, turn_near, warn_of_large
 from cspace.regions._growth import HalfSpaces, Polytope, find_deepest, measure_polytope
 
 if TYPE_CHECKING:
@@ -108,7 +108,7 @@ class ConvexRegion:
             turns = yaws - self._middle_yaw
             # Unwrapped yaws near the center's may be many turns, and are no degrees.
             nearer = np.where(np.abs(turns) < np.abs(yaws), turns, yaws)
-            warn_of_degrees(nearer, {0: YAW}, "q")
+            warn_of_large(nearer, "rad", "q", {0: YAW})
             points[..., -1] = turn_near(points[..., -1], np.asarray(self._middle_yaw), True)
         return points
 

@@ -106,7 +106,7 @@ def free_region(
     source = RegionSource.of(space, reach, margin)
     point = source.space.check_configuration(q)
     if yaw_width is not None:
-        yaw_width = check_positive(yaw_width, "yaw_width", "radians")
+        yaw_width = check_positive(yaw_width, "yaw_width", "rad")
         if not source.has_yaw:
             problem = f"is {yaw_width!r} and the axes are ({', '.join(space.axes)})"
             raise InputError("yaw_width", problem, "only a yaw has a width")

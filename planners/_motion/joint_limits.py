@@ -57,8 +57,6 @@ def read_joint_limits(source: object, kind: str, units: Mapping[str, str]) -> di
             if not has_limit:
                 continue
             limits[joint] = table.number(kind, lowest=0.0)
-            if units[joint] == "rad" and kind == "max_velocity":
-                document.speeds.append((f"max_velocity of {joint!r}", limits[joint]))
     if others:
         warn_user(f"{name}: limits of {others:.200} are not read; the path has no such joint")
     return limits

@@ -48,6 +48,7 @@ from cspace.inside import (
     check_text,
     check_word,
     number_parts,
+    warn_of_large,
     warn_user,
 )
 from planners._catalogue import ARMS, find_space_kind
@@ -561,6 +562,9 @@ def _find_largest(
         raise TypeError("a limit of a link is none of a place")
     points = np.asarray(check_points(q, "q", space.axes))
     sizes = check_finite(lengths, "lengths"), check_finite(turns, "turns")
+    warn_of_large(sizes[1], "rad", "turns")
+    if "yaw" in space.axes:
+        warn_of_large(points[..., -1], "rad", "q: yaw")
     reaches = 0.5 * (1.0 + ROUNDING) * (sizes[0] + rule.lever * sizes[1])
     reaches = np.broadcast_to(reaches, points.shape[:-1]).reshape(-1)
     found = rule.measure(points.reshape(-1, space.size), reaches)

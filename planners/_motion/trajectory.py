@@ -1218,14 +1218,18 @@ def _check_bounds(path: DrivenPath, limits: MotionLimits) -> MotionBounds:
     rotates = dim < len(path.axes)
     needs_angular = rotates and not drive.has_curves
     known = path.space.max_velocity if path.space is not None else {}
-    max_velocity = _check_limits(path, dim, limits.max_velocity, "max_velocity", known)
-    max_acceleration = _check_limits(path, dim, limits.max_acceleration, "max_acceleration", {})
-    max_turn_rate = _check_option(limits, "max_angular_velocity", rotates, needs_angular)
-    max_turn_gain = _check_option(limits, "max_angular_acceleration", rotates, needs_angular)
+    max_velocity = _check_limits(path, dim, limits.max_velocity, "max_velocity", "s", known)
+    max_acceleration = _check_limits(
+        path, dim, limits.max_acceleration, "max_acceleration", "s^2", {}
+    )
+    max_turn_rate = _check_option(limits, "max_angular_velocity", "rad/s", rotates, needs_angular)
+    max_turn_gain = _check_option(
+        limits, "max_angular_acceleration", "rad/s^2", rotates, needs_angular
+    )
     jerk = None
-    max_turn_jerk = _check_option(limits, "max_angular_jerk", needs_angular, False)
+    max_turn_jerk = _check_option(limits, "max_angular_jerk", "rad/s^3", needs_angular, False)
     if limits.max_jerk is not None:
-        max_jerk = _check_limits(path, dim, limits.max_jerk, "max_jerk", {})
+        max_jerk = _check_limits(path, dim, limits.max_jerk, "max_jerk", "s^3", {})
         jerk = LimitRates(max_jerk, max_turn_jerk, dim)
     elif max_turn_jerk is not None:
         raise InputError(
@@ -1247,9 +1251,9 @@ def _check_bounds(path: DrivenPath, limits: MotionLimits) -> MotionBounds:
 
 
 def _check_limits(
-    path: DrivenPath, dim: int, value: Limits, name: str, known: Mapping[str, float]
+    path: DrivenPath, dim: int, value: Limits, name: str, time: str, known: Mapping[str, float]
 ) -> Floats:
-    """Return checked limits of the first ``dim`` axes, shape (dim,) or ().
+    """Return checked limits of the first ``dim`` axes, per "s", "s^2" or "s^3", shape (dim,) or ().
 
     Shape () is for the whole translation. ``known`` are the defaults of axes.
     """
@@ -1260,7 +1264,8 @@ def _check_limits(
     if holds_tables or isinstance(value, str | os.PathLike):
         value = read_joint_limits(value, name, dict(zip(axes, path.units, strict=False)))
     finite = {axis: known[axis] for axis in axes if math.isfinite(known.get(axis, math.inf))}
-    limits = check_each({} if value is None else value, name, axes, finite)
+    units = [f"{unit}/{time}" for unit in path.units[:dim]]
+    limits = check_each({} if value is None else value, name, axes, units, finite)
     for limit in limits.ravel().tolist():
         check_positive(limit, name, "metres, radians, seconds")
     if path.edges.has_curves and limits.ndim:
@@ -1269,7 +1274,7 @@ def _check_limits(
 
 
 def _check_option(
-    limits: MotionLimits, name: str, is_allowed: bool, is_needed: bool
+    limits: MotionLimits, name: str, unit: str, is_allowed: bool, is_needed: bool
 ) -> float | None:
     """Return a limit that only some robots have, or None."""
     value: float | None = getattr(limits, name)
@@ -1277,7 +1282,7 @@ def _check_option(
         raise InputError(name, "is missing", "the robot turns")
     if value is not None and not is_allowed:
         raise InputError(name, f"is {value!r}", "the robot does not turn so")
-    return None if value is None else check_positive(value, name, "metres, radians, seconds")
+    return None if value is None else check_positive(value, name, unit)
 
 
 def _rotations_along(path: DrivenPath) -> Rotations:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any, Final, Literal, TypeAlias
 
@@ -58,8 +59,35 @@ def read_zone_file(path: StrPath, speed: str | None) -> list[Zone]:
     return zones
 
 
+_SPEED_UNIT: Final = re.compile(
+    r"(?:^|[\W_]|speed|velocity)(mm|cm|km?|mi?|ft?)[\W_]*(?:p|per)?[\W_]*(s|min|h)(?:ec|r|our)?"
+    r"(?:[\W_]|$)"
+)
+"""Unit of a speed in the name of a property, in lower case."""
+
+_METRES: Final = {"mm": 1e-3, "cm": 1e-2, "f": 0.3048, "ft": 0.3048, "m": 1.0, "mi": 1609.344}
+"""Metres of a unit of length; others are the kilometre."""
+
+_SECONDS: Final = {"s": 1.0, "min": 60.0, "h": 3600.0}
+"""Seconds of a unit of time."""
+
+
+def _find_unit(name: str, file: str) -> tuple[str, float]:
+    """Return the unit of a speed that the name of a property says, and its m/s."""
+    words = re.sub(r"(?<=[a-z\d])(?=[A-Z])", "_", name).lower()
+    if words.partition(":")[0] == "maxspeed":
+        warn_user(f"{file}: {name} is taken as km/h, as in OpenStreetMap")
+        words = "km/h"
+    found = _SPEED_UNIT.search(words)
+    length, time = found.groups() if found else ("m", "s")
+    if (length, time) == ("m", "h"):  # mph
+        length = "mi"
+    return f"{length}/{time}", _METRES.get(length, 1e3) / _SECONDS[time]
+
+
 def _iterate_features(document: dict[str, Any], file: str, speed: str | None) -> Iterator[Zone]:
     """Yield the areas and speeds of GeoJSON whose geometries are good."""
+    unit, factor = _find_unit(speed or "", file)
     for number, feature in enumerate(document.get("features", [document])):
         name = f"{file}, feature {number}"
         properties = feature.get("properties")
@@ -71,8 +99,8 @@ def _iterate_features(document: dict[str, Any], file: str, speed: str | None) ->
             )
             raise InputError("speed", "is missing", rule)
         check_known(speed, f"property of {name},", properties)
-        value = check_positive(properties[speed], f"{speed} of {name},", "m/s")
-        yield shape(feature.get("geometry", feature)), value
+        value = check_positive(properties[speed], f"{speed} of {name},", unit)
+        yield shape(feature.get("geometry", feature)), factor * value
 
 
 def read_mask_zones(

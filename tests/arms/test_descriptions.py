@@ -27,8 +27,8 @@ def test_speeds_in_degrees_are_warned_of(tmp_path):
     with pytest.warns(AngleWarning) as caught:
         Arm.from_urdf(write_arm(tmp_path, 180))
     text = str(caught[0].message)
-    assert "velocity at the limit of joint 'j': 180" in text
-    assert "they are in rad" in text and text.endswith("/s, and 180 degrees are 3.14159 rad")
+    assert "velocity at the limit of joint 'j', the first of 1, is beyond 8 turns a second" in text
+    assert text.endswith("; it is in rad/s, and 180 degrees are 3.14159 rad")
     with warnings.catch_warnings(action="error"):
         Arm.from_urdf(write_arm(tmp_path, 3.14))
         Arm.from_urdf(write_arm(tmp_path, 180, "prismatic"))

@@ -313,7 +313,7 @@ def test_angles_in_degrees_are_warned_of_once(tmp_path, kind, part, count):
     with warnings.catch_warnings(record=True, action="always") as heard:
         Robot.from_urdf(path)
     assert [each.category for each in heard] == [AngleWarning] * (count > 0)
-    assert not count or f"{count} angles are beyond" in str(heard[0].message)
+    assert not count or f"the first of {count}, is beyond" in str(heard[0].message)
 
 
 def test_a_robot_without_a_name_has_the_name_of_its_file(tmp_path):

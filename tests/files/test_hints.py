@@ -346,7 +346,7 @@ IMAGE_OF_MAP = ROS_MAP.replace("map.png", "a.png")
     ),
     (
         lambda f: [np.save(f / "a.npy", np.eye(2)), Workspace.from_points(f / "a.npy", 0.1)],
-        "a cloud is one array of numbers of shape (n, 3)",
+        "a cloud is one array of points of shape (n, 3), and cells are boolean",
     ),
     (lambda f: Robot.open(write(f, "a.yaml", SEVERAL)), "a.yaml#local_costmap'"),
     (

@@ -338,7 +338,7 @@ def test_unknown_fields_are_named_once(name, path, text, tmp_path):
 )
 def test_angles_in_degrees_are_warned_of_with_their_radians(name, path, value, tmp_path):
     radians = f"{value:g} degrees are {math.radians(value):.6g} rad"
-    with pytest.warns(AngleWarning, match=f"{path[-1]}: {value:g}; .*{radians}"):
+    with pytest.warns(AngleWarning, match=f"{path[-1]}, the first of 1, .*{radians}"):
         RouteGraph.open(write(tmp_path, name, edit(name, path, value)))
 
 

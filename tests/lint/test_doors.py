@@ -33,7 +33,7 @@ PARSERS = {
 """Functions that parse or open a file."""
 
 CHECKS = {
-    "warn_of_degrees": "cspace/_support/check.py",
+    "warn_of_large": "cspace/_support/units.py",
     "suggest_name": "cspace/_support/check.py",
     "warn_of_names": "cspace/_files/fields.py",
     "check_crs": "cspace/_files/crs.py",

@@ -263,7 +263,7 @@ def cells(values, **options):
     ),
     (
         lambda: Workspace.from_shapes({"a": shapely.box(0, 0, 1, 1)}, 0.1),
-        "shapes is a dict; it must be a list of shapes",
+        "POLYGON ((1 0, 1 1, 0 1, 0 0, 1 0))>}; it must be a list of shapes",
     ),
     (
         lambda: copy().add_obstacle("a", [(0, 0)], radius=-1.0),

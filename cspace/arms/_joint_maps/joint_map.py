@@ -45,7 +45,7 @@ from cspace.inside import (
     count_cores,
     map_in_threads,
     names_options,
-    warn_of_degrees,
+    warn_of_large,
     warn_user,
 )
 
@@ -135,7 +135,7 @@ def build_joint_map(
     if not issubclass(type(space), ArmSpace):
         problem = f"is a {type(space).__name__}"
         raise InputError("space", problem, "it must be the space of an arm")
-    side = check_positive(spacing, "spacing", "radians")
+    side = check_positive(spacing, "spacing", "rad")
     snapshot = space.snapshot
     arm = snapshot.arm
     names = _check_joints(arm, joints)
@@ -304,7 +304,7 @@ def _find_range(
                 f"they must be two ascending numbers within {low:.12g} and {high:.12g}",
             )
         if number in space._angles:
-            warn_of_degrees(given[:, np.newaxis], {0: "one"}, argument)
+            warn_of_large(given, "rad", argument)
         return float(given[0]), float(given[1])
     if low == high:
         raise InputError(

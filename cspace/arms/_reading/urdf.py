@@ -147,7 +147,7 @@ _ANGLES_PER_TYPE: Final[Mapping[str, tuple[str, ...]]] = {
 }
 """Attributes that are angles, or their speed, by the type of joint; elsewhere only ``rpy`` is."""
 
-_Places: TypeAlias = list[tuple[str, float]]
+_Places: TypeAlias = list[tuple[str, float, str]]
 """Numbers with their places in a file."""
 
 
@@ -188,7 +188,7 @@ def load_urdf(
         replace_geometry(root, links)
         root.set("name", root.get("name", Path(path).stem))
         _choose_geometry(root, visuals)
-        angles, speeds = _check_robot(root)
+        noted = _check_robot(root)
         _check_single_parts(root)
         ledger = _open_elements(root, FIELDS[0], _PARTS)
         plain = io.BytesIO(ElementTree.tostring(root))
@@ -197,7 +197,7 @@ def load_urdf(
             plain, load_meshes=False, build_scene_graph=False, build_collision_scene_graph=False
         )
         _shorten_mimic_chains(urdf)
-    ledger.angles, ledger.speeds = angles, speeds
+    ledger.noted = noted
     ledger.close(os.fspath(path))
     return urdf
 
@@ -360,28 +360,25 @@ def _check_expanded(root: Element) -> None:
         raise ContentError("holds xacro macros", "they must be expanded", _BRING_YOUR_FILE)
 
 
-def _check_robot(root: Element) -> tuple[_Places, _Places]:
+def _check_robot(root: Element) -> _Places:
     """Refuse a URDF that yourdfpy would misread; return its angles and speeds.
 
     Raises ContentError.
     """
-    angles: _Places = []
-    speeds: _Places = []
+    noted: _Places = []
     names = _read_names(root, "link")
     if not names:
         raise ContentError("has no <link>", "a robot needs one")
     for kind in ("link", "joint"):
         check_distinct(_read_names(root, kind), f" as a {kind}")
         for element in root.findall(kind):
-            numbers = _check_numbers(element, f"{kind} {element.get('name')!r}")
-            for name, place, number in numbers:
-                (speeds if name == "velocity" else angles).append((place, number))
+            noted += _check_numbers(element, f"{kind} {element.get('name')!r}")
     _check_tree(names, _find_parents(root, set(names)))
     for link in root.findall("link"):
         for number, collision in enumerate(link.findall("collision")):
             place = f"link {link.get('name')!r}, collision {number}"
             _check_geometry(collision.find("geometry"), place)
-    return angles, speeds
+    return noted
 
 
 def _check_single_parts(root: Element) -> None:
@@ -450,10 +447,8 @@ def _check_tree(names: list[str], parents: dict[str, str]) -> None:
         raise ContentError(problem, "there must be one root")
 
 
-def _check_numbers(element: Element, place: str) -> list[tuple[str, str, float]]:
+def _check_numbers(element: Element, place: str) -> _Places:
     """Refuse attributes of wrong counts; return angles and speeds.
-
-    Each comes with its attribute and its place.
 
     Raises ContentError. ``place`` names the element in messages.
     """
@@ -476,7 +471,8 @@ def _check_numbers(element: Element, place: str) -> list[tuple[str, str, float]]
                 raise ContentError(f"has {attribute}", f"it must be {rule}")
             if name in angle_names:
                 where = f"{name} at the {member.tag} of {place}"
-                angles.append((name, where, max(numbers, key=abs)))
+                unit = "rad/s" if name == "velocity" else "rad"
+                angles.append((where, max(numbers, key=abs), unit))
     return angles
 
 
@@ -748,7 +744,7 @@ def read_srdf(path: str | os.PathLike[str], urdf: URDF) -> Srdf:
             reader.read_states(),
             reader.read_passive_joints(),
         )
-    ledger.angles = reader.angles
+    ledger.noted = reader.angles
     ledger.close(os.fspath(path))
     # The reader has collected the names that it skipped.
     skipped = []
@@ -778,7 +774,7 @@ class _Reader:
         self._joint_types = {joint.name: joint.type for joint in urdf.robot.joints}
         for joint in root.iter("virtual_joint"):
             self._joint_types[_get_attribute(joint, "name")] = "virtual"
-        self.angles: list[tuple[str, float]] = []
+        self.angles: _Places = []
         self.unknown: dict[str, None] = {}
         self.bare: dict[str, None] = {}
 
@@ -895,7 +891,7 @@ class _Reader:
             states[name] = {joint: _parse_value(values[joint], name, joint) for joint in moving}
             for joint, value in states[name].items():
                 if self._joint_types[joint] != "prismatic":
-                    self.angles.append((f"{joint} of the state {name!r}", value))
+                    self.angles.append((f"{joint} of the state {name!r}", value, "rad"))
         return states
 
 

@@ -1,0 +1,102 @@
+"""Kinds of values that are not taken as they are, and the calls that take them."""
+
+from __future__ import annotations
+
+import numbers
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from cspace.errors import InputError
+
+BRING_YOUR_FILE: Final = 'the page "Bring your file" says how'
+"""Hint for files and values that other packages convert."""
+
+_MAX_LEVELS: Final = 5
+"""Largest number of nested lists that are looked into; lists may hold themselves."""
+
+_CALLS: Final[Mapping[tuple[str, ...], str]] = {
+    # Messages of ROS.
+    ("point_step", "data"): "use point_cloud2.read_points({})",
+    ("angle_increment", "ranges"): BRING_YOUR_FILE,
+    ("info", "data"): "use cspace.Workspace.from_occupancy_grid({})",
+    ("world",): (
+        "use cspace.Workspace.from_moveit_scene({}, spacing), or "
+        "cspace.arms.read_moveit_scene({}) for an arm"
+    ),
+    ("header", "pose"): "use cspace.ros.configuration_of({}, space)",
+    ("position", "orientation"): (
+        "use cspace.ros.configuration_of({'header': {'frame_id': 'map'}, 'pose': {}}, space)"
+    ),
+    ("header", "transform"): (
+        "use cspace.ros.configuration_of({'header': {}.header, 'pose': {'position': "
+        "{}.transform.translation, 'orientation': {}.transform.rotation}}, space)"
+    ),
+    ("header", "poses"): "use [cspace.ros.configuration_of(pose, space) for pose in {}.poses]",
+    ("name", "position", "velocity"): "use arm.configuration({})",
+    # Files of plain values.
+    ("levels",): "use cspace.lanes.RouteGraph.open({})",
+    ("layouts",): "use cspace.lanes.RouteGraph.open({})",
+    # Values of this library.
+    ("waypoints", "trajectory"): (
+        "use {}.path for rows, or {}.trajectory(...) for a motion in time"
+    ),
+    ("sample_uniform",): "use {}.positions",
+    ("cell_states",): "use {}.workspace",
+    # Values of other packages.
+    ("translation", "as_matrix"): (
+        "use {}.as_matrix() for an arm, or (*{}.translation, *{}.rotation.as_quat()) for a map"
+    ),
+    ("as_quat",): "use {}.as_quat()",
+    ("vertices", "faces"): "use cspace.make_mesh(({}.vertices, {}.faces))",
+    ("vertices", "triangles"): "use cspace.make_mesh(({}.vertices, {}.triangles))",
+    ("points", "regular_faces"): "use cspace.make_mesh(({}.points, {}.regular_faces))",
+    ("points", "colors"): "use {}.points",
+    ("toarray",): "use {}.toarray()",
+    ("getpixel",): BRING_YOUR_FILE,
+    # Nested lists of coordinates.
+    ("pairs at level 2",): "use shapely.Polygon({})",
+    ("pairs at level 3",): (
+        "use {'type': 'Polygon', 'coordinates': {}} if further rings are holes, or "
+        "[shapely.Polygon(ring) for ring in {}]"
+    ),
+    ("pairs at level 4",): "use {'type': 'MultiPolygon', 'coordinates': {}}",
+}
+"""Call that takes a value, by attributes or keys of the value; the first one that fits counts."""
+
+
+def suggest_call(value: Any, name: str) -> str:
+    """Return the call that takes a value, or the content of a file, of that name; or ""."""
+    is_file = Path(name).suffix in (".yaml", ".yml", ".json", ".geojson")
+    if is_file and isinstance(value, list):
+        return BRING_YOUR_FILE
+    features = _list_features(value)
+    for needed, call in _CALLS.items():
+        if features.issuperset(needed) and not ("{}." in call and isinstance(value, Mapping)):
+            return call.replace("{}", repr(name) if is_file else name)
+    return ""
+
+
+def _list_features(value: Any) -> set[str]:
+    """Return the keys or attributes of a value, or the place of pairs in nested lists."""
+    if isinstance(value, Mapping):
+        return set(map(str, value))
+    if not isinstance(value, list | tuple | np.ndarray):
+        return set(dir(value))
+    shape: list[int] = []
+    while isinstance(value, list | tuple) and value and len(shape) < _MAX_LEVELS:
+        shape.append(len(value))
+        value = value[0]
+    shape += getattr(value, "shape", ())
+    is_pair = shape[-1:] == [2] and isinstance(value, numbers.Real | np.ndarray)
+    return {f"pairs at level {len(shape)}"} if is_pair else set()
+
+
+def make_kind_error(value: object, name: str, rule: str) -> InputError:
+    """Make the error for a value of another kind; only short plain values are quoted."""
+    text = repr(value) if type(value).__module__ in ("builtins", "numpy") else ""
+    if not 0 < len(text) < 100:
+        text = f"a {type(value).__name__}"
+    return InputError(name, f"is {text}", rule, suggest_call(value, name))
