@@ -111,9 +111,9 @@ def _follow(value: Any, path: str) -> Any:
 
 def _check_unit(values: Any, name: str) -> None:
     """Raise InputError for values in another unit, as of pint; units of plans are tuples."""
-    paths = ("attrs.units", "attrs.unit", "units", "unit")
-    if hasattr(values, "columns"):  # which may be called so
-        paths = paths[:2]
+    paths = ["attrs.units", "attrs.unit"]
+    if not hasattr(values, "columns"):  # which may be called so
+        paths += ["units", "unit"]
     unit = next(filter(None, (_follow(values, path) for path in paths)), None)
     has_unit = not (unit is None or callable(unit) or isinstance(unit, tuple))
     if has_unit and not _SI_UNIT.fullmatch(str(unit).lower()):
@@ -270,12 +270,10 @@ def check_not_negative(value: Any, name: str, unit: str = "metres") -> float:
 
     Raises InputError if it is not one number, not finite, negative, or above 1e100.
     """
-    array = check_finite(value, name)
-    rule = "it must be one number, zero or above" + (f", in {unit}" if unit else "")
+    array = check_finite(value, name, largest=MAX_NUMBER)
     if array.ndim or array < 0.0:
+        rule = "it must be one number, zero or above" + (f", in {unit}" if unit else "")
         raise InputError(name, f"is {value!r}", rule)
-    if array > MAX_NUMBER:
-        raise InputError(name, f"is {value!r}", f"it must be at most {MAX_NUMBER:g}")
     return float(array)
 
 
