@@ -250,12 +250,10 @@ def check_not_negative(value: Any, name: str, unit: str = "metres") -> float:
 
     Raises InputError if it is not one number, not finite, negative, or above 1e100.
     """
-    array = check_finite(value, name)
-    rule = "it must be one number, zero or above" + (f", in {unit}" if unit else "")
+    array = check_finite(value, name, largest=MAX_NUMBER)
     if array.ndim or array < 0.0:
+        rule = "it must be one number, zero or above" + (f", in {unit}" if unit else "")
         raise InputError(name, f"is {value!r}", rule)
-    if array > MAX_NUMBER:
-        raise InputError(name, f"is {value!r}", f"it must be at most {MAX_NUMBER:g}")
     warn_of_large(array, unit, name)
     return float(array)
 

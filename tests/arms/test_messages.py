@@ -166,7 +166,7 @@ def test_limits_of_joints_that_are_off_or_wrong_are_heard(arm, tmp_path):
 
 LIMIT_SLIPS = {
     "prefix": ("  slide", "  left_slide", "names left_slide, and not slide"),
-    "letter": ("  turn", "  trun", "names trun, and not turn; the joints are slide, turn"),
+    "letter": ("  turn", "  turm", "names turm, and not turn; the joints are slide, turn"),
     "number": ("max_velocity: 0.5", "max_velocty: 0.5", "has no max_velocity; .*max_velocty"),
     "flag": ("has_velocity_limits", "has_velocity_limit", "did you mean 'has_velocity_limits'"),
     "text": ("has_velocity_limits: true", "has_velocity_limits: 'false'", "it must be true or"),
