@@ -4,6 +4,8 @@ import copy
 import math
 import pickle
 import re
+from collections import Counter
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -360,6 +362,58 @@ def test_a_node_with_a_yaw_needs_the_turn(rooms):
     for yaws, verdict in (((math.nan, math.nan), "free"), ((math.pi / 2, math.nan), "blocked")):
         graph = RouteGraph.from_arrays(nodes, [(0, 1)], yaws=yaws)
         assert cspace.lanes.audit(rooms, graph).lanes[0].verdict == verdict
+
+
+def list_turned(heading, yaw, width):
+    """Return yaws of the shorter ways between a heading and all yaws within a width of another."""
+    steps = [
+        math.remainder(yaw + share * width - heading, math.tau) for share in np.linspace(-1, 1, 301)
+    ]
+    return heading + np.linspace(min(*steps, 0.0), max(*steps, 0.0), 361)
+
+
+@pytest.mark.parametrize("count", few([150, 1500]))
+def test_a_node_with_a_range_of_yaws_needs_the_turns_to_all_of_them(count):
+    rng = np.random.default_rng(8)
+    occupied = np.zeros((120, 120), dtype=np.bool_)
+    occupied[tuple(rng.integers(0, 120, (2, 250)))] = True
+    space = build(occupied)
+    walls = obstacles_of(space)
+    starts = rng.uniform(0.6, 11.4, (count, 2))
+    directions = rng.uniform(-math.pi, math.pi, count)
+    ends = starts + 0.2 * np.column_stack([np.cos(directions), np.sin(directions)])
+    yaws = rng.uniform(-math.pi, math.pi, 2 * count)
+    yaws[rng.random(2 * count) < 0.4] = math.nan
+    widths = rng.choice([0.0, 0.02, 0.3, 1.0, 2.0, 3.0], 2 * count)
+    edges = np.column_stack([np.arange(count), np.arange(count, 2 * count)])
+    graph = RouteGraph.from_arrays(np.concatenate([starts, ends]), edges, yaws=yaws)
+    given = {name: width for name, width in zip(graph.names, widths, strict=True) if width}
+    graph = replace(graph, yaw_deviations=given)
+    seen = Counter()
+    for k, row in enumerate(cspace.lanes.audit(space, graph).lanes):
+        hit = shapely.intersects(sweep(starts[k], ends[k], directions[k]), walls)
+        gap = shapely.distance(sweep(starts[k], ends[k], directions[k]), walls)
+        for node, (x, y) in ((k, starts[k]), (count + k, ends[k])):
+            if not math.isnan(yaws[node]):
+                turned = list_turned(directions[k], yaws[node], widths[node])
+                poses = np.insert(turned[:, np.newaxis], 0, [[x], [y]], axis=1)
+                gaps = shapely.distance(place_polygon(shapely.Polygon(ROBOT), poses), walls)
+                hit, gap = hit or gaps.min() == 0.0, min(gap, gaps.min())
+        # Contact is undecided, and so is a touch between the yaws that are tried here.
+        assert row.verdict == ("blocked" if hit else "free") or gap < 5e-3, (k, row)
+        assert not (row.verdict == "free" and hit)
+        seen[row.verdict, bool(given.get(graph.names[k])) and not math.isnan(yaws[k])] += 1
+    assert min(seen[verdict, True] for verdict in ("free", "blocked")) > count // 15
+
+
+def test_a_range_of_yaws_needs_a_map_with_a_yaw():
+    graph = RouteGraph.from_arrays([(1, 1), (3, 1)], [(0, 1)], 0.0, yaws=[0.0, math.nan])
+    bar = build_empty((60, 40), "rect:0.6x0.2")
+    assert cspace.lanes.audit(bar, graph).lanes[0].verdict == "free"
+    graph = replace(graph, yaw_deviations={"0": 0.1})
+    check_refused(lambda: cspace.lanes.audit(bar, graph), "has the yaw -0.1 at the node '0'")
+    disc = build_empty((60, 40), "disc:0.3")
+    assert cspace.lanes.audit(disc, graph).lanes[0].verdict == "free"
 
 
 @pytest.mark.parametrize("turn", [0.0, math.pi / 2, math.pi, -math.pi / 2])

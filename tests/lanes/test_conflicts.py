@@ -5,6 +5,7 @@ import itertools
 import json
 import math
 import xml.etree.ElementTree as ElementTree
+from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
@@ -289,6 +290,25 @@ def test_a_lane_turns_the_shorter_way_from_the_yaw_of_its_node(spaces, first, di
     ).all()
     bodies = place_along(both if abs(step) > math.pi - 2e-9 else [step])
     assert shapely.difference(outline, shapely.union_all(bodies)).area < 0.1
+
+
+@pytest.mark.parametrize("heading", [0.0, 1.0, 3.0, -2.0])
+@pytest.mark.parametrize("width", [0.1, 1.0, 2.5])
+def test_a_node_with_a_range_of_yaws_is_swept_at_all_of_them(spaces, heading, width):
+    ends = [(4.0, 3.0), (4.5, 3.0)]
+    graph = RouteGraph.from_arrays(ends, [(0, 1)], heading, yaws=[0.5, math.nan])
+    graph = replace(graph, yaw_deviations={"0": width})
+    found = cspace.lanes.conflicts(spaces["outside"], graph)
+    robot = shapely.Polygon(SHAPES["outside"])
+    steps = [
+        math.remainder(0.5 + share * width - heading, math.tau) for share in np.linspace(-1, 1)
+    ]
+    yaws = np.linspace(min(*steps, 0.0), max(*steps, 0.0), 200) + heading
+    bodies = place_polygon(robot, np.array([(*ends[0], yaw) for yaw in yaws]))
+    for name in ("0: 0 to 1", "node 0"):
+        assert shapely.covers(found.outlines[name], bodies).all()
+    if width < 2.5:  # else the shorter way between its yaws is all around
+        assert shapely.difference(found.outlines["node 0"], shapely.union_all(bodies)).area < 0.1
 
 
 @pytest.mark.parametrize(
