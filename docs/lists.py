@@ -14,7 +14,8 @@ import cspace._files
 from cspace._files.formats import ROBOT_FORMATS, WORKSPACE_FORMATS
 from cspace._shapes.primitives import SHORTHANDS
 from cspace.export._writers import EXPORT_FORMATS
-from planners._catalogue import SPACE_KINDS, SUPPORTED, PlannerName, find_planner
+from planners._catalogue import PlannerName, find_planner
+from planners._space_kinds import SPACE_KINDS, SUPPORTED
 
 DOCS = Path(__file__).parent
 MARKED = re.compile(r"(<!-- list: (.+?) -->\n).*?(<!-- end of list -->)", re.DOTALL)

@@ -46,7 +46,8 @@ from cspace.inside import (
     warn_of_large,
     wrap_angles,
 )
-from planners._catalogue import (
+from planners._edges.local_planner import Endpoints, LocalPlanner
+from planners._space_kinds import (
     ANY_ROTATION,
     NEAR,
     REGION,
@@ -54,7 +55,6 @@ from planners._catalogue import (
     check_support,
     find_space_kind,
 )
-from planners._edges.local_planner import Endpoints, LocalPlanner
 
 REGIONS: Final = (Polygon, MultiPolygon)
 """Types of regions."""

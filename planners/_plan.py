@@ -31,13 +31,9 @@ from cspace.inside import (
 )
 from cspace.inside import Upright as Upright
 from planners._catalogue import (
-    NEAR_START,
-    TILED_MAPS,
     PlannerName,
     Search,
-    check_support,
     find_planner,
-    find_space_kind,
     list_searches,
     planner_named,
     planner_names,
@@ -61,6 +57,7 @@ from planners._result import Plan, Times
 from planners._route_search import weigh_edges
 from planners._searches.objectives import LENGTH, ObjectiveLike, name_kind, read_objective
 from planners._searches.paths import reached_goal
+from planners._space_kinds import NEAR_START, TILED_MAPS, check_support, find_space_kind
 from planners._stages import Existence, Stage
 from planners._task import DEFAULT_SECONDS, PlanTask, SearchResult
 

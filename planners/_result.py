@@ -25,10 +25,11 @@ from cspace.inside import (
     names_options,
     replacing,
 )
-from planners._catalogue import TILED_MAPS, PlannerName, find_space_kind
+from planners._catalogue import PlannerName
 from planners._edges.drives import check_axes, edges_of, local_planner
 from planners._edges.local_planner import LocalPlanner
 from planners._edges.own_space import POSE_AXES
+from planners._space_kinds import TILED_MAPS, find_space_kind
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

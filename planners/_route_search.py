@@ -16,17 +16,12 @@ from cspace.inside import (
     is_over,
     now,
 )
-from planners._catalogue import (
-    TILED_MAPS,
-    PlannerName,
-    find_planner,
-    find_space_kind,
-    list_searches,
-)
+from planners._catalogue import PlannerName, find_planner, list_searches
 from planners._edges.local_planner import LocalPlanner
 from planners._replanning import follow_previous
 from planners._searches.objectives import LENGTH
 from planners._searches.paths import skip_points
+from planners._space_kinds import TILED_MAPS, find_space_kind
 from planners._task import NO_EFFORT, Planner, PlanTask, SearchResult
 
 QUICK_PLANNER: Final[PlannerName] = "RRTConnect"

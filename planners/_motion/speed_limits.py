@@ -51,9 +51,9 @@ from cspace.inside import (
     warn_of_large,
     warn_user,
 )
-from planners._catalogue import ARMS, find_space_kind
 from planners._edges.own_space import check_space
 from planners._motion.segments import Segments, place_along
+from planners._space_kinds import ARMS, find_space_kind
 
 if TYPE_CHECKING:
     from cspace import Arm, ArmSpace

@@ -21,7 +21,7 @@ import cspace
 import planners
 from cspace import BLOCKED, FREE, MIXED, ConfigurationError, InputError
 from cspace.inside import now
-from planners._catalogue import SUPPORTED
+from planners._space_kinds import SUPPORTED
 from tests.helpers.drives import is_car
 from tests.helpers.handmade import build_empty, map_of
 from tests.helpers.placements import turn_between
