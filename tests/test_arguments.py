@@ -411,6 +411,8 @@ def test_an_unlike_name_suggests_nothing():
         ("weight", "maxHeight"),
         ("min_velocity", "max_velocity"),
         ("radii", "radius"),
+        ("path", "pathway"),
+        ("pos", "pose_of"),
         ("y", "x"),
         ("", "x"),
     ):

@@ -106,7 +106,7 @@ def order_labels(values: Any, name: str, axes: Sequence[str]) -> Any:
     """
     if isinstance(values, list | tuple):
         return _order_rows(values, name, axes)
-    fields = getattr(getattr(values, "dtype", None), "names", None)
+    fields = _follow(values, "dtype.names")
     if fields:
         _check_labels(fields, name, axes)
         return np.stack([values[axis] for axis in axes], axis=-1)
@@ -308,9 +308,10 @@ def suggest_name(value: object, known: Collection[str]) -> str:
     # What ROS calls resolution is our spacing.
     names = {name.lower().replace("resolution", "spacing"): name for name in known}
     word = str(value).lower().replace("resolution", "spacing")
+    near = [name for name in names if abs(len(name) - len(word)) <= 2]
     # A letter too many costs a name of n letters a likeness of 1 / (2 n), and a wrong letter 1 / n.
-    likeness = max(0.73, 1.0 - 1.1 / max(1, len(word)))
-    similar = difflib.get_close_matches(word, names, 1, likeness)
+    likeness = max(0.66, 1.0 - 1.1 / max(1, len(word)))
+    similar = difflib.get_close_matches(word, near, 1, likeness)
     return f"did you mean {names[similar[0]]!r}?" if similar else ""
 
 
@@ -449,7 +450,7 @@ def find_sizes(names: Iterable[str]) -> dict[str, str]:
 
 def list_columns(values: Any) -> tuple[str, ...]:
     """Return the names of a table's columns, or of a structured array's fields."""
-    fields = getattr(getattr(values, "dtype", None), "names", None)
+    fields = _follow(values, "dtype.names")
     return tuple(map(str, getattr(values, "columns", fields or ())))
 
 
