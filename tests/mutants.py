@@ -18,6 +18,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from resource import RLIMIT_CPU, setrlimit
 
+from cspace._support.sources import KERNEL_MARKS
+
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("cspace", "planners")
 COPIED = (*PACKAGES, "benchmarks", "examples", "tests")
@@ -802,12 +804,24 @@ MUTANTS = (
         "tests/lanes/test_apart.py",
     ),
     Mutant(
+        "cspace/lanes/_apart.py",
+        "timed = driven + changing or movers",
+        "timed = driven or changing or movers",
+        "tests/lanes/test_apart.py",
+    ),
+    Mutant(
         "planners/_motion/trajectory.py",
         "around = lever * np.linalg.norm(rates[:, dim:], axis=1)",
         "around = 0.0 * ahead",
         "tests/lanes/test_apart.py",
     ),
     # Lanes.
+    Mutant(
+        "cspace/lanes/_lane_motions.py",
+        "chain = [*yaws, yaw, *yaws[:-1][:1]]",
+        "chain = [*yaws, yaw]",
+        "tests/lanes/test_audit.py",
+    ),
     Mutant(
         "cspace/lanes/_conflicts.py",
         "touches.found & (not (has_floor[one] or has_floor[other]))",
@@ -1209,10 +1223,6 @@ def find_stale() -> list[str]:
     ]
 
 
-KERNELS = re.compile(rb"^@(kernel|internal|inlined|allocating)\b|= intrinsic\(", re.MULTILINE)
-"""Marks of a file with compiled functions."""
-
-
 def find_dependents(file: str) -> set[str]:
     """Return the names of the modules into which code of a file may be compiled.
 
@@ -1220,8 +1230,8 @@ def find_dependents(file: str) -> set[str]:
     """
     imported = {}
     for path in (path for part in COPIED for path in (ROOT / part).rglob("*.py")):
-        source = path.read_bytes()
-        if path.name == "__init__.py" or KERNELS.search(source):
+        source = path.read_text(encoding="utf-8")
+        if path.name == "__init__.py" or any(mark in source for mark in KERNEL_MARKS):
             nodes = [each for each in ast.walk(ast.parse(source)) if isinstance(each, IMPORTS)]
             names = [getattr(node, "module", "") for node in nodes]
             names += [alias.name for node in nodes for alias in node.names]

@@ -609,7 +609,7 @@ def _place_near(
     other = near.space.robot
     if other is not own and other.shape.spec != own.shape.spec:
         problem = f"is of a map for another robot, a {other.name}"
-        raise InputError("speed", problem, f"the plan is for a {own.name}")
+        raise InputError("speed", problem, f"its shape must be that of the plan's, a {own.name}")
     if near.space.floor not in (None, space.floor):
         problem = f"is of a map with floor={near.space.floor!r}"
         raise InputError("speed", problem, f"the plan has floor={space.floor!r}")
