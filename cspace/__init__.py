@@ -4,8 +4,8 @@ The public names are listed in ``__init__.pyi``. Each is imported at its first u
 importing the package costs next to nothing.
 """
 
-import lazy_loader
+from cspace._support import attach_stub
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = attach_stub(__name__, __file__)
 
 __version__ = "0.2.0"

@@ -13,11 +13,11 @@ from ._builder import Suggestion as Suggestion
 from ._builder import build as build
 from ._builder import open as open  # noqa: A004
 from ._builder import suggest as suggest
+from ._gates.chunks import Chunk as Chunk
+from ._gates.gate import Gate as Gate
 from ._grid import Grid as Grid
 from ._interface import Goal as Goal
 from ._interface import Space as Space
-from ._queries.chunks import Chunk as Chunk
-from ._queries.gate import Gate as Gate
 from ._record.update import Update as Update
 from ._robot import Robot as Robot
 from ._rotations import Rotations as Rotations

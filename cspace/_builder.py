@@ -20,6 +20,7 @@ import numpy as np
 import scipy  # loads its submodules on first use
 from numpy.typing import ArrayLike
 
+from cspace import _outside
 from cspace._engines import ENGINES, METHODS
 from cspace._engines.slices import (
     Progress,
@@ -245,12 +246,10 @@ def build(
         _refuse_on_floor(cells, store)
     explained = _warn_of_units(workspace.grid, robot, cells, margin, outside, floor)
     if store is not None:  # build tile by tile, into a folder
-        from cspace._tiles.build import build_tiles
-
         check_name(store)
         if counts:
             raise InputError("counts", "is True with a store", "a store has no counts")
-        tiled = build_tiles(
+        tiled = _outside.build_tiles(
             workspace,
             robot,
             store,
@@ -554,9 +553,7 @@ def open_map(path: StrPath, *, cache_bytes: int = 2**30) -> CSpace | TiledCSpace
 
     _check_folder(path)
     if MapFolder(path, tiles=True).exists():
-        from cspace._tiles.tiled_space import open_tiles
-
-        return open_tiles(path, cache_bytes)
+        return _outside.open_tiles(path, cache_bytes)
     saved = MapFolder(path)
     contents, _ = saved.read()
     with saved.reporting_damage():

@@ -80,10 +80,18 @@ class ConfigurationMap(ConfigurationSpace):
         """The robot."""
         return self._map_contents.robot
 
+    @property
+    def floor(self) -> float | None:
+        """Height of the reference point of a robot in space that drives on a floor, metres.
+
+        None for all other maps. See :func:`cspace.build`.
+        """
+        return self._map_contents.floor
+
     @cached_property
     def drawn_robot(self) -> Robot:
         """The robot as pictures on the grid show it; its footprint if it drives on a floor."""
-        return self.robot if self.robot.dim == self.grid.dim else self.robot.footprint()
+        return self.robot if self.floor is None else self.robot.footprint()
 
     @property
     def rotations(self) -> Rotations:
@@ -442,9 +450,11 @@ class ConfigurationMap(ConfigurationSpace):
         problem = f"{_drop_noise(point)} {problem}"
         return ConfigurationError(name, problem, rule, hint, nearest=nearest, reason=reason)
 
-    # ---- pictures --------------------------------------------------------------------------------
+    # ---- pictures, and convex regions ------------------------------------------------------------
 
     plot = _outside.plot
+    free_region = _outside.free_region
+    free_regions = _outside.free_regions
 
     # ---- what differs ----------------------------------------------------------------------------
 
@@ -519,6 +529,11 @@ class ConfigurationMap(ConfigurationSpace):
         cells = self.grid.cell_of(points[..., : self.grid.dim])
         rotations = self.rotations._find_cells(points)[..., np.newaxis]
         return np.concatenate([rotations, cells], axis=-1)
+
+
+def contents_of(space: ConfigurationMap) -> Contents:
+    """Return the contents of a map, without cells if it is tiled; an update changes them."""
+    return space._map_contents
 
 
 def _drop_noise(q: Iterable[float]) -> Endpoint:

@@ -10,8 +10,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace._support.arrays import Bools, Floats, Ints
-from cspace._support.check import AXES, check_finite, check_points, check_positive
+from cspace._support.arrays import AXES, Bools, Floats, Ints
+from cspace._support.check import check_finite, check_points, check_positive
 from cspace.errors import InputError
 
 SLACK: Final = 2.0**-26

@@ -51,7 +51,7 @@ from cspace._support.reporting import tell_apart
 from cspace.errors import ConfigurationError, InputError
 
 if TYPE_CHECKING:
-    from cspace._queries.chunks import RowCheck
+    from cspace._record.cells import Map
 
 Endpoint = tuple[float, ...]
 """A start or goal in canonical form."""
@@ -268,6 +268,11 @@ class Space(ABC):
         return self
 
     @property
+    def _kernel_map(self) -> Map:
+        """Cells of a map in memory, as compiled functions take them."""
+        raise InputError("space", f"is {self!r}", "it must be a map in memory")
+
+    @property
     def frame_id(self) -> str:
         """Frame of the coordinates in ROS; "map" if it is not known."""
         return "map"
@@ -329,11 +334,6 @@ class Space(ABC):
         starts = check_rows(q0, "q0", self.axes)
         starts = np.broadcast_to(starts, (*steps.shape[:-1], self.size))
         return self.rotations.add_steps(starts, steps)
-
-    # ---- convex regions of maps in memory --------------------------------------------------------
-
-    free_region = _outside.free_region
-    free_regions = _outside.free_regions
 
     # ---- what some spaces know better ------------------------------------------------------------
 
@@ -873,20 +873,6 @@ class ConfigurationSpace(Space):
                 "a joint turns by at most half a turn, so that the edge is the shorter way",
             )
 
-    def _check_targets(self, before: Floats, targets: Floats) -> list[RowCheck]:
-        """Return checks of targets (b, n, size) and of steps between them."""
-        from cspace._queries.chunks import RowCheck
-
-        checks = []
-        excesses = self._excesses(targets)
-        if excesses.any():
-            none = np.zeros(self.size)
-            checks.append(RowCheck("limit", self.axes, "exceeds its limits by", excesses, none))
-        if not np.isinf(self._spans).all():
-            turns = np.abs(targets - before)
-            checks.append(RowCheck("limit", self.axes, "turns by", turns, self._spans))
-        return checks
-
     def _excesses(self, targets: Floats) -> Floats:
         """Return by how much targets, shape (b, n, size), exceed limits; 0 where they do not."""
         return np.zeros_like(targets)
@@ -903,6 +889,14 @@ def cells_of(space: SpaceT) -> SpaceT:
     says nothing about the rest of its cell. A space without cells is returned as it is.
     """
     return cast(SpaceT, space._cells)
+
+
+def map_record(space: Space) -> Map:
+    """Return a map's cells as compiled functions take them; they follow updates.
+
+    Raises InputError if the space is no map in memory.
+    """
+    return space._kernel_map
 
 
 def tubes_are_free(space: ConfigurationSpace, starts: Floats, ends: Floats, radii: Floats) -> Bools:

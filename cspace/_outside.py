@@ -1,7 +1,7 @@
-"""The outer door: functions of wings that are methods of the core's classes.
+"""The outer door: functions of wings that the core calls, most of them methods of its classes.
 
-The stub beside this module lists them. A class takes one by ``name = _outside.name``, and the wing
-is imported when somebody asks for the method.
+The stub beside this module lists them. A class takes one as a method by ``name = _outside.name``,
+and the wing is imported when somebody asks for it. No other call of the core leads to a wing.
 """
 
 from __future__ import annotations
@@ -14,7 +14,9 @@ from pathlib import Path
 from types import MethodType
 from typing import Any, Final
 
+from cspace._support import import_in_turn
 from cspace._support.check import names_options
+from cspace.errors import MissingPackageError
 
 HOMES: Final = {
     node.names[0].name: f"cspace.{node.module}"
@@ -24,8 +26,8 @@ HOMES: Final = {
 """Modules of the functions."""
 
 
-class WingMethod:
-    """A method that is a function of a wing."""
+class WingFunction:
+    """A function of a wing, as a method of the class that takes it."""
 
     def __init__(self, name: str) -> None:
         """Remember the function's name, and import nothing yet."""
@@ -36,15 +38,31 @@ class WingMethod:
         function = _load(self._name)
         return function if instance is None else MethodType(function, instance)
 
+    def __call__(self, *values: Any, **options: Any) -> Any:
+        """Call the function."""
+        return _load(self._name)(*values, **options)
+
 
 @cache
 def _load(name: str) -> Callable[..., Any]:
-    """Import a function, and let it check names and truth values of its options."""
-    return names_options(getattr(import_module(HOMES[name]), name))
+    """Import a function, and let it check names and truth values of its options.
+
+    Raises MissingPackageError if its wing is missing.
+    """
+    home = HOMES[name]
+    try:
+        module = import_in_turn(import_module, home)
+    except ModuleNotFoundError as error:
+        if error.name is None or not home.startswith(error.name):
+            raise  # another package is missing
+        problem = "is missing"
+        rule = f"{name} is a function of this part of cspace"
+        raise MissingPackageError(error.name, problem, rule) from error
+    return names_options(getattr(module, name))
 
 
-def __getattr__(name: str) -> WingMethod:
-    """Return a method of any class."""
+def __getattr__(name: str) -> WingFunction:
+    """Return a function of a wing, which is imported when it is needed."""
     if name not in HOMES:
-        raise AttributeError(f"no wing has a method {name}")
-    return WingMethod(name)
+        raise AttributeError(f"no wing has a function {name}")
+    return WingFunction(name)

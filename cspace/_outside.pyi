@@ -1,5 +1,9 @@
-# Functions of wings that are methods of the core's classes.
+# Functions of wings that the core calls: methods of its classes, and readers.
 
+from ._tiles.build import build_tiles as build_tiles
+from ._tiles.tiled_space import open_tiles as open_tiles
+from .arms._reading.link_shapes import read_obstacles as read_obstacles
+from .arms._reading.link_shapes import read_rigid_links as read_rigid_links
 from .export._messages import to_costmap as to_costmap
 from .export._messages import to_occupancy_grid as to_occupancy_grid
 from .export._writers import export as export

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, cast
 from numpy.typing import ArrayLike
 
 from cspace._files.access import check_suffix
+from cspace._files.crs import warn_of_likely_degrees
 from cspace._shapes import (
     Balls,
     Polygons,
@@ -104,6 +105,7 @@ class Robot:
             If a coordinate is NaN or infinite.
         """
         polygons = Polygons.of(shape)
+        warn_of_likely_degrees(polygons.bounds, "robot")
         count = len(polygons.geometries)
         parts = f" in {count} parts" if count > 1 else ""
         return cls(name or f"polygon with {polygons.corners} corners{parts}", polygons)
@@ -346,7 +348,8 @@ class Robot:
         1. each of ``package_dirs``;
         2. the folder of the URDF, then those above it, the nearest first;
         3. each of the environment variable ``ROS_PACKAGE_PATH``;
-        4. ``share`` in each of ``AMENT_PREFIX_PATH``.
+        4. the package of that name, by its ``package.xml``, at any depth below 1 and 3;
+        5. ``share`` in each of ``AMENT_PREFIX_PATH``.
 
         A mesh named ``REST`` or ``file://REST`` is that file, relative to the folder of the URDF.
         If no such file exists, but exactly one ``REST`` in 1 and 2 does, that file is read and a
@@ -383,7 +386,7 @@ class Robot:
         MissingPackageError
             If yourdfpy is not installed.
         """
-        from cspace.arms._link_shapes import read_rigid_links
+        from cspace._files.formats import read_rigid_links
 
         return cls(*read_rigid_links(path, link, solid, package_dirs, visuals, spheres))
 

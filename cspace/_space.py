@@ -28,10 +28,10 @@ from cspace._queries.batches import (
 from cspace._queries.callbacks import NO_ANSWER
 from cspace._raster import Raster
 from cspace._record.cells import Map, make_map_record
-from cspace._record.contents import Contents
+from cspace._record.contents import Contents, check_heights
 from cspace._record.exterior import UNKNOWN, Exterior
 from cspace._rotations.base import measure_steps
-from cspace._shapes import Shape, ShapeLike, as_shape
+from cspace._shapes import Shape, ShapeLike, as_shape, extrude
 from cspace._shapes.layers import Heights
 from cspace._support.arrays import (
     BLOCKED,
@@ -168,14 +168,6 @@ class CSpace(ConfigurationMap):
         seen from above.
         """
         return self._contents.ground
-
-    @property
-    def floor(self) -> float | None:
-        """Height of the reference point of a robot in space that drives on a floor, metres.
-
-        None for all other maps. See :func:`cspace.build`.
-        """
-        return self._contents.floor
 
     @property
     def _map_contents(self) -> Contents:
@@ -721,7 +713,7 @@ class CSpace(ConfigurationMap):
             mesh, as :meth:`cspace.Workspace.from_mesh` takes, such as a ``trimesh.Trimesh``; in
             both points with their ``radius``, a decomposition into balls, a robot, or the short
             text of one, such as ``"ellipse:0.5,0.3@2,1"``. The reference point of a robot is then
-            the origin of the map.
+            the origin of the map. On a :attr:`floor`, shapes of the plane count at all heights.
         radius : array-like, shape () or (n,), optional
             Radius of the balls around points, metres, zero or above.
 
@@ -733,9 +725,10 @@ class CSpace(ConfigurationMap):
         ------
         InputError
             If the name is empty or no string, or the obstacle is of another type or dimension, has
-            points without a radius, or is so far away that rounding could matter; nothing changes
-            then. A :class:`cspace.errors.GeometryError` if it is empty, not finite, or a polygon
-            that crosses itself.
+            points without a radius, is so far away that rounding could matter, or is in the plane
+            and the robot leaves the heights of the workspace; nothing changes then. A
+            :class:`cspace.errors.GeometryError` if it is empty, not finite, or a polygon that
+            crosses itself.
 
         Examples
         --------
@@ -760,6 +753,8 @@ class CSpace(ConfigurationMap):
         for name, shape in shapes.items():
             check_text(name, "name")
             obstacle = None if shape is None else as_shape(shape, None, "shape")
+            if obstacle is not None and self.floor is not None:
+                obstacle = self._fill_heights(obstacle, self.floor)
             if obstacle is not None and obstacle.dim != self.robot.dim:
                 raise InputError(
                     "shape",
@@ -771,6 +766,18 @@ class CSpace(ConfigurationMap):
             for name in [name for name, obstacle in obstacles.items() if obstacle is None]:
                 check_known(name, "name", self.obstacles)
             return self._updates.set_obstacles(obstacles)
+
+    def _fill_heights(self, shape: Shape, floor: float) -> Shape:
+        """Return a plane shape at all heights of the workspace; a shape in space unchanged.
+
+        Raises InputError if the robot has other heights, at which it would meet nothing.
+        """
+        grid = self.workspace.grid
+        # Beyond ground and ceiling, so that the cells there lie in the prism.
+        solid = extrude(shape, grid.lower[2] - grid.spacing, grid.upper[2] + grid.spacing)
+        if solid is not shape:
+            check_heights("shape", "is in the plane, and", floor, grid, self.robot)
+        return solid
 
     def remove_obstacle(self, name: str) -> Update:
         """Remove a named obstacle; covered cells reappear.
@@ -926,6 +933,11 @@ class CSpace(ConfigurationMap):
         first, last = self._exterior.table[0, :-1].reshape(2, -1)
         goes_on = (first < 0) & (last >= self.grid.shape) & (np.array(self.units) == "rad")
         return np.where(goes_on, HALF_TURN, math.inf)
+
+    @lazy
+    def _kept_values(self) -> dict[str, Any]:
+        """Values that packages beside the core keep with the map."""
+        return {}
 
     @lazy
     def _kernel_map(self) -> Map:
@@ -1308,16 +1320,6 @@ class ExactCSpace(CSpace):
             counts[chunk] += np.logical_and.accumulate(is_free).sum()
 
 
-def is_labelled(space: Space) -> bool:
-    """Return whether ``path_exists`` answers at once: a map in memory first labels its cells."""
-    return not isinstance(space, CSpace) or "_components" in vars(space)
-
-
-def contents_of(space: CSpace) -> Contents:
-    """Return the contents of a map in memory; an update changes them."""
-    return space._contents
-
-
 def proofs_of(space: CSpace) -> Any:
     """Return the proofs by the present geometry, which decide MIXED cells of a map in memory.
 
@@ -1325,6 +1327,16 @@ def proofs_of(space: CSpace) -> Any:
     proofs of its own.
     """
     return space._exact.current_proofs()
+
+
+def kept_values(space: CSpace) -> dict[str, Any]:
+    """Return what packages beside the core keep with a map, by names; updates do not drop it."""
+    return space._kept_values
+
+
+def is_labelled(space: Space) -> bool:
+    """Return whether ``path_exists`` answers at once: a map in memory first labels its cells."""
+    return not isinstance(space, CSpace) or "_components" in vars(space)
 
 
 def _share(space: CSpace, kind: type[Shared]) -> Shared:

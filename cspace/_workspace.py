@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 
 from cspace import _outside
 from cspace._files.access import UNKNOWNS
+from cspace._files.crs import check_own_crs, warn_of_likely_degrees
 from cspace._grid import FARTHEST_CELL, MAX_COORDINATE, SLACK, Grid, check_reach
 from cspace._shapes import Balls, Polygons, Shape, ShapeLike, Voxels, as_shape
 from cspace._support.arrays import Bools, Floats, StrPath, frozen
@@ -366,6 +367,8 @@ class Workspace:
             if points is not None:
                 extent = np.stack([points.min(axis=0), points.max(axis=0)])
             warn_of_units(extent, spacing, kind, bounds is not None)
+        if points is not None or shapes[0].kind == "polygon":
+            warn_of_likely_degrees(box, source)
         if lazy:
             return LazyWorkspace(grid, ShapeCells(shapes[0], grid), source, tuple(shapes))
         if len(shapes) == 1:
@@ -433,6 +436,7 @@ class Workspace:
         """
         if isinstance(shapes, Mapping | str) or not isinstance(shapes, Iterable):
             raise make_kind_error(shapes, "shapes", "it must be a list of shapes")
+        check_own_crs(shapes, "shapes")
         made = [as_shape(shape, name=f"shapes[{index}]") for index, shape in enumerate(shapes)]
         if not made:
             raise InputError("shapes", "is empty", "at least one shape is needed")
@@ -740,7 +744,7 @@ class Workspace:
         --------
         cspace.arms.read_moveit_scene : The same obstacles for an arm.
         """
-        from cspace.arms._link_shapes import read_obstacles
+        from cspace._files.formats import read_obstacles
 
         return cls._of_scene(partial(read_obstacles, source, package_dirs), spacing, bounds)
 
@@ -971,13 +975,17 @@ def measure_shapes(path: StrPath, **options: Any) -> tuple[Floats, dict[str, obj
             return np.array(mesh.bounds), mesh.facts
         case "from_points":
             points = read_points(path, options.get("drop_missing", False))
-            return np.array([points.min(axis=0), points.max(axis=0)]), {"points": len(points)}
+            box = np.array([points.min(axis=0), points.max(axis=0)])
+            facts: dict[str, object] = {"points": len(points)}
         case "from_polygons":
             shapes = read_shapes(path)
             count = int(shapely.get_num_coordinates(shapes).sum())
-            facts: dict[str, object] = {"shapes": len(shapes), "points": count}
-            return shapely.total_bounds(shapes).reshape(2, 2), facts
-    return None
+            box = shapely.total_bounds(shapes).reshape(2, 2)
+            facts = {"shapes": len(shapes), "points": count}
+        case _:
+            return None
+    warn_of_likely_degrees(box, os.fspath(path))
+    return box, facts
 
 
 def _options_of(reader: Callable[..., Workspace]) -> dict[str, inspect.Parameter]:

@@ -5,6 +5,6 @@ listed in ``inside.pyi``, and the page "Extending" says what each does. They may
 version to the next.
 """
 
-import lazy_loader
+from cspace._support import attach_stub
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub("cspace", __file__)
+__getattr__, __dir__, __all__ = attach_stub("cspace", __file__)

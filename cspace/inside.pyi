@@ -3,6 +3,7 @@
 from ._bodies.cores import Cores as Cores
 from ._bodies.triangle_proofs import build_boxes as build_boxes
 from ._configuration_map import ConfigurationMap as ConfigurationMap
+from ._configuration_map import contents_of as contents_of
 from ._engines import find_overlaps as find_overlaps
 from ._engines.slices import list_slice_cells as list_slice_cells
 from ._engines.slices import rasters_of as rasters_of
@@ -13,6 +14,7 @@ from ._files.access import check_output as check_output
 from ._files.access import check_suffix as check_suffix
 from ._files.access import decoding as decoding
 from ._files.access import replacing as replacing
+from ._files.crs import warn_of_likely_degrees as warn_of_likely_degrees
 from ._files.fields import Fields as Fields
 from ._files.fields import Ledger as Ledger
 from ._files.meshes import read_mesh as read_mesh
@@ -31,6 +33,7 @@ from ._interface import SearchOptions as SearchOptions
 from ._interface import cells_of as cells_of
 from ._interface import gather_goals as gather_goals
 from ._interface import list_alternatives as list_alternatives
+from ._interface import map_record as map_record
 from ._interface import tubes_are_free as tubes_are_free
 from ._queries.any_angle import find_crossed_runs as find_crossed_runs
 from ._queries.batches import as_contiguous as as_contiguous
@@ -46,10 +49,10 @@ from ._queries.points import slice_of as slice_of
 from ._queries.upright import Upright as Upright
 from ._queries.vehicles import Car as Car
 from ._queries.vehicles import Differential as Differential
+from ._queries.vehicles import Drive as Drive
 from ._queries.vehicles import check_drive as check_drive
 from ._raster import Raster as Raster
 from ._record.cells import Map as Map
-from ._record.cells import map_record as map_record
 from ._record.contents import Contents as Contents
 from ._record.description import collect_arrays as collect_arrays
 from ._record.description import make_metadata as make_metadata
@@ -68,11 +71,13 @@ from ._shapes import Voxels as Voxels
 from ._shapes import as_shape as as_shape
 from ._shapes.balls import Balls as Balls
 from ._shapes.mesh import Mesh as Mesh
-from ._space import contents_of as contents_of
 from ._space import is_labelled as is_labelled
+from ._space import kept_values as kept_values
 from ._space import proofs_of as proofs_of
+from ._support import attach_stub as attach_stub
 from ._support import heap as heap
 from ._support import vectors as vectors
+from ._support.arrays import AXES as AXES
 from ._support.arrays import STATE_NAMES as STATE_NAMES
 from ._support.arrays import Bools as Bools
 from ._support.arrays import Bytes as Bytes
@@ -85,8 +90,8 @@ from ._support.arrays import Surface as Surface
 from ._support.arrays import frozen as frozen
 from ._support.arrays import number_parts as number_parts
 from ._support.arrays import reduce_blocks as reduce_blocks
-from ._support.check import AXES as AXES
 from ._support.check import check_count as check_count
+from ._support.check import check_dims as check_dims
 from ._support.check import check_each as check_each
 from ._support.check import check_finite as check_finite
 from ._support.check import check_known as check_known

@@ -7,14 +7,15 @@ from collections.abc import Callable, Iterable, Mapping
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import Any, get_args
 
 import cspace
 import cspace._files
 from cspace._files.formats import ROBOT_FORMATS, WORKSPACE_FORMATS
 from cspace._shapes.primitives import SHORTHANDS
 from cspace.export._writers import EXPORT_FORMATS
-from planners._catalogue import SKILLS, SPACE_KINDS, SUPPORTED, Skills, has_range
+from planners._catalogue import PlannerName, find_planner
+from planners._space_kinds import SPACE_KINDS, SUPPORTED
 
 DOCS = Path(__file__).parent
 MARKED = re.compile(r"(<!-- list: (.+?) -->\n).*?(<!-- end of list -->)", re.DOTALL)
@@ -100,8 +101,9 @@ def list_fields() -> Iterable[str]:
     """Yield the rows of the table of fields, in the order of the readers' modules."""
     yield from ("| file | honoured | refused | warned of |", "|---|---|---|---|")
     modules = pkgutil.iter_modules(cspace._files.__path__, "cspace._files.")
-    arms = (f"cspace.arms.{name}" for name in ("_moveit_messages", "_sphere_files", "_urdf"))
-    others = "cspace.lanes._graph_files", "cspace.regions._cover", "planners._joint_limits"
+    readers = ("moveit_messages", "sphere_files", "urdf")
+    arms = (f"cspace.arms._reading.{name}" for name in readers)
+    others = "cspace.lanes._graph_files", "cspace.regions._cover", "planners._motion.joint_limits"
     for name in (*(module.name for module in modules), *arms, *others):
         for fields in getattr(import_module(name), "FIELDS", ()):
             yield f"| {' | '.join(fields[:4])} |"
@@ -113,13 +115,14 @@ def list_skills() -> Iterable[str]:
         "| planner | `drive` | `objective` | `keep` | `iterations` | `range` |",
         "|---|---|---|---|---|---|",
     )
-    names: dict[tuple[Skills, bool], list[str]] = {}
-    for name, skills in SKILLS.items():
-        names.setdefault((skills, has_range(name)), []).append(name)
-    for (skills, ranges), alike in names.items():
-        options = [", ".join(words) for words in skills[:3]]
-        settings = ["yes" if taken else "no" for taken in (skills.iterations, ranges)]
-        yield f"| {' | '.join([', '.join(alike), *options, *settings])} |"
+    alike: dict[str, list[str]] = {}
+    for planner in map(find_planner, get_args(PlannerName)):
+        options = [", ".join(words) for words in planner.list_taken().values()]
+        settings = [planner.counts_iterations, planner.has_range]
+        row = [*options, *("yes" if setting else "no" for setting in settings)]
+        alike.setdefault(" | ".join(row), []).append(planner.name)
+    for row, names in alike.items():
+        yield f"| {', '.join(names)} | {row} |"
 
 
 def list_supported() -> Iterable[str]:

@@ -59,7 +59,7 @@ print(joints)
 start, goal, behind = np.array([0.2, 0.9]), np.array([-1.2, -1.0]), np.array([1.7, -0.9])
 print("is there a path to the goal?", joints.is_connected(start, goal))
 print("is it proven that none leads behind the post?", joints.is_disconnected(start, behind))
-plan = planners.plan(joints, start, goal, planner="MaxClearance")
+plan = planners.plan(joints, start, goal, objective="clearance")
 print(plan)
 print("also proven by the arm space:", bool(np.all(space.certify_path(plan.path))))
 

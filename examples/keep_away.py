@@ -2,9 +2,9 @@
 Paths that keep away
 ====================
 
-The shortest path runs along the border of the C-obstacle. Three others leave room: one weighs the
-clearance in the map against length, one avoids costs of your own on the cells, here a floor that is
-slippery around the pillar, and the widest path has the largest clearance possible.
+The shortest path runs along the border of the C-obstacle. Two others leave room: one weighs the
+clearance in the map against length, and one avoids costs of your own on the cells, here a floor
+that is slippery around the pillar.
 """
 
 import matplotlib.pyplot as plt
@@ -39,7 +39,6 @@ plans = {
     "length": planners.plan(space, start, goal),
     "clearance": planners.plan(space, start, goal, objective="clearance"),
     "costs": planners.plan(space, start, goal, objective=by_costs),
-    "widest": planners.plan(space, start, goal, planner="MaxClearance"),
 }
 for name, plan in plans.items():
     room = f"clearance {plan.clearance:.2f} m, obstacle distance {plan.obstacle_distance:.2f} m"
@@ -47,9 +46,9 @@ for name, plan in plans.items():
     save_plot(space, f"keep_away_{name}.png", True, path=plan, title=name)
 
 # %%
-# All four beside each other.
+# All three beside each other.
 
-figure, axes = plt.subplots(2, 2, figsize=(11, 8), layout="constrained")
+figure, axes = plt.subplots(1, 3, figsize=(14, 4), layout="constrained")
 for ax, (name, plan) in zip(axes.flat, plans.items(), strict=True):
     space.plot(
         ax=ax,

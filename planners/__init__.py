@@ -1,30 +1,19 @@
 """Planning with OMPL on certified configuration-space maps (experimental).
 
-Words that the modules of this package share:
+Rooms: ``_edges`` (motions of drives), ``_motion`` (times), ``_searches`` (our own searches) and
+``_ompl`` (OMPL's). Words that the modules of this package share:
 
-- *segment*: an edge of a path, or a curve in place of a corner.
-- *interval*: a part of a segment within which the bounds of its derivatives are constant.
-- *phase*: a stretch of time with one acceleration, or with one jerk.
-- *leg*: the part of a path between two points where the robot is slowest.
-- *ramp*: a change of speed on a leg, whose acceleration rises evenly, stays, and falls evenly.
-- *tube*: all configurations within some distances of a motion.
-- *chain*: cells of a map, each beside the next, that a search goes through.
-- *block*: a cube of cells that a search first takes as one.
 - *room*: a region that counts as a start or goal.
-- *junction*: the state of a moving robot at which a motion begins.
-
-OMPL's objects must be gone before the interpreter ends, or its bindings report leaks: create them
-inside functions.
+- *route*: a start with its goals.
 """
 
 from importlib import import_module
 from typing import Any
 
-import lazy_loader
-
 from cspace.errors import MissingPackageError
+from cspace.inside import attach_stub
 
-_import_name, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+_import_name, __dir__, __all__ = attach_stub(__name__, __file__)
 
 
 def __getattr__(name: str) -> Any:

@@ -7,40 +7,43 @@ import math
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import replace
+from typing import cast
 
 import numpy as np
 
 from cspace import CSpace, Space
 from cspace.errors import InputError
-from cspace.inside import Car, ConfigurationMap, Differential
-from planners._catalogue import GRID, LATTICE, LENGTH, Search, default_planner
-from planners._drives import local_planner
-from planners._local_planner import Endpoints, LocalPlanner
+from cspace.inside import ConfigurationMap
+from planners._catalogue import PlannerName, Search
+from planners._edges.drives import local_planner
+from planners._edges.local_planner import Endpoints, LocalPlanner
+from planners._searches.objectives import LENGTH
 from planners._task import DEFAULT_SECONDS, PlanTask, SearchResult
 
 
 def describe_failure(
     task: PlanTask,
     result: SearchResult,
-    exists: bool | None,
+    is_connected: bool,
     finds_path: Callable[[PlanTask], bool],
 ) -> tuple[str, str]:
     """Return the status of a plan whose search found no path, and a hint.
 
-    ``exists`` says whether there is one, and ``finds_path`` tries other options.
+    ``is_connected`` says that there is one for a holonomic robot, and ``finds_path`` tries other
+    options.
     """
     edges = task.edges
-    existence = "a path exists" if exists else "undecided whether one exists"
+    existence = "a path exists" if is_connected else "undecided whether one exists"
     limits: list[str] = []
-    if edges.drive is not None:
+    if edges.has_heading:
         limits = _describe_free_yaws(edges, task.endpoints)
-        if exists:
+        if is_connected:
             existence = "one exists for a robot that also moves sideways"
     left = task.limit.share(0.95) - result.planning
     is_late = not left.is_left
-    *hints, last_hint = _list_hints(task, exists, is_late, finds_path)
+    *hints, last_hint = _list_hints(task, is_connected, is_late, finds_path)
     hint = ", or ".join(filter(None, [", ".join(hints), last_hint]))
-    if not edges.may_join(exists):
+    if not (edges.exact or is_connected):
         return f"no chain of FREE cells joins start and goal; {existence}", hint
     reason = result.note or "the planner gave up"
     failure = f"no path found: {reason} after {result.planning.seconds:.2g} s{result.where}"
@@ -57,24 +60,24 @@ def _describe_limit(task: PlanTask) -> str:
 
 
 def _list_hints(
-    task: PlanTask, exists: bool | None, is_late: bool, finds_path: Callable[[PlanTask], bool]
+    task: PlanTask, is_connected: bool, is_late: bool, finds_path: Callable[[PlanTask], bool]
 ) -> list[str]:
     """List hints for a failed search, which the time limit ended if ``is_late``."""
     edges = task.edges
     more = _name_more(task, is_late)
     if not isinstance(edges.space, ConfigurationMap):
         return [more, "another seed", "a larger tolerance" if task.keep else "another planner"]
-    if edges.drive is None and exists:
-        if task.planner == GRID or callable(task.objective):
+    if is_connected and not edges.has_heading:
+        if task.planner.name == edges.search or callable(task.objective):
             return [more]
-        return [f"planner={GRID!r}, which finds one", more]
-    if options := _try_options(task, exists, finds_path):
+        return [f"planner={edges.search!r}, which finds one", more]
+    if options := _try_options(task, is_connected, finds_path):
         return [f"{options}, which finds a path"]
-    if not exists:
+    if not is_connected:
         return _list_undecided_hints(task, more)
     hints = _list_drive_hints(task)
     # More time does not help Lattice if its search ended before.
-    if is_late or task.planner != LATTICE or task.fallback is not None:
+    if is_late or task.planner.name != edges.search or task.fallback is not None:
         return [more, *hints]
     return hints
 
@@ -82,7 +85,7 @@ def _list_hints(
 def _name_more(task: PlanTask, is_late: bool) -> str:
     """Name more time, or more iterations if these ended the search."""
     if task.iterations is not None and not is_late:
-        name = task.planner if task.is_named else None
+        name = cast(PlannerName, task.planner.name) if task.is_named else None
         search = Search(name, 10 * task.iterations, task.simplify, task.range)
         return f"more iterations by planner=planners.{search}"
     seconds = DEFAULT_SECONDS if task.time_limit is None else task.time_limit
@@ -92,8 +95,7 @@ def _name_more(task: PlanTask, is_late: bool) -> str:
 def _list_drive_hints(task: PlanTask) -> list[str]:
     """List hints, except more time, for a drive that is not holonomic."""
     hints = [_name_finer(task.edges.space), *_list_exact_hints(task)]
-    if isinstance(task.edges.drive, Car):
-        hints.append("a smaller turning_radius")
+    hints += task.edges.hints
     if task.is_named:
         hints.append("the default planner")
     return hints
@@ -118,32 +120,28 @@ def _name_finer(space: Space) -> str:
     return "a finer spacing" + (" or more rotations" if space.rotations.names else "")
 
 
-def _try_options(
-    task: PlanTask, exists: bool | None, finds_path: Callable[[PlanTask], bool]
-) -> str:
+def _try_options(task: PlanTask, is_connected: bool, finds_path: Callable[[PlanTask], bool]) -> str:
     """Return options with which a short search finds a path; an empty text if none does."""
-    for trial, hint in _list_trials(task, exists):
+    for trial, hint in _list_trials(task, is_connected):
         with suppress(InputError):  # options may not go together
             if finds_path(trial):
                 return hint
     return ""
 
 
-def _list_trials(task: PlanTask, exists: bool | None) -> Iterator[tuple[PlanTask, str]]:
+def _list_trials(task: PlanTask, is_connected: bool) -> Iterator[tuple[PlanTask, str]]:
     """Yield short searches of a map with other options, and hints that name these."""
     edges = task.edges
     space = edges.space
     proofs = dict.fromkeys([edges.exact, edges.exact or edges.cells.tries_exact])
-    others = [edges.drive]
-    if edges.drive is not None and not edges.reverses:
-        others.append(replace(edges.drive, reverse=True))
+    others = edges.list_drives()
     for exact, drive in itertools.product(proofs, others if isinstance(space, CSpace) else ()):
         other = local_planner(space.exact if exact else space, drive)
         other = replace(other, weights=edges.weights)
         changes = [] if exact == edges.exact else ["space.exact"]
         if drive != edges.drive:
             changes.append(f"drive=planners.{drive}")
-        if not (changes and other.may_join(exists)):
+        if not (changes and (other.exact or is_connected)):
             continue
         trial = replace(
             task,
@@ -156,7 +154,7 @@ def _list_trials(task: PlanTask, exists: bool | None) -> Iterator[tuple[PlanTask
         if task.is_named:
             yield trial, " with ".join(changes)
             changes.append("the default planner")
-        yield replace(trial, planner=default_planner(drive), is_named=False), " with ".join(changes)
+        yield replace(trial, is_named=False), " with ".join(changes)
 
 
 def _list_exact_hints(task: PlanTask) -> list[str]:
@@ -190,7 +188,7 @@ def _describe_free_yaws(edges: LocalPlanner, endpoints: Endpoints) -> list[str]:
         # Bounds are rounded inwards, to milliradians.
         interval = f"{math.ceil(1e3 * low) / 1e3:g} to {math.floor(1e3 * high) / 1e3:g} rad"
         limit = f"at the {name} only yaws {interval} are proven free"
-        if isinstance(edges.drive, Differential):
+        if edges.turns_on_spot:
             limit += ", too few to turn around"
         limits.append(limit)
     return limits

@@ -4,7 +4,8 @@ A room is a ball or a region of positions, with the rotations within an angle of
 free configurations become goals of searches. Then the path ends where it first enters a room, or at
 the nearest configuration of a room that a free edge from one of its waypoints leads to.
 
-No path exists if no component of cells that are not BLOCKED meets both a start and a goal.
+No path exists if no component of cells that are not BLOCKED meets the start, each place on the way
+and the goal.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import math
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import reduce
 from typing import Final, NamedTuple, cast
 
 import numpy as np
@@ -28,7 +30,6 @@ from cspace.inside import (
     METRES_PER_RADIAN,
     NEVER,
     Bools,
-    Car,
     ConfigurationMap,
     Endpoint,
     Floats,
@@ -45,7 +46,8 @@ from cspace.inside import (
     warn_of_large,
     wrap_angles,
 )
-from planners._catalogue import (
+from planners._edges.local_planner import Endpoints, LocalPlanner
+from planners._space_kinds import (
     ANY_ROTATION,
     NEAR,
     REGION,
@@ -53,7 +55,6 @@ from planners._catalogue import (
     check_support,
     find_space_kind,
 )
-from planners._local_planner import Endpoints, LocalPlanner
 
 REGIONS: Final = (Polygon, MultiPolygon)
 """Types of regions."""
@@ -187,6 +188,11 @@ class Room:
             inside = shapely.intersects_xy(self.region, rows[:, 0], rows[:, 1])
         turns = np.linalg.norm(steps[:, dim:], axis=1)
         return np.asarray(inside & ((turns <= self.angle) | (self.angle >= math.pi)))
+
+    def find_inner(self, space: Space) -> Endpoint:
+        """Return the middle, or what is nearest to it within the bounds of the space."""
+        rotation = self.middle[space.dim :]
+        return (*self.middle[: space.dim].clip(*space.bounds).tolist(), *rotation.tolist())
 
     def pull(self, space: ConfigurationMap, rows: Floats) -> Floats:
         """Move configurations, shape (n, size), into the room, to nearly the nearest ones."""
@@ -345,9 +351,9 @@ class Room:
             kept = self.contains(space, rows) & space.grid.contains(rows[:, : space.dim])
             kept[kept] = edges.space.motion_is_free(rows[kept], rows[kept])
             candidates = Candidates(rows[kept], costs[kept])
-            may_join = _may_join(edges, start, candidates.rows)
-            joined.append(candidates.select(may_join).spread(space))
-            others.append(candidates.select(~may_join).spread(space))
+            is_joined = may_join(edges, start, candidates.rows)
+            joined.append(candidates.select(is_joined).spread(space))
+            others.append(candidates.select(~is_joined).spread(space))
         return _join(joined), _join(others)
 
     def _make_error(self, space: ConfigurationMap) -> ConfigurationError:
@@ -419,20 +425,19 @@ def _find_centers(space: ConfigurationMap, cells: Ints) -> Floats:
     return np.asarray(np.array(space.grid.lower) + space.grid.spacing * (cells + 0.5))
 
 
-def find_joined(
-    space: ConfigurationMap, starts: Sequence[Room], goals: Sequence[Room], mixed: bool
-) -> Floats:
-    """Return a configuration in each component that meets rooms of both kinds, shape (n, size).
+def find_joined(space: ConfigurationMap, places: Sequence[Sequence[Room]], mixed: bool) -> Floats:
+    """Return a configuration in each component that meets a room of each place, shape (n, size).
 
     Components consist of FREE cells, or with ``mixed`` of all that are not BLOCKED. The
-    configurations lie in cells that meet ``starts``. If there is none with ``mixed``, no path leads
-    from a start to a goal.
+    configurations lie in cells that meet the first place. If there is none with ``mixed``, no path
+    leads through all places.
     """
     from cspace.inside import find_components
 
-    first, last = (_find_components_met(space, rooms, mixed) for rooms in (starts, goals))
-    components = find_components(space, np.vstack([first, last]), mixed)
-    return first[np.isin(components[: len(first)], components[len(first) :])]
+    met = [_find_components_met(space, rooms, mixed) for rooms in places]
+    components = find_components(space, np.vstack(met), mixed)
+    first, *others = np.split(components, np.cumsum(list(map(len, met)))[:-1])
+    return met[0][np.isin(first, reduce(np.intersect1d, others, first))]
 
 
 def _find_components_met(space: ConfigurationMap, rooms: Sequence[Room], mixed: bool) -> Floats:
@@ -447,7 +452,7 @@ def _find_components_met(space: ConfigurationMap, rooms: Sequence[Room], mixed: 
     return take_one_each(np.concatenate(rows))
 
 
-def _may_join(edges: LocalPlanner, start: Endpoint, rows: Floats) -> Bools:
+def may_join(edges: LocalPlanner, start: Endpoint, rows: Floats) -> Bools:
     """Return whether a path of proven edges may lead from a start to each row, shape (n,)."""
     if edges.exact:
         return ~np.asarray(edges.cells.is_disconnected(np.array(start), rows))
@@ -465,7 +470,7 @@ def _measure_lengths(edges: LocalPlanner, start: Endpoint, rows: Floats) -> Floa
 
     They are those of chains of blocks of cells in which the robot passes at some rotation.
     """
-    from planners._guide import Guide, any_direction
+    from planners._searches.guide import Guide, any_direction
 
     space = edges.cells
     dim = space.dim
@@ -554,7 +559,7 @@ def begin_in_rooms(edges: LocalPlanner, path: Floats, rooms: Sequence[Room]) -> 
     """
     if all(room.is_point for room in rooms):
         return path
-    if edges.drive is None:
+    if not edges.has_heading:
         cut = end_in_rooms(edges, path[::-1], rooms)[::-1]
         return cut if edges.are_free(cut) else path
     inside = np.any([room.contains(edges.space, path) for room in rooms], axis=0)
@@ -601,16 +606,14 @@ def find_room_goals(
     goals = gather_goals(name, rooms, lambda room, _: room.find_goals(edges, start))
     space = edges.space
     rows = turn_near(np.array(goals), np.array(start), space.is_periodic)
-    if edges.drive is None and len(rooms) == 1:
+    if not edges.has_heading and len(rooms) == 1:
         return [tuple(q) for q in rows.tolist()]
-    if edges.drive is None and all(room.is_point for room in rooms):
+    if not edges.has_heading and all(room.is_point for room in rooms):
         costs = np.array([edges.min_length(np.array(start), row) for row in rows])
     else:
         costs = METRES_PER_RADIAN * _measure_turns(space, start, rows)
         costs += _measure_lengths(edges, start, rows)
-    if isinstance(edges.drive, Car):
-        ways = edges.edge_lengths(np.broadcast_to(start, rows.shape), rows)
-        costs = np.maximum(costs, ways)
+    costs = np.maximum(costs, edges.curve_lengths(np.broadcast_to(start, rows.shape), rows))
     return [tuple(q) for q in rows[np.argsort(costs, kind="stable")].tolist()]
 
 
@@ -644,10 +647,8 @@ def find_routes(
 
 def _estimate_length(edges: LocalPlanner, start: Floats, goal: Floats) -> float:
     """Estimate the length of a path, with weighted rotations."""
-    least = edges.min_length(start, goal)
-    if not isinstance(edges.drive, Car):
-        return least
-    return max(least, float(edges.edge_lengths(start[np.newaxis], goal[np.newaxis])[0]))
+    curve = edges.curve_lengths(start[np.newaxis], goal[np.newaxis])[0]
+    return max(edges.min_length(start, goal), float(curve))
 
 
 def _pair_rooms(edges: LocalPlanner, start: Room, goal: Room) -> list[Endpoints]:
@@ -659,7 +660,7 @@ def _pair_rooms(edges: LocalPlanner, start: Room, goal: Room) -> list[Endpoints]
         (q,) = goal.find_goals(edges, tuple(goal.middle.tolist()))
         return [(begin, q) for begin in start.find_goals(edges, q)]
     space = edges.cells
-    joined = find_joined(space, [start], [goal], mixed=edges.exact)
+    joined = find_joined(space, [[start], [goal]], mixed=edges.exact)
     pairs: list[Endpoints] = []
     for q in joined if len(joined) else start.middle[np.newaxis]:
         ends = goal.find_goals(edges, tuple(q.tolist()))

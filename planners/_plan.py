@@ -2,114 +2,67 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import nullcontext, suppress
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
-from functools import cache, partial
 from numbers import Number
-from typing import TYPE_CHECKING, Final, NamedTuple, cast
+from typing import TYPE_CHECKING, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace import CSpace, Goal, Space
+from cspace import Goal, Space
 from cspace.errors import ConfigurationError, InputError
 from cspace.inside import (
     NEVER,
-    Car,
     ConfigurationMap,
-    ConfigurationSpace,
-    Differential,
+    Drive,
     Effort,
     Endpoint,
     Floats,
     PlaceLike,
-    SearchOptions,
     check_count,
     frozen,
     gather_goals,
-    is_labelled,
     is_over,
     names_options,
-    now,
 )
 from cspace.inside import Upright as Upright
 from planners._catalogue import (
-    BUILT_IN_SEARCHES,
-    GRID,
-    LATTICE,
-    LENGTH,
-    MAX_CLEARANCE,
-    NEAR_START,
-    OWN_SPACES,
-    TILED_MAPS,
     PlannerName,
     Search,
-    check_skills,
-    check_support,
-    default_planner,
-    find_space_kind,
+    find_planner,
+    list_searches,
     planner_named,
     planner_names,
 )
-from planners._drives import has_drives, local_planner
+from planners._edges.drives import DRIVES, has_drives, local_planner
+from planners._edges.local_planner import LocalPlanner
+from planners._edges.own_space import check_space
 from planners._goals import (
     MAX_TRIED_GOALS,
     Near,
     PlaceParts,
     Room,
-    begin_in_rooms,
-    end_in_rooms,
-    find_joined,
     find_room_goals,
-    find_routes,
     list_all_rooms,
     list_rooms,
     sort_goals,
     split_places,
 )
-from planners._local_planner import MAX_RADIANS, Drive, Endpoints, LocalPlanner
-from planners._objectives import ObjectiveLike, name_kind, read_objective
-from planners._own_space import check_found_path, check_space
-from planners._paths import drop_repeats, reached_goal, skip_points, unwind
+from planners._journey import Journey, search_goals, search_stages
 from planners._result import Plan, Times
-from planners._shortening import shorten
-from planners._task import DEFAULT_SECONDS, NO_EFFORT, NO_SEARCH, PlanTask, SearchResult, is_certain
+from planners._route_search import weigh_edges
+from planners._searches.objectives import LENGTH, ObjectiveLike, name_kind, read_objective
+from planners._searches.paths import reached_goal
+from planners._space_kinds import NEAR_START, TILED_MAPS, check_support, find_space_kind
+from planners._stages import Existence, Stage
+from planners._task import DEFAULT_SECONDS, PlanTask, SearchResult
 
 if TYPE_CHECKING:
-    from planners._speed_limits import SpeedLike
-
-QUICK_PLANNER: Final[PlannerName] = "RRTConnect"
-"""Planner of the first path of robots that rotate, except along Dubins curves."""
-
-QUICK_ITERATIONS: Final = 500
-"""Iterations of the quick first search of a default plan, which take about 10 ms."""
-
-EXACT_SHARE: Final = 0.5
-"""Share of the effort left for the quick search, and then for the built-in one, if geometry decides
-MIXED cells: a search through many such cells may not end."""
-
-SHARES_BESIDE: Final = [sign * step / 64 for step in range(1, 33) for sign in (1.0, -1.0)]
-"""Distances beside a way that are tried for a detour, as shares of its length; positive to the
-left."""
-
-MAX_SAVING: Final = 0.01
-"""Share by which the lower bound of another path between the same two rooms must be less, for a
-further search: a path begins and ends where it leaves and enters rooms."""
-
-MAX_DETOUR: Final = 1.5
-"""Length of a path by its lower bound, up to which the bounds of others tell whether to search."""
-
-GOAL_SHARE: Final = 0.5
-"""Share of the effort left for the search to one of several goals, except the last one."""
-
-FURTHER_FACTOR: Final = 2.0
-MIN_FURTHER: Final = Effort.from_seconds(0.05, math.inf)
-"""Work of a further search to a room for a drive, relative to that of the best one, and its least
-value: configurations of a room may be free, and yet out of the drive's reach."""
+    from planners._motion.speed_limits import SpeedLike
 
 
 class Choices(NamedTuple):
@@ -149,21 +102,11 @@ def choices(space: Space) -> Choices:
     >>> workspace = cspace.Workspace.from_array(np.eye(30, dtype=bool), 0.1)
     >>> choices = planners.choices(cspace.build(workspace, cspace.Robot.disc(0.2)))
     >>> choices.planners[-2:], choices.drives
-    (('Grid', 'MaxClearance'), ())
+    (('SORRTstar', 'Grid'), ())
     """
     check_space(space)
-    planners = (*planner_names(), *_list_searches(space))
-    return Choices(planners, (Differential, Car) if has_drives(space) else ())
-
-
-def _list_searches(space: Space) -> tuple[PlannerName, ...]:
-    """List the built-in searches for a space."""
-    names = space.searches
-    if isinstance(space, ConfigurationMap):
-        names = (GRID, MAX_CLEARANCE) if isinstance(space, CSpace) else (GRID,)
-    if has_drives(space):
-        names = (*names, LATTICE)
-    return cast(tuple[PlannerName, ...], names)
+    planners = (*planner_names(), *list_searches(space))
+    return Choices(planners, tuple(DRIVES) if has_drives(space) else ())
 
 
 @names_options
@@ -205,7 +148,7 @@ def plan(
         that is not free.
     planner : str or Search, optional
         Name, in upper or lower case, of a planner of OMPL (:func:`planners.choices`) or of a
-        built-in search: "Grid", "MaxClearance" and "Lattice" on maps, "BiRRT" for arms.
+        built-in search: "Grid" and "Lattice" on maps, "BiRRT" for arms.
         :class:`planners.Search` is one with settings.
     time_limit : float, optional
         Seconds after which the search ends. Simplification then has another 0.1 s. Work that a map
@@ -284,11 +227,16 @@ def plan(
         edges = replace(edges, space=space.keep(kept))
     search = planner if isinstance(planner, Search) else Search()
     name = search.name if isinstance(planner, Search) else planner
+    weigh = read_objective(objective, speed, space)
+    if name is None:
+        chosen = _choose_planner(edges, objective, search)
+    else:
+        chosen = planner_named(name, space.searches)
     task = PlanTask(
         edges=edges,
-        planner=planner_named(default_planner(drive) if name is None else name, space.searches),
+        planner=find_planner(chosen),
         objective=objective,
-        weigh=read_objective(objective, speed, space),
+        weigh=weigh,
         limit=Effort.within(time_limit, DEFAULT_SECONDS),
         time_limit=None if time_limit is None else float(time_limit),
         iterations=search.iterations,
@@ -307,24 +255,15 @@ def plan(
     task = _choose_searches(task)
     places = _check_places(via, goal, task)
     origin, moved = _check_start(task, origins)
-    stages = [_check_stage(task, name, place, origin.rooms[0]) for name, place in places]
-    if drive is not None:
-        import planners._lattice  # noqa: F401 - a search would import it later, on its time
-    task = replace(task, edges=_weigh_edges(task, task.edges))
+    ends = [_check_stage(task, name, place, origin.rooms[0]) for name, place in places]
+    task = replace(task, edges=weigh_edges(task, task.edges))
     if task.seed is not None:
-        from planners._ompl_search import set_seed
+        from planners._ompl.search import set_seed
 
         set_seed(task.seed)
     with Effort.stopping(stop):
-        journey = _search_stages(task, origin, stages)
+        journey = search_stages(task, [origin, *ends])
         return _make_plan(journey, space, moved, began)
-
-
-def _weigh_edges(task: PlanTask, edges: LocalPlanner) -> LocalPlanner:
-    """Return edges with the costs of a task; a map in tiles has them tile by tile."""
-    if task.weigh is None or find_space_kind(edges.space) == TILED_MAPS:
-        return edges
-    return replace(edges, weights=task.weigh(edges.cells))
 
 
 def _check_stop(stop: object) -> None:
@@ -368,26 +307,6 @@ def _needs_geometry(space: Space, start: ArrayLike) -> bool:
     return False
 
 
-def _decide_existence(task: PlanTask, starts: Sequence[Room], goals: Sequence[Room]) -> bool | None:
-    """Return whether a path from a start to a goal exists; None if undecided.
-
-    ``starts`` and ``goals`` hold all configurations, free or not, or are empty if not all can be
-    listed. It is None, too, if the caller ended the search.
-    """
-    space = task.edges.space
-    if is_over(NEVER) and not is_labelled(space):
-        return None
-    if any(space.path_exists(start, goal) for start, *ends in task.routes for goal in ends):
-        return True
-    if not (starts and goals):
-        return None
-    if isinstance(space, ConfigurationMap):
-        return None if len(find_joined(task.edges.cells, starts, goals, mixed=True)) else False
-    pairs = itertools.product(starts, goals)
-    are_apart = all(space.path_exists(q.middle, goal.middle) is False for q, goal in pairs)
-    return False if are_apart else None
-
-
 def _check_previous(task: PlanTask, previous: Plan) -> Floats:
     """Return the waypoints of the previous plan, shape (n, size); n is 0 if there are none."""
     space = task.edges.space
@@ -403,10 +322,10 @@ def _check_previous(task: PlanTask, previous: Plan) -> Floats:
             f"has the axes ({', '.join(previous.axes)}) and space is {space!r}",
             "it is a plan for the axes of the space, which is in memory",
         )
-    if callable(task.objective) or task.planner == MAX_CLEARANCE:
+    if callable(task.objective):
         raise InputError(
             "previous",
-            f"is a plan, the objective {task.objective!r} and the planner {task.planner!r}",
+            f"is a plan, and the objective {task.objective!r}",
             "a path along a previous one is short, or cheap by the cost of cells",
         )
     kind = name_kind(task.objective)
@@ -418,41 +337,29 @@ def _check_previous(task: PlanTask, previous: Plan) -> Floats:
 
 def _choose_searches(task: PlanTask) -> PlanTask:
     """Choose a planner if none is named, and a fallback; check the options of the planner."""
-    space = task.edges.space
-    default = task.planner
+    edges = task.edges
+    space = edges.space
     if not task.is_named:
-        task = replace(task, planner=_choose_planner(task))
-    searches = _list_searches(space)
-    name = task.planner
-    if name in BUILT_IN_SEARCHES and name not in searches:
+        search = Search(iterations=task.iterations)
+        task = replace(task, planner=find_planner(_choose_planner(edges, task.objective, search)))
+    planner = task.planner
+    if not planner.takes_space(space):
         raise InputError(
             "planner",
-            f"is {name!r} and space is {space!r}",
-            f"its built-in searches are {', '.join(searches) or 'none'}",
+            f"is {planner.name!r} and space is {space!r}",
+            f"its built-in searches are {', '.join(list_searches(space)) or 'none'}",
         )
-    objective = task.objective
-    kind = name_kind(objective)
-    check_skills(name, task.edges.drive, objective, kind, task.keep, task.is_named)
-    if name not in searches:
-        _check_states(task.edges)
-    elif find_space_kind(space) == OWN_SPACES:
-        from planners._ompl_states import find_state_kind
-
-        find_state_kind(space)  # refuses poses whose axes are in another order
+    planner.check(task)
+    planner.prepare(task)
     # Grid finds each path of a robot that does not turn through FREE cells.
-    may_fail = task.edges.exact or bool(space.rotations.names)
-    if name != default and may_fail and isinstance(space, ConfigurationMap):
+    may_fail = edges.exact or bool(space.rotations.names)
+    is_default = not task.is_named and planner.name != edges.tree_planner
+    if is_default and may_fail and isinstance(space, ConfigurationMap):
         with suppress(InputError):  # the space may be too small for OMPL
-            _check_states(task.edges)
-            task = replace(task, fallback=default)
+            fallback = find_planner(edges.tree_planner)
+            fallback.prepare(task)
+            task = replace(task, fallback=fallback)
     return task
-
-
-def _check_states(edges: LocalPlanner) -> None:
-    """Raise InputError for poses and extents that OMPL has no states for."""
-    from planners._setup import make_bounded_states
-
-    make_bounded_states(edges)
 
 
 def _check_places(
@@ -469,26 +376,6 @@ def _check_places(
             "a previous plan is followed to one goal",
         )
     return [*((f"via[{k}]", place) for k, place in enumerate(via)), ("goal", goal)]
-
-
-class Stage(NamedTuple):
-    """The start, a place on the way, or the goal of a plan."""
-
-    name: str  # in messages
-    goals: list[Endpoint]  # its configurations, the most promising from the plan's start first
-    rooms: tuple[Room, ...]  # of a map, unless it is one goal; of a start always
-    whole: tuple[Room, ...] = ()  # of all its configurations, free or not, if they can be listed
-
-    def takes_any_yaw(self, edges: LocalPlanner, q: Floats) -> bool:
-        """Return True if a configuration lies in a room of any yaw."""
-        return any(
-            room.angle >= math.pi and room.contains(edges.space, q[np.newaxis])[0]
-            for room in self.rooms
-        )
-
-    def asks_turn(self, edges: LocalPlanner, path: Floats, row: int) -> bool:
-        """Return True if a robot turns on the spot at a row to reach a yaw that is asked for."""
-        return edges.turns_at(path, row) and not self.takes_any_yaw(edges, path[row])
 
 
 def _drop_zeros(start: PlaceLike) -> PlaceLike:
@@ -544,7 +431,7 @@ def _check_stage(task: PlanTask, name: str, place: PlaceLike, start: Room) -> St
     edges = task.edges
     space = edges.space
     places = split_places(space, place, name)
-    near = tuple(start.middle.tolist())
+    near = start.find_inner(space)
     rooms: tuple[Room, ...] = ()
     if isinstance(space, ConfigurationMap) and not (len(places) == 1 and places[0].is_plain):
         rooms = list_rooms(space, places)
@@ -555,13 +442,11 @@ def _check_stage(task: PlanTask, name: str, place: PlaceLike, start: Room) -> St
     return Stage(name, goals, rooms, list_all_rooms(space, places, goals))
 
 
-def _choose_planner(task: PlanTask) -> PlannerName:
+def _choose_planner(edges: LocalPlanner, objective: ObjectiveLike, search: Search) -> str:
     """Choose the planner of a plan that names none.
 
     Raises InputError for a function, which no default planner minimises.
     """
-    edges = task.edges
-    objective = task.objective
     if callable(objective):
         raise InputError(
             "objective",
@@ -569,530 +454,26 @@ def _choose_planner(task: PlanTask) -> PlannerName:
             "the default planners take no function",
         )
     if not isinstance(edges.space, ConfigurationMap):
-        searches = _list_searches(edges.space)
-        return searches[0] if searches else task.planner
-    search: PlannerName = GRID if edges.drive is None else LATTICE
+        return next(iter(edges.space.searches), edges.tree_planner)
     if objective != LENGTH:
-        if task.iterations is not None:
-            problem = f"is {task.iterations} and objective is {objective!r}"
-            raise InputError("iterations", problem, f"{search}, its default planner, counts none")
-        return search
-    if task.iterations is not None or (edges.exact and isinstance(edges.drive, Differential)):
-        return task.planner
-    return search
-
-
-class Journey(NamedTuple):
-    """The searches of all parts of a plan, up to the first one without a path."""
-
-    task: PlanTask  # of the last part that was searched
-    start: Endpoint
-    result: SearchResult  # the whole path
-    exists: bool | None  # whether a path of that part exists
-    name: str  # of the place at its end
-    vias: tuple[int, ...]  # rows of the path at the places on the way
-    via_stops: tuple[int, ...]  # those at which a robot turns on the spot to a given yaw
-
-
-def _search_stages(task: PlanTask, origin: Stage, stages: Sequence[Stage]) -> Journey:
-    """Search for a path from place to place."""
-    edges = task.edges
-    space = edges.space
-    results: list[SearchResult] = []
-    start = origin.goals[0]
-    for number, stage in enumerate(stages):
-        limit = _measure_left(task, results).share(1.0 / (len(stages) - number))
-        routes = _find_routes(edges, origin, stage, is_first=number == 0)
-        part = replace(
-            task,
-            endpoints=routes[0],
-            routes=tuple(routes),
-            starts=origin.rooms,
-            rooms=stage.rooms,
-            limit=limit,
-        )
-        path_exists = cache(partial(_decide_existence, part, origin.whole, stage.whole))
-        onward = stages[number + 1].goals if number + 1 < len(stages) else []
-        result = _search_goals(part, partial(_may_join, edges, path_exists), onward)
-        exists = True if isinstance(space, ConfigurationMap) and result.proven else path_exists()
-        results.append(result)
-        if number == 0:
-            start = _find_start(origin, routes, result)
-        if not len(result.path):
-            break
-        point = tuple(result.path[-1].tolist())
-        room = Room(stage.name, result.path[-1])
-        origin = Stage(stage.name, [point], (room,), (room,))
-    if len(stages) == 1:
-        return Journey(part, start, result, exists, stage.name, (), ())
-    joined, vias = _join_results(results, stages)
-    pairs = zip(vias, stages, strict=False)
-    stops = [row for row, place in pairs if place.asks_turn(edges, joined.path, row)]
-    return Journey(part, start, joined, exists, stage.name, tuple(vias), tuple(stops))
-
-
-def _find_routes(
-    edges: LocalPlanner, origin: Stage, stage: Stage, is_first: bool
-) -> list[Endpoints]:
-    """Return starts with their goals, the most promising first."""
-    starts = origin.rooms
-    is_map = isinstance(edges.space, ConfigurationMap)
-    if is_map and not (len(starts) == 1 and starts[0].is_point):
-        goals = stage.rooms or [Room(stage.name, np.array(q)) for q in stage.goals]
-        return find_routes(edges, starts, goals, stage.name)
-    if stage.rooms:
-        (start,) = origin.goals
-        ends = stage.goals  # they were found from the first start
-        if not is_first:
-            ends = find_room_goals(edges, stage.rooms, stage.name, start)
-        return [(start, goal) for goal in ends]
-    routes = [(start, *sort_goals(edges.space, stage.goals, start)) for start in origin.goals]
-    if len(routes) == 1:
-        return routes
-    return sorted(routes, key=lambda route: edges.min_length(*np.array(route[:2])))
-
-
-def _find_start(origin: Stage, routes: Sequence[Endpoints], result: SearchResult) -> Endpoint:
-    """Return the start of a path, or if there is none the most promising one."""
-    is_given = len(origin.rooms) == 1 and origin.rooms[0].is_point
-    return routes[0][0] if is_given or not len(result.path) else tuple(result.path[0].tolist())
-
-
-def _join_results(
-    results: Sequence[SearchResult], stages: Sequence[Stage]
-) -> tuple[SearchResult, list[int]]:
-    """Return the whole way, and its rows at places on the way.
-
-    If a place is not reached, it is the result of the last search, without rows.
-    """
-    last = results[-1]
-    proven = all(each.proven for each in results)
-    if not len(last.path):
-        return replace(_sum_times(last, results), proven=proven), []
-    # Each path begins where the one before ends.
-    paths = [results[0].path, *(each.path[1:] for each in results[1:])]
-    ends = np.cumsum(list(map(len, paths))) - 1
-    through = f"{len(stages) - 1} places" if len(stages) > 2 else "1 place"
-    whole = replace(
-        _sum_times(last, results),
-        path=np.concatenate(paths),
-        proven=proven,
-        note=f"through {through}",
-    )
-    return whole, ends[:-1].tolist()
-
-
-def _may_join(edges: LocalPlanner, path_exists: Callable[[], bool | None]) -> bool:
-    """Return False if no proven edges can join start and goal."""
-    return edges.may_join(path_exists())
-
-
-def _search_goals(
-    task: PlanTask, may_exist: Callable[[], bool], onward: Sequence[Endpoint] = ()
-) -> SearchResult:
-    """Search for a path between the rooms of a task, and keep the cheapest of those found.
-
-    Before goals to go onward to, the way that counts goes on to the nearest of them, without
-    obstacles. Paths are searched along one route after another, unless its lower bound is no
-    shorter than the best way. Each search but the last has half of the time left.
-    """
-    if len(task.routes) == 1 and not task.rooms and all(room.is_point for room in task.starts):
-        return _search_and_prove(task, may_exist)
-    results: list[SearchResult] = []
-    best = RoutedPath(SearchResult(np.empty((0, task.edges.space.size))), math.inf, math.inf)
-    for number, route in enumerate(task.routes):
-        least = _bound_route(task.edges, route, onward)
-        if best.result.proven and not _may_cost_less(task, route, least, best, onward):
-            continue
-        if not _measure_left(task, results).is_left:
-            break
-        is_last = number == len(task.routes) - 1
-        found = _search_route(task, route, _limit_route(task, results, best.result, is_last))
-        results.append(found)
-        cost = _measure_way(task.edges, found.path, onward) if found.proven else math.inf
-        if cost < best.cost or not (found.proven or len(best.result.path)):
-            best = RoutedPath(found, cost, least)
-    return _sum_times(best.result, results) if results else best.result
-
-
-class RoutedPath(NamedTuple):
-    """What the search along a route found, with its cost and a lower bound of all its paths."""
-
-    result: SearchResult
-    cost: float
-    least: float
-
-
-def _may_cost_less(
-    task: PlanTask, route: Endpoints, least: float, best: RoutedPath, onward: Sequence[Endpoint]
-) -> bool:
-    """Return False if a route is not worth a search after the best way that was found."""
-    bound = best.cost
-    edges = task.edges
-    # Lower bounds are lengths. They say little of ways that obstacles make much longer, and of
-    # places with other costs.
-    is_told = best.cost < MAX_DETOUR * best.least
-    if edges.weights is not None:
-        path = best.result.path
-        is_told &= (1.0 - MAX_SAVING) * edges.path_cost(path) <= edges.path_length(path)
-    is_holonomic = edges.drive is None
-    if is_holonomic and is_told and not onward and _share_rooms(task, route, best.result.path):
-        bound = min(bound, (1.0 - MAX_SAVING) * best.least)
-    return least < bound
-
-
-def _bound_route(edges: LocalPlanner, route: Endpoints, onward: Sequence[Endpoint]) -> float:
-    """Return a lower bound of the ways along a route, and onward from its goals."""
-    start, *goals = np.array(route)
-    return min(
-        edges.min_length(start, goal) + _measure_onward(edges, goal, onward) for goal in goals
-    )
-
-
-def _limit_route(
-    task: PlanTask, results: Sequence[SearchResult], best: SearchResult, is_last: bool
-) -> Effort:
-    """Return the limit of the search of a route, after those before and the best of them."""
-    limit = _measure_left(task, results)
-    if not is_last:
-        limit = limit.share(GOAL_SHARE)
-    if best.proven and task.edges.drive is not None:
-        work = max(FURTHER_FACTOR * best.planning.work, MIN_FURTHER.work)
-        limit = limit.at_most(Effort(work, math.inf))
-    return limit
-
-
-def _search_route(task: PlanTask, route: Endpoints, limit: Effort) -> SearchResult:
-    """Search along one route, and end a proven path where it first enters the rooms."""
-    part = replace(task, endpoints=route, routes=(route,), limit=limit)
-    points = [Room("", q) for q in np.array(route)]
-    decide = cache(partial(_decide_existence, part, points[:1], points[1:]))
-    found = _search_and_prove(part, partial(_may_join, task.edges, decide))
-    if not found.proven:
-        return found
-    path = end_in_rooms(task.edges, found.path, task.rooms)
-    return replace(found, path=begin_in_rooms(task.edges, path, task.starts))
-
-
-def _measure_way(edges: LocalPlanner, path: Floats, onward: Sequence[Endpoint]) -> float:
-    """Return the cost of a path, and the length onward from its end."""
-    return edges.path_cost(path) + _measure_onward(edges, path[-1], onward)
-
-
-def _share_rooms(task: PlanTask, route: Endpoints, path: Floats) -> bool:
-    """Return True if a route leads from and to the same rooms as a path."""
-    space = task.edges.space
-    ends = np.array([route[0], path[0]]), np.array([route[-1], path[-1]])
-    return all(
-        any(room.contains(space, rows).all() for room in rooms)
-        for rooms, rows in zip((task.starts, task.rooms), ends, strict=True)
-    )
-
-
-def _measure_onward(edges: LocalPlanner, end: Floats, goals: Sequence[Endpoint]) -> float:
-    """Return the length of the shortest edge from a configuration to goals; 0 without any."""
-    rows = np.reshape(goals, (-1, len(end)))
-    lengths = edges.edge_lengths(np.broadcast_to(end, rows.shape), rows)
-    return float(lengths.min()) if len(rows) else 0.0
-
-
-def _search_and_prove(task: PlanTask, may_exist: Callable[[], bool]) -> SearchResult:
-    """Search for a path and prove its edges; a map in tiles is searched tile by tile."""
-    space = task.edges.space
-    # A proven path saves labelling the cells of a map, so a search goes first then.
-    if is_labelled(space) and not may_exist():
-        return SearchResult(np.empty((0, space.size)))
-    if find_space_kind(space) == TILED_MAPS:
-        return _search_tiles(task, may_exist)
-    result = _search(task, may_exist)
-    path = task.edges.insert_breakpoints(space.rotations.make_canonical(result.path))
-    return replace(result, path=path, proven=len(path) > 0 and task.edges.are_free(path))
-
-
-def _search_tiles(task: PlanTask, may_exist: Callable[[], bool]) -> SearchResult:
-    """Search the tiles on the way, and join their paths; a tile without one ends the search.
-
-    Grid takes over in a tile where a planner of OMPL finds no path of a holonomic robot.
-    """
-    edges = task.edges
-    is_holonomic = edges.drive is None
-    parts = edges.tiles.subproblems(*task.endpoints[:2])
-    paths: list[Floats] = []
-    results: list[SearchResult] = []
-    for open_part, *ends in parts:
-        part = _weigh_edges(task, replace(edges, space=open_part()))
-        start, goal = (tuple(q.tolist()) for q in ends)
-        part_task = replace(task, edges=part, endpoints=(start, goal))
-        results.append(_search_and_prove(part_task, may_exist))
-        if (
-            not results[-1].proven
-            and is_holonomic
-            and task.planner not in _list_searches(part.space)
-        ):
-            results.append(_search_and_prove(replace(part_task, planner=GRID), may_exist))
-        paths.append(results[-1].path if not paths else results[-1].path[1:])
-        if len(parts) == 1:
-            return _sum_times(results[-1], results)
-        if not results[-1].proven:
-            where = f" from {start} to {goal}"
-            return replace(_sum_times(results[-1], results), where=where)
-    began = now()
-    path = np.concatenate(paths)
-    if task.simplify and task.objective == LENGTH and is_holonomic:
-        path = skip_points(path, edges.tiles.edge_checker())
-    total = _sum_times(results[-1], results)
-    seconds = total.simplification + (now() - began).seconds
-    return SearchResult(path, f"through {len(parts)} tiles", total.planning, seconds, True)
-
-
-def _sum_times(result: SearchResult, results: Sequence[SearchResult]) -> SearchResult:
-    """Return a result with the times of several."""
-    simplification = sum(each.simplification for each in results)
-    return replace(result, planning=_sum_planning(results), simplification=simplification)
-
-
-def _search(task: PlanTask, may_exist: Callable[[], bool]) -> SearchResult:
-    """Search for a path in a space in memory; of several, take the cheapest."""
-    start, *goals = task.endpoints
-    if start in goals:
-        return SearchResult(np.array([start]), "the start is the goal")
-    results: list[SearchResult] = []
-    if len(task.previous):
-        results.append(_follow_previous(task))
-        if len(results[0].path):
-            return results[0]
-    if task.fallback == QUICK_PLANNER and task.edges.space.rotations.names:
-        results.append(_search_quickly(task))
-        if len(results[-1].path):
-            may_exist = is_certain  # a quick path saves labelling the cells
-    limit = _measure_left(task, results)
-    if task.edges.exact and task.fallback is not None:
-        limit = limit.share(EXACT_SHARE)
-    if limit.is_left:
-        results.append(_run_planner(replace(task, limit=limit), may_exist))
-    limit = _measure_left(task, results)
-    is_found = any(len(result.path) for result in results)
-    if task.fallback is not None and limit.is_left and not is_found and may_exist():
-        last_task = replace(task, planner=task.fallback, is_named=False, limit=limit)
-        results.append(_run_planner(last_task, may_exist))
-    return _choose_cheapest(task, results)
-
-
-def _search_quickly(task: PlanTask) -> SearchResult:
-    """Search for a first path, a short one."""
-    task = replace(
-        task,
-        edges=replace(task.edges, weights=None),
-        planner=QUICK_PLANNER,
-        is_named=False,
-        iterations=QUICK_ITERATIONS,
-        limit=task.limit.share(EXACT_SHARE),
-    )
-    return _run_planner(task, is_certain)
-
-
-def _measure_left(task: PlanTask, results: Sequence[SearchResult]) -> Effort:
-    """Return the effort left after some searches; none if the caller ended them."""
-    if results and is_over(NEVER):
-        return NO_EFFORT
-    return task.limit - _sum_planning(results)
-
-
-def _sum_planning(results: Sequence[SearchResult]) -> Effort:
-    """Return the effort of several searches."""
-    return sum((result.planning for result in results), NO_EFFORT)
-
-
-def _run_planner(task: PlanTask, may_exist: Callable[[], bool]) -> SearchResult:
-    """Search by the planner of a task alone."""
-    edges = task.edges
-    name = task.planner
-    if name not in _list_searches(edges.space):
-        from planners._ompl_search import repeat_draws, run_ompl
-
-        # Without a seed, the searches of a default plan draw the same numbers each time.
-        is_default = task.seed is None and not task.is_named
-        with repeat_draws() if is_default else nullcontext():
-            return replace(run_ompl(task, may_exist), planner=name)
-    is_quick = name in (GRID, LATTICE)
-    if (edges.exact or not is_quick) and not may_exist():
-        return SearchResult(np.empty((0, edges.space.size)), planner=name)
-    if name == MAX_CLEARANCE:
-        # A search from the start to itself fills the caches of the map, which the time limit leaves
-        # out.
-        start = task.endpoints[0]
-        _find_path(replace(task, endpoints=(start, start), simplify=False), may_exist)
-    began = now()
-    path, proof = _find_path(task, may_exist)
-    if len(path) > 2 and is_over(NEVER):
-        path = path[:0]  # to prove and measure thousands of edges takes long
-    planning = now() - began
-    note = NO_SEARCH if len(path) == 2 and is_quick and edges.weights is None else ""
-    return SearchResult(path, note, planning, lattice=proof, planner=name)
-
-
-def _choose_cheapest(task: PlanTask, results: Sequence[SearchResult]) -> SearchResult:
-    """Choose the cheapest path of several searches; its times are those of all."""
-
-    def measure(result: SearchResult) -> tuple[float, bool]:
-        """Return the cost of a path, and whether another planner than the task's found it."""
-        return task.edges.path_cost(result.path), result.planner != task.planner
-
-    found = [result for result in results if len(result.path)]
-    best = min(found, key=measure, default=results[-1])
-    note = best.note
-    if found and best.planner != task.planner:
-        worse = "a longer one" if task.edges.weights is None else "one that costs more"
-        others = f"found {worse}" if len(found) > 1 else "found none"
-        note = f"by {best.planner}, as {task.planner} {others}"
-    lattice = "".join(result.lattice for result in results)
-    return _sum_times(replace(best, note=note, lattice=lattice), results)
-
-
-def _follow_previous(task: PlanTask) -> SearchResult:
-    """Go along the previous plan; search only around the part that is blocked."""
-    began = now()
-    edges = task.edges
-    start, goal = np.array(task.endpoints[:2])
-    way = edges.insert_breakpoints(np.vstack([task.previous, goal]))
-    blocked = np.flatnonzero(~edges.edges_are_free(way))
-    tail = way[blocked[-1] + 1 :] if len(blocked) else way
-    path = _join_way(edges, start, tail)
-    if not len(path) and len(blocked):
-        head = _join_way(edges, start, way[: blocked[0] + 1])
-        # If no free edge leads to the way before, the detour begins at the start.
-        head = head if len(head) else start[np.newaxis]
-        detour = _find_detour(task, head[-1], way[blocked[0] : blocked[-1] + 2])
-        path = np.concatenate([head, detour, tail]) if len(detour) else detour
-    if len(path):
-        path = drop_repeats(unwind(path, edges.space.is_periodic))
-        if task.simplify:
-            path = shorten(edges, path, began + task.limit)
-    return SearchResult(path, "along the previous plan", now() - began)
-
-
-def _find_detour(task: PlanTask, start: Floats, way: Floats) -> Floats:
-    """Find a path from a configuration to the end of a blocked way; both have shape (n, size).
-
-    A way past the middle of the blocked part is tried first. Otherwise there is a search, and no
-    row if it takes too long.
-    """
-    edges = task.edges
-    if isinstance(edges.space, ConfigurationMap) and edges.space.dim == 2:
-        for beside in _list_ways_beside(edges, way):
-            if edges.are_free(np.vstack([start, beside, way[-1]])):
-                return beside
-    gap_task = replace(
-        task,
-        endpoints=(tuple(start.tolist()), tuple(way[-1].tolist())),
-        limit=task.limit_trial(),
-        simplify=False,  # the whole path is shortened later
-    )
-    return _run_planner(gap_task, is_certain).path
-
-
-def _list_ways_beside(edges: LocalPlanner, way: Floats) -> Iterator[Floats]:
-    """Yield detours around the blocked part of a way in the plane, near ones first.
-
-    Each has three rows, shape (3, size). It begins and ends on the way, as far from the blocked
-    part as that is long.
-    """
-    rows = edges.split_path(way, 2.0 * edges.space.resolution, MAX_RADIANS).points
-    blocked = np.flatnonzero(~np.asarray(edges.space.is_free(rows)))
-    if len(blocked):
-        first, last = blocked[[0, -1]].tolist()
-        count = last - first + 1
-        places = np.clip([first - count, (first + last) // 2, last + count], 0, len(rows) - 1)
-        beside = rows[places]
-        x, y = beside[2, :2] - beside[0, :2]
-        middle = beside[1, :2].copy()
-        for share in SHARES_BESIDE:
-            beside[1, :2] = middle + share * np.array([-y, x])
-            yield beside.copy()
-
-
-def _join_way(edges: LocalPlanner, start: Floats, way: Floats) -> Floats:
-    """Join a configuration to a free way, shape (n, size), by the free edge of the least total.
-
-    Returns the path from the configuration to the end of the way, or no row if no edge is free.
-    """
-    costs = edges.edge_costs(way[:-1], way[1:])
-    left = np.append(np.cumsum(costs[::-1])[::-1], 0.0)
-    totals = edges.edge_costs(np.broadcast_to(start, way.shape), way) + left
-    is_free = edges.edge_checker()
-    for k in np.argsort(totals, kind="stable").tolist():
-        if is_free(*start.tolist(), *way[k].tolist()):
-            return np.vstack([start, way[k:]])
-    return way[:0]
-
-
-def _find_path(task: PlanTask, may_exist: Callable[[], bool]) -> tuple[Floats, str]:
-    """Find a path by a built-in search.
-
-    Returns its waypoints, shape (n, size), and what a lattice proves, in words. If no path is
-    found, n is 0.
-    """
-    edges = task.edges
-    limit = task.limit
-    if task.planner == LATTICE:
-        from planners._lattice import find_lattice_path
-
-        return find_lattice_path(edges, task.endpoints, task.simplify, limit, may_exist)
-    if isinstance(edges.space, ConfigurationMap):
-        return _search_cells(task), ""
-    options = SearchOptions(task.simplify, edges.exact, task.iterations, task.seed, limit)
-    path = edges.space.search(task.planner, task.endpoints, options)
-    if isinstance(edges.space, ConfigurationSpace):
-        return path, ""
-    path = check_found_path(edges.space, path)
-    if len(path):
-        _check_ends(task, path)
-    return path, ""
-
-
-def _check_ends(task: PlanTask, path: Floats) -> None:
-    """Raise InputError unless a path of a space's own search leads from the start to a goal."""
-    space = task.edges.space
-    rows = space.rotations.make_canonical(path)
-    if reached_goal(rows, task.endpoints, space.is_periodic):
-        return
-    first, last = map(tuple, rows[[0, -1]].tolist())
-    start, *goals = map(str, task.endpoints)
-    problem = f"returned a path from {first} to {last}"
-    rule = f"a path leads from {start} to {' or '.join(goals[:3])}, or has no row"
-    raise InputError("search", problem, rule)
-
-
-def _search_cells(task: PlanTask) -> Floats:
-    """Find a path by "Grid" or "MaxClearance", shape (n, size); n is 0 if none is found in time."""
-    from planners._grid_search import find_cheap_path, find_exact_path, find_short_path
-
-    edges = task.edges
-    space = edges.cells
-    endpoints = space.rotations.make_canonical(np.array(task.endpoints))
-    options = task.simplify, task.limit
-    until = now() + task.limit
-    path = endpoints[:0]
-    with suppress(TimeoutError):
-        if task.planner == MAX_CLEARANCE:
-            from planners._widest import find_widest_path
-
-            path = find_widest_path(space, endpoints, *options)
-        elif edges.weights is not None:
-            path = find_cheap_path(edges, endpoints, *options)
-        elif not edges.exact:
-            path = find_short_path(space, endpoints, *options)
-        # FREE cells are clear; if they give no path, the geometry may.
-        if edges.exact and not len(path):
-            path = find_exact_path(space, endpoints, task.simplify, until - now())
-    return path
-
-
-def _describe_outcome(task: PlanTask, result: SearchResult, exists: bool | None) -> tuple[str, str]:
+        if search.iterations is not None:
+            problem = f"is {search.iterations} and objective is {objective!r}"
+            rule = f"{edges.search}, its default planner, counts none"
+            raise InputError("iterations", problem, rule)
+        return edges.search
+    # The lattice proves turns on the spot by cells alone.
+    if search.iterations is not None or (edges.exact and edges.turns_on_spot):
+        return edges.tree_planner
+    return edges.search
+
+
+def _describe_outcome(
+    task: PlanTask, result: SearchResult, existence: Existence
+) -> tuple[str, str]:
     """Return a plan's status, and a hint if a search failed."""
     if len(result.path):
         return ": ".join(filter(None, ["path found", result.note])), ""
-    if exists is False:
+    if existence.is_disconnected:
         return "no path exists: proven", ""
     if is_over(NEVER):
         return f"no path found: stopped after {result.planning.seconds:.2g} s{result.where}", ""
@@ -1100,9 +481,9 @@ def _describe_outcome(task: PlanTask, result: SearchResult, exists: bool | None)
 
     def finds_path(trial: PlanTask) -> bool:
         """Return True if a task with other options finds a path."""
-        return _search_goals(_choose_searches(trial), is_certain).proven
+        return search_goals(_choose_searches(trial)).proven
 
-    return describe_failure(task, result, exists, finds_path)
+    return describe_failure(task, result, existence.is_connected, finds_path)
 
 
 def _make_plan(journey: Journey, space: Space, moved: Mapping[Endpoint, str], began: float) -> Plan:
@@ -1112,13 +493,15 @@ def _make_plan(journey: Journey, space: Space, moved: Mapping[Endpoint, str], be
     ``moved`` says how far starts were moved, if they were; ``began`` is a reading of the clock,
     with compilations, before all checks.
     """
-    task, start, result, exists, name, vias, via_stops = journey
+    task, start, result, existence, number, vias = journey
+    stages = existence.stages
     searched = time.monotonic()
-    status, hint = _describe_outcome(task, result, exists)
-    if name != "goal":
-        status = f"{name} is not reached: {status}"
+    status, hint = _describe_outcome(task, result, existence.upto(number + 1))
+    if number + 1 < len(stages):
+        status = f"{stages[number].name} is not reached: {status}"
     status = "; ".join(filter(None, [status, moved.get(start)]))
     edges = task.edges
+    is_proven = isinstance(space, ConfigurationMap) and result.proven
     endpoints = (start, *task.endpoints[1:])
     if len(result.path) and task.rooms:
         endpoints = (start, tuple(result.path[-1].tolist()))
@@ -1147,9 +530,9 @@ def _make_plan(journey: Journey, space: Space, moved: Mapping[Endpoint, str], be
         hint=hint,
         length=length,
         total_rotation=rotation,
-        is_connected=exists is True,
-        is_disconnected=exists is False,
-        planner=task.planner,
+        is_connected=is_proven or existence.is_connected,
+        is_disconnected=not is_proven and existence.is_disconnected,
+        planner=cast(PlannerName, task.planner.name),
         objective="custom" if callable(task.objective) else name_kind(task.objective),
         drive=edges.drive,
         exact=edges.exact,
@@ -1158,6 +541,10 @@ def _make_plan(journey: Journey, space: Space, moved: Mapping[Endpoint, str], be
         keep=task.keep,
         space=space,
         via_rows=tuple(len(edges.resample(waypoints[: row + 1])) - 1 for row in vias),
-        _vias=vias,
-        _via_stops=via_stops,
+        _vias=tuple(vias),
+        _via_stops=tuple(
+            row
+            for row, stage in zip(vias, stages[1:], strict=False)
+            if stage.asks_turn(edges, waypoints, row)
+        ),
     )

@@ -17,20 +17,19 @@ from numpy.typing import ArrayLike, NDArray
 from cspace import CSpace, Space
 from cspace.errors import InputError
 from cspace.inside import (
-    METRES_PER_RADIAN,
     Bools,
-    Car,
-    Differential,
+    Drive,
     Floats,
     Upright,
     check_positive,
     names_options,
     replacing,
 )
-from planners._catalogue import TILED_MAPS, PlannerName, find_space_kind
-from planners._drives import check_axes, local_planner
-from planners._local_planner import Drive, LocalPlanner
-from planners._own_space import POSE_AXES
+from planners._catalogue import PlannerName
+from planners._edges.drives import check_axes, edges_of, local_planner
+from planners._edges.local_planner import LocalPlanner
+from planners._edges.own_space import POSE_AXES
+from planners._space_kinds import TILED_MAPS, find_space_kind
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -39,8 +38,8 @@ if TYPE_CHECKING:
     from cspace.plot import PlotOptions
     from cspace.reasons import Explanation
     from cspace.regions import Corridor
-    from planners._speed_limits import SlowNear, SpeedZones, ToolSpeed
-    from planners._trajectory import Trajectory
+    from planners._motion.speed_limits import SlowNear, SpeedZones, ToolSpeed
+    from planners._motion.trajectory import Trajectory
 
 PRINTED_DECIMALS: Final = 9
 """Number of decimals of printed configurations, nanometres and nanoradians."""
@@ -51,7 +50,7 @@ class Times:
     """Durations of the steps of :func:`planners.plan`, in seconds.
 
     The time limit applies to planning. The first plan on a map also computes the caches that all
-    later plans use, such as components and, for "MaxClearance", the clearance of every cell. That
+    later plans use, such as components and, for the objective "clearance", that of every cell. That
     takes seconds on a map of 10^8 cells.
 
     Attributes
@@ -237,8 +236,7 @@ class Plan:
         It is the weighted length / :attr:`lower_bound` - 1. The true excess may be far smaller,
         because no path need be as short as the bound. NaN if not solved.
         """
-        weight = 0.0 if isinstance(self.drive, Car) else METRES_PER_RADIAN
-        length = self.length + weight * self.total_rotation
+        length = self.length + edges_of(self.drive).rotation_weight * self.total_rotation
         bound = self.lower_bound
         if bound > 0.0:
             return max(0.0, length / bound - 1.0)
@@ -334,7 +332,7 @@ class Plan:
         if not isinstance(space, CSpace):
             raise InputError("plan", f"is in {space!r}", "only maps in memory explain")
         explanation = space.explain(self.start, self.goal, refine=refine)
-        return replace(explanation, moves_sideways=self.drive is None)
+        return replace(explanation, moves_sideways=not edges_of(self.drive).has_heading)
 
     def __bool__(self) -> bool:
         """Return whether the path reaches the goal; approximate solutions are discarded."""
@@ -425,12 +423,12 @@ class Plan:
 
         Each edge lies in one region, as it is driven: a car's curve, too. Each region overlaps the
         next in a row of the path. From the start on, each region has as many edges as the search
-        finds. See :meth:`cspace.Space.free_region` for the maps that have regions.
+        finds. See :meth:`cspace.CSpace.free_region` for the maps that have regions.
 
         Parameters
         ----------
         reach, margin : float
-            As for :meth:`cspace.Space.free_region`, around edges. Shortest paths pass corners of
+            As for :meth:`cspace.CSpace.free_region`, around edges. Shortest paths pass corners of
             cells nearer than a hundredth of a cell, so plan with ``objective="clearance"`` for a
             larger margin.
 
@@ -464,14 +462,8 @@ class Plan:
             raise InputError("plan", "is not certified", rule)
         space = self._map()
         edges = self._edges_on(space)
-        if not isinstance(self.drive, Car):
-            rows = edges.insert_breakpoints(self.waypoints)
-            return make_corridor(space, rows, reach, margin, 0.0)
-        # An arc of length s and radius r leaves its chord by at most s^2 / (8 r).
-        # For a corridor, rows along a car's curves are a quarter of a cell apart.
-        step = 0.5 * space.resolution
-        deviation = step**2 / (8.0 * self.drive.turning_radius)
-        return make_corridor(space, edges.resample(self.waypoints, step), reach, margin, deviation)
+        rows, deviation = edges.list_chords(self.waypoints)
+        return make_corridor(space, rows, reach, margin, deviation)
 
     @names_options
     def to_path(
@@ -507,7 +499,7 @@ class Plan:
         """
         from cspace.export import fill_path
         from cspace.ros import Path
-        from planners._trajectory import MAX_ROWS
+        from planners._motion.trajectory import MAX_ROWS
 
         if self._moves_joints:
             raise InputError(
@@ -626,7 +618,7 @@ class Plan:
         >>> trajectory.duration, trajectory.sample(2.0)[0].tolist()
         (5.0, [1.5, 1.5])
         """
-        from planners._trajectory import (
+        from planners._motion.trajectory import (
             DrivenPath,
             MotionLimits,
             check_after,
@@ -699,7 +691,7 @@ class Plan:
         FileError
             If the file exists and may not be replaced, or cannot be written.
         """
-        from planners._trajectory import write_csv
+        from planners._motion.trajectory import write_csv
 
         self._check_solved("a table has the rows of a path")
         names = self.axes
@@ -730,7 +722,7 @@ def _to_json_type(value: object) -> object:
     """Convert a value to a JSON type."""
     if isinstance(value, np.ndarray):
         return value.tolist()
-    if isinstance(value, Car | Differential):
+    if isinstance(value, Drive):
         return {"type": type(value).__name__, **asdict(value)}
     if isinstance(value, Times | Upright):
         return asdict(value)

@@ -3,15 +3,26 @@
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import Final
 
-from cspace.inside import Effort, Floats, Upright
-from planners._catalogue import PlannerName
+from cspace import Space
+from cspace.errors import InputError
+from cspace.inside import Effort, Endpoint, Floats, Upright
+from planners._edges.drives import list_examples
+from planners._edges.integrals import Weigh
+from planners._edges.local_planner import Endpoints, LocalPlanner
 from planners._goals import Room
-from planners._integrals import Weigh
-from planners._local_planner import Endpoints, LocalPlanner
-from planners._objectives import ObjectiveLike
+from planners._searches.objectives import (
+    CLEARANCE,
+    COSTS,
+    LENGTH,
+    TIME,
+    ObjectiveLike,
+    name_kind,
+)
+from planners._stages import Existence
 
 NO_SEARCH: Final = "a single edge is free; no search needed"
 """Note of a path that is a single edge."""
@@ -21,6 +32,9 @@ NO_EFFORT: Final = Effort(0.0, 0.0)
 
 DEFAULT_SECONDS: Final = 1.0
 """Work of a plan without a time limit, seconds on an idle machine."""
+
+WEIGHTED: Final = (LENGTH, CLEARANCE, TIME, COSTS)
+"""Objectives that weigh the cells of a map, and the length."""
 
 TRIAL_SHARE: Final = 0.1
 MAX_TRIAL: Final = Effort.from_seconds(0.5, math.inf)
@@ -41,7 +55,8 @@ class SearchResult:
     where: str = (
         ""  # part of the path that was not found, " from ... to ...", if the map has several tiles
     )
-    planner: PlannerName | None = None  # that searched
+    planner: str = ""  # name of the one that searched
+    goal: Endpoint = ()  # reached; the path may end before it in its room
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +64,7 @@ class PlanTask:
     """The checked arguments of a plan, or of its search in a part of a space."""
 
     edges: LocalPlanner
-    planner: PlannerName  # name of a planner of OMPL, or of a built-in search
+    planner: Planner
     objective: ObjectiveLike
     weigh: Weigh | None  # makes what a metre costs on a map in memory, unless it is the length
     limit: Effort
@@ -60,12 +75,17 @@ class PlanTask:
     seed: int | None
     is_named: bool  # whether the user chose the planner
     previous: Floats  # (n, size), waypoints of the plan before this one
-    fallback: PlannerName | None = None  # planner that takes over if this one finds no path
+    fallback: Planner | None = None  # that takes over if this one finds no path
     endpoints: Endpoints = ()  # start and goals as OMPL holds them, the nearest goal first
     routes: tuple[Endpoints, ...] = ()  # starts, each with its goals, the most promising first
     keep: tuple[Upright, ...] = ()  # directions that links of an arm keep
     starts: tuple[Room, ...] = ()  # of which a path may begin in any
     rooms: tuple[Room, ...] = ()  # of which a path may end in any, instead of one goal on a map
+    existence: Existence | None = None  # of a path between the endpoints; None if nobody asks
+
+    def may_succeed(self) -> bool:
+        """Return False if no path of proven edges joins the endpoints."""
+        return self.existence is None or self.existence.may_join
 
     def limit_trial(self) -> Effort:
         """Return the limit of a search beside those of the plan."""
@@ -73,6 +93,67 @@ class PlanTask:
         return Effort(work, self.limit.seconds).at_most(MAX_TRIAL)
 
 
-def is_certain() -> bool:
-    """Return True: a path may exist, because a search found one."""
-    return True
+class Planner(ABC):
+    """A search for paths, which declares what it takes.
+
+    Attributes
+    ----------
+    name : str
+        Its name, as the ``planner`` of :func:`planners.plan`.
+    objectives : tuple of str
+        Kinds of objectives that it minimises.
+    keeps : bool
+        Whether links of an arm may keep directions.
+    counts_iterations, has_range : bool
+        Whether it has these settings of :class:`planners.Search`.
+    """
+
+    name: str
+    objectives: tuple[str, ...] = (LENGTH,)
+    keeps = False
+    counts_iterations = False
+    has_range = False
+
+    @property
+    def optimises(self) -> bool:
+        """Whether it goes on after the first path, up to its limit."""
+        return False
+
+    @abstractmethod
+    def takes_space(self, space: Space) -> bool:
+        """Return whether it searches in a space."""
+
+    def takes_drive(self, edges: LocalPlanner) -> bool:
+        """Return whether it searches along the edges of a drive."""
+        return not edges.has_heading
+
+    def check(self, task: PlanTask) -> None:
+        """Raise InputError for a drive, an objective or directions that it does not take."""
+        asked = (
+            ("drive", task.edges.drive, self.takes_drive(task.edges)),
+            ("objective", task.objective, name_kind(task.objective) in self.objectives),
+            ("keep", task.keep, self.keeps or not task.keep),
+        )
+        for option, value, is_taken in asked:
+            if not is_taken:
+                problem = f"is {value!r} and planner is {self.name!r}"
+                if not task.is_named:
+                    problem += f", the default for objective={task.objective!r}"
+                taken = ", ".join(self.list_taken()[option])
+                raise InputError(option, problem, f"{self.name} takes {option}: {taken}")
+
+    def list_taken(self) -> dict[str, list[str]]:
+        """List the drives, objectives and directions that it takes, for messages and pages."""
+        return {
+            "drive": [edges.name for edges in list_examples() if self.takes_drive(edges)],
+            "objective": list(self.objectives),
+            "keep": ["None", "any"] if self.keeps else ["None"],
+        }
+
+    def prepare(self, task: PlanTask) -> None:
+        """Check the space, and load what the search needs, before its time begins."""
+        return
+
+    @abstractmethod
+    def find(self, task: PlanTask) -> SearchResult:
+        """Search for a path between the endpoints of a task."""

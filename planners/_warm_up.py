@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
 from cspace import CSpace, Robot, Rotations, Space, Workspace, build
-from cspace.inside import Car, ConfigurationMap, ConfigurationSpace
-from planners._drives import local_planner
-from planners._local_planner import Drive
+from cspace.inside import ConfigurationMap, ConfigurationSpace, Drive
+from planners._edges.drives import local_planner
 from planners._plan import plan
 
 if TYPE_CHECKING:
@@ -44,7 +42,7 @@ def warm_up(space: Space, drive: Drive | None = None) -> None:
     >>> workspace = cspace.Workspace.from_array(np.eye(30, dtype=bool), 0.1)
     >>> planners.warm_up(cspace.build(workspace, cspace.Robot.disc(0.2)))
     """
-    local_planner(space, drive)  # refuses what is no drive of the space
+    edges = local_planner(space, drive)  # refuses what is no drive of the space
     if not (isinstance(space, ConfigurationMap) and space.has_poses):
         if isinstance(space, ConfigurationSpace):
             sampled = cast("CSpace | ArmSpace", space)  # all other maps are of poses
@@ -53,8 +51,7 @@ def warm_up(space: Space, drive: Drive | None = None) -> None:
                 plan(space, start, goal, time_limit=0.5, drive=drive)
         return
     small = _build_small_map(space)
-    if isinstance(drive, Car):
-        drive = replace(drive, turning_radius=0.5)  # for these cells
+    drive = edges.sample_drive
     zeros = (0.0,) * (space.size - space.dim)
     if len(zeros) == 4:
         zeros = (0.0, 0.0, 0.0, 1.0)

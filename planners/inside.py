@@ -3,6 +3,6 @@
 They are listed in ``inside.pyi``.
 """
 
-import lazy_loader
+from cspace.inside import attach_stub
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub("planners", __file__)
+__getattr__, __dir__, __all__ = attach_stub("planners", __file__)

@@ -15,8 +15,8 @@ from tests.helpers.repository import ROOT
 from tests.lint.test_wings import WINGS
 
 FOLDERS = (
-    *("bodies", "engines", "exact", "files", "laws", "queries", "raster", "record", "rotations"),
-    *("shapes", "support"),
+    *("bodies", "engines", "exact", "files", "gates", "laws", "queries", "raster", "record"),
+    *("rotations", "shapes", "support"),
 )
 """Folders of the core's tests."""
 

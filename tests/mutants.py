@@ -18,8 +18,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from resource import RLIMIT_CPU, setrlimit
 
-from cspace._support.compiling import _KERNELS
-
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("cspace", "planners")
 COPIED = (*PACKAGES, "benchmarks", "examples", "tests")
@@ -218,31 +216,31 @@ MUTANTS = (
         "cspace/_queries/edges.py",
         "turn_fractions(start, angle, low - turn, high + turn)",
         "turn_fractions(start, angle, low, high)",
-        "tests/queries/test_chunks.py",
+        "tests/gates/test_chunks.py",
     ),
     Mutant(
         "cspace/_queries/edges.py",
         "reach = radius + 0.5 * length / count",
         "reach = radius + 0.2 * length / count",
-        "tests/queries/test_chunks.py",
+        "tests/gates/test_chunks.py",
     ),
     Mutant(
-        "cspace/_queries/chunks.py",
+        "cspace/_gates/chunks.py",
         "radii[: self.space.dim] += self.sag",
         "radii[: self.space.dim] += 0.0",
-        "tests/queries/test_chunks.py",
+        "tests/gates/test_chunks.py",
     ),
     Mutant(
-        "cspace/_queries/chunks.py",
+        "cspace/_gates/chunks.py",
         "np.concatenate([unknown, differences])",
         "np.concatenate([differences, unknown])",
-        "tests/queries/test_chunks.py",
+        "tests/gates/test_chunks.py",
     ),
     Mutant(
-        "cspace/_queries/chunks.py",
+        "cspace/_gates/chunks.py",
         "np.concatenate([driven, starts])",
         "np.concatenate([starts, driven])",
-        "tests/queries/test_chunks.py",
+        "tests/gates/test_chunks.py",
     ),
     Mutant(
         "cspace/arms/_snapshots.py",
@@ -282,7 +280,7 @@ MUTANTS = (
         "tests/queries/test_clearance.py",
     ),
     Mutant(
-        "planners/_search.py",
+        "planners/_searches/chains.py",
         "if is_inside and graph.states[number, u, v, w] == FREE:",
         "if is_inside and graph.states[number, u, v, w] <= 1:",
         "tests/laws",
@@ -298,12 +296,6 @@ MUTANTS = (
         "return round(y) if abs(y - round(y)) < GRAZING else y",
         "return y",
         "tests/planners/test_lengths.py",
-    ),
-    Mutant(
-        "planners/_widest.py",
-        "near_level = min(level, levels[slice_of[other], i, j, k])",
-        "near_level = levels[slice_of[other], i, j, k]",
-        "tests/planners/test_widest.py",
     ),
     # Exact geometry.
     Mutant(
@@ -368,13 +360,13 @@ MUTANTS = (
         "tests/bodies/test_triangles.py",
     ),
     Mutant(
-        "cspace/arms/_crossings.py",
+        "cspace/arms/_proofs/crossings.py",
         "        and _side_of_plane(p, (q, b[2], b[0]), tolerance) == turn\n",
         "",
         "tests/arms/test_crossings.py",
     ),
     Mutant(
-        "cspace/arms/_hulls.py",
+        "cspace/arms/_proofs/hulls.py",
         "slack = math.sqrt(squared_distance) - ball_radius - motion.required - speed",
         "slack = math.sqrt(squared_distance) - ball_radius - motion.required",
         "tests/arms/test_hulls.py",
@@ -399,13 +391,13 @@ MUTANTS = (
     ),
     # Arms.
     Mutant(
-        "cspace/arms/_cones.py",
+        "cspace/arms/_proofs/cones.py",
         "speed + 0.5 * half * turn * turn",
         "speed + 0.1 * half * turn * turn",
         "tests/arms/test_upright.py",
     ),
     Mutant(
-        "cspace/arms/_cones.py",
+        "cspace/arms/_proofs/cones.py",
         "min(turn, speed + ",
         "min(0.5 * turn, speed + ",
         "tests/arms/test_upright.py",
@@ -423,19 +415,19 @@ MUTANTS = (
         "tests/arms/test_upright.py",
     ),
     Mutant(
-        "cspace/arms/_chain.py",
+        "cspace/arms/_proofs/chain.py",
         "rate = chain.factors[b] * motion",
         "rate = motion",
         "tests/arms/test_space.py",
     ),
     Mutant(
-        "cspace/arms/_chain.py",
+        "cspace/arms/_proofs/chain.py",
         "curvature += (0.5 * rate + rotation) * travel",
         "curvature += 0.5 * rate * travel",
         "tests/arms/test_space.py",
     ),
     Mutant(
-        "cspace/arms/_scenes.py",
+        "cspace/arms/_proofs/scenes.py",
         "levers=np.linalg.norm(np.abs(boxes[:, :3]) + boxes[:, 3:6], axis=1)",
         "levers=np.linalg.norm(boxes[:, 3:6], axis=1)",
         "tests/arms/test_space.py",
@@ -453,19 +445,19 @@ MUTANTS = (
         "tests/arms/test_living.py",
     ),
     Mutant(
-        "cspace/arms/_hulls.py",
+        "cspace/arms/_proofs/hulls.py",
         "away = joint_displacement(axes, center, ball_radius + limit)",
         "away = 0.0",
         "tests/arms/test_joint_map.py",
     ),
     Mutant(
-        "cspace/arms/_joint_map.py",
+        "cspace/arms/_joint_maps/joint_map.py",
         "last_cells[last_cells == FREE] = MIXED",
         "last_cells[last_cells == FREE] = FREE",
         "tests/arms/test_joint_map.py",
     ),
     Mutant(
-        "cspace/arms/_joint_map.py",
+        "cspace/arms/_joint_maps/joint_map.py",
         "last = np.where(upper_limits > highest, FARTHEST_CELL, np.array(grid.shape) - 1)",
         "last = np.array(grid.shape) - 1",
         "tests/arms/test_joint_map.py",
@@ -478,121 +470,121 @@ MUTANTS = (
     ),
     # Planners: drives, states, results.
     Mutant(
-        "planners/_differential.py",
+        "planners/_edges/differential.py",
         "and (yaw == yaw1 or is_free(x1, y1, yaw, x1, y1, yaw1))",
         "and (yaw == yaw1 or is_free(x0, y0, yaw0, x0, y0, yaw))",
         "tests/planners/test_local_planner.py",
     ),
     Mutant(
-        "planners/_local_planner.py",
+        "planners/_edges/local_planner.py",
         "self.cells.clearance(q) - 0.5 * pieces.lengths[rows]",
         "self.cells.clearance(q) - 0.25 * pieces.lengths[rows]",
         "tests/planners/test_result.py",
     ),
     Mutant(
-        "planners/_local_planner.py",
-        "return exists is True",
-        "return exists is not False",
+        "planners/_stages.py",
+        "return not self.is_disconnected if self.edges.exact else self.is_connected",
+        "return not self.is_disconnected",
         "tests/planners/test_without_path.py",
     ),
     Mutant(
-        "planners/_local_planner.py",
+        "planners/_edges/local_planner.py",
         "radians = self.rotation_weight * float(np.linalg.norm(rotation))",
         "radians = 2.0 * self.rotation_weight * float(np.linalg.norm(rotation))",
         "tests/planners/test_objectives.py",
     ),
     Mutant(
-        "planners/_car_curves.py",
+        "planners/_edges/car_curves.py",
         "turn = half if steer != 0 else 0.0",
         "turn = 0.0",
         "tests/planners/test_car_curves.py",
     ),
     Mutant(
-        "planners/_car_curves.py",
+        "planners/_edges/car_curves.py",
         "reach, radius * half, drift",
         "reach, 0.9 * radius * half, drift",
         "tests/planners/test_car_curves.py",
     ),
     Mutant(
-        "planners/_car_curves.py",
+        "planners/_edges/car_curves.py",
         "(0.5 * turn * turn + spare)",
         "spare",
         "tests/planners/test_car_curves.py",
     ),
     Mutant(
-        "planners/_cars.py",
+        "planners/_edges/cars.py",
         "return length if proofs_of(self.cells).is_outside(*start) else -1.0",
         "return length",
         "tests/planners/test_car_curves.py",
     ),
     Mutant(
-        "planners/_car_curves.py",
+        "planners/_edges/car_curves.py",
         "return (t, -quarter, 2.0 - straight, phi - quarter - t, 0.0)",
         "return (t, -quarter, straight - 2.0, phi - quarter - t, 0.0)",
         "tests/planners/test_car_curves.py",
     ),
     Mutant(
-        "planners/_car_curves.py",
+        "planners/_edges/car_curves.py",
         "if count > 0 and totals[row] <= shortest + tie:",
         "if count > 0 and totals[row] < shortest:",
         "tests/planners/test_car_curves.py",
     ),
     Mutant(
-        "planners/_guide.py",
+        "planners/_searches/guide.py",
         "v -= directions.moves[direction, option, 1]",
         "v += directions.moves[direction, option, 1]",
         "tests/planners/test_guide.py",
     ),
     Mutant(
-        "planners/_taut.py",
+        "planners/_searches/taut.py",
         "gates[end, 0] = point[0]",
         "gates[end, 0] += 0.0",
         "tests/planners/test_lengths.py",
     ),
     Mutant(
-        "planners/_taut.py",
+        "planners/_searches/taut.py",
         "end == apex != other_end",
         "end == apex != other_end - side",
         "tests/planners/test_taut.py",
     ),
     Mutant(
-        "planners/_guide.py",
+        "planners/_searches/guide.py",
         "n_passable += 1",
         "n_passable += 0",
         "tests/planners/test_guide.py",
     ),
     Mutant(
-        "planners/_lattice.py",
+        "planners/_searches/lattice.py",
         "return self._cost <= nodes.progress.keys[0] or is_over(until)",
         "return True",
         "tests/planners/test_cheap_drives.py",
     ),
     Mutant(
-        "planners/_lattice.py",
+        "planners/_searches/lattice.py",
         "return min(paths, key=partial(path_cost, cost=cost)), reason",
         "return path, reason",
         "tests/planners/test_cheap_drives.py",
     ),
     Mutant(
-        "planners/_lattice.py",
+        "planners/_searches/lattice.py",
         "return room_at_goal < room_at_start",
         "return False",
         "tests/planners/test_lattice.py",
     ),
     Mutant(
-        "planners/_plan.py",
+        "planners/_route_search.py",
         "best = min(found",
         "best = max(found",
         "tests/planners/test_replanning.py",
     ),
     Mutant(
-        "planners/_plan.py",
+        "planners/_replanning.py",
         "tail = way[blocked[-1] + 1 :]",
         "tail = way[blocked[-1] :]",
         "tests/planners/test_replanning.py",
     ),
     Mutant(
-        "planners/_plan.py",
+        "planners/_route_search.py",
         "proven=len(path) > 0 and task.edges.are_free(path)",
         "proven=len(path) > 0",
         "tests/planners/test_plan.py",
@@ -629,19 +621,19 @@ MUTANTS = (
         "tests/planners/test_own_space.py",
     ),
     Mutant(
-        "planners/_plan.py",
+        "planners/_journey.py",
         "return least < bound",
         "return least <= 0.0",
         "tests/planners/test_goals.py",
     ),
     Mutant(
-        "planners/_plan.py",
+        "planners/_journey.py",
         "return edges.path_cost(path) + _measure_onward(edges, path[-1], onward)",
         "return edges.path_cost(path)",
         "tests/planners/test_goals.py",
     ),
     Mutant(
-        "planners/_differential.py",
+        "planners/_edges/differential.py",
         "path[max(row - 1, 0) : row + 2, :2], min(row, 1)",
         "path[row - 1 : row + 2, :2], 1",
         "tests/planners/test_goals.py",
@@ -653,7 +645,7 @@ MUTANTS = (
         "tests/planners/test_goals.py",
     ),
     Mutant(
-        "planners/_smoothing.py",
+        "planners/_motion/smoothing.py",
         "right = np.append(forces.T / scale, sums)",
         "right = np.append(forces.T / scale, 0.0 * sums)",
         "tests/planners/test_goals.py",
@@ -665,116 +657,116 @@ MUTANTS = (
         "tests/planners/test_result.py",
     ),
     Mutant(
-        "planners/_ompl_search.py",
+        "planners/_ompl/search.py",
         "return seconds_late < 0.0",
         "return seconds_late < GRACE_SECONDS",
         "tests/planners/test_deadline.py",
     ),
     Mutant(
-        "planners/_integrals.py",
+        "planners/_edges/integrals.py",
         "share = (step + 0.5) / steps",
         "share = (step + 1.0) / steps",
         "tests/planners/test_objectives.py",
     ),
     # Planners: trajectories.
     Mutant(
-        "planners/_jerk.py",
+        "planners/_motion/jerk.py",
         "share = twist + bend + along",
         "share = along",
         "tests/planners/test_jerk.py",
     ),
     Mutant(
-        "planners/_jerk.py",
+        "planners/_motion/jerk.py",
         "even = speed + acceleration * abs(acceleration) / (2.0 * jerk)",
         "even = speed",
         "tests/planners/test_jerk.py",
     ),
     Mutant(
-        "planners/_jerk.py",
+        "planners/_motion/jerk.py",
         "is_key[1:] |= is_faster",
         "is_key[:-1] |= is_faster",
         "tests/planners/test_jerk.py",
     ),
     Mutant(
-        "planners/_timing.py",
+        "planners/_motion/timing.py",
         "rounding = roundings * float",
         "rounding = 0.0 * float",
         "tests/planners/test_jerk.py",
     ),
     Mutant(
-        "planners/_timing.py",
+        "planners/_motion/timing.py",
         "phases.jerks / factor**3",
         "phases.jerks / factor**2",
         "tests/planners/test_jerk.py",
     ),
     Mutant(
-        "planners/_smoothing.py",
+        "planners/_motion/smoothing.py",
         "shifts * junction.rates + bends",
         "shifts * junction.rates",
         "tests/planners/test_going_on.py",
     ),
     Mutant(
-        "planners/_timing.py",
+        "planners/_motion/timing.py",
         "1.0 - intervals.bend_shares[k] * speed**2, 0.0",
         "1.0 - 0.0 * intervals.bend_shares[k], 0.0",
         "tests/planners/test_going_on.py",
     ),
     Mutant(
-        "planners/_timing.py",
+        "planners/_motion/timing.py",
         "kept = segments.select(slice(first, last + 1))",
         "kept = segments",
         "tests/planners/test_going_on.py",
     ),
     Mutant(
-        "planners/_timing.py",
+        "planners/_motion/timing.py",
         "phases.accelerations / factor**2",
         "phases.accelerations / factor",
         "tests/planners/test_trajectory.py",
     ),
     Mutant(
-        "planners/_timing.py",
+        "planners/_motion/timing.py",
         "1.0 / self.shares(rates).max(axis=1)",
         "1.0 / self.shares(rates).min(axis=1)",
         "tests/planners/test_trajectory.py",
     ),
     Mutant(
-        "planners/_timing.py",
+        "planners/_motion/timing.py",
         "reached = (2.0 * length + rate * square)",
         "reached = (4.0 * length + rate * square)",
         "tests/planners/test_trajectory.py",
     ),
     Mutant(
-        "planners/_segments.py",
+        "planners/_motion/segments.py",
         "half = 0.5 * curvatures * s[arcs]",
         "half = -0.5 * curvatures * s[arcs]",
         "tests/planners/test_trajectory.py",
     ),
     Mutant(
-        "planners/_segments.py",
+        "planners/_motion/segments.py",
         "crosses += eighths * np.abs(_cross(both_bends[0], twists))",
         "crosses *= 0.99",
         "tests/planners/test_smoothing.py",
     ),
     Mutant(
-        "planners/_segments.py",
+        "planners/_motion/segments.py",
         "radii = np.column_stack([radii[:, :dim], 0.5 * turns])",
         "radii = np.column_stack([radii[:, :dim], 0.1 * turns])",
         "tests/planners/test_smoothing.py",
     ),
     Mutant(
-        "planners/_segments.py",
+        "planners/_motion/segments.py",
         "np.repeat(begins, CUTS) + np.arange(len(parts)) % CUTS * widths",
         "np.repeat(begins, CUTS)",
         "tests/planners/test_smoothing.py",
     ),
     Mutant(
-        "planners/_segments.py",
+        "planners/_motion/segments.py",
         "fits: Bools = turns <= MAX_EDGE_TURN",
         "fits: Bools = turns <= 9.0",
         "tests/planners/test_smoothing.py",
     ),
     Mutant(
-        "planners/_segments.py",
+        "planners/_motion/segments.py",
         "radii = bends * widths[:, np.newaxis] ** 2 / 8.0",
         "radii = bends * 0.0",
         "tests/planners/test_smoothing.py",
@@ -786,13 +778,13 @@ MUTANTS = (
         "tests/planners/test_smoothing.py",
     ),
     Mutant(
-        "planners/_timing.py",
+        "planners/_motion/timing.py",
         "allowed = max(MAX_RATE_STEP, bounds.gap) * largest",
         "allowed = 10.0 * largest",
         "tests/planners/test_smoothing.py",
     ),
     Mutant(
-        "planners/_timing.py",
+        "planners/_motion/timing.py",
         "shares = [bounds.velocity.shares(rates) ** 2, bend_shares]",
         "shares = [0.8 * bounds.velocity.shares(rates) ** 2, bend_shares]",
         "tests/planners/test_smoothing.py",
@@ -810,7 +802,7 @@ MUTANTS = (
         "tests/lanes/test_apart.py",
     ),
     Mutant(
-        "planners/_trajectory.py",
+        "planners/_motion/trajectory.py",
         "around = lever * np.linalg.norm(rates[:, dim:], axis=1)",
         "around = 0.0 * ahead",
         "tests/lanes/test_apart.py",
@@ -999,7 +991,7 @@ MUTANTS = (
         "tests/spectral/test_decompose.py",
     ),
     Mutant(
-        "planners/_integrals.py",
+        "planners/_edges/integrals.py",
         "place = min(max(place, 0.0), count - 1.0)",
         "place = min(max(place, 0.0), count - 1.5)",
         "tests/planners/test_objectives.py",
@@ -1122,10 +1114,16 @@ MUTANTS = (
         "tests/cpp/nav2/test_nav2.py",
     ),
     Mutant(
-        "ros/cspace_nav2/include/cspace_nav2/drives.hpp",
-        "(straight - segment(path.type_, k)) * path.length_[k]",
-        "(segment(path.type_, k) - straight) * path.length_[k]",
-        "tests/cpp/nav2/test_nav2.py",
+        "ros/cspace_nav2/include/cspace_nav2/curves.hpp",
+        "sign * mirror * steering * length",
+        "sign * steering * length",
+        "tests/cpp/nav2/test_curves.py",
+    ),
+    Mutant(
+        "ros/cspace_nav2/include/cspace_nav2/curves.hpp",
+        "return Lengths{t, -quarter, 2.0 - straight, phi - quarter - t};",
+        "return Lengths{t, -quarter, straight - 2.0, phi - quarter - t};",
+        "tests/cpp/nav2/test_curves.py",
     ),
     Mutant(
         "ros/cspace_nav2/include/cspace_nav2/lattice.hpp",
@@ -1211,6 +1209,10 @@ def find_stale() -> list[str]:
     ]
 
 
+KERNELS = re.compile(rb"^@(kernel|internal|inlined|allocating)\b|= intrinsic\(", re.MULTILINE)
+"""Marks of a file with compiled functions."""
+
+
 def find_dependents(file: str) -> set[str]:
     """Return the names of the modules into which code of a file may be compiled.
 
@@ -1219,7 +1221,7 @@ def find_dependents(file: str) -> set[str]:
     imported = {}
     for path in (path for part in COPIED for path in (ROOT / part).rglob("*.py")):
         source = path.read_bytes()
-        if path.name == "__init__.py" or _KERNELS.search(source):
+        if path.name == "__init__.py" or KERNELS.search(source):
             nodes = [each for each in ast.walk(ast.parse(source)) if isinstance(each, IMPORTS)]
             names = [getattr(node, "module", "") for node in nodes]
             names += [alias.name for node in nodes for alias in node.names]

@@ -742,7 +742,7 @@ def list_texts(expression, function):
 def iterate_hints(function):
     """Yield the hint of each error that a function makes."""
     for node in (node for node in ast.walk(function) if isinstance(node, ast.Call)):
-        name = ast.unparse(node.func).rpartition(".")[2]
+        name = getattr(node.func, "attr", getattr(node.func, "id", ""))
         position = {"fail": 2, "ContentError": 2}.get(name, 3)
         if name.endswith("Error") or name == "fail":
             yield from node.args[position : position + 1]

@@ -4,19 +4,23 @@ import copy
 import inspect
 from collections import namedtuple
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
+import PIL.Image
 import pytest
+import scipy.sparse
 import shapely
 import xarray as xr
+import zarr
 from ompl import base as ob
 from scipy.spatial.transform import Rotation
 
 import cspace
 import planners
 from cspace import Grid, InputError, Robot, Workspace
-from cspace._support.check import check_count
+from cspace._support.check import check_count, check_known
 from tests.helpers.refusals import check_refused, refusals
 
 CELLS = np.zeros((40, 30), dtype=bool)
@@ -121,6 +125,84 @@ def test_labels_of_goals_updates_and_rows_in_other_words_are_heard():
     still = cspace.lanes.Mover(Robot.disc(0.1), (3.0, 1.0))
     with pytest.raises(InputError, match="touches second at the start"):
         cspace.lanes.apart(moved, still, until=1.0)
+
+
+class Store:
+    """An array that names its dimensions as those of tensorstore do."""
+
+    def __init__(self, values, labels):
+        self.domain = SimpleNamespace(labels=labels)
+        self.values = values
+        self.shape, self.dtype = values.shape, values.dtype
+
+    def __array__(self, dtype=None, copy=None):
+        return self.values
+
+
+class Sparse:
+    """An array that converts as those of the package sparse do."""
+
+    def __init__(self, values):
+        self.todense = lambda: values
+        self.shape, self.dtype, self.ndim = values.shape, values.dtype, values.ndim
+
+    def __array__(self, dtype=None, copy=None):
+        raise RuntimeError("cannot convert a sparse array")
+
+    def __array_function__(self, *_):
+        return NotImplemented
+
+    def __array_ufunc__(self, *_):
+        return NotImplemented
+
+
+def store_zarr(values):
+    """Return a zarr array with the dimensions y and x."""
+    store = zarr.storage.MemoryStore()
+    array = zarr.create_array(
+        store, shape=values.shape, dtype=values.dtype, dimension_names=("y", "x")
+    )
+    array[...] = values
+    return array
+
+
+OTHER_ARRAYS = {
+    "labels": lambda cells: xr.DataArray(cells, dims=("y", "x")),
+    "coordinates": lambda cells: xr.DataArray(cells, {"x": [0.0, 0.5, 1.5]}, dims=("x", "y")),
+    "Variable": lambda cells: xr.Variable(("row", "column"), cells),
+    "Dataset": lambda cells: xr.Dataset({"cells": (("x", "y"), cells)}),
+    "sparse DataArray": lambda cells: xr.DataArray(Sparse(cells), dims=("x", "y")),
+    "zarr": store_zarr,
+    "tensorstore": lambda cells: Store(cells, ("y", "x")),
+    "table": lambda cells: pd.DataFrame(cells, pd.Index(range(3), name="y")),
+    "image": lambda cells: PIL.Image.fromarray(cells.astype(np.uint8)),
+    "sparse": Sparse,
+    "csr": scipy.sparse.csr_array,
+    "dok": scipy.sparse.dok_matrix,
+    "masked": lambda cells: np.ma.array(cells, mask=cells > 0),
+    "ragged": lambda cells: [[0, 1, 1], [0, 1], [0, 1, 1]],
+}
+"""What is no array of cells indexed [x, y], made of one of shape (3, 3)."""
+
+CELL_DOORS = {
+    "occupied": lambda cells: Workspace.from_array(cells, 0.1).outer,
+    "inner": lambda cells: Workspace.from_array(np.ones((3, 3), bool), 0.1, inner=cells).inner,
+    "outer": lambda cells: Workspace(Grid((0, 0), 0.1, (3, 3)), cells, cells).outer,
+    "bitmap": lambda cells: Robot.from_bitmap(cells, 0.1).shape.occupied,
+    "cells": lambda cells: copy.copy(flat()).update(cells, (0, 0)).occupied > 0,
+    "costs": lambda cells: planners.WeightedLength(cells).costs,
+}
+"""Calls that take an array of cells."""
+
+
+@pytest.mark.parametrize("door", CELL_DOORS)
+@pytest.mark.parametrize("kind", OTHER_ARRAYS)
+def test_what_is_no_array_of_cells_is_refused_at_every_door(door, kind):
+    dtype = np.float64 if door == "costs" else np.bool_
+    cells = np.array([[0, 1, 1], [0, 0, 1], [0, 0, 0]], dtype=dtype)
+    for plain in (cells, Store(cells, ("x", "y")), Store(cells, ("", ""))):
+        assert np.any(CELL_DOORS[door](plain))
+    check_refused(lambda: CELL_DOORS[door](OTHER_ARRAYS[kind](cells)), "; ")
 
 
 def test_a_missing_yaw_hides_no_degrees():
@@ -337,12 +419,12 @@ def test_changes_instead_of_rows_are_named():
 def test_an_unknown_option_names_the_most_similar_one():
     calls = [
         (cspace.build, "rotation", "rotations"),
-        (cspace.Gate, "max_velocities", "max_velocity"),
+        (cspace.Gate, "maxvelocity", "max_velocity"),
         (planners.plan, "time_limits", "time_limit"),
         (Workspace.from_points, "spacng", "spacing"),
         (Workspace.from_mesh, "resolution", "spacing"),
         (Robot.from_mesh, "Solid", "solid"),
-        (turning().add_obstacle, "radii", "radius"),
+        (turning().add_obstacle, "raduis", "radius"),
         (turning().plot, "pth", "path"),
     ]
     for call, option, similar in calls:
@@ -357,6 +439,17 @@ def test_an_unlike_name_suggests_nothing():
     with pytest.raises(InputError) as refused:
         planners.plan(flat(), (0.8, 0.6), (0.9, 0.6), planner="hybrid")
     assert not refused.value.hint
+    for word, known in (
+        ("has_position_limits", "has_velocity_limits"),
+        ("weight", "maxHeight"),
+        ("min_velocity", "max_velocity"),
+        ("radii", "radius"),
+        ("y", "x"),
+        ("", "x"),
+    ):
+        with pytest.raises(InputError) as refused:
+            check_known(word, "name", [known, "thickness"])
+        assert not refused.value.hint, word
 
 
 def test_refused_ends_are_written_without_noise():

@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+import zipfile
 
 import pytest
 
@@ -120,3 +121,18 @@ print(cspace._support.compiling.cache_folder())
     (tmp_path / "file").touch()
     done = run(code, argument=str(tmp_path / "file" / "no folder"))
     assert done.stdout == "None\n", done.stderr
+
+
+def test_an_archive_is_refused_in_one_line(tmp_path):
+    archive = tmp_path / "site.zip"
+    with zipfile.ZipFile(archive, "w") as file:
+        for name in ("__init__.py", "__init__.pyi"):
+            file.write(ROOT / "cspace" / name, f"cspace/{name}")
+    command = [
+        sys.executable,
+        "-c",
+        f"import sys; sys.path.insert(0, {str(archive)!r})\nimport cspace",
+    ]
+    done = subprocess.run(command, capture_output=True, text=True)
+    last = done.stderr.strip().rpartition("\n")[2]
+    assert last.startswith("ImportError: ") and "cspace runs only from a folder" in last

@@ -201,12 +201,13 @@ def check_states(space, pieces, prisms, rows, states):
     return counts
 
 
+@pytest.mark.parametrize("rounds", few([1, 2]))
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("rotations", few([12, None]))
-def test_states_hold_for_the_parts_of_robots_of_every_kind(kind, rotations):
+def test_states_hold_for_the_parts_of_robots_of_every_kind(kind, rotations, rounds):
     rng = np.random.default_rng(7)
     robot, pieces = make_robots(0.05)[kind]
-    for _ in range(2):
+    for _ in range(rounds):
         workspace = draw_scene(rng)
         space = cspace.build(workspace, robot, rotations=rotations, floor=0.1, outside="free")
         rows = draw_rows(rng, space, 150)[:, : space.size]
@@ -374,6 +375,15 @@ def test_a_map_on_a_floor_follows_its_scene(seed, outside, rotations, saved):
     check()
     space.update({"shelf": make_shelf(rng), "ball": Robot.ball(0.2, (1.0, 1.0, 0.7))})
     check()
+    zone = shapely.Point(rng.uniform((0.0, 0.0), (2.0, 2.0))).buffer(0.4, quad_segs=2)
+    space.add_obstacle("zone", zone)
+    check()
+    space.update(
+        {"zone": Robot.disc(0.3, (1.1, 1.4)), "fence": shapely.LineString([(0, 1), (2, 2)])}
+    )
+    check()
+    space.update({"fence": None})
+    check()
     first = rng.integers(0, (24, 20, 9))
     space.update(rng.random((5, 5, 3)) < 0.4, first.tolist())
     check()
@@ -505,7 +515,7 @@ def test_obstacles_that_leave_the_heights_of_a_scene_decide_as_in_the_plane(seed
     assert not (space.is_free(rows) & ~plane.is_free(rows)).any()
 
 
-@pytest.mark.parametrize("outside", ["blocked", "free"])
+@pytest.mark.parametrize("outside", few(["free", "blocked"]))
 @pytest.mark.parametrize("room", [0.0, 1e-16, 1e-11])
 @pytest.mark.parametrize("kind", ["box", "mesh"])
 def test_thin_robots_inside_an_obstacle_are_never_free(kind, room, outside):
@@ -520,6 +530,148 @@ def test_thin_robots_inside_an_obstacle_are_never_free(kind, room, outside):
             robot = Robot.from_mesh(trimesh.creation.box(bounds=corners))
         space = cspace.build(scene, robot, rotations=4, floor=0.0, outside=outside)
         assert not space.exact.is_free(rows).any()
+
+
+@pytest.mark.parametrize("lower, room", [(0.0, 1e-9), (-1e4, 6e-8), (1e4, 6e-8)])
+@pytest.mark.parametrize("rotations", [None, 4])
+def test_contact_sideways_is_decided_near_and_far_from_the_origin(lower, room, rotations):
+    cells = np.zeros((40, 30, 12), dtype=bool)
+    cells[20:24, 10:20, 4:] = True
+    scene = Workspace.from_array(cells, 0.05, (0.0, 0.0, lower))
+    robot = Robot.box((0.3, 0.2, 0.3), (0.0, 0.0, 0.35))
+    space = cspace.build(scene, robot, floor=lower, rotations=rotations).exact
+    near = np.array([(0.85 - room, 0.75, 0.0), (0.85 + 1e-12, 0.75, 0.0)])[:, : space.size]
+    assert space.is_free(near).tolist() == [True, False]
+
+
+# ---- plane shapes at all heights -----------------------------------------------------------------
+
+
+def draw_zones(rng):
+    """Draw plane obstacles of every kind, each with its parts as outlines and radii."""
+    x, y = rng.uniform((-0.2, 0.85), (1.4, 2.4), (8, 2)).T
+    square = shapely.box(x[0], y[0], x[0] + 0.8, y[0] + 0.5)
+    ring = square.difference(square.buffer(-0.1, join_style="mitre"))
+    triangle = shapely.Polygon([(x[1], y[1]), (x[1] + 0.5, y[1]), (x[1], y[1] + 0.4)])
+    fence = shapely.LineString([(x[2], y[2]), (x[3], y[3])])
+    post = shapely.Point(x[7], y[7])
+    radii = rng.uniform(0.05, 0.4, 2)
+    discs = shapely.points(np.column_stack([x[4:6], y[4:6]]))
+    mask = cspace.ros.OccupancyGrid()
+    mask.info.resolution, mask.info.width, mask.info.height = 0.17, 3, 2
+    mask.info.origin.position.x, mask.info.origin.position.y = x[6], y[6]
+    mask.data.extend([100, 0, 100, 100, 100, 0])
+    area = cspace.ros.read_mask(mask).areas[100]
+    zone = shapely.geometry.mapping(triangle)
+    return {
+        "polygons": ([ring, triangle], [(ring, 0.0), (triangle, 0.0)]),
+        "mapping": (zone, [(triangle, 0.0)]),
+        "fence and post": ([fence, post], [(fence, 0.0), (post, 0.0)]),
+        "discs": (
+            Robot.from_balls(np.column_stack([x[4:6], y[4:6]]), radii),
+            list(zip(discs, radii, strict=True)),
+        ),
+        "mask": (area, [(area, 0.0)]),
+    }
+
+
+@pytest.mark.parametrize("kind", few(["mast", "balls", "cells", "pyramid", "ring"]))
+def test_plane_shapes_count_at_all_heights(kind):
+    """FREE keeps every part of the robot off the prisms of zones, at any height."""
+    rng = np.random.default_rng(17)
+    robot, pieces = make_robots(0.05)[kind]
+    free = 0
+    for outside in ("free", "blocked"):
+        workspace = draw_scene(rng, shape=(30, 26, 11))
+        space = cspace.build(workspace, robot, rotations=12, floor=0.1, outside=outside)
+        for shape, parts in draw_zones(rng).values():
+            prisms = list_prisms(workspace, outside)
+            prisms += [(part.buffer(radius, quad_segs=2000), -9.0, 9.0) for part, radius in parts]
+            space.add_obstacle("zone", shape)
+            rows = draw_rows(rng, space, 150)
+            free += check_states(space, pieces, prisms, rows, space.classify(rows))[FREE]
+            exact = space.exact.classify(rows)
+            check_states(space, pieces, prisms, rows, exact)
+            # Straight ways to near places are free at both ends and on the way.
+            ends = rows + rng.normal(0.0, 0.05, rows.shape)
+            ways = [space.motion_is_free(rows, ends), space.exact.motion_is_free(rows, ends)]
+            for q in 0.5 * (rows + ends)[ways[0] | ways[1]]:
+                assert not collides(pieces, prisms, q, space.floor, ROUNDING)
+            space.remove_obstacle("zone")
+        assert free > 50
+        again = cspace.build(workspace, robot, rotations=12, floor=0.1, outside=outside)
+        assert (space.cell_states == again.cell_states).all()
+
+
+@examples(10)
+@given(seeds, exteriors, st.sampled_from([None, 6]), st.sampled_from([0.0, 0.07]))
+def test_zones_alone_make_the_map_of_the_plane(seed, outside, rotations, margin):
+    """A robot that is a prism, in a hall without anything, is the plane robot."""
+    rng = np.random.default_rng(seed)
+    corner = (-0.7, 0.4, float(rng.uniform(-5.0, 5.0)))
+    hall = Workspace.from_array(np.zeros((30, 26, 7), dtype=bool), 0.1, corner)
+    flat = Workspace.from_array(np.zeros((30, 26), dtype=bool), 0.1, corner[:2])
+    options = {"rotations": rotations, "outside": outside, "margin": margin}
+    top = 0.7 if outside == "free" else float(rng.uniform(0.1, 0.7))
+    box = Robot.box((0.5, 0.3, top), (0.05, 0.0, top / 2.0))
+    space = cspace.build(hall, box, floor=corner[2], **options)
+    plane = cspace.build(flat, Robot.rectangle(0.5, 0.3, (0.05, 0.0)), **options)
+    zones = {name: shape for name, (shape, _) in draw_zones(rng).items()}
+    zones |= {"ellipse": "ellipse:0.4,0.2@1.3,1.9"}
+    ends = draw_rows(rng, plane, 200)[:, : plane.size]
+    for name, zone in zones.items():
+        for each in (space, plane):
+            each.add_obstacle(name, zone)
+        assert (space.cell_states == plane.cell_states).all()
+        assert (space.exact.is_free(ends) == plane.exact.is_free(ends)).all()
+        ways = ends[:-1], ends[1:]
+        assert (space.exact.motion_is_free(*ways) == plane.exact.motion_is_free(*ways)).all()
+        found, known = space.obstacle_distance(ends), plane.obstacle_distance(ends)
+        np.testing.assert_allclose(found, known, atol=margin + 1e-9)
+        assert ((found > 0.0) == (known > 0.0)).all()
+
+
+@pytest.mark.parametrize("gap", [-1e-9, 1e-9])
+@pytest.mark.parametrize("shape", ["box", "disc", "fence"])
+def test_contact_with_a_zone_is_decided_within_a_nanometre(shape, gap):
+    """The arm of a mast, high above its base, comes up to a zone at x = 1 m."""
+    base = trimesh.creation.box(bounds=[(-0.1, -0.1, 0.0), (0.1, 0.1, 0.5)])
+    arm = trimesh.creation.box(bounds=[(-0.1, -0.05, 0.5), (0.4, 0.05, 0.6)])
+    robot = Robot.from_mesh(trimesh.util.concatenate([base, arm]))
+    hall = Workspace.from_array(np.zeros((30, 20, 6), dtype=bool), 0.1)
+    space = cspace.build(hall, robot, rotations=4, floor=0.0)
+    zones = {
+        "box": shapely.box(1.0, 0.5, 1.5, 1.5),
+        "disc": Robot.disc(0.4, (1.4, 1.0)),
+        "fence": shapely.LineString([(1.0, 0.2), (1.0, 1.8)]),
+    }
+    space.add_obstacle("zone", zones[shape])
+    q = (0.6 - gap, 1.0 if shape != "disc" else 0.95, 0.0)
+    assert space.exact.is_free(q) is (gap > 0.0)
+    assert not space.is_free(q)
+
+
+def test_zones_are_told_kept_and_given_to_other_halls(tmp_path):
+    scene = Workspace.from_array(np.zeros((40, 30, 7), dtype=bool), 0.1)
+    robot = Robot.box((0.4, 0.4, 0.5), (0.0, 0.0, 0.25))
+    space = cspace.build(scene, robot, rotations=8, floor=0.0)
+    start, goal = (0.55, 1.45, 0.0), (3.45, 1.45, 0.0)
+    space.add_obstacle("keepout", shapely.box(1.8, -1.0, 2.2, 5.0))
+    assert space.is_disconnected(start, goal)
+    assert space.explain(start, goal).obstacles == ("'keepout'",)
+    assert space.removals(start, goal)[0] == "keepout"
+    space.save(tmp_path / "map.zarr")
+    opened = cspace.open(tmp_path / "map.zarr")
+    rows = draw_rows(np.random.default_rng(0), space, 300)
+    assert (opened.exact.classify(rows) == space.exact.classify(rows)).all()
+    # A higher hall, in which the robot stands above the heights of the first one.
+    higher = Workspace.from_array(np.zeros((40, 30, 30), dtype=bool), 0.1)
+    for name, shape in space.obstacles.items():
+        for floor in (0.0, 2.0):
+            other = cspace.build(higher, robot, rotations=8, floor=floor)
+            other.add_obstacle(name, shape)
+            assert (other.cell_states == space.cell_states).all()
+            assert (other.exact.classify(rows) == space.exact.classify(rows)).all()
 
 
 def test_scans_with_a_floor_name_the_layers_that_hold_it():
@@ -604,7 +756,13 @@ def test_a_robot_may_stick_out_of_a_free_outside():
     "call, message",
     (lambda space: space.update(PLANE), "is a workspace of"),
     (lambda space: space.update(np.ones((2, 2), dtype=bool), (0, 0)), "it must be 3 integers"),
-    (lambda space: space.add_obstacle("a", shapely.box(0, 0, 1, 1)), "it must be in space"),
+    (
+        lambda space: cspace.build(SCENE, CRATE, floor=0.8, outside="free").add_obstacle(
+            "zone", shapely.box(0, 0, 1, 1)
+        ),
+        "shape is in the plane, and the robot reaches from 0.8 m to 1.3 m; the workspace has only "
+        "heights from 0 m to 1 m",
+    ),
 )
 def test_what_knows_no_heights_is_refused(call, message):
     cells = np.zeros((20, 20, 10), dtype=bool)

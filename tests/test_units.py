@@ -203,8 +203,8 @@ NO_QUERIES = {
 REFUSED = {
     "contains_robot": JOINTS,
     "explain": {"SE(3)"},
-    "free_region": {"SE(3)", "tiled", "arm"},
-    "free_regions": {"SE(3)", "tiled", "arm"},
+    "free_region": {"SE(3)", "tiled"},
+    "free_regions": {"SE(3)", "tiled"},
     "free_yaws": {*KINDS} - {"plane with a yaw", "space with a yaw"},
     "obstacle_distance": {"joints from a file"},
     "removals": {"SE(3)"},

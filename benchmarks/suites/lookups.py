@@ -18,7 +18,7 @@ from benchmarks.timing import Timing, interleave, one_core
 from cspace import BLOCKED, CSpace, Robot, Workspace
 from cspace._support.arrays import Floats
 from cspace._support.threads import count_cores
-from planners._ompl_states import find_state_kind
+from planners._ompl.states import find_state_kind
 
 EDGE_CELLS, CALLBACK_EDGE_CELLS = 50.0, 100.0
 """Lengths of edges in batches and in callbacks, cells."""

@@ -23,7 +23,7 @@ from benchmarks.timing import Timing
 from cspace import CSpace, Robot, Workspace
 from cspace._rotations.base import METRES_PER_RADIAN, wrap_angles
 from cspace._support.arrays import Floats
-from planners._ompl_states import find_state_kind
+from planners._ompl.states import find_state_kind
 
 Query = tuple[Floats, Floats]
 

@@ -30,7 +30,7 @@ from benchmarks.suites.solid_scenes import Fcl, Scene, building, cube_tunnel
 from benchmarks.timing import Timing, once
 from cspace import CSpace
 from cspace._support.arrays import Floats
-from planners._ompl_states import find_state_kind
+from planners._ompl.states import find_state_kind
 
 Solver = Callable[[Query, int], tuple[float, Floats | None]]
 

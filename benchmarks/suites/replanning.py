@@ -47,7 +47,6 @@ HOLONOMIC_WAYS: dict[str, dict[str, Any]] = {
     DEFAULT: {},
     "RRTConnect": {"planner": "RRTConnect"},
     "default, objective='clearance'": {"objective": "clearance"},
-    "MaxClearance": {"planner": "MaxClearance"},
 }
 """Options of :func:`planners.plan` for every robot, by name."""
 

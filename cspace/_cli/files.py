@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import shutil
 from collections.abc import Collection, Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -106,7 +105,7 @@ def prepare_store(output: Path, overwrite: bool) -> None:
     exists = MapFolder(output).exists() or MapFolder(output, tiles=True).exists()
     check_outputs([output], (".zarr",), overwrite=exists)
     if exists and overwrite:
-        shutil.rmtree(output)
+        MapFolder(output).remove()
 
 
 def open_lazily(workspace: Path, **options: Any) -> Workspace:

@@ -25,7 +25,7 @@ from cspace._cli.options import (
     refuse_options,
 )
 from cspace._cli.report import Stopwatch, list_option_names, name_options, show, with_unit
-from cspace.errors import InputError
+from cspace.errors import FileError, InputError
 
 if TYPE_CHECKING:
     from cspace import CSpace, TiledCSpace
@@ -80,7 +80,7 @@ def plan(
     ),
     planner: str | None = option(
         None,
-        "Grid, Lattice, MaxClearance, or a planner of OMPL; a wrong name lists them all  [default: "
+        "Grid, Lattice, or a planner of OMPL; a wrong name lists them all  [default: "
         "Grid, or Lattice for other drives than holonomic].",
     ),
     time_limit: float | None = option(
@@ -327,6 +327,10 @@ def demo(
     }
     if output.exists():
         check_outputs(files.values(), {file.suffix for file in files.values()}, overwrite)
+        found = [file for file in files.values() if file.exists()]
+        if 0 < len(found) < len(files):
+            problem = "exists, and the demo's other files do not"
+            raise FileError(str(found[0]), problem, "only a whole demo is replaced")
     clock = Stopwatch()
     with clock.step("draw_floor_plan"):
         workspace = flat.demo_workspace()
@@ -343,10 +347,10 @@ def demo(
     with clock.step("plan"):
         planned = planners.plan(space, start, goal, seed=1)
     output.mkdir(parents=True, exist_ok=True)
-    with clock.step("save_inputs"):
-        flat.write_inputs(output)
     with clock.step("save_map"):
         space.save(files["map"], overwrite=overwrite)
+    with clock.step("save_inputs"):
+        flat.write_inputs(output)
     with clock.step("save_path"):
         planned.to_csv(files["path"], overwrite=overwrite)
     with clock.step("draw_picture"):

@@ -141,8 +141,8 @@ def obstacle_boundary(
         is_clipped = pieces is not boundary
         if is_clipped and len(pieces.radii):
             error = max(error, CLIP_ROUNDING * float(np.abs(boundary.simplices).max()))
-        # Balls stay whole, so only triangles and segments leave a hole.
-        has_inside = shape.encloses and boundary.simplices.shape[1] > 1
+        # Balls and cylinders stay whole, so only faces leave a hole.
+        has_inside = shape.encloses and boundary.simplices.shape[1] == workspace.grid.dim
         if is_clipped and has_inside and capped_axes:
             caps = _make_caps(shape, workspace, capped_axes)
             pieces = _make_boundary(np.concatenate([pieces.simplices, *caps]))

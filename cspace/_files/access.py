@@ -6,7 +6,6 @@ the target, then renamed.
 
 from __future__ import annotations
 
-import difflib
 import errno
 import io
 import itertools
@@ -23,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace._support.arrays import Floats, StrPath
+from cspace._support.check import suggest_name
 from cspace._support.kinds import BRING_YOUR_FILE, make_kind_error
 from cspace._support.limits import SizeLimit, check_bytes
 from cspace.errors import CspaceError, FileError, InputError
@@ -30,8 +30,8 @@ from cspace.errors import CspaceError, FileError, InputError
 _MAX_HEADER_BYTES: Final = 2**16
 """Maximum size, in bytes, of a text header before binary data."""
 
-_TEMPORARY_PREFIX: Final = ".cspace-"
-"""Prefix of the names of outputs that are incomplete or being replaced."""
+TEMPORARY_NAME: Final = r"\.cspace-[0-9a-f]{12}(\..*)?"
+"""Pattern of the names of outputs that are incomplete or being replaced."""
 
 _LFS_POINTER_START: Final = b"version https://git-lfs.github.com/spec/v1"
 """First bytes of a git-lfs pointer file."""
@@ -105,26 +105,22 @@ def _name_file_in_errors(file: Path, kind: str) -> Iterator[None]:
 def suggest_file(path: Path, otherwise: str = "", suffixes: Container[str] | None = None) -> str:
     """Return a hint about a wrong file name.
 
-    If the file is missing, it names the most similar file beside it, of these suffixes. `otherwise`
-    is the hint if the file exists, or there is none.
+    If the file is missing, it names a similar file beside it, of these suffixes. `otherwise` is the
+    hint if the file exists, or there is none.
     """
     try:
         if path.exists():
             return otherwise
-        visible = (file.name for file in path.parent.iterdir() if not file.name.startswith("."))
+        visible = (file for file in path.parent.iterdir() if not file.name.startswith("."))
         # Maximum number of names in a folder that are compared with a misspelt one.
-        names = {
-            name.lower(): name
-            for name in itertools.islice(visible, 10_000)
-            if suffixes is None or PurePath(name).suffix.lower() in suffixes
-        }
+        names = [
+            file.name
+            for file in itertools.islice(visible, 10_000)
+            if suffixes is None or file.suffix.lower() in suffixes
+        ]
     except (OSError, ValueError):
         return otherwise
-    matches = difflib.get_close_matches(path.name.lower(), names, n=1)
-    if not matches:
-        return otherwise
-    similar = path.with_name(names[matches[0]])
-    return f"did you mean {similar}?"
+    return suggest_name(path.name, names) or otherwise
 
 
 def check_name(path: StrPath) -> Path:
@@ -426,7 +422,7 @@ def _make_temporary_name(target: Path) -> Path:
 
     A rename is atomic only within one folder.
     """
-    return target.with_name(f"{_TEMPORARY_PREFIX}{uuid.uuid4().hex[:12]}{target.suffix}")
+    return target.with_name(f".cspace-{uuid.uuid4().hex[:12]}{target.suffix}")
 
 
 def _move(temporary: Path, target: Path, check: Callable[[], None]) -> None:
@@ -456,6 +452,17 @@ def _move(temporary: Path, target: Path, check: Callable[[], None]) -> None:
             aside.rename(target)
         raise
     finally:
+        _remove(aside)
+
+
+def discard(path: Path) -> None:
+    """Remove our file or folder, even while another process writes.
+
+    It is renamed first, so the writer fails, and never puts the rest in place.
+    """
+    aside = _make_temporary_name(path)
+    with suppress(FileNotFoundError):  # another process discards it too
+        path.rename(aside)
         _remove(aside)
 
 

@@ -8,9 +8,9 @@ from importlib import import_module
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from cspace._files.access import ContentError
-from cspace._support.arrays import Floats
 from cspace._support.kinds import BRING_YOUR_FILE
 from cspace._support.reporting import warn_user
 from cspace.errors import GeometryError, UnitWarning
@@ -62,6 +62,13 @@ def check_crs(crs: Any, name: str) -> None:
     )
 
 
+def check_own_crs(source: Any, name: str) -> None:
+    """Check the reference system of an object that has one, as those of geopandas."""
+    crs = getattr(source, "crs", None)
+    if crs is not None:
+        check_crs(crs, name)
+
+
 def _may_be_metres(text: str) -> bool:
     """Return False if pyproj is installed, and knows the system in other units."""
     try:
@@ -84,15 +91,13 @@ def refuse_degrees(names: Iterable[str]) -> None:
         raise ContentError(f"has coordinates in {', '.join(named):.60}", rule, BRING_YOUR_FILE)
 
 
-def warn_of_likely_degrees(points: Floats, name: str) -> None:
-    """Warn of coordinates, shape (n, 2 or 3), without a system that look like degrees."""
-    # About a thousand points show the place of all.
-    sample = points[:: len(points) // 1000 + 1, :2]
-    corners = np.stack([sample.min(axis=0), sample.max(axis=0)])
+def warn_of_likely_degrees(corners: ArrayLike, name: str) -> None:
+    """Warn of a box, shape (2, 2 or 3), whose place looks like one in degrees."""
+    corners = np.asarray(corners)[:, :2]
     size = np.ptp(corners, axis=0).max()
     distance = np.linalg.norm(corners.mean(axis=0))
     fits = (np.abs(corners) <= _MAX_DEGREES).all()
-    # Distance from the origin, over the size of the obstacles, above which degrees are suspected.
+    # Distance from the origin, over the size of the box, above which degrees are suspected.
     if fits and 0.0 < 50.0 * size < distance:
         warn_user(
             f"{name}: its coordinates look like degrees, and are read as metres; {BRING_YOUR_FILE}",

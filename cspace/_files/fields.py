@@ -318,10 +318,10 @@ class Ledger:
             for key in member.fields.keys() - member.taken - set(harmless):
                 if member.fields[key] is None:
                     continue
-                if UNKNOWN_FIELDS in self.formats.refused:
+                if UNKNOWN_FIELDS in self.formats.refused and key not in known:
                     problem = f"has the unknown field {str(key)!r:.60}"
                     rule = f"the fields are {', '.join(sorted(known)):.200}"
-                    raise member.fail(problem, rule)
+                    raise member.fail(problem, rule, suggest_name(key, known))
                 name = f"{key} ({member.kind})" if member.kind else str(key)
                 ignored[name] = "" if key in known else str(key)
         warn_of_names(source, ignored, read)

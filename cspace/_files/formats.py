@@ -1,9 +1,10 @@
-"""Formats of workspace files by suffix."""
+"""Formats of files of workspaces and robots by suffix, and the readers that wings provide."""
 
 from __future__ import annotations
 
 from typing import Final, NamedTuple
 
+from cspace import _outside
 from cspace._files import meshes, ros_maps, vector
 from cspace._files.access import check_suffix
 from cspace._files.lazy_arrays import read_npy
@@ -96,6 +97,11 @@ ROBOT_FORMATS: Final[dict[str, Format]] = {
     ),
 }
 """Formats of robot files, by suffix."""
+
+
+read_rigid_links = _outside.read_rigid_links
+read_obstacles = _outside.read_obstacles
+"""Readers of URDF files and of planning scenes."""
 
 
 def find_constructor(path: StrPath) -> str:

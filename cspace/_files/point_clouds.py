@@ -24,7 +24,7 @@ from cspace._files.access import (
     read_columns,
     read_text,
 )
-from cspace._files.crs import list_degrees, refuse_degrees, warn_of_likely_degrees
+from cspace._files.crs import list_degrees, refuse_degrees
 from cspace._files.fields import Fields, warn_of_names
 from cspace._files.lazy_arrays import read_npy
 from cspace._files.polygons import read_ply, read_ply_header
@@ -93,7 +93,6 @@ def read_points(path: StrPath, drop_missing: bool = False) -> Floats:
             hint = "pass drop_missing=True to leave them out"
             raise ContentError(problem, rule, hint, kind=GeometryError)
     warn_of_notes(path)
-    warn_of_likely_degrees(points, str(path))
     return points
 
 

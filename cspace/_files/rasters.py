@@ -11,7 +11,7 @@ import numpy as np
 from cspace._files.crs import check_crs
 from cspace._files.fields import Fields, Ledger
 from cspace._support.arrays import Floats
-from cspace._support.check import check_dims, check_finite
+from cspace._support.check import check_dims, check_finite, check_kind
 from cspace._support.kinds import BRING_YOUR_FILE
 from cspace._support.reporting import tell_apart
 from cspace._support.units import METRES
@@ -67,6 +67,7 @@ def place_raster(array: Any, spacing: float, name: str = "occupied") -> tuple[An
 
     Raises InputError if the coordinates are not cells of `spacing`, in metres.
     """
+    check_kind(array, name)
     coordinates = getattr(array, "coords", {}) if hasattr(array, "isel") else {}
     attributes = _open_attributes(array, name)
     places = [key for key in _PLACE_ATTRIBUTES if attributes.get(key) is not None]
@@ -76,8 +77,6 @@ def place_raster(array: Any, spacing: float, name: str = "occupied") -> tuple[An
     if attributes.fields.get("units") in (*METRES, "1"):
         attributes.taken.add("units")
     attributes.close(attributes.where)
-    if hasattr(array, "iloc") or hasattr(array, "data_vars"):
-        raise InputError(name, f"is a {type(array).__name__}", "its labels are not read")
     array = _drop_other_dimensions(array)
     if hasattr(array, "ncattrs"):  # a variable of netCDF4, whose values are masked
         check_dims(array, name)

@@ -24,9 +24,8 @@ from numpy.typing import ArrayLike, NDArray
 from cspace._files.fields import Fields, Ledger
 from cspace._files.images import UNKNOWN_SHADE, Shades, read_shades
 from cspace._files.unit_notes import warn_of_size
-from cspace._support.arrays import Bools, Floats, StrPath
+from cspace._support.arrays import AXES, Bools, Floats, StrPath
 from cspace._support.check import (
-    AXES,
     check_finite,
     check_not_negative,
     check_positive,

@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from cspace._files.access import decoding, read_text
-from cspace._files.crs import check_crs, warn_of_likely_degrees
+from cspace._files.crs import check_crs, check_own_crs
 from cspace._files.fields import Fields, Ledger
 from cspace._files.geometries import check_shapes, make_curve_error, split_parts
 from cspace._files.plain import check_nesting, read_json
 from cspace._support.arrays import StrPath
-from cspace._support.check import find_sizes
+from cspace._support.check import check_known, find_sizes
 from cspace._support.kinds import make_kind_error, suggest_call
 from cspace._support.limits import check_file_memory
 from cspace._support.reporting import warn_user
@@ -46,11 +46,11 @@ FIELDS: Final = (
         "`.geojson`, `.json`, `__geo_interface__`",
         honoured=(
             "`type`, `features`, `geometry`, `geometries`, `coordinates`; `crs` or `coordRefSys` "
-            "of a UTM zone, or null; altitudes of zero"
+            "of a UTM zone; altitudes of zero"
         ),
         refused="`crs` or `coordRefSys` in degrees, or web Mercator; other altitudes; `place`",
         warned=(
-            "other `crs`; no `crs` and coordinates like degrees; `radius`, `buffer`, `width`, "
+            "other `crs`; coordinates like degrees; `radius`, `buffer`, `width`, "
             "`thickness` in `properties`"
         ),
         harmless=(
@@ -70,7 +70,7 @@ FIELDS: Final = (
             "`zoneSet`, `zones`, `zoneId`, `zoneType`; `vertices`, `x`, `y`; `maximumSpeed` in "
             "`planners.SpeedZones`"
         ),
-        refused="fewer than three `vertices`",
+        refused="fewer than three `vertices`; unknown types",
         warned="zones of other types; unknown fields",
         harmless=(
             "headerId timestamp version manufacturer serialNumber mapId zoneSetId "
@@ -121,13 +121,12 @@ def _iterate_geometries(source: Any, name: str) -> Iterator[tuple[str, BaseGeome
     """Yield name and shape of every geometry in `source`."""
     import shapely
 
+    check_own_crs(source, name)
     if isinstance(source, shapely.Geometry):
         yield name, source
     elif isinstance(source, Mapping):
         yield from _read_geojson(source, name)
     elif hasattr(source, "__geo_interface__"):
-        if getattr(source, "crs", None) is not None:
-            check_crs(source.crs, name)
         yield from _read_geojson(source.__geo_interface__, name)
     elif isinstance(source, str | os.PathLike):
         yield from _read_text_geometries(source, name)
@@ -161,8 +160,6 @@ def _read_text_geometries(source: StrPath, name: str) -> Iterator[tuple[str, Bas
 
 def _read_wkt_file(file: str) -> Iterator[tuple[str, BaseGeometry]]:
     """Yield the geometries of a WKT file, one or a line each."""
-    import shapely
-
     text = read_text(file, _POLYGONS_KIND, 10.0, "max_text_bytes")
     points = 1 + text.count(",")
     check_file_memory(file, f"holds {points:,} points", _BYTES_PER_POINT * points)
@@ -172,13 +169,9 @@ def _read_wkt_file(file: str) -> Iterator[tuple[str, BaseGeometry]]:
     lines = [line for line in text.split("\n") if line.strip()]
     if not all(map(is_wkt, lines)):  # a geometry of several lines
         lines = [text]
-    shapes = []
     for number, line in enumerate(lines, start=1):
         place = f"{file}, geometry {number}" if len(lines) > 1 else file
-        shapes.append(_parse_wkt(line, place))
-        yield place, shapes[-1]
-    if not shapely.get_srid(shapes).any():
-        warn_of_likely_degrees(shapely.total_bounds(shapes).reshape(2, 2), file)
+        yield place, _parse_wkt(line, place)
 
 
 def _parse_wkt(text: str, name: str) -> BaseGeometry:
@@ -208,21 +201,20 @@ def _parse_wkt(text: str, name: str) -> BaseGeometry:
 
 
 def _read_geojson(document: Mapping[str, Any], name: str) -> Iterator[tuple[str, BaseGeometry]]:
-    """Yield the geometries of GeoJSON; warn of likely degrees."""
-    import shapely
-
+    """Yield the geometries of GeoJSON, or of the zones of a zone set."""
     if "zoneSet" in document:
         for zone, area in read_zones(document, name, "BLOCKED"):
             yield f"{name}, {zone.where}", area
         return
     ledger = _open_part(document, name)
-    named_shapes = list(_parse_geojson(ledger))
+    yield from _parse_geojson(ledger)
     ledger.close(name)
-    yield from named_shapes
-    if not named_shapes or not document.keys().isdisjoint(("crs", "coordRefSys")):
-        return
-    corners = shapely.total_bounds([shape for _, shape in named_shapes]).reshape(2, 2)
-    warn_of_likely_degrees(corners, name)
+
+
+_ZONE_TYPES: Final = (
+    *("BLOCKED", "LINE_GUIDED", "RELEASE", "COORDINATED_REPLANNING", "SPEED_LIMIT", "ACTION"),
+    *("PRIORITY", "PENALTY", "DIRECTED", "BIDIRECTED"),
+)
 
 
 def read_zones(
@@ -244,7 +236,7 @@ def read_zones(
             corners = [vertex.numbers("xy") for vertex in zone.children("vertices", "vertex")]
             if len(corners) < 3:
                 raise zone.fail(f"has {len(corners)} vertices", "it must have at least three")
-            word = zone.need("zoneType")
+            word = check_known(zone.need("zoneType"), f"{name}, {zone.where}", _ZONE_TYPES)
             if word == kind:
                 found.append((zone, shapely.Polygon(corners)))
                 check_shapes([found[-1][1]], [f"{name}, {zone.where}"])

@@ -5,5 +5,4 @@ Words that the modules of this package share:
 - *tube*: all configurations within some distances of a motion.
 - *chain*: cells, each beside the next.
 - *block*: a cube of cells that is taken as one.
-- *chunk*: consecutive commands, proven together.
 """

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace._support.check import AXES, check_finite, check_positive, check_text
+from cspace._support.arrays import AXES
+from cspace._support.check import check_finite, check_positive, check_text
 from cspace._support.units import suggest_radians
 from cspace.errors import InputError
 

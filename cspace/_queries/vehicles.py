@@ -2,15 +2,52 @@
 
 from __future__ import annotations
 
-from dataclasses import KW_ONLY, dataclass, fields
-from typing import TypeAlias
+from dataclasses import dataclass, field, fields
 
+from cspace._support.arrays import Floats
 from cspace._support.check import check_flag, check_positive
 from cspace.errors import InputError
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
-class Differential:
+class Drive:
+    """A robot that drives along its x axis; others move in any direction.
+
+    Attributes
+    ----------
+    reverse : bool
+        Whether it also drives backwards.
+    max_lateral_acceleration : float or None
+        Largest acceleration across its way, speed times yaw rate, m/s^2.
+    """
+
+    reverse: bool = False
+    max_lateral_acceleration: float | None = None
+
+    def __post_init__(self) -> None:
+        """Check the fields, and replace them by a flag and a float."""
+        check_flag(self.reverse, "reverse")
+        object.__setattr__(self, "reverse", bool(self.reverse))
+        if self.max_lateral_acceleration is not None:
+            name = "max_lateral_acceleration"
+            rate = check_positive(self.max_lateral_acceleration, name, "metres, seconds")
+            object.__setattr__(self, name, rate)
+
+    def _limit_yaw_rates(self, speeds: Floats) -> Floats | None:
+        """Return the largest yaw rates at speeds; None if any are possible."""
+        return None
+
+    def __repr__(self) -> str:
+        """Return the call that makes it, without the fields that are None."""
+        # Fields of a base class come first, and in a call those without names.
+        in_order = sorted(fields(self), key=lambda each: bool(each.kw_only))
+        values = {each.name: getattr(self, each.name) for each in in_order}
+        given = [f"{name}={value!r}" for name, value in values.items() if value is not None]
+        return f"{type(self).__name__}({', '.join(given)})"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Differential(Drive):
     """A robot on two driven wheels, which turns on the spot.
 
     Pass it as ``drive=`` of :func:`planners.plan` or :class:`cspace.Gate`. Along an edge of a path
@@ -39,20 +76,9 @@ class Differential:
     Differential(reverse=True)
     """
 
-    reverse: bool = False
-    max_lateral_acceleration: float | None = None
 
-    def __post_init__(self) -> None:
-        """Check the fields, and replace them by a flag and floats."""
-        _check_fields(self)
-
-    def __repr__(self) -> str:
-        """Return the call that makes it."""
-        return _format(self)
-
-
-@dataclass(frozen=True, slots=True, repr=False)
-class Car:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Car(Drive):
     """A car, which follows curves no tighter than its turning radius.
 
     Pass it as ``drive=`` of :func:`planners.plan` or :class:`cspace.Gate`. Along an edge of a path
@@ -81,24 +107,17 @@ class Car:
     Car(turning_radius=0.5, reverse=True)
     """
 
-    turning_radius: float
-    _: KW_ONLY
-    reverse: bool = False
-    max_lateral_acceleration: float | None = None
+    turning_radius: float = field(kw_only=False)
 
     def __post_init__(self) -> None:
         """Check the fields, and replace them by a flag and floats."""
         radius = check_positive(self.turning_radius, "turning_radius", "metres")
         object.__setattr__(self, "turning_radius", radius)
-        _check_fields(self)
+        Drive.__post_init__(self)
 
-    def __repr__(self) -> str:
-        """Return the call that makes it."""
-        return _format(self)
-
-
-Drive: TypeAlias = Car | Differential
-"""A robot that drives along its x axis; others move in any direction."""
+    def _limit_yaw_rates(self, speeds: Floats) -> Floats | None:
+        """Return the largest yaw rates at speeds."""
+        return speeds / self.turning_radius
 
 
 def check_drive(drive: object) -> Drive | None:
@@ -107,20 +126,3 @@ def check_drive(drive: object) -> Drive | None:
         rule = "it must be a planners.Car(...), a planners.Differential(...) or None"
         raise InputError("drive", f"is {drive!r}", rule)
     return drive
-
-
-def _check_fields(drive: Drive) -> None:
-    """Check the fields that drives share, and replace them by a flag and a float."""
-    check_flag(drive.reverse, "reverse")
-    object.__setattr__(drive, "reverse", bool(drive.reverse))
-    if drive.max_lateral_acceleration is not None:
-        name = "max_lateral_acceleration"
-        rate = check_positive(drive.max_lateral_acceleration, name, "metres, seconds")
-        object.__setattr__(drive, name, rate)
-
-
-def _format(drive: Drive) -> str:
-    """Return a drive as a call with the fields that are not None."""
-    values = {field.name: getattr(drive, field.name) for field in fields(drive)}
-    given = [f"{name}={value!r}" for name, value in values.items() if value is not None]
-    return f"{type(drive).__name__}({', '.join(given)})"

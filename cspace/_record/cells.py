@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple, cast
+from typing import NamedTuple, cast
 
 import numpy as np
 
 from cspace._grid import Grid
 from cspace._rotations.base import RotationTable
 from cspace._support.arrays import MIXED, Ints, Row, States, read_only
-
-if TYPE_CHECKING:
-    from cspace._space import CSpace
 
 
 class Map(NamedTuple):
@@ -67,11 +64,6 @@ def make_map_record(states: States, grid: Grid, exterior: Ints, rotations: Rotat
         exterior=exterior,
         rotations=rotations,
     )
-
-
-def map_record(space: CSpace) -> Map:
-    """Return a map's cells as compiled functions take them; they follow updates."""
-    return space._kernel_map
 
 
 def hide_cells(map_: Map) -> Map:

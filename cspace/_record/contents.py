@@ -151,14 +151,23 @@ def check_floor(floor: float, grid: Grid, robot: Robot, outside: str) -> float:
         raise InputError("floor", "is given for a plane robot", "a robot in space has heights")
     height = float(check_finite(floor, "floor"))
     check_reach(abs(height) / grid.spacing, "floor", "the origin")
-    lowest, highest = (height + float(corner[2]) for corner in robot.shape.outer.bounds)
+    if outside != "free":
+        check_heights("floor", f"is {height:g} m, so", height, grid, robot)
+    return height
+
+
+def check_heights(name: str, given: str, floor: float, grid: Grid, robot: Robot) -> None:
+    """Raise InputError for an argument if a robot on a floor leaves the heights of a scene.
+
+    ``given`` begins the problem, before the heights of the robot.
+    """
+    lowest, highest = (floor + float(corner[2]) for corner in robot.shape.outer.bounds)
     bottom, top = grid.lower[2], grid.upper[2]
     room = SLACK * grid.spacing
-    if outside == "free" or (bottom - room <= lowest and highest <= top + room):
-        return height
-    problem = f"is {height:g} m, so the robot reaches from {lowest:g} m to {highest:g} m"
-    rule = f"the workspace has only heights from {bottom:g} m to {top:g} m"
-    raise InputError("floor", problem, rule)
+    if not (bottom - room <= lowest and highest <= top + room):
+        problem = f"{given} the robot reaches from {lowest:g} m to {highest:g} m"
+        rule = f"the workspace has only heights from {bottom:g} m to {top:g} m"
+        raise InputError(name, problem, rule)
 
 
 def _check_array(

@@ -16,8 +16,7 @@ from cspace._grid import Grid
 from cspace._record.contents import Contents
 from cspace._rotations import Rotations
 from cspace._shapes import Shape, shape_from_spec
-from cspace._support.arrays import STATE_NAMES, read_only
-from cspace._support.check import AXES
+from cspace._support.arrays import AXES, STATE_NAMES, read_only
 
 FORMAT: Final = "cspace-map"
 VERSION: Final = 6

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import posixpath
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -28,7 +29,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cspace import __version__
-from cspace._files.access import check_suffix, read_bytes, read_member, replacing
+from cspace._files.access import (
+    TEMPORARY_NAME,
+    check_suffix,
+    discard,
+    read_bytes,
+    read_member,
+    replacing,
+)
 from cspace._files.zarr_folders import ROOT_FILE, Layout
 from cspace._grid import FARTHEST_CELL, Grid, check_reach
 from cspace._record.contents import Contents
@@ -50,8 +58,8 @@ from cspace._record.description import (
 from cspace._record.exterior import UNKNOWN, Exterior
 from cspace._robot import Robot
 from cspace._rotations import Rotations
-from cspace._support.arrays import BLOCKED, FREE, MIXED, Ints, StrPath
-from cspace._support.check import AXES, check_not_negative
+from cspace._support.arrays import AXES, BLOCKED, FREE, MIXED, Ints, StrPath
+from cspace._support.check import check_not_negative
 from cspace._support.limits import check_bytes
 from cspace._workspace import Workspace
 from cspace.errors import FileError
@@ -69,11 +77,11 @@ _EXTERIOR_STATES: Final = {"free": (FREE,), "blocked": (MIXED, BLOCKED), UNKNOWN
 _LATER_ARRAY: Final = re.compile(r"[a-z][a-z0-9_]*")
 """Names of arrays; unknown ones are skipped, because later releases may add arrays."""
 
-_OTHER_ENTRIES: Final = re.compile(
-    r"zarr\.json|\.cspace-.*|frame.*|\d+(\.\d+)+(-\w+)?|components\.npz|"
-    r"record|labels_[01]|geometry|vertices|faces|centers|radii"
-)
-"""Files and folders of maps besides arrays: of tiled maps, and of earlier versions."""
+_PART: Final = re.compile(r"frame|\d+(\.\d+)+")
+"""Names of folders with maps in tiled maps."""
+
+_ARRAY_ENTRY: Final = re.compile(r"(zarr\.json|c(/\d+)*)?")
+"""Files and folders in the folder of an array."""
 
 
 # ---- folders and their digest --------------------------------------------------------------------
@@ -121,13 +129,21 @@ def _add_file(digest: Any, name: str, content: bytes) -> None:
 
 
 def is_map_folder(folder: Path) -> bool:
-    """Return True if a folder holds only files of a saved map.
+    """Return True if a folder is a saved map, whole or damaged, and holds nothing else."""
+    saved = MapFolder(folder)
+    return (saved.exists() or MapFolder(folder, tiles=True).exists()) and saved.holds_only_map()
 
-    The map may be damaged, or of an earlier version.
-    """
-    array_names = describe_arrays()
-    names = [entry.name for entry in folder.iterdir()]
-    return all(name in array_names or _OTHER_ENTRIES.fullmatch(name) for name in names)
+
+def _is_entry(path: str) -> bool:
+    """Return True if a saved map, in tiles or not, may have a file or folder of this name."""
+    first, _, rest = path.partition("/")
+    if _PART.fullmatch(first):
+        first, _, rest = rest.partition("/")
+    if re.fullmatch(TEMPORARY_NAME, first):
+        return True
+    if first in describe_arrays():
+        return bool(_ARRAY_ENTRY.fullmatch(rest))
+    return first in ("", ROOT_FILE) and not rest
 
 
 # ---- maps ----------------------------------------------------------------------------------------
@@ -158,6 +174,25 @@ class MapFolder:
             return bool(root["attributes"]["format"] == self.form)
         except (FileError, KeyError, TypeError, ValueError, RecursionError):
             return False
+
+    def holds_only_map(self) -> bool:
+        """Return True if it is a folder, and all below have names as in a map."""
+        if not self.path.is_dir():
+            return False
+        below = (each.relative_to(self.path).as_posix() for each in self.path.rglob("*"))
+        return all(map(_is_entry, below))
+
+    def remove(self) -> None:
+        """Remove the folder; raise FileError if it holds more than a map."""
+        if not self.holds_only_map():
+            raise FileError(str(self.path), "holds more than a saved map", "only maps are removed")
+        discard(Path(os.path.realpath(self.path)))
+
+    def remove_leftovers(self) -> None:
+        """Remove files of killed or late processes from the folder."""
+        for leftover in self.path.glob(".cspace-*"):
+            if re.fullmatch(TEMPORARY_NAME, leftover.name):
+                discard(leftover)
 
     def fail(self, what: str) -> FileError:
         """Return a FileError for a saved map that is damaged or forged."""

@@ -13,8 +13,8 @@ from cspace._grid import Grid
 from cspace._raster import Raster
 from cspace._rotations import NO_ROTATION, RotationCell
 from cspace._shapes.shape import ExactShape, RoundedSimplices, Slab
-from cspace._support.arrays import Bools, Floats, Surface, frozen
-from cspace._support.check import AXES, check_finite, check_points, select_positions
+from cspace._support.arrays import AXES, Bools, Floats, Surface, frozen
+from cspace._support.check import check_finite, check_points, select_positions
 from cspace.errors import InputError
 
 if TYPE_CHECKING:

@@ -27,9 +27,8 @@ from cspace._shapes.shape import (
     clip_to_half_space,
     unique_rows,
 )
-from cspace._support.arrays import Bools, Floats, Ints, Surface, frozen
+from cspace._support.arrays import AXES, Bools, Floats, Ints, Surface, frozen
 from cspace._support.check import (
-    AXES,
     MAX_NUMBER,
     check_finite,
     check_points,

@@ -16,8 +16,8 @@ from cspace._raster import Raster
 from cspace._raster.bitmaps import point_segments, ring_segments
 from cspace._rotations import NO_ROTATION, RotationCell
 from cspace._shapes.shape import ExactShape, RoundedSimplices
-from cspace._support.arrays import Bools, Floats
-from cspace._support.check import AXES, check_finite, check_points
+from cspace._support.arrays import AXES, Bools, Floats
+from cspace._support.check import check_finite, check_points
 from cspace.errors import GeometryError
 
 if TYPE_CHECKING:

@@ -24,8 +24,8 @@ from cspace._raster.bitmaps import (
 from cspace._rotations import NO_ROTATION, RotationCell
 from cspace._shapes.polygon import Polygons
 from cspace._shapes.shape import Boxes, ExactShape, RoundedSimplices, Slab
-from cspace._support.arrays import Bools, Floats, Surface, frozen
-from cspace._support.check import AXES, check_cells, check_point, check_points, check_positive
+from cspace._support.arrays import AXES, Bools, Floats, Surface, frozen
+from cspace._support.check import check_cells, check_point, check_points, check_positive
 from cspace.errors import GeometryError
 
 if TYPE_CHECKING:

@@ -52,6 +52,9 @@ MIXED: Final = 1
 BLOCKED: Final = 2
 """State of a cell in which every configuration is proven to be in collision."""
 
+AXES: Final = ("x", "y", "z")
+"""Names of the axes of space; a plane has the first two."""
+
 STATE_NAMES: Final = ("free", "mixed", "blocked")
 """Names of the states, in the order of their values."""
 

@@ -15,7 +15,7 @@ from typing import Any, Final, ParamSpec, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace._support.arrays import Bools, Floats, Ints, frozen
+from cspace._support.arrays import AXES, Bools, Floats, Ints, frozen
 from cspace._support.kinds import make_kind_error
 from cspace._support.reporting import warn_user
 from cspace._support.units import check_unit, warn_of_large
@@ -35,9 +35,6 @@ UNKNOWN_CELL: Final = -1
 
 _NUMERIC: Final = "it must be numeric"
 """Rule of messages about values that are no numbers."""
-
-AXES: Final = ("x", "y", "z")
-"""Names of the axes of space; a plane has the first two."""
 
 _ROW_ATTRIBUTES: Final = ("to_numpy", "mask", "_fields", "units", "unit")
 """Attributes of rows with labels, masks or units."""
@@ -81,7 +78,7 @@ def check_real(values: ArrayLike, name: str, axes: Sequence[str] = ()) -> NDArra
             raise TypeError("a text is no number")
         if array.dtype.kind not in "fiubc":
             array = np.asarray(array, dtype=np.float64)
-    except (TypeError, ValueError, RuntimeError) as error:
+    except (TypeError, ValueError, RuntimeError) as error:  # the last one of sparse arrays
         raise make_kind_error(values, name, _NUMERIC) from error
     except OverflowError as error:
         problem = "has too large an integer"
@@ -89,6 +86,16 @@ def check_real(values: ArrayLike, name: str, axes: Sequence[str] = ()) -> NDArra
     if array.dtype.kind == "c":
         raise InputError(name, "has complex values", "it must be real")
     return array
+
+
+def _follow(value: Any, path: str) -> Any:
+    """Return the attribute at the end of a dotted path, or the entry of a mapping, or None."""
+    *owners, name = path.split(".")
+    for owner in owners:
+        value = getattr(value, owner, None)
+        if isinstance(value, Mapping):
+            return value.get(name)
+    return getattr(value, name, None)
 
 
 def order_labels(values: Any, name: str, axes: Sequence[str]) -> Any:
@@ -243,12 +250,10 @@ def check_not_negative(value: Any, name: str, unit: str = "metres") -> float:
 
     Raises InputError if it is not one number, not finite, negative, or above 1e100.
     """
-    array = check_finite(value, name)
-    rule = "it must be one number, zero or above" + (f", in {unit}" if unit else "")
+    array = check_finite(value, name, largest=MAX_NUMBER)
     if array.ndim or array < 0.0:
+        rule = "it must be one number, zero or above" + (f", in {unit}" if unit else "")
         raise InputError(name, f"is {value!r}", rule)
-    if array > MAX_NUMBER:
-        raise InputError(name, f"is {value!r}", f"it must be at most {MAX_NUMBER:g}")
     warn_of_large(array, unit, name)
     return float(array)
 
@@ -299,13 +304,13 @@ def check_known(value: object, name: str, known: Collection[str], verb: str = "i
 
 
 def suggest_name(value: object, known: Collection[str]) -> str:
-    """Return "did you mean ...?" with a similar or longer name, or ""."""
+    """Return "did you mean ...?" with a name that has two letters more or less, or ""."""
     # What ROS calls resolution is our spacing.
     names = {name.lower().replace("resolution", "spacing"): name for name in known}
     word = str(value).lower().replace("resolution", "spacing")
-    longer = [name for name in names if len(word) > 2 and word in name]
-    similar = difflib.get_close_matches(word, names, 1, 0.65)
-    similar = similar or difflib.get_close_matches(word, longer, 1, 0.0)
+    # A letter too many costs a name of n letters a likeness of 1 / (2 n), and a wrong letter 1 / n.
+    likeness = max(0.73, 1.0 - 1.1 / max(1, len(word)))
+    similar = difflib.get_close_matches(word, names, 1, likeness)
     return f"did you mean {names[similar[0]]!r}?" if similar else ""
 
 
@@ -525,21 +530,30 @@ def check_pairs(edges: ArrayLike, vertices: Floats) -> Ints:
     return pairs.astype(np.int64, copy=False)
 
 
-def list_dimensions(array: Any) -> tuple[str, ...]:
-    """Return the names of an array's dimensions, or an empty tuple.
+_DIMENSIONS: Final = (
+    "dims",  # of xarray, and labels or scales of h5py
+    "dimensions",  # of netCDF4 and h5netcdf
+    "metadata.dimension_names",  # of zarr
+    "attrs._ARRAY_DIMENSIONS",
+    "domain.labels",  # of tensorstore
+)
+"""Where packages keep the names of an array's dimensions."""
 
-    They are those of xarray, zarr, netCDF4, h5netcdf, or labels or scales of h5py.
-    """
-    attributes = getattr(array, "attrs", None)
-    for names in (
-        getattr(array, "dims", None),
-        getattr(array, "dimensions", None),
-        getattr(getattr(array, "metadata", None), "dimension_names", None),
-        attributes.get("_ARRAY_DIMENSIONS") if isinstance(attributes, Mapping) else None,
-    ):
-        listed = [_name_dimension(each) for each in names or ()]
-        if any(listed):
-            return tuple(listed)
+_OTHER_ARRAYS: Final = {
+    "getbands": "its rows count from the top, and black is 0, unlike cells",  # an image of Pillow
+    "todense": "it must have a value for each cell",  # a sparse array
+    "columns": "its labels are not read",  # a table
+    "data_vars": "its labels are not read",  # a Dataset of xarray
+}
+"""Attributes of what is no array of cells, with the rule that it breaks."""
+
+
+def list_dimensions(array: Any) -> tuple[str, ...]:
+    """Return the names of an array's dimensions, or an empty tuple."""
+    for path in _DIMENSIONS:
+        names = [_name_dimension(each) for each in _follow(array, path) or ()]
+        if any(names):
+            return tuple(names)
     return ()
 
 
@@ -550,15 +564,21 @@ def _name_dimension(dimension: Any) -> str:
     return "" if dimension is None else str(dimension)
 
 
-def check_dims(array: Any, name: str) -> None:
-    """Raise InputError unless dimensions are x, y (and z).
+def check_kind(array: Any, name: str) -> None:
+    """Raise InputError for what converts to an array, but has other rows, labels or gaps."""
+    check_unmasked(array, name)
+    for attribute, rule in _OTHER_ARRAYS.items():
+        if hasattr(array, attribute):
+            raise InputError(name, f"is a {type(array).__name__}", rule)
 
-    They must be in this order, and have no coordinates,
-    which :func:`cspace._files.rasters.place_raster` evaluates and removes.
+
+def check_dims(array: Any, name: str) -> None:
+    """Raise InputError unless an array of cells is indexed x, y (and z), as far as it says.
+
+    Dimensions may have no coordinates, which :func:`cspace._files.rasters.place_raster` evaluates
+    and removes.
     """
-    if type(array).__module__.startswith("PIL."):
-        rule = "its rows count from the top, and black is 0, unlike cells"
-        raise InputError(name, "is an image of Pillow", rule)
+    check_kind(array, name)
     dims = list_dimensions(array)
     if any(dims) and dims != tuple(AXES[k] if dim else "" for k, dim in enumerate(dims[:3])):
         rule = "they must be x, y (and z), in this order"
@@ -574,22 +594,16 @@ def check_cells(values: ArrayLike, name: str) -> Bools:
     cells, or values other than 0 and 1.
     """
     check_dims(values, name)
-    check_unmasked(values, name)
-    if hasattr(values, "iloc"):
-        raise InputError(name, f"is a {type(values).__name__}", "its labels are not read")
     rule = "it must have the axes x, y (and z), and at least one cell"
     try:
         array = np.asarray(values)
-    except RuntimeError as error:
-        raise make_kind_error(values, name, rule) from error
-    except ValueError as error:
-        problem = f"is ragged: {error}"
-        rule = "its rows must have one length"
-        raise InputError(name, problem, rule) from error
+    except (ValueError, RuntimeError) as error:
+        problem = f"is ragged, or sparse within: {error}"
+        raise InputError(name, problem, "it must have a value for each cell") from error
     if not array.ndim:
         raise make_kind_error(values, name, rule)
     if array.ndim > 3 or array.ndim < 2 or array.size == 0:
-        problem = f"has {array.ndim} axes and {array.size} entries"
+        problem = f"is a {type(values).__name__} of {array.ndim} axes and {array.size} entries"
         raise InputError(name, problem, rule)
     if array.dtype.kind == "f":
         check_finite(array, name)

@@ -10,7 +10,6 @@ Numba compiles a function into each of its callers, and optimises it there again
 from __future__ import annotations
 
 import gc
-import hashlib
 import logging
 import os
 import pickle
@@ -36,6 +35,7 @@ from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
 from numba.core.compiler_lock import global_compiler_lock
 
+from cspace._support.sources import OWN_PACKAGES, digest_sources
 from cspace.errors import InputError
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -63,24 +63,6 @@ TURN_SECONDS: Final = (5.0, 60.0)
 
 NOT_KEPT: Final = "cspace: compiled code in %s fails (%s); it is kept in memory alone"
 """Text about code that a folder does not keep, e.g. because the disk is full."""
-
-FILES_WITHOUT_KERNELS: Final = (
-    "cspace/__init__.py",  # the version
-    "cspace/_support/compiling.py",
-    "cspace/_support/arrays.py",
-    "cspace/_bodies/__init__.py",
-    "cspace/_grid.py",
-    "cspace/_rotations/base.py",
-)
-"""Files without kernels on which compiled code depends. The last four have constants that are
-compiled into kernels."""
-
-OWN_PACKAGES: Final = ("cspace", "planners")
-"""Packages whose compiled code depends on the sources of both."""
-
-_KERNELS: Final = re.compile(
-    rb"^@(kernel|internal|inlined|allocating)\b|= intrinsic\(", re.MULTILINE
-)
 
 _CONFIG: Final[Any] = numba.config
 _CONFIG_LOCK: Final = threading.Lock()
@@ -318,7 +300,7 @@ def cache_folder() -> Path | None:
     if not hasattr(os, "geteuid"):  # Windows does not tell who may write to a folder
         return None
     # Code depends on the versions of numba and Python, and on the sources of the kernels.
-    name = f"numba-{numba.__version__}-{sys.implementation.cache_tag}-{_digest_sources()}"
+    name = f"numba-{numba.__version__}-{sys.implementation.cache_tag}-{digest_sources()}"
     places = [_CONFIG.CACHE_DIR, os.environ.get("XDG_CACHE_HOME"), "~/.cache"]
     with suppress(FileNotFoundError):  # no folder for temporary files
         places.append(f"{tempfile.gettempdir()}/cache-{os.geteuid()}")
@@ -345,26 +327,8 @@ def _code_folder(package: str) -> Path | None:
     places = getattr(sys.modules.get(package), "__path__", None)
     if folder is None or package in OWN_PACKAGES or not places:
         return folder
-    files = (file for place in places for file in Path(place).rglob("*.py"))
-    return folder / f"{package}-{_digest(sorted(files))}"
-
-
-def _digest_sources() -> str:
-    """Return a digest of the source files on which compiled code depends."""
-    root = Path(__file__).parents[2]  # the folder of both packages
-    files = [file for name in OWN_PACKAGES for file in sorted((root / name).rglob("*.py"))]
-    constants = {root / name for name in FILES_WITHOUT_KERNELS}
-    return _digest(
-        [file for file in files if file in constants or _KERNELS.search(file.read_bytes())]
-    )
-
-
-def _digest(files: list[Path]) -> str:
-    """Return a digest of the content of files."""
-    digest = hashlib.sha256()
-    for file in files:
-        digest.update(file.read_bytes())
-    return digest.hexdigest()[:16]  # 64 bits distinguish all versions on a machine
+    files = sorted(file for place in places for file in Path(place).rglob("*.py"))
+    return folder / f"{package}-{digest_sources(files)}"
 
 
 def is_private(folder: Path) -> bool:
@@ -388,10 +352,11 @@ def is_private(folder: Path) -> bool:
 
 def _remove_unused(parent: Path) -> None:
     """Remove compiled code of versions unused for a week."""
-    for lock in parent.glob("*/lock"):
+    for lock in parent.glob("numba-*/lock"):
         with suppress(OSError):
+            is_ours = re.fullmatch("numba-.+-[0-9a-f]{16}", lock.parent.name)
             # Seconds after its last use for which compiled code of other versions is kept.
-            if time.time() - lock.stat().st_mtime > 7 * 24 * 3600.0:
+            if is_ours and time.time() - lock.stat().st_mtime > 7 * 24 * 3600.0:
                 shutil.rmtree(lock.parent)
 
 

@@ -16,7 +16,6 @@ from cspace import Robot, Workspace
 from cspace._tiles.folder import (
     WORKSPACE_CELL_BYTES,
     TileFolder,
-    discard_folder,
     grow_box,
     make_frame,
     make_stamp,
@@ -144,7 +143,7 @@ def build_tile(
             return
         # It is damaged, as after a power failure. A tile that was missing is never discarded:
         # another process may have written it meanwhile, and counts on it.
-        discard_folder(path)
+        MapFolder(path).remove()
     frame = folder.frame
     name = frame.workspace.source
     cells = folder.locate_tile(tile)

@@ -17,10 +17,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-import shutil
-import uuid
 from collections.abc import Iterator, Mapping
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -57,9 +54,6 @@ MAX_TILES: Final = 2**22
 
 TILE_SIDES_PER_HALO: Final = 16
 """Shortest side of a tile, in widths of its halo; halos then add little to a map."""
-
-LEFTOVER_PREFIX: Final = ".cspace-"
-"""Prefix of files and folders that are written under another name first."""
 
 FRAME: Final = "frame"
 """Folder of the frame of a complete map."""
@@ -301,24 +295,8 @@ class TileFolder:
         layout = {**self.layout, "counts": counts.tolist()}
         complete_frame = replace(frame, exterior=exterior)
         write_once(self.path / FRAME, complete_frame, tiles=layout)
-        # Files of killed or late processes.
-        for leftover in self.path.glob(f"{LEFTOVER_PREFIX}*"):
-            discard_folder(leftover)
+        MapFolder(self.path).remove_leftovers()
         return TileFolder.open(self.path)
-
-
-def discard_folder(folder: Path) -> None:
-    """Remove our folder, even while another process writes.
-
-    It is renamed first, so the writer fails, and never puts the rest in place.
-    """
-    aside = folder.with_name(f"{LEFTOVER_PREFIX}{uuid.uuid4().hex[:12]}")
-    with suppress(FileNotFoundError):  # another process discards it too
-        folder.rename(aside)
-        if aside.is_dir():
-            shutil.rmtree(aside, ignore_errors=True)
-        else:
-            aside.unlink(missing_ok=True)
 
 
 def grow_box(corners: Ints, cells: int) -> Ints:

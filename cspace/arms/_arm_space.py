@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace import BLOCKED, FREE, MIXED, Workspace
-from cspace.arms._checks import check_mapping
+from cspace.arms._checks import check_mapping, check_names, check_rigid
 from cspace.arms._inverse import (
     PoseGoal,
     check_pose_tolerance,
@@ -22,26 +22,24 @@ from cspace.arms._inverse import (
     make_pose_problem,
     make_pose_scratch,
 )
-from cspace.arms._lines import (
+from cspace.arms._model import CONTACT_SAMPLES, LIMIT_SLACK, Arm, Names, sort_pair
+from cspace.arms._moveit import PlanningScene, find_base_pose
+from cspace.arms._paths.lines import (
     DEFAULT_LINE_TOLERANCE,
     LineMotion,
     check_corners,
     follow_lines,
     make_lines,
 )
-from cspace.arms._model import CONTACT_SAMPLES, LIMIT_SLACK, Arm, Names, sort_pair
-from cspace.arms._motion_proofs import make_scene_scratch, motion_is_free
-from cspace.arms._moveit import PlanningScene, find_base_pose
-from cspace.arms._snapshots import Contact, Snapshot, make_snapshot
-from cspace.arms._solids import (
+from cspace.arms._paths.two_trees import PathSearch
+from cspace.arms._proofs.motion_proofs import make_scene_scratch, motion_is_free
+from cspace.arms._proofs.solids import (
     PosedShape,
-    check_names,
-    check_rigid,
     named_obstacles,
     place_obstacle,
     place_shape,
 )
-from cspace.arms._two_trees import PathSearch
+from cspace.arms._snapshots import Contact, Snapshot, make_snapshot
 from cspace.errors import ConfigurationError, InputError
 from cspace.inside import (
     Bools,

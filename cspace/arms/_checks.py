@@ -6,8 +6,11 @@ from collections import Counter
 from collections.abc import Collection, Iterable, Mapping
 from typing import Any
 
+import numpy as np
+from numpy.typing import ArrayLike
+
 from cspace.errors import InputError
-from cspace.inside import ContentError, check_known
+from cspace.inside import ContentError, Floats, check_finite, check_known
 
 
 def check_distinct(
@@ -29,3 +32,46 @@ def check_mapping(values: Any, name: str, known: Collection[str]) -> dict[str, A
     if not (isinstance(values, Mapping) or hasattr(values, "to_dict")):
         raise InputError(name, f"is {values!r}", "it must map names to numbers")
     return {check_known(key, name, known, "names"): value for key, value in values.items()}
+
+
+def check_rigid(pose: ArrayLike, name: str) -> Floats:
+    """Return a rigid motion, shape (4, 4), with its rotation orthonormalised.
+
+    Raises
+    ------
+    InputError
+        If it is no rigid motion.
+    """
+    matrix = check_finite(pose, name)
+    problem = f"has shape {matrix.shape}"
+    if matrix.shape == (4, 4):
+        # Digits of a file are few, so take the nearest rotation, by a singular value decomposition.
+        left, _, right = np.linalg.svd(matrix[:3, :3])
+        rigid = np.eye(4)
+        rigid[:3, :3] = left @ right
+        rigid[:3, 3] = matrix[:3, 3]
+        # Largest error of an entry of a rotation matrix, because files round them to five digits.
+        is_near = np.abs(rigid - matrix).max() < 1e-5
+        if is_near and np.linalg.det(rigid) > 0.0:
+            return rigid
+        problem = f"has R = {matrix[:3, :3].tolist()} and the last row {matrix[3].tolist()}"
+    raise InputError(
+        name,
+        problem,
+        "it must be [[R, t], [0, 0, 0, 1]], shape (4, 4), with a rotation matrix R",
+    )
+
+
+def check_names(values: Iterable[str], name: str) -> list[str]:
+    """Return names as a list, also a single string.
+
+    Raises InputError if the values are not iterable.
+    """
+    if isinstance(values, str):
+        return [values]
+    try:
+        return list(values)
+    except TypeError as error:
+        problem = f"is {values!r}"
+        rule = "it must be a list of names"
+        raise InputError(name, problem, rule) from error

@@ -23,7 +23,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace import Goal
-from cspace.arms._chain import (
+from cspace.arms._checks import check_rigid
+from cspace.arms._proofs.chain import (
     POSITION,
     REVOLUTE,
     Chain,
@@ -31,7 +32,6 @@ from cspace.arms._chain import (
     forward_kinematics,
     rotation_rows,
 )
-from cspace.arms._solids import check_rigid
 from cspace.errors import InputError
 from cspace.inside import (
     Bools,

@@ -4,23 +4,32 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence, Set
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations, permutations
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace.arms._chain import FIXED, MAX_BODIES, PRISMATIC, REVOLUTE, Chain, compute_poses
-from cspace.arms._checks import check_mapping
+from cspace.arms._checks import check_mapping, check_names, check_rigid
 from cspace.arms._inverse import DEFAULT_TOLERANCE, Branch, PoseGoal, branch_to, solve_pose
-from cspace.arms._motion_proofs import ArmScene, are_free
-from cspace.arms._moveit_messages import read_joint_state
-from cspace.arms._scenes import PackedParts, make_scene, pack_parts
-from cspace.arms._solids import Part, Solid, check_names, check_rigid
+from cspace.arms._proofs.chain import (
+    FIXED,
+    MAX_BODIES,
+    PRISMATIC,
+    REVOLUTE,
+    Chain,
+    Frame,
+    compute_poses,
+)
+from cspace.arms._proofs.link_speeds import bound_speeds
+from cspace.arms._proofs.motion_proofs import ArmScene, are_free
+from cspace.arms._proofs.scenes import PackedParts, make_scene, pack_parts
+from cspace.arms._proofs.solids import Part, Solid
+from cspace.arms._reading.moveit_messages import read_joint_state
 from cspace.errors import ConfigurationError, InputError
 from cspace.inside import (
     Bools,
@@ -43,14 +52,12 @@ from cspace.inside import (
 )
 
 if TYPE_CHECKING:
+    from cspace.arms._reading.link_shapes import SolidMode
+    from cspace.arms._reading.urdf import PackageDirs, Srdf
     from cspace.arms._sphere_models import SphereModel
-    from cspace.arms._urdf import PackageDirs, Srdf
 
 Names = tuple[str, str]
 """Two link names in alphabetical order."""
-
-SolidMode: TypeAlias = Literal["auto", "surface"]
-"""Parts of a link's mesh that are solid: its closed bodies, or none."""
 
 _JOINT_KINDS: Final = {
     "fixed": FIXED,
@@ -74,23 +81,9 @@ class JointValues(dict[str, float]):
     """Values of a robot's joints by name, radians or metres.
 
     :meth:`cspace.Arm.configuration` takes those of joints that move, and
-    ``Arm.from_urdf(held_joints=)`` those of others. Both skip joints that mimic others, and refuse
-    unknown joints.
+    ``Arm.from_urdf(held_joints=)`` those of others. Both refuse unknown joints, and warn of joints
+    elsewhere than the joints that they mimic put them.
     """
-
-
-class Frame(NamedTuple):
-    """The frame of a link or an attached object.
-
-    Attributes
-    ----------
-    body : int
-    pose : ndarray of float64, shape (4, 4)
-        From the frame to that of its body.
-    """
-
-    body: int
-    pose: Floats
 
 
 class Joint(NamedTuple):
@@ -182,6 +175,7 @@ class Arm:
     placements: dict[str, Frame]
     carriers: dict[str, str]
     _base_is_root: bool
+    _followers: tuple[Joint, ...]
     _passive: frozenset[str]
     _states: dict[str, dict[str, float]]
 
@@ -252,7 +246,7 @@ class Arm:
         MissingPackageError
             If yourdfpy is not installed.
         """
-        from cspace.arms._urdf import (
+        from cspace.arms._reading.urdf import (
             Srdf,
             load_urdf,
             name_description,
@@ -286,6 +280,8 @@ class Arm:
         if srdf is None:
             arm = replace(arm, allowed_collisions=builder.find_allowed_pairs(arm))
         passive = [joint for joint in arm.joints if joint in semantics.passive_joints]
+        if isinstance(held_joints, JointValues):
+            arm._warn_of_followers(held_joints, "held_joints")
         if passive:
             warn_user(f"{srdf}: says that {', '.join(passive)} have no motor, and plans move them")
         return arm
@@ -377,8 +373,6 @@ class Arm:
         InputError
             If the link is unknown, or a number is not finite or has another shape.
         """
-        from cspace.arms._link_speeds import bound_speeds
-
         check_known(link, "link", self.placements)
         names = "q", "velocity", "max_velocity", "max_acceleration"
         given = (
@@ -398,7 +392,9 @@ class Arm:
             rule = f"those of {', '.join(names[1:])} and within must fit: {shapes[1:]}"
             raise InputError("q", f"has shape {shapes[0]}", rule) from error
         motion = np.array([np.broadcast_to(each, shape) for each in rows])
-        return bound_speeds(self, link, motion, np.broadcast_to(seconds, shape[:-1]))
+        solids = [solid for solid in self.links if solid.name == link]
+        times = np.broadcast_to(seconds, shape[:-1])
+        return bound_speeds(self.chain, self.placements[link], solids, motion, times)
 
     @names_options
     def inverse(
@@ -584,25 +580,52 @@ class Arm:
         """
         # The base gives the values of all joints that are not named.
         if isinstance(base, str):
-            q = self._move_joints(self._rest, self._find_group_state(base, "base"))
+            state = self._find_group_state(base, "base")
+            q = self._move_joints(self._rest, state)
             self._check_limits(q, "base")
+            self._warn_of_followers(state, "base", q)
         else:
             q = self._rest if base is None else self._check_configuration(base, "base")
         is_empty = values is None or (isinstance(values, dict) and not values)
         given: Any = {} if is_empty else values
         if hasattr(given, "to_dict"):  # a Series of pandas
             given = given.to_dict()
+        named: Mapping[str, float] = {}
         if isinstance(values, str):
-            given = self._find_group_state(values, "values")
+            named = self._find_group_state(values, "values")
+            given = {joint: value for joint, value in named.items() if joint in self.joints}
         fields = Ledger.list_fields(given, ("name", "position")) or {}
         if {"name", "position"} <= fields.keys():
             given = JointValues(read_joint_state(fields, "values"))
         if isinstance(given, JointValues):
+            named = given
             given = self._select_moving_joints(given, needs_all=base is None)
         moved = self._move_joints(q, check_joint_values(given, "values", self.joints))
         self._check_limits(moved, "values")
         warn_of_large(moved, "rad", "values", self._angles)
+        self._warn_of_followers(named, "values", moved)
         return moved
+
+    def _warn_of_followers(
+        self, values: Mapping[str, float], argument: str, q: Floats | None = None
+    ) -> None:
+        """Warn of values of joints elsewhere than the joints that they mimic put them.
+
+        These are where a configuration ``q`` puts them, or else at their own values.
+        """
+        leaders = {} if q is None else dict(zip(self.joints, q.tolist(), strict=True))
+        values = {**values, **leaders}
+        for joint in self._followers:
+            leader = values.get(joint.leader, math.nan) if joint.factor else 0.0
+            place = joint.factor * leader + joint.offset
+            gap = values.get(joint.name, math.nan) - place
+            if joint.kind == REVOLUTE:
+                gap = math.remainder(gap, math.tau)
+            if abs(gap) > LIMIT_SLACK:
+                warn_user(
+                    f"{argument}: {joint.name} is at {values[joint.name]:.6g}, but it mimics "
+                    f"{joint.leader}, which puts it at {place:.6g}; proofs are for that place"
+                )
 
     def _select_moving_joints(self, values: JointValues, needs_all: bool) -> dict[str, float]:
         """Select the arm's joint values from a whole robot's.
@@ -640,7 +663,7 @@ class Arm:
         return np.array([values.get(joint, before[joint]) for joint in self.joints])
 
     def _find_group_state(self, name: str, argument: str) -> dict[str, float]:
-        """Find an SRDF group state's values of the arm's joints.
+        """Find an SRDF group state's values of joints.
 
         The name is ``"GROUP/STATE"``, or ``"STATE"`` if only one group of the arm has it. Raises
         InputError that blames ``argument`` if no state has the name, or several have.
@@ -661,8 +684,7 @@ class Arm:
             full_names = [name]
         if len(full_names) != 1:
             check_known(name, argument, full_names or self._states)  # raises InputError
-        state = self._states[full_names[0]]
-        return {joint: value for joint, value in state.items() if joint in self.joints}
+        return self._states[full_names[0]]
 
     @names_options
     def spheres(
@@ -705,7 +727,8 @@ class Arm:
         """
         from cspace.arms._sphere_models import find_spheres
 
-        return find_spheres(self, number, tolerance, kind, progress)
+        links = [(link, self.placements[link.name].pose) for link in self.links]
+        return find_spheres(self.name, links, number, tolerance, kind, progress)
 
     @names_options
     def attach(
@@ -1190,6 +1213,7 @@ class _ArmBuilder:
             placements=placements,
             carriers={},
             _base_is_root=len(placements) == len(self._urdf.link_map),
+            _followers=tuple(self._list_followers()),
             _passive=frozenset(self._urdf.joint_map.keys() - {*self._moving_names, *self._held}),
             _states=srdf.states,
         )
@@ -1225,15 +1249,27 @@ class _ArmBuilder:
         moved = [joint for joint in self._order if joint.leader == leader and self._is_moved(joint)]
         return min(joint.max_velocity / abs(joint.factor) for joint in moved)
 
+    def _list_followers(self) -> Iterator[Joint]:
+        """Yield the joints that mimic others; those that stand still have no factor."""
+        for joint in self._order:
+            if self._is_moved(joint) and joint.leader != joint.name:
+                yield joint
+            elif joint.leader != joint.name:
+                yield joint._replace(factor=0.0, offset=self._find_fixed_value(joint))
+
+    def _find_fixed_value(self, joint: Joint) -> float:
+        """Return the position of a joint that the arm's configuration does not move."""
+        leader = self._joints[joint.leader]
+        position = self._held.get(leader.name, _find_rest_value(leader))
+        return joint.factor * position + joint.offset
+
     def _compute_fixed_pose(self, joint: Joint) -> Floats:
         """Compute the pose (4, 4) of a still joint's child link."""
-        from cspace.arms._urdf import make_motion
+        from cspace.arms._reading.urdf import make_motion
 
         if joint.kind == FIXED:
             return np.eye(4)
-        leader = self._joints[joint.leader]
-        position = self._held.get(leader.name, _find_rest_value(leader))
-        value = joint.factor * position + joint.offset
+        value = self._find_fixed_value(joint)
         return make_motion(value * joint.axis, slides=joint.kind == PRISMATIC)
 
     def _read_links(
@@ -1243,8 +1279,8 @@ class _ArmBuilder:
         inside: SolidMode,
     ) -> Iterable[Solid]:
         """Read links with collision geometry, on their bodies."""
-        from cspace.arms._link_shapes import link_shapes
-        from cspace.arms._urdf import find_meshes, warn_of_visuals
+        from cspace.arms._reading.link_shapes import link_shapes
+        from cspace.arms._reading.urdf import find_meshes, warn_of_visuals
 
         warn_of_visuals(self._urdf, placements, self._file)
         meshes = find_meshes(self._urdf, placements, self._file, package_dirs)

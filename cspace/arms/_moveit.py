@@ -5,16 +5,17 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations, product
+from itertools import chain, combinations, product
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace.arms._checks import check_distinct
+from cspace.arms._checks import check_distinct, check_rigid
 from cspace.arms._inverse import PoseGoal
 from cspace.arms._model import LIMIT_SLACK, Arm, JointValues, Names, sort_pair
-from cspace.arms._moveit_messages import (
+from cspace.arms._proofs.solids import PosedShape
+from cspace.arms._reading.moveit_messages import (
     FIELDS,
     HEADER,
     STATE,
@@ -35,10 +36,17 @@ from cspace.arms._moveit_messages import (
     refuse,
     wrong_value,
 )
-from cspace.arms._solids import PosedShape, check_rigid
-from cspace.arms._urdf import PackageDirs
+from cspace.arms._reading.urdf import PackageDirs
 from cspace.errors import InputError
-from cspace.inside import ContentError, Floats, Ledger, Upright, check_known, warn_of_large
+from cspace.inside import (
+    ContentError,
+    Floats,
+    Ledger,
+    Upright,
+    check_known,
+    warn_of_large,
+    warn_user,
+)
 
 _MAX_EULER_TOLERANCE: Final = 0.5 * math.pi
 """Largest angle, radians, up to which each Euler angle of a rotation is at most the rotation's
@@ -170,6 +178,16 @@ class PlanningScene:
                     f"has {joint} at {value:.12g}",
                     f"the arm holds it at {held:.12g}",
                 )
+        arm._warn_of_followers(self.robot_state, self._source)
+
+        named = set(chain(*(self._contacts or {}), self.robot_state))
+        named.update(*(carried.touch_links for carried in self.attached.values()))
+        known = {*arm.frames, *arm.joints, *arm.held_joints, *arm._passive, "<octomap>"}
+        unknown = named.difference(known, self._ids.values(), self.obstacles, self.attached)
+        if unknown:
+            listed = ", ".join(sorted(unknown))
+            problem = f"names {listed:.200}, which neither the arm nor the scene has"
+            warn_user(f"{self._source}: {problem}; such entries are skipped")
 
     def _find_pose_on_link(self, arm: Arm, carried: AttachedObject, base_pose: Floats) -> Floats:
         """Return an attached object's pose in its link's frame, shape (4, 4)."""
@@ -230,7 +248,7 @@ def read_moveit_scene(source: object, *, package_dirs: PackageDirs = ()) -> Plan
         As :meth:`cspace.Workspace.from_moveit_scene`. Also if the state of the robot moves its
         base, or only changes another state.
     """
-    from cspace.arms._link_shapes import read_scene
+    from cspace.arms._reading.link_shapes import read_scene
 
     content = read_scene(source, package_dirs)
     obstacles = {}

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace.arms._chain import REVOLUTE, compute_poses
 from cspace.arms._checks import check_mapping
 from cspace.arms._model import Arm
+from cspace.arms._proofs.chain import REVOLUTE, compute_poses
 from cspace.errors import InputError
 from cspace.inside import Floats
 

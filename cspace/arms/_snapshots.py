@@ -17,12 +17,18 @@ import numpy as np
 import scipy  # its parts are read when they are first used
 from numpy.typing import NDArray
 
-from cspace.arms._addresses import Address
-from cspace.arms._chain import ADVANCE_FACTOR, DISTANCE_ROUNDING, FIXED, REVOLUTE, compute_poses
-from cspace.arms._cones import make_cones, move_into_cones
-from cspace.arms._hulls import node_corners
 from cspace.arms._model import CONTACT_SAMPLES, Arm, Names, always_touch, sort_pair
-from cspace.arms._motion_proofs import (
+from cspace.arms._proofs.addresses import Address
+from cspace.arms._proofs.chain import (
+    ADVANCE_FACTOR,
+    DISTANCE_ROUNDING,
+    FIXED,
+    REVOLUTE,
+    compute_poses,
+)
+from cspace.arms._proofs.cones import Cones, move_into_cones
+from cspace.arms._proofs.hulls import node_corners
+from cspace.arms._proofs.motion_proofs import (
     ArmScene,
     are_blocked,
     bound_distances,
@@ -31,8 +37,8 @@ from cspace.arms._motion_proofs import (
     make_scene_scratch,
     motions_are_free,
 )
-from cspace.arms._scenes import make_inner_scene, make_scene
-from cspace.arms._solids import PosedShape, Solid, StaticShape
+from cspace.arms._proofs.scenes import make_inner_scene, make_scene
+from cspace.arms._proofs.solids import PosedShape, Solid, StaticShape
 from cspace.errors import ConfigurationError
 from cspace.inside import (
     Bools,
@@ -136,7 +142,7 @@ class Snapshot:
         """
         for upright in uprights:
             check_known(upright.frame, "frame", self.arm.placements)
-        outer = self.outer._replace(cones=make_cones(self.arm, uprights))
+        outer = self.outer._replace(cones=_make_cones(self.arm, uprights))
         return replace(self, outer=outer, uprights=tuple(uprights))
 
     def move_upright(self, points: Floats) -> Floats:
@@ -339,6 +345,24 @@ def make_snapshot(
     _refuse_fixed(snapshot, fixed)
     _refuse_always(snapshot)
     return snapshot.keep(uprights) if uprights else snapshot
+
+
+def _make_cones(arm: Arm, uprights: Sequence[Upright]) -> Cones:
+    """Make the cones of an arm's frames, which it must have."""
+    placed = [arm.placements[upright.frame] for upright in uprights]
+    axes = [
+        frame.pose[:3, :3] @ np.asarray(upright.axis)
+        for frame, upright in zip(placed, uprights, strict=True)
+    ]
+    return Cones(
+        bodies=np.array([frame.body for frame in placed], dtype=np.int64),
+        axes=np.array(axes).reshape(-1, 3),
+        directions=np.array([upright.direction for upright in uprights]).reshape(-1, 3),
+        angles=np.array([upright.angle for upright in uprights]),
+        tolerances=np.array([upright.tolerance for upright in uprights]),
+        lower=arm.lower,
+        upper=arm.upper,
+    )
 
 
 def _measure_reach(arm: Arm) -> float:

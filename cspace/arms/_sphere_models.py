@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, Literal
@@ -14,10 +14,11 @@ from xml.etree import ElementTree
 import numpy as np
 
 from cspace.arms._checks import check_mapping
-from cspace.arms._sphere_files import Sphere, join_numbers, replace_geometry
+from cspace.arms._reading.sphere_files import Sphere, join_numbers, replace_geometry
 from cspace.errors import GeometryError, InputError
 from cspace.inside import (
     Balls,
+    Floats,
     Mesh,
     Shape,
     StrPath,
@@ -32,8 +33,7 @@ from cspace.inside import (
 )
 
 if TYPE_CHECKING:
-    from cspace.arms._model import Arm
-    from cspace.arms._solids import Solid
+    from cspace.arms._proofs.solids import Solid
     from cspace.spectral import BallDecomposition
 
 
@@ -185,50 +185,51 @@ def _format_xml(root: ElementTree.Element) -> str:
 
 
 def find_spheres(
-    arm: Arm,
+    name: str,
+    links: Sequence[tuple[Solid, Floats]],
     number: int | Mapping[str, int] | None,
     tolerance: float | None,
     kind: Literal["inner", "outer"],
     progress: Callable[[int, int], None] | None,
 ) -> SphereModel:
-    """Find the balls of each link; see :meth:`cspace.Arm.spheres`."""
+    """Find the balls of links with poses on their bodies; see :meth:`cspace.Arm.spheres`."""
     from cspace.spectral import decompose
 
-    links = {}
+    found = {}
     if isinstance(number, Mapping):
-        check_mapping(number, "number", [link.name for link in arm.links])
-    for done, link in enumerate(arm.links):
+        check_mapping(number, "number", [link.name for link, _ in links])
+    for done, (link, pose) in enumerate(links):
         if progress is not None:
-            progress(done, len(arm.links))
+            progress(done, len(links))
         if isinstance(number, Mapping) and link.name not in number:
             rule = "each link with geometry needs one"
             raise InputError("number", f"lacks {link.name!r}", rule)
         count = number[link.name] if isinstance(number, Mapping) else number
-        shape = _join_parts(arm, link)
+        shape = _join_parts(link, pose)
         if kind == "inner" and not shape.inner.encloses:
             warn_user(f"link {link.name!r} has no inside, so it gets no balls")
             continue
         try:
-            links[link.name] = decompose(shape, kind=kind, number=count, tolerance=tolerance)
+            found[link.name] = decompose(shape, kind=kind, number=count, tolerance=tolerance)
         except InputError as error:
             if error.argument == "shape":
                 place = f"link {link.name!r}"
                 raise type(error)(place, error.problem, error.rule, error.hint) from error
             raise
     if progress is not None:
-        progress(len(arm.links), len(arm.links))
-    if not links:
+        progress(len(links), len(links))
+    if not found:
         raise GeometryError(
             "kind",
             "is 'inner', but no link has an inside",
             "inner balls need one",
         )
-    return SphereModel(arm.name, links)
+    return SphereModel(name, found)
 
 
-def _join_parts(arm: Arm, link: Solid) -> Shape:
-    """Join a link's parts to one shape."""
-    from_body = np.linalg.inv(arm.placements[link.name].pose)
+def _join_parts(link: Solid, pose: Floats) -> Shape:
+    """Join the parts of a link, which has a pose on its body, to one shape."""
+    from_body = np.linalg.inv(pose)
     sides = []
     for side in ("outer", "inner"):
         parts = [(getattr(part.shape, side), from_body @ part.pose) for part in link.parts]

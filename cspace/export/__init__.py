@@ -1,7 +1,7 @@
 """Maps for other software: files, labelled arrays and messages, a module each (experimental)."""
 
-import lazy_loader
+from cspace.inside import attach_stub
 
-__getattr__, __dir__, _ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, _ = attach_stub(__name__, __file__)
 
 __all__: list[str] = []

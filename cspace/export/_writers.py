@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace import BLOCKED, FREE, MIXED, CSpace, Rotations
+from cspace import BLOCKED, FREE, MIXED, Rotations
 from cspace.errors import InputError
 from cspace.export._free_boundary import WRITERS, write_boundary
 from cspace.export._plane_images import write_geotiff, write_ros_map
@@ -35,10 +35,7 @@ from cspace.inside import (
 if TYPE_CHECKING:
     import xarray
 
-
-def _save(contents: Contents, path: StrPath, overwrite: bool) -> None:
-    """Save a map as a Zarr folder."""
-    CSpace(contents).save(Path(path), overwrite=overwrite)
+    from cspace import CSpace
 
 
 def _select_layers(contents: Contents, cells: Sequence[int]) -> dict[str, NDArray[Any]]:
@@ -85,13 +82,19 @@ def _write_netcdf(contents: Contents, cells: Sequence[int], path: StrPath, overw
         dataset.to_netcdf(temporary, engine="scipy", format="NETCDF3_64BIT")
 
 
-def write_npz(contents: Contents, path: StrPath, overwrite: bool = False) -> None:
+def _save(space: CSpace, path: StrPath, overwrite: bool) -> None:
+    """Save a map as a Zarr folder."""
+    space.save(Path(path), overwrite=overwrite)
+
+
+def write_npz(space: CSpace, path: StrPath, overwrite: bool) -> None:
     """Write a map as a compressed NumPy archive.
 
     See :func:`export` for its arrays.
 
     Raises FileError if the file exists and may not be replaced, or cannot be written.
     """
+    contents = contents_of(space)
     arrays = collect_arrays(replace(contents, exterior=None))
     members: dict[str, Any] = {name: np.asarray(array.values) for name, array in arrays.items()}
     members["lower"] = np.array(contents.grid.lower)
@@ -109,7 +112,7 @@ class ExportFormat(NamedTuple):
     Attributes
     ----------
     write : callable
-        Its arguments depend on ``rotations``. For "all", ``write(contents, path, overwrite)``
+        Its arguments depend on ``rotations``. For "all", ``write(space, path, overwrite)``
         writes the map. For "all or one", ``write(contents, cells, path, overwrite)`` writes these
         rotation cells. For "one", ``write(state, grid, path, overwrite)`` writes a slice.
     rotations : {"all", "all or one", "one"}
@@ -199,11 +202,12 @@ def export(
         If netCDF is asked for, and xarray is not installed.
     """
     with space.lock:  # an update waits
-        _write(contents_of(space), path, overwrite, rotation)
+        _write(space, path, overwrite, rotation)
 
 
-def _write(contents: Contents, path: StrPath, overwrite: bool, rotation: ArrayLike | None) -> None:
+def _write(space: CSpace, path: StrPath, overwrite: bool, rotation: ArrayLike | None) -> None:
     """Write a map in the format of a path's suffix."""
+    contents = contents_of(space)
     suffix = check_suffix(path, EXPORT_FORMATS, "the suffix selects the format", is_output=True)
     form = EXPORT_FORMATS[suffix]
     if form.dimension not in (None, contents.grid.dim):
@@ -217,7 +221,7 @@ def _write(contents: Contents, path: StrPath, overwrite: bool, rotation: ArrayLi
         if rotation is not None:
             rule = f"a {suffix or 'Zarr'} map holds every slice"
             raise InputError("rotation", f"is {rotation!r}", rule)
-        form.write(contents, path, overwrite)
+        form.write(space, path, overwrite)
         return
     cells: Sequence[int] = range(len(contents.rotations))
     if rotation is not None or form.rotations == "one":

@@ -69,7 +69,7 @@ class Mover:
     at : float
         Time, seconds, at which the motion begins, or at which the thing is at the configuration.
     velocity : array-like, shape (2,) or (3,), optional
-        Constant velocity of a thing, m/s.
+        Constant velocity of a thing, m/s, before and after ``at``.
     error : float
         Largest distance, metres, of the robot from its motion.
     growth : float
@@ -121,9 +121,9 @@ def apart(
 ) -> Separation:
     """Prove two timed motions apart, or find when they touch.
 
-    Time begins with the earlier motion. A robot stands at its start before its trajectory begins,
-    and at its end ever after. Both robots move in the plane, or both in space, with or without a
-    yaw.
+    Time begins at the earlier ``at``, except that of a thing that stands without growth. A robot
+    stands at its start before its trajectory begins, and at its end ever after. Both robots move
+    in the plane, or both in space, with or without a yaw.
 
     Parameters
     ----------
@@ -131,8 +131,8 @@ def apart(
     margin : float
         Distance that the robots must keep, metres.
     until : float, optional
-        Last instant, seconds; by default the end of the later trajectory. Things at a constant
-        velocity, and errors that grow without a trajectory, need it.
+        Last instant, seconds; by default the last one at which a trajectory ends, or ``at``. Two
+        things need it if one moves or its error grows.
 
     Returns
     -------
@@ -292,11 +292,14 @@ def _check_pair(first: Timed, second: Timed) -> None:
 def _find_interval(movers: tuple[Timed, Timed], until: float | None) -> tuple[float, float]:
     """Return the first and the last instant."""
     driven = [each for each in movers if each.trajectory is not None]
-    begin = min(each.at for each in driven or movers)
-    end = max((each.at + float(each.times[-1]) for each in driven), default=begin)
+    changing = [each for each in movers if each.velocity.any() or each.growth]
+    # Other things stand at all times, so that their ``at`` says nothing.
+    timed = driven + changing or movers
+    begin = min(each.at for each in timed)
+    end = max(each.at + float(each.times.max(initial=0.0)) for each in timed)
     if until is not None:
         end = check_number(until, "until")
-    elif not driven and any(each.velocity.any() or each.growth for each in movers):
+    elif changing and not driven:
         rule = "a thing that moves, or an error that grows, has no end"
         raise InputError("until", "is missing", rule)
     if end < begin:

@@ -13,7 +13,6 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from cspace import CSpace
 from cspace.errors import InputError
 from cspace.inside import (
     Floats,
@@ -532,7 +531,7 @@ def _judge_pairs(
     """Return verdicts about all pairs that are not apart."""
     begins = np.cumsum([0, *(len(sweeper.outlines) for sweeper in sweepers)])
     # Where footprints meet, a robot on a floor may still pass under the other.
-    has_floor = [isinstance(space, CSpace) and space.floor is not None for space, _ in robots]
+    has_floor = [space.floor is not None for space, _ in robots]
     names, kinds = list(elements), list(elements.values())
     pairs: list[Conflict] = []
     for one, other in itertools.combinations_with_replacement(range(len(sweepers)), 2):

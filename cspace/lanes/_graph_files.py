@@ -6,11 +6,10 @@ A field that is neither that nor known to change nothing is named in a warning.
 
 from __future__ import annotations
 
-import itertools
 import json
 import math
 import os
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -19,7 +18,6 @@ import shapely
 from cspace.inside import (
     ContentError,
     Fields,
-    Floats,
     Ledger,
     StrPath,
     check_point,
@@ -37,6 +35,9 @@ SUFFIXES: Final = (".geojson", ".json", ".yaml", ".yml")
 MAX_GAP: Final = 0.01
 """Largest distance, metres, of a drawn line or a trajectory from the nodes that it joins."""
 
+ANY_YAW: Final = math.pi * (1.0 - 1e-6)
+"""Deviation of a yaw, radians, from which on it may be any; files round pi."""
+
 METRIC_CRS: Final = ("EPSG::3857", "EPSG:3857")
 """Coordinate systems that Nav2's example graphs name for metres of the map."""
 
@@ -45,8 +46,8 @@ FIELDS: Final = (
         "route graphs of Nav2, `.geojson`",
         honoured="`features`, `properties`, `geometry`; `type`; `id`, `startid`, `endid`; "
         "`coordinates` of nodes",
-        refused="`crs` other than metres of the map; `frame` other than `map`; drawn corners",
-        warned="unknown fields",
+        refused="`crs` other than metres of the map; `frame` other than `map`",
+        warned="edges drawn elsewhere than from node to node; equal `id`; unknown fields",
         harmless="name metadata operations class cost overridable description bbox date_generated",
     ),
     Fields(
@@ -65,18 +66,21 @@ FIELDS: Final = (
         "LIF layouts and VDA 5050 orders, `.json`",
         honoured="`layouts`, `nodes`, `edges`, `stations`; `layoutId`, `nodeId`, `edgeId`, "
         "`stationId`; `nodePosition`, `x`, "
-        "`y`, `theta`; `allowedDeviationXY`, `allowedDeviationXy`; `orientationType`, "
+        "`y`, `theta`; `allowedDeviationXY`, `allowedDeviationXy`, `allowedDeviationTheta`; "
+        "`orientationType`, "
         "`orientation`, `vehicleOrientation`; `rotationAllowed`, "
         "`reachOrientationBeforeEntering`; `trajectory`, `degree`, "
         "`knotVector`, `controlPoints`, `weight`; ellipses of `a` and `b`; `corridor`, "
         "`leftWidth`, `rightWidth`; "
         "`vehicleTypeNodeProperties`, `vehicleTypeEdgeProperties`, `vehicleTypeId`, "
-        "`vehicleTypeIds`; `startNodeId`, `endNodeId`, `interactionNodeIds`; `version`",
+        "`vehicleTypeIds`; `startNodeId`, `endNodeId`, `sequenceId`; "
+        "`interactionNodeIds`; `version`",
         refused="several `mapId`; `origins`; `rotationAtStartNodeAllowed`, "
-        "`rotationAtEndNodeAllowed` other than `BOTH`; `allowedDeviationTheta` at a node with "
-        "`theta`; `orientation` of control points; curves that jump",
-        warned="angles beyond a whole turn; unknown fields, such as `loadRestriction`; fields of "
-        "`metaInformation` beside LIF's",
+        "`rotationAtEndNodeAllowed` other than `BOTH`; "
+        "`orientation` of control points; curves that jump",
+        warned="angles beyond a whole turn; unknown fields, such as `loadRestriction`; "
+        "`maxHeight`, `minHeight`, `maximumMobileRobotHeight`, `minimumLoadHandlingDeviceHeight`; "
+        "fields of `metaInformation` beside LIF's",
         harmless="projectIdentification creator exportTimestamp lifVersion headerId timestamp "
         "manufacturer serialNumber orderId orderDescription orderUpdateId zoneSetId layoutName "
         "layoutVersion layoutLevelId layoutDescription nodeName nodeDescription nodeDescriptor "
@@ -99,10 +103,8 @@ FIELDS: Final = (
 Stations = Mapping[str, tuple[str, ...]]
 """Nodes of each station."""
 
-GraphContents = tuple[
-    tuple[str, ...], Floats, tuple[Lane, ...], Floats, Stations, Mapping[str, str]
-]
-"""Attributes of a route graph, in their order."""
+GraphContents = dict[str, Any]
+"""Attributes of a route graph."""
 
 
 class GraphBuilder:
@@ -118,6 +120,7 @@ class GraphBuilder:
         self.points: list[tuple[float, float]] = []
         self.yaws: list[float] = []
         self.deviations: list[float] = []
+        self.yaw_deviations: dict[str, float] = {}
         self.lanes: list[Lane] = []
         self.mutexes: dict[str, str] = {}
 
@@ -171,10 +174,15 @@ class GraphBuilder:
 
     def build(self, stations: Stations | None = None) -> GraphContents:
         """Return what was added."""
-        positions = np.array(self.points, dtype=np.float64).reshape(-1, 2)
-        yaws = np.array(self.yaws, dtype=np.float64)
-        names, lanes = tuple(self.indices), tuple(self.lanes)
-        return names, positions, lanes, yaws, stations or {}, self.mutexes
+        return {
+            "names": tuple(self.indices),
+            "positions": np.array(self.points, dtype=np.float64).reshape(-1, 2),
+            "lanes": tuple(self.lanes),
+            "yaws": np.array(self.yaws, dtype=np.float64),
+            "stations": stations or {},
+            "node_mutexes": self.mutexes,
+            "yaw_deviations": self.yaw_deviations,
+        }
 
 
 def read_graph(
@@ -213,7 +221,7 @@ def _read_nav2(
         raise document.fail(
             f"has the crs {crs:.80}", "coordinates must be metres of the map's frame"
         )
-    edges: dict[str, tuple[Ledger, list[Any]]] = {}
+    edges: list[tuple[Ledger, list[Any]]] = []
     for feature in document.children("features", "feature"):
         feature.refuse("type", "Feature")
         feature.get("id")
@@ -226,29 +234,44 @@ def _read_nav2(
             builder.add_node(properties, number, properties.point(coordinates))
         elif kind in ("LineString", "MultiLineString"):
             properties.where, properties.kind = f"edge {number!r}", "Nav2 edge"
-            if str(number) in edges:
-                raise properties.fail("is there twice", "ids must differ")
-            edges[str(number)] = properties, [coordinates] if kind == "LineString" else coordinates
+            edges.append((properties, list(_list_places(coordinates))))
         else:
             rule = "nodes are Points, edges are MultiLineStrings"
             raise feature.fail(f"with the id {number!r} is a {kind}", rule)
-    for name, (edge, lines) in edges.items():
-        _add_nav2_edge(builder, edge, name, lines)
+    known = set(builder.indices)
+    repeated, misdrawn = [], []
+    for edge, places in edges:
+        name, first, last = (edge.need(key) for key in ("id", "startid", "endid"))
+        ends = [builder.find(edge, node) for node in (first, last)]
+        builder.add_lane(edge, name, ends)
+        listed = f"{name} ({first} to {last})"
+        repeated += [listed] * (str(name) in known)
+        known.add(str(name))
+        chord = shapely.LineString([builder.points[node] for node in ends])
+        drawn = shapely.MultiPoint([edge.point(place) for place in places])
+        misdrawn += [listed] * bool(shapely.hausdorff_distance(chord, drawn) > MAX_GAP)
+    _warn_of("edges have the id of an earlier element and are read, as by Nav2", repeated)
+    rule = (
+        "edges are drawn elsewhere than straight from node to node, as Nav2 drives and is audited"
+    )
+    _warn_of(rule, misdrawn)
     return builder.build()
 
 
-def _add_nav2_edge(builder: GraphBuilder, edge: Ledger, name: str, lines: list[Any]) -> None:
-    """Add an edge of Nav2, unless it is drawn with a corner."""
-    if name in builder.indices:
-        raise edge.fail("has the id of a node", "ids must differ")
-    ends = [builder.find(edge, edge.need(key)) for key in ("startid", "endid")]
-    chord = shapely.LineString([builder.points[node] for node in ends])
-    for place in itertools.chain.from_iterable(lines):
-        point = edge.point(place)
-        if shapely.distance(chord, shapely.Point(point)) > MAX_GAP:
-            rule = "Nav2 drives straight from node to node, so that each corner needs a node"
-            raise edge.fail(f"is drawn by way of {list(point)}", rule)
-    builder.add_lane(edge, name, ends)
+def _list_places(coordinates: Any) -> Iterator[Any]:
+    """Yield the points of a line, or of several, as files have both under either name."""
+    if isinstance(coordinates, list) and all(isinstance(part, list) for part in coordinates):
+        for part in coordinates:
+            yield from _list_places(part)
+    else:
+        yield coordinates
+
+
+def _warn_of(rule: str, names: Sequence[str]) -> None:
+    """Warn of elements, and name the first ten."""
+    if names:
+        listed = ", ".join(names[:10]) + ", ..." * (len(names) > 10)
+        warn_user(f"{len(names)} {rule}: {listed}")
 
 
 # ---- Open-RMF ------------------------------------------------------------------------------------
@@ -330,18 +353,15 @@ def _read_lif(
     layout, others = _choose_layout(document, level)
     for element in (document, layout):
         element.refuse("origins", [])  # places of other frames
-    # Field of a LIF edge with its rules for each type of vehicle.
-    edges = [
-        (edge, list(edge.children("vehicleTypeEdgeProperties")))
-        for edge in layout.children("edges", "edge", "edgeId")
-    ]
-    types = {name for _, entries in edges for entry in entries for name in _types_of(entry) if name}
+    nodes, edges = _list_parts(layout, "Node"), _list_parts(layout, "Edge")
+    rules = [entry for _, entries in (*nodes, *edges) for entry in entries]
+    types = {name for entry in rules for name in _types_of(entry) if name}
     if types or vehicle:
         vehicle = _choose(layout, sorted(types), vehicle, "vehicle")
     builder = GraphBuilder(heading, "any")
     maps = set()
-    for node in layout.children("nodes", "node", "nodeId"):
-        entry = _own_entry(list(node.children("vehicleTypeNodeProperties")), vehicle)
+    for node, entries in nodes:
+        entry = _own_entry(entries, vehicle)
         maps.add(str(node.get("mapId")))
         _add_place(builder, node, entry or node)
     _check_map(layout, maps, None)
@@ -355,6 +375,15 @@ def _read_lif(
     return builder.build(_read_stations(builder, layout, leaving))
 
 
+def _list_parts(layout: Ledger, kind: str) -> list[tuple[Ledger, list[Ledger]]]:
+    """Return a LIF layout's nodes or edges, each with its rules for types of vehicles."""
+    name = kind.lower()
+    return [
+        (part, list(part.children(f"vehicleType{kind}Properties")))
+        for part in layout.children(f"{name}s", name, f"{name}Id")
+    ]
+
+
 def _add_lif_edge(
     builder: GraphBuilder, edge: Ledger, entries: list[Ledger], vehicle: str | None
 ) -> None:
@@ -366,7 +395,7 @@ def _add_lif_edge(
     entry = entry or edge
     entry.refuse("rotationAtStartNodeAllowed", "BOTH")
     entry.refuse("rotationAtEndNodeAllowed", "BOTH")
-    _add_edge(builder, edge, entry, "vehicleOrientation", _may_turn(entry, False))
+    _add_edge(builder, edge, entry, _read_ends(edge), "vehicleOrientation", _may_turn(entry, False))
 
 
 def _choose_layout(document: Ledger, level: str | None) -> tuple[Ledger, dict[str, Ledger]]:
@@ -399,9 +428,7 @@ def _list_leaving(layout: Ledger, others: Mapping[str, Ledger]) -> set[str]:
             for where, node in _list_strangers(other, foreign, own)
         ]
     left = [*leaving.values(), *arriving]
-    if left:
-        listed = ", ".join(left[:10]) + ", ..." * (len(left) > 10)
-        warn_user(f"{len(left)} edges or stations join two layouts and are left out: {listed}")
+    _warn_of("edges or stations join two layouts and are left out", left)
     return set(leaving)
 
 
@@ -473,7 +500,8 @@ def _read_order(
     builder = GraphBuilder(heading, "any")
     maps = set()
     places: dict[str, Any] = {}
-    for node in document.children("nodes", "node", "nodeId"):
+    nodes = list(document.children("nodes", "node", "nodeId"))
+    for node in nodes:
         place = node.child("nodePosition")
         name = str(node.need("nodeId"))
         if name in places:  # an order may pass a node again
@@ -486,9 +514,39 @@ def _read_order(
         _add_place(builder, node, place)
     _check_map(document, maps, level)
     default = "GLOBAL" if str(document.get("version", "2")).startswith("1") else "TANGENTIAL"
-    for edge in document.children("edges", "edge", "edgeId"):
-        _add_edge(builder, edge, edge, "orientation", _may_turn(edge, True), default)
+    edges = list(document.children("edges", "edge", "edgeId"))
+    has_ends = [
+        any(edge.get(end) is not None for end in ("startNodeId", "endNodeId")) for edge in edges
+    ]
+    numbers = {} if all(has_ends) else _number_nodes(nodes)
+    for edge, is_named in zip(edges, has_ends, strict=True):
+        ends = _read_ends(edge) if is_named else _find_ends(edge, numbers)
+        _add_edge(builder, edge, edge, ends, "orientation", _may_turn(edge, True), default)
     return builder.build()
+
+
+def _read_ends(edge: Ledger) -> tuple[Any, Any]:
+    """Return the names of the nodes that an edge joins."""
+    return edge.need("startNodeId"), edge.need("endNodeId")
+
+
+def _number_nodes(nodes: Sequence[Ledger]) -> dict[int, str]:
+    """Return the names of nodes by their numbers in an order."""
+    names: dict[int, str] = {}
+    for node in nodes:
+        number, name = node.count("sequenceId"), str(node.get("nodeId"))
+        if names.setdefault(number, name) != name:
+            raise node.fail(f"has the sequenceId {number}", f"node {names[number]!r} has it, too")
+    return names
+
+
+def _find_ends(edge: Ledger, names: Mapping[int, str]) -> tuple[str, str]:
+    """Return the nodes before and after an edge in an order, as since version 3."""
+    number = edge.count("sequenceId")
+    if number - 1 in names and number + 1 in names:
+        return names[number - 1], names[number + 1]
+    rule = f"without startNodeId and endNodeId, nodes must have {number - 1} and {number + 1}"
+    raise edge.fail(f"has the sequenceId {number}", rule)
 
 
 def _may_turn(edge: Ledger, otherwise: bool) -> bool:
@@ -502,12 +560,16 @@ def _may_turn(edge: Ledger, otherwise: bool) -> bool:
 def _add_place(builder: GraphBuilder, node: Ledger, entry: Ledger) -> None:
     """Add a node of LIF or VDA 5050, with its yaw."""
     place = entry if entry.kind == "nodePosition" else node.child("nodePosition")
+    name = str(node.need("nodeId"))
     yaw = math.nan
-    tolerance = place.get("allowedDeviationTheta")
+    width = place.number("allowedDeviationTheta", 0.0, lowest=0.0)
     if entry.get("theta") is not None:
         yaw = entry.angle("theta")
-        if tolerance:
-            place.refuse("allowedDeviationTheta")
+        place.note_angle("allowedDeviationTheta", width)
+        if width >= ANY_YAW:
+            yaw = math.nan
+        elif width:
+            builder.yaw_deviations[name] = width
     deviation = place.get("allowedDeviationXY", place.get("allowedDeviationXy", 0.0))
     if isinstance(deviation, Mapping):  # an ellipse
         ellipse = place.inner(deviation, f"{place.where}, allowedDeviationXY", "ellipse")
@@ -515,13 +577,14 @@ def _add_place(builder: GraphBuilder, node: Ledger, entry: Ledger) -> None:
         ellipse.get("theta")  # of the ellipse, which becomes a disc
     deviation = place.check_number("allowedDeviationXY", deviation, 0.0)
     point = place.number("x"), place.number("y")
-    builder.add_node(node, node.need("nodeId"), point, yaw, deviation)
+    builder.add_node(node, name, point, yaw, deviation)
 
 
 def _add_edge(
     builder: GraphBuilder,
     edge: Ledger,
     entry: Ledger,
+    names: tuple[Any, Any],
     key: str,
     turning: bool,
     default: str = "TANGENTIAL",
@@ -531,7 +594,7 @@ def _add_edge(
     ``entry`` has its orientation, by a ``key``, and its trajectory. A robot that may turn on the
     edge may have any yaw on it.
     """
-    ends = [builder.find(edge, edge.need(end)) for end in ("startNodeId", "endNodeId")]
+    ends = [builder.find(edge, name) for name in names]
     entry.refuse("orientationType", "TANGENTIAL", "GLOBAL")
     rule = None
     if entry.get(key) is not None:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import itertools
 import math
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, cast
 
 import numpy as np
@@ -99,8 +99,8 @@ def check_map(space: ConfigurationMap, graph: RouteGraph) -> None:
         if lane.heading != HeadingRule("map", (0.0,)):
             problem = f"has no yaw, but {space.robot.name} turns on the lane {lane.name!r}"
             raise InputError("space", problem, "the shape at every yaw is needed")
-    for name, yaw in zip(graph.names, graph.yaws.tolist(), strict=True):
-        if abs(math.remainder(yaw, math.tau)) > SAME_YAW:  # not of a yaw that is NaN
+    for name, yaws in zip(graph.names, graph._stops, strict=True):
+        for yaw in (yaw for yaw in yaws if abs(math.remainder(yaw, math.tau)) > SAME_YAW):
             problem = f"has no yaw, but {space.robot.name} has the yaw {yaw:g} at the node {name!r}"
             raise InputError("space", problem, "the shape at every yaw is needed")
 
@@ -163,7 +163,6 @@ def list_motions(space: ConfigurationMap, graph: RouteGraph) -> LaneMotions:
     half_widths = 0.5 * np.ptp(parts, axis=1) + ANGLE_SLACK
     pairs = zip(parts.mean(axis=1).tolist(), half_widths.tolist(), strict=True)
     all_ways = [LaneYaw(yaw, half_width=half_width) for yaw, half_width in pairs]
-    yaws = graph.yaws.tolist()
     rows: list[tuple[float, ...]] = []
     for number, lane in enumerate(graph.lanes):
         legs = list_legs(graph, lane)
@@ -171,9 +170,9 @@ def list_motions(space: ConfigurationMap, graph: RouteGraph) -> LaneMotions:
             longest = min(cast("TiledCSpace", space).tile) * space.grid.spacing
             legs = tuple(part for leg in legs for part in _cut(space, leg, longest))
         ways = list_yaws(graph, lane) if has_yaw else []
-        stops = (yaws[lane.start], yaws[lane.end]) if ways else (math.nan, math.nan)
+        start, end = (graph._stops[node] if ways else () for node in (lane.start, lane.end))
         for way in ways or all_ways:
-            rows += _list_way(lane, legs, way, stops, lever, number)
+            rows += _list_way(lane, legs, way, (start, end), lever, number)
     table = np.array(rows, dtype=np.float64).reshape(-1, 11)
     starts, ends = (np.ascontiguousarray(table[:, k : k + space.size]) for k in (0, 3))
     growths, spares, lanes, order, on_lane = table[:, 6:].T.copy()
@@ -217,14 +216,14 @@ def _list_way(
     lane: Lane,
     legs: tuple[Leg, ...],
     way: LaneYaw,
-    stops: tuple[float, float],
+    stops: tuple[Sequence[float], Sequence[float]],
     lever: float,
     number: int,
 ) -> list[tuple[float, ...]]:
     """List the motions and turns of one way along a lane.
 
-    ``stops`` are the yaws at both nodes, or NaN. A point of the robot moves by at most ``lever``
-    times an angle. The columns are those of :class:`LaneMotions`, with 3 for a configuration.
+    ``stops`` are the yaws of both nodes. A point of the robot moves by at most ``lever`` times an
+    angle. The columns are those of :class:`LaneMotions`, with 3 for a configuration.
     """
     rows: list[tuple[float, ...]] = []
 
@@ -247,7 +246,14 @@ def _list_way(
             add((*place, before), (*place, middle))
             add((*place, middle), (*place, before + way))
 
-    before = stops[0]
+    def stop(place: tuple[float, float], yaws: Sequence[float], yaw: float) -> None:
+        """Add turns through all yaws of a node, and to that of the lane from either end."""
+        chain = [*yaws, yaw, *yaws[:-1][:1]]
+        for before, after in itertools.pairwise(chain):
+            turn(place, before, after)
+
+    stop(legs[0].start, stops[0], way.yaws(legs[0])[0])
+    before = way.yaws(legs[0])[0]
     for leg in legs:
         first, last = way.yaws(leg)
         turn(leg.start, before, first)
@@ -258,7 +264,7 @@ def _list_way(
         spare = lever * (way.half_width - swing)
         add((*leg.start, first - swing), (*leg.end, last + swing), bend, spare)
         before = last
-    turn(legs[-1].end, before, stops[1])
+    stop(legs[-1].end, stops[1], before)
     return rows
 
 

@@ -230,7 +230,7 @@ def _list_node_yaws(space: ConfigurationMap, graph: RouteGraph) -> list[list[tup
     """
     if not space.rotations.names:
         return [[(0.0, 0.0)]] * len(graph.names)
-    yaws: list[list[float]] = [[yaw] * (not math.isnan(yaw)) for yaw in graph.yaws.tolist()]
+    yaws = [list(stops) for stops in graph._stops]
     for lane in graph.lanes:
         legs = list_legs(graph, lane)
         ways = list_yaws(graph, lane)

@@ -53,6 +53,8 @@ class RouteGraph:
         Nodes of each station.
     node_mutexes : mapping of str to str
         Mutex group of each node that has one.
+    yaw_deviations : mapping of str to float
+        Largest deviation from the yaw of each node that allows one, radians.
 
     Examples
     --------
@@ -68,11 +70,22 @@ class RouteGraph:
     yaws: Floats
     stations: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     node_mutexes: Mapping[str, str] = field(default_factory=dict)
+    yaw_deviations: Mapping[str, float] = field(default_factory=dict)
 
     @cached_property
     def _places(self) -> list[tuple[float, float]]:
         """Positions of the nodes as numbers."""
         return [(x, y) for x, y in self.positions.tolist()]
+
+    @cached_property
+    def _stops(self) -> list[tuple[float, ...]]:
+        """Yaws of each node, between which lie all that it allows; empty for any yaw."""
+        stops: list[tuple[float, ...]] = []
+        for name, yaw in zip(self.names, self.yaws.tolist(), strict=True):
+            width = self.yaw_deviations.get(name, 0.0)
+            ways = (yaw - width, yaw, yaw + width) if width else (yaw,)
+            stops.append(() if math.isnan(yaw) else ways)
+        return stops
 
     def __repr__(self) -> str:
         """Return the numbers of nodes and lanes."""
@@ -113,7 +126,7 @@ class RouteGraph:
         from cspace.lanes._graph_files import read_graph
 
         rule = None if heading is None else parse_heading(heading)
-        return cls(*read_graph(path, rule, level, vehicle))
+        return cls(**read_graph(path, rule, level, vehicle))
 
     @classmethod
     @names_options

@@ -64,7 +64,7 @@ def make_corridor(
     rows : ndarray of float64, shape (n, size)
         Configurations of the path, in canonical form.
     reach, margin : float
-        As for :meth:`cspace.Space.free_region`, around edges.
+        As for :meth:`cspace.CSpace.free_region`, around edges.
     deviation : float
         Largest distance of the driven curve from the edges, metres; zero if edges are driven.
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace import FREE, CSpace
+from cspace import FREE
 from cspace.errors import ConfigurationError, InputError
 from cspace.inside import (
     ANGLE_SLACK,
@@ -27,7 +27,7 @@ from cspace.regions._convex_region import YAW, ConvexRegion
 from cspace.regions._growth import HALF_CELL, HalfSpaces, grow_polytope, make_box
 
 if TYPE_CHECKING:
-    from cspace import Space
+    from cspace import CSpace, Space
 
 ARC_SLACK: Final = 3.0 * ANGLE_SLACK
 """Distance in radians between the ends of an arc and a rotation cell that is not part of it."""
@@ -158,11 +158,12 @@ class RegionSource(NamedTuple):
         """
         metres = check_positive(reach, "reach")
         distance = check_not_negative(margin, "margin")
-        if not isinstance(space, CSpace) or space.rotations.names not in ((), (YAW,)):
+        map_record(space)  # only a map in memory has one
+        if space.rotations.names not in ((), (YAW,)):
             problem = f"has the axes ({', '.join(space.axes)})"
-            rule = "regions consist of cells of a map in memory of positions, or with a yaw"
+            rule = "regions consist of cells of a map of positions, or with a yaw"
             raise InputError("space", problem, rule)
-        return cls(cells_of(space), metres, distance)
+        return cls(cast("CSpace", cells_of(space)), metres, distance)
 
     @property
     def has_yaw(self) -> bool:

@@ -132,7 +132,7 @@ class Panel:
         self.planner = gui.add_dropdown(
             "planner",
             (AUTOMATIC, *choices.planners),
-            hint="OMPL's planners; maps also have Grid and MaxClearance.",
+            hint="OMPL's planners; maps also have Grid.",
         )
         has_drives = bool(choices.drives)
         self.drive = gui.add_dropdown(

@@ -12,9 +12,8 @@ from ipaddress import ip_address
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
-from cspace.arms import ArmSpace
 from cspace.errors import InputError
-from cspace.inside import check_count, import_optional
+from cspace.inside import ConfigurationMap, check_count, import_optional
 from cspace.plot.scene import Route
 from cspace.view._arm_canvas import ArmCanvas
 from cspace.view._map_canvas import MapCanvas
@@ -147,17 +146,18 @@ def view(
     MissingPackageError
         If viser is not installed.
     """
-    if frame is not None and not isinstance(space, ArmSpace):
+    is_map = isinstance(space, ConfigurationMap)
+    if is_map and frame is not None:
         raise InputError("frame", f"is {frame!r}", "a map has no frames")
     route = Route(space, path, start, goal)
     shown = route.points, route.endpoints
     server = serve(host, port)
     try:
         canvas: ArmCanvas | MapCanvas
-        if isinstance(space, ArmSpace):
-            canvas = ArmCanvas(space, server, *shown, frame)
-        else:
+        if is_map:
             canvas = MapCanvas(space, server, *shown)
+        else:
+            canvas = ArmCanvas(space, server, *shown, frame)
         viewer = Viewer(server, space, canvas, route)
     except BaseException:
         stop(server)

@@ -6,7 +6,8 @@ import trimesh
 
 import cspace
 from cspace import Robot
-from cspace.arms._chain import motion_bounds
+from cspace.arms._proofs.chain import motion_bounds
+from tests.helpers.strategies import few
 from tests.helpers.urdfs import joint, link, pose_at, posed_box, random_arm, write_urdf
 
 
@@ -76,8 +77,9 @@ TOOLS = [
 ]
 
 
+@pytest.mark.parametrize("rounds", few([50, 160]))
 @pytest.mark.parametrize("seed", range(3))
-def test_long_motions_never_miss_a_ball(tmp_path, seed):
+def test_long_motions_never_miss_a_ball(tmp_path, seed, rounds):
     """Place a ball on the course of a point of a link, or of a tool with many triangles."""
     arm = cspace.Arm.from_urdf(random_arm(tmp_path, seed)).attach("tool", TOOLS[seed], "l4")
     rng = np.random.default_rng(seed)
@@ -85,7 +87,7 @@ def test_long_motions_never_miss_a_ball(tmp_path, seed):
     upper = np.minimum(arm.upper, 3.0)
     names = [each.name for each in arm.links]
     touch = [("l0", "seed"), *((a, b) for a in names for b in names if a < b)]
-    for k in range(160):
+    for k in range(rounds):
         each = arm.links[-1] if k % 2 else arm.links[1 + k % 4]
         triangles = np.concatenate([part.boundary.corners for part in each.parts])
         point = rng.dirichlet((0.3, 0.3, 0.3)) @ triangles[rng.integers(len(triangles))]

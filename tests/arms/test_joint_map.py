@@ -108,7 +108,7 @@ def test_progress_begins_at_once_and_ends_with_all_steps():
         told.append((done, total))
 
     build_joint_map(space, 0.2, progress=note)
-    space.arm.spheres(number=2, progress=note)
+    space.arm.spheres(number=1, progress=note)
     ends = [k for k, (done, total) in enumerate(told) if done == total]
     begins = [0, *(k + 1 for k in ends[:-1])]
     assert len(ends) == 2 and all(told[k][0] == 0 for k in begins)
@@ -131,7 +131,7 @@ def measure_distances(q, posts=POSTS):
 def test_obstacle_distances_are_those_of_the_bars():
     """Distances are metres of the workspace, at configurations and all along paths."""
     joint_map = build_joint_map(build_plane_arm(), 0.1)
-    q = joint_map.sample_free(60, rng=np.random.default_rng(3))
+    q = joint_map.sample_free(20, rng=np.random.default_rng(3))
     expected = measure_distances(q)
     found = joint_map.obstacle_distance(q)
     assert (found <= expected + 1e-9).all() and (found >= 0.999 * expected - 1e-6).all()

@@ -13,7 +13,7 @@ import planners
 from cspace import Arm, ConfigurationError, InputError, Robot, build_arm_space
 from cspace.arms import LineMotion, PosedShape
 from cspace.arms._inverse import make_pose_problem, make_pose_scratch
-from cspace.arms._lines import LineProblem, bound_deviation, make_lines
+from cspace.arms._paths.lines import LineProblem, bound_deviation, make_lines
 from tests.helpers.arm_oracle import ArmOracle
 from tests.helpers.solids import box
 from tests.helpers.strategies import examples, seeds

@@ -78,9 +78,9 @@ def test_bounds_hold_for_a_while(tmp_path, share):
     arm = cspace.Arm.from_urdf(path)
     rng = np.random.default_rng(2)
     for name in ("boom", "hand", "tip", "ball"):
-        q, rate, gain = rng.uniform(-0.8, 0.8, (3, 30, arm.dof))
+        q, rate, gain = rng.uniform(-0.8, 0.8, (3, 10, arm.dof))
         gain *= share
-        within = rng.uniform(0.0, 0.5, 30)
+        within = rng.uniform(0.0, 0.5, 10)
         most = np.abs(rate) + within[:, np.newaxis] * np.abs(gain)
         bounds = arm.link_speed(name, q, rate, within, most, np.abs(gain))
         t = np.linspace(-1.0, 1.0, 101)[:, np.newaxis, np.newaxis] * within[:, np.newaxis]

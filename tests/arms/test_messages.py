@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import yaml
 
 import cspace
 import planners
@@ -105,13 +106,12 @@ joint_limits:
           max_acceleration: 2.0, has_jerk_limits: true, max_jerk: 20.0}
   turn: {has_velocity_limits: true, max_velocity: 0.25, has_acceleration_limits: true,
          max_acceleration: 1.0, max_jerk: 10.0}
-  finger: {has_velocity_limits: true, max_velocity: 0.1}
 """
+FINGER = "  finger: {has_velocity_limits: true, max_velocity: 0.1}\n"
 
 
 def test_limits_of_joints_are_those_of_moveit(arm, tmp_path):
     path = tmp_path / "joint_limits.yaml"
-    path.write_text(LIMITS)
     space = cspace.build_arm_space({}, arm)
     plan = planners.plan(space, (0.0, 0.0), (1.0, 1.0), seed=1)
     given = {"max_velocity": {"slide": 0.5, "turn": 0.25}}
@@ -121,11 +121,14 @@ def test_limits_of_joints_are_those_of_moveit(arm, tmp_path):
     }
     expected = plan.trajectory(**given)
     table = {"joint_limits": {"slide": {"max_velocity": 0.5}, "turn": {"max_velocity": 0.25}}}
+    path.write_text(LIMITS)
     with warnings.catch_warnings(action="error"):
         for file in (path, str(path)):
             read = plan.trajectory(**dict.fromkeys(given, file))
             assert read.duration == expected.duration
-        assert plan.trajectory(**given | {"max_velocity": table}).duration == expected.duration
+        for limits in (table, table["joint_limits"]):
+            read = plan.trajectory(**given | {"max_velocity": limits})
+            assert read.duration == expected.duration
         along = planners.Trajectory.along(space, plan.path, **dict.fromkeys(given, path))
     assert along.duration == planners.Trajectory.along(space, plan.path, **given).duration
 
@@ -146,12 +149,39 @@ def test_limits_of_joints_that_are_off_or_wrong_are_heard(arm, tmp_path):
         time_with(LIMITS.replace("max_acceleration: 2.0", "max_acceleration: fast"))
     with pytest.raises(FileError, match="has no joint_limits"):
         time_with("default_velocity_scaling_factor: 0.1\n")
-    with pytest.warns(UserWarning, match="not read: default_velocity_scaling_factor, min_position"):
+    with pytest.warns(UserWarning) as caught:
         time_with(
-            f"default_velocity_scaling_factor: 0.1\n{LIMITS}".replace(
-                "max_jerk: 10.0", "min_position: 0.0"
+            f"default_velocity_scaling_factor: 0.1\n{LIMITS}{FINGER}".replace(
+                "max_jerk: 10.0", "has_position_limits: true, min_position: 0.0"
             )
         )
+    fields, others = (str(warning.message) for warning in caught)
+    assert "limits of finger are not read" in others
+    assert "not read: default_velocity_scaling_factor, min_position (joint)" in fields
+    assert "did you mean" not in fields
     path.write_text(LIMITS.replace("0.25", "90.0"))
     with pytest.warns(AngleWarning, match="max_velocity of 'turn': 90"):
         plan.trajectory(max_velocity=path, max_acceleration=1.0)
+
+
+LIMIT_SLIPS = {
+    "prefix": ("  slide", "  left_slide", "names left_slide, and not slide"),
+    "letter": ("  turn", "  turm", "names turm, and not turn; the joints are slide, turn"),
+    "number": ("max_velocity: 0.5", "max_velocty: 0.5", "has no max_velocity; .*max_velocty"),
+    "flag": ("has_velocity_limits", "has_velocity_limit", "did you mean 'has_velocity_limits'"),
+    "text": ("has_velocity_limits: true", "has_velocity_limits: 'false'", "it must be true or"),
+    "no number": (", max_velocity: 0.5", "", "has no max_velocity"),
+    "heading": ("joint_limits:", "joint_limts:", "(has no joint_limits|names joint_limts)"),
+}
+"""Slips in a file of limits by which one would be lost."""
+
+
+@pytest.mark.parametrize("slip", LIMIT_SLIPS)
+def test_a_limit_that_a_slip_would_lose_is_refused(arm, tmp_path, slip):
+    right, wrong, message = LIMIT_SLIPS[slip]
+    path = tmp_path / "joint_limits.yaml"
+    path.write_text(LIMITS.replace(right, wrong))
+    plan = planners.plan(cspace.build_arm_space({}, arm), (0.0, 0.0), (1.0, 1.0), seed=1)
+    for source in (path, yaml.safe_load(path.read_text())):
+        with pytest.raises(InputError if source is not path else FileError, match=message):
+            plan.trajectory(max_velocity=source, max_acceleration=1.0)

@@ -1,7 +1,9 @@
 """Arms from URDF and SRDF files, against yourdfpy."""
 
+import math
 import sys
 import warnings
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -184,7 +186,7 @@ def test_the_work_of_a_long_chain_grows_as_its_length(tmp_path, kind):
         return count_instructions(lambda: Arm.from_urdf(path))
 
     read(10)  # the first call imports and compiles
-    work = [read(count) for count in (50, 200, 800)]
+    work = [read(count) for count in (25, 100, 400)]
     assert work[1] < 4.4 * work[0] and work[2] < 4.4 * work[1]
 
 
@@ -338,6 +340,9 @@ def test_joints_without_motors_are_warned_of_unless_named(tmp_path):
         Arm.from_urdf(path, srdf)
     with warnings.catch_warnings(action="error"):
         assert Arm.from_urdf(path, srdf, joints=["one", "three"]).dof == 2
+    srdf = write_srdf(tmp_path, '<passive_joint name="tow"/>')
+    with pytest.warns(UserWarning, match="names tow, which the URDF does not have"):
+        Arm.from_urdf(path, srdf)
 
 
 @IGNORE_NAMES
@@ -355,12 +360,61 @@ def test_configuration_takes_states_and_values_by_name(tmp_path, values, base, e
     assert arm.configuration(values, base).tolist() == list(expected)
 
 
+def write_gripper(folder, **follower):
+    """Write a gripper on a turning wrist; the right finger mimics the left one by its double."""
+    slides = {"kind": "prismatic", "limits": (0.0, 0.04)}
+    mimic = '<mimic joint="left" multiplier="2" offset="0.01"/>'
+    return write_urdf(
+        folder,
+        *(link(name, BAR) for name in "abcd"),
+        joint("wrist", "a", "b"),
+        joint("left", "b", "c", **slides),
+        joint("right", "b", "d", extra=mimic, **{**slides, **follower}),
+    )
+
+
+@pytest.mark.parametrize("right, is_right", [(0.03, True), (0.035, False), (0.03 + 1e-7, True)])
+def test_a_joint_off_the_one_that_it_mimics_is_warned_of(tmp_path, right, is_right):
+    path = write_gripper(tmp_path)
+    values = JointValues(wrist=0.2, left=0.01, right=right)
+    state = SimpleNamespace(name=list(values), position=list(values.values()))
+    group = "".join(f'<joint name="{name}" value="{value}"/>' for name, value in values.items())
+    srdf = write_srdf(tmp_path, f'<group_state name="held" group="hand">{group}</group_state>')
+    arm = Arm.from_urdf(path, srdf)
+    short = Arm.from_urdf(path, joints=["wrist"], held_joints={"left": 0.01})
+    calls = [
+        lambda: arm.configuration(state),
+        lambda: arm.configuration(values),
+        lambda: arm.configuration("held"),
+        lambda: arm.configuration(base="held"),
+        lambda: arm.configuration(JointValues(right=right), base=(0.0, 0.01)),
+        lambda: short.configuration(values),
+        lambda: Arm.from_urdf(path, joints=["wrist"], held_joints=values),
+    ]
+    for number, call in enumerate(calls):
+        with warnings.catch_warnings(record=True) as heard:
+            warnings.simplefilter("always")
+            call()
+        texts = [str(each.message) for each in heard]
+        said = "right is at 0.035, but it mimics left, which puts it at 0.03; proofs are for that"
+        assert len(texts) == (not is_right) and all(said in text for text in texts), (number, texts)
+        assert all(each.filename == __file__ for each in heard)
+
+
+def test_whole_turns_are_no_way_from_the_joint_that_is_mimicked(tmp_path):
+    arm = Arm.from_urdf(write_gripper(tmp_path, kind="continuous", limits=None))
+    with warnings.catch_warnings(action="error"):
+        arm.configuration(JointValues(wrist=0.0, left=0.01, right=0.03 - math.tau))
+    with pytest.warns(UserWarning, match="right is at 3"):
+        arm.configuration(JointValues(wrist=0.0, left=0.01, right=3.0))
+
+
 @IGNORE_NAMES
 @refusals(
     "values, base, message",
     ({"one": np.inf}, None, r"values\['one'\] is inf; it must be finite"),
     (None, (0.0, 0.0, 0.0), "base has two at 0; its limits are 0.5 and 1"),
-    ("home", None, "values is 'home'; there are arm/home, hand/home; did you mean"),
+    ("home", None, "values is 'home'; there are arm/home, hand/home"),
 )
 def test_configuration_refuses_unknown_names_and_values_beyond_limits(
     tmp_path, values, base, message

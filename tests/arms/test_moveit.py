@@ -66,9 +66,9 @@ def make_object(name, at=(0, 0, 0), frame="world", **more):
     return {"id": name, "header": header, "primitives": [box], "primitive_poses": [pose], **more}
 
 
-def carry(link_name, *objects):
+def carry(link_name, *objects, **more):
     """Make a state of the robot with attached objects."""
-    attached = [{"link_name": link_name, "object": each} for each in objects]
+    attached = [{"link_name": link_name, "object": each, **more} for each in objects]
     return {"attached_collision_objects": attached}
 
 
@@ -101,7 +101,8 @@ def test_the_matrix_replaces_the_pairs_that_may_touch(tmp_path):
     matrix = {"entry_names": names, "entry_values": entries.tolist()}
     table = make_object("table", (1.5, 0.3, 0.75))
     scene = read_moveit_scene(write_scene(tmp_path, table, allowed_collision_matrix=matrix))
-    space = build_arm_space(scene, arm)
+    with pytest.warns(UserWarning, match="names camera, which neither the arm nor the scene has"):
+        space = build_arm_space(scene, arm)
     assert space.allowed_collisions == [("fore", "table")]
     one_body = {pair for pair, why in arm.allowed_collisions.items() if why == "one body"}
     assert set(space.arm.allowed_collisions) == {("fore", "upper")} | one_body
@@ -118,6 +119,37 @@ def test_scenes_of_another_arm_are_refused(tmp_path, objects, state, message):
     scene = read_moveit_scene(write_scene(tmp_path, *objects, robot_state=state))
     with pytest.raises(InputError, match=message):
         build_arm_space(scene, read_arm(tmp_path).attach("old", Robot.ball(0.1), "tool"))
+
+
+PAIR = {"entry_names": ["upper", "fore"], "entry_values": [[True, True]] * 2}
+"""A matrix of links that touch."""
+
+
+@pytest.mark.parametrize(
+    "slip",
+    [
+        {
+            "allowed_collision_matrix": {
+                "entry_names": ["upper", "fore", "foer"],
+                "entry_values": [[True] * 3] * 3,
+            }
+        },
+        {
+            "allowed_collision_matrix": {
+                **PAIR,
+                "default_entry_names": ["foer"],
+                "default_entry_values": [True],
+            }
+        },
+        {"robot_state": {"joint_state": {"name": ["foer"], "position": [0.0]}}},
+        {"robot_state": carry("tool", make_object("mug", frame="tool"), touch_links=["foer"])},
+    ],
+    ids=["matrix", "defaults", "joint", "touch"],
+)
+def test_names_of_a_scene_that_nobody_has_are_warned_of(tmp_path, slip):
+    scene = read_moveit_scene(write_scene(tmp_path, make_object("box", (1.5, 0, 1)), **slip))
+    with pytest.warns(UserWarning, match="names foer, which neither the arm nor the scene has"):
+        build_arm_space(scene, read_arm(tmp_path))
 
 
 def test_a_base_below_the_world_of_a_urdf_is_not_taken_for_it(tmp_path):

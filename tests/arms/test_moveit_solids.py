@@ -97,7 +97,7 @@ def draw_matrix(rng):
     return matrix, may_touch
 
 
-@pytest.mark.filterwarnings("ignore:.*enlarge the robot", "ignore:.*units")
+@pytest.mark.filterwarnings("ignore:.*enlarge the robot", "ignore:.*units", "ignore:.*names b,")
 @pytest.mark.parametrize("root", ["world", "base", "stand", "hall"])
 @pytest.mark.parametrize("seed", range(4))
 def test_points_in_solids_of_a_scene_are_never_free(tmp_path, probe, root, seed):

@@ -11,7 +11,7 @@ import planners
 from cspace import AngleWarning, InputError
 from planners import Trajectory
 from planners._catalogue import planner_names
-from planners._ompl_states import find_state_kind
+from planners._ompl.states import find_state_kind
 from tests.arms.test_joint_map import CONTINUOUS, build_plane_arm
 from tests.helpers.urdfs import (
     joint,

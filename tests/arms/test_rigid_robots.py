@@ -145,6 +145,40 @@ def test_packages_are_searched_in_the_documented_order(tmp_path, monkeypatch, ce
     assert Robot.open(cell, package_dirs=given).shape.outer.bounds[1][0] == 2.5
 
 
+def write_package(folder, side, name="arm_description"):
+    """Write a package with a mesh, and the end of a crawl for packages."""
+    folder.mkdir(parents=True)
+    (folder / "package.xml").write_text(f"<package><name> {name} </name></package>")
+    write_box(folder / "meshes" / "link.stl", side)
+
+
+def test_packages_are_found_at_any_depth_by_their_names(tmp_path, monkeypatch, cell):
+    source = tmp_path / "other" / "src"
+    write_box(tmp_path / "ament" / "share" / "arm_description" / "meshes" / "link.stl", 1)
+    monkeypatch.setenv("AMENT_PREFIX_PATH", f"{tmp_path}/ament")
+    monkeypatch.setenv("ROS_PACKAGE_PATH", f"{tmp_path}/none:{source}")
+    # Folders that ROS does not enter: hidden ones, ignored ones, and those of packages.
+    write_package(source / ".git" / "arm_description", 2)
+    write_package(source / "old" / "arm_description", 3)
+    (source / "old" / "COLCON_IGNORE").touch()
+    write_package(source / "simulator", 4, "simulator")
+    write_package(source / "simulator" / "test" / "arm_description", 5)
+    (source / "broken").mkdir()
+    (source / "broken" / "package.xml").write_text("<package>")
+    (source / "loop").symlink_to(source)
+    assert measure_side(cell) == 1
+    # The name of a package counts, not that of its folder.
+    write_package(source / "vendor" / "drivers" / "arm_description", 6, "arm_drivers")
+    assert measure_side(cell) == 1
+    write_package(source / "vendor" / "arm-ros" / "description", 7)
+    assert measure_side(cell) == 7
+    given = tmp_path / "given"
+    write_package(given / "stack" / "description", 8)
+    assert measure_side(cell, package_dirs=given) == 8
+    write_box(source / "arm_description" / "meshes" / "link.stl", 10)
+    assert measure_side(cell) == 10
+
+
 def test_a_mesh_of_a_missing_package_is_guessed_with_a_warning(tmp_path, cell):
     message = r"arm_description/meshes/link.stl from .*cell_description/meshes/link.stl"
     with pytest.warns(UserWarning, match=message) as heard:

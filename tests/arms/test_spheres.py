@@ -86,8 +86,8 @@ def source(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def model(source):
-    """Return two spheres for each link of the small arm."""
-    return Arm.from_urdf(source).spheres(number=2)
+    """Return a few spheres for each link of the small arm."""
+    return Arm.from_urdf(source).spheres(number={"foot": 2, "upper": 1, "fore": 1})
 
 
 def two_parts(folder):
@@ -136,9 +136,9 @@ def rows(balls):
 
 def test_model_is_printed_and_written_in_each_format(tmp_path, source, model):
     table = str(model).splitlines()
-    assert table[0] == "small: 6 outer spheres on 3 links"
+    assert table[0] == "small: 4 outer spheres on 3 links"
     assert [row.split()[:3] for row in table[2:]] == [
-        [name, "2", "proven"] for name in ("foot", "upper", "fore")
+        [name, number, "proven"] for name, number in (("foot", "2"), ("upper", "1"), ("fore", "1"))
     ]
     files = {
         suffix: tmp_path / f"spheres{suffix}" for suffix in (".yaml", ".json", ".srdf", ".urdf")
@@ -173,7 +173,6 @@ def surfaces(shape):
 def test_written_spheres_are_read_back(tmp_path, source, model, suffix):
     file = tmp_path / f"spheres{suffix}"
     model.save(file)
-    model.save(tmp_path / "spheres.urdf", source)
     arm = Arm.from_urdf(source, spheres=file)
     for each in arm.links:
         centers = np.linalg.inv(arm.placements[each.name].pose) @ [p.pose for p in each.parts]
@@ -181,7 +180,13 @@ def test_written_spheres_are_read_back(tmp_path, source, model, suffix):
         assert centers[:, :3, 3] == pytest.approx(balls.centers, abs=1e-12)
         sizes = [np.ptp(np.reshape(part.shape.inner.bounds, (2, 3)), axis=0) for part in each.parts]
         assert np.array(sizes) / 2.0 == pytest.approx(balls.radii[:, None] * np.ones(3), rel=0.1)
-    # The same spheres in a URDF give the same shapes, so all proofs are equal.
+
+
+def test_spheres_in_a_urdf_and_beside_it_have_equal_proofs(tmp_path, source, model):
+    file = tmp_path / "spheres.json"
+    model.save(file)
+    model.save(tmp_path / "spheres.urdf", source)
+    arm = Arm.from_urdf(source, spheres=file)
     named = Arm.from_urdf(tmp_path / "spheres.urdf")
     for read, written in zip(arm.links, named.links, strict=True):
         for part, other in zip(read.parts, written.parts, strict=True):
@@ -249,12 +254,13 @@ def test_other_descriptions_of_spheres_say_what_they_are(tmp_path, wrong, hint):
     file.write_text(wrong)
     with pytest.raises(FileError, match=re.escape(hint)):
         Arm.from_urdf(planar(tmp_path), spheres=file)
+
+
+def test_wrapped_descriptions_of_spheres_are_read(tmp_path):
+    file = tmp_path / "spheres.yaml"
     file.write_text(WRAPPED)
-    assert [len(each.parts) for each in Arm.from_urdf(planar(tmp_path), spheres=file).links] == [
-        1,
-        1,
-        1,
-    ]
+    arm = Arm.from_urdf(planar(tmp_path), spheres=file)
+    assert [len(each.parts) for each in arm.links] == [1, 1, 1]
 
 
 def test_fields_of_spheres_that_are_not_read_are_named(tmp_path):

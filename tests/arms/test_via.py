@@ -9,7 +9,7 @@ import shapely
 import cspace
 import planners
 from cspace import InputError
-from planners._catalogue import SUPPORTED
+from planners._space_kinds import SUPPORTED
 from tests.helpers.planning import plan_patiently
 from tests.helpers.urdfs import planar, planar_with_tip, pose_at, poses_apart, post
 

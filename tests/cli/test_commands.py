@@ -28,6 +28,7 @@ from cspace.view._blocks import hex_to_rgb
 from tests.helpers import urdfs
 from tests.helpers.commands import document, flatten, run
 from tests.helpers.repository import ROOT
+from tests.helpers.strategies import few
 
 ENDPOINTS = {
     "plane": "--start 0.35,0.65 --goal 2.15,0.95",
@@ -590,6 +591,7 @@ main()
     assert not Path("path.csv").exists()
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(sys.platform == "win32", reason="POSIX signals")
 def test_ctrl_c_while_the_compiler_calls_back_ends_planning(room):
     # LLVM's own call of Python drops what is raised, and crashes.
@@ -614,7 +616,7 @@ main()
 
 @pytest.mark.skipif(sys.platform == "win32", reason="POSIX pipes")
 @pytest.mark.parametrize(
-    "words", [["--help"], ["--version"], ["plan", "--help"], ["info", "turning.zarr"]]
+    "words", few([["info", "turning.zarr"], ["--help"], ["--version"], ["plan", "--help"]])
 )
 def test_a_reader_that_ends_is_no_path_not_found(room, words):
     # As of `cspace info map.zarr | head -0`.

@@ -34,6 +34,7 @@ FILES = {
     "old.png": "nothing of use",
     "old.pgm": "nothing of use",
     "precious/thesis.txt": "years of work",
+    "precious/path.csv": "years of work",
     "broken.zarr/zarr.json": "{ nothing of use",
 }
 """Texts of files that are in the way, or are no paths."""
@@ -130,6 +131,7 @@ FILES = {
     (f"{MAP} --tile 9 -o precious.zarr/m", "precious.zarr"),
     ("export plane.zarr old.yaml", "old.pgm: exists"),
     ("demo --output notes.txt", "folder"),
+    ("demo --output precious --overwrite", "path.csv: exists, and the demo's other files do not"),
     ("demo --output notes.txt/demo", "folder"),
     # Inputs
     ("build absent.yaml --robot disc:1 -o new.zarr", "absent.yaml"),

@@ -1,7 +1,8 @@
 """Snippets of the page "Bring your file", run with the packages that they name.
 
 The packages are large, so `nox -s formats` installs them apart, and other sessions skip this file.
-Each input is written by a package of its own, and each world is compared with the one written.
+Each input is written by a package of its own, in each form that people have, and shapely compares
+each world with the one written.
 """
 
 import re
@@ -10,8 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import shapely
-
-import cspace
+import shapely.affinity
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs/howto/bring_your_file.md").read_text(encoding="utf-8")
@@ -27,18 +27,57 @@ CELLS[10:20, 5:10] = CELLS[50:55, 30:35] = True
 X, Y = (0.1 * np.arange(number) + 0.05 for number in CELLS.shape)
 """Centers of the cells, metres."""
 
+PLAN = shapely.union_all([shapely.box(*wall) for wall in WALLS])
+"""The walls seen from above."""
+
 VOXELS = np.repeat(CELLS[:, :, None], 30, axis=2).astype(np.uint8)
 
 
-def write_geotiff():
-    """Write costs in the projected coordinates of a zone, the first row at the top."""
+def write_raster(crs, x, y):
+    """Write costs and unknown cells, the first row at the top, at centers in a reference system."""
     import rioxarray  # noqa: F401  # adds .rio to arrays
     import xarray
 
     costs = np.where(CELLS, 100.0, 0.0).astype(np.float32)
     costs[55:, :5] = -9999.0  # unknown
-    array = xarray.DataArray(costs.T[::-1], dims=("y", "x"), coords={"x": X, "y": Y[::-1]})
-    array.rio.write_crs("EPSG:32632").rio.write_nodata(-9999.0).rio.to_raster("costs.tif")
+    array = xarray.DataArray(costs.T[::-1], dims=("y", "x"), coords={"x": x, "y": y[::-1]})
+    array.rio.write_crs(crs).rio.write_nodata(-9999.0).rio.to_raster("costs.tif")
+
+
+UNKNOWN = shapely.box(5.5, 0.0, 6.0, 0.5)
+"""Unknown cells of the costs."""
+
+
+def write_geotiff():
+    """Write costs in Gauss-Krueger coordinates near the origin of a zone."""
+    write_raster("EPSG:32632", X, Y)
+    return PLAN | UNKNOWN
+
+
+def write_geotiff_of_utm():
+    """Write costs far north of the equator."""
+    write_raster("EPSG:32632", X + 500_000.0, Y + 5_300_000.0)
+    return PLAN | UNKNOWN
+
+
+def write_geotiff_of_degrees():
+    """Write costs whose cells are 8 cm wide in the middle of Europe."""
+    import pyproj
+
+    origin, step = np.array([9.01, 47.0]), 1e-6
+    write_raster("EPSG:4326", origin[0] + 10 * step * X, origin[1] + 10 * step * Y)
+    to_utm = pyproj.Transformer.from_crs(4326, 32632, always_xy=True)
+    plan = shapely.transform(
+        PLAN | UNKNOWN,
+        lambda points: np.transpose(to_utm.transform(*(origin + 10 * step * points).T)),
+    )
+
+    def place(values):
+        """Move the plan to the frame of the grid, whose origin is the corner of the raster."""
+        west, south, _, _ = values["occupied"].rio.bounds()
+        return shapely.affinity.translate(plan, -west, -south)
+
+    return place
 
 
 def write_netcdf():
@@ -48,6 +87,7 @@ def write_netcdf():
     costs[55:, :5] = -1  # unknown
     variable = ("y", "x"), costs.T, {"_FillValue": np.int16(-1)}
     xarray.Dataset({"cost": variable}, coords={"x": X, "y": Y}).to_netcdf("costs.nc")
+    return PLAN | UNKNOWN
 
 
 def write_nrrd():
@@ -69,37 +109,149 @@ def write_mha():
 def write_picture():
     from PIL import Image
 
-    Image.fromarray(np.where(CELLS.T[::-1], 0, 255).astype(np.uint8)).save("plan.png")
+    shade = np.where(CELLS, 0, 255)
+    alpha = np.full(CELLS.shape, 255)
+    alpha[55:, :5] = 0
+    pixels = np.stack([shade, shade, shade, alpha], axis=-1).astype(np.uint8)
+    Image.fromarray(pixels.transpose(1, 0, 2)[::-1]).save("plan.png")
+    return PLAN | UNKNOWN
 
 
 def write_geopackage():
-    """Write the walls, and a mark at (0, 0), in degrees."""
+    """Write the walls with heights, and a mark at (0, 0), in degrees."""
     import geopandas
 
     shapes = [shapely.box(*wall) for wall in WALLS] + [shapely.Point(0.0, 0.0)]
-    frame = geopandas.GeoDataFrame(geometry=shapes).translate(500_000.0, 5_400_000.0)
+    solids = shapely.force_3d(shapes, 410.0)
+    frame = geopandas.GeoDataFrame(geometry=solids).translate(500_000.0, 5_400_000.0)
     frame.set_crs("EPSG:32632").to_crs("EPSG:4326").to_file("site.gpkg")
+    return shapely.union_all(shapes)
 
 
-def write_dxf():
-    import ezdxf
+def write_dxf_of_outlines():
+    """Write a room and a column as closed polylines in millimetres, with notes, and what is lost."""
+    import ezdxf.xref
     from ezdxf.units import MM
 
-    drawing = ezdxf.new("R2010")
+    drawing = ezdxf.new("R2010", setup=True)
     drawing.units = MM
-    for wall in WALLS:
-        corners = 1000.0 * np.array(shapely.box(*wall).exterior.coords)
-        drawing.modelspace().add_lwpolyline(corners.tolist(), close=True)
+    space = drawing.modelspace()
+    outlines = shapely.box(0, 0, 8, 6).exterior, shapely.box(3, 2, 3.5, 2.5).exterior
+    for outline in outlines:
+        space.add_lwpolyline((1000.0 * np.array(outline.coords)[:-1]).tolist(), close=True)
+    space.add_text("hall", height=300).set_placement((5000, 3000))
+    space.add_linear_dim(base=(0, 5500), p1=(0, 6000), p2=(8000, 6000)).render()
+    space.add_xline((0, 3000), (1, 0))
+    ezdxf.xref.attach(drawing, block_name="SITE", filename="site.dxf")
     drawing.saveas("plan.dxf")
+    return shapely.union_all(outlines)
 
 
-def write_svg():
-    """Write the walls with y down, 100 units to a metre."""
+def write_dxf_of_blocks():
+    """Write columns in blocks, wide walls, hatches, faces and curves in metres."""
+    import ezdxf
+    from ezdxf.units import M
+
+    drawing = ezdxf.new("R2010")
+    drawing.units = M
+    space = drawing.modelspace()
+    drawing.blocks.new("COLUMN").add_circle((0, 0), 0.25)
+    pair = drawing.blocks.new("PAIR")
+    pair.add_blockref("COLUMN", (0, 0))
+    pair.add_blockref("COLUMN", (1, 0), dxfattribs={"xscale": 2, "yscale": 2})
+    space.add_blockref("PAIR", (2, 2), dxfattribs={"rotation": 90})
+    space.add_blockref("COLUMN", (1, 0.6), dxfattribs={"column_count": 2, "column_spacing": 1})
+    holed = shapely.box(4, 1, 5, 2) - shapely.box(4.3, 1.3, 4.7, 1.7)
+    hatch = space.add_hatch()
+    for ring in (holed.exterior, *holed.interiors):
+        hatch.paths.add_polyline_path(list(ring.coords)[:-1], is_closed=True)
+    space.add_hatch().paths.add_edge_path().add_arc((6.5, 1.5), 0.4, 0, 360)
+    space.add_solid([(6, 3), (6.6, 3), (6, 3.4), (6.6, 3.4)])
+    space.add_3dface([(7, 3), (7.5, 3), (7.5, 3.4), (7, 3.4)])
+    space.add_lwpolyline([(2, 5), (3, 5), (3, 5.5)], dxfattribs={"const_width": 0.2})
+    widths = {"default_start_width": 0.3, "default_end_width": 0.3}
+    space.add_polyline2d([(3.2, 3.6), (3.8, 3.6)], dxfattribs=widths)
+    space.add_lwpolyline([(6.5, 5, 0, 0, 1), (7.5, 5, 0, 0, 0)], format="xyseb")
+    space.add_spline().control_points = [(4, 4, 0), (4, 5, 0), (5, 5, 0), (5, 4, 0)]
+    space.add_ellipse((1, 4.5), (0.5, 0), 0.5)
+    space.add_arc((5.5, 5), 0.5, 0, 180)
+    space.add_line((0, 0), (8, 0))
+    drawing.saveas("plan.dxf")
+    circle = shapely.Point(0, 0).buffer(1, 64).exterior
+    half = draw_curve(lambda t: (np.cos(np.pi * t), np.sin(np.pi * t)))
+    return shapely.union_all(
+        [
+            shapely.affinity.translate(shapely.affinity.scale(curve, a, b, origin=(0, 0)), x, y)
+            for curve, a, b, x, y in (
+                *((circle, 0.25, 0.25, x, y) for x, y in ((2, 2), (1, 0.6), (2, 0.6))),
+                *((circle, 0.5, 0.5, 2, 3), (circle, 0.5, 0.25, 1, 4.5)),
+                (shapely.Polygon(circle), 0.4, 0.4, 6.5, 1.5),
+                *((half, 0.5, 0.5, 5.5, 5), (half, 0.5, -0.5, 7, 5)),
+            )
+        ]
+        + [
+            *(holed, shapely.box(6, 3, 6.6, 3.4), shapely.box(7, 3, 7.5, 3.4)),
+            *(shapely.box(2, 4.9, 3.1, 5.1), shapely.box(2.9, 4.9, 3.1, 5.5)),
+            *(shapely.box(3.2, 3.45, 3.8, 3.75), shapely.LineString([(0, 0), (8, 0)])),
+            # A cubic curve of Bezier.
+            draw_curve(lambda t: (4 + 3 * t**2 - 2 * t**3, 4 + 3 * t * (1 - t))),
+        ]
+    )
+
+
+def draw_curve(curve):
+    """Return a line through many points of a curve."""
+    return shapely.LineString(np.transpose(curve(np.linspace(0.0, 1.0, 400))))
+
+
+def write_svg_of_shapes():
+    """Write the walls with y down, 100 units to a metre, as a program for drawings does."""
     shapes = "".join(
         f'<rect x="{100 * x0}" y="{-100 * y1}" width="{100 * (x1 - x0)}" height="{100 * (y1 - y0)}"/>'
         for x0, y0, x1, y1 in WALLS
     )
-    Path("plan.svg").write_text(f'<svg xmlns="http://www.w3.org/2000/svg">{shapes}</svg>')
+    text = f"""<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink">
+        <defs><circle id="column" r="25"/></defs>
+        <style>.wall {{fill: none; stroke: #333; stroke-width: 20; stroke-linecap: square}}</style>
+        <rect y="-600" width="800" height="600" fill="white"/>{shapes}
+        <g transform="translate(300,-200) scale(2)"><polyline class="wall" points="0,0 50,0 50,-50"/>
+        <use xlink:href="#column" x="10" y="-50"/></g>
+        <g style="display: none"><rect width="700" height="700"/></g><text x="9">hall</text></svg>"""
+    Path("plan.svg").write_text(text)
+    corner = shapely.LineString([(3, 2), (4, 2), (4, 3)])
+    strokes = corner.buffer(0.2, cap_style="square", join_style="mitre")
+    return shapely.union_all([PLAN, strokes, shapely.Point(3.2, 3).buffer(0.5)])
+
+
+def write_svg_of_strokes():
+    """Write a plan of open paths with widths, and a filled column, by matplotlib."""
+    import matplotlib.pyplot as plt
+    from matplotlib.patches import Arc, Circle, PathPatch
+    from matplotlib.path import Path as Curve
+
+    width = 0.15 / 0.01 * 72 / 96  # points, for 15 cm
+    figure = plt.figure(figsize=(800 / 96, 600 / 96))  # inches, at 96 units
+    axes = figure.add_axes((0, 0, 1, 1), xlim=(0, 8), ylim=(0, 6))
+    axes.axis("off")
+    style = {"color": "black", "linewidth": width, "solid_capstyle": "projecting"}
+    axes.plot([1, 5, 5], [1, 1, 4], solid_joinstyle="miter", **style)
+    axes.add_patch(Arc((6, 4), 2, 2, theta1=0, theta2=180, linewidth=width, capstyle="projecting"))
+    corners = [(1, 3), (1, 5), (3, 5), (3, 3)]
+    codes = [Curve.MOVETO, *[Curve.CURVE4] * 3]
+    axes.add_patch(
+        PathPatch(Curve(corners, codes), fill=False, linewidth=width, capstyle="projecting")
+    )
+    axes.add_patch(Circle((3, 2), 0.3, color="grey", linewidth=0))
+    figure.savefig("plan.svg")
+    plt.close(figure)
+    wall = shapely.LineString([(1, 1), (5, 1), (5, 4)])
+    arc = draw_curve(lambda t: (6 + np.cos(np.pi * t), 4 + np.sin(np.pi * t)))
+    curve = draw_curve(lambda t: (1 + 6 * t**2 - 4 * t**3, 3 + 6 * t * (1 - t)))
+    lines = [
+        line.buffer(0.075, cap_style="square", join_style="mitre") for line in (wall, arc, curve)
+    ]
+    plan = shapely.union_all([*lines, shapely.Point(3, 2).buffer(0.3)])
+    return shapely.affinity.translate(plan, 0.0, -6.0)  # the page's origin is at the top
 
 
 def write_gml():
@@ -160,48 +312,71 @@ def write_las():
     cloud.write("scan.las")
 
 
-INPUTS = {
-    "costs.tif": write_geotiff,
-    "costs.nc": write_netcdf,
-    "rack.nrrd": write_nrrd,
-    "rack.mha": write_mha,
-    "plan.png": write_picture,
-    "site.gpkg": write_geopackage,
-    "plan.dxf": write_dxf,
-    "plan.svg": write_svg,
-    "lanes.gml": write_gml,
-    "rack.3mf": write_3mf,
-    "rack.off": write_off,
-    "scan.pcd": write_pcd,
-    "scan.las": write_las,
+FORMS = {
+    "costs.tif": (write_geotiff, write_geotiff_of_utm, write_geotiff_of_degrees),
+    "costs.nc": (write_netcdf,),
+    "rack.nrrd": (write_nrrd,),
+    "rack.mha": (write_mha,),
+    "plan.png": (write_picture,),
+    "site.gpkg": (write_geopackage,),
+    "plan.dxf": (write_dxf_of_outlines, write_dxf_of_blocks),
+    "plan.svg": (write_svg_of_shapes, write_svg_of_strokes),
+    "lanes.gml": (write_gml,),
+    "rack.3mf": (write_3mf,),
+    "rack.off": (write_off,),
+    "scan.pcd": (write_pcd,),
+    "scan.las": (write_las,),
 }
+"""Writers of each file of the page; a plan that they return is that of the obstacles."""
+
+SNIPPET_OF = {
+    next(name for name in FORMS if f'"{name}"' in snippet): snippet for snippet in SNIPPETS
+}
+"""Snippet that reads each file."""
+
+CASES = [(name, write) for name in FORMS for write in FORMS[name]]
 
 
-def find_input(snippet):
-    return next(name for name in INPUTS if f'"{name}"' in snippet)
-
-
-@pytest.mark.parametrize("snippet", SNIPPETS, ids=find_input)
-def test_a_snippet_ends_in_the_right_world(snippet, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    name = find_input(snippet)
-    INPUTS[name]()
+def run_snippet(name, write, folder, monkeypatch):
+    """Write a file, run its snippet beside it, and return the plan and the snippet's variables."""
+    monkeypatch.chdir(folder)
+    plan = write()
     values = {}
-    exec(compile(snippet, name, "exec"), values)
+    exec(compile(SNIPPET_OF[name], name, "exec"), values)
+    return plan(values) if callable(plan) else plan or PLAN, values
+
+
+@pytest.mark.parametrize("name, write", CASES)
+def test_a_snippet_ends_in_the_right_world(name, write, tmp_path, monkeypatch):
+    plan, values = run_snippet(name, write, tmp_path, monkeypatch)
     if name == "lanes.gml":
         assert values["graph"].positions.tolist() == [[1.0, 2.0], [3.0, 1.0]]
         return
     workspace = values["workspace"]
-    height = (1.5,) * (workspace.grid.dim - 2)
-    robot = cspace.Robot.ball(0.02) if height else cspace.Robot.disc(0.02)
-    space = cspace.build(workspace, robot, outside="free")
-    for x0, y0, x1, y1 in WALLS:
-        # Surfaces and thin walls have no inside, so a wall is not FREE, and all around it is.
-        assert not space.is_free((x0 + 0.03, y0 + 0.03, *height))
-        assert not space.is_free((x1 - 0.03, y1 - 0.03, *height))
-        assert space.is_free((x0 - 0.3, y0 - 0.3, *height))
-        assert space.is_free((x1 + 0.3, y1 + 0.3, *height))
-    if name.startswith("costs"):
-        assert not space.is_free((5.75, 0.25))  # unknown
-    if height:
-        assert space.is_free((1.5, 0.75, 3.3))
+    grid = workspace.grid
+    outer = workspace.outer
+    if grid.dim == 3:
+        height = round((1.5 - grid.lower[2]) / grid.spacing)
+        assert not outer[:, :, round((3.3 - grid.lower[2]) / grid.spacing) :].any()
+        outer = outer[:, :, height]
+    x, y = (
+        lower + grid.spacing * np.arange(n)
+        for lower, n in zip(grid.lower, outer.shape, strict=False)
+    )
+    x, y = np.meshgrid(x, y, indexing="ij")
+    cells = shapely.box(x, y, x + grid.spacing, y + grid.spacing)
+    # Rounding may move an obstacle across the border of a cell, and a cloud has gaps.
+    inside = shapely.intersects(shapely.buffer(cells, -0.001, join_style="mitre"), plan)
+    assert inside.any() and not (inside & ~outer).any()
+    assert not (outer & (shapely.distance(cells, plan) > SLACKS.get(name, 0.02))).any()
+
+
+SLACKS = {"costs.tif": 0.15, "scan.pcd": 0.06, "scan.las": 0.06}
+"""Distance, metres, from the plan at which no cell is occupied; cells in degrees are other ones."""
+
+
+def test_what_a_drawing_loses_is_printed(tmp_path, monkeypatch, capsys):
+    run_snippet("plan.dxf", write_dxf_of_outlines, tmp_path, monkeypatch)
+    assert capsys.readouterr().out == "left out: ['SITE', 'XLINE']\n"
+    run_snippet("plan.dxf", write_dxf_of_blocks, tmp_path, monkeypatch)
+    assert capsys.readouterr().out == "left out: []\n"

@@ -23,7 +23,7 @@ from cspace._cli.demo import write_inputs
 from cspace.plot import animate
 from cspace.plot._picture import save_figure
 from planners import plan
-from tests.helpers.commands import run
+from tests.helpers.commands import commands, run
 from tests.helpers.repository import ROOT, SOURCES
 
 CODE_BLOCK = re.compile(r"^```(python|console)\n(.*?)^```", re.DOTALL | re.MULTILINE)
@@ -154,6 +154,31 @@ def test_files_that_a_page_names_exist(page):
         (ROOT / page).parent / link for link in linked if link
     ]
     assert [str(file) for file in files if not file.exists()] == []
+
+
+def list_commands(file):
+    """List the commands in the text of a page, or in the comments of a tutorial, as words."""
+    text = file.read_text(encoding="utf-8")
+    if file.suffix == ".py":
+        text = re.sub(r"\n *# ?", "\n", text)
+    inline = re.findall(r"`(cspace [a-z][^`]*)`", text)
+    lines = re.findall(r"^(?:\$ )?(cspace [a-z].*)", re.sub(r"\\\n", "", text), re.MULTILINE)
+    parts = [part for each in inline + lines for part in re.split(r" (?:&&|\||#) ", each)]
+    return [shlex.split(part)[1:] for part in parts if part.startswith("cspace ")]
+
+
+def test_commands_in_the_text_of_pages_have_the_options_that_they_need():
+    files = [ROOT / page for page in PAGES]
+    files += [file for folder in ("tutorials", "examples") for file in (ROOT / folder).glob("*.py")]
+    found = [words for file in files for words in list_commands(file)]
+    assert len(found) > 30
+    for name, *arguments in found:
+        command = commands()[name]
+        if arguments and "..." not in arguments:  # otherwise only a part of it is shown
+            command.make_context(name, arguments)
+        options = {text for each in command.params for text in (*each.opts, *each.secondary_opts)}
+        named = {word.partition("=")[0] for word in arguments if word.startswith("--")}
+        assert named <= options | {"--help"}, (name, arguments)
 
 
 @pytest.mark.parametrize("page", PAGES)

@@ -11,6 +11,7 @@ from cspace._engines.slices import slice_rasters
 from cspace._rotations import RotationCell, Rotations
 from cspace._shapes import Shape
 from tests.helpers.oracles import raster_offsets
+from tests.helpers.strategies import few
 
 BITMAP = np.array([[[1, 1], [1, 0]], [[1, 0], [0, 0]], [[1, 0], [0, 1]]], dtype=bool)
 ROBOTS = {
@@ -23,6 +24,7 @@ ROBOTS = {
 }
 
 
+@pytest.mark.parametrize("rounds", few([1, 3]))
 @pytest.mark.parametrize(
     "name, rotations",
     [
@@ -30,13 +32,13 @@ ROBOTS = {
         *((name, Rotations.quaternions(2)) for name in ("box", "box beside its axis", "cells")),
     ],
 )
-def test_rasters_hold_at_every_rotation_of_their_slice(name, rotations):
+def test_rasters_hold_at_every_rotation_of_their_slice(name, rotations, rounds):
     """Include slices made as images of others under quarter turns and mirrors."""
     robot = ROBOTS[name]
     rng = np.random.default_rng(0)
     pairs = slice_rasters(robot, 0.083, 0.02, rotations)
     slice_of = rotations._assign_slices(robot.shape)
-    cells = np.repeat(np.arange(len(rotations)), 3)
+    cells = np.repeat(np.arange(len(rotations)), rounds)
     matrices = rotations.make_matrices(rotations._sample(cells, 0.0, rng), robot.dim)
     for cell, matrix in zip(cells, matrices, strict=True):
         turn = RotationCell(matrix, 0.0, rotations._about_z)

@@ -40,7 +40,7 @@ def test_the_error_names_the_nearest_file_of_the_folder(tmp_path, name, misspelt
         (tmp_path / file).touch()
     with pytest.raises(CspaceError) as refused:
         read(tmp_path / misspelt)
-    assert f"did you mean {tmp_path / name}?" in refused.value.hint
+    assert f"did you mean {name!r}?" in refused.value.hint
 
 
 def test_a_file_of_another_format_is_refused_with_its_converter(tmp_path):
@@ -54,12 +54,12 @@ def test_a_file_of_another_format_is_refused_with_its_converter(tmp_path):
 
 def test_an_output_is_not_taken_for_a_misspelt_input(tmp_path):
     space = build_empty((9, 9), "disc:0.1")
-    (tmp_path / "corridor.ply").touch()
+    (tmp_path / "corridr.ply").touch()
     with pytest.raises(InputError, match=r"known are \.zarr") as refused:
-        space.save(tmp_path / "corridor.csv")
+        space.save(tmp_path / "corridor.pl")
     assert "did you mean" not in str(refused.value)
-    with pytest.raises(InputError, match=rf"did you mean {tmp_path / 'corridor.ply'}\?"):
-        make_mesh(tmp_path / "corridor.csv")
+    with pytest.raises(InputError, match=r"did you mean 'corridr\.ply'\?"):
+        make_mesh(tmp_path / "corridor.pl")
 
 
 def test_no_file_of_an_unknown_format_is_suggested(tmp_path):

@@ -14,8 +14,9 @@ import cspace
 from cspace import Grid, Robot, Workspace
 from cspace._files.vector import read_shapes
 from cspace.errors import GeometryError, InputError, UnitWarning
+from cspace.inside import measure_shapes
 from tests.helpers.commands import run
-from tests.helpers.refusals import refusals
+from tests.helpers.refusals import refusals, write
 
 L_SHAPE = shapely.Polygon([(0.1, 0.1), (2.9, 0.1), (2.9, 0.9), (0.9, 0.9), (0.9, 1.9), (0.1, 1.9)])
 FAR = box(4.0, 0.25, 6.0, 1.75)
@@ -106,6 +107,7 @@ def test_bounds_decide_the_number_of_cells(bounds, spacing, shape):
     assert workspace.outer[0, 0]
 
 
+@pytest.mark.filterwarnings("ignore:.*look like degrees")
 @given(
     lower=st.floats(-1e3, 1e3),
     extent=st.integers(1, 40),
@@ -282,12 +284,69 @@ def test_sizes_within_a_collection_are_named():
         read_shapes({"type": ["GeometryCollection"], "geometries": []})
 
 
-def test_geojson_like_degrees_warns_unless_it_says_null():
-    with pytest.warns(UnitWarning, match="look like degrees"):
-        Workspace.from_polygons(town(), 1e-4)
-    assert Workspace.from_polygons(town(crs=None) | {"crs": None}, 1e-4).outer.any()
+HOUSES = [box(x, 47.37, x + 3e-4, 47.3702) for x in (8.54, 8.55)]
+ROOM = box(8.5, 5.0, 8.6, 5.1)
+
+IN_DEGREES = {
+    "GeoJSON": lambda _: Workspace.from_polygons(town(), 1e-4),
+    "null": lambda _: Workspace.from_polygons(town() | {"crs": None}, 1e-4),
+    "list": lambda _: Workspace.from_polygons(HOUSES, 1e-4),
+    "generator": lambda _: Workspace.from_polygons(iter(HOUSES), 1e-4),
+    "array": lambda _: Workspace.from_polygons(np.array(HOUSES), 1e-4),
+    "MultiPolygon": lambda _: Workspace.from_polygons(shapely.MultiPolygon(HOUSES), 1e-4),
+    "WKT": lambda _: Workspace.from_polygons(shapely.MultiPolygon(HOUSES).wkt, 1e-4),
+    "list of WKT": lambda _: Workspace.from_polygons([house.wkt for house in HOUSES], 1e-4),
+    "lazy": lambda _: Workspace.from_polygons(HOUSES, 1e-4, lazy=True),
+    "bounds": lambda _: Workspace.from_polygons(HOUSES, 1e-4, (8.5, 47.3, 8.6, 47.4)),
+    "shapes": lambda _: Workspace.from_shapes(HOUSES, 1e-4),
+    "points": lambda _: Workspace.from_points([(8.54, 47.37), (8.55, 47.38)], 1e-4),
+    "robot": lambda _: Robot.polygon(HOUSES[0]),
+    "robot to build": lambda _: cspace.build(
+        Workspace.from_array(np.zeros((20, 20), dtype=bool), 1e-4), HOUSES[0], outside="free"
+    ),
+    "robot file": lambda folder: Robot.open(write(folder, "a.wkt", HOUSES[0].wkt)),
+    "info": lambda folder: measure_shapes(write(folder, "a.geojson", json.dumps(town()))),
+}
+"""Calls with two houses in degrees."""
+
+
+@pytest.mark.parametrize("call", IN_DEGREES)
+def test_coordinates_like_degrees_are_warned_of_once_at_every_door(call, tmp_path):
+    with pytest.warns(UnitWarning) as caught:
+        IN_DEGREES[call](tmp_path)
+    assert ["look like degrees" in str(each.message) for each in caught].count(True) == 1
+
+
+def test_small_shapes_far_from_the_origin_of_a_map_are_metres():
     for plan in (L_SHAPE, affinity.translate(L_SHAPE, 50, 40), affinity.scale(L_SHAPE, 20, 20)):
         assert read_shapes(mapping(plan)) == [plan]
+    bounds = (0, 0, 10, 10)
+    workspace = Workspace.from_polygons([ROOM], 0.05, bounds)
+    assert Workspace.from_polygons(mapping(ROOM), 0.05, bounds).outer.any()
+    space = cspace.build(workspace, "disc:0.1")
+    pallet = affinity.translate(ROOM, -3.0, 0.0)
+    for shape in (pallet, mapping(pallet), pallet.wkt):
+        space.add_obstacle("pallet", shape)
+        assert not space.is_free((5.55, 5.05))
+        space.remove_obstacle("pallet")
+
+
+class Geometries:
+    """Geometries with a reference system, as in a column of geopandas."""
+
+    def __init__(self, shapes, crs):
+        self.shapes = shapes
+        self.crs = crs
+
+    def __iter__(self):
+        return iter(self.shapes)
+
+
+def test_a_column_of_geometries_is_read_with_its_reference_system():
+    for read in (Workspace.from_polygons, Workspace.from_shapes):
+        with pytest.raises(GeometryError, match="reference system EPSG:4326"):
+            read(Geometries(HOUSES, "EPSG:4326"), 1e-4)
+    assert read_shapes(Geometries([L_SHAPE], "EPSG:32632")) == [L_SHAPE]
 
 
 class Table:

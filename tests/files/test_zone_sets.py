@@ -69,7 +69,12 @@ def test_blocked_zones_are_obstacles(tmp_path):
         "zone 'a' is not valid: Self-intersection",
     ),
     (make_zone_set(make_zone("a", "BLOCKED", [(0, 0), ("1", 1), (0, 1)])), "without quotes"),
-    (make_zone_set(make_zone("a", ["BLOCKED"])), "cannot be read"),
+    (make_zone_set(make_zone("a", ["BLOCKED"])), "zone 'a' is ['BLOCKED']; there are BLOCKED"),
+    (
+        make_zone_set(make_zone("a", "BLOCKED"), make_zone("b", "BLOCKD")),
+        "zone 'b' is 'BLOCKD'; there are BLOCKED, LINE_GUIDED, RELEASE",
+    ),
+    (make_zone_set(make_zone("a", "BLOCKED"), make_zone("b", "blocked")), "did you mean 'BLOCKED'"),
     (make_zone_set({"zoneType": "BLOCKED"}), "has no zoneId"),
     ({"zoneSet": []}, "must hold fields and values"),
     ({"zoneSet": {"zones": {}}}, "it must be a list"),

@@ -9,7 +9,8 @@ import numpy as np
 from benchmarks.report import Report
 from cspace import FREE
 from cspace._support.arrays import Floats
-from planners._drives import local_planner
+from planners._edges.drives import local_planner
+from planners._ompl.states import make_states
 from tests.fuzz.maps import POINTS_PER_EDGE
 from tests.fuzz.scenes import Case, Rng, draw_case
 from tests.fuzz.tally import Tally, draw_until, pick_close
@@ -59,7 +60,7 @@ def _check_curves(tally: Tally, case: Case, name: str, rng: Rng) -> None:
         for pair, length in zip(pairs, lengths, strict=True)
     ]
     picked = pick_close(np.asarray(space.clearance(few)).min(axis=1), N_FOLLOWED, rng)
-    states = planner.make_states()
+    states = make_states(planner)
     for edge in picked:
         first, last = pairs[edge]
         along = np.linspace(0.0, lengths[edge], POINTS_PER_EDGE)

@@ -9,7 +9,7 @@ import shapely
 from shapely import affinity
 
 import cspace
-from tests.helpers.cpp import Program, build_program, ompl_flags
+from tests.helpers.cpp import Program, build_program
 from tests.helpers.repository import ROOT
 
 PACKAGE = ROOT / "ros" / "cspace_nav2"
@@ -41,7 +41,6 @@ class Nav2(Program):
 
     def ask(self, command):
         self.tell(command)
-        # A line of OMPL would not be JSON.
         return json.loads(self.read_line())
 
     def set(self, **parameters):
@@ -122,7 +121,6 @@ def build_server(target, version, *flags):
         *flags,
         str(PACKAGE / "src" / "planner.cpp"),
         *(f"-I{folder}" for folder in folders),
-        *ompl_flags(),
         source=ANSWERS / "answers.cpp",
     )
 

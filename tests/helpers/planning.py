@@ -15,8 +15,8 @@ from scipy.spatial import cKDTree
 import planners
 from cspace import BLOCKED, FREE, Robot, Rotations, Workspace, build
 from cspace._support.compiling import clock
-from planners._car_curves import advance, find_shortest_words
-from planners._ompl_states import find_state_kind
+from planners._edges.car_curves import advance, find_shortest_words
+from planners._ompl.states import find_state_kind
 from tests.helpers.drives import CURVES, is_car, make_drive
 from tests.helpers.handmade import build_empty, fill_boxes, map_of
 from tests.helpers.placements import sample_edges, turn_between

@@ -13,7 +13,7 @@ from tests.fuzz.scenes import ROBOTS, Scale, draw_polygon, draw_robot
 
 
 def examples(count, **options):
-    """Draw ``count`` examples if all tests run, and a quarter of them if only the quick ones do."""
+    """Draw ``count`` examples if all tests run, and a tenth if only the quick ones do."""
     share = settings().max_examples / settings.get_profile("all").max_examples
     return settings(max_examples=max(2, round(share * count)), **options)
 

@@ -196,6 +196,54 @@ def test_a_robot_stays_where_it_starts_and_where_it_ends():
     assert found.time == pytest.approx(26.0 - 0.5, abs=0.01)
 
 
+@pytest.mark.parametrize("count", few([30, 400]))
+def test_a_robot_that_waits_is_where_it_starts_while_a_thing_moves(driven, count):
+    robot, trajectories = driven
+    polygon = shapely.Polygon(NOTCHED)
+    rng = np.random.default_rng(11)
+    seen = {"apart": 0, "touch": 0}
+    for k in range(count):
+        trajectory = trajectories[k % len(trajectories)]
+        at, seen_at = rng.uniform((4.0, -2.0), (12.0, 14.0))
+        place = rng.uniform((0.0, 0.0), (10.0, 8.0))
+        aim = trajectory.positions[0, :2] + rng.uniform(-0.8, 0.8, 2)
+        velocity = (aim - place) / rng.uniform(2.0, 9.0)
+        thing = Mover("disc:0.3", place, at=seen_at, velocity=velocity)
+        begin, end = min(at, seen_at), max(at + trajectory.duration, seen_at)
+        t = np.linspace(begin, end, 4000)
+        centers = shapely.points(place + (t - seen_at)[:, np.newaxis] * velocity)
+        gaps = shapely.distance(oracle(polygon, trajectory, at, t), centers) - 0.3
+        if gaps[0] <= 0.0:
+            continue
+        found = apart(Mover(robot, trajectory, at=at), thing)
+        assert found.interval == pytest.approx((begin, end))
+        seen[found.verdict] += 1
+        if found:
+            assert found.distance <= gaps.min() + 1e-9
+        else:
+            poses = place_polygon(polygon, found.poses[0][np.newaxis])
+            assert shapely.distance(poses[0], shapely.Point(found.poses[1][:2])) <= 0.3 + 1e-9
+            assert found.time <= t[gaps <= 0.0].min(initial=end) + 2e-3
+    assert min(seen.values()) > count // 10
+
+
+def test_time_begins_when_the_first_of_both_moves():
+    space = build("disc:0.3", rotations=None)
+    plan = planners.plan(space, (1.0, 4.0), (9.0, 4.0))
+    trajectory = plan.trajectory(max_velocity=1.0, max_acceleration=1.0)
+    robot = Mover(space.robot, trajectory, at=12.0)
+    end = 12.0 + trajectory.duration
+    for thing, interval in (
+        (Mover("disc:0.2", (5.0, 30.0), velocity=(0.0, 1.0)), (0.0, end)),
+        (Mover("disc:0.2", (5.0, 30.0), velocity=(0.0, 1.0), at=50.0), (12.0, 50.0)),
+        (Mover("disc:0.2", (5.0, 30.0), growth=0.1), (0.0, end)),
+        (Mover("disc:0.2", (5.0, 30.0), velocity=(0.0, 0.0)), (12.0, end)),
+        (Mover("disc:0.2", (5.0, 30.0), at=50.0, error=0.1), (12.0, end)),
+    ):
+        assert apart(robot, thing).interval == interval
+        assert apart(thing, robot).interval == interval
+
+
 @pytest.mark.parametrize("count", few([6, 40]))
 def test_boxes_in_space_agree_with_their_outlines(count):
     rng = np.random.default_rng(4)
@@ -305,15 +353,24 @@ def test_equal_speeds_in_the_middle_prove_nothing_of_one_that_brakes():
         assert found.distance <= 0.005 + 1e-9
 
 
-@pytest.mark.parametrize("speed", [1e-40, 1.0, 1e40, 1e80])
-def test_bounds_that_overflow_prove_nothing(speed):
-    for robot, place in (("disc:0.3", (5.0, 0.0)), ("ball:0.3", (5.0, 0.0, 0.0))):
-        still = Mover(robot, place)
-        moving = Mover(robot, np.zeros(len(place)), velocity=speed * np.eye(len(place))[0])
-        assert apart(moving, still, until=1e100).verdict != "apart"
+@pytest.mark.parametrize(
+    "speed, robot",
+    few(
+        itertools.chain(
+            zip((1e80, 1e40, 1.0, 1e-40), 2 * ("ball", "disc"), strict=True),
+            zip((1e80, 1e40, 1.0, 1e-40), 2 * ("disc", "ball"), strict=True),
+        ),
+        2,
+    ),
+)
+def test_bounds_that_overflow_prove_nothing(speed, robot):
+    dim = 2 if robot == "disc" else 3
+    still = Mover(f"{robot}:0.3", 5.0 * np.eye(dim)[0])
+    moving = Mover(f"{robot}:0.3", np.zeros(dim), velocity=speed * np.eye(dim)[0])
+    assert apart(moving, still, until=1e100).verdict != "apart"
 
 
-@pytest.mark.parametrize("seconds", [1e9, 1e13])
+@pytest.mark.parametrize("seconds", few([1e13, 1e9]))
 def test_rounding_of_far_places_and_times_proves_nothing(seconds):
     rng = np.random.default_rng(9)
     still = Mover("disc:0.4", (0.0, 0.0))

@@ -5,6 +5,7 @@ import itertools
 import json
 import math
 import xml.etree.ElementTree as ElementTree
+from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
@@ -99,7 +100,7 @@ def draw_graph(rng, side=4.0):
     return RouteGraph.from_arrays(positions, edges, headings)
 
 
-@pytest.mark.parametrize("number", few([12, 100]))
+@pytest.mark.parametrize("number", few([4, 100]))
 def test_random_graphs_agree_with_dense_poses(spaces, number):
     rng = np.random.default_rng(5)
     seen = {"apart": 0, "touch": 0, "undecided": 0}
@@ -192,10 +193,11 @@ def test_corners_that_meet_exactly_are_never_apart(numbers, pull):
     assert row.verdict == ("apart" if gap > 0 else "touch" if gap < 0 else "undecided")
 
 
-def test_larger_distances_and_robots_never_part_what_touches(spaces):
+@pytest.mark.parametrize("rounds", few([3, 8]))
+def test_larger_distances_and_robots_never_part_what_touches(spaces, rounds):
     rng = np.random.default_rng(2)
     grown = build("arrow", margin=0.05)
-    for _ in range(8):
+    for _ in range(rounds):
         graph = draw_graph(rng)
         found = [
             cspace.lanes.conflicts(spaces["arrow"], graph),
@@ -288,6 +290,25 @@ def test_a_lane_turns_the_shorter_way_from_the_yaw_of_its_node(spaces, first, di
     ).all()
     bodies = place_along(both if abs(step) > math.pi - 2e-9 else [step])
     assert shapely.difference(outline, shapely.union_all(bodies)).area < 0.1
+
+
+@pytest.mark.parametrize("heading", [0.0, 1.0, 3.0, -2.0])
+@pytest.mark.parametrize("width", [0.1, 1.0, 2.5])
+def test_a_node_with_a_range_of_yaws_is_swept_at_all_of_them(spaces, heading, width):
+    ends = [(4.0, 3.0), (4.5, 3.0)]
+    graph = RouteGraph.from_arrays(ends, [(0, 1)], heading, yaws=[0.5, math.nan])
+    graph = replace(graph, yaw_deviations={"0": width})
+    found = cspace.lanes.conflicts(spaces["outside"], graph)
+    robot = shapely.Polygon(SHAPES["outside"])
+    steps = [
+        math.remainder(0.5 + share * width - heading, math.tau) for share in np.linspace(-1, 1)
+    ]
+    yaws = np.linspace(min(*steps, 0.0), max(*steps, 0.0), 200) + heading
+    bodies = place_polygon(robot, np.array([(*ends[0], yaw) for yaw in yaws]))
+    for name in ("0: 0 to 1", "node 0"):
+        assert shapely.covers(found.outlines[name], bodies).all()
+    if width < 2.5:  # else the shorter way between its yaws is all around
+        assert shapely.difference(found.outlines["node 0"], shapely.union_all(bodies)).area < 0.1
 
 
 @pytest.mark.parametrize(
@@ -392,7 +413,7 @@ def test_curves_and_deviations_count_as_the_audit_counts_them(tmp_path):
         assert outline.covers(body)
 
 
-@pytest.mark.parametrize("number", few([6, 30]))
+@pytest.mark.parametrize("number", few([2, 30]))
 @pytest.mark.parametrize("distance", [0.0, 0.2])
 def test_one_robot_in_each_zone_keeps_all_apart(spaces, distance, number):
     rng = np.random.default_rng(8)
@@ -413,7 +434,7 @@ def test_one_robot_in_each_zone_keeps_all_apart(spaces, distance, number):
                     close += 1
                     both = [zone for zone in shapes if shapely.intersects(zone, bodies).all()]
                     assert both
-    assert close > 100
+    assert close > 15 * number
 
 
 RMF = {

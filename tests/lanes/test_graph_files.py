@@ -17,6 +17,7 @@ from cspace.lanes import RouteGraph
 from cspace.lanes._curves import cut_nurbs
 from cspace.lanes._lane_motions import list_motions
 from tests.helpers.handmade import build_empty
+from tests.helpers.orders import EDITIONS, PLACES, make_order
 from tests.helpers.refusals import check_refused, refusals
 from tests.helpers.strategies import few
 
@@ -148,6 +149,45 @@ def test_nav2_graphs_are_one_way_and_forward(tmp_path):
     assert back.lanes[0].heading.yaws == (math.pi,)
 
 
+@pytest.mark.parametrize(
+    "kind, drawn, is_straight",
+    [
+        ("MultiLineString", [[[1, 2], [4, 2]]], True),
+        ("LineString", [[4, 2], [1, 2]], True),
+        ("LineString", [[[1, 2], [3, 2]], [[3, 2], [4, 2]]], True),
+        ("MultiLineString", [[1, 2.005], [2, 1.995, 0.0], [4, 2]], True),
+        ("MultiLineString", [], True),
+        ("MultiLineString", [[[1, 2], [2, 3], [4, 2]]], False),
+        ("MultiLineString", [[[1, 2], [7, 2]]], False),
+        ("LineString", [[1, 2], [3, 2]], False),
+        ("LineString", [[1, 2], [4, 3]], False),
+    ],
+)
+def test_nav2_edges_are_straight_however_drawn(tmp_path, kind, drawn, is_straight):
+    document = copy.deepcopy(NAV2)
+    document["features"][2]["geometry"] = {"type": kind, "coordinates": drawn}
+    file = write(tmp_path, "nav.geojson", document)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        (lane,) = RouteGraph.open(file).lanes
+    assert (lane.start, lane.end, lane.legs, lane.deviation) == (0, 1, (), 0.0)
+    texts = [str(each.message) for each in caught]
+    assert texts == [] if is_straight else texts[0].endswith("is audited: 2 (0 to 1)")
+    assert all(each.filename == __file__ for each in caught)
+
+
+def test_nav2_edges_with_one_id_are_all_read_and_named(tmp_path):
+    document = copy.deepcopy(NAV2)
+    back = copy.deepcopy(document["features"][2])
+    back["properties"] |= {"startid": 1, "endid": 0}
+    node = copy.deepcopy(back)
+    node["properties"]["id"] = 1
+    document["features"] += [back, node]
+    with pytest.warns(UserWarning, match=r"2 edges have the id .*: 2 \(1 to 0\), 1 \(1 to 0\)$"):
+        graph = RouteGraph.open(write(tmp_path, "nav.geojson", document))
+    assert [(lane.name, lane.start) for lane in graph.lanes] == [("2", 0), ("2", 1), ("1", 1)]
+
+
 def test_rmf_graphs_have_constraints(tmp_path):
     graph = RouteGraph.open(write(tmp_path, "rmf.yaml", RMF))
     assert graph.names == ("dock", "1")
@@ -176,6 +216,75 @@ def test_orders_have_deviations_and_corridors(tmp_path):
     assert first.heading == ("map", (0.3,))
     assert (first.deviation, second.deviation) == (0.25, 0.4)
     np.testing.assert_array_equal(graph.yaws, [0.5, math.nan])
+
+
+@pytest.mark.parametrize("version", EDITIONS)
+def test_orders_of_each_edition_are_read(version, tmp_path):
+    for is_full in (False, True):
+        order = make_order(version, is_full)
+        points = [point for edge in order["edges"] for point in _points_of(edge)]
+        if any("orientation" in point for point in points):
+            with pytest.raises(FileError, match=r"controlPoints\[0\] has orientation 0\.1"):
+                RouteGraph.open(write(tmp_path, "order.json", order))
+            for point in points:
+                del point["orientation"]
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            graph = RouteGraph.open(write(tmp_path, "order.json", order))
+        assert dict(zip(graph.names, map(tuple, graph.positions.tolist()), strict=True)) == PLACES
+        names = [(graph.names[lane.start], graph.names[lane.end]) for lane in graph.lanes]
+        assert names == [("a", "b"), ("b", "c"), ("c", "b")]
+        heights = ["maximumMobileRobotHeight", "minimumLoadHandlingDeviceHeight"]
+        heights = heights if version[0] == "3" else ["maxHeight", "minHeight"]
+        texts = [str(each.message).partition("not read: ")[2] for each in caught]
+        assert texts == [", ".join(f"{name} (edge)" for name in heights)] * is_full
+        if is_full:
+            assert graph.yaws.tolist() == [0.5] * 3
+            assert graph.yaw_deviations == dict.fromkeys("abc", 0.2)
+            width = 0.5 if version[:3] in ("2.1", "3.0") else 0.25
+            assert {(lane.heading, lane.deviation) for lane in graph.lanes} == {
+                (("map", (0.75,)), width)
+            }
+            assert [leg.end for lane in graph.lanes for leg in lane.legs] == [
+                PLACES[name] for name in "bcb"
+            ]
+
+
+def _points_of(edge):
+    """Return the control points of an edge of an order."""
+    return edge.get("trajectory", {}).get("controlPoints", [])
+
+
+@refusals(
+    "path, value, text",
+    (("nodes", 1, "nodePosition"), None, "node 'b' has no nodePosition"),
+    (("edges", 0, "sequenceId"), None, "edge 'e0' has no sequenceId"),
+    (("edges", 0, "sequenceId"), 0.5, "edge 'e0' has the sequenceId 0.5"),
+    (("edges", 0, "sequenceId"), 2, "edge 'e0' has the sequenceId 2; without startNodeId"),
+    (("edges", 2, "sequenceId"), 7, "nodes must have 6 and 8"),
+    (("edges", 0, "startNodeId"), "a", "edge 'e0' has no endNodeId"),
+    (("nodes", 1, "sequenceId"), 0, "node 'b' has the sequenceId 0; node 'a' has it, too"),
+    (("nodes", 1, "sequenceId"), "2", "node 'b' has the sequenceId '2'"),
+    (("nodes", 0, "nodePosition", "allowedDeviationTheta"), -0.1, "allowedDeviationTheta -0.1"),
+)
+def test_orders_without_ends_of_edges_need_their_numbers(path, value, text, tmp_path):
+    order = make_order("3.0.0", is_full=False)
+    place = order
+    for key in path[:-1]:
+        place = place[key]
+    place[path[-1]] = value
+    with pytest.raises(FileError) as caught:
+        RouteGraph.open(write(tmp_path, "order.json", order))
+    assert text in str(caught.value)
+
+
+def test_an_order_may_name_the_ends_of_some_edges(tmp_path):
+    order = make_order("3.0.0", is_full=False)
+    order["edges"][1] |= {"startNodeId": "b", "endNodeId": "c"}
+    order["edges"].reverse()
+    graph = RouteGraph.open(write(tmp_path, "order.json", order))
+    names = [(graph.names[lane.start], graph.names[lane.end]) for lane in graph.lanes]
+    assert names == [("c", "b"), ("b", "c"), ("a", "b")]
 
 
 @pytest.mark.parametrize("change", [{}, {"theta": 2.0}, {"x": 9.0}])
@@ -229,15 +338,14 @@ CROOKED = {
     ("nav.geojson", ("crs",), {"name": "CRS84"}, "has the crs"),
     ("nav.geojson", NODE, None, "features[0].properties has no id"),
     ("nav.geojson", NODE, 1, "node 1 is there twice"),
-    ("nav.geojson", NODE, 2, "edge 2 has the id of a node"),
     ("nav.geojson", ("features", 0, "properties", "frame"), "odom", "node 0 has frame 'odom'"),
     ("nav.geojson", ("features", 0, "geometry", "coordinates"), [1], "node 0 has the coordinates"),
     ("nav.geojson", ("features", 0, "geometry", "coordinates"), ["1", 2], "node 0 has the x '1'"),
     ("nav.geojson", ("features", 0, "geometry", "type"), "Polygon", "with the id 0 is a Polygon"),
     ("nav.geojson", ("features", 0), 3, "features[0]"),
     ("nav.geojson", EDGE, 7, "edge 2 names the node 7"),
-    ("nav.geojson", DRAWN, [[[1, 2], [2, 3], [4, 2]]], "edge 2 is drawn by way of"),
     ("nav.geojson", DRAWN, [[3]], "edge 2 has the coordinates"),
+    ("nav.geojson", DRAWN, [[[1, 2], 3]], "edge 2 has the x [1, 2]"),
     ("rmf.yaml", ("levels", "L2"), {}, "pass e.g. level='L1'"),
     ("rmf.yaml", ("levels",), [], "levels is []"),
     ("rmf.yaml", ("levels", "L1"), [], "level 'L1' is []"),
@@ -265,6 +373,12 @@ CROOKED = {
     ("lif.json", (*ENTRY, "vehicleTypeId"), "tug", "pass e.g. vehicle="),
     (
         "lif.json",
+        ("layouts", 0, "nodes", 0, "vehicleTypeNodeProperties", 0, "vehicleTypeId"),
+        "Fork",
+        "the layout has the vehicles 'Fork', 'fork'; one of them must be chosen",
+    ),
+    (
+        "lif.json",
         (*ENTRY, "trajectory", "knotVector"),
         [0, 1],
         "vehicleTypeEdgeProperties[0].trajectory has 2 knots",
@@ -287,7 +401,6 @@ CROOKED = {
     ("lif.json", ("layouts", 0, "origins"), [{"x": 3}], "the layout has origins"),
     ("lif.json", ("origins",), [{"x": 3}], "the graph has origins"),
     ("order.json", ("nodes", 0, "nodePosition", "mapId"), "n", "has nodes on the maps"),
-    ("order.json", ("nodes", 0, "nodePosition", "allowedDeviationTheta"), 1, "DeviationTheta 1"),
     ("order.json", ("nodes",), None, "edge 'ab' names the node 'a'"),
     ("order.json", ("edges", 0, "startNodeId"), "z", "edge 'ab' names the node 'z'"),
 )
@@ -328,6 +441,7 @@ def test_unknown_fields_are_named_once(name, path, text, tmp_path):
         ("lif.json", ("layouts", 0, "nodes", 0, "vehicleTypeNodeProperties", 0, "theta"), -90.0),
         ("order.json", ("edges", 0, "orientation"), 90),
         ("order.json", ("nodes", 0, "nodePosition", "theta"), 7.0),
+        ("order.json", ("nodes", 0, "nodePosition", "allowedDeviationTheta"), 15),
     ],
 )
 def test_angles_in_degrees_are_warned_of_with_their_radians(name, path, value, tmp_path):
@@ -423,12 +537,13 @@ def test_graphs_of_other_formats_are_refused(wrong, message, tmp_path):
     check_refused(lambda: RouteGraph.open(file), message)
 
 
+@pytest.mark.parametrize("rounds", few([60, 300]))
 @pytest.mark.filterwarnings("ignore:.*these fields are not read")
 @pytest.mark.parametrize("name", FILES)
-def test_no_damage_gives_another_error(name, tmp_path):
+def test_no_damage_gives_another_error(name, tmp_path, rounds):
     rng = np.random.default_rng(0)
     text = write(tmp_path, name, FILES[name]).read_text()
-    for _ in range(300):
+    for _ in range(rounds):
         first, last = np.sort(rng.integers(0, len(text), 2))
         middle = rng.choice(["", "null", "-1", '"x"', "[]", "1e999"])
         (tmp_path / name).write_text(text[:first] + middle + text[min(last, first + 9) :])
@@ -465,10 +580,11 @@ def test_a_graph_of_networkx_has_the_same_lanes():
         RouteGraph.from_networkx(graph)
 
 
+@pytest.mark.parametrize("rounds", few([3, 10]))
 @pytest.mark.parametrize("degree", few([3, 1, 2, 5]))
-def test_legs_contain_a_random_curve_and_its_directions(degree):
+def test_legs_contain_a_random_curve_and_its_directions(degree, rounds):
     rng = np.random.default_rng(degree)
-    for _ in range(10):
+    for _ in range(rounds):
         count = degree + int(rng.integers(1, 6))
         points = np.cumsum(rng.uniform(0.1, 1.0, (count, 2)), axis=0) * rng.choice([-1, 1], 2)
         weights = rng.uniform(0.3, 3.0, count)

@@ -5,6 +5,7 @@ import re
 import subprocess
 import sys
 from collections import Counter
+from functools import cache
 from graphlib import TopologicalSorter
 from typing import NamedTuple
 
@@ -12,75 +13,133 @@ import pytest
 
 import cspace
 from cspace.errors import InputError
-from tests.helpers.repository import ROOT, SOURCES
+from tests.helpers.repository import ROOT, SOURCES, name_module
 from tests.lint.test_wings import DOCS, WINGS
 
-UPWARD_METHODS = {"from_urdf", "from_moveit_scene"}
-"""Methods of classes that let a wing read a file: one import and one call."""
+UPWARD = {
+    ("_builder", "_tiles/"),
+    ("_configuration_map", "plot/"),
+    ("_configuration_map", "regions/"),
+    ("_files/", "arms/"),
+    ("_interface", "view/"),
+    ("_space", "export/"),
+    ("_space", "reasons/"),
+    ("_workspace", "plot/"),
+}
+"""Parts of the core that call a wing by the outer door. There only ever get fewer."""
 
-HANDED_UP = {("_queries/", "_interface"), ("_builder", "_tiles/")}
-"""Imports of a row above: a gate takes any space; `build` and `open` hand large maps over."""
+MOST_FILES_IN_A_CIRCLE = 79
+"""Files that reach each other by imports, if calls by the outer door count. It only ever falls."""
 
 
 class Import(NamedTuple):
-    """An import statement of one module by another, anywhere in a file."""
+    """An import of one module by another, anywhere in a file, or the use of a name of a door."""
 
     module: str
     line: int
     imported: str
+    by_outer_door: bool
 
 
 def walk(node):
-    """Yield the nodes of a module, except imports for type checkers and upward methods."""
+    """Yield the nodes of a module, except imports for type checkers."""
     for child in ast.iter_child_nodes(node):
-        is_for_types = isinstance(child, ast.If) and ast.unparse(child.test) == "TYPE_CHECKING"
-        is_method = isinstance(node, ast.ClassDef) and isinstance(child, ast.FunctionDef)
-        if not is_for_types and not (is_method and child.name in UPWARD_METHODS):
+        if not (isinstance(child, ast.If) and ast.unparse(child.test) == "TYPE_CHECKING"):
             yield child
             yield from walk(child)
 
 
 def read_stub(path):
-    """Return the module of each name in a stub of public names."""
-    lines = re.findall(r"^from \.(\S+) import (\w+) as", path.read_text("utf-8"), re.MULTILINE)
-    return {name: f"{path.parent.name}.{module}" for module, name in lines}
+    """Return the module of each name in a stub."""
+    package = ".".join(path.parent.relative_to(ROOT).parts)
+    lines = re.findall(r"^from \.(\S*) import (\w+) as", path.read_text("utf-8"), re.MULTILINE)
+    return {name: f"{package}.{module}".rstrip(".") for module, name in lines}
 
 
 DOORS = {
-    "cspace": read_stub(ROOT / "cspace/__init__.pyi"),
-    "cspace.inside": read_stub(ROOT / "cspace/inside.pyi"),
-    "planners.inside": read_stub(ROOT / "planners/inside.pyi"),
+    name_module(path): read_stub(path)
+    for package in ("cspace", "planners")
+    for path in (ROOT / package).rglob("*.pyi")
 }
 """Modules that import each of their names at its first use, from another module."""
 
+OUTER_DOOR = "cspace._outside"
+"""The door by which the core calls wings."""
 
-def imports(module):
-    """Yield all imports of a module, except those of its upward methods."""
-    for node in walk(ast.parse(SOURCES[module].read_text(encoding="utf-8"))):
+
+def find_home(module, name):
+    """Return the module that holds a name, itself or through doors, or None if it is not ours."""
+    home = DOORS.get(module, {}).get(name, module)
+    if f"{home}.{name}" in SOURCES:
+        return f"{home}.{name}"
+    if home != module:
+        return find_home(home, name)
+    return home if home in SOURCES else None
+
+
+@cache
+def list_imports(module):
+    """List the imports of a module, and its uses of names of doors."""
+    found = []
+    names = {}  # what a name of the file stands for
+    nodes = list(walk(ast.parse(SOURCES[module].read_text(encoding="utf-8"))))
+    for node in nodes:
         if isinstance(node, ast.Import):
-            yield from (
-                Import(module, node.lineno, alias.name)
-                for alias in node.names
-                if alias.name in SOURCES
-            )
+            names |= {alias.asname or alias.name: alias.name for alias in node.names}
+            found += [(node.lineno, alias.name, alias.name) for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
             assert not node.level, f"{module} imports by a relative name"
-            for alias in node.names:
-                if alias.name == "__version__":
-                    continue
-                source = DOORS.get(node.module, {}).get(alias.name, node.module)
-                inner = f"{source}.{alias.name}"
-                imported = inner if inner in SOURCES else str(source)
-                if imported in SOURCES:
-                    yield Import(module, node.lineno, imported)
+            source = node.module
+            names |= {each.asname or each.name: f"{source}.{each.name}" for each in node.names}
+            homes = [find_home(source, each.name) for each in node.names]
+            found += [(node.lineno, home, source) for home in homes]
+    for node in nodes:
+        if isinstance(node, ast.Attribute):
+            door = names.get(ast.unparse(node.value))
+            if door in DOORS:
+                found.append((node.lineno, find_home(door, node.attr), door))
+    return [
+        Import(module, line, home, door == OUTER_DOOR and home != OUTER_DOOR)
+        for line, home, door in found
+        if home in SOURCES
+    ]
+
+
+def draw_arrows(by_outer_door):
+    """Return what each module imports, with or without calls by the outer door.
+
+    A door that is passed is no module of its own.
+    """
+    return {
+        module: {
+            each.imported
+            for each in list_imports(module)
+            if by_outer_door or not each.by_outer_door
+        }
+        - {module, *DOORS}
+        for module in SOURCES
+    }
 
 
 def test_imports_are_acyclic():
-    graph = {module: {other.imported for other in imports(module)} - {module} for module in SOURCES}
-    assert len(list(TopologicalSorter(graph).static_order())) == len(SOURCES)
+    assert len(list(TopologicalSorter(draw_arrows(False)).static_order())) == len(SOURCES)
 
 
-def test_a_row_of_the_architecture_imports_only_rows_below_and_the_core():
+def test_few_files_reach_each_other_if_the_outer_door_counts():
+    arrows = draw_arrows(True)
+    reached = {}
+    for module in SOURCES:
+        reached[module] = set()
+        pending = [module]
+        while pending:
+            new = arrows[pending.pop()] - reached[module]
+            reached[module] |= new
+            pending += new
+    circles = [[each for each in reached[module] if module in reached[each]] for module in SOURCES]
+    assert len(max(circles, key=len)) <= MOST_FILES_IN_A_CIRCLE, sorted(max(circles, key=len))
+
+
+def test_rows_of_the_architecture_import_rows_below_except_by_the_outer_door():
     page = (DOCS / "explanation/architecture.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| (`.+?) \|", page, re.MULTILINE)
     order = {part: row for row, cell in enumerate(rows) for part in re.findall("`(.+?)`", cell)}
@@ -90,13 +149,14 @@ def test_a_row_of_the_architecture_imports_only_rows_below_and_the_core():
         names = ["planners"] if package == "planners" else rest[:1] or ["__init__"]
         return next(name for name in (names[0], f"{names[0]}/") if name in order)
 
-    pairs = {
-        (part_of(module), part_of(other.imported))
+    arrows = {
+        (part_of(module), part_of(each.imported), each.by_outer_door)
         for module in SOURCES
-        for other in imports(module)
+        for each in list_imports(module)
+        if each.imported not in DOORS
     }
-    upward = {pair for pair in pairs if order[pair[0]] > order[pair[1]] and pair[1] != "__init__"}
-    assert upward == HANDED_UP
+    assert {(first, last) for first, last, by_door in arrows if by_door} == UPWARD
+    assert not [arrow for arrow in arrows if order[arrow[0]] > order[arrow[1]] and not arrow[2]]
 
 
 def test_files_and_classes_have_names_of_their_own():
@@ -120,31 +180,17 @@ CORE_FILES = [path for name, path in SOURCES.items() if not name.startswith(OUTS
 """Files of the core."""
 
 
-def test_upward_methods_hold_one_import_and_one_statement():
-    methods = [
-        node
-        for path in CORE_FILES
-        for owner in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
-        if isinstance(owner, ast.ClassDef)
-        for node in owner.body
-        if isinstance(node, ast.FunctionDef) and node.name in UPWARD_METHODS
-    ]
-    assert {method.name for method in methods} == UPWARD_METHODS
-    for method in methods:
-        _, *statements = map(type, method.body)  # the first one is the docstring
-        assert statements == [ast.ImportFrom, statements[-1]], method.name
-
-
-def test_each_function_of_the_outer_door_is_a_method_of_a_class_of_the_core():
-    taken = {
-        (node.targets[0].id, node.value.attr)
-        for path in CORE_FILES
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
-        if isinstance(node, ast.Assign) and ast.unparse(node.value).startswith("_outside.")
-    }
-    assert taken == {(name, name) for name in read_stub(ROOT / "cspace/_outside.pyi")}
+def test_each_function_of_the_outer_door_is_used_and_methods_are_documented():
     space = cspace.build(cspace.Workspace.from_array([[False]], 1.0), "disc:0.2")
-    for _, name in taken:
+    used = set()
+    for path in CORE_FILES:
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Attribute) and ast.unparse(node.value) == "_outside":
+                used.add(node.attr)
+    assert used == set(DOORS[OUTER_DOOR])
+    methods = [name for name in used if hasattr(space, name)]
+    assert len(methods) > 8
+    for name in methods:
         method = getattr(space, name)
         assert method.__self__ is space and method.__doc__ == getattr(cspace.CSpace, name).__doc__
 
@@ -170,6 +216,60 @@ import sys, cspace
 assert "numpy" not in sys.modules, "import cspace is not light"
 assert cspace.open is cspace.open and len(cspace.__all__) == len(set(cspace.__all__))
 assert all(hasattr(cspace, name) for name in cspace.__all__) and not hasattr(cspace, "nothing")
+""")
+
+
+@pytest.mark.thorough
+def test_threads_ask_for_all_names_at_once():
+    run_python("""
+import threading, cspace, planners
+failed = []
+names = [(door, name) for door in (cspace, planners) for name in door.__all__]
+together = threading.Barrier(len(names))
+def ask(door, name):
+    together.wait()
+    try:
+        getattr(door, name)
+    except BaseException as error:
+        failed.append((name, repr(error)))
+threads = [threading.Thread(target=ask, args=pair) for pair in names]
+for thread in threads:
+    thread.start()
+for thread in threads:
+    thread.join()
+assert not failed, failed
+""")
+
+
+DOOR_FILES = {
+    "events.py": "from threading import Event\nbegan, asked = Event(), Event()\n",
+    "door/__init__.py": """
+from cspace._support import attach_stub
+__getattr__, __dir__, __all__ = attach_stub(__name__, __file__)
+""",
+    "door/__init__.pyi": "from ._one import one as one\nfrom ._two import two as two\n",
+    "door/_one.py": "import events\nevents.asked.set()\nimport door.wing\none = 1\n",
+    "door/_two.py": "two = 2\n",
+    "door/wing.py": "import events\nevents.began.set()\nevents.asked.wait()\nfrom door import two\n",
+}
+"""A package whose name `one` needs a module that asks the package for its name `two`."""
+
+
+def test_a_module_that_is_imported_waits_for_no_other_thread(tmp_path):
+    (tmp_path / "door").mkdir()
+    for name, text in DOOR_FILES.items():
+        (tmp_path / name).write_text(text, encoding="utf-8")
+    run_python(f"""
+import faulthandler, importlib, sys, threading
+faulthandler.dump_traceback_later(60.0, exit=True)
+sys.path.insert(0, {str(tmp_path)!r})
+import door, events
+other = threading.Thread(target=importlib.import_module, args=("door.wing",), daemon=True)
+other.start()
+events.began.wait()
+assert door.one == 1
+other.join()
+assert door.wing.two == 2
 """)
 
 

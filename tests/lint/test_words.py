@@ -16,7 +16,7 @@ from cspace._cli.planning import DriveName
 from cspace._engines import ENGINES, METHODS
 from cspace._record.exterior import OUTSIDES
 from cspace._support.words import Method, Outside
-from planners._catalogue import BUILT_IN_SEARCHES, PlannerName, planner_names
+from planners._catalogue import MODULES, PlannerName
 from tests.helpers.drives import WORDS
 from tests.helpers.handmade import build_empty
 from tests.helpers.repository import SOURCES
@@ -36,7 +36,7 @@ def test_the_types_list_the_words_that_the_library_accepts() -> None:
     assert set(get_args(Method)) == {*ENGINES, "auto"} == set(METHODS)
     assert get_args(Outside) == OUTSIDES
     assert get_args(DriveName) == WORDS
-    assert set(get_args(PlannerName)) == {*planner_names(), *BUILT_IN_SEARCHES}
+    assert set(get_args(PlannerName)) == {*MODULES, *cspace.ArmSpace.searches}
 
 
 def list_text_arguments(module: str) -> Iterator[str]:

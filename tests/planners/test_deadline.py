@@ -12,9 +12,9 @@ import planners
 from cspace import MIXED, Robot, Workspace, build, build_arm_space, build_joint_map
 from cspace._support.compiling import clock
 from cspace._support.deadlines import Effort, now
-from planners._cars import CarCurves
-from planners._differential import TurnDriveTurn
-from planners._ompl_search import GRACE_SECONDS, Deadline, OutOfTime
+from planners._edges.cars import CarCurves
+from planners._edges.differential import TurnDriveTurn
+from planners._ompl.search import GRACE_SECONDS, Deadline, OutOfTime
 from tests.fuzz.drives import weighted_length
 from tests.helpers.planning import (
     ENDPOINTS,
@@ -46,25 +46,22 @@ def test_planners_of_ompl_end_in_time(planner, name, curve, objective):
 
 
 def test_built_in_searches_keep_the_time_limit():
-    # A maze misleads the search of the grid; the search of the widest path visits half a map.
+    # A maze misleads the search of the grid.
     occupied = np.zeros((240, 240), dtype=bool)
     for k in range(1, 8):
         occupied[30 * k : 30 * k + 3] = True
         occupied[30 * k : 30 * k + 3, slice(0, 24) if k % 2 else slice(-24, None)] = False
     space = build(Workspace.from_array(occupied, 0.05), Robot.rectangle(0.6, 0.3), rotations=72)
     start, goal = (0.7, 6.0, 0.0), (11.3, 6.0, 1.5)
-    for planner, hint in (
-        ("Grid", "more time (time_limit=0.01)"),
-        ("MaxClearance", "planner='Grid', which finds one, or more time (time_limit=0.01)"),
-    ):
-        planners.plan(space, start, start, planner=planner)
-        plan = plan_in_time(space, (start, goal), 1e-3, planner=planner)
-        assert plan.status == "no path found within 0.001 s; a path exists" and plan.hint == hint
-        limit = 1e-3
-        while not plan and limit < 100.0:  # follow the hint about time
-            limit *= 10.0
-            plan = planners.plan(space, start, goal, planner=planner, time_limit=limit)
-        assert plan.certified
+    planners.plan(space, start, start, planner="Grid")
+    plan = plan_in_time(space, (start, goal), 1e-3, planner="Grid")
+    assert plan.status == "no path found within 0.001 s; a path exists"
+    assert plan.hint == "more time (time_limit=0.01)"
+    limit = 1e-3
+    while not plan and limit < 100.0:  # follow the hint
+        limit *= 10.0
+        plan = planners.plan(space, start, goal, planner="Grid", time_limit=limit)
+    assert plan.certified
 
 
 @pytest.mark.parametrize(
@@ -118,12 +115,12 @@ def test_a_planner_step_that_takes_too_long_is_cut_off(wait, monkeypatch):
     if wait is time.sleep:
         monkeypatch.undo()  # the clock of users counts waiting too
     space = build_room("plane")
-    options = {"planner": "FMT", "objective": Slow, "time_limit": 1.0}
+    options = {"planner": "FMT", "objective": Slow, "time_limit": 0.3}
     for _ in range(2):  # the first plan may compile
         calls.clear()
         plan = planners.plan(space, *ENDPOINTS["plane"], **options)
     assert plan.status.startswith("path found: the first one, by RRTConnect")
-    assert 0 < len(calls) < 1000
+    assert 0 < len(calls) < 300
 
 
 def test_a_deadline_makes_callbacks_refuse_then_raise(monkeypatch):
@@ -154,7 +151,7 @@ def test_compiling_takes_no_time_from_the_search(iterations, monkeypatch):
                 compile_for(seconds.pop())
             return super().checkMotion(first, second)
 
-    monkeypatch.setattr("planners._setup.MotionValidator", Compiled)
+    monkeypatch.setattr("planners._ompl.setup.MotionValidator", Compiled)
     options = {
         "planner": planners.Search("RRTConnect", iterations=iterations),
         "time_limit": 0.2,
@@ -172,7 +169,6 @@ def test_compiling_takes_no_time_from_the_search(iterations, monkeypatch):
 DEFAULT_PLANS = {
     "plane": ("plane", {}),
     "clearance": ("plane", {"objective": "clearance"}),
-    "widest": ("plane", {"planner": "MaxClearance"}),
     "holonomic": ("turning", {}),
     "exact": ("turning", {"exact": True}),
     "differential": ("turning", {"drive": planners.Differential()}),

@@ -5,7 +5,7 @@ import pytest
 
 import cspace
 import planners
-import planners._search
+import planners._searches.chains
 
 
 def make_trap(side, dim):
@@ -24,7 +24,7 @@ def make_trap(side, dim):
 def count_cells(side, dim, monkeypatch):
     """Count the cells that a search out of a trap examines, and those on its chain."""
     examined = []
-    search = planners._search._search_guided
+    search = planners._searches.chains._search_guided
 
     def run(*arguments):
         progress = search(*arguments)
@@ -34,7 +34,7 @@ def count_cells(side, dim, monkeypatch):
     occupied, start, goal = make_trap(side, dim)
     robot = cspace.Robot.disc(0.1) if dim == 2 else cspace.Robot.ball(0.1)
     space = cspace.build(cspace.Workspace.from_array(occupied, 1.0), robot)
-    monkeypatch.setattr(planners._search, "_search_guided", run)
+    monkeypatch.setattr(planners._searches.chains, "_search_guided", run)
     path = planners.plan(space, start, goal, planner=planners.Search(simplify=False)).waypoints
     monkeypatch.undo()
     assert all(space.motion_is_free(path[:-1], path[1:]))

@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 import cspace
 import planners
 from cspace import InputError
-from planners._timing import find_stop
+from planners._motion.timing import find_stop
 from tests.helpers.drives import CURVES, is_car, make_drive
 from tests.helpers.handmade import build_empty
 from tests.helpers.planning import build_open_map
@@ -208,14 +208,15 @@ def test_an_arm_stops_and_goes_on_within_limits():
 # ---- going on ------------------------------------------------------------------------------------
 
 
+@pytest.mark.parametrize("rounds", few([3, 6]))
 @pytest.mark.parametrize("drive, rotations, radius", few([*DRIVES, ("dubins", 36, 0.5)], 3))
-def test_a_motion_goes_on_at_once_or_stops(drive, rotations, radius):
+def test_a_motion_goes_on_at_once_or_stops(drive, rotations, radius, rounds):
     plan = build_plan(1, drive, rotations, radius)
     limits = limits_of(rotations, radius)
     options = {"drive": make_drive(drive, radius), "previous": plan}
     trajectory = plan.trajectory(**limits)
     reached = 0
-    for t in draw_times(trajectory, 6):
+    for t in draw_times(trajectory, rounds):
         here, rest = trajectory.starts_after(t)
         assert here == pytest.approx(trajectory.sample(t)[0], abs=1e-9)
         assert rest == pytest.approx(trajectory.braked(t).positions[-1], abs=1e-9)
@@ -239,7 +240,7 @@ def test_a_motion_goes_on_at_once_or_stops(drive, rotations, radius):
             if not is_there:
                 assert motion.positions[-1] == pytest.approx(rest, abs=1e-9)
                 assert motion.duration == trajectory.braked(t).duration
-    assert reached >= 9
+    assert reached >= 1.5 * rounds
     assert trajectory.starts_after(trajectory.duration).shape == (1, len(plan.goal))
 
 
@@ -341,8 +342,9 @@ def test_a_stop_just_before_the_end_keeps_the_limits():
         np.testing.assert_allclose(stop.positions[-1], trajectory.positions[-1], atol=1e-15)
 
 
+@pytest.mark.parametrize("rounds", few([3, 9]))
 @pytest.mark.parametrize("share", few([0.3, 0.0, 0.7, 0.95]))
-def test_a_bend_of_micrometres_is_not_taken_up(share):
+def test_a_bend_of_micrometres_is_not_taken_up(share, rounds):
     cells = np.zeros((60, 60), dtype=bool)
     cells[20:24, :40] = cells[40:44, 20:] = True
     robot = cspace.Robot.rectangle(0.5, 0.3)
@@ -351,7 +353,7 @@ def test_a_bend_of_micrometres_is_not_taken_up(share):
     goal = (5.0, 5.0, 1.0)
     whole = planners.plan(space, (1.0, 1.0, 0.0), goal).trajectory(**limits)
     # A way to the same goal, in the last tens of microseconds, bends within micrometres.
-    for at in whole.duration - np.geomspace(1e-5, 1e-4, 9):
+    for at in whole.duration - np.geomspace(1e-5, 1e-4, rounds):
         plan = planners.plan(space, whole.starts_after(at)[0], goal)
         last = plan.trajectory(**limits, after=whole, at=at)
         t = share * last.duration
@@ -433,8 +435,9 @@ def draw_hard_times(motion, rng):
     return np.concatenate([anywhere, rows, *beside, plateaus])
 
 
+@pytest.mark.parametrize("rounds", few([1, 2]))
 @pytest.mark.parametrize("kind", KINDS)
-def test_each_motion_begins_where_the_robot_is_at_any_time(kind):
+def test_each_motion_begins_where_the_robot_is_at_any_time(kind, rounds):
     rng = np.random.default_rng(2)
     limits = {"max_velocity": 1.0, "max_acceleration": 0.6}
     if kind in ("turning", "floating", "differential", "reverse"):
@@ -444,7 +447,7 @@ def test_each_motion_begins_where_the_robot_is_at_any_time(kind):
     dim = 2 if KINDS[kind][1] in CURVES else 7
     space = open_space(KINDS[kind][0])
     stops = 0
-    for _ in range(2):
+    for _ in range(rounds):
         plan = plan_through(kind, draw_path(kind, rng), **sideways)
         trajectory = plan.trajectory(**limits)
         for number, t in enumerate(draw_hard_times(trajectory, rng)):
@@ -546,15 +549,16 @@ def place_robot(q):
     return shapely.affinity.translate(turned, *q[:2])
 
 
+@pytest.mark.parametrize("rounds", few([8, 25]))
 @pytest.mark.parametrize("drives", [None, 36])
-def test_no_motion_goes_on_through_what_appeared(drives):
+def test_no_motion_goes_on_through_what_appeared(drives, rounds):
     plan, limits = plan_with_rests(drives)
     old = plan.trajectory(**limits)
     place = old.starts_after(0.5)[0]
     again = start_at(plan, place)
     rng = np.random.default_rng(0)
     refused = 0
-    for t in rng.uniform(3.0, old.duration, 25):
+    for t in rng.uniform(3.0, old.duration, rounds):
         # The obstacle touches the robot's border, or stands in its way.
         angle = rng.uniform(-math.pi, math.pi)
         x, y = old.sample(t)[0][:2] + rng.uniform(0.0, 0.4) * np.array(

@@ -11,8 +11,8 @@ from scipy.sparse.csgraph import dijkstra
 
 from cspace._support.arrays import BLOCKED, FREE, MIXED
 from cspace._support.deadlines import NEVER
-from planners._estimate import DEAD_END_COST
-from planners._guide import POSITIONS_WEIGHT, Directions, Guide, any_direction
+from planners._searches.estimate import DEAD_END_COST
+from planners._searches.guide import POSITIONS_WEIGHT, Directions, Guide, any_direction
 from tests.helpers.strategies import examples, seeds
 
 

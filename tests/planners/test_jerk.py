@@ -16,11 +16,11 @@ from hypothesis import strategies as st
 import cspace
 import planners
 from cspace import InputError
-from planners._timing import keeps_jerk
+from planners._motion.timing import keeps_jerk
 from tests.helpers.drives import make_drive
 from tests.helpers.handmade import build_empty
 from tests.helpers.refusals import refusals
-from tests.helpers.strategies import seeds
+from tests.helpers.strategies import few, seeds
 from tests.helpers.urdfs import planar, post
 from tests.planners.test_smoothing import LIMITS, TURNING_LIMITS, build_plan, collides, difference
 from tests.planners.test_trajectory import draw_waypoints, plan_along
@@ -208,13 +208,14 @@ def test_a_car_with_hardly_limited_jerk_is_as_fast_between_its_arcs_as_without(d
     assert limited <= 1.01 * plan.trajectory(**limits).duration
 
 
+@pytest.mark.parametrize("rounds", few([3, 8]))
 @pytest.mark.parametrize("drive, rotations", [("holonomic", None), ("differential", 36)])
-def test_stops_and_going_on_keep_the_limit(drive, rotations):
+def test_stops_and_going_on_keep_the_limit(drive, rotations, rounds):
     plan = build_plan(1, drive, rotations)
     limits = LIMITS | (TURNING_LIMITS if rotations else {}) | {"max_jerk": JERK}
     trajectory = plan.trajectory(**limits)
     reached = 0
-    for t in np.random.default_rng(0).uniform(0.05, trajectory.duration - 0.05, 8):
+    for t in np.random.default_rng(0).uniform(0.05, trajectory.duration - 0.05, rounds):
         stop = trajectory.braked(t)
         assert stop.certified
         assert stop.recheck(plan.space).all()
@@ -234,7 +235,7 @@ def test_stops_and_going_on_keep_the_limit(drive, rotations):
             check_plane(motion)
             check_continues(trajectory, t, motion)
             reached += not motion.stop_reason
-    assert reached >= 6
+    assert reached >= 0.7 * rounds
 
 
 def test_a_stop_on_a_line_is_a_ramp():

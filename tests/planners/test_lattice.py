@@ -15,7 +15,7 @@ from ompl import base as ob
 import planners
 from benchmarks.inputs import CAR, PARKING_BOUNDS, make_parallel_slot, make_perpendicular_slot
 from cspace import Robot, Workspace, build
-from planners._lattice import _measure_block_side
+from planners._searches.lattice import _measure_block_side
 from tests.fuzz.drives import (
     draw_query,
     join_eight_headings,
@@ -75,7 +75,7 @@ def test_paths_are_certified_and_keep_exact_footprints_off_obstacles(options, se
     shapely.prepare(obstacles)
     for _ in range(3):
         start, goal = space.sample_free(2, rng)
-        plan = planners.plan(space, start, goal, planner="Lattice", time_limit=2.0, **options)
+        plan = planners.plan(space, start, goal, planner="Lattice", time_limit=0.5, **options)
         assert plan.certified == bool(plan)
         if plan:
             np.testing.assert_array_equal(plan.waypoints[[0, -1]], [start, goal])
@@ -154,7 +154,7 @@ def test_the_lattice_leaves_a_dead_end_as_the_drive_may(dead_end, options):
 
 def test_ompl_takes_over_when_the_lattice_finds_nothing(monkeypatch):
     monkeypatch.setattr(
-        sys.modules["planners._lattice"],
+        sys.modules["planners._searches.lattice"],
         "find_lattice_path",
         lambda *_: (np.empty((0, 3)), "the lattice gave up"),
     )

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 import planners
 from cspace import BLOCKED, FREE
-from planners._taut import MARGIN
+from planners._searches.taut import MARGIN
 from tests.fuzz.lengths import shortest_length
 from tests.helpers.handmade import map_of
 from tests.helpers.maps import MOVINGAI_MAPS, read_problems

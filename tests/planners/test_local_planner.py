@@ -9,7 +9,7 @@ from hypothesis import given
 
 import planners
 from cspace import InputError, Robot, Workspace, build
-from planners._drives import local_planner
+from planners._edges.drives import local_planner
 from tests.helpers.drives import make_drive
 from tests.helpers.placements import collides, is_free_around
 from tests.helpers.planning import (

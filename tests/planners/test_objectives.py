@@ -11,8 +11,8 @@ from scipy.interpolate import RegularGridInterpolator
 
 import planners
 from cspace import InputError
-from planners._drives import local_planner
-from planners._ompl_states import find_state_kind
+from planners._edges.drives import local_planner
+from planners._ompl.states import find_state_kind
 from tests.fuzz import lengths
 from tests.helpers.drives import make_drive
 from tests.helpers.planning import (

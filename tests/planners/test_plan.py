@@ -102,7 +102,7 @@ def test_a_path_with_false_motions_is_not_certified(name, curve, monkeypatch):
         def checkMotion(self, *_):  # noqa: N802 - OMPL's name
             return True
 
-    monkeypatch.setattr("planners._setup.MotionValidator", Lenient)
+    monkeypatch.setattr("planners._ompl.setup.MotionValidator", Lenient)
     options = {"planner": planners.Search("RRT", simplify=False), **options_for(curve)}
     endpoints = endpoints_in(name, curve)
     plans = [planners.plan(build_room(name), *endpoints, seed=k, **options) for k in range(4)]

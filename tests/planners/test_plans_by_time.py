@@ -15,9 +15,9 @@ from shapely.geometry import box
 import cspace
 import planners
 from cspace import FREE
-from planners._travel_time import read_speeds
+from planners._searches.travel_time import read_speeds
 from tests.helpers.refusals import check_refused, refusals
-from tests.helpers.strategies import examples, seeds
+from tests.helpers.strategies import examples, few, seeds
 from tests.helpers.urdfs import planar_arm
 
 FULL = 1.2
@@ -90,10 +90,10 @@ def draw_world(rng):
     return space, zones, far[:2]
 
 
-@pytest.mark.parametrize("seed", [pytest.param(3, marks=pytest.mark.thorough), 4])
-def test_the_time_is_hardly_above_the_least_along_cells(seed):
+@pytest.mark.parametrize("seed, number", few([(4, 1), (4, 9), (3, 9)]))
+def test_the_time_is_hardly_above_the_least_along_cells(seed, number):
     space, zones, pairs = draw_world(np.random.default_rng(seed))
-    for start, goal in pairs:
+    for start, goal in pairs[:number]:
         speed = [FULL, planners.SpeedZones(zones)]
         plan = planners.plan(space, start, goal, objective="time", speed=speed)
         assert plan.certified and plan.objective == "time" and plan.planner == "Grid"

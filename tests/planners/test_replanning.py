@@ -129,7 +129,7 @@ def test_a_path_that_cannot_be_shortened_is_tried_once(monkeypatch):
     for _ in range(10):
         before, plan = plan, go_on(space, start, goal, plan, **options)
     assert weighted_length(plan) == pytest.approx(weighted_length(before), rel=1e-9)
-    lattice = importlib.import_module("planners._lattice")
+    lattice = importlib.import_module("planners._searches.lattice")
     shorten_once = lattice._shorten_once
     rounds = []
 

@@ -19,7 +19,7 @@ import cspace
 import planners
 from cspace import BLOCKED, FREE, MIXED, FileError, Robot
 from cspace.errors import InputError
-from planners._drives import local_planner
+from planners._edges.drives import local_planner
 from tests.helpers.drives import make_drive
 from tests.helpers.handmade import build_empty, make_map
 from tests.helpers.planning import (

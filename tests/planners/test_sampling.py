@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from ompl import util as ou
 
 import planners
-from planners._ompl_states import find_state_kind
+from planners._ompl.states import find_state_kind
 from tests.helpers.planning import (
     SPACES,
     build_open_map,

@@ -1,5 +1,7 @@
 """Setups of OMPL: states, checkers, planner names, choices, refused options and memory."""
 
+from typing import get_args
+
 import numpy as np
 import pytest
 from ompl import base as ob
@@ -7,9 +9,9 @@ from ompl import geometric as og
 
 import planners
 from cspace import InputError
-from planners._catalogue import SKILLS, planner_named, planner_names
-from planners._ompl_search import make_planner
-from planners._ompl_states import find_state_kind
+from planners._catalogue import PlannerName, find_planner, planner_named, planner_names
+from planners._ompl.search import make_planner
+from planners._ompl.states import find_state_kind
 from tests.helpers.drives import WORDS, make_drive
 from tests.helpers.missing import output_without
 from tests.helpers.planning import (
@@ -89,14 +91,14 @@ def test_every_constructible_geometric_planner_is_listed_in_any_case():
 def test_choices_lists_planners_and_drives_of_a_map(name):
     space = build_room(name)
     choices = planners.choices(space)
-    searches = ("Grid", "MaxClearance", "Lattice")[: 3 if name == "turning" else 2]
+    searches = ("Grid", "Lattice")[: 2 if name == "turning" else 1]
     assert choices.planners == (*planner_names(), *searches)
     assert choices.drives == ((planners.Differential, planners.Car) if name == "turning" else ())
     for word in WORDS if choices.drives else ():
         assert planners.state_space(space, drive=make_drive(word)) is not None
 
 
-@pytest.mark.parametrize("name", SKILLS)
+@pytest.mark.parametrize("name", get_args(PlannerName))
 def test_a_planner_refuses_options_outside_its_skills(name):
     if name not in planners.choices(space := build_room("turning")).planners:
         pytest.skip("for arms")
@@ -109,13 +111,13 @@ def test_a_planner_refuses_options_outside_its_skills(name):
     for drive, word in words.items():
         for objective in ("length", "clearance", len):
             options = {"drive": make_drive(word), "objective": objective, "planner": name}
-            skills = SKILLS[name]
+            taken = find_planner(name).list_taken()
             kind = "a function" if callable(objective) else objective
-            if drive in skills.drive and kind in skills.objective:
+            if drive in taken["drive"] and kind in taken["objective"]:
                 continue
             with pytest.raises(InputError, match=f"planner is '{name}'; {name} takes") as caught:
                 planners.plan(space, *ENDPOINTS["turning"], **options)
-            assert caught.value.argument == ("objective" if drive in skills.drive else "drive")
+            assert caught.value.argument == ("objective" if drive in taken["drive"] else "drive")
 
 
 @pytest.mark.thorough

@@ -15,7 +15,7 @@ import shapely
 
 import cspace
 import planners
-from planners._segments import (
+from planners._motion.segments import (
     MAX_PIECES,
     Segments,
     bound_derivatives,

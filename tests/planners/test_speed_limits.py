@@ -11,14 +11,16 @@ from functools import cache
 import numpy as np
 import pytest
 import shapely
+import trimesh
 from shapely import affinity, box
 
 import cspace
 import planners
-from cspace.errors import UnitWarning
+from cspace.errors import InputError, UnitWarning
 from tests.helpers.handmade import build_empty
 from tests.helpers.refusals import check_refused, refusals
 from tests.helpers.regions import place_polygon
+from tests.helpers.strategies import few
 from tests.planners.test_smoothing import (
     FOOTPRINT,
     LIMITS,
@@ -89,14 +91,15 @@ def allow_in_zones(q, zones, within="contour"):
     return allowed
 
 
+@pytest.mark.parametrize("rounds", few([1, 2]))
 @pytest.mark.parametrize("within", ["contour", "point"])
 @pytest.mark.parametrize("jerk", [{}, JERK], ids=["", "jerk"])
 @pytest.mark.parametrize("drive, rotations", DRIVES)
-def test_zones_hold_at_every_instant(drive, rotations, jerk, within):
+def test_zones_hold_at_every_instant(drive, rotations, jerk, within, rounds):
     plan = find_plan(drive, rotations)
     limits = make_limits(rotations, drive, **jerk)
     free = plan.trajectory(**limits)
-    for seed in range(2):
+    for seed in range(rounds):
         zones = draw_zones(plan, seed)
         trajectory = plan.trajectory(**limits, speed=planners.SpeedZones(zones, within=within))
         q, speeds = sample_speeds(trajectory)
@@ -203,14 +206,15 @@ def test_overlapping_zones_equal_their_lowest():
         assert plan.trajectory(**limits, speed=pair).duration >= max(durations)
 
 
+@pytest.mark.parametrize("rounds", few([3, 6]))
 @pytest.mark.parametrize("jerk", [{}, JERK], ids=["", "jerk"])
 @pytest.mark.parametrize("drive, rotations", DRIVES)
-def test_stops_keep_the_limits(drive, rotations, jerk):
+def test_stops_keep_the_limits(drive, rotations, jerk, rounds):
     plan = find_plan(drive, rotations)
     zones = draw_zones(plan, 4)
     speed = [planners.SpeedZones(zones), planners.SlowNear(plan.space, 0.4, 0.2)]
     trajectory = plan.trajectory(**make_limits(rotations, drive, **jerk), speed=speed)
-    for t in np.linspace(0.0, trajectory.duration, 6):
+    for t in np.linspace(0.0, trajectory.duration, rounds):
         stop = trajectory.braked(t)
         assert stop.certified
         q, speeds = sample_speeds(stop)
@@ -329,15 +333,16 @@ def test_a_zone_too_near_to_brake_is_entered_as_slowly_as_possible(jerk):
     assert not same.stop_reason and same.exceeds_until == 0.0
 
 
+@pytest.mark.parametrize("rounds", few([2, 5]))
 @pytest.mark.parametrize("jerk", [{}, JERK], ids=["", "jerk"])
 @pytest.mark.parametrize("drive, rotations", DRIVES)
-def test_motions_go_on_with_new_limits_as_without(drive, rotations, jerk):
+def test_motions_go_on_with_new_limits_as_without(drive, rotations, jerk, rounds):
     plan = find_plan(drive, rotations)
     limits = make_limits(rotations, drive, **jerk)
     motion = plan.trajectory(**limits)
     zones = draw_zones(plan, 6)
     speed = planners.SpeedZones(zones)
-    for at in np.linspace(0.1, 0.8, 5) * motion.duration:
+    for at in np.linspace(0.1, 0.8, rounds) * motion.duration:
         start = motion.starts_after(at)[0]
         onward = planners.plan(plan.space, start, plan.goal, drive=plan.drive, previous=plan)
         free = onward.trajectory(**limits, after=motion, at=at)
@@ -351,15 +356,16 @@ def test_motions_go_on_with_new_limits_as_without(drive, rotations, jerk):
             assert slower.recheck(plan.space).all()
 
 
+@pytest.mark.parametrize("rounds", few([3, 9]))
 @pytest.mark.parametrize("drive, rotations", DRIVES[:3])
-def test_limits_that_were_kept_are_kept_on_with_limited_jerk(drive, rotations):
+def test_limits_that_were_kept_are_kept_on_with_limited_jerk(drive, rotations, rounds):
     plan = find_plan(drive, rotations)
     limits = make_limits(rotations, drive, **JERK)
     zones = draw_zones(plan, 3)
     speed = planners.SpeedZones(zones)
     motion = plan.trajectory(**limits, speed=speed)
     moving = 0
-    for at in np.linspace(0.05, 0.85, 9) * motion.duration:
+    for at in np.linspace(0.05, 0.85, rounds) * motion.duration:
         for start in motion.starts_after(at):
             onward = planners.plan(plan.space, start, plan.goal, drive=plan.drive, previous=plan)
             same = onward.trajectory(**limits, after=motion, at=at, speed=speed)
@@ -369,7 +375,7 @@ def test_limits_that_were_kept_are_kept_on_with_limited_jerk(drive, rotations):
             q, speeds = sample_speeds(same)
             later = np.linspace(0.0, same.duration, INSTANTS) >= same.exceeds_until
             assert (speeds <= SLACK * allow_in_zones(q, zones))[later].all()
-    assert moving >= 8
+    assert moving >= rounds - 1
 
 
 @pytest.mark.parametrize("jerk", [{}, {"max_jerk": 1.0}], ids=["", "jerk"])
@@ -418,8 +424,9 @@ def build_hall():
     return build_empty((120, 40), cspace.Robot.polygon(FOOTPRINT), rotations=36)
 
 
-@pytest.mark.parametrize("exact", [False, True])
-@pytest.mark.parametrize("omega", [0.0, 0.5])
+@pytest.mark.parametrize(
+    "omega, exact", few([(0.5, True), (0.0, False), (0.5, False), (0.0, True)], 2)
+)
 def test_a_gate_slows_down_before_a_zone(omega, exact):
     space = build_hall().exact if exact else build_hall()
     zones = [(box(4.0, 0.0, 6.0, 4.0), 0.3), (shapely.Point(8.0, 2.4).buffer(0.4), 0.5)]
@@ -499,6 +506,37 @@ def test_zones_that_reach_no_map_are_left_out_with_a_warning():
 AREA = box(1.0, 1.0, 2.0, 2.0)
 
 
+def test_a_map_near_obstacles_on_a_floor_is_of_the_robot_in_space():
+    cells = np.zeros((40, 20, 20), dtype=bool)
+    cells[15:25, 11:, 8:10] = True  # a table, 0.8 to 1.0 m high
+    scene = cspace.Workspace.from_array(cells, 0.2)
+    tall, low = (
+        cspace.Robot.from_mesh(trimesh.creation.box(bounds=[(-0.3, -0.2, 0.1), (0.3, 0.2, top)]))
+        for top in (1.8, 0.9)
+    )
+    space = cspace.build(scene, tall, floor=0.0)
+    plan = planners.plan(space, (1.0, 1.5), (7.0, 1.5))
+    for robot, floor, message in (
+        (low, 0.0, "is of a map for another robot"),
+        (tall, 0.5, r"is of a map with floor=0\.5; the plan has floor=0\.0"),
+    ):
+        near = planners.SlowNear(cspace.build(scene, robot, floor=floor), 0.2, 0.8)
+        with pytest.raises(InputError, match=message):
+            drive(plan, near)
+        with pytest.raises(InputError, match=message):
+            near.largest_speed(space, (1.0, 1.5))
+    # The same robot made anew is the same, and obstacles in the plane meet its footprint.
+    flat = cspace.Workspace.from_array(cells.any(axis=2), 0.2)
+    again = cspace.Robot.from_spec(tall.spec)
+    free = drive(plan, 1.0).duration
+    for other in (cspace.build(scene, again, floor=0.0), cspace.build(flat, again.footprint())):
+        assert drive(plan, planners.SlowNear(other, 0.2, 0.8)).duration > free + 1.0
+    # In the plane, the robot has no height at which obstacles would be missed.
+    below = planners.plan(cspace.build(flat, tall.footprint()), (1.0, 1.5), (7.0, 1.5))
+    with pytest.raises(InputError, match="is of a map for another robot"):
+        drive(below, planners.SlowNear(space, 0.2, 0.8))
+
+
 @refusals(
     "call, message",
     (lambda plan: planners.SpeedZones([(AREA, 0.0)]), "speed of zones[0] is 0.0"),
@@ -542,7 +580,7 @@ AREA = box(1.0, 1.0, 2.0, 2.0)
         lambda plan: drive(
             plan, planners.SlowNear(build_empty((220, 40), cspace.Robot.disc(0.1)), 1.0, 1.0)
         ),
-        "is of a map for a disc 0.1 m",
+        "is of a map for another robot, a disc 0.1 m",
     ),
     (
         lambda plan: drive(

@@ -39,7 +39,7 @@ def turning():
     return build_maze(8)
 
 
-NAMES = (*planner_names(), "Grid", "MaxClearance", None)
+NAMES = (*planner_names(), "Grid", None)
 
 
 @pytest.mark.parametrize("calls", [1, 3])

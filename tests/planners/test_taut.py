@@ -10,7 +10,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from cspace import BLOCKED, FREE
 from cspace.inside import find_crossed_runs
-from planners._taut import MARGIN, pull_taut
+from planners._searches.taut import MARGIN, pull_taut
 from tests.helpers.handmade import map_of
 from tests.helpers.oracles import path_length
 from tests.helpers.strategies import few
@@ -67,7 +67,7 @@ def find_taut_path(states, start, goal):
     return pull_taut(runs, start, goal)
 
 
-@pytest.mark.parametrize("seed", few(range(6), 2))
+@pytest.mark.parametrize("seed", few([1, 0, 2, 3, 4, 5]))
 def test_paths_in_mazes_are_the_shortest(seed):
     """Find paths in mazes, in which all paths pass obstacles on the same sides."""
     rng = np.random.default_rng(seed)
@@ -83,7 +83,7 @@ def test_paths_in_mazes_are_the_shortest(seed):
     assert map_of(states, spacing=1.0).certify_path(taut.astype(np.float32)).all()
 
 
-@pytest.mark.parametrize("seed", few(range(25, 50), 5))
+@pytest.mark.parametrize("seed", few(range(25, 50), 3))
 def test_ends_near_borders_of_cells_do_not_lengthen_paths(seed):
     """Begin and end nearer to walls than the margin that the path keeps elsewhere."""
     rng = np.random.default_rng(seed)

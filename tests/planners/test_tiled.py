@@ -6,7 +6,7 @@ import pytest
 import cspace
 import planners
 from cspace.errors import ConfigurationError, InputError
-from planners._drives import local_planner
+from planners._edges.drives import local_planner
 from tests.helpers.refusals import refusals
 
 SMALL_CAR = cspace.Robot.rectangle(0.5, 0.2)
@@ -56,7 +56,7 @@ def test_paths_end_on_the_upper_border_of_a_tiled_map(low, spacing, tmp_path):
         {},
         {"drive": planners.Car(turning_radius=0.3, reverse=True)},
         {"drive": planners.Differential()},
-        {"objective": "clearance", "planner": "RRTstar", "time_limit": 0.3},
+        {"objective": "clearance", "planner": "RRTstar", "time_limit": 0.1},
         {"planner": "RRTConnect"},
     ],
     ids=str,

@@ -23,7 +23,7 @@ import cspace
 import planners
 from cspace import InputError
 from cspace._files import ros_maps as messages
-from planners._timing import LimitRates, MotionBounds, is_motion
+from planners._motion.timing import LimitRates, MotionBounds, is_motion
 from tests.helpers.drives import make_drive
 from tests.helpers.planning import ENDPOINTS, build_open_map, build_room, make_poses, turn_between
 from tests.helpers.strategies import examples, seeds
@@ -471,7 +471,7 @@ def test_limits_that_numbers_do_not_resolve_together_are_refused():
 
 def test_a_corner_at_speed_is_refused(monkeypatch):
     pass_all = lambda segments, *_: np.ones(len(segments.lengths) - 1, dtype=bool)  # noqa: E731
-    monkeypatch.setattr("planners._timing.find_passes", pass_all)
+    monkeypatch.setattr("planners._motion.timing.find_passes", pass_all)
     with pytest.raises(InputError, match="limits differ"):
         plan_along("plane", [(0.0, 0.0), (2.0, 0.0), (2.0, 3.0)]).trajectory(**TRANSLATION_LIMITS)
 

@@ -11,7 +11,7 @@ from ompl import geometric as og
 
 import planners
 from cspace import BLOCKED, FREE, MIXED
-from planners._drives import local_planner
+from planners._edges.drives import local_planner
 from tests.helpers.drives import WORDS, make_drive
 from tests.helpers.handmade import (
     MAP_KINDS,

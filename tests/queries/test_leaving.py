@@ -12,6 +12,7 @@ from cspace import Robot, Workspace
 from tests.helpers.handmade import build_empty
 from tests.helpers.leaving import CELL, bound_distances, place_along
 from tests.helpers.refusals import check_refused, refusals
+from tests.helpers.strategies import few
 
 DT, BRAKES = 0.1, (1.0, 2.0)
 """Seconds of a command, and the brakes, m/s^2 and rad/s^2."""
@@ -132,7 +133,7 @@ def build_on_floor(name, occupied, **options):
     return cspace.build(workspace, ON_FLOORS[name][1], rotations=36, floor=FLOOR, **options)
 
 
-@pytest.mark.parametrize("outside", ["blocked", "free"])
+@pytest.mark.parametrize("outside", few(["blocked", "free"]))
 @pytest.mark.parametrize("name", ON_FLOORS)
 @pytest.mark.parametrize(
     "count", [25, pytest.param(1000, marks=pytest.mark.thorough)], ids=["few", "many"]

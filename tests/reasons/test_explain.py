@@ -24,7 +24,7 @@ from tests.helpers.commands import document
 from tests.helpers.handmade import build_empty, components
 from tests.helpers.refusals import check_refused
 from tests.helpers.slits import build_slit, draw_rows
-from tests.helpers.strategies import examples, seeds
+from tests.helpers.strategies import examples, few, seeds
 
 SIDE = 4.0
 
@@ -197,7 +197,7 @@ def test_a_plan_without_a_path_prints_the_reason():
 
 
 def test_the_command_explains_and_draws(tmp_path):
-    space = build_door(0.4, cspace.Robot.disc(0.3), 0.05)
+    space = build_door(0.1, cspace.Robot.disc(0.3), 0.1)
     space.save(tmp_path / "door.zarr")
     picture = tmp_path / "why.png"
     explained = document(
@@ -412,7 +412,8 @@ def test_the_near_wall_of_a_mixed_start_is_named():
     assert beside_border.obstacles == (cspace.reasons._explain.BORDER,)
 
 
-def test_updates_of_another_thread_change_no_explanation():
+@pytest.mark.parametrize("count", few([8, 25]))
+def test_updates_of_another_thread_change_no_explanation(count):
     space = build_door(0.4, cspace.Robot.disc(0.3), 0.05)
     is_done = threading.Event()
 
@@ -427,7 +428,7 @@ def test_updates_of_another_thread_change_no_explanation():
     mover = threading.Thread(target=move)
     mover.start()
     try:
-        for _ in range(25):
+        for _ in range(count):
             explanation = space.explain((0.8, 2.0), (3.2, 2.0))
             assert explanation.verdict == "disconnected"
             assert explanation.space.is_disconnected((0.8, 2.0), (3.2, 2.0))
@@ -574,13 +575,14 @@ def test_the_solids_in_the_way_of_joints_are_named(tmp_path):
     )
 
 
-def test_the_exact_map_is_explained_by_whole_cells():
+@pytest.mark.parametrize("count", few([2, 20]))
+def test_the_exact_map_is_explained_by_whole_cells(count):
     space = build_slit()
     start, goal = (0.5, 1.2, 0.0), (1.9, 1.2, 0.0)
     q, _ = draw_rows(space, 5)
     only_exact = q[space.exact.is_free(q) & ~np.asarray(space.is_free(q))]
     exact = pickle.loads(pickle.dumps(space.exact))
-    for view, row in product((space.exact, exact), only_exact[:20]):
+    for view, row in product((space.exact, exact), only_exact[:count]):
         assert view.explain(row, goal).verdict == "start MIXED"
     assert exact.explain(start, goal).verdict == space.explain(start, goal).verdict
 
@@ -681,7 +683,7 @@ def test_obstacles_on_a_floor_are_named_with_their_height():
     heights = [float(re.findall(r"-?\d+\.\d+", text)[2]) for text in explanation.obstacles]
     assert heights and all(0.5 <= height <= 0.9 for height in heights)
     assert explanation.plot() is not None
-    open_gate = build_gate(1.2, 0.9, 0.05)
+    open_gate = build_gate(1.2, 0.9, 0.1)
     for name, bottom in (("lamp", 0.95), ("crate", 0.0)):
         box = trimesh.creation.box(bounds=[(1.8, 0.1, bottom), (2.2, 3.9, bottom + 0.2)])
         open_gate.add_obstacle(name, box)
@@ -692,7 +694,9 @@ def test_obstacles_on_a_floor_are_named_with_their_height():
     assert blocked.verdict == "start BLOCKED" and blocked.obstacles == ("'crate'",)
 
 
-@pytest.mark.parametrize("width, spacing, decided", [(0.31, 0.08, "open"), (0.15, 0.1, "shut")])
+@pytest.mark.parametrize(
+    "width, spacing, decided", few([(0.15, 0.1, "shut"), (0.31, 0.08, "open")])
+)
 def test_finer_maps_decide_on_a_floor(width, spacing, decided):
     space = build_gate(1.2, width, spacing)
     explanation = space.explain((0.8, 2.0), (3.2, 2.0), refine=True)

@@ -99,14 +99,14 @@ def change_bytes(file, masks):
                     yield
 
 
-def test_any_changed_missing_or_extra_byte_is_refused(tmp_path):
+@pytest.mark.parametrize("every", [9, pytest.param(1, marks=pytest.mark.thorough)])
+def test_any_changed_missing_or_extra_byte_is_refused(tmp_path, every):
     path, space = tmp_path / "map", build_pair()
     space.save(path)
     for file in files(path):
         content = file.read_bytes()
-        step = (
-            7 if file.suffix == ".json" else 1
-        )  # a digest covers the whole file, and metadata are long
+        # A digest covers the whole file, and metadata are long.
+        step = every * (7 if file.suffix == ".json" else 1)
         for _ in change_bytes(
             file, [1 << (at % 8) if at % step == 0 else 0 for at in range(len(content))]
         ):
@@ -254,6 +254,39 @@ def test_overwriting_removes_nothing_but_a_map(tmp_path, small):
     for name in ("map.tiff", "map.npz"):
         with pytest.raises(InputError, match=r"a Zarr folder.*space\.export"):
             space.save(tmp_path / name)
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ["frame0001.png", "frame0002.png"],
+        ["x", "y", "geometry"],
+        ["1.0/report", "1.1/report"],
+        ["zarr.json", "x/zarr.json", "x/c/0"],
+        [".cspace-notes"],
+    ],
+    ids=["film", "tables", "versions", "Zarr", "hidden"],
+)
+def test_folders_with_names_as_of_maps_are_no_maps(tmp_path, small, names):
+    for name in names:
+        (tmp_path / "map" / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / "map" / name).write_text("{}")
+    with pytest.raises(FileError, match="holds more than an earlier output"):
+        cspace.open(small / "map.zarr").save(tmp_path / "map", overwrite=True)
+    assert all((tmp_path / "map" / name).read_text() == "{}" for name in names)
+
+
+@pytest.mark.parametrize(
+    "name", ["notes", "cell_states/notes", "cell_states/c/notes", ".cspace-notes", "frame1.png"]
+)
+def test_a_map_with_other_files_in_it_is_kept(tmp_path, small, name):
+    space = cspace.open(small / "map.zarr")
+    space.save(tmp_path / "map")
+    for write in (Path.touch, lambda path: path.unlink() or path.mkdir()):
+        write(tmp_path / "map" / name)
+        with pytest.raises(FileError, match="holds more than an earlier output"):
+            space.save(tmp_path / "map", overwrite=True)
+        assert (tmp_path / "map" / name).exists()
 
 
 # ---- what other software finds -------------------------------------------------------------------

@@ -235,6 +235,6 @@ def test_plans_without_proof_path_or_map_are_refused():
 
 def test_plans_in_other_spaces_are_refused():
     plan = planners.plan(Disc("x", "y"), (-1.5, 0.0), (-1.5, 1.0), time_limit=1)
-    with pytest.raises(InputError, match="regions consist of cells of a map in memory"):
+    with pytest.raises(InputError, match=r"space is Disc\(x, y\); it must be a map in memory"):
         plan.corridor()
     assert math.isnan(plan.clearance)

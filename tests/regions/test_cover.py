@@ -2,6 +2,7 @@
 
 import itertools
 import json
+from functools import cache
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from cspace.errors import ConfigurationError, FileError, InputError
 from cspace.regions import FreeRegions
 from cspace.regions._free_region import RegionSource
 from tests.helpers.refusals import check_refused, refusals
+from tests.helpers.strategies import few
 from tests.regions.test_free_region import build_yard, check_proof
 
 
@@ -48,7 +50,9 @@ def overlap(first, second):
     return max(deepest)
 
 
-@pytest.mark.parametrize("rotations, share", [(None, 0.95), (12, 0.7)])
+@pytest.mark.parametrize(
+    "rotations, share", few([(None, 0.8), (12, 0.3), (None, 0.95), (12, 0.7)], 2)
+)
 def test_regions_cover_the_share_and_overlap_as_the_graph_says(rotations, share):
     space, _ = build_yard(rotations)
     shares = []
@@ -79,19 +83,24 @@ def test_a_cover_around_a_configuration_counts_its_component():
     assert len(both.regions) == 2 and not both.graph
 
 
-def test_a_smaller_margin_covers_more_in_the_mean():
+@pytest.mark.parametrize("rounds", few([2, 5]))
+def test_a_smaller_margin_covers_more_in_the_mean(rounds):
     space, _ = build_yard(None)
     covered = [
         np.mean(
-            [space.free_regions(1.0, margin=m, max_regions=6, seed=k).coverage for k in range(5)]
+            [
+                space.free_regions(1.0, margin=m, max_regions=6, seed=k).coverage
+                for k in range(rounds)
+            ]
         )
         for m in (0.0, 0.05, 0.15)
     ]
     assert covered[0] > covered[1] > covered[2]
 
 
+@pytest.mark.parametrize("rounds", few([8, 40]))
 @pytest.mark.parametrize("outside, rotations", [("blocked", None), ("free", 5)])
-def test_a_cover_tries_only_centers_that_keep_the_margin(outside, rotations, monkeypatch):
+def test_a_cover_tries_only_centers_that_keep_the_margin(outside, rotations, monkeypatch, rounds):
     """Each center that is drawn has a region, so a large margin takes no longer."""
     occupied = np.random.default_rng(3).random((40, 40)) < 0.01
     workspace = Workspace.from_array(occupied, 0.1)
@@ -106,7 +115,7 @@ def test_a_cover_tries_only_centers_that_keep_the_margin(outside, rotations, mon
 
     monkeypatch.setattr(RegionSource, "grow_around", count)
     for margin in (0.05, 0.1, 0.15, 0.25):
-        cover = space.free_regions(1.0, margin=margin, max_regions=40)
+        cover = space.free_regions(1.0, margin=margin, max_regions=rounds)
         assert all(grown) and len(grown) == len(cover.regions)
         grown.clear()
 
@@ -174,6 +183,12 @@ PRISM = {
 """A region with a yaw, as it is saved."""
 
 
+@cache
+def cover_yard():
+    """Return regions of a third of a yard."""
+    return build_yard(None)[0].free_regions(0.3)
+
+
 def change_region(record, **change):
     """Return the fields of a file of one region, which differs."""
     axes = ["x", "y", "yaw"][: len(record["A"][0])]
@@ -235,9 +250,8 @@ def join_regions(point, pairs=([0, 1],)):
     ({"points": [[0.0, float("nan")]]}, "not finite"),
 )
 def test_damaged_files_are_refused(change, message, tmp_path):
-    space, _ = build_yard(None)
     path = tmp_path / "regions.json"
-    cover = space.free_regions(0.3)
+    cover = cover_yard()
     cover.save(path)
     path.write_text(json.dumps(json.loads(path.read_text()) | change))
     with pytest.raises(FileError) as caught:

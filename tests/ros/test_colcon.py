@@ -9,20 +9,20 @@ from pathlib import Path
 
 import pytest
 
-from tests.helpers.cpp import ompl_flags, why_no_compiler
+from tests.helpers.cpp import why_no_compiler
 from tests.helpers.nav2 import PACKAGE, list_needs, list_stubs
 from tests.helpers.repository import ROOT
 
 PREFIX = Path(sys.prefix)
 IS_MISSING = (
     why_no_compiler()
-    or ("" if ompl_flags() and shutil.which("cmake") else "no OMPL for C++ or no cmake here")
+    or ("" if shutil.which("cmake") else "no cmake here")
     or ("" if importlib.util.find_spec("colcon_core") else "no colcon here")
     or ("" if (PREFIX / "share/ament_cmake/cmake").is_dir() else "no ament_cmake here")
 )
 pytestmark = pytest.mark.skipif(bool(IS_MISSING), reason=IS_MISSING)
 
-NOT_ROS = {"ament_cmake", "eigen", "libzstd-dev", "ompl"}
+NOT_ROS = {"ament_cmake", "libzstd-dev"}
 """Keys of rosdep that are no packages of ROS, or real ones here."""
 
 STUBS = """

@@ -9,7 +9,7 @@ import trimesh
 
 from cspace import Grid, InputError, Robot, make_mesh
 from cspace._rotations import RotationCell
-from cspace._shapes import Balls, Box, Polygons, Voxels, as_shape, shape_from_spec
+from cspace._shapes import Balls, Box, Polygons, Voxels, as_shape, extrude, shape_from_spec
 from tests.helpers.refusals import refusals
 
 TORUS_MESH = trimesh.creation.torus(0.5, 0.2, major_sections=12, minor_sections=8)
@@ -40,6 +40,9 @@ SHAPE_BUILDERS = {
     "mesh": lambda: make_mesh((TORUS_MESH.vertices, TORUS_MESH.faces)),
     "cylinder": lambda: CYLINDER,
     "shadow of a cylinder": lambda: CYLINDER.project_to_plane(),
+    "prism": lambda: extrude(SHAPE_BUILDERS["polygons"](), -0.31, 0.53),
+    "cylinders": lambda: extrude(SHAPE_BUILDERS["discs"](), 0.13, 0.74),
+    "prism with bounds": lambda: extrude(CYLINDER.project_to_plane(), -0.3, 0.4),
     "surface": lambda: make_mesh((TORUS_MESH.vertices, TORUS_MESH.faces), "surface"),
 }
 
@@ -63,6 +66,8 @@ def draw_boundary_points(shape, rng, count=2000):
     which = rng.integers(len(simplices), size=count)
     weights = rng.dirichlet(np.ones(simplices.shape[1]), count)
     direction = rng.normal(size=(count, shape.dim))
+    if simplices.shape[1] == 2 and shape.dim == 3:  # axes of upright cylinders
+        direction[:, 2] = 0.0
     direction *= (radii[which] / np.linalg.norm(direction, axis=1))[:, None]
     return np.einsum("nk,nkd->nd", weights, simplices[which]) + direction
 

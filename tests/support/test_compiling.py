@@ -101,7 +101,7 @@ def test_processes_that_start_together_compile_once(tmp_path):
 
 
 @pytest.mark.thorough
-def test_a_change_of_kernels_or_their_constants_changes_the_folder(tmp_path):
+def test_a_change_of_kernels_their_constants_or_records_changes_the_folder(tmp_path):
     def folder():
         return run(
             tmp_path,
@@ -115,15 +115,28 @@ def test_a_change_of_kernels_or_their_constants_changes_the_folder(tmp_path):
         )
     seen = [folder(), folder()]
     assert seen[0] == seen[1] and seen[0].startswith(str(tmp_path / "cache" / "cspace"))
-    for file, is_compiled in (
-        ("cspace/_grid.py", True),
-        ("cspace/_support/vectors.py", True),
-        ("cspace/errors.py", False),
+    support = tmp_path / "cspace" / "_support"
+    (support / "first.py").write_text("SIDE = 1\n")
+    # A kernel may be compiled with what a file of constants makes of another one's.
+    (support / "second.py").write_text("from cspace._support.first import SIDE\n")
+    with (support / "vectors.py").open("a") as opened:
+        opened.write("\nfrom cspace._support.second import AREA, measure\n")
+    for file, text, is_compiled in (
+        ("cspace/_support/vectors.py", "MORE = 1", True),
+        ("cspace/_grid.py", "MORE = 1", True),
+        ("cspace/_record/cells.py", "MORE = 1", True),
+        ("planners/_searches/frontier.py", "MORE = 1", True),
+        ("cspace/_support/second.py", "AREA = SIDE**2", True),
+        ("cspace/_support/first.py", "SIDE = 2", True),
+        ("cspace/__init__.py", "__version__ = '9.9.9'", True),
+        ("cspace/errors.py", "MORE = 1", False),
+        ("cspace/_space.py", "MORE = 1", False),
+        ("cspace/_support/check.py", "MORE = 1", False),
     ):
         with (tmp_path / file).open("a") as opened:
-            opened.write("\nMORE = 1\n")
+            opened.write(f"\n{text}\n")
         seen.append(folder())
-        assert (seen[-1] != seen[-2]) is is_compiled, file
+        assert (seen[-1] != seen[-2]) is is_compiled, (file, text)
 
 
 @pytest.mark.thorough
@@ -196,6 +209,24 @@ def test_a_process_that_keeps_others_waiting_is_named_and_then_left(monkeypatch,
     assert list_code() == before
     (line,) = caplog.messages
     assert f"waiting for process {other.pid}, which compiles {__name__}.double;" in line
+
+
+def test_only_code_that_nobody_has_used_for_a_week_is_removed(tmp_path, monkeypatch):
+    monkeypatch.setattr("numba.config.CACHE_DIR", str(tmp_path))
+    own = cache_folder.__wrapped__()
+    digest = own.name[-16:]
+    old = [own.with_name(f"numba-0.1.dev2+a-cpython-39-{digest}")]
+    others = ["robots", "numba-notes", own.name[:-1], f"{own.name}0", f"{own.name}.mine"]
+    kept = [own, own.with_name(f"{own.name[:-16]}{digest[::-1]}"), *map(own.with_name, others)]
+    for folder in old + kept:
+        folder.mkdir(exist_ok=True)
+        for name in ("lock", "work"):
+            (folder / name).touch()
+    for folder in old + kept[2:]:
+        os.utime(folder / "lock", (0, 0))
+    assert cache_folder.__wrapped__() == own
+    assert all((folder / "work").exists() for folder in kept)
+    assert not any(folder.exists() for folder in old)
 
 
 def test_code_is_kept_in_memory_if_the_disk_is_full(monkeypatch, caplog):

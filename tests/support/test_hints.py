@@ -132,7 +132,7 @@ def cells(values, **options):
         "q0 has shape (2, 2) and q1 (3, 2); they must broadcast",
     ),
     # Cells.
-    (lambda: cells([[1], [1, 0]]), "its rows must have one length"),
+    (lambda: cells([[1], [1, 0]]), "it must have a value for each cell"),
     (
         lambda: cells([1, 0]),
         "it must have the axes x, y (and z), and at least one cell",

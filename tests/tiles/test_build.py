@@ -7,6 +7,7 @@ import os
 import shutil
 import signal
 import time
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ import shapely
 import cspace
 from cspace.errors import FileError, InputError
 from tests.fuzz.files import reseal
+from tests.helpers.strategies import few
 from tests.helpers.waiting import until
 from tests.tiles.worlds import (
     CAR,
@@ -290,7 +292,7 @@ def test_queries_refuse_tiles_of_other_places_and_maps(built, path, source):
     ],
     ids=["changed", "cut", "missing", "another"],
 )
-@pytest.mark.parametrize("is_complete", [False, True])
+@pytest.mark.parametrize("is_complete", few([False, True]))
 def test_a_build_mends_damaged_tiles(built, path, damage, is_complete):
     workspace = cspace.Workspace.from_array(random_workspace((20, 33)).outer, 0.1)
     damage(path / "0.1", built / "other" / "0.1")
@@ -298,6 +300,26 @@ def test_a_build_mends_damaged_tiles(built, path, damage, is_complete):
         shutil.rmtree(path / "frame")
     cspace.build(workspace, CAR, rotations=4, store=path, tile=8)
     check_states(path, cspace.build(workspace, CAR, rotations=4))
+
+
+def test_a_build_keeps_what_is_not_its_own(path):
+    """The frame is written last, and what killed processes have left goes then."""
+    workspace = cspace.Workspace.from_array(random_workspace((20, 33)).outer, 0.1)
+    leftovers = [".cspace-0123456789ab", ".cspace-0123456789ab.1", ".cspace-0123456789ab.png"]
+    others = [".cspace-notes", ".cspace-0123456789ab-notes", "0.1/notes", "notes"]
+    shutil.rmtree(path / "frame")
+    for name in leftovers + others:
+        (path / name).mkdir()
+        (path / name / "text").write_text("years")
+    (path / "0.1" / "zarr.json").unlink()
+    build = partial(cspace.build, workspace, CAR, rotations=4, store=path, tile=8)
+    with pytest.raises(FileError, match=r"0\.1: holds more than a saved map"):
+        build()
+    (path / "0.1" / "notes").rename(path / "mine")
+    build()
+    others[2] = "mine"
+    assert all((path / name / "text").read_text() == "years" for name in others)
+    assert not any((path / name).exists() for name in leftovers)
 
 
 @pytest.mark.parametrize(

@@ -55,6 +55,12 @@ def test_saved_windows_keep_their_unknown_exterior(tmp_path):
         opened.update(np.ones((1, 1), bool), (0, 0))
 
 
+@pytest.fixture(scope="module")
+def tiled_plane(tmp_path_factory):
+    """Build a map in tiles that tests share and none changes."""
+    return build_kind("plane", tmp_path_factory.mktemp("tiles") / "m")[1]
+
+
 @pytest.mark.parametrize(
     "method, arguments",
     [
@@ -66,10 +72,9 @@ def test_saved_windows_keep_their_unknown_exterior(tmp_path):
     ],
     ids=["reversed", "outside", "short", "nan", "no cells"],
 )
-def test_windows_and_overviews_refuse_invalid_arguments(tmp_path, method, arguments):
-    _, tiled = build_kind("plane", tmp_path / "m")
+def test_windows_and_overviews_refuse_invalid_arguments(tiled_plane, method, arguments):
     with pytest.raises(InputError, match="window" if method == "window" else "max_cells"):
-        getattr(tiled, method)(*arguments)
+        getattr(tiled_plane, method)(*arguments)
 
 
 @pytest.mark.parametrize("kind", ["plane", "yaw in space"])

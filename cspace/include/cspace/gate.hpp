@@ -5,7 +5,7 @@
 ///     cspace::Gate gate(map, cspace::read_robot(*map), options);
 ///     cspace::SlowedCommand slowed = gate.slow_down({1.0, 2.0, 0.5}, {0.8, 0.3}, twist_now, points);
 ///
-/// Without points, it answers as `cspace.Gate.slow_down` of Python, whose statements it repeats: `cspace/_queries/gate.py`,
+/// Without points, it answers as `cspace.Gate.slow_down` of Python, whose statements it repeats: `cspace/_gates/gate.py`,
 /// `chunks.py` and `leaving.py`, which have the proofs. Points are tested by their distances from the robot itself.
 #ifndef CSPACE_GATE_HPP
 #define CSPACE_GATE_HPP

@@ -1,5 +1,6 @@
 """The gate node drives as its messages say, over stubs of ROS 2, and refuses parameters that cannot be."""
 
+import os
 import re
 import sys
 import time
@@ -11,6 +12,7 @@ import cspace
 from tests.helpers.cpp import SANITIZERS, Program, build_program, why_no_compiler
 from tests.helpers.messages import make_grid
 from tests.helpers.nav2 import ANSWERS, PACKAGE, list_stubs
+from tests.helpers.waiting import until
 
 pytestmark = pytest.mark.skipif(bool(why_no_compiler()), reason=why_no_compiler())
 
@@ -241,6 +243,7 @@ def cycle_until(node, pattern):
     while not re.search(pattern, (node.read_log().splitlines() or [""])[-1]):
         time.sleep(0.02)
         commands.append(node.cycle())
+        assert len(commands) < 30_000, node.read_log()
     return commands
 
 
@@ -294,6 +297,87 @@ def test_a_map_that_another_process_has_kept_meanwhile_stays(follow, tmp_path):
     cycle_until(node, "drives")
     (kept,) = (tmp_path / "maps").iterdir()
     assert (kept / "other").exists()
+
+
+FILES = ("map.pgm", "map.yaml", "robot", "options")
+"""Files beside a kept map, which say what it is of."""
+
+
+def make_folders(maps, *names, files=FILES):
+    """Make folders that are older than a map, the first ones the oldest; return them."""
+    folders = [maps / name for name in names]
+    for seconds, folder in enumerate(folders):
+        folder.mkdir(parents=True)
+        for name in files:
+            (folder / name).write_text("years of work")
+        os.utime(folder, (seconds, seconds))
+    return folders
+
+
+def test_only_old_maps_and_killed_builds_leave_the_folder(follow, tmp_path):
+    maps = tmp_path / "maps"
+    digits = [f"{number:016x}" for number in range(0xABCD, 0xABCD + 30)]
+    kept = make_folders(maps, *(f"project {number}" for number in range(12)))
+    kept += make_folders(maps, digits[20], digits[20][1:], f"{digits[20]}0", files=FILES[1:])
+    kept += make_folders(maps, digits[21][1:], digits[22].upper(), f"{digits[23]}.old")
+    kept += make_folders(maps, digits[24], f"{digits[25]}.1.part", files=(*FILES, "notes"))
+    kept += make_folders(maps, "notes.part", f"{digits[26][1:]}.1.part", files=FILES)
+    (maps / digits[27]).symlink_to(*make_folders(tmp_path, "elsewhere"))
+    (maps / digits[28]).write_text("years of work")
+    gone = make_folders(maps, f"{digits[29]}.1.part", f"{digits[29]}.7134.part")
+    gone += make_folders(maps, f"{digits[29]}.2.part", files=(*FILES[:3], ".cspace-12.zarr"))
+    *old, newest = make_folders(maps, *digits[:9], files=(*FILES, "log", "map.zarr"))
+    node = follow()
+    node.tell("grid map 0")
+    cycle_until(node, "drives")
+    assert all(folder.exists() for folder in [*kept, *old[2:], newest])
+    assert not any(folder.exists() for folder in [*gone, *old[:2]])
+    assert len(list((tmp_path / "elsewhere").iterdir())) == 4
+    assert (maps / digits[27]).is_symlink() and (maps / digits[28]).is_file()
+
+
+@pytest.mark.parametrize("name", ["notes", "options"])
+def test_what_is_in_the_way_of_a_map_is_no_map_and_stays(follow, tmp_path, name):
+    """A folder that has the name of a map holds something else, or lacks a file."""
+    node = follow()
+    node.tell("grid map 0")
+    cycle_until(node, "drives")
+    (kept,) = (tmp_path / "maps").iterdir()
+    if name == "notes":
+        (kept / "map.zarr" / "zarr.json").unlink()
+        (kept / name).write_text("years of work")
+    else:
+        (kept / name).unlink()
+    before = sorted(kept.rglob("*"))
+    again = follow()
+    again.tell("grid map 0")
+    cycle_until(again, f"stops: there is no map: .*{kept.name} holds more or less than a map")
+    assert sorted(kept.rglob("*")) == before
+    assert list((tmp_path / "maps").iterdir()) == [kept]
+
+
+def test_builds_at_once_keep_out_of_each_others_way(follow, program, tmp_path):
+    """The folder of a build stays while its node lives, and goes after the node was killed."""
+    script = tmp_path / "slow"
+    script.write_text(f"#!/bin/sh\ntouch {tmp_path}/started\nexec sleep 600\n")
+    script.chmod(0o755)
+    options = {"map": "", "robot": f"footprint:{SIDES}", "rotations": 36, "builder": script}
+    slow = Node(program, tmp_path / "log", map_folder=tmp_path / "maps", **options)
+    slow.ask("configure")
+    slow.tell("grid map 0")
+    until((tmp_path / "started").exists)
+    (part,) = (tmp_path / "maps").iterdir()
+    for wall in (0, 40):
+        node = follow()
+        node.tell(f"grid map {wall}")
+        cycle_until(node, "drives")
+        assert part.exists() and len(list((tmp_path / "maps").glob("*.part"))) == 1
+    slow.process.kill()
+    slow.process.wait()
+    node.tell("grid map 50")
+    cycle_until(node, "being built")
+    cycle_until(node, "drives")
+    assert not part.exists() and len(list((tmp_path / "maps").iterdir())) == 3
 
 
 def test_a_footprint_that_is_the_maps_robot_passes(start):

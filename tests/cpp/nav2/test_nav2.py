@@ -13,7 +13,8 @@ import shapely
 import yaml
 
 import cspace
-from tests.helpers.cpp import SANITIZERS, ompl_flags, why_no_compiler
+from tests.helpers.cpp import SANITIZERS, why_no_compiler
+from tests.helpers.drives import CURVES
 from tests.helpers.nav2 import (
     DRIVES,
     HALF_SIDES,
@@ -28,12 +29,7 @@ from tests.helpers.nav2 import (
 )
 from tests.helpers.repository import ROOT
 
-pytestmark = [
-    pytest.mark.skipif(bool(why_no_compiler()), reason=why_no_compiler()),
-    pytest.mark.skipif(
-        not ompl_flags(), reason="no OMPL for C++ is here; install libompl-dev and pkg-config"
-    ),
-]
+pytestmark = pytest.mark.skipif(bool(why_no_compiler()), reason=why_no_compiler())
 
 START, GOAL, ABOVE = (1.0, 1.0, 0.0), (5.0, 1.0, 3.0), (1.0, 3.0, 0.0)
 UNKNOWN = 255
@@ -441,6 +437,19 @@ def test_a_reversing_car_stops_at_cusps(nav2, room):
     assert turns.sum() == np.count_nonzero(np.diff(np.sign(lengths))) >= 1
 
 
+@pytest.mark.parametrize("drive", CURVES)
+@pytest.mark.parametrize("radius", [1e-9, 30.0, 1000.0])
+def test_no_radius_or_goal_ends_the_planner_server(nav2, room, drive, radius):
+    nav2.configure(room, drive=drive, turning_radius=radius, time_limit=0.2)
+    x, y, yaw = START
+    ahead = [(x + 0.9, y, yaw), (x + 0.9, y, yaw + 1e-7), (x + 0.9, y, 2 * math.pi)]
+    turned = [(x, y, yaw + math.pi), (x, y + 1e-9, yaw - math.pi / 2), (x - 0.2, y, yaw)]
+    for goal in [START, *ahead, *turned]:
+        assert nav2.plan(START, goal)["code"] in (0, 207, 208)
+    assert nav2.plan(START, (x, y, math.nan))["code"] == 200
+    assert nav2.plan(START, (1e300, y, yaw))["code"] == 204
+
+
 def test_a_robot_turns_on_the_spot_at_equal_positions(nav2, room):
     nav2.configure(room, drive="differential")
     path = nav2.find_path(START, (1.0, 1.0, 2.0))
@@ -626,7 +635,9 @@ def test_the_request_of_the_page_gets_a_path_on_depot(nav2, builder, data, tmp_p
     options = params["planner_server"]["ros__parameters"]["GridBased"]
     del options["plugin"]
     nav2.tell("footprint 0.325 0.225")  # padded
-    follow_topic(nav2, tmp_path / "maps", builder, **{**options, "allow_unknown": "false"})
+    follow_topic(
+        nav2, tmp_path / "maps", builder, **{**options, "allow_unknown": "false", "time_limit": 60}
+    )
     workspace = cspace.Workspace.open(data / "maps/depot.yaml", unknown="free")
     nav2.send_grid(workspace.outer, tmp_path / "grid", 0.05, origin=(-7.14, -7.83))
     nav2.tell("static")

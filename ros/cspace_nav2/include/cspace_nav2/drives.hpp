@@ -5,23 +5,13 @@
 
 #include <array>
 #include <cmath>
-#include <memory>
 #include <stdexcept>
 #include <string>
 #include <vector>
 
-#include <ompl/base/spaces/DubinsStateSpace.h>
-#include <ompl/base/spaces/ReedsSheppStateSpace.h>
-
-#include "cspace_nav2/poses.hpp"
+#include "cspace_nav2/curves.hpp"
 
 namespace cspace_nav2 {
-
-/// A drive at one curvature: metres, negative in reverse, and radians to the left; without length, a turn on the spot.
-struct Arc {
-  double length, angle;
-  double aside = 0.0;  ///< radians from ahead to where a holonomic robot moves
-};
 
 /// Cost of a radian turned on the spot, metres.
 constexpr double SPOT_TURN_COST = 0.5;
@@ -32,22 +22,6 @@ constexpr double REVERSE_WEIGHT = 1.5;
 inline double cost_of(const Arc& arc) {
   if (arc.length == 0.0) return SPOT_TURN_COST * std::abs(arc.angle);
   return arc.length < 0.0 ? -REVERSE_WEIGHT * arc.length : arc.length;
-}
-
-/// Return the pose at the end of an arc; its yaw is not wrapped.
-inline Configuration advance(const Configuration& q, const Arc& arc) {
-  const double half = 0.5 * arc.angle;
-  const double chord = half == 0.0 ? arc.length : arc.length * std::sin(half) / half;
-  const double heading = q[2] + half + arc.aside;
-  return {q[0] + chord * std::cos(heading), q[1] + chord * std::sin(heading), q[2] + arc.angle};
-}
-
-/// Return the arc between two poses of which each lies on it: its chord, and the shorter turn.
-inline Arc arc_between(const Configuration& from, const Configuration& to) {
-  const double half = 0.5 * std::remainder(to[2] - from[2], 2.0 * M_PI);
-  const double middle = from[2] + half;
-  const double chord = (to[0] - from[0]) * std::cos(middle) + (to[1] - from[1]) * std::sin(middle);
-  return {half == 0.0 ? chord : chord * half / std::sin(half), 2.0 * half};
 }
 
 /// Names of drives.
@@ -64,8 +38,6 @@ class Drive {
     if (is_car ? !(radius_ > 0.0 && std::isfinite(radius_)) : radius_ != 0.0)
       throw std::invalid_argument("the parameter 'turning_radius' is " + std::to_string(radius_) +
                                   "; it must be positive for dubins and reeds-shepp, and 0 for other drives");
-    if (name == "dubins") dubins_ = std::make_shared<ompl::base::DubinsStateSpace>(radius_);
-    if (name == "reeds-shepp") reeds_shepp_ = std::make_shared<ompl::base::ReedsSheppStateSpace>(radius_);
   }
 
   const bool is_holonomic;  ///< it moves in each direction, at each yaw
@@ -91,8 +63,7 @@ class Drive {
 
   /// Return the shortest curve between two poses, of a robot that is not holonomic.
   std::vector<Arc> curve(const Configuration& from, const Configuration& to) const {
-    if (dubins_) return read_curve(*dubins_, from, to, ompl::base::DubinsStateSpace::DUBINS_STRAIGHT);
-    if (reeds_shepp_) return read_curve(*reeds_shepp_, from, to, ompl::base::ReedsSheppStateSpace::RS_STRAIGHT);
+    if (is_car) return find_shortest_curve(radius_, reverses, from, to);
     const double length = std::hypot(to[0] - from[0], to[1] - from[1]);
     const double ahead = length > 0.0 ? std::atan2(to[1] - from[1], to[0] - from[0]) : from[2];
     const std::vector<Arc> forward = turn_and_drive(from[2], ahead, length, to[2]);
@@ -128,52 +99,7 @@ class Drive {
     return {{0.0, first}, {length, 0.0}, {0.0, std::remainder(last_yaw - yaw - first, 2.0 * M_PI)}};
   }
 
-  // OMPL's names before and after 2.0.
-  template <typename Space>
-  static auto find_path(const Space& space, const ompl::base::State* from, const ompl::base::State* to)
-      -> decltype(space.getPath(from, to)) {
-    return space.getPath(from, to);
-  }
-  template <typename Space>
-  static auto find_path(const Space& space, const ompl::base::State* from, const ompl::base::State* to)
-      -> decltype(space.dubins(from, to)) {
-    return space.dubins(from, to);
-  }
-  template <typename Space>
-  static auto find_path(const Space& space, const ompl::base::State* from, const ompl::base::State* to)
-      -> decltype(space.reedsShepp(from, to)) {
-    return space.reedsShepp(from, to);
-  }
-  template <typename Type>
-  static Type segment(const Type* types, int k) {
-    return types[k];
-  }
-  template <typename Type>
-  static Type segment(const std::vector<Type>* types, int k) {
-    return (*types)[k];
-  }
-
-  /// Return a curve of OMPL as arcs. Its types are left, straight, right, and its lengths are in turning radii.
-  template <typename Space>
-  std::vector<Arc> read_curve(Space& space, const Configuration& from, const Configuration& to, int straight) const {
-    std::array<ompl::base::State*, 2> ends;
-    for (ompl::base::State*& end : ends) {
-      const Configuration& q = &end == &ends[0] ? from : to;
-      end = space.allocState();
-      end->template as<ompl::base::SE2StateSpace::StateType>()->setXY(q[0], q[1]);
-      end->template as<ompl::base::SE2StateSpace::StateType>()->setYaw(q[2]);
-    }
-    const auto path = find_path(space, ends[0], ends[1]);
-    for (ompl::base::State* end : ends) space.freeState(end);
-    std::vector<Arc> arcs;
-    for (int k = 0; k < static_cast<int>(std::size(path.length_)); ++k)
-      arcs.push_back({radius_ * path.length_[k], (straight - segment(path.type_, k)) * path.length_[k]});
-    return arcs;
-  }
-
   double radius_;
-  std::shared_ptr<ompl::base::DubinsStateSpace> dubins_;
-  std::shared_ptr<ompl::base::ReedsSheppStateSpace> reeds_shepp_;
 };
 
 }  // namespace cspace_nav2

@@ -221,7 +221,7 @@ class Lattice {
     const auto column = static_cast<std::int64_t>((q[0] - map.lower()[0]) / side);
     const auto row = static_cast<std::int64_t>((q[1] - map.lower()[1]) / side);
     const auto yaw = static_cast<std::int64_t>(std::floor(std::remainder(q[2], 2.0 * M_PI) / (2.0 * M_PI) * yaws + 0.5));
-    return ((column << 31) + row) * (2 * yaws) + (yaw + yaws) % yaws;
+    return (column * (std::int64_t{1} << 31) + row) * (2 * yaws) + (yaw + yaws) % yaws;
   }
 
   std::vector<Configuration> trace(const std::vector<Node>& nodes, std::int64_t number,

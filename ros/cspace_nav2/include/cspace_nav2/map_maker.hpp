@@ -6,10 +6,12 @@
 #include <fcntl.h>
 #include <signal.h>
 #include <spawn.h>
+#include <sys/file.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
 #include <algorithm>
+#include <cerrno>
 #include <chrono>
 #include <condition_variable>
 #include <cstdint>
@@ -22,6 +24,7 @@
 #include <memory>
 #include <mutex>
 #include <optional>
+#include <set>
 #include <sstream>
 #include <stdexcept>
 #include <string>
@@ -45,6 +48,63 @@ inline std::string default_folder() {
   const char* home = std::getenv("HOME");
   return home != nullptr && *home == '/' ? std::string(home) + "/.cache/cspace_nav2" : "";
 }
+
+/// Return true if a folder is a kept map, or the part of one that a build has written: its name has 16 hexadecimal digits, and
+/// that of a part also ends in ".part"; it holds all files of a map, a part holds some, and neither holds anything else.
+inline bool is_map_folder(const std::filesystem::path& folder, bool is_part) {
+  namespace fs = std::filesystem;
+  const std::string name = folder.filename();
+  const std::size_t digits = std::min(name.find_first_not_of("0123456789abcdef"), name.size());
+  const std::string rest = name.substr(digits);
+  const bool ends_in_part = rest.size() > 5 && rest.front() == '.' && rest.substr(rest.size() - 5) == ".part";
+  if (digits != 16 || !(is_part ? ends_in_part : rest.empty())) return false;
+  std::error_code error;
+  if (fs::symlink_status(folder, error).type() != fs::file_type::directory) return false;
+  const std::set<std::string> needed = {"map.pgm", "map.yaml", "robot", "options"}, others = {"log", "map.zarr"};
+  std::size_t found = 0;
+  for (const auto& entry : fs::directory_iterator(folder, error)) {
+    const std::string file = entry.path().filename();
+    const bool is_unfinished = is_part && file.rfind(".cspace-", 0) == 0;  // a map that the command was writing
+    if (needed.count(file) + others.count(file) == 0 && !is_unfinished) return false;
+    found += needed.count(file);
+  }
+  return !error && (is_part || found == needed.size());
+}
+
+/// A new folder for a build. It is removed with this object, and locked while that lives: a lock ends with its process.
+class Part {
+ public:
+  /// @param kept  folder that the map will have
+  explicit Part(const std::string& kept) {
+    for (int number = 0;; ++number) {
+      path_ = kept + "." + std::to_string(number) + ".part";
+      if (!std::filesystem::create_directory(path_)) continue;
+      folder_ = ::open(path_.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+      // Another process that finds the folder before it is locked removes it. Some disks have no locks, and keep all parts.
+      const bool is_taken = ::flock(folder_, LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK;
+      if (!is_taken && std::filesystem::exists(path_)) return;
+      ::close(folder_);
+    }
+  }
+  ~Part() {
+    std::error_code error;
+    std::filesystem::remove_all(path_, error);
+    ::close(folder_);
+  }
+  Part(const Part&) = delete;
+  Part& operator=(const Part&) = delete;
+
+  const std::string& path() const { return path_; }
+
+  void rename(const std::string& kept) {
+    std::filesystem::rename(path_, kept);
+    path_.clear();
+  }
+
+ private:
+  std::string path_;
+  int folder_ = -1;
+};
 
 /// What a map is made of, besides the grid.
 struct Recipe {
@@ -196,7 +256,7 @@ class MapMaker {
       for (const char byte : text + '\n') digest = (digest ^ static_cast<unsigned char>(byte)) * 0x100000001b3;
     std::ostringstream name;
     name << recipe_.folder << "/" << std::hex << std::setw(16) << std::setfill('0') << digest;
-    const std::string kept = name.str(), part = kept + "." + std::to_string(::getpid()) + ".part";
+    const std::string kept = name.str();
     const auto is_same = [&](const auto& file) { return read(kept + file.first) == file.second; };
     const auto is_kept = [&] { return std::all_of(files.begin(), files.end(), is_same); };
     const bool was_kept = is_kept();
@@ -206,19 +266,25 @@ class MapMaker {
       } catch (const std::runtime_error&) {  // of another version, or damaged
       }
     }
-    fs::remove_all(part);
-    fs::create_directories(part);
+    const auto check_kept = [&] {
+      if (fs::exists(kept) && !is_map_folder(kept, false))
+        throw std::runtime_error(kept + " holds more or less than a map; only a map is replaced");
+    };
+    check_kept();
+    fs::create_directories(recipe_.folder);
+    Part folder(kept);
+    const std::string part = folder.path();
     for (const auto& [file, text] : files)
       if (!(std::ofstream(part + file, std::ios::binary) << text).flush()) throw std::runtime_error("cannot write " + part + file);
     const auto middle = order.options.find(' ');
     run({recipe_.builder, "build", part + "/map.yaml", "--robot", order.robot, "--rotations", order.options.substr(0, middle),
          "--unknown", order.options.substr(middle + 1), "-o", part + "/map.zarr"},
         part + "/log", number);
-    if (was_kept || !is_kept()) {
+    if (was_kept || !is_kept()) {  // else another process was faster
+      check_kept();
       fs::remove_all(kept);
-      fs::rename(part, kept);
+      folder.rename(kept);
     }
-    fs::remove_all(part);  // if another process was faster
     forget_oldest();
     return open_plane_map(kept + "/map.zarr");
   }
@@ -255,14 +321,23 @@ class MapMaker {
     return last;
   }
 
-  /// Remove all but the newest maps of the folder.
+  /// Remove all but the newest maps of the folder, and what killed builds have left.
   void forget_oldest() const {
     namespace fs = std::filesystem;
+    std::error_code error;  // another process may remove the same
     std::vector<std::pair<fs::file_time_type, fs::path>> maps;
-    for (const auto& entry : fs::directory_iterator(recipe_.folder))
-      if (entry.is_directory()) maps.emplace_back(entry.last_write_time(), entry.path());
+    std::vector<fs::path> parts;
+    for (const auto& entry : fs::directory_iterator(recipe_.folder, error)) {
+      if (is_map_folder(entry.path(), false)) maps.emplace_back(fs::last_write_time(entry.path(), error), entry.path());
+      if (is_map_folder(entry.path(), true)) parts.push_back(entry.path());
+    }
     std::sort(maps.rbegin(), maps.rend());
-    for (std::size_t k = MAX_KEPT; k < maps.size(); ++k) fs::remove_all(maps[k].second);
+    for (std::size_t k = MAX_KEPT; k < maps.size(); ++k) fs::remove_all(maps[k].second, error);
+    for (const fs::path& part : parts) {
+      const int folder = ::open(part.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+      if (::flock(folder, LOCK_EX | LOCK_NB) == 0) fs::remove_all(part, error);
+      ::close(folder);
+    }
   }
 
   static std::string read(const std::string& path) {

@@ -1,0 +1,16 @@
+from ._arm_space import ArmSpace as ArmSpace
+from ._arm_space import build_arm_space as build_arm_space
+from ._inverse import PoseGoal as PoseGoal
+from ._joint_maps.joint_map import build_joint_map as build_joint_map
+from ._model import Arm as Arm
+from ._model import JointValues as JointValues
+from ._moveit import AttachedObject as AttachedObject
+from ._moveit import MotionPlanRequest as MotionPlanRequest
+from ._moveit import PlanningScene as PlanningScene
+from ._moveit import read_moveit_request as read_moveit_request
+from ._moveit import read_moveit_scene as read_moveit_scene
+from ._paths.lines import LineMotion as LineMotion
+from ._penetration import ArmPenetration as ArmPenetration
+from ._proofs.solids import PosedShape as PosedShape
+from ._snapshots import Contact as Contact
+from ._sphere_models import SphereModel as SphereModel

@@ -1,0 +1,882 @@
+"""Compiled proofs that the links of an arm touch neither obstacles nor each other during a motion.
+
+A motion is halved recursively. At the midpoint of a part, each pair of solids is either far enough
+apart for the whole part, or tested again in both halves; distant pairs are tested once (F.
+Schwarzer, M. Saha and J.-C. Latombe, "Adaptive dynamic collision checking for single and multiple
+articulated robots in complex environments", 2005). Longer parts come first, so that a collision is
+found early, and in each part the pair that last was not proven.
+
+Links and obstacles are trees of convex hulls, grown by radii (:mod:`cspace.arms._proofs.hulls`). If
+no boundaries meet, a connected part lies entirely inside or outside a closed surface, so a single
+point of it decides, once for a whole motion. If hulls of whole parts are apart, this test is not
+needed.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from cspace import BLOCKED, FREE, MIXED
+from cspace.arms._proofs.addresses import Address, call, find_address
+from cspace.arms._proofs.chain import (
+    ADVANCE_FACTOR,
+    DISTANCE_ROUNDING,
+    FIXED,
+    POSITION,
+    REVOLUTE,
+    SPIN,
+    VELOCITY,
+    Chain,
+    column_at,
+    forward_kinematics,
+    motion_bounds,
+    relative_pose,
+    rotation_columns,
+    rotation_rows,
+)
+from cspace.arms._proofs.cones import NO_CONES, Cones, stays_in_cones
+from cspace.arms._proofs.crossings import (
+    AXIS_POINT,
+    CENTER,
+    CHORD,
+    DIRECTION,
+    FIRST_ITEM,
+    HALF_SIDES,
+    LEVER,
+    MAX_PENDING_PAIRS,
+    RADIUS,
+    TRANSLATION,
+    PartTree,
+    SurfaceTree,
+    crosses,
+    find_near_leaves,
+    joint_displacement,
+    pierces,
+)
+from cspace.arms._proofs.hulls import Hulls, RelativeMotion, tree_slack
+from cspace.inside import (
+    Bools,
+    Floats,
+    Ints,
+    Row,
+    internal,
+    kernel,
+    vectors,
+)
+
+TREE_ROUNDING: Final = 2.0**-40
+"""Growth of boxes of a tree against rounding, relative to the size of the surface."""
+
+
+MIN_HALF: Final = 2.0**-44
+"""Smallest half of a part of a motion, as a fraction of the motion."""
+
+
+MAX_DISTANCES: Final = 10_000
+"""Distances measured before a motion counts as not proven, because it grazes an obstacle."""
+
+
+MAX_MOTION_PARTS: Final = 2 * MAX_DISTANCES + 1
+"""Largest number of parts of a motion; each distance adds two at most."""
+
+
+NO_MOTION: Final = (0.0, 0.0, math.inf)
+"""Bounds of a pair that does not move."""
+
+
+NO_DEVIATIONS: Final = np.empty(0)
+"""Deviations of joints that follow a motion exactly."""
+
+
+FIRST_SURFACE, FIRST_ANCHOR, FIRST_PART = range(3)
+"""Columns of :attr:`Solids.starts`."""
+
+
+DISPLACEMENT, CURVATURE, ROTATION = range(3)
+"""Columns of :attr:`SceneScratch.bounds`."""
+
+
+PIECE_STACK, SURFACE_STACK = range(2)
+"""Columns of the scratch ``nodes`` that hold a stack of nodes: of a tree of pieces, of a surface.
+"""
+
+
+PAIR, FIRST_NODE, SECOND_NODE = range(3)
+"""Columns of the nearest pair of each configuration: the pair, and a node of each of its solids."""
+
+
+class Solids(NamedTuple):
+    """Links and obstacles: their bodies, trees, closed surfaces and anchors.
+
+    Attributes
+    ----------
+    bodies : ndarray of int64, shape (s,)
+    hulls : Hulls
+        Trees of all solids, each in the frame of its body.
+    roots : ndarray of int64, shape (s,)
+        Root of each solid, -1 if it is empty.
+    part_roots : ndarray of int64, shape (k,)
+        Root of each part in ``hulls``, solid by solid; -1 for none.
+    levers : ndarray of float64, shape (s,)
+        Reach of each solid from the origin of its body.
+    trees : PartTree
+        Triangles, boxes and balls that prove BLOCKED, each in the frame of its body.
+    tree_roots : ndarray of int64, shape (k,)
+        Root of each part in ``trees``; -1 for none.
+    surfaces : SurfaceTree
+        Trees of the closed surfaces, each in the frame of its body.
+    surface_roots : ndarray of int64, shape (h,)
+        Root of each surface.
+    anchors : ndarray of float64, shape (m, 3)
+        A point of each connected part.
+    has_solids : ndarray of bool, shape (s,)
+        True if the tree has boxes or balls, which are solid. Their levers are 1 if they could lie
+        entirely inside others, else 0.
+    starts : ndarray of int64, shape (s + 1, 3)
+        First surface, first anchor and first part of each solid.
+    """
+
+    bodies: Ints
+    hulls: Hulls
+    roots: Ints
+    part_roots: Ints
+    levers: Floats
+    trees: PartTree
+    tree_roots: Ints
+    surfaces: SurfaceTree
+    surface_roots: Ints
+    anchors: Floats
+    has_solids: Bools
+    starts: Ints
+
+    def part_at(self, solid: int, node: int) -> int:
+        """Return the part to which a node of a solid's hulls belongs; node -1 means the root."""
+        first_part, stop_part = self.starts[solid : solid + 2, FIRST_PART].tolist()
+        roots = self.part_roots[first_part:stop_part]
+        wanted_node = node if node >= 0 else int(self.roots[solid])
+        # The nodes of a part follow its root, so the part is that of the last root up to the node.
+        roots_before = np.where(roots <= wanted_node, roots, -1)
+        return int(first_part + roots_before.argmax())
+
+
+class ArmScene(NamedTuple):
+    """An arm among obstacles.
+
+    Attributes
+    ----------
+    chain : Chain
+    solids : Solids
+    pairs : ndarray of int64, shape (p, 2)
+        Solids that may not touch; the body of the second is the world, or moves too.
+    padding : ndarray of float64, shape (p,)
+        Distance that each pair must keep in addition, metres.
+    max_coordinate : float
+        Largest coordinate at any configuration, metres.
+    required : float
+        Distance that proves a pair apart.
+    cones : Cones
+        Angles that links keep in addition.
+    deviations : ndarray of float64, shape (dof,) or (0,)
+        Deviations of the joints from a motion with which pairs stay apart, too.
+    """
+
+    chain: Chain
+    solids: Solids
+    pairs: Ints
+    padding: Floats
+    max_coordinate: float
+    required: float
+    cones: Cones = NO_CONES
+    deviations: Floats = NO_DEVIATIONS
+
+    def select_pairs(self, which: Ints | Bools | slice) -> ArmScene:
+        """Return the scene with some of its pairs, and no cones."""
+        padding = self.padding[which]
+        return self._replace(pairs=self.pairs[which], padding=padding, cones=NO_CONES)
+
+
+class SceneScratch(NamedTuple):
+    """Scratch memory of one thread.
+
+    Attributes
+    ----------
+    parts : ndarray of float64, shape (MAX_MOTION_PARTS, 2)
+        Parts of a motion in the order in which they are tested.
+    open_pairs : ndarray of bool, shape (MAX_MOTION_PARTS, p)
+        Unproven pairs of each part.
+    poses : ndarray of float64, shape (b, 3, 6)
+    bounds : ndarray of float64, shape (p, 3)
+        Bounds of each pair along the whole motion: displacement, half the acceleration, rotation of
+        the joints.
+    not_nested : ndarray of bool, shape (p,)
+        Pairs known not to contain each other.
+    nearest_nodes : ndarray of int64, shape (p, 2)
+        Nodes of each pair that last were not proven apart, -1 for none. They are tested early,
+        because the same nodes often decide again.
+    directions : ndarray of float64, shape (p, 3)
+        Direction along which hulls of each pair were last farthest apart, zero at the start of a
+        motion, so that no answer depends on an earlier motion. It is tried first, because it often
+        proves the next part too.
+    first_pair : ndarray of int64, shape (1,)
+        Pair that last was not apart, which is tested first.
+    axes : ndarray of float64, shape (b, 8)
+        Joints that move a pair away from a motion; see
+        :func:`cspace.arms._proofs.crossings.joint_displacement`.
+    nodes : ndarray of int64, shape (MAX_PENDING_PAIRS, 2)
+    slopes : ndarray of float64, shape (dof,)
+        Derivatives of an angle by the joints.
+    """
+
+    parts: Floats
+    open_pairs: Bools
+    poses: Floats
+    bounds: Floats
+    not_nested: Bools
+    nearest_nodes: Ints
+    directions: Floats
+    first_pair: Ints
+    axes: Floats
+    nodes: Ints
+    slopes: Floats
+
+
+def make_scene_scratch(scene: ArmScene) -> SceneScratch:
+    """Allocate scratch memory for one thread."""
+    bodies = len(scene.chain.parents)
+    pairs = len(scene.pairs)
+    return SceneScratch(
+        parts=np.empty((MAX_MOTION_PARTS, 2)),
+        open_pairs=np.empty((MAX_MOTION_PARTS, pairs), dtype=np.bool_),
+        poses=np.empty((bodies, 3, 6)),
+        bounds=np.empty((pairs, 3)),
+        not_nested=np.empty(pairs, dtype=np.bool_),
+        nearest_nodes=np.full((pairs, 2), -1),
+        directions=np.zeros((pairs, 3)),
+        first_pair=np.zeros(1, dtype=np.int64),
+        axes=np.empty((bodies, 8)),
+        nodes=np.empty((MAX_PENDING_PAIRS, 2), dtype=np.int64),
+        slopes=np.empty(len(scene.cones.lower)),
+    )
+
+
+def are_free(scene: ArmScene, firsts: Floats, lasts: Floats) -> Bools:
+    """Return whether each motion is proven free.
+
+    Motions lead from ``firsts`` to ``lasts``, shapes (n, dof). One thread computes the result,
+    shape (n,).
+    """
+    out = np.empty(len(firsts), dtype=np.bool_)
+    motions_are_free(find_proof(scene), scene, firsts, lasts, out, make_scene_scratch(scene))
+    return out
+
+
+def find_proof(scene: ArmScene) -> Address:
+    """Return the address of :func:`motion_is_free`, which compiles once for all of its callers."""
+    q = np.zeros(0)
+    return find_address(motion_is_free, scene, q, q, make_scene_scratch(scene))
+
+
+@kernel
+def motions_are_free(
+    prove: Address,
+    scene: ArmScene,
+    firsts: Floats,
+    lasts: Floats,
+    out: Bools,
+    scratch: SceneScratch,
+) -> None:
+    """Fill ``out`` with whether motions, shapes (n, dof), are proven free.
+
+    Equal endpoints mean a point. ``prove`` is :func:`find_proof`.
+    """
+    for k in range(len(firsts)):
+        out[k] = call(prove, (scene, firsts[k], lasts[k], scratch))
+
+
+@kernel
+def count_free_motions(
+    prove: Address,
+    scene: ArmScene,
+    starts: Floats,
+    ends: Floats,
+    paddings: Floats,
+    tolerances: Floats,
+    counts: Ints,
+    scratch: SceneScratch,
+) -> None:
+    """Lower the counts to the numbers of motions that are proven free, from the first on.
+
+    In each of b chunks, motions lead from a row of ``starts``, shape (b, dof), to each of ``ends``,
+    shape (b, n, dof), in turn. Only as many as ``counts``, shape (b,), are tested. The chunk's
+    ``paddings`` of the p pairs, shape (b, p), and ``tolerances`` of the c cones, shape (b, c),
+    replace those of the scene.
+    """
+    for chunk in range(len(starts)):
+        cones = Cones(
+            scene.cones.bodies,
+            scene.cones.axes,
+            scene.cones.directions,
+            scene.cones.angles,
+            tolerances[chunk],
+            scene.cones.lower,
+            scene.cones.upper,
+        )
+        padded = ArmScene(
+            scene.chain,
+            scene.solids,
+            scene.pairs,
+            paddings[chunk],
+            scene.max_coordinate,
+            scene.required,
+            cones,
+            scene.deviations,
+        )
+        wanted = counts[chunk]
+        counts[chunk] = 0
+        start = starts[chunk]
+        for row in range(wanted):
+            if not call(prove, (padded, start, ends[chunk, row], scratch)):
+                break
+            start = ends[chunk, row]
+            counts[chunk] = row + 1
+
+
+@internal
+def find_required_distance(scene: ArmScene, q0: Floats, q1: Floats) -> float:
+    """Return the distance that proves a pair apart on a motion from ``q0`` to ``q1``.
+
+    It includes the rounding of joint values, shapes (dof,); metres.
+    """
+    chain = scene.chain
+    joint_values = 0.0
+    for b in range(1, len(chain.parents)):
+        index = chain.joint_indices[b]
+        largest = abs(q0[index]) + abs(q1[index])
+        joint_values += abs(chain.factors[b]) * largest + abs(chain.offsets[b])
+    # An angle is off by a few units in its last digit, far below 2^-9 of the allowance, and moves
+    # a point by that angle times its distance from the axis.
+    return scene.required + DISTANCE_ROUNDING * 2.0**-9 * joint_values * scene.max_coordinate
+
+
+@kernel
+def motion_is_free(scene: ArmScene, q0: Floats, q1: Floats, scratch: SceneScratch) -> bool:
+    """Return True if a motion from ``q0`` to ``q1``, shapes (dof,), is proven free.
+
+    It must also stay in the cones. Equal endpoints mean a point. The motion is halved until all
+    pairs are proven apart in each part, or one is not apart halfway through a part.
+    """
+    parts = scratch.parts
+    open_pairs = scratch.open_pairs
+    required = find_required_distance(scene, q0, q1)
+    # NaN in a configuration makes it NaN, which proves nothing.
+    if not required < np.inf:
+        return False
+    if not stays_in_cones(scene.chain, scene.cones, q0, q1, scratch.poses):
+        return False
+    bound_pairs(scene, q0, q1, scratch)
+    for n in range(len(scene.pairs)):
+        open_pairs[0, n] = True
+    # The queue of unproven parts begins with the whole motion.
+    parts[0, 0] = 0.0
+    parts[0, 1] = 1.0
+    count = 1
+    for row in range(MAX_DISTANCES):
+        if row == count:
+            return True
+        start = parts[row, 0]
+        stop = parts[row, 1]
+        half = 0.5 * (stop - start)
+        center = 0.5 * (start + stop)
+        if half < MIN_HALF:
+            return False
+        forward_kinematics(scene.chain, q0, q1, center, scratch.poses)
+        state = test_part(scene, open_pairs[row], half, required, scratch)
+        if state == BLOCKED:
+            return False
+        if state == MIXED and row == 0:
+            # Most colliding motions end in a collision, so the endpoint is tested next.
+            for n in range(len(scene.pairs)):
+                open_pairs[1, n] = open_pairs[0, n]
+            forward_kinematics(scene.chain, q1, q1, 0.0, scratch.poses)
+            if test_part(scene, open_pairs[1], 0.0, required, scratch) != FREE:
+                return False
+        if state == MIXED:
+            # Both halves join the queue, with the pairs that are still open.
+            parts[count, 0] = start
+            parts[count, 1] = center
+            parts[count + 1, 0] = center
+            parts[count + 1, 1] = stop
+            for n in range(len(scene.pairs)):
+                open_pairs[count, n] = open_pairs[row, n]
+                open_pairs[count + 1, n] = open_pairs[row, n]
+            count += 2
+    return False
+
+
+@internal
+def bound_pairs(scene: ArmScene, q0: Floats, q1: Floats, scratch: SceneScratch) -> None:
+    """Write the bounds of all pairs on a motion."""
+    solids = scene.solids
+    for n in range(len(scene.pairs)):
+        i, j = scene.pairs[n]
+        displacement, curvature, rotation = motion_bounds(
+            scene.chain, solids.bodies[i], solids.bodies[j], solids.levers[i], q0, q1
+        )
+        scratch.bounds[n, DISPLACEMENT] = displacement
+        scratch.bounds[n, CURVATURE] = curvature
+        scratch.bounds[n, ROTATION] = rotation
+        scratch.not_nested[n] = False
+        scratch.directions[n, :] = 0.0
+
+
+@internal
+def test_part(
+    scene: ArmScene, is_open: Bools, half: float, required: float, scratch: SceneScratch
+) -> int:
+    """Return FREE if all open pairs of a part of a motion are proven apart, and close them.
+
+    ``is_open``, shape (p,), marks these pairs. The poses are those of the center of the part, which
+    extends to ``half`` of the motion before and after. Returns BLOCKED if a pair is not apart
+    there, else MIXED.
+    """
+    state = FREE
+    first = scratch.first_pair[0]
+    for k in range(len(scene.pairs)):
+        n = (first + k) % len(scene.pairs)
+        if not is_open[n]:
+            continue
+        displacement = half * scratch.bounds[n, DISPLACEMENT]
+        curvature = half * scratch.bounds[n, CURVATURE]
+        rotation = scratch.bounds[n, ROTATION]
+        # The second term bounds the motion of the rounding, a small part of the whole motion.
+        deviation = half * (curvature + required * rotation)
+        bounds = half / ADVANCE_FACTOR, deviation / ADVANCE_FACTOR, displacement / ADVANCE_FACTOR
+        i, j = scene.pairs[n]
+        a, b = scene.solids.bodies[i], scene.solids.bodies[j]
+        count = write_axes(scene.chain, a, b, scene.deviations, required, scratch)
+        slack = bound_slack(scene, n, bounds, scratch.axes[:count], required, 0.0, scratch)
+        is_open[n] = slack < 0.0
+        if slack == -np.inf:
+            scratch.first_pair[0] = n
+            return BLOCKED
+        if slack < 0.0:
+            state = MIXED
+        hulls_meet = scratch.nodes[1, 0] != 0  # as tree_slack says
+        if hulls_meet and not scratch.not_nested[n]:
+            # While no boundaries meet, containment cannot change, so it is tested once.
+            if is_nested(scene, n, scratch, 0.0):
+                return BLOCKED
+            scratch.not_nested[n] = True
+    return state
+
+
+@internal
+def write_axes(
+    chain: Chain, a: int, b: int, deviations: Floats, required: float, scratch: SceneScratch
+) -> int:
+    """Write the axes about which deviations of joints move body a, as seen from body b.
+
+    Each joint deviates by at most its entry of ``deviations``, shape (dof,); there are none if that
+    has shape (0,). Returns the number of rows written to ``scratch.axes``. They are those of
+    :func:`cspace.arms._proofs.crossings.joint_displacement`, in the frame of b, and include the
+    rounding of points, ``required``.
+    """
+    if len(deviations) == 0:
+        return 0
+    between = chain.between[a, b]
+    base_pose = scratch.poses[b]
+    base_rotation = rotation_rows(base_pose)
+    count = 0
+    for j in range(1, len(between)):
+        travel = abs(chain.factors[j]) * deviations[chain.joint_indices[j]] / ADVANCE_FACTOR
+        if not between[j] or travel == 0.0 or chain.kinds[j] == FIXED:
+            continue
+        # The axis passes through the origin of the joint's body.
+        joint_pose = scratch.poses[j]
+        world_axis = vectors.rotate(rotation_rows(joint_pose), vectors.row_at(chain.axes[j], 0))
+        axis = vectors.rotate_back(base_rotation, world_axis)
+        offset = vectors.minus(column_at(joint_pose, POSITION), column_at(base_pose, POSITION))
+        origin = vectors.rotate_back(base_rotation, offset)
+        row = scratch.axes[count]
+        for k in range(3):
+            row[DIRECTION + k] = axis[k]
+            row[AXIS_POINT + k] = origin[k]
+        if chain.kinds[j] == REVOLUTE:
+            # A turn moves a point at distance 1 by the chord of its angle.
+            chord = 2.0 * math.sin(0.5 * min(travel, math.pi)) / ADVANCE_FACTOR
+            row[CHORD] = chord
+            row[TRANSLATION] = chord * required
+        else:
+            row[CHORD] = 0.0
+            row[TRANSLATION] = travel
+        count += 1
+    return count
+
+
+@internal
+def bound_slack(
+    scene: ArmScene,
+    n: int,
+    bounds: tuple[float, float, float],
+    axes: Floats,
+    required: float,
+    enough: float,
+    scratch: SceneScratch,
+) -> float:
+    """Bound (distance - required distance) of pair n from below, up to ``enough``.
+
+    It is inf if one solid is empty; see :func:`cspace.arms._proofs.hulls.tree_slack`. The pair's
+    padding is required in addition. ``bounds`` are the time to either side, the largest deviation
+    from the linear motion, and the largest displacement. ``axes``, shape (k, 8), are those of
+    joints that deviate.
+    """
+    solids = scene.solids
+    half, deviation, displacement = bounds
+    i, j = scene.pairs[n]
+    if solids.roots[i] < 0 or solids.roots[j] < 0:
+        scratch.nodes[1, 0] = 0  # no hulls meet
+        return np.inf
+    # Describe the motion of solid i as seen from the body of solid j.
+    pose = scratch.poses[solids.bodies[i]]
+    base_pose = scratch.poses[solids.bodies[j]]
+    to_base = rotation_columns(base_pose)
+    matrix, position = relative_pose(pose, base_pose)
+    spin = vectors.minus(column_at(pose, SPIN), column_at(base_pose, SPIN))
+    velocity = vectors.minus(column_at(pose, VELOCITY), column_at(base_pose, VELOCITY))
+    # The velocity is that of the point at the origin of the arm's base; move it to that of body j.
+    velocity_at_base = vectors.add_scaled(
+        vectors.cross(spin, column_at(base_pose, POSITION)), velocity, 1.0
+    )
+    motion = RelativeMotion(
+        matrix,
+        position,
+        vectors.rotate(to_base, spin),
+        vectors.rotate(to_base, velocity_at_base),
+        half,
+        deviation,
+        displacement,
+        required + scene.padding[n],
+    )
+    nodes = scratch.nodes
+    nearest = scratch.nearest_nodes[n]
+    nodes[0, 0] = nearest[0]
+    nodes[0, 1] = nearest[1]
+    direction = scratch.directions[n]
+    slack = tree_slack(
+        solids.hulls, solids.roots[i], solids.roots[j], motion, axes, enough, nodes, direction
+    )
+    nearest[0] = nodes[0, 0]
+    nearest[1] = nodes[0, 1]
+    return slack
+
+
+@internal
+def is_nested(scene: ArmScene, n: int, scratch: SceneScratch, min_depth: float) -> bool:
+    """Return True if one solid of pair n provably contains a part of the other.
+
+    If no boundaries meet, a connected part lies entirely inside or outside a closed surface. So one
+    point of each part decides, its anchor. The anchor must lie deeper than ``min_depth`` in the
+    surface, in metres; 0 suffices if no boundaries meet.
+    """
+    i, j = scene.pairs[n]
+    solids = scene.solids
+    starts = solids.starts
+    poses = scratch.poses
+    nodes = scratch.nodes
+    for inner, outer in ((i, j), (j, i)):
+        # Solid k has the surfaces from starts[k, FIRST_SURFACE] up to those of solid k + 1, and its
+        # anchors likewise. Anchors are moved into the frame of the surfaces.
+        matrix, shift = relative_pose(poses[solids.bodies[inner]], poses[solids.bodies[outer]])
+        for surface in range(starts[outer, FIRST_SURFACE], starts[outer + 1, FIRST_SURFACE]):
+            root = solids.surface_roots[surface]
+            for anchor in range(starts[inner, FIRST_ANCHOR], starts[inner + 1, FIRST_ANCHOR]):
+                point = vectors.apply_pose(matrix, shift, vectors.row_at(solids.anchors[anchor], 0))
+                if lies_deep(solids.surfaces, root, point, min_depth, nodes):
+                    return True
+    # Boxes and balls have no anchors; only the second solid of a pair may have them.
+    return bool(solids.has_solids[j] and piece_lies_in(solids, j, i, poses, nodes, min_depth))
+
+
+@internal
+def piece_lies_in(
+    solids: Solids, i: int, j: int, poses: Floats, nodes: Ints, min_depth: float
+) -> bool:
+    """Return True if a box or ball of solid i lies in a closed surface of solid j.
+
+    Its center must lie deeper than ``min_depth``. Skips pieces too large to lie inside. ``poses``,
+    shape (b, 3, 6), are those of all bodies; ``nodes`` is scratch, shape (MAX_PENDING_PAIRS, 2).
+    """
+    trees = solids.trees
+    starts = solids.starts
+    pose = poses[solids.bodies[i]]
+    outer_pose = poses[solids.bodies[j]]
+    matrix, shift = relative_pose(pose, outer_pose)
+    back, shift_back = relative_pose(outer_pose, pose)
+    for surface in range(starts[j, FIRST_SURFACE], starts[j + 1, FIRST_SURFACE]):
+        root = solids.surface_roots[surface]
+        surface_box = solids.surfaces.boxes[root]
+        # Search the tree for pieces near the box of the surface, in the frame of solid i.
+        center = vectors.apply_pose(back, shift_back, vectors.row_at(surface_box, CENTER))
+        extent = vectors.box_extent(back, vectors.row_at(surface_box, HALF_SIDES))
+        for part in range(starts[i, FIRST_PART], starts[i + 1, FIRST_PART]):
+            # Rows of the stack from 1 to top - 1 are filled; an empty part has no root.
+            nodes[1, PIECE_STACK] = solids.tree_roots[part]
+            top = 2 if solids.tree_roots[part] >= 0 else 1
+            while top > 1:
+                top -= 1
+                node = nodes[top, PIECE_STACK]
+                box = trees.boxes[node]
+                row, count = trees.spans[node]
+                is_too_large = box[LEVER] == 0.0  # see Solids.has_solids
+                offset = vectors.minus(center, vectors.row_at(box, CENTER))
+                if is_too_large or vectors.boxes_are_apart(
+                    offset, extent, vectors.row_at(box, HALF_SIDES)
+                ):
+                    continue
+                if count > 1:
+                    top = push_children(nodes, PIECE_STACK, top, node, count)
+                    continue
+                # The row of a box or ball begins with its center.
+                point = vectors.apply_pose(matrix, shift, vectors.row_at(trees.triangles[row], 0))
+                if lies_deep(solids.surfaces, root, point, min_depth, nodes):
+                    return True
+    return False
+
+
+@internal
+def push_children(nodes: Ints, column: int, top: int, node: int, count: int) -> int:
+    """Push the two children of a tree's node onto a stack; return its new top.
+
+    The stack is a column of ``nodes``. The node has ``count`` leaves; its first child follows it,
+    and the second child follows the nodes of the first.
+    """
+    nodes[top, column] = node + 1
+    nodes[top + 1, column] = node + 2 * (count // 2)
+    return top + 2
+
+
+@internal
+def lies_deep(surfaces: SurfaceTree, root: int, point: Row, min_depth: float, nodes: Ints) -> bool:
+    """Return True if a point is deeper than ``min_depth`` in a closed surface.
+
+    A negative ``min_depth`` allows a point outside, nearer to the surface than that. Zero asks for
+    the winding number alone. ``nodes`` is scratch, shape (MAX_PENDING_PAIRS, 2).
+    """
+    if min_depth < 0.0:
+        # The computed distance from thin triangles may be too small, by a share of the size.
+        half_x, half_y, half_z = vectors.row_at(surfaces.boxes[root], HALF_SIDES)
+        reach = -min_depth - vectors.THIN * 2.0 * (half_x + half_y + half_z)
+        if reach > 0.0 and nearest_triangle(surfaces, root, point, reach, nodes) < reach:
+            return True
+    if winding_number(surfaces, root, point, nodes) == 0:
+        return False
+    return min_depth <= 0.0 or nearest_triangle(surfaces, root, point, min_depth, nodes) > min_depth
+
+
+@kernel
+def winding_number(surfaces: SurfaceTree, root: int, point: Row, nodes: Ints) -> int:
+    """Count how often a closed surface winds around a point.
+
+    It counts the signed crossings of an upward ray. The second column of ``nodes`` is scratch,
+    shape (MAX_PENDING_PAIRS, 2).
+    """
+    x, y, z = point
+    half_x, half_y, half_z = vectors.row_at(surfaces.boxes[root], HALF_SIDES)
+    winding = 0
+    rounding = TREE_ROUNDING * (half_x + half_y + half_z)
+    # Rows of the stack from 1 to top - 1 are filled.
+    nodes[1, SURFACE_STACK] = root
+    top = 2
+    while top > 1:
+        top -= 1
+        node = nodes[top, SURFACE_STACK]
+        node_box = surfaces.boxes[node]
+        start, count = surfaces.spans[node]
+        center_x, center_y, center_z = vectors.row_at(node_box, CENTER)
+        # The ray crosses no triangle beside it or below its start.
+        offset = x - center_x, y - center_y, max(z - center_z, 0.0)
+        if vectors.boxes_are_apart(
+            offset, (rounding, rounding, rounding), vectors.row_at(node_box, HALF_SIDES)
+        ):
+            continue
+        if count > 1:
+            top = push_children(nodes, SURFACE_STACK, top, node, count)
+        else:
+            crossing = vectors.signed_crossing(surfaces.triangles[start], x, y, z)
+            winding += crossing * surfaces.windings[start]
+    return winding
+
+
+@kernel
+def nearest_triangle(
+    surfaces: SurfaceTree, root: int, point: Row, enough: float, nodes: Ints
+) -> float:
+    """Return a point's distance from the nearest triangle of a surface.
+
+    If it is below ``enough``, any distance below that is returned; if it exceeds it, ``inf`` may be
+    returned. The second column of ``nodes`` is scratch, shape (MAX_PENDING_PAIRS, 2).
+    """
+    # Rows of the stack from 1 to top - 1 are filled.
+    nodes[1, SURFACE_STACK] = root
+    top = 2
+    nearest = np.inf
+    while top > 1:
+        top -= 1
+        node = nodes[top, SURFACE_STACK]
+        # The larger bound covers the rounding of boxes and distances.
+        farthest = min(enough, nearest) * (1.0 + TREE_ROUNDING)
+        if vectors.box_distance(surfaces.boxes[node], point) > farthest:
+            continue
+        start, count = surfaces.spans[node]
+        if count == 1:
+            nearest = min(nearest, vectors.triangle_distance(point, surfaces.triangles[start]))
+            if nearest < enough < np.inf:
+                break
+            continue
+        lower = top
+        upper = top + 1
+        top = push_children(nodes, SURFACE_STACK, top, node, count)
+        # The nearer child lies on top of the stack, so that it is searched first.
+        first_child = nodes[lower, SURFACE_STACK]
+        second_child = nodes[upper, SURFACE_STACK]
+        first_distance = vectors.box_distance(surfaces.boxes[first_child], point)
+        if first_distance < vectors.box_distance(surfaces.boxes[second_child], point):
+            nodes[lower, SURFACE_STACK] = second_child
+            nodes[upper, SURFACE_STACK] = first_child
+    return nearest
+
+
+@internal
+def boundaries_cross(
+    scene: ArmScene, n: int, axes: Floats, required: float, scratch: SceneScratch
+) -> bool:
+    """Return True if in pair n, the first boundary provably crosses the second solid.
+
+    It crosses a triangle, or enters a box or ball. ``required`` must be at least four times the
+    rounding of a point. With ``axes``, shape (k, 8), the proof holds in a whole box of
+    configurations; see :func:`cspace.arms._proofs.crossings.joint_displacement`.
+    """
+    solids = scene.solids
+    starts = solids.starts
+    i, j = scene.pairs[n]
+    matrix, shift = relative_pose(scratch.poses[solids.bodies[i]], scratch.poses[solids.bodies[j]])
+    for part in range(starts[i, FIRST_PART], starts[i + 1, FIRST_PART]):
+        for other_part in range(starts[j, FIRST_PART], starts[j + 1, FIRST_PART]):
+            root = solids.tree_roots[part]
+            other_root = solids.tree_roots[other_part]
+            # A part without a boundary has no tree.
+            if root < 0 or other_root < 0:
+                continue
+            scratch.nodes[1, 0] = root
+            scratch.nodes[1, 1] = other_root
+            if parts_cross(solids.trees, matrix, shift, axes, required, scratch.nodes):
+                return True
+    return False
+
+
+@internal
+def parts_cross(
+    trees: PartTree, matrix: vectors.Matrix, shift: Row, axes: Floats, required: float, nodes: Ints
+) -> bool:
+    """Return True if the boundary of one part provably crosses another part.
+
+    Row 1 of ``nodes``, shape (MAX_PENDING_PAIRS, 2), has the roots of their trees. The pose of the
+    first part, ``matrix`` and ``shift``, and the ``axes``, shape (k, 8), are as seen from the
+    second. With axes, the proof must hold while the joints move the first part.
+    """
+    displacement = 0.0
+    # The search returns the row of two leaves whose boxes meet, until none is left.
+    top = find_near_leaves(trees, matrix, shift, axes, nodes, 2)
+    while top > 0:
+        leaf = nodes[top, 0]
+        other_leaf = nodes[top, 1]
+        piece = trees.triangles[trees.spans[leaf, FIRST_ITEM]]
+        other = trees.triangles[trees.spans[other_leaf, FIRST_ITEM]]
+        top = find_near_leaves(trees, matrix, shift, axes, nodes, top)
+        if len(axes) > 0:
+            half = vectors.row_at(trees.boxes[leaf], HALF_SIDES)
+            center = vectors.apply_pose(matrix, shift, vectors.row_at(trees.boxes[leaf], CENTER))
+            displacement = joint_displacement(axes, center, math.sqrt(vectors.dot(half, half)))
+        # A row begins with three corners; its radius is not zero for balls and boxes.
+        corners = (
+            vectors.apply_pose(matrix, shift, vectors.row_at(piece, 0)),
+            vectors.apply_pose(matrix, shift, vectors.row_at(piece, 3)),
+            vectors.apply_pose(matrix, shift, vectors.row_at(piece, 6)),
+        )
+        is_solid = other[RADIUS] != 0.0
+        if is_solid and pierces(corners, other, required + displacement):
+            return True
+        if not is_solid and piece[RADIUS] == 0.0:
+            other_corners = (
+                vectors.row_at(other, 0),
+                vectors.row_at(other, 3),
+                vectors.row_at(other, 6),
+            )
+            if crosses(corners, other_corners, required, displacement):
+                return True
+    return False
+
+
+@kernel
+def bound_distances(
+    scene: ArmScene, points: Floats, out: Floats, nearest: Ints, scratch: SceneScratch
+) -> None:
+    """Write lower bounds of the smallest distance of any pair at configurations, shape (n, dof).
+
+    The bounds ``out``, shape (n,), are beyond the required distance of the scene, padding included.
+    Negative values prove nothing. ``nearest``, shape (n, 3), receives the pair and the two nodes
+    that set each bound.
+    """
+    nodes = scratch.nodes
+    for k in range(len(points)):
+        required = find_required_distance(scene, points[k], points[k])
+        forward_kinematics(scene.chain, points[k], points[k], 0.0, scratch.poses)
+        out[k] = np.inf
+        for n in range(len(scene.pairs)):
+            # The bound may not depend on earlier queries.
+            scratch.nearest_nodes[n, 0] = -1
+            scratch.directions[n, :] = 0.0
+            # A pair that is too near counts, even if its distance exceeds that of a pair with less
+            # padding.
+            enough = out[k] if out[k] < 0.0 else max(out[k] - scene.padding[n], 0.0)
+            slack = bound_slack(scene, n, NO_MOTION, scratch.axes[:0], required, enough, scratch)
+            hulls_meet = nodes[1, 0] != 0  # as tree_slack says
+            if slack >= 0.0 and hulls_meet and is_nested(scene, n, scratch, 0.0):
+                slack = -1.0
+            # Compare without the padding: (out - padding) + padding may round to less than out.
+            if slack < enough:
+                out[k] = slack
+                if slack >= 0.0:
+                    out[k] += scene.padding[n]
+                nearest[k, PAIR] = n
+                nearest[k, FIRST_NODE] = nodes[0, 0]
+                nearest[k, SECOND_NODE] = nodes[0, 1]
+
+
+@kernel
+def are_blocked(scene: ArmScene, points: Floats, out: Bools, scratch: SceneScratch) -> None:
+    """Write whether configurations, shape (n, dof), are proven BLOCKED, beyond rounding.
+
+    The proof is a pair whose boundaries cross, or a pair in which one shape encloses a point of the
+    other. ``out`` has shape (n,).
+    """
+    no_axes = scratch.axes[:0]
+    for k in range(len(points)):
+        required = find_required_distance(scene, points[k], points[k])
+        forward_kinematics(scene.chain, points[k], points[k], 0.0, scratch.poses)
+        out[k] = False
+        first = scratch.first_pair[0]
+        for offset in range(len(scene.pairs)):
+            n = (first + offset) % len(scene.pairs)
+            # Solids with separate hulls do not cross, and they have far fewer hulls than triangles.
+            slack = bound_slack(scene, n, NO_MOTION, no_axes, required, 0.0, scratch)
+            out[k] = slack < 0.0 and boundaries_cross(scene, n, no_axes, required, scratch)
+            if out[k]:
+                scratch.first_pair[0] = n
+                break
+        # Containment comes last, because most collisions are crossings.
+        for n in range(len(scene.pairs)):
+            out[k] = out[k] or is_nested(scene, n, scratch, required)

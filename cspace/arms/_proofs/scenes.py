@@ -1,0 +1,219 @@
+"""Scenes of links and obstacles, packed for kernels."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from cspace.arms._proofs.chain import DISTANCE_ROUNDING, Chain
+from cspace.arms._proofs.crossings import NO_TREE, PartTree, SurfaceTree, join_trees
+from cspace.arms._proofs.hulls import FIRST_CORNER, STOP_CORNER, Hulls, join_roots
+from cspace.arms._proofs.motion_proofs import ArmScene, Solids
+from cspace.arms._proofs.solids import Part, Solid
+from cspace.inside import Floats, Ints
+
+_NO_SURFACE: Final = SurfaceTree(
+    np.empty((0, 6)), NO_TREE.spans, np.empty((0, 3, 3)), np.empty(0, dtype=np.int64)
+)
+"""A tree without triangles."""
+
+
+class PackedParts(NamedTuple):
+    """Outer parts of links, joined for kernels.
+
+    Attributes
+    ----------
+    hulls : Hulls
+        Hulls of all parts. Node 0 is none of theirs, because it marks leaves.
+    surfaces : SurfaceTree
+        Closed surfaces of all parts.
+    roots : dict
+        Root of each part in ``hulls`` and in ``surfaces``; -1 for none.
+    """
+
+    hulls: Hulls
+    surfaces: SurfaceTree
+    roots: dict[Part, tuple[int, int]]
+
+
+class _HullList:
+    """Hulls that are joined after others, ``before``."""
+
+    def __init__(self, before: Hulls) -> None:
+        """Begin with the hulls ``before``."""
+        self._all = [before]
+        self._next_node = len(before.nodes)
+        self._next_corner = before.corners.shape[1]
+
+    def add(self, hulls: Hulls) -> int:
+        """Add the hulls of a part, and return their root; -1 if there are none."""
+        # Children and corners move up; a zero means that there are none.
+        node, corner = self._next_node, self._next_corner
+        shifts = np.where(hulls.nodes > 0, (node, corner, corner, 0, node), 0)
+        # The range of a hull's corners may start at 0, so its end decides.
+        shifts[:, FIRST_CORNER] = shifts[:, STOP_CORNER]
+        return self._append(hulls._replace(nodes=hulls.nodes + shifts))
+
+    def add_above(self, roots: Sequence[int], boxes: Sequence[Floats]) -> int:
+        """Add nodes above roots with boxes, shape (9,), and return the root of all."""
+        if len(roots) < 2:
+            return roots[0] if roots else -1
+        upper = join_roots(np.array(boxes), np.array(roots), self._next_node)
+        return self._append(Hulls(*upper, np.empty((3, 0))))
+
+    def _append(self, hulls: Hulls) -> int:
+        """Append hulls whose nodes are numbered already, and return their root."""
+        root = self._next_node
+        self._all.append(hulls)
+        self._next_node += len(hulls.nodes)
+        self._next_corner += hulls.corners.shape[1]
+        return root if len(hulls.nodes) else -1
+
+    def join(self) -> Hulls:
+        """Return all hulls."""
+        boxes, nodes, corners = zip(*self._all, strict=True)
+        return Hulls(np.concatenate(boxes), np.concatenate(nodes), np.concatenate(corners, axis=1))
+
+
+def pack_parts(parts: Sequence[Part]) -> PackedParts:
+    """Pack the outer parts of links."""
+    none = Hulls(np.zeros((1, 9)), np.zeros((1, 5), dtype=np.int64), np.empty((3, 0)))
+    hulls = _HullList(none)
+    roots = [hulls.add(part.hulls) for part in parts]
+    surfaces, surface_roots = join_trees(_list_surfaces(parts), _NO_SURFACE)
+    pairs = zip(roots, surface_roots.tolist(), strict=True)
+    return PackedParts(hulls.join(), surfaces, dict(zip(parts, pairs, strict=True)))
+
+
+def _list_surfaces(parts: Sequence[Part]) -> list[SurfaceTree]:
+    """Return the closed surfaces of outer parts; nothing apart from an only hull lies in a part."""
+    return [part.surface_tree if len(part.hulls.nodes) > 1 else _NO_SURFACE for part in parts]
+
+
+def make_scene(
+    chain: Chain,
+    solids: Sequence[Solid],
+    pairs: Sequence[tuple[int, int]],
+    packed: PackedParts,
+    padding: Floats | None = None,
+    margin: float = 0.0,
+) -> ArmScene:
+    """Make the scene of outer shapes, which proves FREE.
+
+    Pairs of solids, given by their indices, must be farther apart than the margin and their
+    padding, shape (p,), both in metres. ``packed`` are the parts of the arm's links.
+    """
+    bodies = [[outer for outer, _ in solid.bounds_pairs] for solid in solids]
+    parts = [part for body in bodies for part in body]
+    hulls = _HullList(packed.hulls)
+    surfaces, roots = _add_parts(hulls, parts, packed)
+    solid_roots = list[int]()
+    for body in bodies:
+        filled = [part for part in body if roots[part][0] >= 0]
+        boxes = [part.hulls.boxes[0] for part in filled]
+        solid_roots.append(hulls.add_above([roots[part][0] for part in filled], boxes))
+    root_pairs = np.array([roots[part] for part in parts], dtype=np.int64).reshape(-1, 2)
+    part_roots, surface_roots = np.ascontiguousarray(root_pairs.T)
+    scene = _pack(
+        solids,
+        parts,
+        # Hulls prove parts apart.
+        [part.tree if part.is_filled else NO_TREE for part in parts],
+        surfaces,
+        surface_roots,
+        [part.anchors for part in parts],
+        hulls.join(),
+        np.array(solid_roots, dtype=np.int64),
+        part_roots,
+    )
+    max_coordinate = _find_max_coordinate(chain, scene)
+    required = margin + 2.0 * DISTANCE_ROUNDING * max_coordinate
+    pair_indices = np.array(pairs, dtype=np.int64).reshape(-1, 2)
+    extra = np.zeros(len(pair_indices)) if padding is None else padding
+    return ArmScene(chain, scene, pair_indices, extra, max_coordinate, required)
+
+
+def _add_parts(
+    hulls: _HullList, parts: Sequence[Part], packed: PackedParts
+) -> tuple[SurfaceTree, dict[Part, tuple[int, int]]]:
+    """Add parts that are not packed yet; return all surfaces, and the roots of all parts."""
+    others = [part for part in parts if part not in packed.roots]
+    surfaces, surface_roots = join_trees(_list_surfaces(others), packed.surfaces)
+    added = (
+        (hulls.add(part.hulls), root)
+        for part, root in zip(others, surface_roots.tolist(), strict=True)
+    )
+    return surfaces, packed.roots | dict(zip(others, added, strict=True))
+
+
+def make_inner_scene(scene: ArmScene, solids: Sequence[Solid]) -> ArmScene:
+    """Make the inner scene, which proves BLOCKED, from the outer one.
+
+    Distances must exceed ``2 DISTANCE_ROUNDING max_coordinate`` for the positions of points, and as
+    much again for the rounding of :func:`cspace._support.vectors.triangle_distance`, which is below
+    ``2^-38`` of the largest link or obstacle.
+    """
+    parts = [inner for solid in solids for _, inner in solid.bounds_pairs]
+    trees = [part.tree for part in parts]
+    surfaces, roots = join_trees([part.surface_tree for part in parts], _NO_SURFACE)
+    probes = [part.probes for part in parts]
+    outer = scene.solids
+    hulls = outer.hulls, outer.roots, outer.part_roots
+    packed = _pack(solids, parts, trees, surfaces, roots, probes, *hulls)
+    required = 4.0 * DISTANCE_ROUNDING * scene.max_coordinate
+    no_padding = np.zeros(len(scene.pairs))
+    return ArmScene(scene.chain, packed, scene.pairs, no_padding, scene.max_coordinate, required)
+
+
+def _pack(
+    solids: Sequence[Solid],
+    parts: Sequence[Part],
+    trees: Sequence[PartTree],
+    surfaces: SurfaceTree,
+    surface_roots: Ints,
+    points: Sequence[Floats],
+    hulls: Hulls,
+    roots: Ints,
+    part_roots: Ints,
+) -> Solids:
+    """Pack solids for kernels, with a tree, a surface and points (n, 3) of each part.
+
+    ``parts`` are the outer or the inner parts of all solids. Given are ``surfaces`` with the root
+    of each part there, -1 for none, and ``hulls`` with the root of each solid and of each part
+    there; see :class:`Solids`.
+    """
+    joined_trees, tree_roots = join_trees(trees, NO_TREE)
+    # Surfaces, points, parts, and parts of boxes or balls, before each part.
+    counts = [
+        (root >= 0, len(rows), 1, part.is_filled)
+        for part, root, rows in zip(parts, surface_roots.tolist(), points, strict=True)
+    ]
+    before_parts = np.cumsum([(0, 0, 0, 0), *counts], axis=0, dtype=np.int64)
+    first_parts = np.cumsum([0, *(len(solid.parts) for solid in solids)])
+    *starts, filled_before = before_parts[first_parts].T
+    # An empty solid has no root, and reaches nowhere.
+    boxes = np.where(roots[:, np.newaxis] >= 0, hulls.boxes[roots], 0.0)
+    return Solids(
+        bodies=np.array([solid.body for solid in solids], dtype=np.int64),
+        hulls=hulls,
+        roots=roots,
+        part_roots=part_roots,
+        levers=np.linalg.norm(np.abs(boxes[:, :3]) + boxes[:, 3:6], axis=1),
+        trees=joined_trees,
+        tree_roots=tree_roots,
+        surfaces=surfaces,
+        surface_roots=surface_roots[surface_roots >= 0],
+        anchors=np.concatenate([np.empty((0, 3)), *points]),
+        has_solids=np.diff(filled_before) > 0,
+        starts=np.stack(starts, axis=1),
+    )
+
+
+def _find_max_coordinate(chain: Chain, solids: Solids) -> float:
+    """Bound all coordinates at any configuration, metres."""
+    boxes = solids.hulls.boxes[solids.roots[solids.roots >= 0]]
+    centers, half_sides = boxes[:, :3], boxes[:, 3:6]
+    largest_in_body = (np.abs(centers) + half_sides).max(initial=0.0)
+    return float(largest_in_body + chain.lengths.max())

@@ -1,0 +1,402 @@
+"""Links and obstacles prepared for proofs.
+
+They are trees of boundaries, closed surfaces, and anchors of parts.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Final, NamedTuple, cast
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cspace import Workspace
+from cspace.arms._checks import check_rigid
+from cspace.arms._proofs.crossings import (
+    PartTree,
+    SurfaceTree,
+    Triangles,
+    build_tree,
+    distinct_rows,
+    pack_boxes,
+)
+from cspace.arms._proofs.hulls import Hulls, build_hulls, wrap_convex
+from cspace.errors import InputError, UnitWarning
+from cspace.inside import (
+    Bools,
+    ExactShape,
+    Floats,
+    Ints,
+    Mesh,
+    Shape,
+    ShapeLike,
+    Voxels,
+    as_shape,
+    build_boxes,
+    check_memory,
+    frozen,
+    warn_user,
+)
+
+PROBES_PER_PART: Final = 60
+"""Approximate number of corners and inner points of each part that are sought in others, to prove
+collisions."""
+
+
+_BYTES_PER_CELL: Final = 4
+"""Memory per workspace cell while cells are converted to boxes, bytes."""
+
+
+_BYTES_PER_BOX: Final = 1000
+"""Peak memory per such box, including its trees, bytes; 640 to 900 were measured."""
+
+
+@dataclass(frozen=True, eq=False, init=False)
+class PosedShape:
+    """A shape at a pose in the frame of a body.
+
+    Parameters
+    ----------
+    shape : Shape, trimesh.Trimesh or path-like
+        Or anything else that ``cspace._shapes.as_shape`` takes; in space, metres.
+    pose : array-like, shape (4, 4)
+        From the frame of the shape to the frame of the body.
+
+    Raises
+    ------
+    InputError
+        If it is no shape, or the pose is no rigid motion.
+    """
+
+    shape: Shape
+    pose: Floats
+
+    def __init__(self, shape: ShapeLike, pose: ArrayLike) -> None:
+        """Convert what :func:`cspace._shapes.as_shape` takes, and the pose.
+
+        Fields of a frozen class are set through ``object``.
+        """
+        object.__setattr__(self, "shape", as_shape(shape))
+        object.__setattr__(self, "pose", frozen(check_rigid(pose, "pose")))
+
+
+@dataclass(frozen=True, eq=False, init=False)
+class Part(PosedShape):
+    """A posed shape of a link or an obstacle, with what proofs need of it."""
+
+    @cached_property
+    def bounds_pair(self) -> tuple[Part, Part]:
+        """Outer and inner shape at the same pose.
+
+        Both are the same object if the shape is exact.
+        """
+        outer = replace(self, shape=self.shape.outer)
+        if self.shape.inner is self.shape.outer:
+            return outer, outer
+        return outer, replace(self, shape=self.shape.inner)
+
+    @cached_property
+    def is_filled(self) -> bool:
+        """Whether the tree consists of solid boxes or balls."""
+        return False
+
+    @property
+    def _exact(self) -> ExactShape:
+        """The shape, if it has a boundary, trees and points inside."""
+        if not isinstance(self.shape, ExactShape):
+            raise TypeError("the shape has outer and inner bounds")
+        return self.shape
+
+    def transform(self, points: Floats) -> Floats:
+        """Transform points, shape (..., 3), to the frame of the body."""
+        return np.asarray(points @ self.pose[:3, :3].T + self.pose[:3, 3])
+
+    @cached_property
+    def boundary(self) -> Triangles:
+        """Boundary as triangles."""
+        simplices, radii = self._exact.boundary()
+        # Points and segments repeat their last corner.
+        corners = np.minimum(range(3), simplices.shape[1] - 1)
+        return Triangles(self.transform(simplices)[:, corners], radii)
+
+    @cached_property
+    def tree(self) -> PartTree:
+        """Tree of the triangles of the boundary."""
+        rows = self.boundary.pack()
+        no_levers = np.zeros(len(rows))  # they mark solid boxes and balls
+        return build_tree(rows, no_levers)
+
+    @cached_property
+    def hulls(self) -> Hulls:
+        """Tree of hulls of the boundary, or of boxes and balls."""
+        corners, windings = self.surface
+        if len(corners) == len(self.boundary.corners) > 0:
+            convex_hull = wrap_convex(corners)
+            if convex_hull is not None:
+                return convex_hull
+        first, second, third = corners.swapaxes(0, 1)
+        # The scalar triple product is six times the signed volume between triangle and origin.
+        six_volumes = (np.cross(first, second) * third).sum(axis=1)
+        return build_hulls(self.tree, float(six_volumes @ windings) / 6.0)
+
+    @cached_property
+    def surface(self) -> tuple[Floats, Ints]:
+        """Triangles of closed bodies, shape (n, 3, 3), and their multiplicities.
+
+        There are none if the rows are solids.
+        """
+        exact = self._exact
+        simplices, _ = exact.boundary()
+        has_triangles = simplices.shape[1] == 3
+        if self.is_filled or not exact.encloses or not has_triangles:
+            return np.empty((0, 3, 3)), np.empty(0, dtype=np.int64)
+        mesh = exact if isinstance(exact, Mesh) else Mesh(*exact.surface)
+        # The posed mesh has the same bodies. Equal corners are moved as one, to stay equal to the
+        # last bit.
+        vertices, numbers = distinct_rows(mesh.vertices)
+        is_closed = mesh.windings != 0
+        corner_numbers = numbers[mesh.faces[is_closed]]
+        return self.transform(vertices)[corner_numbers], mesh.windings[is_closed]
+
+    @cached_property
+    def surface_tree(self) -> SurfaceTree:
+        """Tree of the triangles of closed bodies."""
+        corners, windings = self.surface
+        boxes, order, spans = build_boxes(corners.min(axis=1), corners.max(axis=1))
+        return SurfaceTree(boxes, spans, corners[order], windings[order])
+
+    @cached_property
+    def anchors(self) -> Floats:
+        """One point of each connected part (n, 3), if hollow."""
+        if self.is_filled:
+            return np.empty((0, 3))
+        if len(self.hulls.nodes) == 1:
+            return self.hulls.corners.T[:1]
+        from scipy.sparse import coo_array
+        from scipy.sparse.csgraph import connected_components
+
+        points, numbers = distinct_rows(self.boundary.corners.reshape(-1, 3))
+        firsts, seconds, thirds = numbers.reshape(-1, 3).T
+        edges = np.concatenate([firsts, seconds]), np.concatenate([seconds, thirds])
+        graph = coo_array((np.ones(len(edges[0])), edges), shape=(len(points), len(points)))
+        _, labels = connected_components(graph, directed=False)
+        _, first_of_part = np.unique(labels, return_index=True)
+        return points[first_of_part]
+
+    @cached_property
+    def extremes(self) -> Floats:
+        """Corners of the convex hull of the boundary's corners, shape (n, 3)."""
+        from scipy.spatial import ConvexHull, QhullError
+
+        corners, _ = distinct_rows(self.boundary.corners.reshape(-1, 3))
+        try:
+            return np.asarray(corners[ConvexHull(corners).vertices])
+        except QhullError:  # they are flat, or few
+            return corners
+
+    @cached_property
+    def probes(self) -> Floats:
+        """Some corners of the boundary, and lattice points inside, shape (n, 3).
+
+        There are none if the tree consists of solids.
+        """
+        if self.is_filled:
+            return np.empty((0, 3))
+        corners, _ = distinct_rows(self.boundary.corners.reshape(-1, 3))
+        stride = math.ceil(len(corners) / PROBES_PER_PART)
+        some_corners = corners[::stride]
+        # A surface that encloses nothing has no points inside.
+        if not self._exact.encloses:
+            return some_corners
+        lower, upper = self._exact.bounds
+        size = upper - lower
+        # A long box would have far too many points along it.
+        step = max(np.cbrt(size.prod() / PROBES_PER_PART), size.max() / PROBES_PER_PART)
+        counts = np.maximum(1, np.rint(size / step)).astype(np.int64)
+        indices = np.array(list(np.ndindex(*counts.tolist())))
+        lattice = lower + (indices + 0.5) * size / counts
+        inside = lattice[self._exact.contains(lattice)]
+        return np.concatenate([some_corners, self.transform(inside)])
+
+
+@dataclass(frozen=True, eq=False)
+class StaticShape(Part):
+    """A shape that never moves.
+
+    Boxes, cells and balls are tested as solids, others by their boundary.
+
+    Attributes
+    ----------
+    reach : float
+        Length above which a connected part cannot lie inside a link, metres.
+    """
+
+    reach: float
+
+    @cached_property
+    def is_filled(self) -> bool:
+        """Whether the tree consists of solid boxes or balls."""
+        simplices, _ = self._exact.boundary()
+        has_balls = simplices.shape[1] == 1
+        return self._exact.is_boxes or has_balls
+
+    @cached_property
+    def tree(self) -> PartTree:
+        """Tree of boxes, of balls, or of the triangles of the boundary.
+
+        The lever of a box or ball is 1 if its connected part is small enough to lie inside a link,
+        otherwise 0.
+        """
+        if self._exact.is_boxes:
+            lows, highs, sizes = self._exact.boxes
+            fits_inside = (sizes <= self.reach).astype(np.float64)
+            return build_tree(pack_boxes(lows, highs, self.pose), fits_inside)
+        rows = self.boundary.pack()
+        return build_tree(rows, np.full(len(rows), float(self.is_filled)))
+
+
+class Solid(NamedTuple):
+    """A link or an obstacle, moved and tested as one.
+
+    Attributes
+    ----------
+    name : str
+    body : int
+    parts : tuple of Part
+    """
+
+    name: str
+    body: int
+    parts: tuple[Part, ...]
+
+    @property
+    def bounds_pairs(self) -> list[tuple[Part, Part]]:
+        """Outer and inner shape of each part."""
+        return [part.bounds_pair for part in self.parts]
+
+
+# ---- obstacles -----------------------------------------------------------------------------------
+
+
+def named_obstacles(obstacles: object) -> Mapping[str, object]:
+    """Return obstacles by their names.
+
+    Raises
+    ------
+    InputError
+        If they are neither a workspace nor a mapping.
+    """
+    named = {"workspace": obstacles} if isinstance(obstacles, Workspace) else obstacles
+    if not isinstance(named, Mapping):
+        raise InputError(
+            "obstacles",
+            f"is a {type(obstacles).__name__}",
+            "it must be a workspace or a mapping",
+        )
+    return named
+
+
+def place_obstacle(obstacle: object, name: str, base: Floats) -> PosedShape | None:
+    """Place an obstacle in an arm's base frame.
+
+    ``base``, shape (4, 4), leads from the frame of the obstacles to that of the base. Returns None
+    for a workspace without obstacles.
+
+    Raises
+    ------
+    InputError
+        If it is in the plane or no obstacle, its pose is no rigid motion, or its cells do not fit
+        into memory.
+    """
+    if isinstance(obstacle, Workspace):
+        return _place_workspace(obstacle, name, base)
+    if isinstance(obstacle, PosedShape):
+        return place_shape(obstacle.shape, name, base @ obstacle.pose)
+    if isinstance(obstacle, Mapping):
+        problem = f"hold {name!r}, a {type(obstacle).__name__}"
+        raise InputError("obstacles", problem, "arms are in space")
+    try:
+        shape = as_shape(cast(ShapeLike, obstacle))
+    except InputError as error:
+        raise type(error)(
+            "obstacles",
+            f"hold {name!r}, a {type(obstacle).__name__}: {error.argument} {error.problem}",
+            error.rule,
+            error.hint,
+        ) from error
+    return place_shape(shape, name, base)
+
+
+def place_shape(shape: Shape, name: str, pose: Floats) -> PosedShape:
+    """Place a shape in space by a rigid motion, shape (4, 4).
+
+    Raises InputError, which names the obstacle ``name``, if the shape is in the plane.
+    """
+    if shape.dim != 3:
+        raise InputError(
+            "obstacles",
+            f"hold {name!r}, a shape of the plane",
+            "arms are in space",
+        )
+    placed = PosedShape(shape, pose)
+    lower, upper = shape.outer.bounds
+    middle = placed.pose[:3, :3] @ (0.5 * (lower + upper)) + placed.pose[:3, 3]
+    gap = np.linalg.norm(middle) - 0.5 * np.linalg.norm(upper - lower)
+    # Largest size, and distance from an arm, metres, of an obstacle whose unit is not suspected.
+    suspected = 100.0
+    problem = f"{' x '.join(f'{side:.6g} m' for side in upper - lower)} large"
+    if gap > suspected:
+        problem = f"{gap:.4g} m away from the base of the arm"
+    if max(gap, (upper - lower).max()) > suspected:
+        warn_user(
+            f"the obstacle {name!r} is {problem}; units are metres",
+            UnitWarning,
+        )
+    return placed
+
+
+def _place_workspace(obstacle: Workspace, name: str, base: Floats) -> PosedShape | None:
+    """Place a workspace's occupied cells or shape, or None.
+
+    ``base``, shape (4, 4), leads from the frame of the workspace to that of the arm's base.
+    """
+    grid = obstacle.grid
+    if grid.dim != 3:
+        raise InputError(
+            "obstacles",
+            f"hold {name!r}, a map of the plane",
+            "arms are in space",
+        )
+    # One shape is exact, whereas its cells are not.
+    if obstacle.shapes is not None and len(obstacle.shapes) == 1:
+        return place_obstacle(obstacle.shapes[0], name, base)
+    outer = obstacle.outer
+    # Unknown cells may be obstacles, but prove no collision.
+    inner = obstacle.inner if obstacle.unknown is None else obstacle.inner & ~obstacle.unknown
+    if not outer.any():
+        return None
+    # Refuse cells whose boxes would not fit into memory.
+    runs = _count_runs(outer)
+    if inner is not outer:
+        runs += _count_runs(inner)
+    needed = _BYTES_PER_CELL * grid.size + _BYTES_PER_BOX * runs
+    check_memory(needed, name, grid)
+
+    def make_voxels(cells: Bools) -> Voxels:
+        """Return cells as a shape that no update changes."""
+        return Voxels(cells.copy(), grid.spacing, np.asarray(grid.lower))
+
+    if inner is outer:
+        return PosedShape(make_voxels(outer), base)
+    return PosedShape(make_voxels(outer).with_inner(make_voxels(inner)), base)
+
+
+def _count_runs(cells: Bools) -> int:
+    """Count runs of occupied cells along the last axis."""
+    begins_later = cells[..., 1:] > cells[..., :-1]
+    begins_first = cells[..., 0]
+    return int(np.count_nonzero(begins_later) + np.count_nonzero(begins_first))

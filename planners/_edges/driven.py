@@ -1,0 +1,102 @@
+"""Edges of robots that drive along their x axis, and their motions on a lattice of headings."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import ClassVar, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cspace.inside import Drive, Endpoint, Floats, Geometry, Ints
+from planners._edges.local_planner import LocalPlanner
+
+FINE_HEADINGS: Final = 96
+"""Number of headings of the finest lattice of a car that does not reverse; finer ones move to and
+fro in slots. Searches that stall on a lattice as fine begin anew around the blocks in vain."""
+
+
+class Motions(NamedTuple):
+    """The m motions of a robot at each of h headings. Costs are in metres."""
+
+    headings: Floats  # (h,), yaws, radians
+    next_heading: Ints  # (h, m), the heading after each motion
+    steering: Ints  # (m,), 1 to the left, -1 to the right, 0 straight on or on the spot
+    lengths: Floats  # (h, m), negative in reverse, zero on the spot
+    unit: float  # of the lengths, metres: the turning radius of a car, otherwise 1
+    radius: float | None  # turning radius of a car
+    costs: Floats  # (h, m)
+    max_nodes: int  # after which the search ends
+    nanoseconds: int  # of work, to add a node and to expand it
+    side: float  # of the cells that hold one configuration for each heading
+    switch_cost: float  # of a change between driving ahead and in reverse
+    greed: float  # weight of the remaining cost; above 1, paths are found sooner but may be longer
+    near: float  # distance from the goal within which each node tries an edge to the goal
+    geometry: Geometry  # proves motions of a car that cells do not prove
+
+
+class DrivenEdges(LocalPlanner):
+    """Edges of a drive, whose paths a search on a lattice of headings finds."""
+
+    drive: Drive
+    has_heading = True
+    search = "Lattice"
+
+    narrow_cost: ClassVar[float] = 1.0
+    """Share by which blocks of cells cost more where the robot passes at few rotations."""
+
+    reverse_weight: ClassVar[float] = 1.0
+    """Cost of a metre that is driven in reverse, in metres driven ahead."""
+
+    @property
+    def name(self) -> str:
+        """Name of the drive, in messages."""
+        return type(self.drive).__name__
+
+    @property
+    def reverses(self) -> bool:
+        """Whether the robot also drives backwards."""
+        return self.drive.reverse
+
+    @property
+    def max_lateral_acceleration(self) -> float | None:
+        """Largest acceleration across the way, m/s^2, if the drive has one."""
+        return self.drive.max_lateral_acceleration
+
+    @property
+    def escape_reach(self) -> float:
+        """Metres around an end whose room tells where to begin; 0 for the start in any case."""
+        return 0.0
+
+    @abstractmethod
+    def list_lattices(
+        self, ends: Sequence[Endpoint], yaws: Floats, lengths: Floats, is_backwards: bool
+    ) -> list[Motions]:
+        """List the motions of each lattice, coarse to fine.
+
+        ``ends`` are those of the path, the first one that of the search. ``yaws`` ascend; they are
+        the directions from a cell to others near it, ``lengths`` cells away. A search that
+        ``is_backwards`` begins at the goal.
+        """
+
+    def edge_lengths(self, starts: Floats, ends: Floats) -> Floats:
+        """Return the lengths of edges, shape (n,), with weighted rotations."""
+        rows = np.hstack([starts, ends]).tolist()
+        return np.array([self.edge_length(*row) for row in rows])
+
+    def find_directions(self, rows: Floats) -> NDArray[np.int8]:
+        """Return whether rows (n, 3) go ahead (1), back (-1) or neither."""
+        if len(rows) < 2:
+            return np.ones(len(rows), dtype=np.int8)
+        dx, dy = np.diff(rows[:, :2], axis=0).T
+        yaws = rows[1:, 2]
+        # The sign of the step along the heading; the first row has that of the second.
+        signs = np.sign(dx * np.cos(yaws) + dy * np.sin(yaws)).astype(np.int8)
+        return np.concatenate([signs[:1], signs])
+
+    def list_drives(self) -> list[Drive | None]:
+        """List the drive, and one like it that reverses."""
+        reversing: list[Drive | None] = [] if self.reverses else [replace(self.drive, reverse=True)]
+        return [self.drive, *reversing]

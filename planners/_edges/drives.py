@@ -1,0 +1,83 @@
+"""The drives, and the choice of edges by a drive."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final, cast
+
+from cspace import Space
+from cspace.errors import InputError
+from cspace.inside import Car as Car
+from cspace.inside import ConfigurationMap, Drive, check_drive
+from cspace.inside import Differential as Differential
+from planners._edges.local_planner import LocalPlanner
+from planners._edges.own_space import check_space
+
+
+def _load_differential() -> type[LocalPlanner]:
+    from planners._edges.differential import TurnDriveTurn
+
+    return TurnDriveTurn
+
+
+def _load_car() -> type[LocalPlanner]:
+    from planners._edges.cars import CarCurves
+
+    return CarCurves
+
+
+DRIVES: Final[dict[type[Drive], Callable[[], type[LocalPlanner]]]] = {
+    Differential: _load_differential,
+    Car: _load_car,
+}
+"""Drives, and the class of the edges of each, which is loaded when it is needed."""
+
+
+def local_planner(
+    space: Space,
+    drive: Drive | None = None,
+    bidirectional: bool = False,
+) -> LocalPlanner:
+    """Make the local planner of a space from :class:`LocalPlanner` options.
+
+    Raises InputError if ``space`` is no :class:`cspace.Space`; ``drive`` is no drive, or given for
+    a space other than a map of x, y, yaw; or its turning radius is out of range.
+    """
+    check_space(space)
+    edges = edges_of(check_drive(drive))(space, drive, bidirectional)
+    if edges.has_heading and not has_drives(space):
+        raise InputError(
+            "drive",
+            f"is {drive!r} and the axes are ({', '.join(space.axes)})",
+            "it is for the axes (x, y, yaw) of a map",
+        )
+    edges.check_drive()
+    return edges
+
+
+def edges_of(drive: Drive | None) -> type[LocalPlanner]:
+    """Return the class of the edges of a drive; None stands for a holonomic robot."""
+    if drive is None:
+        return LocalPlanner
+    return next(load() for kind, load in DRIVES.items() if isinstance(drive, kind))
+
+
+def list_examples() -> list[LocalPlanner]:
+    """List edges of examples of each drive, without a space, for messages and pages."""
+    kinds: list[type[LocalPlanner]] = [LocalPlanner, *(load() for load in DRIVES.values())]
+    return [kind(cast(Space, None), drive) for kind in kinds for drive in kind.examples]
+
+
+def check_axes(space: Space, axes: tuple[str, ...], owner: str) -> None:
+    """Raise InputError if a map has other axes than a plan."""
+    if space.axes != axes:
+        raise InputError(
+            "space",
+            f"has the axes {', '.join(space.axes)}",
+            f"the {owner} has {', '.join(axes)}",
+        )
+
+
+def has_drives(space: Space) -> bool:
+    """Return True if drives are for the space."""
+    return isinstance(space, ConfigurationMap) and space.axes == ("x", "y", "yaw")

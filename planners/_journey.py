@@ -1,0 +1,337 @@
+"""The searches from stage to stage of a plan, along the most promising routes."""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_left
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from cspace.inside import (
+    ConfigurationMap,
+    Effort,
+    Endpoint,
+    Floats,
+)
+from planners._edges.local_planner import Endpoints, LocalPlanner
+from planners._goals import (
+    Room,
+    begin_in_rooms,
+    end_in_rooms,
+    find_routes,
+    sort_goals,
+)
+from planners._route_search import measure_left, search_and_prove, sum_times
+from planners._searches.paths import reached_goal
+from planners._stages import Existence, Stage
+from planners._task import PlanTask, SearchResult
+
+MAX_SAVING: Final = 0.01
+"""Share by which the lower bound of another path between the same two rooms must be less, for a
+further search: a path begins and ends where it leaves and enters rooms."""
+
+MAX_DETOUR: Final = 1.5
+"""Length of a path by its lower bound, up to which the bounds of others tell whether to search."""
+
+GOAL_SHARE: Final = 0.5
+"""Share of the effort left for the search to one of several goals, except the last one."""
+
+FURTHER_FACTOR: Final = 2.0
+MIN_FURTHER: Final = Effort.from_seconds(0.05, math.inf)
+"""Work of a further search to a room for a drive, relative to that of the best one, and its least
+value: configurations of a room may be free, and yet out of the drive's reach."""
+
+
+class Journey(NamedTuple):
+    """The search of a plan, up to a stage that is not reached."""
+
+    task: PlanTask  # of the last part
+    start: Endpoint
+    result: SearchResult  # the whole path
+    existence: Existence  # of a path through all stages of the plan
+    number: int  # of the last stage
+    vias: list[int]  # rows of the path at the places on the way
+
+
+def search_stages(task: PlanTask, stages: Sequence[Stage]) -> Journey:
+    """Search for a path from stage to stage."""
+    edges = task.edges
+    origin, first, *rest = stages
+    routes = _find_routes(edges, origin, first, is_first=True)
+    existence = Existence(edges, stages, routes)
+    if rest and isinstance(edges.space, ConfigurationMap) and len(routes) > 1:
+        routes = existence.select_routes() or routes
+    legs, searched = _find_legs(task, existence, routes)
+    result, vias = _join_legs(legs, searched)
+    limit = legs[-1].task.limit + (result.planning - legs[-1].result.planning)
+    part = replace(legs[-1].task, limit=limit, fallback=task.fallback)
+    path = legs[0].result.path
+    start = tuple(path[0].tolist()) if len(path) else routes[0][0]
+    number = len(legs)
+    if not len(result.path) and existence.is_disconnected:
+        # No path leads through the first so many stages.
+        counts = range(2, len(stages))
+        number = 1 + bisect_left(counts, True, key=lambda k: existence.upto(k).is_disconnected)
+        if number > len(legs):
+            part = replace(part, endpoints=(start, *stages[number].goals))
+    return Journey(part, start, result, existence, number, vias)
+
+
+class Leg(NamedTuple):
+    """The search from a stage to the next."""
+
+    task: PlanTask
+    result: SearchResult
+    others: list[Endpoints]  # routes to other goals
+
+
+def _find_legs(
+    task: PlanTask, existence: Existence, routes: Sequence[Endpoints]
+) -> tuple[list[Leg], list[SearchResult]]:
+    """Search from stage to stage, at first along routes; return the legs and all results.
+
+    If an end leads no further, another one of its stage is tried, or of those before. While there
+    are others, searches hurry; if all fail, the best one is repeated with the time left. The legs
+    are all, or those up to the farthest stage that was not reached.
+    """
+    stages = existence.stages
+    starts = stages[0].rooms
+    # FREE cells tell at once that an end leads no further; other searches take long to end.
+    is_slow = task.edges.exact or task.edges.has_heading
+    legs: list[Leg] = []
+    best: list[Leg] = []
+    searched: list[SearchResult] = []
+    tried: set[tuple[int, Endpoint]] = set()
+    hurries = is_last_try = False
+    while True:
+        number = len(legs) + 1
+        missing = len(stages) - number
+        limit = measure_left(task, searched).share(1.0 / missing)
+        leg = _search_leg(_limit_leg(task, limit, hurries), stages, number, starts, routes)
+        searched.append(leg.result)
+        tip = [*legs, leg]
+        if len(leg.result.path):
+            if missing == 1:
+                return tip, searched
+            legs.append(leg)
+            hurries |= is_slow and not is_last_try and bool(leg.others)
+            end = tuple(leg.result.path[-1].tolist())
+            if (number, end) not in tried:
+                tried.add((number, end))
+                origin = Stage.of(stages[number].name, [end])
+                starts = origin.rooms
+                routes = _find_routes(task.edges, origin, stages[number + 1])
+                continue
+        best = max(best, tip, key=len)
+        if is_last_try or not (existence.may_join and measure_left(task, searched).is_left):
+            return best, searched
+        choice = _pop_choice(legs)
+        if choice is not None:
+            starts, routes = choice.task.starts, choice.others
+        elif hurries:
+            hurries, is_last_try = False, True
+            *legs, leg = best
+            starts, routes = leg.task.starts, leg.task.routes
+        else:
+            return best, searched
+
+
+def _pop_choice(legs: list[Leg]) -> Leg | None:
+    """Remove legs up to the last one with other routes, and return that."""
+    while legs:
+        leg = legs.pop()
+        if leg.others:
+            return leg
+    return None
+
+
+def _limit_leg(task: PlanTask, limit: Effort, hurries: bool) -> PlanTask:
+    """Return a task with a limit; if it hurries, time is left for others.
+
+    It has no fallback then, or half of the time unless the planner would use all of it anyway.
+    """
+    if hurries and task.fallback is None and not task.planner.optimises:
+        limit = limit.share(GOAL_SHARE)
+    return replace(task, limit=limit, fallback=None if hurries else task.fallback)
+
+
+def _search_leg(
+    task: PlanTask,
+    stages: Sequence[Stage],
+    number: int,
+    starts: tuple[Room, ...],
+    routes: Sequence[Endpoints],
+) -> Leg:
+    """Search for the best path along routes to a stage, whose end leads on to the next."""
+    onward = stages[number + 1].goals if number + 1 < len(stages) else ()
+    task = replace(
+        task,
+        endpoints=routes[0],
+        routes=tuple(routes),
+        starts=starts,
+        rooms=stages[number].rooms,
+    )
+    result = search_goals(task, onward)
+    return Leg(task, result, _leave_out(routes, result.goal))
+
+
+def _leave_out(routes: Sequence[Endpoints], goal: Endpoint) -> list[Endpoints]:
+    """Return routes without a goal."""
+    kept = ((start, *(q for q in goals if q != goal)) for start, *goals in routes)
+    return [route for route in kept if len(route) > 1]
+
+
+def _find_routes(
+    edges: LocalPlanner, origin: Stage, stage: Stage, is_first: bool = False
+) -> list[Endpoints]:
+    """Return starts with their goals, the most promising first."""
+    starts = origin.rooms
+    is_map = isinstance(edges.space, ConfigurationMap)
+    if is_map and not (len(starts) == 1 and starts[0].is_point):
+        goals = stage.rooms or [Room(stage.name, np.array(q)) for q in stage.goals]
+        return find_routes(edges, starts, goals, stage.name)
+    if stage.rooms:
+        (start,) = origin.goals
+        # They were found from the first start.
+        ends = stage.goals if is_first else stage.find_goals(edges, start)
+        return [(start, goal) for goal in ends]
+    routes = [(start, *sort_goals(edges.space, stage.goals, start)) for start in origin.goals]
+    if len(routes) == 1:
+        return routes
+    return sorted(routes, key=lambda route: edges.min_length(*np.array(route[:2])))
+
+
+def _join_legs(
+    legs: Sequence[Leg], searched: Sequence[SearchResult]
+) -> tuple[SearchResult, list[int]]:
+    """Return the whole way with the times of all searches, and its rows at places on the way.
+
+    If a place is not reached, it is the result of the last leg, without rows.
+    """
+    results = [leg.result for leg in legs]
+    proven = all(each.proven for each in results)
+    whole = replace(sum_times(results[-1], searched), proven=proven)
+    if len(legs) == 1 or not len(whole.path):
+        return whole, []
+    # Each path begins where the one before ends.
+    paths = [results[0].path, *(each.path[1:] for each in results[1:])]
+    ends = np.cumsum(list(map(len, paths))) - 1
+    through = f"{len(legs) - 1} places" if len(legs) > 2 else "1 place"
+    return replace(whole, path=np.concatenate(paths), note=f"through {through}"), ends[:-1].tolist()
+
+
+def search_goals(task: PlanTask, onward: Sequence[Endpoint] = ()) -> SearchResult:
+    """Search for a path between the rooms of a task, and keep the cheapest of those found.
+
+    Before goals to go onward to, the way that counts goes on to the nearest of them, without
+    obstacles. Paths are searched along one route after another, unless its lower bound is no
+    shorter than the best way. Each search but the last has half of the time left.
+    """
+    if len(task.routes) == 1 and not task.rooms and all(room.is_point for room in task.starts):
+        return _search_route(task, task.routes[0], task.limit)
+    results: list[SearchResult] = []
+    best = RoutedPath(SearchResult(np.empty((0, task.edges.space.size))), math.inf, math.inf)
+    for number, route in enumerate(task.routes):
+        least = _bound_route(task.edges, route, onward)
+        if best.result.proven and not _may_cost_less(task, route, least, best, onward):
+            continue
+        if not measure_left(task, results).is_left:
+            break
+        is_last = number == len(task.routes) - 1
+        found = _search_route(task, route, _limit_route(task, results, best.result, is_last))
+        results.append(found)
+        cost = _measure_way(task.edges, found.path, onward) if found.proven else math.inf
+        if cost < best.cost or not (found.proven or len(best.result.path)):
+            best = RoutedPath(found, cost, least)
+    return sum_times(best.result, results) if results else best.result
+
+
+class RoutedPath(NamedTuple):
+    """What the search along a route found, with its cost and a lower bound of all its paths."""
+
+    result: SearchResult
+    cost: float
+    least: float
+
+
+def _may_cost_less(
+    task: PlanTask, route: Endpoints, least: float, best: RoutedPath, onward: Sequence[Endpoint]
+) -> bool:
+    """Return False if a route is not worth a search after the best way that was found."""
+    bound = best.cost
+    edges = task.edges
+    # Lower bounds are lengths. They say little of ways that obstacles make much longer, and of
+    # places with other costs.
+    is_told = best.cost < MAX_DETOUR * best.least
+    if edges.weights is not None:
+        path = best.result.path
+        is_told &= (1.0 - MAX_SAVING) * edges.path_cost(path) <= edges.path_length(path)
+    if (
+        not edges.has_heading
+        and is_told
+        and not onward
+        and _share_rooms(task, route, best.result.path)
+    ):
+        bound = min(bound, (1.0 - MAX_SAVING) * best.least)
+    return least < bound
+
+
+def _bound_route(edges: LocalPlanner, route: Endpoints, onward: Sequence[Endpoint]) -> float:
+    """Return a lower bound of the ways along a route, and onward from its goals."""
+    start, *goals = np.array(route)
+    return min(
+        edges.min_length(start, goal) + _measure_onward(edges, goal, onward) for goal in goals
+    )
+
+
+def _limit_route(
+    task: PlanTask, results: Sequence[SearchResult], best: SearchResult, is_last: bool
+) -> Effort:
+    """Return the limit of the search of a route, after those before and the best of them."""
+    limit = measure_left(task, results)
+    if not is_last:
+        limit = limit.share(GOAL_SHARE)
+    if best.proven and task.edges.has_heading:
+        work = max(FURTHER_FACTOR * best.planning.work, MIN_FURTHER.work)
+        limit = limit.at_most(Effort(work, math.inf))
+    return limit
+
+
+def _search_route(task: PlanTask, route: Endpoints, limit: Effort) -> SearchResult:
+    """Search along one route, and end a proven path where it first enters the rooms."""
+    edges = task.edges
+    existence = Existence.along(edges, route)
+    found = search_and_prove(replace(task, endpoints=route, limit=limit, existence=existence))
+    if not len(found.path):
+        return found
+    reached = reached_goal(found.path, route, edges.space.is_periodic)
+    found = replace(found, goal=route[max(reached, 1)])
+    if not found.proven:
+        return found
+    path = end_in_rooms(edges, found.path, task.rooms)
+    return replace(found, path=begin_in_rooms(edges, path, task.starts))
+
+
+def _measure_way(edges: LocalPlanner, path: Floats, onward: Sequence[Endpoint]) -> float:
+    """Return the cost of a path, and the length onward from its end."""
+    return edges.path_cost(path) + _measure_onward(edges, path[-1], onward)
+
+
+def _share_rooms(task: PlanTask, route: Endpoints, path: Floats) -> bool:
+    """Return True if a route leads from and to the same rooms as a path."""
+    space = task.edges.space
+    ends = np.array([route[0], path[0]]), np.array([route[-1], path[-1]])
+    return all(
+        any(room.contains(space, rows).all() for room in rooms)
+        for rooms, rows in zip((task.starts, task.rooms), ends, strict=True)
+    )
+
+
+def _measure_onward(edges: LocalPlanner, end: Floats, goals: Sequence[Endpoint]) -> float:
+    """Return the length of the shortest edge from a configuration to goals; 0 without any."""
+    rows = np.reshape(goals, (-1, len(end)))
+    lengths = edges.edge_lengths(np.broadcast_to(end, rows.shape), rows)
+    return float(lengths.min()) if len(rows) else 0.0

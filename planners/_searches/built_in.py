@@ -1,0 +1,92 @@
+"""What the searches that run without OMPL share, and the search of a space of its own."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+
+import numpy as np
+
+from cspace import Space
+from cspace.errors import InputError
+from cspace.inside import NEVER, ConfigurationSpace, Floats, SearchOptions, is_over, now
+from planners._edges.own_space import check_found_path
+from planners._searches.paths import reached_goal
+from planners._task import NO_SEARCH, Planner, PlanTask, SearchResult
+
+
+class BuiltInSearch(Planner):
+    """A search of our own.
+
+    Attributes
+    ----------
+    tells_early : bool
+        Whether it finds soon that no path exists, and whether an edge joins start and goal.
+    """
+
+    tells_early = True
+
+    def find(self, task: PlanTask) -> SearchResult:
+        """Search for a path between the endpoints of a task."""
+        edges = task.edges
+        if (edges.exact or not self.tells_early) and not task.may_succeed():
+            return SearchResult(np.empty((0, edges.space.size)))
+        began = now()
+        path, proof = self.find_path(task)
+        if len(path) > 2 and is_over(NEVER):
+            path = path[:0]  # to prove and measure thousands of edges takes long
+        planning = now() - began
+        is_edge = len(path) == 2 and self.tells_early and edges.weights is None
+        return SearchResult(path, NO_SEARCH if is_edge else "", planning, lattice=proof)
+
+    @abstractmethod
+    def find_path(self, task: PlanTask) -> tuple[Floats, str]:
+        """Return waypoints, shape (n, size), and what a lattice proves; n is 0 without a path."""
+
+
+class SpaceSearch(BuiltInSearch):
+    """One of a space's own searches, which its method ``search`` runs."""
+
+    tells_early = False
+    keeps = True
+    counts_iterations = True
+
+    def __init__(self, name: str) -> None:
+        """Keep the name that the space gives it."""
+        self.name = name
+
+    def takes_space(self, space: Space) -> bool:
+        """Return whether the space has a search of the name."""
+        return self.name in space.searches
+
+    def prepare(self, task: PlanTask) -> None:
+        """Raise InputError for poses whose axes are in another order."""
+        if not isinstance(task.edges.space, ConfigurationSpace):
+            from planners._ompl.states import find_state_kind
+
+            find_state_kind(task.edges.space)
+
+    def find_path(self, task: PlanTask) -> tuple[Floats, str]:
+        """Return the waypoints that the space finds, checked if it is one of the user's."""
+        space = task.edges.space
+        options = SearchOptions(
+            task.simplify, task.edges.exact, task.iterations, task.seed, task.limit
+        )
+        path = space.search(self.name, task.endpoints, options)
+        if not isinstance(space, ConfigurationSpace):
+            path = check_found_path(space, path)
+            if len(path):
+                _check_ends(task, path)
+        return path, ""
+
+
+def _check_ends(task: PlanTask, path: Floats) -> None:
+    """Raise InputError unless a path of a space's own search leads from the start to a goal."""
+    space = task.edges.space
+    rows = space.rotations.make_canonical(path)
+    if reached_goal(rows, task.endpoints, space.is_periodic):
+        return
+    first, last = map(tuple, rows[[0, -1]].tolist())
+    start, *goals = map(str, task.endpoints)
+    problem = f"returned a path from {first} to {last}"
+    rule = f"a path leads from {start} to {' or '.join(goals[:3])}, or has no row"
+    raise InputError("search", problem, rule)

@@ -1,0 +1,789 @@
+"""Search on a lattice of headings, for non-holonomic drives.
+
+The search runs from the start, guided by the length of the shortest chain of blocks of cells to the
+goal. It keeps one configuration for each cell and heading (hybrid A*), so positions are not
+rounded, and map or geometry prove each motion. From nodes near the goal, and from some others, one
+edge may lead to the goal itself. For a car that reverses, start and goal change roles if there is
+less room at the goal. Then :func:`shorten_path` shortens the path.
+
+If metres cost more in some cells, a second search minimises the cost. It goes on after the first
+edge to the goal, until no other node promises a cheaper path.
+
+References
+----------
+M. Pivtoraiko and A. Kelly, "Efficient constrained path planning via search in state
+lattices", 2005; D. Dolgov, S. Thrun, M. Montemerlo and J. Diebel, "Practical search techniques in
+path planning for autonomous driving", 2008.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Final, NamedTuple, cast
+
+import numpy as np
+import shapely
+
+from cspace import FREE, MIXED, CSpace, Space
+from cspace.inside import (
+    NEVER,
+    Bools,
+    Effort,
+    Endpoint,
+    Floats,
+    Ints,
+    Map,
+    heap,
+    internal,
+    is_over,
+    kernel,
+    map_record,
+    now,
+    slice_of,
+    spend,
+    tube_is_free,
+    wrap_angles,
+)
+from planners._edges.car_curves import (
+    MAX_GAP,
+    POINT_ERROR,
+    Pose,
+    advance,
+    piece_is_free,
+    position_in_plane,
+    segment_is_free,
+)
+from planners._edges.driven import FINE_HEADINGS, DrivenEdges, Motions
+from planners._edges.drives import has_drives
+from planners._edges.local_planner import Endpoints, LocalPlanner
+from planners._searches.built_in import BuiltInSearch
+from planners._searches.estimate import NO_NODE, UNKNOWN, Costs, Estimate, is_known, remaining_cost
+from planners._searches.frontier import Progress, check_deadline, double, make_progress
+from planners._searches.guide import NO_FACTORS, Directions, Guide, factor_at
+from planners._searches.moves import list_moves
+from planners._searches.paths import (
+    MAX_SHORTENING,
+    Cost,
+    drop_repeats,
+    find_cheapest_subpath,
+    path_cost,
+    pulled_straight,
+)
+from planners._task import WEIGHTED, PlanTask
+
+MAX_DEVIATION: Final = math.radians(14.0)
+"""Largest angle between a move of the guide and the robot's yaw on it; beyond it, another move is
+nearer."""
+
+KNOWN_TOLERANCE: Final = 0.01
+"""Fraction of a cell's side by which a path into a cell must be cheaper to replace the known path.
+"""
+
+HASH_FACTOR: Final = 0x9E3779B97F4A7C1
+"""Odd factor that spreads keys over the hash table (D. Knuth, "Sorting and Searching", 6.4)."""
+
+ARC_ERROR: Final = MAX_GAP * (1.0 + math.tau) + POINT_ERROR
+"""Distance, in turning radii, within which a driven motion stays near the computed one."""
+
+NEAR_BLOCKS: Final = 3
+"""Distance, in blocks, from the node nearest to the goal, within which a stalled search avoids
+blocks that it has not entered."""
+
+EDGE_COST: Final = 1e-6
+"""Cost of an edge beside its length when a path is shortened, metres; it makes collinear drives one
+edge."""
+
+MIN_ROUND_GAIN: Final = 1e-7
+"""Share of a path by which a round must shorten it for another to follow."""
+
+SECOND_FACTOR: Final = 4.0
+MIN_SECOND: Final = Effort.from_seconds(0.25, math.inf)
+"""Work of a search by cost, relative to that of the search by length, and its least value: a cheap
+way may lead where the robot cannot drive."""
+
+TIME_CHECK: Final = -3
+FULL: Final = -4
+"""Results of :func:`expand_nodes` other than a node, :data:`NO_NODE` and :data:`UNKNOWN`."""
+
+
+@dataclass
+class _Limit:
+    """The end of a search, postponed while it asks whether a path may exist."""
+
+    until: Effort
+    may_exist: Callable[[], bool]
+
+    def admits_path(self) -> bool:
+        """Return True if a path may exist."""
+        began = now()
+        answer = self.may_exist()
+        self.until += now() - began
+        return answer
+
+
+class Target(NamedTuple):
+    """The goal, and the costs on the way to it."""
+
+    goal: Pose
+    estimate: Estimate  # of the cost to the goal, from positions and directions of the guide
+    nearest: Ints  # (h,), the direction of the guide nearest to each heading
+    factors: Costs  # (slices, 1, x, y), factors of the cost in each cell, or NO_FACTORS
+
+
+class LatticeNodes(NamedTuple):
+    """Configurations reached, and their queue.
+
+    ``progress`` holds the cost of each node, the node before it, and whether it is closed. It is
+    closed when it was expanded, or when a cheaper path into its cell and heading replaced it.
+    """
+
+    progress: Progress
+    poses: Floats  # (n, 3)
+    motions: Ints  # (n, 2), the motion that led to each node, and its heading
+    keys: Ints  # (n,), hash key of its cell and heading
+    table: Ints  # hash table of nodes by key, each plus 1; 0 stands for none
+    counts: Ints  # (2,), numbers of nodes and of expanded nodes
+    place: Ints  # (3,), direction and cell of the first node, if the guide has not reached it
+
+
+def find_lattice_path(
+    edges: DrivenEdges,
+    endpoints: Endpoints,
+    simplify: bool,
+    effort: Effort,
+    may_exist: Callable[[], bool],
+) -> tuple[Floats, str]:
+    """Find a path on a lattice, and shorten it.
+
+    The map is in memory. A long search asks once whether a path ``may_exist``; the answer takes no
+    time of the limit. If edges have weights, a search by cost follows that by length, and the
+    cheaper path is taken. Returns configurations (x, y, yaw), shape (n, 3), and a note. If the
+    search finds no path, n is 0, and the note says what ended it before its time.
+    """
+    began = now()
+    limit = _Limit(began + effort, may_exist)
+    plain = replace(edges, weights=None)
+    path, reason = np.array(endpoints), ""
+    if not edges.edge_checker()(*endpoints[0], *endpoints[1]):
+        path, reason = _find_path(plain, endpoints, simplify, limit)
+    if edges.weights is None or not len(path):
+        return path, reason
+    # No path costs less than a short one whose metres cost nothing extra.
+    cost = edges.weigh() or edges.edge_length
+    if path_cost(path, cost) <= (1.0 + MIN_ROUND_GAIN) * edges.path_length(path):
+        return path, reason
+    work = max(SECOND_FACTOR * (now() - began).work, MIN_SECOND.work)
+    limit.until = limit.until.at_most(now() + Effort(work, math.inf))
+    cheap_path, _ = _find_path(edges, endpoints, simplify, limit)
+    paths = [path, cheap_path] if len(cheap_path) else [path]
+    return min(paths, key=partial(path_cost, cost=cost)), reason
+
+
+def _find_path(
+    edges: DrivenEdges, endpoints: Endpoints, simplify: bool, limit: _Limit
+) -> tuple[Floats, str]:
+    """Find a path as :func:`find_lattice_path` does, by one search."""
+    is_backwards = _starts_at_goal(edges, endpoints)
+    if is_backwards:
+        endpoints = endpoints[::-1]
+    try:
+        path, reason = _search_levels(edges, endpoints, is_backwards, limit)
+    except TimeoutError:
+        return np.empty((0, 3)), ""
+    if simplify and len(path):
+        path = shorten_path(edges, path, limit.until + MAX_SHORTENING)
+    return path, reason
+
+
+def _search_levels(
+    edges: DrivenEdges,
+    endpoints: Endpoints,
+    is_backwards: bool,
+    limit: _Limit,
+) -> tuple[Floats, str]:
+    """Search coarse to fine lattices, and around stalled blocks.
+
+    Returns and raises as :func:`_search` does, without blocks.
+    """
+    guide = _make_guide(edges, endpoints, is_backwards)
+    yaws, _, lengths = _list_moves_by_yaw()
+    levels = edges.list_lattices(endpoints[:2], yaws, lengths, is_backwards)
+    # Number of nodes at which a search may count as stalled; twice as many after each stall.
+    min_stalled = 2**14
+    while True:
+        for motions in levels:
+            path, reason, vain = _search(edges, motions, guide, endpoints, min_stalled, limit)
+            if is_backwards:
+                path = path[::-1]
+            if len(path) and edges.are_free(path):
+                return path, ""
+            if len(path):
+                reason = "rounding keeps the path of the lattice from being proven"
+            if not limit.admits_path():  # finer lattices take longer than the proof
+                return np.empty((0, 3)), reason
+            if vain is not None and len(motions.headings) >= FINE_HEADINGS:
+                break
+        if vain is None:
+            return np.empty((0, 3)), reason
+        guide.avoid(vain)
+        min_stalled *= 2
+
+
+def _starts_at_goal(edges: DrivenEdges, endpoints: Endpoints) -> bool:
+    """Return True to search from the goal, and drive backwards.
+
+    A search out of a tight place is shorter than one into it, because few motions are free there.
+    """
+    if not edges.escape_reach:
+        return False
+    room_at_start, room_at_goal = (_measure_room(edges, q) for q in endpoints)
+    return room_at_goal < room_at_start
+
+
+def _measure_room(edges: DrivenEdges, q: Endpoint) -> int:
+    """Count passable cells around a configuration, at its yaw and half a radian to either side."""
+    grid = edges.cells.grid
+    reach = math.ceil(edges.escape_reach / grid.spacing)
+    center = grid.cell_of(q[:2])
+    low = np.maximum(center - reach, 0)
+    high = center + reach + 1
+    window = np.s_[low[0] : high[0], low[1] : high[1]]
+    yaws = (q[2] - 0.5, q[2], q[2] + 0.5)
+    worst = _find_worst_state(edges)
+    return sum(int((edges.cells.states_at(yaw)[window] <= worst).sum()) for yaw in yaws)
+
+
+def _list_moves_by_yaw() -> tuple[Floats, Ints, Floats]:
+    """List the guide's moves by yaw: (n,), (n, 3), (n,)."""
+    moves = list_moves(2)
+    yaws = np.arctan2(moves.steps[:, 2], moves.steps[:, 1])
+    order = np.argsort(yaws)
+    return yaws[order], moves.steps[order], moves.lengths[order]
+
+
+def _make_guide(edges: DrivenEdges, endpoints: Endpoints, is_backwards: bool) -> Guide:
+    """Make the guide over blocks of cells."""
+    grid = edges.cells.grid
+    nearest = _find_nearest(np.array([q[2] for q in endpoints])).tolist()
+    cells = np.minimum(grid.cell_of(np.array(endpoints)[:, :2]), np.array(grid.shape) - 1)
+    start, goal = (
+        (direction, (0, i, j)) for direction, (i, j) in zip(nearest, cells.tolist(), strict=True)
+    )
+    return Guide(
+        map_record(edges.cells).states,
+        _list_directions(edges, is_backwards),
+        start,
+        goal,
+        _measure_block_side(edges.cells),
+        narrow_cost=edges.narrow_cost,
+        factors=_list_factors(edges),
+        worst_state=_find_worst_state(edges),
+    )
+
+
+def _list_factors(edges: LocalPlanner) -> Costs:
+    """List the factors of the cost in each cell, as kernels take them."""
+    if edges.weights is None:
+        return NO_FACTORS
+    return edges.weights.factors.reshape(map_record(edges.cells).states.shape)
+
+
+def _measure_block_side(space: CSpace) -> int:
+    """Measure the cells along each side of the blocks of the guide.
+
+    No chain leads across a wall of blocks, because an obstacle blocks two radii of a circle in the
+    robot. A circle away from the reference point moves as the robot turns, so it counts for less.
+    """
+    robot = space.drawn_robot
+    circle = shapely.maximum_inscribed_circle(robot.geometry)  # a line from its center
+    # Half its shift as the robot turns to the next direction of the guide, deviations included.
+    radius = circle.length - 0.5 * math.hypot(*circle.coords[0])
+    cells_per_radius = int(max(radius, robot.shape.inner.inscribed_radius) / space.grid.spacing)
+    # Largest number of cells along each side of the blocks of the guide.
+    return min(max(cells_per_radius, 1), 8)
+
+
+def _list_directions(edges: DrivenEdges, is_backwards: bool) -> Directions:
+    """List what the robot may do in each direction of the guide."""
+    yaws, steps, lengths = _list_moves_by_yaw()
+    moves = steps[:, np.newaxis]
+    costs = lengths[:, np.newaxis]
+    if edges.reverses:
+        # What a search backwards drives ahead, the robot will drive in reverse.
+        weights = (1.0, edges.reverse_weight)
+        if is_backwards:
+            weights = weights[::-1]
+        moves = np.concatenate([moves, -moves], axis=1)
+        costs = costs * weights
+    numbers = np.arange(len(yaws))
+    neighbors = np.stack([numbers - 1, numbers + 1], axis=1) % len(yaws)
+    turns = np.abs(wrap_angles(yaws[neighbors] - yaws[:, np.newaxis]))
+    cells_per_radian = edges.metres_per_radian / edges.cells.grid.spacing
+    return Directions(
+        slices=_list_slices_near(edges, yaws),
+        moves=moves,
+        move_costs=costs,
+        neighbors=neighbors,
+        turn_costs=cells_per_radian * turns,
+    )
+
+
+def _list_slices_near(edges: LocalPlanner, yaws: Floats) -> Ints:
+    """List slices near each yaw, nearest first, shape (yaws, n)."""
+    rotations = edges.space.rotations
+    slice_of: Ints = map_record(edges.cells).rotations.slice_of
+    count = math.ceil(MAX_DEVIATION * len(rotations) / math.tau)
+    deviations = MAX_DEVIATION * np.arange(-count, count + 1) / count
+    deviations = deviations[np.argsort(np.abs(deviations))]
+    near = wrap_angles(yaws[:, np.newaxis] + deviations)
+    return np.asarray(slice_of[rotations.cell_of(near)])
+
+
+def _find_worst_state(edges: LocalPlanner) -> int:
+    """Return the largest passable state: MIXED if geometry decides."""
+    return MIXED if edges.exact else FREE
+
+
+def _find_nearest(yaws: Floats) -> Ints:
+    """Find the direction of the guide nearest to each yaw, shape (n,)."""
+    guide_yaws, _, _ = _list_moves_by_yaw()
+    turns = np.abs(wrap_angles(guide_yaws - yaws[:, np.newaxis]))
+    return np.asarray(turns.argmin(axis=1))
+
+
+def _search(
+    edges: LocalPlanner,
+    motions: Motions,
+    guide: Guide,
+    endpoints: Endpoints,
+    min_stalled: int,
+    limit: _Limit,
+) -> tuple[Floats, str, Bools | None]:
+    """Search for a path from start to goal, shape (n, 3).
+
+    If n is 0, the note says what ended the search; if it stalled, blocks to avoid follow. With
+    fewer than ``min_stalled`` nodes, it does not count as stalled. Raises TimeoutError at
+    the limit.
+    """
+    start, goal = cast(tuple[Pose, Pose], endpoints)
+    map_ = edges.bounded_map()
+    nodes = _make_nodes(2**13)
+    nearest = _find_nearest(motions.headings)
+    target = Target(goal, guide.estimate, nearest, _list_factors(edges))
+    heading = int(np.abs(wrap_angles(motions.headings - start[2])).argmin())
+    add_node(map_, motions, target, nodes, start, heading, 0.0, NO_NODE, 0)
+    arrival = _Arrival(edges, goal)
+    reason = f"the lattice search ended at its limit of {motions.max_nodes:,} nodes"
+    may_fail = True
+    while nodes.counts[0] < motions.max_nodes:
+        before = nodes.counts.sum()
+        node = expand_nodes(map_, motions, target, nodes)
+        spend(motions.nanoseconds * int(nodes.counts.sum() - before))
+        if arrival.node == NO_NODE:
+            check_deadline(limit.until)
+        # Nodes expanded until a search asks whether a path may exist.
+        if may_fail and nodes.counts[1] >= 2**12:
+            if not limit.admits_path():
+                break
+            may_fail = False
+        if node == UNKNOWN:
+            direction, i, j = nodes.place.tolist()
+            guide.reach(direction, (0, i, j), limit.until)
+        elif node == FULL:
+            vain = _find_vain_blocks(map_, target, nodes)
+            is_stalled = len(nodes.keys) >= min_stalled and arrival.node == NO_NODE
+            if is_stalled and vain.any():
+                return np.empty((0, 3)), "the lattice search stalled", vain
+            nodes = _enlarge(nodes)
+        elif node == NO_NODE:
+            reason = "the lattice search reached no more nodes"
+            break
+        elif node != TIME_CHECK:
+            arrival.try_edge(nodes, node)
+        if arrival.is_settled(nodes, limit.until):
+            break
+    if arrival.node != NO_NODE:
+        return _trace_path(nodes, arrival.node, endpoints, not edges.has_curves), "", None
+    return np.empty((0, 3)), reason, None
+
+
+class _Arrival:
+    """The best path to the goal so far: to a node, and by an edge from it.
+
+    By length it is the first one, and by cost the cheapest one.
+    """
+
+    def __init__(self, edges: LocalPlanner, goal: Pose) -> None:
+        self._is_free = edges.edge_checker()
+        self._measure = edges.weigh()
+        self._goal = goal
+        self._cost = math.inf
+        self.node = NO_NODE
+
+    def try_edge(self, nodes: LatticeNodes, node: int) -> None:
+        """Take the edge from a node if it is free, and the path by it better."""
+        edge = *nodes.poses[node].tolist(), *self._goal
+        cost = -math.inf
+        if self._measure is not None:
+            cost = float(nodes.progress.cost[node]) + self._measure(*edge)
+        if cost < self._cost and self._is_free(*edge):
+            self._cost = cost
+            self.node = node
+
+    def is_settled(self, nodes: LatticeNodes, until: Effort) -> bool:
+        """Return True if there is a path, and none promises to cost less or time runs out."""
+        if self.node == NO_NODE:
+            return False
+        return self._cost <= nodes.progress.keys[0] or is_over(until)
+
+
+def _make_nodes(capacity: int) -> LatticeNodes:
+    """Make arrays for a number of nodes, a power of 2."""
+    return LatticeNodes(
+        progress=make_progress(capacity, capacity),
+        poses=np.empty((capacity, 3)),
+        motions=np.empty((capacity, 2), dtype=np.int64),
+        keys=np.empty(capacity, dtype=np.int64),
+        table=np.zeros(4 * capacity, dtype=np.int64),  # most slots are empty
+        counts=np.zeros(2, dtype=np.int64),
+        place=np.zeros(3, dtype=np.int64),
+    )
+
+
+def _enlarge(nodes: LatticeNodes) -> LatticeNodes:
+    """Copy nodes into arrays for twice as many."""
+    progress = nodes.progress
+    larger = nodes._replace(
+        progress=progress._replace(
+            cost=double(progress.cost),
+            previous=double(progress.previous),
+            closed=double(progress.closed),
+            keys=double(progress.keys),
+            queue=double(progress.queue),
+        ),
+        poses=double(nodes.poses),
+        motions=double(nodes.motions),
+        keys=double(nodes.keys),
+        table=np.zeros(2 * len(nodes.table), dtype=np.int64),
+    )
+    fill_table(larger)
+    return larger
+
+
+def _find_vain_blocks(map_: Map, target: Target, nodes: LatticeNodes) -> Bools:
+    """Find blocks that a stalled search never entered, (1, x, y).
+
+    These are near the node that the guide takes for the nearest to the goal. There are none if that
+    node is among the last three quarters, because the search advances then.
+    """
+    count = nodes.counts[0]
+    estimate = target.estimate
+    _, *shape = vain_shape = estimate.positions.shape[1:]
+    offsets = nodes.poses[:count, :2] - map_.lower[1:3]
+    blocks = (offsets / (estimate.side * map_.spacing)).astype(np.int64)
+    columns, rows = np.minimum(blocks, np.array(shape) - 1).T
+    states = target.nearest[nodes.motions[:count, 1]], 0, columns, rows
+    left = np.where(estimate.reached[states] > 0, estimate.positions[states], math.inf)
+    best = int(left.argmin())
+    vain = np.zeros(vain_shape, dtype=np.bool_)
+    if 4 * best < count:
+        low = np.maximum(blocks[best] - NEAR_BLOCKS, 0)
+        high = blocks[best] + NEAR_BLOCKS + 1
+        vain[0, low[0] : high[0], low[1] : high[1]] = True
+        vain[0, columns, rows] = False
+    return vain
+
+
+def _trace_path(nodes: LatticeNodes, node: int, endpoints: Endpoints, merges: bool) -> Floats:
+    """Trace the path by a node to the goal, (n, 3).
+
+    If ``merges``, successive drives along one heading become one.
+    """
+    chain: list[int] = []
+    while node != NO_NODE:
+        chain.append(node)
+        node = int(nodes.progress.previous[node])
+    path = nodes.poses[chain[::-1]]
+    if merges and len(path) > 2:
+        turns = np.diff(path[:, 2]) != 0.0
+        is_corner = turns[:-1] | turns[1:]
+        path = path[np.concatenate([[True], is_corner, [True]])]
+    # The edge to the goal may lead in any direction.
+    return drop_repeats(np.vstack([path, endpoints[1]]))
+
+
+def shorten_path(edges: LocalPlanner, path: Floats, until: Effort) -> Floats:
+    """Shorten a path (n, 3), or lower its cost, until the end of the search."""
+    # Without cut corners, a second round of skipping gains little.
+    rounds = 1 if edges.has_curves else 3
+    cost = edges.weigh() or edges.edge_length
+    for number in range(rounds):
+        if is_over(until):
+            break
+        before = path
+        path = _shorten_once(edges, path, cost, until)
+        if number < rounds - 1:
+            most = (1.0 - MIN_ROUND_GAIN) * path_cost(before, cost)
+            if path_cost(path, cost) > most:
+                break
+    return path
+
+
+def _shorten_once(edges: LocalPlanner, path: Floats, cost: Cost, until: Effort) -> Floats:
+    """Skip waypoints of a path, and cut corners between straights."""
+    is_free = edges.edge_checker()
+
+    def measure(*q: float) -> float:
+        """Return the cost of an edge, so that few edges are cheap."""
+        return cost(*q) + EDGE_COST
+
+    # A cost takes longer to measure than a length.
+    count = 24 if edges.weights is None else 12
+    strides = np.unique(np.geomspace(1, len(path), count).astype(np.int64)).tolist()
+    paths = [path, find_cheapest_subpath(path, 2, is_free, measure, strides, until)]
+    # A part of a curve need not be a shortest curve.
+    if not edges.has_curves and not is_over(until):
+        paths.append(pulled_straight(paths[-1], edges.space.rotations, is_free, measure, until))
+    if is_over(NEVER):
+        return path
+    # Cutting a corner may add turns, and rounding may make a part of an edge fail.
+    paths += [edges.remove_turns(candidate) for candidate in paths]
+    paths.sort(key=lambda rows: path_cost(rows, cost) + EDGE_COST * len(rows))
+    return next(filter(edges.are_free, paths), path)
+
+
+@kernel
+def expand_nodes(map_: Map, motions: Motions, target: Target, nodes: LatticeNodes) -> int:
+    """Expand nodes until one may see the goal, and return it.
+
+    Return :data:`NO_NODE` if none is left, and :data:`TIME_CHECK` after many nodes; the next call
+    goes on. Return :data:`FULL` if there is no memory for more nodes, and :data:`UNKNOWN` if the
+    guide has not reached the first node.
+    """
+    progress = nodes.progress
+    poses = nodes.poses
+    goal = target.goal
+    # Nodes taken from the queue between two checks of the time limit.
+    for _ in range(2**12):
+        if progress.length[0] == 0:
+            return NO_NODE
+        if nodes.counts[0] + len(motions.steering) > len(nodes.keys):
+            return FULL
+        node: int = progress.queue[0]
+        if progress.closed[node]:
+            heap.pop_first(progress)
+            continue
+        x = poses[node, 0]
+        y = poses[node, 1]
+        cost = progress.cost[node]
+        last = nodes.motions[node, 0]
+        heading = nodes.motions[node, 1]
+        direction = target.nearest[heading]
+        i, j = find_cell(map_, target, x, y)
+        if not is_known(target.estimate, direction, 0, i, j):
+            nodes.place[0] = direction
+            nodes.place[1] = i
+            nodes.place[2] = j
+            return UNKNOWN
+        # The guide may have reached the node since it was queued.
+        bound = cost + motions.greed * estimate_cost_to_goal(map_, target, cost, direction, x, y)
+        is_outdated = bound > progress.keys[0]
+        heap.pop_first(progress)
+        if is_outdated:
+            heap.push(progress, bound, node)
+            continue
+        progress.closed[node] = True
+        nodes.counts[1] += 1
+        for move in range(len(motions.steering)):
+            after = motions.next_heading[heading, move]
+            length = motions.lengths[heading, move]
+            factor = mean_factor(map_, motions, target, x, y, heading, move)
+            total = cost + motions.costs[heading, move] * factor
+            if motions.lengths[heading, last] * length < 0.0:
+                total += motions.switch_cost
+            begin = (0.0, 0.0, motions.headings[heading])
+            u, v, _ = advance(begin, motions.steering[move], length)
+            next_x = x + motions.unit * u
+            next_y = y + motions.unit * v
+            if abs(next_x - goal[0]) + abs(next_y - goal[1]) < 1e-6 * motions.side:
+                # Otherwise rounding would give the last edge a heading.
+                next_x = goal[0]
+                next_y = goal[1]
+            is_inside_x = map_.lower[1] <= next_x <= map_.upper[1]
+            is_inside_y = map_.lower[2] <= next_y <= map_.upper[2]
+            if is_inside_x and is_inside_y:
+                q = (next_x, next_y, motions.headings[after])
+                add_node(map_, motions, target, nodes, q, after, total, node, move)
+        is_near = math.hypot(x - goal[0], y - goal[1]) < motions.near
+        # Far from the goal, some nodes try an edge to the goal, too.
+        if is_near or nodes.counts[1] % 16 == 0:
+            return node
+    return TIME_CHECK
+
+
+@kernel
+def add_node(
+    map_: Map,
+    motions: Motions,
+    target: Target,
+    nodes: LatticeNodes,
+    q: Pose,
+    heading: int,
+    cost: float,
+    parent: int,
+    move: int,
+) -> None:
+    """Add a configuration if its motion is proven free.
+
+    The motion is ``move`` from node ``parent`` (-1 for the start). The configuration is left out if
+    its cell and heading have a node that is cost of hardly more than ``cost``.
+    """
+    progress = nodes.progress
+    key = make_key(map_, motions, q, heading)
+    slot = find_slot(nodes, key)
+    known = nodes.table[slot] - 1
+    if known >= 0 and progress.cost[known] <= cost + KNOWN_TOLERANCE * motions.side:
+        return
+    left = estimate_cost_to_goal(map_, target, cost, target.nearest[heading], q[0], q[1])
+    bound = cost + motions.greed * left
+    if not bound < math.inf:
+        return
+    # The proof comes last, because it takes the most time.
+    if parent >= 0 and not motion_is_free(map_, motions, motions.radius, nodes, parent, move, q):
+        return
+    if known >= 0:
+        progress.closed[known] = True
+    node = nodes.counts[0]
+    nodes.counts[0] += 1
+    nodes.table[slot] = node + 1
+    nodes.keys[node] = key
+    for axis in range(3):
+        nodes.poses[node, axis] = q[axis]
+    nodes.motions[node, 0] = move
+    nodes.motions[node, 1] = heading
+    progress.cost[node] = cost
+    progress.previous[node] = parent
+    heap.push(progress, progress.cost[node] + motions.greed * left, node)
+
+
+@kernel
+def fill_table(nodes: LatticeNodes) -> None:
+    """Enter each cell and heading's last node."""
+    for node in range(nodes.counts[0]):
+        nodes.table[find_slot(nodes, nodes.keys[node])] = node + 1
+
+
+@internal
+def mean_factor(
+    map_: Map, motions: Motions, target: Target, x: float, y: float, heading: int, move: int
+) -> float:
+    """Return the mean factor of the cost along a motion from a position, by the midpoint rule."""
+    if target.factors.shape[0] == 0:
+        return 1.0
+    length = motions.lengths[heading, move]
+    steps = max(math.ceil(motions.unit * abs(length) / map_.spacing), 1)
+    begin = (0.0, 0.0, motions.headings[heading])
+    total = 0.0
+    for step in range(steps):
+        u, v, yaw = advance(begin, motions.steering[move], length * (step + 0.5) / steps)
+        i, j = find_cell(map_, target, x + motions.unit * u, y + motions.unit * v)
+        number = slice_of(map_, (yaw,))
+        total += float(factor_at(target.factors, number, 0, max(i, 0), max(j, 0)))
+    mean: float = total / steps
+    return mean
+
+
+@internal
+def make_key(map_: Map, motions: Motions, q: Pose, heading: int) -> int:
+    """Return the hash key of a cell and heading."""
+    i = math.floor((q[0] - map_.lower[1]) / motions.side)
+    j = math.floor((q[1] - map_.lower[2]) / motions.side)
+    cell = (i << 24) + j
+    return cell * len(motions.headings) + heading
+
+
+@internal
+def find_slot(nodes: LatticeNodes, key: int) -> int:
+    """Return a key's slot in the hash table, or a free one."""
+    mask = len(nodes.table) - 1
+    slot = (key * HASH_FACTOR >> 20) & mask  # the lowest bits are spread the least
+    while nodes.table[slot] > 0 and nodes.keys[nodes.table[slot] - 1] != key:
+        slot = (slot + 1) & mask
+    return slot
+
+
+@internal
+def motion_is_free(
+    map_: Map,
+    motions: Motions,
+    radius: float | None,
+    nodes: LatticeNodes,
+    parent: int,
+    move: int,
+    q: Pose,
+) -> bool:
+    """Return True if a node's motion to `q` is proven free."""
+    x, y, yaw = nodes.poses[parent, 0], nodes.poses[parent, 1], nodes.poses[parent, 2]
+    # Numba leaves the branch of cars out if there is no radius.
+    if radius is None:
+        start = position_in_plane(map_, x, y)
+        end = position_in_plane(map_, q[0], q[1])
+        return tube_is_free(map_, start, (yaw,), end, (q[2],), (0.0, 0.0, 0.0), 0.0)
+    steer = motions.steering[move]
+    length = motions.lengths[0, move]  # at all headings
+    geometry = motions.geometry
+    if not piece_is_free(map_, geometry, radius, q, 0.0, 0.0, ARC_ERROR):
+        return False
+    begin = (0.0, 0.0, yaw)
+    origin = (x, y, yaw)
+    return segment_is_free(map_, geometry, radius, origin, begin, steer, length, ARC_ERROR)
+
+
+@internal
+def estimate_cost_to_goal(
+    map_: Map, target: Target, cost: float, direction: int, x: float, y: float
+) -> float:
+    """Estimate the cost from a position and direction to the goal, metres.
+
+    ``cost`` is that of the path from the start to it.
+    """
+    i, j = find_cell(map_, target, x, y)
+    straight = math.hypot(x - target.goal[0], y - target.goal[1])
+    cells = remaining_cost(target.estimate, cost / map_.spacing, direction, 0, i, j)
+    return max(straight, cells * map_.spacing)
+
+
+@internal
+def find_cell(map_: Map, target: Target, x: float, y: float) -> tuple[int, int]:
+    """Return the cell of a position."""
+    _, nx, ny = target.estimate.shape
+    i = min(math.floor((x - map_.lower[1]) / map_.spacing), nx - 1)
+    j = min(math.floor((y - map_.lower[2]) / map_.spacing), ny - 1)
+    return i, j
+
+
+class LatticeSearch(BuiltInSearch):
+    """Search on a lattice of headings, for drives."""
+
+    name = "Lattice"
+    objectives = WEIGHTED
+
+    def takes_space(self, space: Space) -> bool:
+        """Return True for maps of x, y and yaw."""
+        return has_drives(space)
+
+    def takes_drive(self, edges: LocalPlanner) -> bool:
+        """Return True for robots that drive along their x axis."""
+        return edges.has_heading
+
+    def find_path(self, task: PlanTask) -> tuple[Floats, str]:
+        """Return waypoints, shape (n, 3), and a note; n is 0 if none is found in time."""
+        edges = cast(DrivenEdges, task.edges)
+        return find_lattice_path(edges, task.endpoints, task.simplify, task.limit, task.may_succeed)
+
+
+PLANNERS: Final = {LatticeSearch.name: LatticeSearch()}
+"""Searches of this module."""

@@ -1,0 +1,142 @@
+"""Stages of a plan, from its start by places on the way to its goal, and what joins them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from cspace.inside import NEVER, ConfigurationMap, Endpoint, Floats, is_labelled, is_over
+from planners._edges.local_planner import Endpoints, LocalPlanner
+from planners._goals import Room, find_joined, find_room_goals, may_join
+
+
+class Stage(NamedTuple):
+    """The start, a place on the way, or the goal of a plan."""
+
+    name: str  # in messages
+    goals: Sequence[Endpoint]  # its configurations, the most promising from the start first
+    rooms: tuple[Room, ...]  # of a map, unless it is one goal; of a start always
+    whole: tuple[Room, ...] = ()  # of all its configurations, free or not, if they can be listed
+
+    @classmethod
+    def of(cls, name: str, goals: Sequence[Endpoint]) -> Stage:
+        """Return the stage of configurations alone."""
+        rooms = tuple(Room(name, np.array(q)) for q in goals)
+        return cls(name, goals, rooms, rooms)
+
+    def find_goals(self, edges: LocalPlanner, start: Endpoint) -> Sequence[Endpoint]:
+        """Find free configurations, the most promising from a start first."""
+        return find_room_goals(edges, self.rooms, self.name, start) if self.rooms else self.goals
+
+    def takes_any_yaw(self, edges: LocalPlanner, q: Floats) -> bool:
+        """Return True if a configuration lies in a room of any yaw."""
+        return any(
+            room.angle >= math.pi and room.contains(edges.space, q[np.newaxis])[0]
+            for room in self.rooms
+        )
+
+    def asks_turn(self, edges: LocalPlanner, path: Floats, row: int) -> bool:
+        """Return True if a robot turns on the spot at a row to reach a yaw that is asked for."""
+        return edges.turns_at(path, row) and not self.takes_any_yaw(edges, path[row])
+
+
+@dataclass(frozen=True)
+class Existence:
+    """Whether a path leads through stages in their order, by one configuration of each.
+
+    That is proven, disproven, or neither; each is computed when it is first asked. Both are False
+    if the caller ended the search before the map was labelled.
+
+    Attributes
+    ----------
+    edges : LocalPlanner
+    stages : sequence of Stage
+        At least two.
+    routes : sequence of Endpoints
+        Free configurations of the first stage, each with some of the second.
+    """
+
+    edges: LocalPlanner
+    stages: Sequence[Stage]
+    routes: Sequence[Endpoints]
+
+    @classmethod
+    def along(cls, edges: LocalPlanner, route: Endpoints) -> Existence:
+        """Return the existence of a path from one configuration to any of others."""
+        return cls(edges, (Stage.of("", route[:1]), Stage.of("", route[1:])), [route])
+
+    def upto(self, count: int) -> Existence:
+        """Return the existence of a path through the first ``count`` stages."""
+        return self if count == len(self.stages) else replace(self, stages=self.stages[:count])
+
+    @cached_property
+    def is_connected(self) -> bool:
+        """Whether FREE cells, or the space, prove a path of a holonomic robot."""
+        vain: list[Endpoint] = []  # which lead no further
+        for start, *goals in self.routes if self._can_ask else ():
+            reached = self._join([start], goals)
+            if reached and not self._join(vain, reached):
+                if self._leads_on(reached):
+                    return True
+                vain.append(reached[0])
+        return False
+
+    @cached_property
+    def is_disconnected(self) -> bool:
+        """Whether cells, or the space, prove that there is no path."""
+        listed = [stage.whole for stage in self.stages if stage.whole]
+        if not self._can_ask or len(listed) < 2:
+            return False
+        space = self.edges.space
+        if isinstance(space, ConfigurationMap):
+            return not len(find_joined(self.edges.cells, listed, mixed=True))
+        reached, *others = listed
+        for rooms in others:
+            reached = tuple(
+                room
+                for room in rooms
+                if any(space.path_exists(q.middle, room.middle) is not False for q in reached)
+            )
+        return not reached
+
+    @cached_property
+    def may_join(self) -> bool:
+        """Whether proven edges may join the stages.
+
+        Unless the geometry decides, an edge of any drive is proven only if every closed cell that
+        it touches is FREE. The cells of the grid that contain a point of the edge form a block in
+        position and rotation, so they are joined through sides. Along the edge, the cells change
+        only at points that lie in both the old and the new cells. So all cells of a path, start and
+        goal included, belong to one component of FREE cells. No path leaves the grid, even if the
+        outside is free. Start and goal lie in the grid, straight edges between such points stay
+        there, and curves that leave it are not proven.
+        """
+        return not self.is_disconnected if self.edges.exact else self.is_connected
+
+    def select_routes(self) -> list[Endpoints]:
+        """Return the routes on a map from whose starts cells may lead through all stages."""
+        rooms = [stage.whole for stage in self.stages if stage.whole]
+        joined = find_joined(self.edges.cells, rooms, mixed=self.edges.exact)
+        return [route for route in self.routes if may_join(self.edges, route[0], joined).any()]
+
+    @property
+    def _can_ask(self) -> bool:
+        """Whether the answer is at hand, or the caller has not ended the search."""
+        return not is_over(NEVER) or is_labelled(self.edges.space)
+
+    def _leads_on(self, reached: Sequence[Endpoint]) -> bool:
+        """Return True if a path is proven from configurations of the second stage to the last."""
+        for stage in self.stages[2:]:
+            if reached:
+                reached = self._join(reached, stage.find_goals(self.edges, reached[0]))
+        return bool(reached)
+
+    def _join(self, starts: Sequence[Endpoint], goals: Sequence[Endpoint]) -> list[Endpoint]:
+        """Return the goals to which a path is proven from any start."""
+        exists = self.edges.space.path_exists
+        return [goal for goal in goals if any(exists(start, goal) for start in starts)]
