@@ -1,30 +1,38 @@
 """Each hint that names something to do is followed, and makes the right world."""
 
 import ast
+import dataclasses
+import json
+import math
 import re
 import warnings
-from functools import partial
+from contextlib import suppress
+from functools import cache, partial
 from pathlib import Path
+from types import SimpleNamespace
 from unittest import mock
 
 import numpy as np
 import pytest
 import scipy.ndimage
+import scipy.sparse
 import shapely
 import trimesh
 import xarray
 import yaml
 from PIL import Image
+from scipy.spatial.transform import Rotation
 
 import cspace
 import planners
 from cspace import Robot, Workspace, build
+from cspace.lanes import Mover, apart
 from tests.helpers.urdfs import joint, link
 from tests.helpers.urdfs import write_urdf as write_arm
 
 ADVICE = re.compile(
     r"""
-    \b(?P<name>\w+)=(?P<value>'[^']*'|True|False|-?\d[\d.e-]*)    # an option
+    \b(?P<name>\w+)=(?P<value>'[^']*'|\([^)]*\)|True|False|-?\d[\d.e-]*)  # an option
     | \.(?P<method>\w+)\(\)                                      # a method
     | (?:pass|write|cells\ of)\ (?P<number>[\d.]+\w*)\ (?:for|m)  # a value
     | by\ (?P<move>\(.*?\))\ m                                   # a way
@@ -68,6 +76,12 @@ def read_advice(text):
 
 def open_array(array, **options):
     return Workspace.from_array(array, **{"spacing": 0.1} | options)
+
+
+def open_corner(x, y, **options):
+    """Return the world of a wall with its lower corner near a place."""
+    wall = shapely.box(x + 0.25, y + 0.5, x + 2.0, y + 1.0)
+    return Workspace.from_polygons([wall], 0.25, **options)
 
 
 def label(cells, spacing):
@@ -372,6 +386,11 @@ ROWS = [
         id="one of two levels",
     ),
     pytest.param(lambda _, **way: parse_yaw(**way), lambda _: np.pi / 2, id="a yaw in degrees"),
+    pytest.param(
+        lambda _, **way: open_corner(515000.0, 4250000.0, **way),
+        lambda _: open_corner(0.0, 0.0),
+        id="obstacles in survey coordinates",
+    ),
 ]
 """Call that is refused or warned of and takes what the message advises, and the right world."""
 
@@ -395,6 +414,294 @@ def describe(world):
     return np.round(world, 6).tolist()
 
 
+# ---- values of other kinds -----------------------------------------------------------------------
+
+POINTS = np.array([(0.5, 0.5, 0.25), (1.5, 1.0, 0.5)])
+MESH = trimesh.creation.box().vertices, trimesh.creation.box().faces
+SQUARE = [[0.5, 0.5], [2.0, 0.5], [2.0, 1.5], [0.5, 1.5]]
+HOLE = [[1.0, 0.75], [1.5, 0.75], [1.0, 1.25]]
+PLACE = SimpleNamespace(x=0.5, y=1.5, z=0.0)
+TURN = SimpleNamespace(x=0.0, y=0.0, z=0.6, w=0.8)
+HERE = (0.5, 1.5, 2.0 * math.atan2(0.6, 0.8))
+HEADER = SimpleNamespace(frame_id="map")
+BRAKES = {
+    "max_velocity": 1.0,
+    "max_acceleration": 0.5,
+    "max_angular_velocity": 1.0,
+    "max_angular_acceleration": 1.0,
+}
+SCENE = {
+    "world": {
+        "collision_objects": [
+            {
+                "id": "can",
+                "header": {"frame_id": "world"},
+                "primitives": [{"type": "box", "dimensions": [0.5, 0.5, 1.0]}],
+                "primitive_poses": [{"position": [0.75, 0.5, 0.5], "orientation": [0, 0, 0, 1]}],
+                "operation": "add",
+            }
+        ]
+    }
+}
+
+
+def make_message(**fields):
+    return SimpleNamespace(header=HEADER, **fields)
+
+
+def make_pose():
+    return SimpleNamespace(position=PLACE, orientation=TURN)
+
+
+def make_grid():
+    """Make the message of the wall."""
+    grid = cspace.ros.OccupancyGrid()
+    grid.info.width, grid.info.height, grid.info.resolution = 30, 20, 0.1
+    grid.data.extend((100 * WALL.T.ravel()).tolist())
+    return grid
+
+
+def read_fields(cloud):
+    """Return the points of a message as ``sensor_msgs_py.point_cloud2`` does."""
+    return np.frombuffer(cloud.data, [(name, "f4") for name in cloud.fields])
+
+
+def write_plain(folder, name, content):
+    """Write a file of plain values."""
+    path = folder / name
+    path.write_text(json.dumps(content, default=list))
+    return path
+
+
+@cache
+def find_plan():
+    return planners.plan(turning(), (0.2, 1.5, 0.0), (2.5, 1.5, 0.5))
+
+
+def refuse_mover(motion):
+    return apart(Mover("disc:0.1", motion), Mover("disc:0.1", (2.0, 0.5)))
+
+
+def name_rows(world):
+    return np.stack([world[axis] for axis in "xyz"], axis=-1)
+
+
+KINDS = {
+    "a cloud": (
+        lambda _: make_message(data=POINTS.astype("f4").tobytes(), point_step=12, fields="xyz"),
+        lambda value, _: Workspace.from_points(value, 0.25),
+        [lambda world: name_rows(world).tolist() == POINTS.tolist()],
+    ),
+    "a grid": (
+        lambda _: make_grid(),
+        lambda value, _: build(value, "disc:0.1"),
+        [lambda world: describe(world) == describe(Workspace.from_array(WALL, 0.1))],
+    ),
+    "a grid in a file": (
+        lambda folder: write_plain(folder, "grid.yaml", dataclasses.asdict(make_grid())),
+        lambda value, _: Workspace.open(value),
+        [lambda world: describe(world) == describe(Workspace.from_array(WALL, 0.1))],
+    ),
+    "a scene": (
+        lambda folder: write_plain(folder, "scene.yaml", SCENE),
+        lambda value, _: Workspace.open(value, spacing=0.25),
+        [lambda world: world.outer.all(), lambda world: list(world.obstacles) == ["can"]],
+    ),
+    "a scene in a file of polygons": (
+        lambda folder: write_plain(folder, "scene.json", SCENE),
+        lambda value, _: Workspace.open(value, spacing=0.25),
+        [lambda world: world.outer.all(), lambda world: list(world.obstacles) == ["can"]],
+    ),
+    "a stamped pose": (
+        lambda _: make_message(pose=make_pose()),
+        lambda value, _: turning().is_free(value),
+        [lambda world: np.allclose(world, HERE)],
+    ),
+    "a pose": (
+        lambda _: make_pose(),
+        lambda value, _: planners.plan(turning(), value, (2.5, 1.5, 0.5)),
+        [lambda world: np.allclose(world, HERE)],
+    ),
+    "a pose without its stamp": (
+        lambda _: {"position": vars(PLACE), "orientation": vars(TURN)},
+        lambda value, _: cspace.ros.configuration_of(value, turning()),
+        [lambda world: np.allclose(world, HERE)],
+    ),
+    "a transform": (
+        lambda _: make_message(transform=SimpleNamespace(translation=PLACE, rotation=TURN)),
+        lambda value, _: turning().clearance(value),
+        [lambda world: np.allclose(world, HERE)],
+    ),
+    "a path of poses": (
+        lambda _: make_message(poses=[make_message(pose=make_pose())] * 2),
+        lambda value, _: turning().certify_path(value),
+        [lambda world: np.allclose(world, [HERE, HERE])],
+    ),
+    "joints": (
+        lambda _: make_message(name=["j1"], position=[0.5], velocity=[0.0]),
+        lambda value, names: names["arm"].pose(value, "l2"),
+        [lambda world: world.tolist() == [0.5]],
+    ),
+    "levels of lanes": (
+        lambda folder: write_plain(
+            folder,
+            "rmf.yaml",
+            {"building_name": "b", "levels": {"L": {"vertices": [[1, 2, {}]], "lanes": []}}},
+        ),
+        lambda value, _: Workspace.open(value),
+        [lambda world: world.positions.tolist() == [[1.0, 2.0]]],
+    ),
+    "layouts": (
+        lambda folder: write_plain(
+            folder,
+            "lif.json",
+            {
+                "metaInformation": {},
+                "layouts": [
+                    {
+                        "nodes": [{"nodeId": "a", "nodePosition": {"x": 1.0, "y": 2.0}}],
+                        "edges": [],
+                    }
+                ],
+            },
+        ),
+        lambda value, _: Robot.open(value),
+        [lambda world: world.positions.tolist() == [[1.0, 2.0]]],
+    ),
+    "a plan for rows": (
+        lambda _: find_plan(),
+        lambda value, _: turning().certify_path(value),
+        [
+            lambda world: turning().certify_path(world).all(),
+            lambda world: world.duration > 1.0,
+        ],
+    ),
+    "a plan for a motion": (
+        lambda _: find_plan(),
+        lambda value, _: refuse_mover(value),
+        [lambda world: world.shape[1] == 3, lambda world: refuse_mover(world).verdict],
+    ),
+    "a trajectory": (
+        lambda _: find_plan().trajectory(**BRAKES),
+        lambda value, _: turning().certify_path(value),
+        [lambda world: turning().certify_path(world).all()],
+    ),
+    "a map": (
+        lambda _: turning(),
+        lambda value, _: build(value, "disc:0.1"),
+        [lambda world: describe(world) == describe(Workspace.from_array(WALL, 0.1))],
+    ),
+    "a rigid motion": (
+        lambda _: SimpleNamespace(
+            translation=np.ones(3), rotation=Rotation.identity(), as_matrix=lambda: np.eye(4)
+        ),
+        lambda value, _: cspace.PoseGoal("l2", value),
+        [
+            lambda world: cspace.PoseGoal("l2", world).pose.tolist() == np.eye(4).tolist(),
+            lambda world: world == (1.0, 1.0, 1.0, 0.0, 0.0, 0.0, 1.0),
+        ],
+    ),
+    "a rotation": (
+        lambda _: Rotation.identity(),
+        lambda value, _: cspace.Rotations.quaternions(1).check_rotation(value),
+        [lambda world: world.tolist() == [0.0, 0.0, 0.0, 1.0]],
+    ),
+    "a mesh of faces": (
+        lambda _: SimpleNamespace(vertices=MESH[0], faces=MESH[1]),
+        lambda value, _: Workspace.from_mesh(value, 0.1),
+        [lambda world: world.faces.tolist() == MESH[1].tolist()],
+    ),
+    "a mesh of triangles": (
+        lambda _: SimpleNamespace(vertices=MESH[0], triangles=MESH[1]),
+        lambda value, _: turning().add_obstacle("box", value),
+        [lambda world: world.faces.tolist() == MESH[1].tolist()],
+    ),
+    "a mesh of cells": (
+        lambda _: SimpleNamespace(points=MESH[0], regular_faces=MESH[1]),
+        lambda value, _: Robot.from_mesh(value),
+        [lambda world: world.faces.tolist() == MESH[1].tolist()],
+    ),
+    "a cloud with colours": (
+        lambda _: SimpleNamespace(points=POINTS, colors=POINTS),
+        lambda value, _: Workspace.from_points(value, 0.25),
+        [lambda world: world is POINTS],
+    ),
+    "sparse cells": (
+        lambda _: scipy.sparse.csr_array(WALL),
+        lambda value, _: Workspace.from_array(value, 0.1),
+        [lambda world: (world == WALL).all()],
+    ),
+    "corners": (
+        lambda _: SQUARE,
+        lambda value, _: Workspace.from_polygons(value, 0.25),
+        [lambda world: world.equals(shapely.box(0.5, 0.5, 2.0, 1.5))],
+    ),
+    "rings": (
+        lambda _: [SQUARE, HOLE],
+        lambda value, _: turning().add_obstacle("zone", value),
+        [
+            lambda world: cover(world) == 1.375,
+            lambda world: cover(world) == 1.5,
+        ],
+    ),
+    "rings of several polygons": (
+        lambda _: [[SQUARE, HOLE], [(5.0 + np.array(SQUARE)).tolist()]],
+        lambda value, _: planners.SpeedZones([(value, 0.5)]),
+        [lambda world: cover(world) == 2.875],
+    ),
+}
+"""Value, a call that refuses it, and what holds for each call that its hint names."""
+
+
+def cover(areas):
+    """Return the area of polygons, as zones."""
+    return float(planners.SpeedZones([(areas, 0.5)]).zones[0][0].area)
+
+
+def list_calls(hint):
+    """Return the expressions that a hint names: of each way, the longest text that is one."""
+    calls = []
+    for way in hint.removeprefix("use ").split(", or "):
+        for end in range(len(way), 0, -1):
+            with suppress(SyntaxError):
+                ast.parse(way[:end].strip(), mode="eval")
+                calls.append(way[:end].strip())
+                break
+    return calls
+
+
+def refuse_kind(kind, folder):
+    """Return the value of a kind, the error of the call that refuses it, and names for its hint."""
+    make, refused, _ = KINDS[kind]
+    value = make(folder)
+    names = {
+        "cspace": cspace,
+        "shapely": shapely,
+        "point_cloud2": SimpleNamespace(read_points=read_fields),
+        "space": turning(),
+        "arm": cspace.Arm.from_urdf(write_chain(folder, False)),
+        "first": SimpleNamespace(motion=value),
+        "zones": [value],
+        "spacing": 0.25,
+    }
+    with pytest.raises(cspace.CspaceError) as caught:
+        refused(value, names)
+    error = caught.value
+    names.setdefault(error.argument, value)
+    return error, names
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_value_of_another_kind_is_taken_by_the_calls_of_its_hint(kind, tmp_path):
+    error, names = refuse_kind(kind, tmp_path)
+    calls = list_calls(error.hint)
+    checks = KINDS[kind][2]
+    assert len(calls) == len(checks), error
+    for call, check in zip(calls, checks, strict=True):
+        limits = ", ".join(f"{name}={value}" for name, value in BRAKES.items())
+        assert check(eval(call.replace("...", limits), names)), call
+
+
 # ---- no hint without a world ---------------------------------------------------------------------
 
 ROOT = Path(cspace.__file__).parents[1]
@@ -403,7 +710,7 @@ MADE_ELSEWHERE = re.compile(r"suggest_\w+\(|\berrors?\b|BRING_YOUR_FILE|hint\b|\
 """Hints from other functions: the nearest name, a page, those of another error, an argument."""
 
 NAMES_OPTION = re.compile(
-    r"\b(?<!not )(?:add|call|pass|run|set|use|write) (?:e\.g\. )?(?:\w*=|\0|[\w.]+\()"
+    r"\b(?<!not )(?:add|call|pass|run|set|use|write) (?:e\.g\. )?(?:\w*=|\0|[\w.]+\(|[\[({])"
 )
 """Advice anywhere in a text, whose values are replaced by zeros."""
 
@@ -411,7 +718,8 @@ NAMES_OPTION = re.compile(
 def join_pieces(text):
     """Return a text of a program, with zeros for values."""
     parts = text.values if isinstance(text, ast.JoinedStr) else [text]
-    return "".join(str(part.value) if isinstance(part, ast.Constant) else "\0" for part in parts)
+    joined = "".join(str(part.value) if isinstance(part, ast.Constant) else "\0" for part in parts)
+    return joined.replace("{}", "\0")
 
 
 def list_texts(expression, function):
@@ -471,6 +779,9 @@ def is_part(text, messages):
 
 def test_each_hint_of_the_packages_is_followed_into_its_world(tmp_path):
     messages = [read_message(partial(row.values[0], tmp_path)) for row in ROWS]
+    for kind in KINDS:
+        (tmp_path / kind).mkdir()
+        messages.append(refuse_kind(kind, tmp_path / kind)[0].hint)
     files = [file for name in ("cspace", "planners") for file in (ROOT / name).rglob("*.py")]
     advice = {text: file for file in files for text in list_advice(ast.parse(file.read_text()))}
     assert len(advice) > 15

@@ -15,6 +15,7 @@ import shapely
 import xarray as xr
 import zarr
 from ompl import base as ob
+from scipy.spatial.transform import Rotation
 
 import cspace
 import planners
@@ -41,6 +42,14 @@ def flat():
 def find_way():
     """Plan between two places on the map of a disc."""
     return planners.plan(flat(), (0.8, 0.6), (0.9, 0.6))
+
+
+SHAPE = shapely.box(0.0, 0.0, 1.0, 1.0)
+
+
+def utm():
+    """Return a square of 10 km in survey coordinates, too large for small cells at any place."""
+    return shapely.box(515e3, 4250e3, 525e3, 4260e3)
 
 
 Q = (0.6, 0.6, 0.3)
@@ -348,6 +357,30 @@ def test_costs_of_another_shape_are_refused():
     ),
     (lambda: flat().is_free(flat()), "q is a CSpace; it must be numeric; use q.workspace"),
     (lambda: cspace.Gate(find_way()), "space is a Plan; a gate proves"),
+    # What others made, where numbers, cells, polygons or fields are meant.
+    (lambda: Workspace.from_points(SHAPE, 0.1), "points is a Polygon; it must be numeric"),
+    (lambda: Workspace.from_array(SHAPE, 0.1), "occupied is a Polygon; it must have the axes x"),
+    (lambda: Workspace.from_array(None, 0.1), "occupied is None; it must have the axes x"),
+    (lambda: Workspace.from_polygons(Rotation.identity(), 0.1), "polygons is a Rotation; it must"),
+    (lambda: Workspace.from_mesh(find_way(), 0.1), "mesh is a Plan; a mesh is needed; use mesh.p"),
+    (lambda: Workspace.from_occupancy_grid(SHAPE.centroid), "must hold fields and values, not a P"),
+    (
+        lambda: cspace.ros.configuration_of(cspace.ros.OccupancyGrid(), flat()),
+        "msg has no pose; it must have one, besides",
+    ),
+    (
+        lambda: Workspace.from_points(np.zeros(2, [("X", float), ("Y", float)]), 0.1),
+        "points has the labels X, Y; they must be x, y, z; did you mean 'x'?",
+    ),
+    (
+        lambda: Workspace.from_points(pd.DataFrame(np.eye(3), columns=["X", "Y", "Z"]), 0.1),
+        "points has the labels X, Y, Z; they must be x, y, z; did you mean 'x'?",
+    ),
+    (
+        lambda: flat().add_obstacle("a", [[[(1, 1), (2, 1), (2, 2)], [(1.2, 1.1)]]]),
+        "shape is [[[(1, 1), (2, 1), (2, 2)], [(1.2, 1.1)]]]; a polygon or a mesh is needed; use",
+    ),
+    (lambda: Workspace.from_polygons([utm()], 1e-4), "cells rounding invalidates proofs"),
     # Gates, plans and arms.
     (lambda: cspace.Gate(turning(), dt=0.1, max_velocity={"x": 1.0, "y": 1.0, "Yaw": 1}), "'yaw'?"),
     (lambda: cspace.Gate(turning(), dt=0.1, max_velocity={"x": 1.0}), "lacks y, yaw"),

@@ -18,6 +18,8 @@ from cspace._files.ros_maps import OccupancyGrid
 from tests.helpers.mesh_files import make_collada, write_gltf
 from tests.helpers.refusals import check_refused, refusals, write
 
+PAGE = 'the page "Bring your file" says how'
+
 
 def read(path):
     """Read a file by its name, with the options that it needs."""
@@ -101,6 +103,7 @@ NAV2 = "local_costmap: {robot_radius: 0.2}\nglobal_costmap: {robot_radius: RADIU
     ("a.json", "{", "a.json: cannot be read as a JSON file"),
     ("a.wkt", f"POINT (1 2)\n{BOW}", "a.wkt, geometry 2 is not valid"),
     ("a.json", "[1]", "GeoJSON is an object"),
+    ("a.json", "[[0, 0, 1], [0, 0, 0]]", f"GeoJSON is an object; {PAGE}"),
     ("a.json", feature(None), "an obstacle needs one"),
     ("a.wkt", "CIRCULARSTRING (0 0, 1 1, 2 0)", "only straight lines are read"),
     (
@@ -126,8 +129,11 @@ NAV2 = "local_costmap: {robot_radius: 0.2}\nglobal_costmap: {robot_radius: RADIU
     ),
     # Points.
     ("a.xyz", "0 0\n1 1\n", "points have x, y and z"),
+    ("a.txt", "#####\n#...#\n#####\n", f"holds no point; points have x, y and z; {PAGE}"),
+    ("a.txt", "0010\n0000\n", f"has 1 columns; points have x, y and z; {PAGE}"),
+    ("a.csv", "0,0,1,0\n0,0,0,0\n", f"a cloud has points, in metres; {PAGE}"),
     # ROS maps.
-    ("a.yaml", "[1]", "it must hold fields and values"),
+    ("a.yaml", "[1]", f"it must hold fields and values, not a list; {PAGE}"),
     (
         "a.yaml",
         ROS_MAP.replace("negate: 0\n", ""),
@@ -347,6 +353,17 @@ IMAGE_OF_MAP = ROS_MAP.replace("map.png", "a.png")
     (
         lambda f: [np.save(f / "a.npy", np.eye(2)), Workspace.from_points(f / "a.npy", 0.1)],
         "a cloud is one array of points of shape (n, 3), and cells are boolean",
+    ),
+    (
+        lambda f: [
+            np.save(f / "a.npy", np.ones((9, 4), dtype=np.float32)),
+            Workspace.open(f / "a.npy", spacing=0.1, radius=0.1),
+        ],
+        "a cloud is one array of points of shape (n, 3), and cells are boolean",
+    ),
+    (
+        lambda f: Workspace.open(write(f, "a.yaml", "world: {}"), spacing=0.1),
+        "its format takes unknown; use cspace.Workspace.from_moveit_scene('",
     ),
     (lambda f: Robot.open(write(f, "a.yaml", SEVERAL)), "a.yaml#local_costmap'"),
     (

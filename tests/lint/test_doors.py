@@ -34,6 +34,7 @@ PARSERS = {
 
 CHECKS = {
     "warn_of_large": "cspace/_support/units.py",
+    "suggest_call": "cspace/_support/kinds.py",
     "suggest_name": "cspace/_support/check.py",
     "warn_of_names": "cspace/_files/fields.py",
     "check_crs": "cspace/_files/crs.py",

@@ -73,6 +73,35 @@ def test_geojson_has_the_speed_of_a_property(tmp_path, within):
     assert planners.SpeedZones.open(single, speed="top").zones == zones.zones[:1]
 
 
+@pytest.mark.parametrize(
+    "name, factor",
+    [
+        *(("top", 1.0), ("top_m_s", 1.0), ("speed [m/s]", 1.0), ("topMps", 1.0), ("rooms", 1.0)),
+        *(("maxspeed_kmh", 1 / 3.6), ("speed [km/h]", 1 / 3.6), ("maxSpeedKMH", 1 / 3.6)),
+        *(("kph", 1 / 3.6), ("km per hour", 1 / 3.6), ("speed_m_min", 1 / 60)),
+        *(("top_mm_s", 1e-3), ("v (mm/sec)", 1e-3), ("cm_per_s", 1e-2)),
+        *(("limit_mph", 0.44704), ("fps", 0.3048), ("v_ft_s", 0.3048)),
+    ],
+)
+def test_a_speed_has_the_unit_of_its_property(tmp_path, name, factor):
+    document = make_features()
+    for feature in document["features"]:
+        feature["properties"] = {name: feature["properties"]["top"]}
+    path = write_json(tmp_path / "zones.geojson", document)
+    found = [speed for _, speed in planners.SpeedZones.open(path, speed=name).zones]
+    assert found == pytest.approx([factor * speed for speed in SPEEDS])
+
+
+@pytest.mark.parametrize("name", ["maxspeed", "maxspeed:forward"])
+def test_speeds_of_openstreetmap_are_in_kilometres_an_hour(tmp_path, name):
+    document = make_features()["features"][0]
+    document["properties"] = {name: 5}
+    path = write_json(tmp_path / "zones.geojson", document)
+    with pytest.warns(UserWarning, match=f"{name} is taken as km/h, as in OpenStreetMap"):
+        ((_, speed),) = planners.SpeedZones.open(path, speed=name).zones
+    assert speed == pytest.approx(5 / 3.6)
+
+
 def test_speed_limits_of_a_zone_set_are_read(tmp_path):
     corners = [area.exterior.coords[:-1] for area in (AREAS[0], AREAS[2])]
     document = make_zone_set(
