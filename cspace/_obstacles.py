@@ -16,6 +16,7 @@ import numpy as np
 from cspace._grid import Grid
 from cspace._shapes import Shape, Voxels
 from cspace._support.arrays import Bools, Box, Ints, intersect_boxes
+from cspace._support.limits import MESH_CELL_BYTES, check_memory
 
 
 class Source(Protocol):
@@ -118,6 +119,7 @@ class Obstacle(NamedTuple):
         # This grid has the same lower corner as that of a build, so that its cells are equal to the
         # bit.
         near = Grid(grid.lower, grid.spacing, np.maximum(stop, 1).tolist())
+        check_memory(MESH_CELL_BYTES * near.size, "the obstacle", near)
         outer, inner = shape.cells(near)
         window = tuple(map(slice, first, stop))
         return cls(shape, (first, stop), outer[window].copy(), inner[window].copy())

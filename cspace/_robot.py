@@ -23,6 +23,7 @@ from cspace._shapes import (
 )
 from cspace._support.arrays import StrPath, Surface
 from cspace._support.check import names_options
+from cspace._support.limits import BITMAP_CELL_BYTES, PlannedGrid, check_memory
 from cspace.errors import InputError
 
 if TYPE_CHECKING:
@@ -294,6 +295,8 @@ class Robot:
             value is invalid.
         """
         voxels = Voxels.of(occupied, spacing, lower)
+        grid = PlannedGrid(voxels.occupied.shape, voxels.side)
+        check_memory(BITMAP_CELL_BYTES * float(voxels.occupied.sum()), "the bitmap", grid)
         cells = " x ".join(map(str, voxels.occupied.shape))
         return cls(f"bitmap {cells} cells of {voxels.side:g} m", voxels)
 

@@ -57,6 +57,7 @@ from cspace._support.check import (
 from cspace._support.derived import derived, lazy
 from cspace._support.limits import check_memory
 from cspace._support.reporting import format_point
+from cspace._support.threads import count_cores
 from cspace._support.units import warn_of_large
 from cspace._workspace import LiveWorkspace, Workspace, copy_workspace
 from cspace.errors import ConfigurationError, InputError
@@ -226,6 +227,8 @@ class CSpace(ConfigurationMap):
         """
         states = self._states
         if len(states) < len(self._slice_of):
+            needed = float(len(self._slice_of) * self.grid.size)
+            check_memory(needed, "the array of all rotation cells", self.grid)
             states = read_only(states[self._slice_of])
         return states.reshape(self._contents.stack_shape(len(states)))
 
@@ -1002,7 +1005,9 @@ class CSpace(ConfigurationMap):
         """Distances of cells to those that are not FREE; they follow updates."""
         from cspace._queries.distance import BYTES_PER_CELL, DistanceMap
 
-        needed = BYTES_PER_CELL * self._states.size
+        # The table, and what is outside the grid, for one slice in each thread.
+        threads = min(count_cores(), len(self._states))
+        needed = BYTES_PER_CELL * (self._states.size + threads * self.grid.size)
         check_memory(needed, "the map, with the clearance of its cells,", self.grid)
         return DistanceMap(self._states, self._exterior.table, self.lock)
 
@@ -1017,17 +1022,18 @@ class CSpace(ConfigurationMap):
     @derived
     def _outer_sums(self) -> NDArray[np.int32]:
         """Running counts of the outer cells, for overlap counts."""
-        from cspace._queries.overlaps import sum_columns
-
-        cells = self.workspace.outer
-        return sum_columns(cells if self.floor is None else put_layers_first(cells))
+        return self._sum_cells(self.workspace.outer)
 
     @derived
     def _inner_sums(self) -> NDArray[np.int32]:
         """Running counts of the inner cells, for overlap counts."""
-        from cspace._queries.overlaps import sum_columns
+        return self._sum_cells(self.workspace.inner)
 
-        cells = self.workspace.inner
+    def _sum_cells(self, cells: Bools) -> NDArray[np.int32]:
+        """Return running counts of cells of the workspace."""
+        from cspace._queries.overlaps import BYTES_PER_CELL, sum_columns
+
+        check_memory(BYTES_PER_CELL * cells.size, "the map, with sums of its cells,", self.grid)
         return sum_columns(cells if self.floor is None else put_layers_first(cells))
 
     @derived

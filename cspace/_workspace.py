@@ -295,7 +295,7 @@ class Workspace:
         InputError
             If a field is missing or malformed, the origin is tilted, or an argument is invalid.
         FileError
-            If a rotated map has more cells than the limit, or than fit into memory.
+            If the map has more cells than the limit, or than fit into memory.
         """
         from cspace._files.ros_maps import read_occupancy_grid
         from cspace._raster.bitmaps import align_image
@@ -356,12 +356,10 @@ class Workspace:
         lowers, uppers = zip(*(shape.outer.bounds for shape in shapes), strict=True)
         corners = np.stack([np.min(lowers, axis=0), np.max(uppers, axis=0)])
         box = corners if bounds is None else check_bounds(bounds, shapes[0].dim)
-        is_simple = len(shapes) == 1 and shapes[0].kind != "mesh"
-        cost = SHAPE_CELL_BYTES if is_simple else MESH_CELL_BYTES
         if kind in _MOVABLE:
             hint = _suggest_offset(box, spacing, bounds is not None)
             check_reach(float(np.abs(box).max()) / spacing, "grid", "the origin", hint)
-        grid = covering_grid(box, spacing, 0 if lazy else cost)
+        grid = covering_grid(box, spacing, 0 if lazy else count_cell_bytes(shapes))
         if kind:
             extent = corners
             if points is not None:
@@ -877,7 +875,8 @@ class LazyWorkspace(Workspace):
         """Return the outer and inner cells; the first call reads them."""
         if not self._whole:
             grid = self.grid
-            check_memory(WORKSPACE_CELL_BYTES * grid.size, "the workspace", grid)
+            planned = PlannedGrid(grid.shape, grid.spacing)
+            check_memory(count_cell_bytes(self.shapes) * grid.size, "the workspace", planned)
             whole_grid = tuple(slice(0, n) for n in grid.shape)
             outer, inner = map(frozen, self.cells.read(whole_grid))
             if np.array_equal(outer, inner):
@@ -896,6 +895,14 @@ class LazyWorkspace(Workspace):
     ) -> tuple[type[LazyWorkspace], tuple[Grid, Source, str, tuple[Shape, ...] | None]]:
         """Pickle the source of the cells, not the cells."""
         return LazyWorkspace, (self.grid, self.cells, self.source, self.shapes)
+
+
+def count_cell_bytes(shapes: Sequence[Shape] | None) -> int:
+    """Return the bytes for each cell while shapes are rasterized, or cells without shapes read."""
+    if shapes is None:
+        return WORKSPACE_CELL_BYTES + 1  # while both bitmaps are compared
+    is_simple = len(shapes) == 1 and shapes[0].kind != "mesh"
+    return SHAPE_CELL_BYTES if is_simple else MESH_CELL_BYTES
 
 
 def load_workspace(workspace: Workspace) -> Workspace:

@@ -139,8 +139,6 @@ def estimate_raster_bytes(
 
     The estimate uses the robot's bounds at some rotations; ``slices`` is the number of slices.
     """
-    if slices == 1:
-        return 0.0
     stride = max(1, len(rotations) // SAMPLED_ROTATIONS)
     matrices = rotations.make_matrices(rotations.centers[::stride], robot.dim)
     low, high = robot.shape.outer.bounds

@@ -28,7 +28,7 @@ from cspace._files.fields import Fields
 from cspace._support.arrays import Bools, Floats, StrPath, frozen
 from cspace._support.check import check_finite, check_word
 from cspace._support.kinds import BRING_YOUR_FILE
-from cspace._support.limits import check_cells
+from cspace._support.limits import WORKSPACE_CELL_BYTES, check_cells
 from cspace._support.reporting import warn_user
 from cspace.errors import InputError, UnitWarning
 
@@ -462,7 +462,7 @@ def read_movingai_voxels(path: StrPath) -> Bools:
         shape = _parse_counts(sizes)
         if keyword != "voxel" or min(shape, default=0) < 1:
             raise _make_line_error(1, lines, "'voxel' and three whole numbers above zero")
-        check_cells(path, shape)
+        check_cells(path, shape, memory=WORKSPACE_CELL_BYTES)
         blocked = np.zeros(shape, dtype=np.bool_)
         for number, line in enumerate(lines[1:], start=2):
             words = line.split()
@@ -483,7 +483,7 @@ def _parse_counts(words: list[str]) -> tuple[int, ...]:
     return tuple(map(int, words))
 
 
-def _read_lines(path: StrPath, kind: str, memory: float = 4.0) -> list[str]:
+def _read_lines(path: StrPath, kind: str, memory: float = 6.0) -> list[str]:
     """Read the lines of a text file without trailing blank lines."""
     text = read_text(path, kind, memory).rstrip()
     return [line.rstrip() for line in text.split("\n")]

@@ -31,6 +31,7 @@ from cspace._support.check import (
     check_positive,
     check_real,
 )
+from cspace._support.limits import check_cells
 from cspace._support.reporting import warn_user
 from cspace.errors import FileError, GeometryError, InputError
 
@@ -548,6 +549,8 @@ def _read_rows(grid: Ledger, size: Ledger) -> NDArray[Any]:
     ``size`` has the fields ``width`` and ``height``.
     """
     width, height = (size.count(name, lowest=1) for name in ("width", "height"))
+    # Numbers of 8 bytes, and masks.
+    check_cells(grid.where, (width, height), memory=12.0)
     data = grid.need("data")
     if isinstance(data, str):  # as rosbridge writes bytes
         with suppress(ValueError):

@@ -39,13 +39,12 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from cspace._grid import SLACK
 from cspace._queries.callbacks import MAX_SIZE, NO_ANSWER, configuration_before
 from cspace._queries.points import MAX_CELL, configuration_in, is_usable, slice_of, state_at
 from cspace._record.cells import Map
-from cspace._support.arrays import FREE, Bools, Floats, Ints, Numbers, Row, States
+from cspace._support.arrays import FREE, Bools, Floats, Ints, Numbers, Row, States, find_box
 from cspace._support.compiling import internal, kernel
 from cspace._support.threads import count_cores, map_in_threads, run_in_chunks
 
@@ -56,7 +55,7 @@ Distances = NDArray[np.float32]
 """Distances of cells, or their squares, in cells."""
 
 BYTES_PER_CELL: Final = 4
-"""Memory of the table for each cell of each slice, bytes."""
+"""Memory of a distance, bytes."""
 
 ROUNDING_FACTOR: Final = 1.0 - 2.0**-22
 """Factor that keeps a computed distance below the true one, despite rounding."""
@@ -179,9 +178,10 @@ def find_bounding_box(states: States, exterior: Ints) -> Floats:
     if (first <= last).all():
         low = first.astype(np.float64)
         high = last + 1.0
-    for sides in ndimage.find_objects((states != FREE).view(np.uint8)):  # at most one box
-        low = np.minimum(low, [side.start for side in sides])
-        high = np.maximum(high, [side.stop for side in sides])
+    box = find_box(states != FREE)
+    if box[0].stop > 0:
+        low = np.minimum(low, [side.start for side in box])
+        high = np.maximum(high, [side.stop for side in box])
     return np.stack([low, high])
 
 
@@ -191,7 +191,8 @@ def compute_distances(states: States, exterior: Ints, out: Distances) -> None:
     ``states`` and ``out`` have the shape of the grid; ``exterior`` is a row of the exterior table.
     """
     # Squared distances spread from cells that are not FREE, along one axis after the other.
-    out[...] = np.where(states == FREE, np.float32(math.inf), np.float32(0.0))
+    out.fill(0.0)
+    np.copyto(out, math.inf, where=states == FREE)
     for axis, count in enumerate(out.shape):
         n_before = math.prod(out.shape[:axis])
         _transform_axis(out.reshape(n_before, count, -1))

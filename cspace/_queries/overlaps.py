@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,9 @@ from cspace._raster import Raster, extract_runs
 from cspace._record.cells import Map
 from cspace._support.arrays import Bools, Floats, Ints
 from cspace._support.compiling import kernel
+
+BYTES_PER_CELL: Final = 8
+"""Memory of the running counts for each cell, bytes, while they are made."""
 
 DX, DY, FIRST_DZ, LENGTH = range(4)
 """Columns of :attr:`RobotRows.rows`."""

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace._support.arrays import Bools, Floats, Ints, frozen
+from cspace._support.arrays import Bools, Floats, Ints, find_box, frozen
 from cspace._support.threads import run_in_chunks
 from cspace.errors import InputError
 
@@ -40,15 +40,10 @@ class Raster:
     @classmethod
     def from_bitmap(cls, cells: Bools, lower: tuple[int, ...]) -> Raster:
         """Make a raster from a bitmap whose first offset is ``lower``."""
-        window = []
-        for axis in range(cells.ndim):
-            # Indices along the axis at which a cell is set.
-            other_axes = tuple(k for k in range(cells.ndim) if k != axis)
-            occupied = np.flatnonzero(cells.any(axis=other_axes))
-            if not len(occupied):  # the empty set
-                return cls(np.zeros((0,) * cells.ndim, dtype=np.bool_), (0,) * cells.ndim)
-            window.append(slice(int(occupied[0]), int(occupied[-1]) + 1))
-        trimmed = np.ascontiguousarray(cells[tuple(window)])
+        window = find_box(cells)
+        trimmed = np.ascontiguousarray(cells[window])
+        if not trimmed.size:
+            return cls(trimmed, (0,) * cells.ndim)
         trimmed_lower = tuple(low + cut.start for low, cut in zip(lower, window, strict=True))
         return cls(frozen(trimmed), trimmed_lower)
 

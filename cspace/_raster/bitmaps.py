@@ -351,7 +351,7 @@ def _rotate_image(
     counts = np.ceil((upper - lower) / info.resolution + 2.0 * SLACK)
     center = 0.5 * (lower + upper)
     shape = tuple(int(n) for n in counts)
-    check_cells(info.source, shape, memory=8.0)
+    check_cells(info.source, shape, memory=9.0)
     lower = center - 0.5 * info.resolution * counts
     grid = Grid(lower, info.resolution, shape, frame_id=info.frame_id)
     # Outline the set that is bounded by the image, so that the area around it needs no outline.

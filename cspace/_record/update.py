@@ -18,8 +18,9 @@ from cspace._raster import Raster
 from cspace._record.contents import Contents
 from cspace._record.exterior import Exterior
 from cspace._shapes import Shape
-from cspace._support.arrays import Bools, Bytes, Floats, Ints, frozen, intersect_boxes
+from cspace._support.arrays import Bools, Bytes, Floats, Ints, find_box, frozen, intersect_boxes
 from cspace._support.check import check_cells, check_real
+from cspace._support.limits import UPDATE_CELL_BYTES, WORKSPACE_CELL_BYTES, check_memory
 from cspace._support.reporting import warn_user
 from cspace._workspace import LiveWorkspace, Workspace, copy_workspace, in_metres
 from cspace.errors import InputError, UnitWarning
@@ -27,6 +28,9 @@ from cspace.errors import InputError, UnitWarning
 _INFINITY: Final = 2**62
 """Minimum offset of a raster without cells, above all offsets; its negative is the maximum."""
 
+
+MAX_BLOCKS: Final = 2**16
+"""Approximate number of blocks of cells that are sorted to split changed cells into boxes."""
 
 CELLS_PER_BOX: Final = 50_000
 """Cells whose states take as long to compute as the preparations for a box of cells."""
@@ -194,6 +198,7 @@ class Updater:
         # Cells of the largest raster along each axis, and number of rotation cells of each slice.
         self._raster_size = np.max([outer.cells.shape for outer, _ in rasters], axis=0)
         self._weights = np.bincount(contents.slice_of, minlength=len(contents.states))
+        check_memory(WORKSPACE_CELL_BYTES * self._grid.size, "the map, to change it,", self._grid)
         self._workspace = copy_workspace(contents.workspace, LiveWorkspace)
 
     def update(self, patch: Patch) -> Update:
@@ -201,6 +206,7 @@ class Updater:
 
         The *base* is the workspace without named obstacles.
         """
+        self._check_memory(patch.outer.size)
         base = self._workspace if self._layers is None else self._layers
         window = patch.window
         were_known = base.unknown is None or not base.unknown[window].any()
@@ -221,6 +227,7 @@ class Updater:
 
     def replace(self, workspace: Workspace) -> Update:
         """Write another workspace, and update the map."""
+        self._check_memory(self._grid.size)
         base = self._workspace if self._layers is None else self._layers
         if base.unknown is None or workspace.unknown is None:
             same_unknown = base.unknown is workspace.unknown
@@ -258,8 +265,12 @@ class Updater:
                     "nothing; units are metres",
                     UnitWarning,
                 )
+        cells = sum(each.outer.size for each in obstacles.values() if each is not None)
         if self._layers is None:
+            self._check_memory(cells + self._grid.size)
             self._layers = _make_layers(self._workspace)
+        else:
+            self._check_memory(cells)
         boxes: list[CellBox] = []
         for name, obstacle in obstacles.items():
             places = self._layers.set_obstacle(name, obstacle)
@@ -269,6 +280,14 @@ class Updater:
                 places = [(np.min(firsts, axis=0), np.max(stops, axis=0))]
             boxes += places
         return self._copy_layers(self._layers, boxes)
+
+    def _check_memory(self, cells: int) -> None:
+        """Raise InputError if a change of workspace cells does not fit into memory.
+
+        Nothing has changed by then.
+        """
+        needed = (UPDATE_CELL_BYTES + 2.0 * len(self._states)) * cells
+        check_memory(needed, "the change of the map", self._grid)
 
     def _are_apart(self, box: CellBox, other: CellBox) -> bool:
         """Return True if no configuration can touch both boxes of cells.
@@ -442,7 +461,8 @@ def split_changes(changed: Bools, raster_size: Ints) -> list[CellBox]:
     cut. At least one cell has ``changed``.
     """
     # Sorting blocks of a quarter of the robot is quicker than sorting cells.
-    sides = np.maximum(raster_size // 4, 1)
+    largest = math.ceil((changed.size / MAX_BLOCKS) ** (1.0 / changed.ndim))
+    sides = np.maximum(raster_size // 4, largest)
     has_changed = changed
     for axis, side in enumerate(sides.tolist()):
         starts = np.arange(0, changed.shape[axis], side)
@@ -457,8 +477,8 @@ def split_changes(changed: Bools, raster_size: Ints) -> list[CellBox]:
             continue
         corner = sides * blocks.min(axis=0)
         window = tuple(map(slice, corner.tolist(), (sides * (blocks.max(axis=0) + 1)).tolist()))
-        cells = np.argwhere(changed[window]) + corner
-        boxes.append((cells.min(axis=0), cells.max(axis=0) + 1))
+        box = np.array([(side.start, side.stop) for side in find_box(changed[window])])
+        boxes.append((corner + box[:, 0], corner + box[:, 1]))
     return boxes
 
 

@@ -24,7 +24,7 @@ from cspace._raster.bitmaps import (
 from cspace._rotations import NO_ROTATION, RotationCell
 from cspace._shapes.polygon import Polygons
 from cspace._shapes.shape import Boxes, ExactShape, RoundedSimplices, Slab
-from cspace._support.arrays import AXES, Bools, Floats, Surface, frozen
+from cspace._support.arrays import AXES, Bools, Floats, Surface, find_box, frozen
 from cspace._support.check import check_cells, check_point, check_points, check_positive
 from cspace.errors import GeometryError
 
@@ -199,10 +199,8 @@ class Voxels(ExactShape):
     @cached_property
     def bounds(self) -> tuple[Floats, Floats]:
         """Lower and upper corner of the bounding box, shape (dim,) each."""
-        cells = np.argwhere(self.occupied)
-        lower = self.lower + self.side * cells.min(axis=0)
-        upper = self.lower + self.side * (cells.max(axis=0) + 1)
-        return lower, upper
+        first, stop = np.array([(side.start, side.stop) for side in find_box(self.occupied)]).T
+        return self.lower + self.side * first, self.lower + self.side * stop
 
     @property
     def measure(self) -> float:

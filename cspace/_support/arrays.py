@@ -78,9 +78,22 @@ def read_only(array: NDArray[Any]) -> NDArray[Any]:
 
 def count_states(states: States) -> Ints:
     """Count each slice's FREE, MIXED and BLOCKED cells, shape (slices, 3)."""
-    kinds = FREE, MIXED, BLOCKED
-    # A comparison and a count take a tenth of the time of np.bincount.
-    return np.array([[np.count_nonzero(cells == kind) for kind in kinds] for cells in states])
+    counts = np.zeros((len(states), 3), dtype=np.int64)
+    for number, cells in enumerate(states):
+        # A comparison and a count take a tenth of the time of np.bincount, and need memory.
+        for part in np.array_split(cells.reshape(-1), 1 + cells.size // 2**24):
+            counts[number] += [np.count_nonzero(part == kind) for kind in (FREE, MIXED, BLOCKED)]
+    return counts
+
+
+def find_box(cells: Bools) -> tuple[slice, ...]:
+    """Return the smallest box of an array that holds all set cells; empty if none is set."""
+    box = []
+    for axis in range(cells.ndim):
+        other_axes = tuple(k for k in range(cells.ndim) if k != axis)
+        taken = np.flatnonzero(cells.any(axis=other_axes))
+        box.append(slice(int(taken[0]), int(taken[-1]) + 1) if len(taken) else slice(0, 0))
+    return tuple(box)
 
 
 def number_parts(counts: Ints) -> tuple[Ints, Ints]:

@@ -23,12 +23,18 @@ from cspace.errors import FileError, InputError
 WORKSPACE_CELL_BYTES: Final = 2
 """Bytes for each cell of a workspace: one in its outer and one in its inner bitmap."""
 
-SHAPE_CELL_BYTES: Final = 5
+SHAPE_CELL_BYTES: Final = 6
 """Bytes for each cell while polygons or balls are rasterised, measured. The finished map takes
 less."""
 
 MESH_CELL_BYTES: Final = 8
 """Bytes for each cell while a mesh is rasterised: both bitmaps, and labels of the components."""
+
+BITMAP_CELL_BYTES: Final = 280
+"""Bytes for each set cell of a robot's bitmap while its symmetries are found, measured."""
+
+UPDATE_CELL_BYTES: Final = 8
+"""Bytes for each cell of a box while a map follows its change, besides the states, measured."""
 
 TRANSFORM_BYTES: Final = 2**27
 """Bytes for the transforms of a build with a robot at most a hundred cells across. They do not
@@ -92,11 +98,12 @@ def map_bytes(shape: Sequence[int], slices: int = 1, overlap: bool = False) -> i
 def free_bytes() -> int:
     """Return the memory that this process can still use, in bytes.
 
-    That is the free memory of the machine, or the rest of a container's limit.
+    That is the free memory of the machine, or the rest of a container's limit, or of the process's
+    own (``ulimit -v``).
     """
     import psutil
 
-    return int(min(psutil.virtual_memory().available, _container_bytes()))
+    return int(min(psutil.virtual_memory().available, _container_bytes(), _process_bytes()))
 
 
 @contextmanager
@@ -171,10 +178,8 @@ def check_file_memory(path: StrPath, declared: str, needed: float) -> None:
 
     ``declared`` describes the content of the file for the message, and ``needed`` is in bytes.
     """
-    if needed < _MIN_CHECKED_BYTES:
-        return
-    free = free_bytes()
-    if needed > MAX_MEMORY_FRACTION * free:
+    free = _find_shortage(needed)
+    if free is not None:
         problem, rule = _memory_parts(declared, needed, free)
         raise FileError(os.fspath(path), problem, rule)
 
@@ -187,7 +192,8 @@ def check_samples(n: int | None, size: int) -> int:
     count = 1 if n is None else check_count(n, "n")
     # Memory for a number of a drawn configuration, bytes: that, and what is drawn for it.
     needed = 32 * float(count) * size
-    if needed >= _MIN_CHECKED_BYTES and needed > MAX_MEMORY_FRACTION * (free := free_bytes()):
+    free = _find_shortage(needed)
+    if free is not None:
         problem, rule = _memory_parts(f"is {count}", needed, free)
         raise InputError("n", problem, rule)
     return count
@@ -228,8 +234,8 @@ def check_memory(needed: float, what: str, grid: GridCells, *, slices: int = 1) 
     slices : int
         Number of slices, for the message.
     """
-    free = free_bytes()
-    if needed <= MAX_MEMORY_FRACTION * free:
+    free = _find_shortage(needed)
+    if free is None:
         return
     hint = ""
     if isinstance(grid, PlannedGrid):
@@ -242,6 +248,14 @@ def check_memory(needed: float, what: str, grid: GridCells, *, slices: int = 1) 
     description = f"has {cells} cells of {grid.spacing:g} {grid.unit}{slice_text}"
     problem, rule = _memory_parts(description, needed, free)
     raise InputError(what, problem, rule, hint)
+
+
+def _find_shortage(needed: float) -> int | None:
+    """Return the free bytes if so many may not be used, otherwise None."""
+    if needed < _MIN_CHECKED_BYTES:
+        return None
+    free = free_bytes()
+    return free if needed > MAX_MEMORY_FRACTION * free else None
 
 
 def _memory_parts(description: str, needed: float, free: float) -> tuple[str, str]:
@@ -280,6 +294,19 @@ def _container_bytes() -> float:
         return math.inf
     values = dict(line.split() for line in statistics)
     return max(0, limit - used + int(values.get("inactive_file", 0)))
+
+
+def _process_bytes() -> float:
+    """Return the bytes left below the limit of the process's address space, or infinity."""
+    import psutil
+
+    process = psutil.Process()
+    if not hasattr(process, "rlimit"):  # other systems than Linux
+        return math.inf
+    limit, _ = process.rlimit(psutil.RLIMIT_AS)
+    if limit == psutil.RLIM_INFINITY:
+        return math.inf
+    return max(0.0, float(limit - process.memory_info().vms))
 
 
 def _check_limit(path: StrPath, problem: str, size: int, limit: str, limit_text: str) -> None:

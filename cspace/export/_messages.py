@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cspace import BLOCKED, FREE, MIXED, Grid
 from cspace.errors import InputError
-from cspace.inside import Bools, DistanceTable, Floats, check_not_negative
+from cspace.inside import Bools, DistanceTable, Floats, check_memory, check_not_negative
 from cspace.ros import Costmap, JointTrajectoryPoint, OccupancyGrid, PoseStamped
 
 if TYPE_CHECKING:
@@ -32,6 +32,12 @@ INSCRIBED = 253
 NO_INFORMATION = 255
 """Costs of Nav2: an obstacle is in the cell; a robot in the cell collides at every rotation; the
 cell is unknown."""
+
+GRID_CELL_BYTES: Final = 6
+"""Bytes for each cell while an occupancy grid is filled, measured."""
+
+COSTMAP_CELL_BYTES: Final = 36
+"""Bytes for each cell while a costmap is filled, measured."""
 
 OCCUPANCY: Final = {FREE: 0, MIXED: -1, BLOCKED: 100}
 """Occupancy of each state, in per cent; -1 is unknown."""
@@ -72,6 +78,7 @@ def to_occupancy_grid(
         have the ``rotation``.
     """
     grid = space.grid
+    check_memory(GRID_CELL_BYTES * grid.size, "the message", grid)
     if rotation is None:
         # A cell is FREE or BLOCKED only if it is so in all slices.
         stack = space.cell_states.reshape(-1, *grid.shape)
@@ -136,6 +143,7 @@ def to_costmap(
     radius = check_not_negative(inflation_radius, "inflation_radius")
     scaling = check_not_negative(cost_scaling_factor, "cost_scaling_factor", "1/m")
     grid = space.grid
+    check_memory(COSTMAP_CELL_BYTES * grid.size, "the message", grid)
     workspace = space.drawn_workspace
     if not space.has_poses:
         raise _make_joints_error("a costmap")

@@ -23,6 +23,7 @@ from cspace.inside import (
     Ints,
     MapFolder,
     StrPath,
+    check_memory,
     check_suffix,
     collect_arrays,
     contents_of,
@@ -119,6 +120,8 @@ class ExportFormat(NamedTuple):
         Rotations that a file holds.
     dimension : int or None
         2 if files hold only maps of the plane, 3 if only maps in space.
+    memory : int
+        Bytes for each cell that is written, measured.
     summary : str
         Content of such a file, for the documentation.
     """
@@ -126,33 +129,37 @@ class ExportFormat(NamedTuple):
     write: Callable[..., None]
     rotations: Literal["all", "all or one", "one"]
     dimension: int | None
+    memory: int
     summary: str
 
 
 EXPORT_FORMATS: Final[dict[str, ExportFormat]] = {
     **dict.fromkeys(
         MapFolder.SUFFIXES,
-        ExportFormat(_save, "all", None, "a saved map, which `cspace.open` reads"),
+        ExportFormat(_save, "all", None, 2, "a saved map, which `cspace.open` reads"),
     ),
-    ".npz": ExportFormat(write_npz, "all", None, "arrays for `numpy.load`"),
+    ".npz": ExportFormat(write_npz, "all", None, 2, "arrays for `numpy.load`"),
     ".vti": ExportFormat(
         _write_vti,
         "all or one",
         None,
+        4,
         "image data for ParaView; if the robot turns, one array for each rotation, "
         "`cell_states_00` and on",
     ),
-    ".nc": ExportFormat(_write_netcdf, "all or one", None, "netCDF, indexed `[rotation, z, y, x]`"),
-    **dict.fromkeys(
-        (".tif", ".tiff"), ExportFormat(write_geotiff, "one", 2, "a GeoTIFF of a plane map")
+    ".nc": ExportFormat(
+        _write_netcdf, "all or one", None, 10, "netCDF, indexed `[rotation, z, y, x]`"
     ),
     **dict.fromkeys(
-        (".yaml", ".yml"), ExportFormat(write_ros_map, "one", 2, "a ROS map with its image")
+        (".tif", ".tiff"), ExportFormat(write_geotiff, "one", 2, 4, "a GeoTIFF of a plane map")
+    ),
+    **dict.fromkeys(
+        (".yaml", ".yml"), ExportFormat(write_ros_map, "one", 2, 4, "a ROS map with its image")
     ),
     **dict.fromkeys(
         WRITERS,
         ExportFormat(
-            write_boundary, "one", 3, "the border of the free cells in space, as a closed mesh"
+            write_boundary, "one", 3, 20, "the border of the free cells in space, as a closed mesh"
         ),
     ),
 }
@@ -217,16 +224,19 @@ def _write(space: CSpace, path: StrPath, overwrite: bool, rotation: ArrayLike | 
     if form.rotations == "one" and contents.grid.unit != "m":
         rule = f"{suffix} holds places in metres, and the cells are in {contents.grid.unit}"
         raise InputError("path", f"is {Path(path)}", rule)
+    cells: Sequence[int] = range(len(contents.states))
     if form.rotations == "all":
         if rotation is not None:
             rule = f"a {suffix or 'Zarr'} map holds every slice"
             raise InputError("rotation", f"is {rotation!r}", rule)
-        form.write(space, path, overwrite)
-        return
-    cells: Sequence[int] = range(len(contents.rotations))
-    if rotation is not None or form.rotations == "one":
+    elif rotation is not None or form.rotations == "one":
         cells = [_find_cell(contents.rotations, rotation, path)]
-    if form.rotations == "one":
+    else:
+        cells = range(len(contents.rotations))
+    check_memory(form.memory * len(cells) * contents.grid.size, "the export", contents.grid)
+    if form.rotations == "all":
+        form.write(space, path, overwrite)
+    elif form.rotations == "one":
         number = int(contents.slice_of[cells[0]])
         form.write(contents.states[number], contents.grid, path, overwrite)
     else:
