@@ -1,7 +1,7 @@
 # Names of the core for packages that stand beside it. Each is imported at its first use.
 
+from ._bodies import box_trees as box_trees
 from ._bodies.cores import Cores as Cores
-from ._bodies.triangle_proofs import build_boxes as build_boxes
 from ._configuration_map import ConfigurationMap as ConfigurationMap
 from ._configuration_map import contents_of as contents_of
 from ._engines import find_overlaps as find_overlaps
