@@ -49,6 +49,7 @@ from ._queries.upright import Upright as Upright
 from ._queries.vehicles import Car as Car
 from ._queries.vehicles import Differential as Differential
 from ._queries.vehicles import check_drive as check_drive
+from ._queries.yaws import join_yaw_cells as join_yaw_cells
 from ._raster import Raster as Raster
 from ._record.cells import Map as Map
 from ._record.contents import Contents as Contents
@@ -73,7 +74,6 @@ from ._space import is_labelled as is_labelled
 from ._space import proofs_of as proofs_of
 from ._support import heap as heap
 from ._support import vectors as vectors
-from ._support.arrays import STATE_NAMES as STATE_NAMES
 from ._support.arrays import Bools as Bools
 from ._support.arrays import Bytes as Bytes
 from ._support.arrays import Floats as Floats

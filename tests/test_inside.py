@@ -17,6 +17,7 @@ OF_ONE_ROOM = {
     "Mesh",
     "cache_folder",
     "find_overlaps",
+    "join_yaw_cells",
     "list_slice_cells",
     "measure_shapes",
     "read_mesh",

@@ -14,6 +14,14 @@ import numpy as np
 from cspace._support.arrays import Floats, Ints
 from cspace._support.compiling import inlined
 
+MAX_PENDING_PAIRS = 128
+"""Capacity of a stack of pairs of nodes; a search needs the levels of both trees, plus a few."""
+
+
+FIRST_ITEM, ITEM_COUNT = range(2)
+"""Columns of a tree's ``spans``."""
+
+
 Tree = TypeVar("Tree")
 """A named tuple of arrays: ``boxes``, ``spans``, ``triangles``, and perhaps more of triangles."""
 

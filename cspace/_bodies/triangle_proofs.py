@@ -34,7 +34,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cspace._bodies.box_trees import build_boxes, join_trees, push_halves
+from cspace._bodies.box_trees import (
+    FIRST_ITEM,
+    ITEM_COUNT,
+    build_boxes,
+    join_trees,
+    push_halves,
+)
 from cspace._shapes import RoundedSimplices
 from cspace._support.arrays import Floats, Ints, Row
 from cspace._support.compiling import internal, kernel
@@ -59,17 +65,8 @@ MIN_SQUARED_LENGTH = 2.0**-600
 """Squared length of the shortest vector used as a projection axis."""
 
 
-MAX_PENDING_PAIRS = 128
-"""Capacity of the stack of node pairs; a search needs at most the levels of both trees, plus a few.
-"""
-
-
 CENTER, HALF_SIDES, LEVER = 0, 3, 6
 """Columns of a tree's ``boxes`` where the center, the half sides and the longest lever begin."""
-
-
-FIRST_ITEM, ITEM_COUNT = range(2)
-"""Columns of a tree's ``spans``."""
 
 
 RADIUS = 9
@@ -213,7 +210,8 @@ def find_close_leaves(trees: Trees, motion: Motion, fraction: float, nodes: Ints
         )
         if boxes_are_apart(minus(a_center, row_at(b_box, CENTER)), swept_half, b_half):
             continue
-        a_count, b_count = trees.spans[a, ITEM_COUNT], trees.spans[b, ITEM_COUNT]
+        a_count = trees.spans[a, ITEM_COUNT]
+        b_count = trees.spans[b, ITEM_COUNT]
         b_size = b_half[0] + b_half[1] + b_half[2]
         if a_count == 1 and b_count == 1:
             return top

@@ -64,6 +64,20 @@ class LaneMotions(NamedTuple):
         return LaneMotions._make(column[rows] for column in self)
 
 
+MOTION: Final = np.dtype(
+    [
+        ("starts", "f8", 3),
+        ("ends", "f8", 3),
+        ("growths", "f8"),
+        ("spares", "f8"),
+        ("lanes", "i8"),
+        ("order", "i8"),
+        ("on_lane", "?"),
+    ]
+)
+"""A row of :class:`LaneMotions`, with three numbers for a configuration."""
+
+
 class LaneYaw(NamedTuple):
     """One of the yaws at which a lane is driven.
 
@@ -164,7 +178,7 @@ def list_motions(space: ConfigurationMap, graph: RouteGraph) -> LaneMotions:
     pairs = zip(parts.mean(axis=1).tolist(), half_widths.tolist(), strict=True)
     all_ways = [LaneYaw(yaw, half_width=half_width) for yaw, half_width in pairs]
     yaws = graph.yaws.tolist()
-    rows: list[tuple[float, ...]] = []
+    rows: list[tuple[Any, ...]] = []
     for number, lane in enumerate(graph.lanes):
         legs = list_legs(graph, lane)
         if not isinstance(space, CSpace):
@@ -174,11 +188,10 @@ def list_motions(space: ConfigurationMap, graph: RouteGraph) -> LaneMotions:
         stops = (yaws[lane.start], yaws[lane.end]) if ways else (math.nan, math.nan)
         for way in ways or all_ways:
             rows += _list_way(lane, legs, way, stops, lever, number)
-    table = np.array(rows, dtype=np.float64).reshape(-1, 11)
-    starts, ends = (np.ascontiguousarray(table[:, k : k + space.size]) for k in (0, 3))
-    growths, spares, lanes, order, on_lane = table[:, 6:].T.copy()
-    kinds = lanes.astype(np.int64), order.astype(np.int64), on_lane > 0.0
-    return LaneMotions(starts, ends, growths, spares, *kinds)
+    table = np.array(rows, dtype=MOTION)
+    motions = LaneMotions(*(table[name].copy() for name in LaneMotions._fields))
+    starts, ends = (rows[:, : space.size].copy() for rows in (motions.starts, motions.ends))
+    return motions._replace(starts=starts, ends=ends)
 
 
 def _cut(space: ConfigurationMap, leg: Leg, longest: float) -> Iterator[Leg]:
@@ -220,20 +233,20 @@ def _list_way(
     stops: tuple[float, float],
     lever: float,
     number: int,
-) -> list[tuple[float, ...]]:
-    """List the motions and turns of one way along a lane.
+) -> list[tuple[Any, ...]]:
+    """List the motions and turns of one way along a lane, each as a row of :data:`MOTION`.
 
     ``stops`` are the yaws at both nodes, or NaN. A point of the robot moves by at most ``lever``
-    times an angle. The columns are those of :class:`LaneMotions`, with 3 for a configuration.
+    times an angle.
     """
-    rows: list[tuple[float, ...]] = []
+    rows: list[tuple[Any, ...]] = []
 
     def add(
         start: tuple[float, ...], end: tuple[float, ...], bend: float = 0.0, spare: float = 0.0
     ) -> None:
         """Add a motion, which a lane leaves by ``bend``."""
         growth = lane.deviation + bend
-        rows.append((*start, *end, growth, spare, number, len(rows), bend == 0.0))
+        rows.append((start, end, growth, spare, number, len(rows), bend == 0.0))
 
     def turn(place: tuple[float, float], before: float, after: float) -> None:
         """Add the shorter turn on the spot, or both half turns."""

@@ -31,18 +31,9 @@ OrientedBox = tuple[Row, Row, Row, Row]
 """Center and half axes of a box."""
 
 
-MAX_PENDING_PAIRS: Final = 128
-"""Capacity of a stack of node pairs; a search needs at most the levels of both trees, plus a few.
-"""
-
-
 CENTER, HALF_SIDES, LEVER, BALL = 0, 3, 6, 7
 """Columns of a tree's ``boxes`` where the center, the half sides, the longest lever and the largest
 radius begin."""
-
-
-FIRST_ITEM, ITEM_COUNT = range(2)
-"""Columns of a tree's ``spans``."""
 
 
 RADIUS = 9
@@ -210,10 +201,11 @@ def find_near_leaves(
         offset = vectors.minus(center, vectors.row_at(b_box, CENTER))
         if vectors.boxes_are_apart(offset, a_half, b_half):
             continue
-        a_count, b_count = trees.spans[a, ITEM_COUNT], trees.spans[b, ITEM_COUNT]
+        a_count = trees.spans[a, box_trees.ITEM_COUNT]
+        b_count = trees.spans[b, box_trees.ITEM_COUNT]
         unposed_half = vectors.row_at(a_box, HALF_SIDES)
         a_size = math.sqrt(vectors.dot(unposed_half, unposed_half))
-        b_row = trees.triangles[trees.spans[b, FIRST_ITEM]]
+        b_row = trees.triangles[trees.spans[b, box_trees.FIRST_ITEM]]
         # An oblique box is much smaller than the box around it.
         if b_count == 1 and lies_beside_box(b_row, center, a_size):
             continue
