@@ -185,6 +185,10 @@ class ConfigurationMap(ConfigurationSpace):
     def count(self) -> tuple[int, int, int]:
         """Count the FREE, MIXED and BLOCKED cells over all rotation cells."""
 
+    def _count_by_name(self) -> dict[str, int]:
+        """Count the cells of each state, by its name."""
+        return dict(zip(STATE_NAMES, self.count(), strict=True))
+
     def __repr__(self) -> str:
         """Return the cells, the robot and a summary of the states."""
         cells = " x ".join(map(str, self.grid.shape))

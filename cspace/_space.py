@@ -36,7 +36,6 @@ from cspace._shapes.layers import Heights
 from cspace._support.arrays import (
     BLOCKED,
     FREE,
-    STATE_NAMES,
     Bools,
     Floats,
     Ints,
@@ -274,7 +273,7 @@ class CSpace(ConfigurationMap):
             **facts,
             **({} if self.floor is None else {"floor_m": self.floor}),
             "workspace": self.workspace.source,
-            "cells": dict(zip(STATE_NAMES, self.count(), strict=True)),
+            "cells": self._count_by_name(),
             free_name: mean_cells * grid.spacing**grid.dim,
             "overlap_counts": counts is not None,
             "memory_bytes": states.nbytes + (0 if counts is None else counts.nbytes),

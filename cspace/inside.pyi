@@ -1,7 +1,7 @@
 # Names of the core for packages that stand beside it. Each is imported at its first use.
 
+from ._bodies import box_trees as box_trees
 from ._bodies.cores import Cores as Cores
-from ._bodies.triangle_proofs import build_boxes as build_boxes
 from ._configuration_map import ConfigurationMap as ConfigurationMap
 from ._configuration_map import contents_of as contents_of
 from ._engines import find_overlaps as find_overlaps
@@ -51,6 +51,7 @@ from ._queries.vehicles import Car as Car
 from ._queries.vehicles import Differential as Differential
 from ._queries.vehicles import Drive as Drive
 from ._queries.vehicles import check_drive as check_drive
+from ._queries.yaws import join_yaw_cells as join_yaw_cells
 from ._raster import Raster as Raster
 from ._record.cells import Map as Map
 from ._record.contents import Contents as Contents
@@ -78,7 +79,6 @@ from ._support import attach_stub as attach_stub
 from ._support import heap as heap
 from ._support import vectors as vectors
 from ._support.arrays import AXES as AXES
-from ._support.arrays import STATE_NAMES as STATE_NAMES
 from ._support.arrays import Bools as Bools
 from ._support.arrays import Bytes as Bytes
 from ._support.arrays import Floats as Floats

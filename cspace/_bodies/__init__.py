@@ -5,6 +5,8 @@ The geometry of :mod:`cspace._exact`, with constants of all proofs of motions.
 
 from typing import Final
 
+from cspace._bodies import box_trees as box_trees  # for the inner door
+
 __all__ = ["ADVANCE_FACTOR", "DISTANCE_ROUNDING", "MAX_DISTANCES_PER_EDGE", "MIN_ADVANCE"]
 
 DISTANCE_ROUNDING: Final = 1e-12

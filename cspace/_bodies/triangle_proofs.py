@@ -34,6 +34,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from cspace._bodies.box_trees import (
+    FIRST_ITEM,
+    ITEM_COUNT,
+    build_boxes,
+    join_trees,
+    push_halves,
+)
 from cspace._shapes import RoundedSimplices
 from cspace._support.arrays import Floats, Ints, Row
 from cspace._support.compiling import internal, kernel
@@ -58,17 +65,8 @@ MIN_SQUARED_LENGTH = 2.0**-600
 """Squared length of the shortest vector used as a projection axis."""
 
 
-MAX_PENDING_PAIRS = 128
-"""Capacity of the stack of node pairs; a search needs at most the levels of both trees, plus a few.
-"""
-
-
 CENTER, HALF_SIDES, LEVER = 0, 3, 6
 """Columns of a tree's ``boxes`` where the center, the half sides and the longest lever begin."""
-
-
-FIRST_ITEM, ITEM_COUNT = range(2)
-"""Columns of a tree's ``spans``."""
 
 
 RADIUS = 9
@@ -129,10 +127,7 @@ def build_trees(borders: Sequence[RoundedSimplices], about_z: bool) -> tuple[Tre
     Also returns the root of each tree, -1 if it is empty. Levers are distances from the z axis if
     ``about_z``, else from the origin.
     """
-    trees = [Trees(np.empty((0, 7)), np.empty((0, 2), dtype=np.int64), np.empty((0, 10)))]
-    roots = []
-    node = 0
-    triangle = 0
+    trees = []
     for simplices, radii in borders:
         dims_across_axis = 2 if about_z else 3
         levers = np.linalg.norm(simplices[..., :dims_across_axis], axis=-1).max(axis=1)
@@ -140,77 +135,10 @@ def build_trees(borders: Sequence[RoundedSimplices], about_z: bool) -> tuple[Tre
         low, high = simplices.min(axis=1) - growth, simplices.max(axis=1) + growth
         boxes, order, spans = build_boxes(low, high, levers[:, np.newaxis])
         rows = np.hstack([simplices.reshape(-1, 9), growth])
-        # Spans name triangles by their index, which moves up by the triangles of the trees before.
-        trees.append(Trees(boxes, spans + np.array([triangle, 0]), rows[order]))
-        roots.append(node if len(boxes) else -1)
-        node += len(boxes)
-        triangle += len(rows)
-    return Trees(*map(np.concatenate, zip(*trees, strict=True))), roots
-
-
-def build_boxes(
-    low: Floats, high: Floats, values: Floats | None = None
-) -> tuple[Floats, Ints, Ints]:
-    """Build the boxes of a binary tree around items, level by level.
-
-    ``low`` and ``high``, shapes (n, 3), are the corners of the items' boxes. Each level halves the
-    items of its nodes along the longest side. A node with n items has two children: the next node
-    has the first n // 2 of them, and the node 2 (n // 2) later the others.
-
-    Returns the boxes, shape (m, 6 + k), the order of the items in the tree, shape (n,), and the
-    first item and number of items of each node, shape (m, 2). A box is its center, its half sides,
-    and the largest of the k ``values``, shape (n, k), of its items; none by default.
-    """
-    number_of_nodes = max(2 * len(low) - 1, 0)
-    values = np.empty((len(low), 0)) if values is None else values
-    boxes = np.empty((number_of_nodes, 6 + values.shape[1]))
-    spans = np.empty((number_of_nodes, 2), dtype=np.int64)
-    order = np.arange(len(low))
-    centers = low + high
-    # The nodes of a level, one entry each: index, first item and number of items.
-    has_root = len(low) > 0
-    node = np.zeros(int(has_root), dtype=np.int64)
-    start = np.zeros_like(node)
-    count = np.full_like(node, len(low))
-    while len(node):
-        # Write the nodes of this level.
-        lower = -_maxima_of_ranges(-low[order], start, start + count)
-        upper = _maxima_of_ranges(high[order], start, start + count)
-        largest = _maxima_of_ranges(values[order], start, start + count)
-        boxes[node] = np.hstack([0.5 * (lower + upper), 0.5 * (upper - lower), largest])
-        spans[node] = np.column_stack([start, count])
-        # Go on with the nodes that have children.
-        has_children = count > 1
-        longest_axis = (upper - lower).argmax(axis=1)[has_children]
-        node = node[has_children]
-        start = start[has_children]
-        count = count[has_children]
-        # Sort the items of each node by their centers along its longest side. For each of these
-        # items: its node, and its place in the order.
-        owner = np.repeat(np.arange(len(node)), count)
-        items_before = np.cumsum(count) - count
-        places = np.arange(len(owner)) + (start - items_before)[owner]
-        items = order[places]
-        keys = centers[items, longest_axis[owner]]
-        order[places] = items[np.lexsort((keys, owner))]
-        # The first child follows its parent, the second one follows the nodes of the first. A level
-        # stays in the order of its items, because reductions also pass through the gaps.
-        half = count // 2
-        node = np.column_stack([node + 1, node + 2 * half]).ravel()
-        start = np.column_stack([start, start + half]).ravel()
-        count = np.column_stack([half, count - half]).ravel()
-    return boxes, order, spans
-
-
-def _maxima_of_ranges(rows: Floats, starts: Ints, stops: Ints) -> Floats:
-    """Return the maximum of ``rows[starts[i]:stops[i]]`` for each i.
-
-    ``rows`` has shape (n, d), the result one row for each i.
-    """
-    # ``reduceat`` also gives the maxima between a stop and the next start, which are left out.
-    bounds = np.stack([starts, stops], axis=1).ravel()
-    padded = np.append(rows, rows[:1], axis=0)  # a stop may be the number of rows
-    return np.asarray(np.maximum.reduceat(padded, bounds)[::2])
+        trees.append(Trees(boxes, spans, rows[order]))
+    none = Trees(np.empty((0, 7)), np.empty((0, 2), dtype=np.int64), np.empty((0, 10)))
+    joined, roots = join_trees(trees, none)
+    return joined, roots.tolist()
 
 
 @kernel
@@ -282,22 +210,14 @@ def find_close_leaves(trees: Trees, motion: Motion, fraction: float, nodes: Ints
         )
         if boxes_are_apart(minus(a_center, row_at(b_box, CENTER)), swept_half, b_half):
             continue
-        a_count, b_count = trees.spans[a, ITEM_COUNT], trees.spans[b, ITEM_COUNT]
+        a_count = trees.spans[a, ITEM_COUNT]
+        b_count = trees.spans[b, ITEM_COUNT]
         b_size = b_half[0] + b_half[1] + b_half[2]
         if a_count == 1 and b_count == 1:
             return top
-        # Split the node with the larger box; its second child goes below the first. The first child
-        # follows its parent, and the second child follows the nodes of the first.
-        nodes[top + 1, 0] = a
-        nodes[top + 1, 1] = b
-        splits_b = a_count == 1 or (b_count > 1 and b_size > a_half[0] + a_half[1] + a_half[2])
-        if splits_b:
-            nodes[top, 1] = b + 2 * (b_count // 2)
-            nodes[top + 1, 1] = b + 1
-        else:
-            nodes[top, 0] = a + 2 * (a_count // 2)
-            nodes[top + 1, 0] = a + 1
-        top += 2
+        # Split the node with the larger box.
+        is_b_larger = b_size > a_half[0] + a_half[1] + a_half[2]
+        top = push_halves(nodes, top, a_count, b_count, is_b_larger)
     return 0
 
 

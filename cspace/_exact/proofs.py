@@ -13,10 +13,10 @@ from typing import Final, NamedTuple, TypeAlias, cast
 import numpy as np
 
 from cspace._bodies import ADVANCE_FACTOR, DISTANCE_ROUNDING, MAX_DISTANCES_PER_EDGE, MIN_ADVANCE
+from cspace._bodies.box_trees import MAX_PENDING_PAIRS
 from cspace._bodies.parts import as_triangles, part_anchors, sort_by_part
 from cspace._bodies.triangle_proofs import (
     LEVER,
-    MAX_PENDING_PAIRS,
     Motion,
     Trees,
     build_trees,

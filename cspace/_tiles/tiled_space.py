@@ -19,7 +19,6 @@ from cspace._tiles.open_tiles import OpenTiles
 from cspace.errors import FileError, InputError
 from cspace.inside import (
     FARTHEST_CELL,
-    STATE_NAMES,
     Bools,
     ConfigurationMap,
     Contents,
@@ -140,7 +139,7 @@ class TiledCSpace(ConfigurationMap):
         """Plain values by name that describe the map, except its grid."""
         facts = {"tile": list(self.tile), "done_percent": round(100.0 * self.progress, 4)}
         if self.progress == 1.0:
-            facts["cells"] = dict(zip(STATE_NAMES, self.count(), strict=True))
+            facts["cells"] = self._count_by_name()
         return facts
 
     # ---- queries ---------------------------------------------------------------------------------

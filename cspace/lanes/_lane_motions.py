@@ -64,6 +64,20 @@ class LaneMotions(NamedTuple):
         return LaneMotions._make(column[rows] for column in self)
 
 
+MOTION: Final = np.dtype(
+    [
+        ("starts", "f8", 3),
+        ("ends", "f8", 3),
+        ("growths", "f8"),
+        ("spares", "f8"),
+        ("lanes", "i8"),
+        ("order", "i8"),
+        ("on_lane", "?"),
+    ]
+)
+"""A row of :class:`LaneMotions`, with three numbers for a configuration."""
+
+
 class LaneYaw(NamedTuple):
     """One of the yaws at which a lane is driven.
 
@@ -163,7 +177,7 @@ def list_motions(space: ConfigurationMap, graph: RouteGraph) -> LaneMotions:
     half_widths = 0.5 * np.ptp(parts, axis=1) + ANGLE_SLACK
     pairs = zip(parts.mean(axis=1).tolist(), half_widths.tolist(), strict=True)
     all_ways = [LaneYaw(yaw, half_width=half_width) for yaw, half_width in pairs]
-    rows: list[tuple[float, ...]] = []
+    rows: list[tuple[Any, ...]] = []
     for number, lane in enumerate(graph.lanes):
         legs = list_legs(graph, lane)
         if not isinstance(space, CSpace):
@@ -173,11 +187,10 @@ def list_motions(space: ConfigurationMap, graph: RouteGraph) -> LaneMotions:
         start, end = (graph._stops[node] if ways else () for node in (lane.start, lane.end))
         for way in ways or all_ways:
             rows += _list_way(lane, legs, way, (start, end), lever, number)
-    table = np.array(rows, dtype=np.float64).reshape(-1, 11)
-    starts, ends = (np.ascontiguousarray(table[:, k : k + space.size]) for k in (0, 3))
-    growths, spares, lanes, order, on_lane = table[:, 6:].T.copy()
-    kinds = lanes.astype(np.int64), order.astype(np.int64), on_lane > 0.0
-    return LaneMotions(starts, ends, growths, spares, *kinds)
+    table = np.array(rows, dtype=MOTION)
+    motions = LaneMotions(*(table[name].copy() for name in LaneMotions._fields))
+    starts, ends = (rows[:, : space.size].copy() for rows in (motions.starts, motions.ends))
+    return motions._replace(starts=starts, ends=ends)
 
 
 def _cut(space: ConfigurationMap, leg: Leg, longest: float) -> Iterator[Leg]:
@@ -219,20 +232,20 @@ def _list_way(
     stops: tuple[Sequence[float], Sequence[float]],
     lever: float,
     number: int,
-) -> list[tuple[float, ...]]:
-    """List the motions and turns of one way along a lane.
+) -> list[tuple[Any, ...]]:
+    """List the motions and turns of one way along a lane, each as a row of :data:`MOTION`.
 
     ``stops`` are the yaws of both nodes. A point of the robot moves by at most ``lever`` times an
-    angle. The columns are those of :class:`LaneMotions`, with 3 for a configuration.
+    angle.
     """
-    rows: list[tuple[float, ...]] = []
+    rows: list[tuple[Any, ...]] = []
 
     def add(
         start: tuple[float, ...], end: tuple[float, ...], bend: float = 0.0, spare: float = 0.0
     ) -> None:
         """Add a motion, which a lane leaves by ``bend``."""
         growth = lane.deviation + bend
-        rows.append((*start, *end, growth, spare, number, len(rows), bend == 0.0))
+        rows.append((start, end, growth, spare, number, len(rows), bend == 0.0))
 
     def turn(place: tuple[float, float], before: float, after: float) -> None:
         """Add the shorter turn on the spot, or both half turns."""

@@ -6,11 +6,11 @@ import math
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from scipy import ndimage, sparse
+from scipy import sparse
 from scipy.sparse import csgraph
 
 from cspace import BLOCKED
-from cspace.inside import ANGLE_SLACK, Bools, Floats, find_components, wrap_angles
+from cspace.inside import ANGLE_SLACK, Bools, Floats, find_components, join_yaw_cells
 from cspace.lanes._lane_motions import (
     SAME_YAW,
     LaneMotions,
@@ -47,7 +47,7 @@ class NodeYaws(NamedTuple):
         """List each node's intervals of free yaws, radians."""
         if not np.ptp(self.parts):  # a robot that never turns
             return [self.parts[free] for free in self.is_free]
-        return [_join_parts(free, self.parts) for free in self.is_free]
+        return [join_yaw_cells(free, self.parts) for free in self.is_free]
 
 
 def prove_nodes(space: ConfigurationMap, positions: Floats) -> NodeYaws:
@@ -156,18 +156,3 @@ def judge_ways(
         may_join = not passable_sets[first].isdisjoint(passable_sets[last])
         ways.append(True if is_joined else None if may_join else False)
     return ways
-
-
-def _join_parts(is_free: Bools, parts: Floats) -> Floats:
-    """Join neighbouring free parts of a turn to intervals, radians, in rising order."""
-    if is_free.all():
-        return np.array([[-math.pi, math.pi]])
-    # Begin after a part that is not free, so that no interval goes on at the first part.
-    shift = int(np.argmin(is_free))
-    runs = ndimage.find_objects(ndimage.label(np.roll(is_free, -shift))[0])
-    firsts = [(run.start + shift) % len(parts) for (run,) in runs]
-    lasts = [(run.stop - 1 + shift) % len(parts) for (run,) in runs]
-    low = wrap_angles(parts[firsts, 0])
-    widths = (parts[lasts, 1] - parts[firsts, 0]) % math.tau
-    intervals = np.column_stack([low, low + widths])
-    return intervals[np.argsort(low)]

@@ -12,10 +12,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import ndimage
 
-from cspace import FREE, Gate
+from cspace import BLOCKED, FREE, Gate
 from cspace.errors import InputError
 from cspace.inside import (
-    STATE_NAMES,
     Bools,
     Exterior,
     Floats,
@@ -366,8 +365,7 @@ def _decide(space: CSpace, points: Floats) -> Verdict:
     for name, point in zip(("start", "goal"), points, strict=True):
         state = int(space.classify(point))
         if state != FREE:
-            verdict: Verdict = f"{name} {STATE_NAMES[state].upper()}"  # type: ignore[assignment]
-            return verdict
+            return f"{name} {'BLOCKED' if state == BLOCKED else 'MIXED'}"  # type: ignore[return-value]
     if space.is_connected(*points):
         return "connected"
     return "disconnected" if space.is_disconnected(*points) else "undecided"

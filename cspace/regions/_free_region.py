@@ -8,12 +8,11 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace import FREE
+from cspace import BLOCKED, FREE
 from cspace.errors import ConfigurationError, InputError
 from cspace.inside import (
     ANGLE_SLACK,
     FARTHEST_CELL,
-    STATE_NAMES,
     Bools,
     Floats,
     Ints,
@@ -112,7 +111,8 @@ def free_region(
             raise InputError("yaw_width", problem, "only a yaw has a width")
     state = int(source.space.classify(point))
     if state != FREE:
-        raise _make_seed_error(source, point, f"lies in a {STATE_NAMES[state].upper()} cell")
+        name = "BLOCKED" if state == BLOCKED else "MIXED"
+        raise _make_seed_error(source, point, f"lies in a {name} cell")
     region = source.grow_around(point, yaw_width)
     if region is not None:
         return region

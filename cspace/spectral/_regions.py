@@ -21,7 +21,7 @@ from cspace.inside import (
     Shape,
     allocating,
     as_shape,
-    build_boxes,
+    box_trees,
     check_memory,
     kernel,
     run_in_chunks,
@@ -183,7 +183,7 @@ class ShapeBoundary:
         # The boxes of the tree are grown by the errors.
         low = triangles.min(axis=1) - errors[:, np.newaxis]
         high = triangles.max(axis=1) + errors[:, np.newaxis]
-        boxes, order, spans = build_boxes(low, high)
+        boxes, order, spans = box_trees.build_boxes(low, high)
         return PieceTree(triangles[order], errors[order], boxes, spans, is_spatial)
 
 
@@ -335,7 +335,7 @@ class PieceTree(NamedTuple):
     ``pieces``, shape (n, 3, 3), are triangles or, unless ``spatial``, segments between their first
     two corners. ``errors``, shape (n,), bound how much the distances to them may be too small.
     ``boxes`` and ``spans``, shapes (m, 6) and (m, 2), are those of
-    :func:`cspace.inside.build_boxes`.
+    :mod:`cspace.inside.box_trees`.
     """
 
     pieces: Floats

@@ -22,6 +22,7 @@ from cspace.inside import (
     Floats,
     Ints,
     allocating,
+    box_trees,
     check_points,
     internal,
     run_in_chunks,
@@ -109,16 +110,9 @@ def compare_placed(
                 return HIT
             result = UNDECIDED
             continue
-        # Replace the node with the larger ball by its two children.
-        pending[count + 1, 0] = i
-        pending[count + 1, 1] = j
-        if size_b == 1 or (size_a > 1 and node_a[RADIUS] > node_b[RADIUS]):
-            pending[count, 0] = i + 1
-            pending[count + 1, 0] = i + 2 * (size_a // 2)
-        else:
-            pending[count, 1] = j + 1
-            pending[count + 1, 1] = j + 2 * (size_b // 2)
-        count += 2
+        # Split the node with the larger ball.
+        is_b_larger = node_b[RADIUS] >= node_a[RADIUS]
+        count = box_trees.push_halves(pending, count, size_a, size_b, is_b_larger)
     return result
 
 

@@ -9,7 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from cspace._bodies.triangle_proofs import MAX_PENDING_PAIRS, Motion, build_trees, free_fraction
+from cspace._bodies.box_trees import MAX_PENDING_PAIRS
+from cspace._bodies.triangle_proofs import Motion, build_trees, free_fraction
 from cspace._shapes import RoundedSimplices
 from cspace._support.compiling import kernel
 from tests.helpers.strategies import examples, seeds

@@ -22,7 +22,7 @@ from cspace.arms._arm_space import ArmSpace
 from cspace.arms._checks import check_mapping
 from cspace.arms._joint_maps.boxes import CellProofs, InnerBalls
 from cspace.arms._model import Arm
-from cspace.arms._proofs.crossings import MAX_PENDING_PAIRS, SurfaceTree
+from cspace.arms._proofs.crossings import SurfaceTree
 from cspace.arms._proofs.motion_proofs import (
     Solids,
     nearest_triangle,
@@ -38,6 +38,7 @@ from cspace.inside import (
     Floats,
     Ints,
     States,
+    box_trees,
     check_finite,
     check_known,
     check_memory,
@@ -409,7 +410,7 @@ def _find_surface_balls(surfaces: SurfaceTree, root: int) -> Floats:
     counts = np.minimum(2 * np.floor(half_sides / step) + 1, _LATTICE_POINTS_PER_SURFACE // 4)
     lattice = np.array(list(np.ndindex(*counts.astype(np.int64).tolist())))
     points = center - half_sides + (lattice + 0.5) * 2.0 * half_sides / counts
-    scratch = np.empty((MAX_PENDING_PAIRS, 2), dtype=np.int64)
+    scratch = np.empty((box_trees.MAX_PENDING_PAIRS, 2), dtype=np.int64)
     depths = np.empty(len(points))
     for k, (x, y, z) in enumerate(points.tolist()):
         depth = nearest_triangle(surfaces, root, (x, y, z), math.inf, scratch)

@@ -9,8 +9,7 @@ Each proof leaves room for the rounding of the points.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import Final, NamedTuple, TypeVar
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -18,7 +17,7 @@ from cspace.inside import (
     Floats,
     Ints,
     Row,
-    build_boxes,
+    box_trees,
     internal,
     kernel,
     vectors,
@@ -32,18 +31,9 @@ OrientedBox = tuple[Row, Row, Row, Row]
 """Center and half axes of a box."""
 
 
-MAX_PENDING_PAIRS: Final = 128
-"""Capacity of a stack of node pairs; a search needs at most the levels of both trees, plus a few.
-"""
-
-
 CENTER, HALF_SIDES, LEVER, BALL = 0, 3, 6, 7
 """Columns of a tree's ``boxes`` where the center, the half sides, the longest lever and the largest
 radius begin."""
-
-
-FIRST_ITEM, ITEM_COUNT = range(2)
-"""Columns of a tree's ``spans``."""
 
 
 RADIUS = 9
@@ -65,7 +55,7 @@ class PartTree(NamedTuple):
     ----------
     boxes : ndarray of float64, shape (m, 8)
         Center and half sides of each box, radii included, the longest lever of its triangles, and
-        their largest radius, zero or above; children as in :func:`cspace.inside.build_boxes`.
+        their largest radius, zero or above; children as in :mod:`cspace.inside.box_trees`.
     spans : ndarray of int64, shape (m, 2)
         Index of the first triangle of each node, and their number.
     triangles : ndarray of float64, shape (n, 10)
@@ -98,9 +88,6 @@ class SurfaceTree(NamedTuple):
     windings: Ints
 
 
-AnyTree = TypeVar("AnyTree", PartTree, SurfaceTree)
-
-
 NO_TREE: Final[PartTree] = PartTree(
     np.empty((0, 8)), np.empty((0, 2), dtype=np.int64), np.empty((0, 10))
 )
@@ -114,27 +101,8 @@ def build_tree(rows: Floats, levers: Floats) -> PartTree:
     """
     low, high = bound_rows(rows)
     radii = np.maximum(rows[:, RADIUS], 0.0)
-    boxes, order, spans = build_boxes(low, high, np.column_stack([levers, radii]))
+    boxes, order, spans = box_trees.build_boxes(low, high, np.column_stack([levers, radii]))
     return PartTree(boxes, spans, rows[order])
-
-
-def join_trees(trees: Sequence[AnyTree], before: AnyTree) -> tuple[AnyTree, Ints]:
-    """Join trees in one record, after those joined ``before``.
-
-    Returns the record, and the root of each tree in it, -1 if the tree is empty.
-    """
-    # Spans name triangles by their index, which moves up by the triangles of the trees before.
-    shifted = [before]
-    roots = []
-    node = len(before.boxes)
-    triangle = len(before.triangles)
-    for tree in trees:
-        roots.append(node if len(tree.boxes) else -1)
-        shifted.append(tree._replace(spans=tree.spans + np.array([triangle, 0])))
-        node += len(tree.boxes)
-        triangle += len(tree.triangles)
-    joined = map(np.concatenate, zip(*shifted, strict=True))
-    return type(before)(*joined), np.array(roots, dtype=np.int64)
 
 
 class Triangles(NamedTuple):
@@ -233,10 +201,11 @@ def find_near_leaves(
         offset = vectors.minus(center, vectors.row_at(b_box, CENTER))
         if vectors.boxes_are_apart(offset, a_half, b_half):
             continue
-        a_count, b_count = trees.spans[a, ITEM_COUNT], trees.spans[b, ITEM_COUNT]
+        a_count = trees.spans[a, box_trees.ITEM_COUNT]
+        b_count = trees.spans[b, box_trees.ITEM_COUNT]
         unposed_half = vectors.row_at(a_box, HALF_SIDES)
         a_size = math.sqrt(vectors.dot(unposed_half, unposed_half))
-        b_row = trees.triangles[trees.spans[b, FIRST_ITEM]]
+        b_row = trees.triangles[trees.spans[b, box_trees.FIRST_ITEM]]
         # An oblique box is much smaller than the box around it.
         if b_count == 1 and lies_beside_box(b_row, center, a_size):
             continue
@@ -250,17 +219,9 @@ def find_near_leaves(
                 continue
         if a_count == 1 and b_count == 1:
             return top
-        # Split the node with the larger box; its second child goes below the first.
-        nodes[top + 1, 0] = a
-        nodes[top + 1, 1] = b
-        splits_b = a_count == 1 or (b_count > 1 and b_size > a_half[0] + a_half[1] + a_half[2])
-        if splits_b:
-            nodes[top, 1] = b + 2 * (b_count // 2)
-            nodes[top + 1, 1] = b + 1
-        else:
-            nodes[top, 0] = a + 2 * (a_count // 2)
-            nodes[top + 1, 0] = a + 1
-        top += 2
+        # Split the node with the larger box.
+        is_b_larger = b_size > a_half[0] + a_half[1] + a_half[2]
+        top = box_trees.push_halves(nodes, top, a_count, b_count, is_b_larger)
     return 0
 
 

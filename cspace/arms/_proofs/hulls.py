@@ -45,7 +45,7 @@ from cspace.arms._proofs.crossings import (
     half_axes,
     joint_displacement,
 )
-from cspace.inside import Bools, Floats, Ints, Row, build_boxes, internal, vectors
+from cspace.inside import Bools, Floats, Ints, Row, box_trees, internal, vectors
 
 MAX_TRIANGLES_PER_TILE: Final = 16
 """Largest number of neighbouring triangles tested as one hull."""
@@ -430,7 +430,7 @@ def join_roots(boxes: Floats, roots: Ints, start: int) -> tuple[Floats, Ints]:
     """
     centers = boxes[:, :3]
     half_sides = boxes[:, 3:6]
-    tree_boxes, order, spans = build_boxes(centers - half_sides, centers + half_sides)
+    tree_boxes, order, spans = box_trees.build_boxes(centers - half_sides, centers + half_sides)
     starts, counts = spans.T
     inner = np.flatnonzero(counts > 1)
     # The node number of a leaf is that of a given root; the nodes above are new.

@@ -43,10 +43,8 @@ from cspace.arms._proofs.crossings import (
     CENTER,
     CHORD,
     DIRECTION,
-    FIRST_ITEM,
     HALF_SIDES,
     LEVER,
-    MAX_PENDING_PAIRS,
     RADIUS,
     TRANSLATION,
     PartTree,
@@ -62,6 +60,7 @@ from cspace.inside import (
     Floats,
     Ints,
     Row,
+    box_trees,
     internal,
     kernel,
     vectors,
@@ -257,7 +256,7 @@ def make_scene_scratch(scene: ArmScene) -> SceneScratch:
         directions=np.zeros((pairs, 3)),
         first_pair=np.zeros(1, dtype=np.int64),
         axes=np.empty((bodies, 8)),
-        nodes=np.empty((MAX_PENDING_PAIRS, 2), dtype=np.int64),
+        nodes=np.empty((box_trees.MAX_PENDING_PAIRS, 2), dtype=np.int64),
         slopes=np.empty(len(scene.cones.lower)),
     )
 
@@ -793,8 +792,8 @@ def parts_cross(
     while top > 0:
         leaf = nodes[top, 0]
         other_leaf = nodes[top, 1]
-        piece = trees.triangles[trees.spans[leaf, FIRST_ITEM]]
-        other = trees.triangles[trees.spans[other_leaf, FIRST_ITEM]]
+        piece = trees.triangles[trees.spans[leaf, box_trees.FIRST_ITEM]]
+        other = trees.triangles[trees.spans[other_leaf, box_trees.FIRST_ITEM]]
         top = find_near_leaves(trees, matrix, shift, axes, nodes, top)
         if len(axes) > 0:
             half = vectors.row_at(trees.boxes[leaf], HALF_SIDES)

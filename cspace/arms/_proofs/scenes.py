@@ -8,11 +8,11 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from cspace.arms._proofs.chain import DISTANCE_ROUNDING, Chain
-from cspace.arms._proofs.crossings import NO_TREE, PartTree, SurfaceTree, join_trees
+from cspace.arms._proofs.crossings import NO_TREE, PartTree, SurfaceTree
 from cspace.arms._proofs.hulls import FIRST_CORNER, STOP_CORNER, Hulls, join_roots
 from cspace.arms._proofs.motion_proofs import ArmScene, Solids
 from cspace.arms._proofs.solids import Part, Solid
-from cspace.inside import Floats, Ints
+from cspace.inside import Floats, Ints, box_trees
 
 _NO_SURFACE: Final = SurfaceTree(
     np.empty((0, 6)), NO_TREE.spans, np.empty((0, 3, 3)), np.empty(0, dtype=np.int64)
@@ -82,7 +82,7 @@ def pack_parts(parts: Sequence[Part]) -> PackedParts:
     none = Hulls(np.zeros((1, 9)), np.zeros((1, 5), dtype=np.int64), np.empty((3, 0)))
     hulls = _HullList(none)
     roots = [hulls.add(part.hulls) for part in parts]
-    surfaces, surface_roots = join_trees(_list_surfaces(parts), _NO_SURFACE)
+    surfaces, surface_roots = box_trees.join_trees(_list_surfaces(parts), _NO_SURFACE)
     pairs = zip(roots, surface_roots.tolist(), strict=True)
     return PackedParts(hulls.join(), surfaces, dict(zip(parts, pairs, strict=True)))
 
@@ -140,7 +140,7 @@ def _add_parts(
 ) -> tuple[SurfaceTree, dict[Part, tuple[int, int]]]:
     """Add parts that are not packed yet; return all surfaces, and the roots of all parts."""
     others = [part for part in parts if part not in packed.roots]
-    surfaces, surface_roots = join_trees(_list_surfaces(others), packed.surfaces)
+    surfaces, surface_roots = box_trees.join_trees(_list_surfaces(others), packed.surfaces)
     added = (
         (hulls.add(part.hulls), root)
         for part, root in zip(others, surface_roots.tolist(), strict=True)
@@ -157,7 +157,7 @@ def make_inner_scene(scene: ArmScene, solids: Sequence[Solid]) -> ArmScene:
     """
     parts = [inner for solid in solids for _, inner in solid.bounds_pairs]
     trees = [part.tree for part in parts]
-    surfaces, roots = join_trees([part.surface_tree for part in parts], _NO_SURFACE)
+    surfaces, roots = box_trees.join_trees([part.surface_tree for part in parts], _NO_SURFACE)
     probes = [part.probes for part in parts]
     outer = scene.solids
     hulls = outer.hulls, outer.roots, outer.part_roots
@@ -184,7 +184,7 @@ def _pack(
     of each part there, -1 for none, and ``hulls`` with the root of each solid and of each part
     there; see :class:`Solids`.
     """
-    joined_trees, tree_roots = join_trees(trees, NO_TREE)
+    joined_trees, tree_roots = box_trees.join_trees(trees, NO_TREE)
     # Surfaces, points, parts, and parts of boxes or balls, before each part.
     counts = [
         (root >= 0, len(rows), 1, part.is_filled)

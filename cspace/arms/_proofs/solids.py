@@ -36,7 +36,7 @@ from cspace.inside import (
     ShapeLike,
     Voxels,
     as_shape,
-    build_boxes,
+    box_trees,
     check_memory,
     frozen,
     warn_user,
@@ -166,7 +166,7 @@ class Part(PosedShape):
     def surface_tree(self) -> SurfaceTree:
         """Tree of the triangles of closed bodies."""
         corners, windings = self.surface
-        boxes, order, spans = build_boxes(corners.min(axis=1), corners.max(axis=1))
+        boxes, order, spans = box_trees.build_boxes(corners.min(axis=1), corners.max(axis=1))
         return SurfaceTree(boxes, spans, corners[order], windings[order])
 
     @cached_property
