@@ -55,8 +55,8 @@ def describe_failure(
 def _describe_limit(task: PlanTask) -> str:
     """Describe the limit of a search: a given one by the clock, the default one by its work."""
     if task.time_limit is None:
-        return f"{task.limit.work_seconds:g} s of work"
-    return f"{task.limit.seconds:g} s"
+        return f"{task.limit.work_seconds:.3g} s of work"
+    return f"{task.limit.seconds:.3g} s"
 
 
 def _list_hints(

@@ -67,7 +67,7 @@ def search_stages(task: PlanTask, stages: Sequence[Stage]) -> Journey:
     legs, searched = _find_legs(task, existence, routes)
     result, vias = _join_legs(legs, searched)
     limit = legs[-1].task.limit + (result.planning - legs[-1].result.planning)
-    part = replace(legs[-1].task, limit=limit, fallback=task.fallback)
+    part = replace(legs[-1].task, limit=limit)
     path = legs[0].result.path
     start = tuple(path[0].tolist()) if len(path) else routes[0][0]
     number = len(legs)
@@ -94,13 +94,15 @@ def _find_legs(
     """Search from stage to stage, at first along routes; return the legs and all results.
 
     If an end leads no further, another one of its stage is tried, or of those before. While there
-    are others, searches hurry; if all fail, the best one is repeated with the time left. The legs
-    are all, or those up to the farthest stage that was not reached.
+    are others, a search hurries; if all fail, the farthest one is repeated with the time left. The
+    legs are all, or those up to the farthest stage that was not reached.
     """
     stages = existence.stages
     starts = stages[0].rooms
-    # FREE cells tell at once that an end leads no further; other searches take long to end.
+    # FREE cells tell at once that an end leads no further. Other searches take long to end, and
+    # planners that optimise use all of their time.
     is_slow = task.edges.exact or task.edges.has_heading
+    is_slow &= not task.planner.optimises
     legs: list[Leg] = []
     best: list[Leg] = []
     searched: list[SearchResult] = []
@@ -109,8 +111,9 @@ def _find_legs(
     while True:
         number = len(legs) + 1
         missing = len(stages) - number
-        limit = measure_left(task, searched).share(1.0 / missing)
-        leg = _search_leg(_limit_leg(task, limit, hurries), stages, number, starts, routes)
+        share = GOAL_SHARE / missing if hurries else 1.0 / missing
+        limited = replace(task, limit=measure_left(task, searched).share(share))
+        leg = _search_leg(limited, stages, number, starts, routes)
         searched.append(leg.result)
         tip = [*legs, leg]
         if len(leg.result.path):
@@ -119,13 +122,13 @@ def _find_legs(
             legs.append(leg)
             hurries |= is_slow and not is_last_try and bool(leg.others)
             end = tuple(leg.result.path[-1].tolist())
-            if (number, end) not in tried:
+            if is_last_try or (number, end) not in tried:
                 tried.add((number, end))
                 origin = Stage.of(stages[number].name, [end])
                 starts = origin.rooms
                 routes = _find_routes(task.edges, origin, stages[number + 1])
                 continue
-        best = max(best, tip, key=len)
+        best = tip if is_last_try else max(best, tip, key=len)
         if is_last_try or not (existence.may_join and measure_left(task, searched).is_left):
             return best, searched
         choice = _pop_choice(legs)
@@ -146,16 +149,6 @@ def _pop_choice(legs: list[Leg]) -> Leg | None:
         if leg.others:
             return leg
     return None
-
-
-def _limit_leg(task: PlanTask, limit: Effort, hurries: bool) -> PlanTask:
-    """Return a task with a limit; if it hurries, time is left for others.
-
-    It has no fallback then, or half of the time unless the planner would use all of it anyway.
-    """
-    if hurries and task.fallback is None and not task.planner.optimises:
-        limit = limit.share(GOAL_SHARE)
-    return replace(task, limit=limit, fallback=None if hurries else task.fallback)
 
 
 def _search_leg(

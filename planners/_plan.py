@@ -171,7 +171,7 @@ def plan(
         direction.
     via : sequence, optional
         Places on the way, in this order, each like the goal. Each part of the path is the best
-        from the end of the part before; they share the time limit evenly.
+        from the end of the part before, if that leads on; they share the time limit evenly.
     previous : Plan, optional
         The last plan for a space with these axes, in memory. The path joins it and follows it; only
         a blocked part of it is searched anew. If a start lies in a MIXED cell and the geometry

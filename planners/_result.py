@@ -118,10 +118,10 @@ class Plan:
         Radians that the robot turns along the path. Planners minimise the length plus half a metre
         for each radian, but along curves the length alone. Zero for an arm, NaN if not solved.
     is_connected : bool
-        Whether the map, or the path itself, proves that a path from start to goal exists for a
-        holonomic robot.
+        Whether the map, or the path itself, proves that a path exists for a holonomic robot, from
+        a start through each place on the way to a goal.
     is_disconnected : bool
-        Whether the map proves that no path exists. If both are False, the map does not decide.
+        Whether the map proves that none exists. If both are False, the map does not decide.
     planner : str
         Name of the planner.
     objective : str

@@ -485,9 +485,33 @@ MUTANTS = (
     ),
     Mutant(
         "planners/_stages.py",
-        "return not self.is_disconnected if self.edges.exact else self.is_connected",
-        "return not self.is_disconnected",
+        "if self.edges.exact else self.is_connected",
+        "",
         "tests/planners/test_without_path.py",
+    ),
+    Mutant(
+        "planners/_stages.py",
+        "for stage in self.stages[2:]:",
+        "for stage in self.stages[3:]:",
+        "tests/planners/test_journeys.py",
+    ),
+    Mutant(
+        "planners/_goals.py",
+        "reduce(np.intersect1d, others, first)",
+        "reduce(np.intersect1d, others[:1], first)",
+        "tests/planners/test_journeys.py",
+    ),
+    Mutant(
+        "planners/_journey.py",
+        "number = 1 + bisect_left(",
+        "number = 2 + bisect_left(",
+        "tests/planners/test_journeys.py",
+    ),
+    Mutant(
+        "planners/_journey.py",
+        "starts, routes = choice.task.starts, choice.others",
+        "return best, searched",
+        "tests/planners/test_journeys.py",
     ),
     Mutant(
         "planners/_edges/local_planner.py",

@@ -11,7 +11,17 @@ import planners
 from cspace import InputError
 from planners._space_kinds import SUPPORTED
 from tests.helpers.planning import plan_patiently
-from tests.helpers.urdfs import planar, planar_with_tip, pose_at, poses_apart, post
+from tests.helpers.urdfs import (
+    joint,
+    link,
+    planar,
+    planar_with_tip,
+    pose_at,
+    posed_box,
+    poses_apart,
+    post,
+    write_urdf,
+)
 
 pytest.importorskip("yourdfpy")
 
@@ -85,6 +95,26 @@ def test_an_arm_names_the_place_that_it_cannot_use(tmp_path):
         planners.plan(space, START, GOAL, via=[far])
     goals = [far, GOAL]
     assert tuple(planners.plan(space, START, goals, time_limit=5.0).goal) == GOAL
+
+
+@pytest.mark.parametrize("is_map", [True, pytest.param(False, marks=pytest.mark.thorough)])
+def test_a_start_and_a_place_beyond_a_wall_give_way_to_others(tmp_path, is_map):
+    slides = {"kind": "prismatic", "limits": (0.0, 6.0)}
+    path = write_urdf(
+        tmp_path,
+        link("base") + link("bridge") + link("hook", ((0.2, 0.2, 0.2), (0, 0, 0))),
+        joint("x", "base", "bridge", axis=(1, 0, 0), **slides),
+        joint("y", "bridge", "hook", axis=(0, 1, 0), **slides),
+    )
+    wall = posed_box((20.0, 0.2, 2.0), 3.0, 2.0)
+    space = cspace.build_arm_space({"wall": wall}, cspace.Arm.from_urdf(path))
+    space = cspace.build_joint_map(space, spacing=0.1) if is_map else space
+    low, high, both, goal = (3.9, 1.0), (1.0, 3.0), [(4.0, 1.0), (4.0, 3.0)], (5.0, 2.6)
+    plan = planners.plan(space, [low, high], goal, via=[both], time_limit=20.0)
+    assert plan.certified and plan.start.tolist() == list(high)
+    assert plan.path[plan.via_rows[0]].tolist() == list(both[1])
+    apart = planners.plan(space, [low, high], goal, via=[both[0]], time_limit=0.3)
+    assert not apart and apart.is_disconnected == is_map
 
 
 def test_the_table_says_what_arms_and_maps_of_joints_take(tmp_path):

@@ -142,7 +142,7 @@ def check_journey(plan, states, stages, is_holonomic):
             assert any(choice.contains(row) for choice in stage)
 
 
-@examples(120)
+@examples(240)
 @given(seeds, st.sampled_from([None, 1, 4, 6]))
 def test_a_journey_is_found_or_disproven_as_labels_of_cells_say(seed, turns):
     rng = np.random.default_rng(seed)
