@@ -683,7 +683,7 @@ def test_obstacles_on_a_floor_are_named_with_their_height():
     heights = [float(re.findall(r"-?\d+\.\d+", text)[2]) for text in explanation.obstacles]
     assert heights and all(0.5 <= height <= 0.9 for height in heights)
     assert explanation.plot() is not None
-    open_gate = build_gate(1.2, 0.9, 0.1)
+    open_gate = build_gate(1.2, 0.9, 0.05)
     for name, bottom in (("lamp", 0.95), ("crate", 0.0)):
         box = trimesh.creation.box(bounds=[(1.8, 0.1, bottom), (2.2, 3.9, bottom + 0.2)])
         open_gate.add_obstacle(name, box)
