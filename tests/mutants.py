@@ -22,7 +22,7 @@ from cspace._support.sources import KERNEL_MARKS
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("cspace", "planners")
-COPIED = (*PACKAGES, "benchmarks", "examples", "tests")
+COPIED = (*PACKAGES, "benchmarks", "docs", "examples", "ros", "tests")
 IMPORTS = ast.Import | ast.ImportFrom
 MAX_CPU_SECONDS = 900
 """CPU time that a room's tests may take for one fault, after which the system ends them."""
@@ -188,6 +188,12 @@ MUTANTS = (
         "reached = [*(low - outer.upper), *(high - outer.lower)]",
         "reached = [*(low - outer.upper + 1), *(high - outer.lower)]",
         "tests/laws tests/record/test_exterior.py",
+    ),
+    Mutant(
+        "cspace/_record/save.py",
+        "tiles=True).exists()) and saved.holds_only_map()",
+        "tiles=True).exists())",
+        "tests/record/test_save.py",
     ),
     Mutant(
         "cspace/_record/save.py",
@@ -1154,7 +1160,7 @@ MUTANTS = (
     Mutant(
         "ros/cspace_nav2/include/cspace_nav2/curves.hpp",
         "sign * mirror * steering * length",
-        "sign * steering * length",
+        "mirror * steering * length",
         "tests/cpp/nav2/test_curves.py",
     ),
     Mutant(
@@ -1162,6 +1168,12 @@ MUTANTS = (
         "return Lengths{t, -quarter, 2.0 - straight, phi - quarter - t};",
         "return Lengths{t, -quarter, straight - 2.0, phi - quarter - t};",
         "tests/cpp/nav2/test_curves.py",
+    ),
+    Mutant(
+        "ros/cspace_nav2/include/cspace_nav2/map_maker.hpp",
+        "return !error && (is_part || found == needed.size());",
+        "return !error;",
+        "tests/cpp/nav2/test_gate_node.py",
     ),
     Mutant(
         "ros/cspace_nav2/include/cspace_nav2/lattice.hpp",
