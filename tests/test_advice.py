@@ -199,7 +199,7 @@ def use_method(robot, method=None):
 
 def raster_wall(value):
     """Map the wall, while memory is scarce."""
-    with mock.patch("cspace._support.limits.free_bytes", return_value=3980):
+    with mock.patch("cspace._support.limits.free_bytes", return_value=4400):
         walls = [shapely.box(0.42, 0.22, 0.48, 0.88)]
         return Workspace.from_polygons(walls, float(value), bounds=(0, 0, 3, 2))
 

@@ -322,7 +322,7 @@ PLANE = Workspace.from_array(np.zeros((40, 40), bool), 0.1)
     (PLANE, "disc:0.3", {"gap": 0.8, "rotations": "roll"}, "rotations"),
     (PLANE, "rect:0.9x0.6", {"gap": 0.8, "rotations": "all"}, "rotations are"),
     (PLANE, "box:1x1x1", {"gap": 0.8}, "robot has 3 dimensions"),
-    ("map.yaml", "disc:0.3", {"gap": 0.8}, "workspace is a str"),
+    ("map.yaml", "disc:0.3", {"gap": 0.8}, "workspace is 'map.yaml'"),
 )
 def test_suggest_refuses(workspace, robot, options, text):
     with pytest.raises(cspace.InputError, match=text):

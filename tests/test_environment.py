@@ -126,7 +126,7 @@ print(cspace._support.compiling.cache_folder())
 def test_an_archive_is_refused_in_one_line(tmp_path):
     archive = tmp_path / "site.zip"
     with zipfile.ZipFile(archive, "w") as file:
-        for name in ("__init__.py", "__init__.pyi"):
+        for name in ("__init__.py", "__init__.pyi", "_support/__init__.py"):
             file.write(ROOT / "cspace" / name, f"cspace/{name}")
     command = [
         sys.executable,

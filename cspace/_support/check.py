@@ -570,7 +570,7 @@ def check_kind(array: Any, name: str) -> None:
     check_unmasked(array, name)
     for attribute, rule in _OTHER_ARRAYS.items():
         if hasattr(array, attribute):
-            raise InputError(name, f"is a {type(array).__name__}", rule)
+            raise make_kind_error(array, name, rule)
 
 
 def check_dims(array: Any, name: str) -> None:

@@ -160,7 +160,7 @@ def test_limits_of_joints_that_are_off_or_wrong_are_heard(arm, tmp_path):
     assert "not read: default_velocity_scaling_factor, min_position (joint)" in fields
     assert "did you mean" not in fields
     path.write_text(LIMITS.replace("0.25", "90.0"))
-    with pytest.warns(AngleWarning, match="max_velocity of 'turn': 90"):
+    with pytest.warns(AngleWarning, match="max_velocity is beyond 8 turns a second"):
         plan.trajectory(max_velocity=path, max_acceleration=1.0)
 
 

@@ -286,7 +286,7 @@ def test_parts_that_no_srdf_has_are_named(tmp_path, text, message):
 def test_states_of_an_srdf_are_in_radians_and_named_once(tmp_path):
     path, _ = write_arm_with_states(tmp_path)
     state = '<group_state name="home"><joint name="one" value="{}"/></group_state>'
-    with pytest.warns(AngleWarning, match="one of the state 'home': 90"):
+    with pytest.warns(AngleWarning, match="one of the state 'home'.* is beyond a whole turn"):
         Arm.from_urdf(path, write_srdf(tmp_path, state.format(90)))
     with pytest.raises(FileError, match="has the state 'home' twice"):
         Arm.from_urdf(path, write_srdf(tmp_path, 2 * state.format(1)))

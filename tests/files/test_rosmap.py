@@ -330,5 +330,5 @@ def test_the_line_after_an_echo_is_no_second_document(tmp_path):
         path.write_text(whole)
         assert Workspace.open(path).outer.sum() == 3
     path.write_text("---\n---\n")
-    with pytest.raises(FileError, match="holds None; it must hold fields"):
+    with pytest.raises(FileError, match="map is None; it must hold fields"):
         Workspace.open(path)

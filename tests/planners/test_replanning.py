@@ -162,7 +162,7 @@ def test_only_the_blocked_part_of_a_previous_plan_changes(drive, monkeypatch):
     # A smaller crate is passed beside without a search.
     space.remove_obstacle("crate")
     space.add_obstacle("crate", box(x - 0.2, y - 0.2, x + 0.2, y + 0.2))
-    monkeypatch.setattr(importlib.import_module("planners._plan"), "_run_planner", None)
+    monkeypatch.setattr("planners._searches.built_in.BuiltInSearch.find", None)
     again = go_on(space, start, goal, before, **options)
     assert weighted_length(again) < 1.02 * weighted_length(before)
 
@@ -190,7 +190,6 @@ def test_a_previous_plan_without_a_path_counts_as_none():
 @pytest.mark.parametrize(
     "options, message",
     [
-        ({"planner": "maxclearance"}, "is short, or cheap by the cost of cells"),
         (
             {"planner": "RRTstar", "objective": ob.PathLengthOptimizationObjective},
             "is short, or cheap by the cost of cells",
