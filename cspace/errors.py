@@ -88,14 +88,14 @@ class MissingPackageError(CspaceError, ImportError):
 
 
 class AngleWarning(UserWarning):
-    """An angle is beyond a whole turn, so probably in degrees.
+    """An angle is beyond a whole turn, or a rate too large, so probably in degrees.
 
     It is used as radians.
     """
 
 
 class UnitWarning(UserWarning):
-    """A size suggests another unit than the metre, or a frame with another origin.
+    """A size or speed suggests another unit than the metre, or a frame with another origin.
 
     It is used in metres, as given.
     """

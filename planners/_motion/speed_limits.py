@@ -183,7 +183,8 @@ class SpeedZones:
             A file that ends in ``.geojson`` or ``.json``; metres. Of a zone set, the zones of type
             SPEED_LIMIT are read, and a warning counts the others.
         speed : str, optional
-            Name of the property of GeoJSON's features with the largest speed, m/s.
+            Name of the property of GeoJSON's features with the largest speed, in m/s, or in the
+            unit in its name, such as ``top_kmh``. ``maxspeed`` is in km/h, as in OpenStreetMap.
         within, frame_id
             As for the class.
 

@@ -5,6 +5,7 @@ Each input is written by a package of its own, in each form that people have, an
 each world with the one written.
 """
 
+import json
 import re
 from pathlib import Path
 
@@ -283,6 +284,33 @@ def write_off():
     make_rack().to_mesh().export("rack.off")
 
 
+def write_drawing():
+    """Write the walls as characters, the first line at the top."""
+    rows = np.where(CELLS.T[::-1], "#", ".")
+    Path("plan.txt").write_text("\n".join(map("".join, rows)))
+
+
+def write_rows():
+    Path("plan.json").write_text(json.dumps(CELLS.T[::-1].astype(int).tolist()))
+
+
+def write_scan():
+    """Write beams that end where they meet a wall, and return these points."""
+    angles = 1e-4 * np.arange(15_000)
+    rays = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+    ranges = np.full(len(angles), np.inf)
+    for x0, y0, x1, y1 in WALLS:
+        with np.errstate(divide="ignore"):
+            meets = np.max((x0, y0) / rays, axis=1)
+            leaves = np.min((x1, y1) / rays, axis=1)
+        ranges = np.where(meets < leaves, np.minimum(ranges, meets), ranges)
+    listed = "\n".join(f"- {each}".replace("inf", ".inf") for each in ranges.tolist())
+    text = f"angle_min: 0.0\nangle_increment: 0.0001\nranges:\n{listed}\n---\n"
+    Path("scan.yaml").write_text(text)
+    hits = np.isfinite(ranges)
+    return shapely.MultiPoint(ranges[hits, np.newaxis] * rays[hits])
+
+
 def make_points():
     """Return points in the walls, 1 cm from their borders."""
     clouds = []
@@ -318,6 +346,8 @@ FORMS = {
     "rack.nrrd": (write_nrrd,),
     "rack.mha": (write_mha,),
     "plan.png": (write_picture,),
+    "plan.txt": (write_drawing,),
+    "plan.json": (write_rows,),
     "site.gpkg": (write_geopackage,),
     "plan.dxf": (write_dxf_of_outlines, write_dxf_of_blocks),
     "plan.svg": (write_svg_of_shapes, write_svg_of_strokes),
@@ -326,6 +356,7 @@ FORMS = {
     "rack.off": (write_off,),
     "scan.pcd": (write_pcd,),
     "scan.las": (write_las,),
+    "scan.yaml": (write_scan,),
 }
 """Writers of each file of the page; a plan that they return is that of the obstacles."""
 
@@ -371,7 +402,7 @@ def test_a_snippet_ends_in_the_right_world(name, write, tmp_path, monkeypatch):
     assert not (outer & (shapely.distance(cells, plan) > SLACKS.get(name, 0.02))).any()
 
 
-SLACKS = {"costs.tif": 0.15, "scan.pcd": 0.06, "scan.las": 0.06}
+SLACKS = {"costs.tif": 0.15, "scan.pcd": 0.06, "scan.las": 0.06, "scan.yaml": 0.06}
 """Distance, metres, from the plan at which no cell is occupied; cells in degrees are other ones."""
 
 
