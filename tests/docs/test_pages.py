@@ -222,7 +222,7 @@ def test_a_tutorial_shows_a_figure_once(tmp_path, monkeypatch):
             scraper((), page, gallery)
         assert len(list((tmp_path / "pages").iterdir())) == number + 1
     figure.savefig("again.png")
-    with pytest.raises(ValueError, match="again.png is a picture that the page shows above"):
+    with pytest.raises(ValueError, match=r"again\.png is a picture that the page shows above"):
         scrapers[0]((), page, gallery)
     pyplot.close(figure)
 

@@ -528,7 +528,7 @@ def test_pictures_of_tall_maps_have_whole_titles_and_all_verdicts(tmp_path):
         figure.canvas.draw()
         width, height = figure.canvas.get_width_height()
         title = figure._suptitle.get_window_extent()
-        assert 0 <= title.x0 and title.x1 <= width and title.y1 <= height
+        assert title.x0 >= 0 and title.x1 <= width and title.y1 <= height
     labels = [text.get_text() for text in found.plot().figure.legends[0].get_texts()]
     shown = {row.verdict for row in found.pairs if not row.shares_node}
     for verdict in shown:
