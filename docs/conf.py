@@ -59,10 +59,19 @@ html_theme_options = {
 
 
 def written_pictures(block: Any, names: dict[str, Any], gallery: dict[str, Any]) -> str:
-    """Show the pictures that an example wrote into its folder; examples run in their folder."""
+    """Show the pictures that an example wrote into its folder; examples run in their folder.
+
+    Figures that stay open are not shown, because they would appear a second time. Raises ValueError
+    if a page shows one picture twice.
+    """
     taken = []
+    shown = names.setdefault("shown_pictures", set())
     for file in sorted(Path().glob("*.[pg][ni][gf]"), key=lambda file: file.stat().st_mtime_ns):
         target = Path(next(names["image_path_iterator"])).with_suffix(file.suffix)
+        content = file.read_bytes()
+        if content in shown:
+            raise ValueError(f"{names['src_file']}: {file} is a picture that the page shows above")
+        shown.add(content)
         shutil.move(file, target)
         taken.append(str(target))
     return figure_rst(taken, gallery["src_dir"])
@@ -97,7 +106,7 @@ sphinx_gallery_conf = {
     "capture_repr": (),
     "within_subsection_order": FunctionSortKey(place),
     "filename_pattern": r"\.py$",
-    "image_scrapers": ("matplotlib", written_pictures),
+    "image_scrapers": (written_pictures,),
     "reset_modules": ("matplotlib", strict),
     "reset_modules_order": "both",
     "doc_module": ("cspace", "planners"),

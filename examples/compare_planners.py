@@ -40,13 +40,14 @@ for plan in sorted(plans, key=lambda plan: plan.length):
     )
 
 # %%
-# Left: the shortest and the longest path. Right: how long each planner's path is, and how long the
+# Above: the shortest and the longest path. Below: how long each planner's path is, and how long the
 # planner took.
 
 plans.sort(key=lambda plan: plan.length)
-figure, (room, lengths, times) = plt.subplots(
-    1, 3, figsize=(13, 4.2), layout="constrained", width_ratios=(3, 1, 1)
-)
+figure = plt.figure(figsize=(8, 8), layout="constrained")
+grid = figure.add_gridspec(2, 2, height_ratios=(5, 3))
+room = figure.add_subplot(grid[0, :])
+lengths, times = (figure.add_subplot(grid[1, column]) for column in (0, 1))
 space.plot(ax=room, legend=False, title="")
 for plan, color in ((plans[-1], "#d55e00"), (plans[0], "#6a1b9a")):
     room.plot(*plan.path.T, color=color, label=f"{plan.planner}, {plan.length:.2f} m")
@@ -57,9 +58,10 @@ names = [plan.planner for plan in plans]
 lengths.plot([plan.length for plan in plans], names, "o", color="#6a1b9a")
 times.plot([1e3 * plan.times.planning for plan in plans], names, "o", color="#6a1b9a")
 lengths.set(xlabel="length of the path (m)")
-times.set(xlabel="planning (ms)", xscale="log", yticklabels=[])
+times.set(xlabel="planning time (ms)", xscale="log", yticklabels=[])
+times.set_xticks((1, 10, 100), ("1", "10", "100"))
 for ax in (lengths, times):
-    ax.grid(axis="y", color="0.9")
+    ax.grid(color="0.9")
     ax.invert_yaxis()
 figure.savefig("compare_planners.png")
 plt.close(figure)

@@ -30,7 +30,7 @@ fits = space.is_free([(6.5, 4.3, yaw) for yaw in np.radians(yaws)])
 print(f"it fits at {yaws[fits].tolist()} degrees")
 
 # %%
-# A path from one room into the other. In grey cells the robot is free at some yaws only.
+# A path from one room into the other. In yellow cells the robot is free at some yaws only.
 
 plan = planners.plan(space, (1, 5, math.pi / 2), (12, 5, 0), time_limit=10, seed=1)
 print(plan)
@@ -39,8 +39,10 @@ save_plot(space, "doors.png", True, path=plan)
 # %%
 # Slices at a few yaws, and an animation.
 
-figure, panels = plt.subplots(1, 3, figsize=(13, 2.6), layout="constrained")
+figure, panels = plt.subplots(3, 1, figsize=(6.5, 9.6), layout="compressed")
 for ax, degrees in zip(panels, (0, 45, 90), strict=True):
     space.plot(ax=ax, rotation=math.radians(degrees), legend=False, title=f"yaw {degrees}°")
+    ax.label_outer()
 figure.savefig("doors_slices.png")
+plt.close(figure)
 animate(space, plan, "doors_film.gif", True)

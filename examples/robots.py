@@ -41,7 +41,7 @@ robots = [*(cspace.Robot.parse(text) for text in texts), cspace.Robot.open(urdf)
 robots.append(cspace.Robot.from_bitmap(np.tri(5, dtype=bool), spacing=0.1, lower=(-0.2, -0.2)))
 folder.cleanup()
 
-figure, axes = plt.subplots(2, 4, figsize=(11, 4), layout="constrained", sharex=True, sharey=True)
+figure, axes = plt.subplots(4, 2, figsize=(6.5, 8), layout="constrained", sharex=True, sharey=True)
 for ax, robot in zip(axes.flat, robots, strict=False):
     print(robot)
     flat = robot if robot.dim == 2 else robot.footprint()

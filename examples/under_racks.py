@@ -6,12 +6,12 @@ A base with a mast drives through a store. Its map knows the heights of robot an
 under the racks where its mast fits, which the map of its projection cannot show.
 """
 
-import matplotlib.pyplot as plt
 import numpy as np
 import trimesh
 
 import cspace
 import planners
+from cspace.plot import save_plot
 
 # %%
 # Racks on legs, with a lowest shelf at 0.45 m, and a gantry at 1.1 m. The cells are 5 cm wide.
@@ -40,11 +40,11 @@ high = cspace.Robot.from_mesh(trimesh.util.concatenate([base, mast]))
 # The base alone drives below the racks. With its mast, it drives around them, and below the gantry.
 
 start, goal = (0.8, 2.5, 0.0), (7.2, 2.5, 0.0)
-plans = {}
-for name, robot in (("base", low), ("base with a mast", high)):
+for name, robot in (("base", low), ("base_with_a_mast", high)):
     space = cspace.build(store, robot, rotations=72, floor=0.0)
-    plans[name] = planners.plan(space, start, goal, drive=planners.Differential(), seed=1)
-    print(f"{name}: {plans[name].length:.2f} m")
+    plan = planners.plan(space, start, goal, drive=planners.Differential(), seed=1)
+    print(f"{name}: {plan.length:.2f} m")
+    save_plot(space, f"{name}.png", True, path=plan)
 
 # %%
 # Seen from above, as a costmap has it, racks and gantry are walls.
@@ -52,10 +52,4 @@ for name, robot in (("base", low), ("base with a mast", high)):
 ground = cspace.Workspace.from_array(cells.any(axis=2), 0.05)
 flat = cspace.build(ground, high.footprint(), rotations=72)
 print("projected, no path exists:", flat.is_disconnected(start, goal))
-
-figure, axes = plt.subplots(1, 3, figsize=(13.0, 3.4), layout="constrained")
-for ax, (name, plan) in zip(axes, plans.items(), strict=False):
-    plan.plot(ax=ax, title=f"{name}: {plan.length:.1f} m", legend=False)
-flat.plot(ax=axes[2], title="projected: no path", legend=False)
-figure.savefig("under_racks.png", dpi=100)
-plt.close(figure)
+save_plot(flat, "projected.png", True, start=start, goal=goal)

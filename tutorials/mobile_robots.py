@@ -120,10 +120,12 @@ save_plot(space, "mobile_robots_3.png", True, path=plan)
 # %%
 # In yellow cells the robot fits at some yaws only. These are the slices at a few yaws:
 
-figure, panels = plt.subplots(1, 3, figsize=(13, 3.2), layout="constrained")
+figure, panels = plt.subplots(3, 1, figsize=(6.5, 12.5), layout="compressed")
 for ax, degrees in zip(panels, (0, 45, 90), strict=True):
     space.plot(ax=ax, rotation=math.radians(degrees), legend=False, title=f"yaw {degrees}°")
+    ax.label_outer()
 figure.savefig("mobile_robots_4.png")
+plt.close(figure)
 
 # %%
 # Moving obstacles

@@ -283,10 +283,11 @@ class Conflicts:
                     for row in rows
                 ]
                 label = f"{len(rows)} {verdict}{', with a common node' if shares else ''}"
-                _fill_shapes(axes, common, fill, label)
+                is_filled = _fill_shapes(axes, common, fill, label)
                 if rows and not shares:
                     places = np.array([row.at for row in rows])
-                    axes.plot(*places.T, "X", color=color, markeredgecolor="white", ms=7, zorder=7)
+                    style = {"color": color, "markeredgecolor": "white", "ms": 7, "zorder": 7}
+                    axes.plot(*places.T, "X", label="" if is_filled else label, **style)
         extend_legend(axes, axes.get_legend_handles_labels()[0])
         return axes
 
@@ -615,11 +616,12 @@ def _corners_of(polygon: shapely.Polygon) -> list[tuple[float, float]]:
     return [(x, y) for x, y in polygon.exterior.coords[:-1]]
 
 
-def _fill_shapes(axes: Axes, shapes: Sequence[BaseGeometry], color: str, label: str) -> None:
-    """Fill the union of shapes with a color."""
+def _fill_shapes(axes: Axes, shapes: Sequence[BaseGeometry], color: str, label: str) -> bool:
+    """Fill the union of shapes with a color; return whether it has an area."""
     from shapely.plotting import patch_from_polygon
 
     polygons = _list_polygons(shapes)
     if len(polygons):
         union = shapely.multipolygons(polygons)
         axes.add_patch(patch_from_polygon(union, color=color, alpha=0.6, label=label, zorder=4))
+    return len(polygons) > 0

@@ -263,8 +263,9 @@ def annotate(
     """
     heading = default if title is None else title
     if is_new:
-        # A title may be wider than narrow axes, so new figures have it above all axes.
-        ax.figure.suptitle(heading, fontsize=10)
+        # A title may be wider than narrow axes, so new figures have it above all axes, and it
+        # continues in another line if the figure is narrow, too.
+        ax.figure.suptitle(heading, fontsize=10, wrap=True)
         if handles:
             add_legend_below(ax.figure, handles)
         # Notebooks show figures without a window only through this method of the returned axes.

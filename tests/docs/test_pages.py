@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import zarr
+from matplotlib import pyplot
 from PIL import Image
 
 from cspace._cli.demo import write_inputs
@@ -187,6 +188,43 @@ def test_tests_that_a_page_selects_exist(page):
     for file, word in re.findall(r"(tests/[\w/]+\.py) -k (\w+)", text):
         tests = re.findall(r"^def (test_\w+)", (ROOT / file).read_text("utf-8"), re.MULTILINE)
         assert any(word in name for name in tests), f"-k {word} selects no test of {file}"
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_a_page_shows_a_picture_once(page):
+    text = (ROOT / page).read_text(encoding="utf-8")
+    links = re.findall(r"!\[[^]]*\]\(([^)\s]+)\)", text)
+    assert len(set(links)) == len(links)
+
+
+def test_pictures_of_pages_differ():
+    files = [file for suffix in ("png", "gif") for file in (ROOT / "docs").glob(f"**/*.{suffix}")]
+    files = [file for file in files if "_build" not in file.parts]
+    contents = {file.read_bytes() for file in files}
+    assert len(contents) == len(files) > 10
+
+
+def test_a_tutorial_shows_a_figure_once(tmp_path, monkeypatch):
+    """A figure that is saved and stays open is shown as its file alone."""
+    pytest.importorskip("sphinx_gallery")
+    names = runpy.run_path(str(ROOT / "docs" / "conf.py"))
+    scrapers = names["sphinx_gallery_conf"]["image_scrapers"]
+    monkeypatch.chdir(tmp_path)
+    figure, axes = pyplot.subplots()
+    (tmp_path / "pages").mkdir()
+    paths = (str(tmp_path / "pages" / f"{number}.png") for number in range(9))
+    page = {"image_path_iterator": paths, "src_file": "a.py"}
+    gallery = {"src_dir": str(tmp_path)}
+    for number in range(2):
+        axes.plot([0, number])
+        figure.savefig(f"{number}.png")
+        for scraper in scrapers:
+            scraper((), page, gallery)
+        assert len(list((tmp_path / "pages").iterdir())) == number + 1
+    figure.savefig("again.png")
+    with pytest.raises(ValueError, match=r"again\.png is a picture that the page shows above"):
+        scrapers[0]((), page, gallery)
+    pyplot.close(figure)
 
 
 def test_the_pictures_of_concepts_can_be_drawn(tmp_path):

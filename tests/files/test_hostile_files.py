@@ -176,7 +176,7 @@ def test_limits_can_be_lowered_and_raised(tmp_path, monkeypatch):
     (tmp_path / "a.wkt").write_text(f"MULTIPOINT({','.join(['1 1'] * 1000)})")
     check_refused(tmp_path / "a.wkt", "holds 1,000 points", spacing=0.1)
     path.write_text("voxel 199 199 199\n")
-    check_refused(path, "needs about 7.88 MB of memory; at most 950 kB may be used")
+    check_refused(path, "needs about 15.8 MB of memory; at most 950 kB may be used")
 
 
 @pytest.mark.parametrize("name", ["text.stl", "shapes.wkt", "box.obj"])
