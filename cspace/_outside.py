@@ -1,4 +1,4 @@
-"""The outer door: functions of wings that the core calls, most of them methods of its classes.
+"""The outer door: functions of wings that the core calls, mostly as methods of its classes.
 
 The stub beside this module lists them. A class takes one as a method by ``name = _outside.name``,
 and the wing is imported when somebody asks for it. No other call of the core leads to a wing.
@@ -34,7 +34,7 @@ class WingFunction:
         self._name = name
 
     def __get__(self, instance: object | None, owner: type) -> Callable[..., Any]:
-        """Return the function, bound to the object that is asked for it."""
+        """Return the function, bound to an object of the class."""
         function = _load(self._name)
         return function if instance is None else MethodType(function, instance)
 

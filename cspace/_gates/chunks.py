@@ -77,7 +77,7 @@ class RowRefusal(NamedTuple):
     cause : str
         "collision", "limit", "speed", "jerk", or "number" if the row is no configuration.
     names : tuple of str
-        A link and what it is near, obstacles of a map, or the coordinate that exceeds a limit.
+        A link and its neighbour, obstacles of a map, or the coordinate that exceeds a limit.
     message : str
         The same in words, with numbers.
     """
@@ -261,7 +261,7 @@ class Chunk:
     def refusal(self) -> RowRefusal | None:
         """First row that is not proven, with the reason, or None.
 
-        It is found when it is first asked for, among the obstacles of that moment. InputError for
+        It is computed at first access, for the obstacles of that moment. InputError for
         a batch.
         """
         self._check_alone()
@@ -274,7 +274,7 @@ class Chunk:
         """Largest tracking error for which all rows are proven, within 1 %.
 
         It is a proven lower bound, and NaN if not even the motion without error is proven. Errors
-        of several coordinates are scaled together. It is found when it is first asked for, among
+        of several coordinates are scaled together. It is computed at first access, for
         the obstacles of that moment. InputError for a batch.
         """
         self._check_alone()
@@ -545,7 +545,7 @@ def _check_chunk(
 ) -> tuple[Floats, Floats, bool]:
     """Return starts (B, size) and rows (B, n, len(columns)).
 
-    The third value is True for a batch. ``name`` is that of the rows. Raises InputError for other
+    The third value is True for a batch. ``name`` names the rows. Raises InputError for other
     shapes, or if ``q`` is not finite; rows may hold any numbers.
     """
     array = check_rows(rows, name, columns)
@@ -599,9 +599,9 @@ def _check_before(before: ArrayLike | None, names: Sequence[str], is_batch: bool
 
 
 def _differ_twice(earlier: Floats, rates: Floats, dt: float) -> Floats:
-    """Return the second differences of rates over squared seconds; zero where too few are known.
+    """Return the second differences of rates over squared seconds; zero for the first rates.
 
-    ``earlier`` have shape (m, k), those of the only chunk, and the result, (1, n, k).
+    ``earlier`` rates of the only chunk have shape (m, k), and the result (1, n, k).
     """
     count = len(rates[0])
     unknown = np.zeros((max(2 - len(earlier), 0), rates.shape[-1]))
@@ -647,7 +647,7 @@ def make_missing_dt() -> InputError:
 
 
 def check_velocities(space: ConfigurationSpace, max_velocity: ArrayLike | None) -> Floats:
-    """Return the largest speeds, by default those of the space."""
+    """Return the largest speeds, by default the space's."""
     if max_velocity is not None:
         units = [f"{unit}/s" for unit in list_units(space)]
         defaults = space.max_velocity

@@ -41,7 +41,7 @@ from cspace._support.check import check_rows as check_columns
 from cspace.errors import InputError
 
 GateState = Literal["go", "shortened", "hold"]
-"""How much of a chunk may be executed: all of it, a part, or nothing."""
+"""The share of a chunk that may be executed: all, a part, or nothing."""
 
 SHARES: Final = 16
 """Number of shares of a twist that are tried."""
@@ -56,10 +56,10 @@ class GatedCommands(NamedTuple):
     Attributes
     ----------
     commands : ndarray of float64, shape (n, size) or (n, 2)
-        The proven rows or twists, then rest: the last proven row, or where the robot is; zeros for
+        The proven rows or twists, then rest: the last proven row, or the robot's pose; zeros for
         twists. Those of a batch have one more axis, the first.
     state : str
-        "go" if all rows are proven, "shortened" if some are, "hold" if none is.
+        "go" if all rows are proven, "shortened" if some are, else "hold".
     chunk : Chunk
         The proof: the number of proven rows, the refusal of the next one, and the largest tracking
         error.
@@ -78,12 +78,12 @@ class SlowedCommand(NamedTuple):
     share : float
         Share of the twist, at most 1; 0 if the robot must brake.
     commands : ndarray of float64, shape (n, 2)
-        The twist to drive next, then those that bring the robot to rest.
+        The twist to drive next, then twists that bring the robot to rest.
     chunk : Chunk
         The proof of all commands. Where not even braking is proven, as behind an obstacle that has
         just come, it is not, and has the refusal.
     leaves : bool
-        True if the commands are proven to come no nearer to what is near, but not by ``chunk``.
+        True if the commands are proven to come no nearer to near obstacles, but not by ``chunk``.
     """
 
     share: float
@@ -104,14 +104,14 @@ class Gate:
     ----------
     space : CSpace, TiledCSpace or ArmSpace
         Its obstacles may change at any time. On ``space.exact`` the geometry proves tubes that
-        leave FREE cells, for the robot grown by as far as ``tracking`` moves its points.
+        leave FREE cells, for the robot grown by how far ``tracking`` moves its points.
     tracking : array-like, shape () or (k,)
         Largest error of the controller: one number for all coordinates, metres and radians, or one
         for each. A quaternion counts as one rotation.
     dt : float, optional
         Seconds between rows, or for which each twist is driven.
     max_velocity : array-like, shape () or (k,), optional
-        Largest speed of each coordinate, m/s and rad/s, by default that of an arm's URDF; for
+        Largest speed of each coordinate, m/s and rad/s, by default from an arm's URDF; for
         twists the largest speed and yaw rate. Faster ones are refused.
     drive : planners.Car or planners.Differential, optional
         Twists that it cannot drive are refused: tighter than its turning radius, backwards if it
@@ -161,7 +161,7 @@ class Gate:
         speed: SpeedLimit | LinkLimit | Sequence[SpeedLimit | LinkLimit] = (),
     ) -> None:
         """Check and keep the limits; InputError for a space of your own."""
-        # A proxy of a map may have that map's __class__, and answers of its own.
+        # A proxy of a map may have that map's __class__, and other answers.
         if not issubclass(type(space), ConfigurationSpace):
             raise InputError(
                 "space",
@@ -197,7 +197,7 @@ class Gate:
             self.max_deceleration = rates
 
     def __repr__(self) -> str:
-        """Return the space and the limits that are given."""
+        """Return the space and the limits of the gate."""
         parts = [repr(self.space)]
         for name, value in vars(self).items():
             if name == "speed" and value:
@@ -243,7 +243,7 @@ class Gate:
     ) -> GatedCommands:
         """Let through the proven part of a chunk of targets.
 
-        The robot moves straight from where it is to the first row, and from each row to the next,
+        The robot moves straight from ``q`` to the first row, and from each row to the next,
         as for :meth:`cspace.CSpace.certify_path`.
 
         Parameters
@@ -354,7 +354,7 @@ class Gate:
         twist_now : array-like, shape (2,)
             What it drives now: the first command of the call before.
         leaving : bool
-            Also let through commands that come no nearer to what is near.
+            Also let through commands that come no nearer to near obstacles.
 
         Raises
         ------
@@ -381,7 +381,7 @@ class Gate:
         wanted = _check_twist(twist, "twist")
         now = _check_twist(twist_now, "twist_now")
         most = self._find_steps()
-        # A share may not be slower than what the brakes can reach.
+        # A share may not be slower than the brakes can reach.
         shares = np.arange(SHARES, 0, -1) / SHARES
         firsts = shares[:, np.newaxis] * wanted
         reached = ((now - firsts) * np.sign(now) <= most).all(axis=1)
@@ -399,7 +399,7 @@ class Gate:
             lengths = np.array([*map(len, ramps[:-1]), 0])
             leaves = self._find_leaving(q, wanted, now, shares, lengths) & batch._tubes.keep_limits
             passes |= leaves
-        # The arcs of one ramp may be cut into fewer pieces than in the batch, so it is asked again.
+        # The arcs of one ramp may be cut into fewer pieces than in the batch, so test it again.
         for best in (*np.flatnonzero(passes[:-1]).tolist(), len(ramps) - 1):
             commands = chunks[best, : max(len(ramps[best]), 1)]
             chunk = self._certify(q, commands)
@@ -411,7 +411,7 @@ class Gate:
     def _find_leaving(
         self, q: ArrayLike, wanted: Floats, now: Floats, shares: Floats, lengths: Ints
     ) -> Bools:
-        """Return which ramps come no nearer to what is near; the last one brakes at once.
+        """Return which ramps come no nearer to near obstacles; the last one brakes at once.
 
         ``shares`` are those of the first twists, and ``lengths`` the numbers of commands, shape
         (n,) each.
@@ -419,7 +419,7 @@ class Gate:
         pose = np.asarray(check_points(q, "q", TWISTING_AXES))
         tracking = np.broadcast_to(self.tracking, len(TWISTING_AXES))
         dt = self._check_dt()
-        # A ramp drives as far as its first twist in half the time, and half a command more.
+        # A ramp is as long as its first twist for half the time, and half a command more.
         seconds = np.where(lengths > 0, 0.5 * dt * shares * (lengths + 1), 0.0)
         rest = 0.5 * dt * max(len(self._brake(now)) - 1, 0)
         seconds_of = self.space._find_leaving_seconds
@@ -443,7 +443,7 @@ class Gate:
 
     def _brake(self, twist: Floats, name: str = "twist") -> Floats:
         """Return the twists that brake along an arc, the first included."""
-        # Rounded down, so that what is left of a ramp never gets longer.
+        # Rounded down, so that the rest of a ramp never gets longer.
         ratio = float((np.abs(twist) / self._find_steps()).max())
         if not ratio <= MAX_RAMP:
             raise InputError(
@@ -489,7 +489,7 @@ def _name_state(chunk: Chunk) -> GateState:
 
 
 def _list_limited(space: ConfigurationSpace, limits: JerkLimits) -> tuple[str, ...]:
-    """Return what limits are for: the numbers of a twist if they are two, or the coordinates."""
+    """Return the names of limits: the numbers of a twist if they are two, or the coordinates."""
     given: Any = list(limits) if isinstance(limits, Mapping) else limits
     is_twist = space.axes == TWISTING_AXES and np.size(given) == 2
     return TWIST_NAMES if is_twist else list_steps(space)

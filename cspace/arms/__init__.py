@@ -1,7 +1,7 @@
 """Arms: robots with joints, whose configurations and motions are proven free (experimental).
 
-Four rooms hold what :class:`Arm` and :class:`ArmSpace` are built on, each with its words: readers
-of files, proofs about bodies, searches of paths, and maps of joints.
+Four rooms, each with its words, support :class:`Arm` and :class:`ArmSpace`: readers of files,
+proofs about bodies, searches of paths, and maps of joints.
 """
 
 import lazy_loader

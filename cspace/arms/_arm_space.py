@@ -176,7 +176,7 @@ class ArmSpace(ConfigurationSpace):
         """Whether each joint is continuous.
 
         A whole turn of a continuous joint leads to the same configuration. A joint that moves
-        another joint by a fraction of its own angle is not periodic.
+        another joint by a fraction of its angle is not periodic.
         """
         return tuple((np.isinf(self.arm.upper) & self.arm._whole_turns).tolist())
 
@@ -208,7 +208,7 @@ class ArmSpace(ConfigurationSpace):
         padding: float | None = None,
         touch_links: str | Iterable[str] = (),
     ) -> None:
-        """Add a named obstacle, or replace the one of the same name.
+        """Add a named obstacle, or replace an obstacle of the same name.
 
         A shape that is replaced keeps its padding and the links that may touch it.
 
@@ -319,9 +319,9 @@ class ArmSpace(ConfigurationSpace):
         Parameters
         ----------
         name : str
-            Name of the object: that of an obstacle, if no shape is given.
+            Name of the object, or of an obstacle if ``shape`` is left out.
         shape : shape, optional
-            As for :meth:`Arm.attach`. By default the obstacle of that name, which is removed.
+            As for :meth:`Arm.attach`; by default the obstacle of that name, which is removed.
         link, pose, touch_links
             As for :meth:`Arm.attach`; an obstacle has no ``pose``.
         q : array-like, shape (dof,), optional
@@ -404,7 +404,7 @@ class ArmSpace(ConfigurationSpace):
             allowed: Collection[Names] = now.allowed
             padding = now.padding
             if q is not None:
-                # The object becomes an obstacle where it is at q.
+                # The object becomes an obstacle at its pose at q.
                 (held,) = next(link.parts for link in now.arm.links if link.name == name)
                 pose = now.arm.pose(self.arm._check_configuration(q, "q"), name)
                 obstacles[name] = place_shape(held.shape, name, pose)
@@ -809,7 +809,7 @@ class ArmSpace(ConfigurationSpace):
             batches.append(points[snapshot.are_free(points, points)])
             number_free += len(batches[-1])
             number_drawn += batch_size
-            # Samples after which sampling fails if none is free.
+            # Samples after which sampling fails without a free one.
             if number_drawn >= 100_000 and not number_free:
                 touching = snapshot.always_touching(snapshot.outer)
                 always = ", ".join(f"{link} touches {other}" for link, other in touching)
@@ -838,8 +838,9 @@ class ArmSpace(ConfigurationSpace):
         between the waypoints are proven free, and proven to stay within the tolerance of the line,
         so that no jump between two branches of solutions remains unseen.
 
-        The motion ends where no further step is proven; :attr:`LineMotion.stopped_by` says why.
-        From another configuration with the same pose it may reach farther; see :meth:`Arm.inverse`.
+        The motion ends before the first step that is not proven; :attr:`LineMotion.stopped_by` says
+        why. From another configuration with the same pose it may reach farther; see
+        :meth:`Arm.inverse`.
 
         Parameters
         ----------
@@ -896,7 +897,7 @@ class ArmSpace(ConfigurationSpace):
         start = arm._clamp(self.arm._check_configuration(q0, "q0"))
         arm._branch_to(frame)  # refuses unknown frames before the poses
         max_deviation = check_pose_tolerance(tolerance)
-        # The line begins where the frame is.
+        # The line begins at the pose of the frame.
         first_corner = arm.pose(start, frame)[np.newaxis]
         corners = np.concatenate([first_corner, check_corners(poses)])
         lines = make_lines(corners)
@@ -917,12 +918,12 @@ class ArmSpace(ConfigurationSpace):
         Parameters
         ----------
         path : array-like, shape (n, dof) or (..., n, dof)
-            Configurations, radians and metres: those of a path in order, of several paths of equal
+            Configurations, radians and metres: of a path in order, of several paths of equal
             length, or the vertices of a roadmap. Continuous joints count whole turns: 3.1 is
             followed by 3.2, not by 3.2 - 2 pi.
         edges : array-like of int, shape (m, 2), optional
             Indices, from 0, of the two vertices of each edge; ``path`` must then have shape (n,
-            dof). By default each configuration is joined to the next.
+            dof); by default each configuration is joined to the next.
 
         Returns
         -------
@@ -962,7 +963,7 @@ class ArmSpace(ConfigurationSpace):
         snapshot = self.snapshot
         free = snapshot.are_free(rows, rows)
         out[:] = np.where(free, FREE, MIXED)
-        # BLOCKED is sought only where FREE is not proven.
+        # BLOCKED is sought only for configurations that are not proven FREE.
         unproven = np.flatnonzero(~free)
         blocked = snapshot.are_blocked(rows[unproven])
         out[unproven[blocked]] = BLOCKED
@@ -1001,7 +1002,7 @@ class ArmSpace(ConfigurationSpace):
         return self.arm.link_speed(link, q, velocity, within, max_velocity)
 
     def _excesses(self, targets: Floats) -> Floats:
-        """Return by how much targets exceed the limits of the joints; see the base class."""
+        """Return the excesses of targets over the limits of the joints; see the base class."""
         excesses = np.maximum(self.arm.lower - targets, targets - self.arm.upper)
         return np.where(excesses > LIMIT_SLACK, excesses, 0.0)
 
@@ -1072,7 +1073,7 @@ def build_arm_space(
         ``"workspace"``. A workspace made from a mesh or point cloud is used exactly, any other by
         its cells; everything beyond the grid is free. But a workspace of one mesh or other exact
         shape is that shape as a whole, so its part beyond the ``bounds`` still blocks. Unknown
-        cells are obstacles where ``outer`` is set, and never prove a configuration BLOCKED. A
+        cells of ``outer`` are obstacles, and never prove a configuration BLOCKED. A
         planning scene of :func:`cspace.arms.read_moveit_scene` also attaches its objects; if it has
         an allowed collision matrix, that replaces :attr:`Arm.allowed_collisions`.
     arm : Arm

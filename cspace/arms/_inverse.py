@@ -89,13 +89,13 @@ RIGHT_SIDE: Final = 6
 """Column of :attr:`PoseScratch.system` after the six of the matrix."""
 
 MAX_REJECTED_STEPS: Final = 8
-"""Steps in a row that do not lower the error, after which a start is given up."""
+"""Steps in a row that do not lower the error, after which a start is abandoned."""
 
 SLOW_DECREASE: Final = 0.8
 """Ratio of squared errors above which a step counts as slow."""
 
 MAX_SLOW_STEPS: Final = 6
-"""Slow steps in a row after which a start is given up; it is mostly near a local minimum."""
+"""Slow steps in a row after which a start is abandoned, mostly near a local minimum."""
 
 IGNORED_SHARE: Final = 0.99
 """Share of the tolerance that is no error to starts that are retried."""
@@ -104,7 +104,7 @@ RETRIED_STARTS: Final = 32
 """Starts with the smallest errors that are followed to the end if none reaches the pose."""
 
 MAX_STEPS: Final = 100
-"""Steps after which a start is given up."""
+"""Steps after which a start is abandoned."""
 
 TINY: Final = 1e-300
 """Smallest divisor, so that zero is never one."""
@@ -128,7 +128,7 @@ class PoseGoal(Goal):
     ------
     InputError
         If the frame is no string, the pose is no rigid motion, or the tolerance is not two numbers
-        above zero, of which one may be infinite.
+        above zero; one may be infinite.
 
     Examples
     --------
@@ -248,7 +248,7 @@ class PoseSolutions(NamedTuple):
     Attributes
     ----------
     joints : ndarray of float64, shape (n, k)
-        Configurations that reach the pose, in the order in which they were found.
+        Configurations that reach the pose, in the order of the search.
     nearest : ndarray of float64, shape (k,)
         The configuration with the smallest error.
     distance, angle : float
@@ -472,7 +472,7 @@ def make_pose_problem(
     tolerance. If that is all of it, starts are followed to the end.
     """
     chain = branch.chain
-    # Divide distances by the arm's reach, so that they weigh as much as angles.
+    # Divide distances by the arm's reach, to weigh them like angles.
     link_lengths = np.linalg.norm(chain.frames[1:, :, POSITION], axis=1)
     reach = link_lengths.sum() + np.linalg.norm(tool[:3, 3])
     distance_weight = 1.0 / max(reach, MIN_REACH)
@@ -537,7 +537,7 @@ def solve_pose(
     solutions: list[Floats] = []
 
     def try_start(problem: PoseProblem, q: Floats) -> tuple[float, float, float]:
-        """Move a start in place, and add where it ends to ``solutions`` if that is a new one."""
+        """Move a start in place, and add its end to ``solutions`` if the end is new."""
         distance, angle, cost = descend(problem, q, scratch)
         if distance <= tolerance[0] and angle <= tolerance[1]:
             turned = _turn_towards(near, q, limits, whole_turns)

@@ -204,7 +204,7 @@ class Arm:
         Parameters
         ----------
         path : path-like
-            The URDF, or its text. Meshes are found as in :meth:`cspace.Robot.from_urdf`.
+            The URDF, or its text, with meshes as for :meth:`cspace.Robot.from_urdf`.
         srdf : path-like, optional
             An SRDF file, or its text, with groups, group states, and the links that may touch:
             pairs of ``disable_collisions``, and all of a link of ``disable_default_collisions``
@@ -213,10 +213,10 @@ class Arm:
             if a joint connects them, directly or over links without geometry, or if they touch in
             each of 100 fixed random configurations.
         tip : str, optional
-            Only the joints between the base and this link move. By default all move.
+            Only the joints between the base and this link move; by default all move.
         base : str, optional
-            The link in whose frame obstacles are given; only links below it are read. By default
-            the root.
+            The link whose frame is that of obstacles; only links below it are read. The root, by
+            default.
         joints : str or iterable of str, optional
             Only these joints move: a group of the SRDF, or names of joints. Not together with
             ``tip``.
@@ -460,7 +460,7 @@ class Arm:
     ) -> Floats:
         """Find configurations, shape (n, dof), that reach a pose goal; see :meth:`inverse`.
 
-        ``name`` is the argument that errors name. Raises ConfigurationError if none is found.
+        ``name`` is the argument that errors name. Raises ConfigurationError without a solution.
         """
         branch, tool = self._branch_to(goal.frame)
         q = self._rest if near is None else self._check_configuration(near, "near")
@@ -518,7 +518,7 @@ class Arm:
     def _whole_turns(self) -> Bools:
         """Whether whole turns of each joint, shape (dof,), change no pose.
 
-        A joint that moves another joint by a fraction of its own angle is none of these.
+        A joint that moves another joint by a fraction of its angle is excluded.
         """
         chain = self.chain
         # A body turns wholly with its joint if it follows by a whole multiple of the angle.
@@ -835,7 +835,7 @@ class Arm:
         return reasons
 
     def __getstate__(self) -> dict[str, Any]:
-        """Pickle the arm without what its links are packed into, which is large."""
+        """Pickle the arm without the packed trees of its links, which are large."""
         return {name: value for name, value in vars(self).items() if name != "_packed"}
 
     @cached_property
@@ -1040,7 +1040,7 @@ def _warn_of_unused_limits(joint: Any, where: str) -> None:
 def _read_limits(joint: Any, where: str) -> tuple[float, float]:
     """Return a joint's limits, radians or metres.
 
-    Raise InputError, which begins with ``where``, if there are none or they are reversed.
+    Raise InputError, which begins with ``where``, if limits are missing or reversed.
     """
     limit = joint.limit
     if limit is None:
@@ -1237,7 +1237,7 @@ class _ArmBuilder:
             nearest[joint.child] = joint.child if joint.child in with_geometry else neighbour
             if neighbour is not None and joint.child in with_geometry:
                 allowed.setdefault(sort_pair(joint.child, neighbour), "adjacent")
-        # Random configurations in all of which two links touch if they may touch without an SRDF.
+        # Two links that touch in all of these random configurations may touch without an SRDF.
         samples = arm._contact_samples[:100]
         for pair, scene in arm._moving_pairs().items():
             if pair not in allowed and always_touch(scene, samples):
@@ -1309,7 +1309,7 @@ class _ArmBuilder:
                 leader = self._joints[joint.leader]
                 ends = np.array([leader.lower - LIMIT_SLACK, leader.upper + LIMIT_SLACK])
                 link_lengths[body] += np.abs(joint.factor * ends + joint.offset).max()
-        # A joint moves two bodies against each other if it carries exactly one of them.
+        # A joint moves two bodies against each other if it carries one and not the other.
         between = carries[:, np.newaxis] != carries[np.newaxis]
         indices = [self._moving_names[joint.leader] for joint in joints]
         return Chain(
@@ -1328,7 +1328,7 @@ class _ArmBuilder:
 def _sort_joints(joints: Iterable[Any], base: str) -> list[Any]:
     """Return the joints below a link, depth first, then by name.
 
-    So every body comes after its parent, and the order is that of urdfdom for MoveIt.
+    So every body comes after its parent, in the order of urdfdom for MoveIt.
     """
     # The stack is read from its end, so the names are sorted in reverse.
     joints_below: dict[str, list[Any]] = {}
@@ -1366,7 +1366,7 @@ def _find_rest_value(joint: Joint) -> float:
 
 def always_touch(scene: ArmScene, points: Floats) -> bool:
     """Return True if no configuration (n, dof) is proven free."""
-    # Most pairs are apart in one of the first, which saves testing the others.
-    # Random configurations tested first, because most pairs of links are apart in one of them.
+    # Most pairs are apart in an early configuration, which saves testing the others.
+    # Random configurations tested first: most pairs of links are apart in at least one.
     first, others = np.split(points, [4])
     return not (are_free(scene, first, first).any() or are_free(scene, others, others).any())

@@ -119,11 +119,11 @@ class PlanningScene:
     def may_touch(self, one: str, other: str) -> bool:
         """Return True if the matrix lets two links or objects touch.
 
-        Versions of MoveIt differ in what counts if an entry and a default of the matrix disagree.
+        If an entry and a default of the matrix disagree, versions of MoveIt differ.
         The pair may touch only if they agree. Without a matrix, no pair may.
         """
         contacts = self._contacts or {}
-        # The matrix names objects, of which an obstacle may be one shape of several.
+        # The matrix names objects; an obstacle may be one of an object's shapes.
         a = self._ids.get(one, one)
         b = self._ids.get(other, other)
         entries = [contacts.get(key) for key in ((a, b), (b, a), (a,), (b,))]
@@ -198,7 +198,7 @@ class PlanningScene:
         is_moved = arm.placements[carried.link].body > 0
         q = arm.configuration(self.robot_state) if is_moved else arm._rest
         link_pose = arm.pose(q, carried.link)
-        # From the frame of the scene to that of the base, then to that of the link.
+        # From the frame of the scene to the base, then to the link.
         on_base = np.linalg.solve(base_pose, pose)
         return np.asarray(np.linalg.solve(link_pose, on_base), dtype=np.float64)
 
@@ -318,7 +318,7 @@ class MotionPlanRequest:
     ) -> list[Floats | PoseGoal]:
         """Make an arm's goals, for :func:`planners.plan`.
 
-        A joint that a goal does not constrain stays where it is at the start. A value beyond a
+        A joint that a goal does not constrain keeps its value at the start. A value beyond a
         limit, within its tolerance, is moved onto the limit.
 
         Parameters
@@ -349,7 +349,7 @@ class MotionPlanRequest:
         return goals
 
     def make_keep(self, arm: Arm, *, base_pose: ArrayLike | None = None) -> list[Upright]:
-        """Return what an arm keeps upright, for ``keep=`` of :func:`planners.plan`.
+        """Return the axes that an arm keeps upright, for ``keep=`` of :func:`planners.plan`.
 
         Arguments and errors are as for :meth:`make_goals`.
 
@@ -448,7 +448,7 @@ def read_moveit_request(source: object) -> MotionPlanRequest:
     ('arm', {'elbow': 0.5})
     """
     with Ledger.reading(source, "motion plan request", "request", FIELDS[1]) as (name, document):
-        document.skip()  # each of its tables has a ledger of its own
+        document.skip()  # each of its tables has its ledger
         fields = parse(_REQUEST, document.fields, "request")
         goals = fields.goal_constraints
         if not goals:

@@ -112,7 +112,7 @@ class Snapshot:
     static : mapping of str to Solid
         The obstacles as solids.
     groups : tuple of Group
-        Those of links, then those of obstacles.
+        Of links, then of obstacles.
     outer : Scene
         It proves FREE by outer shapes.
     uprights : tuple of Upright
@@ -131,7 +131,7 @@ class Snapshot:
     uprights: tuple[Upright, ...] = ()
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle what the snapshot is made from."""
+        """Pickle the arguments of :func:`make_snapshot`."""
         scene = self.arm, self.obstacles, self.allowed, self.padding, self.margin
         return make_snapshot, (*scene, None, self.uprights)
 
@@ -324,7 +324,7 @@ def make_snapshot(
     may_touch = arm.allowed_collisions.keys() | frozenset(allowed)
     groups = _group_solids(arm.links, may_touch, padding, is_obstacle=False)
     groups += _group_solids(list(static.values()), may_touch, padding, is_obstacle=True)
-    # One scene of all pairs; those that no joint moves are tested now, and never again.
+    # One scene of all pairs; pairs that no joint moves are tested now, and never again.
     moved_pairs, fixed_pairs = _pair_groups(groups, may_touch)
     pairs = moved_pairs + fixed_pairs
     solids = [group.solid for group in groups]
@@ -451,7 +451,7 @@ def _pair_groups(
 
 
 def _pad_pairs(groups: Sequence[Group], pairs: Sequence[tuple[int, int]]) -> Floats:
-    """Return the padding of pairs, shape (p,): that of both, or zero between links."""
+    """Return the padding of pairs, shape (p,): the sum of both, or zero between links."""
     total = np.zeros(len(pairs))
     for number, (i, j) in enumerate(pairs):
         if groups[j].is_obstacle:
@@ -526,7 +526,7 @@ def _find_nearest(points_a: Floats, points_b: Floats, radius_a: float, radius_b:
     (C. L. Lawson and R. J. Hanson, "Solving Least Squares Problems", 1974, chapter 23).
     """
     # Find weights, zero or above, with sum 1, that bring the mean of all differences nearest to
-    # zero: three equations of the mean, and one of the sum.
+    # zero: three equations of the mean, and an equation of the sum.
     differences = (points_a[:, np.newaxis] - points_b).reshape(-1, 3)
     equations = np.vstack([differences.T, np.ones(len(differences))])
     # scipy's nnls misses the least sum on some machines if points lie symmetrically.

@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 class SphereModel:
     """Balls that cover each link of an arm, or lie inside it.
 
-    Made by :meth:`cspace.Arm.spheres`. ``print`` shows a table of what is proven for each link.
+    Made by :meth:`cspace.Arm.spheres`. ``print`` shows a table with the proof of each link.
 
     Attributes
     ----------

@@ -140,7 +140,7 @@ class CellProofs:
     def classify(self, start: Ints, stop: Ints, parts: Ints, out: States) -> None:
         """Write the states of the cells of a block, which reaches from ``start`` to ``stop``.
 
-        A cell may still be proven by its ``parts``, of which there are so many along each axis, all
+        A cell may still be proven by its parts, ``parts`` along each axis, all
         of shape (d,).
         """
         scratch = make_scene_scratch(self.snapshot.outer)
@@ -193,9 +193,9 @@ def classify_tubes(
 ) -> None:
     """Write the states of tubes as a whole, shape (n,), MIXED if unproven.
 
-    A tube leads from a row of ``firsts`` to one of ``lasts``, and has a row of ``deviations``,
+    A tube leads from a row of ``firsts`` to a row of ``lasts``, and has a row of ``deviations``,
     shapes (n, dof). Triangles that cross are sought only ``with_crossings``: only small tubes leave
-    them crossed, and the search is slow. ``prove`` is that of ``scene``, which proves FREE.
+    them crossed, and the search is slow. ``prove`` belongs to ``scene``, and proves FREE.
     """
     for k in range(len(firsts)):
         tube = ArmScene(

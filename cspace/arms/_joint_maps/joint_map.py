@@ -290,7 +290,7 @@ def _find_range(
 ) -> tuple[float, float]:
     """Return a joint's lowest and highest mapped value.
 
-    They are those of ``limits``, the limits of the joint, or -pi and pi if it is continuous. Raises
+    They are ``limits``, the limits of the joint, or -pi and pi if it is continuous. Raises
     InputError if a part is not within the limits, or the joint has no range.
     """
     number = space.arm.joints.index(name)
@@ -326,13 +326,13 @@ def _find_range(
 
 
 def _make_exterior(grid: Grid, intervals: Floats, joint_limits: Floats) -> Exterior:
-    """Return states outside: MIXED where the arm can go, else BLOCKED.
+    """Return states outside: MIXED within the reach of the joints, else BLOCKED.
 
     ``intervals``, shape (d, 2), are the mapped parts of the joints' ranges ``joint_limits``.
     """
     lowest, highest = intervals.T
     lower_limits, upper_limits = joint_limits.T
-    # The box of cells in which the arm can go; it has no end where a range is cut.
+    # The box of cells within the limits of the joints; it has no end on the side of a cut range.
     first = np.where(lower_limits < lowest, -FARTHEST_CELL, 0)
     last = np.where(upper_limits > highest, FARTHEST_CELL, np.array(grid.shape) - 1)
     return Exterior(np.array([[*first, *last, BLOCKED]], dtype=np.int64))

@@ -29,7 +29,7 @@ A straight motion of the joints leaves an angle by about an eighth of its square
 """
 
 MAX_HALVINGS: Final = 2
-"""Times that a motion which leaves a cone is halved before it is given up."""
+"""Largest number of times that a motion which leaves a cone is halved."""
 
 NEAR_PER_SQRT_JOINT: Final = 1.25 * MAX_STRIDE
 """Radius of a blocked node's sampling domain, divided by the square root of the number of joints;
@@ -209,7 +209,7 @@ def grow_trees(
         side = 0 if counts[0] <= counts[1] else 1
         other_side = 1 - side
         new, _ = extend(prove, scene, forest, side, samples[k], 1.0, scratch)
-        # Grow the other tree towards the new node as far as possible.
+        # Grow the other tree towards the new node until a step fails.
         other = new
         meets = False
         while other >= 0 and not meets and counts[other_side] + 1 < capacity:
@@ -334,7 +334,7 @@ def pull_parts(
         if draws[k, 2] < 0.5:
             first = math.floor(first + 0.5)
             last = math.floor(last + 0.5)
-        # Half of the pulls move one joint, half of them all; half of them go all the way.
+        # Half of the pulls move one joint, the others all joints; half go all the way.
         joint = int(2 * dof * draws[k, 3])
         weight = min(2.0 * draws[k, 4], 1.0)
         rows = copy_distinct(path[:count], trial)

@@ -7,7 +7,7 @@ motions. Words that the modules share:
 - *chain*: the bodies of an arm, each after its parent.
 - *part*: a connected piece of a body's boundary.
 - *tube*: the motion of the joints between two configurations, from which each may deviate.
-- *slack*: by how much a distance exceeds the one that is required.
-- *cone*: the directions within an angle of one that a link keeps.
+- *slack*: the excess of a distance over the required distance.
+- *cone*: the directions within an angle of a direction, in which a link keeps an axis.
 - *inner ball*: a ball inside a solid, which proves collisions.
 """

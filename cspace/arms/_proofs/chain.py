@@ -65,7 +65,7 @@ class Frame(NamedTuple):
     ----------
     body : int
     pose : ndarray of float64, shape (4, 4)
-        From the frame to that of its body.
+        From the frame to the frame of its body.
     """
 
     body: int
@@ -118,7 +118,7 @@ def forward_kinematics(chain: Chain, q0: Floats, q1: Floats, t: float, poses: Fl
         for j in range(4):
             poses[0, i, j] = chain.frames[0, i, j]
         poses[0, i, SPIN] = poses[0, i, VELOCITY] = 0.0
-    # Each body follows its parent, whose pose and velocity are known by then.
+    # Each body follows its parent, whose pose and velocity have been computed.
     for b in range(1, len(chain.parents)):
         frame = chain.frames[b]
         parent = poses[chain.parents[b]]
@@ -143,7 +143,7 @@ def forward_kinematics(chain: Chain, q0: Floats, q1: Floats, t: float, poses: Fl
             parent_rotation, column_at(parent, POSITION), column_at(frame, POSITION)
         )
         position = vectors.add_scaled(origin, vectors.rotate(joint_rotation, joint_axis), slide)
-        # Velocity: that of the parent, plus the joint's turning about its axis, or sliding along.
+        # The parent's velocity, plus the joint's turning about its axis, or sliding along.
         axis = vectors.rotate(rotation, joint_axis)
         moment = vectors.cross(position, axis)
         for i in range(3):
@@ -220,7 +220,7 @@ def motion_bounds(
     displacement, half the largest acceleration, and the sum of the rotations between them.
     """
     displacement = curvature = rotation = 0.0
-    # Masks of bodies: those whose joints move a against b, and those that carry b.
+    # Masks of bodies: the joints of the first move a against b, and the others carry b.
     between = chain.between[a, b]
     carries_b = chain.between[b, 0]
     lengths = chain.lengths[a]

@@ -2,7 +2,7 @@
 
 A cone bounds the angle between an axis of a body and a direction of the base. Let u be the axis, a
 unit vector, at the joint rates r, and R the sum of the rates of the revolute joints that carry the
-body. Let a motion last from time 0 to 1, and a part of it from h before a moment to h after. With
+body. Let a motion last from time 0 to 1, and a part from h before a moment to h after. With
 the body's angular velocity w at that moment, ``u' = w x u``. The body turns by at most h R, and so
 does u.
 
@@ -135,7 +135,7 @@ def stays_in_cone(
         values = abs(chain.factors[b]) * largest + abs(chain.offsets[b])
         rounding += DISTANCE_ROUNDING * 2.0**-9 * values
     tolerance = cones.tolerances[k] - rounding
-    # Parts follow each other, and end where the next one of twice the width may begin.
+    # Parts follow each other; each ends at a place at which a part of twice the width may begin.
     start = 0.0
     width = 1.0
     # Parts of a motion tested before it counts as not proven, because it grazes a cone.
@@ -173,7 +173,7 @@ def move_into_cones(chain: Chain, cones: Cones, q: Floats, slopes: Floats, poses
     that already is well within stays. Returns False if the projection fails. ``slopes``, shape
     (dof,), and ``poses`` are scratch.
     """
-    # Steps after which a projection is given up.
+    # Steps after which a projection fails.
     for _ in range(20):
         is_within = True
         for k in range(len(cones.bodies)):
@@ -212,7 +212,7 @@ def fill_slopes(
 ) -> float:
     """Write the derivatives of an angle by the joints; return their squares' sum.
 
-    The angle is that of cone k. A joint at a limit that the wanted ``change`` of the angle would
+    The angle belongs to cone k. A joint at a limit that the wanted ``change`` of the angle would
     push further has none. Other arguments are as for :func:`move_into_cones`.
     """
     direction = vectors.row_at(cones.directions[k], 0)

@@ -41,7 +41,8 @@ RADIUS = 9
 
 
 MAX_PROJECTIONS: Final = 16
-"""Alternating projections between a triangle and a box after which no common point is found."""
+"""Alternating projections between a triangle and a box after which the search for a common point
+ends."""
 
 
 DIRECTION, AXIS_POINT, CHORD, TRANSLATION = 0, 3, 6, 7
@@ -302,8 +303,8 @@ def lies_beside_box(row: Floats, point: Row, reach: float) -> bool:
 def pierces(corners: Corners, q: Floats, depth: float) -> bool:
     """Return True if a triangle provably pierces a box or ball.
 
-    That is, a point of it lies deeper than ``depth``. ``q``, shape (10,), is the row of the box or
-    ball. False proves nothing.
+    That is, a point of the triangle lies deeper than ``depth``. ``q``, shape (10,), is the row of
+    the box or ball. False proves nothing.
     """
     first = corners[0]
     to_second, to_third = vectors.minus(corners[1], first), vectors.minus(corners[2], first)

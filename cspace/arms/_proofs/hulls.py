@@ -52,7 +52,7 @@ MAX_TRIANGLES_PER_TILE: Final = 16
 
 
 HULL_BRANCHING: Final = 16
-"""Largest ratio of the triangles of a hull to those of the hulls below it."""
+"""Largest ratio of the triangles of a hull to the triangles of the hulls below it."""
 
 
 _MAX_TRIANGLES_OF_RANKS: Final = MAX_TRIANGLES_PER_TILE * HULL_BRANCHING ** np.arange(12)
@@ -65,7 +65,7 @@ or one whose corners are all of its points."""
 
 
 MAX_HULL_CORNERS: Final = 96
-"""Largest number of corners of other hulls; they grow by what their extreme corners leave out."""
+"""Largest number of corners of other hulls, which grow to hold the corners left out."""
 
 
 HULL_ROUNDING: Final = 2.0**-48
@@ -244,7 +244,7 @@ def wrap_convex(triangles: Floats) -> Hulls | None:
         return None
     first, second, third = triangles.swapaxes(0, 1)
     normals = np.cross(second - first, third - first)
-    # No corner of a convex body lies beyond the plane of a triangle, but for rounding; a flat body
+    # No corner of a convex body lies beyond the plane of a triangle, up to rounding; a flat body
     # has none below one either.
     lower, upper = corners.min(axis=0), corners.max(axis=0)
     tolerances = 1e-9 * (upper - lower).max() * np.linalg.norm(normals, axis=1)
@@ -322,7 +322,7 @@ def _list_row_corners(rows: Floats) -> tuple[Floats, Ints]:
     is_aligned = ~off_axis.any(axis=1)
     counts = np.select([is_box & is_aligned, is_box, is_ball], [0, 8, 1], 3)
     places = np.arange(counts.max())
-    # Give every row as many corners as the largest has, then drop the excess.
+    # Give every row the number of corners of the largest, then drop the excess.
     corners = rows[:, :9].reshape(-1, 3, 3)[:, np.minimum(places, 2)]
     is_tilted = counts == 8
     if is_tilted.any():
@@ -358,7 +358,7 @@ def _fit_hull(points: Floats, volume: float) -> HullFit | None:
         kept = hull.vertices
         # Rounding of the volumes may not hide that a part is convex.
         is_convex = volume > (1.0 - 1e-9) * hull.volume
-        # Meshes that are convex but for rounding keep all points, which shows their shape best.
+        # Meshes that are convex up to rounding keep all points, which shows their shape best.
         is_kept = is_convex or len(kept) == len(points)
         is_exact = is_convex and len(kept) <= MAX_EXACT_CORNERS
         if len(kept) > (MAX_EXACT_CORNERS if is_kept else MAX_HULL_CORNERS):
@@ -433,7 +433,7 @@ def join_roots(boxes: Floats, roots: Ints, start: int) -> tuple[Floats, Ints]:
     tree_boxes, order, spans = box_trees.build_boxes(centers - half_sides, centers + half_sides)
     starts, counts = spans.T
     inner = np.flatnonzero(counts > 1)
-    # The node number of a leaf is that of a given root; the nodes above are new.
+    # A leaf has the number of a given root; the nodes above are new.
     numbers = roots[order[starts]]
     numbers[inner] = start + np.arange(len(inner))
     # The first child follows its parent, the second one follows the nodes of the first.
@@ -660,7 +660,7 @@ def hull_slack(
     from the motion. The first direction tried is
     ``direction``, shape (3,), or the ``offset`` of the centers if that is zero; either may have any
     length. Later ones lead between the nearest points that the search has found. ``direction``
-    becomes the best of them.
+    becomes the best.
     """
     radii = hulls.boxes[a, HULL_RADIUS] + hulls.boxes[b, HULL_RADIUS]
     required = motion.required + away + radii
@@ -703,7 +703,7 @@ def hull_slack(
         if gap > 0.0 and speed > 0.0 and largest_slack <= enough:
             best = largest_slack
             break
-        # The nearest points are found up to rounding.
+        # The nearest points are exact up to rounding.
         if count and length - gap_along <= 1e-10 * length:
             break
         # Go on from the corners that are farthest along n.

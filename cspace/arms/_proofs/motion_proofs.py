@@ -156,7 +156,7 @@ class Solids(NamedTuple):
         first_part, stop_part = self.starts[solid : solid + 2, FIRST_PART].tolist()
         roots = self.part_roots[first_part:stop_part]
         wanted_node = node if node >= 0 else int(self.roots[solid])
-        # The nodes of a part follow its root, so the part is that of the last root up to the node.
+        # The nodes of a part follow its root, so the last root up to the node decides the part.
         roots_before = np.where(roots <= wanted_node, roots, -1)
         return int(first_part + roots_before.argmax())
 
@@ -545,7 +545,7 @@ def bound_slack(
     matrix, position = relative_pose(pose, base_pose)
     spin = vectors.minus(column_at(pose, SPIN), column_at(base_pose, SPIN))
     velocity = vectors.minus(column_at(pose, VELOCITY), column_at(base_pose, VELOCITY))
-    # The velocity is that of the point at the origin of the arm's base; move it to that of body j.
+    # Move the velocity from the point at the origin of the arm's base to the origin of body j.
     velocity_at_base = vectors.add_scaled(
         vectors.cross(spin, column_at(base_pose, POSITION)), velocity, 1.0
     )
@@ -787,7 +787,7 @@ def parts_cross(
     second. With axes, the proof must hold while the joints move the first part.
     """
     displacement = 0.0
-    # The search returns the row of two leaves whose boxes meet, until none is left.
+    # The search returns the row of two leaves whose boxes meet, or 0 at its end.
     top = find_near_leaves(trees, matrix, shift, axes, nodes, 2)
     while top > 0:
         leaf = nodes[top, 0]
@@ -838,8 +838,7 @@ def bound_distances(
             # The bound may not depend on earlier queries.
             scratch.nearest_nodes[n, 0] = -1
             scratch.directions[n, :] = 0.0
-            # A pair that is too near counts, even if its distance exceeds that of a pair with less
-            # padding.
+            # A pair that is too near counts, even beside a nearer pair with less padding.
             enough = out[k] if out[k] < 0.0 else max(out[k] - scene.padding[n], 0.0)
             slack = bound_slack(scene, n, NO_MOTION, scratch.axes[:0], required, enough, scratch)
             hulls_meet = nodes[1, 0] != 0  # as tree_slack says

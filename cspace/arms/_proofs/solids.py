@@ -76,7 +76,7 @@ class PosedShape:
     pose: Floats
 
     def __init__(self, shape: ShapeLike, pose: ArrayLike) -> None:
-        """Convert what :func:`cspace._shapes.as_shape` takes, and the pose.
+        """Convert the shape, by :func:`cspace._shapes.as_shape`, and the pose.
 
         Fields of a frozen class are set through ``object``.
         """
@@ -86,7 +86,7 @@ class PosedShape:
 
 @dataclass(frozen=True, eq=False, init=False)
 class Part(PosedShape):
-    """A posed shape of a link or an obstacle, with what proofs need of it."""
+    """A posed shape of a link or an obstacle, prepared for proofs."""
 
     @cached_property
     def bounds_pair(self) -> tuple[Part, Part]:

@@ -73,7 +73,7 @@ def read_rigid_links(
 ) -> tuple[str, Shape]:
     """Read the name and the shape of a rigid robot from a URDF.
 
-    Parameters and errors are those of :meth:`cspace.Robot.from_urdf`.
+    Parameters and errors are as for :meth:`cspace.Robot.from_urdf`.
     """
     surfaces = _read_surfaces(path, link, package_dirs, solid != "surface", visuals, spheres)
     name = Path(name_description(path)).name
@@ -334,7 +334,7 @@ def read_scene(source: object, package_dirs: PackageDirs = ()) -> SceneContent:
     """
     folders = package_folders(package_dirs)
     with Ledger.reading(source, "planning scene", "scene", FIELDS[0]) as (name, document):
-        document.skip()  # each of its tables has a ledger of its own
+        document.skip()  # each of its tables has its ledger
         content = document.fields
         if "collision_objects" in content:
             content = {"world": content}

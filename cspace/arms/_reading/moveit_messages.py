@@ -1,6 +1,6 @@
 """MoveIt's messages, also as mappings or in YAML: tables of their fields, and parsers.
 
-The YAML is what ROS prints, or what robowflex and MotionBenchMaker write. Fields that a message
+ROS prints the YAML; robowflex and MotionBenchMaker write it. Fields that a message
 does not have are refused, because a misspelled one would be lost. Fields that would change the
 answer but are not read are refused too, unless they are empty.
 """
@@ -25,7 +25,7 @@ WORLD: Final = "world"
 MAX_POSITION_METRES: Final = 1e3
 """Largest coordinate of a position, metres.
 
-There, rounding is 1e-13 m, less than that of a distance of a metre
+There, rounding is 1e-13 m, less than the rounding of a distance of a metre
 (:data:`cspace.arms._proofs.chain.DISTANCE_ROUNDING`): a pose in a far frame may lead back to the
 arm.
 """

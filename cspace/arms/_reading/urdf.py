@@ -236,14 +236,14 @@ def _choose_geometry(root: Element, visuals: bool) -> None:
         for visual in link.findall("visual"):
             if visuals:
                 visual.tag = "collision"
-            else:  # a box, no matter what it is, which yourdfpy may not know
+            else:  # a box instead of a shape that yourdfpy may not know
                 geometry = Element("geometry")
                 SubElement(geometry, "box", size="1 1 1")
                 visual[:] = [geometry]
 
 
 def _shorten_mimic_chains(urdf: URDF) -> None:
-    """Let each joint mimic one that mimics no other.
+    """Let each joint mimic a joint that mimics no other.
 
     Raises ContentError if joints mimic each other in a loop.
     """
@@ -285,7 +285,7 @@ def find_meshes(
     """Find the mesh files of links, by name.
 
     The files are not read. The search order is documented at :meth:`cspace.Robot.from_urdf`. One
-    warning lists the files that were found only under a part of their names.
+    warning lists the files that have only a part of the names.
 
     Raises FileError if a mesh is missing or ambiguous.
     """
@@ -306,7 +306,7 @@ def locate_meshes(
     See :func:`find_meshes` for the search. ``places`` has, for each mesh, its place in the file,
     for messages.
     """
-    # Files under a mesh's full name come first. Else one file with the rest of its name is a guess.
+    # Files under a mesh's full name come first; then a single file with the rest of its name.
     folder = Path(path).resolve().parent
     search = _MeshSearch(folder, package_dirs)
     meshes: dict[str, Path] = {}
@@ -674,7 +674,7 @@ def _find_existing(places: Iterable[Path]) -> Iterator[Path]:
 
 def _check_single(files: Sequence[Path], place: str, folder: Path) -> None:
     """Raise FileError unless exactly one file matches a mesh."""
-    # No file, or several of which none has the full name.
+    # No file, or several without the full name.
     if not files:
         rule = (
             f"the search covers package_dirs, {folder} and the folders above it, "
@@ -779,7 +779,7 @@ class _Reader:
         self.bare: dict[str, None] = {}
 
     def _check_known(self, names: Iterable[str], known: Container[str]) -> bool:
-        """Return True if all names are known; collect the others."""
+        """Return True if the URDF has all names; collect the others."""
         missing = [name for name in names if name not in known]
         self.unknown |= dict.fromkeys(missing)
         return not missing
