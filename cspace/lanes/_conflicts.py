@@ -286,8 +286,8 @@ class Conflicts:
                 is_filled = _fill_shapes(axes, common, fill, label)
                 if rows and not shares:
                     places = np.array([row.at for row in rows])
-                    style = {"color": color, "markeredgecolor": "white", "ms": 7, "zorder": 7}
-                    axes.plot(*places.T, "X", label="" if is_filled else label, **style)
+                    style: dict[str, Any] = {"color": color, "markeredgecolor": "white", "ms": 7}
+                    axes.plot(*places.T, "X", label="" if is_filled else label, zorder=7, **style)
         extend_legend(axes, axes.get_legend_handles_labels()[0])
         return axes
 
