@@ -80,7 +80,7 @@ def search_stages(task: PlanTask, stages: Sequence[Stage]) -> Journey:
     return Journey(part, start, result, existence, number, vias)
 
 
-class Leg(NamedTuple):
+class SearchedLeg(NamedTuple):
     """The search from a stage to the next."""
 
     task: PlanTask
@@ -90,7 +90,7 @@ class Leg(NamedTuple):
 
 def _find_legs(
     task: PlanTask, existence: Existence, routes: Sequence[Endpoints]
-) -> tuple[list[Leg], list[SearchResult]]:
+) -> tuple[list[SearchedLeg], list[SearchResult]]:
     """Search from stage to stage, at first along routes; return the legs and all results.
 
     If an end leads no further, another one of its stage is tried, or of those before. While there
@@ -103,8 +103,8 @@ def _find_legs(
     # planners that optimise use all of their time.
     is_slow = task.edges.exact or task.edges.has_heading
     is_slow &= not task.planner.optimises
-    legs: list[Leg] = []
-    best: list[Leg] = []
+    legs: list[SearchedLeg] = []
+    best: list[SearchedLeg] = []
     searched: list[SearchResult] = []
     tried: set[tuple[int, Endpoint]] = set()
     hurries = is_last_try = False
@@ -142,7 +142,7 @@ def _find_legs(
             return best, searched
 
 
-def _pop_choice(legs: list[Leg]) -> Leg | None:
+def _pop_choice(legs: list[SearchedLeg]) -> SearchedLeg | None:
     """Remove legs up to the last one with other routes, and return that."""
     while legs:
         leg = legs.pop()
@@ -157,7 +157,7 @@ def _search_leg(
     number: int,
     starts: tuple[Room, ...],
     routes: Sequence[Endpoints],
-) -> Leg:
+) -> SearchedLeg:
     """Search for the best path along routes to a stage, whose end leads on to the next."""
     onward = stages[number + 1].goals if number + 1 < len(stages) else ()
     task = replace(
@@ -168,7 +168,7 @@ def _search_leg(
         rooms=stages[number].rooms,
     )
     result = search_goals(task, onward)
-    return Leg(task, result, _leave_out(routes, result.goal))
+    return SearchedLeg(task, result, _leave_out(routes, result.goal))
 
 
 def _leave_out(routes: Sequence[Endpoints], goal: Endpoint) -> list[Endpoints]:
@@ -198,7 +198,7 @@ def _find_routes(
 
 
 def _join_legs(
-    legs: Sequence[Leg], searched: Sequence[SearchResult]
+    legs: Sequence[SearchedLeg], searched: Sequence[SearchResult]
 ) -> tuple[SearchResult, list[int]]:
     """Return the whole way with the times of all searches, and its rows at places on the way.
 

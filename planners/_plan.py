@@ -368,7 +368,8 @@ def _check_places(
     """Return the places on the way and the goal, with their names in messages."""
     is_list = isinstance(via, (tuple, list, np.ndarray))
     if not is_list or any(isinstance(place, Number) for place in via):
-        raise InputError("via", f"is {via!r}", "it lists places on the way")
+        rule = "it lists places on the way, each with coordinates of its own"
+        raise InputError("via", f"is {via!r}", rule)
     if len(via) and len(task.previous):
         raise InputError(
             "via",

@@ -148,7 +148,7 @@ def _sum_planning(results: Sequence[SearchResult]) -> Effort:
 
 def _run_planner(task: PlanTask) -> SearchResult:
     """Search by the planner of a task alone."""
-    return replace(task.planner.find(task), planner=task.planner.name)
+    return replace(task.planner.find(task), found_by=task.planner.name)
 
 
 def _choose_cheapest(task: PlanTask, results: Sequence[SearchResult]) -> SearchResult:
@@ -156,15 +156,15 @@ def _choose_cheapest(task: PlanTask, results: Sequence[SearchResult]) -> SearchR
 
     def measure(result: SearchResult) -> tuple[float, bool]:
         """Return the cost of a path, and whether another planner than the task's found it."""
-        return task.edges.path_cost(result.path), result.planner != task.planner.name
+        return task.edges.path_cost(result.path), result.found_by != task.planner.name
 
     found = [result for result in results if len(result.path)]
     best = min(found, key=measure, default=results[-1])
     note = best.note
-    if found and best.planner != task.planner.name:
+    if found and best.found_by != task.planner.name:
         worse = "a longer one" if task.edges.weights is None else "one that costs more"
         others = f"found {worse}" if len(found) > 1 else "found none"
-        note = f"by {best.planner}, as {task.planner.name} {others}"
+        note = f"by {best.found_by}, as {task.planner.name} {others}"
     lattice = "".join(result.lattice for result in results)
     return sum_times(replace(best, note=note, lattice=lattice), results)
 

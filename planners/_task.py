@@ -55,7 +55,7 @@ class SearchResult:
     where: str = (
         ""  # part of the path that was not found, " from ... to ...", if the map has several tiles
     )
-    planner: str = ""  # name of the one that searched
+    found_by: str = ""  # name of the planner that searched
     goal: Endpoint = ()  # reached; the path may end before it in its room
 
 

@@ -299,9 +299,11 @@ class CurveSection:
         if not len(places):
             return sparse.csc_array((0, size * (count - 2 * FIXED))), np.zeros(0)
         is_straight = (polyline.signs[places] != 0) & ~polyline.outward[places].any(axis=1)
-        x, y = polyline.rates[places[is_straight], :2].T
-        across = np.zeros((len(x), size))
-        across[:, :2] = np.column_stack([-y, x]) / np.hypot(x, y)[:, np.newaxis]
+        rates = polyline.rates[places[is_straight]]
+        across = np.zeros((len(rates), size))
+        if len(rates):  # of a robot that drives
+            x, y = rates[:, :2].T
+            across[:, :2] = np.column_stack([-y, x]) / np.hypot(x, y)[:, np.newaxis]
         positions = np.einsum("pj,ab->pabj", rows, np.eye(size)).reshape(-1, size, 4)
         directions = np.einsum("sj,sb->sbj", slopes[is_straight], across)
         factors = np.concatenate([positions, directions])
@@ -313,7 +315,7 @@ class CurveSection:
         matrix = sparse.csc_array(
             (factors.ravel(), (numbers.ravel(), columns.ravel())), shape=shape
         )
-        sums = np.append(polyline.waypoints[places], np.zeros(len(x)))
+        sums = np.append(polyline.waypoints[places], np.zeros(len(rates)))
         inner = np.arange(size * count).reshape(size, count)[:, FIXED:-FIXED]
         return matrix[:, inner.ravel()], sums - matrix @ self.points.T.ravel()
 

@@ -33,7 +33,6 @@ from planners._motion.speed_limits import (
     place_limits,
 )
 from planners._searches.estimate import Costs
-from planners._searches.objectives import TIME
 
 if TYPE_CHECKING:
     from cspace import TiledCSpace
@@ -53,7 +52,7 @@ def read_speeds(speed: SpeedLike | Sequence[SpeedLike] | None, space: Configurat
     """Check largest speeds, and return the maker of costs by them."""
     limits = list(speed) if isinstance(speed, list | tuple) else [speed]
     if not any(is_number(limit) for limit in limits):
-        problem = f"is {speed!r}, and objective is {TIME!r}"
+        problem = f"is {speed!r}, and objective is 'time'"
         raise InputError(
             "speed", problem, "one of its limits is a number, m/s, that holds everywhere"
         )
@@ -174,7 +173,10 @@ def _map_zone(
     # The map of the zone reaches beyond that of the plan as far as the robot.
     beyond = math.ceil(rule.size / grid.spacing) + 1
     reach = lower - grid.spacing * beyond, lower + grid.spacing * (shape + beyond)
-    if not shapely.intersects(area, shapely.box(*reach[0], *reach[1])):
+    # What lies far away may be farther than cells are counted.
+    near = shapely.get_parts(shapely.intersection(area, shapely.box(*reach[0], *reach[1])))
+    area = shapely.MultiPolygon([part for part in near if part.geom_type == "Polygon"])
+    if area.is_empty:
         return None
     corners = np.floor((np.reshape(area.bounds, (2, 2)) - lower) / grid.spacing)
     low, high = corners.astype(np.int64)

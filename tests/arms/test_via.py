@@ -145,3 +145,21 @@ def test_the_table_says_what_arms_and_maps_of_joints_take(tmp_path):
             assert caught.value.argument in arguments
             rule = "the space of an arm" if option == "`cspace.PoseGoal`" else "it is for "
             assert caught.value.rule.startswith(rule)
+
+
+@pytest.mark.parametrize("via", [(0.5,), (1.5,), (1.0,)], ids=["between", "beyond", "the goal"])
+def test_a_lift_of_one_joint_goes_through_a_place(tmp_path, via):
+    path = write_urdf(
+        tmp_path,
+        link("base"),
+        link("cart", ((0.1, 0.1, 0.1), (0.0, 0.0, 0.0))),
+        joint("slide", "base", "cart", kind="prismatic", limits=(0.0, 2.0)),
+    )
+    space = cspace.build_arm_space({}, cspace.Arm.from_urdf(path))
+    plan = planners.plan(space, (0.0,), (1.0,), via=[via])
+    trajectory = plan.trajectory(max_velocity=0.5, max_acceleration=1.0)
+    assert trajectory.certified and pass_near(trajectory, np.array(via))[0] < 1e-6
+    # There and back takes as long as two motions from rest to rest.
+    legs = [abs(via[0]), abs(1.0 - via[0])] if via[0] > 1.0 else [1.0]
+    rest = sum(leg / 0.5 + 0.5 for leg in legs)
+    assert trajectory.duration == pytest.approx(rest, rel=1e-6)

@@ -16,6 +16,7 @@ import cspace
 import planners
 from cspace import FREE
 from planners._searches.travel_time import read_speeds
+from tests.helpers.handmade import build_empty
 from tests.helpers.refusals import check_refused, refusals
 from tests.helpers.strategies import examples, few, seeds
 from tests.helpers.urdfs import planar_arm
@@ -422,3 +423,18 @@ def test_a_number_is_a_largest_speed_of_a_trajectory():
     expected = plan.trajectory(max_velocity=0.4, max_acceleration=0.5)
     assert slow.duration == pytest.approx(expected.duration, rel=1e-6)
     assert slow.recheck(plan.space)
+
+
+def test_zones_that_reach_far_beyond_the_map_count_on_it():
+    space = build_empty((60, 40), cspace.Robot.rectangle(0.4, 0.2), rotations=8)
+    paths = [
+        planners.plan(
+            space,
+            (1.0, 1.0, 0.0),
+            (5.0, 3.0, 0.0),
+            objective="time",
+            speed=[1.0, planners.SpeedZones([(shapely.box(2.0, -far, 3.0, far), 0.3)])],
+        ).waypoints
+        for far in (50.0, 1e9)
+    ]
+    assert len(paths[0]) > 1 and (paths[0] == paths[1]).all()
