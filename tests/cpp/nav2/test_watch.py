@@ -24,7 +24,7 @@ from tests.helpers.watch import (
     save_room,
     send_scan,
 )
-from tests.queries.test_gate_drives import GROWN, POSTS, make_cells, run_drive, touches
+from tests.gates.test_gate_drives import GROWN, POSTS, make_cells, run_drive, touches
 
 pytestmark = pytest.mark.skipif(bool(why_no_compiler()), reason=why_no_compiler())
 
