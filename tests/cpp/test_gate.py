@@ -9,6 +9,7 @@ import shapely
 import trimesh
 
 import cspace
+from tests.gates.test_gate_drives import POSTS, make_cells, run_drive
 from tests.helpers import watch
 from tests.helpers.cpp import (
     SANITIZERS,
@@ -32,7 +33,6 @@ from tests.helpers.watch import (
     save_room,
     sweep,
 )
-from tests.gates.test_gate_drives import POSTS, make_cells, run_drive
 from tests.queries.test_leaving import ON_FLOORS, build_on_floor
 
 pytestmark = pytest.mark.skipif(bool(why_no_compiler()), reason=why_no_compiler())

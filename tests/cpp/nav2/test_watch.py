@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 from shapely import affinity
 
 import cspace
+from tests.gates.test_gate_drives import GROWN, POSTS, make_cells, run_drive, touches
 from tests.helpers.cpp import SANITIZERS, why_no_compiler
 from tests.helpers.watch import (
     BRAKES,
@@ -24,7 +25,6 @@ from tests.helpers.watch import (
     save_room,
     send_scan,
 )
-from tests.gates.test_gate_drives import GROWN, POSTS, make_cells, run_drive, touches
 
 pytestmark = pytest.mark.skipif(bool(why_no_compiler()), reason=why_no_compiler())
 
