@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from cspace._engines import ENGINES, choose_engine, put_layers_first
 from cspace._grid import check_reach
-from cspace._raster import Raster
+from cspace._raster import MAX_RASTER_CELLS, Raster
 from cspace._robot import Robot
 from cspace._rotations import NO_ROTATION, RotationCell, Rotations
 from cspace._shapes.layers import Heights, LayeredShape
@@ -145,7 +145,8 @@ def estimate_raster_bytes(
     corners = np.array(list(itertools.product(*zip(low, high, strict=True))))
     rotated_corners = corners @ matrices.swapaxes(1, 2)
     sides = np.ptp(rotated_corners, axis=1) + 2.0 * margin
-    cells = float(np.prod(sides / spacing + 2.0, axis=1).mean())
+    # A larger raster is refused as such.
+    cells = min(float(np.prod(sides / spacing + 2.0, axis=1).mean()), MAX_RASTER_CELLS)
     raster_bytes_of_slice = 2.0 * cells * RASTER_CELL_BYTES[robot.dim]  # outer and inner
     return slices * (SLICE_BYTES + raster_bytes_of_slice)
 

@@ -14,7 +14,9 @@ import sys
 import tempfile
 import tracemalloc
 import warnings
+from importlib import import_module
 from pathlib import Path
+from pkgutil import walk_packages
 from unittest.mock import Mock
 
 import numba
@@ -48,7 +50,9 @@ from cspace.arms import PosedShape  # noqa: E402
 from cspace.lanes import RouteGraph  # noqa: E402
 from tests.helpers.handmade import build_empty  # noqa: E402
 
-for module in [each for name, each in sys.modules.items() if name.startswith("cspace.arms.")]:
+for module in [
+    import_module(each.name) for each in walk_packages(cspace.arms.__path__, "cspace.arms.")
+]:
     if hasattr(module, "call"):
         module.call = lambda function, arguments: function(*arguments)
     if hasattr(module, "find_address"):

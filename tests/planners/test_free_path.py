@@ -44,15 +44,16 @@ def test_search_stops_at_its_time_limit():
 
 
 def test_searches_beyond_memory_are_refused_and_answered_later(monkeypatch):
-    states = np.zeros((30, 30), dtype=np.uint8)
-    states[15, :20] = MIXED
+    states = np.zeros((300, 300), dtype=np.uint8)
+    states[150, :200] = MIXED
     space = map_of(states, outside="blocked", spacing=0.1).exact
+    ends = (5.0, 5.0), (25.0, 5.0)
     options = {"planner": planners.Search(simplify=False)}
     with monkeypatch.context() as patch:
         patch.setattr("cspace._support.limits.free_bytes", lambda: 1000)
         with pytest.raises(InputError, match=r"needs about .* of memory.*at most 950 bytes"):
-            planners.plan(space, (0.5, 0.5), (2.5, 0.5), **options)
-    assert planners.plan(space, (0.5, 0.5), (2.5, 0.5), **options)
+            planners.plan(space, *ends, **options)
+    assert planners.plan(space, *ends, **options)
 
 
 @pytest.mark.parametrize(

@@ -129,7 +129,7 @@ def test_queries_refuse_invalid_arguments(call, message):
 
 
 def test_clearances_beyond_memory_are_refused_and_answered_later(monkeypatch):
-    space = map_of(np.zeros((30, 30)), outside="blocked")
+    space = map_of(np.zeros((300, 300)), outside="blocked")
     with monkeypatch.context() as patch:
         patch.setattr("cspace._support.limits.free_bytes", lambda: 1000)
         with pytest.raises(InputError, match=r"needs about .* of memory.*at most 950 bytes"):
