@@ -8,7 +8,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Final, Literal, TypeAlias, cast, get_args
 
 from cspace import Space
-from cspace.errors import InputError
+from cspace.errors import InputError, MissingPackageError
 from cspace.inside import (
     check_count,
     check_positive,
@@ -48,13 +48,32 @@ MODULES: Final[Mapping[str, str]] = {
 
 
 def find_planner(name: str) -> Planner:
-    """Return a planner by its name, and load its module."""
+    """Return a planner by its name, and load its module.
+
+    Raises MissingPackageError for a planner of OMPL if OMPL cannot be imported.
+    """
     if name not in MODULES:
         from planners._searches.built_in import SpaceSearch
 
         return SpaceSearch(name)
-    planner: Planner = import_module(MODULES[name]).PLANNERS[name]
+    try:
+        planner: Planner = import_module(MODULES[name]).PLANNERS[name]
+    except ImportError:
+        check_ompl()
+        raise
     return planner
+
+
+def check_ompl() -> None:
+    """Raise MissingPackageError if OMPL cannot be imported."""
+    try:
+        import_module("ompl.geometric")
+    except ImportError as error:
+        raise MissingPackageError(
+            "planners",
+            f"needs OMPL, which cannot be imported ({error})",
+            "it has wheels for Python 3.11 to 3.13 on Linux and macOS; cspace works without it",
+        ) from error
 
 
 def list_searches(space: Space) -> tuple[PlannerName, ...]:

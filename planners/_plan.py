@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace import Goal, Space
-from cspace.errors import ConfigurationError, InputError
+from cspace.errors import ConfigurationError, InputError, MissingPackageError
 from cspace.inside import (
     NEVER,
     ConfigurationMap,
@@ -258,9 +258,10 @@ def plan(
     ends = [_check_stage(task, name, place, origin.rooms[0]) for name, place in places]
     task = replace(task, edges=weigh_edges(task, task.edges))
     if task.seed is not None:
-        from planners._ompl.search import set_seed
+        with suppress(ImportError):  # without OMPL, its draws need no seed
+            from planners._ompl.search import set_seed
 
-        set_seed(task.seed)
+            set_seed(task.seed)
     with Effort.stopping(stop):
         journey = search_stages(task, [origin, *ends])
         return _make_plan(journey, space, moved, began)
@@ -355,7 +356,8 @@ def _choose_searches(task: PlanTask) -> PlanTask:
     may_fail = edges.exact or bool(space.rotations.names)
     is_default = not task.is_named and planner.name != edges.tree_planner
     if is_default and may_fail and isinstance(space, ConfigurationMap):
-        with suppress(InputError):  # the space may be too small for OMPL
+        # The space may be too small for OMPL, or OMPL missing.
+        with suppress(InputError, MissingPackageError):
             fallback = find_planner(edges.tree_planner)
             fallback.prepare(task)
             task = replace(task, fallback=fallback)

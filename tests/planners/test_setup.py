@@ -121,15 +121,20 @@ def test_a_planner_refuses_options_outside_its_skills(name):
 
 
 @pytest.mark.thorough
-def test_only_planners_requires_ompl():
+def test_only_planners_of_ompl_require_it():
     output = output_without(
         "ompl",
         """
 workspace = cspace.Workspace.from_array(np.zeros((9, 9), dtype=bool), 0.1)
 space = cspace.build(workspace, cspace.Robot.disc(0.05))
 assert space.explain((0.3, 0.3), (0.6, 0.6)).verdict == "connected"
+import planners
+assert planners.plan(space, (0.3, 0.3), (0.6, 0.6), seed=1).certified
+turning = cspace.build(workspace, cspace.Robot.rectangle(0.1, 0.05), rotations=8)
+for drive in (None, planners.Differential(), planners.Car(0.1, reverse=True)):
+    assert planners.plan(turning, (0.3, 0.3, 0.0), (0.6, 0.6, 0.0), drive=drive).certified
 try:
-    from planners import plan
+    planners.plan(space, (0.3, 0.3), (0.6, 0.6), planner="RRTConnect")
 except cspace.MissingPackageError as error:
     print(error)
 """,
