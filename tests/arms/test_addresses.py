@@ -2,7 +2,7 @@
 
 import pytest
 
-from tests.support.test_compiling import run
+from tests.helpers.scripts import run_script
 
 CALLS = """
 import math
@@ -66,6 +66,6 @@ def test_calls_by_address_stay_valid_in_other_processes(tmp_path):
     (tmp_path / "calls.py").write_text(CALLS)
     code = RUN_CALLS.format(before="")
     without_cache = RUN_CALLS.format(before="del os.geteuid")
-    answers = [run(tmp_path, each)[0] for each in (code, code, without_cache, without_cache)]
+    answers = [run_script(tmp_path, each)[0] for each in (code, code, without_cache, without_cache)]
     # A kernel is compiled once; arrays of another order are refused.
     assert answers == [f"{n} ValueError TypingError" for n in (3, 0, 3, 3)]

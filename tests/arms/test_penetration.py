@@ -5,9 +5,9 @@ import pytest
 
 from cspace import Arm, InputError
 from cspace.arms import ArmPenetration
+from tests.helpers.balls import integrate_pairs
 from tests.helpers.refusals import refusals
 from tests.helpers.urdfs import random_arm
-from tests.spectral.balls import integrate_pairs
 
 FIXED = np.random.default_rng(1).uniform(-0.6, 0.6, (12, 3)), np.full(12, 0.25)
 BALLS = np.array([[0.1, 0.0, 0.0], [0.4, 0.05, 0.0]]), np.array([0.15, 0.1])

@@ -13,6 +13,7 @@ import cspace
 from cspace import FREE, MIXED, Robot, Workspace
 from cspace.errors import InputError
 from cspace.inside import tubes_are_free
+from tests.helpers.any_map import ALL_KINDS, WEDGE, build_map
 from tests.helpers.gates import certify_chunk, certify_twists
 from tests.helpers.handmade import (
     MAP_KINDS,
@@ -26,7 +27,6 @@ from tests.helpers.placements import move
 from tests.helpers.refusals import check_refused, refusals
 from tests.helpers.regions import place_polygon
 from tests.helpers.strategies import examples, few, seeds
-from tests.laws.any_map import ALL_KINDS, WEDGE, build_map
 
 INSTANTS = 2000
 """Instants within a tube at which shapely looks for contacts."""

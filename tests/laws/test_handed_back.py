@@ -5,9 +5,9 @@ import pytest
 
 import cspace
 from cspace import FREE, Robot, Workspace
+from tests.helpers.any_map import MAP_INPUTS, build_map, reopen
 from tests.helpers.gates import certify_chunk
 from tests.helpers.handmade import build_empty
-from tests.laws.any_map import MAP_INPUTS, build_map, reopen
 
 
 @pytest.fixture(scope="module", params=MAP_INPUTS)

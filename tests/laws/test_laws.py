@@ -8,19 +8,19 @@ from hypothesis import given
 
 import cspace
 from cspace import FREE, MIXED
+from tests.helpers.any_map import (
+    ALL_KINDS,
+    LONG_INPUTS,
+    build_kind,
+    build_map,
+    build_of,
+    draw_on_borders,
+)
 from tests.helpers.handmade import components
 from tests.helpers.maps import proven_paths
 from tests.helpers.placements import draw_configurations, is_free_around, move
 from tests.helpers.strategies import examples, few, seeds
-from tests.laws.any_map import (
-    ALL_KINDS,
-    LONG_INPUTS,
-    SPACING,
-    build_map,
-    build_of,
-)
 
-BLOCKED_OUTSIDE = ("plane", "yaw in space")
 BATCH_QUERIES = {
     "classify": (1, ()),
     "is_free": (1, ()),
@@ -37,13 +37,6 @@ BATCH_QUERIES = {
 IN_MEMORY = [kind for kind in ALL_KINDS if kind[1] != "tiled"]
 NUDGE = 1e-10
 """Distance in metres and radians within the slack of motions."""
-
-
-def build_kind(kind, folder):
-    """Build a map of a kind; its exterior is blocked or free, depending on the space."""
-    space, storage = kind
-    outside = "blocked" if space in BLOCKED_OUTSIDE else "free"
-    return build_map(space, storage, outside, 5, folder)
 
 
 @pytest.fixture(scope="module", params=[*ALL_KINDS, ("floor", "saved")], ids="-".join)
@@ -200,18 +193,6 @@ def test_queries_of_a_window_equal_those_of_the_whole_map(space, outside, tmp_pa
         q = q[~window.grid.contains(q[:, :dim])]
         assert is_whole or (window.classify(q) == MIXED).all()
         assert is_whole or not window.motion_is_free(q, near[: len(q)]).any()
-
-
-def draw_on_borders(any_map, rng, n):
-    """Draw configurations in the grid, half of whose coordinates lie on borders of cells."""
-    q, cells = any_map.draw_inside(rng, n)
-    borders = np.array(any_map.space.grid.lower) + SPACING * cells[:, 1:]
-    on_border = rng.random(borders.shape) < 0.5
-    q[:, : any_map.dim] = np.where(on_border, borders, q[:, : any_map.dim])
-    if any_map.space.rotations.names == ("yaw",):
-        yaws = any_map.space.rotations._stored_arrays["yaw_bounds"].ravel()
-        q[:, -1] = np.where(rng.random(n) < 0.5, rng.choice(yaws, n), q[:, -1])
-    return q
 
 
 def label_configurations(any_map, q):

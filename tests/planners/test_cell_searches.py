@@ -9,9 +9,8 @@ from hypothesis import given
 
 import planners
 from cspace.errors import ConfigurationError
+from tests.helpers.any_map import ALL_KINDS, build_kind, draw_on_borders
 from tests.helpers.strategies import examples, seeds
-from tests.laws.any_map import ALL_KINDS
-from tests.laws.test_laws import build_kind, draw_on_borders
 
 IN_MEMORY = [kind for kind in ALL_KINDS if kind[1] == "memory"]
 

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cspace.spectral import ContactTest, Verdict, decompose
+from tests.helpers.balls import draw_rotations
 from tests.helpers.strategies import examples, seeds
-from tests.spectral.balls import draw_rotations
 
 dims = st.sampled_from([2, 3])
 

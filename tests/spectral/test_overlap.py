@@ -12,8 +12,8 @@ from cspace import MissingPackageError
 from cspace.spectral import Bump, EarlyTest, FourierOverlap, Verdict
 from cspace.spectral._ball_sets import as_balls, round_radii
 from cspace.spectral._spectra import RadialFactors
+from tests.helpers.balls import draw_rotations, sum_pairs
 from tests.helpers.strategies import examples, seeds
-from tests.spectral.balls import draw_rotations, sum_pairs
 
 pytest.importorskip("finufft")
 

@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 
 from cspace import Rotations
 from cspace.spectral import Bump, FourierOverlap, best_placements
+from tests.helpers.balls import draw_rotations, move, sum_pairs
 from tests.helpers.strategies import examples, seeds
-from tests.spectral.balls import draw_rotations, move, sum_pairs
 
 pytest.importorskip("finufft")
 

@@ -20,6 +20,7 @@ from numba.core import event
 import cspace
 from cspace._support.compiling import cache_folder, clock, internal, is_private, kernel
 from tests.helpers.missing import output_without
+from tests.helpers.scripts import run_script, start_script
 
 ROOT = Path(cspace.__file__).parents[1]
 
@@ -47,32 +48,13 @@ print(answer(1.0), sum(answer.stats.cache_hits.values()))
 """
 
 
-def start(folder, code, **environment):
-    """Start a script in a folder, with a cache folder of its own."""
-    others = {
-        name: value for name, value in os.environ.items() if not name.startswith(("NUMBA_", "XDG_"))
-    }
-    paths = os.pathsep.join([str(folder), str(ROOT)])
-    env = others | {"PYTHONPATH": paths, "NUMBA_CACHE_DIR": str(folder / "cache")} | environment
-    command = [sys.executable, "-c", code]
-    return subprocess.Popen(command, cwd=folder, env=env, stdout=-1, stderr=-1, text=True)
-
-
-def run(folder, code, **environment):
-    """Run a script in a folder; return what it prints."""
-    process = start(folder, code, **environment)
-    out, err = process.communicate()
-    assert process.returncode == 0, err
-    return out.strip(), err.strip()
-
-
 @pytest.fixture
 def probe(tmp_path):
     """Return a function that runs the probe; it returns what the probe prints."""
     (tmp_path / "probe.py").write_text(PROBE)
 
     def run_probe(before="", **environment):
-        return run(tmp_path, RUN_PROBE.format(before=before), **environment)
+        return run_script(tmp_path, RUN_PROBE.format(before=before), **environment)
 
     return run_probe
 
@@ -95,7 +77,7 @@ def test_a_long_wait_is_told_once_unless_silenced(probe, tmp_path):
 def test_processes_that_start_together_compile_once(tmp_path):
     (tmp_path / "probe.py").write_text(PROBE)
     code = RUN_PROBE.format(before="")
-    together = [start(tmp_path, code) for _ in range(4)]
+    together = [start_script(tmp_path, code) for _ in range(4)]
     answers = [process.communicate()[0].strip() for process in together]
     assert sorted(answers) == ["4.0 0", *["4.0 1"] * 3]
 
@@ -103,7 +85,7 @@ def test_processes_that_start_together_compile_once(tmp_path):
 @pytest.mark.thorough
 def test_a_change_of_kernels_their_constants_or_records_changes_the_folder(tmp_path):
     def folder():
-        return run(
+        return run_script(
             tmp_path,
             "import cspace._support.compiling as c; print(c.cache_folder())",
             PYTHONPATH=str(tmp_path),
@@ -154,7 +136,7 @@ def test_a_package_beside_the_core_never_runs_old_code_of_its_other_files(tmp_pa
     answers = []
     for number in (1, 1, 2):
         (package / "part.py").write_text(part.format(number))
-        answers.append(run(tmp_path, code)[0])
+        answers.append(run_script(tmp_path, code)[0])
     assert answers == ["1 0", "1 1", "2 0"]
 
 
@@ -289,16 +271,16 @@ class Stop(event.Listener):
 event.register("numba:compile", Stop())
 """
     patient = "cspace._support.compiling.TURN_SECONDS = 0.0, 0.2"
-    stopped = start(tmp_path, RUN_PROBE.format(before=stop))
+    stopped = start_script(tmp_path, RUN_PROBE.format(before=stop))
     os.waitid(os.P_PID, stopped.pid, os.WSTOPPED | os.WNOWAIT)
     for _ in range(2):
-        answer, said = run(tmp_path, RUN_PROBE.format(before=patient))
+        answer, said = run_script(tmp_path, RUN_PROBE.format(before=patient))
         assert answer == "4.0 0" and f"waiting for process {stopped.pid}, " in said
     while stopped.poll() is None:
         stopped.send_signal(signal.SIGCONT)
         time.sleep(0.05)
     assert stopped.stdout.read().strip() == "4.0 0"
-    assert run(tmp_path, RUN_PROBE.format(before=patient)) == ("4.0 1", "")
+    assert run_script(tmp_path, RUN_PROBE.format(before=patient)) == ("4.0 1", "")
 
 
 def test_only_kernels_become_machine_code_and_no_garbage_is_collected_meanwhile(monkeypatch):

@@ -28,6 +28,9 @@ TIP = np.array([(1.1, -1.1, 0.0)])
 """Center of a small ball in space, perpendicular to the axis of the longest turn in a cell."""
 
 
+BLOCKED_OUTSIDE = ("plane", "yaw in space")
+
+
 class Inputs(NamedTuple):
     """Cells of the workspace, corners of the robot, rotation cells and number of obstacles.
 
@@ -196,3 +199,22 @@ def build_of(inputs, storage, outside, seed, folder, thin=False):
     elif storage == "saved":
         made = reopen(memory, folder / "saved.zarr")
     return AnyMap(made, memory, states, occupied, corners, rebuild)
+
+
+def build_kind(kind, folder):
+    """Build a map of a kind; its exterior is blocked or free, depending on the space."""
+    space, storage = kind
+    outside = "blocked" if space in BLOCKED_OUTSIDE else "free"
+    return build_map(space, storage, outside, 5, folder)
+
+
+def draw_on_borders(any_map, rng, n):
+    """Draw configurations in the grid, half of whose coordinates lie on borders of cells."""
+    q, cells = any_map.draw_inside(rng, n)
+    borders = np.array(any_map.space.grid.lower) + SPACING * cells[:, 1:]
+    on_border = rng.random(borders.shape) < 0.5
+    q[:, : any_map.dim] = np.where(on_border, borders, q[:, : any_map.dim])
+    if any_map.space.rotations.names == ("yaw",):
+        yaws = any_map.space.rotations._stored_arrays["yaw_bounds"].ravel()
+        q[:, -1] = np.where(rng.random(n) < 0.5, rng.choice(yaws, n), q[:, -1])
+    return q
