@@ -4,11 +4,10 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-import scipy.sparse.csgraph
-from scipy.spatial import cKDTree
 
 import planners
 from cspace.arms import Arm, build_arm_space
+from tests.helpers.oracles import cheapest_chain, path_length
 from tests.helpers.urdfs import planar_arm, posed_box, random_arm
 
 START, GOAL = (-1.2, 0.4), (1.2, -0.4)
@@ -21,10 +20,6 @@ def space(request):
     """Build an arm that passes a wall only folded; sampling a motion misses the thin sheet."""
     arm = planar_arm()
     return build_arm_space({"wall": posed_box((0.9, request.param, 1.0), 1.55, 0.0, 0.0)}, arm)
-
-
-def measure_path(path):
-    return float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
 
 
 def find_path(space, start, goals, iterations=None, simplify=True, **options):
@@ -51,7 +46,7 @@ def test_paths_of_all_kinds_of_joints_are_proven(tmp_path, seed):
         np.testing.assert_array_equal(path[0], q0)
         turned = [np.abs(np.exp(1j * path[-1]) - np.exp(1j * goal)).max() for goal in goals]
         assert min(turned) < 1e-9
-        lengths.append(measure_path(path))
+        lengths.append(path_length(path))
     assert (np.diff(lengths) < 1e-9).all()
     np.testing.assert_array_equal(path, find_path(space, q0, goals, iterations=12))
 
@@ -74,15 +69,10 @@ def test_further_searches_find_the_shortest_way_around_a_wall(space):
     """Compare with the shortest chain of proven motions on a grid of configurations."""
     path = find_path(space, START, GOAL, iterations=40)
     assert space.certify_path(path).all()
-    assert measure_path(path) < measure_path(find_path(space, START, GOAL))
+    assert path_length(path) < path_length(find_path(space, START, GOAL))
     # Both endpoints are on the grid.
     shoulder = np.linspace(-1.5, 1.5, 51)
     elbow = np.linspace(-2.4, 2.4, 73)
     points = np.stack(np.meshgrid(shoulder, elbow, indexing="ij"), axis=-1).reshape(-1, 2)
-    pairs = cKDTree(points).query_pairs(0.21, output_type="ndarray")
-    pairs = pairs[np.asarray(space.motion_is_free(points[pairs[:, 0]], points[pairs[:, 1]]))]
-    lengths = np.linalg.norm(points[pairs[:, 1]] - points[pairs[:, 0]], axis=1)
-    graph = scipy.sparse.coo_array((lengths, tuple(pairs.T)), shape=(len(points),) * 2).tocsr()
-    start, goal = (int(np.abs(points - q).sum(axis=1).argmin()) for q in (START, GOAL))
-    chain = scipy.sparse.csgraph.dijkstra(graph, directed=False, indices=start)[goal]
-    assert measure_path(path) <= 1.01 * chain
+    chain = cheapest_chain(space, points, 0.21, START, GOAL)
+    assert path_length(path) <= 1.01 * chain

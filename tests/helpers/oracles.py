@@ -4,6 +4,9 @@ import math
 from itertools import product
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import dijkstra
+from scipy.spatial import cKDTree
 
 FRACTION_DENOMINATOR = 2**1074
 """Multiplying any float by this gives an integer."""
@@ -85,32 +88,24 @@ def segment_meets_block(start, end, low, high):
     return first[0] * last[1] <= last[0] * first[1]
 
 
-def link_cells(wide, corners=True):
-    """Return links ``(first, last, metres)`` between neighbouring True cells of 1 m.
+def edge_lengths(starts, ends):
+    """Return the lengths of straight edges, shape (n,)."""
+    return np.linalg.norm(np.asarray(ends) - starts, axis=1)
 
-    Two neighbours are linked if all cells touched on the way are True. Links cross sides, and
-    corners if ``corners``; in the plane they also lead two cells along one axis and one along the
-    other then.
+
+def cheapest_chain(space, points, reach, start, goal, measure=edge_lengths):
+    """Return the least cost of a chain of proven edges between points, by Dijkstra.
+
+    Points (n, size) are joined within ``reach``, in metres and radians together. ``measure`` returns
+    the costs of edges between two arrays (m, size). The chain leads between the points nearest to
+    start and goal.
     """
-    reach = 2 if corners and wide.ndim == 2 else 1
-    numbers = np.arange(wide.size).reshape(wide.shape)
-    framed = np.pad(wide, reach), np.pad(numbers, reach)
-
-    def shift(array, step):
-        first = np.add(reach, step)
-        return array[tuple(map(slice, first, first + wide.shape))]
-
-    links = [np.zeros((3, 0))]
-    signs = 1e-6 * np.array(list(product((-1, 1), repeat=wide.ndim)))
-    shares = np.linspace(0.0, 1.0, 41)[:, None, None]
-    for step in product(range(-reach, reach + 1), repeat=wide.ndim):
-        if np.gcd.reduce(step) == 1 and (corners or np.abs(step).sum() == 1):
-            beside = np.rint(shares * step + signs).astype(int).reshape(-1, wide.ndim)
-            touched = set(map(tuple, beside.tolist()))
-            can = np.logical_and.reduce([shift(framed[0], cell) for cell in touched])
-            first, last = numbers[can], shift(framed[1], step)[can]
-            links.append(np.stack([first, last, np.full(len(first), np.linalg.norm(step))]))
-    return np.concatenate(links, axis=1)
+    pairs = cKDTree(points).query_pairs(reach, output_type="ndarray")
+    pairs = pairs[np.asarray(space.motion_is_free(*points[pairs.T]))]
+    costs = measure(*points[pairs.T])
+    graph = coo_array((costs, tuple(pairs.T)), shape=(len(points),) * 2).tocsr()
+    first, last = cKDTree(points).query([start, goal])[1]
+    return float(dijkstra(graph, directed=False, indices=first)[last])
 
 
 def turns_between(yaw0, yaw1, turn, slack=0):

@@ -3,13 +3,11 @@
 import numpy as np
 import pytest
 import shapely
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import dijkstra
-from scipy.spatial import cKDTree
 
 import cspace
 import planners
 from cspace import FREE
+from tests.helpers.oracles import cheapest_chain
 from tests.helpers.strategies import few
 
 WEIGHT = 10.0
@@ -38,12 +36,11 @@ def compute_costs(starts, ends, blocked, threshold):
 def compute_cheapest_chain(space, blocked, threshold, ends):
     """Return the least cost of a chain of proven motions between centers of neighbouring cells."""
     centers = np.argwhere(np.asarray(space.cell_states) == FREE) + 0.5
-    pairs = cKDTree(centers).query_pairs(1.5, output_type="ndarray")
-    pairs = pairs[np.asarray(space.motion_is_free(*centers[pairs.T]))]
-    costs = compute_costs(*centers[pairs.T], blocked, threshold)
-    graph = coo_array((costs, tuple(pairs.T)), shape=(len(centers),) * 2).tocsr()
-    first, last = (int((centers == q).all(axis=1).argmax()) for q in ends)
-    return float(dijkstra(graph, directed=False, indices=first)[last])
+
+    def measure(starts, ends):
+        return compute_costs(starts, ends, blocked, threshold)
+
+    return cheapest_chain(space, centers, 1.5, *ends, measure)
 
 
 # The search weighs lengths, so it need not find the cheapest path; the seeds are fixed.

@@ -1,15 +1,12 @@
 """Plans that take the quickest way by largest speeds of places, or the cheapest by costs of cells."""
 
 import gc
-import itertools
 import weakref
 
 import numpy as np
 import pytest
 import shapely
 from hypothesis import given
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import dijkstra
 from shapely.geometry import box
 
 import cspace
@@ -17,6 +14,7 @@ import planners
 from cspace import FREE
 from planners._searches.travel_time import read_speeds
 from tests.helpers.handmade import build_empty
+from tests.helpers.oracles import cheapest_chain
 from tests.helpers.refusals import check_refused, refusals
 from tests.helpers.strategies import examples, few, seeds
 from tests.helpers.urdfs import planar_arm
@@ -25,9 +23,6 @@ FULL = 1.2
 """Largest speed everywhere, m/s."""
 
 RADIUS = 0.3
-
-STEPS = [step for step in itertools.product((-2, -1, 0, 1, 2), repeat=2) if np.gcd(*step) == 1]
-"""Steps between centers of cells, in sixteen directions."""
 
 
 def hall(*walls, rotations=None, robot=None, spacing=0.1, bounds=(0, 0, 8, 6)):
@@ -54,26 +49,12 @@ def time_of(plan, zones, radius=RADIUS):
 
 def find_least_time(space, zones, start, goal):
     """Return the least time of a way along centers of FREE cells, by Dijkstra."""
-    states = np.asarray(space.cell_states)
-    numbers = np.arange(states.size).reshape(states.shape)
-    centers = np.stack(
-        np.meshgrid(space.grid.centers(0), space.grid.centers(1), indexing="ij"), axis=-1
-    ).reshape(-1, 2)
-    pairs = []
-    for step in STEPS:
-        first, last = np.maximum(0, np.negative(step)), np.minimum(0, np.negative(step))
-        from_cells = numbers[
-            first[0] : states.shape[0] + last[0], first[1] : states.shape[1] + last[1]
-        ]
-        to_cells = from_cells + step[0] * states.shape[1] + step[1]
-        pairs.append(np.stack([from_cells.ravel(), to_cells.ravel()], axis=1))
-    pairs = np.concatenate(pairs)
-    pairs = pairs[(states.ravel()[pairs] == FREE).all(axis=1)]
-    pairs = pairs[np.asarray(space.motion_is_free(centers[pairs[:, 0]], centers[pairs[:, 1]]))]
-    times = measure_time(*centers[pairs.T], zones, RADIUS)
-    graph = coo_array((times, tuple(pairs.T)), shape=(states.size,) * 2).tocsr()
-    first, last = (int(np.linalg.norm(centers - q, axis=1).argmin()) for q in (start, goal))
-    return float(dijkstra(graph, indices=first)[last])
+    centers = space.grid.lower + space.grid.spacing * (0.5 + np.argwhere(space.cell_states == FREE))
+
+    def measure(starts, ends):
+        return measure_time(starts, ends, zones, RADIUS)
+
+    return cheapest_chain(space, centers, 2.3 * space.grid.spacing, start, goal, measure)
 
 
 def draw_world(rng):
