@@ -104,12 +104,12 @@ def _list_drive_hints(task: PlanTask) -> list[str]:
 def _list_undecided_hints(task: PlanTask, more: str) -> list[str]:
     """List hints if the map does not decide whether a path exists; ``more`` extends the search."""
     edges = task.edges
-    smaller = "a smaller robot"
-    if isinstance(edges.space, CSpace) and len(edges.space.rotations.names) < 2:
-        smaller += " (see plan.explain())"
+    # An explanation takes longer than a failed plan on large maps, so the hint repeats none of it.
+    is_explained = isinstance(edges.space, CSpace) and len(edges.space.rotations.names) < 2
+    change = "what plan.explain() names" if is_explained else _name_finer(edges.space)
     if edges.exact:
-        return [smaller, more]
-    hints = [*_list_exact_hints(task), smaller, _name_finer(edges.space)]
+        return [change, more]
+    hints = [*_list_exact_hints(task), change]
     if edges.cells.outside == "free":  # a path may lead around all obstacles
         hints.insert(0, "a workspace with wider bounds")
     return hints

@@ -31,7 +31,7 @@ from cspace.reasons._margins import (
     states_of_slices,
 )
 from cspace.reasons._removals import remove_obstacles
-from cspace.reasons._windows import Trial, refine_way, suggest_finer
+from cspace.reasons._windows import Trial, has_thin_obstacle, refine_way, suggest_finer
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -124,6 +124,9 @@ class Explanation:
         Named obstacles whose removal alone gives a path, proven. At most four are tried.
     trial : Trial
         If undecided, the spacing and the rotations that would decide, and what they decide.
+    thickening : float
+        If undecided, metres by which lines, points or open surfaces in the way must grow on all
+        sides, so that the robot is proven to collide; 0 if cells fit into the obstacles there.
     free_yaws : tuple of ndarray of float64, shape (n, 2)
         Intervals of yaw, radians, at which start and goal are proven free; from the lower to the
         upper bound, which may be above pi. Empty arrays if the robot does not rotate.
@@ -144,6 +147,7 @@ class Explanation:
     margin: tuple[float, float]
     passes_without: tuple[str, ...]
     trial: Trial | None
+    thickening: float
     free_yaws: tuple[Floats, Floats]
     passes_if_turning: bool
     moves_sideways: bool = True
@@ -246,11 +250,17 @@ class Explanation:
         """Return a sentence on the finer map and what it decides."""
         turns = f" and {trial.rotations} rotations" if trial.rotations > 1 else ""
         settings = f"a spacing of {trial.spacing:.3g} {self.space.grid.unit}{turns}"
+        if trial.decided in ("open", "shut"):
+            return f"With {settings}, the way there is proven {trial.decided}."
+        guess, change = f"Even {settings} would not decide", "thicken"
         if trial.decided == "untried":
-            return f"Perhaps {settings} would decide."
-        if trial.decided == "nothing":
-            return f"Even {settings} would not decide."
-        return f"With {settings}, the way there is proven {trial.decided}."
+            guess, change = f"Perhaps {settings} would decide", "if not, thicken"
+        if not self.thickening:
+            return f"{guess}."
+        growth = f"{self.thickening:.3g} m on all sides"
+        if self.space.workspace.grid.dim == 2:
+            growth = f"buffer({self.thickening:.3g})"
+        return f"{guess}; {change} the obstacle there: {growth}."
 
     def plot(self) -> Axes:
         """Draw the map with ends, barrier, and robot at the bottleneck.
@@ -324,7 +334,8 @@ def explain(
     way = find_way(space, points)
     position = space.grid.center_of(way.bottleneck[1:])  # without the rotation cell
     # Obstacles at the barrier; if the start or goal is not FREE, those at that end instead.
-    touched, pieces = _list_obstacles(space, way.barrier, position)
+    near_barrier = find_touched_cells(space, way.barrier, proven=False)
+    touched, pieces = _list_obstacles(space, near_barrier, position)
     # Number of named obstacles that are removed one by one, to see if a path exists without.
     removed_alone = [
         name for name in touched[:4] if remove_obstacles(space, [name]).is_connected(first, second)
@@ -334,13 +345,17 @@ def explain(
     if state:
         number = ("start", "goal").index(end)
         is_blocked = state == "BLOCKED"
-        touched, pieces = _list_obstacles(space, cells[[number]], points[number], is_blocked)
+        near_end = find_touched_cells(space, cells[[number]], is_blocked)
+        touched, pieces = _list_obstacles(space, near_end, points[number], is_blocked)
     trial = None
+    thickening = 0.0
     is_decided = verdict != "undecided"
+    if not is_decided and has_thin_obstacle(space, near_barrier, position):
+        thickening = 2.0 * space.grid.spacing
     if refine:
         way, trial = refine_way(space, points, way, is_decided)
     elif not is_decided:
-        trial = suggest_finer(space, way)
+        trial = suggest_finer(space, way, can_shut=not thickening)
     free_yaws = np.empty((0, 2)), np.empty((0, 2))
     if space.rotations.names:
         free_yaws = space.free_yaws(first[:-1]), space.free_yaws(second[:-1])
@@ -355,6 +370,7 @@ def explain(
         margin=(way.low, way.high),
         passes_without=tuple(removed_alone),
         trial=None if is_decided else trial,
+        thickening=thickening,
         free_yaws=free_yaws,
         passes_if_turning=_passes_if_turning(space, cells),
     )
@@ -373,24 +389,21 @@ def _decide(space: CSpace, points: Floats) -> Verdict:
 
 def _list_obstacles(
     space: CSpace,
-    cells: Ints,
+    touched: Bools,
     position: Floats,
     proven: bool = False,
 ) -> tuple[list[str], list[str]]:
-    """List the obstacles that the robot may touch in configuration cells.
+    """List the obstacles in cells that :func:`find_touched_cells` found.
 
-    ``cells`` have shape (n, 1 + d). With ``proven``, list only obstacles that it is proven to touch
-    everywhere in a cell. Returns the names of named obstacles, then descriptions of other
-    obstacles, the nearest to ``position`` first.
+    Returns the names of named obstacles, then descriptions of other obstacles, the nearest to
+    ``position`` first.
     """
     if not space.has_poses:
         refusal = Gate(space).check_rows(position, [position]).chunk.refusal
         if refusal is not None and refusal.names:
             return [], [*map(repr, refusal.names)]
     kind = "the obstacle" if space.has_poses else "the cells"
-    touched = find_touched_cells(space, cells, proven)
-    inside = (slice(1, -1),) * space.dim
-    in_grid = touched[inside]
+    in_grid = touched[(slice(1, -1),) * space.dim]
     names = []
     unnamed = (space.workspace.inner if proven else space.workspace.outer).copy()
     for name, shape in space.obstacles.items():
@@ -411,8 +424,8 @@ def _list_obstacles(
     for index in np.sort(nearest):
         place = ", ".join(f"{x:.2f}" for x in centers[order[index]])
         descriptions.append(f"{kind} at ({place})")
-    in_grid[...] = False  # a view, so that only touched cells outside the grid remain
-    if touched.any() and space.outside == "blocked":
+    reaches_out = np.count_nonzero(touched) > np.count_nonzero(in_grid)
+    if reaches_out and space.outside == "blocked":
         descriptions.append(BORDER)
     return names, descriptions
 

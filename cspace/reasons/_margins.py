@@ -94,6 +94,8 @@ class Way(NamedTuple):
         of a robot shrunk so far.
     high : float
         Smallest margin with proof that no path exists, metres; infinity if none.
+    depth : float
+        Depth of a point below the robot's surface, about the inradius, metres.
     """
 
     cells: Ints
@@ -102,6 +104,7 @@ class Way(NamedTuple):
     bottleneck: Ints
     low: float
     high: float
+    depth: float
 
 
 def states_of_slices(space: CSpace) -> States:
@@ -180,7 +183,7 @@ def find_way(space: CSpace, points: Floats) -> Way:
     barrier, barred = _find_barrier(space, cells, is_free)
     # A robot shrunk by more than its depth has no point left.
     low = low if low >= 0.0 or -low < robot.depth else -math.inf
-    return Way(cells, barrier, barred, narrow[len(narrow) // 2], low, high)
+    return Way(cells, barrier, barred, narrow[len(narrow) // 2], low, high, robot.depth)
 
 
 def _find_barrier(space: CSpace, cells: Ints, is_free: Bools) -> tuple[Ints, tuple[int, int]]:

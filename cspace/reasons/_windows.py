@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from typing import TYPE_CHECKING, Final, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy import ndimage
 
-from cspace import FREE, Workspace, build
-from cspace.inside import Floats, Ints
+from cspace import FREE, Grid, Workspace, build
+from cspace.errors import InputError
+from cspace.inside import Bools, Floats, Ints
 from cspace.reasons._margins import Way, find_way
 
 if TYPE_CHECKING:
@@ -41,14 +44,36 @@ class Trial(NamedTuple):
     decided: Decision
 
 
-def suggest_finer(space: CSpace, way: Way) -> Trial:
-    """Estimate the finer map that decides a way.
+def has_thin_obstacle(space: CSpace, touched: Bools, position: Floats) -> bool:
+    """Return True if an obstacle near a position is too thin for the finest map's cells.
+
+    Then no cell of a finer map lies in it, which alone proves collisions. ``touched`` marks the
+    cells of the workspace, padded by one, whose obstacles count.
+    """
+    workspace = space.workspace
+    grid = workspace.grid
+    near_inner = ndimage.binary_dilation(workspace.inner, np.ones((3,) * grid.dim))
+    thin = np.argwhere(touched[(slice(1, -1),) * space.dim] & workspace.outer & ~near_inner)
+    factor = 2**MAX_HALVINGS
+    if not (len(thin) and _can_refine(grid, factor)):
+        return False
+    gaps = np.linalg.norm(grid.center_of(thin)[:, : space.dim] - position[: space.dim], axis=1)
+    lower = grid.lower + grid.spacing * (thin[gaps.argmin()] - 1)
+    fine = Grid(lower, grid.spacing / factor, (3 * factor,) * grid.dim)
+    return not any(shape.cells(fine)[1].any() for shape in workspace.obstacles)
+
+
+def suggest_finer(space: CSpace, way: Way, can_shut: bool) -> Trial:
+    """Estimate the finer map that decides a way, which thin obstacles cannot shut.
 
     The estimate takes the middle of the two bounds as the true margin. The distance of the bounds
     is proportional to the spacing and the angle of the cells, and must fall below twice the true
     margin.
     """
     low, high = way.low, way.high
+    # A way too narrow for the middle of a robot four cells wide is narrower than the robot.
+    if not can_shut and math.isinf(low) and way.depth > 2.0 * space.grid.spacing:
+        return _describe_trial(space, 2**MAX_HALVINGS, "nothing")
     halvings = 1
     if math.isfinite(low) and math.isfinite(high):
         # The lower limit keeps the logarithm finite, and gives MAX_HALVINGS halvings.
@@ -73,7 +98,7 @@ def refine_way(space: CSpace, points: Floats, way: Way, is_decided: bool) -> tup
         n_cells = max(n_cells, finer**scene.dim * scene.size)
         # Maximum number of cells, over all rotations, of a finer map of the whole workspace.
         is_whole = n_cells <= 2**22 and space.outside != "unknown"
-        if is_decided and not is_whole:
+        if (is_decided and not is_whole) or not _can_refine(scene, finer):
             break
         factor = finer
         if is_whole:
@@ -87,6 +112,13 @@ def refine_way(space: CSpace, points: Floats, way: Way, is_decided: bool) -> tup
         if decided != "nothing" and not is_decided:
             break
     return way, _describe_trial(space, factor, decided)
+
+
+def _can_refine(grid: Grid, factor: int) -> bool:
+    """Return False if finer cells would lie too far from the origin for proofs."""
+    with suppress(InputError):
+        return Grid(grid.lower, grid.spacing / factor, [factor * n for n in grid.shape]).size > 0
+    return False
 
 
 def _describe_trial(space: CSpace, factor: int, decided: Decision) -> Trial:

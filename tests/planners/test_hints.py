@@ -154,10 +154,24 @@ def test_the_smaller_robot_that_explain_names_passes_a_corridor_as_wide_as_the_r
     ends = [end[:2] for end in AHEAD]
     space = build_walls(walls, SQUARE)
     plan = planners.plan(space.exact if exact else space, *ends, **options)
-    assert not plan and plan.hint.startswith("a smaller robot (see plan.explain())")
+    assert not plan and plan.hint.startswith("what plan.explain() names")
     side = 0.5 + 2.0 * plan.explain().margin[0]
     smaller = build_walls(walls, Robot.rectangle(side, side))
     assert planners.plan(smaller, *ends, **options).certified
+
+
+@pytest.mark.parametrize("rotations", few([None, 36]))
+def test_no_smaller_robot_is_advised_in_a_room_that_walls_of_a_cell_close(rotations):
+    walls = [shapely.box(1.0, 1.0, 4.5, 3.0).exterior.buffer(0.06, join_style="mitre")]
+    workspace = Workspace.from_polygons(walls, 0.1, bounds=(0.0, 0.0, 6.0, 4.0))
+    ends = (2.75, 2.05, 0.0), (5.25, 2.05, 0.0)
+    ends = [end[: 3 if rotations else 2] for end in ends]
+    for side in (0.6, 0.02):
+        space = build(workspace, Robot.rectangle(side, side), rotations=rotations)
+        plan = planners.plan(space, *ends)
+        assert not plan and not plan.is_disconnected
+        assert "plan.explain()" in plan.hint and "smaller" not in plan.hint
+    assert "No shrinking" in str(plan.explain())
 
 
 def test_wider_bounds_give_a_path_around_a_wall_in_an_open_map():

@@ -10,6 +10,7 @@ from itertools import product
 import numpy as np
 import pytest
 import shapely
+import shapely.affinity
 import trimesh
 from hypothesis import given
 from hypothesis import strategies as st
@@ -501,6 +502,79 @@ def test_a_way_outside_is_not_named_if_the_outside_is_free_or_the_robot_is_centr
     robot = cspace.Robot.disc(0.29, center=(0.5, 0.0))
     free = build_door(0.6, robot, 0.1, outside="free").explain((0.3, 2.0), (2.7, 2.0))
     assert sentence not in str(free)
+
+
+# ---- obstacles without an inside -----------------------------------------------------------------
+
+LINE = shapely.LineString([(2.0, -1.0), (2.1, SIDE + 1.0)])
+POSTS = shapely.MultiPoint([(2.03, y) for y in np.arange(0.0, SIDE, 0.09)])
+HOUSE = shapely.box(1.5, 0.0, 2.5, 1.0)
+DOOR = shapely.difference(LINE, shapely.box(0.0, 1.8, SIDE, 2.2))
+
+FENCES = {
+    "line": [LINE],
+    "posts": [POSTS],
+    "ring": [shapely.box(1.2, -1.0, 2.8, SIDE + 1.0).exterior],
+    "house": [HOUSE, LINE],
+    "sliver": [LINE.buffer(1e-4)],
+    "door": [DOOR],
+}
+"""Fences across a room, of which one has a door narrower than the robot."""
+
+
+def build_fence(polygons, spacing):
+    """Build the map of a disc in a room that a fence divides."""
+    workspace = cspace.Workspace.from_polygons(polygons, spacing, (0.0, 0.0, SIDE, SIDE))
+    return cspace.build(workspace, cspace.Robot.disc(0.3))
+
+
+@pytest.mark.parametrize("name", few(FENCES, 2))
+def test_a_fence_without_an_inside_is_to_be_thickened(name):
+    ends = (0.6, 2.0), (3.4, 2.0)
+    explanation = build_fence(FENCES[name], 0.1).explain(*ends)
+    (growth,) = map(
+        float, re.findall(r"thicken the obstacle there: buffer\((.*?)\)", str(explanation))
+    )
+    assert growth == explanation.thickening == 0.2
+    # A finer map decides nothing, and a thicker fence is proven.
+    finer = build_fence(FENCES[name], explanation.trial.spacing)
+    assert not finer.is_connected(*ends) and not finer.is_disconnected(*ends)
+    thick = build_fence(shapely.buffer(FENCES[name], growth), 0.1)
+    assert thick.is_disconnected(*ends) and thick.explain(*ends).thickening == 0.0
+
+
+def test_a_wall_with_an_inside_is_not_to_be_thickened():
+    ends = (0.6, 2.0), (3.4, 2.0)
+    explanation = build_fence([LINE.buffer(0.02)], 0.1).explain(*ends)
+    assert explanation.verdict == "undecided" and "thicken" not in str(explanation)
+    assert build_fence([LINE.buffer(0.02)], 0.01).is_disconnected(*ends)
+
+
+@pytest.mark.parametrize("polygon", few([LINE.buffer(0.02), LINE]))
+def test_cells_far_from_the_origin_are_not_refined(polygon):
+    far = shapely.affinity.translate(polygon, 4e5)
+    workspace = cspace.Workspace.from_polygons([far], 0.1, (4e5, 0.0, 4e5 + SIDE, SIDE))
+    space = cspace.build(workspace, cspace.Robot.disc(0.3))
+    for refine in (False, True):
+        explanation = space.explain((4e5 + 0.6, 2.0), (4e5 + 3.4, 2.0), refine=refine)
+        assert explanation.verdict == "undecided"
+
+
+@pytest.mark.parametrize("floor", [None, 0.0])
+def test_an_open_mesh_in_the_way_is_to_be_thickened(floor):
+    corners = [(1.5, -1.0, -1.0), (1.5, 4.0, -1.0), (1.5, 4.0, 4.0), (1.5, -1.0, 4.0)]
+    sheet = trimesh.Trimesh(corners, [(0, 1, 2), (0, 2, 3)])
+    wall = trimesh.creation.box((0.8, 6.0, 6.0))
+    wall.apply_translation((1.5, 1.5, 1.5))
+    robot = cspace.Robot.box((0.5, 0.5, 0.5), center=(0.0, 0.0, 0.0 if floor is None else 0.25))
+    ends = (0.6, 1.5, 1.5), (2.4, 1.5, 1.5)
+    for mesh, is_thin in ((sheet, True), (wall, False)):
+        workspace = cspace.Workspace.from_mesh(
+            mesh, 0.2, bounds=(0.0, 0.0, 0.0, 3.0, 3.0, 3.0), solid="surface" if is_thin else "auto"
+        )
+        space = cspace.build(workspace, robot, floor=floor)
+        explanation = space.explain(*(end[: space.dim] for end in ends))
+        assert ("thicken the obstacle there: 0.4 m on all sides" in str(explanation)) == is_thin
 
 
 # ---- joints --------------------------------------------------------------------------------------
