@@ -9,7 +9,7 @@ import itertools
 import math
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,9 +24,6 @@ from cspace._support.arrays import Bools, States
 from cspace._support.limits import RASTER_CELL_BYTES, SLICE_BYTES, map_bytes
 from cspace._support.threads import count_cores, map_in_threads
 from cspace._support.words import Method
-
-if TYPE_CHECKING:
-    from cspace._record.contents import Contents
 
 SAMPLED_ROTATIONS = 32
 """Approximate number of rotations at which the size of the robot's rasters is estimated."""
@@ -81,12 +78,6 @@ def slice_rasters(
             matrix, _ = images[image_of_source[number]]
             rasters[number] = outer.rotate(matrix.T), inner.rotate(matrix.T)
     return [rasters[number] for number in range(len(sources))]
-
-
-def rasters_of(contents: Contents, margin: float) -> list[RasterPair]:
-    """Return the outer and inner raster of each slice, for the robot grown by a margin, metres."""
-    heights = Heights.of(contents.workspace.grid, contents.floor)
-    return slice_rasters(contents.robot, contents.grid.spacing, margin, contents.rotations, heights)
 
 
 def rasterize(robot: Robot, spacing: float, margin: float, rotation: RotationCell) -> RasterPair:

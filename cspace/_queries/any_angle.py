@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,9 +29,6 @@ from cspace._support.arrays import FREE, Floats, Ints, States
 from cspace._support.compiling import inlined, internal, kernel
 from cspace._support.deadlines import NEVER, Effort, is_over, spend
 from cspace._support.heap import pop_first, push
-
-if TYPE_CHECKING:
-    from cspace._space import CSpace
 
 INSET: Final = 2.0**-20
 """Distance in cells of ends from lines, so that no end is on a line."""
@@ -168,41 +165,6 @@ def list_rectangles(states: States) -> Rectangles:
     rectangles = Rectangles(first, column, low, high, runs.labels, runs.labels.copy())
     join_runs(rectangles)
     return rectangles
-
-
-def find_crossed_runs(
-    space: CSpace,
-    start: Floats,
-    goal: Floats,
-    until: Effort = NEVER,
-    may_exist: Callable[[], bool] | None = None,
-) -> Ints:
-    """Find the runs of FREE cells that a shortest path in the plane crosses.
-
-    A run is a maximal row of FREE cells along y. Of runs of the same rows in successive columns,
-    the first and the last one are listed, which may be the same.
-
-    Parameters
-    ----------
-    space : CSpace
-        A map in memory of a robot that does not turn.
-    start, goal : ndarray of float64, shape (2,)
-        In cells, from the lower corner of the grid.
-    until : Effort
-        Reading of work and clock at which the search ends with a TimeoutError.
-    may_exist : callable, optional
-        Returns False if no path exists. It is asked once, if the search takes long.
-
-    Returns
-    -------
-    ndarray of int64, shape (n, 3)
-        Column of each run, its first cell, and the cell after its last one; n is 0 if there is no
-        path.
-    """
-    rectangles = space._rectangles
-    way = find_shortest_way(rectangles, start, goal, until, may_exist)
-    columns = (rectangles.column, rectangles.low, rectangles.high)
-    return np.stack([column[way.runs] for column in columns], axis=1)
 
 
 def find_shortest_way(

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cspace._engines.slices import RasterPair, slice_rasters
 from cspace._grid import SLACK, Grid, check_reach
 from cspace._record.exterior import OUTSIDES, UNKNOWN, Exterior
 from cspace._rotations import Rotations
@@ -136,6 +137,12 @@ class Contents:
             overlap_counts=counts,
             exterior=exterior,
         )
+
+
+def rasters_of(contents: Contents, margin: float) -> list[RasterPair]:
+    """Return the outer and inner raster of each slice, for the robot grown by a margin, metres."""
+    heights = Heights.of(contents.workspace.grid, contents.floor)
+    return slice_rasters(contents.robot, contents.grid.spacing, margin, contents.rotations, heights)
 
 
 def check_floor(floor: float, grid: Grid, robot: Robot, outside: str) -> float:
