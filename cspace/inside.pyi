@@ -6,7 +6,6 @@ from ._configuration_map import ConfigurationMap as ConfigurationMap
 from ._configuration_map import contents_of as contents_of
 from ._configuration_map import find_components as find_components
 from ._engines import find_overlaps as find_overlaps
-from ._engines.slices import list_slice_cells as list_slice_cells
 from ._exact.proofs import Geometry as Geometry
 from ._exact.proofs import poses_are_free as poses_are_free
 from ._files.access import ContentError as ContentError

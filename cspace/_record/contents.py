@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace._engines.slices import RasterPair, slice_rasters
+from cspace._engines.slices import RasterPair, list_slice_cells, slice_rasters
 from cspace._grid import SLACK, Grid, check_reach
 from cspace._record.exterior import OUTSIDES, UNKNOWN, Exterior
-from cspace._rotations import Rotations
+from cspace._rotations import RotationCell, Rotations
 from cspace._shapes.layers import Heights
 from cspace._support.arrays import MIXED, Bools, Ints, States
 from cspace._support.check import check_finite, check_word
@@ -114,6 +114,11 @@ class Contents:
         outer, inner = project(scene.outer), project(scene.inner)
         unknown = None if scene.unknown is None else project(scene.unknown)
         return Workspace(self.grid, outer, inner, source=scene.source, unknown=unknown)
+
+    @property
+    def slice_cells(self) -> list[RotationCell]:
+        """Rotation cell of each slice, as shapes take it."""
+        return list_slice_cells(self.robot, self.rotations)
 
     @property
     def axes(self) -> tuple[str, ...]:

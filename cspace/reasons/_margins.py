@@ -48,7 +48,6 @@ from cspace.inside import (
     cells_of,
     contents_of,
     find_overlaps,
-    list_slice_cells,
     map_record,
     rasters_of,
 )
@@ -260,7 +259,7 @@ class ResizedRobot:
         self.rasters = rasters_of(contents_of(space), 0.0)
         self._on_floor = space.floor is not None
         self._sides = space.grid.spacing * measure_sides(space.workspace.grid.dim, space.dim)
-        cells = list_slice_cells(space.robot, space.rotations)
+        cells = contents_of(space).slice_cells
         self._rotation_cells = [cell.in_plane for cell in cells] if self._on_floor else cells
         self._levels = cache(self._measure_levels)
 
