@@ -25,12 +25,6 @@ from cspace._support.limits import RASTER_CELL_BYTES, SLICE_BYTES, map_bytes
 from cspace._support.threads import count_cores, map_in_threads
 from cspace._support.words import Method
 
-SAMPLED_ROTATIONS = 32
-"""Approximate number of rotations at which the size of the robot's rasters is estimated."""
-
-MIN_CELLS_FOR_THREADS = 50_000
-"""Cells of the robot's bounding box, summed over all slices, below which one thread is faster."""
-
 RasterPair = tuple[Raster, Raster]
 """Outer and inner raster of a robot at one rotation."""
 
@@ -65,7 +59,8 @@ def slice_rasters(
     originals = [number for number, source in enumerate(sources) if source == number]
     sides = np.ptp(robot.shape.outer.bounds, axis=0) / spacing
     cells = float(np.prod(sides + 1.0))
-    threads = count_cores() if len(originals) * cells > MIN_CELLS_FOR_THREADS else 1
+    # Cells of the robot's bounding box, summed over all slices, below which one thread is faster.
+    threads = count_cores() if len(originals) * cells > 50_000 else 1
     original_rasters = map_in_threads(
         lambda number: rasterize(robot, spacing, margin, slice_cells[number]),
         originals,
@@ -130,7 +125,8 @@ def estimate_raster_bytes(
 
     The estimate uses the robot's bounds at some rotations; ``slices`` is the number of slices.
     """
-    stride = max(1, len(rotations) // SAMPLED_ROTATIONS)
+    # Approximate number of rotations at which the size of the robot's rasters is estimated.
+    stride = max(1, len(rotations) // 32)
     matrices = rotations.make_matrices(rotations.centers[::stride], robot.dim)
     low, high = robot.shape.outer.bounds
     corners = np.array(list(itertools.product(*zip(low, high, strict=True))))

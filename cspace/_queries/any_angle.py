@@ -41,9 +41,6 @@ MAX_ERROR_PER_CELL: Final = 1e-8
 """Cells by which rounding and :data:`GRAZING` may lengthen a path, for each cell of its length: its
 corners are at least a cell apart."""
 
-NANOSECONDS_PER_INTERVAL: Final = 250
-"""Work of adding an interval."""
-
 NONE: Final = -1
 """Stands for no corner, no interval, and the run of an interval that is the goal itself."""
 
@@ -207,7 +204,8 @@ def find_shortest_way(
     while True:
         used = int(front.used[0])
         is_done = expand_intervals(rectangles, front, goal_point, last, room)
-        spend(NANOSECONDS_PER_INTERVAL * (int(front.used[0]) - used))
+        # Work of adding an interval.
+        spend(250 * (int(front.used[0]) - used))
         if is_done:
             return trace_way(rectangles, front, first, last)
         if is_over(until):

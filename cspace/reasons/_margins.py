@@ -58,10 +58,6 @@ Number = TypeVar("Number", bound=np.generic)
 DEPTH_SLACK: Final = 1e-9
 """Rounding of a depth below a surface, per metre of the shape's largest number."""
 
-MAX_PAIRS: Final = 2**25
-"""Number of pairs of a point and a piece of a surface above which depths are not computed. So
-many pairs take some seconds."""
-
 STEPS_PER_CELL: Final = 8
 """Resolution of margins: number of steps per cell."""
 
@@ -383,7 +379,9 @@ class ResizedRobot:
             n_pieces = len(shape.boundary().simplices)
         except InputError:  # a filled mesh has no boundary, as its inside depends on the spacing
             return None
-        if n_points * n_pieces > MAX_PAIRS:
+        # Number of pairs of a point and a piece of a surface above which depths are not computed.
+        # So many pairs take some seconds.
+        if n_points * n_pieces > 2**25:
             return None
         return [self._measure_depths(shape, number) for number in range(len(self.rasters))]
 
