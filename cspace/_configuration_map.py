@@ -540,6 +540,16 @@ def contents_of(space: ConfigurationMap) -> Contents:
     return space._map_contents
 
 
+def find_components(space: ConfigurationMap, q: Floats, mixed: bool = False) -> Ints:
+    """Return the number of the connected component of each configuration's cell, or -1.
+
+    ``q`` has shape (n, size). Components consist of FREE cells, or with ``mixed`` of FREE and
+    MIXED cells, that share sides.
+    """
+    with space._map_lock():  # an update changes the components
+        return space._components.find(space._cells_of(q), mixed)
+
+
 def _drop_noise(q: Iterable[float]) -> Endpoint:
     """Return a configuration as messages show it, with 12 digits."""
     return tuple(float(f"{value:.12g}") for value in q)

@@ -16,7 +16,6 @@ from numpy.typing import ArrayLike, NDArray
 from cspace import _outside
 from cspace._configuration_map import ConfigurationMap
 from cspace._engines import put_layers_first
-from cspace._engines.slices import rasters_of
 from cspace._interface import HALF_TURN, LookUp, Space
 from cspace._queries.batches import (
     MIN_EDGES_PER_THREAD,
@@ -28,7 +27,7 @@ from cspace._queries.batches import (
 from cspace._queries.callbacks import NO_ANSWER
 from cspace._raster import Raster
 from cspace._record.cells import Map, make_map_record
-from cspace._record.contents import Contents, check_heights
+from cspace._record.contents import Contents, check_heights, rasters_of
 from cspace._record.exterior import UNKNOWN, Exterior
 from cspace._rotations.base import measure_steps
 from cspace._shapes import Shape, ShapeLike, as_shape, extrude
@@ -53,6 +52,7 @@ from cspace._support.check import (
     check_text,
     names_options,
 )
+from cspace._support.deadlines import NEVER, Effort
 from cspace._support.derived import derived, lazy
 from cspace._support.limits import check_memory
 from cspace._support.reporting import format_point
@@ -1342,6 +1342,43 @@ def kept_values(space: CSpace) -> dict[str, Any]:
 def is_labelled(space: Space) -> bool:
     """Return whether ``path_exists`` answers at once: a map in memory first labels its cells."""
     return not isinstance(space, CSpace) or "_components" in vars(space)
+
+
+def find_crossed_runs(
+    space: CSpace,
+    start: Floats,
+    goal: Floats,
+    until: Effort = NEVER,
+    may_exist: Callable[[], bool] | None = None,
+) -> Ints:
+    """Find the runs of FREE cells that a shortest path in the plane crosses.
+
+    A run is a maximal row of FREE cells along y. Of runs of the same rows in successive columns,
+    the first and the last one are listed, which may be the same.
+
+    Parameters
+    ----------
+    space : CSpace
+        A map in memory of a robot that does not turn.
+    start, goal : ndarray of float64, shape (2,)
+        In cells, from the lower corner of the grid.
+    until : Effort
+        Reading of work and clock at which the search ends with a TimeoutError.
+    may_exist : callable, optional
+        Returns False if no path exists. It is asked once, if the search takes long.
+
+    Returns
+    -------
+    ndarray of int64, shape (n, 3)
+        Column of each run, its first cell, and the cell after its last one; n is 0 if there is no
+        path.
+    """
+    from cspace._queries.any_angle import find_shortest_way
+
+    rectangles = space._rectangles
+    way = find_shortest_way(rectangles, start, goal, until, may_exist)
+    columns = (rectangles.column, rectangles.low, rectangles.high)
+    return np.stack([column[way.runs] for column in columns], axis=1)
 
 
 def _share(space: CSpace, kind: type[Shared]) -> Shared:

@@ -4,9 +4,8 @@ from ._bodies import box_trees as box_trees
 from ._bodies.cores import Cores as Cores
 from ._configuration_map import ConfigurationMap as ConfigurationMap
 from ._configuration_map import contents_of as contents_of
+from ._configuration_map import find_components as find_components
 from ._engines import find_overlaps as find_overlaps
-from ._engines.slices import list_slice_cells as list_slice_cells
-from ._engines.slices import rasters_of as rasters_of
 from ._exact.proofs import Geometry as Geometry
 from ._exact.proofs import poses_are_free as poses_are_free
 from ._files.access import ContentError as ContentError
@@ -35,13 +34,11 @@ from ._interface import gather_goals as gather_goals
 from ._interface import list_alternatives as list_alternatives
 from ._interface import map_record as map_record
 from ._interface import tubes_are_free as tubes_are_free
-from ._queries.any_angle import find_crossed_runs as find_crossed_runs
 from ._queries.batches import as_contiguous as as_contiguous
 from ._queries.callbacks import bind_kernel as bind_kernel
 from ._queries.callbacks import configuration_along as configuration_along
 from ._queries.callbacks import measure_edge as measure_edge
 from ._queries.components import Components as Components
-from ._queries.components import find_components as find_components
 from ._queries.distance import DistanceTable as DistanceTable
 from ._queries.distance import clearance_at as clearance_at
 from ._queries.edges import tube_is_free as tube_is_free
@@ -55,6 +52,7 @@ from ._queries.yaws import join_yaw_cells as join_yaw_cells
 from ._raster import Raster as Raster
 from ._record.cells import Map as Map
 from ._record.contents import Contents as Contents
+from ._record.contents import rasters_of as rasters_of
 from ._record.description import collect_arrays as collect_arrays
 from ._record.description import make_metadata as make_metadata
 from ._record.exterior import Exterior as Exterior
@@ -70,8 +68,10 @@ from ._shapes import Shape as Shape
 from ._shapes import ShapeLike as ShapeLike
 from ._shapes import Voxels as Voxels
 from ._shapes import as_shape as as_shape
+from ._shapes import primitives as primitives
 from ._shapes.balls import Balls as Balls
 from ._shapes.mesh import Mesh as Mesh
+from ._space import find_crossed_runs as find_crossed_runs
 from ._space import is_labelled as is_labelled
 from ._space import kept_values as kept_values
 from ._space import proofs_of as proofs_of

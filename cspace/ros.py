@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 
@@ -20,13 +20,12 @@ from cspace._files.ros_maps import (
 from cspace._files.ros_maps import Path as Path
 from cspace._files.ros_maps import PoseStamped as PoseStamped
 from cspace._files.ros_maps import Twist as Twist
+from cspace._rotations import Rotations
 from cspace._support.check import check_not_negative
 from cspace.errors import InputError
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
-
-    from cspace._interface import Space
 
 __all__ = ["Mask", "OccupancyGrid", "configuration_of", "read_mask", "update_occupancy_grid"]
 
@@ -90,8 +89,21 @@ def read_mask(mask: object) -> Mask:
     return Mask(areas, info.frame_id)
 
 
+class SpaceOfPoses(Protocol):
+    """A space into which messages of poses are converted."""
+
+    @property
+    def has_poses(self) -> bool: ...
+    @property
+    def frame_id(self) -> str: ...
+    @property
+    def rotations(self) -> Rotations: ...
+    @property
+    def dim(self) -> int: ...
+
+
 def configuration_of(
-    msg: object, space: Space, frame_id: str | None = None, *, tilt_tolerance: float = 0.0
+    msg: object, space: SpaceOfPoses, frame_id: str | None = None, *, tilt_tolerance: float = 0.0
 ) -> tuple[float, ...]:
     """Convert a stamped pose to a configuration of a map.
 

@@ -155,8 +155,8 @@ def build_tiles(folder, **options):
     ),
     # Exports.
     (
-        lambda folder: build(FLOOR, CART).export(folder / "map.stl"),
-        ".stl holds maps in space only",
+        lambda folder: build(FLOOR, CART).export(folder / "map.ply"),
+        ".ply holds maps in space only",
     ),
     (
         lambda folder: build(ROOM, Robot.ball(0.1)).export(folder / "map.tif"),
@@ -175,7 +175,7 @@ def build_tiles(folder, **options):
         ".npz is an export, for numpy.load",
     ),
     (
-        lambda folder: build(ROOM, Robot.ball(0.1)).export(folder / "map.stl", rotation=0.5),
+        lambda folder: build(ROOM, Robot.ball(0.1)).export(folder / "map.ply", rotation=0.5),
         "the robot does not turn",
     ),
     # Tiles.

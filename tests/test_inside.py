@@ -18,7 +18,7 @@ OF_ONE_ROOM = {
     "cache_folder",
     "find_overlaps",
     "join_yaw_cells",
-    "list_slice_cells",
+    "primitives",
     "measure_shapes",
     "read_mesh",
     "robot_of",

@@ -15,7 +15,7 @@ from collections.abc import Callable
 from io import TextIOWrapper
 from pathlib import Path
 from types import FrameType
-from typing import Any, Final
+from typing import Any
 
 import typer
 from typer.core import TyperGroup
@@ -33,9 +33,6 @@ from cspace.errors import CspaceError
 _USAGE_ERRORS: tuple[Any, ...] = typer.BadParameter.__mro__[1:2]
 """The base class of typer's usage errors, taken from a subclass because its module depends on the
 version of typer."""
-
-_BROKEN_PIPE: Final = 141
-"""Exit code of shells for a program whose output nobody reads, 128 + SIGPIPE."""
 
 
 class _Commands(TyperGroup):
@@ -96,7 +93,8 @@ class _Commands(TyperGroup):
 def _end_for_reader() -> typer.Exit:
     """End a command whose output nobody reads any more, as before ``| head``."""
     sys.stdout = Path(os.devnull).open("w")  # noqa: SIM115 - Python flushes it at its end
-    return typer.Exit(_BROKEN_PIPE)
+    # Exit code of shells for a program whose output nobody reads, 128 + SIGPIPE.
+    return typer.Exit(141)
 
 
 app = typer.Typer(

@@ -40,9 +40,6 @@ WORD_BITS: Final = 64
 BYTE_BITS: Final = 8
 """Cells in a byte."""
 
-MIN_WORDS_PER_BLOCK: Final = 2**13
-"""Minimum number of result words in a block; with source and scratch they fit a core's cache."""
-
 BLOCK_TASKS_PER_THREAD: Final = 16
 """Groups of blocks for each thread, so that all threads finish at about the same time."""
 
@@ -279,7 +276,9 @@ class PaddedBits:
         widens that many additional words, so it has at least about as many words of its own.
         """
         layers, rows, _ = self.results
-        rows_of_block = max(MIN_WORDS_PER_BLOCK, reach) * WORD_BITS / self.padding.cells
+        # Minimum number of result words in a block; with source and scratch they fit a core's
+        # cache.
+        rows_of_block = max(2**13, reach) * WORD_BITS / self.padding.cells
         if rows_of_block > self.padding.rows:
             step = max(1, round(rows_of_block / self.padding.rows))
             starts = range(0, layers, step)

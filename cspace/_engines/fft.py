@@ -61,9 +61,6 @@ ROUNDOFFS: Final = {"float32": 2.0**-24, "float64": 4.0 * 2.0**-53}
 TILE_STEPS: Final = tuple(2**k for k in range(5, 13))
 """Numbers of results of a tile along an axis, among which the cheapest is chosen."""
 
-CACHE_BYTES: Final = 2**22
-"""Size of a tile, in bytes, whose transform takes twice as long per point as a small tile's."""
-
 MAX_SPECTRA_BYTES: Final = 2**26
 """Memory for the spectra of the rasters that are used at a time, bytes."""
 
@@ -218,7 +215,8 @@ def choose_tiling(shape: Sequence[int], rasters: Sequence[Raster]) -> Tiling:
         precision = "float32" if is_proven else "float64"
         tiling = Tiling(lower, size, size - reach, precision)
         # Large tiles leave the cache, which the last factor estimates.
-        cost = tiles.prod() * tiling.bytes * (1.0 + tiling.bytes / CACHE_BYTES)
+        # Size of a tile, in bytes, whose transform takes twice as long per point as a small tile's.
+        cost = tiles.prod() * tiling.bytes * (1.0 + tiling.bytes / 2**22)
         tilings_by_cost[cost] = tiling
     return tilings_by_cost[min(tilings_by_cost)]
 

@@ -9,7 +9,7 @@ import itertools
 import math
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,15 +24,6 @@ from cspace._support.arrays import Bools, States
 from cspace._support.limits import RASTER_CELL_BYTES, SLICE_BYTES, map_bytes
 from cspace._support.threads import count_cores, map_in_threads
 from cspace._support.words import Method
-
-if TYPE_CHECKING:
-    from cspace._record.contents import Contents
-
-SAMPLED_ROTATIONS = 32
-"""Approximate number of rotations at which the size of the robot's rasters is estimated."""
-
-MIN_CELLS_FOR_THREADS = 50_000
-"""Cells of the robot's bounding box, summed over all slices, below which one thread is faster."""
 
 RasterPair = tuple[Raster, Raster]
 """Outer and inner raster of a robot at one rotation."""
@@ -68,7 +59,8 @@ def slice_rasters(
     originals = [number for number, source in enumerate(sources) if source == number]
     sides = np.ptp(robot.shape.outer.bounds, axis=0) / spacing
     cells = float(np.prod(sides + 1.0))
-    threads = count_cores() if len(originals) * cells > MIN_CELLS_FOR_THREADS else 1
+    # Cells of the robot's bounding box, summed over all slices, below which one thread is faster.
+    threads = count_cores() if len(originals) * cells > 50_000 else 1
     original_rasters = map_in_threads(
         lambda number: rasterize(robot, spacing, margin, slice_cells[number]),
         originals,
@@ -81,12 +73,6 @@ def slice_rasters(
             matrix, _ = images[image_of_source[number]]
             rasters[number] = outer.rotate(matrix.T), inner.rotate(matrix.T)
     return [rasters[number] for number in range(len(sources))]
-
-
-def rasters_of(contents: Contents, margin: float) -> list[RasterPair]:
-    """Return the outer and inner raster of each slice, for the robot grown by a margin, metres."""
-    heights = Heights.of(contents.workspace.grid, contents.floor)
-    return slice_rasters(contents.robot, contents.grid.spacing, margin, contents.rotations, heights)
 
 
 def rasterize(robot: Robot, spacing: float, margin: float, rotation: RotationCell) -> RasterPair:
@@ -139,7 +125,8 @@ def estimate_raster_bytes(
 
     The estimate uses the robot's bounds at some rotations; ``slices`` is the number of slices.
     """
-    stride = max(1, len(rotations) // SAMPLED_ROTATIONS)
+    # Approximate number of rotations at which the size of the robot's rasters is estimated.
+    stride = max(1, len(rotations) // 32)
     matrices = rotations.make_matrices(rotations.centers[::stride], robot.dim)
     low, high = robot.shape.outer.bounds
     corners = np.array(list(itertools.product(*zip(low, high, strict=True))))

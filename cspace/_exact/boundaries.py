@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from typing import Final, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -17,9 +17,6 @@ from cspace._shapes import ExactShape, RoundedSimplices
 from cspace._shapes.shape import clip_to_half_space
 from cspace._support.arrays import Bools, Floats
 from cspace._workspace import Workspace
-
-CLIP_ROUNDING: Final = 2.0**-48
-"""Rounding of a clipped boundary, relative to its largest coordinate."""
 
 
 class Proofs(Protocol):
@@ -140,7 +137,8 @@ def obstacle_boundary(
         pieces = clip_to_grid(boundary, workspace.grid)
         is_clipped = pieces is not boundary
         if is_clipped and len(pieces.radii):
-            error = max(error, CLIP_ROUNDING * float(np.abs(boundary.simplices).max()))
+            # Rounding of a clipped boundary, relative to its largest coordinate.
+            error = max(error, 2.0**-48 * float(np.abs(boundary.simplices).max()))
         # Balls and cylinders stay whole, so only faces leave a hole.
         has_inside = shape.encloses and boundary.simplices.shape[1] == workspace.grid.dim
         if is_clipped and has_inside and capped_axes:

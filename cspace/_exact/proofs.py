@@ -57,25 +57,9 @@ from cspace._support.compiling import internal, kernel
 from cspace._support.threads import run_in_chunks
 from cspace._support.vectors import Matrix, apply_pose, dot, minus, rotate_back, row_at
 
-GROWTH_ROUNDING: Final = 1e-9
-"""Share by which the growth for errors is rounded up."""
-
-
-PIECE_CELLS: Final = 2.0
-"""Length of the pieces of an edge, in cells; the tree search is slow for longer ones."""
-
-
 MAX_PENDING_PARTS: Final = 64
 """Capacity of the stack of unproven parts of a piece; each level halves the parts, down to
 :data:`MIN_ADVANCE`."""
-
-
-ANCHORS_PER_BATCH: Final = 100_000
-"""Approximate number of anchors tested for containment at once."""
-
-
-MIN_PROOFS_PER_THREAD: Final = 500
-"""Edges below which a second thread costs more than it saves."""
 
 
 class ExactQueries:
@@ -281,7 +265,8 @@ class BoundaryProofs:
         self._inputs = ProofInputs(problem.map, self.boundaries, containment)
         # Configurations whose anchors, of robot and obstacles, are tested at once.
         anchors_per_configuration = len(self._anchors) + len(containment.anchors)
-        self._batch_size = 1 + ANCHORS_PER_BATCH // (1 + anchors_per_configuration)
+        # Approximate number of anchors tested for containment at once.
+        self._batch_size = 1 + 100_000 // (1 + anchors_per_configuration)
 
     @property
     def geometry(self) -> Geometry:
@@ -364,7 +349,8 @@ class BoundaryProofs:
             prove_edges(inputs, q0[chunk], q1[chunk], make_scratch(), states[chunk])
             return -1
 
-        run_in_chunks(prove_chunk, len(q0), MIN_PROOFS_PER_THREAD)
+        # Edges below which a second thread costs more than it saves.
+        run_in_chunks(prove_chunk, len(q0), 500)
         is_free: Bools = states == FREE
         # Along a MIXED edge no boundaries meet, so containment at its first end decides.
         undecided = np.flatnonzero(states == MIXED)
@@ -377,7 +363,8 @@ class BoundaryProofs:
         """Bound how far errors of coordinates, shape (k,), move points of the robot, metres."""
         lever = self.boundaries.max_lever / self.boundaries.scale
         moved = math.hypot(*radii[: self._dim]) + lever * float(radii[self._dim :].sum())
-        return (1.0 + GROWTH_ROUNDING) * moved
+        # Share by which the growth for errors is rounded up.
+        return (1.0 + 1e-9) * moved
 
     def is_outside(self, *q: float) -> bool:
         """Return True if neither solid contains the other.
@@ -622,7 +609,8 @@ def prove_arc(inputs: ProofInputs, arc: EdgeArc, scratch: Scratch) -> bool:
     """
     boundaries = inputs.boundaries
     length = math.sqrt(dot(arc.step, arc.step)) + arc.angle * boundaries.max_lever
-    max_length = PIECE_CELLS * boundaries.scale * inputs.map.spacing
+    # Length of the pieces of an edge, in cells; the tree search is slow for longer ones.
+    max_length = 2.0 * boundaries.scale * inputs.map.spacing
     count = math.ceil(length / max_length)
     # Piece -1 is the end alone.
     for piece in range(-1, count):

@@ -39,9 +39,6 @@ _LFS_POINTER_START: Final = b"version https://git-lfs.github.com/spec/v1"
 _MALFORMED: Final = "it is malformed or truncated"
 """Rule of a file's content if no other is known."""
 
-_MAX_QUOTED_CHARACTERS: Final = 60
-"""Maximum number of characters of a wrong line that a message quotes."""
-
 
 def check_file(
     path: StrPath, kind: str, memory: float = 1.0, limit: SizeLimit = "max_bytes"
@@ -283,7 +280,8 @@ def _make_line_error(text: str, first: int, separator: str | None, columns: int)
                 continue
         except ValueError:
             rule = "it must hold only numbers, with decimal points"
-        problem = f"line {number} is {line.strip()[:_MAX_QUOTED_CHARACTERS]!r}"
+        # Maximum number of characters of a wrong line that a message quotes.
+        problem = f"line {number} is {line.strip()[:60]!r}"
         return ContentError(problem, rule)
     return ContentError("cannot be read", "it must hold columns of numbers")
 

@@ -411,10 +411,6 @@ _SHAPELESS_CHILDREN: Final = frozenset(
 )
 """Tags of the children of a node that have no shape."""
 
-_MAX_EXTRA_VISITS: Final = 100_000
-"""Largest number of node visits beyond the number of elements; a few nested instances can unfold
-without end."""
-
 _DATA_CHILDREN: Final = frozenset(["source", "vertices", "extra"])
 """Tags of the children of a mesh that have no shape."""
 
@@ -507,7 +503,9 @@ def _place_geometries(collada: _Collada) -> Iterator[tuple[Element, Floats]]:
     metres_per_unit = _read_unit(collada.root)
     to_metres = _make_affine(metres_per_unit * np.eye(3))
     visits = 0
-    max_visits = _MAX_EXTRA_VISITS + sum(1 for _ in collada.root.iter())
+    # Largest number of node visits beyond the number of elements; a few nested instances can unfold
+    # without end.
+    max_visits = 100_000 + sum(1 for _ in collada.root.iter())
     # The last pending element is the next one, so children are appended in reverse.
     children = reversed(_find_scene(collada))
     pending = [_PendingElement(child, to_metres, ()) for child in children]

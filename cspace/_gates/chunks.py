@@ -55,10 +55,6 @@ TWIST_UNITS: Final = ("m/s", "rad/s")
 TWISTING_AXES: Final = ("x", "y", "yaw")
 """Axes of the maps of robots that are driven by twists."""
 
-FAR_RATIO: Final = 10.0
-"""Ratio of the way to the first row and the longest way between others, from which on rows may be
-changes."""
-
 MAX_DT: Final = 10.0
 """Smallest time between rows, seconds, that is probably in milliseconds."""
 
@@ -216,7 +212,9 @@ class ChunkMotions(NamedTuple):
                 lengths = self.space.distance(points[:-1], points[1:])
             # A change is short, and so are the ways between changes.
             longest = max(np.linalg.norm(points[1]), lengths[1:].max(initial=0.0))
-            if lengths[0] > FAR_RATIO * longest:
+            # Ratio of the way to the first row and the longest way between others, from which on
+            # rows may be changes.
+            if lengths[0] > 10.0 * longest:
                 far = f"it is far from q, by {lengths[0]:.3g}; rows are targets, not changes"
                 text = f"{far}; {text}"
         return RowRefusal(row, "collision", names, f"row {row}: {text}")

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,9 +30,6 @@ from cspace._support.compiling import inlined, internal, kernel
 from cspace._support.deadlines import NEVER, Effort, is_over, spend
 from cspace._support.heap import pop_first, push
 
-if TYPE_CHECKING:
-    from cspace._space import CSpace
-
 INSET: Final = 2.0**-20
 """Distance in cells of ends from lines, so that no end is on a line."""
 
@@ -43,9 +40,6 @@ must not hide a corner or the goal from both of two neighbouring intervals."""
 MAX_ERROR_PER_CELL: Final = 1e-8
 """Cells by which rounding and :data:`GRAZING` may lengthen a path, for each cell of its length: its
 corners are at least a cell apart."""
-
-NANOSECONDS_PER_INTERVAL: Final = 250
-"""Work of adding an interval."""
 
 NONE: Final = -1
 """Stands for no corner, no interval, and the run of an interval that is the goal itself."""
@@ -170,41 +164,6 @@ def list_rectangles(states: States) -> Rectangles:
     return rectangles
 
 
-def find_crossed_runs(
-    space: CSpace,
-    start: Floats,
-    goal: Floats,
-    until: Effort = NEVER,
-    may_exist: Callable[[], bool] | None = None,
-) -> Ints:
-    """Find the runs of FREE cells that a shortest path in the plane crosses.
-
-    A run is a maximal row of FREE cells along y. Of runs of the same rows in successive columns,
-    the first and the last one are listed, which may be the same.
-
-    Parameters
-    ----------
-    space : CSpace
-        A map in memory of a robot that does not turn.
-    start, goal : ndarray of float64, shape (2,)
-        In cells, from the lower corner of the grid.
-    until : Effort
-        Reading of work and clock at which the search ends with a TimeoutError.
-    may_exist : callable, optional
-        Returns False if no path exists. It is asked once, if the search takes long.
-
-    Returns
-    -------
-    ndarray of int64, shape (n, 3)
-        Column of each run, its first cell, and the cell after its last one; n is 0 if there is no
-        path.
-    """
-    rectangles = space._rectangles
-    way = find_shortest_way(rectangles, start, goal, until, may_exist)
-    columns = (rectangles.column, rectangles.low, rectangles.high)
-    return np.stack([column[way.runs] for column in columns], axis=1)
-
-
 def find_shortest_way(
     rectangles: Rectangles,
     start: Floats,
@@ -245,7 +204,8 @@ def find_shortest_way(
     while True:
         used = int(front.used[0])
         is_done = expand_intervals(rectangles, front, goal_point, last, room)
-        spend(NANOSECONDS_PER_INTERVAL * (int(front.used[0]) - used))
+        # Work of adding an interval.
+        spend(250 * (int(front.used[0]) - used))
         if is_done:
             return trace_way(rectangles, front, first, last)
         if is_over(until):

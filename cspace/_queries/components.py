@@ -12,16 +12,13 @@ from bisect import bisect_right
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from cspace._support.arrays import FREE, MIXED, Bools, Floats, Ints, States
+from cspace._support.arrays import FREE, MIXED, Bools, Ints, States
 from cspace._support.compiling import kernel
 from cspace._support.threads import count_cores, map_in_threads
-
-if TYPE_CHECKING:
-    from cspace._configuration_map import ConfigurationMap
 
 
 class Components:
@@ -96,16 +93,6 @@ class Components:
         joined = self._passable if mixed else self._free
         component = joined.component_at(flat_cell)
         return component != -1 and component == joined.component_at(other)
-
-
-def find_components(space: ConfigurationMap, q: Floats, mixed: bool = False) -> Ints:
-    """Return the number of the connected component of each configuration's cell, or -1.
-
-    ``q`` has shape (n, size). Components consist of FREE cells, or with ``mixed`` of FREE and
-    MIXED cells, that share sides.
-    """
-    with space._map_lock():  # an update changes the components
-        return space._components.find(space._cells_of(q), mixed)
 
 
 class Runs(NamedTuple):

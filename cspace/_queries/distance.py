@@ -35,7 +35,7 @@ import math
 from collections.abc import Iterable, Sequence
 from contextlib import AbstractContextManager
 from functools import partial
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,9 +48,6 @@ from cspace._support.arrays import FREE, Bools, Floats, Ints, Numbers, Row, Stat
 from cspace._support.compiling import internal, kernel
 from cspace._support.threads import count_cores, map_in_threads, run_in_chunks
 
-if TYPE_CHECKING:
-    from cspace._space import CSpace
-
 Distances = NDArray[np.float32]
 """Distances of cells, or their squares, in cells."""
 
@@ -59,6 +56,13 @@ BYTES_PER_CELL: Final = 4
 
 ROUNDING_FACTOR: Final = 1.0 - 2.0**-22
 """Factor that keeps a computed distance below the true one, despite rounding."""
+
+
+class HasDistances(Protocol):
+    """A map in memory, with the distances of its cells."""
+
+    @property
+    def _distances(self) -> DistanceMap: ...
 
 
 class DistanceTable(NamedTuple):
@@ -80,7 +84,7 @@ class DistanceTable(NamedTuple):
     is_ready: Bools
 
     @classmethod
-    def of(cls, space: CSpace, slices: Sequence[int] | None = None) -> DistanceTable:
+    def of(cls, space: HasDistances, slices: Sequence[int] | None = None) -> DistanceTable:
         """Return the distances of cells of a map in memory as they are now.
 
         Those of the given slices, or of all, are computed at the first call after a change of the

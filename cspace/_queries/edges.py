@@ -53,17 +53,11 @@ BLOCK_SIDE: Final = 8
 CELLS_PER_EDGE: Final = 1_600
 """Number of cells that are joined to blocks in about the time that they save for one edge."""
 
-CELLS_AT_ONCE: Final = 2**22
-"""About the number of cells that are joined at once, so that a processor's cache holds them."""
-
 MIN_EDGES_FOR_BLOCKS: Final = 100
 """Edges of a batch below which blocks save too little."""
 
 TUBES_PER_BOX: Final = 4
 """Number of short tubes that are tested together."""
-
-MAX_BOX_CELLS: Final = 2.0
-"""Distance from the middle of short tubes, in cells, beyond which each is tested alone."""
 
 NO_RADII: Final = (0.0, 0.0, 0.0)
 """Radii of a tube that is an edge, metres."""
@@ -77,7 +71,8 @@ def coarsen_map(map_: Map) -> Map:
     ``map_``. Nothing outside the grid is FREE.
     """
     slices = map_.states
-    at_once = max(1, CELLS_AT_ONCE // slices[0].size)
+    # About the number of cells that are joined at once, so that a processor's cache holds them.
+    at_once = max(1, 2**22 // slices[0].size)
     parts = [
         _join_cells(slices[first : first + at_once], map_.dim)
         for first in range(0, len(slices), at_once)
@@ -178,7 +173,8 @@ def short_tubes_are_free(
         swing = max(swing, angle)
     # Far beyond a right angle, the shortest arc between two yaws would leave the box.
     # Turn from the middle of short tubes, radians, beyond which each is tested alone.
-    if reach > MAX_BOX_CELLS * map_.spacing or swing > 0.2:
+    # Distance from the middle of short tubes, in cells, beyond which each is tested alone.
+    if reach > 2.0 * map_.spacing or swing > 0.2:
         return False
     return neighborhood_is_free(map_, middle, rotation, reach + radius, swing + turn)
 

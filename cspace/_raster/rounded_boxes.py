@@ -36,7 +36,7 @@ within 4 ``s`` of the boundary. Cubes that touch the boundary are outer and not 
 from __future__ import annotations
 
 import math
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -45,9 +45,6 @@ from cspace._raster import Raster, allocate_bitmap, find_index_ranges, run_in_sl
 from cspace._raster.rounded_segments import OBSTACLE_REACH
 from cspace._support.arrays import Bools, Floats, Ints
 from cspace._support.compiling import kernel
-
-MIN_CUBES_FOR_THREADS: Final = 2**17
-"""Smallest number of cubes near boxes that are marked in threads."""
 
 
 class RoundedBoxes(NamedTuple):
@@ -155,7 +152,8 @@ def _mark_in_slabs(out: Bools, boxes: RoundedBoxes, b0: float, b1: float) -> Non
     first, last = find_index_ranges(lows - radii - b1, highs + radii - b0, out.shape)
     contiguous = RoundedBoxes(*map(np.ascontiguousarray, (lows, highs, boxes.radii)))
     # Few cubes take less time than threads.
-    if np.maximum(last - first + 1, 0).prod(axis=1).sum() < MIN_CUBES_FOR_THREADS:
+    # Smallest number of cubes near boxes that are marked in threads.
+    if np.maximum(last - first + 1, 0).prod(axis=1).sum() < 2**17:
         _mark_near(out, contiguous, first, last, b0, b1, 0, len(out))
     else:
         run_in_slabs(_mark_near, out, contiguous, first, last, b0, b1)

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cspace._engines.slices import RasterPair, list_slice_cells, slice_rasters
 from cspace._grid import SLACK, Grid, check_reach
 from cspace._record.exterior import OUTSIDES, UNKNOWN, Exterior
-from cspace._rotations import Rotations
+from cspace._rotations import RotationCell, Rotations
 from cspace._shapes.layers import Heights
 from cspace._support.arrays import MIXED, Bools, Ints, States
 from cspace._support.check import check_finite, check_word
@@ -115,6 +116,11 @@ class Contents:
         return Workspace(self.grid, outer, inner, source=scene.source, unknown=unknown)
 
     @property
+    def slice_cells(self) -> list[RotationCell]:
+        """Rotation cell of each slice, as shapes take it."""
+        return list_slice_cells(self.robot, self.rotations)
+
+    @property
     def axes(self) -> tuple[str, ...]:
         """Names of the coordinates of a configuration."""
         return (*self.grid.axes, *self.rotations.names)
@@ -136,6 +142,12 @@ class Contents:
             overlap_counts=counts,
             exterior=exterior,
         )
+
+
+def rasters_of(contents: Contents, margin: float) -> list[RasterPair]:
+    """Return the outer and inner raster of each slice, for the robot grown by a margin, metres."""
+    heights = Heights.of(contents.workspace.grid, contents.floor)
+    return slice_rasters(contents.robot, contents.grid.spacing, margin, contents.rotations, heights)
 
 
 def check_floor(floor: float, grid: Grid, robot: Robot, outside: str) -> float:

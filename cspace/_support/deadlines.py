@@ -24,10 +24,6 @@ NANOSECONDS: Final = 1e9
 PATIENCE: Final = 60.0
 """Time that work may take, relative to that on an idle machine, if no time limit is given."""
 
-WORK_PER_LIMIT: Final = 2.0
-"""Work that a given time limit admits, relative to that of an idle machine in this time; the clock
-ends nearly all searches before."""
-
 
 @dataclass(frozen=True, slots=True)
 class Effort:
@@ -69,7 +65,9 @@ class Effort:
         if time_limit is None:
             return cls.from_seconds(default, PATIENCE * default)
         seconds = check_positive(time_limit, "time_limit", "seconds")
-        return cls.from_seconds(WORK_PER_LIMIT * seconds, seconds)
+        # Work that a given time limit admits, relative to that of an idle machine in this time; the
+        # clock ends nearly all searches before.
+        return cls.from_seconds(2.0 * seconds, seconds)
 
     @staticmethod
     @contextmanager

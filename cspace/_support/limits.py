@@ -36,10 +36,6 @@ BITMAP_CELL_BYTES: Final = 280
 UPDATE_CELL_BYTES: Final = 8
 """Bytes for each cell of a box while a map follows its change, besides the states, measured."""
 
-TRANSFORM_BYTES: Final = 2**27
-"""Bytes for the transforms of a build with a robot at most a hundred cells across. They do not
-depend on the size of the map."""
-
 SLICE_BYTES: Final = 2_500
 """Bytes for each slice of a rotating robot, besides the cells of its rasters. Measured: 1,900 to
 2,500."""
@@ -50,9 +46,6 @@ plane, 8 to 11 in space."""
 
 MAX_MEMORY_FRACTION: Final = 0.95
 """Maximum fraction of the free memory that a build or a reader may use."""
-
-_MIN_CHECKED_BYTES: Final = 2**18
-"""Needs below which the free memory is not queried, because that takes longer than reading."""
 
 
 class FileLimits(NamedTuple):
@@ -92,7 +85,9 @@ def map_bytes(shape: Sequence[int], slices: int = 1, overlap: bool = False) -> i
     """
     cells = math.prod(map(int, shape)) * slices
     bytes_per_cell = 1 + 4 * overlap  # a state, and a count of 32 bits
-    return cells * bytes_per_cell + TRANSFORM_BYTES
+    # Bytes for the transforms of a build with a robot at most a hundred cells across. They do not
+    # depend on the size of the map.
+    return cells * bytes_per_cell + 2**27
 
 
 def free_bytes() -> int:
@@ -252,7 +247,8 @@ def check_memory(needed: float, what: str, grid: GridCells, *, slices: int = 1) 
 
 def _find_shortage(needed: float) -> int | None:
     """Return the free bytes if so many may not be used, otherwise None."""
-    if needed < _MIN_CHECKED_BYTES:
+    # Needs below which the free memory is not queried, because that takes longer than reading.
+    if needed < 2**18:
         return None
     free = free_bytes()
     return free if needed > MAX_MEMORY_FRACTION * free else None

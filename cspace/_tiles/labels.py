@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.ndimage import distance_transform_edt
@@ -28,10 +28,6 @@ from cspace.inside import Ints
 
 if TYPE_CHECKING:
     from distributed import Client
-
-LABEL_BYTES_PER_STATE: Final = 24
-"""Memory for each state while a tile is labelled, in bytes, in the worst case: FREE cells
-alternate with others."""
 
 TileNodes = tuple[int, list[Ints]]
 """Number of nodes of a tile, and labels of the cells of each array of :func:`list_layers`.
@@ -142,7 +138,9 @@ class TiledComponents:
         """Label all tiles, and join their nodes."""
         self._tiles = tiles
         self._folder = folder = tiles.folder
-        needed = float(LABEL_BYTES_PER_STATE * folder.slices * folder.cells_of_tile)
+        # Memory for each state while a tile is labelled, in bytes, in the worst case: FREE cells
+        # alternate with others.
+        needed = float(24 * folder.slices * folder.cells_of_tile)
         task = partial(label_tile, folder)
         labels = run_tasks(task, range(len(folder)), needed, folder.grid, client, None, progress)
         free, passable = zip(*labels, strict=True)

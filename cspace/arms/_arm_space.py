@@ -69,11 +69,6 @@ if TYPE_CHECKING:
 
     from cspace.plot import HasPath
 
-MAX_DOUBLED_JOINTS: Final = 8
-"""Largest number of continuous joints that :meth:`ArmSpace.search` tries both ways; others go the
-shorter way."""
-
-
 CHECKING_STEP: Final = 0.01
 """Joint distance (rad, m) between states when OMPL itself checks a motion."""
 
@@ -947,7 +942,9 @@ class ArmSpace(ConfigurationSpace):
         the goals the shorter way round; a goal that already is, is unchanged to the last bit.
         """
         images = turn_near(goals, start, self.is_periodic)
-        for joint in np.flatnonzero(self.is_periodic)[:MAX_DOUBLED_JOINTS]:
+        # Largest number of continuous joints that :meth:`ArmSpace.search` tries both ways; others
+        # go the shorter way.
+        for joint in np.flatnonzero(self.is_periodic)[:8]:
             # Each joint doubles the images: all so far, and all with this joint a turn further.
             other_way = images.copy()
             other_way[:, joint] += np.where(images[:, joint] > start[joint], -math.tau, math.tau)

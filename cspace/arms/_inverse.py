@@ -60,9 +60,6 @@ MAX_VAIN_STARTS: Final = 64
 MAX_STARTS: Final = 256
 """Starts after which a pose counts as out of reach."""
 
-MIN_REACH: Final = 1e-6
-"""Smallest length, in metres, by which distances are divided; an arm without links has none."""
-
 MAX_GAP: Final = 1e-5
 """Largest part of a turn, radians, that the limits of a joint may lack if it counts as a circle."""
 
@@ -99,9 +96,6 @@ MAX_SLOW_STEPS: Final = 6
 
 IGNORED_SHARE: Final = 0.99
 """Share of the tolerance that is no error to starts that are retried."""
-
-RETRIED_STARTS: Final = 32
-"""Starts with the smallest errors that are followed to the end if none reaches the pose."""
 
 MAX_STEPS: Final = 100
 """Steps after which a start is abandoned."""
@@ -475,7 +469,8 @@ def make_pose_problem(
     # Divide distances by the arm's reach, to weigh them like angles.
     link_lengths = np.linalg.norm(chain.frames[1:, :, POSITION], axis=1)
     reach = link_lengths.sum() + np.linalg.norm(tool[:3, 3])
-    distance_weight = 1.0 / max(reach, MIN_REACH)
+    # Smallest length, in metres, by which distances are divided; an arm without links has none.
+    distance_weight = 1.0 / max(reach, 1e-6)
     is_patient = enough_share == 1.0
     return PoseProblem(
         chain,
@@ -564,7 +559,8 @@ def solve_pose(
     distance, angle, _ = errors[best_first[0]]
     # Before giving up, follow the best starts to the end.
     if not solutions:
-        for row in best_first[:RETRIED_STARTS]:
+        # Starts with the smallest errors that are followed to the end if none reaches the pose.
+        for row in best_first[:32]:
             if len(solutions) < max_solutions:
                 try_start(patient, starts[row])
     return PoseSolutions(np.array(solutions).reshape(-1, len(near)), nearest, distance, angle)

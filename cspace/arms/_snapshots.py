@@ -54,11 +54,6 @@ MIN_MOTIONS_PER_THREAD: Final = 100
 """Motions per thread below which a further thread costs more time than it saves."""
 
 
-MAX_ANGLE_ROUNDING: Final = 1e-9
-"""Radians by which a configuration must be within a tolerance to count as upright; more than proofs
-take from it for rounding."""
-
-
 class Contact(NamedTuple):
     """The two solids that are nearest to touching.
 
@@ -164,7 +159,9 @@ class Snapshot:
             across = np.linalg.norm(np.cross(axis, direction))
             angle = math.atan2(across, float(axis @ direction))
             # Proofs take rounding from the tolerance.
-            if not abs(angle - upright.angle) <= upright.tolerance - MAX_ANGLE_ROUNDING:
+            # Radians by which a configuration must be within a tolerance to count as upright; more
+            # than proofs take from it for rounding.
+            if not abs(angle - upright.angle) <= upright.tolerance - 1e-9:
                 return upright, angle
         return None
 

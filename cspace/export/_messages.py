@@ -33,12 +33,6 @@ NO_INFORMATION = 255
 """Costs of Nav2: an obstacle is in the cell; a robot in the cell collides at every rotation; the
 cell is unknown."""
 
-GRID_CELL_BYTES: Final = 6
-"""Bytes for each cell while an occupancy grid is filled, measured."""
-
-COSTMAP_CELL_BYTES: Final = 36
-"""Bytes for each cell while a costmap is filled, measured."""
-
 OCCUPANCY: Final = {FREE: 0, MIXED: -1, BLOCKED: 100}
 """Occupancy of each state, in per cent; -1 is unknown."""
 
@@ -78,7 +72,8 @@ def to_occupancy_grid(
         have the ``rotation``.
     """
     grid = space.grid
-    check_memory(GRID_CELL_BYTES * grid.size, "the message", grid)
+    # Bytes for each cell while an occupancy grid is filled, measured.
+    check_memory(6 * grid.size, "the message", grid)
     if rotation is None:
         # A cell is FREE or BLOCKED only if it is so in all slices.
         stack = space.cell_states.reshape(-1, *grid.shape)
@@ -143,7 +138,8 @@ def to_costmap(
     radius = check_not_negative(inflation_radius, "inflation_radius")
     scaling = check_not_negative(cost_scaling_factor, "cost_scaling_factor", "1/m")
     grid = space.grid
-    check_memory(COSTMAP_CELL_BYTES * grid.size, "the message", grid)
+    # Bytes for each cell while a costmap is filled, measured.
+    check_memory(36 * grid.size, "the message", grid)
     workspace = space.drawn_workspace
     if not space.has_poses:
         raise _make_joints_error("a costmap")

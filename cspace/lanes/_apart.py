@@ -45,9 +45,6 @@ MotionState: TypeAlias = Literal["apart", "touch", "undecided"]
 SPEED_ROUNDING: Final = 1e-9
 """Share of a bound of a speed by which it grows, for rounding."""
 
-TIME_ROUNDING: Final = 2.0**-50
-"""Error of a time, as a share of it, that covers rounding."""
-
 CELLS_PER_SIDE: Final = 16
 """Number of cells along the longest side of the map around a solid."""
 
@@ -225,7 +222,8 @@ class Timed(NamedTuple):
     def bound_rounding(self, t: Floats) -> Floats:
         """Bound how far rounding moves any point up to times, metres, (n,)."""
         speeds, turns, _ = self.bounds
-        errors = TIME_ROUNDING * (np.abs(self.at) + np.abs(t))
+        # Error of a time, as a share of it, that covers rounding.
+        errors = 2.0**-50 * (np.abs(self.at) + np.abs(t))
         return np.asarray((speeds + turns).max() * errors)
 
 

@@ -25,12 +25,6 @@ if TYPE_CHECKING:
     from cspace import CSpace
     from cspace.inside import ConfigurationMap
 
-SAMPLES_PER_CELL: Final = 4.0
-"""Number of configurations for each cell of a lane among which the first collision is searched."""
-
-SAMPLE_RADIANS: Final = 0.035
-"""Largest rotation between two sampled configurations."""
-
 MAX_SAMPLES: Final = 2**20
 """Approximate number of configurations that are classified at once."""
 
@@ -99,9 +93,11 @@ def sample_motions(space: CSpace, motions: LaneMotions) -> Samples:
     """
     steps = space.steps_between(motions.starts, motions.ends)
     enter, leave = find_shares_near_map(space, motions.starts, steps)
-    parts = (leave - enter) * np.hypot(*steps[:, :2].T) * SAMPLES_PER_CELL / space.grid.spacing
+    # Number of configurations for each cell of a lane among which the first collision is searched.
+    parts = (leave - enter) * np.hypot(*steps[:, :2].T) * 4.0 / space.grid.spacing
     if space.rotations.names:
-        parts = np.maximum(parts, np.abs(steps[:, 2]) / SAMPLE_RADIANS)
+        # Largest rotation between two sampled configurations.
+        parts = np.maximum(parts, np.abs(steps[:, 2]) / 0.035)
     counts = np.where(motions.on_lane, np.maximum(np.ceil(parts), 1.0), 1.0).astype(np.int64) + 3
     found = [Samples(steps[:0], motions.lanes[:0], steps[:0, 0], np.zeros(0, np.uint8))]
     batches = np.cumsum(counts) // MAX_SAMPLES

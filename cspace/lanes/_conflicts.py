@@ -52,9 +52,6 @@ Pose: TypeAlias = tuple[float, ...]
 COLORS: Final = {"touch": "#c4161c", "undecided": "#e08a00"}
 """Colors of places in pictures, by verdict."""
 
-MAX_ZONE_ELEMENTS: Final = 16
-"""Number of elements of a zone up to which its size is expected."""
-
 COLUMNS: Final = (
     *("first", "second", "verdict", "shares_node", "groups"),
     *("at", "first_pose", "second_pose"),
@@ -226,7 +223,8 @@ class Conflicts:
             members[zone] |= {names[first[pair]], names[second[pair]]}
         most = max(map(len, members), default=0)
         # Lanes that meet at nodes join their overlaps; a few of them are a crossing.
-        if most > max(MAX_ZONE_ELEMENTS, len(names) // 2):
+        # Number of elements of a zone up to which its size is expected.
+        if most > max(16, len(names) // 2):
             text = (
                 f"zones: one zone has {most} of {len(names)} elements; one robot enters at a time"
             )

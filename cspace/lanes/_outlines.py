@@ -42,9 +42,6 @@ MAX_TURN: Final = math.radians(5.0)
 RING_SIDES: Final = ((1e-6, 4), (0.01, 8), (math.inf, 64))
 """Largest growths, metres, and the numbers of sides of polygons around their circles."""
 
-DISC_SIDES: Final = 256
-"""Number of sides of the polygon around a disc that holds the robot at any yaw."""
-
 MAX_HULLS: Final = 2048
 """Number of hulls that are made at once."""
 
@@ -306,7 +303,8 @@ def _place_discs(body: Body, pieces: SweepPieces) -> Iterator[tuple[Ints, Floats
     for begin in range(0, len(rows), MAX_HULLS):
         part = pieces.take(rows[begin : begin + MAX_HULLS])
         points = np.stack([part.starts[:, :2], part.ends[:, :2]], axis=1)
-        yield part.elements, points, part.growths + (body.lever + body.margin), DISC_SIDES
+        # Number of sides of the polygon around a disc that holds the robot at any yaw.
+        yield part.elements, points, part.growths + (body.lever + body.margin), 256
 
 
 def _place_pieces(

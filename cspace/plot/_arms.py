@@ -18,8 +18,6 @@ if TYPE_CHECKING:
 
 GHOST_COUNT: Final = 5
 """Number of arms drawn along a path, besides the one at its end."""
-ARM_CAMERA: Final = (30.0, -40.0)
-"""Default elevation and azimuth of the camera for an arm, degrees."""
 
 
 def draw_arm(
@@ -85,7 +83,8 @@ def paint_scene(
         obstacles.append((np.asarray(near.vertices), np.asarray(near.faces)))
     corners = np.concatenate([box, *(vertices for vertices, _ in obstacles)])
     box = np.stack([corners.min(axis=0), corners.max(axis=0)])
-    painting = Painting(box, ax, ARM_CAMERA if camera is None else camera)
+    # Default elevation and azimuth of the camera for an arm, degrees.
+    painting = Painting(box, ax, (30.0, -40.0) if camera is None else camera)
     if obstacles:
         solid = CellClass.OBSTACLE
         parts = [split_surface(surface, painting.size) for surface in obstacles]

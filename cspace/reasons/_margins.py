@@ -48,7 +48,6 @@ from cspace.inside import (
     cells_of,
     contents_of,
     find_overlaps,
-    list_slice_cells,
     map_record,
     rasters_of,
 )
@@ -58,10 +57,6 @@ Number = TypeVar("Number", bound=np.generic)
 
 DEPTH_SLACK: Final = 1e-9
 """Rounding of a depth below a surface, per metre of the shape's largest number."""
-
-MAX_PAIRS: Final = 2**25
-"""Number of pairs of a point and a piece of a surface above which depths are not computed. So
-many pairs take some seconds."""
 
 STEPS_PER_CELL: Final = 8
 """Resolution of margins: number of steps per cell."""
@@ -263,7 +258,7 @@ class ResizedRobot:
         self.rasters = rasters_of(contents_of(space), 0.0)
         self._on_floor = space.floor is not None
         self._sides = space.grid.spacing * measure_sides(space.workspace.grid.dim, space.dim)
-        cells = list_slice_cells(space.robot, space.rotations)
+        cells = contents_of(space).slice_cells
         self._rotation_cells = [cell.in_plane for cell in cells] if self._on_floor else cells
         self._levels = cache(self._measure_levels)
 
@@ -387,7 +382,9 @@ class ResizedRobot:
             n_pieces = len(shape.boundary().simplices)
         except InputError:  # a filled mesh has no boundary, as its inside depends on the spacing
             return None
-        if n_points * n_pieces > MAX_PAIRS:
+        # Number of pairs of a point and a piece of a surface above which depths are not computed.
+        # So many pairs take some seconds.
+        if n_points * n_pieces > 2**25:
             return None
         return [self._measure_depths(shape, number) for number in range(len(self.rasters))]
 

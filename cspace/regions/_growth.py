@@ -37,12 +37,6 @@ from cspace.inside import SLACK, Bools, Floats
 HALF_CELL: Final = 0.5 + 2.0 * SLACK
 """Half the side of a cell that is cut off, in cells; it includes the allowance for rounding."""
 
-DESCENT_SWEEPS: Final = 8
-"""Number of times that each coordinate of a cell's nearest point is improved.
-
-More sweeps change the direction of a half-space, not its proof.
-"""
-
 MIN_DEPTH: Final = 1e-3
 """Smallest depth, in cells, of an interior point for Qhull."""
 
@@ -217,7 +211,9 @@ def find_normal(center: Floats, segment: Floats, metric: Floats) -> Floats:
     if squared_length > 0.0:
         line_rows = (metric - np.outer(image, image) / squared_length).tolist()
     nearest = center.tolist()
-    for sweep in range(DESCENT_SWEEPS):
+    # Number of times that each coordinate of a cell's nearest point is improved. More sweeps change
+    # the direction of a half-space, not its proof.
+    for sweep in range(8):
         share = 0.0
         if squared_length > 0.0:
             share = min(max(float(image @ (nearest - start)) / squared_length, 0.0), 1.0)

@@ -16,17 +16,11 @@ from cspace.spectral._overlap import FourierOverlap
 from cspace.spectral._spectra import MIN_SPECTRUM_TOLERANCE, RadialFactors
 from cspace.spectral._trees import HIT, MISS, UNDECIDED
 
-ROUNDING_UNIT: Final = 2.0**-52
-"""Twice the relative rounding error of one operation."""
-
 MIN_TERMS_PER_BLOCK: Final = 32
 """Number of terms that are summed before the first placements are decided."""
 
 MAX_BLOCK_SIZE: Final = 2**21
 """Number of terms at all placements that are summed at a time, to bound the memory."""
-
-BOUND_ROUNDING: Final = 1.0 + 2.0**-30
-"""Factor that covers the rounding of the bounds themselves."""
 
 
 class Comparison(NamedTuple):
@@ -104,8 +98,10 @@ class EarlyTest:
         # Angles have an error of a few units times k of each axis; sums add one unit per term.
         units = 64.0 + len(moduli) + 8.0 * sum(lattice.counts)
         placing = 2.0 * math.pi * overlap._placement_error * frequencies @ (moduli + errors)
-        fixed = errors.sum() + ROUNDING_UNIT * units * moduli.sum() + placing + tail_a * tail_b
-        self._bounds = BOUND_ROUNDING * (remaining + fixed)
+        # Twice the relative rounding error of one operation.
+        fixed = errors.sum() + 2.0**-52 * units * moduli.sum() + placing + tail_a * tail_b
+        # Factor that covers the rounding of the bounds themselves.
+        self._bounds = (1.0 + 2.0**-30) * (remaining + fixed)
 
     @property
     def bound(self) -> float:

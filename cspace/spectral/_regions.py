@@ -28,10 +28,6 @@ from cspace.inside import (
     vectors,
 )
 
-BOUNDARY_ROUNDING: Final = 2.0**-44
-"""Rounding error of a distance, relative to the largest coordinate: some hundred units, mostly
-unused."""
-
 NORMAL_ROUNDING: Final = 2.0**-36
 """Additional rounding error of distances from triangles that are not thin, relative to the size of
 the shape."""
@@ -106,7 +102,9 @@ class ShapeBoundary:
         self.dim = shape.dim
         corners = self.pieces.reshape(-1, self.dim)
         # Distances from triangles have a further rounding error.
-        self.error = BOUNDARY_ROUNDING * float(np.abs(corners).max())
+        # Rounding error of a distance, relative to the largest coordinate: some hundred units,
+        # mostly unused.
+        self.error = 2.0**-44 * float(np.abs(corners).max())
         if self.dim == 3:
             self.error += NORMAL_ROUNDING * float(np.linalg.norm(np.ptp(corners, axis=0)))
 

@@ -29,12 +29,6 @@ Complexes = NDArray[np.complex128]
 MIN_SPECTRUM_TOLERANCE: Final = 1e-12
 """Smallest tolerance of a spectrum, because of the rounding of non-uniform transforms."""
 
-TRANSFORM_TOLERANCE_SHARE: Final = 0.015
-"""Share of the tolerance of a spectrum that its transforms must meet.
-
-Errors up to 7 times the tolerance of a transform, which bounds a 2-norm, were observed.
-"""
-
 MAX_SUMMED_BALLS: Final = {2: 48, 3: 96}
 """Number of balls of one radius up to which sums of products are faster than a transform, by
 dimension."""
@@ -209,7 +203,9 @@ def _transform(lattice: FrequencyLattice, shares: Floats, tolerance: float) -> C
     ``shares``, shape (n, d), are the places of the points in a period.
     """
     # Smallest tolerance that a non-uniform transform can meet, because of its rounding.
-    demanded = max(2e-14, TRANSFORM_TOLERANCE_SHARE * tolerance)
+    # Share of the tolerance of a spectrum that its transforms must meet. Errors up to 7 times the
+    # tolerance of a transform, which bounds a 2-norm, were observed.
+    demanded = max(2e-14, 0.015 * tolerance)
     transform = getattr(_import_finufft(), f"nufft{shares.shape[1]}d1")
     angles = 2.0 * math.pi * shares.T.copy()
     ones = np.ones(len(shares), dtype=np.complex128)

@@ -35,8 +35,6 @@ LOGGER: Final = logging.getLogger(__name__)
 
 FRAME_RATE: Final = 25.0
 """Number of frames per second when a path is played."""
-CLOSING_SECONDS: Final = 5.0
-"""Largest time that a page waits for each of its threads when it closes."""
 AUTOMATIC: Final = "automatic"
 """Label of the default planner."""
 
@@ -384,7 +382,8 @@ class Page:
         for worker in workers:
             worker.close()
         for worker in workers:
-            worker.wait(CLOSING_SECONDS)  # viser warns of what is sent after the server has stopped
+            # Largest time that a page waits for each of its threads when it closes.
+            worker.wait(5.0)  # viser warns of what is sent after the server has stopped
 
     # ---- work in threads -------------------------------------------------------------------------
 

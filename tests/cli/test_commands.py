@@ -545,7 +545,7 @@ def test_plot_passes_options_to_the_picture(room, drawn, command, options):
 
 
 def test_export_writes_every_format(room):
-    for file in ("out.vti", "free.stl", "copy.zarr", "copy.npz"):
+    for file in ("out.vti", "free.ply", "copy.zarr", "copy.npz"):
         assert document("export space.zarr", file)["output"] == file
     states = cspace.open("space.zarr").cell_states
     np.testing.assert_array_equal(cspace.open("copy.zarr").cell_states, states)

@@ -85,7 +85,7 @@ FILES = {
         "--center is given with view plane; it needs view sections",
     ),
     ("export turning.zarr a.tif", "holds one slice"),
-    ("export plane.zarr a.stl", ".stl holds maps in space only"),
+    ("export plane.zarr a.ply", ".ply holds maps in space only"),
     ("info plane.zarr --spacing 1", "is read as map"),
     ("config", "one of --include and --cmake-dir must be given"),
     (

@@ -1,4 +1,4 @@
-"""Exports: boundary meshes, VTK images, GeoTIFF, netCDF, ROS maps."""
+"""Exports: boundary meshes, VTK images, GeoTIFF, ROS maps, datasets."""
 
 import sys
 from collections import Counter
@@ -16,7 +16,7 @@ from PIL import Image
 import cspace
 from cspace import BLOCKED, FREE, MIXED, Grid, Workspace
 from cspace.errors import FileError, InputError, MissingPackageError
-from cspace.export._free_boundary import WRITERS, free_boundary
+from cspace.export._free_boundary import free_boundary
 from cspace.export._plane_images import write_ros_map
 from tests.helpers.handmade import build_empty
 from tests.helpers.maps import MAP_BUILDERS
@@ -79,34 +79,15 @@ def ball():
     return cspace.build(workspace, cspace.Robot.ball(0.13), outside="free", counts=True)
 
 
-@pytest.mark.parametrize("suffix", WRITERS)
-def test_a_mesh_file_reads_back(tmp_path, ball, suffix):
-    path = tmp_path / f"free{suffix.upper()}"
+def test_a_mesh_file_reads_back(tmp_path, ball):
+    path = tmp_path / "free.PLY"
     ball.export(path)
     mesh = trimesh.load_mesh(path)
     assert mesh.is_watertight
     assert mesh.volume == pytest.approx(ball.count()[0] * ball.grid.spacing**3, rel=1e-5)
     vertices, faces = free_boundary(ball.cell_states, ball.grid)
     own = cspace.make_mesh(path, "surface")
-    exact = vertices.astype(np.float32) if suffix == ".stl" else vertices
-    np.testing.assert_array_equal(own.vertices[own.faces], exact[faces])
-    if suffix == ".stl":
-        content = path.read_bytes()
-        assert not content.startswith(b"solid")  # which readers would take for an STL file in text
-        rows = np.frombuffer(content[84:], [("normal", "<f4", 3), ("rest", "V38")])
-        corners = vertices[faces]
-        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        np.testing.assert_allclose(rows["normal"], normals / 0.1**2, atol=1e-6)
-
-
-def test_an_stl_whose_coordinates_coincide_is_refused(tmp_path):
-    state = np.zeros((2, 2, 2), np.uint8)
-    for spacing in (1e-60, 1e60):
-        vertices, faces = free_boundary(state, cspace.Grid((0.0,) * 3, spacing, state.shape))
-        with (tmp_path / "free").open("wb") as file:
-            message = "in which some coordinates coincide"
-            with pytest.raises(InputError, match=message):
-                WRITERS[".stl"](file, vertices, faces)
+    np.testing.assert_array_equal(own.vertices[own.faces], vertices[faces])
 
 
 # ---- VTK images ----------------------------------------------------------------------------------
@@ -161,7 +142,7 @@ def test_vtk_reads_one_or_all_rotations(tmp_path, name):
     np.testing.assert_array_equal(arrays["cell_states"].reshape(space.grid.shape), cells[-1])
 
 
-# ---- ROS maps, GeoTIFF and netCDF, as GDAL reads them --------------------------------------------
+# ---- ROS maps and GeoTIFF, as GDAL reads them ----------------------------------------------------
 
 
 def list_centers(space):
@@ -193,39 +174,6 @@ def test_a_geotiff_and_a_ros_map_place_every_cell(tmp_path, name, rotation):
         np.testing.assert_array_equal(workspace.outer, states > highest)
 
 
-@pytest.mark.thorough
-@pytest.mark.parametrize("name", ["plane", "turning"])
-@pytest.mark.filterwarnings("ignore::rasterio.errors.NotGeoreferencedWarning")
-def test_netcdf_places_a_plane_map(tmp_path, name):
-    space = MAP_BUILDERS[name]()
-    space.export(tmp_path / "map.nc")
-    read = pytest.importorskip("rioxarray").open_rasterio
-    opened = read(tmp_path / "map.nc", variable="cell_states")
-    image = opened[0] if isinstance(opened, list) else opened
-    centers = np.stack(np.meshgrid(image.x, image.y), axis=-1)
-    np.testing.assert_allclose(centers, list_centers(space), atol=1e-9)
-    turns = np.sort(space.rotations.centers[:, 0]) if name == "turning" else [()]
-    states = [space.states_at(turn).T[::-1] for turn in turns]
-    np.testing.assert_array_equal(image["cell_states"].values, states)
-
-
-def test_netcdf_holds_maps_in_space_and_single_rotations(tmp_path, ball):
-    ball.export(tmp_path / "ball.nc")
-    with xarray.open_dataset(tmp_path / "ball.nc") as dataset:
-        assert dataset["x"].attrs["units"] == "m"
-        assert dataset["cell_states"].dims == ("z", "y", "x")
-        np.testing.assert_array_equal(dataset["cell_states"].values.T, ball.cell_states)
-        np.testing.assert_array_equal(dataset["outer"].values.T, ball.workspace.outer)
-        flags = dataset["cell_states"].attrs
-        assert flags["flag_meanings"] == "free mixed blocked"
-        assert flags["flag_values"].tolist() == [cspace.FREE, cspace.MIXED, cspace.BLOCKED]
-    space = MAP_BUILDERS["turning"]()
-    space.export(tmp_path / "one.nc", rotation=1.0)
-    with xarray.open_dataset(tmp_path / "one.nc") as dataset:
-        np.testing.assert_array_equal(dataset["cell_states"].values.T, space.states_at(1.0))
-        assert abs(float(dataset["yaw"]) - 1.0) <= float(dataset["covering_angle"])
-
-
 @pytest.mark.parametrize("rotations", [5, 8, (-0.4, 1.0, 2.0, 5.0, 5.883185307179586)])
 @pytest.mark.parametrize(
     "robot", ["disc:0.2", "rect:0.4x0.2", [(-0.2, -0.1), (0.4, -0.1), (0.0, 0.3)]]
@@ -235,7 +183,7 @@ def test_yaws_of_a_dataset_ascend(robot, rotations, tmp_path):
     workspace = cspace.Workspace.from_array(np.eye(30, dtype=bool), 0.1)
     space = cspace.build(workspace, robot, rotations=rotations)
     dataset = space.to_xarray()
-    space.export(tmp_path / "map.nc")
+    dataset.to_netcdf(tmp_path / "map.nc")
     with xarray.open_dataset(tmp_path / "map.nc") as opened:
         np.testing.assert_array_equal(opened.yaw, dataset.yaw)
         states = opened.cell_states.transpose(*dataset.cell_states.dims)
@@ -255,19 +203,10 @@ def test_yaws_of_a_dataset_ascend(robot, rotations, tmp_path):
         assert one.slice_of == same_slice
 
 
-def test_netcdf_without_xarray_names_the_extra_and_writes_nothing(tmp_path, monkeypatch):
+def test_a_dataset_without_xarray_names_the_extra(monkeypatch):
     monkeypatch.setitem(sys.modules, "xarray", None)
     with pytest.raises(MissingPackageError, match=r"it comes with cspace\[xarray\]"):
-        MAP_BUILDERS["grid"]().export(tmp_path / "map.nc")
-    assert not list(tmp_path.iterdir())
-
-
-def test_coordinates_too_long_for_stl_are_written_as_advised(tmp_path):
-    space = build_empty((4, 4, 4), cspace.Robot.ball(2e-47), spacing=1e-46)
-    with pytest.raises(InputError, match="STL has single precision"):
-        space.export(tmp_path / "a.stl")
-    for name in ("a.ply", "a.obj"):
-        space.export(tmp_path / name)
+        MAP_BUILDERS["grid"]().to_xarray()
 
 
 @refusals(

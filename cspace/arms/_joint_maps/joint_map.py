@@ -50,10 +50,6 @@ from cspace.inside import (
     warn_user,
 )
 
-_BYTES_PER_JOINT_CELL: Final = 3
-"""Memory per cell, bytes: its state, and whether it meets an obstacle or lies in one."""
-
-
 _BLOCK_CELLS_PER_AXIS: Final = {2: 64, 3: 32}
 """Cells per axis of the blocks that threads start with, by the number of joints."""
 
@@ -147,7 +143,8 @@ def build_joint_map(
     joint_limits = np.column_stack([arm.lower, arm.upper])[joint_indices]
     shape = _count_cells(intervals, joint_limits, side)
     units = tuple(arm.units[number] for number in joint_indices.tolist())
-    needed = _BYTES_PER_JOINT_CELL * math.prod(shape)
+    # Memory per cell, bytes: its state, and whether it meets an obstacle or lies in one.
+    needed = 3 * math.prod(shape)
     lowest = intervals[:, 0]
     grid = Grid(lowest, side, shape, axes=names, units=units)
     check_memory(needed, "the map", grid)

@@ -22,12 +22,6 @@ MAX_STRIDE: Final = 1.0
 """Longest motion by which a tree grows, radians or metres."""
 
 
-STRIDE_PER_SQRT_TOLERANCE: Final = 2.0
-"""Longest motion by which a tree grows within a cone, divided by the square root of its tolerance.
-
-A straight motion of the joints leaves an angle by about an eighth of its squared length.
-"""
-
 MAX_HALVINGS: Final = 2
 """Largest number of times that a motion which leaves a cone is halved."""
 
@@ -145,7 +139,10 @@ def write_kept_node(
     poses = scratch.poses
     stride = MAX_STRIDE
     for k in range(len(cones.bodies)):
-        stride = min(stride, STRIDE_PER_SQRT_TOLERANCE * math.sqrt(cones.tolerances[k]))
+        # Longest motion by which a tree grows within a cone, divided by the square root of its
+        # tolerance. A straight motion of the joints leaves an angle by about an eighth of its
+        # squared length.
+        stride = min(stride, 2.0 * math.sqrt(cones.tolerances[k]))
     for _ in range(1 + MAX_HALVINGS):
         is_reached = write_node(nearest, q, distance, stride, new)
         # A node of the other tree is reached as it is; a sample is rarely in the cones.

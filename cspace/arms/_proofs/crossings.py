@@ -40,11 +40,6 @@ RADIUS = 9
 """Column of :attr:`PartTree.triangles` after the three corners."""
 
 
-MAX_PROJECTIONS: Final = 16
-"""Alternating projections between a triangle and a box after which the search for a common point
-ends."""
-
-
 DIRECTION, AXIS_POINT, CHORD, TRANSLATION = 0, 3, 6, 7
 """Columns of the ``axes`` of :func:`joint_displacement` where each entry begins."""
 
@@ -311,7 +306,9 @@ def pierces(corners: Corners, q: Floats, depth: float) -> bool:
     is_ball = q[RADIUS] > 0.0
     target = vectors.row_at(q, 0)  # the center
     scale = 0.5  # of the shrunken box
-    for _ in range(MAX_PROJECTIONS):
+    # Alternating projections between a triangle and a box after which the search for a common point
+    # ends.
+    for _ in range(16):
         from_first = vectors.nearest_of_triangle(vectors.minus(target, first), to_second, to_third)
         nearest = vectors.add_scaled(first, from_first, 1.0)
         if piece_depth(q, nearest) > depth:

@@ -73,23 +73,8 @@ HULL_ROUNDING: Final = 2.0**-48
 of distances from triangles."""
 
 
-MAX_PAIRS_PER_BLOCK: Final = 2**18
-"""Largest number of pairs of a point and a plane or a triangle that are compared at once."""
-
-
 TINY: Final = 1e-300
 """Smallest decrease of a slack; it makes a slack of zero negative."""
-
-
-LOOSENESS_OF_MOTIONS: Final = 0.1
-"""Share of the looseness of hulls below which a motion is halved before their children are tested.
-
-Most of a long motion is proven by fewer pairs of nodes if it is halved; 0 and 1 cost twice as many.
-"""
-
-
-MAX_GJK_STEPS: Final = 40
-"""Largest number of steps of the search for the nearest points of two hulls."""
 
 
 _CUBE_CORNERS: Final = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
@@ -417,7 +402,8 @@ def _split_into_blocks(points: Floats, others: int) -> list[Floats]:
 
     ``others`` is the number of planes or triangles with which each point is compared.
     """
-    blocks = len(points) * others // MAX_PAIRS_PER_BLOCK + 1
+    # Largest number of pairs of a point and a plane or a triangle that are compared at once.
+    blocks = len(points) * others // 2**18 + 1
     return np.array_split(points, blocks)
 
 
@@ -557,7 +543,10 @@ def is_fine_enough(
     # The children may be apart even if the hulls are not, unless the motion is too long.
     loose = hulls.boxes[a, LOOSENESS] + hulls.boxes[b, LOOSENESS]
     if motion.half_time > 0.0:
-        loose *= LOOSENESS_OF_MOTIONS
+        # Share of the looseness of hulls below which a motion is halved before their children are
+        # tested. Most of a long motion is proven by fewer pairs of nodes if it is halved; 0 and 1
+        # cost twice as many.
+        loose *= 0.1
     for k in range(len(axes)):
         loose += 2.0 * axes[k, CHORD] * hulls.boxes[a, BALL_RADIUS]
     return bool(apart and slack + loose < 0.0)
@@ -673,7 +662,8 @@ def hull_slack(
     # The simplex of differences of corners that is nearest to the origin, with ``count`` corners.
     p = q = r = (0.0, 0.0, 0.0)
     count = 0
-    for _ in range(MAX_GJK_STEPS):
+    # Largest number of steps of the search for the nearest points of two hulls.
+    for _ in range(40):
         square = vectors.dot(n, n)
         if not 1e-200 < square < math.inf:
             # The vector is too short to be a direction, so the search ends; at first, any direction

@@ -70,10 +70,6 @@ TREE_ROUNDING: Final = 2.0**-40
 """Growth of boxes of a tree against rounding, relative to the size of the surface."""
 
 
-MIN_HALF: Final = 2.0**-44
-"""Smallest half of a part of a motion, as a fraction of the motion."""
-
-
 MAX_DISTANCES: Final = 10_000
 """Distances measured before a motion counts as not proven, because it grazes an obstacle."""
 
@@ -389,7 +385,8 @@ def motion_is_free(scene: ArmScene, q0: Floats, q1: Floats, scratch: SceneScratc
         stop = parts[row, 1]
         half = 0.5 * (stop - start)
         center = 0.5 * (start + stop)
-        if half < MIN_HALF:
+        # Smallest half of a part of a motion, as a fraction of the motion.
+        if half < 2.0**-44:
             return False
         forward_kinematics(scene.chain, q0, q1, center, scratch.poses)
         state = test_part(scene, open_pairs[row], half, required, scratch)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
-from cspace import Robot, make_mesh
+from cspace import make_mesh
 from cspace.arms._checks import check_distinct, check_names
 from cspace.arms._reading.moveit_messages import (
     FIELDS,
@@ -49,6 +49,7 @@ from cspace.inside import (
     check_point,
     check_positive,
     join_surfaces,
+    primitives,
     read_mesh,
     transform_surface,
     warn_of_size,
@@ -208,13 +209,13 @@ def _make_bounds(geometry: Any, meshes: Mapping[str, Path], place: str) -> tuple
         sides = check_point(shape.size, f"{place}: size", 3).tolist()
         for side in sides:
             check_positive(side, f"{place}: size")
-        surface = Robot.box(sides).shape.outer.surface
+        surface = primitives.box(sides).shape.outer.surface
         return surface, surface
     sizes = [check_positive(getattr(shape, name), f"{place}: {name}") for name in GEOMETRIES[kind]]
     if kind == "cylinder":
-        solid = Robot.cylinder(*sizes).shape
+        solid = primitives.cylinder(*sizes).shape
     else:
-        solid = Robot.capsule(sizes[0], 0.0).shape
+        solid = primitives.capsule(sizes[0], 0.0).shape
     return solid.outer.surface, solid.inner.surface
 
 
@@ -429,7 +430,7 @@ def _read_inline_mesh(mesh: Any, place: str) -> Surface:
 def _make_cone(height: float, radius: float) -> Shape:
     """Make an upright cone, metres; the origin is halfway up its axis."""
     # The bounds of a cylinder, without its upper circle, bound the cone on its lower circle.
-    solid = Robot.cylinder(radius, height).shape
+    solid = primitives.cylinder(radius, height).shape
     outer, inner = (_sharpen(*side.surface) for side in (solid.outer, solid.inner))
     return outer.with_inner(inner)
 
@@ -446,9 +447,9 @@ def _sharpen(vertices: Floats, faces: Ints) -> Mesh:
 
 
 _PRIMITIVE_MAKERS: Final[Mapping[str, Callable[..., Shape]]] = {
-    "box": lambda *sides: Robot.box(sides).shape,
+    "box": lambda *sides: primitives.box(sides).shape,
     "sphere": lambda radius: Balls.of([(0.0, 0.0, 0.0)], radius),
-    "cylinder": lambda height, radius: Robot.cylinder(radius, height).shape,
+    "cylinder": lambda height, radius: primitives.cylinder(radius, height).shape,
     "cone": _make_cone,
 }
 """Function that makes each primitive from its dimensions, metres."""
@@ -463,7 +464,7 @@ def _move_shape(shape: Shape, pose: Floats) -> Shape:
         return Balls.of(shape.centers @ rotation.T + translation, shape.radii)
     spec: Mapping[str, Any] = shape.spec
     if spec["kind"] == "box" and np.array_equal(rotation, np.eye(3)):
-        return Robot.box(spec["extents"], np.asarray(spec["center"]) + translation).shape
+        return primitives.box(spec["extents"], np.asarray(spec["center"]) + translation).shape
     outer = transform_surface(shape.outer.surface, pose)
     if shape.inner is not shape.outer:
         inner = transform_surface(shape.inner.surface, pose)
