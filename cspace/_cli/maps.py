@@ -207,8 +207,8 @@ def export(
     file: Path = MAP_FILE,
     output: Path = argument(
         "OUT",
-        ".zarr; .npz (NumPy); .vti for ParaView; in the plane .yaml for a ROS map, .tif for a "
-        "GeoTIFF; in space .ply for the border of the free space.",
+        ".zarr; .npz (NumPy); .nc (netCDF); .vti for ParaView; in the plane .yaml for a ROS map, "
+        ".tif for a GeoTIFF; in space .ply for the border of the free space.",
     ),
     rotation: str | None = option(
         "ROTATION", "Only the slice at this rotation, e.g. 90deg or 0,0,0,1."

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cspace import Rotations
+from cspace import BLOCKED, FREE, MIXED, Rotations
 from cspace.errors import InputError
 from cspace.export._free_boundary import write_boundary
 from cspace.export._plane_images import write_geotiff, write_ros_map
@@ -66,6 +66,21 @@ def _write_vti(contents: Contents, cells: Sequence[int], path: StrPath, overwrit
     rotations = contents.rotations
     centers = dict(zip(rotations.names, rotations.centers[cells].T, strict=True))
     write_vti(_select_layers(contents, cells), contents.grid, path, overwrite, centers)
+
+
+def _write_netcdf(contents: Contents, cells: Sequence[int], path: StrPath, overwrite: bool) -> None:
+    """Write a map, or one rotation cell of it, as netCDF-3.
+
+    Arrays are indexed ``[rotation, z, y, x]``.
+    """
+    dataset = make_dataset(contents).drop_vars(["shapes", "slice_of"], errors="ignore")
+    if "rotation" in dataset.dims and len(cells) == 1:
+        place = _sort_rotations(contents).tolist().index(cells[0])
+        dataset = dataset.isel(rotation=place)
+    dataset = dataset.transpose(..., *reversed(contents.grid.axes))
+    dataset["cell_states"].attrs["flag_values"] = np.array([FREE, MIXED, BLOCKED], dtype=np.int8)
+    with replacing(path, overwrite) as temporary:
+        dataset.to_netcdf(temporary, engine="scipy", format="NETCDF3_64BIT")
 
 
 def _save(space: CSpace, path: StrPath, overwrite: bool) -> None:
@@ -132,6 +147,9 @@ EXPORT_FORMATS: Final[dict[str, ExportFormat]] = {
         "image data for ParaView; if the robot turns, one array for each rotation, "
         "`cell_states_00` and on",
     ),
+    ".nc": ExportFormat(
+        _write_netcdf, "all or one", None, 10, "netCDF, indexed `[rotation, z, y, x]`"
+    ),
     **dict.fromkeys(
         (".tif", ".tiff"), ExportFormat(write_geotiff, "one", 2, 4, "a GeoTIFF of a plane map")
     ),
@@ -165,14 +183,15 @@ def export(
         ParaView, with the arrays ``cell_states``, ``outer``, and, if the map has them, ``inner``,
         ``unknown`` and ``overlap_counts``. For a robot that turns, each rotation cell has its own
         arrays, ``cell_states_00`` and so on; the field data ``yaw``, or ``qx`` to ``qw``, hold the
-        rotations. ``.tif``, ``.tiff``: a plane map as a GeoTIFF in its own metres, 0 FREE, 1
-        MIXED, 2 BLOCKED. ``.yaml``, ``.yml``: a plane map as a ROS map, with its image beside it.
-        ``.ply``: the boundary of the free space of a map in space.
+        rotations. ``.nc``: netCDF-3, by xarray, with the variables of ``space.to_xarray()``,
+        indexed ``[rotation, z, y, x]``. ``.tif``, ``.tiff``: a plane map as a GeoTIFF in its own
+        metres, 0 FREE, 1 MIXED, 2 BLOCKED. ``.yaml``, ``.yml``: a plane map as a ROS map, with its
+        image beside it. ``.ply``: the boundary of the free space of a map in space.
     overwrite : bool
         True to replace an existing output.
     rotation : array-like, shape (k,), optional
         Rotation to write, as in a configuration, for a robot that turns. It is required for
-        formats of one slice, and selects one rotation cell for ``.vti``. Its free
+        formats of one slice, and selects one rotation cell for ``.vti`` and ``.nc``. Its free
         cells are proven for the whole rotation cell that contains it, and for no other.
 
     Raises
@@ -182,6 +201,8 @@ def export(
         not applicable.
     FileError
         If the output exists and may not be replaced, or cannot be written.
+    MissingPackageError
+        If netCDF is asked for, and xarray is not installed.
     """
     with space.lock:  # an update waits
         _write(space, path, overwrite, rotation)

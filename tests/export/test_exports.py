@@ -1,4 +1,4 @@
-"""Exports: boundary meshes, VTK images, GeoTIFF, ROS maps, datasets."""
+"""Exports: boundary meshes, VTK images, GeoTIFF, netCDF, ROS maps."""
 
 import sys
 from collections import Counter
@@ -142,7 +142,7 @@ def test_vtk_reads_one_or_all_rotations(tmp_path, name):
     np.testing.assert_array_equal(arrays["cell_states"].reshape(space.grid.shape), cells[-1])
 
 
-# ---- ROS maps and GeoTIFF, as GDAL reads them ----------------------------------------------------
+# ---- ROS maps, GeoTIFF and netCDF, as GDAL reads them --------------------------------------------
 
 
 def list_centers(space):
@@ -174,6 +174,39 @@ def test_a_geotiff_and_a_ros_map_place_every_cell(tmp_path, name, rotation):
         np.testing.assert_array_equal(workspace.outer, states > highest)
 
 
+@pytest.mark.thorough
+@pytest.mark.parametrize("name", ["plane", "turning"])
+@pytest.mark.filterwarnings("ignore::rasterio.errors.NotGeoreferencedWarning")
+def test_netcdf_places_a_plane_map(tmp_path, name):
+    space = MAP_BUILDERS[name]()
+    space.export(tmp_path / "map.nc")
+    read = pytest.importorskip("rioxarray").open_rasterio
+    opened = read(tmp_path / "map.nc", variable="cell_states")
+    image = opened[0] if isinstance(opened, list) else opened
+    centers = np.stack(np.meshgrid(image.x, image.y), axis=-1)
+    np.testing.assert_allclose(centers, list_centers(space), atol=1e-9)
+    turns = np.sort(space.rotations.centers[:, 0]) if name == "turning" else [()]
+    states = [space.states_at(turn).T[::-1] for turn in turns]
+    np.testing.assert_array_equal(image["cell_states"].values, states)
+
+
+def test_netcdf_holds_maps_in_space_and_single_rotations(tmp_path, ball):
+    ball.export(tmp_path / "ball.nc")
+    with xarray.open_dataset(tmp_path / "ball.nc") as dataset:
+        assert dataset["x"].attrs["units"] == "m"
+        assert dataset["cell_states"].dims == ("z", "y", "x")
+        np.testing.assert_array_equal(dataset["cell_states"].values.T, ball.cell_states)
+        np.testing.assert_array_equal(dataset["outer"].values.T, ball.workspace.outer)
+        flags = dataset["cell_states"].attrs
+        assert flags["flag_meanings"] == "free mixed blocked"
+        assert flags["flag_values"].tolist() == [cspace.FREE, cspace.MIXED, cspace.BLOCKED]
+    space = MAP_BUILDERS["turning"]()
+    space.export(tmp_path / "one.nc", rotation=1.0)
+    with xarray.open_dataset(tmp_path / "one.nc") as dataset:
+        np.testing.assert_array_equal(dataset["cell_states"].values.T, space.states_at(1.0))
+        assert abs(float(dataset["yaw"]) - 1.0) <= float(dataset["covering_angle"])
+
+
 @pytest.mark.parametrize("rotations", [5, 8, (-0.4, 1.0, 2.0, 5.0, 5.883185307179586)])
 @pytest.mark.parametrize(
     "robot", ["disc:0.2", "rect:0.4x0.2", [(-0.2, -0.1), (0.4, -0.1), (0.0, 0.3)]]
@@ -183,7 +216,7 @@ def test_yaws_of_a_dataset_ascend(robot, rotations, tmp_path):
     workspace = cspace.Workspace.from_array(np.eye(30, dtype=bool), 0.1)
     space = cspace.build(workspace, robot, rotations=rotations)
     dataset = space.to_xarray()
-    dataset.to_netcdf(tmp_path / "map.nc")
+    space.export(tmp_path / "map.nc")
     with xarray.open_dataset(tmp_path / "map.nc") as opened:
         np.testing.assert_array_equal(opened.yaw, dataset.yaw)
         states = opened.cell_states.transpose(*dataset.cell_states.dims)
@@ -203,10 +236,11 @@ def test_yaws_of_a_dataset_ascend(robot, rotations, tmp_path):
         assert one.slice_of == same_slice
 
 
-def test_a_dataset_without_xarray_names_the_extra(monkeypatch):
+def test_netcdf_without_xarray_names_the_extra_and_writes_nothing(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "xarray", None)
     with pytest.raises(MissingPackageError, match=r"it comes with cspace\[xarray\]"):
-        MAP_BUILDERS["grid"]().to_xarray()
+        MAP_BUILDERS["grid"]().export(tmp_path / "map.nc")
+    assert not list(tmp_path.iterdir())
 
 
 @refusals(
