@@ -16,19 +16,13 @@ from cspace.inside import (
     is_over,
     now,
 )
-from planners._catalogue import PlannerName, find_planner, list_searches
+from planners._catalogue import find_planner, list_searches
 from planners._edges.local_planner import LocalPlanner
 from planners._replanning import follow_previous
 from planners._searches.objectives import LENGTH
 from planners._searches.paths import skip_points
 from planners._space_kinds import TILED_MAPS, find_space_kind
 from planners._task import NO_EFFORT, Planner, PlanTask, SearchResult
-
-QUICK_PLANNER: Final[PlannerName] = "RRTConnect"
-"""Planner of the first path of robots that rotate, except along Dubins curves."""
-
-QUICK_ITERATIONS: Final = 500
-"""Iterations of the quick first search of a default plan, which take about 10 ms."""
 
 EXACT_SHARE: Final = 0.5
 """Share of the effort left for the quick search, and then for the built-in one, if geometry decides
@@ -101,10 +95,8 @@ def _search(task: PlanTask) -> SearchResult:
         results.append(follow_previous(task))
         if len(results[0].path):
             return results[0]
-    fallback = task.fallback
-    is_quick = fallback is not None and fallback.name == QUICK_PLANNER
-    if fallback is not None and is_quick and task.edges.space.rotations.names:
-        results.append(_search_quickly(task, fallback))
+    if task.fallback is not None and task.edges.tries_trees:
+        results.append(_search_quickly(task, task.fallback))
         if len(results[-1].path):
             task = replace(task, existence=None)  # a quick path saves labelling the cells
     limit = measure_left(task, results)
@@ -112,22 +104,22 @@ def _search(task: PlanTask) -> SearchResult:
         limit = limit.share(EXACT_SHARE)
     if limit.is_left:
         results.append(_run_planner(replace(task, limit=limit)))
-    limit = measure_left(task, results)
-    is_found = any(len(result.path) for result in results)
-    if task.fallback is not None and limit.is_left and not is_found and task.may_succeed():
-        last_task = replace(task, planner=task.fallback, is_named=False, limit=limit)
-        results.append(_run_planner(last_task))
+    if task.fallback is not None and not any(len(result.path) for result in results):
+        limit = measure_left(task, results)
+        if limit.is_left and task.may_succeed():
+            last_task = replace(task, planner=task.fallback, is_named=False, limit=limit)
+            results.append(_run_planner(last_task))
     return _choose_cheapest(task, results)
 
 
 def _search_quickly(task: PlanTask, planner: Planner) -> SearchResult:
-    """Search for a first path, a short one."""
+    """Search for a first path, in about 10 ms."""
     task = replace(
         task,
         edges=replace(task.edges, weights=None),
         planner=planner,
         is_named=False,
-        iterations=QUICK_ITERATIONS,
+        iterations=500,
         limit=task.limit.share(EXACT_SHARE),
         existence=None,
     )

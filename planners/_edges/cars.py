@@ -84,6 +84,11 @@ class CarCurves(DrivenEdges):
         return "RRTConnect" if self.reverses else "RRT"
 
     @property
+    def tries_trees(self) -> bool:
+        """Whether a default plan first tries :attr:`tree_planner` for a short time."""
+        return self.reverses
+
+    @property
     def radius(self) -> float:
         """Turning radius in metres."""
         return self.drive.turning_radius

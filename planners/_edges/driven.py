@@ -44,9 +44,6 @@ class DrivenEdges(LocalPlanner):
     has_heading = True
     search = "Lattice"
 
-    narrow_cost: ClassVar[float] = 1.0
-    """Share by which blocks of cells cost more where the robot passes at few rotations."""
-
     reverse_weight: ClassVar[float] = 1.0
     """Cost of a metre that is driven in reverse, in metres driven ahead."""
 

@@ -56,10 +56,17 @@ def local_planner(
 
 
 def edges_of(drive: Drive | None) -> type[LocalPlanner]:
-    """Return the class of the edges of a drive; None stands for a holonomic robot."""
+    """Return the class of the edges of a drive; None stands for a holonomic robot.
+
+    Raises InputError for a drive outside :data:`DRIVES`.
+    """
     if drive is None:
         return LocalPlanner
-    return next(load() for kind, load in DRIVES.items() if isinstance(drive, kind))
+    for kind, load in DRIVES.items():
+        if isinstance(drive, kind):
+            return load()
+    known = ", ".join(kind.__name__ for kind in DRIVES)
+    raise InputError("drive", f"is {drive!r}", f"plans know the drives {known}")
 
 
 def list_examples() -> list[LocalPlanner]:

@@ -104,6 +104,12 @@ class LocalPlanner:
     A part of such an edge need not be an edge.
     """
 
+    narrow_cost: ClassVar[float] = 1.0
+    """Share by which a block of cells costs more where the robot passes at few rotations.
+
+    Searches lose the most time where a chain leads through a gap in which the robot cannot turn.
+    """
+
     max_gap: ClassVar[float] = 0.0
     """Largest distance between the end of an arc and the start of the next one, metres."""
 
@@ -122,6 +128,11 @@ class LocalPlanner:
     def tree_planner(self) -> Literal["RRT", "RRTConnect"]:
         """Planner of OMPL that runs by default."""
         return "RRTConnect"
+
+    @property
+    def tries_trees(self) -> bool:
+        """Whether a default plan first tries :attr:`tree_planner` for a short time."""
+        return bool(self.space.rotations.names)
 
     @property
     def exact(self) -> bool:
@@ -151,7 +162,7 @@ class LocalPlanner:
 
     @property
     def metres_per_radian(self) -> float:
-        """Metres that turning by a radian costs, or the turning radius of curves."""
+        """Metres that turning by a radian costs."""
         return METRES_PER_RADIAN
 
     @property

@@ -144,14 +144,15 @@ def make_motion_checker(edges: LocalPlanner) -> Callable[[ob.State, ob.State], b
     """
     kind = find_state_kind(edges.space)
     prover = edges.curve_prover()
-    if prover is None:
+    curves = edges.curve_states
+    if prover is None or curves is None:
         check = kind.of_states(edges.edge_checker())
         if not edges.bidirectional:
             return check
         return lambda first, second: check(first, second) and check(second, first)
     prove = kind.of_states(prover)
     states = make_states(edges)
-    tolerance = 1e-6 * edges.metres_per_radian
+    tolerance = 1e-6 * curves[1]  # in proportion to the turning radius
 
     def check_curve(first: ob.State, second: ob.State) -> bool:
         """Prove our shortest curves free, and OMPL's curve as short as those."""

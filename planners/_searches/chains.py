@@ -22,6 +22,7 @@ import numpy as np
 
 from cspace import FREE, CSpace
 from cspace.inside import METRES_PER_RADIAN, Effort, Floats, Ints, States, frozen, internal, kernel
+from planners._edges.local_planner import LocalPlanner
 from planners._searches.estimate import (
     DONE,
     GOES_ON,
@@ -40,7 +41,6 @@ from planners._searches.estimate import (
 )
 from planners._searches.frontier import Progress
 from planners._searches.guide import (
-    NARROW_COST,
     NO_FACTORS,
     POSITIONS_WEIGHT,
     Guide,
@@ -203,7 +203,7 @@ def _search_guided(
         (0, start_cell),
         (0, goal_cell),
         BLOCK_SIDE if turns or size > MAX_POSITIONS_WITHOUT_BLOCKS else 1,
-        narrow_cost=NARROW_COST if turns else 0.0,
+        narrow_cost=LocalPlanner.narrow_cost if turns else 0.0,
         weight=POSITIONS_WEIGHT if turns else WEIGHT_OF_ONE_ROTATION,
         factors=graph.factors,
     )

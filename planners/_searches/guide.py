@@ -49,10 +49,6 @@ DIRECTIONS_WEIGHT: Final = 1.05
 """Weights of the estimates, of guides with one direction and with several; above 1, far fewer
 blocks are examined, for chains that are hardly longer."""
 
-NARROW_COST: Final = 1.0
-"""Share by which a block costs more where the robot passes at few rotations. Searches lose the most
-time where a chain leads through a gap in which the robot cannot turn."""
-
 MAX_SAMPLES: Final = 4
 """Number of rotations that are looked at in the middle of a block."""
 
@@ -156,7 +152,7 @@ class Guide:
         goal: tuple[int, Cell],
         side: int,
         *,
-        narrow_cost: float = NARROW_COST,
+        narrow_cost: float,
         weight: float = POSITIONS_WEIGHT,
         factors: Costs = NO_FACTORS,
         worst_state: int = FREE,

@@ -92,7 +92,7 @@ def test_a_guide_measures_short_chains(dim, seed):
         return int(rng.integers(len(directions.slices))), tuple(rng.integers(0, shape).tolist())
 
     start, goal, *others = (draw_state() for _ in range(6))
-    guide = Guide(states, directions, start, goal, side, worst_state=worst_state)
+    guide = Guide(states, directions, start, goal, side, narrow_cost=1.0, worst_state=worst_state)
     graph = link(find_cost_factors(states, directions, side, worst_state), directions, side)
     estimate = guide.estimate
     block_of = {state: (state[0], *np.array(state[1]) // side) for state in (start, goal, *others)}
@@ -167,7 +167,7 @@ def test_a_dead_end_is_found_without_a_look_at_the_whole_map():
         neighbors=np.array([[1], [0]]),
         turn_costs=np.ones((2, 1)),
     )
-    guide = Guide(states, directions, (0, (0, 30, 30)), (0, (0, 39, 39)), 1)
+    guide = Guide(states, directions, (0, (0, 30, 30)), (0, (0, 39, 39)), 1, narrow_cost=1.0)
     guide.reach(0, (0, 30, 30), NEVER)
     count = np.count_nonzero(guide.estimate.reached)
     assert count < states.size / 2

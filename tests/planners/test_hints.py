@@ -14,6 +14,7 @@ from ompl import base as ob
 import cspace
 import planners
 from cspace import ConfigurationError, InputError, Robot, Workspace, build
+from cspace.inside import Drive
 from tests.helpers.planning import ENDPOINTS, build_room
 from tests.helpers.refusals import check_refused, refusals
 from tests.helpers.strategies import few
@@ -43,6 +44,11 @@ CORRIDOR = (2.0, 0.0, 3.0, 1.74), (2.0, 2.26, 3.0, 4.0)
 
 BAY = (3.0, 0.0, 3.2, 1.6), (4.0, 0.0, 4.2, 1.6), (3.0, 0.0, 4.2, 0.1)
 """Walls of a bay, in which a robot cannot turn around."""
+
+
+class HoverDrive(Drive):
+    """A drive without edges."""
+
 
 AHEAD = (1.0, 2.0, 0.0), (5.0, 2.0, 0.0)
 OUT_OF_BAY = (1.0, 3.0, 0.0), (3.6, 0.8, math.pi / 2.0)
@@ -333,6 +339,11 @@ def make_objective(si):
         "turning",
         {"drive": "dubins"},
         "drive is 'dubins'; it must be a planners.Car(...), a planners.Differential(...) or None",
+    ),
+    (
+        "turning",
+        {"drive": HoverDrive()},
+        "drive is HoverDrive(reverse=False); plans know the drives",
     ),
     (
         "turning",
