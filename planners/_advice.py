@@ -68,7 +68,7 @@ def _list_hints(
     if not isinstance(edges.space, ConfigurationMap):
         return [more, "another seed", "a larger tolerance" if task.keep else "another planner"]
     if is_connected and not edges.has_heading:
-        if task.planner.name == edges.search or callable(task.objective):
+        if task.planner.name == edges.search or task.objective.make:
             return [more]
         return [f"planner={edges.search!r}, which finds one", more]
     if options := _try_options(task, is_connected, finds_path):
@@ -136,7 +136,7 @@ def _list_trials(task: PlanTask, is_connected: bool) -> Iterator[tuple[PlanTask,
     proofs = dict.fromkeys([edges.exact, edges.exact or edges.cells.tries_exact])
     others = edges.list_drives()
     for exact, drive in itertools.product(proofs, others if isinstance(space, CSpace) else ()):
-        other = local_planner(space.exact if exact else space, drive)
+        other = local_planner(space, drive, exact=exact)
         other = replace(other, weights=edges.weights)
         changes = [] if exact == edges.exact else ["space.exact"]
         if drive != edges.drive:
@@ -160,7 +160,7 @@ def _list_trials(task: PlanTask, is_connected: bool) -> Iterator[tuple[PlanTask,
 def _list_exact_hints(task: PlanTask) -> list[str]:
     """List the hint to let the geometry decide, if it can and was not tried."""
     edges = task.edges
-    if edges.exact or edges.cells.tries_exact or task.objective != LENGTH:
+    if edges.exact or edges.cells.tries_exact or task.objective.kind != LENGTH:
         return []
     hint = "space.exact"
     if task.is_named:

@@ -23,7 +23,7 @@ import shapely
 from numpy.typing import ArrayLike
 from shapely.geometry import MultiPolygon, Polygon
 
-from cspace import FREE, MIXED, CSpace, Goal, Space
+from cspace import CSpace, Goal, Space
 from cspace.errors import ConfigurationError, InputError
 from cspace.inside import (
     ANGLE_SLACK,
@@ -493,7 +493,7 @@ def _measure_lengths(edges: LocalPlanner, start: Endpoint, rows: Floats) -> Floa
         side,
         narrow_cost=0.0,
         weight=NEAREST_FIRST,
-        worst_state=MIXED if edges.exact else FREE,
+        worst_state=edges.worst_state,
     )
     # By then, all blocks that are nearer are measured, too.
     with suppress(TimeoutError):  # the caller ends the search

@@ -55,11 +55,11 @@ from planners._goals import (
 from planners._journey import Journey, search_goals, search_stages
 from planners._result import Plan, Times
 from planners._route_search import weigh_edges
-from planners._searches.objectives import LENGTH, ObjectiveLike, name_kind, read_objective
+from planners._searches.objectives import FUNCTION, LENGTH, Objective, ObjectiveLike, read_objective
 from planners._searches.paths import reached_goal
-from planners._space_kinds import NEAR_START, TILED_MAPS, check_support, find_space_kind
+from planners._space_kinds import NEAR_START, check_support, is_tiled
 from planners._stages import Existence, Stage
-from planners._task import DEFAULT_SECONDS, PlanTask, SearchResult
+from planners._task import DEFAULT_SECONDS, Planner, PlanTask, SearchResult
 
 if TYPE_CHECKING:
     from planners._motion.speed_limits import SpeedLike
@@ -227,16 +227,15 @@ def plan(
         edges = replace(edges, space=space.keep(kept))
     search = planner if isinstance(planner, Search) else Search()
     name = search.name if isinstance(planner, Search) else planner
-    weigh = read_objective(objective, speed, space)
+    checked = read_objective(objective, speed, space)
     if name is None:
-        chosen = _choose_planner(edges, objective, search)
+        chosen = _choose_planner(edges, checked, search.iterations)
     else:
-        chosen = planner_named(name, space.searches)
+        chosen = find_planner(planner_named(name, space.searches))
     task = PlanTask(
         edges=edges,
-        planner=find_planner(chosen),
-        objective=objective,
-        weigh=weigh,
+        planner=chosen,
+        objective=checked,
         limit=Effort.within(time_limit, DEFAULT_SECONDS),
         time_limit=None if time_limit is None else float(time_limit),
         iterations=search.iterations,
@@ -290,7 +289,7 @@ def _add_previous(task: PlanTask, previous: Plan, starts: Sequence[PlaceParts]) 
     task = replace(task, previous=_check_previous(task, previous))
     edges = task.edges
     # A robot on its way cannot choose another start.
-    if len(starts) == 1 and starts[0].is_one and not edges.exact:
+    if len(starts) == 1 and starts[0].is_one:
         start = cast("ArrayLike", starts[0].configuration)
         if _needs_geometry(edges.space, start):
             task = replace(task, edges=replace(edges, space=edges.space.exact))
@@ -317,21 +316,21 @@ def _check_previous(task: PlanTask, previous: Plan) -> Floats:
             f"is {previous!r}",
             "it is what planners.plan returned before",
         )
-    if previous.axes != space.axes or find_space_kind(space) == TILED_MAPS:
+    if previous.axes != space.axes or is_tiled(space):
         raise InputError(
             "previous",
             f"has the axes ({', '.join(previous.axes)}) and space is {space!r}",
             "it is a plan for the axes of the space, which is in memory",
         )
-    if callable(task.objective):
+    objective = task.objective
+    if objective.kind == FUNCTION:
         raise InputError(
             "previous",
-            f"is a plan, and the objective {task.objective!r}",
+            f"is a plan, and the objective {objective.given!r}",
             "a path along a previous one is short, or cheap by the cost of cells",
         )
-    kind = name_kind(task.objective)
-    if task.weigh is not None and previous.objective != kind:
-        problem = f"is a plan by {previous.objective!r}, and the objective is {kind!r}"
+    if objective.kind not in (LENGTH, previous.objective):
+        problem = f"is a plan by {previous.objective!r}, and the objective is {objective.kind!r}"
         raise InputError("previous", problem, "a path along a previous one is cheap as that was")
     return previous.waypoints
 
@@ -341,8 +340,8 @@ def _choose_searches(task: PlanTask) -> PlanTask:
     edges = task.edges
     space = edges.space
     if not task.is_named:
-        search = Search(iterations=task.iterations)
-        task = replace(task, planner=find_planner(_choose_planner(edges, task.objective, search)))
+        planner = _choose_planner(edges, task.objective, task.iterations)
+        task = replace(task, planner=planner)
     planner = task.planner
     if not planner.takes_space(space):
         raise InputError(
@@ -352,10 +351,7 @@ def _choose_searches(task: PlanTask) -> PlanTask:
         )
     planner.check(task)
     planner.prepare(task)
-    # Grid finds each path of a robot that does not turn through FREE cells.
-    may_fail = edges.exact or bool(space.rotations.names)
-    is_default = not task.is_named and planner.name != edges.tree_planner
-    if is_default and may_fail and isinstance(space, ConfigurationMap):
+    if planner.may_fail(edges) and not task.is_named:
         # The space may be too small for OMPL, or OMPL missing.
         with suppress(InputError, MissingPackageError):
             fallback = find_planner(edges.tree_planner)
@@ -445,29 +441,29 @@ def _check_stage(task: PlanTask, name: str, place: PlaceLike, start: Room) -> St
     return Stage(name, goals, rooms, list_all_rooms(space, places, goals))
 
 
-def _choose_planner(edges: LocalPlanner, objective: ObjectiveLike, search: Search) -> str:
+def _choose_planner(edges: LocalPlanner, objective: Objective, iterations: int | None) -> Planner:
     """Choose the planner of a plan that names none.
 
     Raises InputError for a function, which no default planner minimises.
     """
-    if callable(objective):
+    if objective.kind == FUNCTION:
         raise InputError(
             "objective",
             "is a function and no planner is named",
             "the default planners take no function",
         )
-    if not isinstance(edges.space, ConfigurationMap):
-        return next(iter(edges.space.searches), edges.tree_planner)
-    if objective != LENGTH:
-        if search.iterations is not None:
-            problem = f"is {search.iterations} and objective is {objective!r}"
-            rule = f"{edges.search}, its default planner, counts none"
+    planner = find_planner(edges.search)
+    counts_none = iterations is not None and not planner.counts_iterations
+    if objective.kind != LENGTH:
+        if counts_none:
+            problem = f"is {iterations} and objective is {objective.given!r}"
+            rule = f"{planner.name}, its default planner, counts none"
             raise InputError("iterations", problem, rule)
-        return edges.search
+        return planner
     # The lattice proves turns on the spot by cells alone.
-    if search.iterations is not None or (edges.exact and edges.turns_on_spot):
-        return edges.tree_planner
-    return edges.search
+    if counts_none or (edges.turns_on_spot and edges.exact):
+        return find_planner(edges.tree_planner)
+    return planner
 
 
 def _describe_outcome(
@@ -536,7 +532,7 @@ def _make_plan(journey: Journey, space: Space, moved: Mapping[Endpoint, str], be
         is_connected=is_proven or existence.is_connected,
         is_disconnected=not is_proven and existence.is_disconnected,
         planner=cast(PlannerName, task.planner.name),
-        objective="custom" if callable(task.objective) else name_kind(task.objective),
+        objective=task.objective.name,
         drive=edges.drive,
         exact=edges.exact,
         times=Times(setup, planning, time.monotonic() - searched),

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Final
 
 import numpy as np
 
@@ -17,10 +16,6 @@ from planners._edges.local_planner import MAX_RADIANS, LocalPlanner
 from planners._searches.paths import drop_repeats, unwind
 from planners._searches.shortening import shorten
 from planners._task import PlanTask, SearchResult
-
-SHARES_BESIDE: Final = [sign * step / 64 for step in range(1, 33) for sign in (1.0, -1.0)]
-"""Distances beside a way that are tried for a detour, as shares of its length; positive to the
-left."""
 
 
 def follow_previous(task: PlanTask) -> SearchResult:
@@ -81,7 +76,8 @@ def _list_ways_beside(edges: LocalPlanner, way: Floats) -> Iterator[Floats]:
         beside = rows[places]
         x, y = beside[2, :2] - beside[0, :2]
         middle = beside[1, :2].copy()
-        for share in SHARES_BESIDE:
+        # Half the length of the way at most, to the left and to the right.
+        for share in [sign * step / 64 for step in range(1, 33) for sign in (1.0, -1.0)]:
             beside[1, :2] = middle + share * np.array([-y, x])
             yield beside.copy()
 

@@ -9,7 +9,7 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from importlib.util import find_spec
-from typing import TYPE_CHECKING, Any, Final, Unpack, cast
+from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -29,20 +29,16 @@ from planners._catalogue import PlannerName
 from planners._edges.drives import check_axes, edges_of, local_planner
 from planners._edges.local_planner import LocalPlanner
 from planners._edges.own_space import POSE_AXES
-from planners._space_kinds import TILED_MAPS, find_space_kind
+from planners._space_kinds import is_tiled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from cspace import TiledCSpace
     from cspace.plot import PlotOptions
     from cspace.reasons import Explanation
     from cspace.regions import Corridor
     from planners._motion.speed_limits import SlowNear, SpeedZones, ToolSpeed
     from planners._motion.trajectory import Trajectory
-
-PRINTED_DECIMALS: Final = 9
-"""Number of decimals of printed configurations, nanometres and nanoradians."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -251,8 +247,7 @@ class Plan:
 
     def _edges_on(self, space: Space) -> LocalPlanner:
         """Return the local planner on a map."""
-        edges = local_planner(space.exact if self.exact else space, self.drive)
-        return replace(edges, space=space.keep(self.keep)) if self.keep else edges
+        return local_planner(space, self.drive, exact=self.exact, keep=self.keep)
 
     def _map(self) -> Space:
         """Return the map, or raise InputError after pickling."""
@@ -263,8 +258,8 @@ class Plan:
     def _picture(self) -> Any:
         """Return the space to draw, or raise InputError after pickling."""
         space = self._map()
-        if find_space_kind(space) == TILED_MAPS:
-            return cast("TiledCSpace", space).overview()
+        if is_tiled(space):
+            return space.overview()
         if not hasattr(type(space), "plot"):  # a space of the user's may have it
             raise InputError("plan", f"is in {space!r}", "only maps and arms are drawn")
         return space
@@ -351,7 +346,8 @@ class Plan:
         axes = ", ".join(self.axes)
         result = f"{self.planner}: {self.status}"
         ends = self.waypoints[[0, -1]] if self else np.array([self.start, self.goal])
-        between = " to ".join(str(tuple(q)) for q in np.round(ends, PRINTED_DECIMALS).tolist())
+        # Nanometres and nanoradians are enough.
+        between = " to ".join(str(tuple(q)) for q in np.round(ends, 9).tolist())
         if not self:
             hints = [f"try {self.hint}"] if self.hint else []
             return [result, f"from {between} ({axes})", *self._reasons, *hints]
@@ -640,7 +636,7 @@ class Plan:
             speed,
         )
         path = DrivenPath(
-            space=None if self.space is None else self.space.keep(self.keep),
+            space=None if self.space is None else self._edges_on(self.space).space,
             waypoints=self.waypoints,
             axes=self.axes,
             units=self.units,

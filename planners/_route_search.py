@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
@@ -21,8 +21,11 @@ from planners._edges.local_planner import LocalPlanner
 from planners._replanning import follow_previous
 from planners._searches.objectives import LENGTH
 from planners._searches.paths import skip_points
-from planners._space_kinds import TILED_MAPS, find_space_kind
+from planners._space_kinds import is_tiled
 from planners._task import NO_EFFORT, Planner, PlanTask, SearchResult
+
+if TYPE_CHECKING:
+    from cspace import TiledCSpace
 
 EXACT_SHARE: Final = 0.5
 """Share of the effort left for the quick search, and then for the built-in one, if geometry decides
@@ -35,21 +38,21 @@ def search_and_prove(task: PlanTask) -> SearchResult:
     # A proven path saves labelling the cells of a map, so a search goes first then.
     if is_labelled(space) and not task.may_succeed():
         return SearchResult(np.empty((0, space.size)))
-    if find_space_kind(space) == TILED_MAPS:
-        return _search_tiles(task)
+    if is_tiled(space):
+        return _search_tiles(task, space)
     result = _search(task)
     path = task.edges.insert_breakpoints(space.rotations.make_canonical(result.path))
     return replace(result, path=path, proven=len(path) > 0 and task.edges.are_free(path))
 
 
-def _search_tiles(task: PlanTask) -> SearchResult:
+def _search_tiles(task: PlanTask, tiles: TiledCSpace) -> SearchResult:
     """Search the tiles on the way, and join their paths; a tile without one ends the search.
 
     Grid takes over in a tile where a planner of OMPL finds no path of a holonomic robot.
     """
     edges = task.edges
     is_holonomic = not edges.has_heading
-    parts = edges.tiles.subproblems(*task.endpoints[:2])
+    parts = tiles.subproblems(*task.endpoints[:2])
     paths: list[Floats] = []
     results: list[SearchResult] = []
     for open_part, *ends in parts:
@@ -72,8 +75,8 @@ def _search_tiles(task: PlanTask) -> SearchResult:
             return replace(sum_times(results[-1], results), where=where)
     began = now()
     path = np.concatenate(paths)
-    if task.simplify and task.objective == LENGTH and is_holonomic:
-        path = skip_points(path, edges.tiles.edge_checker())
+    if task.simplify and task.objective.kind == LENGTH and is_holonomic:
+        path = skip_points(path, tiles.edge_checker())
     total = sum_times(results[-1], results)
     seconds = total.simplification + (now() - began).seconds
     return SearchResult(path, f"through {len(parts)} tiles", total.planning, seconds, True)
@@ -163,6 +166,7 @@ def _choose_cheapest(task: PlanTask, results: Sequence[SearchResult]) -> SearchR
 
 def weigh_edges(task: PlanTask, edges: LocalPlanner) -> LocalPlanner:
     """Return edges with the costs of a task; a map in tiles has them tile by tile."""
-    if task.weigh is None or find_space_kind(edges.space) == TILED_MAPS:
+    if is_tiled(edges.space):
         return edges
-    return replace(edges, weights=task.weigh(edges.cells))
+    weights = task.objective.weigh(edges.cells)
+    return edges if weights is None else replace(edges, weights=weights)

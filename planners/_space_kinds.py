@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Final
+from typing import TYPE_CHECKING, Final, TypeGuard
 
 from cspace import CSpace, Space
 from cspace.errors import InputError
 from cspace.inside import ConfigurationMap, ConfigurationSpace
+
+if TYPE_CHECKING:
+    from cspace import TiledCSpace
 
 MAPS: Final = "maps of poses"
 TILED_MAPS: Final = "tiled maps"
@@ -43,6 +46,16 @@ def find_space_kind(space: Space) -> str:
     if not isinstance(space, CSpace):
         return TILED_MAPS
     return MAPS if space.has_poses else JOINT_MAPS
+
+
+def is_tiled(space: Space) -> TypeGuard[TiledCSpace]:
+    """Return True for maps in tiles."""
+    return find_space_kind(space) == TILED_MAPS
+
+
+def has_positions(space: Space) -> TypeGuard[ConfigurationMap]:
+    """Return True for maps of poses, in memory or in tiles."""
+    return find_space_kind(space) in (MAPS, TILED_MAPS)
 
 
 def check_support(option: str, argument: str, value: object, space: Space) -> None:

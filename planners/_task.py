@@ -11,7 +11,6 @@ from cspace import Space
 from cspace.errors import InputError
 from cspace.inside import Effort, Endpoint, Floats, Upright
 from planners._edges.drives import list_examples
-from planners._edges.integrals import Weigh
 from planners._edges.local_planner import Endpoints, LocalPlanner
 from planners._goals import Room
 from planners._searches.objectives import (
@@ -19,8 +18,7 @@ from planners._searches.objectives import (
     COSTS,
     LENGTH,
     TIME,
-    ObjectiveLike,
-    name_kind,
+    Objective,
 )
 from planners._stages import Existence
 
@@ -35,11 +33,6 @@ DEFAULT_SECONDS: Final = 1.0
 
 WEIGHTED: Final = (LENGTH, CLEARANCE, TIME, COSTS)
 """Objectives that weigh the cells of a map, and the length."""
-
-TRIAL_SHARE: Final = 0.1
-MAX_TRIAL: Final = Effort.from_seconds(0.5, math.inf)
-"""Share of the plan's work, and the largest one, of a search around a blocked part of a previous
-plan, and of one that tries what a failed plan may advise."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,8 +58,7 @@ class PlanTask:
 
     edges: LocalPlanner
     planner: Planner
-    objective: ObjectiveLike
-    weigh: Weigh | None  # makes what a metre costs on a map in memory, unless it is the length
+    objective: Objective
     limit: Effort
     time_limit: float | None  # seconds, if the user gave a limit
     iterations: int | None  # largest number of checks of OMPL's termination condition
@@ -88,9 +80,9 @@ class PlanTask:
         return self.existence is None or self.existence.may_join
 
     def limit_trial(self) -> Effort:
-        """Return the limit of a search beside those of the plan."""
-        work = self.limit.share(TRIAL_SHARE).work
-        return Effort(work, self.limit.seconds).at_most(MAX_TRIAL)
+        """Return the limit of a search around a blocked part, or for advice: a tenth, or 0.5 s."""
+        work = self.limit.share(0.1).work
+        return Effort(work, self.limit.seconds).at_most(Effort.from_seconds(0.5, math.inf))
 
 
 class Planner(ABC):
@@ -127,18 +119,22 @@ class Planner(ABC):
         """Return whether it searches along the edges of a drive."""
         return not edges.has_heading
 
+    def may_fail(self, edges: LocalPlanner) -> bool:
+        """Return whether trees of OMPL may find a path that it does not find."""
+        return False
+
     def check(self, task: PlanTask) -> None:
         """Raise InputError for a drive, an objective or directions that it does not take."""
         asked = (
             ("drive", task.edges.drive, self.takes_drive(task.edges)),
-            ("objective", task.objective, name_kind(task.objective) in self.objectives),
+            ("objective", task.objective.given, task.objective.kind in self.objectives),
             ("keep", task.keep, self.keeps or not task.keep),
         )
         for option, value, is_taken in asked:
             if not is_taken:
                 problem = f"is {value!r} and planner is {self.name!r}"
                 if not task.is_named:
-                    problem += f", the default for objective={task.objective!r}"
+                    problem += f", the default for objective={task.objective.given!r}"
                 taken = ", ".join(self.list_taken()[option])
                 raise InputError(option, problem, f"{self.name} takes {option}: {taken}")
 

@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 
 from cspace import CSpace, Robot, Rotations, Space, Workspace, build
-from cspace.inside import ConfigurationMap, ConfigurationSpace, Drive
+from cspace.inside import ConfigurationSpace, Drive
 from planners._edges.drives import local_planner
 from planners._plan import plan
+from planners._space_kinds import has_positions
 
 if TYPE_CHECKING:
     from cspace.arms import ArmSpace
@@ -43,7 +44,7 @@ def warm_up(space: Space, drive: Drive | None = None) -> None:
     >>> planners.warm_up(cspace.build(workspace, cspace.Robot.disc(0.2)))
     """
     edges = local_planner(space, drive)  # refuses what is no drive of the space
-    if not (isinstance(space, ConfigurationMap) and space.has_poses):
+    if not has_positions(space):
         if isinstance(space, ConfigurationSpace):
             sampled = cast("CSpace | ArmSpace", space)  # all other maps are of poses
             samples = sampled.sample_free(2 * _SAMPLED_PAIRS, np.random.default_rng(0))

@@ -418,8 +418,8 @@ MUTANTS = (
     ),
     Mutant(
         "planners/_result.py",
-        "replace(edges, space=space.keep(self.keep)) if self.keep else edges",
-        "edges",
+        "exact=self.exact, keep=self.keep)",
+        "exact=self.exact)",
         "tests/arms/test_upright.py",
     ),
     Mutant(
@@ -593,7 +593,7 @@ MUTANTS = (
     ),
     Mutant(
         "planners/_searches/lattice.py",
-        "return min(paths, key=partial(path_cost, cost=cost)), reason",
+        "return min(paths, key=edges.path_cost), reason",
         "return path, reason",
         "tests/planners/test_cheap_drives.py",
     ),

@@ -36,20 +36,9 @@ from planners._edges.driven import FINE_HEADINGS, DrivenEdges, Motions
 from planners._edges.integrals import CellCost, bind_cost
 from planners._edges.local_planner import MAX_RADIANS, Pieces
 
-MIN_RADIUS_CELLS: Final = 1e-3
-MAX_RADIUS_CELLS: Final = 1e3
-"""Smallest and largest turning radius, in cells, for which rounding errors stay small."""
-
 CAR_LATTICES: Final = {24: 100_000, 48: 200_000, 96: 800_000, 192: 800_000, 384: 800_000}
 """Numbers of headings of the lattices for a car, coarse to fine, and of nodes after which a search
 tries the next finer one. An arc leads from one heading to the next."""
-
-MIN_STRAIGHT_RADII: Final = 0.07
-"""Shortest straight drive of a car, in turning radii.
-
-On shorter drives, curves that turn to and fro are as short up to
-:data:`planners._edges.car_curves.TIE_TOLERANCE`, and the proof of an edge needs these, too.
-"""
 
 
 class CarCurves(DrivenEdges):
@@ -120,8 +109,8 @@ class CarCurves(DrivenEdges):
         """Raise InputError if the turning radius is too small or large for the cells of a map."""
         # Rounding errors of curves grow with the radius in cells, and with its inverse.
         spacing = 2.0 * self.space.resolution
-        lowest = MIN_RADIUS_CELLS * spacing
-        highest = MAX_RADIUS_CELLS * spacing
+        lowest = 1e-3 * spacing
+        highest = 1e3 * spacing
         if not lowest <= self.radius <= highest:
             least = tell_apart(self.radius, lowest)[1]
             most = tell_apart(self.radius, highest)[1]
@@ -304,7 +293,9 @@ class CarCurves(DrivenEdges):
         # The chord of an arc is twice as long as the diagonal of a cell. In larger cells, one
         # configuration often replaces another that alone leads into a tight slot.
         side = 0.5 * max(2.0 * radius * math.sin(0.5 * arc), spacing) / math.sqrt(2.0)
-        straight = max(arc, MIN_STRAIGHT_RADII, 1.01 * math.sqrt(2.0) * side / radius)
+        # On drives shorter than 0.07 radii, curves that turn to and fro are as short up to
+        # TIE_TOLERANCE, and the proof of an edge needs these, too.
+        straight = max(arc, 0.07, 1.01 * math.sqrt(2.0) * side / radius)
         steering = np.array([1, -1, 0])
         lengths = np.array([arc, arc, straight])
         if self.reverses:

@@ -42,7 +42,6 @@ class DrivenEdges(LocalPlanner):
 
     drive: Drive
     has_heading = True
-    search = "Lattice"
 
     reverse_weight: ClassVar[float] = 1.0
     """Cost of a metre that is driven in reverse, in metres driven ahead."""
@@ -51,6 +50,11 @@ class DrivenEdges(LocalPlanner):
     def name(self) -> str:
         """Name of the drive, in messages."""
         return type(self.drive).__name__
+
+    @property
+    def search(self) -> str:
+        """Search of a default plan."""
+        return "Lattice"
 
     @property
     def reverses(self) -> bool:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Final, cast
 
 from cspace import Space
 from cspace.errors import InputError
 from cspace.inside import Car as Car
-from cspace.inside import ConfigurationMap, Drive, check_drive
+from cspace.inside import ConfigurationMap, Drive, Upright, check_drive
 from cspace.inside import Differential as Differential
 from planners._edges.local_planner import LocalPlanner
 from planners._edges.own_space import check_space
@@ -37,13 +37,21 @@ def local_planner(
     space: Space,
     drive: Drive | None = None,
     bidirectional: bool = False,
+    *,
+    exact: bool = False,
+    keep: Sequence[Upright] = (),
 ) -> LocalPlanner:
     """Make the local planner of a space from :class:`LocalPlanner` options.
+
+    With ``exact``, the geometry decides MIXED cells, and links of an arm ``keep`` directions.
 
     Raises InputError if ``space`` is no :class:`cspace.Space`; ``drive`` is no drive, or given for
     a space other than a map of x, y, yaw; or its turning radius is out of range.
     """
     check_space(space)
+    space = space.keep(keep)
+    if exact:
+        space = space.exact
     edges = edges_of(check_drive(drive))(space, drive, bidirectional)
     if edges.has_heading and not has_drives(space):
         raise InputError(

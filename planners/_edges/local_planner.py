@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, ClassVar, Final, Literal, NamedTuple, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace import MIXED, CSpace, Rotations, Space
+from cspace import FREE, MIXED, CSpace, Rotations, Space
 from cspace.inside import (
     ANGLE_SLACK,
     METRES_PER_RADIAN,
@@ -92,9 +92,6 @@ class LocalPlanner:
     examples: ClassVar[tuple[Drive | None, ...]] = (None,)
     """Drives of this kind, for messages and pages."""
 
-    search: ClassVar[Literal["Grid", "Lattice"]] = "Grid"
-    """Built-in search of a default plan on a map."""
-
     has_heading: ClassVar[bool] = False
     """Whether the robot moves along its x axis alone."""
 
@@ -125,6 +122,13 @@ class LocalPlanner:
         return "None"
 
     @property
+    def search(self) -> str:
+        """Search of a default plan: on a map a built-in one, otherwise the first of the space."""
+        if isinstance(self.space, ConfigurationMap):
+            return "Grid"
+        return next(iter(self.space.searches), self.tree_planner)
+
+    @property
     def tree_planner(self) -> Literal["RRT", "RRTConnect"]:
         """Planner of OMPL that runs by default."""
         return "RRTConnect"
@@ -139,6 +143,11 @@ class LocalPlanner:
         """Whether more than cells decides edges, such as geometry."""
         space = self.space
         return not isinstance(space, ConfigurationMap) or cells_of(space) is not space
+
+    @property
+    def worst_state(self) -> int:
+        """Largest state of cells that edges may pass."""
+        return MIXED if self.exact else FREE
 
     @property
     def cells(self) -> CSpace:
@@ -235,6 +244,10 @@ class LocalPlanner:
     def weigh(self) -> Callable[..., float] | None:
         """Make ``cost(*q0, *q1)``, the cost of the edge; None if it is the length."""
         return None if self.weights is None else self.edge_cost(self.weights)
+
+    def cost(self) -> Callable[..., float]:
+        """Make ``cost(*q0, *q1)``, the cost of the edge."""
+        return self.weigh() or self.edge_length
 
     def edge_costs(self, starts: Floats, ends: Floats) -> Floats:
         """Return the costs of edges, shape (n,), at least their lengths."""

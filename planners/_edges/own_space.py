@@ -14,9 +14,6 @@ from cspace.inside import AXES, ConfigurationSpace, Floats, check_finite
 POSE_AXES: Final = frozenset({*AXES, "yaw", "qx", "qy", "qz", "qw"})
 """Names of the coordinates of a rigid body's pose."""
 
-BOUNDS_SLACK: Final = 1e-9
-"""Rounding by which a found path may leave the bounds, as a share of their width."""
-
 
 def check_space(space: object) -> None:
     """Raise InputError unless ``space`` is a :class:`cspace.Space` that is well described."""
@@ -71,7 +68,8 @@ def check_found_path(space: Space, path: ArrayLike) -> Floats:
     lower, upper = read_bounds(space)
     positions = rows[:, : space.dim]
     is_bounded = ~np.array(space.is_periodic)[: space.dim]
-    slack = BOUNDS_SLACK * (upper - lower)
+    # Rounding may lead a path out of the bounds.
+    slack = 1e-9 * (upper - lower)
     is_beyond = (positions < lower - slack) | (positions > upper + slack)
     is_outside = (is_bounded & is_beyond).any(axis=1)
     for row in rows[is_outside][:1].tolist():

@@ -21,17 +21,8 @@ from cspace.inside import (
 from planners._edges.local_planner import LocalPlanner
 from planners._edges.own_space import read_bounds
 
-MAX_TUBE_CELLS: Final = 4.0
-"""Length of the first tubes that prove a curve on a map, along each axis, in cells."""
-
-MAX_TUBE_TURN: Final = 0.4
-"""Turn of these tubes, radians."""
-
 CUTS: Final = 4
 """Number of pieces into which an unproven piece is cut."""
-
-CUT_LEVELS: Final = 3
-"""Number of sizes of pieces."""
 
 MAX_PIECES: Final = 1000
 """Largest number of pieces into which a curve is cut at first."""
@@ -241,27 +232,27 @@ def can_prove_curves(space: Space) -> TypeGuard[ConfigurationSpace]:
     return isinstance(space, ConfigurationSpace)
 
 
-def prove_segments(space: Space, exact: bool, segments: Segments) -> Bools:
+def prove_segments(space: Space, segments: Segments) -> Bools:
     """Return whether segments are proven free: straight ones as edges, curves piece by piece.
 
-    With ``exact``, the geometry decides straight ones in MIXED cells.
+    Cells alone prove the curves.
     """
     is_curve = segments.is_curve
     proven = np.zeros(len(is_curve), dtype=np.bool_)
     if not is_curve.all():
-        proven[~is_curve] = _prove_lines(space, exact, segments.select(~is_curve))
+        proven[~is_curve] = _prove_lines(space, segments.select(~is_curve))
     if is_curve.any() and can_prove_curves(space):
         proven[is_curve] = _prove_curves(space, segments.select(is_curve))
     return proven
 
 
-def _prove_lines(space: Space, exact: bool, lines: Segments) -> Bools:
+def _prove_lines(space: Space, lines: Segments) -> Bools:
     """Return whether straight segments are proven free, shape (m,)."""
     steps = lines.rates * lines.lengths[:, np.newaxis]
     first_angle = space.dim if space.has_poses else steps.shape[1]
     turned = np.abs(steps[:, first_angle:]).max(axis=1, initial=0.0)
     middles = place_along(lines, space.rotations, 0.5 * lines.lengths)[0]
-    check = LocalPlanner(space.exact if exact else space).edge_checker()
+    check = LocalPlanner(space).edge_checker()
     proven = np.zeros(len(turned), dtype=np.bool_)
     for k, turn in enumerate(turned.tolist()):
         rows = [lines.starts[k].tolist(), lines.ends[k].tolist()]
@@ -283,15 +274,16 @@ def _prove_curves(space: ConfigurationSpace, curves: Segments) -> Bools:
     if isinstance(space, ConfigurationMap):
         rates, _ = bound_derivatives(curves, 0.0 * curves.lengths, curves.lengths)
         moved = rates * curves.lengths[:, np.newaxis]
-        parts = moved[:, : space.dim].max(axis=1) / (MAX_TUBE_CELLS * 2.0 * space.resolution)
-        turns = np.linalg.norm(moved[:, space.dim :], axis=1) / MAX_TUBE_TURN
+        # The first tubes are at most four cells long along each axis, and turn by 0.4 rad.
+        parts = moved[:, : space.dim].max(axis=1) / (4.0 * 2.0 * space.resolution)
+        turns = np.linalg.norm(moved[:, space.dim :], axis=1) / 0.4
         counts += np.minimum(np.maximum(parts, turns), MAX_PIECES).astype(np.int64)
     owners, numbers = number_parts(counts)
     widths = (curves.lengths / counts)[owners]
     begins = numbers * widths
     proven = np.ones(len(counts), dtype=np.bool_)
     left = ~_test_tubes(space, curves.select(owners), begins, widths)
-    for _ in range(CUT_LEVELS - 1):
+    for _ in range(2):
         if not left.any():
             break
         owners, widths, begins = owners[left], widths[left], begins[left]

@@ -53,7 +53,7 @@ from cspace.inside import (
 )
 from planners._edges.own_space import check_space
 from planners._motion.segments import Segments, place_along
-from planners._space_kinds import ARMS, find_space_kind
+from planners._space_kinds import ARMS, find_space_kind, has_positions
 
 if TYPE_CHECKING:
     from cspace import Arm, ArmSpace
@@ -61,12 +61,6 @@ if TYPE_CHECKING:
 
 Within: TypeAlias = Literal["contour", "point"]
 """What must be in a zone for its limit to hold."""
-
-FIRST_CELLS: Final = 8
-"""Largest travel of the first stretches that are tested, in cells."""
-
-MAX_STRETCHES: Final = 1000
-"""Largest number of stretches into which an interval is cut at first."""
 
 ROUNDING: Final = 1e-9
 """Share by which the reach of a stretch grows, for rounding."""
@@ -312,7 +306,7 @@ class SlowNear:
 
     def __post_init__(self) -> None:
         """Check the numbers and the map."""
-        if not isinstance(self.space, ConfigurationMap) or not self.space.has_poses:
+        if not has_positions(self.space):
             raise InputError("space", f"is {self.space!r}", "it must be a map of positions")
         object.__setattr__(self, "speed", check_positive(self.speed, "speed", "m/s"))
         object.__setattr__(self, "distance", check_positive(self.distance, "distance"))
@@ -535,7 +529,7 @@ def place_limits(
         if isinstance(limit, ToolSpeed):
             rules.append(_place_tool(limit, space))
             continue
-        if not isinstance(space, ConfigurationMap) or not space.has_poses:
+        if not has_positions(space):
             rule = "limits of places are for robots on a map of positions"
             raise InputError("speed", f"is given, and space is {space!r}", rule)
         if isinstance(limit, SpeedZones):
@@ -719,9 +713,10 @@ class PlacedLimits(NamedTuple):
         travel = (ahead + rule.lever * turning) * (1.0 + ROUNDING)
         numbers, begins, lengths, tops = stretches
         done = []
-        for step in (FIRST_CELLS * rule.step, rule.step):
+        # At first an interval has at most 1000 stretches, of at most eight cells.
+        for step in (8 * rule.step, rule.step):
             is_last = step == rule.step
-            least = np.ceil(np.minimum(travel[numbers] * lengths / step, MAX_STRETCHES))
+            least = np.ceil(np.minimum(travel[numbers] * lengths / step, 1000))
             counts = np.maximum(least, 1.0).astype(np.int64)
             owners, places = number_parts(counts)
             lengths = (lengths / counts)[owners]

@@ -72,6 +72,7 @@ from planners._motion.timing import (
     slow_down,
     trim_segments,
 )
+from planners._space_kinds import ARMS, JOINT_MAPS, find_space_kind
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -85,37 +86,11 @@ ROUNDING: Final = 1e-13
 ROW_ERROR: Final = 1e-5
 """Largest distance of each joint, radians or metres, from rows that a straight motion joins."""
 
-MAX_EXPECTED_STOPS: Final = 10
-"""Largest number of stops along rows that is no surprise."""
-
 SPEED_ROUNDING: Final = 1e-9
 """Share of a bound of a speed by which it grows, for rounding."""
 
 MAX_ROWS: Final = 10**6
 """Largest number of rows of a trajectory."""
-
-
-MAX_ARC: Final = 1.0
-"""Largest turn of a part of an arc, radians, to which no other curve of a car is as short."""
-
-MAX_BEGIN_GAP: Final = 1e-6
-"""Largest distance of a plan from the state where it goes on, relative, in metres or radians."""
-
-SLOW_SHARE: Final = 0.5
-"""Share of full speed below which a stop may be quicker than a curve that goes on."""
-
-LEAST_BEND_SHARE: Final = 0.02
-"""Share of full speed at which a robot can follow the bend of a curve that another one takes up.
-Bends at the very end of a motion may be of micrometres."""
-
-MIN_FACTOR: Final = 1e-3
-"""Least ratio of the rates of two curves in the same direction."""
-
-STOP_NODES: Final = 8
-"""Number of instants of each part of a stop at which its speed is summed."""
-
-STOP_STEP: Final = 0.1
-"""Largest time between rows of a stop, seconds."""
 
 
 class LinearMotion(Protocol):
@@ -223,7 +198,7 @@ class Trajectory:
         >>> planners.Trajectory.along(space, motion, max_acceleration=1.0).duration
         2.5
         """
-        if not isinstance(space, ConfigurationSpace) or space.has_poses:
+        if find_space_kind(space) not in (JOINT_MAPS, ARMS):
             raise InputError(
                 "space",
                 f"is {space!r}",
@@ -256,7 +231,7 @@ class Trajectory:
             waypoints = joined if np.asarray(space.certify_path(joined)).all() else given
             _warn_of_stops(waypoints, given)
         driven = DrivenPath(
-            space=space,
+            space=space.exact,
             waypoints=waypoints,
             axes=space.axes,
             units=space.units,
@@ -319,11 +294,10 @@ class Trajectory:
     def _prove_parts(self, space: Space) -> Bools:
         """Prove each part of the curve, whatever its speed."""
         route = self._route
-        space = space.keep(route.keep)
-        edges = local_planner(space.exact if route.exact else space, route.drive)
+        edges = local_planner(space, route.drive, exact=route.exact, keep=route.keep)
         if self._segments.is_curve.any():
             driven = _cut_driven(self._segments, self._phases, self._rotations)
-            return prove_segments(space, route.exact, driven)
+            return prove_segments(edges.space, driven)
         return edges.edges_are_free(route.waypoints)
 
     def _find_fast(self) -> Bools:
@@ -409,7 +383,7 @@ class Trajectory:
             _segments=segments,
             _phases=phases,
         )
-        return stop._set_rows(stop._row_times(STOP_STEP))
+        return stop._set_rows(stop._row_times(0.1))  # seconds
 
     def starts_after(self, t: float) -> Floats:
         """Return where a plan may start that goes on from the state at a time.
@@ -442,7 +416,8 @@ class Trajectory:
         point moves, or for an arm in its joints.
         """
         stop = self.braked(t)
-        nodes, weights = np.polynomial.legendre.leggauss(STOP_NODES)
+        # The speed of each part of a stop is summed at eight instants.
+        nodes, weights = np.polynomial.legendre.leggauss(8)
         begins = stop._phases.times[:-1, np.newaxis]
         halves = 0.5 * stop._phases.durations[:, np.newaxis]
         _, velocities, _ = stop.sample(begins + halves * (1.0 + nodes))
@@ -816,7 +791,7 @@ class TimedMotion(NamedTuple):
 class DrivenPath(NamedTuple):
     """A path without times, and the robot's motion along it."""
 
-    space: Space | None
+    space: Space | None  # that proved it
     waypoints: Floats
     axes: tuple[str, ...]
     units: tuple[str, ...]
@@ -826,7 +801,7 @@ class DrivenPath(NamedTuple):
     exact: bool
     certified: bool  # what the plan says
     blend: bool  # whether corners become curves
-    keep: tuple[Upright, ...] = ()  # directions that links of an arm keep, as ``space`` proves
+    keep: tuple[Upright, ...] = ()  # directions that links of an arm keep
     vias: tuple[int, ...] = ()  # waypoints that curves pass through
     stops: tuple[int, ...] = ()  # waypoints at which the robot rests
 
@@ -935,7 +910,8 @@ def _start_at(path: DrivenPath, q: Floats, rotations: Rotations) -> DrivenPath |
     elif "qw" in path.axes and q[-4:] @ rows[0, -4:] < 0.0:
         rows[:, -4:] *= -1.0
     gaps = np.abs(rotations.steps_between(rows[0], q))
-    if (gaps > MAX_BEGIN_GAP * np.maximum(measure_sizes(q[np.newaxis], rotations), 1.0)).any():
+    # Relative, in metres or radians.
+    if (gaps > 1e-6 * np.maximum(measure_sizes(q[np.newaxis], rotations), 1.0)).any():
         return None
     rows[0] = q
     return path._replace(waypoints=rows)
@@ -979,7 +955,8 @@ def _is_straight(rows: Floats) -> bool:
 def _warn_of_stops(waypoints: Floats, rows: Floats) -> None:
     """Warn if an arm stops at most of its rows, as at those of a curve."""
     stops = len(waypoints) - 2
-    if stops > MAX_EXPECTED_STOPS and stops > len(rows) // 2:
+    # Ten stops along rows are no surprise.
+    if stops > 10 and stops > len(rows) // 2:
         warn_user(
             f"path: the arm stops at {stops} of {len(rows)} rows, because its joints change their "
             "direction there"
@@ -1062,7 +1039,8 @@ def _go_on(
     _, rates, bends = place_along(last, rotations, last.lengths)
     if not from_rest:
         head, begin = head.select([]), 0.0
-    is_slow = float(bounds.velocity.shares(state[0]).max()) < SLOW_SHARE
+    # Below half of full speed, a stop may be quicker than a curve that goes on.
+    is_slow = float(bounds.velocity.shares(state[0]).max()) < 0.5
     junction = _make_junction(rates, bends, rotations, bounds, path)
     smooth = _smooth(path, edges, rotations, bounds, junction)
     olds = len(head.lengths)
@@ -1072,7 +1050,7 @@ def _go_on(
         firsts = place_along(tail.select([0]), rotations, np.zeros(1))[1]
         along = bounds.acceleration.multiply(rates, firsts).sum()
         factor = float(along / bounds.acceleration.multiply(rates, rates).sum())
-        factor = factor if factor > MIN_FACTOR else 1.0
+        factor = factor if factor > 1e-3 else 1.0  # rates in other directions have no ratio
         joined = join_segments([scale_segments(last, factor), tail.select([0])])
         if not (from_rest or find_passes(joined, rotations, bounds).all()):
             continue
@@ -1161,7 +1139,7 @@ def _make(
         return replace(made, certified=bool(made._prove_parts(space).all()))
     is_old = np.arange(len(segments.lengths)) < motion.olds - motion.phases.segments[0]
     left = _cut_driven(segments, phases, rotations).select(is_old | ~segments.is_curve)
-    return replace(made, certified=bool(prove_segments(space, path.exact, left).all()))
+    return replace(made, certified=bool(prove_segments(space, left).all()))
 
 
 def _smooth(
@@ -1183,9 +1161,7 @@ def _smooth(
     gap = VIA_CELLS * 2.0 * space.resolution if isinstance(space, ConfigurationMap) else 0.0
     vias = align_quaternions(path.waypoints, rotations)[list(path.vias)]
     polyline = make_polyline(edges, rotations, bounds, drive.has_heading, gap, junction, vias)
-    return smooth_path(
-        edges, polyline, rotations, lambda parts: prove_segments(space, path.exact, parts)
-    )
+    return smooth_path(edges, polyline, rotations, lambda parts: prove_segments(space, parts))
 
 
 def _make_junction(
@@ -1206,7 +1182,9 @@ def _make_junction(
     if bounds.jerk is None:
         squares = bounds.velocity.multiply(rates, rates).sum()
         bends -= bounds.velocity.multiply(rates, bends).sum() / squares * rates
-    if float(bounds.acceleration.shares(bends).max()) * LEAST_BEND_SHARE**2 > full**2:
+    # Bends at the very end of a motion may be of micrometres, so the robot must be able to follow
+    # the bend at 2 % of full speed.
+    if float(bounds.acceleration.shares(bends).max()) * 0.02**2 > full**2:
         return None
     return Junction(rates[0] / full, bends[0] / full**2)
 
@@ -1329,7 +1307,8 @@ def _cut_driven(segments: Segments, phases: Phases, rotations: Rotations) -> Seg
 def _make_waypoints(segments: Segments, rotations: Rotations) -> Floats:
     """Return configurations that the edges of a drive join along straights and arcs."""
     turns = np.abs(segments.curvatures * segments.lengths)
-    counts = np.ceil(np.maximum(turns / MAX_ARC, 1.0)).astype(np.int64)
+    # No other curve of a car is as short as an arc of at most 1 rad.
+    counts = np.ceil(np.maximum(turns, 1.0)).astype(np.int64)
     owners, numbers = number_parts(counts)
     parts = segments.select(owners)
     rows = place_along(parts, rotations, numbers / counts[owners] * parts.lengths)[0]

@@ -287,7 +287,7 @@ class EdgeCosts(ob.OptimizationObjective):
         self._edges = edges
         self._kind = find_state_kind(edges.space)
         self.is_length = edges.weights is None
-        self.edge_cost = self._kind.of_states(edges.weigh() or edges.edge_length)
+        self.edge_cost = self._kind.of_states(edges.cost())
         # Positions of both ends among their numbers.
         dim, size = edges.space.dim, edges.space.size
         self._measure_line = self._kind.of_states(

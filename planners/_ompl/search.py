@@ -35,15 +35,8 @@ from planners._task import NO_SEARCH, WEIGHTED, Planner, PlanTask, SearchResult
 GRACE_SECONDS: Final = 0.1
 """Seconds from a deadline until callbacks raise an exception."""
 
-STOP_GRACE_SECONDS: Final = 0.01
-"""Seconds until they raise it if the caller ends the search."""
-
 _USUAL_STATUSES: Final = ("Timeout", "Exact solution", "Approximate solution", "Unknown status")
 """Outcomes that OMPL's planners report if nothing is wrong."""
-
-PERTURBATION_SHARE: Final = 0.05
-"""Distance by which waypoints are moved to make a path cheaper, as a fraction of the state space's
-extent."""
 
 NANOSECONDS_PER_STEP: Final = 10_000
 NANOSECONDS_PER_DRIVEN_STEP: Final = 30_000
@@ -51,15 +44,6 @@ NANOSECONDS_PER_DRIVEN_STEP: Final = 30_000
 
 ATTEMPTS_PER_ROUND: Final = 100
 """Attempts to move waypoints or cut corners between two checks of the time limit."""
-
-
-FMT_SAMPLES_ALONG_CURVES: Final = 300
-"""Initial number of samples of FMT if edges are curves.
-
-OMPL's default is 1000. Within 8 s, both numbers gave as many paths of the same length, but 1000
-samples took four times as long. Within 2 s, 1000 samples gave a quarter as many paths along Dubins
-curves.
-"""
 
 
 class OutOfTime(Exception):  # noqa: N818 - it ends a search, and is no error
@@ -88,7 +72,8 @@ class Deadline:
         spend(self.step)
         seconds_late = self.end.seconds_late()
         if seconds_late < 0.0 and is_over(NEVER):
-            seconds_late = GRACE_SECONDS - STOP_GRACE_SECONDS
+            # Callbacks raise the exception 0.01 s after the caller ended the search.
+            seconds_late = GRACE_SECONDS - 0.01
             self.end = now() - Effort.from_seconds(seconds_late, seconds_late)
         if seconds_late > GRACE_SECONDS:
             raise OutOfTime
@@ -115,13 +100,11 @@ class Deadline:
 def make_objective(task: PlanTask) -> MakeObjective | None:
     """Return the maker of OMPL's objective; None for OMPL's length."""
     edges = task.edges
-    if callable(task.objective):
-        return task.objective
     if not task.planner.optimises:  # its path is shortened by cost
         edges = replace(edges, weights=None)
     if edges.weights is None and not edges.turns_on_spot:  # OMPL measures metres alone
-        return None
-    return partial(EdgeCosts, edges=edges)
+        return task.objective.make
+    return task.objective.make or partial(EdgeCosts, edges=edges)
 
 
 def set_seed(seed: int) -> None:
@@ -289,7 +272,8 @@ class _Run:
         objective = self._objective
         better = og.PathGeometric(path)
         simplifier = og.PathSimplifier(setup.getSpaceInformation(), setup.getGoal(), objective)
-        step = PERTURBATION_SHARE * setup.getStateSpace().getMaximumExtent()
+        # Waypoints move by at most 5 % of the extent.
+        step = 0.05 * setup.getStateSpace().getMaximumExtent()
         last = objective.infiniteCost()
         with suppress(OutOfTime):
             while self._deadline.check() and objective.isCostBetterThan(
@@ -330,7 +314,9 @@ def make_planner(name: str, si: ob.SpaceInformation, range_: float | None = None
     if name == "FMT" and has_curves:
         # More are drawn if needed. A step measures from each neighbor to all samples, which takes
         # tenths of a second along curves.
-        planner.setNumSamples(FMT_SAMPLES_ALONG_CURVES)
+        # OMPL's default is 1000. Within 8 s, both gave as many paths of the same length;
+        # within 2 s, 1000 samples gave a quarter as many along Dubins curves.
+        planner.setNumSamples(300)
     return planner
 
 

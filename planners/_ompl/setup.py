@@ -6,7 +6,6 @@ import sys
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from typing import Final
 
 import numpy as np
 from ompl import base as ob
@@ -32,13 +31,8 @@ from planners._searches.objectives import (
     read_objective,
 )
 
-MIN_CHECKING_SHARE: Final = 1e-6
 """Smallest distance between states that OMPL itself checks along a motion, as a share of the
 space's extent."""
-
-MAX_CHECKING_SHARE: Final = 0.5
-"""Largest distance between states that OMPL itself checks along a motion, as a share of the space's
-extent."""
 
 
 @names_options
@@ -100,7 +94,8 @@ def _choose_checking_share(space: Space, states: ob.StateSpace) -> float:
     """Choose OMPL's checking step, as a share of the extent."""
     extent = max(states.getMaximumExtent(), sys.float_info.epsilon)
     share: float = space.resolution / extent
-    return min(max(share, MIN_CHECKING_SHARE), MAX_CHECKING_SHARE)
+    # At least every half, and at most every millionth of the extent.
+    return min(max(share, 1e-6), 0.5)
 
 
 def _check_extent(space: Space, states: ob.StateSpace) -> None:
@@ -163,8 +158,8 @@ def simple_setup(
     """
     edges = local_planner(space, drive)
     if objective is not None and not callable(objective):
-        weigh = read_objective(objective, None, space)
-        edges = replace(edges, weights=weigh(edges.cells) if weigh is not None else None)
+        weigh = read_objective(objective, None, space).weigh
+        edges = replace(edges, weights=weigh(edges.cells))
         objective = partial(EdgeCosts, edges=edges)
     return make_setup(edges, objective, rng)
 

@@ -112,7 +112,7 @@ def _list_parts(states: ob.StateSpace) -> list[str]:
     if states.isCompound():
         parts = map(states.getSubspace, range(states.getSubspaceCount()))
         return [text for part in parts for text in _list_parts(part)]
-    kind = _PART_NAMES.get(states.getType(), f"type {states.getType()}")
+    kind = {1: "R", 2: "SO2", 3: "SO3"}.get(states.getType(), f"type {states.getType()}")
     return [f"{kind}({states.getDimension()})"]
 
 
@@ -190,9 +190,6 @@ def _make_compound_kind(periodic_axes: tuple[bool, ...], weight: float) -> State
 
     return StateKind(make, read, write)
 
-
-_PART_NAMES: Final = {1: "R", 2: "SO2", 3: "SO3"}
-"""Names of OMPL's types of simple state spaces."""
 
 _STATE_KINDS: Final[dict[tuple[str, ...], StateKind]] = {
     ("x", "y"): _make_vector_kind(2),

@@ -66,16 +66,14 @@ class SpaceSearch(BuiltInSearch):
             find_state_kind(task.edges.space)
 
     def find_path(self, task: PlanTask) -> tuple[Floats, str]:
-        """Return the waypoints that the space finds, checked if it is one of the user's."""
+        """Return the checked waypoints that the space finds."""
         space = task.edges.space
         options = SearchOptions(
             task.simplify, task.edges.exact, task.iterations, task.seed, task.limit
         )
-        path = space.search(self.name, task.endpoints, options)
-        if not isinstance(space, ConfigurationSpace):
-            path = check_found_path(space, path)
-            if len(path):
-                _check_ends(task, path)
+        path = check_found_path(space, space.search(self.name, task.endpoints, options))
+        if len(path):
+            _check_ends(task, path)
         return path, ""
 
 

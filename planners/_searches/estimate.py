@@ -26,10 +26,6 @@ POPS_PER_CLOCK_CHECK: Final = 2**14
 NANOSECONDS_PER_POP: Final = 800
 """Work of taking a node from the queue and of expanding it."""
 
-LABELLING_SHARE: Final = 1 / 256
-"""Share of the nodes that a search expands while all could be labelled; after it, a search asks the
-labels whether a chain may exist."""
-
 NO_NODE: Final = -1
 UNKNOWN: Final = -2
 """Results of :func:`pop_best` other than a node: none is left, or its block is not reached yet."""
@@ -123,7 +119,8 @@ def expand_until_done(
     whether a chain ``may_exist``, and ends if none does. Raises TimeoutError after ``until``.
     """
     rounds = itertools.count(1)
-    asks_after = math.ceil(len(progress.cost) * LABELLING_SHARE / POPS_PER_CLOCK_CHECK)
+    # To label all nodes takes as long as to expand 1/256 of them.
+    asks_after = math.ceil(len(progress.cost) / 256 / POPS_PER_CLOCK_CHECK)
     while True:
         outcome = expand(progress)
         # The other calls end early; how early is not counted.

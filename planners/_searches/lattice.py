@@ -21,13 +21,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Final, NamedTuple, cast
 
 import numpy as np
 import shapely
 
-from cspace import FREE, MIXED, CSpace, Space
+from cspace import CSpace, Space
 from cspace.inside import (
     NEVER,
     Bools,
@@ -66,10 +65,8 @@ from planners._searches.guide import NO_FACTORS, Directions, Guide, factor_at
 from planners._searches.moves import list_moves
 from planners._searches.paths import (
     MAX_SHORTENING,
-    Cost,
     drop_repeats,
     find_cheapest_subpath,
-    path_cost,
     pulled_straight,
 )
 from planners._task import WEIGHTED, PlanTask
@@ -98,11 +95,6 @@ edge."""
 
 MIN_ROUND_GAIN: Final = 1e-7
 """Share of a path by which a round must shorten it for another to follow."""
-
-SECOND_FACTOR: Final = 4.0
-MIN_SECOND: Final = Effort.from_seconds(0.25, math.inf)
-"""Work of a search by cost, relative to that of the search by length, and its least value: a cheap
-way may lead where the robot cannot drive."""
 
 TIME_CHECK: Final = -3
 FULL: Final = -4
@@ -169,17 +161,15 @@ def find_lattice_path(
     path, reason = np.array(endpoints), ""
     if not edges.edge_checker()(*endpoints[0], *endpoints[1]):
         path, reason = _find_path(plain, endpoints, simplify, limit)
-    if edges.weights is None or not len(path):
-        return path, reason
     # No path costs less than a short one whose metres cost nothing extra.
-    cost = edges.weigh() or edges.edge_length
-    if path_cost(path, cost) <= (1.0 + MIN_ROUND_GAIN) * edges.path_length(path):
+    if edges.path_cost(path) <= (1.0 + MIN_ROUND_GAIN) * edges.path_length(path):
         return path, reason
-    work = max(SECOND_FACTOR * (now() - began).work, MIN_SECOND.work)
+    # A cheap way may lead where the robot cannot drive.
+    work = max(4.0 * (now() - began).work, Effort.from_seconds(0.25, math.inf).work)
     limit.until = limit.until.at_most(now() + Effort(work, math.inf))
     cheap_path, _ = _find_path(edges, endpoints, simplify, limit)
     paths = [path, cheap_path] if len(cheap_path) else [path]
-    return min(paths, key=partial(path_cost, cost=cost)), reason
+    return min(paths, key=edges.path_cost), reason
 
 
 def _find_path(
@@ -252,7 +242,7 @@ def _measure_room(edges: DrivenEdges, q: Endpoint) -> int:
     high = center + reach + 1
     window = np.s_[low[0] : high[0], low[1] : high[1]]
     yaws = (q[2] - 0.5, q[2], q[2] + 0.5)
-    worst = _find_worst_state(edges)
+    worst = edges.worst_state
     return sum(int((edges.cells.states_at(yaw)[window] <= worst).sum()) for yaw in yaws)
 
 
@@ -280,7 +270,7 @@ def _make_guide(edges: DrivenEdges, endpoints: Endpoints, is_backwards: bool) ->
         _measure_block_side(edges.cells),
         narrow_cost=edges.narrow_cost,
         factors=_list_factors(edges),
-        worst_state=_find_worst_state(edges),
+        worst_state=edges.worst_state,
     )
 
 
@@ -340,11 +330,6 @@ def _list_slices_near(edges: LocalPlanner, yaws: Floats) -> Ints:
     deviations = deviations[np.argsort(np.abs(deviations))]
     near = wrap_angles(yaws[:, np.newaxis] + deviations)
     return np.asarray(slice_of[rotations.cell_of(near)])
-
-
-def _find_worst_state(edges: LocalPlanner) -> int:
-    """Return the largest passable state: MIXED if geometry decides."""
-    return MIXED if edges.exact else FREE
 
 
 def _find_nearest(yaws: Floats) -> Ints:
@@ -519,22 +504,22 @@ def shorten_path(edges: LocalPlanner, path: Floats, until: Effort) -> Floats:
     """Shorten a path (n, 3), or lower its cost, until the end of the search."""
     # Without cut corners, a second round of skipping gains little.
     rounds = 1 if edges.has_curves else 3
-    cost = edges.weigh() or edges.edge_length
     for number in range(rounds):
         if is_over(until):
             break
         before = path
-        path = _shorten_once(edges, path, cost, until)
+        path = _shorten_once(edges, path, until)
         if number < rounds - 1:
-            most = (1.0 - MIN_ROUND_GAIN) * path_cost(before, cost)
-            if path_cost(path, cost) > most:
+            most = (1.0 - MIN_ROUND_GAIN) * edges.path_cost(before)
+            if edges.path_cost(path) > most:
                 break
     return path
 
 
-def _shorten_once(edges: LocalPlanner, path: Floats, cost: Cost, until: Effort) -> Floats:
+def _shorten_once(edges: LocalPlanner, path: Floats, until: Effort) -> Floats:
     """Skip waypoints of a path, and cut corners between straights."""
     is_free = edges.edge_checker()
+    cost = edges.cost()
 
     def measure(*q: float) -> float:
         """Return the cost of an edge, so that few edges are cheap."""
@@ -551,7 +536,7 @@ def _shorten_once(edges: LocalPlanner, path: Floats, cost: Cost, until: Effort) 
         return path
     # Cutting a corner may add turns, and rounding may make a part of an edge fail.
     paths += [edges.remove_turns(candidate) for candidate in paths]
-    paths.sort(key=lambda rows: path_cost(rows, cost) + EDGE_COST * len(rows))
+    paths.sort(key=lambda rows: edges.path_cost(rows) + EDGE_COST * len(rows))
     return next(filter(edges.are_free, paths), path)
 
 
@@ -778,6 +763,10 @@ class LatticeSearch(BuiltInSearch):
     def takes_drive(self, edges: LocalPlanner) -> bool:
         """Return True for robots that drive along their x axis."""
         return edges.has_heading
+
+    def may_fail(self, edges: LocalPlanner) -> bool:
+        """Return True."""
+        return True
 
     def find_path(self, task: PlanTask) -> tuple[Floats, str]:
         """Return waypoints, shape (n, 3), and a note; n is 0 if none is found in time."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Final, TypeAlias
+from typing import TYPE_CHECKING, Final, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -137,22 +137,36 @@ ObjectiveLike: TypeAlias = "str | WeightedLength | ClearanceObjective | MakeObje
 """Objectives of :func:`planners.plan`."""
 
 
+class Objective(NamedTuple):
+    """A checked objective of a plan."""
+
+    given: object  # by the user
+    kind: str  # one of those that planners take
+    weigh: Weigh = lambda _: None
+    make: MakeObjective | None = None  # of OMPL's objective, a function of the user's
+
+    @property
+    def name(self) -> str:
+        """Name of the kind, as :attr:`planners.Plan.objective`."""
+        return "custom" if self.make else self.kind
+
+
 def read_objective(
-    objective: object, speed: SpeedLike | Sequence[SpeedLike] | None, space: Space
-) -> Weigh | None:
-    """Check an objective of a plan; None for the length, and for a function.
+    given: object, speed: SpeedLike | Sequence[SpeedLike] | None, space: Space
+) -> Objective:
+    """Check an objective of a plan.
 
     Raises InputError if it is unknown, or does not go with the space or the speed.
     """
-    if speed is not None and objective != TIME:
-        problem = f"is {speed!r}, and objective is {objective!r}"
+    if speed is not None and given != TIME:
+        problem = f"is {speed!r}, and objective is {given!r}"
         raise InputError("speed", problem, f"it is for objective={TIME!r}")
-    if objective == LENGTH or callable(objective):
-        return None
-    if objective == CLEARANCE:
-        objective = ClearanceObjective()
-    values = WeightedLength, ClearanceObjective
-    if objective != TIME and not isinstance(objective, values):
+    if callable(given):
+        return Objective(given, FUNCTION, make=given)
+    if given == LENGTH:
+        return Objective(given, LENGTH)
+    objective = ClearanceObjective() if given == CLEARANCE else given
+    if given != TIME and not isinstance(objective, WeightedLength | ClearanceObjective):
         rule = (
             f"it must be {LENGTH!r}, {CLEARANCE!r}, {TIME!r}, a WeightedLength, a "
             "ClearanceObjective, or a function that makes OMPL's objective"
@@ -162,22 +176,13 @@ def read_objective(
         problem = f"is {objective!r}, and space is {space!r}"
         raise InputError("objective", problem, "it weighs the cells of a map")
     if isinstance(objective, ClearanceObjective):
-        return partial(_weigh_clearance, objective)
+        return Objective(given, CLEARANCE, partial(_weigh_clearance, objective))
     if isinstance(objective, WeightedLength):
         _check_shape(np.asarray(objective.costs), space)
-        return partial(_weigh_length, objective)
+        return Objective(given, COSTS, partial(_weigh_length, objective))
     from planners._searches.travel_time import read_speeds
 
-    return read_speeds(speed, space)
-
-
-def name_kind(objective: object) -> str:
-    """Return the kind of an objective, one of those that planners take."""
-    if callable(objective):
-        return FUNCTION
-    if isinstance(objective, ClearanceObjective):
-        return CLEARANCE
-    return COSTS if isinstance(objective, WeightedLength) else str(objective)
+    return Objective(given, TIME, read_speeds(speed, space))
 
 
 def _check_shape(costs: Floats, space: ConfigurationMap) -> None:

@@ -30,10 +30,6 @@ if TYPE_CHECKING:
 Check = Callable[..., bool]
 Cost = Callable[..., float]
 
-WRAP_TOLERANCE: Final = 1e-12
-"""Rounding error, in radians, allowed between angles that are equal modulo 2 pi; relative to angles
-beyond 1."""
-
 SHARES_PER_EDGE: Final = 64
 """Number of parts of an edge that a cut corner may reach."""
 
@@ -46,9 +42,6 @@ STRIDES: Final = (1, 2, 4, 8, 16, 32, 64)
 CELLS_PER_EDGE: Final = 8
 """Cells of a chain that an edge replaces before others are tried, if it costs no more."""
 
-MOVE_SHARES: Final = np.array([1.0, 0.5, 0.25])
-"""Steps by which waypoints move to where a path costs less, in cells."""
-
 MIN_GAIN: Final = 1e-3
 MIN_GAIN_BEFORE_MOVES: Final = 3e-3
 """Shares of a length or cost that a round of cutting corners gains if another one follows."""
@@ -58,9 +51,6 @@ MAX_SHORTENING: Final = Effort.from_seconds(0.1, 0.1)
 
 NANOSECONDS_PER_EDGE: Final = 10_000
 """Work of measuring and proving an edge."""
-
-NANOSECONDS_PER_CORNER: Final = 200_000
-"""Work of cutting a corner."""
 
 
 def waypoints(space: CSpace, endpoints: Floats, cells: Ints) -> Floats:
@@ -171,7 +161,8 @@ def _are_equal(first: Floats, second: Floats, periodic_axes: Sequence[bool]) -> 
     Continuous joints are compared modulo 2 pi.
     """
     gaps = np.abs(wrap_angles(first - second, periodic_axes))
-    rounding = WRAP_TOLERANCE * np.maximum(1.0, np.abs(first))
+    # Rounding of angles that are equal modulo 2 pi; relative beyond 1 rad.
+    rounding = 1e-12 * np.maximum(1.0, np.abs(first))
     return bool((gaps <= rounding * np.array(periodic_axes)).all())
 
 
@@ -234,7 +225,7 @@ def _cut_corners(
         if is_over(until):
             points.append(corner)
             continue
-        spend(NANOSECONDS_PER_CORNER)
+        spend(200_000)  # nanoseconds
         points += _cut_corner(points[-1], corner, after, rotations, check, cost)
     dim = path.shape[1] - len(rotations.names)
     is_yaw = [False] * dim + [name == "yaw" for name in rotations.names]
@@ -285,7 +276,7 @@ def move_points(path: Floats, dim: int, step: float, check: Check, cost: Cost) -
     """
     rows = path.tolist()
     ways = [way for way in itertools.product((-1.0, 0.0, 1.0), repeat=dim) if any(way)]
-    for size in step * MOVE_SHARES:
+    for size in step * np.array([1.0, 0.5, 0.25]):
         for k in range(1, len(rows) - 1):
             before, here, after = rows[k - 1 : k + 2]
             least = cost(*before, *here) + cost(*here, *after)

@@ -40,11 +40,9 @@ from planners._searches.paths import (
 from planners._task import WEIGHTED, PlanTask
 
 if TYPE_CHECKING:
+    from planners._edges.integrals import CellCost
     from planners._edges.local_planner import LocalPlanner
     from planners._searches.estimate import Costs
-
-MAX_RATIO: Final = 1.001
-"""Cost of a short path by its length, up to which no path of lower cost is searched."""
 
 
 def find_short_path(space: CSpace, endpoints: Floats, straight: bool, limit: Effort) -> Floats:
@@ -114,14 +112,12 @@ def _find_path_along_chain(
     endpoints: Floats,
     straight: bool,
     limit: Effort,
-    factors: Costs | None = None,
-    cost: Cost | None = None,
+    costs: tuple[Costs, Cost] | None = None,
 ) -> Floats:
     """Find a path along a short chain of cells, shape (n, size).
 
-    The length n is 0 if there is none. It is shortened if ``straight``. With ``factors`` of
-    cells, shape (slices, ...), the length of a move is multiplied by those of its cells, and
-    ``cost`` is that of an edge.
+    The length n is 0 if there is none. It is shortened if ``straight``. The ``costs`` are those of
+    a metre in each cell, shape (slices, ...), and that of an edge; by default they are lengths.
     """
     no_path = endpoints[:0]
     start, goal = map(tuple, endpoints.tolist())
@@ -134,11 +130,11 @@ def _find_path_along_chain(
         return no_path
     until = now() + limit
     check = space.edge_checker()
-    if straight and cost is None and space.size == 2:
+    if straight and costs is None and space.size == 2:
         path = _find_taut_path(space, endpoints, until, may_exist)
         if len(path) and are_free(path, check):
             return path
-    cells = _find_chain_between(space, endpoints, until, factors, may_exist)
+    cells = _find_chain_between(space, endpoints, until, costs, may_exist)
     if not len(cells) or is_over(NEVER):  # before thousands of edges are proven
         return no_path
     path = keep_rotation(waypoints(space, endpoints, cells), cells[:, 0], space.dim, check)
@@ -148,8 +144,9 @@ def _find_path_along_chain(
     if not straight:
         return path
     end = until + MAX_SHORTENING
-    if factors is None or cost is None:
+    if costs is None:
         return pulled_straight(path, space.rotations, check, until=end)
+    factors, cost = costs
     numbers, *positions = cells[[0, *range(len(cells)), -1]].T  # those of start and goal, too
     along = factors[map_record(space).rotations.slice_of[numbers], *positions]
     path = thin_path(path, along, space.rotations, check, cost)
@@ -163,7 +160,7 @@ def _find_chain_between(
     space: CSpace,
     endpoints: Floats,
     until: Effort,
-    factors: Costs | None,
+    costs: tuple[Costs, Cost] | None,
     may_exist: Callable[[], bool],
 ) -> Ints:
     """Find a short chain of FREE cells between configurations, shape (n, 1 + d)."""
@@ -173,9 +170,9 @@ def _find_chain_between(
     map_ = map_record(space)
     states = map_.states.reshape(-1, *space.grid.shape)
     first, last = find_cells(space, endpoints)
-    weights = NO_FACTORS if factors is None else factors
+    factors, _ = costs or (NO_FACTORS, None)
     return find_chain(
-        space, states, map_.rotations.slice_of, first, last, until, weights, may_exist
+        space, states, map_.rotations.slice_of, first, last, until, factors, may_exist
     )
 
 
@@ -202,15 +199,14 @@ def _find_taut_path(
 
 
 def find_cheap_path(
-    edges: LocalPlanner, endpoints: Floats, straight: bool, limit: Effort
+    edges: LocalPlanner, weights: CellCost, endpoints: Floats, straight: bool, limit: Effort
 ) -> Floats:
-    """Find a path through FREE cells of low cost by the weights of edges.
+    """Find a path through FREE cells of low cost by the ``weights`` of edges.
 
     It is the cheaper of up to two. Otherwise, arguments, result and errors are those of
     :func:`find_short_path`.
     """
     space = edges.cells
-    factors = None if edges.weights is None else edges.weights.factors
     until = now() + limit
     paths: list[Floats] = []
     if space.size == 2:
@@ -218,12 +214,13 @@ def find_cheap_path(
     elif are_free(endpoints, space.edge_checker()):
         paths.append(endpoints)
     for path in paths:
-        if len(path) and edges.path_cost(path) <= MAX_RATIO * edges.path_length(path):
+        # Up to a cost of 0.1 % above its length, no path of lower cost is searched.
+        if len(path) and edges.path_cost(path) <= 1.001 * edges.path_length(path):
             return path
     with suppress(TimeoutError):
         left = until - now()
-        cost = edges.weigh()
-        paths.append(_find_path_along_chain(space, endpoints, straight, left, factors, cost))
+        costs = weights.factors, edges.cost()
+        paths.append(_find_path_along_chain(space, endpoints, straight, left, costs))
     paths = [path for path in paths if len(path)]
     return min(paths, key=edges.path_cost, default=endpoints[:0])
 
@@ -238,6 +235,10 @@ class GridSearch(BuiltInSearch):
         """Return True for maps."""
         return isinstance(space, ConfigurationMap)
 
+    def may_fail(self, edges: LocalPlanner) -> bool:
+        """Return False for robots that do not turn, whose paths through FREE cells it finds."""
+        return edges.exact or bool(edges.space.rotations.names)
+
     def find_path(self, task: PlanTask) -> tuple[Floats, str]:
         """Return waypoints, shape (n, size), and no proof; n is 0 if none is found in time."""
         edges = task.edges
@@ -247,7 +248,7 @@ class GridSearch(BuiltInSearch):
         path = endpoints[:0]
         with suppress(TimeoutError):
             if edges.weights is not None:
-                path = find_cheap_path(edges, endpoints, task.simplify, task.limit)
+                path = find_cheap_path(edges, edges.weights, endpoints, task.simplify, task.limit)
             elif not edges.exact:
                 path = find_short_path(space, endpoints, task.simplify, task.limit)
             # FREE cells are clear; if they give no path, the geometry may.

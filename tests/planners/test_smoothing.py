@@ -370,7 +370,7 @@ def check_proofs(space, curves, least_share, by_edges=False):
     shares = np.linspace(0.0, 1.0, 300)
     places = [place_along(curves, space.rotations, share * curves.lengths)[0] for share in shares]
     are_free = np.asarray(space.is_free(np.stack(places, axis=1))).all(axis=1)
-    proven = prove_segments(space, by_edges, curves)
+    proven = prove_segments(space.exact if by_edges else space, curves)
     assert not (proven & ~are_free).any()
     assert np.count_nonzero(proven) > least_share * np.count_nonzero(are_free)
     assert np.count_nonzero(~are_free) > 20
@@ -426,7 +426,7 @@ def test_a_curve_that_turns_on_and_on_is_proven_the_way_it_turns():
     for turn, is_free in ((0.0, True), (2.0 * math.pi * pieces, False)):
         rates = np.array([[0.0, 0.0, turn]])
         curve = Segments(starts, rates, bends, 0.0 * bends, none, standing, none + 1.0, starts)
-        assert prove_segments(space, False, curve)[0] == is_free
+        assert prove_segments(space, curve)[0] == is_free
 
 
 def test_proven_curves_that_gain_speed_pass_free_cells_only():
