@@ -285,7 +285,10 @@ def _check_keep(keep: Upright | Sequence[Upright] | None) -> tuple[Upright, ...]
 
 
 def _add_previous(task: PlanTask, previous: Plan, starts: Sequence[PlaceParts]) -> PlanTask:
-    """Let a task follow the previous plan, by the geometry if only this proves the start."""
+    """Let a task follow the previous plan.
+
+    If only the geometry proves the start, the plan becomes exact.
+    """
     task = replace(task, previous=_check_previous(task, previous))
     edges = task.edges
     # A robot on its way cannot choose another start.
@@ -308,7 +311,7 @@ def _needs_geometry(space: Space, start: ArrayLike) -> bool:
 
 
 def _check_previous(task: PlanTask, previous: Plan) -> Floats:
-    """Return the waypoints of the previous plan, shape (n, size); n is 0 if there are none."""
+    """Return the checked waypoints of the previous plan, shape (n, size)."""
     space = task.edges.space
     if not isinstance(previous, Plan):
         raise InputError(
@@ -336,7 +339,7 @@ def _check_previous(task: PlanTask, previous: Plan) -> Floats:
 
 
 def _choose_searches(task: PlanTask) -> PlanTask:
-    """Choose a planner if none is named, and a fallback; check the options of the planner."""
+    """Choose a planner, unless the user did, and a fallback; check options."""
     edges = task.edges
     space = edges.space
     if not task.is_named:
@@ -363,7 +366,7 @@ def _choose_searches(task: PlanTask) -> PlanTask:
 def _check_places(
     via: Sequence[PlaceLike], goal: PlaceLike, task: PlanTask
 ) -> list[tuple[str, PlaceLike]]:
-    """Return the places on the way and the goal, with their names in messages."""
+    """List the places on the way and the goal, with names for messages."""
     is_list = isinstance(via, (tuple, list, np.ndarray))
     if not is_list or any(isinstance(place, Number) for place in via):
         rule = "it lists places on the way, each with coordinates of its own"
@@ -378,7 +381,7 @@ def _check_places(
 
 
 def _drop_zeros(start: PlaceLike) -> PlaceLike:
-    """Return the configuration of a start that is Near it by nothing, or the start as it is."""
+    """Replace a start Near a configuration by 0 m and 0 rad by the configuration."""
     if isinstance(start, Near) and not (start.distance or start.angle):
         return start.configuration
     return start
@@ -393,7 +396,7 @@ def _check_start(task: PlanTask, places: Sequence[PlaceParts]) -> tuple[Stage, d
     moved: dict[Endpoint, str] = {}
 
     def find_rooms(place: PlaceParts, name: str) -> list[Room]:
-        """Return the room of a place, or those of its configurations."""
+        """Return the room of a place, or the rooms of its configurations."""
         if isinstance(place.configuration, Goal):
             near = tuple(np.clip(0.0, *space.bounds).tolist())
             goals = space.find_goals(place.configuration, near, task.seed, name=name)
@@ -411,7 +414,7 @@ def _check_start(task: PlanTask, places: Sequence[PlaceParts]) -> tuple[Stage, d
 
 
 def _move_start(edges: LocalPlanner, place: PlaceParts) -> tuple[Endpoint, str]:
-    """Return a checked configuration, and a text if it was moved near the given one."""
+    """Check a configuration; return it, and a text if it was moved."""
     space = edges.space
     start = space.check_configuration(cast("ArrayLike", place.configuration), place.name)
     try:
@@ -426,7 +429,7 @@ def _move_start(edges: LocalPlanner, place: PlaceParts) -> tuple[Endpoint, str]:
 
 
 def _check_stage(task: PlanTask, name: str, place: PlaceLike, start: Room) -> Stage:
-    """Return a checked place; raise InputError or ConfigurationError if it cannot be used."""
+    """Check a place; raise InputError or ConfigurationError if it is unusable."""
     edges = task.edges
     space = edges.space
     places = split_places(space, place, name)

@@ -1,4 +1,4 @@
-"""The search along one route: the planner, what takes over, and tiles."""
+"""The search along one route, by a planner, its fallback and tiles."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ MIXED cells: a search through many such cells may not end."""
 
 
 def search_and_prove(task: PlanTask) -> SearchResult:
-    """Search for a path and prove its edges; a map in tiles is searched tile by tile."""
+    """Search for a path and prove its edges, tile by tile on a map in tiles."""
     space = task.edges.space
     # A proven path saves labelling the cells of a map, so a search goes first then.
     if is_labelled(space) and not task.may_succeed():
@@ -46,9 +46,10 @@ def search_and_prove(task: PlanTask) -> SearchResult:
 
 
 def _search_tiles(task: PlanTask, tiles: TiledCSpace) -> SearchResult:
-    """Search the tiles on the way, and join their paths; a tile without one ends the search.
+    """Search the tiles on the way, and join their paths.
 
-    Grid takes over in a tile where a planner of OMPL finds no path of a holonomic robot.
+    A tile without a path ends the search. Grid searches a tile again if a planner of OMPL finds no
+    path of a holonomic robot there.
     """
     edges = task.edges
     is_holonomic = not edges.has_heading
@@ -89,7 +90,7 @@ def sum_times(result: SearchResult, results: Sequence[SearchResult]) -> SearchRe
 
 
 def _search(task: PlanTask) -> SearchResult:
-    """Search for a path in a space in memory; of several, take the cheapest."""
+    """Find the cheapest path of several searches in memory."""
     start, *goals = task.endpoints
     if start in goals:
         return SearchResult(np.array([start]), "the start is the goal")
@@ -130,7 +131,7 @@ def _search_quickly(task: PlanTask, planner: Planner) -> SearchResult:
 
 
 def measure_left(task: PlanTask, results: Sequence[SearchResult]) -> Effort:
-    """Return the effort left after some searches; none if the caller ended them."""
+    """Return the effort left after searches, unless the caller ended them."""
     if results and is_over(NEVER):
         return NO_EFFORT
     return task.limit - _sum_planning(results)
@@ -147,10 +148,10 @@ def _run_planner(task: PlanTask) -> SearchResult:
 
 
 def _choose_cheapest(task: PlanTask, results: Sequence[SearchResult]) -> SearchResult:
-    """Choose the cheapest path of several searches; its times are those of all."""
+    """Choose the cheapest path, with the times of all searches."""
 
     def measure(result: SearchResult) -> tuple[float, bool]:
-        """Return the cost of a path, and whether another planner than the task's found it."""
+        """Return the cost of a path, then whether another planner found it."""
         return task.edges.path_cost(result.path), result.found_by != task.planner.name
 
     found = [result for result in results if len(result.path)]
@@ -165,7 +166,7 @@ def _choose_cheapest(task: PlanTask, results: Sequence[SearchResult]) -> SearchR
 
 
 def weigh_edges(task: PlanTask, edges: LocalPlanner) -> LocalPlanner:
-    """Return edges with the costs of a task; a map in tiles has them tile by tile."""
+    """Return edges with the costs of a task, except on a map in tiles."""
     if is_tiled(edges.space):
         return edges
     weights = task.objective.weigh(edges.cells)

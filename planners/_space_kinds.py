@@ -1,4 +1,4 @@
-"""Kinds of spaces, and the places and options that plans in each take."""
+"""Kinds of spaces, with the places and options of their plans."""
 
 from __future__ import annotations
 

@@ -54,7 +54,7 @@ class SearchResult:
 
 @dataclass(frozen=True, slots=True)
 class PlanTask:
-    """The checked arguments of a plan, or of its search in a part of a space."""
+    """The checked arguments of a plan, or of its search in a part."""
 
     edges: LocalPlanner
     planner: Planner
@@ -71,8 +71,8 @@ class PlanTask:
     endpoints: Endpoints = ()  # start and goals as OMPL holds them, the nearest goal first
     routes: tuple[Endpoints, ...] = ()  # starts, each with its goals, the most promising first
     keep: tuple[Upright, ...] = ()  # directions that links of an arm keep
-    starts: tuple[Room, ...] = ()  # of which a path may begin in any
-    rooms: tuple[Room, ...] = ()  # of which a path may end in any, instead of one goal on a map
+    starts: tuple[Room, ...] = ()  # a path may begin in any room
+    rooms: tuple[Room, ...] = ()  # on a map, a path may end in any room instead of one goal
     existence: Existence | None = None  # of a path between the endpoints; None if nobody asks
 
     def may_succeed(self) -> bool:
@@ -80,13 +80,13 @@ class PlanTask:
         return self.existence is None or self.existence.may_join
 
     def limit_trial(self) -> Effort:
-        """Return the limit of a search around a blocked part, or for advice: a tenth, or 0.5 s."""
+        """Return the limit of a detour or trial: a tenth, at most 0.5 s."""
         work = self.limit.share(0.1).work
         return Effort(work, self.limit.seconds).at_most(Effort.from_seconds(0.5, math.inf))
 
 
 class Planner(ABC):
-    """A search for paths, which declares what it takes.
+    """A search for paths, which declares its options.
 
     Attributes
     ----------
@@ -120,11 +120,11 @@ class Planner(ABC):
         return not edges.has_heading
 
     def may_fail(self, edges: LocalPlanner) -> bool:
-        """Return whether trees of OMPL may find a path that it does not find."""
+        """Return whether trees of OMPL may find other paths."""
         return False
 
     def check(self, task: PlanTask) -> None:
-        """Raise InputError for a drive, an objective or directions that it does not take."""
+        """Raise InputError for an option that it does not take."""
         asked = (
             ("drive", task.edges.drive, self.takes_drive(task.edges)),
             ("objective", task.objective.given, task.objective.kind in self.objectives),
@@ -139,7 +139,7 @@ class Planner(ABC):
                 raise InputError(option, problem, f"{self.name} takes {option}: {taken}")
 
     def list_taken(self) -> dict[str, list[str]]:
-        """List the drives, objectives and directions that it takes, for messages and pages."""
+        """List the values of options that it takes, for messages."""
         return {
             "drive": [edges.name for edges in list_examples() if self.takes_drive(edges)],
             "objective": list(self.objectives),
@@ -147,7 +147,7 @@ class Planner(ABC):
         }
 
     def prepare(self, task: PlanTask) -> None:
-        """Check the space, and load what the search needs, before its time begins."""
+        """Check the space, and load all code, before the time begins."""
         return
 
     @abstractmethod

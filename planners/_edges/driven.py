@@ -1,4 +1,4 @@
-"""Edges of robots that drive along their x axis, and their motions on a lattice of headings."""
+"""Edges of robots that drive along their x axis, and their lattices."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ fro in slots. Searches that stall on a lattice as fine begin anew around the blo
 
 
 class Motions(NamedTuple):
-    """The m motions of a robot at each of h headings. Costs are in metres."""
+    """The m motions at each of h headings, with costs in metres."""
 
     headings: Floats  # (h,), yaws, radians
     next_heading: Ints  # (h, m), the heading after each motion
@@ -32,13 +32,13 @@ class Motions(NamedTuple):
     nanoseconds: int  # of work, to add a node and to expand it
     side: float  # of the cells that hold one configuration for each heading
     switch_cost: float  # of a change between driving ahead and in reverse
-    greed: float  # weight of the remaining cost; above 1, paths are found sooner but may be longer
+    greed: float  # weight of the remaining cost; above 1, searches are quicker, paths may be longer
     near: float  # distance from the goal within which each node tries an edge to the goal
     geometry: Geometry  # proves motions of a car that cells do not prove
 
 
 class DrivenEdges(LocalPlanner):
-    """Edges of a drive, whose paths a search on a lattice of headings finds."""
+    """Edges of a drive, for searches on a lattice of headings."""
 
     drive: Drive
     has_heading = True
@@ -68,7 +68,7 @@ class DrivenEdges(LocalPlanner):
 
     @property
     def escape_reach(self) -> float:
-        """Metres around an end whose room tells where to begin; 0 for the start in any case."""
+        """Metres around the ends; a search begins at the end with less room; 0 at the start."""
         return 0.0
 
     @abstractmethod
@@ -77,7 +77,7 @@ class DrivenEdges(LocalPlanner):
     ) -> list[Motions]:
         """List the motions of each lattice, coarse to fine.
 
-        ``ends`` are those of the path, the first one that of the search. ``yaws`` ascend; they are
+        ``ends`` are the ends of the path; the search begins at the first. ``yaws`` ascend; they are
         the directions from a cell to others near it, ``lengths`` cells away. A search that
         ``is_backwards`` begins at the goal.
         """
@@ -93,7 +93,7 @@ class DrivenEdges(LocalPlanner):
             return np.ones(len(rows), dtype=np.int8)
         dx, dy = np.diff(rows[:, :2], axis=0).T
         yaws = rows[1:, 2]
-        # The sign of the step along the heading; the first row has that of the second.
+        # The sign of the step along the heading; the first row has the sign of the second.
         signs = np.sign(dx * np.cos(yaws) + dy * np.sin(yaws)).astype(np.int8)
         return np.concatenate([signs[:1], signs])
 

@@ -64,7 +64,7 @@ def local_planner(
 
 
 def edges_of(drive: Drive | None) -> type[LocalPlanner]:
-    """Return the class of the edges of a drive; None stands for a holonomic robot.
+    """Return the class of the edges of a drive, or of no drive.
 
     Raises InputError for a drive outside :data:`DRIVES`.
     """
@@ -78,7 +78,7 @@ def edges_of(drive: Drive | None) -> type[LocalPlanner]:
 
 
 def list_examples() -> list[LocalPlanner]:
-    """List edges of examples of each drive, without a space, for messages and pages."""
+    """List edges of example drives, without a space, for messages and pages."""
     kinds: list[type[LocalPlanner]] = [LocalPlanner, *(load() for load in DRIVES.values())]
     return [kind(cast(Space, None), drive) for kind in kinds for drive in kind.examples]
 

@@ -58,10 +58,9 @@ class Pieces(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class LocalPlanner:
-    """Straight edges between configurations of a space: their proofs, lengths and costs.
+    """Straight edges between configurations, with proofs, lengths and costs.
 
-    A class for each drive derives from it, and says what searches and trajectories need to know of
-    the drive.
+    A class for each drive derives from it, and answers for the drive in searches and trajectories.
 
     Poses rotate evenly the shorter way, as in OMPL's SE(2) and SE(3); continuous joints turn the
     shorter way. Paths have shape (n, size).
@@ -123,7 +122,7 @@ class LocalPlanner:
 
     @property
     def search(self) -> str:
-        """Search of a default plan: on a map a built-in one, otherwise the first of the space."""
+        """Search of a default plan; for spaces without cells, their first one."""
         if isinstance(self.space, ConfigurationMap):
             return "Grid"
         return next(iter(self.space.searches), self.tree_planner)
@@ -151,7 +150,7 @@ class LocalPlanner:
 
     @property
     def cells(self) -> CSpace:
-        """The space as a map in memory, as known, whose cells alone answer."""
+        """The map in memory, as known, without its geometry."""
         return cast(CSpace, cells_of(self.space))
 
     @property
@@ -181,11 +180,11 @@ class LocalPlanner:
 
     @property
     def curve_states(self) -> tuple[bool, float] | None:
-        """Whether OMPL's curves reverse, and their radius in metres; None for straight edges."""
+        """Whether OMPL's curves reverse, and their radius in metres, if any."""
         return None
 
     def check_drive(self) -> None:
-        """Raise InputError unless the drive is for the cells of the space."""
+        """Raise InputError unless the drive fits the cells."""
 
     def bounded_map(self) -> Map:
         """Return the map for kernels, MIXED outside."""
@@ -193,7 +192,7 @@ class LocalPlanner:
         return map_._replace(exterior=np.full_like(map_.exterior, MIXED))
 
     def geometry(self) -> Geometry:
-        """Return the geometry that decides MIXED cells for kernels; None unless exact."""
+        """Return the geometry for kernels; None unless exact."""
         if not self.exact:
             return None
         geometry: Geometry = proofs_of(self.cells).geometry
@@ -209,7 +208,7 @@ class LocalPlanner:
         return _wrap_arguments(check, self.space.is_periodic)
 
     def curve_prover(self) -> Callable[..., float] | None:
-        """Make ``prove(*q0, *q1)``, the metres of a curve, or -1 unless it is proven free.
+        """Make ``prove(*q0, *q1)``, the metres of a free curve, otherwise -1.
 
         None if edges are no curves.
         """
@@ -242,7 +241,7 @@ class LocalPlanner:
         return bind_cost(integrate_straight_edge, self.cells, weights, weight, size)
 
     def weigh(self) -> Callable[..., float] | None:
-        """Make ``cost(*q0, *q1)``, the cost of the edge; None if it is the length."""
+        """Make ``cost(*q0, *q1)``; None if the cost is the length."""
         return None if self.weights is None else self.edge_cost(self.weights)
 
     def cost(self) -> Callable[..., float]:
@@ -261,7 +260,7 @@ class LocalPlanner:
         return float(self.edge_costs(path[:-1], path[1:]).sum())
 
     def path_length(self, path: Floats) -> float:
-        """Return the length of a path, shape (n, size), with weighted rotations."""
+        """Return the length of a path with weighted rotations."""
         return float(self.edge_lengths(path[:-1], path[1:]).sum())
 
     def edge_lengths(self, starts: Floats, ends: Floats) -> Floats:
@@ -269,7 +268,7 @@ class LocalPlanner:
         return self.space.distance(starts, ends)
 
     def curve_lengths(self, starts: Floats, ends: Floats) -> Floats:
-        """Bound lengths from below by the shortest curves, shape (n,); 0 without curves."""
+        """Bound lengths from below by curves, shape (n,)."""
         return np.zeros(len(starts))
 
     def edge_length(self, *ends: float) -> float:
@@ -277,7 +276,7 @@ class LocalPlanner:
         return float(self.space.distance(*np.reshape(ends, (2, -1))))
 
     def insert_breakpoints(self, path: Floats) -> Floats:
-        """Insert configurations where motions change, or joints turn widely.
+        """Insert configurations at which motions change, or joints turn widely.
 
         From row to row, a joint turns by less than half a turn, so that a controller that takes the
         shorter way makes the same motion.
@@ -296,22 +295,23 @@ class LocalPlanner:
         return path
 
     def turns_at(self, path: Floats, row: int) -> bool:
-        """Return True if a robot that drives turns on the spot at a row of a path."""
+        """Return True if a drive turns on the spot at a row."""
         return False
 
     def split_edge(
         self, first: Floats, last: Floats, step: float, rotation: float, share: float
     ) -> Pieces:
-        """Split an edge into equal pieces of at most ``step`` and ``rotation``.
+        """Split an edge into equal pieces.
 
-        ``share`` selects the configuration of each piece: 0.5 its center, 1 its end. Along curves,
-        lengths are negative in reverse, and rotations negative to the right.
+        They have at most ``step``, metres, and ``rotation``, radians. ``share`` selects the
+        configuration of each piece: 0.5 its center, 1 its end. Along curves, lengths are negative
+        in reverse, and rotations negative to the right.
         """
         change = self.space.steps_between(first, last)
         dim = self.space.dim
         metres = np.linalg.norm(change[:dim])
         radians = np.linalg.norm(change[dim:])
-        # As many pieces as the longer of both needs, at least one.
+        # The translation or the rotation decides the number of pieces.
         count = max(math.ceil(max(metres / step, radians / rotation)), 1)
         shares = (np.arange(count) + share) / count
         points = self.space.interpolate(first, last, shares[:, None])
@@ -332,7 +332,7 @@ class LocalPlanner:
         return Pieces(centers, np.abs(lengths), np.abs(rotations))
 
     def resample(self, path: Floats, step: float | None = None) -> Floats:
-        """Add rows to curves, at most a cell and 5 degrees apart.
+        """Add rows to curves, every cell and 5 degrees.
 
         With a ``step`` in metres, add rows to all edges, at most that far apart.
         """
@@ -349,25 +349,25 @@ class LocalPlanner:
         return np.concatenate(rows)
 
     def find_directions(self, rows: Floats) -> NDArray[np.int8] | None:
-        """Return whether rows (n, 3) go ahead (1), back (-1) or neither.
+        """Return whether rows go ahead (1), back (-1) or neither.
 
         None for a holonomic robot; see :attr:`planners.Plan.direction`.
         """
         return None
 
     def list_drives(self) -> list[Drive | None]:
-        """List the drive, and others that a plan without a path may try."""
+        """List the drive, and others to try without a path."""
         return [self.drive]
 
     def list_chords(self, path: Floats) -> tuple[Floats, float]:
-        """Return rows of a path, and the distance that its motion stays from the lines between."""
+        """Return rows, and a bound of the motion's distance from the lines between."""
         return self.insert_breakpoints(path), 0.0
 
     def list_segments(self, path: Floats, rotations: Rotations) -> tuple[Floats, Floats, Floats]:
-        """Return the straights and arcs of a path: starts and its end, steps, and turns.
+        """Return the ends, steps and turns of straights and arcs.
 
-        Their shapes are (m + 1, size), (m, size) and (m,). A turn is that of the direction of
-        motion, radians. It needs no space.
+        Their shapes are (m + 1, size), (m, size) and (m,). The direction of motion turns, radians.
+        It needs no space.
         """
         steps = rotations.steps_between(path[:-1], path[1:])
         return path, steps, np.zeros(len(steps))
@@ -424,7 +424,7 @@ class LocalPlanner:
 def _wrap_arguments(
     check: Callable[..., bool], periodic_axes: Sequence[bool]
 ) -> Callable[..., bool]:
-    """Wrap a function of two configurations to get angles in [-pi, pi).
+    """Wrap a function to get angles in [-pi, pi).
 
     Angles of the second configuration are within half a turn of the first.
     """

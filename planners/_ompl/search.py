@@ -68,7 +68,7 @@ class Deadline:
         self.end = NEVER
 
     def check(self) -> bool:
-        """Return True before the deadline; raise OutOfTime if it is long past."""
+        """Return True before the deadline; raise OutOfTime long after."""
         spend(self.step)
         seconds_late = self.end.seconds_late()
         if seconds_late < 0.0 and is_over(NEVER):
@@ -108,7 +108,7 @@ def make_objective(task: PlanTask) -> MakeObjective | None:
 
 
 def set_seed(seed: int) -> None:
-    """Seed OMPL's generator of seeds, which all planners and samplers made from now on follow."""
+    """Seed all planners and samplers of OMPL that are made later."""
     # OMPL reports an error if numbers have been drawn, but obeys.
     with _silence():
         ou.RNG.setSeed(seed + 1)
@@ -116,7 +116,7 @@ def set_seed(seed: int) -> None:
 
 @contextmanager
 def repeat_draws() -> Iterator[None]:
-    """Draw the same numbers each time; later ones go on from those drawn before."""
+    """Draw the same numbers each time, without a change of later ones."""
     next_seed = ou.RNG().getLocalSeed()
     set_seed(0)
     try:
@@ -228,7 +228,7 @@ class _Run:
         setup.setGoal(alternatives)
 
     def _run_planner(self, name: str, limit: Effort, iterations: int | None) -> str:
-        """Run a planner of OMPL; return a note if its outcome is unusual."""
+        """Run a planner of OMPL; return a note on an unusual outcome."""
         setup = self._setup
         began = now()
         end = began + limit
@@ -238,7 +238,7 @@ class _Run:
         max_checks = math.inf if iterations is None else iterations
 
         def has_to_end() -> bool:
-            """Return True if the search has to end; ask once whether a path may exist."""
+            """Return True to end the search; ask once if a path may exist."""
             nonlocal end, asks_at
             spend(self._deadline.step)
             if next(checks) > max_checks or end.seconds_late() > 0.0 or is_over(NEVER):
@@ -346,7 +346,7 @@ class OmplPlanner(Planner):
     def __init__(
         self, name: OmplName, *, optimises: bool = False, drives_back: bool = False
     ) -> None:
-        """Declare what OMPL says of the planner."""
+        """Declare the options of the planner, as OMPL documents them."""
         self.name = name
         self.drives_back = drives_back
         self.has_range = hasattr(getattr(og, name), "setRange")
@@ -359,7 +359,7 @@ class OmplPlanner(Planner):
         return FUNCTION in self.objectives
 
     def takes_space(self, space: Space) -> bool:
-        """Return True; :meth:`prepare` refuses poses and extents that OMPL has no states for."""
+        """Return True; :meth:`prepare` refuses spaces without OMPL's states."""
         return True
 
     def takes_drive(self, edges: LocalPlanner) -> bool:
@@ -367,7 +367,7 @@ class OmplPlanner(Planner):
         return edges.reverses or not (self.drives_back and edges.has_curves)
 
     def prepare(self, task: PlanTask) -> None:
-        """Raise InputError for poses and extents that OMPL has no states for."""
+        """Raise InputError for a space without OMPL's states."""
         make_bounded_states(task.edges)
 
     def find(self, task: PlanTask) -> SearchResult:

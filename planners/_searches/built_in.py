@@ -1,4 +1,4 @@
-"""What the searches that run without OMPL share, and the search of a space of its own."""
+"""Common parts of our own searches, and the search of a user's space."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class BuiltInSearch(Planner):
 
     @abstractmethod
     def find_path(self, task: PlanTask) -> tuple[Floats, str]:
-        """Return waypoints, shape (n, size), and what a lattice proves; n is 0 without a path."""
+        """Return waypoints, shape (n, size), and the proof of a lattice in words."""
 
 
 class SpaceSearch(BuiltInSearch):
@@ -78,7 +78,7 @@ class SpaceSearch(BuiltInSearch):
 
 
 def _check_ends(task: PlanTask, path: Floats) -> None:
-    """Raise InputError unless a path of a space's own search leads from the start to a goal."""
+    """Raise InputError unless a found path joins the start and a goal."""
     space = task.edges.space
     rows = space.rotations.make_canonical(path)
     if reached_goal(rows, task.endpoints, space.is_periodic):

@@ -1,4 +1,4 @@
-"""Objectives: what a metre of path costs, by clearance, by values on the cells, or by time.
+"""Objectives: the cost of a metre by clearance, values of cells, or time.
 
 Each becomes a cost on the cells of a map, 1 or above for a metre, which searches over cells take,
 and the same cost along edges.
@@ -141,7 +141,7 @@ class Objective(NamedTuple):
     """A checked objective of a plan."""
 
     given: object  # by the user
-    kind: str  # one of those that planners take
+    kind: str  # as planners declare it
     weigh: Weigh = lambda _: None
     make: MakeObjective | None = None  # of OMPL's objective, a function of the user's
 
@@ -186,7 +186,7 @@ def read_objective(
 
 
 def _check_shape(costs: Floats, space: ConfigurationMap) -> None:
-    """Raise InputError unless costs have a value for each cell of each slice."""
+    """Raise InputError unless each cell of each slice has a cost."""
     if not isinstance(space, CSpace):
         rule = "costs of cells are for maps in memory"
         raise InputError("objective", f"has costs, and space is {space!r}", rule)
@@ -197,7 +197,7 @@ def _check_shape(costs: Floats, space: ConfigurationMap) -> None:
 
 
 def _weigh_clearance(objective: ClearanceObjective, space: CSpace) -> CellCost:
-    """Return what a metre costs by clearance."""
+    """Return the cost of a metre by clearance."""
     check_costs_fit(space)
     threshold = objective.clearance_threshold
     if threshold is None:
@@ -217,7 +217,7 @@ def _weigh_clearance(objective: ClearanceObjective, space: CSpace) -> CellCost:
 
 
 def _weigh_length(objective: WeightedLength, space: CSpace) -> CellCost:
-    """Return what a metre costs by costs of one's own."""
+    """Return the cost of a metre by the user's values."""
     check_costs_fit(space)
     costs = np.asarray(objective.costs, dtype=np.float32).reshape(-1, *space.grid.shape)
     return CellCost(np.float32(1.0) + np.maximum(costs, np.float32(0.0)), None)

@@ -1,4 +1,4 @@
-"""Short and cheap paths along chains of cells of a map in memory: "Grid"."""
+"""Short and cheap paths along chains of cells: the planner "Grid"."""
 
 from __future__ import annotations
 
@@ -66,8 +66,8 @@ def find_short_path(space: CSpace, endpoints: Floats, straight: bool, limit: Eff
 def find_exact_path(space: CSpace, endpoints: Floats, straight: bool, limit: Effort) -> Floats:
     """Find a path that geometry proves, shape (n, size).
 
-    It is the shorter one of two searches. One search keeps to FREE cells, the other one crosses
-    MIXED cells. Otherwise, arguments, result and errors are those of :func:`find_short_path`.
+    A search through FREE cells, and another one through MIXED cells, give the shorter path.
+    Otherwise, arguments, result and errors are as for :func:`find_short_path`.
     """
     until = now() + limit
     check = space.exact.edge_checker()
@@ -93,7 +93,7 @@ def find_exact_path(space: CSpace, endpoints: Floats, straight: bool, limit: Eff
 def _find_path_through_mixed(
     space: CSpace, endpoints: Floats, check: Check, max_length: float, until: Effort
 ) -> Floats:
-    """Find a path through FREE and MIXED cells, whose edges pass ``check``.
+    """Find a path of edges that pass ``check`` through MIXED cells.
 
     ``endpoints`` has shape (2, size), the path (n, size). It is empty if no path promises to be
     shorter than ``max_length``, or after ``until``.
@@ -114,10 +114,11 @@ def _find_path_along_chain(
     limit: Effort,
     costs: tuple[Costs, Cost] | None = None,
 ) -> Floats:
-    """Find a path along a short chain of cells, shape (n, size).
+    """Find a path along a short chain of cells.
 
-    The length n is 0 if there is none. It is shortened if ``straight``. The ``costs`` are those of
-    a metre in each cell, shape (slices, ...), and that of an edge; by default they are lengths.
+    It has shape (n, size), where n is 0 without a path, and is shortened if ``straight``. ``costs``
+    holds the cost of a metre in each cell, shape (slices, ...), and the cost of an edge; by default
+    costs are lengths.
     """
     no_path = endpoints[:0]
     start, goal = map(tuple, endpoints.tolist())
@@ -147,7 +148,7 @@ def _find_path_along_chain(
     if costs is None:
         return pulled_straight(path, space.rotations, check, until=end)
     factors, cost = costs
-    numbers, *positions = cells[[0, *range(len(cells)), -1]].T  # those of start and goal, too
+    numbers, *positions = cells[[0, *range(len(cells)), -1]].T  # with start and goal
     along = factors[map_record(space).rotations.slice_of[numbers], *positions]
     path = thin_path(path, along, space.rotations, check, cost)
     path = pulled_straight(path, space.rotations, check, cost, end, MIN_GAIN_BEFORE_MOVES)
@@ -163,7 +164,7 @@ def _find_chain_between(
     costs: tuple[Costs, Cost] | None,
     may_exist: Callable[[], bool],
 ) -> Ints:
-    """Find a short chain of FREE cells between configurations, shape (n, 1 + d)."""
+    """Find a short chain of FREE cells, shape (n, 1 + d)."""
     from planners._searches.chains import find_cells, find_chain
     from planners._searches.guide import NO_FACTORS
 
@@ -179,10 +180,10 @@ def _find_chain_between(
 def _find_taut_path(
     space: CSpace, endpoints: Floats, until: Effort, may_exist: Callable[[], bool]
 ) -> Floats:
-    """Find the shortest path in the plane with a margin, (n, 2).
+    """Find the shortest path in the plane with a margin.
 
-    It is the shortest among those that pass obstacles as the shortest path without a margin. The
-    length n is 0 if there is none.
+    It passes obstacles on the same sides as the shortest path without a margin. Its shape is
+    (n, 2), where n is 0 without a path.
     """
     from cspace.inside import find_crossed_runs
     from planners._searches.taut import pull_taut
@@ -201,9 +202,9 @@ def _find_taut_path(
 def find_cheap_path(
     edges: LocalPlanner, weights: CellCost, endpoints: Floats, straight: bool, limit: Effort
 ) -> Floats:
-    """Find a path through FREE cells of low cost by the ``weights`` of edges.
+    """Find a path of low cost through FREE cells, by ``weights``.
 
-    It is the cheaper of up to two. Otherwise, arguments, result and errors are those of
+    It is the cheaper of up to two. Otherwise, arguments, result and errors are as for
     :func:`find_short_path`.
     """
     space = edges.cells
@@ -226,7 +227,7 @@ def find_cheap_path(
 
 
 class GridSearch(BuiltInSearch):
-    """Search of a short or cheap chain of cells of a map, for robots that move in any direction."""
+    """Search along chains of cells, for robots that move in any direction."""
 
     name = "Grid"
     objectives = WEIGHTED
@@ -236,11 +237,11 @@ class GridSearch(BuiltInSearch):
         return isinstance(space, ConfigurationMap)
 
     def may_fail(self, edges: LocalPlanner) -> bool:
-        """Return False for robots that do not turn, whose paths through FREE cells it finds."""
+        """Return False if it finds every path through FREE cells."""
         return edges.exact or bool(edges.space.rotations.names)
 
     def find_path(self, task: PlanTask) -> tuple[Floats, str]:
-        """Return waypoints, shape (n, size), and no proof; n is 0 if none is found in time."""
+        """Return waypoints, shape (n, size), and no proof."""
         edges = task.edges
         space = edges.cells
         endpoints = space.rotations.make_canonical(np.array(task.endpoints))
