@@ -1,4 +1,4 @@
-"""Paths along a previous plan, searched anew only where it is blocked."""
+"""Paths along a previous plan, with detours around blocked parts."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from planners._task import PlanTask, SearchResult
 
 
 def follow_previous(task: PlanTask) -> SearchResult:
-    """Go along the previous plan; search only around the part that is blocked."""
+    """Follow the previous plan, with a detour around its blocked part."""
     began = now()
     edges = task.edges
     start, goal = np.array(task.endpoints[:2])
@@ -41,7 +41,7 @@ def follow_previous(task: PlanTask) -> SearchResult:
 
 
 def _find_detour(task: PlanTask, start: Floats, way: Floats) -> Floats:
-    """Find a path from a configuration to the end of a blocked way; both have shape (n, size).
+    """Find a path to the end of a blocked way, shape (n, size).
 
     A way past the middle of the blocked part is tried first. Otherwise there is a search, and no
     row if it takes too long.
@@ -62,10 +62,10 @@ def _find_detour(task: PlanTask, start: Floats, way: Floats) -> Floats:
 
 
 def _list_ways_beside(edges: LocalPlanner, way: Floats) -> Iterator[Floats]:
-    """Yield detours around the blocked part of a way in the plane, near ones first.
+    """Yield detours around the blocked part of a way, near ones first.
 
-    Each has three rows, shape (3, size). It begins and ends on the way, as far from the blocked
-    part as that is long.
+    Each has three rows, shape (3, size). It begins and ends on the way, where the distance from the
+    blocked part is the length of that.
     """
     rows = edges.split_path(way, 2.0 * edges.space.resolution, MAX_RADIANS).points
     blocked = np.flatnonzero(~np.asarray(edges.space.is_free(rows)))
@@ -83,7 +83,7 @@ def _list_ways_beside(edges: LocalPlanner, way: Floats) -> Iterator[Floats]:
 
 
 def _join_way(edges: LocalPlanner, start: Floats, way: Floats) -> Floats:
-    """Join a configuration to a free way, shape (n, size), by the free edge of the least total.
+    """Join a configuration to a free way by the cheapest free edge.
 
     Returns the path from the configuration to the end of the way, or no row if no edge is free.
     """

@@ -43,7 +43,7 @@ def warm_up(space: Space, drive: Drive | None = None) -> None:
     >>> workspace = cspace.Workspace.from_array(np.eye(30, dtype=bool), 0.1)
     >>> planners.warm_up(cspace.build(workspace, cspace.Robot.disc(0.2)))
     """
-    edges = local_planner(space, drive)  # refuses what is no drive of the space
+    edges = local_planner(space, drive)  # refuses other drives
     if not has_positions(space):
         if isinstance(space, ConfigurationSpace):
             sampled = cast("CSpace | ArmSpace", space)  # all other maps are of poses

@@ -1,4 +1,4 @@
-"""Checks of spaces, and of what one of the user's says about its configurations."""
+"""Checks of spaces, and of the answers of a user's space."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def _check_own_space(space: Space) -> None:
 
 
 def read_bounds(space: Space) -> tuple[Floats, Floats]:
-    """Return the lower and upper bounds of a space, or raise InputError."""
+    """Return the bounds of a space, or raise InputError."""
     bounds: Any = space.bounds
     rows = check_finite(bounds, "bounds")
     if rows.shape != (2, space.dim) or (rows[0] > rows[1]).any():
@@ -54,7 +54,7 @@ def read_bounds(space: Space) -> tuple[Floats, Floats]:
 
 
 def check_found_path(space: Space, path: ArrayLike) -> Floats:
-    """Return a path that a space's own search found, shape (n, size), without a row if it is empty.
+    """Return a path that a space's search found, shape (n, size).
 
     Raises InputError unless its rows are configurations within the bounds, which a test of motions
     may take for granted.
@@ -87,7 +87,7 @@ def _check_axes(space: Space) -> None:
 
 
 def _check_rotation(space: Space) -> None:
-    """Raise InputError for names of rotations outside a pose, which would be plain numbers."""
+    """Raise InputError for names of rotations outside a pose."""
     if space.has_poses:
         return
     for axis, is_periodic in zip(space.axes, space.is_periodic, strict=True):

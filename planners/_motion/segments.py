@@ -1,4 +1,4 @@
-"""Segments: straight lines, arcs and cubic curves of a path, with their proofs."""
+"""Straight lines, arcs and cubic curves of a path, with their proofs."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ MAX_EDGE_TURN: Final = 3.0
 
 
 class Segments(NamedTuple):
-    """The m parts of a path: straight lines, arcs, and cubic curves.
+    """The m lines, arcs and cubic curves of a path.
 
     A curve is a polynomial in each coordinate. The yaw of a robot that drives is the direction of
     its curve instead.
@@ -59,7 +59,7 @@ class Segments(NamedTuple):
     def select(self, index: Ints | Bools | list[int] | slice) -> Segments:
         """Return some of the segments."""
         if isinstance(index, np.ndarray) and index.dtype == np.int64:
-            # Rows are taken by numbers in a fifth of the time.
+            # numpy takes rows by numbers in a fifth of the time.
             return Segments._make(column.take(index, axis=0) for column in self)
         return Segments._make(column[index] for column in self)
 
@@ -83,7 +83,7 @@ def join_segments(parts: list[Segments]) -> Segments:
 
 
 def measure_sizes(rows: Floats, rotations: Rotations) -> Floats:
-    """Return the largest coordinates of a path, shape (k,); 1 radian for rotations.
+    """Return the largest coordinates of a path, with 1 radian for rotations.
 
     The translation of a robot that rotates has one size, because its axes mix.
     """
@@ -111,7 +111,7 @@ def align_quaternions(rows: Floats, rotations: Rotations) -> Floats:
 def place_along(
     segments: Segments, rotations: Rotations, s: Floats
 ) -> tuple[Floats, Floats, Floats]:
-    """Return configurations at lengths along segments, and their derivatives by the length.
+    """Return configurations at lengths along segments, and their derivatives.
 
     ``s`` has shape (m,). The derivatives are translations and rotation vectors, shape (m, k).
     """
@@ -149,7 +149,7 @@ def place_along(
 
 
 def cut_segments(segments: Segments, rotations: Rotations, begin: float, end: float) -> Segments:
-    """Return segments of which the first begins, and the last ends, at a length along it."""
+    """Cut the first segment at its begin, and the last one at its end."""
     cut = Segments._make(column.copy() for column in segments)
     if end < (1.0 - ROUNDING) * cut.lengths[-1]:
         cut.lengths[-1] = end
@@ -166,7 +166,7 @@ def cut_segments(segments: Segments, rotations: Rotations, begin: float, end: fl
 
 
 def scale_segments(segments: Segments, factor: float) -> Segments:
-    """Return the same segments with ``factor`` as the new unit of length."""
+    """Return the same segments by a new unit of length."""
     return segments._replace(
         rates=factor * segments.rates,
         bends=factor**2 * segments.bends,
@@ -177,10 +177,10 @@ def scale_segments(segments: Segments, factor: float) -> Segments:
 
 
 def bound_derivatives(segments: Segments, begins: Floats, widths: Floats) -> tuple[Floats, Floats]:
-    """Return bounds of the first and second derivatives on intervals of segments, shape (m, k).
+    """Bound the first and second derivatives on intervals, shape (m, k).
 
     A polynomial of degree 2 or 3 deviates from its chord by at most 1/8 of the squared width times
-    its largest second derivative. The bounds of an arc are those of its tangent.
+    its largest second derivative. The tangent of an arc gives its bounds.
     """
     s = np.array([begins, begins + widths])[:, :, np.newaxis]
     both_bends = segments.bends + s * segments.twists
@@ -228,14 +228,14 @@ def turn_left(vectors: Floats, angles: Floats) -> Floats:
 
 
 def can_prove_curves(space: Space) -> TypeGuard[ConfigurationSpace]:
-    """Return True for maps and arms, which prove the surroundings of a motion."""
+    """Return True for maps and arms, which prove tubes around motions."""
     return isinstance(space, ConfigurationSpace)
 
 
 def prove_segments(space: Space, segments: Segments) -> Bools:
-    """Return whether segments are proven free: straight ones as edges, curves piece by piece.
+    """Return whether segments are proven free, shape (m,).
 
-    Cells alone prove the curves.
+    Straight ones are proven as edges, and curves piece by piece, on a map by its cells alone.
     """
     is_curve = segments.is_curve
     proven = np.zeros(len(is_curve), dtype=np.bool_)
@@ -309,7 +309,7 @@ def _prove_curves(space: ConfigurationSpace, curves: Segments) -> Bools:
 def _test_tubes(
     space: ConfigurationSpace, curves: Segments, begins: Floats, widths: Floats
 ) -> Bools:
-    """Return whether pieces lie in free tubes around their chords, shape (n,).
+    """Return whether pieces lie in free tubes around chords, shape (n,).
 
     A coordinate strays from even motion along the chord by at most 1/8 of the squared width times
     its largest second derivative. A rotation about any axis stays within half the width times its
@@ -335,6 +335,6 @@ def _test_tubes(
         highest = np.maximum(firsts, lasts) + radii - ROUNDING
         is_inside = (lowest >= lower) & (highest <= upper) | np.array(space.is_periodic)
         fits &= is_inside.all(axis=1)
-    space = cells_of(space)  # the geometry takes long for so many tubes
+    space = cells_of(space)  # the geometry is slow
     fits[fits] = tubes_are_free(space, firsts[fits], lasts[fits], radii[fits] + ROUNDING)
     return fits

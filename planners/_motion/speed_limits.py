@@ -1,4 +1,4 @@
-"""Largest speeds by places, in zones and near obstacles, and of the links of arms.
+"""Largest speeds in zones, near obstacles, and of links of arms.
 
 A limit holds at every instant, because it is found for whole stretches of a path. From the middle
 of a stretch, no point of the robot moves farther than the reach of the stretch. So a limit that
@@ -76,7 +76,7 @@ there."""
 
 
 class ZoneLevels(NamedTuple):
-    """The n unions of areas with one speed each, the lowest speed first."""
+    """The n unions of areas with one speed each, lowest first."""
 
     speeds: Floats  # (n,), m/s
     areas: Any  # (n,), prepared geometries
@@ -369,10 +369,10 @@ class SpeedRule(Protocol):
         """Length of the smallest stretches, metres."""
 
     def measure(self, q: Floats, reaches: Floats) -> Floats:
-        """Return the lowest speeds that may hold within the reaches of rows; infinity for none."""
+        """Return the lowest speeds that may hold within reaches, or infinity."""
 
     def estimate(self, q: Floats, reaches: Floats) -> tuple[Floats, Floats]:
-        """Return lower speeds, in less time, and speeds that surely hold within the reaches.
+        """Return lower speeds quickly, and speeds that surely hold.
 
         Where both are equal, no cut leads to a higher speed.
         """
@@ -405,7 +405,7 @@ class ZoneRule(NamedTuple):
         return self._find_lowest(levels, rows, len(q))
 
     def estimate(self, q: Floats, reaches: Floats) -> tuple[Floats, Floats]:
-        """Return the lowest speeds near areas, and those that surely hold."""
+        """Return the lowest speeds near areas, and speeds that surely hold."""
         levels, rows, anchors, reached = self._find_near(q, reaches)
         lowest = self._find_lowest(levels, rows, len(q))
         # One point of the robot is in the area all the while.
@@ -416,7 +416,7 @@ class ZoneRule(NamedTuple):
         return lowest, self._find_lowest(levels[is_sure], rows[is_sure], len(q))
 
     def _find_near(self, q: Floats, reaches: Floats) -> tuple[Ints, Ints, Any, Floats]:
-        """Return pairs of areas and rows whose robot may reach these, the lowest speeds first.
+        """Return pairs of areas and rows in reach, the lowest speeds first.
 
         They are the levels, rows, reference points, and reaches, shape (m,) each.
         """
@@ -433,14 +433,14 @@ class ZoneRule(NamedTuple):
         return levels[is_near], rows[is_near], anchors[is_near], reached[is_near]
 
     def _find_lowest(self, levels: Ints, rows: Ints, count: int) -> Floats:
-        """Return the lowest speed of each of ``count`` rows in pairs, those first; or infinity."""
+        """Return the lowest speed of each row in sorted pairs, or infinity."""
         lowest = np.full(count, np.inf)
         # A row keeps what is written last.
         lowest[rows[::-1]] = self.levels.speeds[levels[::-1]]
         return lowest
 
     def _touch(self, q: Floats, levels: Ints, rows: Ints, reached: Floats) -> Bools:
-        """Return whether the robot is within reaches of areas, for pairs, shape (m,)."""
+        """Return whether the robot is in reach, for pairs, shape (m,)."""
         touches = np.zeros(len(rows), dtype=np.bool_)
         poses = q[:, [0, 1, -1]] if self.has_yaw else q[:, :2]
         used, numbers = _number(rows, len(q))
@@ -462,7 +462,7 @@ class NearRule(NamedTuple):
         return self.estimate(q, reaches)[0]
 
     def estimate(self, q: Floats, reaches: Floats) -> tuple[Floats, Floats]:
-        """Return the lowest speeds that may hold, and those that surely do.
+        """Return the lowest speeds that may hold, and that surely hold.
 
         The clearance of a row is a bound of the robot's true distance there. That falls by at most
         the reach, however the bound jumps between rotation cells.
@@ -501,7 +501,7 @@ class ToolRule(NamedTuple):
     def measure_along(
         self, q: Floats, firsts: Floats, halves: Floats, rates: Floats, bends: Floats
     ) -> tuple[Floats, Floats]:
-        """Return the largest speeds along n stretches, and those beyond which no cut leads.
+        """Return the largest speeds along stretches, and bounds for any cuts.
 
         ``firsts`` are the derivatives in the middles ``q``, and ``rates`` and ``bends`` bound the
         first and second ones, shapes (n, k), within ``halves``, shape (n,), from these.
@@ -517,7 +517,7 @@ class ToolRule(NamedTuple):
 def place_limits(
     given: object, space: Space | None, axes: tuple[str, ...], frame_id: str
 ) -> tuple[SpeedRule | ToolRule, ...]:
-    """Check limits of a plan's speed, and place them on its map."""
+    """Check limits of speed, and place them on a map."""
     limits = tuple(given) if isinstance(given, list | tuple) else (given,)
     rules: list[SpeedRule | ToolRule] = []
     for limit in limits:
@@ -623,7 +623,7 @@ def _place_tool(tool: ToolSpeed, space: Space) -> ToolRule:
 
 
 def _check_frame(name: str, frame_id: str | None, of_plan: str) -> None:
-    """Raise InputError if a frame is not that of a plan."""
+    """Raise InputError if a frame is not the plan's."""
     if frame_id not in (None, of_plan):
         raise InputError(name, f"has the frame {frame_id!r}", f"the plan has {of_plan!r}")
 
@@ -635,7 +635,7 @@ def _format_box(area: BaseGeometry) -> str:
 
 
 def _number(rows: Ints, count: int) -> tuple[Ints, Ints]:
-    """Return the distinct rows of range(count) in a list, and the number of each one of it."""
+    """Return the distinct rows in a list, and each one's number among them."""
     is_used = np.zeros(count, dtype=np.bool_)
     is_used[rows] = True
     return np.flatnonzero(is_used), (np.cumsum(is_used) - 1)[rows]
@@ -643,7 +643,7 @@ def _number(rows: Ints, count: int) -> tuple[Ints, Ints]:
 
 @lru_cache(maxsize=16)
 def _split_robot(robot: Robot) -> tuple[Cores, float]:
-    """Return a robot seen from above, and its largest disc's radius around the reference point."""
+    """Return a robot's outline, and the radius of its disc at the origin."""
     cores = Cores(robot.shape.project_to_plane().outer)
     origin = shapely.Point(0.0, 0.0)
     largest = 0.0
@@ -656,7 +656,7 @@ def _split_robot(robot: Robot) -> tuple[Cores, float]:
 
 
 def _measure_size(space: ConfigurationMap) -> float:
-    """Return the largest distance of a point of the robot from its reference point.
+    """Return the radius of the robot around its reference point.
 
     Heights count only if the robot rotates about any axis.
     """

@@ -32,7 +32,6 @@ from cspace.inside import (
     replacing,
     tell_apart,
     warn_user,
-    wrap_angles,
 )
 from planners._edges.drives import check_axes, edges_of, local_planner
 from planners._edges.local_planner import LocalPlanner
@@ -421,7 +420,7 @@ class Trajectory:
         begins = stop._phases.times[:-1, np.newaxis]
         halves = 0.5 * stop._phases.durations[:, np.newaxis]
         _, velocities, _ = stop.sample(begins + halves * (1.0 + nodes))
-        dim = len(self.axes) - len(self._rotations.names)
+        dim = self._bounds.velocity.dim
         speeds = np.linalg.norm(velocities[..., :dim], axis=-1)
         return float((halves * weights * speeds).sum())
 
@@ -518,14 +517,14 @@ class Trajectory:
         return np.append(rows, phases.times[-1])
 
     def _largest_step(self, step: float) -> float:
-        """Return the largest time, up to ``step``, in which the robot turns less than halfway."""
+        """Return the longest step in which the robot turns less than halfway."""
         segments = self._segments
         limit = self._bounds.velocity.angular or math.inf
-        if not self._rotations.names or step * limit <= MAX_EDGE_TURN:
+        if step * limit <= MAX_EDGE_TURN:
             return step
         rates, _ = bound_derivatives(segments, 0.0 * segments.lengths, segments.lengths)
         angular = np.linalg.norm(rates[:, self._bounds.velocity.dim :], axis=1)
-        fastest = min(float(angular.max() * self._phases.speeds.max()), limit)
+        fastest = min(float(angular.max(initial=0.0) * self._phases.speeds.max()), limit)
         return step / max(step * fastest / MAX_EDGE_TURN, 1.0)
 
     def _set_rows(self, times: Floats) -> Trajectory:
@@ -608,7 +607,7 @@ class Trajectory:
         """
         from cspace.plot import plot_rates
 
-        dim = len(self.axes) - len(self._rotations.names)
+        dim = self._bounds.velocity.dim
         linear = self.velocities[:, :dim]
         angular = self.velocities[:, dim:]
         labels = [f"velocity ({unit}/s)" for unit in self.units]
@@ -734,7 +733,7 @@ def bound_rates(trajectory: Trajectory, lever: float) -> tuple[Floats, Floats]:
         other point around it, and acceleration of the reference point, m/s and m/s^2. They are
         zero before the first time and after the last, because the robot rests.
     """
-    dim = len(trajectory.axes) - len(trajectory._rotations.names)
+    dim = trajectory._bounds.velocity.dim
     phases = trajectory._phases
     lengths, _, last_gains = phases.ends()
     lengths = np.maximum(lengths - phases.positions[:-1], 0.0)
@@ -836,7 +835,7 @@ def make_trajectory(
 
 
 def check_after(after: object, axes: tuple[str, ...], duration: float | None) -> None:
-    """Raise InputError if a path of these axes cannot go on after an object."""
+    """Raise InputError if a path cannot go on after an object."""
     if not isinstance(after, Trajectory) or after.axes != axes:
         raise InputError(
             "after",
@@ -854,7 +853,7 @@ def check_after(after: object, axes: tuple[str, ...], duration: float | None) ->
 def continue_trajectory(
     stop: Trajectory, path: DrivenPath, limits: MotionLimits, time_step: float
 ) -> Trajectory:
-    """Make the fastest trajectory along a stop and on along a path, or the stop with its reason.
+    """Make the fastest trajectory along a stop and a path, or the stop.
 
     See :meth:`planners.Plan.trajectory`.
     """
@@ -902,7 +901,7 @@ def _rest(stop: Trajectory, bounds: MotionBounds, reason: str) -> Trajectory:
 
 
 def _start_at(path: DrivenPath, q: Floats, rotations: Rotations) -> DrivenPath | None:
-    """Return a path from exactly a configuration; None if it starts elsewhere."""
+    """Return a path from exactly a configuration, or None."""
     rows = path.waypoints.copy()
     # Continuous joints count whole turns, and quaternions have two signs.
     if path.moves_joints:
@@ -918,7 +917,7 @@ def _start_at(path: DrivenPath, q: Floats, rotations: Rotations) -> DrivenPath |
 
 
 def _join_rows(space: ConfigurationSpace, rows: Floats) -> Floats:
-    """Return waypoints of straight motions within :data:`ROW_ERROR` of rows, shape (n, dof)."""
+    """Join rows by straight motions within :data:`ROW_ERROR`, shape (n, dof)."""
     parts: list[Floats] = []
     first = 0
     last = len(rows) - 1
@@ -943,7 +942,7 @@ def _join_rows(space: ConfigurationSpace, rows: Floats) -> Floats:
 
 
 def _is_straight(rows: Floats) -> bool:
-    """Return True if rows follow each other along a straight motion from the first to the last."""
+    """Return True if rows follow each other along a straight motion."""
     steps = rows - rows[0]
     square = float(steps[-1] @ steps[-1])
     shares = np.clip(steps @ steps[-1] / square, 0.0, 1.0) if square else np.zeros(len(rows))
@@ -953,7 +952,7 @@ def _is_straight(rows: Floats) -> bool:
 
 
 def _warn_of_stops(waypoints: Floats, rows: Floats) -> None:
-    """Warn if an arm stops at most of its rows, as at those of a curve."""
+    """Warn if an arm stops at most of its rows."""
     stops = len(waypoints) - 2
     # Ten stops along rows are no surprise.
     if stops > 10 and stops > len(rows) // 2:
@@ -981,7 +980,7 @@ def _cut_at_stops(path: DrivenPath, rotations: Rotations) -> list[DrivenPath]:
 def _rest_between(
     motion: TimedMotion, others: Sequence[DrivenPath], rotations: Rotations, bounds: MotionBounds
 ) -> TimedMotion:
-    """Return a motion that rests, and then goes on along other paths, from rest to rest."""
+    """Append other paths to a motion that ends at rest."""
     for path in others:
         onward = _start(path, _split(path, rotations, bounds), rotations, bounds)
         count = len(motion.segments.lengths)
@@ -1022,7 +1021,7 @@ def _find_quickest(
 def _go_on(
     stop: Trajectory, path: DrivenPath, edges: Segments, bounds: MotionBounds, from_rest: bool
 ) -> TimedMotion | None:
-    """Return the fastest motion on along a path, at once or from the end of a stop.
+    """Return the fastest motion on along a path, perhaps after a stop.
 
     If no proven curve goes on, or the robot arrives too fast for it, the robot rests at that end.
     None if it cannot, at once or with other limits than before, which its stop does not keep.
@@ -1073,7 +1072,7 @@ def _go_on(
 def _move_along(
     segments: Segments, rotations: Rotations, length: Floats, speed: float, gain: float
 ) -> tuple[Floats, Floats, Floats]:
-    """Return place, velocity and acceleration at a length, by those along a segment, (1, k)."""
+    """Return place, velocity and acceleration at a length, shapes (1, k)."""
     place, rates, bends = place_along(segments, rotations, length)
     # The acceleration across an arc has a limit of its own.
     bends = np.where(segments.curvatures[:, np.newaxis], 0.0, bends)
@@ -1083,7 +1082,7 @@ def _move_along(
 def _project_state(
     segments: Segments, rotations: Rotations, velocity: Floats, acceleration: Floats
 ) -> tuple[float, float]:
-    """Return the speed and acceleration along a segment from its start, by those of the robot."""
+    """Project a velocity and acceleration onto the start of a segment."""
     _, rates, bends = _move_along(segments, rotations, np.zeros(1), 1.0, 0.0)
     square = float((rates * rates).sum())
     speed = float((rates * velocity).sum()) / square
@@ -1107,7 +1106,7 @@ def _make(
     bounds: MotionBounds,
     time_step: float,
 ) -> Trajectory | None:
-    """Make a trajectory and prove what is not; None if rounding exceeds its limits."""
+    """Make and prove a trajectory; None if rounding exceeds its limits."""
     segments, phases = trim_segments(motion.segments, motion.phases)
     timing = path.waypoints, segments, rotations, phases, bounds
     if not is_motion(*timing, motion.begin_velocity, motion.begin_acceleration):
@@ -1149,7 +1148,7 @@ def _smooth(
     bounds: MotionBounds,
     junction: Junction | None,
 ) -> Segments | None:
-    """Return a proven smooth version of a path; None if it keeps its edges."""
+    """Return a proven smooth path; None if it keeps its edges."""
     space = path.space
     drive = path.edges
     is_straight = junction is None and len(edges.lengths) == 1
@@ -1281,7 +1280,7 @@ def _split(path: DrivenPath, rotations: Rotations, bounds: MotionBounds) -> Segm
 def _make_segments(
     points: Floats, steps: Floats, radians: Floats, rotations: Rotations, velocity: LimitRates
 ) -> Segments:
-    """Return the segments between points, without those that are rounding errors.
+    """Return the segments between points, except rounding errors.
 
     ``points`` have shape (m + 1, size). Each segment is as long as its seconds at full speed.
     ``radians`` turn the direction of motion.
@@ -1300,12 +1299,12 @@ def _make_segments(
 
 
 def _cut_driven(segments: Segments, phases: Phases, rotations: Rotations) -> Segments:
-    """Return segments without what lies before the first phase and after the last one."""
+    """Cut segments at the first and the last phase."""
     return cut_segments(segments, rotations, *phases.positions[[0, -1]].tolist())
 
 
 def _make_waypoints(segments: Segments, rotations: Rotations) -> Floats:
-    """Return configurations that the edges of a drive join along straights and arcs."""
+    """Return configurations between which a drive follows straights and arcs."""
     turns = np.abs(segments.curvatures * segments.lengths)
     # No other curve of a car is as short as an arc of at most 1 rad.
     counts = np.ceil(np.maximum(turns, 1.0)).astype(np.int64)
@@ -1331,7 +1330,7 @@ def _stretch(phases: Phases, duration: float | None) -> Phases:
 
 
 def _locate(phases: Phases, t: Floats) -> tuple[Ints, Floats, tuple[Floats, Floats]]:
-    """Return segments, lengths along these, and speeds and accelerations at times, shape (n,)."""
+    """Return segments, lengths, speeds and accelerations at times, shape (n,)."""
     phase = np.maximum(np.searchsorted(phases.times, t, side="right") - 1, 0)
     elapsed = np.maximum(t - phases.times[phase], 0.0)
     lengths, speeds, accelerations = phases.at(phase, elapsed)
@@ -1346,24 +1345,23 @@ def _evaluate(
     positions, first, second = place_along(segments.select(segment), rotations, length)
     velocities = first * speed[:, np.newaxis]
     accelerations = first * acceleration[:, np.newaxis] + second * (speed**2)[:, np.newaxis]
-    if rotations.names == ("yaw",):
-        positions[:, -1] = wrap_angles(positions[:, -1])
-    if "qw" in rotations.names:
-        # The derivative of a quaternion is its product with half the angular velocity, in the
-        # robot's frame.
-        q = positions[:, -4:]
-        half_velocity = 0.5 * velocities[:, -3:]
-        half_acceleration = 0.5 * accelerations[:, -3:]
-        real_part = -(half_velocity**2).sum(axis=1)
-        first = _multiply(q, half_velocity, np.zeros(len(q)))
-        second = _multiply(q, half_acceleration, real_part)
-        velocities = np.column_stack([velocities[:, :-3], first])
-        accelerations = np.column_stack([accelerations[:, :-3], second])
+    if "qw" not in rotations.names:
+        return rotations.make_canonical(positions), velocities, accelerations
+    # The derivative of a quaternion is its product with half the angular velocity, in the robot's
+    # frame.
+    q = positions[:, -4:]
+    half_velocity = 0.5 * velocities[:, -3:]
+    half_acceleration = 0.5 * accelerations[:, -3:]
+    real_part = -(half_velocity**2).sum(axis=1)
+    first = _multiply(q, half_velocity, np.zeros(len(q)))
+    second = _multiply(q, half_acceleration, real_part)
+    velocities = np.column_stack([velocities[:, :-3], first])
+    accelerations = np.column_stack([accelerations[:, :-3], second])
     return positions, velocities, accelerations
 
 
 def _multiply(q: Floats, vectors: Floats, real_parts: Floats) -> Floats:
-    """Multiply quaternions (n, 4) by those of ``vectors`` (n, 3) and real parts (n,)."""
+    """Multiply quaternions (n, 4) by ``vectors`` (n, 3) and real parts (n,)."""
     own_vectors = q[:, :3]
     own_parts = q[:, 3]
     products = real_parts[:, np.newaxis] * own_vectors + own_parts[:, np.newaxis] * vectors

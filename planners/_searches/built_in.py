@@ -19,23 +19,23 @@ class BuiltInSearch(Planner):
 
     Attributes
     ----------
-    tells_early : bool
-        Whether it finds soon that no path exists, and whether an edge joins start and goal.
+    tries_edge : bool
+        Whether it first tries the edge from start to goal.
     """
 
-    tells_early = True
+    tries_edge = True
 
     def find(self, task: PlanTask) -> SearchResult:
         """Search for a path between the endpoints of a task."""
         edges = task.edges
-        if (edges.exact or not self.tells_early) and not task.may_succeed():
+        if edges.exact and not task.may_succeed():  # cells tell soon by themselves
             return SearchResult(np.empty((0, edges.space.size)))
         began = now()
         path, proof = self.find_path(task)
         if len(path) > 2 and is_over(NEVER):
             path = path[:0]  # to prove and measure thousands of edges takes long
         planning = now() - began
-        is_edge = len(path) == 2 and self.tells_early and edges.weights is None
+        is_edge = len(path) == 2 and self.tries_edge and edges.weights is None
         return SearchResult(path, NO_SEARCH if is_edge else "", planning, lattice=proof)
 
     @abstractmethod
@@ -46,7 +46,7 @@ class BuiltInSearch(Planner):
 class SpaceSearch(BuiltInSearch):
     """One of a space's own searches, which its method ``search`` runs."""
 
-    tells_early = False
+    tries_edge = False
     keeps = True
     counts_iterations = True
 

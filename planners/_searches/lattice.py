@@ -103,7 +103,7 @@ FULL: Final = -4
 
 @dataclass
 class _Limit:
-    """The end of a search, postponed while it asks whether a path may exist."""
+    """The end of a search, without the time to ask if paths exist."""
 
     until: Effort
     may_exist: Callable[[], bool]
@@ -153,7 +153,7 @@ def find_lattice_path(
     The map is in memory. A long search asks once whether a path ``may_exist``; the answer takes no
     time of the limit. If edges have weights, a search by cost follows that by length, and the
     cheaper path is taken. Returns configurations (x, y, yaw), shape (n, 3), and a note. If the
-    search finds no path, n is 0, and the note says what ended it before its time.
+    search finds no path, n is 0, and the note gives the reason.
     """
     began = now()
     limit = _Limit(began + effort, may_exist)
@@ -164,7 +164,7 @@ def find_lattice_path(
     # No path costs less than a short one whose metres cost nothing extra.
     if edges.path_cost(path) <= (1.0 + MIN_ROUND_GAIN) * edges.path_length(path):
         return path, reason
-    # A cheap way may lead where the robot cannot drive.
+    # The robot may be unable to drive along a cheap way.
     work = max(4.0 * (now() - began).work, Effort.from_seconds(0.25, math.inf).work)
     limit.until = limit.until.at_most(now() + Effort(work, math.inf))
     cheap_path, _ = _find_path(edges, endpoints, simplify, limit)
@@ -234,7 +234,7 @@ def _starts_at_goal(edges: DrivenEdges, endpoints: Endpoints) -> bool:
 
 
 def _measure_room(edges: DrivenEdges, q: Endpoint) -> int:
-    """Count passable cells around a configuration, at its yaw and half a radian to either side."""
+    """Count passable cells around a configuration, at yaws near its own."""
     grid = edges.cells.grid
     reach = math.ceil(edges.escape_reach / grid.spacing)
     center = grid.cell_of(q[:2])
@@ -275,7 +275,7 @@ def _make_guide(edges: DrivenEdges, endpoints: Endpoints, is_backwards: bool) ->
 
 
 def _list_factors(edges: LocalPlanner) -> Costs:
-    """List the factors of the cost in each cell, as kernels take them."""
+    """List the factors of the cost in each cell, for kernels."""
     if edges.weights is None:
         return NO_FACTORS
     return edges.weights.factors.reshape(map_record(edges.cells).states.shape)
@@ -297,7 +297,7 @@ def _measure_block_side(space: CSpace) -> int:
 
 
 def _list_directions(edges: DrivenEdges, is_backwards: bool) -> Directions:
-    """List what the robot may do in each direction of the guide."""
+    """List the moves and turns in each direction of the guide."""
     yaws, steps, lengths = _list_moves_by_yaw()
     moves = steps[:, np.newaxis]
     costs = lengths[:, np.newaxis]
@@ -349,7 +349,7 @@ def _search(
 ) -> tuple[Floats, str, Bools | None]:
     """Search for a path from start to goal, shape (n, 3).
 
-    If n is 0, the note says what ended the search; if it stalled, blocks to avoid follow. With
+    If n is 0, the note gives the reason; if the search stalled, blocks to avoid follow. With
     fewer than ``min_stalled`` nodes, it does not count as stalled. Raises TimeoutError at
     the limit.
     """
@@ -396,7 +396,7 @@ def _search(
 
 
 class _Arrival:
-    """The best path to the goal so far: to a node, and by an edge from it.
+    """The best path to the goal so far, by an edge from a node.
 
     By length it is the first one, and by cost the cheapest one.
     """
@@ -409,7 +409,7 @@ class _Arrival:
         self.node = NO_NODE
 
     def try_edge(self, nodes: LatticeNodes, node: int) -> None:
-        """Take the edge from a node if it is free, and the path by it better."""
+        """Take the edge from a node if it is free and better."""
         edge = *nodes.poses[node].tolist(), *self._goal
         cost = -math.inf
         if self._measure is not None:
@@ -419,7 +419,7 @@ class _Arrival:
             self.node = node
 
     def is_settled(self, nodes: LatticeNodes, until: Effort) -> bool:
-        """Return True if there is a path, and none promises to cost less or time runs out."""
+        """Return True with a path, if none promises less or time is over."""
         if self.node == NO_NODE:
             return False
         return self._cost <= nodes.progress.keys[0] or is_over(until)
@@ -501,7 +501,7 @@ def _trace_path(nodes: LatticeNodes, node: int, endpoints: Endpoints, merges: bo
 
 
 def shorten_path(edges: LocalPlanner, path: Floats, until: Effort) -> Floats:
-    """Shorten a path (n, 3), or lower its cost, until the end of the search."""
+    """Lower the cost of a path, shape (n, 3), until the end."""
     # Without cut corners, a second round of skipping gains little.
     rounds = 1 if edges.has_curves else 3
     for number in range(rounds):
@@ -769,7 +769,7 @@ class LatticeSearch(BuiltInSearch):
         return True
 
     def find_path(self, task: PlanTask) -> tuple[Floats, str]:
-        """Return waypoints, shape (n, 3), and a note; n is 0 if none is found in time."""
+        """Return waypoints, shape (n, 3), and a note."""
         edges = cast(DrivenEdges, task.edges)
         return find_lattice_path(edges, task.endpoints, task.simplify, task.limit, task.may_succeed)
 

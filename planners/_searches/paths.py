@@ -1,4 +1,4 @@
-"""Paths along chains of cells, shortened by skipping waypoints and cutting corners."""
+"""Paths along chains of cells, and how they are shortened."""
 
 from __future__ import annotations
 
@@ -67,9 +67,9 @@ def waypoints(space: CSpace, endpoints: Floats, cells: Ints) -> Floats:
 def thin_path(
     path: Floats, factors: Costs, rotations: Rotations, check: Check, cost: Cost
 ) -> Floats:
-    """Keep every few waypoints of a path, shape (n, size), where the edges between cost no more.
+    """Skip waypoints of a path, shape (n, size), if that costs no more.
 
-    ``factors``, shape (n,), are what a metre costs at the waypoints.
+    ``factors``, shape (n,), are the costs of a metre at the waypoints.
     """
     means = 0.5 * (factors[1:] + factors[:-1])
     costs = np.concatenate([[0.0], np.cumsum(means * _edge_lengths(path, rotations))]).tolist()
@@ -269,7 +269,7 @@ def _cut_corner(
 
 
 def move_points(path: Floats, dim: int, step: float, check: Check, cost: Cost) -> Floats:
-    """Move waypoints of a path, shape (n, size), to where it costs less.
+    """Move waypoints of a path, shape (n, size), to lower its cost.
 
     Each one moves in its first ``dim`` coordinates, by at most a few times ``step``, metres, while
     both its edges pass.
@@ -325,7 +325,7 @@ def find_cheapest_subpath(
         for bound, number in sorted(options):
             before = -number
             if bound >= least[here]:
-                break  # so are those of all other waypoints
+                break  # all other waypoints are as dear
             edge = *rows[before], *rows[here]
             total = least[before] + cost(*edge)
             spend(NANOSECONDS_PER_EDGE)
@@ -381,7 +381,7 @@ def skip_points(points: Floats, check: Check, until: Effort = NEVER) -> Floats:
 def _find_farthest(points: Floats, here: int, check: Check) -> int:
     """Find a far waypoint that an edge reaches.
 
-    Strides double while edges pass. Between the last two, the farthest is found by bisection.
+    Strides double while edges pass. Between the last two, bisection finds the farthest.
     """
     # Rows are converted one at a time, because all may exceed the map's memory.
     start = points[here].tolist()
