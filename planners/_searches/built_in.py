@@ -66,14 +66,16 @@ class SpaceSearch(BuiltInSearch):
             find_state_kind(task.edges.space)
 
     def find_path(self, task: PlanTask) -> tuple[Floats, str]:
-        """Return the checked waypoints that the space finds."""
+        """Return the waypoints that the space finds, checked for a user's space."""
         space = task.edges.space
         options = SearchOptions(
             task.simplify, task.edges.exact, task.iterations, task.seed, task.limit
         )
-        path = check_found_path(space, space.search(self.name, task.endpoints, options))
-        if len(path):
-            _check_ends(task, path)
+        path = space.search(self.name, task.endpoints, options)
+        if not isinstance(space, ConfigurationSpace):  # an arm may turn farther than its bounds
+            path = check_found_path(space, path)
+            if len(path):
+                _check_ends(task, path)
         return path, ""
 
 
