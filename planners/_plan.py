@@ -292,7 +292,7 @@ def _add_previous(task: PlanTask, previous: Plan, starts: Sequence[PlaceParts]) 
     task = replace(task, previous=_check_previous(task, previous))
     edges = task.edges
     # A robot on its way cannot choose another start.
-    if len(starts) == 1 and starts[0].is_one:
+    if len(starts) == 1 and starts[0].is_one and not edges.exact:
         start = cast("ArrayLike", starts[0].configuration)
         if _needs_geometry(edges.space, start):
             task = replace(task, edges=replace(edges, space=edges.space.exact))
