@@ -61,8 +61,8 @@ TOUCHING = 2.0 - TOUCH_TOLERANCE
 class Form(NamedTuple):
     """A form of words; :func:`solve_form` gives the lengths of the segments.
 
-    The circles are those of the first and of the last arc. The distance of their centers, in
-    turning radii, lies between ``closest`` and ``farthest``.
+    The circles of the first and last arc have centers ``closest`` to ``farthest`` apart, in turning
+    radii.
     """
 
     steering: tuple[int, int, int, int, int]
@@ -116,7 +116,7 @@ MIN_PIECE_CELLS = 1.0 / 16.0
 
 
 class Words(NamedTuple):
-    """The shortest words to a goal. The arrays have room for as many words again."""
+    """The shortest words to a goal; the arrays have room for twice ``MAX_WORDS``."""
 
     steering: Ints  # (2 * MAX_WORDS, 5)
     lengths: Floats  # (2 * MAX_WORDS, 5), turning radii
@@ -152,7 +152,7 @@ def prove_length(
         return -1.0
     count = words.number
     if kind == REEDS_SHEPP:
-        # OMPL may compute its curve from the goal, where rounding can prefer another of the tied
+        # OMPL may compute its curve from the goal, and rounding can prefer another of the tied
         # curves. Driven back, such a curve has its segments in reverse order and direction.
         back = find_shortest_words(kind, radius, goal, start, TIE_TOLERANCE)
         for row in range(back.number):
@@ -239,7 +239,7 @@ def piece_is_free(
 
 @internal
 def position_in_plane(map_: Map, x: float, y: float) -> Row:
-    """Return a plane position in space, in the middle of the layer."""
+    """Return a position of the plane in the middle of the layer."""
     return 0.5 * map_.spacing, x, y
 
 
@@ -297,9 +297,8 @@ def segment_is_free(
 def find_shortest_words(kind: int, radius: float, q0: Pose, q1: Pose, tie: float) -> Words:
     """Find the shortest words between two configurations.
 
-    The shortest one comes first, then all words longer by at most ``tie``; none is given twice.
-    Each word is driven and counts only if it reaches the goal, so that no form needs a separate
-    proof.
+    The shortest one comes first, then all words longer by at most ``tie``, without duplicates. Each
+    word is driven and counts only if it reaches the goal, so that no form needs a separate proof.
     """
     # The goal as seen from the start, in turning radii.
     x0, y0, yaw0 = q0
@@ -331,7 +330,7 @@ def find_shortest_words(kind: int, radius: float, q0: Pose, q1: Pose, tie: float
                 best = row
                 shortest = total
                 shortest_gap = gap
-    # Copy the shortest word, then those that are as short.
+    # Copy the shortest word, then all other tied words.
     steering = np.zeros((2 * MAX_WORDS, MAX_SEGMENTS), np.int64)
     lengths = np.zeros((2 * MAX_WORDS, MAX_SEGMENTS))
     for k in range(MAX_SEGMENTS):
@@ -349,7 +348,7 @@ def find_shortest_words(kind: int, radius: float, q0: Pose, q1: Pose, tie: float
 
 @internal
 def measure_gap(goal: Pose, steering: Ints, lengths: Floats, row: int) -> float:
-    """Drive a word of two rows from the origin; return its gap.
+    """Return the gap of a word driven from the origin.
 
     The gap is the larger of the distance, in turning radii, and the angle, in radians.
     """
@@ -377,7 +376,7 @@ def advance(pose: Pose, steer: int, length: float) -> Pose:
 
 @internal
 def is_new(steering: Ints, lengths: Floats, count: int) -> int:
-    """Return 1 if row ``count`` differs from all earlier words, else 0.
+    """Return 1 if word ``count`` differs from all earlier ones, or 0.
 
     The steering of a segment without length makes no difference.
     """
@@ -466,7 +465,7 @@ def write_word(
 
 @internal
 def solve_form(form: int, x: float, y: float, phi: float) -> Lengths:
-    """Return lengths of a form's word to (x, y, phi), or zeros.
+    """Return the lengths of a form's word to (x, y, phi), or zeros.
 
     Arcs are not wrapped. Source of the forms 3 to 8: Reeds and Shepp (1990), section 8, whose names
     t, u and v stand for the lengths of the first, second and third segment.

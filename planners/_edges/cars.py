@@ -56,7 +56,7 @@ class CarCurves(DrivenEdges):
     has_curves = True
     max_gap = MAX_GAP
     hints = ("a smaller turning_radius",)
-    # It need not turn on the spot where blocks are narrow.
+    # It need not turn on the spot in narrow blocks.
     narrow_cost: ClassVar[float] = 0.3
     reverse_weight: ClassVar[float] = 1.5
 
@@ -67,7 +67,7 @@ class CarCurves(DrivenEdges):
 
     @property
     def tree_planner(self) -> Literal["RRT", "RRTConnect"]:
-        """Planner of OMPL that runs by default."""
+        """Planner of OMPL for default plans."""
         # RRTConnect's tree at the goal grows by curves that leave the goal; a Dubins car needs
         # curves that arrive.
         return "RRTConnect" if self.reverses else "RRT"
@@ -89,7 +89,7 @@ class CarCurves(DrivenEdges):
 
     @property
     def escape_reach(self) -> float:
-        """Metres around an end whose room tells where to begin; 0 for the start in any case.
+        """Reach of the comparison of both ends' surroundings, metres; 0 for none.
 
         A car that reverses can drive its paths both ways.
         """
@@ -106,7 +106,7 @@ class CarCurves(DrivenEdges):
         return self.reverses, self.radius
 
     def check_drive(self) -> None:
-        """Raise InputError if the turning radius is too small or large for the cells of a map."""
+        """Raise InputError if the turning radius does not suit the cells."""
         # Rounding errors of curves grow with the radius in cells, and with its inverse.
         spacing = 2.0 * self.space.resolution
         lowest = 1e-3 * spacing
@@ -128,7 +128,7 @@ class CarCurves(DrivenEdges):
     def point_checker(self) -> Callable[..., bool]:
         """Make ``check(*q)``, which proves points like curves without length.
 
-        So proofs of straight edges need not be compiled.
+        Then proofs of straight edges need not be compiled.
         """
         if not self.exact:
             return super().point_checker()
@@ -137,7 +137,7 @@ class CarCurves(DrivenEdges):
 
     @cached_property
     def bound_proof(self) -> Callable[..., float]:
-        """:func:`prove_length` of a map in memory, whose updates it follows."""
+        """Kernel :func:`prove_length`, bound to a map in memory and its updates."""
         fixed = (self.bounded_map(), self.kind, self.radius)
         return bind_kernel(prove_length, fixed, self.geometry(), *[0.0] * 6)
 
@@ -152,7 +152,7 @@ class CarCurves(DrivenEdges):
         return bind_cost(curve_cost, self.cells, weights, self.rotation_weight, curve)
 
     def measure_distance(self, path: Floats) -> float:
-        """Bound the obstacle distance along proven curves from below.
+        """Compute a lower bound of the obstacle distance along proven curves.
 
         See :meth:`cspace.CSpace.path_obstacle_distance` for the pieces of curves.
         """
@@ -161,8 +161,8 @@ class CarCurves(DrivenEdges):
         step = 0.5 * self.space.resolution
         pieces = self.split_path(path, step, step / max(self.cells.robot.shape.span, step))
         distance = float(np.min(self.cells.obstacle_distance(*pieces)))
-        # Proven edges keep the margin free, even if a piece has nothing left; on a floor, they keep
-        # it sideways alone.
+        # Proven edges keep the margin free, even if a piece's bound is 0; on a floor, only
+        # sideways.
         return distance if self.cells.floor is not None else max(self.cells.margin, distance)
 
     def curve_prover(self) -> Callable[..., float]:
@@ -198,7 +198,7 @@ class CarCurves(DrivenEdges):
         return prove_in_window
 
     def _window_around(self, edge: Floats) -> CarCurves:
-        """Return curves in the map's part around an edge."""
+        """Return these edges on the map's part around an edge."""
         spacing = self.tiles.grid.spacing
         centers = self.split_path(edge, spacing, MAX_RADIANS).points
         positions = np.concatenate([edge, centers])[:, :2]
@@ -214,11 +214,11 @@ class CarCurves(DrivenEdges):
         return self.radius * find_shortest_words(self.kind, self.radius, start, goal, 0.0).shortest
 
     def curve_lengths(self, starts: Floats, ends: Floats) -> Floats:
-        """Bound lengths from below by the shortest curves, shape (n,)."""
+        """Return the lengths of the shortest curves, shape (n,)."""
         return self.edge_lengths(starts, ends)
 
     def measure(self, path: Floats) -> tuple[float, float]:
-        """Measure the metres and the radians of the curves of a path."""
+        """Measure the metres and radians along a path."""
         pieces = self.split_path(path, math.inf, math.inf)
         return math.fsum(pieces.lengths), math.fsum(pieces.rotations)
 
@@ -227,7 +227,7 @@ class CarCurves(DrivenEdges):
     ) -> Pieces:
         """Split a curve into pieces of at most ``step`` and ``rotation``.
 
-        Segments that are only rounding errors are left out, but a curve has at least one piece.
+        Segments that are only rounding errors are skipped, but a curve has at least one piece.
         """
         start = tuple(first.tolist())
         goal = tuple(last.tolist())
@@ -257,14 +257,14 @@ class CarCurves(DrivenEdges):
         return Pieces(np.array(points), np.array(lengths), np.array(rotations))
 
     def list_chords(self, path: Floats) -> tuple[Floats, float]:
-        """Return rows along the curves, and the distance that these stay from the lines between."""
+        """Return rows along the curves, and their largest distance from the chords."""
         # Rows are a quarter of a cell apart. An arc of length s and radius r leaves its chord by at
         # most s^2 / (8 r).
         step = 0.5 * self.space.resolution
         return self.resample(path, step), step**2 / (8.0 * self.radius)
 
     def list_segments(self, path: Floats, rotations: Rotations) -> tuple[Floats, Floats, Floats]:
-        """Return the straights and arcs of a path: starts and its end, steps, and turns."""
+        """Split a path into straight lines and arcs."""
         parts = [Pieces(np.zeros((0, 3)), np.zeros(0), np.zeros(0))]
         for first, last in itertools.pairwise(path):
             parts.append(self.split_edge(first, last, np.inf, np.inf, 0.0))
@@ -281,7 +281,7 @@ class CarCurves(DrivenEdges):
         return [self._list_motions(ends[0], count, is_backwards) for count in counts]
 
     def _list_motions(self, start: Endpoint, count: int, is_backwards: bool) -> Motions:
-        """List the motions of a car.
+        """List a car's motions on a lattice of ``count`` headings.
 
         These are arcs to the next of ``count`` headings, and drives straight on, ahead or in
         reverse. The first heading is the start's.

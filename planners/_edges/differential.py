@@ -39,13 +39,13 @@ class TurnDriveTurn(DrivenEdges):
 
     @property
     def curve_states(self) -> tuple[bool, float]:
-        """Whether OMPL's curves reverse, and their radius in metres, which is tiny."""
+        """Whether OMPL's curves reverse, and their tiny radius in metres."""
         grid = self.cells.grid
         longest_side = grid.spacing * max(grid.shape)
         return self.reverses, PIVOT_RADIUS_PER_SIDE * longest_side
 
     def edge_checker(self) -> Callable[..., bool]:
-        """Make ``check(*q0, *q1)``, which proves both turns and the drive free.
+        """Make ``check(*q0, *q1)``, which proves turns and drive free.
 
         The drive comes first: it is the longest motion and the likeliest to meet an obstacle. It
         proves turns of zero, too.
@@ -54,7 +54,7 @@ class TurnDriveTurn(DrivenEdges):
         choose_yaw = self.choose_yaw
 
         def check(x0: float, y0: float, yaw0: float, x1: float, y1: float, yaw1: float) -> bool:
-            """Return True if both turns and the drive are proven free."""
+            """Return True if turns and drive are proven free."""
             yaw = choose_yaw(x0, y0, yaw0, x1, y1, yaw1)
             return (
                 is_free(x0, y0, yaw, x1, y1, yaw)
@@ -65,11 +65,11 @@ class TurnDriveTurn(DrivenEdges):
         return check
 
     def edge_cost(self, weights: CellCost) -> Callable[..., float]:
-        """Make ``cost(*q0, *q1)``, the cost of both turns and the drive."""
+        """Make ``cost(*q0, *q1)``, the cost of turns and drive."""
         cost = super().edge_cost(weights)
 
         def add(x0: float, y0: float, yaw0: float, x1: float, y1: float, yaw1: float) -> float:
-            """Return the cost of both turns and the drive."""
+            """Return the cost of turns and drive."""
             yaw = self.choose_yaw(x0, y0, yaw0, x1, y1, yaw1)
             total = cost(x0, y0, yaw, x1, y1, yaw)
             # Most edges have few turns.
@@ -91,7 +91,10 @@ class TurnDriveTurn(DrivenEdges):
     def choose_yaw(
         self, x0: float, y0: float, yaw0: float, x1: float, y1: float, yaw1: float
     ) -> float:
-        """Choose the yaw of a drive, with less rotation; ``yaw0`` for a pure turn."""
+        """Choose the yaw of the drive that needs less rotation.
+
+        It is ``yaw0`` if the edge is a pure turn.
+        """
         if x0 == x1 and y0 == y1:
             return yaw0
         ahead = wrap_yaw(math.atan2(y1 - y0, x1 - x0))
@@ -116,13 +119,13 @@ class TurnDriveTurn(DrivenEdges):
         return np.array(waypoints).reshape(-1, 3)
 
     def turns_at(self, path: Floats, row: int) -> bool:
-        """Return True if a row next to a row of a path differs by the yaw alone."""
-        # The way may begin or end here, if start or goal is the place.
+        """Return True if the path turns on the spot at a row."""
+        # The path may also begin or end at this row.
         beside = np.delete(path[max(row - 1, 0) : row + 2, :2], min(row, 1), axis=0)
         return bool((beside == path[row, :2]).all(axis=1).any())
 
     def remove_turns(self, path: Floats) -> Floats:
-        """Give waypoints the yaw of arrival, if their edges remain proven free."""
+        """Give waypoints the yaw of arrival, if all edges remain free."""
         check = self.edge_checker()
         rows = path.tolist()
         for k in range(1, len(rows) - 1):
@@ -144,7 +147,7 @@ class TurnDriveTurn(DrivenEdges):
     def _list_motions(
         self, ends: Sequence[Endpoint], yaws: Floats, lengths: Floats, count: int
     ) -> Motions:
-        """List turns to the next headings, and drives ahead and perhaps in reverse."""
+        """List turns to the next headings, and drives along each heading."""
         spacing = self.cells.grid.spacing
         headings, ahead = _list_headings(ends, yaws, lengths, count)
         turns = [1, -1, 0]
@@ -176,11 +179,11 @@ class TurnDriveTurn(DrivenEdges):
 def _list_headings(
     ends: Sequence[Endpoint], yaws: Floats, lengths: Floats, count: int
 ) -> tuple[Floats, Floats]:
-    """List headings by ascending yaw, and lengths of drives along.
+    """List headings by ascending yaw, and their drives' lengths.
 
-    These are the directions from a cell to others near it, and the yaws of the ends. From each to
-    the next there are ``count`` steps; at headings between, the robot comes close to a wall.
-    Lengths are in cells.
+    Headings are the directions from a cell to others near it, and the yaws of the ends. Each gap is
+    divided into ``count`` steps; the headings between bring the robot close to a wall. Lengths are
+    in cells.
     """
     own_yaws = np.unique([q[2] for q in ends])
     is_new = np.abs(wrap_angles(yaws - own_yaws[:, None])).min(axis=1) > 1e-9
@@ -197,6 +200,6 @@ def _list_headings(
 
 
 def _turn_by_way_of(yaw: float, before: float, after: float) -> float:
-    """Return the radians of two turns, to a yaw and on to another."""
+    """Return the radians of turns from ``before`` to ``yaw`` to ``after``."""
     first = math.remainder(yaw - before, math.tau)
     return abs(first) + abs(math.remainder(after - yaw, math.tau))

@@ -28,7 +28,7 @@ class Motions(NamedTuple):
     unit: float  # of the lengths, metres: the turning radius of a car, otherwise 1
     radius: float | None  # turning radius of a car
     costs: Floats  # (h, m)
-    max_nodes: int  # after which the search ends
+    max_nodes: int  # limit of the search
     nanoseconds: int  # of work, to add a node and to expand it
     side: float  # of the cells that hold one configuration for each heading
     switch_cost: float  # of a change between driving ahead and in reverse
@@ -88,7 +88,7 @@ class DrivenEdges(LocalPlanner):
         return np.array([self.edge_length(*row) for row in rows])
 
     def find_directions(self, rows: Floats) -> NDArray[np.int8]:
-        """Return whether rows (n, 3) go ahead (1), back (-1) or neither."""
+        """Return the directions of rows, (n, 3): ahead 1, back -1, neither 0."""
         if len(rows) < 2:
             return np.ones(len(rows), dtype=np.int8)
         dx, dy = np.diff(rows[:, :2], axis=0).T

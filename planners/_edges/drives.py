@@ -30,7 +30,7 @@ DRIVES: Final[dict[type[Drive], Callable[[], type[LocalPlanner]]]] = {
     Differential: _load_differential,
     Car: _load_car,
 }
-"""Drives, and the class of the edges of each, which is loaded when it is needed."""
+"""Loader of the class of edges of each drive."""
 
 
 def local_planner(
@@ -41,7 +41,7 @@ def local_planner(
     exact: bool = False,
     keep: Sequence[Upright] = (),
 ) -> LocalPlanner:
-    """Make the local planner of a space from :class:`LocalPlanner` options.
+    """Make the local planner of a space and a drive.
 
     With ``exact``, the geometry decides MIXED cells, and links of an arm ``keep`` directions.
 
@@ -94,5 +94,5 @@ def check_axes(space: Space, axes: tuple[str, ...], owner: str) -> None:
 
 
 def has_drives(space: Space) -> bool:
-    """Return True if drives are for the space."""
+    """Return True if the space takes drives."""
     return isinstance(space, ConfigurationMap) and space.axes == ("x", "y", "yaw")

@@ -35,11 +35,11 @@ MAX_RADIANS_PER_STEP: Final = math.radians(5.0)
 """Largest rotation of an integration step, in radians (5 degrees)."""
 
 BYTES_PER_CELL: Final = 16
-"""Memory of the costs of a cell, bytes, with what makes them."""
+"""Memory to make and keep the cost of a cell, bytes."""
 
 
 class CostDensity(NamedTuple):
-    """Cost of a metre, by a clearance.
+    """Cost of a metre as a function of the clearance.
 
     It is ``1 + weight * max(0, offset + slope * clearance)**2``. A radian of rotation counts as
     ``rotation_weight`` metres.
@@ -52,24 +52,25 @@ class CostDensity(NamedTuple):
 
 
 class Values(NamedTuple):
-    """What the cost of a metre depends on, as kernels take it: factors of cells, or clearances."""
+    """Record for kernels that gives the cost of a metre: factors of cells, or distances."""
 
     distances: DistanceTable
-    factors: Costs  # (cells,), those of all cells of all slices in C order; empty for clearances
+    factors: Costs  # (cells,), all slices in C order; empty for clearances
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CellCost:
-    """What a metre costs in the cells of a map, and along edges.
+    """Cost of a metre in the cells of a map, and along edges.
 
     Attributes
     ----------
     factors : ndarray of float32, shape (slices, nx, ny) or (slices, nx, ny, nz)
-        Cost of a metre in each cell, 1 or above. Along edges it is linear between their centers.
+        Cost of a metre in each cell, 1 or above. Along edges it is interpolated linearly between
+        cell centers.
     density : CostDensity, optional
-        Cost of a metre along edges by the clearance, instead.
+        Cost of a metre along edges by the clearance, instead of ``factors``.
     bound : dict
-        Kernels of edges, once they are bound: that takes longer than hundreds of edges.
+        Bound kernels of edges, cached because binding takes longer than hundreds of edges.
     """
 
     factors: Costs
@@ -78,11 +79,11 @@ class CellCost:
 
 
 Weigh: TypeAlias = Callable[[CSpace], CellCost | None]
-"""Maker of what a metre costs on a map in memory; None if each one costs its length."""
+"""Maker of the cost of a metre on a map in memory; None if the cost is the length."""
 
 
 def check_costs_fit(space: CSpace) -> None:
-    """Raise InputError if the costs of all cells do not fit into memory."""
+    """Raise InputError if the cells' costs do not fit into memory."""
     needed = BYTES_PER_CELL * len(space.slice_rotations) * space.grid.size
     check_memory(needed, "the map, to weigh its cells,", space.grid)
 
@@ -101,10 +102,10 @@ def cost_at(
 
 @internal
 def factor_between(map_: Map, factors: Costs, position: Row, rotation: Numbers) -> float:
-    """Interpolate factors of cells at a configuration, for compiled callers.
+    """Interpolate the factors of cells linearly at a configuration.
 
-    ``factors`` are those of :class:`Values`, and ``position`` has three coordinates, metres. The
-    weights are those of linear interpolation between the eight cell centers around the position.
+    ``factors`` are as in :class:`Values`, and ``position`` has three coordinates, metres. The
+    factor is interpolated between the eight cell centers around the position.
     """
     s = slice_of(map_, rotation)
     total = 0.0
@@ -155,9 +156,9 @@ def bind_cost(
 ) -> Callable[..., float]:
     """Make ``cost(*q0, *q1)`` from ``kernel(map, values, density, *fixed, numbers)``.
 
-    The numbers are both configurations. The function follows changes of the map.
+    The numbers are both configurations. The function follows updates of the map.
     """
-    # Kernels take one type of record, so what they do not need is empty.
+    # Kernels take one type of record, so unused fields are empty.
     no_distances = DistanceTable(
         np.empty(0, dtype=np.float32),
         np.empty((0, 2, space.grid.dim)),
@@ -176,7 +177,7 @@ def bind_cost(
         return lambda *ends: integrate(values, density, *fixed, ends)
 
     def measure(*ends: float) -> float:
-        """Return the cost by the present distances."""
+        """Return the cost by the map's present distances."""
         present = Values(DistanceTable.of(space), factors)
         cost: float = integrate(present, density, *fixed, ends)
         return cost

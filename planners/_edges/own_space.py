@@ -16,8 +16,8 @@ POSE_AXES: Final = frozenset({*AXES, "yaw", "qx", "qy", "qz", "qw"})
 
 
 def check_space(space: object) -> None:
-    """Raise InputError unless ``space`` is a :class:`cspace.Space` that is well described."""
-    # Proxies have the class of another object, and answers of their own.
+    """Raise InputError unless ``space`` is a well-described :class:`cspace.Space`."""
+    # Proxies claim another object's class, and give other answers.
     if not issubclass(type(space), Space):
         raise InputError(
             "space",
@@ -29,9 +29,9 @@ def check_space(space: object) -> None:
 
 
 def _check_own_space(space: Space) -> None:
-    """Raise InputError unless axes, bounds and other members fit each other.
+    """Raise InputError unless a user's space describes itself consistently.
 
-    Searches and trajectories would take a wrong one for another space, without a word.
+    Otherwise searches and trajectories would silently assume another space.
     """
     _check_axes(space)
     _check_rotation(space)
@@ -56,8 +56,8 @@ def read_bounds(space: Space) -> tuple[Floats, Floats]:
 def check_found_path(space: Space, path: ArrayLike) -> Floats:
     """Return a path that a space's search found, shape (n, size).
 
-    Raises InputError unless its rows are configurations within the bounds, which a test of motions
-    may take for granted.
+    An empty path has shape (0, size). Raises InputError unless all rows are configurations within
+    the bounds, which tests of motions may rely on.
     """
     rows = check_finite(path, "search")
     if not rows.size:
