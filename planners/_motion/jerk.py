@@ -1,6 +1,6 @@
 """Motions along segments with limited jerk.
 
-The path is cut into legs at the points where the fastest motion without a limit of jerk is slowest.
+Legs of the path meet at local minima of the speed of the fastest motion without a limit of jerk.
 There the acceleration along the path is zero. On each leg the robot changes its speed by a ramp,
 drives evenly, and changes it again. A ramp raises the acceleration evenly, keeps it, and lowers it
 evenly: a double S (L. Biagiotti and C. Melchiorri, "Trajectory planning for automatic machines and
@@ -39,7 +39,7 @@ from planners._motion.timing import (
 )
 
 BEND_ROOM: Final = 0.85
-"""Share of a limit of acceleration that the bend of a curve may use where the robot is slowest."""
+"""Largest share of a limit of acceleration that the bend of a curve uses between two legs."""
 
 MAX_ROUNDS: Final = 100
 """Largest number of times that ramps are lowered."""
@@ -47,17 +47,8 @@ MAX_ROUNDS: Final = 100
 BORDER_RATIO: Final = 1.2
 """Least ratio of the largest squared speeds at a border of places where a leg ends."""
 
-BRAKING_STEPS: Final = 12
-"""Number of halvings that find where limits of places hold again."""
-
 LEAST_LESS, MOST_LESS = 0.98, 0.85
 """Factors of a ramp's limits in a round: the largest and the smallest."""
-
-RAMP_FLOOR: Final = 0.1
-"""Least share of its limits to which a ramp is lowered; then the speeds at its ends are."""
-
-SLOWER_KEY: Final = 0.96
-"""Factor by which the faster end of a leg becomes slower."""
 
 ROOT_STEPS: Final = 60
 """Number of halvings that find a speed or a time."""
@@ -67,10 +58,10 @@ MIN_JERK_SHARE: Final = 1e-6
 Numbers for times resolve no larger jerks."""
 
 SLACK: Final = 1e-7
-"""Share of each limit that is left for rounding."""
+"""Share of each limit that is reserved for rounding."""
 
 LEG_ERROR: Final = 1e-10
-"""Largest relative excess of a leg's length, for rounding."""
+"""Largest relative excess of a leg's length by rounding."""
 
 ROUNDING: Final = 1e-8
 """Excess of a factor of time that is a rounding error; its third power is below the slack."""
@@ -102,10 +93,11 @@ def find_motion(
     begin_speed: float = 0.0,
     begin_acceleration: float = 0.0,
 ) -> Phases | None:
-    """Return a fast motion along segments to rest, by default from rest.
+    """Find a fast motion along segments to rest.
 
-    It begins at a length along the first segment, with a speed and an acceleration along it, which
-    counts only if the jerk has a limit. None if that is too fast.
+    It begins at a length along the first segment, with a speed and an acceleration along it, by
+    default at rest. The acceleration counts only if the jerk has a limit. Return None if the robot
+    is too fast to stop.
     """
     if bounds.jerk is None:
         return find_phases(segments, rotations, bounds, begin, begin_speed)
@@ -114,8 +106,8 @@ def find_motion(
     phases = _solve(intervals, bounds.jerk, *state)
     if phases is not None or begin_speed == 0.0 or bounds.places is None:
         return phases
-    # Limits of places do not hold up to a border, which is brought as near as a motion allows.
-    # Before it, the robot becomes as fast as it must until its acceleration is zero, if it can.
+    # Ignore the limits of places up to a border, and find the nearest border that a motion allows.
+    # First try the speed at which the acceleration is back at zero, then any.
     shares = bounds.jerk.shares(intervals.rates[0])
     square = (begin_speed + 0.5 * max(begin_acceleration, 0.0) ** 2 * float(shares.max())) ** 2
     length = float(intervals.lengths.sum())
@@ -125,7 +117,8 @@ def find_motion(
         if phases is not None:
             break
     near = 0.0
-    for _ in range(BRAKING_STEPS if phases is not None else 0):
+    # Halve the distance between a border too near and a feasible border.
+    for _ in range(12 if phases is not None else 0):
         middle = 0.5 * (near + far)
         raised = _raise_caps(intervals, middle, top)
         found = _solve(raised, bounds.jerk, *state, middle)
@@ -139,7 +132,10 @@ def find_motion(
 
 
 def _raise_caps(intervals: Intervals, length: float, top: float) -> Intervals:
-    """Raise the limits of places, up to a length from the begin, to at least a squared speed."""
+    """Raise the limits of places on the first part.
+
+    Up to ``length``, they are at least the squared speed ``top``.
+    """
     borders = np.cumsum(intervals.lengths)
     number = min(int(np.searchsorted(borders, length)), len(borders) - 1)
     most = float(intervals.lengths[number])
@@ -159,9 +155,10 @@ def _solve(
     begin_acceleration: float,
     first_length: float = 0.0,
 ) -> Phases | None:
-    """Return a fast motion through intervals to rest; None if the state is too fast.
+    """Find a fast motion through intervals to rest.
 
-    The first leg has at least a length.
+    The first leg has at least the length ``first_length``. Return None if the robot is too fast to
+    stop.
     """
     limited = _limit_jerk(intervals, jerk)
     squares = intervals.end_caps.copy()
@@ -184,7 +181,8 @@ def _solve(
     legs = keys[:-1]
     most = np.column_stack([gains, jerks, gains, jerks, limited.speeds])
     limits = (1.0 - SLACK) * np.maximum.reduceat(most, legs)
-    floors = RAMP_FLOOR * np.minimum.reduceat(most[:, :4], legs)
+    # Below a tenth of its limits no ramp is lowered; the speeds at its ends are.
+    floors = 0.1 * np.minimum.reduceat(most[:, :4], legs)
     pieces = np.zeros((LEG_PHASES * len(legs) + len(gains), 6))
     work = np.zeros(LEG_PHASES), np.zeros(LEG_PHASES), np.zeros(LEG_PHASES)
     start = keys, speeds, begin_acceleration
@@ -205,9 +203,10 @@ def find_jerk_stop(
     speed: float,
     acceleration: float,
 ) -> Phases | None:
-    """Return a stop with limited jerk; None if no single ramp stops the robot.
+    """Find a stop with limited jerk.
 
-    It begins at a length along the first segment, with a speed and an acceleration along it.
+    It begins at a length along the first segment, with a speed and an acceleration along it. Return
+    None if no single ramp stops the robot.
     """
     intervals = measure_intervals(segments, rotations, bounds, begin)
     stops = np.flatnonzero(intervals.end_caps[1:] == 0.0)
@@ -223,7 +222,7 @@ def find_jerk_stop(
 
 
 def _limit_jerk(intervals: Intervals, jerk: LimitRates) -> JerkIntervals:
-    """Return the limits of intervals, with those of jerk."""
+    """Return the limits of intervals, including jerk."""
     derivatives = np.array([intervals.rates, intervals.bends, intervals.twists])
     jerk_rates, jerk_bends, jerk_twists = jerk.shares(derivatives)
     lengths = intervals.lengths
@@ -255,13 +254,13 @@ def _choose_keys(
     is_border: Bools,
     reach: float,
 ) -> Ints:
-    """Return the numbers of the borders between legs.
+    """Choose the borders between legs; return their numbers.
 
-    There the fastest motion without a limit of jerk, with given squared speeds, is slowest, or it
-    begins or ends to follow the largest squared speeds, ``tops``, or it is faster between two
-    borders of one speed, or it reaches one of the borders of places. ``caps``, shape (n,), are the
-    largest squared speeds of intervals, and ``is_border``, shape (n - 1,), those borders. The first
-    leg has at least the length ``reach``, unless the robot must stop before.
+    The fastest motion without a limit of jerk has the given squared speeds. A border is chosen if
+    this motion is slowest there, begins or ends to follow the largest squared speeds ``tops``, is
+    faster between two borders of one speed, or reaches a border of places. ``caps``, shape (n,),
+    are the largest squared speeds of intervals; ``is_border``, shape (n - 1,), marks borders of
+    places. The first leg has at least the length ``reach``, unless the robot must stop before.
     """
     steps = np.diff(squares)
     flat = np.abs(steps) <= MAX_ERROR * np.maximum(squares[1:], squares[:-1])
@@ -285,7 +284,7 @@ def _choose_keys(
 
 
 def _join_pieces(intervals: Intervals, limited: JerkIntervals, pieces: Floats) -> Phases:
-    """Return phases of pieces that follow each other, and then rest."""
+    """Join successive pieces into phases, and add the rest."""
     numbers = pieces[:, 0].astype(np.int64)
     _, places, speeds, accelerations, jerks, durations = pieces.T
     begins = intervals.begins - limited.borders[:-1]
@@ -299,7 +298,7 @@ def _join_pieces(intervals: Intervals, limited: JerkIntervals, pieces: Floats) -
 
 @internal
 def move(speed: float, acceleration: float, jerk: float, time: float) -> float:
-    """Return the length moved in a time."""
+    """Return the length moved in a time at constant jerk."""
     return time * (speed + time * (acceleration / 2.0 + time * jerk / 6.0))
 
 
@@ -307,9 +306,9 @@ def move(speed: float, acceleration: float, jerk: float, time: float) -> float:
 def fill_ramp(
     durations: Floats, jerks: Floats, speed: float, acceleration: float, to: float, limits: Floats
 ) -> float:
-    """Fill the three phases of a ramp to an even speed, and return its length.
+    """Fill a ramp's three phases; return its length.
 
-    ``limits`` are the largest acceleration and jerk.
+    The ramp ends at the even speed ``to``. ``limits`` are the largest acceleration and jerk.
     """
     jerk = limits[1]
     even = speed + acceleration * abs(acceleration) / (2.0 * jerk)
@@ -345,7 +344,10 @@ def find_reach(
     length: float,
     limits: Floats,
 ) -> float:
-    """Return the largest even speed, up to ``most``, to which a ramp fits into a length."""
+    """Find the largest speed that a ramp reaches within a length.
+
+    It is at most ``most``.
+    """
     if fill_ramp(durations, jerks, speed, acceleration, most, limits) <= length:
         return most
     low = max(speed + acceleration * abs(acceleration) / (2.0 * limits[1]), 0.0)
@@ -369,7 +371,10 @@ def fill_ramps(
     to: float,
     limits: Floats,
 ) -> float:
-    """Fill the two ramps of a leg, to an even speed and from there; return their length."""
+    """Fill the two ramps of a leg; return their length.
+
+    The first ends, and the second begins, at the speed ``even``.
+    """
     first = fill_ramp(durations[:3], jerks[:3], speed, acceleration, even, limits[:2])
     return first + fill_ramp(durations[4:], jerks[4:], even, 0.0, to, limits[2:4])
 
@@ -384,9 +389,9 @@ def fill_leg(
     length: float,
     limits: Floats,
 ) -> bool:
-    """Fill the seven phases of a leg; return False if it is too short.
+    """Fill a leg's seven phases; return False if it is too short.
 
-    ``limits`` are the acceleration and jerk of both ramps, and the largest speed.
+    ``limits`` are acceleration and jerk of each ramp, and the largest speed.
     """
     eased = max(speed + acceleration * abs(acceleration) / (2.0 * limits[1]), 0.0)
     even = max(limits[4], to)
@@ -416,7 +421,7 @@ def fill_leg(
 
 @internal
 def find_time(speed: float, acceleration: float, jerk: float, most: float, length: float) -> float:
-    """Return the time in which a phase moves by a length, at most ``most``."""
+    """Return the time, up to ``most``, of moving a length."""
     low, high = 0.0, most
     time = 0.5 * most
     for _ in range(ROOT_STEPS):
@@ -439,10 +444,11 @@ def find_time(speed: float, acceleration: float, jerk: float, most: float, lengt
 def check_piece(
     k: int, speed: float, acceleration: float, jerk: float, limited: JerkIntervals
 ) -> tuple[float, float, float]:
-    """Return the factor of time that a piece in interval ``k`` needs, and two other ways.
+    """Return three factors, each enough to bring a piece within limits.
 
-    These are the factors, up to 1, that lower its acceleration and its jerk enough instead. Speed,
-    acceleration and jerk are the largest ones in the piece.
+    The first, 1 or above, stretches time; instead, the second lowers the acceleration, or the third
+    the jerk. Speed, acceleration and jerk are the largest in the piece, which lies in interval
+    ``k``.
     """
     excess = speed / limited.speeds[k]
     by_acceleration, by_jerk = 1.0, 1.0
@@ -470,15 +476,15 @@ def check_piece(
 
 
 @internal
-def lower_limits(
+def reduce_factors(
     factors: Floats, phase: int, is_fastest: bool, excess: float, by_gain: float, by_jerk: float
 ) -> None:
-    """Lower the factors of a leg's limits, because a piece of a phase exceeds one.
+    """Lower the factors of a leg's limits after an excess.
 
-    ``factors`` are those of the acceleration and jerk of the first ramp, phases 0 to 2; of the
-    second one, phases 4 to 6; and of the largest speed. In the even phase 3 between the ramps, the
-    speed is the largest one, or else both ramps reach it. ``excess``, ``by_gain`` and ``by_jerk``
-    are what :func:`check_piece` returns. One round lowers a limit by MOST_LESS to LEAST_LESS.
+    ``factors`` scale the acceleration and jerk of the first ramp (phases 0 to 2), of the second
+    ramp (phases 4 to 6), and the largest speed. In the even phase 3, the limit is the largest
+    speed, or else both ramps'. ``excess``, ``by_gain`` and ``by_jerk`` come from
+    :func:`check_piece`. One round lowers a limit by MOST_LESS to LEAST_LESS.
     """
     if phase == 3 and is_fastest:
         factors[4] = min(factors[4], max(1.0 / excess, MOST_LESS))
@@ -507,11 +513,12 @@ def lay_leg(
     factors: Floats,
     limited: JerkIntervals,
 ) -> tuple[int, float]:
-    """Cut the phases of a leg at the borders of intervals ``first`` to ``last``, and check them.
+    """Cut a leg's phases into pieces, and check these.
 
-    Lower the limits if the pieces need more time. Return the new number of pieces, and the factor
-    of time that they need. Rows of ``pieces`` are the interval, the length from the first border,
-    and speed, acceleration, jerk and duration. ``factors``, shape (5,), are for its own use.
+    Cuts are at the borders of intervals ``first`` to ``last``. Lower the limits if the pieces need
+    more time. Return the new number of pieces, and the factor of time that they need. Rows of
+    ``pieces`` are the interval, the length from the first border, and speed, acceleration, jerk and
+    duration. ``factors``, shape (5,), is working memory.
     """
     excess = 0.0
     top = limits[4] if len(limits) > 4 else math.inf
@@ -544,7 +551,7 @@ def lay_leg(
             excess = max(excess, need)
             if need > 1.0 + ROUNDING:
                 is_fastest = most >= (1.0 - MAX_ERROR) * top
-                lower_limits(factors, phase, is_fastest, need, by_gain, by_jerk)
+                reduce_factors(factors, phase, is_fastest, need, by_gain, by_jerk)
             place += move(speed, acceleration, jerk, time)
             speed = after
             acceleration = later
@@ -561,9 +568,10 @@ def lay_leg(
 
 @internal
 def slow_ends(key_speeds: Floats, leg: int, limits: Floats, floors: Floats, faster: float) -> None:
-    """Lower the speeds at the ends of a leg to its own, and more if its ramps may not be slower.
+    """Lower the speeds at a leg's ends to the leg's limits.
 
-    ``faster`` is the higher speed of its ends. Limits below their floors are raised to these.
+    They become lower still if a ramp's limits are at their floors. ``faster`` is the higher speed
+    of its ends. Limits below ``floors`` are raised to these.
     """
     is_low = False
     for column in range(4):
@@ -571,7 +579,8 @@ def slow_ends(key_speeds: Floats, leg: int, limits: Floats, floors: Floats, fast
         limits[column] = max(limits[column], floors[column])
     most = limits[4]
     if is_low:
-        most = min(most, SLOWER_KEY * faster)
+        # Small steps keep the leg fast.
+        most = min(most, 0.96 * faster)
     for end in (leg, leg + 1):
         if end > 0:
             key_speeds[end] = min(key_speeds[end], most)
@@ -591,14 +600,15 @@ def solve_legs(
     acceleration: float,
     limited: JerkIntervals,
 ) -> float:
-    """Lay the pieces of m legs between n + 1 borders, whose speeds it lowers to what is reached.
+    """Lay the pieces of m legs in n intervals.
 
-    Return the factor of time that the pieces need; infinity if the robot is too fast at the start.
-    A leg is laid again only if its limits or the speeds at its ends have changed. Arrays:
+    Speeds at borders are lowered to the speeds reached. Return the factor of time that the pieces
+    need; infinity if the robot is too fast at the start. A leg is laid again only if its limits or
+    the speeds at its ends have changed. Arrays:
 
     * ``pieces``, shape (7 m + n, 6), as of :func:`lay_leg`, with a duration of zero in between
-    * ``limits``, shape (m, 5), as of :func:`fill_leg`; ``floors``, shape (m, 4), are the least ones
-    * ``durations``, ``jerks``, ``factors``, shape (7,), for its own use
+    * ``limits``, shape (m, 5), as of :func:`fill_leg`; ``floors``, shape (m, 4), their least values
+    * ``durations``, ``jerks``, ``factors``, shape (7,), working memory
     * ``laid``, shape (m, 3): the speeds at the ends of each leg, and the factor of time, when laid
     * ``keys``, ``key_speeds``, shape (m + 1,): borders between legs, and speeds there
     """
@@ -667,10 +677,11 @@ def solve_stop(
     acceleration: float,
     limited: JerkIntervals,
 ) -> tuple[int, float]:
-    """Lay the pieces of one ramp to rest; otherwise as :func:`solve_legs`.
+    """Lay the pieces of one ramp to rest.
 
-    ``limits`` are its acceleration and jerk, and ``ends``, shape (2,), the first and the last
-    border.
+    ``limits`` are its acceleration and jerk; ``ends``, shape (2,), are the first and last border.
+    Return the number of pieces and the factor of time that they need; arrays are as in
+    :func:`solve_legs`.
     """
     # Numba would compile its callees anew for a literal zero.
     first = ends[0]

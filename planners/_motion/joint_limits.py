@@ -31,10 +31,10 @@ _HONOURED: Final = FIELDS[0]._replace(refused="", warned="").list_known()
 
 
 def read_joint_limits(source: object, kind: str, units: Mapping[str, str]) -> dict[str, float]:
-    """Return one limit of each joint that has it; ``units`` are those of the joints.
+    """Read one kind of limit, for each joint that has it.
 
-    ``source`` may be the table of ``joint_limits`` alone. ``kind`` is "max_velocity",
-    "max_acceleration" or "max_jerk".
+    ``source`` may be the table ``joint_limits`` alone. ``kind`` is "max_velocity",
+    "max_acceleration" or "max_jerk". ``units`` are the joints' units.
     """
     if isinstance(source, Mapping) and "joint_limits" not in source:
         source = {"joint_limits": source}

@@ -34,7 +34,7 @@ MIN_AHEAD: Final = 1e-30
 """Smallest rate along the mean direction of a curve at which its direction has bounds."""
 
 UNBOUNDED: Final = 1e100
-"""Bound of a derivative that has none."""
+"""Stands for the bound of an unbounded derivative."""
 
 MAX_EDGE_TURN: Final = 3.0
 """Largest turn of an edge that is proven as a whole, radians; at pi rounding decides its side."""
@@ -85,7 +85,8 @@ def join_segments(parts: list[Segments]) -> Segments:
 def measure_sizes(rows: Floats, rotations: Rotations) -> Floats:
     """Return the largest coordinates of a path, with 1 radian for rotations.
 
-    The translation of a robot that rotates has one size, because its axes mix.
+    Rotations have size 1, radian. The translation of a robot that rotates has one size, because its
+    axes mix.
     """
     dim = rows.shape[1] - len(rotations.names)
     sizes = np.abs(rows[:, :dim]).max(axis=0)
@@ -96,7 +97,7 @@ def measure_sizes(rows: Floats, rotations: Rotations) -> Floats:
 
 
 def align_quaternions(rows: Floats, rotations: Rotations) -> Floats:
-    """Return configurations whose quaternions continue the ones before, for any rotations."""
+    """Choose the signs of quaternions so that they continue each other."""
     if "qw" not in rotations.names:
         return rows
     # Rotations take the shorter way, at whose end the next quaternion or its negative lies.
@@ -113,7 +114,8 @@ def place_along(
 ) -> tuple[Floats, Floats, Floats]:
     """Return configurations at lengths along segments, and their derivatives.
 
-    ``s`` has shape (m,). The derivatives are translations and rotation vectors, shape (m, k).
+    ``s``, shape (m,), are lengths along the segments. The derivatives are translations and rotation
+    vectors, shape (m, k).
     """
     length = s[:, np.newaxis]
     bends = segments.bends
@@ -191,8 +193,8 @@ def bound_derivatives(segments: Segments, begins: Floats, widths: Floats) -> tup
     driven = np.flatnonzero(segments.drives)
     if not len(driven):
         return rates, bends
-    # The yaw rate is c / s, where c is the cross product of the first and the second derivative,
-    # and s the square of the first one. So its derivative is c' / s - c s' / s^2.
+    # The yaw rate is c / s, with the cross product c of the first and second derivative, and the
+    # square s of the first. So its derivative is c' / s - c s' / s^2.
     twists = segments.twists[driven, :2]
     both_rates, both_bends = both_rates[:, driven, :2], both_bends[:, driven, :2]
     eighths = eighths[driven, 0]
@@ -266,9 +268,8 @@ def _prove_lines(space: Space, lines: Segments) -> Bools:
 def _prove_curves(space: ConfigurationSpace, curves: Segments) -> Bools:
     """Return whether curves are proven free, shape (m,).
 
-    Each is cut into pieces. Unproven pieces are cut again, until the last level, except those of
-    curves that contain a point which is not free. The proof of a curve does not depend on the
-    others.
+    Each is cut into pieces. Unproven pieces are cut again up to twice, unless a point of
+    their curve is not free. The proof of a curve does not depend on other curves.
     """
     counts = np.ones(len(curves.lengths), dtype=np.int64)
     if isinstance(space, ConfigurationMap):

@@ -13,9 +13,9 @@ become one wide turn.
 these. So the curve passes through each corner with a large weight, unless it lies outside that
 corner anyway (asymmetric least squares).
 
-*Places on the way.* That the curve passes through these is an equation of the fit, with a Lagrange
-multiplier. A robot that drives straight through one also keeps its direction there. A place becomes
-a stop if the curve has too few control points for it.
+*Places on the way.* The fit has equations, with Lagrange multipliers, that make the curve pass
+through these. A robot that drives straight through one also keeps its direction there. A place
+becomes a stop if the curve has too few control points for it.
 
 *Proofs.* All curves are proven together. Around an unproven part the smoothing length is reduced,
 and after some tries the corner beside it becomes a stop. Between two stops without a corner, the
@@ -39,15 +39,6 @@ from cspace.inside import Bools, Floats, Ints, wrap_angles
 from planners._motion.segments import Segments, join_segments
 from planners._motion.timing import MotionBounds
 
-FIRST_STEPS: Final = 8
-"""Number of spans of a curve, beside those for its edges."""
-
-STEPS_PER_EDGE: Final = 4
-"""Number of spans for each edge that a curve replaces."""
-
-STEPS_PER_RAMP: Final = 4
-"""Least number of spans in the time in which the robot reaches full speed, after a junction."""
-
 MAX_STEPS: Final = 200
 """Largest number of spans of a curve after a junction, unless its edges need more."""
 
@@ -63,20 +54,8 @@ VIA_WEIGHT: Final = 1e5
 MAX_MISS: Final = 1e-9
 """Largest error of the equations of a curve, relative to the size of its control points."""
 
-VIA_ROUNDS: Final = 5
-"""Largest number of fits that find the corners through which the curve must pass."""
-
-MAX_TRIES: Final = 2
-"""Number of times that an unproven curve is smoothed less before it is split."""
-
-LESS: Final = 0.2
-"""Factor of the smoothing length near an unproven part."""
-
-EQUATION_SLACK: Final = 1e-13
-"""Error of an equation for each unit of force, relative to the largest weight."""
-
 REACH: Final = 2.0
-"""Distance from an unproven part within which the curve is smoothed less, relative to the time in
+"""Reach around an unproven part within which the curve is smoothed less, relative to the time in
 which the robot reaches full speed."""
 
 MAX_TURN: Final = 2.8
@@ -100,7 +79,7 @@ TO_POLYNOMIAL: Final = (
 
 
 class Junction(NamedTuple):
-    """Derivatives of the curve along which a robot arrives at the start of a path, in motion."""
+    """Derivatives, at the start of a path, of the curve on which a moving robot arrives."""
 
     rates: Floats  # (k,), per second at full speed
     bends: Floats  # (k,), second derivatives
@@ -136,9 +115,10 @@ def make_polyline(
     junction: Junction | None,
     vias: Floats,
 ) -> Polyline:
-    """Make the polyline of a path, with via points ``gap`` metres outside its corners.
+    """Make the polyline of a path.
 
-    It passes through the configurations ``vias``, shape (v, size), which are ends of edges.
+    Its via points lie ``gap`` metres outside the corners. It passes through the configurations
+    ``vias``, shape (v, size), which are ends of edges.
     """
     numbers = np.arange(len(edges.lengths))
     if drives:
@@ -191,7 +171,7 @@ def make_polyline(
 
 @dataclass(slots=True)
 class CurveSection:
-    """A part of a polyline between two stops, whose edges become one curve of n spans.
+    """Part of a polyline between two stops, which becomes one curve of n spans.
 
     Attributes
     ----------
@@ -219,10 +199,12 @@ class CurveSection:
         """Sample the control points of a section."""
         times = polyline.times[first : last + 1]
         ramps = polyline.ramps[first:last]
-        steps = FIRST_STEPS + STEPS_PER_EDGE * (last - first)
+        # A curve has eight spans, and four more for each edge that it replaces.
+        steps = 8 + 4 * (last - first)
         junction = polyline.junction if first == 0 else None
         if junction is not None:
-            short_steps = STEPS_PER_RAMP * (times[-1] - times[0]) / ramps[0]
+            # The robot reaches full speed within four spans or more.
+            short_steps = 4 * (times[-1] - times[0]) / ramps[0]
             steps = int(np.clip(short_steps, steps, MAX_STEPS))
         step = float(times[-1] - times[0]) / steps
         marks = times[0] + step * np.arange(-1, steps + 2)
@@ -241,8 +223,7 @@ class CurveSection:
     def fit(self, polyline: Polyline) -> tuple[Floats, list[int]]:
         """Fit a smooth curve.
 
-        Returns its control points, shape (n + 3, k), and the waypoints that it has to pass through
-        and misses.
+        Return its control points, shape (n + 3, k), and the places on the way that it misses.
         """
         corners = np.arange(self.first + 1, self.last)
         corners = corners[polyline.outward[corners].any(axis=1) | polyline.held[corners]]
@@ -269,7 +250,8 @@ class CurveSection:
             polyline, places, spans[is_place], rows[is_place], slopes[is_place]
         )
         held = ~is_place
-        for _ in range(VIA_ROUNDS):
+        # At most five fits find the corners through which the curve must pass.
+        for _ in range(5):
             weights = np.where(held, VIA_WEIGHT, 0.0)
             held_normal = normal.copy()
             held_forces = forces.copy()
@@ -290,7 +272,7 @@ class CurveSection:
     def list_equations(
         self, polyline: Polyline, places: Ints, spans: Ints, rows: Floats, slopes: Floats
     ) -> tuple[sparse.csc_array, Floats]:
-        """List the equations of a curve that passes through waypoints.
+        """List the equations of a curve through waypoints.
 
         ``rows`` and ``slopes`` have shape (p, 4). Returns the factors of the steps of the inner
         control points, axis by axis, and the sums: first for each waypoint and each axis.
@@ -320,7 +302,7 @@ class CurveSection:
         return matrix[:, inner.ravel()], sums - matrix @ self.points.T.ravel()
 
     def smooth_less(self, proven: Bools, reach: float) -> None:
-        """Reduce the smoothing lengths within ``reach`` seconds of unproven spans."""
+        """Reduce smoothing lengths within ``reach`` seconds of unproven spans."""
         # Point p lies between spans p - 1 and p; count the unproven spans around it.
         reached_spans = reach / self.step + 0.5
         before = np.arange(len(self.smoothing)) - 0.5
@@ -328,11 +310,11 @@ class CurveSection:
         last = np.floor(before + reached_spans).clip(-1, len(proven) - 1).astype(np.int64)
         counts = np.append(0, np.cumsum(~proven))
         is_near = counts[last + 1] > counts[first]
-        self.smoothing = np.where(is_near, LESS * self.smoothing, self.smoothing)
+        self.smoothing = np.where(is_near, 0.2 * self.smoothing, self.smoothing)
         self.tries += 1
 
     def split(self, polyline: Polyline, proven: Bools) -> list[CurveSection]:
-        """Return the parts between stops at the corners beside unproven spans."""
+        """Split the section at the corners beside unproven spans."""
         middles = np.flatnonzero(~proven) + 0.5
         corners = np.arange(self.first + 1, self.last)
         times = polyline.times[self.first] + self.step * middles
@@ -343,7 +325,7 @@ class CurveSection:
 
 
 def _make_sections(polyline: Polyline, stops: list[int]) -> list[CurveSection]:
-    """Return the sections between stops that have a corner, or begin at the junction."""
+    """Return sections between stops, if they have a corner or junction."""
     least = 1 if polyline.junction is not None and polyline.times[-1] > 0.0 else 2
     return [
         CurveSection.between(polyline, first, last)
@@ -355,7 +337,10 @@ def _make_sections(polyline: Polyline, stops: list[int]) -> list[CurveSection]:
 def _fit_sections(
     polyline: Polyline, sections: Sequence[CurveSection]
 ) -> list[tuple[CurveSection, Floats]]:
-    """Fit curves; a section is cut where its curve misses a place, which becomes a stop."""
+    """Fit curves to sections.
+
+    A place on the way that a curve misses becomes a stop, which cuts the section.
+    """
     fits: list[tuple[CurveSection, Floats]] = []
     waiting = list(sections)
     while waiting:
@@ -369,15 +354,15 @@ def _fit_sections(
 
 
 def _combine(rows: Floats, values: Floats) -> Floats:
-    """Return the sums of values, shape (c, 4, k), weighted by rows, shape (c, 4)."""
+    """Sum values, (c, 4, k), weighted by rows, (c, 4)."""
     return np.asarray(np.einsum("cj,cjk->ck", rows, values))
 
 
 def _solve(normal: Floats, forces: Floats, matrix: sparse.csc_array, sums: Floats) -> Floats:
-    """Solve banded normal equations, shape (4, c), so that linear equations hold, too.
+    """Solve banded normal equations under linear equations.
 
-    ``forces`` has shape (c, k); the columns of the matrix go axis by axis. Returns shape (c, k).
-    Equations that cannot hold together are left with errors.
+    ``normal`` has shape (4, c), ``forces`` and the result (c, k); the columns of the matrix go axis
+    by axis. Linear equations that contradict each other keep errors.
     """
     if not len(sums):
         return np.asarray(solveh_banded(normal, forces))
@@ -386,7 +371,8 @@ def _solve(normal: Floats, forces: Floats, matrix: sparse.csc_array, sums: Float
     bands = [normal[3 - abs(k), abs(k) :] / scale for k in range(-3, 4)]
     form = sparse.kron(sparse.eye_array(size), sparse.diags_array(bands, offsets=range(-3, 4)))
     # Without the last block, equations that cannot hold would make it singular.
-    slack = EQUATION_SLACK * sparse.eye_array(len(sums))
+    # An equation errs by the slack for each unit of force, relative to the largest weight.
+    slack = 1e-13 * sparse.eye_array(len(sums))
     right = np.append(forces.T / scale, sums)
     factors = splu(sparse.block_array([[form, matrix.T], [matrix, -slack]], format="csc"))
     solved = factors.solve(right)
@@ -396,7 +382,7 @@ def _solve(normal: Floats, forces: Floats, matrix: sparse.csc_array, sums: Float
 def _add_rows(
     normal: Floats, forces: Floats, firsts: Ints, rows: Floats, weights: Floats, targets: Floats
 ) -> None:
-    """Add weighted rows to the normal equations of a least squares problem.
+    """Add weighted rows to banded normal equations of least squares.
 
     Row i has nonzero numbers from column ``firsts[i]`` on. ``normal``, shape (4, n), holds the
     upper diagonals, the main one last.
@@ -411,7 +397,7 @@ def _add_rows(
 def make_curves(
     polyline: Polyline, rotations: Rotations, section: CurveSection, points: Floats
 ) -> Segments:
-    """Make the spans of the B-spline with given control points."""
+    """Make the spans of a B-spline from its control points."""
     count = len(points) - 3
     spans = np.stack([points[k : count + k] for k in range(4)])
     offsets, rates, bends, twists = np.tensordot(TO_POLYNOMIAL, spans, axes=1)
@@ -439,7 +425,7 @@ def smooth_path(
     rotations: Rotations,
     prove: Callable[[Segments], Bools],
 ) -> Segments | None:
-    """Return edges with proven curves in place of their corners, or None if no curve is proven."""
+    """Replace corners by proven curves; return None if none is proven."""
     waiting = _make_sections(polyline, np.flatnonzero(polyline.stops).tolist())
     proven_curves: dict[int, tuple[int, Segments]] = {}
     while waiting:
@@ -453,7 +439,8 @@ def smooth_path(
         for (section, _), curve, proven in zip(fits, curves, parts, strict=True):
             if proven.all():
                 proven_curves[section.first] = section.last, curve
-            elif section.tries < MAX_TRIES:
+            elif section.tries < 2:
+                # Smooth an unproven curve less before it is split.
                 ramps = polyline.ramps[section.first : section.last]
                 section.smooth_less(proven, REACH * float(np.median(ramps)))
                 unproven.append(section)

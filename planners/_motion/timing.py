@@ -2,9 +2,9 @@
 
 The squared speed along a path is limited at each point by the velocities, and its slope, twice the
 acceleration along the path, by the accelerations. A pass back finds the largest squared speeds from
-which the robot can still slow down in time, and a pass ahead the largest ones that it reaches
-(J. E. Bobrow, S. Dubowsky and J. S. Gibson, 1985; H. Pham and Q.-C. Pham, "A new approach to
-time-optimal path parameterization based on reachability analysis", 2018).
+which the robot can still slow down in time, and a pass ahead the largest squared speeds that it
+reaches (J. E. Bobrow, S. Dubowsky and J. S. Gibson, 1985; H. Pham and Q.-C. Pham, "A new approach
+to time-optimal path parameterization based on reachability analysis", 2018).
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ MIN_PHASE_SHARE: Final = 1e-12
 """
 
 MIN_SPEED: Final = 1e-150
-"""Smallest speed on a segment, which makes a path with such a curve slower than one without."""
+"""Smallest speed on a segment; a path with such a curve is slower than one without."""
 
 MAX_RATE_STEP: Final = 1e-8
 """Largest jump of a rate between two segments without a stop, relative to the rate."""
@@ -43,38 +43,40 @@ MIN_RATE_STEP: Final = 1e-10
 """Smallest jump of a rate, relative to full speed; smaller ones are rounding errors."""
 
 MAX_ERROR: Final = 1e-9
-"""Largest relative gap between the parts of a motion, for rounding."""
+"""Largest relative gap between the parts of a motion by rounding."""
 
 MAX_EXCESS: Final = 1e-6
-"""Largest relative excess over a limit, for rounding."""
+"""Largest relative excess over a limit by rounding."""
 
 MAX_GAIN_GAP: Final = 1e-6
-"""Largest jump of the acceleration between phases with limited jerk, relative to the largest."""
+"""Largest jump of the acceleration between phases with limited jerk, relative to the largest
+acceleration."""
 
 MAX_SPEED_GAP: Final = 1e-5
-"""Largest jump of the speed between phases, relative to the largest: that of skipped phases."""
+"""Largest jump of the speed between phases, left by skipped phases, relative to the largest
+speed."""
 
 
 class Phases(NamedTuple):
-    """Parts of a motion with constant jerk, which is zero without a limit of jerk.
+    """Parts of a motion with constant jerk; it is zero if jerk has no limit.
 
-    Each is on one segment; in the last part the robot rests.
+    Each is on one segment; in the last phase the robot rests.
     """
 
     times: Floats  # seconds at which they start
     segments: Ints
-    positions: Floats  # length along the segment at that time, and its derivatives by time
+    positions: Floats  # length along the segment at the start, and its derivatives by time
     speeds: Floats
     accelerations: Floats
     jerks: Floats
 
     @property
     def durations(self) -> Floats:
-        """Seconds of all phases but the rest."""
+        """Durations of all phases except the rest, seconds."""
         return self.times[1:] - self.times[:-1]
 
     def at(self, numbers: Ints | slice, elapsed: Floats) -> tuple[Floats, Floats, Floats]:
-        """Return lengths, speeds and accelerations at times after the starts of phases."""
+        """Return lengths, speeds and accelerations at seconds after phases' starts."""
         speeds = self.speeds[numbers]
         accelerations = self.accelerations[numbers]
         jerks = self.jerks[numbers] * elapsed
@@ -83,22 +85,25 @@ class Phases(NamedTuple):
         return lengths, speeds + elapsed * (accelerations + 0.5 * jerks), accelerations + jerks
 
     def peaks(self) -> Floats:
-        """Return the largest speeds of all phases but the rest."""
+        """Return the largest speeds of all phases except the rest."""
         _, end_speeds, end_gains = self.ends()
         speeds = np.maximum(self.speeds[:-1], end_speeds)
         gains, jerks = self.accelerations[:-1], self.jerks[:-1]
-        # Between its ends, the speed is largest where the acceleration passes zero.
+        # Between the ends, the speed is largest at zero acceleration.
         turns = gains * end_gains < 0.0
         inner = self.speeds[:-1] - 0.5 * gains**2 / np.where(turns, jerks, 1.0)
         return np.asarray(np.maximum(speeds, np.where(turns, inner, 0.0)))
 
     def ends(self) -> tuple[Floats, Floats, Floats]:
-        """Return lengths, speeds and accelerations at the ends of all phases but the rest."""
+        """Return lengths, speeds and accelerations at the ends of phases.
+
+        The rest, without an end, is left out.
+        """
         return self.at(slice(-1), self.durations)
 
 
 def cut_phases(phases: Phases, t: float) -> Phases:
-    """Return the phases from a time on, until the robot rests."""
+    """Cut phases at a time and at the next rest."""
     first = int(np.searchsorted(phases.times, t, side="right")) - 1
     rests = np.flatnonzero(phases.speeds[first + 1 :] == 0.0)
     cut = Phases._make(column[first : first + 2 + rests[0]].copy() for column in phases)
@@ -120,12 +125,12 @@ class LimitRates(NamedTuple):
     dim: int
 
     def largest(self, rates: Floats) -> Floats:
-        """Return the largest multiple of each row of rates within the limits, shape (m,)."""
+        """Return the largest multiples of rates within the limits, shape (m,)."""
         with np.errstate(divide="ignore"):
             return np.asarray(1.0 / self.shares(rates).max(axis=1))
 
     def shares(self, rates: Floats) -> Floats:
-        """Return the shares of the limits that rates use, shape (..., limits)."""
+        """Return rates as shares of their limits, shape (..., limits)."""
         linear = np.abs(rates[..., : self.dim])
         if not self.linear.ndim:
             linear = np.linalg.norm(linear, axis=-1, keepdims=True)
@@ -136,7 +141,7 @@ class LimitRates(NamedTuple):
         return np.concatenate([shares, angular], axis=-1)
 
     def multiply(self, first: Floats, second: Floats) -> Floats:
-        """Return the products of rates over the squares of their limits, shape (m, limits)."""
+        """Return products of rates over squared limits, shape (m, limits)."""
         products = first * second
         linear = products[:, : self.dim] / self.linear**2
         if not self.linear.ndim:
@@ -159,13 +164,16 @@ class MotionBounds(NamedTuple):
     memo: IntervalMemo | None = None
 
     def list_limits(self) -> list[Floats]:
-        """Return the limits of velocity, acceleration and jerk; infinite ones if missing."""
+        """Return the limits of velocity, acceleration and jerk, by default infinite."""
         infinite = LimitRates(np.array(np.inf), None, 0)
         limits = self.velocity, self.acceleration, self.jerk or infinite
         return [np.hstack([each.linear.ravel(), each.angular or np.inf]) for each in limits]
 
     def lateral_shares(self, segments: Segments, rates: Floats) -> list[Floats]:
-        """Return the shares of the lateral limit that rates use, shape (m, 1), if any do."""
+        """Return rates as shares of the lateral limit, shape (m, 1).
+
+        The list is empty if no segment turns.
+        """
         turns_ahead = (segments.drives != 0) | (segments.curvatures != 0.0)
         if not turns_ahead.any():
             return []
@@ -174,9 +182,9 @@ class MotionBounds(NamedTuple):
 
 
 class IntervalMemo:
-    """The last intervals, because a motion is made, limited and checked on the same ones.
+    """Cache of intervals, because a motion is made, limited and checked on the same intervals.
 
-    ``known`` are segments, limits of places, and the intervals.
+    ``known`` holds segments, limits of places, and their intervals.
     """
 
     def __init__(self) -> None:
@@ -197,7 +205,7 @@ def are_same_bounds(first: MotionBounds, second: MotionBounds) -> bool:
 
 
 class Intervals(NamedTuple):
-    """The n parts of segments with one acceleration each, or up to three on a straight or an arc.
+    """The n parts of segments; each has one acceleration, or up to three on a straight or an arc.
 
     The velocity is the rate times the speed. The acceleration is the rate times the acceleration u
     along the path, plus the bend times the squared speed x. So c limits are ``p |u| + q x <= 1``.
@@ -207,14 +215,14 @@ class Intervals(NamedTuple):
     begins: Floats  # (n,), lengths along these
     lengths: Floats  # (n,)
     is_curved: Bools  # (n,)
-    rates: Floats  # (n, k), bounds of the derivatives of the path
-    bends: Floats  # (n, k), of the second ones
-    twists: Floats  # (n, k), of the third ones
+    rates: Floats  # (n, k), bounds of the path's first derivatives
+    bends: Floats  # (n, k), bounds of the second derivatives
+    twists: Floats  # (n, k), bounds of the third derivatives
     rate_shares: Floats  # (n, c), the numbers p
     bend_shares: Floats  # (n, c), the numbers q
     hard_caps: Floats  # (n,), the largest squared speeds by the velocities
-    caps: Floats  # (n,), those by limits of places, too
-    end_caps: Floats  # (n + 1,), those at the ends; zero where the robot must stop
+    caps: Floats  # (n,), the largest squared speeds by limits of places, too
+    end_caps: Floats  # (n + 1,), the largest squared speeds at the ends; zero for a stop
 
     def head(self, count: int) -> Intervals:
         """Return the first intervals."""
@@ -225,12 +233,11 @@ class Intervals(NamedTuple):
 def measure_intervals(
     segments: Segments, rotations: Rotations, bounds: MotionBounds, begin: float = 0.0
 ) -> Intervals:
-    """Return the intervals of segments, with their limits.
+    """Cut segments into intervals with one limit each.
 
     A straight segment or an arc has one largest speed and acceleration, so it is one interval. A
-    curve is cut into intervals, in each of which the limits hold for bounds of its derivatives.
-    Both are cut again where limits of places change. The robot begins at a length along the first
-    segment.
+    curve is cut into intervals, whose limits hold for bounds of the derivatives. Both are cut again
+    at changes of the limits of places. The robot begins at a length along the first segment.
     """
     whole = _find_intervals(segments, rotations, bounds)
     # At the end of the first segment the robot begins in its last interval, without length.
@@ -242,7 +249,7 @@ def measure_intervals(
 
 
 def _find_intervals(segments: Segments, rotations: Rotations, bounds: MotionBounds) -> Intervals:
-    """Return all intervals of segments."""
+    """Return all intervals of segments, cached."""
     places = bounds.places
     known = bounds.memo.known if bounds.memo is not None else ()
     for others, limits, intervals in known:
@@ -290,7 +297,7 @@ def _find_hard_intervals(
 
 
 def _cut_intervals(hard: Intervals, found: Stretches) -> Intervals:
-    """Cut intervals where limits of places change."""
+    """Cut intervals at changes of the limits of places."""
     squares = found.tops**2
     caps = hard.caps[found.numbers]
     squares = np.where(squares < (1.0 - MAX_ERROR) * caps, squares, caps)
@@ -320,10 +327,10 @@ def find_phases(
     begin: float = 0.0,
     begin_speed: float = 0.0,
 ) -> Phases | None:
-    """Return the phases of the fastest motion along segments.
+    """Find the phases of the fastest motion along segments.
 
     It begins at the length ``begin`` along the first segment, with ``begin_speed``, a length per
-    second, and ends at rest. Returns None if the robot is too fast to stop.
+    second, and ends at rest. Return None if the robot is too fast to stop.
     """
     intervals = measure_intervals(segments, rotations, bounds, begin)
     if begin_speed > 0.0 and bounds.places is not None:
@@ -335,7 +342,7 @@ def find_phases(
     if squares[0] < (1.0 - MAX_ERROR) * begin_speed**2:
         return None
 
-    # A curved interval has one acceleration, so its largest squared speed is that at an end.
+    # A curved interval has one acceleration, so its squared speed is largest at an end.
     is_curved = intervals.is_curved
     changes = np.abs(np.diff(squares)) / (2.0 * np.maximum(lengths, MIN_SPEED))
     gains = np.where(is_curved, changes, 1.0 / intervals.rate_shares.max(axis=1))
@@ -344,9 +351,10 @@ def find_phases(
 
 
 def _allow_braking(intervals: Intervals, square: float) -> Intervals:
-    """Raise the limits of places to the speeds of the quickest stop from a squared speed.
+    """Raise limits of places to the speeds of the quickest stop.
 
-    No motion from there is slower. An interval in which the stop comes below its limit is cut.
+    The stop begins at a squared speed; no other motion from there is slower. An interval in which
+    the stop comes below its limit is cut.
     """
     k = 0
     while k < len(intervals.lengths):
@@ -382,15 +390,15 @@ def cut_interval(intervals: Intervals, number: int, length: float) -> Intervals:
 def find_stop(
     segments: Segments, rotations: Rotations, bounds: MotionBounds, begin: float, speed: float
 ) -> Phases:
-    """Return a stop of a motion, from a length along its first segment and a speed.
+    """Find a stop from a speed on the first segment.
 
-    In each interval the robot slows down evenly, as much as the limits allow at its begin. From a
-    lower speed it may slow down more, so by induction it is nowhere faster than the motion, which
-    keeps the limits.
+    It begins at a length along the segment. In each interval the robot slows down evenly, by the
+    most that the limits allow at the interval's begin. From a lower speed it may slow down more, so
+    by induction it is nowhere faster than the motion, which keeps the limits.
     """
     intervals = measure_intervals(segments, rotations, bounds, begin)
     lengths = intervals.lengths.tolist()
-    # The caps at ends are where the motion itself stops; others are reached up to rounding. Limits
+    # Caps at ends are zero at the motion's own stops; all others are reached up to rounding. Limits
     # of places that came after the motion was made may be below its speed.
     hard = intervals.hard_caps
     end_caps = np.append(np.minimum(hard[:-1], hard[1:]), 0.0)
@@ -399,7 +407,7 @@ def find_stop(
     slowings: list[float] = []
     durations: list[float] = []
     for k, length in enumerate(lengths):
-        # At a limit of the curve there is no room, and by rounding less than none.
+        # At a limit of the curve the room is zero, or negative by rounding.
         room = np.maximum(1.0 - intervals.bend_shares[k] * speed**2, 0.0)
         slowing = float((room / np.maximum(intervals.rate_shares[k], MIN_SPEED)).min())
         after = min(max(speed**2 - 2.0 * slowing * length, 0.0) ** 0.5, speed_caps[k])
@@ -427,13 +435,13 @@ def find_stop(
 def bound_squares(
     lengths: Floats, rate_shares: Floats, bend_shares: Floats, squares: Floats
 ) -> None:
-    """Lower squared speeds to the largest ones that the accelerations allow.
+    """Lower squared speeds to limits of acceleration.
 
     Arrays of n intervals, in which the acceleration u along the path is constant:
 
     * ``lengths``, shape (n,)
-    * ``rate_shares``, ``bend_shares``, shape (n, c): p and q of c limits ``p |u| + q x <= 1``,
-      where x is the squared speed
+    * ``rate_shares``, ``bend_shares``, shape (n, c): p and q of c limits ``p |u| + q x <= 1`` for
+      the squared speed x
     * ``squares``, shape (n + 1,): the largest squared speeds by the velocities, and the result
     """
     n = len(lengths)
@@ -447,7 +455,10 @@ def bound_squares(
 
 @internal
 def find_largest(length: float, rate_shares: Floats, bend_shares: Floats, square: float) -> float:
-    """Return the largest squared speed at an end of an interval, given that at the other end."""
+    """Return the largest squared speed at one end of an interval.
+
+    ``square`` is the squared speed at the other end.
+    """
     largest = np.inf
     for k in range(len(rate_shares)):
         rate = rate_shares[k]
@@ -459,10 +470,10 @@ def find_largest(length: float, rate_shares: Floats, bend_shares: Floats, square
 def _make_phases(
     owners: Ints, begins: Floats, lengths: Floats, caps: Floats, gains: Floats, squares: Floats
 ) -> Phases:
-    """Return the phases between squared speeds at the ends of n intervals, shape (n + 1,).
+    """Make phases from squared speeds at ends of intervals, (n + 1,).
 
-    An interval has up to three: the robot accelerates by the gain, drives at the capped squared
-    speed if it reaches that, and slows down by the gain.
+    Each interval has up to three phases: the robot accelerates by the gain, drives at the capped
+    squared speed if it reaches the cap, and slows down by the gain.
     """
     before = squares[:-1]
     after = squares[1:]
@@ -492,9 +503,9 @@ def join_phases(
     accelerations: Floats,
     jerks: Floats,
 ) -> Phases:
-    """Join n phases that follow each other, and the rest after them.
+    """Join n successive phases, and append the rest.
 
-    ``segments`` and ``positions``, shape (n + 1,), have the place of the rest.
+    ``segments`` and ``positions``, shape (n + 1,), end with the place of the rest.
     """
     kept = durations > MIN_PHASE_SHARE * durations.sum()
     rest = np.zeros(1)
@@ -505,7 +516,10 @@ def join_phases(
 
 
 def join_motions(first: Phases, second: Phases, segments: int) -> Phases:
-    """Join a motion along some segments to rest, and one from there along further segments."""
+    """Join a motion to rest, and the motion along further segments.
+
+    ``segments`` is the number of the first motion's segments.
+    """
     second = second._replace(
         times=second.times + first.times[-1], segments=second.segments + segments
     )
@@ -514,7 +528,7 @@ def join_motions(first: Phases, second: Phases, segments: int) -> Phases:
 
 
 def slow_down(phases: Phases, factor: float) -> Phases:
-    """Slow a motion evenly by a factor."""
+    """Slow down a motion evenly by a factor."""
     return Phases(
         phases.times * factor,
         phases.segments,
@@ -526,10 +540,10 @@ def slow_down(phases: Phases, factor: float) -> Phases:
 
 
 def find_passes(segments: Segments, rotations: Rotations, bounds: MotionBounds) -> Bools:
-    """Return whether the rates continue from each segment to the next, shape (m - 1,).
+    """Return whether segments join without stop, shape (m - 1,).
 
-    A yaw rate without a limit of acceleration may jump. With a limit of jerk, the second
-    derivatives continue, too.
+    Rates continue from each segment to the next. A yaw rate without a limit of acceleration may
+    jump. With a limit of jerk, the second derivatives continue, too.
     """
     numbers = np.arange(len(segments.lengths))
     if len(numbers) == 1:
@@ -545,7 +559,7 @@ def find_passes(segments: Segments, rotations: Rotations, bounds: MotionBounds) 
     passes = np.asarray((jumps <= allowed).all(axis=1))
     if bounds.jerk is None:
         return passes
-    # The acceleration across an arc has a limit of its own.
+    # The acceleration across an arc has a separate limit.
     ends, begins = np.split(np.where(parts.curvatures[:, np.newaxis], 0.0, bends), 2)
     sizes = bounds.jerk.shares(np.maximum(np.abs(ends), np.abs(begins)))
     allowed = MAX_RATE_STEP * (sizes + bounds.jerk.shares(np.split(rates, 2)[0]))
@@ -561,12 +575,12 @@ def is_motion(
     begin_velocity: Floats | float = 0.0,
     begin_acceleration: Floats | float = 0.0,
 ) -> bool:
-    """Return True if phases move along segments from the first row of ends to the last one.
+    """Return True if phases are a valid motion along segments.
 
-    It begins with a velocity and an acceleration, shape (k,), and ends at rest. Phases take time
-    and stay on their segments, configurations, velocities and, if the jerk has a limit,
-    accelerations do not jump between them, and limits hold: with a limit of jerk at each instant,
-    otherwise at the ends of phases. Comparisons are False for NaN.
+    It begins at the first row of ``ends`` with a velocity and an acceleration, shape (k,), and
+    rests at the last row. Phases take time and stay on their segments, configurations, velocities
+    and, if the jerk has a limit, accelerations do not jump between them, and limits hold: with a
+    limit of jerk at each instant, otherwise at the ends of phases. Comparisons are False for NaN.
     """
     positions, speeds, gains = (
         np.concatenate([begins[:-1], ends])
@@ -589,7 +603,7 @@ def is_motion(
         and (gaps <= bounds.gap * measure_sizes(before, rotations)).all()
         and (jumps <= MAX_SPEED_GAP * largest).all()
     )
-    # The acceleration across an arc has a limit of its own.
+    # The acceleration across an arc has a separate limit.
     bends = np.where(parts.curvatures[:, np.newaxis], 0.0, bends)
     accelerations = rates * gains[:, np.newaxis] + bends * (speeds**2)[:, np.newaxis]
     if bounds.jerk is None:
@@ -605,7 +619,7 @@ def is_motion(
 def _pair(values: Floats, first: Floats, last: Floats) -> tuple[Floats, Floats]:
     """Return values before and after n + 1 instants.
 
-    ``values``, shape (2 n, k), are those at the begins of n phases, and at their ends.
+    ``values``, shape (2 n, k), are at the begins of n phases, then at their ends.
     """
     count = len(values) // 2
     before = np.concatenate([first, values[count:]])
@@ -613,10 +627,10 @@ def _pair(values: Floats, first: Floats, last: Floats) -> tuple[Floats, Floats]:
 
 
 def keeps_jerk(segments: Segments, phases: Phases, bounds: MotionBounds, jerk: LimitRates) -> bool:
-    """Return True if all limits hold at each instant of each phase, those of jerk included.
+    """Return True if all limits hold at each instant, also of jerk.
 
-    Bounds hold for all derivatives of the path in the length of a phase. Along it the acceleration
-    is largest at an end, and the speed there or where the acceleration is zero.
+    Derivatives of the path are bounded over the length of a phase. In a phase, the acceleration is
+    largest at an end, and the speed at an end or at zero acceleration.
     """
     parts = segments.select(phases.segments[:-1])
     begins, _, begin_gains, jerks = (column[:-1] for column in phases[2:])
@@ -638,7 +652,7 @@ def keeps_jerk(segments: Segments, phases: Phases, bounds: MotionBounds, jerk: L
 
 
 def _bound_around(parts: Segments, lengths: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return bounds of derivatives in the intervals around lengths along segments.
+    """Bound derivatives in the intervals around lengths along segments.
 
     The last array holds the borders of the intervals, shape (2, m).
     """
@@ -654,7 +668,7 @@ def _bound_around(parts: Segments, lengths: Floats) -> tuple[Floats, Floats, Flo
 def find_excess(
     segments: Segments, rotations: Rotations, bounds: MotionBounds, phases: Phases
 ) -> float:
-    """Return the time, seconds, from which on phases keep the limits of places."""
+    """Return the seconds after which phases keep limits of places."""
     exceeds = np.flatnonzero(find_excesses(segments, rotations, bounds, phases))
     if not len(exceeds):
         return 0.0
@@ -668,12 +682,15 @@ def find_excess(
 
 
 def _find_slow(phases: Phases, number: int, speed: float) -> float:
-    """Return the seconds after which a phase stays below a speed; all of it if it does not."""
+    """Return the seconds after which a phase stays below a speed.
+
+    They are its whole duration if it never does.
+    """
     duration = float(phases.durations[number])
     begin, gain, jerk = (float(column[number]) for column in phases[3:])
     if not phases.ends()[1][number] <= speed < math.inf:
         return duration
-    # From its largest speed on, it falls below once.
+    # After its peak, the speed falls below the limit once.
     peak = -gain / jerk if jerk < 0.0 < gain else 0.0
     low, high = min(peak, duration), duration
     for _ in range(ROOT_STEPS):
@@ -688,7 +705,7 @@ def _find_slow(phases: Phases, number: int, speed: float) -> float:
 def find_excesses(
     segments: Segments, rotations: Rotations, bounds: MotionBounds, phases: Phases
 ) -> Bools:
-    """Return which phases exceed the limits of places somewhere, by those of whole intervals."""
+    """Return whether phases exceed the limits of places in their intervals."""
     if bounds.places is None:
         return np.zeros(len(phases.times) - 1, dtype=np.bool_)
     intervals = measure_intervals(segments, rotations, bounds)
@@ -707,9 +724,9 @@ def find_excesses(
 
 
 def measure_slack(segments: Segments, parts: Segments) -> Floats:
-    """Return by how much a motion may leave parts of a path, for rounding, shape (m,).
+    """Bound rounding errors of lengths along segments, shape (m,).
 
-    The length from the start rounds once at each interval, also on tiny parts.
+    The length from the start rounds once at each interval, also on tiny segments.
     """
     roundings = INTERVALS_PER_CURVE * len(segments.lengths)
     rounding = roundings * float(np.spacing(segments.lengths.sum()))
@@ -717,7 +734,7 @@ def measure_slack(segments: Segments, parts: Segments) -> Floats:
 
 
 def trim_segments(segments: Segments, phases: Phases) -> tuple[Segments, Phases]:
-    """Leave out the segments before the first phase and after the last one."""
+    """Remove segments before the first phase and after the last."""
     first, last = phases.segments[[0, -1]].tolist()
     if (first, last + 1) == (0, len(segments.lengths)):
         return segments, phases

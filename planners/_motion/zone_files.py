@@ -40,12 +40,12 @@ SUFFIXES: Final = (".geojson", ".json")
 
 
 def read_zone_file(path: StrPath, speed: str | None) -> list[Zone]:
-    """Read zones with speeds; see :meth:`planners.SpeedZones.open`."""
+    """Read zones with speeds, as for :meth:`planners.SpeedZones.open`."""
     check_suffix(path, SUFFIXES, "the suffix selects the format, and from_mask reads masks")
     file = os.fspath(path)
     document = read_document(path, "file of zones")
     if not isinstance(document, dict) or "zoneSet" not in document:
-        areas = as_shape(path)  # refuses all that is wrong with its coordinates
+        areas = as_shape(path)  # refuses wrong coordinates
         warn_of_likely_degrees(areas.outer.bounds, file)
         return list(_iterate_features(document, file, speed))
     if speed is not None:
@@ -63,17 +63,17 @@ _SPEED_UNIT: Final = re.compile(
     r"(?:^|[\W_]|speed|velocity)(mm|cm|km?|mi?|ft?)[\W_]*(?:p|per)?[\W_]*(s|min|h)(?:ec|r|our)?"
     r"(?:[\W_]|$)"
 )
-"""Unit of a speed in the name of a property, in lower case."""
+"""Pattern of a unit of speed in the lower-case name of a property."""
 
 _METRES: Final = {"mm": 1e-3, "cm": 1e-2, "f": 0.3048, "ft": 0.3048, "m": 1.0, "mi": 1609.344}
-"""Metres of a unit of length; others are the kilometre."""
+"""Metres of each unit of length, except the kilometre."""
 
 _SECONDS: Final = {"s": 1.0, "min": 60.0, "h": 3600.0}
-"""Seconds of a unit of time."""
+"""Seconds of each unit of time."""
 
 
 def _find_unit(name: str, file: str) -> tuple[str, float]:
-    """Return the unit of a speed that the name of a property says, and its m/s."""
+    """Return the unit of speed in a property's name, and its m/s."""
     words = re.sub(r"(?<=[a-z\d])(?=[A-Z])", "_", name).lower()
     if words.partition(":")[0] == "maxspeed":
         warn_user(f"{file}: {name} is taken as km/h, as in OpenStreetMap")
@@ -86,7 +86,7 @@ def _find_unit(name: str, file: str) -> tuple[str, float]:
 
 
 def _iterate_features(document: dict[str, Any], file: str, speed: str | None) -> Iterator[Zone]:
-    """Yield the areas and speeds of GeoJSON whose geometries are good."""
+    """Yield the areas and speeds of GeoJSON with valid geometries."""
     unit, factor = _find_unit(speed or "", file)
     for number, feature in enumerate(document.get("features", [document])):
         name = f"{file}, feature {number}"
@@ -106,7 +106,7 @@ def _iterate_features(document: dict[str, Any], file: str, speed: str | None) ->
 def read_mask_zones(
     mask: object, unit: Unit, base: float, multiplier: float, max_velocity: float | None
 ) -> tuple[list[Zone], str | None]:
-    """Read zones and frame of a mask; see :meth:`planners.SpeedZones.from_mask`."""
+    """Read zones and frame of a mask, as for :meth:`planners.SpeedZones.from_mask`."""
     check_word(unit, "unit", ("percent", "m/s"))
     factor, most = 1.0, float("inf")
     if unit == "percent":
