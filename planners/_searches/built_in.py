@@ -33,7 +33,7 @@ class BuiltInSearch(Planner):
         began = now()
         path, proof = self.find_path(task)
         if len(path) > 2 and is_over(NEVER):
-            path = path[:0]  # to prove and measure thousands of edges takes long
+            path = path[:0]  # proving and measuring thousands of edges takes long
         planning = now() - began
         is_edge = len(path) == 2 and self.tries_edge and edges.weights is None
         return SearchResult(path, NO_SEARCH if is_edge else "", planning, lattice=proof)
@@ -44,18 +44,18 @@ class BuiltInSearch(Planner):
 
 
 class SpaceSearch(BuiltInSearch):
-    """One of a space's own searches, which its method ``search`` runs."""
+    """Search of a space's own, run by its method ``search``."""
 
     tries_edge = False
     keeps = True
     counts_iterations = True
 
     def __init__(self, name: str) -> None:
-        """Keep the name that the space gives it."""
+        """Store the name that the space gives the search."""
         self.name = name
 
     def takes_space(self, space: Space) -> bool:
-        """Return whether the space has a search of the name."""
+        """Return whether the space has the named search."""
         return self.name in space.searches
 
     def prepare(self, task: PlanTask) -> None:

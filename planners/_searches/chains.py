@@ -1,8 +1,8 @@
 """Search for short chains of cells: A* over the cells of a map.
 
-A chain is a sequence of cells, each next to the one before. Within a slice, a chain moves from the
-center of a cell to that of a near cell, and all closed cells that the move touches are passable. At
-one position, a chain rotates between neighbouring rotation cells.
+A chain is a sequence of cells, each next to the one before. Within a slice, a chain moves between
+the centers of near cells, and all closed cells that a move touches are passable. At one position, a
+chain rotates between neighbouring rotation cells.
 
 The estimate of the remaining cost is the length of a chain over positions that are passable at any
 rotation (:mod:`planners._searches.guide`), and the cost of rotating to the goal's rotation cell (P.
@@ -33,11 +33,11 @@ from planners._searches.estimate import (
     Cell,
     Costs,
     Estimate,
-    begin_at,
     expand_until_done,
     is_cheaper,
     pop_best,
     reach_cell,
+    start_progress,
 )
 from planners._searches.frontier import Progress
 from planners._searches.guide import (
@@ -55,7 +55,7 @@ BLOCK_SIDE: Final = 4
 
 MAX_POSITIONS_WITHOUT_BLOCKS: Final = 2**14
 """Largest number of cells of a map without rotations whose guide examines each cell, in a few
-milliseconds. Blocks of cells may hide which way around an obstacle is shorter."""
+milliseconds. Blocks of cells may hide the shorter way around an obstacle."""
 
 
 class Graph(NamedTuple):
@@ -98,7 +98,7 @@ def find_chain(
     Parameters
     ----------
     space : CSpace
-        Map with the grid and the rotation cells of the chain; its states are not used.
+        Map with the grid and the rotation cells of the chain; its states are ignored.
     states : ndarray of uint8, shape (slices, nx, ny) or (slices, nx, ny, nz)
         Passable cells are FREE.
     slice_of : ndarray of int64, shape (rotations,)
@@ -110,7 +110,7 @@ def find_chain(
     factors : ndarray of float32, the shape of states, optional
         Factor, 1 or above, of the cost of moves in each cell.
     may_exist : callable, optional
-        Returns False if no chain exists. It is asked once, if the search takes long.
+        Returns False if no chain exists. A long search calls it once.
 
     Returns
     -------
@@ -156,9 +156,9 @@ def find_chain(
 
 
 def find_cells(space: CSpace, q: Floats) -> Ints:
-    """Return the cells ``(rotation, x, ...)`` of configurations, shape (..., 1 + d).
+    """Return the cells of configurations, shape (..., 1 + d).
 
-    ``q`` has shape (..., size). Cells may lie outside the grid.
+    Cells are ``(rotation, x, ...)``. ``q`` has shape (..., size). Cells may lie outside the grid.
     """
     positions = space.grid.cell_of(q[..., : space.dim])
     # Without rotations, the only cell is 0.
@@ -179,9 +179,10 @@ def _search_guided(
     until: Effort,
     may_exist: Callable[[], bool] | None,
 ) -> Progress:
-    """Search from start to goal, indices of cells over all rotation cells.
+    """Search from start to goal, given as cell indices.
 
-    A long search ends if no chain ``may_exist``. Raises TimeoutError after ``until``.
+    Indices count cells over all rotation cells. A long search ends if ``may_exist`` returns False.
+    Raises TimeoutError after ``until``.
     """
     shape = graph.states.shape[1:]
     size = math.prod(shape)
@@ -202,7 +203,7 @@ def _search_guided(
     )
     guide.reach(0, start_cell, until, may_exist)
     if not guide.is_reached(start_cell):
-        return begin_at(start, len(graph.slice_of) * size)
+        return start_progress(start, len(graph.slice_of) * size)
     rotations = measure_turns(graph.neighbors, graph.turns, goal_rotation)
     # With this weight, the search expands far fewer cells, for chains that are hardly longer.
     estimate = guide.estimate._replace(weight=1.2, rotations=rotations)
@@ -212,7 +213,7 @@ def _search_guided(
 
     return expand_until_done(
         lambda progress: expand_cells(graph, estimate, progress, goal),
-        begin_at(start, len(graph.slice_of) * size),
+        start_progress(start, len(graph.slice_of) * size),
         len(graph.moves.steps) + graph.neighbors.shape[1],
         until,
         reach_block,
@@ -280,7 +281,7 @@ def expand_cells(graph: Graph, estimate: Estimate, progress: Progress, goal: int
 def passable_near(graph: Graph, number: int, i: int, j: int, k: int) -> int:
     """Return a bit mask of a node's passable neighbours.
 
-    ``number`` is that of the slice; bit b stands for row b of ``graph.moves.near_cells``.
+    ``number`` is the slice's number; bit b stands for row b of ``graph.moves.near_cells``.
     """
     _, nx, ny, nz = graph.states.shape
     near_cells = graph.moves.near_cells

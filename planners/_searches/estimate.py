@@ -24,30 +24,31 @@ POPS_PER_CLOCK_CHECK: Final = 2**14
 """Nodes taken from the queue between two checks of the time limit."""
 
 NANOSECONDS_PER_POP: Final = 800
-"""Work of taking a node from the queue and of expanding it."""
+"""Work of taking a node from the queue and expanding it."""
 
 NO_NODE: Final = -1
 UNKNOWN: Final = -2
-"""Results of :func:`pop_best` other than a node: none is left, or its block is not reached yet."""
+"""Results of :func:`pop_best` other than a node: the queue is empty, or the guide has not reached
+the node's block."""
 
 DONE: Final = 0
 GOES_ON: Final = 1
-"""Results of kernels that expand nodes: they ended, or the next call goes on."""
+"""Results of kernels that expand nodes: they are done, or the next call goes on."""
 
 NEEDS_ESTIMATE: Final = 2
 """Result of a kernel that expands nodes, beside :data:`DONE` and :data:`GOES_ON`: the next call
 goes on after the guide has reached the block of the first node."""
 
 DEAD_END_COST: Final = 1e9
-"""Cost from a dead end to the goal, in blocks; larger than that of any chain, so that searches try
-a dead end last."""
+"""Cost from a dead end to the goal, in blocks; larger than the cost of any chain, so that searches
+try a dead end last."""
 
 
 class Estimate(NamedTuple):
     """Estimate of the cost from a node to the goal.
 
     A node is a position and a rotation, and has the sum of their costs. The cost of a position is
-    that of its block, a cube of positions, as far as a guide has reached blocks.
+    the cost of its block, a cube of positions, if a guide has reached the block.
 
     Attributes
     ----------
@@ -67,7 +68,7 @@ class Estimate(NamedTuple):
         Lower bound of the cost, in blocks, of chains from start to goal through unreached blocks;
         -inf if there are none.
     rotations : ndarray of float64, shape (rotations,)
-        Cost of turning from each rotation to that of the goal, in cells.
+        Cost of turning from each rotation to the goal's, in cells.
     """
 
     weight: float
@@ -94,9 +95,9 @@ def estimate_without_obstacles(shape: Cell, goal: Cell, weight: float) -> Estima
     )
 
 
-def begin_at(start: int, count: int) -> Progress:
-    """Make a search over ``count`` nodes in which the start waits to be expanded."""
-    # Entries that the queue of a search can hold at first; the length doubles as needed.
+def start_progress(start: int, count: int) -> Progress:
+    """Make a search over ``count`` nodes, with the start queued."""
+    # The queue's length doubles as needed.
     progress = make_progress(count, 2**14)
     # The start is its own predecessor.
     progress.previous[start] = start + 1
@@ -112,18 +113,19 @@ def expand_until_done(
     reach_first: Callable[[int], None] | None,
     may_exist: Callable[[], bool] | None,
 ) -> Progress:
-    """Call ``expand`` until it returns :data:`DONE`; double the queue as needed.
+    """Call ``expand`` until it returns :data:`DONE`.
 
-    ``expand`` adds at most ``max_new_entries`` to the queue for each node. Where it needs an
-    estimate, ``reach_first`` is called with the first node of the queue. A long search asks once
-    whether a chain ``may_exist``, and ends if none does. Raises TimeoutError after ``until``.
+    ``expand`` adds at most ``max_new_entries`` to the queue for each node; the queue doubles as
+    needed. If ``expand`` needs an estimate, call ``reach_first`` with the first node of the queue.
+    A long search calls ``may_exist`` once, and ends if no chain exists. Raises TimeoutError after
+    ``until``.
     """
     rounds = itertools.count(1)
     # To label all nodes takes as long as to expand 1/256 of them.
     asks_after = math.ceil(len(progress.cost) / 256 / POPS_PER_CLOCK_CHECK)
     while True:
         outcome = expand(progress)
-        # The other calls end early; how early is not counted.
+        # The other calls end early, after an unknown number of nodes.
         spend(NANOSECONDS_PER_POP * (POPS_PER_CLOCK_CHECK if outcome == GOES_ON else 2**5))
         is_long = outcome == GOES_ON and next(rounds) == asks_after
         if outcome == DONE or (is_long and may_exist is not None and not may_exist()):
@@ -149,7 +151,7 @@ def reach_cell(
 ) -> None:
     """Record the cell before (u, v, w) on its cheapest chain.
 
-    ``cost`` is that of the chain, in cells.
+    ``cost`` is the chain's cost, in cells.
     """
     nx, ny, nz = estimate.shape
     reached = ((rotation * nx + u) * ny + v) * nz + w
@@ -162,7 +164,7 @@ def reach_cell(
 def is_cheaper(progress: Progress, node: int, cost: float) -> bool:
     """Return True if a chain is the cheapest to an open node.
 
-    ``cost`` is that of the chain; an infinite cost is none.
+    ``cost`` is the chain's cost, or infinite without a chain.
     """
     if progress.closed[node] or cost == math.inf:
         return False
@@ -184,8 +186,8 @@ def expected_cost(
 def pop_best(estimate: Estimate, progress: Progress) -> int:
     """Remove and return the node of lowest expected cost.
 
-    Return :data:`NO_NODE` if none is left, and :data:`UNKNOWN` if the guide has not reached the
-    block of the first node.
+    Return :data:`NO_NODE` if the queue is empty, and :data:`UNKNOWN` if the guide has not reached
+    the block of the first node.
     """
     nx, ny, nz = estimate.shape
     while progress.length[0] > 0:
@@ -229,7 +231,7 @@ def remaining_cost(
 ) -> float:
     """Estimate the cost from a position to the goal, in cells.
 
-    ``cost`` is that of the chain from the start to it.
+    ``cost`` is the cost from the start to the position, in cells.
     """
     unhindered = unhindered_cost(estimate, i, j, k)
     if len(estimate.positions) == 0:
@@ -248,7 +250,7 @@ def remaining_cost(
 def cost_by_block(estimate: Estimate, direction: int, u: int, v: int, w: int) -> float:
     """Return a block's cost, in blocks, or infinity.
 
-    If the guide has not reached the block, the cost is that of the best neighbouring block or turn,
+    If the guide has not reached the block, return the cost of the best neighbouring block or turn,
     plus one for each step. Searches beside the guide's chain need no better cost.
     """
     positions = estimate.positions

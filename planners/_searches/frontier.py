@@ -21,7 +21,7 @@ class Progress(NamedTuple):
         Cost of the best chain found to each reached cell, in cells.
     previous : ndarray of int32, or int64 for 2^31 cells and more, shape (cells,)
         The cell before each reached cell of its best chain, plus 1; 0 for cells not reached, so
-        that a large map takes memory only where the search leads.
+        that a large map takes memory only for reached cells.
     closed : ndarray of bool, shape (cells,)
         True for cells that were expanded.
     keys, queue : ndarray of float64 and int64, shape (n,)
@@ -39,7 +39,7 @@ class Progress(NamedTuple):
 
 
 def check_deadline(until: Effort) -> None:
-    """Raise TimeoutError from ``until`` on, or if the caller ended the search."""
+    """Raise TimeoutError after ``until``, or if the caller ended the search."""
     if is_over(until):
         raise TimeoutError
 
@@ -58,7 +58,7 @@ def make_progress(count: int, queue_length: int) -> Progress:
 
 
 def sparse_zeros(count: int, kind: type[np.generic]) -> NDArray[Any]:
-    """Return zeros, shape (count,); a large array takes memory only when touched.
+    """Return zeros, shape (count,), in memory that is allocated when touched.
 
     Small arrays use the memory of earlier arrays, because the first touch of each new page takes
     time. Large arrays of numpy come in pages of megabytes, and a search touches few bytes of each.

@@ -1,16 +1,16 @@
 """The way to a goal over blocks of cells, which guides searches over cells and rotations.
 
-A state is a direction of the robot and a block. A block is passable in a direction if one of its
-cells is FREE at one of the rotations of that direction. So a chain of blocks may promise a way that
-the robot cannot take, but hardly a passage of the robot is missed. Blocks in which the robot can
-hardly turn cost more. If a direction has one rotation, passable cells of blocks must also meet,
-because blocks are wider than the thinnest walls.
+A state is a direction of the robot and a block. A block is passable in a direction if it has a cell
+that is FREE at a rotation of the direction. So a chain of blocks may promise a way that the robot
+cannot take, but misses hardly any passage. Blocks in which the robot can hardly turn cost more. If
+a direction has one rotation, passable cells of blocks must also meet, because blocks are wider than
+the thinnest walls.
 
 A search from the goal to the start measures short chains. It goes on when another search, from the
 start, needs the cost of a block that it has not reached (D. Silver, "Cooperative pathfinding",
 2005), and examines the cells that it meets. So its time does not grow with the map. A short search
-ahead from such a block finds dead ends, of which the search from the goal would only know after it
-has examined everything.
+ahead from such a block finds dead ends, which the search from the goal would only detect after it
+has examined all blocks.
 """
 
 from __future__ import annotations
@@ -34,30 +34,30 @@ from planners._searches.estimate import (
     Cell,
     Costs,
     Estimate,
-    begin_at,
     estimate_without_obstacles,
     expand_until_done,
     is_cheaper,
     pop_best,
     reach_cell,
+    start_progress,
 )
 from planners._searches.frontier import Progress, sparse_zeros
 from planners._searches.moves import list_moves
 
 POSITIONS_WEIGHT: Final = 1.1
 DIRECTIONS_WEIGHT: Final = 1.05
-"""Weights of the estimates, of guides with one direction and with several; above 1, far fewer
-blocks are examined, for chains that are hardly longer."""
+"""Weights of the estimates of guides with one direction and with several; above 1, guides examine
+far fewer blocks, for chains that are hardly longer."""
 
 MAX_SAMPLES: Final = 4
-"""Number of rotations that are looked at in the middle of a block."""
+"""Number of rotations that are sampled in the middle of a block."""
 
 NO_FACTORS: Final[Costs] = np.empty((0, 0, 0, 0), dtype=np.float32)
 """Stands for cells that all cost their length."""
 
 
 class Directions(NamedTuple):
-    """Directions of a robot, and what it may do in each. Costs are in cells.
+    """Directions of a robot, and its moves in each. Costs are in cells.
 
     Attributes
     ----------
@@ -91,7 +91,7 @@ class Blocks(NamedTuple):
     side : int
         Cells along each side of a block.
     narrow_cost : float
-        Added to the cost of a block where the robot passes at none of the rotations looked at.
+        Added to the cost of a block if the robot passes at no sampled rotation.
     costs : ndarray of float32, shape (directions, x, y, z)
         Factor of the cost in each block, infinite if it is not passable, 0 if not examined yet.
     """
@@ -105,7 +105,7 @@ class Blocks(NamedTuple):
 
 
 def any_direction(states: States) -> Directions:
-    """Make the single direction of a robot that moves any way."""
+    """Make the single direction of a holonomic robot."""
     moves = list_moves(2 if states.shape[1] == 1 else 3)
     return Directions(
         slices=np.arange(len(states))[np.newaxis],
@@ -117,7 +117,7 @@ def any_direction(states: States) -> Directions:
 
 
 class Guide:
-    """Costs of short chains from blocks to the goal, measured where a search leads.
+    """Costs of short chains from blocks to the goal, measured as a search needs them.
 
     A guide with several directions has a guide over positions alone, from the goal to the start.
 
@@ -130,7 +130,7 @@ class Guide:
     side : int
         Cells along each side of a block.
     narrow_cost : float
-        Share by which a block costs more where the robot passes at few rotations.
+        Share by which a block costs more if the robot passes at few rotations.
     weight : float
         Weight of the estimate, for one direction.
     factors : ndarray of float32, the shape of states, optional
@@ -175,7 +175,7 @@ class Guide:
         )
         goal_block = self._find_block(goal_cell)
         self._goal = int(np.ravel_multi_index((goal_direction, *goal_block), shape))
-        # The robot is at the goal, whatever its block looks like.
+        # The goal counts as passable, even if its block does not.
         self._blocks.costs[goal_direction, *goal_block] = 1.0
         self.estimate = estimate_without_obstacles((nx, ny, nz), goal_cell, 1.0)
         start_block = self._find_block(start_cell)
@@ -201,7 +201,7 @@ class Guide:
 
     def _begin(self) -> None:
         """Begin the search from the goal."""
-        self._progress = begin_at(self._goal, math.prod(self._shape))
+        self._progress = start_progress(self._goal, math.prod(self._shape))
         self.estimate = self.estimate._replace(
             positions=self._progress.cost.reshape(self._shape),
             reached=self._progress.previous.reshape(self._shape),
@@ -215,9 +215,9 @@ class Guide:
             )
 
     def avoid(self, blocks: Bools) -> None:
-        """Raise the costs of blocks, and restart the search from the goal.
+        """Raise the costs of blocks, and restart the search.
 
-        ``blocks``, shape (x, y, z), is True for those that a stalled search never entered.
+        ``blocks``, shape (x, y, z), marks blocks that a stalled search never entered.
         """
         costs = self._blocks.costs[:, blocks]
         # Almost any detour costs less than a block with this factor, which stays passable. Zero
@@ -228,13 +228,13 @@ class Guide:
         self._begin()
 
     def is_reached(self, cell: Cell) -> bool:
-        """Return True if a chain from a cell's block is known."""
+        """Return True if the guide has reached a cell's block."""
         return bool(self.estimate.reached[0, *self._find_block(cell)] != 0)
 
     def measure(self, cells: Ints) -> Floats:
         """Return costs of chains from blocks, for one direction.
 
-        They are in cells, and infinite where no chain is known.
+        They are in cells, and infinite for blocks not reached.
         """
         blocks = (0, *(cells // self._side).T)
         is_known = self.estimate.reached[blocks] != 0
@@ -247,10 +247,10 @@ class Guide:
         until: Effort,
         may_exist: Callable[[], bool] | None = None,
     ) -> None:
-        """Search until a short chain from a cell's block is known.
+        """Search from the goal until a cell's block is reached.
 
-        A long search asks once whether a chain ``may_exist``, and ends if none does. Raises
-        TimeoutError after ``until``, a reading of :func:`cspace._support.deadlines.now`.
+        A long search calls ``may_exist`` once, and ends if no chain exists. Raises TimeoutError
+        after ``until``, a reading of :func:`cspace._support.deadlines.now`.
         """
         last = int(np.ravel_multi_index((direction, *self._find_block(cell)), self._shape))
         is_first = self.estimate.bound[0] == 0.0  # the search from the goal has not begun
@@ -281,7 +281,7 @@ class Guide:
 
     def _is_dead_end(self, state: int) -> bool:
         """Return True if a short search ahead ends without the goal."""
-        progress = begin_at(state, len(self._progress.cost))
+        progress = start_progress(state, len(self._progress.cost))
         ahead = self._directions._replace(moves=-self._directions.moves)
         # With weight 0, the nearest states come first.
         estimate = estimate_without_obstacles(self._shape[1:], (0, 0, 0), 0.0)._replace(
@@ -292,7 +292,7 @@ class Guide:
         return bool(progress.length[0] == 0 and not progress.closed[self._goal])
 
     def _reach_positions(self, state: int, until: Effort) -> None:
-        """Search over positions until a state's block is known."""
+        """Search over positions until a state's block is reached."""
         if self._guide is not None:
             _, *block = np.unravel_index(state, self._shape)
             i, j, k = (self._side * int(index) for index in block)
@@ -305,7 +305,7 @@ class Guide:
 
 
 def measure_turns(neighbors: Ints, turns: Floats, goal: int) -> Floats:
-    """Return the lowest cost of turning from each rotation to ``goal``.
+    """Return the lowest costs of turning from rotations to ``goal``.
 
     ``neighbors``, shape (rotations, n), are rotations, padded with -1, and ``turns`` the costs of
     turning to them.
@@ -385,10 +385,10 @@ def expand_blocks(
 def find_cost_factor(
     blocks: Blocks, slices: Ints, direction: int, u: int, v: int, w: int
 ) -> np.float32:
-    """Compute and keep a block's cost factor, or infinity.
+    """Compute and store a block's cost factor, or infinity.
 
-    ``slices`` are those of :class:`Directions`. The factor is that of a cell that the robot may
-    pass, and grows with the share of rotations at which it may not pass the middle of the block.
+    ``slices`` are as in :class:`Directions`. The factor is the factor of a passable cell; it grows
+    with the share of rotations at which the middle of the block is impassable.
     """
     _, nx, ny, nz = blocks.states.shape
     side = blocks.side
@@ -415,8 +415,9 @@ def find_cost_factor(
 def are_joined(blocks: Blocks, number: int, first: Cell, last: Cell) -> bool:
     """Return True if chains join two near blocks in a slice.
 
-    Each block of a chain shares a face with the next, and passable cells meet at the face. Of two
-    axes on which a chain is as far behind, one chain prefers the first, and the other one the last.
+    Each block of a chain shares a face with the next, and passable cells meet at the face. If two
+    axes have equally many steps left, one chain prefers the first axis, and the other chain the
+    last.
     """
     for prefers_last in range(2):
         block = first
@@ -432,7 +433,7 @@ def are_joined(blocks: Blocks, number: int, first: Cell, last: Cell) -> bool:
 
 @internal
 def step_towards(block: Cell, last: Cell, prefers_last: bool) -> Cell:
-    """Return the next block on the way, along the farthest axis."""
+    """Return the next block along the axis with most steps left."""
     i, j, k = block
     x = abs(last[0] - i)
     y = abs(last[1] - j)
@@ -471,7 +472,7 @@ def meet_at_face(blocks: Blocks, number: int, first: Cell, second: Cell) -> bool
 
 @internal
 def factor_of_any(blocks: Blocks, slices: Ints, u: int, v: int, w: int) -> np.float32:
-    """Return a block's passable cell's factor, or infinity."""
+    """Return the factor of a block's passable cell, or infinity."""
     _, nx, ny, nz = blocks.states.shape
     side = blocks.side
     for number in slices:

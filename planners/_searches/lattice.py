@@ -3,8 +3,8 @@
 The search runs from the start, guided by the length of the shortest chain of blocks of cells to the
 goal. It keeps one configuration for each cell and heading (hybrid A*), so positions are not
 rounded, and map or geometry prove each motion. From nodes near the goal, and from some others, one
-edge may lead to the goal itself. For a car that reverses, start and goal change roles if there is
-less room at the goal. Then :func:`shorten_path` shortens the path.
+edge may lead to the goal. For a car that reverses, the search runs from the goal if there is less
+room at the goal. Then :func:`shorten_path` shortens the path.
 
 If metres cost more in some cells, a second search minimises the cost. It goes on after the first
 edge to the goal, until no other node promises a cheaper path.
@@ -72,8 +72,8 @@ from planners._searches.paths import (
 from planners._task import WEIGHTED, PlanTask
 
 MAX_DEVIATION: Final = math.radians(14.0)
-"""Largest angle between a move of the guide and the robot's yaw on it; beyond it, another move is
-nearer."""
+"""Largest angle between a move of the guide and the robot's yaw on it; at larger angles, another
+move is nearer."""
 
 KNOWN_TOLERANCE: Final = 0.01
 """Fraction of a cell's side by which a path into a cell must be cheaper to replace the known path.
@@ -85,20 +85,15 @@ HASH_FACTOR: Final = 0x9E3779B97F4A7C1
 ARC_ERROR: Final = MAX_GAP * (1.0 + math.tau) + POINT_ERROR
 """Distance, in turning radii, within which a driven motion stays near the computed one."""
 
-NEAR_BLOCKS: Final = 3
-"""Distance, in blocks, from the node nearest to the goal, within which a stalled search avoids
-blocks that it has not entered."""
-
 EDGE_COST: Final = 1e-6
-"""Cost of an edge beside its length when a path is shortened, metres; it makes collinear drives one
-edge."""
+"""Extra cost of an edge when a path is shortened, metres; it merges collinear drives."""
 
 MIN_ROUND_GAIN: Final = 1e-7
 """Share of a path by which a round must shorten it for another to follow."""
 
 TIME_CHECK: Final = -3
 FULL: Final = -4
-"""Results of :func:`expand_nodes` other than a node, :data:`NO_NODE` and :data:`UNKNOWN`."""
+"""Results of :func:`expand_nodes`, besides a node, :data:`NO_NODE` and :data:`UNKNOWN`."""
 
 
 @dataclass
@@ -120,7 +115,7 @@ class Target(NamedTuple):
     """The goal, and the costs on the way to it."""
 
     goal: Pose
-    estimate: Estimate  # of the cost to the goal, from positions and directions of the guide
+    estimate: Estimate  # cost to the goal from positions and directions of the guide
     nearest: Ints  # (h,), the direction of the guide nearest to each heading
     factors: Costs  # (slices, 1, x, y), factors of the cost in each cell, or NO_FACTORS
 
@@ -128,14 +123,14 @@ class Target(NamedTuple):
 class LatticeNodes(NamedTuple):
     """Configurations reached, and their queue.
 
-    ``progress`` holds the cost of each node, the node before it, and whether it is closed. It is
-    closed when it was expanded, or when a cheaper path into its cell and heading replaced it.
+    ``progress`` holds the cost of each node, the node before it, and whether it is closed. A node
+    is closed when it was expanded, or when a cheaper path into its cell and heading replaced it.
     """
 
     progress: Progress
     poses: Floats  # (n, 3)
     motions: Ints  # (n, 2), the motion that led to each node, and its heading
-    keys: Ints  # (n,), hash key of its cell and heading
+    keys: Ints  # (n,), hash key of each node's cell and heading
     table: Ints  # hash table of nodes by key, each plus 1; 0 stands for none
     counts: Ints  # (2,), numbers of nodes and of expanded nodes
     place: Ints  # (3,), direction and cell of the first node, if the guide has not reached it
@@ -175,7 +170,7 @@ def find_lattice_path(
 def _find_path(
     edges: DrivenEdges, endpoints: Endpoints, simplify: bool, limit: _Limit
 ) -> tuple[Floats, str]:
-    """Find a path as :func:`find_lattice_path` does, by one search."""
+    """Find a path by one search; see :func:`find_lattice_path`."""
     is_backwards = _starts_at_goal(edges, endpoints)
     if is_backwards:
         endpoints = endpoints[::-1]
@@ -196,12 +191,12 @@ def _search_levels(
 ) -> tuple[Floats, str]:
     """Search coarse to fine lattices, and around stalled blocks.
 
-    Returns and raises as :func:`_search` does, without blocks.
+    Return path and note, and raise errors, as :func:`_search` does.
     """
     guide = _make_guide(edges, endpoints, is_backwards)
     yaws, _, lengths = _list_moves_by_yaw()
     levels = edges.list_lattices(endpoints[:2], yaws, lengths, is_backwards)
-    # Number of nodes at which a search may count as stalled; twice as many after each stall.
+    # Least number of nodes at which a search counts as stalled; it doubles after each stall.
     min_stalled = 2**14
     while True:
         for motions in levels:
@@ -223,9 +218,9 @@ def _search_levels(
 
 
 def _starts_at_goal(edges: DrivenEdges, endpoints: Endpoints) -> bool:
-    """Return True to search from the goal, and drive backwards.
+    """Return True if a search from the goal is easier.
 
-    A search out of a tight place is shorter than one into it, because few motions are free there.
+    It is easier out of a tight place than into it, because few motions are free there.
     """
     if not edges.escape_reach:
         return False
@@ -282,7 +277,7 @@ def _list_factors(edges: LocalPlanner) -> Costs:
 
 
 def _measure_block_side(space: CSpace) -> int:
-    """Measure the cells along each side of the blocks of the guide.
+    """Choose the cells along a side of the guide's blocks.
 
     No chain leads across a wall of blocks, because an obstacle blocks two radii of a circle in the
     robot. A circle away from the reference point moves as the robot turns, so it counts for less.
@@ -292,7 +287,7 @@ def _measure_block_side(space: CSpace) -> int:
     # Half its shift as the robot turns to the next direction of the guide, deviations included.
     radius = circle.length - 0.5 * math.hypot(*circle.coords[0])
     cells_per_radius = int(max(radius, robot.shape.inner.inscribed_radius) / space.grid.spacing)
-    # Largest number of cells along each side of the blocks of the guide.
+    # Blocks have at most eight cells along each side.
     return min(max(cells_per_radius, 1), 8)
 
 
@@ -302,7 +297,7 @@ def _list_directions(edges: DrivenEdges, is_backwards: bool) -> Directions:
     moves = steps[:, np.newaxis]
     costs = lengths[:, np.newaxis]
     if edges.reverses:
-        # What a search backwards drives ahead, the robot will drive in reverse.
+        # The robot drives the motions of a backward search in the opposite direction.
         weights = (1.0, edges.reverse_weight)
         if is_backwards:
             weights = weights[::-1]
@@ -333,7 +328,7 @@ def _list_slices_near(edges: LocalPlanner, yaws: Floats) -> Ints:
 
 
 def _find_nearest(yaws: Floats) -> Ints:
-    """Find the direction of the guide nearest to each yaw, shape (n,)."""
+    """Find the guide's direction nearest to each yaw, shape (n,)."""
     guide_yaws, _, _ = _list_moves_by_yaw()
     turns = np.abs(wrap_angles(guide_yaws - yaws[:, np.newaxis]))
     return np.asarray(turns.argmin(axis=1))
@@ -369,7 +364,7 @@ def _search(
         spend(motions.nanoseconds * int(nodes.counts.sum() - before))
         if arrival.node == NO_NODE:
             check_deadline(limit.until)
-        # Nodes expanded until a search asks whether a path may exist.
+        # After this number of nodes, ask whether a path may exist.
         if may_fail and nodes.counts[1] >= 2**12:
             if not limit.admits_path():
                 break
@@ -398,7 +393,7 @@ def _search(
 class _Arrival:
     """The best path to the goal so far, by an edge from a node.
 
-    By length it is the first one, and by cost the cheapest one.
+    In a search by length it is the first path, by cost the cheapest.
     """
 
     def __init__(self, edges: LocalPlanner, goal: Pose) -> None:
@@ -426,7 +421,7 @@ class _Arrival:
 
 
 def _make_nodes(capacity: int) -> LatticeNodes:
-    """Make arrays for a number of nodes, a power of 2."""
+    """Make arrays for ``capacity`` nodes, a power of 2."""
     return LatticeNodes(
         progress=make_progress(capacity, capacity),
         poses=np.empty((capacity, 3)),
@@ -439,7 +434,7 @@ def _make_nodes(capacity: int) -> LatticeNodes:
 
 
 def _enlarge(nodes: LatticeNodes) -> LatticeNodes:
-    """Copy nodes into arrays for twice as many."""
+    """Copy nodes into arrays of twice the capacity."""
     progress = nodes.progress
     larger = nodes._replace(
         progress=progress._replace(
@@ -461,8 +456,8 @@ def _enlarge(nodes: LatticeNodes) -> LatticeNodes:
 def _find_vain_blocks(map_: Map, target: Target, nodes: LatticeNodes) -> Bools:
     """Find blocks that a stalled search never entered, (1, x, y).
 
-    These are near the node that the guide takes for the nearest to the goal. There are none if that
-    node is among the last three quarters, because the search advances then.
+    They are near the node that the guide deems nearest to the goal. There are none if that node is
+    among the newest three quarters, because then the search advances.
     """
     count = nodes.counts[0]
     estimate = target.estimate
@@ -475,15 +470,16 @@ def _find_vain_blocks(map_: Map, target: Target, nodes: LatticeNodes) -> Bools:
     best = int(left.argmin())
     vain = np.zeros(vain_shape, dtype=np.bool_)
     if 4 * best < count:
-        low = np.maximum(blocks[best] - NEAR_BLOCKS, 0)
-        high = blocks[best] + NEAR_BLOCKS + 1
+        # Avoid blocks at most three blocks away.
+        low = np.maximum(blocks[best] - 3, 0)
+        high = blocks[best] + 4
         vain[0, low[0] : high[0], low[1] : high[1]] = True
         vain[0, columns, rows] = False
     return vain
 
 
 def _trace_path(nodes: LatticeNodes, node: int, endpoints: Endpoints, merges: bool) -> Floats:
-    """Trace the path by a node to the goal, (n, 3).
+    """Return the path by a node to the goal, (n, 3).
 
     If ``merges``, successive drives along one heading become one.
     """
@@ -522,7 +518,7 @@ def _shorten_once(edges: LocalPlanner, path: Floats, until: Effort) -> Floats:
     cost = edges.cost()
 
     def measure(*q: float) -> float:
-        """Return the cost of an edge, so that few edges are cheap."""
+        """Return the cost of an edge, plus a little for each edge."""
         return cost(*q) + EDGE_COST
 
     # A cost takes longer to measure than a length.
@@ -542,11 +538,11 @@ def _shorten_once(edges: LocalPlanner, path: Floats, until: Effort) -> Floats:
 
 @kernel
 def expand_nodes(map_: Map, motions: Motions, target: Target, nodes: LatticeNodes) -> int:
-    """Expand nodes until one may see the goal, and return it.
+    """Expand nodes until one may reach the goal; return it.
 
-    Return :data:`NO_NODE` if none is left, and :data:`TIME_CHECK` after many nodes; the next call
-    goes on. Return :data:`FULL` if there is no memory for more nodes, and :data:`UNKNOWN` if the
-    guide has not reached the first node.
+    Return :data:`NO_NODE` if the queue is empty, and :data:`TIME_CHECK` after many nodes; the next
+    call goes on. Return :data:`FULL` if there is no memory for more nodes, and :data:`UNKNOWN` if
+    the guide has not reached the first node.
     """
     progress = nodes.progress
     poses = nodes.poses
@@ -623,8 +619,8 @@ def add_node(
 ) -> None:
     """Add a configuration if its motion is proven free.
 
-    The motion is ``move`` from node ``parent`` (-1 for the start). The configuration is left out if
-    its cell and heading have a node that is cost of hardly more than ``cost``.
+    The motion is ``move`` from node ``parent`` (-1 for the start). A configuration is skipped if a
+    node with its cell and heading costs at most slightly more than ``cost``.
     """
     progress = nodes.progress
     key = make_key(map_, motions, q, heading)
@@ -665,7 +661,10 @@ def fill_table(nodes: LatticeNodes) -> None:
 def mean_factor(
     map_: Map, motions: Motions, target: Target, x: float, y: float, heading: int, move: int
 ) -> float:
-    """Return the mean factor of the cost along a motion from a position, by the midpoint rule."""
+    """Average the cost factor along a motion by the midpoint rule.
+
+    The motion starts at the position (x, y).
+    """
     if target.factors.shape[0] == 0:
         return 1.0
     length = motions.lengths[heading, move]
@@ -692,7 +691,7 @@ def make_key(map_: Map, motions: Motions, q: Pose, heading: int) -> int:
 
 @internal
 def find_slot(nodes: LatticeNodes, key: int) -> int:
-    """Return a key's slot in the hash table, or a free one."""
+    """Return a key's slot in the hash table, or a free slot."""
     mask = len(nodes.table) - 1
     slot = (key * HASH_FACTOR >> 20) & mask  # the lowest bits are spread the least
     while nodes.table[slot] > 0 and nodes.keys[nodes.table[slot] - 1] != key:
@@ -733,7 +732,7 @@ def estimate_cost_to_goal(
 ) -> float:
     """Estimate the cost from a position and direction to the goal, metres.
 
-    ``cost`` is that of the path from the start to it.
+    ``cost`` is the cost from the start to the position, metres.
     """
     i, j = find_cell(map_, target, x, y)
     straight = math.hypot(x - target.goal[0], y - target.goal[1])

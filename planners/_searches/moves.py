@@ -46,7 +46,7 @@ def list_moves(dim: int) -> Moves:
     # Largest sum of the offsets of a move along all axes, in cells.
     steps = [step for step in steps if sum(map(abs, step)) <= 3]
     steps.sort(key=lambda step: math.hypot(*step))
-    # The near cells are those that the moves lead to, so cell b of a mask is that of move b.
+    # The near cells are the ends of the moves, so bit b of a mask is the end of move b.
     masks = []
     for step in steps:
         touched_bits = [_touches(step, cell) << bit for bit, cell in enumerate(steps)]
@@ -56,7 +56,7 @@ def list_moves(dim: int) -> Moves:
 
 
 def _touches(move: tuple[int, ...], cell: tuple[int, ...]) -> bool:
-    """Return True if a move between centers of cells touches a cell.
+    """Return True if a move touches a cell.
 
     The move is the segment from the center of cell (0, 0, 0) to the center of cell ``move``; the
     cell is closed.
@@ -67,10 +67,10 @@ def _touches(move: tuple[int, ...], cell: tuple[int, ...]) -> bool:
 
 
 def times_in_box(step: Sequence[int], lower: Sequence[float]) -> tuple[float, float]:
-    """Return the fractions of a segment from zero inside a box.
+    """Return the fractions at which a segment enters and leaves a box.
 
-    The box is a cell with the corner ``lower``. The first fraction is above the second one if the
-    segment misses the box.
+    The segment starts at zero; the box is a cell with the corner ``lower``. The first fraction is
+    above the second if the segment misses the box.
     """
     enter = 0.0
     leave = 1.0

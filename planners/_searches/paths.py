@@ -31,20 +31,18 @@ Check = Callable[..., bool]
 Cost = Callable[..., float]
 
 SHARES_PER_EDGE: Final = 64
-"""Number of parts of an edge that a cut corner may reach."""
+"""Number of parts of an edge; a cut corner begins and ends at a border between two."""
 
 SHARES: Final = np.linspace(0.0, 1.0, SHARES_PER_EDGE + 1)[:, np.newaxis]
-"""Ends of these parts, as shares of the edge, shape (n, 1)."""
-
-STRIDES: Final = (1, 2, 4, 8, 16, 32, 64)
-"""Numbers of edges that an edge may replace at a time, if edges have costs."""
+"""Ends of the parts of an edge, as shares of the edge, shape (n, 1)."""
 
 CELLS_PER_EDGE: Final = 8
 """Cells of a chain that an edge replaces before others are tried, if it costs no more."""
 
 MIN_GAIN: Final = 1e-3
 MIN_GAIN_BEFORE_MOVES: Final = 3e-3
-"""Shares of a length or cost that a round of cutting corners gains if another one follows."""
+"""Least shares of a length or cost that a round of cutting corners gains, if another round is to
+follow."""
 
 MAX_SHORTENING: Final = Effort.from_seconds(0.1, 0.1)
 """Effort after the limit by which a path found in time may still be shortened."""
@@ -54,7 +52,7 @@ NANOSECONDS_PER_EDGE: Final = 10_000
 
 
 def waypoints(space: CSpace, endpoints: Floats, cells: Ints) -> Floats:
-    """Return the path through centers of cells, shape (n + 2, size).
+    """Return the path through cells' centers, shape (n + 2, size).
 
     ``endpoints`` has shape (2, size), ``cells``, each ``(rotation, x, ...)``, shape (n, 1 + d).
     """
@@ -87,7 +85,7 @@ def thin_path(
 
 
 def drop_repeats(path: Floats) -> Floats:
-    """Drop each configuration of a path that equals the next one."""
+    """Drop configurations of a path that equal the next."""
     differs_from_next = (path[1:] != path[:-1]).any(axis=1)
     distinct: Floats = path[np.append(differs_from_next, True)]
     return distinct
@@ -120,9 +118,8 @@ def pulled_straight(
 
     Every edge of ``path``, shape (n, size), passes ``check``, which takes the coordinates of two
     configurations. So does every edge of the result. With a ``cost`` of edges, which takes the same
-    coordinates, each change lowers the cost of the path instead of its length. From ``until`` on,
-    the path is left as it is. Rounds of cutting corners end with one that gains less than
-    ``min_gain``.
+    coordinates, each change lowers the cost of the path instead of its length. The path stays as it
+    is after ``until``. Rounds of cutting corners end when one gains less than ``min_gain``.
     """
     if cost is None:
         path = _skip_points_both_ways(path, check, until)
@@ -195,7 +192,7 @@ def path_cost(path: Floats, cost: Cost) -> float:
 
 
 def _measure(path: Floats, rotations: Rotations, cost: Cost | None) -> float:
-    """Return the cost of a path; without a cost, its length."""
+    """Return a path's cost, or without a cost its length."""
     return path_length(path, rotations) if cost is None else path_cost(path, cost)
 
 
@@ -215,7 +212,7 @@ def _edge_lengths(path: Floats, rotations: Rotations) -> Floats:
 def _cut_corners(
     path: Floats, rotations: Rotations, check: Check, cost: Cost | None, until: Effort
 ) -> Floats:
-    """Replace corners by free edges, until the end of the search.
+    """Replace corners by free edges until the search ends.
 
     Each edge joins points at equal fractions of the two edges at a corner; the longest free one is
     chosen. With a cost, it may not cost more than the way around the corner.
@@ -240,10 +237,10 @@ def _cut_corner(
     check: Check,
     cost: Cost | None,
 ) -> list[Floats]:
-    """Return the points that replace a corner, or itself.
+    """Return the points that replace a corner, or the corner.
 
-    The corner is between ``before`` and ``after``, shapes (size,). The edge that cuts it is the
-    longest that passes, found by bisection.
+    The corner is between ``before`` and ``after``, shapes (size,). Bisection finds the longest edge
+    past the corner that passes.
     """
     first = before.tolist()
     last = after.tolist()
@@ -271,8 +268,8 @@ def _cut_corner(
 def move_points(path: Floats, dim: int, step: float, check: Check, cost: Cost) -> Floats:
     """Move waypoints of a path, shape (n, size), to lower its cost.
 
-    Each one moves in its first ``dim`` coordinates, by at most a few times ``step``, metres, while
-    both its edges pass.
+    ``path`` has shape (n, size). Each waypoint moves in its first ``dim`` coordinates, by at most a
+    few times ``step``, metres, if both its edges pass.
     """
     rows = path.tolist()
     ways = [way for way in itertools.product((-1.0, 0.0, 1.0), repeat=dim) if any(way)]
@@ -302,14 +299,14 @@ def find_cheapest_subpath(
     dim: int,
     check: Check,
     cost: Cost,
-    strides: Sequence[int] = STRIDES,
+    strides: Sequence[int] = (1, 2, 4, 8, 16, 32, 64),
     until: Effort = NEVER,
 ) -> Floats:
     """Skip waypoints for the least cost, by dynamic programming.
 
-    An edge replaces as many edges as one of the ``strides``, which begin with 1. It costs at least
-    the distance of its ends in their first ``dim`` coordinates. Waypoints that are not reached
-    ``until`` the end of the search keep the waypoints before them.
+    The numbers of edges that one edge may replace are ``strides``, which begin with 1. It costs at
+    least the distance of its ends in their first ``dim`` coordinates. Waypoints not reached by
+    ``until`` keep their predecessors.
     """
     rows = points.tolist()
     positions = points[:, :dim].tolist()
@@ -343,7 +340,7 @@ def find_cheapest_subpath(
 def _saves(
     cost: Cost | None, before: Sequence[float], corner: Sequence[float], beyond: Sequence[float]
 ) -> bool:
-    """Return True if the edge past a corner costs no more.
+    """Return True if cutting a corner costs no more.
 
     Without a cost, lengths count, and the straight edge is never longer.
     """
@@ -354,7 +351,7 @@ def _saves(
 
 
 def _skip_points_both_ways(path: Floats, check: Check, until: Effort) -> Floats:
-    """Skip waypoints from both ends until the end of the search."""
+    """Skip waypoints from both ends until the search ends."""
     size = path.shape[1]
 
     def check_reversed(*endpoints: float) -> bool:
@@ -367,7 +364,7 @@ def _skip_points_both_ways(path: Floats, check: Check, until: Effort) -> Floats:
 
 
 def skip_points(points: Floats, check: Check, until: Effort = NEVER) -> Floats:
-    """Skip waypoints (n, size) by far edges, until the end of the search."""
+    """Skip waypoints (n, size) by far edges until the search ends."""
     indices = [0]
     while indices[-1] < len(points) - 1:
         if is_over(until):
@@ -379,11 +376,11 @@ def skip_points(points: Floats, check: Check, until: Effort = NEVER) -> Floats:
 
 
 def _find_farthest(points: Floats, here: int, check: Check) -> int:
-    """Find a far waypoint that an edge reaches.
+    """Return the number of a far waypoint that an edge reaches.
 
     Strides double while edges pass. Between the last two, bisection finds the farthest.
     """
-    # Rows are converted one at a time, because all may exceed the map's memory.
+    # Convert one row at a time, because all rows may exceed the map's memory.
     start = points[here].tolist()
     last = len(points) - 1
     farthest = here + 1

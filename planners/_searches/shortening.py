@@ -12,14 +12,17 @@ from planners._searches.paths import pulled_straight
 
 
 def shorten(edges: LocalPlanner, path: Floats, until: Effort) -> Floats:
-    """Make a path, shape (n, size), cost less by proven edges, until the end of the search."""
+    """Shorten a path, shape (n, size), by proven edges.
+
+    With costs, lower its cost instead. Stop at ``until``.
+    """
     if edges.drive is not None:
         from planners._searches.lattice import shorten_path
 
         return shorten_path(edges, path, until)
     check = edges.edge_checker()
     size = edges.space.size
-    # Edges take the shorter way, so a longer turn would be another motion.
+    # Edges turn the shorter way, so a turn of over half a circle would be another motion.
     longest = np.where(edges.space.is_periodic, MAX_TURN, math.inf)
 
     def is_free(*ends: float) -> bool:

@@ -21,7 +21,7 @@ proofs: a path rounded to 32 bits is still proven on maps of thousands of cells.
 
 
 def pull_taut(runs: Ints, start: Floats, goal: Floats) -> Floats:
-    """Return the shortest path through runs with a margin, shape (m, 2).
+    """Find the shortest path through runs with a margin, (m, 2).
 
     ``runs``, shape (n, 3), are crossed in turn: column, first cell, and the cell after the last
     one. ``start`` and ``goal``, shape (2,), are in cells, in the first and in the last run.
@@ -32,7 +32,10 @@ def pull_taut(runs: Ints, start: Floats, goal: Floats) -> Floats:
 
 
 def list_gates(runs: Ints) -> Floats:
-    """List gates between runs (n, 3): x, left y, right y, shape (m, 3)."""
+    """List the gates between runs, (n, 3).
+
+    Gates are rows x, left y, right y; shape (m, 3).
+    """
     columns, bottom, top = np.stack([runs[:-1], runs[1:]]).transpose(2, 0, 1)
     # Runs of the same rows make a rectangle, without corners between them.
     has_corner = (bottom[0] != bottom[1]) | (top[0] != top[1])
@@ -49,7 +52,7 @@ def list_gates(runs: Ints) -> Floats:
 
 
 def move_outer_gates(gates: Floats, start: Floats, goal: Floats) -> None:
-    """Move the first gate if the start is past it, the last gate if the goal is not.
+    """Move the outer gates if start or goal lies between a pair.
 
     ``gates``, shape (m, 3), come in pairs around a border.
     """
@@ -77,12 +80,12 @@ def pass_gates(start: Floats, goal: Floats, gates: Floats) -> Floats:
 
 @kernel
 def move_funnel(points: Floats, funnel: Ints, path: Ints) -> int:
-    """Write the shortest path through gates, and return its number of points.
+    """Write the shortest path through gates; return its number of points.
 
     The points, shape (2 n + 2, 2), are the start, the left and the right end of each gate, and the
-    goal. ``path`` gets the numbers of those on the path. ``funnel`` gets those of the shortest
-    paths from the apex, the last point of the path, to both ends of the last gate: from the left
-    end to the apex, and on to the right end.
+    goal. ``path`` gets the numbers of the path's points. The apex is its last point. ``funnel``
+    gets the numbers of the points from the last gate's left end along the shortest path back to the
+    apex, and on along the shortest path to the right end.
     """
     apex = len(points) // 2
     left = apex
@@ -90,7 +93,7 @@ def move_funnel(points: Floats, funnel: Ints, path: Ints) -> int:
     count = 1
     for point in range(1, len(points)):
         is_left = point % 2 == 1
-        # On the right side, all is mirrored.
+        # The right side is mirrored.
         side = 1 if is_left else -1
         end = left if is_left else right
         other_end = right if is_left else left
@@ -119,7 +122,7 @@ def move_funnel(points: Floats, funnel: Ints, path: Ints) -> int:
 
 @internal
 def turn(points: Floats, a: int, b: int, c: int) -> float:
-    """Return twice a triangle's area, positive for left."""
+    """Return twice a triangle's area, positive for a left turn."""
     first_x = points[b, 0] - points[a, 0]
     first_y = points[b, 1] - points[a, 1]
     whole_x = points[c, 0] - points[a, 0]

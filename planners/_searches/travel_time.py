@@ -1,8 +1,8 @@
 """The time of driving as fast as limits of places allow, as a cost on the cells of a map.
 
-A metre costs the largest speed of all by the largest speed there, so the cost of a path is its time
-in seconds, times the largest speed. It counts cells, each as a whole, and proves nothing: a zone
-counts in each cell in which the robot may meet it.
+A metre in a cell costs the largest speed of all, divided by the largest speed in the cell. So the
+cost of a path is its time in seconds, times the largest speed of all. Cells count as a whole, and
+costs prove nothing.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ PlaceRule = ZoneRule | NearRule
 
 
 class LastCosts(NamedTuple):
-    """The last costs on the cells of a map, and what they were made of."""
+    """The last costs on the cells of a map, with the limits and tables behind them."""
 
     limits: list[object]
     tables: list[DistanceTable]
@@ -49,7 +49,7 @@ class LastCosts(NamedTuple):
 
 
 def read_speeds(speed: SpeedLike | Sequence[SpeedLike] | None, space: ConfigurationMap) -> Weigh:
-    """Check largest speeds, and return the maker of costs by them."""
+    """Check speed limits; return a maker of costs."""
     limits = list(speed) if isinstance(speed, list | tuple) else [speed]
     if not any(is_number(limit) for limit in limits):
         problem = f"is {speed!r}, and objective is 'time'"
@@ -63,7 +63,10 @@ def read_speeds(speed: SpeedLike | Sequence[SpeedLike] | None, space: Configurat
 
 
 def _weigh_time(full: float, rules: Sequence[PlaceRule], space: CSpace) -> CellCost | None:
-    """Return what a metre costs by its time; None if all cells have the full speed."""
+    """Return the cost of a metre by time.
+
+    It is None if all cells have the full speed.
+    """
     limits: list[object] = [full]
     tables: list[DistanceTable] = []
     for rule in rules:
@@ -81,7 +84,10 @@ def _weigh_time(full: float, rules: Sequence[PlaceRule], space: CSpace) -> CellC
 
 
 def _find_factors(full: float, rules: Sequence[PlaceRule], space: CSpace) -> Costs:
-    """Return the cost of a metre in each cell, shape (slices, ...); empty if all are 1."""
+    """Compute the cost of a metre in each cell, (slices, ...).
+
+    The array is empty if all costs are 1.
+    """
     check_costs_fit(space)
     speeds = np.full((len(space.slice_rotations), *space.grid.shape), full, dtype=np.float32)
     for rule in rules:
@@ -95,7 +101,7 @@ def _find_factors(full: float, rules: Sequence[PlaceRule], space: CSpace) -> Cos
 
 
 def _find_cells(near: SlowNear, space: CSpace) -> CSpace:
-    """Return the map of the obstacles of a limit, in memory."""
+    """Return the map of a limit's obstacles, in memory."""
     cells = near.space
     if isinstance(cells, CSpace):
         return cells
@@ -103,11 +109,14 @@ def _find_cells(near: SlowNear, space: CSpace) -> CSpace:
 
 
 def _measure_near(near: SlowNear, space: CSpace) -> Costs:
-    """Return the largest speeds near obstacles in each cell of each slice, infinite elsewhere."""
+    """Return the cells' largest speeds near obstacles, (slices, ...).
+
+    They are infinite beyond the limit's distance.
+    """
     grid = space.grid
     cells = _find_cells(near, space)
     widths = DistanceTable.of(cells).cells.reshape(-1, *cells.grid.shape)
-    # The map may be another one, with other cells and rotations.
+    # The limit's map may have other cells and rotations.
     last = np.array(cells.grid.shape) - 1
     places = [
         np.floor((grid.centers(axis) - cells.grid.lower[axis]) / cells.grid.spacing)
@@ -124,7 +133,10 @@ def _measure_near(near: SlowNear, space: CSpace) -> Costs:
 
 
 def _measure_zones(rule: ZoneRule, space: CSpace) -> Costs:
-    """Return the largest speeds in zones, infinite elsewhere, in an array that fits the cells."""
+    """Return the cells' largest speeds in zones, cached.
+
+    They are infinite outside zones; the array broadcasts to the cells.
+    """
     kept = kept_values(space)
     known: WeakKeyDictionary[SpeedZones, Costs]
     known = kept.setdefault("speeds in zones", WeakKeyDictionary())
@@ -135,10 +147,10 @@ def _measure_zones(rule: ZoneRule, space: CSpace) -> Costs:
 
 
 def _raster_zones(rule: ZoneRule, space: CSpace) -> Costs:
-    """Return the largest speeds in zones for each slice and cell of the plane, shape (s, nx, ny).
+    """Compute the largest speeds in zones, shape (s, nx, ny).
 
-    There is one slice if a disc stands for the robot. A zone counts in the cells at whose center
-    the robot meets it.
+    There is one slice if a disc stands for the robot. A zone counts in a cell if the robot at the
+    cell's center meets the zone.
     """
     rotations = space.slice_rotations if rule.has_yaw else np.empty((1, 0))
     speeds = np.full((len(rotations), *space.grid.shape[:2]), np.inf, dtype=np.float32)
@@ -162,18 +174,18 @@ def _raster_zones(rule: ZoneRule, space: CSpace) -> Costs:
 def _map_zone(
     rule: ZoneRule, area: BaseGeometry, space: CSpace
 ) -> tuple[tuple[slice, slice], States] | None:
-    """Return a window of cells, and states that are FREE where the robot does not meet an area.
+    """Map an area; return a window of cells, and their states.
 
-    The states, shape (s, x, y), are BLOCKED where it meets the area. It is None for an area off the
-    map.
+    The states, shape (s, x, y), are FREE if the robot does not meet the area, BLOCKED if it does,
+    otherwise MIXED. Return None for an area off the map.
     """
     grid = space.grid
     shape = np.array(grid.shape[:2])
     lower = np.array(grid.lower[:2])
-    # The map of the zone reaches beyond that of the plan as far as the robot.
+    # The map of the zone reaches beyond the map of the plan by the robot's size.
     beyond = math.ceil(rule.size / grid.spacing) + 1
     reach = lower - grid.spacing * beyond, lower + grid.spacing * (shape + beyond)
-    # What lies far away may be farther than cells are counted.
+    # Coordinates far away may exceed the range of cell numbers.
     near = shapely.get_parts(shapely.intersection(area, shapely.box(*reach[0], *reach[1])))
     area = shapely.MultiPolygon([part for part in near if part.geom_type == "Polygon"])
     if area.is_empty:
@@ -190,7 +202,7 @@ def _map_zone(
 
 
 def _map_area(rule: ZoneRule, workspace: Workspace, space: CSpace) -> States:
-    """Return the states of a robot among zones as obstacles, in the slices of a map."""
+    """Map a robot among zones as obstacles, in a map's slices."""
     if rule.size == 0.0:
         states = np.where(workspace.inner, BLOCKED, np.where(workspace.outer, MIXED, FREE))
         return states[np.newaxis].astype(np.uint8)

@@ -18,7 +18,7 @@ UNDECIDED_BYTES_PER_CELL: Final = 8
 """Memory of a search for each cell of the map, bytes: states, marks, costs and predecessors."""
 
 NANOSECONDS_PER_PROOF: Final = 20_000
-"""Work of deciding a cell, or an edge, by geometry."""
+"""Work of deciding a cell or an edge by geometry."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,9 +45,8 @@ class MixedCellSearch:
     def find(self, endpoints: Floats, max_length: float, until: Effort) -> Floats:
         """Find a path between two configurations.
 
-        Returns waypoints of shape (n, size), joined
-        by edges that geometry proves. The length n is 0 if no chain is found, if no remaining chain
-        promises a path of at most ``max_length``, or after ``until``.
+        Return waypoints, shape (n, size), joined by edges that geometry proves; n is 0 if no chain
+        exists, if no remaining chain promises a path of at most ``max_length``, or after ``until``.
         """
         no_path = np.empty((0, endpoints.shape[1]))
         space = self.space
@@ -66,13 +65,12 @@ class MixedCellSearch:
             if not len(chain):
                 return no_path
             path = self._path_along(chain, endpoints)
-            # Largest ratio of a chain's length to that of a known path at which it promises a
-            # shorter path.
+            # A chain up to this ratio longer than the known path may be shortened below it.
             if path_length(path, space.rotations) > 1.15 * max_length:
                 return no_path
             near = _select_near(chain, undecided)
             if len(near):
-                # Decide the cells near the chain first; the chain may then lead elsewhere.
+                # Decide the cells near the chain first; the chain may then change.
                 undecided[tuple(near.T)] = False
                 spend(NANOSECONDS_PER_PROOF * len(near))
                 is_free = space.exact.is_free(self._find_centers(near))
@@ -91,7 +89,7 @@ class MixedCellSearch:
         return no_path
 
     def _find_centers(self, cells: Ints) -> Floats:
-        """Return the configurations at the centers of cells, shape (n, size)."""
+        """Return the configurations at centers of cells, shape (n, size)."""
         positions = self.space.grid.center_of(cells[:, 1:])
         return np.column_stack([positions, self.space.rotations.centers[cells[:, 0]]])
 
@@ -101,7 +99,7 @@ class MixedCellSearch:
         return [(start, end) for start, end in edges if not self.edge_is_free(*start, *end)]
 
     def _path_along(self, chain: Ints, endpoints: Floats) -> Floats:
-        """Return the path through the centers of a chain of cells.
+        """Return the path through the centers of a chain.
 
         ``chain`` has shape (n, 1 + d), ``endpoints`` (2, size). The centers of the first and the
         last cell are left out if these are MIXED, because the ends lie in them.
@@ -113,7 +111,7 @@ class MixedCellSearch:
         return path[is_needed]
 
     def _select_beside(self, edges: Floats, candidates: Bools) -> Ints:
-        """Return the candidate cells around edges, shape (m, 1 + d).
+        """Select the candidate cells around edges, shape (m, 1 + d).
 
         They lie in the boxes around the edges. ``edges`` has shape (n, 2, size); ``candidates``,
         shape (rotations, ...), is a mask.
@@ -131,7 +129,7 @@ class MixedCellSearch:
 
 
 def _select_near(chain: Ints, candidates: Bools) -> Ints:
-    """Return the candidate cells next to a chain, at its rotations.
+    """Select the candidate cells next to a chain, at its rotations.
 
     They are at most one cell away. ``chain`` has shape (n, 1 + d), the result (m, 1 + d);
     ``candidates`` is a mask of all cells.
