@@ -44,7 +44,7 @@ MODULES: Final[Mapping[str, str]] = {
     "Grid": "planners._searches.shortest",
     "Lattice": "planners._searches.lattice",
 }
-"""Module of each planner, whose ``PLANNERS`` holds it; spaces have searches of their own."""
+"""Module of each planner, whose ``PLANNERS`` holds it; spaces may bring further searches."""
 
 
 def find_planner(name: str) -> Planner:
@@ -85,21 +85,21 @@ def list_searches(space: Space) -> tuple[PlannerName, ...]:
 
 @dataclass(frozen=True, slots=True)
 class Search:
-    """A planner with settings of its own, as the ``planner`` of :func:`planners.plan`.
+    """A planner with settings, as the ``planner`` of :func:`planners.plan`.
 
     Attributes
     ----------
     name : str, optional
-        Name of the planner, in upper or lower case; by default that of the space and the drive, or
-        the first search of a space of your own. On a map, ``iterations`` alone are those of
-        RRTConnect, or for a forward car of RRT.
+        Name of the planner, in upper or lower case; by default chosen by the space and the drive,
+        or the first search of a space of your own. On a map, ``iterations`` without a name select
+        RRTConnect, or RRT for a forward car.
     iterations : int, optional
         Largest number of iterations of a planner of OMPL, or of BiRRT's further searches.
     simplify : bool
         Whether to shorten the path.
     range : float, optional
-        Longest edge of the trees of a named planner of OMPL, metres, where a radian counts half a
-        metre except along curves; by default a fifth of the space's extent.
+        Longest edge of the trees of a named planner of OMPL, metres; a radian counts half a metre
+        except along curves. By default a fifth of the space's extent.
 
     Raises
     ------
@@ -137,7 +137,7 @@ class Search:
             self._require("range", name is not None and find_planner(name).has_range)
 
     def _require(self, setting: str, is_there: bool) -> None:
-        """Raise InputError for a setting that the planner does not have."""
+        """Raise InputError for a setting that the planner lacks."""
         if not is_there:
             problem = f"is {getattr(self, setting)!r} and name is {self.name!r}"
             raise InputError(
@@ -146,12 +146,12 @@ class Search:
 
 
 def planner_names() -> tuple[PlannerName, ...]:
-    """List the planners of OMPL that :func:`planners.plan` runs, in alphabetical order."""
+    """List OMPL's planners that :func:`planners.plan` runs, in alphabetical order."""
     return get_args(OmplName)
 
 
 def planner_named(name: str, searches: Sequence[str] = ()) -> PlannerName:
-    """Return a planner's or search's name as it is spelled.
+    """Return the correct spelling of a planner's or search's name.
 
     The given name may be in any case. Raises InputError if it is unknown.
     """

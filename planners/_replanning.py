@@ -29,7 +29,7 @@ def follow_previous(task: PlanTask) -> SearchResult:
     path = _join_way(edges, start, tail)
     if not len(path) and len(blocked):
         head = _join_way(edges, start, way[: blocked[0] + 1])
-        # If no free edge leads to the way before, the detour begins at the start.
+        # If no free edge leads to the way before the block, the detour begins at the start.
         head = head if len(head) else start[np.newaxis]
         detour = _find_detour(task, head[-1], way[blocked[0] : blocked[-1] + 2])
         path = np.concatenate([head, detour, tail]) if len(detour) else detour
@@ -43,8 +43,8 @@ def follow_previous(task: PlanTask) -> SearchResult:
 def _find_detour(task: PlanTask, start: Floats, way: Floats) -> Floats:
     """Find a path to the end of a blocked way, shape (n, size).
 
-    A way past the middle of the blocked part is tried first. Otherwise there is a search, and no
-    row if it takes too long.
+    Path and way have shape (n, size). Try detours past the middle of the blocked part first, then
+    search. The path has no row if the search takes too long.
     """
     edges = task.edges
     if isinstance(edges.space, ConfigurationMap) and edges.space.dim == 2:
@@ -85,7 +85,8 @@ def _list_ways_beside(edges: LocalPlanner, way: Floats) -> Iterator[Floats]:
 def _join_way(edges: LocalPlanner, start: Floats, way: Floats) -> Floats:
     """Join a configuration to a free way by the cheapest free edge.
 
-    Returns the path from the configuration to the end of the way, or no row if no edge is free.
+    The edge of the least total cost is chosen; the way has shape (n, size). Return the path from
+    the configuration to the end of the way, or no row if no edge is free.
     """
     costs = edges.edge_costs(way[:-1], way[1:])
     left = np.append(np.cumsum(costs[::-1])[::-1], 0.0)

@@ -46,8 +46,8 @@ class Times:
     """Durations of the steps of :func:`planners.plan`, in seconds.
 
     The time limit applies to planning. The first plan on a map also computes the caches that all
-    later plans use, such as components and, for the objective "clearance", that of every cell. That
-    takes seconds on a map of 10^8 cells.
+    later plans use, such as components and, for the objective "clearance", every cell's clearance.
+    Caches take seconds on a map of 10^8 cells.
 
     Attributes
     ----------
@@ -57,7 +57,7 @@ class Times:
     planning : float
         The search, and shortening the path, as the time limit counts them, without compilation.
     checking : float
-        The final check of every edge; without a path, the searches that try what the hint says.
+        The final check of every edge; without a path, the searches that test the hint.
     """
 
     setup: float = 0.0
@@ -85,15 +85,15 @@ class Plan:
     start, goal : ndarray of float64, shape (size,), read-only
         Endpoints of the search, as planners hold them: yaw in [-pi, pi), a quaternion of norm 1,
         the joints of an arm within their limits. A continuous joint starts at the given number, and
-        its goal is within half a turn; the path may end whole turns from that. Among several, those
-        of the path, or if not solved the most promising.
+        its goal is within half a turn; the path may end whole turns from that. Among several, the
+        ends of the path, or if not solved the most promising ones.
     axes : tuple of str
         Names of the columns of the path, equal to :attr:`cspace.CSpace.axes`.
     units : tuple of str
         Units of these columns: "m", "rad", or "1" for the numbers of a quaternion.
     length_unit : str
         Unit of :attr:`length` and :attr:`clearance`: "m"; for motions of joints "rad", or "rad or
-        m" if some joints slide. That of :attr:`obstacle_distance` is always metres.
+        m" if some joints slide. The unit of :attr:`obstacle_distance` is always metres.
     direction : ndarray of int8, shape (n,), read-only, or None
         Motion of the robot from the previous row to each row: 1 ahead, -1 in reverse, 0 turning on
         the spot. The first row repeats the second. None for a holonomic robot.
@@ -165,8 +165,8 @@ class Plan:
     keep: tuple[Upright, ...] = ()
     space: Space | None = None
     via_rows: tuple[int, ...] = ()
-    _vias: tuple[int, ...] = ()  # their waypoints
-    _via_stops: tuple[int, ...] = ()  # those at which the robot turns on the spot to a given yaw
+    _vias: tuple[int, ...] = ()  # waypoints at the places of ``via``
+    _via_stops: tuple[int, ...] = ()  # waypoints of ``via`` with a turn on the spot to a given yaw
     _kept: tuple[float, float, float] = (math.nan, math.nan, math.nan)
 
     def __getstate__(self) -> list[Any]:
@@ -179,7 +179,7 @@ class Plan:
 
     @property
     def clearance(self) -> float:
-        """Proven lower bound of the clearance along the path, in :attr:`length_unit`.
+        """Proven lower bound of the path's clearance, in :attr:`length_unit`.
 
         It holds in the map as it is now. Clearance is the distance from a configuration on the path
         to the nearest configuration that is not FREE, at the same rotation. Zero along a path
@@ -196,14 +196,14 @@ class Plan:
         The distance is measured from the robot itself, without margin, to the obstacles as they are
         now. These are their shapes if the map has them, otherwise the outer cells; and, unless the
         map is open, its border. For an arm and a map of joints, distances between links count too.
-        The bound is at most a quarter of a cell below the true minimum, on a map of joints what
-        they move the links in it, and at least the margin, which a map on a floor keeps sideways
-        alone. It is infinite if there is no obstacle, and zero if the path is no longer proven
-        free.
+        The bound is at least the margin, which a map on a floor keeps sideways alone, and at most a
+        quarter of a cell below the true minimum; on a map of joints, at most the travel of the
+        links in a quarter of a cell. It is infinite if there is no obstacle, and zero if the path
+        is no longer proven free.
 
-        NaN if not solved, or if the map was left behind (except for an arm) or is tiled, or one of
-        joints from a file. Also NaN if the interior of a mesh depends on the spacing. Computed at
-        each access; the first one on a map takes longer.
+        NaN if not solved, or if the map was left behind (except for an arm), is tiled, or is a map
+        of joints from a file. Also NaN if the interior of a mesh depends on the spacing. Computed
+        at each access; the first one on a map takes longer.
         """
         edges = self._edges
         return self._kept[1] if edges is None else edges.obstacle_distance(self.waypoints)
@@ -215,9 +215,10 @@ class Plan:
         A radian of rotation counts as half a metre, but along curves nothing. On a map, the bound
         comes from :meth:`cspace.CSpace.min_path_length` and the rotation between start and goal. On
         a tiled map it is the straight distance, and for an arm the distance in the joints,
-        continuous ones the shorter way. Among several starts and goals, those of the path count;
-        with places on the way, the sum of their bounds. It holds for the obstacles as they are now,
-        and for a robot that may move in any direction. NaN if not solved. Computed at each access.
+        continuous ones the shorter way. Among several starts and goals, the path's ends count; with
+        places on the way, the sum of the bounds between them. It holds for the obstacles as they
+        are now, and for a robot that may move in any direction. NaN if not solved. Computed at each
+        access.
         """
         edges = self._edges
         if edges is None:
@@ -304,7 +305,7 @@ class Plan:
 
     @names_options
     def explain(self, *, refine: bool = False) -> Explanation:
-        """Explain why a path between start and goal exists, or does not.
+        """Explain why a path from start to goal exists, or does not.
 
         See :meth:`cspace.CSpace.explain`, which this calls. It is about a holonomic robot, and
         says so if the plan has another drive.
@@ -418,8 +419,8 @@ class Plan:
         """Find convex regions of FREE configurations along the path.
 
         Each edge lies in one region, as it is driven: a car's curve, too. Each region overlaps the
-        next in a row of the path. From the start on, each region has as many edges as the search
-        finds. See :meth:`cspace.CSpace.free_region` for the maps that have regions.
+        next in a row of the path. From the start on, each region takes the largest number of edges
+        that the search finds. See :meth:`cspace.CSpace.free_region` for the maps that have regions.
 
         Parameters
         ----------
@@ -435,8 +436,8 @@ class Plan:
         Raises
         ------
         InputError
-            If the plan has no path or no proof, was pickled, or crosses MIXED cells or comes within
-            the margin of them: the message names the edge and a smaller margin; or its space is no
+            If the plan has no path or no proof, was pickled, or crosses MIXED cells or passes them
+            within the margin: the message names the edge and a smaller margin; or its space is no
             map in memory of positions, with or without a yaw.
 
         Examples
@@ -482,16 +483,16 @@ class Plan:
         Returns
         -------
         object
-            The message, with one pose for each row of :attr:`path` unless ``step`` is given. A map
-            of the plane gives z = 0; a robot that does not turn has the identity as its
-            orientation. The message cannot hold :attr:`direction`.
+            The message, with one pose for each row of :attr:`path`, or by ``step``. A map of the
+            plane gives z = 0; a robot that does not turn has the identity as its orientation. The
+            message cannot hold :attr:`direction`.
 
         Raises
         ------
         InputError
-            If the plan has no path or moves joints, the message lacks a field, or ``step`` is given
-            and not above zero or so small that it makes a million poses, or given for a plan that
-            was pickled, which leaves the map behind.
+            If the plan has no path or moves joints, the message lacks a field, or ``step`` is not
+            above zero, makes a million poses, or comes with a plan that was pickled, which leaves
+            the map behind.
         """
         from cspace.export import fill_path
         from cspace.ros import Path
@@ -534,9 +535,9 @@ class Plan:
     ) -> Trajectory:
         """Compute the fastest motion along the path within limits.
 
-        It ends at rest, and begins at rest unless it goes on after another one. The path becomes a
-        smooth curve that passes outside its corners, a cubic B-spline, as far as the map proves it
-        free. The robot stops at corners where no curve is proven, at cusps, and before and after
+        It ends at rest, and begins at rest unless it continues another motion. The path becomes a
+        smooth curve that passes outside its corners, a cubic B-spline, wherever the map proves it
+        free. The robot stops at corners without a proven curve, at cusps, and before and after
         other turns on the spot. It does not stop between edges of the same direction, nor between
         the arcs and straights of a car.
 
@@ -547,7 +548,7 @@ class Plan:
 
         Curves are proven by FREE cells alone, even if the plan is ``exact``, or by the hulls of an
         arm. Without a proof, as in a space of your own or after pickling, all corners stop the
-        robot; so do those of quaternions beside an edge that rotates.
+        robot; so do corners of quaternions beside an edge that rotates.
 
         Parameters
         ----------
@@ -562,16 +563,16 @@ class Plan:
             largest angular acceleration stops to steer, since its yaw rate cannot jump; by default
             its steering is instant.
         max_jerk : float, array-like of shape (k,), or mapping of axes to floats, optional
-            Largest jerk, like ``max_acceleration``, in m/s^3 or rad/s^3. The acceleration is
-            then continuous; for a car, that along its curve. Ramps of the speed are double S
-            (L. Biagiotti and C. Melchiorri, 2008). By default the jerk has no limit.
+            Largest jerk, like ``max_acceleration``, in m/s^3 or rad/s^3. The acceleration is then
+            continuous; for a car, only the acceleration along its curve. Ramps of the speed are
+            double S (L. Biagiotti and C. Melchiorri, 2008). Default: no limit.
         max_angular_jerk : float, optional
             Of a robot that turns, but no car, rad/s^3; only with ``max_jerk``. A differential drive
             given one stops at corners, since its angular acceleration jumps along curves.
         speed : SpeedZones, SlowNear, ToolSpeed, or a list of these
             Largest speeds, which hold at every instant: in zones and near obstacles, or of links of
-            an arm. The lowest one counts. If a motion is too fast as it goes on after another one,
-            it brakes at once, and :attr:`planners.Trajectory.exceeds_until` says until when.
+            an arm. The lowest one counts. If a motion begins too fast, it brakes at once, and
+            :attr:`planners.Trajectory.exceeds_until` says until when.
         duration : float, optional
             Seconds of the whole trajectory, to which the fastest one is slowed down evenly.
         time_step : float
@@ -583,16 +584,15 @@ class Plan:
         stop_at_via : bool
             Whether the robot rests at each place of ``via``. Otherwise curves pass through these
             places. It rests there all the same if no curve is proven, and if it has to turn on the
-            spot to a yaw that the place asks for. Where it could turn on the spot, a curve through
-            a sharp corner may take longer than a rest.
+            spot to a yaw that the place asks for. For a robot that turns on the spot, a curve
+            through a sharp corner may take longer than a rest.
         after : Trajectory, optional
             A motion of this robot, which it drives until the time ``at``. The new one begins in
-            that state, with a continuous velocity and curvature. The plan starts at one of
-            ``after.starts_after(at)``: the place of that state, or the end of
-            ``after.braked(at)``, to which the robot follows the old curve. There it does not stop
-            if a curve goes on smoothly. If the plan has no path, or none that is proven and that
-            the speed allows, it is ``after.braked(at)``, and ``stop_reason``
-            says why.
+            that state, with a continuous velocity and curvature. The plan starts at a row of
+            ``after.starts_after(at)``: the place of that state, or the end of ``after.braked(at)``,
+            to which the robot follows the old curve. There it does not stop if a curve goes on
+            smoothly. If the plan has no path, or none that is proven and that the speed allows, it
+            is ``after.braked(at)``, and ``stop_reason`` says why.
         at : float
             Seconds from the start of ``after``, time 0 of the new trajectory.
 
@@ -601,7 +601,7 @@ class Plan:
         InputError
             If the plan has no path; a limit is missing, not above zero, or for another kind of
             robot; all zones lie off the map, or in another frame, or an arm has no such link; the
-            limits do not allow the duration; or the plan does not start at one of
+            limits do not allow the duration; or the plan does not start at a row of
             ``after.starts_after(at)``, or ``after`` has other axes.
 
         Examples

@@ -1,4 +1,4 @@
-"""Stages of a plan, from its start by places on the way to its goal, and what joins them."""
+"""Stages of a plan, from its start by places on the way to its goal, and paths between them."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Stage(NamedTuple):
 
     @classmethod
     def of(cls, name: str, goals: Sequence[Endpoint]) -> Stage:
-        """Return the stage of configurations alone."""
+        """Make a stage from configurations alone."""
         rooms = tuple(Room(name, np.array(q)) for q in goals)
         return cls(name, goals, rooms, rooms)
 
@@ -41,16 +41,19 @@ class Stage(NamedTuple):
         )
 
     def asks_turn(self, edges: LocalPlanner, path: Floats, row: int) -> bool:
-        """Return True if a robot turns on the spot at a row to reach a yaw that is asked for."""
+        """Return True if the robot turns on the spot to a required yaw.
+
+        It does so at a row of the path.
+        """
         return edges.turns_at(path, row) and not self.takes_any_yaw(edges, path[row])
 
 
 @dataclass(frozen=True)
 class Existence:
-    """Whether a path leads through stages in their order, by one configuration of each.
+    """Proofs that a path leads through stages in order, or that none does.
 
-    That is proven, disproven, or neither; each is computed when it is first asked. Both are False
-    if the caller ended the search before the map was labelled.
+    The path passes one configuration of each stage. Both answers may be False; each is computed at
+    its first use. Both are False if the caller ended the search before the map was labelled.
 
     Attributes
     ----------
@@ -67,17 +70,17 @@ class Existence:
 
     @classmethod
     def along(cls, edges: LocalPlanner, route: Endpoints) -> Existence:
-        """Return the existence of a path from one configuration to any of others."""
+        """Make the existence of a path along a route."""
         return cls(edges, (Stage.of("", route[:1]), Stage.of("", route[1:])), [route])
 
     def upto(self, count: int) -> Existence:
-        """Return the existence of a path through the first ``count`` stages."""
+        """Return the existence for the first ``count`` stages."""
         return self if count == len(self.stages) else replace(self, stages=self.stages[:count])
 
     @cached_property
     def is_connected(self) -> bool:
-        """Whether FREE cells, or the space, prove a path of a holonomic robot."""
-        vain: list[Endpoint] = []  # which lead no further
+        """Whether cells or space prove a path of a holonomic robot."""
+        vain: list[Endpoint] = []  # dead ends
         for start, *goals in self.routes if self._can_ask else ():
             reached = self._join([start], goals)
             if reached and not self._join(vain, reached):
@@ -119,24 +122,30 @@ class Existence:
         return not self.is_disconnected if self.edges.exact else self.is_connected
 
     def select_routes(self) -> list[Endpoints]:
-        """Return the routes on a map from whose starts cells may lead through all stages."""
+        """Select routes whose starts may lead through all stages.
+
+        Cells of the map decide.
+        """
         rooms = [stage.whole for stage in self.stages if stage.whole]
         joined = find_joined(self.edges.cells, rooms, mixed=self.edges.exact)
         return [route for route in self.routes if may_join(self.edges, route[0], joined).any()]
 
     @property
     def _can_ask(self) -> bool:
-        """Whether the answer is at hand, or the caller has not ended the search."""
+        """Whether the map is labelled, or the search may go on."""
         return not is_over(NEVER) or is_labelled(self.edges.space)
 
     def _leads_on(self, reached: Sequence[Endpoint]) -> bool:
-        """Return True if a path is proven from configurations of the second stage to the last."""
+        """Return True if a path is proven to the last stage.
+
+        ``reached`` are configurations of the second stage.
+        """
         for stage in self.stages[2:]:
             if reached:
                 reached = self._join(reached, stage.find_goals(self.edges, reached[0]))
         return bool(reached)
 
     def _join(self, starts: Sequence[Endpoint], goals: Sequence[Endpoint]) -> list[Endpoint]:
-        """Return the goals to which a path is proven from any start."""
+        """Return the goals with a proven path from any start."""
         exists = self.edges.space.path_exists
         return [goal for goal in goals if any(exists(start, goal) for start in starts)]

@@ -67,7 +67,7 @@ class PlanTask:
     seed: int | None
     is_named: bool  # whether the user chose the planner
     previous: Floats  # (n, size), waypoints of the plan before this one
-    fallback: Planner | None = None  # that takes over if this one finds no path
+    fallback: Planner | None = None  # planner that takes over if this one finds no path
     endpoints: Endpoints = ()  # start and goals as OMPL holds them, the nearest goal first
     routes: tuple[Endpoints, ...] = ()  # starts, each with its goals, the most promising first
     keep: tuple[Upright, ...] = ()  # directions that links of an arm keep
@@ -108,7 +108,7 @@ class Planner(ABC):
 
     @property
     def optimises(self) -> bool:
-        """Whether it goes on after the first path, up to its limit."""
+        """Whether it goes on after the first path until its limit."""
         return False
 
     @abstractmethod

@@ -16,15 +16,15 @@ if TYPE_CHECKING:
     from cspace.arms import ArmSpace
 
 _SAMPLED_PAIRS = 10
-"""Pairs of configurations of an arm that are planned between; some need a search."""
+"""Number of pairs of an arm's configurations to plan between; some need a search."""
 
 
 def warm_up(space: Space, drive: Drive | None = None) -> None:
-    """Compile what plans on a space need beforehand.
+    """Compile the code of plans on a space beforehand.
 
     For a map, it plans, updates and plans again on a small map with the same axes, and explains why
     no path is left; for an arm, it plans between some of its configurations. It takes up to half a
-    minute on a new machine, and some tenths of a second once the code is kept on disk.
+    minute on a new machine, and some tenths of a second with code cached on disk.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ def warm_up(space: Space, drive: Drive | None = None) -> None:
     first = plan(small, start, goal, drive=drive)
     small.update(np.ones((2,) * space.dim, dtype=bool), (45, 30, *[5] * (space.dim - 2)))
     first.recheck()
-    small.path_exists(start, goal)  # a plan asks if it finds no path
+    small.path_exists(start, goal)  # a plan calls it if it finds no path
     plan(small, start, goal, drive=drive, previous=first)
     if space.dim == 2:
         small.update(np.ones((20, 2), dtype=bool), (40, 29))  # nothing passes the wall
@@ -69,7 +69,7 @@ def warm_up(space: Space, drive: Drive | None = None) -> None:
 
 
 def _build_small_map(space: Space) -> CSpace:
-    """Build a map of 6 m by 6 m with other axes."""
+    """Build a map of 6 m by 6 m with the axes of a space."""
     cells = np.zeros((60, 60, 20)[: space.dim], dtype=bool)
     cells[:40, 29:31] = True
     robot = Robot.rectangle(0.4, 0.2) if space.dim == 2 else Robot.box((0.4, 0.2, 0.2))
