@@ -96,7 +96,7 @@ class Body:
         Largest distance of a point from the reference point, metres.
     margin : float
         Growth of the robot, metres.
-    hole : float
+    reference_gap : float
         Distance of the robot from its reference point, metres; not above zero inside.
     """
 
@@ -107,7 +107,7 @@ class Body:
         self.cores = Cores(shape.inner)
         self.lever = space.robot.shape.lever
         self.margin = space.margin
-        self.hole = min(
+        self.reference_gap = min(
             shapely.distance(shapely.Point(0.0, 0.0), shapely.MultiPoint(corners).convex_hull)
             - radius
             for corners, radius in self.hulls
@@ -277,7 +277,7 @@ def make_outlines(body: Body, pieces: SweepPieces, count: int) -> Any:
     for points in (pieces.starts[:, :2], pieces.ends[:, :2]):
         np.minimum.at(lows, pieces.elements, points)
         np.maximum.at(highs, pieces.elements, points)
-    is_long = (highs - lows).max(axis=1) >= 2.0 * body.hole
+    is_long = (highs - lows).max(axis=1) >= 2.0 * body.reference_gap
     is_any = (pieces.half_widths > 0.0) & is_long[pieces.elements]
     rest = pieces.take(~is_any)
     for elements, points, growths, sides in itertools.chain(

@@ -78,7 +78,7 @@ class MapCanvas(Canvas):
             self.kinds.remove("unknown")
         hidden = {"mixed"} if self._has_height else {"border", "mixed"}
         self.shown = {*self.kinds, SECTION} - hidden
-        self.cut = self._choose_cut(points)
+        self.cut = self._choose_cut_height(points)
         self._drawn: dict[str, Any] = {}
         self._drawing = threading.Lock()
         self._surface = make_robot_surface(space.robot, self._wall_height)
@@ -94,7 +94,7 @@ class MapCanvas(Canvas):
         self._place_camera(self.cells.scene.lower, self.cells.scene.upper, back)
         self._describe_panel()
 
-    def _choose_cut(self, points: Floats) -> float:
+    def _choose_cut_height(self, points: Floats) -> float:
         """Choose a height above the robot at start, goal and path, metres."""
         scene = self.cells.scene
         highest = float(scene.upper[2])
