@@ -48,7 +48,7 @@ MODULES: Final[Mapping[str, str]] = {
 
 
 def find_planner(name: str) -> Planner:
-    """Return a planner by its name, and load its module.
+    """Load a planner by its name.
 
     Raises MissingPackageError for a planner of OMPL if OMPL cannot be imported.
     """

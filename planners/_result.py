@@ -191,7 +191,7 @@ class Plan:
 
     @property
     def obstacle_distance(self) -> float:
-        """Proven lower bound of the path's distance from obstacles, metres.
+        """Proven lower bound of the distance from obstacles, metres.
 
         The distance is measured from the robot itself, without margin, to the obstacles as they are
         now. These are their shapes if the map has them, otherwise the outer cells; and, unless the

@@ -30,7 +30,7 @@ class Stage(NamedTuple):
         return cls(name, goals, rooms, rooms)
 
     def find_goals(self, edges: LocalPlanner, start: Endpoint) -> Sequence[Endpoint]:
-        """Find free configurations, the most promising from a start first."""
+        """Find free configurations, the most promising first."""
         return find_room_goals(edges, self.rooms, self.name, start) if self.rooms else self.goals
 
     def takes_any_yaw(self, edges: LocalPlanner, q: Floats) -> bool:
@@ -146,6 +146,6 @@ class Existence:
         return bool(reached)
 
     def _join(self, starts: Sequence[Endpoint], goals: Sequence[Endpoint]) -> list[Endpoint]:
-        """Return the goals with a proven path from any start."""
+        """Return goals with a proven path from any start."""
         exists = self.edges.space.path_exists
         return [goal for goal in goals if any(exists(start, goal) for start in starts)]

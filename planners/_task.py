@@ -116,7 +116,7 @@ class Planner(ABC):
         """Return whether it searches in a space."""
 
     def takes_drive(self, edges: LocalPlanner) -> bool:
-        """Return whether it searches along the edges of a drive."""
+        """Return whether it searches along a drive's edges."""
         return not edges.has_heading
 
     def may_fail(self, edges: LocalPlanner) -> bool:
@@ -152,4 +152,4 @@ class Planner(ABC):
 
     @abstractmethod
     def find(self, task: PlanTask) -> SearchResult:
-        """Search for a path between the endpoints of a task."""
+        """Search for a path between a task's endpoints."""

@@ -226,10 +226,10 @@ def piece_is_free(
     turn: float,
     spare: float,
 ) -> bool:
-    """Return True if a segment's piece and ``spare`` are free.
+    """Return True if a piece and ``spare`` are free.
 
-    From its center, the piece extends by ``half`` to both sides, in turning radii, and turns by
-    ``turn``.
+    From its center, the piece of a segment extends by ``half`` to both sides, in turning radii, and
+    turns by ``turn``.
     """
     # An arc of an angle a leaves its tangent by at most a^2 / 2 turning radii.
     drift = radius * (0.5 * turn * turn + spare)
@@ -348,7 +348,7 @@ def find_shortest_words(kind: int, radius: float, q0: Pose, q1: Pose, tie: float
 
 @internal
 def measure_gap(goal: Pose, steering: Ints, lengths: Floats, row: int) -> float:
-    """Return the gap of a word driven from the origin.
+    """Return the gap of a word from the origin.
 
     The gap is the larger of the distance, in turning radii, and the angle, in radians.
     """

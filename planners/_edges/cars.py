@@ -191,7 +191,7 @@ class CarCurves(DrivenEdges):
 
         # A map in tiles has no array for kernels, so each edge opens the part around it.
         def prove_in_window(*ends: float) -> float:
-            """Prove a curve in a part of the map, in memory."""
+            """Prove a curve in a part of the map."""
             window = self._window_around(np.reshape(ends, (2, 3)))
             return window.curve_prover()(*ends)
 
@@ -281,7 +281,7 @@ class CarCurves(DrivenEdges):
         return [self._list_motions(ends[0], count, is_backwards) for count in counts]
 
     def _list_motions(self, start: Endpoint, count: int, is_backwards: bool) -> Motions:
-        """List a car's motions on a lattice of ``count`` headings.
+        """List a car's motions at each of ``count`` headings.
 
         These are arcs to the next of ``count`` headings, and drives straight on, ahead or in
         reverse. The first heading is the start's.

@@ -39,7 +39,7 @@ class TurnDriveTurn(DrivenEdges):
 
     @property
     def curve_states(self) -> tuple[bool, float]:
-        """Whether OMPL's curves reverse, and their tiny radius in metres."""
+        """Whether OMPL's curves reverse, and their tiny radius, metres."""
         grid = self.cells.grid
         longest_side = grid.spacing * max(grid.shape)
         return self.reverses, PIVOT_RADIUS_PER_SIDE * longest_side
@@ -91,7 +91,7 @@ class TurnDriveTurn(DrivenEdges):
     def choose_yaw(
         self, x0: float, y0: float, yaw0: float, x1: float, y1: float, yaw1: float
     ) -> float:
-        """Choose the yaw of the drive that needs less rotation.
+        """Choose the yaw of the drive with less rotation.
 
         It is ``yaw0`` if the edge is a pure turn.
         """

@@ -83,7 +83,7 @@ class DrivenEdges(LocalPlanner):
         """
 
     def edge_lengths(self, starts: Floats, ends: Floats) -> Floats:
-        """Return the lengths of edges, shape (n,), with weighted rotations."""
+        """Return edges' lengths with weighted rotations, shape (n,)."""
         rows = np.hstack([starts, ends]).tolist()
         return np.array([self.edge_length(*row) for row in rows])
 

@@ -298,7 +298,7 @@ def _join_pieces(intervals: Intervals, limited: JerkIntervals, pieces: Floats) -
 
 @internal
 def move(speed: float, acceleration: float, jerk: float, time: float) -> float:
-    """Return the length moved in a time at constant jerk."""
+    """Return the length moved at constant jerk."""
     return time * (speed + time * (acceleration / 2.0 + time * jerk / 6.0))
 
 
@@ -371,7 +371,7 @@ def fill_ramps(
     to: float,
     limits: Floats,
 ) -> float:
-    """Fill the two ramps of a leg; return their length.
+    """Fill both ramps of a leg; return their length.
 
     The first ends, and the second begins, at the speed ``even``.
     """
@@ -444,7 +444,7 @@ def find_time(speed: float, acceleration: float, jerk: float, most: float, lengt
 def check_piece(
     k: int, speed: float, acceleration: float, jerk: float, limited: JerkIntervals
 ) -> tuple[float, float, float]:
-    """Return three factors, each enough to bring a piece within limits.
+    """Return three factors that bring a piece within limits.
 
     The first, 1 or above, stretches time; instead, the second lowers the acceleration, or the third
     the jerk. Speed, acceleration and jerk are the largest in the piece, which lies in interval
@@ -479,7 +479,7 @@ def check_piece(
 def reduce_factors(
     factors: Floats, phase: int, is_fastest: bool, excess: float, by_gain: float, by_jerk: float
 ) -> None:
-    """Lower the factors of a leg's limits after an excess.
+    """Lower factors of a leg's limits after an excess.
 
     ``factors`` scale the acceleration and jerk of the first ramp (phases 0 to 2), of the second
     ramp (phases 4 to 6), and the largest speed. In the even phase 3, the limit is the largest

@@ -114,8 +114,8 @@ def place_along(
 ) -> tuple[Floats, Floats, Floats]:
     """Return configurations at lengths along segments, and their derivatives.
 
-    ``s``, shape (m,), are lengths along the segments. The derivatives are translations and rotation
-    vectors, shape (m, k).
+    ``s``, shape (m,), are lengths along the segments. The derivatives by the length are
+    translations and rotation vectors, shape (m, k).
     """
     length = s[:, np.newaxis]
     bends = segments.bends

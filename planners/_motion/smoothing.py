@@ -325,7 +325,7 @@ class CurveSection:
 
 
 def _make_sections(polyline: Polyline, stops: list[int]) -> list[CurveSection]:
-    """Return sections between stops, if they have a corner or junction."""
+    """Make sections with a corner or junction between stops."""
     least = 1 if polyline.junction is not None and polyline.times[-1] > 0.0 else 2
     return [
         CurveSection.between(polyline, first, last)
@@ -397,7 +397,7 @@ def _add_rows(
 def make_curves(
     polyline: Polyline, rotations: Rotations, section: CurveSection, points: Floats
 ) -> Segments:
-    """Make the spans of a B-spline from its control points."""
+    """Make a B-spline's spans from its control points."""
     count = len(points) - 3
     spans = np.stack([points[k : count + k] for k in range(4)])
     offsets, rates, bends, twists = np.tensordot(TO_POLYNOMIAL, spans, axes=1)
@@ -425,7 +425,10 @@ def smooth_path(
     rotations: Rotations,
     prove: Callable[[Segments], Bools],
 ) -> Segments | None:
-    """Replace corners by proven curves; return None if none is proven."""
+    """Replace corners by proven curves.
+
+    Return None if no curve is proven.
+    """
     waiting = _make_sections(polyline, np.flatnonzero(polyline.stops).tolist())
     proven_curves: dict[int, tuple[int, Segments]] = {}
     while waiting:

@@ -85,7 +85,7 @@ class Phases(NamedTuple):
         return lengths, speeds + elapsed * (accelerations + 0.5 * jerks), accelerations + jerks
 
     def peaks(self) -> Floats:
-        """Return the largest speeds of all phases except the rest."""
+        """Return the largest speeds of phases except the rest."""
         _, end_speeds, end_gains = self.ends()
         speeds = np.maximum(self.speeds[:-1], end_speeds)
         gains, jerks = self.accelerations[:-1], self.jerks[:-1]
@@ -95,7 +95,7 @@ class Phases(NamedTuple):
         return np.asarray(np.maximum(speeds, np.where(turns, inner, 0.0)))
 
     def ends(self) -> tuple[Floats, Floats, Floats]:
-        """Return lengths, speeds and accelerations at the ends of phases.
+        """Return lengths, speeds and accelerations at ends of phases.
 
         The rest, without an end, is left out.
         """
@@ -103,7 +103,7 @@ class Phases(NamedTuple):
 
 
 def cut_phases(phases: Phases, t: float) -> Phases:
-    """Cut phases at a time and at the next rest."""
+    """Cut phases at a time and the next rest."""
     first = int(np.searchsorted(phases.times, t, side="right")) - 1
     rests = np.flatnonzero(phases.speeds[first + 1 :] == 0.0)
     cut = Phases._make(column[first : first + 2 + rests[0]].copy() for column in phases)
@@ -125,12 +125,12 @@ class LimitRates(NamedTuple):
     dim: int
 
     def largest(self, rates: Floats) -> Floats:
-        """Return the largest multiples of rates within the limits, shape (m,)."""
+        """Return the largest multiples of rates within limits, (m,)."""
         with np.errstate(divide="ignore"):
             return np.asarray(1.0 / self.shares(rates).max(axis=1))
 
     def shares(self, rates: Floats) -> Floats:
-        """Return rates as shares of their limits, shape (..., limits)."""
+        """Return rates as shares of their limits, (..., limits)."""
         linear = np.abs(rates[..., : self.dim])
         if not self.linear.ndim:
             linear = np.linalg.norm(linear, axis=-1, keepdims=True)
@@ -141,7 +141,7 @@ class LimitRates(NamedTuple):
         return np.concatenate([shares, angular], axis=-1)
 
     def multiply(self, first: Floats, second: Floats) -> Floats:
-        """Return products of rates over squared limits, shape (m, limits)."""
+        """Return products of rates over squared limits, (m, limits)."""
         products = first * second
         linear = products[:, : self.dim] / self.linear**2
         if not self.linear.ndim:
@@ -164,7 +164,7 @@ class MotionBounds(NamedTuple):
     memo: IntervalMemo | None = None
 
     def list_limits(self) -> list[Floats]:
-        """Return the limits of velocity, acceleration and jerk, by default infinite."""
+        """Return limits of velocity, acceleration and jerk, default infinite."""
         infinite = LimitRates(np.array(np.inf), None, 0)
         limits = self.velocity, self.acceleration, self.jerk or infinite
         return [np.hstack([each.linear.ravel(), each.angular or np.inf]) for each in limits]
@@ -390,11 +390,11 @@ def cut_interval(intervals: Intervals, number: int, length: float) -> Intervals:
 def find_stop(
     segments: Segments, rotations: Rotations, bounds: MotionBounds, begin: float, speed: float
 ) -> Phases:
-    """Find a stop from a speed on the first segment.
+    """Find a stop from a speed along segments.
 
-    It begins at a length along the segment. In each interval the robot slows down evenly, by the
-    most that the limits allow at the interval's begin. From a lower speed it may slow down more, so
-    by induction it is nowhere faster than the motion, which keeps the limits.
+    It begins at a length along the first segment. In each interval the robot slows down evenly, by
+    the most that the limits allow at the interval's begin. From a lower speed it may slow down
+    more, so by induction it is nowhere faster than the motion, which keeps the limits.
     """
     intervals = measure_intervals(segments, rotations, bounds, begin)
     lengths = intervals.lengths.tolist()
@@ -575,12 +575,13 @@ def is_motion(
     begin_velocity: Floats | float = 0.0,
     begin_acceleration: Floats | float = 0.0,
 ) -> bool:
-    """Return True if phases are a valid motion along segments.
+    """Return True if phases are a valid motion.
 
-    It begins at the first row of ``ends`` with a velocity and an acceleration, shape (k,), and
-    rests at the last row. Phases take time and stay on their segments, configurations, velocities
-    and, if the jerk has a limit, accelerations do not jump between them, and limits hold: with a
-    limit of jerk at each instant, otherwise at the ends of phases. Comparisons are False for NaN.
+    It moves along segments from the first row of ``ends``, with a velocity and an acceleration,
+    shape (k,), to rest at the last row. Phases take time and stay on their segments,
+    configurations, velocities and, if the jerk has a limit, accelerations do not jump between them,
+    and limits hold: with a limit of jerk at each instant, otherwise at the ends of phases.
+    Comparisons are False for NaN.
     """
     positions, speeds, gains = (
         np.concatenate([begins[:-1], ends])
@@ -734,7 +735,7 @@ def measure_slack(segments: Segments, parts: Segments) -> Floats:
 
 
 def trim_segments(segments: Segments, phases: Phases) -> tuple[Segments, Phases]:
-    """Remove segments before the first phase and after the last."""
+    """Remove segments outside the phases."""
     first, last = phases.segments[[0, -1]].tolist()
     if (first, last + 1) == (0, len(segments.lengths)):
         return segments, phases

@@ -86,7 +86,7 @@ def _find_unit(name: str, file: str) -> tuple[str, float]:
 
 
 def _iterate_features(document: dict[str, Any], file: str, speed: str | None) -> Iterator[Zone]:
-    """Yield the areas and speeds of GeoJSON with valid geometries."""
+    """Yield areas and speeds of GeoJSON with valid geometries."""
     unit, factor = _find_unit(speed or "", file)
     for number, feature in enumerate(document.get("features", [document])):
         name = f"{file}, feature {number}"

@@ -26,7 +26,7 @@ class BuiltInSearch(Planner):
     tries_edge = True
 
     def find(self, task: PlanTask) -> SearchResult:
-        """Search for a path between the endpoints of a task."""
+        """Search for a path between a task's endpoints."""
         edges = task.edges
         if edges.exact and not task.may_succeed():  # cells tell soon by themselves
             return SearchResult(np.empty((0, edges.space.size)))
@@ -59,7 +59,7 @@ class SpaceSearch(BuiltInSearch):
         return self.name in space.searches
 
     def prepare(self, task: PlanTask) -> None:
-        """Raise InputError for poses whose axes are in another order."""
+        """Raise InputError for poses with axes in another order."""
         if not isinstance(task.edges.space, ConfigurationSpace):
             from planners._ompl.states import find_state_kind
 

@@ -93,7 +93,7 @@ def find_chain(
     factors: Costs = NO_FACTORS,
     may_exist: Callable[[], bool] | None = None,
 ) -> Ints:
-    """Find a short chain of passable cells from start to goal.
+    """Find a short chain of passable cells.
 
     Parameters
     ----------

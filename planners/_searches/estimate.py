@@ -96,7 +96,7 @@ def estimate_without_obstacles(shape: Cell, goal: Cell, weight: float) -> Estima
 
 
 def start_progress(start: int, count: int) -> Progress:
-    """Make a search over ``count`` nodes, with the start queued."""
+    """Make a search over ``count`` nodes from a start."""
     # The queue's length doubles as needed.
     progress = make_progress(count, 2**14)
     # The start is its own predecessor.

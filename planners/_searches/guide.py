@@ -228,7 +228,7 @@ class Guide:
         self._begin()
 
     def is_reached(self, cell: Cell) -> bool:
-        """Return True if the guide has reached a cell's block."""
+        """Return True if a cell's block has been reached."""
         return bool(self.estimate.reached[0, *self._find_block(cell)] != 0)
 
     def measure(self, cells: Ints) -> Floats:
@@ -247,7 +247,7 @@ class Guide:
         until: Effort,
         may_exist: Callable[[], bool] | None = None,
     ) -> None:
-        """Search from the goal until a cell's block is reached.
+        """Search until a cell's block is reached.
 
         A long search calls ``may_exist`` once, and ends if no chain exists. Raises TimeoutError
         after ``until``, a reading of :func:`cspace._support.deadlines.now`.
@@ -305,7 +305,7 @@ class Guide:
 
 
 def measure_turns(neighbors: Ints, turns: Floats, goal: int) -> Floats:
-    """Return the lowest costs of turning from rotations to ``goal``.
+    """Return lowest costs of turning from rotations to ``goal``.
 
     ``neighbors``, shape (rotations, n), are rotations, padded with -1, and ``turns`` the costs of
     turning to them.

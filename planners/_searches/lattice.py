@@ -277,7 +277,7 @@ def _list_factors(edges: LocalPlanner) -> Costs:
 
 
 def _measure_block_side(space: CSpace) -> int:
-    """Choose the cells along a side of the guide's blocks.
+    """Choose the side of the guide's blocks, in cells.
 
     No chain leads across a wall of blocks, because an obstacle blocks two radii of a circle in the
     robot. A circle away from the reference point moves as the robot turns, so it counts for less.
@@ -328,7 +328,7 @@ def _list_slices_near(edges: LocalPlanner, yaws: Floats) -> Ints:
 
 
 def _find_nearest(yaws: Floats) -> Ints:
-    """Find the guide's direction nearest to each yaw, shape (n,)."""
+    """Find the guide's directions nearest to yaws, shape (n,)."""
     guide_yaws, _, _ = _list_moves_by_yaw()
     turns = np.abs(wrap_angles(guide_yaws - yaws[:, np.newaxis]))
     return np.asarray(turns.argmin(axis=1))
@@ -538,7 +538,7 @@ def _shorten_once(edges: LocalPlanner, path: Floats, until: Effort) -> Floats:
 
 @kernel
 def expand_nodes(map_: Map, motions: Motions, target: Target, nodes: LatticeNodes) -> int:
-    """Expand nodes until one may reach the goal; return it.
+    """Expand nodes; return one that may reach the goal.
 
     Return :data:`NO_NODE` if the queue is empty, and :data:`TIME_CHECK` after many nodes; the next
     call goes on. Return :data:`FULL` if there is no memory for more nodes, and :data:`UNKNOWN` if
@@ -760,7 +760,7 @@ class LatticeSearch(BuiltInSearch):
         return has_drives(space)
 
     def takes_drive(self, edges: LocalPlanner) -> bool:
-        """Return True for robots that drive along their x axis."""
+        """Return True for robots that drive."""
         return edges.has_heading
 
     def may_fail(self, edges: LocalPlanner) -> bool:

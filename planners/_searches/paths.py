@@ -192,7 +192,7 @@ def path_cost(path: Floats, cost: Cost) -> float:
 
 
 def _measure(path: Floats, rotations: Rotations, cost: Cost | None) -> float:
-    """Return a path's cost, or without a cost its length."""
+    """Return a path's cost, or its length without costs."""
     return path_length(path, rotations) if cost is None else path_cost(path, cost)
 
 
@@ -237,7 +237,7 @@ def _cut_corner(
     check: Check,
     cost: Cost | None,
 ) -> list[Floats]:
-    """Return the points that replace a corner, or the corner.
+    """Return points that replace a corner, or the corner.
 
     The corner is between ``before`` and ``after``, shapes (size,). Bisection finds the longest edge
     past the corner that passes.

@@ -122,7 +122,7 @@ def move_funnel(points: Floats, funnel: Ints, path: Ints) -> int:
 
 @internal
 def turn(points: Floats, a: int, b: int, c: int) -> float:
-    """Return twice a triangle's area, positive for a left turn."""
+    """Return twice a triangle's signed area, positive to the left."""
     first_x = points[b, 0] - points[a, 0]
     first_y = points[b, 1] - points[a, 1]
     whole_x = points[c, 0] - points[a, 0]

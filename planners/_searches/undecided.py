@@ -89,7 +89,7 @@ class MixedCellSearch:
         return no_path
 
     def _find_centers(self, cells: Ints) -> Floats:
-        """Return the configurations at centers of cells, shape (n, size)."""
+        """Return configurations at centers of cells, shape (n, size)."""
         positions = self.space.grid.center_of(cells[:, 1:])
         return np.column_stack([positions, self.space.rotations.centers[cells[:, 0]]])
 
