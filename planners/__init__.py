@@ -5,6 +5,8 @@ Rooms: ``_edges`` (motions of drives), ``_motion`` (times), ``_searches`` (our o
 
 - *room*: a region that counts as a start or goal.
 - *route*: a start with its goals.
+- *stage*: the start, a place on the way, or the goal.
+- *leg*: the part of a plan from one stage to the next (in ``_motion``, between minima of speed).
 """
 
 from typing import Any

@@ -41,9 +41,9 @@ class Stage(NamedTuple):
         )
 
     def asks_turn(self, edges: LocalPlanner, path: Floats, row: int) -> bool:
-        """Return True if the robot turns on the spot to a required yaw.
+        """Return True if the robot turns to a required yaw.
 
-        It does so at a row of the path.
+        It turns on the spot at a row of the path.
         """
         return edges.turns_at(path, row) and not self.takes_any_yaw(edges, path[row])
 

@@ -69,7 +69,10 @@ def warm_up(space: Space, drive: Drive | None = None) -> None:
 
 
 def _build_small_map(space: Space) -> CSpace:
-    """Build a map of 6 m by 6 m with the axes of a space."""
+    """Build a small map with a space's axes.
+
+    It has 6 m by 6 m.
+    """
     cells = np.zeros((60, 60, 20)[: space.dim], dtype=bool)
     cells[:40, 29:31] = True
     robot = Robot.rectangle(0.4, 0.2) if space.dim == 2 else Robot.box((0.4, 0.2, 0.2))

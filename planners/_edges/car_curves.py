@@ -465,10 +465,11 @@ def write_word(
 
 @internal
 def solve_form(form: int, x: float, y: float, phi: float) -> Lengths:
-    """Return the lengths of a form's word to (x, y, phi), or zeros.
+    """Return the segments' lengths of a form's word, or zeros.
 
-    Arcs are not wrapped. Source of the forms 3 to 8: Reeds and Shepp (1990), section 8, whose names
-    t, u and v stand for the lengths of the first, second and third segment.
+    The word leads from the origin to (x, y, phi). Arcs are not wrapped. Source of the forms 3 to 8:
+    Reeds and Shepp (1990), section 8, whose names t, u and v stand for the lengths of the first,
+    second and third segment.
     """
     unreachable = (0.0, 0.0, 0.0, 0.0, 0.0)
     quarter = 0.5 * math.pi

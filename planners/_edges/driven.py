@@ -88,7 +88,7 @@ class DrivenEdges(LocalPlanner):
         return np.array([self.edge_length(*row) for row in rows])
 
     def find_directions(self, rows: Floats) -> NDArray[np.int8]:
-        """Return the directions of rows, (n, 3): ahead 1, back -1, neither 0."""
+        """Return directions of rows (n, 3): ahead 1, back -1, neither 0."""
         if len(rows) < 2:
             return np.ones(len(rows), dtype=np.int8)
         dx, dy = np.diff(rows[:, :2], axis=0).T
