@@ -310,6 +310,7 @@ class CurveSection:
         last = np.floor(before + reached_spans).clip(-1, len(proven) - 1).astype(np.int64)
         counts = np.append(0, np.cumsum(~proven))
         is_near = counts[last + 1] > counts[first]
+        # Shrink the lengths to a fifth at a time.
         self.smoothing = np.where(is_near, 0.2 * self.smoothing, self.smoothing)
         self.tries += 1
 
