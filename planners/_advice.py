@@ -27,10 +27,9 @@ def describe_failure(
     is_connected: bool,
     finds_path: Callable[[PlanTask], bool],
 ) -> tuple[str, str]:
-    """Return the status of a plan whose search found no path, and a hint.
+    """Describe a failed search; return a status and a hint.
 
-    ``is_connected`` says that there is one for a holonomic robot, and ``finds_path`` tries other
-    options.
+    ``is_connected`` is True if a holonomic robot has a path; ``finds_path`` tests other options.
     """
     edges = task.edges
     existence = "a path exists" if is_connected else "undecided whether one exists"
@@ -53,7 +52,7 @@ def describe_failure(
 
 
 def _describe_limit(task: PlanTask) -> str:
-    """Describe the limit of a search: a given one by the clock, the default one by its work."""
+    """Describe a search's limit: seconds if given, otherwise work."""
     if task.time_limit is None:
         return f"{task.limit.work_seconds:.3g} s of work"
     return f"{task.limit.seconds:.3g} s"
@@ -62,7 +61,7 @@ def _describe_limit(task: PlanTask) -> str:
 def _list_hints(
     task: PlanTask, is_connected: bool, is_late: bool, finds_path: Callable[[PlanTask], bool]
 ) -> list[str]:
-    """List hints for a failed search, which the time limit ended if ``is_late``."""
+    """List hints for a search, which timed out if ``is_late``."""
     edges = task.edges
     more = _name_more(task, is_late)
     if not isinstance(edges.space, ConfigurationMap):
@@ -83,7 +82,7 @@ def _list_hints(
 
 
 def _name_more(task: PlanTask, is_late: bool) -> str:
-    """Name more time, or more iterations if these ended the search."""
+    """Name more time, or more iterations if they ended the search."""
     if task.iterations is not None and not is_late:
         name = cast(PlannerName, task.planner.name) if task.is_named else None
         search = Search(name, 10 * task.iterations, task.simplify, task.range)
@@ -102,7 +101,7 @@ def _list_drive_hints(task: PlanTask) -> list[str]:
 
 
 def _list_undecided_hints(task: PlanTask, more: str) -> list[str]:
-    """List hints if the map does not decide whether a path exists; ``more`` extends the search."""
+    """List hints if the map is undecided; ``more`` extends the search."""
     edges = task.edges
     # An explanation takes longer than a failed plan on large maps, so the hint repeats none of it.
     is_explained = isinstance(edges.space, CSpace) and len(edges.space.rotations.names) < 2
@@ -121,7 +120,10 @@ def _name_finer(space: Space) -> str:
 
 
 def _try_options(task: PlanTask, is_connected: bool, finds_path: Callable[[PlanTask], bool]) -> str:
-    """Return options with which a short search finds a path; an empty text if none does."""
+    """Return options with which a short search finds a path.
+
+    The text is empty if there are none.
+    """
     for trial, hint in _list_trials(task, is_connected):
         with suppress(InputError):  # options may not go together
             if finds_path(trial):
@@ -130,7 +132,7 @@ def _try_options(task: PlanTask, is_connected: bool, finds_path: Callable[[PlanT
 
 
 def _list_trials(task: PlanTask, is_connected: bool) -> Iterator[tuple[PlanTask, str]]:
-    """Yield short searches of a map with other options, and hints that name these."""
+    """Yield short searches with other options, and hints for these."""
     edges = task.edges
     space = edges.space
     proofs = dict.fromkeys([edges.exact, edges.exact or edges.cells.tries_exact])
@@ -158,7 +160,7 @@ def _list_trials(task: PlanTask, is_connected: bool) -> Iterator[tuple[PlanTask,
 
 
 def _list_exact_hints(task: PlanTask) -> list[str]:
-    """List the hint to let the geometry decide, if it can and was not tried."""
+    """List the hint to use the geometry, if it was not tried."""
     edges = task.edges
     if edges.exact or edges.cells.tries_exact or task.objective.kind != LENGTH:
         return []
@@ -173,7 +175,8 @@ def _list_exact_hints(task: PlanTask) -> list[str]:
 def _describe_free_yaws(edges: LocalPlanner, endpoints: Endpoints) -> list[str]:
     """Name the yaws proven free at start and goal.
 
-    The robot reaches these on the spot through FREE cells. If it reaches all, nothing is named.
+    The robot reaches these on the spot through FREE cells. If it reaches all yaws, the list is
+    empty.
     """
     limits = []
     for name, (x, y, yaw) in zip(("start", "goal"), endpoints[:2], strict=True):

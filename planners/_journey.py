@@ -30,23 +30,24 @@ from planners._stages import Existence, Stage
 from planners._task import PlanTask, SearchResult
 
 MAX_SAVING: Final = 0.01
-"""Share by which the lower bound of another path between the same two rooms must be less, for a
-further search: a path begins and ends where it leaves and enters rooms."""
+"""Share by which another path between the same two rooms must have a smaller lower bound for a
+further search, because ends in rooms shorten paths, too."""
 
 MAX_DETOUR: Final = 1.5
-"""Length of a path by its lower bound, up to which the bounds of others tell whether to search."""
+"""Largest ratio of a path's length to its lower bound at which bounds of other paths decide whether
+to search."""
 
 GOAL_SHARE: Final = 0.5
 """Share of the effort left for the search to one of several goals, except the last one."""
 
 FURTHER_FACTOR: Final = 2.0
 MIN_FURTHER: Final = Effort.from_seconds(0.05, math.inf)
-"""Work of a further search to a room for a drive, relative to that of the best one, and its least
-value: configurations of a room may be free, and yet out of the drive's reach."""
+"""Work of a further search to a room for a drive, relative to the best search, and its least value:
+configurations of a room may be free, but out of the drive's reach."""
 
 
 class Journey(NamedTuple):
-    """The search of a plan, up to a stage that is not reached."""
+    """The search of a plan, up to the first stage not reached."""
 
     task: PlanTask  # of the last part
     start: Endpoint
@@ -72,7 +73,7 @@ def search_stages(task: PlanTask, stages: Sequence[Stage]) -> Journey:
     start = tuple(path[0].tolist()) if len(path) else routes[0][0]
     number = len(legs)
     if not len(result.path) and existence.is_disconnected:
-        # No path leads through the first so many stages.
+        # Find the least number of stages through which no path leads.
         counts = range(2, len(stages))
         number = 1 + bisect_left(counts, True, key=lambda k: existence.upto(k).is_disconnected)
         if number > len(legs):
@@ -91,15 +92,16 @@ class SearchedLeg(NamedTuple):
 def _find_legs(
     task: PlanTask, existence: Existence, routes: Sequence[Endpoints]
 ) -> tuple[list[SearchedLeg], list[SearchResult]]:
-    """Search from stage to stage, at first along routes; return the legs and all results.
+    """Search from stage to stage; return the legs and all results.
 
-    If an end leads no further, another one of its stage is tried, or of those before. While there
-    are others, a search hurries; if all fail, the farthest one is repeated with the time left. The
-    legs are all, or those up to the farthest stage that was not reached.
+    ``routes`` lead from the first stage to the second. If no path leads on from an end, try another
+    end of its stage, or of earlier stages. While other ends remain, a search hurries; if all fail,
+    repeat the farthest leg with the time left. The legs are all, or end with the farthest stage not
+    reached.
     """
     stages = existence.stages
     starts = stages[0].rooms
-    # FREE cells tell at once that an end leads no further. Other searches take long to end, and
+    # FREE cells show at once that no path leads on from an end. Other searches end late, and
     # planners that optimise use all of their time.
     is_slow = task.edges.exact or task.edges.has_heading
     is_slow &= not task.planner.optimises
@@ -143,7 +145,7 @@ def _find_legs(
 
 
 def _pop_choice(legs: list[SearchedLeg]) -> SearchedLeg | None:
-    """Remove legs up to the last one with other routes, and return that."""
+    """Remove legs back to the last with other routes; return it."""
     while legs:
         leg = legs.pop()
         if leg.others:
@@ -158,7 +160,10 @@ def _search_leg(
     starts: tuple[Room, ...],
     routes: Sequence[Endpoints],
 ) -> SearchedLeg:
-    """Search for the best path along routes to a stage, whose end leads on to the next."""
+    """Search for the best path along routes to a stage.
+
+    The length onward from its end to the next stage counts, too.
+    """
     onward = stages[number + 1].goals if number + 1 < len(stages) else ()
     task = replace(
         task,
@@ -180,7 +185,7 @@ def _leave_out(routes: Sequence[Endpoints], goal: Endpoint) -> list[Endpoints]:
 def _find_routes(
     edges: LocalPlanner, origin: Stage, stage: Stage, is_first: bool = False
 ) -> list[Endpoints]:
-    """Return starts with their goals, the most promising first."""
+    """Find routes between two stages, the most promising first."""
     starts = origin.rooms
     is_map = isinstance(edges.space, ConfigurationMap)
     if is_map and not (len(starts) == 1 and starts[0].is_point):
@@ -188,7 +193,7 @@ def _find_routes(
         return find_routes(edges, starts, goals, stage.name)
     if stage.rooms:
         (start,) = origin.goals
-        # They were found from the first start.
+        # The stage's goals were found from the first start.
         ends = stage.goals if is_first else stage.find_goals(edges, start)
         return [(start, goal) for goal in ends]
     routes = [(start, *sort_goals(edges.space, stage.goals, start)) for start in origin.goals]
@@ -200,16 +205,17 @@ def _find_routes(
 def _join_legs(
     legs: Sequence[SearchedLeg], searched: Sequence[SearchResult]
 ) -> tuple[SearchResult, list[int]]:
-    """Return the whole way with the times of all searches, and its rows at places on the way.
+    """Join the legs' paths; return also the rows at places.
 
-    If a place is not reached, it is the result of the last leg, without rows.
+    The result has the times of all searches. If a place is not reached, return the last leg's
+    result, without rows.
     """
     results = [leg.result for leg in legs]
     proven = all(each.proven for each in results)
     whole = replace(sum_times(results[-1], searched), proven=proven)
     if len(legs) == 1 or not len(whole.path):
         return whole, []
-    # Each path begins where the one before ends.
+    # Each path begins at the end of its predecessor.
     paths = [results[0].path, *(each.path[1:] for each in results[1:])]
     ends = np.cumsum(list(map(len, paths))) - 1
     through = f"{len(legs) - 1} places" if len(legs) > 2 else "1 place"
@@ -217,11 +223,11 @@ def _join_legs(
 
 
 def search_goals(task: PlanTask, onward: Sequence[Endpoint] = ()) -> SearchResult:
-    """Search for a path between the rooms of a task, and keep the cheapest of those found.
+    """Search for the cheapest path between the rooms of a task.
 
-    Before goals to go onward to, the way that counts goes on to the nearest of them, without
-    obstacles. Paths are searched along one route after another, unless its lower bound is no
-    shorter than the best way. Each search but the last has half of the time left.
+    If the plan goes ``onward``, the straight way from the path's end to the nearest of these goals
+    counts, too. Search along one route after another, except routes with a lower bound not below
+    the best cost. Each search but the last has half of the time left.
     """
     if len(task.routes) == 1 and not task.rooms and all(room.is_point for room in task.starts):
         return _search_route(task, task.routes[0], task.limit)
@@ -243,7 +249,7 @@ def search_goals(task: PlanTask, onward: Sequence[Endpoint] = ()) -> SearchResul
 
 
 class RoutedPath(NamedTuple):
-    """What the search along a route found, with its cost and a lower bound of all its paths."""
+    """Result of a search along a route, its cost, and a lower bound of all costs."""
 
     result: SearchResult
     cost: float
@@ -253,11 +259,11 @@ class RoutedPath(NamedTuple):
 def _may_cost_less(
     task: PlanTask, route: Endpoints, least: float, best: RoutedPath, onward: Sequence[Endpoint]
 ) -> bool:
-    """Return False if a route is not worth a search after the best way that was found."""
+    """Return False if a route cannot improve the best path enough."""
     bound = best.cost
     edges = task.edges
-    # Lower bounds are lengths. They say little of ways that obstacles make much longer, and of
-    # places with other costs.
+    # Lower bounds are lengths. They say little about ways that obstacles make much longer, and
+    # about places with other costs.
     is_told = best.cost < MAX_DETOUR * best.least
     if edges.weights is not None:
         path = best.result.path
@@ -266,14 +272,14 @@ def _may_cost_less(
         not edges.has_heading
         and is_told
         and not onward
-        and _share_rooms(task, route, best.result.path)
+        and _joins_same_rooms(task, route, best.result.path)
     ):
         bound = min(bound, (1.0 - MAX_SAVING) * best.least)
     return least < bound
 
 
 def _bound_route(edges: LocalPlanner, route: Endpoints, onward: Sequence[Endpoint]) -> float:
-    """Return a lower bound of the ways along a route, and onward from its goals."""
+    """Bound the length along a route and onward from below."""
     start, *goals = np.array(route)
     return min(
         edges.min_length(start, goal) + _measure_onward(edges, goal, onward) for goal in goals
@@ -283,7 +289,10 @@ def _bound_route(edges: LocalPlanner, route: Endpoints, onward: Sequence[Endpoin
 def _limit_route(
     task: PlanTask, results: Sequence[SearchResult], best: SearchResult, is_last: bool
 ) -> Effort:
-    """Return the limit of the search of a route, after those before and the best of them."""
+    """Return the limit of the search along a route.
+
+    It depends on earlier results and the best of these.
+    """
     limit = measure_left(task, results)
     if not is_last:
         limit = limit.share(GOAL_SHARE)
@@ -294,7 +303,7 @@ def _limit_route(
 
 
 def _search_route(task: PlanTask, route: Endpoints, limit: Effort) -> SearchResult:
-    """Search along one route, and end a proven path where it first enters the rooms."""
+    """Search along a route; cut a proven path at its rooms."""
     edges = task.edges
     existence = Existence.along(edges, route)
     found = search_and_prove(replace(task, endpoints=route, limit=limit, existence=existence))
@@ -309,12 +318,12 @@ def _search_route(task: PlanTask, route: Endpoints, limit: Effort) -> SearchResu
 
 
 def _measure_way(edges: LocalPlanner, path: Floats, onward: Sequence[Endpoint]) -> float:
-    """Return the cost of a path, and the length onward from its end."""
+    """Return a path's cost plus the length onward."""
     return edges.path_cost(path) + _measure_onward(edges, path[-1], onward)
 
 
-def _share_rooms(task: PlanTask, route: Endpoints, path: Floats) -> bool:
-    """Return True if a route leads from and to the same rooms as a path."""
+def _joins_same_rooms(task: PlanTask, route: Endpoints, path: Floats) -> bool:
+    """Return True if a route and a path join the same rooms."""
     space = task.edges.space
     ends = np.array([route[0], path[0]]), np.array([route[-1], path[-1]])
     return all(
@@ -324,7 +333,7 @@ def _share_rooms(task: PlanTask, route: Endpoints, path: Floats) -> bool:
 
 
 def _measure_onward(edges: LocalPlanner, end: Floats, goals: Sequence[Endpoint]) -> float:
-    """Return the length of the shortest edge from a configuration to goals; 0 without any."""
+    """Return the shortest edge's length to goals; 0 without goals."""
     rows = np.reshape(goals, (-1, len(end)))
     lengths = edges.edge_lengths(np.broadcast_to(end, rows.shape), rows)
     return float(lengths.min()) if len(rows) else 0.0

@@ -142,60 +142,60 @@ def plan(
         a number for each joint, or a message that :func:`cspace.ros.configuration_of` or
         :meth:`cspace.Arm.configuration` takes. It may be a :class:`cspace.PoseGoal` for an arm, and
         on a map :class:`planners.Near`, ``(x, y, None)`` for any yaw, a polygon of shapely as a
-        region of positions, or ``(polygon, yaw)``; or a list of alternatives, of which the shortest
-        path found takes one. A list of numbers is one configuration, a region and a number are one
+        region of positions, or ``(polygon, yaw)``; or a list of alternatives; the shortest path
+        found takes one. A list of numbers is one configuration, a region and a number are one
         place, and every other list is of alternatives. A start Near one configuration moves only if
-        that is not free.
+        the latter is not free.
     planner : str or Search, optional
         Name, in upper or lower case, of a planner of OMPL (:func:`planners.choices`) or of a
         built-in search: "Grid" and "Lattice" on maps, "BiRRT" for arms.
         :class:`planners.Search` is one with settings.
     time_limit : float, optional
         Seconds after which the search ends. Simplification then has another 0.1 s. Work that a map
-        does once, and compiling, also by other threads of this process, come on top. By default,
-        the search ends after counted work, of about a second on an idle machine.
+        does once, and compiling, also by other threads of this process, come on top. The default is
+        counted work, about a second on an idle machine.
     seed : int, optional
         From 0 to 2^32 - 2. The same call with the same seed gives the same path, unless a time
         limit ends the search. Default planners need none.
     objective : {"length", "clearance", "time"}, WeightedLength, ClearanceObjective or callable
         Quantity to minimise. "clearance" is :class:`planners.ClearanceObjective` with its defaults,
-        "time" that of driving as fast as ``speed`` allows. A callable takes the space information
-        and returns an ``ompl.base.OptimizationObjective``. The length counts a radian of rotation
-        as half a metre, except along curves; so do the others, at the cost of a metre there.
+        "time" the time of driving as fast as ``speed`` allows. A callable takes the space
+        information and returns an ``ompl.base.OptimizationObjective``. The length counts a radian
+        of rotation as half a metre, except along curves; so do the others, at the cost of a metre
+        there.
     speed : number, SpeedZones, SlowNear, or a list of these, optional
         Largest speeds, for the objective "time": a number for all places, m/s, and
         limits of places. Trajectories get theirs by :meth:`planners.Plan.trajectory`.
     drive : Car or Differential, optional
         :class:`planners.Car` or :class:`planners.Differential`, for maps of (x, y, yaw): the motion
-        along an edge, which is proven along that motion. By default the robot moves in any
+        along an edge, along which the edge is proven. Without a drive, the robot moves in any
         direction.
     via : sequence, optional
         Places on the way, in this order, each like the goal. Each part of the path is the best
         from the end of the part before, if that leads on; they share the time limit evenly.
     previous : Plan, optional
         The last plan for a space with these axes, in memory. The path joins it and follows it; only
-        a blocked part of it is searched anew. If a start lies in a MIXED cell and the geometry
-        proves it free, the plan is ``exact``. By another objective than the length it was a plan
-        by that one, too; not for functions.
+        a blocked part is searched anew. If a start lies in a MIXED cell and the geometry proves it
+        free, the plan is ``exact``. For another objective than the length, the last plan had the
+        same objective; not for functions.
     stop : callable, optional
         Called without arguments every 5 ms or more, in this thread, until it returns True, which
         ends the search soon after: for a request to cancel, or a deadline of all work, such as
         ``lambda: time.monotonic() > end``. A map of ten million cells ends it within 50 ms, once a
         first plan has filled its caches. Only planners of OMPL return a path found before.
     keep : Upright or sequence of Upright, optional
-        Directions that links of an arm keep all along the path, as proven as that it is free; for
-        "BiRRT".
+        Directions that links of an arm keep along the whole path, with the same proof; for "BiRRT".
 
     Returns
     -------
     Plan
-        Without a path, :attr:`Plan.status` says what is proven, and :attr:`Plan.hint` what helps.
+        Without a path, :attr:`Plan.status` gives the proofs, and :attr:`Plan.hint` advice.
 
     Raises
     ------
     ConfigurationError
-        If start or goal is not proven free and upright, or no such one is found for a pose. The
-        message and the error's ``nearest`` give the nearest FREE configuration.
+        If start or goal is not proven free and upright, or the search for a pose finds no such
+        configuration. The message and the error's ``nearest`` give the nearest FREE configuration.
     InputError
         If a number is NaN, infinite or out of range, a name is unknown, or the space, planner,
         objective, drive and other options do not go together.
@@ -388,7 +388,7 @@ def _drop_zeros(start: PlaceLike) -> PlaceLike:
 
 
 def _check_start(task: PlanTask, places: Sequence[PlaceParts]) -> tuple[Stage, dict[Endpoint, str]]:
-    """Return the checked start, and texts for configurations that were moved.
+    """Check the start; return also texts for moved configurations.
 
     Raises InputError or ConfigurationError if the start cannot be used.
     """
@@ -491,9 +491,9 @@ def _describe_outcome(
 def _make_plan(journey: Journey, space: Space, moved: Mapping[Endpoint, str], began: float) -> Plan:
     """Make the plan of a search, and measure its path.
 
-    The plan has the living ``space``, of which the task may have a copy that keeps directions.
-    ``moved`` says how far starts were moved, if they were; ``began`` is a reading of the clock,
-    with compilations, before all checks.
+    The plan has the live ``space``; the task's may be a copy that keeps directions. ``moved`` has
+    texts for moved starts; ``began`` is a reading of the clock, which includes compilations, before
+    all checks.
     """
     task, start, result, existence, number, vias = journey
     stages = existence.stages

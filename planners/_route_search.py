@@ -35,7 +35,7 @@ MIXED cells: a search through many such cells may not end."""
 def search_and_prove(task: PlanTask) -> SearchResult:
     """Search for a path and prove its edges, tile by tile on a map in tiles."""
     space = task.edges.space
-    # A proven path saves labelling the cells of a map, so a search goes first then.
+    # A proven path saves labelling the cells of a map, so an unlabelled map is searched first.
     if is_labelled(space) and not task.may_succeed():
         return SearchResult(np.empty((0, space.size)))
     if is_tiled(space):
@@ -84,7 +84,7 @@ def _search_tiles(task: PlanTask, tiles: TiledCSpace) -> SearchResult:
 
 
 def sum_times(result: SearchResult, results: Sequence[SearchResult]) -> SearchResult:
-    """Return a result with the times of several."""
+    """Return a result with the times of all results."""
     simplification = sum(each.simplification for each in results)
     return replace(result, planning=_sum_planning(results), simplification=simplification)
 
@@ -138,7 +138,7 @@ def measure_left(task: PlanTask, results: Sequence[SearchResult]) -> Effort:
 
 
 def _sum_planning(results: Sequence[SearchResult]) -> Effort:
-    """Return the effort of several searches."""
+    """Return the sum of the efforts of searches."""
     return sum((result.planning for result in results), NO_EFFORT)
 
 

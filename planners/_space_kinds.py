@@ -40,7 +40,7 @@ SUPPORTED: Final[Mapping[str, tuple[str, ...]]] = {
 
 
 def find_space_kind(space: Space) -> str:
-    """Return the kind of a space, one of :data:`SPACE_KINDS`."""
+    """Return the kind of a space, out of :data:`SPACE_KINDS`."""
     if not isinstance(space, ConfigurationMap):
         return ARMS if isinstance(space, ConfigurationSpace) else OWN_SPACES
     if not isinstance(space, CSpace):

@@ -77,7 +77,7 @@ class LocalPlanner:
         Whether an edge that OMPL checks must also be free from its end to its start. The two differ
         if the robot does not reverse.
     weights : CellCost or None
-        What a metre costs on a map in memory; None if it is the length.
+        Cost of a metre on a map in memory; None for the length.
     """
 
     space: Space
@@ -129,7 +129,7 @@ class LocalPlanner:
 
     @property
     def tree_planner(self) -> Literal["RRT", "RRTConnect"]:
-        """Planner of OMPL that runs by default."""
+        """Planner of OMPL for default plans."""
         return "RRTConnect"
 
     @property
@@ -264,7 +264,7 @@ class LocalPlanner:
         return float(self.edge_lengths(path[:-1], path[1:]).sum())
 
     def edge_lengths(self, starts: Floats, ends: Floats) -> Floats:
-        """Return the lengths of edges, shape (n,), with weighted rotations."""
+        """Return edges' lengths with weighted rotations, shape (n,)."""
         return self.space.distance(starts, ends)
 
     def curve_lengths(self, starts: Floats, ends: Floats) -> Floats:
@@ -436,7 +436,7 @@ def _wrap_arguments(
         q0, q1 = np.reshape(ends, (2, -1))
         first = wrap_angles(q0, periodic_axes)
         steps = zip((q1 - q0).tolist(), periodic_axes, strict=True)
-        # The same half turns as along edges, which are proven the shorter way.
+        # Half turns go the same way as along edges, which are proven the shorter way.
         shortest = [math.remainder(step, math.tau) if turns else step for step, turns in steps]
         last = first + shortest
         return check(*first.tolist(), *last.tolist())

@@ -1,12 +1,12 @@
 """Largest speeds in zones, near obstacles, and of links of arms.
 
-A limit holds at every instant, because it is found for whole stretches of a path. From the middle
-of a stretch, no point of the robot moves farther than the reach of the stretch. So a limit that
-holds nowhere within the reach of the middle holds nowhere on the stretch. Otherwise the stretch is
-cut, down to one cell of the map, and then the limit counts on all of it.
+A limit holds at every instant, because it is computed for whole stretches of a path. From the
+middle of a stretch, no point of the robot moves farther than the reach of the stretch. So a limit
+that holds nowhere within the reach of the middle holds nowhere on the stretch. Otherwise the
+stretch is cut, down to one cell of the map, and then the limit counts on the whole stretch.
 
-The speed of a link by the length of a path changes along it. It is bounded on a stretch by that in
-the middle, and by how much it changes; the bound is cut until it is near that in the middle.
+The speed of a link by the length of a path changes along it. On a stretch, it is bounded by its
+value in the middle and its largest change; the stretch is cut until the bound is near that value.
 """
 
 from __future__ import annotations
@@ -60,16 +60,16 @@ if TYPE_CHECKING:
     from planners._motion.zone_files import Unit
 
 Within: TypeAlias = Literal["contour", "point"]
-"""What must be in a zone for its limit to hold."""
+"""Part of the robot that must be in a zone for its limit to hold."""
 
 ROUNDING: Final = 1e-9
-"""Share by which the reach of a stretch grows, for rounding."""
+"""Share by which the reach of a stretch grows for rounding."""
 
 JOINT_STEP: Final = 0.02
 """Length of the smallest stretches of an arm, radians or metres of its joints."""
 
 GRADE: Final = 1.1
-"""Ratio of neighbouring speeds to which those of an arm are rounded down, so that few change.
+"""Ratio of neighbouring speeds to which an arm's speeds are rounded down, so that few change.
 
 Its square is above :data:`planners._motion.jerk.BORDER_RATIO`, so that legs of limited jerk end
 there."""
@@ -80,7 +80,7 @@ class ZoneLevels(NamedTuple):
 
     speeds: Floats  # (n,), m/s
     areas: Any  # (n,), prepared geometries
-    borders: Any  # (n,), those around the areas
+    borders: Any  # (n,), borders of the areas
     lower: Floats  # (n, 2), corners of the areas' bounding boxes
     upper: Floats
 
@@ -89,8 +89,8 @@ class ZoneLevels(NamedTuple):
 class SpeedZones:
     """Areas with a largest speed each, for trajectories of mobile robots.
 
-    The speed is that of the reference point. Where areas overlap, the lowest speed holds. In space,
-    an area reaches from the ground to the sky.
+    The speed is the reference point's. If areas overlap, the lowest speed holds. In space, an area
+    reaches from the ground to the sky.
 
     Attributes
     ----------
@@ -174,7 +174,7 @@ class SpeedZones:
         Parameters
         ----------
         path : path-like
-            A file that ends in ``.geojson`` or ``.json``; metres. Of a zone set, the zones of type
+            A file that ends in ``.geojson`` or ``.json``; metres. In a zone set, zones of type
             SPEED_LIMIT are read, and a warning counts the others.
         speed : str, optional
             Name of the property of GeoJSON's features with the largest speed, in m/s, or in the
@@ -218,7 +218,7 @@ class SpeedZones:
         unit : {"percent", "m/s"}
             Unit of the limits: Nav2's types 1 and 2 of filters.
         base, multiplier : float
-            Those of Nav2's ``CostmapFilterInfo``.
+            As in Nav2's ``CostmapFilterInfo``.
         max_velocity : float, optional
             Speed, m/s, of 100 per cent.
         within : str
@@ -248,12 +248,12 @@ class SpeedZones:
             Configurations, or the centers of pieces of a path; metres, and radians.
         lengths, turns : array-like, shape () or (...)
             Length and rotation of each piece, metres and radians. The speeds hold for all
-            configurations within half of them from the center.
+            configurations within half of both from the center.
 
         Returns
         -------
         ndarray of float64, shape (...)
-            m/s; infinite where no limit holds.
+            m/s; infinite without a limit.
 
         Raises
         ------
@@ -269,14 +269,14 @@ class SlowNear:
     """A largest speed near obstacles, for trajectories of mobile robots.
 
     The distance is between the robot and the obstacles. Its bound is proven, by
-    :meth:`cspace.CSpace.clearance`, so the robot may slow down some 1.5 cells and the margin of the
-    map earlier, and as far as it turns within a rotation cell.
+    :meth:`cspace.CSpace.clearance`, so the robot may slow down earlier, by some 1.5 cells, the
+    margin of the map, and its travel in a turn within a rotation cell.
 
     Attributes
     ----------
     space : CSpace
-        Map of the obstacles, such as ``plan.space``, or a map of people alone. They count as they
-        are when the trajectory is made.
+        Map of the obstacles, such as ``plan.space``, or a map of people alone. Its obstacles count
+        as they are when the trajectory is computed.
     speed : float
         Largest speed of the reference point, m/s.
     distance : float
@@ -328,7 +328,8 @@ class ToolSpeed:
     Attributes
     ----------
     link : str
-        One of :attr:`cspace.Arm.frames`: a link, with geometry or without, or an attached object.
+        A name in :attr:`cspace.Arm.frames`: a link, with geometry or without, or an attached
+        object.
     speed : float
         Largest speed, m/s, in the frame of the arm's base.
 
@@ -362,7 +363,7 @@ class SpeedRule(Protocol):
 
     @property
     def lever(self) -> float:
-        """Largest distance of a point of the robot from its reference point, metres."""
+        """Largest distance of the robot's points from its reference point, metres."""
 
     @property
     def step(self) -> float:
@@ -371,10 +372,11 @@ class SpeedRule(Protocol):
     def measure(self, q: Floats, reaches: Floats) -> Floats:
         """Return the lowest speeds that may hold within reaches, or infinity."""
 
-    def estimate(self, q: Floats, reaches: Floats) -> tuple[Floats, Floats]:
-        """Return lower speeds quickly, and speeds that surely hold.
+    def bound_speeds(self, q: Floats, reaches: Floats) -> tuple[Floats, Floats]:
+        """Bound the lowest speeds near rows quickly, from both sides.
 
-        Where both are equal, no cut leads to a higher speed.
+        The first are at most the lowest speeds that may hold within the reaches, the second are
+        speeds that surely hold there. If both are equal, no cut leads to a higher speed.
         """
 
 
@@ -384,7 +386,7 @@ class ZoneRule(NamedTuple):
     zones: SpeedZones
     cores: Cores | None  # of the robot; None for a disc around the reference point
     inner: float  # radius of a disc around the reference point within the robot, metres
-    size: float  # radius of one that holds it
+    size: float  # radius of a disc around the reference point that holds the robot, metres
     has_yaw: bool
     lever: float
     step: float
@@ -404,11 +406,11 @@ class ZoneRule(NamedTuple):
             levels, rows = levels[touches], rows[touches]
         return self._find_lowest(levels, rows, len(q))
 
-    def estimate(self, q: Floats, reaches: Floats) -> tuple[Floats, Floats]:
-        """Return the lowest speeds near areas, and speeds that surely hold."""
+    def bound_speeds(self, q: Floats, reaches: Floats) -> tuple[Floats, Floats]:
+        """Bound the lowest speeds by outer and inner discs."""
         levels, rows, anchors, reached = self._find_near(q, reaches)
         lowest = self._find_lowest(levels, rows, len(q))
-        # One point of the robot is in the area all the while.
+        # A point of the robot stays in the area.
         areas, borders = self.levels.areas, self.levels.borders
         depths = reached - self.inner
         is_sure = shapely.dwithin(areas[levels], anchors, np.maximum(-depths, 0.0))
@@ -418,7 +420,8 @@ class ZoneRule(NamedTuple):
     def _find_near(self, q: Floats, reaches: Floats) -> tuple[Ints, Ints, Any, Floats]:
         """Return pairs of areas and rows in reach, the lowest speeds first.
 
-        They are the levels, rows, reference points, and reaches, shape (m,) each.
+        Return levels, rows, reference points, and reaches, shape (m,) each, the lowest speeds
+        first.
         """
         points = q[:, :2]
         largest = np.abs(points).max(axis=1, initial=0.0) + self.size
@@ -435,7 +438,7 @@ class ZoneRule(NamedTuple):
     def _find_lowest(self, levels: Ints, rows: Ints, count: int) -> Floats:
         """Return the lowest speed of each row in sorted pairs, or infinity."""
         lowest = np.full(count, np.inf)
-        # A row keeps what is written last.
+        # The last assignment of a row wins.
         lowest[rows[::-1]] = self.levels.speeds[levels[::-1]]
         return lowest
 
@@ -459,13 +462,13 @@ class NearRule(NamedTuple):
 
     def measure(self, q: Floats, reaches: Floats) -> Floats:
         """Return the lowest speeds that may hold."""
-        return self.estimate(q, reaches)[0]
+        return self.bound_speeds(q, reaches)[0]
 
-    def estimate(self, q: Floats, reaches: Floats) -> tuple[Floats, Floats]:
-        """Return the lowest speeds that may hold, and that surely hold.
+    def bound_speeds(self, q: Floats, reaches: Floats) -> tuple[Floats, Floats]:
+        """Bound the speeds by the clearance minus and plus the reach.
 
-        The clearance of a row is a bound of the robot's true distance there. That falls by at most
-        the reach, however the bound jumps between rotation cells.
+        The clearance of a row is a bound of the robot's true distance there. The distance falls by
+        at most the reach, even if the bound jumps between rotation cells.
         """
         space, speed, distance = self.limit.space, self.limit.speed, self.limit.distance
         gaps = np.asarray(space.clearance(space.rotations.make_canonical(q)))
@@ -484,7 +487,7 @@ class EverywhereRule(NamedTuple):
         """Return the speed for each row."""
         return np.full(len(q), self.speed)
 
-    def estimate(self, q: Floats, reaches: Floats) -> tuple[Floats, Floats]:
+    def bound_speeds(self, q: Floats, reaches: Floats) -> tuple[Floats, Floats]:
         """Return the speed for each row, twice."""
         speeds = self.measure(q, reaches)
         return speeds, speeds
@@ -503,8 +506,9 @@ class ToolRule(NamedTuple):
     ) -> tuple[Floats, Floats]:
         """Return the largest speeds along stretches, and bounds for any cuts.
 
-        ``firsts`` are the derivatives in the middles ``q``, and ``rates`` and ``bends`` bound the
-        first and second ones, shapes (n, k), within ``halves``, shape (n,), from these.
+        ``firsts`` are the first derivatives in the middles ``q``; ``rates`` and ``bends``, shapes
+        (n, k), bound the first and second derivatives within ``halves``, shape (n,), of the
+        middles.
         """
         link, speed = self.limit.link, self.limit.speed
         bounds = self.arm.link_speed(link, q, firsts, halves, rates, bends)
@@ -688,10 +692,11 @@ class PlacedLimits(NamedTuple):
         rates: Floats,
         bends: Floats,
     ) -> Stretches:
-        """Cut n intervals, each of one of n segments, where limits change.
+        """Cut intervals of n segments at changes of limits.
 
-        Intervals are begins and lengths along the segments, and largest speeds along these, shapes
-        (n,). ``rates`` and ``bends``, shapes (n, k), bound the first and second derivatives.
+        Each segment has one interval: begins and lengths along the segments, and largest speeds
+        along these, shapes (n,). ``rates`` and ``bends``, shapes (n, k), bound the first and second
+        derivatives.
         """
         found = Stretches(np.arange(len(rates)), *intervals)
         for rule in self.rules:
@@ -706,7 +711,7 @@ class PlacedLimits(NamedTuple):
         rates: Floats,
         bends: Floats,
     ) -> Stretches:
-        """Cut stretches where one limit changes."""
+        """Cut stretches at changes of one limit."""
         # They bound metres and radians by the length of each interval.
         ahead = np.linalg.norm(rates[:, : self.dim], axis=1)
         turning = np.linalg.norm(rates[:, self.dim :], axis=1)
@@ -733,7 +738,7 @@ class PlacedLimits(NamedTuple):
                     if is_last:
                         lowest = surest = rule.measure(q, reaches) / ahead[numbers]
                     else:
-                        lowest, surest = rule.estimate(q, reaches) / ahead[numbers]
+                        lowest, surest = rule.bound_speeds(q, reaches) / ahead[numbers]
             is_open = (lowest < surest) & (lowest < tops) & (not is_last)
             found = Stretches(numbers, begins, lengths, np.minimum(tops, lowest))
             done.append(Stretches._make(column[~is_open] for column in found))

@@ -86,7 +86,7 @@ ROW_ERROR: Final = 1e-5
 """Largest distance of each joint, radians or metres, from rows that a straight motion joins."""
 
 SPEED_ROUNDING: Final = 1e-9
-"""Share of a bound of a speed by which it grows, for rounding."""
+"""Share by which a bound of a speed grows for rounding."""
 
 MAX_ROWS: Final = 10**6
 """Largest number of rows of a trajectory."""
@@ -114,17 +114,17 @@ class Trajectory:
         Configurations. Yaw is in [-pi, pi). Quaternions never jump to their negative, so their sign
         may differ from that in the plan.
     velocities, accelerations : ndarray of float64, shape (n, size), read-only
-        First and second derivative of the positions by time. Accelerations jump unless the jerk
-        has a limit; each is that just after its time.
+        First and second derivative of the positions by time. Accelerations jump unless the jerk has
+        a limit; each is the value just after its time.
     axes, units : tuple of str
         Names and units of the columns, as of the plan.
     certified : bool
         Whether every part was proven free when the trajectory was made: edges as
         :meth:`planners.Plan.recheck` proves them, and curves. Without a map, as the plan says.
     exceeds_until : float
-        Seconds until which it exceeds limits of places. It goes on after a motion that was faster
-        than these, or too near to brake in time, and brakes as quickly as its other limits allow;
-        with limited jerk nearly so. Otherwise zero.
+        Seconds until which it exceeds limits of places. If the motion before was faster than these,
+        or too near to brake in time, it brakes as quickly as its other limits allow; with limited
+        jerk nearly so. Otherwise zero.
     stop_reason : str
         Why the trajectory is only a stop, as :meth:`braked` returns it. Empty if it ends at the
         goal of a plan.
@@ -161,9 +161,9 @@ class Trajectory:
         """Compute an arm's fastest motion along a path.
 
         It begins and ends at rest, and stays on the motions between the rows. So it also stops at
-        each row at which the joints change their direction; a warning tells if these are many.
-        Configurations within 1e-5 rad (m) of a straight motion, as rounded rows, are passed on it.
-        These motions are proven free again.
+        each row at which the joints change their direction, and warns of many stops. Configurations
+        within 1e-5 rad (m) of a straight motion, as rounded rows, are passed on it. These motions
+        are proven free again.
 
         Parameters
         ----------
@@ -225,7 +225,7 @@ class Trajectory:
                 "a trajectory follows proven motions",
             )
         waypoints = given
-        if not hasattr(path, "path"):  # those of a line are as near to it as was proven
+        if not hasattr(path, "path"):  # the rows of a line were proven near to it
             joined = _join_rows(space, given)
             waypoints = joined if np.asarray(space.certify_path(joined)).all() else given
             _warn_of_stops(waypoints, given)
@@ -251,7 +251,7 @@ class Trajectory:
 
     @property
     def path(self) -> Floats:
-        """The positions: rows of the curve that was proven, which pictures draw as a path."""
+        """The positions, rows of the proven curve, as pictures draw paths."""
         return self.positions
 
     @property
@@ -260,10 +260,10 @@ class Trajectory:
         return self._route.frame_id
 
     def recheck(self, space: Space) -> Bools:
-        """Prove each part of the curve again, among the present obstacles of a map.
+        """Prove each part of the curve again, among present obstacles.
 
-        Limits of places are asked again, too, :class:`planners.SlowNear` on its own map. A part of
-        a smooth path that exceeds them after :attr:`exceeds_until` is False; without curves, all
+        Limits of places are checked again, too, :class:`planners.SlowNear` on its own map. A part
+        of a smooth path that exceeds them after :attr:`exceeds_until` is False; without curves, all
         parts are.
 
         Parameters
@@ -275,8 +275,8 @@ class Trajectory:
         -------
         ndarray of bool, shape (m,)
             True if a part is proven free now, and slow enough. The parts of a smooth path are its
-            straight lines, its turns on the spot, and the spans of its curves. Without curves they
-            are those of :meth:`planners.Plan.recheck`.
+            straight lines, its turns on the spot, and the spans of its curves. Without curves, they
+            are the edges, as in :meth:`planners.Plan.recheck`.
 
         Raises
         ------
@@ -313,9 +313,9 @@ class Trajectory:
 
         It begins in motion and keeps the limits of this trajectory, so positions and velocities are
         continuous if the robot drives it from ``t`` on. So are accelerations if the jerk has a
-        limit; then the stop is longer. It is a part of what was proven, and :meth:`recheck` proves
-        that part alone. Without a limit of jerk no stop on lines and arcs is quicker. On a curve
-        the robot slows down by bounds for pieces of the curve, so a quicker stop may exist.
+        limit; then the stop is longer. It is a part of the proven motion, and :meth:`recheck`
+        proves this part alone. Without a limit of jerk no stop on lines and arcs is quicker. On a
+        curve the robot slows down by bounds for pieces of the curve, so a quicker stop may exist.
 
         Parameters
         ----------
@@ -385,11 +385,11 @@ class Trajectory:
         return stop._set_rows(stop._row_times(0.1))  # seconds
 
     def starts_after(self, t: float) -> Floats:
-        """Return where a plan may start that goes on from the state at a time.
+        """Return the starts of plans that continue from a time.
 
-        The first row is the place of that state. A plan from there goes on at once, if a curve
-        along it is proven and allows the speed. The second row is the end of :meth:`braked`, from
-        which a proven plan with the same limits goes on. If the robot rests, there is only one row.
+        The first row is the place at the time. A plan from there goes on at once, if a curve along
+        it is proven and allows the speed. The second row is the end of :meth:`braked`, from which a
+        proven plan with the same limits goes on. If the robot rests, there is only one row.
 
         Parameters
         ----------
@@ -409,7 +409,7 @@ class Trajectory:
         return stop.positions[[0, -1]] if stop.duration else stop.positions[:1]
 
     def stop_distance(self, t: float) -> float:
-        """Return the distance of the stop from the state at a time; see :meth:`braked`.
+        """Return the distance of a stop at a time; see :meth:`braked`.
 
         It is measured along the curve as :attr:`planners.Plan.length`: in metres that the reference
         point moves, or for an arm in its joints.
@@ -425,7 +425,7 @@ class Trajectory:
         return float((halves * weights * speeds).sum())
 
     def __repr__(self) -> str:
-        """Return the duration, the number of rows, and why it is only a stop."""
+        """Return the duration, the number of rows, and a stop's reason."""
         rows = f"{len(self.times)} rows of {', '.join(self.axes)}"
         stop = f"; a stop: {self.stop_reason}" if self.stop_reason else ""
         return f"Trajectory({self.duration:.3f} s, {rows}{stop})"
@@ -464,7 +464,7 @@ class Trajectory:
         Returns
         -------
         Trajectory
-            Its rows are also those of :meth:`to_csv`, of messages, and of ``v`` and ``omega``.
+            Its rows are also the rows of :meth:`to_csv`, of messages, and of ``v`` and ``omega``.
 
         Raises
         ------
@@ -540,16 +540,20 @@ class Trajectory:
 
     @property
     def v(self) -> Floats:
-        """Velocities ahead of a robot that drives, m/s, shape (n,); negative in reverse.
+        """Velocities ahead of a robot that drives, m/s, shape (n,).
 
-        InputError if the robot is holonomic or an arm, whose ``velocities`` a controller takes.
+        They are negative in reverse. Raises InputError for holonomic robots and arms; controllers
+        take their ``velocities``.
         """
         self._check_drives()
         return self._project_ahead(self.velocities)
 
     @property
     def omega(self) -> Floats:
-        """Yaw rates of a robot that drives, rad/s, shape (n,); as for :attr:`v`."""
+        """Yaw rates of a robot that drives, rad/s, shape (n,).
+
+        Errors are as for :attr:`v`.
+        """
         self._check_drives()
         return self.velocities[:, 2]
 
@@ -671,9 +675,10 @@ class Trajectory:
         )
 
     def to_twists(self, make: Callable[[], Any] | None = None) -> list[Any]:
-        """Return the commands of a robot that drives as messages ``geometry_msgs/Twist`` of ROS.
+        """Return the commands as ``geometry_msgs/Twist`` of ROS.
 
-        Each row becomes one, with :attr:`v` as ``linear.x`` and :attr:`omega` as ``angular.z``.
+        Each row of a robot that drives becomes a message, with :attr:`v` as ``linear.x`` and
+        :attr:`omega` as ``angular.z``.
 
         Parameters
         ----------
@@ -784,7 +789,7 @@ class TimedMotion(NamedTuple):
     phases: Phases
     begin_velocity: Floats | float = 0.0
     begin_acceleration: Floats | float = 0.0
-    olds: int = 0  # number of segments of the motion before, whose curves were proven then
+    olds: int = 0  # number of segments of the motion before, with curves proven then
 
 
 class DrivenPath(NamedTuple):
@@ -798,7 +803,7 @@ class DrivenPath(NamedTuple):
     moves_joints: bool
     drive: Drive | None
     exact: bool
-    certified: bool  # what the plan says
+    certified: bool  # as the plan is
     blend: bool  # whether corners become curves
     keep: tuple[Upright, ...] = ()  # directions that links of an arm keep
     vias: tuple[int, ...] = ()  # waypoints that curves pass through
@@ -806,7 +811,7 @@ class DrivenPath(NamedTuple):
 
     @property
     def edges(self) -> LocalPlanner:
-        """Edges of the drive, which prove nothing without a space."""
+        """Edges of the drive; without a space they prove nothing."""
         return edges_of(self.drive)(cast("Space", self.space), self.drive)
 
 
@@ -855,7 +860,8 @@ def continue_trajectory(
 ) -> Trajectory:
     """Make the fastest trajectory along a stop and a path, or the stop.
 
-    See :meth:`planners.Plan.trajectory`.
+    It follows ``stop`` in part or whole. If none is proven, return the stop with its reason; see
+    :meth:`planners.Plan.trajectory`.
     """
     step = check_positive(time_step, "time_step", "seconds")
     bounds = _check_bounds(path, limits)
@@ -894,7 +900,7 @@ def continue_trajectory(
 
 
 def _rest(stop: Trajectory, bounds: MotionBounds, reason: str) -> Trajectory:
-    """Return a stop with its reason, and with the limits of places of another motion."""
+    """Return a stop with its reason and new limits of places."""
     bounds = stop._bounds._replace(places=bounds.places, memo=None)
     exceeds_until = find_excess(stop._segments, stop._rotations, bounds, stop._phases)
     return replace(stop, stop_reason=reason, exceeds_until=exceeds_until, _bounds=bounds)
@@ -1009,7 +1015,7 @@ def _start(
 def _find_quickest(
     curves: Sequence[Segments], rotations: Rotations, bounds: MotionBounds
 ) -> TimedMotion:
-    """Return the fastest motion from rest along one of several curves."""
+    """Return the fastest motion from rest along any of the curves."""
     motions: list[TimedMotion] = []
     for segments in curves:
         phases = find_motion(segments, rotations, bounds)
@@ -1023,8 +1029,10 @@ def _go_on(
 ) -> TimedMotion | None:
     """Return the fastest motion on along a path, perhaps after a stop.
 
-    If no proven curve goes on, or the robot arrives too fast for it, the robot rests at that end.
-    None if it cannot, at once or with other limits than before, which its stop does not keep.
+    It leaves the stop at once, or with ``from_rest`` at the stop's end. If no proven curve goes on
+    there, or the robot arrives too fast for the curve, the robot rests at the end. Return None if
+    that fails: without ``from_rest``, or with other limits than before, which the stop does not
+    keep.
     """
     rotations = stop._rotations
     begin, end = stop._phases.positions[[0, -1]].tolist()
@@ -1074,7 +1082,7 @@ def _move_along(
 ) -> tuple[Floats, Floats, Floats]:
     """Return place, velocity and acceleration at a length, shapes (1, k)."""
     place, rates, bends = place_along(segments, rotations, length)
-    # The acceleration across an arc has a limit of its own.
+    # The acceleration across an arc has a separate limit.
     bends = np.where(segments.curvatures[:, np.newaxis], 0.0, bends)
     return place, rates * speed, rates * gain + bends * speed**2
 
@@ -1166,10 +1174,10 @@ def _smooth(
 def _make_junction(
     rates: Floats, bends: Floats, rotations: Rotations, bounds: MotionBounds, path: DrivenPath
 ) -> Junction | None:
-    """Return the derivatives, at full speed, with which a curve goes on; None if it cannot.
+    """Return the derivatives, at full speed, for a curve to continue.
 
-    Without a limit of jerk, a change of speed along the curve is left out of the second
-    derivatives.
+    Return None if a curve cannot continue the motion. Without a limit of jerk, a change of speed
+    along the curve is left out of the second derivatives.
     """
     rates, bends = rates.copy(), bends.copy()
     if path.edges.turns_on_spot:
@@ -1230,9 +1238,10 @@ def _check_bounds(path: DrivenPath, limits: MotionLimits) -> MotionBounds:
 def _check_limits(
     path: DrivenPath, dim: int, value: Limits, name: str, time: str, known: Mapping[str, float]
 ) -> Floats:
-    """Return checked limits of the first ``dim`` axes, per "s", "s^2" or "s^3", shape (dim,) or ().
+    """Return checked limits of the first ``dim`` axes.
 
-    Shape () is for the whole translation. ``known`` are the defaults of axes.
+    They are per ``time``, "s", "s^2" or "s^3". The shape is (dim,), or () for the whole
+    translation. ``known`` are the defaults of axes.
     """
     axes = path.axes[:dim]
     holds_tables = isinstance(value, Mapping) and any(

@@ -33,19 +33,19 @@ class StateValidityChecker(ob.StateValidityChecker):
     Attributes
     ----------
     is_free : callable
-        Test of a state; a plan replaces it by one that ends at its time limit.
+        Test of a state; a plan replaces it by a test that ends at its time limit.
     """
 
     @names_options
     def __init__(self, si: ob.SpaceInformation, space: Space) -> None:
-        """Make the test of a state from that of a configuration."""
+        """Make the test of states from the space's test."""
         check_information(si, space)
         super().__init__(si)
         kind = find_state_kind(space)
         self.is_free = kind.of_states(space.point_checker())
 
         def clearance(*q: float) -> float:
-            """Return the clearance of a configuration; 0 beyond the limits of joints."""
+            """Return a configuration's clearance; 0 beyond joints' limits."""
             try:
                 return float(space.clearance(q))
             except ConfigurationError:
@@ -80,8 +80,8 @@ class MotionValidator(ob.MotionValidator):
     Parameters
     ----------
     si : ompl.base.SpaceInformation
-        Of a :func:`planners.state_space`. It is not kept: a validator that holds it would never be
-        freed.
+        Of a :func:`planners.state_space`. The validator does not store it, because it would never
+        be freed.
     space : Space
     drive
         As for :func:`planners.plan`.
@@ -92,7 +92,8 @@ class MotionValidator(ob.MotionValidator):
     Attributes
     ----------
     is_free : callable
-        Proof of the edge between two states; a plan replaces it by one that ends at its time limit.
+        Proof of the edge between two states; a plan replaces it by a proof that ends at its time
+        limit.
 
     Raises
     ------
@@ -138,7 +139,7 @@ class MotionValidator(ob.MotionValidator):
 
 
 def make_motion_checker(edges: LocalPlanner) -> Callable[[ob.State, ob.State], bool]:
-    """Make ``check(first, second)``, which proves a motion between OMPL's states free.
+    """Make ``check(first, second)``, which proves motions between states free.
 
     OMPL's curve must be as short as ours, because only the shortest curves are proven.
     """
@@ -155,7 +156,7 @@ def make_motion_checker(edges: LocalPlanner) -> Callable[[ob.State, ob.State], b
     tolerance = 1e-6 * curves[1]  # in proportion to the turning radius
 
     def check_curve(first: ob.State, second: ob.State) -> bool:
-        """Prove our shortest curves free, and OMPL's curve as short as those."""
+        """Prove the shortest curves free, and OMPL's curve as short."""
         length = prove(first, second)
         return length >= 0.0 and bool(states.distance(first, second) <= length + tolerance)
 
@@ -212,7 +213,7 @@ class FreeStateSampler(ob.ValidStateSampler):
         ConfigurationError
             If the map has no FREE cell.
         """
-        # The map may have been updated since a point was drawn, so each point is tested again.
+        # Test each point again, because the map may have been updated since the draw.
         q = next(point for point in self._points if self._is_free(*point))
         self._kind.write(state, *q)
         return True
@@ -227,7 +228,7 @@ class FreeStateSampler(ob.ValidStateSampler):
         center_rotation = center[len(self._box) :]
         max_turn = min(distance, math.pi)
         numbers = self._numbers
-        # Positions within the distance, as far as they are in the grid.
+        # Positions within the distance and the grid.
         box = [
             (max(low, x - distance), min(high, x + distance))
             for (low, high), x in zip(self._box, center, strict=False)
@@ -247,10 +248,13 @@ class FreeStateSampler(ob.ValidStateSampler):
 def sample_rotation(
     rotations: Rotations, center: Sequence[float], angle: float, numbers: Iterator[float]
 ) -> Sequence[float]:
-    """Sample a rotation within an angle of another one, by uniform numbers from 0 to 1."""
-    if len(center) < 2:  # one yaw, or no rotation, in plain floats: samples are made one by one
+    """Sample a rotation within an angle of another.
+
+    ``numbers`` are uniform from 0 to 1.
+    """
+    if len(center) < 2:  # one yaw, or no rotation, in plain floats: samples come one by one
         return [wrap_yaw(yaw + (2.0 * next(numbers) - 1.0) * angle) for yaw in center]
-    # Draw from the largest cube of rotation vectors in the ball of that angle.
+    # Draw from the largest cube of rotation vectors in the ball of radius ``angle``.
     half_side = angle / math.sqrt(3.0)
     vector = [(2.0 * next(numbers) - 1.0) * half_side for _ in range(3)]
     rotated: list[float] = rotations.add_steps(np.array(center), np.array(vector)).tolist()
@@ -273,7 +277,8 @@ class EdgeCosts(ob.OptimizationObjective):
     Attributes
     ----------
     edge_cost : callable
-        Cost of the edge between two states; a plan replaces it by one that ends at its time limit.
+        Cost of the edge between two states; a plan replaces it by a function that ends at its time
+        limit.
     is_length : bool
         Whether the cost of each edge is its length.
     """
@@ -295,7 +300,7 @@ class EdgeCosts(ob.OptimizationObjective):
         )
 
     def stateCost(self, state: ob.State) -> ob.Cost:  # noqa: N802 - OMPL's name
-        """Return the cost of a metre in the cell of a state."""
+        """Return the cost of a metre in a state's cell."""
         weights = self._edges.weights
         if weights is None:
             return ob.Cost(1.0)

@@ -40,7 +40,8 @@ _USUAL_STATUSES: Final = ("Timeout", "Exact solution", "Approximate solution", "
 
 NANOSECONDS_PER_STEP: Final = 10_000
 NANOSECONDS_PER_DRIVEN_STEP: Final = 30_000
-"""Work of an iteration of a planner, and of a call of ours by OMPL: holonomic, and with a drive."""
+"""Work of an iteration of a planner, and of one of OMPL's calls of our code: holonomic, and with a
+drive."""
 
 ATTEMPTS_PER_ROUND: Final = 100
 """Attempts to move waypoints or cut corners between two checks of the time limit."""
@@ -98,7 +99,7 @@ class Deadline:
 
 
 def make_objective(task: PlanTask) -> MakeObjective | None:
-    """Return the maker of OMPL's objective; None for OMPL's length."""
+    """Return the maker of OMPL's objective, or None for the length."""
     edges = task.edges
     if not task.planner.optimises:  # its path is shortened by cost
         edges = replace(edges, weights=None)
@@ -129,8 +130,8 @@ def run_ompl(task: PlanTask) -> SearchResult:
     """Search by OMPL for a path from start to goal.
 
     The path leads from the first configuration to any other. A long search asks the task once
-    whether it may succeed. The limit covers the search and the simplification, but neither caches
-    of the map, that answer nor compilation.
+    whether it may succeed. The limit covers the search and the simplification, but not caches of
+    the map, the task's answer and compilation.
     """
     with _silence():
         edges = task.edges
@@ -245,7 +246,7 @@ class _Run:
                 return True
             if asks_at.seconds_late() < 0.0 or setup.haveExactSolutionPath():
                 return False
-            # The answer takes no time of the limit.
+            # The limit does not count the time of the answer.
             asks_at = NEVER
             asked = now()
             if not self._task.may_succeed():
@@ -266,7 +267,7 @@ class _Run:
     def _improve(self, path: og.PathGeometric) -> og.PathGeometric:
         """Return a cheaper, proven path, or a copy of `path`.
 
-        Corners are cut and waypoints are moved while that makes the path cheaper and time is left.
+        Cut corners and move waypoints while the path becomes cheaper and time is left.
         """
         setup = self._setup
         objective = self._objective
@@ -337,8 +338,8 @@ class OmplPlanner(Planner):
     Attributes
     ----------
     drives_back : bool
-        Whether it also follows edges from end to start. A robot that turns on the spot only has to
-        turn around for the way back. That of a car is a loop, which is hardly ever free.
+        Whether it also follows edges from end to start. A robot that turns on the spot only turns
+        around for the way back. A car's way back is a loop, which is hardly ever free.
     """
 
     counts_iterations = True

@@ -169,7 +169,7 @@ def make_setup(
     objective: MakeObjective | None,
     rng: np.random.Generator | None = None,
 ) -> og.SimpleSetup:
-    """Make OMPL's SimpleSetup for a local planner; see :func:`simple_setup` for the arguments."""
+    """Make OMPL's SimpleSetup for a local planner; see :func:`simple_setup`."""
     space = edges.space
     setup = _Setup(make_bounded_states(edges))
     si = setup.getSpaceInformation()
@@ -212,7 +212,7 @@ class _Setup(og.SimpleSetup):
 def _choose_sampler(
     edges: LocalPlanner, rng: np.random.Generator | None
 ) -> Callable[[ob.SpaceInformation], ob.ValidStateSampler]:
-    """Choose the maker of valid state samplers, and check the source of their randomness."""
+    """Check the source of randomness; choose the valid state sampler."""
     space = edges.space
     exact = edges.exact
     if rng is not None:
@@ -227,7 +227,7 @@ def _choose_sampler(
 
 
 def _make_objective(make: MakeObjective, si: ob.SpaceInformation) -> ob.OptimizationObjective:
-    """Call a user's function, and check that it returns an objective."""
+    """Call a user's function; check that it returns an objective."""
     result: object = make(si)
     if not isinstance(result, ob.OptimizationObjective):
         rule = "it must return an ompl.base.OptimizationObjective"

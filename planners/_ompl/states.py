@@ -38,7 +38,7 @@ class StateKind(NamedTuple):
     """Whether each number is the angle of a continuous joint."""
 
     def set_bounds(self, states: ob.StateSpace, lower: Floats, upper: Floats) -> None:
-        """Set the bounds of positions, or of joints that are not continuous."""
+        """Set the bounds of positions, or of joints with limits."""
         is_limited = ~np.array(self.periodic_axes[: len(lower)])
         bounds = ob.RealVectorBounds(int(is_limited.sum()))
         for axis, (low, high) in enumerate(zip(lower[is_limited], upper[is_limited], strict=True)):
@@ -51,13 +51,13 @@ class StateKind(NamedTuple):
             states.setBounds(bounds)
 
     def of_states(self, query: Callable[..., Value]) -> Callable[..., Value]:
-        """Make a function of states from one of numbers."""
+        """Make a function of states from a function of numbers."""
         read = self.read
         return lambda *states: query(*itertools.chain.from_iterable(map(read, states)))
 
 
 def find_state_kind(space: Space) -> StateKind:
-    """Return the conversions between configurations of ``space`` and OMPL's states.
+    """Return the conversions between configurations and OMPL's states.
 
     Raises InputError for a pose of a kind that OMPL has no states for.
     """
@@ -86,9 +86,9 @@ def make_states(edges: LocalPlanner) -> ob.StateSpace:
 
 
 def check_information(si: object, space: Space) -> None:
-    """Check that ``si`` is SpaceInformation of states of ``space``, a :class:`cspace.Space`.
+    """Raise InputError unless ``si`` has the states of ``space``.
 
-    States of another size would be read and written beyond their memory.
+    OMPL would read and write states of another size beyond their memory.
     """
     if not isinstance(si, ob.SpaceInformation):
         raise InputError(

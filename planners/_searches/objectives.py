@@ -44,7 +44,7 @@ FUNCTION: Final = "a function"
 """Kinds of objectives of :func:`planners.plan`."""
 
 DEFAULT_WEIGHT: Final = 10.0
-"""Extra metres that a metre of path costs by default where the penalty is one."""
+"""Extra metres that a metre of path costs by default if the penalty is one."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,7 +84,7 @@ class WeightedLength:
     costs: ArrayLike
 
     def __post_init__(self) -> None:
-        """Keep an array of floats."""
+        """Convert the costs to an array of floats."""
         check_dims(self.costs, "costs")
         costs = as_contiguous(check_finite(self.costs, "costs"))
         object.__setattr__(self, "costs", costs)
@@ -156,7 +156,7 @@ def read_objective(
 ) -> Objective:
     """Check an objective of a plan.
 
-    Raises InputError if it is unknown, or does not go with the space or the speed.
+    Raises InputError if the objective is unknown, or does not go with the space or the speed.
     """
     if speed is not None and given != TIME:
         problem = f"is {speed!r}, and objective is {given!r}"

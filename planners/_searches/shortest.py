@@ -126,7 +126,7 @@ def _find_path_along_chain(
     def may_exist() -> bool:
         return bool(space.is_connected(start, goal))
 
-    # If components are computed already, they save a search that cannot succeed.
+    # If components are known already, they save a search that cannot succeed.
     if is_labelled(space) and not may_exist():
         return no_path
     until = now() + limit
