@@ -1,11 +1,11 @@
-"""Places with room: sets of poses of which a path may end at any.
+"""Places with room: sets of poses, at any of which a path may end.
 
-A room is a ball or a region of positions, with the rotations within an angle of one. Some of its
-free configurations become goals of searches. Then the path ends where it first enters a room, or at
-the nearest configuration of a room that a free edge from one of its waypoints leads to.
+A room is a ball or a region of positions, with all rotations within an angle of its middle
+rotation. Some of its free configurations become goals of searches. Then the path ends where it
+first enters a room, or at the nearest configuration of a room that a free edge joins to a waypoint.
 
-No path exists if no component of cells that are not BLOCKED meets the start, each place on the way
-and the goal.
+No path exists if no component of FREE and MIXED cells meets the start, each place on the way and
+the goal.
 """
 
 from __future__ import annotations
@@ -63,14 +63,15 @@ MAX_TRIED_GOALS: Final = 8
 """Largest number of configurations of one room to which paths are searched."""
 
 MAX_PLACES_WITHOUT_FREE: Final = 24
-"""Largest number of positions, and of rotations, from which an error finds the nearest FREE."""
+"""Largest number of positions, and of rotations, from which an error finds the nearest FREE
+cell."""
 
 INSET: Final = 1e-6
 """Distance in cells, and share of a radius or an angle, by which ends stay inside their room: an
 end on its border may touch cells that are not FREE."""
 
 TINY: Final = 1e-300
-"""Smallest divisor, so that zero is never one."""
+"""Smallest divisor, in place of zero."""
 
 SLACK_CELLS: Final = 1e-6
 SLACKS: Final = np.array([[-SLACK_CELLS], [SLACK_CELLS]])
@@ -78,45 +79,45 @@ SLACKS: Final = np.array([[-SLACK_CELLS], [SLACK_CELLS]])
 as a column, for both corners of a box."""
 
 MAX_NEAR_POSITIONS: Final = 2**10
-"""Number of the positions of a room that are tested first, and largest number of others."""
+"""Number of a room's nearest positions that are tested first, and largest number of others."""
 
 MAX_ROWS_PER_BATCH: Final = 2**16
 """Largest number of configurations that are tested together, if positions are fewer."""
 
 MAX_POSITIONS_WITHOUT_BLOCKS: Final = 2**16
-"""Largest number of cells of a layer whose distances from the start are measured one by one."""
+"""Largest number of cells of a slice whose distances from the start are measured without blocks."""
 
 BLOCK_SIDE: Final = 4
-"""Cells along each side of the blocks that are measured on larger maps."""
+"""Cells along each side of blocks on larger maps."""
 
 MAX_SPAN_WITHOUT_BLOCKS: Final = 16
-"""Cells along each axis across which straight lines tell which position is nearest to a start."""
+"""Largest extent of a room, in cells, at which straight distances from the start suffice."""
 
 NEAREST_FIRST: Final = 1e-9
 """Weight of the estimate in a search that reaches the nearest blocks first."""
 
 STEPS_PER_CELL: Final = 8
-"""Places along a path, for each cell, at which it may end in a room."""
+"""Number of places for each cell along a path at which it may end in a room."""
 
 RADIANS_PER_STEP: Final = math.radians(1.0)
-"""Largest turn between such places."""
+"""Largest turn between places at which a path may end in a room, radians."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Near(Goal):
-    """All configurations within a distance and an angle of one, as a place of a plan.
+    """All configurations within a distance and an angle of one configuration, as a place of a plan.
 
     As the goal or a place on the way of :func:`planners.plan`, the path ends where it first comes
-    so near. As a start, one configuration is where the robot stands: the path begins there, or if
-    it is not proven free, at nearly the nearest one that is, and :attr:`Plan.status` says so. The
-    robot's motion to that one is not proven.
+    so near. As a start, the robot stands at the configuration: the path begins there, or if it is
+    not proven free, at nearly the nearest free configuration, and :attr:`Plan.status` says so. The
+    robot's motion to the latter is not proven.
 
     Attributes
     ----------
     configuration : array-like
-        Pose on a map, whose yaw may be None for any; or a region of shapely with a yaw.
+        Pose on a map, with a yaw of None for any; or a region of shapely with a yaw.
     distance : float
-        Largest distance from its position, metres; 0 for a region, which has its own room.
+        Largest distance from its position, metres; 0 for a region, which has its own extent.
     angle : float
         Largest angle from its rotation, radians, at most pi. A range of yaws is an angle around its
         middle.
@@ -158,13 +159,13 @@ class Room:
     name : str
         The argument that it comes from.
     middle : ndarray of float64, shape (size,)
-        Its position, or one in the region, and the rotation in the middle.
+        Its middle position, or a position in the region, and its middle rotation.
     region : Polygon, MultiPolygon or None
         Positions, metres; None if they are a ball.
     radius : float
         Of the ball, metres.
     angle : float
-        Largest angle from the rotation in the middle, radians; pi for any.
+        Largest angle from the middle rotation, radians; pi for any rotation.
     """
 
     name: str
@@ -190,12 +191,12 @@ class Room:
         return np.asarray(inside & ((turns <= self.angle) | (self.angle >= math.pi)))
 
     def find_inner(self, space: Space) -> Endpoint:
-        """Return the middle, or what is nearest to it within the bounds of the space."""
+        """Return the middle, moved into the bounds of the space."""
         rotation = self.middle[space.dim :]
         return (*self.middle[: space.dim].clip(*space.bounds).tolist(), *rotation.tolist())
 
     def pull(self, space: ConfigurationMap, rows: Floats) -> Floats:
-        """Move configurations, shape (n, size), into the room, to nearly the nearest ones."""
+        """Move configurations, (n, size), into the room by nearly shortest ways."""
         dim = space.dim
         middles = np.broadcast_to(self.middle, rows.shape)
         steps = space.steps_between(middles, rows)
@@ -214,7 +215,7 @@ class Room:
         return pulled
 
     def find_box(self, space: ConfigurationMap) -> Floats:
-        """Return the lower and the upper corner of the box around its positions, shape (2, dim)."""
+        """Return the corners of the box around its positions, (2, dim)."""
         if self.region is not None:
             return np.reshape(self.region.bounds, (2, 2))
         position = self.middle[: space.dim]
@@ -293,8 +294,8 @@ class Room:
     def find_goals(self, edges: LocalPlanner, start: Endpoint) -> list[Endpoint]:
         """Find free configurations of the room, the most promising first.
 
-        They are those that a path from the start may reach, or if there are none any. Raises
-        ConfigurationError if none is proven free.
+        If a path from the start may reach some, return only these. Raises ConfigurationError if no
+        configuration is proven free.
         """
         space = edges.cells
         origin = np.array([start])
@@ -333,9 +334,9 @@ class Room:
     def test_candidates(
         self, edges: LocalPlanner, start: Endpoint, positions: Candidates, rotations: Floats
     ) -> tuple[Candidates, Candidates]:
-        """Choose free configurations that a path may reach, and others, at all rotations.
+        """Choose free configurations that a path may reach, and other ones.
 
-        ``rotations`` has shape (n, k).
+        All ``rotations``, shape (n, k), are tested at the positions.
         """
         space = edges.cells
         count = len(positions.rows)
@@ -357,7 +358,7 @@ class Room:
         return _join(joined), _join(others)
 
     def _make_error(self, space: ConfigurationMap) -> ConfigurationError:
-        """Make the error for a room without any free configuration."""
+        """Make the error for a room without a free configuration."""
         position, rotation = np.split(self.middle, [space.dim])
         where = "in the region"
         if self.region is None:
@@ -402,7 +403,7 @@ class Candidates(NamedTuple):
         return Candidates(self.rows[index], self.costs[index])
 
     def spread(self, space: Space) -> Candidates:
-        """Choose a few of low cost that are not all near each other, the cheapest first."""
+        """Choose a few cheap candidates far apart, the cheapest first."""
         order = np.argsort(self.costs, kind="stable")
         left = self.rows[order]
         chosen: list[int] = []
@@ -421,16 +422,17 @@ def _join(parts: Sequence[Candidates]) -> Candidates:
 
 
 def _find_centers(space: ConfigurationMap, cells: Ints) -> Floats:
-    """Return the centers of cells of positions, shape (n, dim)."""
+    """Return the centers of position cells, shape (n, dim)."""
     return np.asarray(np.array(space.grid.lower) + space.grid.spacing * (cells + 0.5))
 
 
 def find_joined(space: ConfigurationMap, places: Sequence[Sequence[Room]], mixed: bool) -> Floats:
-    """Return a configuration in each component that meets a room of each place, shape (n, size).
+    """Return a configuration in each component that meets all places.
 
-    Components consist of FREE cells, or with ``mixed`` of all that are not BLOCKED. The
-    configurations lie in cells that meet the first place. If there is none with ``mixed``, no path
-    leads through all places.
+    The shape is (n, size). A component meets a place if it meets any of its rooms. Components
+    consist of FREE cells, or with ``mixed`` of FREE and MIXED cells. The configurations lie in
+    cells that meet the first place. If the result is empty with ``mixed``, no path leads through
+    all places.
     """
     from cspace.inside import find_components
 
@@ -453,14 +455,14 @@ def _find_components_met(space: ConfigurationMap, rooms: Sequence[Room], mixed: 
 
 
 def may_join(edges: LocalPlanner, start: Endpoint, rows: Floats) -> Bools:
-    """Return whether a path of proven edges may lead from a start to each row, shape (n,)."""
+    """Return whether a proven path may lead to rows, (n,)."""
     if edges.exact:
         return ~np.asarray(edges.cells.is_disconnected(np.array(start), rows))
     return np.asarray(edges.cells.is_connected(np.array(start), rows))
 
 
 def _measure_turns(space: Space, start: Endpoint, rows: Floats) -> Floats:
-    """Measure the angles from the rotation of a start to those of rows, shape (n,)."""
+    """Measure the angles from a start's rotation to rows', (n,)."""
     steps = space.steps_between(np.broadcast_to(start, rows.shape), rows)
     return np.asarray(np.linalg.norm(steps[:, space.dim :], axis=1))
 
@@ -508,10 +510,11 @@ def _measure_lengths(edges: LocalPlanner, start: Endpoint, rows: Floats) -> Floa
 
 
 def end_in_rooms(edges: LocalPlanner, path: Floats, rooms: Sequence[Room]) -> Floats:
-    """Return the cheapest proven path among a few that begin like a path and end in rooms.
+    """End a path where it first enters the rooms.
 
-    They are the path itself, and those that leave it at a waypoint for the nearest configuration of
-    a room. Each ends where it first enters a room. ``path`` has shape (n, size).
+    Candidates are the path itself, and paths that leave it at a waypoint for the nearest
+    configuration of a room. Each ends where it first enters a room. Return the cheapest proven one.
+    ``path`` has shape (n, size).
     """
     if all(room.is_point for room in rooms):
         return path
@@ -537,7 +540,7 @@ def end_in_rooms(edges: LocalPlanner, path: Floats, rooms: Sequence[Room]) -> Fl
 
 
 def _cut(edges: LocalPlanner, path: Floats, rooms: Sequence[Room]) -> Floats:
-    """Cut a path where it first enters a room, at one of the places that are looked at."""
+    """Cut a path at the first sampled place in a room."""
     space = edges.cells
     step = 2.0 * space.resolution / STEPS_PER_CELL
     for number, (first, last) in enumerate(itertools.pairwise(path)):
@@ -552,10 +555,10 @@ def _cut(edges: LocalPlanner, path: Floats, rooms: Sequence[Room]) -> Floats:
 
 
 def begin_in_rooms(edges: LocalPlanner, path: Floats, rooms: Sequence[Room]) -> Floats:
-    """Return a proven path that ends like another, and leaves a room where it begins.
+    """Begin a path where it leaves the rooms.
 
-    Without a drive, it may begin anywhere in the rooms, as :func:`end_in_rooms` lets it end, and
-    otherwise at the last waypoint in a room. ``path`` has shape (n, size).
+    Without a drive, it may begin anywhere in the rooms, as :func:`end_in_rooms` lets it end; with a
+    drive, at the last waypoint in a room. ``path``, shape (n, size), and the result are proven.
     """
     if all(room.is_point for room in rooms):
         return path
@@ -579,7 +582,7 @@ def list_all_rooms(
 ) -> tuple[Room, ...]:
     """Return the rooms of all configurations of places, free or not.
 
-    They are none if not all can be listed, and ``found`` is those that are free.
+    Return no rooms if not all configurations can be listed; ``found`` are the free ones.
     """
     if isinstance(space, ConfigurationMap):
         can_list = find_space_kind(space) in SUPPORTED[NEAR] or all(p.is_plain for p in places)
@@ -601,7 +604,7 @@ def find_room_goals(
 ) -> list[Endpoint]:
     """Find free configurations of rooms, the most promising first.
 
-    Raises ConfigurationError if none is proven free in any room.
+    Raises ConfigurationError if no configuration of any room is proven free.
     """
     goals = gather_goals(name, rooms, lambda room, _: room.find_goals(edges, start))
     space = edges.space
@@ -622,19 +625,18 @@ def find_routes(
 ) -> list[Endpoints]:
     """Find pairs of free configurations of rooms, the most promising first.
 
-    ``name`` is that of the goals. Raises ConfigurationError if none is proven free in any room of
-    either kind.
+    ``name`` names the goals. Raises ConfigurationError if no start, or no goal, is proven free.
     """
     middle = tuple(starts[0].middle.tolist())
 
     def keep_usable(goal: Room, _: str) -> list[Room]:
-        """Return a room, or raise ConfigurationError if none of it is proven free."""
+        """Return a room with a free configuration, or raise ConfigurationError."""
         return [goal] if goal.find_goals(edges, middle) else []
 
     usable = gather_goals(name, goals, keep_usable)
 
     def find_from(start: Room, _: str) -> list[Endpoints]:
-        """Return pairs of configurations in one room and in those of the goals."""
+        """Return pairs of a configuration of one room and a goal."""
         pairs = [pair for goal in usable for pair in _pair_rooms(edges, start, goal)]
         return [
             (q, tuple(turn_near(np.array(goal), np.array(q), edges.space.is_periodic).tolist()))
@@ -652,7 +654,10 @@ def _estimate_length(edges: LocalPlanner, start: Floats, goal: Floats) -> float:
 
 
 def _pair_rooms(edges: LocalPlanner, start: Room, goal: Room) -> list[Endpoints]:
-    """Return pairs of free configurations in two rooms, some in each component that meets both."""
+    """Return pairs of free configurations in two rooms.
+
+    Each component that meets both rooms has some.
+    """
     if start.is_point:
         (q,) = start.find_goals(edges, tuple(start.middle.tolist()))
         return [(q, end) for end in goal.find_goals(edges, q)]
@@ -672,10 +677,10 @@ class PlaceParts(NamedTuple):
     """A place in parts."""
 
     name: str  # in messages
-    configuration: object  # as it is given, if there is no other part
+    configuration: object  # as given, if there is no other part
     region: Polygon | MultiPolygon | None = None
     rotation: object = None  # of a region; None for any
-    is_any: bool = False  # any rotation is meant, at a position
+    is_any: bool = False  # whether it is a position with any rotation
     near: Near | None = None
 
     @property
@@ -694,7 +699,8 @@ def split_places(
 ) -> list[PlaceParts]:
     """Split the alternatives of a place into their parts.
 
-    Raises InputError if the space does not take one; ``near_option`` says what Near it takes.
+    Raises InputError if the space does not take an alternative; ``near_option`` is the kind of
+    Near.
     """
     places = list_alternatives(place, name, space.axes)
     names = [f"{name}[{k}]" if len(places) > 1 else name for k in range(len(places))]
@@ -702,7 +708,7 @@ def split_places(
 
 
 def _split_place(space: Space, place: PlaceLike, name: str, near_option: str) -> PlaceParts:
-    """Split a place into its parts; raise InputError if the space does not take it."""
+    """Split a place into parts, or raise InputError."""
     near = None
     inner: object = place
     if isinstance(place, Near):
@@ -746,7 +752,7 @@ def _make_room(space: ConfigurationMap, parts: PlaceParts) -> Room:
 
 
 def _check_region(region: Polygon | MultiPolygon, name: str, metres: float) -> None:
-    """Raise InputError for a region that is empty or invalid, or that has a distance, too."""
+    """Raise InputError for an invalid region, or one with a distance."""
     if region.is_empty or not region.is_valid:
         problem = "is an empty region" if region.is_empty else "is no valid region of shapely"
         raise InputError(name, problem, "a region holds positions, metres")
