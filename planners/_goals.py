@@ -1,4 +1,4 @@
-"""Places with room: sets of poses, at any of which a path may end.
+"""Places with room: sets of poses; a path may end at any.
 
 A room is a ball or a region of positions, with all rotations within an angle of its middle
 rotation. Some of its free configurations become goals of searches. Then the path ends where it

@@ -366,7 +366,7 @@ def _choose_searches(task: PlanTask) -> PlanTask:
 def _check_places(
     via: Sequence[PlaceLike], goal: PlaceLike, task: PlanTask
 ) -> list[tuple[str, PlaceLike]]:
-    """List the places on the way and the goal, with names for messages."""
+    """List the places on the way and the goal, with their names."""
     is_list = isinstance(via, (tuple, list, np.ndarray))
     if not is_list or any(isinstance(place, Number) for place in via):
         rule = "it lists places on the way, each with coordinates of its own"
@@ -381,7 +381,7 @@ def _check_places(
 
 
 def _drop_zeros(start: PlaceLike) -> PlaceLike:
-    """Replace a start Near a configuration by 0 m and 0 rad by the configuration."""
+    """Replace Near with zero distance and angle by its configuration."""
     if isinstance(start, Near) and not (start.distance or start.angle):
         return start.configuration
     return start

@@ -41,7 +41,7 @@ def follow_previous(task: PlanTask) -> SearchResult:
 
 
 def _find_detour(task: PlanTask, start: Floats, way: Floats) -> Floats:
-    """Find a path to the end of a blocked way, shape (n, size).
+    """Find a path to a blocked way's end, shape (n, size).
 
     Path and way have shape (n, size). Try detours past the middle of the blocked part first, then
     search. The path has no row if the search takes too long.

@@ -33,7 +33,10 @@ MIXED cells: a search through many such cells may not end."""
 
 
 def search_and_prove(task: PlanTask) -> SearchResult:
-    """Search for a path and prove its edges, tile by tile on a map in tiles."""
+    """Search for a path, and prove its edges.
+
+    A map in tiles is searched tile by tile.
+    """
     space = task.edges.space
     # A proven path saves labelling the cells of a map, so an unlabelled map is searched first.
     if is_labelled(space) and not task.may_succeed():
@@ -166,7 +169,7 @@ def _choose_cheapest(task: PlanTask, results: Sequence[SearchResult]) -> SearchR
 
 
 def weigh_edges(task: PlanTask, edges: LocalPlanner) -> LocalPlanner:
-    """Return edges with the costs of a task, except on a map in tiles."""
+    """Return edges with a task's costs, except on a tiled map."""
     if is_tiled(edges.space):
         return edges
     weights = task.objective.weigh(edges.cells)

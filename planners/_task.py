@@ -80,7 +80,7 @@ class PlanTask:
         return self.existence is None or self.existence.may_join
 
     def limit_trial(self) -> Effort:
-        """Return the limit of a detour or trial: a tenth, at most 0.5 s."""
+        """Return a detour's or trial's limit: a tenth, at most 0.5 s."""
         work = self.limit.share(0.1).work
         return Effort(work, self.limit.seconds).at_most(Effort.from_seconds(0.5, math.inf))
 

@@ -64,7 +64,7 @@ def local_planner(
 
 
 def edges_of(drive: Drive | None) -> type[LocalPlanner]:
-    """Return the class of the edges of a drive, or of no drive.
+    """Return the class of a drive's edges, or of no drive's.
 
     Raises InputError for a drive outside :data:`DRIVES`.
     """

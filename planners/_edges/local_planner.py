@@ -360,7 +360,7 @@ class LocalPlanner:
         return [self.drive]
 
     def list_chords(self, path: Floats) -> tuple[Floats, float]:
-        """Return rows, and a bound of the motion's distance from the lines between."""
+        """Return rows, and a bound of the motion's distance from chords."""
         return self.insert_breakpoints(path), 0.0
 
     def list_segments(self, path: Floats, rotations: Rotations) -> tuple[Floats, Floats, Floats]:

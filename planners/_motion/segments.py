@@ -151,7 +151,7 @@ def place_along(
 
 
 def cut_segments(segments: Segments, rotations: Rotations, begin: float, end: float) -> Segments:
-    """Cut the first segment at its begin, and the last one at its end."""
+    """Cut the first segment at ``begin``, and the last at ``end``."""
     cut = Segments._make(column.copy() for column in segments)
     if end < (1.0 - ROUNDING) * cut.lengths[-1]:
         cut.lengths[-1] = end

@@ -639,7 +639,7 @@ def _format_box(area: BaseGeometry) -> str:
 
 
 def _number(rows: Ints, count: int) -> tuple[Ints, Ints]:
-    """Return the distinct rows in a list, and each one's number among them."""
+    """Return the distinct rows, and each row's number among them."""
     is_used = np.zeros(count, dtype=np.bool_)
     is_used[rows] = True
     return np.flatnonzero(is_used), (np.cumsum(is_used) - 1)[rows]
@@ -647,7 +647,7 @@ def _number(rows: Ints, count: int) -> tuple[Ints, Ints]:
 
 @lru_cache(maxsize=16)
 def _split_robot(robot: Robot) -> tuple[Cores, float]:
-    """Return a robot's outline, and the radius of its disc at the origin."""
+    """Return a robot's outline, and its disc's radius at the origin."""
     cores = Cores(robot.shape.project_to_plane().outer)
     origin = shapely.Point(0.0, 0.0)
     largest = 0.0

@@ -858,10 +858,10 @@ def check_after(after: object, axes: tuple[str, ...], duration: float | None) ->
 def continue_trajectory(
     stop: Trajectory, path: DrivenPath, limits: MotionLimits, time_step: float
 ) -> Trajectory:
-    """Make the fastest trajectory along a stop and a path, or the stop.
+    """Make the fastest trajectory along a stop and a path.
 
-    It follows ``stop`` in part or whole. If none is proven, return the stop with its reason; see
-    :meth:`planners.Plan.trajectory`.
+    It follows ``stop`` in part or whole. Without a proven trajectory, return the stop with its
+    reason; see :meth:`planners.Plan.trajectory`.
     """
     step = check_positive(time_step, "time_step", "seconds")
     bounds = _check_bounds(path, limits)

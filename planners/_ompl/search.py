@@ -239,7 +239,7 @@ class _Run:
         max_checks = math.inf if iterations is None else iterations
 
         def has_to_end() -> bool:
-            """Return True to end the search; ask once if a path may exist."""
+            """Return True to end; ask once if a path may exist."""
             nonlocal end, asks_at
             spend(self._deadline.step)
             if next(checks) > max_checks or end.seconds_late() > 0.0 or is_over(NEVER):

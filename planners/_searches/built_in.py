@@ -40,7 +40,7 @@ class BuiltInSearch(Planner):
 
     @abstractmethod
     def find_path(self, task: PlanTask) -> tuple[Floats, str]:
-        """Return waypoints, shape (n, size), and the proof of a lattice in words."""
+        """Return waypoints, (n, size), and the proof of a lattice in words."""
 
 
 class SpaceSearch(BuiltInSearch):

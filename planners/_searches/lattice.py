@@ -147,8 +147,8 @@ def find_lattice_path(
 
     The map is in memory. A long search asks once whether a path ``may_exist``; the answer takes no
     time of the limit. If edges have weights, a search by cost follows that by length, and the
-    cheaper path is taken. Returns configurations (x, y, yaw), shape (n, 3), and a note. If the
-    search finds no path, n is 0, and the note gives the reason.
+    cheaper path wins. Returns configurations (x, y, yaw), shape (n, 3), and a note. If the search
+    finds no path, n is 0, and the note gives the reason.
     """
     began = now()
     limit = _Limit(began + effort, may_exist)
@@ -414,7 +414,10 @@ class _Arrival:
             self.node = node
 
     def is_settled(self, nodes: LatticeNodes, until: Effort) -> bool:
-        """Return True with a path, if none promises less or time is over."""
+        """Return True if no open node promises a better path.
+
+        After ``until``, any path will do.
+        """
         if self.node == NO_NODE:
             return False
         return self._cost <= nodes.progress.keys[0] or is_over(until)

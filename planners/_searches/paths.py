@@ -65,7 +65,7 @@ def waypoints(space: CSpace, endpoints: Floats, cells: Ints) -> Floats:
 def thin_path(
     path: Floats, factors: Costs, rotations: Rotations, check: Check, cost: Cost
 ) -> Floats:
-    """Skip waypoints of a path, shape (n, size), if that costs no more.
+    """Skip waypoints of a path, (n, size), if that costs no more.
 
     ``factors``, shape (n,), are the costs of a metre at the waypoints.
     """
