@@ -43,7 +43,7 @@ def follow_previous(task: PlanTask) -> SearchResult:
 def _find_detour(task: PlanTask, start: Floats, way: Floats) -> Floats:
     """Find a path to a blocked way's end, shape (n, size).
 
-    Path and way have shape (n, size). Try detours past the middle of the blocked part first, then
+    The way has shape (n, size), too. Try detours past the middle of the blocked part first, then
     search. The path has no row if the search takes too long.
     """
     edges = task.edges
@@ -64,8 +64,8 @@ def _find_detour(task: PlanTask, start: Floats, way: Floats) -> Floats:
 def _list_ways_beside(edges: LocalPlanner, way: Floats) -> Iterator[Floats]:
     """Yield detours around the blocked part of a way, near ones first.
 
-    Each has three rows, shape (3, size). It begins and ends on the way, where the distance from the
-    blocked part is the length of that.
+    Each has three rows, shape (3, size). It begins and ends on the way, at a distance from the
+    blocked part that equals the part's length.
     """
     rows = edges.split_path(way, 2.0 * edges.space.resolution, MAX_RADIANS).points
     blocked = np.flatnonzero(~np.asarray(edges.space.is_free(rows)))
@@ -85,8 +85,8 @@ def _list_ways_beside(edges: LocalPlanner, way: Floats) -> Iterator[Floats]:
 def _join_way(edges: LocalPlanner, start: Floats, way: Floats) -> Floats:
     """Join a configuration to a free way by the cheapest free edge.
 
-    The edge of the least total cost is chosen; the way has shape (n, size). Return the path from
-    the configuration to the end of the way, or no row if no edge is free.
+    The way has shape (n, size), and the total cost counts. Return the path from the configuration
+    to the end of the way, or no row if no edge is free.
     """
     costs = edges.edge_costs(way[:-1], way[1:])
     left = np.append(np.cumsum(costs[::-1])[::-1], 0.0)

@@ -366,8 +366,8 @@ class LocalPlanner:
     def list_segments(self, path: Floats, rotations: Rotations) -> tuple[Floats, Floats, Floats]:
         """Return the ends, steps and turns of straights and arcs.
 
-        Their shapes are (m + 1, size), (m, size) and (m,). The direction of motion turns, radians.
-        It needs no space.
+        Their shapes are (m + 1, size), (m, size) and (m,). Turns are of the direction of motion,
+        radians. It needs no space.
         """
         steps = rotations.steps_between(path[:-1], path[1:])
         return path, steps, np.zeros(len(steps))

@@ -85,8 +85,7 @@ def join_segments(parts: list[Segments]) -> Segments:
 def measure_sizes(rows: Floats, rotations: Rotations) -> Floats:
     """Return the largest coordinates of a path, with 1 radian for rotations.
 
-    Rotations have size 1, radian. The translation of a robot that rotates has one size, because its
-    axes mix.
+    The shape is (k,). The translation of a robot that rotates has one size, because its axes mix.
     """
     dim = rows.shape[1] - len(rotations.names)
     sizes = np.abs(rows[:, :dim]).max(axis=0)

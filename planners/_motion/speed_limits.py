@@ -420,8 +420,7 @@ class ZoneRule(NamedTuple):
     def _find_near(self, q: Floats, reaches: Floats) -> tuple[Ints, Ints, Any, Floats]:
         """Return pairs of areas and rows in reach, the lowest speeds first.
 
-        Return levels, rows, reference points, and reaches, shape (m,) each, the lowest speeds
-        first.
+        They are levels, rows, reference points, and reaches, shape (m,) each.
         """
         points = q[:, :2]
         largest = np.abs(points).max(axis=1, initial=0.0) + self.size

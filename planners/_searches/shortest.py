@@ -204,7 +204,7 @@ def find_cheap_path(
 ) -> Floats:
     """Find a path of low cost through FREE cells, by ``weights``.
 
-    It is the cheaper of up to two. Otherwise, arguments, result and errors are as for
+    It is the cheaper of up to two paths. Otherwise, arguments, result and errors are as for
     :func:`find_short_path`.
     """
     space = edges.cells
