@@ -188,7 +188,7 @@ def _find_ros_threshold(image: Shades) -> float:
         return 0.81
     if not (has_unknown or image.is_lossy):
         return 0.0
-    # Largest difference of a level from the nearest of these that compression and scaling make.
+    # Largest change of a level by compression or scaling.
     max_blur = 24
     others = image.select(distances.min(axis=1) > max_blur).mean()
     unknown = image.select(distances[:, 1] <= max_blur).mean()
