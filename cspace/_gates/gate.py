@@ -209,9 +209,11 @@ class Gate:
             if self.dt is not None and self.space.axes != TWISTING_AXES:
                 check_velocities(self.space, None)
             return None
-        if _list_limited(self.space, limits) != TWIST_NAMES:
-            return check_velocities(self.space, limits)
-        return check_each(limits, "max_velocity", TWIST_NAMES, TWIST_UNITS)
+        if _list_limited(self.space, limits) == TWIST_NAMES:
+            limits = check_each(limits, "max_velocity", TWIST_NAMES, TWIST_UNITS)
+        else:
+            limits = check_velocities(self.space, limits)
+        return limits
 
     def _check_speed_limits(
         self, speed: SpeedLimit | LinkLimit | Sequence[SpeedLimit | LinkLimit]
