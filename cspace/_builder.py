@@ -66,9 +66,6 @@ MAX_OPEN_SIZE_RATIO: Final = 10.0
 """Ratio of the longest sides of a robot and a workspace without walls above which a unit is
 probably wrong."""
 
-MIN_ROBOT_CELLS: Final = 0.02
-"""Longest side of a robot, in cells, below which its unit is probably wrong."""
-
 MAX_GROUND_LAYERS: Final = 4
 """Number of a robot's lowest layers that a scan of the ground may fill in part."""
 
@@ -408,6 +405,8 @@ def _warn_of_units(
     distance = float(np.linalg.norm(np.maximum(np.maximum(lower, -upper), 0.0)))
     fits = _may_fit(sides + 2.0 * margin, workspace_sides, rotations)
     hint = ""
+    # Longest side of a robot, in cells, below which its unit is probably wrong.
+    min_robot_cells = 0.02
     if outside == "blocked" and not fits:
         grown = f"with a margin of {margin:g} m, " if margin > 0.0 else ""
         workspace_text = format_sides(workspace_sides)
@@ -416,8 +415,8 @@ def _warn_of_units(
         )
     elif outside == "free" and size > MAX_OPEN_SIZE_RATIO * workspace_sides.max():
         problem = f"the workspace is only {format_sides(workspace_sides)}"
-    elif 0.0 < size < MIN_ROBOT_CELLS * grid.spacing:
-        share = f"1/{1.0 / MIN_ROBOT_CELLS:g}"
+    elif 0.0 < size < min_robot_cells * grid.spacing:
+        share = f"1/{1.0 / min_robot_cells:g}"
         problem = f"less than {share} of a cell of {grid.spacing:g} m, so it counts as a point"
     elif distance > MAX_ORIGIN_SIZES * size > 0.0:
         center = (lower + upper) / 2.0

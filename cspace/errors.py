@@ -6,11 +6,7 @@ Messages consist of them; the command line puts them in its own words.
 
 from __future__ import annotations
 
-from typing import ClassVar, Final, Literal
-
-_MAX_PROBLEM_CHARACTERS: Final = 240
-"""Maximum number of characters of a problem in a message."""
-
+from typing import ClassVar, Literal
 
 __all__ = [
     "AngleWarning",
@@ -56,10 +52,12 @@ class CspaceError(Exception):
     ) -> None:
         """Join argument, problem, rule and hint to the message."""
         message = argument
+        # Maximum number of characters of a problem in a message.
+        max_problem_characters = 240
         if problem is not None:
             problem = " ".join(problem.split())  # arrays print in several lines
-            if len(problem) > _MAX_PROBLEM_CHARACTERS:
-                problem = f"{problem[:_MAX_PROBLEM_CHARACTERS]} ..."
+            if len(problem) > max_problem_characters:
+                problem = f"{problem[:max_problem_characters]} ..."
             clauses = f"{argument}{self._GAP}{problem}", rule, hint
             message = "; ".join(filter(None, clauses))
         super().__init__(message)

@@ -9,7 +9,6 @@ import itertools
 import math
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -144,9 +143,6 @@ Progress = Callable[[int, int], None]
 RasterGroups = Sequence[Sequence[Raster]]
 """Outer rasters of all slices and, if BLOCKED is to be proven, inner rasters of all slices."""
 
-STEPS_PER_CORRELATION: Final = 1000
-"""Number of progress steps of one correlation."""
-
 
 def group_rasters(pairs: Sequence[RasterPair], inner: bool) -> RasterGroups:
     """Separate pairs of rasters into outer and inner rasters.
@@ -220,6 +216,8 @@ def fill_states(
 
 def _report_progress(progress: Progress, index: int, count: int, done: int, total: int) -> None:
     """Report the progress of one of ``count`` correlations as that of all."""
-    steps_before = STEPS_PER_CORRELATION * index
-    steps = STEPS_PER_CORRELATION * done // total
-    progress(steps_before + steps, STEPS_PER_CORRELATION * count)
+    # Number of progress steps of one correlation.
+    steps_per_correlation = 1000
+    steps_before = steps_per_correlation * index
+    steps = steps_per_correlation * done // total
+    progress(steps_before + steps, steps_per_correlation * count)

@@ -27,14 +27,8 @@ from cspace._support.kinds import BRING_YOUR_FILE, make_kind_error
 from cspace._support.limits import SizeLimit, check_bytes
 from cspace.errors import CspaceError, FileError, InputError
 
-_MAX_HEADER_BYTES: Final = 2**16
-"""Maximum size, in bytes, of a text header before binary data."""
-
 TEMPORARY_NAME: Final = r"\.cspace-[0-9a-f]{12}(\..*)?"
 """Pattern of the names of outputs that are incomplete or being replaced."""
-
-_LFS_POINTER_START: Final = b"version https://git-lfs.github.com/spec/v1"
-"""First bytes of a git-lfs pointer file."""
 
 _MALFORMED: Final = "it is malformed or truncated"
 """Rule of a file's content if no other is known."""
@@ -59,11 +53,13 @@ def check_file(
         rule = f"{_with_article(kind)} must be a plain file"
         hint = suggest_file(file)
         raise FileError(str(file), problem, rule, hint)
+    # First bytes of a git-lfs pointer file.
+    lfs_pointer_start = b"version https://git-lfs.github.com/spec/v1"
     with _name_file_in_errors(file, kind), file.open("rb") as stream:
         size = file.stat().st_size
-        start = stream.read(len(_LFS_POINTER_START))
+        start = stream.read(len(lfs_pointer_start))
     # Maximum size, in bytes, of a git-lfs pointer file, by its specification.
-    if start == _LFS_POINTER_START and size <= 1024:
+    if start == lfs_pointer_start and size <= 1024:
         rule = f"the {kind} itself has not been fetched"
         raise FileError(str(file), "is a git-lfs pointer", rule)
     check_bytes(file, size, memory=memory, limit=limit)
@@ -292,8 +288,10 @@ def iterate_header_lines(content: bytes) -> Iterator[tuple[str, int]]:
     A header lies within the first 64 KiB.
     """
     start = 0
-    while start < min(len(content), _MAX_HEADER_BYTES):
-        end = content.find(b"\n", start, start + _MAX_HEADER_BYTES)
+    # Maximum size, in bytes, of a text header before binary data.
+    max_header_bytes = 2**16
+    while start < min(len(content), max_header_bytes):
+        end = content.find(b"\n", start, start + max_header_bytes)
         if end < 0:  # the last line has no end
             end = len(content)
         following = min(end + 1, len(content))

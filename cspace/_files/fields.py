@@ -20,9 +20,6 @@ from cspace._support.reporting import warn_user
 from cspace._support.units import is_expected, warn_of_large
 from cspace.errors import InputError
 
-_MAX_LISTED_NAMES: Final = 10
-"""Largest number of names that a warning lists."""
-
 UNKNOWN_FIELDS: Final = "unknown fields"
 """Words in :attr:`Fields.refused` of a format whose unknown fields are refused."""
 
@@ -340,10 +337,12 @@ def warn_of_names(source: str, ignored: Mapping[str, str], known: Collection[str
     if not ignored:
         return
     listed = []
-    for description in sorted(ignored)[:_MAX_LISTED_NAMES]:
+    # Largest number of names that a warning lists.
+    max_listed_names = 10
+    for description in sorted(ignored)[:max_listed_names]:
         key = ignored[description]
         hint = suggest_name(key, known) if key and key not in known else ""
         listed.append(f"{description:.80}; {hint}" if hint else f"{description:.80}")
-    if len(ignored) > _MAX_LISTED_NAMES:
-        listed.append(f"{len(ignored) - _MAX_LISTED_NAMES} more")
+    if len(ignored) > max_listed_names:
+        listed.append(f"{len(ignored) - max_listed_names} more")
     warn_user(f"{source}: these fields are not read: {', '.join(listed)}")

@@ -56,9 +56,6 @@ _UNKNOWN_LEVEL: Final = 205
 _ROS_LEVELS: Final = (0, _UNKNOWN_LEVEL, 254)
 """Levels that the map savers of ROS write: occupied, unknown and free."""
 
-_MAX_BLUR: Final = 24
-"""Largest difference of a level from the nearest of these that compression and scaling make."""
-
 UNKNOWN_SHADE: Final = _UNKNOWN_LEVEL / _WHITE_8_BIT
 """Shade that the map savers of ROS write for unknown cells."""
 
@@ -67,9 +64,6 @@ _LOSSY_COMPRESSIONS: Final = ("jpeg", "tiff_jpeg", "webp")
 
 _UNSIGNED_FORMATS: Final = frozenset({1, 4})
 """Sample formats of TIFF that are unsigned whole numbers, or not said."""
-
-_USUAL_GAMMA: Final = 1.0 / 2.2
-"""Gamma of PNG images that viewers show as they are."""
 
 FIELDS: Final = (
     Fields(
@@ -194,8 +188,10 @@ def _find_ros_threshold(image: Shades) -> float:
         return 0.81
     if not (has_unknown or image.is_lossy):
         return 0.0
-    others = image.select(distances.min(axis=1) > _MAX_BLUR).mean()
-    unknown = image.select(distances[:, 1] <= _MAX_BLUR).mean()
+    # Largest change of a level by compression or scaling.
+    max_blur = 24
+    others = image.select(distances.min(axis=1) > max_blur).mean()
+    unknown = image.select(distances[:, 1] <= max_blur).mean()
     return 0.9 if others < 0.05 and unknown > 0.1 else 0.0
 
 
@@ -246,10 +242,12 @@ def read_shades(path: StrPath, kind: str, spacing: float, *, may_turn: bool = Tr
         shades = _convert_image(image, tags)._replace(is_lossy=is_jpeg)
     if image.format == "PPM":
         _warn_of_spacing(path, data, spacing)
-    gamma = image.info.get("gamma", _USUAL_GAMMA)
+    # Gamma of PNG images that viewers show as they are.
+    usual_gamma = 1.0 / 2.2
+    gamma = image.info.get("gamma", usual_gamma)
     if pages > 1:
         warn_user(f"{path}: it has {pages} pages or frames, and only the first is read")
-    if not math.isclose(gamma, _USUAL_GAMMA, rel_tol=0.1):
+    if not math.isclose(gamma, usual_gamma, rel_tol=0.1):
         warn_user(f"{path}: its gamma of {gamma:g} is not applied, so viewers show other shades")
     world_file = _find_world_file(Path(path))
     if tags.keys() & {_PIXEL_SCALE, _TIEPOINT, _MATRIX} or world_file:

@@ -25,12 +25,6 @@ from cspace._support.limits import SizeLimit, check_bytes, check_file_memory
 MAX_LEVELS: Final = 64
 """Maximum depth of nested lists, tables and brackets."""
 
-_MAX_XML_LEVELS: Final = 256
-"""Maximum depth of nested XML elements."""
-
-_CHARACTERS_PER_BLOCK: Final = 2**22
-"""Number of characters whose brackets are counted at once."""
-
 _PLAIN_WORD: Final = re.compile(
     r"(?P<null>(?:~|null|Null|NULL)?)"
     r"|(?P<true>true|True|TRUE|yes|Yes|YES|on|On|ON)"
@@ -40,9 +34,6 @@ _PLAIN_WORD: Final = re.compile(
     r"|(?P<special>[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN))"
 )
 """Unquoted YAML words that are not text. As in JSON, a float needs no point."""
-
-_MEMORY_PER_JSON_BYTE: Final = 20.0
-"""Bytes of memory to load one byte of JSON."""
 
 
 def read_document(path: StrPath, kind: str, limit: SizeLimit = "max_text_bytes") -> Any:
@@ -174,11 +165,13 @@ def read_json(
     Raises FileError if the file is missing, is too large, is not JSON, is nested too deeply, or
     does not fit into memory.
     """
-    text = read_text(path, kind, _MEMORY_PER_JSON_BYTE, limit)
+    # Bytes of memory to load one byte of JSON.
+    memory_per_json_byte = 20.0
+    text = read_text(path, kind, memory_per_json_byte, limit)
     with decoding(path, "JSON file", f"a {kind} must be JSON"):
         check_nesting(text, "[{", "]}")
         lists = text.count("[")
-        needed = each_list * lists + _MEMORY_PER_JSON_BYTE * len(text)
+        needed = each_list * lists + memory_per_json_byte * len(text)
         check_file_memory(path, f"holds {lists:,} lists", needed)
         # int() takes quadratic time; the float of a very long integer is infinite. Eighteen digits
         # fit into 64 bits.
@@ -240,10 +233,12 @@ def parse_xml(data: bytes) -> Element:
     # Level by level, because a recursion could exceed Python's limit.
     elements = [root]
     level = 0
+    # Maximum depth of nested XML elements.
+    max_xml_levels = 256
     while elements:
         level += 1
-        if level > _MAX_XML_LEVELS:
-            raise ContentError(f"has more than {_MAX_XML_LEVELS} nested elements")
+        if level > max_xml_levels:
+            raise ContentError(f"has more than {max_xml_levels} nested elements")
         elements = [child for element in elements for child in element]
     return root
 
@@ -258,8 +253,10 @@ def check_nesting(text: str, opening: str, closing: str) -> None:
     level_change[list(map(ord, closing))] = -1
     # The level at each character is the sum of the changes before it.
     level = 0
-    for start in range(0, len(text), _CHARACTERS_PER_BLOCK):
-        block = text[start : start + _CHARACTERS_PER_BLOCK].encode("latin-1", "replace")
+    # Number of characters whose brackets are counted at once.
+    characters_per_block = 2**22
+    for start in range(0, len(text), characters_per_block):
+        block = text[start : start + characters_per_block].encode("latin-1", "replace")
         characters = np.frombuffer(block, dtype=np.uint8)
         levels = level + np.cumsum(level_change[characters])
         level = int(levels[-1])

@@ -218,14 +218,12 @@ def _fit_planes(points: Floats, sizes: Floats, slacks: Floats) -> tuple[Floats, 
     return normals, flat
 
 
-_MAX_NAMED_VERTICES: Final = 8
-"""Largest number of vertices that the error for a face names."""
-
-
 def _make_face_error(polygon: Ints, what: str) -> ContentError:
     """Return the error for a face without clear triangles."""
-    names = ", ".join(map(str, polygon[:_MAX_NAMED_VERTICES].tolist()))
-    ellipsis = ", ..." if len(polygon) > _MAX_NAMED_VERTICES else ""
+    # Largest number of vertices that the error for a face names.
+    max_named_vertices = 8
+    names = ", ".join(map(str, polygon[:max_named_vertices].tolist()))
+    ellipsis = ", ..." if len(polygon) > max_named_vertices else ""
     place = f"(vertices {names}{ellipsis}, counted from 0)"
     problem = f"has a face of {len(polygon)} corners {place} that {what}"
     rule = "more than three corners must lie flat, and one of them must see the whole face"

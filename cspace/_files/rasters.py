@@ -23,9 +23,6 @@ _CRS_ATTRIBUTES: Final = ("crs_wkt", "spatial_ref", "grid_mapping_name")
 _PLACE_ATTRIBUTES: Final = ("transform", "geotransform", "crs", "crs_wkt", "spatial_ref", "res")
 """Attributes of a raster that give it a place; its coordinates have to say it."""
 
-_MAX_STEP_ERROR: Final = 1e-3
-"""Maximum distance of a coordinate from its place, in cells; float32 needs some."""
-
 FIELDS: Final = (
     Fields(
         "xarray",
@@ -144,10 +141,12 @@ def _check_steps(values: Any, centers: Floats, spacing: float, label: str) -> No
     ``values`` are the centers as they were given, whose rounding may be the reason.
     """
     expected = centers[0] + spacing * np.arange(len(centers))
-    if np.abs(centers - expected).max() <= _MAX_STEP_ERROR * spacing:
+    # Maximum distance of a coordinate from its place, in cells; float32 needs some.
+    max_step_error = 1e-3
+    if np.abs(centers - expected).max() <= max_step_error * spacing:
         return
     rounding = 0.5 * float(np.spacing(np.abs(centers).max().astype(np.float32)))
-    if values.dtype == np.float32 and rounding > _MAX_STEP_ERROR * spacing:
+    if values.dtype == np.float32 and rounding > max_step_error * spacing:
         raise InputError(
             label,
             f"is float32, which rounds its coordinates by up to {rounding:.2g} m",
@@ -157,7 +156,7 @@ def _check_steps(values: Any, centers: Floats, spacing: float, label: str) -> No
     low, high = (tell_apart(step, spacing)[0] for step in (steps.min(), steps.max()))
     problem = f"has steps from {low} to {high} m"
     median = float(np.median(steps))
-    is_even = np.abs(steps - median).max() <= _MAX_STEP_ERROR * median
+    is_even = np.abs(steps - median).max() <= max_step_error * median
     hint = f"pass spacing={median:.6g}" if is_even else ""
     raise InputError(label, problem, f"they must be the spacing, {spacing:g} m", hint)
 

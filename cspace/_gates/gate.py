@@ -179,12 +179,7 @@ class Gate:
         per_second = max_velocity, max_jerk, self.speed or None
         if dt is None and any(limit is not None for limit in per_second):
             raise make_missing_dt()
-        if max_velocity is not None and _list_limited(space, max_velocity) == TWIST_NAMES:
-            self.max_velocity = check_each(max_velocity, "max_velocity", TWIST_NAMES, TWIST_UNITS)
-        elif max_velocity is not None:
-            self.max_velocity = check_velocities(space, max_velocity)
-        elif not (space.axes == TWISTING_AXES or dt is None):
-            check_velocities(space, None)
+        self.max_velocity = self._check_velocity(max_velocity)
         if max_jerk is not None:
             self._check_jerk(max_jerk, max_deceleration)
         self.max_deceleration = max_deceleration
@@ -207,6 +202,18 @@ class Gate:
             else:
                 parts.append(f"{name}={np.asarray(value).tolist()!r}")
         return f"Gate({', '.join(parts)})"
+
+    def _check_velocity(self, limits: ArrayLike | None) -> ArrayLike | None:
+        """Return limits of velocities; raise InputError if rows of the space lack theirs."""
+        if limits is None:
+            if self.dt is not None and self.space.axes != TWISTING_AXES:
+                check_velocities(self.space, None)
+            return None
+        if _list_limited(self.space, limits) == TWIST_NAMES:
+            limits = check_each(limits, "max_velocity", TWIST_NAMES, TWIST_UNITS)
+        else:
+            limits = check_velocities(self.space, limits)
+        return limits
 
     def _check_speed_limits(
         self, speed: SpeedLimit | LinkLimit | Sequence[SpeedLimit | LinkLimit]

@@ -56,9 +56,6 @@ CELLS_PER_EDGE: Final = 1_600
 MIN_EDGES_FOR_BLOCKS: Final = 100
 """Edges of a batch below which blocks save too little."""
 
-TUBES_PER_BOX: Final = 4
-"""Number of short tubes that are tested together."""
-
 NO_RADII: Final = (0.0, 0.0, 0.0)
 """Radii of a tube that is an edge, metres."""
 
@@ -125,6 +122,8 @@ def count_free_tubes(map_: Map, sizes: Floats, starts: Floats, ends: Floats, cou
     shape (b, 4), are the radii and the turn of the tubes of each chunk; see `tube_is_free`. A tube
     with an end that is not usable is not FREE. Returns -1.
     """
+    # Number of short tubes that are tested together.
+    tubes_per_box = 4
     for chunk in range(starts.shape[0]):
         radii = sizes[chunk, 0], sizes[chunk, 1], sizes[chunk, 2]
         turn = min(sizes[chunk, 3], math.pi)  # which leads to all rotations
@@ -133,8 +132,8 @@ def count_free_tubes(map_: Map, sizes: Floats, starts: Floats, ends: Floats, cou
         counts[chunk] = 0
         in_free_box = False
         for row in range(wanted):
-            if row % TUBES_PER_BOX == 0:
-                rows = ends[chunk, row : min(row + TUBES_PER_BOX, wanted)]
+            if row % tubes_per_box == 0:
+                rows = ends[chunk, row : min(row + tubes_per_box, wanted)]
                 in_free_box = short_tubes_are_free(map_, p0, r0, rows, max(radii), turn)
             p1, r1 = configuration_in(map_, ends[chunk], row)
             if not (

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import Final
 
 import numpy as np
 
@@ -11,9 +10,6 @@ from cspace._grid import Grid
 from cspace._rotations import Rotations
 from cspace._rotations.base import METRES_PER_RADIAN
 from cspace._support.arrays import FREE, Floats, Ints, States
-
-BORDER_MARGIN: Final = 2.0**-20
-"""Fraction of a cell's width without samples at each border, so that rounding moves none out."""
 
 
 class FreeCells:
@@ -66,9 +62,11 @@ def sample(
     rotation_cells = rotations._draw_cells(free.counts[slice_of], n, rng)
     indices = free.draw(slice_of[rotation_cells], rng)
     cells = np.stack(np.unravel_index(indices, grid.shape), axis=1)
-    within_cell = rng.uniform(BORDER_MARGIN, 1.0 - BORDER_MARGIN, size=(n, grid.dim))
+    # Fraction of a cell's width without samples at each border, so that rounding moves none out.
+    border_margin = 2.0**-20
+    within_cell = rng.uniform(border_margin, 1.0 - border_margin, size=(n, grid.dim))
     positions = grid.lower + grid.spacing * (cells + within_cell)
-    turns = rotations._sample(rotation_cells, BORDER_MARGIN, rng)
+    turns = rotations._sample(rotation_cells, border_margin, rng)
     return np.concatenate([positions, turns], axis=1)
 
 

@@ -36,7 +36,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import scipy  # loads its submodules on first use
@@ -56,10 +56,6 @@ from cspace._support.vectors import cut_triangle, interpolate_at, signed_crossin
 from cspace.errors import InputError
 
 """Hint of the errors for surfaces that reach too far."""
-
-_MAX_FILLED_CELLS: Final = 2**30
-"""Maximum number of cells in the bounding box of a surface to be filled."""
-
 
 # ---- winding numbers -----------------------------------------------------------------------------
 
@@ -293,12 +289,14 @@ def _unite_with_previous_cells(cells: Bools) -> None:
 
 def _check_filled_size(shape: Ints, source: str) -> None:
     """Refuse to fill a surface of too many cells."""
-    if np.prod(shape.astype(float)) > _MAX_FILLED_CELLS:
+    # Maximum number of cells in the bounding box of a surface to be filled.
+    max_filled_cells = 2**30
+    if np.prod(shape.astype(float)) > max_filled_cells:
         size = " x ".join(map(str, shape))
         raise InputError(
             source,
             f"is {size} cells large",
-            f"at most {_MAX_FILLED_CELLS} can be filled",
+            f"at most {max_filled_cells} can be filled",
         )
 
 

@@ -73,9 +73,6 @@ _MAX_GROWTH_VARIATION: Final = 0.35
 _MAX_RELATIVE_VARIATION: Final = 0.25
 """Maximum variation of that displacement, relative to it; the larger of both maxima applies."""
 
-_CLIPPING_ROOM: Final = 0.001
-"""Distance, in cells, that a clipped triangle may reach beyond its corners; it is below 2^-27."""
-
 
 def mark_touched(
     out: Bools,
@@ -92,8 +89,10 @@ def mark_touched(
     """
     before = b0 - slack
     after = b1 + slack
-    lows = triangles.min(axis=1) - (after + _CLIPPING_ROOM)
-    highs = triangles.max(axis=1) - (before - _CLIPPING_ROOM)
+    # Distance, in cells, that a clipped triangle may reach beyond its corners; it is below 2^-27.
+    clipping_room = 0.001
+    lows = triangles.min(axis=1) - (after + clipping_room)
+    highs = triangles.max(axis=1) - (before - clipping_room)
     boxes = find_index_ranges(lows, highs, out.shape)
     run_in_slabs(_mark_touched, out, triangles, *boxes, before, after)
 

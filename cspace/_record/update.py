@@ -25,10 +25,6 @@ from cspace._support.reporting import warn_user
 from cspace._workspace import LiveWorkspace, Workspace, copy_workspace, in_metres
 from cspace.errors import InputError, UnitWarning
 
-_INFINITY: Final = 2**62
-"""Minimum offset of a raster without cells, above all offsets; its negative is the maximum."""
-
-
 MAX_BLOCKS: Final = 2**16
 """Approximate number of blocks of cells that are sorted to split changed cells into boxes."""
 
@@ -532,8 +528,10 @@ def _measure_offsets(groups: RasterGroups, shape: Sequence[int], is_blocked: boo
     whether the space outside the workspace is blocked.
     """
     # The box around all runs of offsets, which is inverted if there are none.
-    low = np.full(3, _INFINITY)
-    high = np.full(3, -_INFINITY)
+    # Minimum offset of a raster without cells, above all offsets; its negative is the maximum.
+    infinity = 2**62
+    low = np.full(3, infinity)
+    high = np.full(3, -infinity)
     for rasters in groups:
         for runs in ClippedRuns.of(rasters, to_three_axes(shape)):
             # A raster larger than the grid touches a blocked exterior from every cell, so the

@@ -23,9 +23,6 @@ from cspace._support.arrays import Floats, Ints, frozen
 from cspace._support.check import check_count, check_points
 from cspace.errors import InputError
 
-FACE_STEP: Final = 1e-6
-"""Distance from a face of a cell to a point of its neighbor, in quotients of components."""
-
 MAX_PARTS_PER_AXIS: Final = 64
 """Largest number of parts of an axis, which gives a million cells."""
 
@@ -304,11 +301,13 @@ class QuaternionRotations(Rotations):
         parts = np.stack(parts_by_axis, axis=1)
         middles = (self.borders[:-1] + self.borders[1:]) / 2.0
         neighbors = []
+        # Distance from a face of a cell to a point of its neighbor, in quotients of components.
+        face_step = 1e-6
         for axis in range(3):
             low = self.borders[parts[:, axis]]
             high = self.borders[parts[:, axis] + 1]
             # A point just beyond the middle of the face lies in the neighbor.
-            for quotient in (low - FACE_STEP, high + FACE_STEP):
+            for quotient in (low - face_step, high + face_step):
                 beyond = middles[parts]
                 beyond[:, axis] = quotient
                 neighbors.append(self.cell_of(_make_quaternions(charts, beyond)))

@@ -45,10 +45,6 @@ if TYPE_CHECKING:
     from cspace._raster.surfaces import SolidSurface, WindingNumber
 
 
-MAX_ORIGIN_OFFSET: Final = 100.0
-"""Maximum distance of a robot's mesh from its reference point, relative to the size of the mesh."""
-
-
 class TriangleMesh(Protocol):
     """A trimesh.Trimesh, or an object like it."""
 
@@ -79,9 +75,6 @@ MeshLike: TypeAlias = (
 
 SOLIDS: Final = ("auto", "surface", "fill")
 """Solid parts of a mesh: its closed bodies, only the surface, or all that its raster encloses."""
-
-_MIN_MESH_EXTENT: Final = 1e-100
-"""Smallest value of a mesh's largest coordinate, metres, unless all coordinates are zero."""
 
 _SHADOW_MARGIN: Final = 1e-6
 """Distance, in metres, by which the bounds of a mesh's shadow are grown and shrunk."""
@@ -312,8 +305,11 @@ class Mesh(ExactShape):
         shift = ", ".join(f"{-x:g}" for x in (lower + upper) / 2)
         hint = f"move its center there first, by ({shift}) m"
         where = f"is {size:g} m across and lies {distance:g} m from its origin, which is"
-        if distance > MAX_ORIGIN_OFFSET * size:
-            rule = f"at most {MAX_ORIGIN_OFFSET:g} times its size is accepted"
+        # Maximum distance of a robot's mesh from its reference point, relative to the size of the
+        # mesh.
+        max_origin_offset = 100.0
+        if distance > max_origin_offset * size:
+            rule = f"at most {max_origin_offset:g} times its size is accepted"
             raise GeometryError("mesh", f"{where} the robot's reference point", rule, hint)
         if warn and distance > size:
             warn_user(f"the robot's mesh {where} its reference point; {hint}")
@@ -594,9 +590,11 @@ def _check_vertices(values: Any, source: str) -> Floats:
         rule = "it must be (V, 3), in metres"
         raise GeometryError(f"vertices of {source}", f"has shape {vertices.shape}", rule)
     largest = float(np.abs(vertices).max(initial=0.0))
-    if largest > 0.0 and not _MIN_MESH_EXTENT <= largest <= MAX_NUMBER:
+    # Smallest value of a mesh's largest coordinate, metres, unless all coordinates are zero.
+    min_mesh_extent = 1e-100
+    if largest > 0.0 and not min_mesh_extent <= largest <= MAX_NUMBER:
         problem = f"reach {largest:g}"
-        rule = f"they must reach {_MIN_MESH_EXTENT:g} and at most {MAX_NUMBER:g}"
+        rule = f"they must reach {min_mesh_extent:g} and at most {MAX_NUMBER:g}"
         raise GeometryError(f"vertices of {source}", problem, rule)
     # Smaller coordinates of a mesh are set to zero, because quotients of them overflow.
     is_tiny = np.abs(vertices) < 1e-200

@@ -26,9 +26,6 @@ from cspace.errors import InputError
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
 
-_MAX_NEGLECTED_SHARE: Final = 1e-9
-"""Largest part of a padding, or of a padded footprint's area, that counts as rounding."""
-
 
 class NamedShape(NamedTuple):
     """A shape, and a shorthand that describes it."""
@@ -139,10 +136,12 @@ def _grow_by_square(points: Floats, padding: float) -> BaseGeometry:
     polygon = shapely.Polygon(points)
     swept = shapely.convex_hull(shapely.multipoints(corners))
     # The union has corners within straight sides, up to rounding.
-    grown = shapely.union_all([polygon, *swept]).simplify(_MAX_NEGLECTED_SHARE * padding)
+    # Largest part of a padding, or of a padded footprint's area, that counts as rounding.
+    max_neglected_share = 1e-9
+    grown = shapely.union_all([polygon, *swept]).simplify(max_neglected_share * padding)
     moved = shapely.make_valid(shapely.Polygon(points + padding * np.sign(points)))
     missing = shapely.difference(grown, moved).area
-    if missing > _MAX_NEGLECTED_SHARE * grown.area:
+    if missing > max_neglected_share * grown.area:
         lost = shapely.difference(polygon, moved).area
         warn_user(
             f"padding: {padding:g} m all around the footprint are {missing:.3g} m2 more than Nav2 "

@@ -466,9 +466,6 @@ _BOUND_SLACK: Final = 2.0**-40
 """Relative growth of an outer bound, and shrinkage of an inner one, that covers the rounding of
 corners."""
 
-_MAX_ELLIPSE_SLACK: Final = 2.0**-20
-"""Maximum relative growth of an ellipse's bounds that covers rounding."""
-
 Slab: TypeAlias = tuple["ExactShape | None", "ExactShape | None"]
 """Plane shapes outside and inside a part between two heights, seen from above."""
 
@@ -619,9 +616,11 @@ def ellipse_bounds(radii: tuple[float, float], center: Floats) -> tuple[Floats, 
     """
     # A corner is rounded in proportion to its distance from the origin, measured in radii.
     slack = _BOUND_SLACK + 2.0**-50 * float((1.0 + np.abs(center) / radii).max())
-    if slack > _MAX_ELLIPSE_SLACK:
+    # Maximum relative growth of an ellipse's bounds that covers rounding.
+    max_ellipse_slack = 2.0**-20
+    if slack > max_ellipse_slack:
         problem = f"is {tuple(center.tolist())}"
-        max_ratio = _MAX_ELLIPSE_SLACK * 2.0**50
+        max_ratio = max_ellipse_slack * 2.0**50
         rule = f"it may be at most {max_ratio:.1g} times the radius along each axis"
         raise InputError("center", problem, rule)
     ring = _make_unit_polygon() * radii

@@ -30,9 +30,6 @@ MAX_NUMBER: Final = 1e100
 MAX_COUNT: Final = 2**53
 """Largest count. Floats represent all whole numbers up to it exactly."""
 
-UNKNOWN_CELL: Final = -1
-"""Value of unknown cells in occupancy grids of ROS."""
-
 _NUMERIC: Final = "it must be numeric"
 """Rule of messages about values that are no numbers."""
 
@@ -631,7 +628,9 @@ def _check_zeros_and_ones(array: NDArray[Any], name: str) -> None:
     # Occupancy grids of ROS get a message of their own.
     problem = f"is {value}"
     rule = "whole numbers must be 0 or 1"
-    if (array == UNKNOWN_CELL).any():
-        problem = f"{problem}, and some cells are {UNKNOWN_CELL}, as unknown cells of ROS"
+    # Value of unknown cells in occupancy grids of ROS.
+    unknown_cell = -1
+    if (array == unknown_cell).any():
+        problem = f"{problem}, and some cells are {unknown_cell}, as unknown cells of ROS"
         rule = f"{rule}, and unknown cells may hide obstacles"
     raise InputError(entry, problem, rule)

@@ -28,9 +28,6 @@ if TYPE_CHECKING:
 MAX_SAMPLES: Final = 2**20
 """Approximate number of configurations that are classified at once."""
 
-MAX_PLACED_ROBOTS: Final = 64
-"""Number of configurations of a lane at which the robot is laid over the obstacles at once."""
-
 MIN_DEPTH: Final = 1e-7
 """Depth of a point of the robot, metres, which proves a collision in spite of rounding."""
 
@@ -228,8 +225,10 @@ class Obstacles:
         """
         if self.robot.is_empty:  # a point or a line
             return 0, ""
-        for begin in range(0, len(points), MAX_PLACED_ROBOTS):
-            number, text = self._find_overlap(points[begin : begin + MAX_PLACED_ROBOTS])
+        # Number of configurations of a lane at which the robot is laid over the obstacles at once.
+        max_placed_robots = 64
+        for begin in range(0, len(points), max_placed_robots):
+            number, text = self._find_overlap(points[begin : begin + max_placed_robots])
             if text:
                 return begin + number, text
         return 0, ""

@@ -23,12 +23,6 @@ MAX_DEVIATION: Final = 0.001
 MAX_HALVINGS: Final = 20
 """Number of times that a piece of a curve is halved at most."""
 
-MAX_DEGREE: Final = 16
-"""Largest degree of a curve; work grows with its square."""
-
-MIN_LEG: Final = 1e-9
-"""Length of a side of a control polygon, metres, up to which it has no direction."""
-
 
 class Leg(NamedTuple):
     """A piece of a lane.
@@ -80,8 +74,10 @@ def cut_nurbs(degree: int, knots: Floats, points: Floats, weights: Floats) -> tu
         raise ValueError(
             f"has {len(knots)} knots; {len(points)} control points of degree {degree} need {count}"
         )
-    if degree > MAX_DEGREE:
-        raise ValueError(f"has the degree {degree}; it may be {MAX_DEGREE} at most")
+    # Largest degree of a curve; work grows with its square.
+    max_degree = 16
+    if degree > max_degree:
+        raise ValueError(f"has the degree {degree}; it may be {max_degree} at most")
     if degree < 1 or len(points) <= degree:
         raise ValueError(f"has {len(points)} control points of degree {degree}; too few")
     if (np.diff(knots) < 0.0).any() or knots[degree] >= knots[-degree - 1]:
@@ -145,7 +141,9 @@ def _make_leg(controls: Floats) -> Leg | None:
     # Rounding of the points of a curve, as a share of its coordinates.
     rounding = 1e-9 * (1.0 + float(np.abs(points).max()))
     sides = np.diff(points, axis=0)
-    sides = sides[np.hypot(*sides.T) > MIN_LEG]
+    # Length of a side of a control polygon, metres, up to which it has no direction.
+    min_leg = 1e-9
+    sides = sides[np.hypot(*sides.T) > min_leg]
     if not len(sides):
         return None
     angles = np.unwrap(np.arctan2(sides[:, 1], sides[:, 0]))
@@ -154,7 +152,7 @@ def _make_leg(controls: Floats) -> Leg | None:
     chord = end - start
     length2 = float(chord @ chord)
     # The farthest point of a convex hull from a segment is one of its corners.
-    shares = np.clip((points - start) @ chord / max(length2, MIN_LEG**2), 0.0, 1.0)
+    shares = np.clip((points - start) @ chord / max(length2, min_leg**2), 0.0, 1.0)
     drift = float(np.hypot(*(points - start - shares[:, None] * chord).T).max())
     return Leg(
         (float(start[0]), float(start[1])),

@@ -28,9 +28,6 @@ if TYPE_CHECKING:
 SAME_YAW: Final = 1e-9
 """Angle, radians, up to which two legs of a lane need no turn between them."""
 
-GROWTH_STEP: Final = 1e-3
-"""Step, metres, of the growths of curves; motions of one growth are proven at once."""
-
 
 class LaneMotions(NamedTuple):
     """Motions of lanes, lane by lane.
@@ -267,11 +264,13 @@ def _list_way(
 
     stop(legs[0].start, stops[0], way.yaws(legs[0])[0])
     before = way.yaws(legs[0])[0]
+    # Step, metres, of the growths of curves; motions of one growth are proven at once.
+    growth_step = 1e-3
     for leg in legs:
         first, last = way.yaws(leg)
         turn(leg.start, before, first)
         bend = leg.drift + (lever * leg.spread if way.is_relative else 0.0)
-        bend = GROWTH_STEP * math.ceil(bend / GROWTH_STEP)
+        bend = growth_step * math.ceil(bend / growth_step)
         # A robot on the spot turns through all yaws of its part.
         swing = way.half_width if leg.start == leg.end else 0.0
         spare = lever * (way.half_width - swing)

@@ -45,9 +45,6 @@ RING_SIDES: Final = ((1e-6, 4), (0.01, 8), (math.inf, 64))
 MAX_HULLS: Final = 2048
 """Number of hulls that are made at once."""
 
-NEAR_CONVEX: Final = 1e-6
-"""Share of the area of a polygon up to which its hull stands for it."""
-
 TURN_SLACK: Final = 1e-9
 """Angle, radians, by which a turn may exceed half a turn and still be the shorter way."""
 
@@ -157,12 +154,14 @@ def _list_hulls(shape: ExactShape) -> Iterator[tuple[Floats, float]]:
     if isinstance(shape, Balls):
         yield from zip(shape.centers[:, np.newaxis], shape.radii.tolist(), strict=True)
         return
+    # Share of the area of a polygon up to which its hull stands for it.
+    near_convex = 1e-6
     for part in shapely.get_parts(shape.outline):
         hull = shapely.convex_hull(part)
         parts = [hull]
-        if part.area < (1.0 - NEAR_CONVEX) * hull.area:
+        if part.area < (1.0 - near_convex) * hull.area:
             triangles = shapely.get_parts(shapely.constrained_delaunay_triangles(part))
-            is_whole = abs(shapely.area(triangles).sum() - part.area) <= NEAR_CONVEX * part.area
+            is_whole = abs(shapely.area(triangles).sum() - part.area) <= near_convex * part.area
             parts = triangles.tolist() if is_whole else parts
         for each in parts:
             yield np.unique(shapely.get_coordinates(each), axis=0), 0.0

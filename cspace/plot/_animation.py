@@ -39,9 +39,6 @@ if TYPE_CHECKING:
 
     from cspace import Space
 
-_MAX_FRAMES: Final = 1000
-"""Largest number of frames of an animation."""
-
 PAUSE: Final = 100
 """Milliseconds per frame, a multiple of the 10 ms that a GIF counts in."""
 
@@ -156,11 +153,13 @@ def _count_frames(seconds: float) -> int:
     """
     duration = check_positive(seconds, "seconds", "seconds")
     count = round(1000.0 * duration / PAUSE) + 1
-    if count > _MAX_FRAMES:
+    # Largest number of frames of an animation.
+    max_frames = 1000
+    if count > max_frames:
         raise InputError(
             "seconds",
             f"is {seconds!r}, which makes {count} frames",
-            f"at most {_MAX_FRAMES} are possible",
+            f"at most {max_frames} are possible",
         )
     return max(count, 2)
 

@@ -61,9 +61,6 @@ WAY_OUTSIDE: Final = (
 )
 """Sentence for robots whose positions outside the map are not proven BLOCKED."""
 
-MAX_NAMED_OBSTACLES: Final = 3
-"""Number of obstacles that a sentence names."""
-
 BARRIER_STYLE: Final[dict[str, Any]] = {
     "color": "#c2002f",
     "linestyle": "none",
@@ -183,8 +180,10 @@ class Explanation:
         if not self.obstacles:
             return "an obstacle"
         *most, last = self.obstacles
-        if len(most) >= MAX_NAMED_OBSTACLES:
-            *most, last = [*most[:MAX_NAMED_OBSTACLES], "others"]
+        # Number of obstacles that a sentence names.
+        max_named_obstacles = 3
+        if len(most) >= max_named_obstacles:
+            *most, last = [*most[:max_named_obstacles], "others"]
         return f"{', '.join(most)} and {last}" if most else last
 
     @property

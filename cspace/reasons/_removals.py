@@ -26,9 +26,6 @@ from cspace.reasons._margins import copy_with_ends, find_cells, states_of_slices
 if TYPE_CHECKING:
     from cspace import CSpace
 
-MAX_NAMES: Final = 62
-"""Maximum number of named obstacles; each is a bit of a mask in 64 bits."""
-
 NEVER: Final = -1
 """Mask of cells that stay not FREE if all named obstacles are removed."""
 
@@ -126,9 +123,11 @@ def removals(space: CSpace, start: ArrayLike, goal: ArrayLike) -> Removals | Non
     """
     space, points = copy_with_ends(space, start, goal)
     names = list(space.obstacles)
-    if len(names) > MAX_NAMES:
+    # Maximum number of named obstacles; each is a bit of a mask in 64 bits.
+    max_names = 62
+    if len(names) > max_names:
         problem = f"has {len(names)} named obstacles"
-        raise InputError("space", problem, f"at most {MAX_NAMES} are tried")
+        raise InputError("space", problem, f"at most {max_names} are tried")
     regions = _find_regions(space, names)
     first, last = regions.numbers[tuple(find_cells(space, points).T)].tolist()
     all_names = 2 ** len(names) - 1  # the mask of all obstacles

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,9 +16,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from cspace import Space
-
-MAX_NAMED_EDGES: Final = 8
-"""Maximum number of edges that a message names."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -159,9 +156,11 @@ def _check_edges(source: RegionSource, rows: Floats) -> None:
     """Raise InputError that names the edges which are not in FREE cells."""
     is_free = np.atleast_1d(source.space.motion_is_free(rows[:-1], rows[1:]))
     wrong = np.flatnonzero(~is_free).tolist()
+    # Maximum number of edges that a message names.
+    max_named_edges = 8
     if wrong:
-        names = ", ".join(map(str, wrong[:MAX_NAMED_EDGES]))
-        more = ", and more" if len(wrong) > MAX_NAMED_EDGES else ""
+        names = ", ".join(map(str, wrong[:max_named_edges]))
+        more = ", and more" if len(wrong) > max_named_edges else ""
         problem = f"leaves the FREE cells on edges {names}{more}, counted from 0"
         rule = "regions consist of FREE cells, without the geometry"
         raise InputError("plan", problem, rule)

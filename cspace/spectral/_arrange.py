@@ -35,10 +35,6 @@ MAX_STEPS: Final = 6
 MAX_CELLS: Final = 1_500
 """Largest number of points inside a shape that stand for it."""
 
-MAX_POINTS: Final = 2_000
-"""Largest number of points that stand for a shape while balls are placed."""
-
-
 Depths: TypeAlias = Callable[[Floats], Floats]
 """Type of a function from points (n, d) to their depths in a shape (n,), metres."""
 
@@ -65,8 +61,10 @@ class Arrangement:
         self.cells = lattice.to_metres(rng.permutation(lattice.cell_centers)[:MAX_CELLS])
         corners = self.region.inner.pieces.reshape(-1, self.region.dim)
         corners = rng.permutation(np.unique(corners, axis=0))
-        boundary, _ = self.region.inner.sample(MAX_POINTS, rng)
-        self.points = rng.permutation(np.concatenate([self.cells, corners[:MAX_POINTS], boundary]))
+        # Largest number of points that stand for a shape while balls are placed.
+        max_points = 2_000
+        boundary, _ = self.region.inner.sample(max_points, rng)
+        self.points = rng.permutation(np.concatenate([self.cells, corners[:max_points], boundary]))
 
     def place(self, number: int, *starts: Floats) -> Floats:
         """Return up to ``number`` centers (n, d), metres, with small growth.

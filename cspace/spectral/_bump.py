@@ -26,15 +26,8 @@ Radial = Callable[[Floats], Floats]
 UNIT_BALL_VOLUME: Final = {2: math.pi, 3: 4.0 / 3.0 * math.pi}
 """Area of the unit disc and volume of the unit ball, by dimension."""
 
-MAX_RADIAL_FREQUENCY: Final = 1e5
-"""Largest frequency of a spectrum, cycles per radius; up to it, rounded phases are accurate to
-1e-10 radians."""
-
 TRANSFORM_ERROR: Final = 1e-13
 """Relative error of radial spectra and their tables."""
-
-MAX_ABSCISSA: Final = 3.3
-"""Largest modulus of u in a sum; nodes beyond it lie within 1e-18 of the ends of the interval."""
 
 NODES_PER_CYCLE: Final = 24
 """Chebyshev nodes in an interval of a table, which is one cycle per radius wide.
@@ -103,11 +96,14 @@ class Bump:
         check_word(dim, "dim", (2, 3))
         k = np.abs(check_finite(frequency, "frequency"))
         highest = k.max(initial=0.0)
-        if highest > MAX_RADIAL_FREQUENCY:
+        # Largest frequency of a spectrum, cycles per radius; up to it, rounded phases are accurate
+        # to 1e-10 radians.
+        max_radial_frequency = 1e5
+        if highest > max_radial_frequency:
             raise InputError(
                 "frequency",
                 f"holds {highest:g} cycles per radius",
-                f"it must be at most {MAX_RADIAL_FREQUENCY:g}",
+                f"it must be at most {max_radial_frequency:g}",
             )
         return _transform(self.profile, k, dim)
 
@@ -169,8 +165,10 @@ def _transform(function: Radial, frequencies: Floats, dim: int) -> Floats:
     highest = flat.max(initial=0.0)
     # Nodes on either side of u = 0 for frequency 0; two thirds leave errors of 1e-14 for all
     # alpha.
-    count = math.ceil(160 + 1.1 * MAX_ABSCISSA * math.pi / 4.0 * highest)
-    step = MAX_ABSCISSA / count
+    # Largest modulus of u in a sum; nodes beyond it lie within 1e-18 of the ends of the interval.
+    max_abscissa = 3.3
+    count = math.ceil(160 + 1.1 * max_abscissa * math.pi / 4.0 * highest)
+    step = max_abscissa / count
     u = step * np.arange(-count, count + 1)
     decay = np.exp(-math.pi * np.sinh(u))
     s = 1.0 / (1.0 + decay)

@@ -47,9 +47,6 @@ if TYPE_CHECKING:
 SPECTRUM_ACCURACY: Final = 1e-5
 """Accuracy of the spectra of fields, relative to their largest values."""
 
-SCORE_ERROR: Final = 0.01
-"""Error of the scores of a search, over the summed overlaps of A's balls with themselves."""
-
 
 class Placements(NamedTuple):
     """Placements of a ball set A and their scores, best first.
@@ -358,11 +355,13 @@ class _Search:
         rounded = [round_radii(balls, MAX_RADII, grow=False) for balls in targets]
         # A lattice refers its tolerance to one ball; the error is that of all balls of A, and what
         # costs more must be more accurate.
-        tolerance = SCORE_ERROR * len(body.radii) / max(map(abs, weights))
+        # Error of the scores of a search, over the summed overlaps of A's balls with themselves.
+        score_error = 0.01
+        tolerance = score_error * len(body.radii) / max(map(abs, weights))
         # Largest number of frequencies of a search, opposite ones counted both.
         self.fields = _Fields(self.body, rounded, weights, bump, tolerance, 2**19)
         volume = float((body.radii**body.dim).sum())
-        self.error = SCORE_ERROR * bump.energy(body.dim) * volume
+        self.error = score_error * bump.energy(body.dim) * volume
         squares = (body.centers**2).sum(axis=1) + body.radii**2
         self.gyration = math.sqrt(float(squares.mean()))
 

@@ -32,29 +32,15 @@ NORMAL_ROUNDING: Final = 2.0**-36
 """Additional rounding error of distances from triangles that are not thin, relative to the size of
 the shape."""
 
-THIN_HEIGHT: Final = 2.0**-12 * (1.0 + 2.0**-20)
-"""Height of thin triangles, relative to their longest side; distances from them may be too small by
-as much."""
-
-MAX_PENDING_NODES: Final = 64
-"""Capacity of the stack of tree nodes: twice the depth of a tree over 2^30 pieces."""
-
 MAX_LATTICE_CELLS: Final = 2**24
 """Largest number of cells of the lattice over a shape's bounding box."""
 
 MAX_CELLS_PER_TOLERANCE: Final = {2: 12.0, 3: 6.0}
 """Largest ratio of the tolerance to the side of a lattice cell, by dimension."""
 
-MIN_CELLS_PER_TOLERANCE: Final = 2.6
-"""Smallest ratio of the tolerance to the side of a cell, whose diagonal must be well below the
-tolerance."""
-
 USUAL_LATTICE_CELLS: Final = {2: 150_000, 3: 120_000}
 """Cells of the bounding box up to which the lattice may have MAX_CELLS_PER_TOLERANCE, by dimension.
 """
-
-MAX_REFINED_CELLS: Final = 2**20
-"""Cells of the bounding box up to which the lattice of a thin shape is refined."""
 
 MIN_BOX_CELLS: Final = {2: 40_000, 3: 80_000}
 """Smallest number of cells of the bounding box, by dimension."""
@@ -176,8 +162,11 @@ class ShapeBoundary:
         longest = edge_lengths.max(axis=1)
         doubled_areas = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
         is_spatial = self.dim == 3
-        is_thin = is_spatial & (doubled_areas <= THIN_HEIGHT * longest**2)
-        errors = np.where(is_thin, THIN_HEIGHT * longest, 0.0)
+        # Height of thin triangles, relative to their longest side; distances from them may be too
+        # small by as much.
+        thin_height = 2.0**-12 * (1.0 + 2.0**-20)
+        is_thin = is_spatial & (doubled_areas <= thin_height * longest**2)
+        errors = np.where(is_thin, thin_height * longest, 0.0)
         # The boxes of the tree are grown by the errors.
         low = triangles.min(axis=1) - errors[:, np.newaxis]
         high = triangles.max(axis=1) + errors[:, np.newaxis]
@@ -264,14 +253,17 @@ class Lattice:
         """
         usual = _find_cell_side(region, USUAL_LATTICE_CELLS[region.dim])
         finest = _find_cell_side(region, MAX_LATTICE_CELLS)
-        if tolerance < MIN_CELLS_PER_TOLERANCE * finest:
+        # Smallest ratio of the tolerance to the side of a cell, whose diagonal must be well below
+        # the tolerance.
+        min_cells_per_tolerance = 2.6
+        if tolerance < min_cells_per_tolerance * finest:
             raise InputError(
                 "tolerance",
                 f"is {tolerance:g} m, but the shape is {region.size:g} m across",
-                f"its proof needs too many cells below {MIN_CELLS_PER_TOLERANCE * finest:.2g} m",
+                f"its proof needs too many cells below {min_cells_per_tolerance * finest:.2g} m",
             )
         side = max(usual, tolerance / MAX_CELLS_PER_TOLERANCE[region.dim])
-        return cls(region, min(side, tolerance / MIN_CELLS_PER_TOLERANCE))
+        return cls(region, min(side, tolerance / min_cells_per_tolerance))
 
     @classmethod
     def for_count(cls, region: Region, number: int) -> Lattice:
@@ -280,15 +272,17 @@ class Lattice:
         cells_for_balls = number * BOX_CELLS_PER_BALL[dim]
         box_cells = min(max(MIN_BOX_CELLS[dim], cells_for_balls), MAX_LATTICE_CELLS)
         enough_cells = max(MIN_SHAPE_CELLS[dim], cells_for_balls // 2)
+        # Cells of the bounding box up to which the lattice of a thin shape is refined.
+        max_refined_cells = 2**20
         while True:
             lattice = cls(region, _find_cell_side(region, box_cells))
             shape_cells = len(lattice.cell_centers)
-            if shape_cells >= enough_cells or 2 * box_cells > MAX_REFINED_CELLS:
+            if shape_cells >= enough_cells or 2 * box_cells > max_refined_cells:
                 return lattice
             # A thin shape fills little of its box, so it needs more cells in the box.
             factor = (enough_cells / max(shape_cells, 1)) ** (dim / (dim - 1.0))
             factor = min(max(2.0, factor), 16.0)
-            box_cells = min(MAX_REFINED_CELLS, int(box_cells * factor))
+            box_cells = min(max_refined_cells, int(box_cells * factor))
 
     @cached_property
     def hollows(self) -> NDArray[np.bool_]:
@@ -352,8 +346,10 @@ def bound_distance(tree: PieceTree, position: Row, cap: float) -> tuple[float, f
     near = cap
     far = cap
     # A stack of nodes, each with its distance, which begins with the root.
-    pending = np.empty(MAX_PENDING_NODES, dtype=np.int64)
-    gaps = np.empty(MAX_PENDING_NODES)
+    # Capacity of the stack of tree nodes: twice the depth of a tree over 2^30 pieces.
+    max_pending_nodes = 64
+    pending = np.empty(max_pending_nodes, dtype=np.int64)
+    gaps = np.empty(max_pending_nodes)
     pending[0] = 0
     gaps[0] = 0.0
     count = 1

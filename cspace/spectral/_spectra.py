@@ -33,9 +33,6 @@ MAX_SUMMED_BALLS: Final = {2: 48, 3: 96}
 """Number of balls of one radius up to which sums of products are faster than a transform, by
 dimension."""
 
-MAX_FREQUENCIES: Final = 2**26
-"""Largest number of frequencies of a spectrum, whose values take a gigabyte."""
-
 PROCESS: Final = os.getpid()
 """Process that imported the module; in a fork of it, threads of OpenMP wait for ever."""
 
@@ -125,12 +122,14 @@ class FrequencyLattice(NamedTuple):
             )
         numbers = check_finite(counts, "counts")
         is_usable = numbers.shape in {(), (dim,)} and (numbers >= 1.0).all()
-        if not is_usable or (numbers % 1.0).any() or np.prod(numbers * ones) > MAX_FREQUENCIES:
+        # Largest number of frequencies of a spectrum, whose values take a gigabyte.
+        max_frequencies = 2**26
+        if not is_usable or (numbers % 1.0).any() or np.prod(numbers * ones) > max_frequencies:
             raise InputError(
                 "counts",
                 f"is {counts!r}",
                 f"it must be one whole number above zero or {dim} of them, and at most "
-                f"{MAX_FREQUENCIES} frequencies in all",
+                f"{max_frequencies} frequencies in all",
             )
         return cls(periods * ones, tuple((numbers * ones).astype(int).tolist()))
 

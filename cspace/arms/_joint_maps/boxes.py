@@ -36,10 +36,10 @@ from cspace.arms._proofs.motion_proofs import (
     Solids,
     bound_slack,
     boundaries_cross,
+    find_near_piece,
     find_required_distance,
     lies_deep,
     make_scene_scratch,
-    push_children,
     write_axes,
 )
 from cspace.arms._snapshots import Snapshot
@@ -305,22 +305,12 @@ def reaches_piece(solids: Solids, j: int, point: Row, rest: float, scratch: Scen
     starts = solids.starts
     nodes = scratch.nodes
     reach = max(rest, 0.0)
+    extent = reach, reach, reach
     for part in range(starts[j, FIRST_PART], starts[j + 1, FIRST_PART]):
-        # Rows of the stack from 1 to top - 1 are filled; an empty part has no root.
         nodes[1, PIECE_STACK] = solids.tree_roots[part]
-        top = 2 if solids.tree_roots[part] >= 0 else 1
-        while top > 1:
-            top -= 1
-            node = nodes[top, PIECE_STACK]
-            box = trees.boxes[node]
-            row, count = trees.spans[node]
-            offset = vectors.minus(point, vectors.row_at(box, CENTER))
-            if vectors.boxes_are_apart(
-                offset, (reach, reach, reach), vectors.row_at(box, HALF_SIDES)
-            ):
-                continue
-            if count > 1:
-                top = push_children(nodes, PIECE_STACK, top, node, count)
-            elif piece_depth(trees.triangles[row], point) + rest > 0.0:
+        top, row = find_near_piece(trees, point, extent, False, nodes, 2)
+        while row >= 0:
+            if piece_depth(trees.triangles[row], point) + rest > 0.0:
                 return True
+            top, row = find_near_piece(trees, point, extent, False, nodes, top)
     return False

@@ -59,10 +59,6 @@ _PARTS_PER_CELL: Final = {2: 4, 3: 1}
 """
 
 
-_LATTICE_POINTS_PER_SURFACE: Final = 1000
-"""Approximate number of lattice points in the box of a closed surface."""
-
-
 _MAX_BALLS_PER_SURFACE: Final = 64
 """Largest number of balls inside a closed surface, or inside the boxes and balls of a solid."""
 
@@ -401,10 +397,12 @@ def _find_surface_balls(surfaces: SurfaceTree, root: int) -> Floats:
     if not half_sides.all():
         return balls
     volume = 8.0 * half_sides.prod()
-    step = np.cbrt(volume / _LATTICE_POINTS_PER_SURFACE)
+    # Approximate number of lattice points in the box of a closed surface.
+    lattice_points_per_surface = 1000
+    step = np.cbrt(volume / lattice_points_per_surface)
     # Odd counts put lattice points in the center plane of thin bodies. The limit keeps long bodies
     # from far more points than wanted.
-    counts = np.minimum(2 * np.floor(half_sides / step) + 1, _LATTICE_POINTS_PER_SURFACE // 4)
+    counts = np.minimum(2 * np.floor(half_sides / step) + 1, lattice_points_per_surface // 4)
     lattice = np.array(list(np.ndindex(*counts.astype(np.int64).tolist())))
     points = center - half_sides + (lattice + 0.5) * 2.0 * half_sides / counts
     scratch = np.empty((box_trees.MAX_PENDING_PAIRS, 2), dtype=np.int64)

@@ -64,10 +64,6 @@ from cspace.inside import (
 DEFAULT_LINE_TOLERANCE: Final = 1e-3, 1e-2
 """Distance in metres and angle in radians by which a motion may leave its line."""
 
-MIN_LINE_STEP: Final = 2.0**-14
-"""Smallest step, as a fraction of a line between two poses; a motion that needs smaller steps
-stops."""
-
 MIN_LINE_PARTS = 8
 MAX_LINE_PARTS = 64
 """Parts into which the proof cuts a motion, at first and at last."""
@@ -387,13 +383,16 @@ def _follow_line(
     step = 1.0
     outcome = REACHED
     failed = waypoints[-1].joints
+    # Smallest step, as a fraction of a line between two poses; a motion that needs smaller steps
+    # stops.
+    min_line_step = 2.0**-14
     while now < 1.0:
         here = waypoints[-1].joints
         rest = 1.0 - now
         stop = 1.0
         if step < rest:
             # A step that would leave a small rest is at most half of the rest.
-            stop = now + min(step, max(0.5 * rest, MIN_LINE_STEP))
+            stop = now + min(step, max(0.5 * rest, min_line_step))
         attempt = try_step(problem, here[problem.joints], now, stop)
         outcome = attempt.outcome
         length = stop - now
@@ -414,12 +413,12 @@ def _follow_line(
             continue
         failed = ahead
         # Rounding may have made the shortest step longer.
-        if length < 1.5 * MIN_LINE_STEP:
+        if length < 1.5 * min_line_step:
             break
         # Shrink the step; by half if its deviation says nothing about the cause.
         leaves_line = outcome == JUMP and attempt.share > 1.0
         ratio = min(max(best_ratio, 0.1), 0.7) if leaves_line else 0.5
-        step = max(ratio * length, MIN_LINE_STEP)
+        step = max(ratio * length, min_line_step)
     return outcome, failed
 
 

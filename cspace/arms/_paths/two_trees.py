@@ -45,9 +45,6 @@ MIN_PULL: Final = 1e-3
 """Length by which a pulled part must be shorter, radians or metres; less would only add waypoints.
 """
 
-MIN_PULL_SHARE: Final = 1e-3
-"""Share of the length by which a pulled part must be shorter while further searches follow."""
-
 MIN_GAIN: Final = 0.01
 """Share of the length that a batch of pulls, or MAX_VAIN_SEARCHES searches together, must gain for
 more to follow."""
@@ -422,7 +419,9 @@ class PathSearch:
         the straight motion to the nearest goal; or, without a number of ``searches``, if the last
         :data:`MAX_VAIN_SEARCHES` gained less than that.
         """
-        path = self._pull(path, MIN_PULL_SHARE)
+        # Share of the length by which a pulled part must be shorter while further searches follow.
+        min_pull_share = 1e-3
+        path = self._pull(path, min_pull_share)
         # Length before and after each search.
         lengths = [measure_length(path)]
         while searches is None or len(lengths) <= searches:
@@ -442,9 +441,9 @@ class PathSearch:
                 near_goals, _make_empty(near_goals), length, max_batches, straight=True
             )
             if len(other_path):
-                other_path = self._pull(other_path, MIN_PULL_SHARE)
+                other_path = self._pull(other_path, min_pull_share)
                 path = min(path, other_path, key=measure_length)
-            path = self._pull(path, MIN_PULL_SHARE)
+            path = self._pull(path, min_pull_share)
             lengths.append(measure_length(path))
         return self._pull(path, 0.0)
 

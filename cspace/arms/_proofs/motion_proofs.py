@@ -618,28 +618,43 @@ def piece_lies_in(
         center = vectors.apply_pose(back, shift_back, vectors.row_at(surface_box, CENTER))
         extent = vectors.box_extent(back, vectors.row_at(surface_box, HALF_SIDES))
         for part in range(starts[i, FIRST_PART], starts[i + 1, FIRST_PART]):
-            # Rows of the stack from 1 to top - 1 are filled; an empty part has no root.
             nodes[1, PIECE_STACK] = solids.tree_roots[part]
-            top = 2 if solids.tree_roots[part] >= 0 else 1
-            while top > 1:
-                top -= 1
-                node = nodes[top, PIECE_STACK]
-                box = trees.boxes[node]
-                row, count = trees.spans[node]
-                is_too_large = box[LEVER] == 0.0  # see Solids.has_solids
-                offset = vectors.minus(center, vectors.row_at(box, CENTER))
-                if is_too_large or vectors.boxes_are_apart(
-                    offset, extent, vectors.row_at(box, HALF_SIDES)
-                ):
-                    continue
-                if count > 1:
-                    top = push_children(nodes, PIECE_STACK, top, node, count)
-                    continue
+            top, row = find_near_piece(trees, center, extent, True, nodes, 2)
+            while row >= 0:
                 # The row of a box or ball begins with its center.
                 point = vectors.apply_pose(matrix, shift, vectors.row_at(trees.triangles[row], 0))
                 if lies_deep(solids.surfaces, root, point, min_depth, nodes):
                     return True
+                top, row = find_near_piece(trees, center, extent, True, nodes, top)
     return False
+
+
+@internal
+def find_near_piece(
+    trees: PartTree, center: Row, extent: Row, only_inner: bool, nodes: Ints, top: int
+) -> tuple[int, int]:
+    """Return the row of the next piece near a box, or -1, after the new top of the stack.
+
+    Rows of the stack, a column of ``nodes``, are filled from 1 to ``top - 1``; at first, row 1 has
+    the root of a part, which is negative if the part is empty. With ``only_inner``, pieces too
+    large to lie inside a surface are skipped; see :attr:`Solids.has_solids`.
+    """
+    while top > 1:
+        top -= 1
+        node = nodes[top, PIECE_STACK]
+        if node < 0:
+            continue
+        box = trees.boxes[node]
+        if only_inner and box[LEVER] == 0.0:
+            continue
+        offset = vectors.minus(center, vectors.row_at(box, CENTER))
+        if vectors.boxes_are_apart(offset, extent, vectors.row_at(box, HALF_SIDES)):
+            continue
+        row, count = trees.spans[node]
+        if count == 1:
+            return top, row
+        top = push_children(nodes, PIECE_STACK, top, node, count)
+    return top, -1
 
 
 @internal

@@ -42,11 +42,6 @@ from cspace.inside import (
     warn_user,
 )
 
-PROBES_PER_PART: Final = 60
-"""Approximate number of corners and inner points of each part that are sought in others, to prove
-collisions."""
-
-
 _BYTES_PER_CELL: Final = 4
 """Memory per workspace cell while cells are converted to boxes, bytes."""
 
@@ -207,7 +202,10 @@ class Part(PosedShape):
         if self.is_filled:
             return np.empty((0, 3))
         corners, _ = distinct_rows(self.boundary.corners.reshape(-1, 3))
-        stride = math.ceil(len(corners) / PROBES_PER_PART)
+        # Approximate number of corners and inner points of each part that are sought in others, to
+        # prove collisions.
+        probes_per_part = 60
+        stride = math.ceil(len(corners) / probes_per_part)
         some_corners = corners[::stride]
         # A surface that encloses nothing has no points inside.
         if not self._exact.encloses:
@@ -215,7 +213,7 @@ class Part(PosedShape):
         lower, upper = self._exact.bounds
         size = upper - lower
         # A long box would have far too many points along it.
-        step = max(np.cbrt(size.prod() / PROBES_PER_PART), size.max() / PROBES_PER_PART)
+        step = max(np.cbrt(size.prod() / probes_per_part), size.max() / probes_per_part)
         counts = np.maximum(1, np.rint(size / step)).astype(np.int64)
         indices = np.array(list(np.ndindex(*counts.tolist())))
         lattice = lower + (indices + 0.5) * size / counts

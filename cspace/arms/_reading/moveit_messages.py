@@ -22,14 +22,6 @@ from cspace.inside import ContentError, Fields, Floats, Ledger, warn_user
 WORLD: Final = "world"
 """Frame of poses whose header names none, as in robowflex."""
 
-MAX_POSITION_METRES: Final = 1e3
-"""Largest coordinate of a position, metres.
-
-There, rounding is 1e-13 m, less than the rounding of a distance of a metre
-(:data:`cspace.arms._proofs.chain.DISTANCE_ROUNDING`): a pose in a far frame may lead back to the
-arm.
-"""
-
 FIELDS: Final = (
     Fields(
         "MoveIt planning scenes",
@@ -221,9 +213,13 @@ _parse_quaternion: Final = make_vector_parser(4)
 def _parse_position(value: Any, place: str) -> Floats:
     """Parse a position, shape (3,); a missing one is the origin."""
     position: Floats = np.zeros(3) if value is None else _parse_vector(value, place)
-    if np.abs(position).max() > MAX_POSITION_METRES:
+    # Largest coordinate of a position, metres. There, rounding is 1e-13 m, less than the rounding
+    # of a distance of a metre (:data:`cspace.arms._proofs.chain.DISTANCE_ROUNDING`): a pose in a
+    # far frame may lead back to the arm.
+    max_position_metres = 1e3
+    if np.abs(position).max() > max_position_metres:
         raise ContentError(
-            f"has a position beyond {MAX_POSITION_METRES:g} m at {place}",
+            f"has a position beyond {max_position_metres:g} m at {place}",
             "its digits would be lost",
         )
     return position

@@ -155,10 +155,6 @@ PackageDirs: TypeAlias = "str | os.PathLike[str] | Sequence[str | os.PathLike[st
 """One folder, or several, that hold the folders of packages."""
 
 
-_MAX_LISTED_MESHES: Final = 3
-"""Largest number of meshes that a warning names."""
-
-
 def load_urdf(
     path: str | os.PathLike[str],
     visuals: bool = False,
@@ -318,11 +314,13 @@ def locate_meshes(
             _check_single(files, f"{os.fspath(path)}: {place}: mesh {name}", folder)
             file = guesses[name] = files[0]
         meshes[name] = file
+    # Largest number of meshes that a warning names.
+    max_listed_meshes = 3
     if guesses:
         listed = [f"{name} from {file}" for name, file in guesses.items()]
-        shown = ", ".join(listed[:_MAX_LISTED_MESHES])
-        if len(listed) > _MAX_LISTED_MESHES:
-            shown += f" and {len(listed) - _MAX_LISTED_MESHES} more"
+        shown = ", ".join(listed[:max_listed_meshes])
+        if len(listed) > max_listed_meshes:
+            shown += f" and {len(listed) - max_listed_meshes} more"
         warn_user(
             f"{os.fspath(path)}: meshes are missing under their full names; the only file with "
             f"the rest of the name is read instead: {shown}"
