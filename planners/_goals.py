@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import reduce
@@ -23,7 +23,7 @@ import shapely
 from numpy.typing import ArrayLike
 from shapely.geometry import MultiPolygon, Polygon
 
-from cspace import CSpace, Goal, Space
+from cspace import CSpace, Goal, Grid, Space
 from cspace.errors import ConfigurationError, InputError
 from cspace.inside import (
     ANGLE_SLACK,
@@ -35,6 +35,7 @@ from cspace.inside import (
     Floats,
     Ints,
     PlaceLike,
+    as_shape,
     check_finite,
     check_not_negative,
     check_point,
@@ -221,75 +222,130 @@ class Room:
         position = self.middle[: space.dim]
         return np.array([position - self.radius, position + self.radius])
 
-    def list_positions(self, space: ConfigurationMap) -> Ints:
-        """List the cells of positions that meet the room, shape (n, dim)."""
+    def list_positions(self, space: ConfigurationMap) -> Iterator[tuple[Ints, Bools]]:
+        """Yield cells of positions that meet the room, shape (n, dim), batch by batch.
+
+        Their order is that of the grid. Each batch has a mask of cells proven to lie in a region.
+        """
         grid = space.grid
         spacing = grid.spacing
-        lower = np.array(grid.lower)
-        slack = SLACK_CELLS * spacing
-        low, high = np.floor((self.find_box(space) - lower) / spacing + SLACKS)
+        low, high = np.floor((self.find_box(space) - np.array(grid.lower)) / spacing + SLACKS)
         last = np.array(grid.shape) - 1
         first, stop = np.clip(low, 0, last + 1), np.clip(high, -1, last) + 1
-        ranges = [np.arange(*ends, dtype=np.int64) for ends in zip(first, stop, strict=True)]
-        cells = np.stack(np.meshgrid(*ranges, indexing="ij"), axis=-1).reshape(-1, space.dim)
-        corners = lower + spacing * cells - slack
+        shape = tuple((stop - first).astype(int).tolist())
+        if min(shape) <= 0:
+            return
+        outer: Bools = np.broadcast_to(np.True_, shape)
+        inner: Bools = np.broadcast_to(np.False_, shape)
+        if self.region is not None:
+            window = Grid(grid.lower + spacing * first, spacing, shape)
+            box = shapely.box(*np.subtract(window.lower, spacing), *np.add(window.upper, spacing))
+            near = self.region.intersection(box)  # far corners would be refused
+            if near.is_empty:
+                return
+            grown = near.buffer(2.0 * SLACK_CELLS * spacing)
+            outer, inner = as_shape(grown).cells(window)[0], as_shape(near).cells(window)[1]
+        side = max(MAX_ROWS_PER_BATCH // math.prod(shape[1:]), 1)
+        for begin in range(0, shape[0], side):
+            batch = np.argwhere(outer[begin : begin + side])
+            is_inner = inner[begin : begin + side][tuple(batch.T)]
+            cells = batch + first.astype(np.int64)
+            cells[:, 0] += begin
+            is_met = is_inner.copy()
+            is_met[~is_inner] = self._meets(space, cells[~is_inner])
+            yield cells[is_met], is_inner[is_met]
+
+    def _meets(self, space: ConfigurationMap, cells: Ints) -> Bools:
+        """Return whether cells of positions, shape (n, dim), meet the room."""
+        spacing = space.grid.spacing
+        slack = SLACK_CELLS * spacing
+        corners = np.array(space.grid.lower) + spacing * cells - slack
         ends = corners + spacing + 2.0 * slack
         if self.region is not None:
             is_met = shapely.contains_xy(self.region, *_find_centers(space, cells).T)
             boxes = shapely.box(*corners[~is_met].T, *ends[~is_met].T)
             is_met[~is_met] = shapely.intersects(self.region, boxes)
-            return np.asarray(cells[is_met])
+            return np.asarray(is_met)
         position = self.middle[: space.dim]
         gaps = np.clip(position, corners, ends) - position
-        return np.asarray(cells[np.linalg.norm(gaps, axis=1) <= self.radius + slack])
+        return np.asarray(np.linalg.norm(gaps, axis=1) <= self.radius + slack)
 
-    def place_in_cells(self, space: ConfigurationMap) -> Floats:
-        """Return configurations with a position of the room in each cell that meets it.
+    def place_in_cells(self, space: ConfigurationMap) -> Iterator[Floats]:
+        """Yield configurations with a position of the room in each cell that meets it.
 
-        Their shape is (n, size); the first one is the middle. The others keep off the borders of
-        their cells, as far as the room reaches into these.
+        Their batches have shape (n, size); the first one is the middle. The others keep off the
+        borders of their cells, as far as the room reaches into these.
         """
+        yield self.middle[np.newaxis]
         if self.region is None and not self.radius:
-            return self.middle[np.newaxis]
-        centers = _find_centers(space, self.list_positions(space))
+            return
+        for cells, is_inner in self.list_positions(space):
+            centers = _find_centers(space, cells)
+            if self.region is None:
+                yield self._place_in_ball(space, centers)
+            else:
+                yield self._place_in_region(self.region, space, centers, is_inner)
+
+    def _place_in_ball(self, space: ConfigurationMap, centers: Floats) -> Floats:
+        """Return configurations of a ball in cells with these centers, shape (n, size)."""
         half = 0.5 * space.grid.spacing
-        rows = np.tile(self.middle, (len(centers) + 1, 1))
-        if self.region is None:
-            position = self.middle[: space.dim]
-            nearest = position.clip(centers - half, centers + half)
-            inset = (1.0 - 2.0 * INSET) * half
-            steps = position.clip(centers - inset, centers + inset) - nearest
-            depths = self.radius - np.linalg.norm(nearest - position, axis=1)
-            sizes = np.linalg.norm(steps, axis=1)
-            shares = np.minimum((1.0 - INSET) * depths.clip(0.0) / np.maximum(sizes, TINY), 1.0)
-            rows[1:, : space.dim] = nearest + shares[:, np.newaxis] * steps
-            return rows
-        rows[1:, :2] = centers
-        cut = np.flatnonzero(~shapely.contains_xy(self.region, *centers.T))
+        rows = np.tile(self.middle, (len(centers), 1))
+        position = self.middle[: space.dim]
+        nearest = position.clip(centers - half, centers + half)
+        inset = (1.0 - 2.0 * INSET) * half
+        steps = position.clip(centers - inset, centers + inset) - nearest
+        depths = self.radius - np.linalg.norm(nearest - position, axis=1)
+        sizes = np.linalg.norm(steps, axis=1)
+        shares = np.minimum((1.0 - INSET) * depths.clip(0.0) / np.maximum(sizes, TINY), 1.0)
+        rows[:, : space.dim] = nearest + shares[:, np.newaxis] * steps
+        return rows
+
+    def _place_in_region(
+        self,
+        region: Polygon | MultiPolygon,
+        space: ConfigurationMap,
+        centers: Floats,
+        is_inner: Bools,
+    ) -> Floats:
+        """Return configurations of a region in cells with these centers, shape (n, size).
+
+        The region contains the cells that ``is_inner`` marks, and may barely touch others, which
+        get none.
+        """
+        half = 0.5 * space.grid.spacing
+        rows = np.tile(self.middle, (len(centers), 1))
+        rows[:, :2] = centers
+        border = np.flatnonzero(~is_inner)
+        cut = border[~shapely.contains_xy(region, *centers[border].T)]
         boxes = shapely.box(*(centers[cut] - half).T, *(centers[cut] + half).T)
-        points = shapely.point_on_surface(shapely.intersection(self.region, boxes))
+        points = shapely.point_on_surface(shapely.intersection(region, boxes))
         is_met = ~shapely.is_empty(points)
-        rows[1 + cut[is_met], :2] = shapely.get_coordinates(points[is_met])
-        return np.delete(rows, 1 + cut[~is_met], axis=0)
+        rows[cut[is_met], :2] = shapely.get_coordinates(points[is_met])
+        return np.delete(rows, cut[~is_met], axis=0)
 
     def list_rotations(self, space: ConfigurationMap) -> Ints:
         """List the rotation cells that meet the room."""
         angles = np.array([self.angle + 2.0 * ANGLE_SLACK])
         return space.rotations.find_cells_within(self.middle[np.newaxis], angles)[1]
 
-    def list_cells(self, space: ConfigurationMap) -> Iterator[Floats]:
-        """Yield a configuration in each cell that meets the room, shape (n, size)."""
+    def find_components(self, space: ConfigurationMap, mixed: bool) -> list[Floats]:
+        """Return configurations of cells that meet the room, some in each component of cells."""
         if self.is_point:
-            yield wrap_angles(self.middle[np.newaxis], space.is_periodic)
-            return
-        centers = _find_centers(space, self.list_positions(space))
+            middle = wrap_angles(self.middle[np.newaxis], space.is_periodic)
+            return [_take_one_each(space, middle, mixed)]
+        rotations = space.rotations.centers[self.list_rotations(space)]
+        batches: Iterator[Floats]
+        batches = (_find_centers(space, cells) for cells, _ in self.list_positions(space))
         if not space.grid.contains(self.find_box(space)).all():
             # All cells outside the grid are alike.
             outside = np.array(space.grid.lower) - space.grid.spacing
-            centers = np.vstack([centers, outside])
-        for rotation in space.rotations.centers[self.list_rotations(space)]:
-            turned = np.broadcast_to(rotation, (len(centers), len(rotation)))
-            yield np.column_stack([centers, turned])
+            batches = itertools.chain(batches, [outside[np.newaxis]])
+        found: list[list[Floats]] = [[] for _ in rotations]
+        for centers in batches:
+            for rotation, parts in zip(rotations, found, strict=True):
+                turned = np.broadcast_to(rotation, (len(centers), len(rotation)))
+                parts.append(_take_one_each(space, np.column_stack([centers, turned]), mixed))
+        return list(itertools.chain(*found))
 
     def find_goals(self, edges: LocalPlanner, start: Endpoint) -> list[Endpoint]:
         """Find free configurations of the room, the most promising first.
@@ -304,24 +360,7 @@ class Room:
             return [start]
         if self.is_point:
             return [edges.space.check_endpoint(self.middle, self.name)]
-        positions = self.place_in_cells(space)
-        lengths = _measure_lengths(edges, start, positions)
-        centers = space.rotations.centers[self.list_rotations(space)]
-        turned = np.tile(self.middle, (len(centers), 1))
-        turned[:, space.dim :] = centers
-        rotations = self.pull(space, np.vstack([origin, self.middle, turned]))[:, space.dim :]
-        # In a large room, some positions mostly suffice: the nearest, and some of the others.
-        order = np.argsort(lengths, kind="stable")
-        others = order[MAX_NEAR_POSITIONS:]
-        step = -(-len(others) // MAX_NEAR_POSITIONS) or 1
-        few = np.concatenate([order[:MAX_NEAR_POSITIONS], others[::step]])
-        near = Candidates(positions[few], lengths[few])
-        pool, apart = self.test_candidates(edges, start, near, rotations)
-        if not len(pool.rows) and len(few) < len(order):
-            pool, apart = self.test_candidates(
-                edges, start, Candidates(positions, lengths), rotations
-            )
-        pool = pool if len(pool.rows) else apart
+        pool = self._find_candidates(edges, start)
         if not len(pool.rows):
             raise self._make_error(space)
         goals = [tuple(q) for q in pool.spread(space).rows.tolist()]
@@ -330,6 +369,34 @@ class Room:
             with suppress(ConfigurationError):
                 goals.insert(0, edges.space.check_endpoint(self.middle, self.name))
         return list(dict.fromkeys(goals))
+
+    def _find_candidates(self, edges: LocalPlanner, start: Endpoint) -> Candidates:
+        """Find free configurations that a path from the start may reach, or if none, others."""
+        space = edges.cells
+        lengths = _measure_lengths(edges, start, lambda: self.place_in_cells(space))
+        centers = space.rotations.centers[self.list_rotations(space)]
+        turned = np.tile(self.middle, (len(centers), 1))
+        turned[:, space.dim :] = centers
+        rotations = self.pull(space, np.vstack([start, self.middle, turned]))[:, space.dim :]
+        # In a large room, some positions mostly suffice: the nearest, and some of the others.
+        order = np.argsort(lengths, kind="stable")
+        others = order[MAX_NEAR_POSITIONS:]
+        step = -(-len(others) // MAX_NEAR_POSITIONS) or 1
+        few = np.concatenate([order[:MAX_NEAR_POSITIONS], others[::step]])
+        del order, others  # each as large as the room
+        near = Candidates(_take_rows(self.place_in_cells(space), few), lengths[few])
+        joined, apart = self.test_candidates(edges, start, near, rotations)
+        if len(joined.rows) or len(few) == len(lengths):
+            return joined if len(joined.rows) else apart
+        origin = Room("", np.array(start))
+        if len(apart.rows) and not len(find_joined(space, [[origin], [self]], mixed=edges.exact)):
+            return apart
+        tested = [
+            self.test_candidates(edges, start, Candidates(rows, lengths[span]), rotations)
+            for span, rows in _number_rows(self.place_in_cells(space))
+        ]
+        joined, apart = map(_join, zip(*tested, strict=True))
+        return joined if len(joined.rows) else apart
 
     def test_candidates(
         self, edges: LocalPlanner, start: Endpoint, positions: Candidates, rotations: Floats
@@ -380,10 +447,12 @@ class Room:
     def _find_nearest_to_free(self, space: ConfigurationMap) -> Endpoint:
         """Return nearly the configuration of the room that is nearest to a FREE cell."""
         best = self.middle
-        positions = self.place_in_cells(space)[:, : space.dim]
+        count = sum(map(len, self.place_in_cells(space)))
+        some = np.arange(0, count, count // MAX_PLACES_WITHOUT_FREE + 1)
+        positions = _take_rows(self.place_in_cells(space), some)[:, : space.dim]
         rotations = space.rotations.centers[self.list_rotations(space)]
-        for part, values in ((slice(space.dim), positions), (slice(space.dim, None), rotations)):
-            few = values[:: len(values) // MAX_PLACES_WITHOUT_FREE + 1]
+        rotations = rotations[:: len(rotations) // MAX_PLACES_WITHOUT_FREE + 1]
+        for part, few in ((slice(space.dim), positions), (slice(space.dim, None), rotations)):
             rows = np.tile(best, (len(few) + 1, 1))
             rows[1:, part] = few
             free = np.array([space.nearest_free(row) for row in self.pull(space, rows)])
@@ -444,14 +513,16 @@ def find_joined(space: ConfigurationMap, places: Sequence[Sequence[Room]], mixed
 
 def _find_components_met(space: ConfigurationMap, rooms: Sequence[Room], mixed: bool) -> Floats:
     """Return a configuration in each component of cells that meet rooms, shape (n, size)."""
+    rows = [part for room in rooms for part in room.find_components(space, mixed)]
+    return _take_one_each(space, np.concatenate(rows), mixed)
+
+
+def _take_one_each(space: ConfigurationMap, rows: Floats, mixed: bool) -> Floats:
+    """Return the first of some configurations in each component of cells."""
     from cspace.inside import find_components
 
-    def take_one_each(rows: Floats) -> Floats:
-        components, first = np.unique(find_components(space, rows, mixed), return_index=True)
-        return rows[first[components >= 0]]
-
-    rows = [take_one_each(cells) for room in rooms for cells in room.list_cells(space)]
-    return take_one_each(np.concatenate(rows))
+    components, first = np.unique(find_components(space, rows, mixed), return_index=True)
+    return rows[first[components >= 0]]
 
 
 def may_join(edges: LocalPlanner, start: Endpoint, rows: Floats) -> Bools:
@@ -467,26 +538,64 @@ def _measure_turns(space: Space, start: Endpoint, rows: Floats) -> Floats:
     return np.asarray(np.linalg.norm(steps[:, space.dim :], axis=1))
 
 
-def _measure_lengths(edges: LocalPlanner, start: Endpoint, rows: Floats) -> Floats:
+def _number_rows(batches: Iterable[Floats]) -> Iterator[tuple[slice, Floats]]:
+    """Yield each batch of rows with the numbers of its rows."""
+    begin = 0
+    for rows in batches:
+        yield slice(begin, begin + len(rows)), rows
+        begin += len(rows)
+
+
+def _take_rows(batches: Iterable[Floats], numbers: Ints) -> Floats:
+    """Return rows of batches by their numbers, shape (n, size)."""
+    parts = []
+    order = np.argsort(numbers)
+    for span, rows in _number_rows(batches):
+        first, stop = np.searchsorted(numbers, [span.start, span.stop], sorter=order)
+        parts.append(rows[numbers[order[first:stop]] - span.start])
+    taken = np.concatenate(parts)
+    return taken[np.argsort(order)]
+
+
+def _measure_lengths(
+    edges: LocalPlanner, start: Endpoint, list_batches: Callable[[], Iterable[Floats]]
+) -> Floats:
     """Estimate the lengths of paths to positions, metres, shape (n,).
 
-    They are those of chains of blocks of cells in which the robot passes at some rotation.
+    They are those of chains of blocks of cells in which the robot passes at some rotation. The
+    batches of positions are listed twice, so that not all are held.
     """
     from planners._searches.guide import Guide, any_direction
 
     space = edges.cells
     dim = space.dim
-    straight = np.linalg.norm(rows[:, :dim] - np.array(start)[:dim], axis=1)
-    span = np.ptp(rows[:, :dim], axis=0).max()
+    origin = np.array(start)[:dim]
+    straight: list[Floats] = []
+    nearest, least = origin, math.inf
+    low, high = np.full(dim, math.inf), np.full(dim, -math.inf)
+    for rows in list_batches():
+        positions = rows[:, :dim]
+        low = np.minimum(low, positions.min(axis=0, initial=math.inf))
+        high = np.maximum(high, positions.max(axis=0, initial=-math.inf))
+        straight.append(np.linalg.norm(positions - origin, axis=1))
+        if straight[-1].min(initial=math.inf) < least:
+            nearest, least = positions[straight[-1].argmin()], straight[-1].min()
+    lengths = np.concatenate(straight)
+    straight.clear()
+    span = (high - low).max()
     if span <= MAX_SPAN_WITHOUT_BLOCKS * space.grid.spacing or not isinstance(space, CSpace):
-        return np.asarray(straight)
+        return lengths
     states = map_record(space).states
     side = 1 if math.prod(states.shape[1:]) <= MAX_POSITIONS_WITHOUT_BLOCKS else BLOCK_SIDE
     last = np.array(space.grid.shape) - 1
-    cells = np.zeros((len(rows) + 1, 3), dtype=np.int64)
-    cells[:, 3 - dim :] = np.clip(space.grid.cell_of(np.vstack([[start], rows])[:, :dim]), 0, last)
-    nearest = int(straight.argmin()) + 1
-    begin, end = (tuple(cells[k].tolist()) for k in (0, nearest))
+
+    def find_cells(positions: Floats) -> Ints:
+        """Return the cells of positions as the guide takes them, shape (n, 3)."""
+        cells = np.zeros((len(positions), 3), dtype=np.int64)
+        cells[:, 3 - dim :] = np.clip(space.grid.cell_of(positions), 0, last)
+        return cells
+
+    begin, end = map(tuple, find_cells(np.array([origin, nearest])).tolist())
     guide = Guide(
         states,
         any_direction(states),
@@ -500,10 +609,16 @@ def _measure_lengths(edges: LocalPlanner, start: Endpoint, rows: Floats) -> Floa
     # By then, all blocks that are nearer are measured, too.
     with suppress(TimeoutError):  # the caller ends the search
         guide.reach(0, end, NEVER)
-    lengths = space.grid.spacing * guide.measure(cells[1:])
-    is_known = np.isfinite(lengths)
-    far = lengths[is_known].max(initial=0.0)
-    return np.asarray(np.where(is_known, np.maximum(lengths, straight), far + straight))
+    is_known = np.empty(len(lengths), dtype=np.bool_)
+    far = 0.0
+    for part, rows in _number_rows(list_batches()):
+        measured = space.grid.spacing * guide.measure(find_cells(rows[:, :dim]))
+        is_known[part] = np.isfinite(measured)
+        measured[~is_known[part]] = 0.0
+        far = measured.max(initial=far)
+        lengths[part] = np.maximum(measured, lengths[part])
+    lengths[~is_known] += far
+    return lengths
 
 
 # ---- ends of paths ------------------------------------------------------------------------------
@@ -615,7 +730,7 @@ def find_room_goals(
         costs = np.array([edges.min_length(np.array(start), row) for row in rows])
     else:
         costs = METRES_PER_RADIAN * _measure_turns(space, start, rows)
-        costs += _measure_lengths(edges, start, rows)
+        costs += _measure_lengths(edges, start, lambda: [rows])
     costs = np.maximum(costs, edges.curve_lengths(np.broadcast_to(start, rows.shape), rows))
     return [tuple(q) for q in rows[np.argsort(costs, kind="stable")].tolist()]
 

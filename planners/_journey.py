@@ -122,9 +122,9 @@ def _find_legs(
             if missing == 1:
                 return tip, searched
             legs.append(leg)
-            hurries |= is_slow and not is_last_try and bool(leg.others)
+            hurries |= is_slow and bool(leg.others)
             end = tuple(leg.result.path[-1].tolist())
-            if is_last_try or (number, end) not in tried:
+            if (number, end) not in tried:
                 tried.add((number, end))
                 origin = Stage.of(stages[number].name, [end])
                 starts = origin.rooms
@@ -137,7 +137,9 @@ def _find_legs(
         if choice is not None:
             starts, routes = choice.task.starts, choice.others
         elif hurries:
-            hurries, is_last_try = False, True
+            is_last_try = True
+            is_slow = hurries = False
+            tried.clear()
             *legs, leg = best
             starts, routes = leg.task.starts, leg.task.routes
         else:

@@ -27,6 +27,7 @@ from cspace.inside import (
     frozen,
     gather_goals,
     is_over,
+    list_alternatives,
     names_options,
 )
 from cspace.inside import Upright as Upright
@@ -367,6 +368,8 @@ def _check_places(
     via: Sequence[PlaceLike], goal: PlaceLike, task: PlanTask
 ) -> list[tuple[str, PlaceLike]]:
     """List the places on the way and the goal, with their names."""
+    if getattr(via, "ndim", 0) == 2:  # such as a table
+        via = list_alternatives(via, "via", task.edges.space.axes)
     is_list = isinstance(via, (tuple, list, np.ndarray))
     if not is_list or any(isinstance(place, Number) for place in via):
         rule = "it lists places on the way, each with coordinates of its own"

@@ -544,6 +544,18 @@ def test_contact_sideways_is_decided_near_and_far_from_the_origin(lower, room, r
     assert space.is_free(near).tolist() == [True, False]
 
 
+@pytest.mark.parametrize("lower, room", few([(1e4, 6e-8), (0.0, 1e-9)]))
+def test_heights_below_a_mesh_are_decided_by_its_geometry(lower, room):
+    """Its bottom touches the layer below, which cells alone leave undecided."""
+    beam = trimesh.creation.box(bounds=[(1.0, 0.5, lower + 0.75), (1.2, 1.0, lower + 0.95)])
+    scene = Workspace.from_mesh(beam, 0.05, (0.0, 0.0, lower, 2.0, 1.5, lower + 1.2))
+    for height, is_free in ((0.75 - room, True), (0.75 + 1e-12, False)):
+        robot = Robot.box((0.3, 0.2, height), (0.0, 0.0, height / 2.0))
+        space = cspace.build(scene, robot, floor=lower)
+        assert space.classify((1.1, 0.75)) == MIXED
+        assert space.exact.is_free((1.1, 0.75)) == is_free
+
+
 # ---- plane shapes at all heights -----------------------------------------------------------------
 
 

@@ -244,8 +244,7 @@ def test_numbers_with_labels_in_any_order_have_one_answer(objects, owner, name, 
     assert not expected.startswith("refused"), expected
     for kind, values in vary(arguments[argument], labels):
         found = ask(call, {**arguments, argument: values})
-        is_refused = argument == "via" and kind in ("DataArray", "DataFrame")
-        assert found == ("refused: InputError" if is_refused else expected), kind
+        assert found == expected, kind
 
 
 @pytest.mark.parametrize("owner, name, argument", CONFIGURED)

@@ -583,8 +583,8 @@ def _make_uprights(constraint: Any, place: str) -> list[Upright]:
     If b is free, the cosine of the turn t of the y axis is ``cos a cos c - sin a sin b sin c``. It
     is at most ``sqrt(1 - cos^2 b sin^2 a)`` for any c, so ``sin |a| <= sin t / cos b``, and so for
     c. Euler angles have no b beyond a right angle. So the z axis turns by at most
-    :data:`_MAX_FREE_TURN`, which bounds b, and a away from pi. Errors name the ``place`` in the
-    file.
+    :data:`_MAX_FREE_TURN`, which bounds b, and a away from pi; a warning says so. Errors name the
+    ``place`` in the file.
     """
     _find_angle(constraint, place)  # refuses zero
     x, y, z = (abs(getattr(constraint, f"absolute_{axis}_axis_tolerance")) for axis in "xyz")
@@ -601,6 +601,10 @@ def _make_uprights(constraint: Any, place: str) -> list[Upright]:
     if y >= math.pi > z:
         sine = math.cos(_MAX_FREE_TURN) * math.sin(min(x, z, _MAX_EULER_TOLERANCE))
         tilt = math.asin(sine)
+        warn_user(
+            f"motion plan request: {place} lets {link} turn freely about its y axis; keep= allows "
+            f"{_MAX_FREE_TURN:.6g} rad, because Euler angles are ambiguous at a right angle"
+        )
         return [
             Upright(link, (0.0, 1.0, 0.0), direction=second, tolerance=tilt),
             Upright(link, direction=last, tolerance=_MAX_FREE_TURN),

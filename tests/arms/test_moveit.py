@@ -3,7 +3,9 @@
 import dataclasses
 import json
 import math
+import re
 from array import array
+from contextlib import nullcontext
 
 import numpy as np
 import pytest
@@ -481,6 +483,7 @@ def test_pose_goals_satisfy_the_constraints(
         assert satisfies(goal, pose)
 
 
+@pytest.mark.filterwarnings("ignore:motion plan request. .* about its y axis")
 @examples(40)
 @given(
     tolerances=st.tuples(*[st.sampled_from([0.05, 0.4, 1.5, 1.7, 3.0, 3.14, 4.0])] * 3),
@@ -519,6 +522,7 @@ def test_what_is_kept_satisfies_the_constraints_of_paths(tmp_path_factory, toler
         assert deviation <= upright.tolerance + 1e-7
 
 
+@pytest.mark.filterwarnings("ignore:motion plan request. .* about its y axis")
 @pytest.mark.parametrize(
     "tolerances, turn", [((6.3, 0.3, 0.3), (3.0, 0, 0)), ((0.3, 6.3, 0.3), (0, 1.0, 0))]
 )
@@ -530,6 +534,27 @@ def test_a_link_may_turn_about_its_free_axis(tmp_path, tolerances, turn):
     for upright in read_moveit_request(request).make_keep(read_arm(tmp_path)):
         cosine = float(turned.apply(upright.axis) @ upright.direction)
         assert math.acos(min(cosine, 1.0)) <= upright.tolerance
+
+
+@pytest.mark.parametrize("free", [0, 1, 2])
+def test_a_goal_turned_about_a_free_axis_is_reached_or_the_request_warns(free, tmp_path):
+    """Euler angles of x and z are ambiguous where y, the middle one, is a right angle."""
+    tolerances = np.full(3, 0.3)
+    tolerances[free] = 2.0 * math.pi
+    kept = pose_goal(None, ((0, 0, 0, 1), tolerances), link="fore")
+    request = {"goal_constraints": [joint_goal(elbow=1.0)], "path_constraints": kept}
+    turn = Rotation.from_rotvec(1.2 * np.eye(3)[free])
+    pattern = r"path_constraints lets fore turn freely about its y axis; keep= allows (\S+) rad"
+    with pytest.warns(UserWarning, match=pattern) if free == 1 else nullcontext() as caught:
+        uprights = read_moveit_request(request).make_keep(read_arm(tmp_path))
+    is_kept = True
+    for upright in uprights:
+        angle = math.acos(turn.apply(upright.axis) @ upright.direction)
+        is_kept &= abs(angle - upright.angle) <= upright.tolerance
+    assert is_kept == (free != 1)
+    if free == 1:
+        (limit,) = re.findall(pattern, str(caught[0].message))
+        assert float(limit) == pytest.approx(max(each.tolerance for each in uprights), abs=1e-5)
 
 
 def test_a_request_keeps_a_link_upright_in_the_frame_of_the_base(tmp_path):

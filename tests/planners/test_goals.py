@@ -8,6 +8,7 @@ import ast
 import itertools
 import math
 import re
+import tracemalloc
 from functools import cache
 
 import numpy as np
@@ -336,6 +337,33 @@ def test_paths_to_places_that_leave_the_map_stay_in_it(place):
     plan = planners.plan(space, *ends)
     assert space.grid.contains(plan.path).all()
     assert 0.0 <= plan.gap < 1e-3
+
+
+@pytest.mark.parametrize(
+    "is_apart, role", few([(True, "goal"), (False, "goal"), (True, "via"), (False, "start")], 2)
+)
+def test_a_region_as_large_as_the_map_is_no_list_of_its_cells(is_apart, role):
+    """The start lies beside the region, behind a wall with or without a door."""
+    side = 1000
+    occupied = np.zeros((side, side), dtype=bool)
+    occupied[20] = True
+    occupied[20, 300 : 300 if is_apart else 340] = False
+    space = cspace.build(cspace.Workspace.from_array(occupied, 0.1), cspace.Robot.disc(0.3))
+    start, far = (1.0, 50.0), (90.0, 50.0)
+    region = shapely.box(4.0, 0.0, 100.0, 100.0).union(shapely.Point(60.0, 50.0).buffer(50.0))
+    places = {
+        "goal": (start, region, ()),
+        "via": (start, far, [region]),
+        "start": (region, start, ()),
+    }
+    origin, goal, via = places[role]
+    planners.plan(space, origin, goal, via=via)  # labels and compiles
+    tracemalloc.start()
+    plan = planners.plan(space, origin, goal, via=via)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert plan.is_disconnected == is_apart and bool(plan) != is_apart
+    assert peak < 40 * side**2
 
 
 def test_an_open_exterior_may_lead_to_a_region_that_leaves_the_map():
