@@ -44,4 +44,7 @@ def write_boundary(state: States, grid: Grid, path: StrPath, overwrite: bool = F
         rows = np.empty(len(faces), dtype=[("count", "u1"), ("corners", "<i4", 3)])
         rows["count"] = 3
         rows["corners"] = faces
-        temporary.write_bytes(header.encode() + vertices.astype("<f8").tobytes() + rows.tobytes())
+        with temporary.open("wb") as file:
+            file.write(header.encode())
+            file.write(vertices.astype("<f8").tobytes())
+            file.write(rows.tobytes())

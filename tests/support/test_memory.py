@@ -179,7 +179,7 @@ DOORS = {
     "a ROS map": lambda folder: use(
         2, lambda space: space.export(folder / "a.yaml", overwrite=True)
     ),
-    "STL": lambda folder: use(3, lambda space: space.export(folder / "a.stl", overwrite=True)),
+    "PLY": lambda folder: use(3, lambda space: space.export(folder / "a.ply", overwrite=True)),
     "GeoTIFF": lambda folder: use(2, lambda space: space.export(folder / "a.tif", overwrite=True)),
     "a costmap": lambda _: use(2, lambda space: space.to_costmap()),
     "an occupancy grid": lambda _: use(2, lambda space: space.to_occupancy_grid()),
