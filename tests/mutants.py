@@ -476,6 +476,72 @@ MUTANTS = (
         "turns = np.rint((near - q) / math.tau)",
         "tests/arms/test_inverse.py",
     ),
+    Mutant(
+        "cspace/arms/_reading/link_shapes.py",
+        "np.linalg.solve(poses[links[0]], poses[name])",
+        "np.asarray(poses[name])",
+        "tests/arms/test_rigid_robots.py",
+    ),
+    Mutant(
+        "cspace/arms/_reading/link_shapes.py",
+        "upper = np.flatnonzero(vertices[:, 2] > 0.0)",
+        "upper = np.flatnonzero(vertices[:, 2] < 0.0)",
+        "tests/arms/test_moveit_solids.py",
+    ),
+    Mutant(
+        "cspace/arms/_reading/link_shapes.py",
+        "item.pose @ pose",
+        "pose @ item.pose",
+        "tests/arms/test_moveit_solids.py",
+    ),
+    Mutant(
+        "cspace/arms/_reading/link_shapes.py",
+        "touch_links = tuple(item.touch_links)",
+        "touch_links = ()",
+        "tests/arms/test_moveit.py",
+    ),
+    Mutant(
+        "cspace/arms/_reading/moveit_messages.py",
+        "if np.abs(motion - np.eye(4)).max() > 1e-6:",
+        "if np.abs(motion - np.eye(4)).max() > 10.0:",
+        "tests/arms/test_moveit.py",
+    ),
+    Mutant(
+        "cspace/arms/_reading/moveit_messages.py",
+        "enumerate(PRIMITIVES, 1)}",
+        "enumerate(PRIMITIVES, 0)}",
+        "tests/arms/test_moveit.py",
+    ),
+    Mutant(
+        "cspace/arms/_reading/urdf.py",
+        "mimic.offset += mimic.multiplier * leader.offset",
+        "mimic.offset += leader.offset",
+        "tests/arms/test_rigid_robots.py",
+    ),
+    Mutant(
+        "cspace/arms/_reading/urdf.py",
+        "joint.mimic.offset * joint.axis / np.linalg.norm(joint.axis)",
+        "joint.mimic.offset * joint.axis",
+        "tests/arms/test_rigid_robots.py",
+    ),
+    Mutant(
+        "cspace/arms/_reading/urdf.py",
+        'for joint in below[name] if joint.type == "fixed"]',
+        "for joint in below[name]]",
+        "tests/arms/test_rigid_robots.py",
+    ),
+    Mutant(
+        "cspace/arms/_reading/urdf.py",
+        "allowed.pop(_sort_pair(*names), None)",
+        "pass",
+        "tests/arms/test_model.py",
+    ),
+    Mutant(
+        "cspace/arms/_reading/sphere_files.py",
+        'table.refuse("collision_sphere_buffer", 0, rule=rule)',
+        "pass",
+        "tests/arms/test_spheres.py",
+    ),
     # Planners: drives, states, results.
     Mutant(
         "planners/_edges/differential.py",
@@ -845,6 +911,13 @@ MUTANTS = (
         "around = 0.0 * ahead",
         "tests/lanes/test_apart.py",
     ),
+    # Limits of speed.
+    Mutant(
+        "planners/_motion/joint_limits.py",
+        "has_limit = table.flag(flag)",
+        "has_limit = True",
+        "tests/arms/test_messages.py",
+    ),
     # Lanes.
     Mutant(
         "cspace/lanes/_lane_motions.py",
@@ -990,6 +1063,114 @@ MUTANTS = (
         "costs[clearance + inscribed > radius] = 0",
         "costs[clearance > radius - 2 * inscribed] = 0",
         "tests/export/test_map_messages.py",
+    ),
+    Mutant(
+        "cspace/_files/images.py",
+        "if levels.max() > maximum:",
+        "if False:",
+        "tests/files/test_image.py",
+    ),
+    Mutant(
+        "cspace/_files/images.py",
+        "if excess > 0:",
+        "if excess > 1:",
+        "tests/files/test_image.py",
+    ),
+    Mutant(
+        "cspace/_files/images.py",
+        "return np.ascontiguousarray(blocked[::-1].T)",
+        "return np.ascontiguousarray(blocked.T)",
+        "tests/files/test_movingai.py",
+    ),
+    Mutant(
+        "cspace/_files/ros_maps.py",
+        "values[values > 100.0] = -1.0",
+        "pass",
+        "tests/files/test_masks.py",
+    ),
+    Mutant(
+        "cspace/_files/ros_maps.py",
+        "occupied_levels = ~free_levels & (probability <= 1.0)",
+        "occupied_levels = ~free_levels",
+        "tests/files/test_rosmap.py",
+    ),
+    Mutant(
+        "cspace/_files/ros_maps.py",
+        "occupied = is_known & (percent / 100.0 >= high)",
+        "occupied = is_known & (percent / 100.0 > high)",
+        "tests/files/test_messages.py",
+    ),
+    Mutant(
+        "cspace/_files/ros_maps.py",
+        "if max(abs(x), abs(y)) > 1e-6:",
+        "if max(abs(x), abs(y)) > 1.0:",
+        "tests/files/test_messages.py",
+    ),
+    Mutant(
+        "cspace/_files/ros_maps.py",
+        "return CostmapRobot((), radius, padding)",
+        "return CostmapRobot((), radius, 0.0)",
+        "tests/files/test_nav2.py",
+    ),
+    Mutant(
+        "cspace/_files/ros_maps.py",
+        'table.get("footprint_padding", 0.01)',
+        'table.get("footprint_padding", 0.0)',
+        "tests/files/test_nav2.py",
+    ),
+    Mutant(
+        "cspace/_files/octomap.py",
+        "if mask and side == smallest:",
+        "if False:",
+        "tests/files/test_octomap.py",
+    ),
+    Mutant(
+        "cspace/_files/point_clouds.py",
+        'indices = [fields.index(axis) for axis in "xyz" if fields.count(axis) == 1]',
+        "indices = [0, 1, 2]",
+        "tests/files/test_points.py",
+    ),
+    Mutant(
+        "cspace/_files/point_clouds.py",
+        "        if broken:",
+        "        if False:",
+        "tests/files/test_points.py",
+    ),
+    Mutant(
+        "cspace/_files/vector.py",
+        "for system in systems if isinstance(systems, list) else [systems]:",
+        "for system in [systems]:",
+        "tests/files/test_vector.py",
+    ),
+    Mutant(
+        "cspace/_files/vector.py",
+        "if not all(map(is_wkt, lines)):",
+        "if False:",
+        "tests/files/test_vector.py",
+    ),
+    Mutant(
+        "cspace/_files/vector.py",
+        "int(srid or 0))",
+        "0)",
+        "tests/files/test_vector.py",
+    ),
+    Mutant(
+        "cspace/_files/crs.py",
+        "{84, 83, 27, 3857, 900913,",
+        "{84, 83, 27, 900913,",
+        "tests/files/test_vector.py",
+    ),
+    Mutant(
+        "cspace/_files/rasters.py",
+        "array = array.isel({axis: slice(None, None, -1)})",
+        "pass",
+        "tests/files/test_rasters.py",
+    ),
+    Mutant(
+        "cspace/_files/rasters.py",
+        'if positive.lower() == "down" or name == "depth":',
+        'if positive.lower() == "down":',
+        "tests/files/test_rasters.py",
     ),
     # Spectral.
     Mutant(
