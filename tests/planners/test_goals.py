@@ -157,7 +157,7 @@ def test_a_path_ends_where_it_enters_a_room_and_nowhere_dearer_than_in_its_middl
         assert measure(plan) <= min(map(measure, each), default=math.inf) * 1.03 + 0.1
 
 
-def test_a_region_is_entered_at_its_nearest_point():
+def test_a_room_is_entered_at_its_nearest_point_and_yaw():
     space = build_open_map("plane")
     plan = planners.plan(space, (1.5, 1.5), shapely.box(4.0, 0.5, 7.0, 7.5))
     assert plan.length == pytest.approx(2.5, abs=2e-3)
@@ -165,6 +165,9 @@ def test_a_region_is_entered_at_its_nearest_point():
     assert plan.length == pytest.approx(math.hypot(6.0, 4.0) - 2.0, abs=5e-3)
     plan = planners.plan(space, (4.5, 1.5), shapely.box(4.0, 0.5, 7.0, 7.5))
     assert plan.length == 0.0 and "the start is the goal" in plan.status
+    turning = build_open_map("turning")
+    plan = planners.plan(turning, (4.0, 4.0, 0.0), planners.Near((4.0, 4.0, 1.0), 0.0, 0.4))
+    assert plan.goal[2] == pytest.approx(0.6, abs=0.02) and plan.goal[2] >= 0.6
 
 
 @examples(40)
@@ -314,11 +317,12 @@ def label(passable):
 def test_rooms_on_both_sides_of_a_wall_are_not_all_proven_out_of_reach(name):
     space, near, far = build_halves(name, BLOCKED)
     rest = far[1:]
-    for goal, is_apart in [
-        ([far, (14.5, *rest)], True),
-        ([far, (4.5, *rest)], False),
+    for start, goal, is_apart in [
+        (near, [far, (14.5, *rest)], True),
+        (near, [far, (4.5, *rest)], False),
+        (planners.Near(near, 6.0), planners.Near(far, 6.0), True),  # both touch the wall
     ]:
-        plan = planners.plan(space, near, goal)
+        plan = planners.plan(space, start, goal)
         assert plan.is_disconnected == is_apart != plan.certified
     undecided, near, far = build_halves(name, MIXED)
     assert not planners.plan(undecided, near, [far, (14.5, *rest)]).is_disconnected
