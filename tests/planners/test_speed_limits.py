@@ -465,6 +465,8 @@ def test_a_gate_refuses_rows_that_are_too_quick():
     assert passed.chunk.refusal.message == "row 2: v is 0.6, at most 0.4 is allowed"
     slower = [(3.5, 2.0, 0.0), (3.9, 2.0, 0.0), (4.09, 2.0, 0.0), (4.28, 2.0, 0.0)]
     assert gate.check_rows((3.0, 2.0, 0.0), slower).state == "go"
+    straying = cspace.Gate(space, tracking=0.2, dt=0.5, max_velocity=2.0, speed=zones)
+    assert straying.check_rows((3.0, 2.0, 0.0), rows).chunk.proven == 1
     batch = gate.check_rows((3.0, 2.0, 0.0), [rows, slower])
     assert batch.chunk.proven.tolist() == [2, 4]
     twists = [(1.0, 0.0), (0.8, 0.0), (0.6, 0.0)]
