@@ -484,6 +484,10 @@ def test_largest_speeds_hold_around_configurations():
     assert zones.largest_speed(space, q).tolist() == [[np.inf, 0.4], [np.inf, 0.4]]
     assert zones.largest_speed(space, q, [3.4, 0.0], 2.0).tolist() == [[0.4, 0.4], [0.4, 0.4]]
     assert zones.largest_speed(space, (2.0, 2.0, 0.0)) == np.inf
+    assert zones.largest_speed(space, (3.7, 2.0, 1.571), 0.0, 2.0) == 0.4  # it turns into the zone
+    ahead = build_empty((80, 40), cspace.Robot.disc(0.2, (0.5, 0.0)), rotations=8)
+    q = [(3.25, 2.0, 0.0), (3.35, 2.0, 0.0), (3.9, 2.0, 3.1)]
+    assert zones.largest_speed(ahead, q).tolist() == [np.inf, 0.4, np.inf]
 
 
 def test_zones_that_reach_no_map_are_left_out_with_a_warning():
