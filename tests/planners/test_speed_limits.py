@@ -18,6 +18,7 @@ import cspace
 import planners
 from cspace.errors import InputError, UnitWarning
 from tests.helpers.handmade import build_empty
+from tests.helpers.planning import build_open_map
 from tests.helpers.refusals import check_refused, refusals
 from tests.helpers.regions import place_polygon
 from tests.helpers.strategies import few
@@ -485,9 +486,17 @@ def test_largest_speeds_hold_around_configurations():
     assert zones.largest_speed(space, q, [3.4, 0.0], 2.0).tolist() == [[0.4, 0.4], [0.4, 0.4]]
     assert zones.largest_speed(space, (2.0, 2.0, 0.0)) == np.inf
     assert zones.largest_speed(space, (3.7, 2.0, 1.571), 0.0, 2.0) == 0.4  # it turns into the zone
+    near = planners.SlowNear(space, 0.4, 0.5)
+    assert near.largest_speed(space, [(2.0, 1.0, 0.0)] * 2, 0.0, [0.0, 2.0]).tolist() == [
+        np.inf,
+        0.4,
+    ]
     ahead = build_empty((80, 40), cspace.Robot.disc(0.2, (0.5, 0.0)), rotations=8)
     q = [(3.25, 2.0, 0.0), (3.35, 2.0, 0.0), (3.9, 2.0, 3.1)]
     assert zones.largest_speed(ahead, q).tolist() == [np.inf, 0.4, np.inf]
+    # The ball around a robot that rotates about any axis counts.
+    q = [(x, 2.0, 3.0, 0.0, 0.0, 0.0, 1.0) for x in (3.7, 3.92)]
+    assert zones.largest_speed(build_open_map("floating"), q).tolist() == [np.inf, 0.4]
 
 
 def test_zones_that_reach_no_map_are_left_out_with_a_warning():
