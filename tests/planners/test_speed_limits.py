@@ -146,8 +146,8 @@ def test_a_straight_line_takes_the_times_of_trapezoids():
     )
     plan = planners.plan(space, (1.0, 1.0), (9.0, 1.0))
     limits = {"max_velocity": 1.0, "max_acceleration": 0.5}
-    crossing = [(box(4.0, 0.5, 6.0, 1.5), 0.4)]
-    for within, ends in (("point", (4.0, 6.0)), ("contour", (3.7, 6.3))):
+    crossing = [(box(4.13, 0.5, 6.07, 1.5), 0.4)]
+    for within, ends in (("point", (4.13, 6.07)), ("contour", (3.83, 6.37))):
         trajectory = plan.trajectory(**limits, speed=planners.SpeedZones(crossing, within=within))
         q, speeds = sample_speeds(trajectory)
         inside = (q[:, 0] >= ends[0]) & (q[:, 0] <= ends[1])
