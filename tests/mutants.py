@@ -335,6 +335,24 @@ MUTANTS = (
         "return error * np.ones_like(shape) if shape.ndim else error",
         "tests/gates/test_chunks.py",
     ),
+    Mutant(
+        "cspace/_gates/chunks.py",
+        "size + 2.0 * float(np.linalg.norm(part))",
+        "size + 0.0 * float(np.linalg.norm(part))",
+        "tests/planners/test_speed_limits.py",
+    ),
+    Mutant(
+        "cspace/_gates/chunks.py",
+        "halves = np.where(is_number, commands, 0.0) * (0.5 * seconds)",
+        "halves = np.where(is_number, commands, 0.0) * seconds",
+        "tests/planners/test_speed_limits.py",
+    ),
+    Mutant(
+        "cspace/_gates/chunks.py",
+        "reaches = 0.5 * dt * sizes + tracking",
+        "reaches = 0.5 * dt * sizes",
+        "tests/planners/test_tool_speed.py",
+    ),
     # Components, distances and searches.
     Mutant(
         "cspace/_queries/components.py",
@@ -965,6 +983,12 @@ MUTANTS = (
         "tail = way[blocked[0] + 1 :] if",
         "tests/planners/test_replanning.py",
     ),
+    Mutant(
+        "planners/_replanning.py",
+        "left = np.append(np.cumsum(costs[::-1])[::-1], 0.0)",
+        "left = np.append(np.cumsum(costs), 0.0)",
+        "tests/planners/test_replanning.py",
+    ),
     # Planners: trajectories.
     Mutant(
         "planners/_motion/jerk.py",
@@ -1116,6 +1140,102 @@ MUTANTS = (
         "has_limit = table.flag(flag)",
         "has_limit = True",
         "tests/arms/test_messages.py",
+    ),
+    Mutant(
+        "planners/_motion/speed_limits.py",
+        "lowest[rows[::-1]] = self.levels.speeds[levels[::-1]]",
+        "lowest[rows] = self.levels.speeds[levels]",
+        "tests/planners/test_speed_limits.py",
+    ),
+    Mutant(
+        "planners/_motion/speed_limits.py",
+        "touches |= shapely.dwithin(areas, bodies[numbers], reached + radius)",
+        "touches |= shapely.dwithin(areas, bodies[numbers], reached)",
+        "tests/planners/test_speed_limits.py",
+    ),
+    Mutant(
+        "planners/_motion/speed_limits.py",
+        "anchors, reached + self.size)",
+        "anchors, reached)",
+        "tests/planners/test_speed_limits.py",
+    ),
+    Mutant(
+        "planners/_motion/speed_limits.py",
+        "np.where(gaps - reaches < distance, speed, np.inf)",
+        "np.where(gaps < distance, speed, np.inf)",
+        "tests/planners/test_speed_limits.py",
+    ),
+    Mutant(
+        "planners/_motion/speed_limits.py",
+        "grades = np.floor(",
+        "grades = np.ceil(",
+        "tests/planners/test_tool_speed.py",
+    ),
+    Mutant(
+        "planners/_motion/speed_limits.py",
+        "(sizes[0] + rule.lever * sizes[1])",
+        "sizes[0]",
+        "tests/planners/test_speed_limits.py",
+    ),
+    Mutant(
+        "planners/_motion/speed_limits.py",
+        "travel = (ahead + rule.lever * turning)",
+        "travel = ahead",
+        "tests/planners/test_speed_limits.py",
+    ),
+    Mutant(
+        "planners/_motion/speed_limits.py",
+        "reaches = halves * travel[numbers]",
+        "reaches = 0.0 * travel[numbers]",
+        "tests/planners/test_speed_limits.py",
+    ),
+    Mutant(
+        "planners/_motion/speed_limits.py",
+        "max(largest, radius - geometry.distance(origin))",
+        "max(largest, radius + geometry.distance(origin))",
+        "tests/planners/test_speed_limits.py",
+    ),
+    Mutant(
+        "planners/_motion/speed_limits.py",
+        "ZoneRule(zones, None, size, size, False, 0.0, step)",
+        "ZoneRule(zones, None, 0.0, 0.0, False, 0.0, step)",
+        "tests/planners/test_speed_limits.py",
+    ),
+    Mutant(
+        "planners/_motion/speed_limits.py",
+        "lever = _measure_size(near.space) if near.space.rotations.names else 0.0",
+        "lever = 0.0",
+        "tests/planners/test_speed_limits.py",
+    ),
+    Mutant(
+        "planners/_motion/speed_limits.py",
+        "is_sure &= (depths < 0.0) | ~shapely.dwithin(borders[levels], anchors, depths)",
+        "pass",
+        "tests/planners/test_speed_limits.py",
+    ),
+    Mutant(
+        "planners/_motion/speed_limits.py",
+        "[:, :dim].max(axis=0)",
+        "[:, :dim].min(axis=0)",
+        "tests/planners/test_speed_limits.py",
+    ),
+    Mutant(
+        "planners/_motion/zone_files.py",
+        "elif 0.0 < speed <= most:",
+        "elif 0.0 < speed:",
+        "tests/planners/test_zone_files.py",
+    ),
+    Mutant(
+        "planners/_motion/zone_files.py",
+        "speed = base + multiplier * value",
+        "speed = multiplier * (base + value)",
+        "tests/planners/test_zone_files.py",
+    ),
+    Mutant(
+        "planners/_motion/zone_files.py",
+        '{"s": 1.0, "min": 60.0, "h": 3600.0}',
+        '{"s": 1.0, "min": 1.0, "h": 3600.0}',
+        "tests/planners/test_zone_files.py",
     ),
     # Lanes.
     Mutant(
