@@ -353,6 +353,24 @@ MUTANTS = (
         "reaches = 0.5 * dt * sizes",
         "tests/planners/test_tool_speed.py",
     ),
+    Mutant(
+        "cspace/_gates/gate.py",
+        "rest = 0.5 * dt * max(len(self._brake(now)) - 1, 0)",
+        "rest = 0.0",
+        "tests/queries/test_leaving.py",
+    ),
+    Mutant(
+        "cspace/_gates/gate.py",
+        "leaves[-1] = rest <= seconds_of(pose, now, rest, tracking)",
+        "leaves[-1] = rest <= seconds_of(pose, wanted, rest, tracking)",
+        "tests/queries/test_leaving.py",
+    ),
+    Mutant(
+        "cspace/_gates/chunks.py",
+        "largest = drive._limit_yaw_rates(speeds)",
+        "largest = None",
+        "tests/queries/test_vehicles.py",
+    ),
     # Components, distances and searches.
     Mutant(
         "cspace/_queries/components.py",
@@ -481,6 +499,49 @@ MUTANTS = (
         "first_corners = len(corners) * np.arange(len(self.radii))",
         "first_corners = len(self.radii) * np.arange(len(self.radii))",
         "tests/shapes/test_shape.py",
+    ),
+    # Floors.
+    Mutant(
+        "cspace/_shapes/layers.py",
+        "first = math.floor((bottom - self.lowest) / spacing - SLACK)",
+        "first = math.ceil((bottom - self.lowest) / spacing - SLACK)",
+        "tests/test_floor.py",
+    ),
+    Mutant(
+        "cspace/_shapes/layers.py",
+        "cls(grid.lower[2] - floor, grid.shape[2])",
+        "cls(grid.lower[2], grid.shape[2])",
+        "tests/test_floor.py",
+    ),
+    Mutant(
+        "cspace/_shapes/layers.py",
+        "low = heights.lowest + spacing * layer",
+        "low = heights.lowest + spacing * (layer + 0.5)",
+        "tests/test_floor.py",
+    ),
+    Mutant(
+        "cspace/_record/contents.py",
+        "if not (bottom - room <= lowest and highest <= top + room):",
+        "if not bottom - room <= lowest:",
+        "tests/test_floor.py",
+    ),
+    Mutant(
+        "cspace/_record/contents.py",
+        "layers = heights.find_layers(self.robot.shape, scene.grid.spacing)",
+        "layers = slice(None)",
+        "tests/test_floor.py",
+    ),
+    Mutant(
+        "cspace/_builder.py",
+        "math.floor(1000.0 * (high - bottom) + 1.0)",
+        "math.floor(1000.0 * (high - bottom))",
+        "tests/test_floor.py",
+    ),
+    Mutant(
+        "cspace/_queries/leaving.py",
+        "return [RobotPart(split_shape(part), layers)",
+        "return [RobotPart(split_shape(part), None)",
+        "tests/queries/test_leaving.py",
     ),
     # Arms.
     Mutant(
@@ -1235,6 +1296,12 @@ MUTANTS = (
         "planners/_motion/zone_files.py",
         '{"s": 1.0, "min": 60.0, "h": 3600.0}',
         '{"s": 1.0, "min": 1.0, "h": 3600.0}',
+        "tests/planners/test_zone_files.py",
+    ),
+    Mutant(
+        "planners/_motion/zone_files.py",
+        'if (length, time) == ("m", "h"):',
+        "if False:",
         "tests/planners/test_zone_files.py",
     ),
     # Lanes.
