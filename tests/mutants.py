@@ -694,6 +694,18 @@ MUTANTS = (
         "self._list_joints_above(base) | self._list_joints_above(tip)",
         "tests/arms/test_model.py",
     ),
+    Mutant(
+        "cspace/arms/_reading/link_shapes.py",
+        'if spec["kind"] == "box" and np.array_equal(rotation, np.eye(3)):',
+        'if spec["kind"] == "box":',
+        "tests/arms/test_scenes.py",
+    ),
+    Mutant(
+        "cspace/arms/_reading/link_shapes.py",
+        "shape.centers @ rotation.T + translation",
+        "shape.centers + translation @ rotation",
+        "tests/arms/test_scenes.py",
+    ),
     # Planners: drives, states, results.
     Mutant(
         "planners/_edges/differential.py",
@@ -1049,6 +1061,18 @@ MUTANTS = (
         "left = np.append(np.cumsum(costs[::-1])[::-1], 0.0)",
         "left = np.append(np.cumsum(costs), 0.0)",
         "tests/planners/test_replanning.py",
+    ),
+    Mutant(
+        "planners/_goals.py",
+        "radians = parts.near.angle if",
+        "radians = 0.5 * parts.near.angle if",
+        "tests/planners/test_goals.py",
+    ),
+    Mutant(
+        "planners/_goals.py",
+        "min(angle + radians, math.pi)",
+        "angle",
+        "tests/planners/test_goals.py",
     ),
     # Planners: trajectories.
     Mutant(
@@ -1557,6 +1581,12 @@ MUTANTS = (
         'if positive.lower() == "down" or name == "depth":',
         'if positive.lower() == "down":',
         "tests/files/test_rasters.py",
+    ),
+    Mutant(
+        "cspace/_files/images.py",
+        "* (0.01 if note[2] else 1.0)",
+        "* 1.0",
+        "tests/files/test_heard.py",
     ),
     # Spectral.
     Mutant(

@@ -167,8 +167,9 @@ def test_a_room_is_entered_at_its_nearest_point_and_yaw():
     plan = planners.plan(space, (4.5, 1.5), shapely.box(4.0, 0.5, 7.0, 7.5))
     assert plan.length == 0.0 and "the start is the goal" in plan.status
     turning = build_open_map("turning")
-    plan = planners.plan(turning, (4.0, 4.0, 0.0), planners.Near((4.0, 4.0, 1.0), 0.0, 0.4))
-    assert plan.goal[2] == pytest.approx(0.6, abs=0.02) and plan.goal[2] >= 0.6
+    for place in ((4.0, 4.0, 1.0), (shapely.box(3.0, 3.0, 5.0, 5.0), 1.0)):
+        plan = planners.plan(turning, (4.0, 4.0, 0.0), planners.Near(place, 0.0, 0.4))
+        assert plan.goal[2] == pytest.approx(0.6, abs=0.02) and plan.goal[2] >= 0.6
 
 
 @examples(40)
