@@ -543,6 +543,24 @@ MUTANTS = (
         "return [RobotPart(split_shape(part), None)",
         "tests/queries/test_leaving.py",
     ),
+    Mutant(
+        "cspace/_shapes/prism.py",
+        "(tops <= self.high - room)",
+        "(bottoms <= self.high - room)",
+        "tests/test_floor.py",
+    ),
+    Mutant(
+        "cspace/_shapes/prism.py",
+        "is_touched = (bottoms <= self.high + room)",
+        "is_touched = (tops <= self.high + room)",
+        "tests/test_floor.py",
+    ),
+    Mutant(
+        "cspace/_space.py",
+        "grid.upper[2] + grid.spacing)",
+        "grid.lower[2] + grid.spacing)",
+        "tests/test_floor.py",
+    ),
     # Arms.
     Mutant(
         "cspace/arms/_proofs/cones.py",
