@@ -19,6 +19,7 @@ from shapely import affinity
 import cspace
 import planners
 from cspace import BLOCKED, FREE, MIXED, Robot, Workspace
+from tests.helpers.handmade import build_empty
 from tests.helpers.refusals import check_refused, refusals
 from tests.helpers.strategies import examples, exteriors, few, seeds
 
@@ -684,6 +685,12 @@ def test_zones_are_told_kept_and_given_to_other_halls(tmp_path):
             other.add_obstacle(name, shape)
             assert (other.cell_states == space.cell_states).all()
             assert (other.exact.classify(rows) == space.exact.classify(rows)).all()
+    # Without a floor, it keeps its heights, which reach a cell beyond those of the first hall.
+    box = trimesh.creation.box(bounds=[(1.8, -1.0, -0.1), (2.2, 5.0, 0.8)])
+    halls = [build_empty((28, 20, 14), Robot.ball(0.01), 0.15) for _ in range(2)]
+    for hall, shape in zip(halls, (*space.obstacles.values(), box), strict=True):
+        hall.add_obstacle("keepout", shape)
+    assert (halls[0].cell_states == halls[1].cell_states).all()
 
 
 def test_scans_with_a_floor_name_the_layers_that_hold_it():

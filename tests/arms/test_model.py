@@ -237,6 +237,7 @@ def write_arm_with_states(folder):
         """<group name="arm"><chain base_link="a" tip_link="c"/></group>
         <group name="hand"><link name="d"/><link name="e"/><link name="gone"/></group>
         <group name="all"><group name="hand"/><group name="arm"/></group><group name="none"/>
+        <group name="fingers"><chain base_link="d" tip_link="e"/></group>
         <group_state name="home" group="arm"><joint name="one" value="0.2"/>
           <joint name="two" value="0.7"/></group_state>
         <group_state name="home" group="hand"><joint name="three" value="0.01"/>
@@ -261,7 +262,8 @@ def test_srdf_names_are_read_and_missing_ones_skipped_with_one_warning(tmp_path)
     assert arm.joints == ("one", "two", "three")
     assert arm.allowed_collisions == {("a", "b"): "SRDF"}
     whole = ("one", "two", "three")
-    assert arm.groups == {"arm": whole[:2], "hand": whole[2:], "all": whole, "none": ()}
+    hand = whole[2:]
+    assert arm.groups == {"arm": whole[:2], "hand": hand, "all": whole, "none": (), "fingers": hand}
     named = {name: q.tolist() for name, q in arm.named_configurations.items()}
     assert named == {
         "arm/home": [0.2, 0.7, 0.0],

@@ -358,7 +358,7 @@ def test_an_arc_is_not_proven_if_any_cell_on_it_is_taken():
     missed_by_chords = 0
     for _ in range(60):
         start = np.array([*rng.uniform(1.0, 3.0, 2), rng.uniform(-3.0, 3.0)])
-        twist = rng.uniform(-1.0, 1.0), rng.uniform(-1.0, 1.0)
+        twist = rng.uniform(-1.0, 1.0), rng.uniform(-3.0, 3.0)  # cut into several arcs
         assert certify_twists(space, start, [twist], 1.0).is_proven
         poses = drive(start, twist, np.linspace(0.0, 1.0, 400))
         poses = poses[space.grid.contains(poses[:, :2])]
@@ -608,7 +608,11 @@ def test_a_gate_passes_the_proven_part_then_holds(room):
     assert passed.commands.tolist() == [[0.5, 0.2]] * 3 + [[0.0, 0.0]] * 2
     assert passed.chunk.refusal.cause == "speed"
     assert gate.check_twists(START, [(0.5, 0.2)]).state == "go"
-    rows = cspace.Gate(room, tracking=0.05).check_rows(START, [(3.0, 2.5, 0.0), START])
+    careful, near, pallet = cspace.Gate(room, tracking=0.05), (1.2, 2.6, 0.1), (3.0, 2.5, 0.0)
+    rows = careful.check_rows(START, [near, pallet, START])
+    assert rows.state == "shortened"
+    assert rows.commands.tolist() == [list(near)] * 3
+    rows = careful.check_rows(START, [pallet, START])
     assert rows.state == "hold"
     assert rows.commands.tolist() == [list(START)] * 2
 

@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
@@ -78,6 +78,7 @@ def link(factors, directions, side):
 
 
 @pytest.mark.parametrize("dim", [2, 3])
+@example(8)
 @examples(15)
 @given(seeds)
 def test_a_guide_measures_short_chains(dim, seed):

@@ -108,6 +108,9 @@ def test_a_plan_goes_on_along_the_previous_one(drive):
     plan = go_on(space, halfway, (9.0, 2.5, 0.1), before, **options)
     assert plan.status == "path found: along the previous plan"
     assert weighted_length(plan) < weighted_length(before)
+    plain = planners.Search(simplify=False)
+    joined = go_on(space, halfway, goal, before, planner=plain, **options)
+    assert weighted_length(joined) < weighted_length(before)
     # An obstacle across the previous path is gone around, on the other side of the wall.
     space.add_obstacle("crate", box(4.5, 0.0, 5.5, 1.5))
     again = go_on(space, start, goal, before, **options)

@@ -18,6 +18,7 @@ import cspace
 import planners
 from cspace.errors import InputError, UnitWarning
 from tests.helpers.handmade import build_empty
+from tests.helpers.planning import build_open_map
 from tests.helpers.refusals import check_refused, refusals
 from tests.helpers.regions import place_polygon
 from tests.helpers.strategies import few
@@ -145,8 +146,8 @@ def test_a_straight_line_takes_the_times_of_trapezoids():
     )
     plan = planners.plan(space, (1.0, 1.0), (9.0, 1.0))
     limits = {"max_velocity": 1.0, "max_acceleration": 0.5}
-    crossing = [(box(4.0, 0.5, 6.0, 1.5), 0.4)]
-    for within, ends in (("point", (4.0, 6.0)), ("contour", (3.7, 6.3))):
+    crossing = [(box(4.13, 0.5, 6.07, 1.5), 0.4)]
+    for within, ends in (("point", (4.13, 6.07)), ("contour", (3.83, 6.37))):
         trajectory = plan.trajectory(**limits, speed=planners.SpeedZones(crossing, within=within))
         q, speeds = sample_speeds(trajectory)
         inside = (q[:, 0] >= ends[0]) & (q[:, 0] <= ends[1])
@@ -465,6 +466,8 @@ def test_a_gate_refuses_rows_that_are_too_quick():
     assert passed.chunk.refusal.message == "row 2: v is 0.6, at most 0.4 is allowed"
     slower = [(3.5, 2.0, 0.0), (3.9, 2.0, 0.0), (4.09, 2.0, 0.0), (4.28, 2.0, 0.0)]
     assert gate.check_rows((3.0, 2.0, 0.0), slower).state == "go"
+    straying = cspace.Gate(space, tracking=0.2, dt=0.5, max_velocity=2.0, speed=zones)
+    assert straying.check_rows((3.0, 2.0, 0.0), rows).chunk.proven == 1
     batch = gate.check_rows((3.0, 2.0, 0.0), [rows, slower])
     assert batch.chunk.proven.tolist() == [2, 4]
     twists = [(1.0, 0.0), (0.8, 0.0), (0.6, 0.0)]
@@ -482,6 +485,18 @@ def test_largest_speeds_hold_around_configurations():
     assert zones.largest_speed(space, q).tolist() == [[np.inf, 0.4], [np.inf, 0.4]]
     assert zones.largest_speed(space, q, [3.4, 0.0], 2.0).tolist() == [[0.4, 0.4], [0.4, 0.4]]
     assert zones.largest_speed(space, (2.0, 2.0, 0.0)) == np.inf
+    assert zones.largest_speed(space, (3.7, 2.0, 1.571), 0.0, 2.0) == 0.4  # it turns into the zone
+    near = planners.SlowNear(space, 0.4, 0.5)
+    assert near.largest_speed(space, [(2.0, 1.0, 0.0)] * 2, 0.0, [0.0, 2.0]).tolist() == [
+        np.inf,
+        0.4,
+    ]
+    ahead = build_empty((80, 40), cspace.Robot.disc(0.2, (0.5, 0.0)), rotations=8)
+    q = [(3.25, 2.0, 0.0), (3.35, 2.0, 0.0), (3.9, 2.0, 3.1)]
+    assert zones.largest_speed(ahead, q).tolist() == [np.inf, 0.4, np.inf]
+    # The ball around a robot that rotates about any axis counts.
+    q = [(x, 2.0, 3.0, 0.0, 0.0, 0.0, 1.0) for x in (3.7, 3.92)]
+    assert zones.largest_speed(build_open_map("floating"), q).tolist() == [np.inf, 0.4]
 
 
 def test_zones_that_reach_no_map_are_left_out_with_a_warning():

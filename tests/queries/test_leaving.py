@@ -225,6 +225,8 @@ def test_a_robot_that_touches_a_wall_may_back_away_from_it_and_not_press_on(wall
     assert not gate.slow_down(pose, (0.1, 0.0), leaving=True).share
     turning = gate.slow_down(pose, (0.1, 1.0), leaving=True)
     assert not turning.share
+    braking = gate.slow_down(pose, (-0.4, 0.0), twist_now=(0.4, 0.0), leaving=True)
+    assert (braking.share, braking.leaves) == (0.0, False)
 
 
 def test_a_robot_with_a_corner_on_the_center_of_a_taken_cell_does_not_press_on():
