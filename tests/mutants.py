@@ -962,8 +962,8 @@ MUTANTS = (
     ),
     Mutant(
         "planners/_goals.py",
-        "<= self.radius + slack])",
-        "<= 0.7 * self.radius])",
+        "<= self.radius + slack)",
+        "<= 0.7 * self.radius)",
         "tests/planners/test_goals.py",
     ),
     Mutant(
@@ -1016,8 +1016,8 @@ MUTANTS = (
     ),
     Mutant(
         "planners/_goals.py",
-        "rows[1:, : space.dim] = nearest + shares[:, np.newaxis] * steps",
-        "rows[1:, : space.dim] = nearest",
+        "rows[:, : space.dim] = nearest + shares[:, np.newaxis] * steps",
+        "rows[:, : space.dim] = nearest",
         "tests/planners/test_goals.py",
     ),
     Mutant(
