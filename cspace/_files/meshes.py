@@ -3,8 +3,7 @@
 A mesh is read with all of its triangles or refused. trimesh reads binary PLY, and this package
 reads the rest itself. In OBJ files trimesh moves triangles whose corners count backwards or are
 written in mixed forms, loses those on lines with a leading blank, and cuts bent polygons into fans
-that leave the polygon. pycollada drops lines, controllers, skews and geometries of other files, and
-scales by the length of the axis of a rotation.
+that leave the polygon. pycollada drops lines, controllers, skews and geometries of other files.
 
 In glTF, trimesh skips triangle fans, fills sparse and compressed accessors with zeros, does not
 scale quantised numbers, and ignores instances, skins and morphs and everything below a camera node.
