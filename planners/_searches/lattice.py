@@ -156,6 +156,8 @@ def find_lattice_path(
     path, reason = np.array(endpoints), ""
     if not edges.edge_checker()(*endpoints[0], *endpoints[1]):
         path, reason = _find_path(plain, endpoints, simplify, limit)
+    if edges.weights is None or not len(path):
+        return path, reason
     # No path costs less than a short one whose metres cost nothing extra.
     if edges.path_cost(path) <= (1.0 + MIN_ROUND_GAIN) * edges.path_length(path):
         return path, reason
