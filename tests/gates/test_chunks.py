@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import shapely
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 import cspace
@@ -551,6 +551,7 @@ def find_jerk(known, limits, dt):
     return len(known), None
 
 
+@example(3, 2)
 @given(seeds, st.integers(0, 3))
 @examples(30)
 def test_a_gate_refuses_the_first_row_with_too_much_jerk(seed, earlier):
