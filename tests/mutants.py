@@ -394,7 +394,7 @@ MUTANTS = (
         "planners/_searches/chains.py",
         "if is_inside and graph.states[number, u, v, w] == FREE:",
         "if is_inside and graph.states[number, u, v, w] <= 1:",
-        "tests/laws",
+        "tests/planners/test_cell_searches.py",
     ),
     Mutant(
         "cspace/_queries/any_angle.py",
