@@ -17,7 +17,7 @@ from cspace.inside import ConfigurationMap
 from planners._catalogue import PlannerName, Search
 from planners._edges.drives import local_planner
 from planners._edges.local_planner import Endpoints, LocalPlanner
-from planners._searches.objectives import LENGTH
+from planners._searches.objectives import FUNCTION, LENGTH
 from planners._task import DEFAULT_SECONDS, PlanTask, SearchResult
 
 
@@ -67,7 +67,7 @@ def _list_hints(
     if not isinstance(edges.space, ConfigurationMap):
         return [more, "another seed", "a larger tolerance" if task.keep else "another planner"]
     if is_connected and not edges.has_heading:
-        if task.planner.name == edges.search or task.objective.make:
+        if task.planner.name == edges.search or task.objective.kind == FUNCTION:
             return [more]
         return [f"planner={edges.search!r}, which finds one", more]
     if options := _try_options(task, is_connected, finds_path):

@@ -101,11 +101,12 @@ class Deadline:
 def make_objective(task: PlanTask) -> MakeObjective | None:
     """Return the maker of OMPL's objective, or None for the length."""
     edges = task.edges
+    make = task.objective.make
     if not task.planner.optimises:  # its path is shortened by cost
         edges = replace(edges, weights=None)
     if edges.weights is None and not edges.turns_on_spot:  # OMPL measures metres alone
-        return task.objective.make
-    return task.objective.make or partial(EdgeCosts, edges=edges)
+        return make
+    return partial(EdgeCosts, edges=edges) if make is None else make
 
 
 def set_seed(seed: int) -> None:

@@ -148,7 +148,7 @@ class Objective(NamedTuple):
     @property
     def name(self) -> str:
         """Name of the kind, as :attr:`planners.Plan.objective`."""
-        return "custom" if self.make else self.kind
+        return "custom" if self.kind == FUNCTION else self.kind
 
 
 def read_objective(

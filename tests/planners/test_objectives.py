@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from ompl import base as ob
 from scipy.interpolate import RegularGridInterpolator
 
 import planners
@@ -156,3 +157,16 @@ def test_a_differential_drive_pays_for_each_turn_and_each_straight(drive):
         assert driven.motionCost(*ends).value() == pytest.approx(sum(parts))
     with pytest.raises(InputError, match="weight"):
         planners.ClearanceObjective(weight=math.nan)
+
+
+def test_an_objective_may_be_a_callable_without_items():
+    class Lengths(list):
+        """An empty list, which is false, and a maker of objectives."""
+
+        def __call__(self, si):
+            return ob.PathLengthOptimizationObjective(si)
+
+    space = build_room("turning")
+    ends = (0.8, 0.8, 0.0), (1.2, 1.0, 0.5)
+    plan = planners.plan(space, *ends, objective=Lengths(), planner="RRTstar", time_limit=0.5)
+    assert plan.objective == "custom"
