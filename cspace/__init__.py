@@ -8,4 +8,4 @@ from cspace._support import attach_stub
 
 __getattr__, __dir__, __all__ = attach_stub(__name__, __file__)
 
-__version__ = "0.2.0"
+__version__ = "1.0.0rc1"

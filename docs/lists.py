@@ -20,7 +20,7 @@ from planners._space_kinds import SPACE_KINDS, SUPPORTED
 DOCS = Path(__file__).parent
 MARKED = re.compile(r"(<!-- list: (.+?) -->\n).*?(<!-- end of list -->)", re.DOTALL)
 EXPERIMENTAL = (
-    "*Experimental*, as a version 0.x is: names, options and files may change. Its proofs hold."
+    "*Experimental*: names, options and files may change in a minor version. Its proofs hold."
 )
 """What a page says of all that is not in the core."""
 
@@ -67,7 +67,7 @@ def list_promises() -> Iterable[str]:
         module = value.__name__ if isinstance(value, ModuleType) else find_home(name)
         promises[is_experimental(module)].append(f"`{name}`")
     yield from ("| promise | names of `cspace` |", "|---|---|")
-    yield f"| stay, as those of a version 1.0 do | {', '.join(promises[False])} |"
+    yield f"| stay in all versions 1.x | {', '.join(promises[False])} |"
     yield f"| *experimental*, as is `planners` | {', '.join(promises[True])} |"
 
 

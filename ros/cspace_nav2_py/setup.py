@@ -6,7 +6,7 @@ NAME = "cspace_nav2_py"
 
 setup(
     name=NAME,
-    version="0.2.0",
+    version="1.0.0",
     packages=[NAME],
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
