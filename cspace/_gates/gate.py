@@ -350,7 +350,8 @@ class Gate:
         nothing comes nearer than the margin or than it is, and, straight on, than what is nearest
         beside the same side of the robot: the smallest proven distance never falls. Taken cells
         count as the discs around them, and depths as negative distances. On a floor, the distances
-        are those sideways, of each part of the robot from the cells at its heights.
+        are those sideways, of each part of the robot from the cells at its heights. A robot that is
+        lost does not leave: it has a taken cell deeper inside than half of its own depth.
 
         Parameters
         ----------

@@ -10,6 +10,9 @@ A robot that drives straight on beside a wall brings new parts of the wall besid
 also come as near to the line of a side as the nearest disc beside this side is at the start, its
 level. Then no disc comes nearer than the margin, than it is, or than that one.
 
+A robot that has the center of a taken cell deep inside is lost: it is somewhere else than it
+believes, so no motion of it is proven.
+
 A robot on a floor keeps its heights, so each of its parts meets only the cells of its layers. These
 discs and parts are those seen from above, and so are their distances.
 """
@@ -55,6 +58,9 @@ LEVEL_ROUNDING: Final = 1e-12
 
 HULL_ROUNDING: Final = 1e-5
 """Distance from a convex polygon, metres, within which its hull may differ by rounding."""
+
+LOST_DEPTH: Final = 0.5
+"""Share of the depth of the robot's deepest part; a taken cell deeper inside means that it is lost."""
 
 CORNER_ROUNDING: Final = 1e-9
 """Distance from a corner, metres, below which rounding would turn its direction."""
@@ -166,8 +172,8 @@ def find_leaving_seconds(
 ) -> float:
     """Return for how long, at most ``seconds``, a twist comes no nearer to anything.
 
-    ``parts`` are those of :func:`split_robot`. Distances above the margin and the reach of
-    ``tracking``, shape (3,), may fall to these.
+    It is 0 if the robot is lost. ``parts`` are those of :func:`split_robot`. Distances above the
+    margin and the reach of ``tracking``, shape (3,), may fall to these.
     """
     all_cores = [core for part in parts for core in part.cores]
     size = max((_find_reach(core) for core in all_cores), default=0.0)
@@ -177,14 +183,24 @@ def find_leaving_seconds(
     reach = size + margin + abs(float(twist[0])) * seconds
     cos, sin = math.cos(q[2]), math.sin(q[2])
     least = seconds / PIECES
+    lost_depth = LOST_DEPTH * max(map(_find_depth, all_cores), default=0.0)
     for cores, layers in parts:
         centers = list_taken_cells(contents, layers, q, reach)
         if centers is None:
             return 0.0
         offsets = (centers - q[:2]) @ np.array([(cos, -sin), (sin, cos)])
         for core in cores:
+            distances = measure_gaps(core.corners, offsets).distances - core.radius
+            if (distances < -lost_depth).any():
+                return 0.0
             seconds = follow(core, offsets, margin, twist, seconds, least)
     return seconds
+
+
+def _find_depth(core: Core) -> float:
+    """Return the depth of the mean of a core's corners below its surface, metres."""
+    heights = measure_gaps(core.corners, core.corners.mean(axis=0, keepdims=True)).heights
+    return core.radius - float(heights.max(initial=-math.inf) if heights.size else 0.0)
 
 
 def _find_reach(core: Core) -> float:

@@ -229,6 +229,16 @@ def test_a_robot_that_touches_a_wall_may_back_away_from_it_and_not_press_on(wall
     assert (braking.share, braking.leaves) == (0.0, False)
 
 
+@pytest.mark.parametrize("name", BODIES)
+def test_a_robot_that_is_lost_leaves_nowhere(walls, name):
+    gate = make_gate(walls[name], 0.02)
+    in_the_wall, outside = (3.5, 1.5), (14.0, 1.5)
+    for place in (in_the_wall, outside):
+        for yaw in (0.0, 1.0, math.pi):
+            slowed = gate.slow_down((*place, yaw), (0.4, 0.0), leaving=True)
+            assert slowed.share == 0.0 and not slowed.chunk
+
+
 def test_a_robot_with_a_corner_on_the_center_of_a_taken_cell_does_not_press_on():
     occupied = np.zeros((40, 40), dtype=np.bool_)
     occupied[20, 20] = True

@@ -70,6 +70,7 @@ constexpr double PIECES = 1024;
 constexpr double STRAIGHT_ROUNDING = 1e-12;
 constexpr double LEVEL_ROUNDING = 1e-12;
 constexpr double CORNER_ROUNDING = 1e-9;
+constexpr double LOST_DEPTH = 0.5;
 constexpr double FOREVER = std::numeric_limits<double>::infinity();
 
 /// A distance, negative inside; the unit direction along which it rises fastest; the nearest side, or -1 at a corner.
@@ -84,6 +85,7 @@ struct Body {
   std::vector<Point> corners, normals;
   double radius;
   std::vector<std::int64_t> layers;
+  double depth;  ///< of the mean of the corners below the surface, metres
 
   explicit Body(const Core& core) : corners(core.corners), radius(core.radius), layers(core.layers) {
     for (std::size_t k = 0; k < corners.size() && corners.size() > 1; ++k) {
@@ -91,6 +93,13 @@ struct Body {
       const double length = std::sqrt(edge.x * edge.x + edge.y * edge.y);
       normals.push_back({edge.y / length, -edge.x / length});
     }
+    Point mean{0.0, 0.0};
+    for (const Point& corner : corners) {
+      mean.x += corner.x / static_cast<double>(corners.size());
+      mean.y += corner.y / static_cast<double>(corners.size());
+    }
+    depth = radius + (normals.empty() ? 0.0 : FOREVER);
+    for (std::size_t k = 0; k < normals.size(); ++k) depth = std::min(depth, radius - measure_height(k, mean));
   }
 
   Point find_edge(std::size_t k) const {
@@ -334,11 +343,31 @@ class Gate {
   /// Return the largest distance from the robot, metres, below which a point is near.
   double margin() const { return margin_ + options_.point_radius; }
 
+  /// Return the distance of the robot's farthest point from its origin, metres.
+  double size() const { return size_; }
+
+  /// Return true if a taken cell is deeper inside the robot than half of its depth: it is not where it believes.
+  bool is_lost(const double* q) const {
+    double depth = 0.0;
+    for (const detail::Body& body : robot_) depth = std::max(depth, body.depth);
+    return can_list(q, size_) && has_within(list_taken(q, size_), -detail::LOST_DEPTH * depth);
+  }
+
+  /// Return true if a point or taken cell is nearer than the margin.
+  bool is_near(const double* q, const std::vector<Point>& points) const {
+    std::vector<Point> seen;
+    for (const Point& point : points) seen.push_back(see(q, point));
+    const double reach = margin_ + detail::CELL_REACH * map_->spacing();
+    return has_within({robot_.size(), seen}, margin()) || !can_list(q, size_ + reach) ||
+           has_within(list_taken(q, size_ + reach), reach);
+  }
+
   /// Return the fastest share of a twist after which the robot can still stop.
   ///
   /// The twist is driven for `dt`, then the robot brakes along the same arc. If no share is proven, it brakes at once.
   /// With `leaving`, it may also drive if no point or taken cell comes nearer than the margin or than it is, and,
   /// straight on, than what is nearest beside the same side of the robot: the smallest proven distance never falls.
+  /// It does not leave if it is lost: if a taken cell is deeper inside than half of its own depth.
   /// @param q            where the robot is: x, y and yaw
   /// @param twist_now    what it drives now: the first command of the call before
   /// @param points       what it sees, in the frame of the map
@@ -530,35 +559,56 @@ class Gate {
     return {cosine * x + sine * y, cosine * y - sine * x};
   }
 
-  /// Return for how long, at most `seconds`, a twist comes no nearer to any taken cell.
-  double find_cell_reach(const double* q, const Twist& twist, double seconds) const {
-    const double spacing = map_->spacing(), margin = margin_ + detail::CELL_REACH * spacing;
-    const double range = size_ + margin + std::abs(twist.v) * seconds, least = seconds / detail::PIECES;
-    if (!(2.0 * range / spacing + 2.0 <= std::sqrt(detail::MAX_NEAR_CELLS))) return 0.0;
+  /// Return true if a part of the robot has one of its points, in its frame, nearer than a distance.
+  bool has_within(const std::vector<std::vector<Point>>& points, double distance) const {
+    for (std::size_t k = 0; k < robot_.size(); ++k)
+      for (const Point& point : points[k])
+        if (robot_[k].measure_gap(point).distance - robot_[k].radius < distance) return true;
+    return false;
+  }
+
+  /// Return the centers of taken cells within a range of the robot, in its frame, for each of its parts.
+  std::vector<std::vector<Point>> list_taken(const double* q, double range) const {
+    const double spacing = map_->spacing();
     const std::vector<double> lower = map_->lower();
-    for (int axis = 0; axis < 2; ++axis)
-      if (!(std::abs(q[axis] - lower[axis]) / spacing <= detail::FARTHEST_CELL)) return 0.0;
     const auto find_cell = [&](int axis, double offset) {
       return static_cast<std::int64_t>(std::floor((q[axis] + offset - lower[axis]) / spacing));
     };
     const std::int64_t last_x = find_cell(0, range), last_y = find_cell(1, range);
-    const auto list_near = [&](const std::vector<std::int64_t>& layers) {
-      std::vector<Point> centers;
+    std::vector<std::vector<Point>> taken(robot_.size());
+    for (std::size_t k = 0; k < robot_.size(); ++k) {
+      if (k > 0 && robot_[k].layers == robot_[k - 1].layers) {
+        taken[k] = taken[k - 1];
+        continue;
+      }
       for (std::int64_t i = find_cell(0, -range); i <= last_x; ++i) {
         for (std::int64_t j = find_cell(1, -range); j <= last_y; ++j) {
-          if (!map_->is_taken(i, j, layers)) continue;
+          if (!map_->is_taken(i, j, robot_[k].layers)) continue;
           const double x = static_cast<double>(i) + 0.5, y = static_cast<double>(j) + 0.5;
           const Point seen = see(q, {lower[0] + x * spacing, lower[1] + y * spacing});
-          if (std::hypot(seen.x, seen.y) <= range) centers.push_back(seen);
+          if (std::hypot(seen.x, seen.y) <= range) taken[k].push_back(seen);
         }
       }
-      return centers;
-    };
-    std::vector<Point> centers = list_near(robot_.front().layers);
-    for (std::size_t k = 0; k < robot_.size(); ++k) {
-      if (k > 0 && robot_[k].layers != robot_[k - 1].layers) centers = list_near(robot_[k].layers);
-      seconds = detail::follow(robot_[k], centers, margin + robot_[k].radius, twist, seconds, least, true);
     }
+    return taken;
+  }
+
+  /// Return true if the cells within a range of the robot are few, and near enough to the grid for exact places.
+  bool can_list(const double* q, double range) const {
+    const double spacing = map_->spacing();
+    const std::vector<double> lower = map_->lower();
+    return 2.0 * range / spacing + 2.0 <= std::sqrt(detail::MAX_NEAR_CELLS) &&
+           std::abs(q[0] - lower[0]) / spacing <= detail::FARTHEST_CELL && std::abs(q[1] - lower[1]) / spacing <= detail::FARTHEST_CELL;
+  }
+
+  /// Return for how long, at most `seconds`, a twist comes no nearer to any taken cell.
+  double find_cell_reach(const double* q, const Twist& twist, double seconds) const {
+    const double margin = margin_ + detail::CELL_REACH * map_->spacing();
+    const double range = size_ + margin + std::abs(twist.v) * seconds, least = seconds / detail::PIECES;
+    if (!can_list(q, range) || is_lost(q)) return 0.0;
+    const auto taken = list_taken(q, range);
+    for (std::size_t k = 0; k < robot_.size(); ++k)
+      seconds = detail::follow(robot_[k], taken[k], margin + robot_[k].radius, twist, seconds, least, true);
     return seconds;
   }
 

@@ -46,6 +46,10 @@ class GateNode : public rclcpp_lifecycle::LifecycleNode {
   }
 
   CallbackReturn on_activate(const rclcpp_lifecycle::State& state) override {
+    if (const std::string rival = find_rival(); !rival.empty()) {
+      RCLCPP_ERROR(get_logger(), "%s", rival.c_str());
+      return CallbackReturn::FAILURE;
+    }
     for (const std::string& name : scans_) listen<LaserScan>(name, read_scan);
     for (const std::string& name : clouds_) listen<PointCloud2>(name, read_cloud);
     if (is_stamped_) {
@@ -118,6 +122,9 @@ class GateNode : public rclcpp_lifecycle::LifecycleNode {
         parameters.numbers("max_deceleration", {1.0, 2.0}, 0.001, 1000.0, "what the brakes reach, m/s^2 and rad/s^2");
     const std::vector<double> tracking = parameters.numbers("tracking", {0.02, 0.02, 0.02}, 0.0, 10.0,
                                                             "how far the robot may stray: x and y, metres, and yaw, radians");
+    const std::vector<double> speeds = parameters.numbers("max_velocity", {1.0, 2.0}, 0.001, 1000.0,
+                                                          "beyond it, a command is slowed down along its arc, m/s and rad/s");
+    options_.max_velocity = {speeds[0], speeds[1]};
     gate_options_.max_deceleration = {brakes[0], brakes[1]};
     gate_options_.tracking = {tracking[0], tracking[1], tracking[2]};
     gate_options_.point_radius = parameters.number("point_radius", 0.03, 0.0, 1.0, "what is around each point, metres");
@@ -132,10 +139,13 @@ class GateNode : public rclcpp_lifecycle::LifecycleNode {
     options_.map_frame = parameters.text("map_frame", "map", "frame of the map");
     options_.odom_frame = parameters.text("odom_frame", "odom", "frame in which the robot's place never jumps");
     options_.base_frame = parameters.text("base_frame", "base_link", "frame of the robot, at the origin of its footprint");
-    scans_ = parameters.texts("scans", {"scan"}, "topics of lasers, each of which must be heard");
     clouds_ = parameters.texts("clouds", none, "topics of point clouds, each of which must be heard");
+    const std::vector<std::string> lasers = clouds_.empty() ? std::vector<std::string>{"scan"} : none;
+    scans_ = parameters.texts("scans", lasers, "topics of lasers, each of which must be heard: scan, or none beside clouds");
     is_stamped_ = parameters.flag("stamped", false, "whether commands are TwistStamped");
     options_.leaving = parameters.flag("leaving", true, "whether the robot may also leave what it is too near to");
+    options_.leaving_speed =
+        parameters.number("leaving_speed", 0.1, 0.001, 10.0, "of any point of a robot that leaves what it is too near to, m/s");
     options_.sources = scans_;
     options_.sources.insert(options_.sources.end(), clouds_.begin(), clouds_.end());
     if (options_.max_age < gate_options_.dt) throw std::invalid_argument("the parameter 'max_age' is below 'period'");
@@ -184,6 +194,7 @@ class GateNode : public rclcpp_lifecycle::LifecycleNode {
   }
 
   void hear(const Twist& msg, Time when) {
+    if (msg.linear.y != 0.0) return watch_->refuse_command("a command goes sideways, which no gate of x and yaw proves");
     if (std::isfinite(msg.linear.x + msg.angular.z)) return watch_->hear_command({msg.linear.x, msg.angular.z}, when);
     watch_->refuse_command("a command is not finite");
   }
@@ -206,8 +217,17 @@ class GateNode : public rclcpp_lifecycle::LifecycleNode {
     }
   }
 
+  /// Return what is wrong if another node publishes commands, as one that the gate replaces.
+  std::string find_rival() const {
+    for (const auto& info : get_publishers_info_by_topic("cmd_vel"))
+      if (info.node_name() != get_name() || info.node_namespace() != get_namespace())
+        return "the node '" + info.node_name() + "' publishes cmd_vel, too: its commands are not proven";
+    return "";
+  }
+
   /// Send the next command.
   void cycle() {
+    if (const std::string rival = find_rival(); !rival.empty()) watch_->refuse_command(rival);
     const Decision decision =
         watch_->decide(find_now(), get_clock()->now().nanoseconds(),
                        [this](const auto& target, const auto& frame, Time stamp) { return look_up(target, frame, stamp); });

@@ -5,7 +5,8 @@
 //   configure, activate, deactivate, cleanup, shutdown   print "success" or "failure"
 //   rules                 prints each parameter, its range and its description
 //   place X Y             of the robot in the map
-//   command V OMEGA       or "stamped V OMEGA AGE", seconds
+//   command V OMEGA       or "stamped V OMEGA AGE", seconds, or "sideways V"
+//   rival NAMES...        nodes that publish cmd_vel
 //   scan FRAME RANGES...  of now
 //   grid FRAME COLUMN     the map's topic: a room of 60 x 40 cells of 0.1 m, with a wall in a column; none in column 0
 //   cycle                 fires the timer, after 0.05 s of the clock of stamps; prints what is published, and "."
@@ -100,6 +101,15 @@ void stub_spin_once(LifecycleNode& node) {
   }
   if (command == "rules") print_rules();
   if (command == "place") line >> tf2_ros::Buffer::stub_place().x >> tf2_ros::Buffer::stub_place().y;
+  if (command == "rival") {
+    rclcpp::Node::stub_publishers().clear();
+    for (std::string name; line >> name;) rclcpp::Node::stub_publishers().emplace_back(name);
+  }
+  if (command == "sideways") {
+    Twist twist;
+    line >> twist.linear.y;
+    deliver(twist, "cmd_vel_smoothed");
+  }
   if (command == "command") deliver(read_twist(line), "cmd_vel_smoothed");
   if (command == "stamped") {
     TwistStamped message;

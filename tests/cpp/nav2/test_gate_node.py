@@ -129,10 +129,62 @@ def test_it_brakes_within_a_period_and_says_why(node, scan, reason):
     assert node.read_log().endswith("drives\n") and node.cycle() == (0.6, 0.0)
 
 
-@pytest.mark.parametrize("command", ["command nan 0", "command 0 inf"])
-def test_it_brakes_on_commands_that_are_not_finite(node, command):
+@pytest.mark.parametrize(
+    "command, reason",
+    [
+        ("command nan 0", "is not finite"),
+        ("command 0 inf", "is not finite"),
+        ("sideways 0.1", "goes sideways"),
+    ],
+)
+def test_it_brakes_on_commands_that_it_cannot_prove(node, command, reason):
     assert node.cycle(command) == (0.55, 0.0)
-    assert "a command is not finite" in node.read_log()
+    assert f"a command {reason}" in node.read_log()
+
+
+def test_a_command_is_slowed_down_to_the_largest_velocity(start):
+    node = start(max_velocity="0.5|1.0", max_deceleration="100|100")
+    assert [node.ask("configure"), node.ask("activate")] == ["success", "success"]
+    for command, driven in [
+        ("5 0", (0.5, 0.0)),
+        ("0.1 30", (0.1 / 30, 1.0)),
+        ("-2 2", (-0.5, 0.5)),
+    ]:
+        node.cycle(f"command {command}")
+        np.testing.assert_allclose(node.cycle(f"command {command}"), driven, rtol=1e-4)
+
+
+def test_another_publisher_of_commands_is_named_and_nothing_is_sent_beside_it(node):
+    node.tell("rival cspace_gate collision_monitor")
+    assert node.cycle() == (0.55, 0.0)
+    assert "stops: the node 'collision_monitor' publishes cmd_vel, too" in node.read_log()
+    node.tell("rival cspace_gate")
+    node.cycle()
+    assert node.cycle() == (0.6, 0.0)
+    node.tell("deactivate")
+    while node.read_line() != "success":
+        pass
+    node.tell("rival collision_monitor")
+    assert node.ask("activate") == "failure"
+
+
+def test_clouds_alone_are_enough(start):
+    node = start(clouds="depth")
+    assert [node.ask("configure"), node.ask("activate")] == ["success", "success"]
+    for _ in range(2):
+        node.cycle(scan="")
+    assert "no scan of 'depth' within" in node.read_log()
+
+
+@pytest.mark.parametrize("place", ["13.0 2.0", "3.0 5.5", "0.05 2.0"])
+def test_a_robot_that_is_lost_stands_and_says_so(start, place):
+    node = start()
+    node.tell(f"place {place}")
+    assert [node.ask("configure"), node.ask("activate")] == ["success", "success"]
+    for command in ("0.6 0", "-0.6 0", "0 1"):
+        node.cycle(f"command {command}")
+        assert node.cycle(f"command {command}") == (0.0, 0.0)
+    assert "the robot is lost" in node.read_log()
 
 
 def test_stamped_commands_count_by_their_stamp_and_stamped_ones_are_sent(start):
@@ -150,8 +202,8 @@ def test_stamped_commands_count_by_their_stamp_and_stamped_ones_are_sent(start):
 
 
 @pytest.mark.parametrize("name", ["room", "floor"])
-def test_it_leaves_a_wall_that_it_is_too_near_to(start, maps, name):
-    for leaving, speed in (("true", 0.6), ("false", 0.0)):
+def test_it_slowly_leaves_a_wall_that_it_is_too_near_to(start, maps, name):
+    for leaving, speed in (("true", 0.1), ("false", 0.0)):
         node = start(map=maps / name, leaving=leaving)
         node.tell("place 0.45 2.0")  # 5 cm from the wall behind
         assert [node.ask("configure"), node.ask("activate")] == ["success", "success"]

@@ -77,6 +77,8 @@ struct WatchOptions {
   double min_height = 0.05, max_height = 2.0;   ///< of points that count, metres above the base frame
   std::string map_frame = "map", odom_frame = "odom", base_frame = "base_link";
   bool leaving = true;                          ///< see `cspace::Gate::slow_down`
+  double leaving_speed = 0.1;                   ///< of any point of a robot that leaves, m/s
+  cspace::Twist max_velocity = {1.0, 2.0};      ///< beyond it, a command is slowed down along its arc
 };
 
 using FindGate = std::function<std::shared_ptr<const cspace::Gate>()>;
@@ -99,7 +101,8 @@ class Watch {
   }
 
   void hear_command(const cspace::Twist& wanted, Time now) {
-    wanted_ = wanted;
+    const auto [v, omega] = options_.max_velocity;
+    wanted_ = slow(wanted, std::min(v / std::abs(wanted.v), omega / std::abs(wanted.omega)));
     command_heard_ = now;
     command_fault_.clear();
   }
@@ -193,11 +196,21 @@ class Watch {
     const Pose here = move(pose, seen, now);
     const double q[] = {here.x, here.y, here.yaw};
     const bool stood = is_rest(ramp_.front());
-    const cspace::SlowedCommand slowed = gate->slow_down(q, wanted_, ramp_.front(), points, options_.leaving);
+    cspace::SlowedCommand slowed = gate->slow_down(q, wanted_, ramp_.front(), points, options_.leaving);
+    if (slowed.leaves && slowed.share > 0.0 && gate->is_near(q, points)) {
+      const double speed = std::abs(wanted_.v) + std::abs(wanted_.omega) * gate->size();
+      slowed = gate->slow_down(q, slow(wanted_, options_.leaving_speed / speed), ramp_.front(), points, true);
+    }
     ramp_ = slowed.commands;
+    if (!slowed.is_proven && gate->is_lost(q)) return "the robot is lost: it is deep inside what the map has taken";
     if (!slowed.is_proven && !slowed.leaves) return "something is too near to stop before it";
     const bool stands = stood && is_rest(ramp_.front()) && !is_rest(wanted_);
     return stands ? "no part of the command is proven free" : "";
+  }
+
+  /// Return a share of a twist, or all of it if the share is above 1 or no number.
+  static cspace::Twist slow(const cspace::Twist& twist, double share) {
+    return share < 1.0 ? cspace::Twist{share * twist.v, share * twist.omega} : twist;
   }
 
   static bool is_rest(const cspace::Twist& twist) { return twist.v == 0.0 && twist.omega == 0.0; }

@@ -102,9 +102,28 @@ class Parameter {
   std::string text_;
 };
 
+/// A publisher of a topic.
+class TopicEndpointInfo {
+ public:
+  explicit TopicEndpointInfo(const std::string& name) : name_(name) {}
+  const std::string& node_name() const { return name_; }
+  const std::string& node_namespace() const { return space_; }
+
+ private:
+  std::string name_, space_ = "/";
+};
+
 class Node {
  public:
   explicit Node(const std::string& name) : name_(name) {}
+
+  const char* get_name() const { return name_.c_str(); }
+  const char* get_namespace() const { return "/"; }
+  std::vector<TopicEndpointInfo> get_publishers_info_by_topic(const std::string&) const { return stub_publishers(); }
+  static std::vector<TopicEndpointInfo>& stub_publishers() {
+    static std::vector<TopicEndpointInfo> publishers;
+    return publishers;
+  }
 
   Logger get_logger() const { return {name_}; }
 
