@@ -60,7 +60,7 @@ HULL_ROUNDING: Final = 1e-5
 """Distance from a convex polygon, metres, within which its hull may differ by rounding."""
 
 LOST_DEPTH: Final = 0.5
-"""Share of the depth of the robot's deepest part; a taken cell deeper inside means that it is lost."""
+"""Share of the depth of its deepest part: a robot with a taken cell deeper inside is lost."""
 
 CORNER_ROUNDING: Final = 1e-9
 """Distance from a corner, metres, below which rounding would turn its direction."""
