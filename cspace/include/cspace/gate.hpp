@@ -353,6 +353,14 @@ class Gate {
     return can_list(q, size_) && has_within(list_taken(q, size_), -detail::LOST_DEPTH * depth);
   }
 
+  /// Return true if one of some cells, given by their centers, is within reach of a robot that drives a twist and stops.
+  bool reaches(const double* q, const Twist& twist, const std::vector<Point>& centers) const {
+    double reach = size_ + margin_ + detail::CELL_REACH * map_->spacing();
+    for (const Twist& command : brake(twist)) reach += std::abs(command.v) * options_.dt;
+    const auto is_within = [&](const Point& center) { return !(std::hypot(center.x - q[0], center.y - q[1]) > reach); };
+    return std::any_of(centers.begin(), centers.end(), is_within);
+  }
+
   /// Return true if a point or taken cell is nearer than the margin.
   bool is_near(const double* q, const std::vector<Point>& points) const {
     std::vector<Point> seen;

@@ -35,7 +35,7 @@ class GateNode : public rclcpp_lifecycle::LifecycleNode {
   CallbackReturn on_configure(const rclcpp_lifecycle::State&) override {
     try {
       read_parameters();
-      watch_ = std::make_unique<Watch>([this] { return find_gate(); }, options_);
+      watch_ = std::make_unique<Watch>([this] { return find_ground(); }, options_);
       buffer_ = std::make_unique<tf2_ros::Buffer>(get_clock());
       listener_ = std::make_unique<tf2_ros::TransformListener>(*buffer_);
     } catch (const std::exception& error) {
@@ -164,10 +164,11 @@ class GateNode : public rclcpp_lifecycle::LifecycleNode {
 
   /// Return the gate on the newest map.
   /// @throws std::exception  that says why there is none
-  std::shared_ptr<const cspace::Gate> find_gate() {
-    if (maker_)
-      if (const auto map = maker_->map(); map != map_) take_map(map);
-    return gate_;
+  Ground find_ground() {
+    if (!maker_) return {gate_};
+    const KnownMap known = maker_->known_map();
+    if (known.map != map_) take_map(known.map);
+    return {gate_, known.changed};
   }
 
   void take_map(const std::shared_ptr<const cspace::Map>& map) {

@@ -299,7 +299,7 @@ def cycle_until(node, pattern):
     return commands
 
 
-def test_it_drives_on_the_map_of_the_topic_and_brakes_for_a_new_one(follow, tmp_path):
+def test_it_drives_on_the_map_of_the_topic_and_brakes_where_a_new_one_has_changed(follow, tmp_path):
     node = follow()
     assert node.cycle() == (0.0, 0.0) and "stops: no map has come" in node.read_log()
     node.tell("grid map 0")
@@ -307,16 +307,47 @@ def test_it_drives_on_the_map_of_the_topic_and_brakes_for_a_new_one(follow, tmp_
     assert not np.any(commands[:-1]) and "stops: the map is being built" in node.read_log()
     node.tell("grid map 0")
     assert node.cycle() == (0.6, 0.0)
-    node.tell("grid map 40")
+    node.tell("grid map 35")  # a wall within the way that it needs to stop
     speeds = [node.cycle()[0] for _ in range(12)]
     np.testing.assert_allclose(-np.diff([0.6, *speeds]), 0.05)
-    cycle_until(node, "drives")
-    node.tell("place 3.68 2.0")  # 2 cm before the wall
+    assert "stops: the map has changed near the robot" in node.read_log()
+    node.tell("place 3.18 2.0")  # 2 cm before the wall
     cycle_until(node, "no part of the command is proven free")
     assert len((tmp_path / "calls").read_text()) == 2
     again = follow(builder="/no/cspace")
-    again.tell("grid map 40")
+    again.tell("grid map 35")
     cycle_until(again, "drives")
+
+
+@pytest.mark.parametrize("before, after", [(0, 50), (50, 0)])
+def test_it_drives_on_while_a_map_is_built_that_has_changed_far_away(follow, before, after):
+    node = follow()
+    node.tell(f"grid map {before}")
+    cycle_until(node, "drives")
+    node.cycle()
+    node.tell(f"grid map {after}")
+    assert set(cycle_until(node, "the map is ready")[1:]) == {(0.6, 0.0)}
+    node.tell("place 4.68 2.0")  # 2 cm before where the wall is, or was
+    cycle_until(node, "no part of the command is proven free" if after else "drives")
+
+
+def test_a_build_ends_although_a_newer_grid_comes(follow, tmp_path):
+    script = tmp_path / "endless"
+    script.write_text(
+        f"#!/bin/sh\nmkdir {tmp_path}/first || exec sleep 600\n"
+        f"while [ ! -e {tmp_path}/newer ]; do sleep 0.1; done\n"
+        f'exec {sys.executable} -m cspace "$@"\n'
+    )
+    script.chmod(0o755)
+    node = follow(builder=script)
+    node.tell("grid map 0")
+    until((tmp_path / "first").exists)
+    node.tell("grid map 50")
+    node.cycle()
+    (tmp_path / "newer").touch()
+    cycle_until(node, "drives")
+    node.tell("place 4.5 2.0")
+    cycle_until(node, "the map has changed near the robot")
 
 
 @pytest.mark.parametrize(
@@ -427,8 +458,7 @@ def test_builds_at_once_keep_out_of_each_others_way(follow, program, tmp_path):
     slow.process.kill()
     slow.process.wait()
     node.tell("grid map 50")
-    cycle_until(node, "being built")
-    cycle_until(node, "drives")
+    cycle_until(node, "the map is ready")
     assert not part.exists() and len(list((tmp_path / "maps").iterdir())) == 3
 
 

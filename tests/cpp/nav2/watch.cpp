@@ -88,11 +88,11 @@ class Session {
 
  private:
   cspace_nav2::Watch make_watch() const {
-    const auto find_gate = [gate = gate_] {
+    const auto find_ground = [gate = gate_] {
       if (!gate) throw std::runtime_error("there is no map");
-      return gate;
+      return cspace_nav2::Ground{gate};
     };
-    return {find_gate, options_};
+    return {find_ground, options_};
   }
 
   void decide(Time now, Time clock) {

@@ -31,6 +31,7 @@
 #include <thread>
 #include <vector>
 
+#include <cspace/gate.hpp>
 #include <nav_msgs/msg/occupancy_grid.hpp>
 #include <rclcpp/rclcpp.hpp>
 
@@ -117,7 +118,14 @@ struct Recipe {
   std::function<std::string()> robot;  ///< returns the robot in words of `cspace build --robot`
 };
 
-/// Follows a topic of grids with maps. While a newer map is built, there is none.
+/// A map of the robot as it is now, of the newest grid or of one before.
+struct KnownMap {
+  std::shared_ptr<const cspace::Map> map;
+  /// Centers of cells that may be taken since, where the map proves nothing.
+  std::shared_ptr<const std::vector<cspace::Point>> changed;
+};
+
+/// Follows a topic of grids with maps. A build ends before that of the newest grid begins.
 class MapMaker {
  public:
   /// Takes what happens, and whether it is a fault.
@@ -151,13 +159,26 @@ class MapMaker {
   /// @throws std::runtime_error that says why there is none yet
   std::shared_ptr<const cspace::Map> map() {
     const std::lock_guard<std::mutex> lock(mutex_);
-    if (grid_ && recipe_.robot() != wanted_.robot) order();
-    if (!map_) throw std::runtime_error(problem_);
-    return map_;
+    follow_robot();
+    if (!known_.map || !(wanted_ == made_)) throw std::runtime_error(problem_);
+    return known_.map;
+  }
+
+  /// Return the map of the newest grid, or while that is built the one before, for the robot as it is now.
+  /// @throws std::runtime_error that says why there is none
+  KnownMap known_map() {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    follow_robot();
+    if (!known_.map) throw std::runtime_error(problem_);
+    return known_;
   }
 
  private:
-  static constexpr std::size_t MAX_KEPT = 8;  ///< maps in the folder
+  using Grid = nav_msgs::msg::OccupancyGrid;
+  static constexpr std::size_t MAX_KEPT = 8;       ///< maps in the folder
+  static constexpr double MAX_OFFSET = 1e-3;       ///< between the corners of cells of two grids, cells
+  static constexpr double MAX_SHIFT = 1e9;         ///< between two grids, cells
+  static constexpr const char* BUILDING = "the map is being built";
 
   /// The input of a build, as files.
   struct Order {
@@ -167,23 +188,65 @@ class MapMaker {
     }
   };
 
+  /// Want another map if the robot has changed; hold the lock.
+  void follow_robot() {
+    if (grid_ && recipe_.robot() != wanted_.robot) order();
+  }
+
   /// Want the map of the grid; hold the lock.
   void order() {
     try {
       Order wanted = write_order();
       if (wanted == wanted_) return;
       wanted_ = std::move(wanted);
-      problem_ = "the map is being built";
-      log_(std::string(map_ ? "a new map came" : "a map came") + "; nothing is proven until it is built", false);
+      if (problem_ != BUILDING) log_(std::string(known_.map ? "a new map came" : "a map came") + " and is being built", false);
+      problem_ = BUILDING;
     } catch (const std::exception& error) {
       if (problem_ != error.what()) log_(error.what(), true);
       wanted_ = {};
       problem_ = error.what();
     }
-    map_.reset();
+    compare();
     ++number_;
     news_.notify_all();
   }
+
+  /// List what the newest grid has taken since the map; forget the map if it is for another robot, or cannot be compared.
+  void compare() {
+    if (!known_.map) return;
+    known_.changed = wanted_.robot == made_.robot && wanted_.options == made_.options ? list_changed() : nullptr;
+    if (!known_.changed) known_.map = nullptr;
+  }
+
+  /// Return the centers of cells that may be taken in the newest grid, and free in the map's; null if their cells differ.
+  std::shared_ptr<const std::vector<cspace::Point>> list_changed() const {
+    const auto &now = grid_->info, &before = made_grid_->info;
+    const double yaw = yaw_of(now.origin), side = now.resolution;
+    if (now.resolution != before.resolution || yaw != yaw_of(before.origin)) return nullptr;
+    const double x = now.origin.position.x - before.origin.position.x, y = now.origin.position.y - before.origin.position.y;
+    const double columns = (x * std::cos(yaw) + y * std::sin(yaw)) / side, rows = (y * std::cos(yaw) - x * std::sin(yaw)) / side;
+    const double right = std::round(columns), up = std::round(rows);
+    if (!(std::hypot(columns - right, rows - up) < MAX_OFFSET && std::hypot(right, up) < MAX_SHIFT)) return nullptr;
+    const auto changed = std::make_shared<std::vector<cspace::Point>>();
+    for (std::int64_t row = 0; row < now.height; ++row) {
+      for (std::int64_t column = 0; column < now.width; ++column) {
+        const std::int64_t i = column + static_cast<std::int64_t>(right), j = row + static_cast<std::int64_t>(up);
+        // Outside of its grid, the map proves nothing free.
+        if (i < 0 || j < 0 || i >= before.width || j >= before.height) continue;
+        const int value = grid_->data[row * now.width + column], old = made_grid_->data[j * before.width + i];
+        if (value == old || is_free(value) || is_taken(old)) continue;
+        const double u = (static_cast<double>(column) + 0.5) * side, v = (static_cast<double>(row) + 0.5) * side;
+        changed->push_back({now.origin.position.x + u * std::cos(yaw) - v * std::sin(yaw),
+                            now.origin.position.y + u * std::sin(yaw) + v * std::cos(yaw)});
+      }
+    }
+    return changed;
+  }
+
+  /// Return true if an occupancy is surely free, or surely taken, by the thresholds of the header.
+  bool is_free(int occupancy) const { return is_unknown(occupancy) ? recipe_.unknown_is_free : occupancy < 25; }
+  bool is_taken(int occupancy) const { return is_unknown(occupancy) ? !recipe_.unknown_is_free : occupancy > 65; }
+  static bool is_unknown(int occupancy) { return occupancy < 0 || occupancy > 100; }
 
   /// Return the grid as a ROS map of occupancies in per cent, its top row first.
   /// @throws std::runtime_error if it is in another frame or has no cells
@@ -228,26 +291,31 @@ class MapMaker {
       news_.wait(lock, [&] { return has_ended_ || number_ != done; });
       if (has_ended_) return;
       done = number_;
-      if (wanted_.image.empty()) continue;
+      if (wanted_.image.empty() || (known_.map && wanted_ == made_)) continue;
       const Order order = wanted_;
+      const std::shared_ptr<const Grid> grid = grid_;
       lock.unlock();
       std::shared_ptr<const cspace::Map> map;
       std::string problem;
       try {
-        map = make(order, done);
+        map = make(order);
       } catch (const std::exception& error) {
         problem = error.what();
       }
       lock.lock();
-      if (has_ended_ || number_ != done) continue;
-      map_ = map;
-      if (!map) problem_ = "there is no map: " + problem;
+      if (has_ended_ || wanted_.robot != order.robot || wanted_.options != order.options) continue;
+      made_ = order;
+      made_grid_ = grid;
+      known_ = {map, nullptr};
+      compare();
+      if (!(wanted_ == order)) continue;
+      problem_ = map ? "" : "there is no map: " + problem;
       log_(map ? "the map is ready" : problem_, !map);
     }
   }
 
   /// Return the kept map of an order, which is built if it is not there.
-  std::shared_ptr<const cspace::Map> make(const Order& order, std::uint64_t number) {
+  std::shared_ptr<const cspace::Map> make(const Order& order) {
     namespace fs = std::filesystem;
     const std::vector<std::pair<std::string, std::string>> files = {
         {"/map.pgm", order.image}, {"/map.yaml", order.header}, {"/robot", order.robot}, {"/options", order.options}};
@@ -279,7 +347,7 @@ class MapMaker {
     const auto middle = order.options.find(' ');
     run({recipe_.builder, "build", part + "/map.yaml", "--robot", order.robot, "--rotations", order.options.substr(0, middle),
          "--unknown", order.options.substr(middle + 1), "-o", part + "/map.zarr"},
-        part + "/log", number);
+        part + "/log", order.robot);
     if (was_kept || !is_kept()) {  // else another process was faster
       check_kept();
       fs::remove_all(kept);
@@ -289,8 +357,8 @@ class MapMaker {
     return open_plane_map(kept + "/map.zarr");
   }
 
-  /// Run a command whose output goes to a file; end it when a newer order comes.
-  void run(const std::vector<std::string>& words, const std::string& log, std::uint64_t number) {
+  /// Run a command whose output goes to a file; end it if the robot changes.
+  void run(const std::vector<std::string>& words, const std::string& log, const std::string& robot) {
     std::vector<char*> arguments;
     for (const std::string& word : words) arguments.push_back(const_cast<char*>(word.c_str()));
     arguments.push_back(nullptr);
@@ -305,10 +373,10 @@ class MapMaker {
     int status = 0;
     while (::waitpid(child, &status, WNOHANG) == 0) {
       std::unique_lock<std::mutex> lock(mutex_);
-      if (!news_.wait_for(lock, std::chrono::milliseconds(50), [&] { return has_ended_ || number_ != number; })) continue;
+      if (!news_.wait_for(lock, std::chrono::milliseconds(50), [&] { return has_ended_ || wanted_.robot != robot; })) continue;
       ::kill(child, SIGKILL);
       ::waitpid(child, &status, 0);
-      throw std::runtime_error("a newer map came");
+      throw std::runtime_error("the robot has changed");
     }
     if (!WIFEXITED(status) || WEXITSTATUS(status) != 0) throw std::runtime_error("'" + words[0] + " build' failed: " + last_line(read(log)));
   }
@@ -349,10 +417,12 @@ class MapMaker {
   const Log log_;
   std::mutex mutex_;
   std::condition_variable news_;
-  std::shared_ptr<const nav_msgs::msg::OccupancyGrid> grid_;
+  std::shared_ptr<const Grid> grid_;
   Order wanted_;
   std::uint64_t number_ = 0;  ///< of orders
-  std::shared_ptr<const cspace::Map> map_;
+  KnownMap known_;
+  Order made_;                            ///< of the known map
+  std::shared_ptr<const Grid> made_grid_;
   std::string problem_ = "no map has come";
   bool has_ended_ = false;
   std::thread worker_;  // last, as it uses all others

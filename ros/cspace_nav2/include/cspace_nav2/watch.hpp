@@ -2,7 +2,7 @@
 /// The watch of a gate: the newest command and scans with their ages, where the robot is, and what it may drive. It
 /// needs no ROS.
 ///
-///     cspace_nav2::Watch watch([gate] { return gate; }, options);
+///     cspace_nav2::Watch watch([gate] { return cspace_nav2::Ground{gate}; }, options);
 ///     watch.hear_command({0.5, 0.1}, now);
 ///     watch.hear_scan("scan", scan);
 ///     cspace_nav2::Decision decision = watch.decide(now, clock, look_up);  // once in each period
@@ -81,7 +81,14 @@ struct WatchOptions {
   cspace::Twist max_velocity = {1.0, 2.0};      ///< beyond it, a command is slowed down along its arc
 };
 
-using FindGate = std::function<std::shared_ptr<const cspace::Gate>()>;
+/// What a robot drives by.
+struct Ground {
+  std::shared_ptr<const cspace::Gate> gate;
+  /// Centers of cells, no larger than the map's, of which the map proves nothing any more; null if there is none.
+  std::shared_ptr<const std::vector<cspace::Point>> changed = nullptr;
+};
+
+using FindGround = std::function<Ground()>;
 
 /// What the robot is to drive now.
 struct Decision {
@@ -95,8 +102,8 @@ struct Decision {
 /// Calls must not overlap.
 class Watch {
  public:
-  /// @param find_gate  returns the gate of now; throws what says why there is none
-  Watch(FindGate find_gate, const WatchOptions& options) : find_gate_(std::move(find_gate)), options_(options) {
+  /// @param find_ground  returns the gate of now; throws what says why there is none
+  Watch(FindGround find_ground, const WatchOptions& options) : find_ground_(std::move(find_ground)), options_(options) {
     for (const std::string& name : options_.sources) sources_[name];
   }
 
@@ -172,7 +179,7 @@ class Watch {
   /// Take what the gate lets through as the new way; return why it stands, if it does.
   std::string slow_down(Time now, Time clock, const LookUp& look_up) {
     const Time max_age = to_time(options_.max_age);
-    const std::shared_ptr<const cspace::Gate> gate = find_gate_();
+    const auto [gate, changed] = find_ground_();
     for (auto& [name, source] : sources_) place_scans(name, source, now, clock, look_up);
     const Placement found = find(options_.base_frame, NEWEST, look_up);
     const Time seen = now - (clock - found.stamp);
@@ -195,6 +202,8 @@ class Watch {
     }
     const Pose here = move(pose, seen, now);
     const double q[] = {here.x, here.y, here.yaw};
+    if (changed && (gate->reaches(q, wanted_, *changed) || gate->reaches(q, ramp_.front(), *changed)))
+      throw std::runtime_error("the map has changed near the robot, and is being built");
     const bool stood = is_rest(ramp_.front());
     cspace::SlowedCommand slowed = gate->slow_down(q, wanted_, ramp_.front(), points, options_.leaving);
     if (slowed.leaves && slowed.share > 0.0 && gate->is_near(q, points)) {
@@ -310,7 +319,7 @@ class Watch {
     return pose;
   }
 
-  FindGate find_gate_;
+  FindGround find_ground_;
   WatchOptions options_;
   cspace::Twist wanted_{};
   Time command_heard_ = NEVER, cycle_ = NEVER, jumped_ = NEVER, last_seen_ = NEVER;
