@@ -255,7 +255,7 @@ def plan(
     task = _choose_searches(task)
     places = _check_places(via, goal, task)
     origin, moved = _check_start(task, origins)
-    ends = [_check_stage(task, name, place, origin.rooms[0]) for name, place in places]
+    ends = [_check_stage(task, name, place, origin.goals[0]) for name, place in places]
     task = replace(task, edges=weigh_edges(task, task.edges))
     if task.seed is not None:
         with suppress(ImportError):  # without OMPL, its draws need no seed
@@ -293,7 +293,7 @@ def _add_previous(task: PlanTask, previous: Plan, starts: Sequence[PlaceParts]) 
     task = replace(task, previous=_check_previous(task, previous))
     edges = task.edges
     # A robot on its way cannot choose another start.
-    if len(starts) == 1 and starts[0].is_one and not edges.exact:
+    if len(starts) == 1 and starts[0].is_one:
         start = cast("ArrayLike", starts[0].configuration)
         if _needs_geometry(edges.space, start):
             task = replace(task, edges=replace(edges, space=edges.space.exact))
@@ -413,7 +413,8 @@ def _check_start(task: PlanTask, places: Sequence[PlaceParts]) -> tuple[Stage, d
     rooms = gather_goals("start", places, find_rooms)
     goals = [tuple(room.middle.tolist()) for room in rooms]
     whole = list_all_rooms(space, places, goals)
-    return Stage("start", goals, tuple(rooms), whole), moved
+    has_cells = isinstance(space, ConfigurationMap)
+    return Stage("start", goals, tuple(rooms) if has_cells else (), whole), moved
 
 
 def _move_start(edges: LocalPlanner, place: PlaceParts) -> tuple[Endpoint, str]:
@@ -431,15 +432,15 @@ def _move_start(edges: LocalPlanner, place: PlaceParts) -> tuple[Endpoint, str]:
     return moved, f"{place.name} moved by {distance:.3g} m to {moved}"
 
 
-def _check_stage(task: PlanTask, name: str, place: PlaceLike, start: Room) -> Stage:
+def _check_stage(task: PlanTask, name: str, place: PlaceLike, start: Endpoint) -> Stage:
     """Check a place; raise InputError or ConfigurationError if it is unusable."""
     edges = task.edges
     space = edges.space
     places = split_places(space, place, name)
-    near = start.find_inner(space)
-    rooms: tuple[Room, ...] = ()
-    if isinstance(space, ConfigurationMap) and not (len(places) == 1 and places[0].is_plain):
-        rooms = list_rooms(space, places)
+    position, rotation = start[: space.dim], start[space.dim :]
+    near = (*np.clip(position, *space.bounds).tolist(), *rotation)
+    rooms = () if len(places) == 1 and places[0].is_plain else list_rooms(space, places)
+    if rooms:
         goals = find_room_goals(edges, rooms, name, near)
     else:
         options = {} if name == "goal" else {"name": name}

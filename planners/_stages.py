@@ -20,7 +20,7 @@ class Stage(NamedTuple):
 
     name: str  # in messages
     goals: Sequence[Endpoint]  # its configurations, the most promising from the start first
-    rooms: tuple[Room, ...]  # of a map, unless it is one goal; of a start always
+    rooms: tuple[Room, ...]  # of a map, unless it is one goal; of its start always
     whole: tuple[Room, ...] = ()  # of all its configurations, free or not, if they can be listed
 
     @classmethod
