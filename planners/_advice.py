@@ -135,12 +135,11 @@ def _list_trials(task: PlanTask, is_connected: bool) -> Iterator[tuple[PlanTask,
     """Yield short searches with other options, and hints for these."""
     edges = task.edges
     space = edges.space
-    proofs = dict.fromkeys([edges.exact, edges.exact or edges.cells.tries_exact])
-    others = edges.list_drives()
-    for exact, drive in itertools.product(proofs, others if isinstance(space, CSpace) else ()):
-        other = local_planner(space, drive, exact=exact)
-        other = replace(other, weights=edges.weights)
-        changes = [] if exact == edges.exact else ["space.exact"]
+    spaces = dict.fromkeys([space, space.exact] if edges.cells.tries_exact else [space])
+    drives = edges.list_drives() if isinstance(space, CSpace) else ()
+    for other_space, drive in itertools.product(spaces, drives):
+        other = replace(local_planner(other_space, drive), weights=edges.weights)
+        changes = [] if other_space is space else ["space.exact"]
         if drive != edges.drive:
             changes.append(f"drive=planners.{drive}")
         if not (changes and (other.exact or is_connected)):

@@ -467,10 +467,7 @@ def _choose_planner(edges: LocalPlanner, objective: Objective, iterations: int |
             rule = f"{planner.name}, its default planner, counts none"
             raise InputError("iterations", problem, rule)
         return planner
-    # The lattice proves turns on the spot by cells alone.
-    if counts_none or (edges.turns_on_spot and edges.exact):
-        return find_planner(edges.tree_planner)
-    return planner
+    return find_planner(edges.tree_planner if counts_none else edges.search_by_length)
 
 
 def _describe_outcome(

@@ -214,14 +214,13 @@ def _choose_sampler(
 ) -> Callable[[ob.SpaceInformation], ob.ValidStateSampler]:
     """Check the source of randomness; choose the valid state sampler."""
     space = edges.space
-    exact = edges.exact
     if rng is not None:
         check_rng(rng)
-        if exact:
+        if edges.exact:
             rule = "it is for FreeStateSampler"
             raise InputError("rng", f"is given and space is {space!r}", rule)
     # FREE cells give samples without rejection, unless geometry decides other cells too.
-    if isinstance(space, CSpace) and not exact:
+    if isinstance(space, CSpace) and not edges.exact:
         return lambda info: FreeStateSampler(info, edges.cells, rng)
     return lambda info: ob.UniformValidStateSampler(info)
 
