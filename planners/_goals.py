@@ -680,22 +680,20 @@ def begin_in_rooms(edges: LocalPlanner, path: Floats, rooms: Sequence[Room]) -> 
 # ---- places as users give them -------------------------------------------------------------------
 
 
-def list_rooms(space: Space, places: Sequence[PlaceParts]) -> tuple[Room, ...]:
+def list_rooms(edges: LocalPlanner, places: Sequence[PlaceParts]) -> tuple[Room, ...]:
     """Return the rooms of places; none in a space without cells."""
-    if not isinstance(space, ConfigurationMap):
-        return ()
-    return tuple(_make_room(space, each) for each in places)
+    return tuple(_make_room(edges.cells, each) for each in places) if edges.has_cells else ()
 
 
 def list_all_rooms(
-    space: Space, places: Sequence[PlaceParts], found: Sequence[Endpoint]
+    edges: LocalPlanner, places: Sequence[PlaceParts], found: Sequence[Endpoint]
 ) -> tuple[Room, ...]:
     """Return the rooms of all configurations of places, free or not.
 
     Return no rooms if not all configurations can be listed; ``found`` are the free ones.
     """
-    if rooms := list_rooms(space, places):
-        return rooms if space.has_poses or all(place.is_plain for place in places) else ()
+    if rooms := list_rooms(edges, places):
+        return rooms if edges.space.has_poses or all(place.is_plain for place in places) else ()
     points = tuple(Room("", np.array(q)) for q in found)
     return points if len(found) == len(places) else ()
 

@@ -60,7 +60,7 @@ def local_planner(
             "it is for the axes (x, y, yaw) of a map",
         )
     if not isinstance(space, ConfigurationMap):
-        return EdgesWithoutCells(space, bidirectional=bidirectional)
+        return EdgesWithoutCells(space, drive, bidirectional)
     edges = kind(space, drive, bidirectional)
     edges.check_drive()
     return edges

@@ -90,6 +90,9 @@ class LocalPlanner:
     examples: ClassVar[tuple[Drive | None, ...]] = (None,)
     """Drives of this kind, for messages and pages."""
 
+    has_cells: ClassVar[bool] = True
+    """Whether the space consists of cells, so that places may have room."""
+
     has_heading: ClassVar[bool] = False
     """Whether the robot moves along its x axis alone."""
 
@@ -143,6 +146,11 @@ class LocalPlanner:
     def exact(self) -> bool:
         """Whether more than cells decides edges, such as geometry."""
         return cells_of(self.space) is not self.space
+
+    @property
+    def in_memory(self) -> bool:
+        """Whether the cells are an array in memory."""
+        return isinstance(self.space, CSpace)
 
     @property
     def worst_state(self) -> int:
@@ -423,6 +431,7 @@ class LocalPlanner:
 class EdgesWithoutCells(LocalPlanner):
     """Edges of a space without cells, such as an arm's or a user's own."""
 
+    has_cells = False
     exact = True
 
     @property
