@@ -11,9 +11,8 @@ from typing import cast
 
 import numpy as np
 
-from cspace import CSpace, Space
+from cspace import Space
 from cspace.errors import InputError
-from cspace.inside import ConfigurationMap
 from planners._catalogue import PlannerName, Search
 from planners._edges.drives import local_planner
 from planners._edges.local_planner import Endpoints, LocalPlanner
@@ -64,7 +63,7 @@ def _list_hints(
     """List hints for a search, which timed out if ``is_late``."""
     edges = task.edges
     more = _name_more(task, is_late)
-    if not isinstance(edges.space, ConfigurationMap):
+    if not edges.has_cells:
         return [more, "another seed", "a larger tolerance" if task.keep else "another planner"]
     if is_connected and not edges.has_heading:
         if task.planner.name == edges.search or task.objective.kind == FUNCTION:
@@ -104,7 +103,7 @@ def _list_undecided_hints(task: PlanTask, more: str) -> list[str]:
     """List hints if the map is undecided; ``more`` extends the search."""
     edges = task.edges
     # An explanation takes longer than a failed plan on large maps, so the hint repeats none of it.
-    is_explained = isinstance(edges.space, CSpace) and len(edges.space.rotations.names) < 2
+    is_explained = edges.in_memory and len(edges.space.rotations.names) < 2
     change = "what plan.explain() names" if is_explained else _name_finer(edges.space)
     if edges.exact:
         return [change, more]
@@ -135,15 +134,17 @@ def _list_trials(task: PlanTask, is_connected: bool) -> Iterator[tuple[PlanTask,
     """Yield short searches with other options, and hints for these."""
     edges = task.edges
     space = edges.space
-    proofs = dict.fromkeys([edges.exact, edges.exact or edges.cells.tries_exact])
-    others = edges.list_drives()
-    for exact, drive in itertools.product(proofs, others if isinstance(space, CSpace) else ()):
-        other = local_planner(space, drive, exact=exact)
-        other = replace(other, weights=edges.weights)
-        changes = [] if exact == edges.exact else ["space.exact"]
+    # No drive has a path through FREE cells that do not join the ends.
+    spaces = [space] if edges.exact or is_connected else []
+    if edges.cells.tries_exact:
+        spaces.append(space.exact)
+    drives = edges.list_drives() if edges.in_memory else ()
+    for other_space, drive in itertools.product(dict.fromkeys(spaces), drives):
+        other = replace(local_planner(other_space, drive), weights=edges.weights)
+        changes = [] if other_space is space else ["space.exact"]
         if drive != edges.drive:
             changes.append(f"drive=planners.{drive}")
-        if not (changes and (other.exact or is_connected)):
+        if not changes:
             continue
         trial = replace(
             task,
@@ -167,7 +168,7 @@ def _list_exact_hints(task: PlanTask) -> list[str]:
     hint = "space.exact"
     if task.is_named:
         hint += " with the default planner"
-    if not isinstance(edges.space, CSpace):
+    if not edges.in_memory:
         hint += " on space.window(lower, upper)"
     return [hint]
 

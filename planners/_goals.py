@@ -52,9 +52,7 @@ from planners._space_kinds import (
     ANY_ROTATION,
     NEAR,
     REGION,
-    SUPPORTED,
     check_support,
-    find_space_kind,
 )
 
 REGIONS: Final = (Polygon, MultiPolygon)
@@ -190,11 +188,6 @@ class Room:
             inside = shapely.intersects_xy(self.region, rows[:, 0], rows[:, 1])
         turns = np.linalg.norm(steps[:, dim:], axis=1)
         return np.asarray(inside & ((turns <= self.angle) | (self.angle >= math.pi)))
-
-    def find_inner(self, space: Space) -> Endpoint:
-        """Return the middle, moved into the bounds of the space."""
-        rotation = self.middle[space.dim :]
-        return (*self.middle[: space.dim].clip(*space.bounds).tolist(), *rotation.tolist())
 
     def pull(self, space: ConfigurationMap, rows: Floats) -> Floats:
         """Move configurations, (n, size), into the room by nearly shortest ways."""
@@ -687,23 +680,22 @@ def begin_in_rooms(edges: LocalPlanner, path: Floats, rooms: Sequence[Room]) -> 
 # ---- places as users give them -------------------------------------------------------------------
 
 
-def list_rooms(space: ConfigurationMap, places: Sequence[PlaceParts]) -> tuple[Room, ...]:
-    """Return the rooms of places on a map."""
-    return tuple(_make_room(space, each) for each in places)
+def list_rooms(edges: LocalPlanner, places: Sequence[PlaceParts]) -> tuple[Room, ...]:
+    """Return the rooms of places; none in a space without cells."""
+    return tuple(_make_room(edges.cells, each) for each in places) if edges.has_cells else ()
 
 
 def list_all_rooms(
-    space: Space, places: Sequence[PlaceParts], found: Sequence[Endpoint]
+    edges: LocalPlanner, places: Sequence[PlaceParts], found: Sequence[Endpoint]
 ) -> tuple[Room, ...]:
     """Return the rooms of all configurations of places, free or not.
 
     Return no rooms if not all configurations can be listed; ``found`` are the free ones.
     """
-    if isinstance(space, ConfigurationMap):
-        can_list = find_space_kind(space) in SUPPORTED[NEAR] or all(p.is_plain for p in places)
-        return list_rooms(space, places) if can_list else ()
-    rooms = tuple(Room("", np.array(q)) for q in found)
-    return rooms if len(found) == len(places) else ()
+    if rooms := list_rooms(edges, places):
+        return rooms if edges.space.has_poses or all(place.is_plain for place in places) else ()
+    points = tuple(Room("", np.array(q)) for q in found)
+    return points if len(found) == len(places) else ()
 
 
 def sort_goals(space: Space, goals: Sequence[Endpoint], start: Endpoint) -> list[Endpoint]:

@@ -10,12 +10,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from cspace.inside import (
-    ConfigurationMap,
-    Effort,
-    Endpoint,
-    Floats,
-)
+from cspace.inside import Effort, Endpoint, Floats
 from planners._edges.local_planner import Endpoints, LocalPlanner
 from planners._goals import (
     Room,
@@ -63,7 +58,7 @@ def search_stages(task: PlanTask, stages: Sequence[Stage]) -> Journey:
     origin, first, *rest = stages
     routes = _find_routes(edges, origin, first, is_first=True)
     existence = Existence(edges, stages, routes)
-    if rest and isinstance(edges.space, ConfigurationMap) and len(routes) > 1:
+    if rest and origin.rooms and len(routes) > 1:
         routes = existence.select_routes() or routes
     legs, searched = _find_legs(task, existence, routes)
     result, vias = _join_legs(legs, searched)
@@ -189,8 +184,7 @@ def _find_routes(
 ) -> list[Endpoints]:
     """Find routes between two stages, the most promising first."""
     starts = origin.rooms
-    is_map = isinstance(edges.space, ConfigurationMap)
-    if is_map and not (len(starts) == 1 and starts[0].is_point):
+    if starts and not (len(starts) == 1 and starts[0].is_point):
         goals = stage.rooms or [Room(stage.name, np.array(q)) for q in stage.goals]
         return find_routes(edges, starts, goals, stage.name)
     if stage.rooms:

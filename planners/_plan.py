@@ -17,7 +17,6 @@ from cspace import Goal, Space
 from cspace.errors import ConfigurationError, InputError, MissingPackageError
 from cspace.inside import (
     NEVER,
-    ConfigurationMap,
     Drive,
     Effort,
     Endpoint,
@@ -255,7 +254,7 @@ def plan(
     task = _choose_searches(task)
     places = _check_places(via, goal, task)
     origin, moved = _check_start(task, origins)
-    ends = [_check_stage(task, name, place, origin.rooms[0]) for name, place in places]
+    ends = [_check_stage(task, name, place, origin.goals[0]) for name, place in places]
     task = replace(task, edges=weigh_edges(task, task.edges))
     if task.seed is not None:
         with suppress(ImportError):  # without OMPL, its draws need no seed
@@ -293,7 +292,7 @@ def _add_previous(task: PlanTask, previous: Plan, starts: Sequence[PlaceParts]) 
     task = replace(task, previous=_check_previous(task, previous))
     edges = task.edges
     # A robot on its way cannot choose another start.
-    if len(starts) == 1 and starts[0].is_one and not edges.exact:
+    if len(starts) == 1 and starts[0].is_one:
         start = cast("ArrayLike", starts[0].configuration)
         if _needs_geometry(edges.space, start):
             task = replace(task, edges=replace(edges, space=edges.space.exact))
@@ -395,7 +394,8 @@ def _check_start(task: PlanTask, places: Sequence[PlaceParts]) -> tuple[Stage, d
 
     Raises InputError or ConfigurationError if the start cannot be used.
     """
-    space = task.edges.space
+    edges = task.edges
+    space = edges.space
     moved: dict[Endpoint, str] = {}
 
     def find_rooms(place: PlaceParts, name: str) -> list[Room]:
@@ -405,15 +405,15 @@ def _check_start(task: PlanTask, places: Sequence[PlaceParts]) -> tuple[Stage, d
             goals = space.find_goals(place.configuration, near, task.seed, name=name)
             return [Room(name, np.array(q)) for q in goals[:MAX_TRIED_GOALS]]
         if not place.is_one:
-            return list(list_rooms(task.edges.cells, [place]))
-        q, text = _move_start(task.edges, place)
+            return list(list_rooms(edges, [place]))
+        q, text = _move_start(edges, place)
         moved[q] = text
         return [Room(name, np.array(q))]
 
     rooms = gather_goals("start", places, find_rooms)
     goals = [tuple(room.middle.tolist()) for room in rooms]
-    whole = list_all_rooms(space, places, goals)
-    return Stage("start", goals, tuple(rooms), whole), moved
+    whole = list_all_rooms(edges, places, goals)
+    return Stage("start", goals, tuple(rooms) if edges.has_cells else (), whole), moved
 
 
 def _move_start(edges: LocalPlanner, place: PlaceParts) -> tuple[Endpoint, str]:
@@ -425,26 +425,26 @@ def _move_start(edges: LocalPlanner, place: PlaceParts) -> tuple[Endpoint, str]:
     except ConfigurationError:
         if place.near is None:
             raise
-    (room,) = list_rooms(edges.cells, [place])
+    (room,) = list_rooms(edges, [place])
     moved = room.find_goals(edges, tuple(start.tolist()))[0]
     distance = float(space.distance(start, np.array(moved)))
     return moved, f"{place.name} moved by {distance:.3g} m to {moved}"
 
 
-def _check_stage(task: PlanTask, name: str, place: PlaceLike, start: Room) -> Stage:
+def _check_stage(task: PlanTask, name: str, place: PlaceLike, start: Endpoint) -> Stage:
     """Check a place; raise InputError or ConfigurationError if it is unusable."""
     edges = task.edges
     space = edges.space
     places = split_places(space, place, name)
-    near = start.find_inner(space)
-    rooms: tuple[Room, ...] = ()
-    if isinstance(space, ConfigurationMap) and not (len(places) == 1 and places[0].is_plain):
-        rooms = list_rooms(space, places)
+    position, rotation = start[: space.dim], start[space.dim :]
+    near = (*np.clip(position, *space.bounds).tolist(), *rotation)
+    rooms = () if len(places) == 1 and places[0].is_plain else list_rooms(edges, places)
+    if rooms:
         goals = find_room_goals(edges, rooms, name, near)
     else:
         options = {} if name == "goal" else {"name": name}
         goals = sort_goals(space, space.find_goals(place, near, task.seed, **options), near)
-    return Stage(name, goals, rooms, list_all_rooms(space, places, goals))
+    return Stage(name, goals, rooms, list_all_rooms(edges, places, goals))
 
 
 def _choose_planner(edges: LocalPlanner, objective: Objective, iterations: int | None) -> Planner:
@@ -466,10 +466,7 @@ def _choose_planner(edges: LocalPlanner, objective: Objective, iterations: int |
             rule = f"{planner.name}, its default planner, counts none"
             raise InputError("iterations", problem, rule)
         return planner
-    # The lattice proves turns on the spot by cells alone.
-    if counts_none or (edges.turns_on_spot and edges.exact):
-        return find_planner(edges.tree_planner)
-    return planner
+    return find_planner(edges.tree_planner if counts_none else edges.search_by_length)
 
 
 def _describe_outcome(
@@ -506,7 +503,7 @@ def _make_plan(journey: Journey, space: Space, moved: Mapping[Endpoint, str], be
         status = f"{stages[number].name} is not reached: {status}"
     status = "; ".join(filter(None, [status, moved.get(start)]))
     edges = task.edges
-    is_proven = isinstance(space, ConfigurationMap) and result.proven
+    is_proven = edges.has_cells and result.proven
     endpoints = (start, *task.endpoints[1:])
     if len(result.path) and task.rooms:
         endpoints = (start, tuple(result.path[-1].tolist()))

@@ -7,11 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from cspace.inside import (
-    ConfigurationMap,
-    Floats,
-    now,
-)
+from cspace.inside import Floats, now
 from planners._edges.local_planner import MAX_RADIANS, LocalPlanner
 from planners._searches.paths import drop_repeats, unwind
 from planners._searches.shortening import shorten
@@ -47,7 +43,7 @@ def _find_detour(task: PlanTask, start: Floats, way: Floats) -> Floats:
     search. The path has no row if the search takes too long.
     """
     edges = task.edges
-    if isinstance(edges.space, ConfigurationMap) and edges.space.dim == 2:
+    if edges.has_cells and edges.space.dim == 2:
         for beside in _list_ways_beside(edges, way):
             if edges.are_free(np.vstack([start, beside, way[-1]])):
                 return beside

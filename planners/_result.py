@@ -258,7 +258,7 @@ class Plan:
 
     def _picture(self) -> Any:
         """Return the space to draw, or raise InputError after pickling."""
-        space = self._map()
+        space: Any = self._map()
         if is_tiled(space):
             return space.overview()
         if not hasattr(type(space), "plot"):  # a space of the user's may have it

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 
@@ -24,9 +24,6 @@ from planners._searches.paths import skip_points
 from planners._space_kinds import is_tiled
 from planners._task import NO_EFFORT, Planner, PlanTask, SearchResult
 
-if TYPE_CHECKING:
-    from cspace import TiledCSpace
-
 EXACT_SHARE: Final = 0.5
 """Share of the effort left for the quick search, and then for the built-in one, if geometry decides
 MIXED cells: a search through many such cells may not end."""
@@ -42,13 +39,13 @@ def search_and_prove(task: PlanTask) -> SearchResult:
     if is_labelled(space) and not task.may_succeed():
         return SearchResult(np.empty((0, space.size)))
     if is_tiled(space):
-        return _search_tiles(task, space)
+        return _search_tiles(task)
     result = _search(task)
     path = task.edges.insert_breakpoints(space.rotations.make_canonical(result.path))
     return replace(result, path=path, proven=len(path) > 0 and task.edges.are_free(path))
 
 
-def _search_tiles(task: PlanTask, tiles: TiledCSpace) -> SearchResult:
+def _search_tiles(task: PlanTask) -> SearchResult:
     """Search the tiles on the way, and join their paths.
 
     A tile without a path ends the search. Grid searches a tile again if a planner of OMPL finds no
@@ -56,7 +53,7 @@ def _search_tiles(task: PlanTask, tiles: TiledCSpace) -> SearchResult:
     """
     edges = task.edges
     is_holonomic = not edges.has_heading
-    parts = tiles.subproblems(*task.endpoints[:2])
+    parts = edges.tiles.subproblems(*task.endpoints[:2])
     paths: list[Floats] = []
     results: list[SearchResult] = []
     for open_part, *ends in parts:
@@ -80,7 +77,7 @@ def _search_tiles(task: PlanTask, tiles: TiledCSpace) -> SearchResult:
     began = now()
     path = np.concatenate(paths)
     if task.simplify and task.objective.kind == LENGTH and is_holonomic:
-        path = skip_points(path, tiles.edge_checker())
+        path = skip_points(path, edges.space.edge_checker())
     total = sum_times(results[-1], results)
     seconds = total.simplification + (now() - began).seconds
     return SearchResult(path, f"through {len(parts)} tiles", total.planning, seconds, True)

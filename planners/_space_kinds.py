@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Final, TypeGuard
+from typing import Final, TypeGuard
 
 from cspace import CSpace, Space
 from cspace.errors import InputError
 from cspace.inside import ConfigurationMap, ConfigurationSpace
-
-if TYPE_CHECKING:
-    from cspace import TiledCSpace
 
 MAPS: Final = "maps of poses"
 TILED_MAPS: Final = "tiled maps"
@@ -48,7 +45,7 @@ def find_space_kind(space: Space) -> str:
     return MAPS if space.has_poses else JOINT_MAPS
 
 
-def is_tiled(space: Space) -> TypeGuard[TiledCSpace]:
+def is_tiled(space: Space) -> bool:
     """Return True for maps in tiles."""
     return find_space_kind(space) == TILED_MAPS
 

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cspace.inside import NEVER, ConfigurationMap, Endpoint, Floats, is_labelled, is_over
+from cspace.inside import NEVER, Endpoint, Floats, is_labelled, is_over
 from planners._edges.local_planner import Endpoints, LocalPlanner
 from planners._goals import Room, find_joined, find_room_goals, may_join
 
@@ -20,7 +20,7 @@ class Stage(NamedTuple):
 
     name: str  # in messages
     goals: Sequence[Endpoint]  # its configurations, the most promising from the start first
-    rooms: tuple[Room, ...]  # of a map, unless it is one goal; of a start always
+    rooms: tuple[Room, ...]  # of a map, unless it is one goal; of its start always
     whole: tuple[Room, ...] = ()  # of all its configurations, free or not, if they can be listed
 
     @classmethod
@@ -95,15 +95,15 @@ class Existence:
         listed = [stage.whole for stage in self.stages if stage.whole]
         if not self._can_ask or len(listed) < 2:
             return False
-        space = self.edges.space
-        if isinstance(space, ConfigurationMap):
+        if self.edges.has_cells:
             return not len(find_joined(self.edges.cells, listed, mixed=True))
+        exists = self.edges.space.path_exists
         reached, *others = listed
         for rooms in others:
             reached = tuple(
                 room
                 for room in rooms
-                if any(space.path_exists(q.middle, room.middle) is not False for q in reached)
+                if any(exists(q.middle, room.middle) is not False for q in reached)
             )
         return not reached
 

@@ -896,8 +896,8 @@ MUTANTS = (
     ),
     Mutant(
         "planners/_goals.py",
-        "return rooms if len(found) == len(places) else ()",
-        "return rooms",
+        "return points if len(found) == len(places) else ()",
+        "return points",
         "tests/planners/test_own_space.py",
     ),
     Mutant(

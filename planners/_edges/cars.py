@@ -11,7 +11,7 @@ from typing import ClassVar, Final, Literal
 
 import numpy as np
 
-from cspace import CSpace, Rotations
+from cspace import Rotations
 from cspace.errors import InputError
 from cspace.inside import (
     Car,
@@ -156,7 +156,7 @@ class CarCurves(DrivenEdges):
 
         See :meth:`cspace.CSpace.path_obstacle_distance` for the pieces of curves.
         """
-        if not isinstance(self.space, CSpace):
+        if not self.in_memory:
             return super().measure_distance(path)
         step = 0.5 * self.space.resolution
         pieces = self.split_path(path, step, step / max(self.cells.robot.shape.span, step))
@@ -170,7 +170,7 @@ class CarCurves(DrivenEdges):
 
         It returns -1 unless the curve is proven free.
         """
-        if isinstance(self.space, CSpace):
+        if self.in_memory:
             prove = self.bound_proof
             if not self.exact:
                 return partial(prove, None)

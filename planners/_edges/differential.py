@@ -38,6 +38,12 @@ class TurnDriveTurn(DrivenEdges):
     turns_on_spot = True
 
     @property
+    def search_by_length(self) -> str:
+        """Search of a default plan for the length."""
+        # The lattice proves turns on the spot by cells alone.
+        return self.tree_planner if self.exact else self.search
+
+    @property
     def curve_states(self) -> tuple[bool, float]:
         """Whether OMPL's curves reverse, and their tiny radius, metres."""
         grid = self.cells.grid

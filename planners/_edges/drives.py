@@ -10,7 +10,7 @@ from cspace.errors import InputError
 from cspace.inside import Car as Car
 from cspace.inside import ConfigurationMap, Drive, Upright, check_drive
 from cspace.inside import Differential as Differential
-from planners._edges.local_planner import LocalPlanner
+from planners._edges.local_planner import EdgesWithoutCells, LocalPlanner
 from planners._edges.own_space import check_space
 
 
@@ -52,13 +52,16 @@ def local_planner(
     space = space.keep(keep)
     if exact:
         space = space.exact
-    edges = edges_of(check_drive(drive))(space, drive, bidirectional)
-    if edges.has_heading and not has_drives(space):
+    kind = edges_of(check_drive(drive))
+    if kind.has_heading and not has_drives(space):
         raise InputError(
             "drive",
             f"is {drive!r} and the axes are ({', '.join(space.axes)})",
             "it is for the axes (x, y, yaw) of a map",
         )
+    if not isinstance(space, ConfigurationMap):
+        return EdgesWithoutCells(space, drive, bidirectional)
+    edges = kind(space, drive, bidirectional)
     edges.check_drive()
     return edges
 

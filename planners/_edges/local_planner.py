@@ -20,7 +20,6 @@ from cspace.inside import (
     ANGLE_SLACK,
     METRES_PER_RADIAN,
     Bools,
-    ConfigurationMap,
     Drive,
     Endpoint,
     Floats,
@@ -91,6 +90,9 @@ class LocalPlanner:
     examples: ClassVar[tuple[Drive | None, ...]] = (None,)
     """Drives of this kind, for messages and pages."""
 
+    has_cells: ClassVar[bool] = True
+    """Whether the space consists of cells, so that places may have room."""
+
     has_heading: ClassVar[bool] = False
     """Whether the robot moves along its x axis alone."""
 
@@ -122,10 +124,13 @@ class LocalPlanner:
 
     @property
     def search(self) -> str:
-        """Search of a default plan; for spaces without cells, their first one."""
-        if isinstance(self.space, ConfigurationMap):
-            return "Grid"
-        return next(iter(self.space.searches), self.tree_planner)
+        """Search of a default plan."""
+        return "Grid"
+
+    @property
+    def search_by_length(self) -> str:
+        """Search of a default plan for the length."""
+        return self.search
 
     @property
     def tree_planner(self) -> Literal["RRT", "RRTConnect"]:
@@ -140,8 +145,12 @@ class LocalPlanner:
     @property
     def exact(self) -> bool:
         """Whether more than cells decides edges, such as geometry."""
-        space = self.space
-        return not isinstance(space, ConfigurationMap) or cells_of(space) is not space
+        return cells_of(self.space) is not self.space
+
+    @property
+    def in_memory(self) -> bool:
+        """Whether the cells are an array in memory."""
+        return isinstance(self.space, CSpace)
 
     @property
     def worst_state(self) -> int:
@@ -394,8 +403,6 @@ class LocalPlanner:
         So the clearance at the center minus half the length bounds the piece, in each rotation cell
         within half the piece's rotation.
         """
-        if not isinstance(self.space, ConfigurationMap):
-            return math.nan
         pieces = self.split_path(path, self.space.resolution, MAX_RADIANS)
         rotations = self.cells.rotations
         max_turns = 0.5 * pieces.rotations + 2.0 * ANGLE_SLACK
@@ -419,6 +426,22 @@ class LocalPlanner:
     def measure_distance(self, path: Floats) -> float:
         """Bound the obstacle distance along a proven path from below."""
         return self.space.path_obstacle_distance(self.insert_breakpoints(path))
+
+
+class EdgesWithoutCells(LocalPlanner):
+    """Edges of a space without cells, such as an arm's or a user's own."""
+
+    has_cells = False
+    exact = True
+
+    @property
+    def search(self) -> str:
+        """The first search of the space, otherwise trees."""
+        return next(iter(self.space.searches), self.tree_planner)
+
+    def clearance(self, path: Floats) -> float:
+        """Return NaN, because there are no cells to measure from."""
+        return math.nan
 
 
 def _wrap_arguments(

@@ -11,7 +11,7 @@ import numpy as np
 from ompl import base as ob
 from ompl import geometric as og
 
-from cspace import CSpace, Space
+from cspace import Space
 from cspace.errors import InputError
 from cspace.inside import Drive, check_rng, names_options, tell_apart
 from planners._edges.drives import local_planner
@@ -214,14 +214,13 @@ def _choose_sampler(
 ) -> Callable[[ob.SpaceInformation], ob.ValidStateSampler]:
     """Check the source of randomness; choose the valid state sampler."""
     space = edges.space
-    exact = edges.exact
     if rng is not None:
         check_rng(rng)
-        if exact:
+        if edges.exact:
             rule = "it is for FreeStateSampler"
             raise InputError("rng", f"is given and space is {space!r}", rule)
     # FREE cells give samples without rejection, unless geometry decides other cells too.
-    if isinstance(space, CSpace) and not exact:
+    if edges.in_memory and not edges.exact:
         return lambda info: FreeStateSampler(info, edges.cells, rng)
     return lambda info: ob.UniformValidStateSampler(info)
 
