@@ -29,6 +29,10 @@ FARTHEST_CELL: Final = 2**62
 """Largest index of a cell; farther points get this index, and boxes that reach it have no end."""
 
 
+OBSTACLE_REACH: Final = "an obstacle", "the map's corner"
+"""Name and origin of the error for obstacles that reach too far."""
+
+
 def check_reach(far: float, name: str, origin: str, hint: str = "") -> None:
     """Raise InputError if a shape is too far from an origin.
 

@@ -30,7 +30,7 @@ from cspace._record.cells import Map, make_map_record
 from cspace._record.contents import Contents, check_heights, rasters_of
 from cspace._record.exterior import UNKNOWN, Exterior
 from cspace._rotations.base import measure_steps
-from cspace._shapes import Shape, ShapeLike, as_shape, extrude
+from cspace._shapes import Shape, ShapeLike, as_shape
 from cspace._shapes.layers import Heights
 from cspace._support.arrays import (
     BLOCKED,
@@ -774,6 +774,8 @@ class CSpace(ConfigurationMap):
 
         Raises InputError if the robot has other heights, at which it would meet nothing.
         """
+        from cspace._shapes.prism import extrude
+
         grid = self.workspace.grid
         # Beyond ground and ceiling, so that the cells there lie in the prism.
         solid = extrude(shape, grid.lower[2] - grid.spacing, grid.upper[2] + grid.spacing)

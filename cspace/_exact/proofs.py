@@ -692,6 +692,10 @@ def cells_are_free(map_: Map, arc: EdgeArc, first: float, last: float) -> bool:
     return bool(tube_is_free(map_, start, start_rotation, end, end_rotation, NO_RADII, 0.0))
 
 
+FIRST_REACH: Final = 2.0**-10
+"""First bound of a distance, which is doubled until it holds, in lengths of trees, about one."""
+
+
 @kernel
 def path_slack(
     boundaries: BoundaryTrees, positions: Floats, matrices: Floats, spans: Floats, scratch: Ints
@@ -712,7 +716,15 @@ def path_slack(
         # With a drift of 1 and no other motion, the free fraction is the distance itself, capped at
         # best + span.
         enough = best + spans[k]
-        distance = fraction_apart(boundaries, position, matrix, no_step, 0.0, 1.0, enough, scratch)
+        # Without a bound, a search would meet most pairs of triangles, so the first one is doubled.
+        reach = enough if k > 0 else FIRST_REACH
+        while True:
+            distance = fraction_apart(
+                boundaries, position, matrix, no_step, 0.0, 1.0, reach, scratch
+            )
+            if distance < reach or reach == enough:
+                break
+            reach *= 2.0
         best = min(best, distance - spans[k])
         if best <= 0.0:
             return 0.0

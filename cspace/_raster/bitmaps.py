@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cspace._grid import SLACK, Grid
-from cspace._raster.rounded_segments import outline_cells
 from cspace._support.arrays import Bools, Floats, Ints, frozen
 from cspace._support.limits import check_cells
 
@@ -344,6 +343,8 @@ def _rotate_image(
 
     ``exterior_solid`` says whether the area around the image is solid.
     """
+    from cspace._raster.rounded_segments import outline_cells
+
     cos = math.cos(info.yaw)
     sin = math.sin(info.yaw)
     lower, upper = _rotated_bounds(info, solid.shape, cos, sin)

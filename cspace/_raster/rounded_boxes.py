@@ -40,9 +40,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cspace._grid import SLACK, Grid, check_reach
+from cspace._grid import OBSTACLE_REACH, SLACK, Grid, check_reach
 from cspace._raster import Raster, allocate_bitmap, find_index_ranges, run_in_slabs
-from cspace._raster.rounded_segments import OBSTACLE_REACH
 from cspace._support.arrays import Bools, Floats, Ints
 from cspace._support.compiling import kernel
 

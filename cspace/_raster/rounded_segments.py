@@ -37,18 +37,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Final
 
 import numpy as np
 
-from cspace._grid import SLACK, Grid, check_reach
+from cspace._grid import OBSTACLE_REACH, SLACK, Grid, check_reach
 from cspace._raster import Raster, allocate_bitmap
 from cspace._rotations import RotationCell
 from cspace._support.arrays import Bools, Floats, number_parts
 from cspace._support.compiling import internal, kernel
-
-OBSTACLE_REACH: Final = "an obstacle", "the map's corner"
-"""Name and origin of the error for obstacles that reach too far."""
 
 
 def outline_rasters(

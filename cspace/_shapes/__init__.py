@@ -17,7 +17,6 @@ from cspace._shapes.balls import OriginPoint as OriginPoint
 from cspace._shapes.balls import check_balls as check_balls
 from cspace._shapes.polygon import Polygons as Polygons
 from cspace._shapes.primitives import is_shorthand, parse_shorthand
-from cspace._shapes.prism import extrude as extrude
 from cspace._shapes.shape import BoundedShape as BoundedShape
 from cspace._shapes.shape import ExactShape as ExactShape
 from cspace._shapes.shape import RoundedSimplices as RoundedSimplices

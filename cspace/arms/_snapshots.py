@@ -28,6 +28,7 @@ from cspace.arms._proofs.chain import (
 )
 from cspace.arms._proofs.cones import Cones, move_into_cones
 from cspace.arms._proofs.hulls import node_corners
+from cspace.arms._proofs.inner_balls import InnerBalls, find_inner_balls
 from cspace.arms._proofs.motion_proofs import (
     ArmScene,
     are_blocked,
@@ -179,6 +180,11 @@ class Snapshot:
     def inner(self) -> ArmScene:
         """Scene of inner shapes, which proves BLOCKED."""
         return make_inner_scene(self.outer, [group.solid for group in self.groups])
+
+    @cached_property
+    def inner_balls(self) -> InnerBalls:
+        """Balls inside the solids of the inner scene."""
+        return find_inner_balls(self.inner.solids)
 
     def are_free(self, firsts: Floats, lasts: Floats, scene: ArmScene | None = None) -> Bools:
         """Return whether motions, shapes (n, dof), are proven free, shape (n,).

@@ -333,7 +333,8 @@ def explain(
     way = find_way(space, points)
     position = space.grid.center_of(way.bottleneck[1:])  # without the rotation cell
     # Obstacles at the barrier; if the start or goal is not FREE, those at that end instead.
-    near_barrier = find_touched_cells(space, way.barrier, proven=False)
+    barrier = way.cells[way.barred]
+    near_barrier = find_touched_cells(space, barrier, proven=False)
     touched, pieces = _list_obstacles(space, near_barrier, position)
     # Number of named obstacles that are removed one by one, to see if a path exists without.
     removed_alone = [
@@ -363,7 +364,7 @@ def explain(
         start=tuple(first.tolist()),
         goal=tuple(second.tolist()),
         verdict=verdict,
-        barrier=way.barrier,
+        barrier=barrier,
         obstacles=(*map(repr, touched), *pieces),
         bottleneck=np.concatenate([position, space.rotations.centers[way.bottleneck[0]]]),
         margin=(way.low, way.high),

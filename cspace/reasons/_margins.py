@@ -25,6 +25,7 @@ from __future__ import annotations
 import copy
 import itertools
 import math
+from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache, cached_property
@@ -37,8 +38,8 @@ from scipy import ndimage
 from cspace import BLOCKED, FREE, MIXED, CSpace
 from cspace.errors import ConfigurationError, InputError
 from cspace.inside import (
-    NEVER,
     Bools,
+    Bytes,
     ExactShape,
     Exterior,
     Floats,
@@ -51,7 +52,6 @@ from cspace.inside import (
     map_record,
     rasters_of,
 )
-from planners.inside import find_chain
 
 Number = TypeVar("Number", bound=np.generic)
 
@@ -77,11 +77,9 @@ class Way(NamedTuple):
     Attributes
     ----------
     cells : ndarray of int64, shape (n, 1 + d)
-        Cells ``(rotation, x, ...)`` from start to goal, joined by moves of up to two cells.
-    barrier : ndarray of int64, shape (m, 1 + d)
-        Cells that are not FREE, and that would join start and goal if they were.
-    barred : tuple of int
-        Indices of the first and last cell of the way whose move passes the barrier.
+        Cells ``(rotation, x, ...)`` from start to goal, each beside the one before.
+    barred : ndarray of int64, shape (m,)
+        Indices of its cells that are not FREE, and that would join start and goal if they were.
     bottleneck : ndarray of int64, shape (1 + d,)
         The cell at which the way is narrowest.
     low : float
@@ -94,8 +92,7 @@ class Way(NamedTuple):
     """
 
     cells: Ints
-    barrier: Ints
-    barred: tuple[int, int]
+    barred: Ints
     bottleneck: Ints
     low: float
     high: float
@@ -163,48 +160,84 @@ def find_way(space: CSpace, points: Floats) -> Way:
         _, high = robot.search(is_open, max(low, -robot.depth - robot.step), 0.0)
     else:
         _, high = robot.search(is_open, max(low, 0.0))
-    # Search a chain through the FREE cells of the resized robot, preferring FREE cells of the map.
-    is_free = robot.find_free(low)
-    slice_of = space.slice_of.copy()  # writeable, as kernels are compiled for
-    states = (~is_free).view(np.uint8)  # False is FREE, and True is MIXED
-    # Cost of a cell that is not FREE, relative to a FREE one, so that a way passes few of them.
-    costs = np.where(states_of_slices(space) == FREE, 1.0, 4.0).astype(np.float32)
+    # The way passes FREE cells of the resized robot. Few of them are not FREE in the map, and few
+    # are closed to a robot one step larger.
+    is_open_cell = robot.find_free(low)
+    is_barred = states_of_slices(space) != FREE
+    is_narrow = ~robot.find_free(min(failed, low + robot.step))
+    costs = is_open_cell * (1 + 3 * (is_barred.astype(np.uint8) + is_narrow))
     start, goal = find_cells(space, points)
-    cells = find_chain(space, states, slice_of, start, goal, NEVER, costs)
-    # The narrowest cells are those that a robot one step larger cannot pass.
-    wider = min(failed, low + robot.step)
-    is_narrow = ~robot.find_free(wider)[slice_of[cells[:, 0]], *cells[:, 1:].T]
-    narrow = cells[is_narrow] if is_narrow.any() else cells
-    barrier, barred = _find_barrier(space, cells, is_free)
+    cells = find_chain(costs[space.slice_of], space.rotations.neighbors, start, goal)
+    in_slices = (space.slice_of[cells[:, 0]], *cells[:, 1:].T)
+    barred = np.flatnonzero(is_barred[in_slices])
+    # The narrowest cells; all cells, if the larger robot passes everywhere.
+    narrow = cells[is_narrow[in_slices]]
+    narrow = narrow if len(narrow) else cells
     # A robot shrunk by more than its depth has no point left.
     low = low if low >= 0.0 or -low < robot.depth else -math.inf
-    return Way(cells, barrier, barred, narrow[len(narrow) // 2], low, high, robot.depth)
+    return Way(cells, barred, narrow[len(narrow) // 2], low, high, robot.depth)
 
 
-def _find_barrier(space: CSpace, cells: Ints, is_free: Bools) -> tuple[Ints, tuple[int, int]]:
-    """Find cells that are not FREE under a way's moves.
+def find_chain(costs: Bytes, neighbors: Ints, start: Ints, goal: Ints) -> Ints:
+    """Find the cheapest chain of cells, each beside the one before.
 
-    ``is_free`` marks the cells of each slice that moves may pass. Returns the cells, and the
-    indices of the first and last cell of the way beside them.
+    Cells are entered in the order of the cost of the chain to them (R. Dial, "Algorithm 360:
+    Shortest-path forest with topological ordering", 1969).
+
+    Parameters
+    ----------
+    costs : ndarray of uint8, shape (rotations, x, y(, z))
+        Cost of entering each cell, or 0 if no chain enters it.
+    neighbors : ndarray of int64, shape (rotations, n)
+        Adjacent rotation cells, padded with -1.
+    start, goal : ndarray of int64, shape (1 + d,)
+
+    Returns
+    -------
+    ndarray of int64, shape (n, 1 + d)
+        Cells from start to goal; n is 0 if no chain exists.
     """
-    states = states_of_slices(space)
-    barrier: dict[tuple[int, ...], None] = {}
-    barred = []
-    moves = itertools.pairwise([*cells, cells[-1]])  # repeated, so that each cell begins a move
-    for number, (first, second) in enumerate(moves):
-        # A straight move passes the cells of the box around it; a turn on the spot, both ends.
-        box = [first, second]
-        if first[0] == second[0]:
-            low = np.minimum(first, second)
-            box = [*(np.argwhere(np.ones(np.abs(second - first) + 1)) + low)]
-        for cell in map(tuple, np.array(box).tolist()):
-            in_slice = space.slice_of[cell[0]], *cell[1:]
-            if is_free[in_slice] and states[in_slice] != FREE:
-                barrier[cell] = None
-                barred.append(number)
-    last = len(cells) - 1
-    between = (barred[0], min(barred[-1] + 1, last)) if barred else (0, last)
-    return np.array([*barrier], dtype=np.int64).reshape(-1, cells.shape[1]), between
+    # With a border that no chain enters, cells have their neighbours at equal offsets.
+    border = np.array([0] + [1] * (costs.ndim - 1))
+    costs = np.pad(costs, np.tile(border[:, np.newaxis], 2))
+    shape = costs.shape
+    strides = np.array(costs.strides)  # as many cells, because each takes one byte
+    size = strides[0]
+    # A missing neighbour is the cell itself, which was entered already.
+    rotations = np.arange(len(costs))[:, np.newaxis]
+    turns = size * np.where(neighbors < 0, 0, neighbors - rotations)
+    moves = np.tile([*strides[1:], *-strides[1:]], (len(costs), 1))
+    offsets = np.hstack([moves, turns])
+    first, last = (np.stack([start, goal]) + border) @ strides
+    flat_costs = costs.ravel()
+    before = np.full(costs.size, -1)
+    # Cells to enter, and the cells before them, by the cost of the chain.
+    queue = defaultdict(list, {0: [np.array([[first], [first]])]})
+    while queue and before[last] < 0:
+        cost = min(queue)
+        cells, sources = np.hstack(queue.pop(cost))
+        is_new = before[cells] < 0
+        cells, sources = cells[is_new], sources[is_new]
+        # Each cell is entered once, though it lies beside several sources.
+        numbers = np.arange(len(cells))
+        before[cells] = numbers
+        is_last = before[cells] == numbers
+        cells = cells[is_last]
+        before[cells] = sources[is_last]
+        beside = cells[:, np.newaxis] + offsets[cells // size]
+        is_new = before[beside] < 0
+        pairs = np.stack([beside[is_new], np.repeat(cells, is_new.sum(axis=1))])
+        added = flat_costs[pairs[0]]
+        for value in np.unique(added[added > 0]).tolist():
+            queue[cost + value].append(pairs[:, added == value])
+    if before[last] < 0:
+        return np.empty((0, len(shape)), dtype=np.int64)
+    # Follow the chain back from the goal.
+    chain = [last]
+    while chain[-1] != first:
+        chain.append(before[chain[-1]])
+    way: Ints = np.stack(np.unravel_index(chain[::-1], shape), axis=1) - border
+    return way
 
 
 class Planes(NamedTuple):

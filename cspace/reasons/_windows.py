@@ -179,7 +179,8 @@ def _decide_window(space: CSpace, way: Way, factor: int) -> Decision:
 
     Space outside the window counts as blocked, so that an open way leads through the window.
     """
-    between = way.cells[way.barred[0] : way.barred[1] + 1]
+    first, last = way.barred[[0, -1]]
+    between = way.cells[max(first - 1, 0) : last + 2]
     positions = between[:, 1:]
     grid = space.grid
     corners = np.abs(np.array(space.robot.shape.outer.bounds)).max(axis=0)

@@ -106,6 +106,17 @@ def test_the_cells_of_a_barrier_would_join_start_and_goal(seed, rotations):
         assert space.is_disconnected(*ends)
 
 
+@pytest.mark.parametrize("rotations, angles", [(None, ()), (8, (0.4,))])
+def test_a_way_passes_a_wall_by_as_few_cells_as_possible(rotations, angles):
+    occupied = np.zeros((40, 30), dtype=bool)
+    occupied[20] = True
+    workspace = cspace.Workspace.from_array(occupied, 0.1)
+    space = cspace.build(workspace, cspace.Robot.rectangle(0.5, 0.3), rotations=rotations)
+    explanation = space.explain((0.8, 0.8, *angles), (3.2, 2.2, *angles))
+    rows = (space.cell_states != FREE).reshape(-1, 40, 30)[:, 10:30, 15].sum(axis=1)
+    assert len(explanation.barrier) == rows.min()
+
+
 def test_windows_decide_a_door_that_the_map_leaves_undecided():
     for width, decided in ((0.5, "open"), (0.34, "shut")):
         space = build_door(width, cspace.Robot.disc(0.19), 0.1)

@@ -9,7 +9,8 @@ import trimesh
 
 from cspace import Grid, InputError, Robot, make_mesh
 from cspace._rotations import RotationCell
-from cspace._shapes import Balls, Box, Polygons, Voxels, as_shape, extrude, shape_from_spec
+from cspace._shapes import Balls, Box, Polygons, Voxels, as_shape, shape_from_spec
+from cspace._shapes.prism import extrude
 from tests.helpers.refusals import refusals
 
 TORUS_MESH = trimesh.creation.torus(0.5, 0.2, major_sections=12, minor_sections=8)

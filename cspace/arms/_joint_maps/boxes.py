@@ -18,7 +18,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
-from typing import NamedTuple
 
 import numpy as np
 
@@ -26,6 +25,7 @@ from cspace import BLOCKED, FREE, MIXED, Grid
 from cspace.arms._proofs.addresses import Address, call
 from cspace.arms._proofs.chain import forward_kinematics, relative_pose
 from cspace.arms._proofs.crossings import CENTER, HALF_SIDES, joint_displacement, piece_depth
+from cspace.arms._proofs.inner_balls import InnerBalls
 from cspace.arms._proofs.motion_proofs import (
     FIRST_PART,
     FIRST_SURFACE,
@@ -44,23 +44,6 @@ from cspace.arms._proofs.motion_proofs import (
 )
 from cspace.arms._snapshots import Snapshot
 from cspace.inside import SLACK, Bools, Floats, Ints, Row, States, internal, kernel, vectors
-
-
-class InnerBalls(NamedTuple):
-    """Balls inside solids.
-
-    Attributes
-    ----------
-    centers : ndarray of float64, shape (n, 3)
-        Centers of the balls, in the frame of the solid's body.
-    radii : ndarray of float64, shape (n,)
-    starts : ndarray of int64, shape (s + 1,)
-        First ball of each solid.
-    """
-
-    centers: Floats
-    radii: Floats
-    starts: Ints
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,6 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -20,14 +19,8 @@ from numpy.typing import ArrayLike
 from cspace import BLOCKED, FREE, MIXED, CSpace, Grid, Robot, Rotations, Workspace
 from cspace.arms._arm_space import ArmSpace
 from cspace.arms._checks import check_mapping
-from cspace.arms._joint_maps.boxes import CellProofs, InnerBalls
+from cspace.arms._joint_maps.boxes import CellProofs
 from cspace.arms._model import Arm
-from cspace.arms._proofs.crossings import SurfaceTree
-from cspace.arms._proofs.motion_proofs import (
-    Solids,
-    nearest_triangle,
-    winding_number,
-)
 from cspace.arms._snapshots import Snapshot, find_bodies_between
 from cspace.errors import ConfigurationError, InputError
 from cspace.inside import (
@@ -38,7 +31,6 @@ from cspace.inside import (
     Floats,
     Ints,
     States,
-    box_trees,
     check_finite,
     check_known,
     check_memory,
@@ -57,10 +49,6 @@ _BLOCK_CELLS_PER_AXIS: Final = {2: 64, 3: 32}
 _PARTS_PER_CELL: Final = {2: 4, 3: 1}
 """Parts into which each side of a cell is divided at most, by the number of joints; powers of two.
 """
-
-
-_MAX_BALLS_PER_SURFACE: Final = 64
-"""Largest number of balls inside a closed surface, or inside the boxes and balls of a solid."""
 
 
 _COUNT_ROUNDING: Final = 1e-9
@@ -149,8 +137,7 @@ def build_joint_map(
     _refuse_held_contact(snapshot, names, held, still_pairs)
 
     inner = snapshot.inner
-    balls = _find_inner_balls(inner.solids)
-    proofs = CellProofs(snapshot, inner, balls, grid, joint_indices, held)
+    proofs = CellProofs(snapshot, inner, snapshot.inner_balls, grid, joint_indices, held)
     states = _classify_cells(proofs, moving, workers or count_cores(), progress)
     # The last cells along an axis may exceed the joint's limit, beyond which nothing is FREE.
     last_ends = np.array(grid.lower) + side * np.array(shape)
@@ -358,83 +345,6 @@ def _refuse_held_contact(
             f"has {link} touch {other!r}, or come nearer than the margin",
             f"{', '.join(names)} do not move them apart",
         )
-
-
-def _find_inner_balls(solids: Solids) -> InnerBalls:
-    """Find balls inside solids, and points, as balls without radius."""
-    # Rows of a center and a radius.
-    rows = [np.empty((0, 4))]
-    counts = [0]
-    for starts, stops in pairwise(solids.starts):
-        # The surfaces, anchors and parts of one solid.
-        surfaces, anchors, parts = (slice(*ends) for ends in zip(starts, stops, strict=True))
-        probes = solids.anchors[anchors]
-        roots = solids.tree_roots[parts]
-        spans = solids.trees.spans[roots[roots >= 0]].tolist()
-        pieces = [solids.trees.triangles[first : first + count] for first, count in spans]
-        surface_roots = solids.surface_roots[surfaces].tolist()
-        balls = [
-            np.column_stack([probes, np.zeros(len(probes))]),
-            _find_solid_balls(np.concatenate([np.empty((0, 10)), *pieces])),
-            *(_find_surface_balls(solids.surfaces, root) for root in surface_roots),
-        ]
-        rows += balls
-        counts.append(sum(map(len, balls)))
-    all_balls = np.concatenate(rows)
-    return InnerBalls(
-        centers=all_balls[:, :3].copy(), radii=all_balls[:, 3].copy(), starts=np.cumsum(counts)
-    )
-
-
-def _find_surface_balls(surfaces: SurfaceTree, root: int) -> Floats:
-    """Find large balls inside a closed surface, around points of a lattice.
-
-    Returns their centers and radii, shape (n, 4). Points near larger balls are skipped.
-    """
-    center, half_sides = surfaces.boxes[root].reshape(2, 3)
-    balls = np.empty((0, 4))
-    # A flat surface has no inside.
-    if not half_sides.all():
-        return balls
-    volume = 8.0 * half_sides.prod()
-    # Approximate number of lattice points in the box of a closed surface.
-    lattice_points_per_surface = 1000
-    step = np.cbrt(volume / lattice_points_per_surface)
-    # Odd counts put lattice points in the center plane of thin bodies. The limit keeps long bodies
-    # from far more points than wanted.
-    counts = np.minimum(2 * np.floor(half_sides / step) + 1, lattice_points_per_surface // 4)
-    lattice = np.array(list(np.ndindex(*counts.astype(np.int64).tolist())))
-    points = center - half_sides + (lattice + 0.5) * 2.0 * half_sides / counts
-    scratch = np.empty((box_trees.MAX_PENDING_PAIRS, 2), dtype=np.int64)
-    depths = np.empty(len(points))
-    for k, (x, y, z) in enumerate(points.tolist()):
-        depth = nearest_triangle(surfaces, root, (x, y, z), math.inf, scratch)
-        is_inside = winding_number(surfaces, root, (x, y, z), scratch) != 0
-        depths[k] = depth if is_inside else 0.0
-    deepest_first = np.argsort(-depths)
-    for k in deepest_first[depths[deepest_first] > 0.0].tolist():
-        distances = np.linalg.norm(balls[:, :3] - points[k], axis=1)
-        # Smallest distance between two balls' centers, as a share of the larger ball's radius.
-        is_separate = (distances > 0.6 * balls[:, 3]).all()
-        if len(balls) < _MAX_BALLS_PER_SURFACE and is_separate:
-            balls = np.vstack([balls, [*points[k], depths[k]]])
-    return balls
-
-
-def _find_solid_balls(pieces: Floats) -> Floats:
-    """Find the largest balls in boxes and balls, shape (n, 4).
-
-    ``pieces``, shape (m, 10), are rows of a tree: a center, two half sides as vectors, and the
-    radius of a ball, or the negative third half side of a box.
-    """
-    first_half = np.linalg.norm(pieces[:, 3:6], axis=1)
-    second_half = np.linalg.norm(pieces[:, 6:9], axis=1)
-    signed_radii = pieces[:, 9]
-    smallest_half = np.minimum(np.minimum(first_half, second_half), -signed_radii)
-    radii = np.where(signed_radii < 0.0, smallest_half, signed_radii)
-    largest = np.argsort(-radii, kind="stable")[:_MAX_BALLS_PER_SURFACE]
-    largest = largest[radii[largest] > 0.0]
-    return np.column_stack([pieces[largest, :3], radii[largest]])
 
 
 @dataclass(frozen=True, eq=False)
