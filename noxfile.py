@@ -4,7 +4,12 @@ Each Python has its own environment for the tests. All other tasks run in the en
 """
 
 import os
+import platform
+import shutil
 import sys
+import tempfile
+from functools import partial
+from pathlib import Path
 
 import nox
 
@@ -13,6 +18,9 @@ PYTHON = sys.executable
 
 PYTHONS = ["3.11", "3.12", "3.13"]
 """The Pythons that the tests run on."""
+
+PLATFORM = "manylinux_2_27_x86_64.manylinux_2_28_x86_64"
+"""Tag of the systems for compiled code: those of numba's wheels. The code calls no library beside numba's."""
 
 ROS_PACKAGES = ["rclpy", "nav-msgs", "visualization-msgs", "trajectory-msgs", "rmw-fastrtps-cpp"]
 ROS_PACKAGES += ["ament-cmake", "ament-cmake-include-directories", "ament-package"]
@@ -55,6 +63,43 @@ def constraints(session: nox.Session) -> None:
         ),
         *("--custom-compile-command", "nox -s constraints"),
     )
+
+
+@nox.session(python=PYTHONS)
+def release(session: nox.Session) -> None:
+    """Build the distributions in dist/, on Linux x86-64 also a wheel with compiled code for each Python; check them."""
+    source = Path(__file__).resolve().parent
+    run_tool = partial(session.run, PYTHON, "-m", external=True)
+    run_tool("build", "--outdir", "dist", str(source))
+    (wheel,) = source.glob("dist/*-none-any.whl")
+    session.install("-c", "constraints.txt", f"{wheel}[arms]")
+    made = [wheel, *source.glob("dist/*.tar.gz")]
+    if (platform.system(), platform.machine()) == ("Linux", "x86_64"):
+        made.append(_add_code(session, wheel))
+    run_tool("twine", "check", "--strict", *map(str, made))
+    wheels = [str(each) for each in made if each.suffix == ".whl"]
+    run_tool("check_wheel_contents", *wheels)
+
+
+def _add_code(session: nox.Session, wheel: Path) -> Path:
+    """Build a wheel with compiled code from one without, which is installed, and check it installed."""
+    tag = f"cp{str(session.python).replace('.', '')}"
+    tags = ("--python-tag", tag, "--abi-tag", tag, "--platform-tag", PLATFORM)
+    script = str(wheel.parents[1] / "tests/release.py")
+    time = {"SOURCE_DATE_EPOCH": "1580601600"}  # hatchling's own
+    run_tool = partial(session.run, PYTHON, "-m", external=True, env=time)
+    with tempfile.TemporaryDirectory() as folder, session.chdir(folder):
+        run_tool("wheel", "unpack", str(wheel))
+        (unpacked,) = map(str, Path(folder).iterdir())
+        session.run("python", script, "compile", unpacked, env={"PYTHONHASHSEED": "0"})
+        run_tool("wheel", "pack", unpacked)
+        (packed,) = map(str, Path(folder).glob("*.whl"))
+        run_tool("wheel", "tags", "--remove", *tags, packed)
+        (tagged,) = Path(folder).glob("*.whl")
+        made = Path(shutil.copy(tagged, wheel.parent))
+        session.install("--no-deps", "--force-reinstall", str(made))
+        session.run("python", script, "check")
+    return made
 
 
 @nox.session(venv_backend="none")

@@ -107,7 +107,7 @@ from ._support.check import check_word as check_word
 from ._support.check import names_options as names_options
 from ._support.check import suggest_name as suggest_name
 from ._support.compiling import allocating as allocating
-from ._support.compiling import cache_folder as cache_folder
+from ._support.compiling import describe_code as describe_code
 from ._support.compiling import internal as internal
 from ._support.compiling import kernel as kernel
 from ._support.deadlines import NEVER as NEVER

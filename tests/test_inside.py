@@ -15,7 +15,7 @@ MOST_NAMES = 125
 OF_ONE_ROOM = {
     "Components",
     "Mesh",
-    "cache_folder",
+    "describe_code",
     "find_overlaps",
     "join_yaw_cells",
     "primitives",

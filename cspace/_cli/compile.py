@@ -10,7 +10,6 @@ import typer
 
 from cspace._cli.options import AS_JSON
 from cspace._cli.report import Stopwatch, show
-from cspace.errors import InputError
 
 
 def compile_ahead(as_json: bool = AS_JSON) -> None:
@@ -21,13 +20,9 @@ def compile_ahead(as_json: bool = AS_JSON) -> None:
     """
     from cspace._cli.demo import write_inputs
     from cspace._cli.jobs import JOBS
-    from cspace.inside import cache_folder
+    from cspace.inside import describe_code
 
-    folder = cache_folder()
-    if folder is None:
-        problem = "names no safe folder"
-        rule = "compiled code is kept in one"
-        raise InputError("NUMBA_CACHE_DIR", problem, rule)
+    describe_code()  # raises an error before the work
     logger = logging.getLogger("cspace.compiling")
     level = logger.level
     logger.setLevel(logging.ERROR)  # users of this command expect a long wait
@@ -44,6 +39,4 @@ def compile_ahead(as_json: bool = AS_JSON) -> None:
                     str(job(Path(inputs)))  # printing a plan computes its proven distances
     finally:
         logger.setLevel(level)
-    functions = len(list(folder.rglob("*.nbc")))
-    document = {"folder": str(folder), "compiled_functions": functions, "seconds": clock.seconds}
-    show(document, as_json)
+    show({**describe_code(), "seconds": clock.seconds}, as_json)

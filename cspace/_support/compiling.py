@@ -35,6 +35,7 @@ from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
 from numba.core.compiler_lock import global_compiler_lock
 
+from cspace._support.shipped import add_shipped, find_code_misfit, name_code
 from cspace._support.sources import OWN_PACKAGES, digest_sources
 from cspace.errors import InputError
 
@@ -130,6 +131,7 @@ def _compile(function: F, **options: Any) -> F:
             compiled = numba.njit(**options)(function)
             if folder is not None:
                 compiled.enable_caching()
+                add_shipped(compiled._cache)
         except RuntimeError:  # numba makes no file there
             _warn_once(NOT_KEPT, folder, "no file can be made")
         finally:
@@ -295,18 +297,16 @@ class _PartCompiler(Compiler):
 def cache_folder() -> Path | None:
     """Return the folder of compiled code, or None.
 
-    Each version of cspace, numba and Python has its own folder.
+    Each version of cspace, Python, numba, llvmlite and numpy has its own folder.
     """
     if not hasattr(os, "geteuid"):  # Windows does not tell who may write to a folder
         return None
-    # Code depends on the versions of numba and Python, and on the sources of the kernels.
-    name = f"numba-{numba.__version__}-{sys.implementation.cache_tag}-{digest_sources()}"
     places = [_CONFIG.CACHE_DIR, os.environ.get("XDG_CACHE_HOME"), "~/.cache"]
     with suppress(FileNotFoundError):  # no folder for temporary files
         places.append(f"{tempfile.gettempdir()}/cache-{os.geteuid()}")
     for place in filter(None, places):
         with suppress(OSError, RuntimeError):  # RuntimeError without a home folder
-            folder = Path(place).expanduser().absolute() / "cspace" / name
+            folder = Path(place).expanduser().absolute() / "cspace" / name_code()
             folder.parent.mkdir(parents=True, exist_ok=True)
             folder.mkdir(mode=0o700, exist_ok=True)
             if is_private(folder):
@@ -314,6 +314,18 @@ def cache_folder() -> Path | None:
                 _remove_unused(folder.parent)
                 return folder
     return None
+
+
+def describe_code() -> dict[str, object]:
+    """Return what ``cspace compile`` tells; raise InputError if compiled code is not kept."""
+    folder = cache_folder()
+    if folder is None:
+        raise InputError("NUMBA_CACHE_DIR", "names no safe folder", "compiled code is kept in one")
+    return {
+        "folder": str(folder),
+        "compiled_functions": len(list(folder.rglob("*.nbc"))),
+        "code_of_package": find_code_misfit() or "used",
+    }
 
 
 @cache

@@ -70,6 +70,7 @@ def test_compile_fills_the_cache(monkeypatch):
     monkeypatch.setattr(jobs, "JOBS", {"plan in the plane": jobs.plan_in_plane})
     printed = document("compile")
     assert printed["folder"] == str(cache_folder()) and printed["compiled_functions"] > 0
+    assert printed["code_of_package"] == "none came with the package"
     assert printed["seconds"].keys() == {"plan in the plane"}
     assert run("compile").stderr == "cspace: compiling: plan in the plane\n"
     monkeypatch.setattr("cspace._support.compiling.cache_folder", lambda: None)

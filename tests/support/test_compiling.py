@@ -4,6 +4,7 @@ import errno
 import gc
 import os
 import pickle
+import runpy
 import shutil
 import signal
 import subprocess
@@ -16,8 +17,10 @@ from types import SimpleNamespace
 
 import pytest
 from numba.core import event
+from numba.core.registry import cpu_target
 
 import cspace
+from cspace._support import shipped
 from cspace._support.compiling import cache_folder, clock, internal, is_private, kernel
 from tests.helpers.missing import output_without
 from tests.helpers.scripts import run_script, start_script
@@ -263,6 +266,7 @@ def test_processes_go_on_beside_one_that_is_stopped_while_it_compiles(tmp_path):
     (tmp_path / "probe.py").write_text(PROBE)
     stop = """
 from numba.core import event
+from numba.core.registry import cpu_target
 class Stop(event.Listener):
     def on_start(self, event):
         os.kill(os.getpid(), 19)
@@ -311,6 +315,84 @@ def test_only_kernels_become_machine_code_and_no_garbage_is_collected_meanwhile(
         (compiled,) = function.overloads.values()
         name = compiled.fndesc.llvm_func_name
         assert bool(compiled.library.get_pointer_to_function(name)) == has_code
+
+
+# ---- code that comes with the package ------------------------------------------------------------
+
+HALVES = """
+from cspace._support.compiling import kernel
+
+@kernel
+def halve(value):
+    return value / 2.0
+"""
+
+
+@pytest.fixture
+def run_shipped(tmp_path, monkeypatch):
+    """Return a function that runs code which came with the package; it returns its hits."""
+
+    def run(text, cache):
+        (tmp_path / cache).mkdir()
+        (tmp_path / "halves.py").write_text(text)
+        monkeypatch.setattr("cspace._support.compiling._code_folder", lambda _: tmp_path / cache)
+        halve = runpy.run_path(str(tmp_path / "halves.py"), run_name="halves")["halve"]
+        assert halve(3.0) == 1.5
+        return sum(halve.stats.cache_hits.values())
+
+    for name in ("name_code", "find_code_misfit"):  # they are cached
+        monkeypatch.setattr(shipped, name, getattr(shipped, name).__wrapped__)
+    own_target = cpu_target.target_context.codegen().magic_tuple()[1:]
+    monkeypatch.setattr(shipped, "TARGET", own_target)
+    monkeypatch.setattr(shipped, "FOLDER", tmp_path / "package")
+    assert shipped.find_code_misfit() == "none came with the package"
+    assert run(HALVES, "first") == 0
+    place = shipped.FOLDER / shipped.name_code()
+    place.mkdir(parents=True)
+    for file in (tmp_path / "first").rglob("*.nb?"):
+        file.rename(place / file.name)
+    return run
+
+
+def test_code_of_the_package_is_used_if_the_text_of_its_file_is_the_same(run_shipped):
+    assert run_shipped(HALVES, "second") == 1 and shipped.find_code_misfit() == ""
+    assert run_shipped(f"{HALVES}\n# another text\n", "third") == 0
+    assert run_shipped(HALVES, "fourth") == 1
+
+
+@pytest.mark.parametrize(
+    "name, value, reason",
+    [
+        ("numpy.__version__", "2.0.0", "; this is numba-"),
+        ("llvmlite.__version__", "0.40.0", "; this is numba-"),
+        ("numba.__version__", "0.60.0", "; this is numba-0.60.0-"),
+        ("sys.implementation.cache_tag", "cpython-310", "-cpython-310-"),
+        ("cspace._support.shipped.digest_sources", lambda: "0" * 16, "-0000000000000000"),
+        (
+            "numba.core.codegen.CPUCodegen.magic_tuple",
+            lambda self: (self._llvm_module.triple, "an old one", "+sse2"),
+            "the processor lacks +",
+        ),
+    ],
+)
+def test_code_of_the_package_is_refused_if_it_is_for_something_else(
+    run_shipped, monkeypatch, name, value, reason
+):
+    monkeypatch.setattr(name, value)
+    assert reason in shipped.find_code_misfit()
+    assert run_shipped(HALVES, "second") == 0
+
+
+def test_code_of_the_package_needs_what_its_processor_has():
+    # The levels of the x86-64 psABI, as LLVM names them; each level has the features of the one before.
+    levels = (
+        "cmov cx8 fxsr mmx sse sse2 cx16 sahf popcnt sse3 sse4.1 sse4.2 ssse3 avx avx2 bmi bmi2"
+    )
+    processor, features = shipped.TARGET
+    assert processor == "x86-64-v3"
+    assert set(features.split(",")) == {
+        f"+{name}" for name in f"{levels} f16c fma lzcnt movbe xsave".split()
+    }
 
 
 # ---- privacy -------------------------------------------------------------------------------------
