@@ -324,6 +324,7 @@ def demo(
         "picture": output / "picture.png",
         "floor_plan": output / "flat.geojson",
         "house": output / "house.stl",
+        "arm": output / "arm.urdf",
     }
     if output.exists():
         check_outputs(files.values(), {file.suffix for file in files.values()}, overwrite)

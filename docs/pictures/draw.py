@@ -29,6 +29,7 @@ from shapely import affinity
 import cspace
 import cspace.arms
 import planners
+from cspace._cli.demo import GOAL_POSITION, START_POSITION, demo_workspace, write_inputs
 from cspace.plot import animate
 
 FREE, MIXED, BLOCKED = "#ffffff", "#d55e00", "#a6d3ee"
@@ -51,6 +52,7 @@ def draw_all(folder: Path) -> None:
             draw_convergence,
             draw_window,
             draw_hull_tree,
+            draw_arm,
             draw_joint_map,
             draw_spheres,
             draw_trajectory,
@@ -65,6 +67,38 @@ def draw_all(folder: Path) -> None:
             plt.close(figure)
     space, plan = plan_around_wall()
     animate(space, drive_around_wall(plan), folder / "controller.gif", overwrite=True, title="")
+    space, trajectory = drive_through_flat()
+    animate(space, trajectory, folder / "flat.gif", overwrite=True, title="", seconds=10.0)
+
+
+# ---- first contact -------------------------------------------------------------------------------
+
+
+def drive_through_flat() -> tuple[cspace.CSpace, planners.Trajectory]:
+    """Drive from room to room in the floor plan of the demo."""
+    outline = cspace.Robot.rectangle(0.7, 0.5)
+    space = cspace.build(demo_workspace(0.05), outline, rotations=72)
+    start, goal = (*START_POSITION, 0.0), (*GOAL_POSITION, 0.0)
+    plan = planners.plan(space, start, goal, drive=planners.Differential(), seed=1)
+    return space, plan.trajectory(
+        max_velocity=1.5,
+        max_acceleration=1.0,
+        max_angular_velocity=2.0,
+        max_angular_acceleration=3.0,
+    )
+
+
+def draw_arm() -> Figure:
+    """Draw the arm of the demo on its way around a board."""
+    pose = np.eye(4)
+    pose[:3, 3] = 0.6, 0.0, 0.3
+    board = cspace.arms.PosedShape(cspace.Robot.box((0.4, 0.1, 0.6)).shape, pose)
+    with tempfile.TemporaryDirectory() as folder:
+        arm = cspace.Arm.from_urdf(write_inputs(Path(folder))["arm"])
+    space = cspace.build_arm_space({"board": board}, arm)
+    plan = planners.plan(space, (-0.8, 0.9, 0.8), (0.8, 0.9, 0.8), seed=1)
+    figure: Figure = space.plot(path=plan, title="").figure
+    return figure
 
 
 # ---- concepts ------------------------------------------------------------------------------------
