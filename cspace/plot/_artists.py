@@ -222,8 +222,9 @@ def new_figure(width: float, height: float, layout: Any = "compressed") -> Figur
 
 def add_legend_below(figure: Figure, handles: Sequence[Any]) -> None:
     """Add a legend below a figure, in as many columns as fit."""
-    most = int(figure.get_figwidth() / 2.4)  # the widest entry has 2.4 inches
-    columns = max(1, min(len(handles), most))
+    # Inches of an entry: its letters at 9 points, its symbol, and the gap to the next column.
+    widest = 0.075 * max(len(handle.get_label()) for handle in handles) + 0.6
+    columns = max(1, min(len(handles), int(figure.get_figwidth() / widest)))
     style: dict[str, Any] = {"fontsize": 9, "frameon": False}
     figure.legend(handles=handles, loc="outside lower center", ncols=columns, **style)
 
