@@ -545,7 +545,7 @@ def test_undecided_pairs_with_a_common_node_have_an_entry():
     nodes = [(1.0, 2.0), (3.0, 2.0), (5.0, 2.0)]
     graph = RouteGraph.from_arrays(nodes, [(0, 1), (1, 2)])
     found = cspace.lanes.conflicts(space, graph)
-    row = replace(found.pairs[0], verdict="undecided", shares_node=True)
+    row = found.pairs[0]._replace(verdict="undecided", shares_node=True)
     outlines = {**found.outlines, row.first: shapely.Polygon()}
     found = replace(found, pairs=[row], outlines=outlines)
     labels = [text.get_text() for text in found.plot().figure.legends[0].get_texts()]
