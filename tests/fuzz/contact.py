@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from itertools import combinations
@@ -22,6 +23,7 @@ import cspace
 from benchmarks.report import Report
 from cspace import BLOCKED, FREE, MIXED, Arm, Robot, Workspace
 from cspace._support.arrays import Floats
+from cspace.errors import ConfigurationError
 from tests.fuzz.scenes import Rng
 from tests.fuzz.tally import ROUNDING, Tally, draw_until
 from tests.helpers.arm_oracle import sample_configurations
@@ -83,9 +85,10 @@ def check(report: Report, seed: int, points: int) -> None:
 
         def check_case(tally: Tally, number: int, draw: Any = draw) -> None:
             rng = np.random.default_rng([seed, number, len(draw.__doc__ or ""), 11])
-            scene = draw(rng, f"seed {seed}, case {number}")
-            _check_points(tally, scene, rng)
-            _check_motions(tally, scene, rng)
+            with suppress(ConfigurationError):  # an obstacle touches a link at every configuration
+                scene = draw(rng, f"seed {seed}, case {number}")
+                _check_points(tally, scene, rng)
+                _check_motions(tally, scene, rng)
 
         tally = draw_until(report, f"contact, {name}", seed, enough, check_case)
         noticed = tally.open["larger"]
