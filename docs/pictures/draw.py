@@ -6,7 +6,9 @@ All except the hull tree show answers of maps that the library builds here.
 
 from __future__ import annotations
 
+import contextlib
 import itertools
+import re
 import sys
 import tempfile
 from pathlib import Path
@@ -53,6 +55,7 @@ def draw_all(folder: Path) -> None:
             draw_window,
             draw_hull_tree,
             draw_arm,
+            draw_clean_drawing,
             draw_joint_map,
             draw_spheres,
             draw_trajectory,
@@ -98,6 +101,24 @@ def draw_arm() -> Figure:
     space = cspace.build_arm_space({"board": board}, arm)
     plan = planners.plan(space, (-0.8, 0.9, 0.8), (0.8, 0.9, 0.8), seed=1)
     figure: Figure = space.plot(path=plan, title="").figure
+    return figure
+
+
+def draw_clean_drawing() -> Figure:
+    """Draw what the page "Clean a drawing" makes: the drawing, the walls in it, and a path."""
+    page = Path(__file__).parents[1] / "howto" / "clean_drawing.md"
+    blocks = re.findall(r"^```python\n(.*?)^```", page.read_text(encoding="utf-8"), re.M | re.S)
+    names: dict[str, Any] = {}
+    with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
+        exec("".join(blocks), names)
+    figure, axes = plt.subplots(1, 3, figsize=(9.6, 2.4), layout="constrained")
+    cleaned = np.where(names["removed"], 2, names["walls"])
+    drawings = (("dark pixels", names["dark"]), ("orange: removed", cleaned))
+    colors = ListedColormap([FREE, OBSTACLE, MIXED])
+    for ax, (title, pixels) in zip(axes, drawings, strict=False):
+        ax.imshow(pixels.T, origin="lower", extent=(0, 8, 0, 5), cmap=colors, vmin=0, vmax=2)
+        ax.set(title=title, xlabel="x (m)")
+    names["space"].plot(ax=axes[2], path=names["plan"].path, legend=False, title="a certified path")
     return figure
 
 

@@ -82,6 +82,7 @@ def test_unknown_cells_have_their_own_colours(taken):
 def test_a_notebook_shows_the_figure(flat):
     """Represent only axes of new figures as a picture."""
     png = vars(flat.plot())["_repr_png_"]()
+    assert flat._repr_png_() == png
     assert Image.open(io.BytesIO(png)).size[0] > 400
     assert not hasattr(flat.plot(ax=Figure().add_subplot()), "_repr_png_")
 
