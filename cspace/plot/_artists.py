@@ -69,12 +69,18 @@ def label_axes(grid: Grid) -> list[str]:
     return [f"{axis} ({unit})" for axis, unit in zip(grid.axes, grid.units, strict=True)]
 
 
-def draw_cells(ax: Axes, grid: Grid, classes: Bytes, pair: Sequence[int] = (0, 1)) -> AxesImage:
-    """Draw cells by class, on two axes."""
+def draw_cells(
+    ax: Axes,
+    grid: Grid,
+    classes: Bytes,
+    pair: Sequence[int] = (0, 1),
+    first: Sequence[int] = (0, 0),
+) -> AxesImage:
+    """Draw cells by class, on two axes; ``first`` is the index of the first cell on each."""
     from matplotlib.colors import ListedColormap
 
     blocks, side = merge_cells(ax, classes)
-    left, bottom = (grid.lower[axis] for axis in pair)
+    corner = np.array(grid.lower)[list(pair)] + grid.spacing * np.asarray(first)
     # The last blocks may reach beyond the grid; the limits of the axes hide that.
     rows, columns = grid.spacing * side * np.array(blocks.shape)
     return ax.imshow(
@@ -82,7 +88,7 @@ def draw_cells(ax: Axes, grid: Grid, classes: Bytes, pair: Sequence[int] = (0, 1
         ListedColormap([each.color for each in CellClass]),
         vmin=0,
         vmax=len(CellClass) - 1,
-        extent=(left, left + columns, bottom, bottom + rows),
+        extent=(corner[0], corner[0] + columns, corner[1], corner[1] + rows),
         origin="lower",
         interpolation="nearest",
         aspect=ax.get_aspect(),

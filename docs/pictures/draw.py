@@ -100,7 +100,7 @@ def draw_arm() -> Figure:
         arm = cspace.Arm.from_urdf(write_inputs(Path(folder))["arm"])
     space = cspace.build_arm_space({"board": board}, arm)
     plan = planners.plan(space, (-0.8, 0.9, 0.8), (0.8, 0.9, 0.8), seed=1)
-    figure: Figure = space.plot(path=plan, title="").figure
+    figure: Figure = space.plot(path=plan, title="", camera=(30, -40)).figure
     return figure
 
 
