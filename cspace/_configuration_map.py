@@ -457,6 +457,11 @@ class ConfigurationMap(ConfigurationSpace):
     # ---- pictures, and convex regions ------------------------------------------------------------
 
     plot = _outside.plot
+
+    def _repr_png_(self) -> bytes:
+        """Show the map in a notebook, as its picture."""
+        return bytes(vars(self.plot())["_repr_png_"]())
+
     free_region = _outside.free_region
     free_regions = _outside.free_regions
 

@@ -102,7 +102,6 @@ app = typer.Typer(
     help="Certified configuration-space maps: build them, look at them, plan on them, export them.",
     epilog="Exit codes: 0 done, 1 no path found, 2 bad input, 130 interrupted.",
     no_args_is_help=True,
-    add_completion=False,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},

@@ -74,19 +74,21 @@ def floor_plan() -> list[BaseGeometry]:
 
 
 def write_inputs(folder: Path) -> dict[str, Path]:
-    """Write the floor plan and a house as files; return their paths.
+    """Write the floor plan, a house and an arm as files; return their paths.
 
-    The folder must exist; existing files are replaced. ``floor_plan`` is GeoJSON, 16 m by 10 m, and
-    ``house`` is STL, 6 m by 4 m by 2.5 m.
+    The folder must exist; existing files are replaced. ``floor_plan`` is GeoJSON, 16 m by 10 m,
+    ``house`` is STL, 6 m by 4 m by 2.5 m, and ``arm`` is URDF, 1.25 m high.
     """
     import shapely
     import trimesh
 
-    files = {"floor_plan": folder / "flat.geojson", "house": folder / "house.stl"}
+    names = {"floor_plan": "flat.geojson", "house": "house.stl", "arm": "arm.urdf"}
+    files = {kind: folder / name for kind, name in names.items()}
     shapes = shapely.GeometryCollection(floor_plan())
     files["floor_plan"].write_text(shapely.to_geojson(shapes), encoding="utf-8")
     boxes = [trimesh.creation.box(bounds=corners) for corners in _HOUSE_BOXES]
     trimesh.util.concatenate(boxes).export(files["house"])  # type: ignore[no-untyped-call]
+    files["arm"].write_text(_ARM, encoding="utf-8")
     return files
 
 
@@ -106,3 +108,36 @@ _HOUSE_BOXES: Final = (
 )
 """Lower and upper corners of boxes, metres. Walls are thicker than cells of 0.1 m, so they have
 interior cells."""
+
+_ARM: Final = """<robot name="arm">
+  <link name="base"/>
+  <joint name="turn" type="revolute">
+    <parent link="base"/><child link="column"/>
+    <axis xyz="0 0 1"/><limit lower="-3" upper="3" effort="1" velocity="1"/>
+  </joint>
+  <link name="column">
+    <collision>
+      <origin xyz="0 0 0.15"/><geometry><cylinder radius="0.08" length="0.3"/></geometry>
+    </collision>
+  </link>
+  <joint name="shoulder" type="revolute">
+    <origin xyz="0 0 0.35"/><parent link="column"/><child link="upper"/>
+    <axis xyz="0 1 0"/><limit lower="-2" upper="2" effort="1" velocity="1"/>
+  </joint>
+  <link name="upper">
+    <collision>
+      <origin xyz="0 0 0.25"/><geometry><box size="0.1 0.1 0.5"/></geometry>
+    </collision>
+  </link>
+  <joint name="elbow" type="revolute">
+    <origin xyz="0 0 0.5"/><parent link="upper"/><child link="fore"/>
+    <axis xyz="0 1 0"/><limit lower="-2.5" upper="2.5" effort="1" velocity="1"/>
+  </joint>
+  <link name="fore">
+    <collision>
+      <origin xyz="0 0 0.2"/><geometry><box size="0.08 0.08 0.4"/></geometry>
+    </collision>
+  </link>
+</robot>
+"""
+"""An arm of three joints, as URDF."""

@@ -324,6 +324,7 @@ def demo(
         "picture": output / "picture.png",
         "floor_plan": output / "flat.geojson",
         "house": output / "house.stl",
+        "arm": output / "arm.urdf",
     }
     if output.exists():
         check_outputs(files.values(), {file.suffix for file in files.values()}, overwrite)
@@ -369,7 +370,7 @@ def _write_path(plan: Plan, files: list[Path], overwrite: bool) -> None:
 
 def _word_hint(hint: str, drive: DriveName) -> str:
     """Word the hint of a failed plan for the command line, but for names of options."""
-    hint = hint.replace("plan.explain()", "cspace explain").replace("space.exact", "--exact")
+    hint = hint.replace("plan.explain()", "cspace explain")
     return re.sub(r"planners\.\w+\(.*?\)", _REVERSING.get(drive, drive), hint)
 
 

@@ -210,6 +210,7 @@ def name_options(hint: str, options: Options) -> str:
         return option if argument["true"] else f"{option}="
 
     names = "|".join(options)
+    hint = hint.replace("space.exact", options.get("exact", "space.exact"))
     return re.sub(rf"\b(?P<name>{names})=(?P<true>True\b)?", name_option, hint)
 
 

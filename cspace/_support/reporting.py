@@ -21,7 +21,7 @@ def import_optional(package: str, use: str, extra: str) -> Any:
     """Import an optional package.
 
     Raises MissingPackageError if it is not installed. The message gives its ``use`` and the
-    ``extra`` that installs it.
+    command that installs it by an ``extra``, because no index has cspace.
     """
     try:
         return import_module(package)
@@ -29,7 +29,7 @@ def import_optional(package: str, use: str, extra: str) -> Any:
         raise MissingPackageError(
             package,
             "is not installed",
-            f"{use}; it comes with cspace[{extra}]",
+            f'{use}; in the clone, type: pip install -c constraints.txt ".[{extra}]"',
         ) from error
 
 

@@ -282,9 +282,9 @@ class Conflicts:
                 ]
                 label = f"{len(rows)} {verdict}{', with a common node' if shares else ''}"
                 is_filled = _fill_shapes(axes, common, fill, label)
-                if rows and not shares:
+                if rows and not (shares and is_filled):
                     places = np.array([row.at for row in rows])
-                    style: dict[str, Any] = {"color": color, "markeredgecolor": "white", "ms": 7}
+                    style: dict[str, Any] = {"color": fill, "markeredgecolor": "white", "ms": 7}
                     axes.plot(*places.T, "X", label="" if is_filled else label, zorder=7, **style)
         extend_legend(axes, axes.get_legend_handles_labels()[0])
         return axes

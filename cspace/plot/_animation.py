@@ -23,7 +23,7 @@ from cspace.inside import (
 from cspace.plot import _artists as artists
 from cspace.plot._arms import draw_tip_path, paint_scene
 from cspace.plot._picture import make_title
-from cspace.plot._sections import draw_plane
+from cspace.plot._sections import draw_plane, find_cells
 from cspace.plot._surface import draw_surface, split_surface
 from cspace.plot.scene import (
     ROBOT_FILL_COLOR,
@@ -198,7 +198,8 @@ def _draw_map(route: Route, title: str | None, camera: ArrayLike | None) -> tupl
     # Only the moving robot is drawn, over the slice of its first rotation.
     scene = make_scene(space, path=points)
     body = scene.body
-    scene = replace(scene, rotation=points[0, dim:], robots=points[:0])
+    box = _choose_frame(scene.box, body.extents(points)) if dim == 2 else scene.box
+    scene = replace(scene, rotation=points[0, dim:], robots=points[:0], box=box)
     robot = artists.make_patch("robot", ROBOT_FILL_COLOR, artists.ROBOT_EDGE_COLOR)
     if body.surface is not None:
         painting = draw_surface(scene, camera=camera)
@@ -220,10 +221,23 @@ def _draw_map(route: Route, title: str | None, camera: ArrayLike | None) -> tupl
         for drawn in list(axes.collections):
             drawn.remove()
         artists.draw_robots(axes, body, q[np.newaxis], opacity=1.0)
-        classes = classify_cells(space, q[2:])
+        classes = classify_cells(space, q[2:], find_cells(space.grid, box))
         image.set_data(artists.merge_cells(axes, classes)[0])
 
     return axes, move, body.reach
+
+
+def _choose_frame(whole: Floats, robots: Floats) -> Floats:
+    """Return the part of a map to show around a path, or all of it if that is not much more.
+
+    ``robots``, shape (n, 2, 2), are the boxes around the robot along the path.
+    """
+    near = np.stack([robots[:, 0].min(axis=0), robots[:, 1].max(axis=0)])
+    side = np.ptp(near, axis=0).max()
+    if 4.0 * side > np.ptp(whole, axis=0).max():
+        return whole
+    frame: Floats = np.clip(near + 0.5 * side * np.array([[-1.0], [1.0]]), *whole)
+    return frame
 
 
 def _draw_arm(route: Route, title: str | None, camera: ArrayLike | None) -> tuple[Any, Move, float]:

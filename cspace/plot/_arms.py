@@ -80,16 +80,31 @@ def paint_scene(
         surface = transform_surface(obstacle.shape.outer.surface, obstacle.pose)
         mesh: Any = trimesh.Trimesh(*surface, process=False)
         near = mesh.slice_plane(sides.facets_origin, -sides.facets_normal)
-        obstacles.append((np.asarray(near.vertices), np.asarray(near.faces)))
+        if len(near.vertices):
+            obstacles.append((np.asarray(near.vertices), np.asarray(near.faces)))
     corners = np.concatenate([box, *(vertices for vertices, _ in obstacles)])
+    if camera is None:
+        camera = choose_camera(box, [vertices for vertices, _ in obstacles])
     box = np.stack([corners.min(axis=0), corners.max(axis=0)])
-    # Default elevation and azimuth of the camera for an arm, degrees.
-    painting = Painting(box, ax, (30.0, -40.0) if camera is None else camera)
+    painting = Painting(box, ax, camera)
     if obstacles:
         solid = CellClass.OBSTACLE
         parts = [split_surface(surface, painting.size) for surface in obstacles]
         painting.add(make_polygons(parts), solid.solid_color, solid.label)
     return painting
+
+
+def choose_camera(box: Floats, obstacles: list[Floats]) -> tuple[float, float]:
+    """Choose elevation and azimuth, degrees, so that the arm is in front of most obstacles.
+
+    ``box``, shape (2, 3), is around the arm; obstacles are their vertices.
+    """
+    middles = [0.5 * (corners.min(axis=0) + corners.max(axis=0)) for corners in obstacles]
+    away = np.sum([box.mean(axis=0) - middle for middle in middles], axis=0)
+    if not middles or np.hypot(*away[:2]) < 0.1 * len(middles) * np.ptp(box, axis=0).max():
+        return 30.0, -40.0
+    # 30 degrees beside the line from the obstacles to the arm, so that depth can be seen.
+    return 30.0, float(np.degrees(np.arctan2(away[1], away[0]))) + 30.0
 
 
 def draw_tip_path(painting: Painting, figure: ArmFigure, route: Route) -> None:

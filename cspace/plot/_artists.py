@@ -69,12 +69,18 @@ def label_axes(grid: Grid) -> list[str]:
     return [f"{axis} ({unit})" for axis, unit in zip(grid.axes, grid.units, strict=True)]
 
 
-def draw_cells(ax: Axes, grid: Grid, classes: Bytes, pair: Sequence[int] = (0, 1)) -> AxesImage:
-    """Draw cells by class, on two axes."""
+def draw_cells(
+    ax: Axes,
+    grid: Grid,
+    classes: Bytes,
+    pair: Sequence[int] = (0, 1),
+    first: Sequence[int] = (0, 0),
+) -> AxesImage:
+    """Draw cells by class, on two axes; ``first`` is the index of the first cell on each."""
     from matplotlib.colors import ListedColormap
 
     blocks, side = merge_cells(ax, classes)
-    left, bottom = (grid.lower[axis] for axis in pair)
+    corner = np.array(grid.lower)[list(pair)] + grid.spacing * np.asarray(first)
     # The last blocks may reach beyond the grid; the limits of the axes hide that.
     rows, columns = grid.spacing * side * np.array(blocks.shape)
     return ax.imshow(
@@ -82,7 +88,7 @@ def draw_cells(ax: Axes, grid: Grid, classes: Bytes, pair: Sequence[int] = (0, 1
         ListedColormap([each.color for each in CellClass]),
         vmin=0,
         vmax=len(CellClass) - 1,
-        extent=(left, left + columns, bottom, bottom + rows),
+        extent=(corner[0], corner[0] + columns, corner[1], corner[1] + rows),
         origin="lower",
         interpolation="nearest",
         aspect=ax.get_aspect(),
@@ -222,8 +228,9 @@ def new_figure(width: float, height: float, layout: Any = "compressed") -> Figur
 
 def add_legend_below(figure: Figure, handles: Sequence[Any]) -> None:
     """Add a legend below a figure, in as many columns as fit."""
-    most = int(figure.get_figwidth() / 2.4)  # the widest entry has 2.4 inches
-    columns = max(1, min(len(handles), most))
+    # Inches of an entry: its letters at 9 points, its symbol, and the gap to the next column.
+    widest = 0.075 * max(len(handle.get_label()) for handle in handles) + 0.6
+    columns = max(1, min(len(handles), int(figure.get_figwidth() / widest)))
     style: dict[str, Any] = {"fontsize": 9, "frameon": False}
     figure.legend(handles=handles, loc="outside lower center", ncols=columns, **style)
 

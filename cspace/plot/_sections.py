@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cspace import Grid
 from cspace.inside import Bools, Bytes, Floats
 from cspace.plot import _artists as artists
 from cspace.plot.scene import PictureContent, classify_cells
@@ -21,13 +22,22 @@ def draw_plane(scene: PictureContent, ax: Axes | None) -> tuple[Axes, list[Any]]
     if ax is None:
         width, height = artists.choose_axes_size(box)
         ax = artists.new_figure(max(width + 0.9, 4.2), height + 1.6).add_subplot()
-    classes = classify_cells(scene.space, scene.rotation)
+    layer = find_cells(grid, box)
+    classes = classify_cells(scene.space, scene.rotation, layer)
     artists.set_up_axes(ax, box, (0, 1), artists.label_axes(grid))
-    artists.draw_cells(ax, grid, classes)
+    artists.draw_cells(ax, grid, classes, first=[cells.start for cells in layer])
     handles = artists.make_cell_legend(scene, [classes])
     handles += artists.draw_path(ax, scene.route.points, scene.route.is_lost)
     handles += artists.draw_robots(ax, scene.body, scene.robots)
     return ax, handles + artists.draw_endpoints(ax, scene.route.endpoints)
+
+
+def find_cells(grid: Grid, box: Floats) -> tuple[slice, ...]:
+    """Return the slice of cells, on each axis, that a box in the plane shows."""
+    first, last = (box - grid.lower) / grid.spacing
+    low = np.clip(np.floor(first), 0, np.array(grid.shape) - 1).astype(int)
+    high = np.clip(np.ceil(last), low + 1, grid.shape).astype(int)
+    return tuple(map(slice, low.tolist(), high.tolist()))
 
 
 def draw_sections(scene: PictureContent) -> tuple[Axes, list[Any]]:

@@ -52,7 +52,9 @@ GHOST_COLOR: Final = "#c3e6da"
 LEVELS: Final = 8
 """Number of parts, equally high, of a robot on a floor that have outlines of their own."""
 ENDPOINT_COLORS: Final = {"start": "#ffffff", "goal": "#cc79a7"}
-"""Colours of start and goal."""
+"""Colours of start and goal, on paper."""
+SOLID_ENDPOINT_COLORS: Final = ENDPOINT_COLORS | {"start": "#b5b5b5"}
+"""Colours of start and goal as solids, which white ones on a white floor would hide."""
 
 
 class HasPath(Protocol):

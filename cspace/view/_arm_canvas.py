@@ -12,7 +12,13 @@ import numpy as np
 from cspace import BLOCKED, FREE, MIXED
 from cspace.errors import InputError
 from cspace.inside import Balls, Floats, transform_surface, wrap_angles
-from cspace.plot.scene import ENDPOINT_COLORS, GHOST_COLOR, ROBOT_FILL_COLOR, ArmFigure, CellClass
+from cspace.plot.scene import (
+    GHOST_COLOR,
+    ROBOT_FILL_COLOR,
+    SOLID_ENDPOINT_COLORS,
+    ArmFigure,
+    CellClass,
+)
 from cspace.view._blocks import KINDS, hex_to_rgb, to_quaternion
 from cspace.view._canvas import STATES, Canvas, Dial, choose_endpoints
 from cspace.view._tool import ToolFrame
@@ -163,16 +169,16 @@ class ArmCanvas(Canvas):
         self._obstacle_points: list[Floats] = []
         with self._links_lock, self._server.atomic():
             # Remove what was drawn before.
-            for group in ("obstacles", "robot", *ENDPOINT_COLORS):
+            for group in ("obstacles", "robot", *SOLID_ENDPOINT_COLORS):
                 scene.remove_by_name(f"/{group}")
                 scene.add_frame(f"/{group}", show_axes=False)
             for name, obstacle in self._space.snapshot.obstacles.items():
                 if obstacle is not None:
                     self._add_obstacle(f"/obstacles/{name}", obstacle.shape.outer, obstacle.pose)
             self._links = {"robot": self._add_links("robot", [*self._figure.links])}
-            for name, color in ENDPOINT_COLORS.items():
+            for name, color in SOLID_ENDPOINT_COLORS.items():
                 self._links[name] = self._add_links(name, self._figure.moving, color, 0.35)
-            names = ENDPOINT_COLORS
+            names = SOLID_ENDPOINT_COLORS
             self._labels = {name: scene.add_label(f"/{name}/label", name) for name in names}
             self._pose_arm("robot", self.robot)
             for name, q in self._shown_endpoints.items():

@@ -167,10 +167,14 @@ class Canvas:
         right = np.cross([0.0, 0.0, 1.0], back)
         right /= np.linalg.norm(right)
         up = np.cross(back, right)
-        # Go back until all corners are in view. Pages are at least 1.2 times as wide as high.
-        offsets = np.maximum(np.abs(corners @ right) / 1.2, np.abs(corners @ up))
-        distances = offsets / math.tan(FIELD_OF_VIEW / 2.0) + corners @ back
-        distance = 1.1 * float(distances.max())
+
+        def measure_distance(aspect: float) -> float:
+            """Return the distance from which all corners are in view on a page."""
+            offsets = np.maximum(np.abs(corners @ right) / aspect, np.abs(corners @ up))
+            distances = offsets / math.tan(FIELD_OF_VIEW / 2.0) + corners @ back
+            return 1.1 * float(distances.max())
+
+        distance = measure_distance(1.2)
         camera = self._server.initial_camera
         camera.fov = FIELD_OF_VIEW
         camera.near = 1e-3 * distance
@@ -178,6 +182,14 @@ class Canvas:
         camera.up = (0.0, 0.0, 1.0)
         camera.look_at = center
         camera.position = center + distance * back
+
+        @self._server.on_client_connect
+        def step_back(client: Any) -> None:
+            """Move the camera of a narrow page, as of a phone, until all is in view."""
+            aspect = client.camera.aspect
+            if aspect < 1.2:
+                client.camera.position = center + measure_distance(aspect) * back
+                client.camera.look_at = center  # which moves with the position
 
 
 def choose_endpoints(space: Any, fallback: Floats) -> dict[str, Floats]:

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from cspace import Rotations
 from cspace.inside import Floats, wrap_angles
-from cspace.plot.scene import ENDPOINT_COLORS, ROBOT_FILL_COLOR, CellClass, DrawnRobot
+from cspace.plot.scene import ROBOT_FILL_COLOR, SOLID_ENDPOINT_COLORS, CellClass, DrawnRobot
 from cspace.view._blocks import KINDS, SECTION, Cells, lift, make_robot_surface, to_quaternion
 from cspace.view._canvas import STATES, Canvas, Dial, choose_endpoints
 
@@ -89,7 +89,7 @@ class MapCanvas(Canvas):
             axes_radius=0.02 * self._gizmo_size,
         )
         self._add_mesh("/robot/body", self._surface, ROBOT_FILL_COLOR)
-        self._gizmos = {name: self._add_gizmo(name) for name in ENDPOINT_COLORS}
+        self._gizmos = {name: self._add_gizmo(name) for name in SOLID_ENDPOINT_COLORS}
         back = np.array([-0.5, -1.0, 0.9] if self._is_solid else [0.0, -0.45, 1.0])
         self._place_camera(self.cells.scene.lower, self.cells.scene.upper, back)
         self._describe_panel()
@@ -286,7 +286,7 @@ class MapCanvas(Canvas):
             disable_rotations=not self.poses.angles,
             depth_test=False,
         )
-        self._add_mesh(f"/{name}/body", self._surface, ENDPOINT_COLORS[name])
+        self._add_mesh(f"/{name}/body", self._surface, SOLID_ENDPOINT_COLORS[name])
         above = (0.0, 0.0, self._wall_height + 0.5 * self._gizmo_size)
         scene.add_label(f"/{name}/label", name, position=above)
         return controls

@@ -20,7 +20,7 @@ import numpy as np
 
 from cspace.errors import CspaceError, InputError
 from cspace.inside import Floats
-from cspace.plot.scene import ENDPOINT_COLORS
+from cspace.plot.scene import SOLID_ENDPOINT_COLORS
 
 if TYPE_CHECKING:
     from viser import GuiApi, ViserServer
@@ -121,7 +121,7 @@ class Panel:
             self.set_endpoint = gui.add_button_group("make it the", tuple(canvas.endpoints))
         with gui.add_folder("Show"):
             self.shown = canvas.add_choices(gui, changed)
-            gui.add_html(_make_legend_html([*canvas.legend, *ENDPOINT_COLORS.items()]))
+            gui.add_html(_make_legend_html([*canvas.legend, *SOLID_ENDPOINT_COLORS.items()]))
 
     def _add_plan_inputs(self, choices: Choices) -> None:
         """Add the inputs and messages of planning, for these planners and drives."""

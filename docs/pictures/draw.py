@@ -6,7 +6,9 @@ All except the hull tree show answers of maps that the library builds here.
 
 from __future__ import annotations
 
+import contextlib
 import itertools
+import re
 import sys
 import tempfile
 from pathlib import Path
@@ -29,6 +31,7 @@ from shapely import affinity
 import cspace
 import cspace.arms
 import planners
+from cspace._cli.demo import GOAL_POSITION, START_POSITION, demo_workspace, write_inputs
 from cspace.plot import animate
 
 FREE, MIXED, BLOCKED = "#ffffff", "#d55e00", "#a6d3ee"
@@ -51,6 +54,8 @@ def draw_all(folder: Path) -> None:
             draw_convergence,
             draw_window,
             draw_hull_tree,
+            draw_arm,
+            draw_clean_drawing,
             draw_joint_map,
             draw_spheres,
             draw_trajectory,
@@ -65,6 +70,56 @@ def draw_all(folder: Path) -> None:
             plt.close(figure)
     space, plan = plan_around_wall()
     animate(space, drive_around_wall(plan), folder / "controller.gif", overwrite=True, title="")
+    space, trajectory = drive_through_flat()
+    animate(space, trajectory, folder / "flat.gif", overwrite=True, title="", seconds=10.0)
+
+
+# ---- first contact -------------------------------------------------------------------------------
+
+
+def drive_through_flat() -> tuple[cspace.CSpace, planners.Trajectory]:
+    """Drive from room to room in the floor plan of the demo."""
+    outline = cspace.Robot.rectangle(0.7, 0.5)
+    space = cspace.build(demo_workspace(0.05), outline, rotations=72)
+    start, goal = (*START_POSITION, 0.0), (*GOAL_POSITION, 0.0)
+    plan = planners.plan(space, start, goal, drive=planners.Differential(), seed=1)
+    return space, plan.trajectory(
+        max_velocity=1.5,
+        max_acceleration=1.0,
+        max_angular_velocity=2.0,
+        max_angular_acceleration=3.0,
+    )
+
+
+def draw_arm() -> Figure:
+    """Draw the arm of the demo on its way around a board."""
+    pose = np.eye(4)
+    pose[:3, 3] = 0.6, 0.0, 0.3
+    board = cspace.arms.PosedShape(cspace.Robot.box((0.4, 0.1, 0.6)).shape, pose)
+    with tempfile.TemporaryDirectory() as folder:
+        arm = cspace.Arm.from_urdf(write_inputs(Path(folder))["arm"])
+    space = cspace.build_arm_space({"board": board}, arm)
+    plan = planners.plan(space, (-0.8, 0.9, 0.8), (0.8, 0.9, 0.8), seed=1)
+    figure: Figure = space.plot(path=plan, title="", camera=(30, -40)).figure
+    return figure
+
+
+def draw_clean_drawing() -> Figure:
+    """Draw what the page "Clean a drawing" makes: the drawing, the walls in it, and a path."""
+    page = Path(__file__).parents[1] / "howto" / "clean_drawing.md"
+    blocks = re.findall(r"^```python\n(.*?)^```", page.read_text(encoding="utf-8"), re.M | re.S)
+    names: dict[str, Any] = {}
+    with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
+        exec("".join(blocks), names)
+    figure, axes = plt.subplots(1, 3, figsize=(9.6, 2.4), layout="constrained")
+    cleaned = np.where(names["removed"], 2, names["walls"])
+    drawings = (("dark pixels", names["dark"]), ("orange: removed", cleaned))
+    colors = ListedColormap([FREE, OBSTACLE, MIXED])
+    for ax, (title, pixels) in zip(axes, drawings, strict=False):
+        ax.imshow(pixels.T, origin="lower", extent=(0, 8, 0, 5), cmap=colors, vmin=0, vmax=2)
+        ax.set(title=title, xlabel="x (m)")
+    names["space"].plot(ax=axes[2], path=names["plan"].path, legend=False, title="a certified path")
+    return figure
 
 
 # ---- concepts ------------------------------------------------------------------------------------

@@ -66,6 +66,18 @@ print({'numpy', 'numba', 'scipy', 'shapely', 'matplotlib', 'zarr', 'ompl'} & set
     assert done.stdout.endswith("set()\n"), done.stderr
 
 
+COMPLETE = """
+import os
+os.environ |= {'_CSPACE_COMPLETE': 'complete_bash', 'COMP_WORDS': 'cspace plan --st', 'COMP_CWORD': '2'}
+from cspace._cli import app
+app(prog_name='cspace')
+"""
+
+
+def test_a_shell_completes_options(tmp_path):
+    assert spawn(COMPLETE, cwd=tmp_path).stdout.split() == ["--start", "--start-tolerance"]
+
+
 def test_compile_fills_the_cache(monkeypatch):
     monkeypatch.setattr(jobs, "JOBS", {"plan in the plane": jobs.plan_in_plane})
     printed = document("compile")

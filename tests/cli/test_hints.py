@@ -53,6 +53,9 @@ FILES = {
     ),
     (f"{PLAN} -o a.csv -o ./a.csv", "name a file twice"),
     (f"{PLAN} --planner gird", "did you mean"),
+    (f"{PLAN} --planner A*", "did you mean 'Grid'?"),
+    (f"{PLAN} --planner 'Hybrid A*'", "did you mean 'Lattice'?"),
+    (f"{PLAN} --start 1.145,0.2 --planner RRTConnect", "--exact proves it free"),
     (
         f"{PLAN_TURNING} --drive dubins",
         "a car has a tightest curve",

@@ -238,7 +238,7 @@ def test_yaws_of_a_dataset_ascend(robot, rotations, tmp_path):
 
 def test_netcdf_without_xarray_names_the_extra_and_writes_nothing(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "xarray", None)
-    with pytest.raises(MissingPackageError, match=r"it comes with cspace\[xarray\]"):
+    with pytest.raises(MissingPackageError, match=r"type: pip install .*\[xarray\]"):
         MAP_BUILDERS["grid"]().export(tmp_path / "map.nc")
     assert not list(tmp_path.iterdir())
 

@@ -12,10 +12,23 @@ from itertools import count
 from pathlib import Path
 
 from benchmarks.report import Report
-from tests.fuzz import arms, cpp, curves, drives, files, frequency, lanes, lengths, maps, use
+from tests.fuzz import (
+    arms,
+    contact,
+    cpp,
+    curves,
+    drives,
+    files,
+    frequency,
+    lanes,
+    lengths,
+    maps,
+    use,
+)
 
 FAMILIES: dict[str, Callable[[Report, int, int], None]] = {
     "maps": lambda report, seed, checks: maps.check(report, seed, checks, checks // 100),
+    "contact": lambda report, seed, checks: contact.check(report, seed, 100 * checks),
     "curves": lambda report, seed, checks: curves.check(report, seed, checks // 200),
     "cpp": lambda report, seed, _: cpp.check(report, seed),
     "drives": lambda report, seed, _: drives.check(report, seed, 1 if report.quick else 200),

@@ -11,12 +11,11 @@ def node(viewer, name):
     return viewer.server.scene.get_handle_by_name(name)
 
 
-def camera():
-    """Return the first message of a browser."""
-    sent = dict.fromkeys(("image_height", "image_width", "fov", "near", "far"), 1)
-    sent |= dict.fromkeys(("position", "look_at", "up_direction"), (0.0, 0.0, 1.0)) | {
-        "wxyz": (1.0, 0.0, 0.0, 0.0)
-    }
+def camera(**size):
+    """Return the first message of a browser, of a square page by default."""
+    sent = dict.fromkeys(("image_height", "image_width", "fov", "near", "far"), 1) | size
+    sent |= dict.fromkeys(("position", "up_direction"), (0.0, 0.0, 1.0))
+    sent |= {"look_at": (0.0, 0.0, 0.0), "wxyz": (1.0, 0.0, 0.0, 0.0)}
     return {"type": "ViewerCameraMessage", **sent}
 
 
@@ -36,7 +35,7 @@ def drag(name, poses):
 
 
 @contextmanager
-def connected(viewer):
+def connected(viewer, **size):
     """Connect to a page as a browser does; give the function that sends its messages."""
     import msgspec
     import viser
@@ -50,5 +49,5 @@ def connected(viewer):
         def send(message):
             client.send(msgspec.msgpack.encode(message))
 
-        send(camera())
+        send(camera(**size))
         yield send

@@ -539,6 +539,19 @@ def open_two_lanes(folder, gap):
     return RouteGraph.open(file)
 
 
+def test_undecided_pairs_with_a_common_node_have_an_entry():
+    """Outlines that only a margin joins share no area, so their place is marked."""
+    space = build_empty((60, 40), cspace.Robot.rectangle(0.6, 0.4), 0.1, rotations=16)
+    nodes = [(1.0, 2.0), (3.0, 2.0), (5.0, 2.0)]
+    graph = RouteGraph.from_arrays(nodes, [(0, 1), (1, 2)])
+    found = cspace.lanes.conflicts(space, graph)
+    row = found.pairs[0]._replace(verdict="undecided", shares_node=True)
+    outlines = {**found.outlines, row.first: shapely.Polygon()}
+    found = replace(found, pairs=[row], outlines=outlines)
+    labels = [text.get_text() for text in found.plot().figure.legends[0].get_texts()]
+    assert "1 undecided, with a common node" in labels
+
+
 def test_pictures_of_tall_maps_have_whole_titles_and_all_verdicts(tmp_path):
     """Pairs that only a margin joins have no area in common, and an entry of their own."""
     space = build_empty((30, 200), cspace.Robot.rectangle(0.6, 0.4), 0.1, rotations=16)

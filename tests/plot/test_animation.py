@@ -64,6 +64,21 @@ def test_the_robot_drives_from_start_to_goal(turning, tmp_path):
     assert (np.diff(centers[:, 0]) > -1.0).all()
 
 
+def test_a_short_way_on_a_large_map_fills_the_frame(tmp_path):
+    """The robot has its size beside the length of its way, and cells are where they were."""
+    cells = np.zeros((800, 600), dtype=bool)
+    cells[23:27, 20:40] = True  # 0.4 m by 2 m, 0.8 m to the right of the start
+    space = build(Workspace.from_array(cells, 0.1), Robot.rectangle(0.6, 0.4), rotations=8)
+    path = [(1.5, 3.0, 0.0), (1.5, 5.0, 0.0)]
+    pixels, _, _ = read_frames(animate(space, path, tmp_path / "room.gif", seconds=0.3))
+    centers = np.array([find_patch(frame) for frame in pixels])
+    metre = (centers[-1, 1] - centers[0, 1]) / 2.0
+    assert metre > 60
+    _, columns = np.nonzero(mask_color(pixels[0][: int(0.8 * len(pixels[0]))], (0x26,) * 3))
+    wall = np.abs(columns - centers[0, 0] - 1.0 * metre) <= 0.25 * metre
+    assert wall.sum() == pytest.approx(0.4 * 2.0 * metre**2, rel=0.1)
+
+
 @pytest.fixture(scope="module")
 def tunnel():
     """Build a hall with a wall below a gap."""

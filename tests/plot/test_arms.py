@@ -84,3 +84,18 @@ def test_axes_of_the_caller_need_three_dimensions(space):
         space.plot(ax=Figure().add_subplot())
     with pytest.raises(InputError, match="q has shape"):
         space.plot(q=(0.0, 0.0, 0.0))
+
+
+@pytest.mark.parametrize("place", [(1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0)])
+def test_the_camera_is_not_behind_a_shelf(place):
+    shelf = posed_box((0.6, 0.6, 1.5), *place)
+    ax = cspace.build_arm_space({"shelf": shelf}, planar_arm()).plot(q=(0.0, np.pi / 2))
+    azimuth = np.radians(ax.azim)
+    assert np.array([np.cos(azimuth), np.sin(azimuth)]) @ place < 0.0
+
+
+def test_an_obstacle_far_away_is_not_drawn():
+    far = {"far": posed_box((0.6, 0.6, 1.5), 9.0, -9.0)}
+    ax = cspace.build_arm_space(far, planar_arm()).plot()
+    assert not len(collect_corners(ax, CellClass.OBSTACLE.solid_color))
+    assert ax.get_xlim()[1] < 3.0

@@ -13,12 +13,13 @@ import numpy as np
 import pytest
 import shapely
 from matplotlib.figure import Figure
+from matplotlib.patches import Patch
 from PIL import Image
 
 import cspace
 import planners
 from cspace import FREE, FileError, Robot, Workspace, build
-from cspace.plot import save_plot
+from cspace.plot import extend_legend, save_plot
 from cspace.plot.scene import CellClass
 from tests.helpers.handmade import build_empty
 from tests.helpers.pictures import (
@@ -81,6 +82,7 @@ def test_unknown_cells_have_their_own_colours(taken):
 def test_a_notebook_shows_the_figure(flat):
     """Represent only axes of new figures as a picture."""
     png = vars(flat.plot())["_repr_png_"]()
+    assert flat._repr_png_() == png
     assert Image.open(io.BytesIO(png)).size[0] > 400
     assert not hasattr(flat.plot(ax=Figure().add_subplot()), "_repr_png_")
 
@@ -171,6 +173,16 @@ def test_text_and_panels_fit_the_figure_without_overlap(shape):
     check_within(figure, *words)
     assert not any(one.overlaps(other) for one, other in itertools.product(words, panels))
     assert min(side for panel in figure.axes for side in panel.get_window_extent().size) > 15
+
+
+def test_a_legend_of_long_labels_fits_a_narrow_figure():
+    occupied = np.zeros((100, 160), dtype=bool)
+    occupied[30:32, 40:100] = True
+    space = build(Workspace.from_array(occupied, 0.1), Robot.rectangle(0.9, 0.6), rotations=8)
+    ax = space.plot()
+    extend_legend(ax, [Patch(label=f"{n} undecided, with a common node") for n in (100, 200, 300)])
+    ax.figure.draw_without_rendering()
+    check_within(ax.figure, ax.figure.legends[0].get_window_extent())
 
 
 def test_pictures_need_no_window_and_no_display(tmp_path):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import socket
 import threading
 import time
@@ -16,7 +17,7 @@ from cspace.errors import InputError
 from cspace.view import Viewer
 from cspace.view._viewer import is_same_site
 from tests.helpers.commands import run
-from tests.helpers.pages import node
+from tests.helpers.pages import connected, node
 from tests.helpers.refusals import refusals
 from tests.helpers.waiting import until
 
@@ -48,6 +49,32 @@ def viewed(request):
     space = build_room(request.param)
     with space.view(block=False, port=0) as viewer:
         yield request.param, space, viewer
+
+
+def test_the_whole_map_is_in_view_on_a_phone(viewed):
+    """Project the corners of the map with the camera of a page half as wide as high."""
+    _, space, viewer = viewed
+    center = np.array(viewer.server.initial_camera.look_at)
+    near = np.linalg.norm(np.array(viewer.server.initial_camera.position) - center)
+
+    def find_camera():
+        cameras = [client.camera for client in viewer.server.get_clients().values()]
+        far = (c for c in cameras if np.linalg.norm(c.position - c.look_at) > 1.01 * near)
+        return next(far, None)
+
+    with connected(viewer, image_width=400, image_height=800):
+        camera = until(find_camera, seconds=30.0)
+        assert camera.look_at == pytest.approx(center)
+        ahead = (center - camera.position) / np.linalg.norm(center - camera.position)
+        right = np.cross(ahead, (0.0, 0.0, 1.0))
+        right /= np.linalg.norm(right)
+        low, high = np.zeros(3), np.zeros(3)
+        low[: space.grid.dim], high[: space.grid.dim] = space.grid.lower, space.grid.upper
+        for corner in itertools.product(*zip(low, high, strict=True)):
+            way = np.array(corner) - camera.position
+            half = np.tan(0.5 * viewer.server.initial_camera.fov) * (way @ ahead)
+            assert abs(way @ right) <= 0.5 * half
+            assert abs(way @ np.cross(right, ahead)) <= half
 
 
 @pytest.mark.parametrize("taken_as_free", [False, True], ids=["occupied", "free"])
