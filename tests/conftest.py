@@ -49,10 +49,19 @@ def pytest_collection_modifyitems(items):
             item.add_marker("thorough")
 
 
-def pytest_collection_finish():
-    """Let the garbage collector skip what is loaded, which would take a tenth of all time."""
-    gc.collect()
-    gc.freeze()
+@pytest.hookimpl(wrapper=True)
+def pytest_collection():
+    """Collect tests, and let the garbage collector skip what is loaded, now and later.
+
+    It would take a third of the time of collecting, and a tenth of that of the tests.
+    """
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.collect()
+        gc.freeze()
+        gc.enable()
 
 
 # ---- CPU -----------------------------------------------------------------------------------------
