@@ -2,6 +2,7 @@
 
 import atexit
 import gc
+import math
 import os
 import re
 import shutil
@@ -49,10 +50,19 @@ def pytest_collection_modifyitems(items):
             item.add_marker("thorough")
 
 
-def pytest_collection_finish():
-    """Let the garbage collector skip what is loaded, which would take a tenth of all time."""
-    gc.collect()
-    gc.freeze()
+@pytest.hookimpl(wrapper=True)
+def pytest_collection():
+    """Collect tests, and let the garbage collector skip what is loaded, now and later.
+
+    It would take a third of the time of collecting, and a tenth of that of the tests.
+    """
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.collect()
+        gc.freeze()
+        gc.enable()
 
 
 # ---- CPU -----------------------------------------------------------------------------------------
@@ -125,10 +135,21 @@ def check_hints():
 
 @pytest.fixture(autouse=True)
 def count_work(monkeypatch):
-    """Let time limits count the CPU time of a test, which a busy machine does not change."""
+    """Let time limits count the CPU time of a test, which a busy machine does not change.
+
+    It is read each millisecond, because searches ask for it millions of times.
+    """
     from cspace._support.compiling import clock
 
-    monkeypatch.setattr(type(clock), "read", staticmethod(time.process_time))
+    read_at, seconds = -math.inf, 0.0
+
+    def read():
+        nonlocal read_at, seconds
+        if (moment := time.perf_counter()) > read_at + 1e-3:
+            read_at, seconds = moment, time.process_time()
+        return seconds
+
+    monkeypatch.setattr(type(clock), "read", staticmethod(read))
 
 
 @pytest.fixture(scope="session")

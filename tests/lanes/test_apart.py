@@ -196,7 +196,7 @@ def test_a_robot_stays_where_it_starts_and_where_it_ends():
     assert found.time == pytest.approx(26.0 - 0.5, abs=0.01)
 
 
-@pytest.mark.parametrize("count", few([30, 400]))
+@pytest.mark.parametrize("count", few([12, 400]))
 def test_a_robot_that_waits_is_where_it_starts_while_a_thing_moves(driven, count):
     robot, trajectories = driven
     polygon = shapely.Polygon(NOTCHED)
@@ -357,10 +357,9 @@ def test_equal_speeds_in_the_middle_prove_nothing_of_one_that_brakes():
     "speed, robot",
     few(
         itertools.chain(
-            zip((1e80, 1e40, 1.0, 1e-40), 2 * ("ball", "disc"), strict=True),
             zip((1e80, 1e40, 1.0, 1e-40), 2 * ("disc", "ball"), strict=True),
-        ),
-        2,
+            zip((1e80, 1e40, 1.0, 1e-40), 2 * ("ball", "disc"), strict=True),
+        )
     ),
 )
 def test_bounds_that_overflow_prove_nothing(speed, robot):

@@ -239,12 +239,12 @@ def test_a_start_and_a_place_that_lead_no_further_give_way_to_others(name, tmp_p
         ([near, LOW, HIGH], [both, [(2.0, 1.0), (2.0, 3.0)], both]),
         (HIGH, [both]),
     ):
-        plan = planners.plan(space, starts, GOAL, via=via)
+        plan = planners.plan(space, starts, GOAL, via=via, time_limit=0.5)
         assert plan.certified and not plan.is_disconnected
         assert plan.start.tolist() == list(HIGH)
         assert (plan.path[list(plan.via_rows), 1] == 3.0).all()
     assert plan.is_connected == (name != "own")
-    plan = planners.plan(space, [LOW, HIGH], GOAL, via=[LOW_END], time_limit=0.3)
+    plan = planners.plan(space, [LOW, HIGH], GOAL, via=[LOW_END], time_limit=0.1)
     assert not plan and not plan.is_connected
     assert plan.is_disconnected == (plan.status == PROVEN) == (name in ("map", "tiles", "known"))
 
@@ -291,7 +291,7 @@ def test_a_car_leaves_out_a_place_that_it_cannot_leave():
         ([[beside, inside], [inside, beside]], forward, beside),
         ([[inside, beside]], reversing, inside),
     ):
-        plan = planners.plan(space, *ends, via=via, drive=drive, time_limit=20.0)
+        plan = planners.plan(space, *ends, via=via, drive=drive, time_limit=3.0)
         assert plan.certified and plan.path[plan.via_rows[0]].tolist() == list(passed)
 
 

@@ -75,7 +75,7 @@ def test_paths_are_certified_and_keep_exact_footprints_off_obstacles(options, se
     shapely.prepare(obstacles)
     for _ in range(3):
         start, goal = space.sample_free(2, rng)
-        plan = planners.plan(space, start, goal, planner="Lattice", time_limit=0.5, **options)
+        plan = planners.plan(space, start, goal, planner="Lattice", time_limit=0.1, **options)
         assert plan.certified == bool(plan)
         if plan:
             np.testing.assert_array_equal(plan.waypoints[[0, -1]], [start, goal])

@@ -762,13 +762,13 @@ def test_explanations_on_a_floor_hold_for_grown_and_shrunk_robots(seed, rotation
 
 
 def test_obstacles_on_a_floor_are_named_with_their_height():
-    space = build_gate(1.2, 0.04, 0.05)
+    space = build_gate(1.2, 0.04, 0.07)
     explanation = space.explain((0.8, 2.0), (3.2, 2.0))
     assert explanation.verdict == "disconnected"
     heights = [float(re.findall(r"-?\d+\.\d+", text)[2]) for text in explanation.obstacles]
     assert heights and all(0.5 <= height <= 0.9 for height in heights)
     assert explanation.plot() is not None
-    open_gate = build_gate(1.2, 0.9, 0.05)
+    open_gate = build_gate(1.2, 0.9, 0.07)
     for name, bottom in (("lamp", 0.95), ("crate", 0.0)):
         box = trimesh.creation.box(bounds=[(1.8, 0.1, bottom), (2.2, 3.9, bottom + 0.2)])
         open_gate.add_obstacle(name, box)

@@ -63,8 +63,8 @@ def test_a_limit_of_the_process_counts(monkeypatch):
 
 # ---- every door that makes cells -----------------------------------------------------------------
 
-SIDE, SIDE_IN_SPACE = 2400, 180
-"""Cells along each axis of large maps, some six million."""
+SIDE, SIDE_IN_SPACE = 1500, 130
+"""Cells along each axis of large maps, some two million."""
 
 PLANE, SPACE = (
     0.1 * np.array([[0] * dim, [n] * dim]) for dim, n in ((2, SIDE), (3, SIDE_IN_SPACE))
@@ -174,7 +174,7 @@ DOORS = {
     "a change": lambda _: use(2, lambda space: space.update(~make_cells(2), (0, 0))),
     "clearance": lambda _: use(2, lambda space: space.clearance((1.0, 1.0))),
     "overlaps": lambda _: use(2, lambda space: space.overlap_count((1.0, 1.0))),
-    "states": lambda _: use(2, lambda space: space.cell_states, "rect:0.2x0.2", 8, side=800),
+    "states": lambda _: use(2, lambda space: space.cell_states, "rect:0.2x0.2", 8, side=500),
     "VTI": lambda folder: use(3, lambda space: space.export(folder / "a.vti", overwrite=True)),
     "a ROS map": lambda folder: use(
         2, lambda space: space.export(folder / "a.yaml", overwrite=True)
