@@ -264,8 +264,9 @@ def _may_cost_less(
     if edges.weights is not None:
         path = best.result.path
         is_told &= (1.0 - MAX_SAVING) * edges.path_cost(path) <= edges.path_length(path)
+    # Ways of cars differ by more than their bounds do.
     if (
-        not edges.has_heading
+        (edges.turns_on_spot or not edges.has_heading)
         and is_told
         and not onward
         and _joins_same_rooms(task, route, best.result.path)
