@@ -256,8 +256,9 @@ def _may_cost_less(
     task: PlanTask, route: Endpoints, least: float, best: RoutedPath, onward: Sequence[Endpoint]
 ) -> bool:
     """Return False if a route cannot improve the best path enough."""
-    bound = best.cost
     edges = task.edges
+    if least >= best.cost or onward or least < (1.0 - MAX_SAVING) * best.least:
+        return least < best.cost
     # Lower bounds are lengths. They say little about ways that obstacles make much longer, and
     # about places with other costs.
     is_told = best.cost < MAX_DETOUR * best.least
@@ -265,14 +266,8 @@ def _may_cost_less(
         path = best.result.path
         is_told &= (1.0 - MAX_SAVING) * edges.path_cost(path) <= edges.path_length(path)
     # Ways of cars differ by more than their bounds do.
-    if (
-        (edges.turns_on_spot or not edges.has_heading)
-        and is_told
-        and not onward
-        and _joins_same_rooms(task, route, best.result.path)
-    ):
-        bound = min(bound, (1.0 - MAX_SAVING) * best.least)
-    return least < bound
+    is_told &= edges.turns_on_spot or not edges.has_heading
+    return not (is_told and _joins_same_rooms(task, route, best.result.path))
 
 
 def _bound_route(edges: LocalPlanner, route: Endpoints, onward: Sequence[Endpoint]) -> float:
