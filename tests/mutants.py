@@ -902,7 +902,7 @@ MUTANTS = (
     ),
     Mutant(
         "planners/_journey.py",
-        "return least < bound",
+        "return least < best.cost",
         "return least <= 0.0",
         "tests/planners/test_goals.py",
     ),
