@@ -30,11 +30,11 @@ from cspace.inside import (
     proofs_of,
     wrap_angles,
 )
-from planners._edges.integrals import CellCost, bind_cost, integrate_straight_edge
 
 if TYPE_CHECKING:
     from cspace import TiledCSpace
     from cspace.inside import Geometry
+    from planners._edges.integrals import CellCost
 
 Endpoints = tuple[Endpoint, ...]
 """A start and its alternative goals. Only arms have several goals."""
@@ -245,6 +245,8 @@ class LocalPlanner:
 
     def edge_cost(self, weights: CellCost) -> Callable[..., float]:
         """Make ``cost(*q0, *q1)``, the cost of the edge on a map."""
+        from planners._edges.integrals import bind_cost, integrate_straight_edge
+
         size = self.space.size
         weight = self.rotation_weight
         return bind_cost(integrate_straight_edge, self.cells, weights, weight, size)

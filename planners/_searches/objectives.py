@@ -18,7 +18,6 @@ from cspace import CSpace, Space
 from cspace.errors import InputError
 from cspace.inside import (
     ConfigurationMap,
-    DistanceTable,
     Floats,
     as_contiguous,
     check_dims,
@@ -27,11 +26,11 @@ from cspace.inside import (
     check_positive,
     kept_values,
 )
-from planners._edges.integrals import CellCost, CostDensity, Weigh, check_costs_fit
 
 if TYPE_CHECKING:
     from ompl import base as ob
 
+    from planners._edges.integrals import CellCost, Weigh
     from planners._motion.speed_limits import SpeedLike
 
 MakeObjective: TypeAlias = "Callable[[ob.SpaceInformation], ob.OptimizationObjective]"
@@ -198,6 +197,9 @@ def _check_shape(costs: Floats, space: ConfigurationMap) -> None:
 
 def _weigh_clearance(objective: ClearanceObjective, space: CSpace) -> CellCost:
     """Return the cost of a metre by clearance."""
+    from cspace.inside import DistanceTable
+    from planners._edges.integrals import CellCost, CostDensity, check_costs_fit
+
     check_costs_fit(space)
     threshold = objective.clearance_threshold
     if threshold is None:
@@ -218,6 +220,8 @@ def _weigh_clearance(objective: ClearanceObjective, space: CSpace) -> CellCost:
 
 def _weigh_length(objective: WeightedLength, space: CSpace) -> CellCost:
     """Return the cost of a metre by the user's values."""
+    from planners._edges.integrals import CellCost, check_costs_fit
+
     check_costs_fit(space)
     costs = np.asarray(objective.costs, dtype=np.float32).reshape(-1, *space.grid.shape)
     return CellCost(np.float32(1.0) + np.maximum(costs, np.float32(0.0)), None)

@@ -284,6 +284,7 @@ assert all(hasattr(cspace.{package}, name) for name in cspace.{package}.__all__)
 UNUSED_IN_THE_PLANE = {
     *("cspace._shapes.mesh", "cspace._shapes.bodies", "cspace._files.zarr_folders"),
     *("cspace._shapes.prism", "cspace._raster.rounded_segments"),
+    *("cspace._queries.distance", "planners._edges.integrals"),
     *("cspace._files.lazy_arrays", "cspace._files.rasters", "cspace._files.plain"),
 }
 """Modules that a map of an array in the plane, and a plan there, do not need."""
