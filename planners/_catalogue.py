@@ -73,9 +73,10 @@ def check_ompl() -> None:
         import_module("ompl.geometric")
     except ImportError as error:
         raise MissingPackageError(
-            "planners",
-            f"needs OMPL, which cannot be imported ({error})",
-            "it has wheels for Python 3.11 to 3.13 on Linux and macOS; cspace works without it",
+            "ompl",
+            f"cannot be imported ({error})",
+            "it has wheels for Python 3.11 to 3.13 on Linux and macOS; "
+            "planners that are not of OMPL work without it",
         ) from error
 
 

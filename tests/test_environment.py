@@ -123,6 +123,15 @@ print(cspace._support.compiling.cache_folder())
     assert done.stdout == "None\n", done.stderr
 
 
+def test_another_package_named_planners_is_refused_in_one_line(tmp_path):
+    for name in ("planners_of_routes-1.0.dist-info", "planners-0.13.4.dist-info"):
+        assert run("import cspace", cwd=tmp_path, PYTHONPATH=str(tmp_path)).returncode == 0
+        (tmp_path / name).mkdir()
+    done = run("import cspace", cwd=tmp_path, PYTHONPATH=str(tmp_path))
+    last = done.stderr.strip().rpartition("\n")[2]
+    assert last.startswith(f"ImportError: {tmp_path} has another package named planners")
+
+
 def test_an_archive_is_refused_in_one_line(tmp_path):
     archive = tmp_path / "site.zip"
     with zipfile.ZipFile(archive, "w") as file:

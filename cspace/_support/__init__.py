@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from _thread import RLock
 
@@ -26,6 +27,18 @@ def attach_stub(
     except ValueError as error:
         raise ImportError(f"{file} is in an archive; cspace runs only from a folder") from error
     return lambda name: import_in_turn(import_name, name), list_names, names
+
+
+def refuse_other_planners() -> None:
+    """Raise ImportError if another distribution named ``planners`` is installed."""
+    for folder in filter(os.path.isdir, sys.path):
+        # Importing pathlib would take longer than importing cspace.
+        for name in os.listdir(folder):  # noqa: PTH208
+            if name.startswith("planners-") and name.endswith(".dist-info"):
+                raise ImportError(
+                    f"{folder} has another package named planners, which replaces files of "
+                    "cspace; use an environment without it, and install cspace again"
+                )
 
 
 def import_in_turn(import_name: Callable[[str], Any], name: str) -> Any:

@@ -86,8 +86,7 @@ def test_every_required_package_is_imported():
     packages = set().union(*(imported_packages(ast.parse(source)) for source in sources))
     installed = packages_distributions()
     imported = {normalize(name) for package in packages for name in installed[package]}
-    # The bounds of llvmlite are for numba, which imports it.
-    assert distributions(PROJECT["dependencies"]) - imported == {"llvmlite"}
+    assert distributions(PROJECT["dependencies"]) <= imported
 
 
 @pytest.mark.parametrize(

@@ -139,6 +139,7 @@ except cspace.MissingPackageError as error:
     print(error)
 """,
     )
+    assert output.startswith("ompl cannot be imported (")
     assert "wheels for Python 3.11 to 3.13 on Linux and macOS" in output
 
 
