@@ -145,8 +145,9 @@ def count_work(monkeypatch):
 
     def read():
         nonlocal read_at, seconds
+        seconds += 1e-7  # each reading is later than the one before
         if (moment := time.perf_counter()) > read_at + 1e-3:
-            read_at, seconds = moment, time.process_time()
+            read_at, seconds = moment, max(seconds, time.process_time())
         return seconds
 
     monkeypatch.setattr(type(clock), "read", staticmethod(read))

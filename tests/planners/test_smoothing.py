@@ -57,8 +57,13 @@ def draw_occupied(seed):
     return occupied
 
 
-@cache
 def build_plan(seed, drive, rotations, turning_radius=None):
+    """Return the plan of :func:`plan_across`, which is made once."""
+    return plan_across(seed, drive, rotations, turning_radius)
+
+
+@cache
+def plan_across(seed, drive, rotations, turning_radius):
     """Plan between the two farthest of some free configurations that a path joins."""
     workspace = cspace.Workspace.from_array(draw_occupied(seed), SPACING)
     robot = cspace.Robot.polygon(FOOTPRINT) if rotations else cspace.Robot.disc(0.3)
