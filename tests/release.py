@@ -20,30 +20,24 @@ from cspace._support import shipped
 README = Path(__file__).parents[1] / "README.md"
 
 MORE = """
-import numpy as np
-from cspace._cli.jobs import build_arm
-from pathlib import Path
-
 limits = {"max_velocity": 0.8, "max_acceleration": 0.6}
 turns = {"max_angular_velocity": 1.0, "max_angular_acceleration": 1.0}
-arm = build_arm(Path())
-ends = (-0.5, 0.2), (1.0, 0.3)
+ends = (2, 3, 0), (9, 1, 0)
 for motion in (
     planners.plan(space, (2, 3, 0), (3, 4, 1)).trajectory(**limits, **turns),
-    plan.trajectory(**limits, **turns, max_jerk=2.0),
-    car.trajectory(**limits),
+    planners.plan(space, *ends, drive=planners.Differential()).trajectory(**limits, **turns, max_jerk=2.0),
+    plan.trajectory(**limits),
     flight.trajectory(**limits),
-    planners.plan(arm, *ends, seed=2).trajectory(max_acceleration=1.0),
+    planners.plan(cell, (-0.8, 0.9, 0.8), (0.8, 0.9, 0.8), seed=2).trajectory(max_acceleration=1.0),
 ):
     motion.braked(0.3 * motion.duration)
 gate = cspace.Gate(space, dt=0.1, max_deceleration=(1.0, 1.0))
 gate.check_twists((2, 3, 0), [(0.2, 0.0)] * 4)
 gate.slow_down((2, 3, 0), (0.3, 0.0))
 cspace.Gate(space, dt=0.1, max_velocity=1.0).check_rows((2, 3, 0), [(2, 3, 0)] * 4)
-arm.follow_line(ends[0], "fore", [arm.arm.pose((-0.4, 0.2), "fore")], tolerance=(0.01, 0.3))
-space.is_free([(2, 3, 0), (9, 1, 0)]), space.clearance((2, 3, 0)), space.save("map.zarr")
+space.is_free([(2, 3, 0), (9, 1, 0)]), space.clearance((2, 3, 0)), space.save("map.zarr", overwrite=True)
 """
-"""Script after the snippets of the README: trajectories, an arm, gates, and batches of states."""
+"""Script after the snippets of the README: trajectories, gates, and batches of states."""
 
 
 def write_code(wheel):

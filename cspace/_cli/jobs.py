@@ -155,6 +155,16 @@ def _query_map(
     space.add_obstacle("crate", crate)
 
 
+def audit_lanes(folder: Path) -> object:
+    """Audit lanes through the doors of the demo's floor plan, and count overlaps there."""
+    from cspace.lanes import RouteGraph, audit
+
+    workspace = Workspace.open(folder / "flat.geojson", spacing=0.05)
+    build(workspace, Robot.rectangle(0.7, 0.5), counts=True)
+    lanes = RouteGraph.from_arrays([(3.5, 2.2), (6.0, 2.2), (10.4, 5.15)], [(0, 1), (1, 2)])
+    return audit(map_flat(folder, 72), lanes)
+
+
 _HAS_ARMS: Final = find_spec("yourdfpy") is not None
 
 JOBS: Final[dict[str, Callable[[Path], object]]] = {
@@ -166,6 +176,7 @@ JOBS: Final[dict[str, Callable[[Path], object]]] = {
     "plan in space": plan_in_space,
     "queries and updates": query_maps,
     "trajectories and gates": time_drives,
+    "lanes and overlaps": audit_lanes,
     **({"plan for an arm": plan_for_arm, "motions of an arm": move_arm} if _HAS_ARMS else {}),
 }
 """Jobs by name; each takes the folder in which :func:`cspace._cli.demo.write_inputs` wrote."""

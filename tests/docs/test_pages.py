@@ -169,7 +169,7 @@ def list_commands(file):
 
 
 def test_commands_in_the_text_of_pages_have_the_options_that_they_need():
-    files = [ROOT / page for page in PAGES]
+    files = [ROOT / page for page in PAGES if page != "docs/reference/old_names.md"]
     files += [file for folder in ("tutorials", "examples") for file in (ROOT / folder).glob("*.py")]
     found = [words for file in files for words in list_commands(file)]
     assert len(found) > 30
