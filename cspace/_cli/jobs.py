@@ -61,6 +61,13 @@ def plan_with_yaw(folder: Path, tight: bool = False, **options: Any) -> planners
     return planners.plan(space.exact if tight else space, (2, 3, 0), (9, 1, 0), **options)
 
 
+def plan_around_crate(folder: Path) -> planners.Plan:
+    """Plan around an added obstacle, by a search with so many nodes that their table grows."""
+    space = map_flat(folder, 72)
+    space.add_obstacle("crate", shapely.box(6, 1, 6.5, 1.5))
+    return planners.plan(space, (2, 3, 0), (9, 1, 0), drive=_DIFFERENTIAL)
+
+
 def plan_in_space(folder: Path) -> planners.Plan:
     """Plan a path in space for a robot with a fixed rotation."""
     return planners.plan(map_house(folder), (1, 2, 0.5), (5, 3, 0.5))
@@ -171,6 +178,7 @@ JOBS: Final[dict[str, Callable[[Path], object]]] = {
     "plan in the plane": plan_in_plane,
     "plan with a yaw": plan_with_yaw,
     "plan with a differential drive": partial(plan_with_yaw, drive=_DIFFERENTIAL),
+    "plan around a crate": plan_around_crate,
     "plan for a car": partial(plan_with_yaw, drive=_CAR),
     "plan for a car in a tight place": partial(plan_with_yaw, tight=True, drive=_CAR),
     "plan in space": plan_in_space,
