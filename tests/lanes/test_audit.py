@@ -372,7 +372,7 @@ def list_turned(heading, yaw, width):
     return heading + np.linspace(min(*steps, 0.0), max(*steps, 0.0), 361)
 
 
-@pytest.mark.parametrize("count", few([50, 1500]))
+@pytest.mark.parametrize("count", few([150, 1500]))
 def test_a_node_with_a_range_of_yaws_needs_the_turns_to_all_of_them(count):
     rng = np.random.default_rng(8)
     occupied = np.zeros((120, 120), dtype=np.bool_)
