@@ -219,5 +219,5 @@ def test_missing_finufft_names_the_extra(monkeypatch):
     overlap = FourierOverlap(ONE, ONE)
     monkeypatch.setitem(sys.modules, "finufft", None)
     assert overlap.value([0.1, 0.0]) > 0.0
-    with pytest.raises(MissingPackageError, match=r"cspace\[spectral\]"):
+    with pytest.raises(MissingPackageError, match=r"pip install .*\[spectral\]"):
         overlap.value(np.zeros((40, 2)))
