@@ -719,7 +719,7 @@ def find_room_goals(
     if not edges.has_heading and len(rooms) == 1:
         return [tuple(q) for q in rows.tolist()]
     if not edges.has_heading and all(room.is_point for room in rooms):
-        costs = np.array([edges.min_length(np.array(start), row) for row in rows])
+        costs = edges.edge_lengths(np.broadcast_to(start, rows.shape), rows)
     else:
         costs = METRES_PER_RADIAN * _measure_turns(space, start, rows)
         costs += _measure_lengths(edges, start, lambda: [rows])
@@ -751,6 +751,8 @@ def find_routes(
         ]
 
     routes = list(dict.fromkeys(gather_goals("start", starts, find_from)))
+    if not edges.has_heading and all(room.is_point for room in (*starts, *usable)):
+        return routes  # searched by their bounds
     return sorted(routes, key=lambda route: _estimate_length(edges, *np.array(route)))
 
 

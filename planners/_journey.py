@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import heapq
 import math
 from bisect import bisect_left
 from collections.abc import Sequence
@@ -222,21 +223,37 @@ def search_goals(task: PlanTask, onward: Sequence[Endpoint] = ()) -> SearchResul
     """Search for the cheapest path between the rooms of a task.
 
     If the plan goes ``onward``, the straight way from the path's end to the nearest of these goals
-    counts, too. Search along one route after another, except routes with a lower bound not below
-    the best cost. Each search but the last has half of the time left.
+    counts, too. Search along one route after another, those between points by their lower bounds,
+    except routes with a lower bound not below the best cost. Each search but the last has half of
+    the time left.
     """
     if len(task.routes) == 1 and not task.rooms and all(room.is_point for room in task.starts):
         return _search_route(task, task.routes[0], task.limit)
     results: list[SearchResult] = []
     best = RoutedPath(SearchResult(np.empty((0, task.edges.space.size))), math.inf, math.inf)
-    for number, route in enumerate(task.routes):
-        least = _bound_route(task.edges, route, onward)
+    # A bound takes a search of its own, so among points only the nearest ones get theirs.
+    are_points = all(room.is_point for room in (*task.starts, *task.rooms))
+    is_lazy = are_points and not onward and not task.edges.has_heading
+    waiting = [
+        (_measure_straight(task.edges, route) if is_lazy else -math.inf, number, False)
+        for number, route in enumerate(task.routes)
+    ]
+    heapq.heapify(waiting)
+    while waiting:
+        least, number, is_bound = heapq.heappop(waiting)
+        if best.result.proven and least >= best.cost:
+            break
+        route = task.routes[number]
+        if not is_bound:
+            least = _bound_route(task.edges, route, onward)
+            if is_lazy:
+                heapq.heappush(waiting, (least, number, True))
+                continue
         if best.result.proven and not _may_cost_less(task, route, least, best, onward):
             continue
         if not measure_left(task, results).is_left:
             break
-        is_last = number == len(task.routes) - 1
-        found = _search_route(task, route, _limit_route(task, results, best.result, is_last))
+        found = _search_route(task, route, _limit_route(task, results, best.result, not waiting))
         results.append(found)
         cost = _measure_way(task.edges, found.path, onward) if found.proven else math.inf
         if cost < best.cost or not (found.proven or len(best.result.path)):
@@ -268,6 +285,13 @@ def _may_cost_less(
     # Ways of cars differ by more than their bounds do.
     is_told &= edges.turns_on_spot or not edges.has_heading
     return not (is_told and _joins_same_rooms(task, route, best.result.path))
+
+
+def _measure_straight(edges: LocalPlanner, route: Endpoints) -> float:
+    """Measure the shortest edge from a route's start to its goals, whatever is in its way."""
+    start, *goals = np.array(route)
+    ends = np.array(goals)
+    return float(edges.edge_lengths(np.broadcast_to(start, ends.shape), ends).min())
 
 
 def _bound_route(edges: LocalPlanner, route: Endpoints, onward: Sequence[Endpoint]) -> float:
