@@ -5,7 +5,7 @@ from __future__ import annotations
 import heapq
 import math
 from bisect import bisect_left
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import Final, NamedTuple
 
@@ -231,34 +231,49 @@ def search_goals(task: PlanTask, onward: Sequence[Endpoint] = ()) -> SearchResul
         return _search_route(task, task.routes[0], task.limit)
     results: list[SearchResult] = []
     best = RoutedPath(SearchResult(np.empty((0, task.edges.space.size))), math.inf, math.inf)
-    # A bound takes a search of its own, so among points only the nearest ones get theirs.
-    are_points = all(room.is_point for room in (*task.starts, *task.rooms))
-    is_lazy = are_points and not onward and not task.edges.has_heading
-    waiting = [
-        (_measure_straight(task.edges, route) if is_lazy else -math.inf, number, False)
-        for number, route in enumerate(task.routes)
-    ]
-    heapq.heapify(waiting)
-    while waiting:
-        least, number, is_bound = heapq.heappop(waiting)
-        if best.result.proven and least >= best.cost:
-            break
-        route = task.routes[number]
-        if not is_bound:
-            least = _bound_route(task.edges, route, onward)
-            if is_lazy:
-                heapq.heappush(waiting, (least, number, True))
-                continue
+
+    def find_least_cost() -> float:
+        return best.cost
+
+    for number, (least, route) in enumerate(_list_routes(task, onward, find_least_cost)):
         if best.result.proven and not _may_cost_less(task, route, least, best, onward):
             continue
         if not measure_left(task, results).is_left:
             break
-        found = _search_route(task, route, _limit_route(task, results, best.result, not waiting))
+        is_last = number == len(task.routes) - 1
+        found = _search_route(task, route, _limit_route(task, results, best.result, is_last))
         results.append(found)
         cost = _measure_way(task.edges, found.path, onward) if found.proven else math.inf
         if cost < best.cost or not (found.proven or len(best.result.path)):
             best = RoutedPath(found, cost, least)
     return sum_times(best.result, results) if results else best.result
+
+
+def _list_routes(
+    task: PlanTask, onward: Sequence[Endpoint], find_least_cost: Callable[[], float]
+) -> Iterator[tuple[float, Endpoints]]:
+    """Yield routes with lower bounds of their costs.
+
+    Routes between points come by their bounds, up to the least cost found; a bound takes a search
+    of its own, so only the nearest routes get theirs.
+    """
+    edges = task.edges
+    are_points = all(room.is_point for room in (*task.starts, *task.rooms))
+    if onward or edges.has_heading or not are_points:
+        for route in task.routes:
+            yield _bound_route(edges, route, onward), route
+        return
+    waiting = [
+        (_measure_straight(edges, route), number, False) for number, route in enumerate(task.routes)
+    ]
+    heapq.heapify(waiting)
+    while waiting and waiting[0][0] < find_least_cost():
+        least, number, is_bound = heapq.heappop(waiting)
+        route = task.routes[number]
+        if is_bound:
+            yield least, route
+        else:
+            heapq.heappush(waiting, (_bound_route(edges, route, onward), number, True))
 
 
 class RoutedPath(NamedTuple):

@@ -122,8 +122,8 @@ class GateNode : public rclcpp_lifecycle::LifecycleNode {
         parameters.numbers("max_deceleration", {1.0, 2.0}, 0.001, 1000.0, "what the brakes reach, m/s^2 and rad/s^2");
     const std::vector<double> tracking = parameters.numbers("tracking", {0.02, 0.02, 0.02}, 0.0, 10.0,
                                                             "how far the robot may stray: x and y, metres, and yaw, radians");
-    const std::vector<double> speeds = parameters.numbers("max_velocity", {1.0, 2.0}, 0.001, 1000.0,
-                                                          "beyond it, a command is slowed down along its arc, m/s and rad/s");
+    const std::vector<double> speeds =
+        parameters.numbers("max_velocity", {1.0, 2.0}, 0.001, 1000.0, "commands beyond it are refused, m/s and rad/s");
     options_.max_velocity = {speeds[0], speeds[1]};
     gate_options_.max_deceleration = {brakes[0], brakes[1]};
     gate_options_.tracking = {tracking[0], tracking[1], tracking[2]};

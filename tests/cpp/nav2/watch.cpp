@@ -181,6 +181,7 @@ int main(int count, char** arguments) {
     gate = std::make_shared<const cspace::Gate>(map, cspace::read_robot(*map), options);
   }
   cspace_nav2::WatchOptions options;
+  options.max_velocity = {5.0, 5.0};
   options.sources = split(arguments[9], ',');
   Session session(gate, options);
   for (std::string line; std::getline(std::cin, line);) session.answer(line);

@@ -78,7 +78,7 @@ struct WatchOptions {
   std::string map_frame = "map", odom_frame = "odom", base_frame = "base_link";
   bool leaving = true;                          ///< see `cspace::Gate::slow_down`
   double leaving_speed = 0.1;                   ///< of any point of a robot that leaves, m/s
-  cspace::Twist max_velocity = {1.0, 2.0};      ///< beyond it, a command is slowed down along its arc
+  cspace::Twist max_velocity = {1.0, 2.0};      ///< a command beyond it is refused, m/s and rad/s
 };
 
 /// What a robot drives by.
@@ -108,8 +108,10 @@ class Watch {
   }
 
   void hear_command(const cspace::Twist& wanted, Time now) {
-    const auto [v, omega] = options_.max_velocity;
-    wanted_ = slow(wanted, std::min(v / std::abs(wanted.v), omega / std::abs(wanted.omega)));
+    const cspace::Twist& most = options_.max_velocity;
+    if (std::abs(wanted.v) > most.v || std::abs(wanted.omega) > most.omega)
+      return refuse_command("a command is faster than max_velocity");
+    wanted_ = wanted;
     command_heard_ = now;
     command_fault_.clear();
   }
