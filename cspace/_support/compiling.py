@@ -150,10 +150,7 @@ def _compile_in_turn(compiled: Any, name: str) -> None:
     compile_ = compiled.compile
 
     def compile_in_turn(signature: Any) -> Any:
-        """Compile a signature, or load its code, unless that is done."""
-        done = compiled.overloads.get(signature)
-        if done is not None:
-            return done.entry_point
+        """Compile a signature, or load its code."""
         with global_compiler_lock, clock.stopped(), _turn(name) as has_turn:
             # Without a turn, the files may be those of a process that is saving.
             cache.enable() if has_turn else cache.disable()
