@@ -200,7 +200,7 @@ def find_leaving_seconds(
 def _find_depth(core: Core) -> float:
     """Return the depth of the mean of a core's corners below its surface, metres."""
     heights = measure_gaps(core.corners, core.corners.mean(axis=0, keepdims=True)).heights
-    return core.radius - float(heights.max(initial=-math.inf) if heights.size else 0.0)
+    return core.radius - float(heights.max()) if heights.size else core.radius
 
 
 def _find_reach(core: Core) -> float:

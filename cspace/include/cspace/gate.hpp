@@ -334,6 +334,7 @@ class Gate {
     for (const Core& core : robot) {
       check_core(core);
       robot_.emplace_back(core);
+      lost_depth_ = std::max(lost_depth_, detail::LOST_DEPTH * robot_.back().depth);
       for (const Point& corner : core.corners) size_ = std::max(size_, std::hypot(corner.x, corner.y) + core.radius);
     }
     // A point of the robot moves by at most its distance from the origin for each radian.
@@ -348,9 +349,7 @@ class Gate {
 
   /// Return true if a taken cell is deeper inside the robot than half of its depth: it is not where it believes.
   bool is_lost(const double* q) const {
-    double depth = 0.0;
-    for (const detail::Body& body : robot_) depth = std::max(depth, body.depth);
-    return can_list(q, size_) && has_within(list_taken(q, size_), -detail::LOST_DEPTH * depth);
+    return can_list(q, size_) && has_within(list_taken(q, size_), -lost_depth_);
   }
 
   /// Return true if one of some cells, given by their centers, is within reach of a robot that drives a twist and stops.
@@ -613,8 +612,9 @@ class Gate {
   double find_cell_reach(const double* q, const Twist& twist, double seconds) const {
     const double margin = margin_ + detail::CELL_REACH * map_->spacing();
     const double range = size_ + margin + std::abs(twist.v) * seconds, least = seconds / detail::PIECES;
-    if (!can_list(q, range) || is_lost(q)) return 0.0;
+    if (!can_list(q, range)) return 0.0;
     const auto taken = list_taken(q, range);
+    if (has_within(taken, -lost_depth_)) return 0.0;
     for (std::size_t k = 0; k < robot_.size(); ++k)
       seconds = detail::follow(robot_[k], taken[k], margin + robot_[k].radius, twist, seconds, least, true);
     return seconds;
@@ -625,6 +625,7 @@ class Gate {
   GateOptions options_;
   Twist most_{};         ///< a braking twist's largest change in `dt`
   double size_ = 0.0;    ///< distance of the robot's farthest point from its origin, metres
+  double lost_depth_ = 0.0;  ///< of the center of a taken cell inside a robot, from which on it is lost, metres
   double margin_ = 0.0;  ///< distance of what the robot may not touch, even if it strays, metres
 };
 
