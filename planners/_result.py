@@ -414,6 +414,14 @@ class Plan:
         axes: Axes = self._picture().plot(**options)
         return axes
 
+    def _repr_png_(self) -> bytes | None:
+        """Show the plan in a notebook, as its picture, or as text without its map."""
+        try:
+            axes = self.plot()
+        except InputError:
+            return None
+        return bytes(vars(axes)["_repr_png_"]())
+
     @names_options
     def corridor(self, *, reach: float = 5.0, margin: float = 0.0) -> Corridor:
         """Find convex regions of FREE configurations along the path.

@@ -258,6 +258,7 @@ def plot_rates(
         handles += axes_by_label[label].plot(times, curve, color=f"C{k}", label=name)
     if ax is None:
         add_legend_below(cast("Figure", left.figure), handles)
+        show_in_notebooks(left)
     return left
 
 
@@ -275,8 +276,7 @@ def annotate(
         ax.figure.suptitle(heading, fontsize=10, wrap=True)
         if handles:
             add_legend_below(ax.figure, handles)
-        # Notebooks show figures without a window only through this method of the returned axes.
-        vars(ax)["_repr_png_"] = lambda: figure_png(ax.figure)
+        show_in_notebooks(ax)
         return
     ax.set_title(heading, fontsize=10)
     if handles:
@@ -288,6 +288,11 @@ def annotate(
             frameon=False,
             borderaxespad=0.0,
         )
+
+
+def show_in_notebooks(ax: Any) -> None:
+    """Let a notebook show the figure of axes, which has no window."""
+    vars(ax)["_repr_png_"] = lambda: figure_png(ax.figure)
 
 
 def figure_png(figure: Any) -> bytes:

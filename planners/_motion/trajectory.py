@@ -625,6 +625,10 @@ class Trajectory:
                 curves.append(("angular speed", "angular speed (rad/s)", turned))
         return plot_rates(self.times, curves, ax)
 
+    def _repr_png_(self) -> bytes:
+        """Show the trajectory in a notebook, as its picture."""
+        return bytes(vars(self.plot())["_repr_png_"]())
+
     def to_path(self, msg: Any = None, *, frame_id: str | None = None) -> Any:
         """Return the rows as a ``nav_msgs/Path`` of ROS.
 

@@ -154,6 +154,12 @@ def test_a_plan_without_a_path_writes_no_table(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+def test_a_notebook_shows_a_plan_as_its_picture_and_as_text_without_its_map():
+    plan = planners.plan(build_empty((40, 30), Robot.disc(0.3)), (1.0, 1.5), (3.0, 1.5))
+    assert plan._repr_png_() == vars(plan.plot())["_repr_png_"]()
+    assert copy.copy(plan)._repr_png_() is None
+
+
 def test_a_plan_is_printed_without_rounding_errors():
     space = build_empty((40, 30), cspace.Robot.disc(0.1))
     text = repr(planners.plan(space, (0.72 + 0.1, 2 / 3), (3.33, 1.62)))

@@ -444,6 +444,7 @@ def test_cubic_polynomials_of_the_joint_message_equal_the_motion():
     np.testing.assert_allclose(spline(t), trajectory.sample(t)[0], atol=1e-8)
     labels = [side.get_ylabel() for side in trajectory.plot().figure.axes]
     assert labels == ["velocity (rad/s)", "velocity (m/s)"]
+    assert trajectory._repr_png_().startswith(b"\x89PNG")  # which a notebook shows
     with pytest.raises(InputError, match="moves the joints"):
         trajectory.to_path()
 
