@@ -284,4 +284,5 @@ def _write(out: NDArray[Any], sums: Any, correction: float, add: bool) -> None:
     elif out.dtype == np.bool_:
         np.greater(sums, 0.5 - correction, out=out)
     else:
-        out[...] = np.rint(sums + np.float64(correction))
+        # In double precision, in NumPy 1.26 as well: single precision cannot count beyond 2^24.
+        out[...] = np.rint(np.add(sums, correction, dtype=np.float64))

@@ -198,7 +198,7 @@ class Shape(ABC):
         # Few matrices keep the bounding box, which is tested quickly.
         matrices = _signed_permutations(self.dim)
         bounds = np.array(self.outer.bounds)
-        mapped_bounds = np.sort(bounds @ matrices.mT, axis=1)
+        mapped_bounds = np.sort(bounds @ np.swapaxes(matrices, 1, 2), axis=1)
         keeps_bounds = (mapped_bounds == bounds).all(axis=(1, 2))
         return [matrix for matrix in matrices[keeps_bounds] if self.is_same(matrix)]
 
