@@ -114,12 +114,52 @@ def test_the_launch_file_starts_programs_that_are_installed(launch):
     assert managed == [["map_server", "planner_server"], ["cspace_gate"]]
 
 
-def test_the_tree_plans_only_if_the_path_is_not_valid():
+NODES = {
+    "AreErrorCodesPresent": {"error_code", "error_codes_to_check"},
+    "BackUp": {"backup_dist", "backup_speed"},
+    "ClearEntireCostmap": {"service_name"},
+    "ComputePathToPose": {"goal", "path", "planner_id", "error_code_id"},
+    "FollowPath": {"path", "controller_id", "error_code_id"},
+    "GlobalUpdatedGoal": set(),
+    "GoalUpdated": set(),
+    "IsPathValid": {"path"},
+    "PathExpiringTimer": {"seconds", "path"},
+    "PipelineSequence": set(),
+    "RateController": {"hz"},
+    "RecoveryNode": {"number_of_retries"},
+    "RoundRobin": set(),
+    "Wait": {"wait_duration"},
+    **dict.fromkeys(
+        ("Fallback", "Inverter", "ReactiveFallback", "ReactiveSequence", "Sequence"), frozenset()
+    ),
+}
+"""Ports of nodes, from nav2_behavior_tree/nav2_tree_nodes.xml of Nav2 1.3.13; the last ones are of BehaviorTree.CPP."""
+
+SINGLE = {"Inverter": 1, "RateController": 1, "RecoveryNode": 2}
+"""Numbers of children that nodes must have."""
+
+
+def test_the_trees_have_nodes_and_ports_of_nav2():
+    for file in sorted((CPP / "behavior_trees").glob("*.xml")):
+        root = ElementTree.parse(file).getroot()
+        (tree,) = root
+        assert root.attrib == {"BTCPP_format": "4", "main_tree_to_execute": tree.get("ID")}
+        for node in list(tree.iter())[1:]:
+            assert set(node.attrib) - {"name"} <= NODES[node.tag], node.tag
+            assert len(node) == SINGLE.get(node.tag, len(node))
+
+
+def test_the_tree_plans_if_the_path_is_not_valid_or_old_and_waits_for_the_map():
     root = ElementTree.parse(CPP / "behavior_trees/replan_if_invalid.xml").getroot()
-    fallback = root.find(".//Fallback")
-    keep, plan = list(fallback)
-    assert [each.tag for each in keep] == [
-        "Inverter",
+    keep, plan = root.find(".//Fallback")
+    assert [each.tag for each in keep.iter() if len(each) == 0] == [
+        "GlobalUpdatedGoal",
         "IsPathValid",
-    ] and plan.tag == "ComputePathToPose"
-    assert {each.get("planner_id") for each in root.iter("ComputePathToPose")} == {"GridBased"}
+        "PathExpiringTimer",
+    ]
+    assert (plan.tag, plan.get("planner_id")) == ("ComputePathToPose", "GridBased")
+    waiting = root.find(".//RecoveryNode[@name='WaitForMap']")[1]
+    recovering = root.find(".//Sequence[@name='Recoveries']/Inverter")
+    for present in (waiting[0], recovering[0]):
+        assert present.get("error_code") == plan.get("error_code_id")
+        assert present.get("error_codes_to_check") == "200"
