@@ -1,7 +1,5 @@
 #include "cspace_nav2/planner.hpp"
 
-#include <chrono>
-
 #include <nav2_core/planner_exceptions.hpp>
 #include <pluginlib/class_list_macros.hpp>
 
@@ -13,6 +11,9 @@ namespace {
 
 /// Number of routes kept: Nav2 plans through poses with one request a leg.
 constexpr std::size_t MAX_KEPT_ROUTES = 16;
+/// Steps of searches that count for a second of `time_limit`. On one core of a server of 2026, searches that do not end take
+/// 220,000 to 430,000 a second.
+constexpr double STEPS_PER_SECOND = 250000.0;
 constexpr double MAX_EXCESS = 1.05;  ///< a kept route is left for one that is cheaper by this factor
 
 /// Return a robot in words of `cspace build --robot`, at least as large as in the costmap.
@@ -66,7 +67,7 @@ void CspacePlanner::read_parameters(Node& node, const std::string& name) {
   Parameters<Node> parameters(node, name + ".");
   const std::string drive = parameters.word("drive", "how the robot moves", {DRIVES.begin(), DRIVES.end()});
   const double radius = parameters.number("turning_radius", 0.0, 0.0, 1000.0, "least turning radius of a car, metres");
-  time_limit_ = parameters.number("time_limit", 1.0, 0.001, 3600.0, "seconds of a request");
+  time_limit_ = parameters.number("time_limit", 1.0, 0.001, 3600.0, "seconds of a request, of 250,000 steps of the search each");
   rules_.step = parameters.number("step", 0.05, 0.001, 10.0, "metres that a point of the robot moves between two poses");
   rules_.cost_penalty = parameters.number("cost_penalty", 2.0, 0.0, 100.0, "weight of the costmap's costs, as SMAC's");
   tolerance_ = parameters.number("tolerance", 0.25, 0.0, 100.0, "metres to a free place if the goal is not free");
@@ -138,10 +139,10 @@ nav_msgs::msg::Path CspacePlanner::plan(const Pose& start, const std::vector<Pos
     check_stop<nav2_core::GoalOutsideMapBounds, nav2_core::GoalOccupied>(*map_, surroundings, goals.back(), stop);
   }
 
-  const auto end = std::chrono::steady_clock::now() + std::chrono::duration<double>(time_limit_);
-  const IsOver is_over = [&] {
+  // Steps are counted, because a clock would give equal requests other paths on a busy machine.
+  const IsOver is_over = [&, left = time_limit_ * STEPS_PER_SECOND]() mutable {
     if (cancel_checker && cancel_checker()) throw nav2_core::PlannerCancelled("cspace_nav2: cancelled");
-    return std::chrono::steady_clock::now() > end;
+    return --left < 0.0;
   };
   Route route = find_kept_route(surroundings, first, goals);
   const bool is_kept = !route.legs.empty();

@@ -121,7 +121,7 @@ def test_a_robot_on_a_floor_passes_under_a_beam(nav2, tmp_path, drive, floor):
 
 def test_paths_avoid_crates_that_only_the_costmap_knows(nav2, space, room):
     rng = np.random.default_rng(0)
-    nav2.configure(room, time_limit=2)
+    nav2.configure(room, time_limit=0.3)
     found = 0
     for _ in range(12):
         low = rng.uniform((1.5, 2.6), (4.0, 3.3)).round(1)
@@ -210,7 +210,7 @@ def test_a_path_keeps_away_from_what_is_near_where_that_costs_little(nav2, room,
 
 
 def test_unknown_cells_count_by_the_parameter(nav2, room):
-    nav2.configure(room, time_limit=0.3)
+    nav2.configure(room, time_limit=0.03)
     nav2.add_cost((2.7, 0.0), (3.3, 4.0), UNKNOWN)
     assert nav2.plan(START, GOAL)["code"] in (207, 208)
 
@@ -283,9 +283,10 @@ def test_poses_in_another_frame_or_without_a_rotation_are_refused(nav2, room):
 
 
 def test_a_search_ends_at_its_limit_or_when_cancelled(nav2, room):
-    nav2.configure(room, time_limit=0.2)
+    nav2.configure(room, time_limit=0.02)
     nav2.add_cost((2.0, 0.0), (2.2, 4.0))
-    assert nav2.plan(START, GOAL)["code"] in (207, 208)
+    answer = nav2.plan(START, GOAL)
+    assert answer["code"] == 207 and nav2.plan(START, GOAL) == answer
     nav2.tell("cancel 20")
     answer = nav2.plan(START, GOAL)
     assert (answer["code"], answer["calls"]) == (-1, 20)
@@ -441,7 +442,7 @@ def test_a_reversing_car_stops_at_cusps(nav2, room):
 @pytest.mark.parametrize("drive", CURVES)
 @pytest.mark.parametrize("radius", [1e-9, 30.0, 1000.0])
 def test_no_radius_or_goal_ends_the_planner_server(nav2, room, drive, radius):
-    nav2.configure(room, drive=drive, turning_radius=radius, time_limit=0.2)
+    nav2.configure(room, drive=drive, turning_radius=radius, time_limit=0.02)
     x, y, yaw = START
     ahead = [(x + 0.9, y, yaw), (x + 0.9, y, yaw + 1e-7), (x + 0.9, y, 2 * math.pi)]
     turned = [(x, y, yaw + math.pi), (x, y + 1e-9, yaw - math.pi / 2), (x - 0.2, y, yaw)]
