@@ -452,6 +452,19 @@ def test_no_radius_or_goal_ends_the_planner_server(nav2, room, drive, radius):
     assert nav2.plan(START, (1e300, y, yaw))["code"] == 204
 
 
+@pytest.mark.parametrize("drive", ["differential", "dubins"])
+@pytest.mark.parametrize("gap", [0.001, 0.05, 0.1])
+def test_a_robot_square_to_a_wall_first_backs_out(nav2, space, room, drive, gap):
+    nav2.configure(room, drive=drive, turning_radius=DRIVES[drive], start_tolerance=0.2)
+    path = nav2.find_path((2.8 - 0.3 - gap, 1.0, 0.0), ABOVE)
+    assert 2.8 - 0.3 - path[0, 0] < 0.3 and np.all(space.certify_path(path))
+    lengths = np.array([drive_between(*ends)[1] for ends in itertools.pairwise(path.tolist())])
+    back = lengths < -1e-9
+    assert back[0] and np.all(back[:-1] >= back[1:])
+    assert np.ptp(path[:-1][back][:, 1:], axis=0).max() == 0.0  # straight
+    assert -lengths[back].sum() < 1.0
+
+
 def test_a_robot_turns_on_the_spot_at_equal_positions(nav2, room):
     nav2.configure(room, drive="differential")
     path = nav2.find_path(START, (1.0, 1.0, 2.0))
