@@ -75,21 +75,25 @@ def launch(monkeypatch):
     """Run the launch file over stand-ins; return its description."""
     for name in ("launch", "launch.actions", "launch.conditions", "launch.substitutions"):
         monkeypatch.setitem(sys.modules, name, ModuleType(name))
-    for name in ("launch_ros", "launch_ros.actions", "launch_ros.substitutions"):
-        monkeypatch.setitem(sys.modules, name, ModuleType(name))
+    for name in ("", ".actions", ".parameter_descriptions", ".substitutions"):
+        monkeypatch.setitem(sys.modules, "launch_ros" + name, ModuleType("launch_ros" + name))
     for name in ("LaunchDescription",):
         setattr(sys.modules["launch"], name, Recorded)
     for module, names in {
-        "launch.actions": ["DeclareLaunchArgument"],
+        "launch.actions": ["DeclareLaunchArgument", "OpaqueFunction"],
         "launch.conditions": ["IfCondition"],
         "launch.substitutions": ["LaunchConfiguration", "PathJoinSubstitution", "PythonExpression"],
         "launch_ros.actions": ["Node"],
+        "launch_ros.parameter_descriptions": ["ParameterValue"],
         "launch_ros.substitutions": ["FindPackageShare"],
     }.items():
         for name in names:
             setattr(sys.modules[module], name, type(name, (Recorded,), {}))
+    params = str(CPP / "params/navigation.yaml")
+    sys.modules["launch.substitutions"].LaunchConfiguration.perform = lambda *_: params
     found = runpy.run_path(str(CPP / "launch/navigation.launch.py"))
-    return found["generate_launch_description"]().arguments[0]
+    *_, nodes = found["generate_launch_description"]().arguments[0]
+    return nodes.options["function"](None)
 
 
 def test_the_launch_file_starts_programs_that_are_installed(launch):
@@ -112,6 +116,11 @@ def test_the_launch_file_starts_programs_that_are_installed(launch):
         if isinstance(own, dict) and "node_names" in own
     ]
     assert managed == [["map_server", "planner_server"], ["cspace_gate"]]
+    first = {each.options["name"]: each.options["parameters"][0] for each in nodes}
+    footprint = "[[0.3, 0.2], [0.3, -0.2], [-0.3, -0.2], [-0.3, 0.2]]"
+    assert first["cspace_gate"]["robot"].arguments == (f"footprint:{footprint}",)
+    assert first["cspace_planner"]["footprint"].arguments == (footprint,)
+    assert first["cspace_planner"]["footprint_padding"] == 0.025
 
 
 NODES = {
