@@ -3,6 +3,7 @@
 #include <nav2_core/planner_exceptions.hpp>
 #include <pluginlib/class_list_macros.hpp>
 
+#include "cspace_nav2/footprint.hpp"
 #include "cspace_nav2/parameters.hpp"
 
 namespace cspace_nav2 {
@@ -32,6 +33,27 @@ std::string describe_robot(nav2_costmap_2d::Costmap2DROS& costmap_ros) {
     text << "]";
   }
   return text.str();
+}
+
+/// Throw if a saved map is in another frame than the costmap, or its robot lacks a corner of the costmap's footprint.
+void check_robot(const cspace::Map& map, nav2_costmap_2d::Costmap2DROS& costmap_ros) {
+  const std::string frame = costmap_ros.getGlobalFrameID();
+  if (!map.frame_id().empty() && map.frame_id() != frame)
+    throw std::invalid_argument("the map is in '" + map.frame_id() + "', the costmap in '" + frame + "'");
+  std::ostringstream robot, footprint;
+  std::vector<cspace::Core> parts;
+  try {
+    parts = cspace::read_robot(map);
+  } catch (const cspace::InputError&) {
+    return;  // of parts that are not convex, which only gates need
+  }
+  for (const cspace::Core& part : parts) write_part(robot, part);
+  cspace::Core whole;
+  for (const auto& corner : costmap_ros.getUnpaddedRobotFootprint()) whole.corners.push_back({corner.x, corner.y});
+  write_part(footprint, whole);
+  for (const cspace::Point& corner : whole.corners)
+    if (std::none_of(parts.begin(), parts.end(), [&](const cspace::Core& part) { return contains(part, corner); }))
+      throw std::invalid_argument("the robot of the map," + robot.str() + ", lacks a corner of the costmap's footprint," + footprint.str());
 }
 
 bool legs_are_free(const Surroundings& surroundings, const std::vector<std::vector<Configuration>>& legs) {
@@ -80,6 +102,7 @@ void CspacePlanner::read_parameters(Node& node, const std::string& name) {
     map_ = open_plane_map(folder);
     if (map_->size() == 2 && !drive_->is_holonomic)
       throw std::invalid_argument("the parameter 'drive' is '" + drive + "', which needs a map with yaw; build it with rotations");
+    check_robot(*map_, *costmap_ros_);
     blocks_ = std::make_unique<Blocks>(*map_);
     return;
   }
@@ -117,7 +140,9 @@ nav_msgs::msg::Path CspacePlanner::plan(const Pose& start, const std::vector<Pos
   update_map();
   const std::string frame = costmap_ros_->getGlobalFrameID();
   const auto read_stop = [&](const Pose& pose, const std::string& stop) {
-    if (pose.header.frame_id != frame) throw nav2_core::PlannerTFError("cspace_nav2: the " + stop + " is not in " + frame);
+    if (pose.header.frame_id != frame) {
+      throw nav2_core::PlannerTFError("cspace_nav2: the " + stop + " is in '" + pose.header.frame_id + "', not in '" + frame + "'");
+    }
     try {
       return configuration_of(*map_, pose.pose);
     } catch (const std::invalid_argument& error) {
@@ -223,7 +248,7 @@ Configuration CspacePlanner::find_free(const Surroundings& surroundings, const C
       Configuration near = q;
       near[0] += radius * std::cos(2.0 * M_PI * k / count);
       near[1] += radius * std::sin(2.0 * M_PI * k / count);
-      if (surroundings.contain(near) && surroundings.is_free(near)) return near;
+      if (surroundings.contain(near) && surroundings.motion_is_free(near, near)) return near;  // a path can leave it
     }
   }
   return q;

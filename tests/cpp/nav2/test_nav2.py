@@ -234,7 +234,7 @@ def test_unknown_cells_do_not_hide_lethal_ones(nav2, room):
 
 
 def test_a_robot_without_yaw_is_tested_as_the_circle_around_it(nav2, tmp_path):
-    space = build_room(cspace.Robot.disc(0.2), None)
+    space = build_room(cspace.Robot.disc(0.42), None)
     space.save(tmp_path / "map")
     nav2.tell("footprint 0.4 0.1")
     nav2.configure(tmp_path / "map")
@@ -275,9 +275,11 @@ def test_impossible_requests_are_refused_before_any_search(nav2, room, start, go
 def test_poses_in_another_frame_or_without_a_rotation_are_refused(nav2, room):
     nav2.configure(room)
     for rotation in ("0 0 0 0", "0 0 0 0.5", "nan 0 0 1"):
-        assert nav2.ask(f"plan 1 1 0 0 0 1 5 1 {rotation}")["code"] == 200
+        answer = nav2.ask(f"plan 1 1 0 0 0 1 5 1 {rotation}")
+        assert answer["code"] == 200 and f"({rotation.replace(' ', ', ')})" in answer["text"]
     nav2.tell("frame odom")
-    assert nav2.plan(START, GOAL)["code"] == 202
+    answer = nav2.plan(START, GOAL)
+    assert answer["code"] == 202 and "the start is in 'odom', not in 'map'" in answer["text"]
     nav2.tell("frame map")
     assert nav2.plan(START, GOAL)["code"] == 0
 
@@ -333,6 +335,28 @@ def test_a_drive_needs_a_map_with_yaw(nav2, tmp_path):
     answer = nav2.ask("configure")
     assert answer["code"] == 200
     assert "'drive' is 'differential', which needs a map with yaw" in answer["text"]
+
+
+@pytest.mark.parametrize(
+    "half_sides, frame, messages",
+    [
+        ((0.31, 0.2), "map", ("robot of the map, [[0.3, ", "footprint, [[0.31, 0.2], ")),
+        ((0.3, 0.2), "hall", ("the map is in 'hall', the costmap in 'map'",)),
+    ],
+)
+def test_a_saved_map_of_another_robot_or_frame_is_refused(
+    nav2, tmp_path, half_sides, frame, messages
+):
+    grid = cspace.ros.OccupancyGrid(data=(100 * make_room().T).ravel().tolist())
+    grid.header.frame_id = frame
+    grid.info.width, grid.info.height, grid.info.resolution = 70, 38, 0.1
+    workspace = cspace.Workspace.from_occupancy_grid(grid)
+    robot = cspace.Robot.rectangle(0.6, 0.4)
+    cspace.build(workspace, robot, rotations=4).save(tmp_path / "map")
+    nav2.tell("footprint", *half_sides)
+    nav2.set(map=tmp_path / "map", drive="differential")
+    answer = nav2.ask("configure")
+    assert answer["code"] == 200 and all(message in answer["text"] for message in messages)
 
 
 def test_parameters_are_read_only_while_the_node_runs(nav2, room):
@@ -396,12 +420,13 @@ def drive_between(first, last):
 
 def check_drive(path, drive, obstacles=WALLS):
     """Drive a path; check that the robot can, that it is there in time, and touches nothing."""
-    radius = DRIVES[drive]
+    radius, backs_out = DRIVES[drive], True
     for first, last in itertools.pairwise(path.tolist()):
         poses, length, angle = drive_between(first, last)
         assert math.dist(poses[-1][:2], last[:2]) < 1e-4
         if "reverse" not in drive and drive != "reeds-shepp":
-            assert length >= -1e-9
+            backs_out &= length < 0.0
+            assert length >= -1e-9 or backs_out
         if radius:
             assert abs(length) >= radius * abs(angle) - 1e-5
         else:
