@@ -2,6 +2,7 @@
 
 import json
 import shutil
+import subprocess
 
 import numpy as np
 import pytest
@@ -220,3 +221,19 @@ def test_tiles_of_another_map_or_size_are_refused(tmp_path, program):
     )
     reseal(tile, stamp=stamp)
     assert "0.1: is a tile of another size" in open_in_cpp(program, tmp_path / "tiles")[0]
+
+
+@pytest.mark.skipif(shutil.which("cmake") is None, reason="no cmake is here")
+@pytest.mark.parametrize("component, is_refused", [("COMPONENTS zstd", True), ("", False)])
+def test_cmake_refuses_a_machine_without_zstd_if_it_is_asked_for(tmp_path, component, is_refused):
+    hidden = ("CMAKE_SYSTEM_PATH", "SYSTEM_ENVIRONMENT_PATH")
+    (tmp_path / "CMakeLists.txt").write_text(
+        "cmake_minimum_required(VERSION 3.18)\nproject(robot CXX)\n"
+        + "".join(f"set(CMAKE_FIND_USE_{name} OFF)\n" for name in hidden)
+        + f"find_package(cspace REQUIRED {component})\n"
+    )
+    command = ["cmake", "-S", tmp_path, "-B", tmp_path / "build"]
+    command += [f"-Dcspace_DIR={cspace.get_cmake_dir()}"]
+    done = subprocess.run(command, text=True, capture_output=True, check=False)
+    assert (done.returncode != 0) == is_refused, done.stderr
+    assert ("install libzstd-dev" in done.stderr) == is_refused

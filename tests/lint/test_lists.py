@@ -225,3 +225,5 @@ def test_version_is_the_same_in_every_file():
     )
     assert newest is not None
     assert cspace.__version__ == project["version"] == citation["version"] == newest[1]
+    debian = (ROOT / "debian/changelog").read_text(encoding="utf-8")
+    assert debian.startswith(f"cspace ({newest[1].replace('rc', '~rc')}) ")

@@ -3,6 +3,9 @@
 import importlib.util
 import itertools
 import math
+import os
+import subprocess
+import sys
 import threading
 import time
 from collections import deque
@@ -25,8 +28,10 @@ from trajectory_msgs.msg import JointTrajectory  # noqa: E402
 import cspace  # noqa: E402
 import planners  # noqa: E402
 from tests.helpers.handmade import build_empty  # noqa: E402
+from tests.helpers.repository import ROOT  # noqa: E402
 from tests.helpers.urdfs import planar, post  # noqa: E402
 from tests.ros.test_planner_node import (  # noqa: E402
+    FOOTPRINT,
     GOAL,
     KEPT,
     PACKAGE,
@@ -220,6 +225,34 @@ def ask(node, **fields):
     return goal, node.compute_path(KIND, goal)
 
 
+REQUESTS = f"""
+import rclpy
+from numba.core import event
+from tests.ros.test_nav2_handlers import *
+
+rclpy.init(args=["--ros-args", "-p", "footprint:='{FOOTPRINT}'", "-p", "drive:=differential"])
+node = planner_node.PlannerNode()
+give(node, make_room())
+with event.install_recorder("numba:compile") as compiled:
+    _, result = ask(node)
+    assert check(node, result.path) == (True, [])
+    codes = [result.error_code, ask(node, start=(3.0, 1.0, 0.0))[1].error_code]
+    node.explaining.join() if node.explaining.ident else None
+print(codes, len(compiled.buffer))
+"""
+"""Requests to a node that is ready, and the number of functions that they compile."""
+
+
+@pytest.mark.thorough
+def test_the_requests_of_a_ready_node_compile_nothing(tmp_path):
+    environment = {**os.environ, "XDG_CACHE_HOME": str(tmp_path)}
+    command = [sys.executable, "-W", "ignore", "-c", REQUESTS]
+    done = subprocess.run(
+        command, env=environment, cwd=ROOT, text=True, stdout=subprocess.PIPE, check=True
+    )
+    assert done.stdout.split("\n")[-2] == "[0, 205] 0"
+
+
 def test_without_a_map_there_is_a_reason(node):
     goal, result = ask(node)
     assert (goal.state, result.error_code) == ("aborted", planner_node.UNKNOWN)
@@ -309,6 +342,10 @@ def test_poses_in_other_frames_are_transformed(node, transforms):
     )
     assert first.orientation.z == pytest.approx(0.0, abs=1e-9)
     assert ask(node, frame="elsewhere")[1].error_code == 202
+    goal = Goal(frame="odom")
+    goal.request.start.pose.orientation.w = 0.5
+    result = node.compute_path(KIND, goal)
+    assert result.error_code == 200 and "(0, 0, 0, 0.5)" in result.error_msg
 
 
 def test_only_the_way_ahead_of_the_robot_is_checked(node, transforms):
@@ -539,6 +576,15 @@ def test_requests_fail_after_a_bad_map_until_a_good_one(node):
     bad = make_grid(make_room())
     bad.info.resolution = 0.0
     node.on_map(bad, {"source_timestamp": next(TIMES)})
+    assert ask(node)[1].error_msg == "there is no good map yet"
+    for field, fault in (("frame_id", "''"), ("orientation", "(0, 0, 0, 0)")):
+        bad = make_grid(make_room())
+        if field == "frame_id":
+            bad.header.frame_id = ""
+        else:
+            bad.info.origin.orientation.w = 0.0
+        node.on_map(bad, {"source_timestamp": next(TIMES)})
+        assert any(field in said and fault in said for said in node.complaints)
     node.on_footprint(make_polygon((0.1, 0.1), (-0.1, 0.1), (0.0, -0.1)))  # builds nothing
     assert ask(node)[1].error_msg == "there is no good map yet"
     node.on_footprint(SQUARE)

@@ -3,6 +3,7 @@
 The page "Plan in ROS 2" describes topics, services and parameters.
 """
 
+import contextlib
 import copy
 import io
 import itertools
@@ -86,6 +87,10 @@ THROUGH_POSES, NO_VIAPOINTS = 100, 309
 """Error codes of nav2_msgs/ComputePathToPose, and what ComputePathThroughPoses adds to them."""
 
 
+REHEARSAL_SECONDS = 60.0
+"""Limit of the requests that the node makes before it is ready, besides their compilation."""
+
+
 class NoPlanError(Exception):
     """A request without a path, its error code, and the plan that failed, if there is one."""
 
@@ -112,6 +117,23 @@ def guard(*lost):
         return call
 
     return decorate
+
+
+def check_turn(name, turn):
+    """Raise InputError if a quaternion does not have norm 1."""
+    numbers = (turn.x, turn.y, turn.z, turn.w)
+    if not abs(math.hypot(*numbers) - 1.0) <= 1e-3:  # beyond rounding, or no number
+        problem = f"is ({', '.join(f'{number:g}' for number in numbers)})"
+        raise InputError(name, problem, "its norm must be 1")
+
+
+def make_pose(x, y, yaw, frame):
+    """Return a stamped pose."""
+    pose = PoseStamped()
+    pose.header.frame_id = frame
+    pose.pose.position = Point(x=x, y=y)
+    pose.pose.orientation = Quaternion(z=math.sin(yaw / 2.0), w=math.cos(yaw / 2.0))
+    return pose
 
 
 class PlannerNode(Node):
@@ -350,6 +372,9 @@ class PlannerNode(Node):
         """Let the map follow a grid with the updates that were sent after it."""
         grid = copy.copy(grid)
         frame = grid.header.frame_id
+        if not frame:
+            raise InputError("map.header.frame_id", "is ''", "it must name the map's frame")
+        check_turn("map.info.origin.orientation", grid.info.origin.orientation)
         for sent, update in updates:
             if sent <= self.sent:
                 continue
@@ -413,6 +438,7 @@ class PlannerNode(Node):
         frame = space.frame_id or "map"
         if self.space is None:
             planners.warm_up(space, self.read_drive())
+            self.rehearse(space, frame)
             self.get_logger().info("ready to plan")
         with self.lock:
             window = None
@@ -428,6 +454,31 @@ class PlannerNode(Node):
             self.complain(doubt)
         with self.lock:
             self.publish_map(window, doubt)
+
+    def rehearse(self, space, frame):
+        """Make the requests that the first ones may be, so that these compile nothing."""
+        end = time.monotonic() + REHEARSAL_SECONDS
+        blocked = np.argwhere(space.states_at(0.0) == cspace.BLOCKED)[:1]
+        taken = [(*space.grid.center_of(cell), 0.0) for cell in blocked]
+        try:
+            start, goal = space.sample_free(2, np.random.default_rng(0))
+            closed = copy.copy(space)
+            reach = np.linalg.norm(shapely.get_coordinates(self.outline), axis=1).max()
+            ring = shapely.Point(goal[:2]).buffer(2.0 * reach)
+            closed.add_obstacle("ring", ring.exterior.buffer(2.0 * space.grid.spacing))
+            space.certify_path([start, goal])
+        except CspaceError:  # nothing is free
+            return
+        for known, first in ((space, start), (closed, start), *((space, cell) for cell in taken)):
+            poses = [make_pose(*q, frame) for q in (first, goal)]
+            with contextlib.suppress(NoPlanError):
+                plan = self.plan_once(
+                    known, frame, None, None, poses, lambda: time.monotonic() > end
+                )
+                if plan:
+                    plan.to_path(Path(), frame_id=frame, step=self.option("step"))
+                else:
+                    plan.explain()
 
     def make_map(self, workspace, robot):
         """Return the saved map, the node's map if it can follow a workspace, or a new one."""
@@ -650,6 +701,7 @@ class PlannerNode(Node):
     def configure(self, pose, space, frame):
         """Return the configuration of a pose, which tf2 transforms if its frame is another one."""
         own = pose.header.frame_id
+        check_turn("pose.orientation", pose.pose.orientation)  # which a transform would scale
         if self.transforms is not None and own not in ("", frame):
             pose = self.transform(pose, frame)
         tolerance = self.option("tilt_tolerance")

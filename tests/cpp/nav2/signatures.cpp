@@ -39,6 +39,7 @@ static_assert(nav2_costmap_2d::FREE_SPACE == 0);
 HAS_TYPE(&Costmap2DROS::getCostmap, Costmap2D* (Costmap2DROS::*)());
 HAS_TYPE(&Costmap2DROS::getGlobalFrameID, std::string (Costmap2DROS::*)());
 HAS_TYPE(&Costmap2DROS::getRobotFootprint, std::vector<Point> (Costmap2DROS::*)());
+HAS_TYPE(&Costmap2DROS::getUnpaddedRobotFootprint, std::vector<Point> (Costmap2DROS::*)());
 HAS_TYPE(&Costmap2DROS::getUseRadius, bool (Costmap2DROS::*)());
 HAS_TYPE(&nav2_costmap_2d::makeFootprintFromRadius, std::vector<Point> (*)(double));
 static_assert(std::is_same_v<nav2_costmap_2d::Footprint, std::vector<Point>>);

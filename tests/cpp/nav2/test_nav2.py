@@ -121,7 +121,7 @@ def test_a_robot_on_a_floor_passes_under_a_beam(nav2, tmp_path, drive, floor):
 
 def test_paths_avoid_crates_that_only_the_costmap_knows(nav2, space, room):
     rng = np.random.default_rng(0)
-    nav2.configure(room, time_limit=2)
+    nav2.configure(room, time_limit=0.3)
     found = 0
     for _ in range(12):
         low = rng.uniform((1.5, 2.6), (4.0, 3.3)).round(1)
@@ -210,7 +210,7 @@ def test_a_path_keeps_away_from_what_is_near_where_that_costs_little(nav2, room,
 
 
 def test_unknown_cells_count_by_the_parameter(nav2, room):
-    nav2.configure(room, time_limit=0.3)
+    nav2.configure(room, time_limit=0.03)
     nav2.add_cost((2.7, 0.0), (3.3, 4.0), UNKNOWN)
     assert nav2.plan(START, GOAL)["code"] in (207, 208)
 
@@ -234,7 +234,7 @@ def test_unknown_cells_do_not_hide_lethal_ones(nav2, room):
 
 
 def test_a_robot_without_yaw_is_tested_as_the_circle_around_it(nav2, tmp_path):
-    space = build_room(cspace.Robot.disc(0.2), None)
+    space = build_room(cspace.Robot.disc(0.42), None)
     space.save(tmp_path / "map")
     nav2.tell("footprint 0.4 0.1")
     nav2.configure(tmp_path / "map")
@@ -275,17 +275,20 @@ def test_impossible_requests_are_refused_before_any_search(nav2, room, start, go
 def test_poses_in_another_frame_or_without_a_rotation_are_refused(nav2, room):
     nav2.configure(room)
     for rotation in ("0 0 0 0", "0 0 0 0.5", "nan 0 0 1"):
-        assert nav2.ask(f"plan 1 1 0 0 0 1 5 1 {rotation}")["code"] == 200
+        answer = nav2.ask(f"plan 1 1 0 0 0 1 5 1 {rotation}")
+        assert answer["code"] == 200 and f"({rotation.replace(' ', ', ')})" in answer["text"]
     nav2.tell("frame odom")
-    assert nav2.plan(START, GOAL)["code"] == 202
+    answer = nav2.plan(START, GOAL)
+    assert answer["code"] == 202 and "the start is in 'odom', not in 'map'" in answer["text"]
     nav2.tell("frame map")
     assert nav2.plan(START, GOAL)["code"] == 0
 
 
 def test_a_search_ends_at_its_limit_or_when_cancelled(nav2, room):
-    nav2.configure(room, time_limit=0.2)
+    nav2.configure(room, time_limit=0.02)
     nav2.add_cost((2.0, 0.0), (2.2, 4.0))
-    assert nav2.plan(START, GOAL)["code"] in (207, 208)
+    answer = nav2.plan(START, GOAL)
+    assert answer["code"] == 207 and nav2.plan(START, GOAL) == answer
     nav2.tell("cancel 20")
     answer = nav2.plan(START, GOAL)
     assert (answer["code"], answer["calls"]) == (-1, 20)
@@ -332,6 +335,28 @@ def test_a_drive_needs_a_map_with_yaw(nav2, tmp_path):
     answer = nav2.ask("configure")
     assert answer["code"] == 200
     assert "'drive' is 'differential', which needs a map with yaw" in answer["text"]
+
+
+@pytest.mark.parametrize(
+    "half_sides, frame, messages",
+    [
+        ((0.31, 0.2), "map", ("robot of the map, [[0.3, ", "footprint, [[0.31, 0.2], ")),
+        ((0.3, 0.2), "hall", ("the map is in 'hall', the costmap in 'map'",)),
+    ],
+)
+def test_a_saved_map_of_another_robot_or_frame_is_refused(
+    nav2, tmp_path, half_sides, frame, messages
+):
+    grid = cspace.ros.OccupancyGrid(data=(100 * make_room().T).ravel().tolist())
+    grid.header.frame_id = frame
+    grid.info.width, grid.info.height, grid.info.resolution = 70, 38, 0.1
+    workspace = cspace.Workspace.from_occupancy_grid(grid)
+    robot = cspace.Robot.rectangle(0.6, 0.4)
+    cspace.build(workspace, robot, rotations=4).save(tmp_path / "map")
+    nav2.tell("footprint", *half_sides)
+    nav2.set(map=tmp_path / "map", drive="differential")
+    answer = nav2.ask("configure")
+    assert answer["code"] == 200 and all(message in answer["text"] for message in messages)
 
 
 def test_parameters_are_read_only_while_the_node_runs(nav2, room):
@@ -395,12 +420,13 @@ def drive_between(first, last):
 
 def check_drive(path, drive, obstacles=WALLS):
     """Drive a path; check that the robot can, that it is there in time, and touches nothing."""
-    radius = DRIVES[drive]
+    radius, backs_out = DRIVES[drive], True
     for first, last in itertools.pairwise(path.tolist()):
         poses, length, angle = drive_between(first, last)
         assert math.dist(poses[-1][:2], last[:2]) < 1e-4
         if "reverse" not in drive and drive != "reeds-shepp":
-            assert length >= -1e-9
+            backs_out &= length < 0.0
+            assert length >= -1e-9 or backs_out
         if radius:
             assert abs(length) >= radius * abs(angle) - 1e-5
         else:
@@ -441,7 +467,7 @@ def test_a_reversing_car_stops_at_cusps(nav2, room):
 @pytest.mark.parametrize("drive", CURVES)
 @pytest.mark.parametrize("radius", [1e-9, 30.0, 1000.0])
 def test_no_radius_or_goal_ends_the_planner_server(nav2, room, drive, radius):
-    nav2.configure(room, drive=drive, turning_radius=radius, time_limit=0.2)
+    nav2.configure(room, drive=drive, turning_radius=radius, time_limit=0.02)
     x, y, yaw = START
     ahead = [(x + 0.9, y, yaw), (x + 0.9, y, yaw + 1e-7), (x + 0.9, y, 2 * math.pi)]
     turned = [(x, y, yaw + math.pi), (x, y + 1e-9, yaw - math.pi / 2), (x - 0.2, y, yaw)]
@@ -449,6 +475,19 @@ def test_no_radius_or_goal_ends_the_planner_server(nav2, room, drive, radius):
         assert nav2.plan(START, goal)["code"] in (0, 207, 208)
     assert nav2.plan(START, (x, y, math.nan))["code"] == 200
     assert nav2.plan(START, (1e300, y, yaw))["code"] == 204
+
+
+@pytest.mark.parametrize("drive", ["differential", "dubins"])
+@pytest.mark.parametrize("gap", [0.001, 0.05, 0.1])
+def test_a_robot_square_to_a_wall_first_backs_out(nav2, space, room, drive, gap):
+    nav2.configure(room, drive=drive, turning_radius=DRIVES[drive], start_tolerance=0.2)
+    path = nav2.find_path((2.8 - 0.3 - gap, 1.0, 0.0), ABOVE)
+    assert 2.8 - 0.3 - path[0, 0] < 0.3 and np.all(space.certify_path(path))
+    lengths = np.array([drive_between(*ends)[1] for ends in itertools.pairwise(path.tolist())])
+    back = lengths < -1e-9
+    assert back[0] and np.all(back[:-1] >= back[1:])
+    assert np.ptp(path[:-1][back][:, 1:], axis=0).max() == 0.0  # straight
+    assert -lengths[back].sum() < 1.0
 
 
 def test_a_robot_turns_on_the_spot_at_equal_positions(nav2, room):

@@ -75,21 +75,25 @@ def launch(monkeypatch):
     """Run the launch file over stand-ins; return its description."""
     for name in ("launch", "launch.actions", "launch.conditions", "launch.substitutions"):
         monkeypatch.setitem(sys.modules, name, ModuleType(name))
-    for name in ("launch_ros", "launch_ros.actions", "launch_ros.substitutions"):
-        monkeypatch.setitem(sys.modules, name, ModuleType(name))
+    for name in ("", ".actions", ".parameter_descriptions", ".substitutions"):
+        monkeypatch.setitem(sys.modules, "launch_ros" + name, ModuleType("launch_ros" + name))
     for name in ("LaunchDescription",):
         setattr(sys.modules["launch"], name, Recorded)
     for module, names in {
-        "launch.actions": ["DeclareLaunchArgument"],
+        "launch.actions": ["DeclareLaunchArgument", "OpaqueFunction"],
         "launch.conditions": ["IfCondition"],
         "launch.substitutions": ["LaunchConfiguration", "PathJoinSubstitution", "PythonExpression"],
         "launch_ros.actions": ["Node"],
+        "launch_ros.parameter_descriptions": ["ParameterValue"],
         "launch_ros.substitutions": ["FindPackageShare"],
     }.items():
         for name in names:
             setattr(sys.modules[module], name, type(name, (Recorded,), {}))
+    params = str(CPP / "params/navigation.yaml")
+    sys.modules["launch.substitutions"].LaunchConfiguration.perform = lambda *_: params
     found = runpy.run_path(str(CPP / "launch/navigation.launch.py"))
-    return found["generate_launch_description"]().arguments[0]
+    *_, nodes = found["generate_launch_description"]().arguments[0]
+    return nodes.options["function"](None)
 
 
 def test_the_launch_file_starts_programs_that_are_installed(launch):
@@ -112,14 +116,59 @@ def test_the_launch_file_starts_programs_that_are_installed(launch):
         if isinstance(own, dict) and "node_names" in own
     ]
     assert managed == [["map_server", "planner_server"], ["cspace_gate"]]
+    first = {each.options["name"]: each.options["parameters"][0] for each in nodes}
+    footprint = "[[0.3, 0.2], [0.3, -0.2], [-0.3, -0.2], [-0.3, 0.2]]"
+    assert first["cspace_gate"]["robot"].arguments == (f"footprint:{footprint}",)
+    assert first["cspace_planner"]["footprint"].arguments == (footprint,)
+    assert first["cspace_planner"]["footprint_padding"] == 0.025
 
 
-def test_the_tree_plans_only_if_the_path_is_not_valid():
+NODES = {
+    "AreErrorCodesPresent": {"error_code", "error_codes_to_check"},
+    "BackUp": {"backup_dist", "backup_speed"},
+    "ClearEntireCostmap": {"service_name"},
+    "ComputePathToPose": {"goal", "path", "planner_id", "error_code_id"},
+    "FollowPath": {"path", "controller_id", "error_code_id"},
+    "GlobalUpdatedGoal": set(),
+    "GoalUpdated": set(),
+    "IsPathValid": {"path"},
+    "PathExpiringTimer": {"seconds", "path"},
+    "PipelineSequence": set(),
+    "RateController": {"hz"},
+    "RecoveryNode": {"number_of_retries"},
+    "RoundRobin": set(),
+    "Wait": {"wait_duration"},
+    **dict.fromkeys(
+        ("Fallback", "Inverter", "ReactiveFallback", "ReactiveSequence", "Sequence"), frozenset()
+    ),
+}
+"""Ports of nodes, from nav2_behavior_tree/nav2_tree_nodes.xml of Nav2 1.3.13; the last ones are of BehaviorTree.CPP."""
+
+SINGLE = {"Inverter": 1, "RateController": 1, "RecoveryNode": 2}
+"""Numbers of children that nodes must have."""
+
+
+def test_the_trees_have_nodes_and_ports_of_nav2():
+    for file in sorted((CPP / "behavior_trees").glob("*.xml")):
+        root = ElementTree.parse(file).getroot()
+        (tree,) = root
+        assert root.attrib == {"BTCPP_format": "4", "main_tree_to_execute": tree.get("ID")}
+        for node in list(tree.iter())[1:]:
+            assert set(node.attrib) - {"name"} <= NODES[node.tag], node.tag
+            assert len(node) == SINGLE.get(node.tag, len(node))
+
+
+def test_the_tree_plans_if_the_path_is_not_valid_or_old_and_waits_for_the_map():
     root = ElementTree.parse(CPP / "behavior_trees/replan_if_invalid.xml").getroot()
-    fallback = root.find(".//Fallback")
-    keep, plan = list(fallback)
-    assert [each.tag for each in keep] == [
-        "Inverter",
+    keep, plan = root.find(".//Fallback")
+    assert [each.tag for each in keep.iter() if len(each) == 0] == [
+        "GlobalUpdatedGoal",
         "IsPathValid",
-    ] and plan.tag == "ComputePathToPose"
-    assert {each.get("planner_id") for each in root.iter("ComputePathToPose")} == {"GridBased"}
+        "PathExpiringTimer",
+    ]
+    assert (plan.tag, plan.get("planner_id")) == ("ComputePathToPose", "GridBased")
+    waiting = root.find(".//RecoveryNode[@name='WaitForMap']")[1]
+    recovering = root.find(".//Sequence[@name='Recoveries']/Inverter")
+    for present in (waiting[0], recovering[0]):
+        assert present.get("error_code") == plan.get("error_code_id")
+        assert present.get("error_codes_to_check") == "200"

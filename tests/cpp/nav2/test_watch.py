@@ -22,6 +22,7 @@ from tests.helpers.watch import (
     Robot,
     WatchInCpp,
     build_watch,
+    make_frame,
     save_room,
     send_scan,
 )
@@ -168,12 +169,29 @@ def test_drives_go_far_beside_the_fastest_safe_ones(program, tmp_path, seeds, sh
     assert slowed > share * fastest
 
 
+def see(pose, wall):
+    """Return the ranges of a laser in the middle of a robot, which sees only a wall."""
+    yaws = pose[2] + 2.0 * math.pi / 360 * np.arange(360)
+    ends = pose[:2] + 20.0 * np.stack((np.cos(yaws), np.sin(yaws)), axis=1)
+    rays = shapely.linestrings(np.stack((np.broadcast_to(pose[:2], ends.shape), ends), axis=1))
+    hits = shapely.intersection(rays, wall)
+    ranges = shapely.distance(shapely.points(*pose[:2]), hits)
+    return np.where(shapely.is_empty(hits), 9.0, ranges)
+
+
 @pytest.mark.parametrize(
-    "width, tilt, passes",
-    [(0.5, 0, True), (0.45, 0, False), (0.62, 20, True), (0.55, 20, False)],
+    "width, tilt, passes, is_seen",
+    [
+        (0.5, 0, True, False),
+        (0.45, 0, False, False),
+        (0.62, 20, True, False),
+        (0.55, 20, False, False),
+        (0.54, 0, True, True),
+        (0.52, 0, False, True),
+    ],
 )
-def test_the_narrowest_doors_that_it_lets_through(program, tmp_path, width, tilt, passes):
-    """A robot 0.40 m wide drives straight through the middle of a door of the map."""
+def test_the_narrowest_doors_that_it_lets_through(program, tmp_path, width, tilt, passes, is_seen):
+    """A robot 0.40 m wide drives straight through the middle of a door that its map or its laser has."""
     middle, way = (
         np.array((3.0, 2.0)),
         np.array((math.cos(math.radians(tilt)), math.sin(math.radians(tilt)))),
@@ -181,13 +199,14 @@ def test_the_narrowest_doors_that_it_lets_through(program, tmp_path, width, tilt
     wall = [shapely.box(2.9, -9, 3.1, 2 - width / 2), shapely.box(2.9, 2 + width / 2, 3.1, 9)]
     wall = affinity.rotate(shapely.union_all(wall), tilt, (3.0, 2.0))
     cells = shapely.box(*np.moveaxis(CELLS, -1, 0), *np.moveaxis(CELLS + 0.05, -1, 0))
-    taken = shapely.area(shapely.intersection(cells, wall)) > 1e-9
+    taken = (shapely.area(shapely.intersection(cells, wall)) > 1e-9) & (not is_seen)
     workspace = cspace.Workspace.from_array(taken, 0.05)
     cspace.build(workspace, cspace.Robot.rectangle(0.6, 0.4), rotations=72).save(tmp_path / "map")
-    watch = WatchInCpp(program, tmp_path / "map")
-    robot = Robot((*(middle - way), math.radians(tilt)))
+    watch = WatchInCpp(program, tmp_path / "map", point_radius=0.03)
+    mount = make_frame(0.0, 0.0, 0.0, 0.25)
+    robot = Robot((*(middle - way), math.radians(tilt)), mount)
     for _ in range(100):
-        send_scan(watch, robot, FREE)
+        send_scan(watch, robot, see(robot.pose, wall) if is_seen else FREE)
         watch.tell("command", robot.now, 0.5, 0.0)
         decided = watch.decide(robot.now, robot.now + CLOCK, robot.look_up)
         assert shapely.distance(np.array(robot.drive(decided.twist)), wall).min() > 0.0
@@ -463,6 +482,7 @@ def test_scans_without_a_point_in_range(watch, robot, ranges, reason):
         (0.0, 0.1, -1.0, 9.0),
         (0.0, 0.1, 2.0, 1.0),
         (0.0, 0.1, 0.0, math.nan),
+        (0.0, 0.1, 0.0, 0.0),
         (0.0, 0.1, 0.0, 9.0, -0.1),
         (0.0, 0.1, 0.0, 9.0, 2.0),
         (0.0, 0.1, 0.0, 9.0, math.nan),

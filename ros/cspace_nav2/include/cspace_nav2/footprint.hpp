@@ -46,6 +46,27 @@ inline bool are_same(const cspace::Core& part, const cspace::Core& other) {
   return false;
 }
 
+/// Return true if a point is in a convex part, or hardly outside.
+inline bool contains(const cspace::Core& part, const cspace::Point& point) {
+  const std::size_t count = part.corners.size();
+  const cspace::Point &first = part.corners[0];
+  if (count == 1) return std::hypot(point.x - first.x, point.y - first.y) <= part.radius + SAME;
+  for (std::size_t k = 0; k < count; ++k) {
+    const cspace::Point &a = part.corners[k], &b = part.corners[(k + 1) % count];
+    const double area = (b.x - a.x) * (point.y - a.y) - (b.y - a.y) * (point.x - a.x);
+    if (!(area >= -(part.radius + SAME) * std::hypot(b.x - a.x, b.y - a.y))) return false;
+  }
+  return true;
+}
+
+/// Write a part as Nav2 has footprints, and its radius if it has one.
+inline void write_part(std::ostream& text, const cspace::Core& part) {
+  for (const cspace::Point& corner : part.corners)
+    text << (&corner == &part.corners.front() ? " [[" : ", [") << corner.x << ", " << corner.y << "]";
+  text << "]";
+  if (part.radius > 0.0) text << " grown by " << part.radius << " m";
+}
+
 /// Return the convex parts of a map's robot; a footprint, if there is one, must have the same.
 /// @throws cspace::InputError  if the footprint is none, or of another robot
 inline std::vector<cspace::Core> read_footprint(const cspace::Map& map, const std::vector<std::string>& texts) {

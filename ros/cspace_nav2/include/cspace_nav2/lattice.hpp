@@ -129,11 +129,16 @@ class Lattice {
       : surroundings_(surroundings), blocks_(blocks), is_over_(is_over) {}
 
   /// Return the poses of a path, both ends included; empty if none is found.
+  ///
+  /// If a robot that drives only ahead has none, it may first back out straight, as from a wall before which it cannot turn.
   std::vector<Configuration> find_path(const Configuration& start, const Configuration& goal) const {
+    const Drive& drive = surroundings_.drive();
     Guide guide(blocks_, surroundings_, goal, is_over_);
     std::vector<Configuration> path;
-    for (int level = COARSEST; level >= 0 && path.empty() && !is_over_(); --level)
-      path = search(start, goal, guide, level, std::numeric_limits<double>::infinity());
+    for (const bool backs_out : {false, true})
+      for (int level = COARSEST; level >= 0 && path.empty() && !is_over_(); --level)
+        if (!backs_out || !(drive.reverses || drive.is_holonomic))
+          path = search(start, goal, guide, level, std::numeric_limits<double>::infinity(), backs_out);
     shorten(path);
     return path;
   }
@@ -167,11 +172,12 @@ class Lattice {
 
   /// Search with one pose for each cell of a lattice of a level, and each of a number of yaws.
   std::vector<Configuration> search(const Configuration& start, const Configuration& goal, Guide& guide, int level,
-                                    double bound) const {
+                                    double bound, bool backs_out = false) const {
     const Drive& drive = surroundings_.drive();
     const double side = surroundings_.map().spacing() * (1 << level);
     const int yaws = FINEST_YAWS >> level;
-    const std::vector<Arc> moves = drive.moves(std::sqrt(2.0) * side, 2.0 * M_PI / yaws);
+    std::vector<Arc> moves = drive.moves(std::sqrt(2.0) * side, 2.0 * M_PI / yaws);
+    if (backs_out) moves.push_back({-moves.front().length, 0.0});
     std::vector<Node> nodes = {{start, -1, {}, 0.0}};
     std::unordered_map<std::int64_t, std::int64_t> node_of;  // by cell and yaw
     std::vector<Configuration> end;                          // of the cheapest path found
@@ -200,6 +206,7 @@ class Lattice {
         wait = guide.cost(node.q) / (4.0 * side);
       }
       for (const Arc& move : moves) {
+        if (backs_out && move.length < 0.0 && number > 0 && node.arc.length >= 0.0) continue;  // it has driven ahead or turned
         const Configuration next = advance(node.q, move);
         const double cost = node.cost + cost_of(move) * surroundings_.weight(next);
         if (cost >= bound) continue;

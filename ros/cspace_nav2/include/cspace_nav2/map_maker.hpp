@@ -249,11 +249,16 @@ class MapMaker {
   static bool is_unknown(int occupancy) { return occupancy < 0 || occupancy > 100; }
 
   /// Return the grid as a ROS map of occupancies in per cent, its top row first.
-  /// @throws std::runtime_error if it is in another frame or has no cells
+  /// @throws std::runtime_error if it is in another frame, tilted or without cells
   Order write_order() const {
     const auto& info = grid_->info;
     if (grid_->header.frame_id != recipe_.frame)
       throw std::runtime_error("the map is in '" + grid_->header.frame_id + "', not in '" + recipe_.frame + "'");
+    try {
+      check_level(info.origin);
+    } catch (const std::invalid_argument& error) {
+      throw std::runtime_error(std::string("the map's origin is none: ") + error.what());
+    }
     const std::size_t width = info.width, height = info.height;
     const bool is_usable = std::isfinite(info.resolution) && info.resolution > 0.0F;
     if (width == 0 || height == 0 || grid_->data.size() / width != height || grid_->data.size() % width != 0 || !is_usable)

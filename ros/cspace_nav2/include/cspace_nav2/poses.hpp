@@ -6,6 +6,7 @@
 #include <array>
 #include <cmath>
 #include <memory>
+#include <sstream>
 #include <stdexcept>
 #include <string>
 
@@ -26,14 +27,21 @@ inline double yaw_of(const geometry_msgs::msg::Pose& pose) {
   return std::atan2(2.0 * (r.w * r.z + r.x * r.y), r.w * r.w + r.x * r.x - r.y * r.y - r.z * r.z);
 }
 
+/// @throws std::invalid_argument if a pose is tilted, or has no unit quaternion
+inline void check_level(const geometry_msgs::msg::Pose& pose) {
+  const auto& r = pose.orientation;
+  const double norm = std::sqrt(r.x * r.x + r.y * r.y + r.z * r.z + r.w * r.w);
+  std::ostringstream text;
+  text << "its quaternion (x, y, z, w) is (" << r.x << ", " << r.y << ", " << r.z << ", " << r.w << "); ";
+  // NaN fails each of these comparisons.
+  if (!(std::abs(norm - 1.0) <= POSE_SLACK)) throw std::invalid_argument(text.str() + "it must have norm 1");
+  if (!(std::hypot(r.x, r.y) <= POSE_SLACK)) throw std::invalid_argument(text.str() + "it must be level");
+}
+
 /// Return a pose as a configuration of a map.
 /// @throws std::invalid_argument if the pose is tilted, not finite, or has no unit quaternion
 inline Configuration configuration_of(const cspace::Map& map, const geometry_msgs::msg::Pose& pose) {
-  const auto& r = pose.orientation;
-  const double norm = std::sqrt(r.x * r.x + r.y * r.y + r.z * r.z + r.w * r.w);
-  // NaN fails each of these comparisons.
-  if (!(std::abs(norm - 1.0) <= POSE_SLACK)) throw std::invalid_argument("its quaternion does not have norm 1");
-  if (!(std::hypot(r.x, r.y) <= POSE_SLACK)) throw std::invalid_argument("it is tilted; the map is for a level robot");
+  check_level(pose);
   const Configuration q = {pose.position.x, pose.position.y, map.size() == 3 ? yaw_of(pose) : 0.0};
   if (!map.is_usable(q.data())) throw std::invalid_argument("its position is not finite");
   return q;

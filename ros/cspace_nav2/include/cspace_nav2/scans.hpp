@@ -33,8 +33,9 @@ inline Scan read_scan(const sensor_msgs::msg::LaserScan& msg) {
   const double turn = std::abs(msg.angle_min) + std::abs(step) * static_cast<double>(msg.ranges.size());
   if (!(turn <= MAX_TURN) || (step == 0.0 && msg.ranges.size() > 1))
     throw std::runtime_error("the angles of a scan are none");
-  if (!(msg.range_min >= 0.0f && msg.range_min <= msg.range_max && std::isfinite(msg.range_min)))
-    throw std::runtime_error("the ranges of a scan are none");
+  if (!(msg.range_min >= 0.0f && msg.range_min < msg.range_max && std::isfinite(msg.range_min)))
+    throw std::runtime_error("the ranges of a scan are none: from " + std::to_string(msg.range_min) + " to " +
+                             std::to_string(msg.range_max) + " m");
   const double last = std::max<double>(static_cast<double>(msg.ranges.size()) - 1.0, 1.0), sweep = last * msg.time_increment;
   if (!(sweep >= 0.0 && sweep <= MAX_SWEEP)) throw std::runtime_error("the times of a scan are none");
   Scan scan{msg.header.frame_id, time_of(msg.header.stamp), {}, true, to_time(sweep)};

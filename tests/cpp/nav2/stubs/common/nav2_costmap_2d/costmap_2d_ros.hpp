@@ -14,6 +14,7 @@ class Costmap2DROS {
   Costmap2D* getCostmap() { return &stub_costmap; }
   std::string getGlobalFrameID() { return "map"; }
   std::vector<geometry_msgs::msg::Point> getRobotFootprint() { return stub_footprint; }
+  std::vector<geometry_msgs::msg::Point> getUnpaddedRobotFootprint() { return stub_footprint; }
   bool getUseRadius() { return stub_is_round; }
 
   Costmap2D stub_costmap{60, 40, 0.1, 0.0, 0.0};
