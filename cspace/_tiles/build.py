@@ -156,7 +156,12 @@ def build_tile(
         raise FileError(name, problem, "the workspace must not change while a map is built")
     surroundings = Workspace(folder.sub_grid(window), outer, inner)
     built, _ = build(
-        surroundings, frame.robot, frame.rotations, outside=frame.outside, margin=frame.margin
+        surroundings,
+        frame.robot,
+        frame.rotations,
+        outside=frame.outside,
+        margin=frame.margin,
+        rasters=folder.rasters,
     )
     in_window = to_slices(cells - window[0])
     workspace = Workspace(folder.sub_grid(cells), outer[in_window], inner[in_window], source=name)

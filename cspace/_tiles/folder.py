@@ -145,6 +145,11 @@ class TileFolder:
         # Two cells more: one because cells have a size, one for rounding.
         return math.ceil(metres / frame.grid.spacing) + 2
 
+    @cached_property
+    def rasters(self) -> list[tuple[Raster, Raster]]:
+        """Outer and inner raster of the robot at each slice."""
+        return rasters_of(self.frame, self.frame.margin)
+
     # ---- tiles -----------------------------------------------------------------------------------
 
     @cached_property
@@ -319,8 +324,7 @@ class TileFolder:
                 if summary["obstacles"]:
                     boxes.append(np.reshape(summary["obstacles"], (2, len(shape))).tolist())
         obstacles = np.stack([np.min(boxes, axis=0)[0], np.max(boxes, axis=0)[1]])
-        rasters = rasters_of(frame, frame.margin)
-        exterior = Exterior.around(shape, obstacles, rasters, frame.outside)
+        exterior = Exterior.around(shape, obstacles, self.rasters, frame.outside)
         layout = {**self.layout, "counts": counts.tolist()}
         whole = replace(self, layout=layout, frame=replace(frame, exterior=exterior))
         write_once(self.path / WHOLE, whole.frame, only=("exterior",), tiles=layout)

@@ -273,6 +273,11 @@ def test_queries_refuse_damaged_tiles(path, name, damage):
         tiled.classify(IN_TILE_0_1)
 
 
+def test_one_tile_alone_is_refused(path):
+    with pytest.raises(FileError, match="it is one tile; open the folder of the whole map"):
+        cspace.open(path / "0.1")
+
+
 @pytest.mark.parametrize("source", ["m/0.2", "other/0.1"])
 def test_queries_refuse_tiles_of_other_places_and_maps(built, path, source):
     shutil.rmtree(path / "0.1")
