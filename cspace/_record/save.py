@@ -227,7 +227,6 @@ class MapFolder:
         if only:
             arrays = {name: array for name, array in arrays.items() if name in only}
         shapes = arrays.get("shapes")
-        coordinates = (*find_rotation_arrays(arrays), "slice_of")
         # The metadata describe the map; a reader needs the others to check and unpack its arrays.
         attributes = {
             **make_metadata(contents),
@@ -235,7 +234,7 @@ class MapFolder:
             "compressed": compress,
             "shapes_bytes": 0 if shapes is None else len(shapes.values),
             # The CF conventions name coordinate arrays here.
-            "coordinates": " ".join(name for name in coordinates if name in arrays),
+            "coordinates": " ".join((*find_rotation_arrays(arrays), "slice_of")),
             "format": self.form,
             **extra,
         }

@@ -358,11 +358,6 @@ def make_frame(
     return Contents.undecided(cell, robot, rotations, **options)
 
 
-def _describe(contents: Contents) -> dict[str, Any]:
-    """Return a map's metadata without source and version."""
-    return {**make_metadata(contents), "workspace_source": "", "library_version": ""}
-
-
 def _check_counts(counts: Any, total: int) -> Ints:
     """Return counts of FREE, MIXED and BLOCKED, shape (3,).
 
@@ -376,7 +371,8 @@ def _check_counts(counts: Any, total: int) -> Ints:
 
 def make_stamp(frame: Contents, *others: Any) -> str:
     """Return a digest of all values that determine a tiled map."""
-    digest = hashlib.sha256(json.dumps([_describe(frame), *others], sort_keys=True).encode())
+    metadata = {**make_metadata(frame), "workspace_source": "", "library_version": ""}
+    digest = hashlib.sha256(json.dumps([metadata, *others], sort_keys=True).encode())
     for array in collect_arrays(frame).values():
         digest.update(array.values.tobytes())
     return digest.hexdigest()

@@ -132,7 +132,7 @@ def test_two_builds_at_once_leave_a_whole_map(tmp_path):
         assert not list(path.glob(".cspace-*"))
         if not has_acted:
             break
-    assert step > 40
+    assert step > 25
 
 
 @pytest.mark.thorough
@@ -149,7 +149,7 @@ def test_a_build_keeps_tiles_that_another_build_wrote_meanwhile(tmp_path):
         if not build_and_act(path, step, lambda path=path: build_and_note(path)):
             break
         assert times[path] == list_times(path)
-    assert step > 40
+    assert step > 25
 
 
 def list_times(path):
@@ -169,7 +169,7 @@ def test_a_build_after_kills_at_any_steps_leaves_a_whole_map(tmp_path):
         check_few(path)
         if not was_killed:
             break
-    assert step > 40
+    assert step > 25
 
 
 @pytest.mark.thorough
