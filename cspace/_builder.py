@@ -305,11 +305,12 @@ def build_contents(
     floor: float | None = None,
     workers: int | None,
     progress: Progress | None = None,
+    rasters: list[RasterPair] | None = None,
 ) -> tuple[Contents, list[RasterPair]]:
     """Compute a map's contents and the robot's rasters.
 
-    Arguments are those of :func:`build`, which has checked them. Raises InputError if the map does
-    not fit into memory.
+    Arguments are those of :func:`build`, which has checked them, and the rasters if they are there.
+    Raises InputError if the map does not fit into memory.
     """
     grid = workspace.grid
     shape = grid.shape if floor is None else grid.shape[:2]
@@ -321,7 +322,8 @@ def build_contents(
         PlannedGrid(shape, grid.spacing),
         slices=n_slices,
     )
-    rasters = slice_rasters(robot, grid.spacing, margin, rotations, Heights.of(grid, floor))
+    if rasters is None:
+        rasters = slice_rasters(robot, grid.spacing, margin, rotations, Heights.of(grid, floor))
     groups = group_rasters(rasters, inner)
     states = np.empty((n_slices, *shape), dtype=np.uint8)
     overlaps = np.empty(states.shape, dtype=np.int32) if counts else None

@@ -65,12 +65,15 @@ class Layout:
         Booleans, integers or floats, little-endian.
     compressed : bool
         True if chunks are compressed by zstd, False if they hold raw bytes.
+    separator : {".", "/"}
+        Sign between the numbers in the name of a chunk; "/" makes a folder for each axis.
     """
 
     shape: tuple[int, ...]
     chunks: tuple[int, ...]
     dtype: np.dtype[Any]
     compressed: bool
+    separator: str = "."
 
     @classmethod
     def of(cls, shape: Sequence[int], dtype: str, compressed: bool) -> Layout:
@@ -94,7 +97,7 @@ class Layout:
         # Its kind, then the type of its entries, then its shape and chunks.
         if (metadata["zarr_format"], metadata.get("node_type")) != (3, "array"):
             raise ContentError("holds no array", _ARRAY_RULE)
-        codecs = _check_codecs(metadata)
+        codecs, separator = _check_codecs(metadata)
         data_type = str(metadata["data_type"])
         if not re.fullmatch(r"bool|u?int(8|16|32|64)|float(32|64)", data_type):
             problem = f"has entries of type {data_type:.40}"
@@ -102,7 +105,7 @@ class Layout:
         dtype = np.dtype(data_type).newbyteorder("<")
         shape = _check_counts(metadata["shape"])
         chunks = _check_counts(metadata["chunk_grid"]["configuration"]["chunk_shape"])
-        layout = cls(shape, chunks, dtype, "zstd" in codecs)
+        layout = cls(shape, chunks, dtype, "zstd" in codecs, separator)
         # Maximum number of bytes that an array may declare; all indices then fit into 64 bits.
         if len(shape) != len(chunks) or layout.nbytes > 2**62:
             problem = f"has the shape {shape!s:.40} and chunks of {chunks!s:.40}"
@@ -132,7 +135,10 @@ class Layout:
             "shape": self.shape,
             "data_type": self.dtype.name,
             "chunk_grid": {"name": "regular", "configuration": {"chunk_shape": self.chunks}},
-            "chunk_key_encoding": {"name": "default", "configuration": {"separator": "/"}},
+            "chunk_key_encoding": {
+                "name": "default",
+                "configuration": {"separator": self.separator},
+            },
             "fill_value": special.get(str(fill), fill),
             "codecs": [_RAW, _ZSTD] if self.compressed else [_RAW],
             "attributes": attributes,
@@ -158,7 +164,7 @@ class Layout:
             index = [span[k] for span, k in zip(spans, place, strict=True)]
             axes = zip(index, self.chunks, self.shape, strict=True)
             cells = tuple(slice(i * side, min((i + 1) * side, count)) for i, side, count in axes)
-            yield f"c/{'/'.join(map(str, index))}", cells
+            yield self.separator.join(["c", *map(str, index)]), cells
 
     def encode(self, block: NDArray[Any], fill: Any) -> bytes:
         """Encode a chunk, padded with ``fill`` beyond the array."""
@@ -213,8 +219,8 @@ def _zstd_size(content: bytes) -> int | None:
     return declared + 256 if size_bytes == 2 else declared
 
 
-def _check_codecs(metadata: Any) -> list[str]:
-    """Return the names of an array's codecs.
+def _check_codecs(metadata: Any) -> tuple[list[str], str]:
+    """Return the names of an array's codecs, and the separator in names of chunks.
 
     Raises ContentError if its chunks are encoded, divided or named in another way than by default.
     """
@@ -223,12 +229,13 @@ def _check_codecs(metadata: Any) -> list[str]:
     endian = codecs[0].get("configuration", {}).get("endian", "little")
     keys = metadata["chunk_key_encoding"]
     separator = keys.get("configuration", {}).get("separator", "/")
-    rule = "chunks may use bytes, then zstd; they must be regular, and named with a slash"
+    rule = "chunks may use bytes, then zstd; they must be regular, and have zarr's default names"
     if names not in (["bytes"], ["bytes", "zstd"]) or endian != "little":
         raise ContentError(f"is encoded with {', '.join(names):.80}", rule)
-    if (keys["name"], separator) != ("default", "/") or metadata["chunk_grid"]["name"] != "regular":
+    is_default = keys["name"] == "default" and separator in ("/", ".")
+    if not is_default or metadata["chunk_grid"]["name"] != "regular":
         raise ContentError("has other chunks than zarr's default", rule)
-    return names
+    return names, separator
 
 
 def missing_chunk(name: str) -> ContentError:

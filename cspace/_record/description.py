@@ -19,7 +19,7 @@ from cspace._shapes import Shape, shape_from_spec
 from cspace._support.arrays import AXES, STATE_NAMES, read_only
 
 FORMAT: Final = "cspace-map"
-VERSION: Final = 6
+VERSION: Final = 7
 """Version of the format, frozen by docs/reference/format.md; a reader refuses all others."""
 
 

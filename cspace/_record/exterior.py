@@ -8,6 +8,7 @@ from typing import Final, get_args
 
 import numpy as np
 
+from cspace._grid import FARTHEST_CELL
 from cspace._raster import Raster
 from cspace._support.arrays import BLOCKED, FREE, MIXED, Bools, Ints
 from cspace._support.words import Outside
@@ -17,6 +18,9 @@ OUTSIDES: Final[tuple[Outside, ...]] = get_args(Outside)
 
 UNKNOWN: Final = "unknown"
 """Outside a part of a larger map nothing is known, so all cells there are MIXED."""
+
+_STATES: Final = {"free": (FREE,), "blocked": (MIXED, BLOCKED), UNKNOWN: (MIXED,)}
+"""States that cells outside the grid may have, for each state of the space outside."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,6 +40,24 @@ class Exterior:
     """
 
     table: Ints
+
+    @classmethod
+    def checked(cls, table: Ints, outside: str) -> Exterior:
+        """Return an exterior that a file holds.
+
+        Raises ValueError if it contradicts the space outside.
+        """
+        boxes = table[:, :-1]
+        states = table[:, -1]
+        if not np.isin(states, _STATES[outside]).all():
+            raise ValueError(f"its exterior has other states than space that is {outside} outside")
+        # Largest coordinate of a cell of the exterior's box; real ones stay below twice 2^22.
+        is_far = np.abs(boxes) > 2**40
+        if outside == "blocked":  # boxes have no end where a joint goes on beyond a map of it
+            is_far &= np.abs(boxes) != FARTHEST_CELL
+        if is_far.any():
+            raise ValueError("its exterior reaches beyond all grids")
+        return cls(table)
 
     @classmethod
     def of(

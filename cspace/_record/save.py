@@ -16,12 +16,10 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import posixpath
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import lru_cache
-from itertools import accumulate
 from pathlib import Path
 from typing import Any, Final
 
@@ -38,7 +36,7 @@ from cspace._files.access import (
     replacing,
 )
 from cspace._files.zarr_folders import ROOT_FILE, Layout
-from cspace._grid import FARTHEST_CELL, Grid, check_reach
+from cspace._grid import Grid, check_reach
 from cspace._record.contents import Contents
 from cspace._record.description import (
     DERIVED,
@@ -55,10 +53,10 @@ from cspace._record.description import (
     make_metadata,
     make_scene_grid,
 )
-from cspace._record.exterior import UNKNOWN, Exterior
+from cspace._record.exterior import Exterior
 from cspace._robot import Robot
 from cspace._rotations import Rotations
-from cspace._support.arrays import AXES, BLOCKED, FREE, MIXED, Ints, StrPath
+from cspace._support.arrays import AXES, BLOCKED, Ints, StrPath
 from cspace._support.check import check_not_negative
 from cspace._support.limits import check_bytes
 from cspace._workspace import Workspace
@@ -71,17 +69,14 @@ _KIND: Final = "saved map"
 
 _UNITS: Final = {"m", "rad"}
 
-_EXTERIOR_STATES: Final = {"free": (FREE,), "blocked": (MIXED, BLOCKED), UNKNOWN: (MIXED,)}
-"""States that cells outside the grid may have, for each state of the space outside."""
-
 _LATER_ARRAY: Final = re.compile(r"[a-z][a-z0-9_]*")
 """Names of arrays; unknown ones are skipped, because later releases may add arrays."""
 
-_PART: Final = re.compile(r"frame|\d+(\.\d+)+")
+_PART: Final = re.compile(r"whole|\d+(\.\d+)+")
 """Names of folders with maps in tiled maps."""
 
-_ARRAY_ENTRY: Final = re.compile(r"(zarr\.json|c(/\d+)*)?")
-"""Files and folders in the folder of an array."""
+_ARRAY_ENTRY: Final = re.compile(r"(zarr\.json|c(\.\d+)+)?")
+"""Files in the folder of an array."""
 
 
 # ---- folders and their digest --------------------------------------------------------------------
@@ -104,16 +99,14 @@ def write_folder(
     root = json.dumps(document, indent=2).encode()
     digest = hashlib.sha256(root)
     folder.mkdir(exist_ok=True)
-    made = set[str]()
     for name, content in files:
         _add_file(digest, name, content)
-        # Make the parent folders, outermost first, but not the folder itself: if another process
-        # has removed it, writing must fail.
-        for parent in accumulate(name.split("/")[:-1], posixpath.join):
-            if parent not in made:
-                (folder / parent).mkdir(exist_ok=True)
-                made.add(parent)
-        (folder / name).write_bytes(content)
+        file = folder / name
+        # Make the folder of an array, but not the map's: if another process has removed it, writing
+        # must fail.
+        if file.name == ROOT_FILE:
+            file.parent.mkdir(exist_ok=True)
+        file.write_bytes(content)
     (folder / ROOT_FILE).write_bytes(_replace_digest(root, NO_DIGEST, digest.hexdigest()))
 
 
@@ -221,12 +214,18 @@ class MapFolder:
         contents: Contents,
         compress: bool = True,
         derived: Mapping[str, NDArray[Any]] | None = None,
+        only: Collection[str] = (),
         **extra: Any,
     ) -> None:
-        """Write a map into the folder, which is new; ``extra`` are additional attributes."""
+        """Write a map into the folder, which is new; ``extra`` are additional attributes.
+
+        ``only`` names the arrays to write; the default are all.
+        """
         arrays = collect_arrays(contents)
         for name, values in (derived or {}).items():
             arrays[name] = describe_array(name, values, contents.grid)
+        if only:
+            arrays = {name: array for name, array in arrays.items() if name in only}
         shapes = arrays.get("shapes")
         # The metadata describe the map; a reader needs the others to check and unpack its arrays.
         attributes = {
@@ -247,24 +246,42 @@ class MapFolder:
         Raises FileError if the map is missing, truncated, changed, too large for memory, of another
         format or version, or invalid.
         """
+        attributes, arrays = self.read_arrays()
+        with self.reporting_damage():
+            contents = _make_contents(attributes, make_grid(attributes), arrays)
+            self.check_metadata(attributes, contents)
+            return contents, attributes
+
+    def read_arrays(
+        self, required: Sequence[str] = ()
+    ) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+        """Read the attributes and arrays, and check the digest and the states.
+
+        ``required`` names the arrays that must be there; the default are those of a whole map.
+        Raises FileError as :meth:`read`.
+        """
         attributes, digest = self._read_root()
         with self.reporting_damage():
-            grid = make_grid(attributes)
-            layouts = _expect_layouts(attributes, grid)
+            if not required and "stamp" in attributes:
+                raise self.fail("it is one tile; open the folder of the whole map")
+            layouts = _expect_layouts(attributes, make_grid(attributes), required)
             check_bytes(self.path, sum(layout.nbytes for layout in layouts.values()), "unpacks to")
             arrays = _read_arrays(self, attributes["arrays"].split(), layouts, digest)
             if digest.hexdigest() != attributes["digest"]:
                 raise self.fail("its files differ from their digest")
-            contents = _make_contents(attributes, grid, arrays)
-            # The map that was made must describe itself by the same attributes.
-            for name, expected in make_metadata(contents).items():
-                value = attributes[name]
-                # Attributes whose values a reader cannot check against the rest of a map.
-                if name not in ("format", "library_version", "robot") and value != expected:
-                    raise ValueError(
-                        f"its attribute {name!r} is {value!r:.40}, not {expected!r:.40}"
-                    )
-            return contents, attributes
+            # The digest is right, but the files may be forged.
+            highest = arrays["cell_states"].max() if "cell_states" in arrays else BLOCKED
+            if highest > BLOCKED:
+                raise ValueError(f"it holds the state {highest}, but states are 0 to 2")
+            return attributes, arrays
+
+    def check_metadata(self, attributes: Mapping[str, Any], contents: Contents) -> None:
+        """Raise FileError unless attributes describe the map that was made."""
+        for name, expected in make_metadata(contents).items():
+            value = attributes.get(name)
+            # Attributes whose values a reader cannot check against the rest of a map.
+            if name not in ("format", "library_version", "robot") and value != expected:
+                raise self.fail(f"its attribute {name!r} is {value!r:.40}, not {expected!r:.40}")
 
     def read_attributes(self) -> dict[str, Any]:
         """Read a saved map's attributes, unchecked.
@@ -329,25 +346,26 @@ def _iterate_files(arrays: Mapping[str, NamedArray], compress: bool) -> Iterator
 # ---- reading -------------------------------------------------------------------------------------
 
 
-def _expect_layouts(attributes: Mapping[str, Any], grid: Grid) -> dict[str, Layout]:
+def _expect_layouts(
+    attributes: Mapping[str, Any], grid: Grid, required: Sequence[str]
+) -> dict[str, Layout]:
     """Return the layout that the attributes require of each array, by name.
 
-    Arrays that a reader skips have no layout. Raises ValueError if an array is missing or has no
-    valid name, or a size is not positive.
+    ``required`` are as for :meth:`MapFolder.read_arrays`. Arrays that a reader skips have no
+    layout. Raises ValueError if an array is missing or has no valid name, or a size is not
+    positive.
     """
     names = attributes["arrays"].split()
     known = describe_arrays()
     arrays = {name: known[name] for name in names if name in known and name not in DERIVED}
     scene = make_scene_grid(attributes, grid)
-    required = (
-        "cell_states",
-        "outer",
-        "slice_of",
-        *AXES[: scene.dim],
-        *find_rotation_arrays(names),
-    )
-    if scene is not grid:
-        required += ("scene_outer",)
+    if not required:
+        required = [
+            *("cell_states", "outer", "slice_of"),
+            *AXES[: scene.dim],
+            *find_rotation_arrays(names),
+            *(["scene_outer"] if scene is not grid else []),
+        ]
     missing = [name for name in required if name not in names]
     unknown = sorted(name for name in names if not _LATER_ARRAY.fullmatch(name))
     if missing or unknown or len(set(names)) < len(names):
@@ -417,9 +435,6 @@ def _make_contents(
     # The digest is right, but the files may be forged, so each part is checked before its use.
     if not _UNITS.issuperset(grid.units):
         raise ValueError(f"its units are {grid.units}")
-    states = arrays["cell_states"]
-    if states.max() > BLOCKED:
-        raise ValueError(f"it holds the state {states.max()}, but states are 0 to 2")
     robot = _read_robot(attributes["robot"])
     scene = make_scene_grid(attributes, grid)
     rotations, slice_of = _check_rotations(attributes, scene, robot, arrays)
@@ -436,13 +451,13 @@ def _make_contents(
     check_reach(margin / grid.spacing, "margin_m", "the robot")
     exterior = None
     if "exterior" in arrays:
-        exterior = check_exterior(arrays["exterior"], outside)
+        exterior = Exterior.checked(arrays["exterior"], outside)
     return Contents(
         Workspace(scene, outer, inner, source, arrays.get(f"{prefix}unknown"), shapes),
         robot,
         rotations,
         slice_of,
-        states,
+        arrays["cell_states"],
         outside,
         margin=margin,
         overlap_counts=arrays.get("overlap_counts"),
@@ -479,19 +494,3 @@ def _check_rotations(
         if not np.allclose(arrays[name], values, rtol=0.0, atol=rounding):
             raise ValueError(f"its array {name!r} does not match its grid, rotations and robot")
     return rotations, slice_of
-
-
-def check_exterior(table: Ints, outside: str) -> Exterior:
-    """Return an exterior; raise ValueError if it contradicts the space outside."""
-    # A row is the first cell of a box, its last cell, and the state beyond.
-    boxes = table[:, :-1]
-    states = table[:, -1]
-    if not np.isin(states, _EXTERIOR_STATES[outside]).all():
-        raise ValueError(f"its exterior has other states than space that is {outside} outside")
-    # Largest coordinate of a cell of the exterior's box; real ones stay below twice 2^22.
-    is_far = np.abs(boxes) > 2**40
-    if outside == "blocked":  # boxes have no end where a joint goes on beyond a map of it
-        is_far &= np.abs(boxes) != FARTHEST_CELL
-    if is_far.any():
-        raise ValueError("its exterior reaches beyond all grids")
-    return Exterior(table)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Protocol
@@ -85,9 +84,12 @@ def _open_or_create(path: Path, frame: Contents, layout: dict[str, Any]) -> Tile
 
     Raises FileError if the folder holds another map.
     """
-    if not MapFolder(path, tiles=True).exists():
-        write_once(path, frame, tiles=layout)
-    folder = TileFolder.open(path)
+    root = path.absolute()  # workers have other working folders
+    saved = MapFolder(root, tiles=True)
+    with saved.reporting_damage():
+        folder = TileFolder(root, layout, frame)
+    if saved.exists() or not write_once(root, frame, tiles=layout):
+        folder = TileFolder.open(root)
     if folder.layout["stamp"] != layout["stamp"]:
         problem = "holds another map, or one of other obstacles"
         rule = "a build resumes only with the same robot, rotations, options and obstacles"
@@ -154,13 +156,16 @@ def build_tile(
         raise FileError(name, problem, "the workspace must not change while a map is built")
     surroundings = Workspace(folder.sub_grid(window), outer, inner)
     built, _ = build(
-        surroundings, frame.robot, frame.rotations, outside=frame.outside, margin=frame.margin
+        surroundings,
+        frame.robot,
+        frame.rotations,
+        outside=frame.outside,
+        margin=frame.margin,
+        rasters=folder.rasters,
     )
     in_window = to_slices(cells - window[0])
     workspace = Workspace(folder.sub_grid(cells), outer[in_window], inner[in_window], source=name)
-    states = built.states[:, *in_window]
-    contents = replace(frame, workspace=workspace, states=states, outside="unknown", exterior=None)
-    folder.write_tile(tile, contents)
+    folder.write_tile(tile, folder.make_part(workspace, built.states[:, *in_window]))
 
 
 def resolve_tile(tile: int | Sequence[int], shape: Sequence[int], slices: int) -> tuple[int, ...]:

@@ -1,15 +1,15 @@
-"""Folders of tiled maps: a saved map for each tile, and one with what all tiles share.
+"""Folders of tiled maps: one for each tile, and a saved map with what all tiles share.
 
 A tiled map is a saved map of its first cell, the *frame*, which has the robot, the rotation cells
-and the obstacles as shapes. Its attributes also describe the tiles and the state of the build. Each
-tile is a saved map in a folder of its own, with the tile's cells, its *interior*, and a *halo* of
-the cells around them, clipped to the grid. It is named by its index, such as ``0.3``, and written
-under another name first, so a tile with its name is complete.
+and the obstacles as shapes. Its attributes also describe the tiles. Each tile has a folder of its
+own, with the tile's cells, its *interior*, and a *halo* of the cells around them, clipped to the
+grid; all else is in the frame. It is named by its index, such as ``0.3``, and written under another
+name first, so a tile with its name is complete.
 
 A *stamp* is a digest of everything that the map depends on, so that only a build of the same map
-resumes, and only with its own tiles. Each tile has the stamp of its map and its own index. The
-folder ``frame`` of a complete map has the frame again, with the states outside the grid and the
-counts of the states.
+resumes, and only with its own tiles. Each tile has the stamp of its map and its own index. A
+complete map also has the folder ``whole``, with the states outside the grid and the counts of the
+states.
 """
 
 from __future__ import annotations
@@ -33,6 +33,7 @@ from cspace.inside import (
     Ints,
     MapFolder,
     Raster,
+    States,
     StrPath,
     collect_arrays,
     make_metadata,
@@ -55,8 +56,8 @@ MAX_TILES: Final = 2**22
 TILE_SIDES_PER_HALO: Final = 16
 """Shortest side of a tile, in widths of its halo; halos then add little to a map."""
 
-FRAME: Final = "frame"
-"""Folder of the frame of a complete map."""
+WHOLE: Final = "whole"
+"""Folder of what all tiles of a complete map give together."""
 
 # Boxes of cells are arrays of two corners, shape (2, d): the first cell, and the cell after the
 # last.
@@ -82,6 +83,19 @@ class TileFolder:
     path: Path
     layout: Mapping[str, Any]
     frame: Contents
+
+    def __post_init__(self) -> None:
+        """Raise any error if the layout is invalid; files may be forged."""
+        layout = self.layout
+        sizes = np.array([layout["shape"], layout["side"]])
+        dim = len(self.frame.grid.shape)
+        if sizes.dtype.kind != "i" or sizes.shape != (2, dim) or sizes.min() < 1:
+            raise ValueError(f"its grid and tiles have the sides {sizes.tolist()!s:.80}")
+        # Making the grid raises an error for cells too far from the origin.
+        if self.grid.size < 1 or math.prod(self.counts) > MAX_TILES:
+            raise ValueError(f"it has more than {MAX_TILES} tiles")
+        if not isinstance(layout["stamp"] + layout["source_stamp"], str):
+            raise ValueError("its stamps are no texts")
 
     @cached_property
     def grid(self) -> Grid:
@@ -130,6 +144,11 @@ class TileFolder:
         metres = radius * (1.0 + angle) + frame.margin
         # Two cells more: one because cells have a size, one for rounding.
         return math.ceil(metres / frame.grid.spacing) + 2
+
+    @cached_property
+    def rasters(self) -> list[tuple[Raster, Raster]]:
+        """Outer and inner raster of the robot at each slice."""
+        return rasters_of(self.frame, self.frame.margin)
 
     # ---- tiles -----------------------------------------------------------------------------------
 
@@ -203,14 +222,28 @@ class TileFolder:
         Raises FileError if it is missing, damaged or a tile of another map or place.
         """
         saved = MapFolder(self.tile_path(tile))
-        contents, attributes = saved.read()
+        attributes, arrays = saved.read_arrays(("cell_states", "outer"))
         self._check_stamp(tile, attributes)
-        # Stamps may be forged, and arrays of other sizes would raise any error later.
-        grid = self.sub_grid(self.locate_tile(tile))
-        place = {"shape": list(grid.shape), "lower": list(grid.lower), "outside": "unknown"}
-        if _describe(contents) != {**_describe(self.frame), **place}:
-            raise saved.fail("its grid, robot or rotations are not those of its map")
-        return contents
+        with saved.reporting_damage():
+            grid = self.sub_grid(self.locate_tile(tile))
+            outer = arrays["outer"]
+            inner = arrays.get("inner", outer)
+            source = self.frame.workspace.source
+            contents = self.make_part(
+                Workspace(grid, outer, inner, source=source), arrays["cell_states"]
+            )
+            # Stamps may be forged, and arrays of other sizes would raise any error later.
+            saved.check_metadata(attributes, contents)
+            return contents
+
+    def make_part(
+        self, workspace: Workspace, states: States, exterior: Exterior | None = None
+    ) -> Contents:
+        """Return a map of this robot, MIXED outside without ``exterior``."""
+        outside = self.frame.outside if exterior else "unknown"
+        return replace(
+            self.frame, workspace=workspace, states=states, outside=outside, exterior=exterior
+        )
 
     def _make_stamp(self, tile: int) -> str:
         """Return a tile's stamp: the map's, and the tile's name."""
@@ -236,7 +269,9 @@ class TileFolder:
         occupied = Raster.from_bitmap(contents.workspace.outer, first_cell)
         box = [occupied.lower, occupied.upper] if occupied.count else None
         summary = {"stamp": self._make_stamp(tile), "counts": counts.tolist(), "obstacles": box}
-        write_once(self.tile_path(tile), contents, tile=summary)
+        # All else is in the frame.
+        only = ("cell_states", "outer", "inner")
+        write_once(self.tile_path(tile), contents, only=only, **summary)
 
     # ---- the folder ------------------------------------------------------------------------------
 
@@ -247,33 +282,32 @@ class TileFolder:
         Raises FileError if it is missing or was changed, of another version, or describes no map.
         """
         root = Path(path).absolute()  # workers have other working folders
-        frame_path = root / FRAME if (root / FRAME).exists() else root
-        frame, attributes = MapFolder(frame_path, tiles=True).read()
-        with MapFolder(root).reporting_damage():
+        saved = MapFolder(root, tiles=True)
+        frame, attributes = saved.read()
+        with saved.reporting_damage():
             folder = cls(root, attributes["tiles"], frame)
-            folder._check_layout()
-            return folder
+            return folder._read_whole() if (root / WHOLE).exists() else folder
 
-    def _check_layout(self) -> None:
-        """Raise any error if the layout is invalid; files may be forged."""
-        layout = self.layout
-        sizes = np.array([layout["shape"], layout["side"]])
-        dim = len(self.frame.grid.shape)
-        if sizes.dtype.kind != "i" or sizes.shape != (2, dim) or sizes.min() < 1:
-            raise ValueError(f"its grid and tiles have the sides {sizes.tolist()!s:.80}")
-        # Making the grid raises an error for cells too far from the origin.
-        if self.grid.size < 1 or math.prod(self.counts) > MAX_TILES:
-            raise ValueError(f"it has more than {MAX_TILES} tiles")
-        if not isinstance(layout["stamp"] + layout["source_stamp"], str):
-            raise ValueError("its stamps are no texts")
-        if self.frame.exterior is not None:
-            _check_counts(layout["counts"], self.grid.size * len(self.frame.slice_of))
+    def _read_whole(self) -> TileFolder:
+        """Return the folder of a complete map.
+
+        Raises any error if what is stored of the whole map is invalid.
+        """
+        saved = MapFolder(self.path / WHOLE, tiles=True)
+        attributes, arrays = saved.read_arrays(("exterior",))
+        saved.check_metadata(attributes, self.frame)
+        layout = attributes["tiles"]
+        if layout != {**self.layout, "counts": layout["counts"]}:
+            raise saved.fail("it is of another map")
+        _check_counts(layout["counts"], self.grid.size * len(self.frame.slice_of))
+        exterior = Exterior.checked(arrays["exterior"], self.frame.outside)
+        return TileFolder(self.path, layout, replace(self.frame, exterior=exterior))
 
     def complete(self) -> TileFolder:
-        """Write the frame of a complete map, and open it again.
+        """Write what all tiles give together, and return the complete map.
 
-        The frame has the counts of states and the states outside the grid. Raises FileError if a
-        tile is of another map.
+        That are the counts of states and the states outside the grid. Raises FileError if a tile is
+        of another map.
         """
         frame = self.frame
         shape = self.layout["shape"]
@@ -290,13 +324,12 @@ class TileFolder:
                 if summary["obstacles"]:
                     boxes.append(np.reshape(summary["obstacles"], (2, len(shape))).tolist())
         obstacles = np.stack([np.min(boxes, axis=0)[0], np.max(boxes, axis=0)[1]])
-        rasters = rasters_of(frame, frame.margin)
-        exterior = Exterior.around(shape, obstacles, rasters, frame.outside)
+        exterior = Exterior.around(shape, obstacles, self.rasters, frame.outside)
         layout = {**self.layout, "counts": counts.tolist()}
-        complete_frame = replace(frame, exterior=exterior)
-        write_once(self.path / FRAME, complete_frame, tiles=layout)
+        whole = replace(self, layout=layout, frame=replace(frame, exterior=exterior))
+        write_once(self.path / WHOLE, whole.frame, only=("exterior",), tiles=layout)
         MapFolder(self.path).remove_leftovers()
-        return TileFolder.open(self.path)
+        return whole
 
 
 def grow_box(corners: Ints, cells: int) -> Ints:
@@ -325,11 +358,6 @@ def make_frame(
     return Contents.undecided(cell, robot, rotations, **options)
 
 
-def _describe(contents: Contents) -> dict[str, Any]:
-    """Return a map's metadata without source and version."""
-    return {**make_metadata(contents), "workspace_source": "", "library_version": ""}
-
-
 def _check_counts(counts: Any, total: int) -> Ints:
     """Return counts of FREE, MIXED and BLOCKED, shape (3,).
 
@@ -343,29 +371,25 @@ def _check_counts(counts: Any, total: int) -> Ints:
 
 def make_stamp(frame: Contents, *others: Any) -> str:
     """Return a digest of all values that determine a tiled map."""
-    digest = hashlib.sha256(json.dumps([_describe(frame), *others], sort_keys=True).encode())
+    metadata = {**make_metadata(frame), "workspace_source": "", "library_version": ""}
+    digest = hashlib.sha256(json.dumps([metadata, *others], sort_keys=True).encode())
     for array in collect_arrays(frame).values():
         digest.update(array.values.tobytes())
     return digest.hexdigest()
 
 
-def write_once(
-    path: Path,
-    contents: Contents,
-    *,
-    tile: Mapping[str, Any] | None = None,
-    tiles: Mapping[str, Any] | None = None,
-) -> None:
-    """Write a map unless another process has.
+def write_once(path: Path, contents: Contents, **options: Any) -> bool:
+    """Write a map, and return True, unless another process has.
 
-    ``tile`` are additional attributes of a tile; ``tiles`` is the layout of a map in tiles.
+    ``options`` are those of :meth:`MapFolder.write`; with ``tiles``, it is a map in tiles.
     """
-    saved = MapFolder(path, tiles=tiles is not None)
-    attributes = tile or {"tiles": tiles}
+    is_tiled = "tiles" in options
     try:
         # Only an empty folder is replaced; otherwise FileError is raised.
         with replacing(path, overwrite=True, folder=lambda _: False) as temporary:
-            MapFolder(temporary, tiles=tiles is not None).write(contents, **attributes)
+            MapFolder(temporary, is_tiled).write(contents, **options)
+            return True
     except FileError:
-        if not saved.exists():
+        if not MapFolder(path, is_tiled).exists():
             raise
+        return False

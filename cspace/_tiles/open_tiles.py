@@ -6,7 +6,6 @@ All cells outside a part count as MIXED, so each proof by a part holds in the wh
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from functools import lru_cache, partial
 from typing import Final, NamedTuple
 
@@ -121,17 +120,7 @@ class OpenTiles:
             inner[in_window] = tile.contents.workspace.inner[in_tile]
         source = f"a window of {folder.path.name}"
         workspace = Workspace(grid, outer, inner, source=source, shapes=self._shapes_in(corners))
-        return self._make_part(workspace, states, exterior)
-
-    def _make_part(
-        self, workspace: Workspace, states: States, exterior: Exterior | None = None
-    ) -> CSpace:
-        """Return a map of this robot, MIXED outside without ``exterior``."""
-        frame = self.folder.frame
-        outside = frame.outside if exterior else "unknown"
-        return CSpace(
-            replace(frame, workspace=workspace, states=states, outside=outside, exterior=exterior)
-        )
+        return CSpace(folder.make_part(workspace, states, exterior))
 
     def _shapes_in(self, corners: Ints) -> tuple[Shape, ...] | None:
         """Return the shapes of a window's obstacles, if they describe its cells."""
@@ -178,7 +167,7 @@ class OpenTiles:
         inner = np.zeros_like(outer)
         source = f"overview of {folder.path.name}"
         workspace = Workspace(coarse_grid, outer, inner, source=source)
-        return self._make_part(workspace, states)
+        return CSpace(folder.make_part(workspace, states))
 
     # ---- queries ---------------------------------------------------------------------------------
 

@@ -38,7 +38,7 @@ DEFAULT_CACHE_BYTES: Final = 2**30
 
 
 class TiledCSpace(ConfigurationMap):
-    """A certified map in a folder of tiles, each a saved map.
+    """A certified map in a folder of tiles.
 
     :func:`cspace.build` with a ``store`` builds it, and :func:`cspace.open` opens it. Queries
     return the results of the same map in memory, :class:`cspace.CSpace`; :meth:`clearance` is at

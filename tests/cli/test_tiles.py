@@ -59,7 +59,7 @@ def test_the_same_command_resumes_an_interrupted_build(city, monkeypatch):
     assert "holds another map" in refused.stderr
     assert document(BUILD)["done_percent"] == 100.0
     assert document(f"{BUILD} --margin 0.2 --overwrite")["margin_m"] == 0.2
-    for name in ("notes", "frame/notes", "0.0/cell_states/notes"):
+    for name in ("notes", "whole/notes", "0.0/cell_states/notes"):
         Path("map.zarr", name).touch()
         assert "holds more" in run(f"{BUILD} --overwrite").stderr
         Path("map.zarr", name).unlink()

@@ -65,7 +65,10 @@ def test_boxes_agree_with_zarr(tmp_path_factory, dim, compressed, seed):
     values = rng.integers(0, 2, shape).astype(rng.choice(["?", "u1", "<i4", "f8"]))
     chunks = tuple(rng.integers(1, 10, dim).tolist())
     path = tmp_path_factory.mktemp("array") / "a.zarr"
-    options = {} if compressed else {"compressors": None}  # by default zstd
+    names = {"name": "default", "separator": str(rng.choice(["/", "."]))}
+    options = {"chunk_key_encoding": names}
+    if not compressed:  # by default zstd
+        options["compressors"] = None
     zarr.create_array(str(path), data=values, chunks=chunks, config=FILLED, **options)
     array = ZarrArray(path)
     assert array.shape == values.shape
@@ -124,7 +127,7 @@ def test_a_chunk_unpacks_to_the_size_of_its_array_or_is_refused(array):
 
 
 def test_a_forged_chunk_of_a_saved_map_is_refused_before_it_is_unpacked(saved):
-    fuzz.forge_store(saved, {}, "cell_states/c/0/0/0", Zstd(1).encode(bytes(HUGE)))
+    fuzz.forge_store(saved, {}, "cell_states/c.0.0.0", Zstd(1).encode(bytes(HUGE)))
     check_refused(lambda: cspace.open(saved), "unpacks to 67108864 bytes but 900 are needed")
     (saved / "zarr.json").write_bytes(b"[" * 10**5)
     check_refused(lambda: cspace.open(saved), "usable map")
@@ -157,8 +160,8 @@ def test_forged_shapes_of_arrays_that_are_skipped_are_refused(saved, name, shape
     metadata = json.loads((saved / "cell_states" / "zarr.json").read_bytes())
     metadata |= {"shape": shape, **make_grid()}
     metadata["chunk_grid"]["configuration"]["chunk_shape"] = chunks
-    (saved / name / "c").mkdir(parents=True)
-    (saved / name / "c" / "0").write_bytes(b"there")
+    (saved / name).mkdir()
+    (saved / name / "c.0").write_bytes(b"there")
     (saved / name / "zarr.json").write_text(json.dumps(metadata))
     fuzz.reseal(saved, arrays=f"{attributes['arrays']} {name}")
     start = time.process_time()

@@ -385,11 +385,9 @@ def reseal(path: Path, **changes: Any) -> None:
     del attributes["digest"]
     names = []
     for name in attributes.get("arrays", "").split():
-        chunks = [
-            file.relative_to(path) for file in (path / name / "c").rglob("*") if file.is_file()
-        ]
-        chunks.sort(key=lambda file: [int(part) for part in file.parts[2:]])
-        names += [f"{name}/zarr.json", *map(str, chunks)]
+        chunks = [file.name for file in (path / name).glob("c.*")]
+        chunks.sort(key=lambda chunk: [int(part) for part in chunk.split(".")[1:]])
+        names += [f"{name}/{file}" for file in ("zarr.json", *chunks)]
     there = [name for name in names if (path / name).is_file()]
     write_folder(path, attributes, [(name, (path / name).read_bytes()) for name in there])
 

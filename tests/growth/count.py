@@ -232,6 +232,89 @@ def plan_through_floor(n, folder):
     return lambda: planners.plan(space, *q, time_limit=1e6)
 
 
+def ask_again(prepare):
+    """Make the job of a second question, for which the first has prepared the map."""
+
+    def prepare_again(n, folder):
+        job = prepare(n, folder)
+        job()
+        return job
+
+    return prepare_again
+
+
+def make_hall(n):
+    """Make an empty square of n cells between walls."""
+    side = math.isqrt(n)
+    occupied = np.pad(np.zeros((side - 2, side - 2), dtype=np.bool_), 1, constant_values=True)
+    return Workspace.from_array(occupied, 0.1)
+
+
+def measure_clearance_far_from_walls(n, folder):
+    space = cspace.build(make_hall(n), Robot.disc(0.06))
+    middle = 0.05 * math.isqrt(n)
+    return lambda: space.clearance((middle, middle))
+
+
+def grow_region_far_from_walls(n, folder):
+    space = cspace.build(make_hall(n), Robot.disc(0.06))
+    middle = 0.05 * math.isqrt(n)
+    return lambda: space.free_region((middle, middle), reach=middle)
+
+
+def plan_far_from_walls(n, folder):
+    space = cspace.build(make_hall(n), Robot.disc(0.06))
+    side = 0.1 * math.isqrt(n)
+    ends = (0.3 * side, 0.5 * side), (0.7 * side, 0.5 * side)
+    return lambda: planners.plan(space, *ends, time_limit=1e6)
+
+
+def build_on_floor(n, folder):
+    """A hall of n cells in space, eight of them high."""
+    side = math.isqrt(n // 8)
+    occupied = np.zeros((side, side, 8), dtype=np.bool_)
+    occupied[::6, : side // 2, 2:5] = True
+    robot = Robot.box((0.2, 0.1, 0.5), (0.0, 0.0, 0.3))
+    scene = Workspace.from_array(occupied, 0.1)
+    return lambda: cspace.build(scene, robot, rotations=4, floor=0.0)
+
+
+def measure_clearance_on_floor(n, folder):
+    space = build_on_floor(n, folder)()
+    q = space.sample_free(2, np.random.default_rng(0))
+    return lambda: space.clearance(q)
+
+
+def plan_to_places(n, folder):
+    """Goals of which any may be reached."""
+    side = 4 * math.isqrt(n)
+    space = cspace.build(make_hall(side**2), Robot.disc(0.06))
+    places = space.sample_free(n, np.random.default_rng(0))
+    start = space.nearest_free((0.2, 0.2))
+    return lambda: planners.plan(space, start, list(places), time_limit=1e6)
+
+
+def build_in_tiles(n, folder):
+    """Tiles of 256 cells."""
+    floor, robot = make_floor(n), Robot.disc(0.06)
+    store = tempfile.mkdtemp(dir=folder)
+    return lambda: cspace.build(floor, robot, store=store, tile=16)
+
+
+def classify_in_tiles(n, folder):
+    tiled = build_in_tiles(n, folder)()
+    side = 0.1 * math.isqrt(n)
+    q = np.random.default_rng(0).uniform(0.0, side, (n // 4, 2))
+    return lambda: tiled.classify(q)
+
+
+def label_tiles(n, folder):
+    tiled = build_in_tiles(n, folder)()
+    side = 0.1 * math.isqrt(n)
+    q = [tiled.nearest_free(corner) for corner in ((0.15, 0.15), (side - 0.15, side - 0.15))]
+    return lambda: tiled.is_connected(*q)
+
+
 def measure_mesh_distance(n, folder):
     workspace = Workspace.from_mesh(make_sphere(n), 0.2, (-2, -2, -2, 2, 2, 2))
     space = cspace.build(workspace, Robot.ball(0.1))
@@ -463,6 +546,27 @@ KINDS = {
     "measure a clearance among n cells": (16**2, measure_clearance),
     "plan among n cells": (40**2, plan_through_floor),
     "measure the distance to n triangles": (100, measure_mesh_distance),
+    "label the components of n cells, again": (24**2, ask_again(label_components)),
+    "measure a clearance among n cells, again": (16**2, ask_again(measure_clearance)),
+    "plan among n cells, again": (40**2, ask_again(plan_through_floor)),
+    "measure the distance to n triangles, again": (100, ask_again(measure_mesh_distance)),
+    "explain among n voxels, again": (8, ask_again(explain_among_voxels)),
+    "measure a clearance in a hall of n cells": (16**2, measure_clearance_far_from_walls),
+    "measure a clearance in a hall of n cells, again": (
+        16**2,
+        ask_again(measure_clearance_far_from_walls),
+    ),
+    "grow a region in a hall of n cells": (16**2, grow_region_far_from_walls),
+    "plan in a hall of n cells": (24**2, plan_far_from_walls),
+    "build a map of n cells over a floor": (8 * 16**2, build_on_floor),
+    "measure a clearance on a floor, again": (8 * 16**2, ask_again(measure_clearance_on_floor)),
+    "plan to n places": (16, plan_to_places),
+    "plan to n places, again": (16, ask_again(plan_to_places)),
+    "build n cells in tiles": (32**2, build_in_tiles),
+    "classify n configurations in tiles": (32**2, classify_in_tiles),
+    "classify n configurations in tiles, again": (32**2, ask_again(classify_in_tiles)),
+    "label the components of n cells in tiles": (32**2, label_tiles),
+    "label the components of n cells in tiles, again": (32**2, ask_again(label_tiles)),
     "check a plan of n waypoints": (8, recheck_plan),
     "time a plan of n waypoints": (16, time_plan),
     "find conflicts of n lanes": (16, find_conflicts),

@@ -11,7 +11,7 @@ from tests.helpers.cpp import SPACES, build_space, draw_queries
 from tests.helpers.repository import ROOT
 
 FROZEN = ROOT / "tests" / "record" / "frozen"
-"""Maps that version 0.2.0 saved, one raw and one compressed, with their answers: never save them anew."""
+"""Maps of version 7, one raw and one compressed, with their answers: never save them anew."""
 
 
 @pytest.mark.parametrize("name", ["flat", "solid"])

@@ -313,7 +313,7 @@ class Folder {
   Folder(const std::string& path, bool check_digest) : about(Json(map_file(path + "/zarr.json").text())["attributes"]) {
     const std::string version = about["format_version"].word(), digest = about["digest"].text();
     if (!is_tiled() && about["format"].text() != "cspace-map") refuse("its attributes name another format");
-    if (version != "6") refuse("it has format version " + version + ", and this header reads version 6 alone");
+    if (version != "7") refuse("it has format version " + version + ", and this header reads version 7 alone");
     std::string root(map_file(path + "/zarr.json").text());
     if (digest.size() == 64) root.replace(root.find(digest), 64, std::string(64, '0'));
     std::vector<std::string_view> digested = {root};
@@ -368,7 +368,7 @@ class Folder {
     std::string name;
     for (std::size_t axis = shape.size(); axis-- > 0;) {
       const Index count = (shape[axis] - 1) / side[axis] + 1;
-      name = "/" + std::to_string(place % count) + name;
+      name = "." + std::to_string(place % count) + name;
       place /= count;
     }
     return place == 0 ? "/c" + name : "";
@@ -590,15 +590,13 @@ class Map {
   }
 
   void read(const std::string& path, bool check_digest, const std::string& stamp) {
-    // The frame describes a complete tiled map.
-    const bool has_frame = ::access((path + "/frame").c_str(), F_OK) == 0 && detail::Folder(path, false).is_tiled();
-    const detail::Folder folder(has_frame ? path + "/frame" : path, check_digest);
+    const detail::Folder folder(path, check_digest);
     const detail::Json& about = folder.about;
     if (!stamp.empty() && about["stamp"].text() != stamp) detail::refuse("it is a tile of another map or place");
     read_grid(about, (folder.is_tiled() ? about["tiles"] : about)["shape"].numbers<Index>());
     slices_ = about["slices"].numbers<Index>()[0];
     if (stamp.empty()) read_rotations(folder, about["rotations"].numbers<Index>()[0]);
-    if (stamp.empty()) read_exterior(folder);
+    if (stamp.empty()) read_exterior(path, folder, check_digest);
     if (stamp.empty()) read_robot(about);
     if (folder.is_tiled()) return read_tiles(path, about["tiles"], check_digest);
     std::vector<Index> shape = this->shape();
@@ -671,10 +669,19 @@ class Map {
     borders_.push_back(1.0);
   }
 
-  void read_exterior(const detail::Folder& folder) {
-    if (!folder.has("exterior")) detail::refuse("it is not complete: run the same build again to finish it");
-    const std::vector<Index> numbers = folder.array("exterior", "int64", {slices_, 2 * dim_ + 1}).numbers<Index>();
+  void read_exterior(const std::string& path, const detail::Folder& folder, bool check_digest) {
     outside_ = folder.about["outside"].text();
+    if (!folder.is_tiled()) return read_exterior(folder);
+    if (::access((path + "/whole").c_str(), F_OK) != 0)
+      detail::refuse("it is not complete: run the same build again to finish it");
+    const detail::Folder whole(path + "/whole", check_digest);
+    const bool is_same = whole.is_tiled() && whole.about["tiles"]["stamp"].text() == folder.about["tiles"]["stamp"].text();
+    if (!is_same) detail::refuse("its folder 'whole' is of another map");
+    read_exterior(whole);
+  }
+
+  void read_exterior(const detail::Folder& folder) {
+    const std::vector<Index> numbers = folder.array("exterior", "int64", {slices_, 2 * dim_ + 1}).numbers<Index>();
     for (auto row = numbers.begin(); row != numbers.end(); row += 2 * dim_ + 1) {
       Exterior exterior;
       std::copy(row, row + dim_, exterior.first.end() - dim_);
