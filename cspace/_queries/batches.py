@@ -104,13 +104,15 @@ def evaluate_edges(
     ends = check_rows(q1, "q1", axes)
     if starts.shape != ends.shape:
         try:
-            starts, ends = np.broadcast_arrays(starts, ends)
+            shape = np.broadcast_shapes(starts.shape, ends.shape)
         except ValueError as error:
             raise InputError(
                 "q0",
                 f"has shape {starts.shape} and q1 {ends.shape}",
                 "they must broadcast",
             ) from error
+        starts = np.broadcast_to(starts, shape)
+        ends = np.broadcast_to(ends, shape)
     out = evaluate_rows(starts.reshape(-1, size), ends.reshape(-1, size), write)
     warn_of_large(starts, "rad", "q0", angles)
     warn_of_large(ends, "rad", "q1", angles)
