@@ -177,7 +177,10 @@ class Containment(NamedTuple):
     outer, inner : ndarray of bool, shape (nx, ny, nz)
         Cells that meet obstacles, and cells inside obstacles; nz is 1 in the plane.
     anchors : ndarray of float64, shape (m, 3)
-        One point of each obstacle part that could fit into the robot.
+        One point of each obstacle part that could fit into the robot, sorted by x.
+    reach : float
+        Largest distance of the robot's corners from its reference point. Boundaries are apart by
+        more than rounding, so anchors inside the robot are nearer.
     low, high : tuple of float
         Corners of the bounding box of the robot.
     has_solids : bool
@@ -191,6 +194,7 @@ class Containment(NamedTuple):
     outer: Bools
     inner: Bools
     anchors: Floats
+    reach: float
     low: Row
     high: Row
     has_solids: bool
@@ -265,8 +269,8 @@ class BoundaryProofs:
         self._inputs = ProofInputs(problem.map, self.boundaries, containment)
         # Configurations whose anchors, of robot and obstacles, are tested at once.
         anchors_per_configuration = len(self._anchors) + len(containment.anchors)
-        # Approximate number of anchors tested for containment at once.
-        self._batch_size = 1 + 100_000 // (1 + anchors_per_configuration)
+        # Largest number of anchors tested for containment at once.
+        self._batch_size = 1 + 1_000_000 // (1 + anchors_per_configuration)
 
     @property
     def geometry(self) -> Geometry:
@@ -289,8 +293,7 @@ class BoundaryProofs:
         stops = np.append(starts[1:], len(corners))
         self._anchors = corners[starts]
         stop_of_corners = np.repeat(stops, stops - starts)
-        corner_distances = np.linalg.norm(corners, axis=1)
-        diameter = 2.0 * float(corner_distances.max())
+        reach = float(np.linalg.norm(corners, axis=1).max())
         anchors = [np.empty((0, 3))]
         # A robot of balls needs no anchors either. Only parts no larger than the robot can lie
         # inside it.
@@ -298,7 +301,8 @@ class BoundaryProofs:
         if robot.encloses and not is_balls:
             for part in pieces:
                 points, sizes = part_anchors(as_triangles([part]))
-                anchors.append(points[sizes <= diameter])
+                anchors.append(points[sizes <= 2.0 * reach])
+        points = np.concatenate(anchors)
         low, high = (np.pad(corner, missing_axis) + self._lift for corner in robot.bounds)
         # Without shapes, the obstacles are exactly the outer cells.
         outer = workspace.outer
@@ -316,7 +320,8 @@ class BoundaryProofs:
             spacing=grid.spacing,
             outer=outer.reshape(shape_in_space),
             inner=inner.reshape(shape_in_space),
-            anchors=np.concatenate(anchors),
+            anchors=points[np.argsort(points[:, 0])],
+            reach=reach,
             low=tuple(low.tolist()),
             high=tuple(high.tolist()),
             has_solids=bool(self._shapes),
@@ -418,15 +423,34 @@ class BoundaryProofs:
         positions, matrices = self._place_robot(q)
         # Points of the robot in the world, shape (n, robot anchors, 3).
         robot_points = self._anchors @ matrices.swapaxes(1, 2) + positions[:, None]
-        # Points of obstacles in the robot's frame, shape (n, obstacle anchors, 3).
-        obstacle_points = (self._inputs.containment.anchors - positions[:, None]) @ matrices
         dim = self._robot.dim
-        obstacle_points = (obstacle_points - self._lift)[..., :dim]
-        is_nested = _contain_any(self._robot, self._robot.bounds, obstacle_points)
+        rows, offsets = self._near_anchors(positions)
+        # Points of obstacles in the robot's frame, shape (pairs, 1, 3).
+        obstacle_points = (offsets[:, None] @ matrices[rows] - self._lift)[..., :dim]
+        is_nested = np.zeros(len(q), dtype=np.bool_)
+        is_nested[rows[_contain_any(self._robot, self._robot.bounds, obstacle_points)]] = True
         for shape in self._shapes:
             # Obstacles end at the bounds of the grid.
             is_nested |= _contain_any(shape, self._bounds, robot_points[..., :dim])
         return is_nested
+
+    def _near_anchors(self, positions: Floats) -> tuple[Ints, Floats]:
+        """Return pairs of positions, shape (n, 3), and anchors of obstacles in reach.
+
+        A pair has the row of its position, shape (pairs,), and the vector to its anchor, shape
+        (pairs, 3).
+        """
+        containment = self._inputs.containment
+        anchors = containment.anchors
+        x = positions[:, 0]
+        starts = np.searchsorted(anchors[:, 0], x - containment.reach)
+        counts = np.searchsorted(anchors[:, 0], x + containment.reach, side="right") - starts
+        rows = np.repeat(np.arange(len(x)), counts)
+        before = np.cumsum(counts) - counts
+        indices = np.arange(len(rows)) + np.repeat(starts - before, counts)
+        is_near = np.abs(anchors[indices, 1] - positions[rows, 1]) <= containment.reach
+        rows = rows[is_near]
+        return rows, anchors[indices[is_near]] - positions[rows]
 
 
 def _build_boundary_trees(
@@ -851,7 +875,11 @@ def has_near_anchor(containment: Containment, position: Row, matrix: Matrix) -> 
     """Return True if an obstacle anchor lies in the robot's bounding box."""
     low = containment.low
     high = containment.high
-    for k in range(len(containment.anchors)):
+    farthest = position[0] + containment.reach
+    first = np.searchsorted(containment.anchors[:, 0], position[0] - containment.reach)
+    for k in range(first, len(containment.anchors)):
+        if containment.anchors[k, 0] > farthest:
+            break
         # The anchor in the frame of the robot.
         offset = minus(row_at(containment.anchors[k], 0), position)
         x, y, z = rotate_back(matrix, offset)

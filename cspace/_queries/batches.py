@@ -102,20 +102,21 @@ def evaluate_edges(
         raise InputError("q0", problem, "numpy would pair them by their places")
     starts = check_rows(q0, "q0", axes)
     ends = check_rows(q1, "q1", axes)
-    try:
-        shape = np.broadcast_shapes(starts.shape, ends.shape)
-    except ValueError as error:
-        raise InputError(
-            "q0",
-            f"has shape {starts.shape} and q1 {ends.shape}",
-            "they must broadcast",
-        ) from error
-    first_rows = np.broadcast_to(starts, shape).reshape(-1, size)
-    second_rows = np.broadcast_to(ends, shape).reshape(-1, size)
-    out = evaluate_rows(first_rows, second_rows, write)
+    if starts.shape != ends.shape:
+        try:
+            shape = np.broadcast_shapes(starts.shape, ends.shape)
+        except ValueError as error:
+            raise InputError(
+                "q0",
+                f"has shape {starts.shape} and q1 {ends.shape}",
+                "they must broadcast",
+            ) from error
+        starts = np.broadcast_to(starts, shape)
+        ends = np.broadcast_to(ends, shape)
+    out = evaluate_rows(starts.reshape(-1, size), ends.reshape(-1, size), write)
     warn_of_large(starts, "rad", "q0", angles)
     warn_of_large(ends, "rad", "q1", angles)
-    return _shape_answers(out, shape[:-1], has_array)
+    return _shape_answers(out, starts.shape[:-1], has_array)
 
 
 def evaluate_rows(starts: Floats, ends: Floats, write: Write) -> Bools:

@@ -328,7 +328,12 @@ def interpolate(first: float, second: float, t: float) -> float:
 @inlined
 def piece_is_free(map_: Map, s: int, first: Row, last: Row, radii: Row, blocks: Map | None) -> bool:
     """Return True if a segment touches only FREE cells, as blocks of these may tell sooner."""
-    if blocks is not None and segment_is_free(blocks, s, first, last, radii):
+    # The map itself stands for blocks that few edges do without.
+    if (
+        blocks is not None
+        and blocks.spacing > map_.spacing
+        and segment_is_free(blocks, s, first, last, radii)
+    ):
         return True
     return segment_is_free(map_, s, first, last, radii)
 

@@ -548,7 +548,8 @@ _OTHER_ARRAYS: Final = {
 
 def list_dimensions(array: Any) -> tuple[str, ...]:
     """Return the names of an array's dimensions, or an empty tuple."""
-    for path in _DIMENSIONS:
+    paths = () if type(array) is np.ndarray else _DIMENSIONS
+    for path in paths:
         names = [_name_dimension(each) for each in _follow(array, path) or ()]
         if any(names):
             return tuple(names)

@@ -192,7 +192,7 @@ def _search_guided(
     turns = len(graph.slice_of) > 1
     guide = Guide(
         graph.states,
-        any_direction(graph.states),
+        any_direction(graph.states)._replace(joins=True),
         (0, start_cell),
         (0, goal_cell),
         BLOCK_SIDE if turns or size > MAX_POSITIONS_WITHOUT_BLOCKS else 1,

@@ -3,8 +3,8 @@
 A state is a direction of the robot and a block. A block is passable in a direction if it has a cell
 that is FREE at a rotation of the direction. So a chain of blocks may promise a way that the robot
 cannot take, but misses hardly any passage. Blocks in which the robot can hardly turn cost more. If
-a direction has one rotation, passable cells of blocks must also meet, because blocks are wider than
-the thinnest walls.
+a direction has one rotation, or a chain of cells is to follow the blocks, passable cells of blocks
+must also meet at a rotation, because blocks are wider than the thinnest walls.
 
 A search from the goal to the start measures short chains. It goes on when another search, from the
 start, needs the cost of a block that it has not reached (D. Silver, "Cooperative pathfinding",
@@ -69,6 +69,8 @@ class Directions(NamedTuple):
     neighbors : ndarray of int64, shape (directions, k)
         Directions to which it may turn.
     turn_costs : ndarray of float64, shape (directions, k)
+    joins : bool
+        Whether passable cells of blocks must meet; always with one rotation.
     """
 
     slices: Ints
@@ -76,6 +78,7 @@ class Directions(NamedTuple):
     move_costs: Floats
     neighbors: Ints
     turn_costs: Floats
+    joins: bool = False
 
 
 class Blocks(NamedTuple):
@@ -337,8 +340,7 @@ def expand_blocks(
     nx, ny, nz = to_start.shape
     n_moves = directions.moves.shape[1]
     n_turns = directions.neighbors.shape[1]
-    # With one rotation, passable cells must join the blocks of a move.
-    n_checked = n_moves * int(directions.slices.shape[1] == 1)
+    joins = directions.joins or directions.slices.shape[1] == 1
     for _ in range(max_states):
         if progress.closed[last]:
             return DONE
@@ -374,8 +376,8 @@ def expand_blocks(
             cost = progress.cost[state] + length * factor
             if not is_cheaper(progress, reached, cost):
                 continue
-            number = directions.slices[direction, 0]
-            if option < n_checked and not are_joined(blocks, number, (i, j, k), (u, v, w)):
+            slices = directions.slices[direction]
+            if joins and option < n_moves and not are_joined(blocks, slices, (i, j, k), (u, v, w)):
                 continue
             reach_cell(to_start, progress, state, other, u, v, w, cost)
     return GOES_ON
@@ -412,8 +414,8 @@ def find_cost_factor(
 
 
 @internal
-def are_joined(blocks: Blocks, number: int, first: Cell, last: Cell) -> bool:
-    """Return True if chains join two near blocks in a slice.
+def are_joined(blocks: Blocks, slices: Ints, first: Cell, last: Cell) -> bool:
+    """Return True if chains join two near blocks.
 
     Each block of a chain shares a face with the next, and passable cells meet at the face. If two
     axes have equally many steps left, one chain prefers the first axis, and the other chain the
@@ -424,7 +426,7 @@ def are_joined(blocks: Blocks, number: int, first: Cell, last: Cell) -> bool:
         is_open = True
         while is_open and block != last:
             next_block = step_towards(block, last, prefers_last == 1)
-            is_open = meet_at_face(blocks, number, block, next_block)
+            is_open = meet_at_face(blocks, slices, block, next_block)
             block = next_block
         if is_open:
             return True
@@ -446,8 +448,8 @@ def step_towards(block: Cell, last: Cell, prefers_last: bool) -> Cell:
 
 
 @internal
-def meet_at_face(blocks: Blocks, number: int, first: Cell, second: Cell) -> bool:
-    """Return True if passable cells meet at two blocks' common face."""
+def meet_at_face(blocks: Blocks, slices: Ints, first: Cell, second: Cell) -> bool:
+    """Return True if passable cells of a slice meet at two blocks' common face."""
     _, nx, ny, nz = blocks.states.shape
     side = blocks.side
     du = second[0] - first[0]
@@ -459,14 +461,15 @@ def meet_at_face(blocks: Blocks, number: int, first: Cell, second: Cell) -> bool
     high_u = low_u + (1 if du != 0 else side)
     high_v = low_v + (1 if dv != 0 else side)
     high_w = low_w + (1 if dw != 0 else side)
-    for i in range(low_u, min(high_u, nx)):
-        for j in range(low_v, min(high_v, ny)):
-            for k in range(low_w, min(high_w, nz)):
-                if (
-                    blocks.states[number, i, j, k] <= blocks.worst_state
-                    and blocks.states[number, i + du, j + dv, k + dw] <= blocks.worst_state
-                ):
-                    return True
+    for number in slices:
+        for i in range(low_u, min(high_u, nx)):
+            for j in range(low_v, min(high_v, ny)):
+                for k in range(low_w, min(high_w, nz)):
+                    if (
+                        blocks.states[number, i, j, k] <= blocks.worst_state
+                        and blocks.states[number, i + du, j + dv, k + dw] <= blocks.worst_state
+                    ):
+                        return True
     return False
 
 

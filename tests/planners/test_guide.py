@@ -119,10 +119,13 @@ def test_a_guide_measures_short_chains(dim, seed):
 @pytest.mark.parametrize("dim", [2, 3])
 @examples(15)
 @given(seeds)
-def test_blocks_of_one_rotation_join_where_their_cells_meet(dim, seed):
+def test_blocks_join_where_their_cells_meet_at_a_rotation(dim, seed):
     rng = np.random.default_rng(seed)
     shape = (1,) * (3 - dim) + tuple(rng.integers(4, 16, dim))
-    states = rng.choice(np.uint8([FREE, BLOCKED]), (1, *shape), p=[0.4, 0.6])
+    count = int(rng.integers(1, 4))
+    states = rng.choice(
+        np.uint8([FREE, BLOCKED]), (count, *shape), p=[0.4 / count, 1 - 0.4 / count]
+    )
     side = int(rng.integers(1, 5))
     goal = tuple(rng.integers(0, shape).tolist())
     states[(0, *goal)] = FREE
@@ -132,15 +135,15 @@ def test_blocks_of_one_rotation_join_where_their_cells_meet(dim, seed):
     # Blocks joined by two cells that share a face.
     pairs = []
     for axis in range(3):
-        lower = np.moveaxis(states[0] == FREE, axis, 0)
+        lower = np.moveaxis(states == FREE, 1 + axis, 1)
         numbers = np.moveaxis(block_of, axis, 0)
-        meets = lower[:-1] & lower[1:]
+        meets = (lower[:, :-1] & lower[:, 1:]).any(axis=0)
         pairs.append(np.stack([numbers[:-1][meets], numbers[1:][meets]]))
     rows, columns = np.concatenate(pairs, axis=1)
     graph = csr_array((np.ones(len(rows)), (rows, columns)), (number.size,) * 2)
     graph.data[:] = 1.0
     steps = dijkstra(graph, directed=False, indices=block_of[goal], unweighted=True)
-    directions = any_direction(states)
+    directions = any_direction(states)._replace(joins=True)
     for cell in rng.integers(0, shape, (5, 3)).tolist():
         guide = Guide(states, directions, (0, tuple(cell)), (0, goal), side, narrow_cost=0.0)
         guide.reach(0, tuple(cell), NEVER)
