@@ -1,3 +1,6 @@
 # Names of planners for packages that stand beside them. Each is imported at its first use.
 
 from ._motion.trajectory import bound_rates as bound_rates
+from ._motion.ways import Way as Way
+from ._motion.ways import cut_way as cut_way
+from ._motion.ways import wait_first as wait_first
