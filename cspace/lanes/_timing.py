@@ -212,51 +212,49 @@ class TimingSearch:
         self._margin = margin
         self._duration = duration
         self._shown = shown
+        self._best: Trajectory | None = None
+        self._latest = duration
 
     def run(self, trajectory: Trajectory) -> Timing:
         """Halve cells until the arrival is near its bound, or none is possible."""
-        from planners.inside import cut_way, wait_first
+        from planners.inside import cut_way, drive_around, wait_first
 
-        best: Trajectory | None = None
         bound = 0.0
         for size in CELL_SIZES:
             way = cut_way(trajectory, self._mover.robot.shape.lever, size, MAX_PARTS)
             times = self._cut_time(way)
-            states = self._classify(way, times)
-            reach = find_reach(states, way.least_times, times[::2])
+            states, borders = self._classify(way, times), times[::2]
+            reach = find_reach(states, way.least_times, borders)
             bound = max(bound, reach.arrival)
             if bound == math.inf:
-                reason = self._tell_wall(states, reach, way, times[::2])
+                reason = self._tell_wall(states, reach, way, borders)
                 return Timing(None, bound, f"impossible: {reason}")
-            delay = find_wait(states, way.passes, times[::2])
-            if best is None or delay + trajectory.duration < best.duration:
-                found = wait_first(trajectory, delay) if delay < math.inf else None
-                if found is not None and self._is_apart(found):
-                    best = found
-            if best is not None and best.duration - bound <= CLOSE:
+            delay = find_wait(states, way.passes, borders)
+            if delay < math.inf:
+                self._keep(wait_first(trajectory, delay))
+            # The wait at the start is as good unless others come one after the other.
+            latest = self._latest - CLOSE
+            is_free = states == FREE
+            through = find_reach(np.where(is_free, states, 0), way.least_times, borders).arrival
+            if max(bound, through) < latest:
+                self._keep(drive_around(trajectory, way, is_free, borders, (through, latest)))
+            if self._best and self._latest - bound <= CLOSE:
                 break
-        reason = "" if best else f"not found with cells of {100.0 * size:g} cm; none is excluded"
-        return Timing(best, self._shown + bound, reason)
+        reason = f"not found with cells of {100.0 * size:g} cm; none is excluded"
+        return Timing(self._best, self._shown + bound, "" if self._best else reason)
 
-    def _is_apart(self, trajectory: Trajectory) -> bool:
-        """Prove a motion apart from all others, by its own speeds."""
-        if trajectory.duration > self._duration:
-            return False
-        mover = read_mover(
-            Mover(
-                self._mover.robot,
-                trajectory,
-                self._mover.at,
-                error=self._mover.error,
-                growth=self._mover.growth,
-            ),
-            "mover",
-        )
-        searches = (
-            ApartSearch((mover, other), measure, self._margin, self._duration)
-            for other, measure in zip(self._others, self._measures, strict=True)
-        )
-        return all(search.run() for search in searches)
+    def _keep(self, trajectory: Trajectory | None) -> None:
+        """Keep a motion that ends earlier if its own speeds prove it apart from all others."""
+        from planners.inside import bound_rates
+
+        if trajectory is None or trajectory.duration > self._latest:
+            return
+        times, bounds = bound_rates(trajectory, self._mover.robot.shape.lever)
+        mover = self._mover._replace(trajectory=trajectory, times=times, bounds=bounds)
+        for other, measure in zip(self._others, self._measures, strict=True):
+            if not ApartSearch((mover, other), measure, self._margin, self._duration).run():
+                return
+        self._best, self._latest = trajectory, trajectory.duration
 
     def _cut_time(self, way: Way) -> Floats:
         """Return the borders of windows and their middles, seconds, shape (2 count + 1,).

@@ -75,14 +75,14 @@ def draw_others(rng, trajectory, count):
 
 
 def check_follows(timed, free, is_car):
-    """Check that a motion keeps the path and the limits of another one."""
+    """Check that a motion keeps the path of another one, and the limits."""
     t = np.linspace(0.0, timed.duration, 4000)
     p, v, _ = timed.sample(t)
     assert np.linalg.norm(v[:, :2], axis=1).max() <= 1.0 + 1e-6
     # A car accelerates across its way, too.
     most = 0.5 * (math.sqrt(2.0) if is_car else 1.0) * (1.0 + 1e-4) * (t[1] - t[0])
     assert np.linalg.norm(np.diff(v[:, :2], axis=0), axis=1).max() <= most + 1e-9
-    if not is_car:
+    if not is_car and p.shape[1] > 2:
         assert np.abs(v[:, 2]).max() <= 1.0 + 1e-6
         assert np.abs(np.diff(v[:, 2])).max() <= 1.5 * (1.0 + 1e-4) * (t[1] - t[0]) + 1e-9
     rows = free.sample(np.linspace(0.0, free.duration, 8000))[0][:, :2]
@@ -113,7 +113,7 @@ def test_motions_around_others_are_apart_and_keep_the_path(turning, count):
     assert seen["found"] > count // 4 and seen["impossible"] > 0
 
 
-def search_graph(others, length, until, unit=0.125, step=0.5):
+def search_graph(others, length, until, spare=1e-3, unit=0.125, step=0.5):
     """Return the arrival of the quickest motion on a timed graph, seconds, or infinity.
 
     Nodes are places and speeds after each half second, at most 1 m/s, joined by accelerations of
@@ -129,13 +129,12 @@ def search_graph(others, length, until, unit=0.125, step=0.5):
         for place, speed in nodes:
             for gain in (-1, 0, 1):
                 # Speeds are multiples of 0.5 m/s, and places of 0.125 m.
-                after, there = speed + gain, place + 4 * speed // 2 + gain
-                there = place + 2 * speed + gain
+                after, there = speed + gain, place + 2 * speed + gain
                 if not (0 <= after <= 2 and there <= count):
                     continue
                 x = unit * place + shares * step * (0.5 * speed + 0.5 * shares * step * gain)
                 ways = [np.hypot(s[:, 0] - x, s[:, 1]).min() for s in spots]
-                if min(ways, default=math.inf) > 0.7 + 1e-3:
+                if min(ways, default=math.inf) > 0.7 + spare:
                     following.add((there, after))
         nodes = following
         if (count, 0) in nodes:
@@ -172,6 +171,49 @@ def test_impossible_and_bounds_agree_with_brute_force(seed, count):
         assert math.isinf(timing.arrival_bound) and math.isinf(found)
     if timing:
         assert timing.arrival_bound <= timing.trajectory.duration
+    # A motion of the graph with 8 cm to spare is found, but for the size of cells.
+    if search_graph(others, 4.0, 20.0, spare=0.08) < 19.0:
+        assert timing.trajectory.duration <= found + 1.0
+
+
+@examples(120)
+@given(
+    speed=st.floats(0.3, 2.0),
+    angle=st.floats(0.3, math.pi - 0.3),
+    when=st.floats(2.0, 8.0),
+    early=st.floats(-1.5, 1.5),
+    margin=st.sampled_from([0.0, 0.1]),
+)
+@example(speed=1.0, angle=1.5, when=4.0, early=0.0, margin=0.0)
+def test_bounds_enclose_the_earliest_arrival_behind_one_that_crosses(
+    speed, angle, when, early, margin
+):
+    # Seen from the robot, which changes its speed at once, the other one moves along a line.
+    space = build_empty((100, 60), "disc:0.3")
+    plan = planners.plan(space, (1.0, 3.0), (9.0, 3.0))
+    free = plan.trajectory(max_velocity=1.0, max_acceleration=1e5)
+    ahead = np.array([math.cos(angle), math.sin(angle)])
+    spot = np.array([1.0 + when, 3.0])
+    other = Mover("disc:0.3", spot, at=when + early, velocity=speed * ahead, error=0.05)
+    relative = speed * ahead - (1.0, 0.0)
+    relative /= np.linalg.norm(relative)
+    place = np.array([when, 0.0]) - (when + early) * speed * ahead
+    # The waits that let them touch, for what a wait moves the other one.
+    side = place[0] * relative[1] - place[1] * relative[0]
+    reach = (0.65 + margin) / abs(relative[1])
+    first, last = -side / relative[1] - reach, -side / relative[1] + reach
+    needed = last if first < 0.0 < last else 0.0
+    # The line is long enough.
+    if needed > 30.0 or not 1.0 < when < 7.0:
+        return
+    timing = time_around(Mover(space.robot, free), [other], margin=margin, until=50.0)
+    if not timing:
+        assert math.isinf(timing.arrival_bound)
+        return
+    assert timing.arrival_bound <= 8.0 + needed + 1e-4
+    assert timing.arrival_bound >= 8.0 + needed - 0.15
+    if min(abs(first), abs(last)) > 0.05:
+        assert 8.0 + needed <= timing.trajectory.duration + 1e-4 <= 8.0 + needed + 0.15
 
 
 def waits(free, others, until, slack):
@@ -288,6 +330,39 @@ def test_times_are_stamps_and_errors_grow(straight):
     person = Mover("disc:0.3", (9.0, 5.0), growth=0.1)
     timing = time_around(Mover(space.robot, free), [person], until=20.0)
     assert timing.reason.startswith("impossible: others[0] is in the way at")
+
+
+def test_a_robot_waits_between_two_roads():
+    # Others come one after the other, so that no early start lets the robot through at once.
+    space = build_empty((120, 100), "rect:0.7x0.5")
+    free = planners.plan(space, (1.0, 5.0), (11.0, 5.0)).trajectory(**LIMITS)
+    others = [
+        Mover("disc:0.3", (x, 5.0), at=at, velocity=(0.0, sign), error=0.02)
+        for x, sign in ((4.0, 1.0), (8.0, -1.0))
+        for at in np.arange(0.0, 22.0, 3.2)
+    ]
+    timing = time_around(Mover(space.robot, free), others, margin=0.1, until=40.0)
+    timed = timing.trajectory
+    check_follows(timed, free, is_car=False)
+    assert measure(timed, others, BOX, 40.0) > 0.1 - 1e-9
+    robot = Mover(space.robot, timed)
+    assert all(apart(robot, each, margin=0.1, until=40.0) for each in others)
+    assert timing.arrival_bound <= timed.duration < free.duration + 3.5
+    places, velocities, _ = timed.sample(np.linspace(0.0, timed.duration, 2000))
+    is_between = (places[:, 0] > 4.0) & (places[:, 0] < 8.0)
+    assert velocities[is_between, 0].min() < 0.01
+    assert timed.recheck(space).all() and timed.certified
+    t = np.linspace(0.0, 40.0, 1500)
+    for wait in np.arange(0.0, 12.0, 0.1):
+        robots = place_polygon(BOX, free.sample(np.maximum(t - wait, 0.0))[0])
+        discs = [shapely.points(o.motion + np.outer(t - o.at, o.velocity)) for o in others]
+        assert min(shapely.distance(robots, each).min() for each in discs) < 0.42 + 0.03
+    # Limited jerk leaves waits at the start alone.
+    plan = planners.plan(space, (1.0, 5.0), (11.0, 5.0))
+    smooth = Mover(space.robot, plan.trajectory(**LIMITS, max_jerk=5.0))
+    late = time_around(smooth, others, margin=0.1, until=40.0)
+    assert late.trajectory.duration > free.duration + 10.0
+    assert late.arrival_bound < free.duration + 3.5
 
 
 def test_robots_in_space_wait(straight):
