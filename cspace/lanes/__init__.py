@@ -17,7 +17,7 @@ from cspace.lanes._audit import Audit, LaneVerdict, LostWay, NodeVerdict, audit
 from cspace.lanes._conflicts import Conflict, Conflicts, Element, Zones, conflicts
 from cspace.lanes._headings import HeadingRule, Lane
 from cspace.lanes._route_graph import RouteGraph
-from cspace.lanes._timing import Timing, time_around
+from cspace.lanes._waiting import Timing, time_around
 
 __all__ = [
     "Audit",

@@ -45,7 +45,7 @@ CONTROLS: Final = 0.0, 0.5, 1.0
 """Shares of the largest change of the squared speed on a piece that are tried, up and down."""
 
 
-class Way(NamedTuple):
+class PathPieces(NamedTuple):
     """The path of a trajectory, cut into n pieces, which the robot drives from rest to rest.
 
     Attributes
@@ -83,7 +83,7 @@ class Way(NamedTuple):
     passes: Floats
 
 
-def cut_way(trajectory: Trajectory, lever: float, size: float, most: int) -> Way:
+def cut_way(trajectory: Trajectory, lever: float, size: float, most: int) -> PathPieces:
     """Cut the path of a trajectory that begins at rest into pieces.
 
     ``lever`` is the largest distance of a point of the robot from its reference point. No point of
@@ -134,7 +134,7 @@ def cut_way(trajectory: Trajectory, lever: float, size: float, most: int) -> Way
     chords[even] = np.maximum(chords[even], _measure_times(tops[even], tops[even + 1], *limits))
     moved = (0.5 * travel / counts)[owners[rows]] * (1.0 + SPEED_ROUNDING)
     numbers = whole.owners[owners]
-    return Way(
+    return PathPieces(
         *(numbers, begins, lengths, rate_shares, bend_shares, squares, poses),
         travel=np.append(0.0, np.cumsum(moved)),
         metres=np.append(0.0, np.cumsum(ahead[owners] * lengths)),
@@ -208,7 +208,7 @@ class Labels(NamedTuple):
 
 def drive_around(
     trajectory: Trajectory,
-    way: Way,
+    way: PathPieces,
     is_free: Bools,
     borders: Floats,
     arrivals: tuple[float, float],
@@ -218,7 +218,7 @@ def drive_around(
     Parameters
     ----------
     trajectory : Trajectory
-    way : Way
+    way : PathPieces
         The path of the trajectory, in n pieces.
     is_free : ndarray of bool, shape (n, count)
         Whether the robot may be on a piece in a window of time.
@@ -275,7 +275,7 @@ class _DriveSearch:
     """The search for a motion along a way; see :func:`drive_around`."""
 
     def __init__(
-        self, way: Way, is_free: Bools, borders: Floats, fastest: Floats, delay: float
+        self, way: PathPieces, is_free: Bools, borders: Floats, fastest: Floats, delay: float
     ) -> None:
         """Count the windows that are not free."""
         self._way = way

@@ -43,7 +43,7 @@ from cspace.lanes._apart import (
 
 if TYPE_CHECKING:
     from planners import Trajectory
-    from planners.inside import Way
+    from planners.inside import PathPieces
 
 FREE, MIXED = -1, -2
 """States of cells. The state of a BLOCKED cell is the number of the mover that blocks it."""
@@ -172,7 +172,7 @@ def _find_end(
     return max([mover.at, *ends]) + trajectory.duration
 
 
-class Reach(NamedTuple):
+class Advance(NamedTuple):
     """How far along a path a robot gets through cells that are not BLOCKED.
 
     Attributes
@@ -256,7 +256,7 @@ class TimingSearch:
                 return
         self._best, self._latest = trajectory, trajectory.duration
 
-    def _cut_time(self, way: Way) -> Floats:
+    def _cut_time(self, way: PathPieces) -> Floats:
         """Return the borders of windows and their middles, seconds, shape (2 count + 1,).
 
         In a window the fastest robot moves about as far as in a piece of the path.
@@ -267,7 +267,7 @@ class TimingSearch:
         count = max(speeds) * self._duration / max(float(moved.max()), 1e-9)
         return np.linspace(0.0, self._duration, 2 * math.ceil(min(max(count, 1.0), MAX_PARTS)) + 1)
 
-    def _classify(self, way: Way, times: Floats) -> NDArray[np.int16]:
+    def _classify(self, way: PathPieces, times: Floats) -> NDArray[np.int16]:
         """Return the states of cells, shape (n, count).
 
         Cells that the robot cannot reach in time stay FREE.
@@ -310,7 +310,9 @@ class TimingSearch:
                 cells = _halve(cells[left], along[left] >= aside[left])
         return states
 
-    def _tell_wall(self, states: NDArray[np.int16], reach: Reach, way: Way, borders: Floats) -> str:
+    def _tell_wall(
+        self, states: NDArray[np.int16], reach: Advance, way: PathPieces, borders: Floats
+    ) -> str:
         """Say which mover blocks a path, where and when."""
         first = int(np.argmin(reach.times))
         entered = float(reach.times[first])
@@ -373,7 +375,7 @@ def _halve(cells: NDArray[np.int64], along: NDArray[np.bool_]) -> NDArray[np.int
     return np.concatenate([before, after])
 
 
-def find_reach(states: NDArray[np.int16], least_times: Floats, borders: Floats) -> Reach:
+def find_reach(states: NDArray[np.int16], least_times: Floats, borders: Floats) -> Advance:
     """Bound the arrival of a robot that may change its speed at once.
 
     Parameters
@@ -400,9 +402,9 @@ def find_reach(states: NDArray[np.int16], least_times: Floats, borders: Floats) 
         if piece == last:  # it stays at the end
             leaves[: since[-1]] = math.inf
         if not (leaves < math.inf).any():
-            return Reach(math.inf, piece, enters)
+            return Advance(math.inf, piece, enters)
         enters = leaves
-    return Reach(float(enters.min()), last, enters)
+    return Advance(float(enters.min()), last, enters)
 
 
 def find_wait(states: NDArray[np.int16], passes: Floats, borders: Floats) -> float:

@@ -365,6 +365,14 @@ def test_a_robot_waits_between_two_roads():
     assert late.arrival_bound < free.duration + 3.5
 
 
+def test_the_bound_of_a_car_alone_is_its_quickest_motion(turning):
+    # It drives straight and on arcs, and stops where it changes its direction.
+    space, motions = turning
+    timing = time_around(Mover(space.robot, motions[2]), [])
+    assert timing.trajectory.duration == motions[2].duration
+    assert 0.999 * motions[2].duration <= timing.arrival_bound <= motions[2].duration
+
+
 def test_robots_in_space_wait(straight):
     space = build_empty((40, 30, 20), cspace.Robot.ball(0.3), 0.2)
     plan = planners.plan(space, (1.0, 3.0, 2.0), (7.0, 3.0, 2.0))
