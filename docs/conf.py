@@ -87,7 +87,7 @@ def strict(gallery: dict[str, Any], name: str, when: str) -> None:
 
 ORDER = (
     "mobile_robots cars drones arms fleets controllers research "
-    "ros_map ros_messages sources robots doors warehouse_robot parking moving_obstacles replan_at_speed speed_zones under_racks roadmap corridor_proof why_not "
+    "ros_map ros_messages sources robots doors warehouse_robot parking moving_obstacles replan_at_speed wait_for_others speed_zones under_racks roadmap corridor_proof why_not "
     "drone_building drone_slit window_proof drawn_out packing best_placements z_tunnel large_map "
     "arm_line waiter pull_arm gate compare_planners keep_away bare_ompl report_figures"
 )

@@ -3,11 +3,12 @@ First hour: a fleet
 ===================
 
 Two kinds of robots share a hall. Each pair of lanes and nodes is proven apart, or has two poses that
-touch, or is undecided. Then two motions on one crossing are proven apart in time. For Nav2's depot, give its file:
+touch, or is undecided. Then two motions on one crossing are proven apart in time, or one waits for the other. For Nav2's depot, give its file:
 ``python fleets.py depot.yaml``.
 """
 
 import sys
+from dataclasses import replace
 
 import numpy as np
 
@@ -45,5 +46,19 @@ for begin, (start, goal) in ((0.0, nodes[4:6]), (8.0, nodes[6:8])):
     trajectory = plan.trajectory(**limits, **turns)
     movers.append(cspace.lanes.Mover(space.robot, trajectory, at=begin, error=0.05))
 print(cspace.lanes.apart(*movers, margin=0.1))
+
+# %%
+# If the second one begins at once, both meet. It waits, and slows down, until the first one has passed; no motion
+# along its path arrives before the bound. The how-to "Wait for others" has more.
+
+hurried = replace(movers[1], at=0.0)
+print(cspace.lanes.apart(movers[0], hurried, margin=0.1))
+timing = cspace.lanes.time_around(hurried, [movers[0]], margin=0.1)
+if timing:
+    print(
+        f"arrives at {timing.trajectory.duration:.1f} s; none before {timing.arrival_bound:.1f} s"
+    )
+else:
+    print(timing.reason)
 conflicts.plot().figure.savefig("fleets.png", dpi=90)
 print("wrote fleets.png")

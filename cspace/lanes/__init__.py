@@ -17,6 +17,7 @@ from cspace.lanes._audit import Audit, LaneVerdict, LostWay, NodeVerdict, audit
 from cspace.lanes._conflicts import Conflict, Conflicts, Element, Zones, conflicts
 from cspace.lanes._headings import HeadingRule, Lane
 from cspace.lanes._route_graph import RouteGraph
+from cspace.lanes._waiting import Timing, time_around
 
 __all__ = [
     "Audit",
@@ -31,8 +32,10 @@ __all__ = [
     "NodeVerdict",
     "RouteGraph",
     "Separation",
+    "Timing",
     "Zones",
     "apart",
     "audit",
     "conflicts",
+    "time_around",
 ]

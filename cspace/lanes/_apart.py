@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Final, Literal, NamedTuple, Protocol, TypeAlia
 from warnings import catch_warnings, simplefilter
 
 import numpy as np
+import shapely
 from numpy.typing import ArrayLike
 
 from cspace import Robot, Rotations, Workspace, build
@@ -150,14 +151,13 @@ def apart(
     >>> separation.verdict, separation.distance > 0.1
     ('apart', True)
     """
-    movers = _read_mover(first, "first"), _read_mover(second, "second")
+    movers = read_mover(first, "first"), read_mover(second, "second")
     gap = check_not_negative(margin, "margin")
-    _check_pair(*movers)
+    check_pair(*movers, ("first", "second"))
     begin, end = _find_interval(movers, until)
     # Times count from the first instant, because stamps of clocks have few digits of a second.
     one, other = (each._replace(at=each.at - begin) for each in movers)
-    shapes = one.robot.shape, other.robot.shape
-    measure = PlaneMeasure(*shapes) if shapes[0].dim == 2 else SolidMeasure(*shapes)
+    measure = make_measure(one.robot.shape, other.robot.shape)
     search = ApartSearch((one, other), measure, gap, end - begin)
     if search.find_touch(np.zeros(1)) is not None:
         problem = f"touches second at the start, at {begin:g} s"
@@ -227,7 +227,7 @@ class Timed(NamedTuple):
         return np.asarray((speeds + turns).max() * errors)
 
 
-def _read_mover(mover: object, name: str) -> Timed:
+def read_mover(mover: object, name: str) -> Timed:
     """Check a mover."""
     from planners import Trajectory
     from planners.inside import bound_rates
@@ -276,15 +276,16 @@ def _check_axes(axes: tuple[str, ...], robot: Robot, name: str) -> None:
         raise InputError(f"{name}.motion", f"has the axes {', '.join(axes)}", rule)
 
 
-def _check_pair(first: Timed, second: Timed) -> None:
+def check_pair(first: Timed, second: Timed, names: tuple[str, str]) -> None:
     """Raise InputError unless two motions are in one space and frame."""
     if first.robot.dim != second.robot.dim:
-        problem = f"moves in {second.robot.shape.place}, but first in {first.robot.shape.place}"
-        raise InputError("second", problem, "both must move in one space")
+        places = [each.robot.shape.place for each in (first, second)]
+        problem = f"moves in {places[1]}, but {names[0]} in {places[0]}"
+        raise InputError(names[1], problem, "both must move in one space")
     frames = [each.trajectory and each.trajectory.frame_id for each in (first, second)]
     if None not in frames and frames[0] != frames[1]:
-        problem = f"has the frame {frames[1]!r}, but first has {frames[0]!r}"
-        raise InputError("second.motion", problem, "positions must be in one frame")
+        problem = f"has the frame {frames[1]!r}, but {names[0]} has {frames[0]!r}"
+        raise InputError(f"{names[1]}.motion", problem, "positions must be in one frame")
 
 
 def _find_interval(movers: tuple[Timed, Timed], until: float | None) -> tuple[float, float]:
@@ -317,6 +318,11 @@ class Measure(Protocol):
         """Return upper bounds of distances (n,), and steps between points."""
 
 
+def make_measure(first: Shape, second: Shape) -> Measure:
+    """Return the measure of two shapes in one space."""
+    return PlaneMeasure(first, second) if first.dim == 2 else SolidMeasure(first, second)
+
+
 class PlaneMeasure:
     """Distances of two shapes in the plane."""
 
@@ -324,6 +330,8 @@ class PlaneMeasure:
         """Lay the outer and inner shapes ready."""
         self._outer = Cores(first.outer), Cores(second.outer)
         self._inner = Cores(first.inner), Cores(second.inner)
+        parts = shapely.get_parts([first.inner.outline, second.inner.outline])
+        self._has_holes = bool(shapely.get_num_interior_rings(parts).any())
 
     def bound_below(self, poses: Floats, others: Floats) -> Floats:
         """Return the distances of the outer shapes."""
@@ -331,8 +339,14 @@ class PlaneMeasure:
         return np.maximum(distances, 0.0)
 
     def bound_above(self, poses: Floats, others: Floats) -> tuple[Floats, Floats]:
-        """Return the distances of the inner shapes."""
+        """Return the distances of the inner shapes, negative ones for depths.
+
+        A disc with the depth as its radius fits into what both have in common, because the area of
+        a shape without holes is at most its perimeter times the largest such radius.
+        """
         distances, lines = self._inner[0].measure_distances(poses, self._inner[1], others)
+        if self._has_holes:
+            distances = np.maximum(distances, 0.0)
         return distances, lines[:, 1] - lines[:, 0]
 
 

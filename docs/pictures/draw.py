@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import itertools
 import re
+import runpy
 import sys
 import tempfile
 from pathlib import Path
@@ -44,7 +45,7 @@ STATES = ListedColormap([FREE, MIXED, BLOCKED])
 
 
 def draw_all(folder: Path) -> None:
-    """Write every picture into a folder, as PNG, and the film as GIF."""
+    """Write every picture into a folder, as PNG, and the films as GIF."""
     style = {"font.size": 9.0, "figure.facecolor": "white", "axes.titlesize": 10.0}
     with matplotlib.rc_context(style):
         for draw in (
@@ -72,6 +73,9 @@ def draw_all(folder: Path) -> None:
     animate(space, drive_around_wall(plan), folder / "controller.gif", overwrite=True, title="")
     space, trajectory = drive_through_flat()
     animate(space, trajectory, folder / "flat.gif", overwrite=True, title="", seconds=10.0)
+    example = Path(__file__).parents[2] / "examples" / "wait_for_others.py"
+    with contextlib.chdir(folder):
+        runpy.run_path(str(example))
 
 
 # ---- first contact -------------------------------------------------------------------------------
