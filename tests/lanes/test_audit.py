@@ -104,16 +104,6 @@ def check(space, audit, offset=0.0):
             assert shapely.distance(sweep(p, q, yaw).buffer(-1e-4), walls) < 1e-3, row
 
 
-def test_random_graphs_agree_with_swept_hulls(rooms):
-    rng = np.random.default_rng(0)
-    positions = rng.uniform((0.2, 0.2), (7.8, 4.8), (60, 2))
-    edges = rng.integers(0, 60, (150, 2))
-    edges = edges[edges[:, 0] != edges[:, 1]]
-    audit = cspace.lanes.audit(rooms, RouteGraph.from_arrays(positions, edges))
-    assert min(audit.counts["free"], audit.counts["blocked"]) > 10
-    check(rooms, audit)
-
-
 def build_on_floor(seed):
     """Return the map of a prism on a floor, and that of its footprint at its heights."""
     rng = np.random.default_rng(seed)

@@ -15,10 +15,9 @@ from shapely.geometry import box
 import cspace
 import planners
 from cspace import InputError, Robot, Workspace, build
-from tests.fuzz.drives import weighted_length
 from tests.helpers.drives import is_car
 from tests.helpers.handmade import fill_boxes
-from tests.helpers.planning import ENDPOINTS, build_room, check, options_for
+from tests.helpers.planning import ENDPOINTS, build_room, check, options_for, weighted_length
 from tests.helpers.refusals import check_refused
 from tests.helpers.strategies import examples, seeds
 from tests.helpers.urdfs import planar_arm, planar_arm_meets, posed_box
