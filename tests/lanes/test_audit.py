@@ -508,7 +508,7 @@ def test_a_map_without_a_yaw_is_for_a_round_robot_or_one_that_never_turns():
 
     check_refused(
         lambda: cspace.lanes.audit(bar, graph),
-        "the shape at every yaw is needed",
+        "space has no yaw, but rectangle 0.6 m x 0.2 m turns on the ... needed",
     )
     standing = build_again()
     assert standing.lanes[0].verdict == "free"
