@@ -771,7 +771,7 @@ BOX = shapely.box(4.5, 0.5, 5.5, 1.5)
         (
             "turning",
             {"goal": mixed},
-            "numbers are one configuration, places are alternatives",
+            "numbers and places ... alternatives",
         )
         for mixed in ((5.0, 3.2, (3.0, 3.4)), [(5.0, 3.2, 2.0), 3], [0.3, BOX])
     ),

@@ -81,7 +81,7 @@ def spectrum(lengths=1.0, counts=8, **options):
         lambda: bool(Verdict.MISS),
         "verdict is MISS ... neither",
     ),
-    (lambda: overlap(FAR), "b or a reaches 2e-120 m from its origin, over a period of ... matter"),
+    (lambda: overlap(FAR), "b or a reaches 1e+09 m from its origin, over a period of ... matter"),
     (
         lambda: ContactTest(decompose(SQUARE, kind="inner", number=4), PAIR),
         "outer_a is of kind 'inner' ... 'outer'",
