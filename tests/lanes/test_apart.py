@@ -453,7 +453,7 @@ def test_wrong_trajectories(driven, tmp_path):
     moved = planners.Trajectory.along(space, [(0.0,), (1.0,)], max_acceleration=1.0)
     with pytest.raises(InputError, match=r"has the axes slide; that of disc 0\.3 m has x, y"):
         apart(Mover("disc:0.3", moved), STILL)
-    with pytest.raises(InputError, match="a trajectory has its own"):
+    with pytest.raises(InputError, match=r"first\.velocity is given.*trajectory"):
         apart(Mover(robot, trajectories[0], velocity=(1.0, 0.0)), STILL)
 
 

@@ -373,7 +373,7 @@ def test_goals_of_an_arm_are_for_some_planners():
     goals = [(0.5, 0.5), (0.4, 0.3)]
     assert planners.plan(space, (0.0, 0.0), goals, planner="BKPIECE1", seed=1)
     assert planners.plan(space, (0.0, 0.0), goals)
-    with pytest.raises(InputError, match="its built-in searches are BiRRT"):
+    with pytest.raises(InputError, match=r"planner is 'Grid' and space is.*built-in"):
         planners.plan(space, (0.0, 0.0), goals[0], planner="Grid")
     with pytest.raises(InputError, match="objective"):
         planners.plan(space, (0.0, 0.0), goals[0], objective="clearance")
@@ -489,7 +489,7 @@ def test_wrong_calls_are_refused_in_one_line(make, hint):
 
 def test_a_copied_plan_is_drawn_on_its_map(tmp_path):
     plan = copy.copy(plan_in("plane"))
-    with pytest.raises(InputError, match="pickling leaves the map behind"):
+    with pytest.raises(InputError, match=r"plan has no map.*pickling"):
         plan.plot()
     cspace.plot.animate(build_room("plane"), plan, tmp_path / "a.gif", seconds=0.1)
 
@@ -509,7 +509,7 @@ def test_a_tiny_map_is_planned_on_without_a_named_planner():
     tiny = Workspace.from_array(np.eye(9, dtype=bool), 1e-17)
     space = build(tiny, Robot.disc(1e-18))
     start, goal = space.grid.center_of([(1, 4), (1, 6)])
-    with pytest.raises(InputError, match="OMPL's planners need at least"):
+    with pytest.raises(InputError, match=r"space spans 1\.27e-16 m.*OMPL's"):
         planners.plan(space, start, goal, planner="RRT")
     assert planners.plan(space, start, goal).certified
 
@@ -519,7 +519,7 @@ def test_a_tiny_map_is_planned_on_without_a_named_planner():
 
 def test_a_gate_refuses_a_space_of_your_own():
     space = Disc("x", "y")
-    with pytest.raises(InputError, match="a gate proves whole tubes"):
+    with pytest.raises(InputError, match=r"space is a Disc.*proves"):
         cspace.Gate(space)
     assert space.motion_is_free(START, (-1.5, 1.0))
 
@@ -627,7 +627,9 @@ def test_a_plan_on_tiles_is_explained_in_a_window(tmp_path):
     tiled = build(plane.workspace, plane.robot, store=tmp_path / "a.zarr", tile=16)
     start, goal = ENDPOINTS["plane"]
     plan = planners.plan(tiled, start, goal, planner="Grid")
-    with pytest.raises(InputError, match="only maps in memory explain"):
+    with pytest.raises(
+        InputError, match=r"plan is in TiledCSpace\(100 x 60 cells of 0\.1.*explain"
+    ):
         plan.explain()
     window = tiled.window(plane.grid.lower, plane.grid.upper)
     planners.plan(window, start, goal, planner="Grid").explain()

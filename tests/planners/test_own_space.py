@@ -227,9 +227,11 @@ def test_every_door_checks_a_space_of_the_user():
         plan.recheck,
         plan.trajectory(max_velocity=1.0, max_acceleration=1.0).recheck,
     ):
-        with pytest.raises(InputError, match="has 'yaw' as its rotation"):
+        with pytest.raises(InputError, match=r"axes are \('x', 'y', 'yaw', 'fork'\).*rotation"):
             call(make_own(axes=FORKED))
-        with pytest.raises(InputError, match="they must be two rows of 2 numbers"):
+        with pytest.raises(
+            InputError, match=r"bounds are \(\(4\.0, 4\.0\), \(0\.0, 0\.0\)\).*rows"
+        ):
             call(make_own(bounds=((4.0, 4.0), (0.0, 0.0))))
 
 
@@ -329,15 +331,15 @@ def test_trajectories_keep_out_of_the_zone_of_a_space_that_wraps_a_map(hall, kin
 @pytest.mark.parametrize("kind", [Zoned, Forwarding])
 def test_what_only_maps_and_arms_do_is_refused_for_a_space_that_wraps_a_map(hall, kind):
     plan = planners.plan(kind(hall), (1.0, 3.0), (5.0, 3.0))
-    with pytest.raises(InputError, match="a gate proves whole tubes"):
+    with pytest.raises(InputError, match=r"space .*proves"):
         cspace.Gate(kind(hall))
-    with pytest.raises(InputError, match="only maps in memory explain"):
+    with pytest.raises(InputError, match=r"plan .*explain"):
         plan.explain()
-    with pytest.raises(InputError, match="only maps and arms are drawn"):
+    with pytest.raises(InputError, match=r"plan .*drawn"):
         plan.plot()
-    with pytest.raises(InputError, match="only maps and arms are drawn"):
+    with pytest.raises(InputError, match=r"space .*drawn"):
         cspace.plot.animate(plan.space, plan, "never.gif")
-    with pytest.raises(InputError, match="must be the space of an arm"):
+    with pytest.raises(InputError, match=r"space .*arm"):
         planners.Trajectory.along(kind(hall), plan.path, max_acceleration=1.0)
     with pytest.raises(InputError, match=f"space is a {kind.__name__}; it must be a map"):
         cspace.lanes.audit(kind(hall), RouteGraph.from_arrays([(1, 1), (5, 1)], [(0, 1)]))

@@ -442,7 +442,7 @@ def test_regions_are_drawn_over_a_map():
     solid = build_empty((9, 9, 9), Robot.ball(0.1)).free_region((0.4, 0.4, 0.4))
     drawn = solid.plot()
     assert drawn.name == "3d" and len(drawn.collections) == 1
-    with pytest.raises(InputError, match=r"the projection must be '3d'"):
+    with pytest.raises(InputError, match=r"ax has the projection 'rectilinear' and the.*'3d'"):
         solid.plot(axes)
 
 
