@@ -26,7 +26,8 @@ if "PYTEST_XDIST_WORKER" not in os.environ:
 # There is no deadline because the first call of a kernel compiles it. The seed of a run is an
 # option of pytest: pyproject.toml gives 0, and fuzzing new ones.
 settings.register_profile("all", deadline=None, max_examples=50, database=None, print_blob=True)
-settings.register_profile("quick", settings.get_profile("all"), max_examples=5)
+for profile, count in {"quick": 5, "fuzz": 100, "soak": 2000}.items():
+    settings.register_profile(profile, settings.get_profile("all"), max_examples=count)
 settings.load_profile("all")
 
 # ---- the two sets --------------------------------------------------------------------------------

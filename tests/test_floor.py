@@ -758,7 +758,7 @@ HIGH = "floor is 0.6 m, so the robot reaches from 0.6 m to 1.1 m; the workspace 
         SCENE,
         CRATE,
         {"rotations": cspace.Rotations.quaternions(2)},
-        "a robot on a floor turns by its yaw alone",
+        "rotations are those of space ... floor",
     ),
     (SCENE, CRATE, {"store": "tiles"}, "store is given with a floor"),
 )
@@ -774,13 +774,15 @@ def test_a_robot_may_stick_out_of_a_free_outside():
 @refusals(
     "call, message",
     (lambda space: space.update(PLANE), "is a workspace of"),
-    (lambda space: space.update(np.ones((2, 2), dtype=bool), (0, 0)), "it must be 3 integers"),
+    (
+        lambda space: space.update(np.ones((2, 2), dtype=bool), (0, 0)),
+        "lower is [0, 0] ... 3 integers",
+    ),
     (
         lambda space: cspace.build(SCENE, CRATE, floor=0.8, outside="free").add_obstacle(
             "zone", shapely.box(0, 0, 1, 1)
         ),
-        "shape is in the plane, and the robot reaches from 0.8 m to 1.3 m; the workspace has only "
-        "heights from 0 m to 1 m",
+        "shape is in the plane, and the robot reaches from 0.8 m to 1.3 m ... heights",
     ),
 )
 def test_what_knows_no_heights_is_refused(call, message):

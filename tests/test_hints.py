@@ -27,49 +27,49 @@ def build_tiles(folder, **options):
     # Builds.
     (
         lambda _: build("floor.npy", CART),
-        "it must be a Workspace",
+        "workspace is 'floor.npy' ... Workspace",
     ),
     (
         lambda _: build(CART, FLOOR),
-        "workspace is a Robot; it must be a Workspace",
+        "workspace is a Robot ... Workspace",
     ),
     (
         lambda _: build(FLOOR, FLOOR),
-        "robot is a Workspace; a polygon or a mesh is needed",
+        "robot is a Workspace ... polygon",
     ),
     (
         lambda _: build(FLOOR, Robot.ball(0.1)),
-        "robot has 3 dimensions but the workspace has 2; they must agree; use robot.footprint()",
+        "robot has 3 dimensions but the workspace has 2 ... agree ... use robot.footprint()",
     ),
-    (lambda _: build(ROOM, CART), "they must agree"),
+    (lambda _: build(ROOM, CART), "robot has 2 dimensions but the workspace has 3 ... agree"),
     (
         lambda _: build(FLOOR, CART, workers=0),
-        "it must be a whole number above zero",
+        "workers is 0 ... whole number above zero",
     ),
     (
         lambda _: build(FLOOR, CART, method="x"),
-        "it must be 'auto', 'fft' or 'direct'",
+        "method is 'x' ... 'auto', 'fft' or 'direct'",
     ),
     (
         lambda _: build(FLOOR, CART, method="direct", counts=True),
-        "method is 'direct' and counts is True; only transforms give counts",
+        "method is 'direct' and counts is True ... transforms",
     ),
     (
         lambda _: build(FLOOR, CART, client=object()),
-        "only a store has tiles",
+        "client is given without a store ... tiles",
     ),
     (
         lambda folder: build_tiles(folder, counts=True),
-        "a store has no counts",
+        "counts is True with a store",
     ),
     (
         lambda _: cspace.suggest(FLOOR, CART, gap=0.05),
-        "it must be wider than the robot",
+        "gap is 0.05 m and the robot is 0.1 m wide ... wider than the robot",
     ),
     # Robots.
     (
         lambda _: Robot.from_balls([(0, 0), (1, 0)], [0.1, 0.0]),
-        "radii contains 0; each must be above zero",
+        "radii contains 0 ... above zero",
     ),
     (
         lambda _: Robot.parse("robot"),
@@ -81,16 +81,16 @@ def build_tiles(folder, **options):
     ),
     (
         lambda _: build(Workspace.from_array(FLOOR.outer, 1e-9), Robot.disc(1.0)),
-        "beyond 4194304 cells rounding invalidates proofs",
+        "robot reaches 1e+09 cells from its reference point ... 4194304",
     ),
     # Rotations.
     (
         lambda _: build(FLOOR, CART, rotations=0),
-        "it must be a whole number from 1 to 65536",
+        "rotations is 0 ... 1 to 65536",
     ),
     (
         lambda _: build(FLOOR, CART, rotations=[[0.0]]),
-        "it must be a count, or from 2 to 65537 borders in radians",
+        "rotations has shape (1, 1) ... 2 to 65537",
     ),
     (
         lambda _: build(FLOOR, CART, rotations=[0.0, 90.0, 360.0]),
@@ -98,60 +98,60 @@ def build_tiles(folder, **options):
     ),
     (
         lambda _: build(FLOOR, CART, rotations=Rotations.quaternions(2)),
-        "rotations are 32 rotations in space; a robot in the plane turns by its yaw",
+        "rotations are 32 rotations in space ... turns",
     ),
     (
         lambda _: Rotations.quaternions(0),
-        "it must be a whole number from 1 to 64",
+        "rotations is 0 ... 1 to 64",
     ),
     (
         lambda _: turning().explain((2.5, 0.5, 1e30), (2.5, 0.5, 0.0)),
-        "at most 1048576 can be wrapped exactly",
+        "start has a yaw of 1e+30 rad ... 1048576",
     ),
     (
         lambda _: Rotations.quaternions(2).check_rotation((0, 0, 0, 2), "rotation"),
-        "it must be 1",
+        "rotation has a quaternion of norm 2 ... 1",
     ),
     (
         lambda folder: turning().export(folder / "map.tif"),
-        "map.tif holds one slice, and this map has 8 rotation cells",
+        "rotation is missing ... map.tif",
     ),
     (
         lambda folder: turning().export(folder / "map.tif", rotation=(0.1, 0.2)),
-        "a rotation is given by yaw",
+        "rotation has shape (2,) ... given",
     ),
     # Maps.
     (
         lambda _: crowded().sample_free(),
-        "no configuration can be drawn",
+        "the map has no FREE cell ... drawn",
     ),
     (
         lambda _: crowded().nearest_free((1.0, 1.0)),
-        "no configuration can be drawn",
+        "the map has no FREE cell ... drawn",
     ),
     (
         lambda _: build(FLOOR, CART).nearest_free([(1.0, 1.0), (1.0, 1.2)]),
-        "it must be one configuration, shape (2,)",
+        "q has shape (2, 2) ... one configuration, shape (2,)",
     ),
     (
         lambda _: build(FLOOR, CART).add_obstacle("box", Robot.ball(0.3)),
-        "it must be in the plane, as the robot is",
+        "shape is in space ... plane",
     ),
     (
         lambda _: build(FLOOR, CART).explain((9.0, 9.0), (2.5, 0.5)),
-        "it must be one configuration in the grid",
+        "start is [9.0, 9.0] ... grid",
     ),
     (
         lambda _: build(FLOOR, CART).update(np.ones((2, 2), dtype=bool), (0.5, 0.5)),
-        "it must be 2 integers, the index of the first cell",
+        "lower is [0.5, 0.5] ... integers",
     ),
     (
         lambda _: build(FLOOR, CART).update(np.ones((2, 2), dtype=bool), (29, 19)),
-        "the box must lie in the grid",
+        "cells has shape (2, 2) and lower is (29, 19) on a grid of ... lie",
     ),
     (
         lambda _: floating().explain((0.5, 0.5, 0.4, 0, 0, 0, 1), (0.6, 0.5, 0.4, 0, 0, 0, 1)),
-        "reasons are for maps of positions, with or without a yaw",
+        "space has the axes x, y, z, qx, qy, qz, qw ... reasons",
     ),
     # Exports.
     (
@@ -164,36 +164,36 @@ def build_tiles(folder, **options):
     ),
     (
         lambda folder: turning().export(folder / "map.npz", rotation=0.5),
-        "rotation is 0.5; a .npz map holds every slice",
+        "rotation is 0.5 ... slice",
     ),
     (
         lambda folder: crowded(ROOM, Robot.ball(0.6)).export(folder / "map.ply"),
-        "the map has no FREE cell; a boundary needs at least one",
+        "the map has no FREE cell ... boundary",
     ),
     (
         lambda folder: cspace.open(folder / "map.npz"),
-        ".npz is an export, for numpy.load",
+        "map.npz: does not exist ... numpy.load",
     ),
     (
         lambda folder: build(ROOM, Robot.ball(0.1)).export(folder / "map.ply", rotation=0.5),
-        "the robot does not turn",
+        "rotation has shape (1,) ... turn",
     ),
     # Tiles.
     (
         lambda folder: build(FLOOR, CART, store=folder / "map.zarr", tile=0),
-        "it must be a positive integer, or one for each axis",
+        "tile is 0 ... positive",
     ),
     (
         lambda folder: build_tiles(folder).exact.is_free((1.0, 0.5)),
-        "maps in memory, such as space.window",
+        "exact is that of a map in tiles ... space.window",
     ),
     (
         lambda folder: build_tiles(folder) and build_tiles(folder, margin=0.1),
-        "a build resumes only with the same robot, rotations, options and obstacles",
+        "tiles.zarr: holds another map, or one of other obstacles ... rotations",
     ),
     (
         lambda folder: build_tiles(folder).window((0.5, 0.5), (1.5, 1.0)).update([[True]], (0, 0)),
-        "the cells around it matter too",
+        "the map is a window of a larger one ... matter",
     ),
 )
 def test_wrong_arguments_are_refused_in_one_line(call, hint, tmp_path):

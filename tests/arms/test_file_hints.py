@@ -84,48 +84,48 @@ def write_package(folder):
     (
         LINKS,
         GOOD_URDF.replace('"top">', '"base">', 1),
-        "has 'base' twice as a link; names must differ",
+        "robot.urdf: has 'base' twice as a link ... differ",
     ),
     (
         LINKS,
         GOOD_URDF.replace('child link="top"', 'child link="t"'),
-        "joins 'base' to 't' by the joint 'j'; both must be links of the robot",
+        "robot.urdf: joins 'base' to 't' by the joint 'j' ... links",
     ),
     (
         LINKS,
         URDF.replace("JOINT", JOINT + SECOND),
-        "joins 'top' in a loop of joints; links must form a tree",
+        "robot.urdf: joins 'top' in a loop of joints ... form",
     ),
     (
         LINKS,
         URDF.replace("JOINT", ""),
-        "has these links without a parent: base, top; there must be one root",
+        "robot.urdf: has these links without a parent: base, top ... one root",
     ),
     (
         LINKS,
         GOOD_URDF.replace("1 1 1", "1,1,1"),
-        "has size='1,1,1' at the box of link 'base'; it must be 3 finite numbers",
+        "robot.urdf: has size='1,1,1' at the box of link 'base' ... 3 finite numbers",
     ),
     (
         LINKS,
         GOOD_URDF.replace(' size="1 1 1"', ""),
-        "lacks the size of the box of link 'base', collision 0; it must be there",
+        "robot.urdf: lacks the size of the box of link 'base', ... there",
     ),
     (LINKS, GOOD_URDF.replace("robot", "model"), "URDF files describe a robot"),
     (
         LINKS,
         URDF.replace("JOINT", TURNING),
-        "has the joint 'j', which mimics itself; it must mimic another joint",
+        "robot.urdf: has the joint 'j', which mimics itself ... mimic another joint",
     ),
     (
         LINKS,
         GOOD_URDF.replace("1 1 1", "${a} 1 1"),
-        'they must be expanded; the page "Bring your file" says how',
+        'robot.urdf: holds xacro macros ... expanded ... the page "Bring your file" says how',
     ),
     (
         LINKS,
         GOOD_URDF.replace('<box size="1 1 1"/>', '<mesh filename="a.stl" scale="0 1 1"/>'),
-        "link 'base', collision 0: mesh: scale is [0.0, 1.0, 1.0]; no factor may be zero",
+        "robot.urdf: link 'base', collision 0: mesh: scale is [0.0, ... factor",
     ),
     (
         LINKS,
@@ -135,12 +135,12 @@ def write_package(folder):
     (
         "scene.yaml",
         scene(THING, extra=1),
-        "the fields are allowed_collision_matrix, fixed_frame_transforms, is_diff, link_padding, link_scale, robot_state, world",
+        "scene.yaml: scene has the unknown field 'extra' ... allowed_collision_matrix",
     ),
     (
         "scene.yaml",
         scene(THING | {"pose": FAR_POSE}),
-        "has a position beyond 1000 m at scene.world.collision_objects[0].pose.position; its digits would be lost",
+        "scene.yaml: has a position beyond 1000 m at ... digits",
     ),
     (
         "scene.yaml",
@@ -150,60 +150,64 @@ def write_package(folder):
     (
         "scene.yaml",
         scene(THING | {"primitive_poses": [NEAR_POSE, NEAR_POSE]}),
-        "has 1 primitives but 2 primitive_poses at object 'thing'; each needs a pose",
+        "scene.yaml: has 1 primitives but 2 primitive_poses at ... needs",
     ),
-    ("scene.yaml", scene(THING | {"planes": [{"coef": [1]}]}), "it is not read"),
+    (
+        "scene.yaml",
+        scene(THING | {"planes": [{"coef": [1]}]}),
+        "scene.yaml: has scene.world.collision_objects[0].planes ... not read",
+    ),
     (
         "scene.yaml",
         scene(THING | {"subframe_names": ["a"]}),
-        "it is not read",
+        "scene.yaml: has scene.world.collision_objects[0].subframe_names ... not read",
     ),
     (
         "scene.yaml",
         scene(THING | {"operation": 1}),
-        "has 1 as scene.world.collision_objects[0].operation; it must be 'add' or 'ADD' or '' or 0 or '\\x00'",
+        "scene.yaml: has 1 as scene.world.collision_objects[0].operation ... 'add'",
     ),
-    ("scene.yaml", scene(THING, is_diff=True), "it must be False"),
+    ("scene.yaml", scene(THING, is_diff=True), "scene.yaml: has True as scene.is_diff ... False"),
     (
         "scene.yaml",
         scene(THING, robot_state={"is_diff": True}),
-        "it must be False",
+        "scene.yaml: has True as scene.robot_state.is_diff ... False",
     ),
     (
         "scene.yaml",
         scene(THING, THING),
-        "ids and names of shapes must differ",
+        "scene.yaml: has 'thing' twice ... differ",
     ),
     (
         "scene.yaml",
         scene({"id": "a"}, THING),
-        "has no shape at object 'a'; it must have primitives or meshes",
+        "scene.yaml: has no shape at object 'a' ... primitives or meshes",
     ),
     (
         "scene.yaml",
         scene({"id": "a", "meshes": [MESH | {"resource": "a.stl"}]}),
-        "has vertices and a resource or dimensions at meshes[0] of object 'a'; a mesh has one of them",
+        "scene.yaml: has vertices and a resource or dimensions at ... mesh",
     ),
     (
         "scene.yaml",
         scene(THING | {"header": {"frame_id": "a"}}, THING | {"id": "b"}),
-        "they must be in one frame",
+        "scene.yaml: has poses in the frames 'a', 'world' ... in one frame",
     ),
-    ("scene.yaml", scene(), "a scene needs one"),
+    ("scene.yaml", scene(), "scene.yaml holds no shape ... needs"),
     (
         "scene.yaml",
         scene(THING, robot_state={"attached_collision_objects": [HELD]}),
-        "MoveIt and robowflex would take the frame of the world",
+        "scene.yaml: has no header.frame_id at object 'held' ... robowflex",
     ),
     (
         "scene.yaml",
         scene(THING, link_padding=[{"link_name": "a", "padding": 0.1}]),
-        "has 0.1 as scene.link_padding[0].padding; it must be 0.0",
+        "scene.yaml: has 0.1 as scene.link_padding[0].padding ... 0.0",
     ),
     (
         "scene.yaml",
         scene(THING | {"primitives": [{"type": 5, "dimensions": [1], "polygon": {"points": [1]}}]}),
-        "it is not read",
+        "scene.yaml: has ... not read",
     ),
 )
 @pytest.mark.filterwarnings("ignore::UserWarning")
@@ -238,20 +242,20 @@ def test_what_a_file_says_oddly_is_warned_of(name, wrong, hint, tmp_path):
     ),
     (
         lambda f: Robot.from_urdf(write_package(f), package_dirs=3),
-        "package_dirs is 3; it must be a folder, or a list of folders",
+        "package_dirs is 3 ... folders",
     ),
     (
         lambda f: Robot.from_urdf(write_package(f), package_dirs=[f / "fra"]),
         "each must be an existing folder that holds the folders of packages",
     ),
-    (lambda f: Robot.from_urdf(write(f, "a.urdf", GOOD_URDF), 3), "it must be a list of names"),
+    (lambda f: Robot.from_urdf(write(f, "a.urdf", GOOD_URDF), 3), "link is 3 ... list of names"),
     (
         lambda f: Robot.from_urdf(write(f, "a.urdf", GOOD_URDF), solid="surface"),
         "only a mesh can be a surface without an inside",
     ),
     (
         lambda f: Robot.from_urdf(write(f, "a.urdf", GOOD_URDF.replace(BOX, "", 1)), "base"),
-        "links with collision geometry are top",
+        "link is base ... collision",
     ),
 )
 @pytest.mark.filterwarnings("ignore::UserWarning")

@@ -160,7 +160,7 @@ def test_a_map_of_joints_without_its_arm_refuses_distances(tmp_path):
     for other in (cspace.open(tmp_path / "joints.zarr"), changed):
         check_refused(
             lambda other=other: other.obstacle_distance(q0),
-            "distances from obstacles are those of links, in metres",
+            "the map is one of joints, without the geometry of its arm ... distances",
         )
         assert np.isnan(other.path_obstacle_distance([q0, q1]))
         plan = planners.plan(other, q0, q1)
@@ -188,7 +188,7 @@ def test_connections_of_a_map_of_joints_follow_updates():
 def test_a_map_of_joints_is_no_picture_of_the_workspace(tmp_path):
     joint_map = build_joint_map(build_plane_arm(), 0.2)
     for call in (joint_map.to_costmap, joint_map.to_occupancy_grid):
-        check_refused(call, "is in metres")
+        check_refused(call, "the map is one of joints ... metres")
     check_refused(
         lambda: joint_map.export(tmp_path / "joints.yaml"),
         ".yaml holds places in metres, and the cells are in rad",
@@ -196,7 +196,7 @@ def test_a_map_of_joints_is_no_picture_of_the_workspace(tmp_path):
     q = joint_map.nearest_free((2.0, 0.0))
     check_refused(
         lambda: joint_map.contains_robot(q),
-        "only a rigid robot lies inside obstacles",
+        "the map is one of joints ... rigid",
     )
 
 

@@ -45,7 +45,7 @@ def test_descriptions_may_be_texts(arm, tmp_path):
     text = f'<robot name="r"><link name="base">{BOX}</link></robot>'
     assert Robot.from_urdf(text).shape.outer.bounds[1].tolist() == [0.05, 0.05, 0.05]
     assert "robot_description" in repr(Robot.from_urdf(text))
-    with pytest.raises(InputError, match="it must be a file name"):
+    with pytest.raises(InputError, match=r"path is a bytes.*file name"):
         Arm.from_urdf(make_text().encode())
     with pytest.raises(FileError, match=r"^robot_description: is not XML"):
         Arm.from_urdf("<robot>")
@@ -80,7 +80,7 @@ def test_a_state_of_joints_is_a_configuration_and_a_start(arm, kind):
 
 def test_values_that_are_no_mapping_are_refused(arm):
     for values in (5, [1.0, 2.0], SimpleNamespace(name=["turn"])):
-        with pytest.raises(InputError, match="it must map names to numbers"):
+        with pytest.raises(InputError, match=r"values .*map names to numbers"):
             arm.configuration(values)
     assert (arm.configuration({}) == arm.configuration()).all()
 
@@ -96,7 +96,7 @@ def test_a_pose_of_ros_is_a_start():
     ):
         assert planners.plan(space, message, (4, 4)).path[0].tolist() == [1.0, 2.0]
         assert space.check_configuration(message).tolist() == [1.0, 2.0]
-    with pytest.raises(InputError, match="the frame of the map"):
+    with pytest.raises(InputError, match=r"msg\.header\.frame_id is 'odom'.*frame"):
         planners.plan(space, {"header": {"frame_id": "odom"}, "pose": pose}, (4, 4))
 
 

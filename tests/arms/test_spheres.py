@@ -397,7 +397,7 @@ def test_arm_of_sheets_has_outer_spheres_only(tmp_path):
     path = write_mesh(tmp_path, (0, 0, 0), (1, 0, 0), (0, 1, 0))
     path.write_text(re.sub("<box.*?/>", '<mesh filename="mesh.obj"/>', path.read_text()))
     arm = Arm.from_urdf(path)
-    with pytest.raises(GeometryError, match="inner balls need one"):
+    with pytest.raises(GeometryError, match=r"kind is 'inner', but no link has an inside.*balls"):
         arm.spheres(number=1, kind="inner")
     assert len(arm.spheres(number=1, kind="outer").links) == 2
 

@@ -109,7 +109,9 @@ def test_systems_in_degrees_or_feet_are_refused(system):
     pytest.importorskip("pyproj")
     square = {"type": "Point", "coordinates": [1, 1]}
     crs = {"type": "name", "properties": {"name": system}}
-    with pytest.raises(GeometryError, match="not metres on the ground"):
+    with pytest.raises(
+        GeometryError, match=r"polygons has the coordinate reference system.*ground"
+    ):
         Workspace.from_polygons(square | {"crs": crs}, 0.1)
 
 
@@ -441,7 +443,7 @@ def test_poses_with_a_covariance_are_read(space):
     for more in ({}, {"child_frame_id": "base_link", "twist": {"twist": {}}}):
         with warnings.catch_warnings(action="error"):
             assert cspace.ros.configuration_of(message | more, space) == (0.2, 0.3, 0.0)
-    with pytest.raises(InputError, match="the frame of the map"):
+    with pytest.raises(InputError, match=r"msg\.header\.frame_id is 'odom'.*frame"):
         cspace.ros.configuration_of(message | {"header": {"frame_id": "odom"}}, space)
 
 

@@ -89,88 +89,108 @@ NAV2 = "local_costmap: {robot_radius: 0.2}\nglobal_costmap: {robot_radius: RADIU
     (
         "a.pcd",
         PCD.replace("x y z", "range yaw pitch"),
-        "a cloud in space has x, y and z, once each, in metres",
+        "a.pcd: has the fields range yaw pitch ... cloud",
     ),
-    ("a.dae", make_collada(unit='<unit meter="-1"/>'), "it must be above zero"),
-    ("a.dae", make_collada().replace('"X"', '"A"'), "they must be X, Y and Z"),
+    (
+        "a.dae",
+        make_collada(unit='<unit meter="-1"/>'),
+        "a.dae: has a unit of -1 metres ... above zero",
+    ),
+    (
+        "a.dae",
+        make_collada().replace('"X"', '"A"'),
+        "a.dae: has positions with the columns ['A', 'Y', 'Z'] ... X, Y and Z",
+    ),
     (
         "a.gltf",
         write_gltf(write_old_version, glb=False).decode(),
-        "only glTF 2 is read",
+        "a.gltf: is of version 1.0 ... glTF",
     ),
     # Polygons.
-    ("a.wkt", "HELLO", "it must hold WKT"),
+    ("a.wkt", "HELLO", "a.wkt: begins with 'HELLO' ... WKT"),
     ("a.json", "{", "a.json: cannot be read as a JSON file"),
     ("a.wkt", f"POINT (1 2)\n{BOW}", "a.wkt, geometry 2 is not valid"),
-    ("a.json", "[1]", "GeoJSON is an object"),
-    ("a.json", "[[0, 0, 1], [0, 0, 0]]", f"GeoJSON is an object; {PAGE}"),
-    ("a.json", feature(None), "an obstacle needs one"),
-    ("a.wkt", "CIRCULARSTRING (0 0, 1 1, 2 0)", "only straight lines are read"),
+    ("a.json", "[1]", "a.json: holds a JSON list ... object"),
+    ("a.json", "[[0, 0, 1], [0, 0, 0]]", f"a.json: holds a JSON list ... {PAGE}"),
+    ("a.json", feature(None), "a.json, feature 0 has geometry None ... obstacle"),
+    (
+        "a.wkt",
+        "CIRCULARSTRING (0 0, 1 1, 2 0)",
+        "a.wkt is or holds a curve, such as CIRCULARSTRING or ... straight",
+    ),
     (
         "a.wkt",
         "POINT (nan 0)\nPOINT (0 0)",
-        "a.wkt, geometry 1 has a vertex at (nan, 0.0); coordinates must be finite, and at most 1e+100",
+        "a.wkt, geometry 1 has a vertex at (nan, 0.0) ... 1e+100",
     ),
-    ("a.wkt", "POLYGON EMPTY\nPOINT (0 0)", "it must cover some ground"),
+    ("a.wkt", "POLYGON EMPTY\nPOINT (0 0)", "a.wkt, geometry 1 is empty ... cover some ground"),
     (
         "a.wkt",
         LEVEL,
-        "has z coordinates; obstacles in the plane have two",
+        "a.wkt has z coordinates ... obstacles",
     ),
     (
         "a.wkt",
         BOW,
-        "is not valid: Self-intersection[0.5 0.5]; a boundary may not cross itself",
+        "a.wkt is not valid: Self-intersection[0.5 0.5] ... cross",
     ),
     (
         "a.json",
         feature(POINT, crs=DEGREES),
-        'its units are not metres on the ground; the page "Bring your file" says how',
+        'a.json has the coordinate reference system EPSG:4326 ... units ... the page "Bring your file" says how',
     ),
     # Points.
-    ("a.xyz", "0 0\n1 1\n", "points have x, y and z"),
-    ("a.txt", "#####\n#...#\n#####\n", f"holds no point; points have x, y and z; {PAGE}"),
-    ("a.txt", "0010\n0000\n", f"has 1 columns; points have x, y and z; {PAGE}"),
-    ("a.csv", "0,0,1,0\n0,0,0,0\n", f"a cloud has points, in metres; {PAGE}"),
+    ("a.xyz", "0 0\n1 1\n", "a.xyz has 2 columns ... points"),
+    ("a.txt", "#####\n#...#\n#####\n", f"a.txt holds no point ... {PAGE}"),
+    ("a.txt", "0010\n0000\n", f"a.txt has 1 columns ... {PAGE}"),
+    ("a.csv", "0,0,1,0\n0,0,0,0\n", f"a.csv: holds the values of cells ... {PAGE}"),
     # ROS maps.
-    ("a.yaml", "[1]", f"it must hold fields and values, not a list; {PAGE}"),
+    ("a.yaml", "[1]", f"a.yaml: map is [1] ... list ... {PAGE}"),
     (
         "a.yaml",
         ROS_MAP.replace("negate: 0\n", ""),
-        "it must have one, besides image, resolution, origin, occupied_thresh, free_thresh",
+        "a.yaml: map has no negate ... resolution",
     ),
     (
         "a.yaml",
         ROS_MAP.replace("negate: 0", "negate: 1\nmode: raw"),
-        "ROS 1 and ROS 2 disagree on its effect",
+        "a.yaml: map has negate 1 in raw mode ... disagree",
     ),
     (
         "a.yaml",
         ROS_MAP.replace("0.65", "0.1"),
-        "the first must be below the second",
+        "a.yaml: map has free_thresh 0.196 and occupied_thresh 0.1 ... second",
     ),
-    ("a.yaml", f"&a {{{ROS_MAP}}}", "only text, numbers, lists and tables are read"),
+    ("a.yaml", f"&a {{{ROS_MAP}}}", "a.yaml: has an anchor, alias or tag in line 1 ... tables"),
     # Cells.
     (
         "a.map",
         OCTILE + "x",
-        "line 5, column 1 is 'x'; cells are '.GS' (passable) or '@OTW'",
+        "a.map: line 5, column 1 is 'x' ... '.GS'",
     ),
     # Meshes.
     (
         "a.obj",
         OBJ,
-        "more than three corners must lie flat, and one of them must see the whole face",
+        "a.obj has a face of 4 corners (vertices 0, 1, 2, 3, counted ... flat",
     ),
-    ("a.obj", OBJ.replace("f 1", "f 1\\\n"), "it would be split"),
-    ("a.obj", f"{TETRAHEDRON}surf 0 1", "it would be lost"),
+    (
+        "a.obj",
+        OBJ.replace("f 1", "f 1\\\n"),
+        "a.obj: has a line that ends with a backslash ... split",
+    ),
+    ("a.obj", f"{TETRAHEDRON}surf 0 1", "a.obj has a statement 'surf', which is not read ... lost"),
     # Robots.
     (
         "robot.yaml",
         "a: 1",
-        "holds neither footprint nor robot_radius; a costmap has one of them",
+        "robot.yaml: holds neither footprint nor robot_radius ... costmap",
     ),
-    ("robot.yaml", "footprint: '[[1, 2]]'", "at least three points, each of x and y in metres"),
+    (
+        "robot.yaml",
+        "footprint: '[[1, 2]]'",
+        "robot.yaml: the file: footprint is '[[1, 2]]' ... points",
+    ),
     # Planning scenes.
 )
 @pytest.mark.filterwarnings("ignore::UserWarning")
@@ -284,67 +304,67 @@ IMAGE_OF_MAP = ROS_MAP.replace("map.png", "a.png")
     "call, hint",
     (
         lambda f: from_image(save_image(f, GREY), threshold=50),
-        "it must be one number above 0 and at most 1",
+        "threshold is 50 ... number",
     ),
     (lambda f: from_image(save_image(f, GREY), dark="black"), "dark is 'black'"),
     (
         lambda f: from_image(save_image(f, GREY.astype(np.int32), "a.tif")),
-        "pixels must be grey of up to 16 bits without transparency, or 8-bit colour",
+        "a.tif: has image mode 'I' ... 16",
     ),
     (
         lambda f: [
             save_image(f, GREY, exif=TURNED),
             Workspace.open(write(f, "a.yaml", IMAGE_OF_MAP)),
         ],
-        "map servers ignore it, and viewers do not",
+        "a.png: has EXIF orientation 3 ... servers",
     ),
     (
         lambda f: Workspace.from_occupancy_grid(MESSAGE, free_thresh=0.9),
-        "free_thresh must be below occupied_thresh, both from 0 to 1",
+        "free_thresh is 0.9 and occupied_thresh is 0.65 ... 0 to 1",
     ),
     (
         lambda f: Workspace.from_occupancy_grid(change(MESSAGE, width=3)),
-        "it must have width x height = 3 x 2 whole numbers, from -1 to 100",
+        "msg has data of shape (4,) and type int8 ... -1 to 100",
     ),
     (
         lambda f: Workspace.from_occupancy_grid(np.eye(2)),
-        "it must hold fields and values, not a ndarray",
+        "msg is array([[1., 0.], [0., 1.]]) ... ndarray",
     ),
     (
         lambda f: Workspace.from_occupancy_grid(change(MESSAGE, origin=tilt(0.5))),
-        "a map must lie flat, turned about z only",
+        "msg.info.origin.orientation is (0.5, 0, 0, 1), which is tilted ... turned",
     ),
     (
         lambda f: Workspace.from_occupancy_grid(change(MESSAGE, origin=turned(1.57, 1.0))),
-        "its norm must be 1",
+        "msg.info.origin.orientation is (0, 0, 1.57, 1), which is no ... norm",
     ),
     (
         lambda f: from_array(raster().transpose("y", "x").drop_vars(["x", "y"])),
-        "they must be x, y (and z), in this order",
+        "occupied has the dimensions ('y', 'x') ... order",
     ),
     (
         lambda f: from_mesh(trimesh.Scene([CUBE, CLOUD])),
-        "it would be lost",
+        "mesh has a cloud of points (PointCloud) among its meshes ... lost",
     ),
     (
         lambda f: from_mesh(CLOUD),
-        "a mesh needs triangles",
+        "mesh is a cloud of points (PointCloud) ... triangles",
     ),
     (
         lambda f: from_mesh(3),
-        "a mesh is needed",
+        "mesh is 3 ... needed",
     ),
     (
         lambda f: from_mesh((CUBE.vertices[:, :2], CUBE.faces)),
-        "it must be (V, 3), in metres",
+        "vertices of mesh has shape (8, 2) ... (V, 3), in metres",
     ),
     (
         lambda f: from_mesh((CUBE.vertices, CUBE.faces[:, :2])),
-        "faces of mesh has shape (12, 2) and dtype int64; it must be (F, 3), of whole numbers",
+        "faces of mesh has shape (12, 2) and dtype int64 ... whole",
     ),
     (
         lambda f: from_mesh((CUBE.vertices, [])),
-        "mesh has no triangles; a mesh needs one",
+        "mesh has no triangles ... needs",
     ),
     (
         lambda f: Workspace.open(write(f, "a.xyz", "nan 0 0\n1 1 1\n"), spacing=0.1, radius=0.1),
@@ -352,14 +372,14 @@ IMAGE_OF_MAP = ROS_MAP.replace("map.png", "a.png")
     ),
     (
         lambda f: [np.save(f / "a.npy", np.eye(2)), Workspace.from_points(f / "a.npy", 0.1)],
-        "a cloud is one array of points of shape (n, 3), and cells are boolean",
+        "a.npy: holds shape (2, 2) and type float64 ... boolean",
     ),
     (
         lambda f: [
             np.save(f / "a.npy", np.ones((9, 4), dtype=np.float32)),
             Workspace.open(f / "a.npy", spacing=0.1, radius=0.1),
         ],
-        "a cloud is one array of points of shape (n, 3), and cells are boolean",
+        "a.npy: holds shape (9, 4) and type float32 ... boolean",
     ),
     (
         lambda f: Workspace.open(write(f, "a.yaml", "world: {}"), spacing=0.1),
@@ -368,11 +388,11 @@ IMAGE_OF_MAP = ROS_MAP.replace("map.png", "a.png")
     (lambda f: Robot.open(write(f, "a.yaml", SEVERAL)), "a.yaml#local_costmap'"),
     (
         lambda f: Robot.open(f"{write(f, 'a.yaml', SEVERAL)}#near"),
-        "it has local_costmap, global_costmap",
+        "a.yaml: has no costmap 'near' ... global_costmap",
     ),
     (
         lambda f: Workspace.open(3, spacing=0.1),
-        "it must be a file name",
+        "path is 3 ... file name",
     ),
     (
         lambda f: Workspace.open(write(f, "a.xyz", "0 0 0")),
@@ -380,7 +400,7 @@ IMAGE_OF_MAP = ROS_MAP.replace("map.png", "a.png")
     ),
     (
         lambda f: Workspace.open(write(f, "depot.xyz", "0 0 0").with_stem("depott")),
-        "depott.xyz: does not exist; it must be a plain file; did you mean",
+        "depott.xyz: does not exist ... plain file ... did you mean",
     ),
     (
         lambda f: Workspace.open(f / "a.map", unknown="free"),
@@ -392,15 +412,15 @@ IMAGE_OF_MAP = ROS_MAP.replace("map.png", "a.png")
     ),
     (
         lambda f: Workspace.open(write(f, "a.bt", "# Octomap\n"), unknown="free"),
-        "an OctoMap begins with '# Octomap OcTree binary file' or '# Octomap OcTree file'",
+        "a.bt: begins with '# Octomap' ... '# Octomap OcTree binary file'",
     ),
     (
         lambda f: [save_image(f, GREY, "a.pgm"), append(f / "a.pgm"), from_image(f / "a.pgm")],
-        "then its line ends were converted, or it holds several images",
+        "a.pgm: has 2 bytes or numbers more than its pixels ... converted",
     ),
     (
         lambda f: [(f / "a.zarr").mkdir(), Workspace.open(f / "a.zarr", spacing=0.1)],
-        "it must be a folder with one array of booleans, and not a saved map",
+        "a.zarr: holds no array of Zarr version 3 ... booleans",
     ),
     (
         lambda f: Workspace.open(write_array(f, {}), spacing=0.1).outer,
@@ -408,11 +428,11 @@ IMAGE_OF_MAP = ROS_MAP.replace("map.png", "a.png")
     ),
     (
         lambda f: cspace.open(f / "a.zarr"),
-        "a saved map is a Zarr folder",
+        "a.zarr: does not exist ... Zarr",
     ),
     (
         lambda f: Workspace.open(save_image(f, GREY).with_name("b.png"), spacing=0.1),
-        "an image must be a plain file; did you mean",
+        "b.png: does not exist ... image ... did you mean",
     ),
 )
 @pytest.mark.filterwarnings("ignore::UserWarning")

@@ -56,10 +56,10 @@ def test_blocked_zones_are_obstacles(tmp_path):
 
 @refusals(
     "document, message",
-    (make_zone_set(), "has no zone of type BLOCKED; its zones are none"),
+    (make_zone_set(), "polygons: the zone set has no zone of type BLOCKED ... zones"),
     (
         make_zone_set(make_zone("a", "SPEED_LIMIT", maximumSpeed=1.0)),
-        "has no zone of type BLOCKED; its zones are 1 SPEED_LIMIT",
+        "polygons: the zone set has no zone of type BLOCKED ... SPEED_LIMIT",
     ),
     (make_zone_set(make_zone("a", "BLOCKED", SQUARE[:2])), "zone 'a' has 2 vertices"),
     (make_zone_set(make_zone("a", "RELEASE", SQUARE[:2])), "zone 'a' has 2 vertices; it"),
@@ -69,15 +69,15 @@ def test_blocked_zones_are_obstacles(tmp_path):
         "zone 'a' is not valid: Self-intersection",
     ),
     (make_zone_set(make_zone("a", "BLOCKED", [(0, 0), ("1", 1), (0, 1)])), "without quotes"),
-    (make_zone_set(make_zone("a", ["BLOCKED"])), "zone 'a' is ['BLOCKED']; there are BLOCKED"),
+    (make_zone_set(make_zone("a", ["BLOCKED"])), "polygons, zone 'a' is ['BLOCKED']"),
     (
         make_zone_set(make_zone("a", "BLOCKED"), make_zone("b", "BLOCKD")),
-        "zone 'b' is 'BLOCKD'; there are BLOCKED, LINE_GUIDED, RELEASE",
+        "polygons, zone 'b' is 'BLOCKD' ... BLOCKED, LINE_GUIDED, RELEASE",
     ),
     (make_zone_set(make_zone("a", "BLOCKED"), make_zone("b", "blocked")), "did you mean 'BLOCKED'"),
     (make_zone_set({"zoneType": "BLOCKED"}), "has no zoneId"),
-    ({"zoneSet": []}, "must hold fields and values"),
-    ({"zoneSet": {"zones": {}}}, "it must be a list"),
+    ({"zoneSet": []}, "polygons: the zone set.zoneSet is [] ... values"),
+    ({"zoneSet": {"zones": {}}}, "polygons: the zone set.zoneSet has the zones {} ... list"),
 )
 def test_malformed_zone_sets_are_refused(document, message):
     check_refused(lambda: cspace.Workspace.from_polygons(document, 0.1), message)

@@ -1,5 +1,4 @@
-"""Random cases checked against exact geometry.
+"""New random cases for the laws of the tests, and what fuzzing alone asks.
 
-Run ``python -m tests.fuzz --help`` for the options. The modules ``plane`` and ``space`` draw random
-scenes, for tests and benchmarks too.
+Run ``python -m tests.fuzz --help`` for the options.
 """

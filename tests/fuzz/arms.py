@@ -24,9 +24,9 @@ from cspace import Arm, build_arm_space
 from cspace._support.arrays import Bools, Floats
 from cspace.arms import ArmSpace
 from cspace.errors import ConfigurationError
-from tests.fuzz.scenes import Rng
 from tests.fuzz.tally import Tally, draw_until
 from tests.helpers.arm_oracle import sample_configurations
+from tests.helpers.scenes import Rng
 from tests.helpers.urdfs import collision, joint, link, write_urdf
 
 REAL_ARMS = ("panda", "ur5")

@@ -24,9 +24,10 @@ from benchmarks.report import Report
 from cspace import BLOCKED, FREE, MIXED, Arm, Robot, Workspace
 from cspace._support.arrays import Floats
 from cspace.errors import ConfigurationError
-from tests.fuzz.scenes import Rng
-from tests.fuzz.tally import ROUNDING, Tally, draw_until
+from tests.fuzz.tally import Tally, draw_until
 from tests.helpers.arm_oracle import sample_configurations
+from tests.helpers.placements import turn_between
+from tests.helpers.scenes import ROUNDING, Rng
 from tests.helpers.urdfs import joint, link, posed_box, write_urdf
 
 LARGER = 1.03
@@ -165,16 +166,11 @@ def _check_motions(tally: Tally, scene: Scene, rng: Rng) -> None:
     proven = np.asarray(scene.space.motion_is_free(starts, goals))
     steps = goals[proven] - starts[proven]
     if isinstance(scene.space, cspace.CSpace) and scene.space.rotations.names:
-        steps[:, -1] = _wrap(steps[:, -1])
+        steps[:, -1] = turn_between(0.0, steps[:, -1])
     shares = np.linspace(0.0, 1.0, POINTS_PER_EDGE)[:, np.newaxis, np.newaxis]
     q = (starts[proven] + shares * steps).reshape(-1, starts.shape[1])
     gaps = scene.gap(q)
     tally.add("motion", scene.name, q, gaps < -ROUNDING, np.abs(gaps) <= ROUNDING)
-
-
-def _wrap(yaws: Floats) -> Floats:
-    """Return yaws in [-pi, pi)."""
-    return (yaws + np.pi) % (2.0 * np.pi) - np.pi
 
 
 # ---- scenes --------------------------------------------------------------------------------------
@@ -229,7 +225,7 @@ def _draw_at_borders(space: Any, rng: Rng, n: int) -> Floats:
         return q
     borders = rng.choice(np.asarray(rotations.borders), n) + rng.choice([-1e-12, 0.0, 1e-12], n)
     yaws = np.where(rng.random(n) < 0.5, borders, rng.uniform(-np.pi, np.pi, n))
-    return np.column_stack([q, _wrap(yaws)])
+    return np.column_stack([q, turn_between(0.0, yaws)])
 
 
 def draw_arm(rng: Rng, name: str) -> Scene:

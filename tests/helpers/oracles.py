@@ -1,9 +1,10 @@
 """Slow, plain implementations of the definitions, without code of the library."""
 
 import math
-from itertools import product
+from itertools import combinations, product
 
 import numpy as np
+import shapely
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
@@ -147,6 +148,24 @@ def touched_turned_cells(start, end, spacing, lower, shape, borders, slack=0):
 def path_length(path):
     """Return the length of a path, or infinity without one."""
     return float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum()) if len(path) else math.inf
+
+
+def shortest_length(obstacles, start, goal):
+    """Return the length of the shortest path around open polygons, by a visibility graph; infinity
+    if none exists."""
+    parts = shapely.get_parts(obstacles)
+    corners = [tuple(start), tuple(goal)]
+    for part in parts:
+        for ring in (part.exterior, *part.interiors):
+            corners += [tuple(corner) for corner in ring.coords[:-1]]
+    points = np.unique(np.array(corners[2:]).reshape(-1, 2), axis=0)
+    points = np.vstack([start, goal, points])
+    pairs = np.array(list(combinations(range(len(points)), 2)))
+    inside = shapely.buffer(obstacles, -1e-7, join_style="mitre")
+    first, last = pairs[~shapely.intersects(inside, shapely.linestrings(points[pairs]))].T
+    lengths = np.linalg.norm(points[first] - points[last], axis=1)
+    graph = coo_array((lengths, (first, last)), shape=(len(points),) * 2).tocsr()
+    return float(dijkstra(graph, directed=False, indices=0)[1])
 
 
 # ---- solids --------------------------------------------------------------------------------------

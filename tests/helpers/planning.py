@@ -345,3 +345,16 @@ def interpolate_poses(states, first, last, shares):
         states.interpolate(first, last, share, between)
         rows.append((between.getX(), between.getY(), between.getYaw()))
     return np.array(rows)
+
+
+def draw_query(space, rng):
+    """Draw two FREE configurations at the centers of cells."""
+    q = space.sample_free(2, rng)
+    q[:, :2] = space.grid.center_of(space.grid.cell_of(q[:, :2]))
+    q[:, 2] = space.rotations.centers[space.rotations.cell_of(q[:, 2]), 0]
+    return q
+
+
+def weighted_length(plan):
+    """Return the length of a plan in metres, with half a metre for each radian."""
+    return plan.length + 0.5 * plan.total_rotation

@@ -9,7 +9,7 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from tests.fuzz.scenes import ROBOTS, Scale, draw_polygon, draw_robot
+from tests.helpers.scenes import ROBOTS, Scale, draw_polygon, draw_robot
 
 
 def examples(count, **options):

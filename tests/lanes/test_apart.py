@@ -392,40 +392,40 @@ PERSON = Mover("disc:0.3", (3.0, 0.0), velocity=(1.0, 0.0))
 
 @refusals(
     "second, options, message",
-    (3, {}, "it must be a Mover"),
+    (3, {}, "second is a int ... Mover"),
     (Mover("disc:0.3", (0.1, 0.0)), {}, "first touches second at the start, at 0 s"),
     (
         Mover("disc:0.3", (0.7, 0.0)),
         {"margin": 0.2},
-        "their distance must exceed 0.2 m and their errors",
+        "first touches second at the start, at 0 s ... 0.2",
     ),
     (Mover("disc:0.3", (0.7, 0.0), error=0.2), {}, "touches second at the start"),
     (
         Mover("disc:0.3", (1.0,)),
         {},
-        "it must be a trajectory, or x, y, and perhaps a yaw, of disc 0.3 m",
+        "second.motion has shape (1,) ... 0.3",
     ),
     (
         Mover("ball:0.3", (1.0, 2.0, 0.5)),
         {},
-        "both must move in one space",
+        "second moves in space, but first in the plane",
     ),
     (Mover("disc:0.3", (3.0, 0.0), at="now"), {}, "second.at is 'now'"),
     (
         Mover("disc:0.3", (3.0, 0.0), at=(2.0, 3.0)),
         {},
-        "it must be one number",
+        "second.at is (2.0, 3.0) ... one number",
     ),
     (Mover("disc:0.3", (3.0, 0.0), error=-1.0), {}, "second.error is -1.0"),
     (Mover("disc:0.3", (3.0, 0.0), growth=math.nan), {}, "second.growth is nan"),
     (Mover("disc:0.3", (3.0, 0.0), velocity=(1.0,)), {}, "second.velocity"),
-    (PERSON, {}, "a thing that moves, or an error that grows, has no end"),
-    (PERSON, {"until": [1.0, 2.0]}, "it must be one number"),
-    (PERSON, {"until": 1.1e100}, "it must be from -1e+100 to 1e+100"),
+    (PERSON, {}, "until is missing ... thing"),
+    (PERSON, {"until": [1.0, 2.0]}, "until is [1.0, 2.0] ... one number"),
+    (PERSON, {"until": 1.1e100}, "until is 1.1e+100 ... -1e+100 to 1e+100"),
     (Mover("disc:0.3", (3.0, 0.0), velocity=(-1e101, 0.0)), {}, "velocity[0] is -1e+101"),
     (Mover("disc:0.3", (3.0, 1e101)), {}, "second.motion[1] is 1e+101"),
-    (Mover("disc:0.3", (3.0, 0.0, 2e6)), {}, "at most 1048576 can be wrapped exactly"),
-    (PERSON, {"until": -1.0}, "the motions begin at 0 s"),
+    (Mover("disc:0.3", (3.0, 0.0, 2e6)), {}, "second.motion has a yaw of 2e+06 rad ... 1048576"),
+    (PERSON, {"until": -1.0}, "until is -1 ... motions"),
     (PERSON, {"until": 10.0, "margin": -1.0}, "margin is -1.0"),
 )
 def test_wrong_arguments_are_refused_in_one_line(second, options, message):
@@ -453,7 +453,7 @@ def test_wrong_trajectories(driven, tmp_path):
     moved = planners.Trajectory.along(space, [(0.0,), (1.0,)], max_acceleration=1.0)
     with pytest.raises(InputError, match=r"has the axes slide; that of disc 0\.3 m has x, y"):
         apart(Mover("disc:0.3", moved), STILL)
-    with pytest.raises(InputError, match="a trajectory has its own"):
+    with pytest.raises(InputError, match=r"first\.velocity is given.*trajectory"):
         apart(Mover(robot, trajectories[0], velocity=(1.0, 0.0)), STILL)
 
 

@@ -104,16 +104,6 @@ def check(space, audit, offset=0.0):
             assert shapely.distance(sweep(p, q, yaw).buffer(-1e-4), walls) < 1e-3, row
 
 
-def test_random_graphs_agree_with_swept_hulls(rooms):
-    rng = np.random.default_rng(0)
-    positions = rng.uniform((0.2, 0.2), (7.8, 4.8), (60, 2))
-    edges = rng.integers(0, 60, (150, 2))
-    edges = edges[edges[:, 0] != edges[:, 1]]
-    audit = cspace.lanes.audit(rooms, RouteGraph.from_arrays(positions, edges))
-    assert min(audit.counts["free"], audit.counts["blocked"]) > 10
-    check(rooms, audit)
-
-
 def build_on_floor(seed):
     """Return the map of a prism on a floor, and that of its footprint at its heights."""
     rng = np.random.default_rng(seed)
@@ -518,7 +508,7 @@ def test_a_map_without_a_yaw_is_for_a_round_robot_or_one_that_never_turns():
 
     check_refused(
         lambda: cspace.lanes.audit(bar, graph),
-        "the shape at every yaw is needed",
+        "space has no yaw, but rectangle 0.6 m x 0.2 m turns on the ... needed",
     )
     standing = build_again()
     assert standing.lanes[0].verdict == "free"
@@ -572,11 +562,11 @@ def test_audits_are_pickled_and_copied(rooms):
 
 def test_wrong_arguments_are_refused(rooms):
     graph = RouteGraph.from_arrays([(1, 1)], [])
-    with pytest.raises(InputError, match="it must be a RouteGraph"):
+    with pytest.raises(InputError, match=r"graph is a list.*RouteGraph"):
         cspace.lanes.audit(rooms, [(0, 1)])
-    with pytest.raises(InputError, match="it must be a map"):
+    with pytest.raises(InputError, match=r"space is a str.*map"):
         cspace.lanes.audit("map", graph)
-    with pytest.raises(InputError, match="lanes are for maps of x, y"):
+    with pytest.raises(InputError, match=r"space has the axes x, y, z.*lanes"):
         cspace.lanes.audit(build_empty((9, 9, 9), "ball:0.1"), graph)
 
 

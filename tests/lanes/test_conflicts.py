@@ -644,15 +644,15 @@ LANES = RouteGraph.from_arrays([(1, 1), (3, 1)], [(0, 1)])
 
 @refusals(
     "options, message",
-    ({"others": 3}, "it must give a map and a graph by a name of each robot"),
+    ({"others": 3}, "others is a int ... give"),
     ({"others": {"": (SMALL, LANES)}}, "has the name ''"),
     ({"others": {"a": SMALL}}, "others['a'] is a CSpace"),
     ({"others": {"a": (SMALL, 3)}}, "others['a'] is a int"),
-    ({"others": {"a": (3, LANES)}}, "it must be a map"),
+    ({"others": {"a": (3, LANES)}}, "others['a'] is a int ... map"),
     ({"others": {"a": (elsewhere("hall"), LANES)}}, "has the frame 'hall'"),
     (
         {"others": {"a": (elsewhere(count=90), LANES)}},
-        "that of space is from [0.0, 0.0] to [8.0, 6.0]",
+        "others['a'] has a map from [0.0, 0.0] to [9.0, 6.0] ... 8.0",
     ),
     ({"margin": -0.1}, "margin is -0.1"),
 )

@@ -651,30 +651,33 @@ YAWS = pd.Series([0.0, 1.0], index=["a", "b"])
     "call, message",
     (lambda: RouteGraph.from_arrays([(0, 0, 0)], []), "last axis"),
     (lambda: RouteGraph.from_arrays([(0, 0)], [(0, 1)]), "edge number 0"),
-    (lambda: RouteGraph.from_arrays(ENDS, [(0.5, 0)]), "two whole numbers"),
+    (
+        lambda: RouteGraph.from_arrays(ENDS, [(0.5, 0)]),
+        "edges has shape (1, 2) and type float64 ... whole",
+    ),
     (
         lambda: RouteGraph.from_arrays(ENDS, [(0, 1)], "sideways"),
-        "it must be 'forward', 'backward', 'both', 'any' or a yaw of the map",
+        "headings is 'sideways' ... 'forward'",
     ),
-    (lambda: RouteGraph.from_arrays(ENDS, [(0, 1)], [0.0, 0.0]), "must have 1"),
+    (lambda: RouteGraph.from_arrays(ENDS, [(0, 1)], [0.0, 0.0]), "headings has 2 entries ... have"),
     (lambda: RouteGraph.from_arrays(ENDS, [(0, 1)], two_way="no"), "two_way is 'no'"),
     (lambda: RouteGraph.from_arrays(ENDS, [(0, 1)], names=[1, "1"]), "names has '1' twice"),
     (lambda: RouteGraph.from_arrays([(0, 0)], [], yaws=[math.inf]), "yaws"),
     (
         lambda: RouteGraph.from_arrays(ENDS, [(0, 1)], yaws=[0.0]),
-        "it must have 2 numbers, one for each node",
+        "yaws has shape (1,) ... node",
     ),
     (
         lambda: RouteGraph.from_arrays(ENDS, [(0, 1)], yaws=YAWS),
-        "they have no effect here",
+        "yaws has the labels a, b ... effect",
     ),
     (
         lambda: RouteGraph.from_networkx({"a": ["b"]}),
-        "it must be a graph",
+        "graph is a dict",
     ),
     (
         lambda: RouteGraph.from_networkx(networkx.Graph([("a", "b")])),
-        "it needs pos=(x, y), or x and y, metres",
+        "graph has the node 'a' at (None, None) ... pos=",
     ),
 )
 def test_wrong_arguments_are_refused_in_one_line(call, message):

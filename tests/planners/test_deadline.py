@@ -15,7 +15,6 @@ from cspace._support.deadlines import Effort, now
 from planners._edges.cars import CarCurves
 from planners._edges.differential import TurnDriveTurn
 from planners._ompl.search import GRACE_SECONDS, Deadline, OutOfTime
-from tests.fuzz.drives import weighted_length
 from tests.helpers.planning import (
     ENDPOINTS,
     build_halves,
@@ -23,6 +22,7 @@ from tests.helpers.planning import (
     compile_for,
     options_for,
     plan_in_time,
+    weighted_length,
 )
 from tests.helpers.urdfs import planar_arm, post
 

@@ -180,7 +180,7 @@ def test_stops_at_rest_and_beyond_the_ends_take_no_time():
         with pytest.raises(InputError, match="finite"):
             trajectory.braked(t)
     several = (1.0, 2.0)
-    with pytest.raises(InputError, match="it is one time"):
+    with pytest.raises(InputError, match=r"t has shape \(2,\).*one time"):
         trajectory.braked(several)
 
 
@@ -322,7 +322,7 @@ def test_what_cannot_go_on_is_refused():
         plan.trajectory(**LIMITS, after=nothing)
     with pytest.raises(InputError, match=r"duration is 9\.0"):
         plan.trajectory(**LIMITS, after=trajectory, duration=9.0)
-    with pytest.raises(InputError, match="the plan starts at"):
+    with pytest.raises(InputError, match=r"at.*starts"):
         plan.trajectory(**LIMITS, after=trajectory, at=2.0)
     with pytest.raises(InputError, match="finite"):
         plan.trajectory(**LIMITS, after=trajectory, at=math.nan)

@@ -286,94 +286,85 @@ def make_objective(si):
     (
         "plane",
         {"objective": make_objective},
-        "objective is a function and no planner is named; the default planners take no function",
+        "objective is a function and no planner is named ... take",
     ),
-    ("plane", {"planner": "lattice"}, "its built-in searches are"),
+    ("plane", {"planner": "lattice"}, "planner is 'Lattice' ... Grid"),
     (
         "turning",
         {"planner": "Lattice"},
-        "drive is None and planner is 'Lattice'; Lattice takes drive: Differential, Car(reverse=True)",
+        "drive is None and planner is 'Lattice' ... Differential, Car(reverse=True)",
     ),
     (
         "plane",
         {"objective": "overlap"},
-        "or a function that makes OMPL's objective",
+        "objective is 'overlap' ... function",
     ),
     (
         "plane",
         {"planner": "RRTConect"},
-        "BiRRT; did you mean 'RRTConnect'?",
+        "planner is 'RRTConect' ... BiRRT ... did you mean 'RRTConnect'?",
     ),
-    ("plane", {"planner": "A"}, "Lattice, BiRRT"),
-    ("turning", CAR | {"planner": "BKPIECE1"}, "BKPIECE1 "),
-    ("turning", CAR | {"planner": "LBKPIECE1"}, "LBKPIECE1 "),
+    ("plane", {"planner": "A"}, "planner is 'A' ... Lattice, BiRRT"),
+    ("turning", CAR | {"planner": "BKPIECE1"}, "planner is 'BKPIECE1' ... Car(reverse=True)"),
+    ("turning", CAR | {"planner": "LBKPIECE1"}, "planner is 'LBKPIECE1' ... Car(reverse=True)"),
     # Options that the planner refuses.
     (
         "plane",
         {"objective": "clearance", "planner": "RRT"},
-        "objective is 'clearance' and planner is 'RRT'; RRT takes objective: length",
+        "objective is 'clearance' and planner is 'RRT' ... objective: length",
     ),
     (
         "plane",
         {"objective": make_objective, "planner": "Grid"},
-        "Grid takes objective: length, clearance",
+        "planner is 'Grid' ... length, clearance",
     ),
     (
         "plane",
         {"objective": "clearance", "planner": planners.Search(iterations=5)},
-        "iterations is 5 and objective is 'clearance'; Grid, its default planner, counts none",
+        "iterations is 5 and objective is 'clearance' ... counts",
     ),
-    ("turning", CAR | {"planner": "Grid"}, "Grid takes drive: None"),
+    ("turning", CAR | {"planner": "Grid"}, "planner is 'Grid' ... drive: None"),
     (
         "turning",
         {"drive": planners.Differential(), "planner": "Lattice", "objective": make_objective},
-        "Lattice takes objective: length, clearance, time, WeightedLength",
+        "planner is 'Lattice' ... time, WeightedLength",
     ),
     # Drives.
     (
         "yawing",
         {"drive": planners.Differential()},
-        "drive is Differential(reverse=False) and the axes are (x, y, z, yaw); it is for the axes (x, y, yaw) of a map",
+        "drive is Differential(reverse=False) and the axes are (x, y, z, yaw) ... (x, y, yaw)",
     ),
     (
         "turning",
         {"drive": "dubins"},
-        "drive is 'dubins'; it must be a planners.Car(...), a planners.Differential(...) or None",
+        "drive is 'dubins' ... planners.Car",
     ),
     (
         "turning",
         {"drive": HoverDrive()},
-        "drive is HoverDrive(reverse=False); plans know the drives",
+        "drive is HoverDrive(reverse=False) ... Differential, Car",
     ),
     (
         "turning",
         {"drive": planners.Car(turning_radius=1e-9)},
-        "to keep rounding errors small",
+        "turning_radius is 1e-09 ... rounding",
     ),
     ("turning", {"drive": planners.Car(turning_radius=400.0)}, "turning_radius is 400"),
     ("plane", {"seed": -1}, "seed is -1"),
     (
         "plane",
         {"previous": 3},
-        "it is what planners.plan returned before",
+        "previous is 3 ... planners.plan",
     ),
-    ("floating", {"start": (0.5, 0.5, 0.5, 0, 0, 0, 2)}, "quaternion of norm 2; it must be 1"),
+    ("floating", {"start": (0.5, 0.5, 0.5, 0, 0, 0, 2)}, "start has a quaternion of norm 2 ... 1"),
 )
 def test_options_that_do_not_go_together_are_refused(name, options, hint):
     given = {"seed": 1} | dict(zip(("start", "goal"), ENDPOINTS[name], strict=True)) | options
     given = {"space": build_room(name)} | given
     if given.pop("exact", False):
         given["space"] = given["space"].exact
-    with pytest.raises(InputError) as caught:
-        planners.plan(**given)
-    assert hint in str(caught.value)
-    assert caught.value.argument.split()[0] in {
-        *options,
-        "space",
-        "drive",
-        "iterations",
-        "turning_radius",
-    }
+    check_refused(lambda: planners.plan(**given), hint)
 
 
 def test_goals_of_an_arm_are_for_some_planners():
@@ -382,7 +373,7 @@ def test_goals_of_an_arm_are_for_some_planners():
     goals = [(0.5, 0.5), (0.4, 0.3)]
     assert planners.plan(space, (0.0, 0.0), goals, planner="BKPIECE1", seed=1)
     assert planners.plan(space, (0.0, 0.0), goals)
-    with pytest.raises(InputError, match="its built-in searches are BiRRT"):
+    with pytest.raises(InputError, match=r"planner is 'Grid' and space is.*built-in"):
         planners.plan(space, (0.0, 0.0), goals[0], planner="Grid")
     with pytest.raises(InputError, match="objective"):
         planners.plan(space, (0.0, 0.0), goals[0], objective="clearance")
@@ -406,79 +397,79 @@ def plan_in(name, **options):
     "make, hint",
     (
         lambda: plan_in("plane").trajectory(max_velocity=1.0, max_acceleration=None),
-        "it must be one number, or one for each of x, y",
+        "max_acceleration lacks x, y ... number",
     ),
     (
         lambda: plan_in("turning").trajectory(**LIMITS),
-        "the robot turns",
+        "max_angular_velocity is missing ... turns",
     ),
     (
         lambda: plan_in("plane").trajectory(**LIMITS, max_angular_velocity=1.0),
-        "max_angular_velocity is 1.0; the robot does not turn so",
+        "max_angular_velocity is 1.0 ... turn",
     ),
     (
         lambda: plan_in("plane").trajectory(**LIMITS, duration=0.1),
-        "the limits need 15.1423 s",
+        "duration is 0.1 ... 15.1423",
     ),
     (
         lambda: plan_in("plane").trajectory(**LIMITS, time_step=1e-9),
-        "rows; at most 1000000 are possible",
+        "time_step is 1e-09 ... 1000000",
     ),
     (
         lambda: plan_in("plane").trajectory(**LIMITS).sample_uniform(1e9),
-        "it makes 15142322656 rows; at most 1000000 are possible",
+        "rate is 1e+09 ... 15142322656",
     ),
     (
         lambda: plan_in("plane").trajectory(**LIMITS).v,
-        "only a robot that drives has v and omega",
+        "trajectory is of a robot without a drive ... drives",
     ),
     (
         lambda: plan_in("turning").trajectory(**LIMITS, **TURN_LIMITS).steering(1.0),
-        "a car steers",
+        "trajectory is of a robot with drive None ... steers",
     ),
     (
         lambda: plan_in("turning").trajectory(**LIMITS, **TURN_LIMITS).to_joint_trajectory(),
-        "a joint trajectory holds joints",
+        "trajectory moves x, y, yaw ... joint",
     ),
     (
         lambda: plan_in("turning").trajectory(**LIMITS, **TURN_LIMITS, max_angular_jerk=3.0),
-        "max_angular_jerk has a value",
+        "max_jerk is missing ... max_angular_jerk",
     ),
     (
         lambda: plan_in("plane").trajectory(**LIMITS, at=1.0),
-        "at is 1.0; it is a time of the motion given as after",
+        "at is 1.0 ... motion",
     ),
     (
         lambda: planners.Trajectory.along(build_room("plane"), [(1, 1)], max_acceleration=1.0),
-        "it must be the space of an arm",
+        "space is CSpace(100 x 60 cells of 0.1 m, disc 0.2 m: ... space of an arm",
     ),
     (
         lambda: copy.copy(plan_in("plane")).recheck(),
-        "pickling leaves the map behind",
+        "plan has no map ... pickling",
     ),
     (
         lambda: plan_in("plane").recheck(build_room("turning")),
-        "the plan has x, y",
+        "space has the axes x, y, yaw ... plan",
     ),
     (
         lambda: copy.copy(plan_in("plane")).explain(),
-        "pickling leaves the map behind",
+        "plan has no map ... pickling",
     ),
     (
         lambda: copy.copy(plan_in("plane")).plot(),
-        "pickling leaves the map behind",
+        "plan has no map ... pickling",
     ),
     (
         lambda: penalize("plane", -1.0),
-        "it must be one number, zero or above",
+        "weight is -1.0 ... zero",
     ),
     (
         lambda: plan_in("plane").trajectory(max_velocity={"x": 1.0}, max_acceleration=1.0),
-        "max_velocity lacks y; it must be one",
+        "max_velocity lacks y ... one",
     ),
     (
         lambda: plan_in("turning", **CAR).trajectory(max_velocity=(1.0, 2.0), max_acceleration=1.0),
-        "max_velocity has shape (2,); a car has one",
+        "max_velocity has shape (2,) ... car",
     ),
     (
         lambda: plan_in("plane").trajectory(max_velocity=1.0, max_acceleration=math.nan),
@@ -498,7 +489,7 @@ def test_wrong_calls_are_refused_in_one_line(make, hint):
 
 def test_a_copied_plan_is_drawn_on_its_map(tmp_path):
     plan = copy.copy(plan_in("plane"))
-    with pytest.raises(InputError, match="pickling leaves the map behind"):
+    with pytest.raises(InputError, match=r"plan has no map.*pickling"):
         plan.plot()
     cspace.plot.animate(build_room("plane"), plan, tmp_path / "a.gif", seconds=0.1)
 
@@ -518,7 +509,7 @@ def test_a_tiny_map_is_planned_on_without_a_named_planner():
     tiny = Workspace.from_array(np.eye(9, dtype=bool), 1e-17)
     space = build(tiny, Robot.disc(1e-18))
     start, goal = space.grid.center_of([(1, 4), (1, 6)])
-    with pytest.raises(InputError, match="OMPL's planners need at least"):
+    with pytest.raises(InputError, match=r"space spans 1\.27e-16 m.*OMPL's"):
         planners.plan(space, start, goal, planner="RRT")
     assert planners.plan(space, start, goal).certified
 
@@ -528,7 +519,7 @@ def test_a_tiny_map_is_planned_on_without_a_named_planner():
 
 def test_a_gate_refuses_a_space_of_your_own():
     space = Disc("x", "y")
-    with pytest.raises(InputError, match="a gate proves whole tubes"):
+    with pytest.raises(InputError, match=r"space is a Disc.*proves"):
         cspace.Gate(space)
     assert space.motion_is_free(START, (-1.5, 1.0))
 
@@ -577,35 +568,35 @@ def blocked(space, rows):
     "call, hint",
     (
         lambda _: plan_own("y", "x"),
-        "planners take x y, x y yaw, x y z, x y z yaw, x y z qx qy qz qw, and joints",
+        "space has the axes y x ... planners",
     ),
     (
         lambda _: plan_own("a", "b").plot(),
-        "only maps and arms are drawn",
+        "plan is in Disc(a, b) ... drawn",
     ),
     (
         lambda _: plan_none().trajectory(**LIMITS),
-        "a trajectory follows a path",
+        "plan has no path: no path exists: proven ... follows",
     ),
     (
         lambda _: planners.plan((1.0, 1.0), build_room("plane"), (2.0, 1.0)),
-        "space is a tuple; it must be a cspace.Space, as the results of cspace.build and cspace.open are",
+        "space is a tuple ... cspace.Space",
     ),
     (
         lambda _: planners.plan(
             build_room("plane"), *ENDPOINTS["plane"], drive=planners.Differential()
         ),
-        "it is for the axes (x, y, yaw) of a map",
+        "drive is Differential(reverse=False) and the axes are (x, y)",
     ),
     (
         lambda _: planners.plan(
             build_room("plane"), *ENDPOINTS["plane"], planner="RRTstar", objective=lambda si: 3
         ),
-        "objective returned 3; it must return an ompl.base.OptimizationObjective",
+        "objective returned 3 ... ompl.base",
     ),
     (
         lambda _: plan_in("plane").trajectory(max_velocity=(1, 2, 3), max_acceleration=1.0),
-        "it must be one number, or one for each of x, y",
+        "max_velocity has shape (3,) ... number",
     ),
     (
         lambda f: along(space := read_arm_space(f), line(space, (0.3, 0.5), (9.0, 0.5))),
@@ -613,17 +604,17 @@ def blocked(space, rows):
     ),
     (
         lambda f: along(read_arm_space(f), (0.3, 0.5)),
-        "it must be rows of configurations",
+        "path has shape (2,) ... rows of configurations",
     ),
     (
         lambda f: along(space := read_arm_space(f), blocked(space, [(0.3, 0.5), (1.6, 0.5)])),
-        "a trajectory follows proven motions",
+        "path has 1 of 1 motions that are not proven free ... follows",
     ),
     (
         lambda f: planners.plan(read_arm_space(f), (0.3, 0.5), (0.4, 0.5)).to_path(),
-        "a path holds poses",
+        "plan moves the joints shoulder, elbow ... poses",
     ),
-    (lambda _: plan_own("x", "y", start=(0.0, 0.0)), "is not free; a path starts and ends in free"),
+    (lambda _: plan_own("x", "y", start=(0.0, 0.0)), "start (0.0, 0.0) is not free ... starts"),
     (lambda _: plan_own("x", "y", goal=(3.0, 0.0)), "goal (3.0, 0.0) lies outside the bounds"),
     (lambda _: plan_own("x", "y", goal=cspace.PoseGoal("tip", np.eye(4))), "goal is a PoseGoal"),
 )
@@ -636,7 +627,9 @@ def test_a_plan_on_tiles_is_explained_in_a_window(tmp_path):
     tiled = build(plane.workspace, plane.robot, store=tmp_path / "a.zarr", tile=16)
     start, goal = ENDPOINTS["plane"]
     plan = planners.plan(tiled, start, goal, planner="Grid")
-    with pytest.raises(InputError, match="only maps in memory explain"):
+    with pytest.raises(
+        InputError, match=r"plan is in TiledCSpace\(100 x 60 cells of 0\.1.*explain"
+    ):
         plan.explain()
     window = tiled.window(plane.grid.lower, plane.grid.upper)
     planners.plan(window, start, goal, planner="Grid").explain()

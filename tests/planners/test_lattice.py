@@ -11,20 +11,23 @@ import shapely
 import shapely.affinity
 from hypothesis import given
 from ompl import base as ob
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import dijkstra
 
 import planners
 from benchmarks.inputs import CAR, PARKING_BOUNDS, make_parallel_slot, make_perpendicular_slot
-from cspace import Robot, Workspace, build
+from cspace import FREE, Robot, Workspace, build
 from planners._searches.lattice import _measure_block_side
-from tests.fuzz.drives import (
-    draw_query,
-    join_eight_headings,
-    shortest_length,
-    weighted_length,
-)
 from tests.helpers.drives import is_car, make_drive
 from tests.helpers.handmade import fill_boxes
-from tests.helpers.planning import ENDPOINTS, build_room, interpolate_poses, make_poses
+from tests.helpers.planning import (
+    ENDPOINTS,
+    build_room,
+    draw_query,
+    interpolate_poses,
+    make_poses,
+    weighted_length,
+)
 from tests.helpers.regions import place_polygon
 from tests.helpers.strategies import examples, few, seeds
 
@@ -94,6 +97,48 @@ def test_a_car_parks_in_a_real_lot(data):
     obstacles = shapely.from_geojson(file.read_text())
     cars = place_polygon(car.geometry, sample_motion(plan))
     assert not shapely.intersects(obstacles, cars).any()
+
+
+HEADINGS = [(1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1)]
+"""Steps along the eight headings, in cells."""
+
+
+def join_eight_headings(space, drive):
+    """Return the graph of FREE cells of a robot that turns on the spot and drives along eight
+    headings."""
+    free = np.asarray(space.cell_states) == FREE
+    index = np.arange(free.size).reshape(free.shape)
+    edges = [
+        (index[k], index[(k + 1) % len(free)], free[k] & free[(k + 1) % len(free)])
+        for k in range(len(free))
+    ]
+    turn = math.pi / len(free)  # half a metre for each radian
+    parts = [(a[m], b[m], np.full(m.sum(), turn)) for a, b, m in edges]
+    parts += [(b, a, cost) for a, b, cost in parts]
+    for dx, dy in HEADINGS:
+        k = int(space.rotations.cell_of(math.atan2(dy, dx)))
+        ahead = np.roll(np.pad(free[k], 1), (-dx, -dy), (0, 1))[1:-1, 1:-1]
+        beside = [
+            np.roll(np.pad(free[k], 1), (-a, -b), (0, 1))[1:-1, 1:-1] for a, b in ((dx, 0), (0, dy))
+        ]
+        may = free[k] & ahead & beside[0] & beside[1]
+        a = index[k][may]
+        b = a + dx * free.shape[2] + dy
+        parts.append((a, b, np.full(len(a), space.grid.spacing * math.hypot(dx, dy))))
+        parts += [(b, a, parts[-1][2])] * drive.reverse
+    a, b, cost = (np.concatenate(column) for column in zip(*parts, strict=True))
+    return coo_array((cost, (a, b)), shape=(free.size, free.size)).tocsr()
+
+
+def shortest_length(space, graph, query):
+    """Return the length of the shortest path in a graph of cells, infinite without one."""
+    cells = np.column_stack(
+        [space.rotations.cell_of(query[:, 2]), space.grid.cell_of(query[:, :2])]
+    )
+    first, last = np.ravel_multi_index(
+        tuple(cells.T), (len(space.rotations), *space.grid.shape)
+    ).tolist()
+    return float(dijkstra(graph, indices=first)[last])
 
 
 @pytest.mark.parametrize("options", few(SPOT_DRIVES), ids=str)

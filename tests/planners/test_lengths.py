@@ -1,5 +1,6 @@
 """Lengths of paths in the plane and their lower bounds, against visibility graphs."""
 
+import itertools
 import math
 
 import numpy as np
@@ -9,16 +10,21 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 import planners
-from cspace import BLOCKED, FREE
+from cspace import BLOCKED, FREE, Robot, Workspace, build
 from planners._searches.taut import MARGIN
-from tests.fuzz.lengths import shortest_length
 from tests.helpers.handmade import map_of
 from tests.helpers.maps import MOVINGAI_MAPS, read_problems
-from tests.helpers.oracles import path_length
+from tests.helpers.oracles import path_length, shortest_length
 from tests.helpers.strategies import examples, seeds
 
 NARROW = 1e-6
 """Growth of blocked cells in the oracle, in cells, so that two of them close a common corner."""
+
+SLACK = 1e-7
+"""Error of lengths, relative and in metres."""
+
+HEIGHT = 0.4
+"""Height of the box among columns, in metres; the columns are 2 m high."""
 
 
 def find_shortest_length(blocked, start, goal):
@@ -120,6 +126,57 @@ def test_rays_that_graze_two_corners_meet_both():
     assert space.min_path_length(start, goal) <= expected * (1.0 + 1e-9)
     path = planners.plan(space, start, goal).waypoints
     assert path_length(path) <= expected + 4.0 * MARGIN
+
+
+def draw_world(rng, kind):
+    """Draw the map of a rectangle among blocks of side 1, and the blocks grown by the rectangle.
+
+    The blocks may be columns from floor to ceiling. If the rectangle rotates, a disc around it grows
+    them.
+    """
+    cells = rng.random(rng.integers(3, 8, 2)) < rng.uniform(0.1, 0.4)
+    half, parts = rng.uniform(0.05, 0.6, 2), int(rng.integers(4, 10))
+    outside = "blocked" if kind == "columns in space" else str(rng.choice(["blocked", "free"]))
+    occupied = np.kron(cells, np.ones((parts, parts), dtype=np.bool_))
+    robot, rotations = Robot.rectangle(2.0 * half[0], 2.0 * half[1]), None
+    if kind == "columns in space":
+        occupied = np.repeat(occupied[..., None], 2 * parts, axis=2)
+        robot = Robot.box((*(2.0 * half), HEIGHT))
+    if kind == "plane with rotations":
+        half = half / 2.0
+        robot, rotations = Robot.rectangle(2.0 * half[0], 2.0 * half[1]), int(rng.integers(4, 9))
+    workspace = Workspace.from_array(occupied, 1.0 / parts)
+    space = build(workspace, robot, rotations=rotations, outside=outside)
+    corners = np.argwhere(cells)
+    if rotations is None:
+        grown = [shapely.box(*(corner - half), *(corner + 1.0 + half)) for corner in corners]
+    else:  # the buffer's circle of 8 corners a quarter contains a circle of 0.5025
+        half = np.full(2, 1.02 * math.hypot(*half))
+        blocks = [shapely.box(*corner, *(corner + 1.0)) for corner in corners]
+        grown = [block.buffer(half[0], quad_segs=8) for block in blocks]
+    if outside == "blocked":
+        inner = shapely.box(*half, *np.maximum(np.array(cells.shape) - half, half))
+        grown.append(shapely.box(-9, -9, 99, 99) - inner)
+    return space, shapely.union_all(grown)
+
+
+@pytest.mark.parametrize("kind", ["plane", "columns in space", "plane with rotations"])
+@examples(20)
+@given(seeds)
+def test_bounds_lie_between_the_distance_and_the_shortest_path(kind, seed):
+    rng = np.random.default_rng(seed)
+    space, obstacles = draw_world(rng, kind)
+    inner = shapely.box(*space.grid.lower[:2], *space.grid.upper[:2]) - obstacles
+    points = rng.uniform(space.grid.lower, space.grid.upper, (20, space.grid.dim))
+    points = points[shapely.contains_xy(inner, *points[:, :2].T)][:3]
+    # Clear of floor and ceiling.
+    points[:, 2:] = points[:, 2:].clip(0.5 * HEIGHT, 2.0 - 0.5 * HEIGHT)
+    yaw = [0.0] * (space.size - space.grid.dim)
+    for start, goal in itertools.pairwise(points):
+        length = math.hypot(shortest_length(obstacles, start[:2], goal[:2]), *(goal - start)[2:])
+        bound = space.min_path_length((*start, *yaw), (*goal, *yaw))
+        assert np.linalg.norm(goal - start) * (1.0 - SLACK) - SLACK <= bound
+        assert bound <= length * (1.0 + SLACK)
 
 
 @pytest.mark.parametrize("name", MOVINGAI_MAPS)

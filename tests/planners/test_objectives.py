@@ -14,7 +14,6 @@ import planners
 from cspace import InputError
 from planners._edges.drives import local_planner
 from planners._ompl.states import find_state_kind
-from tests.fuzz import lengths
 from tests.helpers.drives import make_drive
 from tests.helpers.planning import (
     ENDPOINTS,
@@ -105,14 +104,6 @@ def test_costs_on_cells_are_linear_between_cell_centers(name):
 
 
 # ---- lower bounds --------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("kind", lengths.WORLDS)
-@examples(10)
-@given(seeds)
-def test_no_path_is_shorter_than_the_bound(kind, seed):
-    outcomes = lengths.WORLDS[kind](np.random.default_rng(seed))
-    assert lengths.is_between(*np.reshape(outcomes, (-1, 3)).T)
 
 
 @examples(15)

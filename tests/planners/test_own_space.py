@@ -133,43 +133,49 @@ FORKED = ("x", "y", "yaw", "fork")
     "call, message",
     (
         lambda: plan_own(axes=["a", "b"]),
-        "they must be a tuple of different names",
+        "axes are ... different names",
     ),
-    (lambda: plan_own(axes=()), "they must be a tuple of different names"),
-    (lambda: plan_own(axes=(1, 2)), "they must be a tuple of different names"),
-    (lambda: plan_own(axes="ab"), "axes are 'ab'; they must be a tuple of different"),
-    (lambda: plan_own(axes=("a", "a")), "they must be a tuple of different names"),
-    (lambda: plan_own(axes=lambda self: ("a", "b")), "they must be a tuple of different names"),
+    (lambda: plan_own(axes=()), "axes are () ... different names"),
+    (lambda: plan_own(axes=(1, 2)), "axes are (1, 2) ... different names"),
+    (lambda: plan_own(axes="ab"), "axes are 'ab' ... tuple of different"),
+    (lambda: plan_own(axes=("a", "a")), "axes are ('a', 'a') ... different names"),
+    (lambda: plan_own(axes=lambda self: ("a", "b")), "axes are ... different names"),
     (
         lambda: plan_own(axes=FORKED),
-        "has 'yaw' as its rotation",
+        "axes are ('x', 'y', 'yaw', 'fork') ... rotation",
     ),
-    (lambda: plan_own(axes=("q", "qx", "qy", "qz", "qw")), "has 'qx' as its rotation"),
+    (
+        lambda: plan_own(axes=("q", "qx", "qy", "qz", "qw")),
+        "axes are ('q', 'qx', 'qy', 'qz', 'qw') ... rotation",
+    ),
     (
         lambda: plan_own(axes=("angle", "side"), periodic_axes=["angel"]),
-        "periodic_axes has 'angel'; there are angle, side; did you mean 'angle'?",
+        "periodic_axes has 'angel' ... angle, side ... did you mean 'angle'?",
     ),
-    (lambda: plan_own(periodic_axes="b"), "periodic_axes is 'b'; it must have names, or one bool"),
-    (lambda: plan_own(periodic_axes=("b", True)), "it must have names, or one bool"),
-    (lambda: plan_own(periodic_axes=()), "it must have names, or one bool"),
+    (lambda: plan_own(periodic_axes="b"), "periodic_axes is 'b' ... names, or one bool"),
+    (
+        lambda: plan_own(periodic_axes=("b", True)),
+        "periodic_axes is ('b', True) ... names, or one bool",
+    ),
+    (lambda: plan_own(periodic_axes=()), "periodic_axes is () ... names, or one bool"),
     (
         lambda: plan_own(periodic_axes=(True,)),
-        "periodic_axes is (True,); it must have names, or one bool",
+        "periodic_axes is (True,) ... names, or one bool",
     ),
     (
         lambda: plan_own(periodic_axes=(1, 0)),
-        "periodic_axes is (1, 0); it must have names, or one bool for each of a, b",
+        "periodic_axes is (1, 0) ... bool",
     ),
-    (lambda: plan_own(periodic_axes=None), "periodic_axes is None; it must have names"),
-    (lambda: plan_own(bounds=None), "bounds is None; it must be numeric"),
-    (lambda: plan_own(bounds=((0.0, 0.0),)), "they must be two rows of 2 numbers"),
+    (lambda: plan_own(periodic_axes=None), "periodic_axes is None ... names"),
+    (lambda: plan_own(bounds=None), "bounds is None ... numeric"),
+    (lambda: plan_own(bounds=((0.0, 0.0),)), "bounds are ((0.0, 0.0),) ... rows"),
     (lambda: plan_own(bounds=((0.0, 0.0), (4.0, math.nan))), "bounds[1, 1] is nan"),
     (
         lambda: plan_own(searches="Around"),
-        "they must be a tuple of names",
+        "searches are 'Around' ... tuple of names",
     ),
-    (lambda: plan_own(searches=("Around", 2)), "they must be a tuple of names"),
-    (lambda: plan_own(units=("m",)), "there is one text for each of a, b"),
+    (lambda: plan_own(searches=("Around", 2)), "searches are ('Around', 2) ... tuple of names"),
+    (lambda: plan_own(units=("m",)), "units are ('m',) ... text"),
 )
 def test_what_a_space_says_wrongly_is_refused_before_a_search(call, message):
     check_refused(call, message)
@@ -221,9 +227,11 @@ def test_every_door_checks_a_space_of_the_user():
         plan.recheck,
         plan.trajectory(max_velocity=1.0, max_acceleration=1.0).recheck,
     ):
-        with pytest.raises(InputError, match="has 'yaw' as its rotation"):
+        with pytest.raises(InputError, match=r"axes are \('x', 'y', 'yaw', 'fork'\).*rotation"):
             call(make_own(axes=FORKED))
-        with pytest.raises(InputError, match="they must be two rows of 2 numbers"):
+        with pytest.raises(
+            InputError, match=r"bounds are \(\(4\.0, 4\.0\), \(0\.0, 0\.0\)\).*rows"
+        ):
             call(make_own(bounds=((4.0, 4.0), (0.0, 0.0))))
 
 
@@ -323,15 +331,15 @@ def test_trajectories_keep_out_of_the_zone_of_a_space_that_wraps_a_map(hall, kin
 @pytest.mark.parametrize("kind", [Zoned, Forwarding])
 def test_what_only_maps_and_arms_do_is_refused_for_a_space_that_wraps_a_map(hall, kind):
     plan = planners.plan(kind(hall), (1.0, 3.0), (5.0, 3.0))
-    with pytest.raises(InputError, match="a gate proves whole tubes"):
+    with pytest.raises(InputError, match=r"space .*proves"):
         cspace.Gate(kind(hall))
-    with pytest.raises(InputError, match="only maps in memory explain"):
+    with pytest.raises(InputError, match=r"plan .*explain"):
         plan.explain()
-    with pytest.raises(InputError, match="only maps and arms are drawn"):
+    with pytest.raises(InputError, match=r"plan .*drawn"):
         plan.plot()
-    with pytest.raises(InputError, match="only maps and arms are drawn"):
+    with pytest.raises(InputError, match=r"space .*drawn"):
         cspace.plot.animate(plan.space, plan, "never.gif")
-    with pytest.raises(InputError, match="must be the space of an arm"):
+    with pytest.raises(InputError, match=r"space .*arm"):
         planners.Trajectory.along(kind(hall), plan.path, max_acceleration=1.0)
     with pytest.raises(InputError, match=f"space is a {kind.__name__}; it must be a map"):
         cspace.lanes.audit(kind(hall), RouteGraph.from_arrays([(1, 1), (5, 1)], [(0, 1)]))

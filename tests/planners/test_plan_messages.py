@@ -137,6 +137,6 @@ def test_poses_of_a_path_are_a_step_apart_and_on_it(rotations, options):
         plan.to_path(step=1e-9)
     assert len(plan.to_path(step=0.05).poses) >= len(poses)
     pickled = pickle.loads(pickle.dumps(plan))
-    with pytest.raises(InputError, match="pickling leaves the map behind"):
+    with pytest.raises(InputError, match=r"plan has no map.*pickling"):
         pickled.to_path(step=0.1)
     assert len(pickled.to_path().poses) == len(plan.path)

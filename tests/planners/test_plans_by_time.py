@@ -359,16 +359,19 @@ def test_costs_live_as_long_as_map_and_zones():
 
 @refusals(
     "options, message",
-    ({"speed": 1.0}, "speed is 1.0, and objective is 'length'; it is for objective='time'"),
-    ({"objective": "time"}, "one of its limits is a number, m/s, that holds everywhere"),
-    ({"objective": "time", "speed": []}, "one of its limits is a number"),
+    ({"speed": 1.0}, "speed is 1.0, and objective is 'length' ... for objective='time'"),
+    ({"objective": "time"}, "speed is None, and objective is 'time' ... everywhere"),
+    ({"objective": "time", "speed": []}, "speed is [], and objective is 'time' ... limits"),
     ({"objective": "time", "speed": planners.SpeedZones(LOWER_WAY)}, "one of its limits is a num"),
     ({"objective": "time", "speed": 0.0}, "speed is 0.0"),
     ({"objective": "time", "speed": [1.0, -1.0]}, "speed is -1.0"),
     ({"objective": "time", "speed": float("nan")}, "speed is nan"),
-    ({"objective": "time", "speed": True}, "one of its limits is a number"),
+    ({"objective": "time", "speed": True}, "speed is True, and objective is 'time' ... limits"),
     ({"objective": "time", "speed": [1.0, "slow"]}, "speed is 'slow'"),
-    ({"objective": "time", "speed": [1.0, planners.ToolSpeed("tool0", 0.2)]}, "links are those"),
+    (
+        {"objective": "time", "speed": [1.0, planners.ToolSpeed("tool0", 0.2)]},
+        "speed is ToolSpeed(link='tool0', speed=0.2), and space is ... links",
+    ),
     (
         {"objective": "time", "speed": [1.0, planners.SpeedZones([(box(90, 90, 99, 99), 1.0)])]},
         "zones[0] lies off the map",
@@ -377,7 +380,7 @@ def test_costs_live_as_long_as_map_and_zones():
         {"objective": "time", "speed": [1.0, planners.SpeedZones(LOWER_WAY, frame_id="odom")]},
         "has the frame 'odom'",
     ),
-    ({"objective": "times", "speed": None}, "objective is 'times'; it must be 'length', "),
+    ({"objective": "times", "speed": None}, "objective is 'times' ... 'length', "),
     ({"objective": planners.WeightedLength(np.zeros((3, 3)))}, "costs has shape (3, 3); "),
     (
         {"objective": "time", "speed": 1.0, "planner": "RRTConnect"},
@@ -393,7 +396,7 @@ def test_arms_have_no_limits_of_places():
     space = cspace.build_arm_space({}, planar_arm())
     check_refused(
         lambda: planners.plan(space, (0.0, 0.0), (0.5, 0.5), objective="time", speed=1.0),
-        "it weighs the cells of a map",
+        "objective is 'time', and space is ArmSpace(small: 2 joints, ... weighs",
     )
 
 

@@ -206,9 +206,18 @@ def plan_on_own_space():
     (lambda: planners.ToolSpeed("tip", 0.0), "speed is 0.0"),
     (lambda: planners.ToolSpeed(3, 1.0), "link is 3"),
     (lambda: drive(planners.ToolSpeed("tipp", 1.0)), "link is 'tipp'"),
-    (lambda: drive(planners.ToolSpeed("tip", 1.0), plan_on_map()), "links are those of an arm"),
-    (lambda: drive(planners.ToolSpeed("fore", 1.0), plan_on_own_space()), "links are those of"),
-    (lambda: drive(planners.SpeedZones([(AREA, 1.0)])), "robots on a map of positions"),
+    (
+        lambda: drive(planners.ToolSpeed("tip", 1.0), plan_on_map()),
+        "speed is ToolSpeed(link='tip', speed=1.0), and space is ... links",
+    ),
+    (
+        lambda: drive(planners.ToolSpeed("fore", 1.0), plan_on_own_space()),
+        "speed is ToolSpeed(link='fore', speed=1.0), and space is ... links",
+    ),
+    (
+        lambda: drive(planners.SpeedZones([(AREA, 1.0)])),
+        "speed is given, and space is ArmSpace(small: 3 joints, 0 ... robots",
+    ),
     (lambda: drive("tip"), "speed is 'tip'"),
     (
         lambda: drive(planners.ToolSpeed("tip", 1.0), pickle.loads(pickle.dumps(find_plan()))),
@@ -220,11 +229,11 @@ def plan_on_own_space():
     ),
     (
         lambda: cspace.Gate(plan_on_map().space, dt=0.1, speed=[planners.ToolSpeed("tip", 1.0)]),
-        "speed is one of the link 'tip'; links are those of an arm",
+        "speed is one of the link 'tip' ... links",
     ),
     (
         lambda: cspace.Gate(space_of(), dt=0.1, speed=planners.SpeedZones([(AREA, 1.0)])),
-        "robots on a map of positions",
+        "speed is given, and space is ArmSpace(small: 2 joints, 1 ... robots",
     ),
 )
 def test_limits_that_mean_nothing_are_refused(call, message):

@@ -212,17 +212,25 @@ def open_zones(path, document, name="zones.geojson", **options):
 
 @refusals(
     "document, speed, message",
-    (make_features(), None, "speed is missing; it names the property in m/s; "),
+    (make_features(), None, "speed is missing ... property"),
     (make_features(), "Top", "there are name, top; did you mean 'top'?"),
     (change(1, top=0.0), "top", "feature 1, is 0.0; it must be one number above zero, in m/s"),
     (replace_properties(["top"]), "top", "there is none"),
-    (replace_properties(None), None, "feature 0, has none"),
-    (make_features(crs={"properties": {"name": "EPSG:4326"}}), "top", "not metres on the ground"),
+    (replace_properties(None), None, "speed is missing ... feature"),
+    (
+        make_features(crs={"properties": {"name": "EPSG:4326"}}),
+        "top",
+        "zones.geojson has the coordinate reference system EPSG:4326 ... ground",
+    ),
     (make_features([shapely.LineString([(0, 0), (1, 1)])], [0.4]), "top", "part without area"),
     (make_features([shapely.Polygon([(0, 0), (1, 1), (0, 1), (1, 0)])], [0.4]), "top", "feature 0"),
     (make_features([], []), "top", "holds no geometry"),
     (shapely.geometry.mapping(AREAS[0]), "top", "there is none"),
-    ({"type": "FeatureCollection", "features": {}}, "top", "they must be a list"),
+    (
+        {"type": "FeatureCollection", "features": {}},
+        "top",
+        "zones.geojson has features {} ... list",
+    ),
     ([1, 2], "top", "holds a JSON list"),
     (make_zone_set(make_zone("a", "SPEED_LIMIT", maximumSpeed=1.0)), "top", "have maximumSpeed"),
     (make_zone_set(make_zone("a", "SPEED_LIMIT", maximumSpeed=0)), None, "of zone 'a' is 0; it"),
@@ -248,20 +256,19 @@ def test_files_of_other_kinds_are_refused(tmp_path):
 
 @refusals(
     "options, message",
-    ({"unit": "mph"}, "unit is 'mph'; it must be 'percent' or 'm/s'"),
-    ({"unit": "percent"}, "max_velocity is missing; per cent are those of the largest speed"),
+    ({"unit": "mph"}, "unit is 'mph' ... 'percent' or 'm/s'"),
+    ({"unit": "percent"}, "max_velocity is missing ... largest"),
     ({"unit": "percent", "max_velocity": 0.0}, "max_velocity is 0.0"),
-    ({"unit": "m/s", "max_velocity": 1.0}, "max_velocity is 1.0; it is for per cent"),
+    ({"unit": "m/s", "max_velocity": 1.0}, "max_velocity is 1.0 ... for per cent"),
     ({"unit": "m/s", "base": np.nan}, "base is nan"),
     ({"unit": "m/s", "multiplier": np.inf}, "multiplier is inf"),
     (
         {"unit": "m/s", "multiplier": -1.0},
-        "mask has no cell with a limit; a value above 0 gives 0 + -1 * value in m/s; "
-        "cells without a limit, as in Nav2, are 60 (-60 m/s)",
+        "mask has no cell with a limit ... -60",
     ),
     (
         {"unit": "percent", "max_velocity": 1.0, "multiplier": 2.0},
-        "cells without a limit, as in Nav2, are 60 (120 percent)",
+        "mask has no cell with a limit ... 120",
     ),
 )
 def test_masks_without_a_good_limit_are_refused(tmp_path, options, message):

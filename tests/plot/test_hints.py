@@ -39,11 +39,11 @@ PATH = [START, GOAL]
     "call, hint",
     (
         lambda f: animate(flat(), np.zeros((0, 2)), f / "a.gif"),
-        "an animation needs a path",
+        "path is empty ... animation",
     ),
     (
         lambda f: animate(flat(), PATH, f / "a.gif", seconds=1e4),
-        "at most 1000 are possible",
+        "seconds is 10000.0, which makes 100001 frames ... possible",
     ),
     (
         lambda f: animate(flat(), PATH, f / "a.png"),
@@ -51,49 +51,49 @@ PATH = [START, GOAL]
     ),
     (
         lambda f: flat().plot(ax=plt),
-        "it must be matplotlib axes",
+        "ax is a module ... matplotlib axes",
     ),
     (
         lambda f: spatial().plot(view="3d", ax=plt.figure().add_subplot()),
-        "it must have three",
+        "ax has two dimensions ... three",
     ),
     (
         lambda f: flat().plot(center=(0.1, 0.1)),
-        "center is given with view plane; it needs view sections",
+        "center is given with view plane ... sections",
     ),
     (
         lambda f: spatial().plot(center=(9, 9, 9)),
-        "the grid is from (0.0, 0.0, 0.0) to",
+        "center is [9.0, 9.0, 9.0] ... 0.0",
     ),
     (
         lambda f: flat().plot(start=(1, 2, 3)),
-        "it must be (2,): x, y",
+        "start has shape (3,) ... (2,): x, y",
     ),
     (
         lambda f: save_plot(flat(), f / "a.png", dpi=1e6),
-        "it must be at most 2,400 pixels per inch",
+        "dpi is 1000000.0 ... 2,400",
     ),
     (
         lambda f: flat().plot(path=[(1.0, 2.0, 3.0)]),
-        "path has shape (1, 3); it must be (n, 2)",
+        "path has shape (1, 3) ... (n, 2)",
     ),
-    (lambda f: flat().plot(rotation=0.5), "rotation has shape (1,); the robot does not turn"),
-    (lambda f: flat().plot(camera=(30, 40)), "camera is given with view plane; it needs view 3d"),
+    (lambda f: flat().plot(rotation=0.5), "rotation has shape (1,) ... turn"),
+    (lambda f: flat().plot(camera=(30, 40)), "camera is given with view plane ... needs"),
     (
         lambda f: save_plot(flat(), f / "a.xyz"),
         "the suffix says what to write",
     ),
     (
         lambda f: turning().plot(rotation=[0.0, 1.0]),
-        "rotation has shape (2,); a rotation is given by yaw",
+        "rotation has shape (2,) ... given",
     ),
     (
         lambda f: spatial().plot(view="3d", camera=(30, 120, 3)),
-        "camera is (30, 120, 3); it must be (elevation",
+        "camera is (30, 120, 3) ... (elevation",
     ),
     (
         lambda f: animate(turning(), [(1, 1)], f / "a.gif"),
-        "path has shape (1, 2); it must be (n, 3)",
+        "path has shape (1, 2) ... (n, 3)",
     ),
     (lambda f: animate(flat(), PATH, f / "a.gif", seconds=0), "seconds is 0"),
     (

@@ -656,7 +656,7 @@ def test_the_solids_in_the_way_of_joints_are_named(tmp_path):
     assert opened.explain(start, goal).obstacles[0].startswith("the cells at (0.0")
     check_refused(
         lambda: made.explain(start, goal, refine=True),
-        "finer maps of joints need their arm",
+        "refine is True for a map of joints ... finer",
     )
 
 

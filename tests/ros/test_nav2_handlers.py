@@ -22,7 +22,7 @@ rclpy = pytest.importorskip("rclpy", reason="ROS 2 has an environment of its own
 
 from builtin_interfaces.msg import Duration  # noqa: E402
 from geometry_msgs.msg import Point32, Polygon, TransformStamped  # noqa: E402
-from nav_msgs.msg import Path  # noqa: E402
+from nav_msgs.msg import OccupancyGrid, Path  # noqa: E402
 from trajectory_msgs.msg import JointTrajectory  # noqa: E402
 
 import cspace  # noqa: E402
@@ -594,8 +594,14 @@ def test_requests_fail_after_a_bad_map_until_a_good_one(node):
 
 def test_a_reader_that_cannot_be_served_ends_nothing(node, monkeypatch):
     give(node, make_room())
-    monkeypatch.setattr(node, "find_doubt", fail)
-    node.on_reader(SimpleNamespace(current_count_change=1))
+    asked = []
+    monkeypatch.setattr(node, "find_doubt", lambda: asked.append(1) or fail())
+    reader = node.create_subscription(OccupancyGrid, "cspace_planner/map", asked.append, KEPT)
+    end = time.monotonic() + 300.0
+    while 1 not in asked and time.monotonic() < end:
+        rclpy.spin_once(node, timeout_sec=1.0)
+    assert 1 in asked
+    node.destroy_subscription(reader)
     monkeypatch.undo()
     give(node, make_room())
     assert len(ask(node)[1].path.poses) > 10
@@ -743,7 +749,7 @@ def forget(node):
     node.updates = deque(maxlen=2)
     node.count_publishers = lambda topic: 1
     node.update_subscription = SimpleNamespace(get_publisher_count=lambda: 1)
-    node.news = SimpleNamespace(set=lambda: None)
+    node.news = threading.Event()
 
 
 def test_a_controller_follows_an_arms_trajectory(node, tmp_path):

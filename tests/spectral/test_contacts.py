@@ -1,15 +1,24 @@
 """Verdicts about ball sets and shapes, against exact fractions, shapely and FCL."""
 
+from contextlib import suppress
 from fractions import Fraction
+from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
+import pytest
 import shapely
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
+from cspace._shapes.mesh import Mesh
+from cspace.errors import InputError
 from cspace.spectral import ContactTest, Verdict, decompose
 from tests.helpers.balls import draw_rotations
-from tests.helpers.strategies import examples, seeds
+from tests.helpers.regions import Body, Flat
+from tests.helpers.scenes import Scale, draw_polygon, draw_solid
+from tests.helpers.strategies import examples, few, seeds
 
 dims = st.sampled_from([2, 3])
 
@@ -95,23 +104,116 @@ def test_outer_balls_prove_misses_and_inner_balls_hits(seed, dim):
         assert blind != Verdict.MISS or outer_depth < 1e-10
 
 
-def test_verdicts_about_polygons_agree_with_shapely():
-    robot = shapely.Polygon([(-0.4, -0.3), (0.5, -0.2), (0.1, 0.0), (0.4, 0.4)])
-    room = shapely.box(0.0, 0.0, 2.0, 1.6) - shapely.box(0.2, 0.2, 1.8, 1.4)
-    outer = [decompose(shape, kind="outer", number=60) for shape in (robot, room)]
-    inner = [decompose(shape, kind="inner", number=60) for shape in (robot, room)]
-    test = ContactTest(*outer, *inner)
-    rng = np.random.default_rng(0)
-    counts = np.zeros(3, dtype=int)
-    for angle in (0.0, 1.0, -2.5):
-        turned = test.rotated(angle)
-        shape = shapely.affinity.rotate(robot, angle, origin=(0, 0), use_radians=True)
-        placements = rng.uniform((-0.6, -0.6), (2.6, 2.2), (200, 2))
-        verdicts = turned.separated(placements)
-        moved = [shapely.affinity.translate(shape, *t) for t in placements]
-        collides = shapely.intersects(moved, room)
-        assert turned.separated(placements[0].tolist()) == Verdict(verdicts[0])
-        assert not collides[verdicts == Verdict.MISS].any()
-        assert collides[verdicts == Verdict.HIT].all()
-        counts += np.bincount(verdicts, minlength=3)
-    assert (counts > 10).all()
+# ---- shapes --------------------------------------------------------------------------------------
+
+PLACEMENTS = 500
+"""Placements tested per rotation, a third near contact."""
+
+
+class Part(NamedTuple):
+    """A polygon or the triangles of a mesh, and balls around it and inside, if any fit."""
+
+    shape: Any
+    outer: tuple
+    inner: tuple | None
+
+    def place(self, scale, matrix, away):
+        """Scale, rotate and translate."""
+
+        def move(points):
+            return scale * points @ matrix.T + away
+
+        shape = shapely.transform(self.shape, move) if len(matrix) == 2 else move(self.shape)
+        balls = [each and (move(each[0]), scale * each[1]) for each in self[1:]]
+        return Part(shape, *balls)
+
+
+def draw_part(rng, dim):
+    """Draw a body about 1 m across."""
+    metres = Scale(1.0, 0.0, 0.0)
+    if dim == 2:
+        shape = solid = draw_polygon(rng, np.zeros(2), 1.0, metres)
+    else:
+        shape = draw_solid(rng, str(rng.choice(["boxes", "hull", "stars"])), 1.0, metres)
+        shape = shape - shape.mean(axis=(0, 1))
+        solid = Mesh(shape.reshape(-1, 3), np.arange(3 * len(shape)).reshape(-1, 3))
+    balls = []
+    for kind in ("outer", "inner"):
+        with suppress(InputError):  # no ball fits
+            found = decompose(solid, kind=kind, number=int(rng.integers(10, 60)))
+            balls.append((found.centers, found.radii))
+    return Part(shape, *balls, *[None] * (2 - len(balls)))
+
+
+def unite(parts):
+    """Return the exact region of parts."""
+    shapes = [part.shape for part in parts]
+    return Body.join(shapes) if isinstance(shapes[0], np.ndarray) else Flat(shapes)
+
+
+def join(balls):
+    """Return sets of balls as one, or None if one is None."""
+    return None if None in balls else tuple(map(np.concatenate, zip(*balls, strict=True)))
+
+
+def meet(moving, fixed, rotation, ts):
+    """Return whether regions meet at placements with one rotation."""
+    q = np.column_stack([ts, np.tile(rotation, (len(ts), 1))])
+    return moving.within(fixed, q, np.zeros(len(ts)))
+
+
+def draw_near_contacts(collide, rng, touching, size, number):
+    """Draw placements near contact, beyond placements that touch."""
+    starts = touching[rng.integers(len(touching), size=number // 5)]
+    directions = rng.normal(size=starts.shape)
+    directions /= np.linalg.norm(directions, axis=1)[:, None]
+    near, far = np.zeros(len(starts)), np.full(len(starts), 2.0 * size)
+    for _ in range(45):
+        center = 0.5 * (near + far)
+        meets = collide(starts + center[:, None] * directions)
+        near, far = np.where(meets, center, near), np.where(meets, far, center)
+    picked = rng.integers(len(starts), size=number)
+    off = size * 10.0 ** rng.uniform(-11.0, -0.7, number) * rng.choice([-1.0, 1.0], number)
+    return starts[picked] + (far[picked] + off)[:, None] * directions[picked]
+
+
+@pytest.mark.parametrize("dim", few([2, 3]))
+@examples(4)
+@given(seeds)
+def test_verdicts_about_shapes_agree_with_exact_geometry(dim, seed):
+    rng = np.random.default_rng(seed)
+    size = float(10.0 ** rng.uniform(-2.0, 2.0))
+    drawn = [draw_part(rng, dim) for _ in range(2)]
+    a = drawn[0].place(size, np.eye(dim), size * rng.choice([0.0, 3.0]) * rng.normal(size=dim))
+    corner = size * rng.choice([0.0, 30.0]) * rng.normal(size=dim)
+    b = [
+        drawn[part].place(
+            size * rng.uniform(0.5, 2.0), turn, corner + size * rng.uniform(-1.5, 1.5, dim)
+        )
+        for part, turn in zip(rng.integers(2, size=3), draw_rotations(rng, 3, dim), strict=True)
+    ][: rng.integers(1, 4)]
+    inner = join([each.inner for each in b]), a.inner
+    sets = [a.outer, join([each.outer for each in b])]
+    sets += [] if None in inner or rng.random() < 0.1 else inner[::-1]
+    test, moving, fixed = ContactTest(*sets), unite([a]), unite(b)
+    for _ in range(3):
+        yaw = float(rng.uniform(-np.pi, np.pi))
+        turn = Rotation.from_rotvec((0.0, 0.0, yaw) if dim == 2 else rng.normal(size=3))
+        rotated = test.rotated(yaw if dim == 2 else turn)
+        collide = partial(meet, moving, fixed, [yaw] if dim == 2 else turn.as_quat())
+        centers, radii = sets[1]
+        around = turn.apply(np.pad(sets[0][0], [(0, 0), (0, 3 - dim)]))[:, :dim]
+        reach = sets[0][1].max() + radii.max()
+        low = centers.min(axis=0) - around.max(axis=0) - reach
+        high = centers.max(axis=0) - around.min(axis=0) + reach
+        ts = rng.uniform(low, high, (PLACEMENTS, dim))
+        ts[:: PLACEMENTS // 10] += rng.choice([-1.0, 1.0]) * (high - low)
+        touching = ts[collide(ts)]
+        if len(touching):
+            extent = float(np.linalg.norm(high - low))
+            ts[::3] = draw_near_contacts(collide, rng, touching, extent, len(ts[::3]))
+        meets, verdicts = collide(ts), rotated.separated(ts)
+        assert not meets[verdicts == Verdict.MISS].any()
+        assert meets[verdicts == Verdict.HIT].all()
+        assert rotated.separated(ts[0].tolist()) == verdicts[0]
+        assert (verdicts == Verdict.MISS).any()

@@ -58,34 +58,34 @@ def cells(values, **options):
 @refusals(
     "call, hint",
     # Numbers.
-    (lambda: Robot.disc(None), "it must be numeric"),
-    (lambda: Robot.disc("0.3"), "it must be numeric"),
+    (lambda: Robot.disc(None), "radius is None ... numeric"),
+    (lambda: Robot.disc("0.3"), "radius is '0.3' ... numeric"),
     (
         lambda: floating().rotations.check_rotation(TURN, "rotation"),
-        "it must be numeric",
+        "rotation is a Rotation ... numeric",
     ),
-    (lambda: Robot.disc(10**400), "it must fit a float"),
+    (lambda: Robot.disc(10**400), "radius has too large an integer ... fit a float"),
     (
         lambda: space().is_free((1j, 0)),
-        "it must be real",
+        "q has complex values ... real",
     ),
     (
         lambda: Robot.polygon([(0, 0), (1, 0), (np.nan, 1), (0, 1)]),
-        "it must be finite",
+        "polygon[2, 0] is nan ... finite",
     ),
     (
         lambda: cells(MASKED),
-        "occupied has 3 masked entries; each must have a value",
+        "occupied has 3 masked entries ... value",
     ),
-    (lambda: Robot.disc(0), "it must be one number above zero, in metres"),
-    (lambda: Robot.disc(1e200), "it must be in [1e-100, 1e100] metres"),
+    (lambda: Robot.disc(0), "radius is 0 ... zero"),
+    (lambda: Robot.disc(1e200), "radius is 1e+200 ... 1e-100"),
     (
         lambda: build(FLOOR, "disc:0.1", margin=-1),
         "metres",
     ),
     (
         lambda: space().sample_free(-1),
-        "n is -1; it must be a whole number from 0 on",
+        "n is -1 ... whole",
     ),
     (
         lambda: space().sample_free(10**13),
@@ -94,34 +94,34 @@ def cells(values, **options):
     # Words.
     (
         lambda: build(FLOOR, "disc:0.1", outside="x"),
-        "outside is 'x'; it must be 'blocked' or 'free'",
+        "outside is 'x' ... 'blocked' or 'free'",
     ),
     (
         lambda: Workspace.from_mesh(trimesh.creation.box(), 0.1, solid="all"),
-        "solid is 'all'; it must be 'auto', 'surface' or 'fill'",
+        "solid is 'all' ... 'auto', 'surface' or 'fill'",
     ),
     (
         lambda: space().add_obstacle("", [HERE], radius=0.1),
-        "it must be a non-empty string",
+        "name is '' ... non-empty string",
     ),
     (
         lambda: space().sample_free(3, rng=0),
-        "rng is 0; it must be a numpy.random.Generator or None",
+        "rng is 0 ... numpy.random.Generator or None",
     ),
     # Points and boxes.
-    (lambda: space().is_free((1, 2, 3)), "its last axis must be 2 long, for x, y"),
-    (lambda: Robot.disc(0.1, 3), "it must be 2 numbers in metres"),
+    (lambda: space().is_free((1, 2, 3)), "q has shape (3,) ... long"),
+    (lambda: Robot.disc(0.1, 3), "center has shape () ... 2 numbers in metres"),
     (
         lambda: Workspace.from_polygons([shapely.Point(0, 0)], 0.1, bounds=(0, 1)),
-        "it must be xmin, ymin, xmax, ymax in metres, or the lower and the upper corner",
+        "bounds is (0, 1) ... corner",
     ),
     (
         lambda: space().certify_path([HERE], [0]),
-        "each edge must be two whole numbers, and vertices a list of configurations",
+        "edges has shape (1,) and type int64, for vertices of shape ... configurations",
     ),
     (
         lambda: space().certify_path([HERE], [(0, 1)]),
-        "edge number 0 is (0, 1); there are 1 vertices, counted from 0",
+        "edge number 0 is (0, 1) ... counted",
     ),
     (
         lambda: space().certify_path(np.zeros((0, 2))),
@@ -129,52 +129,52 @@ def cells(values, **options):
     ),
     (
         lambda: space().motion_is_free([HERE] * 2, [HERE] * 3),
-        "q0 has shape (2, 2) and q1 (3, 2); they must broadcast",
+        "q0 has shape (2, 2) and q1 (3, 2) ... broadcast",
     ),
     # Cells.
     (lambda: cells([[1], [1, 0]]), "it must have a value for each cell"),
     (
         lambda: cells([1, 0]),
-        "it must have the axes x, y (and z), and at least one cell",
+        "occupied is a list of 1 axes and 2 entries ... cell",
     ),
-    (lambda: cells(0.9 * WIDE), "cells must be boolean"),
+    (lambda: cells(0.9 * WIDE), "occupied has dtype float64 ... boolean"),
     (
         lambda: cells(np.array([(0.2, 3.0, 4.0, 0.1), (1.0, 2.0, 5.0, 0.9)])),
-        "cells must be boolean",
+        "occupied has dtype float64 ... boolean",
     ),
-    (lambda: cells(100 * WIDE), "whole numbers must be 0 or 1"),
+    (lambda: cells(100 * WIDE), "occupied[0, 0] is 100 ... whole"),
     (
         lambda: cells(CELLS, inner=CELLS[:2]),
-        "they must be equal",
+        "inner has shape (2, 3) but the grid has (3, 3) ... equal",
     ),
     (
         lambda: cells(CELLS, inner=~CELLS),
-        "inner has cell (0, 1), which is not in outer; it must be a subset of outer",
+        "inner has cell (0, 1), which is not in outer ... subset of outer",
     ),
     # Grids.
-    (lambda: Grid(0.0, 0.1, (3, 3)), "it must have length 2 or 3"),
+    (lambda: Grid(0.0, 0.1, (3, 3)), "lower is 0.0 ... length 2 or 3"),
     (
         lambda: Grid((0, 0), 0.1, 9),
-        "it must have 2 whole numbers above zero, the cells along each axis",
+        "shape is (9,) ... along",
     ),
-    (lambda: Grid((0, 0), 1, (3, 3), "xx"), "there must be 2, and axes must differ"),
-    (lambda: Grid((0, 0), 1, (3, 3), None, "m"), "there must be 2, and axes must differ"),
+    (lambda: Grid((0, 0), 1, (3, 3), "xx"), "axes are x, x ... differ"),
+    (lambda: Grid((0, 0), 1, (3, 3), None, "m"), "units are m ... differ"),
     (
         lambda: Workspace.from_polygons([FAR], 1e-2),
-        "beyond 4194304 cells rounding invalidates proofs",
+        "grid reaches 1e+07 cells from the origin ... 4194304",
     ),
     (
         lambda: Workspace.from_polygons([FAR], 1e-2),
-        "beyond 4194304 cells rounding invalidates proofs",
+        "grid reaches 1e+07 cells from the origin ... 4194304",
     ),
     # Maps.
     (
         lambda: space().update(CELLS[None], (0, 0)),
-        "they must agree",
+        "cells has 3 axes but the grid has 2 ... agree",
     ),
     (
         lambda: space().update(CELLS, (0, 0), inner=~CELLS),
-        "it must be a subset of cells",
+        "inner has entry (0, 1), which is not in cells ... subset of cells",
     ),
     (
         lambda: named().remove_obstacle("People"),
@@ -182,80 +182,80 @@ def cells(values, **options):
     ),
     (
         lambda: Robot.polygon([HERE]),
-        "it must be (n, 2) with n at least 3",
+        "polygon has shape (1, 2) ... least",
     ),
     (
         lambda: Robot.polygon(shapely.Point(0, 0)),
-        "each part must be a Polygon",
+        "polygon is a Point ... part",
     ),
     (
         lambda: Robot.polygon([shapely.Polygon()]),
-        "it must cover some ground",
+        "polygon is empty ... cover some ground",
     ),
     (
         lambda: copy().add_obstacle("a", [(0, 0), (1, 1)]),
-        "points need a radius, and a polygon 3 corners",
+        "shape is points ... corners",
     ),
     (
         lambda: copy().add_obstacle("a", [(0, 0), (1, 1)]),
-        "points need a radius, and a polygon 3 corners",
+        "shape is points ... corners",
     ),
     (
         lambda: copy().add_obstacle("a", CELLS),
-        "their size must be given",
+        "shape is an array of cells ... size",
     ),
     (
         lambda: copy().add_obstacle("a", 3),
-        "a polygon or a mesh is needed",
+        "shape is 3 ... polygon",
     ),
     (
         lambda: copy().add_obstacle("a", "disk:0.3"),
-        "it must be a shorthand, WKT, or a file that ends in .geojson, .json, .wkt, .stl, .obj, .ply, .glb, .gltf, .dae",
+        "shape is 'disk:0.3' ... shorthand",
     ),
     (
         lambda: Robot.parse("footprint:x"),
-        "corners or a shorthand must follow the colon",
+        "robot is 'footprint:x' ... shorthand",
     ),
     (
         lambda: Robot.parse("rect:1"),
-        "LENGTHxWIDTH must follow the colon, each above zero, in metres, and @X,Y or @X,Y,Z for a center",
+        "robot is 'rect:1' ... LENGTHxWIDTH",
     ),
     # Balls.
     (
         lambda: Robot.from_balls([(0, 0)], None),
-        "radii is missing; balls need one number, or one per center",
+        "radii is missing ... center",
     ),
     (
         lambda: Robot.from_balls((0, 0), 0.1),
-        "it must be (n, 2) or (n, 3) with n at least 1",
+        "centers has shape (2,) ... least",
     ),
     (
         lambda: Robot.from_balls([(0, 0)], [0.1, 0.2]),
-        "it must be one number or (1,)",
+        "radii has shape (2,) ... one number or (1,)",
     ),
     (
         lambda: Robot.from_bitmap(~CELLS & CELLS, 0.1),
-        "occupied holds no True cell; at least one cell must be occupied",
+        "occupied holds no True cell",
     ),
     (
         lambda: Robot.open("disc.json", solid="fill") or Robot.open("a.png"),
-        "it applies to .stl, .obj, .ply, .glb, .gltf, .dae, .urdf",
+        "solid is 'fill' for disc.json ... applies",
     ),
     (
         lambda: Workspace.from_mesh(trimesh.creation.box(), 0.1, solid="fill", lazy=True),
-        "filling needs all cells at once",
+        "lazy is True with solid='fill' ... filling",
     ),
     (
         lambda: Workspace.from_mesh(BEAM, 1e-3, solid="fill"),
-        "at most 1073741824 can be filled",
+        "mesh is 2003 x 1003 x 1003 cells large ... 1073741824",
     ),
     (
         lambda: Workspace.from_polygons([], 0.1),
-        "obstacles must cover some ground",
+        "polygons holds no geometry ... ground",
     ),
     (
         lambda: cspace.make_mesh(flat()).project_to_plane(),
-        "it must have an area there",
+        "mesh is flat, seen from above ... area there",
     ),
     (
         lambda: Robot.from_mesh(trimesh.creation.box().apply_translation((1e3, 0, 0))),
@@ -267,25 +267,25 @@ def cells(values, **options):
     ),
     (
         lambda: copy().add_obstacle("a", [(0, 0)], radius=-1.0),
-        "none may be below zero",
+        "radius holds -1 ... none",
     ),
     # Shapes and messages.
     (
         lambda: Robot.polygon(shapely.box(0, 0, 1e-170, 1e-170)),
-        "it must be above zero",
+        "polygon has area 0 ... above zero",
     ),
     (
         lambda: make_mesh(CUBE, "fill").contains((0, 0, 0)),
-        "the filled part depends on the spacing, and exact answers must not",
+        "mesh has solid='fill' ... depends",
     ),
     (
         lambda: make_mesh(CUBE).boxes,
-        "only boxes and cells in space are",
+        "shape is not a union of boxes ... space",
     ),
     # Limits of files.
     (
         lambda: raised_limits(max_cell=3).__enter__(),
-        "limits name 'max_cell'; there are max_bytes, max_cells, max_text_bytes, max_description_bytes; did you mean 'max_cells'?",
+        "limits name 'max_cell' ... max_description_bytes ... did you mean 'max_cells'?",
     ),
 )
 def test_wrong_arguments_are_refused_in_one_line(call, hint):

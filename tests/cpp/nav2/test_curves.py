@@ -7,9 +7,8 @@ import pytest
 
 from planners._edges.car_curves import MAX_GAP
 from planners._edges.cars import CarCurves
-from tests.fuzz.curves import drive
 from tests.helpers.cpp import SANITIZERS, build_program, why_no_compiler
-from tests.helpers.drives import CURVES, make_drive
+from tests.helpers.drives import CURVES, drive_pieces, make_drive
 from tests.helpers.nav2 import ANSWERS, PACKAGE, list_stubs
 from tests.helpers.placements import turn_between
 
@@ -64,7 +63,7 @@ def check_curves(name, radius, pairs, lengths, angles):
     turns = np.sign(angles) * np.sign(lengths)
     arcs = turns != 0.0
     np.testing.assert_allclose(np.abs(lengths)[arcs], radius * np.abs(angles)[arcs], rtol=1e-12)
-    ends = drive(first, turns, lengths, radius)
+    ends = drive_pieces(first, turns, lengths, radius)
     metres = radius + np.abs(first[:, :2]).max(axis=1) + np.abs(lengths).sum(axis=1)
     away = np.hypot(*(ends - last)[:, :2].T)
     assert np.all(away < 1.1 * MAX_GAP * radius + 2e-12 * metres)

@@ -1,26 +1,20 @@
-"""Audits of random route graphs, checked against what shapely sweeps."""
-
-from __future__ import annotations
+"""Audits of random route graphs of lanes and curves, against what shapely sweeps."""
 
 import math
-import warnings
-from collections import Counter
-from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
+import pytest
 import shapely
+from hypothesis import given
 from scipy.interpolate import BSpline
 from shapely import affinity
 
 import cspace
-from benchmarks.report import Report
-from cspace import CSpace, Robot, Workspace
-from cspace._support.arrays import Floats
-from cspace.lanes import HeadingRule, Lane, RouteGraph
+from cspace import Robot, Workspace
+from cspace.lanes import HeadingRule, RouteGraph
 from cspace.lanes._curves import cut_nurbs
-from tests.fuzz.scenes import Rng
 from tests.helpers.regions import place_polygon
+from tests.helpers.strategies import examples, seeds
 
 MAX_AREA = 1e-9
 """Area, square metres, that robot and obstacles may have in common by rounding."""
@@ -31,45 +25,24 @@ SHRINK = 1.0 - 1e-9
 CURVE_KNOTS = np.array([0.0, 0.0, 0.0, 1.0, 1.0, 1.0])
 """Knots of quadratic curves."""
 
-Pose = tuple[float, float, float]
 
-
-def check(report: Report, seed: int, graphs: int) -> None:
-    """Audit random graphs, and compare each verdict, room, margin and interval of yaws."""
-    counts: Counter[str] = Counter()
-    faults: list[str] = []
-    for number in range(graphs):
-        found = list(draw_faults(seed, number, counts))
-        for fault in found[:1]:
-            report.note(f"draw_faults({seed}, {number}, Counter()): {fault}")
-        faults += found
-    shares = ", ".join(f"{count} {verdict}" for verdict, count in sorted(counts.items()))
-    report.section(f"{graphs} random route graphs: {shares}")
-    report.check(not faults, "no verdict, room, margin or turn of an audit is refuted")
-
-
-def draw_faults(seed: int, number: int, counts: Counter[str]) -> Iterator[str]:
-    """Yield what shapely refutes in the audit of one random graph."""
-    rng = np.random.default_rng([seed, number])
+@pytest.mark.filterwarnings("ignore:no cell of the map is FREE")
+@examples(60)
+@given(seeds)
+def test_no_verdict_room_margin_or_turn_of_an_audit_is_refuted(seed):
+    rng = np.random.default_rng(seed)
     sizes = rng.uniform(0.05, 0.5, 2)
     points = rng.uniform(-sizes, sizes, (int(rng.integers(3, 8)), 2))
     corners = shapely.MultiPoint(points).convex_hull
-    space, walls = _draw_map(rng, corners)
-    graph, controls = _draw_graph(rng, space)
+    space, walls = draw_map(rng, corners)
+    graph, controls = draw_graph(rng, space)
     audit = cspace.lanes.audit(space, graph)
     for lane, row in zip(graph.lanes, audit.lanes, strict=True):
-        counts[row.verdict] += 1
-        poses = list(_list_poses(rng, graph, lane, controls.get(lane.name)))
+        poses = list(list_poses(rng, graph, lane, controls.get(lane.name)))
         if row.verdict == "blocked" and row.at is not None:
-            x, y, yaw = row.at
-            if not shapely.intersects(_place(corners, (x, y, yaw)), walls):
-                yield f"{row} touches nothing"
-        if row.verdict != "free":
-            continue
-        for first, last in poses:
-            swept = shapely.convex_hull(
-                shapely.union(_place(corners, first), _place(corners, last))
-            )
+            assert shapely.intersects(place(corners, row.at), walls), row
+        for first, last in poses if row.verdict == "free" else ():
+            swept = shapely.convex_hull(shapely.union(place(corners, first), place(corners, last)))
             shapes = [shapely.buffer(swept, SHRINK * row.margin, quad_segs=32)]
             if lane.name not in controls and first[:2] != last[:2]:
                 travel = np.subtract(last, first)[:2] / math.dist(first[:2], last[:2])
@@ -77,17 +50,16 @@ def draw_faults(seed: int, number: int, counts: Counter[str]) -> Iterator[str]:
                     aside = side * SHRINK * room * np.array([-travel[1], travel[0]])
                     shifted = affinity.translate(swept, *aside)
                     shapes.append(shapely.convex_hull(shapely.union(swept, shifted)))
-            if shapely.area(shapely.intersection(shapes, walls)).max() > MAX_AREA:
-                yield f"{row} meets an obstacle from {first} to {last}"
+            meets = shapely.area(shapely.intersection(shapes, walls)).max() > MAX_AREA
+            assert not meets, (row, first, last)
     for node in audit.nodes:
         for low, high in node.free_yaws:
-            for yaw in rng.uniform(low, high, 5):
-                robot = _place(corners, (*node.position, float(yaw)))
-                if shapely.intersection(robot, walls).area > MAX_AREA:
-                    yield f"{node} meets an obstacle at {yaw}"
+            for yaw in rng.uniform(low, high, 5).tolist():
+                robot = place(corners, (*node.position, yaw))
+                assert shapely.intersection(robot, walls).area <= MAX_AREA, (node, yaw)
 
 
-def _draw_map(rng: Rng, corners: Any) -> tuple[CSpace, Any]:
+def draw_map(rng, corners):
     """Draw a map of a convex robot, and everything that it must not touch."""
     spacing = float(rng.choice([0.05, 0.1, 0.13]))
     shape = rng.integers(20, 50, 2)
@@ -108,13 +80,11 @@ def _draw_map(rng: Rng, corners: Any) -> tuple[CSpace, Any]:
         workspace = Workspace.from_polygons(walls, spacing=spacing, bounds=frame.bounds)
     beyond = shapely.difference(shapely.buffer(frame, 9.0), frame)
     robot = Robot.polygon(shapely.get_coordinates(corners)[:-1])
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of maps without a FREE cell
-        space = cspace.build(workspace, robot, rotations=int(rng.choice([1, 5, 16, 72])))
+    space = cspace.build(workspace, robot, rotations=int(rng.choice([1, 5, 16, 72])))
     return space, shapely.union_all([*walls, beyond])
 
 
-def _draw_graph(rng: Rng, space: CSpace) -> tuple[RouteGraph, dict[str, Floats]]:
+def draw_graph(rng, space):
     """Draw a graph of straight lanes and curves, and the control points of the curves."""
     count = int(rng.integers(2, 7))
     upper = np.array(space.grid.upper)
@@ -136,9 +106,7 @@ def _draw_graph(rng: Rng, space: CSpace) -> tuple[RouteGraph, dict[str, Floats]]
     return RouteGraph(graph.names, graph.positions, tuple(lanes), graph.yaws), controls
 
 
-def _list_poses(
-    rng: Rng, graph: RouteGraph, lane: Lane, controls: Floats | None
-) -> Iterator[tuple[Pose, Pose]]:
+def list_poses(rng, graph, lane, controls):
     """Yield pairs of poses of a lane, which a robot that keeps its yaw joins, within its corridor."""
     places = graph.positions[[lane.start, lane.end]]
     travels = [math.atan2(*(places[1] - places[0])[::-1])] * 2
@@ -149,7 +117,7 @@ def _list_poses(
         slopes = curve(np.concatenate([[0.0], times, [1.0]]), 1)
         travels = np.arctan2(slopes[:, 1], slopes[:, 0]).tolist()
     aside = lane.deviation * rng.choice([-0.7, 0.7], 2)
-    for rule in _list_rules(rng, graph, lane):
+    for rule in list_rules(rng, graph, lane):
         yaws = [
             travel + rule.yaws[0] if rule.frame == "lane" else rule.yaws[0] for travel in travels
         ]
@@ -167,7 +135,7 @@ def _list_poses(
                 yield pose, pose
 
 
-def _list_rules(rng: Rng, graph: RouteGraph, lane: Lane) -> list[HeadingRule]:
+def list_rules(rng, graph, lane):
     """Return rules of one yaw each, a random one if all yaws are allowed."""
     is_point = not lane.legs and lane.start == lane.end
     if lane.heading.frame == "any" or (is_point and lane.heading.frame == "lane"):
@@ -175,6 +143,6 @@ def _list_rules(rng: Rng, graph: RouteGraph, lane: Lane) -> list[HeadingRule]:
     return [HeadingRule(lane.heading.frame, (yaw,)) for yaw in lane.heading.yaws]
 
 
-def _place(robot: Any, pose: Pose) -> Any:
+def place(robot, pose):
     """Return the robot at a pose."""
     return place_polygon(robot, np.array([pose]))[0]
