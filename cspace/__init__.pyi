@@ -13,6 +13,7 @@ from ._builder import Suggestion as Suggestion
 from ._builder import build as build
 from ._builder import open as open  # noqa: A004
 from ._builder import suggest as suggest
+from ._exact.proofs import Closest as Closest
 from ._gates.chunks import Chunk as Chunk
 from ._gates.gate import Gate as Gate
 from ._grid import Grid as Grid

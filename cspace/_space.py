@@ -65,7 +65,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from cspace._exact.boundaries import OwnProofs, Problem
-    from cspace._exact.proofs import ExactQueries
+    from cspace._exact.proofs import Closest, ExactQueries
     from cspace._obstacles import ObstacleLayers
     from cspace._queries.any_angle import Rectangles
     from cspace._queries.components import Components
@@ -398,6 +398,47 @@ class CSpace(ConfigurationMap):
             extends = row_lengths[k] > 0.0 or row_turns[k] > 0.0
             distances[k] = 0.0 if extends and distance <= self._sure_distance else distance
         return distances.reshape(points.shape[:-1]) if points.ndim > 1 else float(distances[0])
+
+    def closest(self, q: ArrayLike) -> Closest:
+        """Return the nearest points of robot and obstacles, and the way from these.
+
+        It is of the robot without margin and the obstacles of :meth:`obstacle_distance`.
+
+        Parameters
+        ----------
+        q : array-like, shape (size,)
+            Metres, and radians.
+
+        Returns
+        -------
+        Closest
+            The distance, both points, and the gradient of the distance.
+
+        Raises
+        ------
+        InputError
+            As :meth:`obstacle_distance`; also if there is nothing to touch, or for a map of joints.
+
+        Examples
+        --------
+        >>> import numpy as np, cspace
+        >>> occupied = np.zeros((40, 30), dtype=bool)
+        >>> occupied[30:] = True
+        >>> workspace = cspace.Workspace.from_array(occupied, 0.1)
+        >>> space = cspace.build(workspace, cspace.Robot.disc(0.3))
+        >>> found = space.closest((2.5, 1.45))
+        >>> found.points.round(2).tolist(), found.gradient.round(2).tolist()
+        ([[2.8, 1.45], [3.0, 1.45]], [-1.0, 0.0])
+        """
+        from cspace._exact.proofs import BoundaryProofs
+
+        row = self.check_configuration(q, "q")
+        proofs = self._exact.current_proofs() if self.has_poses else None
+        if not isinstance(proofs, BoundaryProofs):
+            rule = "the space of its arm has the closest pair of links"
+            raise InputError("the map", "is one of joints", rule)
+        distance = float(self.obstacle_distance(row))
+        return proofs.find_closest(row, distance)
 
     def path_obstacle_distance(self, path: ArrayLike) -> float:
         """Return a lower bound of the obstacle distance along a path.

@@ -14,7 +14,7 @@ import itertools
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import reduce
 from typing import Final, NamedTuple, cast
 
@@ -51,6 +51,7 @@ from planners._edges.local_planner import Endpoints, LocalPlanner
 from planners._space_kinds import (
     ANY_ROTATION,
     NEAR,
+    NEAR_START,
     REGION,
     check_support,
 )
@@ -120,11 +121,17 @@ class Near(Goal):
     angle : float
         Largest angle from its rotation, radians, at most pi. A range of yaws is an angle around its
         middle.
+    closest : bool
+        Whether the path ends as near as possible: at a position nearest to that of the
+        configuration in the FREE cells that cells join to the start, to a millionth of a cell; of
+        the rotations there, at the nearest. :attr:`Plan.status` says how far that is. For goals and
+        places on the way. A drive may be unable to get there.
 
     Raises
     ------
     InputError
-        If the distance or the angle is negative, NaN or infinite, or the angle above pi.
+        If the distance or the angle is negative, NaN or infinite, the angle above pi, or
+        ``closest`` neither True nor False.
 
     Examples
     --------
@@ -138,9 +145,12 @@ class Near(Goal):
     configuration: PlaceLike
     distance: float = 0.0
     angle: float = 0.0
+    closest: bool = field(default=False, kw_only=True)
 
     def __post_init__(self) -> None:
         """Check the numbers, and replace them by floats."""
+        if not isinstance(self.closest, bool | np.bool_):
+            raise InputError("closest", f"is {self.closest!r}", "it must be True or False")
         object.__setattr__(self, "distance", check_not_negative(self.distance, "distance"))
         angle = check_not_negative(self.angle, "angle", "radians")
         if angle > math.pi:
@@ -363,14 +373,54 @@ class Room:
                 goals.insert(0, edges.space.check_endpoint(self.middle, self.name))
         return list(dict.fromkeys(goals))
 
+    def find_closest(self, edges: LocalPlanner, starts: Sequence[Endpoint]) -> Endpoint:
+        """Find the configuration nearest to the middle that FREE cells join to a start.
+
+        The distance of positions decides, then the angle. Raises ConfigurationError if there is
+        none.
+        """
+        space = edges.cells
+        dim = space.dim
+        gaps = np.concatenate(
+            [
+                np.linalg.norm(rows[:, :dim] - self.middle[:dim], axis=1)
+                for rows in self.place_in_cells(space)
+            ]
+        )
+        rotations = np.vstack([self.middle, self._turn_to_cells(space)])
+        size = max(MAX_ROWS_PER_BATCH // len(rotations), 1)
+        # Each list of positions passes the whole room, so the parts grow.
+        ends = size * (2 ** np.arange(1, 32) - 1)
+        for few in np.split(np.argsort(gaps, kind="stable"), ends[ends < len(gaps)]):
+            positions = _take_rows(self.place_in_cells(space), few)
+            for first in range(0, len(few), size):
+                part = positions[first : first + size]
+                rows = np.repeat(part, len(rotations), axis=0)
+                rows[:, dim:] = np.tile(rotations[:, dim:], (len(part), 1))
+                kept = self.contains(space, rows) & space.grid.contains(rows[:, :dim])
+                joined = [space.is_connected(np.array(start), rows[kept]) for start in starts]
+                kept[kept] = np.any(joined, axis=0)
+                rows = rows[kept]
+                if len(rows):
+                    lengths = np.linalg.norm(rows[:, :dim] - self.middle[:dim], axis=1)
+                    turns = _measure_turns(space, tuple(self.middle.tolist()), rows)
+                    return tuple(rows[np.lexsort((turns, lengths))[0]].tolist())
+        problem = f"has no configuration within {self.radius:g} m that FREE cells join to the start"
+        raise ConfigurationError(self.name, problem, "the place nearest to it is one of these")
+
+    def _turn_to_cells(self, space: ConfigurationMap) -> Floats:
+        """Return the middle turned to each rotation cell that meets the room, shape (n, size)."""
+        centers = space.rotations.centers[self.list_rotations(space)]
+        turned = np.tile(self.middle, (len(centers), 1))
+        turned[:, space.dim :] = centers
+        return self.pull(space, turned)
+
     def _find_candidates(self, edges: LocalPlanner, start: Endpoint) -> Candidates:
         """Find free configurations that a path from the start may reach, or if none, others."""
         space = edges.cells
         lengths = _measure_lengths(edges, start, lambda: self.place_in_cells(space))
-        centers = space.rotations.centers[self.list_rotations(space)]
-        turned = np.tile(self.middle, (len(centers), 1))
-        turned[:, space.dim :] = centers
-        rotations = self.pull(space, np.vstack([start, self.middle, turned]))[:, space.dim :]
+        own = self.pull(space, np.vstack([start, self.middle]))
+        rotations = np.vstack([own, self._turn_to_cells(space)])[:, space.dim :]
         # In a large room, some positions mostly suffice: the nearest, and some of the others.
         order = np.argsort(lengths, kind="stable")
         others = order[MAX_NEAR_POSITIONS:]
@@ -685,6 +735,27 @@ def list_rooms(edges: LocalPlanner, places: Sequence[PlaceParts]) -> tuple[Room,
     return tuple(_make_room(edges.cells, each) for each in places) if edges.has_cells else ()
 
 
+def find_closest(
+    edges: LocalPlanner, place: PlaceParts, starts: Sequence[Endpoint]
+) -> tuple[PlaceParts, str]:
+    """Return the closest configuration of a place, if it asks for that, and its distance in words.
+
+    Other places stay as they are, with no words.
+    """
+    if place.near is None or not place.near.closest:
+        return place, ""
+    (room,) = list_rooms(edges, [place])
+    q = room.find_closest(edges, starts)
+    steps = edges.space.steps_between(room.middle, np.array(q))
+    metres, *radians = (
+        float(np.linalg.norm(part)) for part in np.split(steps, [edges.space.dim]) if len(part)
+    )
+    is_any = place.is_any or not radians
+    turned = "" if is_any else f" and {radians[0]:.3g} rad"
+    text = f"{place.name} is nearest at {q}, {metres:.3g} m{turned} away"
+    return PlaceParts(place.name, q), text
+
+
 def list_all_rooms(
     edges: LocalPlanner, places: Sequence[PlaceParts], found: Sequence[Endpoint]
 ) -> tuple[Room, ...]:
@@ -826,9 +897,13 @@ def _split_place(space: Space, place: PlaceLike, name: str, near_option: str) ->
         inner, *others = list_alternatives(place.configuration, name, space.axes)
         if others or isinstance(inner, Goal):
             raise InputError(name, f"is {place!r}", "Near has one configuration")
+        if near.closest and near_option == NEAR_START:
+            raise InputError(name, f"is {place!r}", "closest is for goals and places on the way")
     items = inner if isinstance(inner, (list, tuple)) and len(inner) else (inner,)
     if isinstance(items[0], REGIONS):
         check_support(REGION, name, place, space)
+        if near is not None and near.closest:
+            raise InputError(name, f"is {place!r}", "closest is for a configuration")
         return PlaceParts(name, inner, items[0], (*items, None)[1], near=near)
     if isinstance(items[0], shapely.Geometry):
         rule = "a region is a Polygon or a MultiPolygon"

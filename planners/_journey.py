@@ -294,7 +294,7 @@ def _may_cost_less(
     # Lower bounds are lengths. They say little about ways that obstacles make much longer, and
     # about places with other costs.
     is_told = best.cost < MAX_DETOUR * best.least
-    if edges.weights is not None:
+    if edges.has_costs:
         path = best.result.path
         is_told &= (1.0 - MAX_SAVING) * edges.path_cost(path) <= edges.path_length(path)
     # Ways of cars differ by more than their bounds do.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -46,6 +47,7 @@ from planners._goals import (
     Near,
     PlaceParts,
     Room,
+    find_closest,
     find_room_goals,
     list_all_rooms,
     list_rooms,
@@ -254,7 +256,9 @@ def plan(
     task = _choose_searches(task)
     places = _check_places(via, goal, task)
     origin, moved = _check_start(task, origins)
-    ends = [_check_stage(task, name, place, origin.goals[0]) for name, place in places]
+    ends, texts = zip(
+        *(_check_stage(task, name, place, origin.goals) for name, place in places), strict=True
+    )
     task = replace(task, edges=weigh_edges(task, task.edges))
     if task.seed is not None:
         with suppress(ImportError):  # without OMPL, its draws need no seed
@@ -263,7 +267,7 @@ def plan(
             set_seed(task.seed)
     with Effort.stopping(stop):
         journey = search_stages(task, [origin, *ends])
-        return _make_plan(journey, space, moved, began)
+        return _make_plan(journey, space, moved, [*itertools.chain(*texts)], began)
 
 
 def _check_stop(stop: object) -> None:
@@ -431,11 +435,20 @@ def _move_start(edges: LocalPlanner, place: PlaceParts) -> tuple[Endpoint, str]:
     return moved, f"{place.name} moved by {distance:.3g} m to {moved}"
 
 
-def _check_stage(task: PlanTask, name: str, place: PlaceLike, start: Endpoint) -> Stage:
-    """Check a place; raise InputError or ConfigurationError if it is unusable."""
+def _check_stage(
+    task: PlanTask, name: str, place: PlaceLike, starts: Sequence[Endpoint]
+) -> tuple[Stage, list[str]]:
+    """Check a place; return it, and how far the closest configurations are from it.
+
+    Raises InputError or ConfigurationError if the place is unusable.
+    """
     edges = task.edges
     space = edges.space
-    places = split_places(space, place, name)
+    start = starts[0]
+    given = split_places(space, place, name)
+    places, texts = zip(*(find_closest(edges, each, starts) for each in given), strict=True)
+    if any(texts):
+        place = [cast("PlaceLike", each.configuration) for each in places]
     position, rotation = start[: space.dim], start[space.dim :]
     near = (*np.clip(position, *space.bounds).tolist(), *rotation)
     rooms = () if len(places) == 1 and places[0].is_plain else list_rooms(edges, places)
@@ -444,7 +457,8 @@ def _check_stage(task: PlanTask, name: str, place: PlaceLike, start: Endpoint) -
     else:
         options = {} if name == "goal" else {"name": name}
         goals = sort_goals(space, space.find_goals(place, near, task.seed, **options), near)
-    return Stage(name, goals, rooms, list_all_rooms(edges, places, goals))
+    stage = Stage(name, goals, rooms, list_all_rooms(edges, places, goals))
+    return stage, [text for text in texts if text]
 
 
 def _choose_planner(edges: LocalPlanner, objective: Objective, iterations: int | None) -> Planner:
@@ -488,12 +502,18 @@ def _describe_outcome(
     return describe_failure(task, result, existence.is_connected, finds_path)
 
 
-def _make_plan(journey: Journey, space: Space, moved: Mapping[Endpoint, str], began: float) -> Plan:
+def _make_plan(
+    journey: Journey,
+    space: Space,
+    moved: Mapping[Endpoint, str],
+    texts: Sequence[str],
+    began: float,
+) -> Plan:
     """Make the plan of a search, and measure its path.
 
     The plan has the live ``space``; the task's may be a copy that keeps directions. ``moved`` has
-    texts for moved starts; ``began`` is a reading of the clock, which includes compilations, before
-    all checks.
+    texts for moved starts, and ``texts`` are those of the closest goals; ``began`` is a reading of
+    the clock, which includes compilations, before all checks.
     """
     task, start, result, existence, number, vias = journey
     stages = existence.stages
@@ -501,7 +521,7 @@ def _make_plan(journey: Journey, space: Space, moved: Mapping[Endpoint, str], be
     status, hint = _describe_outcome(task, result, existence.upto(number + 1))
     if number + 1 < len(stages):
         status = f"{stages[number].name} is not reached: {status}"
-    status = "; ".join(filter(None, [status, moved.get(start)]))
+    status = "; ".join(filter(None, [status, moved.get(start), *texts]))
     edges = task.edges
     is_proven = edges.has_cells and result.proven
     endpoints = (start, *task.endpoints[1:])

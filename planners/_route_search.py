@@ -158,7 +158,7 @@ def _choose_cheapest(task: PlanTask, results: Sequence[SearchResult]) -> SearchR
     best = min(found, key=measure, default=results[-1])
     note = best.note
     if found and best.found_by != task.planner.name:
-        worse = "a longer one" if task.edges.weights is None else "one that costs more"
+        worse = "one that costs more" if task.edges.has_costs else "a longer one"
         others = f"found {worse}" if len(found) > 1 else "found none"
         note = f"by {best.found_by}, as {task.planner.name} {others}"
     lattice = "".join(result.lattice for result in results)

@@ -841,7 +841,7 @@ MUTANTS = (
     ),
     Mutant(
         "planners/_searches/lattice.py",
-        "return min(paths, key=edges.path_cost), reason",
+        "return min(paths, key=edges.path_cost, default=path), reason",
         "return path, reason",
         "tests/planners/test_cheap_drives.py",
     ),

@@ -13,10 +13,11 @@ from typing import Final, NamedTuple, TypeAlias, cast
 import numpy as np
 
 from cspace._bodies import ADVANCE_FACTOR, DISTANCE_ROUNDING, MAX_DISTANCES_PER_EDGE, MIN_ADVANCE
-from cspace._bodies.box_trees import MAX_PENDING_PAIRS
+from cspace._bodies.box_trees import FIRST_ITEM, MAX_PENDING_PAIRS
 from cspace._bodies.parts import as_triangles, part_anchors, sort_by_part
 from cspace._bodies.triangle_proofs import (
     LEVER,
+    RADIUS,
     Motion,
     Trees,
     build_trees,
@@ -56,6 +57,7 @@ from cspace._support.arrays import (
 from cspace._support.compiling import internal, kernel
 from cspace._support.threads import run_in_chunks
 from cspace._support.vectors import Matrix, apply_pose, dot, minus, rotate_back, row_at
+from cspace.errors import InputError
 
 MAX_PENDING_PARTS: Final = 64
 """Capacity of the stack of unproven parts of a piece; each level halves the parts, down to
@@ -236,6 +238,27 @@ class ProofInputs(NamedTuple):
     containment: Containment
 
 
+class Closest(NamedTuple):
+    """The obstacle nearest to a robot, and the way from it.
+
+    Attributes
+    ----------
+    distance : float
+        As :meth:`CSpace.obstacle_distance`: a lower bound, metres, and zero if the configuration is
+        not proven free.
+    points : ndarray of float64, shape (2, 2) or (2, 3)
+        Nearest points of robot and obstacle, metres, within rounding; on a floor in space.
+    gradient : ndarray of float64, shape (dim + k,)
+        Change of the distance by the configuration: the unit vector from the obstacle to the robot,
+        without its height on a floor; then metres per radian, by the yaw, or by k = 3 turns about
+        the axes of the map. Zero if the points are equal.
+    """
+
+    distance: float
+    points: Floats
+    gradient: Floats
+
+
 class BoundaryProofs:
     """Proofs for one robot among the obstacles of one workspace."""
 
@@ -249,11 +272,13 @@ class BoundaryProofs:
         self._lift = problem.lift
         # Part of the margin that a free configuration may lack.
         self._unsure = problem.margin - problem.sure_distance
+        self._margin = problem.margin
+        self._on_floor = problem.floor is not None
         self._bounds = (np.asarray(grid.lower), np.asarray(grid.upper))
         walls = obstacle_boundary(
             problem.workspace,
             exterior_blocked=problem.exterior_blocked,
-            on_floor=problem.floor is not None,
+            on_floor=self._on_floor,
         )
         # Balls and points need no containment test, because the distance from their center decides.
         self._shapes = []
@@ -400,6 +425,34 @@ class BoundaryProofs:
         slack = path_slack(boundaries, scale * positions, matrices, spans, node_pairs)
         return float(slack) / scale
 
+    def find_closest(self, q: Floats, distance: float) -> Closest:
+        """Find the nearest points at a configuration, shape (size,), with this distance.
+
+        Raises InputError if there are no obstacles.
+        """
+        boundaries = self.boundaries
+        scale = boundaries.scale
+        positions, matrices = self._place_robot(q[np.newaxis])
+        # Without the margin, the search does not end at a pair of triangles within it.
+        bare = boundaries._replace(required=boundaries.required - scale * self._margin)
+        pairs = make_scratch().node_pairs
+        path_slack(bare, scale * positions, matrices, np.zeros(1), pairs)
+        # The pair of triangles that set the bound of the distance.
+        nodes = pairs[0]
+        if nodes[0] < 0:
+            raise InputError("obstacles", "are none", "there is nothing to touch")
+        trees = boundaries.trees
+        rows = trees.triangles[trees.spans[nodes, FIRST_ITEM]] / scale
+        corners = rows[:, :RADIUS].reshape(2, 3, 3)
+        robot = corners[0] @ matrices[0].T + positions[0]
+        points = _find_nearest(robot, corners[1], *rows[:, RADIUS].tolist())
+        away = points[0] - points[1]
+        away /= max(float(np.linalg.norm(away)), np.finfo(float).tiny)
+        turns = np.cross(points[0] - positions[0], away)
+        first_axis = {(): 3, ("yaw",): 2}.get(self._rotations.names, 0)
+        gradient = np.concatenate([away[: self._dim], turns[first_axis:]])
+        return Closest(distance, points if self._on_floor else points[:, : self._dim], gradient)
+
     def _place_robot(self, points: Floats) -> tuple[Floats, Floats]:
         """Return reference points (n, 3) and rotation matrices (n, 3, 3).
 
@@ -451,6 +504,27 @@ class BoundaryProofs:
         is_near = np.abs(anchors[indices, 1] - positions[rows, 1]) <= containment.reach
         rows = rows[is_near]
         return rows, anchors[indices[is_near]] - positions[rows]
+
+
+def _find_nearest(a: Floats, b: Floats, radius_a: float, radius_b: float) -> Floats:
+    """Return the nearest points of two triangles, shape (3, 3) each, grown by radii.
+
+    The weights of their corners, zero or above with sum 1 each, bring the difference nearest to
+    zero (C. L. Lawson and R. J. Hanson, "Solving Least Squares Problems", 1974, chapter 23).
+    """
+    import scipy.optimize
+
+    # A ball or a segment repeats a corner, and equal columns share their weight.
+    differences = (a[:, np.newaxis] - b).reshape(-1, 3)
+    equations = np.vstack([differences.T, np.ones(len(differences))])
+    solution = scipy.optimize.lsq_linear(
+        equations, [0.0, 0.0, 0.0, 1.0], (0.0, np.inf), method="bvls", tol=1e-15
+    )
+    shares = solution.x.reshape(3, 3) / solution.x.sum()
+    nearest_a, nearest_b = shares.sum(axis=1) @ a, shares.sum(axis=0) @ b
+    offset = nearest_b - nearest_a
+    direction = offset / max(float(np.linalg.norm(offset)), np.finfo(float).tiny)
+    return np.stack([nearest_a + radius_a * direction, nearest_b - radius_b * direction])
 
 
 def _build_boundary_trees(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence, Set
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations, permutations
@@ -418,12 +419,16 @@ class Arm:
         So a pose that no start reaches is not proven out of reach. Larger ``max_solutions`` and
         other seeds find more.
 
+        Of many poses, the result has one configuration each, or NaN if none was found. NaN proves
+        nothing, except farther from the base than the links together are long: such poses are not
+        searched.
+
         Parameters
         ----------
         frame : str
             One of :attr:`frames`.
-        pose : array-like, shape (4, 4)
-            From the frame to that of the base, metres, as :meth:`pose` returns it.
+        pose : array-like, shape (4, 4) or (n, 4, 4)
+            From the frame to that of the base, metres, as :meth:`pose` returns it; or many.
         tolerance : pair of float
             Largest distance in metres, and largest angle in radians, from the pose. One may be
             infinite: ``(1e-3, math.inf)`` asks for the position alone.
@@ -440,20 +445,37 @@ class Arm:
         -------
         ndarray of float64, shape (n, dof)
             Distinct configurations within the limits, n from 1 to ``max_solutions``; the nearest to
-            ``near`` in the joints is the first. Joints of which a whole turn changes nothing are
-            within half a turn of ``near``, or as near as their limits allow.
+            ``near`` in the joints is the first. Of n poses, that one each, or a row of NaN. Joints
+            of which a whole turn changes nothing are within half a turn of ``near``, or as near as
+            their limits allow.
 
         Raises
         ------
         ConfigurationError
-            If no start reaches the pose. The message names the distance and angle of the nearest
-            pose reached, and ``nearest`` is its configuration. Also if ``near`` is more than 1e-5
-            rad (m) beyond the limits.
+            If no start reaches the only pose. The message names the distance and angle of the
+            nearest pose reached, and ``nearest`` is its configuration. Also if ``near`` is more
+            than 1e-5 rad (m) beyond the limits.
         InputError
             If the frame is unknown or no joint moves it, the pose is no rigid motion, or a number
             is out of range.
         """
-        return self._solve_pose(PoseGoal(frame, pose, tolerance), "pose", near, max_solutions, seed)
+        poses = check_finite(pose, "pose")
+        if poses.ndim != 3:
+            goal = PoseGoal(frame, poses, tolerance)
+            return self._solve_pose(goal, "pose", near, max_solutions, seed)
+        _, tool = self._branch_to(frame)
+        body, _ = self.placements[frame]
+        near = self._rest if near is None else self._check_configuration(near, "near")
+        rows = np.full((len(poses), self.dof), np.nan)
+        # The links are together that long; a share for rounding.
+        reach = (1.0 + 1e-9) * (self.chain.lengths[0, body] + np.linalg.norm(tool[:3, 3]))
+        for k, each in enumerate(poses):
+            goal = PoseGoal(frame, check_rigid(each, f"pose[{k}]"), tolerance)
+            if np.linalg.norm(each[:3, 3]) > reach + goal.tolerance[0]:
+                continue
+            with suppress(ConfigurationError):
+                rows[k] = self._solve_pose(goal, "pose", near, max_solutions, seed)[0]
+        return rows
 
     def _solve_pose(
         self, goal: PoseGoal, name: str, near: ArrayLike | None, max_solutions: int, seed: int

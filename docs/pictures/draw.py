@@ -58,6 +58,7 @@ def draw_all(folder: Path) -> None:
             draw_arm,
             draw_clean_drawing,
             draw_joint_map,
+            draw_reachability,
             draw_spheres,
             draw_trajectory,
             draw_controller,
@@ -592,9 +593,8 @@ def halve_motion(
 # ---- tasks ---------------------------------------------------------------------------------------
 
 
-def draw_joint_map() -> Figure:
-    """Draw an arm of two bars among two posts along a path, and the same path in the map of its
-    joints."""
+def read_two_bars() -> cspace.Arm:
+    """Read an arm of two bars, each 1 m long, in the plane."""
     bar = (
         '<collision><origin xyz="0.5 0 0"/><geometry><box size="1 0.1 0.1"/></geometry></collision>'
     )
@@ -610,7 +610,46 @@ def draw_joint_map() -> Figure:
             + joint.format("elbow", "upper", "fore", 1)
             + "</robot>"
         )
-        arm = cspace.Arm.from_urdf(file)
+        return cspace.Arm.from_urdf(file)
+
+
+def draw_reachability() -> Figure:
+    """Draw which positions the tip of two bars beside a post can reach."""
+    arm = read_two_bars()
+    post = np.eye(4)
+    post[:2, 3] = 1.5, 1.0
+    round_post = cspace.arms.PosedShape(cspace.Robot.cylinder(0.1, 1.0).shape, post)
+    space = cspace.build_arm_space({"post": round_post}, arm)
+    tip = np.eye(4)
+    tip[0, 3] = 1.0
+    longer = arm.attach("tip", cspace.Robot.ball(0.01).shape, "fore", tip)
+    along = np.linspace(-2.2, 2.2, 45)
+    x, y = np.meshgrid(along, along)
+    poses = np.tile(np.eye(4), (x.size, 1, 1))
+    poses[:, :2, 3] = np.stack([x.ravel(), y.ravel()], axis=1)
+    q = longer.inverse("tip", poses, tolerance=(0.01, np.inf), max_solutions=1)
+    reached = ~np.isnan(q).any(axis=1)
+    free = reached.copy()
+    free[reached] = space.is_free(q[reached])
+    figure, ax = plt.subplots(figsize=(4.6, 4.6), layout="constrained")
+    kinds = (
+        ("a free configuration", free, ROBOT),
+        ("one that touches the post", reached & ~free, MIXED),
+        ("none found", ~reached, GRID),
+    )
+    for label, mask, color in kinds:
+        ax.scatter(x.ravel()[mask], y.ravel()[mask], s=14.0, color=color, label=label)
+    ax.add_patch(plt.Circle((1.5, 1.0), 0.1, color=OBSTACLE))
+    ax.plot([0.0, 1.0, 1.0 + np.cos(0.7)], [0.0, 0.0, np.sin(0.7)], color=PATH, linewidth=4.0)
+    ax.set(aspect="equal", xlabel="x (m)", ylabel="y (m)", title="positions of the tip")
+    figure.legend(loc="outside lower center", ncols=3, frameon=False, fontsize=8.5)
+    return figure
+
+
+def draw_joint_map() -> Figure:
+    """Draw an arm of two bars among two posts along a path, and the same path in the map of its
+    joints."""
+    arm = read_two_bars()
     posts, obstacles = [(1.5, 1.0), (-0.4, 1.2)], {}
     for k, post in enumerate(posts):
         pose = np.eye(4)

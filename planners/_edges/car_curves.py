@@ -58,6 +58,19 @@ TOUCHING = 2.0 - TOUCH_TOLERANCE
 """Smallest distance between the centers of two circles, in turning radii, that do not overlap."""
 
 
+ROUNDING_LENGTH = 1e-9
+"""Length, in turning radii, up to which a segment of a curve is only a rounding error."""
+
+
+class Curves(NamedTuple):
+    """The curves that a car can drive, and what they cost."""
+
+    kind: int
+    radius: float  # turning radius, metres
+    reverse_cost: float  # of a metre in reverse, in metres ahead
+    switch_cost: float  # of a change of direction, turning radii
+
+
 class Form(NamedTuple):
     """A form of words; :func:`solve_form` gives the lengths of the segments.
 
@@ -95,9 +108,9 @@ DUBINS_FORMS = 4
 MAX_SEGMENTS = 5
 """Segments of a word; unused ones have no length."""
 
-MAX_WORDS = 48
+MAX_WORDS = 64
 """Words to one goal: nine forms, mirrored and reversed, and three of them backwards, as (9 + 3) *
-4."""
+4; with costs also four forms of Dubins, mirrored, in two ways."""
 
 TIE_TOLERANCE = 1e-6
 """Largest difference in length, in turning radii, between curves that count as equally short."""
@@ -122,14 +135,13 @@ class Words(NamedTuple):
     lengths: Floats  # (2 * MAX_WORDS, 5), turning radii
     number: int  # of words
     gap: float  # of the shortest word
-    shortest: float  # length of the shortest word, turning radii
+    shortest: float  # length of the shortest word with its costs, turning radii
 
 
 @allocating
 def prove_length(
     map_: Map,
-    kind: int,
-    radius: float,
+    curves: Curves,
     geometry: Geometry,
     x0: float,
     y0: float,
@@ -138,23 +150,25 @@ def prove_length(
     y1: float,
     yaw1: float,
 ) -> float:
-    """Prove a shortest curve free; return its metres, or -1.
+    """Prove a shortest curve free; return its metres with costs, or -1.
 
     A curve is proven if it lies in FREE cells of the grid. With a geometry, the boundaries of robot
     and obstacles may also stay apart; then the curve is free if its start is. If the lengths of
     several curves differ by at most ``TIE_TOLERANCE``, all must be proven, because the robot may
     drive any one.
     """
+    radius = curves.radius
     start = (x0, y0, yaw0)
     goal = (x1, y1, yaw1)
-    words = find_shortest_words(kind, radius, start, goal, TIE_TOLERANCE)
+    words = find_shortest_words(curves, start, goal, TIE_TOLERANCE)
     if not words.gap <= MAX_GAP:
         return -1.0
     count = words.number
-    if kind == REEDS_SHEPP:
-        # OMPL may compute its curve from the goal, and rounding can prefer another of the tied
-        # curves. Driven back, such a curve has its segments in reverse order and direction.
-        back = find_shortest_words(kind, radius, goal, start, TIE_TOLERANCE)
+    if curves.kind == REEDS_SHEPP and not has_costs(curves):
+        # OMPL, which takes no costs, may compute its curve from the goal, and rounding can prefer
+        # another of the tied curves. Driven back, such a curve has its segments in reverse order
+        # and direction.
+        back = find_shortest_words(curves, goal, start, TIE_TOLERANCE)
         for row in range(back.number):
             for k in range(MAX_SEGMENTS):
                 words.steering[count, k] = back.steering[row, MAX_SEGMENTS - 1 - k]
@@ -184,24 +198,25 @@ def curve_cost(
     map_: Map,
     field: Values,
     density: CostDensity,
-    curve: tuple[int, float],
+    curves: Curves,
     numbers: Numbers,
 ) -> float:
     """Integrate the cost along the shortest curve.
 
-    ``curve`` is the kind and the turning radius. The last six ``numbers`` are (x, y, yaw) of both
+    The last six ``numbers`` are (x, y, yaw) of both
     ends. The midpoint rule has steps of at most one cell and 5 degrees.
     """
-    kind, radius = curve
+    radius = curves.radius
     x0, y0, yaw0, x1, y1, yaw1 = numbers[-6:]
-    words = find_shortest_words(kind, radius, (x0, y0, yaw0), (x1, y1, yaw1), 0.0)
+    words = find_shortest_words(curves, (x0, y0, yaw0), (x1, y1, yaw1), 0.0)
     # Poses are in turning radii from the start; row 0 has the shortest word.
     pose = (0.0, 0.0, yaw0)
-    total = 0.0
+    total = radius * curves.switch_cost * count_switches(words.lengths, 0)
     for k in range(MAX_SEGMENTS):
         steer = words.steering[0, k]
         length = words.lengths[0, k]
         metres = radius * abs(length)
+        price = curves.reverse_cost if length < 0.0 else 1.0
         longest_step = map_.spacing
         if steer != 0:
             longest_step = min(map_.spacing, MAX_RADIANS_PER_STEP * radius)
@@ -211,7 +226,7 @@ def curve_cost(
             u, v, yaw = advance(pose, steer, length * (step + 0.5) / steps)
             position = position_in_plane(map_, x0 + radius * u, y0 + radius * v)
             cost = cost_at(map_, field, density, position, (yaw,))
-            total += cost * metres / steps
+            total += price * cost * metres / steps
         pose = advance(pose, steer, length)
     return total
 
@@ -294,32 +309,37 @@ def segment_is_free(
 
 
 @allocating
-def find_shortest_words(kind: int, radius: float, q0: Pose, q1: Pose, tie: float) -> Words:
+def find_shortest_words(curves: Curves, q0: Pose, q1: Pose, tie: float) -> Words:
     """Find the shortest words between two configurations.
 
-    The shortest one comes first, then all words longer by at most ``tie``, without duplicates. Each
-    word is driven and counts only if it reaches the goal, so that no form needs a separate proof.
+    Lengths include the costs of curves. The shortest word comes first, then all words longer by at
+    most ``tie``, without duplicates. Each word is driven and counts only if it reaches the goal, so
+    that no form needs a separate proof.
     """
     # The goal as seen from the start, in turning radii.
     x0, y0, yaw0 = q0
     x1, y1, yaw1 = q1
-    dx = (x1 - x0) / radius
-    dy = (y1 - y0) / radius
+    dx = (x1 - x0) / curves.radius
+    dy = (y1 - y0) / curves.radius
     cos = math.cos(yaw0)
     sin = math.sin(yaw0)
     goal = (dx * cos + dy * sin, dy * cos - dx * sin, yaw1 - yaw0)
     all_steering = np.zeros((MAX_WORDS, MAX_SEGMENTS), np.int64)
     all_lengths = np.zeros((MAX_WORDS, MAX_SEGMENTS))
-    candidates = write_candidates(kind, goal, all_steering, all_lengths)
+    candidates = write_candidates(curves.kind, goal, all_steering, all_lengths, 0)
+    if has_costs(curves):
+        # These have arcs of more than half a turn, which are shorter in reverse.
+        candidates = write_candidates(DUBINS, goal, all_steering, all_lengths, candidates)
     totals = np.empty(candidates)  # of the words that reach the goal and may be shortest
     best = 0
     shortest = math.inf
     shortest_gap = math.inf
     for row in range(candidates):
         totals[row] = math.inf
-        total = 0.0
+        total = curves.switch_cost * count_switches(all_lengths, row)
         for k in range(MAX_SEGMENTS):
-            total += abs(all_lengths[row, k])
+            length = all_lengths[row, k]
+            total += abs(length) * (curves.reverse_cost if length < 0.0 else 1.0)
         # Driving a word takes longer than making it, so only the shortest ones are driven.
         if not total <= shortest + tie:
             continue
@@ -344,6 +364,25 @@ def find_shortest_words(kind: int, radius: float, q0: Pose, q1: Pose, tie: float
                 lengths[count, k] = all_lengths[row, k]
             count += is_new(steering, lengths, count)
     return Words(steering, lengths, count, shortest_gap, shortest)
+
+
+@internal
+def has_costs(curves: Curves) -> bool:
+    """Return True if a curve may cost more than its length."""
+    return curves.reverse_cost != 1.0 or curves.switch_cost > 0.0
+
+
+@internal
+def count_switches(lengths: Floats, row: int) -> int:
+    """Count the changes of direction along a word."""
+    count = 0
+    last = 0.0
+    for k in range(MAX_SEGMENTS):
+        length = lengths[row, k]
+        if abs(length) > ROUNDING_LENGTH:
+            count += last * length < 0.0
+            last = length
+    return count
 
 
 @internal
@@ -394,15 +433,14 @@ def is_new(steering: Ints, lengths: Floats, count: int) -> int:
 
 
 @internal
-def write_candidates(kind: int, goal: Pose, steering: Ints, lengths: Floats) -> int:
-    """Write candidate words from the origin; return their number.
+def write_candidates(kind: int, goal: Pose, steering: Ints, lengths: Floats, count: int) -> int:
+    """Write candidate words from the origin after ``count`` others; return their number.
 
     Each form gives words by symmetry: mirrored (left for right), reversed (ahead for back) and
     backwards (from the end to the start). Words of Dubins are neither reversed nor backwards; their
     arcs just below 2 pi are tried as 0 and as given.
     """
     forms = DUBINS_FORMS if kind == DUBINS else len(SEGMENTS)
-    count = 0
     for mirror in (1, -1):
         for sign in (1, -1):
             if kind == DUBINS and sign < 0:

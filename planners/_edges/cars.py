@@ -27,6 +27,8 @@ from planners._edges.car_curves import (
     DUBINS,
     MAX_GAP,
     REEDS_SHEPP,
+    ROUNDING_LENGTH,
+    Curves,
     advance,
     curve_cost,
     find_shortest_words,
@@ -42,7 +44,7 @@ tries the next finer one. An arc leads from one heading to the next."""
 
 
 class CarCurves(DrivenEdges):
-    """Edges along the shortest curve of a car.
+    """Edges along the shortest curve of a car, or with costs of its drive the cheapest one.
 
     The map has the axes x, y, yaw. Each edge is proven along the curve itself, which is split into
     pieces. All cells that meet the box around a piece must be FREE, or with ``exact`` the geometry
@@ -58,7 +60,6 @@ class CarCurves(DrivenEdges):
     hints = ("a smaller turning_radius",)
     # It need not turn on the spot in narrow blocks.
     narrow_cost: ClassVar[float] = 0.3
-    reverse_weight: ClassVar[float] = 1.5
 
     @property
     def name(self) -> str:
@@ -76,6 +77,21 @@ class CarCurves(DrivenEdges):
     def tries_trees(self) -> bool:
         """Whether a default plan first tries :attr:`tree_planner` for a short time."""
         return self.reverses
+
+    @property
+    def drive_has_costs(self) -> bool:
+        """Whether driving backwards costs more than its length."""
+        return self.drive.reverse_cost != 1.0 or self.drive.switch_cost > 0.0
+
+    @property
+    def plain_drive(self) -> Drive:
+        """The drive without costs."""
+        return replace(self.drive, reverse_cost=1.0, switch_cost=0.0)
+
+    @property
+    def reverse_weight(self) -> float:
+        """Cost of a metre that is driven in reverse, in metres driven ahead."""
+        return self.drive.reverse_cost if self.drive_has_costs else 1.5
 
     @property
     def radius(self) -> float:
@@ -103,6 +119,7 @@ class CarCurves(DrivenEdges):
     @property
     def curve_states(self) -> tuple[bool, float]:
         """Whether OMPL's curves reverse, and their radius in metres."""
+        self.check_shortest()
         return self.reverses, self.radius
 
     def check_drive(self) -> None:
@@ -125,6 +142,13 @@ class CarCurves(DrivenEdges):
         """Kind of curves, for kernels."""
         return REEDS_SHEPP if self.reverses else DUBINS
 
+    @property
+    def curves(self) -> Curves:
+        """Curves and their costs, for kernels."""
+        drive = self.drive
+        switch_cost = drive.switch_cost / self.radius
+        return Curves(self.kind, self.radius, drive.reverse_cost, switch_cost)
+
     def point_checker(self) -> Callable[..., bool]:
         """Make ``check(*q)``, which proves points like curves without length.
 
@@ -138,7 +162,7 @@ class CarCurves(DrivenEdges):
     @cached_property
     def bound_proof(self) -> Callable[..., float]:
         """Kernel :func:`prove_length`, bound to a map in memory and its updates."""
-        fixed = (self.bounded_map(), self.kind, self.radius)
+        fixed = (self.bounded_map(), self.curves)
         return bind_kernel(prove_length, fixed, self.geometry(), *[0.0] * 6)
 
     def edge_checker(self) -> Callable[..., bool]:
@@ -148,8 +172,16 @@ class CarCurves(DrivenEdges):
 
     def edge_cost(self, weights: CellCost) -> Callable[..., float]:
         """Make ``cost(*q0, *q1)``, the cost of the shortest curve."""
-        curve = self.kind, self.radius
-        return bind_cost(curve_cost, self.cells, weights, self.rotation_weight, curve)
+        return bind_cost(curve_cost, self.cells, weights, self.rotation_weight, self.curves)
+
+    def path_cost(self, path: Floats) -> float:
+        """Return the cost of a path, with changes of direction at its waypoints."""
+        cost = super().path_cost(path)
+        if not self.drive.switch_cost:
+            return cost
+        edges = [self.split_edge(*ends, np.inf, np.inf, 1.0) for ends in itertools.pairwise(path)]
+        changes = [a.lengths[-1] * b.lengths[0] < 0.0 for a, b in itertools.pairwise(edges)]
+        return cost + self.drive.switch_cost * changes.count(True)
 
     def measure_distance(self, path: Floats) -> float:
         """Compute a lower bound of the obstacle distance along proven curves.
@@ -166,7 +198,7 @@ class CarCurves(DrivenEdges):
         return distance if self.cells.floor is not None else max(self.cells.margin, distance)
 
     def curve_prover(self) -> Callable[..., float]:
-        """Make ``prove(*q0, *q1)``, the metres of the shortest curve.
+        """Make ``prove(*q0, *q1)``, the metres of the shortest curve, with the drive's costs.
 
         It returns -1 unless the curve is proven free.
         """
@@ -207,11 +239,11 @@ class CarCurves(DrivenEdges):
         return replace(self, space=self.tiles.window(lower, upper))
 
     def edge_length(self, *ends: float) -> float:
-        """Return the metres of the shortest curve."""
+        """Return the metres of the shortest curve, with the drive's costs."""
         x0, y0, yaw0, x1, y1, yaw1 = ends
         start = (x0, y0, yaw0)
         goal = (x1, y1, yaw1)
-        return self.radius * find_shortest_words(self.kind, self.radius, start, goal, 0.0).shortest
+        return self.radius * find_shortest_words(self.curves, start, goal, 0.0).shortest
 
     def curve_lengths(self, starts: Floats, ends: Floats) -> Floats:
         """Return the lengths of the shortest curves, shape (n,)."""
@@ -232,7 +264,7 @@ class CarCurves(DrivenEdges):
         start = tuple(first.tolist())
         goal = tuple(last.tolist())
         # The first word is the shortest; its lengths are in turning radii.
-        words = find_shortest_words(self.kind, self.radius, start, goal, 0.0)
+        words = find_shortest_words(self.curves, start, goal, 0.0)
         word = words.lengths[0]
         longest_segment = int(np.argmax(np.abs(word)))
         segments = zip(words.steering[0].tolist(), word.tolist(), strict=True)
@@ -242,8 +274,7 @@ class CarCurves(DrivenEdges):
         lengths = []
         rotations = []
         for k, (steer, length) in enumerate(segments):
-            # Length, in turning radii, up to which a segment of a curve is only a rounding error.
-            if k == longest_segment or abs(length) > 1e-9:
+            if k == longest_segment or abs(length) > ROUNDING_LENGTH:
                 longest_piece = step / self.radius
                 if steer:
                     longest_piece = min(longest_piece, rotation)
@@ -317,9 +348,9 @@ class CarCurves(DrivenEdges):
             nanoseconds=5_000,
             costs=np.tile(costs, (count, 1)),
             side=side,
-            switch_cost=0.5 * radius,
+            switch_cost=self.drive.switch_cost if self.drive_has_costs else 0.5 * radius,
             # A car by cost loses no time if it is less greedy.
-            greed=1.5 if self.weights is None else 1.2,
+            greed=1.2 if self.has_costs else 1.5,
             near=max(4.0 * radius, 8.0 * spacing),
             geometry=self.geometry(),
         )

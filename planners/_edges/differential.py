@@ -26,7 +26,8 @@ class TurnDriveTurn(DrivenEdges):
     """Edges of a differential drive: turn, drive straight, turn.
 
     It turns on the spot, the shorter way, and drives with its x axis ahead. If it reverses, it
-    drives backwards when that takes less rotation. Each of the three motions is proven as a
+    drives backwards when that takes less rotation, or with a cost of reversing, when that costs
+    less. Each of the three motions is proven as a
     straight edge; :meth:`insert_breakpoints` gives their endpoints.
 
     OMPL gets curves with a turning radius of almost zero (:data:`PIVOT_RADIUS_PER_SIDE`). Its
@@ -46,6 +47,7 @@ class TurnDriveTurn(DrivenEdges):
     @property
     def curve_states(self) -> tuple[bool, float]:
         """Whether OMPL's curves reverse, and their tiny radius, metres."""
+        self.check_shortest()
         grid = self.cells.grid
         longest_side = grid.spacing * max(grid.shape)
         return self.reverses, PIVOT_RADIUS_PER_SIDE * longest_side
@@ -76,8 +78,8 @@ class TurnDriveTurn(DrivenEdges):
 
         def add(x0: float, y0: float, yaw0: float, x1: float, y1: float, yaw1: float) -> float:
             """Return the cost of turns and drive."""
-            yaw = self.choose_yaw(x0, y0, yaw0, x1, y1, yaw1)
-            total = cost(x0, y0, yaw, x1, y1, yaw)
+            yaw, price = self._choose_drive(x0, y0, yaw0, x1, y1, yaw1)
+            total = price * cost(x0, y0, yaw, x1, y1, yaw)
             # Most edges have few turns.
             if yaw != yaw0:
                 total += cost(x0, y0, yaw0, x0, y0, yaw)
@@ -88,27 +90,36 @@ class TurnDriveTurn(DrivenEdges):
         return add
 
     def edge_length(self, *ends: float) -> float:
-        """Return an edge's metres plus half its radians."""
+        """Return an edge's metres plus half its radians, with the drive's costs."""
         x0, y0, yaw0, x1, y1, yaw1 = ends
-        yaw = self.choose_yaw(x0, y0, yaw0, x1, y1, yaw1)
+        yaw, price = self._choose_drive(x0, y0, yaw0, x1, y1, yaw1)
         turns = _turn_by_way_of(yaw, yaw0, yaw1)
-        return math.hypot(x1 - x0, y1 - y0) + METRES_PER_RADIAN * turns
+        return price * math.hypot(x1 - x0, y1 - y0) + METRES_PER_RADIAN * turns
 
     def choose_yaw(
         self, x0: float, y0: float, yaw0: float, x1: float, y1: float, yaw1: float
     ) -> float:
-        """Choose the yaw of the drive with less rotation.
+        """Choose the yaw of the drive that costs less, by default with less rotation.
 
         It is ``yaw0`` if the edge is a pure turn.
         """
+        return self._choose_drive(x0, y0, yaw0, x1, y1, yaw1)[0]
+
+    def _choose_drive(
+        self, x0: float, y0: float, yaw0: float, x1: float, y1: float, yaw1: float
+    ) -> tuple[float, float]:
+        """Choose the yaw of the drive that costs less; return also the cost of a metre."""
         if x0 == x1 and y0 == y1:
-            return yaw0
+            return yaw0, 1.0
         ahead = wrap_yaw(math.atan2(y1 - y0, x1 - x0))
         if not self.reverses:
-            return ahead
+            return ahead, 1.0
         back = wrap_yaw(ahead + math.pi)
-        is_less = _turn_by_way_of(back, yaw0, yaw1) < _turn_by_way_of(ahead, yaw0, yaw1)
-        return back if is_less else ahead
+        price = self.drive.reverse_cost
+        # In radians, in which the drives differ by default.
+        extra = (price - 1.0) * math.hypot(x1 - x0, y1 - y0) / METRES_PER_RADIAN
+        is_less = extra + _turn_by_way_of(back, yaw0, yaw1) < _turn_by_way_of(ahead, yaw0, yaw1)
+        return (back, price) if is_less else (ahead, 1.0)
 
     def insert_breakpoints(self, path: Floats) -> Floats:
         """Insert the configurations at which turns and drives begin."""
@@ -173,7 +184,7 @@ class TurnDriveTurn(DrivenEdges):
             radius=None,
             max_nodes=1_000_000,
             nanoseconds=2_000,
-            costs=METRES_PER_RADIAN * radians + np.abs(metres),
+            costs=METRES_PER_RADIAN * radians + np.maximum(metres, -self.reverse_weight * metres),
             side=spacing,
             switch_cost=0.0,
             greed=1.2,

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import ClassVar, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cspace.errors import InputError
 from cspace.inside import Drive, Endpoint, Floats, Geometry, Ints
 from planners._edges.local_planner import LocalPlanner
 
@@ -43,9 +44,6 @@ class DrivenEdges(LocalPlanner):
     drive: Drive
     has_heading = True
 
-    reverse_weight: ClassVar[float] = 1.0
-    """Cost of a metre that is driven in reverse, in metres driven ahead."""
-
     @property
     def name(self) -> str:
         """Name of the drive, in messages."""
@@ -60,6 +58,26 @@ class DrivenEdges(LocalPlanner):
     def reverses(self) -> bool:
         """Whether the robot also drives backwards."""
         return self.drive.reverse
+
+    @property
+    def drive_has_costs(self) -> bool:
+        """Whether driving backwards costs more than its length."""
+        return self.drive.reverse_cost != 1.0
+
+    @property
+    def plain_drive(self) -> Drive:
+        """The drive without costs."""
+        return replace(self.drive, reverse_cost=1.0)
+
+    @property
+    def has_costs(self) -> bool:
+        """Whether an edge may cost more than its length."""
+        return self.weights is not None or self.drive_has_costs
+
+    @property
+    def reverse_weight(self) -> float:
+        """Cost of a metre that is driven in reverse, in metres driven ahead."""
+        return self.drive.reverse_cost
 
     @property
     def max_lateral_acceleration(self) -> float | None:
@@ -82,8 +100,25 @@ class DrivenEdges(LocalPlanner):
         ``is_backwards`` begins at the goal.
         """
 
+    def check_shortest(self) -> None:
+        """Raise InputError if edges may be longer than OMPL's, which are the shortest."""
+        if self.drive_has_costs:
+            problem = f"is {self.drive!r}"
+            raise InputError("drive", problem, "planners of OMPL drive the shortest way")
+
+    def weigh(self) -> Callable[..., float] | None:
+        """Make ``cost(*q0, *q1)``; None if the cost is the length."""
+        if self.weights is None and self.drive_has_costs:
+            return self.edge_length
+        return super().weigh()
+
+    def path_length(self, path: Floats) -> float:
+        """Return the length of a path with weighted rotations."""
+        metres, radians = self.measure(path)
+        return metres + self.rotation_weight * radians
+
     def edge_lengths(self, starts: Floats, ends: Floats) -> Floats:
-        """Return edges' lengths with weighted rotations, shape (n,)."""
+        """Return edges' lengths with weighted rotations and the drive's costs, shape (n,)."""
         rows = np.hstack([starts, ends]).tolist()
         return np.array([self.edge_length(*row) for row in rows])
 

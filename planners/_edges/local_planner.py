@@ -168,6 +168,11 @@ class LocalPlanner:
         return cast("TiledCSpace", self.space)
 
     @property
+    def has_costs(self) -> bool:
+        """Whether an edge may cost more than its length."""
+        return self.weights is not None
+
+    @property
     def reverses(self) -> bool:
         """Whether the robot also moves backwards."""
         return True

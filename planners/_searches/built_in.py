@@ -35,7 +35,7 @@ class BuiltInSearch(Planner):
         if len(path) > 2 and is_over(NEVER):
             path = path[:0]  # proving and measuring thousands of edges takes long
         planning = now() - began
-        is_edge = len(path) == 2 and self.tries_edge and edges.weights is None
+        is_edge = len(path) == 2 and self.tries_edge and not edges.has_costs
         return SearchResult(path, NO_SEARCH if is_edge else "", planning, lattice=proof)
 
     @abstractmethod

@@ -146,27 +146,47 @@ def find_lattice_path(
     """Find a path on a lattice, and shorten it.
 
     The map is in memory. A long search asks once whether a path ``may_exist``; the answer takes no
-    time of the limit. If edges have weights, a search by cost follows that by length, and the
+    time of the limit. If edges have costs, a search by cost follows that by length, and the
     cheaper path wins. Returns configurations (x, y, yaw), shape (n, 3), and a note. If the search
     finds no path, n is 0, and the note gives the reason.
     """
     began = now()
     limit = _Limit(began + effort, may_exist)
-    plain = replace(edges, weights=None)
+    plain = replace(edges, weights=None, drive=edges.plain_drive)
     path, reason = np.array(endpoints), ""
-    if not edges.edge_checker()(*endpoints[0], *endpoints[1]):
+    if not plain.edge_checker()(*endpoints[0], *endpoints[1]):
         path, reason = _find_path(plain, endpoints, simplify, limit)
-    if edges.weights is None or not len(path):
+    if not edges.has_costs or not len(path):
         return path, reason
+    if edges.drive_has_costs:
+        path = _keep_motion(edges, plain, path, simplify, limit)
     # No path costs less than a short one whose metres cost nothing extra.
-    if edges.path_cost(path) <= (1.0 + MIN_ROUND_GAIN) * edges.path_length(path):
+    most = (1.0 + MIN_ROUND_GAIN) * edges.path_length(path)
+    if len(path) and edges.path_cost(path) <= most:
         return path, reason
     # The robot may be unable to drive along a cheap way.
     work = max(4.0 * (now() - began).work, Effort.from_seconds(0.25, math.inf).work)
     limit.until = limit.until.at_most(now() + Effort(work, math.inf))
     cheap_path, _ = _find_path(edges, endpoints, simplify, limit)
-    paths = [path, cheap_path] if len(cheap_path) else [path]
-    return min(paths, key=edges.path_cost), reason
+    edge = np.array(endpoints)
+    paths = [each for each in (path, cheap_path) if len(each)]
+    if edges.drive_has_costs and edges.are_free(edge):
+        paths.append(edge)
+    return min(paths, key=edges.path_cost, default=path), reason
+
+
+def _keep_motion(
+    edges: DrivenEdges, plain: DrivenEdges, path: Floats, simplify: bool, limit: _Limit
+) -> Floats:
+    """Return a path of ``plain`` edges as one of edges with a drive's costs, shape (n, 3).
+
+    Of the ways along a long edge, another one may cost less. Short edges have the same motion. The
+    result has no row if one is not proven.
+    """
+    path = plain.resample(path, edges.metres_per_radian / edges.drive.reverse_cost)
+    if not edges.are_free(path):
+        return path[:0]
+    return shorten_path(edges, path, limit.until + MAX_SHORTENING) if simplify else path
 
 
 def _find_path(
@@ -202,7 +222,10 @@ def _search_levels(
     min_stalled = 2**14
     while True:
         for motions in levels:
-            path, reason, vain = _search(edges, motions, guide, endpoints, min_stalled, limit)
+            arrival = _Arrival(edges, cast(Pose, endpoints[1]), is_backwards)
+            path, reason, vain = _search(
+                edges, motions, guide, endpoints, arrival, min_stalled, limit
+            )
             if is_backwards:
                 path = path[::-1]
             if len(path) and edges.are_free(path):
@@ -337,10 +360,11 @@ def _find_nearest(yaws: Floats) -> Ints:
 
 
 def _search(
-    edges: LocalPlanner,
+    edges: DrivenEdges,
     motions: Motions,
     guide: Guide,
     endpoints: Endpoints,
+    arrival: _Arrival,
     min_stalled: int,
     limit: _Limit,
 ) -> tuple[Floats, str, Bools | None]:
@@ -357,7 +381,6 @@ def _search(
     target = Target(goal, guide.estimate, nearest, _list_factors(edges))
     heading = int(np.abs(wrap_angles(motions.headings - start[2])).argmin())
     add_node(map_, motions, target, nodes, start, heading, 0.0, NO_NODE, 0)
-    arrival = _Arrival(edges, goal)
     reason = f"the lattice search ended at its limit of {motions.max_nodes:,} nodes"
     may_fail = True
     while nodes.counts[0] < motions.max_nodes:
@@ -388,7 +411,9 @@ def _search(
         if arrival.is_settled(nodes, limit.until):
             break
     if arrival.node != NO_NODE:
-        return _trace_path(nodes, arrival.node, endpoints, not edges.has_curves), "", None
+        # A long drive in reverse may cost more than turning around, which need not be free.
+        merges = not (edges.has_curves or edges.drive_has_costs)
+        return _trace_path(nodes, arrival.node, endpoints, merges), "", None
     return np.empty((0, 3)), reason, None
 
 
@@ -398,16 +423,19 @@ class _Arrival:
     In a search by length it is the first path, by cost the cheapest.
     """
 
-    def __init__(self, edges: LocalPlanner, goal: Pose) -> None:
+    def __init__(self, edges: LocalPlanner, goal: Pose, is_backwards: bool) -> None:
         self._is_free = edges.edge_checker()
         self._measure = edges.weigh()
         self._goal = goal
+        self._is_backwards = is_backwards
         self._cost = math.inf
         self.node = NO_NODE
 
     def try_edge(self, nodes: LatticeNodes, node: int) -> None:
         """Take the edge from a node if it is free and better."""
-        edge = *nodes.poses[node].tolist(), *self._goal
+        pose = nodes.poses[node].tolist()
+        # A search from the goal arrives where the robot begins.
+        edge = (*self._goal, *pose) if self._is_backwards else (*pose, *self._goal)
         cost = -math.inf
         if self._measure is not None:
             cost = float(nodes.progress.cost[node]) + self._measure(*edge)

@@ -140,6 +140,61 @@ def test_a_pose_goal_keeps_a_rigid_pose_and_both_tolerances():
         np.asarray(PoseGoal("tool0", rounded).pose)[0, 0] = 2.0
 
 
+def test_many_poses_are_reached_where_two_links_reach(tmp_path):
+    """By the triangle of both links, whose elbow turns to at most 2 rad."""
+    limits = (-2.0, 2.0)
+    arm = planar_with_tip(tmp_path, elbow={"limits": limits})
+    rng = np.random.default_rng(4)
+    radii = np.concatenate([rng.uniform(0.0, 2.4, 60), [2.0, 2.001]])
+    angles = rng.uniform(-2.9, 2.9, len(radii))
+    poses = np.array(
+        [pose_at(r * np.cos(a), r * np.sin(a)) for r, a in zip(radii, angles, strict=True)]
+    )
+    options = {"tolerance": (1e-4, math.inf), "max_solutions": 4}
+    rows = arm.inverse("tip", poses, **options)
+    assert rows.shape == (len(poses), 2)
+    # The base turns to 3 rad, which the links can exceed by half of the elbow's turn.
+    shortest = 2.0 * math.cos(0.5 * limits[1])
+    reached = ~np.isnan(rows).any(axis=1)
+    assert not reached[(radii > 2.0002) | (radii < shortest - 2e-4)].any()
+    within = (radii < 2.0001) & (radii > shortest)
+    assert reached[within].all() and within.sum() > 20 and (~reached).sum() > 20
+    first, second = rows[reached].T
+    tips = np.stack(
+        [np.cos(first) + np.cos(first + second), np.sin(first) + np.sin(first + second)]
+    )
+    assert np.linalg.norm(tips.T - poses[reached, :2, 3], axis=1).max() < 1e-4 + 1e-9
+    for k in np.flatnonzero(reached)[:5]:
+        np.testing.assert_array_equal(rows[k], arm.inverse("tip", poses[k], **options)[0])
+    assert arm.inverse("tip", poses[:0]).shape == (0, 2)
+
+
+def test_no_pose_of_an_arm_counts_as_beyond_its_links(tmp_path):
+    for seed in range(12):
+        arm = Arm.from_urdf(random_chain(tmp_path, seed, 1 + seed % 6))
+        for q in np.random.default_rng(seed).uniform(*arm._ranges(), (5, arm.dof)):
+            (row,) = arm.inverse("tool0", arm.pose(q, "tool0")[np.newaxis], near=q)
+            np.testing.assert_allclose(row, q, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "change, message",
+    [
+        ({"frame": "nose"}, "frame is 'nose'"),
+        ({"pose": np.ones((2, 4, 4))}, r"pose\[0\] has R = "),
+        ({"pose": np.zeros((2, 3, 4))}, r"pose\[0\] has shape \(3, 4\)"),
+        ({"pose": np.full((1, 4, 4), np.nan)}, r"pose\[0, 0, 0\] is nan"),
+        ({"near": (9.0, 0.0)}, "near has shoulder at 9"),
+        ({"max_solutions": 0}, "max_solutions is 0"),
+    ],
+    ids=["frame", "motion", "shape", "nan", "near", "count"],
+)
+def test_many_poses_are_refused_like_one(tmp_path, change, message):
+    arm = planar_with_tip(tmp_path)
+    with pytest.raises((InputError, ConfigurationError), match=message):
+        arm.inverse(**{"frame": "tip", "pose": pose_at(1, 1)[np.newaxis], **change})
+
+
 @pytest.mark.parametrize(
     "pose",
     [np.ones((4, 4)), np.diag([1.0, 1.0, -1.0, 1.0]), pose_at(1, 2).T, np.eye(3)],

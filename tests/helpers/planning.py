@@ -211,7 +211,7 @@ def sample_arc(first, chord, turn, way, along):
 def shortest_word(curves, first, last):
     """Return steering and lengths of the shortest curve, and its gap at the goal."""
     ends = tuple(first.tolist()), tuple(last.tolist())
-    words = find_shortest_words(curves.kind, curves.radius, *ends, 0.0)
+    words = find_shortest_words(curves.curves, *ends, 0.0)
     return words.steering[0], words.lengths[0], words.gap
 
 

@@ -13,7 +13,12 @@ from cspace import FREE, Robot, Workspace, build
 from planners._edges.cars import CarCurves
 from planners._edges.drives import local_planner
 from planners._ompl.states import make_states
+<<<<<<< HEAD
 from tests.helpers.drives import CURVES, drive_pieces, make_drive
+=======
+from tests.fuzz.curves import drive as drive_word
+from tests.helpers.drives import CURVES, make_drive
+>>>>>>> h8
 from tests.helpers.handmade import build_empty
 from tests.helpers.placements import draw_near_mixed, is_free_around
 from tests.helpers.planning import (
@@ -63,6 +68,42 @@ def draw_pairs(n, radius, seed=0):
 # ---- words ---------------------------------------------------------------------------------------
 
 
+def measure_ompls_cost(states, ends, reverse_cost, switch_cost):
+    """Return the cost of OMPL's curve by 2,000 chords."""
+    rows = interpolate_poses(states, *make_poses(states, *ends), np.linspace(0.0, 1.0, 2001))
+    steps = np.diff(rows[:, :2], axis=0)
+    lengths = np.linalg.norm(steps, axis=1)
+    ahead = (steps * np.stack([np.cos(rows[1:, 2]), np.sin(rows[1:, 2])], axis=1)).sum(axis=1)
+    # A chord across a cusp is shorter than the chords beside it.
+    ways = np.sign(ahead[lengths > 0.9 * np.median(lengths)])
+    changes = np.count_nonzero(np.diff(ways))
+    return np.where(ahead < 0.0, reverse_cost, 1.0) @ lengths + switch_cost * changes
+
+
+@pytest.mark.parametrize("costs", [(2.0, 0.0), (1.0, 1.5), (12.0, 3.0)], ids=str)
+def test_curves_with_costs_of_reversing_cost_no_more_than_ompls(costs):
+    radius = 0.7
+    kinds = [OMPL_SPACES[name](radius) for name in ("dubins", "reeds-shepp")]
+    drive = planners.Car(radius, reverse=True, reverse_cost=costs[0], switch_cost=costs[1])
+    curves = CarCurves(None, drive)
+    fewer = 0
+    for a, b in draw_pairs(200, radius, seed=1):
+        cost = measure(curves, a, b)
+        ahead, shortest = (measure_ompls_cost(states, (a, b), *costs) for states in kinds)
+        assert cost <= min(ahead, shortest) + 2e-3 * costs[0] * (1.0 + shortest)
+        assert cost >= kinds[1].distance(*make_poses(kinds[1], a, b)) - 2e-6 * radius
+        fewer += cost < 0.99 * shortest
+        # The cost is that of the curve driven.
+        steering, lengths, gap = shortest_word(curves, a, b)
+        ways = np.sign(lengths[np.abs(lengths) > 1e-9])
+        metres = radius * np.where(lengths < 0.0, costs[0], 1.0) @ np.abs(lengths)
+        changes = np.count_nonzero(np.diff(ways))
+        assert cost == pytest.approx(metres + costs[1] * changes, abs=1e-9) and gap < 1e-6
+        end = drive_word(a[None], steering[None], radius * lengths[None], radius)[0]
+        assert np.abs(end[:2] - b[:2]).max() < 1e-5
+    assert fewer >= 40
+
+
 @EVERY_CURVE
 def test_curves_end_at_the_goal_and_are_at_most_as_long_as_ompls(name):
     radius = 0.7
@@ -76,7 +117,11 @@ def test_curves_end_at_the_goal_and_are_at_most_as_long_as_ompls(name):
         shorter += length < theirs - 2e-6 * radius
         if k % 10 == 0:
             word = shortest_word(curves, a, b)
+<<<<<<< HEAD
             end = drive_pieces(a[None], word[0][None], radius * word[1][None], radius)[0]
+=======
+            end = drive_word(a[None], word[0][None], radius * word[1][None], radius)[0]
+>>>>>>> h8
             assert np.abs(end[:2] - b[:2]).max() < 1e-5 and word[2] < 2e-8
             assert abs(turn_between(end[2], b[2])) < 2e-6
             assert name == "reeds-shepp" or min(word[1]) >= 0.0

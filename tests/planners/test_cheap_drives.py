@@ -10,9 +10,9 @@ import shapely
 from scipy.interpolate import RegularGridInterpolator
 
 import planners
-from cspace import Robot, Workspace, build
+from cspace import InputError, Robot, Workspace, build
 from tests.helpers.drives import is_car, make_drive
-from tests.helpers.handmade import fill_boxes
+from tests.helpers.handmade import build_empty, fill_boxes
 from tests.helpers.regions import place_polygon
 from tests.helpers.strategies import few
 
@@ -79,11 +79,11 @@ def build_world(seed):
     return space, boxes.union(shapely.box(-9, -9, 19, 19) - shapely.box(0.0, 0.0, *SIDES))
 
 
-def find_least_cost(costs, obstacles, start, goal):
+def find_least_cost(costs, obstacles, start, goal, reverse_cost=None):
     """Return the least cost of a chain of turns and drives between centers of cells.
 
-    The robot drives ahead to neighbouring cells. Only its poses at the centers are free of
-    obstacles.
+    The robot drives ahead to neighbouring cells, and back if that has a cost. Only its poses at the
+    centers are free of obstacles.
     """
     shape = *costs.field.shape, HEADINGS
     yaws = math.tau / HEADINGS * np.arange(HEADINGS)
@@ -102,13 +102,14 @@ def find_least_cost(costs, obstacles, start, goal):
             return cost
         if cost > least[i, j, k]:
             continue
-        u, v = i + int(ahead[k, 0]), j + int(ahead[k, 1])
         steps = [(i, j, (k + turn) % HEADINGS) for turn in (1, -1)]
         prices = [0.5 * math.tau / HEADINGS * factors[i, j]] * 2
-        if 0 <= u < shape[0] and 0 <= v < shape[1]:
-            length = SPACING * math.hypot(*ahead[k])
-            steps.append((u, v, k))
-            prices.append(0.5 * length * (factors[i, j] + factors[u, v]))
+        for sign, price in ((1, 1.0), (-1, reverse_cost)):
+            u, v = i + sign * int(ahead[k, 0]), j + sign * int(ahead[k, 1])
+            if price and 0 <= u < shape[0] and 0 <= v < shape[1]:
+                length = price * SPACING * math.hypot(*ahead[k])
+                steps.append((u, v, k))
+                prices.append(0.5 * length * (factors[i, j] + factors[u, v]))
         for step, price in zip(steps, prices, strict=True):
             if is_free[step] and cost + price < least[step]:
                 least[step] = cost + price
@@ -234,6 +235,123 @@ def test_costs_of_one_for_each_metre_change_nothing(drive):
         short = planners.plan(space, start, goal, **options)
         plan = planners.plan(space, start, goal, objective=costs, **options)
         np.testing.assert_array_equal(plan.waypoints, short.waypoints)
+
+
+# ---- costs of reversing ---------------------------------------------------------------------------
+
+
+def measure_driving(plan, reverse_cost, switch_cost):
+    """Return the cost of a path by its rows; half a metre for each radian turned on the spot."""
+    lengths, _ = sample_edges(plan)
+    ways = plan.direction[1:]
+    changes = np.count_nonzero(np.diff(ways[ways != 0]))
+    return float(np.where(ways < 0, reverse_cost, 1.0) @ lengths + switch_cost * changes)
+
+
+def check_motion(plan, obstacles):
+    """Check that the rows of a path are a drive's motion, and the robot at them is free."""
+    assert not shapely.intersects(obstacles, place_polygon(ROBOT, plan.path)).any()
+    steps = np.diff(plan.path, axis=0)
+    turns = (steps[:, 2] + math.pi) % math.tau - math.pi
+    lengths = np.linalg.norm(steps[:, :2], axis=1)
+    middle = plan.path[:-1, 2] + 0.5 * turns
+    heading = np.stack([np.cos(middle), np.sin(middle)], axis=1)
+    ahead = (steps[:, :2] * heading).sum(axis=1)
+    np.testing.assert_allclose(ahead, plan.direction[1:] * lengths, atol=1e-6)
+    if is_car(plan):
+        arcs = np.abs(turns) * plan.drive.turning_radius
+        assert (2.0 * plan.drive.turning_radius * np.sin(np.abs(turns) / 2) < lengths + 1e-6).all()
+        assert (arcs < 1.01 * lengths + 1e-6).all()
+
+
+PRICES = {
+    "reeds-shepp": [(2.0, 0.0), (1.0, 2.0), (8.0, 1.0)],
+    "differential-reverse": [(2.0, 0.0), (8.0, 0.0)],
+}
+
+
+@pytest.mark.parametrize("drive", PRICES)
+def test_plans_reverse_less_where_reversing_costs_more(drive):
+    ratios = []
+    saved = 0
+    for seed in range(3):
+        space, obstacles = build_world(seed)
+        rng = np.random.default_rng([seed, 4])
+        for start, goal in space.sample_free(6, rng).reshape(3, 2, 3):
+            short = planners.plan(space, start, goal, drive=make_drive(drive))
+            for prices in PRICES[drive]:
+                names = ("reverse_cost", "switch_cost") if prices[1] else ("reverse_cost",)
+                costs = dict(zip(names, prices, strict=False))
+                plan = planners.plan(space, start, goal, drive=make_drive(drive, **costs))
+                assert bool(plan) == plan.certified == bool(short)
+                if plan:
+                    check_motion(plan, obstacles)
+                    radians = 0.0 if is_car(plan) else 0.5 * plan.total_rotation
+                    assert plan.length + radians >= (1.0 - 1e-9) * plan.lower_bound
+                    pair = [measure_driving(each, *prices) for each in (plan, short)]
+                    ratios.append(pair[0] / pair[1])
+                    saved += pair[0] < 0.95 * pair[1]
+    assert max(ratios) < 1.01 and saved >= 4
+
+
+@pytest.mark.parametrize("price", few([3.0, 1.5, 6.0]))
+def test_a_differential_drive_pays_hardly_more_than_the_cheapest_chain_with_reversing(price):
+    even = Costs(0)
+    even.at = lambda points: np.ones(points.shape[:-1])
+    drive = planners.Differential(reverse=True, reverse_cost=price)
+    ratios = []
+    for seed in (1, 2):
+        space, obstacles = build_world(seed)
+        rng = np.random.default_rng([seed, 5])
+        for _ in range(2):
+            nodes = draw_cell(space, rng), draw_cell(space, rng)
+            least = find_least_cost(even, obstacles, *nodes, price)
+            plan = planners.plan(space, *map(to_pose, nodes), drive=drive)
+            assert bool(plan) == plan.certified
+            if plan:
+                ratios.append(measure_driving(plan, price, 0.0) / least)
+    assert len(ratios) >= 3 and max(ratios) < 1.1
+
+
+@pytest.mark.parametrize(
+    "drive", [planners.Differential, lambda **costs: planners.Car(0.5, **costs)]
+)
+def test_a_robot_reverses_out_of_a_dead_end_at_any_cost(drive):
+    occupied = fill_boxes((80, 40), np.s_[:, :17], np.s_[:, 23:], np.s_[:10])
+    space = build(Workspace.from_array(occupied, 0.1), Robot.polygon(ROBOT), rotations=72)
+    costs = {"reverse": True, "reverse_cost": 20.0}
+    plan = planners.plan(space, (7.0, 2.0, 0.0), (2.0, 2.0, 0.0), drive=drive(**costs))
+    assert plan.certified and (plan.direction == -1).all()
+    assert plan.length == pytest.approx(5.0, abs=0.1)
+
+
+def test_costs_of_reversing_change_the_curve_and_count_in_costs_of_cells():
+    space = build_empty((80, 80), Robot.polygon(ROBOT), rotations=72)
+    start, goal = (4.0, 4.0, 0.0), (3.4, 4.0, 0.0)
+    cars = [planners.Car(0.5, reverse=True, reverse_cost=price) for price in (1.0, 3.0, 9.0)]
+    plans = [planners.plan(space, start, goal, drive=car) for car in cars]
+    assert [bool((plan.direction < 0).any()) for plan in plans] == [True, True, False]
+    assert plans[1].length == pytest.approx(0.6) and plans[2].length > 3.0
+    ones = planners.WeightedLength(np.zeros((len(space.slice_rotations), 80, 80)))
+    for car, plan in zip(cars, plans, strict=True):
+        again = planners.plan(space, start, goal, drive=car, objective=ones)
+        np.testing.assert_array_equal(again.waypoints, plan.waypoints)
+    assert plans[2].recheck().all()
+
+
+@pytest.mark.parametrize(
+    "drive", [planners.Differential, lambda **costs: planners.Car(0.5, **costs)]
+)
+def test_planners_of_ompl_take_no_costs_of_reversing(drive):
+    costly = drive(reverse=True, reverse_cost=2.0)
+    space = build_empty((40, 40), Robot.polygon(ROBOT), rotations=8)
+    for call in (
+        lambda: planners.plan(space, (1, 1, 0), (2, 2, 0), drive=costly, planner="RRTConnect"),
+        lambda: planners.state_space(space, drive=costly),
+        lambda: planners.simple_setup(space, drive=costly),
+    ):
+        with pytest.raises(InputError, match="planners of OMPL drive the shortest way"):
+            call()
 
 
 # ---- ways around ---------------------------------------------------------------------------------

@@ -253,6 +253,64 @@ def test_a_room_around_a_blocked_goal_is_reached_and_without_one_the_nearest_is_
         planners.plan(turning, ENDPOINTS["turning"][0], shapely.box(1.85, 0.5, 1.95, 1.0))
 
 
+@examples(40)
+@given(seeds, st.sampled_from([None, 4]), st.sampled_from([0.0, ANY]))
+def test_the_closest_goal_is_in_the_nearest_free_cell_joined_to_the_start(seed, turns, angle):
+    rng = np.random.default_rng(seed)
+    shape = (turns or 1, 12, 9)
+    states = rng.choice([FREE, MIXED, BLOCKED], shape, p=[0.62, 0.19, 0.19]).astype(np.uint8)
+    states[0, 0, 0] = FREE
+    space = build_from_states(states if turns else states[0], turns)
+    yaw = [float(rng.uniform(-math.pi, math.pi))] if turns else []
+    goal = (*rng.uniform((-1.0, -1.0), (13.0, 10.0)).tolist(), *yaw)
+    start = (0.5, 0.5, *space.rotations.centers[0].tolist())
+    labels = label(states == FREE)
+    # Cells that touch at a corner may be joined, too.
+    corners = ndimage.label(states == FREE, np.ones((3, 3, 3)))[0] if not turns else states == FREE
+    position = np.array(goal[:2])
+    cells = np.stack(np.indices(shape[1:]), axis=-1)
+    gaps = np.linalg.norm(position.clip(cells, cells + 1.0) - position, axis=-1)
+    rows = slice(None) if angle else space.rotations.cell_of(goal[2:])
+    most, least = (
+        np.where(each[rows] == each[0, 0, 0], gaps, np.inf).min() for each in (labels, corners)
+    )
+    place = planners.Near(goal, 30.0, angle, closest=True)
+    if math.isinf(least):
+        with pytest.raises(ConfigurationError, match="that FREE cells join to the start"):
+            planners.plan(space, start, place)
+        return
+    assume(least == most)
+    plan = planners.plan(space, start, place)
+    assert most - 1e-9 <= math.dist(plan.goal[:2], position) <= most + 1e-5
+    assert space.is_connected(start, plan.goal)
+    assert f"goal is nearest at {tuple(plan.goal.tolist())}, {most:.3g} m" in plan.status
+    assert plan.certified or turns
+
+
+def test_the_closest_goal_is_the_goal_itself_if_a_path_leads_there():
+    space = build_room("turning")
+    start, goal = ENDPOINTS["turning"]
+    plan = planners.plan(space, start, planners.Near(goal, 0.5, closest=True))
+    assert plan.goal.tolist() == list(goal) and plan.status.endswith("0 m and 0 rad away")
+    np.testing.assert_array_equal(plan.waypoints, planners.plan(space, start, goal).waypoints)
+
+
+def test_the_closest_of_alternatives_and_places_on_the_way_are_told():
+    space = build_room("plane")
+    blocked, beyond = (3.15, 1.0), (30.0, 1.0)
+    near = planners.Near(blocked, 1.0, closest=True)
+    plan = planners.plan(space, (1.0, 1.0), (2.0, 4.0), via=[near])
+    assert plan.certified and "via[0] is nearest at (" in plan.status
+    assert math.dist(plan.path[plan.via_rows[0]], blocked) < 0.46
+    plan = planners.plan(
+        space, (1.0, 1.0), [near, planners.Near(beyond, 50.0, closest=True)], drive=None
+    )
+    assert plan.certified and "goal[0] is nearest" in plan.status and "goal[1]" in plan.status
+    assert math.dist(plan.goal, blocked) < 0.46
+    with pytest.raises(ConfigurationError, match=r"within 0.1 m that FREE cells join to the start"):
+        planners.plan(space, (1.0, 1.0), planners.Near(blocked, 0.1, closest=True))
+
+
 @examples(60)
 @given(
     seeds,
@@ -764,6 +822,12 @@ BOX = shapely.box(4.5, 0.5, 5.5, 1.5)
     ),
     (
         "turning",
+        {"start": planners.Near(START, 0.3, closest=True)},
+        "closest is for goals and places on the way",
+    ),
+    ("turning", {"goal": planners.Near(BOX, closest=True)}, "closest is for a configuration"),
+    (
+        "turning",
         {"goal": shapely.Polygon()},
         "goal is an empty region ... positions",
     ),
@@ -826,6 +890,10 @@ def test_wrong_goals_and_options_are_refused_in_one_line(name, wrong, message):
 )
 def test_near_refuses_wrong_numbers_when_it_is_made(numbers, message):
     check_refused(lambda: planners.Near(START, *numbers), message)
+
+
+def test_near_refuses_a_wrong_flag():
+    check_refused(lambda: planners.Near(START, closest=1), "closest is 1; it must be True or False")
 
 
 def test_every_list_of_places_is_alternatives_and_a_list_of_numbers_is_one():

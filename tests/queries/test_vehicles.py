@@ -18,6 +18,8 @@ DRIVES = (
     Differential(reverse=True, max_lateral_acceleration=0.5),
     Car(turning_radius=2),
     Car(turning_radius=0.5, reverse=True),
+    Car(turning_radius=0.5, reverse=True, reverse_cost=2.0, switch_cost=1),
+    Differential(reverse=True, reverse_cost=3),
 )
 START = (2.0, 2.0, 0.0)
 
@@ -49,6 +51,12 @@ def test_a_drive_equals_what_its_text_and_its_copies_make(drive):
         (lambda: Car(turning_radius=(1.0, 2.0)), "it must be one number above zero"),
         (lambda: Car(turning_radius=1.0, reverse=1), "reverse is 1; it must be True or"),
         (lambda: Differential(reverse="no"), "reverse is 'no'; it must be True or False"),
+        (lambda: Car(1.0, reverse=True, reverse_cost=0.5), "reverse_cost is 0.5; a metre in"),
+        (lambda: Differential(reverse=True, reverse_cost=21), "costs as much as 1 to 20 ahead"),
+        (lambda: Differential(reverse_cost=2.0), "reverse_cost is 2, and reverse is False"),
+        (lambda: Car(1.0, reverse=True, switch_cost=-1.0), "switch_cost is -1.0; it must be one"),
+        (lambda: Car(1.0, reverse=True, switch_cost=math.nan), "switch_cost is nan"),
+        (lambda: Car(1.0, switch_cost=1.0), "switch_cost is 1, and reverse is False"),
         (
             lambda: Differential(max_lateral_acceleration=0),
             "max_lateral_acceleration is 0",
