@@ -13,12 +13,7 @@ from cspace import FREE, Robot, Workspace, build
 from planners._edges.cars import CarCurves
 from planners._edges.drives import local_planner
 from planners._ompl.states import make_states
-<<<<<<< HEAD
 from tests.helpers.drives import CURVES, drive_pieces, make_drive
-=======
-from tests.fuzz.curves import drive as drive_word
-from tests.helpers.drives import CURVES, make_drive
->>>>>>> h8
 from tests.helpers.handmade import build_empty
 from tests.helpers.placements import draw_near_mixed, is_free_around
 from tests.helpers.planning import (
@@ -117,11 +112,7 @@ def test_curves_end_at_the_goal_and_are_at_most_as_long_as_ompls(name):
         shorter += length < theirs - 2e-6 * radius
         if k % 10 == 0:
             word = shortest_word(curves, a, b)
-<<<<<<< HEAD
             end = drive_pieces(a[None], word[0][None], radius * word[1][None], radius)[0]
-=======
-            end = drive_word(a[None], word[0][None], radius * word[1][None], radius)[0]
->>>>>>> h8
             assert np.abs(end[:2] - b[:2]).max() < 1e-5 and word[2] < 2e-8
             assert abs(turn_between(end[2], b[2])) < 2e-6
             assert name == "reeds-shepp" or min(word[1]) >= 0.0
