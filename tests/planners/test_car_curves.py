@@ -94,7 +94,7 @@ def test_curves_with_costs_of_reversing_cost_no_more_than_ompls(costs):
         metres = radius * np.where(lengths < 0.0, costs[0], 1.0) @ np.abs(lengths)
         changes = np.count_nonzero(np.diff(ways))
         assert cost == pytest.approx(metres + costs[1] * changes, abs=1e-9) and gap < 1e-6
-        end = drive_word(a[None], steering[None], radius * lengths[None], radius)[0]
+        end = drive_pieces(a[None], steering[None], radius * lengths[None], radius)[0]
         assert np.abs(end[:2] - b[:2]).max() < 1e-5
     assert fewer >= 40
 
