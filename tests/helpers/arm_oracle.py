@@ -87,7 +87,8 @@ def draw_scene(folder: Path, seed: int) -> tuple[Any, ArmOracle, np.random.Gener
     for number in range(4):
         sides = rng.uniform(0.05, 0.4, 3)
         at = rng.choice([-1, 1], 3) * rng.uniform(0.35, 1.0, 3)
-        pose = urdfs.pose_at(*at, rng.normal(size=3))
+        x, y, z = at.tolist()
+        pose = urdfs.pose_at(x, y, z, rng.normal(size=3))
         shapes[f"block{number}"] = PosedShape(Robot.box(sides).shape, pose)
         still[f"block{number}"] = [box(sides, at, pose[:3, :3])]
     may_touch: Any = [("l0", name) for name in shapes] + [("tag", "block0"), ("l1", "tag")]
