@@ -2,7 +2,6 @@
 
 import ast
 import dataclasses
-import json
 import math
 import re
 import warnings
@@ -27,6 +26,7 @@ import cspace
 import planners
 from cspace import Robot, Workspace, build
 from cspace.lanes import Mover, apart
+from tests.helpers.refusals import write
 from tests.helpers.urdfs import joint, link
 from tests.helpers.urdfs import write_urdf as write_arm
 
@@ -466,13 +466,6 @@ def read_fields(cloud):
     return np.frombuffer(cloud.data, [(name, "f4") for name in cloud.fields])
 
 
-def write_plain(folder, name, content):
-    """Write a file of plain values."""
-    path = folder / name
-    path.write_text(json.dumps(content, default=list))
-    return path
-
-
 @cache
 def find_plan():
     return planners.plan(turning(), (0.2, 1.5, 0.0), (2.5, 1.5, 0.5))
@@ -498,17 +491,17 @@ KINDS = {
         [lambda world: describe(world) == describe(Workspace.from_array(WALL, 0.1))],
     ),
     "a grid in a file": (
-        lambda folder: write_plain(folder, "grid.yaml", dataclasses.asdict(make_grid())),
+        lambda folder: write(folder, "grid.yaml", dataclasses.asdict(make_grid())),
         lambda value, _: Workspace.open(value),
         [lambda world: describe(world) == describe(Workspace.from_array(WALL, 0.1))],
     ),
     "a scene": (
-        lambda folder: write_plain(folder, "scene.yaml", SCENE),
+        lambda folder: write(folder, "scene.yaml", SCENE),
         lambda value, _: Workspace.open(value, spacing=0.25),
         [lambda world: world.outer.all(), lambda world: list(world.obstacles) == ["can"]],
     ),
     "a scene in a file of polygons": (
-        lambda folder: write_plain(folder, "scene.json", SCENE),
+        lambda folder: write(folder, "scene.json", SCENE),
         lambda value, _: Workspace.open(value, spacing=0.25),
         [lambda world: world.outer.all(), lambda world: list(world.obstacles) == ["can"]],
     ),
@@ -543,7 +536,7 @@ KINDS = {
         [lambda world: world.tolist() == [0.5]],
     ),
     "levels of lanes": (
-        lambda folder: write_plain(
+        lambda folder: write(
             folder,
             "rmf.yaml",
             {"building_name": "b", "levels": {"L": {"vertices": [[1, 2, {}]], "lanes": []}}},
@@ -552,7 +545,7 @@ KINDS = {
         [lambda world: world.positions.tolist() == [[1.0, 2.0]]],
     ),
     "layouts": (
-        lambda folder: write_plain(
+        lambda folder: write(
             folder,
             "lif.json",
             {

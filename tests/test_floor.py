@@ -14,11 +14,11 @@ import shapely
 import trimesh
 from hypothesis import given
 from hypothesis import strategies as st
-from shapely import affinity
 
 import cspace
 import planners
 from cspace import BLOCKED, FREE, MIXED, Robot, Workspace
+from tests.helpers.floors import ROUNDING, cut_ball, cut_cylinder, cut_prism, cut_pyramid, touches
 from tests.helpers.handmade import build_empty
 from tests.helpers.refusals import check_refused, refusals
 from tests.helpers.strategies import examples, exteriors, few, seeds
@@ -26,46 +26,7 @@ from tests.helpers.strategies import examples, exteriors, few, seeds
 # Low boxes of a random scene may look like the ground of a scan.
 pytestmark = pytest.mark.filterwarnings("ignore:the robot stands in layers:UserWarning")
 
-ROUNDING = 1e-12
-"""Metres by which the oracle's heights may be rounded; far below the slack of rasters."""
-
 BASE = shapely.box(-0.4, -0.25, 0.5, 0.25)
-
-
-def cut_prism(outline, bottom, top):
-    """Return the part of a prism between two heights, seen from above."""
-    return lambda low, high: [(outline, 0.0)] if bottom <= high and top >= low else []
-
-
-def cut_pyramid(outline, bottom, top):
-    """Return the part of a pyramid, whose apex is above the origin."""
-
-    def cut(low, high):
-        if bottom > high or top < low:
-            return []
-        factor = (top - max(low, bottom)) / (top - bottom)
-        return [(affinity.scale(outline, factor, factor, origin=(0.0, 0.0)), 0.0)]
-
-    return cut
-
-
-def cut_ball(center, radius):
-    """Return the part of a ball, as a point and a radius."""
-
-    def cut(low, high):
-        gap = max(low - center[2], center[2] - high, 0.0)
-        if gap > radius:
-            return []
-        return [(shapely.Point(center[:2]), math.sqrt(radius**2 - gap**2))]
-
-    return cut
-
-
-def cut_cylinder(center, radius, height):
-    """Return the part of an upright cylinder."""
-    bottom, top = center[2] - height / 2.0, center[2] + height / 2.0
-    point = shapely.Point(center[:2])
-    return lambda low, high: [(point, radius)] if bottom <= high and top >= low else []
 
 
 def extrude(outline, bottom, top):
@@ -161,18 +122,6 @@ def list_prisms(workspace, outside="free"):
     return prisms
 
 
-def collides(pieces, prisms, q, floor, room=0.0):
-    """Return True if a robot on a floor touches a prism; heights are grown by ``room``."""
-    x, y, yaw = q
-    for outline, low, high in prisms:
-        for cut in pieces:
-            for part, radius in cut(low - floor - room, high - floor + room):
-                turned = affinity.rotate(part, yaw, origin=(0.0, 0.0), use_radians=True)
-                if shapely.distance(affinity.translate(turned, x, y), outline) <= radius + ROUNDING:
-                    return True
-    return False
-
-
 def draw_scene(rng, spacing=0.1, lower=0.0, shape=(30, 26, 12)):
     """Draw boxes of cells at all heights, as of tables, shelves and beams."""
     cells = np.zeros(shape, dtype=bool)
@@ -196,9 +145,9 @@ def check_states(space, pieces, prisms, rows, states):
         pose = q if len(q) == 3 else (*q, 0.0)
         counts[state] += 1
         if state == FREE:
-            assert not collides(pieces, prisms, pose, space.floor, ROUNDING)
+            assert not touches(pieces, prisms, pose, space.floor, ROUNDING)
         elif state == BLOCKED:
-            assert collides(pieces, prisms, pose, space.floor, -ROUNDING)
+            assert touches(pieces, prisms, pose, space.floor, -ROUNDING)
     return counts
 
 
@@ -609,7 +558,7 @@ def test_plane_shapes_count_at_all_heights(kind):
             ends = rows + rng.normal(0.0, 0.05, rows.shape)
             ways = [space.motion_is_free(rows, ends), space.exact.motion_is_free(rows, ends)]
             for q in 0.5 * (rows + ends)[ways[0] | ways[1]]:
-                assert not collides(pieces, prisms, q, space.floor, ROUNDING)
+                assert not touches(pieces, prisms, q, space.floor, ROUNDING)
             space.remove_obstacle("zone")
         assert free > 50
         again = cspace.build(workspace, robot, rotations=12, floor=0.1, outside=outside)

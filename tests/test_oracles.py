@@ -1,7 +1,8 @@
-"""The oracles of these tests notice a robot that is 3 % larger."""
+"""The oracles of these tests notice a robot that is 3 % larger, or a motion that is faster."""
 
 import numpy as np
 import pytest
+import shapely
 import trimesh
 
 import cspace
@@ -9,11 +10,15 @@ from cspace import FREE, Robot, Workspace, build_arm_space
 from tests.helpers import solids
 from tests.helpers.any_map import WEDGE
 from tests.helpers.arm_oracle import ArmOracle, sample_configurations
+from tests.helpers.balls import sum_pairs
+from tests.helpers.floors import cut_prism, touches
 from tests.helpers.handmade import components
+from tests.helpers.leaving import bound_distances, drive
+from tests.helpers.motions import LIMITS, build_plan, check_limits
 from tests.helpers.oracles import cheapest_chain
-from tests.helpers.placements import collides, sample_edges
+from tests.helpers.placements import collides, obstacles_of, sample_edges
 from tests.helpers.regions import Body
-from tests.helpers.urdfs import planar, planar_arm, pose_of, posed_box
+from tests.helpers.urdfs import planar, planar_arm, planar_arm_meets, pose_of, posed_box
 
 LARGER = 1.03
 
@@ -61,6 +66,55 @@ def test_bodies_in_the_plane_collide(contacts):
     assert collides(build_wedge(LARGER), contacts).any()
 
 
+def test_discs_collide():
+    space = cspace.build(Workspace.from_array(CELLS, 0.1), Robot.disc(0.2))
+    q = approach(space.exact.is_free, draw((0.2, 0.2), (2.8, 2.2)))
+    assert not collides(space, q).any()
+    assert collides(space, q, grow=0.2 * (LARGER - 1.0)).any()
+
+
+def test_balls_and_cores_overlap():
+    """Overlaps of balls are summed, and depths of points in cores measured."""
+    pose = np.array([(1.0, 0.5, 0.7)])
+    point = pose[:, :2] + 0.305 * np.array([np.cos(0.7), np.sin(0.7)])
+    for factor in (1.0, LARGER):
+        balls = np.zeros((1, 2)), np.array([0.3 * factor])
+        beside = np.array([(0.505, 0.0)]), np.array([0.2])
+        core = shapely.box(-0.3 * factor, -0.2, 0.3 * factor, 0.2)
+        assert (sum_pairs(balls, beside, 2.0, np.zeros((1, 2)))[0] > 0.0) == (factor > 1.0)
+        assert (bound_distances([core], pose, point)[0, 0] < 0.0) == (factor > 1.0)
+
+
+def test_robots_on_a_floor_touch():
+    cells = np.repeat(CELLS[:, :, np.newaxis], 4, axis=2)
+    sides = np.array([0.5, 0.3, 0.2])
+    robot = Robot.box(sides, (0.0, 0.0, 0.15))
+    space = cspace.build(Workspace.from_array(cells, 0.1), robot, rotations=12, floor=0.0)
+    q = approach(space.exact.is_free, draw((0.4, 0.4, -3.0), (2.6, 2.0, 3.0), 60))
+    prisms = [(obstacles_of(cspace.build(Workspace.from_array(CELLS, 0.1), "disc:0.1")), 0.0, 0.4)]
+    for factor in (1.0, LARGER):
+        x, y = 0.5 * factor * sides[:2]
+        cut = cut_prism(shapely.box(-x, -y, x, y), 0.05, 0.25)
+        assert any(touches([cut], prisms, row, 0.0) for row in q) == (factor > 1.0)
+
+
+def test_motions_exceed_limits():
+    plan = build_plan(1, "holonomic", None)
+    check_limits(plan.trajectory(**LIMITS))
+    for name in LIMITS:
+        with pytest.raises(AssertionError):
+            check_limits(plan.trajectory(**LIMITS | {name: LARGER * LIMITS[name]}))
+
+
+def test_arcs_end_elsewhere():
+    steps = np.full((20_000, 2), (0.8, 0.6)) / 20_000
+    yaws = 0.3 + np.cumsum(steps[:, 1])
+    end = np.sum(steps[:, :1] * np.column_stack([np.cos(yaws), np.sin(yaws)]), axis=0)
+    for factor in (1.0, LARGER):
+        reached = drive((0.0, 0.0, 0.3), factor * np.array((0.8, 0.6)), 1.0)
+        assert (np.abs(reached[:2] - end).max() < 1e-4) == (factor == 1.0)
+
+
 def test_dense_samples_of_motions_collide(contacts):
     space, lasts = build_wedge(1.0), np.roll(contacts, 1, axis=0)
     proven = np.asarray(space.exact.motion_is_free(contacts, lasts))
@@ -89,6 +143,8 @@ def test_arms_collide(tmp_path):
     arm = planar_arm()
     space = build_arm_space({"post": posed_box((SIDE,) * 3, *POST)}, arm)
     q = approach(space.is_free, sample_configurations(arm, np.random.default_rng(1), 60))
+    for factor in (1.0, LARGER):
+        assert planar_arm_meets(q, [(*POST, factor * SIDE)]).any() == (factor > 1.0)
     path = planar(tmp_path)
     text = path.read_text()
     for factor in (1.0, LARGER):

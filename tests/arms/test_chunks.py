@@ -9,9 +9,8 @@ from hypothesis import strategies as st
 
 import cspace
 from cspace.arms import build_arm_space, build_joint_map
-from tests.arms.test_space import approach_contact, draw_scene
-from tests.helpers.arm_oracle import sample_configurations
-from tests.helpers.gates import certify_chunk
+from tests.helpers.arm_oracle import approach_contact, draw_scene, sample_configurations
+from tests.helpers.gates import certify_chunk, draw_instants
 from tests.helpers.strategies import examples, seeds
 from tests.helpers.urdfs import planar_arm, planar_arm_meets, posed_box
 
@@ -29,13 +28,6 @@ def make_post(arm, *center):
     return build_arm_space(
         {"post": posed_box((0.2,) * 3, *center)}, arm, allowed_collisions=[("foot", "post")]
     )
-
-
-def draw_instants(points, tracking, rng, count):
-    """Draw configurations within tubes through points, many of them in corners."""
-    first = rng.integers(0, len(points) - 1, count)
-    exact = points[first] + rng.random((count, 1)) * (points[first + 1] - points[first])
-    return exact + tracking * rng.choice([-1.0, 1.0, rng.uniform(-1.0, 1.0)], exact.shape)
 
 
 @given(number=st.integers(0, 5), seed=seeds)

@@ -8,7 +8,15 @@ import cspace
 from cspace import Robot
 from cspace.arms._proofs.chain import motion_bounds
 from tests.helpers.strategies import few
-from tests.helpers.urdfs import joint, link, pose_at, posed_box, random_arm, write_urdf
+from tests.helpers.urdfs import (
+    joint,
+    link,
+    pose_at,
+    posed_box,
+    random_arm,
+    write_slider,
+    write_urdf,
+)
 
 
 def write_chain(folder, last):
@@ -139,22 +147,6 @@ def test_many_turns_prove_nothing_below_their_rounding(tmp_path):
     assert not space.is_free((2e9 * np.pi,))
 
 
-def write_slider(folder):
-    """Write an arm that moves a cube of 2 mm along the axes."""
-    speck = ((0.002, 0.002, 0.002), (0, 0, 0))
-    axes = {"x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1)}
-    names = ["base", *axes]
-    return write_urdf(
-        folder,
-        *(link(name) for name in names[:-1]),
-        link("z", speck),
-        *(
-            joint(f"along {name}", before, name, axis=axis, kind="prismatic")
-            for before, (name, axis) in zip(names, axes.items(), strict=False)
-        ),
-    )
-
-
 def fold_sheet():
     """Fold a sheet in the shape of an L, without a thickness."""
     sheet = [(0, 0, 0), (2, 0, 0), (2, 1, 0), (1, 1, 0), (1, 2, 0), (0, 2, 0)]
@@ -177,9 +169,9 @@ SOLIDS = {
 @pytest.mark.filterwarnings("ignore:the windings of")
 @pytest.mark.parametrize("name", SOLIDS)
 def test_distances_of_meshes_agree_with_their_triangles(tmp_path, name):
-    """Compare distances of a small cube with those of its center from all triangles."""
+    """Compare distances of a cube of 2 mm with those of its center from all triangles."""
     mesh = SOLIDS[name]
-    arm = cspace.Arm.from_urdf(write_slider(tmp_path))
+    arm = cspace.Arm.from_urdf(write_slider(tmp_path, ((0.002,) * 3, (0, 0, 0)), "xyz"))
     pose = pose_at(0.1, -0.2, 0.3, (0.4, 1.0, -0.3))
     obstacle = cspace.arms.PosedShape(mesh, pose)
     space = cspace.build_arm_space({"thing": obstacle}, arm)

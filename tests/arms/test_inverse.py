@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from cspace import Arm, ConfigurationError, InputError, PoseGoal
 from tests.helpers.strategies import examples, seeds
 from tests.helpers.urdfs import (
+    draw_chain,
     joint,
     link,
     planar_with_tip,
@@ -30,9 +31,7 @@ TOLERANCE = (1e-3, 1e-2)
 @given(seed=seeds, count=st.integers(1, 8))
 def test_solutions_reach_the_pose_within_tolerance_and_limits(tmp_path_factory, seed, count):
     """A pose is reached from its own configuration, and hold a joint that does not move."""
-    rng = np.random.default_rng(seed)
-    path = random_chain(tmp_path_factory.mktemp("chain"), seed, count)
-    arm = Arm.from_urdf(path)
+    rng, path, arm = draw_chain(tmp_path_factory, seed, count)
     held = {}
     if arm.dof > 2 and rng.random() < 0.3:
         held = {arm.joints[0]: float(np.clip(0.4, arm.lower[0], arm.upper[0]))}

@@ -4,7 +4,6 @@ import pickle
 
 import numpy as np
 import pytest
-import shapely
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -13,33 +12,23 @@ import planners
 from cspace import BLOCKED, FREE, MIXED
 from cspace.arms import Arm, build_arm_space, build_joint_map
 from cspace.errors import ConfigurationError, InputError
-from tests.arms.test_space import draw_scene
+from tests.helpers.arm_oracle import draw_scene
 from tests.helpers.refusals import check_refused
-from tests.helpers.regions import place_polygon
 from tests.helpers.strategies import examples, seeds
 from tests.helpers.urdfs import (
+    CONTINUOUS,
+    POSTS,
+    build_plane_arm,
     joint,
     link,
-    planar_arm,
+    planar_arm_gaps,
     planar_arm_meets,
     posed_box,
-    post,
+    space_of,
     write_urdf,
 )
 
-POSTS = ((0.7, 0.0, 0.3), (-0.9, 1.2, 0.4), (0.2, -1.5, 0.7))
-"""Centers of square posts, and their sides, metres; the first stops the shoulder at zero."""
-
-CONTINUOUS = {"kind": "continuous", "limits": None}
 LIMITED = {"limits": (-3.0, 3.0)}
-
-
-def build_plane_arm(posts=POSTS, **shoulder):
-    """Build two bars of 1 m among posts."""
-    arm = planar_arm(**shoulder)
-    shapes = {f"post{k}": posed_box((s, s, 2.0), x, y) for k, (x, y, s) in enumerate(posts)}
-    may_touch = [("foot", name) for name in shapes]
-    return build_arm_space(shapes, arm, allowed_collisions=may_touch)
 
 
 def draw_border_points(joint_map, state, rng, count):
@@ -114,18 +103,10 @@ def test_progress_begins_at_once_and_ends_with_all_steps():
     assert len(ends) == 2 and all(told[k][0] == 0 for k in begins)
 
 
-def measure_distances(q, posts=POSTS):
+def measure_distances(q):
     """Return the distances of two bars of 1 m from posts and the foot below, by shapely."""
-    first, second = np.transpose(q)
-    zero = np.zeros_like(first)
-    bar = shapely.box(0.0, -0.05, 1.0, 0.05)
-    upper = place_polygon(bar, np.stack([zero, zero, first], axis=1))
-    fore = place_polygon(bar, np.stack([np.cos(first), np.sin(first), first + second], axis=1))
-    x, y, sides = np.transpose(posts)
-    squares = shapely.box(x - sides / 2, y - sides / 2, x + sides / 2, y + sides / 2)
-    gaps = shapely.distance(np.stack([upper, fore])[:, :, np.newaxis], squares)
-    below = np.hypot(shapely.distance(fore, shapely.box(-0.025, -0.025, 0.025, 0.025)), 0.125)
-    return np.minimum(gaps.min(axis=(0, 2)), below)
+    foot = planar_arm_gaps(q, [(0.0, 0.0, 0.05)], ("fore",))[0, :, 0]
+    return np.minimum(planar_arm_gaps(q, POSTS).min(axis=(0, 2)), np.hypot(foot, 0.125))
 
 
 def test_obstacle_distances_are_those_of_the_bars():
@@ -337,7 +318,7 @@ def test_held_joints_must_keep_links_apart(tmp_path):
 
 
 def test_cells_of_which_none_is_free_are_named():
-    space = build_arm_space({"post": post()}, planar_arm())
+    space = space_of()
     with pytest.warns(UserWarning, match="no cell of the joint map is FREE"):
         build_joint_map(space, 5.0)
     assert (build_joint_map(space, 0.1).cell_states == FREE).any()

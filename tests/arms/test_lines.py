@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 import pytest
@@ -18,13 +19,14 @@ from tests.helpers.arm_oracle import ArmOracle
 from tests.helpers.solids import box
 from tests.helpers.strategies import examples, seeds
 from tests.helpers.urdfs import (
+    draw_chain,
     joint,
     link,
+    place_link,
     planar,
     pose_at,
-    pose_of,
     posed_box,
-    random_chain,
+    write_slider,
     write_urdf,
 )
 
@@ -33,13 +35,6 @@ Poses = Callable[[np.ndarray], np.ndarray]
 
 ROUNDING = 1e-11
 """Metres and radians by which two libraries may differ."""
-
-
-def poses_by_urdf(path, arm):
-    """Return the forward kinematics of tool0."""
-    return lambda q: pose_of(
-        path, "tool0", dict(zip(arm.joints, np.moveaxis(q, -1, 0), strict=True))
-    )
 
 
 def sample_motion(waypoints, times):
@@ -93,10 +88,8 @@ def check_motion(motion, arm, poses, tolerance):
     ),
 )
 def test_motions_stay_within_their_bounds_and_free(tmp_path_factory, seed, count, tolerance):
-    rng = np.random.default_rng(seed)
-    path = random_chain(tmp_path_factory.mktemp("chain"), seed, count)
-    arm = Arm.from_urdf(path)
-    poses = poses_by_urdf(path, arm)
+    rng, path, arm = draw_chain(tmp_path_factory, seed, count)
+    poses = partial(place_link, path, arm, "tool0")
     shapes = {}
     still = {}
     for name in ("block 0", "block 1", "block 2"):
@@ -127,10 +120,8 @@ def test_motions_stay_within_their_bounds_and_free(tmp_path_factory, seed, count
 @given(seed=seeds, count=st.integers(1, 7), size=st.sampled_from([0.01, 0.1, 0.4]))
 def test_bounds_hold_for_lines_tangent_to_the_motion(tmp_path_factory, seed, count, size):
     """Halfway, frame and target coincide and move alike, so that accelerations alone are left."""
-    rng = np.random.default_rng(seed)
-    path = random_chain(tmp_path_factory.mktemp("chain"), seed, count)
-    arm = Arm.from_urdf(path)
-    poses = poses_by_urdf(path, arm)
+    rng, path, arm = draw_chain(tmp_path_factory, seed, count)
+    poses = partial(place_link, path, arm, "tool0")
     center = rng.uniform(*arm._ranges())
     step = size * rng.uniform(-1.0, 1.0, arm.dof)
     before, middle, after = poses(center + 1e-5 * step * np.array([[-1.0], [0.0], [1.0]]))
@@ -206,16 +197,8 @@ def test_stops_are_explained(tmp_path, poses, tolerance, stopped_by, fraction, s
 @pytest.fixture(scope="module")
 def gantry(tmp_path_factory):
     """Return a hand that slides along x and y."""
-    slides = {"kind": "prismatic", "limits": (-1, 1)}
-    path = write_urdf(
-        tmp_path_factory.mktemp("gantry"),
-        link("foot", ((0.05, 0.05, 0.05), (0, 0, -0.5))),
-        link("cart"),
-        link("hand", ((0.02, 0.02, 0.02), (0, 0, 0))),
-        joint("x", "foot", "cart", axis=(1, 0, 0), **slides),
-        joint("y", "cart", "hand", axis=(0, 1, 0), **slides),
-    )
-    return Arm.from_urdf(path)
+    hand = ((0.02, 0.02, 0.02), (0, 0, 0))
+    return Arm.from_urdf(write_slider(tmp_path_factory.mktemp("gantry"), hand, limits=(-1, 1)))
 
 
 @examples(25)

@@ -1,7 +1,6 @@
 """MoveIt's planning scenes and motion plan requests, applied to arms."""
 
 import dataclasses
-import json
 import math
 import re
 from array import array
@@ -18,7 +17,7 @@ from cspace import Arm, PoseGoal, Robot, Workspace, build_arm_space
 from cspace.arms import JointValues, read_moveit_request, read_moveit_scene
 from cspace.errors import AngleWarning, ConfigurationError, FileError, InputError
 from planners import Upright
-from tests.helpers.refusals import refusals
+from tests.helpers.refusals import refusals, write
 from tests.helpers.strategies import examples
 from tests.helpers.urdfs import joint, link, planar_arm, pose_at, write_urdf
 
@@ -75,9 +74,7 @@ def carry(link_name, *objects, **more):
 
 
 def write_scene(folder, *objects, **more):
-    path = folder / "scene.yaml"
-    path.write_text(json.dumps({"world": {"collision_objects": list(objects)}, **more}))
-    return path
+    return write(folder, "scene.yaml", {"world": {"collision_objects": objects}, **more})
 
 
 # ---- states and scenes ---------------------------------------------------------------------------
@@ -306,15 +303,8 @@ def test_requests_are_read_from_mappings(tmp_path):
 
 
 def write_request(folder, *goals, **more):
-    path = folder / "request.yaml"
-    request = {
-        "group_name": "bars",
-        "start_state": joint_state(STATE),
-        "goal_constraints": list(goals),
-        **more,
-    }
-    path.write_text(json.dumps(request))
-    return path
+    given = {"group_name": "bars", "start_state": joint_state(STATE), "goal_constraints": goals}
+    return write(folder, "request.yaml", given | more)
 
 
 def joint_goal(**values):

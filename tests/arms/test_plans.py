@@ -12,24 +12,19 @@ from cspace import AngleWarning, InputError
 from planners import Trajectory
 from planners._catalogue import planner_names
 from planners._ompl.states import find_state_kind
-from tests.arms.test_joint_map import CONTINUOUS, build_plane_arm
 from tests.helpers.urdfs import (
+    CONTINUOUS,
+    build_plane_arm,
     joint,
     link,
-    planar_arm,
     planar_arm_meets,
     posed_box,
-    post,
+    space_of,
     write_urdf,
 )
 
 START, GOAL = (-0.6, 0.3), (1.4, -0.2)
 BLOCKED = (0.37, 0.0)
-
-
-def space_of(**changes):
-    """Build the space of two links of 1 m beside a post."""
-    return cspace.build_arm_space({"post": post()}, planar_arm(**changes))
 
 
 @pytest.mark.parametrize("name", ["BiRRT", "RRTConnect", "KPIECE1", "BITstar"])

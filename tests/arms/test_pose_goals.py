@@ -18,10 +18,10 @@ from tests.helpers.strategies import examples, seeds
 from tests.helpers.urdfs import (
     joint,
     link,
+    place_link,
     planar,
     planar_with_tip,
     pose_at,
-    pose_of,
     posed_box,
     poses_apart,
     post,
@@ -59,7 +59,7 @@ def test_plans_to_poses_are_certified_and_end_within_tolerance(seed, count, metr
             start, end = space.sample_free(2, rng)
         except ConfigurationError:  # a box is where no joint moves
             assume(False)
-        pose = pose_of(path, "tool0", dict(zip(arm.joints, end, strict=True)))
+        pose = place_link(path, arm, "tool0", end)
         goal = cspace.PoseGoal("tool0", pose, tolerance)
         try:
             plan = planners.plan(space, start, goal, seed=seed % 1000)
@@ -70,7 +70,7 @@ def test_plans_to_poses_are_certified_and_end_within_tolerance(seed, count, metr
         assert plan.certified and plan.recheck().all()
         last = plan.path[-1]
         assert ((last >= arm.lower) & (last <= arm.upper)).all()
-        reached = pose_of(path, "tool0", dict(zip(arm.joints, last, strict=True)))
+        reached = place_link(path, arm, "tool0", last)
         assert (np.array(poses_apart(reached, pose)) <= np.array(tolerance) + 1e-9).all()
 
 

@@ -1,6 +1,5 @@
 """Planning scenes of MoveIt."""
 
-import json
 import re
 from dataclasses import dataclass
 from typing import ClassVar
@@ -13,16 +12,14 @@ from scipy.spatial.transform import Rotation
 import cspace
 from cspace import FileError, Workspace
 from cspace.errors import AngleWarning, CspaceError, GeometryError, InputError
-from tests.helpers.refusals import refusals
+from tests.helpers.refusals import refusals, write
 
 BOUNDS = (-3.0, -3.0, -3.0, 3.0, 3.0, 3.0)
 
 
 def write_scene(folder, *objects, **more):
-    path = folder / "scene.yaml"
-    scene = {"name": "test", "world": {"collision_objects": list(objects)}, **more}
-    path.write_text(json.dumps(scene))
-    return path
+    scene = {"name": "test", "world": {"collision_objects": objects}, **more}
+    return write(folder, "scene.yaml", scene)
 
 
 def make_pose(position=(0, 0, 0), orientation=(0, 0, 0, 1)):

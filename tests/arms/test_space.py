@@ -1,10 +1,10 @@
 """Arms among obstacles: FREE, BLOCKED, distances and motions, against FCL and shapely."""
 
+import itertools
 import math
 
 import numpy as np
 import pytest
-import shapely
 from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
@@ -13,62 +13,26 @@ from cspace import BLOCKED, FREE, Robot
 from cspace.arms import Arm, PosedShape, build_arm_space
 from cspace.errors import ConfigurationError, InputError
 from cspace.inside import tubes_are_free
-from tests.helpers.arm_oracle import ArmOracle, sample_configurations
+from tests.helpers.arm_oracle import approach_contact, draw_scene, sample_configurations
 from tests.helpers.gates import certify_chunk
-from tests.helpers.solids import box
 from tests.helpers.strategies import examples, seeds
 from tests.helpers.urdfs import (
     joint,
     link,
+    place_link,
     planar_arm,
+    planar_arm_gaps,
     planar_arm_meets,
     pose_at,
-    pose_of,
     posed_box,
-    random_arm,
     random_chain,
     write_urdf,
 )
 
 
-def draw_scene(folder, seed):
-    """Draw an arm among boxes; a tag on its second link may touch one of them."""
-    rng = np.random.default_rng(seed)
-    path = random_arm(folder, seed)
-    tag = link("tag", ((0.2, 0.1, 0.3), (0.3, 0.0, 0.1)))
-    mount = joint("mount", "l2", "tag", kind="fixed", limits=None)
-    path.write_text(path.read_text().replace("</robot>", f"{tag}{mount}</robot>"))
-    arm = Arm.from_urdf(path)
-    shapes = {}
-    still = {}
-    for number in range(4):
-        sides = rng.uniform(0.05, 0.4, 3)
-        at = rng.choice([-1, 1], 3) * rng.uniform(0.35, 1.0, 3)
-        pose = pose_at(*at, rng.normal(size=3))
-        shapes[f"block{number}"] = PosedShape(Robot.box(sides).shape, pose)
-        still[f"block{number}"] = [box(sides, at, pose[:3, :3])]
-    may_touch = [("l0", name) for name in shapes] + [("tag", "block0"), ("l1", "tag")]
-    space = build_arm_space(shapes, arm, allowed_collisions=may_touch)
-    return space, ArmOracle(path, arm, still, [*arm.allowed_collisions, *may_touch]), rng
-
-
 @pytest.fixture(scope="module")
 def scenes(tmp_path_factory):
     return [draw_scene(tmp_path_factory.mktemp("scene"), seed)[:2] for seed in range(6)]
-
-
-def approach_contact(oracle, q0, q1):
-    """Return two configurations on both sides of contact, if the ends are on both sides."""
-    if (oracle.apart(q0) > 0.0) == (oracle.apart(q1) > 0.0):
-        return q0, q1
-    free, other = (q0, q1) if oracle.apart(q0) > 0.0 else (q1, q0)
-    for _ in range(14):
-        middle = 0.5 * (free + other)
-        if oracle.apart(middle) > 0.0:
-            free = middle
-        else:
-            other = middle
-    return free, other
 
 
 @given(number=st.integers(0, 5), seed=seeds)
@@ -139,7 +103,7 @@ def test_a_pin_at_the_tip_never_passes_a_pin_on_its_way(tmp_path_factory, seed, 
     q0 = (center - step).clip(lower, upper)
     q1 = (center + step).clip(lower, upper)
     q = q0 + rng.uniform() * (q1 - q0)
-    place = pose_of(path, "tool0", dict(zip(arm.joints, q, strict=True)))
+    place = place_link(path, arm, "tool0", q)
     names = [each.name for each in arm.links]
     may_touch = [(a, b) for a in names for b in [*names, "post"] if a < b and b != "post"]
     may_touch += [(name, "post") for name in names if name != "pin"]
@@ -162,17 +126,10 @@ def turning_arm():
 
 def measure_distances(q, boxes):
     """Compute the distances of cubes, by side and center, from the bars of the planar arm."""
-    distances = {}
-    bar = shapely.box(0.0, -0.05, 1.0, 0.05)
-    poses = {"upper": (0.0, 0.0, q[0]), "fore": (math.cos(q[0]), math.sin(q[0]), q[0] + q[1])}
-    for name, (x, y, angle) in poses.items():
-        turned = shapely.affinity.rotate(bar, angle, origin=(0.0, 0.0), use_radians=True)
-        outline = shapely.affinity.translate(turned, x, y)
-        for other, (side, *center, z) in boxes.items():
-            square = shapely.Point(center).buffer(0.5 * side, cap_style="square")
-            above = max(abs(z) - 0.5 * side - 0.05, 0.0)
-            distances[name, other] = math.hypot(outline.distance(square), above)
-    return distances
+    gaps = planar_arm_gaps([q], [(x, y, side) for side, x, y, _ in boxes.values()])[:, 0]
+    above = [max(abs(z) - 0.5 * side - 0.05, 0.0) for side, *_, z in boxes.values()]
+    pairs = itertools.product(("upper", "fore"), boxes)
+    return dict(zip(pairs, np.hypot(gaps, above).ravel().tolist(), strict=True))
 
 
 ANGLE = st.floats(-3.0, 3.0)

@@ -17,9 +17,19 @@ from cspace import Arm, ConfigurationError, InputError, PoseGoal, Robot, build_a
 from planners import Upright
 from tests.helpers.gates import certify_chunk
 from tests.helpers.handmade import build_empty
+from tests.helpers.motions import sample_evenly
 from tests.helpers.refusals import refusals
+from tests.helpers.spaces import OpenSpace
 from tests.helpers.strategies import examples, seeds
-from tests.helpers.urdfs import joint, link, pose_at, pose_of, posed_box, random_chain, write_urdf
+from tests.helpers.urdfs import (
+    draw_chain,
+    joint,
+    link,
+    pose_at,
+    pose_of,
+    posed_box,
+    write_urdf,
+)
 
 
 def measure_deviations(path, joints, upright, rows):
@@ -50,9 +60,7 @@ def sample_path(rows, count=101):
 def test_a_motion_is_proven_if_it_stays_within_the_tolerance(
     tmp_path_factory, seed, count, size, angle, near
 ):
-    rng = np.random.default_rng(seed)
-    path = random_chain(tmp_path_factory.mktemp("chain"), seed, count)
-    arm = Arm.from_urdf(path)
+    rng, path, arm = draw_chain(tmp_path_factory, seed, count)
     middle = rng.uniform(*arm._ranges())
     step = size * rng.uniform(-1.0, 1.0, arm.dof)
     ends = np.clip([middle - step, middle + step], arm.lower, arm.upper)
@@ -103,9 +111,7 @@ def test_an_axis_that_rests_halfway_is_bounded_by_its_acceleration(tmp_path, siz
 @examples(30)
 @given(seed=seeds, count=st.integers(1, 7), size=st.sampled_from([0.0, 0.1, 1.0]))
 def test_all_motions_near_a_proven_one_are_upright(tmp_path_factory, seed, count, size):
-    rng = np.random.default_rng(seed)
-    path = random_chain(tmp_path_factory.mktemp("chain"), seed, count)
-    arm = Arm.from_urdf(path)
+    rng, path, arm = draw_chain(tmp_path_factory, seed, count)
     middle = rng.uniform(*arm._ranges())
     ends = np.clip(
         middle + size * rng.uniform(-1.0, 1.0, (2, arm.dof)), arm.lower + 0.1, arm.upper - 0.1
@@ -264,7 +270,7 @@ def test_places_several_goals_and_motions_that_go_on_stay_upright(waiter, arm, s
         onward = back.trajectory(after=trajectory, at=at, **limits)
         for motion in (trajectory, trajectory.braked(at), onward):
             assert motion.certified and motion.recheck(space).all()
-            rows = motion.sample(np.linspace(0.0, motion.duration, 2001))[0]
+            rows = sample_evenly(motion, 2001)[0]
             check_kept(waiter, arm, space, rows)
     assert durations[0] < durations[1]
 
@@ -355,17 +361,11 @@ def test_plans_reject_what_is_not_upright(arm, space, options, message):
         planners.plan(space, given.pop("start"), given.pop("goal"), **given)
 
 
-class Anything(cspace.Space):
+class Anything(OpenSpace):
     """The waiter's joints without links."""
 
     axes = ("turn", "shoulder", "elbow", "bow", "spin")
     bounds = ((-4.0,) * 5, (4.0,) * 5)
-
-    def is_free(self, q):
-        return True
-
-    def motion_is_free(self, q0, q1):
-        return True
 
 
 def test_a_space_without_links_proves_nothing_that_is_kept(space):

@@ -9,8 +9,8 @@ import shapely
 import cspace
 import planners
 from cspace import InputError
-from planners._space_kinds import SUPPORTED
-from tests.helpers.planning import plan_patiently
+from tests.helpers.motions import pass_near
+from tests.helpers.planning import check_support, plan_patiently
 from tests.helpers.urdfs import (
     joint,
     link,
@@ -20,24 +20,13 @@ from tests.helpers.urdfs import (
     posed_box,
     poses_apart,
     post,
+    write_slider,
     write_urdf,
 )
 
 pytest.importorskip("yourdfpy")
 
 START, GOAL = (-0.6, 0.3), (1.4, -0.2)
-
-
-def pass_near(trajectory, row):
-    """Return the least distance of a trajectory from joints, and the speed there."""
-    times = np.linspace(0.0, trajectory.duration, 4_000)
-    for _ in range(4):
-        positions, velocities, _ = trajectory.sample(times)
-        gaps = np.linalg.norm(positions - row, axis=1)
-        nearest = int(gaps.argmin())
-        step = times[1] - times[0]
-        times = np.linspace(times[nearest] - step, times[nearest] + step, 2_000)
-    return float(gaps[nearest]), float(np.linalg.norm(velocities[nearest]))
 
 
 @pytest.mark.parametrize("planner", ["BiRRT", "RRTConnect"])
@@ -99,13 +88,7 @@ def test_an_arm_names_the_place_that_it_cannot_use(tmp_path):
 
 @pytest.mark.parametrize("is_map", [True, pytest.param(False, marks=pytest.mark.thorough)])
 def test_a_start_and_a_place_beyond_a_wall_give_way_to_others(tmp_path, is_map):
-    slides = {"kind": "prismatic", "limits": (0.0, 6.0)}
-    path = write_urdf(
-        tmp_path,
-        link("base") + link("bridge") + link("hook", ((0.2, 0.2, 0.2), (0, 0, 0))),
-        joint("x", "base", "bridge", axis=(1, 0, 0), **slides),
-        joint("y", "bridge", "hook", axis=(0, 1, 0), **slides),
-    )
+    path = write_slider(tmp_path, ((0.2, 0.2, 0.2), (0, 0, 0)), limits=(0.0, 6.0))
     wall = posed_box((20.0, 0.2, 2.0), 3.0, 2.0)
     space = cspace.build_arm_space({"wall": wall}, cspace.Arm.from_urdf(path))
     space = cspace.build_joint_map(space, spacing=0.1) if is_map else space
@@ -133,18 +116,8 @@ def test_the_table_says_what_arms_and_maps_of_joints_take(tmp_path):
         "`via`": {"via": [(0.5, 0.1)]},
         "`keep`": {"keep": planners.Upright("tip", tolerance=math.pi)},
     }
-    assert given.keys() == SUPPORTED.keys()
     for kind, space in spaces.items():
-        for option, changes in given.items():
-            arguments = {"start": START, "goal": GOAL, "time_limit": 5.0, **changes}
-            if kind in SUPPORTED[option]:
-                assert planners.plan(space, **arguments).certified, (kind, option)
-                continue
-            with pytest.raises(InputError) as caught:
-                planners.plan(space, **arguments)
-            assert caught.value.argument in arguments
-            rule = "the space of an arm" if option == "`cspace.PoseGoal`" else "it is for "
-            assert caught.value.rule.startswith(rule)
+        check_support(kind, space, given, start=START, goal=GOAL, time_limit=5.0)
 
 
 @pytest.mark.parametrize("via", [(0.5,), (1.5,), (1.0,)], ids=["between", "beyond", "the goal"])

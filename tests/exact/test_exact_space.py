@@ -14,7 +14,7 @@ from cspace import FREE, MIXED, Robot, Workspace
 from tests.helpers.gates import certify_chunk
 from tests.helpers.handmade import build_empty
 from tests.helpers.regions import place_polygon
-from tests.helpers.slits import SLIT, build_slit, draw_rows
+from tests.helpers.slits import SLIT, build_slit, draw_only_exact, draw_rows
 from tests.helpers.strategies import examples, seeds
 
 BAR = shapely.box(-0.3, -0.2, 0.3, 0.2)
@@ -99,8 +99,7 @@ def test_both_follow_each_update(changes, is_asked_first):
 def test_what_holds_in_whole_cells_is_that_of_the_cells():
     """A configuration that is free in a MIXED cell says nothing about the rest of the cell."""
     space = build_slit()
-    q, _ = draw_rows(space, 5)
-    only_exact = q[space.exact.is_free(q) & ~np.asarray(space.is_free(q))]
+    only_exact = draw_only_exact(space)
     assert len(only_exact) > 20
     goal = (1.9, 1.2, 0.0)
     for view in (space.exact, pickle.loads(pickle.dumps(space.exact))):

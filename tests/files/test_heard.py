@@ -24,6 +24,7 @@ from cspace.errors import (
     UnitWarning,
 )
 from tests.helpers.handmade import build_empty
+from tests.helpers.refusals import write
 
 xarray = pytest.importorskip("xarray")
 
@@ -35,10 +36,7 @@ CELLS[0] = 1
 
 def read(folder, name, text, **options):
     """Write a file and read it, with the options of its format."""
-    path = folder / name
-    path.write_text(text)
-    options.setdefault("spacing", 0.1)
-    return Workspace.open(path, **options)
+    return Workspace.open(write(folder, name, text), **{"spacing": 0.1} | options)
 
 
 def list_warnings(function, *values, **options):

@@ -3,14 +3,12 @@
 import copy
 import json
 import re
-import struct
 
 import numpy as np
 import pytest
 import trimesh
 import zarr
 from PIL import Image
-from PIL.PngImagePlugin import PngInfo
 
 import cspace
 from cspace import Robot, Workspace
@@ -443,10 +441,6 @@ def test_calls_that_read_a_file_wrongly_are_refused(call, hint, tmp_path):
 @refusals(
     "call, hint",
     (
-        lambda f: from_image(save_image(f, GREY, pnginfo=with_gamma(100_000))),
-        "its gamma of 1 is not applied",
-    ),
-    (
         lambda f: from_image(save_image(f, GREY, "a.tif", tiffinfo={33550: (0.1, 0.1, 0.0)})),
         "the placement of a GeoTIFF is not read",
     ),
@@ -458,13 +452,6 @@ def test_calls_that_read_a_file_wrongly_are_refused(call, hint, tmp_path):
 def test_what_a_file_does_not_say_is_warned_of(call, hint, tmp_path):
     with pytest.warns(UserWarning, match=re.escape(hint)):
         call(tmp_path)
-
-
-def with_gamma(value):
-    """Return the metadata of a PNG with a gamma, times 100,000."""
-    info = PngInfo()
-    info.add(b"gAMA", struct.pack(">I", value))
-    return info
 
 
 def with_data(*data):

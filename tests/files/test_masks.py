@@ -12,7 +12,7 @@ from PIL import Image
 
 import cspace
 from cspace.errors import FileError
-from tests.files.test_rosmap import write_map
+from tests.helpers.messages import write_map
 from tests.helpers.refusals import check_refused, refusals
 
 THRESHOLDS = {"occupied_thresh": 0.93, "free_thresh": 0.07}

@@ -10,13 +10,11 @@ from hypothesis import strategies as st
 
 from cspace import Workspace
 from cspace.errors import FileError
+from tests.helpers.mesh_files import BINARY, CHAIN
 from tests.helpers.refusals import refusals
 from tests.helpers.strategies import examples, seeds
 
-BINARY = "# Octomap OcTree binary file\n# a comment\nid OcTree\nsize {}\nres 0.1\ndata\n"
 FULL = "# Octomap OcTree file\nid OcTree\nsize {}\nres 0.1\ndata\n"
-CHAIN = b"\x03\x00" * 15 + b"\x02\x00"
-"""Nodes of a binary octree with one occupied cell, at its lowest corner."""
 
 
 def iterate_leaves(tree):

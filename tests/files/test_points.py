@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from cspace import Workspace
 from cspace._files.point_clouds import read_points
 from cspace.errors import FileError, GeometryError, InputError, UnitWarning
-from tests.helpers.refusals import refusals
+from tests.helpers.refusals import refusals, write
 from tests.helpers.strategies import seeds
 
 CLOUD = np.array([[0.0, 1.5, -2.25], [3.0, 4.0, 5.0], [1e3, -0.125, 7.75], [3.0, 4.0, 5.0]])
@@ -61,13 +61,6 @@ FORMATS = [
     *(("cloud.pcd", make_pcd, data) for data in ("ascii", "binary")),
     ("cloud.npy", make_npy, ""),
 ]
-
-
-def write(folder, name, content):
-    path = folder / name
-    path.unlink(missing_ok=True)  # disks overwrite files slowly
-    path.write_bytes(content)
-    return path
 
 
 @given(form=st.sampled_from(FORMATS), count=st.integers(1, 40), seed=seeds)

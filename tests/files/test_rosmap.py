@@ -14,28 +14,12 @@ from PIL import Image
 
 from cspace import Grid, Workspace
 from cspace.errors import AngleWarning, FileError
+from tests.helpers.messages import write_map
 from tests.helpers.refusals import refusals
 from tests.helpers.strategies import seeds
 
-HEADER = {
-    "image": "map.png",
-    "resolution": 0.5,
-    "origin": [-1.0, 2.0, 0.0],
-    "negate": 0,
-    "occupied_thresh": 0.65,
-    "free_thresh": 0.196,
-}
-
 PIXELS = np.array([[0, 254, 254], [0, 205, 254]], dtype=np.uint8)
 """Occupied, free and unknown pixels; the first row at the top."""
-
-
-def write_map(folder, pixels, **changes):
-    """Write a ROS map; a change to None removes a key."""
-    header = {key: value for key, value in (HEADER | changes).items() if value is not None}
-    Image.fromarray(pixels).save(folder / "map.png")
-    (folder / "map.yaml").write_text(yaml.safe_dump(header))
-    return folder / "map.yaml"
 
 
 @pytest.mark.parametrize(

@@ -6,28 +6,8 @@ import pytest
 import shapely
 
 import cspace
+from tests.helpers.orders import SQUARE, make_zone, make_zone_set
 from tests.helpers.refusals import check_refused, refusals
-
-SQUARE = [(1.0, 1.0), (2.0, 1.0), (2.0, 2.0), (1.0, 2.0)]
-
-
-def make_zone(name, kind, corners=SQUARE, **fields):
-    """Return a zone."""
-    vertices = [{"x": x, "y": y} for x, y in corners]
-    return {"zoneId": name, "zoneType": kind, "vertices": vertices, **fields}
-
-
-def make_zone_set(*zones):
-    """Return a zone set as a message."""
-    inner = {"mapId": "hall", "zoneSetId": "1", "zoneSetDescriptor": "day", "zones": list(zones)}
-    return {
-        "headerId": 1,
-        "timestamp": "1991-03-11T11:40:03.123Z",
-        "version": "3.0.0",
-        "manufacturer": "m",
-        "serialNumber": "s",
-        "zoneSet": inner,
-    }
 
 
 def test_blocked_zones_are_obstacles(tmp_path):

@@ -14,7 +14,7 @@ from cspace import FREE, MIXED, Robot, Workspace
 from cspace.errors import InputError
 from cspace.inside import tubes_are_free
 from tests.helpers.any_map import ALL_KINDS, WEDGE, build_map
-from tests.helpers.gates import certify_chunk, certify_twists
+from tests.helpers.gates import certify_chunk, certify_twists, draw_instants
 from tests.helpers.handmade import (
     MAP_KINDS,
     build_empty,
@@ -23,9 +23,9 @@ from tests.helpers.handmade import (
     make_map,
     random_states,
 )
-from tests.helpers.placements import move
+from tests.helpers.leaving import drive
+from tests.helpers.placements import collides, move, obstacles_of
 from tests.helpers.refusals import check_refused, refusals
-from tests.helpers.regions import place_polygon
 from tests.helpers.strategies import examples, few, seeds
 
 INSTANTS = 2000
@@ -194,21 +194,18 @@ def test_a_tube_that_leaves_the_grid_is_proven_only_if_all_outside_is_free(kind)
 
 
 def make_flat(seed, rotations=None):
-    """Build a map of a wedge among random cells, with the cells as boxes."""
+    """Build a map of a wedge among random cells."""
     rng = np.random.default_rng(seed)
     occupied = rng.random((50, 50)) < 0.01
-    space = cspace.build(
-        Workspace.from_array(occupied, 0.1), Robot.polygon(WEDGE), rotations=rotations
-    )
-    boxes = [shapely.box(x, y, x + 0.1, y + 0.1) for x, y in 0.1 * np.argwhere(occupied)]
-    return space, shapely.union_all(boxes)
+    workspace = Workspace.from_array(occupied, 0.1)
+    return cspace.build(workspace, Robot.polygon(WEDGE), rotations=rotations)
 
 
 @given(seeds)
 @examples(30)
 def test_a_tube_in_the_plane_is_proven_exactly_if_no_cell_near_it_is_taken(seed):
     """Unions of boxes by shapely: the motion, widened by the tracking along x and y."""
-    space, _ = make_flat(seed % 5)
+    space = make_flat(seed % 5)
     rng = np.random.default_rng(seed)
     taken = 0.1 * np.argwhere(space.cell_states != FREE)
     cells = shapely.box(taken[:, 0], taken[:, 1], taken[:, 0] + 0.1, taken[:, 1] + 0.1)
@@ -228,8 +225,8 @@ def test_a_tube_in_the_plane_is_proven_exactly_if_no_cell_near_it_is_taken(seed)
 @given(seeds, st.sampled_from([0.0, 0.03, 0.1, (0.05, 0.0, 0.2)]))
 @examples(10)
 def test_the_robot_meets_nothing_at_any_instant_within_proven_tubes(seed, tracking):
-    space, obstacles = make_flat(seed % 3, rotations=48)
-    shapely.prepare(obstacles)
+    space = make_flat(seed % 3, rotations=48)
+    obstacles = obstacles_of(space)
     rng = np.random.default_rng(seed)
     start = space.sample_free(rng=rng)
     rows = start + np.cumsum(rng.normal(0.0, (0.05, 0.05, 0.1), (25, 3)), axis=0)
@@ -249,33 +246,10 @@ def check_instants(space, obstacles, points, tracking, rng):
     """Check that shapely finds no contact at instants within tubes through points."""
     if len(points) == 1:
         return
-    first = rng.integers(0, len(points) - 1, INSTANTS)
-    share = rng.random((INSTANTS, 1))
-    exact = points[first] + share * (points[first + 1] - points[first])
-    errors = rng.choice([-1.0, 1.0, rng.uniform(-1.0, 1.0)], (INSTANTS, 3))
-    placed = place_polygon(shapely.Polygon(WEDGE), exact + errors * tracking)
-    assert not shapely.intersects(obstacles, placed).any()
+    assert not collides(space, draw_instants(points, tracking, rng, INSTANTS), obstacles).any()
 
 
 # ---- twists --------------------------------------------------------------------------------------
-
-
-def drive(pose, twist, seconds):
-    """Return the poses at times of a twist, by integrals of the unicycle."""
-    x, y, yaw = pose
-    v, omega = twist
-    if omega == 0.0:
-        return np.column_stack(
-            [x + v * seconds * np.cos(yaw), y + v * seconds * np.sin(yaw), 0.0 * seconds + yaw]
-        )
-    after = yaw + omega * seconds
-    return np.column_stack(
-        [
-            x + v / omega * (np.sin(after) - np.sin(yaw)),
-            y - v / omega * (np.cos(after) - np.cos(yaw)),
-            after,
-        ]
-    )
 
 
 @given(
@@ -285,8 +259,8 @@ def drive(pose, twist, seconds):
 )
 @examples(20)
 def test_the_robot_meets_nothing_on_proven_arcs(seed, tracking, scale):
-    space, obstacles = make_flat(seed % 3, rotations=48)
-    shapely.prepare(obstacles)
+    space = make_flat(seed % 3, rotations=48)
+    obstacles = obstacles_of(space)
     rng = np.random.default_rng(seed)
     dt, turn = scale
     start = space.sample_free(rng=rng)
@@ -296,8 +270,7 @@ def test_the_robot_meets_nothing_on_proven_arcs(seed, tracking, scale):
     for row in range(chunk.proven):
         exact = drive(pose, twists[row], dt * rng.random(INSTANTS // 8))
         errors = rng.choice([-1.0, 1.0, rng.uniform(-1.0, 1.0)], exact.shape)
-        placed = place_polygon(shapely.Polygon(WEDGE), exact + errors * tracking)
-        assert not shapely.intersects(obstacles, placed).any()
+        assert not collides(space, exact + errors * tracking, obstacles).any()
         pose = drive(pose, twists[row], np.array([dt]))[0]
         np.testing.assert_allclose(chunk.rows[row], pose, atol=1e-9)
 
@@ -306,8 +279,8 @@ def test_the_robot_meets_nothing_on_proven_arcs(seed, tracking, scale):
 @examples(20)
 def test_a_robot_that_a_gate_slows_down_touches_nothing(seed, deceleration):
     """An obstacle may be set on its way as long as it can still stop."""
-    space, obstacles = make_flat(seed % 3, rotations=48)
-    shapely.prepare(obstacles)
+    space = make_flat(seed % 3, rotations=48)
+    obstacles = obstacles_of(space)
     rng = np.random.default_rng(seed)
     gate = cspace.Gate(space, dt=0.1, max_deceleration=deceleration)
     pose, now = space.sample_free(rng=rng), np.zeros(2)
@@ -322,7 +295,7 @@ def test_a_robot_that_a_gate_slows_down_touches_nothing(seed, deceleration):
         steps = np.abs(np.diff(slowed.commands, axis=0, append=[(0.0, 0.0)]))
         assert (steps <= 0.1 * np.array(deceleration) * (1.0 + 1e-9)).all()
         exact = drive(pose, now, np.linspace(0.0, 0.1, 10))
-        assert not shapely.intersects(obstacles, place_polygon(shapely.Polygon(WEDGE), exact)).any()
+        assert not collides(space, exact, obstacles).any()
         pose = exact[-1]
 
 
@@ -744,7 +717,7 @@ FLAT = (1.0, 2.5)
         "twist has shape (1, 2) ... rate",
     ),
     (
-        lambda s: certify_twists(make_flat(0)[0], FLAT, [(0.1, 0.1)], 0.1, max_velocity=1.0),
+        lambda s: certify_twists(make_flat(0), FLAT, [(0.1, 0.1)], 0.1, max_velocity=1.0),
         "space has the axes x, y ... twists",
     ),
 )

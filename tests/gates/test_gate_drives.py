@@ -7,6 +7,7 @@ import pytest
 import shapely
 
 import cspace
+from tests.helpers.leaving import drive
 from tests.helpers.regions import place_polygon
 
 DT, BRAKES, TRACKING = 0.05, np.array([1.0, 2.0]), 0.02
@@ -51,16 +52,6 @@ def find_ramp(twist):
     """Return the share of a twist in each cycle until the robot rests."""
     steps = math.ceil(float((np.abs(twist) / (DT * BRAKES)).max()) - 1e-9)
     return 1.0 - np.arange(steps) / max(steps, 1)
-
-
-def drive(pose, twist, seconds):
-    """Return the poses on the arc of a twist after some seconds."""
-    x, y, yaw = pose
-    half = 0.5 * twist[1] * seconds
-    chord = twist[0] * seconds * np.sinc(half / math.pi)
-    return np.stack(
-        [x + chord * np.cos(yaw + half), y + chord * np.sin(yaw + half), yaw + 2.0 * half], axis=-1
-    )
 
 
 def touches(pose, twist, seconds, body=BODY):

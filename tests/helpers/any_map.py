@@ -218,3 +218,10 @@ def draw_on_borders(any_map, rng, n):
         yaws = any_map.space.rotations._stored_arrays["yaw_bounds"].ravel()
         q[:, -1] = np.where(rng.random(n) < 0.5, rng.choice(yaws, n), q[:, -1])
     return q
+
+
+def draw_free_pairs(any_map, rng):
+    """Draw FREE configurations on borders of cells, as firsts and lasts."""
+    q = draw_on_borders(any_map, rng, 200)
+    q = q[any_map.space.is_free(q)][:40]
+    return np.split(q[: len(q) // 2 * 2], 2)

@@ -7,7 +7,9 @@ import fcl
 import numpy as np
 import yourdfpy
 
-from cspace.arms import Arm
+from cspace import Robot
+from cspace.arms import Arm, PosedShape, build_arm_space
+from tests.helpers import urdfs
 from tests.helpers.solids import apart, box
 
 
@@ -70,3 +72,39 @@ def sample_configurations(arm: Arm, rng: np.random.Generator, count: int) -> Any
     return rng.uniform(
         np.maximum(arm.lower, -np.pi), np.minimum(arm.upper, np.pi), (count, arm.dof)
     )
+
+
+def draw_scene(folder: Path, seed: int) -> tuple[Any, ArmOracle, np.random.Generator]:
+    """Draw an arm among boxes; a tag on its second link may touch one of them."""
+    rng = np.random.default_rng(seed)
+    path = urdfs.random_arm(folder, seed)
+    tag = urdfs.link("tag", ((0.2, 0.1, 0.3), (0.3, 0.0, 0.1)))
+    mount = urdfs.joint("mount", "l2", "tag", kind="fixed", limits=None)
+    path.write_text(path.read_text().replace("</robot>", f"{tag}{mount}</robot>"))
+    arm = Arm.from_urdf(path)
+    shapes = {}
+    still = {}
+    for number in range(4):
+        sides = rng.uniform(0.05, 0.4, 3)
+        at = rng.choice([-1, 1], 3) * rng.uniform(0.35, 1.0, 3)
+        x, y, z = at.tolist()
+        pose = urdfs.pose_at(x, y, z, rng.normal(size=3))
+        shapes[f"block{number}"] = PosedShape(Robot.box(sides).shape, pose)
+        still[f"block{number}"] = [box(sides, at, pose[:3, :3])]
+    may_touch: Any = [("l0", name) for name in shapes] + [("tag", "block0"), ("l1", "tag")]
+    space = build_arm_space(shapes, arm, allowed_collisions=may_touch)
+    return space, ArmOracle(path, arm, still, [*arm.allowed_collisions, *may_touch]), rng
+
+
+def approach_contact(oracle: ArmOracle, q0: Any, q1: Any) -> tuple[Any, Any]:
+    """Return two configurations on both sides of contact, if the ends are on both sides."""
+    if (oracle.apart(q0) > 0.0) == (oracle.apart(q1) > 0.0):
+        return q0, q1
+    free, other = (q0, q1) if oracle.apart(q0) > 0.0 else (q1, q0)
+    for _ in range(14):
+        middle = 0.5 * (free + other)
+        if oracle.apart(middle) > 0.0:
+            free = middle
+        else:
+            other = middle
+    return free, other

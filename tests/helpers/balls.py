@@ -17,6 +17,19 @@ def move(balls, t, matrix):
     return balls[0] @ matrix.T + t, balls[1]
 
 
+def draw_directions(rng, number, dim):
+    """Draw unit vectors (number, d)."""
+    directions = rng.normal(size=(number, dim))
+    return directions / np.linalg.norm(directions, axis=1)[:, None]
+
+
+def draw_pairs(rng, a, b, number):
+    """Draw placements of a at which centers coincide, and the sums of both radii."""
+    i = rng.integers(len(a[1]), size=number)
+    j = rng.integers(len(b[1]), size=number)
+    return b[0][j] - a[0][i], a[1][i] + b[1][j]
+
+
 def evaluate_bump(s, alpha):
     """Evaluate the definition of a bump at distances below 1, in radii."""
     if math.isinf(alpha):

@@ -9,24 +9,21 @@ CELL = 0.1
 """Side of a cell of the maps, metres."""
 
 
-def place_along(pose, commands, dt, instants=25):
-    """Return poses along twists, each driven for ``dt``, by integrals of the unicycle."""
+def drive(pose, twist, seconds):
+    """Return the poses on the arc of a twist after some seconds."""
     x, y, yaw = pose
-    poses = [(x, y, yaw)]
-    for v, omega in np.asarray(commands).tolist():
-        for seconds in np.linspace(0.0, dt, instants)[1:]:
-            after = yaw + omega * seconds
-            if abs(omega) < 1e-9:
-                along, aside = v * seconds, 0.0
-                place = x + along * math.cos(yaw), y + along * math.sin(yaw) + aside
-            else:
-                radius = v / omega
-                place = (
-                    x + radius * (math.sin(after) - math.sin(yaw)),
-                    y - radius * (math.cos(after) - math.cos(yaw)),
-                )
-            poses.append((*place, after))
-        x, y, yaw = poses[-1]
+    half = 0.5 * twist[1] * seconds
+    chord = twist[0] * seconds * np.sinc(half / math.pi)
+    return np.stack(
+        [x + chord * np.cos(yaw + half), y + chord * np.sin(yaw + half), yaw + 2.0 * half], axis=-1
+    )
+
+
+def place_along(pose, commands, dt, instants=25):
+    """Return poses along twists, each driven for ``dt``."""
+    poses = [np.asarray(pose, dtype=float)]
+    for twist in np.asarray(commands):
+        poses.extend(drive(poses[-1], twist, np.linspace(0.0, dt, instants)[1:]))
     return np.array(poses)
 
 

@@ -1,4 +1,4 @@
-"""Meshes to build, write to files and read again."""
+"""Meshes to build, write to files and read again, and an octree."""
 
 import base64
 import json
@@ -202,3 +202,9 @@ def write_noted(folder, form, note):
     start = data.index(b"element") if form == "ply" else 0
     path.write_bytes(data[:start] + mark + data[start + (len(mark) if form == "stl" else 0) :])
     return path
+
+
+BINARY = "# Octomap OcTree binary file\n# a comment\nid OcTree\nsize {}\nres 0.1\ndata\n"
+
+CHAIN = b"\x03\x00" * 15 + b"\x02\x00"
+"""Nodes of a binary octree with one occupied cell, at its lowest corner."""

@@ -1,4 +1,4 @@
-"""Messages of ROS, without ROS."""
+"""Messages and map files of ROS, without ROS."""
 
 import json
 import math
@@ -6,6 +6,8 @@ from array import array
 from types import SimpleNamespace
 
 import numpy as np
+import yaml
+from PIL import Image
 
 import cspace
 from cspace import Robot, Workspace
@@ -47,3 +49,21 @@ def build_spaces():
         "disc": cspace.build(workspace, Robot.disc(0.23)),
         "car": cspace.build(workspace, car, rotations=6),
     }
+
+
+MAP_HEADER = {
+    "image": "map.png",
+    "resolution": 0.5,
+    "origin": [-1.0, 2.0, 0.0],
+    "negate": 0,
+    "occupied_thresh": 0.65,
+    "free_thresh": 0.196,
+}
+
+
+def write_map(folder, pixels, **changes):
+    """Write a ROS map; a change to None removes a key."""
+    header = {key: value for key, value in (MAP_HEADER | changes).items() if value is not None}
+    Image.fromarray(pixels).save(folder / "map.png")
+    (folder / "map.yaml").write_text(yaml.safe_dump(header))
+    return folder / "map.yaml"

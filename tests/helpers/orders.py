@@ -1,4 +1,4 @@
-"""Orders of VDA 5050, one for each released edition, with the fields that its schema has."""
+"""Orders of VDA 5050, one for each edition, with the fields of its schema, and zone sets."""
 
 EDITIONS = ("1.1.0", "2.0.0", "2.1.0", "3.0.0")
 
@@ -100,3 +100,25 @@ def make_order(version, is_full):
             edge["corridor"] = corridor
         edges.append(edge)
     return fill("order", version=version, nodes=nodes, edges=edges)
+
+
+SQUARE = [(1.0, 1.0), (2.0, 1.0), (2.0, 2.0), (1.0, 2.0)]
+
+
+def make_zone(name, kind, corners=SQUARE, **fields):
+    """Return a zone."""
+    vertices = [{"x": x, "y": y} for x, y in corners]
+    return {"zoneId": name, "zoneType": kind, "vertices": vertices, **fields}
+
+
+def make_zone_set(*zones):
+    """Return a zone set as a message."""
+    inner = {"mapId": "hall", "zoneSetId": "1", "zoneSetDescriptor": "day", "zones": list(zones)}
+    return {
+        "headerId": 1,
+        "timestamp": "1991-03-11T11:40:03.123Z",
+        "version": "3.0.0",
+        "manufacturer": "m",
+        "serialNumber": "s",
+        "zoneSet": inner,
+    }

@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 from cspace import MIXED
 from tests.helpers.gates import certify_chunk
 from tests.helpers.handmade import configurations
-from tests.helpers.regions import Flat, cell_boxes, rotations_of
+from tests.helpers.regions import Flat, cell_boxes, place_polygon, rotations_of
 
 ORACLE_BAND = 1e-6
 """Distance from contact, in metres, within which oracles decide nothing."""
@@ -124,7 +124,15 @@ def obstacles_of(space):
     return shape
 
 
-def collides(space, q, obstacles=None):
-    """Test if a polygonal robot meets obstacles, by default its map's."""
-    others = Flat([obstacles_of(space) if obstacles is None else obstacles])
-    return Flat([space.robot.geometry]).within(others, q, np.zeros(len(q)))
+def place_robots(robot, q, grow=0.0):
+    """Place a disc or polygon, grown by a distance, at configurations."""
+    spec = robot.spec
+    if spec["kind"] == "balls":
+        return shapely.buffer(shapely.points(q[:, :2]), spec["radii"][0] + grow)
+    return place_polygon(robot.geometry.buffer(grow, join_style="mitre"), q)
+
+
+def collides(space, q, obstacles=None, grow=0.0):
+    """Test if a disc or polygon, grown by a distance, meets obstacles, by default its map's."""
+    others = obstacles_of(space) if obstacles is None else obstacles
+    return shapely.intersects(others, place_robots(space.robot, q, grow))

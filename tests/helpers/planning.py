@@ -13,10 +13,11 @@ from scipy import ndimage
 from scipy.spatial import cKDTree
 
 import planners
-from cspace import BLOCKED, FREE, Robot, Rotations, Workspace, build
+from cspace import BLOCKED, FREE, InputError, Robot, Rotations, Workspace, build
 from cspace._support.compiling import clock
 from planners._edges.car_curves import advance, find_shortest_words
 from planners._ompl.states import find_state_kind
+from planners._space_kinds import SUPPORTED
 from tests.helpers.drives import CURVES, is_car, make_drive
 from tests.helpers.handmade import build_empty, fill_boxes, map_of
 from tests.helpers.placements import sample_edges, turn_between
@@ -303,6 +304,21 @@ def check_failed(space, plan):
         and plan.path.shape == plan.waypoints.shape == (0, space.size)
     )
     assert all(math.isnan(value) for value in (plan.length, plan.total_rotation, plan.clearance))
+
+
+def check_support(kind, space, given, **ends):
+    """Check that a space takes the goals and options that the table gives its kind, and no others."""
+    assert given.keys() == SUPPORTED.keys()
+    for option, changes in given.items():
+        arguments = {**ends, **changes}
+        if kind in SUPPORTED[option]:
+            assert planners.plan(space, **arguments).certified, (kind, option)
+            continue
+        with pytest.raises(InputError) as caught:
+            planners.plan(space, **arguments)
+        assert caught.value.argument in arguments
+        rule = "the space of an arm" if option == "`cspace.PoseGoal`" else "it is for "
+        assert caught.value.rule.startswith(rule)
 
 
 def bounds_of(states):

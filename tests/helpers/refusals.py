@@ -1,5 +1,6 @@
 """Tables of refused calls and files, and their messages."""
 
+import json
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -28,7 +29,9 @@ def check_refused(call: Callable[[], Any], message: str) -> None:
     assert "\n" not in line and re.search(".*".join(parts), line), line
 
 
-def write(folder: Path, name: str, text: str) -> Path:
-    """Write a text, and return its path."""
-    (folder / name).write_text(text)
+def write(folder: Path, name: str, content: Any) -> Path:
+    """Write bytes, a text, or a document as JSON, and return its path."""
+    if not isinstance(content, bytes | str):
+        content = json.dumps(content, default=list)
+    (folder / name).write_bytes(content.encode() if isinstance(content, str) else content)
     return folder / name

@@ -24,3 +24,9 @@ def draw_rows(space, seed, count=300):
     rng = np.random.default_rng(seed)
     q = draw_near_mixed(space, rng, count, around=0.1)
     return q, configurations(space, q + rng.normal(0.0, 0.1, q.shape))
+
+
+def draw_only_exact(space):
+    """Draw configurations in MIXED cells that the geometry proves free."""
+    q, _ = draw_rows(space, 5)
+    return q[space.exact.is_free(q) & ~np.asarray(space.is_free(q))]

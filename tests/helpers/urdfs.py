@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
 from functools import cache
@@ -101,10 +102,11 @@ def planar_arm(**shoulder: Any) -> Arm:
         return cspace.Arm.from_urdf(planar(Path(folder), **shoulder))
 
 
-def planar_arm_meets(q: Any, posts: Any, bars: tuple[str, ...] = ("upper", "fore")) -> np.ndarray:
-    """Return whether bars of :func:`planar` meet a post at each configuration, by shapely.
+def planar_arm_gaps(q: Any, posts: Any, bars: tuple[str, ...] = ("upper", "fore")) -> np.ndarray:
+    """Return the distances of bars of :func:`planar` from posts at configurations, by shapely.
 
-    Posts are given by the coordinates of their centers and their sides.
+    Posts are given by the coordinates of their centers and their sides. The shape is (bars, n,
+    posts).
     """
     first, second = np.transpose(q)
     zero = np.zeros_like(first)
@@ -116,8 +118,25 @@ def planar_arm_meets(q: Any, posts: Any, bars: tuple[str, ...] = ("upper", "fore
     placed = np.array([place_polygon(bar, np.stack(poses[name], axis=1)) for name in bars])
     x, y, sides = np.transpose(posts)
     squares = shapely.box(x - sides / 2, y - sides / 2, x + sides / 2, y + sides / 2)
-    meets = shapely.intersects(placed[:, np.newaxis], squares[:, np.newaxis])
-    return np.asarray(meets.any(axis=(0, 1)))
+    return np.asarray(shapely.distance(placed[:, :, np.newaxis], squares))
+
+
+def planar_arm_meets(q: Any, posts: Any) -> np.ndarray:
+    """Return whether bars of :func:`planar` meet a post at each configuration, by shapely."""
+    return (planar_arm_gaps(q, posts) == 0.0).any(axis=(0, 2))
+
+
+POSTS = ((0.7, 0.0, 0.3), (-0.9, 1.2, 0.4), (0.2, -1.5, 0.7))
+"""Centers of square posts, and their sides, metres; the first stops the shoulder at zero."""
+
+CONTINUOUS = {"kind": "continuous", "limits": None}
+
+
+def build_plane_arm(posts: Any = POSTS, **shoulder: Any) -> Any:
+    """Build the space of two bars of 1 m among posts."""
+    shapes = {f"post{k}": posed_box((s, s, 2.0), x, y) for k, (x, y, s) in enumerate(posts)}
+    may_touch = [("foot", name) for name in shapes]
+    return cspace.build_arm_space(shapes, planar_arm(**shoulder), allowed_collisions=may_touch)
 
 
 def planar_with_tip(folder: Path, **changes: Any) -> Arm:
@@ -136,6 +155,51 @@ def poses_apart(pose: np.ndarray, other: np.ndarray) -> tuple[float, float]:
 def post() -> PosedShape:
     """Return a post that only the folded planar arm passes."""
     return posed_box((0.2, 0.2, 1.0), 1.55, 0.6)
+
+
+SIDES, CENTER = (0.4, 0.1, 0.2), (0.3, 0.0, 0.1)
+BALL, RADIUS = (0.1, 0.2, 0.0), 0.15
+CORNERS: Any = np.array(CENTER) + 0.5 * np.array(list(itertools.product((-1, 1), repeat=3))) * SIDES
+"""Of the links hand and ball of the crane, metres."""
+
+
+def write_crane(folder: Path) -> Path:
+    """Write an arm that turns, lifts, slides and rolls, the last by half of its lift."""
+    ball = collision("sphere", (RADIUS,), BALL)
+    return write_urdf(
+        folder,
+        link("base", ((0.1, 0.1, 0.1), (0, 0, -0.3))),
+        link("mast"),
+        link("boom", ((0.5, 0.1, 0.1), (0.3, 0, 0))),
+        link("hand", (SIDES, CENTER)),
+        link("ball", extra=ball),
+        link("tip"),
+        joint("turn", "base", "mast", at=(0.1, 0, 0)),
+        joint("lift", "mast", "boom", at=(0.2, 0, 1.0), axis=(0, 1, 0)),
+        joint("slide", "boom", "hand", at=(0.5, 0, 0), axis=(0.8, 0, 0.6), kind="prismatic"),
+        joint(
+            *("roll", "hand", "ball", (0.3, 0, 0), (1, 0, 0)),
+            extra='<mimic joint="lift" multiplier="0.5"/>',
+        ),
+        joint("end", "hand", "tip", at=(0.6, 0, 0), kind="fixed"),
+    )
+
+
+def space_of(**changes: Any) -> Any:
+    """Build the space of two links of 1 m beside a post."""
+    return cspace.build_arm_space({"post": post()}, planar_arm(**changes))
+
+
+def write_slider(folder: Path, hand: tuple[Any, Any], axes: str = "xy", **limits: Any) -> Path:
+    """Write an arm that moves its hand, a box given by sides and center, along axes."""
+    names = ["foot", *(f"along {axis}" for axis in axes[:-1]), "hand"]
+    slides = [
+        joint(
+            axis, *names[k : k + 2], axis=np.eye(3)["xyz".index(axis)], kind="prismatic", **limits
+        )
+        for k, axis in enumerate(axes)
+    ]
+    return write_urdf(folder, *map(link, names[:-1]), link("hand", hand), *slides)
 
 
 def two_arms(folder: Path) -> Path:
@@ -233,6 +297,12 @@ def random_chain(folder: Path, seed: int, count: int) -> Path:
     )
 
 
+def draw_chain(factory: Any, seed: int, count: int) -> tuple[Any, Path, Arm]:
+    """Return a generator, and a random chain in a folder of its own, as file and arm."""
+    path = random_chain(factory.mktemp("chain"), seed, count)
+    return np.random.default_rng(seed), path, cspace.Arm.from_urdf(path)
+
+
 def pose_of(path: Path, frame: str, values: Mapping[str, Any]) -> np.ndarray:
     """Return the pose of a link in the root of a URDF, read and computed without the library.
 
@@ -253,7 +323,9 @@ def pose_of(path: Path, frame: str, values: Mapping[str, Any]) -> np.ndarray:
         value = np.asarray(values.get(str(name), 0.0))
         if mimic is not None:
             leader, factor, offset = (mimic.get(key) for key in ("joint", "multiplier", "offset"))
-            value = float(factor or 1.0) * np.asarray(values[str(leader)]) + float(offset or 0.0)
+            value = float(factor or 1.0) * np.asarray(values.get(str(leader), 0.0)) + float(
+                offset or 0.0
+            )
         motion, origin = np.tile(np.eye(4), (*value.shape, 1, 1)), np.eye(4)
         if each.get("type") == "prismatic":
             motion[..., :3, 3] = value[..., None] * numbers("axis", "xyz")
@@ -266,6 +338,12 @@ def pose_of(path: Path, frame: str, values: Mapping[str, Any]) -> np.ndarray:
         pose = origin @ motion @ pose
         frame = str(each.find("parent").get("link"))  # type: ignore[union-attr]
     return pose
+
+
+def place_link(path: Path, arm: Arm, frame: str, q: Any) -> np.ndarray:
+    """Return the poses of a link at configurations (..., dof), without the library."""
+    pose = pose_of(path, frame, dict(zip(arm.joints, np.moveaxis(q, -1, 0), strict=True)))
+    return np.broadcast_to(pose, (*np.shape(q)[:-1], 4, 4)).copy()
 
 
 def _text(numbers: Any) -> str:

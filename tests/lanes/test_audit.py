@@ -19,6 +19,7 @@ import cspace
 from cspace.errors import AngleWarning, InputError
 from cspace.lanes import RouteGraph
 from tests.helpers.handmade import build_empty
+from tests.helpers.placements import obstacles_of
 from tests.helpers.refusals import check_refused
 from tests.helpers.regions import place_polygon
 from tests.helpers.strategies import few
@@ -26,25 +27,10 @@ from tests.helpers.strategies import few
 ROBOT = [(0.4, 0.2), (-0.3, 0.25), (-0.3, -0.2), (0.4, -0.2)]
 
 
-def place(yaw, x, y):
-    """Return the robot at a pose."""
-    return place_polygon(shapely.Polygon(ROBOT), np.array([(x, y, yaw)]))[0]
-
-
 def sweep(p, q, yaw):
     """Return what the robot sweeps on a straight motion without a turn; it is convex."""
-    return shapely.convex_hull(shapely.union(place(yaw, *p), place(yaw, *q)))
-
-
-def obstacles_of(space):
-    """Return the occupied cells and all outside, as one geometry."""
-    grid = space.grid
-    cells = np.argwhere(space.workspace.outer)
-    lower = np.array(grid.lower) + grid.spacing * cells
-    inside = shapely.box(*lower.T, *(lower + grid.spacing).T)
-    frame = shapely.box(*grid.lower, *grid.upper)
-    outside = shapely.difference(shapely.buffer(frame, 5.0), frame)
-    return shapely.union_all([*inside, outside])
+    poses = np.array([(*p, yaw), (*q, yaw)])
+    return shapely.convex_hull(shapely.union(*place_polygon(shapely.Polygon(ROBOT), poses)))
 
 
 def build(occupied, spacing=0.1, rotations=72, **options):
@@ -97,7 +83,7 @@ def check(space, audit, offset=0.0):
             grown = shapely.buffer(sweep(p, q, yaw), row.margin * (1 - 1e-9))
             assert shapely.intersection(grown, walls).area < 1e-9, row
         if row.verdict == "blocked":
-            assert shapely.intersects(place(row.at[2], *row.at[:2]), walls), row
+            assert shapely.intersects(sweep(row.at[:2], row.at[:2], row.at[2]), walls), row
             assert shapely.distance(shapely.LineString([p, q]), shapely.Point(row.at[:2])) < 1e-9
             assert common > 0.0
         if row.verdict == "undecided":  # only at contact
@@ -445,7 +431,7 @@ def test_nodes_turn_between_proven_yaws(rooms):
     for row in audit.nodes:
         for low, high in row.free_yaws:
             for yaw in np.linspace(low, high, 100):
-                assert not shapely.intersects(place(yaw, *row.position), walls)
+                assert not shapely.intersects(sweep(row.position, row.position, yaw), walls)
 
 
 def test_named_obstacles_are_named():

@@ -14,7 +14,7 @@ from tests.helpers.any_map import (
     build_kind,
     build_map,
     build_of,
-    draw_on_borders,
+    draw_free_pairs,
 )
 from tests.helpers.handmade import components
 from tests.helpers.maps import proven_paths
@@ -208,9 +208,7 @@ def label_configurations(any_map, q):
 @given(seeds)
 def test_configurations_that_only_free_cells_touch_are_connected_by_them(any_map, seed):
     rng, space = np.random.default_rng(seed), any_map.space
-    q = draw_on_borders(any_map, rng, 200)
-    q = q[space.is_free(q)][:40]
-    firsts, lasts = np.split(q[: len(q) // 2 * 2], 2)
+    firsts, lasts = draw_free_pairs(any_map, rng)
     touch_only_free = space.motion_is_free(firsts, firsts) & space.motion_is_free(lasts, lasts)
     numbers = label_configurations(any_map, np.concatenate([firsts, lasts])).reshape(2, -1)
     connected = space.is_connected(firsts, lasts)

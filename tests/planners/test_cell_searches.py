@@ -9,7 +9,7 @@ from hypothesis import given
 
 import planners
 from cspace.errors import ConfigurationError
-from tests.helpers.any_map import ALL_KINDS, build_kind, draw_on_borders
+from tests.helpers.any_map import ALL_KINDS, build_kind, draw_free_pairs
 from tests.helpers.strategies import examples, seeds
 
 IN_MEMORY = [kind for kind in ALL_KINDS if kind[1] == "memory"]
@@ -40,9 +40,7 @@ def test_paths_are_certified_and_no_shorter_than_the_bound(any_map):
 @given(seeds)
 def test_a_path_joins_exactly_the_connected_configurations(any_map, seed):
     rng, space = np.random.default_rng(seed), any_map.space
-    q = draw_on_borders(any_map, rng, 200)
-    q = q[space.is_free(q)][:40]
-    firsts, lasts = np.split(q[: len(q) // 2 * 2], 2)
+    firsts, lasts = draw_free_pairs(any_map, rng)
     connected = space.is_connected(firsts, lasts)
     for first, last, is_connected in zip(firsts, lasts, connected, strict=True):
         for simplify in (True, False):

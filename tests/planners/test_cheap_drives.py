@@ -13,7 +13,8 @@ import planners
 from cspace import InputError, Robot, Workspace, build
 from tests.helpers.drives import is_car, make_drive
 from tests.helpers.handmade import build_empty, fill_boxes
-from tests.helpers.regions import place_polygon
+from tests.helpers.oracles import edge_lengths, integrate_along
+from tests.helpers.placements import collides, turn_between
 from tests.helpers.strategies import few
 
 DRIVES = ["differential", "differential-reverse", "dubins", "reeds-shepp"]
@@ -24,19 +25,15 @@ SIDES = 6.0, 5.0
 HEADINGS = 8
 
 
-def sample_edges(plan):
-    """Return the lengths of a path's edges, and 50 points along each, shape (n, 50, 2).
+def integrate(plan, cost):
+    """Integrate the cost of a metre along a path.
 
     A radian that is turned on the spot counts as half a metre.
     """
-    rows = plan.path
-    steps = np.diff(rows, axis=0)
-    steps[:, 2] = (steps[:, 2] + math.pi) % math.tau - math.pi
-    lengths = np.linalg.norm(steps[:, :2], axis=1)
-    if not is_car(plan):
-        lengths = lengths + 0.5 * np.abs(steps[:, 2])
-    shares = (np.arange(50) + 0.5) / 50
-    return lengths, rows[:-1, None, :2] + steps[:, None, :2] * shares[:, None]
+    starts, ends = plan.path[:-1], plan.path[1:]
+    costs = integrate_along(starts[:, :2], ends[:, :2], cost, 50)
+    turns = np.abs(turn_between(starts[:, 2], ends[:, 2]))
+    return float(costs.sum() + (0.0 if is_car(plan) else 0.5 * turns @ cost(starts[:, :2])))
 
 
 class Costs:
@@ -56,10 +53,8 @@ class Costs:
         return 1.0 + self._values(np.clip(points, lowest, np.array(SIDES) - lowest))
 
     def along(self, plan):
-        """Integrate the cost along a path; half a metre for each radian that is turned on the
-        spot."""
-        lengths, points = sample_edges(plan)
-        return float((lengths * self.at(points).mean(axis=1)).sum())
+        """Integrate the cost along a path."""
+        return integrate(plan, self.at)
 
     def objective(self, space):
         """Return these costs on all slices of a map."""
@@ -68,18 +63,15 @@ class Costs:
 
 
 def build_world(seed):
-    """Build a map with boxes, and return it with the union of these."""
+    """Build a map with boxes."""
     rng = np.random.default_rng([seed, 1])
     cells = np.zeros((60, 50), dtype=bool)
     for i, j in rng.integers((5, 0), (50, 45), (4, 2)):
         cells[i : i + 4, j : j + 9] = True
-    space = build(Workspace.from_array(cells, SPACING), Robot.polygon(ROBOT), rotations=72)
-    corners = SPACING * np.argwhere(cells)
-    boxes = shapely.union_all(shapely.box(*corners.T, *(corners.T + SPACING)))
-    return space, boxes.union(shapely.box(-9, -9, 19, 19) - shapely.box(0.0, 0.0, *SIDES))
+    return build(Workspace.from_array(cells, SPACING), Robot.polygon(ROBOT), rotations=72)
 
 
-def find_least_cost(costs, obstacles, start, goal, reverse_cost=None):
+def find_least_cost(costs, space, start, goal, reverse_cost=None):
     """Return the least cost of a chain of turns and drives between centers of cells.
 
     The robot drives ahead to neighbouring cells, and back if that has a cost. Only its poses at the
@@ -89,8 +81,7 @@ def find_least_cost(costs, obstacles, start, goal, reverse_cost=None):
     yaws = math.tau / HEADINGS * np.arange(HEADINGS)
     i, j, k = np.indices(shape)
     poses = np.stack([SPACING * (i + 0.5), SPACING * (j + 0.5), yaws[k]], axis=-1).reshape(-1, 3)
-    shapely.prepare(obstacles)
-    is_free = ~shapely.intersects(obstacles, place_polygon(ROBOT, poses)).reshape(shape)
+    is_free = ~collides(space, poses).reshape(shape)
     factors = costs.at(poses[::HEADINGS, :2]).reshape(shape[:2])
     ahead = np.round(np.stack([np.cos(yaws), np.sin(yaws)], axis=1)).astype(int)
     least = np.full(shape, np.inf)
@@ -136,13 +127,13 @@ def check_near_least(seed):
     """Check that plans cost hardly more than Dijkstra's chain, and no more than short paths."""
     rng = np.random.default_rng([seed, 2])
     costs = Costs(seed)
-    space, obstacles = build_world(seed)
+    space = build_world(seed)
     drive = planners.Differential()
     ratios = []
     for _ in range(3):
         nodes = draw_cell(space, rng), draw_cell(space, rng)
         ends = [to_pose(node) for node in nodes]
-        least = find_least_cost(costs, obstacles, *nodes)
+        least = find_least_cost(costs, space, *nodes)
         plan = planners.plan(space, *ends, drive=drive, objective=costs.objective(space))
         short = planners.plan(space, *ends, drive=drive)
         assert bool(plan) == plan.certified == bool(short)
@@ -172,7 +163,7 @@ def check_against_short_plans(drive, seeds):
     saved = 0
     for seed in seeds:
         costs = Costs(seed)
-        space, _ = build_world(seed)
+        space = build_world(seed)
         rng = np.random.default_rng([seed, 3])
         for start, goal in space.sample_free(6, rng).reshape(3, 2, 3):
             short = planners.plan(space, start, goal, **options)
@@ -192,14 +183,16 @@ def test_no_plan_by_cost_costs_more_than_the_one_by_length(drive, rounds):
 
 
 def measure_time(plan, zones):
-    """Return the seconds of a path at 1 m/s and in zones at their speeds; turns on the spot take
-    half a second for each radian."""
-    lengths, points = sample_edges(plan)
-    speeds = np.ones(points.shape[:2])
-    for zone, speed in zones:
-        is_inside = shapely.contains_xy(zone, points[..., 0], points[..., 1])
-        speeds[is_inside] = np.minimum(speeds[is_inside], speed)
-    return float((lengths * (1.0 / speeds).mean(axis=1)).sum())
+    """Return the seconds of a path at 1 m/s, and in zones at their speeds."""
+
+    def slowness(points):
+        speeds = np.ones(points.shape[:-1])
+        for zone, speed in zones:
+            is_inside = shapely.contains_xy(zone, points[..., 0], points[..., 1])
+            speeds[is_inside] = np.minimum(speeds[is_inside], speed)
+        return 1.0 / speeds
+
+    return integrate(plan, slowness)
 
 
 @pytest.mark.thorough
@@ -227,7 +220,7 @@ def test_the_quickest_plans_in_a_depot_save_an_eighth_of_the_time(data, drive):
 
 @EVERY_DRIVE
 def test_costs_of_one_for_each_metre_change_nothing(drive):
-    space, _ = build_world(3)
+    space = build_world(3)
     costs = planners.WeightedLength(np.zeros((len(space.slice_rotations), 60, 50)))
     rng = np.random.default_rng(0)
     for start, goal in space.sample_free(8, rng).reshape(4, 2, 3):
@@ -242,15 +235,18 @@ def test_costs_of_one_for_each_metre_change_nothing(drive):
 
 def measure_driving(plan, reverse_cost, switch_cost):
     """Return the cost of a path by its rows; half a metre for each radian turned on the spot."""
-    lengths, _ = sample_edges(plan)
+    starts, ends = plan.path[:-1], plan.path[1:]
+    lengths = edge_lengths(starts[:, :2], ends[:, :2])
+    if not is_car(plan):
+        lengths = lengths + 0.5 * np.abs(turn_between(starts[:, 2], ends[:, 2]))
     ways = plan.direction[1:]
     changes = np.count_nonzero(np.diff(ways[ways != 0]))
     return float(np.where(ways < 0, reverse_cost, 1.0) @ lengths + switch_cost * changes)
 
 
-def check_motion(plan, obstacles):
+def check_motion(plan):
     """Check that the rows of a path are a drive's motion, and the robot at them is free."""
-    assert not shapely.intersects(obstacles, place_polygon(ROBOT, plan.path)).any()
+    assert not collides(plan.space, plan.path).any()
     steps = np.diff(plan.path, axis=0)
     turns = (steps[:, 2] + math.pi) % math.tau - math.pi
     lengths = np.linalg.norm(steps[:, :2], axis=1)
@@ -275,7 +271,7 @@ def test_plans_reverse_less_where_reversing_costs_more(drive):
     ratios = []
     saved = 0
     for seed in range(3):
-        space, obstacles = build_world(seed)
+        space = build_world(seed)
         rng = np.random.default_rng([seed, 4])
         for start, goal in space.sample_free(6, rng).reshape(3, 2, 3):
             short = planners.plan(space, start, goal, drive=make_drive(drive))
@@ -285,7 +281,7 @@ def test_plans_reverse_less_where_reversing_costs_more(drive):
                 plan = planners.plan(space, start, goal, drive=make_drive(drive, **costs))
                 assert bool(plan) == plan.certified == bool(short)
                 if plan:
-                    check_motion(plan, obstacles)
+                    check_motion(plan)
                     radians = 0.0 if is_car(plan) else 0.5 * plan.total_rotation
                     assert plan.length + radians >= (1.0 - 1e-9) * plan.lower_bound
                     pair = [measure_driving(each, *prices) for each in (plan, short)]
@@ -301,11 +297,11 @@ def test_a_differential_drive_pays_hardly_more_than_the_cheapest_chain_with_reve
     drive = planners.Differential(reverse=True, reverse_cost=price)
     ratios = []
     for seed in (1, 2):
-        space, obstacles = build_world(seed)
+        space = build_world(seed)
         rng = np.random.default_rng([seed, 5])
         for _ in range(2):
             nodes = draw_cell(space, rng), draw_cell(space, rng)
-            least = find_least_cost(even, obstacles, *nodes, price)
+            least = find_least_cost(even, space, *nodes, price)
             plan = planners.plan(space, *map(to_pose, nodes), drive=drive)
             assert bool(plan) == plan.certified
             if plan:

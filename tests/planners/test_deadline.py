@@ -9,7 +9,7 @@ import pytest
 from ompl import base as ob
 
 import planners
-from cspace import MIXED, Robot, Workspace, build, build_arm_space, build_joint_map
+from cspace import MIXED, Robot, Workspace, build, build_joint_map
 from cspace._support.compiling import clock
 from cspace._support.deadlines import Effort, now
 from planners._edges.cars import CarCurves
@@ -24,7 +24,7 @@ from tests.helpers.planning import (
     plan_in_time,
     weighted_length,
 )
-from tests.helpers.urdfs import planar_arm, post
+from tests.helpers.urdfs import space_of
 
 
 @pytest.mark.parametrize(
@@ -194,7 +194,7 @@ def plan_by_default(kind, exact=False, **options):
 @cache
 def build_beside_post(kind):
     """Build the space of a planar arm beside a post, or the map of its joints."""
-    space = build_arm_space({"post": post()}, planar_arm())
+    space = space_of()
     return space if kind == "arm" else build_joint_map(space, 0.1)
 
 

@@ -20,11 +20,11 @@ from scipy import ndimage
 
 import cspace
 import planners
-from cspace import BLOCKED, FREE, MIXED, ConfigurationError, InputError
+from cspace import BLOCKED, FREE, MIXED, ConfigurationError
 from cspace.inside import now
-from planners._space_kinds import SUPPORTED
 from tests.helpers.drives import is_car
-from tests.helpers.handmade import build_empty, map_of
+from tests.helpers.handmade import build_empty, components, map_of
+from tests.helpers.motions import pass_near, sample_evenly
 from tests.helpers.placements import turn_between
 from tests.helpers.planning import (
     ENDPOINTS,
@@ -33,9 +33,11 @@ from tests.helpers.planning import (
     build_open_map,
     build_room,
     check,
+    check_support,
     options_for,
 )
 from tests.helpers.refusals import check_refused, refusals
+from tests.helpers.spaces import OpenSpace
 from tests.helpers.strategies import examples, few, seeds
 
 DRIVES = (None, "differential", "differential-reverse", "dubins", "reeds-shepp")
@@ -264,7 +266,7 @@ def test_the_closest_goal_is_in_the_nearest_free_cell_joined_to_the_start(seed, 
     yaw = [float(rng.uniform(-math.pi, math.pi))] if turns else []
     goal = (*rng.uniform((-1.0, -1.0), (13.0, 10.0)).tolist(), *yaw)
     start = (0.5, 0.5, *space.rotations.centers[0].tolist())
-    labels = label(states == FREE)
+    labels = components(states == FREE, "turning")
     # Cells that touch at a corner may be joined, too.
     corners = ndimage.label(states == FREE, np.ones((3, 3, 3)))[0] if not turns else states == FREE
     position = np.array(goal[:2])
@@ -332,7 +334,7 @@ def test_no_path_is_proven_if_and_only_if_all_cells_of_all_goals_are_apart(
     rotation, i, j = free[rng.integers(len(free))]
     yaw = () if turns is None else (float(space.rotations.centers[rotation, 0]),)
     start = (i + 0.5, j + 0.5, *yaw)
-    labels = label(states < BLOCKED)
+    labels = components(states < BLOCKED, "turning")
     own = labels[rotation, i, j]
     grain = 0.5 if exact_border else 1e-9
     point = np.round(rng.uniform(0.1, np.array(shape[1:]) - 0.1) / grain) * grain
@@ -362,18 +364,6 @@ def test_no_path_is_proven_if_and_only_if_all_cells_of_all_goals_are_apart(
     reached = labels[rotations][:, *cells[met].T] == own
     assert plan.is_disconnected == (not reached.any())
     assert plan.status.startswith("no path exists: proven") == plan.is_disconnected
-
-
-def label(passable):
-    """Label the components of cells, shape (rotations, x, y), with the rotations in a circle."""
-    labels = ndimage.label(passable)[0]
-    # Join what meets across the seam, until nothing changes.
-    while True:
-        both = (labels[0] != labels[-1]) & passable[0] & passable[-1]
-        if not both.any():
-            return labels
-        first, last = labels[0][both][0], labels[-1][both][0]
-        labels[labels == last] = first
 
 
 @pytest.mark.parametrize("name", few(["turning", "plane", "yawing"]))
@@ -676,27 +666,13 @@ def test_path_and_trajectory_go_through_places_on_the_way(drive):
     assert flowing.duration < halting.duration or drive in ("differential", "differential-reverse")
     asks_yaw = [False, False, True]
     for number, (row, is_given) in enumerate(zip(rows, asks_yaw, strict=True)):
-        passes_yaw = is_given or drive not in ("differential", "differential-reverse")
-        _, speed = pass_near(flowing, row, passes_yaw)
+        size = 3 if is_given or drive not in ("differential", "differential-reverse") else 2
+        gap, speed = pass_near(flowing, row, size)
+        assert gap < 7e-7
         rests = drive in ("differential", "differential-reverse") and is_given
         assert speed > 0.05 or rests or number == 1, (number, speed)
-        _, speed = pass_near(halting, row, passes_yaw)
-        assert speed < 0.02
-
-
-def pass_near(trajectory, row, passes_yaw):
-    """Find where a trajectory passes a configuration; return its time and speed there."""
-    times = np.linspace(0.0, trajectory.duration, 2_000)
-    for _ in range(4):
-        positions, velocities, _ = trajectory.sample(times)
-        gaps = np.linalg.norm(positions[:, :2] - row[:2], axis=1)
-        if passes_yaw:
-            gaps += np.abs(turn_between(row[2], positions[:, 2]))
-        nearest = int(gaps.argmin())
-        step = times[1] - times[0]
-        times = np.linspace(times[nearest] - step, times[nearest] + step, 2_000)
-    assert gaps[nearest] < 1e-6
-    return times[nearest], float(np.linalg.norm(velocities[nearest, :2]))
+        gap, speed = pass_near(halting, row, size)
+        assert gap < 7e-7 and speed < 0.02
 
 
 @pytest.mark.parametrize("speed, gain", [(3.0, 0.1), (100.0, 0.01)])
@@ -712,7 +688,8 @@ def test_places_are_passed_exactly_however_slowly_the_robot_accelerates(drive, s
         plan = planners.plan(space, (2, 2, 0), (18, 6, None), via=via, **options_for(drive))
         trajectory = plan.trajectory(max_velocity=speed, max_acceleration=gain, **TURN_LIMITS)
         for row, place in zip(plan.path[list(plan.via_rows)], via, strict=True):
-            pass_near(trajectory, row, place[2] is not None or drive is None)
+            size = 3 if place[2] is not None or drive is None else 2
+            assert pass_near(trajectory, row, size)[0] < 7e-7
 
 
 @pytest.mark.parametrize("drive", ["differential", "differential-reverse"])
@@ -722,7 +699,7 @@ def test_a_robot_turns_to_the_yaw_of_the_alternative_that_it_passes(drive):
     plan = planners.plan(space, (1.5, 1.5, 0.0), (7.5, 1.5, None), via=via, **options_for(drive))
     row = plan.path[plan.via_rows[0]]
     assert row.tolist() == [4.5, 4.5, 2.0]
-    pass_near(plan.trajectory(**LIMITS, **TURN_LIMITS), row, True)
+    assert pass_near(plan.trajectory(**LIMITS, **TURN_LIMITS), row)[0] < 7e-7
 
 
 @pytest.mark.parametrize("drive", DRIVES)
@@ -784,7 +761,7 @@ def test_places_in_every_space_are_passed_in_order():
             plan.path[list(plan.via_rows), : space.dim], np.array(places)[:, : space.dim]
         )
         trajectory = plan.trajectory(**LIMITS, **(TURN_LIMITS if name == "floating" else {}))
-        positions, velocities, _ = trajectory.sample(np.linspace(0, trajectory.duration, 50_000))
+        positions, velocities, _ = sample_evenly(trajectory, 50_000)
         for place in places:
             gaps = np.linalg.norm(positions[:, : space.dim] - place[: space.dim], axis=1)
             assert gaps.min() < 1e-3
@@ -930,19 +907,6 @@ def test_a_previous_plan_leads_to_no_place_on_the_way():
     )
 
 
-class Open(cspace.Space):
-    """The unit square, without obstacles."""
-
-    axes = ("x", "y")
-    bounds = ((0.0, 0.0), (1.0, 1.0))
-
-    def is_free(self, q):
-        return True
-
-    def motion_is_free(self, q0, q1):
-        return True
-
-
 def test_the_table_says_what_a_space_of_your_own_takes():
     start, goal = (0.1, 0.1), (0.9, 0.9)
     given = {
@@ -955,16 +919,10 @@ def test_the_table_says_what_a_space_of_your_own_takes():
         "`via`": {"via": [(0.5, 0.1)]},
         "`keep`": {"keep": planners.Upright("tip", tolerance=math.pi)},
     }
-    assert given.keys() == SUPPORTED.keys()
-    for option, changes in given.items():
-        arguments = {"start": start, "goal": goal, "seed": 1, **changes}
-        if "your own spaces" in SUPPORTED[option]:
-            assert planners.plan(Open(), **arguments).certified
-            continue
-        with pytest.raises(InputError) as caught:
-            planners.plan(Open(), **arguments)
-        assert caught.value.argument in arguments
-    assert planners.plan(Open(), start, given["a list of alternatives"]["goal"]).goal.tolist() == [
+    check_support("your own spaces", OpenSpace(), given, start=start, goal=goal, seed=1)
+    assert planners.plan(
+        OpenSpace(), start, given["a list of alternatives"]["goal"]
+    ).goal.tolist() == [
         0.2,
         0.3,
     ]

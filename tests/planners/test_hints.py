@@ -17,9 +17,10 @@ from cspace import ConfigurationError, InputError, Robot, Workspace, build
 from cspace.inside import Drive
 from tests.helpers.planning import ENDPOINTS, build_room
 from tests.helpers.refusals import check_refused, refusals
+from tests.helpers.spaces import Disc
 from tests.helpers.strategies import few
 from tests.helpers.urdfs import planar_arm, pose_at
-from tests.planners.test_own_space import START, Disc
+from tests.planners.test_own_space import START
 
 
 def build_walls(boxes, robot, rotations=None, **options):

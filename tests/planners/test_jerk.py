@@ -17,12 +17,19 @@ import cspace
 import planners
 from cspace import InputError
 from planners._motion.timing import keeps_jerk
-from tests.helpers.drives import make_drive
 from tests.helpers.handmade import build_empty
+from tests.helpers.motions import (
+    build_plan,
+    check_goes_on,
+    check_limits,
+    check_stop,
+    make_limits,
+    sample_evenly,
+)
+from tests.helpers.placements import collides
 from tests.helpers.refusals import refusals
 from tests.helpers.strategies import few, seeds
 from tests.helpers.urdfs import planar, post
-from tests.planners.test_smoothing import LIMITS, TURNING_LIMITS, build_plan, collides, difference
 from tests.planners.test_trajectory import draw_waypoints, plan_along
 
 SLACK = 1.0 + 1e-6
@@ -61,20 +68,12 @@ def check_joints(trajectory, velocity, gain, jerk):
     np.testing.assert_allclose(before_rest, 0.0, atol=1e-5)
 
 
-def check_plane(trajectory):
-    """Check the limits of a robot in the plane, and its derivatives."""
-    h = 1e-5
-    t = np.linspace(2 * h, trajectory.duration - 2 * h, STEPS)
-    _, velocities, gains = trajectory.sample(t)
-    assert difference(trajectory, t, h) == pytest.approx(velocities, abs=1e-4)
-    assert np.linalg.norm(velocities[:, :2], axis=1).max() <= SLACK * 1.2
-    assert np.linalg.norm(gains[:, :2], axis=1).max() <= SLACK * 0.8
+def check_plane(trajectory, turn_jerk=math.inf):
+    """Check the limits of a robot in the plane."""
+    check_limits(trajectory, SLACK)
     steps = find_steps(trajectory)
     assert np.linalg.norm(steps[:, :2], axis=1).max() <= SLACK * JERK
-    if velocities.shape[1] == 3:
-        assert np.abs(velocities[:, 2]).max() <= SLACK * 1.0
-        assert np.abs(gains[:, 2]).max() <= SLACK * 2.0
-    return steps
+    assert np.abs(steps[:, 2:]).max(initial=0.0) <= SLACK * turn_jerk
 
 
 # ---- straight edges ------------------------------------------------------------------------------
@@ -160,7 +159,7 @@ def test_a_car_drives_its_curves_with_limited_jerk_along_them():
 )
 def test_limits_hold_at_every_instant_of_blended_motions(drive, rotations):
     plan = build_plan(1, drive, rotations)
-    limits = LIMITS | (TURNING_LIMITS if rotations else {})
+    limits = make_limits(rotations)
     unlimited = plan.trajectory(**limits)
     limits["max_jerk"] = JERK
     if rotations and drive == "holonomic":
@@ -168,10 +167,9 @@ def test_limits_hold_at_every_instant_of_blended_motions(drive, rotations):
     trajectory = plan.trajectory(**limits)
     assert trajectory.certified
     assert trajectory.recheck(plan.space).all()
-    steps = check_plane(trajectory)
-    if "max_angular_jerk" in limits:
-        assert np.abs(steps[:, 2]).max() <= SLACK * TURN_JERK
-    assert not collides(1, trajectory.sample(np.linspace(0, trajectory.duration, 500))[0]).any()
+    check_plane(trajectory, TURN_JERK if "max_angular_jerk" in limits else math.inf)
+    rows = sample_evenly(trajectory, 500)[0]
+    assert not collides(plan.space, rows, grow=-1e-6).any()
     assert unlimited.duration < trajectory.duration <= 1.3 * unlimited.duration
     # The curve is the same one.
     np.testing.assert_array_equal(trajectory._segments.starts, unlimited._segments.starts)
@@ -183,20 +181,13 @@ def test_limits_hold_at_every_instant_of_blended_motions(drive, rotations):
 
 def test_a_differential_drive_with_an_angular_limit_stops_at_corners():
     plan = build_plan(1, "differential", 36)
-    limits = LIMITS | TURNING_LIMITS | {"max_jerk": JERK}
+    limits = make_limits(36, max_jerk=JERK)
     trajectory = plan.trajectory(**limits, max_angular_jerk=TURN_JERK)
-    steps = check_plane(trajectory)
-    assert np.abs(steps[:, 2]).max() <= SLACK * TURN_JERK
+    check_plane(trajectory, TURN_JERK)
     assert trajectory.duration > plan.trajectory(**limits).duration
 
 
 # ---- stops and going on --------------------------------------------------------------------------
-
-
-def check_continues(before, at, after):
-    """Check that place, velocity and acceleration continue."""
-    for old, new in zip(before.sample(at), after.sample(0.0), strict=True):
-        np.testing.assert_allclose(new, old, atol=1e-6)
 
 
 @pytest.mark.parametrize("drive", ["dubins", "reeds-shepp"])
@@ -212,29 +203,20 @@ def test_a_car_with_hardly_limited_jerk_is_as_fast_between_its_arcs_as_without(d
 @pytest.mark.parametrize("drive, rotations", [("holonomic", None), ("differential", 36)])
 def test_stops_and_going_on_keep_the_limit(drive, rotations, rounds):
     plan = build_plan(1, drive, rotations)
-    limits = LIMITS | (TURNING_LIMITS if rotations else {}) | {"max_jerk": JERK}
+    limits = make_limits(rotations, max_jerk=JERK)
     trajectory = plan.trajectory(**limits)
     reached = 0
     for t in np.random.default_rng(0).uniform(0.05, trajectory.duration - 0.05, rounds):
-        stop = trajectory.braked(t)
-        assert stop.certified
-        assert stop.recheck(plan.space).all()
-        assert stop.duration <= trajectory.duration - t + 1e-9
-        moved = np.linalg.norm(
-            np.diff(stop.sample(np.linspace(0, stop.duration, 900))[0], axis=0)[:, :2], axis=1
-        ).sum()
-        assert trajectory.stop_distance(t) == pytest.approx(moved, abs=1e-3)
-        check_plane(stop)
-        check_continues(trajectory, t, stop)
+        made = [check_stop(trajectory, t, plan.space)]
         for place in trajectory.starts_after(t):
-            again = planners.plan(
-                plan.space, place, plan.goal, drive=make_drive(drive), previous=plan
-            )
-            motion = again.trajectory(**limits, after=trajectory, at=t)
-            assert motion.certified
+            again = planners.plan(plan.space, place, plan.goal, drive=plan.drive, previous=plan)
+            made.append(again.trajectory(**limits, after=trajectory, at=t))
+            check_goes_on(made[-1], trajectory, t, plan.space)
+            reached += not made[-1].stop_reason
+        for motion in made:
             check_plane(motion)
-            check_continues(trajectory, t, motion)
-            reached += not motion.stop_reason
+            gains = trajectory.sample(t)[2], motion.sample(0.0)[2]
+            np.testing.assert_allclose(*gains, atol=1e-6)
     assert reached >= 0.7 * rounds
 
 
@@ -263,20 +245,6 @@ def test_ramps_and_stops_are_as_short_on_a_long_way(metres):
     assert trajectory.duration == pytest.approx(metres / 10.0 + shortest, abs=1e-2)
     assert trajectory.braked(3.0).duration == pytest.approx(shortest, rel=1e-6)
     assert trajectory.stop_distance(3.0) == pytest.approx(5.0 * shortest, rel=1e-6)
-
-
-def test_planning_anew_on_the_way_costs_little_time():
-    space = build_empty((120, 60), cspace.Robot.disc(0.3))
-    plan = planners.plan(space, (1.0, 3.0), (11.0, 3.0))
-    limits = {"max_velocity": 1.0, "max_acceleration": 0.5, "max_jerk": 2.0}
-    motion = plan.trajectory(**limits)
-    duration = motion.duration
-    for _ in range(20):
-        place = motion.starts_after(0.1)[-1]
-        plan = planners.plan(space, place, (11.0, 3.0), previous=plan)
-        motion = plan.trajectory(**limits, after=motion, at=0.1)
-        assert not motion.stop_reason
-    assert motion.duration == pytest.approx(duration - 2.0, abs=0.3)
 
 
 @pytest.mark.filterwarnings("ignore:path. the arm stops")  # at corners of the plan
@@ -312,7 +280,7 @@ def test_limits_of_jerk_are_checked(options, expected):
 
 def test_an_angular_limit_alone_is_refused():
     plan = plan_along("turning", draw_waypoints("turning", np.random.default_rng(0), 3))
-    options = LIMITS | TURNING_LIMITS | {"max_angular_jerk": 3.0}
+    options = make_limits(36, max_angular_jerk=3.0)
     with pytest.raises(InputError, match="max_jerk is missing"):
         plan.trajectory(**options)
     plan.trajectory(**options, max_jerk=1.0)

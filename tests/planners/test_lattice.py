@@ -20,6 +20,7 @@ from cspace import FREE, Robot, Workspace, build
 from planners._searches.lattice import _measure_block_side
 from tests.helpers.drives import is_car, make_drive
 from tests.helpers.handmade import fill_boxes
+from tests.helpers.placements import collides
 from tests.helpers.planning import (
     ENDPOINTS,
     build_room,
@@ -28,7 +29,6 @@ from tests.helpers.planning import (
     make_poses,
     weighted_length,
 )
-from tests.helpers.regions import place_polygon
 from tests.helpers.strategies import examples, few, seeds
 
 SPOT_DRIVES = [{"drive": planners.Differential()}, {"drive": planners.Differential(reverse=True)}]
@@ -73,17 +73,13 @@ def sample_motion(plan):
 def test_paths_are_certified_and_keep_exact_footprints_off_obstacles(options, seed):
     rng = np.random.default_rng(seed)
     space = build_world(rng)
-    cells = 0.1 * np.argwhere(space.workspace.outer)
-    obstacles = shapely.union_all(shapely.box(*cells.T, *(cells.T + 0.1)))
-    shapely.prepare(obstacles)
     for _ in range(3):
         start, goal = space.sample_free(2, rng)
         plan = planners.plan(space, start, goal, planner="Lattice", time_limit=0.1, **options)
         assert plan.certified == bool(plan)
         if plan:
             np.testing.assert_array_equal(plan.waypoints[[0, -1]], [start, goal])
-            robots = place_polygon(shapely.Polygon(FOOTPRINT), sample_motion(plan))
-            assert not shapely.intersects(obstacles, robots).any()
+            assert not collides(space, sample_motion(plan)).any()
 
 
 def test_a_car_parks_in_a_real_lot(data):
@@ -95,8 +91,7 @@ def test_a_car_parks_in_a_real_lot(data):
     plan = planners.plan(space, *ends, **options)
     assert plan.certified and plan.planner == "Lattice"
     obstacles = shapely.from_geojson(file.read_text())
-    cars = place_polygon(car.geometry, sample_motion(plan))
-    assert not shapely.intersects(obstacles, cars).any()
+    assert not collides(space, sample_motion(plan), obstacles).any()
 
 
 HEADINGS = [(1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1)]

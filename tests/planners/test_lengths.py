@@ -15,6 +15,7 @@ from planners._searches.taut import MARGIN
 from tests.helpers.handmade import map_of
 from tests.helpers.maps import MOVINGAI_MAPS, read_problems
 from tests.helpers.oracles import path_length, shortest_length
+from tests.helpers.regions import Flat, cell_boxes
 from tests.helpers.strategies import examples, seeds
 
 NARROW = 1e-6
@@ -27,11 +28,11 @@ HEIGHT = 0.4
 """Height of the box among columns, in metres; the columns are 2 m high."""
 
 
-def find_shortest_length(blocked, start, goal):
-    """Return the length of the shortest path among blocked cells; infinity if none exists."""
-    framed = np.argwhere(np.pad(blocked, 1, constant_values=True)) - 1
-    walls = shapely.union_all(shapely.box(*framed.T, *(framed + 1).T))
-    return shortest_length(walls.buffer(NARROW, join_style="mitre"), start, goal)
+def find_shortest_length(blocked, start, goal, grow=NARROW):
+    """Return the length of the shortest path among grown cells; infinity if none exists."""
+    framed = cell_boxes(np.pad(blocked, 1, constant_values=True), -1.0)
+    walls = shapely.union_all(Flat.boxes(framed).polygons)
+    return shortest_length(walls.buffer(grow, join_style="mitre"), start, goal)
 
 
 @examples(150)

@@ -13,30 +13,9 @@ from cspace import InputError
 from cspace.lanes import RouteGraph
 from planners._catalogue import planner_names
 from tests.helpers.handmade import build_empty
+from tests.helpers.motions import sample_evenly
 from tests.helpers.refusals import check_refused, refusals
-
-
-class Disc(cspace.Space):
-    """A point that avoids a disc around the origin, in the plane or with a yaw."""
-
-    bounds = ((-2.0, -2.0), (2.0, 2.0))
-
-    def __init__(self, *axes):
-        self._axes = axes
-
-    @property
-    def axes(self):
-        return self._axes
-
-    def is_free(self, q):
-        return self.motion_is_free(q, q)
-
-    def motion_is_free(self, q0, q1):
-        first = np.asarray(q0)[:2]
-        last = np.asarray(q1)[:2]
-        step = last - first
-        t = np.clip(-first @ step / max(step @ step, 1e-12), 0.0, 1.0)
-        return bool(np.hypot(*(first + t * step)) > 1.0)
+from tests.helpers.spaces import Disc, OpenSpace
 
 
 class Searched(Disc):
@@ -103,18 +82,12 @@ def test_spaces_with_wrong_bounds_say_so():
 def make_own(**members):
     """Return a space in which all is free, with members of its own."""
 
-    class Own(cspace.Space):
+    class Own(OpenSpace):
         axes = ("a", "b")
 
         @property
         def bounds(self):
             return (0.0,) * self.dim, (4.0,) * self.dim
-
-        def is_free(self, q):
-            return True
-
-        def motion_is_free(self, q0, q1):
-            return True
 
     return type("Own", (Own,), members)()
 
@@ -319,7 +292,7 @@ def test_trajectories_keep_out_of_the_zone_of_a_space_that_wraps_a_map(hall, kin
     for seed in range(3):
         plan = planners.plan(space, (1.0, 1.0), (5.0, 1.0), seed=seed)
         made = plan.trajectory(max_velocity=1.0, max_acceleration=0.3)
-        rows = made.sample(np.linspace(0.0, made.duration, 2000))[0]
+        rows = sample_evenly(made, 2000)[0]
         assert not shapely.intersects_xy(ZONE, rows).any()
         assert made.certified and made.recheck(space).all()
     # A trajectory of the map, whose curves are proven there, is not proven in the space.

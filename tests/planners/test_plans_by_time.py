@@ -14,7 +14,7 @@ import planners
 from cspace import FREE
 from planners._searches.travel_time import read_speeds
 from tests.helpers.handmade import build_empty
-from tests.helpers.oracles import cheapest_chain
+from tests.helpers.oracles import cheapest_chain, integrate_along
 from tests.helpers.refusals import check_refused, refusals
 from tests.helpers.strategies import examples, few, seeds
 from tests.helpers.urdfs import planar_arm
@@ -33,13 +33,15 @@ def hall(*walls, rotations=None, robot=None, spacing=0.1, bounds=(0, 0, 8, 6)):
 
 def measure_time(starts, ends, zones, radius, samples=8):
     """Return the times of straight edges of a disc, shape (n,); zones are pairs of area, speed."""
-    shares = (np.arange(samples) + 0.5) / samples
-    points = starts[:, None] + (ends - starts)[:, None] * shares[:, None]
-    speeds = np.full(points.shape[:2], FULL)
-    for area, speed in zones:
-        is_in = shapely.distance(area, shapely.points(points)) <= radius
-        speeds[is_in] = np.minimum(speeds[is_in], speed)
-    return np.linalg.norm(ends - starts, axis=1) * (1.0 / speeds).mean(axis=1)
+
+    def slowness(points):
+        speeds = np.full(points.shape[:2], FULL)
+        for area, speed in zones:
+            is_in = shapely.distance(area, shapely.points(points)) <= radius
+            speeds[is_in] = np.minimum(speeds[is_in], speed)
+        return 1.0 / speeds
+
+    return integrate_along(starts, ends, slowness, samples)
 
 
 def time_of(plan, zones, radius=RADIUS):

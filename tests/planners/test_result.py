@@ -22,6 +22,7 @@ from cspace.errors import InputError
 from planners._edges.drives import local_planner
 from tests.helpers.drives import make_drive
 from tests.helpers.handmade import build_empty, make_map
+from tests.helpers.placements import obstacles_of, place_robots
 from tests.helpers.planning import (
     ENDPOINTS,
     SPACES_WITH_CURVES,
@@ -31,7 +32,6 @@ from tests.helpers.planning import (
     options_for,
     wrap_rotations,
 )
-from tests.helpers.regions import move_points
 from tests.helpers.strategies import seeds
 
 
@@ -170,14 +170,10 @@ def test_a_plan_is_printed_without_rounding_errors():
 def test_the_obstacle_distance_is_the_minimum_along_the_path(drive):
     plan = plan_in("turning", drive)
     grid = plan.space.grid
-    corners = grid.lower + grid.spacing * np.argwhere(plan.space.workspace.outer)
-    boxes = shapely.box(*corners.T, *(corners.T + grid.spacing))
-    obstacles = shapely.union_all([*boxes, shapely.box(*grid.lower, *grid.upper).exterior])
-    robot = shapely.get_coordinates(shapely.box(-0.3, -0.15, 0.3, 0.15))
     edges = local_planner(plan.space, plan.drive)
     dense = edges.split_path(plan.waypoints, 0.02, 0.05)
-    shapes = shapely.polygons(move_points(robot, dense.points))
-    minimum = shapely.distance(shapes, obstacles).min()
+    robots = place_robots(plan.space.robot, dense.points)
+    minimum = shapely.distance(robots, obstacles_of(plan.space)).min()
     # The distance changes by that much between samples.
     between = 0.5 * float((dense.lengths + 0.4 * dense.rotations).max())
     least = minimum - between - 0.25 * grid.spacing - 1e-6

@@ -7,7 +7,6 @@ configurations are tested one by one.
 import copy
 import dataclasses
 import math
-from functools import cache
 
 import numpy as np
 import pytest
@@ -24,80 +23,29 @@ from planners._motion.segments import (
 )
 from tests.helpers.drives import make_drive
 from tests.helpers.handmade import build_empty
-from tests.helpers.regions import place_polygon
+from tests.helpers.motions import (
+    LIMITS,
+    SLACK,
+    TURNING_LIMITS,
+    build_plan,
+    check_limits,
+    differentiate,
+    make_limits,
+    replace_rows,
+    sample_evenly,
+)
+from tests.helpers.placements import collides
 from tests.helpers.urdfs import (
-    joint,
-    link,
     planar,
-    planar_arm,
     planar_arm_meets,
     posed_box,
-    post,
-    write_urdf,
+    space_of,
+    write_slider,
 )
 
-FOOTPRINT = [(-0.4, -0.2), (0.4, -0.2), (0.4, 0.2), (-0.4, 0.2)]
-LIMITS = {"max_velocity": 1.2, "max_acceleration": 0.8}
-TURNING_LIMITS = {"max_angular_velocity": 1.0, "max_angular_acceleration": 2.0}
 SPACING = 0.05
-SLACK = 1.01
 POST = 1.55, 0.6, 0.2
 """Center and side of the post that the arm passes, metres."""
-
-
-def draw_occupied(seed):
-    """Draw a plane with rectangles of occupied cells."""
-    rng = np.random.default_rng(seed)
-    occupied = np.zeros((140, 120), dtype=bool)
-    for _ in range(14):
-        i = rng.integers(0, 130)
-        j = rng.integers(0, 110)
-        width, height = rng.integers(3, 20, 2)
-        occupied[i : i + width, j : j + height] = True
-    return occupied
-
-
-def build_plan(seed, drive, rotations, turning_radius=None):
-    """Return the plan of :func:`plan_across`, which is made once."""
-    return plan_across(seed, drive, rotations, turning_radius)
-
-
-@cache
-def plan_across(seed, drive, rotations, turning_radius):
-    """Plan between the two farthest of some free configurations that a path joins."""
-    workspace = cspace.Workspace.from_array(draw_occupied(seed), SPACING)
-    robot = cspace.Robot.polygon(FOOTPRINT) if rotations else cspace.Robot.disc(0.3)
-    space = cspace.build(workspace, robot, rotations=rotations)
-    free = space.sample_free(200, rng=np.random.default_rng(seed))
-    free = free[np.argsort(free[:, 0])]
-    for start, goal in zip(free, free[::-1], strict=True):
-        try:
-            plan = planners.plan(
-                space, start, goal, drive=make_drive(drive, turning_radius), time_limit=0.3
-            )
-        except cspace.ConfigurationError:  # on the border of a cell
-            continue
-        if plan:
-            return plan
-    raise AssertionError("no path found")
-
-
-def collides(seed, rows):
-    """Return whether the robot overlaps an occupied cell at each row, by shapely."""
-    robots = shapely.buffer(shapely.points(rows[:, :2]), 0.299)
-    if rows.shape[1] == 3:
-        robots = place_polygon(shapely.Polygon(FOOTPRINT).buffer(-1e-6), rows)
-    cells = np.argwhere(draw_occupied(seed)) * SPACING
-    tree = shapely.STRtree(shapely.box(*cells.T, *(cells.T + SPACING)))
-    return np.isin(np.arange(len(rows)), tree.query(robots, predicate="intersects")[0])
-
-
-def difference(trajectory, t, h):
-    """Return central differences of positions, yaw the shorter way."""
-    steps = trajectory.sample(t + h)[0] - trajectory.sample(t - h)[0]
-    if steps.shape[1] == 3:
-        steps[:, 2] = (steps[:, 2] + math.pi) % (2.0 * math.pi) - math.pi
-    return steps / (2.0 * h)
 
 
 @pytest.mark.parametrize(
@@ -106,24 +54,16 @@ def difference(trajectory, t, h):
 )
 def test_blended_motion_is_free_smooth_and_within_limits(drive, rotations):
     plan = build_plan(1, drive, rotations)
-    limits = LIMITS | (TURNING_LIMITS if rotations else {})
+    limits = make_limits(rotations)
     trajectory = plan.trajectory(**limits)
     assert trajectory.certified
     assert plan.space is not None
     assert trajectory.recheck(plan.space).all()
     assert trajectory.positions[[0, -1]] == pytest.approx(plan.path[[0, -1]], abs=1e-9)
     assert trajectory.duration <= plan.trajectory(**limits, blend=False).duration
-    t = np.linspace(0.0, trajectory.duration, 2001)
-    positions, velocities, _ = trajectory.sample(t)
-    assert not collides(1, positions[::4]).any()
-    assert difference(trajectory, t, 1e-6) == pytest.approx(velocities, abs=1e-4)
-    jumps = trajectory.sample(t + 1e-4)[1] - trajectory.sample(t - 1e-4)[1]
-    accelerations = np.abs(jumps) / 2e-4
-    assert np.linalg.norm(velocities[:, :2], axis=1).max() <= SLACK * 1.2
-    assert np.linalg.norm(accelerations[:, :2], axis=1).max() <= SLACK * 0.8
-    if rotations:
-        assert np.abs(velocities[:, 2]).max() <= SLACK * 1.0
-        assert accelerations[:, 2].max() <= SLACK * 2.0
+    check_limits(trajectory)
+    positions, velocities, _ = sample_evenly(trajectory, 2001)
+    assert not collides(plan.space, positions[::4], grow=-1e-6).any()
     if drive != "holonomic":
         yaw = positions[:, 2]
         sideways = np.cos(yaw) * velocities[:, 1] - np.sin(yaw) * velocities[:, 0]
@@ -171,9 +111,9 @@ def test_per_axis_limits_hold_on_curves():
 def test_limits_hold_between_the_knots_of_curves(rows, velocity, limits):
     space = build_empty((80, 80), cspace.Robot.disc(0.2), spacing=0.5)
     plan = planners.plan(space, (3.0, 3.0), (5.0, 5.0))
-    plan = dataclasses.replace(plan, path=np.array(rows), waypoints=np.array(rows))
+    plan = replace_rows(plan, rows)
     trajectory = plan.trajectory(max_velocity=velocity, max_acceleration=np.array(limits))
-    _, _, accelerations = trajectory.sample(np.linspace(0.0, trajectory.duration, 4000))
+    _, _, accelerations = sample_evenly(trajectory, 4000)
     assert (np.abs(accelerations) / limits).max() <= 1.0 + 1e-6
 
 
@@ -186,14 +126,14 @@ def test_yaw_rates_hold_between_the_knots_of_driven_curves():
     begins = np.column_stack([places[:-1], yaws])
     ends = np.column_stack([places[1:], yaws])
     rows = np.stack([begins, ends], axis=1).reshape(-1, 3)
-    plan = dataclasses.replace(plan, path=rows, waypoints=rows)
+    plan = replace_rows(plan, rows)
     trajectory = plan.trajectory(
         max_velocity=0.819,
         max_acceleration=1.495,
         max_angular_velocity=0.483,
         max_angular_acceleration=1.935,
     )
-    _, velocities, _ = trajectory.sample(np.linspace(0.0, trajectory.duration, 4000))
+    _, velocities, _ = sample_evenly(trajectory, 4000)
     assert 0.4 < np.abs(velocities[:, 2]).max() <= 0.483 * (1.0 + 1e-6)
 
 
@@ -217,7 +157,7 @@ def test_unproven_curve_that_is_not_pulled_back_becomes_its_edges():
     space = cspace.build(workspace, cspace.Robot.disc(0.4375))
     plan = planners.plan(space.exact, (2.0, 2.5), (6.0, 2.5))
     rows = np.array([(2.0, 2.5), (4.0, 2.5), (6.0, 2.5)])
-    plan = dataclasses.replace(plan, path=rows, waypoints=rows)
+    plan = replace_rows(plan, rows)
     trajectory = plan.trajectory(max_velocity=1.0, max_acceleration=1.0)
     assert trajectory.certified
     assert trajectory.duration == pytest.approx(5.0)
@@ -234,19 +174,12 @@ def test_unproven_curve_that_is_not_pulled_back_becomes_its_edges():
 )
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
 def test_curves_that_bounds_stop_at_a_corner_are_motions(tmp_path, rows, scale):
-    sides = (0.1 * scale, 0.1 * scale, 0.1 * scale)
-    slide = {"kind": "prismatic", "limits": (0.0, 4.0 * scale)}
-    parts = (
-        link("foot", (sides, (0, 0, 0))),
-        link("carriage"),
-        link("cart", (sides, (0, 0, 3.0 * scale))),
-        joint("x", "foot", "carriage", axis=(1, 0, 0), **slide),
-        joint("y", "carriage", "cart", axis=(0, 1, 0), **slide),
-    )
-    space = cspace.build_arm_space({}, cspace.Arm.from_urdf(write_urdf(tmp_path, *parts)))
+    hand = ((0.1 * scale,) * 3, (0, 0, 0))
+    path = write_slider(tmp_path, hand, limits=(0.0, 4.0 * scale))
+    space = cspace.build_arm_space({}, cspace.Arm.from_urdf(path))
     waypoints = scale * np.array(rows)
     plan = planners.plan(space, waypoints[0], waypoints[-1])
-    plan = dataclasses.replace(plan, path=waypoints, waypoints=waypoints)
+    plan = replace_rows(plan, waypoints)
     trajectory = plan.trajectory(max_velocity=scale, max_acceleration=scale)
     assert trajectory.positions[[0, -1]] == pytest.approx(waypoints[[0, -1]], rel=1e-9)
     assert (np.diff(trajectory.times) > 0.0).all()
@@ -274,7 +207,7 @@ def test_curve_passes_outside_a_corner_that_touches_an_obstacle():
     corner = np.array([1.65, 4.35])
     rows = np.array([(1.0, 1.0), corner, (8.0, 5.0)])
     plan = planners.plan(space, rows[0], rows[-1])
-    plan = dataclasses.replace(plan, path=rows, waypoints=rows)
+    plan = replace_rows(plan, rows)
     trajectory = plan.trajectory(max_velocity=1.0, max_acceleration=0.5)
     t = np.linspace(0.0, trajectory.duration, 2001)
     positions, velocities, _ = trajectory.sample(t)
@@ -308,14 +241,14 @@ def test_obstacle_on_the_curve_is_found_by_recheck():
 
 
 def test_arm_blends_are_free_and_within_limits():
-    space = cspace.build_arm_space({"post": post()}, planar_arm())
+    space = space_of()
     plan = planners.plan(space, (-0.6, 0.3), (1.4, -0.2), seed=1, time_limit=5.0)
     trajectory = plan.trajectory(max_velocity=1.0, max_acceleration=2.0)
     t = np.linspace(0.0, trajectory.duration, 2001)
-    positions, velocities, accelerations = trajectory.sample(t)
+    (positions, velocities, accelerations), differences, _ = differentiate(trajectory, t, 1e-6)
     assert trajectory.certified
     assert not planar_arm_meets(positions[::4], [POST]).any()
-    assert np.abs(difference(trajectory, t, 1e-6) - velocities).max() < 1e-4
+    assert np.abs(differences - velocities).max() < 1e-4
     assert np.abs(velocities).max() <= SLACK
     assert np.abs(accelerations).max() <= SLACK * 2.0
     stopping = plan.trajectory(max_velocity=1.0, max_acceleration=2.0, blend=False)
@@ -453,7 +386,7 @@ def test_proven_curves_that_gain_speed_pass_free_cells_only():
 
 
 def test_curves_of_an_arm_are_proven_only_if_all_their_points_are_free():
-    space = cspace.build_arm_space({"post": post()}, planar_arm())
+    space = space_of()
     rng = np.random.default_rng(0)
     count = 300
     starts = space.sample_free(count, rng=rng)
@@ -490,7 +423,7 @@ def test_curves_of_an_arm_are_proven_again_where_nothing_changed(tmp_path):
         ]
     )
     plan = planners.plan(space, rows[0], rows[-1])
-    plan = dataclasses.replace(plan, path=rows, waypoints=rows)
+    plan = replace_rows(plan, rows)
     trajectory = plan.trajectory(max_velocity=1.47, max_acceleration=0.56)
     assert trajectory.recheck(space).all()
 
@@ -522,8 +455,8 @@ def test_quaternions_beside_blends_never_jump_to_their_negative():
 
 @pytest.mark.parametrize("drive", ["differential-reverse", "reeds-shepp"])
 def test_commands_replayed_by_a_unicycle_stay_near_the_path(drive):
-    plan = build_plan(1, drive, 36, 0.5 if drive == "reeds-shepp" else None)
-    limits = LIMITS | ({} if drive == "reeds-shepp" else TURNING_LIMITS)
+    plan = build_plan(1, drive, 36)
+    limits = make_limits(36, drive)
     trajectory = plan.trajectory(**limits)
     uniform = trajectory.sample_uniform(1000.0)
     assert np.diff(uniform.times) == pytest.approx(1e-3)
@@ -541,7 +474,7 @@ def test_commands_replayed_by_a_unicycle_stay_near_the_path(drive):
 
 
 def test_steering_angles_are_those_of_the_turning_radius(tmp_path):
-    plan = build_plan(1, "reeds-shepp", 36, 0.5)
+    plan = build_plan(1, "reeds-shepp", 36)
     trajectory = plan.trajectory(**LIMITS)
     steering = trajectory.steering(0.4)
     turned = np.unique(np.round(np.abs(steering), 9))

@@ -18,34 +18,23 @@ import cspace
 import planners
 from cspace.errors import InputError, UnitWarning
 from tests.helpers.handmade import build_empty
+from tests.helpers.motions import FOOTPRINT, LIMITS, build_plan, make_limits, sample_evenly
+from tests.helpers.placements import obstacles_of, place_robots
 from tests.helpers.planning import build_open_map
 from tests.helpers.refusals import check_refused, refusals
 from tests.helpers.regions import place_polygon
 from tests.helpers.strategies import few
-from tests.planners.test_smoothing import (
-    FOOTPRINT,
-    LIMITS,
-    SPACING,
-    TURNING_LIMITS,
-    build_plan,
-    draw_occupied,
-)
 
 SLACK = 1.0 + 1e-6
+QUICK = {"max_velocity": 2.0, "max_acceleration": 0.5}
+EVERYWHERE = planners.SpeedZones([(box(0.0, 0.0, 22.0, 4.0), 0.5)])
+"""A limit of speed in the whole hall."""
+
 INSTANTS = 4001
 JERK = {"max_jerk": 4.0}
 DRIVES = [("holonomic", None), ("holonomic", 36), ("differential", 36), ("reeds-shepp", 36)]
-
-
-def make_limits(rotations, drive="holonomic", **others):
-    """Return the hard limits of a robot."""
-    turns = rotations and drive != "reeds-shepp"
-    return LIMITS | (TURNING_LIMITS if turns else {}) | others
-
-
-def find_plan(drive, rotations):
-    """Return a plan on the map of occupied cells 1."""
-    return build_plan(1, drive, rotations, 0.6 if drive == "reeds-shepp" else None)
+EVERY_DRIVE = pytest.mark.parametrize("drive, rotations", DRIVES)
+WITH_JERK = pytest.mark.parametrize("jerk", [{}, JERK], ids=["", "jerk"])
 
 
 def draw_zones(plan, seed, count=6):
@@ -63,29 +52,16 @@ def draw_zones(plan, seed, count=6):
     return zones
 
 
-@cache
-def gather_cells():
-    """Return the occupied cells as one geometry."""
-    cells = np.argwhere(draw_occupied(1)) * SPACING
-    return shapely.union_all(shapely.box(*cells.T, *(cells.T + SPACING)))
-
-
-def place_robots(q):
-    """Return the robot at configurations, by shapely."""
-    if q.shape[1] == 2:
-        return shapely.buffer(shapely.points(q), 0.3)
-    return place_polygon(shapely.Polygon(FOOTPRINT), q)
-
-
 def sample_speeds(trajectory):
     """Return configurations and speeds of the reference point at instants."""
-    q, velocities, _ = trajectory.sample(np.linspace(0.0, trajectory.duration, INSTANTS))
+    q, velocities, _ = sample_evenly(trajectory, INSTANTS)
     return q, np.linalg.norm(velocities[:, :2], axis=1)
 
 
 def allow_in_zones(q, zones, within="contour"):
     """Return the lowest speeds of zones at configurations."""
-    bodies = place_robots(q) if within == "contour" else shapely.points(q[:, :2])
+    robot = cspace.Robot.polygon(FOOTPRINT) if q.shape[1] == 3 else cspace.Robot.disc(0.3)
+    bodies = place_robots(robot, q) if within == "contour" else shapely.points(q[:, :2])
     allowed = np.full(len(q), np.inf)
     for area, speed in zones:
         allowed[shapely.intersects(area, bodies) & (allowed > speed)] = speed
@@ -94,10 +70,10 @@ def allow_in_zones(q, zones, within="contour"):
 
 @pytest.mark.parametrize("rounds", few([1, 2]))
 @pytest.mark.parametrize("within", ["contour", "point"])
-@pytest.mark.parametrize("jerk", [{}, JERK], ids=["", "jerk"])
-@pytest.mark.parametrize("drive, rotations", DRIVES)
+@WITH_JERK
+@EVERY_DRIVE
 def test_zones_hold_at_every_instant(drive, rotations, jerk, within, rounds):
-    plan = find_plan(drive, rotations)
+    plan = build_plan(1, drive, rotations)
     limits = make_limits(rotations, drive, **jerk)
     free = plan.trajectory(**limits)
     for seed in range(rounds):
@@ -128,14 +104,14 @@ def test_a_part_that_only_sweeps_a_zone_counts():
         assert speeds[touches].max() <= 0.01 * SLACK < speeds.max()
 
 
-@pytest.mark.parametrize("jerk", [{}, JERK], ids=["", "jerk"])
-@pytest.mark.parametrize("drive, rotations", DRIVES)
+@WITH_JERK
+@EVERY_DRIVE
 def test_robots_are_slow_near_obstacles(drive, rotations, jerk):
-    plan = find_plan(drive, rotations)
+    plan = build_plan(1, drive, rotations)
     limits = make_limits(rotations, drive, **jerk)
     trajectory = plan.trajectory(**limits, speed=planners.SlowNear(plan.space, 0.3, 0.25))
     q, speeds = sample_speeds(trajectory)
-    distances = shapely.distance(gather_cells(), place_robots(q))
+    distances = shapely.distance(obstacles_of(plan.space), place_robots(plan.space.robot, q))
     assert (speeds[distances < 0.25] <= 0.3 * SLACK).all()
     assert (speeds > 0.3 * SLACK).any()
 
@@ -161,10 +137,10 @@ def test_a_straight_line_takes_the_times_of_trapezoids():
         assert seconds <= trajectory.duration <= seconds + 2 * 0.05 * (1 / 0.4 - 1 / 1.0)
 
 
-@pytest.mark.parametrize("jerk", [{}, JERK], ids=["", "jerk"])
-@pytest.mark.parametrize("drive, rotations", DRIVES)
+@WITH_JERK
+@EVERY_DRIVE
 def test_zones_with_the_full_speed_change_nothing(drive, rotations, jerk):
-    plan = find_plan(drive, rotations)
+    plan = build_plan(1, drive, rotations)
     limits = make_limits(rotations, drive, **jerk)
     zones = [(area, LIMITS["max_velocity"]) for area, _ in draw_zones(plan, 1)]
     free = plan.trajectory(**limits)
@@ -173,10 +149,10 @@ def test_zones_with_the_full_speed_change_nothing(drive, rotations, jerk):
         np.testing.assert_array_equal(getattr(free, name), getattr(zoned, name))
 
 
-@pytest.mark.parametrize("jerk", [{}, JERK], ids=["", "jerk"])
-@pytest.mark.parametrize("drive, rotations", DRIVES)
+@WITH_JERK
+@EVERY_DRIVE
 def test_a_lower_limit_never_shortens_a_motion(drive, rotations, jerk):
-    plan = find_plan(drive, rotations)
+    plan = build_plan(1, drive, rotations)
     limits = make_limits(rotations, drive, **jerk)
     zones = draw_zones(plan, 2)
     durations = [plan.trajectory(**limits).duration]
@@ -187,7 +163,7 @@ def test_a_lower_limit_never_shortens_a_motion(drive, rotations, jerk):
 
 
 def test_overlapping_zones_equal_their_lowest():
-    plan = find_plan("differential", 36)
+    plan = build_plan(1, "differential", 36)
     limits = make_limits(36)
     (first, _), (second, _), *_ = draw_zones(plan, 3)
     middle = plan.path[len(plan.path) // 2, :2]
@@ -208,10 +184,10 @@ def test_overlapping_zones_equal_their_lowest():
 
 
 @pytest.mark.parametrize("rounds", few([3, 6]))
-@pytest.mark.parametrize("jerk", [{}, JERK], ids=["", "jerk"])
-@pytest.mark.parametrize("drive, rotations", DRIVES)
+@WITH_JERK
+@EVERY_DRIVE
 def test_stops_keep_the_limits(drive, rotations, jerk, rounds):
-    plan = find_plan(drive, rotations)
+    plan = build_plan(1, drive, rotations)
     zones = draw_zones(plan, 4)
     speed = [planners.SpeedZones(zones), planners.SlowNear(plan.space, 0.4, 0.2)]
     trajectory = plan.trajectory(**make_limits(rotations, drive, **jerk), speed=speed)
@@ -223,7 +199,7 @@ def test_stops_keep_the_limits(drive, rotations, jerk, rounds):
 
 
 def test_starts_and_goals_lie_in_zones():
-    plan = find_plan("holonomic", None)
+    plan = build_plan(1, "holonomic", None)
     zones = [(shapely.Point(row[:2]).buffer(0.5), 0.2) for row in plan.path[[0, -1]]]
     trajectory = plan.trajectory(**LIMITS, speed=planners.SpeedZones(zones))
     q, speeds = sample_speeds(trajectory)
@@ -238,7 +214,7 @@ def test_starts_and_goals_lie_in_zones():
 
 
 def test_a_duration_is_at_least_that_of_the_zones():
-    plan = find_plan("holonomic", None)
+    plan = build_plan(1, "holonomic", None)
     zones = draw_zones(plan, 5)
     speed = planners.SpeedZones(zones)
     fastest = plan.trajectory(**LIMITS, speed=speed).duration
@@ -251,12 +227,11 @@ def test_a_duration_is_at_least_that_of_the_zones():
 
 
 def test_limited_jerk_loses_little_between_zones():
-    limits = {"max_velocity": 2.0, "max_acceleration": 0.5}
     ways = zip((5.0, 8.0, 11.0), (1.0, 0.6, 0.3), strict=True)
     speed = planners.SpeedZones([(box(x, 0.0, x + 3.0, 4.0), top) for x, top in ways])
     plan = plan_along_hall()
-    fastest = plan.trajectory(**limits, speed=speed).duration
-    assert fastest < plan.trajectory(**limits, max_jerk=1.0, speed=speed).duration < 1.05 * fastest
+    fastest = plan.trajectory(**QUICK, speed=speed).duration
+    assert fastest < plan.trajectory(**QUICK, max_jerk=1.0, speed=speed).duration < 1.05 * fastest
 
 
 # ---- limits that come while the robot moves ------------------------------------------------------
@@ -279,9 +254,7 @@ def go_on(limits, at, speed, later=()):
 
 @pytest.mark.parametrize("at", [3.0, 5.0, 6.0])
 def test_a_lower_limit_is_reached_by_the_quickest_braking(at):
-    limits = {"max_velocity": 2.0, "max_acceleration": 0.5}
-    everywhere = planners.SpeedZones([(box(0.0, 0.0, 22.0, 4.0), 0.5)])
-    motion, slower = go_on(limits, at, everywhere)
+    motion, slower = go_on(QUICK, at, EVERYWHERE)
     speed = float(np.linalg.norm(motion.sample(at)[1]))
     assert not slower.stop_reason and slower.certified
     assert slower.recheck(plan_along_hall().space).all()
@@ -299,9 +272,7 @@ def test_a_lower_limit_is_reached_by_the_quickest_braking(at):
 
 @pytest.mark.parametrize("at", [3.0, 5.0, 7.0])
 def test_limited_jerk_brakes_nearly_as_quickly(at):
-    limits = {"max_velocity": 2.0, "max_acceleration": 0.5, "max_jerk": 1.0}
-    everywhere = planners.SpeedZones([(box(0.0, 0.0, 22.0, 4.0), 0.5)])
-    motion, slower = go_on(limits, at, everywhere)
+    motion, slower = go_on(QUICK | {"max_jerk": 1.0}, at, EVERYWHERE)
     _, velocity, gain = motion.sample(at)
     speed, gain = float(velocity[0]), float(gain[0])
     # The acceleration falls to zero, then braking ramps up and down.
@@ -319,7 +290,7 @@ def test_limited_jerk_brakes_nearly_as_quickly(at):
 
 @pytest.mark.parametrize("jerk", [{}, {"max_jerk": 1.0}], ids=["", "jerk"])
 def test_a_zone_too_near_to_brake_is_entered_as_slowly_as_possible(jerk):
-    limits = {"max_velocity": 2.0, "max_acceleration": 0.5, **jerk}
+    limits = QUICK | jerk
     at = 5.5
     x = float(plan_along_hall().trajectory(**limits).sample(at)[0][0])
     zones = [(box(x + 0.8, 0.0, x + 6.0, 4.0), 0.3)]
@@ -335,10 +306,10 @@ def test_a_zone_too_near_to_brake_is_entered_as_slowly_as_possible(jerk):
 
 
 @pytest.mark.parametrize("rounds", few([2, 5]))
-@pytest.mark.parametrize("jerk", [{}, JERK], ids=["", "jerk"])
-@pytest.mark.parametrize("drive, rotations", DRIVES)
+@WITH_JERK
+@EVERY_DRIVE
 def test_motions_go_on_with_new_limits_as_without(drive, rotations, jerk, rounds):
-    plan = find_plan(drive, rotations)
+    plan = build_plan(1, drive, rotations)
     limits = make_limits(rotations, drive, **jerk)
     motion = plan.trajectory(**limits)
     zones = draw_zones(plan, 6)
@@ -360,7 +331,7 @@ def test_motions_go_on_with_new_limits_as_without(drive, rotations, jerk, rounds
 @pytest.mark.parametrize("rounds", few([3, 9]))
 @pytest.mark.parametrize("drive, rotations", DRIVES[:3])
 def test_limits_that_were_kept_are_kept_on_with_limited_jerk(drive, rotations, rounds):
-    plan = find_plan(drive, rotations)
+    plan = build_plan(1, drive, rotations)
     limits = make_limits(rotations, drive, **JERK)
     zones = draw_zones(plan, 3)
     speed = planners.SpeedZones(zones)
@@ -386,8 +357,7 @@ def test_a_stop_says_until_when_it_exceeds_new_limits(jerk):
     at = 5.5
     assert motion.braked(at).exceeds_until == 0.0
     unsolved = dataclasses.replace(plan, waypoints=plan.waypoints[:0])
-    everywhere = planners.SpeedZones([(box(0.0, 0.0, 22.0, 4.0), 0.5)])
-    limits = {"max_velocity": 2.0, "max_acceleration": 0.5, **jerk, "speed": everywhere}
+    limits = QUICK | jerk | {"speed": EVERYWHERE}
     stop = unsolved.trajectory(**limits, after=motion, at=at)
     assert stop.stop_reason == "the plan has no path"
     t = np.linspace(0.0, stop.duration, INSTANTS)
@@ -500,7 +470,7 @@ def test_largest_speeds_hold_around_configurations():
 
 
 def test_zones_that_reach_no_map_are_left_out_with_a_warning():
-    plan = find_plan("holonomic", 36)
+    plan = build_plan(1, "holonomic", 36)
     limits = make_limits(36)
     inner = (shapely.Point(plan.path[len(plan.path) // 2, :2]).buffer(0.5), 0.3)
     sides = shapely.MultiPolygon([box(-50, 0, -49, 1), box(90, 0, 91, 1)])
@@ -588,7 +558,7 @@ def test_a_map_near_obstacles_on_a_floor_is_of_the_robot_in_space():
         "speed has the frame 'odom'",
     ),
     (
-        lambda plan: drive(plan, planners.SlowNear(find_plan("holonomic", 36).space, 1.0, 1.0)),
+        lambda plan: drive(plan, planners.SlowNear(build_plan(1, "holonomic", 36).space, 1.0, 1.0)),
         "is of a map of x, y, yaw",
     ),
     (
@@ -605,7 +575,7 @@ def test_a_map_near_obstacles_on_a_floor_is_of_the_robot_in_space():
     ),
 )
 def test_limits_that_mean_nothing_are_refused(call, message):
-    check_refused(lambda: call(find_plan("holonomic", None)), message)
+    check_refused(lambda: call(build_plan(1, "holonomic", None)), message)
 
 
 def drive(plan, speed):

@@ -1,12 +1,7 @@
 """Paths in the plane that are pulled taut, against visibility graphs."""
 
-import itertools
-
 import numpy as np
 import pytest
-import shapely
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import dijkstra
 
 from cspace import BLOCKED, FREE
 from cspace.inside import find_crossed_runs
@@ -14,6 +9,7 @@ from planners._searches.taut import MARGIN, pull_taut
 from tests.helpers.handmade import map_of
 from tests.helpers.oracles import path_length
 from tests.helpers.strategies import few
+from tests.planners.test_lengths import find_shortest_length
 
 
 def carve_maze(rng, count, cell):
@@ -44,23 +40,6 @@ def carve_maze(rng, count, cell):
     return walls
 
 
-def measure_shortest(walls, start, goal):
-    """Return the length of the shortest path that keeps the margin, by a visibility graph."""
-    boxes = [shapely.box(i, j, i + 1, j + 1) for i, j in np.argwhere(walls)]
-    grown = [box.buffer(MARGIN, join_style="mitre") for box in boxes]
-    obstacle = shapely.union_all(grown)
-    corners = shapely.get_coordinates(obstacle)
-    points = np.unique(np.vstack([start, goal, corners]), axis=0)
-    pairs = np.array(list(itertools.combinations(range(len(points)), 2)))
-    inside = obstacle.buffer(-1e-9)
-    shapely.prepare(inside)
-    sees = ~shapely.intersects(inside, shapely.linestrings(points[pairs]))
-    lengths = np.linalg.norm(points[pairs[:, 0]] - points[pairs[:, 1]], axis=1)
-    graph = csr_array((lengths[sees], pairs[sees].T), shape=(len(points),) * 2)
-    ends = [int(np.argmin(np.linalg.norm(points - end, axis=1))) for end in (start, goal)]
-    return dijkstra(graph, directed=False, indices=ends[0])[ends[1]]
-
-
 def find_taut_path(states, start, goal):
     """Return the shortest path that keeps the margin, in cells."""
     runs = find_crossed_runs(map_of(states, spacing=1.0), start, goal)
@@ -78,7 +57,9 @@ def test_paths_in_mazes_are_the_shortest(seed):
     taut = find_taut_path(states, start, goal)
     assert taut[0] == pytest.approx(start)
     assert taut[-1] == pytest.approx(goal)
-    assert path_length(taut) == pytest.approx(measure_shortest(walls, start, goal), rel=1e-9)
+    assert path_length(taut) == pytest.approx(
+        find_shortest_length(walls, start, goal, MARGIN), rel=1e-9
+    )
     # The map proves the path, even rounded to 32 bits.
     assert map_of(states, spacing=1.0).certify_path(taut.astype(np.float32)).all()
 
@@ -93,7 +74,7 @@ def test_ends_near_borders_of_cells_do_not_lengthen_paths(seed):
     cells = cells[rng.choice(len(cells), 2, replace=False)]
     start, goal = cells + rng.choice([0.001, 0.5, 0.999], (2, 2))
     inner = np.clip([start, goal], cells + MARGIN, cells + 1.0 - MARGIN)
-    expected = measure_shortest(walls, *inner)
+    expected = find_shortest_length(walls, *inner, MARGIN)
     for ends in ((start, goal), (goal, start)):
         taut = find_taut_path(states, *ends)
         assert path_length(taut) == pytest.approx(expected, abs=4.0 * MARGIN)

@@ -25,6 +25,7 @@ from cspace import InputError
 from cspace._files import ros_maps as messages
 from planners._motion.timing import LimitRates, MotionBounds, is_motion
 from tests.helpers.drives import make_drive
+from tests.helpers.motions import sample_evenly
 from tests.helpers.planning import ENDPOINTS, build_open_map, build_room, make_poses, turn_between
 from tests.helpers.strategies import examples, seeds
 from tests.helpers.urdfs import planar
@@ -366,7 +367,7 @@ def test_rounded_rows_of_a_straight_motion_are_passed_without_stops(digits, tmp_
     there_and_back = planners.Trajectory.along(space, legs[1][[0, -1]], **limits)
     expected = straight.duration + 2.0 * there_and_back.duration
     assert driven.certified and driven.duration == pytest.approx(expected, rel=1e-3)
-    near = shapely.LineString(driven.sample(np.linspace(0.0, driven.duration, 9999))[0])
+    near = shapely.LineString(sample_evenly(driven, 9999)[0])
     assert max(near.distance(shapely.Point(row)) for row in rows) <= 1.1e-5 * 2**0.5
 
 

@@ -3,8 +3,6 @@
 Oracles: shapely on the plain content of the files, and Nav2's formula for each cell of a mask.
 """
 
-import json
-
 import numpy as np
 import pytest
 import shapely
@@ -12,10 +10,10 @@ import shapely
 import cspace
 import planners
 from cspace.errors import FileError, UnitWarning
-from tests.files.test_rosmap import write_map
-from tests.files.test_zone_sets import make_zone, make_zone_set
 from tests.helpers.handmade import build_empty
-from tests.helpers.refusals import check_refused, refusals
+from tests.helpers.messages import write_map
+from tests.helpers.orders import make_zone, make_zone_set
+from tests.helpers.refusals import check_refused, refusals, write
 from tests.planners.test_speed_limits import SLACK, allow_in_zones, sample_speeds
 
 LIMITS = {"max_velocity": 1.0, "max_acceleration": 0.8}
@@ -30,12 +28,6 @@ SPEEDS = [0.4, 0.2, 0.6]
 def build_hall(robot=None):
     """Return the map of an empty hall of 10 m x 6 m."""
     return build_empty((100, 60), robot or cspace.Robot.disc(0.3))
-
-
-def write_json(path, document):
-    """Write a document, and return its path."""
-    path.write_text(json.dumps(document))
-    return path
 
 
 def make_features(areas=AREAS, speeds=SPEEDS, **members):
@@ -62,14 +54,14 @@ def check_trajectory(zones, expected):
 
 @pytest.mark.parametrize("within", ["contour", "point"])
 def test_geojson_has_the_speed_of_a_property(tmp_path, within):
-    path = write_json(tmp_path / "zones.geojson", make_features())
+    path = write(tmp_path, "zones.geojson", make_features())
     zones = planners.SpeedZones.open(path, speed="top", within=within, frame_id="map")
     assert [speed for _, speed in zones.zones] == SPEEDS
     assert all(mine.equals(area) for (mine, _), area in zip(zones.zones, AREAS, strict=True))
     assert (zones.within, zones.frame_id) == (within, "map")
     check_trajectory(zones, list(zip(AREAS, SPEEDS, strict=True)))
     # One feature is a document as well.
-    single = write_json(tmp_path / "zone.json", make_features()["features"][0])
+    single = write(tmp_path, "zone.json", make_features()["features"][0])
     assert planners.SpeedZones.open(single, speed="top").zones == zones.zones[:1]
 
 
@@ -87,7 +79,7 @@ def test_a_speed_has_the_unit_of_its_property(tmp_path, name, factor):
     document = make_features()
     for feature in document["features"]:
         feature["properties"] = {name: feature["properties"]["top"]}
-    path = write_json(tmp_path / "zones.geojson", document)
+    path = write(tmp_path, "zones.geojson", document)
     found = [speed for _, speed in planners.SpeedZones.open(path, speed=name).zones]
     assert found == pytest.approx([factor * speed for speed in SPEEDS])
 
@@ -96,7 +88,7 @@ def test_a_speed_has_the_unit_of_its_property(tmp_path, name, factor):
 def test_speeds_of_openstreetmap_are_in_kilometres_an_hour(tmp_path, name):
     document = make_features()["features"][0]
     document["properties"] = {name: 5}
-    path = write_json(tmp_path / "zones.geojson", document)
+    path = write(tmp_path, "zones.geojson", document)
     with pytest.warns(UserWarning, match=f"{name} is taken as km/h, as in OpenStreetMap"):
         ((_, speed),) = planners.SpeedZones.open(path, speed=name).zones
     assert speed == pytest.approx(5 / 3.6)
@@ -110,7 +102,7 @@ def test_speed_limits_of_a_zone_set_are_read(tmp_path):
         make_zone("c", "SPEED_LIMIT", corners[1], maximumSpeed=0.6),
         make_zone("d", "DIRECTED", corners[1], direction=0.0, directedLimitation="SOFT"),
     )
-    path = write_json(tmp_path / "zones.json", document)
+    path = write(tmp_path, "zones.json", document)
     with pytest.warns(UserWarning, match="of type SPEED_LIMIT are read here, not 1 BLOCKED, 1 DIR"):
         zones = planners.SpeedZones.open(path)
     expected = [(shapely.Polygon(corners[0]), 0.4), (shapely.Polygon(corners[1]), 0.6)]
@@ -185,7 +177,7 @@ def test_zones_of_a_mask_are_in_its_frame():
 
 def test_coordinates_like_degrees_are_warned_of_once(tmp_path):
     areas = [shapely.box(8.54 + x, 47.37, 8.5403 + x, 47.3702) for x in (0.0, 0.01, 0.02)]
-    path = write_json(tmp_path / "zones.geojson", make_features(areas))
+    path = write(tmp_path, "zones.geojson", make_features(areas))
     with pytest.warns(UnitWarning) as caught:
         planners.SpeedZones.open(path, speed="top")
     assert len(caught) == 1
@@ -207,7 +199,7 @@ def replace_properties(properties):
 
 def open_zones(path, document, name="zones.geojson", **options):
     """Write and open zones."""
-    return planners.SpeedZones.open(write_json(path / name, document), **options)
+    return planners.SpeedZones.open(write(path, name, document), **options)
 
 
 @refusals(

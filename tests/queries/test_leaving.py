@@ -9,6 +9,7 @@ import trimesh
 
 import cspace
 from cspace import Robot, Workspace
+from tests.helpers.floors import cut_ball, cut_prism
 from tests.helpers.handmade import build_empty
 from tests.helpers.leaving import CELL, bound_distances, place_along
 from tests.helpers.refusals import check_refused, refusals
@@ -43,6 +44,12 @@ def make_gate(space, tracking=0.0):
     return cspace.Gate(space, dt=DT, tracking=tracking, max_deceleration=BRAKES)
 
 
+def draw_twist(rng):
+    """Draw a pose in the room, and a twist."""
+    pose = (*rng.uniform((0.0, 0.0), (4.0, 3.0)), rng.uniform(-math.pi, math.pi))
+    return pose, rng.normal(0.0, (0.5, 1.0)) * (rng.random(2) < 0.7)
+
+
 def list_centers(space):
     """Return the centers of all taken cells, with those around the grid if it is closed."""
     padded = np.pad(space.workspace.outer, 12, constant_values=space.outside != "free")
@@ -72,8 +79,7 @@ def test_what_leaves_comes_no_nearer_to_what_is_near(crowded, count, tracking):
     margin = space.margin + math.hypot(*errors[:2]) + (farthest + grown) * errors[2]
     left = 0
     for _ in range(count):
-        pose = (*rng.uniform((0.0, 0.0), (4.0, 3.0)), rng.uniform(-math.pi, math.pi))
-        twist = rng.normal(0.0, (0.5, 1.0)) * (rng.random(2) < 0.7)
+        pose, twist = draw_twist(rng)
         slowed = gate.slow_down(pose, twist, leaving=True)
         assert not (slowed.leaves and slowed.chunk)
         if not slowed.leaves or not slowed.share or not slowed.commands.any():
@@ -100,29 +106,14 @@ BALLS = ((0.0, 0.1, 0.35), (0.25, 0.0, 0.8))
 FLOOR = 0.1
 
 
-def cut_boxes(low, high):
-    """Return the parts of the boxes between two heights above the floor."""
-    return [(shapely.box(*a[:2], *b[:2]), 0.0) for a, b in BOXES if a[2] <= high and b[2] >= low]
-
-
-def cut_balls(low, high):
-    """Return the parts of the balls between two heights above the floor."""
-    parts = []
-    for x, y, z in BALLS:
-        gap = max(low - z, z - high, 0.0)
-        if gap < 0.3:
-            parts.append((shapely.Point(x, y), math.sqrt(0.09 - gap**2)))
-    return parts
-
-
 ON_FLOORS = {
     "boxes": (
-        cut_boxes,
+        [cut_prism(shapely.box(*low[:2], *high[:2]), low[2], high[2]) for low, high in BOXES],
         Robot.from_mesh(
             trimesh.util.concatenate([trimesh.creation.box(bounds=box) for box in BOXES])
         ),
     ),
-    "balls": (cut_balls, Robot.from_balls(BALLS, 0.3)),
+    "balls": ([cut_ball(center, 0.3) for center in BALLS], Robot.from_balls(BALLS, 0.3)),
 }
 """Parts of each robot on a floor between two heights, and the robot."""
 
@@ -141,17 +132,16 @@ def build_on_floor(name, occupied, **options):
 def test_no_part_of_a_robot_on_a_floor_comes_nearer_to_cells_at_its_heights(name, outside, count):
     occupied = np.random.default_rng(6).random((40, 30, 13)) < 0.005
     space = build_on_floor(name, occupied, outside=outside, margin=0.03 * (outside == "free"))
-    cut, rng, gate, left = ON_FLOORS[name][0], np.random.default_rng(count), make_gate(space), 0
+    cuts, rng, gate, left = ON_FLOORS[name][0], np.random.default_rng(count), make_gate(space), 0
     padding = ((12, 12), (12, 12), (0, 0))
     padded = np.pad(occupied, padding, constant_values=outside == "blocked")
     layers = []
     for layer in range(13):
         centers = (np.argwhere(padded[:, :, layer]) - 11.5) * CELL
         low = CELL * layer - FLOOR
-        layers += [(centers, *part) for part in cut(low, low + CELL)]
+        layers += [(centers, *part) for cut in cuts for part in cut(low, low + CELL)]
     for _ in range(count):
-        pose = (*rng.uniform((0.0, 0.0), (4.0, 3.0)), rng.uniform(-math.pi, math.pi))
-        twist = rng.normal(0.0, (0.5, 1.0)) * (rng.random(2) < 0.7)
+        pose, twist = draw_twist(rng)
         slowed = gate.slow_down(pose, twist, leaving=True)
         if not slowed.leaves or not slowed.share or not slowed.commands.any():
             continue
@@ -195,8 +185,7 @@ def test_a_robot_among_prisms_leaves_as_in_the_plane():
     box = Robot.box((0.6, 0.4, 0.31), (0.0, 0.0, 0.2))
     gate = make_gate(cspace.build(prisms, box, rotations=36, floor=0.03))
     for _ in range(25):
-        pose = (*rng.uniform((0.0, 0.0), (4.0, 3.0)), rng.uniform(-math.pi, math.pi))
-        twist = rng.normal(0.0, (0.5, 1.0)) * (rng.random(2) < 0.7)
+        pose, twist = draw_twist(rng)
         one, other = (each.slow_down(pose, twist, leaving=True) for each in (plane, gate))
         assert (one.share, one.leaves) == (other.share, other.leaves)
         assert (one.commands == other.commands).all()

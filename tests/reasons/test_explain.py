@@ -24,7 +24,7 @@ from cspace.reasons._margins import grow_cells
 from tests.helpers.commands import document
 from tests.helpers.handmade import build_empty, components
 from tests.helpers.refusals import check_refused
-from tests.helpers.slits import build_slit, draw_rows
+from tests.helpers.slits import build_slit, draw_only_exact
 from tests.helpers.strategies import examples, few, seeds
 
 SIDE = 4.0
@@ -593,7 +593,7 @@ def test_an_open_mesh_in_the_way_is_to_be_thickened(floor):
 
 def build_joint_maps(spacing, folder):
     """Build the map of two joints among posts, and open it from a file."""
-    from tests.arms.test_joint_map import CONTINUOUS, build_plane_arm
+    from tests.helpers.urdfs import CONTINUOUS, build_plane_arm
 
     made = cspace.build_joint_map(build_plane_arm(**CONTINUOUS), spacing)
     made.save(folder / "joints.zarr")
@@ -634,8 +634,7 @@ def test_margins_of_joints_are_distances_in_the_joints(tmp_path):
 
 def test_a_way_around_the_seam_of_a_joint_is_not_denied(tmp_path):
     """The arm may pass pi, beyond which the map does not reach."""
-    from tests.arms.test_joint_map import POSTS
-    from tests.helpers.urdfs import planar_arm_meets
+    from tests.helpers.urdfs import POSTS, planar_arm_meets
 
     steps = np.linspace(-0.3, 0.3, 13)
     around = np.stack(np.meshgrid(math.pi + np.linspace(-0.5, 0.5, 21), steps), axis=-1)
@@ -664,8 +663,7 @@ def test_the_solids_in_the_way_of_joints_are_named(tmp_path):
 def test_the_exact_map_is_explained_by_whole_cells(count):
     space = build_slit()
     start, goal = (0.5, 1.2, 0.0), (1.9, 1.2, 0.0)
-    q, _ = draw_rows(space, 5)
-    only_exact = q[space.exact.is_free(q) & ~np.asarray(space.is_free(q))]
+    only_exact = draw_only_exact(space)
     exact = pickle.loads(pickle.dumps(space.exact))
     for view, row in product((space.exact, exact), only_exact[:count]):
         assert view.explain(row, goal).verdict == "start MIXED"

@@ -15,7 +15,7 @@ from tests.helpers.drives import make_drive
 from tests.helpers.handmade import build_empty
 from tests.helpers.planning import points_along
 from tests.helpers.refusals import check_refused
-from tests.planners.test_own_space import Disc
+from tests.helpers.spaces import Disc
 from tests.regions.test_free_region import build_yard, check_proof
 
 ENDS = (0.6, 0.5, 0.3), (5.4, 5.3, 2.0)
@@ -23,7 +23,7 @@ ENDS = (0.6, 0.5, 0.3), (5.4, 5.3, 2.0)
 
 def plan_in_yard(rotations, drive=None, radius=None, seed=3):
     """Plan across a yard, from one free place to another."""
-    space, _ = build_yard(rotations, seed=seed)
+    space = build_yard(rotations, seed=seed)
     size = space.size
     start, goal = (space.nearest_free(end[:size]) for end in ENDS)
     plan = planners.plan(space, start, goal, time_limit=10, drive=make_drive(drive, radius))

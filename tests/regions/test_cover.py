@@ -54,7 +54,7 @@ def overlap(first, second):
     "rotations, share", few([(None, 0.8), (12, 0.3), (None, 0.95), (12, 0.7)], 2)
 )
 def test_regions_cover_the_share_and_overlap_as_the_graph_says(rotations, share):
-    space, _ = build_yard(rotations)
+    space = build_yard(rotations)
     shares = []
     cover = space.free_regions(share, reach=3.0, progress=lambda n, part: shares.append((n, part)))
     assert cover.coverage >= share and cover.coverage == shares[-1][1]
@@ -85,7 +85,7 @@ def test_a_cover_around_a_configuration_counts_its_component():
 
 @pytest.mark.parametrize("rounds", few([2, 5]))
 def test_a_smaller_margin_covers_more_in_the_mean(rounds):
-    space, _ = build_yard(None)
+    space = build_yard(None)
     covered = [
         np.mean(
             [
@@ -121,7 +121,7 @@ def test_a_cover_tries_only_centers_that_keep_the_margin(outside, rotations, mon
 
 
 def test_limits_end_a_cover_and_the_share_is_told():
-    space, _ = build_yard(None)
+    space = build_yard(None)
     few = space.free_regions(1.0, max_regions=3)
     assert len(few.regions) == 3 and 0.2 < few.coverage < 1.0
     assert few.coverage == pytest.approx(count_covered(space, few.regions))
@@ -142,7 +142,7 @@ def test_a_cover_in_space():
 
 
 def test_covers_are_drawn():
-    space, _ = build_yard(None)
+    space = build_yard(None)
     cover = space.free_regions(0.5)
     axes = cover.plot(space.plot())
     paths = axes.collections[-1].get_paths()
@@ -155,7 +155,7 @@ def test_covers_are_drawn():
 
 @pytest.mark.parametrize("rotations", [None, 12])
 def test_saved_regions_are_opened_to_the_last_bit(rotations, tmp_path):
-    space, _ = build_yard(rotations)
+    space = build_yard(rotations)
     cover = space.free_regions(0.4)
     cover.save(tmp_path / "regions.json")
     opened = FreeRegions.open(tmp_path / "regions.json")
@@ -186,7 +186,7 @@ PRISM = {
 @cache
 def cover_yard():
     """Return regions of a third of a yard."""
-    return build_yard(None)[0].free_regions(0.3)
+    return build_yard(None).free_regions(0.3)
 
 
 def change_region(record, **change):
@@ -272,7 +272,7 @@ def test_damaged_files_are_refused(change, message, tmp_path):
     ids=["a point on the border", "a region of one point", "an arc of one yaw"],
 )
 def test_files_with_errors_of_rounding_are_opened(change, tmp_path):
-    space, _ = build_yard(None)
+    space = build_yard(None)
     path = tmp_path / "regions.json"
     space.free_regions(0.1).save(path)
     path.write_text(json.dumps(json.loads(path.read_text()) | change))
@@ -292,14 +292,14 @@ def test_files_with_errors_of_rounding_are_opened(change, tmp_path):
     ({"around": (3.0, 9.0)}, "around is (3.0, 9.0)"),
 )
 def test_arguments_are_refused(options, message):
-    space, _ = build_yard(None)
+    space = build_yard(None)
     with pytest.raises(InputError) as caught:
         space.free_regions(**options)
     assert message in str(caught.value)
 
 
 def test_maps_without_room_are_refused():
-    space, _ = build_yard(None)
+    space = build_yard(None)
     check_refused(
         lambda: space.free_regions(1.5),
         "share is 1.5 ... most",

@@ -18,10 +18,9 @@ from cspace import FREE, Robot, Workspace
 from cspace.errors import AngleWarning, ConfigurationError, InputError
 from cspace.regions import ConvexRegion
 from tests.helpers.handmade import build_empty
-from tests.helpers.placements import is_free_around
+from tests.helpers.placements import collides, is_free_around
 from tests.helpers.refusals import check_refused, refusals
-from tests.helpers.regions import place_polygon
-from tests.helpers.slits import build_slit, draw_rows
+from tests.helpers.slits import build_slit, draw_only_exact
 from tests.helpers.strategies import examples, exteriors, seeds
 
 CLEAR = 1e-10
@@ -184,33 +183,25 @@ ROBOT = shapely.Polygon([(-0.3, -0.2), (0.5, -0.2), (0.2, 0.3)])
 
 
 def build_yard(rotations, size=60, seed=3):
-    """Build a map of a robot without symmetry among boxes, and the union of these."""
+    """Build a map of a robot without symmetry among boxes."""
     rng = np.random.default_rng(seed)
     occupied = np.zeros((size, size), dtype=bool)
     for i, j in rng.integers(0, size - 6, (12, 2)):
         occupied[i : i + rng.integers(1, 6), j : j + rng.integers(1, 6)] = True
-    cells = [shapely.box(*(0.1 * k), *(0.1 * (k + 1))) for k in np.argwhere(occupied)]
     workspace = Workspace.from_array(occupied, 0.1)
-    return cspace.build(workspace, Robot.polygon(ROBOT), rotations=rotations), cells
-
-
-def collides(q, cells):
-    """Return whether the robot meets a cell at configurations, by shapely."""
-    tree = shapely.STRtree(cells)
-    hits = tree.query(place_polygon(ROBOT, q), "intersects")[0]
-    return np.isin(np.arange(len(q)), hits)
+    return cspace.build(workspace, Robot.polygon(ROBOT), rotations=rotations)
 
 
 @pytest.mark.parametrize(
     "regions, samples", [(10, 300), pytest.param(100, 10_000, marks=pytest.mark.thorough)]
 )
 def test_robots_in_a_region_and_motions_there_are_free(regions, samples):
-    space, cells = build_yard(24)
+    space = build_yard(24)
     rng = np.random.default_rng(0)
     for k, q in enumerate(space.sample_free(regions, rng=rng)):
         region = space.free_region(q, reach=2.0, yaw_width=(None, 1e-6)[k % 2])
         drawn = sample_region(region, rng, samples)
-        assert not collides(drawn, cells).any()
+        assert not collides(space, drawn).any()
         # Motions turn the shorter way, which leaves an arc wider than half a turn.
         yaws = region.unwrap(drawn)[:, 2]
         stays = np.abs(np.diff(yaws)) < math.pi
@@ -218,8 +209,7 @@ def test_robots_in_a_region_and_motions_there_are_free(regions, samples):
 
 
 def test_a_region_of_joints_is_free_and_stays_within_their_range():
-    from tests.arms.test_joint_map import CONTINUOUS, POSTS, build_plane_arm
-    from tests.helpers.urdfs import planar_arm_meets
+    from tests.helpers.urdfs import CONTINUOUS, POSTS, build_plane_arm, planar_arm_meets
 
     space = build_plane_arm(**CONTINUOUS)
     joint_map = cspace.build_joint_map(space, 0.1)
@@ -260,7 +250,7 @@ def test_a_region_reaches_beyond_the_grid_of_an_open_map():
 
 def test_volumes_are_at_least_those_of_the_largest_box():
     """The largest free rectangle around a cell is convex, so a region is nearly as large."""
-    space, _ = build_yard(None)
+    space = build_yard(None)
     free = space.cell_states == FREE
     shares = []
     for q in space.sample_free(25, rng=np.random.default_rng(5)):
@@ -346,7 +336,7 @@ def test_a_region_keeps_its_margin_also_where_its_box_ends(seed, outside, kind):
 
 
 def test_a_region_of_joints_keeps_its_margin():
-    from tests.arms.test_joint_map import CONTINUOUS, build_plane_arm
+    from tests.helpers.urdfs import CONTINUOUS, build_plane_arm
 
     joint_map = cspace.build_joint_map(build_plane_arm(**CONTINUOUS), 0.1)
     for q in joint_map.sample_free(20, rng=np.random.default_rng(2)):
@@ -362,7 +352,7 @@ def test_a_region_of_joints_keeps_its_margin():
 
 
 def test_yaws_are_wrapped_around_the_center():
-    space, _ = build_yard(24)
+    space = build_yard(24)
     q = (*space.nearest_free((3.0, 3.0, math.pi))[:2], -math.pi)
     region = space.free_region(q, yaw_width=0.4)
     assert region.contains([(*q[:2], yaw) for yaw in (3.0, -3.0, 3.3, 2.9, 0.0)]).tolist() == [
@@ -377,7 +367,7 @@ def test_yaws_are_wrapped_around_the_center():
 
 
 def test_the_widest_arc_keeps_half_of_the_positions():
-    space, _ = build_yard(36)
+    space = build_yard(36)
     widths = []
     for q in space.sample_free(20, rng=np.random.default_rng(6)):
         narrow = space.free_region(q, reach=2.0, yaw_width=1e-3)
@@ -416,7 +406,7 @@ def test_degrees_are_noticed_but_not_whole_turns_of_a_path():
 
 
 def test_a_region_is_described_and_read_only():
-    space, _ = build_yard(None)
+    space = build_yard(None)
     region = space.free_region(space.nearest_free((3.0, 3.0)))
     assert isinstance(region, ConvexRegion) and region.axes == ("x", "y")
     assert repr(region).startswith(
@@ -433,7 +423,7 @@ def test_a_region_is_described_and_read_only():
 
 
 def test_regions_are_drawn_over_a_map():
-    space, _ = build_yard(None)
+    space = build_yard(None)
     region = space.free_region(space.nearest_free((3.0, 3.0)))
     axes = space.plot()
     before = len(axes.collections)
@@ -508,8 +498,7 @@ def test_other_spaces_are_refused(tmp_path):
 
 def test_the_exact_map_grows_regions_of_whole_cells_alone():
     space = build_slit()
-    q, _ = draw_rows(space, 5)
-    only_exact = q[space.exact.is_free(q) & ~np.asarray(space.is_free(q))]
+    only_exact = draw_only_exact(space)
     exact = pickle.loads(pickle.dumps(space.exact))
     for view, row in product((space.exact, exact), only_exact[:20]):
         with pytest.raises(InputError, match="lies in a MIXED cell"):

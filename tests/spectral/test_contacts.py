@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from cspace._shapes.mesh import Mesh
 from cspace.errors import InputError
 from cspace.spectral import ContactTest, Verdict, decompose
-from tests.helpers.balls import draw_rotations
+from tests.helpers.balls import draw_directions, draw_pairs, draw_rotations, move
 from tests.helpers.regions import Body, Flat
 from tests.helpers.scenes import Scale, draw_polygon, draw_solid
 from tests.helpers.strategies import examples, few, seeds
@@ -36,13 +36,10 @@ def draw_sets(rng, dim):
 
 def draw_contacts(rng, a, b, number):
     """Draw placements of a at which two balls just touch, or nearly, or not."""
-    i = rng.integers(len(a[1]), size=number)
-    j = rng.integers(len(b[1]), size=number)
-    directions = rng.normal(size=(number, a[0].shape[1]))
-    directions /= np.linalg.norm(directions, axis=1)[:, None]
+    placements, radii = draw_pairs(rng, a, b, number)
+    directions = draw_directions(rng, number, a[0].shape[1])
     gaps = rng.choice([-1.0, 0.0, 1.0], number) * 10.0 ** rng.uniform(-17.0, 0.0, number)
-    distances = a[1][i] + b[1][j] + gaps
-    return b[0][j] - a[0][i] + distances[:, None] * directions
+    return placements + (radii + gaps)[:, None] * directions
 
 
 def compute_exact_depth(a, b, t):
@@ -72,11 +69,6 @@ def test_verdicts_about_balls_are_proofs(seed, dim):
         assert verdict != Verdict.UNDECIDED or abs(depth) < 1e-11
 
 
-def rotate(balls, matrix):
-    """Rotate balls about the origin."""
-    return balls[0] @ matrix.T, balls[1]
-
-
 @examples(25)
 @given(seeds, dims)
 def test_outer_balls_prove_misses_and_inner_balls_hits(seed, dim):
@@ -89,7 +81,7 @@ def test_outer_balls_prove_misses_and_inner_balls_hits(seed, dim):
         ContactTest(*sets).rotated(first).rotated(second)
         for sets in ((a, b, inner_a, inner_b), (a, b))
     )
-    a, inner_a = rotate(a, matrix), rotate(inner_a, matrix)
+    a, inner_a = move(a, 0.0, matrix), move(inner_a, 0.0, matrix)
     placements = np.vstack([draw_contacts(rng, a, b, 6), draw_contacts(rng, inner_a, inner_b, 6)])
     verdicts = test.separated(placements)
     blind_verdicts = blind_test.separated(placements)

@@ -14,6 +14,7 @@ from cspace import InputError, make_mesh
 from cspace._shapes import Polygons, Voxels
 from cspace.spectral import decompose
 from cspace.spectral._regions import Lattice, Region, bound_balls_to_shape, bound_shape_to_balls
+from tests.helpers.balls import draw_directions
 from tests.helpers.oracles import distance_to_triangles, winds_around
 from tests.helpers.strategies import examples, few, seeds, stars
 
@@ -38,12 +39,6 @@ kinds = st.sampled_from(["inner", "outer"])
 def measure_gaps(points, balls):
     """Return the distances of points (n, d) from balls, negative inside."""
     return (cdist(points, balls.centers) - balls.radii).min(axis=1)
-
-
-def draw_directions(rng, number, dim):
-    """Draw unit vectors (number, dim)."""
-    directions = rng.normal(size=(number, dim))
-    return directions / np.linalg.norm(directions, axis=1)[:, None]
 
 
 def measure_polygon(shape):

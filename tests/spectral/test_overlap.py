@@ -12,7 +12,7 @@ from cspace import MissingPackageError
 from cspace.spectral import Bump, EarlyTest, FourierOverlap, Verdict
 from cspace.spectral._ball_sets import as_balls, round_radii
 from cspace.spectral._spectra import RadialFactors
-from tests.helpers.balls import draw_rotations, sum_pairs
+from tests.helpers.balls import draw_pairs, draw_rotations, move, sum_pairs
 from tests.helpers.strategies import examples, seeds
 
 pytest.importorskip("finufft")
@@ -40,9 +40,8 @@ def choose_tolerance(dim, alpha):
 
 def draw_near_placements(rng, a, b, number):
     """Draw placements of a at which two balls overlap, or nearly."""
-    i = rng.integers(len(a[1]), size=number)
-    j = rng.integers(len(b[1]), size=number)
-    return b[0][j] - a[0][i] + rng.normal(0.0, 0.12, (number, a[0].shape[1]))
+    placements, _ = draw_pairs(rng, a, b, number)
+    return placements + rng.normal(0.0, 0.12, placements.shape)
 
 
 @examples(16)
@@ -54,7 +53,7 @@ def test_values_are_within_their_bound_of_the_sum_over_pairs(seed, dim, alpha):
     matrix = second @ first
     overlap = FourierOverlap(a, b, bump=Bump(alpha), tolerance=choose_tolerance(dim, alpha))
     overlap = overlap.rotated(first).rotated(second)
-    turned_a = a[0] @ matrix.T, a[1]
+    turned_a = move(a, 0.0, matrix)
     placements = draw_near_placements(rng, turned_a, b, 36)
     expected = sum_pairs(turned_a, b, alpha, placements)
     assert expected.max() > 0.0
@@ -81,7 +80,7 @@ def test_gradients_agree_with_finite_differences(seed, dim):
     first, second = draw_rotations(rng, 2, dim)
     matrix = second @ first
     overlap = FourierOverlap(a, b, tolerance=0.03).rotated(first).rotated(second)
-    placements = draw_near_placements(rng, (a[0] @ matrix.T, a[1]), b, 40)
+    placements = draw_near_placements(rng, move(a, 0.0, matrix), b, 40)
     h = 1e-5
 
     slopes = [
@@ -123,7 +122,7 @@ def test_moved_balls_overlap_as_sums_over_pairs_tell(seed, dim, alpha, moves, sa
         mask = np.isin(np.arange(len(b[1])), chosen)
         overlap = overlap.moved(mask if rng.random() < 0.5 else chosen, step)
     overlap = overlap.rotated(matrix)
-    turned_a = a[0] @ matrix.T, a[1]
+    turned_a = move(a, 0.0, matrix)
     placements = draw_near_placements(rng, turned_a, b, 36)
     expected = sum_pairs(turned_a, b, alpha, placements)
     slack = QUADRATURE_ERRORS[alpha] * expected.max()

@@ -163,10 +163,6 @@ def cells(values, **options):
         lambda: Workspace.from_polygons([FAR], 1e-2),
         "grid reaches 1e+07 cells from the origin ... 4194304",
     ),
-    (
-        lambda: Workspace.from_polygons([FAR], 1e-2),
-        "grid reaches 1e+07 cells from the origin ... 4194304",
-    ),
     # Maps.
     (
         lambda: space().update(CELLS[None], (0, 0)),
@@ -191,10 +187,6 @@ def cells(values, **options):
     (
         lambda: Robot.polygon([shapely.Polygon()]),
         "polygon is empty ... cover some ground",
-    ),
-    (
-        lambda: copy().add_obstacle("a", [(0, 0), (1, 1)]),
-        "shape is points ... corners",
     ),
     (
         lambda: copy().add_obstacle("a", [(0, 0), (1, 1)]),

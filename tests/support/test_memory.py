@@ -17,7 +17,8 @@ from cspace._support.limits import (
     SLICE_BYTES,
     check_memory,
 )
-from tests.files.test_octomap import BINARY, CHAIN
+from tests.helpers.mesh_files import BINARY, CHAIN
+from tests.helpers.refusals import write
 
 
 def test_work_beyond_memory_is_refused_with_a_spacing_that_fits(monkeypatch):
@@ -96,12 +97,6 @@ def write_pgm(folder, yaw):
     return folder / "map.yaml"
 
 
-def write_text(file, text):
-    """Write a text, and return its path."""
-    file.write_text(text)
-    return file
-
-
 def make_message():
     """Return a large occupancy grid."""
     message = cspace.ros.OccupancyGrid()
@@ -144,16 +139,17 @@ DOORS = {
     "a message": lambda _: lambda: Workspace.from_occupancy_grid(make_message()),
     "a mask": lambda _: lambda: cspace.ros.read_mask(make_message()),
     "a map of MovingAI": lambda folder: read(
-        write_text(
-            folder / "a.map",
+        write(
+            folder,
+            "a.map",
             f"type octile\nheight {SIDE}\nwidth {SIDE}\nmap\n" + ("." * SIDE + "\n") * SIDE,
         )
     ),
     "voxels of MovingAI": lambda folder: read(
-        write_text(folder / "a.3dmap", f"voxel{f' {SIDE_IN_SPACE}' * 3}\n1 1 1\n"), spacing=0.1
+        write(folder, "a.3dmap", f"voxel{f' {SIDE_IN_SPACE}' * 3}\n1 1 1\n"), spacing=0.1
     ),
     "an OctoMap": lambda folder: read(
-        write_text(folder / "a.bt", BINARY.format(17) + CHAIN.decode()), bounds=SPACE
+        write(folder, "a.bt", BINARY.format(17) + CHAIN.decode()), bounds=SPACE
     ),
     "a bitmap": lambda _: (
         lambda: (
