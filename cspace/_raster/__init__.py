@@ -88,7 +88,8 @@ class Raster:
         They are the first offset, with a leading 0 in the plane, and the length of each.
         """
         # With gaps at both ends of each line, each run begins and ends where cells differ.
-        borders = np.argwhere(np.diff(self.cells, prepend=False, append=False)) + self.lower
+        differs = np.diff(self.cells, prepend=False, append=False)
+        borders = np.add(np.argwhere(differs), self.lower, order="C")
         first = borders[0::2]
         lengths = borders[1::2, -1:] - first[:, -1:]
         layers = np.zeros((len(first), 3 - self.cells.ndim), dtype=np.int64)
