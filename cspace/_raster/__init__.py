@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace._support.arrays import Bools, Floats, Ints, find_box, frozen
+from cspace._support.arrays import Bools, Floats, Ints, find_box, frozen, read_only
 from cspace._support.threads import run_in_chunks
 from cspace.errors import InputError
 
@@ -88,12 +88,11 @@ class Raster:
         They are the first offset, with a leading 0 in the plane, and the length of each.
         """
         # With gaps at both ends of each line, each run begins and ends where cells differ.
-        differs = np.diff(self.cells, prepend=False, append=False)
-        borders = np.add(np.argwhere(differs), self.lower, order="C")
+        borders = np.argwhere(np.diff(self.cells, prepend=False, append=False)) + self.lower
         first = borders[0::2]
         lengths = borders[1::2, -1:] - first[:, -1:]
         layers = np.zeros((len(first), 3 - self.cells.ndim), dtype=np.int64)
-        return frozen(np.concatenate([layers, first, lengths], axis=1))
+        return read_only(np.concatenate([layers, first, lengths], axis=1))
 
 
 def extract_runs(rasters: Sequence[Raster]) -> tuple[Ints, Ints]:

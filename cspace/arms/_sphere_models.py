@@ -211,8 +211,9 @@ def find_spheres(
             found[link] = decompose(shape, kind=kind, number=numbers[link], tolerance=tolerance)
         except InputError as error:
             if error.argument == "shape":
-                place = f"link {link!r}"
-                raise type(error)(place, error.problem, error.rule, error.hint) from error
+                raise type(error)(
+                    f"link {link!r}", error.problem, error.rule, error.hint
+                ) from error
             raise
     if progress is not None:
         progress(len(links), len(links))
