@@ -199,5 +199,11 @@ def mutants(session: nox.Session) -> None:
 @nox.session(venv_backend="none")
 def coverage(session: nox.Session) -> None:
     """Print the lines of Python that no test runs; compiled functions count as not run."""
-    packages = ("--cov=cspace", "--cov=planners", "--cov-report=term-missing:skip-covered")
+    packages = (
+        "-p",
+        "pytest_cov.plugin",
+        "--cov=cspace",
+        "--cov=planners",
+        "--cov-report=term-missing:skip-covered",
+    )
     session.run(PYTHON, "-m", "pytest", "-q", "-m", "", *packages, *session.posargs)

@@ -23,6 +23,9 @@ if "PYTEST_XDIST_WORKER" not in os.environ:
         atexit.register(shutil.rmtree, cache_folder, ignore_errors=True)
     os.environ["XDG_CACHE_HOME"] = cache_folder
 
+# Tests run on each core already. Threads of BLAS and of OpenMP would wait for each other, busily.
+os.environ |= {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
+
 # There is no deadline because the first call of a kernel compiles it. The seed of a run is an
 # option of pytest: pyproject.toml gives 0, and fuzzing new ones.
 settings.register_profile("all", deadline=None, max_examples=50, database=None, print_blob=True)
@@ -63,6 +66,7 @@ def pytest_collection():
     finally:
         gc.collect()
         gc.freeze()
+        gc.set_threshold(100_000)
         gc.enable()
 
 

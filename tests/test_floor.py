@@ -18,6 +18,10 @@ from hypothesis import strategies as st
 import cspace
 import planners
 from cspace import BLOCKED, FREE, MIXED, Robot, Workspace
+from cspace._exact.proofs import prove_edges
+from cspace._queries.edges import edges_are_free
+from cspace._queries.overlaps import count_overlaps
+from cspace._queries.points import classify_blocks
 from tests.helpers.floors import ROUNDING, cut_ball, cut_cylinder, cut_prism, cut_pyramid, touches
 from tests.helpers.handmade import build_empty
 from tests.helpers.refusals import check_refused, refusals
@@ -886,3 +890,21 @@ def test_many_states_among_meshes_hold_for_points_of_the_robot():
         return hits & ((points >= bounds[:3]) & (points <= bounds[3:])).all(axis=-1)
 
     check_many_states(space, is_solid, 100_000)
+
+
+def test_a_map_on_a_floor_is_asked_by_the_code_of_the_plane():
+    """Arrays of another order, or that are not read-only, would compile everything again."""
+    cells = np.zeros((30, 20, 6), dtype=bool)
+    cells[14:16, :8] = True
+    box = Robot.box((0.5, 0.3, 0.4), (0.0, 0.0, 0.2))
+    plane = Workspace.from_array(cells[:, :, 0], 0.1), box.footprint(), None
+    rows = np.random.default_rng(0).uniform((0.0, 0.0, -3.0), (3.0, 2.0, 3.0), (2, 500, 3))
+    for workspace, robot, floor in (plane, (Workspace.from_array(cells, 0.1), box, 0.0)):
+        space = cspace.build(workspace, robot, rotations=6, floor=floor)
+        space.classify(rows[0])
+        space.overlap_count(rows[0])
+        space.exact.motion_is_free(*rows)
+    for kernel in (classify_blocks, edges_are_free, count_overlaps, prove_edges):
+        # Maps without rotations, with a yaw, and with all rotations differ in type.
+        kinds = [re.findall(r"RotationTable\(array\(\w+, .d", str(key)) for key in kernel.overloads]
+        assert 1 <= len(kinds) == len(set(map(tuple, kinds)))

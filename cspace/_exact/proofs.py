@@ -53,6 +53,7 @@ from cspace._support.arrays import (
     Numbers,
     Row,
     States,
+    frozen,
 )
 from cspace._support.compiling import internal, kernel
 from cspace._support.threads import run_in_chunks
@@ -335,7 +336,8 @@ class BoundaryProofs:
         lower = np.pad(grid.lower, missing_axis)
         if problem.floor is not None:
             # A robot that keeps its heights touches no ceiling or ground of the grid.
-            outer, inner = (np.pad(cells, ((0, 0), (0, 0), (1, 1))) for cells in (outer, inner))
+            layers = (0, 0), (0, 0), (1, 1)
+            outer, inner = (frozen(np.pad(cells, layers)) for cells in (outer, inner))
             lower[2] -= grid.spacing
         shape_in_space = outer.shape if grid.dim == 3 else (*grid.shape, 1)
         return Containment(

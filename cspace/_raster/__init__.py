@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cspace._support.arrays import Bools, Floats, Ints, find_box, frozen
+from cspace._support.arrays import Bools, Floats, Ints, find_box, frozen, read_only
 from cspace._support.threads import run_in_chunks
 from cspace.errors import InputError
 
@@ -92,7 +92,7 @@ class Raster:
         first = borders[0::2]
         lengths = borders[1::2, -1:] - first[:, -1:]
         layers = np.zeros((len(first), 3 - self.cells.ndim), dtype=np.int64)
-        return frozen(np.concatenate([layers, first, lengths], axis=1))
+        return read_only(np.concatenate([layers, first, lengths], axis=1))
 
 
 def extract_runs(rasters: Sequence[Raster]) -> tuple[Ints, Ints]:

@@ -78,7 +78,7 @@ class Exterior:
             cells = Raster.from_bitmap(occupied, (0,) * occupied.ndim)
             box = np.array([cells.lower, cells.upper])
         table = cls.around(occupied.shape, box, rasters, policy).table
-        return cls(np.delete(table, [2, 5], axis=1) if on_floor else table)
+        return cls(table.take([0, 1, 3, 4, 6], axis=1) if on_floor else table)
 
     @classmethod
     def around(

@@ -196,25 +196,24 @@ def find_spheres(
     from cspace.spectral import decompose
 
     found = {}
-    if isinstance(number, Mapping):
-        check_mapping(number, "number", [link.name for link, _ in links])
-    for done, (link, pose) in enumerate(links):
+    shapes = {link.name: _join_parts(link, pose) for link, pose in links}
+    numbers = number if isinstance(number, Mapping) else dict.fromkeys(shapes, number)
+    check_mapping(numbers, "number", list(shapes))
+    if lacking := [name for name in shapes if name not in numbers]:
+        raise InputError("number", f"lacks {lacking[0]!r}", "each link with geometry needs one")
+    for done, (link, shape) in enumerate(shapes.items()):
         if progress is not None:
             progress(done, len(links))
-        if isinstance(number, Mapping) and link.name not in number:
-            rule = "each link with geometry needs one"
-            raise InputError("number", f"lacks {link.name!r}", rule)
-        count = number[link.name] if isinstance(number, Mapping) else number
-        shape = _join_parts(link, pose)
         if kind == "inner" and not shape.inner.encloses:
-            warn_user(f"link {link.name!r} has no inside, so it gets no balls")
+            warn_user(f"link {link!r} has no inside, so it gets no balls")
             continue
         try:
-            found[link.name] = decompose(shape, kind=kind, number=count, tolerance=tolerance)
+            found[link] = decompose(shape, kind=kind, number=numbers[link], tolerance=tolerance)
         except InputError as error:
             if error.argument == "shape":
-                place = f"link {link.name!r}"
-                raise type(error)(place, error.problem, error.rule, error.hint) from error
+                raise type(error)(
+                    f"link {link!r}", error.problem, error.rule, error.hint
+                ) from error
             raise
     if progress is not None:
         progress(len(links), len(links))

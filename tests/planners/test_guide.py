@@ -9,7 +9,7 @@ from hypothesis import example, given
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
-from cspace._support.arrays import BLOCKED, FREE, MIXED
+from cspace._support.arrays import BLOCKED, FREE, MIXED, frozen
 from cspace._support.deadlines import NEVER
 from planners._searches.estimate import DEAD_END_COST
 from planners._searches.guide import POSITIONS_WEIGHT, Directions, Guide, any_direction
@@ -93,7 +93,9 @@ def test_a_guide_measures_short_chains(dim, seed):
         return int(rng.integers(len(directions.slices))), tuple(rng.integers(0, shape).tolist())
 
     start, goal, *others = (draw_state() for _ in range(6))
-    guide = Guide(states, directions, start, goal, side, narrow_cost=1.0, worst_state=worst_state)
+    guide = Guide(
+        frozen(states), directions, start, goal, side, narrow_cost=1.0, worst_state=worst_state
+    )
     graph = link(find_cost_factors(states, directions, side, worst_state), directions, side)
     estimate = guide.estimate
     block_of = {state: (state[0], *np.array(state[1]) // side) for state in (start, goal, *others)}
@@ -143,7 +145,7 @@ def test_blocks_join_where_their_cells_meet_at_a_rotation(dim, seed):
     graph = csr_array((np.ones(len(rows)), (rows, columns)), (number.size,) * 2)
     graph.data[:] = 1.0
     steps = dijkstra(graph, directed=False, indices=block_of[goal], unweighted=True)
-    directions = any_direction(states)._replace(joins=True)
+    directions = any_direction(frozen(states))._replace(joins=True)
     for cell in rng.integers(0, shape, (5, 3)).tolist():
         guide = Guide(states, directions, (0, tuple(cell)), (0, goal), side, narrow_cost=0.0)
         guide.reach(0, tuple(cell), NEVER)
@@ -158,11 +160,12 @@ def test_blocks_join_where_their_cells_meet_at_a_rotation(dim, seed):
 
 
 def test_a_dead_end_is_found_without_a_look_at_the_whole_map():
-    states = np.full((2, 1, 40, 40), FREE)
+    states = np.full((2, 1, 40, 40), FREE, np.uint8)
     # At the first rotation, walls close off a cell; at the second one, the cell is blocked.
     states[0, 0, 19:22, 19:22] = BLOCKED
     states[0, 0, 20, 20] = FREE
     states[1, 0, 20, 20] = BLOCKED
+    frozen(states)
     steps = np.array([(0, 1, 0), (0, 0, 1), (0, 1, 1)])
     directions = Directions(
         slices=np.array([[0], [1]]),

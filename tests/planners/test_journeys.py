@@ -239,7 +239,7 @@ def test_a_start_and_a_place_that_lead_no_further_give_way_to_others(name, tmp_p
         ([near, LOW, HIGH], [both, [(2.0, 1.0), (2.0, 3.0)], both]),
         (HIGH, [both]),
     ):
-        plan = planners.plan(space, starts, GOAL, via=via, time_limit=0.5)
+        plan = planners.plan(space, starts, GOAL, via=via, time_limit=0.2)
         assert plan.certified and not plan.is_disconnected
         assert plan.start.tolist() == list(HIGH)
         assert (plan.path[list(plan.via_rows), 1] == 3.0).all()

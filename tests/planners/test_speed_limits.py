@@ -33,8 +33,18 @@ EVERYWHERE = planners.SpeedZones([(box(0.0, 0.0, 22.0, 4.0), 0.5)])
 INSTANTS = 4001
 JERK = {"max_jerk": 4.0}
 DRIVES = [("holonomic", None), ("holonomic", 36), ("differential", 36), ("reeds-shepp", 36)]
-EVERY_DRIVE = pytest.mark.parametrize("drive, rotations", DRIVES)
-WITH_JERK = pytest.mark.parametrize("jerk", [{}, JERK], ids=["", "jerk"])
+EACH_MOTION = pytest.mark.parametrize(
+    "drive, rotations, jerk",
+    few(
+        [
+            *((*drive, JERK if number % 2 else {}) for number, drive in enumerate(DRIVES)),
+            *((*drive, {} if number % 2 else JERK) for number, drive in enumerate(DRIVES)),
+        ],
+        4,
+    ),
+    ids=str,
+)
+"""Each drive, with limited jerk and without; quick tests take one of the two in turn."""
 
 
 def draw_zones(plan, seed, count=6):
@@ -70,8 +80,7 @@ def allow_in_zones(q, zones, within="contour"):
 
 @pytest.mark.parametrize("rounds", few([1, 2]))
 @pytest.mark.parametrize("within", ["contour", "point"])
-@WITH_JERK
-@EVERY_DRIVE
+@EACH_MOTION
 def test_zones_hold_at_every_instant(drive, rotations, jerk, within, rounds):
     plan = build_plan(1, drive, rotations)
     limits = make_limits(rotations, drive, **jerk)
@@ -104,8 +113,7 @@ def test_a_part_that_only_sweeps_a_zone_counts():
         assert speeds[touches].max() <= 0.01 * SLACK < speeds.max()
 
 
-@WITH_JERK
-@EVERY_DRIVE
+@EACH_MOTION
 def test_robots_are_slow_near_obstacles(drive, rotations, jerk):
     plan = build_plan(1, drive, rotations)
     limits = make_limits(rotations, drive, **jerk)
@@ -137,8 +145,7 @@ def test_a_straight_line_takes_the_times_of_trapezoids():
         assert seconds <= trajectory.duration <= seconds + 2 * 0.05 * (1 / 0.4 - 1 / 1.0)
 
 
-@WITH_JERK
-@EVERY_DRIVE
+@EACH_MOTION
 def test_zones_with_the_full_speed_change_nothing(drive, rotations, jerk):
     plan = build_plan(1, drive, rotations)
     limits = make_limits(rotations, drive, **jerk)
@@ -149,8 +156,7 @@ def test_zones_with_the_full_speed_change_nothing(drive, rotations, jerk):
         np.testing.assert_array_equal(getattr(free, name), getattr(zoned, name))
 
 
-@WITH_JERK
-@EVERY_DRIVE
+@EACH_MOTION
 def test_a_lower_limit_never_shortens_a_motion(drive, rotations, jerk):
     plan = build_plan(1, drive, rotations)
     limits = make_limits(rotations, drive, **jerk)
@@ -184,8 +190,7 @@ def test_overlapping_zones_equal_their_lowest():
 
 
 @pytest.mark.parametrize("rounds", few([3, 6]))
-@WITH_JERK
-@EVERY_DRIVE
+@EACH_MOTION
 def test_stops_keep_the_limits(drive, rotations, jerk, rounds):
     plan = build_plan(1, drive, rotations)
     zones = draw_zones(plan, 4)
@@ -306,8 +311,7 @@ def test_a_zone_too_near_to_brake_is_entered_as_slowly_as_possible(jerk):
 
 
 @pytest.mark.parametrize("rounds", few([2, 5]))
-@WITH_JERK
-@EVERY_DRIVE
+@EACH_MOTION
 def test_motions_go_on_with_new_limits_as_without(drive, rotations, jerk, rounds):
     plan = build_plan(1, drive, rotations)
     limits = make_limits(rotations, drive, **jerk)
@@ -329,7 +333,7 @@ def test_motions_go_on_with_new_limits_as_without(drive, rotations, jerk, rounds
 
 
 @pytest.mark.parametrize("rounds", few([3, 9]))
-@pytest.mark.parametrize("drive, rotations", DRIVES[:3])
+@pytest.mark.parametrize("drive, rotations", few(DRIVES[2::-1], 2))
 def test_limits_that_were_kept_are_kept_on_with_limited_jerk(drive, rotations, rounds):
     plan = build_plan(1, drive, rotations)
     limits = make_limits(rotations, drive, **JERK)

@@ -56,7 +56,7 @@ def test_paths_end_on_the_upper_border_of_a_tiled_map(low, spacing, tmp_path):
         {},
         {"drive": planners.Car(turning_radius=0.3, reverse=True)},
         {"drive": planners.Differential()},
-        {"objective": "clearance", "planner": "RRTstar", "time_limit": 0.1},
+        {"objective": "clearance", "planner": "RRTstar", "time_limit": 0.05},
         {"planner": "RRTConnect"},
     ],
     ids=str,
