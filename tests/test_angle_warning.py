@@ -127,6 +127,7 @@ YAW = {
     "certify_path path": lambda q, _: turning().certify_path([FREE_Q, q]),
     "classify q": lambda q, _: turning().classify(q),
     "clearance q": lambda q, _: turning().clearance(q),
+    "closest q": lambda q, _: turning().closest(q),
     "contains_robot q": lambda q, _: turning().contains_robot(q),
     "explain goal": lambda q, _: turning().explain(FREE_Q, q),
     "explain start": lambda q, _: turning().explain(q, FREE_Q),
@@ -246,7 +247,7 @@ NOT_ASKED = {
 """Parameters with numbers of other quantities, or whose calls other tests ask."""
 
 SPACES = ("Workspace", "Space", "CSpace", "TiledCSpace", "ArmSpace")
-RESULTS = ("Arm", "NodeVerdict", "Plan", "RouteGraph")
+RESULTS = ("Arm", "Closest", "NodeVerdict", "Plan", "RouteGraph")
 """Classes whose attributes are answers."""
 
 

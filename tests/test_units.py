@@ -201,6 +201,7 @@ NO_QUERIES = {
 """Calls that change, write or show."""
 
 REFUSED = {
+    "closest": JOINTS,
     "contains_robot": JOINTS,
     "explain": {"SE(3)"},
     "free_region": {"SE(3)", "tiled"},

@@ -133,6 +133,7 @@ def test_plans_are_written_exactly_and_files_are_kept(curve, tmp_path):
     assert set(written) == stored | computed
     assert planners.Times(**written.pop("times")) == plan.times
     car = {"type": "Car", "turning_radius": 0.4, "reverse": True, "max_lateral_acceleration": None}
+    car |= {"reverse_cost": 1.0, "switch_cost": 0.0}
     assert written.pop("drive") == (car if curve else None)
     for key, value in written.items():
         np.testing.assert_array_equal(value, getattr(plan, key))
