@@ -524,7 +524,7 @@ def test_start_and_goal_may_change_places(name, seed):
         check(space, plan, plan.start, plan.goal)
     for start, goal in ((there.start, there.goal), (back.goal, back.start)):
         assert in_first(start[np.newaxis])[0] and in_last(goal[np.newaxis])[0]
-    assert measure(there) == pytest.approx(measure(back), rel=0.05, abs=0.15)
+    assert measure(there) == pytest.approx(measure(back), rel=0.1, abs=0.15)
     # The robot is nowhere else in the start's room, and nowhere before in the goal's.
     assert not in_first(there.waypoints[1:]).any() or there.length == 0.0
     assert not in_last(there.waypoints[:-1]).any() or there.length == 0.0
