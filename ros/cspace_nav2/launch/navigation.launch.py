@@ -1,4 +1,4 @@
-"""Start a map server, Nav2's planner server with the planner of cspace, and if asked the gate and the planner node."""
+"""Start Nav2's servers of maps and plans with the planner of cspace; if asked the gate, a node, a simulated robot."""
 
 from pathlib import Path
 
@@ -6,18 +6,21 @@ import yaml
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.conditions import IfCondition
-from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
+from launch.substitutions import LaunchConfiguration, OrSubstitution, PathJoinSubstitution
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
 
-PARAMETERS = PathJoinSubstitution([FindPackageShare("cspace_nav2"), "params", "navigation.yaml"])
+SHARE = FindPackageShare("cspace_nav2")
+PARAMETERS = PathJoinSubstitution([SHARE, "params", "navigation.yaml"])
+TREE = PathJoinSubstitution([SHARE, "behavior_trees", "replan_if_invalid.xml"])
 ARGUMENTS = [
     ("map", "", "The yaml file of the map."),
     ("params_file", PARAMETERS, "Parameters of all nodes."),
     ("builder", "cspace", "The command that builds maps, in the environment of the library."),
     ("gate", "false", "true starts the gate, between cmd_vel_smoothed and cmd_vel."),
     ("node", "false", "true starts the planner node in Python, on the costmap."),
+    ("use_simulator", "false", "true starts Nav2's loopback simulator, the gate and what drives."),
     ("use_sim_time", "false", "true for a simulator's clock."),
 ]
 
@@ -49,7 +52,7 @@ def start_nodes(context):
     """Return the nodes, once the arguments are known."""
     argument = {name: LaunchConfiguration(name) for name, _, _ in ARGUMENTS}
     common = [argument["params_file"], {"use_sim_time": argument["use_sim_time"]}]
-    has_gate = IfCondition(argument["gate"])
+    has_gate = IfCondition(OrSubstitution(argument["gate"], argument["use_simulator"]))
 
     def start(package, executable, name, own=None, robot=None, **options):
         options = {"output": "screen", **options}
@@ -65,11 +68,12 @@ def start_nodes(context):
 
     gate_robot, node_robot = read_robot(argument["params_file"].perform(context))
     builder = argument["builder"]
-    return [
+    nodes = [
         start("nav2_map_server", "map_server", "map_server", {"yaml_filename": argument["map"]}),
         # Without a name, which would also name the costmap's node in this process.
         start("nav2_planner", "planner_server", None, {"GridBased.builder": builder}),
-        manage("lifecycle_manager_navigation", ["map_server", "planner_server"]),
+        # For itself, as the simulator asks once for the map.
+        manage("lifecycle_manager_map_server", ["map_server"]),
         start(
             "cspace_nav2",
             "gate_node",
@@ -89,3 +93,28 @@ def start_nodes(context):
             condition=IfCondition(argument["node"]),
         ),
     ]
+    if not IfCondition(argument["use_simulator"]).evaluate(context):
+        return [*nodes, manage("lifecycle_manager_navigation", ["planner_server"])]
+    # As in nav2_bringup, with the gate as its collision_monitor.
+    to_smoother = {"remappings": [("cmd_vel", "cmd_vel_nav")]}
+    drivers = [
+        start("nav2_controller", "controller_server", None, robot=node_robot, **to_smoother),
+        start("nav2_behaviors", "behavior_server", "behavior_server", **to_smoother),
+        start("nav2_velocity_smoother", "velocity_smoother", "velocity_smoother", **to_smoother),
+        start(
+            "nav2_bt_navigator",
+            "bt_navigator",
+            "bt_navigator",
+            {"default_nav_to_pose_bt_xml": TREE},
+        ),
+        start("nav2_loopback_sim", "loopback_simulator", "loopback_simulator"),
+    ]
+    # bt_navigator comes last, because its tree asks for the actions of the others.
+    managed = [
+        "controller_server",
+        "planner_server",
+        "behavior_server",
+        "velocity_smoother",
+        "bt_navigator",
+    ]
+    return [*nodes, *drivers, manage("lifecycle_manager_navigation", managed)]

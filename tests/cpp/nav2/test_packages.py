@@ -72,7 +72,7 @@ class Recorded:
 
 @pytest.fixture
 def launch(monkeypatch):
-    """Run the launch file over stand-ins; return its description."""
+    """Return a function that runs the launch file over stand-ins and returns its nodes, with a simulator or without."""
     for name in ("launch", "launch.actions", "launch.conditions", "launch.substitutions"):
         monkeypatch.setitem(sys.modules, name, ModuleType(name))
     for name in ("", ".actions", ".parameter_descriptions", ".substitutions"):
@@ -82,7 +82,7 @@ def launch(monkeypatch):
     for module, names in {
         "launch.actions": ["DeclareLaunchArgument", "OpaqueFunction"],
         "launch.conditions": ["IfCondition"],
-        "launch.substitutions": ["LaunchConfiguration", "PathJoinSubstitution", "PythonExpression"],
+        "launch.substitutions": ["LaunchConfiguration", "OrSubstitution", "PathJoinSubstitution"],
         "launch_ros.actions": ["Node"],
         "launch_ros.parameter_descriptions": ["ParameterValue"],
         "launch_ros.substitutions": ["FindPackageShare"],
@@ -93,11 +93,28 @@ def launch(monkeypatch):
     sys.modules["launch.substitutions"].LaunchConfiguration.perform = lambda *_: params
     found = runpy.run_path(str(CPP / "launch/navigation.launch.py"))
     *_, nodes = found["generate_launch_description"]().arguments[0]
-    return nodes.options["function"](None)
+
+    def start(is_simulated):
+        condition = sys.modules["launch.conditions"].IfCondition
+        monkeypatch.setattr(condition, "evaluate", lambda *_: is_simulated, raising=False)
+        return nodes.options["function"](None)
+
+    return start
 
 
-def test_the_launch_file_starts_programs_that_are_installed(launch):
-    nodes = [each for each in launch if type(each).__name__ == "Node"]
+def list_managed(nodes):
+    """Return the nodes of each lifecycle manager, in their order."""
+    return [
+        own["node_names"]
+        for each in nodes
+        for own in each.options["parameters"]
+        if isinstance(own, dict) and "node_names" in own
+    ]
+
+
+@pytest.mark.parametrize("is_simulated", [False, True])
+def test_the_launch_file_starts_programs_that_are_installed(launch, is_simulated):
+    nodes = launch(is_simulated)
     started = {(each.options["package"], each.options["executable"]) for each in nodes}
     installed = re.search(
         r"install\(TARGETS ([\w ]+) DESTINATION lib/", (CPP / "CMakeLists.txt").read_text()
@@ -109,18 +126,79 @@ def test_the_launch_file_starts_programs_that_are_installed(launch):
             assert f'f"{program} = ' in (PYTHON / "setup.py").read_text()
         else:
             assert package in list_needs(CPP)
-    managed = [
-        own["node_names"]
+    names = [each for managed in list_managed(nodes) for each in managed]
+    names += ["cspace_planner", *(["loopback_simulator"] if is_simulated else [])]
+    managers = {"lifecycle_manager"}
+    assert sorted(names) == sorted(
+        each.options["name"] or each.options["executable"]
         for each in nodes
-        for own in each.options["parameters"]
-        if isinstance(own, dict) and "node_names" in own
-    ]
-    assert managed == [["map_server", "planner_server"], ["cspace_gate"]]
-    first = {each.options["name"]: each.options["parameters"][0] for each in nodes}
+        if each.options["executable"] not in managers
+    )
+    first = {
+        each.options["name"] or each.options["executable"]: each.options["parameters"][0]
+        for each in nodes
+    }
     footprint = "[[0.3, 0.2], [0.3, -0.2], [-0.3, -0.2], [-0.3, 0.2]]"
     assert first["cspace_gate"]["robot"].arguments == (f"footprint:{footprint}",)
     assert first["cspace_planner"]["footprint"].arguments == (footprint,)
     assert first["cspace_planner"]["footprint_padding"] == 0.025
+    if is_simulated:
+        assert first["controller_server"] == first["cspace_planner"]
+
+
+def test_nodes_are_brought_up_after_those_they_ask(launch):
+    maps, gate, plans = list_managed(launch(False))
+    assert (maps, gate, plans) == (["map_server"], ["cspace_gate"], ["planner_server"])
+    *_, driving = list_managed(launch(True))
+    assert driving[-1] == "bt_navigator" and "planner_server" in driving
+
+
+CHAIN = {
+    "controller_server": ({"odom", "speed_limit"}, {"cmd_vel"}),
+    "behavior_server": (set(), {"cmd_vel"}),
+    "velocity_smoother": ({"cmd_vel"}, {"cmd_vel_smoothed"}),
+    "gate_node": ({"cmd_vel_smoothed"}, {"cmd_vel"}),
+    "loopback_simulator": ({"cmd_vel", "initialpose"}, {"odom", "scan"}),
+}
+"""Topics that programs hear and publish before remappings; all but the gate's from the sources of Nav2 1.3.13."""
+
+
+def test_commands_reach_the_simulated_robot_through_the_gate_alone(launch):
+    heard, published = {}, {}
+    for node in launch(True):
+        program = node.options["executable"]
+        rename = dict(node.options.get("remappings", []))
+        for table, topics in zip((heard, published), CHAIN.get(program, ((), ())), strict=True):
+            for topic in topics:
+                table.setdefault(rename.get(topic, topic), set()).add(program)
+    assert published["cmd_vel"] == {"gate_node"}
+    assert heard["cmd_vel"] == {"loopback_simulator"}
+    assert published["cmd_vel_smoothed"] == {"velocity_smoother"}
+    assert heard["cmd_vel_smoothed"] == {"gate_node"}
+    assert published["cmd_vel_nav"] == {"controller_server", "behavior_server"}
+    assert heard["cmd_vel_nav"] == {"velocity_smoother"}
+
+
+def test_the_params_file_asks_for_no_more_than_the_gate_allows():
+    params = yaml.safe_load((CPP / "params/navigation.yaml").read_text())
+    gate, smoother, controller = (
+        params[name]["ros__parameters"]
+        for name in ("cspace_gate", "velocity_smoother", "controller_server")
+    )
+    for name, limit in (("max_velocity", "max_velocity"), ("max_deceleration", "max_decel")):
+        forward, sideways, turn = smoother[limit]
+        assert abs(forward) <= gate[name][0] and sideways == 0.0 and abs(turn) <= gate[name][1]
+    follow = controller["FollowPath"]
+    assert follow["desired_linear_vel"] <= smoother["max_velocity"][0]
+    assert follow["rotate_to_heading_angular_vel"] <= smoother["max_velocity"][2]
+
+
+def test_costmaps_mark_what_is_above_the_floor():
+    params = yaml.safe_load((CPP / "params/navigation.yaml").read_text())
+    for name in ("global_costmap", "local_costmap"):
+        layer = params[name][name]["ros__parameters"]["obstacle_layer"]
+        # Nav2's default is 0 m, in the costmap's frame.
+        assert layer["scan"]["max_obstacle_height"] >= 0.5
 
 
 NODES = {
