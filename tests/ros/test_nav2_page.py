@@ -34,7 +34,9 @@ def test_the_robot_of_a_first_path_arrives(tmp_path):
     server = subprocess.Popen(launch, start_new_session=True, **run)
     try:
         for _ in range(20):
-            answer = subprocess.run(ask, capture_output=True, timeout=300, check=False, **run).stdout
+            answer = subprocess.run(
+                ask, capture_output=True, timeout=300, check=False, **run
+            ).stdout
             if "SUCCEEDED" in answer:
                 break
             time.sleep(5)
