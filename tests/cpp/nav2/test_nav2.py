@@ -425,7 +425,7 @@ def check_drive(path, drive, obstacles=WALLS):
         poses, length, angle = drive_between(first, last)
         assert math.dist(poses[-1][:2], last[:2]) < 1e-4
         if "reverse" not in drive and drive != "reeds-shepp":
-            backs_out &= length < 0.0
+            backs_out &= length < 1e-9
             assert length >= -1e-9 or backs_out
         if radius:
             assert abs(length) >= radius * abs(angle) - 1e-5
@@ -488,6 +488,18 @@ def test_a_robot_square_to_a_wall_first_backs_out(nav2, space, room, drive, gap)
     assert back[0] and np.all(back[:-1] >= back[1:])
     assert np.ptp(path[:-1][back][:, 1:], axis=0).max() == 0.0  # straight
     assert -lengths[back].sum() < 1.0
+
+
+@pytest.mark.parametrize("drive", ["differential", "dubins", "reeds-shepp"])
+@pytest.mark.parametrize("gap", [0.001, 0.05, 0.1])
+def test_a_robot_square_to_both_walls_of_a_corner_first_backs_out(nav2, space, room, drive, gap):
+    nav2.configure(room, drive=drive, turning_radius=DRIVES[drive], start_tolerance=0.2)
+    path = nav2.find_path((2.8 - 0.3 - gap, 0.2 + gap, 0.0), ABOVE)
+    assert math.dist(path[0, :2], (2.5, 0.2)) < 0.3
+    assert np.all(space.certify_path(path))
+    check_drive(path, drive)
+    lengths = np.array([drive_between(*ends)[1] for ends in itertools.pairwise(path.tolist())])
+    assert lengths[np.abs(lengths) > 1e-9][0] < 0.0
 
 
 def test_a_robot_turns_on_the_spot_at_equal_positions(nav2, room):

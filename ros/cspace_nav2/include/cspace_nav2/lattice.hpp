@@ -130,14 +130,14 @@ class Lattice {
 
   /// Return the poses of a path, both ends included; empty if none is found.
   ///
-  /// If a robot that drives only ahead has none, it may first back out straight, as from a wall before which it cannot turn.
+  /// If a robot that drives only ahead, or a car, has none, it may first back out, also on gentle arcs, as from a corner.
   std::vector<Configuration> find_path(const Configuration& start, const Configuration& goal) const {
     const Drive& drive = surroundings_.drive();
     Guide guide(blocks_, surroundings_, goal, is_over_);
     std::vector<Configuration> path;
     for (const bool backs_out : {false, true})
       for (int level = COARSEST; level >= 0 && path.empty() && !is_over_(); --level)
-        if (!backs_out || !(drive.reverses || drive.is_holonomic))
+        if (!backs_out || drive.is_car || !(drive.reverses || drive.is_holonomic))
           path = search(start, goal, guide, level, std::numeric_limits<double>::infinity(), backs_out);
     shorten(path);
     return path;
@@ -168,6 +168,7 @@ class Lattice {
     std::int64_t parent;
     Arc arc;
     double cost;
+    bool may_reverse;  ///< a robot that backs out may until it drives ahead
   };
 
   /// Search with one pose for each cell of a lattice of a level, and each of a number of yaws.
@@ -176,9 +177,8 @@ class Lattice {
     const Drive& drive = surroundings_.drive();
     const double side = surroundings_.map().spacing() * (1 << level);
     const int yaws = FINEST_YAWS >> level;
-    std::vector<Arc> moves = drive.moves(std::sqrt(2.0) * side, 2.0 * M_PI / yaws);
-    if (backs_out) moves.push_back({-moves.front().length, 0.0});
-    std::vector<Node> nodes = {{start, -1, {}, 0.0}};
+    const std::vector<Arc> moves = drive.moves(std::sqrt(2.0) * side, 2.0 * M_PI / yaws, backs_out);
+    std::vector<Node> nodes = {{start, -1, {}, 0.0, drive.reverses || backs_out}};
     std::unordered_map<std::int64_t, std::int64_t> node_of;  // by cell and yaw
     std::vector<Configuration> end;                          // of the cheapest path found
     std::int64_t last = 0;
@@ -206,7 +206,7 @@ class Lattice {
         wait = guide.cost(node.q) / (4.0 * side);
       }
       for (const Arc& move : moves) {
-        if (backs_out && move.length < 0.0 && number > 0 && node.arc.length >= 0.0) continue;  // it has driven ahead or turned
+        if (move.length < 0.0 && !node.may_reverse) continue;
         const Configuration next = advance(node.q, move);
         const double cost = node.cost + cost_of(move) * surroundings_.weight(next);
         if (cost >= bound) continue;
@@ -217,7 +217,7 @@ class Lattice {
         if (std::hypot(goal[0] - next[0], goal[1] - next[1]) < NEAR) rest = std::max(rest, drive.least_cost(next, goal));
         if (cost + rest >= bound) continue;
         queue.push({cost + rest, static_cast<std::int64_t>(nodes.size())});
-        nodes.push_back({next, number, move, cost});
+        nodes.push_back({next, number, move, cost, drive.reverses || (node.may_reverse && move.length <= 0.0)});
       }
     }
     return end.empty() ? end : trace(nodes, last, end);
