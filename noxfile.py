@@ -175,15 +175,18 @@ def ros(session: nox.Session) -> None:
     kept = [pin for pin in pins if not pin.startswith(NEED_NUMPY_2)]
     file.write_text("\n".join(kept), encoding="utf-8")
     session.install("-c", str(file), "-e", ".[arms]", *tools, ROS_NUMPY)
-    number = str(1 + os.getpid() % 100)  # runs beside this one have others
-    domain = {"ROS_DOMAIN_ID": number, "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
     options = ("-q", "-n0", "--noconftest", "-W", "ignore::DeprecationWarning", *session.posargs)
     # rclpy starts once in a process. The gate's watch is compiled over the messages of the wheels.
     nodes = [
         f"ros/test_{name}"
         for name in ("planner_node", "nav2_handlers", "nav2_costmap", "nav2_page", "colcon")
     ]
-    for name in (*nodes, "cpp/nav2/test_watch"):
+    for number, name in enumerate((*nodes, "cpp/nav2/test_watch"), os.getpid()):
+        # Runs beside this one have other domains, and so does each file: killed nodes are seen for seconds.
+        domain = {
+            "ROS_DOMAIN_ID": str(1 + number % 100),
+            "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+        }
         session.run("python", "-m", "pytest", *options, f"tests/{name}.py", env=domain)
 
 

@@ -34,6 +34,7 @@ pytestmark = pytest.mark.skipif(bool(why_no_compiler()), reason=why_no_compiler(
 
 START, GOAL, ABOVE = (1.0, 1.0, 0.0), (5.0, 1.0, 3.0), (1.0, 3.0, 0.0)
 UNKNOWN = 255
+GENTLE_RADIUS = 4.0
 
 
 @pytest.fixture(scope="module", params=["jazzy", "main"])
@@ -430,7 +431,8 @@ def check_drive(path, drive, obstacles=WALLS):
         if radius:
             assert abs(length) >= radius * abs(angle) - 1e-5
         else:
-            assert length == pytest.approx(0.0, abs=1e-9) or angle == pytest.approx(0.0, abs=1e-9)
+            is_gentle = abs(length) >= GENTLE_RADIUS * abs(angle)  # by a robot that backs out
+            assert is_gentle or length == pytest.approx(0.0, abs=1e-9)
         for pose in poses:
             assert not place_body(pose).intersects(obstacles)
 

@@ -45,7 +45,7 @@ class Drive {
   const bool reverses;
 
   /// Return the moves of a lattice: at least as long as given, and turning by whole steps of yaw.
-  /// @param backs_out  whether all reverse, and cars have gentle arcs, too, on which no corner swings far
+  /// @param backs_out  whether all robots reverse, and drive gentle arcs, too, on which no corner swings far
   std::vector<Arc> moves(double length, double yaw_step, bool backs_out) const {
     std::vector<Arc> arcs = {{length, 0.0}};
     if (is_holonomic)
@@ -55,9 +55,9 @@ class Drive {
       // An arc of more than a quarter turn leads around most obstacles, and so do several shorter ones.
       const double turn = std::min(angle, std::max(yaw_step, M_PI_2));
       arcs.insert(arcs.end(), {{radius_ * turn, turn}, {radius_ * turn, -turn}});
-      const double gentle = std::max(4.0 * length, radius_ * yaw_step);
-      if (backs_out) arcs.insert(arcs.end(), {{gentle, yaw_step}, {gentle, -yaw_step}});
     }
+    const double gentle = std::max(4.0 * length, radius_ * yaw_step);
+    if (backs_out) arcs.insert(arcs.end(), {{gentle, yaw_step}, {gentle, -yaw_step}});
     if (reverses || backs_out)
       for (std::size_t k = arcs.size(); k-- > 0;) arcs.push_back({-arcs[k].length, -arcs[k].angle});
     if (!is_car) arcs.insert(arcs.end(), {{0.0, yaw_step}, {0.0, -yaw_step}});

@@ -130,7 +130,7 @@ class Lattice {
 
   /// Return the poses of a path, both ends included; empty if none is found.
   ///
-  /// If a robot that drives only ahead, or a car, has none, it may first back out, also on gentle arcs, as from a corner.
+  /// If a robot that drives only ahead, or a car, has none, it may first back out, on gentle arcs, too, as from a corner.
   std::vector<Configuration> find_path(const Configuration& start, const Configuration& goal) const {
     const Drive& drive = surroundings_.drive();
     Guide guide(blocks_, surroundings_, goal, is_over_);
