@@ -214,6 +214,7 @@ class Lattice {
         const auto found = node_of.find(next_key);
         if (next_key == key || (found != node_of.end() && nodes[found->second].cost <= cost)) continue;
         double rest = guide.cost(next);
+        if (cost + rest >= bound) continue;  // before a curve is computed, which takes longest
         if (std::hypot(goal[0] - next[0], goal[1] - next[1]) < NEAR) rest = std::max(rest, drive.least_cost(next, goal));
         if (cost + rest >= bound) continue;
         queue.push({cost + rest, static_cast<std::int64_t>(nodes.size())});
@@ -258,7 +259,8 @@ class Lattice {
       for (std::size_t first = 0; first + 2 < path.size() && !is_over_(); first += std::max<std::size_t>(1, reach / 4)) {
         const std::size_t last = std::min(first + reach, path.size() - 1);
         const double target = costs[last] - costs[first] - MIN_GAIN;
-        if (surroundings_.drive().least_cost(path[first], path[last]) >= target) continue;
+        const double apart = std::hypot(path[last][0] - path[first][0], path[last][1] - path[first][1]);
+        if (apart >= target || surroundings_.drive().least_cost(path[first], path[last]) >= target) continue;
         for (const double aside : {0.0, SIDESTEP, -SIDESTEP}) {
           if (aside != 0.0 && last - first < MIN_SIDESTEP_POSES) break;
           const std::vector<Configuration> poses = pass(path[first], path[(first + last) / 2], path[last], aside);
