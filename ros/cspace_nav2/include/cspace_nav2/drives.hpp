@@ -45,7 +45,8 @@ class Drive {
   const bool reverses;
 
   /// Return the moves of a lattice: at least as long as given, and turning by whole steps of yaw.
-  std::vector<Arc> moves(double length, double yaw_step) const {
+  /// @param backs_out  whether all robots reverse, and drive gentle arcs, too, on which no corner swings far
+  std::vector<Arc> moves(double length, double yaw_step, bool backs_out) const {
     std::vector<Arc> arcs = {{length, 0.0}};
     if (is_holonomic)
       for (int k = 1; k < 8; ++k) arcs.push_back({length, 0.0, k * M_PI_4});
@@ -55,7 +56,9 @@ class Drive {
       const double turn = std::min(angle, std::max(yaw_step, M_PI_2));
       arcs.insert(arcs.end(), {{radius_ * turn, turn}, {radius_ * turn, -turn}});
     }
-    if (reverses)
+    const double gentle = std::max(4.0 * length, radius_ * yaw_step);
+    if (backs_out) arcs.insert(arcs.end(), {{gentle, yaw_step}, {gentle, -yaw_step}});
+    if (reverses || backs_out)
       for (std::size_t k = arcs.size(); k-- > 0;) arcs.push_back({-arcs[k].length, -arcs[k].angle});
     if (!is_car) arcs.insert(arcs.end(), {{0.0, yaw_step}, {0.0, -yaw_step}});
     return arcs;

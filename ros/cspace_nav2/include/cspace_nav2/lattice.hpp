@@ -130,14 +130,14 @@ class Lattice {
 
   /// Return the poses of a path, both ends included; empty if none is found.
   ///
-  /// If a robot that drives only ahead has none, it may first back out straight, as from a wall before which it cannot turn.
+  /// If a robot that drives only ahead, or a car, has none, it may first back out, on gentle arcs, too, as from a corner.
   std::vector<Configuration> find_path(const Configuration& start, const Configuration& goal) const {
     const Drive& drive = surroundings_.drive();
     Guide guide(blocks_, surroundings_, goal, is_over_);
     std::vector<Configuration> path;
     for (const bool backs_out : {false, true})
       for (int level = COARSEST; level >= 0 && path.empty() && !is_over_(); --level)
-        if (!backs_out || !(drive.reverses || drive.is_holonomic))
+        if (!backs_out || drive.is_car || !(drive.reverses || drive.is_holonomic))
           path = search(start, goal, guide, level, std::numeric_limits<double>::infinity(), backs_out);
     shorten(path);
     return path;
@@ -168,6 +168,7 @@ class Lattice {
     std::int64_t parent;
     Arc arc;
     double cost;
+    bool may_reverse;  ///< a robot that backs out may until it drives ahead
   };
 
   /// Search with one pose for each cell of a lattice of a level, and each of a number of yaws.
@@ -176,9 +177,8 @@ class Lattice {
     const Drive& drive = surroundings_.drive();
     const double side = surroundings_.map().spacing() * (1 << level);
     const int yaws = FINEST_YAWS >> level;
-    std::vector<Arc> moves = drive.moves(std::sqrt(2.0) * side, 2.0 * M_PI / yaws);
-    if (backs_out) moves.push_back({-moves.front().length, 0.0});
-    std::vector<Node> nodes = {{start, -1, {}, 0.0}};
+    const std::vector<Arc> moves = drive.moves(std::sqrt(2.0) * side, 2.0 * M_PI / yaws, backs_out);
+    std::vector<Node> nodes = {{start, -1, {}, 0.0, drive.reverses || backs_out}};
     std::unordered_map<std::int64_t, std::int64_t> node_of;  // by cell and yaw
     std::vector<Configuration> end;                          // of the cheapest path found
     std::int64_t last = 0;
@@ -206,7 +206,7 @@ class Lattice {
         wait = guide.cost(node.q) / (4.0 * side);
       }
       for (const Arc& move : moves) {
-        if (backs_out && move.length < 0.0 && number > 0 && node.arc.length >= 0.0) continue;  // it has driven ahead or turned
+        if (move.length < 0.0 && !node.may_reverse) continue;
         const Configuration next = advance(node.q, move);
         const double cost = node.cost + cost_of(move) * surroundings_.weight(next);
         if (cost >= bound) continue;
@@ -214,10 +214,11 @@ class Lattice {
         const auto found = node_of.find(next_key);
         if (next_key == key || (found != node_of.end() && nodes[found->second].cost <= cost)) continue;
         double rest = guide.cost(next);
+        if (cost + rest >= bound) continue;  // before a curve is computed, which takes longest
         if (std::hypot(goal[0] - next[0], goal[1] - next[1]) < NEAR) rest = std::max(rest, drive.least_cost(next, goal));
         if (cost + rest >= bound) continue;
         queue.push({cost + rest, static_cast<std::int64_t>(nodes.size())});
-        nodes.push_back({next, number, move, cost});
+        nodes.push_back({next, number, move, cost, drive.reverses || (node.may_reverse && move.length <= 0.0)});
       }
     }
     return end.empty() ? end : trace(nodes, last, end);
@@ -258,7 +259,8 @@ class Lattice {
       for (std::size_t first = 0; first + 2 < path.size() && !is_over_(); first += std::max<std::size_t>(1, reach / 4)) {
         const std::size_t last = std::min(first + reach, path.size() - 1);
         const double target = costs[last] - costs[first] - MIN_GAIN;
-        if (surroundings_.drive().least_cost(path[first], path[last]) >= target) continue;
+        const double apart = std::hypot(path[last][0] - path[first][0], path[last][1] - path[first][1]);
+        if (apart >= target || surroundings_.drive().least_cost(path[first], path[last]) >= target) continue;
         for (const double aside : {0.0, SIDESTEP, -SIDESTEP}) {
           if (aside != 0.0 && last - first < MIN_SIDESTEP_POSES) break;
           const std::vector<Configuration> poses = pass(path[first], path[(first + last) / 2], path[last], aside);
