@@ -122,3 +122,30 @@ def push_halves(nodes: Ints, top: int, a_count: int, b_count: int, is_b_larger: 
         nodes[top, 0] = a + 2 * (a_count // 2)
         nodes[top + 1, 0] = a + 1
     return top + 2
+
+
+def find_nearest(points_a: Floats, points_b: Floats, radius_a: float, radius_b: float) -> Floats:
+    """Return the nearest points of two convex hulls, shape (2, 3).
+
+    The hulls are those of two point sets, shapes (n, 3) and (m, 3), each grown by a radius; all in
+    metres. The nearest points follow from the point nearest to zero in the hull of all differences
+    (C. L. Lawson and R. J. Hanson, "Solving Least Squares Problems", 1974, chapter 23).
+    """
+    import scipy.optimize
+
+    # Find weights, zero or above, with sum 1, that bring the mean of all differences nearest to
+    # zero: three equations of the mean, and an equation of the sum.
+    differences = (points_a[:, np.newaxis] - points_b).reshape(-1, 3)
+    equations = np.vstack([differences.T, np.ones(len(differences))])
+    # scipy's nnls misses the least sum on some machines if points lie symmetrically.
+    solution = scipy.optimize.lsq_linear(
+        equations, [0.0, 0.0, 0.0, 1.0], (0.0, np.inf), method="bvls", tol=1e-15
+    )
+    weights = solution.x
+    shares = weights.reshape(len(points_a), len(points_b)) / weights.sum()
+    nearest_a = shares.sum(axis=1) @ points_a
+    nearest_b = shares.sum(axis=0) @ points_b
+    # Move both by the radii towards each other.
+    offset = nearest_b - nearest_a
+    direction = offset / max(float(np.linalg.norm(offset)), np.finfo(float).tiny)
+    return np.stack([nearest_a + radius_a * direction, nearest_b - radius_b * direction])

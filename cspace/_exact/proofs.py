@@ -13,7 +13,7 @@ from typing import Final, NamedTuple, TypeAlias, cast
 import numpy as np
 
 from cspace._bodies import ADVANCE_FACTOR, DISTANCE_ROUNDING, MAX_DISTANCES_PER_EDGE, MIN_ADVANCE
-from cspace._bodies.box_trees import FIRST_ITEM, MAX_PENDING_PAIRS
+from cspace._bodies.box_trees import FIRST_ITEM, MAX_PENDING_PAIRS, find_nearest
 from cspace._bodies.parts import as_triangles, part_anchors, sort_by_part
 from cspace._bodies.triangle_proofs import (
     LEVER,
@@ -447,7 +447,7 @@ class BoundaryProofs:
         rows = trees.triangles[trees.spans[nodes, FIRST_ITEM]] / scale
         corners = rows[:, :RADIUS].reshape(2, 3, 3)
         robot = corners[0] @ matrices[0].T + positions[0]
-        points = _find_nearest(robot, corners[1], *rows[:, RADIUS].tolist())
+        points = find_nearest(robot, corners[1], *rows[:, RADIUS].tolist())
         away = points[0] - points[1]
         away /= max(float(np.linalg.norm(away)), np.finfo(float).tiny)
         turns = np.cross(points[0] - positions[0], away)
@@ -506,27 +506,6 @@ class BoundaryProofs:
         is_near = np.abs(anchors[indices, 1] - positions[rows, 1]) <= containment.reach
         rows = rows[is_near]
         return rows, anchors[indices[is_near]] - positions[rows]
-
-
-def _find_nearest(a: Floats, b: Floats, radius_a: float, radius_b: float) -> Floats:
-    """Return the nearest points of two triangles, shape (3, 3) each, grown by radii.
-
-    The weights of their corners, zero or above with sum 1 each, bring the difference nearest to
-    zero (C. L. Lawson and R. J. Hanson, "Solving Least Squares Problems", 1974, chapter 23).
-    """
-    import scipy.optimize
-
-    # A ball or a segment repeats a corner, and equal columns share their weight.
-    differences = (a[:, np.newaxis] - b).reshape(-1, 3)
-    equations = np.vstack([differences.T, np.ones(len(differences))])
-    solution = scipy.optimize.lsq_linear(
-        equations, [0.0, 0.0, 0.0, 1.0], (0.0, np.inf), method="bvls", tol=1e-15
-    )
-    shares = solution.x.reshape(3, 3) / solution.x.sum()
-    nearest_a, nearest_b = shares.sum(axis=1) @ a, shares.sum(axis=0) @ b
-    offset = nearest_b - nearest_a
-    direction = offset / max(float(np.linalg.norm(offset)), np.finfo(float).tiny)
-    return np.stack([nearest_a + radius_a * direction, nearest_b - radius_b * direction])
 
 
 def _build_boundary_trees(

@@ -14,7 +14,6 @@ from itertools import chain, combinations
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-import scipy  # its parts are read when they are first used
 from numpy.typing import NDArray
 
 from cspace.arms._model import CONTACT_SAMPLES, Arm, Names, always_touch, sort_pair
@@ -47,6 +46,7 @@ from cspace.inside import (
     Ints,
     Upright,
     as_contiguous,
+    box_trees,
     check_known,
     run_in_chunks,
 )
@@ -274,7 +274,7 @@ class Snapshot:
             hulls.append(corners @ pose[:3, :3].T + pose[:3, 3])
             radii.append(radius)
         link, other = self._name_parts(pair, nodes)
-        return Contact(link, other, float(distances[0]), _find_nearest(*hulls, *radii))
+        return Contact(link, other, float(distances[0]), box_trees.find_nearest(*hulls, *radii))
 
     def _name_parts(self, pair: Ints, nodes: Sequence[int]) -> tuple[str, str]:
         """Return the names of the links or obstacles at hull nodes of a pair of solids.
@@ -519,28 +519,3 @@ def _run_in_threads(
         return -1
 
     run_in_chunks(run_slice, len(arrays[0]), min_items)
-
-
-def _find_nearest(points_a: Floats, points_b: Floats, radius_a: float, radius_b: float) -> Floats:
-    """Return the nearest points of two convex hulls, shape (2, 3).
-
-    The hulls are those of two point sets, shapes (n, 3) and (m, 3), each grown by a radius; all in
-    metres. The nearest points follow from the point nearest to zero in the hull of all differences
-    (C. L. Lawson and R. J. Hanson, "Solving Least Squares Problems", 1974, chapter 23).
-    """
-    # Find weights, zero or above, with sum 1, that bring the mean of all differences nearest to
-    # zero: three equations of the mean, and an equation of the sum.
-    differences = (points_a[:, np.newaxis] - points_b).reshape(-1, 3)
-    equations = np.vstack([differences.T, np.ones(len(differences))])
-    # scipy's nnls misses the least sum on some machines if points lie symmetrically.
-    solution = scipy.optimize.lsq_linear(
-        equations, [0.0, 0.0, 0.0, 1.0], (0.0, np.inf), method="bvls", tol=1e-15
-    )
-    weights = solution.x
-    shares = weights.reshape(len(points_a), len(points_b)) / weights.sum()
-    nearest_a = shares.sum(axis=1) @ points_a
-    nearest_b = shares.sum(axis=0) @ points_b
-    # Move both by the radii towards each other.
-    offset = nearest_b - nearest_a
-    direction = offset / max(float(np.linalg.norm(offset)), np.finfo(float).tiny)
-    return np.stack([nearest_a + radius_a * direction, nearest_b - radius_b * direction])
