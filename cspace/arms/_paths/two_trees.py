@@ -432,11 +432,11 @@ class PathSearch:
                 is_vain = (1.0 - MIN_GAIN) * lengths[-1 - MAX_VAIN_SEARCHES] < length
             if not len(near_goals) or is_vain or is_over(self._end):
                 break
-            # A search that takes much longer than the others is given up, because it rarely leads
-            # to a shorter path.
-            # Batches of samples that a further search may take beyond the mean of the searches
+            # A search that takes longer than the others is given up, because it rarely leads to a
+            # shorter path.
+            # Batches of samples that a further search may take beyond half the mean of the searches
             # before it.
-            max_batches = 1 + sum(self._batches) / len(self._batches)
+            max_batches = 1 + 0.5 * sum(self._batches) / len(self._batches)
             other_path = self._connect(
                 near_goals, _make_empty(near_goals), length, max_batches, straight=True
             )
