@@ -180,7 +180,7 @@ def classify(map_: Map, points: Floats, out: States) -> int:
     ``points`` has shape (n, size), ``out`` (n,). Returns the first unusable row, or -1.
     """
     # Number of configurations whose cells are found before their states are read.
-    block = 1024
+    block = 4096
     return classify_blocks(map_, points, np.empty(block), np.empty(block, dtype=np.int64), out)
 
 
@@ -206,8 +206,12 @@ def classify_blocks(map_: Map, points: Floats, places: Floats, cells: Ints, out:
                 place = (places[k] - lower) / map_.spacing
                 is_inside = (cells[k] >= 0) & (place >= 0.0) & (place < count)
                 cells[k] = cells[k] * count + np.int64(place) if is_inside else -1
+        least = 0
         for k in range(rows.shape[0]):
             answers[k] = states[cells[k]] if cells[k] >= 0 else NOT_USABLE
+            least = min(least, cells[k])
+        if least >= 0:  # no row is beyond the grid
+            continue
         for k in range(rows.shape[0]):
             if cells[k] >= 0:
                 continue

@@ -432,11 +432,11 @@ class PathSearch:
                 is_vain = (1.0 - MIN_GAIN) * lengths[-1 - MAX_VAIN_SEARCHES] < length
             if not len(near_goals) or is_vain or is_over(self._end):
                 break
-            # A search that takes much longer than the others is given up, because it rarely leads
-            # to a shorter path.
-            # Batches of samples that a further search may take beyond the mean of the searches
+            # A search that takes longer than the others is given up, because it rarely leads to a
+            # shorter path.
+            # Batches of samples that a further search may take beyond half the mean of the searches
             # before it.
-            max_batches = 1 + sum(self._batches) / len(self._batches)
+            max_batches = 1 + 0.5 * sum(self._batches) / len(self._batches)
             other_path = self._connect(
                 near_goals, _make_empty(near_goals), length, max_batches, straight=True
             )
@@ -508,31 +508,27 @@ class PathSearch:
     def _sample(self, goals: Floats, length: float) -> Floats:
         """Sample configurations on possible paths of at most ``length``.
 
-        They are uniform in the ellipsoid with foci at start and goal. Samples outside the bounds
-        are replaced by uniform ones within.
+        They are uniform in the ellipsoid with foci at start and goal, and clipped to the bounds.
         """
         rng = self._rng
-        dof = len(self._start)
-        uniform = rng.uniform(*self._bounds, (SAMPLES_PER_BATCH, dof))
+        shape = SAMPLES_PER_BATCH, len(self._start)
         if math.isinf(length):
-            return uniform
+            return rng.uniform(*self._bounds, shape)
         # Each sample belongs to the ellipsoid of a random goal.
         foci = goals[rng.integers(len(goals), size=SAMPLES_PER_BATCH)]
         axes = foci - self._start
         distances = np.linalg.norm(axes, axis=1, keepdims=True)
         axes /= distances
         # Normal samples have uniform directions; this power of a uniform radius fills the ball.
-        directions = rng.normal(size=uniform.shape)
+        directions = rng.normal(size=shape)
         directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-        in_ball = directions * rng.random((SAMPLES_PER_BATCH, 1)) ** (1.0 / dof)
+        in_ball = directions * rng.random((SAMPLES_PER_BATCH, 1)) ** (1.0 / shape[1])
         # Stretch the unit ball to the ellipsoid: by `minor` across the axis, by `length` along it.
         minor = np.sqrt(length**2 - distances**2)
         along = (in_ball * axes).sum(axis=1, keepdims=True)
         stretched = minor * in_ball + (length - minor) * along * axes
-        samples = 0.5 * (self._start + foci + stretched)
-        lowest, highest = self._bounds
-        inside = ((samples >= lowest) & (samples <= highest)).all(axis=1, keepdims=True)
-        return np.where(inside, samples, uniform)
+        samples: Floats = 0.5 * (self._start + foci + stretched)
+        return samples.clip(*self._bounds)
 
     def _pull(self, path: Floats, min_share: float) -> Floats:
         """Pull parts of a path straight while it gains :data:`MIN_GAIN`.
