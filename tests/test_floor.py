@@ -719,6 +719,20 @@ def test_bad_floors_are_refused(workspace, robot, options, message):
     check_refused(lambda: cspace.build(workspace, robot, **{"floor": 0.0, **options}), message)
 
 
+def test_a_map_is_the_same_in_any_unit():
+    # Shadows of far corners round by more than a micrometre.
+    states = []
+    for unit in (1.0, 1e10):
+        cone = trimesh.creation.cone(unit, 2.0 * unit).apply_translation((0.0, 0.0, -unit))
+        occupied = np.zeros((12, 12, 6), dtype=bool)
+        occupied[6, 6] = True
+        workspace = Workspace.from_array(occupied, 0.5 * unit)
+        space = cspace.build(workspace, Robot.from_mesh(cone), floor=1.6 * unit, rotations=8)
+        rows = np.random.default_rng(0).uniform(1.0, 5.0, (1000, 3))
+        states.append(space.classify(rows * (unit, unit, 1.0)))
+    assert (states[0] == BLOCKED).any() and (states[0] == states[1]).all()
+
+
 def test_a_robot_may_stick_out_of_a_free_outside():
     space = cspace.build(SCENE, CRATE, floor=0.8, outside="free")
     assert space.is_free((1.0, 1.0)) and space.exact.is_free((1.0, 1.0))

@@ -76,8 +76,8 @@ MeshLike: TypeAlias = (
 SOLIDS: Final = ("auto", "surface", "fill")
 """Solid parts of a mesh: its closed bodies, only the surface, or all that its raster encloses."""
 
-_SHADOW_MARGIN: Final = 1e-6
-"""Distance, in metres, by which the bounds of a mesh's shadow are grown and shrunk."""
+_CRACK_WIDTH: Final = 2.0**-40
+"""Largest width of a hole in a mesh's shadow that counts as rounding, relative to its span."""
 
 
 class MeshWarning(UserWarning):
@@ -241,11 +241,11 @@ class Mesh(ExactShape):
     def project_to_plane(self) -> Shape:
         """Project the mesh onto the xy plane.
 
-        The result is the union of its triangles' shadows, grown and shrunk by a micrometre. The
-        micrometre covers the rounding of the union.
+        The result is the union of its triangles' shadows, grown and shrunk by a micrometre, or
+        more if it reaches far. This covers the rounding of the union.
         """
         outer, shadow = _cast_shadow(self.boundary().simplices[..., :2], self.span)
-        inner = shadow.buffer(-_SHADOW_MARGIN, join_style="mitre")
+        inner = shadow.buffer(-_find_margin(self.span), join_style="mitre")
         if inner.is_empty:
             rule = "it must have an area there"
             raise GeometryError(self.source, "is flat, seen from above", rule)
@@ -255,17 +255,18 @@ class Mesh(ExactShape):
         """Return the part between two heights, seen from above; see ``Shape.slab``.
 
         The shadow of the triangles there, with the holes that lie in a body, grown and shrunk by a
-        micrometre: where no triangle crosses a vertical line between the heights, one of its points
+        margin: where no triangle crosses a vertical line between the heights, one of its points
         decides for all of them.
         """
         import shapely
 
         outer, _ = self._cast_shadow_between(low - slack, high + slack)
         grown, shadow = self._cast_shadow_between(low + slack, high - slack)
-        # Holes stay a micrometre away from all triangles, so they may grow by less.
-        holes = shapely.buffer(self._find_filled_holes(grown, low, high), 0.9 * _SHADOW_MARGIN)
+        margin = _find_margin(self.span)
+        # Holes stay a margin away from all triangles, so they may grow by less.
+        holes = shapely.buffer(self._find_filled_holes(grown, low, high), 0.9 * margin)
         with np.errstate(all="ignore"):  # GEOS tries mitres of sides without length
-            inner = shapely.union_all([shadow, *holes]).buffer(-_SHADOW_MARGIN, join_style="mitre")
+            inner = shapely.union_all([shadow, *holes]).buffer(-margin, join_style="mitre")
         outer = shapely.union_all([outer, *self._find_filled_holes(outer, low, high)])
         return (
             None if outer.is_empty else Polygons.of(outer),
@@ -506,14 +507,23 @@ def make_mesh(shape: MeshLike, solid: Solid = "auto", up: Up | None = None) -> M
     return mesh
 
 
+def _find_margin(span: float) -> float:
+    """Return by how much bounds of shadows are grown and shrunk, metres.
+
+    It is far more than the rounding of coordinates up to ``span``.
+    """
+    return max(1e-6, 16.0 * _CRACK_WIDTH * span)
+
+
 def _cast_shadow(corners: Floats, span: float) -> tuple[BaseGeometry, BaseGeometry]:
-    """Return the shadow of triangles, grown by a micrometre, and as it is up to rounding.
+    """Return the shadow of triangles, grown by a margin, and as it is up to rounding.
 
     ``corners`` are those of triangles seen from above, shape (n, 3, 2), metres; ``span`` is their
     largest coordinate.
     """
     import shapely
 
+    margin = _find_margin(span)
     sides = np.roll(corners, -1, axis=1) - corners
     longest_side = np.linalg.norm(sides, axis=-1).max(axis=1)
     first_x, first_y = sides[:, 0].T
@@ -521,18 +531,17 @@ def _cast_shadow(corners: Floats, span: float) -> tuple[BaseGeometry, BaseGeomet
     twice_area = np.abs(first_x * second_y - first_y * second_x)
     # Unions and buffers lose triangles seen edge-on, so their sides stand for them. They are at
     # most a quarter of the margin wide.
-    is_line = 4.0 * twice_area <= _SHADOW_MARGIN * longest_side
+    is_line = 4.0 * twice_area <= margin * longest_side
     union = shapely.union_all(shapely.polygons(corners[~is_line]))
-    # Maximum width, relative to the span, of a hole in a mesh's shadow that counts as rounding.
-    shadow = _fill_cracks(union, 2.0**-40 * span)
+    shadow = _fill_cracks(union, _CRACK_WIDTH * span)
     lines = shapely.linestrings(corners[is_line][:, [0, 1, 2, 0]])
     # Lines well inside the shadow add nothing.
     with np.errstate(all="ignore"):  # GEOS tries mitres of sides without length
-        near_shadow = shadow.buffer(_SHADOW_MARGIN / 2.0, join_style="mitre")
-        grown_shadow = shadow.buffer(_SHADOW_MARGIN, join_style="mitre")
+        near_shadow = shadow.buffer(margin / 2.0, join_style="mitre")
+        grown_shadow = shadow.buffer(margin, join_style="mitre")
     shapely.prepare(near_shadow)
     lines_beside = lines[~shapely.covers(near_shadow, lines)]
-    grown_lines = shapely.buffer(lines_beside, _SHADOW_MARGIN)
+    grown_lines = shapely.buffer(lines_beside, margin)
     return shapely.union_all([grown_shadow, *grown_lines]), shadow
 
 
