@@ -25,6 +25,7 @@ from cspace.inside import (
     Upright,
     check_each,
     check_finite,
+    check_number,
     check_positive,
     frozen,
     names_options,
@@ -38,6 +39,7 @@ from planners._edges.local_planner import LocalPlanner
 from planners._edges.own_space import check_space
 from planners._motion.jerk import find_jerk_stop, find_motion
 from planners._motion.joint_limits import read_joint_limits
+from planners._motion.passing import follow_places
 from planners._motion.segments import (
     MAX_EDGE_TURN,
     Segments,
@@ -68,6 +70,7 @@ from planners._motion.timing import (
     find_stop,
     is_motion,
     join_motions,
+    rest_early,
     slow_down,
     trim_segments,
 )
@@ -259,7 +262,8 @@ class Trajectory:
         """Frame of the positions in ROS, as of the plan."""
         return self._route.frame_id
 
-    def recheck(self, space: Space) -> Bools:
+    @names_options
+    def recheck(self, space: Space, *, after: float = 0.0) -> Bools:
         """Prove each part of the curve again, among present obstacles.
 
         Limits of places are checked again, too, :class:`planners.SlowNear` on its own map. A part
@@ -270,21 +274,32 @@ class Trajectory:
         ----------
         space : Space
             A map of the same robot, such as ``plan.space``.
+        after : float
+            Seconds. Only what the robot has ahead at this time is proven, from exactly where it is
+            then. The part that it is on is cut there; what it has passed may be blocked.
 
         Returns
         -------
         ndarray of bool, shape (m,)
             True if a part is proven free now, and slow enough. The parts of a smooth path are its
             straight lines, its turns on the spot, and the spans of its curves. Without curves, they
-            are the edges, as in :meth:`planners.Plan.recheck`.
+            are the edges, as in :meth:`planners.Plan.recheck`. With ``after``, the last ones, and
+            the edges may be cut into more.
 
         Raises
         ------
         InputError
-            If ``space`` is no :class:`cspace.Space`, or has other axes.
+            If ``space`` is no :class:`cspace.Space`, or has other axes, or ``after`` is not from 0
+            to :attr:`duration`.
         """
         check_space(space)
         check_axes(space, self.axes, "trajectory")
+        begin = check_number(after, "after")
+        if not 0.0 <= begin <= self.duration:
+            last, first = tell_apart(self.duration, begin)
+            raise InputError("after", f"is {first}", f"the motion takes from 0 to {last} s")
+        if begin:
+            return self._cut(self._segments, cut_phases(self._phases, begin)).recheck(space)
         is_slow = ~self._find_fast()
         if not self._segments.is_curve.any():
             is_slow = np.asarray(is_slow.all())
@@ -357,7 +372,7 @@ class Trajectory:
         if self._bounds.jerk is None or speed == 0.0:
             phases = find_stop(*path, *state)
         else:
-            later = cut_phases(self._phases, float(clipped[0]))
+            later = rest_early(cut_phases(self._phases, float(clipped[0])))
             later = later._replace(segments=later.segments - first)
             jerk = self._bounds.jerk
             stops = [find_jerk_stop(*path, jerk, *state, float(gain))]
@@ -368,21 +383,30 @@ class Trajectory:
             # The robot can also follow its motion until it rests.
             found = [phases for phases in (*stops, later) if phases is not None]
             phases = min(found, key=lambda each: (find_excess(*path, each), _last_time(each)))
-        segments, phases = trim_segments(ahead, phases)
-        cut = _cut_driven(segments, phases, self._rotations)
-        waypoints = self._rotations.make_canonical(_make_waypoints(cut, self._rotations))
-        ends = np.concatenate([place, waypoints[-1:]])
+        stop = self._cut(ahead, phases)
+        segments, phases = stop._segments, stop._phases
+        ends = np.concatenate([place, stop._route.waypoints[-1:]])
         timing = ends, segments, self._rotations, phases, self._bounds
         stop = replace(
-            self,
+            stop,
             certified=self.certified and is_motion(*timing, velocity, acceleration),
             stop_reason="braked() was called",
             exceeds_until=find_excess(segments, self._rotations, self._bounds, phases),
+        )
+        return stop._set_rows(stop._row_times(0.1))  # seconds
+
+    def _cut(self, segments: Segments, phases: Phases) -> Trajectory:
+        """Return the part of the motion that has these phases, without its rows."""
+        segments, phases = trim_segments(segments, phases)
+        cut = _cut_driven(segments, phases, self._rotations)
+        waypoints = self._rotations.make_canonical(_make_waypoints(cut, self._rotations))
+        return replace(
+            self,
+            exceeds_until=max(self.exceeds_until + float(phases.times[-1]) - self.duration, 0.0),
             _route=self._route._replace(waypoints=waypoints),
             _segments=segments,
             _phases=phases,
         )
-        return stop._set_rows(stop._row_times(0.1))  # seconds
 
     def starts_after(self, t: float) -> Floats:
         """Return the starts of plans that continue from a time.
@@ -452,6 +476,54 @@ class Trajectory:
         shape = (*times.shape, len(self.axes))
         positions, velocities, accelerations = (values.reshape(shape) for values in rows)
         return positions, velocities, accelerations
+
+    def passing_times(self, q: ArrayLike) -> Floats:
+        """Return when the robot passes places on its way, in their order.
+
+        Each place is passed as early as possible, but not before the one before it in ``q``. If the
+        robot rests there, the time is that of its arrival.
+
+        Parameters
+        ----------
+        q : array-like, shape (..., size)
+            Configurations within 1e-5 m and rad of the way, as :meth:`along` passes rows:
+            ``plan.path[list(plan.via_rows)]``, rows of :attr:`positions`, or other ones. Curves
+            leave out corners of the path, but not places of ``via``.
+
+        Returns
+        -------
+        ndarray of float64, shape (...)
+            Seconds.
+
+        Raises
+        ------
+        InputError
+            If a place is not finite, or not on the way after the one before it.
+
+        Examples
+        --------
+        >>> import numpy as np, cspace, planners
+        >>> workspace = cspace.Workspace.from_array(np.zeros((40, 30), dtype=bool), 0.1)
+        >>> space = cspace.build(workspace, cspace.Robot.disc(0.3))
+        >>> plan = planners.plan(space, (0.5, 1.5), (3.5, 1.5))
+        >>> trajectory = plan.trajectory(max_velocity=1.0, max_acceleration=0.5)
+        >>> trajectory.passing_times([(1.5, 1.5), (2.5, 1.5)]).tolist()
+        [2.0, 3.0]
+        """
+        rows = check_finite(q, "q", self.axes)
+        places = self._rotations.make_canonical(rows.reshape(-1, len(self.axes)))
+        way = self._segments, self._rotations, self._phases
+        times, gaps = follow_places(*way, places, ROW_ERROR)
+        if len(gaps) and gaps[-1] > ROW_ERROR:
+            number = np.unravel_index(len(gaps) - 1, rows.shape[:-1])
+            entry = f"q[{', '.join(map(str, number))}]" if number else "q"
+            after = " after the one before" if len(gaps) > 1 else ""
+            raise InputError(
+                entry,
+                f"is {gaps[-1]:.3g} {' or '.join(dict.fromkeys(self.units))} from the way{after}",
+                f"the robot passes places within {ROW_ERROR:g} of its way",
+            )
+        return times.reshape(rows.shape[:-1])
 
     def sample_uniform(self, rate: float) -> Trajectory:
         """Return the same motion with rows at a controller's rate.
