@@ -40,7 +40,6 @@ from planners._edges.local_planner import LocalPlanner
 from planners._edges.own_space import check_space
 from planners._motion.jerk import find_jerk_stop, find_motion
 from planners._motion.joint_limits import read_joint_limits
-from planners._motion.passing import TOLERANCE, follow_places
 from planners._motion.segments import (
     MAX_EDGE_TURN,
     Segments,
@@ -59,6 +58,7 @@ from planners._motion.smoothing import VIA_CELLS, Junction, make_polyline, smoot
 from planners._motion.speed_limits import PlacedLimits, place_limits
 from planners._motion.timing import (
     MAX_ERROR,
+    PASSING_TOLERANCE,
     IntervalMemo,
     LimitRates,
     MotionBounds,
@@ -69,6 +69,7 @@ from planners._motion.timing import (
     find_excesses,
     find_passes,
     find_stop,
+    follow_places,
     is_motion,
     join_motions,
     rest_early,
@@ -521,7 +522,7 @@ class Trajectory:
         if axes == self.axes:
             places = self._rotations.make_canonical(places)
         times, gaps = follow_places(self._segments, self._rotations, self._phases, places)
-        if gaps.max(initial=0.0) > TOLERANCE:
+        if gaps.max(initial=0.0) > PASSING_TOLERANCE:
             number = np.unravel_index(len(gaps) - 1, rows.shape[:-1])
             entry = f"q[{', '.join(map(str, number))}]" if number else "q"
             units = " or ".join(dict.fromkeys(self.units[: len(axes)]))
@@ -529,7 +530,7 @@ class Trajectory:
             raise InputError(
                 entry,
                 f"is {gaps[-1]:.3g} {units} from the way{after}",
-                f"the robot passes places within {TOLERANCE:g} of its way",
+                f"the robot passes places within {PASSING_TOLERANCE:g} of its way",
             )
         return times.reshape(rows.shape[:-1])
 

@@ -14,13 +14,14 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from cspace.inside import Bools, Floats, Ints, number_parts
-from planners._motion.passing import PLACE_SHARE, find_times
 from planners._motion.segments import place_along
 from planners._motion.timing import (
     MIN_SPEED,
+    PLACE_SHARE,
     Phases,
     bound_squares,
     find_excess,
+    find_times,
     is_motion,
     join_phases,
     measure_intervals,
