@@ -26,7 +26,6 @@ from cspace.inside import (
     check_each,
     check_finite,
     check_number,
-    check_points,
     check_positive,
     frozen,
     names_options,
@@ -58,7 +57,6 @@ from planners._motion.smoothing import VIA_CELLS, Junction, make_polyline, smoot
 from planners._motion.speed_limits import PlacedLimits, place_limits
 from planners._motion.timing import (
     MAX_ERROR,
-    PASSING_TOLERANCE,
     IntervalMemo,
     LimitRates,
     MotionBounds,
@@ -69,7 +67,6 @@ from planners._motion.timing import (
     find_excesses,
     find_passes,
     find_stop,
-    follow_places,
     is_motion,
     join_motions,
     rest_early,
@@ -89,6 +86,12 @@ ROUNDING: Final = 1e-13
 
 ROW_ERROR: Final = 1e-5
 """Largest distance of each joint, radians or metres, from rows that a straight motion joins."""
+
+VIA_ERROR: Final = 1e-4
+"""Largest distance of a place from a curve through it, metres or radians."""
+
+VIA_STEPS: Final = 16
+"""Parts of a phase in which a robot passes a place once."""
 
 SPEED_ROUNDING: Final = 1e-9
 """Share by which a bound of a speed grows for rounding."""
@@ -408,7 +411,7 @@ class Trajectory:
         return replace(
             self,
             exceeds_until=max(self.exceeds_until + float(phases.times[-1]) - self.duration, 0.0),
-            _route=self._route._replace(waypoints=waypoints),
+            _route=self._route._replace(waypoints=waypoints, vias=()),
             _segments=segments,
             _phases=phases,
         )
@@ -482,57 +485,41 @@ class Trajectory:
         positions, velocities, accelerations = (values.reshape(shape) for values in rows)
         return positions, velocities, accelerations
 
-    def passing_times(self, q: ArrayLike) -> Floats:
-        """Return when the robot passes places on its way, in their order.
+    @property
+    def via_times(self) -> Floats:
+        """When the robot reaches each place of ``via``, seconds, shape (v,).
 
-        Each place is passed as early as possible, but not before the one before it in ``q``. If the
-        robot rests there, the time is that of its arrival.
-
-        Parameters
-        ----------
-        q : array-like, shape (..., size) or (..., dim)
-            Configurations, or positions at any rotation, within 1e-4 m and rad of the way, such as
-            those of ``via``. Curves cut other corners of a plan, and turn with the way.
-
-        Returns
-        -------
-        ndarray of float64, shape (...)
-            Seconds.
-
-        Raises
-        ------
-        InputError
-            If a place is not finite, or not on the way after the one before it.
-
-        Examples
-        --------
-        >>> import numpy as np, cspace, planners
-        >>> workspace = cspace.Workspace.from_array(np.zeros((40, 30), dtype=bool), 0.1)
-        >>> space = cspace.build(workspace, cspace.Robot.disc(0.3))
-        >>> plan = planners.plan(space, (0.5, 1.5), (3.5, 1.5))
-        >>> trajectory = plan.trajectory(max_velocity=1.0, max_acceleration=0.5)
-        >>> trajectory.passing_times([(1.5, 1.5), (2.5, 1.5)]).tolist()
-        [2.0, 3.0]
+        A turn on the spot or a rest there comes after it. A motion of :meth:`braked` has no places.
         """
-        rows = check_finite(q, "q")
-        dim = self._bounds.velocity.dim
-        axes = self.axes[:dim] if rows.shape[-1:] == (dim,) else self.axes
-        rows = check_points(rows, "q", axes)
-        places = rows.reshape(-1, len(axes))
-        if axes == self.axes:
-            places = self._rotations.make_canonical(places)
-        times, gaps = follow_places(self._segments, self._rotations, self._phases, places)
-        if gaps.max(initial=0.0) > PASSING_TOLERANCE:
-            number = np.unravel_index(len(gaps) - 1, rows.shape[:-1])
-            entry = f"q[{', '.join(map(str, number))}]" if number else "q"
-            units = " or ".join(dict.fromkeys(self.units[: len(axes)]))
-            after = " after the one before" if len(gaps) > 1 else ""
-            raise InputError(
-                entry,
-                f"is {gaps[-1]:.3g} {units} from the way{after}",
-                f"the robot passes places within {PASSING_TOLERANCE:g} of its way",
-            )
-        return times.reshape(rows.shape[:-1])
+        begins, ends = self._phases.times[:-1], self._phases.times[1:]
+        grid = np.append(np.linspace(begins, ends, VIA_STEPS, endpoint=False, axis=1), ends[-1:])
+        times = [0.0]
+        for place in self._route.waypoints[list(self._route.vias)]:
+            times.append(self._find_pass(place, grid, times[-1]))
+        return np.array(times[1:])
+
+    def _find_pass(self, place: Floats, grid: Floats, after: float) -> float:
+        """Return when the robot first reaches a place on its way, at ``after`` or later.
+
+        Between two times of ``grid``, it comes nearest to a place at most once.
+        """
+        from scipy.optimize import brentq
+
+        columns = slice(self._bounds.velocity.dim)
+
+        def approach(t: float | Floats) -> tuple[Floats, Floats]:
+            """Return the distance along each axis, and the rate at which its square falls."""
+            rows, velocities, _ = self.sample(t)
+            steps = self._rotations.steps_between(rows, place)[..., columns]
+            return np.abs(steps), (steps * velocities[..., columns]).sum(axis=-1)
+
+        falls = approach(grid)[1]
+        rows = np.flatnonzero((falls[:-1] > 0.0) & (falls[1:] <= 0.0) & (grid[1:] >= after))
+        nearest = (
+            brentq(lambda t: approach(t)[1], *grid[row : row + 2], xtol=1e-12) for row in rows
+        )
+        later = (t for t in (after, *nearest) if t >= after)
+        return float(next(t for t in later if approach(t)[0].max() <= VIA_ERROR))
 
     def sample_uniform(self, rate: float) -> Trajectory:
         """Return the same motion with rows at a controller's rate.

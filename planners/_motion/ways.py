@@ -17,11 +17,9 @@ from cspace.inside import Bools, Floats, Ints, number_parts
 from planners._motion.segments import place_along
 from planners._motion.timing import (
     MIN_SPEED,
-    PLACE_SHARE,
     Phases,
     bound_squares,
     find_excess,
-    find_times,
     is_motion,
     join_phases,
     measure_intervals,
@@ -30,6 +28,12 @@ from planners._motion.trajectory import SPEED_ROUNDING, Trajectory
 
 TIME_SHARE: Final = 1.0 - 1e-5
 """Share of a least time that is proven. The rest covers rounding and the largest ramps."""
+
+PLACE_SHARE: Final = 1e-9
+"""Largest distance of equal places, as a share of the length of the way."""
+
+ROOT_STEPS: Final = 50
+"""Number of halvings that find a time."""
 
 SPEED_BINS: Final = 16
 """Number of speeds that labels of one place and time tell apart."""
@@ -152,11 +156,20 @@ def _measure_times(
 
 def _find_passes(trajectory: Trajectory, segments: Ints, begins: Floats, lengths: Floats) -> Floats:
     """Return the seconds at which a trajectory reaches and leaves ends of pieces, (2, n + 1)."""
-    whole = trajectory._segments.lengths
-    places = (np.cumsum(whole) - whole)[segments] + begins
+    phases = trajectory._phases
+    firsts = np.cumsum(trajectory._segments.lengths) - trajectory._segments.lengths
+    places = firsts[segments] + begins
     places = np.append(places, places[-1] + lengths[-1])
     slack = PLACE_SHARE * max(float(places[-1]), 1.0)
-    return find_times(trajectory._phases, whole, np.array([places - slack, places + slack]))
+    targets = np.array([places - slack, places + slack])
+    low, high = np.zeros(targets.shape), np.full(targets.shape, phases.times[-1])
+    for _ in range(ROOT_STEPS):
+        middle = 0.5 * (low + high)
+        numbers = np.maximum(np.searchsorted(phases.times, middle, side="right") - 1, 0)
+        along = phases.at(numbers, middle - phases.times[numbers])[0]
+        is_before = firsts[phases.segments[numbers]] + along < targets
+        low, high = np.where(is_before, middle, low), np.where(is_before, high, middle)
+    return np.asarray(high)
 
 
 def wait_first(trajectory: Trajectory, seconds: float) -> Trajectory:

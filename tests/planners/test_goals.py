@@ -664,7 +664,6 @@ def test_path_and_trajectory_go_through_places_on_the_way(drive):
     assert flowing.certified and halting.certified
     # A curve around a sharp corner may take longer than a turn on the spot.
     assert flowing.duration < halting.duration or drive in ("differential", "differential-reverse")
-    is_tank = drive in ("differential", "differential-reverse")
     asks_yaw = [False, False, True]
     for number, (row, is_given) in enumerate(zip(rows, asks_yaw, strict=True)):
         size = 3 if is_given or drive not in ("differential", "differential-reverse") else 2
@@ -674,13 +673,9 @@ def test_path_and_trajectory_go_through_places_on_the_way(drive):
         assert speed > 0.05 or rests or number == 1, (number, speed)
         gap, speed = pass_near(halting, row, size)
         assert gap < 7e-7 and speed < 0.02
-    passed = flowing.passing_times(rows[:, :2])
-    assert flowing.sample(passed)[0][:, :2] == pytest.approx(rows[:, :2], abs=7e-7)
-    if not is_tank:
-        assert flowing.passing_times(rows) == pytest.approx(passed, abs=1e-5)
-    arrived = halting.passing_times(rows[2])
-    assert halting.sample(arrived)[0] == pytest.approx(rows[2], abs=1e-6)
-    assert np.abs(halting.sample(arrived)[1]).max() < 0.02
+    for trajectory in (flowing, halting):
+        passed = trajectory.sample(trajectory.via_times)[0]
+        assert passed[:, :2] == pytest.approx(rows[:, :2], abs=7e-7)
 
 
 @pytest.mark.parametrize("speed, gain", [(3.0, 0.1), (100.0, 0.01)])

@@ -485,11 +485,6 @@ def plan_in(name, **options):
         lambda: plan_in("plane").trajectory(**LIMITS).recheck(build_room("plane"), after=99.0),
         "after is 99 ... to 15.1423",
     ),
-    (
-        lambda: plan_in("plane").trajectory(**LIMITS).passing_times((-5.0, 2.0)),
-        "q is 6 m from the way ... within 0.0001",
-    ),
-    (lambda: plan_in("plane").trajectory(**LIMITS).passing_times([1.0]), "q has shape (1,)"),
     (lambda: plan_in("plane").trajectory(**LIMITS).sample_uniform(math.nan), "rate is nan"),
     (lambda: plan_in("plane").trajectory(**LIMITS).sample(math.nan), "t is nan"),
 )

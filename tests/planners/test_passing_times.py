@@ -1,6 +1,6 @@
 """Times at which trajectories pass places, and proofs of what lies ahead of a time.
 
-Oracles: the times of trapezoids, the inverse of ``sample``, and shapely along dense samples.
+Oracles: the times of trapezoids, ``sample``, and shapely along dense samples.
 """
 
 import copy
@@ -10,17 +10,16 @@ import numpy as np
 import pytest
 import shapely
 from hypothesis import given
-from hypothesis import strategies as st
 
 import cspace
 import planners
 from cspace import InputError
+from tests.helpers.drives import make_drive
 from tests.helpers.handmade import build_empty
 from tests.helpers.motions import LIMITS, build_plan, make_limits
 from tests.helpers.placements import collides
 from tests.helpers.strategies import examples, few, seeds
 from tests.helpers.urdfs import planar
-from tests.planners.test_trajectory import draw_limits, draw_waypoints, kinds, plan_along
 
 DRIVES = [
     ("differential", 36),
@@ -28,6 +27,9 @@ DRIVES = [
     ("holonomic", 36),
     ("reeds-shepp", 36),
 ]
+
+
+SLOW = {"max_velocity": 1.0, "max_acceleration": 0.5}
 
 
 def time_of(metres, length, speed=1.0, gain=0.5):
@@ -38,112 +40,60 @@ def time_of(metres, length, speed=1.0, gain=0.5):
     return math.sqrt(2.0 * metres / gain) if metres < ramp else metres / speed + 0.5 * speed / gain
 
 
-# ---- passing times -------------------------------------------------------------------------------
+# ---- places on the way ---------------------------------------------------------------------------
 
 
-@given(st.lists(st.floats(0.0, 6.0), max_size=8))
-def test_places_on_a_line_are_passed_at_the_times_of_the_formula(metres):
-    trajectory = plan_along("plane", [(1.0, 2.0), (7.0, 2.0)]).trajectory(
-        max_velocity=1.0, max_acceleration=0.5
-    )
-    metres = np.sort(metres)
-    places = np.column_stack([1.0 + metres, np.full(len(metres), 2.0)])
-    expected = [time_of(each, 6.0) for each in metres]
-    # Places within 1e-9 of the way's length from a rest count as that rest.
-    assert trajectory.passing_times(places) == pytest.approx(expected, abs=2e-4)
-    slow = trajectory.duration * 2.0
-    slowed = plan_along("plane", [(1.0, 2.0), (7.0, 2.0)]).trajectory(
-        max_velocity=1.0, max_acceleration=0.5, duration=slow
-    )
-    inner = (metres > 0.01) & (metres < 5.99)
-    found = trajectory.passing_times(places)[inner]
-    assert found == pytest.approx(np.array(expected)[inner], abs=1e-9)
-    assert slowed.passing_times(places) == pytest.approx(2.0 * np.array(expected), abs=4e-4)
+def test_places_on_a_line_are_passed_at_the_times_of_the_formula():
+    space = build_empty((120, 60), cspace.Robot.disc(0.3))
+    via = [(2.0, 3.0), (4.5, 3.0), (10.0, 3.0), (10.0, 3.0)]
+    plan = planners.plan(space, (1.0, 3.0), (11.0, 3.0), via=via)
+    expected = [time_of(x - 1.0, 10.0) for x, _ in via]
+    assert plan.trajectory(**SLOW).via_times == pytest.approx(expected)
+    slow = plan.trajectory(**SLOW, duration=24.0)
+    assert slow.via_times == pytest.approx(2.0 * np.array(expected))
+    assert planners.plan(space, (1, 3), (2, 3)).trajectory(**SLOW).via_times.shape == (0,)
 
 
-def test_places_are_taken_in_order_where_the_way_passes_them_twice():
-    # From 0 m to 4 m, back to 1 m, and on to 6 m; rests at 4 m and 1 m.
-    rows = [(0.0, 0.0), (4.0, 0.0), (1.0, 0.0), (6.0, 0.0)]
-    trajectory = plan_along("plane", rows).trajectory(max_velocity=1.0, max_acceleration=0.5)
-    back, again = time_of(4.0, 4.0), time_of(4.0, 4.0) + time_of(3.0, 3.0)
-
-    def pass_at(*metres):
-        return trajectory.passing_times([(each, 0.0) for each in metres]).tolist()
-
-    ahead = [time_of(1.0, 4.0), time_of(3.0, 4.0)]
-    assert pass_at(1.0, 3.0) == pytest.approx(ahead)
-    assert pass_at(3.0, 1.0) == pytest.approx([ahead[1], again])
-    assert pass_at(4.0, 3.0) == pytest.approx([back, back + time_of(1.0, 3.0)])
-    thrice = [ahead[1], back, back + time_of(1.0, 3.0), again, again + time_of(2.0, 5.0)]
-    assert pass_at(3.0, 4.0, 3.0, 1.0, 3.0) == pytest.approx(thrice)
-    assert pass_at(3.0, 3.0) == pytest.approx([ahead[1]] * 2)
-    with pytest.raises(InputError, match=r"q\[2\] is 1 m from the way after the one before"):
-        pass_at(6.0, 6.0, 5.0)
-    assert trajectory.passing_times((4.0, 0.0)) == pytest.approx(back)
-    assert trajectory.passing_times(np.zeros((0, 2))).shape == (0,)
-    assert trajectory.passing_times(np.zeros((2, 3, 2))).tolist() == [[0.0] * 3] * 2
-
-
-def test_positions_are_passed_at_any_rotation():
-    # It turns on the spot for 1 + 1 s, drives 2 m, and turns back.
-    rows = [(0.0, 0.0, 0.0), (0.0, 0.0, 1.0), (2.0, 0.0, 1.0), (2.0, 0.0, 0.0)]
-    limits = {"max_velocity": 1.0, "max_acceleration": 1.0}
-    turns = {"max_angular_velocity": 1.0, "max_angular_acceleration": 1.0}
-    trajectory = plan_along("turning", rows).trajectory(**limits, **turns)
-    expected = [0.0, 2.0 + time_of(0.5, 2.0, 1.0, 1.0), 5.0]
-    places = [(0.0, 0.0), (0.5, 0.0), (2.0, 0.0)]
-    assert trajectory.passing_times(places) == pytest.approx(expected)
-    assert trajectory.passing_times(rows) == pytest.approx([0.0, 2.0, 5.0, 7.0])
-    assert trajectory.passing_times(np.add(rows, (0.0, 0.0, math.tau))) == pytest.approx(
-        trajectory.passing_times(rows)
-    )
-
-
-def check_inverse(trajectory, rng, count=20):
-    """Check passing times of samples, up to places within the tolerance before them."""
-    t = np.sort(rng.uniform(0.0, trajectory.duration, count))
-    places = trajectory.sample(t)[0]
-    found = trajectory.passing_times(places)
-    # Within 1e-9 of a rest, with limited jerk, times differ by milliseconds.
-    assert (found <= t + 5e-3).all()
-    others = trajectory.sample(found)[0]
-    gaps = np.abs(others - places)
-    if "yaw" in trajectory.axes:
-        gaps[:, 2] = np.abs(np.remainder(gaps[:, 2] + math.pi, math.tau) - math.pi)
-    assert gaps.max() < 1e-4
-    assert np.median(t - found) < 1e-6
-
-
-@examples(60)
-@given(seeds, st.integers(2, 5), kinds, st.booleans())
-def test_times_of_places_are_the_inverse_of_samples(seed, count, kind, has_jerk):
-    rng = np.random.default_rng(seed)
-    jerk = {"max_jerk": 2.0} if has_jerk else {}
-    plan = plan_along(kind, draw_waypoints(kind, rng, count))
-    check_inverse(plan.trajectory(**draw_limits(kind, rng), **jerk), rng)
+@pytest.mark.parametrize("stops", [False, True])
+def test_places_are_taken_in_order_where_the_way_passes_them_twice(stops):
+    # From 1 m to 5 m, back to 2 m, and on to 7 m; it rests at 5 m and 2 m.
+    space = build_empty((120, 60), "disc:0.3")
+    via = [(3.0, 3.0), (5.0, 3.0), (3.0, 3.0), (2.0, 3.0), (3.0, 3.0)]
+    plan = planners.plan(space, (1.0, 3.0), (7.0, 3.0), via=via)
+    times = plan.trajectory(**SLOW, stop_at_via=stops).via_times
+    if stops:
+        legs = [4.0, 4.0, 4.0, math.sqrt(8.0), math.sqrt(8.0)]
+        assert times == pytest.approx(np.cumsum(legs))
+    else:
+        back, again = time_of(4.0, 4.0), time_of(4.0, 4.0) + time_of(3.0, 3.0)
+        expected = [time_of(2.0, 4.0), back, back + time_of(2.0, 3.0), again]
+        assert times == pytest.approx([*expected, again + time_of(1.0, 5.0)], abs=1e-3)
 
 
 @pytest.mark.parametrize("drive, rotations", few(DRIVES))
-def test_places_on_curves_are_passed_when_they_are_sampled(drive, rotations):
-    plan = build_plan(1, drive, rotations)
+@examples(20)
+@given(seeds)
+def test_a_robot_is_at_each_place_at_its_time(drive, rotations, seed):
+    rng = np.random.default_rng(seed)
+    space = build_empty((80, 80), cspace.Robot.rectangle(0.4, 0.3), rotations=rotations)
+    places = rng.uniform(1.0, 7.0, (5, 2))
+    rows = places if rotations is None else np.column_stack([places, rng.uniform(-3, 3, 5)])
+    plan = planners.plan(space, rows[0], rows[-1], via=rows[1:-1], drive=make_drive(drive))
     for jerk in ({}, {"max_jerk": 2.0}):
         trajectory = plan.trajectory(**make_limits(rotations, drive), **jerk)
-        check_inverse(trajectory, np.random.default_rng(0), 40)
-        later = trajectory.braked(0.4 * trajectory.duration)
-        check_inverse(later, np.random.default_rng(0), 5)
-        off = trajectory.positions[[0, 5]] + ((0.0,), (0.01,))
-        with pytest.raises(InputError, match=r"q\[1\] is 0\.0"):
-            trajectory.passing_times(off)
+        times = trajectory.via_times
+        assert (np.diff(times) > 0.0).all() and times[0] > 0.0 and times[-1] < trajectory.duration
+        assert trajectory.sample(times)[0][:, :2] == pytest.approx(places[1:-1], abs=1e-4)
+    assert trajectory.braked(0.4 * trajectory.duration).via_times.shape == (0,)
 
 
-def test_rounded_rows_of_an_arm_are_on_its_way(tmp_path):
+def test_joints_pass_places_in_time(tmp_path):
     pytest.importorskip("yourdfpy")
     space = cspace.build_arm_space({}, cspace.Arm.from_urdf(planar(tmp_path)))
-    rows = np.round(np.linspace((-0.6, 0.3), (1.4, -0.2), 50), 4)
-    straight = planners.Trajectory.along(space, rows[[0, -1]], max_velocity=1, max_acceleration=2)
-    expected = [time_of(each, 2.0, 1.0, 2.0) for each in np.linspace(0.0, 2.0, 50)]
-    assert straight.passing_times(rows) == pytest.approx(expected, abs=2e-4 + math.sqrt(1e-4))
-    assert straight.passing_times(rows)[10:-10] == pytest.approx(expected[10:-10], abs=2e-4)
+    via = [(0.4, 0.2), (0.2, 0.5)]
+    plan = planners.plan(space, (-0.6, 0.3), (1.0, -0.2), via=via)
+    trajectory = plan.trajectory(max_velocity=1.0, max_acceleration=2.0)
+    assert trajectory.sample(trajectory.via_times)[0] == pytest.approx(np.array(via), abs=1e-4)
 
 
 # ---- what lies ahead -----------------------------------------------------------------------------
@@ -185,7 +135,7 @@ def test_a_recheck_ahead_cuts_the_part_that_the_robot_is_on():
     trajectory = planners.plan(space, (1.0, 3.0), (11.0, 3.0)).trajectory(**LIMITS)
     space.add_obstacle("crate", shapely.box(4.9, 2.9, 5.1, 3.1))
     # The robot's front leaves the crate at 5.4 m, and its cells at 5.6 m.
-    past, before = (trajectory.passing_times((x, 3.0)) for x in (5.65, 5.35))
+    past, before = (time_of(x - 1.0, 10.0, 1.2, 0.8) for x in (5.65, 5.35))
     assert trajectory.recheck(space, after=past).tolist() == [True]
     assert trajectory.recheck(space, after=before).tolist() == [False]
     assert trajectory.recheck(space, after=0.0).tolist() == [False]

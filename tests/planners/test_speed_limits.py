@@ -380,7 +380,8 @@ def test_a_recheck_asks_limits_near_obstacles_again():
     assert trajectory.recheck(space).all()
     space.add_obstacle("cart", box(3.5, 2.8, 4.5, 3.5))
     assert plan.recheck().all() and not trajectory.recheck(space).all()
-    before, past = trajectory.passing_times([(3.6, 2.0), (6.4, 2.0)])
+    passed = trajectory.positions[:, 0]
+    before, past = trajectory.times[[passed.searchsorted(3.6), passed.searchsorted(6.4)]]
     assert trajectory.recheck(space, after=past).all()
     assert not trajectory.recheck(space, after=before).all()
     slower = plan.trajectory(**LIMITS, speed=near)
