@@ -103,18 +103,24 @@ class Phases(NamedTuple):
 
 
 def cut_phases(phases: Phases, t: float) -> Phases:
-    """Cut phases at a time and the next rest."""
+    """Cut phases at a time."""
     first = int(np.searchsorted(phases.times, t, side="right")) - 1
-    rests = np.flatnonzero(phases.speeds[first + 1 :] == 0.0)
-    cut = Phases._make(column[first : first + 2 + rests[0]].copy() for column in phases)
+    cut = Phases._make(column[first:].copy() for column in phases)
     place, speed, gain = phases.at(np.array([first]), np.array([t - phases.times[first]]))
     cut.positions[0], cut.speeds[0], cut.accelerations[0] = place[0], speed[0], gain[0]
     cut.times[0] = t
+    return cut._replace(times=cut.times - t)
+
+
+def rest_early(phases: Phases) -> Phases:
+    """Cut phases of a robot in motion at its next rest."""
+    rests = np.flatnonzero(phases.speeds[1:] == 0.0)
+    cut = Phases._make(column[: 2 + rests[0]].copy() for column in phases)
     if cut.segments[-1] != cut.segments[-2]:  # it rests at the end of a segment
         cut.segments[-1] = cut.segments[-2]
         cut.positions[-1] = cut.ends()[0][-1]
     cut.accelerations[-1] = cut.jerks[-1] = 0.0
-    return cut._replace(times=cut.times - t)
+    return cut
 
 
 class LimitRates(NamedTuple):

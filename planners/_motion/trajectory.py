@@ -25,6 +25,7 @@ from cspace.inside import (
     Upright,
     check_each,
     check_finite,
+    check_number,
     check_positive,
     frozen,
     names_options,
@@ -68,6 +69,7 @@ from planners._motion.timing import (
     find_stop,
     is_motion,
     join_motions,
+    rest_early,
     slow_down,
     trim_segments,
 )
@@ -84,6 +86,12 @@ ROUNDING: Final = 1e-13
 
 ROW_ERROR: Final = 1e-5
 """Largest distance of each joint, radians or metres, from rows that a straight motion joins."""
+
+VIA_ERROR: Final = 1e-4
+"""Largest distance of a place from a curve through it, metres or radians."""
+
+VIA_STEPS: Final = 16
+"""Parts of a phase in which a robot passes a place once."""
 
 SPEED_ROUNDING: Final = 1e-9
 """Share by which a bound of a speed grows for rounding."""
@@ -259,7 +267,8 @@ class Trajectory:
         """Frame of the positions in ROS, as of the plan."""
         return self._route.frame_id
 
-    def recheck(self, space: Space) -> Bools:
+    @names_options
+    def recheck(self, space: Space, *, after: float = 0.0) -> Bools:
         """Prove each part of the curve again, among present obstacles.
 
         Limits of places are checked again, too, :class:`planners.SlowNear` on its own map. A part
@@ -270,21 +279,35 @@ class Trajectory:
         ----------
         space : Space
             A map of the same robot, such as ``plan.space``.
+        after : float
+            Seconds. Only what the robot has ahead at this time is proven, from exactly where it is
+            then; what it has passed may be blocked. The part that it is on is cut there. A motion
+            that is proven as a whole is proven ahead, too.
 
         Returns
         -------
         ndarray of bool, shape (m,)
             True if a part is proven free now, and slow enough. The parts of a smooth path are its
             straight lines, its turns on the spot, and the spans of its curves. Without curves, they
-            are the edges, as in :meth:`planners.Plan.recheck`.
+            are the edges, as in :meth:`planners.Plan.recheck`. With ``after``, the last ones, and
+            the edges may be cut into more.
 
         Raises
         ------
         InputError
-            If ``space`` is no :class:`cspace.Space`, or has other axes.
+            If ``space`` is no :class:`cspace.Space`, or has other axes, or ``after`` is not from 0
+            to :attr:`duration`.
         """
         check_space(space)
         check_axes(space, self.axes, "trajectory")
+        begin = check_number(after, "after")
+        if not 0.0 <= begin <= self.duration:
+            last, first = tell_apart(self.duration, begin)
+            raise InputError("after", f"is {first}", f"the motion takes from 0 to {last} s")
+        if begin:
+            ahead = self._cut(self._segments, cut_phases(self._phases, begin)).recheck(space)
+            # Proofs of a part and of the whole may differ in narrow places.
+            return ahead if ahead.all() else ahead | self.recheck(space).all()
         is_slow = ~self._find_fast()
         if not self._segments.is_curve.any():
             is_slow = np.asarray(is_slow.all())
@@ -357,7 +380,7 @@ class Trajectory:
         if self._bounds.jerk is None or speed == 0.0:
             phases = find_stop(*path, *state)
         else:
-            later = cut_phases(self._phases, float(clipped[0]))
+            later = rest_early(cut_phases(self._phases, float(clipped[0])))
             later = later._replace(segments=later.segments - first)
             jerk = self._bounds.jerk
             stops = [find_jerk_stop(*path, jerk, *state, float(gain))]
@@ -368,21 +391,30 @@ class Trajectory:
             # The robot can also follow its motion until it rests.
             found = [phases for phases in (*stops, later) if phases is not None]
             phases = min(found, key=lambda each: (find_excess(*path, each), _last_time(each)))
-        segments, phases = trim_segments(ahead, phases)
-        cut = _cut_driven(segments, phases, self._rotations)
-        waypoints = self._rotations.make_canonical(_make_waypoints(cut, self._rotations))
-        ends = np.concatenate([place, waypoints[-1:]])
+        stop = self._cut(ahead, phases)
+        segments, phases = stop._segments, stop._phases
+        ends = np.concatenate([place, stop._route.waypoints[-1:]])
         timing = ends, segments, self._rotations, phases, self._bounds
         stop = replace(
-            self,
+            stop,
             certified=self.certified and is_motion(*timing, velocity, acceleration),
             stop_reason="braked() was called",
             exceeds_until=find_excess(segments, self._rotations, self._bounds, phases),
-            _route=self._route._replace(waypoints=waypoints),
+        )
+        return stop._set_rows(stop._row_times(0.1))  # seconds
+
+    def _cut(self, segments: Segments, phases: Phases) -> Trajectory:
+        """Return the part of the motion that has these phases, without its rows."""
+        segments, phases = trim_segments(segments, phases)
+        cut = _cut_driven(segments, phases, self._rotations)
+        waypoints = self._rotations.make_canonical(_make_waypoints(cut, self._rotations))
+        return replace(
+            self,
+            exceeds_until=max(self.exceeds_until + float(phases.times[-1]) - self.duration, 0.0),
+            _route=self._route._replace(waypoints=waypoints, vias=()),
             _segments=segments,
             _phases=phases,
         )
-        return stop._set_rows(stop._row_times(0.1))  # seconds
 
     def starts_after(self, t: float) -> Floats:
         """Return the starts of plans that continue from a time.
@@ -452,6 +484,42 @@ class Trajectory:
         shape = (*times.shape, len(self.axes))
         positions, velocities, accelerations = (values.reshape(shape) for values in rows)
         return positions, velocities, accelerations
+
+    @property
+    def via_times(self) -> Floats:
+        """When the robot reaches each place of ``via``, seconds, shape (v,).
+
+        A turn on the spot or a rest there comes after it. A motion of :meth:`braked` has no places.
+        """
+        begins, ends = self._phases.times[:-1], self._phases.times[1:]
+        grid = np.append(np.linspace(begins, ends, VIA_STEPS, endpoint=False, axis=1), ends[-1:])
+        times = [0.0]
+        for place in self._route.waypoints[list(self._route.vias)]:
+            times.append(self._find_pass(place, grid, times[-1]))
+        return np.array(times[1:])
+
+    def _find_pass(self, place: Floats, grid: Floats, after: float) -> float:
+        """Return when the robot first reaches a place on its way, at ``after`` or later.
+
+        Between two times of ``grid``, it comes nearest to a place at most once.
+        """
+        from scipy.optimize import brentq
+
+        columns = slice(self._bounds.velocity.dim)
+
+        def approach(t: float | Floats) -> tuple[Floats, Floats]:
+            """Return the distance along each axis, and the rate at which its square falls."""
+            rows, velocities, _ = self.sample(t)
+            steps = self._rotations.steps_between(rows, place)[..., columns]
+            return np.abs(steps), (steps * velocities[..., columns]).sum(axis=-1)
+
+        falls = approach(grid)[1]
+        rows = np.flatnonzero((falls[:-1] > 0.0) & (falls[1:] <= 0.0) & (grid[1:] >= after))
+        nearest = (
+            brentq(lambda t: approach(t)[1], *grid[row : row + 2], xtol=1e-12) for row in rows
+        )
+        later = (t for t in (after, *nearest) if t >= after)
+        return float(next(t for t in later if approach(t)[0].max() <= VIA_ERROR))
 
     def sample_uniform(self, rate: float) -> Trajectory:
         """Return the same motion with rows at a controller's rate.

@@ -673,6 +673,9 @@ def test_path_and_trajectory_go_through_places_on_the_way(drive):
         assert speed > 0.05 or rests or number == 1, (number, speed)
         gap, speed = pass_near(halting, row, size)
         assert gap < 7e-7 and speed < 0.02
+    for trajectory in (flowing, halting):
+        passed = trajectory.sample(trajectory.via_times)[0]
+        assert passed[:, :2] == pytest.approx(rows[:, :2], abs=7e-7)
 
 
 @pytest.mark.parametrize("speed, gain", [(3.0, 0.1), (100.0, 0.01)])

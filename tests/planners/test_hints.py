@@ -481,6 +481,10 @@ def plan_in(name, **options):
         lambda: plan_in("plane").trajectory(**LIMITS).recheck(build_room("turning")),
         "space has the axes x, y, yaw",
     ),
+    (
+        lambda: plan_in("plane").trajectory(**LIMITS).recheck(build_room("plane"), after=99.0),
+        "after is 99 ... to 15.1423",
+    ),
     (lambda: plan_in("plane").trajectory(**LIMITS).sample_uniform(math.nan), "rate is nan"),
     (lambda: plan_in("plane").trajectory(**LIMITS).sample(math.nan), "t is nan"),
 )

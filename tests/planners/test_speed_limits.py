@@ -380,6 +380,10 @@ def test_a_recheck_asks_limits_near_obstacles_again():
     assert trajectory.recheck(space).all()
     space.add_obstacle("cart", box(3.5, 2.8, 4.5, 3.5))
     assert plan.recheck().all() and not trajectory.recheck(space).all()
+    passed = trajectory.positions[:, 0]
+    before, past = trajectory.times[[passed.searchsorted(3.6), passed.searchsorted(6.4)]]
+    assert trajectory.recheck(space, after=past).all()
+    assert not trajectory.recheck(space, after=before).all()
     slower = plan.trajectory(**LIMITS, speed=near)
     assert slower.recheck(space).all() and slower.duration > trajectory.duration
     # A stop brakes as quickly as before, and tells until when it is too fast.
