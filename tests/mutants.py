@@ -1862,6 +1862,85 @@ MUTANTS = (
         "False)",
         "tests/queries/test_leaving.py",
     ),
+    # Weights of driving, places near goals, closest points, and times on the way.
+    Mutant(
+        "planners/_edges/car_curves.py",
+        "total = radius * curves.switch_cost * count_switches(words.lengths, 0)",
+        "total = curves.switch_cost * count_switches(words.lengths, 0)",
+        "tests/planners/test_cheap_drives.py",
+    ),
+    Mutant(
+        "planners/_edges/car_curves.py",
+        "total = curves.switch_cost * count_switches(all_lengths, row)",
+        "total = 0.0",
+        "tests/planners/test_cheap_drives.py tests/planners/test_car_curves.py",
+    ),
+    Mutant(
+        "planners/_edges/car_curves.py",
+        "total += abs(length) * (curves.reverse_cost if length < 0.0 else 1.0)",
+        "total += abs(length)",
+        "tests/planners/test_cheap_drives.py tests/planners/test_car_curves.py",
+    ),
+    Mutant(
+        "planners/_edges/differential.py",
+        "price = self.drive.reverse_cost",
+        "price = 1.0",
+        "tests/planners/test_cheap_drives.py",
+    ),
+    Mutant(
+        "planners/_edges/cars.py",
+        "return cost + self.drive.switch_cost * changes.count(True)",
+        "return cost",
+        "tests/planners/test_cheap_drives.py",
+    ),
+    Mutant(
+        "planners/_goals.py",
+        "kept[kept] = np.any(joined, axis=0)",
+        "np.any(joined, axis=0)",
+        "tests/planners/test_goals.py",
+    ),
+    Mutant(
+        "planners/_goals.py",
+        "rows[np.lexsort((turns, lengths))[0]]",
+        "rows[np.lexsort((lengths, turns))[0]]",
+        "tests/planners/test_goals.py",
+    ),
+    Mutant(
+        "cspace/arms/_model.py",
+        "reach = (1.0 + 1e-9) * (self.chain.lengths[0, body] + np.linalg.norm(tool[:3, 3]))",
+        "reach = (1.0 + 1e-9) * self.chain.lengths[0, body]",
+        "tests/arms/test_inverse.py",
+    ),
+    Mutant(
+        "cspace/_exact/proofs.py",
+        "turns = np.cross(points[0] - positions[0], away)",
+        "turns = np.cross(points[1] - points[0], away)",
+        "tests/exact/test_closest.py",
+    ),
+    Mutant(
+        "cspace/_exact/proofs.py",
+        "bare = boundaries._replace(required=boundaries.required - scale * self._margin)",
+        "bare = boundaries",
+        "tests/exact/test_closest.py",
+    ),
+    Mutant(
+        "planners/_motion/trajectory.py",
+        "return ahead if ahead.all() else ahead | self.recheck(space).all()",
+        "return ahead | True",
+        "tests/planners/test_passing_times.py",
+    ),
+    Mutant(
+        "planners/_motion/trajectory.py",
+        "cut_phases(self._phases, begin)",
+        "cut_phases(self._phases, min(begin + 1.0, self.duration))",
+        "tests/planners/test_passing_times.py",
+    ),
+    Mutant(
+        "cspace/_shapes/mesh.py",
+        "max(1e-6, 16.0 * _CRACK_WIDTH * span)",
+        "1e-6",
+        "tests/test_floor.py",
+    ),
 )
 
 

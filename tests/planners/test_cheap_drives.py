@@ -230,6 +230,19 @@ def test_costs_of_one_for_each_metre_change_nothing(drive):
         np.testing.assert_array_equal(plan.waypoints, short.waypoints)
 
 
+def test_costs_of_one_for_each_metre_leave_costs_of_switches():
+    space = build_world(0)
+    costs = planners.WeightedLength(np.zeros((len(space.slice_rotations), 60, 50)))
+    car = planners.Car(0.4, reverse=True, switch_cost=0.5)
+    totals = np.zeros(2)
+    for ends in space.sample_free(12, np.random.default_rng([0, 9])).reshape(6, 2, 3):
+        for k, options in enumerate(({}, {"objective": costs})):
+            totals[k] += measure_driving(
+                planners.plan(space, *ends, drive=car, **options), 1.0, 0.5
+            )
+    assert totals[1] == pytest.approx(totals[0], rel=0.002)
+
+
 # ---- costs of reversing ---------------------------------------------------------------------------
 
 
@@ -288,6 +301,25 @@ def test_plans_reverse_less_where_reversing_costs_more(drive):
                     ratios.append(pair[0] / pair[1])
                     saved += pair[0] < 0.95 * pair[1]
     assert max(ratios) < 1.01 and saved >= 4
+
+
+def test_of_plans_for_several_costs_each_is_the_cheapest_by_its_own():
+    prices = [(1.0, 2.0), (1.0, 5.0), (3.0, 0.0)]
+    names = "reverse_cost", "switch_cost"
+    cars = [
+        planners.Car(0.4, reverse=True, **dict(zip(names, price, strict=True))) for price in prices
+    ]
+    ratios = []
+    for seed in range(3):
+        space = build_world(seed)
+        rng = np.random.default_rng([seed, 9])
+        for ends in space.sample_free(12, rng).reshape(6, 2, 3):
+            plans = [planners.plan(space, *ends, drive=car) for car in cars]
+            if all(plans):
+                costs = [[measure_driving(plan, *price) for plan in plans] for price in prices]
+                ratios += [row[k] / min(row) for k, row in enumerate(costs)]
+    # A lattice finds no cheapest path.
+    assert len(ratios) > 20 and np.mean(ratios) < 1.02
 
 
 @pytest.mark.parametrize("price", few([3.0, 1.5, 6.0]))
