@@ -1894,6 +1894,12 @@ MUTANTS = (
         "tests/planners/test_cheap_drives.py",
     ),
     Mutant(
+        "planners/_searches/lattice.py",
+        "total += motions.switch_cost",
+        "total += 0.0",
+        "tests/planners/test_cheap_drives.py",
+    ),
+    Mutant(
         "planners/_goals.py",
         "kept[kept] = np.any(joined, axis=0)",
         "np.any(joined, axis=0)",
@@ -1925,8 +1931,8 @@ MUTANTS = (
     ),
     Mutant(
         "planners/_motion/trajectory.py",
-        "return ahead if ahead.all() else ahead | self.recheck(space).all()",
-        "return ahead | True",
+        "return proven if proven.all() else proven | self.recheck(space).all()",
+        "return proven | True",
         "tests/planners/test_passing_times.py",
     ),
     Mutant(

@@ -112,7 +112,7 @@ def cut_phases(phases: Phases, t: float) -> Phases:
     return cut._replace(times=cut.times - t)
 
 
-def rest_early(phases: Phases) -> Phases:
+def cut_at_rest(phases: Phases) -> Phases:
     """Cut phases of a robot in motion at its next rest."""
     rests = np.flatnonzero(phases.speeds[1:] == 0.0)
     cut = Phases._make(column[: 2 + rests[0]].copy() for column in phases)

@@ -62,6 +62,7 @@ from planners._motion.timing import (
     MotionBounds,
     Phases,
     are_same_bounds,
+    cut_at_rest,
     cut_phases,
     find_excess,
     find_excesses,
@@ -69,7 +70,6 @@ from planners._motion.timing import (
     find_stop,
     is_motion,
     join_motions,
-    rest_early,
     slow_down,
     trim_segments,
 )
@@ -305,9 +305,11 @@ class Trajectory:
             last, first = tell_apart(self.duration, begin)
             raise InputError("after", f"is {first}", f"the motion takes from 0 to {last} s")
         if begin:
-            ahead = self._cut(self._segments, cut_phases(self._phases, begin)).recheck(space)
+            ahead = self._cut(self._segments, cut_phases(self._phases, begin))
+            ahead = replace(ahead, exceeds_until=max(self.exceeds_until - begin, 0.0))
+            proven = ahead.recheck(space)
             # Proofs of a part and of the whole may differ in narrow places.
-            return ahead if ahead.all() else ahead | self.recheck(space).all()
+            return proven if proven.all() else proven | self.recheck(space).all()
         is_slow = ~self._find_fast()
         if not self._segments.is_curve.any():
             is_slow = np.asarray(is_slow.all())
@@ -380,7 +382,7 @@ class Trajectory:
         if self._bounds.jerk is None or speed == 0.0:
             phases = find_stop(*path, *state)
         else:
-            later = rest_early(cut_phases(self._phases, float(clipped[0])))
+            later = cut_at_rest(cut_phases(self._phases, float(clipped[0])))
             later = later._replace(segments=later.segments - first)
             jerk = self._bounds.jerk
             stops = [find_jerk_stop(*path, jerk, *state, float(gain))]
@@ -410,7 +412,6 @@ class Trajectory:
         waypoints = self._rotations.make_canonical(_make_waypoints(cut, self._rotations))
         return replace(
             self,
-            exceeds_until=max(self.exceeds_until + float(phases.times[-1]) - self.duration, 0.0),
             _route=self._route._replace(waypoints=waypoints, vias=()),
             _segments=segments,
             _phases=phases,

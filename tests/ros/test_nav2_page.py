@@ -26,7 +26,7 @@ pytestmark = pytest.mark.skipif(
 
 def test_the_robot_of_a_first_path_arrives(tmp_path):
     page = (ROOT / "docs/howto/nav2.md").read_text(encoding="utf-8").replace(USUAL, PREFIX)
-    build, launch, ask = re.findall(r"^```sh\n(.*?)^```", page, re.MULTILINE | re.DOTALL)
+    build, launch, ask, *_ = re.findall(r"^```sh\n(.*?)^```", page, re.MULTILINE | re.DOTALL)
     clone = tmp_path / "clone"
     subprocess.run(["git", "clone", "-q", ROOT, clone], check=True)
     run = {"cwd": clone, "executable": "/bin/bash", "shell": True, "text": True}

@@ -56,8 +56,10 @@ class Drive {
       const double turn = std::min(angle, std::max(yaw_step, M_PI_2));
       arcs.insert(arcs.end(), {{radius_ * turn, turn}, {radius_ * turn, -turn}});
     }
-    const double gentle = std::max(4.0 * length, radius_ * yaw_step);
-    if (backs_out) arcs.insert(arcs.end(), {{gentle, yaw_step}, {gentle, -yaw_step}});
+    if (backs_out) {
+      const double gentle = std::max(4.0 * length, radius_ * yaw_step);
+      arcs.insert(arcs.end(), {{gentle, yaw_step}, {gentle, -yaw_step}});
+    }
     if (reverses || backs_out)
       for (std::size_t k = arcs.size(); k-- > 0;) arcs.push_back({-arcs[k].length, -arcs[k].angle});
     if (!is_car) arcs.insert(arcs.end(), {{0.0, yaw_step}, {0.0, -yaw_step}});
