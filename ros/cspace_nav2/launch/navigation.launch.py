@@ -108,6 +108,13 @@ def start_nodes(context):
             {"default_nav_to_pose_bt_xml": TREE},
         ),
         start("nav2_loopback_sim", "loopback_simulator", "loopback_simulator"),
+        # The gate takes no laser in the plane of the floor.
+        start(
+            "tf2_ros",
+            "static_transform_publisher",
+            "laser",
+            arguments=["--z", "0.2", "--frame-id", "base_link", "--child-frame-id", "base_scan"],
+        ),
     ]
     # bt_navigator comes last, because its tree asks for the actions of the others.
     managed = [
