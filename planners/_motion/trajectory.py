@@ -961,7 +961,8 @@ def continue_trajectory(
         motion = _go_on(stop, first, edges, bounds, from_rest)
         if from_rest:
             rows = np.concatenate([stop._route.waypoints, path.waypoints[1:]])
-            path = path._replace(waypoints=rows)
+            shift = len(rows) - len(path.waypoints)
+            path = path._replace(waypoints=rows, vias=tuple(row + shift for row in path.vias))
     reason = "no curve along the plan is proven and allows the speed and the limits"
     if motion is not None:
         motion = _rest_between(motion, others, rotations, bounds)
@@ -1204,7 +1205,7 @@ def _make(
         axes=path.axes,
         units=path.units,
         certified=path.certified,
-        _route=path._replace(space=None),
+        _route=path._replace(space=None, stops=()),
         _rotations=rotations,
         _segments=segments,
         _phases=phases,

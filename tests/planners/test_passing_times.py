@@ -87,6 +87,17 @@ def test_a_robot_is_at_each_place_at_its_time(drive, rotations, seed):
     assert trajectory.braked(0.4 * trajectory.duration).via_times.shape == (0,)
 
 
+def test_a_motion_that_goes_on_passes_the_places_of_its_plan():
+    space = build_empty((120, 60), cspace.Robot.disc(0.3))
+    motion = planners.plan(space, (1.0, 3.0), (11.0, 3.0)).trajectory(**SLOW)
+    via = [(7.0, 3.0), (9.0, 4.0)]
+    for start in motion.starts_after(4.0):  # in motion, and at rest
+        onward = planners.plan(space, start, (11.0, 3.0), via=via)
+        trajectory = onward.trajectory(**SLOW, after=motion, at=4.0)
+        assert not trajectory.stop_reason
+        assert trajectory.sample(trajectory.via_times)[0] == pytest.approx(np.array(via))
+
+
 def test_joints_pass_places_in_time(tmp_path):
     pytest.importorskip("yourdfpy")
     space = cspace.build_arm_space({}, cspace.Arm.from_urdf(planar(tmp_path)))

@@ -4,6 +4,7 @@ Oracles: shapely places the robot in the zones and among the occupied cells at t
 instants, and the times of trapezoids.
 """
 
+import copy
 import dataclasses
 import pickle
 from functools import cache
@@ -392,6 +393,22 @@ def test_a_recheck_asks_limits_near_obstacles_again():
     assert stop.exceeds_until == pytest.approx(0.9 / 0.8, rel=1e-5)
     space.update({"cart": None})
     assert trajectory.recheck(space).all()
+
+
+def test_a_recheck_ahead_asks_limits_again_from_where_they_were_kept():
+    plan = plan_along_hall()
+    space = copy.copy(plan.space)
+    near = planners.SlowNear(space, 0.3, 0.3)
+    _, slower = go_on(QUICK, 5.0, [EVERYWHERE, near])
+    kept = slower.exceeds_until
+    assert slower.recheck(space, after=0.9 * kept).all()
+    x, y = slower.sample(1.45 * kept)[0]
+    space.add_obstacle("post", box(x - 0.05, y + 0.55, x + 0.05, y + 0.65))
+    # It is near the post after that time, and no more at twice that time.
+    passed = slower.sample([kept, 1.9 * kept])[0][:, 0] - x
+    assert passed[0] < -0.6 and passed[1] > 0.6
+    assert plan.recheck(space).all() and not slower.recheck(space, after=0.9 * kept).all()
+    assert slower.recheck(space, after=1.9 * kept).all()
 
 
 # ---- gates ---------------------------------------------------------------------------------------

@@ -54,6 +54,12 @@ def cells(values, **options):
     return Workspace.from_array(values, 0.1, **options)
 
 
+@pytest.fixture(autouse=True)
+def memory(monkeypatch):
+    """Let every machine have the same memory."""
+    monkeypatch.setattr("cspace._support.limits.free_bytes", lambda: 2**36)
+
+
 @pytest.mark.filterwarnings("ignore::UserWarning")
 @refusals(
     "call, hint",
