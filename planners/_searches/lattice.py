@@ -161,8 +161,8 @@ def find_lattice_path(
     if edges.drive_has_costs:
         path = _keep_motion(edges, plain, path, simplify, limit)
     # No path costs less than a short one whose metres cost nothing extra.
-    most = (1.0 + MIN_ROUND_GAIN) * edges.path_length(path)
-    if len(path) and edges.path_cost(path) <= most:
+    most = 1.0 + MIN_ROUND_GAIN
+    if len(path) and edges.path_cost(path) <= most * edges.path_length(path):
         return path, reason
     # The robot may be unable to drive along a cheap way.
     work = max(4.0 * (now() - began).work, Effort.from_seconds(0.25, math.inf).work)

@@ -303,6 +303,14 @@ def test_plans_reverse_less_where_reversing_costs_more(drive):
     assert max(ratios) < 1.01 and saved >= 4
 
 
+def test_a_plan_comes_although_the_shortest_path_is_not_proven_as_one_with_costs():
+    space = build_world(13)
+    ends = space.sample_free(12, np.random.default_rng([13, 9])).reshape(6, 2, 3)[4]
+    plan = planners.plan(space, *ends, drive=planners.Car(0.4, reverse=True, switch_cost=2.0))
+    assert plan.certified
+    check_motion(plan)
+
+
 def test_of_plans_for_several_costs_each_is_the_cheapest_by_its_own():
     prices = [(1.0, 2.0), (1.0, 5.0), (3.0, 0.0)]
     names = "reverse_cost", "switch_cost"

@@ -125,7 +125,7 @@ int main() {
       line >> name;
       line >> rclcpp::stub_parameters()[name];
     }
-    if (command == "frame") line >> frame;
+    if (command == "frame") line >> std::quoted(frame);
     if (command == "seconds") {
       line >> rclcpp::stub_nanoseconds();
       rclcpp::stub_nanoseconds() *= 1000000000;

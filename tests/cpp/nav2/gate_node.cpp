@@ -8,10 +8,13 @@
 //   command V OMEGA       or "stamped V OMEGA AGE", seconds, or "sideways V"
 //   rival NAMES...        nodes that publish cmd_vel
 //   scan FRAME RANGES...  of now
-//   grid FRAME COLUMN     the map's topic: a room of 60 x 40 cells of 0.1 m, with a wall in a column; none in column 0
+//   cloud TOPIC X Y Z     a point, of now, in the laser's frame
+//   grid FRAME COLUMN [W] the map's topic: a room of 60 x 40 cells of 0.1 m, with a wall in a column; none in column 0;
+//                         w of its quaternion
 //   cycle                 fires the timer, after 0.05 s of the clock of stamps; prints what is published, and "."
 //   end                   sends SIGTERM
 #include <algorithm>
+#include <iomanip>
 #include <iostream>
 
 #include <geometry_msgs/msg/twist_stamped.hpp>
@@ -41,6 +44,7 @@ using geometry_msgs::msg::Twist;
 using geometry_msgs::msg::TwistStamped;
 using rclcpp_lifecycle::LifecycleNode;
 using sensor_msgs::msg::LaserScan;
+using sensor_msgs::msg::PointCloud2;
 
 template <typename Message>
 void deliver(const Message& message, const std::string& topic) {
@@ -61,7 +65,8 @@ void print_rules() {
 void send_grid(std::istream& line) {
   const auto grid = std::make_shared<nav_msgs::msg::OccupancyGrid>();
   std::size_t wall = 0;
-  line >> grid->header.frame_id >> wall;
+  line >> std::quoted(grid->header.frame_id) >> wall;
+  if (double w = 0.0; line >> w) grid->info.origin.orientation.w = w;
   grid->info.width = 60;
   grid->info.height = 40;
   grid->info.resolution = 0.1f;
@@ -71,6 +76,27 @@ void send_grid(std::istream& line) {
   }
   const auto& callbacks = rclcpp::StubTopic<nav_msgs::msg::OccupancyGrid>::callbacks();
   if (const auto kept = callbacks.at("map").lock()) (*kept)(grid);
+}
+
+void send_cloud(std::istream& line) {
+  PointCloud2 cloud;
+  std::string topic;
+  line >> topic;
+  cloud.header.frame_id = "laser";
+  cloud.header.stamp = rclcpp::Clock().now();
+  for (const std::string name : {"x", "y", "z"}) {
+    float number = 0.0f;
+    line >> number;
+    const auto* bytes = reinterpret_cast<const std::uint8_t*>(&number);
+    cloud.fields.emplace_back();
+    cloud.fields.back().name = name;
+    cloud.fields.back().offset = static_cast<std::uint32_t>(cloud.data.size());
+    cloud.fields.back().datatype = sensor_msgs::msg::PointField::FLOAT32;
+    cloud.data.insert(cloud.data.end(), bytes, bytes + sizeof number);
+  }
+  cloud.height = cloud.width = 1;
+  cloud.point_step = cloud.row_step = static_cast<std::uint32_t>(cloud.data.size());
+  deliver(cloud, topic);
 }
 
 Twist read_twist(std::istream& line) {
@@ -128,6 +154,7 @@ void stub_spin_once(LifecycleNode& node) {
     for (std::string range; line >> range;) scan.ranges.push_back(std::stof(range));
     deliver(scan, "scan");
   }
+  if (command == "cloud") send_cloud(line);
   if (command == "grid") send_grid(line);
   if (command == "cycle") {
     rclcpp::stub_nanoseconds() += 50000000;

@@ -144,6 +144,14 @@ def test_it_brakes_on_commands_that_it_cannot_prove(node, command, reason):
     assert f"a command {reason}" in node.read_log()
 
 
+def test_the_largest_velocity_is_a_parameter(start):
+    node = start(max_velocity="0.5|1.0")
+    assert [node.ask("configure"), node.ask("activate")] == ["success", "success"]
+    for command, passes in (("0.55 0", False), ("0 1.1", False), ("0.5 0", True)):
+        node.cycle(f"command {command}")
+        assert any(node.cycle(f"command {command}")) == passes
+
+
 def test_another_publisher_of_commands_is_named_and_nothing_is_sent_beside_it(node):
     node.tell("rival cspace_gate collision_monitor")
     assert node.cycle() == (0.55, 0.0)
@@ -151,6 +159,8 @@ def test_another_publisher_of_commands_is_named_and_nothing_is_sent_beside_it(no
     node.tell("rival cspace_gate")
     node.cycle()
     assert node.cycle() == (0.6, 0.0)
+    node.tell("rival other/cspace_gate")
+    assert node.cycle() == (0.55, 0.0)
     node.tell("deactivate")
     while node.read_line() != "success":
         pass
@@ -164,6 +174,12 @@ def test_clouds_alone_are_enough(start):
     for _ in range(2):
         node.cycle(scan="")
     assert "no scan of 'depth' within" in node.read_log()
+    for _ in range(2):
+        node.tell("cloud depth 2.0 0.0 0.0")
+        driven = node.cycle(scan="")
+    assert driven == (0.6, 0.0)
+    node.tell("cloud depth 0.5 0.0 0.0")
+    assert node.cycle(scan="") == (0.55, 0.0)
 
 
 @pytest.mark.parametrize("place", ["13.0 2.0", "3.0 5.5", "0.05 2.0"])
@@ -341,17 +357,19 @@ def test_a_build_ends_although_a_newer_grid_comes(follow, tmp_path):
 
 
 @pytest.mark.parametrize(
-    "parameters, message",
+    "parameters, grid, message",
     [
-        ({"map_frame": "world"}, "the map is in 'map', not in 'world'"),
-        ({"builder": "/no/cspace"}, "the command '/no/cspace' does not start"),
-        ({"robot": "disc:-1"}, "build' failed: "),
-        ({"footprint": SIDES.replace("0.3", "0.31")}, "not the robot that the map was built for"),
+        ({"map_frame": "world"}, "map 0", "the map is in 'map', not in 'world'"),
+        ({}, '"" 0', "the map is in '', not in 'map'"),
+        ({}, "map 0 0.0", "the map's origin is none: its quaternion (x, y, z, w) is (0, 0, 0, 0)"),
+        ({"builder": "/no/cspace"}, "map 0", "the command '/no/cspace' does not start"),
+        ({"robot": "disc:-1"}, "map 0", "build' failed: "),
+        ({"footprint": SIDES.replace("0.3", "0.31")}, "map 0", "not the robot that the map was built"),
     ],
 )
-def test_it_stands_and_says_why_there_is_no_gate(follow, parameters, message):
+def test_it_stands_and_says_why_there_is_no_gate(follow, parameters, grid, message):
     node = follow(**parameters)
-    node.tell("grid map 0")
+    node.tell(f"grid {grid}")
     assert not np.any(cycle_until(node, f"stops: .*{re.escape(message)}"))
     lines = node.read_log().splitlines()
     assert len(lines) == len(set(lines)) < 6

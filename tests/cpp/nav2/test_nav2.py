@@ -278,9 +278,10 @@ def test_poses_in_another_frame_or_without_a_rotation_are_refused(nav2, room):
     for rotation in ("0 0 0 0", "0 0 0 0.5", "nan 0 0 1"):
         answer = nav2.ask(f"plan 1 1 0 0 0 1 5 1 {rotation}")
         assert answer["code"] == 200 and f"({rotation.replace(' ', ', ')})" in answer["text"]
-    nav2.tell("frame odom")
-    answer = nav2.plan(START, GOAL)
-    assert answer["code"] == 202 and "the start is in 'odom', not in 'map'" in answer["text"]
+    for frame in ("odom", ""):
+        nav2.tell(f'frame "{frame}"')
+        answer = nav2.plan(START, GOAL)
+        assert answer["code"] == 202 and f"the start is in '{frame}', not in 'map'" in answer["text"]
     nav2.tell("frame map")
     assert nav2.plan(START, GOAL)["code"] == 0
 

@@ -102,15 +102,16 @@ class Parameter {
   std::string text_;
 };
 
-/// A publisher of a topic.
+/// A publisher of a topic: "node", or "namespace/node".
 class TopicEndpointInfo {
  public:
-  explicit TopicEndpointInfo(const std::string& name) : name_(name) {}
+  explicit TopicEndpointInfo(const std::string& name)
+      : name_(name.substr(name.find('/') + 1)), space_("/" + name.substr(0, name.find('/') + 1)) {}
   const std::string& node_name() const { return name_; }
   const std::string& node_namespace() const { return space_; }
 
  private:
-  std::string name_, space_ = "/";
+  std::string name_, space_;
 };
 
 class Node {
