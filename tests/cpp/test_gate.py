@@ -54,9 +54,10 @@ def program(tmp_path_factory):
 
 
 def draw_situations(space, count, rng):
-    """Draw poses, half of them near obstacles, with wanted and present twists."""
+    """Draw poses, half of them near obstacles and some lost, with wanted and present twists."""
     poses = space.sample_free(count, rng)
     poses[::2, :2] += rng.normal(0.0, 0.1, poses[::2, :2].shape)
+    poses[::7, :2] += rng.normal(0.0, 3.0, poses[::7, :2].shape)
     rows = np.hstack([poses, rng.normal(0.0, (0.6, 1.5, 0.4, 1.0), (count, 4))])
     rows[::3, 5:] = 0.0
     rows[::5, 4] = 0.0

@@ -9,8 +9,8 @@
 //   rival NAMES...        nodes that publish cmd_vel
 //   scan FRAME RANGES...  of now
 //   cloud TOPIC X Y Z     a point, of now, in the laser's frame
-//   grid FRAME COLUMN [W] the map's topic: a room of 60 x 40 cells of 0.1 m, with a wall in a column; none in column 0;
-//                         w of its quaternion
+//   grid FRAME COLUMN [LEFT [SIDE [W]]]  the map's topic: a room of 60 x 40 cells of 0.1 m, with a wall in a column; none in
+//                         column 0; the grid begins LEFT cells before the room, its cells have another SIDE, its quaternion W
 //   cycle                 fires the timer, after 0.05 s of the clock of stamps; prints what is published, and "."
 //   end                   sends SIGTERM
 #include <algorithm>
@@ -64,14 +64,20 @@ void print_rules() {
 
 void send_grid(std::istream& line) {
   const auto grid = std::make_shared<nav_msgs::msg::OccupancyGrid>();
-  std::size_t wall = 0;
+  int wall = 0;
+  double left = 0.0, side = 0.1, w = 1.0;
   line >> std::quoted(grid->header.frame_id) >> wall;
-  if (double w = 0.0; line >> w) grid->info.origin.orientation.w = w;
-  grid->info.width = 60;
+  if (double number = 0.0; line >> number) left = number;
+  if (double number = 0.0; line >> number) side = number;
+  if (double number = 0.0; line >> number) w = number;
+  const int before = static_cast<int>(left), width = 60 + before;
+  grid->info.width = static_cast<std::uint32_t>(width);
   grid->info.height = 40;
-  grid->info.resolution = 0.1f;
-  for (std::size_t k = 0; k < 2400; ++k) {
-    const std::size_t column = k % 60, row = k / 60;
+  grid->info.resolution = static_cast<float>(side);
+  grid->info.origin.position.x = -side * left;
+  grid->info.origin.orientation.w = w;
+  for (int k = 0; k < 40 * width; ++k) {
+    const int column = k % width - before, row = k / width;
     grid->data.push_back(column == wall || column % 59 == 0 || row % 39 == 0 ? 100 : 0);
   }
   const auto& callbacks = rclcpp::StubTopic<nav_msgs::msg::OccupancyGrid>::callbacks();

@@ -295,12 +295,12 @@ def follow(start, tmp_path):
     return follow
 
 
-def cycle_until(node, pattern):
-    """Go on by cycles until the last line of the log has a pattern; return the commands."""
+def cycle_until(node, pattern, command="command 0.6 0.0"):
+    """Go on by cycles until the last line of the log has a pattern; return what is driven."""
     commands = []
     while not re.search(pattern, (node.read_log().splitlines() or [""])[-1]):
         time.sleep(0.02)
-        commands.append(node.cycle())
+        commands.append(node.cycle(command))
         assert len(commands) < 30_000, node.read_log()
     return commands
 
@@ -337,6 +337,35 @@ def test_it_drives_on_while_a_map_is_built_that_has_changed_far_away(follow, bef
     cycle_until(node, "no part of the command is proven free" if after else "drives")
 
 
+def test_it_drives_on_while_a_map_is_built_in_which_a_wall_nearby_has_gone(follow):
+    node, back = follow(), "command -0.6 0.0"
+    node.tell("grid map 36")
+    cycle_until(node, "drives", back)
+    node.cycle(back)
+    node.tell("grid map 0")
+    assert set(cycle_until(node, "the map is ready|stops", back)[1:]) == {(-0.6, 0.0)}
+
+
+@pytest.mark.parametrize(
+    "before, grown, reason",
+    [
+        pytest.param("36", "36 7", "", id="larger"),
+        pytest.param("43", "36 7", "has changed near the robot", id="larger, another wall"),
+        pytest.param("43 7", "36", "has changed near the robot", id="smaller, another wall"),
+        pytest.param("0", "0 0.5", "is being built", id="moved by half a cell"),
+        pytest.param("0", "0 0 0.2", "is being built", id="larger cells"),
+    ],
+)
+def test_a_grid_that_has_grown_is_compared_cell_by_cell(follow, before, grown, reason):
+    node, back = follow(), "command -0.6 0.0"
+    node.tell(f"grid map {before}")
+    cycle_until(node, "drives", back)
+    node.cycle(back)
+    node.tell(f"grid map {grown}")
+    assert node.cycle(back) == ((-0.55 if reason else -0.6), 0.0)
+    assert not reason or f"stops: the map {reason}" in node.read_log()
+
+
 def test_a_build_ends_although_a_newer_grid_comes(follow, tmp_path):
     script = tmp_path / "endless"
     script.write_text(
@@ -361,10 +390,18 @@ def test_a_build_ends_although_a_newer_grid_comes(follow, tmp_path):
     [
         ({"map_frame": "world"}, "map 0", "the map is in 'map', not in 'world'"),
         ({}, '"" 0', "the map is in '', not in 'map'"),
-        ({}, "map 0 0.0", "the map's origin is none: its quaternion (x, y, z, w) is (0, 0, 0, 0)"),
+        (
+            {},
+            "map 0 0 0.1 0",
+            "the map's origin is none: its quaternion (x, y, z, w) is (0, 0, 0, 0)",
+        ),
         ({"builder": "/no/cspace"}, "map 0", "the command '/no/cspace' does not start"),
         ({"robot": "disc:-1"}, "map 0", "build' failed: "),
-        ({"footprint": SIDES.replace("0.3", "0.31")}, "map 0", "not the robot that the map was built"),
+        (
+            {"footprint": SIDES.replace("0.3", "0.31")},
+            "map 0",
+            "not the robot that the map was built",
+        ),
     ],
 )
 def test_it_stands_and_says_why_there_is_no_gate(follow, parameters, grid, message):

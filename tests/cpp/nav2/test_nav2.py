@@ -281,7 +281,9 @@ def test_poses_in_another_frame_or_without_a_rotation_are_refused(nav2, room):
     for frame in ("odom", ""):
         nav2.tell(f'frame "{frame}"')
         answer = nav2.plan(START, GOAL)
-        assert answer["code"] == 202 and f"the start is in '{frame}', not in 'map'" in answer["text"]
+        assert (
+            answer["code"] == 202 and f"the start is in '{frame}', not in 'map'" in answer["text"]
+        )
     nav2.tell("frame map")
     assert nav2.plan(START, GOAL)["code"] == 0
 

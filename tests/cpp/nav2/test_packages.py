@@ -22,6 +22,9 @@ def test_the_cpp_package_names_what_cmake_finds():
     found |= set(re.search(r"set\(dependencies (.*)\)", text)[1].split())
     found -= {"${dependency}", "cspace"}  # no keys of rosdep
     assert found <= list_needs(CPP)
+    # Maps are compressed unless told otherwise.
+    assert "find_package(cspace REQUIRED COMPONENTS zstd" in text
+    assert "libzstd-dev" in list_needs(CPP)
 
 
 def test_the_python_package_names_what_its_node_imports():
@@ -250,3 +253,6 @@ def test_the_tree_plans_if_the_path_is_not_valid_or_old_and_waits_for_the_map():
     for present in (waiting[0], recovering[0]):
         assert present.get("error_code") == plan.get("error_code_id")
         assert present.get("error_codes_to_check") == "200"
+    clear, *others = root.find(".//RoundRobin")
+    assert {each.tag for each in clear} == {"ClearEntireCostmap"}
+    assert [each.tag for each in others] == ["Wait", "BackUp"]
