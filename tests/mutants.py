@@ -1791,6 +1791,30 @@ MUTANTS = (
         "tests/cpp/nav2/test_gate_node.py",
     ),
     Mutant(
+        "ros/cspace_nav2/include/cspace_nav2/map_maker.hpp",
+        "const std::int64_t i = column + static_cast<std::int64_t>(right)",
+        "const std::int64_t i = column",
+        "tests/cpp/nav2/test_gate_node.py",
+    ),
+    Mutant(
+        "cspace/include/cspace/gate.hpp",
+        "if (has_within(taken, -lost_depth_)) return 0.0;",
+        "",
+        "tests/cpp/test_gate.py",
+    ),
+    Mutant(
+        "planners/_motion/trajectory.py",
+        "vias=tuple(row + shift for row in path.vias)",
+        "vias=path.vias",
+        "tests/planners/test_passing_times.py",
+    ),
+    Mutant(
+        "planners/_motion/trajectory.py",
+        "exceeds_until=max(self.exceeds_until - begin, 0.0)",
+        "exceeds_until=self.exceeds_until",
+        "tests/planners/test_speed_limits.py",
+    ),
+    Mutant(
         "ros/cspace_nav2/include/cspace_nav2/lattice.hpp",
         "if (surroundings_.cost(poses) >= target || !surroundings_.poses_are_free(poses)) continue;",
         "if (surroundings_.cost(poses) >= target) continue;",
