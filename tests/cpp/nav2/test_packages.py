@@ -130,7 +130,7 @@ def test_the_launch_file_starts_programs_that_are_installed(launch, is_simulated
         else:
             assert package in list_needs(CPP)
     names = [each for managed in list_managed(nodes) for each in managed]
-    names += ["cspace_planner", *(["loopback_simulator"] if is_simulated else [])]
+    names += ["cspace_planner", *(["laser", "loopback_simulator"] if is_simulated else [])]
     managers = {"lifecycle_manager"}
     assert sorted(names) == sorted(
         each.options["name"] or each.options["executable"]
