@@ -23,6 +23,12 @@ struct Arc {
   double aside = 0.0;  ///< radians from ahead to where a holonomic robot moves
 };
 
+/// Return an angle as at most half a turn.
+inline double wrap(double angle) {
+  // The library's function takes long, and most angles are small.
+  return std::abs(angle) <= M_PI ? angle : std::remainder(angle, 2.0 * M_PI);
+}
+
 /// Return the pose at the end of an arc; its yaw is not wrapped.
 inline Configuration advance(const Configuration& q, const Arc& arc) {
   const double half = 0.5 * arc.angle;
@@ -32,11 +38,15 @@ inline Configuration advance(const Configuration& q, const Arc& arc) {
 }
 
 /// Return the arc between two poses of which each lies on it: its chord, and the shorter turn.
-inline Arc arc_between(const Configuration& from, const Configuration& to) {
-  const double half = 0.5 * std::remainder(to[2] - from[2], 2.0 * M_PI);
-  const double middle = from[2] + half;
-  const double chord = (to[0] - from[0]) * std::cos(middle) + (to[1] - from[1]) * std::sin(middle);
-  return {half == 0.0 ? chord : chord * half / std::sin(half), 2.0 * half};
+struct Fit {
+  Arc arc;
+  double gap;  ///< metres from its end to the second pose, aside
+};
+inline Fit arc_between(const Configuration& from, const Configuration& to) {
+  const double half = 0.5 * wrap(to[2] - from[2]), dx = to[0] - from[0], dy = to[1] - from[1];
+  const double cosine = std::cos(from[2] + half), sine = std::sin(from[2] + half);
+  const double chord = dx * cosine + dy * sine;
+  return {{half == 0.0 ? chord : chord * half / std::sin(half), 2.0 * half}, std::abs(dy * cosine - dx * sine)};
 }
 
 namespace detail {
@@ -130,7 +140,7 @@ inline bool reaches(const Word& word, double length, const Configuration& goal) 
   Configuration end{};
   for (const Arc& arc : word)
     if (arc.length != 0.0) end = cspace_nav2::advance(end, arc);
-  const double gap = std::hypot(end[0] - goal[0], end[1] - goal[1]), turn = std::remainder(end[2] - goal[2], 2.0 * M_PI);
+  const double gap = std::hypot(end[0] - goal[0], end[1] - goal[1]), turn = wrap(end[2] - goal[2]);
   return gap <= MAX_GAP + GAP_PER_LENGTH * length && std::abs(turn) <= MAX_GAP;
 }
 

@@ -46,7 +46,8 @@ class Drive {
 
   /// Return the moves of a lattice: at least as long as given, and turning by whole steps of yaw.
   /// @param backs_out  whether all robots reverse, and drive gentle arcs, too, on which no corner swings far
-  std::vector<Arc> moves(double length, double yaw_step, bool backs_out) const {
+  /// @param is_narrow  whether cars drive arcs of one step of yaw, too, which shift them a little aside
+  std::vector<Arc> moves(double length, double yaw_step, bool backs_out, bool is_narrow) const {
     std::vector<Arc> arcs = {{length, 0.0}};
     if (is_holonomic)
       for (int k = 1; k < 8; ++k) arcs.push_back({length, 0.0, k * M_PI_4});
@@ -55,6 +56,8 @@ class Drive {
       // An arc of more than a quarter turn leads around most obstacles, and so do several shorter ones.
       const double turn = std::min(angle, std::max(yaw_step, M_PI_2));
       arcs.insert(arcs.end(), {{radius_ * turn, turn}, {radius_ * turn, -turn}});
+      const double gentle = std::max(length, radius_ * yaw_step);
+      if (is_narrow && turn > yaw_step) arcs.insert(arcs.end(), {{gentle, yaw_step}, {gentle, -yaw_step}});
     }
     if (backs_out) {
       const double gentle = std::max(4.0 * length, radius_ * yaw_step);
@@ -84,7 +87,7 @@ class Drive {
 
   /// Return the cost of a motion between two near poses, as it is driven.
   double step_cost(const Configuration& from, const Configuration& to) const {
-    return is_holonomic ? straight_cost(from, to) : cost_of(arc_between(from, to));
+    return is_holonomic ? straight_cost(from, to) : cost_of(arc_between(from, to).arc);
   }
 
   static double total_cost(const std::vector<Arc>& arcs) {
@@ -95,13 +98,13 @@ class Drive {
 
  private:
   static double straight_cost(const Configuration& from, const Configuration& to) {
-    const double turn = std::abs(std::remainder(to[2] - from[2], 2.0 * M_PI));
+    const double turn = std::abs(wrap(to[2] - from[2]));
     return std::hypot(to[0] - from[0], to[1] - from[1]) + SPOT_TURN_COST * turn;
   }
 
   static std::vector<Arc> turn_and_drive(double yaw, double ahead, double length, double last_yaw) {
-    const double first = std::remainder(ahead - yaw, 2.0 * M_PI);
-    return {{0.0, first}, {length, 0.0}, {0.0, std::remainder(last_yaw - yaw - first, 2.0 * M_PI)}};
+    const double first = wrap(ahead - yaw);
+    return {{0.0, first}, {length, 0.0}, {0.0, wrap(last_yaw - yaw - first)}};
   }
 
   double radius_;

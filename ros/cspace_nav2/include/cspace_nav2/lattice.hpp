@@ -26,7 +26,7 @@ class Blocks {
  public:
   static constexpr std::int64_t SIDE = 4;  ///< cells
 
-  explicit Blocks(const cspace::Map& map) : map_(map) {
+  explicit Blocks(const cspace::Map& map) : map_(map), lower_{map.lower()[0], map.lower()[1]} {
     for (std::size_t axis = 0; axis < 2; ++axis) shape_[axis] = (map.shape()[axis] - 1) / SIDE + 1;
     states_.assign(shape_[0] * shape_[1], UNKNOWN);
   }
@@ -38,15 +38,15 @@ class Blocks {
   std::int64_t block_of(const Configuration& q) const {
     std::int64_t index[2];
     for (std::size_t axis = 0; axis < 2; ++axis) {
-      const double place = std::floor((q[axis] - map_.lower()[axis]) / side());
+      const double place = std::floor((q[axis] - lower_[axis]) / side());
       index[axis] = static_cast<std::int64_t>(std::clamp(place, 0.0, static_cast<double>(shape_[axis] - 1)));
     }
     return index[0] * rows() + index[1];
   }
 
   Configuration center_of(std::int64_t block) const {
-    return {map_.lower()[0] + (static_cast<double>(block / rows()) + 0.5) * side(),
-            map_.lower()[1] + (static_cast<double>(block % rows()) + 0.5) * side(), 0.0};
+    return {lower_[0] + (static_cast<double>(block / rows()) + 0.5) * side(),
+            lower_[1] + (static_cast<double>(block % rows()) + 0.5) * side(), 0.0};
   }
 
   bool is_open(std::int64_t block) {
@@ -71,6 +71,7 @@ class Blocks {
   }
 
   const cspace::Map& map_;
+  const double lower_[2];
   std::int64_t shape_[2];
   std::vector<State> states_;
 };
@@ -78,8 +79,9 @@ class Blocks {
 /// Costs of the cheapest ways to a goal through open blocks, computed when asked.
 class Guide {
  public:
-  Guide(Blocks& blocks, const Surroundings& surroundings, const Configuration& goal, const IsOver& is_over)
-      : blocks_(blocks), surroundings_(surroundings), is_over_(is_over) {
+  Guide(Blocks& blocks, const Surroundings& surroundings, const Configuration& start, const Configuration& goal,
+        const IsOver& is_over)
+      : blocks_(blocks), surroundings_(surroundings), is_over_(is_over), start_(blocks.block_of(start)) {
     costs_.assign(blocks.size(), std::numeric_limits<double>::infinity());
     is_settled_.assign(blocks.size(), false);
     costs_[blocks.block_of(goal)] = 0.0;
@@ -94,7 +96,7 @@ class Guide {
   }
 
  private:
-  /// Settle the nearest block of the queue, and look at its neighbours.
+  /// Settle the block of the queue that is nearest on the way from the start, and look at its neighbours.
   void settle() {
     const std::int64_t block = queue_.top().second, rows = blocks_.rows(), columns = blocks_.size() / rows;
     queue_.pop();
@@ -110,13 +112,17 @@ class Guide {
         const double cost = costs_[block] + std::hypot(x - i, y - j) * blocks_.side() * surroundings_.weight(blocks_.center_of(next));
         if (cost >= costs_[next]) continue;
         costs_[next] = cost;
-        queue_.push({cost, next});
+        // Least costs without obstacles come to the start: A* settles few blocks, and each at its least cost, as Dijkstra does.
+        const std::int64_t far_x = std::abs(x - start_ / rows), far_y = std::abs(y - start_ % rows);
+        const auto octile = static_cast<double>(std::max(far_x, far_y)) + (M_SQRT2 - 1.0) * static_cast<double>(std::min(far_x, far_y));
+        queue_.push({cost + blocks_.side() * octile, next});
       }
   }
 
   Blocks& blocks_;
   const Surroundings& surroundings_;
   const IsOver& is_over_;
+  std::int64_t start_;
   std::vector<double> costs_;
   std::vector<bool> is_settled_;
   Queue queue_;
@@ -133,7 +139,7 @@ class Lattice {
   /// If a robot that drives only ahead, or a car, has none, it may first back out, on gentle arcs, too, as from a corner.
   std::vector<Configuration> find_path(const Configuration& start, const Configuration& goal) const {
     const Drive& drive = surroundings_.drive();
-    Guide guide(blocks_, surroundings_, goal, is_over_);
+    Guide guide(blocks_, surroundings_, start, goal, is_over_);
     std::vector<Configuration> path;
     for (const bool backs_out : {false, true})
       for (int level = COARSEST; level >= 0 && path.empty() && !is_over_(); --level)
@@ -145,7 +151,7 @@ class Lattice {
 
   /// Return the poses of a path that costs less than a bound, by a coarse search; empty if it finds none.
   std::vector<Configuration> find_cheaper(const Configuration& start, const Configuration& goal, double bound) const {
-    Guide guide(blocks_, surroundings_, goal, is_over_);
+    Guide guide(blocks_, surroundings_, start, goal, is_over_);
     if (guide.cost(start) >= bound) return {};
     std::vector<Configuration> path = search(start, goal, guide, COARSEST, bound);
     shorten(path);
@@ -155,7 +161,7 @@ class Lattice {
  private:
   static constexpr int COARSEST = 2;
   static constexpr int FINEST_YAWS = 96;
-  static constexpr int SHORTENING_ROUNDS = 3;
+  static constexpr int SHORTENING_ROUNDS = 2;
   static constexpr double SUFFICIENT = 1.05;   ///< a path may cost more than the bound of all others by this factor
   static constexpr double MIN_GAIN = 1e-3;     ///< metres
   static constexpr double SIDESTEP = 0.1;      ///< metres by which a path is moved away from what is near
@@ -177,7 +183,9 @@ class Lattice {
     const Drive& drive = surroundings_.drive();
     const double side = surroundings_.map().spacing() * (1 << level);
     const int yaws = FINEST_YAWS >> level;
-    const std::vector<Arc> moves = drive.moves(std::sqrt(2.0) * side, 2.0 * M_PI / yaws, backs_out);
+    const double yaw_step = 2.0 * M_PI / yaws;
+    const std::vector<Arc> wide_moves = drive.moves(std::sqrt(2.0) * side, yaw_step, backs_out, false);
+    const std::vector<Arc> narrow_moves = drive.moves(std::sqrt(2.0) * side, yaw_step, backs_out, true);
     std::vector<Node> nodes = {{start, -1, {}, 0.0, drive.reverses || backs_out}};
     std::unordered_map<std::int64_t, std::int64_t> node_of;  // by cell and yaw
     std::vector<Configuration> end;                          // of the cheapest path found
@@ -196,17 +204,20 @@ class Lattice {
       if (number > 0 && !surroundings_.poses_are_free(surroundings_.poses_along(nodes[node.parent].q, {node.arc}))) continue;
       node_of[key] = number;
       if (wait <= 0.0) {
-        const std::vector<Configuration> way = surroundings_.connect(node.q, goal);
+        const std::vector<Configuration> way = surroundings_.connect(node.q, goal, bound - node.cost);
         const double cost = node.cost + surroundings_.cost(way);
-        if (cost < bound && surroundings_.poses_are_free(way)) {
+        if (!way.empty() && cost < bound && surroundings_.poses_are_free(way)) {
           end = way;
           last = number;
           bound = cost;
         }
         wait = guide.cost(node.q) / (4.0 * side);
       }
-      for (const Arc& move : moves) {
+      const double astray = node.q[2] - yaw_step * std::round(node.q[2] / yaw_step);
+      for (Arc move : surroundings_.is_wide(node.q) ? wide_moves : narrow_moves) {
         if (move.length < 0.0 && !node.may_reverse) continue;
+        // The first turn leads to a yaw of the lattice, some of which are along most walls.
+        if (move.angle != 0.0) move = {move.length * (1.0 - astray / move.angle), move.angle - astray};
         const Configuration next = advance(node.q, move);
         const double cost = node.cost + cost_of(move) * surroundings_.weight(next);
         if (cost >= bound) continue;
@@ -228,7 +239,7 @@ class Lattice {
     const cspace::Map& map = surroundings_.map();
     const auto column = static_cast<std::int64_t>((q[0] - map.lower()[0]) / side);
     const auto row = static_cast<std::int64_t>((q[1] - map.lower()[1]) / side);
-    const auto yaw = static_cast<std::int64_t>(std::floor(std::remainder(q[2], 2.0 * M_PI) / (2.0 * M_PI) * yaws + 0.5));
+    const auto yaw = static_cast<std::int64_t>(std::floor(wrap(q[2]) / (2.0 * M_PI) * yaws + 0.5));
     return (column * (std::int64_t{1} << 31) + row) * (2 * yaws) + (yaw + yaws) % yaws;
   }
 
@@ -255,16 +266,16 @@ class Lattice {
   bool shorten_once(std::vector<Configuration>& path) const {
     bool is_changed = false;
     std::vector<double> costs = list_costs(path);
-    for (std::size_t reach = path.size(); reach >= 4; reach = reach * 2 / 3)
+    for (std::size_t reach = path.size(); reach >= 8; reach = reach / 2)
       for (std::size_t first = 0; first + 2 < path.size() && !is_over_(); first += std::max<std::size_t>(1, reach / 4)) {
         const std::size_t last = std::min(first + reach, path.size() - 1);
         const double target = costs[last] - costs[first] - MIN_GAIN;
-        const double apart = std::hypot(path[last][0] - path[first][0], path[last][1] - path[first][1]);
-        if (apart >= target || surroundings_.drive().least_cost(path[first], path[last]) >= target) continue;
+        if (std::hypot(path[last][0] - path[first][0], path[last][1] - path[first][1]) >= target) continue;
         for (const double aside : {0.0, SIDESTEP, -SIDESTEP}) {
           if (aside != 0.0 && last - first < MIN_SIDESTEP_POSES) break;
-          const std::vector<Configuration> poses = pass(path[first], path[(first + last) / 2], path[last], aside);
-          if (surroundings_.cost(poses) >= target || !surroundings_.poses_are_free(poses)) continue;
+          const std::vector<Configuration> poses = pass(path[first], path[(first + last) / 2], path[last], aside, target);
+          if (poses.empty() && aside == 0.0) break;  // nor is a detour shorter
+          if (poses.empty() || surroundings_.cost(poses) >= target || !surroundings_.poses_are_free(poses)) continue;
           path.erase(path.begin() + first + 1, path.begin() + last + 1);
           path.insert(path.begin() + first + 1, poses.begin() + 1, poses.end());
           costs = list_costs(path);
@@ -275,14 +286,18 @@ class Lattice {
     return is_changed;
   }
 
-  /// Return the shortest way between two poses, or that past a middle one which is moved aside.
-  std::vector<Configuration> pass(const Configuration& from, Configuration middle, const Configuration& to, double aside) const {
-    if (aside == 0.0) return surroundings_.connect(from, to);
+  /// Return the shortest way between two poses, or that past a middle one which is moved aside; empty if its cost without
+  /// obstacles reaches a bound.
+  std::vector<Configuration> pass(const Configuration& from, Configuration middle, const Configuration& to, double aside,
+                                  double bound) const {
+    if (aside == 0.0) return surroundings_.connect(from, to, bound);
     const double heading = std::atan2(to[1] - from[1], to[0] - from[0]);
     middle[0] -= aside * std::sin(heading);
     middle[1] += aside * std::cos(heading);
-    std::vector<Configuration> poses = surroundings_.connect(from, middle);
-    const std::vector<Configuration> rest = surroundings_.connect(middle, to);
+    std::vector<Configuration> poses = surroundings_.connect(from, middle, bound);
+    if (poses.empty()) return poses;
+    const std::vector<Configuration> rest = surroundings_.connect(middle, to, bound - surroundings_.cost(poses));
+    if (rest.empty()) return rest;
     poses.insert(poses.end(), rest.begin() + 1, rest.end());
     return poses;
   }

@@ -108,6 +108,9 @@ class Surroundings {
     return true;
   }
 
+  /// Return true if the robot may turn here with half as much room to spare, as far as the costmap knows.
+  bool is_wide(const Configuration& q) const { return square_is_clear(q, 1.5); }
+
   /// Return true if a configuration is proven free by the map and clear in the costmap.
   bool is_free(const Configuration& q) const { return map_.is_free(q.data()) && is_clear(q); }
 
@@ -165,10 +168,17 @@ class Surroundings {
     return poses;
   }
 
-  /// Return the poses of the shortest motion between two poses without obstacles, both included.
-  std::vector<Configuration> connect(const Configuration& from, const Configuration& to) const {
-    if (drive_.is_holonomic) return poses_between(from, to);
-    std::vector<Configuration> poses = poses_along(from, drive_.curve(from, to));
+  /// Return the poses of the shortest motion between two poses without obstacles, both included; empty if its cost without
+  /// obstacles reaches a bound.
+  std::vector<Configuration> connect(const Configuration& from, const Configuration& to,
+                                     double bound = std::numeric_limits<double>::infinity()) const {
+    if (drive_.is_holonomic) {
+      if (drive_.least_cost(from, to) >= bound) return {};
+      return poses_between(from, to);
+    }
+    const std::vector<Arc> arcs = drive_.curve(from, to);
+    if (Drive::total_cost(arcs) >= bound) return {};
+    std::vector<Configuration> poses = poses_along(from, arcs);
     // The curve ends where it should, up to rounding.
     if (poses.size() > 1) poses.pop_back();
     poses.push_back(to);
@@ -180,7 +190,7 @@ class Surroundings {
 
   /// Return the shorter turn between two configurations.
   static double turn(const Configuration& from, const Configuration& to) {
-    return std::remainder(to[2] - from[2], 2.0 * M_PI);
+    return wrap(to[2] - from[2]);
   }
 
   /// Return the number of steps of a straight motion; one of one step stays so, whatever rounding does.
@@ -211,11 +221,9 @@ class Surroundings {
   /// An arc of length L that turns by angle a lies within L a / 8 of even motion along its chord. If the second pose is
   /// beside the end of the arc, up to rounding, this counts, too.
   bool arc_is_free(const Configuration& from, const Configuration& to) const {
-    const Arc arc = arc_between(from, to);
-    const Configuration end = advance(from, arc);
-    const double aside = std::hypot(end[0] - to[0], end[1] - to[1]);
-    if (aside > MAX_GAP_CELLS * map_.spacing()) return false;
-    const double stray = std::abs(arc.length * arc.angle) / 8.0 + aside + 0x1p-30 * map_.spacing();
+    const auto [arc, gap] = arc_between(from, to);
+    if (gap > MAX_GAP_CELLS * map_.spacing()) return false;
+    const double stray = std::abs(arc.length * arc.angle) / 8.0 + gap + 0x1p-30 * map_.spacing();
     const double rows[] = {from[0], from[1], from[2], to[0], to[1], to[2]};
     return map_.proven_prefix(rows, 2, {stray, stray, 0.0}) == 1;
   }
@@ -251,9 +259,9 @@ class Surroundings {
   /// Return true if the cells of a row from one place to another are in the costmap and not occupied.
   bool run_is_clear(unsigned int row, double first, double last) const { return box_is_clear(row, row, first, last); }
 
-  /// Return true if the square around the footprint at each yaw is in the costmap and has no occupied cell.
-  bool square_is_clear(const Configuration& q) const {
-    const double side = costmap_.getResolution(), reach = radius_of_corners_ / side + 1e-6;
+  /// Return true if the square around the footprint at each yaw, scaled, is in the costmap and has no occupied cell.
+  bool square_is_clear(const Configuration& q, double scale = 1.0) const {
+    const double side = costmap_.getResolution(), reach = scale * radius_of_corners_ / side + 1e-6;
     const double x = (q[0] - costmap_.getOriginX()) / side, y = (q[1] - costmap_.getOriginY()) / side;
     return box_is_clear(y - reach, y + reach, x - reach, x + reach);
   }
