@@ -91,15 +91,22 @@ constexpr std::array<Form, 9> FORMS = {{{{1}, 1, 0.0, FAR, false},
 /// Number of forms, the first ones, that a car without reverse can drive.
 constexpr std::size_t DUBINS_FORMS = 4;
 
-/// Return lengths of a form's word to a pose, whose arcs are not wrapped; nothing if it does not get there.
-inline std::optional<Lengths> solve(std::size_t number, const Configuration& goal, double cosine, double sine) {
-  const auto& [x, y, phi] = goal;
+/// Center of the last circle of words, relative to the center of the first circle.
+struct Center {
+  double xi, eta, apart, bearing;
+
+  /// @param side  1 if the last arc turns left, -1 if it turns right
+  Center(const Configuration& goal, double cosine, double sine, int side)
+      : xi(goal[0] - side * sine), eta(goal[1] - 1.0 + side * cosine), apart(std::sqrt(xi * xi + eta * eta)), bearing(std::atan2(eta, xi)) {}
+};
+
+/// Return lengths of a form's word to a yaw, whose arcs are not wrapped; nothing if it does not get there.
+/// @param centers  those of words whose last arc turns left and right
+inline std::optional<Lengths> solve(std::size_t number, double phi, const std::array<Center, 2>& centers) {
   if (number == 0) return Lengths{phi};
   const Form& form = FORMS[number];
-  // Center of the last circle relative to the center of the first circle.
-  const int side = form.steering[form.segments - 1];
-  const double xi = x - side * sine, eta = y - 1.0 + side * cosine;
-  const double apart = std::hypot(xi, eta), bearing = std::atan2(eta, xi), quarter = M_PI_2;
+  const auto& [xi, eta, apart, bearing] = centers[form.steering[form.segments - 1] < 0];
+  const double quarter = M_PI_2;
   if (!(form.closest <= apart && apart <= form.farthest)) return {};
   const double straight = std::sqrt(std::max(apart * apart - 4.0, 0.0));  // the tangent between the two circles
   switch (number) {
@@ -144,12 +151,11 @@ inline bool reaches(const Word& word, double length, const Configuration& goal) 
   return gap <= MAX_GAP + GAP_PER_LENGTH * length && std::abs(turn) <= MAX_GAP;
 }
 
-/// Return the shortest word from the origin.
+/// Return the shortest word from the origin that gets to its goal, or by its lengths alone.
 ///
 /// Each form gives words by symmetry: mirrored (left for right), reversed (ahead for back) and backwards (from the end to the
 /// start). Words of Dubins are neither reversed nor backwards; their arcs just below 2 pi are tried as 0 and as given.
-inline std::optional<Word> find_shortest_word(const Configuration& goal, bool reverses) {
-  if (reaches({}, 0.0, goal)) return Word{};
+inline std::optional<Word> find_shortest_word(const Configuration& goal, bool reverses, bool is_driven) {
   std::optional<Word> shortest;
   double least = FAR;
   const auto offer = [&](const Form& form, const Lengths& lengths, int mirror, int sign, bool goes_back, double longest) {
@@ -164,9 +170,10 @@ inline std::optional<Word> find_shortest_word(const Configuration& goal, bool re
       if (steering != 0 && length > longest) length = 0.0;
       word[k] = {sign * length, sign * mirror * steering * length};
       total += std::abs(length);
+      if (!(total < least)) return;
     }
-    // Driving a word takes longer than making it, so only the shortest ones are driven.
-    if (!(total < least && reaches(word, total, goal))) return;
+    // One arc gets there only by chance.
+    if ((is_driven || form.segments == 1) && !reaches(word, total, goal)) return;
     least = total;
     shortest = word;
   };
@@ -177,16 +184,30 @@ inline std::optional<Word> find_shortest_word(const Configuration& goal, bool re
       const Configuration seen = {sign * goal[0], mirror * goal[1], sign * mirror * goal[2]};
       const double cosine = std::cos(seen[2]), sine = std::sin(seen[2]);
       const Configuration back = {seen[0] * cosine + seen[1] * sine, seen[0] * sine - seen[1] * cosine, seen[2]};
+      const auto find_centers = [&](const Configuration& q) {
+        return std::array<Center, 2>{Center(q, cosine, sine, 1), Center(q, cosine, sine, -1)};
+      };
+      const std::array<Center, 2> centers = find_centers(seen), back_centers = reverses ? find_centers(back) : centers;
       for (std::size_t number = 0; number < (reverses ? FORMS.size() : DUBINS_FORMS); ++number) {
         const Form& form = FORMS[number];
-        const auto ahead = solve(number, seen, cosine, sine);
+        const auto ahead = solve(number, seen[2], centers);
         if (ahead && !reverses) offer(form, *ahead, mirror, sign, false, 2.0 * M_PI - SNAP_RADIANS);
         if (ahead) offer(form, *ahead, mirror, sign, false, FAR);
         if (!reverses || !form.has_way_back) continue;
-        if (const auto lengths = solve(number, back, cosine, sine)) offer(form, *lengths, mirror, sign, true, FAR);
+        if (const auto lengths = solve(number, back[2], back_centers)) offer(form, *lengths, mirror, sign, true, FAR);
       }
     }
   return shortest;
+}
+
+inline std::optional<Word> find_shortest_word(const Configuration& goal, bool reverses) {
+  if (reaches({}, 0.0, goal)) return Word{};
+  // Driving a word takes longer than making it, so all are driven only if the shortest one, for rounding, does not get there.
+  const std::optional<Word> shortest = find_shortest_word(goal, reverses, false);
+  double length = 0.0;
+  if (shortest)
+    for (const Arc& arc : *shortest) length += std::abs(arc.length);
+  return shortest && reaches(*shortest, length, goal) ? shortest : find_shortest_word(goal, reverses, true);
 }
 
 }  // namespace detail

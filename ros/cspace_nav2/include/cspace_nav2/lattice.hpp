@@ -109,7 +109,8 @@ class Guide {
         if (is_settled_[next]) continue;
         is_settled_[next] = !blocks_.is_open(next);  // at infinity, and not asked again
         if (is_settled_[next]) continue;
-        const double cost = costs_[block] + std::hypot(x - i, y - j) * blocks_.side() * surroundings_.weight(blocks_.center_of(next));
+        const double apart = x == i || y == j ? 1.0 : M_SQRT2;
+        const double cost = costs_[block] + apart * blocks_.side() * surroundings_.weight(blocks_.center_of(next));
         if (cost >= costs_[next]) continue;
         costs_[next] = cost;
         // Least costs without obstacles come to the start: A* settles few blocks, and each at its least cost, as Dijkstra does.
@@ -201,7 +202,7 @@ class Lattice {
       const auto known = node_of.find(key);
       if (known != node_of.end() && nodes[known->second].cost <= node.cost) continue;
       // Only now, as most nodes are never taken from the queue.
-      if (number > 0 && !surroundings_.poses_are_free(surroundings_.poses_along(nodes[node.parent].q, {node.arc}))) continue;
+      if (number > 0 && !move_is_free(nodes[node.parent].q, node)) continue;
       node_of[key] = number;
       if (wait <= 0.0) {
         const std::vector<Configuration> way = surroundings_.connect(node.q, goal, bound - node.cost);
@@ -233,6 +234,12 @@ class Lattice {
       }
     }
     return end.empty() ? end : trace(nodes, last, end);
+  }
+
+  /// Return true if the move to a node is free: a straight one by one proof, which takes less time than those of its poses.
+  bool move_is_free(const Configuration& from, const Node& node) const {
+    if (node.arc.angle == 0.0) return surroundings_.motion_is_free(from, node.q);
+    return surroundings_.poses_are_free(surroundings_.poses_along(from, {node.arc}));
   }
 
   std::int64_t key_of(const Configuration& q, double side, int yaws) const {

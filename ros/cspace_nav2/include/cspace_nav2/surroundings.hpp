@@ -162,8 +162,12 @@ class Surroundings {
       const double steps = (length + radius_ * angle) / rules_.step, bends = std::sqrt(2.0 * length * angle / map_.spacing());
       const double count = std::ceil(std::max({steps, bends, angle}) - 1e-6);
       const Configuration begin = poses.back();
-      for (double k = 1.0; k <= count; ++k)
-        poses.push_back(advance(begin, {k / count * arc.length, k / count * arc.angle, arc.aside}));
+      const Configuration end = advance(begin, arc);
+      for (double k = 1.0; k <= count; ++k) {
+        const bool is_straight = arc.angle == 0.0;  // which needs no sines
+        const Arc part = {k / count * arc.length, k / count * arc.angle, arc.aside};
+        poses.push_back(is_straight ? mix(begin, end, k / count) : advance(begin, part));
+      }
     }
     return poses;
   }
