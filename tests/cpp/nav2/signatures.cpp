@@ -31,6 +31,7 @@ HAS_TYPE(&Costmap2D::getOriginY, double (Costmap2D::*)() const);
 HAS_TYPE(&Costmap2D::getMutex, Costmap2D::mutex_t* (Costmap2D::*)());
 HAS_TYPE(&Costmap2D::worldToMap, bool (Costmap2D::*)(double, double, unsigned int&, unsigned int&) const);
 HAS_TYPE(std::declval<const Costmap2D&>().getCost(0u, 0u), unsigned char);
+HAS_TYPE(std::declval<Costmap2D&>().getCharMap(), unsigned char*);
 HAS_TYPE(&Costmap2D::setCost, void (Costmap2D::*)(unsigned int, unsigned int, unsigned char));
 static_assert(std::is_same_v<Costmap2D::mutex_t, std::recursive_mutex>);
 static_assert(nav2_costmap_2d::NO_INFORMATION == 255 && nav2_costmap_2d::LETHAL_OBSTACLE == 254);

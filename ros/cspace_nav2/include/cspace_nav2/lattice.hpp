@@ -163,7 +163,7 @@ class Lattice {
   static constexpr int COARSEST = 2;
   static constexpr int FINEST_YAWS = 96;
   static constexpr int SHORTENING_ROUNDS = 2;
-  static constexpr double SUFFICIENT = 1.05;   ///< a path may cost more than the bound of all others by this factor
+  static constexpr double SUFFICIENT = 1.08;   ///< a path may cost more than the bound of all others by this factor
   static constexpr double MIN_GAIN = 1e-3;     ///< metres
   static constexpr double SIDESTEP = 0.1;      ///< metres by which a path is moved away from what is near
   static constexpr std::size_t MIN_SIDESTEP_POSES = 16;  ///< of a part that is moved

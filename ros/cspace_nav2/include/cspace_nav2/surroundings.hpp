@@ -34,7 +34,7 @@ class Surroundings {
   Surroundings(const cspace::Map& map, nav2_costmap_2d::Costmap2DROS& costmap_ros, const Drive& drive, const Rules& rules)
       : map_(map), drive_(drive), costmap_(*costmap_ros.getCostmap()), lock_(*costmap_.getMutex()), rules_(rules),
         footprint_(costmap_ros.getRobotFootprint()), checker_(&costmap_), is_round_(costmap_ros.getUseRadius()),
-        columns_(costmap_.getSizeInCellsX()), rows_(costmap_.getSizeInCellsY()) {
+        columns_(costmap_.getSizeInCellsX()), rows_(costmap_.getSizeInCellsY()), cells_(costmap_.getCharMap()) {
     for (const auto& corner : footprint_) corners_.push_back({corner.x, corner.y});
     if (corners_.empty()) throw std::runtime_error("cspace_nav2: the costmap has no footprint");
     for (const auto& [x, y] : corners_) radius_ = std::max(radius_, std::hypot(x, y));
@@ -46,10 +46,11 @@ class Surroundings {
     }
     for (const auto& [x, y] : corners_) radius_of_corners_ = std::max(radius_of_corners_, std::hypot(x, y));
     occupied_before_.assign(std::size_t{rows_ + 1} * (columns_ + 1), 0);
+    const unsigned char* cell = cells_;
     for (unsigned int row = 0; row < rows_; ++row) {
       std::int32_t in_row = 0;
       for (unsigned int column = 0; column < columns_; ++column) {
-        const unsigned char cost = costmap_.getCost(column, row);
+        const unsigned char cost = *cell++;
         in_row += cost == nav2_costmap_2d::LETHAL_OBSTACLE ||
                   (cost == nav2_costmap_2d::NO_INFORMATION && !rules.allow_unknown);
         occupied_before_[index_of(row + 1, column + 1)] = occupied_before_[index_of(row, column + 1)] + in_row;
@@ -77,7 +78,7 @@ class Surroundings {
     unsigned int column, row;
     if (!costmap_.worldToMap(x, y, column, row)) return 1.0 + rules_.cost_penalty;
     constexpr unsigned char highest = nav2_costmap_2d::MAX_NON_OBSTACLE;
-    return 1.0 + rules_.cost_penalty * std::min(costmap_.getCost(column, row), highest) / highest;
+    return 1.0 + rules_.cost_penalty * std::min(cells_[std::size_t{row} * columns_ + column], highest) / highest;
   }
 
   /// Return the cost of a way through poses: its metres, weighed by the costmap.
@@ -290,6 +291,7 @@ class Surroundings {
   mutable nav2_costmap_2d::FootprintCollisionChecker<nav2_costmap_2d::Costmap2D*> checker_;
   bool is_round_;  ///< Nav2 tests the cell below the robot's center
   unsigned int columns_, rows_;
+  const unsigned char* cells_;  ///< costs, row by row; calls of getCost would take longer than the rest
   double radius_ = 0.0, radius_of_corners_ = 0.0;  ///< of the footprint, and of the polygon that is tested
   std::vector<Point> corners_;
   std::vector<std::int32_t> occupied_before_;  ///< occupied cells below each row and before each column, as a table of both

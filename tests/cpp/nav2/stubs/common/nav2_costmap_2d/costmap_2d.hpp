@@ -22,6 +22,7 @@ class Costmap2D {
   double getOriginX() const { return x_; }
   double getOriginY() const { return y_; }
   unsigned char getCost(unsigned int mx, unsigned int my) const { return costs_[std::size_t{my} * columns_ + mx]; }
+  unsigned char* getCharMap() { return costs_.data(); }
   void setCost(unsigned int mx, unsigned int my, unsigned char cost) { costs_[std::size_t{my} * columns_ + mx] = cost; }
   bool worldToMap(double wx, double wy, unsigned int& mx, unsigned int& my) const {
     if (wx < x_ || wy < y_) return false;
