@@ -1762,8 +1762,8 @@ MUTANTS = (
     ),
     Mutant(
         "ros/cspace_nav2/include/cspace_nav2/surroundings.hpp",
-        "reach = radius_of_corners_ / side + 1e-6;",
-        "reach = 0.7 * radius_of_corners_ / side;",
+        "reach = scale * radius_of_corners_ / side + 1e-6;",
+        "reach = 0.7 * scale * radius_of_corners_ / side;",
         "tests/cpp/nav2/test_nav2.py",
     ),
     Mutant(
@@ -1816,8 +1816,8 @@ MUTANTS = (
     ),
     Mutant(
         "ros/cspace_nav2/include/cspace_nav2/lattice.hpp",
-        "if (surroundings_.cost(poses) >= target || !surroundings_.poses_are_free(poses)) continue;",
-        "if (surroundings_.cost(poses) >= target) continue;",
+        "surroundings_.cost(poses) >= target || !surroundings_.poses_are_free(poses)) continue;",
+        "surroundings_.cost(poses) >= target) continue;",
         "tests/cpp/nav2/test_nav2.py",
     ),
     Mutant(

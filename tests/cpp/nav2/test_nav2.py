@@ -100,6 +100,20 @@ def test_python_certifies_the_path_that_follows_at_the_step(nav2, space, room):
     assert nav2.read_log() == ""
 
 
+def test_a_car_finds_narrow_doors_in_few_steps_whatever_the_yaw_of_its_start(nav2, tmp_path):
+    cells = np.zeros((120, 80), dtype=bool)
+    for wall, door in ((34, 14), (80, 52)):
+        cells[wall : wall + 3] = True
+        cells[wall : wall + 3, door : door + 11] = False  # 0.55 m, for a robot 0.4 m wide
+    workspace = cspace.Workspace.from_array(cells, 0.05)
+    space = cspace.build(workspace, cspace.Robot.rectangle(0.6, 0.4), rotations=72)
+    space.save(tmp_path / "hall")
+    # 25,000 steps; on a lattice whose yaws were that of the start and the turns of tightest arcs, 140,000 were needed.
+    nav2.configure(tmp_path / "hall", drive="dubins", turning_radius=0.4, time_limit=0.1)
+    for yaw in (-0.1, 0.7):
+        nav2.find_path((0.8, 2.0, yaw), (5.2, 2.5 + 0.1 * yaw, 0.3))
+
+
 @pytest.mark.parametrize("drive, floor", [("differential", 0.04), ("holonomic", 0.06)])
 def test_a_robot_on_a_floor_passes_under_a_beam(nav2, tmp_path, drive, floor):
     cells = np.zeros((70, 38, 8), dtype=bool)
