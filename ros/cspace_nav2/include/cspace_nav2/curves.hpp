@@ -37,11 +37,13 @@ inline Configuration advance(const Configuration& q, const Arc& arc) {
   return {q[0] + chord * std::cos(heading), q[1] + chord * std::sin(heading), q[2] + arc.angle};
 }
 
-/// Return the arc between two poses of which each lies on it: its chord, and the shorter turn.
+/// An arc, and how far aside of its end a pose is, metres.
 struct Fit {
   Arc arc;
-  double gap;  ///< metres from its end to the second pose, aside
+  double gap;
 };
+
+/// Return the arc between two poses of which each lies on it: its chord, and the shorter turn.
 inline Fit arc_between(const Configuration& from, const Configuration& to) {
   const double half = 0.5 * wrap(to[2] - from[2]), dx = to[0] - from[0], dy = to[1] - from[1];
   const double cosine = std::cos(from[2] + half), sine = std::sin(from[2] + half);
@@ -97,7 +99,10 @@ struct Center {
 
   /// @param side  1 if the last arc turns left, -1 if it turns right
   Center(const Configuration& goal, double cosine, double sine, int side)
-      : xi(goal[0] - side * sine), eta(goal[1] - 1.0 + side * cosine), apart(std::sqrt(xi * xi + eta * eta)), bearing(std::atan2(eta, xi)) {}
+      : xi(goal[0] - side * sine),
+        eta(goal[1] - 1.0 + side * cosine),
+        apart(std::sqrt(xi * xi + eta * eta)),
+        bearing(std::atan2(eta, xi)) {}
 };
 
 /// Return lengths of a form's word to a yaw, whose arcs are not wrapped; nothing if it does not get there.
@@ -143,19 +148,22 @@ inline std::optional<Lengths> solve(std::size_t number, double phi, const std::a
 }
 
 /// Return true if a word ends at its goal, up to rounding.
-inline bool reaches(const Word& word, double length, const Configuration& goal) {
+inline bool reaches(const Word& word, const Configuration& goal) {
   Configuration end{};
-  for (const Arc& arc : word)
+  double length = 0.0;
+  for (const Arc& arc : word) {
     if (arc.length != 0.0) end = cspace_nav2::advance(end, arc);
+    length += std::abs(arc.length);
+  }
   const double gap = std::hypot(end[0] - goal[0], end[1] - goal[1]), turn = wrap(end[2] - goal[2]);
   return gap <= MAX_GAP + GAP_PER_LENGTH * length && std::abs(turn) <= MAX_GAP;
 }
 
-/// Return the shortest word from the origin that gets to its goal, or by its lengths alone.
+/// Return the shortest word from the origin; one that, but for rounding, gets to its goal, unless words are driven.
 ///
 /// Each form gives words by symmetry: mirrored (left for right), reversed (ahead for back) and backwards (from the end to the
 /// start). Words of Dubins are neither reversed nor backwards; their arcs just below 2 pi are tried as 0 and as given.
-inline std::optional<Word> find_shortest_word(const Configuration& goal, bool reverses, bool is_driven) {
+inline std::optional<Word> find_word(const Configuration& goal, bool reverses, bool is_driven) {
   std::optional<Word> shortest;
   double least = FAR;
   const auto offer = [&](const Form& form, const Lengths& lengths, int mirror, int sign, bool goes_back, double longest) {
@@ -173,7 +181,7 @@ inline std::optional<Word> find_shortest_word(const Configuration& goal, bool re
       if (!(total < least)) return;
     }
     // One arc gets there only by chance.
-    if ((is_driven || form.segments == 1) && !reaches(word, total, goal)) return;
+    if ((is_driven || form.segments == 1) && !reaches(word, goal)) return;
     least = total;
     shortest = word;
   };
@@ -200,14 +208,12 @@ inline std::optional<Word> find_shortest_word(const Configuration& goal, bool re
   return shortest;
 }
 
+/// Return the shortest word from the origin that gets to its goal.
 inline std::optional<Word> find_shortest_word(const Configuration& goal, bool reverses) {
-  if (reaches({}, 0.0, goal)) return Word{};
-  // Driving a word takes longer than making it, so all are driven only if the shortest one, for rounding, does not get there.
-  const std::optional<Word> shortest = find_shortest_word(goal, reverses, false);
-  double length = 0.0;
-  if (shortest)
-    for (const Arc& arc : *shortest) length += std::abs(arc.length);
-  return shortest && reaches(*shortest, length, goal) ? shortest : find_shortest_word(goal, reverses, true);
+  if (reaches({}, goal)) return Word{};
+  // Driving a word takes longer than making it, so all are driven only if the shortest one does not get there.
+  const std::optional<Word> word = find_word(goal, reverses, false);
+  return word && reaches(*word, goal) ? word : find_word(goal, reverses, true);
 }
 
 }  // namespace detail

@@ -96,7 +96,7 @@ class Guide {
   }
 
  private:
-  /// Settle the block of the queue that is nearest on the way from the start, and look at its neighbours.
+  /// Settle the first block of the queue, and look at its neighbours.
   void settle() {
     const std::int64_t block = queue_.top().second, rows = blocks_.rows(), columns = blocks_.size() / rows;
     queue_.pop();
@@ -113,10 +113,10 @@ class Guide {
         const double cost = costs_[block] + apart * blocks_.side() * surroundings_.weight(blocks_.center_of(next));
         if (cost >= costs_[next]) continue;
         costs_[next] = cost;
-        // Least costs without obstacles come to the start: A* settles few blocks, and each at its least cost, as Dijkstra does.
-        const std::int64_t far_x = std::abs(x - start_ / rows), far_y = std::abs(y - start_ % rows);
-        const auto octile = static_cast<double>(std::max(far_x, far_y)) + (M_SQRT2 - 1.0) * static_cast<double>(std::min(far_x, far_y));
-        queue_.push({cost + blocks_.side() * octile, next});
+        // With the least cost from the start, A* settles fewer blocks than Dijkstra's search, and each at its least cost, too.
+        const auto [near, far] = std::minmax({std::abs(x - start_ / rows), std::abs(y - start_ % rows)});
+        const double rest = blocks_.side() * (static_cast<double>(far - near) + M_SQRT2 * static_cast<double>(near));
+        queue_.push({cost + rest, next});
       }
   }
 
@@ -273,7 +273,7 @@ class Lattice {
   bool shorten_once(std::vector<Configuration>& path) const {
     bool is_changed = false;
     std::vector<double> costs = list_costs(path);
-    for (std::size_t reach = path.size(); reach >= 8; reach = reach / 2)
+    for (std::size_t reach = path.size(); reach >= 8; reach /= 2)
       for (std::size_t first = 0; first + 2 < path.size() && !is_over_(); first += std::max<std::size_t>(1, reach / 4)) {
         const std::size_t last = std::min(first + reach, path.size() - 1);
         const double target = costs[last] - costs[first] - MIN_GAIN;

@@ -162,10 +162,9 @@ class Surroundings {
       // The second bound keeps a piece within a sixteenth of a cell of its chord.
       const double steps = (length + radius_ * angle) / rules_.step, bends = std::sqrt(2.0 * length * angle / map_.spacing());
       const double count = std::ceil(std::max({steps, bends, angle}) - 1e-6);
-      const Configuration begin = poses.back();
-      const Configuration end = advance(begin, arc);
+      const Configuration begin = poses.back(), end = advance(begin, arc);
+      const bool is_straight = arc.angle == 0.0;  // which needs no more sines
       for (double k = 1.0; k <= count; ++k) {
-        const bool is_straight = arc.angle == 0.0;  // which needs no sines
         const Arc part = {k / count * arc.length, k / count * arc.angle, arc.aside};
         poses.push_back(is_straight ? mix(begin, end, k / count) : advance(begin, part));
       }
@@ -177,10 +176,8 @@ class Surroundings {
   /// obstacles reaches a bound.
   std::vector<Configuration> connect(const Configuration& from, const Configuration& to,
                                      double bound = std::numeric_limits<double>::infinity()) const {
-    if (drive_.is_holonomic) {
-      if (drive_.least_cost(from, to) >= bound) return {};
-      return poses_between(from, to);
-    }
+    if (drive_.is_holonomic && drive_.least_cost(from, to) >= bound) return {};
+    if (drive_.is_holonomic) return poses_between(from, to);
     const std::vector<Arc> arcs = drive_.curve(from, to);
     if (Drive::total_cost(arcs) >= bound) return {};
     std::vector<Configuration> poses = poses_along(from, arcs);
