@@ -96,8 +96,9 @@ HAS_TYPE(std::declval<OccupancyGrid>().data, std::vector<std::int8_t>);
 
 HAS_TYPE(std::declval<const rclcpp::Node&>().get_name(), const char*);
 HAS_TYPE(std::declval<const rclcpp::Node&>().get_namespace(), const char*);
-HAS_TYPE(std::declval<const rclcpp::Node&>().get_publishers_info_by_topic("")[0].node_name(), const std::string&);
-HAS_TYPE(std::declval<const rclcpp::Node&>().get_publishers_info_by_topic("")[0].node_namespace(), const std::string&);
+HAS_TYPE(std::declval<const rclcpp::Node&>().get_publishers_info_by_topic(""), std::vector<rclcpp::TopicEndpointInfo>);
+HAS_TYPE(std::declval<const rclcpp::TopicEndpointInfo&>().node_name(), const std::string&);
+HAS_TYPE(std::declval<const rclcpp::TopicEndpointInfo&>().node_namespace(), const std::string&);
 using rcl_interfaces::msg::ParameterDescriptor;
 HAS_TYPE(std::declval<ParameterDescriptor>().read_only, bool);
 HAS_TYPE(std::declval<ParameterDescriptor>().description, std::string);
