@@ -89,7 +89,7 @@ void CspacePlanner::read_parameters(Node& node, const std::string& name) {
   Parameters<Node> parameters(node, name + ".");
   const std::string drive = parameters.word("drive", "how the robot moves", {DRIVES.begin(), DRIVES.end()});
   const double radius = parameters.number("turning_radius", 0.0, 0.0, 1000.0, "least turning radius of a car, metres");
-  time_limit_ = parameters.number("time_limit", 1.0, 0.001, 3600.0, "seconds of a request, of 250,000 steps of the search each");
+  time_limit_ = parameters.number("time_limit", 5.0, 0.001, 3600.0, "seconds of a request, of 250,000 steps of the search each");
   rules_.step = parameters.number("step", 0.05, 0.001, 10.0, "metres that a point of the robot moves between two poses");
   rules_.cost_penalty = parameters.number("cost_penalty", 2.0, 0.0, 100.0, "weight of the costmap's costs, as SMAC's");
   tolerance_ = parameters.number("tolerance", 0.25, 0.0, 100.0, "metres to a free place if the goal is not free");

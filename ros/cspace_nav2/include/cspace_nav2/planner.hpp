@@ -88,7 +88,7 @@ class CspacePlanner : public nav2_core::GlobalPlanner {
   rclcpp::Clock::SharedPtr clock_;
   std::unique_ptr<const rclcpp::Logger> logger_;
   Rules rules_{};
-  double time_limit_ = 1.0;
+  double time_limit_ = 5.0;
   double tolerance_ = 0.25, start_tolerance_ = 0.1;
   std::list<Route> kept_routes_;  ///< the newest first
 };
