@@ -1858,6 +1858,18 @@ MUTANTS = (
     ),
     Mutant(
         "cspace/include/cspace/gate.hpp",
+        "-twist.omega * point.x - twist.side}",
+        "-twist.omega * point.x + twist.side}",
+        "tests/cpp/test_gate.py",
+    ),
+    Mutant(
+        "ros/cspace_nav2/include/cspace_nav2/watch.hpp",
+        "turn({v * seconds * ratio, side * seconds * ratio}, pose.yaw",
+        "turn({v * seconds * ratio, 0.0 * side * seconds * ratio}, pose.yaw",
+        "tests/cpp/nav2/test_watch.py",
+    ),
+    Mutant(
+        "cspace/include/cspace/gate.hpp",
         "double above = gap.distance - needed;",
         "double above = gap.distance;",
         "tests/cpp/test_gate.py",

@@ -7,7 +7,7 @@
 //                                                   cores of a robot are "radius x y x y ...;radius x y ...", or "map"
 //                                                   for those of the map
 //   answers drive MAP LEAVING CORES DT V OMEGA TRACKING... RADIUS
-//                                                   the same of lines of a pose, two twists and points from the input
+//                                                   the same of lines of a pose, two twists with sides and points from the input
 //   answers cycles MAP ROWS CORES DT V OMEGA TRACKING... RADIUS
 //                                                   microseconds of CPU time a cycle that leaves, without points and with 360
 //   answers robot MAP                               frame of a map; then the parts of its robot, a line each: radius and corners
@@ -105,13 +105,13 @@ void print_robot(const cspace::Map& map) {
   }
 }
 
-/// Print what a gate lets through of a pose x, y, yaw, v, omega, v now, omega now, and the points that follow.
-void slow_down(const cspace::Gate& gate, const double* row, const std::vector<cspace::Point>& points, bool leaving) {
+/// Print what a gate lets through of a twist, beside that of now and points.
+void slow_down(const cspace::Gate& gate, const double* q, const cspace::Twist& wanted, const cspace::Twist& now,
+               const std::vector<cspace::Point>& points, bool leaving) {
   try {
-    const cspace::SlowedCommand slowed =
-        gate.slow_down({row[0], row[1], row[2]}, {row[3], row[4]}, {row[5], row[6]}, points, leaving);
+    const cspace::SlowedCommand slowed = gate.slow_down(q, wanted, now, points, leaving);
     std::cout << slowed.share << " " << slowed.is_proven << " " << slowed.leaves;
-    for (const cspace::Twist& twist : slowed.commands) std::cout << " " << twist.v << " " << twist.omega;
+    for (const cspace::Twist& twist : slowed.commands) std::cout << " " << twist.v << " " << twist.omega << " " << twist.side;
     std::cout << std::endl;
   } catch (const cspace::InputError& error) {
     std::cout << error.what() << std::endl;
@@ -145,11 +145,11 @@ void time_cycles(const cspace::Gate& gate, const std::vector<double>& rows) {
 void drive(const cspace::Gate& gate, bool leaving) {
   for (std::string line; std::getline(std::cin, line);) {
     std::istringstream numbers(line);
-    double row[7];
+    double row[9];
     for (double& number : row) numbers >> number;
     std::vector<cspace::Point> points;
     for (cspace::Point point; numbers >> point.x >> point.y;) points.push_back(point);
-    slow_down(gate, row, points, leaving);
+    slow_down(gate, row, {row[3], row[4], row[5]}, {row[6], row[7], row[8]}, points, leaving);
   }
 }
 
@@ -207,7 +207,8 @@ int main(int count, char** arguments) {
       const cspace::Gate gate = make_gate(words[1], {words.begin() + 4, words.end()});
       const std::vector<double> rows = read_numbers(words[2]);
       std::cout.precision(17);
-      for (std::size_t k = 0; k + 7 <= rows.size(); k += 7) slow_down(gate, &rows[k], {}, words[3] == "1");
+      for (auto row = rows.data(); row + 7 <= rows.data() + rows.size(); row += 7)
+        slow_down(gate, row, {row[3], row[4]}, {row[5], row[6]}, {}, words[3] == "1");
     } catch (const cspace::InputError& error) {
       std::cout << error.what() << "\n";
     }

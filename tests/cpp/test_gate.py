@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import shapely
 import trimesh
+from shapely import affinity
 
 import cspace
 from tests.gates.test_gate_drives import POSTS, make_cells, run_drive
@@ -325,17 +326,23 @@ def measure_distances(people, bodies):
     return shapely.distance(np.array(bodies)[:, np.newaxis], outlines)
 
 
-def drive_among_people(program, room, seed, cycles=80):
-    """Drive among people; return the way, and the number of cycles near and of leaving."""
+def drive_among_people(program, room, seed, size=2, cycles=80):
+    """Drive among people; return the way, and the number of cycles near and of leaving.
+
+    ``size`` is 3 for a robot that also drives sideways.
+    """
     rng = np.random.default_rng(seed)
     people, gate = People(rng), open_gate(program, room)
-    pose, now, ramp = np.array([1.5, 2.0, rng.uniform(-3.0, 3.0)]), np.zeros(2), np.zeros((1, 2))
+    pose, ramp = np.array([1.5, 2.0, rng.uniform(-3.0, 3.0)]), np.zeros((1, size))
     way = near = left = 0
     for cycle in range(cycles):
         if cycle % 8 == 0:
-            wanted = rng.normal((0.4, 0.0), (0.5, 1.0)) * (rng.random(2) < 0.8)
+            wanted = rng.normal((0.4, 0.0, 0.0)[:size], (0.5, 1.0, 0.5)[:size])
+            wanted *= rng.random(size) < 0.8
         people.step(pose, ramp[1:])
-        slowed = gate.slow_down(pose, wanted, now, list_outlines(people))
+        slowed = gate.slow_down(pose, wanted, ramp[0], list_outlines(people))
+        speeds = np.linalg.norm(np.vstack((ramp[:1], slowed.commands))[:, ::2], axis=1)
+        assert (-np.diff(speeds) <= watch.DT * watch.BRAKES[0] + 1e-9).all()
         ramp, now = slowed.commands, slowed.commands[0]
         driven = sweep(pose, ramp[:1])
         distances = measure_distances(people, driven)
@@ -347,7 +354,7 @@ def drive_among_people(program, room, seed, cycles=80):
         near += bool(distances[0].min() < 0.03)
         left += slowed.leaves and slowed.share > 0.0 and bool(now.any())
         pose = place_along(pose, ramp[:1], watch.DT)[-1]
-        way += watch.DT * abs(now[0])
+        way += watch.DT * np.linalg.norm(now[::2])
     gate.close()
     return way, near, left
 
@@ -359,8 +366,10 @@ def drive_among_people(program, room, seed, cycles=80):
         pytest.param(range(500), id="500 drives", marks=pytest.mark.thorough),
     ],
 )
-def test_drives_among_people_who_step_in_touch_nothing(program, room, seeds):
-    way, near, left = np.sum([drive_among_people(program, room, seed) for seed in seeds], axis=0)
+@pytest.mark.parametrize("size", [2, 3], ids=["ahead", "sideways"])
+def test_drives_among_people_who_step_in_touch_nothing(program, room, seeds, size):
+    drives = [drive_among_people(program, room, seed, size) for seed in seeds]
+    way, near, left = np.sum(drives, axis=0)
     assert way > 0.3 * len(seeds) and near > 10 * len(seeds) and left > 2 * len(seeds)
 
 
@@ -388,6 +397,44 @@ def test_drives_go_far_beside_the_fastest_safe_ones(program, tmp_path, seeds, sh
     slowed, fastest = np.sum([run_drive(choose, space, may_stand, k) for k in seeds], axis=0)
     assert slowed > share * fastest
     gate.close()
+
+
+@pytest.mark.parametrize(
+    "count", [200, pytest.param(4000, marks=pytest.mark.thorough)], ids=["few", "many"]
+)
+@pytest.mark.parametrize("degrees, dt", [(90, watch.DT), (130, 10 * watch.DT)])
+def test_a_way_to_the_side_is_one_ahead_of_a_robot_turned_in_its_frame(
+    tmp_path, program, room, degrees, dt, count
+):
+    angle, turned = math.radians(degrees), affinity.rotate(BODY, -degrees, (0.0, 0.0))
+    cells = cspace.open(room).workspace
+    cspace.build(cells, cspace.Robot.polygon(turned), rotations=72).save(tmp_path / "turned")
+    numbers = (dt, *watch.BRAKES, *(TRACKING,) * 3, POINT_RADIUS)
+    rng, found = np.random.default_rng(count), []
+    for leaving in (False, True):
+        gate, other = (
+            GateInCpp(program, path, "map", *numbers, leaving=leaving)
+            for path in (room, tmp_path / "turned")
+        )
+        for _ in range(count):
+            x, y, yaw = rng.uniform((0.3, 0.3, -3.0), (5.7, 3.7, 3.0))
+            ways = np.outer(
+                (1.0, rng.random()), rng.normal(0.0, (0.5, 1.0)) * (rng.random(2) < 0.8)
+            )
+            ways[1] += rng.normal(0.0, 0.05, 2)
+            points = rng.normal((x, y), 0.8, (rng.integers(3), 2))
+            twists = np.outer(ways[:, 0], (math.cos(angle), 0.0, math.sin(angle)))
+            twists[:, 1] = ways[:, 1]
+            slowed = gate.slow_down((x, y, yaw), *twists, points)
+            expected = other.slow_down((x, y, yaw + angle), *ways, points)
+            assert slowed[:3] == expected[:3], (x, y, yaw, ways, points)
+            along = slowed.commands[:, ::2] @ (math.cos(angle), math.sin(angle))
+            np.testing.assert_allclose(along, expected.commands[:, 0], atol=1e-12)
+            found.append(slowed[:3])
+        gate.close()
+        other.close()
+    shares, proven, leaves = np.transpose(found)
+    assert len(np.unique(shares)) > 4 and min(proven.sum(), leaves.sum()) > count / 10
 
 
 @pytest.mark.thorough

@@ -222,9 +222,11 @@ class GateInCpp(Program):
         super().__init__([program, "drive", map_, int(leaving), robot, *map(float, numbers)])
 
     def slow_down(self, pose: Any, twist: Any, now: Any, points: Any = ()) -> SlowedInCpp:
-        """Return what the gate lets through."""
-        self.tell(*map(float, (*pose, *twist, *now, *np.ravel(points))))
-        return read_slowed(self.read_line())
+        """Return what the gate lets through; the third number of a twist is its side."""
+        twists = np.zeros((2, 3))
+        twists[:, : len(twist)] = twist, now
+        self.tell(*map(float, (*pose, *np.ravel(twists), *np.ravel(points))))
+        return read_slowed(self.read_line(), len(twist))
 
 
 class SlowedInCpp(NamedTuple):
@@ -236,10 +238,10 @@ class SlowedInCpp(NamedTuple):
     commands: Floats
 
 
-def read_slowed(line: str) -> SlowedInCpp:
-    """Read a line of the program."""
+def read_slowed(line: str, size: int = 2) -> SlowedInCpp:
+    """Read a line of the program; ``size`` is that of each command."""
     share, is_proven, leaves, *numbers = map(float, line.split())
-    return SlowedInCpp(share, bool(is_proven), bool(leaves), np.reshape(numbers, (-1, 2)))
+    return SlowedInCpp(share, bool(is_proven), bool(leaves), np.reshape(numbers, (-1, 3))[:, :size])
 
 
 def open_in_cpp(program: Path, *maps: Path) -> list[str]:

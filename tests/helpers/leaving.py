@@ -10,13 +10,12 @@ CELL = 0.1
 
 
 def drive(pose, twist, seconds):
-    """Return the poses on the arc of a twist after some seconds."""
-    x, y, yaw = pose
-    half = 0.5 * twist[1] * seconds
-    chord = twist[0] * seconds * np.sinc(half / math.pi)
-    return np.stack(
-        [x + chord * np.cos(yaw + half), y + chord * np.sin(yaw + half), yaw + 2.0 * half], axis=-1
-    )
+    """Return the poses on the arc of a twist after some seconds; its third number is its side."""
+    v, omega, side = (*twist, 0.0)[:3]
+    half = 0.5 * omega * seconds
+    chord = (v + 1j * side) * seconds * np.sinc(half / math.pi)
+    place = complex(*pose[:2]) + chord * np.exp(1j * (pose[2] + half))
+    return np.stack([place.real, place.imag, pose[2] + 2.0 * half], axis=-1)
 
 
 def place_along(pose, commands, dt, instants=25):

@@ -70,8 +70,9 @@ class Decided(NamedTuple):
 class WatchInCpp(Program):
     """A watch of a running program; ``look_up`` answers where frames are."""
 
-    def __init__(self, program, map_, point_radius=POINT_RADIUS, sources="scan"):
-        """Start the program."""
+    def __init__(self, program, map_, point_radius=POINT_RADIUS, sources="scan", size=2):
+        """Start the program; twists have ``size`` numbers, the third one to the side."""
+        self.size = size
         numbers = (DT, *BRAKES, *(TRACKING,) * 3, point_radius)
         super().__init__([program, map_, *map(float, numbers), sources])
 
@@ -83,8 +84,8 @@ class WatchInCpp(Program):
             if word != "look":
                 break
             self.tell(look_up(words[0], words[1], int(words[2])))
-        twist = np.array([float(word), float(words[0])])
-        return Decided(twist, " ".join(words[2:]), float(words[1]))
+        twist = np.array(list(map(float, (word, *words[:2])))[: self.size])
+        return Decided(twist, " ".join(words[3:]), float(words[2]))
 
 
 class Frame(NamedTuple):

@@ -23,9 +23,16 @@
 
 namespace cspace {
 
-/// A command of a robot that drives: its speed, m/s, and its yaw rate, rad/s.
+/// A command of a robot that drives: its speed ahead, m/s, its yaw rate, rad/s, and its speed to the left, m/s.
 struct Twist {
   double v, omega;
+  double side = 0.0;
+
+  /// Return the speed along its way, m/s.
+  double speed() const { return std::hypot(v, side); }
+
+  /// Return a share of it.
+  Twist scale(double share) const { return {share * v, share * omega, share * side}; }
 };
 
 /// A point of the plane, metres.
@@ -44,7 +51,7 @@ struct Core {
 /// What a gate knows of a robot's drive and sensors.
 struct GateOptions {
   double dt = 0.05;                                 ///< seconds of a command
-  Twist max_deceleration = {1.0, 2.0};              ///< m/s^2 and rad/s^2, above zero
+  Twist max_deceleration = {1.0, 2.0};              ///< m/s^2 along its way, and rad/s^2; above zero
   std::array<double, 3> tracking = {0.0, 0.0, 0.0}; ///< how far the robot may stray: x, y and yaw, metres and radians
   double point_radius = 0.0;                        ///< of what is around each point, metres
 };
@@ -145,16 +152,23 @@ struct Body {
   }
 };
 
+/// Return a vector that is turned by an angle.
+inline Point turn(const Point& vector, double angle) {
+  const double cosine = std::cos(angle), sine = std::sin(angle);
+  return {vector.x * cosine - vector.y * sine, vector.x * sine + vector.y * cosine};
+}
+
 /// Return the velocity of a point as a robot sees it.
 inline Point find_flow(const Twist& twist, const Point& point) {
-  return {twist.omega * point.y - twist.v, -twist.omega * point.x};
+  return {twist.omega * point.y - twist.v, -twist.omega * point.x - twist.side};
 }
 
 /// Return a point as a robot sees it that has driven for some seconds.
 inline Point see_from(const Twist& twist, double seconds, const Point& point) {
   const double half = 0.5 * twist.omega * seconds;
-  const double chord = twist.v * seconds * (half == 0.0 ? 1.0 : std::sin(half) / half);
-  const double x = point.x - chord * std::cos(half), y = point.y - chord * std::sin(half);
+  const double ratio = half == 0.0 ? 1.0 : std::sin(half) / half;
+  const Point way = turn({twist.v * seconds * ratio, twist.side * seconds * ratio}, half);
+  const double x = point.x - way.x, y = point.y - way.y;
   const double cosine = std::cos(twist.omega * seconds), sine = std::sin(twist.omega * seconds);
   return {cosine * x + sine * y, cosine * y - sine * x};
 }
@@ -355,7 +369,7 @@ class Gate {
   /// Return true if one of some cells, given by their centers, is within reach of a robot that drives a twist and stops.
   bool reaches(const double* q, const Twist& twist, const std::vector<Point>& centers) const {
     double reach = size_ + margin_ + detail::CELL_REACH * map_->spacing();
-    for (const Twist& command : brake(twist)) reach += std::abs(command.v) * options_.dt;
+    for (const Twist& command : brake(twist)) reach += command.speed() * options_.dt;
     const auto is_within = [&](const Point& center) { return !(std::hypot(center.x - q[0], center.y - q[1]) > reach); };
     return std::any_of(centers.begin(), centers.end(), is_within);
   }
@@ -382,7 +396,7 @@ class Gate {
   ///                     `leaving`, if the map is in tiles
   SlowedCommand slow_down(const double* q, Twist twist, Twist twist_now, const std::vector<Point>& points = {},
                           bool leaving = false) const {
-    if (!map_->is_usable(q) || !std::isfinite(twist.v + twist.omega + twist_now.v + twist_now.omega))
+    if (!map_->is_usable(q) || !std::isfinite(twist.speed() + twist.omega + twist_now.speed() + twist_now.omega))
       throw InputError("cspace: configurations and twists must be finite, and a yaw at most 2^20");
     for (const Point& point : points)
       if (!std::isfinite(point.x + point.y)) throw InputError("cspace: points must be finite");
@@ -390,9 +404,10 @@ class Gate {
     std::vector<Ramp> ramps;
     for (int part = detail::SHARES; part > 0; --part) {
       const double share = static_cast<double>(part) / detail::SHARES;
-      const Twist first{share * twist.v, share * twist.omega};
+      const Twist first = twist.scale(share);
       // A share may not be slower than what the brakes can reach.
-      if (is_beyond(twist_now.v, first.v, most_.v) || is_beyond(twist_now.omega, first.omega, most_.omega)) continue;
+      const double slowed = std::hypot(find_loss(twist_now.v, first.v), find_loss(twist_now.side, first.side));
+      if (slowed > most_.v || find_loss(twist_now.omega, first.omega) > most_.omega) continue;
       ramps.push_back({share, brake(first), 0.0});
       const std::size_t count = ramps.back().commands.size();
       // A ramp drives as far as its first twist in half the time, and half a command more.
@@ -462,20 +477,21 @@ class Gate {
       throw InputError("cspace: a part has one corner, or those of a convex polygon, counterclockwise, once each");
   }
 
-  static bool is_beyond(double now, double first, double most) {
-    return now != 0.0 && std::copysign(1.0, now) * (now - first) > most;
+  /// Return by how much a speed is lower than that of now, or the other way.
+  static double find_loss(double now, double first) {
+    return now == 0.0 ? 0.0 : std::max(std::copysign(1.0, now) * (now - first), 0.0);
   }
 
   /// Return the twists that bring a robot to rest along an arc, the first one included.
   std::vector<Twist> brake(Twist twist) const {
     // Rounded down, so that what is left of a ramp never gets longer.
-    const double ratio = std::max(std::abs(twist.v) / most_.v, std::abs(twist.omega) / most_.omega);
+    const double ratio = std::max(twist.speed() / most_.v, std::abs(twist.omega) / most_.omega);
     if (!(ratio <= detail::MAX_RAMP)) throw InputError("cspace: a twist must come to rest within at most 100000 commands");
     const int steps = static_cast<int>(std::ceil(ratio * (1.0 - 1e-9)));
     std::vector<Twist> ramp;
     for (int k = 0; k < steps; ++k) {
       const double share = 1.0 - static_cast<double>(k) / steps;
-      ramp.push_back({share * twist.v, share * twist.omega});
+      ramp.push_back(twist.scale(share));
     }
     return ramp;
   }
@@ -486,7 +502,7 @@ class Gate {
   }
 
   double count_arcs(const Twist& twist) const {
-    const double length = std::abs(twist.v) * options_.dt, angle = std::abs(twist.omega) * options_.dt;
+    const double length = twist.speed() * options_.dt, angle = std::abs(twist.omega) * options_.dt;
     return std::ceil(std::max(std::sqrt(length * angle / (0.5 * map_->spacing())), angle));
   }
 
@@ -495,7 +511,7 @@ class Gate {
     if (commands.empty() || !(count_arcs(commands[0]) <= detail::MAX_ARCS)) return;
     for (const Twist& twist : commands) {
       pieces = std::max(pieces, count_arcs(twist));
-      bend = std::max(bend, std::abs(twist.v) * options_.dt * (std::abs(twist.omega) * options_.dt));
+      bend = std::max(bend, twist.speed() * options_.dt * (std::abs(twist.omega) * options_.dt));
     }
   }
 
@@ -518,14 +534,14 @@ class Gate {
     double x = 0.0, y = 0.0, yaw = 0.0;
     double pair[] = {q[0], q[1], q[2], q[0], q[1], q[2]};
     for (const Twist& twist : commands) {
-      const double length = twist.v * options_.dt / pieces, angle = twist.omega * options_.dt / pieces;
-      const double half = detail::PI * (angle / detail::TWO_PI);
-      const double chord = length * (half == 0.0 ? 1.0 : std::sin(half) / half);
+      const double angle = twist.omega * options_.dt / pieces, half = detail::PI * (angle / detail::TWO_PI);
+      const double ratio = half == 0.0 ? 1.0 : std::sin(half) / half;
+      const Point chord{twist.v * options_.dt / pieces * ratio, twist.side * options_.dt / pieces * ratio};
       for (int k = 0; k < static_cast<int>(pieces); ++k) {
         yaw += angle;
-        const double heading = start + yaw - 0.5 * angle;
-        x += chord * std::cos(heading);
-        y += chord * std::sin(heading);
+        const Point way = detail::turn(chord, start + yaw - 0.5 * angle);
+        x += way.x;
+        y += way.y;
         std::copy(pair + 3, pair + 6, pair);
         pair[3] = q[0] + x;
         pair[4] = q[1] + y;
@@ -543,7 +559,7 @@ class Gate {
                    bool leaving) const {
     Reach reach{seconds, seconds, seconds};
     const double least = seconds / detail::PIECES;
-    const double range = size_ + margin() + std::abs(twist.v) * seconds;
+    const double range = size_ + margin() + twist.speed() * seconds;
     std::vector<Point> near;
     for (const Point& point : points) {
       const Point seen = see(q, point);
@@ -611,7 +627,7 @@ class Gate {
   /// Return for how long, at most `seconds`, a twist comes no nearer to any taken cell.
   double find_cell_reach(const double* q, const Twist& twist, double seconds) const {
     const double margin = margin_ + detail::CELL_REACH * map_->spacing();
-    const double range = size_ + margin + std::abs(twist.v) * seconds, least = seconds / detail::PIECES;
+    const double range = size_ + margin + twist.speed() * seconds, least = seconds / detail::PIECES;
     if (!can_list(q, range)) return 0.0;
     const auto taken = list_taken(q, range);
     if (has_within(taken, -lost_depth_)) return 0.0;

@@ -96,7 +96,7 @@ class GateNode : public rclcpp_lifecycle::LifecycleNode {
     if (!timer_) return;
     timer_->cancel();
     timer_.reset();
-    for (cspace::Twist twist{1.0, 1.0}; twist.v != 0.0 || twist.omega != 0.0;) {
+    for (cspace::Twist twist{1.0, 1.0}; !Watch::is_rest(twist);) {
       twist = watch_->brake();
       publish(twist);
       std::this_thread::sleep_for(std::chrono::duration<double>(gate_options_.dt));
@@ -143,6 +143,7 @@ class GateNode : public rclcpp_lifecycle::LifecycleNode {
     const std::vector<std::string> lasers = clouds_.empty() ? std::vector<std::string>{"scan"} : none;
     scans_ = parameters.texts("scans", lasers, "topics of lasers, each of which must be heard: scan, or none beside clouds");
     is_stamped_ = parameters.flag("stamped", false, "whether commands are TwistStamped");
+    is_holonomic_ = parameters.flag("holonomic", false, "whether the robot also drives sideways, by linear.y of a command");
     options_.leaving = parameters.flag("leaving", true, "whether the robot may also leave what it is too near to");
     options_.leaving_speed =
         parameters.number("leaving_speed", 0.1, 0.001, 10.0, "of any point of a robot that leaves what it is too near to, m/s");
@@ -195,9 +196,10 @@ class GateNode : public rclcpp_lifecycle::LifecycleNode {
   }
 
   void hear(const Twist& msg, Time when) {
-    if (msg.linear.y != 0.0) return watch_->refuse_command("a command goes sideways, which no gate of x and yaw proves");
-    if (std::isfinite(msg.linear.x + msg.angular.z)) return watch_->hear_command({msg.linear.x, msg.angular.z}, when);
-    watch_->refuse_command("a command is not finite");
+    if (!is_holonomic_ && msg.linear.y != 0.0)
+      return watch_->refuse_command("a command goes sideways, and the parameter 'holonomic' is false");
+    if (!std::isfinite(msg.linear.x + msg.linear.y + msg.angular.z)) return watch_->refuse_command("a command is not finite");
+    watch_->hear_command({msg.linear.x, msg.angular.z, msg.linear.y}, when);
   }
 
   /// Hear a command with its age; one without a stamp is of now.
@@ -244,6 +246,7 @@ class GateNode : public rclcpp_lifecycle::LifecycleNode {
     msg.header.stamp = get_clock()->now();
     msg.header.frame_id = options_.base_frame;
     msg.twist.linear.x = twist.v;
+    msg.twist.linear.y = twist.side;
     msg.twist.angular.z = twist.omega;
     if (publisher_) publisher_->publish(msg.twist);
     if (stamped_publisher_) stamped_publisher_->publish(msg);
@@ -252,7 +255,7 @@ class GateNode : public rclcpp_lifecycle::LifecycleNode {
   WatchOptions options_;
   cspace::GateOptions gate_options_;
   std::vector<std::string> footprint_, scans_, clouds_;
-  bool is_stamped_ = false;
+  bool is_stamped_ = false, is_holonomic_ = false;
   std::shared_ptr<MapMaker> maker_;  ///< without one, the map is that of a folder
   std::shared_ptr<const cspace::Map> map_;
   std::shared_ptr<const cspace::Gate> gate_;

@@ -5,7 +5,7 @@
 //   configure, activate, deactivate, cleanup, shutdown   print "success" or "failure"
 //   rules                 prints each parameter, its range and its description
 //   place X Y             of the robot in the map
-//   command V OMEGA       or "stamped V OMEGA AGE", seconds, or "sideways V"
+//   command V OMEGA       or "stamped V OMEGA AGE", seconds, or "sideways SIDE V"
 //   rival NAMES...        nodes that publish cmd_vel
 //   scan FRAME RANGES...  of now
 //   cloud TOPIC X Y Z     a point, of now, in the laser's frame
@@ -25,7 +25,9 @@ void stub_publish(const Message& message) {
     std::cout << "stamped " << message.header.stamp.sec << " " << message.header.frame_id << " ";
     stub_publish(message.twist);
   } else {
-    std::cout << "twist " << message.linear.x << " " << message.angular.z << std::endl;
+    std::cout << "twist " << message.linear.x << " " << message.angular.z;
+    if (message.linear.y != 0.0) std::cout << " " << message.linear.y;
+    std::cout << std::endl;
   }
 }
 
@@ -138,8 +140,11 @@ void stub_spin_once(LifecycleNode& node) {
     for (std::string name; line >> name;) rclcpp::Node::stub_publishers().emplace_back(name);
   }
   if (command == "sideways") {
+    std::string side, v;
+    line >> side >> v;
     Twist twist;
-    line >> twist.linear.y;
+    twist.linear.y = std::stod(side);
+    twist.linear.x = std::stod(v);
     deliver(twist, "cmd_vel_smoothed");
   }
   if (command == "command") deliver(read_twist(line), "cmd_vel_smoothed");

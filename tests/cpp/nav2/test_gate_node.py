@@ -71,7 +71,7 @@ class Node(Program):
             self.tell("scan", scan)
         kind, *words = self.ask("cycle").split()
         assert self.read_line() == "."
-        return tuple(map(float, words[-2:])) if kind == "twist" else (kind, *words)
+        return tuple(map(float, words)) if kind == "twist" else (kind, *words)
 
     def end(self):
         """Send SIGTERM; return what is published from then on."""
@@ -134,7 +134,7 @@ def test_it_brakes_within_a_period_and_says_why(node, scan, reason):
     [
         ("command nan 0", "is not finite"),
         ("command 0 inf", "is not finite"),
-        ("sideways 0.1", "goes sideways"),
+        ("sideways 0.1 0.6", "goes sideways, and the parameter 'holonomic' is false"),
         ("command 1.01 0", "is faster than max_velocity"),
         ("command 0.1 -30", "is faster than max_velocity"),
     ],
@@ -150,6 +150,26 @@ def test_the_largest_velocity_is_a_parameter(start):
     for command, passes in (("0.55 0", False), ("0 1.1", False), ("0.5 0", True)):
         node.cycle(f"command {command}")
         assert any(node.cycle(f"command {command}")) == passes
+
+
+@pytest.mark.parametrize(
+    "command, reason",
+    [("sideways 0.81 0.6", "is faster than max_velocity"), ("sideways nan 0.6", "is not finite")],
+)
+def test_a_holonomic_robot_drives_sideways_and_comes_to_rest(start, command, reason):
+    node = start(holonomic="true")
+    assert [node.ask("configure"), node.ask("activate")] == ["success", "success"]
+    node.cycle("sideways 0.6 0.3")
+    assert node.cycle("sideways 0.6 0.3") == (0.3, 0.0, 0.6)
+    node.cycle(command)
+    assert f"a command {reason}" in node.read_log()
+    node.cycle("sideways 0.4 0")
+    driven = [node.cycle("sideways 0.4 0") for _ in range(16)]
+    assert driven[-1] == (0.0, 0.0, 0.4)
+    lines = [list(map(float, line.split()[1:])) for line in node.end()]
+    sides = [side for _, _, side in lines[:-1]]
+    np.testing.assert_allclose(-np.diff([0.4, *sides, 0.0]), 0.05)
+    assert lines[-1] == [0.0, 0.0]
 
 
 def test_another_publisher_of_commands_is_named_and_nothing_is_sent_beside_it(node):

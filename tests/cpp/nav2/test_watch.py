@@ -378,6 +378,19 @@ def test_it_brakes_for_a_while_if_the_pose_jumps(watch, robot, jump, correction)
     assert reasons[:7] == ["the pose jumped"] * 7 and not reasons[7]
 
 
+def test_a_robot_moves_on_sideways_behind_a_late_tf(careful, room):
+    """It drives to a wall on its right, with a cycle late in between, and stands near it."""
+    watch, robot = WatchInCpp(careful, room, size=3), Robot((1.5, 3.0, 0.0))
+    for cycle in range(90):
+        robot.now += 240_000_000 * (cycle == 20)
+        robot.late = 250_000_000
+        send_scan(watch, robot, FREE, robot.now - robot.late)
+        decided = step(watch, robot, (0.0, 0.1, -0.8), "scan")
+        assert not decided.reason or cycle == 0 or robot.pose[1] < 0.6, (cycle, decided)
+    watch.close()
+    assert not robot.twist.any() and robot.pose[1] < 0.5
+
+
 def make_moved(frame, jump):
     """Return a frame of odometry with which the robot is elsewhere in the map."""
     moved = Frame(Rotation.from_rotvec((0.0, 0.0, jump[2])), np.array((*jump[:2], 0.0)))

@@ -5,13 +5,13 @@
 //   watch MAP footprint PARTS...                      prints the parts of the robot, or why they are refused
 //
 //   new                                        forgets all
-//   command NOW V OMEGA
+//   command NOW V OMEGA [SIDE]
 //   scan NAME FRAME STAMP ANGLE STEP LEAST MOST SECONDS RANGES...   SECONDS from a ray to the next one
 //   cloud NAME FRAME STAMP NUMBERS...          x, y and z of points
 //   bytes NAME FRAME STAMP HEIGHT WIDTH STEP ROW LENGTH  a cloud of zeros, which may contradict itself
 //         [BIG FIELD OFFSET TYPE ...]          or of other bytes, big-endian or not, with fields
 //   decide NOW CLOCK                           prints "look TARGET FRAME STAMP" as often as it asks, and reads a place, "later"
-//                                              or "never FRAME"; then prints V, OMEGA and the reason
+//                                              or "never FRAME"; then prints V, OMEGA, SIDE, microseconds and the reason
 #include <ctime>
 #include <iostream>
 
@@ -75,7 +75,9 @@ class Session {
   void answer(const std::string& line) {
     const std::vector<std::string> words = split(line, ' ');
     if (words[0] == "new") watch_ = make_watch();
-    if (words[0] == "command") watch_.hear_command({std::stod(words[2]), std::stod(words[3])}, std::stoll(words[1]));
+    if (words[0] == "command")
+      watch_.hear_command({std::stod(words[2]), std::stod(words[3]), words.size() > 4 ? std::stod(words[4]) : 0.0},
+                          std::stoll(words[1]));
     if (words[0] == "decide") decide(std::stoll(words[1]), std::stoll(words[2]));
     try {
       if (words[0] == "scan") hear_scan(words);
@@ -99,7 +101,8 @@ class Session {
     const auto start = std::clock();
     const cspace_nav2::Decision decision = watch_.decide(now, clock, ask);
     const double spent = 1e6 * static_cast<double>(std::clock() - start) / CLOCKS_PER_SEC;
-    std::cout << decision.command.v << " " << decision.command.omega << " " << spent << " " << decision.reason << std::endl;
+    const auto [v, omega, side] = decision.command;
+    std::cout << v << " " << omega << " " << side << " " << spent << " " << decision.reason << std::endl;
   }
 
   void hear_scan(const std::vector<std::string>& words) {

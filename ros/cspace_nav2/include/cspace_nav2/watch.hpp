@@ -109,7 +109,7 @@ class Watch {
 
   void hear_command(const cspace::Twist& wanted, Time now) {
     const cspace::Twist& most = options_.max_velocity;
-    if (std::abs(wanted.v) > most.v || std::abs(wanted.omega) > most.omega)
+    if (wanted.speed() > most.v || std::abs(wanted.omega) > most.omega)
       return refuse_command("a command is faster than max_velocity");
     wanted_ = wanted;
     command_heard_ = now;
@@ -154,6 +154,8 @@ class Watch {
     }
     return ramp_.front();
   }
+
+  static bool is_rest(const cspace::Twist& twist) { return twist.speed() == 0.0 && twist.omega == 0.0; }
 
  private:
   static constexpr std::size_t MAX_WAITING = 10;
@@ -209,7 +211,7 @@ class Watch {
     const bool stood = is_rest(ramp_.front());
     cspace::SlowedCommand slowed = gate->slow_down(q, wanted_, ramp_.front(), points, options_.leaving);
     if (slowed.leaves && slowed.share > 0.0 && gate->is_near(q, points)) {
-      const double speed = std::abs(wanted_.v) + std::abs(wanted_.omega) * gate->size();
+      const double speed = wanted_.speed() + std::abs(wanted_.omega) * gate->size();
       slowed = gate->slow_down(q, slow(wanted_, options_.leaving_speed / speed), ramp_.front(), points, true);
     }
     ramp_ = slowed.commands;
@@ -221,10 +223,8 @@ class Watch {
 
   /// Return a share of a twist, or all of it if the share is above 1 or no number.
   static cspace::Twist slow(const cspace::Twist& twist, double share) {
-    return share < 1.0 ? cspace::Twist{share * twist.v, share * twist.omega} : twist;
+    return share < 1.0 ? twist.scale(share) : twist;
   }
-
-  static bool is_rest(const cspace::Twist& twist) { return twist.v == 0.0 && twist.omega == 0.0; }
 
   std::string within() const {
     std::ostringstream text;
@@ -311,11 +311,12 @@ class Watch {
       const Time begin = std::max(driven_[k].begin, from);
       const Time end = k + 1 < driven_.size() ? std::min(driven_[k + 1].begin, to) : to;
       if (begin >= end) continue;
-      const auto [v, omega] = driven_[k].twist;
+      const auto [v, omega, side] = driven_[k].twist;
       const double seconds = to_seconds(end - begin), half = 0.5 * omega * seconds;
-      const double chord = v * seconds * (half == 0.0 ? 1.0 : std::sin(half) / half);
-      pose.x += chord * std::cos(pose.yaw + half);
-      pose.y += chord * std::sin(pose.yaw + half);
+      const double ratio = half == 0.0 ? 1.0 : std::sin(half) / half;
+      const cspace::Point way = cspace::detail::turn({v * seconds * ratio, side * seconds * ratio}, pose.yaw + half);
+      pose.x += way.x;
+      pose.y += way.y;
       pose.yaw += omega * seconds;
     }
     return pose;
