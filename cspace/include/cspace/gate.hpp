@@ -477,7 +477,7 @@ class Gate {
       throw InputError("cspace: a part has one corner, or those of a convex polygon, counterclockwise, once each");
   }
 
-  /// Return by how much a speed is lower than that of now, or the other way.
+  /// Return the speed that a command loses against that of now; 0 if none.
   static double find_loss(double now, double first) {
     return now == 0.0 ? 0.0 : std::max(std::copysign(1.0, now) * (now - first), 0.0);
   }

@@ -285,7 +285,7 @@ int main(int count, char** arguments) {
   try {
     node = std::make_shared<cspace_nav2::GateNode>();
   } catch (const std::exception& error) {  // of an empty list as a parameter, for one
-    RCLCPP_FATAL(rclcpp::get_logger("cspace_gate"), "%s; leave a parameter out instead of an empty list", error.what());
+    RCLCPP_FATAL(rclcpp::get_logger("cspace_gate"), "%s", error.what());
     rclcpp::shutdown();
     return 1;
   }
