@@ -9,6 +9,7 @@ their errors, the robots are apart all along the interval; otherwise it is halve
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final, Literal, NamedTuple, Protocol, TypeAlias
 from warnings import catch_warnings, simplefilter
@@ -45,6 +46,9 @@ MotionState: TypeAlias = Literal["apart", "touch", "undecided"]
 
 SPEED_ROUNDING: Final = 1e-9
 """Share of a bound of a speed by which it grows, for rounding."""
+
+MAX_CLOCK_STEP: Final = 1e-3
+"""Largest difference, seconds, between two successive times of a clock."""
 
 CELLS_PER_SIDE: Final = 16
 """Number of cells along the longest side of the map around a solid."""
@@ -154,18 +158,18 @@ def apart(
     movers = read_mover(first, "first"), read_mover(second, "second")
     gap = check_not_negative(margin, "margin")
     check_pair(*movers, ("first", "second"))
-    begin, end = _find_interval(movers, until)
+    begin, duration = _find_interval(movers, until)
     # Times count from the first instant, because stamps of clocks have few digits of a second.
     one, other = (each._replace(at=each.at - begin) for each in movers)
     measure = make_measure(one.robot.shape, other.robot.shape)
-    search = ApartSearch((one, other), measure, gap, end - begin)
+    search = ApartSearch((one, other), measure, gap, duration)
     if search.find_touch(np.zeros(1)) is not None:
         problem = f"touches second at the start, at {begin:g} s"
         rule = f"their distance must exceed {gap:g} m and their errors"
         raise InputError("first", problem, rule)
     found = search.run()
     time = None if found.time is None else begin + found.time
-    return replace(found, time=time, interval=(begin, end))
+    return replace(found, time=time, interval=(begin, begin + duration))
 
 
 class Timed(NamedTuple):
@@ -236,7 +240,7 @@ def read_mover(mover: object, name: str) -> Timed:
         raise InputError(name, f"is a {type(mover).__name__}", "it must be a Mover")
     robot = robot_of(mover.robot)
     dim = robot.dim
-    at = check_number(mover.at, f"{name}.at")
+    at = _check_clock(mover.at, f"{name}.at")
     numbers = (
         check_not_negative(mover.error, f"{name}.error"),
         check_not_negative(mover.growth, f"{name}.growth", "m/s"),
@@ -268,6 +272,16 @@ def read_mover(mover: object, name: str) -> Timed:
     return Timed(robot, None, pose, velocity, at, *numbers, np.zeros(0), bounds)
 
 
+def _check_clock(value: float, name: str) -> float:
+    """Return a time, or raise InputError if its clock has large steps."""
+    time = check_number(value, name)
+    step = float(np.spacing(abs(time)))
+    if step > MAX_CLOCK_STEP:
+        rule = f"times are seconds, and float64 has steps of {step:g} s there"
+        raise InputError(name, f"is {value!r}", rule, "subtract the first time from all times")
+    return time
+
+
 def _check_axes(axes: tuple[str, ...], robot: Robot, name: str) -> None:
     """Raise InputError unless a trajectory is a rigid robot's."""
     known = AXES[: robot.dim]
@@ -289,23 +303,33 @@ def check_pair(first: Timed, second: Timed, names: tuple[str, str]) -> None:
 
 
 def _find_interval(movers: tuple[Timed, Timed], until: float | None) -> tuple[float, float]:
-    """Return the first and the last instant."""
+    """Return the first instant, and the seconds until the last one."""
     driven = [each for each in movers if each.trajectory is not None]
     changing = [each for each in movers if each.velocity.any() or each.growth]
     # Other things stand at all times, so that their ``at`` says nothing.
     timed = driven + changing or movers
     begin = min(each.at for each in timed)
-    end = max(each.at + float(each.times.max(initial=0.0)) for each in timed)
+    return begin, find_duration(begin, timed, until, has_end=bool(driven or not changing))
+
+
+def find_duration(
+    begin: float, movers: Sequence[Timed], until: float | None, has_end: bool
+) -> float:
+    """Return the seconds from the first instant until the last one.
+
+    By default motions end, or ``has_end`` is False.
+    """
     if until is not None:
-        end = check_number(until, "until")
-    elif changing and not driven:
+        duration = check_number(until, "until") - begin
+        if duration < 0.0:
+            last, first = tell_apart(begin + duration, begin)
+            raise InputError("until", f"is {last}", f"the motions begin at {first} s")
+        return duration
+    if not has_end:
         rule = "a thing that moves, or an error that grows, has no end"
         raise InputError("until", "is missing", rule)
-    if end < begin:
-        last, first = tell_apart(end, begin)
-        rule = f"the motions begin at {first} s"
-        raise InputError("until", f"is {last}", rule)
-    return begin, end
+    ends = [each.at - begin + float(each.times.max(initial=0.0)) for each in movers]
+    return max(ends, default=0.0)
 
 
 class Measure(Protocol):

@@ -27,7 +27,6 @@ from cspace.inside import (
     Cores,
     Floats,
     check_not_negative,
-    check_number,
     names_options,
     tell_apart,
 )
@@ -37,6 +36,7 @@ from cspace.lanes._apart import (
     Mover,
     Timed,
     check_pair,
+    find_duration,
     make_measure,
     read_mover,
 )
@@ -55,6 +55,9 @@ is tried unless the arrival is within :data:`CLOSE` of its lower bound."""
 CLOSE: Final = 0.1
 """Seconds by which an arrival may exceed its lower bound before smaller cells are tried."""
 
+TIME_SHARE: Final = 1.0 - 1e-9
+"""Share of a least time that is proven. The rest covers rounding."""
+
 MAX_PARTS: Final = 4096
 """Largest number of windows, and of pieces of a path with few segments."""
 
@@ -68,8 +71,9 @@ class Timing:
     trajectory : Trajectory or None
         The motion, which begins at the robot's ``at`` and is proven apart from all others.
     arrival_bound : float
-        Seconds. No motion ahead along the path that keeps limits and margin ends before; infinite
-        if none ends by ``until``.
+        Seconds from the robot's ``at``, as the trajectory's duration. No motion ahead along the
+        path that is nowhere faster than the robot's trajectory, and keeps the margin, ends before;
+        infinite if none ends by ``until``.
     reason : str
         Why there is no motion: "impossible: ..." or "not found ..."; otherwise empty.
     """
@@ -89,9 +93,11 @@ def time_around(
 ) -> Timing:
     """Find when a robot drives its path, apart from others.
 
-    The robot waits at its start for the least time that is found. It keeps the path and the limits
-    of its trajectory, and is proven apart from all others from its ``at`` until ``until``, also
-    where it rests. If no motion is found, this is proven to be impossible, or stays undecided.
+    If the robot's own trajectory is apart from all others, it is the answer. Otherwise the robot
+    waits at its start, and waits and slows down on its way. It keeps the path and the limits of its
+    trajectory, is nowhere faster, and rests where that rests. It is proven apart from all others
+    from its ``at`` until ``until``, also at its end. If no motion is found, this is proven to be
+    impossible, or stays undecided.
 
     Parameters
     ----------
@@ -136,12 +142,19 @@ def time_around(
     timed = [read_mover(other, f"others[{k}]") for k, other in enumerate(others)]
     for k, other in enumerate(timed):
         check_pair(first, other, ("mover", f"others[{k}]"))
-    end = _find_end(first, trajectory, timed, until)
-    # Times count from the first instant, because stamps of clocks have few digits of a second.
     begin = first.at
+    driven = [each for each in timed if each.trajectory is not None]
+    is_ending = not any(each.velocity.any() or each.growth for each in (first, *timed))
+    duration = find_duration(begin, driven, until, is_ending)
+    if until is None:
+        duration = max(duration, 0.0) + trajectory.duration
+    else:
+        # Sums of times round to steps of the clock.
+        duration += float(np.spacing(max(abs(begin), abs(begin + duration))))
+    # Times count from the first instant, because stamps of clocks have few digits of a second.
     movers = [each._replace(at=each.at - begin) for each in (first, *timed)]
     measures = [make_measure(first.robot.shape, other.robot.shape) for other in timed]
-    search = TimingSearch(movers[0], movers[1:], measures, gap, end - begin, begin)
+    search = TimingSearch(movers[0], movers[1:], measures, gap, duration, begin)
     return search.run(trajectory)
 
 
@@ -152,24 +165,6 @@ def _check_trajectory(mover: Timed) -> Trajectory:
     if mover.trajectory.velocities[0].any():
         raise InputError("mover.motion", "begins in motion", "a robot that waits begins at rest")
     return mover.trajectory
-
-
-def _find_end(
-    mover: Timed, trajectory: Trajectory, others: list[Timed], until: float | None
-) -> float:
-    """Return the last instant, seconds."""
-    if until is not None:
-        end = check_number(until, "until")
-        if end < mover.at:
-            last, first = tell_apart(end, mover.at)
-            raise InputError("until", f"is {last}", f"the motion begins at {first} s")
-        return end
-    moving = [each.velocity.any() for each in others]
-    if any(moving) or any(each.growth for each in (mover, *others)):
-        rule = "a thing that moves, or an error that grows, has no end"
-        raise InputError("until", "is missing", rule)
-    ends = [each.at + float(each.times.max(initial=0.0)) for each in others if each.trajectory]
-    return max([mover.at, *ends]) + trajectory.duration
 
 
 class Advance(NamedTuple):
@@ -219,10 +214,13 @@ class TimingSearch:
         """Halve cells until the arrival is near its bound, or none is possible."""
         from planners.inside import cut_way, drive_around, wait_first
 
-        bound = 0.0
+        lever = self._mover.robot.shape.lever
+        bound = TIME_SHARE * float(cut_way(trajectory, lever, math.inf, 1).least_times.sum())
+        if self._keep(trajectory):
+            return Timing(self._best, bound)
         for size in CELL_SIZES:
-            way = cut_way(trajectory, self._mover.robot.shape.lever, size, MAX_PARTS)
-            times = self._cut_time(way)
+            way = cut_way(trajectory, lever, size, MAX_PARTS)
+            times = self._cut_time(way, size)
             states, borders = self._classify(way, times), times[::2]
             reach = find_reach(states, way.least_times, borders)
             bound = max(bound, reach.arrival)
@@ -241,30 +239,30 @@ class TimingSearch:
             if self._best and self._latest - bound <= CLOSE:
                 break
         reason = f"not found with cells of {100.0 * size:g} cm; none is excluded"
-        return Timing(self._best, self._shown + bound, "" if self._best else reason)
+        return Timing(self._best, bound, "" if self._best else reason)
 
-    def _keep(self, trajectory: Trajectory | None) -> None:
+    def _keep(self, trajectory: Trajectory | None) -> bool:
         """Keep a motion that ends earlier if its own speeds prove it apart from all others."""
         from planners.inside import bound_rates
 
         if trajectory is None or trajectory.duration > self._latest:
-            return
+            return False
         times, bounds = bound_rates(trajectory, self._mover.robot.shape.lever)
         mover = self._mover._replace(trajectory=trajectory, times=times, bounds=bounds)
         for other, measure in zip(self._others, self._measures, strict=True):
             if not ApartSearch((mover, other), measure, self._margin, self._duration).run():
-                return
+                return False
         self._best, self._latest = trajectory, trajectory.duration
+        return True
 
-    def _cut_time(self, way: PathPieces) -> Floats:
+    def _cut_time(self, way: PathPieces, size: float) -> Floats:
         """Return the borders of windows and their middles, seconds, shape (2 count + 1,).
 
-        In a window the fastest robot moves about as far as in a piece of the path.
+        In a window the fastest robot moves about as far as in the longest piece of the path.
         """
-        moved = np.diff(way.travel[::2])
-        speeds = [float(each.bounds[:2].sum(axis=0).max()) for each in self._others]
-        speeds += (moved / np.maximum(way.least_times, 1e-300)).tolist()
-        count = max(speeds) * self._duration / max(float(moved.max()), 1e-9)
+        movers = self._mover, *self._others
+        speed = max(float(each.bounds[:2].sum(axis=0).max()) for each in movers)
+        count = speed * self._duration / max(float(np.diff(way.travel[::2]).max()), size)
         return np.linspace(0.0, self._duration, 2 * math.ceil(min(max(count, 1.0), MAX_PARTS)) + 1)
 
     def _classify(self, way: PathPieces, times: Floats) -> NDArray[np.int16]:
@@ -318,15 +316,13 @@ class TimingSearch:
         entered = float(reach.times[first])
         row = states[reach.piece]
         blocked = first + np.flatnonzero(row[first:] >= 0)
-        until = self._shown + self._duration
         if not len(blocked):
             needed = float(way.least_times[reach.piece :].sum())
             if math.isinf(entered):
                 entered, needed = 0.0, float(way.least_times.sum())
-            return (
-                f"the path takes until {self._shown + entered + needed:.1f} s at the least, "
-                f"longer than until={until:g}"
-            )
+            ends = self._shown + entered + needed, self._shown + self._duration
+            needed_until, until = tell_apart(*ends)
+            return f"the path takes until {needed_until} s at the least, longer than until={until}"
         number = int(row[blocked[0]])
         is_other = row != number
         begin = int(np.flatnonzero(is_other[: blocked[0]]).max(initial=-1)) + 1
@@ -391,7 +387,9 @@ def find_reach(states: NDArray[np.int16], least_times: Floats, borders: Floats) 
     enters = np.full(len(begins), math.inf)
     enters[0] = 0.0
     last = len(states) - 1
-    for piece, least in enumerate(least_times.tolist()):
+    # Sums of times round.
+    proven = np.maximum(TIME_SHARE * least_times - 4.0 * np.spacing(borders[-1]), 0.0)
+    for piece, least in enumerate(proven.tolist()):
         is_blocked = states[piece] >= 0
         # In each window the robot has been on the piece since the first entry after the last
         # BLOCKED window.

@@ -14,23 +14,16 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from cspace.inside import Bools, Floats, Ints, number_parts
-from planners._motion.segments import place_along
+from planners._motion.segments import bound_derivatives, place_along
 from planners._motion.timing import (
+    MAX_ERROR,
     MIN_SPEED,
     Phases,
-    bound_squares,
     find_excess,
     is_motion,
     join_phases,
-    measure_intervals,
 )
 from planners._motion.trajectory import SPEED_ROUNDING, Trajectory
-
-TIME_SHARE: Final = 1.0 - 1e-5
-"""Share of a least time that is proven. The rest covers rounding and the largest ramps."""
-
-PLACE_SHARE: Final = 1e-9
-"""Largest distance of equal places, as a share of the length of the way."""
 
 ROOT_STEPS: Final = 50
 """Number of halvings that find a time."""
@@ -46,7 +39,7 @@ CONTROLS: Final = 0.0, 0.5, 1.0
 
 
 class PathPieces(NamedTuple):
-    """The path of a trajectory, cut into n pieces, which the robot drives from rest to rest.
+    """The path of a trajectory, cut into n pieces of its phases; the last piece is the end.
 
     Attributes
     ----------
@@ -57,15 +50,14 @@ class PathPieces(NamedTuple):
         Numbers p and q of c limits ``p |u| + q x <= 1`` of the acceleration u along the path and
         the squared speed x.
     squares : ndarray of float64, shape (n + 1,)
-        Largest squared speeds between pieces.
+        Squared speeds of the trajectory between pieces. Without a limit of jerk, they change evenly
+        along each piece.
     poses : ndarray of float64, shape (2 n + 1, size)
         Configurations at ends and in the middles of pieces.
     travel : ndarray of float64, shape (2 n + 1,)
         Bounds of how far any point of the robot moves up to these, metres.
     metres : ndarray of float64, shape (n + 1,)
         How far the reference point moves up to the ends of pieces.
-    least_times : ndarray of float64, shape (n,)
-        Seconds that no motion from rest to rest within the limits falls below on a piece.
     passes : ndarray of float64, shape (2, n + 1)
         Seconds at which the trajectory reaches and leaves the ends of pieces.
     """
@@ -79,8 +71,12 @@ class PathPieces(NamedTuple):
     poses: Floats
     travel: Floats
     metres: Floats
-    least_times: Floats
     passes: Floats
+
+    @property
+    def least_times(self) -> Floats:
+        """Seconds on pieces of a robot that is as fast as the trajectory, shape (n,)."""
+        return np.asarray(self.passes[0, 1:] - self.passes[1, :-1])
 
 
 def cut_way(trajectory: Trajectory, lever: float, size: float, most: int) -> PathPieces:
@@ -90,84 +86,49 @@ def cut_way(trajectory: Trajectory, lever: float, size: float, most: int) -> Pat
     the robot moves farther than ``size`` in a piece, metres; if that makes more than ``most``
     pieces, somewhat farther.
     """
-    segments, rotations, bounds = trajectory._segments, trajectory._rotations, trajectory._bounds
-    first = float(trajectory._phases.positions[0])
-    whole = measure_intervals(segments, rotations, bounds, first)
+    bounds, phases = trajectory._bounds, trajectory._phases
+    lengths = np.append(np.maximum(phases.ends()[0] - phases.positions[:-1], 0.0), 0.0)
+    driven = trajectory._segments.select(phases.segments)
+    derivatives = np.array(bound_derivatives(driven, phases.positions, lengths))
     dim = bounds.velocity.dim
-    ahead = np.linalg.norm(whole.rates[:, :dim], axis=1)
-    around = lever * np.linalg.norm(whole.rates[:, dim:], axis=1)
-    travel = (ahead + around) * whole.lengths
+    ahead = np.linalg.norm(derivatives[0, :, :dim], axis=1) * lengths
+    around = lever * np.linalg.norm(derivatives[0, :, dim:], axis=1) * lengths
+    travel = ahead + around
     largest = max(size, float(travel.sum()) / most)
-    counts = np.maximum(np.ceil(travel / largest), 1.0).astype(np.int64)
+    counts = np.ceil(travel / largest).astype(np.int64)
+    # Rests are no pieces, except the end.
+    counts = np.maximum(counts, np.append(lengths[:-1] > 0.0, True))
     owners, numbers = number_parts(counts)
-    lengths = (whole.lengths / counts)[owners]
-    begins = whole.begins[owners] + numbers * lengths
-    # Between parts with one limit, the robot keeps both limits, or stops.
-    joins = np.cumsum(counts)[:-1]
-
-    def bound(caps: Floats, rate_shares: Floats, bend_shares: Floats) -> Floats:
-        """Return the largest squared speeds (n + 1,)."""
-        squares = np.zeros(len(owners) + 1)
-        squares[1:-1] = np.minimum(caps[owners[:-1]], caps[owners[1:]])
-        squares[joins] = np.where(whole.end_caps[1:-1] > 0.0, squares[joins], 0.0)
-        bound_squares(lengths, rate_shares, bend_shares, squares)
-        return squares
-
-    rate_shares, bend_shares = whole.rate_shares[owners], whole.bend_shares[owners]
-    squares = bound(whole.caps, rate_shares, bend_shares)
-    # Bounds on curves are not reached, so there the robot is as fast as it likes.
-    is_curved = whole.is_curved[owners]
-    shares = np.where(is_curved[:, np.newaxis], MIN_SPEED, rate_shares)
-    caps = np.where(whole.is_curved, np.inf, whole.hard_caps)
-    tops = bound(caps, shares, np.where(is_curved[:, np.newaxis], 0.0, bend_shares))
+    lengths = lengths[owners] / counts[owners]
+    begins = phases.positions[owners] + numbers * lengths
+    elapsed = np.where(numbers > 0, _find_elapsed(phases, owners, begins), 0.0)
+    leaves = phases.times[owners] + elapsed
+    reaches = np.where(numbers > 0, leaves, np.append(0.0, phases.times[owners[:-1] + 1]))
+    passes = np.array([reaches, leaves])
 
     rows = np.repeat(np.arange(len(owners)), 2)
     places = begins[rows] + np.arange(len(rows)) % 2 * 0.5 * lengths[rows]
-    places = np.append(places, begins[-1] + lengths[-1])
-    parts = segments.select(whole.owners[owners[np.append(rows, rows[-1])]])
-    poses = place_along(parts, rotations, places)[0]
-    # Configurations at the ends of pieces are joined by chords, in the least time.
-    steps = rotations.steps_between(poses[:-1:2], poses[2::2])
-    chords = bounds.velocity.shares(steps).max(axis=1)
-    even = np.flatnonzero(~is_curved)
-    limits = lengths[even], rate_shares[even].max(axis=1), caps[owners[even]]
-    chords[even] = np.maximum(chords[even], _measure_times(tops[even], tops[even + 1], *limits))
-    moved = (0.5 * travel / counts)[owners[rows]] * (1.0 + SPEED_ROUNDING)
-    numbers = whole.owners[owners]
+    poses = place_along(driven.select(owners[rows]), trajectory._rotations, places)[0]
+    moved = (0.5 * travel / np.maximum(counts, 1))[owners[rows]] * (1.0 + SPEED_ROUNDING)
+    # Rounding must not exclude the accelerations of the trajectory.
+    rate_shares, bend_shares = bounds.acceleration.shares(derivatives)[:, owners] * (1 - MAX_ERROR)
     return PathPieces(
-        *(numbers, begins, lengths, rate_shares, bend_shares, squares, poses),
+        *(phases.segments[owners], begins, lengths, np.maximum(rate_shares, MIN_SPEED)),
+        bend_shares=bend_shares,
+        squares=np.append(phases.at(owners, elapsed)[1] ** 2, 0.0),
+        poses=np.concatenate([poses, poses[-1:]]),
         travel=np.append(0.0, np.cumsum(moved)),
-        metres=np.append(0.0, np.cumsum(ahead[owners] * lengths)),
-        least_times=TIME_SHARE * chords,
-        passes=_find_passes(trajectory, numbers, begins, lengths),
+        metres=np.append(0.0, np.cumsum((ahead / np.maximum(counts, 1))[owners])),
+        passes=np.column_stack([passes, phases.times[[-1, -1]]]),
     )
 
 
-def _measure_times(
-    before: Floats, after: Floats, lengths: Floats, rates: Floats, caps: Floats
-) -> Floats:
-    """Return the least seconds on pieces with one limit, between squared speeds at their ends."""
-    means = 0.5 * (before + after)
-    peaks = np.minimum(caps, means + lengths / rates)
-    speeds = np.sqrt(np.maximum(peaks, MIN_SPEED))
-    changes = rates * (2.0 * speeds - np.sqrt(before) - np.sqrt(after))
-    return np.asarray(changes + np.maximum(lengths - rates * (peaks - means), 0.0) / speeds)
-
-
-def _find_passes(trajectory: Trajectory, segments: Ints, begins: Floats, lengths: Floats) -> Floats:
-    """Return the seconds at which a trajectory reaches and leaves ends of pieces, (2, n + 1)."""
-    phases = trajectory._phases
-    firsts = np.cumsum(trajectory._segments.lengths) - trajectory._segments.lengths
-    places = firsts[segments] + begins
-    places = np.append(places, places[-1] + lengths[-1])
-    slack = PLACE_SHARE * max(float(places[-1]), 1.0)
-    targets = np.array([places - slack, places + slack])
-    low, high = np.zeros(targets.shape), np.full(targets.shape, phases.times[-1])
+def _find_elapsed(phases: Phases, numbers: Ints, places: Floats) -> Floats:
+    """Return the seconds after the starts of phases until lengths along segments, shape (n,)."""
+    low, high = np.zeros(len(numbers)), np.append(phases.durations, 0.0)[numbers]
     for _ in range(ROOT_STEPS):
         middle = 0.5 * (low + high)
-        numbers = np.maximum(np.searchsorted(phases.times, middle, side="right") - 1, 0)
-        along = phases.at(numbers, middle - phases.times[numbers])[0]
-        is_before = firsts[phases.segments[numbers]] + along < targets
+        is_before = phases.at(numbers, middle)[0] < places
         low, high = np.where(is_before, middle, low), np.where(is_before, high, middle)
     return np.asarray(high)
 
@@ -215,6 +176,8 @@ def drive_around(
 ) -> Trajectory | None:
     """Find an early motion along a way that keeps to free cells, with waits on the way.
 
+    It is nowhere faster than the trajectory.
+
     Parameters
     ----------
     trajectory : Trajectory
@@ -233,12 +196,10 @@ def drive_around(
     Trajectory or None
         None if no motion is found, or the trajectory limits its jerk.
     """
-    speeds = np.sqrt(way.squares)
-    full = 2.0 * way.lengths / np.maximum(speeds[:-1] + speeds[1:], MIN_SPEED)
-    fastest = np.append(0.0, np.cumsum(full))
-    if trajectory._bounds.jerk is not None or not way.metres[-1] or not is_free[0, 0]:
-        return None
+    fastest = np.append(0.0, np.cumsum(way.least_times))
     bound, last = (each - float(fastest[-1]) for each in arrivals)
+    if trajectory._bounds.jerk is not None or last < 0.0 or not is_free[0, 0]:
+        return None
     law, delay = None, max(bound, 0.0) + 1.0  # seconds
     while law is None:
         # Few labels are late by little, so the delay grows.
@@ -249,8 +210,8 @@ def drive_around(
         delay *= 2.0
     rests, squares = law
     before, after = np.sqrt(squares[:-1]), np.sqrt(squares[1:])
-    drives = 2.0 * way.lengths / (before + after)
-    gains = np.diff(squares) / (2.0 * way.lengths)
+    drives = 2.0 * way.lengths / np.maximum(before + after, MIN_SPEED)
+    gains = np.diff(squares) / (2.0 * np.maximum(way.lengths, MIN_SPEED))
     # Each piece has two phases: a rest before it, and the drive.
     none = 0.0 * rests
     ends = np.append(np.repeat(way.begins, 2), way.begins[-1] + way.lengths[-1])
@@ -347,7 +308,7 @@ class _DriveSearch:
         length, top = way.lengths[piece], float(way.squares[piece + 1])
         rates, bends = way.rate_shares[piece][:, np.newaxis], way.bend_shares[piece][:, np.newaxis]
         before = labels.squares
-        slowing = (np.maximum(1.0 - bends * before, 0.0) / np.maximum(rates, MIN_SPEED)).min(axis=0)
+        slowing = (np.maximum(1.0 - bends * before, 0.0) / rates).min(axis=0)
         least = np.maximum(before - 2.0 * slowing * length, 0.0)
         most = ((2.0 * length + rates * before) / (rates + 2.0 * length * bends)).min(axis=0)
         most = np.minimum(np.maximum(most, before), top)
@@ -358,7 +319,7 @@ class _DriveSearch:
         times = labels.times + 2.0 * length / np.maximum(speeds, MIN_SPEED)
         delays = np.maximum(times - self._fastest[piece + 1], 0.0) / self._window
         is_good = (after >= least) & (after <= most) & (delays < self._delays)
-        is_good &= times < self._borders[-1]
+        is_good &= times <= self._borders[-1]
         _, origins = np.nonzero(is_good)
         times, after, delays = times[is_good], after[is_good], delays[is_good]
         first, last = self._find_windows(labels.times[origins]), self._find_windows(times)
