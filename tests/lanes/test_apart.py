@@ -146,7 +146,7 @@ def closest(step, velocity, duration):
     speed=st.floats(0.1, 3.0),
     gap=st.sampled_from([-0.01, -1e-5, 1e-5, 0.01, 0.4]),
     dims=st.sampled_from([2, 3]),
-    stamp=st.sampled_from([0.0, 1.7e9]),
+    stamp=st.sampled_from([0.0, 1.7e9, 1.7e12]),
 )
 def test_discs_and_balls_that_pass_are_decided(angle, speed, gap, dims, stamp):
     # They pass at a distance of 0.7 m and the gap.
@@ -353,6 +353,20 @@ def test_equal_speeds_in_the_middle_prove_nothing_of_one_that_brakes():
         assert found.distance <= 0.005 + 1e-9
 
 
+def test_things_on_the_tangent_of_an_arc_are_met():
+    # In the middle of its way the car moves alike, so that its turning alone brings it nearer.
+    space = build("disc:0.05")
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        radius, angle, share = rng.uniform((1.5, 2.0, 0.2), (2.5, 3.0, 0.8))
+        goal = 4.0 + radius * math.sin(angle), 2.0 + radius * (1.0 - math.cos(angle)), angle
+        plan = planners.plan(space, (4.0, 2.0, 0.0), goal, drive=planners.Car(radius))
+        arc = plan.trajectory(max_velocity=1.0, max_acceleration=0.5)
+        met, velocity = share * arc.duration, arc.sample(0.5 * arc.duration)[1][:2]
+        thing = Mover("disc:0.05", arc.sample(met)[0][:2], at=met, velocity=velocity)
+        assert apart(Mover(space.robot, arc), thing, until=500.0).verdict == "touch"
+
+
 @pytest.mark.parametrize(
     "speed, robot",
     few(
@@ -416,6 +430,7 @@ PERSON = Mover("disc:0.3", (3.0, 0.0), velocity=(1.0, 0.0))
         {},
         "second.at is (2.0, 3.0) ... one number",
     ),
+    (Mover("disc:0.3", (3.0, 0.0), at=1.7e18), {}, "second.at is 1.7e+18 ... seconds ... 256 s"),
     (Mover("disc:0.3", (3.0, 0.0), error=-1.0), {}, "second.error is -1.0"),
     (Mover("disc:0.3", (3.0, 0.0), growth=math.nan), {}, "second.growth is nan"),
     (Mover("disc:0.3", (3.0, 0.0), velocity=(1.0,)), {}, "second.velocity"),
