@@ -28,11 +28,11 @@ from cspace._support.check import (
     check_positive,
     check_word,
     find_sizes,
-    list_columns,
     names_options,
     select_positions,
 )
 from cspace._support.kinds import make_kind_error, suggest_call
+from cspace._support.labels import list_columns
 from cspace._support.limits import (
     MESH_CELL_BYTES,
     SHAPE_CELL_BYTES,
