@@ -28,11 +28,11 @@ from cspace._support.check import (
     check_positive,
     check_word,
     find_sizes,
-    list_columns,
     names_options,
     select_positions,
 )
 from cspace._support.kinds import make_kind_error, suggest_call
+from cspace._support.labels import list_columns
 from cspace._support.limits import (
     MESH_CELL_BYTES,
     SHAPE_CELL_BYTES,
@@ -348,6 +348,7 @@ class Workspace:
 
         The grid covers the bounds, or the bounding box of the shapes. If ``kind`` names the
         shapes, warn if the extent of their points, or of their corners, can hardly be in metres.
+        ``points`` are where they were before an offset moved them.
         """
         from cspace._obstacles import Obstacle, ShapeCells
 
@@ -360,13 +361,13 @@ class Workspace:
             hint = _suggest_offset(box, spacing, bounds is not None)
             check_reach(float(np.abs(box).max()) / spacing, "grid", "the origin", hint)
         grid = covering_grid(box, spacing, 0 if lazy else count_cell_bytes(shapes))
+        extent = corners
+        if points is not None:
+            extent = np.stack([points.min(axis=0), points.max(axis=0)])
         if kind:
-            extent = corners
-            if points is not None:
-                extent = np.stack([points.min(axis=0), points.max(axis=0)])
             warn_of_units(extent, spacing, kind, bounds is not None)
         if points is not None or shapes[0].kind == "polygon":
-            warn_of_likely_degrees(box, source)
+            warn_of_likely_degrees(box if points is None else extent, source)
         if lazy:
             return LazyWorkspace(grid, ShapeCells(shapes[0], grid), source, tuple(shapes))
         if len(shapes) == 1:
@@ -517,8 +518,10 @@ class Workspace:
 
         bounds = check_extent(spacing, bounds, 2)
         geometries = read_shapes(polygons)
+        points = None
         if offset is not None:
             step = check_point(offset, "offset", 2)
+            points = shapely.total_bounds(geometries).reshape(2, 2)
             geometries = list(shapely.transform(geometries, lambda points: points + step))
         shape = Polygons(geometries)
         count = len(shape.geometries)
@@ -526,7 +529,7 @@ class Workspace:
         is_text = isinstance(polygons, str | os.PathLike)  # a path, or WKT
         if is_text and str(polygons).lower().endswith(POLYGON_SUFFIXES):
             source = str(polygons)
-        return cls._of([shape], spacing, bounds, source, "set of polygons", lazy=lazy)
+        return cls._of([shape], spacing, bounds, source, "set of polygons", points, lazy)
 
     @classmethod
     @names_options
@@ -678,11 +681,12 @@ class Workspace:
             cloud = Balls.of(centers, radius, ("points", "radius"))
             source = f"{len(cloud.radii)} points"
             points = centers
-        warn_of_rounding(points, cloud.centers, spacing)
+        given = cloud.centers
+        warn_of_rounding(points, given, spacing)
         if offset is not None:
             cloud = Balls(cloud.centers + check_point(offset, "offset", cloud.dim), cloud.radii)
         # The extent of the points shows a wrong unit; the balls around them would hide it.
-        return cls._of([cloud], spacing, bounds, source, "cloud", cloud.centers)
+        return cls._of([cloud], spacing, bounds, source, "cloud", given)
 
     @classmethod
     def _from_octomap(

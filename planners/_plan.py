@@ -371,7 +371,8 @@ def _check_places(
     via: Sequence[PlaceLike], goal: PlaceLike, task: PlanTask
 ) -> list[tuple[str, PlaceLike]]:
     """List the places on the way and the goal, with their names."""
-    if getattr(via, "ndim", 0) == 2:  # such as a table
+    is_table = not isinstance(via, list | tuple) and np.ndim(cast("ArrayLike", via)) == 2
+    if is_table:
         via = list_alternatives(via, "via", task.edges.space.axes)
     is_list = isinstance(via, (tuple, list, np.ndarray))
     if not is_list or any(isinstance(place, Number) for place in via):

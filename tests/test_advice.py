@@ -9,9 +9,11 @@ from contextlib import suppress
 from functools import cache, partial
 from pathlib import Path
 from types import SimpleNamespace
+from typing import NamedTuple
 from unittest import mock
 
 import numpy as np
+import pandas as pd
 import pytest
 import scipy.ndimage
 import scipy.sparse
@@ -24,7 +26,7 @@ from scipy.spatial.transform import Rotation
 
 import cspace
 import planners
-from cspace import Robot, Workspace, build
+from cspace import Grid, Robot, Workspace, build
 from cspace.lanes import Mover, apart
 from tests.helpers.refusals import write
 from tests.helpers.urdfs import joint, link
@@ -475,6 +477,28 @@ def refuse_mover(motion):
     return apart(Mover("disc:0.1", motion), Mover("disc:0.1", (2.0, 0.5)))
 
 
+class Tensor(NamedTuple):
+    """As a tensor of Open3D."""
+
+    values: np.ndarray
+
+    def numpy(self):
+        """Return the values as an array."""
+        return self.values
+
+
+def make_triangles():
+    """Return the mesh as PyVista has it."""
+    return SimpleNamespace(points=MESH[0], regular_faces=MESH[1])
+
+
+def make_octree():
+    """Make an OctoMap with one voxel."""
+    tree = pytest.importorskip("octomap").OcTree(0.25)
+    tree.updateNode(np.full(3, 0.125), True)
+    return tree
+
+
 def name_rows(world):
     return np.stack([world[axis] for axis in "xyz"], axis=-1)
 
@@ -610,14 +634,63 @@ KINDS = {
         [lambda world: world.faces.tolist() == MESH[1].tolist()],
     ),
     "a mesh of cells": (
-        lambda _: SimpleNamespace(points=MESH[0], regular_faces=MESH[1]),
+        lambda _: SimpleNamespace(points=MESH[0], regular_faces=None, triangulate=make_triangles),
         lambda value, _: Robot.from_mesh(value),
+        [lambda world: world.faces.tolist() == MESH[1].tolist(), lambda world: world is MESH[0]],
+    ),
+    "cells of a mesh": (
+        lambda _: SimpleNamespace(cells=[], extract_surface=make_triangles),
+        lambda value, _: Workspace.from_mesh(value, 0.1),
+        [lambda world: world.regular_faces is MESH[1]],
+    ),
+    "a field of distances": (
+        lambda _: SimpleNamespace(extract_triangle_mesh=make_triangles),
+        lambda value, _: Workspace.from_mesh(value, 0.1),
+        [lambda world: world.regular_faces is MESH[1]],
+    ),
+    "a mesh of tensors": (
+        lambda _: SimpleNamespace(
+            vertex=SimpleNamespace(positions=Tensor(MESH[0])),
+            triangle=SimpleNamespace(indices=Tensor(MESH[1])),
+        ),
+        lambda value, _: Workspace.from_mesh(value, 0.1),
         [lambda world: world.faces.tolist() == MESH[1].tolist()],
     ),
-    "a cloud with colours": (
-        lambda _: SimpleNamespace(points=POINTS, colors=POINTS),
+    "a cloud with normals": (
+        lambda _: SimpleNamespace(points=POINTS, normals=POINTS),
         lambda value, _: Workspace.from_points(value, 0.25),
         [lambda world: world is POINTS],
+    ),
+    "a cloud of tensors": (
+        lambda _: SimpleNamespace(
+            point=SimpleNamespace(positions=Tensor(POINTS)), to_legacy=lambda: None
+        ),
+        lambda value, _: Workspace.from_points(value, 0.25),
+        [lambda world: world is POINTS],
+    ),
+    "voxels": (
+        lambda _: SimpleNamespace(
+            voxel_size=0.25,
+            get_voxels=lambda: [SimpleNamespace(grid_index=index) for index in (1, 3)],
+            get_voxel_center_coordinate=lambda index: np.full(3, 0.125 + 0.25 * index),
+        ),
+        lambda value, _: Workspace.from_array(value, 0.25),
+        [lambda world: world.shapes[0].centers.tolist() == [[0.375] * 3, [0.875] * 3]],
+    ),
+    "a tree of voxels": (
+        lambda _: make_octree(),
+        lambda value, _: Workspace.from_points(value, 0.25),
+        [lambda _: np.count_nonzero(Workspace.open("map.bt").outer) == 1],
+    ),
+    "a relation": (
+        lambda _: SimpleNamespace(fetchdf=lambda: pd.DataFrame({"y": [1.55], "x": [0.55]})),
+        lambda value, _: build(Workspace.from_array(WALL, 0.1), "disc:0.1").is_free(value),
+        [lambda world: Grid((0, 0), 0.1, (30, 20)).cell_of(world).tolist() == [[5, 15]]],
+    ),
+    "a lazy table": (
+        lambda _: SimpleNamespace(collect=lambda: pd.DataFrame({"y": [1.55], "x": [0.55]})),
+        lambda value, _: build(Workspace.from_array(WALL, 0.1), "disc:0.1").is_free(value),
+        [lambda world: Grid((0, 0), 0.1, (30, 20)).cell_of(world).tolist() == [[5, 15]]],
     ),
     "sparse cells": (
         lambda _: scipy.sparse.csr_array(WALL),
@@ -685,7 +758,8 @@ def refuse_kind(kind, folder):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_value_of_another_kind_is_taken_by_the_calls_of_its_hint(kind, tmp_path):
+def test_a_value_of_another_kind_is_taken_by_the_calls_of_its_hint(kind, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)  # which a hint may write to
     error, names = refuse_kind(kind, tmp_path)
     calls = list_calls(error.hint)
     checks = KINDS[kind][2]

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cspace._support.arrays import AXES, Bools, Floats, Ints, frozen
 from cspace._support.kinds import make_kind_error
+from cspace._support.labels import are_names, list_columns, list_dimensions, takes_names
 from cspace._support.reporting import warn_user
 from cspace._support.units import check_unit, warn_of_large
 from cspace.errors import AngleWarning, InputError
@@ -33,8 +34,8 @@ MAX_COUNT: Final = 2**53
 _NUMERIC: Final = "it must be numeric"
 """Rule of messages about values that are no numbers."""
 
-_ROW_ATTRIBUTES: Final = ("to_numpy", "mask", "_fields", "units", "unit")
-"""Attributes of rows with labels, masks or units."""
+_NO_ROWS: Final = (str, bytes, Mapping, np.number, np.bool_)
+"""Types with entries that are no rows of numbers."""
 
 _SIZE: Final = re.compile(
     r"^(?!(stroke|marker|font|icon|text|label)_)(.*_)?"
@@ -85,63 +86,65 @@ def check_real(values: ArrayLike, name: str, axes: Sequence[str] = ()) -> NDArra
     return array
 
 
-def _follow(value: Any, path: str) -> Any:
-    """Return the attribute at the end of a dotted path, or the entry of a mapping, or None."""
-    *owners, name = path.split(".")
-    for owner in owners:
-        value = getattr(value, owner, None)
-        if isinstance(value, Mapping):
-            return value.get(name)
-    return getattr(value, name, None)
-
-
 def order_labels(values: Any, name: str, axes: Sequence[str]) -> Any:
     """Return values in the order of axes, if their columns have names.
 
     Names are columns of a table, the index of a Series, labels of a dimension of xarray, and fields
     of named tuples and of structured arrays. Raises InputError if they are not the axes.
     """
-    if isinstance(values, list | tuple):
+    if type(values) is tuple or isinstance(values, list):
         return _order_rows(values, name, axes)
-    fields = _follow(values, "dtype.names")
-    if fields:
-        _check_labels(fields, name, axes)
-        return np.stack([values[axis] for axis in axes], axis=-1)
     for dimension in getattr(values, "dims", ()) if hasattr(values, "sel") else ():
         labels = values.coords[dimension].values if dimension in values.coords else ()
-        if _are_names(labels):
+        if are_names(labels):
             _check_labels(labels, name, axes)
             return values.sel({dimension: list(axes)}).transpose(..., dimension).values
+    columns = list_columns(values)
+    if columns:
+        _check_labels(columns, name, axes)
+        return take_columns(values, name, axes)
     index = getattr(values, "index", ())
-    labels = getattr(values, "columns", index)
-    if not callable(index) and not _are_names(labels) and set(map(str, index)) & set(axes):
-        labels = index  # of a table whose rows are the axes
-    if callable(labels) or not _are_names(labels):
-        return values
-    _check_labels(labels, name, axes)
-    if labels is index and hasattr(values, "columns"):
-        return values.loc[list(axes)].T
-    return values[list(axes)]
+    if not callable(index) and set(map(str, index)) & set(axes):
+        return order_labels(values.T, name, axes)  # of a table whose rows are the axes
+    if axes and takes_names(values, axes[0]):
+        rule = "a table must list their names"
+        raise InputError(name, f"is a {type(values).__name__} of columns without names", rule)
+    return values
+
+
+def take_columns(values: Any, name: str, axes: Sequence[str]) -> Any:
+    """Return columns of a table, shape (n, len(axes)), or entries of a row, by name.
+
+    Raises InputError if a column has masked entries, another unit, or no numbers.
+    """
+    is_row = isinstance(values, tuple)  # with named entries
+    try:
+        columns = [getattr(values, axis) if is_row else values[axis] for axis in axes]
+        arrays = [np.asarray(column) for column in columns]
+        ordered = columns if is_row else np.stack(arrays, axis=-1)
+    except (TypeError, ValueError, LookupError, RuntimeError) as error:
+        raise make_kind_error(values, name, "its columns must be found by name") from error
+    for column in columns:
+        check_unmasked(column, name)
+        check_unit(column, name)
+    return ordered
 
 
 def _order_rows(values: Any, name: str, axes: Sequence[str]) -> Any:
-    """Return a list of rows, or a row, in axes' order."""
+    """Return a list of rows with each row in axes' order."""
     # Long lists hold few types, and numpy would drop the labels, units and masks of rows.
     kinds = set(map(type, values))
     if bool in kinds and len(kinds) > 1:  # numpy would turn them into numbers
         raise make_kind_error(values, name, _NUMERIC)
-    if any(hasattr(kind, each) for kind in kinds for each in _ROW_ATTRIBUTES):
+    if any(map(_may_have_labels, kinds)):
         return [check_real(row, name, axes) for row in values]
-    fields = getattr(values, "_fields", ())
-    if not fields:
-        return values
-    _check_labels(fields, name, axes)
-    return [getattr(values, axis) for axis in axes]
+    return values
 
 
-def _are_names(labels: Any) -> bool:
-    """Return True if labels are names; numbers only count columns or rows."""
-    return np.asarray(labels).dtype.kind not in "iuf"
+def _may_have_labels(kind: type[Any]) -> bool:
+    """Return True for a type of rows or numbers that may have labels, a unit or a mask."""
+    is_plain = kind in (list, tuple, np.ndarray) or issubclass(kind, _NO_ROWS)
+    return hasattr(kind, "__getitem__") and not is_plain
 
 
 def _check_labels(labels: Iterable[Any], name: str, axes: Sequence[str]) -> None:
@@ -445,12 +448,6 @@ def find_sizes(names: Iterable[str]) -> dict[str, str]:
     return sizes
 
 
-def list_columns(values: Any) -> tuple[str, ...]:
-    """Return the names of a table's columns, or of a structured array's fields."""
-    fields = _follow(values, "dtype.names")
-    return tuple(map(str, getattr(values, "columns", fields or ())))
-
-
 def select_positions(values: Any, name: str) -> NDArray[Any]:
     """Return positions as an array of real numbers.
 
@@ -460,7 +457,7 @@ def select_positions(values: Any, name: str) -> NDArray[Any]:
     columns = list_columns(values)
     axes = [axis for axis in AXES if axis in columns]
     if {"x", "y"} <= set(axes):
-        values = values[axes]
+        values = take_columns(values, name, axes)
     coordinates = values.coords if hasattr(values, "sel") else {}
     labels = {label for each in coordinates.values() for label in each.values.flat}
     return check_real(values, name, axes or [axis for axis in AXES if axis in labels] or AXES)
@@ -486,8 +483,7 @@ def check_bounds(bounds: ArrayLike, dim: int = 2) -> Floats:
     """
     names = [f"{axis}{end}" for end in ("min", "max") for axis in "xyz"[:dim]]
     others = [f"{name[1:]}{name[0]}" for name in names]  # as geopandas writes them
-    labels = getattr(bounds, "_fields", getattr(bounds, "columns", getattr(bounds, "index", ())))
-    known = set() if callable(labels) else set(labels)
+    known = set(list_columns(bounds))
     axes = next((each for each in (names, others) if known.issuperset(each)), AXES[:dim])
     box = check_finite(bounds, "bounds", axes)
     if box.shape == (1, 2 * dim):
@@ -528,15 +524,6 @@ def check_pairs(edges: ArrayLike, vertices: Floats) -> Ints:
     return pairs.astype(np.int64, copy=False)
 
 
-_DIMENSIONS: Final = (
-    "dims",  # of xarray, and labels or scales of h5py
-    "dimensions",  # of netCDF4 and h5netcdf
-    "metadata.dimension_names",  # of zarr
-    "attrs._ARRAY_DIMENSIONS",
-    "domain.labels",  # of tensorstore
-)
-"""Where packages keep the names of an array's dimensions."""
-
 _OTHER_ARRAYS: Final = {
     "getbands": "its rows count from the top, and black is 0, unlike cells",  # an image of Pillow
     "todense": "it must have a value for each cell",  # a sparse array
@@ -546,29 +533,14 @@ _OTHER_ARRAYS: Final = {
 """Attributes of what is no array of cells, with the rule that it breaks."""
 
 
-def list_dimensions(array: Any) -> tuple[str, ...]:
-    """Return the names of an array's dimensions, or an empty tuple."""
-    paths = () if type(array) is np.ndarray else _DIMENSIONS
-    for path in paths:
-        names = [_name_dimension(each) for each in _follow(array, path) or ()]
-        if any(names):
-            return tuple(names)
-    return ()
-
-
-def _name_dimension(dimension: Any) -> str:
-    """Return the name of a dimension, or its label or first scale in h5py, or ""."""
-    if hasattr(dimension, "label"):
-        return str(dimension.label or next(iter(dimension), ""))
-    return "" if dimension is None else str(dimension)
-
-
 def check_kind(array: Any, name: str) -> None:
     """Raise InputError for what converts to an array, but has other rows, labels or gaps."""
     check_unmasked(array, name)
     for attribute, rule in _OTHER_ARRAYS.items():
         if hasattr(array, attribute):
             raise make_kind_error(array, name, rule)
+    if list_columns(array):
+        raise make_kind_error(array, name, "its labels are not read")
 
 
 def check_dims(array: Any, name: str) -> None:

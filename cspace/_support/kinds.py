@@ -52,8 +52,24 @@ _CALLS: Final[Mapping[tuple[str, ...], str]] = {
     ("as_quat",): "use {}.as_quat()",
     ("vertices", "faces"): "use cspace.make_mesh(({}.vertices, {}.faces))",
     ("vertices", "triangles"): "use cspace.make_mesh(({}.vertices, {}.triangles))",
-    ("points", "regular_faces"): "use cspace.make_mesh(({}.points, {}.regular_faces))",
-    ("points", "colors"): "use {}.points",
+    ("vertex", "triangle"): (
+        "use cspace.make_mesh(({}.vertex.positions.numpy(), {}.triangle.indices.numpy()))"
+    ),
+    ("points", "regular_faces"): (
+        "use cspace.make_mesh(({}.points, {}.triangulate().regular_faces)), or {}.points for a "
+        "cloud"
+    ),
+    ("extract_surface", "cells"): "use {}.extract_surface()",
+    ("extract_triangle_mesh",): "use {}.extract_triangle_mesh()",
+    ("points", "normals"): "use {}.points",
+    ("point", "to_legacy"): "use {}.point.positions.numpy()",
+    ("get_voxels", "voxel_size"): (
+        "use cspace.Workspace.from_points([{}.get_voxel_center_coordinate(voxel.grid_index) "
+        "for voxel in {}.get_voxels()], {}.voxel_size, radius=0.87 * {}.voxel_size)"
+    ),
+    ("writeBinary",): "use {}.writeBinary(b'map.bt'); cspace.Workspace.open('map.bt') reads it",
+    ("fetchdf",): "use {}.fetchdf()",
+    ("collect",): "use {}.collect()",
     ("toarray",): "use {}.toarray()",
     ("getpixel",): BRING_YOUR_FILE,
     # Nested lists of coordinates.

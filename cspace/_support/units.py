@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace._support.arrays import MAX_EXPECTED_ANGLE
+from cspace._support.labels import list_columns
 from cspace._support.reporting import warn_user
 from cspace.errors import AngleWarning, InputError, UnitWarning
 
@@ -72,11 +73,12 @@ def suggest_radians(value: float) -> str:
 def check_unit(values: Any, name: str) -> None:
     """Raise InputError for values in another unit, as of pint; units of plans are tuples."""
     attributes = getattr(values, "attrs", None)
-    unit = None
-    for name_of_unit in ("units", "unit"):
-        unit = unit or (attributes.get(name_of_unit) if isinstance(attributes, Mapping) else None)
-        if not hasattr(values, "columns"):  # which may be called so
-            unit = unit or getattr(values, name_of_unit, None)
+    entries = attributes if isinstance(attributes, Mapping) else {}
+    # A column of a table may be called unit.
+    owners = () if list_columns(values) else (values, getattr(values, "dtype", None))
+    units = [entries.get(key) for key in ("units", "unit")]
+    units += [getattr(owner, key, None) for owner in owners for key in ("units", "unit")]
+    unit = next(filter(None, units), None)
     has_unit = not (unit is None or callable(unit) or isinstance(unit, tuple))
     if has_unit and not _SI_UNIT.fullmatch(str(unit).lower()):
         rule = "numbers are in metres, radians and seconds"

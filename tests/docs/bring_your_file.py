@@ -34,6 +34,10 @@ PLAN = shapely.union_all([shapely.box(*wall) for wall in WALLS])
 VOXELS = np.repeat(CELLS[:, :, None], 30, axis=2).astype(np.uint8)
 
 
+FEET = "+proj=utm +zone=32 +datum=WGS84 +units=us-ft +type=crs"
+"""A reference system in feet."""
+
+
 def write_raster(crs, x, y):
     """Write costs and unknown cells, the first row at the top, at centers in a reference system."""
     import rioxarray  # noqa: F401  # adds .rio to arrays
@@ -61,16 +65,15 @@ def write_geotiff_of_utm():
     return PLAN | UNKNOWN
 
 
-def write_geotiff_of_degrees():
-    """Write costs whose cells are 8 cm wide in the middle of Europe."""
+def write_geotiff_in(crs, origin, step, utm):
+    """Write costs of another unit or projection, whose cells are below 10 cm, in a zone of UTM."""
     import pyproj
 
-    origin, step = np.array([9.01, 47.0]), 1e-6
-    write_raster("EPSG:4326", origin[0] + 10 * step * X, origin[1] + 10 * step * Y)
-    to_utm = pyproj.Transformer.from_crs(4326, 32632, always_xy=True)
+    write_raster(crs, origin[0] + 10 * step * X, origin[1] + 10 * step * Y)
+    project = pyproj.Transformer.from_crs(crs, utm, always_xy=True)
     plan = shapely.transform(
         PLAN | UNKNOWN,
-        lambda points: np.transpose(to_utm.transform(*(origin + 10 * step * points).T)),
+        lambda points: np.transpose(project.transform(*(origin + 10 * step * points).T)),
     )
 
     def place(values):
@@ -79,6 +82,60 @@ def write_geotiff_of_degrees():
         return shapely.affinity.translate(plan, -west, -south)
 
     return place
+
+
+def write_geotiff_of_degrees():
+    return write_geotiff_in("EPSG:4326", np.array([9.01, 47.0]), 1e-6, "EPSG:32632")
+
+
+def write_geotiff_of_mercator():
+    return write_geotiff_in("EPSG:3857", np.array([1.003e6, 5.942e6]), 0.1, "EPSG:32632")
+
+
+def write_geotiff_of_feet():
+    return write_geotiff_in(FEET, np.array([1.6404e6, 1.7e7]), 0.3, "EPSG:32632")
+
+
+def change_geotiff(**profile):
+    """Write costs in whole numbers, which a profile of rasterio changes."""
+    import rasterio
+    from rasterio.transform import from_origin
+
+    scale = profile.pop("scale", 1.0)
+    costs = np.where(CELLS, 100 / scale, 0).T[::-1]
+    settings = {
+        "driver": "GTiff",
+        "dtype": "uint8",
+        "count": 1,
+        "height": 40,
+        "width": 60,
+        "crs": "EPSG:32632",
+        "transform": from_origin(0.0, 4.0, 0.1, 0.1),
+        **profile,
+    }
+    with rasterio.open("costs.tif", "w", **settings) as file:
+        for band in range(settings["count"]):
+            file.write(costs.astype(settings["dtype"]), band + 1)
+        if scale != 1.0:
+            file.scales = [scale]
+
+
+def write_geotiff_with_a_scale():
+    change_geotiff(scale=10.0)
+
+
+def write_geotiff_of_local_metres():
+    change_geotiff(crs=None)
+
+
+def write_geotiff_of_two_bands():
+    change_geotiff(count=2)
+
+
+def write_turned_geotiff():
+    from rasterio.transform import Affine
+
+    change_geotiff(transform=Affine.rotation(30.0) * Affine.scale(0.1, -0.1))
 
 
 def write_netcdf():
@@ -91,17 +148,47 @@ def write_netcdf():
     return PLAN | UNKNOWN
 
 
-def write_nrrd():
+def write_netcdf_with_a_scale():
+    """Write a tenth of the costs less 1, and a factor and an offset."""
+    import xarray
+
+    costs = np.where(CELLS, 9, -1).astype(np.int16)
+    codes = {"scale_factor": 10.0, "add_offset": 10.0}
+    xarray.Dataset({"cost": (("y", "x"), costs.T, codes)}, {"x": X, "y": Y}).to_netcdf("costs.nc")
+
+
+def write_netcdf_of_kilometres():
+    import xarray
+
+    axes = {"x": ("x", X / 1000.0, {"units": "km"}), "y": ("y", Y / 1000.0, {"units": "km"})}
+    costs = ("y", "x"), np.where(CELLS, 100, 0).T
+    xarray.Dataset({"cost": costs}, axes).to_netcdf("costs.nc")
+
+
+def write_nrrd(directions=np.eye(3), **fields):  # noqa: B008  # read alone
     import nrrd
 
-    header = {"space dimension": 3, "space directions": np.diag([100.0] * 3)}
+    header = {"space dimension": 3, "space directions": 100.0 * directions, **fields}
     nrrd.write("rack.nrrd", VOXELS, {**header, "space origin": [50.0] * 3})
 
 
-def write_mha():
+def write_turned_nrrd():
+    write_nrrd(np.array([[0.8, 0.6, 0.0], [-0.6, 0.8, 0.0], [0.0, 0.0, 1.0]]))
+
+
+def write_nrrd_of_metres():
+    write_nrrd(**{"space units": ["m", "m", "m"]})
+
+
+def write_turned_mha():
+    write_mha((0.8, -0.6, 0.0, 0.6, 0.8, 0.0, 0.0, 0.0, 1.0))
+
+
+def write_mha(direction=(1, 0, 0, 0, 1, 0, 0, 0, 1)):
     import SimpleITK
 
     image = SimpleITK.GetImageFromArray(VOXELS.T)
+    image.SetDirection(direction)
     image.SetSpacing((100.0,) * 3)
     image.SetOrigin((50.0,) * 3)
     SimpleITK.WriteImage(image, "rack.mha")
@@ -116,6 +203,64 @@ def write_picture():
     pixels = np.stack([shade, shade, shade, alpha], axis=-1).astype(np.uint8)
     Image.fromarray(pixels.transpose(1, 0, 2)[::-1]).save("plan.png")
     return PLAN | UNKNOWN
+
+
+def write_turned_picture():
+    """Write the plan on its side, and how it is to be turned."""
+    from PIL import Image
+
+    exif = Image.Exif()
+    exif[274] = 6  # a quarter turn to the right
+    shades = np.where(CELLS, 0, 255).astype(np.uint8).T[::-1]
+    Image.fromarray(np.rot90(shades)).save("plan.png", exif=exif)
+
+
+def write_deep_picture():
+    from PIL import Image
+
+    Image.fromarray(np.where(CELLS, 3000, 60000).astype(np.uint16).T[::-1].copy()).save("plan.png")
+
+
+def write_kml():
+    """Write a folder for each wall, in degrees, as Google Earth does."""
+    import geopandas
+
+    frame = geopandas.GeoSeries([shapely.box(*wall) for wall in WALLS], crs="EPSG:32632")
+    shapes = frame.translate(500_000.0, 5_400_000.0).to_crs("EPSG:4326")
+    rings = [" ".join(f"{x:.9f},{y:.9f}" for x, y in shape.exterior.coords) for shape in shapes]
+    folders = "".join(
+        f"<Folder><name>{k}</name><Placemark><Polygon><outerBoundaryIs><LinearRing><coordinates>"
+        f"{ring}</coordinates></LinearRing></outerBoundaryIs></Polygon></Placemark></Folder>"
+        for k, ring in enumerate(rings)
+    )
+    space = 'xmlns="http://www.opengis.net/kml/2.2"'
+    Path("site.gpkg").write_text(
+        f"<?xml version='1.0'?><kml {space}><Document>{folders}</Document></kml>"
+    )
+    return shapely.affinity.translate(PLAN, -1.0, -0.5)
+
+
+def write_layers():
+    """Write a layer for each wall, in feet, and a table of attributes."""
+    import geopandas
+    import pandas as pd
+    import pyogrio
+
+    for k, wall in enumerate(WALLS):
+        shape = geopandas.GeoSeries([shapely.box(*wall)], crs="EPSG:32632")
+        shape = shape.translate(500_000.0, 5_400_000.0).to_crs("EPSG:32632")
+        feet = shape.to_crs(FEET)
+        feet.to_file("site.gpkg", layer=f"wall {k}")
+    pyogrio.write_dataframe(pd.DataFrame({"a": [1]}), "site.gpkg", layer="notes")
+    return shapely.affinity.translate(PLAN, -1.0, -0.5)
+
+
+def write_site_of_metres():
+    """Write the walls in metres of the site, without a reference system."""
+    import geopandas
+
+    geopandas.GeoSeries([shapely.box(*wall) for wall in WALLS]).to_file("site.gpkg")
+    return shapely.affinity.translate(PLAN, -1.0, -0.5)
 
 
 def write_geopackage():
@@ -198,6 +343,23 @@ def write_dxf_of_blocks():
             draw_curve(lambda t: (4 + 3 * t**2 - 2 * t**3, 4 + 3 * t * (1 - t))),
         ]
     )
+
+
+def write_dxf_of_hidden_parts():
+    """Write two walls, and what a drawing hides: layers, blocks, and a line by itself."""
+    import ezdxf
+
+    drawing = ezdxf.new("R2010", units=6)
+    space = drawing.modelspace()
+    drawing.layers.add("OLD").off()
+    drawing.layers.add("Frozen").freeze()
+    drawing.blocks.new("CHAIR").add_line((0, 0), (1, 1))
+    for y, extra in ((0, {}), (6, {}), (2, {"layer": "old"}), (4, {"layer": "FROZEN"})):
+        space.add_line((0, y), (8, y), dxfattribs=extra)
+    space.add_line((0, 5), (8, 5), dxfattribs={"invisible": 1})
+    space.add_blockref("CHAIR", (3, 3), dxfattribs={"layer": "Frozen"})
+    drawing.saveas("plan.dxf")
+    return shapely.MultiLineString([[(0, y), (8, y)] for y in (0, 6)])
 
 
 def draw_curve(curve):
@@ -290,11 +452,22 @@ def write_drawing():
     Path("plan.txt").write_text("\n".join(map("".join, rows)))
 
 
+def write_ragged_drawing():
+    """Write free cells as blanks, without those at the end of a line."""
+    rows = np.where(CELLS.T[::-1], "@", " ")
+    rows[:, -1] = "#"
+    rows[3, 1:59:2] = "."
+    rows[4] = " "
+    lines = ["".join(row).rstrip() for row in rows]
+    Path("plan.txt").write_text("\n".join(lines) + "\n")
+    return PLAN | shapely.box(5.9, 0, 6, 4) | shapely.box(0, 3.5, 6, 3.6)
+
+
 def write_rows():
     Path("plan.json").write_text(json.dumps(CELLS.T[::-1].astype(int).tolist()))
 
 
-def write_scan():
+def write_scan(nothing=".inf", farthest=9.0):
     """Write beams that end where they meet a wall, and return these points."""
     angles = 1e-4 * np.arange(15_000)
     rays = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
@@ -304,11 +477,17 @@ def write_scan():
             meets = np.max((x0, y0) / rays, axis=1)
             leaves = np.min((x1, y1) / rays, axis=1)
         ranges = np.where(meets < leaves, np.minimum(ranges, meets), ranges)
-    listed = "\n".join(f"- {each}".replace("inf", ".inf") for each in ranges.tolist())
-    text = f"angle_min: 0.0\nangle_increment: 0.0001\nranges:\n{listed}\n---\n"
+    listed = "\n".join(f"- {each}".replace("inf", nothing) for each in ranges.tolist())
+    limits = f"range_min: 0.12\nrange_max: {farthest}\n"
+    text = f"angle_min: 0.0\nangle_increment: 0.0001\n{limits}ranges:\n{listed}\n---\n"
     Path("scan.yaml").write_text(text)
-    hits = np.isfinite(ranges)
+    hits = ranges <= farthest
     return shapely.MultiPoint(ranges[hits, np.newaxis] * rays[hits])
+
+
+def write_scan_of_zeros():
+    """Write 0.0 for beams that met nothing, and a range that ends before the second wall."""
+    return write_scan("0.0", farthest=4.0)
 
 
 def make_points():
@@ -340,23 +519,60 @@ def write_las():
     cloud.write("scan.las")
 
 
+def write_las_in(crs, scale_of_heights=1.0):
+    """Write the points, and a mark at (0, 0, 0), in another reference system near 9 E, 48 N."""
+    import laspy
+    import pyproj
+
+    system = pyproj.CRS(crs)
+    points = np.concatenate([make_points(), np.zeros((1, 3))])
+    points += (500_000.0, 5_316_000.0, 0.0)
+    project = pyproj.Transformer.from_crs("EPSG:32632", system, always_xy=True)
+    x, y = project.transform(*points[:, :2].T)
+    header = laspy.LasHeader(point_format=6, version="1.4")
+    header.scales = [1e-9 if system.is_geographic else 1e-4] * 2 + [0.001]
+    header.offsets = [x.min(), y.min(), 0.0]
+    header.add_crs(system)
+    cloud = laspy.LasData(header)
+    cloud.x, cloud.y, cloud.z = x, y, points[:, 2] / scale_of_heights
+    cloud.write("scan.las")
+
+
+def write_las_of_degrees():
+    write_las_in("EPSG:4326")
+
+
+def write_las_of_feet():
+    """Write a plan in feet, and heights in the same unit."""
+    write_las_in(FEET, 1200 / 3937)
+
+
+def write_las_of_two_units():
+    """Write a plan in metres, and heights in feet."""
+    write_las_in("EPSG:32632+6360", 1200 / 3937)
+
+
 FORMS = {
-    "costs.tif": (write_geotiff, write_geotiff_of_utm, write_geotiff_of_degrees),
-    "costs.nc": (write_netcdf,),
+    "costs.tif": (
+        *(write_geotiff, write_geotiff_of_utm, write_geotiff_of_degrees),
+        *(write_geotiff_of_feet, write_geotiff_of_mercator, write_geotiff_with_a_scale),
+        *(write_geotiff_of_local_metres,),
+    ),
+    "costs.nc": (write_netcdf, write_netcdf_with_a_scale),
     "rack.nrrd": (write_nrrd,),
     "rack.mha": (write_mha,),
-    "plan.png": (write_picture,),
-    "plan.txt": (write_drawing,),
+    "plan.png": (write_picture, write_turned_picture),
+    "plan.txt": (write_drawing, write_ragged_drawing),
     "plan.json": (write_rows,),
-    "site.gpkg": (write_geopackage,),
-    "plan.dxf": (write_dxf_of_outlines, write_dxf_of_blocks),
+    "site.gpkg": (write_geopackage, write_kml, write_layers, write_site_of_metres),
+    "plan.dxf": (write_dxf_of_outlines, write_dxf_of_blocks, write_dxf_of_hidden_parts),
     "plan.svg": (write_svg_of_shapes, write_svg_of_strokes),
     "lanes.gml": (write_gml,),
     "rack.3mf": (write_3mf,),
     "rack.off": (write_off,),
     "scan.pcd": (write_pcd,),
-    "scan.las": (write_las,),
-    "scan.yaml": (write_scan,),
+    "scan.las": (write_las, write_las_of_degrees, write_las_of_feet, write_las_of_two_units),
+    "scan.yaml": (write_scan, write_scan_of_zeros),
 }
 """Writers of each file of the page; a plan that they return is that of the obstacles."""
 
@@ -364,6 +580,15 @@ SNIPPET_OF = {
     next(name for name in FORMS if f'"{name}"' in snippet): snippet for snippet in SNIPPETS
 }
 """Snippet that reads each file."""
+
+REFUSED = {
+    "costs.tif": (write_geotiff_of_two_bands, write_turned_geotiff),
+    "costs.nc": (write_netcdf_of_kilometres,),
+    "rack.nrrd": (write_turned_nrrd, write_nrrd_of_metres),
+    "rack.mha": (write_turned_mha,),
+    "plan.png": (write_deep_picture,),
+}
+"""Writers of what a snippet refuses."""
 
 CASES = [(name, write) for name in FORMS for write in FORMS[name]]
 
@@ -402,6 +627,14 @@ def test_a_snippet_ends_in_the_right_world(name, write, tmp_path, monkeypatch):
     assert not (outer & (shapely.distance(cells, plan) > SLACKS.get(name, 0.02))).any()
 
 
+@pytest.mark.parametrize(
+    "name, write", [(name, write) for name in REFUSED for write in REFUSED[name]]
+)
+def test_what_a_snippet_cannot_place_is_refused(name, write, tmp_path, monkeypatch):
+    with pytest.raises((AssertionError, ValueError), match=r"\w"):
+        run_snippet(name, write, tmp_path, monkeypatch)
+
+
 SLACKS = {"costs.tif": 0.15, "scan.pcd": 0.06, "scan.las": 0.06, "scan.yaml": 0.06}
 """Distance, metres, from the plan at which no cell is occupied; cells in degrees are other ones."""
 
@@ -411,3 +644,5 @@ def test_what_a_drawing_loses_is_printed(tmp_path, monkeypatch, capsys):
     assert capsys.readouterr().out == "left out: ['SITE', 'XLINE']\n"
     run_snippet("plan.dxf", write_dxf_of_blocks, tmp_path, monkeypatch)
     assert capsys.readouterr().out == "left out: []\n"
+    run_snippet("plan.dxf", write_dxf_of_hidden_parts, tmp_path, monkeypatch)
+    assert capsys.readouterr().out == "left out: ['frozen', 'old']\n"

@@ -88,8 +88,10 @@ def test_fields_of_degrees_are_refused_in_pcd_and_ply(tmp_path):
     ],
 )
 def test_coordinates_like_degrees_are_warned_of(tmp_path, name, text, options):
-    with pytest.warns(UnitWarning, match="look like degrees"):
-        read(tmp_path, name, text, **options)
+    moves = {}, {"offset": (-8.4, -49.0, -110.0)[: 3 if options else 2]}
+    for offset in moves:
+        with pytest.warns(UnitWarning, match="look like degrees"):
+            read(tmp_path, name, text, **options, **offset)
     near = [("POINT (1 1)\nPOINT (3 4)\n", "a.wkt", {}), ("1 1 0\n3 4 0\n", "a.xyz", options)]
     for metres, file, others in near:
         assert list_warnings(read, tmp_path, file, metres, **others) == []

@@ -230,15 +230,8 @@ def test_a_far_frame_is_refused_and_its_hint_followed(tmp_path):
 
 
 def test_columns_of_a_table_are_found_by_name():
-    class Table(dict):
-        """As a pandas.DataFrame."""
-
-        columns = ("z", "id", "x", "y")
-
-        def __getitem__(self, names):
-            return np.stack([self.get(name) for name in names], axis=1)
-
-    table = Table(z=[3.0, 3.5], id=[7, 8], x=[1.0, 1.5], y=[2.0, 2.5])
+    columns = {"z": [3.0, 3.5], "id": [7, 8], "x": [1.0, 1.5], "y": [2.0, 2.5]}
+    table = pd.DataFrame(columns)
     workspace = Workspace.from_points(table, 0.1)
     assert workspace.shapes[0].centers.tolist() == [[1, 2, 3], [1.5, 2.5, 3.5]]
 
