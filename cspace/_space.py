@@ -291,6 +291,7 @@ class CSpace(ConfigurationMap):
     def overlap_count(self, q: Configuration) -> int: ...  # type: ignore[overload-overlap]
     @overload
     def overlap_count(self, q: ArrayLike) -> Ints: ...
+    @names_options
     def overlap_count(self, q: ArrayLike) -> int | Ints:
         """Count the cells in which robot and obstacles overlap.
 
@@ -315,6 +316,7 @@ class CSpace(ConfigurationMap):
     def contains_robot(self, q: Configuration) -> bool: ...  # type: ignore[overload-overlap]
     @overload
     def contains_robot(self, q: ArrayLike) -> Bools: ...
+    @names_options
     def contains_robot(self, q: ArrayLike) -> bool | Bools:
         """Return True if the robot is proven to lie inside the obstacles.
 
@@ -351,6 +353,7 @@ class CSpace(ConfigurationMap):
             is_inside &= heights.contain(self.robot.shape, self.grid.spacing)
         return is_inside if is_inside.ndim else bool(is_inside)
 
+    @names_options
     def obstacle_distance(
         self, q: ArrayLike, lengths: ArrayLike = 0.0, turns: ArrayLike = 0.0
     ) -> float | Floats:
@@ -399,6 +402,7 @@ class CSpace(ConfigurationMap):
             distances[k] = 0.0 if extends and distance <= self._sure_distance else distance
         return distances.reshape(points.shape[:-1]) if points.ndim > 1 else float(distances[0])
 
+    @names_options
     def closest(self, q: ArrayLike) -> Closest:
         """Return the nearest points of robot and obstacles, and the way from these.
 
@@ -590,6 +594,7 @@ class CSpace(ConfigurationMap):
         samples = sample(free, self._slice_of, self.rotations, self.grid, count, generator)
         return samples[0] if n is None else samples
 
+    @names_options
     def nearest_free(self, q: ArrayLike) -> Floats:
         """Return the center of the FREE cell nearest to a configuration.
 

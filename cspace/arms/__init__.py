@@ -4,6 +4,6 @@ Four rooms, each with its words, support :class:`Arm` and :class:`ArmSpace`: rea
 proofs about bodies, searches of paths, and maps of joints.
 """
 
-import lazy_loader
+from cspace.inside import attach_stub
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, __all__ = attach_stub(__name__, __file__)
