@@ -22,6 +22,7 @@ from cspace._queries.batches import (
     Configuration,
     as_contiguous,
     evaluate,
+    evaluate_rows,
     write_in_threads,
 )
 from cspace._queries.callbacks import NO_ANSWER
@@ -479,7 +480,7 @@ class CSpace(ConfigurationMap):
         centers = self.interpolate(starts[edges], ends[edges], fractions[:, np.newaxis])
         pieces = (metres / counts)[edges], (radians / counts)[edges]
         try:
-            if not np.all(self.exact.motion_is_free(starts, ends)):
+            if not evaluate_rows(starts, ends, self.exact._write_motions).all():
                 return 0.0
             return max(self._sure_distance, self._exact.distance(centers, *pieces))
         except InputError:

@@ -469,7 +469,7 @@ def test_a_call_that_does_not_fit_names_its_parameters(call):
 
 
 def test_a_call_that_fits_keeps_its_own_error():
-    with pytest.raises(TypeError, match="^unsized$"):
+    with pytest.raises(TypeError, match="unsized"):
         cspace.build(WALLS, Robot.disc(0.1), progress=raise_unsized)
 
 
