@@ -32,7 +32,7 @@ from cspace._support.check import (
     check_rows,
     names_options,
 )
-from cspace._support.reporting import format_point
+from cspace._support.reporting import format_point, show_png
 from cspace._support.units import warn_of_large
 from cspace.errors import ConfigurationError, EndReason, InputError
 
@@ -462,11 +462,7 @@ class ConfigurationMap(ConfigurationSpace):
     # ---- pictures, and convex regions ------------------------------------------------------------
 
     plot = _outside.plot
-
-    def _repr_png_(self) -> bytes:
-        """Show the map in a notebook, as its picture."""
-        return bytes(vars(self.plot())["_repr_png_"]())
-
+    _repr_png_ = show_png
     free_region = _outside.free_region
     free_regions = _outside.free_regions
 

@@ -29,6 +29,7 @@ from cspace.inside import (
     check_not_negative,
     check_number,
     names_options,
+    show_png,
     tell_apart,
 )
 from cspace.lanes._apart import (
@@ -81,6 +82,10 @@ class Timing:
     def __bool__(self) -> bool:
         """Return True if there is a motion."""
         return self.trajectory is not None
+
+    def _repr_png_(self) -> bytes | None:
+        """Show the motion in a notebook, as its picture."""
+        return None if self.trajectory is None else show_png(self.trajectory)
 
 
 @names_options
