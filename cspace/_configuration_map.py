@@ -30,8 +30,9 @@ from cspace._support.check import (
     check_finite,
     check_point,
     check_rows,
+    names_options,
 )
-from cspace._support.reporting import format_point
+from cspace._support.reporting import format_point, show_png
 from cspace._support.units import warn_of_large
 from cspace.errors import ConfigurationError, EndReason, InputError
 
@@ -211,6 +212,7 @@ class ConfigurationMap(ConfigurationSpace):
     def is_connected(self, q0: Configuration, q1: Configuration) -> bool: ...  # type: ignore[overload-overlap]
     @overload
     def is_connected(self, q0: ArrayLike, q1: ArrayLike) -> Bools: ...
+    @names_options
     def is_connected(self, q0: ArrayLike, q1: ArrayLike) -> bool | Bools:
         """Return True if a collision-free path is proven to exist between configurations.
 
@@ -236,6 +238,7 @@ class ConfigurationMap(ConfigurationSpace):
     def is_disconnected(self, q0: Configuration, q1: Configuration) -> bool: ...  # type: ignore[overload-overlap]
     @overload
     def is_disconnected(self, q0: ArrayLike, q1: ArrayLike) -> Bools: ...
+    @names_options
     def is_disconnected(self, q0: ArrayLike, q1: ArrayLike) -> bool | Bools:
         """Return True if configurations are proven disconnected.
 
@@ -311,6 +314,7 @@ class ConfigurationMap(ConfigurationSpace):
         np.not_equal(joined, apart, out=out)
         return -1
 
+    @names_options
     def free_yaws(self, position: ArrayLike) -> Floats:
         """Return intervals of yaw proven free at a position.
 
@@ -353,6 +357,7 @@ class ConfigurationMap(ConfigurationSpace):
     def clearance(self, q: Configuration) -> float: ...  # type: ignore[overload-overlap]
     @overload
     def clearance(self, q: ArrayLike) -> Floats: ...
+    @names_options
     def clearance(self, q: ArrayLike) -> float | Floats:
         """Return a lower bound of the distance to configurations not FREE.
 
@@ -457,11 +462,7 @@ class ConfigurationMap(ConfigurationSpace):
     # ---- pictures, and convex regions ------------------------------------------------------------
 
     plot = _outside.plot
-
-    def _repr_png_(self) -> bytes:
-        """Show the map in a notebook, as its picture."""
-        return bytes(vars(self.plot())["_repr_png_"]())
-
+    _repr_png_ = show_png
     free_region = _outside.free_region
     free_regions = _outside.free_regions
 

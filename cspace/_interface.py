@@ -43,6 +43,7 @@ from cspace._support.check import (
     check_known,
     check_pairs,
     check_rows,
+    names_options,
     order_labels,
 )
 from cspace._support.deadlines import Effort
@@ -565,6 +566,7 @@ class ConfigurationSpace(Space):
     def classify(self, q: Configuration) -> int: ...  # type: ignore[overload-overlap]
     @overload
     def classify(self, q: ArrayLike) -> States: ...
+    @names_options
     def classify(self, q: ArrayLike) -> int | States:
         """Return the state of configurations: FREE, MIXED or BLOCKED.
 
@@ -601,6 +603,7 @@ class ConfigurationSpace(Space):
     def is_free(self, q: Configuration) -> bool: ...  # type: ignore[overload-overlap]
     @overload
     def is_free(self, q: ArrayLike) -> Bools: ...
+    @names_options
     def is_free(self, q: ArrayLike) -> bool | Bools:
         """Return True if configurations are proven collision-free.
 
@@ -619,6 +622,7 @@ class ConfigurationSpace(Space):
     def motion_is_free(self, q0: Configuration, q1: Configuration) -> bool: ...  # type: ignore[overload-overlap]
     @overload
     def motion_is_free(self, q0: ArrayLike, q1: ArrayLike) -> Bools: ...
+    @names_options
     def motion_is_free(self, q0: ArrayLike, q1: ArrayLike) -> bool | Bools:
         """Return True if straight motions are proven free throughout.
 

@@ -22,7 +22,7 @@ from cspace._shapes import (
     shape_from_spec,
 )
 from cspace._support.arrays import StrPath, Surface
-from cspace._support.check import names_options
+from cspace._support.check import AnswersNames, names_options
 from cspace._support.limits import BITMAP_CELL_BYTES, PlannedGrid, check_memory
 from cspace.errors import InputError
 
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False, init=False)
-class Robot:
+class Robot(metaclass=AnswersNames):
     """A rigid robot in the plane or in space.
 
     Make one with :meth:`polygon`, :meth:`rectangle`, :meth:`disc`, :meth:`ellipse` or

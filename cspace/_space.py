@@ -22,6 +22,7 @@ from cspace._queries.batches import (
     Configuration,
     as_contiguous,
     evaluate,
+    evaluate_rows,
     write_in_threads,
 )
 from cspace._queries.callbacks import NO_ANSWER
@@ -291,6 +292,7 @@ class CSpace(ConfigurationMap):
     def overlap_count(self, q: Configuration) -> int: ...  # type: ignore[overload-overlap]
     @overload
     def overlap_count(self, q: ArrayLike) -> Ints: ...
+    @names_options
     def overlap_count(self, q: ArrayLike) -> int | Ints:
         """Count the cells in which robot and obstacles overlap.
 
@@ -315,6 +317,7 @@ class CSpace(ConfigurationMap):
     def contains_robot(self, q: Configuration) -> bool: ...  # type: ignore[overload-overlap]
     @overload
     def contains_robot(self, q: ArrayLike) -> Bools: ...
+    @names_options
     def contains_robot(self, q: ArrayLike) -> bool | Bools:
         """Return True if the robot is proven to lie inside the obstacles.
 
@@ -351,6 +354,7 @@ class CSpace(ConfigurationMap):
             is_inside &= heights.contain(self.robot.shape, self.grid.spacing)
         return is_inside if is_inside.ndim else bool(is_inside)
 
+    @names_options
     def obstacle_distance(
         self, q: ArrayLike, lengths: ArrayLike = 0.0, turns: ArrayLike = 0.0
     ) -> float | Floats:
@@ -399,6 +403,7 @@ class CSpace(ConfigurationMap):
             distances[k] = 0.0 if extends and distance <= self._sure_distance else distance
         return distances.reshape(points.shape[:-1]) if points.ndim > 1 else float(distances[0])
 
+    @names_options
     def closest(self, q: ArrayLike) -> Closest:
         """Return the nearest points of robot and obstacles, and the way from these.
 
@@ -475,7 +480,7 @@ class CSpace(ConfigurationMap):
         centers = self.interpolate(starts[edges], ends[edges], fractions[:, np.newaxis])
         pieces = (metres / counts)[edges], (radians / counts)[edges]
         try:
-            if not np.all(self.exact.motion_is_free(starts, ends)):
+            if not evaluate_rows(starts, ends, self.exact._write_motions).all():
                 return 0.0
             return max(self._sure_distance, self._exact.distance(centers, *pieces))
         except InputError:
@@ -590,6 +595,7 @@ class CSpace(ConfigurationMap):
         samples = sample(free, self._slice_of, self.rotations, self.grid, count, generator)
         return samples[0] if n is None else samples
 
+    @names_options
     def nearest_free(self, q: ArrayLike) -> Floats:
         """Return the center of the FREE cell nearest to a configuration.
 

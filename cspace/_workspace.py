@@ -22,6 +22,7 @@ from cspace._grid import FARTHEST_CELL, MAX_COORDINATE, SLACK, Grid, check_reach
 from cspace._shapes import Balls, Polygons, Shape, ShapeLike, Voxels, as_shape
 from cspace._support.arrays import Bools, Floats, StrPath, frozen
 from cspace._support.check import (
+    AnswersNames,
     check_bounds,
     check_cells,
     check_point,
@@ -40,7 +41,7 @@ from cspace._support.limits import (
     PlannedGrid,
     check_memory,
 )
-from cspace._support.reporting import warn_user
+from cspace._support.reporting import show_png, warn_user
 from cspace.errors import CspaceError, FileError, InputError, UnitWarning
 
 if TYPE_CHECKING:
@@ -94,7 +95,7 @@ class OpenOptions(TypedDict, total=False):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Workspace:
+class Workspace(metaclass=AnswersNames):
     """Obstacles as two sets of closed grid cells.
 
     `outer` cells touch obstacles, `inner` cells lie inside them. The two sets are equal if the
@@ -820,6 +821,7 @@ class Workspace:
         return reader(path, **options)
 
     plot = _outside.plot
+    _repr_png_ = show_png
 
 
 class LiveWorkspace(Workspace):

@@ -1,13 +1,18 @@
 """Planning with OMPL on certified configuration-space maps (experimental).
 
-Rooms: ``_edges`` (motions of drives), ``_motion`` (times), ``_searches`` (our own searches) and
-``_ompl`` (OMPL's). Words that the modules of this package share:
-
-- *room*: a region that counts as a start or goal.
-- *route*: a start with its goals.
-- *stage*: the start, a place on the way, or the goal.
-- *leg*: the part of a plan from one stage to the next (in ``_motion``, between minima of speed).
+:func:`plan` finds a path on a map of :mod:`cspace` whose every edge is proven free, and returns a
+:class:`Plan`; :func:`choices` lists what it can do on a space. :class:`Differential` and
+:class:`Car` are drives, :class:`Near` a place with room around it, :class:`Search` a planner with
+settings. :meth:`Plan.trajectory` times a path within limits of speed and acceleration.
 """
+
+# Rooms: ``_edges`` (motions of drives), ``_motion`` (times), ``_searches`` (our own searches) and
+# ``_ompl`` (OMPL's). Words that the modules of this package share:
+#
+# - *room*: a region that counts as a start or goal.
+# - *route*: a start with its goals.
+# - *stage*: the start, a place on the way, or the goal.
+# - *leg*: the part of a plan from one stage to the next (in ``_motion``, between minima of speed).
 
 from typing import Any
 

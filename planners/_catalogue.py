@@ -46,9 +46,6 @@ MODULES: Final[Mapping[str, str]] = {
 }
 """Module of each planner, whose ``PLANNERS`` holds it; spaces may bring further searches."""
 
-OTHER_NAMES: Final = {"astar": "Grid", "dijkstra": "Grid", "hybridastar": "Lattice"}
-"""Built-in searches by the names of their methods."""
-
 
 def find_planner(name: str) -> Planner:
     """Load a planner by its name.
@@ -161,9 +158,7 @@ def planner_named(name: str, searches: Sequence[str] = ()) -> PlannerName:
     """
     known = {word.lower(): word for word in (*get_args(PlannerName), *searches)}
     if not isinstance(name, str) or name.lower() not in known:
-        # Users of OMPL's documentation may write RRT*.
-        word = str(name).lower().replace("*", "star").replace(" ", "")
-        hint = suggest_name(OTHER_NAMES.get(word, word), known.values())
+        hint = suggest_name(name, known.values())
         rule = f"it must be {', '.join(known.values())}"
         raise InputError("planner", f"is {name!r}", rule, hint)
     return cast(PlannerName, known[name.lower()])

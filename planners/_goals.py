@@ -863,6 +863,13 @@ class PlaceParts(NamedTuple):
     is_any: bool = False  # whether it is a position with any rotation
     near: Near | None = None
 
+    def check(self, space: Space) -> PlaceParts:
+        """Return it with its configuration in canonical form; warn of degrees."""
+        if not self.is_one or isinstance(self.configuration, Goal) or not space.has_poses:
+            return self
+        q = space.check_configuration(cast("ArrayLike", self.configuration), self.name)
+        return self._replace(configuration=q)
+
     @property
     def is_plain(self) -> bool:
         """Whether it is a configuration alone."""
@@ -884,7 +891,10 @@ def split_places(
     """
     places = list_alternatives(place, name, space.axes)
     names = [f"{name}[{k}]" if len(places) > 1 else name for k in range(len(places))]
-    return [_split_place(space, *each, near_option) for each in zip(places, names, strict=True)]
+    parts = [_split_place(space, *each, near_option) for each in zip(places, names, strict=True)]
+    if len(parts) == 1 and parts[0].is_plain:
+        return parts  # which the space checks as it finds goals
+    return [each.check(space) for each in parts]
 
 
 def _split_place(space: Space, place: PlaceLike, name: str, near_option: str) -> PlaceParts:
@@ -922,7 +932,7 @@ def _make_room(space: ConfigurationMap, parts: PlaceParts) -> Room:
     if parts.region is None and not parts.is_any:
         if isinstance(parts.configuration, Goal):
             space.find_goals(parts.configuration, (0.0,) * space.size, None, name=name)  # raises
-        middle = space.check_configuration(cast("ArrayLike", parts.configuration), name)
+        middle = Space.check_configuration(space, cast("ArrayLike", parts.configuration), name)
         return Room(name, middle, None, metres, radians)
     if parts.region is None:
         position = check_point(cast("ArrayLike", parts.configuration), name, space.dim)

@@ -15,6 +15,7 @@ from unittest import mock
 import numpy as np
 import pandas as pd
 import pytest
+import scipy.linalg
 import scipy.ndimage
 import scipy.sparse
 import shapely
@@ -621,7 +622,15 @@ KINDS = {
     "a rotation": (
         lambda _: Rotation.identity(),
         lambda value, _: cspace.Rotations.quaternions(1).check_rotation(value),
-        [lambda world: world.tolist() == [0.0, 0.0, 0.0, 1.0]],
+        [
+            lambda world: world.tolist() == [0.0, 0.0, 0.0, 1.0],
+            lambda world: cspace.PoseGoal("l2", world).pose.tolist() == np.eye(4).tolist(),
+        ],
+    ),
+    "a transposed pose": (
+        lambda _: shift(0.1, 0.2, 0.3).T,
+        lambda value, _: cspace.PoseGoal("l2", value),
+        [lambda world: cspace.PoseGoal("l2", world).pose.tolist() == shift(0.1, 0.2, 0.3).tolist()],
     ),
     "a mesh of faces": (
         lambda _: SimpleNamespace(vertices=MESH[0], faces=MESH[1]),
@@ -719,6 +728,13 @@ KINDS = {
 """Value, a call that refuses it, and what holds for each call that its hint names."""
 
 
+def shift(*position):
+    """Return the pose of a frame that is moved, shape (4, 4)."""
+    pose = np.eye(4)
+    pose[:3, 3] = position
+    return pose
+
+
 def cover(areas):
     """Return the area of polygons, as zones."""
     return float(planners.SpeedZones([(areas, 0.5)]).zones[0][0].area)
@@ -742,6 +758,8 @@ def refuse_kind(kind, folder):
     value = make(folder)
     names = {
         "cspace": cspace,
+        "numpy": np,
+        "scipy": scipy,
         "shapely": shapely,
         "point_cloud2": SimpleNamespace(read_points=read_fields),
         "space": turning(),

@@ -19,7 +19,6 @@ from tests.helpers.urdfs import joint, link, write_urdf
 
 FREE_Q = 1.0, 1.0, 0.5
 ANGLE_CALLS = {
-    "start": ("start", lambda space, q: planners.plan(space, q, FREE_Q)),
     "is_free": ("q", lambda space, q: space.is_free(np.array(q))),
     "motion_is_free": ("q1", lambda space, q: space.motion_is_free(FREE_Q, q)),
     "is_free of rows": ("q", lambda space, q: space.is_free([FREE_Q] * 3 + [q])),
@@ -27,11 +26,24 @@ ANGLE_CALLS = {
     "certify_path": ("path", lambda space, q: space.certify_path([FREE_Q, q])),
     "clearance of rows": ("q", lambda space, q: space.clearance([FREE_Q, q])),
     "chunk": ("rows", lambda space, q: cspace.Gate(space).check_rows(FREE_Q, [FREE_Q, q])),
-    "chunk at": ("q", lambda space, q: cspace.Gate(space).check_rows(q, [FREE_Q])),
     "is_connected": ("q0", lambda space, q: space.is_connected(q, FREE_Q)),
+    "chunk at": ("q", lambda space, q: cspace.Gate(space).check_rows(q, [FREE_Q])),
+}
+"""Calls of rows, or of one configuration in a loop, with the name of the argument."""
+
+ONE_CALLS = {
+    "start": ("start", lambda space, q: planners.plan(space, q, FREE_Q)),
+    "goal": ("goal", lambda space, q: planners.plan(space, FREE_Q, q)),
+    "goals": ("goal[1]", lambda space, q: planners.plan(space, FREE_Q, [FREE_Q, q])),
+    "near": ("goal", lambda space, q: planners.plan(space, FREE_Q, planners.Near(q, 0.2, 0.1))),
+    "via": ("via[0]", lambda space, q: planners.plan(space, FREE_Q, FREE_Q, via=[q])),
+    "closest": ("q", lambda space, q: space.closest(q)),
     "min_path_length": ("q1", lambda space, q: space.min_path_length(FREE_Q, q)),
+    "explain": ("start", lambda space, q: space.explain(q, FREE_Q)),
+    "plot": ("goal", lambda space, q: space.plot(goal=q)),
     "states_at": ("rotation", lambda space, q: space.states_at(q[2:])),
 }
+"""Calls of one configuration, with the name of the argument."""
 
 
 @cache
@@ -58,13 +70,44 @@ def test_a_yaw_in_degrees_warns_once_and_names_its_argument(call):
     catch_warnings(repeat)  # compiling at the first call resets Python's registry of warnings
     (warning,) = catch_warnings(repeat)
     assert warning.category is AngleWarning and warning.filename == __file__
-    assert str(warning.message) == f"{name}: yaw is beyond a whole turn; it is in rad"
+    message = str(warning.message)
+    assert message.startswith(f"{name}: yaw is beyond a whole turn; it is in rad, and 90 degrees")
 
 
-@pytest.mark.parametrize("call", ANGLE_CALLS)
+@pytest.mark.parametrize("call", ONE_CALLS)
+def test_the_yaw_of_one_configuration_is_named_once_with_its_radians(call):
+    name, query = ONE_CALLS[call]
+    (text,) = list_texts(lambda: query(turning(), (1.0, 1.0, -180.0)))
+    assert text.startswith(f"{name}: yaw is -180, beyond a whole turn")
+    assert text.endswith("-180 degrees are -3.14159 rad")
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda: turning().path_obstacle_distance([FREE_Q, (1.0, 1.0, 90.0)]),
+        lambda: turning().plot(path=[FREE_Q, (1.0, 1.0, 90.0)]),
+        lambda: gate().check_twists(FREE_Q, [(0.1, 90.0)]),
+        lambda: gate().slow_down(FREE_Q, (0.1, 90.0)),
+        lambda: gate().slow_down(FREE_Q, (0.0, 0.0), twist_now=(0.0, -90.0)),
+    ],
+)
+def test_a_call_warns_once_of_what_it_asks_twice(call):
+    assert len(list_texts(call)) == 1
+
+
+def list_texts(call):
+    """Return the texts of all warnings of a call."""
+    with warnings.catch_warnings(record=True, action="always") as caught:
+        call()
+    return [str(each.message) for each in caught]
+
+
+@pytest.mark.parametrize("call", ANGLE_CALLS | ONE_CALLS)
 def test_angles_up_to_a_whole_turn_do_not_warn(call):
+    query = (ANGLE_CALLS | ONE_CALLS)[call][1]
     for yaw in (2.0 * math.pi, -2.0 * math.pi, 4.0):
-        assert not catch_warnings(lambda yaw=yaw: ANGLE_CALLS[call][1](turning(), (1.0, 1.0, yaw)))  # type: ignore[misc]
+        assert not catch_warnings(lambda yaw=yaw: query(turning(), (1.0, 1.0, yaw)))  # type: ignore[misc]
 
 
 # ---- every call that takes an angle, a rate or a speed -------------------------------------------

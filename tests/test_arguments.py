@@ -2,6 +2,7 @@
 
 import copy
 import inspect
+import re
 from collections import namedtuple
 from functools import cache
 from types import SimpleNamespace
@@ -434,6 +435,71 @@ def test_an_unknown_option_names_the_most_similar_one():
         with pytest.raises(TypeError, match=f"{option}'; did you mean '{similar}'"):
             call(**{option: 1})  # type: ignore[operator]
     assert "rotations" in inspect.signature(cspace.build).parameters
+
+
+MISFITS = {
+    "Robot.box(0.6, 0.6, 0.2)": "Robot.box() ... too many values, 3 ... extents, center ... pass (",
+    "Robot.rectangle((0.6, 0.4))": "lacks width ... length, width, center ... pass 0.6, 0.4",
+    "Robot.disc(0.0, 0.0, 0.3)": "too many values, 3 ... radius, center",
+    "Workspace.from_array(CELLS)": "lacks spacing ... occupied, spacing, lower, and others by name",
+    "cspace.build(WALLS, 'disc:0.1', 8)": "build() ... 3 ... workspace, robot, and others",
+    "flat().is_free(0.5, 1.0)": "CSpace.is_free() ... 2 ... takes q ... pass (0.5, 1.0)",
+    "flat().exact.classify(0.5, 1.0)": "too many values, 2 ... pass (0.5, 1.0)",
+    "flat().clearance(0.5, 1.0)": "too many values, 2 ... pass (0.5, 1.0)",
+    "flat().nearest_free(0.5, 1.0)": "too many values, 2 ... pass (0.5, 1.0)",
+    "flat().motion_is_free(0.8, 0.6, 0.9, 0.6)": "takes q0, q1 ... pass (0.8, 0.6), (0.9, 0.6)",
+    "flat().motion_is_free((0.8, 0.6))": "lacks q1 ... takes q0, q1",
+    "flat().add_obstacle(Robot.disc(0.2))": "lacks shape ... takes name, shape, and others",
+    "planners.Differential(0.5)": "too many values, 1 ... its options are reverse",
+    "planners.Car(radius=0.5)": "no option 'radius' ... turning_radius",
+    "planners.Car(reverse=True)": "Car() lacks turning_radius",
+}
+"""Calls that do not fit, and their messages; a call may be given the values that one advises."""
+
+
+@pytest.mark.parametrize("call", MISFITS)
+def test_a_call_that_does_not_fit_names_its_parameters(call):
+    with pytest.raises(TypeError) as caught:
+        eval(call)
+    message, parts = str(caught.value), map(re.escape, MISFITS[call].split(" ... "))
+    assert re.search(".*".join(parts), message), message
+    advised = re.search("pass (.*)", message)
+    called, _ = re.split(r"\((?!\))", call, maxsplit=1)
+    assert advised is None or eval(f"{called}({advised[1]})") is not None
+
+
+def test_a_call_that_fits_keeps_its_own_error():
+    with pytest.raises(TypeError, match="unsized"):
+        cspace.build(WALLS, Robot.disc(0.1), progress=raise_unsized)
+
+
+def raise_unsized(*_):
+    raise TypeError("unsized")
+
+
+@pytest.mark.parametrize(
+    "owner, name, ours",
+    [
+        (Robot, "sphere", "ball"),
+        (Robot, "Circle", "disc"),
+        (Robot, "from_polygon", "polygon"),
+        (Robot, "rectangel", "rectangle"),
+        (Robot, "square", "rectangle"),
+        (Workspace, "load", "open"),
+        (Workspace, "from_numpy", "from_array"),
+        (Workspace, "from_image", "open"),
+        (cspace, "load", "open"),
+        (cspace, "Workspaces", "Workspace"),
+        (planners, "ReedsShepp", "Car"),
+        (planners, "DiffDrive", "Differential"),
+        (planners, "RRTConnect", "Search"),
+        (planners, "SimpleSetup", "simple_setup"),
+    ],
+)
+def test_a_name_of_another_package_is_answered_with_ours(owner, name, ours):
+    with pytest.raises(AttributeError, match=f"has no '{name}'; .*\\b{ours}\\b"):
+        getattr(owner, name)
+    assert hasattr(owner, ours) and not hasattr(owner, "_unknown")
 
 
 def test_an_unlike_name_suggests_nothing():

@@ -568,11 +568,9 @@ def _check_chunk(
             f"is {q!r}",
             "it must be where the robot is",
         )
-    warn_of_large(points, "rad", "q", space._angles)
+    warn_of_large(np.atleast_2d(points), "rad", "q", space._angles)
     if columns == space.axes:
         warn_of_large(chunks, "rad", name, space._angles)
-    else:
-        warn_of_twists(chunks, name)
     starts = np.repeat(points[np.newaxis], len(chunks), axis=0) if points.ndim == 1 else points
     return as_contiguous(starts), as_contiguous(chunks), array.ndim == 3
 

@@ -325,6 +325,7 @@ class Gate:
         (2, [1.0, 1.55, 0.2])
         """
         asked = check_columns(twists, "twists", TWIST_NAMES)
+        warn_of_twists(asked, "twists")
         chunk = self._certify(q, asked, before)
         is_proven = np.arange(asked.shape[-2]) < np.asarray(chunk.proven)[..., np.newaxis]
         commands = np.where(is_proven[..., np.newaxis], asked, 0.0)

@@ -115,8 +115,8 @@ def evaluate_edges(
         starts = np.broadcast_to(starts, shape)
         ends = np.broadcast_to(ends, shape)
     out = evaluate_rows(starts.reshape(-1, size), ends.reshape(-1, size), write)
-    warn_of_large(starts, "rad", "q0", angles)
-    warn_of_large(ends, "rad", "q1", angles)
+    warn_of_large(np.atleast_2d(starts), "rad", "q0", angles)
+    warn_of_large(np.atleast_2d(ends), "rad", "q1", angles)
     return _shape_answers(out, starts.shape[:-1], has_array)
 
 

@@ -6,7 +6,12 @@ from dataclasses import dataclass, field, fields
 from typing import Final
 
 from cspace._support.arrays import Floats
-from cspace._support.check import check_flag, check_not_negative, check_positive
+from cspace._support.check import (
+    check_flag,
+    check_not_negative,
+    check_positive,
+    names_options,
+)
 from cspace.errors import InputError
 
 MAX_REVERSE_COST: Final = 20.0
@@ -70,6 +75,7 @@ class Drive:
         return f"{type(self).__name__}({', '.join(given)})"
 
 
+@names_options
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Differential(Drive):
     """A robot on two driven wheels, which turns on the spot.
@@ -103,6 +109,7 @@ class Differential(Drive):
     """
 
 
+@names_options
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Car(Drive):
     """A car, which follows curves no tighter than its turning radius.

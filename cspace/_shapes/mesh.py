@@ -84,7 +84,7 @@ class MeshWarning(UserWarning):
     """Bodies of a mesh are open, or filling it added nothing."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Mesh(ExactShape):
     """Triangles in space, in metres.
 

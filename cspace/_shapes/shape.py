@@ -17,6 +17,7 @@ from cspace._raster import Raster
 from cspace._raster.bitmaps import QUARTER_TURNS
 from cspace._rotations import NO_ROTATION, RotationCell
 from cspace._support.arrays import Bools, Floats, Ints, Surface
+from cspace._support.reporting import format_sides
 from cspace.errors import GeometryError, InputError
 
 if TYPE_CHECKING:
@@ -84,6 +85,10 @@ class Shape(ABC):
         """Add the class to :attr:`KINDS`, by its kind."""
         if "kind" in vars(cls):
             Shape.KINDS[cls.kind] = cls
+
+    def __repr__(self) -> str:
+        """Return the class, and the sides of the box around the shape."""
+        return f"{type(self).__name__}({format_sides(np.ptp(self.outer.bounds, axis=0))})"
 
     @property
     @abstractmethod

@@ -26,7 +26,16 @@ def attach_stub(
         import_name, list_names, names = lazy_loader.attach_stub(package, file)
     except ValueError as error:
         raise ImportError(f"{file} is in an archive; cspace runs only from a folder") from error
-    return lambda name: import_in_turn(import_name, name), list_names, names
+
+    def find_name(name: str) -> Any:
+        """Import a public name; raise AttributeError, with our word for it, for any other one."""
+        if name in names or name.startswith("_"):
+            return import_in_turn(import_name, name)
+        from cspace._support.check import make_name_error
+
+        raise make_name_error(sys.modules[package], package, name, names)
+
+    return find_name, list_names, names
 
 
 def refuse_other_planners() -> None:

@@ -8,9 +8,10 @@ import math
 import operator
 import re
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from contextlib import suppress
 from functools import lru_cache, wraps
 from types import MappingProxyType
-from typing import Any, Final, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, Any, Final, ParamSpec, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -295,19 +296,61 @@ def check_known(value: object, name: str, known: Collection[str], verb: str = "i
     """Return a known name; raise InputError, with the most similar name, otherwise."""
     if isinstance(value, str) and value in known:
         return value
-    # Largest number of known names that a message lists.
+    raise InputError(name, f"{verb} {value!r}", _list_names(known), suggest_name(value, known))
+
+
+def _list_names(known: Collection[str]) -> str:
+    """Return the rule of messages that lists known names, or the first 20."""
     listed = list(known)[:20]
     if len(listed) < len(known):
         listed.append(f"and {len(known) - len(listed)} others")
-    rule = f"there are {', '.join(listed)}" if known else "there is none"
-    raise InputError(name, f"{verb} {value!r}", rule, suggest_name(value, known))
+    return f"there are {', '.join(listed)}" if known else "there is none"
+
+
+OTHER_NAMES: Final[Mapping[str, str]] = {
+    # Shapes.
+    "circle": "disc",
+    "rect": "rectangle",
+    "sphere": "ball",
+    # Files and arrays.
+    "fromfile": "open",
+    "frommesh": "from_mesh",
+    "fromnumpy": "from_array",
+    "frompolygon": "polygon",
+    "fromimage": "open",
+    "frommap": "open",
+    "load": "open",
+    "read": "open",
+    # Drives and planners.
+    "ackermann": "Car",
+    "dubins": "Car",
+    "dubinscar": "Car",
+    "reedsshepp": "Car",
+    "diffdrive": "Differential",
+    "unicycle": "Differential",
+    "astar": "Grid",
+    "dijkstra": "Grid",
+    "hybridastar": "Lattice",
+    "rrt": "Search",
+    "rrtconnect": "Search",
+    "rrtstar": "Search",
+    "simplesetup": "simple_setup",
+}
+"""Names that other packages and fields use, in lower-case letters, with ours."""
 
 
 def suggest_name(value: object, known: Collection[str]) -> str:
-    """Return "did you mean ...?" with a name that has two letters more or less, or ""."""
+    """Return "did you mean ...?" with our word for a name, or one that looks alike; or "".
+
+    A name looks alike if it has at most two letters more or less.
+    """
+    word = str(value).lower().replace("*", "star")  # as in RRT*
+    ours = OTHER_NAMES.get(re.sub(r"[\W_]", "", word))
+    if ours in known:
+        return f"did you mean {ours!r}?"
     # What ROS calls resolution is our spacing.
     names = {name.lower().replace("resolution", "spacing"): name for name in known}
-    word = str(value).lower().replace("resolution", "spacing")
+    word = word.replace("resolution", "spacing")
     near = [name for name in names if abs(len(name) - len(word)) <= 2]
     # A letter too many costs a name of n letters a likeness of 1 / (2 n), and a wrong letter 1 / n.
     likeness = max(0.66, 1.0 - 1.1 / max(1, len(word)))
@@ -315,32 +358,106 @@ def suggest_name(value: object, known: Collection[str]) -> str:
     return f"did you mean {names[similar[0]]!r}?" if similar else ""
 
 
-def names_options(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
-    """Make a function check its truth values, and suggest an option for an unknown one.
+def make_name_error(owner: object, title: str, name: str, known: Collection[str]) -> AttributeError:
+    """Make the error for a name that a package or a class lacks."""
+    public = [each for each in known if not each.startswith("_")]
+    hint = suggest_name(name, public) or _list_names(public)
+    return AttributeError(f"{title} has no {name!r}; {hint}", name=name, obj=owner)
 
-    It is not for queries of single configurations, because it takes a fraction of a microsecond.
+
+_BY_PLACE: Final = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
+"""Kinds of parameters that values without names are given to."""
+
+
+class AnswersNames(type):
+    """A class that answers an unknown name of its own with the one that was meant."""
+
+    if not TYPE_CHECKING:  # otherwise type checkers would take any name
+
+        def __getattr__(cls, name: str) -> Any:
+            """Raise AttributeError, with our word for the name."""
+            raise make_name_error(cls, cls.__name__, name, dir(cls))
+
+
+def names_options(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
+    """Make a function, or a class, check truth values, and explain a call that does not fit.
+
+    It takes a tenth of a microsecond.
     """
+    if isinstance(function, type):
+        constructor = vars(function)["__init__"]
+        setattr(function, "__init__", names_options(constructor))  # noqa: B010
+        return function
     parameters = inspect.signature(function).parameters
     names = list(parameters)
-    known = frozenset(names)
     flags = [name for name in names if parameters[name].annotation == "bool"]
-    takes_others = any(each.kind is each.VAR_KEYWORD for each in parameters.values())
+    by_place = [name for name in names if parameters[name].kind in _BY_PLACE]
 
     @wraps(function)
     def call(*values: Arguments.args, **options: Arguments.kwargs) -> Result:
-        """Call the function, if it has all options, and truth values are True or False."""
-        if not (takes_others or known.issuperset(options)):
-            name = next(option for option in options if option not in known)
-            left = sorted(names[len(values) :])  # without self, and what is given by position
-            hint = suggest_name(name, left) or f"its options are {', '.join(left)}"
-            called = function.__qualname__.removesuffix(".__init__")
-            raise TypeError(f"{called}() has no option {name!r}; {hint}")
-        given = {**dict(zip(names, values, strict=False)), **options} if flags else {}
-        for flag in flags:
-            check_flag(given.get(flag, True), flag)
-        return function(*values, **options)
+        """Call the function, if truth values are True or False."""
+        if flags:
+            given = {**dict(zip(by_place, values, strict=False)), **options}
+            for flag in flags:
+                check_flag(given.get(flag, True), flag)
+        try:
+            return function(*values, **options)
+        except TypeError:
+            _check_call(function, values, options)
+            raise
 
     return call
+
+
+def _check_call(
+    function: Callable[..., Any], values: Sequence[Any], options: Mapping[str, Any]
+) -> None:
+    """Raise TypeError, with the parameters, if a function cannot be called with these values."""
+    signature = inspect.signature(function)
+    with suppress(TypeError):
+        signature.bind(*values, **options)
+        return
+    parameters = list(signature.parameters.values())
+    called = function.__qualname__
+    if parameters[:1] and parameters[0].name in ("self", "cls"):
+        owner, *values = values
+        kind = owner if isinstance(owner, type) else type(owner)
+        called = f"{kind.__name__}.{function.__name__}".removesuffix(".__init__")
+        del parameters[0]
+    names = [each.name for each in parameters]
+    for name in options:
+        if name not in names:
+            left = sorted(names[len(values) :])
+            hint = suggest_name(name, left) or f"its options are {', '.join(left)}"
+            raise TypeError(f"{called}() has no option {name!r}; {hint}") from None
+    by_place = [each.name for each in parameters if each.kind in _BY_PLACE]
+    needed = [each for each in parameters if each.default is each.empty]
+    given = {*by_place[: len(values)], *options}
+    missing = [each.name for each in needed if each.name not in given]
+    if missing:
+        problem = f"lacks {', '.join(missing)}"
+    elif len(values) > len(by_place):
+        problem = f"is given too many values, {len(values)}"
+    else:
+        return  # one is given twice, as Python says
+    rule = f"it takes {', '.join(by_place)}" if by_place else f"its options are {', '.join(names)}"
+    if 0 < len(by_place) < len(names):
+        rule += ", and others by name"
+    hint = _suggest_values(needed, values)
+    raise TypeError("; ".join(filter(None, (f"{called}() {problem}", rule, hint)))) from None
+
+
+def _suggest_values(needed: Sequence[inspect.Parameter], values: Sequence[Any]) -> str:
+    """Return a hint to join numbers to the points that a call needs, or to pass them one by one."""
+    kinds = {str(each.annotation) for each in needed}
+    parts: Sequence[Any] = ()
+    if kinds == {"float"} and len(values) == 1 and np.shape(values[0]) == (len(needed),):
+        parts = values[0]
+    size, rest = divmod(len(values), max(1, len(needed)))
+    are_numbers = all(isinstance(value, int | float) for value in values)
+    if kinds == {"ArrayLike"} and are_numbers and size > 1 and not rest:
+        parts = [tuple(values[k : k + size]) for k in range(0, len(values), size)]
+    return f"pass {', '.join(map(repr, parts))}" if len(parts) else ""
 
 
 def check_each(

@@ -49,7 +49,9 @@ _CALLS: Final[Mapping[tuple[str, ...], str]] = {
     ("translation", "as_matrix"): (
         "use {}.as_matrix() for an arm, or (*{}.translation, *{}.rotation.as_quat()) for a map"
     ),
-    ("as_quat",): "use {}.as_quat()",
+    ("as_quat",): (
+        "use {}.as_quat(), or scipy.linalg.block_diag({}.as_matrix(), 1) for a pose of an arm"
+    ),
     ("vertices", "faces"): "use cspace.make_mesh(({}.vertices, {}.faces))",
     ("vertices", "triangles"): "use cspace.make_mesh(({}.vertices, {}.triangles))",
     ("vertex", "triangle"): (

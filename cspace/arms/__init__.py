@@ -1,9 +1,12 @@
 """Arms: robots with joints, whose configurations and motions are proven free (experimental).
 
-Four rooms, each with its words, support :class:`Arm` and :class:`ArmSpace`: readers of files,
-proofs about bodies, searches of paths, and maps of joints.
+:meth:`Arm.from_urdf` reads an arm, :func:`build_arm_space` sets it among obstacles, and
+:func:`planners.plan` plans in the space. :func:`build_joint_map` maps some of its joints.
 """
 
-import lazy_loader
+# Four rooms, each with its words, support Arm and ArmSpace: readers of files, proofs about bodies,
+# searches of paths, and maps of joints.
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+from cspace.inside import attach_stub
+
+__getattr__, __dir__, __all__ = attach_stub(__name__, __file__)

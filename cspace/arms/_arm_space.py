@@ -60,6 +60,7 @@ from cspace.inside import (
     check_rng,
     check_text,
     names_options,
+    show_png,
     turn_near,
     wrap_angles,
 )
@@ -491,6 +492,8 @@ class ArmSpace(ConfigurationSpace):
         """
         scene = arm or now.arm, obstacles, allowed, padding, now.margin
         self.snapshot = make_snapshot(*scene, now, now.uprights)
+
+    _repr_png_ = show_png
 
     @names_options
     def plot(

@@ -43,23 +43,36 @@ def check_rigid(pose: ArrayLike, name: str) -> Floats:
         If it is no rigid motion.
     """
     matrix = check_finite(pose, name)
-    problem = f"has shape {matrix.shape}"
+    problem, hint = f"has shape {matrix.shape}", ""
     if matrix.shape == (4, 4):
-        # Digits of a file are few, so take the nearest rotation, by a singular value decomposition.
-        left, _, right = np.linalg.svd(matrix[:3, :3])
-        rigid = np.eye(4)
-        rigid[:3, :3] = left @ right
-        rigid[:3, 3] = matrix[:3, 3]
-        # Largest error of an entry of a rotation matrix, because files round them to five digits.
-        is_near = np.abs(rigid - matrix).max() < 1e-5
-        if is_near and np.linalg.det(rigid) > 0.0:
+        rigid, is_rigid = _make_rigid(matrix)
+        if is_rigid:
             return rigid
-        problem = f"has R = {matrix[:3, :3].tolist()} and the last row {matrix[3].tolist()}"
+        problem = f"has R = {np.round(matrix[:3, :3], 6).tolist()}"
+        if matrix[3].tolist() != [0.0, 0.0, 0.0, 1.0]:
+            problem = f"has the last row {np.round(matrix[3], 6).tolist()}"
+        if _make_rigid(matrix.T)[1]:
+            hint = f"use numpy.transpose({name})"
     raise InputError(
         name,
         problem,
         "it must be [[R, t], [0, 0, 0, 1]], shape (4, 4), with a rotation matrix R",
+        hint,
     )
+
+
+def _make_rigid(matrix: Floats) -> tuple[Floats, bool]:
+    """Return the rigid motion nearest to a matrix, and whether the matrix is it but for rounding.
+
+    A singular value decomposition finds the rotation.
+    """
+    left, _, right = np.linalg.svd(matrix[:3, :3])
+    rigid = np.eye(4)
+    rigid[:3, :3] = left @ right
+    rigid[:3, 3] = matrix[:3, 3]
+    # Largest error of an entry of a rotation matrix, because files round them to five digits.
+    is_near = np.abs(rigid - matrix).max() < 1e-5
+    return rigid, bool(is_near and np.linalg.det(rigid) > 0.0)
 
 
 def check_names(values: Iterable[str], name: str) -> list[str]:

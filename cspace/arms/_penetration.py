@@ -73,6 +73,10 @@ class ArmPenetration:
             np.concatenate(radii), obstacle_balls, bump=bump, tolerance=tolerance
         )
 
+    def __repr__(self) -> str:
+        """Return the arm and its number of balls."""
+        return f"ArmPenetration({self.arm!r}, {len(self._bodies):,} balls)"
+
     def value_and_gradient(self, q: ArrayLike) -> tuple[Floats, Floats]:
         """Compute the overlap at configurations, and its derivatives by the joints.
 

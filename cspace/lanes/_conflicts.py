@@ -22,6 +22,7 @@ from cspace.inside import (
     check_not_negative,
     check_text,
     names_options,
+    show_png,
     warn_user,
     wrap_angles,
 )
@@ -246,7 +247,9 @@ class Conflicts:
         """Return tables of pairs that are not apart, and of mutexes."""
         order = sorted(self.pairs, key=lambda row: (bool(row.groups), row.shares_node))
         lines = [repr(self)]
-        lines += format_table(COLUMNS, [list(row._cells.values()) for row in order], "pairs")
+        lines += format_table(
+            COLUMNS[:-2], [list(row._cells.values())[:-2] for row in order], "pairs"
+        )
         if self.groups:
             lines.append(f"{len(self.unguarded)} pairs touch and share no node and no mutex group")
         used = {group for row in self.pairs for group in row.groups}
@@ -288,6 +291,8 @@ class Conflicts:
                     axes.plot(*places.T, "X", label="" if is_filled else label, zorder=7, **style)
         extend_legend(axes, axes.get_legend_handles_labels()[0])
         return axes
+
+    _repr_png_ = show_png
 
     @names_options
     def to_geojson(self, path: StrPath | None = None, overwrite: bool = False) -> dict[str, Any]:

@@ -41,8 +41,10 @@ def format_value(value: Any) -> str:
 
 
 def format_table(columns: Sequence[str], rows: Sequence[Iterable[Any]], noun: str) -> list[str]:
-    """Return a table's lines, and count omitted rows as ``noun``."""
-    table = [tuple(columns), *(tuple(map(format_value, row)) for row in rows[:MAX_PRINTED_ROWS])]
+    """Return a table's lines, without empty columns, and count omitted rows as ``noun``."""
+    cells = [tuple(map(format_value, row)) for row in rows[:MAX_PRINTED_ROWS]]
+    filled = [k for k in range(len(columns)) if not cells or any(row[k] for row in cells)]
+    table = [tuple(row[k] for k in filled) for row in (tuple(columns), *cells)]
     widths = [max(map(len, column)) for column in zip(*table, strict=True)]
     lines = ["  ".join(map(str.ljust, row, widths)).rstrip() for row in table]
     if len(rows) > MAX_PRINTED_ROWS:

@@ -28,6 +28,7 @@ from cspace.inside import (
     Floats,
     check_not_negative,
     names_options,
+    show_png,
     tell_apart,
 )
 from cspace.lanes._apart import (
@@ -85,6 +86,10 @@ class Timing:
     def __bool__(self) -> bool:
         """Return True if there is a motion."""
         return self.trajectory is not None
+
+    def _repr_png_(self) -> bytes | None:
+        """Show the motion in a notebook, as its picture."""
+        return None if self.trajectory is None else show_png(self.trajectory)
 
 
 @names_options

@@ -295,8 +295,10 @@ class Route:
         self.points = _check_coordinates(points, "path", space.axes, ndim=2)
         self.endpoints: dict[str, Floats] = {}
         for name, q, row in (("start", start, 0), ("goal", goal, -1)):
-            if q is None:
-                q = self.points[row] if len(self.points) else getattr(self.plan, name, None)
+            if q is None and len(self.points):
+                self.endpoints[name] = self.points[row]
+                continue
+            q = getattr(self.plan, name, None) if q is None else q
             if q is not None:
                 self.endpoints[name] = _check_coordinates(q, name, space.axes)
 

@@ -22,6 +22,7 @@ from cspace.inside import (
     contents_of,
     map_record,
     rasters_of,
+    show_png,
 )
 from cspace.reasons._margins import (
     copy_with_ends,
@@ -282,6 +283,8 @@ class Explanation:
             handles += axes.plot(*centers.T, **BARRIER_STYLE)
         extend_legend(axes, handles)
         return axes
+
+    _repr_png_ = show_png
 
 
 def explain(

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cspace.errors import InputError
-from cspace.inside import ANGLE_SLACK, Floats, frozen
+from cspace.inside import ANGLE_SLACK, Floats, frozen, show_png
 from cspace.regions._convex_region import ConvexRegion, plot_regions
 from cspace.regions._free_region import RegionSource, YawArc
 
@@ -45,6 +45,8 @@ class Corridor:
     def plot(self, ax: Axes | None = None, **style: Any) -> Axes:
         """Draw all regions, as :meth:`ConvexRegion.plot` draws one."""
         return plot_regions(self.regions, ax, style)
+
+    _repr_png_ = show_png
 
 
 def make_corridor(

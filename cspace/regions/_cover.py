@@ -36,6 +36,7 @@ from cspace.inside import (
     now,
     read_document,
     replacing,
+    show_png,
 )
 from cspace.regions._convex_region import YAW, ConvexRegion, plot_regions
 from cspace.regions._free_region import RegionSource
@@ -97,6 +98,8 @@ class FreeRegions:
     def plot(self, ax: Axes | None = None, **style: Any) -> Axes:
         """Draw all regions, as :meth:`ConvexRegion.plot` draws one."""
         return plot_regions(self.regions, ax, style)
+
+    _repr_png_ = show_png
 
     @names_options
     def save(self, path: str | os.PathLike[str], overwrite: bool = False) -> None:

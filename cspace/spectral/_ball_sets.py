@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace.errors import InputError
-from cspace.inside import Balls, Floats, check_finite
+from cspace.inside import Balls, Floats, check_finite, warn_of_large
 from cspace.spectral._decompose import BallDecomposition
 
 if TYPE_CHECKING:
@@ -94,6 +94,7 @@ def rotation_matrix(rotation: Rotates, dim: int) -> Floats:
     """
     values = check_finite(as_matrices(rotation), "rotation")
     if dim == 2 and values.ndim == 0:
+        warn_of_large(values[np.newaxis], "rad", "rotation")  # once, though there are many
         sine = math.sin(float(values))
         cosine = math.cos(float(values))
         return np.array([[cosine, -sine], [sine, cosine]])

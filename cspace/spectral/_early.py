@@ -103,6 +103,10 @@ class EarlyTest:
         # Factor that covers the rounding of the bounds themselves.
         self._bounds = (1.0 + 2.0**-30) * (remaining + fixed)
 
+    def __repr__(self) -> str:
+        """Return the overlap and the threshold."""
+        return f"EarlyTest({self.overlap!r}, threshold={self.threshold:g})"
+
     @property
     def bound(self) -> float:
         """Largest difference of the band's sum from the ideal overlap."""

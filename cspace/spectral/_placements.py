@@ -313,6 +313,11 @@ class BallPenetration:
         limits = tolerance, MAX_OVERLAP_FREQUENCIES
         self._fields = _Fields(moving, [balls], [1.0], check_bump(bump), *limits)
 
+    def __repr__(self) -> str:
+        """Return the numbers of balls."""
+        fixed = sum(tree.n for _, tree in self._fixed)
+        return f"BallPenetration({len(self._radii):,} balls among {fixed:,})"
+
     def value_and_gradient(self, centers: ArrayLike) -> tuple[Floats, Floats]:
         """Compute the summed overlap and derivatives by centers.
 

@@ -188,6 +188,11 @@ class ContactTest:
         self._rotation = np.eye(self.dim)
         self._placed = self._trees
 
+    def __repr__(self) -> str:
+        """Return the dimension, and whether the test can prove that shapes meet."""
+        ending = ", with inner balls" if len(self._trees[2]) else ""
+        return f"ContactTest(in {self.dim} dimensions{ending})"
+
     def rotated(self, rotation: Rotates) -> ContactTest:
         """Return the test with A rotated about the origin of its frame.
 

@@ -59,30 +59,70 @@ def read_zone_file(path: StrPath, speed: str | None) -> list[Zone]:
     return zones
 
 
-_SPEED_UNIT: Final = re.compile(
-    r"(?:^|[\W_]|speed|velocity)(mm|cm|km?|mi?|ft?)[\W_]*(?:p|per)?[\W_]*(s|min|h)(?:ec|r|our)?"
-    r"(?:[\W_]|$)"
-)
-"""Pattern of a unit of speed in the lower-case name of a property."""
+_SPELLINGS: Final = {
+    **dict.fromkeys(("metre", "meter"), "m"),
+    **dict.fromkeys(("kilometre", "kilometer"), "km"),
+    **dict.fromkeys(("centimetre", "centimeter"), "cm"),
+    **dict.fromkeys(("millimetre", "millimeter"), "mm"),
+    "mile": "mi",
+    "mph": "mi/h",
+    "foot": "ft",
+    "feet": "ft",
+    "fpm": "ft/min",
+    "inche": "inch",
+    "sec": "s",
+    "second": "s",
+    "minute": "min",
+    "hr": "h",
+    "hour": "h",
+    **dict.fromkeys(("kt", "knot"), "kn"),
+    **dict.fromkeys(("pct", "percentage", "share", "fraction", "factor", "ratio"), "percent"),
+}
+"""Units of speed, of length and of time by other spellings, in lower case and singular."""
 
-_METRES: Final = {"mm": 1e-3, "cm": 1e-2, "f": 0.3048, "ft": 0.3048, "m": 1.0, "mi": 1609.344}
-"""Metres of each unit of length, except the kilometre."""
+_SPEED_UNIT: Final = re.compile(
+    r"(?:^| |speed|velocity)(?:(mm|cm|km?|mi?|ft?|inch)[ /]?p?(s|min|h)|(kn)|percent)(?: |$)"
+)
+"""Pattern of a unit of speed in words."""
+
+_METRES: Final = {
+    "mm": 1e-3,
+    "cm": 1e-2,
+    "m": 1.0,
+    "k": 1e3,
+    "km": 1e3,
+    "inch": 0.0254,
+    "f": 0.3048,
+    "ft": 0.3048,
+    "mi": 1609.344,
+}
+"""Metres of each unit of length."""
 
 _SECONDS: Final = {"s": 1.0, "min": 60.0, "h": 3600.0}
 """Seconds of each unit of time."""
 
 
 def _find_unit(name: str, file: str) -> tuple[str, float]:
-    """Return the unit of speed in a property's name, and its m/s."""
-    words = re.sub(r"(?<=[a-z\d])(?=[A-Z])", "_", name).lower()
-    if words.partition(":")[0] == "maxspeed":
+    """Return the unit of speed in a property's name, and its m/s.
+
+    Raises InputError for a share of a speed.
+    """
+    text = re.sub(r"(?<=[a-z\d])(?=[A-Z])", "_", name).lower().replace("%", " percent ")
+    if text.partition(":")[0] == "maxspeed":
         warn_user(f"{file}: {name} is taken as km/h, as in OpenStreetMap")
-        words = "km/h"
-    found = _SPEED_UNIT.search(words)
-    length, time = found.groups() if found else ("m", "s")
+        text = "km/h"
+    words = [_SPELLINGS.get(word.removesuffix("s"), word) for word in re.split(r"[\W_]+", text)]
+    found = _SPEED_UNIT.search(" ".join(word for word in words if word not in ("p", "per")))
+    if found is None:
+        return "m/s", 1.0
+    if "percent" in found[0]:
+        raise InputError("speed", f"is {name!r}", "a zone has a speed, not a share of one")
+    length, time, knots = found.groups()
+    if knots:
+        return knots, 1852.0 / 3600.0
     if (length, time) == ("m", "h"):  # mph
         length = "mi"
-    return f"{length}/{time}", _METRES.get(length, 1e3) / _SECONDS[time]
+    return f"{length}/{time}", _METRES[length] / _SECONDS[time]
 
 
 def _iterate_features(document: dict[str, Any], file: str, speed: str | None) -> Iterator[Zone]:

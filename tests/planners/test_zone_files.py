@@ -72,7 +72,11 @@ def test_geojson_has_the_speed_of_a_property(tmp_path, within):
         *(("maxspeed_kmh", 1 / 3.6), ("speed [km/h]", 1 / 3.6), ("maxSpeedKMH", 1 / 3.6)),
         *(("kph", 1 / 3.6), ("km per hour", 1 / 3.6), ("speed_m_min", 1 / 60)),
         *(("top_mm_s", 1e-3), ("v (mm/sec)", 1e-3), ("cm_per_s", 1e-2)),
-        *(("limit_mph", 0.44704), ("fps", 0.3048), ("v_ft_s", 0.3048)),
+        *(("limit_mph", 0.44704), ("fps", 0.3048), ("v_ft_s", 0.3048), ("miles per hour", 0.44704)),
+        *(("speed_knots", 1852 / 3600), ("speed_kn", 1852 / 3600), ("topKts", 1852 / 3600)),
+        *(("speed_fpm", 0.3048 / 60), ("feet/minute", 0.3048 / 60), ("kmph", 1 / 3.6)),
+        *(("speedMetersPerSecond", 1.0), ("speed_kilometres_per_hour", 1 / 3.6), ("known", 1.0)),
+        *(("inches_per_second", 0.0254), ("centimeter/sec", 1e-2), ("min_speed", 1.0)),
     ],
 )
 def test_a_speed_has_the_unit_of_its_property(tmp_path, name, factor):
@@ -82,6 +86,15 @@ def test_a_speed_has_the_unit_of_its_property(tmp_path, name, factor):
     path = write(tmp_path, "zones.geojson", document)
     found = [speed for _, speed in planners.SpeedZones.open(path, speed=name).zones]
     assert found == pytest.approx([factor * speed for speed in SPEEDS])
+
+
+@pytest.mark.parametrize("name", ["speed_percent", "topPct", "speed [%]", "speed_factor", "share"])
+def test_a_share_of_a_speed_is_refused(tmp_path, name):
+    document = make_features()["features"][0]
+    document["properties"] = {name: 50}
+    path = write(tmp_path, "zones.geojson", document)
+    message = f"speed is {name!r} ... not a share"
+    check_refused(lambda: planners.SpeedZones.open(path, speed=name), message)
 
 
 @pytest.mark.parametrize("name", ["maxspeed", "maxspeed:forward"])
