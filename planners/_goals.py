@@ -14,7 +14,7 @@ import itertools
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import reduce
 from typing import Final, NamedTuple, cast
 
@@ -36,15 +36,14 @@ from cspace.inside import (
     Ints,
     PlaceLike,
     as_shape,
-    check_finite,
     check_not_negative,
     check_point,
+    find_components,
     gather_goals,
     list_alternatives,
     map_record,
     suggest_radians,
     turn_near,
-    warn_of_large,
     wrap_angles,
 )
 from planners._edges.local_planner import Endpoints, LocalPlanner
@@ -80,6 +79,9 @@ as a column, for both corners of a box."""
 
 MAX_NEAR_POSITIONS: Final = 2**10
 """Number of a room's nearest positions that are tested first, and largest number of others."""
+
+MIN_POSITIONS_PER_PART: Final = 2**12
+"""Number of a room's nearest positions that are searched first for the closest one."""
 
 MAX_ROWS_PER_BATCH: Final = 2**16
 """Largest number of configurations that are tested together, if positions are fewer."""
@@ -117,20 +119,21 @@ class Near(Goal):
     configuration : array-like
         Pose on a map, with a yaw of None for any; or a region of shapely with a yaw.
     distance : float
-        Largest distance from its position, metres; 0 for a region, which has its own extent.
+        Largest distance from its position, metres, or infinite; 0 for a region, which has its own
+        extent.
     angle : float
         Largest angle from its rotation, radians, at most pi. A range of yaws is an angle around its
         middle.
     closest : bool
         Whether the path ends as near as possible: at a position nearest to that of the
-        configuration in the FREE cells that cells join to the start, to a millionth of a cell; of
-        the rotations there, at the nearest. :attr:`Plan.status` says how far that is. For goals and
-        places on the way. A drive may be unable to get there.
+        configuration in FREE cells that are joined to all other places, to a millionth of a cell;
+        there, at the nearest yaw, or nearly the nearest rotation in space. :attr:`Plan.status` says
+        how far that is. For goals and places on the way. A drive may be unable to get there.
 
     Raises
     ------
     InputError
-        If the distance or the angle is negative, NaN or infinite, the angle above pi, or
+        If the distance or the angle is negative or NaN, the angle above pi, or
         ``closest`` neither True nor False.
 
     Examples
@@ -151,7 +154,8 @@ class Near(Goal):
         """Check the numbers, and replace them by floats."""
         if not isinstance(self.closest, bool | np.bool_):
             raise InputError("closest", f"is {self.closest!r}", "it must be True or False")
-        object.__setattr__(self, "distance", check_not_negative(self.distance, "distance"))
+        if not (isinstance(self.distance, float) and self.distance == math.inf):
+            object.__setattr__(self, "distance", check_not_negative(self.distance, "distance"))
         angle = check_not_negative(self.angle, "angle", "radians")
         if angle > math.pi:
             rule = "an angle is at most pi radians"
@@ -219,11 +223,13 @@ class Room:
         return pulled
 
     def find_box(self, space: ConfigurationMap) -> Floats:
-        """Return the corners of the box around its positions, (2, dim)."""
-        if self.region is not None:
-            return np.reshape(self.region.bounds, (2, 2))
+        """Return the corners of the box around its positions near the grid, (2, dim)."""
         position = self.middle[: space.dim]
-        return np.array([position - self.radius, position + self.radius])
+        box = np.array([position - self.radius, position + self.radius])
+        if self.region is not None:
+            box = np.reshape(self.region.bounds, (2, 2))
+        grid = space.grid
+        return box.clip(np.subtract(grid.lower, grid.spacing), np.add(grid.upper, grid.spacing))
 
     def list_positions(self, space: ConfigurationMap) -> Iterator[tuple[Ints, Bools]]:
         """Yield cells of positions that meet the room, shape (n, dim), batch by batch.
@@ -332,7 +338,19 @@ class Room:
         return space.rotations.find_cells_within(self.middle[np.newaxis], angles)[1]
 
     def find_components(self, space: ConfigurationMap, mixed: bool) -> list[Floats]:
-        """Return configurations of cells that meet the room, some in each component of cells."""
+        """Return configurations, some in each component of cells.
+
+        They are proven free and lie in the room, or with ``mixed`` in all cells that meet it.
+        """
+        if not mixed:
+            seen = np.array([-1])
+            members: list[Floats] = []
+            for rows in self.list_members(space, self.place_in_cells(space)):
+                new = rows[~np.isin(find_components(space, rows), seen)]
+                proven = new[space.is_connected(new, new)]
+                members.append(_take_one_each(space, proven, mixed))
+                seen = np.append(seen, find_components(space, members[-1]))
+            return members
         if self.is_point:
             middle = wrap_angles(self.middle[np.newaxis], space.is_periodic)
             return [_take_one_each(space, middle, mixed)]
@@ -373,13 +391,27 @@ class Room:
                 goals.insert(0, edges.space.check_endpoint(self.middle, self.name))
         return list(dict.fromkeys(goals))
 
-    def find_closest(self, edges: LocalPlanner, starts: Sequence[Endpoint]) -> Endpoint:
-        """Find the configuration nearest to the middle that FREE cells join to a start.
+    def list_members(self, space: ConfigurationMap, batches: Iterable[Floats]) -> Iterator[Floats]:
+        """Yield configurations of the room at batches of positions, the same number or more.
 
-        The distance of positions decides, then the angle. Raises ConfigurationError if there is
-        none.
+        The rotations are those of the middle, and in each rotation cell nearly the nearest to it.
         """
-        space = edges.cells
+        turned = np.vstack([self.middle, self._turn_to_cells(space, INSET)])[:, space.dim :]
+        size = max(MAX_ROWS_PER_BATCH // len(turned), 1)
+        for batch in batches:
+            for first in range(0, len(batch), size):
+                part = batch[first : first + size]
+                rows = np.repeat(part, len(turned), axis=0)
+                rows[:, space.dim :] = np.tile(turned, (len(part), 1))
+                inside = space.grid.contains(rows[:, : space.dim])
+                yield rows[inside & self.contains(space, rows)]
+
+    def find_closest(self, space: ConfigurationMap, joined: Floats) -> Endpoint:
+        """Find the configuration nearest to the middle that FREE cells join to others.
+
+        The distance of positions decides, then the angle. The others are ``joined``, (n, size).
+        Raises ConfigurationError if there is none.
+        """
         dim = space.dim
         gaps = np.concatenate(
             [
@@ -387,32 +419,51 @@ class Room:
                 for rows in self.place_in_cells(space)
             ]
         )
-        rotations = np.vstack([self.middle, self._turn_to_cells(space)])
-        size = max(MAX_ROWS_PER_BATCH // len(rotations), 1)
         # Each list of positions passes the whole room, so the parts grow.
-        ends = size * (2 ** np.arange(1, 32) - 1)
+        ends = MIN_POSITIONS_PER_PART * (2 ** np.arange(1, 32) - 1)
         for few in np.split(np.argsort(gaps, kind="stable"), ends[ends < len(gaps)]):
             positions = _take_rows(self.place_in_cells(space), few)
-            for first in range(0, len(few), size):
-                part = positions[first : first + size]
-                rows = np.repeat(part, len(rotations), axis=0)
-                rows[:, dim:] = np.tile(rotations[:, dim:], (len(part), 1))
-                kept = self.contains(space, rows) & space.grid.contains(rows[:, :dim])
-                joined = [space.is_connected(np.array(start), rows[kept]) for start in starts]
-                kept[kept] = np.any(joined, axis=0)
-                rows = rows[kept]
+            for members in self.list_members(space, [positions]):
+                is_joined = np.zeros(len(members), dtype=np.bool_)
+                for q in joined:
+                    is_joined |= space.is_connected(q, members)
+                rows = members[is_joined]
                 if len(rows):
                     lengths = np.linalg.norm(rows[:, :dim] - self.middle[:dim], axis=1)
                     turns = _measure_turns(space, tuple(self.middle.tolist()), rows)
                     return tuple(rows[np.lexsort((turns, lengths))[0]].tolist())
+        hint, nearest = "", None
+        if math.isfinite(self.radius):
+            with suppress(ConfigurationError):
+                nearest = replace(self, radius=math.inf).find_closest(space, joined)
+                metres = math.dist(nearest[:dim], self.middle[:dim])
+                hint = f"the nearest is {nearest}, {metres:.3g} m away"
         problem = f"has no configuration within {self.radius:g} m that FREE cells join to the start"
-        raise ConfigurationError(self.name, problem, "the place nearest to it is one of these")
+        rule = "closest=True ends in the nearest of these"
+        raise ConfigurationError(self.name, problem, rule, hint, nearest=nearest)
 
-    def _turn_to_cells(self, space: ConfigurationMap) -> Floats:
-        """Return the middle turned to each rotation cell that meets the room, shape (n, size)."""
-        centers = space.rotations.centers[self.list_rotations(space)]
-        turned = np.tile(self.middle, (len(centers), 1))
-        turned[:, space.dim :] = centers
+    def _turn_to_cells(self, space: ConfigurationMap, depth: float = 1.0) -> Floats:
+        """Return the middle turned to each rotation cell that meets the room, shape (n, size).
+
+        It is turned straight towards the cell's center, by a share ``depth`` of the way within it.
+        """
+        rotations = space.rotations
+        cells = self.list_rotations(space)
+        middles = np.tile(self.middle, (len(cells), 1))
+        turned = middles.copy()
+        turned[:, space.dim :] = rotations.centers[cells]
+        if depth < 1.0 and rotations.names:
+            steps = space.steps_between(middles, turned)
+            before, within = np.zeros((len(cells), 1)), np.ones((len(cells), 1))
+            for _ in range(40):
+                share = 0.5 * (before + within)
+                rows = rotations.add_steps(middles, share * steps)[:, space.dim :]
+                is_within = rotations.cell_of(rows).reshape(-1, 1) == cells[:, np.newaxis]
+                before = np.where(is_within, before, share)
+                within = np.where(is_within, share, within)
+            sizes = np.linalg.norm(steps, axis=1, keepdims=True).clip(TINY)
+            within += depth * (1.0 - within) + 4.0 * ANGLE_SLACK / sizes
+            turned = rotations.add_steps(middles, within.clip(None, 1.0) * steps)
         return self.pull(space, turned)
 
     def _find_candidates(self, edges: LocalPlanner, start: Endpoint) -> Candidates:
@@ -542,12 +593,10 @@ def find_joined(space: ConfigurationMap, places: Sequence[Sequence[Room]], mixed
     """Return a configuration in each component that meets all places.
 
     The shape is (n, size). A component meets a place if it meets any of its rooms. Components
-    consist of FREE cells, or with ``mixed`` of FREE and MIXED cells. The configurations lie in
-    cells that meet the first place. If the result is empty with ``mixed``, no path leads through
-    all places.
+    consist of FREE cells, and the configurations are proven and of the first place; or with
+    ``mixed`` of FREE and MIXED cells, and they lie in cells that meet the first place. If the
+    result is empty with ``mixed``, no path leads through all places.
     """
-    from cspace.inside import find_components
-
     met = [_find_components_met(space, rooms, mixed) for rooms in places]
     components = find_components(space, np.vstack(met), mixed)
     first, *others = np.split(components, np.cumsum(list(map(len, met)))[:-1])
@@ -557,13 +606,11 @@ def find_joined(space: ConfigurationMap, places: Sequence[Sequence[Room]], mixed
 def _find_components_met(space: ConfigurationMap, rooms: Sequence[Room], mixed: bool) -> Floats:
     """Return a configuration in each component of cells that meet rooms, shape (n, size)."""
     rows = [part for room in rooms for part in room.find_components(space, mixed)]
-    return _take_one_each(space, np.concatenate(rows), mixed)
+    return _take_one_each(space, np.concatenate([np.empty((0, space.size)), *rows]), mixed)
 
 
 def _take_one_each(space: ConfigurationMap, rows: Floats, mixed: bool) -> Floats:
     """Return the first of some configurations in each component of cells."""
-    from cspace.inside import find_components
-
     components, first = np.unique(find_components(space, rows, mixed), return_index=True)
     return rows[first[components >= 0]]
 
@@ -736,24 +783,36 @@ def list_rooms(edges: LocalPlanner, places: Sequence[PlaceParts]) -> tuple[Room,
 
 
 def find_closest(
-    edges: LocalPlanner, place: PlaceParts, starts: Sequence[Endpoint]
-) -> tuple[PlaceParts, str]:
-    """Return the closest configuration of a place, if it asks for that, and its distance in words.
+    edges: LocalPlanner, name: str, places: Sequence[PlaceParts], others: Sequence[Sequence[Room]]
+) -> tuple[list[PlaceParts], list[str]]:
+    """Replace alternatives of a place that ask for it by their closest configurations.
 
-    Other places stay as they are, with no words.
+    FREE cells join these to all ``others``, or if none do, to the first of them, the start. Return
+    also their distances in words. Raises ConfigurationError if no alternative is left.
     """
-    if place.near is None or not place.near.closest:
-        return place, ""
-    (room,) = list_rooms(edges, [place])
-    q = room.find_closest(edges, starts)
-    steps = edges.space.steps_between(room.middle, np.array(q))
-    metres, *radians = (
-        float(np.linalg.norm(part)) for part in np.split(steps, [edges.space.dim]) if len(part)
-    )
-    is_any = place.is_any or not radians
-    turned = "" if is_any else f" and {radians[0]:.3g} rad"
-    text = f"{place.name} is nearest at {q}, {metres:.3g} m{turned} away"
-    return PlaceParts(place.name, q), text
+    joined = find_joined(edges.cells, others, mixed=False)
+    if not len(joined):  # no path leads through FREE cells, as will be told
+        joined = find_joined(edges.cells, others[:1], mixed=False)
+    texts: list[str] = []
+
+    def choose(place: PlaceParts, _: str) -> list[PlaceParts]:
+        """Return a place, or its closest configuration."""
+        if not place.is_closest:
+            return [place]
+        (room,) = list_rooms(edges, [place])
+        q = room.find_closest(edges.cells, joined)
+        steps = edges.space.steps_between(room.middle, np.array(q))
+        metres, *radians = (
+            float(np.linalg.norm(part)) for part in np.split(steps, [edges.space.dim]) if len(part)
+        )
+        is_any = place.is_any or not radians
+        turned = "" if is_any else f" and {radians[0]:.3g} rad"
+        texts.append(
+            f"FREE cells lead no nearer to {place.name} than {q}, {metres:.3g} m{turned} away"
+        )
+        return [PlaceParts(place.name, q)]
+
+    return gather_goals(name, places, choose), texts
 
 
 def list_all_rooms(
@@ -871,6 +930,11 @@ class PlaceParts(NamedTuple):
         return self._replace(configuration=q)
 
     @property
+    def is_closest(self) -> bool:
+        """Whether it asks for the closest configuration."""
+        return self.near is not None and self.near.closest
+
+    @property
     def is_plain(self) -> bool:
         """Whether it is a configuration alone."""
         return self.is_one and self.near is None
@@ -957,11 +1021,7 @@ def _check_region(region: Polygon | MultiPolygon, name: str, metres: float) -> N
 
 def _find_rotation(space: ConfigurationMap, rotation: object, name: str) -> tuple[Floats, float]:
     """Return the rotation of a region, and the largest angle from it."""
-    names = space.rotations.names
+    rotations = space.rotations
     if rotation is None:
-        return space.rotations.centers[0], math.pi if names else 0.0
-    if names != ("yaw",):
-        raise InputError(name, f"has the rotation {rotation!r}", "the robot does not turn")
-    yaw = np.atleast_1d(check_finite(cast("ArrayLike", rotation), name))
-    warn_of_large(yaw, "rad", f"{name}: yaw")
-    return yaw, 0.0
+        return rotations.centers[0], math.pi if rotations.names else 0.0
+    return rotations.check_rotation(cast("ArrayLike", rotation), name), 0.0

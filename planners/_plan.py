@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -256,9 +255,7 @@ def plan(
     task = _choose_searches(task)
     places = _check_places(via, goal, task)
     origin, moved = _check_start(task, origins)
-    ends, texts = zip(
-        *(_check_stage(task, name, place, origin.goals) for name, place in places), strict=True
-    )
+    stages, texts = _check_stages(task, places, origin)
     task = replace(task, edges=weigh_edges(task, task.edges))
     if task.seed is not None:
         with suppress(ImportError):  # without OMPL, its draws need no seed
@@ -266,8 +263,8 @@ def plan(
 
             set_seed(task.seed)
     with Effort.stopping(stop):
-        journey = search_stages(task, [origin, *ends])
-        return _make_plan(journey, space, moved, [*itertools.chain(*texts)], began)
+        journey = search_stages(task, [origin, *stages])
+        return _make_plan(journey, space, moved, texts, began)
 
 
 def _check_stop(stop: object) -> None:
@@ -436,20 +433,45 @@ def _move_start(edges: LocalPlanner, place: PlaceParts) -> tuple[Endpoint, str]:
     return moved, f"{place.name} moved by {distance:.3g} m to {moved}"
 
 
+def _check_stages(
+    task: PlanTask, places: Sequence[tuple[str, PlaceLike]], origin: Stage
+) -> tuple[list[Stage], list[str]]:
+    """Check places; return them, and how far the closest configurations are from them.
+
+    Raises InputError or ConfigurationError if a place is unusable.
+    """
+    edges = task.edges
+    given = [split_places(edges.space, place, name) for name, place in places]
+    wholes = [list_rooms(edges, parts) for parts in given]
+    stages: list[Stage] = []
+    texts: list[str] = []
+    for k, ((name, place), parts) in enumerate(zip(places, given, strict=True)):
+        chosen = parts
+        if any(each.is_closest for each in parts):
+            others = [origin.rooms, *wholes[:k], *wholes[k + 1 :]]
+            chosen, told = find_closest(edges, name, parts, others)
+            texts += told
+            wholes[k] = list_rooms(edges, chosen)
+            place = [cast("PlaceLike", each.configuration) for each in chosen]
+        stages.append(_check_stage(task, name, place, parts, chosen, origin))
+    return stages, texts
+
+
 def _check_stage(
-    task: PlanTask, name: str, place: PlaceLike, starts: Sequence[Endpoint]
-) -> tuple[Stage, list[str]]:
-    """Check a place; return it, and how far the closest configurations are from it.
+    task: PlanTask,
+    name: str,
+    place: PlaceLike,
+    given: Sequence[PlaceParts],
+    places: Sequence[PlaceParts],
+    origin: Stage,
+) -> Stage:
+    """Check a place; return it.
 
     Raises InputError or ConfigurationError if the place is unusable.
     """
     edges = task.edges
     space = edges.space
-    start = starts[0]
-    given = split_places(space, place, name)
-    places, texts = zip(*(find_closest(edges, each, starts) for each in given), strict=True)
-    if any(texts):
-        place = [cast("PlaceLike", each.configuration) for each in places]
+    start = origin.goals[0]
     position, rotation = start[: space.dim], start[space.dim :]
     near = (*np.clip(position, *space.bounds).tolist(), *rotation)
     rooms = () if len(places) == 1 and places[0].is_plain else list_rooms(edges, places)
@@ -458,8 +480,7 @@ def _check_stage(
     else:
         options = {} if name == "goal" else {"name": name}
         goals = sort_goals(space, space.find_goals(place, near, task.seed, **options), near)
-    stage = Stage(name, goals, rooms, list_all_rooms(edges, places, goals))
-    return stage, [text for text in texts if text]
+    return Stage(name, goals, rooms, list_all_rooms(edges, given, goals))
 
 
 def _choose_planner(edges: LocalPlanner, objective: Objective, iterations: int | None) -> Planner:

@@ -154,6 +154,7 @@ def _choose_cheapest(task: PlanTask, results: Sequence[SearchResult]) -> SearchR
         """Return the cost of a path, then whether another planner found it."""
         return task.edges.path_cost(result.path), result.found_by != task.planner.name
 
+    results = results or [SearchResult(np.empty((0, task.edges.space.size)))]  # no time was left
     found = [result for result in results if len(result.path)]
     best = min(found, key=measure, default=results[-1])
     note = best.note

@@ -285,7 +285,7 @@ def test_the_closest_goal_is_in_the_nearest_free_cell_joined_to_the_start(seed, 
     plan = planners.plan(space, start, place)
     assert most - 1e-9 <= math.dist(plan.goal[:2], position) <= most + 1e-5
     assert space.is_connected(start, plan.goal)
-    assert f"goal is nearest at {tuple(plan.goal.tolist())}, {most:.3g} m" in plan.status
+    assert f"no nearer to goal than {tuple(plan.goal.tolist())}, {most:.3g} m" in plan.status
     assert plan.certified or turns
 
 
@@ -302,15 +302,19 @@ def test_the_closest_of_alternatives_and_places_on_the_way_are_told():
     blocked, beyond = (3.15, 1.0), (30.0, 1.0)
     near = planners.Near(blocked, 1.0, closest=True)
     plan = planners.plan(space, (1.0, 1.0), (2.0, 4.0), via=[near])
-    assert plan.certified and "via[0] is nearest at (" in plan.status
+    assert plan.certified and "no nearer to via[0] than (" in plan.status
     assert math.dist(plan.path[plan.via_rows[0]], blocked) < 0.46
     plan = planners.plan(
         space, (1.0, 1.0), [near, planners.Near(beyond, 50.0, closest=True)], drive=None
     )
-    assert plan.certified and "goal[0] is nearest" in plan.status and "goal[1]" in plan.status
+    assert plan.certified and "nearer to goal[0]" in plan.status and "goal[1]" in plan.status
     assert math.dist(plan.goal, blocked) < 0.46
-    with pytest.raises(ConfigurationError, match=r"within 0.1 m that FREE cells join to the start"):
+    with pytest.raises(
+        ConfigurationError, match=r"within 0.1 m .* start; .*, 0.45 m away"
+    ) as caught:
         planners.plan(space, (1.0, 1.0), planners.Near(blocked, 0.1, closest=True))
+    plan = planners.plan(space, (1.0, 1.0), planners.Near(blocked, math.inf, closest=True))
+    assert plan.certified and tuple(plan.goal.tolist()) == caught.value.nearest
 
 
 @examples(60)
@@ -828,8 +832,9 @@ BOX = shapely.box(4.5, 0.5, 5.5, 1.5)
     (
         "plane",
         {"goal": (BOX, 0.3)},
-        "goal has the rotation 0.3 ... turn",
+        "goal has shape (1,) ... turn",
     ),
+    ("turning", {"goal": [[BOX, (5.0, 3.2, 2.0)]]}, "goal has shape (3,) ... given by yaw"),
     (
         "space",
         {"goal": shapely.box(3, 1, 3.5, 1.5)},
