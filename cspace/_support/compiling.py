@@ -47,6 +47,7 @@ from cspace._support.digests import (
     digest_function,
     digest_value,
 )
+from cspace._support.interrupts import hold_interrupts
 from cspace.errors import InputError
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -150,7 +151,7 @@ def _compile_in_turn(compiled: Any, name: str) -> None:
 
     def compile_in_turn(signature: Any) -> Any:
         """Compile a signature, or load its code."""
-        with global_compiler_lock, clock.stopped(), _turn(name):
+        with global_compiler_lock, clock.stopped(), _turn(name), hold_interrupts():
             return compile_(signature)  # threads take turns, too
 
     compiled.compile = compile_in_turn
@@ -175,7 +176,8 @@ class _KeptCode(NullCache):
             name = self._name_code(signature)
             data = _read(cache_folder(), name, target)
             if data is None and not shipped.find_code_misfit():
-                data = _read(shipped.FOLDER / shipped.name_code(), name, (target[0], *shipped.TARGET))
+                folder = shipped.FOLDER / shipped.name_code()
+                data = _read(folder, name, (target[0], *shipped.TARGET))
             if data is not None:
                 return CompileResult._rebuild(context, *pickle.loads(data))  # type: ignore[no-untyped-call]
             # Code of several processes meets in one, and functions of one name, e.g. closures, are
