@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import argparse
-import ast
 import os
-import re
 import shutil
 import subprocess
 import sys
@@ -18,12 +16,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from resource import RLIMIT_CPU, setrlimit
 
-from cspace._support.sources import KERNEL_MARKS
-
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("cspace", "planners")
 COPIED = (*PACKAGES, "benchmarks", "docs", "examples", "ros", "tests")
-IMPORTS = ast.Import | ast.ImportFrom
 MAX_CPU_SECONDS = 900
 """CPU time that a room's tests may take for one fault, after which the system ends them."""
 
@@ -1995,37 +1990,8 @@ def find_stale() -> list[str]:
     ]
 
 
-def find_dependents(file: str) -> set[str]:
-    """Return the names of the modules into which code of a file may be compiled.
-
-    They import it, through others that have kernels or only import.
-    """
-    imported = {}
-    for path in (path for part in COPIED for path in (ROOT / part).rglob("*.py")):
-        source = path.read_text(encoding="utf-8")
-        if path.name == "__init__.py" or any(mark in source for mark in KERNEL_MARKS):
-            nodes = [each for each in ast.walk(ast.parse(source)) if isinstance(each, IMPORTS)]
-            names = [getattr(node, "module", "") for node in nodes]
-            names += [alias.name for node in nodes for alias in node.names]
-            words = re.findall(r"\w+", " ".join(names))
-            imported.setdefault(name_module(path), set()).update(words)
-    found, new = set(), {name_module(Path(file))}
-    while new:
-        found |= new
-        new = {name for name, words in imported.items() if words & new} - found
-    return found
-
-
-def name_module(path: Path) -> str:
-    """Return the name of a module in its package, or of its package."""
-    return path.parent.name if path.stem == "__init__" else path.stem
-
-
 class Copy:
-    """A copy of the tree for one fault at a time, whose compiled code stays between faults.
-
-    Numba keeps code by path and time of the source, and the product by all sources with kernels.
-    """
+    """A copy of the tree for one fault at a time, whose compiled code stays between faults."""
 
     def __init__(self, folder: Path) -> None:
         """Copy the tree with the times of its files."""
@@ -2034,7 +2000,6 @@ class Copy:
             ignored = shutil.ignore_patterns("__pycache__")
             shutil.copytree(ROOT / part, folder / part, ignore=ignored)
         shutil.copy(ROOT / "pyproject.toml", folder)
-        self.cache = self.find_cache()
 
     def run(self, *words: str) -> subprocess.CompletedProcess[str]:
         """Run Python in the copy."""
@@ -2050,31 +2015,17 @@ class Copy:
             preexec_fn=lambda: setrlimit(RLIMIT_CPU, (MAX_CPU_SECONDS, MAX_CPU_SECONDS)),
         )
 
-    def find_cache(self) -> Path:
-        """Return the folder of compiled code, which is another one for other kernels."""
-        lines = "from cspace._support.compiling import cache_folder; print(cache_folder())"
-        return Path(self.run("-c", lines).stdout.strip())
-
     @contextmanager
     def fault(self, mutant: Mutant) -> Iterator[None]:
-        """Put a fault into the copy, with a cache that has no code into which it is compiled."""
+        """Put a fault into the copy."""
         path = self.folder / mutant.file
         text, times = path.read_text(encoding="utf-8"), path.stat()
         path.write_text(text.replace(mutant.old, mutant.new), encoding="utf-8")
-        cache = self.find_cache()
-        if cache != self.cache:
-            shutil.rmtree(cache)
-            shutil.copytree(self.cache, cache, copy_function=os.link)
-            for name in find_dependents(mutant.file):
-                for index in cache.glob(f"*/{name}.*.nbi"):
-                    index.unlink()
         try:
             yield
         finally:
             path.write_text(text, encoding="utf-8")
             os.utime(path, ns=(times.st_atime_ns, times.st_mtime_ns))
-            if cache != self.cache:
-                shutil.rmtree(cache)
 
     def test(self, tests: Iterable[str], markers: str = "") -> tuple[bool, float, str]:
         """Run tests, those of a set or all, until one fails.

@@ -56,7 +56,7 @@ def write_code(wheel):
         from cspace._cli import app  # which imports functions that keep these settings
 
         app(["compile"], standalone_mode=False)
-        files = sorted(Path(folder).rglob("*.nb?"))
+        files = sorted(Path(folder).rglob("*.nbc"))
         place = Path(wheel, "cspace", shipped.FOLDER.name, shipped.name_code())
         place.mkdir(parents=True)
         for file in files:

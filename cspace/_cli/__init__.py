@@ -5,16 +5,13 @@ Heavy modules are imported only when a command runs, so that ``--help`` is fast.
 
 from __future__ import annotations
 
-import _thread
 import os
 import signal
 import sys
-import threading
 import warnings
 from collections.abc import Callable
 from io import TextIOWrapper
 from pathlib import Path
-from types import FrameType
 from typing import Any
 
 import typer
@@ -148,26 +145,8 @@ for _name, _command in _COMMANDS.items():
     app.command(_name)(_command)
 
 
-def _interrupt(number: int, frame: FrameType | None) -> None:
-    """Raise KeyboardInterrupt as soon as the compiler does not run.
-
-    LLVM calls Python back while it compiles; what is raised there is lost, and the process crashes.
-    """
-    while frame is not None:
-        if "llvmlite" in frame.f_code.co_filename:
-            later = threading.Timer(0.01, _thread.interrupt_main)
-            later.daemon = True
-            later.start()
-            return
-        frame = frame.f_back
-    raise KeyboardInterrupt
-
-
 def main() -> None:
     """Run the command line and exit with its code."""
-    # A parent in the background may have ignored Ctrl-C; then it stays so.
-    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-        signal.signal(signal.SIGINT, _interrupt)
     try:
         app(prog_name="cspace")
     except KeyboardInterrupt:

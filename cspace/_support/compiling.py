@@ -10,6 +10,8 @@ Numba compiles a function into each of its callers, and optimises it there again
 from __future__ import annotations
 
 import gc
+import hashlib
+import itertools
 import logging
 import os
 import pickle
@@ -18,7 +20,6 @@ import re
 import shutil
 import stat
 import struct
-import sys
 import tempfile
 import threading
 import time
@@ -31,12 +32,22 @@ from typing import Any, Final, TypeVar
 
 import numba
 from numba.core import event
+from numba.core.bytecode import FunctionIdentity
+from numba.core.caching import NullCache
 from numba.core.codegen import JITCodeLibrary
-from numba.core.compiler import Compiler
+from numba.core.compiler import Compiler, CompileResult
 from numba.core.compiler_lock import global_compiler_lock
+from numba.core.serialize import dumps
+from numba.core.sigutils import normalize_signature
 
-from cspace._support.shipped import add_shipped, find_code_misfit, name_code
-from cspace._support.sources import OWN_PACKAGES, digest_sources
+from cspace._support import shipped
+from cspace._support.digests import (
+    UnknownValueError,
+    check_values,
+    digest_function,
+    digest_value,
+)
+from cspace._support.interrupts import hold_interrupts
 from cspace.errors import InputError
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -62,11 +73,16 @@ LONG_TURN: Final = (
 TURN_SECONDS: Final = (5.0, 60.0)
 """Seconds after which :data:`LONG_TURN` is logged, and after which the wait ends."""
 
-NOT_KEPT: Final = "cspace: compiled code in %s fails (%s); it is kept in memory alone"
+NOT_KEPT: Final = "cspace: code is not kept in %s (%s); it is compiled in each process"
 """Text about code that a folder does not keep, e.g. because the disk is full."""
 
+CHECKSUM_BYTES: Final = 32
+"""Bytes of a checksum at the start of a file of compiled code."""
+
+UNUSED_SECONDS: Final = 7 * 24 * 3600.0
+"""Seconds after its last use for which compiled code of other versions is kept."""
+
 _CONFIG: Final[Any] = numba.config
-_CONFIG_LOCK: Final = threading.Lock()
 _CLOCK_LOCK: Final = threading.Lock()
 
 
@@ -118,24 +134,10 @@ def _compile(function: F, **options: Any) -> F:
             "is set",
             "proofs rely on the arithmetic of compiled code",
         )
-    folder = _code_folder(function.__module__.partition(".")[0])
     options |= {"nogil": True, "error_model": "numpy"}
     options["no_cfunc_wrapper"] = True  # C functions are not used, and take a tenth of the time
-    # Numba reads these settings when a function is decorated. A locator that the user has set would
-    # keep code in folders that are not checked.
-    settings = {"CACHE_DIR": str(folder), "CACHE_LOCATOR_CLASSES": ""}
-    with _CONFIG_LOCK, clock.stopped():  # a search may import the module
-        user_settings = {name: getattr(_CONFIG, name, "") for name in settings}
-        vars(_CONFIG).update(settings)
-        try:
-            compiled = numba.njit(**options)(function)
-            if folder is not None:
-                compiled.enable_caching()
-                add_shipped(compiled._cache)
-        except RuntimeError:  # numba makes no file there
-            _warn_once(NOT_KEPT, folder, "no file can be made")
-        finally:
-            vars(_CONFIG).update(user_settings)
+    compiled = numba.njit(**options)(function)
+    compiled._cache = _KeptCode(compiled)
     _compile_in_turn(compiled, f"{function.__module__}.{function.__name__}")
     return compiled  # type: ignore[no-any-return]
 
@@ -143,54 +145,127 @@ def _compile(function: F, **options: Any) -> F:
 def _compile_in_turn(compiled: Any, name: str) -> None:
     """Let one process at a time compile or load a function, while the clock stops.
 
-    Others wait for it and load its code. They would otherwise compile it again, and might mix the
-    files of an index and of code, which numba saves one after the other.
+    Others wait for it and load its code, which they would otherwise compile again.
     """
-    cache = compiled._cache
     compile_ = compiled.compile
 
     def compile_in_turn(signature: Any) -> Any:
         """Compile a signature, or load its code."""
-        with global_compiler_lock, clock.stopped(), _turn(name) as has_turn:
-            # Without a turn, the files may be those of a process that is saving.
-            cache.enable() if has_turn else cache.disable()
+        with global_compiler_lock, clock.stopped(), _turn(name), hold_interrupts():
             return compile_(signature)  # threads take turns, too
 
     compiled.compile = compile_in_turn
-    cache.load_overload = _spare_disk(cache.load_overload)
-    cache.save_overload = _spare_disk(cache.save_overload)
 
 
-def _spare_disk(load_or_save: Callable[..., Any]) -> Callable[..., Any]:
-    """Do without the disk where it is full, cannot be read, or has lost the rest of a file."""
+class _KeptCode(NullCache):
+    """Machine code of a function on disk, a file for each signature and processor.
 
-    def load_or_save_if_possible(*arguments: Any) -> Any:
-        """Load or save code, if possible."""
-        try:
-            return load_or_save(*arguments)
-        except (OSError, EOFError, pickle.UnpicklingError) as error:
-            _warn_once(NOT_KEPT, cache_folder(), getattr(error, "strerror", None) or error)
-            return None
+    The name of a file has a digest of all from which the code was compiled. A file begins with a
+    checksum of its name and of the rest.
+    """
 
-    return load_or_save_if_possible
+    def __init__(self, function: Any) -> None:
+        """Keep the code of a compiled function."""
+        self.function = function
+
+    def load_overload(self, signature: Any, context: Any) -> Any:
+        """Load the code of a signature, or return None."""
+        context.refresh()
+        target = context.codegen().magic_tuple()
+        with _without_disk():
+            name = self._name_code(signature)
+            data = _read(cache_folder(), name, target)
+            if data is None and not shipped.find_code_misfit():
+                folder = shipped.FOLDER / shipped.name_code()
+                data = _read(folder, name, (target[0], *shipped.TARGET))
+            if data is not None:
+                return CompileResult._rebuild(context, *pickle.loads(data))  # type: ignore[no-untyped-call]
+            # Code of several processes meets in one, and functions of one name, e.g. closures, are
+            # told apart by numbers. Numba counts from 1 in each process.
+            FunctionIdentity._unique_ids = itertools.count(int(name[-16:], 16))
+        return None
+
+    def save_overload(self, signature: Any, result: Any) -> None:
+        """Save the code of a signature, if possible."""
+        folder = cache_folder()
+        if folder is None or result.library.has_dynamic_globals:  # such as addresses
+            return
+        with _without_disk():
+            check_values(self.function)
+            data = dumps(result._reduce())  # type: ignore[no-untyped-call]
+            _write(folder, self._name_code(signature), result.codegen.magic_tuple(), data)
+
+    def _name_code(self, signature: Any) -> str:
+        """Name the code of a signature, for any processor."""
+        types = normalize_signature(signature)  # type: ignore[no-untyped-call]
+        function = self.function.py_func
+        name = re.sub(r"[^\w.]", "", f"{function.__module__}.{function.__qualname__}")
+        return f"{name[:100]}-{digest_function(self.function, types)}"
+
+
+def _find_file(folder: Path, name: str, target: tuple[str, ...]) -> Path:
+    """Return the file of code for a processor."""
+    return folder / f"{name}-{digest_value(target)}.nbc"
+
+
+def _read(folder: Path | None, name: str, target: tuple[str, ...]) -> bytes | None:
+    """Read code for a processor; return None without a file, or if it is damaged."""
+    file = folder and _find_file(folder, name, target)
+    if file is None or not file.exists():
+        return None
+    content = file.read_bytes()
+    checksum, data = content[:CHECKSUM_BYTES], content[CHECKSUM_BYTES:]
+    if checksum != _sum_up(file, data):
+        return None
+    with suppress(OSError):  # code that comes with the package may belong to another user
+        file.touch()  # the time of the last use
+    return data
+
+
+def _write(folder: Path, name: str, target: tuple[str, ...], data: bytes) -> None:
+    """Write code for a processor, and remove the function's code that is unused for a week."""
+    file = _find_file(folder, name, target)
+    part = file.with_suffix(f".{os.getpid()}")
+    try:
+        part.write_bytes(_sum_up(file, data) + data)
+        part.replace(file)
+    finally:
+        part.unlink(missing_ok=True)
+    function, *_ = name.split("-")
+    for other in folder.glob(f"{function}-*"):
+        if _is_unused(other):
+            other.unlink(missing_ok=True)
+
+
+def _sum_up(file: Path, data: bytes) -> bytes:
+    """Return the checksum of a file's name and data."""
+    return hashlib.sha256(file.name.encode() + data).digest()
 
 
 @contextmanager
-def _turn(name: str) -> Iterator[bool]:
-    """Yield whether this process has its turn at a function, a byte of the lock file."""
+def _without_disk() -> Iterator[None]:
+    """Go on without the disk where it is full, or cannot be read, and without what is not kept."""
+    try:
+        yield
+    except (OSError, UnknownValueError) as error:
+        _warn_once(NOT_KEPT, cache_folder(), getattr(error, "strerror", None) or error)
+
+
+@contextmanager
+def _turn(name: str) -> Iterator[None]:
+    """Wait for this process's turn at a function, a byte of the lock file."""
     place = 1, zlib.crc32(name.encode())
     file = _open_lock_file()
     if file is None or place in _own_turns:
-        yield file is not None
+        yield
         return
     import fcntl  # imported here, because Windows lacks it, and has no folder to lock
 
-    has_turn = True
     with suppress(OSError):  # some file systems have no locks; processes go on without
-        has_turn = _take_turn(file, place, name)
+        _take_turn(file, place, name)
     _own_turns.add(place)
     try:
-        yield has_turn
+        yield
     finally:
         _own_turns.remove(place)
         with suppress(OSError):
@@ -202,8 +277,8 @@ _idle_processes: Final = set[int]()
 _warnings: Final = set[str]()
 
 
-def _take_turn(file: int, place: tuple[int, int], name: str) -> bool:
-    """Wait for a byte of the lock file; return False if another process keeps it for long."""
+def _take_turn(file: int, place: tuple[int, int], name: str) -> None:
+    """Wait for a byte of the lock file, unless another process keeps it for long."""
     import fcntl
 
     began = time.monotonic()
@@ -211,14 +286,14 @@ def _take_turn(file: int, place: tuple[int, int], name: str) -> bool:
     while True:
         try:
             fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB, *place)
-            return True
+            return
         except (BlockingIOError, PermissionError):  # systems differ
             process = _find_process(file, place)
         waited = time.monotonic() - began
         # It keeps the functions, too, for which it compiles this one.
         if waited > seconds_until_left or process in _idle_processes:
             _idle_processes.add(process)
-            return False
+            return
         if waited > seconds_until_named:
             _warn_once(LONG_TURN, process, name, seconds_until_left)
         time.sleep(0.02)
@@ -297,7 +372,7 @@ class _PartCompiler(Compiler):
 def cache_folder() -> Path | None:
     """Return the folder of compiled code, or None.
 
-    Each version of cspace, Python, numba, llvmlite and numpy has its own folder.
+    Each version of Python, numba, llvmlite and numpy has its own folder.
     """
     if not hasattr(os, "geteuid"):  # Windows does not tell who may write to a folder
         return None
@@ -306,7 +381,7 @@ def cache_folder() -> Path | None:
         places.append(f"{tempfile.gettempdir()}/cache-{os.geteuid()}")
     for place in filter(None, places):
         with suppress(OSError, RuntimeError):  # RuntimeError without a home folder
-            folder = Path(place).expanduser().absolute() / "cspace" / name_code()
+            folder = Path(place).expanduser().absolute() / "cspace" / shipped.name_code()
             folder.parent.mkdir(parents=True, exist_ok=True)
             folder.mkdir(mode=0o700, exist_ok=True)
             if is_private(folder):
@@ -323,24 +398,9 @@ def describe_code() -> dict[str, object]:
         raise InputError("NUMBA_CACHE_DIR", "names no safe folder", "compiled code is kept in one")
     return {
         "folder": str(folder),
-        "compiled_functions": len(list(folder.rglob("*.nbc"))),
-        "code_of_package": find_code_misfit() or "used",
+        "compiled_functions": len(list(folder.glob("*.nbc"))),
+        "code_of_package": shipped.find_code_misfit() or "used",
     }
-
-
-@cache
-def _code_folder(package: str) -> Path | None:
-    """Return the folder of a package's compiled code, or None.
-
-    Others than ours have one for each version of their sources, within ours: a function that
-    compiled another one into itself would go on with its old code.
-    """
-    folder = cache_folder()
-    places = getattr(sys.modules.get(package), "__path__", None)
-    if folder is None or package in OWN_PACKAGES or not places:
-        return folder
-    files = sorted(file for place in places for file in Path(place).rglob("*.py"))
-    return folder / f"{package}-{digest_sources(files)}"
 
 
 def is_private(folder: Path) -> bool:
@@ -365,11 +425,15 @@ def is_private(folder: Path) -> bool:
 def _remove_unused(parent: Path) -> None:
     """Remove compiled code of versions unused for a week."""
     for lock in parent.glob("numba-*/lock"):
+        is_ours = re.fullmatch("numba-.+-llvmlite-.+-numpy-.+-[a-z]+-[0-9]+", lock.parent.name)
         with suppress(OSError):
-            is_ours = re.fullmatch("numba-.+-[0-9a-f]{16}", lock.parent.name)
-            # Seconds after its last use for which compiled code of other versions is kept.
-            if is_ours and time.time() - lock.stat().st_mtime > 7 * 24 * 3600.0:
+            if is_ours and _is_unused(lock):
                 shutil.rmtree(lock.parent)
+
+
+def _is_unused(file: Path) -> bool:
+    """Return True if a file was not used for a week."""
+    return time.time() - file.stat().st_mtime > UNUSED_SECONDS
 
 
 class _Clock(event.Listener):

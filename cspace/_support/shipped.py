@@ -8,15 +8,12 @@ from __future__ import annotations
 import sys
 from functools import cache
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import llvmlite
 import numba
 import numpy as np
-from numba.core.caching import IndexDataCacheFile
 from numba.core.registry import cpu_target
-
-from cspace._support.sources import digest_sources
 
 FOLDER: Final = Path(__file__).parents[1] / "_compiled"
 """Folder of the code, in a folder with the name that :func:`name_code` gave it."""
@@ -31,9 +28,9 @@ TARGET: Final = (
 
 @cache
 def name_code() -> str:
-    """Return the name of compiled code, from the versions and sources on which it depends."""
+    """Return the name of folders of compiled code, from the versions on which all of it depends."""
     versions = f"numba-{numba.__version__}-llvmlite-{llvmlite.__version__}-numpy-{np.__version__}"
-    return f"{versions}-{sys.implementation.cache_tag}-{digest_sources()}"
+    return f"{versions}-{sys.implementation.cache_tag}"
 
 
 @cache
@@ -47,23 +44,3 @@ def find_code_misfit() -> str:
     _, _, features = cpu_target.target_context.codegen().magic_tuple()
     missing = set(TARGET[1].split(",")) - set(features.split(","))
     return f"the processor lacks {', '.join(sorted(missing))}" if missing else ""
-
-
-def add_shipped(cache: Any) -> None:
-    """Let a function's cache also load code that comes with the package."""
-    load = cache.load_overload
-
-    def load_also_shipped(signature: Any, context: Any) -> Any:
-        """Load the code of a signature, or return None."""
-        code = load(signature, context)
-        if code is not None or find_code_misfit():
-            return code
-        own = cache._impl
-        stamp = own.locator.get_source_stamp()
-        place = str(FOLDER / name_code()), own.filename_base
-        _, (system, *_), digests = cache._index_key(signature, context.codegen())
-        file: Any = IndexDataCacheFile(*place, stamp)  # type: ignore[no-untyped-call]
-        code = file.load((signature, (system, *TARGET), digests))
-        return code and own.rebuild(context, code)
-
-    cache.load_overload = load_also_shipped

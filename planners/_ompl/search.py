@@ -21,7 +21,7 @@ from ompl import geometric as og
 from ompl import util as ou
 
 from cspace import Space
-from cspace.inside import NEVER, Effort, Floats, is_over, now, spend
+from cspace.inside import NEVER, Effort, Floats, hold_interrupts, is_over, now, spend
 from planners._catalogue import OmplName
 from planners._edges.local_planner import LocalPlanner
 from planners._ompl.checkers import EdgeCosts
@@ -61,18 +61,29 @@ class Deadline:
     step : int
         Work of a call, nanoseconds.
     end : Effort
-        Never by default, and at once if the caller ends the search.
+        Never by default, and at once if the caller or a signal ends the search.
     """
 
     def __init__(self, step: int = NANOSECONDS_PER_STEP) -> None:
         self.step = step
         self.end = NEVER
+        self._interrupts = list[BaseException]()
+
+    @contextmanager
+    def hold(self) -> Iterator[None]:
+        """Let a signal end OMPL's work in a block; then raise what its handler has raised."""
+        with hold_interrupts() as self._interrupts:
+            yield
+
+    def is_stopped(self) -> bool:
+        """Return True after a signal or the caller's stop."""
+        return bool(self._interrupts) or is_over(NEVER)
 
     def check(self) -> bool:
         """Return True before the deadline; raise OutOfTime long after."""
         spend(self.step)
         seconds_late = self.end.seconds_late()
-        if seconds_late < 0.0 and is_over(NEVER):
+        if seconds_late < 0.0 and self.is_stopped():
             # Callbacks raise the exception 0.01 s after the caller ended the search.
             seconds_late = GRACE_SECONDS - 0.01
             self.end = now() - Effort.from_seconds(seconds_late, seconds_late)
@@ -173,14 +184,33 @@ class _Run:
 
     def solve(self) -> SearchResult:
         """Search for a path and simplify it, within the time limit."""
+        self._set_endpoints()
+        self._began = now()
+        self._deadline.end = self._began + self._task.limit
+        with self._deadline.hold():
+            best, note = self._search()
+            rows = np.empty((0, self._edges.space.size)) if best is None else self._rows(best)
+        planning = now() - self._began
+        if best is None or not self._task.simplify:
+            return SearchResult(rows, note, planning)
+        began = now()
+        until = self._began + self._task.limit + MAX_SHORTENING
+        if self.by_length:
+            path = shorten(self._edges, rows, until)
+        else:
+            self._deadline.end = until
+            with self._deadline.hold():
+                rows = self._rows(self._improve(best))
+            path = self._edges.remove_turns(rows)
+        return SearchResult(path, note, planning, (now() - began).seconds)
+
+    def _search(self) -> tuple[og.PathGeometric | None, str]:
+        """Search for a path; return it, if there is one, and a note."""
         setup = self._setup
         task = self._task
         note = ""
-        self._set_endpoints()
-        self._began = now()
         first_planner = self._edges.tree_planner
         best = None
-        self._deadline.end = self._began + task.limit
         if self._must_beat:
             # Share of the limit for the first path, which a planner with an objective must beat.
             self._run_planner(first_planner, task.limit.share(0.1), None)
@@ -197,20 +227,7 @@ class _Run:
             best = solution
         elif best is not None:
             note = f"the first one, by {first_planner}, as {task.planner.name} found none better"
-        planning = now() - self._began
-        if best is None:
-            return SearchResult(np.empty((0, self._edges.space.size)), note, planning)
-        if not task.simplify:
-            return SearchResult(self._rows(best), note, planning)
-        began = now()
-        until = self._began + task.limit + MAX_SHORTENING
-        if self.by_length:
-            path = shorten(self._edges, self._rows(best), until)
-        else:
-            self._deadline.end = until
-            better = self._improve(best)
-            path = self._edges.remove_turns(self._rows(better))
-        return SearchResult(path, note, planning, (now() - began).seconds)
+        return best, note
 
     def _set_endpoints(self) -> None:
         """Give OMPL the start and the goals."""
@@ -243,7 +260,7 @@ class _Run:
             """Return True to end; ask once if a path may exist."""
             nonlocal end, asks_at
             spend(self._deadline.step)
-            if next(checks) > max_checks or end.seconds_late() > 0.0 or is_over(NEVER):
+            if next(checks) > max_checks or end.seconds_late() > 0.0 or self._deadline.is_stopped():
                 return True
             if asks_at.seconds_late() < 0.0 or setup.haveExactSolutionPath():
                 return False

@@ -1,0 +1,62 @@
+"""Handlers of signals while C++ has called Python back.
+
+What a handler raises there, such as KeyboardInterrupt, is lost, or ends the process.
+"""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+_held: list[BaseException] | None = None  # in a block of the main thread
+
+
+@contextmanager
+def hold_interrupts() -> Iterator[list[BaseException]]:
+    """Raise what handlers of signals raise in a block at its end; yield the list of it.
+
+    The handlers are called at once. Python calls them in the main thread alone.
+    """
+    global _held
+    if threading.current_thread() is not threading.main_thread():
+        yield []
+        return
+    if _held is not None:
+        yield _held
+        return
+    held = list[BaseException]()
+    replaced = []
+    try:
+        _held = held
+        for number in signal.valid_signals():
+            handler = signal.getsignal(number)
+            if callable(handler):
+                replaced.append((number, handler, _Holder(handler)))
+                signal.signal(number, replaced[-1][-1])
+        yield held
+    finally:
+        _held = None
+        for number, handler, holder in replaced:
+            if signal.getsignal(number) is holder:  # nobody else has set another one
+                signal.signal(number, handler)
+        if held:
+            raise held[0]
+
+
+class _Holder:
+    """A handler of a signal that holds back what another one raises."""
+
+    def __init__(self, handler: Callable[[int, Any], object]) -> None:
+        self._handler = handler
+
+    def __call__(self, number: int, frame: Any) -> None:
+        """Call the handler."""
+        try:
+            self._handler(number, frame)
+        except BaseException as error:
+            if _held is None:
+                raise
+            _held.append(error)
