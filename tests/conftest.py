@@ -1,11 +1,13 @@
 """A compile cache of its own, settings of hypothesis, the two sets, CPU by file, and real maps."""
 
 import atexit
+import contextlib
 import gc
 import math
 import os
 import re
 import shutil
+import sys
 import tempfile
 import time
 from collections import Counter
@@ -60,6 +62,10 @@ def pytest_collection():
 
     It would take a third of the time of collecting, and a tenth of that of the tests.
     """
+    with contextlib.suppress(ImportError):  # the core's tests run without planners
+        from tests.helpers import answers
+
+        answers.watch()
     # Disabled, it would stay so: dask, loaded here, restores what it found.
     gc.set_threshold(0)
     try:
@@ -93,6 +99,8 @@ def pytest_sessionfinish(session):
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_protocol(item):
     item.cpu_before = used_cpu()
+    if answers := sys.modules.get("tests.helpers.answers"):
+        answers.tally.start(item.get_closest_marker("unchecked") is None)
     return (yield)
 
 
@@ -100,6 +108,9 @@ def pytest_runtest_protocol(item):
 def pytest_runtest_makereport(item, call):
     if call.when == "teardown":
         item.user_properties.append(("cpu", used_cpu() - item.cpu_before))
+        if answers := sys.modules.get("tests.helpers.answers"):
+            seen = dict(answers.tally.seen) | {"CPU of the checker, s": answers.tally.cpu}
+            item.user_properties.append(("answers", seen))
     return (yield)
 
 
@@ -107,12 +118,16 @@ def pytest_terminal_summary(terminalreporter):
     """Print the CPU of the run, with its workers and children, and its ten dearest files."""
     if not terminalreporter.config.getoption("--cpu"):
         return
-    files = Counter()
+    files, answers = Counter(), Counter()
     for report in (each for each in terminalreporter.getreports("") if each.when == "teardown"):
-        files[report.nodeid.partition("::")[0]] += dict(report.user_properties)["cpu"]
+        properties = dict(report.user_properties)
+        files[report.nodeid.partition("::")[0]] += properties["cpu"]
+        answers.update(properties.get("answers", {}))
     terminalreporter.section(f"{used_cpu():.0f} s of CPU")
     for file, seconds in files.most_common(10):
         terminalreporter.write_line(f"{seconds:6.1f} s  {file}")
+    for answer, count in answers.most_common(30):
+        terminalreporter.write_line(f"{count:8.6g}  {answer}")
 
 
 # ---- hints ---------------------------------------------------------------------------------------
