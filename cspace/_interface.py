@@ -231,6 +231,11 @@ class Space(ABC):
         Planners pass tuples of floats. A path is as certain as this answer.
         """
 
+    @property
+    def unchecked(self) -> str:
+        """Text about contacts that no proof tests, such as those of an arm; empty by default."""
+        return ""
+
     # ---- what follows from the axes --------------------------------------------------------------
 
     @property

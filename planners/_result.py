@@ -361,6 +361,7 @@ class Plan:
         return [
             f"{result}, {self._proof}; {', '.join(measures)}",
             f"{len(self.waypoints)} waypoints ({axes}) from {between}, {edges}",
+            *([self.space.unchecked] if self.space and self.space.unchecked else []),
             f"planned in {_format_seconds(times.planning)}, "
             f"set up in {_format_seconds(times.setup)}, "
             f"checked in {_format_seconds(times.checking)}",

@@ -252,7 +252,7 @@ class Closest(NamedTuple):
     gradient : ndarray of float64, shape (dim + k,)
         Change of the distance by the configuration: the unit vector from the obstacle to the robot,
         without its height on a floor; then metres per radian, by the yaw, or by k = 3 turns about
-        the axes of the map. Zero if the points are equal.
+        the axes of the map. Zero in a collision, and if the points are equal.
     """
 
     distance: float
@@ -438,7 +438,7 @@ class BoundaryProofs:
         # Without the margin, the search does not end at a pair of triangles within it.
         bare = boundaries._replace(required=boundaries.required - scale * self._margin)
         pairs = make_scratch().node_pairs
-        path_slack(bare, scale * positions, matrices, np.zeros(1), pairs)
+        slack = path_slack(bare, scale * positions, matrices, np.zeros(1), pairs)
         # The pair of triangles that set the bound of the distance.
         nodes = pairs[0]
         if nodes[0] < 0:
@@ -453,6 +453,9 @@ class BoundaryProofs:
         turns = np.cross(points[0] - positions[0], away)
         first_axis = {(): 3, ("yaw",): 2}.get(self._rotations.names, 0)
         gradient = np.concatenate([away[: self._dim], turns[first_axis:]])
+        # In a collision, the nearest points of the boundaries do not tell the way out.
+        if slack <= 0.0 or not self.is_outside(*q.tolist()):
+            gradient[:] = 0.0
         return Closest(distance, points if self._on_floor else points[:, : self._dim], gradient)
 
     def _place_robot(self, points: Floats) -> tuple[Floats, Floats]:

@@ -54,13 +54,15 @@ def min_length(projections: list[Rectangles], is_open: bool, start: Floats, goal
     float
         Infinite if no path exists.
     """
+    # Positions are off by a few units in their last digit, much of the way between near ones.
+    rounding = 2.0**-50 * float(np.linalg.norm(start) + np.linalg.norm(goal))
     if len(start) == 2:
-        return _min_length_in_plane(projections[0], is_open, start, goal)
-    bounds = []
+        return max(0.0, _min_length_in_plane(projections[0], is_open, start, goal) - rounding)
+    bounds = [0.0]
     for axis, projection in enumerate(projections):
         ends = np.delete(start, axis), np.delete(goal, axis)
         across = _min_length_in_plane(projection, is_open, *ends)
-        bounds.append(math.hypot(across, goal[axis] - start[axis]))
+        bounds.append(math.hypot(across, goal[axis] - start[axis]) - rounding)
     return max(bounds)
 
 

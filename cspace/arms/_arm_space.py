@@ -6,6 +6,7 @@ import math
 import threading
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property, partial
 from itertools import chain
 from typing import TYPE_CHECKING, Any, Final
@@ -22,7 +23,15 @@ from cspace.arms._inverse import (
     make_pose_problem,
     make_pose_scratch,
 )
-from cspace.arms._model import CONTACT_SAMPLES, LIMIT_SLACK, Arm, Names, sort_pair
+from cspace.arms._model import (
+    CONTACT_SAMPLES,
+    LIMIT_SLACK,
+    Arm,
+    Names,
+    list_untested,
+    sort_pair,
+    tell_untested,
+)
 from cspace.arms._moveit import PlanningScene, find_base_pose
 from cspace.arms._paths.lines import (
     DEFAULT_LINE_TOLERANCE,
@@ -152,6 +161,15 @@ class ArmSpace(ConfigurationSpace):
     def allowed_collisions(self) -> list[tuple[str, str]]:
         """Pairs that may touch, in addition to :attr:`Arm.allowed_collisions`."""
         return sorted(self.snapshot.allowed)
+
+    @property
+    def unchecked(self) -> str:
+        """Text about the pairs that may touch, which no proof tests; empty if there are none."""
+        now = self.snapshot
+        # No proof moves obstacles against each other.
+        bodies = {link.name: link.body for link in now.arm.links} | dict.fromkeys(now.obstacles, -1)
+        pairs = [*now.arm.allowed_collisions, *sorted(now.allowed)]
+        return tell_untested(list_untested(bodies, dict.fromkeys(pairs)))
 
     def __repr__(self) -> str:
         """Return the arm and the number of joints and obstacles."""
@@ -458,25 +476,29 @@ class ArmSpace(ConfigurationSpace):
             self._replace(now, now.obstacles, allowed, now.padding)
 
     def forbid_collisions(self, pairs: Iterable[tuple[str, str]]) -> None:
-        """Take back pairs of :attr:`allowed_collisions`.
+        """Test pairs of :attr:`allowed_collisions` or :attr:`Arm.allowed_collisions`.
 
         Raises
         ------
         InputError
-            If a name is unknown, or a pair is not one of these; nothing changes then.
+            If a name is unknown, a pair is not one of these, or its links are on one body; nothing
+            changes then.
         ConfigurationError
             If no configuration would be free; nothing changes then.
         """
         with self._lock:
             now = self.snapshot
             given = _check_allowed(pairs, "pairs", now.names)
-            for pair in sorted(given - now.allowed):
+            for pair in sorted(given.difference(now.allowed, now.arm._untested)):
                 raise InputError(
                     "pairs",
                     f"hold {pair}",
-                    "only allowed pairs are taken back",
+                    "only pairs that may touch, on two bodies, are taken back",
                 )
-            self._replace(now, now.obstacles, now.allowed - given, now.padding)
+            before = now.arm.allowed_collisions
+            kept = {pair: reason for pair, reason in before.items() if pair not in given}
+            arm = now.arm if kept == before else replace(now.arm, allowed_collisions=kept)
+            self._replace(now, now.obstacles, now.allowed - given, now.padding, arm)
 
     def _replace(
         self,

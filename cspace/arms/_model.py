@@ -145,7 +145,7 @@ class Arm:
     allowed_collisions : dict of pairs of str to str
         Alphabetical pairs of links that may touch, and the reason: ``"adjacent"``, ``"one body"``,
         ``"always"`` if they touch in each of 100 random configurations, ``"held"``, or the reason
-        of the SRDF.
+        of the SRDF. No proof tests these pairs.
     chain : Chain
     units : tuple of str
         Units of the joints: "rad", or "m" for prismatic ones.
@@ -178,6 +178,7 @@ class Arm:
     _base_is_root: bool
     _followers: tuple[Joint, ...]
     _passive: frozenset[str]
+    _never: Set[Names]
     _states: dict[str, dict[str, float]]
 
     @classmethod
@@ -209,7 +210,8 @@ class Arm:
         srdf : path-like, optional
             An SRDF file, or its text, with groups, group states, and the links that may touch:
             pairs of ``disable_collisions``, and all of a link of ``disable_default_collisions``
-            except those of ``enable_collisions``. Links and joints missing from the URDF are
+            except those of ``enable_collisions``. Pairs with ``reason="Never"`` are tested, since
+            MoveIt's assistant only sampled them. Links and joints missing from the URDF are
             skipped with one warning. Without an SRDF, links may touch if they belong to one body,
             if a joint connects them, directly or over links without geometry, or if they touch in
             each of 100 fixed random configurations.
@@ -272,7 +274,7 @@ class Arm:
         base = base or root_link(urdf)
         read_joints = [_read_joint(joint, file) for joint in _sort_joints(urdf.robot.joints, base)]
         joints_below = {joint.name: joint for joint in read_joints}
-        semantics = Srdf({}, {}, {}, set()) if srdf is None else read_srdf(srdf, urdf)
+        semantics = Srdf({}, set(), {}, {}, set()) if srdf is None else read_srdf(srdf, urdf)
         chosen = None if joints is None else _choose_joints(joints, semantics.groups, joints_below)
         builder = _ArmBuilder(file, urdf, joints_below, base, tip, chosen)
         builder.hold_joints({} if held_joints is None else held_joints)
@@ -280,11 +282,15 @@ class Arm:
         # Only an SRDF says which links may touch; without one, the geometry does.
         if srdf is None:
             arm = replace(arm, allowed_collisions=builder.find_allowed_pairs(arm))
+        source = "" if srdf is None else name_description(srdf)
+        arm._warn_of_contacts(source)
         passive = [joint for joint in arm.joints if joint in semantics.passive_joints]
         if isinstance(held_joints, JointValues):
             arm._warn_of_followers(held_joints, "held_joints")
         if passive:
-            warn_user(f"{srdf}: says that {', '.join(passive)} have no motor, and plans move them")
+            warn_user(
+                f"{source}: says that {', '.join(passive)} have no motor, and plans move them"
+            )
         return arm
 
     @property
@@ -293,8 +299,9 @@ class Arm:
         return len(self.joints)
 
     def __repr__(self) -> str:
-        """Return name, joints and links with geometry."""
-        return f"Arm({self.name}: {self.dof} joints, {len(self.links)} links with geometry)"
+        """Return name, joints, links with geometry, and pairs that no proof tests."""
+        size = f"{self.name}: {self.dof} joints, {len(self.links)} links with geometry"
+        return f"Arm({'; '.join(filter(None, (size, tell_untested(self._untested))))})"
 
     @property
     def frames(self) -> tuple[str, ...]:
@@ -856,6 +863,27 @@ class Arm:
                 reasons[pair] = reason
         return reasons
 
+    @property
+    def _untested(self) -> list[Names]:
+        """Pairs of links that may touch, and that joints move."""
+        bodies = {link.name: link.body for link in self.links}
+        return list_untested(bodies, self.allowed_collisions)
+
+    def _warn_of_contacts(self, source: str) -> None:
+        """Warn of pairs that often touch although the SRDF ``source`` says that they never do."""
+        samples = self._contact_samples[:100]
+        counts = {}
+        for pair, scene in self._moving_pairs().items() if self._never else ():
+            if pair in self._never:
+                counts[pair] = np.count_nonzero(~are_free(scene, samples, samples))
+        touching = [pair for pair, count in counts.items() if count > 10]
+        if touching:
+            warn_user(
+                f"{source}: gives the reason Never to {touching}, and they touch in up to "
+                f"{max(counts.values())} of {len(samples)} random configurations, which are not "
+                "FREE; allowed_collisions= of build_arm_space lets them touch"
+            )
+
     def __getstate__(self) -> dict[str, Any]:
         """Pickle the arm without the packed trees of its links, which are large."""
         return {name: value for name, value in vars(self).items() if name != "_packed"}
@@ -946,6 +974,20 @@ class Arm:
 def sort_pair(one: str, other: str) -> Names:
     """Return two names in alphabetical order."""
     return (one, other) if one < other else (other, one)
+
+
+def list_untested(bodies: Mapping[str, int], pairs: Iterable[Names]) -> list[Names]:
+    """Return those of the ``pairs`` that are on two of the ``bodies``."""
+    known = [pair for pair in pairs if bodies.keys() >= {*pair}]
+    return [(one, other) for one, other in known if bodies[one] != bodies[other]]
+
+
+def tell_untested(pairs: Sequence[Names]) -> str:
+    """Return a text with the number and the first of pairs that no proof tests, if any."""
+    named = [f"{one} and {other}" for one, other in pairs[:3]]
+    if len(pairs) > len(named):
+        named.append("...")
+    return f"pairs not tested ({len(pairs)}): {', '.join(named)}" if pairs else ""
 
 
 def check_joint_values(values: object, argument: str, joints: Collection[str]) -> dict[str, float]:
@@ -1237,6 +1279,7 @@ class _ArmBuilder:
             _base_is_root=len(placements) == len(self._urdf.link_map),
             _followers=tuple(self._list_followers()),
             _passive=frozenset(self._urdf.joint_map.keys() - {*self._moving_names, *self._held}),
+            _never=srdf.never,
             _states=srdf.states,
         )
 

@@ -133,7 +133,8 @@ class PlanningScene:
         """Return the arm with its objects, and the pairs that may touch.
 
         ``base_pose`` is the pose of the arm's base in the frame of the scene, shape (4, 4). If
-        there is a matrix, it replaces the pairs of links that the SRDF lets touch, as in MoveIt.
+        there is a matrix, it replaces the pairs of links that the SRDF lets touch, as in MoveIt,
+        which adds those of the reason Never; these are tested.
         """
         self._check_arm(arm)
         bare_arm = arm
@@ -149,6 +150,8 @@ class PlanningScene:
         allowed = {
             sort_pair(a, b): "scene" for a, b in combinations(names, 2) if self.may_touch(a, b)
         }
+        for pair in arm._never:
+            allowed.pop(pair, None)
         # These reasons hold whatever the matrix says.
         before = arm.allowed_collisions.items()
         allowed |= {pair: reason for pair, reason in before if reason in ("held", "one body")}

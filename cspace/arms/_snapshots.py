@@ -502,6 +502,7 @@ def _refuse_always(snapshot: Snapshot) -> None:
             f"touches {other!r}, or comes nearer than the margin, in {CONTACT_SAMPLES} random "
             "configurations",
             "they may not touch, so no configuration would be free",
+            f"build_arm_space(allowed_collisions=[{(link, other)}]) lets them touch",
         )
 
 

@@ -410,16 +410,17 @@ def find_touches(
     limits = np.full(count, distance + one.body.margin + other.body.margin)
     deviations = one.deviations[first] + other.deviations[second]
     points, common = _choose_points(one.outlines[first], other.outlines[second])
-    result = Touches(np.zeros(count, np.bool_), np.zeros((count, 3)), np.zeros((count, 3)), points)
+    begins = one.pieces.starts[one.begins[first]], other.pieces.starts[other.begins[second]]
+    result = Touches(np.zeros(count, np.bool_), *begins, points.copy())
     pending = np.arange(count)
     # Number of points at which two robots are tried before a pair stays undecided.
     for move in range(6):
         reach = limits[pending] + deviations[pending]
         sides = []
         # Later tries are few, and find places as small as a share of 1e-4 of a lane.
-        for sweeper, elements in ((one, first), (other, second)):
+        for sweeper, elements, kept in ((one, first, result.first), (other, second, result.second)):
             queries = elements[pending], points[pending], reach
-            sides.append(_find_poses(sweeper, *queries, (move + 1) * (move + 2)))
+            sides.append(_find_poses(sweeper, *queries, (move + 1) * (move + 2), kept[pending]))
         (poses, gaps), (others, other_gaps) = sides
         rounding = Cores.bound_rounding(np.abs(points[pending]).max(axis=1, initial=0.0))
         needed = np.maximum(gaps + rounding, 0.0) + np.maximum(other_gaps + rounding, 0.0)
@@ -476,12 +477,12 @@ def _approach(
 
 
 def _find_poses(
-    sweeper: Sweeper, elements: Ints, points: Floats, reach: Floats, rounds: int
+    sweeper: Sweeper, elements: Ints, points: Floats, reach: Floats, rounds: int, poses: Floats
 ) -> tuple[Floats, Floats]:
     """Return each element's pose nearest to a point, with its gap.
 
-    Each round searches more finely. Gaps are those of :meth:`Body.measure_gaps`, infinite if no
-    pose is near.
+    Each round searches more finely. Gaps are those of :meth:`Body.measure_gaps`; if no pose is
+    near, they are infinite, and the pose is that of ``poses``, shape (n, 3), which are changed.
     """
     counts = sweeper.begins[elements + 1] - sweeper.begins[elements]
     queries, numbers = number_parts(counts)
@@ -496,7 +497,7 @@ def _find_poses(
     moves = (sweeper.pieces.starts != sweeper.pieces.ends)[rows, :2].any(axis=1)
     moves |= ~sweeper.pieces.on_lane[rows]
     lows, highs = np.where(moves, lows, 0.5), np.where(moves, highs, 0.5)
-    poses, gaps = np.zeros((len(elements), 3)), np.full(len(elements), math.inf)
+    gaps = np.full(len(elements), math.inf)
     for _ in range(rounds):
         shares, found = _sample_windows(sweeper, rows, points[queries], lows, highs)
         order = np.lexsort((found, queries))

@@ -200,7 +200,7 @@ def write_srdf(folder, text):
     "text, allowed",
     [
         (None, {("a", "b"): "adjacent", ("b", "c"): "adjacent"}),
-        ('<disable_collisions link1="c" link2="a" reason="Never"/>', {("a", "c"): "Never"}),
+        ('<disable_collisions link1="c" link2="a" reason="User"/>', {("a", "c"): "User"}),
         (
             '<disable_default_collisions link="b"/><enable_collisions link1="b" link2="c"/>',
             {("a", "b"): "SRDF"},

@@ -4,6 +4,7 @@ import fcl
 import numpy as np
 import pytest
 import shapely
+import trimesh
 from hypothesis import assume, given
 from scipy.spatial.transform import Rotation
 
@@ -68,6 +69,43 @@ def test_points_and_gradients_in_the_plane_are_shapelys(margin, seed):
     ahead = (measure(q, 1e-5 * slopes) - line.length) / 1e-5
     assume(abs(ahead - slopes @ slopes) < 1e-3)
     np.testing.assert_allclose(found.gradient, slopes, atol=1e-3)
+
+
+@pytest.mark.parametrize("name, inflate", [("disc", 0.3), ("polygon", 0.0), ("ring", 0.0)])
+def test_in_a_collision_the_gradient_is_zero(name, inflate):
+    """Shallow overlaps, whole robots in an obstacle, and obstacles in the hole of a ring."""
+    ring = shapely.box(-0.9, -0.9, 0.9, 0.9).difference(shapely.box(-0.8, -0.8, 0.8, 0.8))
+    outline = {"disc": shapely.Point(0, 0), "polygon": ROBOT, "ring": ring}[name]
+    robot = Robot.disc(inflate) if inflate else Robot.polygon(outline)
+    obstacles = shapely.union(shapely.box(1, 1, 3, 3), shapely.box(4.5, 1, 4.9, 1.4))
+    workspace = Workspace.from_polygons([obstacles], spacing=0.1, bounds=((0, 0), (6, 4)))
+    space = cspace.build(workspace, robot, margin=0.05, outside="free")
+    is_still = 0
+    for x, y in np.random.default_rng(0).uniform((0.3, 0.3), (5.7, 3.7), (100, 2)):
+        gap = shapely.affinity.translate(outline, x, y).distance(obstacles) - inflate
+        length = np.linalg.norm(space.closest((x, y)).gradient)
+        assert length == pytest.approx(float(gap > 0.0)) or abs(gap) < 1e-6
+        is_still += length == 0.0
+    assert 20 < is_still < 95
+
+
+@pytest.mark.parametrize("radius", [0.0, 0.25])
+def test_in_a_collision_in_space_the_gradient_is_zero(radius):
+    sides = np.full(3, 1.4)
+    mesh = trimesh.creation.box(
+        sides, transform=trimesh.transformations.translation_matrix([2] * 3)
+    )
+    workspace = Workspace.from_mesh(mesh, 0.2, bounds=((0, 0, 0), (4, 4, 4)))
+    robot = Robot.ball(radius) if radius else Robot.box(SIDES)
+    space = cspace.build(workspace, robot, outside="free")
+    half = 0.5 * (sides + (0.0 if radius else SIDES))
+    is_still = 0
+    for q in np.random.default_rng(0).uniform(0.8, 3.2, (60, 3)):
+        gap = np.linalg.norm(np.maximum(np.abs(q - 2.0) - half, 0.0)) - radius
+        length = np.linalg.norm(space.closest(q).gradient)
+        assert length == pytest.approx(float(gap > 0.0)) or abs(gap) < 1e-6
+        is_still += length == 0.0
+    assert 10 < is_still < 50
 
 
 @pytest.mark.parametrize("kind", ["turning", "floor", "still"])

@@ -151,6 +151,35 @@ def check_touch(found, graphs, polygons, row):
     assert shapely.distance(placed[0], shapely.Point(row.at)) <= found.margin / 2 + 1e-9
 
 
+@pytest.mark.parametrize("number", few([2, 60]))
+def test_witnesses_beside_long_chords_stand_on_their_elements(spaces, tmp_path, number):
+    """Such a curve is tried at its ends alone, which may be far from a place of both robots."""
+    for seed in range(36, 36 + number):
+        rng = np.random.default_rng(seed)
+        start, _ = rng.uniform(1.0, 5.0, (2, 2))
+        length, angle = rng.uniform([1.5, -3.0], [3.5, 3.0])
+        end = start + length * np.array([math.cos(angle), math.sin(angle)])
+        ends = [{"x": x, "y": y} for x, y in (start.tolist(), end.tolist())]
+        nodes = [{"nodeId": name, "nodePosition": at} for name, at in zip("ab", ends, strict=True)]
+        chord = {"degree": 1, "knotVector": [0, 0, 1, 1], "controlPoints": ends}
+        edge = {"edgeId": "e", "startNodeId": "a", "endNodeId": "b", "trajectory": chord}
+        if rng.random() < 0.6:
+            edge["orientation"] = float(rng.uniform(-3.0, 3.0))
+            edge["rotationAllowed"] = bool(rng.random() < 0.5)
+        file = write(tmp_path, "order.json", {"nodes": nodes, "edges": [edge]})
+        one, other = rng.choice(list(SHAPES), 2)
+        found = cspace.lanes.conflicts(
+            spaces[one],
+            RouteGraph.open(file),
+            others={"b": (spaces[other], draw_graph(rng))},
+            margin=float(rng.choice([0.0, 0.15])),
+        )
+        for row in found.pairs:
+            for name, pose in zip((row.first, row.second), row.poses or (), strict=bool(row.poses)):
+                polygon = SHAPES[other if found.elements[name].robot else one]
+                assert found.outlines[name].covers(place(shapely.Polygon(polygon), pose))
+
+
 @examples(150)
 @given(
     angle=st.floats(-math.pi, math.pi),

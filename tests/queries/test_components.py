@@ -54,6 +54,24 @@ def test_connectivity_agrees_with_components_of_a_graph(seed, kind, outside, mix
         assert proven_paths(space, q[one], q[other]) is expected[one, other]
 
 
+@pytest.mark.parametrize("outside", ["free", "blocked"])
+@pytest.mark.parametrize("kind", handmade.MAP_KINDS)
+def test_rooms_that_are_open_through_any_two_borders_are_joined_outside(kind, outside):
+    """Each room is one cell, at one border of each axis in turn."""
+    walls = handmade.full_states(kind, 7, BLOCKED)
+    dim = walls.ndim - 1
+    borders = [(axis, end) for axis in range(dim) for end in (0, 6)]
+    for one, other in itertools.combinations_with_replacement(borders, 2):
+        cells = np.array([[0] + [2] * dim, [0] + [4] * dim])
+        for cell, (axis, end) in zip(cells, (one, other), strict=True):
+            cell[1 + axis] = end
+        states = walls.copy()
+        states[(slice(None), *cells[:, 1:].T)] = FREE
+        space = handmade.make_map(states, kind, outside)
+        answer = proven_paths(space, *handmade.cell_centers(space, cells))
+        assert answer is (None if outside == "free" else False), (one, other)
+
+
 TINY_BAR = Robot.rectangle(1e-6, 1e-7)
 
 

@@ -224,12 +224,11 @@ def motion_bounds(
     between = chain.between[a, b]
     carries_b = chain.between[b, 0]
     lengths = chain.lengths[a]
-    count = len(chain.parents)
     # The order matters for curvature: from b towards the base to the common ancestor, then to a.
-    # The first half of the steps counts bodies down, the second half counts them up.
-    for step in range(2 * count):
-        towards_base = step < count
-        j = count - 1 - step if towards_base else step - count
+    # The first steps count bodies down from b, the others count them up to a.
+    for step in range(a + b):
+        towards_base = step < b
+        j = b - step if towards_base else step - b + 1
         if not between[j] or carries_b[j] != towards_base:
             continue
         index = chain.joint_indices[j]

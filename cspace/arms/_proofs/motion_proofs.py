@@ -54,7 +54,7 @@ from cspace.arms._proofs.crossings import (
     joint_displacement,
     pierces,
 )
-from cspace.arms._proofs.hulls import Hulls, RelativeMotion, tree_slack
+from cspace.arms._proofs.hulls import BALL_RADIUS, Hulls, RelativeMotion, tree_slack
 from cspace.inside import (
     Bools,
     Floats,
@@ -538,6 +538,15 @@ def bound_slack(
     # Describe the motion of solid i as seen from the body of solid j.
     pose = scratch.poses[solids.bodies[i]]
     base_pose = scratch.poses[solids.bodies[j]]
+    box, base_box = solids.hulls.boxes[solids.roots[i]], solids.hulls.boxes[solids.roots[j]]
+    required += scene.padding[n]
+    # The balls around most pairs are far apart.
+    if len(axes) == 0:
+        offset = vectors.minus(center_of(pose, box), center_of(base_pose, base_box))
+        radii = box[BALL_RADIUS] + base_box[BALL_RADIUS] + displacement + required
+        if math.sqrt(vectors.dot(offset, offset)) - radii > enough:
+            scratch.nodes[1, 0] = 0  # no hulls meet
+            return enough
     to_base = rotation_columns(base_pose)
     matrix, position = relative_pose(pose, base_pose)
     spin = vectors.minus(column_at(pose, SPIN), column_at(base_pose, SPIN))
@@ -554,7 +563,7 @@ def bound_slack(
         half,
         deviation,
         displacement,
-        required + scene.padding[n],
+        required,
     )
     nodes = scratch.nodes
     nearest = scratch.nearest_nodes[n]
@@ -567,6 +576,13 @@ def bound_slack(
     nearest[0] = nodes[0, 0]
     nearest[1] = nodes[0, 1]
     return slack
+
+
+@internal
+def center_of(pose: Floats, box: Floats) -> Row:
+    """Return the center of a box, a row of :attr:`Hulls.boxes`, on a body with a pose, (3, 6)."""
+    center = vectors.row_at(box, CENTER)
+    return vectors.apply_pose(rotation_rows(pose), column_at(pose, POSITION), center)
 
 
 @internal

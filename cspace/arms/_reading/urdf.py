@@ -72,12 +72,12 @@ FIELDS: Final = (
     Fields(
         "`.srdf`",
         honoured=(
-            "`disable_collisions`, `enable_collisions`, `disable_default_collisions`; `group`, "
-            "`group_state`"
+            "`disable_collisions`, except with the reason Never; `enable_collisions`, "
+            "`disable_default_collisions`; `group`, `group_state`"
         ),
         warned=(
-            "names that the URDF lacks; another robot's name; joints that move though they are "
-            "`passive_joint`"
+            "names that the URDF lacks; another robot's name; links that often touch though the "
+            "reason is Never; joints that move though they are `passive_joint`"
         ),
     ),
 )
@@ -704,6 +704,8 @@ class Srdf(NamedTuple):
     ----------
     allowed : dict of (str, str) to str
         Reason for each pair of links that may touch; the links of a pair are in alphabetical order.
+    never : set of (str, str)
+        Alphabetical pairs that may touch because they never did, ``reason="Never"``.
     groups : dict of str to set of str
         Joints of each group.
     states : dict of str to dict of str to float
@@ -714,6 +716,7 @@ class Srdf(NamedTuple):
     """
 
     allowed: dict[tuple[str, str], str]
+    never: set[tuple[str, str]]
     groups: dict[str, set[str]]
     states: dict[str, dict[str, float]]
     passive_joints: set[str]
@@ -738,6 +741,7 @@ def read_srdf(path: str | os.PathLike[str], urdf: URDF) -> Srdf:
         reader = _Reader(root, urdf)
         srdf = Srdf(
             reader.read_allowed(),
+            reader.never,
             reader.read_groups(),
             reader.read_states(),
             reader.read_passive_joints(),
@@ -773,6 +777,7 @@ class _Reader:
         for joint in root.iter("virtual_joint"):
             self._joint_types[_get_attribute(joint, "name")] = "virtual"
         self.angles: _Places = []
+        self.never: set[tuple[str, str]] = set()
         self.unknown: dict[str, None] = {}
         self.bare: dict[str, None] = {}
 
@@ -785,7 +790,9 @@ class _Reader:
     def read_allowed(self) -> dict[tuple[str, str], str]:
         """Return the pairs of links that may touch, each with its reason.
 
-        Like MoveIt, apply the defaults first, then enabled, then disabled pairs.
+        Like MoveIt, apply the defaults first, then enabled, then disabled pairs. But collect in
+        ``never`` the pairs that never touched where MoveIt's assistant sampled, which proves
+        nothing.
         """
         # A dict instead of a set keeps the order of the links.
         solid = {name: None for name, link in self._links.items() if link.collisions}
@@ -799,8 +806,14 @@ class _Reader:
         for names, reason in self._iterate_links("disable_collisions", "link1", "link2"):
             bare = [name for name in names if name not in solid]
             self.bare |= dict.fromkeys(bare)
-            if not bare:
-                allowed[_sort_pair(*names)] = reason
+            if bare:
+                continue
+            pair = _sort_pair(*names)
+            if reason.casefold() == "never":
+                self.never.add(pair)
+            else:
+                allowed[pair] = reason
+        self.never -= allowed.keys()
         return allowed
 
     def _iterate_links(self, tag: str, *keys: str) -> Iterator[tuple[tuple[str, ...], str]]:
