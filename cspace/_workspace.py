@@ -32,8 +32,8 @@ from cspace._support.check import (
     names_options,
     select_positions,
 )
+from cspace._support.column_names import list_columns
 from cspace._support.kinds import make_kind_error, suggest_call
-from cspace._support.labels import list_columns
 from cspace._support.limits import (
     MESH_CELL_BYTES,
     SHAPE_CELL_BYTES,

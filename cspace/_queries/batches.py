@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from cspace._rotations import Rotations
 from cspace._support.arrays import Bools, Floats
 from cspace._support.check import check_rows
-from cspace._support.labels import list_dimensions
+from cspace._support.column_names import list_dimensions
 from cspace._support.threads import MIN_ITEMS_PER_THREAD, run_in_chunks
 from cspace._support.units import warn_of_large
 from cspace.errors import InputError

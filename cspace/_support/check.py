@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cspace._support.arrays import AXES, Bools, Floats, Ints, frozen
+from cspace._support.column_names import are_names, list_columns, list_dimensions, takes_names
 from cspace._support.kinds import make_kind_error
-from cspace._support.labels import are_names, list_columns, list_dimensions, takes_names
 from cspace._support.reporting import warn_user
 from cspace._support.units import check_unit, warn_of_large
 from cspace.errors import AngleWarning, InputError

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace._support.arrays import MAX_EXPECTED_ANGLE
-from cspace._support.labels import list_columns
+from cspace._support.column_names import list_columns
 from cspace._support.reporting import warn_user
 from cspace.errors import AngleWarning, InputError, UnitWarning
 

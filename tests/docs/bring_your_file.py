@@ -14,6 +14,8 @@ import pytest
 import shapely
 import shapely.affinity
 
+from cspace import CspaceError
+
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs/howto/bring_your_file.md").read_text(encoding="utf-8")
 SNIPPETS = re.findall(r"^```python\n(.*?)^```", PAGE, re.DOTALL | re.MULTILINE)
@@ -255,12 +257,20 @@ def write_layers():
     return shapely.affinity.translate(PLAN, -1.0, -0.5)
 
 
-def write_site_of_metres():
-    """Write the walls in metres of the site, without a reference system."""
+def write_site_of_metres(crs=None):
+    """Write the walls in metres of the site, without a reference system or in one of its own."""
     import geopandas
 
-    geopandas.GeoSeries([shapely.box(*wall) for wall in WALLS]).to_file("site.gpkg")
+    geopandas.GeoSeries([shapely.box(*wall) for wall in WALLS], crs=crs).to_file("site.gpkg")
     return shapely.affinity.translate(PLAN, -1.0, -0.5)
+
+
+def write_site_of_named_metres():
+    return write_site_of_metres('LOCAL_CS["site",UNIT["metre",1]]')
+
+
+def write_site_of_feet():
+    write_site_of_metres('LOCAL_CS["site",UNIT["foot",0.3048]]')
 
 
 def write_geopackage():
@@ -547,6 +557,10 @@ def write_las_of_feet():
     write_las_in(FEET, 1200 / 3937)
 
 
+def write_las_of_the_globe():
+    write_las_in("EPSG:4978")
+
+
 def write_las_of_two_units():
     """Write a plan in metres, and heights in feet."""
     write_las_in("EPSG:32632+6360", 1200 / 3937)
@@ -564,7 +578,10 @@ FORMS = {
     "plan.png": (write_picture, write_turned_picture),
     "plan.txt": (write_drawing, write_ragged_drawing),
     "plan.json": (write_rows,),
-    "site.gpkg": (write_geopackage, write_kml, write_layers, write_site_of_metres),
+    "site.gpkg": (
+        *(write_geopackage, write_kml, write_layers),
+        *(write_site_of_metres, write_site_of_named_metres),
+    ),
     "plan.dxf": (write_dxf_of_outlines, write_dxf_of_blocks, write_dxf_of_hidden_parts),
     "plan.svg": (write_svg_of_shapes, write_svg_of_strokes),
     "lanes.gml": (write_gml,),
@@ -587,6 +604,8 @@ REFUSED = {
     "rack.nrrd": (write_turned_nrrd, write_nrrd_of_metres),
     "rack.mha": (write_turned_mha,),
     "plan.png": (write_deep_picture,),
+    "site.gpkg": (write_site_of_feet,),
+    "scan.las": (write_las_of_the_globe,),
 }
 """Writers of what a snippet refuses."""
 
@@ -631,7 +650,7 @@ def test_a_snippet_ends_in_the_right_world(name, write, tmp_path, monkeypatch):
     "name, write", [(name, write) for name in REFUSED for write in REFUSED[name]]
 )
 def test_what_a_snippet_cannot_place_is_refused(name, write, tmp_path, monkeypatch):
-    with pytest.raises((AssertionError, ValueError), match=r"\w"):
+    with pytest.raises((AssertionError, ValueError, CspaceError), match=r"\w"):
         run_snippet(name, write, tmp_path, monkeypatch)
 
 
