@@ -44,6 +44,7 @@ _CALLS: Final[Mapping[tuple[str, ...], str]] = {
         "use {}.path for rows, or {}.trajectory(...) for a motion in time"
     ),
     ("sample_uniform",): "use {}.positions",
+    ("arrival_bound", "trajectory"): "use {}.trajectory",
     ("cell_states",): "use {}.workspace",
     # Values of other packages.
     ("translation", "as_matrix"): (
