@@ -30,37 +30,11 @@ from cspace.errors import CspaceError, FileError, InputError
 TEMPORARY_NAME: Final = r"\.cspace-[0-9a-f]{12}(\..*)?"
 """Pattern of the names of outputs that are incomplete or being replaced."""
 
-BROUGHT: Final = {
-    ".nc": "netCDF",
-    ".nrrd": "NRRD",
-    ".mha": "MHA",
-    ".nii": "NIfTI",
-    ".dcm": "DICOM",
-    ".shp": "Shapefile",
-    ".gpkg": "GeoPackage",
-    ".kml": "KML",
-    ".fgb": "FlatGeobuf",
-    ".gml": "GML",
-    ".dxf": "DXF",
-    ".svg": "SVG",
-    ".3mf": "3MF",
-    ".off": "OFF",
-    ".xyzrgb": "XYZRGB",
-    ".pts": "PTS",
-    ".las": "LAS",
-    ".laz": "LAZ",
-    ".xacro": "xacro",
-    ".sdf": "SDF",
-    ".usd": "USD",
-    ".step": "STEP",
-    ".stp": "STEP",
-    ".iges": "IGES",
-    ".fbx": "FBX",
-    ".blend": "Blender",
-    ".3ds": "3DS",
-    ".x3d": "X3D",
-}
-"""Formats that the page "Bring your file" names, by suffix."""
+BROUGHT: Final = (
+    ".3ds .3mf .blend .dcm .dxf .fbx .fgb .gml .gpkg .iges .kml .las .laz .mha .nc .nii .nrrd .off "
+    ".mjcf .pts .sdf .shp .step .svg .usd .x3d .xacro .xml .xyzrgb"
+)
+"""Suffixes of formats that the page "Bring your file" names."""
 
 _MALFORMED: Final = "it is malformed or truncated"
 """Rule of a file's content if no other is known."""
@@ -215,7 +189,7 @@ def check_suffix(
     suffix = file.suffix.lower()
     if suffix not in known:
         rule = f"{rule}; known are {', '.join(filter(None, known))}"
-        page = BRING_YOUR_FILE if suffix in BROUGHT else ""
+        page = BRING_YOUR_FILE if suffix in BROUGHT.split() else ""
         hint = "" if is_output else suggest_file(file, page, known)
         raise InputError(argument, f"is {file}, with suffix {suffix!r}", rule, hint)
     return suffix

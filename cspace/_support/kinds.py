@@ -37,6 +37,7 @@ _CALLS: Final[Mapping[tuple[str, ...], str]] = {
     ("header", "poses"): "use [cspace.ros.configuration_of(pose, space) for pose in {}.poses]",
     ("name", "position", "velocity"): "use arm.configuration({})",
     # Files of plain values.
+    ("levels", "name"): f"a building of the traffic editor is in pixels; {BRING_YOUR_FILE}",
     ("levels",): "use cspace.lanes.RouteGraph.open({})",
     ("layouts",): "use cspace.lanes.RouteGraph.open({})",
     # Values of this library.

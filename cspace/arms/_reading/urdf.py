@@ -65,9 +65,9 @@ FIELDS: Final = (
         refused="xacro; `quat_xyzw`; planar and floating joints below the base; capsules",
         warned=(
             "`visual` without `collision` (`visuals=True`); angles beyond a whole turn; `limit` "
-            "without lower and upper, or of a continuous joint; its `acceleration`, `deceleration` "
-            "and `jerk`; links that move against a rigid robot; elements and attributes that URDF "
-            "lacks"
+            "without lower and upper, or of a continuous joint; `acceleration`, `deceleration` "
+            "and `jerk` of `limit`; links that move against a rigid robot; elements and attributes "
+            "that URDF lacks"
         ),
     ),
     Fields(
