@@ -199,7 +199,7 @@ def load_urdf(
     return urdf
 
 
-def name_description(source: StrPath) -> str:
+def name_description(source: object) -> str:
     """Return the file of a URDF or SRDF, or a name for a text."""
     if not isinstance(source, str | os.PathLike):
         rule = "it must be a file name, or the text of the file"
