@@ -32,7 +32,7 @@ from cspace._support.check import (
     check_rows,
     names_options,
 )
-from cspace._support.reporting import format_point, show_png
+from cspace._support.reporting import format_point
 from cspace._support.units import warn_of_large
 from cspace.errors import ConfigurationError, EndReason, InputError
 
@@ -462,7 +462,7 @@ class ConfigurationMap(ConfigurationSpace):
     # ---- pictures, and convex regions ------------------------------------------------------------
 
     plot = _outside.plot
-    _repr_png_ = show_png
+    _repr_png_ = _outside.show_png
     free_region = _outside.free_region
     free_regions = _outside.free_regions
 

@@ -8,6 +8,7 @@ from .export._messages import to_costmap as to_costmap
 from .export._messages import to_occupancy_grid as to_occupancy_grid
 from .export._writers import export as export
 from .export._writers import to_xarray as to_xarray
+from .plot._artists import show_png as show_png
 from .plot._picture import plot as plot
 from .reasons._explain import explain as explain
 from .reasons._removals import removals as removals

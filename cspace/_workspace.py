@@ -41,7 +41,7 @@ from cspace._support.limits import (
     PlannedGrid,
     check_memory,
 )
-from cspace._support.reporting import show_png, warn_user
+from cspace._support.reporting import warn_user
 from cspace.errors import CspaceError, FileError, InputError, UnitWarning
 
 if TYPE_CHECKING:
@@ -821,7 +821,7 @@ class Workspace(metaclass=AnswersNames):
         return reader(path, **options)
 
     plot = _outside.plot
-    _repr_png_ = show_png
+    _repr_png_ = _outside.show_png
 
 
 class LiveWorkspace(Workspace):

@@ -117,9 +117,7 @@ from ._support.deadlines import now as now
 from ._support.deadlines import spend as spend
 from ._support.interrupts import hold_interrupts as hold_interrupts
 from ._support.limits import check_memory as check_memory
-from ._support.reporting import figure_png as figure_png
 from ._support.reporting import import_optional as import_optional
-from ._support.reporting import show_png as show_png
 from ._support.reporting import tell_apart as tell_apart
 from ._support.reporting import warn_user as warn_user
 from ._support.threads import count_cores as count_cores

@@ -12,6 +12,7 @@ from cspace.errors import InputError, MissingPackageError
 from cspace.inside import (
     check_count,
     check_positive,
+    names_options,
     suggest_name,
 )
 
@@ -84,6 +85,7 @@ def list_searches(space: Space) -> tuple[PlannerName, ...]:
     return cast(tuple[PlannerName, ...], (*space.searches, *names))
 
 
+@names_options
 @dataclass(frozen=True, slots=True)
 class Search:
     """A planner with settings, as the ``planner`` of :func:`planners.plan`.
@@ -124,8 +126,6 @@ class Search:
 
     def __post_init__(self) -> None:
         """Check the settings."""
-        if not isinstance(cast(object, self.simplify), bool):
-            raise InputError("simplify", f"is {self.simplify!r}", "it must be True or False")
         name = None if self.name is None else planner_named(self.name)
         object.__setattr__(self, "name", name)
         if self.iterations is not None:

@@ -599,6 +599,21 @@ KINDS = {
         lambda value, _: refuse_mover(value),
         [lambda world: world.shape[1] == 3, lambda world: refuse_mover(world).verdict],
     ),
+    "a timing for a motion": (
+        lambda _: cspace.lanes.Timing(find_plan().trajectory(**BRAKES), 1.0),
+        lambda value, _: refuse_mover(value),
+        [lambda world: refuse_mover(world).verdict],
+    ),
+    "a robot in space on a motion in the plane": (
+        lambda _: Mover(Robot.box((0.2, 0.1, 0.3)), find_plan().trajectory(**BRAKES)),
+        lambda value, _: apart(value, Mover("disc:0.1", (2.0, 0.5))),
+        [lambda world: world.dim == 2],
+    ),
+    "corners with a height": (
+        lambda _: [(*corner, 0.5) for corner in SQUARE],
+        lambda value, _: turning().add_obstacle("zone", value),
+        [lambda world: cover(world) == 1.5],
+    ),
     "a trajectory": (
         lambda _: find_plan().trajectory(**BRAKES),
         lambda value, _: turning().certify_path(value),
@@ -764,7 +779,7 @@ def refuse_kind(kind, folder):
         "point_cloud2": SimpleNamespace(read_points=read_fields),
         "space": turning(),
         "arm": cspace.Arm.from_urdf(write_chain(folder, False)),
-        "first": SimpleNamespace(motion=value),
+        "first": SimpleNamespace(motion=value, robot=getattr(value, "robot", None)),
         "zones": [value],
         "spacing": 0.25,
     }

@@ -438,21 +438,23 @@ def test_an_unknown_option_names_the_most_similar_one():
 
 
 MISFITS = {
-    "Robot.box(0.6, 0.6, 0.2)": "Robot.box() ... too many values, 3 ... extents, center ... pass (",
-    "Robot.rectangle((0.6, 0.4))": "lacks width ... length, width, center ... pass 0.6, 0.4",
-    "Robot.disc(0.0, 0.0, 0.3)": "too many values, 3 ... radius, center",
-    "Workspace.from_array(CELLS)": "lacks spacing ... occupied, spacing, lower, and others by name",
-    "cspace.build(WALLS, 'disc:0.1', 8)": "build() ... 3 ... workspace, robot, and others",
-    "flat().is_free(0.5, 1.0)": "CSpace.is_free() ... 2 ... takes q ... pass (0.5, 1.0)",
-    "flat().exact.classify(0.5, 1.0)": "too many values, 2 ... pass (0.5, 1.0)",
-    "flat().clearance(0.5, 1.0)": "too many values, 2 ... pass (0.5, 1.0)",
-    "flat().nearest_free(0.5, 1.0)": "too many values, 2 ... pass (0.5, 1.0)",
-    "flat().motion_is_free(0.8, 0.6, 0.9, 0.6)": "takes q0, q1 ... pass (0.8, 0.6), (0.9, 0.6)",
-    "flat().motion_is_free((0.8, 0.6))": "lacks q1 ... takes q0, q1",
-    "flat().add_obstacle(Robot.disc(0.2))": "lacks shape ... takes name, shape, and others",
-    "planners.Differential(0.5)": "too many values, 1 ... its options are reverse",
-    "planners.Car(radius=0.5)": "no option 'radius' ... turning_radius",
-    "planners.Car(reverse=True)": "Car() lacks turning_radius",
+    "Robot.box(0.6, 0.6, 0.2)": "Robot.box() ... takes extents, center; pass (0.6, 0.6, 0.2)",
+    "Robot.rectangle((0.6, 0.4))": "'width' ... takes length, width, center; pass 0.6, 0.4",
+    "Robot.disc(0.0, 0.0, 0.3)": "Robot.disc() ... it takes radius, center",
+    "Workspace.from_array(CELLS)": "'spacing' ... occupied, spacing, lower, and others by name",
+    "cspace.build(WALLS, 'disc:0.1', 8)": "build() ... takes workspace, robot, and others by name",
+    "flat().is_free(0.5, 1.0)": "CSpace.is_free() ... it takes q; pass (0.5, 1.0)",
+    "flat().exact.classify(0.5, 1.0)": "classify() ... it takes q; pass (0.5, 1.0)",
+    "flat().clearance(0.5, 1.0)": "clearance() ... it takes q; pass (0.5, 1.0)",
+    "flat().nearest_free(0.5, 1.0)": "nearest_free() ... it takes q; pass (0.5, 1.0)",
+    "flat().motion_is_free(0.8, 0.6, 0.9, 0.6)": "takes q0, q1; pass (0.8, 0.6), (0.9, 0.6)",
+    "flat().motion_is_free((0.8, 0.6))": "'q1'; it takes q0, q1",
+    "flat().add_obstacle(Robot.disc(0.2))": "'shape'; it takes name, shape, and others by name",
+    "planners.Differential(0.5)": "Differential() ... its options are reverse",
+    "planners.Search(goal_bias=0.1)": "Search() has no option 'goal_bias' ... simplify",
+    "planners.Car(radius=0.5)": "Car() has no option 'radius' ... turning_radius",
+    "planners.Car(reverse=True)": "Car() ... 'turning_radius'; it takes turning_radius",
+    "planners.Car(0.5, turning_radius=0.5)": "Car() ... 'turning_radius'",
 }
 """Calls that do not fit, and their messages; a call may be given the values that one advises."""
 

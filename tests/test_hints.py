@@ -41,7 +41,10 @@ def build_tiles(folder, **options):
         lambda _: build(FLOOR, Robot.ball(0.1)),
         "robot has 3 dimensions but the workspace has 2 ... agree ... use robot.footprint()",
     ),
-    (lambda _: build(ROOM, CART), "robot has 2 dimensions but the workspace has 3 ... agree"),
+    (
+        lambda _: build(ROOM, CART),
+        "robot has 2 dimensions but the workspace has 3 ... agree; with floor=",
+    ),
     (
         lambda _: build(FLOOR, CART, workers=0),
         "workers is 0 ... whole number above zero",
@@ -77,7 +80,7 @@ def build_tiles(folder, **options):
     ),
     (
         lambda _: Robot.open("disc:0.3"),
-        'the page "Bring your file" says how',
+        "robot is disc:0.3 ... Robot.parse takes",
     ),
     (
         lambda _: build(Workspace.from_array(FLOOR.outer, 1e-9), Robot.disc(1.0)),

@@ -30,6 +30,12 @@ from cspace.errors import CspaceError, FileError, InputError
 TEMPORARY_NAME: Final = r"\.cspace-[0-9a-f]{12}(\..*)?"
 """Pattern of the names of outputs that are incomplete or being replaced."""
 
+BROUGHT: Final = (
+    ".3ds .3mf .blend .dcm .dxf .fbx .fgb .gml .gpkg .iges .kml .las .laz .mha .nc .nii .nrrd .off "
+    ".mjcf .pts .sdf .shp .step .svg .usd .x3d .xacro .xml .xyzrgb"
+)
+"""Suffixes of formats that the page "Bring your file" names."""
+
 _MALFORMED: Final = "it is malformed or truncated"
 """Rule of a file's content if no other is known."""
 
@@ -183,7 +189,8 @@ def check_suffix(
     suffix = file.suffix.lower()
     if suffix not in known:
         rule = f"{rule}; known are {', '.join(filter(None, known))}"
-        hint = "" if is_output else suggest_file(file, BRING_YOUR_FILE, known)
+        page = BRING_YOUR_FILE if suffix in BROUGHT.split() else ""
+        hint = "" if is_output else suggest_file(file, page, known)
         raise InputError(argument, f"is {file}, with suffix {suffix!r}", rule, hint)
     return suffix
 

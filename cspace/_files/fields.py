@@ -143,7 +143,7 @@ class Ledger:
         list_names = getattr(value, "get_fields_and_field_types", tuple)
         slots = getattr(value, "__slots__", ())
         if dataclasses.is_dataclass(value):  # whose class variables are no fields
-            slots = [field.name for field in dataclasses.fields(value)]
+            slots = [each.name for each in dataclasses.fields(value) if each.name[:2] != "__"]
         names = [*(list_names() or slots), *known]
         return {name: getattr(value, name) for name in names if hasattr(value, name)} or None
 

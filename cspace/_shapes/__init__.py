@@ -126,6 +126,10 @@ def _convert_sequence(values: Any, name: str) -> Shape:
     is_one_point = row_shape == () and len(values) in (2, 3)
     if is_one_point or row_shape in ((2,), (3,)):
         rule = "points need a radius, and a polygon 3 corners"
+        if row_shape == (3,) and len(values) > 2:
+            rule = "points need a radius, and corners of a polygon have no height"
+            hint = f"use [corner[:2] for corner in {name}]"
+            raise InputError(name, f"is {len(values)} points in space", rule, hint)
         raise InputError(name, "is points", rule)
     if row_shape == ():
         raise InputError(name, f"is {len(values)} numbers", _SHAPE_NEEDED)

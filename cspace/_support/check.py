@@ -8,7 +8,6 @@ import math
 import operator
 import re
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from contextlib import suppress
 from functools import lru_cache, wraps
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final, ParamSpec, TypeVar
@@ -414,8 +413,11 @@ def _check_call(
 ) -> None:
     """Raise TypeError, with the parameters, if a function cannot be called with these values."""
     signature = inspect.signature(function)
-    with suppress(TypeError):
+    try:
         signature.bind(*values, **options)
+    except TypeError as error:
+        problem = str(error)
+    else:
         return
     parameters = list(signature.parameters.values())
     called = function.__qualname__
@@ -431,31 +433,25 @@ def _check_call(
             hint = suggest_name(name, left) or f"its options are {', '.join(left)}"
             raise TypeError(f"{called}() has no option {name!r}; {hint}") from None
     by_place = [each.name for each in parameters if each.kind in _BY_PLACE]
-    needed = [each for each in parameters if each.default is each.empty]
-    given = {*by_place[: len(values)], *options}
-    missing = [each.name for each in needed if each.name not in given]
-    if missing:
-        problem = f"lacks {', '.join(missing)}"
-    elif len(values) > len(by_place):
-        problem = f"is given too many values, {len(values)}"
-    else:
-        return  # one is given twice, as Python says
     rule = f"it takes {', '.join(by_place)}" if by_place else f"its options are {', '.join(names)}"
     if 0 < len(by_place) < len(names):
         rule += ", and others by name"
+    needed = [str(each.annotation) for each in parameters if each.default is each.empty]
     hint = _suggest_values(needed, values)
-    raise TypeError("; ".join(filter(None, (f"{called}() {problem}", rule, hint)))) from None
+    raise TypeError("; ".join(filter(None, (f"{called}(): {problem}", rule, hint)))) from None
 
 
-def _suggest_values(needed: Sequence[inspect.Parameter], values: Sequence[Any]) -> str:
-    """Return a hint to join numbers to the points that a call needs, or to pass them one by one."""
-    kinds = {str(each.annotation) for each in needed}
+def _suggest_values(needed: Sequence[str], values: Sequence[Any]) -> str:
+    """Return a hint to join numbers to the points that a call needs, or to pass them one by one.
+
+    ``needed`` are the types of the parameters without a default.
+    """
     parts: Sequence[Any] = ()
-    if kinds == {"float"} and len(values) == 1 and np.shape(values[0]) == (len(needed),):
+    if set(needed) == {"float"} and len(values) == 1 and np.shape(values[0]) == (len(needed),):
         parts = values[0]
     size, rest = divmod(len(values), max(1, len(needed)))
     are_numbers = all(isinstance(value, int | float) for value in values)
-    if kinds == {"ArrayLike"} and are_numbers and size > 1 and not rest:
+    if set(needed) == {"ArrayLike"} and are_numbers and size > 1 and not rest:
         parts = [tuple(values[k : k + size]) for k in range(0, len(values), size)]
     return f"pass {', '.join(map(repr, parts))}" if len(parts) else ""
 

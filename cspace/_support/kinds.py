@@ -37,6 +37,7 @@ _CALLS: Final[Mapping[tuple[str, ...], str]] = {
     ("header", "poses"): "use [cspace.ros.configuration_of(pose, space) for pose in {}.poses]",
     ("name", "position", "velocity"): "use arm.configuration({})",
     # Files of plain values.
+    ("levels", "name"): f"a building of the traffic editor is in pixels; {BRING_YOUR_FILE}",
     ("levels",): "use cspace.lanes.RouteGraph.open({})",
     ("layouts",): "use cspace.lanes.RouteGraph.open({})",
     # Values of this library.
@@ -44,6 +45,7 @@ _CALLS: Final[Mapping[tuple[str, ...], str]] = {
         "use {}.path for rows, or {}.trajectory(...) for a motion in time"
     ),
     ("sample_uniform",): "use {}.positions",
+    ("arrival_bound", "trajectory"): "use {}.trajectory",
     ("cell_states",): "use {}.workspace",
     # Values of other packages.
     ("translation", "as_matrix"): (

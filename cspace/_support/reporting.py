@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import inspect
-import io
 import sys
 import warnings
 from collections.abc import Callable, Iterable
@@ -11,7 +10,7 @@ from importlib import import_module
 from typing import Any, Final
 
 from cspace._support.arrays import Floats
-from cspace.errors import CspaceError, MissingPackageError
+from cspace.errors import MissingPackageError
 
 _INTERNAL_PACKAGES: Final = frozenset({"cspace", "planners", *sys.stdlib_module_names})
 """Names of packages whose frames are no callers: this library, and the standard library, which
@@ -51,22 +50,6 @@ def warn_user(message: str, category: type[Warning] = UserWarning) -> None:
 def write_number(number: float, digits: int) -> str:
     """Format a number with some significant digits."""
     return f"{number:.{digits}g}"
-
-
-def figure_png(figure: Any) -> bytes:
-    """Encode a figure as PNG."""
-    file = io.BytesIO()
-    figure.canvas.print_figure(file, format="png", dpi=100.0)
-    return file.getvalue()
-
-
-def show_png(shown: Any) -> bytes | None:
-    """Return the picture that an object's ``plot`` draws, for notebooks; None if it draws none."""
-    try:
-        axes = shown.plot()
-    except CspaceError:
-        return None
-    return figure_png(axes.figure)
 
 
 def tell_apart(

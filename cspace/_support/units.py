@@ -46,8 +46,8 @@ def warn_of_large(
     """Warn if a number is larger than its unit suggests.
 
     ``columns`` are the names of the coordinates in this unit, by index; by default, all numbers are
-    in it. The text has the value of a single number, but none of rows, so that Python prints it
-    once for each line of the user's program.
+    in it. The text has the value of a single number, and of rows an example, so that Python prints
+    it once for each line of the user's program.
     """
     parts = {name: values}
     if columns is not None:
@@ -56,12 +56,11 @@ def warn_of_large(
         if is_expected(numbers, unit):
             continue
         _, words, category = _EXPECTATIONS[unit]
-        example = 90.0 if np.ndim(numbers) else float(np.asarray(numbers))
-        value = "" if np.ndim(numbers) else f"{example:g}, "
         rule = f"it is in {unit}"
         if category is AngleWarning:
-            rule += f", and {example:g} degrees are {math.radians(example):.6g} rad"
-        warn_user(f"{part} is {value}beyond {words}; {rule}", category)
+            degrees = 90.0 if np.ndim(numbers) else float(np.asarray(numbers))
+            rule += f", and {degrees:g} degrees are {math.radians(degrees):.6g} rad"
+        warn_user(f"{part} is beyond {words}; {rule}", category)
 
 
 def suggest_radians(value: float) -> str:

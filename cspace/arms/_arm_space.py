@@ -69,7 +69,6 @@ from cspace.inside import (
     check_rng,
     check_text,
     names_options,
-    show_png,
     turn_near,
     wrap_angles,
 )
@@ -515,7 +514,11 @@ class ArmSpace(ConfigurationSpace):
         scene = arm or now.arm, obstacles, allowed, padding, now.margin
         self.snapshot = make_snapshot(*scene, now, now.uprights)
 
-    _repr_png_ = show_png
+    def _repr_png_(self) -> bytes | None:
+        """Show it in a notebook, as its picture."""
+        from cspace.plot import show_png
+
+        return show_png(self)
 
     @names_options
     def plot(

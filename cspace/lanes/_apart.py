@@ -287,7 +287,10 @@ def _check_axes(axes: tuple[str, ...], robot: Robot, name: str) -> None:
     known = AXES[: robot.dim]
     if axes not in (known, (*known, "yaw")):
         rule = f"that of {robot.name} has {', '.join(known)}, and perhaps yaw"
-        raise InputError(f"{name}.motion", f"has the axes {', '.join(axes)}", rule)
+        hint = (
+            f"use {name}.robot.footprint()" if known == AXES and axes[2:] in ((), ("yaw",)) else ""
+        )
+        raise InputError(f"{name}.motion", f"has the axes {', '.join(axes)}", rule, hint)
 
 
 def check_pair(first: Timed, second: Timed, names: tuple[str, str]) -> None:

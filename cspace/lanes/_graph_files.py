@@ -76,7 +76,7 @@ FIELDS: Final = (
         "`vehicleTypeIds`; `startNodeId`, `endNodeId`, `sequenceId`; "
         "`interactionNodeIds`; `version`",
         refused="several `mapId`; `origins`; `rotationAtStartNodeAllowed`, "
-        "`rotationAtEndNodeAllowed` other than `BOTH`; "
+        "`rotationAtEndNodeAllowed` other than `BOTH` and `NONE`; "
         "`orientation` of control points; curves that jump",
         warned="angles beyond a whole turn; unknown fields, such as `loadRestriction`; "
         "`maxHeight`, `minHeight`, `maximumMobileRobotHeight`, `minimumLoadHandlingDeviceHeight`; "
@@ -199,6 +199,8 @@ def read_graph(
         if key not in found:
             rule = f"a route graph has one of {', '.join(_GRAPHS)}; LIF is read up to version 1"
             raise document.fail("has no nodes", rule)
+        if key == "levels" and "name" in found:
+            raise document.fail("is a building", "a navigation graph is needed", document.hint)
         contents = read_format(document, heading, level, vehicle)
     document.close(os.fspath(path))
     return contents
@@ -393,9 +395,12 @@ def _add_lif_edge(
         edge.skip()
         return
     entry = entry or edge
-    entry.refuse("rotationAtStartNodeAllowed", "BOTH")
-    entry.refuse("rotationAtEndNodeAllowed", "BOTH")
+    turns = []
+    for key in ("rotationAtStartNodeAllowed", "rotationAtEndNodeAllowed"):
+        entry.refuse(key, "BOTH", "NONE")
+        turns.append(entry.get(key) != "NONE")
     _add_edge(builder, edge, entry, _read_ends(edge), "vehicleOrientation", _may_turn(entry, False))
+    builder.lanes[-1] = builder.lanes[-1]._replace(turns=tuple(turns))
 
 
 def _choose_layout(document: Ledger, level: str | None) -> tuple[Ledger, dict[str, Ledger]]:

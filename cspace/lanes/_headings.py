@@ -71,6 +71,8 @@ class Lane(NamedTuple):
         Distance, metres, up to which the robot may leave the lane.
     mutex : str
         Mutex group, whose lanes and nodes one robot at a time may use; empty without one.
+    turns : tuple of bool
+        Whether a robot may turn on the spot at the start before the lane, and at the end after it.
     """
 
     name: str
@@ -80,11 +82,13 @@ class Lane(NamedTuple):
     legs: tuple[Leg, ...] = ()
     deviation: float = 0.0
     mutex: str = ""
+    turns: tuple[bool, ...] = (True, True)
 
 
 def reverse_lane(lane: Lane) -> Lane:
     """Return a lane in the other direction, with the same rule."""
-    return lane._replace(start=lane.end, end=lane.start, legs=reverse_legs(lane.legs))
+    legs, turns = reverse_legs(lane.legs), lane.turns[::-1]
+    return lane._replace(start=lane.end, end=lane.start, legs=legs, turns=turns)
 
 
 def find_repeated(values: Iterable[Any]) -> Any:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import product
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -84,32 +85,41 @@ class Reach:
         """Connect the ports by the lanes that are free."""
         self._free_yaws = [intervals.tolist() for intervals in free_yaws]
         self._numbers: dict[tuple[int, int, int], int] = {}
-        first, last = [], []
+        self._fixed = {
+            node
+            for lane in graph.lanes
+            for node, turns in zip((lane.start, lane.end), lane.turns, strict=True)
+            if not turns
+        }
+        links: list[tuple[int, int]] = []
         for number in np.flatnonzero(is_free).tolist():
             lane = graph.lanes[number]
             legs = list_legs(graph, lane)
+            ways = [(way.yaws(legs[0])[0], way.yaws(legs[-1])[1]) for way in list_yaws(graph, lane)]
             # Where all yaws are free, any stands for all.
-            for way in list_yaws(graph, lane):
-                first.append(self._find_port(lane.start, way.yaws(legs[0])[0]))
-                last.append(self._find_port(lane.end, way.yaws(legs[-1])[1]))
-            if not list_yaws(graph, lane):
-                first.append(self._find_port(lane.start, 0.0))
-                last.append(self._find_port(lane.end, 0.0))
+            for start, end in ways or [(0.0, 0.0)]:
+                firsts = self._find_ports(lane.start, start, lane.turns[0])
+                links += product(firsts, self._find_ports(lane.end, end, lane.turns[1]))
         for node, intervals in enumerate(self._free_yaws):
             for low, _ in intervals:
-                self._find_port(node, low)
+                self._find_ports(node, low, True)
         size = len(self._numbers)
-        self._links = sparse.csr_array((np.ones(len(first)), (first, last)), shape=(size, size))
+        first, last = np.array(links, dtype=np.int64).reshape(-1, 2).T
+        self._links = sparse.csr_array((np.ones(len(links)), (first, last)), shape=(size, size))
         self._nodes = [node for node, *_ in self._numbers]
 
-    def _find_port(self, node: int, yaw: float) -> int:
-        """Return the number of the port of a node in which a yaw lies."""
+    def _find_ports(self, node: int, yaw: float, turns: bool) -> list[int]:
+        """Return the numbers of the ports of a node in which a yaw lies.
+
+        A robot that ``turns`` there is in the interval of the yaw. At a node where some lane
+        forbids that, it is at the single yaw, too.
+        """
         # Lanes that meet at one yaw, within rounding, need no turn.
-        key = node, -1, round(yaw % math.tau / SAME_YAW) % round(math.tau / SAME_YAW)
+        keys = [(node, -1, round(yaw % math.tau / SAME_YAW) % round(math.tau / SAME_YAW))]
         for k, (low, high) in enumerate(self._free_yaws[node]):
-            if (yaw - low) % math.tau <= high - low:
-                key = node, k, 0
-        return self._numbers.setdefault(key, len(self._numbers))
+            if turns and (yaw - low) % math.tau <= high - low:
+                keys = [*(keys if node in self._fixed else []), (node, k, 0)]
+        return [self._numbers.setdefault(key, len(self._numbers)) for key in keys]
 
     def list_parts(self) -> list[list[int]]:
         """List the nodes of each strongly connected part, the largest part first."""
@@ -119,7 +129,8 @@ class Reach:
         parts: list[set[int]] = [set() for _ in range(count)]
         for node, label in zip(self._nodes, labels.tolist(), strict=True):
             parts[label].add(node)
-        unique = {tuple(sorted(part)) for part in parts}
+        joined = {node for part in parts if len(part) > 1 for node in part}
+        unique = {tuple(sorted(part)) for part in parts if len(part) > 1 or not part <= joined}
         return [list(part) for part in sorted(unique, key=lambda part: (-len(part), part))]
 
     def list_lost(self, pairs: list[tuple[int, int]]) -> list[tuple[int, int]]:

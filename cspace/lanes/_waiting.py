@@ -28,7 +28,6 @@ from cspace.inside import (
     Floats,
     check_not_negative,
     names_options,
-    show_png,
     tell_apart,
 )
 from cspace.lanes._apart import (
@@ -89,7 +88,7 @@ class Timing:
 
     def _repr_png_(self) -> bytes | None:
         """Show the motion in a notebook, as its picture."""
-        return None if self.trajectory is None else show_png(self.trajectory)
+        return None if self.trajectory is None else self.trajectory._repr_png_()
 
 
 @names_options

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Final, cast
@@ -9,7 +10,8 @@ from typing import TYPE_CHECKING, Any, Final, cast
 import numpy as np
 
 from cspace import Grid
-from cspace.inside import Bytes, Floats, figure_png, reduce_blocks
+from cspace.errors import CspaceError
+from cspace.inside import Bytes, Floats, reduce_blocks
 from cspace.plot.scene import (
     ENDPOINT_COLORS,
     PATH_COLOR,
@@ -292,3 +294,19 @@ def annotate(
 def show_in_notebooks(ax: Any) -> None:
     """Let a notebook show the figure of axes, which has no window."""
     vars(ax)["_repr_png_"] = lambda: figure_png(ax.figure)
+
+
+def figure_png(figure: Any) -> bytes:
+    """Encode a figure as PNG."""
+    file = io.BytesIO()
+    figure.canvas.print_figure(file, format="png", dpi=100.0)
+    return file.getvalue()
+
+
+def show_png(shown: Any) -> bytes | None:
+    """Return the picture that an object's ``plot`` draws, for notebooks; None if it draws none."""
+    try:
+        axes = shown.plot()
+    except CspaceError:
+        return None
+    return figure_png(axes.figure)

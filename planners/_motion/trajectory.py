@@ -31,7 +31,6 @@ from cspace.inside import (
     names_options,
     number_parts,
     replacing,
-    show_png,
     tell_apart,
     warn_user,
 )
@@ -695,7 +694,11 @@ class Trajectory:
                 curves.append(("angular speed", "angular speed (rad/s)", turned))
         return plot_rates(self.times, curves, ax)
 
-    _repr_png_ = show_png
+    def _repr_png_(self) -> bytes | None:
+        """Show it in a notebook, as its picture."""
+        from cspace.plot import show_png
+
+        return show_png(self)
 
     def to_path(self, msg: Any = None, *, frame_id: str | None = None) -> Any:
         """Return the rows as a ``nav_msgs/Path`` of ROS.
@@ -969,7 +972,18 @@ def continue_trajectory(
         if made is not None and made.certified:
             return made
         reason = "the motion along the plan is not proven free, or rounding exceeds its limits"
+    elif bounds.velocity.shares(stop.velocities[0]).max() > 1.0:
+        reason = _describe_speed(stop, bounds)
     return _rest(stop, bounds, reason)
+
+
+def _describe_speed(stop: Trajectory, bounds: MotionBounds) -> str:
+    """Return why a robot cannot go on within limits of velocity that it exceeds."""
+    limit = bounds.velocity.linear
+    reason = "the robot drives faster than max_velocity, which holds at once"
+    if stop._route.moves_joints or limit.ndim:
+        return reason
+    return f"{reason}; speed={limit:g} with the max_velocity of before slows it down on the way"
 
 
 def _rest(stop: Trajectory, bounds: MotionBounds, reason: str) -> Trajectory:

@@ -1,5 +1,6 @@
 """Arms from texts and messages of ROS: descriptions, states and limits of joints."""
 
+import dataclasses
 import warnings
 from types import SimpleNamespace
 
@@ -131,6 +132,20 @@ def test_limits_of_joints_are_those_of_moveit(arm, tmp_path):
             assert read.duration == expected.duration
         along = planners.Trajectory.along(space, plan.path, **dict.fromkeys(given, path))
     assert along.duration == planners.Trajectory.along(space, plan.path, **given).duration
+
+
+def make_typed(kind, /, **values):
+    """Make a message as of rosbags, whose type is a field of its dataclass."""
+    fields = [*values, ("__msgtype__", str, dataclasses.field(default=kind))]
+    return dataclasses.make_dataclass(kind, fields)(**values)
+
+
+def test_the_type_of_a_message_is_no_field_of_it(arm):
+    header = make_typed("Header", frame_id="", stamp=make_typed("Time", sec=1, nanosec=0))
+    state = {"name": ["turn", "slide"], "position": np.array([0.2, 0.1])}
+    state |= {"velocity": np.zeros(0), "effort": np.zeros(0), "header": header}
+    with warnings.catch_warnings(action="error"):
+        assert tuple(arm.configuration(make_typed("JointState", **state))) == (0.1, 0.2)
 
 
 def test_limits_of_joints_that_are_off_or_wrong_are_heard(arm, tmp_path):

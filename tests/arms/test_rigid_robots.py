@@ -1,6 +1,7 @@
 """URDF files, against formulas of primitives posed by scipy."""
 
 import warnings
+import xml.etree.ElementTree as ElementTree
 from contextlib import nullcontext
 from pathlib import Path
 
@@ -13,7 +14,7 @@ import cspace
 from cspace import AngleWarning, FileError, InputError, Robot
 from cspace._shapes.mesh import Mesh
 from tests.helpers.mesh_files import NOTES, measure, write_noted, write_plate
-from tests.helpers.refusals import refusals
+from tests.helpers.refusals import check_refused, refusals
 
 BASE = """
 <link name="base">
@@ -376,6 +377,22 @@ def test_limits_of_a_continuous_joint_warn(tmp_path):
     soft = '<axis xyz="0 1 0"/><safety_controller soft_lower_limit="-1" soft_upper_limit="1" k_velocity="1"/>'
     with pytest.warns(UserWarning, match="-1.0 and 1.0 do not count"):
         cspace.Arm.from_urdf(write_urdf(tmp_path, BASE.replace('<axis xyz="0 1 0"/>', soft)))
+
+
+def test_limits_of_acceleration_in_a_urdf_are_named_as_not_read(tmp_path):
+    rates = 'velocity="1" acceleration="0.5" deceleration="0.4" jerk="2"'
+    limit = f'<axis xyz="0 1 0"/><limit lower="-1" upper="2" effort="1" {rates}/>'
+    body = BASE.replace("continuous", "revolute").replace('<axis xyz="0 1 0"/>', limit)
+    named = r"not read: acceleration \(limit\), deceleration \(limit\), jerk \(limit\)"
+    with pytest.warns(UserWarning, match=named):
+        cspace.Arm.from_urdf(write_urdf(tmp_path, body))
+
+
+@pytest.mark.parametrize("read", [cspace.Arm.from_urdf, Robot.from_urdf])
+@pytest.mark.parametrize("value", [ElementTree.ElementTree(), object(), 5, b"<robot/>", None])
+def test_a_robot_that_another_package_has_loaded_is_refused_by_its_kind(read, value):
+    message = f"path is a {type(value).__name__} ... file name, or the text"
+    check_refused(lambda: read(value), message)
 
 
 UNIT_BOX = '<geometry><box size="1 1 1"/></geometry>'

@@ -1,12 +1,15 @@
 """Names of files, and other files in place of the expected ones."""
 
 import os
+import re
 
 import pytest
 
 import cspace
 from cspace import CspaceError, FileError, InputError, Robot, Workspace, make_mesh
+from cspace._files.access import BROUGHT
 from tests.helpers.handmade import build_empty
+from tests.helpers.repository import ROOT
 
 POINTER = "version https://git-lfs.github.com/spec/v1\noid sha256:" + 64 * "0" + "\nsize 12345\n"
 
@@ -50,6 +53,29 @@ def test_a_file_of_another_format_is_refused_with_its_converter(tmp_path):
     (tmp_path / "part.off").touch()
     with pytest.raises(CspaceError, match="Bring your file"):
         make_mesh(tmp_path / "part.off")
+
+
+WORDS = {
+    ".nc": "netCDF",
+    ".nii": "NIfTI",
+    ".dcm": "DICOM",
+    ".xml": "MJCF",
+    ".shp": "Shapefile",
+    ".gpkg": "GeoPackage",
+}
+WORDS |= {".fgb": "FlatGeobuf", ".blend": "Blender"}
+"""Names of formats that their suffixes do not tell."""
+
+
+def test_a_refusal_leads_to_the_page_only_for_formats_that_the_page_names(tmp_path):
+    page = (ROOT / "docs/howto/bring_your_file.md").read_text(encoding="utf-8")
+    for suffix in BROUGHT.split():
+        name = WORDS.get(suffix, suffix[1:])
+        assert re.search(rf"\b{name}\b", page, re.IGNORECASE), suffix
+    for suffix in (".ifc", ".e57", ".osm", ".vtk", ".vxblx", ".blob", ""):
+        with pytest.raises(InputError, match="the suffix selects the format") as refused:
+            Workspace.open(tmp_path / f"scene{suffix}", spacing=0.1)
+        assert not refused.value.hint
 
 
 def test_an_output_is_not_taken_for_a_misspelt_input(tmp_path):

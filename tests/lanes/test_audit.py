@@ -20,7 +20,7 @@ from cspace.errors import AngleWarning, InputError
 from cspace.lanes import RouteGraph
 from tests.helpers.handmade import build_empty
 from tests.helpers.placements import obstacles_of
-from tests.helpers.refusals import check_refused
+from tests.helpers.refusals import check_refused, write
 from tests.helpers.regions import place_polygon
 from tests.helpers.strategies import few
 
@@ -46,6 +46,37 @@ def rooms():
     occupied[40:42, 21:29] = False
     occupied[10:13, 30:34] = True
     return build(occupied)
+
+
+@pytest.mark.parametrize(
+    "forbidden, parts",
+    [
+        ((), [["A", "B", "C"]]),
+        (("BC", "Start"), [["A", "B"], ["B", "C"]]),
+        (("AB", "End"), [["A", "B"], ["B", "C"]]),
+        (("BA", "Start"), [["A", "B"], ["B", "C"]]),
+        (("CB", "End"), [["A", "B"], ["B", "C"]]),
+        (("AB", "Start"), [["A", "B", "C"]]),
+    ],
+)
+def test_a_turn_that_a_layout_forbids_joins_no_lanes(rooms, tmp_path, forbidden, parts):
+    places = {"A": (5.0, 1.0), "B": (7.0, 1.0), "C": (7.0, 3.0)}
+    nodes = [{"nodeId": k, "nodePosition": {"x": x, "y": y}} for k, (x, y) in places.items()]
+    edges = [make_edge("AB"), make_edge("BA", math.pi), make_edge("BC"), make_edge("CB", math.pi)]
+    for edge in edges:
+        if forbidden and edge["edgeId"] == forbidden[0]:
+            edge["vehicleTypeEdgeProperties"][0][f"rotationAt{forbidden[1]}NodeAllowed"] = "NONE"
+    layout = {"layoutId": "L", "nodes": nodes, "edges": edges, "stations": []}
+    file = write(tmp_path, "lif.json", {"metaInformation": {}, "layouts": [layout]})
+    found = cspace.lanes.audit(rooms, RouteGraph.open(file))
+    assert found.counts["free"] == 4 and found.parts == parts
+
+
+def make_edge(ends, yaw=0.0):
+    """Return an edge of LIF that is driven at a yaw from its direction."""
+    rule = {"vehicleTypeId": "v", "vehicleOrientation": yaw, "orientationType": "TANGENTIAL"}
+    edge = {"edgeId": ends, "startNodeId": ends[0], "endNodeId": ends[1]}
+    return edge | {"vehicleTypeEdgeProperties": [rule | {"rotationAllowed": False}]}
 
 
 def true_room(space, p, q, yaw, side):

@@ -357,6 +357,12 @@ CROOKED = {
         [0, 0, {"name": "dock"}],
         "vertex 1 is there twice",
     ),
+    (
+        "rmf.yaml",
+        ("name",),
+        "depot",
+        "the graph is a building; a navigation graph is needed; a building of the traffic",
+    ),
     ("rmf.yaml", (*LANES, 1), 9, "lane 0 is [0, 9"),
     ("rmf.yaml", LANES, 5, "lane 0 is 5"),
     ("rmf.yaml", (*LANES, 2), {"orientation_constraint": "left"}, "orientation_constraint 'left'"),

@@ -7,6 +7,7 @@ instants, and the times of trapezoids.
 import copy
 import dataclasses
 import pickle
+import re
 from functools import cache
 
 import numpy as np
@@ -256,6 +257,20 @@ def go_on(limits, at, speed, later=()):
     motion = plan.trajectory(**limits, speed=later)
     onward = planners.plan(plan.space, motion.starts_after(at)[0], plan.goal)
     return motion, onward.trajectory(**limits, after=motion, at=at, speed=speed)
+
+
+def test_a_motion_faster_than_its_new_limit_slows_down_as_its_reason_says():
+    plan = plan_along_hall()
+    fast = {"max_velocity": 2.0, "max_acceleration": 0.5}
+    motion = plan.trajectory(**fast)
+    onward = planners.plan(plan.space, motion.starts_after(6.0)[0], plan.goal)
+    stop = onward.trajectory(**fast | {"max_velocity": 0.75}, after=motion, at=6.0)
+    assert stop.stop_reason.startswith("the robot drives faster than max_velocity")
+    speed = float(re.search(r"speed=([\d.]+)", stop.stop_reason)[1])  # type: ignore[index]
+    slow = onward.trajectory(**fast, after=motion, at=6.0, speed=speed)
+    assert not slow.stop_reason and np.linalg.norm(slow.velocities[-9:], axis=1).max() <= 0.7501
+    by_axis = onward.trajectory(max_velocity=(0.7, 0.7), max_acceleration=0.5, after=motion, at=6.0)
+    assert "faster" in by_axis.stop_reason and "speed=" not in by_axis.stop_reason
 
 
 @pytest.mark.parametrize("at", [3.0, 5.0, 6.0])

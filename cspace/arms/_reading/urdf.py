@@ -65,8 +65,9 @@ FIELDS: Final = (
         refused="xacro; `quat_xyzw`; planar and floating joints below the base; capsules",
         warned=(
             "`visual` without `collision` (`visuals=True`); angles beyond a whole turn; `limit` "
-            "without lower and upper, or of a continuous joint; links that move against a rigid "
-            "robot; elements and attributes that URDF lacks"
+            "without lower and upper, or of a continuous joint; `acceleration`, `deceleration` "
+            "and `jerk` of `limit`; links that move against a rigid robot; elements and attributes "
+            "that URDF lacks"
         ),
     ),
     Fields(
@@ -112,7 +113,7 @@ _PARTS: Final = {
     "parent": "link",
     "child": "link",
     "axis": "xyz",
-    "limit": "lower upper velocity effort acceleration jerk deceleration",
+    "limit": "lower upper velocity effort",
     "safety_controller": "soft_lower_limit soft_upper_limit k_position k_velocity",
     "mimic": "joint multiplier offset",
 }
@@ -198,8 +199,11 @@ def load_urdf(
     return urdf
 
 
-def name_description(source: StrPath) -> str:
+def name_description(source: object) -> str:
     """Return the file of a URDF or SRDF, or a name for a text."""
+    if not isinstance(source, str | os.PathLike):
+        rule = "it must be a file name, or the text of the file"
+        raise InputError("path", f"is a {type(source).__name__}", rule)
     text = str(source)
     return "robot_description" if text.lstrip().startswith("<") else text
 
