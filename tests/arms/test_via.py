@@ -82,7 +82,7 @@ def test_whole_turns_of_a_continuous_joint_add_up_from_place_to_place(tmp_path):
 def test_paths_of_all_planners_begin_at_the_start_without_whole_turns(name):
     space = build_plane_arm(**CONTINUOUS)
     start, goal = (2.0 * math.tau + 1.0, 0.3), (-1.0, 0.5)  # beyond the first post
-    search = planners.Search(name, iterations=300 if name in ANYTIME_PLANNERS else None)
+    search = planners.Search(name, iterations=1500 if name in ANYTIME_PLANNERS else None)
     plan = planners.plan(space, start, goal, planner=search, seed=1)
     assert plan.certified and len(plan.waypoints) > 2
     assert tuple(plan.waypoints[0].tolist()) == start
