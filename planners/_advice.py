@@ -37,8 +37,7 @@ def describe_failure(
         limits = _describe_free_yaws(edges, task.endpoints)
         if is_connected:
             existence = "one exists for a robot that also moves sideways"
-    left = task.limit.share(0.95) - result.planning
-    is_late = not left.is_left
+    is_late = result.is_late(task.limit)
     *hints, last_hint = _list_hints(task, is_connected, is_late, finds_path)
     hint = ", or ".join(filter(None, [", ".join(hints), last_hint]))
     if not (edges.exact or is_connected):
@@ -86,8 +85,8 @@ def _name_more(task: PlanTask, is_late: bool) -> str:
         name = cast(PlannerName, task.planner.name) if task.is_named else None
         search = Search(name, 10 * task.iterations, task.simplify, task.range)
         return f"more iterations by planner=planners.{search}"
-    seconds = DEFAULT_SECONDS if task.time_limit is None else task.time_limit
-    return f"more time (time_limit={10.0 * seconds:g})"
+    seconds = task.time_limit or max(DEFAULT_SECONDS, task.limit.work_seconds)
+    return f"more time (time_limit={10.0 * seconds:.3g})"
 
 
 def _list_drive_hints(task: PlanTask) -> list[str]:

@@ -109,7 +109,7 @@ def _find_legs(
     while True:
         number = len(legs) + 1
         missing = len(stages) - number
-        share = GOAL_SHARE / missing if hurries else 1.0 / missing
+        share = 1.0 if is_last_try else (GOAL_SHARE if hurries else 1.0) / missing
         limited = replace(task, limit=measure_left(task, searched).share(share))
         leg = _search_leg(limited, stages, number, starts, routes)
         searched.append(leg.result)
@@ -118,6 +118,7 @@ def _find_legs(
             if missing == 1:
                 return tip, searched
             legs.append(leg)
+            is_last_try = False
             hurries |= is_slow and bool(leg.others)
             end = tuple(leg.result.path[-1].tolist())
             if (number, end) not in tried:
@@ -132,14 +133,14 @@ def _find_legs(
         choice = _pop_choice(legs)
         if choice is not None:
             starts, routes = choice.task.starts, choice.others
-        elif hurries:
+        elif not (hurries or best[-1].result.is_late(best[-1].task.limit)):
+            return best, searched
+        else:
             is_last_try = True
             is_slow = hurries = False
             tried.clear()
             *legs, leg = best
             starts, routes = leg.task.starts, leg.task.routes
-        else:
-            return best, searched
 
 
 def _pop_choice(legs: list[SearchedLeg]) -> SearchedLeg | None:

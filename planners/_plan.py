@@ -154,7 +154,7 @@ def plan(
     time_limit : float, optional
         Seconds after which the search ends. Simplification then has another 0.1 s. Work that a map
         does once, and compiling, also by other threads of this process, come on top. The default is
-        counted work, about a second on an idle machine.
+        counted work, about a second for each part on an idle machine.
     seed : int, optional
         From 0 to 2^32 - 2. The same call with the same seed gives the same path, unless a time
         limit ends the search. Default planners need none.
@@ -173,7 +173,8 @@ def plan(
         direction.
     via : sequence, optional
         Places on the way, in this order, each like the goal. Each part of the path is the best
-        from the end of the part before, if that leads on; they share the time limit evenly.
+        from the end of the part before, if that leads on. They share the time limit evenly at
+        first; a part that fails may use all that is left.
     previous : Plan, optional
         The last plan for a space with these axes, in memory. The path joins it and follows it; only
         a blocked part is searched anew. If a start lies in a MIXED cell and the geometry proves it
@@ -254,6 +255,8 @@ def plan(
             space = task.edges.space
     task = _choose_searches(task)
     places = _check_places(via, goal, task)
+    if time_limit is None:
+        task = replace(task, limit=task.limit.share(len(places)))
     origin, moved = _check_start(task, origins)
     stages, texts = _check_stages(task, places, origin)
     task = replace(task, edges=weigh_edges(task, task.edges))

@@ -88,6 +88,9 @@ ARC_ERROR: Final = MAX_GAP * (1.0 + math.tau) + POINT_ERROR
 EDGE_COST: Final = 1e-6
 """Extra cost of an edge when a path is shortened, metres; it merges collinear drives."""
 
+MIN_DRIVE_CELLS: Final = 0.1
+"""Length in cells of the shortest drive that shortening may add."""
+
 MIN_ROUND_GAIN: Final = 1e-7
 """Share of a path by which a round must shorten it for another to follow."""
 
@@ -547,8 +550,14 @@ def shorten_path(edges: LocalPlanner, path: Floats, until: Effort) -> Floats:
 
 def _shorten_once(edges: LocalPlanner, path: Floats, until: Effort) -> Floats:
     """Skip waypoints of a path, and cut corners between straights."""
-    is_free = edges.edge_checker()
+    is_proven = edges.edge_checker()
     cost = edges.cost()
+    shortest = MIN_DRIVE_CELLS * edges.cells.grid.spacing
+
+    def is_free(*q: float) -> bool:
+        """Return True if an edge is proven, and no tiny drive between two turns."""
+        metres = math.dist(q[:2], q[3:5])
+        return (metres == 0.0 or metres >= shortest) and is_proven(*q)
 
     def measure(*q: float) -> float:
         """Return the cost of an edge, plus a little for each edge."""

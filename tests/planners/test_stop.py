@@ -39,6 +39,7 @@ def turning():
     return build_maze(8)
 
 
+DRIVES = ("holonomic", "differential", "dubins", "reeds-shepp")
 NAMES = (*planner_names(), "Grid", None)
 
 
@@ -93,12 +94,27 @@ def test_the_lattice_proves_a_shut_door_soon(drive):
     assert plan.is_disconnected and plan.status == "no path exists: proven"
 
 
-@pytest.mark.parametrize("drive", ["holonomic", "differential", "dubins", "reeds-shepp"])
+@pytest.mark.parametrize("drive", DRIVES)
 def test_every_drive_ends(turning, drive):
     ends = (0.3, 0.3, 0.0), (7.3, 7.3, 0.0)
     options = {"drive": make_drive(drive, 0.1), "time_limit": LONG}
     plan = planners.plan(turning, *ends, stop=lambda: True, **options)
     assert not plan and "stopped" in plan.status and not plan.hint
+
+
+SHORT = [*((name, None) for name in NAMES), *((None, drive) for drive in DRIVES)]
+
+
+@pytest.mark.parametrize("name, drive", SHORT)
+def test_a_plan_that_has_hardly_any_time_says_so(flat, turning, name, drive):
+    given = {"drive": make_drive(drive, 0.1)} if drive else {"planner": name}
+    start, middle, goal = np.array([(0.3, 0.3, 0.0), (0.3, 4.0, 1.6), (7.3, 7.3, 0.0)])
+    space = turning if drive else flat
+    for vias, limit in itertools.product(([], [middle], [middle, start]), (1e-9, 1e-3, 2e-2)):
+        start, goal, *via = (q[: space.size] for q in (start, goal, *vias))
+        for each in (space, space.exact):
+            plan = planners.plan(each, start, goal, via=via, time_limit=limit, **given)
+            assert plan.certified or "no path found within" in plan.status
 
 
 def test_an_arm_ends():
