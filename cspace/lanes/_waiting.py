@@ -321,9 +321,10 @@ class TimingSearch:
             needed = float(way.least_times[reach.piece :].sum())
             if math.isinf(entered):
                 entered, needed = 0.0, float(way.least_times.sum())
-            ends = self._shown + entered + needed, self._shown + self._duration
-            needed_until, until = tell_apart(*ends)
-            return f"the path takes until {needed_until} s at the least, longer than until={until}"
+            arrival, until = tell_apart(
+                self._shown + entered + needed, self._shown + self._duration
+            )
+            return f"the path takes until {arrival} s at the least, longer than until={until}"
         number = int(row[blocked[0]])
         is_other = row != number
         begin = int(np.flatnonzero(is_other[: blocked[0]]).max(initial=-1)) + 1
