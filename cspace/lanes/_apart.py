@@ -471,8 +471,8 @@ class ApartSearch:
         self._margin = margin
         self._duration = duration
 
-    def run(self) -> Separation:
-        """Halve intervals until all are proven, or contact is found."""
+    def run(self, *, finds_first: bool = True) -> Separation:
+        """Halve intervals until all are proven, or contact is found, perhaps not the first one."""
         lows, highs = self._cut_first()
         # Number of intervals, besides the first, that are tried at once before motions stay
         # undecided.
@@ -497,7 +497,7 @@ class ApartSearch:
             if touch is not None:
                 # Width of an interval, seconds, in which no earlier instant of contact is
                 # searched.
-                left &= (lows < touch.time) & (highs - lows > 1e-3)
+                left &= finds_first & (lows < touch.time) & (highs - lows > 1e-3)
             stuck = left & is_narrow
             if len(lows) > most:
                 # What proves enough for the distance settles, too.

@@ -254,7 +254,8 @@ class TimingSearch:
         times, bounds = bound_rates(trajectory, self._mover.robot.shape.lever)
         mover = self._mover._replace(trajectory=trajectory, times=times, bounds=bounds)
         for other, measure in zip(self._others, self._measures, strict=True):
-            if not ApartSearch((mover, other), measure, self._margin, self._duration).run():
+            search = ApartSearch((mover, other), measure, self._margin, self._duration)
+            if not search.run(finds_first=False):
                 return False
         self._best, self._latest = trajectory, trajectory.duration
         return True
@@ -262,11 +263,11 @@ class TimingSearch:
     def _cut_time(self, way: PathPieces, size: float) -> Floats:
         """Return the borders of windows and their middles, seconds, shape (2 count + 1,).
 
-        In a window the fastest robot moves about as far as in the longest piece of the path.
+        In a window the fastest robot moves somewhat less far than in the longest piece of the path.
         """
         movers = self._mover, *self._others
         speed = max(float(each.bounds[:2].sum(axis=0).max()) for each in movers)
-        count = speed * self._duration / max(float(np.diff(way.travel[::2]).max()), size)
+        count = 1.1 * speed * self._duration / max(float(np.diff(way.travel[::2]).max()), size)
         return np.linspace(0.0, self._duration, 2 * math.ceil(min(max(count, 1.0), MAX_PARTS)) + 1)
 
     def _classify(self, way: PathPieces, times: Floats) -> NDArray[np.int16]:
@@ -324,9 +325,10 @@ class TimingSearch:
             needed = float(way.least_times[reach.piece :].sum())
             if math.isinf(entered):
                 entered, needed = 0.0, float(way.least_times.sum())
-            ends = self._shown + entered + needed, self._shown + self._duration
-            needed_until, until = tell_apart(*ends)
-            return f"the path takes until {needed_until} s at the least, longer than until={until}"
+            arrival, until = tell_apart(
+                self._shown + entered + needed, self._shown + self._duration
+            )
+            return f"the path takes until {arrival} s at the least, longer than until={until}"
         number = int(row[blocked[0]])
         is_other = row != number
         begin = int(np.flatnonzero(is_other[: blocked[0]]).max(initial=-1)) + 1

@@ -388,7 +388,7 @@ def test_reasons_say_who_is_in_the_way_where_and_when(straight):
     check_reason(caught, text, 0.54, 101.47, 102.07, 101.47)
     passing = Mover("disc:0.3", (9.0, 1.0), at=130.0, velocity=(0.0, 0.5))
     comes = time_around(robot, [passing], until=134.0)
-    check_reason(comes, text.replace("until # s", "on"), 8.0, 133.0, 110.0)
+    check_reason(comes, text.replace("until # s", "on"), 8.0, 132.8, 110.0)
     timing = time_around(robot, [passing], until=160.0)
     assert 34.0 < timing.arrival_bound < timing.trajectory.duration < 37.5
 
@@ -528,7 +528,12 @@ def test_a_robot_that_stands_needs_no_time(straight):
     (None, [Mover("disc:0.3", (9, 9), velocity=(1, 0))], {}, "until is missing"),
     (None, [Mover("disc:0.3", (9, 9), growth=0.1)], {}, "until is missing"),
     (Mover("disc:0.3", (1.0, 2.0), at=1.7e18), [], {}, "mover.at is 1.7e+18 ... seconds ... 256 s"),
-    (None, [Mover("disc:0.3", (9, 9), at=-1e13)], {}, "others[0].at is -10000000000000.0 ... 0.001"),
+    (
+        None,
+        [Mover("disc:0.3", (9, 9), at=-1e13)],
+        {},
+        "others[0].at is -10000000000000.0 ... 0.001",
+    ),
     (None, [], {"until": -1.0}, "until is -1; the motions begin at 0 s"),
     (None, [], {"margin": -1.0}, "margin is -1.0"),
 )
