@@ -44,7 +44,9 @@ def hold_interrupts() -> Iterator[list[BaseException]]:
             if signal.getsignal(number) is holder:  # nobody else has set another one
                 signal.signal(number, handler)
         if held:
-            raise held[0]
+            # Frames and the list would keep OMPL's objects, and it reports them as Python ends.
+            del held[1:]
+            raise held.pop().with_traceback(None)
 
 
 class _Holder:
