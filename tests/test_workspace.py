@@ -155,3 +155,11 @@ def test_unknown_cells_of_ros_are_refused_in_an_array():
     message.info.width, message.info.height, message.info.resolution = 2, 2, 0.1
     message.data = cells.T.ravel()
     assert Workspace.from_occupancy_grid(message).outer.tolist() == [[False, True], [True, False]]
+
+
+@pytest.mark.parametrize("suffix", ["gltf", "dae", "obj", "xyz", "csv", "stl", "geojson"])
+def test_a_file_of_one_long_line_without_a_spacing_is_refused(tmp_path, suffix):
+    file = tmp_path / f"long.{suffix}"
+    file.write_text("0.1 " * 60_000)
+    with pytest.raises(cspace.CspaceError, match=r"spacing|cannot be read"):
+        cspace.Workspace.open(file)

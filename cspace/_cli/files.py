@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Collection, Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -63,7 +62,7 @@ def read_path(file: Path, axes: Sequence[str]) -> list[list[float]]:
     try:
         names, rows = _read_table(file, axes)
         points = np.array(rows, dtype=np.float64)
-    except (ValueError, TypeError, KeyError, AttributeError, csv.Error) as error:
+    except (ValueError, TypeError, KeyError, AttributeError) as error:
         rule = f"it must be CSV with the columns {columns}, or JSON with such rows under path"
         raise FileError(str(file), "has no path", rule) from error
     if names != list(axes):

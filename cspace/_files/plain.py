@@ -52,7 +52,8 @@ def read_document(path: StrPath, kind: str, limit: SizeLimit = "max_text_bytes")
         return read_json(path, kind, limit=limit)
     # Bytes of memory to load one byte of a table. Measured: 53 for lines of one digit.
     text = read_text(path, kind, 60.0, limit)
-    return list(csv.reader(text.splitlines()))
+    with decoding(path, "table", f"a {kind} must be lines of texts between commas"):
+        return list(csv.reader(text.splitlines()))
 
 
 def read_yaml(path: StrPath, kind: str) -> Any:

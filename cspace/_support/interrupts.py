@@ -9,8 +9,9 @@ import signal
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, Final
 
+_NUMBERS: Final = tuple(signal.valid_signals())
 _held: list[BaseException] | None = None  # in a block of the main thread
 
 
@@ -31,7 +32,7 @@ def hold_interrupts() -> Iterator[list[BaseException]]:
     replaced = []
     try:
         _held = held
-        for number in signal.valid_signals():
+        for number in _NUMBERS:
             handler = signal.getsignal(number)
             if callable(handler):
                 replaced.append((number, handler, _Holder(handler)))
@@ -43,7 +44,9 @@ def hold_interrupts() -> Iterator[list[BaseException]]:
             if signal.getsignal(number) is holder:  # nobody else has set another one
                 signal.signal(number, handler)
         if held:
-            raise held[0]
+            # Frames and the list would keep OMPL's objects, and it reports them as Python ends.
+            del held[1:]
+            raise held.pop().with_traceback(None)
 
 
 class _Holder:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -211,7 +212,7 @@ class ConvexRegion:
         if shape is None:  # too thin to measure, so a single point
             dim = len(deepest)
             return Polytope(deepest[np.newaxis], 0.0, deepest, np.zeros((dim, dim)))
-        volume = shape.volume * radius ** len(deepest)
+        volume = math.prod([radius] * len(deepest), start=shape.volume)
         vertices = deepest + radius * shape.vertices
         return Polytope(vertices, volume, deepest + radius * shape.center, shape.covariance)
 

@@ -295,8 +295,15 @@ def find_deepest(half_spaces: HalfSpaces) -> tuple[Floats, float]:
 
     The radius is negative if the polytope is empty.
     """
-    count, dim = half_spaces.normals.shape
+    normals, offsets = half_spaces
+    count, dim = normals.shape
     cost = np.append(np.zeros(dim), -1.0)
-    rows = np.column_stack([half_spaces.normals, np.ones(count)])
-    solution = linprog(cost, rows, half_spaces.offsets, bounds=(None, None)).x
-    return solution[:dim], float(solution[dim])
+    rows = np.column_stack([normals, np.ones(count)])
+    # The solver's tolerances are absolute, so it gets lengths of about 1 around a point nearby.
+    near: Floats = np.linalg.lstsq(normals, offsets)[0]
+    rest = offsets - normals @ near
+    unit = np.abs(rest).max() or 1.0
+    solution = linprog(cost, rows, rest / unit, bounds=(None, None)).x
+    if solution is None:  # the solver fails, e.g. beyond the range of numbers
+        return near, -np.inf
+    return near + unit * solution[:dim], float(unit * solution[dim])

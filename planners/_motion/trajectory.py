@@ -87,8 +87,8 @@ ROUNDING: Final = 1e-13
 ROW_ERROR: Final = 1e-5
 """Largest distance of each joint, radians or metres, from rows that a straight motion joins."""
 
-VIA_ERROR: Final = 1e-4
-"""Largest distance of a place from a curve through it, metres or radians."""
+VIA_ERROR: Final = 1e-5
+"""Largest distance of a place from a curve through it, relative to the extent of the path."""
 
 VIA_STEPS: Final = 16
 """Parts of a phase in which a robot passes a place once."""
@@ -514,13 +514,23 @@ class Trajectory:
             steps = self._rotations.steps_between(rows, place)[..., columns]
             return np.abs(steps), (steps * velocities[..., columns]).sum(axis=-1)
 
-        falls = approach(grid)[1]
-        rows = np.flatnonzero((falls[:-1] > 0.0) & (falls[1:] <= 0.0) & (grid[1:] >= after))
+        ends = grid[1:]
+        # At a rest the rate is zero, and soon after it is not.
+        begins = np.where(approach(grid)[1][:-1] > 0.0, grid[:-1], grid[:-1] + 1e-6 * np.diff(grid))
+        passes = (approach(begins)[1] > 0.0) & (approach(ends)[1] <= 0.0) & (ends >= after)
         nearest = (
-            brentq(lambda t: approach(t)[1], *grid[row : row + 2], xtol=1e-12) for row in rows
+            brentq(lambda t: approach(t)[1], begins[row], ends[row], xtol=1e-12)
+            for row in np.flatnonzero(passes)
         )
-        later = (t for t in (after, *nearest) if t >= after)
-        return float(next(t for t in later if approach(t)[0].max() <= VIA_ERROR))
+        error = VIA_ERROR * np.ptp(self._route.waypoints, axis=0)[columns].max()
+        passed, least = after, math.inf
+        for t in itertools.chain([after], (t for t in nearest if t >= after)):
+            distance = approach(t)[0].max()
+            if distance < least:
+                passed, least = t, distance
+            if distance <= error:
+                break
+        return float(passed)
 
     def sample_uniform(self, rate: float) -> Trajectory:
         """Return the same motion with rows at a controller's rate.

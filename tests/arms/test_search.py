@@ -59,7 +59,7 @@ def test_a_search_reaches_the_nearest_free_goal(space):
     around = find_path(space, START, [IN_WALL, GOAL], iterations=1)
     np.testing.assert_array_equal(around[[0, -1]], [START, GOAL])
     assert not space.motion_is_free(START, GOAL)
-    assert len(find_path(space, START, GOAL, iterations=10**9, time_limit=0.1)) > 2
+    assert len(find_path(space, START, GOAL, iterations=1)) > 2
     # No path exists past a wall that the arm can not fold away from.
     space.add_obstacle("bar", posed_box((1.0, 0.1, 1.0), 0.8, 0.0, 0.0))
     assert find_path(space, START, GOAL, time_limit=0.1).shape == (0, 2)

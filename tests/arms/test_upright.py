@@ -313,8 +313,9 @@ def test_json_has_what_is_kept(space, tmp_path):
 
 def test_without_a_path_the_hint_is_a_larger_tolerance(space, monkeypatch):
     with monkeypatch.context() as hasty:
-        hasty.setattr("planners._plan.DEFAULT_SECONDS", 1e-9)  # of counted work
-        plan = planners.plan(space, START, GOAL, keep=GLASS)
+        hasty.setattr("planners._plan.DEFAULT_SECONDS", 1e-3)  # of counted work
+        hasty.setattr("cspace._support.deadlines.PATIENCE", math.inf)  # and no clock
+        plan = planners.plan(space, START, GOAL, keep=Upright("tool0", tolerance=1e-4))
     assert not plan and "a larger tolerance" in plan.hint
     wider = planners.plan(space, START, GOAL, keep=Upright("tool0", tolerance=1.0))
     assert wider.certified

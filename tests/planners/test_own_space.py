@@ -46,7 +46,7 @@ def test_a_plan_follows_motions_that_the_space_proves(axes, planner):
     space = Disc(*axes)
     turns = len(axes) == 3
     ends = [(*START, 0.5), (*GOAL, -1.0)] if turns else [START, GOAL]
-    plan = planners.plan(space, *ends, planner=planner, time_limit=0.1, seed=1)
+    plan = planners.plan(space, *ends, planner=planners.Search(planner, 1000), seed=1)
     assert plan.certified and plan.planner == (planner or "RRTConnect")
     assert all(map(space.motion_is_free, plan.path[:-1], plan.path[1:])) and plan.recheck().all()
     assert plan.path[[0, -1]].tolist() == np.array(ends).tolist()

@@ -87,6 +87,19 @@ def test_a_robot_is_at_each_place_at_its_time(drive, rotations, seed):
     assert trajectory.braked(0.4 * trajectory.duration).via_times.shape == (0,)
 
 
+@pytest.mark.filterwarnings("ignore::cspace.errors.UnitWarning")
+@pytest.mark.parametrize("unit", [1e-6, 1e3])
+@pytest.mark.parametrize("beside", [0.001, 0.5, 1.5])
+def test_places_are_passed_in_any_unit(unit, beside):
+    free = cspace.Workspace.from_array(np.zeros((50, 40), dtype=bool), 0.1 * unit)
+    space = cspace.build(free, cspace.Robot.disc(0.15 * unit))
+    via = unit * np.array([1.0 + beside, 1.0 + beside])
+    plan = planners.plan(space, (unit, unit), (4.0 * unit, unit), via=[via])
+    trajectory = plan.trajectory(max_velocity=0.5 * unit, max_acceleration=0.7 * unit)
+    passed = trajectory.sample(trajectory.via_times)[0]
+    assert passed[0] == pytest.approx(via, rel=1e-9)
+
+
 def test_a_motion_that_goes_on_passes_the_places_of_its_plan():
     space = build_empty((120, 60), cspace.Robot.disc(0.3))
     motion = planners.plan(space, (1.0, 3.0), (11.0, 3.0)).trajectory(**SLOW)

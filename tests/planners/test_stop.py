@@ -1,11 +1,15 @@
 """Searches that the caller ends."""
 
 import itertools
+import math
 import signal
+import threading
 import time
+from functools import partial
 
 import numpy as np
 import pytest
+from ompl import base as ob
 
 import cspace
 import planners
@@ -73,6 +77,106 @@ def test_an_exception_or_interrupt_ends_every_planner(flat, name):
         with pytest.raises(error):
             planners.plan(flat, *ends, planner=name, time_limit=LONG, stop=end)
     assert signal.signal(signal.SIGINT, before) is signal.default_int_handler
+
+
+class Cost(ob.OptimizationObjective):
+    """An objective of a user: the length."""
+
+    def stateCost(self, state):  # noqa: N802 - OMPL's name
+        return ob.Cost(1.0)
+
+    def motionCost(self, first, second):  # noqa: N802 - OMPL's name
+        return ob.Cost(math.dist((first[0], first[1]), (second[0], second[1])))
+
+    def motionCostHeuristic(self, first, second):  # noqa: N802 - OMPL's name
+        return self.motionCost(first, second)
+
+
+CALLBACKS = [
+    (planners.StateValidityChecker, "isValid", {"planner": "RRT"}),
+    (planners.MotionValidator, "checkMotion", {"planner": "RRTConnect"}),
+    (planners.FreeStateSampler, "sampleNear", {"planner": "BKPIECE1"}),
+    (Cost, "motionCost", {"planner": "RRTstar", "objective": Cost}),
+    (Cost, "motionCostHeuristic", {"planner": "BITstar", "objective": Cost}),
+]
+
+
+@pytest.fixture
+def signals():
+    """Return a function that sets the handler of SIGTERM, which is the old one after the test."""
+    before = signal.getsignal(signal.SIGTERM)
+    yield partial(signal.signal, signal.SIGTERM)
+    signal.signal(signal.SIGTERM, before)
+
+
+class HandlerError(Exception):
+    """What a user's handler raises."""
+
+
+def tell(number, frame):
+    """Raise an error of a user's handler."""
+    raise HandlerError
+
+
+@pytest.mark.parametrize("kind, name, options", CALLBACKS, ids=lambda each: str(each)[-30:])
+def test_a_signal_in_a_callback_of_ompl_is_raised_after_the_search(
+    flat, monkeypatch, signals, kind, name, options
+):
+    ended = []
+    calls = itertools.count(1)
+    call = getattr(kind, name)
+
+    def call_and_signal(*arguments):
+        answer = call(*arguments)
+        if next(calls) <= 2:  # also one that comes before the first is told
+            signal.raise_signal(signal.SIGTERM)
+            ended.append(True)
+        return answer
+
+    monkeypatch.setattr(kind, name, call_and_signal)
+    signals(tell)
+    with pytest.raises(HandlerError):
+        planners.plan(flat, (0.3, 0.3), (7.3, 7.3), time_limit=10.0, **options)
+    assert ended  # what is raised in a callback may end the process
+    assert signal.getsignal(signal.SIGTERM) is tell
+
+
+def test_a_handler_that_raises_nothing_is_called_and_ends_no_search(flat, signals):
+    numbers = []
+    signals(lambda number, frame: numbers.append(number))
+
+    def is_stopped():
+        signal.raise_signal(signal.SIGTERM)
+
+    assert planners.plan(flat, (0.3, 0.3), (1.0, 7.0), planner="RRTConnect", stop=is_stopped)
+    assert numbers and set(numbers) == {signal.SIGTERM}
+
+
+def test_a_handler_that_is_set_during_a_search_stays(flat, signals):
+    ends = (0.3, 0.3), (1.0, 7.0)
+    plan = planners.plan(flat, *ends, planner="RRTConnect", stop=lambda: signals(tell) is None)
+    assert plan and signal.getsignal(signal.SIGTERM) is tell
+
+
+def test_searches_go_on_in_other_threads(flat, signals):
+    signals(tell)
+    began = threading.Event()
+    told = []
+
+    def search():
+        ends = (0.3, 0.3), (7.3, 7.3)
+        options = {"planner": "RRTstar", "time_limit": LONG}
+        told.append(planners.plan(flat, *ends, stop=lambda: began.set() or told, **options))
+
+    thread = threading.Thread(target=search)
+    thread.start()
+    began.wait()
+    with pytest.raises(HandlerError):
+        signal.raise_signal(signal.SIGTERM)
+    assert thread.is_alive()
+    told.append("stop")
+    thread.join()
+    assert len(told) == 2
 
 
 @pytest.mark.parametrize("drive", ["differential", "differential-reverse"])

@@ -181,7 +181,7 @@ class Carrying(OpenSpace):
 
 def plan_on_own_space():
     """Plan on a space of one's own."""
-    return planners.plan(Carrying(), (0.5, 1.5), (3.5, 1.5), time_limit=0.5)
+    return planners.plan(Carrying(), (0.5, 1.5), (3.5, 1.5))
 
 
 @refusals(

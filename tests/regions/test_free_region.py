@@ -505,3 +505,13 @@ def test_the_exact_map_grows_regions_of_whole_cells_alone():
             view.free_region(row)
         with pytest.raises(InputError, match="FREE"):
             view.free_regions(around=row)
+
+
+@pytest.mark.parametrize("unit", [1e-9, 1.0, 1e9, 1e160, 1e300])
+def test_a_region_of_half_spaces_is_measured_in_any_unit(unit):
+    normals = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+    box = ConvexRegion(normals, unit * np.array([3.0, -2.0, 1.0, 1.0]), ("x", "y"))
+    assert np.array(box.bounds) / unit == pytest.approx(np.array([[2.0, -1.0], [3.0, 1.0]]))
+    assert box.volume == pytest.approx(2.0 * unit * unit)
+    empty = ConvexRegion(normals, unit * np.array([1.0, -2.0, 1.0, 1.0]), ("x", "y"))
+    assert empty.volume == 0.0 and np.isfinite(empty.bounds).all()
