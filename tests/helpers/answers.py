@@ -185,7 +185,7 @@ def check_trajectory(budget, motion, plan, **options):
     space = plan.space
     need(space is not None and isinstance(space, cspace.CSpace | cspace.ArmSpace), "without a map")
     need(len(motion.times) <= 1500, "a long motion")
-    if motion.certified and "after" not in options:
+    if motion.certified:
         pieces, gap = plain.pieces_of_trajectory(motion, space)
         assert gap <= GAP, f"samples are {gap} m or rad from the curve"
         yield "curve", check_motion(space, pieces, budget, plan.exact, plan.keep)
