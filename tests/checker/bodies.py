@@ -1,5 +1,6 @@
 """Motions in space, of rigid bodies and of chains of joints, by distances and bounds of motion."""
 
+import math
 from typing import NamedTuple
 
 import fcl
@@ -134,14 +135,13 @@ class Chain(NamedTuple):
 
     def bound_travel(self, poses, links, body, steps):
         """Bound how far a body on the first of links moves when their joints do by steps."""
-        if not links:
-            return 0.0
-        middle, travel = move(poses[links[0]], body.middle), 0.0
+        travel = 0.0
         for link in links:
-            step = abs(self.factor[link]) * np.append(steps, 0.0)[self.index[link]]
-            if not self.slides[link]:
-                lever = np.linalg.norm(middle - poses[link][:3, 3]) + body.radius
-                step *= lever + travel
+            index = self.index[link]
+            step = abs(self.factor[link]) * steps[index] if index >= 0 else 0.0
+            if step and not self.slides[link]:
+                middle = move(poses[links[0]], body.middle)
+                step *= math.dist(middle, poses[link][:3, 3]) + body.radius + travel
             travel += step
         return travel
 
@@ -206,8 +206,8 @@ def _check(pieces, measure, budget):
                 gap = np.minimum((at - other[0]).min(axis=1), (other[1] - at).min(axis=1))
                 gap = float((gap - body.grown).min())
             else:
-                away = move(pose, body.middle) - move(other_pose, other.middle)
-                gap = np.linalg.norm(away) - body.radius - other.radius
+                middles = move(pose, body.middle), move(other_pose, other.middle)
+                gap = math.dist(*middles) - body.radius - other.radius
             if not budget.take(1 if is_room or gap - distance > travel else WORK_OF_DISTANCE):
                 return TOO_MUCH
             if not is_room and gap - distance <= travel:

@@ -126,7 +126,7 @@ def _find_depths(part, points):
         return part.radius - np.linalg.norm(points - corners[0], axis=1)
     if corners.shape[1] == 3:  # a box
         low, high = corners.min(axis=0), corners.max(axis=0)
-        return np.minimum(points - low, high - points).min(axis=1)
+        return part.radius + np.minimum(points - low, high - points).min(axis=1)
     edges = np.roll(corners, -1, axis=0) - corners
     normals = np.column_stack([edges[:, 1], -edges[:, 0]])
     normals /= np.linalg.norm(edges, axis=1, keepdims=True)

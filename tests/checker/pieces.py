@@ -1,5 +1,6 @@
 """Motions in closed form: cubic pieces, arcs, turns on the spot, and headings along a curve."""
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -24,9 +25,10 @@ class Pieces(NamedTuple):
         s = t[:, None]
         first, second, third = np.moveaxis(self.rates[rows], 1, 0)
         steps = s * (first + s * (second / 2.0 + s * third / 6.0))
-        arcs = np.flatnonzero(self.is_arc[rows])
-        half = 0.5 * t[arcs] * first[arcs, 2:].sum(axis=1)
-        steps[arcs, :2] = turn(steps[arcs, :2], half) * np.sinc(half / np.pi)[:, None]
+        if self.is_arc.any():
+            arcs = np.flatnonzero(self.is_arc[rows])
+            half = 0.5 * t[arcs] * first[arcs, 2]
+            steps[arcs, :2] = turn(steps[arcs, :2], half) * np.sinc(half / np.pi)[:, None]
         q = self.start[rows] + steps
         ahead = self.heading[rows]
         if ahead.any():
@@ -118,12 +120,12 @@ def find_rotation(first, last):
 
 def matrix_of(vector):
     """Return the rotation matrix of a rotation vector (Rodrigues)."""
-    angle = float(np.linalg.norm(vector))
     x, y, z = vector
-    cross = np.array([(0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0)])
-    square = cross @ cross
-    half = np.sinc(angle / (2.0 * np.pi)) ** 2 / 2.0
-    return np.eye(3) + np.sinc(angle / np.pi) * cross + half * square
+    angle = math.hypot(x, y, z)
+    if angle == 0.0:
+        return np.eye(3)
+    cross = np.array([(0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0)]) / angle
+    return np.eye(3) + math.sin(angle) * cross + 2.0 * math.sin(angle / 2.0) ** 2 * cross @ cross
 
 
 def matrix_of_quaternion(q):

@@ -113,7 +113,8 @@ def check_plane(pieces, robot, world, budget, margin=0.0):
             need = np.where(far, 0.0, sagitta) + part.radius + margin - slack
             hit = far | world.are_near(points, need)
             left |= hit
-            exact &= ~hit | (sagitta <= 0.25 * slack)
+            # The hull of a turning part is larger than what it sweeps, and decides nothing.
+            exact &= ~hit | ((sagitta <= 0.25 * slack) & (spin == 0.0))
         wrong = left & exact
         if not wrong.any() and left.any() and (depth % 3 == 2 or depth == DEEPEST - 1):
             wrong = _touch_in_the_middle(

@@ -1,6 +1,7 @@
 """A watch over public calls: tests/checker replays each answer that a test is given."""
 
 import functools
+import sys
 import time
 from collections import Counter
 
@@ -11,13 +12,16 @@ import planners
 from cspace import lanes
 from cspace.inside import robot_of
 from tests.checker import apart, bodies, no_path, plane
-from tests.checker.verdict import NOT_SHOWN, Budget
+from tests.checker.verdict import NOT_SHOWN, PROVEN, Budget, Verdict
 from tests.helpers import plain
 from tests.helpers.plain import LeftOut, need
 
 WORK_OF_ANSWER = 12_000
 WORK_OF_TEST = 30_000
 """Counted work of an answer, and of all answers of a test."""
+
+COST_OF_SPACE = 10
+"""Work of a distance in space, in that of a piece in the plane."""
 
 MOST_PAIRS = 2
 """Pairs of configurations of one map whose disconnection is replayed."""
@@ -76,13 +80,23 @@ def checking(call):
 
 def check_motion(space, motion, budget, exact=False, keep=()):
     """Check that a robot or an arm keeps its margin along pieces."""
+    if space.has_poses and space.dim == 2:
+        world = plain.world_of(space, exact=exact)
+        parts = plain.parts_of(space.robot.shape.outer)
+        return plane.check_plane(motion, parts, world, budget, space.margin)
+    whole, budget = budget, Budget(budget.left // COST_OF_SPACE)
+    verdict = check_in_space(space, motion, budget, exact, keep)
+    whole.take(COST_OF_SPACE * budget.spent)
+    return verdict
+
+
+def check_in_space(space, motion, budget, exact, keep):
+    """Check the motion of a body or an arm in space."""
     if not space.has_poses:
         need(isinstance(space, cspace.ArmSpace) and not keep, "a map of joints")
         return bodies.check_chain(motion, *plain.arm_of(space), budget)
     world = plain.world_of(space, exact=exact)
     shape = space.robot.shape.outer
-    if space.dim == 2:
-        return plane.check_plane(motion, plain.parts_of(shape), world, budget, space.margin)
     body, solids = plain.body_of(shape), [plain.body_of(each) for each in world.shapes]
     return bodies.check_solid(motion, body, solids, budget, space.margin, world.room)
 
@@ -101,17 +115,40 @@ def check_plan(budget, plan, space, start, goal, via=(), **_):
         motion, gap = plain.pieces_of_plan(plan)
         assert gap <= GAP, f"rows are {gap} m or rad from the motion of the drive"
         yield "path", check_motion(space, motion, budget, plan.exact, plan.keep)
+    need(space.has_poses, "the places of an arm")
     rows = [plan.path[row] for row in (0, *plan.via_rows, -1)]
     for place, row in zip((start, *via, goal), rows, strict=True):
         alternatives = plain.places_of(space, place, "place")
         assert no_path.holds(alternatives, row), f"{row.tolist()} is not in {place!r}"
 
 
+@checking
+def check_closest(budget, plan, space, start, goal, via=(), drive=None, **_):
+    """Try to refute that nothing of a goal is nearer, or, without a plan, reached at all.
+
+    Only a chain of FREE cells from the start refutes it, because "nearest" speaks of these.
+    """
+    is_asked = isinstance(goal, planners.Near) and goal.closest and not via
+    need(is_asked and (drive is None or plan is None), "another question than the nearest")
+    need(space.rotations.names in ((), ("yaw",)), "rotations of other kinds")
+    starts = plain.places_of(space, start, "start")
+    (wanted,) = plain.places_of(space, goal, "goal")
+    need(not any(isinstance(each, planners.Near) for each in (start, goal.configuration)), "Near")
+    found = plain.measure_nearest(space, starts, wanted)
+    slack = 1e-4 * space.grid.spacing
+    if plan is None:
+        assert not found < wanted.distance - slack, f"FREE cells lead to {found} m from the goal"
+    elif plan:
+        claimed = float(np.linalg.norm(plan.path[-1][: space.dim] - wanted.where))
+        assert claimed <= found + slack, f"FREE cells lead to {found} m, not {claimed} m"
+    yield "nearest", Verdict(PROVEN)
+
+
 def check_bars(space, places, budget):
     """Check that no path leads through places."""
     borders, barred, offsets = plain.find_bars(space, places)
     return no_path.check_no_path(
-        plain.convex_of(space.robot.shape.inner),
+        plain.convex_of(space),
         plain.world_of(space, "inner"),
         (space.grid.lower, space.grid.spacing, space.grid.shape),
         borders,
@@ -148,7 +185,7 @@ def check_trajectory(budget, motion, plan, **options):
     space = plan.space
     need(space is not None and isinstance(space, cspace.CSpace | cspace.ArmSpace), "without a map")
     need(len(motion.times) <= 1500, "a long motion")
-    if motion.certified and "after" not in options:
+    if motion.certified:
         pieces, gap = plain.pieces_of_trajectory(motion, space)
         assert gap <= GAP, f"samples are {gap} m or rad from the curve"
         yield "curve", check_motion(space, pieces, budget, plan.exact, plan.keep)
@@ -242,7 +279,14 @@ def watch():
 
     @functools.wraps(plan)
     def plan_and_check(space, start, goal, **options):
-        answer = plan(space, start, goal, **options)
+        try:
+            answer = plan(space, start, goal, **options)
+        except cspace.ConfigurationError as error:
+            if "closest" in str(error) or "nearest to it is" in str(error):
+                check_closest(None, space, start, goal, **options)
+            raise
+        if getattr(goal, "closest", False):
+            check_closest(answer, space, start, goal, **options)
         check_plan(answer, space, start, goal, **options)
         return answer
 
@@ -261,7 +305,9 @@ def watch():
     @functools.wraps(disconnected)
     def ask_and_check(self, q0, q1):
         answer = disconnected(self, q0, q1)
-        check_disconnected(answer, self, q0, q1)
+        # Questions of the library about maps that it changes say nothing to a user.
+        if sys._getframe(1).f_globals["__name__"].startswith("tests"):
+            check_disconnected(answer, self, q0, q1)
         return answer
 
     import planners._plan as home

@@ -89,14 +89,18 @@ def body_of(shape):
     return bodies.Body(np.asarray(vertices)[faces], is_solid=shape.is_watertight)
 
 
-def convex_of(shape):
-    """Return a shape as the parts in which :func:`no_path.check_no_path` finds witnesses."""
+def convex_of(space):
+    """Return the parts of a robot, grown by the margin, in which witnesses are found."""
+    shape = space.robot.shape.inner
     if shape.dim == 2:
-        return parts_of(shape)
-    if isinstance(shape, Balls):
-        return [plane.Part(c[None], r) for c, r in zip(shape.centers, shape.radii, strict=True)]
-    need(hasattr(shape, "extents"), "a robot in space without boxes")
-    return [plane.Part(np.where(CORNERS, shape.upper, shape.lower))]
+        parts = parts_of(shape)
+    elif isinstance(shape, Balls):
+        balls = zip(shape.centers, shape.radii, strict=True)
+        parts = [plane.Part(center[None], radius) for center, radius in balls]
+    else:
+        need(hasattr(shape, "extents"), "a robot in space without boxes")
+        parts = [plane.Part(np.where(CORNERS, shape.upper, shape.lower))]
+    return [part._replace(radius=part.radius + space.margin) for part in parts]
 
 
 # ---- worlds --------------------------------------------------------------------------------------
@@ -281,9 +285,7 @@ def _read_place(space, place):
         row = np.asarray(place, float)
     except (TypeError, ValueError):
         raise LeftOut("a message or a goal") from None
-    need(row.shape == (space.size,), "another kind of place")
-    if not space.has_poses:
-        return no_path.Place(tuple(row))
+    need(row.shape == (space.size,) and space.has_poses, "a place of joints")
     yaw = float(row[-1]) if turns == ("yaw",) else None
     return no_path.Place(tuple(row[: space.dim]), 0.0, yaw)
 
@@ -333,6 +335,32 @@ def find_bars(space, places):
     return borders, *find_witnesses(space, np.argwhere(rim), borders)
 
 
+def measure_nearest(space, starts, wanted):
+    """Return how near to a point the FREE cells come that are joined to a start by FREE cells."""
+    shapes_of(space)
+    grid, lower = space.grid, np.asarray(space.grid.lower)
+    borders = np.asarray(space.rotations.borders) if space.rotations.names else np.zeros(0)
+    states = space.cell_states.reshape(max(len(borders) - 1, 1), *grid.shape)
+    labels = label(states == cspace.FREE, space.outside == "free")
+    reached = np.zeros(labels.max() + 1, bool)
+    for place in starts:
+        if hasattr(place.where, "buffer"):  # the inside of a region
+            place = place._replace(where=place.where.buffer(-1e-3 * grid.spacing))
+        cells = place.find_cells(lower, grid.spacing, grid.shape, borders)
+        numbers = labels.ravel()[cells]
+        # A configuration on a border is free if all cells that it touches are.
+        if len(cells) and (hasattr(place.where, "buffer") or place.yaw is None or numbers.all()):
+            reached[numbers] = True
+    reached[0] = False
+    near = wanted._replace(distance=1e9, angle=max(wanted.angle - 1e-6, 0.0))
+    turned = np.zeros(labels.size, bool)
+    turned[near.find_cells(lower, grid.spacing, grid.shape, borders)] = True
+    cells = np.argwhere(reached[labels] & turned.reshape(labels.shape))[:, 1:]
+    low = lower + grid.spacing * cells
+    away = np.maximum(np.maximum(low - wanted.where, wanted.where - low - grid.spacing), 0.0)
+    return float(np.linalg.norm(away, axis=1).min(initial=np.inf))
+
+
 def label(mask, is_open):
     """Number the components of cells (yaw, x, y(, z)); yaws repeat, and an open outside joins."""
     labels, count = ndimage.label(mask)
@@ -371,7 +399,7 @@ def find_witnesses(space, cells, borders):
     for shape in space.obstacles.values():
         inner = inner | shape.cells(grid)[1]
     shape, dim = np.array(grid.shape), space.dim
-    parts = convex_of(space.robot.shape.inner)
+    parts = convex_of(space)
     corners = np.concatenate([p.corners for p in parts])
     reach = int(
         np.ceil(
