@@ -13,7 +13,7 @@ from itertools import count
 from pathlib import Path
 
 from benchmarks.report import Report
-from tests.fuzz import arms, contact, cpp, drives, files, use
+from tests.fuzz import arms, contact, cpp, files, use
 
 PROOFS = "tests/test_proofs.py::test_"
 
@@ -24,6 +24,7 @@ LAWS = {
     "frequency": ("tests/spectral/test_contacts.py",),
     "lanes": ("tests/lanes/test_random_graphs.py",),
     "lengths": ("tests/planners/test_lengths.py",),
+    "plans": ("tests/laws/test_any_plan.py",),
     "examples": ("tests",),
 }
 """Tests of hypothesis that draw new examples, by name."""
@@ -31,7 +32,6 @@ LAWS = {
 FAMILIES: dict[str, Callable[[Report, int, int], None]] = {
     "contact": lambda report, seed, checks: contact.check(report, seed, 100 * checks),
     "cpp": lambda report, seed, _: cpp.check(report, seed),
-    "drives": lambda report, seed, _: drives.check(report, seed, 1 if report.quick else 200),
     "arms": lambda report, seed, checks: arms.check(report, seed, checks // 10, checks // 500),
     "files": lambda report, seed, checks: files.check(report, seed, checks // 250),
     "use": lambda report, seed, _: use.check(report, seed, *((5, 0.05) if report.quick else ())),

@@ -76,7 +76,7 @@ def draw_places(rng, space, starts=False):
 def draw_question(rng, space, drive=None):
     """Draw start, goal and options of a plan with places of any kind."""
     via = [draw_places(rng, space) for _ in range(int(rng.choice([0, 0, 1, 2])))]
-    options = {"via": via, "drive": drive, "seed": 1, "time_limit": 0.3}
+    options = {"via": via, "drive": drive, "seed": 1, "time_limit": 0.1}
     return draw_places(rng, space, starts=True), draw_places(rng, space), options
 
 
@@ -85,7 +85,8 @@ def draw_plan(rng, kind=None):
     while True:
         space = draw_room(rng, kind)
         word = str(rng.choice(WORDS)) if space.axes == ("x", "y", "yaw") else None
-        start, goal = space.sample_free(2, rng)
+        free = space.sample_free(12, rng)
+        start, goal = free[np.argsort(free[:, 0])[[0, -1]]]  # on both sides of the wall
         shape, dim = rng.integers(6), space.dim
         if shape == 1:  # a short piece
             goal = start + np.append(rng.normal(0.0, 0.03, dim), np.zeros(space.size - dim))
@@ -93,12 +94,14 @@ def draw_plan(rng, kind=None):
             goal = np.append(start[:dim], start[dim:] + rng.choice([0.0, 0.2, 2.0]))
         elif shape == 3 and dim == 2:  # behind it, for a cusp, or a place beside it
             goal = start + np.append(rng.uniform(-0.4, 0.4, dim), np.zeros(space.size - dim))
-        options = {"drive": make_drive(word, 0.3), "seed": 1, "time_limit": 0.3}
+        options = {"drive": make_drive(word, 0.3), "seed": 1, "time_limit": 0.1}
         if rng.random() < 0.3:
             options["via"] = [space.sample_free(rng=rng)]
+        if rng.random() < 0.3:
+            options["planner"] = str(rng.choice(planners.choices(space).planners))
         try:
             plan = planners.plan(space, start, goal, **options)
-        except cspace.CspaceError:  # the goal is not free
+        except cspace.CspaceError:  # the goal is not free, or the planner is for another drive
             continue
         if plan:
             return Drawn(space, start, goal, options, plan)

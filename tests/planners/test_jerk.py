@@ -24,9 +24,7 @@ from tests.helpers.motions import (
     check_limits,
     check_stop,
     make_limits,
-    sample_evenly,
 )
-from tests.helpers.placements import collides
 from tests.helpers.refusals import refusals
 from tests.helpers.strategies import few, seeds
 from tests.helpers.urdfs import planar, post
@@ -168,8 +166,6 @@ def test_limits_hold_at_every_instant_of_blended_motions(drive, rotations):
     assert trajectory.certified
     assert trajectory.recheck(plan.space).all()
     check_plane(trajectory, TURN_JERK if "max_angular_jerk" in limits else math.inf)
-    rows = sample_evenly(trajectory, 500)[0]
-    assert not collides(plan.space, rows, grow=-1e-6).any()
     assert unlimited.duration < trajectory.duration <= 1.3 * unlimited.duration
     # The curve is the same one.
     np.testing.assert_array_equal(trajectory._segments.starts, unlimited._segments.starts)
