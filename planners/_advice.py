@@ -37,7 +37,8 @@ def describe_failure(
         limits = _describe_free_yaws(edges, task.endpoints)
         if is_connected:
             existence = "one exists for a robot that also moves sideways"
-    is_late = result.is_late(task.limit)
+    left = task.limit.share(0.95) - result.planning
+    is_late = not left.is_left
     *hints, last_hint = _list_hints(task, is_connected, is_late, finds_path)
     hint = ", or ".join(filter(None, [", ".join(hints), last_hint]))
     if not (edges.exact or is_connected):

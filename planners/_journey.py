@@ -133,7 +133,7 @@ def _find_legs(
         choice = _pop_choice(legs)
         if choice is not None:
             starts, routes = choice.task.starts, choice.others
-        elif not (hurries or best[-1].result.is_late(best[-1].task.limit)):
+        elif share == 1.0:
             return best, searched
         else:
             is_last_try = True

@@ -51,10 +51,6 @@ class SearchResult:
     found_by: str = ""  # name of the planner that searched
     goal: Endpoint = ()  # reached; the path may end before it in its room
 
-    def is_late(self, limit: Effort) -> bool:
-        """Return True if the search used nearly all of its limit."""
-        return not (limit.share(0.95) - self.planning).is_left
-
 
 @dataclass(frozen=True, slots=True)
 class PlanTask:

@@ -757,6 +757,31 @@ def test_a_car_arrives_at_a_place_so_that_it_can_go_on():
     assert plan.certified and len(plan.via_rows) == 3
 
 
+def build_corridor():
+    walls = [shapely.box(0, 3.0, 20, 3.5), shapely.box(0, 6.5, 20, 7.0)]
+    workspace = cspace.Workspace.from_polygons(walls, spacing=0.1, bounds=(0, 0, 20, 10))
+    return cspace.build(workspace, cspace.Robot.rectangle(0.8, 0.5), rotations=36)
+
+
+def test_passing_a_place_beside_a_wall_takes_no_longer_than_a_stop():
+    ends = (2.0, 5.0, 0.0), (18.0, 4.0, 0.0)
+    options = {"via": [(6.0, 6.0, None)], "drive": planners.Differential()}
+    plan = planners.plan(build_corridor(), *ends, **options)
+    metres = np.linalg.norm(np.diff(plan.waypoints[:, :2], axis=0), axis=1)
+    assert ((metres == 0.0) | (metres > 0.009)).all()
+    flowing, halting = (
+        plan.trajectory(**LIMITS, **TURN_LIMITS, stop_at_via=stop) for stop in (False, True)
+    )
+    assert flowing.duration < halting.duration
+
+
+@pytest.mark.thorough
+def test_a_car_goes_to_and_fro_through_many_places_by_default():
+    via = [(2.0 + 16.0 * (k % 2), 4.2 + 0.035 * k, None) for k in range(40)]
+    ends = (3.0, 5.0, 0.0), (17.0, 5.0, 0.0)
+    assert planners.plan(build_corridor(), *ends, via=via, drive=planners.Car(0.5)).certified
+
+
 def test_places_in_every_space_are_passed_in_order():
     for name in ("plane", "space", "floating"):
         space = build_open_map(name)
