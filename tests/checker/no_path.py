@@ -22,6 +22,11 @@ class Place(NamedTuple):
     yaw: float | None = None
     angle: float = 0.0
 
+    @property
+    def is_one(self):
+        """Whether it is a single configuration, if the robot has no other yaws than its own."""
+        return isinstance(self.where, tuple) and not self.distance and not self.angle
+
     def holds(self, q, slack=1e-6):
         """Return True if a configuration lies in the place, but for a slack."""
         dim = 2 if hasattr(self.where, "geom_type") else len(self.where)
@@ -145,12 +150,14 @@ def _flood(lower, spacing, shape, borders, places, barred, is_open):
         rim.swapaxes(0, axis)[[0, -1]] = True
     rim, passable = rim.ravel(), passable.ravel()
     steps = [int(np.prod(shape[k + 1 :])) for k in range(len(shape))]
-    found = [
-        np.unique(
-            np.concatenate([each.find_cells(lower, spacing, shape, borders) for each in place])
-        )
-        for place in places
-    ]
+    found = []
+    for place in places:
+        cells = [each.find_cells(lower, spacing, shape, borders) for each in place]
+        # A single configuration in a closed cell that is barred is in collision.
+        kept = [
+            c for c, each in zip(cells, place, strict=True) if not each.is_one or passable[c].all()
+        ]
+        found.append(np.unique(np.concatenate([*kept, np.zeros(0, int)]).astype(int)))
     fewest = min(0, -1, key=lambda k: len(found[k]))
     seeds = found[fewest][passable[found[fewest]]]
     number = np.zeros(passable.size, np.int32)

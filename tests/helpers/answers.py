@@ -1,8 +1,10 @@
 """A watch over public calls: tests/checker replays each answer that a test is given."""
 
 import functools
+import inspect
 import sys
 import time
+import types
 from collections import Counter
 
 import numpy as np
@@ -283,16 +285,18 @@ def watch():
     disconnected = kind.is_disconnected
 
     @functools.wraps(plan)
-    def plan_and_check(space, start, goal, **options):
+    def plan_and_check(*values, **options):
         try:
-            answer = plan(space, start, goal, **options)
+            answer = plan(*values, **options)
         except cspace.ConfigurationError as error:
-            if "closest" in str(error) or "nearest to it is" in str(error):
-                check_closest(None, space, start, goal, **options)
+            if "nearest to it is" in str(error):
+                check_closest(None, *values, **options)
             raise
-        if getattr(goal, "closest", False):
-            check_closest(answer, space, start, goal, **options)
-        check_plan(answer, space, start, goal, **options)
+        if getattr(
+            inspect.signature(plan).bind(*values, **options).arguments["goal"], "closest", False
+        ):
+            check_closest(answer, *values, **options)
+        check_plan(answer, *values, **options)
         return answer
 
     @functools.wraps(trajectory)
@@ -317,7 +321,11 @@ def watch():
     import planners._plan as home
     from cspace.lanes import _waiting
 
-    home.plan = planners.plan = plan_and_check
+    # Warnings point at the first line outside of the library, which is to be the test's.
+    inner = {**globals(), "__name__": "planners.watch"}
+    code, cells = plan_and_check.__code__, plan_and_check.__closure__
+    hidden = types.FunctionType(code, inner, "plan", None, cells)
+    home.plan = planners.plan = functools.update_wrapper(hidden, plan_and_check)
     planners.Plan.trajectory = time_and_check
     lanes.time_around = _waiting.time_around = wait_and_check
     kind.is_disconnected = ask_and_check

@@ -309,17 +309,21 @@ def find_bars(space, places):
     need(turns * positions <= 10 * MOST_CELLS, "many cells")
     states = space.cell_states.reshape(turns, *grid.shape)
     labels = label(states != cspace.BLOCKED, space.outside == "free")
-    ends = [
-        np.unique(
-            np.concatenate([p.find_cells(lower, grid.spacing, grid.shape, borders) for p in k])
-        )
-        for k in (places[0], places[-1])
-    ]
+    is_blocked = (states == cspace.BLOCKED).ravel()
+    ends, at_end = [], np.zeros(states.size, bool)
+    for place in (places[0], places[-1]):
+        cells = [each.find_cells(lower, grid.spacing, grid.shape, borders) for each in place]
+        at_end[np.concatenate(cells)] = True
+        kept = [
+            c
+            for c, each in zip(cells, place, strict=True)
+            if not (each.is_one and is_blocked[c].any())
+        ]
+        ends.append(np.unique(np.concatenate([*kept, np.zeros(0, int)]).astype(int)))
     found = [np.unique(labels.ravel()[cells]) for cells in ends]
     sizes = [np.isin(labels, each[each > 0]) for each in found]
     which = min(0, 1, key=lambda k: np.count_nonzero(sizes[k]))
-    inside, at_end = sizes[which], np.zeros(states.size, bool)
-    at_end[ends[which]] = True
+    inside = sizes[which]
     cross = ndimage.generate_binary_structure(inside.ndim, 1)
     padded = np.concatenate([inside[-1:], inside, inside[:1]])
     rim = ndimage.binary_dilation(padded, cross)[1:-1] & (states == cspace.BLOCKED)
