@@ -34,6 +34,7 @@ from ._interface import gather_goals as gather_goals
 from ._interface import list_alternatives as list_alternatives
 from ._interface import map_record as map_record
 from ._interface import tubes_are_free as tubes_are_free
+from ._outside import show_png as show_png
 from ._queries.batches import as_contiguous as as_contiguous
 from ._queries.callbacks import bind_kernel as bind_kernel
 from ._queries.callbacks import configuration_along as configuration_along

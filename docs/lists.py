@@ -146,6 +146,9 @@ def list_inside() -> Iterable[str]:
 def find_summary(module: str, name: str) -> str:
     """Return the first line of the docstring of a name, which may be a constant."""
     path = Path(str(import_module(module).__file__))
+    stub = path.with_suffix(".pyi")
+    if stub.exists() and (home := re.search(rf"from (\S+) import {name} as", stub.read_text())):
+        return find_summary(f"cspace{home[1]}", name)
     if (path.parent / f"{name}.py").exists():
         return str(import_module(f"{module}.{name}").__doc__).partition("\n")[0]
     statements = ast.parse(path.read_text(encoding="utf-8")).body

@@ -24,6 +24,7 @@ from cspace.inside import (
     check_positive,
     names_options,
     replacing,
+    show_png,
 )
 from planners._catalogue import PlannerName
 from planners._edges.drives import check_axes, edges_of, local_planner
@@ -415,11 +416,7 @@ class Plan:
         axes: Axes = self._picture().plot(**options)
         return axes
 
-    def _repr_png_(self) -> bytes | None:
-        """Show it in a notebook, as its picture."""
-        from cspace.plot import show_png
-
-        return show_png(self)
+    _repr_png_ = show_png
 
     @names_options
     def corridor(self, *, reach: float = 5.0, margin: float = 0.0) -> Corridor:

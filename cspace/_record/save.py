@@ -152,7 +152,7 @@ class MapFolder:
         Format that the attributes declare.
     """
 
-    SUFFIXES: Final = (".zarr", "")
+    SUFFIXES: Final[tuple[str, str]] = (".zarr", "")
     """Suffixes of saved maps."""
 
     def __init__(self, path: StrPath, tiles: bool = False) -> None:

@@ -69,6 +69,7 @@ from cspace.inside import (
     check_rng,
     check_text,
     names_options,
+    show_png,
     turn_near,
     wrap_angles,
 )
@@ -514,11 +515,7 @@ class ArmSpace(ConfigurationSpace):
         scene = arm or now.arm, obstacles, allowed, padding, now.margin
         self.snapshot = make_snapshot(*scene, now, now.uprights)
 
-    def _repr_png_(self) -> bytes | None:
-        """Show it in a notebook, as its picture."""
-        from cspace.plot import show_png
-
-        return show_png(self)
+    _repr_png_ = show_png
 
     @names_options
     def plot(

@@ -17,6 +17,7 @@ from cspace.inside import (
     cells_of,
     check_not_negative,
     names_options,
+    show_png,
 )
 from cspace.lanes._collisions import Hit, find_hits, sample_motions
 from cspace.lanes._lane_motions import list_legs, list_motions, list_parts, open_graph
@@ -216,11 +217,7 @@ class Audit:
         extend_legend(axes, axes.get_legend_handles_labels()[0])
         return axes
 
-    def _repr_png_(self) -> bytes | None:
-        """Show it in a notebook, as its picture."""
-        from cspace.plot import show_png
-
-        return show_png(self)
+    _repr_png_ = show_png
 
     @names_options
     def to_geojson(self, path: StrPath | None = None, overwrite: bool = False) -> dict[str, Any]:

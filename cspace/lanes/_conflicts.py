@@ -22,6 +22,7 @@ from cspace.inside import (
     check_not_negative,
     check_text,
     names_options,
+    show_png,
     warn_user,
     wrap_angles,
 )
@@ -291,11 +292,7 @@ class Conflicts:
         extend_legend(axes, axes.get_legend_handles_labels()[0])
         return axes
 
-    def _repr_png_(self) -> bytes | None:
-        """Show it in a notebook, as its picture."""
-        from cspace.plot import show_png
-
-        return show_png(self)
+    _repr_png_ = show_png
 
     @names_options
     def to_geojson(self, path: StrPath | None = None, overwrite: bool = False) -> dict[str, Any]:

@@ -22,6 +22,7 @@ from cspace.inside import (
     contents_of,
     map_record,
     rasters_of,
+    show_png,
 )
 from cspace.reasons._margins import (
     copy_with_ends,
@@ -283,11 +284,7 @@ class Explanation:
         extend_legend(axes, handles)
         return axes
 
-    def _repr_png_(self) -> bytes | None:
-        """Show it in a notebook, as its picture."""
-        from cspace.plot import show_png
-
-        return show_png(self)
+    _repr_png_ = show_png
 
 
 def explain(

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace.errors import InputError
-from cspace.inside import Bools, Floats, check_points, frozen, turn_near, warn_of_large
+from cspace.inside import Bools, Floats, check_points, frozen, show_png, turn_near, warn_of_large
 from cspace.regions._growth import HalfSpaces, Polytope, find_deepest, measure_polytope
 
 if TYPE_CHECKING:
@@ -145,11 +145,7 @@ class ConvexRegion:
         vertices = self.vertices
         return vertices.min(axis=0), vertices.max(axis=0)
 
-    def _repr_png_(self) -> bytes | None:
-        """Show it in a notebook, as its picture."""
-        from cspace.plot import show_png
-
-        return show_png(self)
+    _repr_png_ = show_png
 
     def plot(self, ax: Axes | None = None, **style: Any) -> Axes:
         """Draw the positions of the region.

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cspace.errors import InputError
-from cspace.inside import ANGLE_SLACK, Floats, frozen
+from cspace.inside import ANGLE_SLACK, Floats, frozen, show_png
 from cspace.regions._convex_region import ConvexRegion, plot_regions
 from cspace.regions._free_region import RegionSource, YawArc
 
@@ -46,11 +46,7 @@ class Corridor:
         """Draw all regions, as :meth:`ConvexRegion.plot` draws one."""
         return plot_regions(self.regions, ax, style)
 
-    def _repr_png_(self) -> bytes | None:
-        """Show it in a notebook, as its picture."""
-        from cspace.plot import show_png
-
-        return show_png(self)
+    _repr_png_ = show_png
 
 
 def make_corridor(

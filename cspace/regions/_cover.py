@@ -36,6 +36,7 @@ from cspace.inside import (
     now,
     read_document,
     replacing,
+    show_png,
 )
 from cspace.regions._convex_region import YAW, ConvexRegion, plot_regions
 from cspace.regions._free_region import RegionSource
@@ -98,11 +99,7 @@ class FreeRegions:
         """Draw all regions, as :meth:`ConvexRegion.plot` draws one."""
         return plot_regions(self.regions, ax, style)
 
-    def _repr_png_(self) -> bytes | None:
-        """Show it in a notebook, as its picture."""
-        from cspace.plot import show_png
-
-        return show_png(self)
+    _repr_png_ = show_png
 
     @names_options
     def save(self, path: str | os.PathLike[str], overwrite: bool = False) -> None:

@@ -31,6 +31,7 @@ from cspace.inside import (
     names_options,
     number_parts,
     replacing,
+    show_png,
     tell_apart,
     warn_user,
 )
@@ -704,11 +705,7 @@ class Trajectory:
                 curves.append(("angular speed", "angular speed (rad/s)", turned))
         return plot_rates(self.times, curves, ax)
 
-    def _repr_png_(self) -> bytes | None:
-        """Show it in a notebook, as its picture."""
-        from cspace.plot import show_png
-
-        return show_png(self)
+    _repr_png_ = show_png
 
     def to_path(self, msg: Any = None, *, frame_id: str | None = None) -> Any:
         """Return the rows as a ``nav_msgs/Path`` of ROS.
