@@ -116,7 +116,6 @@ from ._support.deadlines import Effort as Effort
 from ._support.deadlines import is_over as is_over
 from ._support.deadlines import now as now
 from ._support.deadlines import spend as spend
-from ._support.interrupts import hold_interrupts as hold_interrupts
 from ._support.limits import check_memory as check_memory
 from ._support.reporting import import_optional as import_optional
 from ._support.reporting import tell_apart as tell_apart

@@ -17,6 +17,7 @@ from typing import Final
 
 from cspace._support.check import check_positive
 from cspace._support.compiling import clock
+from cspace._support.interrupts import hold_interrupts
 
 NANOSECONDS: Final = 1e9
 """Nanoseconds in a second."""
@@ -78,6 +79,8 @@ class Effort:
             yield
         finally:
             _stop.reset(token)
+
+    hold_interrupts = staticmethod(hold_interrupts)
 
     def share(self, factor: float) -> Effort:
         """Return a share of both."""

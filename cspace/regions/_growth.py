@@ -300,7 +300,7 @@ def find_deepest(half_spaces: HalfSpaces) -> tuple[Floats, float]:
     cost = np.append(np.zeros(dim), -1.0)
     rows = np.column_stack([normals, np.ones(count)])
     # The solver's tolerances are absolute, so it gets lengths of about 1 around a point nearby.
-    near = np.linalg.lstsq(normals, offsets)[0].astype(np.float64)
+    near = np.array(np.linalg.lstsq(normals, offsets)[0], dtype=np.float64)
     rest = offsets - normals @ near
     unit = np.abs(rest).max() or 1.0
     solution = linprog(cost, rows, rest / unit, bounds=(None, None)).x

@@ -21,7 +21,7 @@ from ompl import geometric as og
 from ompl import util as ou
 
 from cspace import Space
-from cspace.inside import NEVER, Effort, Floats, hold_interrupts, is_over, now, spend
+from cspace.inside import NEVER, Effort, Floats, is_over, now, spend
 from planners._catalogue import OmplName
 from planners._edges.local_planner import LocalPlanner
 from planners._ompl.checkers import EdgeCosts
@@ -72,7 +72,7 @@ class Deadline:
     @contextmanager
     def hold(self) -> Iterator[None]:
         """Let a signal end OMPL's work in a block; then raise what its handler has raised."""
-        with hold_interrupts() as self._interrupts:
+        with Effort.hold_interrupts() as self._interrupts:
             yield
 
     def is_stopped(self) -> bool:

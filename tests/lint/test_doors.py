@@ -11,8 +11,7 @@ READERS = ("cspace/_files/", "cspace/_record/", "cspace/_tiles/")
 OTHERS = {
     "cspace/_support/limits.py": "the memory of a container",
     "cspace/_files/lazy_arrays.py": "an array of the caller in memory, mapped again in another process",
-    "cspace/_support/compiling.py": "its own lock",
-    "cspace/_support/sources.py": "the library's own sources",
+    "cspace/_support/compiling.py": "its own lock and compiled code",
     "cspace/_outside.py": "the stub beside it",
 }
 """Files that read what no user passes, each with what it is."""

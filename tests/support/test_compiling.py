@@ -402,9 +402,9 @@ event.register("numba:compile", Stop())
     patient = "cspace._support.compiling.TURN_SECONDS = 0.0, 0.2"
     stopped = start_script(tmp_path, RUN_PROBE.format(before=stop))
     os.waitid(os.P_PID, stopped.pid, os.WSTOPPED | os.WNOWAIT)
-    for _ in range(2):
+    for hits in range(2):
         answer, said = run_script(tmp_path, RUN_PROBE.format(before=patient))
-        assert answer == "4.0 0" and f"waiting for process {stopped.pid}, " in said
+        assert answer == f"4.0 {hits}" and f"waiting for process {stopped.pid}, " in said
     while stopped.poll() is None:
         stopped.send_signal(signal.SIGCONT)
         time.sleep(0.05)
