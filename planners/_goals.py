@@ -432,13 +432,14 @@ class Room:
                     lengths = np.linalg.norm(rows[:, :dim] - self.middle[:dim], axis=1)
                     turns = _measure_turns(space, tuple(self.middle.tolist()), rows)
                     return tuple(rows[np.lexsort((turns, lengths))[0]].tolist())
+        problem = f"has no configuration within {self.radius:g} m that FREE cells join to the start"
         hint, nearest = "", None
         if math.isfinite(self.radius):
             with suppress(ConfigurationError):
                 nearest = replace(self, radius=math.inf).find_closest(space, joined)
                 metres = math.dist(nearest[:dim], self.middle[:dim])
-                hint = f"the nearest is {nearest}, {metres:.3g} m away"
-        problem = f"has no configuration within {self.radius:g} m that FREE cells join to the start"
+                problem += f", but one within {1.0051 * metres:.3g} m"  # rounded up
+                hint = f"the nearest is {nearest}"
         rule = "closest=True ends in the nearest of these"
         raise ConfigurationError(self.name, problem, rule, hint, nearest=nearest)
 

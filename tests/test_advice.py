@@ -35,7 +35,7 @@ from tests.helpers.urdfs import write_urdf as write_arm
 
 ADVICE = re.compile(
     r"""
-    \b(?P<name>\w+)=(?P<value>'[^']*'|\([^)]*\)|True|False|-?\d[\d.e-]*)  # an option
+    \b(?P<name>\w+)=(?P<value>'[^']*'|\([^)]*\)|\[[^\]]*\]|True|False|-?\d[\d.e-]*)  # an option
     | \.(?P<method>\w+)\(\)                                      # a method
     | (?:pass|write|cells\ of)\ (?P<number>[\d.]+\w*)\ (?:for|m)  # a value
     | by\ (?P<move>\(.*?\))\ m                                   # a way
@@ -262,6 +262,14 @@ def reach(urdf, **options):
     return np.stack([arm.pose((q,), "l2") for q in (-1.0, 0.0, 2.0)])
 
 
+def stand_in_post(folder, **options):
+    """Return whether an arm moves whose last link always stands in a post."""
+    place = trimesh.transformations.translation_matrix((0.5, 0, 0))
+    post = cspace.arms.PosedShape(Robot.box((0.2, 0.2, 0.2)).shape, place)
+    arm = cspace.Arm.from_urdf(write_chain(folder, False))
+    return cspace.build_arm_space({"post": post}, arm, **options).is_free([(-1.0,), (2.0,)]) * 1.0
+
+
 def place_nodes(folder, *levels, **options):
     """Return the nodes of a graph, whose levels have a lane each."""
     nodes = {
@@ -383,6 +391,7 @@ ROWS = [
         lambda folder: reach(write_chain(folder, False)),
         id="a base that floats",
     ),
+    pytest.param(stand_in_post, lambda _: np.ones(2), id="a link that always touches"),
     pytest.param(
         lambda folder, **options: place_nodes(folder, "L1", "L2", **options),
         lambda folder: place_nodes(folder, "L1"),

@@ -173,6 +173,7 @@ UNCHANGED = {
     "motion_is_free": lambda c: c.space.motion_is_free(c.q0, c.q1),
     "obstacles": lambda c: list(c.space.obstacles),
     "outside": lambda c: c.space.outside,
+    "unchecked": lambda c: c.space.unchecked,
     "overlap_count": lambda c: c.space.overlap_count(c.q0),
     "overlap_counts": lambda c: c.space.overlap_counts is None,
     "path_exists": lambda c: c.space.path_exists(c.q0, c.q1),

@@ -278,7 +278,7 @@ def _check_clock(value: float, name: str) -> float:
     step = float(np.spacing(abs(time)))
     if step > MAX_CLOCK_STEP:
         rule = f"times are seconds, and float64 has steps of {step:g} s there"
-        raise InputError(name, f"is {value!r}", rule, "subtract the first time from all times")
+        raise InputError(name, f"is {value!r}", rule)
     return time
 
 

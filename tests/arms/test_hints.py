@@ -313,7 +313,7 @@ TENTH = {"limits": (0.1, 0.1)}
         "goal has 2 alternatives, none of them proven free ... FREE",
     ),
     (lambda f: space(f, allowed_collisions=[("foot", "sky")]), "names 'sky'"),
-    (lambda f: space(f, near=PosedShape(FAR.shape, 2.0 * np.eye(4))), "pose has R = "),
+    (lambda f: space(f, near=PosedShape(FAR.shape, 2.0 * np.eye(4))), "pose has the last row "),
     (lambda f: space(f).add_obstacle("fore", FAR), "name is 'fore' ... attached"),
     (
         lambda f: space(f).add_obstacle("post", FAR, touch_links=["fort"]),

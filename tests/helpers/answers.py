@@ -108,6 +108,7 @@ def check_plan(budget, plan, space, start, goal, via=(), **_):
     """Check a plan's path, its places, and that there is none where it says so."""
     need(isinstance(space, cspace.CSpace | cspace.ArmSpace), "a space of another kind")
     need(len(plan.path) <= 1500, "a long path")
+    need(isinstance(via, tuple | list | np.ndarray), "places in a table")
     if plan.is_disconnected:
         places = [plain.places_of(space, place, "place") for place in (start, *via, goal)]
         yield "no path", check_bars(space, places, budget)

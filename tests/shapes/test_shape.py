@@ -193,7 +193,10 @@ def test_anything_that_describes_a_shape_becomes_one(source, radius, kind):
 
 @refusals(
     "source, message",
-    ([(0, 0, 0), (1, 0, 0), (0, 1, 0)], "is points.*points need a radius"),
+    (
+        [(0, 0, 0), (1, 0, 0), (0, 1, 0)],
+        "points need a radius, and corners of a polygon have no height; use",
+    ),
     ("robot.txt", "it must be a shorthand, WKT, or a file"),
     ((1, 1, 2, 2), "is 4 numbers; a polygon or a mesh is needed"),
     (np.arange(6.0), "is 6 numbers; a polygon or a mesh is needed"),
