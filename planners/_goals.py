@@ -42,6 +42,7 @@ from cspace.inside import (
     gather_goals,
     list_alternatives,
     map_record,
+    names_options,
     suggest_radians,
     turn_near,
     wrap_angles,
@@ -105,6 +106,7 @@ RADIANS_PER_STEP: Final = math.radians(1.0)
 """Largest turn between places at which a path may end in a room, radians."""
 
 
+@names_options
 @dataclass(frozen=True, slots=True, eq=False)
 class Near(Goal):
     """All configurations within a distance and an angle of one configuration, as a place of a plan.

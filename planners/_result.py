@@ -66,6 +66,7 @@ class Times:
     checking: float = 0.0
 
 
+@names_options
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Plan:
     """A path and its proofs.

@@ -452,6 +452,11 @@ MISFITS = {
     "flat().add_obstacle(Robot.disc(0.2))": "'shape'; it takes name, shape, and others by name",
     "planners.Differential(0.5)": "Differential() ... its options are reverse",
     "planners.Search(goal_bias=0.1)": "Search() has no option 'goal_bias' ... simplify",
+    "planners.Near((0.8, 0.6), tol=0.1)": "Near() has no option 'tol' ... angle, closest, distance",
+    "planners.ToolSpeed(sped=0.1)": "ToolSpeed() has no option 'sped'; did you mean 'speed'?",
+    "planners.plan(flat(), (0.8, 0.6), (0.9, 0.6), simplify=True)": "plan() has no option 'simplify'; did you mean 'planner'?",
+    "planners.plan(flat(), (0.8, 0.6), (0.9, 0.6), goal_bias=0.1)": "plan() has no option 'goal_bias'; did you mean 'planner'?",
+    "planners.plan(flat(), (0.8, 0.6), (0.9, 0.6), timeout=1)": "plan() has no option 'timeout'; did you mean 'time_limit'?",
     "planners.Car(radius=0.5)": "Car() has no option 'radius' ... turning_radius",
     "planners.Car(reverse=True)": "Car() ... 'turning_radius'; it takes turning_radius",
     "planners.Car(0.5, turning_radius=0.5)": "Car() ... 'turning_radius'",
@@ -496,12 +501,19 @@ def raise_unsized(*_):
         (planners, "DiffDrive", "Differential"),
         (planners, "RRTConnect", "Search"),
         (planners, "SimpleSetup", "simple_setup"),
+        (planners.Near((0.5, 0.5)), "configuraton", "configuration"),
     ],
 )
 def test_a_name_of_another_package_is_answered_with_ours(owner, name, ours):
     with pytest.raises(AttributeError, match=f"has no '{name}'; .*\\b{ours}\\b"):
         getattr(owner, name)
     assert hasattr(owner, ours) and not hasattr(owner, "_unknown")
+
+
+def test_plans_and_packages_without_plan_answer_names_of_others():
+    for owner, name, ours in ((find_way(), "solved", "status"), (cspace, "plan", "planners.plan")):
+        with pytest.raises(AttributeError, match=f"has no '{name}'; did you mean '{ours}'"):
+            getattr(owner, name)
 
 
 def test_an_unlike_name_suggests_nothing():

@@ -9,11 +9,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace._support.arrays import AXES
-from cspace._support.check import check_finite, check_positive, check_text
+from cspace._support.check import check_finite, check_positive, check_text, names_options
 from cspace._support.units import suggest_radians
 from cspace.errors import InputError
 
 
+@names_options
 @dataclass(frozen=True, slots=True)
 class Upright:
     """A constraint of an arm: an axis of a frame keeps its angle to a direction.

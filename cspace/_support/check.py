@@ -334,6 +334,12 @@ OTHER_NAMES: Final[Mapping[str, str]] = {
     "rrtconnect": "Search",
     "rrtstar": "Search",
     "simplesetup": "simple_setup",
+    # Plans.
+    "plan": "planners.plan",
+    "goalbias": "planner",
+    "simplify": "planner",
+    "timeout": "time_limit",
+    "solved": "status",
 }
 """Names that other packages and fields use, in lower-case letters, with ours."""
 
@@ -360,7 +366,7 @@ def suggest_name(value: object, known: Collection[str]) -> str:
 def make_name_error(owner: object, title: str, name: str, known: Collection[str]) -> AttributeError:
     """Make the error for a name that a package or a class lacks."""
     public = [each for each in known if not each.startswith("_")]
-    hint = suggest_name(name, public) or _list_names(public)
+    hint = suggest_name(name, [*public, "planners.plan"]) or _list_names(public)
     return AttributeError(f"{title} has no {name!r}; {hint}", name=name, obj=owner)
 
 
@@ -368,24 +374,29 @@ _BY_PLACE: Final = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIO
 """Kinds of parameters that values without names are given to."""
 
 
+def _refuse_name(owner: object, name: str) -> Any:
+    """Raise AttributeError for an unknown name of a class or an object, with our word for it."""
+    kind = owner if isinstance(owner, type) else type(owner)
+    raise make_name_error(owner, kind.__name__, name, dir(kind))
+
+
 class AnswersNames(type):
     """A class that answers an unknown name of its own with the one that was meant."""
 
     if not TYPE_CHECKING:  # otherwise type checkers would take any name
-
-        def __getattr__(cls, name: str) -> Any:
-            """Raise AttributeError, with our word for the name."""
-            raise make_name_error(cls, cls.__name__, name, dir(cls))
+        __getattr__ = _refuse_name
 
 
 def names_options(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
     """Make a function, or a class, check truth values, and explain a call that does not fit.
 
-    It takes a tenth of a microsecond.
+    It takes a tenth of a microsecond. Objects of the class answer unknown names as
+    :class:`AnswersNames` does.
     """
     if isinstance(function, type):
         constructor = vars(function)["__init__"]
         setattr(function, "__init__", names_options(constructor))  # noqa: B010
+        setattr(function, "__getattr__", _refuse_name)  # noqa: B010
         return function
     parameters = inspect.signature(function).parameters
     names = list(parameters)

@@ -108,9 +108,9 @@ DUBINS_FORMS = 4
 MAX_SEGMENTS = 5
 """Segments of a word; unused ones have no length."""
 
-MAX_WORDS = 64
+MAX_WORDS = 80
 """Words to one goal: nine forms, mirrored and reversed, and three of them backwards, as (9 + 3) *
-4; with costs also four forms of Dubins, mirrored, in two ways."""
+4; with costs also four forms of Dubins, mirrored and reversed, in two ways."""
 
 TIE_TOLERANCE = 1e-6
 """Largest difference in length, in turning radii, between curves that count as equally short."""
@@ -326,10 +326,11 @@ def find_shortest_words(curves: Curves, q0: Pose, q1: Pose, tie: float) -> Words
     goal = (dx * cos + dy * sin, dy * cos - dx * sin, yaw1 - yaw0)
     all_steering = np.zeros((MAX_WORDS, MAX_SEGMENTS), np.int64)
     all_lengths = np.zeros((MAX_WORDS, MAX_SEGMENTS))
-    candidates = write_candidates(curves.kind, goal, all_steering, all_lengths, 0)
+    candidates = write_candidates(curves, curves.kind, goal, all_steering, all_lengths, 0)
     if has_costs(curves):
-        # These have arcs of more than half a turn, which are shorter in reverse.
-        candidates = write_candidates(DUBINS, goal, all_steering, all_lengths, candidates)
+        # These keep one direction on arcs of more than half a turn, which would be shorter in the
+        # other one.
+        candidates = write_candidates(curves, DUBINS, goal, all_steering, all_lengths, candidates)
     totals = np.empty(candidates)  # of the words that reach the goal and may be shortest
     best = 0
     shortest = math.inf
@@ -433,17 +434,19 @@ def is_new(steering: Ints, lengths: Floats, count: int) -> int:
 
 
 @internal
-def write_candidates(kind: int, goal: Pose, steering: Ints, lengths: Floats, count: int) -> int:
+def write_candidates(
+    curves: Curves, kind: int, goal: Pose, steering: Ints, lengths: Floats, count: int
+) -> int:
     """Write candidate words from the origin after ``count`` others; return their number.
 
     Each form gives words by symmetry: mirrored (left for right), reversed (ahead for back) and
-    backwards (from the end to the start). Words of Dubins are neither reversed nor backwards; their
-    arcs just below 2 pi are tried as 0 and as given.
+    backwards (from the end to the start). Words of Dubins are not backwards, and reversed only if
+    the car reverses; their arcs just below 2 pi are tried as 0 and as given.
     """
     forms = DUBINS_FORMS if kind == DUBINS else len(SEGMENTS)
     for mirror in (1, -1):
         for sign in (1, -1):
-            if kind == DUBINS and sign < 0:
+            if curves.kind == DUBINS and sign < 0:
                 continue
             # The goal of the word that, mirrored or reversed, reaches the given goal.
             x = sign * goal[0]

@@ -47,6 +47,7 @@ from cspace.inside import (
     check_positive,
     check_text,
     check_word,
+    names_options,
     number_parts,
     warn_of_large,
     warn_user,
@@ -85,6 +86,7 @@ class ZoneLevels(NamedTuple):
     upper: Floats
 
 
+@names_options
 @dataclass(frozen=True, slots=True, weakref_slot=True)
 class SpeedZones:
     """Areas with a largest speed each, for trajectories of mobile robots.
@@ -132,7 +134,7 @@ class SpeedZones:
     def __post_init__(self) -> None:
         """Check the zones, and keep shapely geometries."""
         zones: list[tuple[BaseGeometry, float]] = []
-        for number, zone in enumerate(self.zones):
+        for number, zone in enumerate(self.zones if np.iterable(self.zones) else ()):
             name = f"zones[{number}]"
             if not isinstance(zone, tuple | list) or len(zone) != 2:
                 raise InputError(name, f"is {zone!r}", "it must be an area and its speed, m/s")
@@ -146,7 +148,7 @@ class SpeedZones:
             speed = check_positive(speed, f"speed of {name}", "m/s")
             zones.append((shape.outer.outline, speed))
         if not zones:
-            raise InputError("zones", "is empty", "it must have an area and its speed")
+            raise InputError("zones", f"is {self.zones!r}", "it must list areas with their speeds")
         check_word(self.within, "within", ("contour", "point"))
         if self.frame_id is not None:
             check_text(self.frame_id, "frame_id")
@@ -264,6 +266,7 @@ class SpeedZones:
         return _find_largest(self, space, q, lengths, turns)
 
 
+@names_options
 @dataclass(frozen=True, slots=True)
 class SlowNear:
     """A largest speed near obstacles, for trajectories of mobile robots.
@@ -318,6 +321,7 @@ class SlowNear:
         return _find_largest(self, space, q, lengths, turns)
 
 
+@names_options
 @dataclass(frozen=True, slots=True)
 class ToolSpeed:
     """A largest speed of a link of an arm, for trajectories.

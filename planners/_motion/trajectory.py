@@ -108,6 +108,7 @@ class LinearMotion(Protocol):
     certified: bool
 
 
+@names_options
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Trajectory:
     """A path with times, that ends at rest.

@@ -25,6 +25,7 @@ from cspace.inside import (
     check_not_negative,
     check_positive,
     kept_values,
+    names_options,
 )
 
 if TYPE_CHECKING:
@@ -46,6 +47,7 @@ DEFAULT_WEIGHT: Final = 10.0
 """Extra metres that a metre of path costs by default if the penalty is one."""
 
 
+@names_options
 @dataclass(frozen=True, slots=True, eq=False)
 class WeightedLength:
     """Length with costs of your own, as the ``objective`` of :func:`planners.plan`.
@@ -89,6 +91,7 @@ class WeightedLength:
         object.__setattr__(self, "costs", costs)
 
 
+@names_options
 @dataclass(frozen=True, slots=True)
 class ClearanceObjective:
     """Length whose metres cost more near obstacles, as the ``objective`` of :func:`planners.plan`.

@@ -86,6 +86,9 @@ def test_curves_with_costs_of_reversing_cost_no_more_than_ompls(costs):
         cost = measure(curves, a, b)
         ahead, shortest = (measure_ompls_cost(states, (a, b), *costs) for states in kinds)
         assert cost <= min(ahead, shortest) + 2e-3 * costs[0] * (1.0 + shortest)
+        # A curve in reverse is one ahead of a car that faces the other way.
+        turned = make_poses(kinds[0], *(np.add(q, [0.0, 0.0, math.pi]) for q in (a, b)))
+        assert cost <= costs[0] * kinds[0].distance(*turned) + 2e-6 * radius
         assert cost >= kinds[1].distance(*make_poses(kinds[1], a, b)) - 2e-6 * radius
         fewer += cost < 0.99 * shortest
         # The cost is that of the curve driven.

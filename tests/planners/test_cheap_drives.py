@@ -302,6 +302,15 @@ def test_plans_reverse_less_where_reversing_costs_more(drive):
     assert max(ratios) < 1.01 and saved >= 4
 
 
+def test_a_loop_in_reverse_alone_is_driven_where_a_switch_costs_more():
+    car = planners.Car(0.4, reverse=True, switch_cost=2.0)
+    ends = (3.8, 3.7, -0.41), (4.12, 3.94, 1.55)
+    space = build_empty((80, 80), Robot.polygon(ROBOT), rotations=36)
+    plan = planners.plan(space, *ends, drive=car)
+    assert set(plan.direction[1:]) == {-1}  # a loop ahead is 3.03 m long
+    assert plan.certified and plan.length == pytest.approx(2.136, abs=0.01)
+
+
 def test_a_plan_comes_although_the_shortest_path_is_not_proven_as_one_with_costs():
     space = build_world(13)
     ends = space.sample_free(12, np.random.default_rng([13, 9])).reshape(6, 2, 3)[4]
