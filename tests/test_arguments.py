@@ -501,7 +501,6 @@ def raise_unsized(*_):
         (planners, "DiffDrive", "Differential"),
         (planners, "RRTConnect", "Search"),
         (planners, "SimpleSetup", "simple_setup"),
-        (planners.Near((0.5, 0.5)), "configuraton", "configuration"),
     ],
 )
 def test_a_name_of_another_package_is_answered_with_ours(owner, name, ours):

@@ -377,6 +377,9 @@ _BY_PLACE: Final = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIO
 def _refuse_name(owner: object, name: str) -> Any:
     """Raise AttributeError for an unknown name of a class or an object, with our word for it."""
     kind = owner if isinstance(owner, type) else type(owner)
+    # Packages probe values for names of theirs, and Python itself suggests names that look alike.
+    if kind is not owner and name not in OTHER_NAMES:
+        raise AttributeError(f"{kind.__name__} has no {name!r}", name=name, obj=owner)
     raise make_name_error(owner, kind.__name__, name, dir(kind))
 
 
