@@ -1932,8 +1932,8 @@ MUTANTS = (
     ),
     Mutant(
         "planners/_goals.py",
-        "kept[kept] = np.any(joined, axis=0)",
-        "np.any(joined, axis=0)",
+        "is_joined |= space.is_connected(q, members)",
+        "is_joined |= True",
         "tests/planners/test_goals.py",
     ),
     Mutant(
