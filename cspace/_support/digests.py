@@ -21,10 +21,10 @@ from numba.core import types
 from numba.core.dispatcher import Dispatcher
 from numba.core.extending import _Intrinsic
 
-VERSIONED: Final = sys.stdlib_module_names | {"numba", "numpy"}
+VERSIONED: Final = {"builtins", "cmath", "heapq", "math", "operator", "llvmlite", "numba", "numpy"}
 """Packages whose functions and classes are described by their names.
 
-Folders of compiled code name the versions."""
+Folders of compiled code name the versions. Users' modules hide others, e.g. ``profile``."""
 
 PLAIN: Final = (type(None), type(...), bool, int, float, complex, str, bytes)
 """Types of values that are described by their representation."""
@@ -96,12 +96,14 @@ class _Description:
     @classmethod
     def of_function(cls, function: Any) -> _Description:
         """Describe the code of a function, its options, and the values that it reads."""
-        python = function.py_func
+        is_intrinsic = isinstance(function, _Intrinsic)
+        python = function._defn if is_intrinsic else function.py_func
         code, names = _describe_code(python.__code__)
         cells = [cell.cell_contents for cell in python.__closure__ or ()]
         read = {name: value for name, value in python.__globals__.items() if name in names}
-        options = {**function.targetoptions, "locals": function.locals}
-        extension = _describe_extension(function._compiler.pipeline_class.__module__)
+        options = {} if is_intrinsic else {**function.targetoptions, "locals": function.locals}
+        extender = python if is_intrinsic else function._compiler.pipeline_class
+        extension = _describe_extension(extender.__module__)
         place = python.__module__, python.__qualname__, python.__defaults__, python.__kwdefaults__
         return cls((code, *place, cells, read, options, extension), names)
 
@@ -124,7 +126,7 @@ class _Description:
                 return tuple(sorted(value, key=repr))
             case dict():
                 return tuple(sorted(value.items(), key=lambda item: repr(item[0])))
-            case Dispatcher():
+            case Dispatcher() | _Intrinsic():
                 if value not in self.functions:
                     self.functions.append(value)
                 return (self.functions.index(value),)
@@ -136,8 +138,6 @@ class _Description:
                 return (value.value,)
             case types.Type():
                 return _describe_extension(kind.__module__), value.key
-            case _Intrinsic():
-                return _describe_extension(value._defn.__module__), value._name
         name = str(getattr(value, "__qualname__", None) or getattr(value, "__name__", ""))
         home = str(getattr(value, "__module__", None) or name)
         if name and _is_versioned(home):
@@ -148,8 +148,8 @@ class _Description:
             return home, read
         if isinstance(value, type) and issubclass(value, tuple | Enum | BaseException):
             fields = getattr(value, "_fields", ()), getattr(value, "_field_defaults", {})
-            members = [(each.name, each.value) for each in value] if issubclass(value, Enum) else []
-            return home, name, fields, members
+            members = getattr(value, "__members__", {})
+            return home, name, fields, [(key, each.value) for key, each in members.items()]
         raise UnknownValueError(f"a function reads {value!r:.100}")
 
 

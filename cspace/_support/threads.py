@@ -63,7 +63,12 @@ def map_in_threads(
         return _gather(map(work, items), progress)
     with ThreadPoolExecutor(threads, initializer=_mark_worker) as pool:
         try:
-            return _gather(pool.map(work, items), progress)
+            try:
+                results = pool.map(work, items)
+            except RuntimeError:  # Python ends, and starts no more threads
+                pool.shutdown(cancel_futures=True)
+                results = map(work, items)
+            return _gather(results, progress)
         except BaseException:
             pool.shutdown(cancel_futures=True)
             raise

@@ -89,7 +89,7 @@ def test_processes_that_start_together_compile_once(tmp_path):
 USER = """
 import {neighbour}
 from cspace.inside import internal, kernel
-from {neighbour} import FACTOR, PAIR, STEPS, Gear, Pose, count, scale
+from {neighbour} import FACTOR, PAIR, STEPS, Gear, Pose, constant, count, scale
 
 @internal
 def inner(x, gain=FACTOR):
@@ -98,7 +98,8 @@ def inner(x, gain=FACTOR):
 @kernel
 def f(x):
     pose = Pose(x, 10.0 * x)
-    return inner(x) + PAIR[0] + STEPS[1] + Gear.HIGH.value + pose.first + {neighbour}.MORE + count(x)
+    sum = inner(x) + PAIR[0] + STEPS[1] + Gear.USED.value + pose.first + count(x)
+    return sum + {neighbour}.MORE + constant(x)
 """
 
 NEIGHBOUR = """
@@ -106,12 +107,16 @@ from enum import IntEnum
 from typing import NamedTuple
 import numpy as np
 from cspace.inside import internal
+from numba.core import types
+from numba.extending import intrinsic
 FACTOR = 2.0
 PAIR = 3, 4
 STEPS = np.array([1.0, 2.0])
 MORE = 7
 class Gear(IntEnum):
+    LOW = 4
     HIGH = 5
+    USED = HIGH
 class Pose(NamedTuple):
     first: float
     second: float
@@ -127,6 +132,12 @@ def make(k):
         return x + k
     return count
 count = make(1.0)
+LEVEL = 8.0
+@intrinsic
+def constant(_, x):
+    def generate(context, builder, *_):
+        return context.get_constant(types.float64, LEVEL + 0.0)
+    return types.float64(x), generate
 """
 
 
@@ -161,7 +172,7 @@ def call_user(folder, tmp_path, monkeypatch):
         return f(1.0), bool(f.stats.cache_hits)
 
     yield call
-    for name in ("alone", "beside", "whole", "part", "one", "two"):
+    for name in ("alone", "beside", "whole", "part", "one", "two", "profile"):
         for module in [each for each in sys.modules if each.partition(".")[0] == name]:
             del sys.modules[module]
 
@@ -181,6 +192,9 @@ def test_a_function_is_compiled_anew_if_a_file_that_it_imports_changes(call_user
         ("[1.0, 2.0]", "[1.0, 3.0]", 1.0),
         ("MORE = 7", "MORE = 8", 1.0),
         ("HIGH = 5", "HIGH = 6", 1.0),
+        ("USED = HIGH", "USED = LOW", -1.0),
+        ("LEVEL = 8.0", "LEVEL = 9.0", 1.0),
+        ("LEVEL + 0.0", "LEVEL + 1.0", 1.0),
         ("first: float\n    second: float", "second: float\n    first: float", 9.0),
         ("make(1.0)", "make(2.0)", 1.0),
     ],
@@ -189,15 +203,19 @@ def test_a_function_is_compiled_anew_if_a_value_that_it_takes_in_changes(call_us
     check_change(call_user, "alone", "beside", change)
 
 
+def test_a_module_that_hides_one_of_python_is_read(call_user):
+    check_change(call_user, "alone", "profile", ("MORE = 7", "MORE = 8", 1.0))
+
+
 def check_change(call_user, name, neighbour, change):
     """Check answers and kept code before and after a change of a neighbour's text."""
     old, new, more = change
     texts = {name: USER.format(neighbour=neighbour), neighbour: NEIGHBOUR}
-    assert call_user(texts) == (220.0, False)
+    assert call_user(texts) == (228.0, False)
     edited = texts | {neighbour: NEIGHBOUR.replace(old, new)}
-    assert call_user(edited) == (220.0 + more, False)
-    assert call_user(texts) == (220.0, True)
-    assert call_user(edited) == (220.0 + more, True)
+    assert call_user(edited) == (228.0 + more, False)
+    assert call_user(texts) == (228.0, True)
+    assert call_user(edited) == (228.0 + more, True)
 
 
 def test_code_is_kept_under_the_text_that_was_imported(call_user, tmp_path):
