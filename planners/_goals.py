@@ -112,9 +112,10 @@ class Near(Goal):
     """All configurations within a distance and an angle of one configuration, as a place of a plan.
 
     As the goal or a place on the way of :func:`planners.plan`, the path ends where it first comes
-    so near. As a start, the robot stands at the configuration: the path begins there, or if it is
-    not proven free, at nearly the nearest free configuration, and :attr:`Plan.status` says so. The
-    robot's motion to the latter is not proven.
+    so near. As a start with a yaw, the robot stands at the configuration: the path begins there, or
+    if it is not proven free, at nearly the nearest free configuration, and :attr:`Plan.status` says
+    so. The robot's motion to the latter is not proven. As a start of any yaw, the path may begin at
+    each of these configurations, as it may end at each of a goal.
 
     Attributes
     ----------
