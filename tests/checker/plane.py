@@ -106,10 +106,11 @@ def check_plane(pieces, robot, world, budget, margin=0.0):
         left = np.zeros(len(rows), bool)
         exact = np.ones(len(rows), bool)
         for part in robot:
-            # No point of the part leaves its chord farther.
-            sagitta = eighth * (moves + part.reach * (spin**2 + spins))
+            # No point of the part leaves its chord farther. A disc about the robot's point has no reach.
+            turning = part.reach * (spin**2 + spins) if part.reach > 0.0 else 0.0
+            sagitta = eighth * (moves + turning)
             points = np.concatenate([_move(part.corners, *end) for end in ends], axis=1)
-            far = np.isinf(sagitta)
+            far = ~np.isfinite(sagitta)
             need = np.where(far, 0.0, sagitta) + part.radius + margin - slack
             hit = far | world.are_near(points, need)
             left |= hit

@@ -123,6 +123,16 @@ def test_curves_agree_with_many_poses(seed):
         assert abs(distance - 0.02) < 1e-4 or (found == FREE) == (distance > 0.02)
 
 
+@pytest.mark.parametrize("gap", [TINY, -TINY])
+def test_a_disc_that_heads_along_its_curve_starts_from_rest(gap):
+    # Where the robot rests, its curve has no direction, and no bound of its turning.
+    rates = np.zeros((1, 3, 3))
+    rates[0, 1, 0] = 2.0
+    motion = pieces.Pieces(np.zeros((1, 3)), rates, np.zeros(1, bool), np.ones(1, int))
+    found = check_flat(motion, [plane.Part(np.zeros((1, 2)), 0.3)], [shapely.Point(1.3 + gap, 0)])
+    assert found == (FREE if gap > 0.0 else TOUCHES)
+
+
 def test_rows_off_a_motion_are_seen():
     line = pieces.make_lines([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0)])
     rows, which, times = (
