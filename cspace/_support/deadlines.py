@@ -17,7 +17,7 @@ from typing import Final
 
 from cspace._support.check import check_positive
 from cspace._support.compiling import clock
-from cspace._support.interrupts import hold_interrupts
+from cspace._support.interrupts import hold_exit
 
 NANOSECONDS: Final = 1e9
 """Nanoseconds in a second."""
@@ -80,7 +80,7 @@ class Effort:
         finally:
             _stop.reset(token)
 
-    hold_interrupts = staticmethod(hold_interrupts)
+    hold_exit = staticmethod(hold_exit)
 
     def share(self, factor: float) -> Effort:
         """Return a share of both."""

@@ -71,12 +71,12 @@ class Deadline:
 
     @contextmanager
     def hold(self) -> Iterator[None]:
-        """Let a signal end OMPL's work in a block; then raise what its handler has raised."""
-        with Effort.hold_interrupts() as self._interrupts:
+        """Let a signal, or Python's end, end OMPL's work in a block; then raise what it raised."""
+        with Effort.hold_exit() as self._interrupts:
             yield
 
     def is_stopped(self) -> bool:
-        """Return True after a signal or the caller's stop."""
+        """Return True after a signal, the caller's stop, or as Python ends."""
         return bool(self._interrupts) or is_over(NEVER)
 
     def check(self) -> bool:

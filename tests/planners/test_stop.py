@@ -3,6 +3,8 @@
 import itertools
 import math
 import signal
+import subprocess
+import sys
 import threading
 import time
 from functools import partial
@@ -16,6 +18,7 @@ import planners
 from cspace import InputError, Robot, Workspace
 from planners._catalogue import planner_names
 from tests.helpers.drives import make_drive
+from tests.helpers.strategies import few
 from tests.helpers.urdfs import planar_arm
 
 LONG = 600.0
@@ -177,6 +180,40 @@ def test_searches_go_on_in_other_threads(flat, signals):
     told.append("stop")
     thread.join()
     assert len(told) == 2
+
+
+SEARCH_AS_PYTHON_ENDS = """
+import signal, sys, threading
+import planners
+from tests.helpers.handmade import build_empty
+from tests.planners.test_stop import LONG, Cost
+
+begun, main, daemon = threading.Event(), threading.main_thread(), bool(int(sys.argv[1]))
+
+class Telling(Cost):
+    def motionCost(self, first, second):
+        begun.set()
+        if not daemon and not main.is_alive():  # Ctrl-C while Python joins this thread
+            signal.pthread_kill(main.ident, signal.SIGINT)
+        return super().motionCost(first, second)
+
+def search():
+    options = {"planner": "RRTstar", "objective": Telling, "time_limit": LONG}
+    planners.plan(space, (0.3, 0.3), (3.3, 3.3), **options)
+
+signal.signal(signal.SIGINT, signal.default_int_handler)
+space = build_empty((40, 40), "disc:0.1")
+threading.Thread(target=search, daemon=daemon).start()
+begun.wait()
+"""
+
+
+@pytest.mark.parametrize("daemon", few([1, 0]))
+def test_python_ends_while_ompl_searches_in_another_thread(daemon):
+    # Python ends a thread where it next needs the interpreter, which aborts below OMPL.
+    command = [sys.executable, "-c", SEARCH_AS_PYTHON_ENDS, str(daemon)]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
 
 
 @pytest.mark.parametrize("drive", ["differential", "differential-reverse"])
