@@ -174,13 +174,18 @@ def test_states_hold_for_the_parts_of_robots_of_every_kind(kind, rotations, roun
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("kind", KINDS)
-def test_states_hold_at_many_configurations(kind):
+@pytest.mark.parametrize("kind", KINDS[:-1])  # a surface may stand around an obstacle
+def test_states_hold_at_many_configurations(kind, data):
     rng = np.random.default_rng(8)
     robot, pieces = make_robots(0.013)[kind]
+    scenes = []
+    if kind == "mast":
+        building = Workspace.open(data / "voxels" / "geb079.bt", unknown="free")
+        scenes.append((building, "blocked", 0.008))
     for spacing, outside in ((0.1, "blocked"), (0.05, "free"), (0.07, "blocked")):
-        workspace = draw_scene(rng, spacing, shape=(60, 52, 24))
-        space = cspace.build(workspace, robot, rotations=36, floor=0.21, outside=outside)
+        scenes.append((draw_scene(rng, spacing, shape=(60, 52, 24)), outside, 0.21))
+    for workspace, outside, floor in scenes:
+        space = cspace.build(workspace, robot, rotations=36, floor=floor, outside=outside)
         rows = draw_rows(rng, space, 3000)
         check_states(space, pieces, list_prisms(workspace, outside), rows, space.classify(rows))
 
@@ -253,53 +258,6 @@ def test_a_map_on_a_floor_is_the_worst_of_its_layers(seed, outside, kind, rotati
     for method in ("fft", "direct"):
         again = cspace.build(workspace, robot, floor=0.1, method=method, **options)
         assert (again.cell_states == space.cell_states).all()
-
-
-@examples(12)
-@given(seeds, exteriors, st.integers(-2, 2))
-def test_laws_of_heights(seed, outside, height):
-    rng = np.random.default_rng(seed)
-    workspace = draw_scene(rng, 0.125)
-    options = {"rotations": 5, "outside": outside}
-
-    def build(bottom, top, scene=workspace, floor=0.25):
-        box = Robot.box((0.9, 0.5, top - bottom), (0.05, 0.1, (top + bottom) / 2.0))
-        return cspace.build(scene, box, floor=floor, **options).cell_states
-
-    whole = build(0.0625, 0.75)
-    # A robot cut in two at a height is the union of its parts.
-    for cut in (0.375, 0.45):
-        assert (np.maximum(build(0.0625, cut), build(cut, 0.75)) == whole).all()
-    # Raising the world and the floor together changes nothing.
-    grid = workspace.grid
-    raised = Workspace.from_array(
-        workspace.outer, grid.spacing, (*grid.lower[:2], grid.lower[2] + height)
-    )
-    assert (build(0.0625, 0.75, raised, 0.25 + height) == whole).all()
-    # A robot in a prismatic world is the plane robot in the plane world.
-    ground = workspace.outer.any(axis=2)
-    prisms = Workspace.from_array(np.repeat(ground[:, :, None], 12, axis=2), 0.125, grid.lower)
-    plane = Workspace.from_array(ground, 0.125, grid.lower[:2])
-    flat = cspace.build(plane, Robot.rectangle(0.9, 0.5, (0.05, 0.1)), **options)
-    assert (build(0.0625, 0.75, prisms) == flat.cell_states).all()
-
-
-@pytest.mark.parametrize("kind", few(["mast", "balls", "cells", "pyramid"]))
-def test_a_map_on_a_floor_decides_what_a_map_of_space_decides(kind):
-    rng = np.random.default_rng(3)
-    workspace = draw_scene(rng)
-    robot, _ = make_robots(0.05)[kind]
-    floor = 0.15  # in the middle of a cell
-    for rotations in (None, 6):
-        space = cspace.build(workspace, robot, rotations=rotations, floor=floor, outside="free")
-        solid = cspace.build(workspace, robot, rotations=rotations, outside="free")
-        layer = solid.cell_states[..., int(floor / 0.1)]
-        # Rasters of surfaces and of outlines grow by other bounds of the same rotations.
-        assert (space.cell_states[layer == FREE] != BLOCKED).all()
-        assert (space.cell_states[layer == BLOCKED] != FREE).all()
-        if rotations is None:
-            assert (space.cell_states[layer == FREE] == FREE).all()
-            assert (space.cell_states == FREE).sum() >= (layer == FREE).sum()
 
 
 def make_shelf(rng):
@@ -773,137 +731,6 @@ def test_drives_pictures_and_messages_take_a_floor():
     assert (np.array(space.to_costmap().data) < 254).all()
     beam = cspace.build(Workspace.from_array(cells, 0.1), CRATE, rotations=16, floor=0.3)
     assert beam.drawn_workspace.outer[20].all() and beam.is_disconnected(start, goal)
-
-
-# ---- many states against points of the robot -----------------------------------------------------
-
-
-def fill_box(lower, upper, step):
-    """Return points of a box, on its faces and inside, at most a step apart along each axis."""
-    axes = [
-        np.linspace(a, b, max(2, math.ceil((b - a) / step) + 1))
-        for a, b in zip(lower, upper, strict=True)
-    ]
-    return np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 3)
-
-
-PARTS = (((-0.4, -0.25, 0.05), (0.4, 0.25, 0.2)), ((-0.35, -0.05, 0.5), (0.45, 0.05, 0.66)))
-"""Corners of the base and of the top of a robot whose mast is a pyramid."""
-
-
-def make_tower(step):
-    """Return the robot with points of it."""
-    corners = [(x, y, 0.2) for x in (-0.2, 0.1) for y in (-0.15, 0.15)]
-    mast = trimesh.convex.convex_hull(np.array([*corners, (-0.1, 0.0, 0.55)]))
-    boxes = [trimesh.creation.box(bounds=part) for part in PARTS]
-    # Horizontal sections of the mast shrink towards its apex.
-    unit = fill_box((0.0, 0.0, 0.0), (1.0, 1.0, 1.0), step / 0.35)
-    flat = np.array([-0.2, -0.15]) + unit[:, :2] * np.array([0.3, 0.3])
-    apex = np.array([-0.1, 0.0])
-    inside = np.column_stack([apex + (1.0 - unit[:, 2:]) * (flat - apex), 0.2 + 0.35 * unit[:, 2]])
-    points = np.concatenate([*(fill_box(*part, step) for part in PARTS), inside])
-    return Robot.from_mesh(trimesh.util.concatenate([*boxes, mast])), points
-
-
-def find_hits(points, rows, floor, is_solid):
-    """Return for each configuration whether a point of the robot lies in an obstacle."""
-    hits = np.zeros(len(rows), dtype=bool)
-    for part in np.array_split(np.arange(len(rows)), max(1, len(rows) * len(points) // 10**6)):
-        cos, sin = np.cos(rows[part, 2:]), np.sin(rows[part, 2:])
-        x = rows[part, :1] + cos * points[:, 0] - sin * points[:, 1]
-        y = rows[part, 1:2] + sin * points[:, 0] + cos * points[:, 1]
-        z = np.broadcast_to(points[:, 2] + floor, x.shape)
-        hits[part] = is_solid(np.stack([x, y, z], axis=-1)).any(axis=1)
-    return hits
-
-
-def check_many_states(space, is_solid, count):
-    """Compare drawn FREE and BLOCKED states with points of the robot."""
-    rng = np.random.default_rng(11)
-    rows = rng.uniform((*space.bounds[0], -math.pi), (*space.bounds[1], math.pi), (6 * count, 3))
-    states = space.classify(rows)
-    _, coarse = make_tower(0.08)
-    free, blocked = (rows[states == state][:count] for state in (FREE, BLOCKED))
-    assert min(len(free), len(blocked)) > count // 2
-    assert not find_hits(coarse, free, space.floor, is_solid).any()
-    rest = blocked[~find_hits(coarse, blocked, space.floor, is_solid)]
-    _, fine = make_tower(0.012)
-    assert find_hits(fine, rest, space.floor, is_solid).all()
-
-
-def find_solid(scene, outside):
-    """Return a function that says whether points lie in occupied cells, or outside if it counts."""
-    grid = scene.grid
-    lower, shape = np.array(grid.lower), np.array(grid.shape)
-
-    def is_solid(points):
-        cells = np.floor((points - lower) / grid.spacing).astype(int)
-        inside = ((cells >= 0) & (cells < shape)).all(axis=-1)
-        near = np.clip(cells, 0, shape - 1)
-        taken = scene.outer[near[..., 0], near[..., 1], near[..., 2]]
-        return np.where(inside, taken, outside == "blocked")
-
-    return is_solid
-
-
-@pytest.mark.thorough
-def test_many_states_of_a_scanned_building_hold_for_points_of_the_robot(data):
-    scene = Workspace.open(data / "voxels" / "geb079.bt", unknown="free")
-    robot, _ = make_tower(0.1)
-    space = cspace.build(scene, robot, rotations=72, floor=0.021)
-    check_many_states(space, find_solid(scene, "blocked"), 100_000)
-
-
-def make_racks():
-    """Return a hall with racks whose lowest shelves are at many heights, and with tables."""
-    rng = np.random.default_rng(4)
-    cells = np.zeros((240, 180, 24), dtype=bool)
-    for x in range(20, 220, 40):
-        for y in range(15, 160, 25):
-            shelf = int(rng.integers(4, 15))
-            cells[x : x + 16, y : y + 20, shelf : shelf + 2] = True
-            cells[x : x + 16, y : y + 20, 20:] = True
-            cells[x : x + 16 : 15, y : y + 20 : 19] = True  # posts
-        table = rng.integers((0, 0), (200, 150))
-        top = int(rng.integers(5, 18))
-        cells[table[0] : table[0] + 14, table[1] : table[1] + 24, top] = True
-    return Workspace.from_array(cells, 0.05)
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize("floor", [0.1, 0.1 + 1e-9, 0.127])
-def test_many_states_among_racks_and_tables_hold_for_points_of_the_robot(floor):
-    scene, (robot, _) = make_racks(), make_tower(0.1)
-    space = cspace.build(scene, robot, rotations=72, floor=floor, outside="free")
-    check_many_states(space, find_solid(scene, "free"), 100_000)
-
-
-@pytest.mark.thorough
-def test_many_states_among_meshes_hold_for_points_of_the_robot():
-    rng = np.random.default_rng(12)
-    boxes = []
-    for _ in range(60):
-        turn = trimesh.transformations.random_rotation_matrix(rng.random(3))
-        turn[:3, 3] = rng.uniform((0.0, 0.0, 0.0), (12.0, 9.0, 1.2))
-        boxes.append((rng.uniform(0.15, 0.7, 3), turn))
-    meshes = [cspace.make_mesh(trimesh.creation.box(*box)) for box in boxes]
-    bounds = (0.0, 0.0, 0.0, 12.0, 9.0, 1.2)
-    workspace = Workspace.from_shapes(meshes, 0.05, bounds)
-    robot, _ = make_tower(0.1)
-    space = cspace.build(workspace, robot, rotations=72, floor=0.13, outside="free")
-
-    def is_solid(points):
-        hits = np.zeros(points.shape[:-1], dtype=bool)
-        for sides, turn in boxes:
-            # No point of the robot is farther than 1.3 m from its first one.
-            reach = 1.3 + np.linalg.norm(sides) / 2.0
-            near = np.linalg.norm(points[:, 0] - turn[:3, 3], axis=1) < reach
-            local = (points[near] - turn[:3, 3]) @ turn[:3, :3]
-            hits[near] |= (np.abs(local) <= sides / 2.0).all(axis=-1)
-        # What leaves the workspace is not known to it.
-        return hits & ((points >= bounds[:3]) & (points <= bounds[3:])).all(axis=-1)
-
-    check_many_states(space, is_solid, 100_000)
 
 
 def test_a_map_on_a_floor_is_asked_by_the_code_of_the_plane():

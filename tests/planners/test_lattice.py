@@ -208,7 +208,7 @@ def test_cars_park_in_tight_slots_on_coarse_maps(make_slot, share, radius):
 
 
 @pytest.mark.parametrize("drive", ["differential", "differential-reverse"])
-def test_lattice_passes_a_crate_close_to_a_wall_in_little_time(drive):
+def test_lattice_passes_a_crate_close_to_a_wall_with_the_default_work(drive):
     """Among headings far apart, none lets the robot come as close to the wall as it has to."""
     occupied = np.zeros((60, 375), dtype=bool)
     occupied[[0, -1]] = True
@@ -217,9 +217,8 @@ def test_lattice_passes_a_crate_close_to_a_wall_in_little_time(drive):
     space = build(Workspace.from_array(occupied, 0.04), Robot.polygon(notched), rotations=72)
     options = {"planner": "Lattice", "drive": make_drive(drive)}
     ends = (1.2, 13.5, -1.57), (1.2, 2.0, -1.0)
-    assert planners.plan(space, *ends, **options)  # compiles all functions
     space.add_obstacle("crate", shapely.box(0.86, 6.0, 1.58, 7.0))
-    plan = planners.plan(space, *ends, time_limit=0.3, **options)
+    plan = planners.plan(space, *ends, **options)
     assert plan.certified
     assert plan.length < 12.0
 
