@@ -9,6 +9,8 @@ import itertools
 import math
 from collections.abc import Callable, Sequence
 from functools import partial
+from typing import Final
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +29,11 @@ from cspace._support.words import Method
 RasterPair = tuple[Raster, Raster]
 """Outer and inner raster of a robot at one rotation."""
 
+MAX_KEPT_CELLS: Final = 2**22
+"""Number of cells up to which the last rasters of a robot are kept for its next map."""
+
+_last_rasters: Final = WeakKeyDictionary[Robot, tuple[object, list[RasterPair]]]()
+
 
 def slice_rasters(
     robot: Robot,
@@ -35,10 +42,25 @@ def slice_rasters(
     rotations: Rotations,
     heights: Heights | None = None,
 ) -> list[RasterPair]:
-    """Rasterize the robot for each slice.
+    """Rasterize the robot for each slice, or return the rasters of its last map if they fit.
 
     Returns the outer and inner raster of each slice; ``spacing`` and ``margin`` are in metres.
     With ``heights``, the robot drives on a floor, and offsets are (x, y, layer of the scene).
+    """
+    asked = spacing, margin, rotations, heights
+    known, rasters = _last_rasters.get(robot, (None, []))
+    if known != asked:
+        rasters = _make_rasters(robot, *asked)
+        if sum(outer.cells.size for outer, _ in rasters) <= MAX_KEPT_CELLS:
+            _last_rasters[robot] = asked, rasters
+    return list(rasters)
+
+
+def _make_rasters(
+    robot: Robot, spacing: float, margin: float, rotations: Rotations, heights: Heights | None
+) -> list[RasterPair]:
+    """Rasterize the robot for each slice.
+
     Rasters are made from the rotated geometry, unless a slice is the image of an earlier slice by
     quarter turns or mirrors. Then the raster is an image too.
     """

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import os
+import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -90,15 +91,27 @@ def map_bytes(shape: Sequence[int], slices: int = 1, overlap: bool = False) -> i
     return cells * bytes_per_cell + 2**27
 
 
-def free_bytes() -> int:
+FREE_SECONDS: Final = 0.1
+"""How long the free memory is known, because to read it takes longer than to make a small map."""
+
+_known_until = -math.inf
+_known_bytes = 0.0
+
+
+def free_bytes() -> float:
     """Return the memory that this process can still use, in bytes.
 
     That is the free memory of the machine, or the rest of a container's limit, or of the process's
     own (``ulimit -v``).
     """
-    import psutil
+    global _known_until, _known_bytes
+    if time.monotonic() > _known_until:
+        import psutil
 
-    return int(min(psutil.virtual_memory().available, _container_bytes(), _process_bytes()))
+        available = psutil.virtual_memory().available
+        _known_bytes = min(float(available), _container_bytes(), _process_bytes())
+        _known_until = time.monotonic() + FREE_SECONDS
+    return _known_bytes
 
 
 @contextmanager
@@ -245,13 +258,19 @@ def check_memory(needed: float, what: str, grid: GridCells, *, slices: int = 1) 
     raise InputError(what, problem, rule, hint)
 
 
-def _find_shortage(needed: float) -> int | None:
-    """Return the free bytes if so many may not be used, otherwise None."""
+def _find_shortage(needed: float) -> float | None:
+    """Return the free bytes if so many may not be used; otherwise take them, and return None."""
     # Needs below which the free memory is not queried, because that takes longer than reading.
     if needed < 2**18:
         return None
-    free = free_bytes()
-    return free if needed > MAX_MEMORY_FRACTION * free else None
+    global _known_until, _known_bytes
+    if needed > MAX_MEMORY_FRACTION * free_bytes():
+        _known_until = -math.inf  # what was taken lately may be free again
+        free = free_bytes()
+        if needed > MAX_MEMORY_FRACTION * free:
+            return free
+    _known_bytes -= needed
+    return None
 
 
 def _memory_parts(description: str, needed: float, free: float) -> tuple[str, str]:

@@ -66,8 +66,30 @@ def test_sharing_slices_changes_no_state(robot, rotations, slices, monkeypatch):
     monkeypatch.setattr(Shape, "symmetry", property(lambda self: 1))
     monkeypatch.setattr(Shape, "symmetries", property(lambda self: [np.eye(3)]))
     monkeypatch.setattr(type(shared.rotations), "_find_images", Rotations._find_images)
-    alone = cspace.build(workspace, robot, rotations=rotations, counts=True)
+    alone = cspace.build(
+        workspace, Robot(robot.name, robot.shape), rotations=rotations, counts=True
+    )
     assert len(shared.overlap_counts) == slices
     assert len(alone.overlap_counts) == len(alone.rotations)
     assert (shared.cell_states == alone.cell_states).all() and shared.count() == alone.count()
     assert (shared.overlap_counts[shared.slice_of] == alone.overlap_counts).all()
+
+
+def test_a_robot_that_has_a_map_gets_the_next_one_as_a_new_robot_would():
+    rng = np.random.default_rng(1)
+    robot = ROBOTS["box"]
+    cells = rng.random((20, 18, 9)) < 0.02
+    asked = [
+        {"spacing": spacing, "margin": margin, "rotations": rotations, "floor": floor}
+        for spacing in (0.1, 0.13)
+        for margin in (0.0, 0.05)
+        for rotations in (None, 5, 6)
+        for floor in (None, 0.2, 0.3)
+    ]
+    for options in [asked[k] for k in rng.integers(0, len(asked), 40)] * 2:
+        workspace = Workspace.from_array(cells, options.pop("spacing", 0.1))
+        maps = [
+            cspace.build(workspace, each, outside="free", **options)
+            for each in (robot, robot, Robot(robot.name, robot.shape))
+        ]
+        assert all((each.cell_states == maps[2].cell_states).all() for each in maps)
