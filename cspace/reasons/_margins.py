@@ -25,7 +25,6 @@ from __future__ import annotations
 import copy
 import itertools
 import math
-from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache, cached_property
@@ -46,6 +45,7 @@ from cspace.inside import (
     Ints,
     Raster,
     States,
+    allocating,
     cells_of,
     contents_of,
     find_overlaps,
@@ -181,13 +181,10 @@ def find_way(space: CSpace, points: Floats) -> Way:
 def find_chain(costs: Bytes, neighbors: Ints, start: Ints, goal: Ints) -> Ints:
     """Find the cheapest chain of cells, each beside the one before.
 
-    Cells are entered in the order of the cost of the chain to them (R. Dial, "Algorithm 360:
-    Shortest-path forest with topological ordering", 1969).
-
     Parameters
     ----------
     costs : ndarray of uint8, shape (rotations, x, y(, z))
-        Cost of entering each cell, or 0 if no chain enters it.
+        Cost of entering each cell, at most 7, or 0 if no chain enters it.
     neighbors : ndarray of int64, shape (rotations, n)
         Adjacent rotation cells, padded with -1.
     start, goal : ndarray of int64, shape (1 + d,)
@@ -202,34 +199,18 @@ def find_chain(costs: Bytes, neighbors: Ints, start: Ints, goal: Ints) -> Ints:
     costs = np.pad(costs, np.tile(border[:, np.newaxis], 2))
     shape = costs.shape
     strides = np.array(costs.strides)  # as many cells, because each takes one byte
-    size = strides[0]
     # A missing neighbour is the cell itself, which was entered already.
     rotations = np.arange(len(costs))[:, np.newaxis]
-    turns = size * np.where(neighbors < 0, 0, neighbors - rotations)
+    turns = strides[0] * np.where(neighbors < 0, 0, neighbors - rotations)
     moves = np.tile([*strides[1:], *-strides[1:]], (len(costs), 1))
-    offsets = np.hstack([moves, turns])
     first, last = (np.stack([start, goal]) + border) @ strides
-    flat_costs = costs.ravel()
+    # The least number of moves from each position to the goal's.
+    axes = np.ogrid[tuple(map(slice, shape[1:]))]
+    left = sum(abs(axis - at) for axis, at in zip(axes, goal[1:] + 1, strict=True))
     before = np.full(costs.size, -1)
-    # Cells to enter, and the cells before them, by the cost of the chain.
-    queue = defaultdict(list, {0: [np.array([[first], [first]])]})
-    while queue and before[last] < 0:
-        cost = min(queue)
-        cells, sources = np.hstack(queue.pop(cost))
-        is_new = before[cells] < 0
-        cells, sources = cells[is_new], sources[is_new]
-        # Each cell is entered once, though it lies beside several sources.
-        numbers = np.arange(len(cells))
-        before[cells] = numbers
-        is_last = before[cells] == numbers
-        cells = cells[is_last]
-        before[cells] = sources[is_last]
-        beside = cells[:, np.newaxis] + offsets[cells // size]
-        is_new = before[beside] < 0
-        pairs = np.stack([beside[is_new], np.repeat(cells, is_new.sum(axis=1))])
-        added = flat_costs[pairs[0]]
-        for value in np.unique(added[added > 0]).tolist():
-            queue[cost + value].append(pairs[:, added == value])
+    enter_cells(
+        costs.ravel(), np.hstack([moves, turns]), np.ravel(left), int(first), int(last), before
+    )
     if before[last] < 0:
         return np.empty((0, len(shape)), dtype=np.int64)
     # Follow the chain back from the goal.
@@ -238,6 +219,65 @@ def find_chain(costs: Bytes, neighbors: Ints, start: Ints, goal: Ints) -> Ints:
         chain.append(before[chain[-1]])
     way: Ints = np.stack(np.unravel_index(chain[::-1], shape), axis=1) - border
     return way
+
+
+@allocating
+def enter_cells(
+    costs: Bytes, offsets: Ints, left: Ints, first: int, last: int, before: Ints
+) -> None:
+    """Write the cell before each cell that is entered, until the last one is.
+
+    Cells are entered by the cost of the chain to them and the number of moves that are left (P.
+    Hart, N. Nilsson and B. Raphael, 1968), from circular buckets (R. Dial, "Algorithm 360:
+    Shortest-path forest with topological ordering", 1969).
+    """
+    size = left.shape[0]
+    # Entries are lists: one for each bucket, and one of entries that are free.
+    capacity = 1024
+    cells = np.empty(capacity, np.int64)
+    sources = np.empty(capacity, np.int64)
+    following = np.arange(1, capacity + 1)
+    buckets = np.full(16, -1)  # a step costs up to 7, and may lead one move away
+    cells[0] = sources[0] = first
+    following[0] = -1
+    buckets[0] = 0
+    free = 1
+    cost = 0
+    waiting = 1
+    while waiting:
+        bucket = cost % len(buckets)
+        entry = buckets[bucket]
+        if entry < 0:
+            cost += 1
+            continue
+        buckets[bucket] = following[entry]
+        following[entry] = free
+        free = entry
+        waiting -= 1
+        cell = cells[entry]
+        if before[cell] >= 0:
+            continue
+        before[cell] = sources[entry]
+        if cell == last:
+            return
+        for offset in offsets[cell // size]:
+            beside = cell + offset
+            if costs[beside] == 0 or before[beside] >= 0:
+                continue
+            if free == capacity:
+                cells = np.concatenate((cells, np.empty(capacity, np.int64)))
+                sources = np.concatenate((sources, np.empty(capacity, np.int64)))
+                following = np.concatenate((following, np.arange(1, capacity + 1) + capacity))
+                capacity *= 2
+            entry = free
+            free = following[entry]
+            cells[entry] = beside
+            sources[entry] = cell
+            later = np.int64(costs[beside]) + left[beside % size] - left[cell % size]
+            bucket = (cost + later) % len(buckets)
+            following[entry] = buckets[bucket]
+            buckets[bucket] = entry
+            waiting += 1
 
 
 class Planes(NamedTuple):
