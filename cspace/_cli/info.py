@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Literal
 
@@ -83,18 +84,18 @@ def _guess_kind(file: str) -> FileKind:
 
     A URDF is read, because its joints decide between an arm and a robot.
     """
+    # A Path refuses texts that are too long for a name.
+    if ":" in file and not os.path.exists(file):  # noqa: PTH110
+        return "robot"
     path = Path(file)
     suffix = path.suffix.lower()
-    if suffix in (".zarr", ".npz") or path.is_dir():
+    if suffix in (".zarr", ".npz") or os.path.isdir(file):  # noqa: PTH112
         return "map"
     if suffix == ".urdf":
         return "arm" if _has_moving_joints(path) else "robot"
     file_name, _, _ = file.partition("#")  # file.urdf#link names a link of a URDF
     is_link = Path(file_name).suffix.lower() == ".urdf"
-    is_robot_text = ":" in file and not path.exists()
-    if is_link or is_robot_text:
-        return "robot"
-    return "workspace"
+    return "robot" if is_link else "workspace"
 
 
 def _has_moving_joints(path: Path) -> bool:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Collection, Mapping, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Literal
 
 import typer
@@ -102,7 +102,8 @@ def open_robot(text: str, **given: Any) -> Robot:
 def _is_shorthand(text: str) -> bool:
     """Return True for a text such as ``disc:0.3``, unless a file has that name."""
     name, colon, _ = text.partition(":")
-    return bool(colon) and name.isalpha() and not Path(text).exists()
+    # A Path refuses texts that are too long for a name.
+    return bool(colon) and name.isalpha() and not os.path.exists(text)  # noqa: PTH110
 
 
 def refuse_options(options: Mapping[str, object], taken: Collection[str], about: str) -> None:

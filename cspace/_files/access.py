@@ -127,9 +127,10 @@ def check_name(path: StrPath) -> Path:
 
     Raises InputError if it is not one.
     """
-    if not isinstance(path, str | os.PathLike) or "\0" in str(path):
-        raise make_kind_error(path, "path", "it must be a file name")
-    return Path(path)
+    with suppress(TypeError, UnicodeError):
+        if b"\0" not in os.fsencode(path):
+            return Path(os.fsdecode(path))
+    raise make_kind_error(path, "path", "it must be a file name")
 
 
 class ContentError(Exception):

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cspace._cli.options import parse_angle, parse_box, parse_configuration
+from cspace._cli.options import open_robot, parse_angle, parse_box, parse_configuration
 from cspace._cli.report import format_error, show
 from cspace.errors import CspaceError, FileError, InputError
 from tests.helpers.commands import commands, flatten, run
@@ -24,6 +24,15 @@ def test_configurations_have_metres_degrees_and_radians(x, degrees, radians):
     assert in_degrees == (0.0, x, math.radians(degrees))
     assert parse_angle(f"{radians!r}", "yaw", "yaw") == radians
     assert parse_angle(f" {degrees!r}rad ", "yaw", "yaw") == degrees
+
+
+def test_a_footprint_of_any_number_of_corners_is_a_robot():
+    for count in (3, 6, 7, 8, 16, 17, 64):
+        angles = [math.tau * k / count for k in range(count)]
+        corners = [[0.3 * math.cos(angle), 0.3 * math.sin(angle)] for angle in angles]
+        robot = open_robot(f"footprint:{corners}")
+        assert robot.name == f"polygon with {count} corners"
+        assert f"polygon with {count} corners" in run("info", f"footprint:{corners}").stdout
 
 
 @pytest.mark.parametrize("text", ["1", "1,2,3,4,", "a,b,1", ""])

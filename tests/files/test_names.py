@@ -55,6 +55,19 @@ def test_a_file_of_another_format_is_refused_with_its_converter(tmp_path):
         make_mesh(tmp_path / "part.off")
 
 
+@pytest.mark.parametrize("name", [300 * "x", "a\0b", "\ud800"])
+@pytest.mark.parametrize("suffix", ["", ".zarr", ".png", ".stl", ".urdf"])
+def test_a_text_that_cannot_be_a_name_is_refused(name, suffix):
+    space = build_empty((4, 4), "disc:0.1")
+    calls = [
+        *(Workspace.open, Robot.open, cspace.open, cspace.Arm.from_urdf, space.save),
+        lambda path: cspace.build(space.workspace, "disc:0.1", store=path),
+    ]
+    for call in calls:
+        with pytest.raises(CspaceError):
+            call(name + suffix)
+
+
 WORDS = {
     ".nc": "netCDF",
     ".nii": "NIfTI",
