@@ -222,8 +222,9 @@ class GateNode : public rclcpp_lifecycle::LifecycleNode {
 
   /// Return what is wrong if another node publishes commands, as one that the gate replaces.
   std::string find_rival() const {
+    int own = publisher_ || stamped_publisher_;  // further ones are of another node with this name
     for (const auto& info : get_publishers_info_by_topic("cmd_vel"))
-      if (info.node_name() != get_name() || info.node_namespace() != get_namespace())
+      if (info.node_name() != get_name() || info.node_namespace() != get_namespace() || own-- <= 0)
         return "the node '" + info.node_name() + "' publishes cmd_vel, too: its commands are not proven";
     return "";
   }

@@ -181,11 +181,17 @@ def test_another_publisher_of_commands_is_named_and_nothing_is_sent_beside_it(no
     assert node.cycle() == (0.6, 0.0)
     node.tell("rival other/cspace_gate")
     assert node.cycle() == (0.55, 0.0)
+    node.tell("rival cspace_gate")
+    node.cycle()
+    assert node.cycle() == (0.6, 0.0)
+    node.tell("rival cspace_gate cspace_gate")  # the same launch, started twice
+    assert node.cycle() == (0.55, 0.0)
     node.tell("deactivate")
     while node.read_line() != "success":
         pass
-    node.tell("rival collision_monitor")
-    assert node.ask("activate") == "failure"
+    for rival in ("collision_monitor", "cspace_gate"):
+        node.tell(f"rival {rival}")
+        assert node.ask("activate") == "failure"
 
 
 def test_clouds_alone_are_enough(start):

@@ -182,6 +182,13 @@ def test_commands_reach_the_simulated_robot_through_the_gate_alone(launch):
     assert heard["cmd_vel_nav"] == {"velocity_smoother"}
 
 
+def test_each_costmap_of_the_params_file_forgets_what_has_gone():
+    params = yaml.safe_load((CPP / "params/navigation.yaml").read_text())
+    for name in ("global_costmap", "local_costmap"):
+        layer = params[name][name]["ros__parameters"]["obstacle_layer"]
+        assert all(layer[source]["clearing"] for source in layer["observation_sources"].split())
+
+
 def test_the_params_file_asks_for_no_more_than_the_gate_allows():
     params = yaml.safe_load((CPP / "params/navigation.yaml").read_text())
     gate, smoother, controller = (
