@@ -10,7 +10,6 @@ from scipy.spatial.transform import Rotation
 from shapely import affinity
 
 import cspace
-from tests.gates.test_gate_drives import GROWN, POSTS, make_cells, run_drive, touches
 from tests.helpers.cpp import SANITIZERS, why_no_compiler
 from tests.helpers.watch import (
     BRAKES,
@@ -133,40 +132,6 @@ def test_drives_among_people_who_step_in_touch_nothing(program, room, kind, coun
     way, near, braked = np.sum(drives, axis=0)
     assert way > 0.15 * count and braked >= count
     assert kind in REACTIONS or near > 3 * count
-
-
-@pytest.mark.parametrize(
-    "seeds, share",
-    [
-        pytest.param(range(4), 0.75, id="4 drives"),
-        pytest.param(range(200), 0.85, id="200 drives", marks=pytest.mark.thorough),
-    ],
-)
-def test_drives_go_far_beside_the_fastest_safe_ones(program, tmp_path, seeds, share):
-    """Posts come as clouds of points; walls and crates are in the map."""
-    workspace = cspace.Workspace.from_array(make_cells(), 0.05)
-    space = cspace.build(workspace, cspace.Robot.rectangle(0.6, 0.4), rotations=72)
-    space.save(tmp_path / "map")
-    watch = WatchInCpp(program, tmp_path / "map", point_radius=0.05)
-    cloud = " ".join(f"{x} {y} 0.3" for x, y in POSTS)
-    robot = Robot((0.0, 0.0, 0.0))
-
-    def choose(pose, wanted, now):
-        robot.cycles.append((robot.now, np.array(pose), now))
-        watch.tell("cloud", "scan", "map", robot.now + CLOCK, cloud)
-        watch.tell("command", robot.now, *np.asarray(wanted).tolist())
-        twist = watch.decide(robot.now, robot.now + CLOCK, robot.look_up).twist
-        robot.now += round(1e9 * DT)
-        return twist
-
-    def may_stand(pose):
-        watch.tell("new")
-        robot.cycles, robot.now = [(0, np.array(pose), np.zeros(2))], 0
-        return not touches(pose, np.zeros(2), DT, GROWN)
-
-    slowed, fastest = np.sum([run_drive(choose, space, may_stand, k) for k in seeds], axis=0)
-    watch.close()
-    assert slowed > share * fastest
 
 
 def see(pose, wall):
