@@ -302,6 +302,10 @@ def test_costs_of_another_shape_are_refused():
     (lambda: Robot.cylinder(0, 1), "radius is 0 ... one number above zero"),
     (lambda: Robot.capsule(1, -1), "length is -1"),
     (lambda: Robot.cylinder(1, 1, (0, 0)), "center has shape"),
+    (
+        lambda: Robot.from_bitmap(xr.DataArray(CELLS, {"x": range(40)}, dims=("x", "y")), 0.1),
+        "has coordinates; they have no effect here",
+    ),
     # Builds and maps.
     (
         lambda: cspace.build(WALLS, "robot.urdf"),

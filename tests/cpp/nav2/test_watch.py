@@ -279,13 +279,6 @@ def test_it_brakes_at_once_if_a_frame_is_unknown(watch, robot, frame):
     assert not step(watch, robot).reason
 
 
-def test_it_brakes_at_once_if_a_scan_names_another_frame(watch, robot):
-    robot.unknown = ("camera",)
-    send_scan(watch, robot, FREE, frame="camera")
-    decided = step(watch, robot, (0.6, 0.0), "scan")
-    assert decided.reason == "tf has no frame camera" and brakes_at_once(robot, decided)
-
-
 @pytest.mark.parametrize("late, drives", [(0.29, True), (0.31, False)])
 def test_a_late_tf_counts_by_its_stamp(watch, robot, late, drives):
     robot.late = round(late * 1e9)
@@ -396,21 +389,6 @@ def test_it_brakes_if_the_robot_is_tilted_or_has_no_rotation(watch, robot, turn)
     assert (expected if turn[0] == turn[0] else "is none") in decided.reason
 
 
-@pytest.mark.parametrize(
-    "command, reason",
-    [
-        ((math.nan, 0.0), "twist"),
-        ((0.5, math.nan), "twist"),
-        ((0.5, math.inf), "faster"),
-        ((1e9, 0.0), "faster"),
-    ],
-)
-def test_it_brakes_on_commands_that_cannot_be(watch, robot, command, reason):
-    decided = step(watch, robot, command)
-    assert reason in decided.reason and brakes_at_once(robot, decided)
-    assert not step(watch, robot, (0.3, 0.0)).reason
-
-
 @pytest.mark.parametrize("source", ["scan", "cloud"])
 def test_each_source_must_be_heard(program, room, source):
     watch = WatchInCpp(program, room, sources="scan,cloud")
@@ -501,13 +479,6 @@ def test_points_of_the_floor_and_above_the_robot_do_not_count(watch, robot):
         for _ in range(12):
             step(watch, robot, (0.0, 0.0))
         step(watch, robot, (0.6, 0.0))
-
-
-@pytest.mark.parametrize("height", [0.0, 2.1])
-def test_a_laser_outside_the_heights_is_refused(watch, robot, height):
-    robot.mount = Frame(Rotation.identity(), np.array((0.1, 0.0, height)))
-    decided = step(watch, robot, (0.6, 0.0))
-    assert "min_height and max_height" in decided.reason and brakes_at_once(robot, decided)
 
 
 # ---- footprints ----------------------------------------------------------------------------------
