@@ -137,14 +137,6 @@ def build_tiles(folder, **options):
         "start is [9.0, 9.0] ... grid",
     ),
     (
-        lambda _: build(FLOOR, CART).update(np.ones((2, 2), dtype=bool), (0.5, 0.5)),
-        "lower is [0.5, 0.5] ... integers",
-    ),
-    (
-        lambda _: build(FLOOR, CART).update(np.ones((2, 2), dtype=bool), (29, 19)),
-        "cells has shape (2, 2) and lower is (29, 19) on a grid of ... lie",
-    ),
-    (
         lambda _: floating().explain((0.5, 0.5, 0.4, 0, 0, 0, 1), (0.6, 0.5, 0.4, 0, 0, 0, 1)),
         "space has the axes x, y, z, qx, qy, qz, qw ... reasons",
     ),
@@ -174,10 +166,6 @@ def build_tiles(folder, **options):
         "rotation has shape (1,) ... turn",
     ),
     # Tiles.
-    (
-        lambda folder: build(FLOOR, CART, store=folder / "map.zarr", tile=0),
-        "tile is 0 ... positive",
-    ),
     (
         lambda folder: build_tiles(folder).exact.is_free((1.0, 0.5)),
         "exact is that of a map in tiles ... space.window",

@@ -167,14 +167,6 @@ def memory(monkeypatch):
     ),
     # Maps.
     (
-        lambda: space().update(CELLS[None], (0, 0)),
-        "cells has 3 axes but the grid has 2 ... agree",
-    ),
-    (
-        lambda: space().update(CELLS, (0, 0), inner=~CELLS),
-        "inner has entry (0, 1), which is not in cells ... subset of cells",
-    ),
-    (
         lambda: named().remove_obstacle("People"),
         "did you mean 'people'?",
     ),

@@ -429,9 +429,7 @@ def test_builds_refuse_invalid_tiles(tile, tmp_path):
     assert not (tmp_path / "m").exists()
 
 
-def test_builds_refuse_counts_and_folders_that_hold_something_else(tmp_path):
-    with pytest.raises(InputError, match="counts"):
-        cspace.build(SQUARE, CAR, store=tmp_path / "m", counts=True)
+def test_builds_refuse_folders_that_hold_something_else(tmp_path):
     cspace.build(SQUARE, CAR).save(tmp_path / "saved.zarr")
     with pytest.raises(FileError, match="holds more"):
         cspace.build(SQUARE, CAR, store=tmp_path / "saved.zarr")
