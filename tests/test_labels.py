@@ -195,19 +195,27 @@ def arm_of(objects):
     return objects["ArmSpace"].arm
 
 
+CENTERED = {
+    "disc": (0.25,),
+    "rectangle": (0.5, 0.25),
+    "ellipse": (0.5, 0.25),
+    "ball": (0.5,),
+    "capsule": (0.5, 0.25),
+    "cylinder": (0.5, 0.25),
+    "box": ((1.0, 1.0, 1.0),),
+}
+"""Sizes of robots that are made at a center."""
+
+
+def make_centered(name, *sizes):
+    """Return how to make a robot at a center, numbers of one, and their labels."""
+    dim = getattr(Robot, name)(*sizes).shape.dim
+    return lambda _, v: getattr(Robot, name)(*sizes, v).spec, Q[:dim], SPACE[:dim]
+
+
 MAKERS = {
-    "Robot.disc center": (lambda _, v: Robot.disc(0.25, v).spec, (0.125, 0.25), PLANE),
-    "Robot.rectangle center": (
-        lambda _, v: Robot.rectangle(0.5, 0.25, v).spec,
-        (0.125, 0.25),
-        PLANE,
-    ),
-    "Robot.ellipse center": (lambda _, v: Robot.ellipse(0.5, 0.25, v).spec, (0.125, 0.25), PLANE),
-    "Robot.ball center": (lambda _, v: Robot.ball(0.5, v).spec, Q, SPACE),
-    "Robot.capsule center": (lambda _, v: Robot.capsule(0.5, 0.25, v).spec, Q, SPACE),
-    "Robot.cylinder center": (lambda _, v: Robot.cylinder(0.5, 0.25, v).spec, Q, SPACE),
+    **{f"Robot.{name} center": make_centered(name, *sizes) for name, sizes in CENTERED.items()},
     "Robot.box extents": (lambda _, v: Robot.box(v).spec, Q, SPACE),
-    "Robot.box center": (lambda _, v: Robot.box((1.0, 1.0, 1.0), v).spec, Q, SPACE),
     "Robot.polygon shape": (lambda _, v: Robot.polygon(v).spec, TRIANGLE, PLANE),
     "Robot.from_footprint footprint": (
         lambda _, v: Robot.from_footprint(v).spec,

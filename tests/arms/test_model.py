@@ -128,6 +128,20 @@ def test_joints_above_the_base_may_be_of_any_type(tmp_path, kind):
     assert arm.configuration(whole_robot).tolist() == [0.5, 0.25]
 
 
+def test_a_chain_of_mimicking_joints_follows_the_first(tmp_path):
+    def read(elbow, wrist):
+        hand = link("hand", BAR) + joint("wrist", "fore", "hand", at=(1, 0, 0), extra=wrist)
+        elbow = f'<limit lower="-1" upper="1"/>{elbow}'
+        return Arm.from_urdf(two_bars(tmp_path, elbow, above=hand))
+
+    follows = read(
+        '<mimic joint="shoulder" multiplier="-2" offset="1"/>',
+        '<mimic joint="elbow" multiplier="3" offset="0.5"/>',
+    )
+    pose = read("", "").pose([0.3, 0.4, 1.7], "hand")
+    np.testing.assert_allclose(follows.pose([0.3], "hand"), pose, atol=1e-12)
+
+
 def count_instructions(call):
     """Return the number of instructions of Python that run in the library."""
     count = 0

@@ -72,7 +72,9 @@ def tiled_plane(tmp_path_factory):
     ids=["reversed", "outside", "short", "nan", "no cells"],
 )
 def test_windows_and_overviews_refuse_invalid_arguments(tiled_plane, method, arguments):
-    message = r"window.*(box in the map|in metres|finite)" if method == "window" else "max_cells is 0"
+    message = (
+        r"window.*(box in the map|in metres|finite)" if method == "window" else "max_cells is 0"
+    )
     with pytest.raises(InputError, match=message):
         getattr(tiled_plane, method)(*arguments)
 
