@@ -5,6 +5,7 @@ import math
 import re
 import warnings
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,35 +16,10 @@ import planners
 from cspace import AngleWarning, Robot, UnitWarning, Workspace
 from cspace.errors import CspaceError
 from cspace.lanes import Mover, RouteGraph, apart
+from tests.helpers.calls import CALLS, make_objects, prepare
 from tests.helpers.urdfs import joint, link, write_urdf
 
 FREE_Q = 1.0, 1.0, 0.5
-ANGLE_CALLS = {
-    "is_free": ("q", lambda space, q: space.is_free(np.array(q))),
-    "motion_is_free": ("q1", lambda space, q: space.motion_is_free(FREE_Q, q)),
-    "is_free of rows": ("q", lambda space, q: space.is_free([FREE_Q] * 3 + [q])),
-    "motions": ("q0", lambda space, q: space.motion_is_free([q, FREE_Q], FREE_Q)),
-    "certify_path": ("path", lambda space, q: space.certify_path([FREE_Q, q])),
-    "clearance of rows": ("q", lambda space, q: space.clearance([FREE_Q, q])),
-    "chunk": ("rows", lambda space, q: cspace.Gate(space).check_rows(FREE_Q, [FREE_Q, q])),
-    "is_connected": ("q0", lambda space, q: space.is_connected(q, FREE_Q)),
-    "chunk at": ("q", lambda space, q: cspace.Gate(space).check_rows(q, [FREE_Q])),
-}
-"""Calls of rows, or of one configuration in a loop, with the name of the argument."""
-
-ONE_CALLS = {
-    "start": ("start", lambda space, q: planners.plan(space, q, FREE_Q)),
-    "goal": ("goal", lambda space, q: planners.plan(space, FREE_Q, q)),
-    "goals": ("goal[1]", lambda space, q: planners.plan(space, FREE_Q, [FREE_Q, q])),
-    "near": ("goal", lambda space, q: planners.plan(space, FREE_Q, planners.Near(q, 0.2, 0.1))),
-    "via": ("via[0]", lambda space, q: planners.plan(space, FREE_Q, FREE_Q, via=[q])),
-    "closest": ("q", lambda space, q: space.closest(q)),
-    "min_path_length": ("q1", lambda space, q: space.min_path_length(FREE_Q, q)),
-    "explain": ("start", lambda space, q: space.explain(q, FREE_Q)),
-    "plot": ("goal", lambda space, q: space.plot(goal=q)),
-    "states_at": ("rotation", lambda space, q: space.states_at(q[2:])),
-}
-"""Calls of one configuration, with the name of the argument."""
 
 
 @cache
@@ -52,34 +28,92 @@ def turning():
     return cspace.build(workspace, Robot.rectangle(0.2, 0.1), rotations=12)
 
 
-def catch_warnings(call):
-    """Return the warnings of a call that Python prints by default."""
-    with warnings.catch_warnings(record=True, action="default") as caught:
+def list_warnings(call):
+    """Return all warnings of a call."""
+    with warnings.catch_warnings(record=True, action="always") as caught:
         call()
     return caught
 
 
-@pytest.mark.parametrize("call", ANGLE_CALLS)
-def test_a_yaw_in_degrees_warns_once_and_names_its_argument(call):
-    name, query = ANGLE_CALLS[call]
+TURNING = [
+    call
+    for call in CALLS
+    if call[0] in ("CSpace", "Gate", "planners")
+    and call[1] not in ("distance", "find_goals", "interpolate", "steps_between")
+    and call[2] in ("q", "q0", "q1", "start", "goal", "path", "rows", "via")
+]
+"""Calls that take a configuration with a yaw, or rows of these, and say so if it is in degrees."""
 
+SINGLE = {
+    *("check_configuration", "check_endpoint", "closest", "explain", "free_region", "plan"),
+    *("min_path_length", "path_exists", "removals"),
+}
+"""Calls of one configuration, whose warning has its radians; those of rows say the same of all."""
+
+
+def check_heard(label, call, is_single):
+    """Check that a yaw in degrees is heard in one sentence, at the line of the caller."""
+    for yaw in (2.0 * math.pi, -2.0 * math.pi, 4.0):
+        assert not list_warnings(lambda yaw=yaw: call(yaw))
+    for yaw in (90.0, -180.0, 7.0):
+        heard = list_warnings(lambda yaw=yaw: call(yaw))
+        # Some calls go through tests/helpers/answers.py.
+        assert all(Path(__file__).parent in Path(each.filename).parents for each in heard)
+        assert {each.category for each in heard} == {AngleWarning}
+        (text,) = {str(each.message) for each in heard}
+        assert text.startswith(f"{label}: yaw is beyond a whole turn; it is in rad, and ")
+        example = yaw if is_single else 90.0
+        assert f"and {example:g} degrees are {math.radians(example):g}" in text
+
+
+@pytest.fixture(scope="module")
+def objects(tmp_path_factory):
+    return make_objects(tmp_path_factory.mktemp("objects"))
+
+
+@pytest.mark.parametrize("owner, name, argument", TURNING)
+def test_a_yaw_in_degrees_is_named_by_the_call_that_takes_it(objects, owner, name, argument):
+    call, arguments, _ = prepare(objects, owner, name, argument)
+    given = arguments[argument]
+
+    def turn(yaw):
+        if isinstance(given, list):
+            call(**{**arguments, argument: [given[0], (*given[1][:2], yaw)]})
+        else:
+            call(**{**arguments, argument: (*given[:2], yaw)})
+
+    is_mark = name == "plot" and argument != "path"
+    label = "via[1]" if argument == "via" else argument
+    check_heard(label, turn, name in SINGLE or is_mark)
+
+
+MORE_CALLS = {
+    "q of rows": lambda space, q: space.is_free([FREE_Q] * 3 + [q]),
+    "q of few rows": lambda space, q: space.clearance([FREE_Q, q]),
+    "q0 of motions": lambda space, q: space.motion_is_free([q, FREE_Q], FREE_Q),
+    "goal[1]": lambda space, q: planners.plan(space, FREE_Q, [FREE_Q, q]),
+    "goal near": lambda space, q: planners.plan(space, FREE_Q, planners.Near(q, 0.2, 0.1)),
+    "rotation": lambda space, q: space.states_at(q[2:]),
+}
+"""Calls that take other numbers of configurations, by the argument that is named."""
+
+
+@pytest.mark.parametrize("call", MORE_CALLS)
+def test_a_yaw_in_degrees_is_named_among_others(call):
+    is_single = "goal" in call or call == "rotation"
+    label = call.split()[0]
+    check_heard(label, lambda yaw: MORE_CALLS[call](turning(), (1.0, 1.0, yaw)), is_single)
+
+
+def test_a_loop_prints_one_warning():
     def repeat():
         for yaw in (90.0, -180.0, 7.0):
-            query(turning(), (1.0, 1.0, yaw))
+            turning().is_free((1.0, 1.0, yaw))
 
-    catch_warnings(repeat)  # compiling at the first call resets Python's registry of warnings
-    (warning,) = catch_warnings(repeat)
-    assert warning.category is AngleWarning and warning.filename == __file__
-    message = str(warning.message)
-    assert message.startswith(f"{name}: yaw is beyond a whole turn; it is in rad, and 90 degrees")
-
-
-@pytest.mark.parametrize("call", ONE_CALLS)
-def test_the_yaw_of_one_configuration_is_named_once_with_its_radians(call):
-    name, query = ONE_CALLS[call]
-    (text,) = list_texts(lambda: query(turning(), (1.0, 1.0, -180.0)))
-    assert text.startswith(f"{name}: yaw is beyond a whole turn")
-    assert text.endswith("-180 degrees are -3.14159 rad")
+    repeat()  # compiling at the first call resets Python's registry of warnings
+    with warnings.catch_warnings(record=True, action="default") as caught:
+        repeat()
+    assert len(caught) == 1
 
 
 @pytest.mark.parametrize(
@@ -93,21 +127,7 @@ def test_the_yaw_of_one_configuration_is_named_once_with_its_radians(call):
     ],
 )
 def test_a_call_warns_once_of_what_it_asks_twice(call):
-    assert len(list_texts(call)) == 1
-
-
-def list_texts(call):
-    """Return the texts of all warnings of a call."""
-    with warnings.catch_warnings(record=True, action="always") as caught:
-        call()
-    return [str(each.message) for each in caught]
-
-
-@pytest.mark.parametrize("call", ANGLE_CALLS | ONE_CALLS)
-def test_angles_up_to_a_whole_turn_do_not_warn(call):
-    query = (ANGLE_CALLS | ONE_CALLS)[call][1]
-    for yaw in (2.0 * math.pi, -2.0 * math.pi, 4.0):
-        assert not catch_warnings(lambda yaw=yaw: query(turning(), (1.0, 1.0, yaw)))  # type: ignore[misc]
+    assert len(list_warnings(call)) == 1
 
 
 # ---- every call that takes an angle, a rate or a speed -------------------------------------------
@@ -167,36 +187,13 @@ def reach(arm, **limits):
 
 
 YAW = {
-    "certify_path path": lambda q, _: turning().certify_path([FREE_Q, q]),
-    "classify q": lambda q, _: turning().classify(q),
-    "clearance q": lambda q, _: turning().clearance(q),
-    "closest q": lambda q, _: turning().closest(q),
-    "contains_robot q": lambda q, _: turning().contains_robot(q),
-    "explain goal": lambda q, _: turning().explain(FREE_Q, q),
-    "explain start": lambda q, _: turning().explain(q, FREE_Q),
-    "free_region q": lambda q, _: turning().free_region(q),
-    "is_connected q0": lambda q, _: turning().is_connected(q, FREE_Q),
-    "is_connected q1": lambda q, _: turning().is_connected(FREE_Q, q),
-    "is_disconnected q0": lambda q, _: turning().is_disconnected(q, FREE_Q),
-    "is_disconnected q1": lambda q, _: turning().is_disconnected(FREE_Q, q),
-    "motion_is_free q0": lambda q, _: turning().motion_is_free(q, FREE_Q),
-    "motion_is_free q1": lambda q, _: turning().motion_is_free(FREE_Q, q),
-    "nearest_free q": lambda q, _: turning().nearest_free(q),
-    "obstacle_distance q": lambda q, _: turning().obstacle_distance(q),
     "obstacle_distance turns": lambda q, _: turning().obstacle_distance(FREE_Q, 0.0, q[2]),
-    "path_obstacle_distance path": lambda q, _: turning().path_obstacle_distance([FREE_Q, q]),
-    "plot path": lambda q, _: turning().plot(path=[FREE_Q, q]),
     "plot rotation": lambda q, _: turning().plot(rotation=q[2]),
-    "removals goal": lambda q, _: turning().removals(FREE_Q, q),
-    "removals start": lambda q, _: turning().removals(q, FREE_Q),
     "free_region yaw_width": lambda q, _: turning().free_region(FREE_Q, yaw_width=q[2]),
     "Gate tracking": lambda q, _: gate(tracking=(0.01, 0.01, q[2])),
-    "Gate.check_rows rows": lambda q, _: cspace.Gate(turning()).check_rows(FREE_Q, [q]),
     "Mover motion": lambda q, _: apart(Mover("disc:0.1", q), Mover("disc:0.1", (2.0, 2.0))),
     "Near angle": lambda q, _: near_goal(angle=q[2]),
     "Near configuration": lambda q, _: near_goal(yaw=q[2]),
-    "plan goal": lambda q, _: planners.plan(turning(), FREE_Q, q),
-    "plan start": lambda q, _: planners.plan(turning(), q, FREE_Q),
     "RouteGraph.from_arrays headings": lambda q, _: RouteGraph.from_arrays(*GRAPH, headings=q[2]),
     "RouteGraph.from_arrays yaws": lambda q, _: RouteGraph.from_arrays(*GRAPH, yaws=[q[2], 0.0]),
     "SpeedZones.largest_speed q": lambda q, _: zones().largest_speed(turning(), [q]),
@@ -329,8 +326,7 @@ def list_units(call):
 
 def hear(call):
     """Return the categories of a call's warnings; a refusal that names degrees is one, too."""
-    with warnings.catch_warnings(record=True) as heard:
-        warnings.simplefilter("always")
+    with warnings.catch_warnings(record=True, action="always") as heard:
         try:
             call()
         except CspaceError as error:
@@ -341,6 +337,7 @@ def hear(call):
 
 def test_every_parameter_with_an_angle_or_a_speed_is_asked():
     asked = {" ".join(name.split()[:2]) for table in (YAW, RATES, SPEEDS) for name in table}
+    asked |= {f"{'Gate.' * (owner == 'Gate')}{name} {each}" for owner, name, each in TURNING}
     assert list_parameters() - asked - NOT_ASKED == set()
 
 

@@ -80,13 +80,8 @@ def test_one_deceleration_counts_for_both_rates():
         cspace.Gate(turning(), dt=0.1, max_deceleration=0)
 
 
-def test_labels_of_tables_are_honoured_or_refused():
+def test_labels_of_tables_are_named_if_they_are_others():
     table = pd.DataFrame({"y": [0.6, 1.2], "x": [0.7, 0.3], "yaw": [0.1, 2.0]})
-    rows = table[["x", "y", "yaw"]].to_numpy()
-    assert (turning().clearance(table) == turning().clearance(rows)).all()
-    assert turning().certify_path([row for _, row in table.iterrows()]) == turning().certify_path(
-        rows
-    )
     with pytest.raises(InputError, match="has the labels y, x"):
         turning().is_free(table[["y", "x"]])
     wrong = table.rename(columns={"yaw": "theta"})
@@ -94,12 +89,6 @@ def test_labels_of_tables_are_honoured_or_refused():
         lambda: turning().is_free(wrong),
         "q has the labels y, x, theta ... x, y, yaw",
     )
-    assert (turning().is_free(list(table.itertuples(index=False))) == turning().is_free(rows)).all()
-    assert (turning().is_free(table.T) == turning().is_free(rows)).all()
-    box = pd.DataFrame({"y": [0.0, 4.0], "x": [0.0, 6.0]})
-    workspace = Workspace.from_polygons(shapely.box(0, 0, 1, 1), 0.1, bounds=box)
-    assert workspace.grid.shape == (60, 40)
-    assert cspace.Grid(pd.Series({"y": 1.0, "x": 2.0}), 0.1, (5, 5)).lower == (2.0, 1.0)
     # Points of an obstacle are read as those of a workspace.
     space = cspace.build(WALLS, Robot.disc(0.1))
     space.add_obstacle("scan", table, radius=0.05)
@@ -107,25 +96,15 @@ def test_labels_of_tables_are_honoured_or_refused():
     assert np.allclose(scan.outer.bounds, [[0.25, 0.55], [0.75, 1.25]])
 
 
-def test_labels_of_goals_updates_and_rows_in_other_words_are_heard():
+def test_labels_of_goals_and_updates_are_heard():
     goal = namedtuple("Goal", "y x yaw")(0.9, 0.6, None)
     assert planners.plan(turning(), Q, goal).goal[:2].tolist() == [0.6, 0.9]
-    line = pd.DataFrame({"x": [0.6, 0.9], "y": [0.6, 0.6], "yaw": [0.3, 0.3]})
-    assert turning().certify_path(line[["yaw", "y", "x"]]) == turning().certify_path(line)
-    fields = line.to_records(index=False)[["yaw", "y", "x"]]
-    assert (turning().is_free(fields) == turning().is_free(line)).all()
-    ends = [line[["yaw", "y", "x"]].iloc[k] for k in (0, 1)]
-    assert turning().distance(*ends) == pytest.approx(0.3)
     space = cspace.build(WALLS, Robot.disc(0.1))
     cells = np.ones((1, 2), dtype=bool)
     labelled = copy.copy(space).update(cells, pd.Series({"y": 3, "x": 7}))
     assert labelled == space.update(cells, (7, 3))
     with pytest.raises(InputError, match=r"cells is a DataFrame.*labels"):
         space.update(pd.DataFrame(np.ones((1, 2), dtype=bool), index=["b"]), (0, 0))
-    moved = cspace.lanes.Mover(Robot.disc(0.1), namedtuple("P", "y x")(1.0, 3.0))
-    still = cspace.lanes.Mover(Robot.disc(0.1), (3.0, 1.0))
-    with pytest.raises(InputError, match="touches second at the start"):
-        cspace.lanes.apart(moved, still, until=1.0)
 
 
 class Store:
@@ -323,6 +302,10 @@ def test_costs_of_another_shape_are_refused():
     (lambda: Robot.cylinder(0, 1), "radius is 0 ... one number above zero"),
     (lambda: Robot.capsule(1, -1), "length is -1"),
     (lambda: Robot.cylinder(1, 1, (0, 0)), "center has shape"),
+    (
+        lambda: Robot.from_bitmap(xr.DataArray(CELLS, {"x": range(40)}, dims=("x", "y")), 0.1),
+        "has coordinates; they have no effect here",
+    ),
     # Builds and maps.
     (
         lambda: cspace.build(WALLS, "robot.urdf"),

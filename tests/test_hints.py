@@ -1,15 +1,11 @@
 """Hints of builds, maps, rotations, exports and tiles: each is followed by code."""
 
-import ast
-import re
 import warnings
 
 import numpy as np
-import pytest
 
 import cspace
 from cspace import Robot, Rotations, Workspace, build
-from cspace.errors import UnitWarning
 from tests.helpers.refusals import check_refused, refusals
 
 FLOOR = Workspace.from_array(np.eye(30, 20, dtype=bool), 0.1)
@@ -36,10 +32,6 @@ def build_tiles(folder, **options):
     (
         lambda _: build(FLOOR, FLOOR),
         "robot is a Workspace ... polygon",
-    ),
-    (
-        lambda _: build(FLOOR, Robot.ball(0.1)),
-        "robot has 3 dimensions but the workspace has 2 ... agree ... use robot.footprint()",
     ),
     (
         lambda _: build(ROOM, CART),
@@ -145,14 +137,6 @@ def build_tiles(folder, **options):
         "start is [9.0, 9.0] ... grid",
     ),
     (
-        lambda _: build(FLOOR, CART).update(np.ones((2, 2), dtype=bool), (0.5, 0.5)),
-        "lower is [0.5, 0.5] ... integers",
-    ),
-    (
-        lambda _: build(FLOOR, CART).update(np.ones((2, 2), dtype=bool), (29, 19)),
-        "cells has shape (2, 2) and lower is (29, 19) on a grid of ... lie",
-    ),
-    (
         lambda _: floating().explain((0.5, 0.5, 0.4, 0, 0, 0, 1), (0.6, 0.5, 0.4, 0, 0, 0, 1)),
         "space has the axes x, y, z, qx, qy, qz, qw ... reasons",
     ),
@@ -182,10 +166,6 @@ def build_tiles(folder, **options):
         "rotation has shape (1,) ... turn",
     ),
     # Tiles.
-    (
-        lambda folder: build(FLOOR, CART, store=folder / "map.zarr", tile=0),
-        "tile is 0 ... positive",
-    ),
     (
         lambda folder: build_tiles(folder).exact.is_free((1.0, 0.5)),
         "exact is that of a map in tiles ... space.window",
@@ -217,13 +197,3 @@ def floating():
 def crowded(workspace=FLOOR, robot=None):
     """Build a map without a FREE cell."""
     return build(workspace, robot or Robot.disc(1.2))
-
-
-def test_a_robot_moved_as_the_warning_says_has_its_middle_at_the_reference_point():
-    corners = np.array([(5.0, 5.0), (5.4, 5.0), (5.4, 5.2), (5.0, 5.2)])
-    with pytest.warns(UnitWarning, match="move its center there, by") as caught:
-        build(FLOOR, Robot.polygon(corners), outside="free")
-    move = ast.literal_eval(re.search(r"by (\(.*?\)) m", str(caught[0].message))[1])
-    with warnings.catch_warnings(action="error"):
-        space = build(FLOOR, Robot.polygon(corners + move), outside="free")
-    assert space.is_free((2.5, 0.5))

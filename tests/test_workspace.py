@@ -133,18 +133,6 @@ def test_obstacles_smaller_than_a_cell_or_outside_the_bounds_warn(extent, bounds
     assert all(re.search("fits into one cell|has no obstacle", text) for text in texts)
 
 
-def test_polygons_whose_map_does_not_fit_are_refused_before_any_work(monkeypatch):
-    wall = shapely.box(0, 0, 600, 600)
-    monkeypatch.setattr("cspace._support.limits.free_bytes", lambda: 1_000_000)
-    monkeypatch.setattr("cspace._shapes.Polygons.cells", mock.Mock(side_effect=AssertionError))
-    with pytest.raises(InputError, match=r"cells of .* m fit") as caught:
-        Workspace.from_polygons(wall, 1.0)
-    monkeypatch.undo()
-    coarser = float(caught.value.hint.split()[2])
-    monkeypatch.setattr("cspace._support.limits.free_bytes", lambda: 1_000_000)
-    assert Workspace.from_polygons(wall, coarser).outer.all()
-
-
 def test_unknown_cells_of_ros_are_refused_in_an_array():
     cells = np.array([[0, -1], [100, 0]])
     with pytest.raises(

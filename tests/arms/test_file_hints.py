@@ -175,11 +175,6 @@ def write_package(folder):
     ),
     (
         "scene.yaml",
-        scene(THING, THING),
-        "scene.yaml: has 'thing' twice ... differ",
-    ),
-    (
-        "scene.yaml",
         scene({"id": "a"}, THING),
         "scene.yaml: has no shape at object 'a' ... primitives or meshes",
     ),
@@ -187,11 +182,6 @@ def write_package(folder):
         "scene.yaml",
         scene({"id": "a", "meshes": [MESH | {"resource": "a.stl"}]}),
         "scene.yaml: has vertices and a resource or dimensions at ... mesh",
-    ),
-    (
-        "scene.yaml",
-        scene(THING | {"header": {"frame_id": "a"}}, THING | {"id": "b"}),
-        "scene.yaml: has poses in the frames 'a', 'world' ... in one frame",
     ),
     ("scene.yaml", scene(), "scene.yaml holds no shape ... needs"),
     (

@@ -152,20 +152,6 @@ def test_a_map_of_joints_without_its_arm_refuses_distances(tmp_path):
     assert plan.obstacle_distance <= measure_distances(np.linspace(q0, q1, 99)).min() + 1e-9
 
 
-def test_connections_of_a_map_of_joints_follow_updates():
-    joint_map = build_joint_map(build_plane_arm(), 0.2)
-    q0, q1 = np.sort(joint_map.sample_free(2, np.random.default_rng(1)), axis=0)
-    joint_map.update(np.zeros(joint_map.grid.shape, dtype=bool), (0, 0))
-    assert joint_map.is_connected(q0, q1) and joint_map.sample_free(9).shape == (9, 2)
-    column = int(joint_map.grid.cell_of(0.5 * (q0 + q1))[0])
-    wall = np.ones((1, joint_map.grid.shape[1]), dtype=bool)
-    joint_map.update(wall, (column, 0))
-    assert joint_map.is_free(q0) and joint_map.is_free(q1)
-    assert not joint_map.is_connected(q0, q1)
-    samples = joint_map.sample_free(2000)
-    assert joint_map.is_free(samples).all()
-
-
 def test_a_map_of_joints_is_no_picture_of_the_workspace(tmp_path):
     joint_map = build_joint_map(build_plane_arm(), 0.2)
     for call in (joint_map.to_costmap, joint_map.to_occupancy_grid):

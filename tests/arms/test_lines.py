@@ -10,7 +10,6 @@ from hypothesis import assume, example, given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation, Slerp
 
-import planners
 from cspace import Arm, ConfigurationError, InputError, Robot, build_arm_space
 from cspace.arms import LineMotion, PosedShape
 from cspace.arms._inverse import make_pose_problem, make_pose_scratch
@@ -23,7 +22,6 @@ from tests.helpers.urdfs import (
     joint,
     link,
     place_link,
-    planar,
     pose_at,
     posed_box,
     write_slider,
@@ -248,20 +246,3 @@ def test_extreme_lines_are_refused_or_followed_in_part(open_polar, steps, tolera
         return
     if max(tolerance) < 1e9:
         check_motion(motion, arm, lambda q: arm.pose(q, "hand"), tolerance)
-
-
-@pytest.mark.filterwarnings("ignore::cspace.errors.AngleWarning")
-def test_a_line_goes_on_after_a_plan_that_ends_whole_turns_further(tmp_path):
-    continuous = {"kind": "continuous", "limits": None}
-    path = planar(tmp_path, elbow=continuous, **continuous)
-    space = build_arm_space({}, Arm.from_urdf(path))
-    pose = space.arm.pose((0.1, 1.0), "fore")
-    motion = space.follow_line((0.2, 0.9), "fore", pose, tolerance=(2.0, 2.0))
-    plan = planners.plan(space, (4.0, 7.0), motion.path[0], seed=1)
-    turns = plan.waypoints[-1] - motion.path[0]
-    np.testing.assert_allclose(turns, 2.0 * math.pi, atol=1e-9)
-    with pytest.raises(InputError, match="turns shoulder by"):
-        space.certify_path(np.concatenate([plan.waypoints, motion.path[1:]]))
-    rows = np.concatenate([plan.waypoints, (motion.path + turns)[1:]])
-    assert space.certify_path(rows).all()
-    assert planners.Trajectory.along(space, rows, max_velocity=1.0, max_acceleration=1.0).certified

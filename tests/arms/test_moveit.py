@@ -512,20 +512,6 @@ def test_what_is_kept_satisfies_the_constraints_of_paths(tmp_path_factory, toler
         assert deviation <= upright.tolerance + 1e-7
 
 
-@pytest.mark.filterwarnings("ignore:motion plan request. .* about its y axis")
-@pytest.mark.parametrize(
-    "tolerances, turn", [((6.3, 0.3, 0.3), (3.0, 0, 0)), ((0.3, 6.3, 0.3), (0, 1.0, 0))]
-)
-def test_a_link_may_turn_about_its_free_axis(tmp_path, tolerances, turn):
-    wanted = Rotation.from_euler("xyz", (0.3, 0.2, 0.1))
-    kept = pose_goal(None, (wanted.as_quat(), tolerances), link="fore")
-    request = {"goal_constraints": [joint_goal(elbow=1.0)], "path_constraints": kept}
-    turned = wanted * Rotation.from_rotvec(turn)
-    for upright in read_moveit_request(request).make_keep(read_arm(tmp_path)):
-        cosine = float(turned.apply(upright.axis) @ upright.direction)
-        assert math.acos(min(cosine, 1.0)) <= upright.tolerance
-
-
 @pytest.mark.parametrize("free", [0, 1, 2])
 def test_a_goal_turned_about_a_free_axis_is_reached_or_the_request_warns(free, tmp_path):
     """Euler angles of x and z are ambiguous where y, the middle one, is a right angle."""

@@ -1,8 +1,6 @@
 """Planning scenes of MoveIt."""
 
 import re
-from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -11,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 import cspace
 from cspace import FileError, Workspace
-from cspace.errors import AngleWarning, CspaceError, GeometryError, InputError
+from cspace.errors import AngleWarning, GeometryError, InputError
 from tests.helpers.refusals import refusals, write
 
 BOUNDS = (-3.0, -3.0, -3.0, 3.0, 3.0, 3.0)
@@ -192,18 +190,3 @@ def test_a_mapping_that_is_nested_too_deep_is_refused():
     thing["primitives"][0]["polygon"] = polygon
     with pytest.raises(InputError, match=r"has scene.*polygon; it is not read"):
         Workspace.from_moveit_scene({"world": {"collision_objects": [thing]}}, 0.1)
-
-
-@dataclass
-class Header:
-    """A message with a class variable."""
-
-    frame_id: str
-    __msgtype__: ClassVar[str] = "std_msgs/msg/Header"
-
-
-def test_class_variables_of_messages_are_no_fields_of_scenes():
-    scene = {"world": {"collision_objects": []}, "robot_state": {"joint_state": Header("map")}}
-    with pytest.raises(CspaceError) as caught:
-        Workspace.from_moveit_scene(scene, 0.1)
-    assert "__msgtype__" not in str(caught.value)

@@ -275,15 +275,6 @@ def test_places_several_goals_and_motions_that_go_on_stay_upright(waiter, arm, s
     assert durations[0] < durations[1]
 
 
-def test_a_place_that_is_not_upright_is_named(space):
-    tilted = (*START[:3], 1.0, 0.0)
-    with pytest.raises(ConfigurationError, match=r"^via\[1\] .*is not upright"):
-        planners.plan(space, START, GOAL, keep=GLASS, via=[START, tilted])
-    goals = [tilted, GOAL]
-    plan = planners.plan(space, START, goals, keep=GLASS, seed=1, time_limit=20.0)
-    assert plan.certified and plan.goal[:4].tolist() == list(GOAL[:4])
-
-
 def test_a_plane_and_two_axes_are_kept(waiter, arm):
     """The wrist may turn about the fixed direction x, or the tool may do neither."""
     space = build_arm_space({}, arm)

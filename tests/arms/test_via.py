@@ -59,15 +59,6 @@ def test_an_arm_goes_through_joints_and_poses_without_a_stop(tmp_path, planner):
         assert gap < 1e-4 and speed < 0.01
 
 
-def test_a_motion_of_an_arm_does_not_stop_at_a_place_without_obstacles(tmp_path):
-    space = cspace.build_arm_space({}, planar_with_tip(tmp_path))
-    plan = planners.plan(space, START, GOAL, via=[(0.0, 1.0), (1.0, 0.8)])
-    trajectory = plan.trajectory(max_velocity=1.0, max_acceleration=2.0)
-    for row in plan.via_rows:
-        gap, speed = pass_near(trajectory, plan.path[row])
-        assert gap < 1e-6 and speed > 0.1
-
-
 def test_whole_turns_of_a_continuous_joint_add_up_from_place_to_place(tmp_path):
     arm = cspace.Arm.from_urdf(planar(tmp_path, kind="continuous", limits=None))
     space = cspace.build_arm_space({}, arm)

@@ -10,7 +10,6 @@ import trimesh
 from shapely import affinity
 
 import cspace
-from tests.gates.test_gate_drives import POSTS, make_cells, run_drive
 from tests.helpers import watch
 from tests.helpers.cpp import (
     SANITIZERS,
@@ -24,16 +23,7 @@ from tests.helpers.cpp import (
 from tests.helpers.handmade import build_empty
 from tests.helpers.leaving import bound_distances, place_along
 from tests.helpers.messages import make_grid
-from tests.helpers.watch import (
-    BODY,
-    PERSON,
-    POINT_RADIUS,
-    TRACKING,
-    WALLS,
-    People,
-    save_room,
-    sweep,
-)
+from tests.helpers.watch import BODY, POINT_RADIUS, TRACKING, save_room
 from tests.queries.test_leaving import ON_FLOORS, build_on_floor
 
 pytestmark = pytest.mark.skipif(bool(why_no_compiler()), reason=why_no_compiler())
@@ -65,6 +55,19 @@ def draw_situations(space, count, rng):
     return rows
 
 
+def compare_slowed(program, space, folder, rows, robot, tracking, leaving):
+    """Slow twists down in C++ and in Python, which must agree; return what C++ says."""
+    gate = cspace.Gate(space, dt=DT, tracking=tracking, max_deceleration=BRAKES)
+    numbers = (DT, *BRAKES, *tracking, 0.0)
+    answers = slow_in_cpp(program, folder / "map", rows, robot, *numbers, leaving=leaving)
+    slowed = list(map(read_slowed, answers))
+    for row, found in zip(rows, slowed, strict=True):
+        expected = gate.slow_down(row[:3], row[3:5], twist_now=row[5:], leaving=leaving)
+        assert found[:3] == (expected.share, bool(expected.chunk), expected.leaves), row.tolist()
+        np.testing.assert_allclose(found.commands, expected.commands, rtol=1e-12, atol=1e-12)
+    return slowed
+
+
 @pytest.mark.parametrize(
     "count", [60, pytest.param(2000, marks=pytest.mark.thorough)], ids=["few", "many"]
 )
@@ -74,23 +77,11 @@ def test_slowed_twists_equal_those_of_python(tmp_path, program, name, tracking, 
     space = build_space(name, "blocked")
     space.save(tmp_path / "map")
     rows = draw_situations(space, count, np.random.default_rng(6))
-    gate = cspace.Gate(space, dt=DT, tracking=tracking, max_deceleration=BRAKES)
     left = 0
     for leaving in (False, True):
-        numbers = (DT, *BRAKES, *tracking, 0.0)
-        answers = slow_in_cpp(
-            program, tmp_path / "map", rows, ROBOTS[name], *numbers, leaving=leaving
-        )
-        shares = set()
-        for row, answer in zip(rows, answers, strict=True):
-            found = read_slowed(answer)
-            expected = gate.slow_down(row[:3], row[3:5], twist_now=row[5:], leaving=leaving)
-            proven = bool(expected.chunk)
-            assert found[:3] == (expected.share, proven, expected.leaves), row.tolist()
-            np.testing.assert_allclose(found.commands, expected.commands, rtol=1e-12, atol=1e-12)
-            shares.add(found.share)
-            left += found.leaves and found.share > 0.0
-        assert len(shares) > 2
+        found = compare_slowed(program, space, tmp_path, rows, ROBOTS[name], tracking, leaving)
+        assert len({each.share for each in found}) > 2
+        left += sum(each.leaves and each.share > 0.0 for each in found)
     assert left > count / 100
 
 
@@ -209,8 +200,6 @@ def test_wrong_twists_are_refused(tmp_path, program):
 
 
 BOX = "0 0.3 0.2 -0.3 0.2 -0.3 -0.2 0.3 -0.2"
-OUTLINE = shapely.get_coordinates(shapely.Point(0.0, 0.0).buffer(PERSON, quad_segs=12))[:-1]
-"""Points of a scan of a person, metres from its center; 2.6 cm apart."""
 
 
 @pytest.fixture(scope="module")
@@ -243,17 +232,8 @@ def test_a_robot_on_a_floor_leaves_part_by_part_as_in_python(
     space = build_on_floor(name, occupied, outside=outside, margin=0.03 * (outside == "free"))
     space.save(tmp_path / "map")
     rows = draw_situations(space, count, np.random.default_rng(7))
-    tracking = (0.02, 0.02, 0.02)
-    gate = cspace.Gate(space, dt=DT, tracking=tracking, max_deceleration=BRAKES)
-    numbers = (DT, *BRAKES, *tracking, 0.0)
-    answers = slow_in_cpp(program, tmp_path / "map", rows, "map", *numbers, leaving=True)
-    left = 0
-    for row, answer in zip(rows, answers, strict=True):
-        found = read_slowed(answer)
-        expected = gate.slow_down(row[:3], row[3:5], twist_now=row[5:], leaving=True)
-        assert found[:3] == (expected.share, bool(expected.chunk), expected.leaves), row.tolist()
-        left += found.leaves and found.share > 0.0
-    assert left > count / 20
+    found = compare_slowed(program, space, tmp_path, rows, "map", (0.02, 0.02, 0.02), True)
+    assert sum(each.leaves and each.share > 0.0 for each in found) > count / 20
 
 
 def test_a_robot_on_a_floor_leaves_a_touch_under_a_beam_in_cpp(program, tmp_path):
@@ -313,90 +293,6 @@ def test_points_stay_beyond_the_margin_and_near_ones_come_no_nearer(program, roo
     assert min(free, left) > count / 10
     for gate in gates:
         gate.close()
-
-
-def list_outlines(people):
-    """Return points of a scan of each person, shape (2, n, 2)."""
-    return people.places[:, np.newaxis] + OUTLINE
-
-
-def measure_distances(people, bodies):
-    """Return the distances of bodies from each person, shape (n, 2)."""
-    outlines = shapely.polygons(list_outlines(people))
-    return shapely.distance(np.array(bodies)[:, np.newaxis], outlines)
-
-
-def drive_among_people(program, room, seed, size=2, cycles=80):
-    """Drive among people; return the way, and the number of cycles near and of leaving.
-
-    ``size`` is 3 for a robot that also drives sideways.
-    """
-    rng = np.random.default_rng(seed)
-    people, gate = People(rng), open_gate(program, room)
-    pose, ramp = np.array([1.5, 2.0, rng.uniform(-3.0, 3.0)]), np.zeros((1, size))
-    way = near = left = 0
-    for cycle in range(cycles):
-        if cycle % 8 == 0:
-            wanted = rng.normal((0.4, 0.0, 0.0)[:size], (0.5, 1.0, 0.5)[:size])
-            wanted *= rng.random(size) < 0.8
-        people.step(pose, ramp[1:])
-        slowed = gate.slow_down(pose, wanted, ramp[0], list_outlines(people))
-        speeds = np.linalg.norm(np.vstack((ramp[:1], slowed.commands))[:, ::2], axis=1)
-        assert (-np.diff(speeds) <= watch.DT * watch.BRAKES[0] + 1e-9).all()
-        ramp, now = slowed.commands, slowed.commands[0]
-        driven = sweep(pose, ramp[:1])
-        distances = measure_distances(people, driven)
-        if now.any():
-            assert shapely.distance(np.array(driven), WALLS).min() > 0.0
-            assert distances.min() > 0.0
-        if slowed.leaves:
-            assert distances.min() >= min(distances[0].min(), TRACKING) - 1e-6
-        near += bool(distances[0].min() < 0.03)
-        left += slowed.leaves and slowed.share > 0.0 and bool(now.any())
-        pose = place_along(pose, ramp[:1], watch.DT)[-1]
-        way += watch.DT * np.linalg.norm(now[::2])
-    gate.close()
-    return way, near, left
-
-
-@pytest.mark.parametrize(
-    "seeds",
-    [
-        pytest.param(range(3), id="3 drives"),
-        pytest.param(range(500), id="500 drives", marks=pytest.mark.thorough),
-    ],
-)
-@pytest.mark.parametrize("size", [2, 3], ids=["ahead", "sideways"])
-def test_drives_among_people_who_step_in_touch_nothing(program, room, seeds, size):
-    drives = [drive_among_people(program, room, seed, size) for seed in seeds]
-    way, near, left = np.sum(drives, axis=0)
-    assert way > 0.3 * len(seeds) and near > 10 * len(seeds) and left > 2 * len(seeds)
-
-
-@pytest.mark.parametrize(
-    "seeds, share",
-    [
-        pytest.param(range(4), 0.75, id="4 drives"),
-        pytest.param(range(200), 0.85, id="200 drives", marks=pytest.mark.thorough),
-    ],
-)
-def test_drives_go_far_beside_the_fastest_safe_ones(program, tmp_path, seeds, share):
-    """Posts come as points; walls and crates are in the map."""
-    workspace = cspace.Workspace.from_array(make_cells(), 0.05)
-    space = cspace.build(workspace, cspace.Robot.rectangle(0.6, 0.4), rotations=72)
-    space.save(tmp_path / "map")
-    numbers = (watch.DT, *watch.BRAKES, *(TRACKING,) * 3, 0.05)
-    gate = GateInCpp(program, tmp_path / "map", BOX, *numbers, leaving=True)
-
-    def choose(pose, wanted, now):
-        return gate.slow_down(pose, wanted, now, POSTS).commands[0]
-
-    def may_stand(pose):
-        return gate.slow_down(pose, (0.0, 0.0), (0.0, 0.0), POSTS).is_proven
-
-    slowed, fastest = np.sum([run_drive(choose, space, may_stand, k) for k in seeds], axis=0)
-    assert slowed > share * fastest
-    gate.close()
 
 
 @pytest.mark.parametrize(

@@ -15,12 +15,10 @@ from PIL import Image
 
 import cspace
 from cspace import BLOCKED, FREE, MIXED, Grid, Workspace
-from cspace.errors import FileError, InputError, MissingPackageError
+from cspace.errors import FileError, MissingPackageError
 from cspace.export._free_boundary import free_boundary
 from cspace.export._plane_images import write_ros_map
-from tests.helpers.handmade import build_empty
 from tests.helpers.maps import MAP_BUILDERS
-from tests.helpers.refusals import check_refused, refusals
 from tests.helpers.strategies import examples
 
 # ---- the border of the free space ----------------------------------------------------------------
@@ -241,23 +239,6 @@ def test_netcdf_without_xarray_names_the_extra_and_writes_nothing(tmp_path, monk
     with pytest.raises(MissingPackageError, match=r"type: pip install .*\[xarray\]"):
         MAP_BUILDERS["grid"]().export(tmp_path / "map.nc")
     assert not list(tmp_path.iterdir())
-
-
-@refusals(
-    "name, hint",
-    ("a.yaml", "pass overwrite=True"),
-    ("new/a.yaml", "outputs go to an existing folder"),
-)
-def test_exports_over_files_and_into_missing_folders_are_refused(name, hint, tmp_path):
-    (tmp_path / "a.yaml").touch()
-    check_refused(lambda: build_empty((3, 3), "disc:0.01").export(tmp_path / name), hint)
-
-
-def test_an_export_is_not_taken_for_a_misspelt_input(tmp_path):
-    (tmp_path / "corridor.ply").touch()
-    with pytest.raises(InputError, match=r"known are \.zarr") as refused:
-        build_empty((9, 9), "disc:0.1").export(tmp_path / "corridor.csv")
-    assert "did you mean" not in str(refused.value)
 
 
 @given(

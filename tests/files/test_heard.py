@@ -19,7 +19,6 @@ import cspace
 from cspace import Robot, Workspace
 from cspace.errors import (
     FileError,
-    GeometryError,
     InputError,
     UnitWarning,
 )
@@ -52,6 +51,11 @@ def list_warnings(function, *values, **options):
 CITY = "8.40{0}49.00{0}110\n8.90{0}49.40{0}112\n8.60{0}49.20{0}115\n"
 
 
+PCD = "VERSION 0.7\nFIELDS lon lat alt\nSIZE 4 4 4\nTYPE F F F\nWIDTH 3\nHEIGHT 1\nPOINTS 3\nDATA ascii"
+PROPERTIES = "\n".join(f"property float {each}" for each in ("longitude", "latitude", "z"))
+PLY = f"ply\nformat ascii 1.0\nelement vertex 3\n{PROPERTIES}\nend_header"
+
+
 @pytest.mark.parametrize(
     ("name", "heading"),
     [
@@ -60,59 +64,14 @@ CITY = "8.40{0}49.00{0}110\n8.90{0}49.40{0}112\n8.60{0}49.20{0}115\n"
         ("cloud.txt", "# lon lat alt"),
         ("cloud.xyz", "# lat_deg lon_deg alt_m"),
         ("cloud.xyz", "// Lat Lng Alt"),
+        ("cloud.pcd", PCD),
+        ("cloud.ply", PLY),
     ],
 )
 def test_columns_of_degrees_are_refused(tmp_path, name, heading):
     rows = CITY.format("," if name.endswith("csv") else " ")
     with pytest.raises(FileError, match="metres, not degrees"):
         read(tmp_path, name, f"{heading}\n{rows}", radius=0.05)
-
-
-def test_fields_of_degrees_are_refused_in_pcd_and_ply(tmp_path):
-    header = "VERSION 0.7\nFIELDS lon lat alt\nSIZE 4 4 4\nTYPE F F F\nWIDTH 3\nHEIGHT 1\n"
-    with pytest.raises(FileError, match="metres, not degrees"):
-        read(tmp_path, "a.pcd", f"{header}POINTS 3\nDATA ascii\n{CITY.format(' ')}")
-    properties = "".join(f"property float {each}\n" for each in ("longitude", "latitude", "z"))
-    text = f"ply\nformat ascii 1.0\nelement vertex 3\n{properties}end_header\n{CITY.format(' ')}"
-    with pytest.raises(FileError, match="metres, not degrees"):
-        read(tmp_path, "a.ply", text)
-
-
-@pytest.mark.parametrize(
-    ("name", "text", "options"),
-    [
-        ("cloud.csv", f"x,y,z\n{CITY.format(',')}", {"radius": 0.05}),
-        ("cloud.xyz", CITY.format(" "), {"radius": 0.05}),
-        ("town.wkt", "POLYGON ((8.4 49, 8.5 49, 8.5 49.1, 8.4 49))\n", {}),
-        ("town.wkt", "POINT (8.4 49)\nPOINT (8.5 49.1)\n", {}),
-    ],
-)
-def test_coordinates_like_degrees_are_warned_of(tmp_path, name, text, options):
-    moves = {}, {"offset": (-8.4, -49.0, -110.0)[: 3 if options else 2]}
-    for offset in moves:
-        with pytest.warns(UnitWarning, match="look like degrees"):
-            read(tmp_path, name, text, **options, **offset)
-    near = [("POINT (1 1)\nPOINT (3 4)\n", "a.wkt", {}), ("1 1 0\n3 4 0\n", "a.xyz", options)]
-    for metres, file, others in near:
-        assert list_warnings(read, tmp_path, file, metres, **others) == []
-
-
-@pytest.mark.parametrize(
-    "system",
-    [
-        *("EPSG:7844", "urn:ogc:def:crs:EPSG::6668", "urn:ogc:def:crs:OGC:1.3:CRS84h"),
-        *("EPSG:2227", "EPSG:32664", "+proj=latlong +datum=WGS84"),
-        'COMPD_CS["a",GEOGCS["b"],VERT_CS["c"],AUTHORITY["EPSG","9518"]]',
-    ],
-)
-def test_systems_in_degrees_or_feet_are_refused(system):
-    pytest.importorskip("pyproj")
-    square = {"type": "Point", "coordinates": [1, 1]}
-    crs = {"type": "name", "properties": {"name": system}}
-    with pytest.raises(
-        GeometryError, match=r"polygons has the coordinate reference system.*ground"
-    ):
-        Workspace.from_polygons(square | {"crs": crs}, 0.1)
 
 
 # ---- units and sizes -----------------------------------------------------------------------------
@@ -326,18 +285,6 @@ def test_usual_meanings_are_silent_and_others_warned_of(meanings):
         Workspace.from_array(cells, 0.1)
 
 
-def test_grey_205_is_unknown_in_scale_mode(tmp_path):
-    shades = np.array([[205, 206, 254]], np.uint8)
-    Image.fromarray(shades).save(tmp_path / "map.png")
-    (tmp_path / "map.yaml").write_text(
-        "image: map.png\nresolution: 0.1\norigin: [0, 0, 0]\nnegate: 0\nmode: scale\n"
-        "occupied_thresh: 0.65\nfree_thresh: 0.25\n"
-    )
-    with pytest.warns(UserWarning, match="1 cells are of grey 205"):
-        workspace = Workspace.open(tmp_path / "map.yaml")
-    assert workspace.outer[:, 0].tolist() == [True, False, False]
-
-
 # ---- rows of numbers that are no points ----------------------------------------------------------
 
 
@@ -382,15 +329,11 @@ def test_the_corners_of_a_cube_are_points(tmp_path):
     assert read(tmp_path, "a.xyz", "x y z\n0 1 2\n3 4 5\n").grid.shape == (30, 30, 30)
 
 
-def test_structured_points_are_read_by_their_names():
-    fields = [("z", "f4"), ("y", "f4"), ("x", "f4"), ("intensity", "f4")]
-    points = np.array([(3, 2, 1, 9), (3.5, 2, 1.5, 9)], dtype=fields)
-    workspace = Workspace.from_points(points, 0.1)
-    assert workspace.grid.lower == pytest.approx((1, 2, 3))
+def test_structured_points_with_sizes_or_masks_are_heard():
     sized = np.array([(1, 2, 0.5)], dtype=[("x", "f8"), ("y", "f8"), ("radius", "f8")])
     with pytest.warns(UserWarning, match="radius"):
         Workspace.from_points(sized, 0.1)
-    masked = np.ma.array(points, mask=[False, True])
+    masked = np.ma.array(sized[["x", "y"]], mask=[True])
     with pytest.raises(InputError, match="masked"):
         Workspace.from_points(masked, 0.1)
 
@@ -436,15 +379,6 @@ def space():
 def test_class_variables_of_messages_are_no_fields(space):
     read = cspace.ros.configuration_of
     assert list_warnings(read, Stamped(Header("map"), POSE), space) == []
-
-
-def test_poses_with_a_covariance_are_read(space):
-    message = {"header": {"frame_id": "map"}, "pose": {"pose": POSE, "covariance": [0.0] * 36}}
-    for more in ({}, {"child_frame_id": "base_link", "twist": {"twist": {}}}):
-        with warnings.catch_warnings(action="error"):
-            assert cspace.ros.configuration_of(message | more, space) == (0.2, 0.3, 0.0)
-    with pytest.raises(InputError, match=r"msg\.header\.frame_id is 'odom'.*frame"):
-        cspace.ros.configuration_of(message | {"header": {"frame_id": "odom"}}, space)
 
 
 # ---- parts that move, and hostile repetitions ----------------------------------------------------

@@ -11,7 +11,6 @@ import shapely
 from PIL import Image
 
 import cspace
-from cspace.errors import FileError
 from tests.helpers.messages import write_map
 from tests.helpers.refusals import check_refused, refusals
 
@@ -71,14 +70,6 @@ def test_each_pixel_has_its_value(tmp_path, mode, negate, yaw):
     assert mask.frame_id == ""
 
 
-def test_borders_of_areas_are_those_of_cells(tmp_path):
-    pixels = np.full((5, 4), 255, dtype=np.uint8)
-    pixels[1:3, 1] = pixels[2, 2] = 0
-    areas = cspace.ros.read_mask(write_map(tmp_path, pixels)).areas
-    cells = [shapely.box(-0.5, 3.0, 0.0, 4.0), shapely.box(0.0, 3.0, 0.5, 3.5)]
-    assert areas.keys() == {100} and areas[100].equals(shapely.union_all(cells))
-
-
 def test_a_message_is_read_in_its_frame():
     values = np.random.default_rng(5).integers(-1, 101, (6, 9))
     msg = {
@@ -105,21 +96,6 @@ def test_a_message_is_read_in_its_frame():
     assert list_values(beyond, centers[:2]).tolist() == [-1, -1]
 
 
-def test_a_mask_keeps_a_robot_out(tmp_path):
-    pixels = np.full((40, 60), 255, dtype=np.uint8)
-    pixels[8:, 28:32] = 0
-    hall = cspace.Workspace.from_array(np.zeros((60, 40), dtype=bool), 0.5, (-1.0, 2.0))
-    space = cspace.build(hall, cspace.Robot.disc(0.4))
-    keepout = cspace.ros.read_mask(write_map(tmp_path, pixels, mode="scale"))
-    space.add_obstacle("keepout", keepout.areas[100])
-    q = np.random.default_rng(0).uniform((0.0, 3.0), (28.0, 21.0), (2000, 2))
-    distances = shapely.distance(shapely.box(13.0, 2.0, 15.0, 18.0), shapely.points(q))
-    is_free = space.is_free(q)
-    assert (distances[is_free] > 0.4).all() and is_free[distances > 1.5].all()
-    wall = cspace.Workspace.open(tmp_path / "map.yaml")
-    assert (space.workspace.outer >= wall.outer).all()
-
-
 def test_an_image_that_loses_shades_is_warned_of(tmp_path):
     path = write_map(tmp_path, np.full((8, 8), 90, dtype=np.uint8), mode="scale", image="m.jpg")
     Image.fromarray(np.full((8, 8), 90, dtype=np.uint8)).save(tmp_path / "m.jpg")
@@ -137,9 +113,3 @@ def test_an_image_that_loses_shades_is_warned_of(tmp_path):
 )
 def test_masks_that_are_none_are_refused(tmp_path, source, message):
     check_refused(lambda: cspace.ros.read_mask(source(tmp_path / "map.yaml")), message)
-
-
-def test_the_error_of_a_missing_image_names_it(tmp_path):
-    path = write_map(tmp_path, np.zeros((2, 2), np.uint8), image="gone.pgm")
-    with pytest.raises(FileError, match=r"gone\.pgm: does not exist"):
-        cspace.ros.read_mask(path)

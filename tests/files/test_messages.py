@@ -168,16 +168,6 @@ def test_poses_of_another_kind_are_refused(spaces, pose, message):
         cspace.ros.configuration_of(pose, spaces["car"])
 
 
-def test_a_tilted_pose_is_refused(spaces):
-    tilted = make_pose(z=0.0, w=0.8)
-    tilted.pose.orientation.x = 0.6
-    for space in spaces.values():
-        with pytest.raises(
-            InputError, match=r"which is tilted; .*; project it with tilt_tolerance=1\.288"
-        ):
-            cspace.ros.configuration_of(tilted, space)
-
-
 @pytest.mark.parametrize("tilt", [0.0, 0.03, -0.049])
 def test_a_small_tilt_is_projected_if_asked_for(spaces, tilt):
     yaw = 0.7

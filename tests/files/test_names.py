@@ -94,9 +94,10 @@ def test_a_refusal_leads_to_the_page_only_for_formats_that_the_page_names(tmp_pa
 def test_an_output_is_not_taken_for_a_misspelt_input(tmp_path):
     space = build_empty((9, 9), "disc:0.1")
     (tmp_path / "corridr.ply").touch()
-    with pytest.raises(InputError, match=r"known are \.zarr") as refused:
-        space.save(tmp_path / "corridor.pl")
-    assert "did you mean" not in str(refused.value)
+    for write in (space.save, space.export):
+        with pytest.raises(InputError, match=r"known are \.zarr") as refused:
+            write(tmp_path / "corridor.pl")
+        assert "did you mean" not in str(refused.value)
     with pytest.raises(InputError, match=r"did you mean 'corridr\.ply'\?"):
         make_mesh(tmp_path / "corridor.pl")
 

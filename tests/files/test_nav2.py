@@ -38,12 +38,6 @@ def get_reach(robot):
     return pytest.approx(robot.geometry.bounds[2])
 
 
-def test_a_footprint_is_its_polygon():
-    robot = Robot.from_footprint(FOOTPRINT)
-    assert robot.geometry.equals(shapely.box(-0.3, -0.2, 0.3, 0.2))
-    assert Robot.parse(f"footprint:{FOOTPRINT}").geometry.equals(robot.geometry)
-
-
 FORK = [
     (1, 0.3),
     (1, 0.2),

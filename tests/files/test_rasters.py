@@ -6,9 +6,7 @@ import zarr
 from hypothesis import given
 from hypothesis import strategies as st
 
-import cspace
-from cspace import Robot, Workspace
-from cspace._shapes import Voxels
+from cspace import Workspace
 from cspace.errors import GeometryError, InputError, UnitWarning
 from tests.helpers.refusals import refusals
 from tests.helpers.strategies import seeds
@@ -55,21 +53,6 @@ def test_a_lower_corner_that_is_given_counts_before_the_coordinates():
     assert np.argwhere(workspace.outer).tolist() == [[0, 0]]
     inner = Workspace.from_array(make_raster(), 0.1, inner=make_raster()).inner
     assert np.argwhere(inner).tolist() == [[0, 0]]
-
-
-def test_coordinates_without_effect_are_refused_and_the_hint_followed():
-    raster = make_raster().transpose("x", "y")
-    empty = Workspace.from_array(np.zeros((6, 4), dtype=bool), 0.1, (-3.0, -2.0))
-    space = cspace.build(empty, Robot.disc(0.02), outside="free")
-    values = raster.values[:, ::-1]
-    for use in (
-        lambda cells: Voxels.of(cells, 0.1, (-3.0, -2.0)).contains([-2.95, -1.95]),
-        lambda cells: space.update(cells, (0, 0)).occupied == 1,
-    ):
-        with pytest.raises(InputError, match="has coordinates; they have no effect here"):
-            use(raster)
-        assert use(values)
-    assert np.argwhere(space.workspace.outer).tolist() == [[0, 0]]
 
 
 def test_a_raster_without_coordinates_is_indexed_by_x_and_y():
@@ -236,22 +219,6 @@ def test_attributes_that_change_the_numbers_are_refused(change, message):
 
 DOWN = {"positive": "down"}
 MERIDIANS = xarray.DataArray(0, attrs={"grid_mapping_name": "latitude_longitude"})
-
-
-def test_depths_and_coded_numbers_are_refused():
-    deep = make_raster().expand_dims(z=[0.05, 0.15]).astype("u1")
-    deep = deep.assign_coords(z=("z", [0.05, 0.15], DOWN))
-    with pytest.raises(InputError, match="is positive downwards; z must point up"):
-        Workspace.from_array(deep, 0.1)
-    assert Workspace.from_array(
-        deep.assign_coords(z=-deep.z.values), 0.1
-    ).grid.lower == pytest.approx((-3.0, -2.0, -0.2))
-    coded = make_raster().astype("u1").assign_attrs(scale_factor=2.0, _FillValue=255)
-    with pytest.raises(InputError, match=r"occupied has scale_factor, add_offset or.*others"):
-        Workspace.from_array(coded, 0.1)
-    decoded = xarray.decode_cf(coded.to_dataset(name="walls")).walls
-    cells = Workspace.from_array(decoded > 0.5, 0.1).outer
-    assert (cells == Workspace.from_array(make_raster(), 0.1).outer).all()
 
 
 def test_inner_cells_must_lie_at_the_coordinates_of_the_outer_ones():

@@ -187,18 +187,6 @@ def test_unusable_geometries_are_refused(source, message):
         Workspace.from_polygons(source, 0.1, (0, 0, 1, 1))
 
 
-@pytest.mark.parametrize(
-    "make", [Workspace.open, Robot.open, Robot.polygon], ids=lambda m: m.__qualname__
-)
-def test_curves_are_refused_within_collections(make, tmp_path):
-    text = "GEOMETRYCOLLECTION (POINT (1 1), CURVEPOLYGON (CIRCULARSTRING (0 0, 2 2, 0 0)))"
-    (tmp_path / "a.wkt").write_text(f"GEOMETRYCOLLECTION ({text})")
-    source = shapely.from_wkt(text) if make == Robot.polygon else tmp_path / "a.wkt"
-    options = {"spacing": 0.1} if make == Workspace.open else {}
-    with pytest.raises(GeometryError, match="is or holds a curve"):
-        make(source, **options)
-
-
 # Reference systems, curves and other frames
 
 
@@ -211,6 +199,28 @@ def town(crs=None, **members):
     return {"type": "FeatureCollection", "features": features, **members}
 
 
+class Geometries:
+    """Geometries with a reference system, as in a column of geopandas."""
+
+    def __init__(self, shapes, crs):
+        self.shapes = shapes
+        self.crs = crs
+
+    def __iter__(self):
+        return iter(self.shapes)
+
+
+class Table:
+    """As a geopandas.GeoDataFrame."""
+
+    def __init__(self, document, crs):
+        self.__geo_interface__ = document
+        self.crs = crs
+
+    def __iter__(self):
+        return iter(["geometry"])
+
+
 DEGREES = [
     "urn:ogc:def:crs:OGC:1.3:CRS84",
     "urn:ogc:def:crs:EPSG::4326",
@@ -219,50 +229,78 @@ DEGREES = [
     'GEOGCS["WGS 84",DATUM["WGS_1984"]]',
     "+proj=longlat +datum=WGS84 +no_defs",
     "EPSG:3857",
+    *("EPSG:7844", "urn:ogc:def:crs:EPSG::6668", "urn:ogc:def:crs:OGC:1.3:CRS84h"),
+    *("EPSG:2227", "EPSG:32664", "+proj=latlong +datum=WGS84"),
+    'COMPD_CS["a",GEOGCS["b"],VERT_CS["c"],AUTHORITY["EPSG","9518"]]',
 ]
+JSON_FG = [
+    "http://www.opengis.net/def/crs/EPSG/0/4326",
+    "[EPSG:4326]",
+    {"type": "Reference", "href": "http://www.opengis.net/def/crs/OGC/0/CRS84"},
+    ["http://www.opengis.net/def/crs/EPSG/0/4258", "http://www.opengis.net/def/crs/EPSG/0/5703"],
+]
+OTHERS = {
+    "column": Geometries([L_SHAPE], "EPSG:4326"),
+    "table": Table(mapping(L_SHAPE), "EPSG:4326"),
+    "WKT": f"SRID=4326;{L_SHAPE.wkt}",
+    "spaced WKT": f" srid=4258 ; {L_SHAPE.wkt}",
+    "shapely": shapely.set_srid(L_SHAPE, 4326),
+    "part of shapely": shapely.set_srid(BOTH, 4326),
+}
+IN_DEGREES_OR_FEET = {
+    **{crs: town(crs) for crs in DEGREES},
+    **{f"JSON-FG {systems}": town(coordRefSys=systems) for systems in JSON_FG},
+    **OTHERS,
+}
+"""Sources that name a system of other units, or of none on the ground."""
 
 
-@pytest.mark.parametrize("crs", DEGREES)
-def test_reference_systems_that_are_not_metres_are_refused(tmp_path, crs):
-    path = tmp_path / "town.geojson"
-    path.write_text(json.dumps(town(crs)))
-    for source in (path, town(crs)):
+@pytest.mark.parametrize("source", IN_DEGREES_OR_FEET)
+def test_reference_systems_that_are_not_metres_are_refused(tmp_path, source):
+    pytest.importorskip("pyproj")
+    given = IN_DEGREES_OR_FEET[source]
+    sources = [given, write(tmp_path, "a.geojson", given)] if isinstance(given, dict) else [given]
+    for each in sources:
         with pytest.raises(GeometryError, match=r"coordinate reference system .*ground"):
-            Workspace.from_polygons(source, 0.5)
+            Workspace.from_polygons(each, 0.5)
+    readers = {"shapely": Robot.polygon, "part of shapely": Robot.polygon}
+    readers["column"] = lambda shapes: Workspace.from_shapes(shapes, 0.5)
+    if source in readers:
+        with pytest.raises(GeometryError, match="reference system EPSG:4326"):
+            readers[source](given)
 
 
-@pytest.mark.parametrize(
-    "systems",
-    [
-        "http://www.opengis.net/def/crs/EPSG/0/4326",
-        "[EPSG:4326]",
-        {"type": "Reference", "href": "http://www.opengis.net/def/crs/OGC/0/CRS84"},
-        [
-            "http://www.opengis.net/def/crs/EPSG/0/4258",
-            "http://www.opengis.net/def/crs/EPSG/0/5703",
-        ],
-    ],
-    ids=str,
-)
-def test_reference_systems_of_json_fg_are_heard(systems):
-    with pytest.raises(
-        GeometryError, match=r"polygons has the coordinate reference system.*ground"
-    ):
-        read_shapes(town(coordRefSys=systems))
-    metres = {"coordRefSys": "http://www.opengis.net/def/crs/EPSG/0/25832"}
-    assert read_shapes(mapping(L_SHAPE) | metres) == [L_SHAPE]
-    place = {"type": "Feature", "geometry": None, "place": mapping(L_SHAPE), **metres}
+PLACE = {"coordRefSys": "http://www.opengis.net/def/crs/EPSG/0/25832"}
+IN_METRES = {
+    **{
+        crs: mapping(L_SHAPE) | {"crs": {"type": "name", "properties": {"name": crs}}}
+        for crs in ("urn:ogc:def:crs:EPSG::32632", "EPSG:25832", "EPSG:32719")
+    },
+    "JSON-FG": mapping(L_SHAPE) | PLACE,
+    "feature": {"type": "Feature", "geometry": mapping(L_SHAPE), "properties": {}, **PLACE},
+    "column": Geometries([L_SHAPE], "EPSG:32632"),
+    "table": Table(mapping(L_SHAPE), "EPSG:32632"),
+    "table without a system": Table(mapping(L_SHAPE), None),
+    "WKT": f"SRID=32632;{L_SHAPE.wkt}",
+    "shapely": shapely.set_srid(L_SHAPE, 32632),
+}
+"""Sources that name a system of metres."""
+
+
+@pytest.mark.parametrize("source", IN_METRES)
+def test_reference_systems_of_metres_are_read_without_a_warning(source):
+    (shape,) = read_shapes(IN_METRES[source])
+    assert shape.equals(L_SHAPE)
+    assert Workspace.from_polygons(IN_METRES[source], 0.5).grid.shape == (6, 4)
+
+
+def test_a_place_of_json_fg_is_refused_and_a_table_is_an_obstacle():
+    place = {"type": "Feature", "geometry": None, "place": mapping(L_SHAPE), **PLACE}
     with pytest.raises(GeometryError, match="has a place, the geometry of JSON-FG"):
         read_shapes(place)
-    moved = {"type": "Feature", "geometry": place["place"], "properties": {}, **metres}
-    assert read_shapes(moved) == [L_SHAPE]
-
-
-@pytest.mark.parametrize("crs", ["urn:ogc:def:crs:EPSG::32632", "EPSG:25832", "EPSG:32719"])
-def test_what_the_hint_projects_to_is_read_without_a_warning(crs):
-    plan = {"type": "Polygon", "coordinates": mapping(L_SHAPE)["coordinates"]}
-    plan["crs"] = {"type": "name", "properties": {"name": crs}}
-    assert read_shapes(plan) == [L_SHAPE]
+    space = cspace.build(Workspace.from_polygons(FAR, 0.1, (0, 0, 8, 3)), "disc:0.1")
+    space.add_obstacle("table", Table(mapping(BOTH), None))
+    assert not space.is_free((0.5, 0.5))
 
 
 def test_other_reference_systems_warn():
@@ -289,6 +327,15 @@ def test_sizes_within_a_collection_are_named():
 HOUSES = [box(x, 47.37, x + 3e-4, 47.3702) for x in (8.54, 8.55)]
 ROOM = box(8.5, 5.0, 8.6, 5.1)
 
+CITY = "8.40{0}49.00{0}110\n8.90{0}49.40{0}112\n8.60{0}49.20{0}115\n"
+
+
+def open_points(folder, name, separator, offset=None):
+    """Open points in degrees."""
+    text = CITY.format(separator)
+    return Workspace.open(write(folder, name, text), spacing=0.1, radius=0.05, offset=offset)
+
+
 IN_DEGREES = {
     "GeoJSON": lambda _: Workspace.from_polygons(town(), 1e-4),
     "null": lambda _: Workspace.from_polygons(town() | {"crs": None}, 1e-4),
@@ -307,6 +354,10 @@ IN_DEGREES = {
         Workspace.from_array(np.zeros((20, 20), dtype=bool), 1e-4), HOUSES[0], outside="free"
     ),
     "robot file": lambda folder: Robot.open(write(folder, "a.wkt", HOUSES[0].wkt)),
+    "moved": lambda _: Workspace.from_polygons(HOUSES, 1e-4, offset=(-8.54, -47.37)),
+    "points file": lambda folder: open_points(folder, "a.xyz", " "),
+    "points of a table": lambda folder: open_points(folder, "a.csv", ","),
+    "moved points": lambda folder: open_points(folder, "a.csv", ",", (-8.4, -49.0, -110.0)),
     "info": lambda folder: measure_shapes(write(folder, "a.geojson", json.dumps(town()))),
 }
 """Calls with two houses in degrees."""
@@ -333,61 +384,6 @@ def test_small_shapes_far_from_the_origin_of_a_map_are_metres():
         space.remove_obstacle("pallet")
 
 
-class Geometries:
-    """Geometries with a reference system, as in a column of geopandas."""
-
-    def __init__(self, shapes, crs):
-        self.shapes = shapes
-        self.crs = crs
-
-    def __iter__(self):
-        return iter(self.shapes)
-
-
-def test_a_column_of_geometries_is_read_with_its_reference_system():
-    for read in (Workspace.from_polygons, Workspace.from_shapes):
-        with pytest.raises(GeometryError, match="reference system EPSG:4326"):
-            read(Geometries(HOUSES, "EPSG:4326"), 1e-4)
-    assert read_shapes(Geometries([L_SHAPE], "EPSG:32632")) == [L_SHAPE]
-
-
-class Table:
-    """As a geopandas.GeoDataFrame."""
-
-    def __init__(self, document, crs):
-        self.__geo_interface__ = document
-        self.crs = crs
-
-    def __iter__(self):
-        return iter(["geometry"])
-
-
-def test_objects_with_a_geo_interface_are_read_with_their_reference_system():
-    document = {
-        "type": "FeatureCollection",
-        "features": ({"type": "Feature", "geometry": mapping(BOTH), "properties": {}},),
-    }
-    for crs in (None, "EPSG:32632"):
-        assert Workspace.from_polygons(Table(document, crs), 0.5).grid.shape == (12, 4)
-    with pytest.raises(GeometryError, match="reference system EPSG:4326"):
-        Workspace.from_polygons(Table(document, "EPSG:4326"), 0.5)
-    space = cspace.build(Workspace.from_polygons(FAR, 0.1, (0, 0, 8, 3)), "disc:0.1")
-    space.add_obstacle("table", Table(document, None))
-    assert not space.is_free((0.5, 0.5))
-
-
-@pytest.mark.parametrize("prefix", ["SRID=4326;", " srid=4258 ; "])
-def test_extended_wkt_is_read_with_its_reference_system(tmp_path, prefix):
-    for text in (prefix + L_SHAPE.wkt, shapely.set_srid(L_SHAPE, 4326)):
-        with pytest.raises(GeometryError, match=r"reference system EPSG:4\d+; .*metres"):
-            Workspace.from_polygons(text, 0.5)
-    (tmp_path / "plan.wkt").write_text(f"SRID=32632;{L_SHAPE.wkt}\nSRID=25832;{FAR.wkt}\n")
-    assert read_shapes(tmp_path / "plan.wkt") == [
-        shapely.set_srid(L_SHAPE, 32632),
-        shapely.set_srid(FAR, 25832),
-    ]
-
-
 ARC = "CIRCULARSTRING (0 0, 4 0, 4 4, 0 4, 0 0)"
 
 
@@ -400,19 +396,22 @@ ARC = "CIRCULARSTRING (0 0, 4 0, 4 4, 0 4, 0 0)"
         f"MULTICURVE ({ARC}, (0 0, 1 1))",
         f"MULTISURFACE (CURVEPOLYGON ({ARC}))",
         f"GEOMETRYCOLLECTION (POINT (9 9), {ARC})",
-        f"GEOMETRYCOLLECTION (GEOMETRYCOLLECTION ({ARC}), POINT (9 9))",
+        f"GEOMETRYCOLLECTION (GEOMETRYCOLLECTION (POINT (1 1), CURVEPOLYGON ({ARC})), POINT (9 9))",
         f"POINT (1 2)\n{ARC}",
     ],
 )
 def test_curves_are_refused_by_name(tmp_path, text):
-    path = tmp_path / "arc.wkt"
-    path.write_text(text)
-    with pytest.raises(GeometryError, match="is or holds a curve, such as CIRCULARSTRING"):
-        Workspace.from_polygons(path, 0.1)
+    path = write(tmp_path, "arc.wkt", text)
+    for read in (lambda path: Workspace.open(path, spacing=0.1), Robot.open):
+        with pytest.raises(GeometryError, match="is or holds a curve, such as CIRCULARSTRING"):
+            read(path)
     result = run("build", str(path), "--robot", "disc:0.1", "--spacing", "0.1")
     assert result.exit_code == 2
     assert result.stderr.count("\n") == 1
     assert "holds a curve" in result.stderr
+    if text.startswith("GEOMETRYCOLLECTION"):
+        with pytest.raises(GeometryError, match="is or holds a curve"):
+            Robot.polygon(shapely.from_wkt(text))
 
 
 @pytest.mark.parametrize("name", ["TIN", "TRIANGLE", "POLYHEDRALSURFACE"])
@@ -430,11 +429,3 @@ def test_an_offset_moves_a_far_frame(tmp_path):
     for lazy in (False, True):
         workspace = Workspace.from_polygons(tmp_path / "utm.wkt", 0.1, offset=offset, lazy=lazy)
         check_cells(workspace, [affinity.translate(far, *offset)])
-
-
-@pytest.mark.parametrize("read", [Robot.polygon, lambda shape: Workspace.from_shapes([shape], 0.1)])
-def test_a_shape_of_shapely_in_degrees_is_refused_everywhere(read):
-    town_in_degrees = shapely.set_srid(shapely.MultiPolygon([shapely.box(0, 0, 1, 1)]), 4326)
-    with pytest.raises(GeometryError, match="reference system EPSG:4326"):
-        read(town_in_degrees)
-    assert read(shapely.set_srid(town_in_degrees, 32632))

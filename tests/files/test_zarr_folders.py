@@ -211,16 +211,3 @@ def test_pipes_and_devices_in_a_folder_are_refused(array, name):
     (array / name).unlink()
     (array / name).symlink_to("/dev/zero")
     check_refused(lambda: read_cells(array), "a device, a pipe or a socket")
-
-
-def test_chunks_that_are_too_large_are_written_smaller_as_advised(tmp_path):
-    for chunk, is_read in ((2**15, False), (2**10, True)):
-        array = zarr.create_array(
-            tmp_path / f"{chunk}.zarr", shape=(2**15, 2**14), chunks=(chunk, 2**14), dtype="bool"
-        )
-        array.attrs["missing_chunks"] = "fill_value"
-        if is_read:
-            assert Workspace.from_array(tmp_path / f"{chunk}.zarr", 0.1).grid.shape == array.shape
-            continue
-        with pytest.raises(FileError, match="a chunk may unpack to at most"):
-            Workspace.from_array(tmp_path / f"{chunk}.zarr", 0.1)

@@ -689,10 +689,6 @@ FLAT = (1.0, 2.5)
         "chunk is a batch of 2 ... tracking",
     ),
     (
-        lambda s: cspace.Gate(s, dt=100, max_velocity=1.0),
-        "pass 0.1 for 100 ms",
-    ),
-    (
         lambda s: cspace.Gate(s).check_twists(START, [(0.1, 0.1)]),
         "dt is missing ... driven",
     ),

@@ -66,10 +66,6 @@ def memory(monkeypatch):
     # Numbers.
     (lambda: Robot.disc(None), "radius is None ... numeric"),
     (lambda: Robot.disc("0.3"), "radius is '0.3' ... numeric"),
-    (
-        lambda: floating().rotations.check_rotation(TURN, "rotation"),
-        "rotation is a Rotation ... numeric",
-    ),
     (lambda: Robot.disc(10**400), "radius has too large an integer ... fit a float"),
     (
         lambda: space().is_free((1j, 0)),
@@ -171,14 +167,6 @@ def memory(monkeypatch):
     ),
     # Maps.
     (
-        lambda: space().update(CELLS[None], (0, 0)),
-        "cells has 3 axes but the grid has 2 ... agree",
-    ),
-    (
-        lambda: space().update(CELLS, (0, 0), inner=~CELLS),
-        "inner has entry (0, 1), which is not in cells ... subset of cells",
-    ),
-    (
         lambda: named().remove_obstacle("People"),
         "did you mean 'people'?",
     ),
@@ -205,10 +193,6 @@ def memory(monkeypatch):
     (
         lambda: copy().add_obstacle("a", 3),
         "shape is 3 ... polygon",
-    ),
-    (
-        lambda: copy().add_obstacle("a", "disk:0.3"),
-        "shape is 'disk:0.3' ... shorthand",
     ),
     (
         lambda: Robot.parse("footprint:x"),
@@ -254,10 +238,6 @@ def memory(monkeypatch):
     (
         lambda: cspace.make_mesh(flat()).project_to_plane(),
         "mesh is flat, seen from above ... area there",
-    ),
-    (
-        lambda: Robot.from_mesh(trimesh.creation.box().apply_translation((1e3, 0, 0))),
-        "move its center there first, by (-1000, -0, -0) m",
     ),
     (
         lambda: Workspace.from_shapes({"a": shapely.box(0, 0, 1, 1)}, 0.1),

@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 import cspace
 from cspace._rotations.lookup import OMPL_EQUALITY_SLACK
 from cspace._tiles.motions import TINY_ARC_SLACK
-from cspace.errors import InputError
 from tests.helpers.handmade import build_empty, fill_boxes
 from tests.helpers.maps import proven_paths
 from tests.helpers.placements import draw_configurations, is_free_around
@@ -232,10 +231,3 @@ def test_the_nearest_free_configuration_is_that_of_the_map_in_memory(walled):
         distance = np.linalg.norm(walled.space.nearest_free(q) - q)
         assert np.linalg.norm(nearest - q) == pytest.approx(distance)
         assert walled.space.is_free(nearest)
-
-
-def test_geometry_needs_a_map_in_memory(walled):
-    with pytest.raises(InputError, match="exact is that of a map in tiles"):
-        walled.tiled.exact.is_free((1.0, 1.0))
-    with pytest.raises(InputError, match="exact is that of a map in tiles"):
-        walled.tiled.exact.motion_is_free((1.0, 1.0), (2.0, 2.0))

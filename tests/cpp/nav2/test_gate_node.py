@@ -533,10 +533,6 @@ def test_builds_at_once_keep_out_of_each_others_way(follow, program, tmp_path):
     assert not part.exists() and len(list((tmp_path / "maps").iterdir())) == 3
 
 
-def test_a_footprint_that_is_the_maps_robot_passes(start):
-    assert start(footprint=SIDES).ask("configure") == "success"
-
-
 @pytest.mark.parametrize(
     "name, value, message",
     [

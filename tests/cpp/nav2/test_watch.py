@@ -10,7 +10,6 @@ from scipy.spatial.transform import Rotation
 from shapely import affinity
 
 import cspace
-from tests.gates.test_gate_drives import GROWN, POSTS, make_cells, run_drive, touches
 from tests.helpers.cpp import SANITIZERS, why_no_compiler
 from tests.helpers.watch import (
     BRAKES,
@@ -133,40 +132,6 @@ def test_drives_among_people_who_step_in_touch_nothing(program, room, kind, coun
     way, near, braked = np.sum(drives, axis=0)
     assert way > 0.15 * count and braked >= count
     assert kind in REACTIONS or near > 3 * count
-
-
-@pytest.mark.parametrize(
-    "seeds, share",
-    [
-        pytest.param(range(4), 0.75, id="4 drives"),
-        pytest.param(range(200), 0.85, id="200 drives", marks=pytest.mark.thorough),
-    ],
-)
-def test_drives_go_far_beside_the_fastest_safe_ones(program, tmp_path, seeds, share):
-    """Posts come as clouds of points; walls and crates are in the map."""
-    workspace = cspace.Workspace.from_array(make_cells(), 0.05)
-    space = cspace.build(workspace, cspace.Robot.rectangle(0.6, 0.4), rotations=72)
-    space.save(tmp_path / "map")
-    watch = WatchInCpp(program, tmp_path / "map", point_radius=0.05)
-    cloud = " ".join(f"{x} {y} 0.3" for x, y in POSTS)
-    robot = Robot((0.0, 0.0, 0.0))
-
-    def choose(pose, wanted, now):
-        robot.cycles.append((robot.now, np.array(pose), now))
-        watch.tell("cloud", "scan", "map", robot.now + CLOCK, cloud)
-        watch.tell("command", robot.now, *np.asarray(wanted).tolist())
-        twist = watch.decide(robot.now, robot.now + CLOCK, robot.look_up).twist
-        robot.now += round(1e9 * DT)
-        return twist
-
-    def may_stand(pose):
-        watch.tell("new")
-        robot.cycles, robot.now = [(0, np.array(pose), np.zeros(2))], 0
-        return not touches(pose, np.zeros(2), DT, GROWN)
-
-    slowed, fastest = np.sum([run_drive(choose, space, may_stand, k) for k in seeds], axis=0)
-    watch.close()
-    assert slowed > share * fastest
 
 
 def see(pose, wall):
@@ -314,13 +279,6 @@ def test_it_brakes_at_once_if_a_frame_is_unknown(watch, robot, frame):
     assert not step(watch, robot).reason
 
 
-def test_it_brakes_at_once_if_a_scan_names_another_frame(watch, robot):
-    robot.unknown = ("camera",)
-    send_scan(watch, robot, FREE, frame="camera")
-    decided = step(watch, robot, (0.6, 0.0), "scan")
-    assert decided.reason == "tf has no frame camera" and brakes_at_once(robot, decided)
-
-
 @pytest.mark.parametrize("late, drives", [(0.29, True), (0.31, False)])
 def test_a_late_tf_counts_by_its_stamp(watch, robot, late, drives):
     robot.late = round(late * 1e9)
@@ -431,21 +389,6 @@ def test_it_brakes_if_the_robot_is_tilted_or_has_no_rotation(watch, robot, turn)
     assert (expected if turn[0] == turn[0] else "is none") in decided.reason
 
 
-@pytest.mark.parametrize(
-    "command, reason",
-    [
-        ((math.nan, 0.0), "twist"),
-        ((0.5, math.nan), "twist"),
-        ((0.5, math.inf), "faster"),
-        ((1e9, 0.0), "faster"),
-    ],
-)
-def test_it_brakes_on_commands_that_cannot_be(watch, robot, command, reason):
-    decided = step(watch, robot, command)
-    assert reason in decided.reason and brakes_at_once(robot, decided)
-    assert not step(watch, robot, (0.3, 0.0)).reason
-
-
 @pytest.mark.parametrize("source", ["scan", "cloud"])
 def test_each_source_must_be_heard(program, room, source):
     watch = WatchInCpp(program, room, sources="scan,cloud")
@@ -536,13 +479,6 @@ def test_points_of_the_floor_and_above_the_robot_do_not_count(watch, robot):
         for _ in range(12):
             step(watch, robot, (0.0, 0.0))
         step(watch, robot, (0.6, 0.0))
-
-
-@pytest.mark.parametrize("height", [0.0, 2.1])
-def test_a_laser_outside_the_heights_is_refused(watch, robot, height):
-    robot.mount = Frame(Rotation.identity(), np.array((0.1, 0.0, height)))
-    decided = step(watch, robot, (0.6, 0.0))
-    assert "min_height and max_height" in decided.reason and brakes_at_once(robot, decided)
 
 
 # ---- footprints ----------------------------------------------------------------------------------
