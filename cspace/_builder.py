@@ -408,8 +408,8 @@ def _warn_of_units(
     distance = float(np.linalg.norm(np.maximum(np.maximum(lower, -upper), 0.0)))
     fits = _may_fit(sides + 2.0 * margin, workspace_sides, rotations)
     hint = ""
-    # Longest side of a robot, in cells, below which its unit is probably wrong.
-    min_robot_cells = 0.02
+    # Longest side of a robot, in cells, below which its unit, or that of a plan, is probably wrong.
+    min_robot_cells = 0.5 if grid.spacing > 1.0 and grid.dim == 2 else 0.02
     if outside == "blocked" and not fits:
         grown = f"with a margin of {margin:g} m, " if margin > 0.0 else ""
         workspace_text = format_sides(workspace_sides)
