@@ -366,8 +366,8 @@ def _check_options(
     if workspace.grid.dim != robot.dim:
         problem = f"has {robot.dim} dimensions but the workspace has {workspace.grid.dim}"
         hint = "use robot.footprint()" if robot.dim == 3 else ""
-        rule = "they must agree" + ("" if hint else "; with floor=, a robot in space drives on it")
-        raise InputError("robot", problem, rule, hint)
+        ways = "; workspace.between(bottom, top) cuts it, or floor= takes a robot in space"
+        raise InputError("robot", problem, "they must agree" + ("" if hint else ways), hint)
     rotations._check_dimension(robot.dim)
     if workers is not None:
         check_count(workers, "workers", 1)

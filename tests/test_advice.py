@@ -330,6 +330,13 @@ ROWS = [
         id="unknown cells of a map as free",
     ),
     pytest.param(
+        lambda _, **options: (
+            1.0 * Workspace.from_heights([[0.0, 1.0, np.nan]], 0.5, **options).outer
+        ),
+        lambda _, unknown: np.array([[[0.0] * 2, [1.0] * 2, [float(unknown == "occupied")] * 2]]),
+        id="heights without data",
+    ),
+    pytest.param(
         lambda folder, **options: Robot.open(write_urdf(folder, "visual"), **options),
         lambda folder: Robot.open(write_urdf(folder, "collision")),
         id="links that are only drawn",
