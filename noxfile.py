@@ -192,9 +192,10 @@ def ros(session: nox.Session) -> None:
 
 @nox.session
 def formats(session: nox.Session) -> None:
-    """Run the snippets of "Bring your file" with the packages that they name, a gigabyte."""
+    """Run the scripts of "Bring your file", and hints, with the packages that they name, a gigabyte."""
     session.install("-c", "constraints.txt", "-e", ".[formats]")
-    session.run("python", "-m", "pytest", "-q", "-n0", "tests/docs/bring_your_file.py")
+    files = "tests/docs/bring_your_file.py", "tests/docs/foreign_values.py"
+    session.run("python", "-m", "pytest", "-q", "-n0", *files)
 
 
 @nox.session(venv_backend="none")

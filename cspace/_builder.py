@@ -366,8 +366,8 @@ def _check_options(
     if workspace.grid.dim != robot.dim:
         problem = f"has {robot.dim} dimensions but the workspace has {workspace.grid.dim}"
         hint = "use robot.footprint()" if robot.dim == 3 else ""
-        rule = "they must agree" + ("" if hint else "; with floor=, a robot in space drives on it")
-        raise InputError("robot", problem, rule, hint)
+        ways = "; workspace.between(bottom, top) cuts it, or floor= takes a robot in space"
+        raise InputError("robot", problem, "they must agree" + ("" if hint else ways), hint)
     rotations._check_dimension(robot.dim)
     if workers is not None:
         check_count(workers, "workers", 1)
@@ -408,8 +408,8 @@ def _warn_of_units(
     distance = float(np.linalg.norm(np.maximum(np.maximum(lower, -upper), 0.0)))
     fits = _may_fit(sides + 2.0 * margin, workspace_sides, rotations)
     hint = ""
-    # Longest side of a robot, in cells, below which its unit is probably wrong.
-    min_robot_cells = 0.02
+    # Longest side of a robot, in cells, below which its unit, or that of a plan, is probably wrong.
+    min_robot_cells = 0.5 if grid.spacing > 1.0 and grid.dim == 2 else 0.02
     if outside == "blocked" and not fits:
         grown = f"with a margin of {margin:g} m, " if margin > 0.0 else ""
         workspace_text = format_sides(workspace_sides)

@@ -25,8 +25,10 @@ from cspace._support.check import (
     AnswersNames,
     check_bounds,
     check_cells,
+    check_dims,
     check_point,
     check_positive,
+    check_real,
     check_word,
     find_sizes,
     names_options,
@@ -42,6 +44,7 @@ from cspace._support.limits import (
     check_memory,
 )
 from cspace._support.reporting import warn_user
+from cspace._support.units import check_unit
 from cspace.errors import CspaceError, FileError, InputError, UnitWarning
 
 if TYPE_CHECKING:
@@ -627,6 +630,103 @@ class Workspace(metaclass=AnswersNames):
         """
         balls = Balls.of(centers, radii)
         return cls._of([balls], spacing, bounds, f"{len(balls.radii)} balls")
+
+    @classmethod
+    @names_options
+    def from_heights(
+        cls,
+        heights: ArrayLike,
+        spacing: float,
+        lower: ArrayLike | None = None,
+        *,
+        bottom: float | None = None,
+        top: float | None = None,
+        unknown: str | None = None,
+    ) -> Workspace:
+        """Fill each column of cells up to a height, as of a terrain.
+
+        ``outer`` cells are filled in part, ``inner`` ones wholly.
+
+        Parameters
+        ----------
+        heights : array-like, shape (nx, ny)
+            Height of each cell's highest point, metres, indexed ``[x, y]``. NaN and heights beyond
+            9,998 m, such as -9999, are no data. The coordinates of an xarray, if it has them, are
+            the centers of the cells.
+        spacing : float
+            Side of a cell, in metres.
+        lower : array-like, shape (2,), optional
+            Lower corner of the first column, metres. If left out, it is that of an xarray's
+            coordinates, or the origin.
+        bottom, top : float, optional
+            Heights between which the map lies, metres; the lowest and the highest height if left
+            out.
+        unknown : {"occupied", "free"}, optional
+            State of columns without data; they are refused if it is left out.
+
+        Raises
+        ------
+        InputError
+            If an array or a number is invalid, a column has no data, or the map does not fit into
+            memory.
+        """
+        from cspace._files.rasters import place_raster
+
+        check_positive(spacing, "spacing", "metres, after the array of heights")
+        if unknown is not None:
+            check_word(unknown, "unknown", UNKNOWNS)
+        check_unit(heights, "heights")
+        placed, corner = place_raster(heights, spacing, "heights")
+        check_dims(placed, "heights")
+        surface = np.array(check_real(placed, "heights"), dtype=np.float64)
+        # Files write -9999, -32768 or 3.4e38 where they have no data.
+        missing = ~(np.abs(surface) < 9999.0)
+        if surface.ndim != 2 or missing.all():
+            problem = f"has shape {surface.shape} and {np.count_nonzero(~missing)} heights"
+            raise InputError("heights", problem, "it must have the axes x, y, and a height")
+        if missing.any() and unknown is None:
+            problem = f"has {np.count_nonzero(missing)} columns without data"
+            hint = "pass unknown='occupied' or unknown='free'"
+            raise InputError("heights", problem, "each must have a height", hint)
+        bottom = float(surface[~missing].min()) if bottom is None else bottom
+        top = float(surface[~missing].max()) if top is None else top
+        corner = np.zeros(2) if corner is None else corner
+        corner = corner if lower is None else check_point(lower, "lower", 2)
+        sides = spacing * np.array(surface.shape)
+        low, high = np.append(corner, bottom), np.append(corner + sides, max(top, bottom))
+        grid = covering_grid(np.stack([low, high]), spacing, WORKSPACE_CELL_BYTES)
+        if missing.any():
+            surface[missing] = -np.inf if unknown == "free" else np.inf
+        faces = grid.lower[2] + spacing * np.arange(grid.shape[2] + 1)
+        outer = surface[..., np.newaxis] > faces[:-1]
+        inner = (surface[..., np.newaxis] >= faces[1:]) & ~missing[..., np.newaxis]
+        unseen = np.broadcast_to(missing[..., np.newaxis], grid.shape)
+        return cls(grid, outer, inner, source="heights", unknown=unseen)
+
+    def between(self, bottom: float, top: float) -> Workspace:
+        """Return the obstacles between two heights, metres, as a workspace in the plane.
+
+        It is the world of a robot in the plane whose parts have these heights. Obstacles that touch
+        a height count; beyond the heights of the map there are none.
+
+        Raises
+        ------
+        InputError
+            If the workspace is in the plane, or no cell lies between the heights.
+        """
+        grid = self.grid
+        if grid.dim != 3:
+            raise InputError("workspace", "is in the plane", "heights are those of one in space")
+        faces = grid.lower[2] + grid.spacing * np.arange(grid.shape[2] + 1)
+        layers = (faces[1:] >= bottom) & (faces[:-1] <= top)
+        if not (bottom <= top and layers.any()):
+            problem = f"are {bottom:g} and {top:g} m"
+            rule = f"they must ascend, and meet the map, from {faces[0]:g} to {faces[-1]:g} m"
+            raise InputError("bottom and top", problem, rule)
+        plane = Grid(grid.lower[:2], grid.spacing, grid.shape[:2], frame_id=grid.frame_id)
+        outer = np.asarray(self.outer[..., layers].any(axis=2))
+        inner = np.asarray(self.inner[..., layers].any(axis=2))
+        return Workspace(plane, outer, inner, source=f"{self.source} at {bottom:g} to {top:g} m")
 
     @classmethod
     @names_options

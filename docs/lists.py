@@ -27,14 +27,27 @@ EXPERIMENTAL = (
 MAPS_IN = {2: "plane", 3: "space", None: "either"}
 
 
+READERS = DOCS.parent / "examples/readers"
+"""Scripts that read files of other packages, which pages show."""
+
+
 def fill(page: str) -> str:
     """Return a page with its lists made anew."""
     return MARKED.sub(lambda found: found[1] + make_list(found[2]) + found[3], page)
 
 
 def make_list(name: str) -> str:
-    """Return the lines of the list with a name."""
-    return "".join(f"{line}\n" for line in LISTS[name]())
+    """Return the lines of the list with a name, or a script and a call of it."""
+    reader, _, call = name.partition(": ")
+    lines = show_reader(*reader.split(" of "), call) if call else LISTS[name]()
+    return "".join(f"{line}\n" for line in lines)
+
+
+def show_reader(language: str, name: str, call: str) -> Iterable[str]:
+    """Yield a script without its command line, and a call of its function; ``py`` is not run."""
+    text = (READERS / f"{name}.py").read_text(encoding="utf-8")
+    code = text.partition("\n\nif __name__")[0].splitlines()
+    yield from (f"```{language}", *code, "", call, "```")
 
 
 def read_parts(heading: str) -> list[str]:

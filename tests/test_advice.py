@@ -330,6 +330,13 @@ ROWS = [
         id="unknown cells of a map as free",
     ),
     pytest.param(
+        lambda _, **options: (
+            1.0 * Workspace.from_heights([[0.0, 1.0, np.nan]], 0.5, **options).outer
+        ),
+        lambda _, unknown: np.array([[[0.0] * 2, [1.0] * 2, [float(unknown == "occupied")] * 2]]),
+        id="heights without data",
+    ),
+    pytest.param(
         lambda folder, **options: Robot.open(write_urdf(folder, "visual"), **options),
         lambda folder: Robot.open(write_urdf(folder, "collision")),
         id="links that are only drawn",
@@ -502,6 +509,15 @@ def make_triangles():
     return SimpleNamespace(points=MESH[0], regular_faces=MESH[1])
 
 
+def make_graph():
+    """Make a graph of networkx with one edge."""
+    graph = pytest.importorskip("networkx").DiGraph()
+    graph.add_node("a", pos=(0.0, 1.0))
+    graph.add_node("b", pos=(2.0, 1.0))
+    graph.add_edge("a", "b")
+    return graph
+
+
 def make_octree():
     """Make an OctoMap with one voxel."""
     tree = pytest.importorskip("octomap").OcTree(0.25)
@@ -660,6 +676,33 @@ KINDS = {
         lambda _: SimpleNamespace(vertices=MESH[0], faces=MESH[1]),
         lambda value, _: Workspace.from_mesh(value, 0.1),
         [lambda world: world.faces.tolist() == MESH[1].tolist()],
+    ),
+    "a cloud of trimesh": (
+        lambda _: trimesh.PointCloud(POINTS),
+        lambda value, _: Workspace.from_mesh(value, 0.25),
+        [lambda world: world.shapes[0].centers.tolist() == POINTS.tolist()],
+    ),
+    "voxels of trimesh": (
+        lambda _: trimesh.creation.box(bounds=[(0.25, 0.5, 0.75), (1.5, 2.0, 1.25)]).voxelized(
+            0.25
+        ),
+        lambda value, _: Workspace.from_array(value, 0.25),
+        [
+            lambda world: (
+                np.allclose(world.grid.lower, (0.125, 0.375, 0.625))
+                and world.grid.shape == (6, 7, 3)
+            )
+        ],
+    ),
+    "an outline of trimesh": (
+        lambda _: trimesh.load_path(shapely.box(0, 0, 1, 2)),
+        lambda value, _: Workspace.from_polygons(value, 0.25),
+        [lambda world: world[0].equals(shapely.box(0, 0, 1, 2))],
+    ),
+    "a graph": (
+        lambda _: make_graph(),
+        lambda value, _: Workspace.from_array(value, 0.25),
+        [lambda world: world.positions.tolist() == [[0.0, 1.0], [2.0, 1.0]]],
     ),
     "a mesh of triangles": (
         lambda _: SimpleNamespace(vertices=MESH[0], triangles=MESH[1]),

@@ -35,7 +35,7 @@ def build_tiles(folder, **options):
     ),
     (
         lambda _: build(ROOM, CART),
-        "robot has 2 dimensions but the workspace has 3 ... agree; with floor=",
+        "robot has 2 dimensions but the workspace has 3 ... agree; workspace.between(bottom, top)",
     ),
     (
         lambda _: build(FLOOR, CART, workers=0),

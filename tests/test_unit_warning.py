@@ -45,6 +45,12 @@ SUSPECT_ROBOTS = {
         {},
         ["0.0006 m x 0.0004 m", "0.1 m", "metres"],
     ),
+    "on a plan in centimetres": (
+        Workspace.from_array(np.zeros((400, 300), dtype=bool), 1.98),
+        Robot.disc(0.3),
+        {},
+        ["0.6 m x 0.6 m", "1.98 m", "metres"],
+    ),
     "far from its origin": (
         PLANE,
         Robot.rectangle(0.6, 0.4, (14, 0)),

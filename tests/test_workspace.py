@@ -133,6 +133,12 @@ def test_obstacles_smaller_than_a_cell_or_outside_the_bounds_warn(extent, bounds
     assert all(re.search("fits into one cell|has no obstacle", text) for text in texts)
 
 
+def test_a_mesh_in_millimetres_is_refused_with_its_size():
+    hall = trimesh.creation.box((12000, 8000, 3000))
+    with pytest.raises(InputError, match=r"12000 m x 8000 m x 3000 m large.*says how"):
+        Workspace.from_mesh(hall, 0.1)
+
+
 def test_unknown_cells_of_ros_are_refused_in_an_array():
     cells = np.array([[0, -1], [100, 0]])
     with pytest.raises(

@@ -51,7 +51,7 @@ from cspace._files.polygons import (
 from cspace._files.unit_notes import warn_of_notes, warn_of_units
 from cspace._support.arrays import Floats, Ints, StrPath, Surface
 from cspace._support.check import check_finite, check_word
-from cspace._support.kinds import make_kind_error
+from cspace._support.kinds import make_kind_error, suggest_call
 from cspace._support.limits import check_bytes
 from cspace._support.reporting import warn_user
 from cspace._support.units import METRES
@@ -861,7 +861,7 @@ def flatten_trimesh(shape: Any) -> Surface:
             content = "cloud of points" if is_cloud else "part without triangles"
             content = f"{content} ({type(geometry).__name__})"
             if len(parts) == 1:
-                raise _make_empty_error("mesh", content)
+                raise _make_empty_error("mesh", content, suggest_call(geometry, "mesh"))
             problem = f"has a {content} among its meshes"
             raise GeometryError("mesh", problem, "it would be lost")
         points = check_finite(geometry.vertices, "vertices of mesh")
@@ -872,11 +872,11 @@ def flatten_trimesh(shape: Any) -> Surface:
     return join_surfaces(surfaces)
 
 
-def _make_empty_error(name: str, content: str) -> GeometryError:
+def _make_empty_error(name: str, content: str, hint: str = "") -> GeometryError:
     """Return the error for a mesh without triangles.
 
     ``content`` names the other content, or is empty.
     """
     if not content:
         return GeometryError(name, "is empty", "a mesh needs triangles")
-    return GeometryError(name, f"is a {content}", "a mesh needs triangles")
+    return GeometryError(name, f"is a {content}", "a mesh needs triangles", hint)

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from cspace._support.arrays import AXES, Bools, Floats, Ints, frozen
 from cspace._support.column_names import are_names, list_columns, list_dimensions, takes_names
-from cspace._support.kinds import make_kind_error
+from cspace._support.kinds import make_kind_error, suggest_call
 from cspace._support.reporting import warn_user
 from cspace._support.units import check_unit, warn_of_large
 from cspace.errors import AngleWarning, InputError
@@ -108,7 +108,8 @@ def order_labels(values: Any, name: str, axes: Sequence[str]) -> Any:
         return order_labels(values.T, name, axes)  # of a table whose rows are the axes
     if axes and takes_names(values, axes[0]):
         rule = "a table must list their names"
-        raise InputError(name, f"is a {type(values).__name__} of columns without names", rule)
+        problem = f"is a {type(values).__name__} of columns without names"
+        raise InputError(name, problem, rule, suggest_call(values, name))
     return values
 
 
@@ -702,7 +703,7 @@ def check_cells(values: ArrayLike, name: str) -> Bools:
         raise make_kind_error(values, name, rule)
     if array.ndim > 3 or array.ndim < 2 or array.size == 0:
         problem = f"is a {type(values).__name__} of {array.ndim} axes and {array.size} entries"
-        raise InputError(name, problem, rule)
+        raise InputError(name, problem, rule, suggest_call(values, name))
     if array.dtype.kind == "f":
         check_finite(array, name)
     if array.dtype.kind not in "biu":

@@ -37,9 +37,13 @@ _CALLS: Final[Mapping[tuple[str, ...], str]] = {
     ("header", "poses"): "use [cspace.ros.configuration_of(pose, space) for pose in {}.poses]",
     ("name", "position", "velocity"): "use arm.configuration({})",
     # Files of plain values.
-    ("levels", "name"): f"a building of the traffic editor is in pixels; {BRING_YOUR_FILE}",
-    ("levels",): "use cspace.lanes.RouteGraph.open({})",
-    ("layouts",): "use cspace.lanes.RouteGraph.open({})",
+    (
+        "a mapping",
+        "levels",
+        "name",
+    ): f"a building of the traffic editor is in pixels; {BRING_YOUR_FILE}",
+    ("a mapping", "levels"): "use cspace.lanes.RouteGraph.open({})",
+    ("a mapping", "layouts"): "use cspace.lanes.RouteGraph.open({})",
     # Values of this library.
     ("waypoints", "trajectory"): (
         "use {}.path for rows, or {}.trajectory(...) for a motion in time"
@@ -54,8 +58,16 @@ _CALLS: Final[Mapping[tuple[str, ...], str]] = {
     ("as_quat",): (
         "use {}.as_quat(), or scipy.linalg.block_diag({}.as_matrix(), 1) for a pose of an arm"
     ),
+    ("nodes", "adj"): "use cspace.lanes.RouteGraph.from_networkx({})",
+    ("matrix", "pitch"): (
+        "use cspace.Workspace.from_array({}.matrix, {}.scale[0], {}.translation - {}.scale / 2)"
+    ),
+    ("polygons_full",): "use {}.polygons_full",
     ("vertices", "faces"): "use cspace.make_mesh(({}.vertices, {}.faces))",
     ("vertices", "triangles"): "use cspace.make_mesh(({}.vertices, {}.triangles))",
+    ("vertices", "kdtree"): (
+        "use cspace.Workspace.from_points({}.vertices, spacing, radius=spacing / 2)"
+    ),
     ("vertex", "triangle"): (
         "use cspace.make_mesh(({}.vertex.positions.numpy(), {}.triangle.indices.numpy()))"
     ),
@@ -75,7 +87,9 @@ _CALLS: Final[Mapping[tuple[str, ...], str]] = {
     ("fetchdf",): "use {}.fetchdf()",
     ("collect",): "use {}.collect()",
     ("toarray",): "use {}.toarray()",
-    ("getpixel",): BRING_YOUR_FILE,
+    **dict.fromkeys(
+        [("getpixel",), ("GetPixel",), ("modelspace",), ("xyz", "header")], BRING_YOUR_FILE
+    ),
     # Nested lists of coordinates.
     ("pairs at level 2",): "use shapely.Polygon({})",
     ("pairs at level 3",): (
@@ -102,7 +116,7 @@ def suggest_call(value: Any, name: str) -> str:
 def _list_features(value: Any) -> set[str]:
     """Return the keys or attributes of a value, or the place of pairs in nested lists."""
     if isinstance(value, Mapping):
-        return set(map(str, value))
+        return {"a mapping", *map(str, value)}
     if not isinstance(value, list | tuple | np.ndarray):
         return set(dir(value))
     shape: list[int] = []

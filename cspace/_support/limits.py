@@ -16,9 +16,12 @@ from contextvars import ContextVar
 from pathlib import Path
 from typing import Final, Literal, NamedTuple, Protocol
 
+import numpy as np
+
 from cspace._support.arrays import StrPath
 from cspace._support.check import check_count, check_known
-from cspace._support.reporting import tell_apart
+from cspace._support.kinds import BRING_YOUR_FILE
+from cspace._support.reporting import format_sides, tell_apart
 from cspace.errors import FileError, InputError
 
 WORKSPACE_CELL_BYTES: Final = 2
@@ -251,6 +254,9 @@ def check_memory(needed: float, what: str, grid: GridCells, *, slices: int = 1) 
         excess = max(needed / (0.8 * MAX_MEMORY_FRACTION * free), 1.0)
         coarser = grid.spacing * excess ** (1.0 / len(grid.shape))
         hint = f"cells of {coarser:.2g} {grid.unit} fit"
+        sides = grid.spacing * np.array(grid.shape)
+        if grid.unit == "m" and sides.max() > 1000.0:
+            hint += f", if it is {format_sides(sides)} large; for another unit, {BRING_YOUR_FILE}"
     cells = " x ".join(f"{count:.6g}" for count in grid.shape)
     slice_text = f" x {slices:,} slices" if slices > 1 else ""
     description = f"has {cells} cells of {grid.spacing:g} {grid.unit}{slice_text}"

@@ -75,10 +75,11 @@ FIELDS: Final = (
         "`vehicleTypeNodeProperties`, `vehicleTypeEdgeProperties`, `vehicleTypeId`, "
         "`vehicleTypeIds`; `startNodeId`, `endNodeId`, `sequenceId`; "
         "`interactionNodeIds`; `version`",
-        refused="several `mapId`; `origins`; `rotationAtStartNodeAllowed`, "
-        "`rotationAtEndNodeAllowed` other than `BOTH` and `NONE`; "
+        refused="several `mapId`; `origins`; `mobileRobotTypeNodeProperties`, "
+        "`mobileRobotTypeEdgeProperties`; "
         "`orientation` of control points; curves that jump",
-        warned="angles beyond a whole turn; unknown fields, such as `loadRestriction`; "
+        warned="`rotationAtStartNodeAllowed`, `rotationAtEndNodeAllowed` of `CW` and `CCW`; "
+        "angles beyond a whole turn; unknown fields, such as `loadRestriction`; "
         "`maxHeight`, `minHeight`, `maximumMobileRobotHeight`, `minimumLoadHandlingDeviceHeight`; "
         "fields of `metaInformation` beside LIF's",
         harmless="projectIdentification creator exportTimestamp lifVersion headerId timestamp "
@@ -380,10 +381,11 @@ def _read_lif(
 def _list_parts(layout: Ledger, kind: str) -> list[tuple[Ledger, list[Ledger]]]:
     """Return a LIF layout's nodes or edges, each with its rules for types of vehicles."""
     name = kind.lower()
-    return [
-        (part, list(part.children(f"vehicleType{kind}Properties")))
-        for part in layout.children(f"{name}s", name, f"{name}Id")
-    ]
+    parts = []
+    for part in layout.children(f"{name}s", name, f"{name}Id"):
+        part.refuse(f"mobileRobotType{kind}Properties")  # of a draft
+        parts.append((part, list(part.children(f"vehicleType{kind}Properties"))))
+    return parts
 
 
 def _add_lif_edge(
@@ -397,8 +399,11 @@ def _add_lif_edge(
     entry = entry or edge
     turns = []
     for key in ("rotationAtStartNodeAllowed", "rotationAtEndNodeAllowed"):
-        entry.refuse(key, "BOTH", "NONE")
-        turns.append(entry.get(key) != "NONE")
+        entry.refuse(key, "BOTH", "NONE", "CW", "CCW")
+        turn = entry.get(key)
+        if turn in ("CW", "CCW"):
+            warn_user(f"{entry.where} has {key} {turn!r}; turns both ways count as allowed")
+        turns.append(turn != "NONE")
     _add_edge(builder, edge, entry, _read_ends(edge), "vehicleOrientation", _may_turn(entry, False))
     builder.lanes[-1] = builder.lanes[-1]._replace(turns=tuple(turns))
 

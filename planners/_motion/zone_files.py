@@ -69,6 +69,9 @@ _SPELLINGS: Final = {
     "foot": "ft",
     "feet": "ft",
     "fpm": "ft/min",
+    "ip": "inch/s",
+    "mpm": "m/min",
+    "kmhr": "km/h",
     "inche": "inch",
     "sec": "s",
     "second": "s",
@@ -108,11 +111,11 @@ def _find_unit(name: str, file: str) -> tuple[str, float]:
     Raises InputError for a share of a speed.
     """
     text = re.sub(r"(?<=[a-z\d])(?=[A-Z])", "_", name).lower().replace("%", " percent ")
-    if text.partition(":")[0] == "maxspeed":
-        warn_user(f"{file}: {name} is taken as km/h, as in OpenStreetMap")
-        text = "km/h"
     words = [_SPELLINGS.get(word.removesuffix("s"), word) for word in re.split(r"[\W_]+", text)]
     found = _SPEED_UNIT.search(" ".join(word for word in words if word not in ("p", "per")))
+    if found is None and text.partition(":")[0] == "maxspeed":
+        warn_user(f"{file}: {name} is taken as km/h, as in OpenStreetMap")
+        return "km/h", 1.0 / 3.6
     if found is None:
         return "m/s", 1.0
     if "percent" in found[0]:

@@ -5,8 +5,11 @@ Each input is written by a package of its own, in each form that people have, an
 each world with the one written.
 """
 
+import contextlib
+import io
 import json
 import re
+import runpy
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +17,7 @@ import pytest
 import shapely
 import shapely.affinity
 
+import cspace
 from cspace import CspaceError
 
 ROOT = Path(__file__).parents[2]
@@ -73,15 +77,20 @@ def write_geotiff_in(crs, origin, step, utm):
 
     write_raster(crs, origin[0] + 10 * step * X, origin[1] + 10 * step * Y)
     project = pyproj.Transformer.from_crs(crs, utm, always_xy=True)
-    plan = shapely.transform(
-        PLAN | UNKNOWN,
-        lambda points: np.transpose(project.transform(*(origin + 10 * step * points).T)),
-    )
+
+    def move(points):
+        """Bring points from the plan to the zone."""
+        return np.transpose(project.transform(*(origin + 10 * step * points).T))
+
+    plan = shapely.transform(PLAN | UNKNOWN, move)
+    raster = shapely.transform(shapely.box(0.0, 0.0, 6.0, 4.0), move)
+    # Nobody saw what lies beyond the raster, whose border some cells cross.
+    plan |= shapely.box(*raster.buffer(1.0).bounds) - raster.buffer(0.1)
 
     def place(values):
         """Move the plan to the frame of the grid, whose origin is the corner of the raster."""
-        west, south, _, _ = values["occupied"].rio.bounds()
-        return shapely.affinity.translate(plan, -west, -south)
+        west, south = re.findall(r"-?[\d.]+", values["printed"].partition("corner was at")[2])
+        return shapely.affinity.translate(plan, -float(west), -float(south))
 
     return place
 
@@ -103,8 +112,9 @@ def change_geotiff(**profile):
     import rasterio
     from rasterio.transform import from_origin
 
-    scale = profile.pop("scale", 1.0)
-    costs = np.where(CELLS, 100 / scale, 0).T[::-1]
+    scale, (wall, free) = profile.pop("scale", 1.0), profile.pop("values", (100, 0))
+    costs = np.where(CELLS, wall / scale, free).T
+    costs = costs if profile.pop("upside_down", False) else costs[::-1]
     settings = {
         "driver": "GTiff",
         "dtype": "uint8",
@@ -140,6 +150,35 @@ def write_turned_geotiff():
     change_geotiff(transform=Affine.rotation(30.0) * Affine.scale(0.1, -0.1))
 
 
+def write_geotiff_of_plate_carree():
+    """Write a projection that stretches the x axis by 1.46."""
+    return write_geotiff_in("EPSG:4087", np.array([1.003e6, 5.232e6]), 0.1463, "EPSG:32632")
+
+
+def write_geotiff_from_the_south():
+    from rasterio.transform import Affine
+
+    change_geotiff(transform=Affine(0.1, 0.0, 0.0, 0.0, 0.1, 0.0), upside_down=True)
+
+
+def write_geotiff_of_shares():
+    import rioxarray
+
+    change_geotiff(dtype="float32")
+    shares = rioxarray.open_rasterio("costs.tif").load() / 100.0
+    shares.rio.to_raster("costs.tif")
+
+
+def write_geotiff_without_a_place():
+    change_geotiff(transform=None, crs=None)
+
+
+def write_map_of_ours():
+    """Write a map in which 0 is free, 1 is undecided and 2 is in collision."""
+    workspace = cspace.Workspace.from_array(CELLS, 0.1)
+    cspace.build(workspace, cspace.Robot.disc(0.1)).export("costs.tif")
+
+
 def write_netcdf():
     import xarray
 
@@ -167,6 +206,38 @@ def write_netcdf_of_kilometres():
     xarray.Dataset({"cost": costs}, axes).to_netcdf("costs.nc")
 
 
+def write_netcdf_of_valid_costs():
+    """Write unknown cells as -1, below the least valid cost."""
+    import xarray
+
+    costs = np.where(CELLS, 100, 0).astype(np.int16)
+    costs[55:, :5] = -1
+    variable = ("time", "y", "x"), costs.T[None], {"valid_min": np.int16(0)}
+    xarray.Dataset({"cost": variable}, {"x": X, "y": Y}).to_netcdf("costs.nc")
+    return PLAN | UNKNOWN
+
+
+def write_netcdf_from_the_north():
+    import xarray
+
+    costs = ("y", "x"), np.where(CELLS, 100, 0).T[::-1]
+    xarray.Dataset({"cost": costs}, {"x": X, "y": Y[::-1]}).to_netcdf("costs.nc")
+
+
+def write_netcdf_of_degrees():
+    import xarray
+
+    costs = ("lat", "lon"), np.where(CELLS, 100, 0).T
+    xarray.Dataset({"cost": costs}, {"lon": X, "lat": Y}).to_netcdf("costs.nc")
+
+
+def write_netcdf_of_shares():
+    import xarray
+
+    costs = ("y", "x"), np.where(CELLS, 1.0, 0.0).T
+    xarray.Dataset({"cost": costs}, {"x": X, "y": Y}).to_netcdf("costs.nc")
+
+
 def write_nrrd(directions=np.eye(3), **fields):  # noqa: B008  # read alone
     import nrrd
 
@@ -178,8 +249,45 @@ def write_turned_nrrd():
     write_nrrd(np.array([[0.8, 0.6, 0.0], [-0.6, 0.8, 0.0], [0.0, 0.0, 1.0]]))
 
 
+def write_nrrd_of(unit, side):
+    """Write voxels in a unit, with sides that numbers beside the axes tell."""
+    import nrrd
+
+    header = {"spacings": [side] * 3, "units": [unit] * 3}
+    voxels = np.where(VOXELS, np.float32(np.nan), np.float32(0))
+    nrrd.write("rack.nrrd", voxels, header)
+    return shapely.affinity.translate(PLAN, -0.05, -0.05)
+
+
 def write_nrrd_of_metres():
-    write_nrrd(**{"space units": ["m", "m", "m"]})
+    return write_nrrd_of("m", 0.1)
+
+
+def write_nrrd_of_centimetres():
+    return write_nrrd_of("cm", 10.0)
+
+
+def write_nrrd_of_inches():
+    write_nrrd_of("in", 4.0)
+
+
+def write_nrrd_of_colours():
+    import nrrd
+
+    nrrd.write("rack.nrrd", np.zeros((3, 4, 4, 4), dtype=np.uint8))
+
+
+def write_mha_of_colours():
+    import SimpleITK
+
+    image = SimpleITK.GetImageFromArray(np.zeros((4, 4, 4, 3), np.uint8), isVector=True)
+    SimpleITK.WriteImage(image, "rack.mha")
+
+
+def write_flat_mha():
+    import SimpleITK
+
+    SimpleITK.WriteImage(SimpleITK.GetImageFromArray(np.ones((4, 4), np.uint8)), "rack.mha")
 
 
 def write_turned_mha():
@@ -221,6 +329,45 @@ def write_deep_picture():
     from PIL import Image
 
     Image.fromarray(np.where(CELLS, 3000, 60000).astype(np.uint16).T[::-1].copy()).save("plan.png")
+
+
+def save_picture(mode, **options):
+    """Write the plan in a mode of Pillow."""
+    from PIL import Image
+
+    shades = np.where(CELLS, 0, 255).astype(np.uint8).T[::-1]
+    Image.fromarray(shades).convert(mode).save("plan.png", **options)
+
+
+def write_picture_of_a_bit():
+    save_picture("1")
+
+
+def write_picture_of_a_palette():
+    """Write walls in one colour of a palette, and unknown cells in a transparent one."""
+    from PIL import Image
+
+    numbers = np.where(CELLS, 2, 1).astype(np.uint8)
+    numbers[55:, :5] = 0
+    image = Image.fromarray(numbers.T[::-1])
+    image.putpalette([255, 255, 255, 255, 255, 255, 0, 0, 128])
+    image.save("plan.png", transparency=0)
+    return PLAN | UNKNOWN
+
+
+def write_picture_for_print():
+    save_picture("CMYK", format="TIFF")
+
+
+def write_picture_with_a_key():
+    """Write a colour that stands for transparent pixels."""
+    from PIL import Image
+
+    pixels = np.where(CELLS, 0, 255).astype(np.uint8)[..., None].repeat(3, axis=-1)
+    pixels[55:, :5] = 254, 1, 254
+    image = Image.fromarray(np.ascontiguousarray(pixels.transpose(1, 0, 2)[::-1]))
+    image.save("plan.png", transparency=(254, 1, 254))
+    return PLAN | UNKNOWN
 
 
 def write_kml():
@@ -282,6 +429,55 @@ def write_geopackage():
     frame = geopandas.GeoDataFrame(geometry=solids).translate(500_000.0, 5_400_000.0)
     frame.set_crs("EPSG:32632").to_crs("EPSG:4326").to_file("site.gpkg")
     return shapely.union_all(shapes)
+
+
+def write_site(names=("A", "A"), systems=("EPSG:32632", "EPSG:32632"), shift=(5e5, 5.4e6)):
+    """Write a layer of a name for each wall."""
+    import geopandas
+
+    for wall, name, system in zip(WALLS, names, systems, strict=True):
+        shape = geopandas.GeoSeries([shapely.box(*wall)], crs="EPSG:32632").translate(*shift)
+        shape.to_crs(system).to_file("site.gpkg", layer=name)
+    return shapely.affinity.translate(PLAN, -1.0, -0.5)
+
+
+def write_layers_of_two_systems():
+    return write_site(("A", "B"), ("EPSG:32632", "EPSG:4326"))
+
+
+def write_folders_of_one_name():
+    """Write two folders of KML with one name, of which one is hidden."""
+    plan = write_kml()
+    text = Path("site.gpkg").read_text().replace("<name>1</name>", "<name>0</name>")
+    Path("site.gpkg").write_text(text.replace("<Folder>", "<Folder><visibility>0</visibility>", 1))
+    return plan
+
+
+def write_site_of_unnamed_degrees():
+    import geopandas
+
+    shape = geopandas.GeoSeries([shapely.box(9.0, 48.0, 9.0001, 48.0001)])
+    shape.to_file("site.gpkg", driver="FlatGeobuf")
+
+
+def write_site_without_shapes():
+    import geopandas
+    import pyogrio
+
+    frame = geopandas.GeoDataFrame(geometry=[shapely.Point(0.0, 0.0)], crs="EPSG:4326")
+    pyogrio.write_dataframe(frame[:0], "site.gpkg", geometry_type="Point", layer="doors")
+
+
+def write_site_of_lines():
+    """Write the diagonals of the walls, and an empty layer."""
+    import geopandas
+
+    lines = geopandas.GeoSeries(
+        [shapely.LineString([wall[:2], wall[2:]]) for wall in WALLS], crs="EPSG:32632"
+    )
+    lines.translate(500_000.0, 5_400_000.0).to_file("site.gpkg", layer="walls")
+    write_site_without_shapes()
+    return shapely.affinity.translate(shapely.MultiLineString(list(lines)), -1.0, -0.5)
 
 
 def write_dxf_of_outlines():
@@ -372,6 +568,30 @@ def write_dxf_of_hidden_parts():
     return shapely.MultiLineString([[(0, y), (8, y)] for y in (0, 6)])
 
 
+def write_dxf_of_blocks_on_hidden_layers():
+    """Write a block whose parts have the layer of its insertion, which is off, and inches."""
+    import ezdxf
+
+    drawing = ezdxf.new("R2010", units=1)
+    space = drawing.modelspace()
+    drawing.layers.add("OLD").off()
+    drawing.blocks.new("CHAIR").add_line((0, 0), (99, 99))
+    space.add_blockref("CHAIR", (3, 3), dxfattribs={"layer": "OLD"})
+    space.add_line((0, 0), (300, 0))
+    space.add_lwpolyline([(300, 0), (300, 200)], dxfattribs={"extrusion": (0, 0, -1)})
+    drawing.saveas("plan.dxf")
+    lines = shapely.MultiLineString([[(0, 0), (300, 0)], [(-300, 0), (-300, 200)]])
+    return shapely.affinity.scale(lines, 0.0254, 0.0254, origin=(0, 0))
+
+
+def write_dxf_without_a_unit():
+    import ezdxf
+
+    drawing = ezdxf.new("R2010", units=0)
+    drawing.modelspace().add_line((0, 0), (8, 0))
+    drawing.saveas("plan.dxf")
+
+
 def draw_curve(curve):
     """Return a line through many points of a curve."""
     return shapely.LineString(np.transpose(curve(np.linspace(0.0, 1.0, 400))))
@@ -427,6 +647,45 @@ def write_svg_of_strokes():
     return shapely.affinity.translate(plan, 0.0, -6.0)  # the page's origin is at the top
 
 
+def write_svg(body):
+    """Write a drawing of 8 m x 6 m."""
+    names = 'xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink"'
+    Path("plan.svg").write_text(f"<svg {names}>{body}</svg>")
+
+
+def write_svg_of_rules():
+    """Write rings in rings: by the nonzero rule in one direction and in two, and by even-odd."""
+    outer = "M0,0 L200,0 L200,200 L0,200 Z"
+    alike, against = "M50,50 h100 v100 h-100 Z", "M50,50 v100 h100 v-100 Z"
+    write_svg(
+        f'<path d="{outer} {alike}"/>'
+        f'<path transform="translate(300,0)" d="{outer} {against}"/>'
+        f'<path transform="translate(0,300)" fill-rule="evenodd" d="{outer} {alike}"/>'
+        f'<g style="fill-rule: evenodd"><path transform="translate(300,300)" d="{outer} {alike}"/></g>'
+    )
+    holed = shapely.box(0, -2, 2, 0) - shapely.box(0.5, -1.5, 1.5, -0.5)
+    plan = [shapely.box(0, -2, 2, 0)]
+    plan += [shapely.affinity.translate(holed, *by) for by in ((3, 0), (0, -3), (3, -3))]
+    return shapely.union_all(plan)
+
+
+def write_svg_of_colours():
+    """Write a gradient, and areas that nobody sees."""
+    rect = '<rect width="100" height="100" '
+    write_svg(
+        '<defs><linearGradient id="g"><stop offset="0" stop-color="#000"/></linearGradient></defs>'
+        f'{rect} fill="url(#g)"/>{rect} x="200" fill="currentColor"/>'
+        f'{rect} y="300" fill="#000" fill-opacity="0"/>{rect} x="200" y="300" fill="transparent"/>'
+        f'{rect} x="400" y="300" visibility="hidden"/>{rect} x="600" y="300" fill="#ffffff80"/>'
+        f'{rect} x="600" opacity="0"/>'
+    )
+    return shapely.box(0, -1, 1, 0) | shapely.box(2, -1, 3, 0)
+
+
+def write_svg_of_a_picture():
+    write_svg('<rect width="9" height="9"/><image width="8" height="8" xlink:href="a.png"/>')
+
+
 def write_gml():
     import networkx
 
@@ -452,6 +711,41 @@ def write_3mf():
     make_rack().export("rack.3mf")
 
 
+def write_3mf_of(unit, metres):
+    """Write a box in a unit, which the build moves by 1 m along x."""
+    import zipfile
+
+    box = shapely.box(0, 0, 0.5, 0.5)
+    corners = [(x, y, z) for z in (0, 3) for x, y in box.exterior.coords[:-1]]
+    faces = [(0, 1, 2), (0, 2, 3), (4, 6, 5), (4, 7, 6)]
+    faces += [(k, (k + 1) % 4 + 4, (k + 1) % 4) for k in range(4)]
+    faces += [(k, k + 4, (k + 1) % 4 + 4) for k in range(4)]
+    named = [
+        "".join(
+            f'<vertex x="{x / metres}" y="{y / metres}" z="{z / metres}"/>' for x, y, z in corners
+        ),
+        "".join(f'<triangle v1="{a}" v2="{b}" v3="{c}"/>' for a, b, c in faces),
+    ]
+    place = f"1 0 0 0 1 0 0 0 1 {1 / metres} 0 0"
+    model = (
+        f'<model {unit} xmlns="http://schemas.microsoft.com/3dmanufacturing/core/2015/02">'
+        f'<resources><object id="1" type="model"><mesh><vertices>{named[0]}</vertices>'
+        f"<triangles>{named[1]}</triangles></mesh></object></resources>"
+        f'<build><item objectid="1" transform="{place}"/></build></model>'
+    )
+    with zipfile.ZipFile("rack.3mf", "w") as file:
+        file.writestr("3D/3dmodel.model", f"<?xml version='1.0'?>{model}")
+    return shapely.affinity.translate(box, 1.0, 0.0)
+
+
+def write_3mf_of_inches():
+    return write_3mf_of('unit="inch"', 0.0254)
+
+
+def write_3mf_without_a_unit():
+    return write_3mf_of("", 0.001)
+
+
 def write_off():
     make_rack().to_mesh().export("rack.off")
 
@@ -471,6 +765,32 @@ def write_ragged_drawing():
     lines = ["".join(row).rstrip() for row in rows]
     Path("plan.txt").write_text("\n".join(lines) + "\n")
     return PLAN | shapely.box(5.9, 0, 6, 4) | shapely.box(0, 3.5, 6, 3.6)
+
+
+def write_text(name, text):
+    """Return a writer of a text."""
+    return pytest.param(
+        name, lambda: Path(name).write_text(text, encoding="utf-8"), id=f"{text:.9}"
+    )
+
+
+def write_drawing_with(separator, start=""):
+    rows = np.where(CELLS.T[::-1], "#", ".")
+    text = "\n".join(map(separator.join, rows))
+    Path("plan.txt").write_text(start + text, encoding="utf-8")
+
+
+def write_drawing_of_blanks_apart():
+    rows = np.where(CELLS.T[::-1], "#", " ")
+    Path("plan.txt").write_text("\n".join(map(" ".join, rows)))
+
+
+def write_drawing_with_a_mark():
+    write_drawing_with("", "\ufeff")
+
+
+def write_drawing_with_commas():
+    write_drawing_with(",")
 
 
 def write_rows():
@@ -500,6 +820,26 @@ def write_scan_of_zeros():
     return write_scan("0.0", farthest=4.0)
 
 
+def write_scan_of_ros_1():
+    """Write beams in one line, from the left to the right."""
+    plan = write_scan()
+    import yaml
+
+    scan = yaml.safe_load(Path("scan.yaml").read_text().partition("---")[0])
+    number = len(scan["ranges"])
+    Path("scan.yaml").write_text(
+        f"angle_min: {1e-4 * (number - 1)}\nangle_increment: -0.0001\nrange_min: 0.12\n"
+        f"range_max: 9.0\nranges: [{', '.join(map(str, scan['ranges'][::-1]))}]\n---\n"
+    )
+    return plan
+
+
+def write_short_scan():
+    write_scan()
+    text = Path("scan.yaml").read_text()
+    Path("scan.yaml").write_text(text.replace("---", "- '...'\n---"))
+
+
 def make_points():
     """Return points in the walls, 1 cm from their borders."""
     clouds = []
@@ -516,6 +856,24 @@ def write_pcd():
 
     cloud = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(make_points()))
     open3d.io.write_point_cloud("scan.pcd", cloud, compressed=True)
+
+
+def write_pcd_with_gaps():
+    """Write points of which some are missing."""
+    import open3d
+
+    points = make_points()
+    points[::7] = np.nan
+    cloud = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(points))
+    open3d.io.write_point_cloud("scan.pcd", cloud, compressed=True)
+    return PLAN
+
+
+def write_pcd_seen_from_a_place():
+    write_pcd()
+    data = Path("scan.pcd").read_bytes()
+    assert b"VIEWPOINT 0 0 0 1 0 0 0" in data
+    Path("scan.pcd").write_bytes(data.replace(b"VIEWPOINT 0 0 0", b"VIEWPOINT 3 0 0"))
 
 
 def write_las():
@@ -557,6 +915,20 @@ def write_las_of_feet():
     write_las_in(FEET, 1200 / 3937)
 
 
+def write_las_of_local_metres():
+    """Write metres of a site, and a point that was struck out."""
+    import laspy
+    import pyproj
+
+    header = laspy.LasHeader(point_format=6, version="1.4")
+    header.scales = [0.001] * 3
+    header.add_crs(pyproj.CRS('LOCAL_CS["site",UNIT["metre",1],AXIS["x",EAST],AXIS["y",NORTH]]'))
+    cloud = laspy.LasData(header)
+    cloud.xyz = np.concatenate([make_points(), [(0.0, 0.0, 0.0), (3.0, 3.0, 1.5)]])
+    cloud.withheld = np.arange(len(cloud.x)) == len(cloud.x) - 1
+    cloud.write("scan.las")
+
+
 def write_las_of_the_globe():
     write_las_in("EPSG:4978")
 
@@ -570,26 +942,45 @@ FORMS = {
     "costs.tif": (
         *(write_geotiff, write_geotiff_of_utm, write_geotiff_of_degrees),
         *(write_geotiff_of_feet, write_geotiff_of_mercator, write_geotiff_with_a_scale),
-        *(write_geotiff_of_local_metres,),
+        *(write_geotiff_of_local_metres, write_geotiff_of_plate_carree),
+        *(write_geotiff_from_the_south,),
     ),
-    "costs.nc": (write_netcdf, write_netcdf_with_a_scale),
-    "rack.nrrd": (write_nrrd,),
+    "costs.nc": (
+        *(write_netcdf, write_netcdf_with_a_scale, write_netcdf_of_valid_costs),
+        *(write_netcdf_from_the_north,),
+    ),
+    "rack.nrrd": (write_nrrd, write_nrrd_of_metres, write_nrrd_of_centimetres),
     "rack.mha": (write_mha,),
-    "plan.png": (write_picture, write_turned_picture),
-    "plan.txt": (write_drawing, write_ragged_drawing),
+    "plan.png": (
+        *(write_picture, write_turned_picture, write_picture_of_a_bit),
+        *(write_picture_of_a_palette, write_picture_for_print, write_picture_with_a_key),
+    ),
+    "plan.txt": (
+        *(write_drawing, write_ragged_drawing, write_drawing_with_a_mark),
+        *(write_drawing_with_commas, write_drawing_of_blanks_apart),
+    ),
     "plan.json": (write_rows,),
     "site.gpkg": (
-        *(write_geopackage, write_kml, write_layers),
-        *(write_site_of_metres, write_site_of_named_metres),
+        *(write_geopackage, write_kml, write_layers, write_folders_of_one_name),
+        *(write_site_of_metres, write_site_of_named_metres, write_layers_of_two_systems),
+        *(write_site_of_lines,),
     ),
-    "plan.dxf": (write_dxf_of_outlines, write_dxf_of_blocks, write_dxf_of_hidden_parts),
-    "plan.svg": (write_svg_of_shapes, write_svg_of_strokes),
+    "plan.dxf": (
+        *(write_dxf_of_outlines, write_dxf_of_blocks, write_dxf_of_hidden_parts),
+        *(write_dxf_of_blocks_on_hidden_layers,),
+    ),
+    "plan.svg": (
+        *(write_svg_of_shapes, write_svg_of_strokes, write_svg_of_rules, write_svg_of_colours),
+    ),
     "lanes.gml": (write_gml,),
-    "rack.3mf": (write_3mf,),
+    "rack.3mf": (write_3mf, write_3mf_of_inches, write_3mf_without_a_unit),
     "rack.off": (write_off,),
-    "scan.pcd": (write_pcd,),
-    "scan.las": (write_las, write_las_of_degrees, write_las_of_feet, write_las_of_two_units),
-    "scan.yaml": (write_scan, write_scan_of_zeros),
+    "scan.pcd": (write_pcd, write_pcd_with_gaps),
+    "scan.las": (
+        *(write_las, write_las_of_degrees, write_las_of_feet, write_las_of_two_units),
+        *(write_las_of_local_metres,),
+    ),
+    "scan.yaml": (write_scan, write_scan_of_zeros, write_scan_of_ros_1),
 }
 """Writers of each file of the page; a plan that they return is that of the obstacles."""
 
@@ -599,15 +990,33 @@ SNIPPET_OF = {
 """Snippet that reads each file."""
 
 REFUSED = {
-    "costs.tif": (write_geotiff_of_two_bands, write_turned_geotiff),
-    "costs.nc": (write_netcdf_of_kilometres,),
-    "rack.nrrd": (write_turned_nrrd, write_nrrd_of_metres),
-    "rack.mha": (write_turned_mha,),
+    "costs.tif": (
+        *(write_geotiff_of_two_bands, write_turned_geotiff, write_geotiff_of_shares),
+        *(write_geotiff_without_a_place, write_map_of_ours),
+    ),
+    "costs.nc": (write_netcdf_of_kilometres, write_netcdf_of_degrees, write_netcdf_of_shares),
+    "rack.nrrd": (write_turned_nrrd, write_nrrd_of_inches, write_nrrd_of_colours),
+    "rack.mha": (write_turned_mha, write_mha_of_colours, write_flat_mha),
     "plan.png": (write_deep_picture,),
-    "site.gpkg": (write_site_of_feet,),
+    "site.gpkg": (*(write_site_of_feet, write_site_of_unnamed_degrees, write_site_without_shapes),),
+    "plan.dxf": (write_dxf_without_a_unit,),
+    "plan.svg": (write_svg_of_a_picture,),
+    "scan.pcd": (write_pcd_seen_from_a_place,),
     "scan.las": (write_las_of_the_globe,),
+    "scan.yaml": (write_short_scan,),
 }
 """Writers of what a snippet refuses."""
+
+REFUSED_TEXTS = [
+    write_text("plan.txt", "0110\n0010\n"),
+    write_text("plan.txt", "#\t#\n#..\n"),
+    write_text("plan.json", "[[0, 1], [0]]"),
+    write_text("plan.json", "[[0, 255], [254, 0]]"),
+    write_text("plan.json", "[[0, NaN]]"),
+    write_text("plan.json", '{"rows": [[0, 1]]}'),
+    write_text("plan.json", '[["0", "1"]]'),
+]
+"""Texts that a snippet refuses."""
 
 CASES = [(name, write) for name in FORMS for write in FORMS[name]]
 
@@ -616,8 +1025,10 @@ def run_snippet(name, write, folder, monkeypatch):
     """Write a file, run its snippet beside it, and return the plan and the snippet's variables."""
     monkeypatch.chdir(folder)
     plan = write()
-    values = {}
-    exec(compile(SNIPPET_OF[name], name, "exec"), values)
+    values = {"__name__": "examples"}
+    with contextlib.redirect_stdout(io.StringIO()) as printed:
+        exec(compile(SNIPPET_OF[name], name, "exec"), values)
+    values["printed"] = printed.getvalue()
     return plan(values) if callable(plan) else plan or PLAN, values
 
 
@@ -647,10 +1058,11 @@ def test_a_snippet_ends_in_the_right_world(name, write, tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    "name, write", [(name, write) for name in REFUSED for write in REFUSED[name]]
+    "name, write",
+    [(name, write) for name in REFUSED for write in REFUSED[name]] + REFUSED_TEXTS,
 )
 def test_what_a_snippet_cannot_place_is_refused(name, write, tmp_path, monkeypatch):
-    with pytest.raises((AssertionError, ValueError, CspaceError), match=r"\w"):
+    with pytest.raises(CspaceError, match=r"\w"):
         run_snippet(name, write, tmp_path, monkeypatch)
 
 
@@ -658,10 +1070,74 @@ SLACKS = {"costs.tif": 0.15, "scan.pcd": 0.06, "scan.las": 0.06, "scan.yaml": 0.
 """Distance, metres, from the plan at which no cell is occupied; cells in degrees are other ones."""
 
 
-def test_what_a_drawing_loses_is_printed(tmp_path, monkeypatch, capsys):
-    run_snippet("plan.dxf", write_dxf_of_outlines, tmp_path, monkeypatch)
-    assert capsys.readouterr().out == "left out: ['SITE', 'XLINE']\n"
-    run_snippet("plan.dxf", write_dxf_of_blocks, tmp_path, monkeypatch)
-    assert capsys.readouterr().out == "left out: []\n"
-    run_snippet("plan.dxf", write_dxf_of_hidden_parts, tmp_path, monkeypatch)
-    assert capsys.readouterr().out == "left out: ['frozen', 'old']\n"
+@pytest.mark.parametrize(
+    "write, names",
+    [
+        (write_dxf_of_outlines, ["SITE", "XLINE"]),
+        (write_dxf_of_blocks, []),
+        (write_dxf_of_hidden_parts, ["frozen", "old"]),
+    ],
+)
+def test_what_a_drawing_loses_is_printed(write, names, tmp_path, monkeypatch):
+    _, values = run_snippet("plan.dxf", write, tmp_path, monkeypatch)
+    assert values["printed"] == f"left out: {names}\n"
+
+
+def run_block(page, word, values):
+    """Run the block of another page that holds a word, and return its variables."""
+    text = (ROOT / "docs/howto" / page).read_text(encoding="utf-8")
+    blocks = re.findall(r"^```py(?:thon)?\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
+    values["__name__"] = "examples"
+    exec(next(block for block in blocks if word in block), values)
+    return values
+
+
+MERCATOR = {"crs": "EPSG:3857"}
+
+
+@pytest.mark.parametrize("profile", [{}, {"crs": None}, {"nodata": 255}, {"upside_down": True}])
+def test_a_large_geotiff_is_read_in_metres(profile, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    change_geotiff(values=(20, 200), **profile)
+    Path("costs.tif").rename("site.tif")
+    site = run_block("large_maps.md", "open_rasterio", {})["site"]
+    cells = site.cells.outer.compute() if hasattr(site.cells, "outer") else site.outer
+    assert np.array_equal(cells, CELLS[:, ::-1] if profile.get("upside_down") else CELLS)
+
+
+@pytest.mark.parametrize("profile", [{"crs": "EPSG:4326"}, {"crs": FEET}, MERCATOR, {"count": 2}])
+def test_a_large_geotiff_in_other_units_is_refused(profile, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    change_geotiff(values=(20, 200), **profile)
+    Path("costs.tif").rename("site.tif")
+    with pytest.raises(CspaceError, match="project it: gdalwarp"):
+        run_block("large_maps.md", "open_rasterio", {})
+
+
+@pytest.mark.parametrize(
+    "write",
+    [write_picture, write_turned_picture, write_picture_of_a_bit, write_picture_of_a_palette],
+)
+def test_a_drawing_is_dark_where_the_page_says(write, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    plan = write() or PLAN
+    Path("plan.png").rename("drawing.png")
+    dark = run_block("clean_drawing.md", "open_drawing", {})["dark"]
+    x, y = np.meshgrid(X, Y, indexing="ij")
+    assert np.array_equal(dark, shapely.contains_xy(plan, x, y))
+
+
+def test_a_drawing_of_16_bits_is_refused(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write_deep_picture()
+    Path("plan.png").rename("drawing.png")
+    with pytest.raises(CspaceError, match="Pillow converts the lowest 8"):
+        run_block("clean_drawing.md", "open_drawing", {})
+
+
+def test_a_reader_runs_as_a_program(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    write_drawing()
+    monkeypatch.setattr("sys.argv", ["text_map", "plan.txt"])
+    runpy.run_module("examples.readers.text_map", run_name="__main__")
+    assert "60 x 40 cells of 0.1 m" in capsys.readouterr().out

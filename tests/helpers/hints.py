@@ -51,7 +51,7 @@ def list_taken(frame):
     outermost = ""
     while frame:
         name = frame.f_globals.get("__name__", "")
-        if name.startswith(("cspace", "planners")) and name != check.__name__:
+        if name.startswith(("cspace", "planners", "examples")) and name != check.__name__:
             code = frame.f_code
             if code.co_flags & inspect.CO_VARKEYWORDS:  # its options may have any name
                 return None
@@ -60,9 +60,8 @@ def list_taken(frame):
             is_method = arguments[:1] in (("self",), ("cls",))
             outermost = "" if is_method else code.co_name
         frame = frame.f_back
-    is_public = not outermost or any(
-        hasattr(package, outermost) for package in (cspace, sys.modules.get("planners"))
-    )
+    packages = cspace, sys.modules.get("planners")
+    is_public = not outermost or any(hasattr(package, outermost) for package in packages)
     return taken if is_public else None
 
 

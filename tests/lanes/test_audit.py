@@ -72,6 +72,16 @@ def test_a_turn_that_a_layout_forbids_joins_no_lanes(rooms, tmp_path, forbidden,
     assert found.counts["free"] == 4 and found.parts == parts
 
 
+def test_a_turn_one_way_counts_as_a_turn_with_a_warning(tmp_path):
+    nodes = [{"nodeId": k, "nodePosition": {"x": x, "y": 1.0}} for k, x in (("A", 5.0), ("B", 7.0))]
+    edges = [make_edge("AB"), make_edge("BA")]
+    edges[0]["vehicleTypeEdgeProperties"][0]["rotationAtEndNodeAllowed"] = "CCW"
+    layout = {"layoutId": "L", "nodes": nodes, "edges": edges, "stations": []}
+    file = write(tmp_path, "lif.json", {"metaInformation": {}, "layouts": [layout]})
+    with pytest.warns(UserWarning, match="rotationAtEndNodeAllowed 'CCW'; turns both ways count"):
+        assert RouteGraph.open(file).lanes[0].turns == (True, True)
+
+
 def make_edge(ends, yaw=0.0):
     """Return an edge of LIF that is driven at a yaw from its direction."""
     rule = {"vehicleTypeId": "v", "vehicleOrientation": yaw, "orientationType": "TANGENTIAL"}

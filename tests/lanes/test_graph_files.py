@@ -375,7 +375,8 @@ CROOKED = {
         "LOCAL",
         "edge 'ab'.vehicleTypeEdgeProperties[0] has orientationType",
     ),
-    ("lif.json", (*ENTRY, "rotationAtStartNodeAllowed"), "CCW", "rotationAtStartNodeAllowed 'CCW'"),
+    ("lif.json", (*ENTRY, "rotationAtStartNodeAllowed"), "ALL", "rotationAtStartNodeAllowed 'ALL'"),
+    ("lif.json", (*LIF_EDGE, "mobileRobotTypeEdgeProperties"), [], "mobileRobotTypeEdgeProperties"),
     ("lif.json", (*ENTRY, "vehicleTypeId"), "tug", "pass e.g. vehicle="),
     (
         "lif.json",

@@ -138,10 +138,13 @@ def test_the_lists_of_a_page_are_those_of_the_code(page):
     assert LISTS["fill"](text) == text, "run python docs/lists.py"
 
 
-def test_every_list_is_on_a_page():
+def test_every_list_and_reader_is_on_a_page():
     pages = [page.read_text(encoding="utf-8") for page in DOCS.rglob("*.md")]
     found = {name for text in pages for name in re.findall("<!-- list: (.+?) -->", text)}
-    assert found == LISTS["LISTS"].keys()
+    readers = {name for name in found if name.startswith("py")}
+    assert found - readers == LISTS["LISTS"].keys()
+    shown = [re.search(r" of (\w+): ", name)[1] for name in readers]
+    assert sorted(shown) == sorted(file.stem for file in LISTS["READERS"].glob("*.py"))
 
 
 # ---- the API page --------------------------------------------------------------------------------

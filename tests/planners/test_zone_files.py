@@ -75,6 +75,7 @@ def test_geojson_has_the_speed_of_a_property(tmp_path, within):
         *(("limit_mph", 0.44704), ("fps", 0.3048), ("v_ft_s", 0.3048), ("miles per hour", 0.44704)),
         *(("speed_knots", 1852 / 3600), ("speed_kn", 1852 / 3600), ("topKts", 1852 / 3600)),
         *(("speed_fpm", 0.3048 / 60), ("feet/minute", 0.3048 / 60), ("kmph", 1 / 3.6)),
+        *(("maxspeed:mph", 0.44704), ("speed_kmhr", 1 / 3.6), ("v_mpm", 1 / 60), ("v_ips", 0.0254)),
         *(("speedMetersPerSecond", 1.0), ("speed_kilometres_per_hour", 1 / 3.6), ("known", 1.0)),
         *(("inches_per_second", 0.0254), ("centimeter/sec", 1e-2), ("min_speed", 1.0)),
     ],
