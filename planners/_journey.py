@@ -273,7 +273,8 @@ def _list_routes(
         straight = [_measure_onward(edges, np.array(start), goals) for start, *goals in task.routes]
         return sorted((key, number, None) for number, key in enumerate(straight))
     bounds = [_bound_route(edges, route, onward) for route in task.routes]
-    if len(task.starts) * len(task.rooms) <= 1:
+    is_ordered = len(task.starts) <= 1 and all(room.is_point for room in task.starts)
+    if is_ordered and len(task.rooms) <= 1:
         return [(number, number, bound) for number, bound in enumerate(bounds)]
     curves = [_bound_curve(edges, route) for route in task.routes]
     keys = map(max, bounds, curves)
